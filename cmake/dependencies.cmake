@@ -1,0 +1,19 @@
+# Debian 12 packages; tools/packages.txt lists their names.
+find_package(Eigen3 3.4 REQUIRED)
+find_package(fmt REQUIRED)
+find_package(tomlplusplus REQUIRED)
+find_package(nlohmann_json REQUIRED)
+find_package(SUNDIALS 6.4 REQUIRED COMPONENTS arkode cvode nvecserial)
+find_package(Threads REQUIRED)
+
+# LCM 1.3.1 ships no CMake package, and its pkg-config file wants GLib's development files.
+find_path(LCM_INCLUDE_DIR lcm/lcm-cpp.hpp REQUIRED)
+find_library(LCM_LIBRARY lcm REQUIRED)
+find_program(LCM_GEN lcm-gen REQUIRED)
+add_library(lcm::lcm INTERFACE IMPORTED)
+target_include_directories(lcm::lcm SYSTEM INTERFACE ${LCM_INCLUDE_DIR})
+target_link_libraries(lcm::lcm INTERFACE ${LCM_LIBRARY})
+
+find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
+add_library(cli11::cli11 INTERFACE IMPORTED)
+target_include_directories(cli11::cli11 SYSTEM INTERFACE ${CLI11_INCLUDE_DIR})

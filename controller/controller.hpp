@@ -1,0 +1,49 @@
+// What every controller offers: one pure step a tick.
+//
+//   ESTIMATE(k), MEASUREMENT(k), REFERENCE(k) -> COMMAND(k), applied by the plant one computation delay later
+#pragma once
+#include <memory>
+#include <string_view>
+#include <vector>
+
+#include "core/drive_config.hpp"
+#include "core/reason.hpp"
+#include "model/signals.hpp"
+
+namespace twinrate {
+
+struct ControllerInput {
+  const Measurement& measurement;
+  const Estimate& estimate;
+  const Reference& reference;
+  const Truth* truth = nullptr;  // only where controller.angle_source = "truth"
+};
+
+// Something a person should read, once (mode changes).
+struct ControllerEvent {
+  Reason reason = Reason::kNone;
+  const char* text = "";
+};
+
+class Controller {
+ public:
+  virtual ~Controller() = default;
+  virtual std::string_view kind() const = 0;
+  virtual Command step(const ControllerInput& in) = 0;
+  // The mode change of the last step, if there was one.
+  virtual ControllerEvent take_event() { return {}; }
+};
+
+// The keys of one kind of controller, and how to make it from them.
+class ControllerBuilder {
+ public:
+  virtual ~ControllerBuilder() = default;
+  virtual void fields(FieldVisitor& f) = 0;
+  virtual std::unique_ptr<Controller> build(const DriveConfig& config) const = 0;
+};
+
+// Null where there is no such kind.
+std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind);
+std::vector<std::string> controller_kinds();
+
+}  // namespace twinrate

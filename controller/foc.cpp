@@ -1,0 +1,139 @@
+#include "controller/foc.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace twinrate {
+
+Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
+    : machine_(config.machine),
+      p_(parameters),
+      effects_(config.effects),
+      angle_source_(config.controller.angle_source),
+      T_s_(config.T_s()),
+      advance_s_((config.plant.delay_samples + 0.5) * config.T_s()),
+      slew_rate_(config.reference.slew_rate_rad_s2 / config.machine.n_p),
+      speed_(speed_pi(kTwoPi * parameters.speed_bandwidth, machine_.J, machine_.torque_constant())),
+      current_d_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_d)),
+      current_q_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_q)),
+      startup_(parameters.startup, config.start == Start::kAlignIf, config.T_s()) {
+  if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
+}
+
+Foc::Frame Foc::rotor_frame(const ControllerInput& in) const {
+  switch (angle_source_) {
+    case AngleSource::kEstimate:
+      return {in.estimate.theta_e, in.estimate.omega_m};
+    case AngleSource::kMeasured:
+      return {wrap_turn(machine_.n_p * in.measurement.theta_m), in.measurement.omega_m};
+    case AngleSource::kTruth:
+      return {wrap_turn(machine_.n_p * in.truth->theta_m), in.truth->omega_m};
+  }
+  return {};
+}
+
+double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const {
+  if (!p_.compensate_effects) return 0;
+  return sum_at(effects_, {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
+                           .i_dq = in.estimate.i_dq,
+                           .omega_m = frame.omega_m,
+                           .theta_m = in.measurement.signals & kPosition
+                                          ? in.measurement.theta_m
+                                          : frame.theta_e / machine_.n_p})
+      .T_load;
+}
+
+Vec2 Foc::closed_loop_reference(const ControllerInput& in, const Frame& frame) {
+  omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
+  i_d_handover_ *= std::max(0.0, 1 - T_s_ / p_.startup.t_fade);
+  const double i_d_ref = std::clamp(in.reference.i_d_ref + i_d_handover_, -p_.i_max, p_.i_max);
+  const double error = omega_m_ref_ - frame.omega_m;
+  const double i_q = speed_.output(error) + predicted_load(in, frame) / machine_.torque_constant();
+  const double i_q_max = std::sqrt(p_.i_max * p_.i_max - i_d_ref * i_d_ref);
+  const double i_q_ref = std::clamp(i_q, -i_q_max, i_q_max);
+  speed_.update(error, i_q, i_q_ref, T_s_);
+  return {i_d_ref, i_q_ref};
+}
+
+Vec2 Foc::current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc) {
+  const Vec2 error = i_dq_ref - i_dq;
+  Vec2 u(current_d_.output(error[0]), current_q_.output(error[1]));
+  if (p_.decoupling)
+    u += Vec2(-omega_e * machine_.L_q * i_dq[1],
+              omega_e * (machine_.L_d * i_dq[0] + machine_.psi_f));
+  const double u_max = v_dc * std::numbers::inv_sqrt3, amplitude = u.norm();
+  const Vec2 u_limited = amplitude > u_max ? Vec2(u * (u_max / amplitude)) : u;
+  current_d_.update(error[0], u[0], u_limited[0], T_s_);
+  current_q_.update(error[1], u[1], u_limited[1], T_s_);
+  return u_limited;
+}
+
+static ControllerEvent mode_change(Mode mode) {
+  switch (mode) {
+    case Mode::kRun:
+      return {Reason::kModeChange, "hand-over: running on the estimate"};
+    case Mode::kIfRamp:
+      return {Reason::kModeChange, "alignment done: I/f ramp"};
+    case Mode::kSafe:
+      return {Reason::kStartupGaveUp, "the estimate never agreed with the I/f ramp: zero voltage"};
+    case Mode::kAlign:
+      break;
+  }
+  return {};
+}
+
+ControllerEvent Foc::take_event() { return std::exchange(event_, {}); }
+
+Command Foc::step(const ControllerInput& in) {
+  const Measurement& m = in.measurement;
+  const double i_start = p_.startup.i_start > 0 ? p_.startup.i_start : p_.i_max;
+  const Mode mode_before = startup_.mode();
+  Frame frame = rotor_frame(in);
+  const Startup::Drive drive = startup_.step(in.estimate, machine_.n_p * in.estimate.omega_m,
+                                             in.reference.omega_m_ref < 0 ? -1.0 : 1.0);
+  if (drive.mode != mode_before) event_ = mode_change(drive.mode);
+  if (drive.handed_over) {
+    // Bumpless: the same voltage and current vectors, seen from the estimated rotor frame.
+    const double shift = drive.theta_e - frame.theta_e;
+    const Vec2 integral = rotate({current_d_.integral(), current_q_.integral()}, shift);
+    current_d_.preset(integral[0]);
+    current_q_.preset(integral[1]);
+    const Vec2 i_dq = park(clarke(m.i_abc), frame.theta_e);
+    i_d_handover_ = i_dq[0] - in.reference.i_d_ref;
+    omega_m_ref_ = frame.omega_m;
+    speed_.preset(i_dq[1]);
+  } else if (drive.mode == Mode::kAlign || drive.mode == Mode::kIfRamp) {
+    frame = {drive.theta_e, drive.omega_e / machine_.n_p};
+  }
+
+  Command c;
+  c.k = m.k;
+  c.t_ns = m.t_ns;
+  c.mode = drive.mode;
+  c.theta_ctrl = frame.theta_e;
+  c.i_dq = park(clarke(m.i_abc), frame.theta_e);
+  const double omega_e = machine_.n_p * frame.omega_m;
+  Vec2 u_dq = Vec2::Zero();
+  switch (drive.mode) {
+    case Mode::kRun:
+      c.i_dq_ref = closed_loop_reference(in, frame);
+      u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, m.v_dc);
+      break;
+    case Mode::kAlign:
+      c.i_dq_ref = {i_start, 0};
+      u_dq = {machine_.R_s * i_start, 0};
+      current_d_.preset(u_dq[0]);
+      break;
+    case Mode::kIfRamp:
+      c.i_dq_ref = {i_start, 0};
+      u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, m.v_dc);
+      break;
+    case Mode::kSafe:
+      break;  // zero voltage: the motor brakes on its own resistance
+  }
+  c.u_alphabeta_ref = inverse_park(u_dq, frame.theta_e + advance_s_ * omega_e);
+  c.omega_m_ref = c.mode == Mode::kRun ? omega_m_ref_ : frame.omega_m;
+  return c;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,61 @@
+// Field-oriented control on the estimates: speed PI -> current PI with decoupling -> voltage.
+//
+//   i_q_ref = PI(omega_m_ref - omega_m), limited to i_max (i_d_ref has precedence)
+//   u_d = PI(i_d_ref - i_d) - omega_e L_q i_q
+//   u_q = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
+//   limited to the circle v_dc/sqrt3; turned back at the angle the rotor has when the voltage acts
+//
+// Currents are the measured ones, turned with the estimated angle. Start "align_if": controller/startup.hpp.
+#pragma once
+#include "controller/controller.hpp"
+#include "controller/pi.hpp"
+#include "controller/startup.hpp"
+
+namespace twinrate {
+
+struct FocParameters {
+  double current_bandwidth = 200, speed_bandwidth = 8;
+  double i_max = 0;
+  bool decoupling = true;
+  bool compensate_effects = false;
+  StartupParameters startup;
+  void fields(FieldVisitor& f) {
+    f.number("current_bandwidth_Hz", current_bandwidth, 1, 5000, "bandwidth of the current loop");
+    f.number("speed_bandwidth_Hz", speed_bandwidth, 0.01, 1000, "bandwidth of the speed loop");
+    f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
+    f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
+    f.boolean("compensate_effects", compensate_effects,
+              "feed forward the torque that the config's effects predict on the estimates");
+    f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
+  }
+};
+
+class Foc final : public Controller {
+ public:
+  Foc(const DriveConfig& config, const FocParameters& parameters);
+  std::string_view kind() const override { return "foc"; }
+  Command step(const ControllerInput& in) override;
+  ControllerEvent take_event() override;
+
+ private:
+  struct Frame {
+    double theta_e, omega_m;
+  };
+  Frame rotor_frame(const ControllerInput& in) const;
+  Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
+  double predicted_load(const ControllerInput& in, const Frame& frame) const;
+  Vec2 current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc);
+
+  const MachineParameters machine_;
+  const FocParameters p_;
+  const Effects effects_;
+  const AngleSource angle_source_;
+  const double T_s_, advance_s_, slew_rate_;
+  Pi speed_, current_d_, current_q_;
+  Startup startup_;
+  double omega_m_ref_ = 0;
+  ControllerEvent event_;
+  double i_d_handover_ = 0;  // d current taken over from the I/f ramp, faded out
+};
+
+}  // namespace twinrate

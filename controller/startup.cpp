@@ -1,0 +1,39 @@
+#include "controller/startup.hpp"
+
+namespace twinrate {
+
+Startup::Startup(const StartupParameters& p, bool active, double T_s)
+    : p_(p), T_s_(T_s), mode_(active ? Mode::kAlign : Mode::kRun) {}
+
+Startup::Drive Startup::step(const Estimate& e, double omega_e_hat, double direction) {
+  Drive drive;
+  if (mode_ == Mode::kAlign) {
+    theta_e_ = t_in_mode_ < p_.t_align ? kPi / 2 : 0;
+    if (t_in_mode_ >= 2 * p_.t_align) {
+      mode_ = Mode::kIfRamp;
+      t_in_mode_ = 0;
+    }
+  } else if (mode_ == Mode::kIfRamp) {
+    const double target = direction * p_.omega_e_handover;
+    omega_e_ = slew(omega_e_, target, p_.acceleration, T_s_);
+    theta_e_ = wrap_turn(theta_e_ + omega_e_ * T_s_);
+    const bool at_speed = omega_e_ == target;
+    const bool agrees = at_speed && std::abs(omega_e_hat - omega_e_) < 0.3 * std::abs(omega_e_) &&
+                        std::abs(wrap_pi(e.theta_e - theta_e_)) < 75 * kPi / 180;
+    t_agreed_ = agrees ? t_agreed_ + T_s_ : 0;
+    if (at_speed) t_at_speed_ += T_s_;
+    if (t_agreed_ >= p_.t_agree) {
+      mode_ = Mode::kRun;
+      drive.handed_over = true;
+    } else if (t_at_speed_ > p_.t_give_up) {
+      mode_ = Mode::kSafe;
+    }
+  }
+  t_in_mode_ += T_s_;
+  drive.mode = mode_;
+  drive.theta_e = theta_e_;
+  drive.omega_e = omega_e_;
+  return drive;
+}
+
+}  // namespace twinrate

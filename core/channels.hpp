@@ -1,0 +1,114 @@
+// Every channel once: its name, its message type, and who speaks on it. ARCHITECTURE.md's table is checked
+// against this one.
+#pragma once
+#include <array>
+#include <string_view>
+#include <twinrate/ack_t.hpp>
+#include <twinrate/command_t.hpp>
+#include <twinrate/estimate_t.hpp>
+#include <twinrate/event_t.hpp>
+#include <twinrate/gain_t.hpp>
+#include <twinrate/manifest_t.hpp>
+#include <twinrate/measurement_t.hpp>
+#include <twinrate/reference_t.hpp>
+#include <twinrate/reply_t.hpp>
+#include <twinrate/request_t.hpp>
+#include <twinrate/status_t.hpp>
+#include <twinrate/truth_t.hpp>
+
+namespace twinrate {
+
+// Version of the message layouts; a log of another one is refused.
+inline constexpr int kWireSchema = 1;
+
+enum class Channel : int {
+  kMeasurement,
+  kTruth,
+  kEstimate,
+  kGain,
+  kReference,
+  kCommand,
+  kStatus,
+  kEvent,
+  kManifest,
+  kRequest,
+  kReply,
+  kAck,
+};
+inline constexpr int kChannelCount = 12;
+
+struct ChannelInfo {
+  Channel channel;
+  const char* name;
+  const char* type;
+  const char* from;
+  const char* to;
+};
+
+// In the order in which one tick of the loop goes round; the log of a lock-step run has this order too.
+inline constexpr std::array<ChannelInfo, kChannelCount> kChannels = {{
+    {Channel::kMeasurement, "DRIVE_MEASUREMENT", "measurement_t", "plant", "estimator, controller, logger"},
+    {Channel::kTruth, "DRIVE_TRUTH", "truth_t", "simulated plant", "logger"},
+    {Channel::kEstimate, "DRIVE_ESTIMATE", "estimate_t", "estimator", "controller, gain, logger"},
+    {Channel::kGain, "DRIVE_GAIN", "gain_t", "gain", "estimator, logger"},
+    {Channel::kReference, "DRIVE_REFERENCE", "reference_t", "controller or any generator", "controller, logger"},
+    {Channel::kCommand, "DRIVE_COMMAND", "command_t", "controller", "plant, logger"},
+    {Channel::kStatus, "DRIVE_STATUS", "status_t", "every process", "supervisor, logger, watch"},
+    {Channel::kEvent, "DRIVE_EVENT", "event_t", "every process", "supervisor, logger, watch"},
+    {Channel::kManifest, "DRIVE_MANIFEST", "manifest_t", "supervisor", "logger"},
+    {Channel::kRequest, "DRIVE_REQUEST", "request_t", "supervisor, user", "every process"},
+    {Channel::kReply, "DRIVE_REPLY", "reply_t", "every process", "supervisor, user, logger"},
+    {Channel::kAck, "DRIVE_ACK", "ack_t", "logger", "every publisher"},
+}};
+
+constexpr const ChannelInfo& info(Channel channel) {
+  return kChannels[static_cast<std::size_t>(channel)];
+}
+
+// The channel of a message type.
+template <class Message>
+inline constexpr Channel kChannelOf = Channel::kAck;
+template <>
+inline constexpr Channel kChannelOf<measurement_t> = Channel::kMeasurement;
+template <>
+inline constexpr Channel kChannelOf<truth_t> = Channel::kTruth;
+template <>
+inline constexpr Channel kChannelOf<estimate_t> = Channel::kEstimate;
+template <>
+inline constexpr Channel kChannelOf<gain_t> = Channel::kGain;
+template <>
+inline constexpr Channel kChannelOf<reference_t> = Channel::kReference;
+template <>
+inline constexpr Channel kChannelOf<command_t> = Channel::kCommand;
+template <>
+inline constexpr Channel kChannelOf<status_t> = Channel::kStatus;
+template <>
+inline constexpr Channel kChannelOf<event_t> = Channel::kEvent;
+template <>
+inline constexpr Channel kChannelOf<manifest_t> = Channel::kManifest;
+template <>
+inline constexpr Channel kChannelOf<request_t> = Channel::kRequest;
+template <>
+inline constexpr Channel kChannelOf<reply_t> = Channel::kReply;
+
+enum class Role : int {
+  kSupervisor,
+  kPlant,
+  kEstimator,
+  kGain,
+  kController,
+  kLogger,
+  kReplay,
+  kImport,
+  kMonitor,
+  kBridge,
+};
+inline constexpr const char* kRoleNames[] = {"supervisor", "plant",  "estimator", "gain",    "controller",
+                                             "logger",     "replay", "import",    "monitor", "bridge"};
+
+enum class ProcessState : int { kStarting, kReady, kRunning, kDone, kFailed };
+inline constexpr const char* kProcessStateNames[] = {"starting", "ready", "running", "done", "failed"};
+
+enum class RequestKind : int { kStart = 1, kStop = 2, kEmergencyStop = 3 };
+
+}  // namespace twinrate

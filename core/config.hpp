@@ -1,0 +1,62 @@
+// Reads a drive file (TOML) into DriveConfig, with overrides, and writes the resolved file back.
+//
+// Every problem is a BadInput with one line: file:line, the key, what is wrong and what is allowed. Unknown keys
+// are errors. A drive file may start from a preset with `preset = "dilys2021"` and change some keys.
+#pragma once
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "core/drive_config.hpp"
+
+namespace twinrate {
+
+// Bad input: the program prints what() and leaves with exit code 2.
+struct BadInput : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+class Config {
+ public:
+  // `name_or_path`: a file, or the name of a preset (config/NAME.toml). `overrides`: "key.path=value", the value
+  // in TOML syntax; a bare word counts as a string. Throws BadInput.
+  static Config load(const std::string& name_or_path, const std::vector<std::string>& overrides = {});
+  static Config parse(const std::string& toml_text, const std::string& source_name,
+                      const std::vector<std::string>& overrides = {});
+  Config(Config&&) noexcept;
+  Config& operator=(Config&&) noexcept;
+  ~Config();
+
+  const DriveConfig& drive() const;
+  // Reads the table `path` ("estimator.ekf_sensorless"; absent counts as empty) through `fields`, which may belong
+  // to a process folder. Unknown keys in it are errors.
+  void read_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
+  // After every owner has read its tables: a table nobody read is an unknown key.
+  void require_all_read() const;
+  // The whole config with every default written out; parse() of it gives the same config.
+  std::string resolved() const;
+  // Where a key was written, "file:line", for messages of cross checks.
+  std::string where(const std::string& key_path) const;
+
+  struct Impl;
+
+ private:
+  Config();
+  std::unique_ptr<Impl> impl_;
+};
+
+// Where presets are looked for: beside the source in a build tree, share/twinrate/config when installed.
+std::string preset_directory();
+std::vector<std::string> preset_names();
+
+// One row of the reference page.
+struct KeyRow {
+  std::string key, range, default_value, meaning;
+};
+std::vector<KeyRow> describe_keys(const std::string& prefix,
+                                  const std::function<void(FieldVisitor&)>& fields);
+std::vector<KeyRow> describe_drive_keys();
+
+}  // namespace twinrate

@@ -1,0 +1,119 @@
+// One drive file: everything the processes of one drive share. docs/config-reference.md lists every key.
+//
+// The tables of the filter and controller kinds ([estimator.ekf_sensorless], [controller.foc], ..) belong to
+// their own folders and are read there, from the same Config.
+#pragma once
+#include <cstdint>
+#include <string>
+
+#include "core/rates.hpp"
+#include "model/effects/effect.hpp"
+#include "model/inverter.hpp"
+#include "model/machine.hpp"
+#include "model/sensors.hpp"
+#include "model/signals.hpp"
+
+namespace twinrate {
+
+enum class Start : int { kAligned = 0, kAlignIf = 1, kFlying = 2 };
+enum class Pace : int { kLockstep = 0, kRealtime = 1 };
+enum class AngleSource : int { kEstimate = 0, kMeasured = 1, kTruth = 2 };
+
+inline constexpr const char* kStartNames[] = {"aligned", "align_if", "flying"};
+inline constexpr const char* kPaceNames[] = {"lockstep", "realtime"};
+inline constexpr const char* kAngleSourceNames[] = {"estimate", "measured", "truth"};
+
+// f_s and n = f_s/f_b; a file gives n or f_b_Hz (then f_s/f_b must be a whole number).
+struct RateParameters {
+  double f_s_Hz = 0;
+  int n = 1;
+  double f_b_Hz = 0;
+  void fields(FieldVisitor& f);
+};
+
+struct GainParameters {
+  GainPolicy policy = GainPolicy::kPaper;
+  void fields(FieldVisitor& f);
+};
+
+struct EstimatorChoice {
+  std::string kind = "ekf_sensorless";
+  int prediction = 0;  // index into kPredictionNames (model/discretise.hpp)
+  int covariance = 0;  // 0 joseph, 1 paper
+  void fields(FieldVisitor& f);
+};
+
+struct ControllerChoice {
+  std::string kind = "foc";
+  AngleSource angle_source = AngleSource::kEstimate;
+  int compensation = 0;  // 0 off
+  void fields(FieldVisitor& f);
+};
+
+struct PlantParameters {
+  int engine = 0;    // 0 erk, 1 cvode
+  int inverter = 0;  // 0 averaged
+  int erk_steps = 1;
+  int delay_samples = 1;
+  int hold_ticks = 20;
+  double theta_e_start = 0;
+  void fields(FieldVisitor& f);
+};
+
+// Exactly one of the two speeds is given.
+struct ReferenceParameters {
+  Profile omega_e_rad_s, speed_rpm;
+  bool in_rpm = false;
+  Profile i_d_A;
+  double slew_rate_rad_s2 = 16000;  // electrical
+  bool from_bus = false;
+  void fields(FieldVisitor& f);
+};
+
+struct LoadParameters {
+  Profile T_load_Nm;
+  double slew_Nm_s = 0;
+  void fields(FieldVisitor& f);
+};
+
+struct RunParameters {
+  double duration_s = 2, settle_s = 0.5;
+  int seed = 1;
+  void fields(FieldVisitor& f);
+};
+
+struct BusParameters {
+  double peer_timeout_s = 10, repeat_after_ms = 10;
+  int window_ticks = 512;
+  double drop_rate = 0;
+  bool pin = true;
+  bool split_ports = false;
+  double log_rotate_MB = 2000;
+  void fields(FieldVisitor& f);
+};
+
+struct DriveConfig {
+  std::string name;
+  MachineParameters machine;
+  InverterParameters inverter;
+  SensorParameters sensors;
+  RateParameters rates;
+  GainParameters gain;
+  EstimatorChoice estimator;
+  ControllerChoice controller;
+  PlantParameters plant;
+  Start start = Start::kAligned;
+  ReferenceParameters reference;
+  LoadParameters load;
+  RunParameters run;
+  BusParameters bus;
+  Effects effects;  // [[effect]]
+
+  double T_s() const { return 1 / rates.f_s_Hz; }
+  std::int64_t t_ns(std::int64_t k) const;
+  std::int64_t steps() const;
+  Reference reference_at(std::int64_t k) const;
+  double omega_m_start() const;  // 0 unless start = "flying"
+};
+
+}  // namespace twinrate

@@ -1,0 +1,12 @@
+// Where the program finds its own files: beside itself when installed, in the source tree otherwise.
+#pragma once
+#include <string>
+
+namespace twinrate {
+
+std::string executable_directory();
+// Holds config/ and report/: PREFIX/share/twinrate, or the source tree of the build.
+std::string data_directory();
+std::string revision();  // git revision of the build
+
+}  // namespace twinrate

@@ -1,0 +1,62 @@
+// Reason codes of DRIVE_EVENT, one table (docs/reason-codes.md is checked against it).
+#pragma once
+#include <array>
+
+namespace twinrate {
+
+enum class Reason : int {
+  kNone = 0,
+  kModeChange = 1,
+  kStartupGaveUp = 2,
+  kEstimateNotFinite = 10,
+  kMeasurementGap = 11,
+  kEstimatorReset = 12,
+  kLateGain = 13,
+  kCommandLost = 20,
+  kVoltageLimit = 21,
+  kPlantFailed = 22,
+  kPeerTimeout = 30,
+  kConfigMismatch = 31,
+  kForeignSession = 32,
+  kSequenceGap = 33,
+  kProcessDied = 34,
+  kStopRequested = 40,
+  kEmergencyStop = 41,
+  kDiskFull = 50,
+  kLogRotated = 51,
+};
+
+struct ReasonText {
+  Reason reason;
+  const char* name;
+  const char* meaning;
+};
+
+inline constexpr std::array kReasons = {
+    ReasonText{Reason::kModeChange, "mode_change", "the controller changed its mode (align, I/f ramp, run)"},
+    ReasonText{Reason::kStartupGaveUp, "startup_gave_up",
+               "the estimate never agreed with the I/f ramp: zero voltage, safe mode"},
+    ReasonText{Reason::kEstimateNotFinite, "estimate_not_finite",
+               "a correction was not finite and was left out"},
+    ReasonText{Reason::kMeasurementGap, "measurement_gap",
+               "samples were missing; the filter predicted over them"},
+    ReasonText{Reason::kEstimatorReset, "estimator_reset",
+               "the sequence started again: the filter began anew"},
+    ReasonText{Reason::kLateGain, "late_gain", "a gain was not there when its tick came; the older one was held"},
+    ReasonText{Reason::kCommandLost, "command_lost",
+               "no command for longer than plant.hold_ticks: zero voltage, safe state"},
+    ReasonText{Reason::kVoltageLimit, "voltage_limit", "the modulator limited the voltage"},
+    ReasonText{Reason::kPlantFailed, "plant_failed", "the integrator reported an error"},
+    ReasonText{Reason::kPeerTimeout, "peer_timeout", "a process waited longer than bus.peer_timeout_s for another"},
+    ReasonText{Reason::kConfigMismatch, "config_mismatch",
+               "two processes were started with different configs"},
+    ReasonText{Reason::kForeignSession, "foreign_session", "messages of another session were refused"},
+    ReasonText{Reason::kSequenceGap, "sequence_gap", "a message is missing that lock-step cannot do without"},
+    ReasonText{Reason::kProcessDied, "process_died", "a process of the set ended by itself"},
+    ReasonText{Reason::kStopRequested, "stop_requested", "stopped on request"},
+    ReasonText{Reason::kEmergencyStop, "emergency_stop", "emergency stop on request: zero voltage"},
+    ReasonText{Reason::kDiskFull, "disk_full", "the log could not be written"},
+    ReasonText{Reason::kLogRotated, "log_rotated", "the log reached its size limit; the next file was begun"},
+};
+
+}  // namespace twinrate

@@ -1,0 +1,36 @@
+// A recorded run in memory: what log.lcm (and its rotated parts log-001.lcm ..) holds, decoded and in tick order.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "model/signals.hpp"
+
+namespace twinrate {
+
+struct EventRecord {
+  std::int64_t k = -1;
+  std::int64_t t_ns = 0;
+  int role = 0;
+  int reason = 0;
+  std::string text;
+};
+
+struct RunLog {
+  std::string path;
+  std::int64_t session = 0;
+  std::string revision, config_toml, manifest_json;  // empty where the log holds no manifest
+  std::vector<Measurement> measurement;
+  std::vector<Truth> truth;
+  std::vector<Estimate> estimate;
+  std::vector<Gain> gain;
+  std::vector<Reference> reference;
+  std::vector<Command> command;
+  std::vector<EventRecord> events;
+  std::int64_t undecodable = 0;  // DRIVE_ messages of another layout
+};
+
+// `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one.
+// Throws BadInput: no such log, not an LCM log, messages of another type version, no message of this project.
+RunLog read_run_log(const std::string& path, const std::string& channel_suffix = "");
+
+}  // namespace twinrate

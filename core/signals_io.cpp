@@ -1,0 +1,182 @@
+#include "core/signals_io.hpp"
+
+#include <algorithm>
+
+namespace twinrate {
+namespace {
+
+template <class Wire>
+Wire header(std::int64_t k, std::int64_t t_ns, std::int64_t session) {
+  Wire w{};
+  w.seq = k;
+  w.t_ns = t_ns;
+  w.session = session;
+  return w;
+}
+
+// Sizes come off the wire: never trust them beyond the arrays they index.
+int bounded(int size, int max) { return std::clamp(size, 0, max); }
+
+}  // namespace
+
+measurement_t to_wire(const Measurement& m, std::int64_t session) {
+  auto w = header<measurement_t>(m.k, m.t_ns, session);
+  w.signals = m.signals;
+  w.i_a_A = m.i_abc[0];
+  w.i_b_A = m.i_abc[1];
+  w.i_c_A = m.i_abc[2];
+  w.u_alpha_V = m.u_alphabeta[0];
+  w.u_beta_V = m.u_alphabeta[1];
+  w.duty_a = m.duty_abc[0];
+  w.duty_b = m.duty_abc[1];
+  w.duty_c = m.duty_abc[2];
+  w.mode = static_cast<std::int32_t>(m.mode);
+  w.theta_forced_rad = m.theta_forced;
+  w.v_dc_V = m.v_dc;
+  w.theta_m_rad = m.theta_m;
+  w.omega_m_rad_s = m.omega_m;
+  return w;
+}
+
+Measurement from_wire(const measurement_t& w) {
+  Measurement m;
+  m.k = w.seq;
+  m.t_ns = w.t_ns;
+  m.signals = w.signals;
+  m.i_abc = {w.i_a_A, w.i_b_A, w.i_c_A};
+  m.u_alphabeta = {w.u_alpha_V, w.u_beta_V};
+  m.duty_abc = {w.duty_a, w.duty_b, w.duty_c};
+  m.mode = static_cast<Mode>(w.mode);
+  m.theta_forced = w.theta_forced_rad;
+  m.v_dc = w.v_dc_V;
+  m.theta_m = w.theta_m_rad;
+  m.omega_m = w.omega_m_rad_s;
+  return m;
+}
+
+truth_t to_wire(const Truth& t, std::int64_t session) {
+  auto w = header<truth_t>(t.k, t.t_ns, session);
+  w.i_d_A = t.i_dq[0];
+  w.i_q_A = t.i_dq[1];
+  w.omega_m_rad_s = t.omega_m;
+  w.theta_m_rad = t.theta_m;
+  w.T_em_Nm = t.T_em;
+  w.T_load_Nm = t.T_load;
+  return w;
+}
+
+Truth from_wire(const truth_t& w) {
+  Truth t;
+  t.k = w.seq;
+  t.t_ns = w.t_ns;
+  t.i_dq = {w.i_d_A, w.i_q_A};
+  t.omega_m = w.omega_m_rad_s;
+  t.theta_m = w.theta_m_rad;
+  t.T_em = w.T_em_Nm;
+  t.T_load = w.T_load_Nm;
+  return t;
+}
+
+estimate_t to_wire(const Estimate& e, std::int64_t session) {
+  auto w = header<estimate_t>(e.k, e.t_ns, session);
+  w.gain_seq = e.gain_seq;
+  w.status = e.status;
+  w.n_x = e.n_x;
+  w.n_y = e.n_y;
+  w.theta_e_rad = e.theta_e;
+  w.omega_m_rad_s = e.omega_m;
+  w.i_d_A = e.i_dq[0];
+  w.i_q_A = e.i_dq[1];
+  w.T_load_Nm = e.T_load;
+  std::copy_n(e.x_hat.data(), kMaxStates, w.x_hat);
+  std::copy_n(e.innov.data(), kMaxOutputs, w.innov);
+  return w;
+}
+
+Estimate from_wire(const estimate_t& w) {
+  Estimate e;
+  e.k = w.seq;
+  e.t_ns = w.t_ns;
+  e.gain_seq = w.gain_seq;
+  e.status = w.status;
+  e.n_x = bounded(w.n_x, kMaxStates);
+  e.n_y = bounded(w.n_y, kMaxOutputs);
+  e.theta_e = w.theta_e_rad;
+  e.omega_m = w.omega_m_rad_s;
+  e.i_dq = {w.i_d_A, w.i_q_A};
+  e.T_load = w.T_load_Nm;
+  std::copy_n(w.x_hat, kMaxStates, e.x_hat.data());
+  std::copy_n(w.innov, kMaxOutputs, e.innov.data());
+  return e;
+}
+
+gain_t to_wire(const Gain& g, std::int64_t session) {
+  auto w = header<gain_t>(g.k, g.t_ns, session);
+  w.first_use_seq = g.first_use;
+  w.n_x = g.n_x;
+  w.n_y = g.n_y;
+  for (int row = 0; row < g.n_x; ++row) {
+    for (int col = 0; col < g.n_y; ++col) w.K[row * g.n_y + col] = g.K(row, col);
+    for (int col = 0; col < g.n_x; ++col) w.P[row * g.n_x + col] = g.P(row, col);
+  }
+  return w;
+}
+
+Gain from_wire(const gain_t& w) {
+  Gain g;
+  g.k = w.seq;
+  g.t_ns = w.t_ns;
+  g.first_use = w.first_use_seq;
+  g.n_x = bounded(w.n_x, kMaxStates);
+  g.n_y = bounded(w.n_y, kMaxOutputs);
+  for (int row = 0; row < g.n_x; ++row) {
+    for (int col = 0; col < g.n_y; ++col) g.K(row, col) = w.K[row * g.n_y + col];
+    for (int col = 0; col < g.n_x; ++col) g.P(row, col) = w.P[row * g.n_x + col];
+  }
+  return g;
+}
+
+reference_t to_wire(const Reference& r, std::int64_t session) {
+  auto w = header<reference_t>(r.k, r.t_ns, session);
+  w.omega_m_ref_rad_s = r.omega_m_ref;
+  w.i_d_ref_A = r.i_d_ref;
+  return w;
+}
+
+Reference from_wire(const reference_t& w) {
+  Reference r;
+  r.k = w.seq;
+  r.t_ns = w.t_ns;
+  r.omega_m_ref = w.omega_m_ref_rad_s;
+  r.i_d_ref = w.i_d_ref_A;
+  return r;
+}
+
+command_t to_wire(const Command& c, std::int64_t session) {
+  auto w = header<command_t>(c.k, c.t_ns, session);
+  w.mode = static_cast<std::int32_t>(c.mode);
+  w.u_alpha_V = c.u_alphabeta_ref[0];
+  w.u_beta_V = c.u_alphabeta_ref[1];
+  w.i_d_ref_A = c.i_dq_ref[0];
+  w.i_q_ref_A = c.i_dq_ref[1];
+  w.i_d_A = c.i_dq[0];
+  w.i_q_A = c.i_dq[1];
+  w.theta_ctrl_rad = c.theta_ctrl;
+  w.omega_m_ref_rad_s = c.omega_m_ref;
+  return w;
+}
+
+Command from_wire(const command_t& w) {
+  Command c;
+  c.k = w.seq;
+  c.t_ns = w.t_ns;
+  c.mode = static_cast<Mode>(w.mode);
+  c.u_alphabeta_ref = {w.u_alpha_V, w.u_beta_V};
+  c.i_dq_ref = {w.i_d_ref_A, w.i_q_ref_A};
+  c.i_dq = {w.i_d_A, w.i_q_A};
+  c.theta_ctrl = w.theta_ctrl_rad;
+  c.omega_m_ref = w.omega_m_ref_rad_s;
+  return c;
+}
+
+}  // namespace twinrate

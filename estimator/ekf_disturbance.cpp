@@ -1,0 +1,196 @@
+#include "estimator/ekf_disturbance.hpp"
+
+namespace twinrate {
+
+EkfDisturbance::EkfDisturbance(const MachineParameters& machine,
+                               const EkfDisturbanceParameters& tuning, Prediction prediction,
+                               CovarianceForm covariance, double T_s)
+    : machine_(machine),
+      tuning_(tuning),
+      prediction_(prediction),
+      covariance_(covariance),
+      T_s_(T_s) {}
+
+EkfDisturbance::State EkfDisturbance::f(const State& x, const Vec2& u_dq) const {
+  const double R_s = machine_.R_s, L_d = machine_.L_d, L_q = machine_.L_q, psi_f = machine_.psi_f;
+  const double i_d = x[0], i_q = x[1], omega_e = machine_.n_p * x[2], T_o = x[3];
+  return {(u_dq[0] - R_s * i_d + omega_e * L_q * i_q) / L_d,
+          (u_dq[1] - R_s * i_q - omega_e * (L_d * i_d + psi_f)) / L_q,
+          (machine_.torque(i_d, i_q) - T_o) / machine_.J, 0.0};
+}
+
+EkfDisturbance::State EkfDisturbance::predict(const State& x, const Vec2& u_dq) const {
+  const auto rate = [&](const State& s) { return f(s, u_dq); };
+  switch (prediction_) {
+    case Prediction::kEuler:
+      return euler_step<State>(rate, x, T_s_);
+    case Prediction::kRk4:
+      return rk4_step<State>(rate, x, T_s_);
+    case Prediction::kExact: {  // linear once omega_m (and i_d in the reluctance torque) is frozen
+      const double omega_e = machine_.n_p * x[2];
+      Eigen::Matrix4d A = Eigen::Matrix4d::Zero();
+      A(0, 0) = -machine_.R_s / machine_.L_d;
+      A(0, 1) = omega_e * machine_.L_q / machine_.L_d;
+      A(1, 0) = -omega_e * machine_.L_d / machine_.L_q;
+      A(1, 1) = -machine_.R_s / machine_.L_q;
+      A(1, 2) = -machine_.n_p * machine_.psi_f / machine_.L_q;
+      A(2, 1) = machine_.torque(x[0], 1.0) / machine_.J;
+      A(2, 3) = -1 / machine_.J;
+      Eigen::Matrix<double, 4, 2> B = Eigen::Matrix<double, 4, 2>::Zero();
+      B(0, 0) = 1 / machine_.L_d;
+      B(1, 1) = 1 / machine_.L_q;
+      const auto d = discretise_exact<4, 2>(A, B, T_s_);
+      return d.A * x + d.B * u_dq;
+    }
+  }
+  return x;
+}
+
+Eigen::Matrix4d EkfDisturbance::jacobian(const State& x) const {
+  const double L_d = machine_.L_d, L_q = machine_.L_q, R_s = machine_.R_s;
+  const double n_p = machine_.n_p, omega_e = n_p * x[2], dL = L_d - L_q;
+  Eigen::Matrix4d F_c = Eigen::Matrix4d::Zero();
+  F_c.row(0) << -R_s / L_d, omega_e * L_q / L_d, n_p * x[1] * L_q / L_d, 0;
+  F_c.row(1) << -omega_e * L_d / L_q, -R_s / L_q, -n_p * (L_d * x[0] + machine_.psi_f) / L_q, 0;
+  F_c.row(2) << 1.5 * n_p * dL * x[1] / machine_.J, machine_.torque(x[0], 1.0) / machine_.J, 0,
+      -1 / machine_.J;
+  return Eigen::Matrix4d::Identity() + T_s_ * F_c;
+}
+
+Vec2 EkfDisturbance::currents(const Measurement& m) const {
+  return park(clarke(m.i_abc), machine_.n_p * m.theta_m);
+}
+
+double EkfDisturbance::measured_speed(const FastState& state, const Measurement& m) const {
+  return tuning_.speed_from_angle ? (m.theta_m - state.theta_m_prev) / T_s_ : m.omega_m;
+}
+
+static bool has_voltage(const Measurement& m) { return (m.signals & kVoltage) != 0; }
+
+FastState EkfDisturbance::start(const Measurement& first) const {
+  FastState state;
+  state.theta_m_prev = first.theta_m;
+  state.i_dq_prev = currents(first);
+  const double omega_m = tuning_.speed_from_angle ? 0 : first.omega_m;
+  if (has_voltage(first))
+    state.x_hat.head<3>() << state.i_dq_prev, omega_m;
+  else
+    state.x_hat[0] = omega_m;
+  return state;
+}
+
+Correction EkfDisturbance::fast_step(FastState& state, const Measurement& m,
+                                     const Gain& gain) const {
+  const Correction correction =
+      has_voltage(m) ? full_step(state, m, gain) : reduced_step(state, m, gain);
+  state.theta_m_prev = m.theta_m;
+  state.i_dq_prev = currents(m);
+  return correction;
+}
+
+Correction EkfDisturbance::full_step(FastState& state, const Measurement& m,
+                                     const Gain& gain) const {
+  const double theta_e_mid = 0.5 * machine_.n_p * (state.theta_m_prev + m.theta_m);
+  Eigen::Vector3d y;
+  y << currents(m), measured_speed(state, m);
+  State x_prior = predict(state.x_hat.head<4>(), park(m.u_alphabeta, theta_e_mid));
+  x_prior[3] += tuning_.L * T_s_ * (y[2] - x_prior[2]);
+  const Eigen::Vector3d innov = y - x_prior.head<3>();
+  const State x = x_prior + gain.K.topLeftCorner<4, 3>() * innov;
+  Correction correction;
+  if (!x.allFinite()) {
+    correction.status = kNotFinite;
+    return correction;
+  }
+  state.x_hat.head<4>() = x;
+  correction.innov.head<3>() = innov;
+  return correction;
+}
+
+Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
+                                        const Gain& gain) const {
+  const Vec2 i_dq = 0.5 * (currents(m) + state.i_dq_prev);
+  const double omega_prior =
+      state.x_hat[0] + T_s_ / machine_.J * (machine_.torque(i_dq[0], i_dq[1]) - state.x_hat[1]);
+  const double innov = measured_speed(state, m) - omega_prior;
+  const Vec2 x_prior(omega_prior, state.x_hat[1] + tuning_.L * T_s_ * innov);
+  const Vec2 x = x_prior + gain.K.topLeftCorner<2, 1>() * innov;
+  Correction correction;
+  if (!x.allFinite()) {
+    correction.status = kNotFinite;
+    return correction;
+  }
+  state.x_hat.head<2>() = x;
+  correction.innov[0] = innov;
+  return correction;
+}
+
+void EkfDisturbance::predict_over_gap(FastState& state, const Measurement& last) const {
+  if (has_voltage(last)) {
+    const double theta_e_mid = machine_.n_p * (state.theta_m_prev + 0.5 * T_s_ * state.x_hat[2]);
+    const State x = predict(state.x_hat.head<4>(), park(last.u_alphabeta, theta_e_mid));
+    state.theta_m_prev += T_s_ * state.x_hat[2];
+    if (x.allFinite()) state.x_hat.head<4>() = x;
+  } else {
+    const double T_em = machine_.torque(state.i_dq_prev[0], state.i_dq_prev[1]);
+    state.theta_m_prev += T_s_ * state.x_hat[0];
+    state.x_hat[0] += T_s_ / machine_.J * (T_em - state.x_hat[1]);
+  }
+}
+
+Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) const {
+  Estimate e;
+  e.theta_e = wrap_turn(machine_.n_p * m.theta_m);
+  if (has_voltage(m)) {
+    e.n_x = 4;
+    e.n_y = 3;
+    e.i_dq = state.x_hat.head<2>();
+    e.omega_m = state.x_hat[2];
+    e.T_load = state.x_hat[3];
+  } else {
+    e.n_x = 2;
+    e.n_y = 1;
+    e.status = kNoVoltage;
+    e.i_dq = state.i_dq_prev;
+    e.omega_m = state.x_hat[0];
+    e.T_load = state.x_hat[1];
+  }
+  return e;
+}
+
+Gain EkfDisturbance::initial_gain() const {
+  Gain gain;
+  gain.n_x = 4;
+  gain.n_y = 3;
+  gain.P.topLeftCorner<4, 4>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
+  return gain;
+}
+
+Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snapshot) const {
+  const bool joseph = covariance_ == CovarianceForm::kJoseph;
+  const Eigen::Map<const State> q(tuning_.Q_diag);
+  if (snapshot.n_x == 4) {
+    const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
+    const Eigen::Matrix4d Q = q.asDiagonal();
+    const Eigen::Matrix4d P_prior = F * previous.P.topLeftCorner<4, 4>() * F.transpose() + Q;
+    const Eigen::Matrix3d R = Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
+    const Eigen::Matrix<double, 3, 4> H = Eigen::Matrix<double, 3, 4>::Identity();
+    return gain_from_prior<4, 3>(previous, snapshot, P_prior, H, R, joseph);
+  }
+  // Reduced: the [omega_m, T_o] block alone.
+  Gain start = previous;
+  if (previous.n_x != 2) {
+    start.P.setZero();
+    start.P.topLeftCorner<2, 2>() =
+        Vec2(tuning_.P0_diag[2], tuning_.P0_diag[3]).asDiagonal();
+  }
+  Eigen::Matrix2d F = Eigen::Matrix2d::Identity();
+  F(0, 1) = -T_s_ / machine_.J;
+  const Eigen::Matrix2d Q = Vec2(q[2], q[3]).asDiagonal();
+  const Eigen::Matrix2d P_prior = F * start.P.topLeftCorner<2, 2>() * F.transpose() + Q;
+  const Eigen::Matrix<double, 1, 2> H(1, 0);
+  const Eigen::Matrix<double, 1, 1> R(tuning_.R_diag[2]);
+  return gain_from_prior<2, 1>(start, snapshot, P_prior, H, R, joseph);
+}
+
+}  // namespace twinrate

@@ -1,0 +1,50 @@
+// What every filter offers: a fast step at f_s and a background step at f_b, both pure.
+//
+//   fast step        x_hat(k), innov = predict x_hat(k-1) under the voltage really applied, correct with a given K
+//   background step  K, P = linearise at a snapshot of x_hat, propagate P once
+//
+// A filter holds constant parameters only; all state travels through the arguments, so that one process, five
+// processes and a replay run the same code on the same numbers. No allocation, clock or I/O on these paths.
+#pragma once
+#include <memory>
+#include <string_view>
+
+#include "model/signals.hpp"
+
+namespace twinrate {
+
+// The fast loop's memory of one filter.
+struct FastState {
+  Eigen::Matrix<double, kMaxStates, 1> x_hat = Eigen::Matrix<double, kMaxStates, 1>::Zero();
+  double theta_m_prev = 0;        // filters that use a position sensor: its last sample
+  Vec2 i_dq_prev = Vec2::Zero();  // filters whose inputs are currents: their last sample
+};
+
+// What a fast step leaves behind besides the state.
+struct Correction {
+  Eigen::Matrix<double, kMaxOutputs, 1> innov = Eigen::Matrix<double, kMaxOutputs, 1>::Zero();
+  int status = 0;  // kNotFinite: the correction was not finite and was left out
+};
+
+class Filter {
+ public:
+  virtual ~Filter() = default;
+  virtual std::string_view kind() const = 0;
+
+  // First sample of a session: take over what is measured, correct nothing.
+  virtual FastState start(const Measurement& first) const = 0;
+  // Prediction from t_{k-1} to t_k with the inputs of `m`, then correction with the K of `gain`.
+  virtual Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const = 0;
+  // A sample is missing: prediction alone, with the inputs of the last sample seen.
+  virtual void predict_over_gap(FastState& state, const Measurement& last) const = 0;
+  // Alignment: the rotor stands at this electrical angle. Filters with a position sensor need no telling.
+  virtual void align(FastState&, double /*theta_e*/) const {}
+  // Output equation: n_x, n_y, the named quantities. `m` is the sample the state belongs to.
+  virtual Estimate output(const FastState& state, const Measurement& m) const = 0;
+
+  virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
+  // One update of covariance and gain from the snapshot; `previous` holds P.
+  virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
+};
+
+}  // namespace twinrate

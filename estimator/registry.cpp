@@ -1,0 +1,64 @@
+#include "estimator/registry.hpp"
+
+#include "estimator/ekf_disturbance.hpp"
+#include "estimator/ekf_sensorless.hpp"
+
+namespace twinrate {
+namespace {
+
+class EkfSensorlessBuilder final : public FilterBuilder {
+ public:
+  void fields(FieldVisitor& f) override { tuning_.fields(f); }
+  std::shared_ptr<const Filter> build(const DriveConfig& config) const override {
+    return std::make_shared<EkfSensorless>(
+        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
+        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s(),
+        config.machine.n_p * config.omega_m_start());
+  }
+
+ private:
+  EkfSensorlessParameters tuning_;
+};
+
+class EkfDisturbanceBuilder final : public FilterBuilder {
+ public:
+  void fields(FieldVisitor& f) override { tuning_.fields(f); }
+  std::shared_ptr<const Filter> build(const DriveConfig& config) const override {
+    return std::make_shared<EkfDisturbance>(
+        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
+        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s());
+  }
+
+ private:
+  EkfDisturbanceParameters tuning_;
+};
+
+template <class Builder>
+std::unique_ptr<FilterBuilder> make() {
+  return std::make_unique<Builder>();
+}
+
+struct Entry {
+  const char* kind;
+  std::unique_ptr<FilterBuilder> (*make_builder)();
+};
+constexpr Entry kEntries[] = {
+    {"ekf_sensorless", make<EkfSensorlessBuilder>},
+    {"ekf_disturbance", make<EkfDisturbanceBuilder>},
+};
+
+}  // namespace
+
+std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind) {
+  for (const Entry& entry : kEntries)
+    if (entry.kind == kind) return entry.make_builder();
+  return nullptr;
+}
+
+std::vector<std::string> filter_kinds() {
+  std::vector<std::string> kinds;
+  for (const Entry& entry : kEntries) kinds.emplace_back(entry.kind);
+  return kinds;
+}
+
+}  // namespace twinrate

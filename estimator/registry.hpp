@@ -1,0 +1,24 @@
+// Filters by their kind; a new filter is one file and one line in registry.cpp.
+#pragma once
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/drive_config.hpp"
+#include "estimator/filter.hpp"
+
+namespace twinrate {
+
+// The keys of one kind of filter ([estimator.KIND]), and how to make it from them.
+class FilterBuilder {
+ public:
+  virtual ~FilterBuilder() = default;
+  virtual void fields(FieldVisitor& f) = 0;
+  virtual std::shared_ptr<const Filter> build(const DriveConfig& config) const = 0;
+};
+
+// Null where there is no such kind.
+std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind);
+std::vector<std::string> filter_kinds();
+
+}  // namespace twinrate

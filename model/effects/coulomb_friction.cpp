@@ -1,0 +1,40 @@
+// Coulomb friction: constant torque against the motion.  T_load += T_C tanh(omega_m/omega_smooth)
+//
+// The tanh stands for sign(omega_m) so that the plant's right-hand side stays smooth; above 3 omega_smooth it
+// is within 0.5 % of the sign. Regressor: tanh(omega_m/omega_smooth); coefficient T_C.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class CoulombFriction final : public Effect {
+ public:
+  std::string_view kind() const override { return "coulomb_friction"; }
+  std::string_view meaning() const override { return "constant torque against the motion"; }
+  std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("torque_Nm", T_C_, 0, 1e4, "friction torque", Presence::kRequired);
+    f.number("smooth_rad_s", omega_smooth_, 1e-6, 1e3, "speed scale of the sign's smoothing");
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<CoulombFriction>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.T_load = T_C_ * smooth_sign(point.omega_m)};
+  }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.T_load = smooth_sign(point.omega_m)};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = T_C_; }
+
+ private:
+  double smooth_sign(double omega_m) const { return std::tanh(omega_m / omega_smooth_); }
+
+  double T_C_ = 0;
+  double omega_smooth_ = 0.02;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_coulomb_friction() { return std::make_shared<CoulombFriction>(); }
+
+}  // namespace twinrate

@@ -1,0 +1,49 @@
+// One list per parameter struct: reading, range check, writing back and the reference page all walk it.
+//
+// A struct declares `void fields(FieldVisitor& f)` and names each member once with key (unit included), range
+// and a one-line meaning. Visitors: the TOML reader and writer of core/config, the reference page.
+#pragma once
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "model/profile.hpp"
+
+namespace twinrate {
+
+enum class Presence { kRequired, kOptional };
+
+class FieldVisitor {
+ public:
+  virtual ~FieldVisitor() = default;
+  // Number with its allowed closed range, both ends given in the key's unit.
+  virtual void number(const char* key, double& value, double lo, double hi, const char* meaning,
+                      Presence presence = Presence::kOptional) = 0;
+  virtual void integer(const char* key, int& value, int lo, int hi, const char* meaning,
+                       Presence presence = Presence::kOptional) = 0;
+  virtual void boolean(const char* key, bool& value, const char* meaning) = 0;
+  virtual void text(const char* key, std::string& value, const char* meaning) = 0;
+  // One of `names`; `index` is the position.
+  virtual void choice(const char* key, int& index, std::span<const char* const> names,
+                      const char* meaning) = 0;
+  // Exactly `values.size()` numbers, e.g. the diagonal of a covariance.
+  virtual void numbers(const char* key, std::span<double> values, double lo, double hi,
+                       const char* meaning) = 0;
+  // A number, or a list of [t_s, value] pairs (see Profile).
+  virtual void profile(const char* key, Profile& value, double lo, double hi,
+                       const char* meaning) = 0;
+  // A nested table.
+  virtual void table(const char* key, const std::function<void(FieldVisitor&)>& fields) = 0;
+};
+
+// An enum class seen as a choice: the names stand in the order of the enumerators.
+template <class Enum>
+void choice(FieldVisitor& f, const char* key, Enum& value, std::span<const char* const> names,
+            const char* meaning) {
+  int index = static_cast<int>(value);
+  f.choice(key, index, names, meaning);
+  value = static_cast<Enum>(index);
+}
+
+}  // namespace twinrate

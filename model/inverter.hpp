@@ -1,0 +1,29 @@
+// Averaged two-level inverter with space-vector modulation (SVPWM).
+//
+// The reference is limited to the voltage hexagon (amplitude 2/3 v_dc at the corners, v_dc/sqrt3 at the flats),
+// keeping its angle; zero-sequence injection min-max/2 turns it into duty cycles; the mean voltage that comes
+// out is the Clarke transform of duty * v_dc.
+#pragma once
+#include "model/fields.hpp"
+#include "model/frames.hpp"
+
+namespace twinrate {
+
+struct InverterParameters {
+  double v_dc = 0;
+  void fields(FieldVisitor& f) {
+    f.number("v_dc_V", v_dc, 1, 2000, "DC-bus voltage", Presence::kRequired);
+  }
+  // Largest amplitude the modulator gives at every angle.
+  double u_max_linear() const { return v_dc * std::numbers::inv_sqrt3; }
+};
+
+struct InverterOutput {
+  Vec3 duty_abc;
+  Vec2 u_alphabeta;      // mean applied, V
+  bool limited = false;  // the reference was outside the hexagon
+};
+
+InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc);
+
+}  // namespace twinrate

@@ -1,0 +1,25 @@
+#include "model/sensors.hpp"
+
+#include "model/random.hpp"
+
+namespace twinrate {
+
+Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
+                     std::int64_t k) {
+  Vec3 i_meas = i_abc;
+  for (int phase = 0; phase < 3; ++phase) {
+    if (p.i_noise_rms > 0)
+      i_meas[phase] += p.i_noise_rms * normal(seed, static_cast<std::uint64_t>(phase),
+                                              static_cast<std::uint64_t>(k));
+    if (p.i_lsb > 0) i_meas[phase] = std::round(i_meas[phase] / p.i_lsb) * p.i_lsb;
+  }
+  return i_meas;
+}
+
+double sample_angle(const SensorParameters& p, double theta_m) {
+  if (p.encoder_counts == 0) return theta_m;
+  const double step = kTwoPi / p.encoder_counts;
+  return std::floor(theta_m / step) * step;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,31 @@
+// Sensors: phase-current noise and ADC steps, incremental encoder with finite-difference speed.
+//
+// Current: i_meas = round((i + noise)/lsb) lsb, one independent noise stream a phase.
+// Encoder: theta_m_meas = floor(theta_m/step) step with step = 2 pi/encoder_counts; 0 counts: exact angle.
+// Speed: (theta_m_meas(k) - theta_m_meas(k-1)) / T_s, the true speed where the encoder is exact.
+#pragma once
+#include <cstdint>
+
+#include "model/fields.hpp"
+#include "model/frames.hpp"
+
+namespace twinrate {
+
+struct SensorParameters {
+  double i_noise_rms = 0;
+  double i_lsb = 0;
+  int encoder_counts = 0;
+
+  void fields(FieldVisitor& f) {
+    f.number("i_noise_rms_A", i_noise_rms, 0, 100, "noise of each phase-current sample, rms");
+    f.number("i_lsb_A", i_lsb, 0, 10, "ADC step of a phase current; 0: none");
+    f.integer("encoder_counts", encoder_counts, 0, 1 << 26,
+              "encoder counts a turn (four times the lines); 0: exact angle");
+  }
+};
+
+Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
+                     std::int64_t k);
+double sample_angle(const SensorParameters& p, double theta_m);
+
+}  // namespace twinrate

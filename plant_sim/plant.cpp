@@ -1,0 +1,79 @@
+#include "plant_sim/plant.hpp"
+
+namespace twinrate {
+
+Plant::Plant(const DriveConfig& config)
+    : config_(config),
+      model_(config.machine, config.effects),
+      integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
+                                  config.plant.erk_steps)),
+      x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),
+      applied_(svpwm(Vec2::Zero(), config.inverter.v_dc)),
+      theta_m_meas_(sample_angle(config.sensors, x_[3])),
+      omega_m_meas_(x_[2]),
+      T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
+  input_.T_load = T_load_;
+}
+
+Measurement Plant::sample() const {
+  Measurement m;
+  m.k = k_;
+  m.t_ns = config_.t_ns(k_);
+  m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
+  const Vec3 i_abc = inverse_clarke(inverse_park(x_.head<2>(), config_.machine.n_p * x_[3]));
+  m.i_abc = sample_currents(config_.sensors, i_abc,
+                            static_cast<std::uint64_t>(config_.run.seed), k_);
+  m.u_alphabeta = applied_.u_alphabeta;
+  m.duty_abc = applied_.duty_abc;
+  m.mode = applied_command_.mode;
+  m.theta_forced = applied_command_.theta_ctrl;
+  m.v_dc = config_.inverter.v_dc;
+  m.theta_m = theta_m_meas_;
+  m.omega_m = omega_m_meas_;
+  return m;
+}
+
+Truth Plant::truth() const {
+  Truth t;
+  t.k = k_;
+  t.t_ns = config_.t_ns(k_);
+  t.i_dq = x_.head<2>();
+  t.omega_m = x_[2];
+  t.theta_m = x_[3];
+  t.T_em = config_.machine.torque(x_[0], x_[1]);
+  t.T_load = model_.total_load(x_, input_, k_ > 0 ? config_.T_s() : 0);
+  return t;
+}
+
+void Plant::advance(const Command& command) {
+  const auto delay = static_cast<std::size_t>(config_.plant.delay_samples);
+  for (std::size_t i = 0; i + 1 < pending_.size(); ++i) pending_[i] = pending_[i + 1];
+  pending_.back() = command;
+  applied_command_ = pending_[pending_.size() - 1 - delay];
+  if (tripped_) applied_command_ = Command{.mode = Mode::kSafe};
+  applied_ = svpwm(applied_command_.u_alphabeta_ref, config_.inverter.v_dc);
+  integrate();
+}
+
+void Plant::advance_holding() {
+  if (tripped_) {
+    applied_command_ = Command{.mode = Mode::kSafe};
+    applied_ = svpwm(Vec2::Zero(), config_.inverter.v_dc);
+  }
+  integrate();
+}
+
+void Plant::integrate() {
+  const double T_s = config_.T_s();
+  const double t_k = static_cast<double>(k_) * T_s;
+  T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s);
+  input_ = {.t_k = t_k, .u_alphabeta = applied_.u_alphabeta, .T_load = T_load_};
+  x_ = integrator_->advance(x_, input_, T_s);
+  ++k_;
+  const double theta_m_meas = sample_angle(config_.sensors, x_[3]);
+  omega_m_meas_ =
+      config_.sensors.encoder_counts > 0 ? (theta_m_meas - theta_m_meas_) / T_s : x_[2];
+  theta_m_meas_ = theta_m_meas;
+}
+
+}  // namespace twinrate
