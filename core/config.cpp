@@ -370,7 +370,13 @@ void Config::read_table(const std::string& path,
   fields(reader);
   reader.require_known();
   impl_->read_tables.insert(path);
-  impl_->owned_text.emplace_back(path, write_table(path, fields));
+  auto& owned = impl_->owned_text;
+  std::erase_if(owned, [&](const auto& entry) { return entry.first == path; });
+  owned.emplace_back(path, write_table(path, fields));
+}
+
+bool Config::has_table(const std::string& path) const {
+  return impl_->root.at_path(path).is_table();
 }
 
 void Config::require_all_read() const {

@@ -32,7 +32,9 @@ class Config {
   const DriveConfig& drive() const;
   // Reads the table `path` ("estimator.ekf_sensorless"; absent counts as empty) through `fields`, which may belong
   // to a process folder. Unknown keys in it are errors.
+  // Reading it again replaces what resolved() shows of it.
   void read_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
+  bool has_table(const std::string& path) const;  // written in the file, its preset or an override
   // After every owner has read its tables: a table nobody read is an unknown key.
   void require_all_read() const;
   // The whole config with every default written out; parse() of it gives the same config.
