@@ -1,0 +1,23 @@
+// Whether this machine can carry LCM's multicast, and what to do when it cannot (fresh network namespaces,
+// containers and unplugged laptops have no multicast route).
+#pragma once
+#include <string>
+
+namespace twinrate {
+
+// The group of kDefaultUrl.
+inline constexpr const char* kDefaultMulticastAddress = "239.255.76.67";
+
+// True where the kernel knows a way to `address` (dotted IPv4); false too for what is no address.
+bool multicast_route_exists(const std::string& address);
+bool loopback_is_up();
+
+// Brings loopback up with its multicast flag and routes 224.0.0.0/4 over it: what multicast_mend() says, done by
+// the program itself. Needs CAP_NET_ADMIN; changes nothing where a route exists. True when multicast has a route
+// afterwards; `what_was_done` says what was changed, or why it could not be.
+bool try_bring_up_multicast(std::string& what_was_done);
+
+// The two commands for a person, joined by " && ".
+std::string multicast_mend();
+
+}  // namespace twinrate
