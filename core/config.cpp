@@ -13,6 +13,7 @@
 
 #include "core/config_write.hpp"
 #include "core/paths.hpp"
+#include "model/random.hpp"
 
 namespace twinrate {
 namespace {
@@ -396,6 +397,18 @@ std::string Config::resolved() const {
   std::string text = write_drive(impl_->drive);
   for (const auto& [path, table_text] : impl_->owned_text) text += table_text;
   return text + write_effects(impl_->drive);
+}
+
+std::string Config::merged() const {
+  std::ostringstream text;
+  text << impl_->root << "\n";
+  return text.str();
+}
+
+std::int64_t Config::fingerprint() const {
+  std::uint64_t hash = 0;
+  for (unsigned char c : merged()) hash = splitmix64(hash ^ c);
+  return static_cast<std::int64_t>(hash);
 }
 
 std::string preset_directory() { return data_directory() + "/config"; }

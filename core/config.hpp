@@ -39,6 +39,10 @@ class Config {
   void require_all_read() const;
   // The whole config with every default written out; parse() of it gives the same config.
   std::string resolved() const;
+  // The keys as given, preset and overrides merged in.
+  std::string merged() const;
+  // Hash of every key as given: processes whose configs differ must not run together.
+  std::int64_t fingerprint() const;
   // Where a key was written, "file:line", for messages of cross checks.
   std::string where(const std::string& key_path) const;
 

@@ -45,25 +45,28 @@ Truth Plant::truth() const {
   return t;
 }
 
-void Plant::advance(const Command& command) {
-  const auto delay = static_cast<std::size_t>(config_.plant.delay_samples);
-  for (std::size_t i = 0; i + 1 < pending_.size(); ++i) pending_[i] = pending_[i + 1];
-  pending_.back() = command;
-  applied_command_ = pending_[pending_.size() - 1 - delay];
+void Plant::take_command(const Command& command) {
+  if (command.k < 0) return;
+  commands_[static_cast<std::size_t>(command.k) % commands_.size()] = command;
+}
+
+bool Plant::apply_due_command() {
+  const std::int64_t due = k_ - config_.plant.delay_samples;
+  bool in_time = true;
+  if (due >= 0) {
+    const Command& command = commands_[static_cast<std::size_t>(due) % commands_.size()];
+    in_time = command.k == due;
+    if (in_time) applied_command_ = command;
+    held_ticks_ = in_time ? 0 : held_ticks_ + 1;
+    if (held_ticks_ > config_.plant.hold_ticks) tripped_ = true;
+  }
   if (tripped_) applied_command_ = Command{.mode = Mode::kSafe};
   applied_ = svpwm(applied_command_.u_alphabeta_ref, config_.inverter.v_dc);
-  integrate();
+  return in_time;
 }
 
-void Plant::advance_holding() {
-  if (tripped_) {
-    applied_command_ = Command{.mode = Mode::kSafe};
-    applied_ = svpwm(Vec2::Zero(), config_.inverter.v_dc);
-  }
-  integrate();
-}
-
-void Plant::integrate() {
+bool Plant::advance() {
+  const bool in_time = apply_due_command();
   const double T_s = config_.T_s();
   const double t_k = static_cast<double>(k_) * T_s;
   T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s);
@@ -74,6 +77,7 @@ void Plant::integrate() {
   omega_m_meas_ =
       config_.sensors.encoder_counts > 0 ? (theta_m_meas - theta_m_meas_) / T_s : x_[2];
   theta_m_meas_ = theta_m_meas;
+  return in_time;
 }
 
 }  // namespace twinrate

@@ -1,7 +1,11 @@
 // The simulated drive, one tick at a time: inverter, computation delay, machine, load, sensors.
 //
-//   sample()        MEASUREMENT(k) and TRUTH(k) at t_k
-//   advance(cmd k)  integrates t_k -> t_{k+1} under the command that is due (delay_samples old)
+//   sample(), truth()   MEASUREMENT(k) and TRUTH(k) at t_k
+//   take_command(j)     COMMAND(j) has arrived; it acts from t_{j + delay_samples}
+//   advance()           integrates t_k -> t_{k+1} under COMMAND(k - delay_samples)
+//
+// Before the first command is due the voltage is zero. A command that is not there when it is due leaves the last
+// voltage on; after plant.hold_ticks intervals of that the drive trips: zero voltage from then on.
 #pragma once
 #include <array>
 #include <memory>
@@ -17,17 +21,18 @@ class Plant {
 
   Measurement sample() const;
   Truth truth() const;
-  // Throws std::runtime_error where SUNDIALS fails.
-  void advance(const Command& command);
-  // As advance() with the voltage of the last interval held (realtime: the command is late).
-  void advance_holding();
+  void take_command(const Command& command);
+  // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS fails.
+  bool advance();
   // Zero voltage from now on, whatever is commanded (safe state).
   void trip() { tripped_ = true; }
+  bool tripped() const { return tripped_; }
 
   std::int64_t k() const { return k_; }
 
  private:
-  void integrate();
+  // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
+  bool apply_due_command();
 
   DriveConfig config_;
   DriveModel model_;
@@ -36,7 +41,8 @@ class Plant {
   PlantInput input_;
   InverterOutput applied_;
   Command applied_command_;
-  std::array<Command, 5> pending_{};  // commands on their way, newest last
+  int held_ticks_ = 0;
+  std::array<Command, 8> commands_{};  // the latest, at index k modulo 8
   double theta_m_meas_ = 0, omega_m_meas_ = 0;
   double T_load_ = 0;
   std::int64_t k_ = 0;

@@ -1,0 +1,88 @@
+// twinrate-controller: MEASUREMENT(k), ESTIMATE(k), REFERENCE(k) -> [Controller::step] -> COMMAND(k)
+//
+// The reference comes from the config's profile and is published as DRIVE_REFERENCE, unless reference.from_bus says
+// that another process publishes it. A tick that arrives again is answered from memory.
+#include <fmt/format.h>
+
+#include "controller/make_controller.hpp"
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+
+namespace twinrate {
+namespace {
+
+class ControllerProcess {
+ public:
+  explicit ControllerProcess(Process& p)
+      : p_(p),
+        controller_(make_controller(p.config())),
+        own_reference_(!p.drive().reference.from_bus),
+        needs_truth_(p.drive().controller.angle_source == AngleSource::kTruth) {
+    p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w), m_); });
+    p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w), e_); });
+    if (!own_reference_)
+      p.bus().subscribe<reference_t>([this](const reference_t& w) { take(from_wire(w), r_); });
+    if (needs_truth_)
+      p.bus().subscribe<truth_t>([this](const truth_t& w) { take(from_wire(w), truth_); });
+    p.waiting_for([this] { return missing(); });
+  }
+  void run() {
+    p_.ready();
+    p_.run();
+  }
+
+ private:
+  std::string missing() const {
+    const std::int64_t k = last_.k + 1;
+    if (m_.k < k) return fmt::format("MEASUREMENT({}) from plant", k);
+    if (e_.k < k) return fmt::format("ESTIMATE({}) from estimator", k);
+    return fmt::format("REFERENCE({}) from its generator", k);
+  }
+  template <class Signal>
+  void take(const Signal& arrived, Signal& latest) {
+    if (arrived.k == last_.k && last_.k >= 0) {
+      if constexpr (std::is_same_v<Signal, Estimate>) answer_again();
+      return;
+    }
+    if (arrived.k < last_.k) return;
+    latest = arrived;
+    step_when_complete();
+  }
+  void answer_again() {
+    ++p_.status().duplicates;
+    p_.bus().publish(to_wire(last_, p_.bus().session()));
+  }
+  void step_when_complete() {
+    const std::int64_t k = e_.k;
+    if (k < 0 || m_.k != k || (needs_truth_ && truth_.k != k)) return;
+    if (own_reference_)
+      r_ = p_.drive().reference_at(k);
+    else if (r_.k < 0 || (p_.lockstep() && r_.k != k))
+      return;
+    last_ = controller_->step({m_, e_, r_, needs_truth_ ? &truth_ : nullptr});
+    if (own_reference_) p_.bus().publish(to_wire(r_, p_.bus().session()));
+    p_.bus().publish(to_wire(last_, p_.bus().session()));
+    const ControllerEvent event = controller_->take_event();
+    if (event.reason != Reason::kNone) p_.event(event.reason, k, event.text);
+    p_.progress(k);
+  }
+
+  Process& p_;
+  std::unique_ptr<Controller> controller_;
+  bool own_reference_, needs_truth_;
+  Measurement m_;
+  Estimate e_;
+  Reference r_;
+  Truth truth_;
+  Command last_;
+};
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  return run_process({Role::kController, "twinrate-controller",
+                      "MEASUREMENT, ESTIMATE, REFERENCE -> [controller step at f_s] -> COMMAND"},
+                     argc, argv, [](Process& p) { ControllerProcess(p).run(); });
+}

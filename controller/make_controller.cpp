@@ -1,0 +1,18 @@
+#include "controller/make_controller.hpp"
+
+#include <fmt/format.h>
+
+namespace twinrate {
+
+std::unique_ptr<Controller> make_controller(Config& config) {
+  const std::string& kind = config.drive().controller.kind;
+  const auto builder = controller_builder(kind);
+  if (!builder)
+    throw BadInput(fmt::format("{}: controller.kind: one of {} allowed, found {}",
+                               config.where("controller.kind"), fmt::join(controller_kinds(), ", "),
+                               kind));
+  config.read_table("controller." + kind, [&](FieldVisitor& f) { builder->fields(f); });
+  return builder->build(config.drive());
+}
+
+}  // namespace twinrate

@@ -1,0 +1,11 @@
+// The machine cannot do it (no multicast route, no permission): the program prints what() and leaves with exit code 3.
+#pragma once
+#include <stdexcept>
+
+namespace twinrate {
+
+struct MachineError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+}  // namespace twinrate

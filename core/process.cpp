@@ -1,0 +1,216 @@
+#include "core/process.hpp"
+
+#include <fmt/format.h>
+#include <sched.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+
+#include "core/machine_error.hpp"
+#include "core/paths.hpp"
+
+namespace twinrate {
+namespace {
+
+volatile std::sig_atomic_t stop_flag = 0;
+void note_stop(int) { stop_flag = 1; }
+
+constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
+
+double seconds_since(std::chrono::steady_clock::time_point then) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
+}
+
+BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const DriveConfig& d) {
+  return {.url = o.url,
+          .channel_suffix = o.channel_suffix,
+          .session = o.session,
+          .follow = o.follow,
+          .drop_rate = d.bus.drop_rate,
+          .split_ports = d.bus.split_ports,
+          .role = info.role,
+          .gain_stride = d.rates.n};
+}
+
+}  // namespace
+
+void catch_stop_signals() {
+  struct sigaction action {};
+  action.sa_handler = note_stop;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+bool stop_signalled() { return stop_flag != 0; }
+
+void pin_to_cpu(int cpu) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  CPU_SET(static_cast<std::size_t>(cpu), &set);
+  if (sched_setaffinity(0, sizeof set, &set) != 0)
+    fmt::print(stderr, "cannot pin to CPU {}: running unpinned\n", cpu);
+}
+
+Process::Process(const ProcessInfo& info, ProcessOptions options)
+    : info_(info),
+      options_(std::move(options)),
+      config_(Config::load(options_.config, options_.overrides)) {
+  if (options_.cpu >= 0) pin_to_cpu(options_.cpu);  // before the bus starts its reader thread
+  bus_ = std::make_unique<Bus>(bus_options(info_, options_, drive()));
+  status_.seq = -1;
+  status_.role = static_cast<std::int32_t>(info_.role);
+  status_.state = static_cast<std::int32_t>(ProcessState::kStarting);
+  bus_->subscribe<request_t>([this](const request_t& request) { handle_request(request); });
+  last_progress_ = Clock::now();
+}
+
+void Process::handle_request(const request_t& request) {
+  reply_t reply{};
+  reply.seq = request.seq;
+  reply.t_ns = status_.t_ns;
+  reply.role = status_.role;
+  reply.accepted = 1;
+  reply.applied_seq = status_.seq;
+  switch (static_cast<RequestKind>(request.kind)) {
+    case RequestKind::kStart:
+      if (info_.role != Role::kPlant) return;
+      if (options_.wait_for_start) {
+        options_.wait_for_start = false;
+        status_.state = static_cast<std::int32_t>(ProcessState::kRunning);
+      }
+      break;
+    case RequestKind::kStop:
+    case RequestKind::kEmergencyStop:
+      if (!finished_) finish();
+      break;
+    default:
+      reply.accepted = 0;
+      reply.text = fmt::format("unknown request kind {}", request.kind);
+  }
+  bus_->publish(reply);
+}
+
+void Process::ready() {
+  status_.config_hash = config_.fingerprint();
+  status_.state = static_cast<std::int32_t>(ProcessState::kReady);
+  last_progress_ = Clock::now();
+  beat();
+}
+
+void Process::beat() {
+  const BusCounters& counters = bus_->counters();
+  status_.gaps = counters.gaps;
+  status_.refused = counters.refused;
+  status_.undecodable = counters.undecodable;
+  bus_->publish(status_);
+  last_beat_ = Clock::now();
+}
+
+void Process::progress(std::int64_t k) {
+  status_.seq = k;
+  ++status_.steps;
+  if (status_.state == static_cast<std::int32_t>(ProcessState::kReady))
+    status_.state = static_cast<std::int32_t>(ProcessState::kRunning);
+  last_progress_ = Clock::now();
+}
+
+void Process::check_patience() {
+  if (!bus_->bound() || options_.wait_for_start) return;
+  const double waited = seconds_since(last_progress_);
+  if (waited <= drive().bus.peer_timeout_s) return;
+  fail(Reason::kPeerTimeout, status_.seq,
+       fmt::format("{} waited {:.1f} s for {}", kRoleNames[status_.role], waited,
+                   waiting_for_ ? waiting_for_() : "a message"));
+}
+
+bool Process::turn(double timeout_ms) {
+  const bool something = bus_->handle(timeout_ms);
+  if (!something || (status_.steps & 63) == 0) {
+    if (Clock::now() - last_beat_ >= kBeatPeriod) beat();
+    if (!something && !finished_) check_patience();
+  }
+  return !stopping();
+}
+
+void Process::run(const std::function<void()>& on_quiet) {
+  auto last_activity = Clock::now();
+  std::int64_t steps_then = status_.steps;
+  while (turn(repeat_after_ms())) {
+    if (status_.steps != steps_then) {
+      steps_then = status_.steps;
+      last_activity = Clock::now();
+    } else if (on_quiet && seconds_since(last_activity) * 1000 >= repeat_after_ms()) {
+      on_quiet();
+      last_activity = Clock::now();
+    }
+  }
+}
+
+void Process::event(Reason reason, std::int64_t k, const std::string& text) {
+  event_t e{};
+  e.seq = k;
+  e.t_ns = k >= 0 ? drive().t_ns(k) : 0;
+  e.role = status_.role;
+  e.reason = static_cast<std::int32_t>(reason);
+  e.text = text;
+  bus_->publish(e);
+}
+
+void Process::finish(ProcessState state) {
+  finished_ = true;
+  status_.state = static_cast<std::int32_t>(state);
+  beat();
+}
+
+void Process::fail(Reason reason, std::int64_t k, const std::string& text) {
+  fmt::print(stderr, "{}: {}\n", info_.program, text);
+  event(reason, k, text);
+  finish(ProcessState::kFailed);
+}
+
+bool Process::stopping() const { return finished_ || stop_signalled(); }
+
+int run_process(const ProcessInfo& info, int argc, char** argv,
+                const std::function<void(Process&)>& body) {
+  CLI::App app{fmt::format("{}\n  {}", info.program, info.purpose)};
+  ProcessOptions o;
+  bool realtime = false;
+  std::string pace = "lockstep";
+  app.add_option("--config", o.config, "drive file or preset")->required();
+  app.add_option("--lcm-url", o.url, "LCM URL (default: LCM_DEFAULT_URL, else the standard one)");
+  app.add_option("--set", o.overrides, "key.path=value, overrides the drive file")->allow_extra_args(false);
+  app.add_option("--channel-suffix", o.channel_suffix, "appended to every channel name");
+  app.add_option("--session", o.session, "session id to be bound to; 0: adopt the first one heard");
+  app.add_option("--pace", pace, "lockstep or realtime")->check(CLI::IsMember({"lockstep", "realtime"}));
+  app.add_option("--cpu", o.cpu, "pin to this CPU");
+  app.add_option("--run-dir", o.run_dir, "where files are written");
+  app.add_flag("--follow", o.follow, "begin anew when the sequence or the session starts again");
+  app.add_flag("--wait-for-start", o.wait_for_start, "hold until a start request");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    return 2;
+  }
+  realtime = pace == "realtime";
+  o.pace = realtime ? Pace::kRealtime : Pace::kLockstep;
+  catch_stop_signals();
+  try {
+    Process process(info, std::move(o));
+    body(process);
+    if (!process.stopping() || stop_signalled()) process.finish();
+    return process.exit_code();
+  } catch (const BadInput& error) {
+    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    return 2;
+  } catch (const MachineError& error) {
+    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    return 3;
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    return 1;
+  }
+}
+
+}  // namespace twinrate

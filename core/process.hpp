@@ -1,0 +1,93 @@
+// What every process of the set shares: command line, config, bus, heartbeat, stop signals, waiting with a limit.
+//
+//   int main(int argc, char** argv) {
+//     return twinrate::run_process({Role::kGain, "twinrate-gain", "ESTIMATE -> [background_step] -> GAIN"}, argc, argv,
+//                                  [](Process& p) { .. subscribe, p.ready(), p.run(); });
+//   }
+//
+// Exit codes: 0 done or stopped on request, 1 the run ended badly, 2 bad input, 3 the machine cannot do it.
+#pragma once
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "core/bus.hpp"
+#include "core/config.hpp"
+#include "core/reason.hpp"
+
+namespace twinrate {
+
+struct ProcessOptions {
+  std::string config = "";
+  std::string url, channel_suffix, run_dir;
+  std::vector<std::string> overrides;
+  std::int64_t session = 0;
+  Pace pace = Pace::kLockstep;
+  bool follow = false;
+  bool wait_for_start = false;  // plant: hold until DRIVE_REQUEST start
+  int cpu = -1;                 // pin to this CPU
+};
+
+struct ProcessInfo {
+  Role role;
+  const char* program;
+  const char* purpose;
+};
+
+class Process {
+ public:
+  Process(const ProcessInfo& info, ProcessOptions options);
+
+  const ProcessOptions& options() const { return options_; }
+  Config& config() { return config_; }
+  const DriveConfig& drive() const { return config_.drive(); }
+  Bus& bus() { return *bus_; }
+  status_t& status() { return status_; }
+  bool lockstep() const { return options_.pace == Pace::kLockstep; }
+
+  // Everything is subscribed: say so on the bus.
+  void ready();
+  // One turn of the loop: handles what arrives, beats the heart. False once the process must stop.
+  // A bound process that makes no progress() for bus.peer_timeout_s says what it waits for and stops.
+  bool turn(double timeout_ms);
+  // turn() until the end, calling `on_quiet` whenever nothing arrived for repeat_after_ms.
+  void run(const std::function<void()>& on_quiet = {});
+  void progress(std::int64_t k);
+  // Names what the process is waiting for, for the message of a time-out.
+  void waiting_for(std::function<std::string()> text) { waiting_for_ = std::move(text); }
+
+  void event(Reason reason, std::int64_t k, const std::string& text);
+  void finish(ProcessState state = ProcessState::kDone);
+  void fail(Reason reason, std::int64_t k, const std::string& text);
+  bool stopping() const;
+  int exit_code() const { return status_.state == static_cast<int>(ProcessState::kFailed) ? 1 : 0; }
+  double repeat_after_ms() const { return drive().bus.repeat_after_ms; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void handle_request(const request_t& request);
+  void beat();
+  void check_patience();
+
+  ProcessInfo info_;
+  ProcessOptions options_;
+  Config config_;
+  std::unique_ptr<Bus> bus_;
+  status_t status_{};
+  Clock::time_point last_beat_{}, last_progress_{};
+  std::function<std::string()> waiting_for_;
+  bool finished_ = false;
+};
+
+// Parses the command line, runs `body`, turns every exception into one line and an exit code.
+int run_process(const ProcessInfo& info, int argc, char** argv,
+                const std::function<void(Process&)>& body);
+
+// SIGINT and SIGTERM set a flag instead of ending the program.
+void catch_stop_signals();
+bool stop_signalled();
+// Pins the calling process (all later threads too) to one CPU; before the first subscribe.
+void pin_to_cpu(int cpu);
+
+}  // namespace twinrate

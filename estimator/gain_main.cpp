@@ -1,0 +1,62 @@
+// twinrate-gain: the slow background computation of gain and covariance.
+//
+//   ESTIMATE(s), s = 0, n, 2n .. -> [BackgroundLoop::step] -> GAIN(s)
+//
+// A snapshot that arrives again is answered from memory.
+#include <fmt/format.h>
+
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+#include "estimator/make_filter.hpp"
+#include "estimator/two_rate.hpp"
+
+namespace twinrate {
+namespace {
+
+class GainProcess {
+ public:
+  explicit GainProcess(Process& p)
+      : p_(p),
+        background_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
+    p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
+    p.bus().on_new_session([this] { background_.reset(); });
+    p.waiting_for([this] {
+      return fmt::format("snapshot ESTIMATE({}) from estimator",
+                         last_k() < 0 ? 0 : last_k() + p_.drive().rates.n);
+    });
+  }
+  void run() {
+    p_.ready();
+    p_.run();
+  }
+
+ private:
+  std::int64_t last_k() const { return background_.last().k; }
+  void take(const Estimate& e) {
+    if (!is_snapshot(e.k, p_.drive().rates.n)) return;
+    if (e.k == last_k()) {
+      ++p_.status().duplicates;
+      p_.bus().publish(to_wire(background_.last(), p_.bus().session()));
+      return;
+    }
+    if (e.k < last_k()) {
+      if (!p_.options().follow) return;
+      background_.reset();
+    }
+    p_.bus().publish(to_wire(background_.step(e), p_.bus().session()));
+    p_.progress(e.k);
+  }
+
+  Process& p_;
+  BackgroundLoop background_;
+};
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  return run_process({Role::kGain, "twinrate-gain",
+                      "ESTIMATE -> [background step at f_b] -> GAIN"},
+                     argc, argv, [](Process& p) { GainProcess(p).run(); });
+}

@@ -1,0 +1,93 @@
+#include "logger/log_writer.hpp"
+
+#include <fmt/format.h>
+#include <stdio_ext.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <stdexcept>
+
+namespace twinrate {
+
+LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes)
+    : directory_(std::move(directory)), rotate_bytes_(rotate_bytes) {
+  open_next();
+  if (!log_)
+    throw std::runtime_error(fmt::format("{}: cannot be written: {}", files_.back(), std::strerror(errno)));
+}
+
+LogWriter::~LogWriter() {
+  flush();
+  close();
+}
+
+void LogWriter::open_next() {
+  const std::string name =
+      files_.empty() ? "log.lcm" : fmt::format("log-{:03}.lcm", files_.size());
+  files_.push_back((std::filesystem::path(directory_) / name).string());
+  log_ = lcm_eventlog_create(files_.back().c_str(), "w");
+  written_ = on_disk_ = 0;
+  if (!log_) full_ = true;
+}
+
+void LogWriter::close() {
+  if (log_) lcm_eventlog_destroy(log_);
+  log_ = nullptr;
+}
+
+void LogWriter::set_manifest(const std::string& channel, const std::vector<std::uint8_t>& bytes,
+                             std::int64_t t_us) {
+  manifest_channel_ = channel;
+  manifest_ = bytes;
+  put(channel, bytes.data(), bytes.size(), t_us);
+}
+
+bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
+                    std::int64_t t_us) {
+  if (full_) return false;
+  lcm_eventlog_event_t event{};
+  event.timestamp = t_us;
+  event.channellen = static_cast<int>(channel.size());
+  event.channel = const_cast<char*>(channel.c_str());
+  event.datalen = static_cast<int>(size);
+  event.data = const_cast<std::uint8_t*>(bytes);
+  if (lcm_eventlog_write_event(log_, &event) != 0) {
+    full_ = true;
+    flush();
+    return false;
+  }
+  written_ += 28 + static_cast<std::int64_t>(channel.size() + size);
+  return true;
+}
+
+bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
+                      std::int64_t t_us) {
+  if (written_ > rotate_bytes_) {
+    if (!flush()) return false;
+    close();
+    open_next();
+    if (full_) return false;
+    rotated_ = true;
+    if (!manifest_.empty()) put(manifest_channel_, manifest_.data(), manifest_.size(), t_us);
+  }
+  return put(channel, bytes, size, t_us);
+}
+
+bool LogWriter::flush() {
+  if (!log_) return false;
+  const bool written = !full_ && std::fflush(log_->f) == 0;
+  if (written) {
+    on_disk_ = written_;
+    return true;
+  }
+  full_ = true;
+  // The log must end with a whole event: forget what stdio still holds and cut a half-written one off.
+  __fpurge(log_->f);
+  if (ftruncate(fileno(log_->f), on_disk_) != 0)
+    fmt::print(stderr, "{}: cannot be cut back to its last whole event\n", files_.back());
+  return false;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,123 @@
+// twinrate-logger: every channel -> LCM log, lossless, with a loss account.
+//
+// Lock-step, bound to a session: acknowledges whole ticks, asks for what is missing; the plant stays within a window
+// of it. Otherwise it writes as messages come and counts gaps. The account goes to RUN_DIR/logger.json.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/manifest.hpp"
+#include "core/process.hpp"
+#include "logger/tick_log.hpp"
+
+namespace twinrate {
+namespace {
+
+std::int64_t wall_us() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+class LoggerProcess {
+ public:
+  explicit LoggerProcess(Process& p)
+      : p_(p),
+        directory_(p.options().run_dir.empty() ? "." : p.options().run_dir),
+        writer_(directory_, static_cast<std::int64_t>(p.drive().bus.log_rotate_MB * 1e6)),
+        log_(writer_,
+             p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
+             p.drive().rates.n, p.options().channel_suffix, wall_us()),
+        ack_every_(std::max(1, p.drive().bus.window_ticks / 8)) {
+    write_manifest();
+    p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
+                                 std::int64_t seq, std::int64_t t_ns) {
+      take(channel, bytes, size, seq, t_ns);
+    });
+    p.waiting_for([this] { return fmt::format("messages of tick {}", log_.complete_below()); });
+  }
+  void run() {
+    p_.ready();
+    p_.run([this] { acknowledge(); });
+    log_.close();
+    if (!writer_.flush()) disk_full();
+    write_account();
+  }
+
+ private:
+  void write_manifest() {
+    const manifest_t manifest =
+        make_manifest(p_.bus().session(), p_.config().merged(),
+                      describe_host_json(p_.bus().session(), p_.drive().run.seed));
+    writer_.set_manifest(info(Channel::kManifest).name + p_.options().channel_suffix,
+                         encode(manifest), wall_us());
+    if (p_.bus().bound()) p_.bus().publish(manifest);
+  }
+  void take(Channel channel, const std::uint8_t* bytes, std::size_t size, std::int64_t seq,
+            std::int64_t t_ns) {
+    if (channel == Channel::kManifest && p_.bus().bound()) return;  // its own stands first already
+    const std::int64_t before = log_.complete_below();
+    log_.take(channel, seq, t_ns, bytes, size);
+    if (log_.complete_below() != before) p_.progress(log_.complete_below() - 1);
+    if (log_.complete_below() >= acknowledged_ + ack_every_) acknowledge();
+    if (writer_.take_rotated())
+      p_.event(Reason::kLogRotated, log_.complete_below(), "log continues in " + writer_.files().back());
+    if (writer_.full()) disk_full();
+  }
+  // What is written is written: flush first, then say so and ask for what is missing.
+  void acknowledge() {
+    if (!writer_.flush()) {
+      disk_full();
+      return;
+    }
+    acknowledged_ = log_.complete_below();
+    ack_t ack{};
+    ack.seq = acknowledged_;
+    for (const TickLog::Missing& missing : log_.missing(32)) {
+      ack.missing_channel[ack.n_missing] = static_cast<std::int32_t>(missing.channel);
+      ack.missing_seq[ack.n_missing++] = missing.seq;
+    }
+    if (ack.n_missing > 0) ++p_.status().repeats;
+    p_.bus().publish(ack);
+  }
+  void disk_full() {
+    if (p_.stopping() && full_said_) return;
+    full_said_ = true;
+    p_.fail(Reason::kDiskFull, log_.complete_below(),
+            fmt::format("{}: the disk is full; the log holds {} whole ticks", writer_.files().back(),
+                        log_.complete_below()));
+  }
+  void write_account() {
+    nlohmann::ordered_json channels;
+    for (const ChannelInfo& channel : kChannels) {
+      if (channel.channel == Channel::kAck) continue;
+      const ChannelAccount& a = log_.account(channel.channel);
+      channels[channel.name] = {
+          {"received", a.received}, {"lost", a.lost}, {"duplicates", a.duplicates}};
+    }
+    std::vector<std::string> files;
+    for (const std::string& file : writer_.files())
+      files.push_back(std::filesystem::path(file).filename().string());
+    std::ofstream out(std::filesystem::path(directory_) / "logger.json");
+    out << nlohmann::ordered_json{{"files", files}, {"channels", channels}}.dump(2) << "\n";
+  }
+
+  Process& p_;
+  std::string directory_;
+  LogWriter writer_;
+  TickLog log_;
+  std::int64_t ack_every_, acknowledged_ = 0;
+  bool full_said_ = false;
+};
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  return run_process({Role::kLogger, "twinrate-logger", "every channel -> LCM log in --run-dir"},
+                     argc, argv, [](Process& p) { LoggerProcess(p).run(); });
+}

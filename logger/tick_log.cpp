@@ -1,0 +1,104 @@
+#include "logger/tick_log.hpp"
+
+#include <algorithm>
+
+#include "core/rates.hpp"
+
+namespace twinrate {
+
+TickLog::TickLog(LogWriter& writer, Order order, int n, std::string channel_suffix,
+                 std::int64_t t0_us)
+    : writer_(writer), order_(order), n_(n), t0_us_(t0_us) {
+  for (const ChannelInfo& channel : kChannels)
+    names_[static_cast<std::size_t>(channel.channel)] = channel.name + channel_suffix;
+}
+
+bool TickLog::expected(int channel, std::int64_t k) const {
+  return static_cast<Channel>(channel) != Channel::kGain || is_snapshot(k, n_);
+}
+
+bool TickLog::complete(std::int64_t k, const Tick& tick) const {
+  for (int c = 0; c < kTickChannels; ++c)
+    if (expected(c, k) && tick.bytes[static_cast<std::size_t>(c)].empty()) return false;
+  return true;
+}
+
+void TickLog::write(Channel channel, std::int64_t t_ns, const std::uint8_t* bytes,
+                    std::size_t size) {
+  t_ns_ = std::max(t_ns_, t_ns);
+  writer_.write(names_[static_cast<std::size_t>(channel)], bytes, size, t0_us_ + t_ns_ / 1000);
+}
+
+void TickLog::write_tick(const Tick& tick) {
+  for (int c = 0; c < kTickChannels; ++c) {
+    const auto& bytes = tick.bytes[static_cast<std::size_t>(c)];
+    if (!bytes.empty()) write(static_cast<Channel>(c), tick.t_ns, bytes.data(), bytes.size());
+  }
+}
+
+void TickLog::count_as_it_comes(Channel channel, std::int64_t seq) {
+  ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
+  const std::int64_t stride = channel == Channel::kGain ? n_ : 1;
+  if (seq == account.last_seq) ++account.duplicates;
+  if (account.last_seq >= 0 && seq > account.last_seq + stride)
+    account.lost += (seq - account.last_seq) / stride - 1;
+  account.last_seq = seq;
+  if (channel == Channel::kMeasurement) next_ = seq + 1;
+}
+
+void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
+                   std::size_t size) {
+  ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
+  const bool of_a_tick = channel < Channel::kStatus;
+  if (order_ == Order::kAsItComes || !of_a_tick) {
+    ++account.received;
+    if (of_a_tick) count_as_it_comes(channel, seq);
+    // Events and heartbeats carry the drive time of what they tell; the log's clock never runs back.
+    write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
+    return;
+  }
+  if (seq < next_ || !expected(static_cast<int>(channel), seq)) {
+    ++account.duplicates;
+    return;
+  }
+  Tick& tick = pending_[seq];
+  auto& slot = tick.bytes[static_cast<std::size_t>(channel)];
+  if (!slot.empty()) {
+    ++account.duplicates;
+    return;
+  }
+  ++account.received;
+  account.last_seq = std::max(account.last_seq, seq);
+  tick.t_ns = t_ns;
+  slot.assign(bytes, bytes + size);
+  for (auto first = pending_.begin();
+       first != pending_.end() && first->first == next_ && complete(next_, first->second);
+       first = pending_.erase(first), ++next_)
+    write_tick(first->second);
+}
+
+std::vector<TickLog::Missing> TickLog::missing(std::size_t limit) const {
+  std::vector<Missing> list;
+  if (pending_.empty()) return list;
+  const std::int64_t newest = pending_.rbegin()->first;
+  static const Tick kNothing;
+  for (std::int64_t k = next_; k <= newest; ++k) {
+    const auto found = pending_.find(k);
+    const Tick& tick = found == pending_.end() ? kNothing : found->second;
+    for (int c = 0; c < kTickChannels; ++c) {
+      if (!expected(c, k) || !tick.bytes[static_cast<std::size_t>(c)].empty()) continue;
+      if (list.size() == limit) return list;
+      list.push_back({static_cast<Channel>(c), k});
+    }
+  }
+  return list;
+}
+
+void TickLog::close() {
+  for (const auto& [k, tick] : pending_) write_tick(tick);
+  for (const Missing& gone : missing(static_cast<std::size_t>(-1)))
+    ++accounts_[static_cast<std::size_t>(gone.channel)].lost;
+  pending_.clear();
+}
+
+}  // namespace twinrate

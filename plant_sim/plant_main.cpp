@@ -1,0 +1,99 @@
+// twinrate-plant: the simulated plant and the clock of the run.
+//
+//   COMMAND(k) -> [Plant::advance] -> MEASUREMENT(k+1), TRUTH(k+1)
+//
+// Lock-step: simulated time; a tick ends when COMMAND(k) is there; an unanswered MEASUREMENT is sent again; the plant is
+// never more than bus.window_ticks ahead of the log. Realtime: absolute clock, nobody waits.
+#include <fmt/format.h>
+
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+#include "plant_sim/plant.hpp"
+#include "plant_sim/realtime.hpp"
+
+namespace twinrate {
+namespace {
+
+class PlantProcess {
+ public:
+  explicit PlantProcess(Process& p) : p_(p), plant_(p.drive()), steps_(p.drive().steps()) {
+    p.bus().subscribe<command_t>([this](const command_t& w) { take(from_wire(w)); });
+    p.bus().subscribe<ack_t>([this](const ack_t& ack) { take_ack(ack); });
+    p.waiting_for([this] { return missing(); });
+    if (!p.bus().bound()) p.bus().adopt(new_session_id());
+  }
+  void run() {
+    p_.ready();
+    while (p_.options().wait_for_start && p_.turn(50)) {
+    }
+    if (p_.stopping()) return;
+    if (p_.lockstep()) {
+      publish_tick();
+      p_.run([this] { repeat(); });
+    } else {
+      run_realtime(p_, plant_, steps_);
+      drain_log();
+    }
+  }
+
+ private:
+  std::string missing() const {
+    if (k() < steps_ && sent_ == k()) return fmt::format("COMMAND({}) from controller", k());
+    return fmt::format("the log to be written up to tick {} by logger (it stands at {})",
+                       std::min(k(), steps_), acknowledged_);
+  }
+  std::int64_t k() const { return plant_.k(); }
+  void publish_tick() {
+    p_.bus().publish(to_wire(plant_.sample(), p_.bus().session()));
+    p_.bus().publish(to_wire(plant_.truth(), p_.bus().session()));
+    sent_ = k();
+  }
+  void take(const Command& command) {
+    plant_.take_command(command);
+    if (!p_.lockstep() || command.k != k() || sent_ != k()) return;
+    plant_.advance();
+    p_.progress(command.k);
+    go_on();
+  }
+  // The next tick, or the end, as soon as the log has caught up.
+  void go_on() {
+    const bool ended = k() >= steps_;
+    const std::int64_t may_reach = acknowledged_ + p_.drive().bus.window_ticks;
+    if (ended ? (logged_ && acknowledged_ < steps_) : (logged_ && k() >= may_reach)) return;
+    if (ended)
+      p_.finish();
+    else
+      publish_tick();
+  }
+  void take_ack(const ack_t& ack) {
+    logged_ = true;
+    acknowledged_ = std::max(acknowledged_, ack.seq);
+    if (p_.lockstep() && !p_.stopping() && sent_ >= 0 && sent_ < k()) go_on();
+  }
+  void repeat() {
+    if (sent_ != k()) return;
+    ++p_.status().repeats;
+    p_.bus().publish(to_wire(plant_.sample(), p_.bus().session()));
+  }
+  // Realtime: the loop has ended; the logger may still be writing.
+  void drain_log() {
+    while (logged_ && acknowledged_ < k() && p_.turn(20)) {
+    }
+    if (!p_.stopping()) p_.finish();
+  }
+
+  Process& p_;
+  Plant plant_;
+  std::int64_t steps_, sent_ = -1, acknowledged_ = 0;
+  bool logged_ = false;  // a logger of this session has spoken
+};
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  return run_process({Role::kPlant, "twinrate-plant",
+                      "COMMAND -> [simulated drive] -> MEASUREMENT, TRUTH"},
+                     argc, argv, [](Process& p) { PlantProcess(p).run(); });
+}

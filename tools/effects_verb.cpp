@@ -1,0 +1,91 @@
+// twinrate effects list [--json]: every effect known, its parameters with units and ranges, the signals it needs.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "model/effects/effect.hpp"
+#include "tools/field_list.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+constexpr const char* kSigns =
+    "theta_e = n_p theta_m, d axis at theta_m = 0. Torques add to T_load, which opposes positive "
+    "omega_m; voltages subtract from the applied phase voltage in rotor axes. Measured current = "
+    "(1 + gain) true + offset.";
+
+// Which equation an effect enters, from what its regressors touch at a point where nothing is zero.
+std::string acts_on(const Effect& effect) {
+  const OperatingPoint point{.t = 0.123, .i_dq = {0.7, 1.3}, .omega_m = 11.0, .theta_m = 0.37};
+  std::vector<Contribution> columns(static_cast<std::size_t>(effect.regressor_count()));
+  effect.regressors(point, columns);
+  bool torque = false, voltage = false;
+  for (const Contribution& column : columns) {
+    torque = torque || column.T_load != 0;
+    voltage = voltage || !column.u_dq_drop.isZero();
+  }
+  if (torque && voltage) return "T_load, u_dq";
+  return torque ? "T_load" : voltage ? "u_dq" : "sensing";
+}
+
+json parameter_json(const FieldRow& row) {
+  const NameAndUnit split = split_unit(row.key);
+  json parameter = {{"key", row.key},   {"name", split.name},         {"unit", split.unit},
+                    {"type", row.type}, {"required", row.required},   {"meaning", row.meaning}};
+  if (row.lo != row.hi) parameter["range"] = {row.lo, row.hi};
+  if (!row.choices.empty()) parameter["choices"] = row.choices;
+  if (!row.required) parameter["default"] = row.value_text;
+  return parameter;
+}
+
+void print_json() {
+  json effects = json::array();
+  for (const std::string& kind : effect_kinds()) {
+    const auto effect = make_effect(kind);
+    json parameters = json::array();
+    for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect->fields(f); }))
+      parameters.push_back(parameter_json(row));
+    effects.push_back({{"kind", kind},
+                       {"meaning", effect->meaning()},
+                       {"acts_on", acts_on(*effect)},
+                       {"signals_needed", effect->signals_needed()},
+                       {"parameters", parameters}});
+  }
+  std::cout << json{{"signs", kSigns}, {"effects", effects}}.dump(2) << "\n";
+}
+
+std::string range_text(const FieldRow& row) {
+  if (!row.choices.empty()) return fmt::format("{}", fmt::join(row.choices, ", "));
+  return row.lo != row.hi ? fmt::format("{:g} to {:g}", row.lo, row.hi) : row.type;
+}
+
+void print_text() {
+  for (const std::string& kind : effect_kinds()) {
+    const auto effect = make_effect(kind);
+    fmt::print("{}: {}\n  acts on {}; to trace it a log needs {}\n", kind, effect->meaning(),
+               acts_on(*effect), fmt::join(effect->signals_needed(), ", "));
+    for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect->fields(f); }))
+      fmt::print("  {:<16} {:<8} {:<18} {:<10} {}\n", row.key, "[" + split_unit(row.key).unit + "]",
+                 range_text(row), row.required ? "required" : "= " + row.value_text, row.meaning);
+    fmt::print("\n");
+  }
+  fmt::print("Signs: {}\n", kSigns);
+}
+
+}  // namespace
+
+void add_effects_verb(CLI::App& app, int&) {
+  auto* effects = app.add_subcommand("effects", "Lists the effects a drive may have beyond its equations");
+  effects->require_subcommand(1);
+  auto* list = effects->add_subcommand("list", "Kinds, parameters with units, signals needed");
+  auto as_json = std::make_shared<bool>(false);
+  list->add_flag("--json", *as_json, "JSON instead of text");
+  list->callback([as_json] { *as_json ? print_json() : print_text(); });
+}
+
+}  // namespace twinrate

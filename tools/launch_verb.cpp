@@ -1,0 +1,66 @@
+// twinrate launch: the process set over LCM, from start to report.
+#include <fmt/format.h>
+
+#include "core/machine_error.hpp"
+#include "core/multicast.hpp"
+#include "tools/load_drive.hpp"
+#include "tools/run/supervisor.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+struct LaunchOptions {
+  std::string drive, run_dir, duration, url, channel_suffix;
+  std::string pace = "lockstep";
+  std::vector<std::string> overrides;
+  bool json = false;
+};
+
+void need_multicast() {
+  if (multicast_route_exists("239.255.76.67")) return;
+  std::string done;
+  if (!try_bring_up_multicast(done))
+    throw MachineError("no multicast route, LCM cannot work; as root: " + multicast_mend());
+  fmt::print(stderr, "twinrate: {}\n", done);
+}
+
+int launch(const LaunchOptions& o) {
+  std::vector<std::string> overrides = o.overrides;
+  if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+  Config config = load_drive(o.drive, overrides);
+  const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
+  if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)
+    throw BadInput(fmt::format("{}: plant.delay_samples: 1 to 4 allowed with --pace realtime, found 0",
+                               config.where("plant.delay_samples")));
+  need_multicast();
+  const std::string directory = make_run_directory(o.run_dir, config);
+  catch_stop_signals();
+  Supervisor supervisor(config.drive(), {.directory = directory,
+                                         .url = o.url,
+                                         .channel_suffix = o.channel_suffix,
+                                         .pace = pace,
+                                         .json = o.json});
+  const RunFacts facts = supervisor.run();
+  if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
+  return conclude_run(directory, config, facts);
+}
+
+}  // namespace
+
+void add_launch_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<LaunchOptions>();
+  CLI::App* verb = app.add_subcommand("launch", "start, supervise and stop the whole process set");
+  verb->add_option("DRIVE", o->drive, "drive file or preset")->required();
+  verb->add_option("--duration", o->duration, "drive time, e.g. 2s or 500ms");
+  verb->add_option("--pace", o->pace, "lockstep or realtime")
+      ->check(CLI::IsMember({"lockstep", "realtime"}));
+  verb->add_option("--run-dir", o->run_dir, "where the run is written (default runs/NAME-DATE)");
+  verb->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
+  verb->add_option("--lcm-url", o->url, "LCM URL");
+  verb->add_option("--channel-suffix", o->channel_suffix, "appended to every channel name");
+  verb->add_flag("--json", o->json, "progress as JSON lines");
+  verb->callback([o, &exit_code] { exit_code = launch(*o); });
+}
+
+}  // namespace twinrate

@@ -1,0 +1,35 @@
+// The live line of a long job: on a terminal it redraws in place, with --json it prints JSON lines.
+#pragma once
+#include <chrono>
+#include <string>
+
+#include "core/drive_config.hpp"
+
+namespace twinrate {
+
+struct LiveCounters {
+  std::int64_t losses = 0, misses = 0, repeats = 0;
+};
+
+class Progress {
+ public:
+  Progress(const DriveConfig& drive, bool json);
+  // Cheap when it is not yet time for the next line.
+  void show(const Truth& truth, const Estimate& estimate, const LiveCounters& counters);
+  void end();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void print(const Truth& truth, const Estimate& estimate, const LiveCounters& counters);
+
+  int n_p_;
+  double duration_s_, T_s_;
+  bool json_, terminal_, drawn_ = false;
+  std::int64_t calls_ = 0, k_then_ = 0;
+  Clock::time_point last_;
+};
+
+// "2s", "500ms", "2" -> "2", "0.5", "2"; anything else is returned as it is and refused by the config reader.
+std::string seconds_text(const std::string& text);
+
+}  // namespace twinrate

@@ -1,0 +1,126 @@
+#include "tools/run/run_result.hpp"
+
+#include <fmt/format.h>
+
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/manifest.hpp"
+#include "tools/report/report.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr double kDegrees = 180 / kPi;
+
+void write_text(const fs::path& path, const std::string& text) {
+  std::ofstream out(path);
+  out << text;
+  out.flush();
+  if (!out) throw std::runtime_error(fmt::format("{}: cannot be written", path.string()));
+}
+
+Json read_json(const fs::path& path) {
+  std::ifstream in(path);
+  return in ? Json::parse(in, nullptr, false) : Json();
+}
+
+// The logger's account of what reached the log.
+std::map<std::string, std::int64_t> lost_messages(const Json& account) {
+  std::map<std::string, std::int64_t> lost;
+  if (account.is_object() && account.contains("channels"))
+    for (const auto& [channel, counts] : account["channels"].items())
+      lost[channel] = counts.value("lost", std::int64_t{0});
+  return lost;
+}
+
+std::string degrees(const std::optional<double>& angle_rad) {
+  return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
+}
+
+void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
+                 const RunFacts& facts) {
+  const auto row = [](const std::string& name, const std::string& text) {
+    fmt::print("  {:<22} {}\n", name, text);
+  };
+  std::int64_t lost = 0;
+  for (const auto& [channel, count] : s.lost_messages) lost += count;
+  const char* verdict = !s.locked ? "no truth to judge by" : *s.locked ? "LOCKED" : "LOST";
+  fmt::print("\n{}: {}  ({})\n", d.name, verdict, facts.how);
+  if (!facts.ended.empty()) row("ended early", facts.ended);
+  row("drive time", fmt::format("{:.3f} s, {} steps; figures from {:.2f} s on", s.duration_s, s.steps,
+                                d.run.settle_s));
+  row("rates", fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}", d.rates.f_s_Hz,
+                           d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]));
+  row("angle error rms, max",
+      fmt::format("{}, {}", degrees(s.angle_error_rms), degrees(s.angle_error_max)));
+  if (s.speed_error_rms) row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
+  if (s.P44_max) row("P44", fmt::format("{:.3f} to {:.3f} rad^2", *s.P44_min, *s.P44_max));
+  row("gains used", std::to_string(s.gains_used));
+  row("messages lost", fmt::format("{}  (sent again: {})", lost, facts.repeats));
+  row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
+                          facts.deadline_misses));
+  row("speed of the run", fmt::format("{:.0f} steps/s ({:.2f} s wall)",
+                                      s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
+  row("written to", directory + "  (open report.html)");
+}
+
+}  // namespace
+
+std::string make_run_directory(const std::string& wanted, const Config& config) {
+  fs::path path = wanted;
+  if (wanted.empty()) {
+    const std::time_t now = std::time(nullptr);
+    char stamp[32];
+    std::strftime(stamp, sizeof stamp, "%Y%m%d-%H%M%S", std::localtime(&now));
+    const std::string name = config.drive().name.empty() ? "drive" : config.drive().name;
+    for (int copy = 0; path.empty() || fs::exists(path); ++copy)
+      path = fs::path("runs") / fmt::format("{}-{}{}", name, stamp, copy ? fmt::format("-{}", copy) : "");
+  }
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (error) throw BadInput(fmt::format("{}: cannot be created: {}", path.string(), error.message()));
+  // Parts of an earlier run in the same directory would be read as parts of this one.
+  for (const auto& entry : fs::directory_iterator(path)) {
+    const std::string name = entry.path().filename().string();
+    if (name.rfind("log", 0) == 0 && entry.path().extension() == ".lcm") fs::remove(entry.path());
+  }
+  write_text(path / "config.toml", config.resolved());
+  return path.string();
+}
+
+int conclude_run(const std::string& directory, const Config& config, const RunFacts& facts) {
+  const fs::path dir = directory;
+  const RunLog log = read_run_log(directory);
+  Summary s = summarise(log, config.drive());
+  const Json account = read_json(dir / "logger.json");
+  s.wall_s = facts.wall_s;
+  s.repeats = facts.repeats;
+  s.deadline_misses = facts.deadline_misses;
+  s.late_gains = facts.late_gains;
+  s.late_commands = facts.late_commands;
+  s.lost_messages = lost_messages(account);
+  write_text(dir / "summary.json", to_json(s, config.drive()) + "\n");
+
+  Json manifest = Json::parse(log.manifest_json, nullptr, false);
+  if (!manifest.is_object()) manifest = Json::object();
+  manifest["how"] = facts.how;
+  if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
+  if (account.is_object()) manifest["log"] = account;
+  write_text(dir / "manifest.json", manifest.dump(2) + "\n");
+  fs::remove(dir / "logger.json");
+
+  write_report({log}, {.title = config.drive().name}, (dir / "report.html").string());
+  print_table(directory, config.drive(), s, facts);
+  std::int64_t lost = 0;
+  for (const auto& [channel, count] : s.lost_messages) lost += count;
+  const bool well = s.locked.value_or(true) && lost == 0 && facts.ended.empty();
+  return well ? 0 : 1;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,134 @@
+// twinrate simulate: the loop in one process, the same log as `launch --pace lockstep`, bit for bit.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/bus.hpp"
+#include "core/manifest.hpp"
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+#include "logger/tick_log.hpp"
+#include "tools/load_drive.hpp"
+#include "tools/run/closed_loop.hpp"
+#include "tools/run/progress.hpp"
+#include "tools/run/run_result.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+struct SimulateOptions {
+  std::string drive, run_dir;
+  std::vector<std::string> overrides;
+  std::string duration;
+  bool json = false;
+};
+
+// Encodes each message as the bus would and hands it to the log.
+class SimulatedBus {
+ public:
+  SimulatedBus(TickLog& log, std::int64_t session) : log_(log), session_(session) {}
+  template <class Signal>
+  void publish(const Signal& signal) {
+    send(to_wire(signal, session_));
+  }
+  void publish_event(const ControllerEvent& event, std::int64_t k, std::int64_t t_ns) {
+    event_t e{};
+    e.seq = k;
+    e.t_ns = t_ns;
+    e.session = session_;
+    e.role = static_cast<std::int32_t>(Role::kController);
+    e.reason = static_cast<std::int32_t>(event.reason);
+    e.text = event.text;
+    send(e);
+  }
+
+ private:
+  template <class Wire>
+  void send(const Wire& wire) {
+    const int size = wire.getEncodedSize();
+    bytes_.resize(static_cast<std::size_t>(size));
+    wire.encode(bytes_.data(), 0, size);
+    log_.take(kChannelOf<Wire>, wire.seq, wire.t_ns, bytes_.data(), bytes_.size());
+  }
+  TickLog& log_;
+  std::int64_t session_;
+  std::vector<std::uint8_t> bytes_;
+};
+
+void publish_tick(SimulatedBus& bus, const TickRecord& tick) {
+  bus.publish(tick.measurement);
+  bus.publish(tick.truth);
+  bus.publish(tick.estimate);
+  if (tick.has_gain) bus.publish(tick.gain);
+  bus.publish(tick.reference);
+  bus.publish(tick.command);
+  if (tick.event.reason != Reason::kNone)
+    bus.publish_event(tick.event, tick.command.k, tick.command.t_ns);
+}
+
+std::int64_t wall_us() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+// Runs to the end or to Ctrl-C; returns what stopped it early, empty where nothing did.
+std::string run_loop(Config& config, const std::string& directory, bool json) {
+  const DriveConfig& d = config.drive();
+  const std::int64_t session = new_session_id();
+  LogWriter writer(directory, static_cast<std::int64_t>(d.bus.log_rotate_MB * 1e6));
+  writer.set_manifest(info(Channel::kManifest).name,
+                      encode(make_manifest(session, config.resolved(),
+                                           describe_host_json(session, d.run.seed))),
+                      wall_us());
+  TickLog log(writer, TickLog::Order::kByTick, d.rates.n, "", wall_us());
+  SimulatedBus bus(log, session);
+  ClosedLoop loop(config);
+  Progress progress(d, json);
+  std::string ended;
+  while (loop.k() < d.steps() && ended.empty()) {
+    const TickRecord& tick = loop.step();
+    publish_tick(bus, tick);
+    progress.show(tick.truth, tick.estimate, {});
+    if (writer.full()) ended = writer.files().back() + ": the disk is full";
+    if (stop_signalled()) ended = "interrupted";
+  }
+  progress.end();
+  log.close();
+  if (!writer.flush() && ended.empty()) ended = writer.files().back() + ": the disk is full";
+  return ended;
+}
+
+int simulate(const SimulateOptions& o) {
+  std::vector<std::string> overrides = o.overrides;
+  if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+  Config config = load_drive(o.drive, overrides);
+  const std::string directory = make_run_directory(o.run_dir, config);
+  catch_stop_signals();
+  const auto begun = Clock::now();
+  RunFacts facts;
+  facts.how = "simulate, one process";
+  facts.ended = run_loop(config, directory, o.json);
+  facts.wall_s = std::chrono::duration<double>(Clock::now() - begun).count();
+  return conclude_run(directory, config, facts);
+}
+
+}  // namespace
+
+void add_simulate_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<SimulateOptions>();
+  CLI::App* verb = app.add_subcommand("simulate", "the whole loop in one process, no bus");
+  verb->add_option("DRIVE", o->drive, "drive file or preset")->required();
+  verb->add_option("--duration", o->duration, "drive time, e.g. 2s or 500ms");
+  verb->add_option("--run-dir", o->run_dir, "where the run is written (default runs/NAME-DATE)");
+  verb->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
+  verb->add_flag("--json", o->json, "progress as JSON lines");
+  verb->callback([o, &exit_code] { exit_code = simulate(*o); });
+}
+
+}  // namespace twinrate
