@@ -1,0 +1,115 @@
+// The whole drive in one process, in the order of every tick:
+//
+//   plant.sample -> fast.tick -> (snapshot: background.step -> fast.take_gain) -> controller.step
+//   -> plant
+//
+// and the figures that contracts.md defines over [settle_s, end].
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "estimator/two_rate.hpp"
+#include "plant_sim/plant.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate::test {
+
+class ClosedLoop {
+ public:
+  explicit ClosedLoop(Config config)
+      : drive_(config.drive()),
+        filter_(make_filter(config)),
+        plant_(drive_),
+        fast_(filter_, drive_.gain.policy, drive_.rates.n),
+        background_(filter_, drive_.gain.policy, drive_.rates.n),
+        controller_(make_controller(config)) {}
+
+  void tick() {
+    measurement_ = plant_.sample();
+    truth_ = plant_.truth();
+    estimate_ = fast_.tick(measurement_);
+    if (is_snapshot(measurement_.k, drive_.rates.n)) fast_.take_gain(background_.step(estimate_));
+    reference_ = drive_.reference_at(measurement_.k);
+    command_ = controller_->step({measurement_, estimate_, reference_, &truth_});
+    event_ = controller_->take_event();
+    plant_.take_command(command_);
+    plant_.advance();
+  }
+
+  // Of the last tick.
+  const Measurement& measurement() const { return measurement_; }
+  const Truth& truth() const { return truth_; }
+  const Estimate& estimate() const { return estimate_; }
+  const Reference& reference() const { return reference_; }
+  const Command& command() const { return command_; }
+  const ControllerEvent& event() const { return event_; }
+  const Gain& gain() const { return background_.last(); }
+  const DriveConfig& drive() const { return drive_; }
+  double t_s() const { return static_cast<double>(measurement_.k) * drive_.T_s(); }
+  double angle_error() const {
+    return wrap_pi(estimate_.theta_e - drive_.machine.n_p * truth_.theta_m);
+  }
+
+ private:
+  DriveConfig drive_;
+  std::shared_ptr<const Filter> filter_;
+  Plant plant_;
+  FastLoop fast_;
+  BackgroundLoop background_;
+  std::unique_ptr<Controller> controller_;
+  Measurement measurement_;
+  Truth truth_;
+  Estimate estimate_;
+  Reference reference_;
+  Command command_;
+  ControllerEvent event_;
+};
+
+struct Figures {
+  bool locked = true;
+  double angle_error_rms = 0, angle_error_max = 0;
+  double speed_mean = 0;  // true, mechanical
+  double P44_min = std::numeric_limits<double>::infinity(), P44_max = 0;
+  // Of the whole run, not of the window: the first time the speed is below zero; infinite if never.
+  double reversed_at_s = std::numeric_limits<double>::infinity();
+  double speed_end = 0;
+};
+
+// Runs duration_s and forms the figures over [settle_s, end].
+inline Figures run(ClosedLoop& loop) {
+  const DriveConfig& drive = loop.drive();
+  const auto settle = static_cast<std::int64_t>(std::llround(drive.run.settle_s / drive.T_s()));
+  Figures figures;
+  double square_sum = 0, speed_sum = 0, off_speed_s = 0;
+  std::int64_t count = 0;
+  for (std::int64_t k = 0; k < drive.steps(); ++k) {
+    loop.tick();
+    const double omega_m = loop.truth().omega_m, omega_m_ref = loop.reference().omega_m_ref;
+    // The first tenth of a second is the start itself, where the rotor may still swing back.
+    if (loop.t_s() > 0.1 && omega_m * omega_m_ref < 0)
+      figures.reversed_at_s = std::min(figures.reversed_at_s, loop.t_s());
+    if (k < settle) continue;
+    const double error = loop.angle_error();
+    ++count;
+    square_sum += error * error;
+    speed_sum += omega_m;
+    figures.angle_error_max = std::max(figures.angle_error_max, std::abs(error));
+    if (std::abs(omega_m - omega_m_ref) > 0.2 * std::abs(omega_m_ref)) off_speed_s += drive.T_s();
+    if (!loop.estimate().x_hat.allFinite() || !std::isfinite(omega_m)) figures.locked = false;
+    figures.P44_min = std::min(figures.P44_min, loop.gain().P(3, 3));
+    figures.P44_max = std::max(figures.P44_max, loop.gain().P(3, 3));
+  }
+  figures.speed_end = loop.truth().omega_m;
+  figures.angle_error_rms = std::sqrt(square_sum / static_cast<double>(count));
+  figures.speed_mean = speed_sum / static_cast<double>(count);
+  if (!(figures.angle_error_max <= kPi / 2) || !(off_speed_s < 0.020)) figures.locked = false;
+  return figures;
+}
+
+inline Figures run(const std::string& preset, const Overrides& overrides = {}) {
+  ClosedLoop loop(load(preset, overrides));
+  return run(loop);
+}
+
+}  // namespace twinrate::test

@@ -1,0 +1,143 @@
+#include <gtest/gtest.h>
+
+#include <array>
+
+#include "model/effects/effect.hpp"
+#include "model/random.hpp"
+#include "tests/support/field_setter.hpp"
+
+namespace twinrate {
+namespace {
+
+std::shared_ptr<Effect> cogging(int order, double amplitude, double phase) {
+  const auto effect = make_effect("cogging");
+  test::FieldSetter set({{"order", order}, {"amplitude_Nm", amplitude}, {"phase_rad", phase}});
+  effect->fields(set);
+  return effect;
+}
+
+std::shared_ptr<Effect> coulomb(double torque, double smooth) {
+  const auto effect = make_effect("coulomb_friction");
+  test::FieldSetter set({{"torque_Nm", torque}, {"smooth_rad_s", smooth}});
+  effect->fields(set);
+  return effect;
+}
+
+OperatingPoint random_point(std::uint64_t index) {
+  return {.t = uniform(1, 0, index),
+          .i_dq = Vec2(normal(1, 1, index), normal(1, 2, index)),
+          .omega_m = 0.05 * normal(1, 3, index),  // where the smoothed sign is not just +-1
+          .theta_m = 100 * normal(1, 4, index)};
+}
+
+// What every effect of the registry owes, whatever it is.
+class EveryEffect : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
+  const auto effect = make_effect(GetParam());
+  test::FieldSetter set({{"order", 7},
+                         {"amplitude_Nm", 0.3},
+                         {"phase_rad", 1.1},
+                         {"torque_Nm", 0.2},
+                         {"smooth_rad_s", 0.05}});
+  effect->fields(set);
+  const auto count = static_cast<std::size_t>(effect->regressor_count());
+  ASSERT_GT(count, 0u);
+  std::vector<double> coefficients(count);
+  effect->coefficients(coefficients);
+  for (std::uint64_t i = 0; i < 500; ++i) {
+    const OperatingPoint point = random_point(i);
+    std::vector<Contribution> columns(count);
+    effect->regressors(point, columns);
+    Contribution sum;
+    for (std::size_t c = 0; c < count; ++c) {
+      sum.T_load += coefficients[c] * columns[c].T_load;
+      sum.u_dq_drop += coefficients[c] * columns[c].u_dq_drop;
+    }
+    EXPECT_NEAR(effect->at(point).T_load, sum.T_load, 1e-12);
+    EXPECT_NEAR((effect->at(point).u_dq_drop - sum.u_dq_drop).norm(), 0, 1e-12);
+  }
+}
+
+TEST_P(EveryEffect, DeclaresItsFieldsAndItsNeeds) {
+  const auto effect = make_effect(GetParam());
+  EXPECT_EQ(effect->kind(), GetParam());
+  EXPECT_FALSE(effect->meaning().empty());
+  EXPECT_FALSE(effect->signals_needed().empty());
+  test::FieldSetter look;
+  effect->fields(look);
+  EXPECT_FALSE(look.required().empty()) << "an effect without a size says nothing";
+  EXPECT_TRUE(look.in_range()) << "a default lies outside its own range";
+}
+
+TEST_P(EveryEffect, ACloneIsItsOwnObjectWithTheSameValues) {
+  const auto effect = make_effect(GetParam());
+  test::FieldSetter set({{"order", 3}, {"amplitude_Nm", 0.5}, {"torque_Nm", 0.5}});
+  effect->fields(set);
+  const auto copy = effect->clone();
+  const OperatingPoint point{.omega_m = 1, .theta_m = 0.3};
+  EXPECT_EQ(copy->at(point).T_load, effect->at(point).T_load);
+  test::FieldSetter silence({{"amplitude_Nm", 0}, {"torque_Nm", 0}});
+  copy->fields(silence);
+  EXPECT_EQ(copy->at(point).T_load, 0);
+  EXPECT_NE(effect->at(point).T_load, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Registry, EveryEffect, testing::ValuesIn(effect_kinds()),
+                         [](const auto& i) { return i.param; });
+
+TEST(EffectRegistry, AnUnknownKindIsNull) {
+  EXPECT_EQ(make_effect("perpetuum_mobile"), nullptr);
+}
+
+TEST(Cogging, OpposesPositiveMotionWithAmplitudeSinOrderThetaPlusPhase) {
+  // contracts.md: torques add to T_load, cogging +amplitude sin(order theta_m + phase).
+  const auto effect = cogging(6, 0.02, 0.4);
+  EXPECT_NEAR(effect->at({.theta_m = 0}).T_load, 0.02 * std::sin(0.4), 1e-15);
+  EXPECT_NEAR(effect->at({.theta_m = (kPi / 2 - 0.4) / 6}).T_load, 0.02, 1e-15);
+  EXPECT_NEAR(effect->at({.theta_m = (-kPi / 2 - 0.4) / 6}).T_load, -0.02, 1e-15);
+  EXPECT_EQ(effect->at({.theta_m = 1}).u_dq_drop, Vec2(0, 0));
+}
+
+TEST(Cogging, HasNoMeanOverATurnAndTheRmsOfASine) {
+  const auto effect = cogging(72, 0.0051, 1.2);
+  constexpr int kPoints = 7200;
+  double sum = 0, square_sum = 0;
+  for (int i = 0; i < kPoints; ++i) {
+    const double T = effect->at({.theta_m = i * kTwoPi / kPoints}).T_load;
+    sum += T;
+    square_sum += T * T;
+  }
+  EXPECT_NEAR(sum / kPoints, 0, 1e-12);
+  EXPECT_NEAR(std::sqrt(square_sum / kPoints), 0.0051 / std::sqrt(2.0), 1e-9);
+}
+
+TEST(Cogging, RepeatsOrderTimesATurn) {
+  const auto effect = cogging(18, 0.05, 2);
+  for (double theta_m : {0.0, 0.1, 3.0})
+    EXPECT_NEAR(effect->at({.theta_m = theta_m}).T_load,
+                effect->at({.theta_m = theta_m + kTwoPi / 18}).T_load, 1e-13);
+}
+
+TEST(CoulombFriction, OpposesMotionInEitherDirection) {
+  const auto effect = coulomb(0.25, 0.02);
+  EXPECT_NEAR(effect->at({.omega_m = 5}).T_load, 0.25, 1e-12);
+  EXPECT_NEAR(effect->at({.omega_m = -5}).T_load, -0.25, 1e-12);
+  EXPECT_EQ(effect->at({.omega_m = 0}).T_load, 0);
+}
+
+TEST(CoulombFriction, IsWithinHalfAPercentOfTheSignAboveThreeTimesTheScale) {
+  const auto effect = coulomb(1, 0.02);
+  EXPECT_GT(effect->at({.omega_m = 0.06}).T_load, 0.995);
+  EXPECT_LT(effect->at({.omega_m = 0.02}).T_load, 0.80);  // and softer below it
+}
+
+TEST(SumAt, AddsUpAllEffects) {
+  const Effects effects{cogging(6, 0.02, 0), coulomb(0.25, 0.02)};
+  const OperatingPoint point{.omega_m = 9, .theta_m = kPi / 12};
+  EXPECT_NEAR(sum_at(effects, point).T_load, 0.27, 1e-12);
+  EXPECT_EQ(sum_at({}, point).T_load, 0);
+}
+
+}  // namespace
+}  // namespace twinrate

@@ -1,0 +1,38 @@
+// What most tests start from: a drive file with overrides, and the parts made from it.
+#pragma once
+#include <fmt/format.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "controller/make_controller.hpp"
+#include "core/config.hpp"
+#include "estimator/make_filter.hpp"
+
+namespace twinrate::test {
+
+using Overrides = std::vector<std::string>;
+
+// A preset, changed: load("dilys2021", {"rates.n=4"}).
+inline Config load(const std::string& preset, const Overrides& overrides = {}) {
+  return Config::load(preset, overrides);
+}
+
+inline DriveConfig drive_of(const std::string& preset, const Overrides& overrides = {}) {
+  return Config::load(preset, overrides).drive();
+}
+
+// Degrees are for people, and the reference table is in degrees.
+inline double degrees(double angle_rad) {
+  return angle_rad * 180 / kPi;
+}
+
+// True in builds with AddressSanitizer, which run about twenty times slower.
+#if defined(__SANITIZE_ADDRESS__)
+inline constexpr bool kSanitized = true;
+#else
+inline constexpr bool kSanitized = false;
+#endif
+
+}  // namespace twinrate::test
