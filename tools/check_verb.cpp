@@ -24,11 +24,13 @@ struct CheckOptions {
 
 double largest(const Profile& profile) {
   double amplitude = 0;
-  for (const ProfileStep& step : profile.steps()) amplitude = std::max(amplitude, std::abs(step.value));
+  for (const ProfileStep& step : profile.steps())
+    amplitude = std::max(amplitude, std::abs(step.value));
   return amplitude;
 }
 
-// What the drive is asked for, against what it has. All electrical speeds in rad/s, peak phase values.
+// What the drive is asked for, against what it has. All electrical speeds in rad/s, peak phase
+// values.
 struct Demand {
   double omega_e = 0, emf = 0, u_needed = 0, u_max = 0, T_load = 0, i_q = 0;
   std::optional<double> i_max;
@@ -54,7 +56,8 @@ Demand demand_of(Config& config) {
   demand.emf = demand.omega_e * m.psi_f;
   demand.T_load = largest(d.load.T_load_Nm);
   demand.i_q = (demand.T_load + m.B * demand.omega_e / m.n_p) / m.torque_constant();
-  demand.u_needed = std::hypot(demand.omega_e * m.L_q * demand.i_q, demand.emf + m.R_s * demand.i_q);
+  demand.u_needed =
+      std::hypot(demand.omega_e * m.L_q * demand.i_q, demand.emf + m.R_s * demand.i_q);
   demand.i_max = current_limit(config);
   return demand;
 }
@@ -63,27 +66,35 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
   const DriveConfig& d = config.drive();
   const MachineParameters& m = d.machine;
   std::vector<std::string> list;
-  const std::string speed_key = d.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s";
+  const std::string speed_key =
+      d.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s";
   const auto warn = [&](const std::string& key, const std::string& what) {
     list.push_back(fmt::format("{}: {}: {}", config.where(key), key, what));
   };
   if (demand.u_needed > demand.u_max)
-    warn(speed_key, fmt::format("needs {:.4g} V, v_dc allows {:.4g} V; without load that is at most {:.4g} rad/s electrical",
+    warn(speed_key, fmt::format("needs {:.4g} V, v_dc allows {:.4g} V; without load that is at "
+                                "most {:.4g} rad/s electrical",
                                 demand.u_needed, demand.u_max, demand.u_max / m.psi_f));
   if (demand.i_max && demand.i_q > *demand.i_max)
-    warn("load.T_load_Nm", fmt::format("needs i_q = {:.4g} A, i_max_A is {:.4g} A", demand.i_q, *demand.i_max));
+    warn("load.T_load_Nm",
+         fmt::format("needs i_q = {:.4g} A, i_max_A is {:.4g} A", demand.i_q, *demand.i_max));
   if (m.omega_m_rated > 0 && demand.omega_e > m.n_p * m.omega_m_rated)
-    warn(speed_key, fmt::format("above the rated speed, {:.4g} rad/s electrical", m.n_p * m.omega_m_rated));
+    warn(speed_key,
+         fmt::format("above the rated speed, {:.4g} rad/s electrical", m.n_p * m.omega_m_rated));
   const double samples = d.rates.f_s_Hz / (demand.omega_e / kTwoPi);
   if (samples < 10)
-    warn("rates.f_s_Hz", fmt::format("only {:.3g} samples an electrical turn at the reference speed", samples));
-  if (samples / d.rates.n < 7)
-    warn("rates.n", fmt::format("only {:.3g} gain updates an electrical turn at the reference speed; "
-                                "below about 7 a held gain loses the angle", samples / d.rates.n));
+    warn("rates.f_s_Hz",
+         fmt::format("only {:.3g} samples an electrical turn at the reference speed", samples));
+  if (d.estimator.kind == "ekf_sensorless" && samples / d.rates.n < 7)
+    warn("rates.n",
+         fmt::format("only {:.3g} gain updates an electrical turn at the reference speed; "
+                     "below about 7 a held gain loses the angle",
+                     samples / d.rates.n));
   const double decay = d.T_s() * m.R_s / std::min(m.L_d, m.L_q);
   if (d.estimator.prediction == 0 && decay > 1)
-    warn("estimator.prediction", fmt::format("Euler on currents: R_s/(L f_s) = {:.3g} {}, use exact or rk4", decay,
-                                             decay > 2 ? "is unstable" : "overshoots"));
+    warn("estimator.prediction",
+         fmt::format("Euler on currents: R_s/(L f_s) = {:.3g} {}, use exact or rk4", decay,
+                     decay > 2 ? "is unstable" : "overshoots"));
   return list;
 }
 
@@ -92,8 +103,10 @@ void print_summary(Config& config) {
   const MachineParameters& m = d.machine;
   const Demand demand = demand_of(config);
   fmt::print("{}\n", d.name.empty() ? "(no name)" : d.name);
-  fmt::print("  machine     {} pole pairs, R_s {} Ohm, L_d {:.4g} mH, L_q {:.4g} mH, psi_f {:.4g} mWb, J {:.4g} kgm2, K_t {:.4g} Nm/A\n",
-             m.n_p, m.R_s, 1e3 * m.L_d, 1e3 * m.L_q, 1e3 * m.psi_f, m.J, m.torque_constant());
+  fmt::print(
+      "  machine     {} pole pairs, R_s {} Ohm, L_d {:.4g} mH, L_q {:.4g} mH, psi_f {:.4g} mWb, J "
+      "{:.4g} kgm2, K_t {:.4g} Nm/A\n",
+      m.n_p, m.R_s, 1e3 * m.L_d, 1e3 * m.L_q, 1e3 * m.psi_f, m.J, m.torque_constant());
   fmt::print("  rates       f_s {} Hz, f_b {:.6g} Hz (n = {}), gain policy {}\n", d.rates.f_s_Hz,
              d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]);
   fmt::print("  estimator   {}\n  controller  {}, angle from {}, start {}\n", d.estimator.kind,
@@ -102,20 +115,24 @@ void print_summary(Config& config) {
   fmt::print("  limits      {} V bus: {:.4g} V a phase", d.inverter.v_dc, demand.u_max);
   if (demand.i_max)
     fmt::print("; {} A: {:.4g} Nm", *demand.i_max, *demand.i_max * m.torque_constant());
-  fmt::print("\n  reference   {:.5g} rad/s electrical ({:.5g} Hz, {:.5g} rpm), EMF {:.4g} V = {:.3g} % of the voltage limit\n",
-             demand.omega_e, demand.omega_e / kTwoPi, demand.omega_e / m.n_p * 60 / kTwoPi, demand.emf,
-             100 * demand.emf / demand.u_max);
+  fmt::print(
+      "\n  reference   {:.5g} rad/s electrical ({:.5g} Hz, {:.5g} rpm), EMF {:.4g} V = {:.3g} % of "
+      "the voltage limit\n",
+      demand.omega_e, demand.omega_e / kTwoPi, demand.omega_e / m.n_p * 60 / kTwoPi, demand.emf,
+      100 * demand.emf / demand.u_max);
   fmt::print("  load        {:.4g} Nm: i_q {:.4g} A\n", demand.T_load, demand.i_q);
-  fmt::print("  run         {} s = {} ticks, figures from {} s, seed {}\n", d.run.duration_s, d.steps(),
-             d.run.settle_s, d.run.seed);
+  fmt::print("  run         {} s = {} ticks, figures from {} s, seed {}\n", d.run.duration_s,
+             d.steps(), d.run.settle_s, d.run.seed);
   for (const auto& effect : d.effects) fmt::print("  effect      {}\n", effect->kind());
   const auto warnings = warnings_of(config, demand);
   for (const std::string& warning : warnings) fmt::print("warning: {}\n", warning);
-  fmt::print("{}\n", warnings.empty() ? "ok" : fmt::format("ok, {} warning{}", warnings.size(),
-                                                           warnings.size() == 1 ? "" : "s"));
+  fmt::print("{}\n", warnings.empty() ? "ok"
+                                      : fmt::format("ok, {} warning{}", warnings.size(),
+                                                    warnings.size() == 1 ? "" : "s"));
 }
 
-void print_rows(const std::string& title, const std::string& intro, const std::vector<KeyRow>& rows) {
+void print_rows(const std::string& title, const std::string& intro,
+                const std::vector<KeyRow>& rows) {
   fmt::print("\n## {}\n\n{}| key | allowed | default | meaning |\n|---|---|---|---|\n", title,
              intro.empty() ? "" : intro + "\n\n");
   for (const KeyRow& row : rows)
@@ -135,8 +152,11 @@ void print_kinds(const std::string& owner, const Kinds& kinds, MakeBuilder make_
 
 // The page docs/config-reference.md.
 void print_reference() {
-  fmt::print("# Every key of a drive file\n\nWritten by `twinrate check --reference`; do not edit. A key left out has "
-             "its default. Unknown keys are errors.\n`--set key.path=value` overrides one key on the command line.\n");
+  fmt::print(
+      "# Every key of a drive file\n\nWritten by `twinrate check --reference`; do not edit. A key "
+      "left out has "
+      "its default. Unknown keys are errors.\n`--set key.path=value` overrides one key on the "
+      "command line.\n");
   std::vector<KeyRow> section;
   const auto table_of = [](const KeyRow& row) {
     const auto dot = row.key.rfind('.');
@@ -155,15 +175,15 @@ void print_reference() {
   print_kinds("controller", controller_kinds(), controller_builder);
   for (const std::string& kind : effect_kinds()) {
     const auto effect = make_effect(kind);
-    print_rows(fmt::format("[[effect]] kind = \"{}\"", kind),
-               fmt::format("{}.", effect->meaning()),
+    print_rows(fmt::format("[[effect]] kind = \"{}\"", kind), fmt::format("{}.", effect->meaning()),
                describe_keys("effect", [&](FieldVisitor& f) { effect->fields(f); }));
   }
 }
 
 void check(const CheckOptions& options) {
   if (options.reference) return print_reference();
-  if (options.drive.empty()) throw BadInput("check: a drive file or the name of a preset is needed");
+  if (options.drive.empty())
+    throw BadInput("check: a drive file or the name of a preset is needed");
   Config config = load_drive(options.drive, options.overrides);
   if (options.resolved)
     std::cout << config.resolved();
@@ -180,7 +200,8 @@ void add_check_verb(CLI::App& app, int&) {
   verb->add_option("--set", options->overrides, "override: key.path=value")
       ->allow_extra_args(false)
       ->take_all();
-  verb->add_flag("--resolved", options->resolved, "print the whole config with every default, as TOML");
+  verb->add_flag("--resolved", options->resolved,
+                 "print the whole config with every default, as TOML");
   verb->add_flag("--reference", options->reference, "print the page of every key, as Markdown");
   verb->callback([options] { check(*options); });
 }

@@ -1,4 +1,5 @@
-// twinrate effects list [--json]: every effect known, its parameters with units and ranges, the signals it needs.
+// twinrate effects list [--json]: every effect known, its parameters with units and ranges, the
+// signals it needs.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -35,8 +36,8 @@ std::string acts_on(const Effect& effect) {
 
 json parameter_json(const FieldRow& row) {
   const NameAndUnit split = split_unit(row.key);
-  json parameter = {{"key", row.key},   {"name", split.name},         {"unit", split.unit},
-                    {"type", row.type}, {"required", row.required},   {"meaning", row.meaning}};
+  json parameter = {{"key", row.key},   {"name", split.name},       {"unit", split.unit},
+                    {"type", row.type}, {"required", row.required}, {"meaning", row.meaning}};
   if (row.lo != row.hi) parameter["range"] = {row.lo, row.hi};
   if (!row.choices.empty()) parameter["choices"] = row.choices;
   if (!row.required) parameter["default"] = row.value_text;
@@ -80,7 +81,8 @@ void print_text() {
 }  // namespace
 
 void add_effects_verb(CLI::App& app, int&) {
-  auto* effects = app.add_subcommand("effects", "Lists the effects a drive may have beyond its equations");
+  auto* effects =
+      app.add_subcommand("effects", "Lists the effects a drive may have beyond its equations");
   effects->require_subcommand(1);
   auto* list = effects->add_subcommand("list", "Kinds, parameters with units, signals needed");
   auto as_json = std::make_shared<bool>(false);
