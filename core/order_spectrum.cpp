@@ -21,7 +21,8 @@ struct Range {
   std::size_t first = 0, last = 0;
 };
 
-// Longest stretch, by angle, over which the rotor does not turn back. The extremes of the angle part the stretches.
+// Longest stretch, by angle, over which the rotor does not turn back. The extremes of the angle
+// part the stretches.
 Range longest_stretch(std::span<const double> theta) {
   Range best;
   double best_angle = -1;
@@ -47,7 +48,8 @@ Range longest_stretch(std::span<const double> theta) {
   return best;
 }
 
-// The angle each sample stands for, kept within bounds so that neither a gap nor a quantised angle upsets the fit.
+// The angle each sample stands for, kept within bounds so that neither a gap nor a quantised angle
+// upsets the fit.
 std::vector<double> weights(std::span<const double> theta) {
   const std::size_t count = theta.size();
   const double mean = std::abs(theta[count - 1] - theta[0]) / static_cast<double>(count - 1);
@@ -62,7 +64,7 @@ std::vector<double> weights(std::span<const double> theta) {
 // Coefficients c_{-N} .. c_N of sum c_M e^{jM theta} by least squares.
 Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, int N) {
   const std::vector<double> w = weights(theta);
-  std::vector<double> moment_re(2 * N + 1), moment_im(2 * N + 1);        // sum w e^{jm theta}
+  std::vector<double> moment_re(2 * N + 1), moment_im(2 * N + 1);          // sum w e^{jm theta}
   std::vector<double> projection_re(2 * N + 1), projection_im(2 * N + 1);  // sum w y e^{jm theta}
   for (std::size_t i = 0; i < theta.size(); ++i) {
     const double c = std::cos(theta[i]), s = std::sin(theta[i]);
@@ -99,7 +101,8 @@ double OrderSpectrum::rms(int N_max) const {
   return std::sqrt(sum);
 }
 
-OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal, int N_max) {
+OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal,
+                             int N_max) {
   assert(theta_m.size() == signal.size() && N_max >= 1);
   std::vector<double> theta, y;
   std::vector<std::size_t> index;
@@ -115,8 +118,10 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
   const double end = theta[stretch.last - 1];
   const auto covered = [&](std::size_t i) { return std::abs(end - theta[i]); };
   // Half a step of slack: m turns sampled at uniform angles span one step less than m turns.
-  const double mean_step = covered(stretch.first) / static_cast<double>(stretch.last - stretch.first - 1);
-  const int turns = static_cast<int>(std::floor((covered(stretch.first) + 1.5 * mean_step) / kTwoPi));
+  const double mean_step =
+      covered(stretch.first) / static_cast<double>(stretch.last - stretch.first - 1);
+  const int turns =
+      static_cast<int>(std::floor((covered(stretch.first) + 1.5 * mean_step) / kTwoPi));
   if (turns < 1) return spectrum;
   std::size_t first = stretch.first;
   while (covered(first) > kTwoPi * turns - mean_step / 2) ++first;
@@ -125,7 +130,8 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
   const int resolved = static_cast<int>(static_cast<double>(count) / turns / kSamplesPerPeriod);
   const int N = std::min(N_max, resolved);
   if (N < 1) return spectrum;
-  const Eigen::VectorXcd c = fit(std::span(theta).subspan(first, count), std::span(y).subspan(first, count), N);
+  const Eigen::VectorXcd c =
+      fit(std::span(theta).subspan(first, count), std::span(y).subspan(first, count), N);
   spectrum.turns = turns;
   spectrum.first = index[first];
   spectrum.last = index[stretch.last - 1] + 1;

@@ -1,15 +1,18 @@
-// Amplitude spectrum of a signal over mechanical orders (periods a turn of the rotor), not over time.
+// Amplitude spectrum of a signal over mechanical orders (periods a turn of the rotor), not over
+// time.
 //
 //   signal(theta_m) = mean + sum_N amplitude_N sin(N theta_m + phase_N),  N = 1 .. N_max
 //
-// fitted by least squares, each sample weighted with the angle it stands for. Unlike a Fourier transform over time
-// it does not smear where the speed varies, and unlike a sum over samples it does not leak where angles are jittered,
-// missing or quantised: a signal that is made of these orders comes back exactly. The sum over samples of
-// e^{j(N-M) theta} makes the normal equations Toeplitz, so their set-up costs O(samples N_max).
+// fitted by least squares, each sample weighted with the angle it stands for. Unlike a Fourier
+// transform over time it does not smear where the speed varies, and unlike a sum over samples it
+// does not leak where angles are jittered, missing or quantised: a signal that is made of these
+// orders comes back exactly. The sum over samples of e^{j(N-M) theta} makes the normal equations
+// Toeplitz, so their set-up costs O(samples N_max).
 //
-// Angles in rad, unwrapped, either direction, in order of time; amplitudes in the unit of the signal. Samples that are
-// not finite are left out. Of a signal that reverses, the longest stretch in one direction is used. Orders with fewer
-// than 2.2 samples a period cannot be told apart and are left out: amplitude may be shorter than N_max.
+// Angles in rad, unwrapped, either direction, in order of time; amplitudes in the unit of the
+// signal. Samples that are not finite are left out. Of a signal that reverses, the longest stretch
+// in one direction is used. Orders with fewer than 2.2 samples a period cannot be told apart and
+// are left out: amplitude may be shorter than N_max.
 #pragma once
 #include <cstddef>
 #include <span>
@@ -18,10 +21,10 @@
 namespace twinrate {
 
 struct OrderSpectrum {
-  int turns = 0;                   // whole turns used, the last ones; 0: less than one, and all below is empty
-  std::size_t first = 0, last = 0; // range [first, last) of the samples used
+  int turns = 0;  // whole turns used, the last ones; 0: less than one, and all below is empty
+  std::size_t first = 0, last = 0;  // range [first, last) of the samples used
   double mean = 0;
-  std::vector<double> amplitude;   // of order N at index N - 1
+  std::vector<double> amplitude;  // of order N at index N - 1
   std::vector<double> phase_rad;
 
   // Root mean square of orders 1 to `N_max` together.
@@ -29,6 +32,7 @@ struct OrderSpectrum {
 };
 
 // Requires equally many angles and values, N_max >= 1.
-OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal, int N_max);
+OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal,
+                             int N_max);
 
 }  // namespace twinrate

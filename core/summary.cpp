@@ -48,13 +48,6 @@ bool finite(const Truth& t) {
   return t.i_dq.allFinite() && std::isfinite(t.omega_m) && std::isfinite(t.theta_m);
 }
 
-// NaN where either angle is missing or not finite (wrap_pi would make 0 of it).
-double angle_error(const TickRow& row, AngleReference reference, int n_p) {
-  if (!row.estimate) return kNaN;
-  const double difference = row.estimate->theta_e - theta_e_reference(row, reference, n_p);
-  return std::isfinite(difference) ? wrap_pi(difference) : kNaN;
-}
-
 // Time spent away from a constant speed reference, tick by tick.
 class AwayTime {
  public:
@@ -67,7 +60,8 @@ class AwayTime {
   }
   void add(const TickRow& row, double omega_m) {
     const bool constant = known_ && row.t_s - changed_s_ >= kConstantFor_s - T_s_ / 2;
-    if (!constant || std::abs(omega_m - omega_m_ref_) <= kAwayShare * std::abs(omega_m_ref_)) return;
+    if (!constant || std::abs(omega_m - omega_m_ref_) <= kAwayShare * std::abs(omega_m_ref_))
+      return;
     if (omega_m_ref_ != 0 && !std::isnan(omega_m)) ++ticks_;
   }
   // Half a tick of slack: a time that is 20 ms up to rounding counts.
@@ -104,7 +98,8 @@ void set_lock(const Rows& rows, const DriveConfig& config, Summary& summary) {
   for (std::size_t i = 0; i < rows.all.size(); ++i) {
     const TickRow& row = rows.all[i];
     away.note_reference(row);
-    const bool broken = (row.estimate && !finite(*row.estimate)) || (row.truth && !finite(*row.truth));
+    const bool broken =
+        (row.estimate && !finite(*row.estimate)) || (row.truth && !finite(*row.truth));
     const double error = angle_error(row, summary.angle_reference, config.machine.n_p);
     const bool slipped = broken || std::abs(error) > kPi / 2;
     const bool run_mode = !row.measurement || row.measurement->mode == Mode::kRun;
@@ -126,7 +121,8 @@ void set_errors(const Rows& rows, const DriveConfig& config, Summary& summary) {
     if (!rows.in_window(row) || !row.estimate) continue;
     const double angle = angle_error(row, summary.angle_reference, config.machine.n_p);
     const double speed = row.estimate->omega_m - rows.omega_m[i];
-    if (std::isfinite(angle)) angle2 += angle * angle, angle_max = std::max(angle_max, std::abs(angle)), ++angles;
+    if (std::isfinite(angle))
+      angle2 += angle * angle, angle_max = std::max(angle_max, std::abs(angle)), ++angles;
     if (std::isfinite(speed)) speed2 += speed * speed, ++speeds;
   }
   if (angles > 0) {
@@ -171,9 +167,11 @@ void set_gains(const Rows& rows, const DriveConfig& config, Summary& summary) {
   }
 }
 
-// Distinct k of one channel against those its first and last promise; `stride`: ticks between two messages.
+// Distinct k of one channel against those its first and last promise; `stride`: ticks between two
+// messages.
 template <class Item>
-void count_lost(const std::vector<Item>& items, std::int64_t stride, Channel channel, Summary& summary) {
+void count_lost(const std::vector<Item>& items, std::int64_t stride, Channel channel,
+                Summary& summary) {
   if (items.empty()) return;
   std::int64_t distinct = 1;
   for (std::size_t i = 1; i < items.size(); ++i) distinct += items[i].k != items[i - 1].k;
@@ -187,7 +185,8 @@ AngleReference resolve(AngleReference wanted, const RunLog& log) {
   const bool truth = !log.truth.empty();
   const bool encoder = std::any_of(log.measurement.begin(), log.measurement.end(),
                                    [](const Measurement& m) { return m.signals & kPosition; });
-  if (truth && (wanted == AngleReference::kAuto || wanted == AngleReference::kTruth)) return AngleReference::kTruth;
+  if (truth && (wanted == AngleReference::kAuto || wanted == AngleReference::kTruth))
+    return AngleReference::kTruth;
   if (encoder && (wanted == AngleReference::kAuto || wanted == AngleReference::kEncoder))
     return AngleReference::kEncoder;
   return AngleReference::kNone;
@@ -195,18 +194,28 @@ AngleReference resolve(AngleReference wanted, const RunLog& log) {
 
 double theta_e_reference(const TickRow& row, AngleReference reference, int n_p) {
   if (reference == AngleReference::kTruth && row.truth) return n_p * row.truth->theta_m;
-  if (reference == AngleReference::kEncoder && row.measurement && (row.measurement->signals & kPosition))
+  if (reference == AngleReference::kEncoder && row.measurement &&
+      (row.measurement->signals & kPosition))
     return n_p * row.measurement->theta_m;
   return kNaN;
 }
 
-std::vector<TickError> tick_errors(const RunLog& log, const DriveConfig& config, AngleReference angle_reference) {
+// wrap_pi would make 0 of NaN.
+double angle_error(const TickRow& row, AngleReference reference, int n_p) {
+  if (!row.estimate) return kNaN;
+  const double difference = row.estimate->theta_e - theta_e_reference(row, reference, n_p);
+  return std::isfinite(difference) ? wrap_pi(difference) : kNaN;
+}
+
+std::vector<TickError> tick_errors(const RunLog& log, const DriveConfig& config,
+                                   AngleReference angle_reference) {
   const AngleReference reference = resolve(angle_reference, log);
   const Rows rows = rows_of(log, config);
   std::vector<TickError> errors;
   for (std::size_t i = 0; i < rows.all.size(); ++i) {
     const TickRow& row = rows.all[i];
-    if (!row.estimate || std::isnan(theta_e_reference(row, reference, config.machine.n_p))) continue;
+    if (!row.estimate || std::isnan(theta_e_reference(row, reference, config.machine.n_p)))
+      continue;
     errors.push_back({row.k, row.t_s, angle_error(row, reference, config.machine.n_p),
                       row.estimate->omega_m - rows.omega_m[i], rows.omega_m[i]});
   }
@@ -217,7 +226,8 @@ Summary summarise(const RunLog& log, const DriveConfig& config, AngleReference a
   Summary summary;
   summary.angle_reference = resolve(angle_reference, log);
   const Rows rows = rows_of(log, config);
-  summary.steps = static_cast<std::int64_t>(log.measurement.empty() ? rows.all.size() : log.measurement.size());
+  summary.steps =
+      static_cast<std::int64_t>(log.measurement.empty() ? rows.all.size() : log.measurement.size());
   summary.duration_s = static_cast<double>(summary.steps) * config.T_s();
   set_lock(rows, config, summary);
   set_errors(rows, config, summary);

@@ -40,8 +40,10 @@ std::string to_json(const Summary& summary, const DriveConfig& config) {
   json["late_gains"] = summary.late_gains;
   json["late_commands"] = summary.late_commands;
   json["wall_s"] = summary.wall_s;
-  json["steps_per_s"] = summary.wall_s > 0 ? Json(static_cast<double>(summary.steps) / summary.wall_s) : Json(nullptr);
-  return json.dump(2) + "\n";
+  json["steps_per_s"] = summary.wall_s > 0
+                            ? Json(static_cast<double>(summary.steps) / summary.wall_s)
+                            : Json(nullptr);
+  return json.dump(2);
 }
 
 void take_process_figures(const std::string& summary_json, Summary& summary) {

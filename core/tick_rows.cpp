@@ -42,7 +42,8 @@ std::vector<TickRow> tick_rows(const RunLog& log) {
   Cursor<Estimate> estimate{log.estimate};
   Cursor<Command> command{log.command};
   std::vector<TickRow> rows;
-  rows.reserve(std::max({log.measurement.size(), log.truth.size(), log.estimate.size(), log.command.size()}));
+  rows.reserve(std::max(
+      {log.measurement.size(), log.truth.size(), log.estimate.size(), log.command.size()}));
   while (true) {
     TickRow row;
     row.k = std::min({measurement.next_k(), truth.next_k(), estimate.next_k(), command.next_k()});
@@ -56,7 +57,8 @@ std::vector<TickRow> tick_rows(const RunLog& log) {
     take_time(row, row.truth);
     take_time(row, row.measurement);
     if (row.estimate && row.estimate->gain_seq >= 0) {
-      const bool same = !rows.empty() && rows.back().gain && rows.back().gain->k == row.estimate->gain_seq;
+      const bool same =
+          !rows.empty() && rows.back().gain && rows.back().gain->k == row.estimate->gain_seq;
       row.gain = same ? rows.back().gain : gain_of(log.gain, row.estimate->gain_seq);
     }
     rows.push_back(row);

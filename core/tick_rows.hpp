@@ -1,7 +1,7 @@
 // A RunLog read across its channels: one row a tick, with what each of them says at t_k.
 //
-// Pointers are into the log and live as long as it does; null where the log has nothing at that tick. A tick that a
-// log holds twice counts once.
+// Pointers are into the log and live as long as it does; null where the log has nothing at that
+// tick. A tick that a log holds twice counts once.
 #pragma once
 #include <vector>
 

@@ -1,0 +1,55 @@
+// The parts of a page, as JSON for report.js. A section is {heading, note, columns, figures}.
+#pragma once
+#include <vector>
+
+#include "tools/report/figure.hpp"
+#include "tools/report/report.hpp"
+
+namespace twinrate::report {
+
+// A run with its log read across, as every part wants it.
+struct RunView {
+  const ReportRun& run;
+  AngleReference reference;
+  std::vector<TickRow> rows;
+
+  RunView(const ReportRun& r, AngleReference wanted)
+      : run(r), reference(resolve(wanted, r.log)), rows(tick_rows(r.log)) {}
+  int n_p() const { return run.config.machine.n_p; }
+  bool lost() const { return run.summary.locked && !*run.summary.locked; }
+  bool has_P44() const { return run.config.estimator.kind == "ekf_sensorless"; }
+  // "the true" or "the measured", of the angle errors are taken from.
+  std::string reference_word() const {
+    return reference == AngleReference::kEncoder ? "measured" : "true";
+  }
+  double begin_s() const { return rows.empty() ? 0 : rows.front().t_s; }
+  double end_s() const { return rows.empty() ? 0 : rows.back().t_s; }
+  double settled_s() const { return begin_s() + run.config.run.settle_s; }
+  // True speed, or the estimate where there is no truth; NaN where there is neither.
+  double omega_m(const TickRow& row) const;
+  // Rows of [from_s, to_s].
+  std::vector<TickRow> between(double from_s, double to_s) const;
+  // About four electrical turns at the end of the run.
+  std::vector<TickRow> short_window() const;
+};
+
+// words.cpp
+std::string frequency(double f_Hz);
+std::string degrees(const std::optional<double>& angle_rad);  // "2.51", or "-" where empty
+std::string rates(const DriveConfig& config);                 // f_s, f_b, n, policy
+Json verdict(const RunView& view);                            // {state, headline, text}
+Json summary_table(const RunView& view);                      // [[quantity, value], ..]
+Json event_table(const RunLog& log);                          // [[t, process, reason, text], ..]
+
+// run_page.cpp: the sections of one run. loss.cpp: the one about losing synchronism.
+Json run_sections(const RunView& view);
+Json loss_section(const RunView& view);
+Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows);
+Figure error_figure(const RunView& view, const std::vector<TickRow>& rows);
+Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows);
+
+// comparison.cpp: {table, sections} of several runs.
+Json comparison_table(const std::vector<RunView>& views);
+Json comparison_sections(const std::vector<RunView>& views);
+
+}  // namespace twinrate::report

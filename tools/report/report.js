@@ -1,0 +1,208 @@
+// Draws the page of `twinrate report` from the JSON in #content (tools/report/parts.hpp says what it holds).
+'use strict';
+
+const STROKES = {
+  true: { stroke: '#b4bcc4', width: 3.5 },
+  hat: { stroke: '#0b5cab', width: 1.3 },
+  ref: { stroke: '#1c2126', width: 1.2, dash: [6, 4] },
+  true2: { stroke: '#f0c9a4', width: 3.5 },
+  hat2: { stroke: '#c2500a', width: 1.3 },
+  ref2: { stroke: '#7a3d12', width: 1.2, dash: [2, 3] },
+  lost: { stroke: '#b3261e', width: 1.1 },
+  run0: { stroke: '#0b5cab', width: 1.5 },
+  run1: { stroke: '#c2500a', width: 1.5 },
+  run2: { stroke: '#1d7a46', width: 1.5 },
+  run3: { stroke: '#7b3fa0', width: 1.5 },
+};
+const GRID = { stroke: '#eceff2', width: 1 };
+const FONT = '12px system-ui, "Segoe UI", "DejaVu Sans", sans-serif';
+const LABELLED_BARS = 8;
+const charts = [];
+
+function element(tag, properties = {}, children = []) {
+  const node = Object.assign(document.createElement(tag), properties);
+  node.append(...children);
+  return node;
+}
+
+function shown(value) {
+  return value == null ? '-' : String(Number(value.toPrecision(4)));
+}
+
+function axis(label, size) {
+  return { label, labelFont: FONT, font: FONT, grid: GRID, ticks: GRID, stroke: '#3c454d', labelSize: 20, size };
+}
+
+// Zoom of one figure of a group is the zoom of all of them.
+function shareZoom(group) {
+  let passing = false;
+  return (chart, scale) => {
+    if (scale !== 'x' || !group || passing) return;
+    passing = true;
+    const { min, max } = chart.scales.x;
+    for (const other of charts) {
+      if (other.group === group && other.chart !== chart) other.chart.setScale('x', { min, max });
+    }
+    passing = false;
+  };
+}
+
+function drawMark(mark) {
+  return (chart) => {
+    const { ctx, bbox } = chart;
+    const x = chart.valToPos(mark.x, 'x', true);
+    if (x < bbox.left || x > bbox.left + bbox.width) return;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = '#b3261e';
+    ctx.lineWidth = devicePixelRatio;
+    ctx.setLineDash([4 * devicePixelRatio, 3 * devicePixelRatio]);
+    ctx.beginPath();
+    ctx.moveTo(x, bbox.top);
+    ctx.lineTo(x, bbox.top + bbox.height);
+    ctx.stroke();
+    ctx.font = `${12 * devicePixelRatio}px sans-serif`;
+    ctx.textAlign = 'left';
+    ctx.fillText(mark.text, x + 4 * devicePixelRatio, bbox.top + 13 * devicePixelRatio);
+    ctx.restore();
+  };
+}
+
+function labelBars(figure) {
+  const amplitude = figure.series[0].values;
+  const largest = Math.max(...amplitude);
+  const top = amplitude.map((value, i) => i).filter((i) => amplitude[i] > 0.04 * largest)
+    .sort((a, b) => amplitude[b] - amplitude[a]).slice(0, LABELLED_BARS);
+  return (chart) => {
+    const { ctx } = chart;
+    ctx.save();
+    ctx.font = `${12 * devicePixelRatio}px sans-serif`;
+    ctx.fillStyle = '#1c2126';
+    ctx.textAlign = 'center';
+    for (const i of top) {
+      const x = chart.valToPos(figure.x[i], 'x', true), y = chart.valToPos(amplitude[i], 'y', true);
+      ctx.fillText(figure.x[i], x, y - 5 * devicePixelRatio);
+    }
+    ctx.restore();
+  };
+}
+
+function seriesOptions(figure, curve) {
+  const options = { label: curve.name, points: { show: false }, value: (chart, v) => shown(v),
+                    ...(STROKES[curve.role] || STROKES.hat) };
+  if (figure.bars) {
+    return { ...options, width: 0, fill: options.stroke, paths: uPlot.paths.bars({ size: [0.6, 40, 1] }) };
+  }
+  if (curve.stepped) options.paths = uPlot.paths.stepped({ align: 1 });
+  options.spanGaps = figure.group === 'overlay';
+  return options;
+}
+
+function yRange(figure) {
+  if (figure.y_range) return figure.y_range;
+  if (figure.bars) return (chart, min, max) => [0, max > 0 ? 1.15 * max : 1];
+  return (chart, min, max) => {
+    if (min == null) return [0, 1];
+    const margin = Math.max(0.06 * (max - min), 1e-9 + 0.01 * Math.max(Math.abs(min), Math.abs(max)));
+    return [min - margin, max + margin];
+  };
+}
+
+function draw(figure, box) {
+  const hooks = { setScale: [shareZoom(figure.group)], draw: [] };
+  if (figure.mark) hooks.draw.push(drawMark(figure.mark));
+  if (figure.bars) hooks.draw.push(labelBars(figure));
+  const x = figure.bars ? { time: false, range: (chart, min, max) => [min - 0.7, max + 0.7] } : { time: false };
+  const degrees = figure.y_range && figure.y_range[1] - figure.y_range[0] === 360;
+  const chart = new uPlot({
+    width: box.clientWidth,
+    height: box.dataset.height * 1,
+    scales: { x, y: { range: yRange(figure) } },
+    axes: [axis(figure.x_label, 34),
+           { ...axis(figure.y_label, 58), ...(degrees ? { incrs: [30, 45, 90, 180] } : {}) }],
+    series: [{ label: figure.x_label, value: (u, v) => (v == null ? '-' : String(Number(v.toPrecision(6)))) },
+             ...figure.series.map((curve) => seriesOptions(figure, curve))],
+    cursor: { drag: { x: true, y: false }, points: { size: 6 },
+              sync: figure.group ? { key: figure.group, setSeries: false } : undefined },
+    hooks,
+  }, [figure.x, ...figure.series.map((curve) => curve.values)], box);
+  charts.push({ chart, box, group: figure.group });
+}
+
+function figureNode(figure, height) {
+  const box = element('div', { className: 'chart' });
+  box.dataset.height = height;
+  const node = element('figure', {}, [element('h3', { textContent: figure.title }), box]);
+  if (figure.note) node.append(element('figcaption', { textContent: figure.note }));
+  return { node, draw: () => draw(figure, box) };
+}
+
+function sectionNode(section) {
+  const height = section.columns === 3 ? 190 : 230;
+  const figures = section.figures.map((figure) => figureNode(figure, height));
+  const node = element('section', {}, [
+    element('h2', { textContent: section.heading }),
+    element('p', { className: 'note', textContent: section.note }),
+    element('div', { className: `figures columns-${section.columns}` }, figures.map((f) => f.node)),
+  ]);
+  return { node, draw: () => figures.forEach((f) => f.draw()) };
+}
+
+function tableNode(head, rows) {
+  const cell = (text) => {
+    const verdict = /^(locked|lost)\b/.exec(text);
+    return element('td', { textContent: text, className: verdict ? verdict[1] : '' });
+  };
+  return element('div', { className: 'table' }, [element('table', {}, [
+    element('thead', {}, [element('tr', {}, head.map((text) => element('th', { textContent: text })))]),
+    element('tbody', {}, rows.map((row) => element('tr', {}, row.map(cell)))),
+  ])]);
+}
+
+function verdictNode(verdict) {
+  return element('div', { className: `verdict ${verdict.state}` },
+    [element('strong', { textContent: verdict.headline }), verdict.text]);
+}
+
+function summaryNode(rows) {
+  return element('dl', { className: 'summary' }, rows.map(([quantity, value]) => element('div', {},
+    [element('dt', { textContent: quantity }), element('dd', { textContent: value })])));
+}
+
+function eventNodes(events) {
+  const body = events.length
+    ? tableNode(['t, s', 'process', 'reason', 'text'], events)
+    : element('p', { className: 'empty', textContent: 'None.' });
+  return [element('h2', { textContent: 'Events' }), body];
+}
+
+function configNode(config) {
+  return element('details', {}, [element('summary', { textContent: 'Resolved config' }),
+                                 element('pre', { textContent: config })]);
+}
+
+function fit() {
+  for (const { chart, box } of charts) {
+    if (box.clientWidth > 0 && box.clientWidth !== chart.width) {
+      chart.setSize({ width: box.clientWidth, height: chart.height });
+    }
+  }
+}
+
+function build(content) {
+  const page = document.getElementById('page');
+  const revision = content.revision ? ` - twinrate ${content.revision}` : '';
+  page.replaceChildren(element('h1', { textContent: content.title }),
+    element('p', { className: 'subtitle', textContent: content.subtitle + revision }));
+  if (content.verdict) page.append(verdictNode(content.verdict));
+  if (content.summary) page.append(summaryNode(content.summary));
+  if (content.comparison) page.append(tableNode(content.comparison.head, content.comparison.rows));
+  const sections = content.sections.map(sectionNode);
+  page.append(...sections.map((section) => section.node));
+  if (content.events) page.append(...eventNodes(content.events));
+  if (content.config) page.append(configNode(content.config));
+  sections.forEach((section) => section.draw());
+  addEventListener('resize', fit);
+  addEventListener('beforeprint', fit);
+}
+
+build(JSON.parse(document.getElementById('content').textContent));

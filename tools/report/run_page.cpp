@@ -1,0 +1,231 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/order_spectrum.hpp"
+#include "tools/report/parts.hpp"
+
+namespace twinrate::report {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kTurnsShown = 4;
+constexpr int kOrders = 200;
+constexpr std::size_t kMostSamples = 400000;  // the fit is O(samples orders)
+
+// True rotor-frame currents, or the measured ones turned by the reference angle.
+Quantity current(const RunView& view, int axis) {
+  const AngleReference reference = view.reference;
+  const int n_p = view.n_p();
+  return [=](const TickRow& row) {
+    if (row.truth) return row.truth->i_dq[axis];
+    const double theta_e = theta_e_reference(row, reference, n_p);
+    const Measurement* m = row.measurement;
+    if (!m || std::isnan(theta_e) || !(m->signals & kPhaseCurrents)) return kNaN;
+    if (axis == 0 && (m->signals & kQCurrentOnly)) return kNaN;
+    return park(clarke(m->i_abc), theta_e)[axis];
+  };
+}
+
+Figure current_figure(const RunView& view) {
+  Figure figure{
+      .title = "Currents", .x_label = "t (s)", .y_label = "current (A)", .x = times_of(view.rows)};
+  figure.group = "run";
+  const std::string suffix = view.run.log.truth.empty() ? " measured" : "";
+  const char* names[] = {"i_d", "i_q"};
+  for (const int axis : {1, 0}) {
+    const std::string name = names[axis], set = axis == 1 ? "" : "2";
+    figure.add({name + suffix, "true" + set, values_of(view.rows, current(view, axis))});
+    figure.add({name + "_hat", "hat" + set, values_of(view.rows, [=](const TickRow& row) {
+                  return row.estimate ? row.estimate->i_dq[axis] : kNaN;
+                })});
+    figure.add({name + "_ref", "ref" + set, values_of(view.rows, [=](const TickRow& row) {
+                  return row.command ? row.command->i_dq_ref[axis] : kNaN;
+                })});
+  }
+  return figure;
+}
+
+Figure P44_figure(const std::vector<TickRow>& rows) {
+  Figure figure{
+      .title = "Angle variance", .x_label = "t (s)", .y_label = "P44 (rad2)", .x = times_of(rows)};
+  figure.add({"P44", "hat", values_of(rows, quantity::P44), true});
+  return figure;
+}
+
+Figure gain_figure(const std::vector<TickRow>& rows) {
+  Figure figure{.title = "Gains on the angle",
+                .x_label = "t (s)",
+                .y_label = "K (rad/A)",
+                .x = times_of(rows)};
+  figure.add({"K41", "hat", values_of(rows, quantity::K41), true});
+  figure.add({"K42", "hat2", values_of(rows, quantity::K42), true});
+  return figure;
+}
+
+void push(Json& figures, Figure figure, const std::string& group, const std::string& letter = "") {
+  if (figure.empty()) return;
+  figure.group = group;
+  if (!letter.empty()) figure.title = "(" + letter + ") " + figure.title;
+  figures.push_back(to_json(figure));
+}
+
+Json whole_run_section(const RunView& view) {
+  Json figures = Json::array();
+  push(figures, speed_figure(view, view.rows), "run");
+  push(figures, error_figure(view, view.rows), "run");
+  push(figures, current_figure(view), "run");
+  if (view.has_P44()) {
+    push(figures, P44_figure(view.rows), "run");
+    push(figures, gain_figure(view.rows), "run");
+  }
+  return {{"heading", "Whole run"},
+          {"note", "Drag to zoom all of them, double-click to come back."},
+          {"columns", 1},
+          {"figures", figures}};
+}
+
+Json window_section(const RunView& view) {
+  const std::vector<TickRow> rows = view.short_window();
+  Json figures = Json::array();
+  push(figures, angles_figure(view, rows), "window", "a");
+  push(figures, error_figure(view, rows), "window", "b");
+  if (view.has_P44()) {
+    push(figures, P44_figure(rows), "window", "c");
+    push(figures, gain_figure(rows), "window", "d");
+  }
+  return {{"heading", fmt::format("The last turns at {}", rates(view.run.config))},
+          {"note", "About four electrical turns, every tick; gains as the fast loop held them."},
+          {"columns", 2},
+          {"figures", figures}};
+}
+
+double position(const RunView& view, const TickRow& row) {
+  return theta_e_reference(row, view.reference, view.n_p()) / view.n_p();
+}
+
+// Orders of the load-torque estimate over the settled whole turns.
+Figure spectrum_figure(const RunView& view) {
+  std::vector<double> theta_m, T_load;
+  for (const TickRow& row : view.rows) {
+    if (row.t_s < view.settled_s()) continue;
+    theta_m.push_back(position(view, row));
+    T_load.push_back(quantity::T_load_hat(row));
+  }
+  const std::size_t skip = theta_m.size() > kMostSamples ? theta_m.size() - kMostSamples : 0;
+  const OrderSpectrum spectrum =
+      order_spectrum(std::span(theta_m).subspan(skip), std::span(T_load).subspan(skip), kOrders);
+  Figure figure{.title = "Orders of the load-torque estimate",
+                .x_label = "order (periods a turn)",
+                .y_label = "amplitude (Nm)"};
+  figure.bars = true;
+  if (spectrum.turns == 0) return figure;
+  const double largest = *std::max_element(spectrum.amplitude.begin(), spectrum.amplitude.end());
+  std::size_t shown = std::min<std::size_t>(24, spectrum.amplitude.size());
+  for (std::size_t i = shown; i < spectrum.amplitude.size(); ++i)
+    if (spectrum.amplitude[i] > 0.05 * largest) shown = std::min(spectrum.amplitude.size(), i + 4);
+  for (std::size_t i = 0; i < shown; ++i) figure.x.push_back(static_cast<double>(i + 1));
+  figure.add(
+      {"T_load_hat", "hat", {spectrum.amplitude.begin(), spectrum.amplitude.begin() + shown}});
+  figure.note = fmt::format(
+      "Over {} whole turns after settle_s; mean {:.4g} Nm, orders 1 to {} together {:.3g} Nm rms.",
+      spectrum.turns, spectrum.mean, spectrum.amplitude.size(), spectrum.rms(kOrders));
+  return figure;
+}
+
+Json torque_section(const RunView& view) {
+  Json figures = Json::array();
+  const std::vector<double> T_load_hat = values_of(view.rows, quantity::T_load_hat);
+  const bool estimated = std::any_of(T_load_hat.begin(), T_load_hat.end(), [](double T_load) {
+    return std::isfinite(T_load) && T_load != 0;
+  });
+  if (estimated) {
+    Figure figure{.title = "Load torque",
+                  .x_label = "t (s)",
+                  .y_label = "T_load (Nm)",
+                  .x = times_of(view.rows)};
+    figure.add({"T_load", "true", values_of(view.rows, quantity::T_load_true)});
+    figure.add({"T_load_hat", "hat", T_load_hat});
+    push(figures, figure, "run");
+    push(figures, spectrum_figure(view), "orders");
+  }
+  return {
+      {"heading", "Load torque"},
+      {"note", "T_load opposes positive speed; in the estimate it holds friction and cogging too."},
+      {"columns", 1},
+      {"figures", figures}};
+}
+
+}  // namespace
+
+double RunView::omega_m(const TickRow& row) const {
+  return row.truth ? row.truth->omega_m : quantity::omega_m_hat(row);
+}
+
+std::vector<TickRow> RunView::between(double from_s, double to_s) const {
+  std::vector<TickRow> part;
+  std::copy_if(rows.begin(), rows.end(), std::back_inserter(part),
+               [=](const TickRow& row) { return row.t_s >= from_s && row.t_s <= to_s; });
+  return part;
+}
+
+std::vector<TickRow> RunView::short_window() const {
+  const double T_s = run.config.T_s();
+  const std::size_t tail = std::min<std::size_t>(rows.size(), 50);
+  double sum = 0;
+  int count = 0;
+  for (std::size_t i = rows.size() - tail; i < rows.size(); ++i) {
+    const double speed = std::abs(omega_m(rows[i]));
+    if (std::isfinite(speed)) sum += speed, ++count;
+  }
+  const double omega_e = count > 0 ? n_p() * sum / count : 0;
+  const double turns_s = omega_e > 0 ? kTurnsShown * kTwoPi / omega_e : 0.1;
+  const double longest_s = std::max(end_s() - std::min(settled_s(), end_s() - 0.1), 20 * T_s);
+  return between(end_s() - std::clamp(turns_s, 20 * T_s, longest_s), end_s());
+}
+
+Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows) {
+  const std::string word = view.reference_word();
+  Figure figure{.title = "Rotor position, " + word + " and estimated",
+                .x_label = "t (s)",
+                .y_label = "electrical angle (deg)",
+                .x = times_of(rows)};
+  figure.add({"theta_e " + word, "true",
+              values_of(rows, quantity::theta_e_deg(view.reference, view.n_p()))});
+  figure.add({"theta_e_hat", "hat", values_of(rows, quantity::theta_e_hat_deg)});
+  figure.y_range = {{0, 360}};
+  return figure;
+}
+
+Figure error_figure(const RunView& view, const std::vector<TickRow>& rows) {
+  Figure figure{.title = "Angle error theta_e_hat - theta_e",
+                .x_label = "t (s)",
+                .y_label = "angle error (deg)",
+                .x = times_of(rows)};
+  figure.add({"angle error", "hat",
+              values_of(rows, quantity::angle_error_deg(view.reference, view.n_p()))});
+  return figure;
+}
+
+Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows) {
+  Figure figure{
+      .title = "Speed", .x_label = "t (s)", .y_label = "omega_m (rad/s)", .x = times_of(rows)};
+  if (view.run.log.truth.empty())
+    figure.add({"omega_m measured", "true", values_of(rows, quantity::omega_m_measured)});
+  figure.add({"omega_m", "true", values_of(rows, quantity::omega_m_true)});
+  figure.add({"omega_m_hat", "hat", values_of(rows, quantity::omega_m_hat)});
+  figure.add({"omega_m_ref", "ref", values_of(rows, quantity::omega_m_ref)});
+  return figure;
+}
+
+Json run_sections(const RunView& view) {
+  Json sections = Json::array();
+  for (Json section : {view.lost() ? loss_section(view) : Json(), whole_run_section(view),
+                       view.lost() ? Json() : window_section(view), torque_section(view)})
+    if (section.is_object() && !section["figures"].empty()) sections.push_back(section);
+  return sections;
+}
+
+}  // namespace twinrate::report

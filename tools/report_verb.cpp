@@ -1,0 +1,105 @@
+// twinrate report RUN_DIR|LOG.. -> one HTML page
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "core/config.hpp"
+#include "tools/report/report.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ReportArguments {
+  std::vector<std::string> paths;
+  std::string out, title, config, angle_reference = "auto", channel_suffix;
+};
+
+struct LoadedRun {
+  RunLog log;
+  Config config;
+  Summary summary;
+};
+
+std::string text_of(const fs::path& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+// The config travels in the log; a foreign log may have it beside itself or be given one.
+Config config_of(const RunLog& log, const std::string& given) {
+  if (!given.empty()) return Config::load(given);
+  if (!log.config_toml.empty()) return Config::parse(log.config_toml, log.path + " (config)");
+  const fs::path beside = fs::path(log.path) / "config.toml";
+  if (fs::is_regular_file(beside)) return Config::load(beside.string());
+  throw BadInput(
+      fmt::format("{}: holds no config (DRIVE_MANIFEST); give one with --config", log.path));
+}
+
+AngleReference wanted_reference(const std::string& name) {
+  if (name == "truth") return AngleReference::kTruth;
+  return name == "encoder" ? AngleReference::kEncoder : AngleReference::kAuto;
+}
+
+LoadedRun load(const std::string& path, const ReportArguments& arguments) {
+  RunLog log = read_run_log(path, arguments.channel_suffix);
+  Config config = config_of(log, arguments.config);
+  const AngleReference wanted = wanted_reference(arguments.angle_reference);
+  if (wanted != AngleReference::kAuto && resolve(wanted, log) == AngleReference::kNone)
+    throw BadInput(fmt::format(
+        "{}: --angle-reference {}: the log has none; leave it out to take what there is", path,
+        arguments.angle_reference));
+  Summary summary = summarise(log, config.drive(), wanted);
+  take_process_figures(text_of(fs::path(path) / "summary.json"), summary);
+  return {std::move(log), std::move(config), std::move(summary)};
+}
+
+// RUN_DIR/report.html, or LOG.html beside a log file; a comparison goes to the current directory.
+std::string default_out(const std::vector<std::string>& paths) {
+  if (paths.size() > 1) return "comparison.html";
+  const fs::path path = paths.front();
+  return fs::is_directory(path) ? (path / "report.html").string()
+                                : fs::path(path).replace_extension(".html").string();
+}
+
+void report(const ReportArguments& arguments) {
+  std::vector<LoadedRun> loaded;
+  for (const std::string& path : arguments.paths) loaded.push_back(load(path, arguments));
+  std::vector<ReportRun> runs;
+  for (const LoadedRun& run : loaded) runs.push_back({run.log, run.config.drive(), run.summary});
+  const std::string out = arguments.out.empty() ? default_out(arguments.paths) : arguments.out;
+  try {
+    write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
+  } catch (const std::runtime_error& error) {
+    throw BadInput(error.what());
+  }
+  fmt::print("{}\n", out);
+}
+
+}  // namespace
+
+void add_report_verb(CLI::App& app, int&) {
+  auto arguments = std::make_shared<ReportArguments>();
+  CLI::App* verb = app.add_subcommand(
+      "report", "one self-contained HTML page of figures; several logs: a comparison");
+  verb->add_option("LOG", arguments->paths, "run directories or log files")->required();
+  verb->add_option("--out", arguments->out, "page to write; default RUN_DIR/report.html");
+  verb->add_option("--title", arguments->title, "heading; default the drive's name");
+  verb->add_option("--angle-reference", arguments->angle_reference,
+                   "angle that errors are taken from: the truth, or the measured position "
+                   "(default: truth where the "
+                   "log has it)")
+      ->check(CLI::IsMember({"auto", "truth", "encoder"}));
+  verb->add_option("--config", arguments->config,
+                   "drive file, for a log that does not hold its own");
+  verb->add_option("--channel-suffix", arguments->channel_suffix, "suffix of the drive's channels");
+  verb->callback([arguments] { report(*arguments); });
+}
+
+}  // namespace twinrate
