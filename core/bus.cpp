@@ -8,7 +8,9 @@
 #include <cstdlib>
 #include <random>
 #include <regex>
+#include <set>
 
+#include "core/channel_filter.hpp"
 #include "core/config.hpp"
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
@@ -38,11 +40,18 @@ std::string with_receive_buffer(const std::string& url) {
   return url + (url.find('?') == std::string::npos ? "?" : "&") + "recv_buf_size=4194304";
 }
 
+const std::regex kUdpmUrl(R"(^(udpm://[^:/?]+):(\d+)(.*)$)");
+
+// 0 for a URL of another kind.
+std::uint16_t port_of(const std::string& url) {
+  std::smatch parts;
+  return std::regex_match(url, parts, kUdpmUrl) ? static_cast<std::uint16_t>(std::stoi(parts[2].str())) : 0;
+}
+
 std::string with_port_offset(const std::string& url, int offset) {
-  static const std::regex form(R"(^(udpm://[^:/?]+):(\d+)(.*)$)");
   std::smatch parts;
   if (offset == 0) return url;
-  if (!std::regex_match(url, parts, form))
+  if (!std::regex_match(url, parts, kUdpmUrl))
     throw BadInput(fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT", url));
   return fmt::format("{}:{}{}", parts[1].str(), std::stoi(parts[2].str()) + offset, parts[3].str());
 }
@@ -78,8 +87,20 @@ struct Bus::Link {
     }
   };
   explicit Link(const std::string& url) : lcm(url) {}
+  // The socket appears with the first subscription.
+  void filter_by_channel(std::uint16_t port) {
+    if (socket < 0) {
+      for (int candidate : udp_sockets_on(port))
+        if (!before.count(candidate)) socket = candidate;
+    }
+    std::vector<std::string> names;
+    for (const auto& s : subscriptions) names.push_back(info(s->channel).name);
+    if (socket >= 0) filter_channels(socket, names);
+  }
   lcm::LCM lcm;
   std::vector<std::unique_ptr<Subscription>> subscriptions;
+  std::set<int> before;  // sockets on this port that belong to others
+  int socket = -1;
 };
 
 Bus::Bus(const BusOptions& options)
@@ -117,6 +138,8 @@ std::string Bus::name_of(Channel channel) const {
 void Bus::subscribe_raw(Channel channel, RawHandler handler) {
   lcm::LCM& instance = link(channel);
   Link& owner = *links_[options_.split_ports ? port_offset(channel) : 0];
+  const std::uint16_t port = port_of(with_port_offset(options_.url, options_.split_ports ? port_offset(channel) : 0));
+  if (owner.subscriptions.empty()) owner.before = udp_sockets_on(port);
   owner.subscriptions.push_back(
       std::make_unique<Link::Subscription>(Link::Subscription{this, channel, std::move(handler)}));
   lcm::Subscription* subscription =
@@ -125,6 +148,7 @@ void Bus::subscribe_raw(Channel channel, RawHandler handler) {
   if (!subscription || !instance.good() || instance.getFileno() < 0)
     throw MachineError("the LCM self-test failed; as root: " + multicast_mend());
   subscription->setQueueCapacity(0);  // unbounded: a full queue would drop the newest message
+  if (options_.filter && port != 0) owner.filter_by_channel(port);
 }
 
 void Bus::subscribe_all(RawHandler handler) {

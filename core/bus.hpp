@@ -27,6 +27,7 @@ struct BusOptions {
   bool follow = false;         // take a new session over when one starts
   double drop_rate = 0;        // share of datagrams thrown away on reception (testing)
   bool split_ports = false;    // one UDP port a channel
+  bool filter = true;          // unwanted channels do not wake this process (core/channel_filter)
   Role role = Role::kSupervisor;
   int gain_stride = 1;         // ticks between two GAIN messages, so that gaps can be counted
   std::size_t history = 2048;  // messages a channel kept for sending again

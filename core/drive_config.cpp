@@ -71,6 +71,7 @@ void BusParameters::fields(FieldVisitor& f) {
   f.number("drop_rate", drop_rate, 0, 0.5, "share of datagrams each receiver throws away on purpose (testing)");
   f.boolean("pin", pin, "pin plant, estimator, controller to one CPU and the rest to the others");
   f.boolean("split_ports", split_ports, "one UDP port a link instead of one for all");
+  f.boolean("filter", filter, "a filter in the kernel keeps unwanted channels from waking a process");
   f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6, "size at which the logger begins the next log file");
 }
 

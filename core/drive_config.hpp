@@ -88,6 +88,7 @@ struct BusParameters {
   double drop_rate = 0;
   bool pin = true;
   bool split_ports = false;
+  bool filter = true;
   double log_rotate_MB = 2000;
   void fields(FieldVisitor& f);
 };

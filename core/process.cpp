@@ -29,6 +29,7 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const D
           .follow = o.follow,
           .drop_rate = d.bus.drop_rate,
           .split_ports = d.bus.split_ports,
+          .filter = d.bus.filter,
           .role = info.role,
           .gain_stride = d.rates.n};
 }

@@ -47,7 +47,8 @@ Truth Plant::truth() const {
 
 void Plant::take_command(const Command& command) {
   if (command.k < 0) return;
-  commands_[static_cast<std::size_t>(command.k) % commands_.size()] = command;
+  Command& slot = commands_[static_cast<std::size_t>(command.k) % commands_.size()];
+  if (command.k > slot.k) slot = command;  // an old one may arrive again: it must not displace a newer one
 }
 
 bool Plant::apply_due_command() {

@@ -102,9 +102,9 @@ int conclude_run(const std::string& directory, const Config& config, const RunFa
   s.wall_s = facts.wall_s;
   s.repeats = facts.repeats;
   s.deadline_misses = facts.deadline_misses;
-  s.late_gains = facts.late_gains;
+  s.late_gains = std::max(s.late_gains, facts.late_gains);
   s.late_commands = facts.late_commands;
-  s.lost_messages = lost_messages(account);
+  for (const auto& [channel, count] : lost_messages(account)) s.lost_messages[channel] = count;
   write_text(dir / "summary.json", to_json(s, config.drive()) + "\n");
 
   Json manifest = Json::parse(log.manifest_json, nullptr, false);
@@ -115,7 +115,8 @@ int conclude_run(const std::string& directory, const Config& config, const RunFa
   write_text(dir / "manifest.json", manifest.dump(2) + "\n");
   fs::remove(dir / "logger.json");
 
-  write_report({log}, {.title = config.drive().name}, (dir / "report.html").string());
+  write_report({{log, config.drive(), s}}, {.title = config.drive().name},
+               (dir / "report.html").string());
   print_table(directory, config.drive(), s, facts);
   std::int64_t lost = 0;
   for (const auto& [channel, count] : s.lost_messages) lost += count;

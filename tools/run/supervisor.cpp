@@ -160,6 +160,7 @@ RunFacts Supervisor::run() {
                                           .channel_suffix = options_.channel_suffix,
                                           .session = session_,
                                           .split_ports = drive_.bus.split_ports,
+                                          .filter = drive_.bus.filter,
                                           .role = Role::kSupervisor});
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
   bus_->subscribe<event_t>([this](const event_t& e) {
