@@ -55,12 +55,15 @@ Vec2 Foc::closed_loop_reference(const ControllerInput& in, const Frame& frame) {
   return {i_d_ref, i_q_ref};
 }
 
+Vec2 Foc::feed_forward(const Vec2& i_dq, double omega_e) const {
+  if (!p_.decoupling) return Vec2::Zero();
+  return {-omega_e * machine_.L_q * i_dq[1], omega_e * (machine_.L_d * i_dq[0] + machine_.psi_f)};
+}
+
 Vec2 Foc::current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc) {
   const Vec2 error = i_dq_ref - i_dq;
-  Vec2 u(current_d_.output(error[0]), current_q_.output(error[1]));
-  if (p_.decoupling)
-    u += Vec2(-omega_e * machine_.L_q * i_dq[1],
-              omega_e * (machine_.L_d * i_dq[0] + machine_.psi_f));
+  const Vec2 u = Vec2(current_d_.output(error[0]), current_q_.output(error[1])) +
+                 feed_forward(i_dq, omega_e);
   const double u_max = v_dc * std::numbers::inv_sqrt3, amplitude = u.norm();
   const Vec2 u_limited = amplitude > u_max ? Vec2(u * (u_max / amplitude)) : u;
   current_d_.update(error[0], u[0], u_limited[0], T_s_);
@@ -94,11 +97,11 @@ Command Foc::step(const ControllerInput& in) {
   if (drive.mode != mode_before) event_ = mode_change(drive.mode);
   if (drive.handed_over) {
     // Bumpless: the same voltage and current vectors, seen from the estimated rotor frame.
-    const double shift = drive.theta_e - frame.theta_e;
-    const Vec2 integral = rotate({current_d_.integral(), current_q_.integral()}, shift);
+    const Vec2 i_dq = park(clarke(m.i_abc), frame.theta_e);
+    const Vec2 integral = rotate(u_dq_, drive.theta_e - frame.theta_e) -
+                          feed_forward(i_dq, machine_.n_p * frame.omega_m);
     current_d_.preset(integral[0]);
     current_q_.preset(integral[1]);
-    const Vec2 i_dq = park(clarke(m.i_abc), frame.theta_e);
     i_d_handover_ = i_dq[0] - in.reference.i_d_ref;
     omega_m_ref_ = frame.omega_m;
     speed_.preset(i_dq[1]);
@@ -131,6 +134,7 @@ Command Foc::step(const ControllerInput& in) {
     case Mode::kSafe:
       break;  // zero voltage: the motor brakes on its own resistance
   }
+  u_dq_ = u_dq;
   c.u_alphabeta_ref = inverse_park(u_dq, frame.theta_e + advance_s_ * omega_e);
   c.omega_m_ref = c.mode == Mode::kRun ? omega_m_ref_ : frame.omega_m;
   return c;

@@ -44,6 +44,7 @@ class Foc final : public Controller {
   Frame rotor_frame(const ControllerInput& in) const;
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
   double predicted_load(const ControllerInput& in, const Frame& frame) const;
+  Vec2 feed_forward(const Vec2& i_dq, double omega_e) const;
   Vec2 current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc);
 
   const MachineParameters machine_;
@@ -55,6 +56,7 @@ class Foc final : public Controller {
   Startup startup_;
   double omega_m_ref_ = 0;
   ControllerEvent event_;
+  Vec2 u_dq_ = Vec2::Zero();   // of the last step, in the frame it was made in
   double i_d_handover_ = 0;  // d current taken over from the I/f ramp, faded out
 };
 

@@ -11,6 +11,7 @@
 
 #include "estimator/two_rate.hpp"
 #include "plant_sim/plant.hpp"
+#include "tests/support/angles.hpp"
 #include "tests/support/drives.hpp"
 
 namespace twinrate::test {

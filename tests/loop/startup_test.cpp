@@ -1,0 +1,98 @@
+#include <gtest/gtest.h>
+
+#include "tests/loop/closed_loop.hpp"
+
+namespace twinrate::test {
+namespace {
+
+TEST(AlignIf, LocksFromTwentyFourOfTwentyFourAngles) {
+  int locked = 0;
+  for (double theta_e : angles_over_a_turn(24)) {
+    const Figures figures =
+        run("dilys2021", {"start=align_if", "run.duration_s=3.0", "run.settle_s=2.0",
+                          fmt::format("plant.theta_e_start_rad={}", theta_e)});
+    locked += figures.locked;
+    EXPECT_NEAR(degrees(figures.angle_error_rms), 2.51, 0.38) << "from " << degrees(theta_e);
+  }
+  EXPECT_EQ(locked, 24);
+}
+
+TEST(AlignIf, TurnsBackwardsOnANegativeReference) {
+  const Figures figures = run("dilys2021", {"start=align_if", "reference.omega_e_rad_s=-400",
+                                            "run.duration_s=3.0", "run.settle_s=2.0"});
+  EXPECT_TRUE(figures.locked);
+  EXPECT_NEAR(figures.speed_mean, -100, 0.5);
+}
+
+struct Handover {
+  bool happened = false;
+  double t_s = 0, voltage_step = 0, largest_step_before = 0, shift = 0;
+};
+
+// The voltage step at the hand-over, in axes that turn with the ramp: what a bump would be made of.
+Handover handover_under(double T_load) {
+  ClosedLoop loop(
+      load("dilys2021", {"start=align_if", "run.duration_s=3.0", "sensors.i_noise_rms_A=0",
+                         "sensors.i_lsb_A=0", fmt::format("load.T_load_Nm={}", T_load)}));
+  constexpr double kTurnATick = 150 * 2e-4;  // omega_e of the hand-over times T_s
+  Handover handover;
+  Command before;
+  for (std::int64_t k = 0; k < loop.drive().steps(); ++k) {
+    loop.tick();
+    const Command& now = loop.command();
+    const double step = (now.u_alphabeta_ref - rotate(before.u_alphabeta_ref, kTurnATick)).norm();
+    if (now.mode == Mode::kRun) {
+      handover.happened = true;
+      handover.t_s = loop.t_s();
+      handover.voltage_step = step;
+      handover.shift = wrap_pi(before.theta_ctrl + kTurnATick - now.theta_ctrl);
+      return handover;
+    }
+    // The last 10 ms of the ramp.
+    if (loop.t_s() > 0.76)
+      handover.largest_step_before = std::max(handover.largest_step_before, step);
+    before = now;
+  }
+  return handover;
+}
+
+TEST(Handover, ComesWhenTheRampHasBeenFollowedForTwentyMilliseconds) {
+  // Two alignments of 0.3 s, 150 rad/s at 1000 rad/s2, agreement for 0.02 s.
+  EXPECT_NEAR(handover_under(0).t_s, 0.6 + 0.15 + 0.02, 0.002);
+}
+
+TEST(Handover, IsBumplessWhateverTheRotorLagsBehindTheForcedVector) {
+  for (double T_load : {0.0, 0.02, 0.04}) {
+    const Handover handover = handover_under(T_load);
+    ASSERT_TRUE(handover.happened) << T_load << " Nm";
+    // The vector is about 2 V long; without the hand-over's presets the step is 0.69 V at 0.04 Nm.
+    EXPECT_LT(handover.voltage_step, 0.03) << T_load << " Nm";
+  }
+  // The loads do turn the estimated frame away from the forced one, or the test would show nothing.
+  EXPECT_GT(degrees(handover_under(0.04).shift), 25);
+}
+
+TEST(AlignIf, GivesUpInSafeModeWithAnEventWhereTheLoadHoldsTheRotor) {
+  // Twice what the alignment current can pull.
+  ClosedLoop loop(load("dilys2021", {"start=align_if", "run.duration_s=3.0", "load.T_load_Nm=0.13",
+                                     "load.slew_Nm_s=0"}));
+  int gave_up = 0;
+  bool ran = false;
+  double at_s = 0;
+  for (std::int64_t k = 0; k < loop.drive().steps(); ++k) {
+    loop.tick();
+    ran = ran || loop.command().mode == Mode::kRun;
+    if (loop.event().reason != Reason::kStartupGaveUp) continue;
+    ++gave_up;
+    at_s = loop.t_s();
+  }
+  EXPECT_FALSE(ran);
+  EXPECT_EQ(gave_up, 1);
+  EXPECT_NEAR(at_s, 0.6 + 0.15 + 1.0, 0.005);
+  EXPECT_EQ(loop.command().mode, Mode::kSafe);
+  EXPECT_EQ(loop.command().u_alphabeta_ref, Vec2(0, 0));
+  EXPECT_EQ(loop.measurement().u_alphabeta, Vec2(0, 0));
+}
+
+}  // namespace
+}  // namespace twinrate::test
