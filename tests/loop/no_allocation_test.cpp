@@ -1,0 +1,78 @@
+// The tick path of a drive never touches the heap once it runs.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <memory>
+
+#include "tests/loop/closed_loop.hpp"
+#include "tests/support/allocation_count.hpp"
+
+namespace twinrate::test {
+namespace {
+
+std::int64_t allocations_in_ticks(const std::string& preset, const Overrides& overrides) {
+  ClosedLoop loop(load(preset, overrides));
+  for (int k = 0; k < 50; ++k) loop.tick();  // warm-up: first use of the solver's memory
+  const std::int64_t before = allocation_count();
+  for (int k = 0; k < 1000; ++k) loop.tick();
+  return allocation_count() - before;
+}
+
+TEST(AllocationCount, SeesNewMallocAndEigensAlignedMemory) {
+  const std::int64_t start = allocation_count();
+  auto by_new = std::make_unique<int>(1);
+  *by_new = 2;
+  EXPECT_GE(allocation_count() - start, 1);
+  const std::int64_t before_malloc = allocation_count();
+  void* volatile by_malloc = std::malloc(16);
+  EXPECT_EQ(allocation_count() - before_malloc, 1);
+  std::free(by_malloc);
+  const std::int64_t before_eigen = allocation_count();
+  Eigen::MatrixXd dynamic(3, 3);
+  dynamic.setOnes();
+  EXPECT_GE(allocation_count() - before_eigen, 1);
+}
+
+TEST(TickPath, DoesNotAllocateWithAnyPredictionOrEngine) {
+  for (const char* prediction : {"euler", "rk4", "exact"}) {
+    for (const char* engine : {"erk", "cvode"}) {
+      EXPECT_EQ(
+          allocations_in_ticks("dilys2021", {fmt::format("estimator.prediction={}", prediction),
+                                             fmt::format("plant.engine={}", engine)}),
+          0)
+          << prediction << ", " << engine;
+    }
+  }
+}
+
+TEST(TickPath, DoesNotAllocateWithTheDisturbanceFilter) {
+  for (const char* prediction : {"euler", "rk4", "exact"})
+    EXPECT_EQ(
+        allocations_in_ticks("laas_mn4004", {fmt::format("estimator.prediction={}", prediction)}),
+        0)
+        << prediction;
+}
+
+TEST(TickPath, DoesNotAllocateDuringTheStart) {
+  EXPECT_EQ(allocations_in_ticks("dilys2021",
+                                 {"start=align_if", "controller.foc.startup.t_align_s=0.02"}),
+            0);
+}
+
+TEST(TickPath, DoesNotAllocateOnAProfileOrWithEffects) {
+  Config config = Config::parse(
+      "preset = \"dilys2021\"\n"
+      "[reference]\nomega_e_rad_s = [[0, 400], [0.05, 300], [0.1, 400]]\n"
+      "[controller.foc]\ncompensate_effects = true\n"
+      "[[effect]]\nkind = \"cogging\"\norder = 6\namplitude_Nm = 0.001\n"
+      "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.001\n",
+      "drive.toml");
+  ClosedLoop loop(std::move(config));
+  for (int k = 0; k < 50; ++k) loop.tick();
+  const std::int64_t before = allocation_count();
+  for (int k = 0; k < 1000; ++k) loop.tick();
+  EXPECT_EQ(allocation_count() - before, 0);
+}
+
+}  // namespace
+}  // namespace twinrate::test
