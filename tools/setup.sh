@@ -1,0 +1,45 @@
+# Sourced by tools/demo and tools/test: installs what is missing, or says what to install.
+
+# The packages of a group in tools/packages.txt.
+packages_of() {
+  awk -v group="[$1]" '/^\[/ { inside = ($1 == group); next } inside && NF && $1 !~ /^#/ { print $1 }' \
+    tools/packages.txt
+}
+
+installed() { dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'install ok installed'; }
+
+# ensure_packages GROUP...: leaves with exit code 3 where something is missing and may not be installed.
+ensure_packages() {
+  local missing=() package group sudo=()
+  for group in "$@"; do
+    for package in $(packages_of "$group"); do installed "$package" || missing+=("$package"); done
+  done
+  [ ${#missing[@]} -eq 0 ] && return 0
+  if [ "$(id -u)" -ne 0 ]; then
+    if command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+      sudo=(sudo)
+    else
+      echo "Missing Debian packages, and no right to install them. As root:" >&2
+      echo "  apt-get update && apt-get install -y --no-install-recommends ${missing[*]}" >&2
+      exit 3
+    fi
+  fi
+  echo "Installing: ${missing[*]}"
+  "${sudo[@]}" apt-get update -qq
+  DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -y -qq --no-install-recommends \
+    "${missing[@]}" >/dev/null
+}
+
+# build PRESET: configure and build, quietly unless something goes wrong.
+build() {
+  local log
+  log=$(mktemp)
+  echo "Building (preset $1) .."
+  if ! { cmake --preset "$1" && cmake --build --preset "$1"; } >"$log" 2>&1; then
+    cat "$log" >&2
+    rm -f "$log"
+    echo "The build failed." >&2
+    exit 1
+  fi
+  rm -f "$log"
+}
