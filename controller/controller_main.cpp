@@ -6,6 +6,7 @@
 
 #include "controller/make_controller.hpp"
 #include "core/process.hpp"
+#include "core/recent.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
@@ -18,12 +19,21 @@ class ControllerProcess {
         controller_(make_controller(p.config())),
         own_reference_(!p.drive().reference.from_bus),
         needs_truth_(p.drive().controller.angle_source == AngleSource::kTruth) {
-    p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w), m_); });
-    p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w), e_); });
+    p.bus().subscribe<measurement_t>([this](const measurement_t& w) {
+      m_.put(from_wire(w));
+      step_when_complete();
+    });
+    p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     if (!own_reference_)
-      p.bus().subscribe<reference_t>([this](const reference_t& w) { take(from_wire(w), r_); });
+      p.bus().subscribe<reference_t>([this](const reference_t& w) {
+        r_ = from_wire(w);
+        step_when_complete();
+      });
     if (needs_truth_)
-      p.bus().subscribe<truth_t>([this](const truth_t& w) { take(from_wire(w), truth_); });
+      p.bus().subscribe<truth_t>([this](const truth_t& w) {
+        truth_.put(from_wire(w));
+        step_when_complete();
+      });
     p.waiting_for([this] { return missing(); });
   }
   void run() {
@@ -34,19 +44,17 @@ class ControllerProcess {
  private:
   std::string missing() const {
     const std::int64_t k = last_.k + 1;
-    if (m_.k < k) return fmt::format("MEASUREMENT({}) from plant", k);
+    if (!m_.at(k)) return fmt::format("MEASUREMENT({}) from plant", k);
     if (e_.k < k) return fmt::format("ESTIMATE({}) from estimator", k);
-    return fmt::format("REFERENCE({}) from its generator", k);
+    return fmt::format("{}({})", needs_truth_ && !truth_.at(k) ? "TRUTH" : "REFERENCE", k);
   }
-  template <class Signal>
-  void take(const Signal& arrived, Signal& latest) {
-    if (arrived.k == last_.k && last_.k >= 0) {
-      if constexpr (std::is_same_v<Signal, Estimate>) answer_again();
-      return;
+  void take(const Estimate& e) {
+    if (e.k == last_.k && last_.k >= 0) {
+      answer_again();
+    } else if (e.k > last_.k) {
+      e_ = e;
+      step_when_complete();
     }
-    if (arrived.k < last_.k) return;
-    latest = arrived;
-    step_when_complete();
   }
   void answer_again() {
     ++p_.status().duplicates;
@@ -54,12 +62,14 @@ class ControllerProcess {
   }
   void step_when_complete() {
     const std::int64_t k = e_.k;
-    if (k < 0 || m_.k != k || (needs_truth_ && truth_.k != k)) return;
+    const Measurement* m = m_.at(k);
+    const Truth* truth = needs_truth_ ? truth_.at(k) : nullptr;
+    if (k <= last_.k || !m || (needs_truth_ && !truth)) return;
     if (own_reference_)
       r_ = p_.drive().reference_at(k);
     else if (r_.k < 0 || (p_.lockstep() && r_.k != k))
       return;
-    last_ = controller_->step({m_, e_, r_, needs_truth_ ? &truth_ : nullptr});
+    last_ = controller_->step({*m, e_, r_, truth});
     if (own_reference_) p_.bus().publish(to_wire(r_, p_.bus().session()));
     p_.bus().publish(to_wire(last_, p_.bus().session()));
     const ControllerEvent event = controller_->take_event();
@@ -70,10 +80,10 @@ class ControllerProcess {
   Process& p_;
   std::unique_ptr<Controller> controller_;
   bool own_reference_, needs_truth_;
-  Measurement m_;
+  Recent<Measurement> m_;
+  Recent<Truth> truth_;
   Estimate e_;
   Reference r_;
-  Truth truth_;
   Command last_;
 };
 
