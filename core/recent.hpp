@@ -5,7 +5,7 @@
 
 namespace twinrate {
 
-template <class Signal, std::size_t kSize = 16>
+template <class Signal, std::size_t kSize = 256>
 class Recent {
  public:
   void put(const Signal& signal) {
