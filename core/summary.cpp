@@ -39,13 +39,17 @@ std::vector<double> true_speed(const std::vector<TickRow>& rows, bool has_truth)
   return omega_m;
 }
 
+// A diverged state is told by its square, before the numbers themselves overflow.
+bool finite(double value) {
+  return std::isfinite(value * value);
+}
+
 bool finite(const Estimate& e) {
-  return std::isfinite(e.theta_e) && std::isfinite(e.omega_m) && e.i_dq.allFinite() &&
-         std::isfinite(e.T_load) && e.x_hat.allFinite();
+  return finite(e.theta_e) && finite(e.omega_m) && finite(e.T_load) && finite(e.x_hat.norm());
 }
 
 bool finite(const Truth& t) {
-  return t.i_dq.allFinite() && std::isfinite(t.omega_m) && std::isfinite(t.theta_m);
+  return finite(t.i_dq.norm()) && finite(t.omega_m) && finite(t.theta_m);
 }
 
 // Time spent away from a constant speed reference, tick by tick.
@@ -91,26 +95,41 @@ Rows rows_of(const RunLog& log, const DriveConfig& config) {
   return rows;
 }
 
+// What speaks against lock at one tick, "" for nothing.
+const char* slip(const TickRow& row, double error) {
+  if (row.estimate && !finite(*row.estimate)) return "the estimate is not finite";
+  if (row.truth && !finite(*row.truth)) return "the plant's state is not finite";
+  return std::abs(error) > kPi / 2 ? "the angle error passed 90 deg" : "";
+}
+
+// The verdict is the window's; where it is bad, the time of the loss is looked for in the whole
+// run, because most losses come with the start-up ramp.
 void set_lock(const Rows& rows, const DriveConfig& config, Summary& summary) {
   AwayTime away(config.T_s());
-  bool any = false;
-  std::optional<double> lost_s, first_slip_s;
+  bool any = false, lost = false;
   for (std::size_t i = 0; i < rows.all.size(); ++i) {
     const TickRow& row = rows.all[i];
     away.note_reference(row);
-    const bool broken =
-        (row.estimate && !finite(*row.estimate)) || (row.truth && !finite(*row.truth));
     const double error = angle_error(row, summary.angle_reference, config.machine.n_p);
-    const bool slipped = broken || std::abs(error) > kPi / 2;
-    const bool run_mode = !row.measurement || row.measurement->mode == Mode::kRun;
-    if (slipped && run_mode && !first_slip_s) first_slip_s = row.t_s;
-    if (!rows.in_window(row)) continue;
-    any = any || broken || !std::isnan(error);
-    away.add(row, rows.omega_m[i]);
-    if (!lost_s && (slipped || away.exceeded())) lost_s = row.t_s;
+    std::string why = slip(row, error);
+    const bool in_window = rows.in_window(row);
+    if (in_window) {
+      any = any || !std::isnan(error) || !why.empty();
+      away.add(row, rows.omega_m[i]);
+      if (why.empty() && away.exceeded()) why = "the speed left its reference by more than 20 %";
+      lost = lost || !why.empty();
+    }
+    // Before the controller runs on the estimate, its angle may be anything.
+    const bool forced = row.measurement && row.measurement->mode != Mode::kRun;
+    if (why.empty() || summary.lost_at_s || (forced && !in_window)) continue;
+    summary.lost_at_s = row.t_s;
+    summary.lost_why = why;
   }
-  if (any) summary.locked = !lost_s.has_value();
-  if (lost_s) summary.lost_at_s = first_slip_s ? std::min(*first_slip_s, *lost_s) : *lost_s;
+  if (any) summary.locked = !lost;
+  if (!lost) {
+    summary.lost_at_s.reset();
+    summary.lost_why.clear();
+  }
 }
 
 void set_errors(const Rows& rows, const DriveConfig& config, Summary& summary) {

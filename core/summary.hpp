@@ -35,7 +35,8 @@ inline constexpr const char* kAngleReferenceNames[] = {"auto", "truth", "encoder
 struct Summary {
   // From the trajectories.
   std::optional<bool> locked;
-  std::optional<double> lost_at_s;  // drive time at which a run that is not locked was lost
+  std::optional<double> lost_at_s;  // first sign of the loss in the whole run, where not locked ..
+  std::string lost_why;             // .. and what it was
   std::optional<double> speed_error_rms, angle_error_rms, angle_error_max;
   std::optional<double> speed_ripple_rms, speed_ripple_harmonics_rms;
   double duration_s = 0;

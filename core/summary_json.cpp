@@ -19,6 +19,7 @@ std::string to_json(const Summary& summary, const DriveConfig& config) {
   Json json;
   json["locked"] = summary.locked ? Json(*summary.locked) : Json(nullptr);
   json["lost_at_s"] = number(summary.lost_at_s);
+  json["lost_why"] = summary.lost_why.empty() ? Json(nullptr) : Json(summary.lost_why);
   json["duration_s"] = summary.duration_s;
   json["steps"] = summary.steps;
   json["speed_error_rms_rad_s"] = number(summary.speed_error_rms);

@@ -116,7 +116,7 @@ Json overlay_section(const std::vector<RunView>& views, const std::vector<std::s
     figure.group = "overlay";
     figures.push_back(to_json(figure, figure.x.size()));
   };
-  push("Angle variance", "P44 (rad2)", quantity::P44);
+  push("Angle variance", "P44 (rad²)", quantity::P44);
   push("Gain K41 as held", "K41 (rad/A)", quantity::K41);
   push("Gain K42 as held", "K42 (rad/A)", quantity::K42);
   return {{"heading", "Variance and gains over the last electrical turns"},
@@ -144,7 +144,7 @@ Json comparison_table(const std::vector<RunView>& views) {
          s.P44_min && s.P44_max ? fmt::format("{:.3g} .. {:.3g}", *s.P44_min, *s.P44_max) : "-"});
   }
   const Json head = {"run",     "drive",    "n",        "f_b",          "policy",
-                     "verdict", "rms, deg", "max, deg", "speed, rad/s", "P44, rad2"};
+                     "verdict", "rms, deg", "max, deg", "speed, rad/s", "P44, rad²"};
   return {{"head", head}, {"rows", rows}};
 }
 

@@ -43,9 +43,9 @@ Json loss_section(const RunView& view) {
   push(error, "b", "loss");
   Figure speed = speed_figure(view, view.rows);
   speed.title = "Speed after the loss";
-  push(speed, "c", "fall");
-  return {{"heading", "Synchronism lost at " + rates(view.run.config)},
-          {"note", "The line marks the first tick at which the run counts as lost."},
+  push(speed, "c", "run");
+  return {{"heading", "The loss, at " + rates(view.run.config)},
+          {"note", "The line marks the first sign of it: " + view.run.summary.lost_why + "."},
           {"columns", 1},
           {"figures", figures}};
 }

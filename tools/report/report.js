@@ -26,7 +26,7 @@ function element(tag, properties = {}, children = []) {
 }
 
 function shown(value) {
-  return value == null ? '-' : String(Number(value.toPrecision(4)));
+  return value == null ? '' : String(Number(value.toPrecision(4)));
 }
 
 function axis(label, size) {
@@ -119,7 +119,7 @@ function draw(figure, box) {
     scales: { x, y: { range: yRange(figure) } },
     axes: [axis(figure.x_label, 34),
            { ...axis(figure.y_label, 58), ...(degrees ? { incrs: [30, 45, 90, 180] } : {}) }],
-    series: [{ label: figure.x_label, value: (u, v) => (v == null ? '-' : String(Number(v.toPrecision(6)))) },
+    series: [{ label: figure.x_label, value: (u, v) => (v == null ? '' : String(Number(v.toPrecision(6)))) },
              ...figure.series.map((curve) => seriesOptions(figure, curve))],
     cursor: { drag: { x: true, y: false }, points: { size: 6 },
               sync: figure.group ? { key: figure.group, setSeries: false } : undefined },
@@ -152,7 +152,7 @@ function tableNode(head, rows) {
     const verdict = /^(locked|lost)\b/.exec(text);
     return element('td', { textContent: text, className: verdict ? verdict[1] : '' });
   };
-  return element('div', { className: 'table' }, [element('table', {}, [
+  return element('div', { className: 'table' }, [element('table', { className: 'plain' }, [
     element('thead', {}, [element('tr', {}, head.map((text) => element('th', { textContent: text })))]),
     element('tbody', {}, rows.map((row) => element('tr', {}, row.map(cell)))),
   ])]);

@@ -50,7 +50,7 @@ Figure current_figure(const RunView& view) {
 
 Figure P44_figure(const std::vector<TickRow>& rows) {
   Figure figure{
-      .title = "Angle variance", .x_label = "t (s)", .y_label = "P44 (rad2)", .x = times_of(rows)};
+      .title = "Angle variance", .x_label = "t (s)", .y_label = "P44 (rad²)", .x = times_of(rows)};
   figure.add({"P44", "hat", values_of(rows, quantity::P44), true});
   return figure;
 }
@@ -74,7 +74,8 @@ void push(Json& figures, Figure figure, const std::string& group, const std::str
 
 Json whole_run_section(const RunView& view) {
   Json figures = Json::array();
-  push(figures, speed_figure(view, view.rows), "run");
+  // A lost run shows its speed with the loss.
+  if (!view.lost()) push(figures, speed_figure(view, view.rows), "run");
   push(figures, error_figure(view, view.rows), "run");
   push(figures, current_figure(view), "run");
   if (view.has_P44()) {

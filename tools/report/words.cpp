@@ -97,8 +97,9 @@ Json verdict(const RunView& view) {
                            view.run.config.run.settle_s);
   if (s.locked) {
     state = *s.locked ? "locked" : "lost";
-    headline = *s.locked ? "Locked"
-                         : fmt::format("Lost synchronism at t = {:.4g} s", s.lost_at_s.value_or(0));
+    headline = *s.locked
+                   ? "Locked"
+                   : fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why);
   }
   std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
   text += errors(view);
@@ -124,7 +125,7 @@ Json summary_table(const RunView& view) {
   add("speed ripple, rms", reading(s.speed_ripple_rms, "rad/s"));
   add("speed ripple, orders 1-60", reading(s.speed_ripple_harmonics_rms, "rad/s"));
   if (s.P44_min && s.P44_max)
-    add("P44", fmt::format("{:.3g} .. {:.3g} rad2", *s.P44_min, *s.P44_max));
+    add("P44", fmt::format("{:.3g} .. {:.3g} rad²", *s.P44_min, *s.P44_max));
   add("f_s", frequency(config.rates.f_s_Hz));
   add("f_b",
       fmt::format("{} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n), config.rates.n));
@@ -134,7 +135,7 @@ Json summary_table(const RunView& view) {
   add("duration", fmt::format("{:.4g} s, {} steps", s.duration_s, s.steps));
   if (s.wall_s > 0)
     add("wall time",
-        fmt::format("{:.3g} s, {:.4g} steps/s", s.wall_s, static_cast<double>(s.steps) / s.wall_s));
+        fmt::format("{:.3g} s, {:.0f} steps/s", s.wall_s, static_cast<double>(s.steps) / s.wall_s));
   std::int64_t lost = 0;
   for (const auto& [channel, count] : s.lost_messages) lost += count;
   add("lost messages", std::to_string(lost));
