@@ -1,0 +1,35 @@
+// A measured file as columns of a drive log: canonical names, SI units, time rising.
+#pragma once
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "tools/import/map.hpp"
+
+namespace twinrate {
+
+inline constexpr std::size_t kFewestRows = 200;
+
+struct DriveRows {
+  std::string path;
+  std::map<std::string, std::vector<double>> columns;  // without "t"; all of t's length
+  std::vector<double> t;                               // s, strictly rising
+  std::vector<int> line;                               // of the file, for messages
+  std::vector<std::string> left_out;  // columns of the file that nothing was taken from
+  std::vector<std::string> notes;     // what was repaired or looks odd, one line each
+
+  std::size_t size() const { return t.size(); }
+  bool has(const std::string& name) const { return columns.count(name) != 0; }
+  double at(const std::string& name, std::size_t row) const { return columns.at(name)[row]; }
+};
+
+// Angles come out unwrapped: by `wrap` where the map gives it, by 2 pi where the file stays within
+// one turn. `map` null: the header holds canonical names. `repair`: a truncated last line and
+// repeated samples are left out and noted. Throws BadInput, one line with file:line: missing
+// column, text in a number, not finite, time not rising, fewer than kFewestRows rows, truncated
+// last line. `progress` gets the share read, now and then; it may throw.
+DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
+                          const std::function<void(double)>& progress = {});
+
+}  // namespace twinrate

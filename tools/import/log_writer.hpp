@@ -1,0 +1,40 @@
+// An LCM log that appears whole or not at all.
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/channels.hpp"
+
+struct _lcm_eventlog_t;
+
+namespace twinrate {
+
+// Writes PATH.part and renames it on finish(); without finish() the part file goes. Throws BadInput
+// where the file cannot be created and std::runtime_error where the disk is full.
+class LogWriter {
+ public:
+  explicit LogWriter(const std::string& path);
+  ~LogWriter();
+  LogWriter(const LogWriter&) = delete;
+  LogWriter& operator=(const LogWriter&) = delete;
+
+  // `timestamp_us` of the event: above 0, not falling.
+  template <class Message>
+  void write(const Message& message, std::int64_t timestamp_us) {
+    bytes_.resize(static_cast<std::size_t>(message.getEncodedSize()));
+    message.encode(bytes_.data(), 0, static_cast<int>(bytes_.size()));
+    write_bytes(info(kChannelOf<Message>).name, timestamp_us);
+  }
+  void finish();
+
+ private:
+  void write_bytes(const char* channel, std::int64_t timestamp_us);
+  [[noreturn]] void fail_to_write() const;
+
+  std::string path_, part_path_;
+  _lcm_eventlog_t* log_ = nullptr;
+  std::vector<std::uint8_t> bytes_;
+};
+
+}  // namespace twinrate

@@ -1,0 +1,188 @@
+// twinrate import FILE --map MAP.toml --out LOG: a measured CSV as an LCM log of this project.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "core/manifest.hpp"
+#include "core/paths.hpp"
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+#include "tools/import/drive_messages.hpp"
+#include "tools/import/log_writer.hpp"
+#include "tools/load_drive.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct ImportOptions {
+  std::string file, map, out, drive;
+  std::vector<std::string> overrides;
+  bool repair = false, json = false;
+};
+
+// Ctrl-C: nothing is kept, because half an import is not the recording.
+struct Stopped {};
+
+class PercentLine {
+ public:
+  explicit PercentLine(bool on) : on_(on && isatty(STDERR_FILENO)) {}
+  ~PercentLine() { clear(); }
+  void show(const char* what, double share) {
+    if (stop_signalled()) throw Stopped{};
+    const int percent = static_cast<int>(100 * share);
+    if (!on_ || percent == shown_) return;
+    fmt::print(stderr, "\r\033[K{} {} %", what, percent);
+    std::fflush(stderr);
+    shown_ = percent;
+  }
+  void clear() {
+    if (shown_ >= 0) fmt::print(stderr, "\r\033[K");
+    shown_ = -1;
+  }
+
+ private:
+  bool on_;
+  int shown_ = -1;
+};
+
+Json describe(const ImportOptions& o, const DriveRows& rows, const TickGrid& grid,
+              const DriveMessages& messages, double f_s_Hz) {
+  std::vector<std::string> left_out = rows.left_out;
+  for (const std::string& name : messages.no_place()) left_out.push_back(name);
+  const auto path = std::filesystem::path(o.file);
+  return {{"file", path.filename().string()},
+          {"bytes", std::filesystem::file_size(path)},
+          {"fnv1a64", file_hash(o.file)},
+          {"map", o.map.empty() ? "" : std::filesystem::path(o.map).filename().string()},
+          {"rows", rows.size()},
+          {"t_0_s", rows.t.front()},
+          {"duration_s", rows.t.back() - rows.t.front()},
+          {"f_s_Hz", f_s_Hz},
+          {"dt_min_s", grid.dt_min_s},
+          {"dt_median_s", grid.dt_median_s},
+          {"dt_max_s", grid.dt_max_s},
+          {"gaps", grid.gaps},
+          {"missing_ticks", grid.missing},
+          {"moved_rows", grid.moved},
+          {"crowded_out_rows", grid.crowded_out},
+          {"signals", messages.found()},
+          {"left_out", left_out},
+          {"notes", rows.notes}};
+}
+
+std::string manifest_json(std::int64_t session, const Json& source, const std::string& map_toml) {
+  const Json json = {{"program", "twinrate import"},
+                     {"revision", revision()},
+                     {"session", session},
+                     {"source", source},
+                     {"map_toml", map_toml}};
+  return json.dump(2);
+}
+
+void write_log(const ImportOptions& o, const TickGrid& grid, const DriveMessages& messages,
+               manifest_t manifest, PercentLine& line) {
+  constexpr std::int64_t kFirst_us =
+      1'000'000;  // event times start at 1 s: 0 would mean "not known"
+  const std::int64_t session = manifest.session;
+  LogWriter log(o.out);
+  log.write(manifest, kFirst_us);
+  for (std::size_t i = 0; i < grid.slots.size(); ++i) {
+    const Measurement m = messages.measurement(grid.slots[i]);
+    const std::int64_t t_us = kFirst_us + m.t_ns / 1000;
+    log.write(to_wire(m, session), t_us);
+    if (messages.has_reference())
+      log.write(to_wire(messages.reference(grid.slots[i]), session), t_us);
+    if (i % 16384 == 0)
+      line.show("writing", static_cast<double>(i) / static_cast<double>(grid.slots.size()));
+  }
+  log.finish();
+}
+
+void print_result(const ImportOptions& o, const Json& s) {
+  const auto list = [](const Json& items) {
+    std::string text;
+    for (const auto& item : items) text += (text.empty() ? "" : ", ") + item.get<std::string>();
+    return text.empty() ? std::string("nothing") : text;
+  };
+  const double f_s = s["f_s_Hz"], median = s["dt_median_s"];
+  fmt::print("{}: {} rows, {:.6g} s\n", o.out, s["rows"].get<std::size_t>(),
+             s["duration_s"].get<double>());
+  fmt::print("  signals   {}\n  left out  {}\n", list(s["signals"]), list(s["left_out"]));
+  fmt::print(
+      "  timing    dt {:.4g} / {:.4g} / {:.4g} ms (min, median, max) on a grid of {} Hz: {} gaps "
+      "with {} empty "
+      "slots; {} rows moved a slot, {} left out of a full one\n",
+      1e3 * s["dt_min_s"].get<double>(), 1e3 * median, 1e3 * s["dt_max_s"].get<double>(), f_s,
+      s["gaps"].get<std::int64_t>(), s["missing_ticks"].get<std::int64_t>(),
+      s["moved_rows"].get<std::int64_t>(), s["crowded_out_rows"].get<std::int64_t>());
+  for (const auto& note : s["notes"]) fmt::print("  note      {}\n", note.get<std::string>());
+  if (median * f_s > 1.5)
+    fmt::print(
+        "warning: the samples come every {:.3g} ticks of {} Hz; --set rates.f_s_Hz={:.6g} would "
+        "leave no gaps\n",
+        median * f_s, f_s, 1 / median);
+}
+
+void import(const ImportOptions& o) {
+  catch_stop_signals();
+  const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
+  const std::string drive_name = o.drive.empty() ? map.preset : o.drive;
+  if (drive_name.empty())
+    throw BadInput(fmt::format(
+        "{}: no drive: give --drive DRIVE.toml or [drive] preset in the map; presets: {}",
+        o.map.empty() ? o.file : o.map, fmt::join(preset_names(), ", ")));
+  const Config config = load_drive(drive_name, o.overrides);
+  const DriveConfig& drive = config.drive();
+  PercentLine line(!o.json);
+  const DriveRows rows = read_drive_rows(o.file, o.map.empty() ? nullptr : &map, o.repair,
+                                         [&](double share) { line.show("reading", share); });
+  const TickGrid grid = place_on_grid(rows, drive.rates.f_s_Hz);
+  const DriveMessages messages(rows, drive.machine.n_p);
+  const Json source = describe(o, rows, grid, messages, drive.rates.f_s_Hz);
+  const std::string hash = source["fnv1a64"];
+  const auto session = static_cast<std::int64_t>(std::stoull(hash, nullptr, 16) >> 1 | 1);
+  write_log(o, grid, messages,
+            make_manifest(session, config.resolved(), manifest_json(session, source, map.toml)),
+            line);
+  line.clear();
+  if (o.json)
+    std::cout << source.dump() << "\n";
+  else
+    print_result(o, source);
+}
+
+}  // namespace
+
+void add_import_verb(CLI::App& app, int& exit_code) {
+  auto options = std::make_shared<ImportOptions>();
+  auto* verb = app.add_subcommand("import", "Turns a measured CSV into an LCM log");
+  verb->add_option("file", options->file, "CSV file, plain or gzipped")->required();
+  verb->add_option("--map", options->map,
+                   "map of its columns; without it the header holds canonical names");
+  verb->add_option("--out", options->out, "log to write")->required();
+  verb->add_option("--drive", options->drive, "drive file or preset, instead of the map's");
+  verb->add_option("--set", options->overrides, "override of the drive file: key.path=value")
+      ->allow_extra_args(false)
+      ->take_all();
+  verb->add_flag("--repair", options->repair,
+                 "leave a truncated last line and repeated samples out");
+  verb->add_flag("--json", options->json, "the result as one line of JSON");
+  verb->callback([options, &exit_code] {
+    try {
+      import(*options);
+    } catch (const Stopped&) {
+      fmt::print(stderr, "twinrate: import stopped, nothing written\n");
+      exit_code = 1;
+    }
+  });
+}
+
+}  // namespace twinrate
