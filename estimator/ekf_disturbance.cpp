@@ -93,12 +93,14 @@ Correction EkfDisturbance::full_step(FastState& state, const Measurement& m,
   const double theta_e_mid = 0.5 * machine_.n_p * (state.theta_m_prev + m.theta_m);
   Eigen::Vector3d y;
   y << currents(m), measured_speed(state, m);
-  State x_prior = predict(state.x_hat.head<4>(), park(m.u_alphabeta, theta_e_mid));
+  const State x_predicted = predict(state.x_hat.head<4>(), park(m.u_alphabeta, theta_e_mid));
+  State x_prior = x_predicted;
   x_prior[3] += tuning_.L * T_s_ * (y[2] - x_prior[2]);
   const Eigen::Vector3d innov = y - x_prior.head<3>();
   const State x = x_prior + gain.K.topLeftCorner<4, 3>() * innov;
   Correction correction;
   if (!x.allFinite()) {
+    if (x_predicted.allFinite()) state.x_hat.head<4>() = x_predicted;
     correction.status = kNotFinite;
     return correction;
   }
@@ -117,6 +119,7 @@ Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
   const Vec2 x = x_prior + gain.K.topLeftCorner<2, 1>() * innov;
   Correction correction;
   if (!x.allFinite()) {
+    if (std::isfinite(omega_prior)) state.x_hat[0] = omega_prior;
     correction.status = kNotFinite;
     return correction;
   }

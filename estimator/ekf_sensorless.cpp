@@ -77,6 +77,7 @@ Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
   State x = x_prior + gain.K.topLeftCorner<4, 2>() * innov;
   x[3] = wrap_turn(x[3]);
   if (!x.allFinite()) {
+    predict_over_gap(state, m);
     correction.status = kNotFinite;
     return correction;
   }

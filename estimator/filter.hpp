@@ -23,7 +23,7 @@ struct FastState {
 // What a fast step leaves behind besides the state.
 struct Correction {
   Eigen::Matrix<double, kMaxOutputs, 1> innov = Eigen::Matrix<double, kMaxOutputs, 1>::Zero();
-  int status = 0;  // kNotFinite: the correction was not finite and was left out
+  int status = 0;  // kNotFinite: the correction was left out, the prediction kept
 };
 
 class Filter {

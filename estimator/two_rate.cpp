@@ -14,7 +14,7 @@ void FastLoop::reset() {
 
 bool FastLoop::gain_ready(std::int64_t k) const {
   const std::int64_t snapshot = snapshot_for_tick(policy_, k, n_);
-  return snapshot < k0_ || gains_.has(snapshot);
+  return last_.k < 0 || snapshot < k0_ || gains_.has(snapshot);
 }
 
 Estimate FastLoop::tick(const Measurement& m) {
@@ -25,6 +25,10 @@ Estimate FastLoop::tick(const Measurement& m) {
   if (first) {
     k0_ = m.k;
     state_ = filter_->start(m);
+    if (!state_.x_hat.allFinite()) {  // nothing measured to start from: zero, as at standstill
+      state_ = filter_->start({.signals = m.signals});
+      status |= kNotFinite;
+    }
   } else {
     for (std::int64_t i = 0; i < missing; ++i) filter_->predict_over_gap(state_, last_);
   }
