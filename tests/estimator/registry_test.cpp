@@ -1,0 +1,72 @@
+#include "estimator/registry.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "estimator/covariance.hpp"
+#include "model/discretise.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate {
+namespace {
+
+// contracts.md, estimator.kind: what stands there and is built so far.
+const std::vector<std::string> kContractKinds{
+    "ekf_sensorless", "ekf_disturbance", "backemf_printed", "active_flux", "eemf", "dq_ekf"};
+
+TEST(FilterRegistry, EveryKindIsOneOfTheContract) {
+  ASSERT_GE(filter_kinds().size(), 2u);
+  for (const std::string& kind : filter_kinds())
+    EXPECT_NE(std::find(kContractKinds.begin(), kContractKinds.end(), kind), kContractKinds.end())
+        << kind;
+}
+
+TEST(FilterRegistry, EveryKindBuildsFromEveryPresetUnderItsOwnName) {
+  for (const std::string& preset : preset_names()) {
+    for (const std::string& kind : filter_kinds()) {
+      Config config = test::load(preset, {"estimator.kind=" + kind});
+      const auto filter = make_filter(config);
+      ASSERT_NE(filter, nullptr);
+      EXPECT_EQ(filter->kind(), kind);
+      EXPECT_TRUE(filter->initial_gain().P.allFinite());
+    }
+  }
+}
+
+TEST(FilterRegistry, AnUnknownKindHasNoBuilder) {
+  EXPECT_EQ(filter_builder("luenberger"), nullptr);
+}
+
+TEST(FilterRegistry, EveryPredictionAndCovarianceOfTheContractIsAccepted) {
+  for (const char* prediction : {"euler", "rk4", "exact"})
+    EXPECT_NO_THROW(test::load("dilys2021", {fmt::format("estimator.prediction={}", prediction)}));
+  for (const char* covariance : {"joseph", "paper"})
+    EXPECT_NO_THROW(test::load("dilys2021", {fmt::format("estimator.covariance={}", covariance)}));
+}
+
+TEST(FilterRegistry, TheChoicesOfTheConfigMeanTheEnumeratorsOfTheCode) {
+  const auto index = [](const char* override_text) {
+    return test::drive_of("dilys2021", {override_text}).estimator;
+  };
+  EXPECT_EQ(index("estimator.prediction=euler").prediction, static_cast<int>(Prediction::kEuler));
+  EXPECT_EQ(index("estimator.prediction=rk4").prediction, static_cast<int>(Prediction::kRk4));
+  EXPECT_EQ(index("estimator.prediction=exact").prediction, static_cast<int>(Prediction::kExact));
+  EXPECT_EQ(index("estimator.covariance=joseph").covariance,
+            static_cast<int>(CovarianceForm::kJoseph));
+  EXPECT_EQ(index("estimator.covariance=paper").covariance,
+            static_cast<int>(CovarianceForm::kPaper));
+}
+
+TEST(FilterRegistry, ATuningKeyOfTheFileReachesTheFilter) {
+  Config config = test::load("dilys2021", {"estimator.ekf_sensorless.P0_diag=[1, 2, 3, 4]"});
+  EXPECT_EQ(make_filter(config)->initial_gain().P(3, 3), 4);
+}
+
+TEST(FilterRegistry, AnUnknownTuningKeyIsBadInput) {
+  Config config = test::load("dilys2021", {"estimator.ekf_sensorless.Q_dig=1"});
+  EXPECT_THROW(make_filter(config), BadInput);
+}
+
+}  // namespace
+}  // namespace twinrate
