@@ -17,6 +17,8 @@ volatile std::sig_atomic_t stop_flag = 0;
 void note_stop(int) { stop_flag = 1; }
 
 constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
+constexpr double kStartPatience_s = 10;  // before the first tick: the peers may still be starting
+constexpr double kRankPatience_s = 0.2;
 
 double seconds_since(std::chrono::steady_clock::time_point then) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
@@ -31,7 +33,8 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const D
           .split_ports = d.bus.split_ports,
           .filter = d.bus.filter,
           .role = info.role,
-          .gain_stride = d.rates.n};
+          .gain_stride = d.rates.n,
+          .history = static_cast<std::size_t>(d.bus.window_ticks) + 1024};
 }
 
 }  // namespace
@@ -62,6 +65,7 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
   status_.role = static_cast<std::int32_t>(info_.role);
   status_.state = static_cast<std::int32_t>(ProcessState::kStarting);
   bus_->subscribe<request_t>([this](const request_t& request) { handle_request(request); });
+  bus_->subscribe<status_t>([this](const status_t& other) { compare_config(other); });
   last_progress_ = Clock::now();
 }
 
@@ -81,14 +85,28 @@ void Process::handle_request(const request_t& request) {
       }
       break;
     case RequestKind::kStop:
-    case RequestKind::kEmergencyStop:
       if (!finished_) finish();
+      break;
+    case RequestKind::kEmergencyStop:
+      if (!emergency_stop_) return;  // not this process's business
+      emergency_stop_();
+      event(Reason::kEmergencyStop, status_.seq, "emergency stop: zero voltage from the next tick on");
       break;
     default:
       reply.accepted = 0;
       reply.text = fmt::format("unknown request kind {}", request.kind);
   }
   bus_->publish(reply);
+}
+
+// The five processes of a session must have been started with one config.
+void Process::compare_config(const status_t& other) {
+  const bool of_the_set = other.role >= static_cast<int>(Role::kPlant) && other.role <= static_cast<int>(Role::kLogger);
+  if (!bus_->bound() || finished_ || !of_the_set || other.config_hash == 0 || status_.config_hash == 0 ||
+      other.config_hash == status_.config_hash)
+    return;
+  fail(Reason::kConfigMismatch, status_.seq,
+       fmt::format("{} and {} were started with different configs", kRoleNames[status_.role], kRoleNames[other.role]));
 }
 
 void Process::ready() {
@@ -100,6 +118,7 @@ void Process::ready() {
 
 void Process::beat() {
   const BusCounters& counters = bus_->counters();
+  status_.t_ns = status_.seq >= 0 ? drive().t_ns(status_.seq) : 0;
   status_.gaps = counters.gaps;
   status_.refused = counters.refused;
   status_.undecodable = counters.undecodable;
@@ -117,18 +136,19 @@ void Process::progress(std::int64_t k) {
 
 void Process::check_patience() {
   if (!bus_->bound() || options_.wait_for_start) return;
-  const double waited = seconds_since(last_progress_);
-  if (waited <= drive().bus.peer_timeout_s) return;
+  const double waited = seconds_since(last_progress_), patience = drive().bus.peer_timeout_s;
+  if (waited <= (status_.steps > 0 ? patience : std::max(patience, kStartPatience_s))) return;
+  const Waiting waiting = waiting_for_ ? waiting_for_() : Waiting{"a message"};
+  if (waited <= patience + kRankPatience_s * waiting.rank) return;
   fail(Reason::kPeerTimeout, status_.seq,
-       fmt::format("{} waited {:.1f} s for {}", kRoleNames[status_.role], waited,
-                   waiting_for_ ? waiting_for_() : "a message"));
+       fmt::format("{} waited {:.1f} s for {}", kRoleNames[status_.role], waited, waiting.text));
 }
 
 bool Process::turn(double timeout_ms) {
-  const bool something = bus_->handle(timeout_ms);
-  if (!something || (status_.steps & 63) == 0) {
-    if (Clock::now() - last_beat_ >= kBeatPeriod) beat();
-    if (!something && !finished_) check_patience();
+  bus_->handle(timeout_ms);
+  if (Clock::now() - last_beat_ >= kBeatPeriod) {
+    beat();
+    if (!finished_) check_patience();
   }
   return !stopping();
 }

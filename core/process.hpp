@@ -35,6 +35,14 @@ struct ProcessInfo {
   const char* purpose;
 };
 
+// What a process waits for. When one process of a ring stands still all the others wait, each for its neighbour: the
+// lower the rank the nearer the culprit, and the sooner the process gives up, so that the right one is named. The
+// order fits every case: GAIN 0, ESTIMATE 1, COMMAND and the log 2, MEASUREMENT 3, snapshots 4, the logger 5.
+struct Waiting {
+  std::string text;
+  int rank = 0;
+};
+
 class Process {
  public:
   Process(const ProcessInfo& info, ProcessOptions options);
@@ -55,7 +63,10 @@ class Process {
   void run(const std::function<void()>& on_quiet = {});
   void progress(std::int64_t k);
   // Names what the process is waiting for, for the message of a time-out.
-  void waiting_for(std::function<std::string()> text) { waiting_for_ = std::move(text); }
+  void waiting_for(std::function<Waiting()> waiting) { waiting_for_ = std::move(waiting); }
+
+  // What an emergency stop does in this process (the plant: zero voltage).
+  void on_emergency_stop(std::function<void()> action) { emergency_stop_ = std::move(action); }
 
   void event(Reason reason, std::int64_t k, const std::string& text);
   void finish(ProcessState state = ProcessState::kDone);
@@ -67,6 +78,7 @@ class Process {
  private:
   using Clock = std::chrono::steady_clock;
   void handle_request(const request_t& request);
+  void compare_config(const status_t& other);
   void beat();
   void check_patience();
 
@@ -76,7 +88,8 @@ class Process {
   std::unique_ptr<Bus> bus_;
   status_t status_{};
   Clock::time_point last_beat_{}, last_progress_{};
-  std::function<std::string()> waiting_for_;
+  std::function<Waiting()> waiting_for_;
+  std::function<void()> emergency_stop_;
   bool finished_ = false;
 };
 

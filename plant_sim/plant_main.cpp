@@ -19,6 +19,7 @@ class PlantProcess {
   explicit PlantProcess(Process& p) : p_(p), plant_(p.drive()), steps_(p.drive().steps()) {
     p.bus().subscribe<command_t>([this](const command_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { take_ack(ack); });
+    p.on_emergency_stop([this] { plant_.trip(); });
     p.waiting_for([this] { return missing(); });
     if (!p.bus().bound()) p.bus().adopt(new_session_id());
   }
@@ -37,10 +38,11 @@ class PlantProcess {
   }
 
  private:
-  std::string missing() const {
-    if (k() < steps_ && sent_ == k()) return fmt::format("COMMAND({}) from controller", k());
-    return fmt::format("the log to be written up to tick {} by logger (it stands at {})",
-                       std::min(k(), steps_), acknowledged_);
+  Waiting missing() const {
+    if (k() < steps_ && sent_ == k()) return {fmt::format("COMMAND({}) from controller", k()), 2};
+    return {fmt::format("the log to be written up to tick {} by logger (it stands at {})",
+                        std::min(k(), steps_), acknowledged_),
+            2};
   }
   std::int64_t k() const { return plant_.k(); }
   void publish_tick() {
@@ -70,10 +72,11 @@ class PlantProcess {
     acknowledged_ = std::max(acknowledged_, ack.seq);
     if (p_.lockstep() && !p_.stopping() && sent_ >= 0 && sent_ < k()) go_on();
   }
+  // The tick that is not answered; or the last one, while the log is behind: it may have missed all of it.
   void repeat() {
-    if (sent_ != k()) return;
     ++p_.status().repeats;
-    p_.bus().publish(to_wire(plant_.sample(), p_.bus().session()));
+    p_.bus().send_again(Channel::kMeasurement, sent_);
+    p_.bus().send_again(Channel::kTruth, sent_);
   }
   // Realtime: the loop has ended; the logger may still be writing.
   void drain_log() {

@@ -18,7 +18,7 @@ Progress::Progress(const DriveConfig& drive, bool json)
       last_(Clock::now()) {}
 
 void Progress::show(const Truth& truth, const Estimate& estimate, const LiveCounters& counters) {
-  if (!json_ && !terminal_) return;
+  if (!visible()) return;
   if ((++calls_ & 255) != 0) return;  // look at the clock only now and then
   const double since = std::chrono::duration<double>(Clock::now() - last_).count();
   if (since < 0.2) return;

@@ -17,6 +17,7 @@ class Progress {
   // Cheap when it is not yet time for the next line.
   void show(const Truth& truth, const Estimate& estimate, const LiveCounters& counters);
   void end();
+  bool visible() const { return json_ || terminal_; }
 
  private:
   using Clock = std::chrono::steady_clock;

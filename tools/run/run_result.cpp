@@ -7,7 +7,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "core/manifest.hpp"
+#include "core/channels.hpp"
+#include "core/reason.hpp"
 #include "tools/report/report.hpp"
 
 namespace twinrate {
@@ -43,8 +44,26 @@ std::string degrees(const std::optional<double>& angle_rad) {
   return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
 }
 
+// What a person should know of the run besides its figures: the first few events that are not routine.
+std::vector<std::string> notable_events(const RunLog& log) {
+  constexpr std::size_t kShown = 3;
+  std::vector<std::string> lines;
+  std::size_t more = 0;
+  for (const EventRecord& event : log.events) {
+    const auto reason = static_cast<Reason>(event.reason);
+    if (reason == Reason::kModeChange || reason == Reason::kLogRotated) continue;
+    if (lines.size() == kShown)
+      ++more;
+    else
+      lines.push_back(fmt::format("{:.4f} s, {}: {}", 1e-9 * static_cast<double>(event.t_ns),
+                                  kRoleNames[event.role], event.text));
+  }
+  if (more > 0) lines.push_back(fmt::format("and {} more (report.html)", more));
+  return lines;
+}
+
 void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
-                 const RunFacts& facts) {
+                 const RunFacts& facts, const std::vector<std::string>& events) {
   const auto row = [](const std::string& name, const std::string& text) {
     fmt::print("  {:<22} {}\n", name, text);
   };
@@ -65,6 +84,7 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   row("messages lost", fmt::format("{}  (sent again: {})", lost, facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
+  for (const std::string& event : events) row("event", event);
   row("speed of the run", fmt::format("{:.0f} steps/s ({:.2f} s wall)",
                                       s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
   row("written to", directory + "  (open report.html)");
@@ -117,7 +137,7 @@ int conclude_run(const std::string& directory, const Config& config, const RunFa
 
   write_report({{log, config.drive(), s}}, {.title = config.drive().name},
                (dir / "report.html").string());
-  print_table(directory, config.drive(), s, facts);
+  print_table(directory, config.drive(), s, facts, notable_events(log));
   std::int64_t lost = 0;
   for (const auto& [channel, count] : s.lost_messages) lost += count;
   const bool well = s.locked.value_or(true) && lost == 0 && facts.ended.empty();

@@ -166,8 +166,10 @@ RunFacts Supervisor::run() {
   bus_->subscribe<event_t>([this](const event_t& e) {
     if (e.reason >= static_cast<int>(Reason::kCommandLost)) last_failure_ = e.text;
   });
-  bus_->subscribe<truth_t>([this](const truth_t& w) { truth_ = from_wire(w); });
-  bus_->subscribe<estimate_t>([this](const estimate_t& w) { estimate_ = from_wire(w); });
+  if (progress_.visible()) {
+    bus_->subscribe<truth_t>([this](const truth_t& w) { truth_ = from_wire(w); });
+    bus_->subscribe<estimate_t>([this](const estimate_t& w) { estimate_ = from_wire(w); });
+  }
   auto begun = Clock::now();
   if (wait_until_ready()) {
     begun = Clock::now();
