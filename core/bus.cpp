@@ -9,6 +9,7 @@
 #include <random>
 #include <regex>
 #include <set>
+#include <utility>
 
 #include "core/channel_filter.hpp"
 #include "core/config.hpp"
@@ -28,12 +29,6 @@ std::int64_t big_endian_64(const std::uint8_t* bytes) {
 // Every message begins: fingerprint, seq, t_ns, session, 8 bytes each.
 constexpr std::size_t kHeaderSize = 32;
 
-std::string resolve_url(const std::string& wanted) {
-  if (!wanted.empty()) return wanted;
-  const char* from_environment = std::getenv("LCM_DEFAULT_URL");
-  return from_environment && *from_environment ? from_environment : kDefaultUrl;
-}
-
 // A receive buffer large enough that a burst is not lost while this process waits for its turn.
 std::string with_receive_buffer(const std::string& url) {
   if (url.rfind("udpm://", 0) != 0 || url.find("recv_buf_size") != std::string::npos) return url;
@@ -41,6 +36,19 @@ std::string with_receive_buffer(const std::string& url) {
 }
 
 const std::regex kUdpmUrl(R"(^(udpm://[^:/?]+):(\d+)(.*)$)");
+constexpr int kPortsSplit = 6;
+
+// LCM itself prints several lines, or none, where a URL is malformed.
+bool well_formed(const std::string& url) {
+  static const std::regex udpm(
+      R"(^udpm://(\d{1,3})\.(\d{1,3})\.(\d{1,3})\.(\d{1,3}):(\d{1,5})(\?(ttl|recv_buf_size)=\d+(&(ttl|recv_buf_size)=\d+)*)?$)");
+  static const std::regex other(R"(^(mpudpm|tcpq|memq|file)://.*$)");
+  std::smatch parts;
+  if (!std::regex_match(url, parts, udpm)) return std::regex_match(url, other);
+  const auto number = [&](int i) { return std::stoi(parts[i].str()); };
+  return number(1) >= 224 && number(1) <= 239 && number(2) <= 255 && number(3) <= 255 && number(4) <= 255 &&
+         number(5) >= 1 && number(5) + kPortsSplit <= 65536;
+}
 
 // 0 for a URL of another kind.
 std::uint16_t port_of(const std::string& url) {
@@ -77,6 +85,17 @@ int port_offset(Channel channel) {
 
 }  // namespace
 
+std::string resolve_url(const std::string& wanted) {
+  const char* from_environment = std::getenv("LCM_DEFAULT_URL");
+  const std::string url = !wanted.empty()                            ? wanted
+                          : from_environment && *from_environment ? from_environment
+                                                                     : kDefaultUrl;
+  if (!well_formed(url))
+    throw BadInput(fmt::format("{} {}: a URL such as {} allowed: a multicast address, a port, ?ttl= and recv_buf_size=",
+                               wanted.empty() ? "LCM_DEFAULT_URL" : "--lcm-url", url, kDefaultUrl));
+  return url;
+}
+
 struct Bus::Link {
   struct Subscription {
     Bus* bus;
@@ -110,6 +129,7 @@ Bus::Bus(const BusOptions& options)
     throw BadInput(fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed",
                                options_.channel_suffix));
   options_.url = resolve_url(options_.url);
+  first_seq_.fill(-1);
   last_seq_.fill(-1);
   for (History& history : history_) history.ring.resize(options_.history);
   if (options_.url.rfind("udpm://", 0) == 0 && !multicast_route_exists("239.255.76.67"))
@@ -158,15 +178,31 @@ void Bus::subscribe_all(RawHandler handler) {
 
 bool Bus::admit(std::int64_t session) {
   if (session == session_) return true;
-  if (!bound_ && (session_ == 0 || options_.follow)) {
+  // Session 0 is a speaker that has no session yet: nothing to take over.
+  if (!bound_ && session != 0 && (session_ == 0 || options_.follow)) {
     const bool changed = session_ != 0;
     session_ = session;
+    first_seq_.fill(-1);
     last_seq_.fill(-1);
     if (changed && new_session_) new_session_();
     return true;
   }
   ++counters_.refused;
   return false;
+}
+
+// What is sent again carries an older number: only where an unbound bus hears the first one again has a log been
+// started anew.
+void Bus::count_gap(Channel channel, std::int64_t seq) {
+  std::int64_t& first = first_seq_[static_cast<std::size_t>(channel)];
+  std::int64_t& last = last_seq_[static_cast<std::size_t>(channel)];
+  const std::int64_t stride = channel == Channel::kGain ? options_.gain_stride : 1;
+  if (last < 0 || (!bound_ && seq <= first)) {
+    first = last = seq;
+  } else if (seq > last) {
+    counters_.gaps += (seq - last) / stride - 1;
+    last = seq;
+  }
 }
 
 void Bus::received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawHandler& handler) {
@@ -184,13 +220,12 @@ void Bus::received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawH
   }
   const std::int64_t seq = big_endian_64(bytes + 8), t_ns = big_endian_64(bytes + 16);
   if (!admit(big_endian_64(bytes + 24))) return;
-  if (channel < Channel::kStatus) {
-    std::int64_t& last = last_seq_[static_cast<std::size_t>(channel)];
-    const std::int64_t stride = channel == Channel::kGain ? options_.gain_stride : 1;
-    if (last >= 0 && seq > last + stride) counters_.gaps += (seq - last) / stride - 1;
-    last = seq;
+  if (channel < Channel::kStatus) count_gap(channel, seq);
+  try {
+    handler(channel, bytes, size, seq, t_ns);
+  } catch (...) {
+    thrown_ = std::current_exception();
   }
-  handler(channel, bytes, size, seq, t_ns);
 }
 
 void Bus::send(Channel channel, std::int64_t seq, const std::uint8_t* bytes, std::size_t size) {
@@ -229,15 +264,16 @@ bool Bus::handle(double timeout_ms) {
   for (auto& [offset, link] : links_)
     if (!link->subscriptions.empty())
       descriptors[count++] = {.fd = link->lcm.getFileno(), .events = POLLIN, .revents = 0};
-  const auto whole_ms = static_cast<time_t>(timeout_ms / 1000);
-  const timespec timeout{.tv_sec = whole_ms,
-                         .tv_nsec = static_cast<long>((timeout_ms - 1000.0 * static_cast<double>(whole_ms)) * 1e6)};
+  const auto whole_s = static_cast<time_t>(timeout_ms / 1000);
+  const timespec timeout{.tv_sec = whole_s,
+                         .tv_nsec = static_cast<long>((timeout_ms - 1000.0 * static_cast<double>(whole_s)) * 1e6)};
   const int ready = ppoll(descriptors.data(), count, &timeout, nullptr);
   if (ready <= 0) return false;  // time-out, or a signal: the caller looks at its stop flag
   std::size_t index = 0;
   for (auto& [offset, link] : links_) {
     if (link->subscriptions.empty()) continue;
     if (descriptors[index++].revents & POLLIN) link->lcm.handle();
+    if (thrown_) std::rethrow_exception(std::exchange(thrown_, nullptr));
   }
   return true;
 }

@@ -8,6 +8,7 @@
 #include <lcm/lcm-cpp.hpp>
 
 #include <array>
+#include <exception>
 #include <functional>
 #include <map>
 #include <memory>
@@ -19,6 +20,9 @@
 namespace twinrate {
 
 inline constexpr const char* kDefaultUrl = "udpm://239.255.76.67:7667?ttl=0";
+
+// `wanted`, else LCM_DEFAULT_URL, else kDefaultUrl. Throws BadInput where LCM could not understand it.
+std::string resolve_url(const std::string& wanted);
 
 struct BusOptions {
   std::string url;             // empty: LCM_DEFAULT_URL, else kDefaultUrl
@@ -67,7 +71,8 @@ class Bus {
   // Sends the latest message of a channel again with the same seq; false where it is no longer kept.
   bool send_again(Channel channel, std::int64_t seq);
 
-  // Handles what arrives within `timeout_ms`; false where nothing came.
+  // Handles what arrives within `timeout_ms`; false where nothing came. What a handler throws comes out here: it must
+  // not cross LCM's own frames.
   bool handle(double timeout_ms);
   // Called when a message of a new session arrives at a bus that follows.
   void on_new_session(std::function<void()> handler) { new_session_ = std::move(handler); }
@@ -88,6 +93,7 @@ class Bus {
   void subscribe_raw(Channel channel, RawHandler handler);
   void received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawHandler& handler);
   bool admit(std::int64_t session);
+  void count_gap(Channel channel, std::int64_t seq);
   void send(Channel channel, std::int64_t seq, const std::uint8_t* bytes, std::size_t size);
   void serve_missing(const ack_t& ack);
 
@@ -96,11 +102,12 @@ class Bus {
   bool bound_;
   BusCounters counters_;
   std::uint64_t datagrams_seen_ = 0;
-  std::array<std::int64_t, kChannelCount> last_seq_;
+  std::array<std::int64_t, kChannelCount> first_seq_, last_seq_;
   std::array<History, kChannelCount> history_;
   std::vector<std::uint8_t> scratch_;
   std::map<int, std::unique_ptr<Link>> links_;  // by UDP port offset
   std::function<void()> new_session_;
+  std::exception_ptr thrown_;
 };
 
 // Fresh session id: not 0, unlikely to meet another.

@@ -3,10 +3,14 @@
 //   MEASUREMENT(k), GAIN(s) -> [FastLoop::tick] -> ESTIMATE(k)
 //
 // Lock-step: the tick waits for the gain it plans to use, so the result does not depend on scheduling. While it
-// waits it repeats the snapshot the gain is computed from. Realtime: nobody waits, the older gain is held and counted.
+// waits it repeats the snapshot the gain is computed from; samples that a log player sends meanwhile queue up.
+// Realtime: nobody waits, the older gain is held and counted.
 #include <fmt/format.h>
 
+#include <deque>
+
 #include "core/process.hpp"
+#include "core/recent.hpp"
 #include "core/signals_io.hpp"
 #include "estimator/make_filter.hpp"
 #include "estimator/two_rate.hpp"
@@ -21,6 +25,7 @@ class EstimatorProcess {
         fast_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
     p.bus().subscribe<gain_t>([this](const gain_t& w) { take_gain(from_wire(w)); });
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
+    p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
     p.bus().on_new_session([this] { reset(-1); });
     p.waiting_for([this] { return missing(); });
   }
@@ -30,42 +35,54 @@ class EstimatorProcess {
   }
 
  private:
-  std::string missing() const {
-    return waiting_.k >= 0 ? fmt::format("GAIN for tick {} from gain", waiting_.k)
-                           : fmt::format("MEASUREMENT({}) from plant", last_.k + 1);
+  static constexpr std::size_t kQueueLimit = 4096;  // samples; beyond it the gain process is taken for gone
+
+  Waiting missing() const {
+    if (waiting_.empty()) return {fmt::format("MEASUREMENT({}) from plant", last_.k + 1), 3};
+    return {fmt::format("GAIN for tick {} from gain", waiting_.front().k), 0};
   }
   void reset(std::int64_t k) {
     fast_.reset();
     last_ = Estimate{};
-    waiting_ = Measurement{};
+    waiting_.clear();
+    snapshots_ = {};
     p_.event(Reason::kEstimatorReset, k, "the sequence started again: the filter began anew");
   }
   void take(const Measurement& m) {
-    if (m.k == last_.k || m.k == waiting_.k) {
+    if (m.k == last_.k || (!waiting_.empty() && m.k == waiting_.back().k)) {
       ++p_.status().duplicates;
       if (m.k == last_.k) p_.bus().publish(to_wire(last_, p_.bus().session()));
       return;
     }
-    if (m.k < last_.k) {
+    if (m.k < (waiting_.empty() ? last_.k : waiting_.back().k)) {
       if (!p_.options().follow) return;
       reset(m.k);
     }
-    if (p_.lockstep() && !fast_.gain_ready(m.k))
-      waiting_ = m;
-    else
-      tick(m);
+    waiting_.push_back(m);
+    tick_while_ready();
   }
   void take_gain(const Gain& gain) {
     fast_.take_gain(gain);
-    if (waiting_.k < 0 || !fast_.gain_ready(waiting_.k)) return;
-    const Measurement m = waiting_;
-    waiting_ = Measurement{};
-    tick(m);
+    tick_while_ready();
+  }
+  void tick_while_ready() {
+    while (!waiting_.empty() && (!must_wait(waiting_.front().k) || waiting_.size() > kQueueLimit)) {
+      const Measurement m = waiting_.front();
+      waiting_.pop_front();
+      tick(m);
+    }
+  }
+  // A gain whose snapshot was never taken, because its sample was lost on the way, is not waited for.
+  bool must_wait(std::int64_t k) const {
+    return p_.lockstep() && !fast_.gain_ready(k) && planned_snapshot(k) != nullptr;
+  }
+  const Estimate* planned_snapshot(std::int64_t k) const {
+    return snapshots_.at(snapshot_for_tick(p_.drive().gain.policy, k, p_.drive().rates.n));
   }
   void tick(const Measurement& m) {
     last_ = fast_.tick(m);
     p_.bus().publish(to_wire(last_, p_.bus().session()));
-    if (is_snapshot(m.k, p_.drive().rates.n)) snapshot_ = last_;
+    if (is_snapshot(m.k, p_.drive().rates.n)) snapshots_.put(last_);
     report(last_);
     p_.progress(m.k);
   }
@@ -81,15 +98,24 @@ class EstimatorProcess {
       p_.event(Reason::kEstimateNotFinite, e.k, "a correction was not finite and was left out");
   }
   void repeat_what_is_waited_for() {
-    if (waiting_.k < 0 || snapshot_.k < 0) return;
+    if (waiting_.empty()) return;
+    const Estimate* snapshot = planned_snapshot(waiting_.front().k);
+    if (!snapshot) return;
     ++p_.status().repeats;
-    p_.bus().publish(to_wire(snapshot_, p_.bus().session()));
+    p_.bus().publish(to_wire(*snapshot, p_.bus().session()));
+  }
+  // The log lacks a gain: perhaps the gain process never saw the snapshot. No later tick may be there to ask for it.
+  void repeat_snapshots(const ack_t& ack) {
+    for (int i = 0; i < ack.n_missing && i < 32; ++i)
+      if (ack.missing_channel[i] == static_cast<int>(Channel::kGain))
+        p_.bus().send_again(Channel::kEstimate, ack.missing_seq[i]);
   }
 
   Process& p_;
   FastLoop fast_;
-  Estimate last_, snapshot_;
-  Measurement waiting_;
+  Estimate last_;
+  Recent<Estimate> snapshots_;
+  std::deque<Measurement> waiting_;
   bool was_late_ = false;
 };
 

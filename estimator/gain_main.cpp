@@ -21,8 +21,9 @@ class GainProcess {
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
     p.waiting_for([this] {
-      return fmt::format("snapshot ESTIMATE({}) from estimator",
-                         last_k() < 0 ? 0 : last_k() + p_.drive().rates.n);
+      return Waiting{fmt::format("snapshot ESTIMATE({}) from estimator",
+                                 last_k() < 0 ? 0 : last_k() + p_.drive().rates.n),
+                     4};
     });
   }
   void run() {

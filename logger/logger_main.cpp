@@ -37,11 +37,15 @@ class LoggerProcess {
                                  std::int64_t seq, std::int64_t t_ns) {
       take(channel, bytes, size, seq, t_ns);
     });
-    p.waiting_for([this] { return fmt::format("messages of tick {}", log_.complete_below()); });
+    p.waiting_for([this] { return Waiting{fmt::format("messages of tick {}", log_.complete_below()), 5}; });
   }
   void run() {
     p_.ready();
-    p_.run([this] { acknowledge(); });
+    p_.run([this] {
+      ask_for_missing();
+      acknowledge();
+    });
+    drain();
     log_.close();
     if (!writer_.flush()) disk_full();
     write_account();
@@ -67,21 +71,33 @@ class LoggerProcess {
       p_.event(Reason::kLogRotated, log_.complete_below(), "log continues in " + writer_.files().back());
     if (writer_.full()) disk_full();
   }
-  // What is written is written: flush first, then say so and ask for what is missing.
+  // Stopped: what has arrived already belongs in the log. A bus that never falls silent does not hold it up.
+  void drain() {
+    const auto begun = std::chrono::steady_clock::now();
+    while (!writer_.full() && p_.bus().handle(5) &&
+           std::chrono::steady_clock::now() - begun < std::chrono::seconds(2)) {
+    }
+  }
+  // What is written is written: flush first, then say so.
   void acknowledge() {
     if (!writer_.flush()) {
       disk_full();
       return;
     }
     acknowledged_ = log_.complete_below();
-    ack_t ack{};
+    ack_t ack = missing_;
     ack.seq = acknowledged_;
+    missing_ = ack_t{};
+    // A logger that only listens in has no say in how far the plant of that session may go.
+    if (p_.bus().bound()) p_.bus().publish(ack);
+  }
+  // Only when nothing comes any more: what is missing of the newest ticks is usually still on its way.
+  void ask_for_missing() {
     for (const TickLog::Missing& missing : log_.missing(32)) {
-      ack.missing_channel[ack.n_missing] = static_cast<std::int32_t>(missing.channel);
-      ack.missing_seq[ack.n_missing++] = missing.seq;
+      missing_.missing_channel[missing_.n_missing] = static_cast<std::int32_t>(missing.channel);
+      missing_.missing_seq[missing_.n_missing++] = missing.seq;
     }
-    if (ack.n_missing > 0) ++p_.status().repeats;
-    p_.bus().publish(ack);
+    if (missing_.n_missing > 0) ++p_.status().repeats;
   }
   void disk_full() {
     if (p_.stopping() && full_said_) return;
@@ -109,6 +125,7 @@ class LoggerProcess {
   std::string directory_;
   LogWriter writer_;
   TickLog log_;
+  ack_t missing_{};  // to be asked for with the next acknowledgement
   std::int64_t ack_every_, acknowledged_ = 0;
   bool full_said_ = false;
 };

@@ -36,14 +36,21 @@ void TickLog::write_tick(const Tick& tick) {
   }
 }
 
-void TickLog::count_as_it_comes(Channel channel, std::int64_t seq) {
+bool TickLog::new_as_it_comes(Channel channel, std::int64_t seq) {
   ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
   const std::int64_t stride = channel == Channel::kGain ? n_ : 1;
-  if (seq == account.last_seq) ++account.duplicates;
-  if (account.last_seq >= 0 && seq > account.last_seq + stride)
+  const bool begins = account.last_seq < 0 || (seq <= account.first_seq && account.last_seq > account.first_seq);
+  if (!begins && seq <= account.last_seq) {
+    ++account.duplicates;
+    return false;
+  }
+  if (begins)
+    account.first_seq = seq;
+  else
     account.lost += (seq - account.last_seq) / stride - 1;
   account.last_seq = seq;
   if (channel == Channel::kMeasurement) next_ = seq + 1;
+  return true;
 }
 
 void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
@@ -51,8 +58,8 @@ void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const s
   ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
   const bool of_a_tick = channel < Channel::kStatus;
   if (order_ == Order::kAsItComes || !of_a_tick) {
+    if (of_a_tick && !new_as_it_comes(channel, seq)) return;
     ++account.received;
-    if (of_a_tick) count_as_it_comes(channel, seq);
     // Events and heartbeats carry the drive time of what they tell; the log's clock never runs back.
     write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
     return;
@@ -96,8 +103,10 @@ std::vector<TickLog::Missing> TickLog::missing(std::size_t limit) const {
 
 void TickLog::close() {
   for (const auto& [k, tick] : pending_) write_tick(tick);
-  for (const Missing& gone : missing(static_cast<std::size_t>(-1)))
-    ++accounts_[static_cast<std::size_t>(gone.channel)].lost;
+  for (const Missing& gone : missing(static_cast<std::size_t>(-1))) {
+    ChannelAccount& account = accounts_[static_cast<std::size_t>(gone.channel)];
+    if (gone.seq < account.last_seq) ++account.lost;
+  }
   pending_.clear();
 }
 

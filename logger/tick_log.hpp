@@ -3,7 +3,8 @@
 // Ordered (lock-step): a tick is written once all its messages are there, in the order of core/channels; what is
 // missing can be asked for again, so the log of a run does not depend on scheduling or on lost datagrams. Time
 // stamps are drive time, so lcm-logplayer at x1 plays at the speed of the real drive.
-// As it comes (realtime, foreign sessions): written at once; sequence numbers tell what was lost.
+// As it comes (realtime, foreign sessions): written at once; sequence numbers tell what was lost. A session that
+// begins with its first number again (a log played twice) is written again.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -17,7 +18,7 @@
 namespace twinrate {
 
 struct ChannelAccount {
-  std::int64_t received = 0, lost = 0, duplicates = 0, last_seq = -1;
+  std::int64_t received = 0, lost = 0, duplicates = 0, first_seq = -1, last_seq = -1;
 };
 
 class TickLog {
@@ -36,7 +37,8 @@ class TickLog {
     std::int64_t seq;
   };
   std::vector<Missing> missing(std::size_t limit) const;
-  // End of the run: writes what is there of incomplete ticks and counts the rest as lost.
+  // End of the run: writes what is there of incomplete ticks and counts the gaps in them as lost. What a run that was
+  // stopped had not said yet is not lost.
   void close();
 
   const ChannelAccount& account(Channel channel) const {
@@ -54,7 +56,7 @@ class TickLog {
   bool complete(std::int64_t k, const Tick& tick) const;
   void write_tick(const Tick& tick);
   void write(Channel channel, std::int64_t t_ns, const std::uint8_t* bytes, std::size_t size);
-  void count_as_it_comes(Channel channel, std::int64_t seq);
+  bool new_as_it_comes(Channel channel, std::int64_t seq);
 
   LogWriter& writer_;
   Order order_;

@@ -86,7 +86,10 @@ void ProcessSet::stop(const std::vector<Role>& roles, double patience_s) {
     return !child.ended && std::find(roles.begin(), roles.end(), child.role) != roles.end();
   };
   for (const Child& child : children_)
-    if (concerned(child)) kill(child.pid, SIGTERM);
+    if (concerned(child)) {
+      kill(child.pid, SIGTERM);
+      kill(child.pid, SIGCONT);  // a stopped process cannot hear
+    }
   const auto begun = std::chrono::steady_clock::now();
   bool killed = false;
   while (true) {
