@@ -11,6 +11,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr double kStartPatience_s = 10;
+
 struct Member {
   Role role;
   const char* program;
@@ -75,8 +77,8 @@ void Supervisor::note_status(const status_t& status) {
   latest_[status.role] = status;
   for (const auto& [role, other] : latest_)
     if (other.config_hash != 0 && status.config_hash != 0 && other.config_hash != status.config_hash)
-      facts_.ended = fmt::format("{} and {} were started with different configs",
-                                 kRoleNames[status.role], kRoleNames[role]);
+      end_early(fmt::format("{} and {} were started with different configs",
+                            kRoleNames[status.role], kRoleNames[role]));
 }
 
 void Supervisor::request(RequestKind kind) {
@@ -87,11 +89,29 @@ void Supervisor::request(RequestKind kind) {
 }
 
 void Supervisor::note_dead_child() {
+  const auto begun = Clock::now();
+  while (bus_->handle(20) || seconds_since(begun) < 0.3) {  // the others may say more about the cause
+    if (seconds_since(begun) > 1) break;
+  }
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
-    const std::string reason = last_failure_.empty() ? "" : ": " + last_failure_;
-    end_early(fmt::format("{} ended with {}{}", child.program, describe_end(child), reason));
+    const std::string cause = root_cause();
+    end_early(!cause.empty() && child.exit_code < 128
+                  ? cause
+                  : fmt::format("{} ended with {}", child.program, describe_end(child)));
   }
+}
+
+// When one process falls silent the others time out one after the other, each waiting for the next: the cause is
+// the one that is waited for and does not complain itself.
+std::string Supervisor::root_cause() const {
+  for (const auto& [role, text] : failures_)
+    for (const Member& member : kMembers) {
+      const int waited_for = static_cast<int>(member.role);
+      if (!failures_.count(waited_for) && text.ends_with(std::string("from ") + kRoleNames[waited_for]))
+        return fmt::format("{} stopped answering: {}", kRoleNames[waited_for], text);
+    }
+  return failures_.empty() ? "" : failures_.begin()->second;
 }
 
 bool Supervisor::end_early(const std::string& why) {
@@ -114,7 +134,7 @@ bool Supervisor::wait_until_ready() {
     for (const Member& member : kMembers)
       if (!ready(member.role)) missing += (missing.empty() ? "" : ", ") + std::string(member.program);
     if (missing.empty()) return true;
-    if (seconds_since(begun) > drive_.bus.peer_timeout_s)
+    if (seconds_since(begun) > std::max(drive_.bus.peer_timeout_s, kStartPatience_s))
       return end_early(fmt::format("not ready after {:.1f} s: {}", seconds_since(begun), missing));
   }
 }
@@ -135,10 +155,8 @@ void Supervisor::watch() {
       note_dead_child();
       return;
     }
-    if (stop_signalled()) {
-      end_early("interrupted");
-      return;
-    }
+    if (stop_signalled()) end_early("interrupted");
+    if (!facts_.ended.empty()) return;
   }
 }
 
@@ -149,6 +167,8 @@ void Supervisor::stop_in_order() {
   }
   set_.stop({Role::kEstimator, Role::kController, Role::kGain}, 3);
   set_.stop({Role::kLogger}, 10);
+  for (const Child& child : set_.children())
+    if (child.exit_code != 0) end_early(fmt::format("{} ended with {}", child.program, describe_end(child)));
   while (bus_->handle(5)) {  // the last heartbeats hold the final counts
   }
 }
@@ -164,7 +184,9 @@ RunFacts Supervisor::run() {
                                           .role = Role::kSupervisor});
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
   bus_->subscribe<event_t>([this](const event_t& e) {
-    if (e.reason >= static_cast<int>(Reason::kCommandLost)) last_failure_ = e.text;
+    const auto reason = static_cast<Reason>(e.reason);
+    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull || reason == Reason::kPlantFailed)
+      failures_.emplace(e.role, e.text);
   });
   if (progress_.visible()) {
     bus_->subscribe<truth_t>([this](const truth_t& w) { truth_ = from_wire(w); });

@@ -32,6 +32,7 @@ class Supervisor {
   void note_status(const status_t& status);
   void note_dead_child();
   void request(RequestKind kind);
+  std::string root_cause() const;
   bool end_early(const std::string& why);
   std::vector<std::string> arguments(Role role) const;
 
@@ -46,7 +47,7 @@ class Supervisor {
   Truth truth_;
   Estimate estimate_;
   RunFacts facts_;
-  std::string last_failure_;  // text of the latest failure event of any process
+  std::map<int, std::string> failures_;  // by role: the failure event of each process
 };
 
 }  // namespace twinrate
