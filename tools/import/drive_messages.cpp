@@ -27,15 +27,22 @@ void note_spacing(const DriveRows& rows, TickGrid& grid) {
 TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
   TickGrid grid;
   grid.slots.reserve(rows.size());
+  const auto nearest = [&](std::size_t row) {
+    return row < rows.size() ? std::llround((rows.t[row] - rows.t[0]) * f_s_Hz) : INT64_MAX;
+  };
   std::int64_t last = -1;
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    const std::int64_t nearest = std::llround((rows.t[row] - rows.t[0]) * f_s_Hz);
-    const std::int64_t k = std::max(nearest, last + 1);
-    if (k - nearest > kFarthestMove) {
+    std::int64_t k = nearest(row);
+    const std::int64_t next = nearest(row + 1);
+    if (k == next && last < k - 1) {
+      --k;
+    } else if (k == last && next > k + 1) {
+      ++k;
+    } else if (k <= last) {
       ++grid.crowded_out;
       continue;
     }
-    grid.moved += k > nearest;
+    grid.moved += k != nearest(row);
     grid.gaps += k > last + 1;
     grid.missing += k - last - 1;
     grid.slots.push_back({row, k});

@@ -21,11 +21,10 @@ struct TickGrid {
   };
   std::vector<Slot> slots;  // one a MEASUREMENT
   double dt_min_s = 0, dt_median_s = 0, dt_max_s = 0;
-  std::int64_t gaps = 0, missing = 0;       // runs of empty slots, and slots in them
-  std::int64_t moved = 0, crowded_out = 0;  // rows in a later slot than the nearest; rows left out
+  std::int64_t gaps = 0, missing = 0;       // runs of empty ticks, and ticks in them
+  std::int64_t moved = 0, crowded_out = 0;  // rows not on their nearest tick; rows left out
 };
 
-inline constexpr std::int64_t kFarthestMove = 1;
 inline constexpr double kMostCrowdedOut = 0.02;  // share of the rows
 
 // Throws BadInput where more rows than kMostCrowdedOut find no slot: they come faster than f_s.
