@@ -18,27 +18,6 @@ constexpr double kSlopeSpan_s = 0.01;
 constexpr int kRippleTurns = 3;
 constexpr int kRippleOrders = 60;
 
-// omega_m of each row: the truth, or the slope of the measured position over kSlopeSpan_s.
-std::vector<double> true_speed(const std::vector<TickRow>& rows, bool has_truth) {
-  std::vector<double> omega_m(rows.size(), kNaN);
-  const auto position = [&](std::size_t i) {
-    const Measurement* m = rows[i].measurement;
-    return m && (m->signals & kPosition) ? m->theta_m : kNaN;
-  };
-  std::size_t from = 0, to = 0;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    if (has_truth) {
-      if (rows[i].truth) omega_m[i] = rows[i].truth->omega_m;
-      continue;
-    }
-    while (rows[from].t_s < rows[i].t_s - kSlopeSpan_s / 2) ++from;
-    while (to + 1 < rows.size() && rows[to + 1].t_s <= rows[i].t_s + kSlopeSpan_s / 2) ++to;
-    if (rows[to].t_s > rows[from].t_s)
-      omega_m[i] = (position(to) - position(from)) / (rows[to].t_s - rows[from].t_s);
-  }
-  return omega_m;
-}
-
 // A diverged state is told by its square, before the numbers themselves overflow.
 bool finite(double value) {
   return std::isfinite(value * value);
@@ -89,7 +68,7 @@ struct Rows {
 Rows rows_of(const RunLog& log, const DriveConfig& config) {
   Rows rows;
   rows.all = tick_rows(log);
-  rows.omega_m = true_speed(rows.all, !log.truth.empty());
+  rows.omega_m = reference_speed(rows.all, !log.truth.empty());
   // A nanosecond of slack: t_ns is rounded.
   if (!rows.all.empty()) rows.settled_s = rows.all.front().t_s + config.run.settle_s - 1e-9;
   return rows;
@@ -224,6 +203,26 @@ double angle_error(const TickRow& row, AngleReference reference, int n_p) {
   if (!row.estimate) return kNaN;
   const double difference = row.estimate->theta_e - theta_e_reference(row, reference, n_p);
   return std::isfinite(difference) ? wrap_pi(difference) : kNaN;
+}
+
+std::vector<double> reference_speed(const std::vector<TickRow>& rows, bool has_truth) {
+  std::vector<double> omega_m(rows.size(), kNaN);
+  const auto position = [&](std::size_t i) {
+    const Measurement* m = rows[i].measurement;
+    return m && (m->signals & kPosition) ? m->theta_m : kNaN;
+  };
+  std::size_t from = 0, to = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (has_truth) {
+      if (rows[i].truth) omega_m[i] = rows[i].truth->omega_m;
+      continue;
+    }
+    while (rows[from].t_s < rows[i].t_s - kSlopeSpan_s / 2) ++from;
+    while (to + 1 < rows.size() && rows[to + 1].t_s <= rows[i].t_s + kSlopeSpan_s / 2) ++to;
+    if (rows[to].t_s > rows[from].t_s)
+      omega_m[i] = (position(to) - position(from)) / (rows[to].t_s - rows[from].t_s);
+  }
+  return omega_m;
 }
 
 std::vector<TickError> tick_errors(const RunLog& log, const DriveConfig& config,

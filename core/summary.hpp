@@ -70,6 +70,10 @@ double theta_e_reference(const TickRow& row, AngleReference reference, int n_p);
 // wrap(theta_e_hat - theta_e) at a tick; NaN where either is missing or not finite.
 double angle_error(const TickRow& row, AngleReference reference, int n_p);
 
+// omega_m of each row: the truth, or the slope of the measured position over 10 ms; NaN where there
+// is neither.
+std::vector<double> reference_speed(const std::vector<TickRow>& rows, bool has_truth);
+
 // Each tick that has an estimate and a reference angle; an error is NaN where the estimate is.
 // `angle_reference` and `log` as in summarise().
 struct TickError {

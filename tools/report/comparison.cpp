@@ -10,7 +10,6 @@ namespace {
 
 constexpr std::size_t kGridPoints = 2500;
 constexpr std::size_t kMostOverlaid = 4;
-constexpr int kColours = 8;
 
 std::string run_name(const RunView& view) {
   const DriveConfig& config = view.run.config;
@@ -82,18 +81,20 @@ Figure overlay(const std::vector<RunView>& views, const std::vector<std::string>
   Figure figure{.x_label = "electrical turns"};
   std::vector<std::pair<double, std::pair<std::size_t, double>>> points;
   std::size_t shown = 0;
-  for (const RunView& view : views) {
-    if (view.lost() || !view.has_P44() || shown == kMostOverlaid) continue;
-    double start = NAN;
-    for (const TickRow& row : view.short_window()) {
-      const double turns = theta_e_reference(row, view.reference, view.n_p()) / kTwoPi;
-      if (std::isnan(start)) start = std::floor(turns);
-      if (std::isfinite(turns)) points.push_back({std::abs(turns - start), {shown, quantity(row)}});
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const RunView& view = views[i];
+    if (view.rows.empty() || view.lost() || !view.has_P44() || shown == kMostOverlaid) continue;
+    const std::vector<TickRow> window = view.short_window();
+    const auto turns_of = [&](const TickRow& row) {
+      return theta_e_reference(row, view.reference, view.n_p()) / kTwoPi;
+    };
+    const double direction = turns_of(window.back()) < turns_of(window.front()) ? -1 : 1;
+    const double start = std::floor(direction * turns_of(window.front()));
+    for (const TickRow& row : window) {
+      const double turns = direction * turns_of(row) - start;
+      if (std::isfinite(turns)) points.push_back({turns, {shown, quantity(row)}});
     }
-    figure.series.push_back({names[static_cast<std::size_t>(&view - views.data())],
-                             fmt::format("run{}", shown % kColours),
-                             {},
-                             true});
+    figure.series.push_back({names[i], fmt::format("run{}", shown), {}, true});
     ++shown;
   }
   std::stable_sort(points.begin(), points.end(),

@@ -52,7 +52,6 @@ std::vector<double> times_of(const std::vector<TickRow>& rows);
 // The quantities of a tick, NaN where the log has them not. Angles wrapped into [0, 360) and errors
 // in degrees.
 namespace quantity {
-double omega_m_true(const TickRow& row);
 double omega_m_measured(const TickRow& row);
 double omega_m_hat(const TickRow& row);
 double omega_m_ref(const TickRow& row);

@@ -17,6 +17,7 @@ const STROKES = {
 const GRID = { stroke: '#eceff2', width: 1 };
 const FONT = '12px system-ui, "Segoe UI", "DejaVu Sans", sans-serif';
 const LABELLED_BARS = 8;
+const SMALL_HEIGHT = 180;
 const charts = [];
 
 function element(tag, properties = {}, children = []) {
@@ -29,8 +30,14 @@ function shown(value) {
   return value == null ? '' : String(Number(value.toPrecision(4)));
 }
 
+// uPlot's own tick labels round small numbers to 0.
+function tickLabels(chart, splits) {
+  const step = Math.abs(splits[1] - splits[0]) || 1;
+  return splits.map((v) => (Math.abs(v) < step / 1e6 ? '0' : String(Number(v.toPrecision(5)))));
+}
+
 function axis(label, size) {
-  return { label, labelFont: FONT, font: FONT, grid: GRID, ticks: GRID, stroke: '#3c454d', labelSize: 20, size };
+  return { label, values: tickLabels, labelFont: FONT, font: FONT, grid: GRID, ticks: GRID, stroke: '#3c454d', labelSize: 20, size };
 }
 
 // Zoom of one figure of a group is the zoom of all of them.
@@ -118,9 +125,10 @@ function draw(figure, box) {
     height: box.dataset.height * 1,
     scales: { x, y: { range: yRange(figure) } },
     axes: [axis(figure.x_label, 34),
-           { ...axis(figure.y_label, 58), ...(degrees ? { incrs: [30, 45, 90, 180] } : {}) }],
+           { ...axis(figure.y_label, 68), ...(degrees ? { incrs: [30, 45, 90, 180] } : {}) }],
     series: [{ label: figure.x_label, value: (u, v) => (v == null ? '' : String(Number(v.toPrecision(6)))) },
              ...figure.series.map((curve) => seriesOptions(figure, curve))],
+    legend: { show: !box.dataset.small },
     cursor: { drag: { x: true, y: false }, points: { size: 6 },
               sync: figure.group ? { key: figure.group, setSeries: false } : undefined },
     hooks,
@@ -131,13 +139,14 @@ function draw(figure, box) {
 function figureNode(figure, height) {
   const box = element('div', { className: 'chart' });
   box.dataset.height = height;
+  if (height === SMALL_HEIGHT) box.dataset.small = 1;
   const node = element('figure', {}, [element('h3', { textContent: figure.title }), box]);
   if (figure.note) node.append(element('figcaption', { textContent: figure.note }));
   return { node, draw: () => draw(figure, box) };
 }
 
 function sectionNode(section) {
-  const height = section.columns === 3 ? 190 : 230;
+  const height = section.columns === 3 ? SMALL_HEIGHT : 230;
   const figures = section.figures.map((figure) => figureNode(figure, height));
   const node = element('section', {}, [
     element('h2', { textContent: section.heading }),

@@ -207,15 +207,24 @@ Figure error_figure(const RunView& view, const std::vector<TickRow>& rows) {
                 .x = times_of(rows)};
   figure.add({"angle error", "hat",
               values_of(rows, quantity::angle_error_deg(view.reference, view.n_p()))});
+  // An error that is rounding only would otherwise fill the figure.
+  constexpr double kLeastRange_deg = 0.01;
+  const bool tiny =
+      !figure.empty() &&
+      std::all_of(figure.series.front().values.begin(), figure.series.front().values.end(),
+                  [](double e) { return !(std::abs(e) > kLeastRange_deg); });
+  if (tiny) figure.y_range = {{-kLeastRange_deg, kLeastRange_deg}};
   return figure;
 }
 
 Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows) {
   Figure figure{
       .title = "Speed", .x_label = "t (s)", .y_label = "omega_m (rad/s)", .x = times_of(rows)};
-  if (view.run.log.truth.empty())
+  const bool has_truth = !view.run.log.truth.empty();
+  figure.add({has_truth ? "omega_m" : "omega_m measured (slope over 10 ms)", "true",
+              reference_speed(rows, has_truth)});
+  if (figure.empty())
     figure.add({"omega_m measured", "true", values_of(rows, quantity::omega_m_measured)});
-  figure.add({"omega_m", "true", values_of(rows, quantity::omega_m_true)});
   figure.add({"omega_m_hat", "hat", values_of(rows, quantity::omega_m_hat)});
   figure.add({"omega_m_ref", "ref", values_of(rows, quantity::omega_m_ref)});
   return figure;

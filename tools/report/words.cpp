@@ -74,8 +74,9 @@ std::string frequency(double f_Hz) {
 }
 
 std::string degrees(const std::optional<double>& angle_rad) {
-  return angle_rad && std::isfinite(*angle_rad) ? fmt::format("{:.3g}", *angle_rad * kDegrees)
-                                                : "-";
+  if (!angle_rad || !std::isfinite(*angle_rad)) return "-";
+  const double angle_deg = *angle_rad * kDegrees;
+  return angle_deg < 1e-6 ? "0" : fmt::format("{:.3g}", angle_deg);
 }
 
 std::string rates(const DriveConfig& config) {
