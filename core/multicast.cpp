@@ -94,7 +94,8 @@ bool try_bring_up_multicast(std::string& what_was_done) {
   const UdpSocket socket;
   if (!raise_loopback(socket.fd(), what_was_done) ||
       !add_multicast_route(socket.fd(), what_was_done)) {
-    what_was_done += fmt::format("{}cannot: {}", what_was_done.empty() ? "" : ", then ", std::strerror(errno));
+    what_was_done +=
+        fmt::format("{}cannot: {}", what_was_done.empty() ? "" : ", then ", std::strerror(errno));
     return false;
   }
   return multicast_route_exists(kDefaultMulticastAddress);

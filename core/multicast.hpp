@@ -1,5 +1,5 @@
-// Whether this machine can carry LCM's multicast, and what to do when it cannot (fresh network namespaces,
-// containers and unplugged laptops have no multicast route).
+// Whether this machine can carry LCM's multicast, and what to do when it cannot (fresh network
+// namespaces, containers and unplugged laptops have no multicast route).
 #pragma once
 #include <string>
 
@@ -12,9 +12,10 @@ inline constexpr const char* kDefaultMulticastAddress = "239.255.76.67";
 bool multicast_route_exists(const std::string& address);
 bool loopback_is_up();
 
-// Brings loopback up with its multicast flag and routes 224.0.0.0/4 over it: what multicast_mend() says, done by
-// the program itself. Needs CAP_NET_ADMIN; changes nothing where a route exists. True when multicast has a route
-// afterwards; `what_was_done` says what was changed, or why it could not be.
+// Brings loopback up with its multicast flag and routes 224.0.0.0/4 over it: what multicast_mend()
+// says, done by the program itself. Needs CAP_NET_ADMIN; changes nothing where a route exists. True
+// when multicast has a route afterwards; `what_was_done` says what was changed, or why it could not
+// be.
 bool try_bring_up_multicast(std::string& what_was_done);
 
 // The two commands for a person, joined by " && ".

@@ -16,7 +16,8 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
                 const std::vector<std::string>& kinds, MakeBuilder make_builder) {
   if (std::find(kinds.begin(), kinds.end(), chosen) == kinds.end())
     throw BadInput(fmt::format("{}: {}.kind: one of {} allowed, found {}",
-                               config.where(owner + ".kind"), owner, fmt::join(kinds, ", "), chosen));
+                               config.where(owner + ".kind"), owner, fmt::join(kinds, ", "),
+                               chosen));
   for (const std::string& kind : kinds) {
     const std::string path = owner + "." + kind;
     if (kind != chosen && !config.has_table(path)) continue;

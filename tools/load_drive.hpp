@@ -1,4 +1,5 @@
-// A drive file with every owner's tables read: what `check`, `launch`, `simulate` and `replay` start from.
+// A drive file with every owner's tables read: what `check`, `launch`, `simulate` and `replay`
+// start from.
 #pragma once
 #include <string>
 #include <vector>
@@ -7,9 +8,10 @@
 
 namespace twinrate {
 
-// Reads the tables of the chosen filter and controller, and those of other kinds that the file holds, so that
-// resolved() is complete and every unknown table or key is found. Throws BadInput.
-Config load_drive(const std::string& file_or_preset, const std::vector<std::string>& overrides = {});
+// Reads the tables of the chosen filter and controller, and those of other kinds that the file
+// holds, so that resolved() is complete and every unknown table or key is found. Throws BadInput.
+Config load_drive(const std::string& file_or_preset,
+                  const std::vector<std::string>& overrides = {});
 // The same for a config that is already parsed (the one inside a log).
 void read_all_tables(Config& config);
 
