@@ -54,9 +54,30 @@ struct Config::Impl {
       const std::string path = join(prefix, key.str());
       origin[path] = file == "--set" ? "--set" : fmt::format("{}:{}", file, key.source().begin.line);
       if (const auto* sub = node.as_table()) note_origins(*sub, file, path);
+      const auto* list = node.as_array();
+      for (std::size_t i = 0; list && i < list->size(); ++i) {  // [[effect]]
+        const toml::node& item = (*list)[i];
+        if (!item.is_table()) continue;
+        const std::string item_path = fmt::format("{}[{}]", path, i);
+        origin[item_path] =
+            file == "--set" ? "--set" : fmt::format("{}:{}", file, item.source().begin.line);
+        note_origins(*item.as_table(), file, item_path);
+      }
     }
   }
-  // Later keys win; tables are merged key by key.
+  // A later layer (file over preset, --set over file) wins key by key, and where it gives one of two ways of saying
+  // the same thing, the other way of an earlier layer goes.
+  void lay_over(const toml::table& layer) {
+    static constexpr const char* kRivals[][3] = {{"rates", "n", "f_b_Hz"},
+                                                 {"reference", "omega_e_rad_s", "speed_rpm"}};
+    for (const auto& [section, one, other] : kRivals) {
+      auto* base = root[section].as_table();
+      if (!base) continue;
+      if (layer[section][one]) base->erase(other);
+      if (layer[section][other]) base->erase(one);
+    }
+    merge(root, layer);
+  }
   void merge(toml::table& into, const toml::table& from) {
     for (const auto& [key, node] : from) {
       auto* sub = into[key].as_table();
@@ -205,15 +226,13 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
   for (std::size_t i = 0; i < list->size(); ++i) {
     const auto* table = (*list)[i].as_table();
     const std::string path = fmt::format("effect[{}]", i);
-    const int line = static_cast<int>((*list)[i].source().begin.line);
-    const auto fail = [&](const std::string& what) {
-      throw BadInput(fmt::format("{}:{}: {}: {}", file.source, line, path, what));
-    };
-    if (!table) fail("a table allowed");
+    if (!table) file.fail("effect", "write each effect as its own [[effect]] table");
     const auto kind = (*table)["kind"].value<std::string>();
-    if (!kind) fail("missing key: kind");
+    if (!kind) file.fail(path + ".kind", "missing key, one of " + list_names(effect_kinds()) + " allowed");
     const auto effect = make_effect(*kind);
-    if (!effect) fail(fmt::format("kind: one of {} allowed, found {}", list_names(effect_kinds()), *kind));
+    if (!effect)
+      file.fail(path + ".kind",
+                fmt::format("one of {} allowed, found {}", list_names(effect_kinds()), *kind));
     TomlReader reader(file, table, path);
     reader.accept("kind");
     effect->fields(reader);
@@ -230,6 +249,8 @@ void check_across(const Config::Impl& file, DriveConfig& drive) {
     if (n < 1 || std::abs(ratio - n) > 2e-3 * n)
       file.fail("rates.f_b_Hz", fmt::format("f_s/f_b = {} is not a whole number; nearest: {} Hz",
                                             ratio, rates.f_s_Hz / std::max(1.0, n)));
+    if (file.root["rates"]["n"] && rates.n != static_cast<int>(n))
+      file.fail("rates.f_b_Hz", fmt::format("gives n = {}, but rates.n = {} is given too", n, rates.n));
     rates.n = static_cast<int>(n);
   }
   rates.f_b_Hz = rates.f_s_Hz / rates.n;
@@ -337,6 +358,9 @@ Config Config::parse(const std::string& toml_text, const std::string& source_nam
   Impl& file = *config.impl_;
   file.source = source_name;
   const toml::table own = parse_text(toml_text, source_name);
+  if (own.contains("preset") && !own["preset"].is_string())
+    throw BadInput(fmt::format("{}:{}: preset: the name of a preset in quotes allowed", source_name,
+                               own["preset"].node()->source().begin.line));
   if (const auto preset = own["preset"].value<std::string>()) {
     const std::string path = preset_path(*preset, source_name + ": preset = \"" + *preset + "\"");
     const toml::table base = parse_text(read_file(path), path);
@@ -344,17 +368,11 @@ Config Config::parse(const std::string& toml_text, const std::string& source_nam
     file.merge(file.root, base);
   }
   file.note_origins(own, source_name, "");
-  file.merge(file.root, own);
+  file.lay_over(own);
   for (const std::string& text : overrides) {
     const toml::table table = parse_override(text);
     file.note_origins(table, "--set", "");
-    // The other way of giving the same thing must not stay behind.
-    if (table["rates"]["n"]) file.root["rates"].as_table()->erase("f_b_Hz");
-    if (table["reference"]["omega_e_rad_s"] && file.root["reference"].is_table())
-      file.root["reference"].as_table()->erase("speed_rpm");
-    if (table["reference"]["speed_rpm"] && file.root["reference"].is_table())
-      file.root["reference"].as_table()->erase("omega_e_rad_s");
-    file.merge(file.root, table);
+    file.lay_over(table);
   }
   read_drive(file);
   return config;
