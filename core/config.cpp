@@ -47,7 +47,9 @@ struct Config::Impl {
     }
   }
   [[noreturn]] void fail(const std::string& path, const std::string& what) const {
-    throw BadInput(fmt::format("{}: {}: {}", where(path), path, what));
+    std::string line = fmt::format("{}: {}: {}", where(path), path, what);
+    std::replace(line.begin(), line.end(), '\n', ' ');  // a quoted key may hold one
+    throw BadInput(line);
   }
   void note_origins(const toml::table& table, const std::string& file, const std::string& prefix) {
     for (const auto& [key, node] : table) {

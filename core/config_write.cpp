@@ -29,6 +29,19 @@ std::string list_text(std::span<const double> values) {
   return "[" + text + "]";
 }
 
+// A TOML basic string.
+std::string text_text(const std::string& value) {
+  std::string text = "\"";
+  for (const char c : value) {
+    if (c == '"' || c == '\\') text += '\\';
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
+      text += fmt::format("\\u{:04x}", static_cast<int>(c));
+    else
+      text += c;
+  }
+  return text + "\"";
+}
+
 // One row a key; sub-tables come after the keys of their parent.
 class RowCollector final : public FieldVisitor {
  public:
@@ -49,7 +62,7 @@ class RowCollector final : public FieldVisitor {
     add(key, "true, false", value ? "true" : "false", meaning);
   }
   void text(const char* key, std::string& value, const char* meaning) override {
-    add(key, "text", '"' + value + '"', meaning);
+    add(key, "text", text_text(value), meaning);
   }
   void choice(const char* key, int& index, std::span<const char* const> names,
               const char* meaning) override {
@@ -69,10 +82,10 @@ class RowCollector final : public FieldVisitor {
     std::vector<KeyRow> rows;
     RowCollector sub(rows, prefix_ + "." + key);
     fields(sub);
+    sub.finish();
     later_.insert(later_.end(), rows.begin(), rows.end());
   }
   void finish() { rows_.insert(rows_.end(), later_.begin(), later_.end()); }
-  ~RowCollector() override { finish(); }
 
  private:
   void add(const char* key, std::string range, std::string value, const char* meaning) {
@@ -98,7 +111,7 @@ class TomlWriter final : public FieldVisitor {
     line(key, value ? "true" : "false");
   }
   void text(const char* key, std::string& value, const char*) override {
-    line(key, fmt::format("\"{}\"", value));
+    line(key, text_text(value));
   }
   void choice(const char* key, int& index, std::span<const char* const> names,
               const char*) override {
@@ -144,7 +157,7 @@ std::string write_table(const std::string& path,
 }
 
 std::string write_drive(const DriveConfig& d) {
-  std::string text = fmt::format("name = \"{}\"\nstart = \"{}\"\n", d.name,
+  std::string text = fmt::format("name = {}\nstart = \"{}\"\n", text_text(d.name),
                                  kStartNames[static_cast<int>(d.start)]);
   text += section_text("machine", d.machine) + section_text("inverter", d.inverter) +
           section_text("sensors", d.sensors);
