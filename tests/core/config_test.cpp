@@ -1,0 +1,196 @@
+// What a drive file may say, and what comes of it. What it may not say: config_refusal_test.cpp.
+#include "core/config.hpp"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "tests/core/drive_text.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate {
+namespace {
+
+using test::drive_text;
+using test::parse;
+
+class EveryPreset : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryPreset, LoadsWithEveryTableRead) {
+  Config config = Config::load(GetParam());
+  EXPECT_EQ(config.drive().name, GetParam());
+  make_filter(config);
+  make_controller(config);
+  EXPECT_NO_THROW(config.require_all_read());
+}
+
+TEST_P(EveryPreset, ResolvedTextIsAFixedPoint) {
+  Config config = Config::load(GetParam());
+  make_filter(config);
+  make_controller(config);
+  const std::string once = config.resolved();
+  Config again = Config::parse(once, "resolved.toml");
+  make_filter(again);
+  make_controller(again);
+  EXPECT_NO_THROW(again.require_all_read());
+  EXPECT_EQ(again.resolved(), once);
+}
+
+INSTANTIATE_TEST_SUITE_P(Config, EveryPreset, testing::ValuesIn(preset_names()),
+                         [](const auto& i) { return i.param; });
+
+TEST(Presets, AreFoundByNameAndByFile) {
+  const auto names = preset_names();
+  EXPECT_NE(std::find(names.begin(), names.end(), "dilys2021"), names.end());
+  const std::string path = preset_directory() + "/dilys2021.toml";
+  EXPECT_EQ(Config::load(path).drive().machine.psi_f, 0.007);
+}
+
+TEST(Config, ReadsTheDilysMotorAsThePaperGivesIt) {
+  const DriveConfig d = test::drive_of("dilys2021");
+  EXPECT_EQ(d.machine.R_s, 1.2);
+  EXPECT_EQ(d.machine.L_d, 0.5e-3);
+  EXPECT_EQ(d.machine.n_p, 4);
+  EXPECT_EQ(d.rates.f_s_Hz, 5000);
+  EXPECT_EQ(d.rates.n, 5);
+  EXPECT_EQ(d.rates.f_b_Hz, 1000);
+  EXPECT_EQ(d.gain.policy, GainPolicy::kPaper);
+  EXPECT_EQ(d.steps(), 10000);
+  EXPECT_EQ(d.t_ns(3), 600000);
+  EXPECT_NEAR(d.reference_at(0).omega_m_ref, 100, 1e-12);
+}
+
+TEST(Config, ResolvedTextKeepsWhatOverridesEffectsAndProfilesSay) {
+  const auto complete = [](Config& config) {
+    make_filter(config);
+    make_controller(config);
+    return config.resolved();
+  };
+  Config config = Config::parse(
+      "preset = \"dilys2021\"\n"
+      "[load]\nT_load_Nm = [[0, 0.01], [0.25, 0.02]]\n"
+      "[[effect]]\nkind = \"cogging\"\norder = 6\namplitude_Nm = 0.1\nphase_rad = "
+      "0.3333333333333333\n"
+      "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.2\n",
+      "drive.toml",
+      {"reference.speed_rpm=1234.5", "rates.n=7", "estimator.ekf_sensorless.P0_diag=[1,2,3,4]"});
+  const std::string once = complete(config);
+  Config again = Config::parse(once, "resolved.toml");
+  EXPECT_EQ(complete(again), once);
+  const DriveConfig& d = again.drive();
+  EXPECT_TRUE(d.reference.in_rpm);
+  EXPECT_EQ(d.reference.speed_rpm.at(0), 1234.5);
+  EXPECT_EQ(d.rates.n, 7);
+  EXPECT_EQ(d.load.T_load_Nm.at(0.3), 0.02);
+  ASSERT_EQ(d.effects.size(), 2u);
+  EXPECT_EQ(d.effects[0]->kind(), "cogging");
+  EXPECT_EQ(d.effects[0]->at({}).T_load, 0.1 * std::sin(0.3333333333333333));
+  EXPECT_NE(once.find("[1.0, 2.0, 3.0, 4.0]"), std::string::npos);
+}
+
+TEST(Config, ResolvedTextSurvivesANameWithQuotesAndBackslashes) {
+  const Config config = parse("name = 'a \"quoted\" C:\\\\name'\n" + drive_text());
+  const Config again = Config::parse(config.resolved(), "resolved.toml");
+  EXPECT_EQ(again.drive().name, config.drive().name);
+}
+
+TEST(Config, ResolvedTextWritesEveryDoubleBackToTheSameBits) {
+  for (const char* number : {"1e-3", "0.1", "3.0000000000000004e-05", "12345.678901234567"}) {
+    const Config config = parse(drive_text(), {std::string("load.slew_Nm_s=") + number});
+    const Config again = Config::parse(config.resolved(), "resolved.toml");
+    EXPECT_EQ(again.drive().load.slew_Nm_s, config.drive().load.slew_Nm_s) << number;
+    EXPECT_EQ(again.drive().load.slew_Nm_s, std::stod(number));
+  }
+}
+
+TEST(Config, AFileOverItsPresetChangesItsKeysAndNoOther) {
+  const DriveConfig base = test::drive_of("dilys2021");
+  const Config config = parse("preset = \"dilys2021\"\n[machine]\nR_s_Ohm = 2.5\n[rates]\nn = 3\n");
+  EXPECT_EQ(config.drive().machine.R_s, 2.5);
+  EXPECT_EQ(config.drive().rates.n, 3);
+  EXPECT_EQ(config.drive().machine.psi_f, base.machine.psi_f);
+  EXPECT_EQ(config.drive().rates.f_s_Hz, base.rates.f_s_Hz);
+}
+
+TEST(Config, AFileMayGiveItsSpeedOrRateTheOtherWayThanItsPreset) {
+  const Config rpm = parse("preset = \"dilys2021\"\n[reference]\nspeed_rpm = 600\n");
+  EXPECT_NEAR(rpm.drive().reference_at(0).omega_m_ref, 62.831853, 1e-6);
+  const Config f_b = parse("preset = \"dilys2021\"\n[rates]\nf_b_Hz = 500\n");
+  EXPECT_EQ(f_b.drive().rates.n, 10);
+}
+
+TEST(Overrides, WinOverFileAndPreset) {
+  const Config config =
+      parse("preset = \"dilys2021\"\n[rates]\nn = 3\n", {"rates.n=8", "rates.n=9"});
+  EXPECT_EQ(config.drive().rates.n, 9);
+  EXPECT_EQ(config.where("rates.n"), "--set");
+}
+
+TEST(Overrides, TakeABareWordAsTextAndTomlAsToml) {
+  const Config config =
+      parse(drive_text(), {"start=align_if", "controller.angle_source=\"truth\"", "bus.pin=false",
+                           "load.T_load_Nm=[[0, 0.5], [1, 0.25]]"});
+  EXPECT_EQ(config.drive().start, Start::kAlignIf);
+  EXPECT_EQ(config.drive().controller.angle_source, AngleSource::kTruth);
+  EXPECT_FALSE(config.drive().bus.pin);
+  EXPECT_EQ(config.drive().load.T_load_Nm.at(1), 0.25);
+}
+
+TEST(Overrides, OneSpeedOrRateReplacesTheOther) {
+  const Config rpm = parse(drive_text(), {"reference.speed_rpm=600"});
+  EXPECT_NEAR(rpm.drive().reference_at(0).omega_m_ref, kTwoPi * 10, 1e-12);
+  const Config back =
+      parse(drive_text(), {"reference.speed_rpm=600", "reference.omega_e_rad_s=40"});
+  EXPECT_NEAR(back.drive().reference_at(0).omega_m_ref, 10, 1e-12);
+  const Config n = parse(drive_text(), {"rates.f_b_Hz=500", "rates.n=2"});
+  EXPECT_EQ(n.drive().rates.n, 2);
+  const Config f_b = parse(drive_text(), {"rates.n=2", "rates.f_b_Hz=500"});
+  EXPECT_EQ(f_b.drive().rates.n, 10);
+}
+
+TEST(Rates, ABackgroundRateWithinTheRoundingOfAWholeRatioIsTaken) {
+  EXPECT_EQ(parse(drive_text(), {"rates.f_b_Hz=416.7"}).drive().rates.n, 12);
+  EXPECT_NEAR(parse(drive_text(), {"rates.f_b_Hz=416.7"}).drive().rates.f_b_Hz, 5000.0 / 12, 1e-9);
+}
+
+TEST(Profiles, ANumberIsAConstantAndPairsAreSteps) {
+  const DriveConfig constant = parse(drive_text(), {"reference.omega_e_rad_s=40"}).drive();
+  EXPECT_TRUE(constant.reference.omega_e_rad_s.is_constant());
+  const DriveConfig steps =
+      parse(drive_text(), {"reference.omega_e_rad_s=[[0, 40], [0.5, -80], [1, 0]]"}).drive();
+  EXPECT_NEAR(steps.reference_at(0).omega_m_ref, 10, 1e-12);
+  EXPECT_NEAR(steps.reference_at(2499).omega_m_ref, 10, 1e-12);
+  EXPECT_NEAR(steps.reference_at(2500).omega_m_ref, -20, 1e-12);
+  EXPECT_NEAR(steps.reference_at(5000).omega_m_ref, 0, 1e-12);
+}
+
+TEST(Profiles, AConstantThatBeginsLaterIsStillThatProfileInTheResolvedText) {
+  const Config config = parse(drive_text(), {"load.T_load_Nm=[[0.5, 0.02]]"});
+  const Config again = Config::parse(config.resolved(), "resolved.toml");
+  for (double t : {0.0, 1.0})
+    EXPECT_EQ(again.drive().load.T_load_Nm.at(t), config.drive().load.T_load_Nm.at(t));
+}
+
+TEST(DescribeKeys, NamesEveryKeyOnce) {
+  for (const char* kind : {"ekf_sensorless", "ekf_disturbance"}) {
+    const auto builder = filter_builder(kind);
+    std::set<std::string> keys;
+    for (const KeyRow& row : describe_keys(kind, [&](FieldVisitor& f) { builder->fields(f); }))
+      EXPECT_TRUE(keys.insert(row.key).second) << row.key;
+  }
+  const auto foc = controller_builder("foc");
+  std::set<std::string> keys;
+  for (const KeyRow& row :
+       describe_keys("controller.foc", [&](FieldVisitor& f) { foc->fields(f); })) {
+    EXPECT_TRUE(keys.insert(row.key).second) << row.key;
+    EXPECT_FALSE(row.meaning.empty());
+  }
+  EXPECT_EQ(keys.count("controller.foc.startup.t_align_s"), 1u);
+  keys.clear();
+  for (const KeyRow& row : describe_drive_keys())
+    EXPECT_TRUE(keys.insert(row.key).second) << row.key;
+}
+
+}  // namespace
+}  // namespace twinrate

@@ -1,0 +1,249 @@
+#include "tools/report/report.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "core/config.hpp"
+#include "tools/report/figure.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+class Report : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    directory_ = fs::temp_directory_path() / ("twinrate-report-" + std::to_string(getpid()));
+    fs::create_directories(directory_);
+    config_.name = "test drive";
+    config_.machine.n_p = 4;
+    config_.rates.f_s_Hz = 5000;
+    config_.rates.n = 5;
+    config_.run.duration_s = 1;
+    config_.run.settle_s = 0.2;
+  }
+  void TearDown() override { fs::remove_all(directory_); }
+
+  // A run at 100 rad/s with an estimate 0.05 rad ahead, and a load of orders 6 and 24.
+  RunLog made_up_run() const {
+    RunLog log;
+    log.path = "runs/made-up";
+    log.config_toml = "name = \"test drive\"\n";
+    for (std::int64_t k = 0; k < config_.steps(); ++k) {
+      const double theta_m = 100 * static_cast<double>(k) * config_.T_s();
+      const std::int64_t t_ns = config_.t_ns(k);
+      log.truth.push_back({.k = k, .t_ns = t_ns, .omega_m = 100, .theta_m = theta_m});
+      Measurement m;
+      m.k = k, m.t_ns = t_ns, m.signals = kPhaseCurrents | kPosition, m.theta_m = theta_m;
+      log.measurement.push_back(m);
+      Estimate e;
+      e.k = k, e.t_ns = t_ns, e.omega_m = 100, e.gain_seq = k / 5 * 5 - 5;
+      e.theta_e = wrap_turn(4 * theta_m + 0.05);
+      e.T_load = 0.02 * std::sin(6 * theta_m) + 0.01 * std::sin(24 * theta_m);
+      log.estimate.push_back(e);
+      Command c;
+      c.k = k, c.t_ns = t_ns, c.omega_m_ref = 100;
+      log.command.push_back(c);
+      Gain g;
+      g.k = k, g.t_ns = t_ns, g.n_x = 4, g.n_y = 2;
+      g.P(3, 3) = 0.4;
+      if (k % 5 == 0) log.gain.push_back(g);
+    }
+    return log;
+  }
+
+  std::string page_of(const std::vector<RunLog>& logs, const ReportOptions& options = {}) const {
+    std::vector<Summary> summaries;
+    for (const RunLog& log : logs)
+      summaries.push_back(summarise(log, config_, options.angle_reference));
+    std::vector<ReportRun> runs;
+    for (std::size_t i = 0; i < logs.size(); ++i) runs.push_back({logs[i], config_, summaries[i]});
+    const std::string out = (directory_ / "page.html").string();
+    write_report(runs, options, out);
+    std::ostringstream text;
+    text << std::ifstream(out).rdbuf();
+    return text.str();
+  }
+
+  static Json content_of(const std::string& page) {
+    const std::string open = "<script type=\"application/json\" id=\"content\">";
+    const std::size_t from = page.find(open) + open.size();
+    return Json::parse(page.substr(from, page.find("</script>", from) - from));
+  }
+
+  static std::vector<std::string> titles_of(const Json& content) {
+    std::vector<std::string> titles;
+    for (const Json& section : content["sections"])
+      for (const Json& figure : section["figures"]) titles.push_back(figure["title"]);
+    return titles;
+  }
+
+  static bool any_has(const std::vector<std::string>& titles, const std::string& part) {
+    return std::any_of(titles.begin(), titles.end(), [&](const std::string& title) {
+      return title.find(part) != std::string::npos;
+    });
+  }
+
+  // Every figure that is on the page has something to draw on an axis of the same length.
+  static void expect_whole_figures(const Json& content) {
+    for (const Json& section : content["sections"])
+      for (const Json& figure : section["figures"]) {
+        EXPECT_FALSE(figure["series"].empty()) << figure["title"];
+        EXPECT_NE(figure["x_label"], "") << figure["title"];
+        EXPECT_NE(figure["y_label"].get<std::string>().find('('), std::string::npos)
+            << figure["title"];
+        for (const Json& curve : figure["series"])
+          EXPECT_EQ(curve["values"].size(), figure["x"].size()) << figure["title"];
+      }
+  }
+
+  DriveConfig config_;
+  fs::path directory_;
+};
+
+TEST_F(Report, StandsAlone) {
+  const std::string page = page_of({made_up_run()});
+  EXPECT_EQ(page.find("src="), std::string::npos);
+  EXPECT_EQ(page.find("<link"), std::string::npos);
+  EXPECT_EQ(page.find("@import"), std::string::npos);
+  EXPECT_EQ(page.find("{{"), page.rfind("{{"));  // no placeholder left but in scripts
+  EXPECT_NE(page.find("var uPlot="), std::string::npos);
+  EXPECT_LT(page.size(), 3u << 20);
+}
+
+TEST_F(Report, OfARunHasEveryFigure) {
+  const Json content = content_of(page_of({made_up_run()}));
+  EXPECT_EQ(content["title"], "test drive");
+  EXPECT_EQ(content["verdict"]["state"], "locked");
+  EXPECT_NE(content["verdict"]["text"].get<std::string>().find("f_b = f_s/5 = 1 kHz"),
+            std::string::npos);
+  EXPECT_NE(content["verdict"]["text"].get<std::string>().find("2.86 deg rms"), std::string::npos);
+  const auto titles = titles_of(content);
+  for (const char* part :
+       {"Speed", "Angle error", "Currents", "Angle variance", "Gains on the angle",
+        "(a) Rotor position", "(b) Angle error", "(c) Angle variance", "(d) Gains", "Load torque",
+        "Orders of the load-torque"})
+    EXPECT_TRUE(any_has(titles, part)) << part;
+  expect_whole_figures(content);
+}
+
+TEST_F(Report, NamesTheOrdersOfTheLoad) {
+  const Json content = content_of(page_of({made_up_run()}));
+  const Json spectrum = content["sections"].back()["figures"].back();
+  ASSERT_EQ(spectrum["bars"], true);
+  const Json& amplitude = spectrum["series"][0]["values"];
+  EXPECT_NEAR(amplitude[5].get<double>(), 0.02, 2e-5);
+  EXPECT_NEAR(amplitude[23].get<double>(), 0.01, 1e-5);
+  EXPECT_NEAR(amplitude[6].get<double>(), 0, 1e-6);
+}
+
+TEST_F(Report, OfALostRunShowsTheLoss) {
+  RunLog log = made_up_run();
+  for (std::size_t k = 2500; k < log.estimate.size(); ++k) {
+    log.truth[k].omega_m = 100 - 0.1 * static_cast<double>(k - 2500);
+    log.estimate[k].theta_e = wrap_turn(4 * log.truth[k].theta_m + 2);
+  }
+  const Json content = content_of(page_of({log}));
+  EXPECT_EQ(content["verdict"]["state"], "lost");
+  EXPECT_NE(content["verdict"]["headline"].get<std::string>().find("0.5 s"), std::string::npos);
+  EXPECT_NE(content["verdict"]["text"].get<std::string>().find("crossed zero at t = 0.700"),
+            std::string::npos);
+  EXPECT_NEAR(content["sections"][0]["figures"][0]["mark"]["x"].get<double>(), 0.5, 1e-9);
+  EXPECT_TRUE(any_has(titles_of(content), "(c) Speed after the loss"));
+  expect_whole_figures(content);
+}
+
+TEST_F(Report, LeavesOutWhatALogDoesNotHold) {
+  RunLog measured = made_up_run();
+  measured.truth.clear(), measured.gain.clear(), measured.command.clear();
+  Json content = content_of(page_of({measured}));
+  expect_whole_figures(content);
+  EXPECT_TRUE(any_has(titles_of(content), "Angle error"));
+  EXPECT_TRUE(any_has(titles_of(content), "Orders of the load-torque"));
+  EXPECT_FALSE(any_has(titles_of(content), "Gains"));
+
+  RunLog blind = measured;
+  for (Measurement& m : blind.measurement) m.signals = kPhaseCurrents;
+  content = content_of(page_of({blind}));
+  expect_whole_figures(content);
+  EXPECT_EQ(content["verdict"]["state"], "unknown");
+  EXPECT_FALSE(any_has(titles_of(content), "Angle error"));
+
+  RunLog commands_only;
+  commands_only.command = made_up_run().command;
+  expect_whole_figures(content_of(page_of({commands_only})));
+  EXPECT_TRUE(content_of(page_of({RunLog()}))["sections"].empty());
+  expect_whole_figures(content_of(page_of({RunLog(), blind, made_up_run()})));
+}
+
+TEST_F(Report, TakesTheEncoderForTheAngleWhenAsked) {
+  RunLog log = made_up_run();
+  for (Measurement& m : log.measurement) m.theta_m += 0.0125;  // 0.05 rad electrical
+  const Json content =
+      content_of(page_of({log}, {.title = "", .angle_reference = AngleReference::kEncoder}));
+  EXPECT_NE(content["verdict"]["text"].get<std::string>().find("from the measured one"),
+            std::string::npos);
+}
+
+TEST_F(Report, ComparesRuns) {
+  RunLog lost = made_up_run();
+  for (std::size_t k = 2500; k < lost.estimate.size(); ++k)
+    lost.estimate[k].theta_e = wrap_turn(4 * lost.truth[k].theta_m + 3);
+  const Json content = content_of(page_of({made_up_run(), made_up_run(), lost}));
+  ASSERT_EQ(content["comparison"]["rows"].size(), 3u);
+  EXPECT_EQ(content["comparison"]["rows"][0].size(), content["comparison"]["head"].size());
+  EXPECT_EQ(content["sections"][0]["columns"], 3);
+  EXPECT_EQ(content["sections"][0]["figures"].size(), 3u);
+  EXPECT_EQ(content["sections"][0]["figures"][2]["y_range"], Json::parse("[-180, 180]"));
+  EXPECT_TRUE(any_has(titles_of(content), "Gain K41"));
+  expect_whole_figures(content);
+}
+
+TEST_F(Report, NoTextEndsTheScript) {
+  RunLog log = made_up_run();
+  log.events.push_back(
+      {.k = 3, .t_ns = 600000, .role = 77, .reason = 99, .text = "</script><b>\xff"});
+  const Json content = content_of(page_of({log}, {.title = "a <b> & {{PAGE}}"}));
+  EXPECT_EQ(content["title"], "a <b> & {{PAGE}}");
+  EXPECT_EQ(content["events"][0][1], "77");
+  EXPECT_NE(content["events"][0][3].get<std::string>().find("</script><b>"), std::string::npos);
+}
+
+TEST_F(Report, RefusesNoRunsAndAPlaceItCannotWrite) {
+  EXPECT_THROW(write_report({}, {}, (directory_ / "page.html").string()), BadInput);
+  const RunLog log = made_up_run();
+  const Summary summary = summarise(log, config_);
+  EXPECT_THROW(
+      write_report({{log, config_, summary}}, {}, (directory_ / "no" / "page.html").string()),
+      std::runtime_error);
+}
+
+TEST(Figure, ThinningKeepsPeaksAndGaps) {
+  report::Figure figure;
+  report::Series curve{"angle error", "hat", std::vector<double>(100000, 0.25)};
+  curve.values[54321] = 40;
+  curve.values[54400] = -7;
+  for (std::size_t i = 80000; i < 90000; ++i)
+    curve.values[i] = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < 100000; ++i) figure.x.push_back(i * 1e-4);
+  figure.add(curve);
+  const Json json = report::to_json(figure, 2000);
+  const Json& values = json["series"][0]["values"];
+  ASSERT_EQ(values.size(), 2000u);
+  EXPECT_EQ(values.size(), json["x"].size());
+  EXPECT_NE(std::find(values.begin(), values.end(), 40), values.end());
+  EXPECT_NE(std::find(values.begin(), values.end(), -7), values.end());
+  EXPECT_NEAR(static_cast<double>(std::count(values.begin(), values.end(), nullptr)), 200, 2);
+}
+
+}  // namespace
+}  // namespace twinrate
