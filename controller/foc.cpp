@@ -87,8 +87,20 @@ static ControllerEvent mode_change(Mode mode) {
 
 ControllerEvent Foc::take_event() { return std::exchange(event_, {}); }
 
+bool Foc::finite(const ControllerInput& in) const {
+  const Frame frame = rotor_frame(in);
+  return in.measurement.i_abc.allFinite() && std::isfinite(in.measurement.v_dc) &&
+         std::isfinite(frame.theta_e) && std::isfinite(frame.omega_m) &&
+         std::isfinite(in.estimate.theta_e) && std::isfinite(in.estimate.omega_m);
+}
+
 Command Foc::step(const ControllerInput& in) {
   const Measurement& m = in.measurement;
+  if (!finite(in)) {
+    command_.k = m.k;
+    command_.t_ns = m.t_ns;
+    return command_;
+  }
   const double i_start = p_.startup.i_start > 0 ? p_.startup.i_start : p_.i_max;
   const Mode mode_before = startup_.mode();
   Frame frame = rotor_frame(in);
@@ -137,6 +149,7 @@ Command Foc::step(const ControllerInput& in) {
   u_dq_ = u_dq;
   c.u_alphabeta_ref = inverse_park(u_dq, frame.theta_e + advance_s_ * omega_e);
   c.omega_m_ref = c.mode == Mode::kRun ? omega_m_ref_ : frame.omega_m;
+  command_ = c;
   return c;
 }
 

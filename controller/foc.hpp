@@ -5,6 +5,7 @@
 //   u_q = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
 //   limited to the circle v_dc/sqrt3; turned back at the angle the rotor has when the voltage acts
 //
+// A tick whose measurement or estimate is not finite repeats the last command and leaves every state alone.
 // Currents are the measured ones, turned with the estimated angle. Start "align_if": controller/startup.hpp.
 #pragma once
 #include "controller/controller.hpp"
@@ -41,6 +42,7 @@ class Foc final : public Controller {
   struct Frame {
     double theta_e, omega_m;
   };
+  bool finite(const ControllerInput& in) const;
   Frame rotor_frame(const ControllerInput& in) const;
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
   double predicted_load(const ControllerInput& in, const Frame& frame) const;
@@ -56,6 +58,7 @@ class Foc final : public Controller {
   Startup startup_;
   double omega_m_ref_ = 0;
   ControllerEvent event_;
+  Command command_;            // the last one: repeated where an input is not finite
   Vec2 u_dq_ = Vec2::Zero();   // of the last step, in the frame it was made in
   double i_d_handover_ = 0;  // d current taken over from the I/f ramp, faded out
 };
