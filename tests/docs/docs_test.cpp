@@ -1,0 +1,157 @@
+// The pages say what the program does: tables equal the code's, links and paths lead somewhere, verbs and keys exist.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "core/channels.hpp"
+#include "core/reason.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+const fs::path kRoot = TWINRATE_SOURCE_DIR;
+
+std::string text_of(const fs::path& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+std::string output_of(const std::string& arguments) {
+  std::string output;
+  FILE* pipe = popen((std::string(TWINRATE_PROGRAM) + " " + arguments).c_str(), "r");
+  if (!pipe) return output;
+  char block[4096];
+  for (std::size_t got = 0; (got = fread(block, 1, sizeof block, pipe)) > 0;) output.append(block, got);
+  pclose(pipe);
+  return output;
+}
+
+std::vector<fs::path> pages() {
+  std::vector<fs::path> list = {kRoot / "README.md", kRoot / "ARCHITECTURE.md"};
+  for (const auto& entry : fs::recursive_directory_iterator(kRoot / "docs"))
+    if (entry.path().extension() == ".md") list.push_back(entry.path());
+  return list;
+}
+
+// Group 1 of every match of `pattern`.
+std::vector<std::string> found(const std::string& text, const std::string& pattern) {
+  const std::regex regex(pattern);
+  std::vector<std::string> list;
+  for (std::sregex_iterator it(text.begin(), text.end(), regex), end; it != end; ++it)
+    list.push_back((*it)[1]);
+  return list;
+}
+
+// The rows of the Markdown table whose header line is `header`.
+std::vector<std::string> table_rows(const std::string& text, const std::string& header) {
+  std::istringstream in(text.substr(std::min(text.find(header + "\n"), text.size())));
+  std::vector<std::string> rows;
+  std::string line;
+  std::getline(in, line), std::getline(in, line);
+  while (std::getline(in, line) && line.starts_with("|")) rows.push_back(line);
+  return rows;
+}
+
+// The name GitHub gives a heading in a link.
+std::string anchor_of(const std::string& heading) {
+  std::string anchor;
+  for (const char c : heading) {
+    if (std::isalnum(static_cast<unsigned char>(c)) || c == '-' || c == '_')
+      anchor += static_cast<char>(std::tolower(c));
+    else if (c == ' ')
+      anchor += '-';
+  }
+  return anchor;
+}
+
+bool has_anchor(const fs::path& page, const std::string& anchor) {
+  for (const std::string& heading : found(text_of(page), R"((?:^|\n)#+ ([^\n]*))"))
+    if (anchor_of(heading) == anchor) return true;
+  return false;
+}
+
+TEST(Architecture, ListsEveryChannelAsTheCodeDoes) {
+  std::vector<std::string> rows;
+  for (const ChannelInfo& channel : kChannels)
+    rows.push_back(fmt::format("| `{}` | `{}` | {} | {} |", channel.name, channel.type, channel.from, channel.to));
+  EXPECT_EQ(table_rows(text_of(kRoot / "ARCHITECTURE.md"), "| channel | type | from | to |"), rows);
+}
+
+TEST(ReasonCodes, ArePrintedAsTheCodeHasThem) {
+  std::vector<std::string> rows;
+  for (const ReasonText& reason : kReasons)
+    rows.push_back(fmt::format("| {} | `{}` | {} |", static_cast<int>(reason.reason), reason.name, reason.meaning));
+  EXPECT_EQ(table_rows(text_of(kRoot / "docs/reason-codes.md"), "| code | name | meaning |"), rows);
+}
+
+TEST(ConfigReference, IsWhatTheProgramPrints) {
+  const std::string program = output_of("check --reference");
+  ASSERT_FALSE(program.empty());
+  EXPECT_TRUE(text_of(kRoot / "docs/config-reference.md") == program)
+      << "run: twinrate check --reference > docs/config-reference.md";
+}
+
+TEST(Links, LeadToAFileAndToAHeadingInIt) {
+  for (const fs::path& page : pages()) {
+    for (const std::string& link : found(text_of(page), R"(\]\(([^)\s]+)\))")) {
+      if (link.starts_with("http")) continue;
+      const auto hash = link.find('#');
+      const std::string file = link.substr(0, hash);
+      const fs::path target = file.empty() ? page : page.parent_path() / file;
+      EXPECT_TRUE(fs::exists(target)) << page << " links to " << link;
+      if (hash != std::string::npos)
+        EXPECT_TRUE(has_anchor(target, link.substr(hash + 1))) << page << " links to " << link;
+    }
+  }
+}
+
+// `core/rates.hpp`, `estimator/ekf_sensorless.*`, `tests/plant_sim/`; not NAME.cpp, nor the example that does not exist.
+TEST(Paths, NamedInThePagesExist) {
+  const std::string folders = "lcmtypes|model|core|plant_sim|estimator|controller|logger|tools|config|tests|bench|docs";
+  for (const fs::path& page : pages()) {
+    for (std::string path : found(text_of(page), "`((?:" + folders + ")/[a-z0-9_./*-]*)`")) {
+      if (path.find("fan_load") != std::string::npos) continue;
+      const bool any_of_a_kind = path.ends_with(".*");
+      if (any_of_a_kind) path.replace(path.size() - 2, 2, ".cpp");
+      EXPECT_TRUE(fs::exists(kRoot / path) || fs::exists(kRoot / fs::path(path).replace_extension(".hpp")))
+          << page << " names " << path;
+    }
+  }
+}
+
+TEST(Verbs, NamedInThePagesExist) {
+  const std::string help = output_of("--help");
+  const auto list = found(help.substr(std::min(help.find("Subcommands:"), help.size())), R"(\n  ([a-z]+)\s)");
+  const std::set<std::string> verbs(list.begin(), list.end());
+  ASSERT_TRUE(verbs.count("launch"));
+  for (const fs::path& page : pages())
+    for (const std::string& verb : found(text_of(page), R"((?:^|[^-_A-Za-z])twinrate ([a-z]+))"))
+      EXPECT_TRUE(verbs.count(verb)) << page << " names twinrate " << verb;
+}
+
+TEST(Keys, NamedInThePagesExist) {
+  const std::string reference = text_of(kRoot / "docs/config-reference.md");
+  const auto list = found(reference, "\\| `([^`]*)`");
+  const std::set<std::string> keys(list.begin(), list.end());
+  const std::string tables = "machine|inverter|sensors|rates|gain|plant|reference|load|run|bus|estimator|controller";
+  for (const fs::path& page : pages()) {
+    const std::string text = text_of(page);
+    for (const std::string& key : found(text, "`((?:" + tables + ")\\.[a-z][A-Za-z0-9_.]*)[`= ]"))
+      if (!key.ends_with(".cpp") && !key.ends_with(".hpp"))
+        EXPECT_TRUE(keys.count(key)) << page << " names the key " << key;
+    for (const std::string& key : found(text, "--set ((?:" + tables + ")\\.[A-Za-z0-9_.]*)="))
+      EXPECT_TRUE(keys.count(key)) << page << " sets the key " << key;
+  }
+}
+
+}  // namespace
+}  // namespace twinrate
