@@ -5,6 +5,7 @@ find_package(tomlplusplus REQUIRED)
 find_package(nlohmann_json REQUIRED)
 find_package(SUNDIALS 6.4 REQUIRED COMPONENTS arkode cvode nvecserial)
 find_package(Threads REQUIRED)
+find_package(ZLIB REQUIRED)
 
 # LCM 1.3.1 ships no CMake package, and its pkg-config file wants GLib's development files.
 find_path(LCM_INCLUDE_DIR lcm/lcm-cpp.hpp REQUIRED)
