@@ -13,7 +13,7 @@
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "tools/import/drive_messages.hpp"
-#include "tools/import/log_writer.hpp"
+#include "tools/import/whole_log.hpp"
 #include "tools/load_drive.hpp"
 #include "tools/verb.hpp"
 
@@ -92,7 +92,7 @@ void write_log(const ImportOptions& o, const TickGrid& grid, const DriveMessages
   constexpr std::int64_t kFirst_us =
       1'000'000;  // event times start at 1 s: 0 would mean "not known"
   const std::int64_t session = manifest.session;
-  LogWriter log(o.out);
+  WholeLog log(o.out);
   log.write(manifest, kFirst_us);
   for (std::size_t i = 0; i < grid.slots.size(); ++i) {
     const Measurement m = messages.measurement(grid.slots[i]);
@@ -106,6 +106,16 @@ void write_log(const ImportOptions& o, const TickGrid& grid, const DriveMessages
   log.finish();
 }
 
+std::string tick_text(const Json& s) {
+  const std::int64_t gaps = s["gaps"], moved = s["moved_rows"], left_out = s["crowded_out_rows"];
+  std::string text =
+      gaps == 0 ? "none empty"
+                : fmt::format("{} empty in {} gaps", s["missing_ticks"].get<std::int64_t>(), gaps);
+  if (moved > 0) text += fmt::format("; {} rows moved to the tick beside", moved);
+  if (left_out > 0) text += fmt::format("; {} rows left out, their tick was taken", left_out);
+  return text;
+}
+
 void print_result(const ImportOptions& o, const Json& s) {
   const auto list = [](const Json& items) {
     std::string text;
@@ -116,13 +126,10 @@ void print_result(const ImportOptions& o, const Json& s) {
   fmt::print("{}: {} rows, {:.6g} s\n", o.out, s["rows"].get<std::size_t>(),
              s["duration_s"].get<double>());
   fmt::print("  signals   {}\n  left out  {}\n", list(s["signals"]), list(s["left_out"]));
-  fmt::print(
-      "  timing    dt {:.4g} / {:.4g} / {:.4g} ms (min, median, max) on a grid of {} Hz: {} gaps "
-      "with {} empty "
-      "slots; {} rows moved a slot, {} left out of a full one\n",
-      1e3 * s["dt_min_s"].get<double>(), 1e3 * median, 1e3 * s["dt_max_s"].get<double>(), f_s,
-      s["gaps"].get<std::int64_t>(), s["missing_ticks"].get<std::int64_t>(),
-      s["moved_rows"].get<std::int64_t>(), s["crowded_out_rows"].get<std::int64_t>());
+  fmt::print("  timing    dt {:.4g} / {:.4g} / {:.4g} ms (min, median, max), ticks of {} Hz\n",
+             1e3 * s["dt_min_s"].get<double>(), 1e3 * median, 1e3 * s["dt_max_s"].get<double>(),
+             f_s);
+  fmt::print("  ticks     {}\n", tick_text(s));
   for (const auto& note : s["notes"]) fmt::print("  note      {}\n", note.get<std::string>());
   if (median * f_s > 1.5)
     fmt::print(
@@ -131,15 +138,23 @@ void print_result(const ImportOptions& o, const Json& s) {
         median * f_s, f_s, 1 / median);
 }
 
-void import(const ImportOptions& o) {
-  catch_stop_signals();
-  const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
-  const std::string drive_name = o.drive.empty() ? map.preset : o.drive;
-  if (drive_name.empty())
+Config drive_of(const ImportOptions& o, const ImportMap& map) {
+  if (!o.drive.empty()) return load_drive(o.drive, o.overrides);
+  if (map.preset.empty())
     throw BadInput(fmt::format(
         "{}: no drive: give --drive DRIVE.toml or [drive] preset in the map; presets: {}",
         o.map.empty() ? o.file : o.map, fmt::join(preset_names(), ", ")));
-  const Config config = load_drive(drive_name, o.overrides);
+  try {
+    return load_drive(map.preset, o.overrides);
+  } catch (const BadInput& error) {
+    throw BadInput(fmt::format("{}: drive.preset: {}", map.preset_where, error.what()));
+  }
+}
+
+void import(const ImportOptions& o) {
+  catch_stop_signals();
+  const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
+  const Config config = drive_of(o, map);
   const DriveConfig& drive = config.drive();
   PercentLine line(!o.json);
   const DriveRows rows = read_drive_rows(o.file, o.map.empty() ? nullptr : &map, o.repair,

@@ -61,7 +61,7 @@ void CsvReader::load() {
   int error = Z_OK;
   const char* what = gzerror(file.get(), &error);
   if (error != Z_OK && error != Z_BUF_ERROR && error != Z_STREAM_END)
-    throw BadInput(fmt::format("{}: cannot be unpacked: {}", path_, what));
+    throw BadInput(fmt::format("{}; the file cannot be unpacked", what));  // names the file
   cut_off_ = error == Z_BUF_ERROR || (!text_.empty() && text_.back() != '\n');
 }
 

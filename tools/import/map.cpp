@@ -190,6 +190,7 @@ ImportMap read_import_map(const std::string& path) {
   if (const auto* drive = table_of(path, root, "drive")) {
     MapTable table(path, "drive", *drive);
     map.preset = table.text("preset", "");
+    map.preset_where = table.where(*drive);
     table.require_known();
   }
   if (!map.columns.count("t")) map.columns["t"] = {.from = "t", .where = path + ":1"};

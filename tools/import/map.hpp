@@ -28,7 +28,7 @@ struct ColumnMap {
 struct ImportMap {
   CsvFormat format;
   std::map<std::string, ColumnMap> columns;  // by canonical name, "t" among them
-  std::string preset;                        // empty: not given
+  std::string preset, preset_where;          // empty: not given; file:line of it
   std::string toml;                          // the map's own text, empty where there is none
 };
 

@@ -12,12 +12,12 @@ namespace twinrate {
 
 // Writes PATH.part and renames it on finish(); without finish() the part file goes. Throws BadInput
 // where the file cannot be created and std::runtime_error where the disk is full.
-class LogWriter {
+class WholeLog {
  public:
-  explicit LogWriter(const std::string& path);
-  ~LogWriter();
-  LogWriter(const LogWriter&) = delete;
-  LogWriter& operator=(const LogWriter&) = delete;
+  explicit WholeLog(const std::string& path);
+  ~WholeLog();
+  WholeLog(const WholeLog&) = delete;
+  WholeLog& operator=(const WholeLog&) = delete;
 
   // `timestamp_us` of the event: above 0, not falling.
   template <class Message>

@@ -1,4 +1,4 @@
-#include "tools/import/log_writer.hpp"
+#include "tools/import/whole_log.hpp"
 
 #include <fmt/format.h>
 #include <lcm/eventlog.h>
@@ -12,20 +12,21 @@
 
 namespace twinrate {
 
-LogWriter::LogWriter(const std::string& path) : path_(path), part_path_(path + ".part") {
-  if (std::filesystem::is_directory(path))
-    throw BadInput(fmt::format("{}: is a directory; a file name is needed", path));
+WholeLog::WholeLog(const std::string& path) : path_(path), part_path_(path + ".part") {
+  // A rename would put the log in the place of a device or directory.
+  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
+    throw BadInput(fmt::format("{}: is no plain file; a file name is needed", path));
   log_ = lcm_eventlog_create(part_path_.c_str(), "w");
   if (!log_) throw BadInput(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
 }
 
-LogWriter::~LogWriter() {
+WholeLog::~WholeLog() {
   if (!log_) return;
   lcm_eventlog_destroy(log_);
   std::remove(part_path_.c_str());
 }
 
-void LogWriter::write_bytes(const char* channel, std::int64_t timestamp_us) {
+void WholeLog::write_bytes(const char* channel, std::int64_t timestamp_us) {
   lcm_eventlog_event_t event{};
   event.timestamp = timestamp_us;
   event.channel = const_cast<char*>(channel);
@@ -35,7 +36,7 @@ void LogWriter::write_bytes(const char* channel, std::int64_t timestamp_us) {
   if (lcm_eventlog_write_event(log_, &event) != 0) fail_to_write();
 }
 
-void LogWriter::finish() {
+void WholeLog::finish() {
   if (std::fflush(log_->f) != 0 || std::ferror(log_->f)) fail_to_write();
   lcm_eventlog_destroy(log_);
   log_ = nullptr;
@@ -45,7 +46,7 @@ void LogWriter::finish() {
   throw BadInput(fmt::format("{}: cannot be written: {}", path_, std::strerror(error)));
 }
 
-void LogWriter::fail_to_write() const {
+void WholeLog::fail_to_write() const {
   throw std::runtime_error(fmt::format("{}: cannot be written: {}", path_, std::strerror(errno)));
 }
 
