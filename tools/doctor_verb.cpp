@@ -69,7 +69,7 @@ int run_doctor(const DoctorOptions& options) {
   if (options.json)
     std::cout << nlohmann::ordered_json{{"launch_can_run", runs}}.dump() << "\n";
   else
-    fmt::print("{}\n", runs ? "launch can run here" : "launch cannot run here");
+    fmt::print("{}\n", runs ? "launch can run here" : "launch cannot run here as it is");
   return runs ? 0 : 3;
 }
 

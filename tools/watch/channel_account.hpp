@@ -1,0 +1,72 @@
+// What came on one channel: how many, how fast, what is missing, how late after the MEASUREMENT
+// that caused it.
+//
+// Only the common header of a message is read here (fingerprint, seq, t_ns, session; big-endian, 8
+// bytes each), so that a watcher keeps up with a lock-step run at full speed; the newest message is
+// kept whole.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/channels.hpp"
+
+namespace twinrate {
+
+struct MessageHeader {
+  std::int64_t seq, t_ns, session;
+};
+// Empty where the message is too short to have a header.
+std::optional<MessageHeader> read_header(const std::uint8_t* bytes, std::size_t size);
+
+// Arrival times of the last ticks' MEASUREMENT, microseconds.
+class TickTimes {
+ public:
+  void note(std::int64_t seq, std::int64_t arrival_us);
+  // Empty where that tick's MEASUREMENT was not seen lately.
+  std::optional<std::int64_t> find(std::int64_t seq) const;
+
+ private:
+  struct Entry {
+    std::int64_t seq = -1, arrival_us = 0;
+  };
+  std::array<Entry, 4096> ring_;
+};
+
+class ChannelAccount {
+ public:
+  explicit ChannelAccount(Channel channel) : channel_(channel) {}
+
+  void take(const MessageHeader& header, const std::uint8_t* bytes, std::size_t size,
+            std::int64_t arrival_us, const TickTimes& ticks);
+  // Starts the next interval of rate and latency.
+  void begin_interval(std::int64_t now_us);
+  void reset();
+
+  Channel channel() const { return channel_; }
+  std::int64_t messages() const { return messages_; }
+  std::int64_t gaps() const { return gaps_; }        // sequence numbers left out
+  std::int64_t repeats() const { return repeats_; }  // a number that was already heard
+  std::int64_t last_seq() const { return last_seq_; }
+  std::int64_t last_t_ns() const { return last_t_ns_; }
+  double rate_Hz(std::int64_t now_us) const;  // over the present interval
+  double age_s(std::int64_t now_us) const;    // since the newest message
+  std::optional<double> latency_us() const;   // mean of the interval
+  double latency_max_us() const { return latency_max_us_; }
+  const std::vector<std::uint8_t>& newest() const { return newest_; }
+
+ private:
+  void count_sequence(std::int64_t seq);
+
+  Channel channel_;
+  std::int64_t messages_ = 0, gaps_ = 0, repeats_ = 0;
+  std::int64_t last_seq_ = -1, last_t_ns_ = 0, last_arrival_us_ = 0;
+  std::int64_t stride_ = 0;  // of GAIN: the smallest step seen
+  std::int64_t interval_start_us_ = 0, interval_messages_ = 0;
+  double latency_sum_us_ = 0, latency_max_us_ = 0;
+  std::int64_t latency_count_ = 0;
+  std::vector<std::uint8_t> newest_;
+};
+
+}  // namespace twinrate

@@ -1,0 +1,66 @@
+// Hears every channel of a drive and keeps account; `twinrate watch` shows it.
+//
+// Follows one session: the first one heard, and the next one when that falls silent for a second;
+// messages of other sessions are only counted. Never loses a message by itself: the queue is
+// unbounded and the socket's buffer large.
+#pragma once
+#include <deque>
+#include <lcm/lcm-cpp.hpp>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "tools/watch/channel_account.hpp"
+
+namespace twinrate {
+
+struct WatchedEvent {
+  std::int64_t seq = -1;
+  std::string role, reason, text;
+};
+
+class Watcher {
+ public:
+  // `url` as resolve_url() gives it. Throws MachineError where LCM cannot work here.
+  Watcher(const std::string& url, const std::string& channel_suffix);
+
+  // Handles what arrives within `timeout_ms`, and everything that waits behind it.
+  void listen(int timeout_ms);
+
+  std::vector<ChannelAccount>& channels() { return channels_; }
+  const std::vector<ChannelAccount>& channels() const { return channels_; }
+  const std::map<int, status_t>& processes() const { return processes_; }  // by role, newest status
+  const std::deque<WatchedEvent>& events() const { return events_; }  // the last few, oldest first
+  std::int64_t session() const { return session_; }
+  std::int64_t foreign() const { return foreign_; }  // messages of other sessions
+  std::int64_t undecodable() const { return undecodable_; }
+  std::int64_t heard() const { return heard_; }  // messages of the session followed
+  double silent_s() const;                       // since the last message, or since the start
+
+ private:
+  struct Ear {
+    Watcher* watcher;
+    Channel channel;
+    void hear(const lcm::ReceiveBuffer* buffer, const std::string&) {
+      watcher->take(channel, *buffer);
+    }
+  };
+  void take(Channel channel, const lcm::ReceiveBuffer& buffer);
+  bool admit(std::int64_t session);
+  void keep_event(const std::uint8_t* bytes, int size);
+  void keep_status(const std::uint8_t* bytes, int size);
+
+  lcm::LCM lcm_;
+  std::vector<std::unique_ptr<Ear>> ears_;
+  std::vector<ChannelAccount> channels_;
+  TickTimes tick_times_;
+  std::map<int, status_t> processes_;
+  std::deque<WatchedEvent> events_;
+  std::int64_t session_ = 0, foreign_ = 0, undecodable_ = 0, heard_ = 0;
+  std::int64_t last_heard_us_;
+};
+
+std::int64_t wall_clock_us();
+
+}  // namespace twinrate
