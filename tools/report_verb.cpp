@@ -32,12 +32,18 @@ std::string text_of(const fs::path& path) {
   return text.str();
 }
 
+// Where the run's other files are: the directory itself, or the one that log.lcm is in.
+fs::path beside(const fs::path& path, const char* name) {
+  if (fs::is_directory(path)) return path / name;
+  return path.filename() == "log.lcm" ? path.parent_path() / name : fs::path();
+}
+
 // The config travels in the log; a foreign log may have it beside itself or be given one.
 Config config_of(const RunLog& log, const std::string& given) {
   if (!given.empty()) return Config::load(given);
   if (!log.config_toml.empty()) return Config::parse(log.config_toml, log.path + " (config)");
-  const fs::path beside = fs::path(log.path) / "config.toml";
-  if (fs::is_regular_file(beside)) return Config::load(beside.string());
+  const fs::path file = beside(log.path, "config.toml");
+  if (fs::is_regular_file(file)) return Config::load(file.string());
   throw BadInput(
       fmt::format("{}: holds no config (DRIVE_MANIFEST); give one with --config", log.path));
 }
@@ -56,7 +62,7 @@ LoadedRun load(const std::string& path, const ReportArguments& arguments) {
         "{}: --angle-reference {}: the log has none; leave it out to take what there is", path,
         arguments.angle_reference));
   Summary summary = summarise(log, config.drive(), wanted);
-  take_process_figures(text_of(fs::path(path) / "summary.json"), summary);
+  take_process_figures(text_of(beside(path, "summary.json")), summary);
   return {std::move(log), std::move(config), std::move(summary)};
 }
 
