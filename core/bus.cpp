@@ -96,6 +96,12 @@ std::string resolve_url(const std::string& wanted) {
   return url;
 }
 
+void check_channel_suffix(const std::string& suffix) {
+  static const std::regex allowed("[A-Za-z0-9_]{0,32}");
+  if (!std::regex_match(suffix, allowed))
+    throw BadInput(fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed", suffix));
+}
+
 struct Bus::Link {
   struct Subscription {
     Bus* bus;
@@ -124,10 +130,7 @@ struct Bus::Link {
 
 Bus::Bus(const BusOptions& options)
     : options_(options), session_(options.session), bound_(options.session != 0) {
-  static const std::regex allowed("[A-Za-z0-9_]{0,32}");
-  if (!std::regex_match(options_.channel_suffix, allowed))
-    throw BadInput(fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed",
-                               options_.channel_suffix));
+  check_channel_suffix(options_.channel_suffix);
   options_.url = resolve_url(options_.url);
   first_seq_.fill(-1);
   last_seq_.fill(-1);

@@ -23,6 +23,8 @@ inline constexpr const char* kDefaultUrl = "udpm://239.255.76.67:7667?ttl=0";
 
 // `wanted`, else LCM_DEFAULT_URL, else kDefaultUrl. Throws BadInput where LCM could not understand it.
 std::string resolve_url(const std::string& wanted);
+// Throws BadInput where LCM could not use it in a channel's name.
+void check_channel_suffix(const std::string& suffix);
 
 struct BusOptions {
   std::string url;             // empty: LCM_DEFAULT_URL, else kDefaultUrl

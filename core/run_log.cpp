@@ -14,22 +14,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<std::string> parts_of(const std::string& path) {
-  if (!fs::is_directory(path)) {
-    if (!fs::is_regular_file(path)) throw BadInput(fmt::format("{}: no such log", path));
-    return {path};
-  }
-  std::vector<std::string> parts;
-  const fs::path first = fs::path(path) / "log.lcm";
-  if (!fs::is_regular_file(first))
-    throw BadInput(fmt::format("{}: no log.lcm in this directory", path));
-  parts.push_back(first.string());
-  for (int part = 1;; ++part) {
-    const fs::path next = fs::path(path) / fmt::format("log-{:03}.lcm", part);
-    if (!fs::is_regular_file(next)) break;
-    parts.push_back(next.string());
-  }
-  return parts;
+// What stands behind DRIVE_MANIFEST at the head of the log.
+std::string suffix_of(const std::string& part) {
+  lcm::LogFile file(part, "r");
+  const lcm::LogEvent* event = file.good() ? file.readNextEvent() : nullptr;
+  const std::string name = info(Channel::kManifest).name;
+  return event && event->channel.rfind(name, 0) == 0 ? event->channel.substr(name.size()) : "";
 }
 
 EventRecord from_wire(const event_t& w) {
@@ -91,16 +81,36 @@ void order_by_tick(std::vector<Item>& items) {
 
 }  // namespace
 
+std::vector<std::string> log_parts(const std::string& path) {
+  if (!fs::is_directory(path)) {
+    if (!fs::is_regular_file(path)) throw BadInput(fmt::format("{}: no such log", path));
+    return {path};
+  }
+  std::vector<std::string> parts;
+  const fs::path first = fs::path(path) / "log.lcm";
+  if (!fs::is_regular_file(first))
+    throw BadInput(fmt::format("{}: no log.lcm in this directory", path));
+  parts.push_back(first.string());
+  for (int part = 1;; ++part) {
+    const fs::path next = fs::path(path) / fmt::format("log-{:03}.lcm", part);
+    if (!fs::is_regular_file(next)) break;
+    parts.push_back(next.string());
+  }
+  return parts;
+}
+
 RunLog read_run_log(const std::string& path, const std::string& channel_suffix) {
   RunLog log;
   log.path = path;
-  for (const std::string& part : parts_of(path)) read_part(part, channel_suffix, log);
+  const std::vector<std::string> parts = log_parts(path);
+  log.channel_suffix = channel_suffix.empty() ? suffix_of(parts.front()) : channel_suffix;
+  for (const std::string& part : parts) read_part(part, log.channel_suffix, log);
   if (log.undecodable > 0)
     throw BadInput(fmt::format("{}: {} messages have another type version than this program",
                                path, log.undecodable));
   if (log.measurement.empty() && log.estimate.empty() && log.command.empty())
     throw BadInput(fmt::format("{}: holds no message of this project (channels DRIVE_..{})", path,
-                               channel_suffix));
+                               log.channel_suffix));
   order_by_tick(log.measurement);
   order_by_tick(log.truth);
   order_by_tick(log.estimate);

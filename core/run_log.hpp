@@ -16,7 +16,7 @@ struct EventRecord {
 };
 
 struct RunLog {
-  std::string path;
+  std::string path, channel_suffix;
   std::int64_t session = 0;
   std::string revision, config_toml, manifest_json;  // empty where the log holds no manifest
   std::vector<Measurement> measurement;
@@ -29,8 +29,11 @@ struct RunLog {
   std::int64_t undecodable = 0;  // DRIVE_ messages of another layout
 };
 
-// `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one.
-// Throws BadInput: no such log, not an LCM log, messages of another type version, no message of this project.
+// The parts of a log in order: log.lcm, log-001.lcm .. of a run directory, or the one file. Throws BadInput.
+std::vector<std::string> log_parts(const std::string& path);
+
+// `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one; empty: the one the manifest
+// was written with. Throws BadInput: no such log, not an LCM log, messages of another type version, no message of this project.
 RunLog read_run_log(const std::string& path, const std::string& channel_suffix = "");
 
 }  // namespace twinrate

@@ -40,7 +40,7 @@ class PlantProcess {
  private:
   Waiting missing() const {
     if (k() < steps_ && sent_ == k()) return {fmt::format("COMMAND({}) from controller", k()), 2};
-    return {fmt::format("the log to be written up to tick {} by logger (it stands at {}), from logger",
+    return {fmt::format("an acknowledgement of tick {} (the log stands at {}) from logger",
                         std::min(k(), steps_), acknowledged_),
             2};
   }

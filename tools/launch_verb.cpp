@@ -33,6 +33,8 @@ int launch(const LaunchOptions& o) {
   if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)
     throw BadInput(fmt::format("{}: plant.delay_samples: 1 to 4 allowed with --pace realtime, found 0",
                                config.where("plant.delay_samples")));
+  resolve_url(o.url);
+  check_channel_suffix(o.channel_suffix);
   need_multicast();
   const std::string directory = make_run_directory(o.run_dir, config);
   catch_stop_signals();

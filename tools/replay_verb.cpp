@@ -120,8 +120,8 @@ class LockstepReplay {
     for (const Measurement& m : log_.measurement) {
       if (stop_signalled()) break;
       if (!play(m)) {
-        fmt::print(stderr, "twinrate: no ESTIMATE({}) from an estimator within {} s\n", m.k,
-                   drive_.bus.peer_timeout_s);
+        fmt::print(stderr, "twinrate: no ESTIMATE({}) from an estimator within {} s; one that runs already must be {}\n",
+                   m.k, drive_.bus.peer_timeout_s, "unbound, and started with --follow to hear a second session");
         return 1;
       }
       compare(m.k);
@@ -191,23 +191,29 @@ void sleep_until(Clock::time_point begun, double offset_s) {
                                             std::chrono::duration<double>(offset_s)));
 }
 
+std::string without_suffix(const std::string& channel, const std::string& suffix) {
+  return channel.ends_with(suffix) ? channel.substr(0, channel.size() - suffix.size()) : channel;
+}
+
 // By time stamp; the bytes go out as they were recorded, session included.
-int play_paced(const ReplayOptions& o) {
+int play_paced(const ReplayOptions& o, const std::string& logged_suffix) {
   const std::vector<std::string> names = channel_list(o.only);
-  const std::string path = fs::is_directory(o.log) ? o.log + "/log.lcm" : o.log;
-  lcm::LogFile file(path, "r");
   const Bus probe({.url = o.url, .role = Role::kReplay});  // says at once where the machine has no multicast
   lcm::LCM out(probe.url());
-  if (!file.good() || !out.good()) throw BadInput(fmt::format("{}: cannot be played", path));
   const auto begun = Clock::now();
   std::int64_t first_us = -1, played = 0;
-  while (const lcm::LogEvent* event = file.readNextEvent()) {
-    if (stop_signalled()) break;
-    if (std::find(names.begin(), names.end(), event->channel) == names.end()) continue;
-    if (first_us < 0) first_us = event->timestamp;
-    sleep_until(begun, static_cast<double>(event->timestamp - first_us) * 1e-6 / o.speed);
-    out.publish(event->channel + o.channel_suffix, event->data, static_cast<unsigned>(event->datalen));
-    ++played;
+  for (const std::string& part : log_parts(o.log)) {
+    lcm::LogFile file(part, "r");
+    if (!file.good() || !out.good()) throw BadInput(fmt::format("{}: cannot be played", part));
+    while (const lcm::LogEvent* event = file.readNextEvent()) {
+      if (stop_signalled()) break;
+      const std::string name = without_suffix(event->channel, logged_suffix);
+      if (std::find(names.begin(), names.end(), name) == names.end()) continue;
+      if (first_us < 0) first_us = event->timestamp;
+      sleep_until(begun, static_cast<double>(event->timestamp - first_us) * 1e-6 / o.speed);
+      out.publish(name + o.channel_suffix, event->data, static_cast<unsigned>(event->datalen));
+      ++played;
+    }
   }
   fmt::print("played {} messages of {} in {:.2f} s\n", played, o.only, seconds_since(begun));
   return 0;
@@ -215,8 +221,10 @@ int play_paced(const ReplayOptions& o) {
 
 int replay(const ReplayOptions& o) {
   catch_stop_signals();
+  resolve_url(o.url);
+  check_channel_suffix(o.channel_suffix);
   const RunLog log = read_run_log(o.log);
-  if (!o.lockstep) return play_paced(o);
+  if (!o.lockstep) return play_paced(o, log.channel_suffix);
   if (log.config_toml.empty())
     throw BadInput(fmt::format("{}: no DRIVE_MANIFEST in this log; play it with --speed", o.log));
   Config config = Config::parse(log.config_toml, o.log + " (DRIVE_MANIFEST)");

@@ -115,6 +115,7 @@ int simulate(const SimulateOptions& o) {
   facts.how = "simulate, one process";
   facts.ended = run_loop(config, directory, o.json);
   facts.wall_s = std::chrono::duration<double>(Clock::now() - begun).count();
+  if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   return conclude_run(directory, config, facts);
 }
 

@@ -87,7 +87,18 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   for (const std::string& event : events) row("event", event);
   row("speed of the run", fmt::format("{:.0f} steps/s ({:.2f} s wall)",
                                       s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
-  row("written to", directory + "  (open report.html)");
+  row("written to", directory + (facts.not_written.empty() ? "  (open report.html)" : ""));
+  if (!facts.not_written.empty()) row("could not be written", facts.not_written);
+}
+
+// Empty where the run ended before anything was logged.
+RunLog read_what_there_is(const std::string& directory, const RunFacts& facts) {
+  try {
+    return read_run_log(directory);
+  } catch (const BadInput&) {
+    if (facts.ended.empty()) throw;
+    return {};
+  }
 }
 
 }  // namespace
@@ -114,10 +125,13 @@ std::string make_run_directory(const std::string& wanted, const Config& config) 
   return path.string();
 }
 
-int conclude_run(const std::string& directory, const Config& config, const RunFacts& facts) {
+int conclude_run(const std::string& directory, const Config& config, RunFacts facts) {
   const fs::path dir = directory;
-  const RunLog log = read_run_log(directory);
+  const RunLog log = read_what_there_is(directory, facts);
+  if (log.measurement.empty()) return 1;
   Summary s = summarise(log, config.drive());
+  if (facts.ended.empty() && s.steps < config.drive().steps())
+    facts.ended = fmt::format("stopped at tick {} of {}", s.steps, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
   s.wall_s = facts.wall_s;
   s.repeats = facts.repeats;
@@ -125,22 +139,33 @@ int conclude_run(const std::string& directory, const Config& config, const RunFa
   s.late_gains = std::max(s.late_gains, facts.late_gains);
   s.late_commands = facts.late_commands;
   for (const auto& [channel, count] : lost_messages(account)) s.lost_messages[channel] = count;
-  write_text(dir / "summary.json", to_json(s, config.drive()) + "\n");
 
   Json manifest = Json::parse(log.manifest_json, nullptr, false);
   if (!manifest.is_object()) manifest = Json::object();
   manifest["how"] = facts.how;
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
   if (account.is_object()) manifest["log"] = account;
-  write_text(dir / "manifest.json", manifest.dump(2) + "\n");
-  fs::remove(dir / "logger.json");
+  std::error_code ignored;
+  fs::remove(dir / "logger.json", ignored);
 
-  write_report({{log, config.drive(), s}}, {.title = config.drive().name},
-               (dir / "report.html").string());
+  facts.not_written.clear();
+  const auto put = [&](const char* name, const auto& write) {
+    try {
+      write(dir / name);
+    } catch (const std::runtime_error&) {
+      fs::remove(dir / name, ignored);
+      facts.not_written += (facts.not_written.empty() ? "" : ", ") + std::string(name);
+    }
+  };
+  put("summary.json", [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
+  put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
+  put("report.html", [&](const fs::path& path) {
+    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
+  });
   print_table(directory, config.drive(), s, facts, notable_events(log));
   std::int64_t lost = 0;
   for (const auto& [channel, count] : s.lost_messages) lost += count;
-  const bool well = s.locked.value_or(true) && lost == 0 && facts.ended.empty();
+  const bool well = s.locked.value_or(true) && lost == 0 && facts.ended.empty() && facts.not_written.empty();
   return well ? 0 : 1;
 }
 

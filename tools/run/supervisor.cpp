@@ -160,8 +160,20 @@ void Supervisor::watch() {
   }
 }
 
+void Supervisor::tell_the_log() {
+  const status_t& plant = latest_[static_cast<int>(Role::kPlant)];
+  event_t e{};
+  e.seq = plant.seq;
+  e.t_ns = plant.t_ns;
+  e.role = static_cast<std::int32_t>(Role::kSupervisor);
+  e.reason = static_cast<std::int32_t>(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied);
+  e.text = facts_.ended;
+  bus_->publish(e);
+}
+
 void Supervisor::stop_in_order() {
   progress_.end();
+  if (!facts_.ended.empty()) tell_the_log();
   set_.stop({Role::kPlant}, 3);
   for (int i = 0; i < 20 && bus_->handle(1); ++i) {
   }
@@ -185,7 +197,8 @@ RunFacts Supervisor::run() {
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
   bus_->subscribe<event_t>([this](const event_t& e) {
     const auto reason = static_cast<Reason>(e.reason);
-    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull || reason == Reason::kPlantFailed)
+    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull || reason == Reason::kPlantFailed ||
+        reason == Reason::kConfigMismatch)
       failures_.emplace(e.role, e.text);
   });
   if (progress_.visible()) {

@@ -28,6 +28,7 @@ class Supervisor {
   void start_children();
   bool wait_until_ready();
   void watch();
+  void tell_the_log();
   void stop_in_order();
   void note_status(const status_t& status);
   void note_dead_child();
