@@ -120,7 +120,7 @@ std::string not_ready(const Watcher& watcher, const std::vector<std::string>& wa
   for (const std::string& role : wanted) {
     const bool ready = std::any_of(
         watcher.processes().begin(), watcher.processes().end(), [&](const auto& process) {
-          return role == kRoleNames[process.first] &&
+          return role == role_name(process.first) &&
                  process.second.state >= static_cast<int>(ProcessState::kReady);
         });
     if (!ready) missing += (missing.empty() ? "" : ", ") + role;
@@ -133,8 +133,8 @@ int wait_until_ready(Watcher& watcher, const WatchOptions& options) {
   const std::vector<std::string> wanted = CLI::detail::split(options.until_ready, ',');
   for (const std::string& role : wanted)
     if (std::find(std::begin(kRoleNames), std::end(kRoleNames), role) == std::end(kRoleNames))
-      throw BadInput(fmt::format("--until-ready {}: one of {} allowed", role,
-                                 fmt::join(kRoleNames, ", ")));
+      throw BadInput(
+          fmt::format("--until-ready {}: one of {} allowed", role, fmt::join(kRoleNames, ", ")));
   const double patience_s = options.duration.empty() ? 10 : duration_of(options);
   const std::int64_t start_us = wall_clock_us();
   while (!not_ready(watcher, wanted).empty()) {

@@ -53,7 +53,8 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
     throw BadInput(fmt::format(
         "{}:{}: rows come faster than the drive's rates.f_s_Hz = {}: {} of {} find no tick; "
         "--set rates.f_s_Hz={:.6g} would fit",
-        rows.path, rows.line.front(), f_s_Hz, grid.crowded_out, rows.size(), 1 / grid.dt_median_s));
+        rows.path, rows.line.front(), f_s_Hz, grid.crowded_out, rows.size(),
+        static_cast<double>(rows.size() - 1) / (rows.t.back() - rows.t.front())));
   return grid;
 }
 

@@ -25,7 +25,7 @@ struct TickGrid {
   std::int64_t moved = 0, crowded_out = 0;  // rows not on their nearest tick; rows left out
 };
 
-inline constexpr double kMostCrowdedOut = 0.02;  // share of the rows
+inline constexpr double kMostCrowdedOut = 0.05;  // share of the rows
 
 // Throws BadInput where more rows than kMostCrowdedOut find no slot: they come faster than f_s.
 TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/reason.hpp"
 #include "model/signals.hpp"
@@ -149,7 +150,9 @@ std::string to_text(const KeyValues& values) {
     const NameAndUnit split = split_unit(key);
     std::string unit = split.unit == "1" ? "" : " " + split.unit;
     if (unit == " rad_s") unit = " rad/s";
-    text += fmt::format("{}{} {:.4g}{}", text.empty() ? "" : "  ", split.name, value, unit);
+    const bool whole = value == std::round(value) && std::abs(value) < 1e15;
+    text += fmt::format("{}{} {}{}", text.empty() ? "" : "  ", split.name,
+                        whole ? fmt::format("{:.0f}", value) : fmt::format("{:.4g}", value), unit);
   }
   if (!values.text.empty()) text += (text.empty() ? "" : "  ") + values.text;
   return text;

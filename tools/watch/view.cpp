@@ -13,11 +13,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 constexpr double kSilence_s = 3;
 
-std::string role_name(int role) {
-  const bool known = role >= 0 && role < static_cast<int>(std::size(kRoleNames));
-  return known ? kRoleNames[role] : fmt::format("role {}", role);
-}
-
 std::string state_name(int state) {
   const bool known = state >= 0 && state < static_cast<int>(std::size(kProcessStateNames));
   return known ? kProcessStateNames[state] : fmt::format("state {}", state);

@@ -28,12 +28,12 @@ const std::string& need_route(const std::string& url) {
   return url;
 }
 
+}  // namespace
+
 std::string role_name(int role) {
   const bool known = role >= 0 && role < static_cast<int>(std::size(kRoleNames));
   return known ? kRoleNames[role] : fmt::format("role {}", role);
 }
-
-}  // namespace
 
 std::int64_t wall_clock_us() {
   using namespace std::chrono;

@@ -62,5 +62,7 @@ class Watcher {
 };
 
 std::int64_t wall_clock_us();
+// Name of a Role off the wire; "role 99" where it is none of ours.
+std::string role_name(int role);
 
 }  // namespace twinrate
