@@ -1,5 +1,7 @@
 #include "estimator/ekf_disturbance.hpp"
 
+#include "model/discretise_exact.hpp"
+
 namespace twinrate {
 
 EkfDisturbance::EkfDisturbance(const MachineParameters& machine,
@@ -143,6 +145,7 @@ void EkfDisturbance::predict_over_gap(FastState& state, const Measurement& last)
 
 Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) const {
   Estimate e;
+  e.status = kMeasuredAngle;
   e.theta_e = wrap_turn(machine_.n_p * m.theta_m);
   if (has_voltage(m)) {
     e.n_x = 4;
@@ -153,7 +156,7 @@ Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) co
   } else {
     e.n_x = 2;
     e.n_y = 1;
-    e.status = kNoVoltage;
+    e.status |= kNoVoltage;
     e.i_dq = state.i_dq_prev;
     e.omega_m = state.x_hat[0];
     e.T_load = state.x_hat[1];

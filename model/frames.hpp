@@ -38,7 +38,7 @@ inline Vec2 inverse_park(const Vec2& dq, double theta_e) { return rotate(dq, the
 // Into [0, 2 pi), Dilys (18).
 inline double wrap_turn(double angle_rad) {
   const double wrapped = angle_rad - kTwoPi * std::floor(angle_rad / kTwoPi);
-  return wrapped < kTwoPi ? wrapped : 0.0;
+  return wrapped >= kTwoPi ? 0.0 : wrapped;  // NaN stays NaN
 }
 // Into (-pi, pi].
 inline double wrap_pi(double angle_rad) {

@@ -47,6 +47,7 @@ enum EstimateStatus : int {
   kNotFinite = 8,        // the correction was not finite and was left out
   kNoVoltage = 16,       // reduced filter: measured currents are its inputs
   kAngleForced = 32,     // alignment: the rotor stands where it was forced to, and the filter takes that over
+  kMeasuredAngle = 64,  // theta_e is the position sensor's, not an estimate of it
 };
 
 struct Estimate {

@@ -1,4 +1,5 @@
 #include "model/discretise.hpp"
+#include "model/discretise_exact.hpp"
 
 #include <gtest/gtest.h>
 
