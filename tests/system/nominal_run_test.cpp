@@ -1,0 +1,89 @@
+// The reference runs of physics.md through `twinrate launch`, and what a run leaves behind.
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "core/run_log.hpp"
+#include "tests/system/run_program.hpp"
+
+namespace twinrate::test {
+namespace {
+
+using Json = nlohmann::json;
+
+class NominalRun : public ProgramTest {
+ protected:
+  ProgramResult launch(int n, const char* duration) {
+    return twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", duration, "--set",
+                     "rates.n=" + std::to_string(n)});
+  }
+  Json json(const char* file) const { return Json::parse(read_text(path("run") + "/" + file)); }
+};
+
+TEST_F(NominalRun, FiveStepsABackgroundUpdateHoldTheDrive) {
+  const ProgramResult result = launch(5, "2s");
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("LOCKED"), std::string::npos) << result.out;
+  for (const char* file : {"log.lcm", "config.toml", "manifest.json", "summary.json", "report.html"})
+    EXPECT_GT(std::filesystem::file_size(path("run") + "/" + file), 100u) << file;
+
+  const Json summary = json("summary.json");
+  EXPECT_EQ(summary["locked"], true);
+  EXPECT_DOUBLE_EQ(summary["duration_s"], 2);
+  EXPECT_EQ(summary["steps"], 10000);
+  const double angle_rms = summary["angle_error_rms_rad"], angle_max = summary["angle_error_max_rad"];
+  EXPECT_GT(angle_rms, 0.03);
+  EXPECT_LT(angle_rms, 0.06);
+  EXPECT_GT(angle_max, angle_rms);
+  EXPECT_LT(angle_max, 0.1);
+  EXPECT_GT(summary["speed_error_rms_rad_s"], 0.01);
+  EXPECT_LT(summary["speed_error_rms_rad_s"], 1.0);
+  EXPECT_GT(summary["speed_ripple_rms_rad_s"], 0.0);
+  EXPECT_LE(summary["speed_ripple_harmonics_rms_rad_s"], summary["speed_ripple_rms_rad_s"]);
+  EXPECT_EQ(summary["lost_messages"].size(), 11u);
+  for (const auto& [channel, lost] : summary["lost_messages"].items()) EXPECT_EQ(lost, 0) << channel;
+  EXPECT_GE(summary["repeats"], 0);
+  EXPECT_EQ(summary["deadline_misses"], 0);
+  EXPECT_EQ(summary["late_gains"], 0);
+  EXPECT_GT(summary["wall_s"], 0.05);
+  EXPECT_GT(summary["steps_per_s"], 100);
+  EXPECT_EQ(summary["f_s_Hz"], 5000.0);
+  EXPECT_EQ(summary["f_b_Hz"], 1000.0);
+
+  const Json manifest = json("manifest.json");
+  EXPECT_EQ(manifest["seed"], 1);
+  for (const char* key : {"revision", "host", "versions"}) EXPECT_TRUE(manifest.contains(key)) << key;
+  EXPECT_EQ(manifest["log"]["channels"]["DRIVE_MEASUREMENT"]["received"], 10000);
+  EXPECT_EQ(manifest["log"]["channels"]["DRIVE_GAIN"]["received"], 2000);
+  EXPECT_EQ(twinrate({"check", path("run") + "/config.toml"}).exit_code, 0);
+}
+
+TEST_F(NominalRun, TwelveStepsStillHold) {
+  EXPECT_EQ(launch(12, "1s").exit_code, 0);
+  EXPECT_EQ(json("summary.json")["locked"], true);
+}
+
+TEST_F(NominalRun, ThirteenStepsLoseTheDriveAndItSpinsBackwards) {
+  const ProgramResult result = launch(13, "2s");
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.out.find("LOST"), std::string::npos) << result.out;
+  EXPECT_EQ(json("summary.json")["locked"], false);
+  const RunLog log = read_run_log(path("run"));
+  EXPECT_LT(log.truth.back().omega_m, 0);
+}
+
+TEST_F(NominalRun, ProgressComesAsJsonLines) {
+  const ProgramResult result =
+      twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "2s", "--json"});
+  EXPECT_EQ(result.exit_code, 0);
+  std::istringstream lines(result.out);
+  int progress_lines = 0;
+  for (std::string line; std::getline(lines, line);)
+    if (line.rfind("{\"t_s\"", 0) == 0) {
+      ++progress_lines;
+      EXPECT_TRUE(Json::parse(line, nullptr, false).contains("steps_per_s")) << line;
+    }
+  EXPECT_GE(progress_lines, 1);
+}
+
+}  // namespace
+}  // namespace twinrate::test

@@ -1,0 +1,100 @@
+// Realtime pace: nobody waits, and what was late is counted and said with its tick. Whether the drive stays locked is not
+// held here: it depends on what else the machine does.
+#include <csignal>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "core/reason.hpp"
+#include "core/run_log.hpp"
+#include "tests/system/run_program.hpp"
+
+namespace twinrate::test {
+namespace {
+
+class Realtime : public ProgramTest {
+ protected:
+  std::vector<std::string> launch(const char* duration) const {
+    return {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--pace", "realtime", "--duration", duration};
+  }
+  nlohmann::json summary() const { return nlohmann::json::parse(read_text(path("run") + "/summary.json")); }
+  bool wait_for_log(std::uintmax_t bytes) const {
+    return wait_until([&] {
+      std::error_code error;
+      const auto size = std::filesystem::file_size(path("run") + "/log.lcm", error);
+      return !error && size > bytes;
+    });
+  }
+  std::vector<EventRecord> events(const RunLog& log, Reason reason) const {
+    std::vector<EventRecord> found;
+    for (const EventRecord& event : log.events)
+      if (event.reason == static_cast<int>(reason)) found.push_back(event);
+    return found;
+  }
+  void expect_ended_cleanly(const ProgramResult& result) {
+    ASSERT_FALSE(result.timed_out) << result.err;
+    EXPECT_LE(result.exit_code, 1) << result.err;
+    EXPECT_EQ(result.out.find("ended early"), std::string::npos) << result.out;
+    EXPECT_TRUE(processes_with(path("run")).empty());
+  }
+};
+
+TEST_F(Realtime, ARunTakesItsTimeAndItsCountsAgreeWithItsLog) {
+  const ProgramResult result = Program(launch("1s")).wait(20);
+  expect_ended_cleanly(result);
+  const RunLog log = read_run_log(path("run"));
+  const nlohmann::json s = summary();
+  EXPECT_EQ(s["steps"], 5000);
+  EXPECT_EQ(log.measurement.size(), 5000u);
+  EXPECT_GT(s["wall_s"], 0.95);
+  EXPECT_LT(s["wall_s"], 1.2);
+  std::int64_t late_estimates = 0;
+  for (const Estimate& e : log.estimate)
+    if (e.status & kLateGain) ++late_estimates;
+  EXPECT_EQ(s["late_gains"], late_estimates);
+  EXPECT_EQ(s["late_commands"], events(log, Reason::kLateCommand).size()) << "each with its k, unless tripped";
+  for (const EventRecord& event : events(log, Reason::kLateGain)) EXPECT_GE(event.k, 0);
+}
+
+TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
+  Program run(launch("2s"));
+  ASSERT_TRUE(wait_for_log(300'000));
+  const pid_t gain = processes_with(path("run"), "twinrate-gain").at(0);
+  kill(gain, SIGSTOP);
+  const std::uintmax_t then = std::filesystem::file_size(path("run") + "/log.lcm");
+  ASSERT_TRUE(wait_for_log(then + 500'000));
+  kill(gain, SIGCONT);
+  const ProgramResult result = run.wait(20);
+  expect_ended_cleanly(result);
+  const RunLog log = read_run_log(path("run"));
+  EXPECT_EQ(log.measurement.size(), 10000u);
+  EXPECT_GT(summary()["late_gains"], 100);
+  ASSERT_FALSE(events(log, Reason::kLateGain).empty());
+  const std::int64_t k = events(log, Reason::kLateGain).front().k;
+  EXPECT_TRUE(log.estimate.at(static_cast<std::size_t>(k)).status & kLateGain);
+}
+
+TEST_F(Realtime, AStoppedControllerLeadsToZeroVoltage) {
+  Program run(launch("2s"));
+  ASSERT_TRUE(wait_for_log(300'000));
+  const pid_t controller = processes_with(path("run"), "twinrate-controller").at(0);
+  kill(controller, SIGSTOP);
+  const std::uintmax_t then = std::filesystem::file_size(path("run") + "/log.lcm");
+  ASSERT_TRUE(wait_for_log(then + 500'000));
+  kill(controller, SIGCONT);
+  const ProgramResult result = run.wait(20);
+  expect_ended_cleanly(result);
+  const RunLog log = read_run_log(path("run"));
+  const std::vector<EventRecord> lost = events(log, Reason::kCommandLost);
+  ASSERT_EQ(lost.size(), 1u);
+  ASSERT_GT(lost.front().k, 20);
+  for (const Measurement& m : log.measurement)
+    if (m.k > lost.front().k) {
+      ASSERT_EQ(m.u_alphabeta, Vec2::Zero()) << m.k;
+      ASSERT_EQ(m.mode, Mode::kSafe) << m.k;
+    }
+  EXPECT_GT(summary()["late_commands"], 20);
+  EXPECT_EQ(result.exit_code, 1) << "a drive without voltage does not hold its speed";
+}
+
+}  // namespace
+}  // namespace twinrate::test

@@ -1,0 +1,152 @@
+// A dead or silent process ends the set with its name and the reason; nothing is left behind, whatever dies.
+#include <csignal>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/reason.hpp"
+#include "core/run_log.hpp"
+#include "tests/system/run_program.hpp"
+
+namespace twinrate::test {
+namespace {
+
+class Supervision : public ProgramTest {
+ protected:
+  // A run that would take minutes; returns once its log grows.
+  std::unique_ptr<Program> start_long_run(std::vector<std::string> more = {}) {
+    more.insert(more.begin(), {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
+    auto launch = std::make_unique<Program>(more);
+    const bool running = wait_until([&] { return log_size() > 200'000; }, 20);
+    EXPECT_TRUE(running) << launch->err();
+    return launch;
+  }
+  std::uintmax_t log_size() const {
+    std::error_code error;
+    const std::uintmax_t size = std::filesystem::file_size(path("run") + "/log.lcm", error);
+    return error ? 0 : size;
+  }
+  pid_t child(const std::string& program) const {
+    const std::vector<pid_t> found = processes_with(path("run"), program);
+    EXPECT_EQ(found.size(), 1u) << program;
+    return found.size() == 1 ? found.front() : 0;
+  }
+  void expect_nothing_left(double limit_s = 2) {
+    EXPECT_TRUE(wait_until([&] { return processes_with(path("run")).empty(); }, limit_s));
+  }
+  // The log is whole up to a tick, and the summary says that the run ended early.
+  RunLog expect_readable_log() {
+    RunLog log = read_run_log(path("run"));
+    EXPECT_GT(log.measurement.size(), 100u);
+    for (std::size_t i = 0; i < log.command.size(); ++i) EXPECT_EQ(log.command[i].k, static_cast<std::int64_t>(i));
+    return log;
+  }
+  nlohmann::json json(const char* file) const {
+    return nlohmann::json::parse(read_text(path("run") + "/" + file), nullptr, false);
+  }
+};
+
+class DeadChild : public Supervision, public ::testing::WithParamInterface<const char*> {};
+
+TEST_P(DeadChild, EndsTheSetWithItsNameAndSignal) {
+  const std::string program = GetParam();
+  const auto launch = start_long_run();
+  kill(child(program), SIGKILL);
+  const ProgramResult result = launch->wait(8);
+  ASSERT_FALSE(result.timed_out) << result.err;
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find(program + " ended with signal 9"), std::string::npos) << result.err;
+  EXPECT_NE(result.out.find("ended early"), std::string::npos) << result.out;
+  expect_nothing_left();
+  expect_readable_log();
+  EXPECT_LT(json("summary.json")["duration_s"], 600.0);
+  EXPECT_NE(json("manifest.json")["ended_early"].get<std::string>().find(program), std::string::npos);
+}
+
+INSTANTIATE_TEST_SUITE_P(System, DeadChild,
+                         ::testing::Values("twinrate-plant", "twinrate-estimator", "twinrate-gain",
+                                           "twinrate-controller", "twinrate-logger"),
+                         [](const auto& child) { return std::string(child.param).substr(sizeof "twinrate-" - 1); });
+
+class SilentChild : public Supervision, public ::testing::WithParamInterface<const char*> {};
+
+TEST_P(SilentChild, IsNamedByTheOneThatWaitsForIt) {
+  const std::string program = GetParam(), role = program.substr(sizeof "twinrate-" - 1);
+  const auto launch = start_long_run({"--set", "bus.peer_timeout_s=1"});
+  kill(child(program), SIGSTOP);
+  const ProgramResult result = launch->wait(15);
+  ASSERT_FALSE(result.timed_out) << result.err;
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find(role + " stopped answering"), std::string::npos) << result.err;
+  EXPECT_LT(result.wall_s, 12);
+  expect_nothing_left();
+  bool said = false;
+  for (const EventRecord& event : expect_readable_log().events)
+    said = said || (event.reason == static_cast<int>(Reason::kPeerTimeout) &&
+                    event.text.find("from " + role) != std::string::npos);
+  EXPECT_TRUE(said || program == "twinrate-logger");
+}
+
+INSTANTIATE_TEST_SUITE_P(System, SilentChild,
+                         ::testing::Values("twinrate-plant", "twinrate-estimator", "twinrate-gain",
+                                           "twinrate-controller", "twinrate-logger"),
+                         [](const auto& child) { return std::string(child.param).substr(sizeof "twinrate-" - 1); });
+
+TEST_F(Supervision, CtrlCEndsTheRunCleanly) {
+  const auto launch = start_long_run();
+  launch->signal_group(SIGINT);
+  const ProgramResult result = launch->wait(8);
+  ASSERT_FALSE(result.timed_out) << result.err;
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.out.find("ended early"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("interrupted"), std::string::npos) << result.out;
+  expect_nothing_left(0);
+  const RunLog log = expect_readable_log();
+  EXPECT_EQ(log.events.back().reason, static_cast<int>(Reason::kStopRequested));
+  for (const char* file : {"summary.json", "manifest.json", "report.html", "config.toml"})
+    EXPECT_TRUE(std::filesystem::exists(path("run") + "/" + file)) << file;
+  EXPECT_EQ(json("summary.json")["steps"], log.measurement.size());
+  for (const auto& [channel, lost] : json("summary.json")["lost_messages"].items()) EXPECT_EQ(lost, 0) << channel;
+}
+
+TEST_F(Supervision, KilledSupervisorTakesItsChildrenAlong) {
+  const auto launch = start_long_run();
+  ASSERT_EQ(processes_with(path("run")).size(), 6u);
+  launch->signal(SIGKILL);
+  expect_nothing_left(2);
+  expect_readable_log();
+}
+
+TEST_F(Supervision, APlantStoppedFromOutsideIsNoRunToItsEnd) {
+  const auto launch = start_long_run();
+  kill(child("twinrate-plant"), SIGTERM);
+  const ProgramResult result = launch->wait(8);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.out.find("stopped at tick"), std::string::npos) << result.out;
+  expect_nothing_left();
+}
+
+TEST_F(Supervision, AChildThatNeverGetsReadyIsNamedAndLeavesNoSecondMessage) {
+  // Killed before the first tick: there is no log to speak of.
+  Program launch({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
+  ASSERT_TRUE(wait_until([&] { return !processes_with(path("run"), "twinrate-gain").empty(); }));
+  kill(processes_with(path("run"), "twinrate-gain").front(), SIGKILL);
+  const ProgramResult result = launch.wait(10);
+  EXPECT_EQ(result.exit_code, 1) << result.err;
+  EXPECT_EQ(count_lines(result.err), 1) << result.err;
+  EXPECT_NE(result.err.find("twinrate-gain ended with signal 9"), std::string::npos) << result.err;
+  expect_nothing_left();
+}
+
+TEST_F(Supervision, SimulateStopsCleanlyToo) {
+  Program simulate({"twinrate", "simulate", "dilys2021", "--run-dir", path("run"), "--duration", "3000s"});
+  ASSERT_TRUE(wait_until([&] { return log_size() > 1'000'000; }));
+  simulate.signal_group(SIGINT);
+  const ProgramResult result = simulate.wait(60);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.out.find("interrupted"), std::string::npos) << result.out;
+  expect_readable_log();
+}
+
+}  // namespace
+}  // namespace twinrate::test
