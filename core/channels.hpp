@@ -55,7 +55,7 @@ inline constexpr std::array<ChannelInfo, kChannelCount> kChannels = {{
     {Channel::kCommand, "DRIVE_COMMAND", "command_t", "controller", "plant, logger"},
     {Channel::kStatus, "DRIVE_STATUS", "status_t", "every process", "supervisor, logger, watch"},
     {Channel::kEvent, "DRIVE_EVENT", "event_t", "every process", "supervisor, logger, watch"},
-    {Channel::kManifest, "DRIVE_MANIFEST", "manifest_t", "supervisor", "logger"},
+    {Channel::kManifest, "DRIVE_MANIFEST", "manifest_t", "logger", "watch, readers of the log"},
     {Channel::kRequest, "DRIVE_REQUEST", "request_t", "supervisor, user", "every process"},
     {Channel::kReply, "DRIVE_REPLY", "reply_t", "every process", "supervisor, user, logger"},
     {Channel::kAck, "DRIVE_ACK", "ack_t", "logger", "every publisher"},

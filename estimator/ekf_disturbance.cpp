@@ -71,6 +71,7 @@ static bool has_voltage(const Measurement& m) { return (m.signals & kVoltage) !=
 
 FastState EkfDisturbance::start(const Measurement& first) const {
   FastState state;
+  state.reduced = !has_voltage(first);
   state.theta_m_prev = first.theta_m;
   state.i_dq_prev = currents(first);
   const double omega_m = tuning_.speed_from_angle ? 0 : first.omega_m;
@@ -83,6 +84,10 @@ FastState EkfDisturbance::start(const Measurement& first) const {
 
 Correction EkfDisturbance::fast_step(FastState& state, const Measurement& m,
                                      const Gain& gain) const {
+  if (state.reduced == has_voltage(m)) {  // voltages came or went: the other form begins anew
+    state = start(m);
+    return {};
+  }
   const Correction correction =
       has_voltage(m) ? full_step(state, m, gain) : reduced_step(state, m, gain);
   state.theta_m_prev = m.theta_m;
@@ -99,7 +104,8 @@ Correction EkfDisturbance::full_step(FastState& state, const Measurement& m,
   State x_prior = x_predicted;
   x_prior[3] += tuning_.L * T_s_ * (y[2] - x_prior[2]);
   const Eigen::Vector3d innov = y - x_prior.head<3>();
-  const State x = x_prior + gain.K.topLeftCorner<4, 3>() * innov;
+  State x = x_prior;  // a gain of the other form is no gain
+  if (gain.n_x == 4) x += gain.K.topLeftCorner<4, 3>() * innov;
   Correction correction;
   if (!x.allFinite()) {
     if (x_predicted.allFinite()) state.x_hat.head<4>() = x_predicted;
@@ -118,7 +124,8 @@ Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
       state.x_hat[0] + T_s_ / machine_.J * (machine_.torque(i_dq[0], i_dq[1]) - state.x_hat[1]);
   const double innov = measured_speed(state, m) - omega_prior;
   const Vec2 x_prior(omega_prior, state.x_hat[1] + tuning_.L * T_s_ * innov);
-  const Vec2 x = x_prior + gain.K.topLeftCorner<2, 1>() * innov;
+  Vec2 x = x_prior;
+  if (gain.n_x == 2) x += gain.K.topLeftCorner<2, 1>() * innov;
   Correction correction;
   if (!x.allFinite()) {
     if (std::isfinite(omega_prior)) state.x_hat[0] = omega_prior;
@@ -178,7 +185,9 @@ Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snaps
   if (snapshot.n_x == 4) {
     const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
     const Eigen::Matrix4d Q = q.asDiagonal();
-    const Eigen::Matrix4d P_prior = F * previous.P.topLeftCorner<4, 4>() * F.transpose() + Q;
+    const Eigen::Matrix4d P = previous.n_x == 4 ? previous.P.topLeftCorner<4, 4>().eval()
+                                                 : initial_gain().P.topLeftCorner<4, 4>().eval();
+    const Eigen::Matrix4d P_prior = F * P * F.transpose() + Q;
     const Eigen::Matrix3d R = Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
     const Eigen::Matrix<double, 3, 4> H = Eigen::Matrix<double, 3, 4>::Identity();
     return gain_from_prior<4, 3>(previous, snapshot, P_prior, H, R, joseph);

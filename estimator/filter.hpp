@@ -16,6 +16,7 @@ namespace twinrate {
 // The fast loop's memory of one filter.
 struct FastState {
   Eigen::Matrix<double, kMaxStates, 1> x_hat = Eigen::Matrix<double, kMaxStates, 1>::Zero();
+  bool reduced = false;           // ekf_disturbance: runs without voltages
   double theta_m_prev = 0;        // filters that use a position sensor: its last sample
   Vec2 i_dq_prev = Vec2::Zero();  // filters whose inputs are currents: their last sample
 };
