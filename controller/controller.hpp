@@ -1,6 +1,7 @@
 // What every controller offers: one pure step a tick.
 //
-//   ESTIMATE(k), MEASUREMENT(k), REFERENCE(k) -> COMMAND(k), applied by the plant one computation delay later
+//   ESTIMATE(k), MEASUREMENT(k), REFERENCE(k) -> COMMAND(k), applied by the plant one computation
+//   delay later
 #pragma once
 #include <memory>
 #include <string_view>

@@ -1,7 +1,9 @@
-// twinrate-controller: MEASUREMENT(k), ESTIMATE(k), REFERENCE(k) -> [Controller::step] -> COMMAND(k)
+// twinrate-controller: MEASUREMENT(k), ESTIMATE(k), REFERENCE(k) -> [Controller::step] ->
+// COMMAND(k)
 //
-// The reference comes from the config's profile and is published as DRIVE_REFERENCE, unless reference.from_bus says
-// that another process publishes it. A tick that arrives again is answered from memory.
+// The reference comes from the config's profile and is published as DRIVE_REFERENCE, unless
+// reference.from_bus says that another process publishes it. A tick that arrives again is answered
+// from memory.
 #include <fmt/format.h>
 
 #include "controller/make_controller.hpp"

@@ -34,12 +34,12 @@ Foc::Frame Foc::rotor_frame(const ControllerInput& in) const {
 
 double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const {
   if (!p_.compensate_effects) return 0;
-  return sum_at(effects_, {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
-                           .i_dq = in.estimate.i_dq,
-                           .omega_m = frame.omega_m,
-                           .theta_m = in.measurement.signals & kPosition
-                                          ? in.measurement.theta_m
-                                          : frame.theta_e / machine_.n_p})
+  return sum_at(effects_,
+                {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
+                 .i_dq = in.estimate.i_dq,
+                 .omega_m = frame.omega_m,
+                 .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
+                                                               : frame.theta_e / machine_.n_p})
       .T_load;
 }
 
@@ -62,8 +62,8 @@ Vec2 Foc::feed_forward(const Vec2& i_dq, double omega_e) const {
 
 Vec2 Foc::current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc) {
   const Vec2 error = i_dq_ref - i_dq;
-  const Vec2 u = Vec2(current_d_.output(error[0]), current_q_.output(error[1])) +
-                 feed_forward(i_dq, omega_e);
+  const Vec2 u =
+      Vec2(current_d_.output(error[0]), current_q_.output(error[1])) + feed_forward(i_dq, omega_e);
   const double u_max = v_dc * std::numbers::inv_sqrt3, amplitude = u.norm();
   const Vec2 u_limited = amplitude > u_max ? Vec2(u * (u_max / amplitude)) : u;
   current_d_.update(error[0], u[0], u_limited[0], T_s_);
@@ -85,7 +85,9 @@ static ControllerEvent mode_change(Mode mode) {
   return {};
 }
 
-ControllerEvent Foc::take_event() { return std::exchange(event_, {}); }
+ControllerEvent Foc::take_event() {
+  return std::exchange(event_, {});
+}
 
 bool Foc::finite(const ControllerInput& in) const {
   const Frame frame = rotor_frame(in);

@@ -5,8 +5,9 @@
 //   u_q = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
 //   limited to the circle v_dc/sqrt3; turned back at the angle the rotor has when the voltage acts
 //
-// A tick whose measurement or estimate is not finite repeats the last command and leaves every state alone.
-// Currents are the measured ones, turned with the estimated angle. Start "align_if": controller/startup.hpp.
+// A tick whose measurement or estimate is not finite repeats the last command and leaves every
+// state alone. Currents are the measured ones, turned with the estimated angle. Start "align_if":
+// controller/startup.hpp.
 #pragma once
 #include "controller/controller.hpp"
 #include "controller/pi.hpp"
@@ -58,9 +59,9 @@ class Foc final : public Controller {
   Startup startup_;
   double omega_m_ref_ = 0;
   ControllerEvent event_;
-  Command command_;            // the last one: repeated where an input is not finite
-  Vec2 u_dq_ = Vec2::Zero();   // of the last step, in the frame it was made in
-  double i_d_handover_ = 0;  // d current taken over from the I/f ramp, faded out
+  Command command_;           // the last one: repeated where an input is not finite
+  Vec2 u_dq_ = Vec2::Zero();  // of the last step, in the frame it was made in
+  double i_d_handover_ = 0;   // d current taken over from the I/f ramp, faded out
 };
 
 }  // namespace twinrate

@@ -9,8 +9,8 @@ struct PiGains {
   double K_p = 0, K_i = 0, k_awu = 0;
 };
 
-// Current loop of bandwidth f on R_s, L by pole cancellation: K_p = 2 pi f L, K_i = 2 pi f R_s; the integral
-// unwinds with the loop's own time constant.
+// Current loop of bandwidth f on R_s, L by pole cancellation: K_p = 2 pi f L, K_i = 2 pi f R_s; the
+// integral unwinds with the loop's own time constant.
 inline PiGains current_pi(double omega_bandwidth, double R_s, double L) {
   return {omega_bandwidth * L, omega_bandwidth * R_s, omega_bandwidth};
 }

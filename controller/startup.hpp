@@ -1,10 +1,15 @@
-// Start from an unknown angle: alignment, then an I/f ramp, then hand-over to the estimate ("align_if").
+// Start from an unknown angle: alignment, then an I/f ramp, then hand-over to the estimate
+// ("align_if").
 //
-//   align  a constant voltage R_s i_start first at 90 deg, then at 0 deg electrical: the rotor turns onto it, damped by
-//          the currents its own EMF drives through R_s; the two steps leave no angle with zero torque
+//   align  a constant voltage R_s i_start first at 90 deg, then at 0 deg electrical: the rotor
+//   turns onto it, damped by
+//          the currents its own EMF drives through R_s; the two steps leave no angle with zero
+//          torque
 //   I/f    a current vector i_start turns with a rising frequency; the rotor follows it
-//   check  from omega_handover on, the estimate must turn with the vector (speed within 30 %, angle within 75 deg) for
-//          t_agree_s; then the controller takes its angle over. No agreement within t_give_up_s: safe mode.
+//   check  from omega_handover on, the estimate must turn with the vector (speed within 30 %, angle
+//   within 75 deg) for
+//          t_agree_s; then the controller takes its angle over. No agreement within t_give_up_s:
+//          safe mode.
 #pragma once
 #include "core/drive_config.hpp"
 #include "model/signals.hpp"
@@ -20,10 +25,13 @@ struct StartupParameters {
     f.number("i_start_A", i_start, 0, 1e4, "current of alignment and I/f ramp; 0: i_max_A");
     f.number("t_align_s", t_align, 0.01, 10, "duration of each of the two alignment steps");
     f.number("acceleration_rad_s2", acceleration, 1, 1e6, "I/f ramp, electrical");
-    f.number("omega_e_handover_rad_s", omega_e_handover, 1, 1e5, "electrical speed of the hand-over");
+    f.number("omega_e_handover_rad_s", omega_e_handover, 1, 1e5,
+             "electrical speed of the hand-over");
     f.number("t_agree_s", t_agree, 1e-3, 10, "time the estimate must agree before the hand-over");
-    f.number("t_give_up_s", t_give_up, 0.01, 100, "no agreement this long after the ramp: safe mode");
-    f.number("t_fade_s", t_fade, 1e-3, 10, "time in which the d current of the ramp fades after it");
+    f.number("t_give_up_s", t_give_up, 0.01, 100,
+             "no agreement this long after the ramp: safe mode");
+    f.number("t_fade_s", t_fade, 1e-3, 10,
+             "time in which the d current of the ramp fades after it");
   }
 };
 

@@ -46,25 +46,29 @@ bool well_formed(const std::string& url) {
   std::smatch parts;
   if (!std::regex_match(url, parts, udpm)) return std::regex_match(url, other);
   const auto number = [&](int i) { return std::stoi(parts[i].str()); };
-  return number(1) >= 224 && number(1) <= 239 && number(2) <= 255 && number(3) <= 255 && number(4) <= 255 &&
-         number(5) >= 1 && number(5) + kPortsSplit <= 65536;
+  return number(1) >= 224 && number(1) <= 239 && number(2) <= 255 && number(3) <= 255 &&
+         number(4) <= 255 && number(5) >= 1 && number(5) + kPortsSplit <= 65536;
 }
 
 // 0 for a URL of another kind.
 std::uint16_t port_of(const std::string& url) {
   std::smatch parts;
-  return std::regex_match(url, parts, kUdpmUrl) ? static_cast<std::uint16_t>(std::stoi(parts[2].str())) : 0;
+  return std::regex_match(url, parts, kUdpmUrl)
+             ? static_cast<std::uint16_t>(std::stoi(parts[2].str()))
+             : 0;
 }
 
 std::string with_port_offset(const std::string& url, int offset) {
   std::smatch parts;
   if (offset == 0) return url;
   if (!std::regex_match(url, parts, kUdpmUrl))
-    throw BadInput(fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT", url));
+    throw BadInput(
+        fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT", url));
   return fmt::format("{}:{}{}", parts[1].str(), std::stoi(parts[2].str()) + offset, parts[3].str());
 }
 
-// With split ports: the four links of the ring on ports of their own, everything else on the first one.
+// With split ports: the four links of the ring on ports of their own, everything else on the first
+// one.
 int port_offset(Channel channel) {
   switch (channel) {
     case Channel::kMeasurement:
@@ -87,19 +91,21 @@ int port_offset(Channel channel) {
 
 std::string resolve_url(const std::string& wanted) {
   const char* from_environment = std::getenv("LCM_DEFAULT_URL");
-  const std::string url = !wanted.empty()                            ? wanted
+  const std::string url = !wanted.empty()                         ? wanted
                           : from_environment && *from_environment ? from_environment
-                                                                     : kDefaultUrl;
+                                                                  : kDefaultUrl;
   if (!well_formed(url))
-    throw BadInput(fmt::format("{} {}: a URL such as {} allowed: a multicast address, a port, ?ttl= and recv_buf_size=",
-                               wanted.empty() ? "LCM_DEFAULT_URL" : "--lcm-url", url, kDefaultUrl));
+    throw BadInput(fmt::format(
+        "{} {}: a URL such as {} allowed: a multicast address, a port, ?ttl= and recv_buf_size=",
+        wanted.empty() ? "LCM_DEFAULT_URL" : "--lcm-url", url, kDefaultUrl));
   return url;
 }
 
 void check_channel_suffix(const std::string& suffix) {
   static const std::regex allowed("[A-Za-z0-9_]{0,32}");
   if (!std::regex_match(suffix, allowed))
-    throw BadInput(fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed", suffix));
+    throw BadInput(
+        fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed", suffix));
 }
 
 struct Bus::Link {
@@ -149,7 +155,8 @@ lcm::LCM& Bus::link(Channel channel) {
   if (!slot) {
     slot = std::make_unique<Link>(with_receive_buffer(with_port_offset(options_.url, offset)));
     if (!slot->lcm.good())
-      throw MachineError(fmt::format("{}: LCM cannot open this URL; try twinrate doctor", options_.url));
+      throw MachineError(
+          fmt::format("{}: LCM cannot open this URL; try twinrate doctor", options_.url));
   }
   return slot->lcm;
 }
@@ -161,12 +168,13 @@ std::string Bus::name_of(Channel channel) const {
 void Bus::subscribe_raw(Channel channel, RawHandler handler) {
   lcm::LCM& instance = link(channel);
   Link& owner = *links_[options_.split_ports ? port_offset(channel) : 0];
-  const std::uint16_t port = port_of(with_port_offset(options_.url, options_.split_ports ? port_offset(channel) : 0));
+  const std::uint16_t port =
+      port_of(with_port_offset(options_.url, options_.split_ports ? port_offset(channel) : 0));
   if (owner.subscriptions.empty()) owner.before = udp_sockets_on(port);
   owner.subscriptions.push_back(
       std::make_unique<Link::Subscription>(Link::Subscription{this, channel, std::move(handler)}));
-  lcm::Subscription* subscription =
-      instance.subscribe(name_of(channel), &Link::Subscription::receive, owner.subscriptions.back().get());
+  lcm::Subscription* subscription = instance.subscribe(
+      name_of(channel), &Link::Subscription::receive, owner.subscriptions.back().get());
   // The first subscription runs LCM's self-test; where it fails the instance must not be used.
   if (!subscription || !instance.good() || instance.getFileno() < 0)
     throw MachineError("the LCM self-test failed; as root: " + multicast_mend());
@@ -194,8 +202,8 @@ bool Bus::admit(std::int64_t session) {
   return false;
 }
 
-// What is sent again carries an older number: only where an unbound bus hears the first one again has a log been
-// started anew.
+// What is sent again carries an older number: only where an unbound bus hears the first one again
+// has a log been started anew.
 void Bus::count_gap(Channel channel, std::int64_t seq) {
   std::int64_t& first = first_seq_[static_cast<std::size_t>(channel)];
   std::int64_t& last = last_seq_[static_cast<std::size_t>(channel)];
@@ -246,7 +254,8 @@ bool Bus::send_again(Channel channel, std::int64_t seq) {
   const History& history = history_[static_cast<std::size_t>(channel)];
   for (const Kept& kept : history.ring) {
     if (kept.seq != seq) continue;
-    link(channel).publish(name_of(channel), kept.bytes.data(), static_cast<unsigned>(kept.bytes.size()));
+    link(channel).publish(name_of(channel), kept.bytes.data(),
+                          static_cast<unsigned>(kept.bytes.size()));
     ++counters_.resent;
     return true;
   }
@@ -268,8 +277,9 @@ bool Bus::handle(double timeout_ms) {
     if (!link->subscriptions.empty())
       descriptors[count++] = {.fd = link->lcm.getFileno(), .events = POLLIN, .revents = 0};
   const auto whole_s = static_cast<time_t>(timeout_ms / 1000);
-  const timespec timeout{.tv_sec = whole_s,
-                         .tv_nsec = static_cast<long>((timeout_ms - 1000.0 * static_cast<double>(whole_s)) * 1e6)};
+  const timespec timeout{
+      .tv_sec = whole_s,
+      .tv_nsec = static_cast<long>((timeout_ms - 1000.0 * static_cast<double>(whole_s)) * 1e6)};
   const int ready = ppoll(descriptors.data(), count, &timeout, nullptr);
   if (ready <= 0) return false;  // time-out, or a signal: the caller looks at its stop flag
   std::size_t index = 0;
@@ -283,8 +293,8 @@ bool Bus::handle(double timeout_ms) {
 
 std::int64_t new_session_id() {
   std::random_device device;
-  const auto now = static_cast<std::uint64_t>(
-      std::chrono::system_clock::now().time_since_epoch().count());
+  const auto now =
+      static_cast<std::uint64_t>(std::chrono::system_clock::now().time_since_epoch().count());
   const std::uint64_t id = splitmix64(now ^ (static_cast<std::uint64_t>(device()) << 32));
   return static_cast<std::int64_t>(id >> 1 | 1);
 }

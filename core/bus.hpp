@@ -1,15 +1,15 @@
-// The bus: LCM with sessions, sequence numbers, a loss that is noticed, and messages that can be sent again.
+// The bus: LCM with sessions, sequence numbers, a loss that is noticed, and messages that can be
+// sent again.
 //
-// A Bus belongs to one thread. It is bound to a session (the supervisor's) or unbound; an unbound one adopts the
-// first session it hears. Messages of another session are refused and counted. Every receiver counts gaps.
-// What was published lately is kept, so that a receiver who missed it can ask for it (DRIVE_ACK).
-// Not on the tick path of the mathematics: LCM itself allocates.
+// A Bus belongs to one thread. It is bound to a session (the supervisor's) or unbound; an unbound
+// one adopts the first session it hears. Messages of another session are refused and counted. Every
+// receiver counts gaps. What was published lately is kept, so that a receiver who missed it can ask
+// for it (DRIVE_ACK). Not on the tick path of the mathematics: LCM itself allocates.
 #pragma once
-#include <lcm/lcm-cpp.hpp>
-
 #include <array>
 #include <exception>
 #include <functional>
+#include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <memory>
 #include <string>
@@ -21,7 +21,8 @@ namespace twinrate {
 
 inline constexpr const char* kDefaultUrl = "udpm://239.255.76.67:7667?ttl=0";
 
-// `wanted`, else LCM_DEFAULT_URL, else kDefaultUrl. Throws BadInput where LCM could not understand it.
+// `wanted`, else LCM_DEFAULT_URL, else kDefaultUrl. Throws BadInput where LCM could not understand
+// it.
 std::string resolve_url(const std::string& wanted);
 // Throws BadInput where LCM could not use it in a channel's name.
 void check_channel_suffix(const std::string& suffix);
@@ -45,8 +46,8 @@ struct BusCounters {
 
 class Bus {
  public:
-  // Throws std::runtime_error where the machine has no multicast route (message says how to mend it) and BadInput
-  // where the URL or suffix is malformed.
+  // Throws std::runtime_error where the machine has no multicast route (message says how to mend
+  // it) and BadInput where the URL or suffix is malformed.
   explicit Bus(const BusOptions& options);
   ~Bus();
   Bus(const Bus&) = delete;
@@ -70,11 +71,12 @@ class Bus {
   // Stamps the session and sends; kept for sending again where seq >= 0.
   template <class Message>
   void publish(Message message);
-  // Sends the latest message of a channel again with the same seq; false where it is no longer kept.
+  // Sends the latest message of a channel again with the same seq; false where it is no longer
+  // kept.
   bool send_again(Channel channel, std::int64_t seq);
 
-  // Handles what arrives within `timeout_ms`; false where nothing came. What a handler throws comes out here: it must
-  // not cross LCM's own frames.
+  // Handles what arrives within `timeout_ms`; false where nothing came. What a handler throws comes
+  // out here: it must not cross LCM's own frames.
   bool handle(double timeout_ms);
   // Called when a message of a new session arrives at a bus that follows.
   void on_new_session(std::function<void()> handler) { new_session_ = std::move(handler); }

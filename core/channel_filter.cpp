@@ -43,14 +43,16 @@ bool filter_channels(int socket, const std::vector<std::string>& channels) {
   const auto count = static_cast<std::uint8_t>(channels.size());
   std::vector<sock_filter> program;
   program.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kMagicAt));
-  program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kSmallMessage, 0, static_cast<std::uint8_t>(count + 2)));
+  program.push_back(
+      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kSmallMessage, 0, static_cast<std::uint8_t>(count + 2)));
   program.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kNameAt));
   for (std::uint8_t i = 0; i < count; ++i)
     program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, first_four(channels[i].substr(6)),
                                static_cast<std::uint8_t>(count - i), 0));
   program.push_back(BPF_STMT(BPF_RET | BPF_K, 0));           // not wanted
   program.push_back(BPF_STMT(BPF_RET | BPF_K, 0xffffffff));  // wanted, whole
-  const sock_fprog filter{.len = static_cast<unsigned short>(program.size()), .filter = program.data()};
+  const sock_fprog filter{.len = static_cast<unsigned short>(program.size()),
+                          .filter = program.data()};
   return setsockopt(socket, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;
 }
 

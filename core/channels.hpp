@@ -1,5 +1,5 @@
-// Every channel once: its name, its message type, and who speaks on it. ARCHITECTURE.md's table is checked
-// against this one.
+// Every channel once: its name, its message type, and who speaks on it. ARCHITECTURE.md's table is
+// checked against this one.
 #pragma once
 #include <array>
 #include <string_view>
@@ -45,13 +45,16 @@ struct ChannelInfo {
   const char* to;
 };
 
-// In the order in which one tick of the loop goes round; the log of a lock-step run has this order too.
+// In the order in which one tick of the loop goes round; the log of a lock-step run has this order
+// too.
 inline constexpr std::array<ChannelInfo, kChannelCount> kChannels = {{
-    {Channel::kMeasurement, "DRIVE_MEASUREMENT", "measurement_t", "plant", "estimator, controller, logger"},
+    {Channel::kMeasurement, "DRIVE_MEASUREMENT", "measurement_t", "plant",
+     "estimator, controller, logger"},
     {Channel::kTruth, "DRIVE_TRUTH", "truth_t", "simulated plant", "logger"},
     {Channel::kEstimate, "DRIVE_ESTIMATE", "estimate_t", "estimator", "controller, gain, logger"},
     {Channel::kGain, "DRIVE_GAIN", "gain_t", "gain", "estimator, logger"},
-    {Channel::kReference, "DRIVE_REFERENCE", "reference_t", "controller or any generator", "controller, logger"},
+    {Channel::kReference, "DRIVE_REFERENCE", "reference_t", "controller or any generator",
+     "controller, logger"},
     {Channel::kCommand, "DRIVE_COMMAND", "command_t", "controller", "plant, logger"},
     {Channel::kStatus, "DRIVE_STATUS", "status_t", "every process", "supervisor, logger, watch"},
     {Channel::kEvent, "DRIVE_EVENT", "event_t", "every process", "supervisor, logger, watch"},
@@ -103,11 +106,13 @@ enum class Role : int {
   kMonitor,
   kBridge,
 };
-inline constexpr const char* kRoleNames[] = {"supervisor", "plant",  "estimator", "gain",    "controller",
-                                             "logger",     "replay", "import",    "monitor", "bridge"};
+inline constexpr const char* kRoleNames[] = {"supervisor", "plant",  "estimator", "gain",
+                                             "controller", "logger", "replay",    "import",
+                                             "monitor",    "bridge"};
 
 enum class ProcessState : int { kStarting, kReady, kRunning, kDone, kFailed };
-inline constexpr const char* kProcessStateNames[] = {"starting", "ready", "running", "done", "failed"};
+inline constexpr const char* kProcessStateNames[] = {"starting", "ready", "running", "done",
+                                                     "failed"};
 
 enum class RequestKind : int { kStart = 1, kStop = 2, kEmergencyStop = 3 };
 

@@ -36,7 +36,8 @@ struct Config::Impl {
   std::string source;
   std::map<std::string, std::string> origin;  // key path -> "file:line"
   std::set<std::string> read_tables;          // paths of tables some owner has read
-  std::vector<std::pair<std::string, std::string>> owned_text;  // resolved text of read_table() tables
+  std::vector<std::pair<std::string, std::string>>
+      owned_text;  // resolved text of read_table() tables
   DriveConfig drive;
 
   std::string where(const std::string& path) const {
@@ -54,7 +55,8 @@ struct Config::Impl {
   void note_origins(const toml::table& table, const std::string& file, const std::string& prefix) {
     for (const auto& [key, node] : table) {
       const std::string path = join(prefix, key.str());
-      origin[path] = file == "--set" ? "--set" : fmt::format("{}:{}", file, key.source().begin.line);
+      origin[path] =
+          file == "--set" ? "--set" : fmt::format("{}:{}", file, key.source().begin.line);
       if (const auto* sub = node.as_table()) note_origins(*sub, file, path);
       const auto* list = node.as_array();
       for (std::size_t i = 0; list && i < list->size(); ++i) {  // [[effect]]
@@ -67,8 +69,8 @@ struct Config::Impl {
       }
     }
   }
-  // A later layer (file over preset, --set over file) wins key by key, and where it gives one of two ways of saying
-  // the same thing, the other way of an earlier layer goes.
+  // A later layer (file over preset, --set over file) wins key by key, and where it gives one of
+  // two ways of saying the same thing, the other way of an earlier layer goes.
   void lay_over(const toml::table& layer) {
     static constexpr const char* kRivals[][3] = {{"rates", "n", "f_b_Hz"},
                                                  {"reference", "omega_e_rad_s", "speed_rpm"}};
@@ -131,7 +133,8 @@ class TomlReader final : public FieldVisitor {
     if (!node) return;
     const std::vector<std::string> allowed(names.begin(), names.end());
     const auto* text = node->as_string();
-    const auto found = text ? std::find(allowed.begin(), allowed.end(), text->get()) : allowed.end();
+    const auto found =
+        text ? std::find(allowed.begin(), allowed.end(), text->get()) : allowed.end();
     if (found == allowed.end())
       fail(key, "one of {} allowed, found {}", list_names(allowed), shown(*node));
     index = static_cast<int>(found - allowed.begin());
@@ -159,7 +162,8 @@ class TomlReader final : public FieldVisitor {
         fail(key, "a number or a list of [t_s, value] pairs allowed, found {}", shown(item));
       steps.push_back({number_of((*pair)[0], key, 0, 1e9), number_of((*pair)[1], key, lo, hi)});
       if (steps.size() > 1 && !(steps.back().t_s > steps[steps.size() - 2].t_s))
-        fail(key, "times must rise, found {} after {}", steps.back().t_s, steps[steps.size() - 2].t_s);
+        fail(key, "times must rise, found {} after {}", steps.back().t_s,
+             steps[steps.size() - 2].t_s);
     }
     if (steps.empty()) fail(key, "at least one [t_s, value] pair needed");
     value = Profile(std::move(steps));
@@ -230,7 +234,8 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
     const std::string path = fmt::format("effect[{}]", i);
     if (!table) file.fail("effect", "write each effect as its own [[effect]] table");
     const auto kind = (*table)["kind"].value<std::string>();
-    if (!kind) file.fail(path + ".kind", "missing key, one of " + list_names(effect_kinds()) + " allowed");
+    if (!kind)
+      file.fail(path + ".kind", "missing key, one of " + list_names(effect_kinds()) + " allowed");
     const auto effect = make_effect(*kind);
     if (!effect)
       file.fail(path + ".kind",
@@ -252,12 +257,12 @@ void check_across(const Config::Impl& file, DriveConfig& drive) {
       file.fail("rates.f_b_Hz", fmt::format("f_s/f_b = {} is not a whole number; nearest: {} Hz",
                                             ratio, rates.f_s_Hz / std::max(1.0, n)));
     if (file.root["rates"]["n"] && rates.n != static_cast<int>(n))
-      file.fail("rates.f_b_Hz", fmt::format("gives n = {}, but rates.n = {} is given too", n, rates.n));
+      file.fail("rates.f_b_Hz",
+                fmt::format("gives n = {}, but rates.n = {} is given too", n, rates.n));
     rates.n = static_cast<int>(n);
   }
   rates.f_b_Hz = rates.f_s_Hz / rates.n;
-  if (drive.run.settle_s >= drive.run.duration_s)
-    drive.run.settle_s = 0.25 * drive.run.duration_s;
+  if (drive.run.settle_s >= drive.run.duration_s) drive.run.settle_s = 0.25 * drive.run.duration_s;
 }
 
 template <class Section>
@@ -307,7 +312,8 @@ toml::table parse_text(const std::string& text, const std::string& source) {
   try {
     return toml::parse(text, source);
   } catch (const toml::parse_error& error) {
-    throw BadInput(fmt::format("{}:{}: {}", source, error.source().begin.line, error.description()));
+    throw BadInput(
+        fmt::format("{}:{}: {}", source, error.source().begin.line, error.description()));
   }
 }
 
@@ -380,11 +386,14 @@ Config Config::parse(const std::string& toml_text, const std::string& source_nam
   return config;
 }
 
-const DriveConfig& Config::drive() const { return impl_->drive; }
-std::string Config::where(const std::string& key_path) const { return impl_->where(key_path); }
+const DriveConfig& Config::drive() const {
+  return impl_->drive;
+}
+std::string Config::where(const std::string& key_path) const {
+  return impl_->where(key_path);
+}
 
-void Config::read_table(const std::string& path,
-                        const std::function<void(FieldVisitor&)>& fields) {
+void Config::read_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields) {
   const toml::node* node = impl_->root.at_path(path).node();
   if (node && !node->is_table()) impl_->fail(path, "a table allowed");
   TomlReader reader(*impl_, node ? node->as_table() : nullptr, path);
@@ -431,7 +440,9 @@ std::int64_t Config::fingerprint() const {
   return static_cast<std::int64_t>(hash);
 }
 
-std::string preset_directory() { return data_directory() + "/config"; }
+std::string preset_directory() {
+  return data_directory() + "/config";
+}
 
 std::vector<std::string> preset_names() {
   std::vector<std::string> names;

@@ -1,7 +1,8 @@
 // Reads a drive file (TOML) into DriveConfig, with overrides, and writes the resolved file back.
 //
-// Every problem is a BadInput with one line: file:line, the key, what is wrong and what is allowed. Unknown keys
-// are errors. A drive file may start from a preset with `preset = "dilys2021"` and change some keys.
+// Every problem is a BadInput with one line: file:line, the key, what is wrong and what is allowed.
+// Unknown keys are errors. A drive file may start from a preset with `preset = "dilys2021"` and
+// change some keys.
 #pragma once
 #include <functional>
 #include <memory>
@@ -20,9 +21,10 @@ struct BadInput : std::runtime_error {
 
 class Config {
  public:
-  // `name_or_path`: a file, or the name of a preset (config/NAME.toml). `overrides`: "key.path=value", the value
-  // in TOML syntax; a bare word counts as a string. Throws BadInput.
-  static Config load(const std::string& name_or_path, const std::vector<std::string>& overrides = {});
+  // `name_or_path`: a file, or the name of a preset (config/NAME.toml). `overrides`:
+  // "key.path=value", the value in TOML syntax; a bare word counts as a string. Throws BadInput.
+  static Config load(const std::string& name_or_path,
+                     const std::vector<std::string>& overrides = {});
   static Config parse(const std::string& toml_text, const std::string& source_name,
                       const std::vector<std::string>& overrides = {});
   Config(Config&&) noexcept;
@@ -30,9 +32,9 @@ class Config {
   ~Config();
 
   const DriveConfig& drive() const;
-  // Reads the table `path` ("estimator.ekf_sensorless"; absent counts as empty) through `fields`, which may belong
-  // to a process folder. Unknown keys in it are errors.
-  // Reading it again replaces what resolved() shows of it.
+  // Reads the table `path` ("estimator.ekf_sensorless"; absent counts as empty) through `fields`,
+  // which may belong to a process folder. Unknown keys in it are errors. Reading it again replaces
+  // what resolved() shows of it.
   void read_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
   bool has_table(const std::string& path) const;  // written in the file, its preset or an override
   // After every owner has read its tables: a table nobody read is an unknown key.
@@ -53,7 +55,8 @@ class Config {
   std::unique_ptr<Impl> impl_;
 };
 
-// Where presets are looked for: beside the source in a build tree, share/twinrate/config when installed.
+// Where presets are looked for: beside the source in a build tree, share/twinrate/config when
+// installed.
 std::string preset_directory();
 std::vector<std::string> preset_names();
 

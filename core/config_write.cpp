@@ -71,7 +71,8 @@ class RowCollector final : public FieldVisitor {
   }
   void numbers(const char* key, std::span<double> values, double lo, double hi,
                const char* meaning) override {
-    add(key, fmt::format("{} numbers, {} to {}", values.size(), lo, hi), list_text(values), meaning);
+    add(key, fmt::format("{} numbers, {} to {}", values.size(), lo, hi), list_text(values),
+        meaning);
   }
   void profile(const char* key, Profile& value, double lo, double hi,
                const char* meaning) override {
@@ -140,7 +141,8 @@ std::string section_text(const char* key, Section section) {
   return write_table(key, [&](FieldVisitor& f) { section.fields(f); });
 }
 
-// A drive file gives n or f_b_Hz and one of two speeds; the resolved file keeps the form that cannot conflict.
+// A drive file gives n or f_b_Hz and one of two speeds; the resolved file keeps the form that
+// cannot conflict.
 std::string without_line(std::string text, const std::string& key) {
   const auto begin = text.find("\n" + key + " = ");
   if (begin == std::string::npos) return text;
@@ -149,8 +151,7 @@ std::string without_line(std::string text, const std::string& key) {
 
 }  // namespace
 
-std::string write_table(const std::string& path,
-                        const std::function<void(FieldVisitor&)>& fields) {
+std::string write_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields) {
   TomlWriter writer(path);
   fields(writer);
   return fmt::format("\n[{}]\n{}", path, writer.text());
@@ -197,7 +198,8 @@ std::vector<KeyRow> describe_drive_keys() {
       {"name", "text", "\"\"", "name of the drive, for titles"},
       {"preset", "name of a preset", "", "start from this preset; the keys of this file win"},
       {"start", fmt::format("{}", fmt::join(kStartNames, ", ")), "\"aligned\"",
-       "aligned: rotor angle known to be 0; align_if: alignment, I/f ramp, hand-over; flying: at the "
+       "aligned: rotor angle known to be 0; align_if: alignment, I/f ramp, hand-over; flying: at "
+       "the "
        "reference speed on the true angle"}};
   const auto add = [&](const char* prefix, auto& section) {
     for (KeyRow& row : describe_keys(prefix, [&](FieldVisitor& f) { section.fields(f); }))

@@ -1,4 +1,5 @@
-// The writing side of core/config: the same field lists, written out as TOML or as rows of the reference page.
+// The writing side of core/config: the same field lists, written out as TOML or as rows of the
+// reference page.
 #pragma once
 #include <functional>
 #include <string>

@@ -15,9 +15,11 @@ constexpr const char* kCompensationChoice[] = {"off"};
 }  // namespace
 
 void RateParameters::fields(FieldVisitor& f) {
-  f.number("f_s_Hz", f_s_Hz, 100, 200e3, "control rate: fast loop, controller, plant", Presence::kRequired);
+  f.number("f_s_Hz", f_s_Hz, 100, 200e3, "control rate: fast loop, controller, plant",
+           Presence::kRequired);
   f.integer("n", n, 1, 100000, "f_s/f_b: the background runs every n-th tick");
-  f.number("f_b_Hz", f_b_Hz, 0, 200e3, "background rate; instead of n, f_s/f_b must be a whole number; 0: use n");
+  f.number("f_b_Hz", f_b_Hz, 0, 200e3,
+           "background rate; instead of n, f_s/f_b must be a whole number; 0: use n");
 }
 
 void GainParameters::fields(FieldVisitor& f) {
@@ -32,7 +34,8 @@ void EstimatorChoice::fields(FieldVisitor& f) {
 
 void ControllerChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "controller");
-  choice(f, "angle_source", angle_source, kAngleSourceNames, "angle and speed the controller works on");
+  choice(f, "angle_source", angle_source, kAngleSourceNames,
+         "angle and speed the controller works on");
   f.choice("compensation", compensation, kCompensationChoice, "disturbance compensation");
 }
 
@@ -40,22 +43,28 @@ void PlantParameters::fields(FieldVisitor& f) {
   f.choice("engine", engine, kEngineChoice, "integrator of the simulated plant");
   f.choice("inverter", inverter, kInverterChoice, "inverter model");
   f.integer("erk_steps", erk_steps, 1, 1000, "fixed steps of the erk engine a sampling interval");
-  f.integer("delay_samples", delay_samples, 0, 4, "computation delay: COMMAND(k) acts from t_{k+delay}");
-  f.integer("hold_ticks", hold_ticks, 1, 100000, "realtime: ticks the last voltage is held without a new command");
+  f.integer("delay_samples", delay_samples, 0, 4,
+            "computation delay: COMMAND(k) acts from t_{k+delay}");
+  f.integer("hold_ticks", hold_ticks, 1, 100000,
+            "realtime: ticks the last voltage is held without a new command");
   f.number("theta_e_start_rad", theta_e_start, -100, 100, "electrical rotor angle at t = 0");
 }
 
 void ReferenceParameters::fields(FieldVisitor& f) {
   f.profile("omega_e_rad_s", omega_e_rad_s, -1e5, 1e5, "speed reference, electrical");
-  f.profile("speed_rpm", speed_rpm, -1e6, 1e6, "speed reference, mechanical; instead of omega_e_rad_s");
+  f.profile("speed_rpm", speed_rpm, -1e6, 1e6,
+            "speed reference, mechanical; instead of omega_e_rad_s");
   f.profile("i_d_A", i_d_A, -1e4, 1e4, "d-axis current reference");
-  f.number("slew_rad_s2", slew_rate_rad_s2, 0, 1e9, "slew limit of the speed reference, electrical; 0: none");
-  f.boolean("from_bus", from_bus, "another process publishes DRIVE_REFERENCE; the controller waits for it");
+  f.number("slew_rad_s2", slew_rate_rad_s2, 0, 1e9,
+           "slew limit of the speed reference, electrical; 0: none");
+  f.boolean("from_bus", from_bus,
+            "another process publishes DRIVE_REFERENCE; the controller waits for it");
 }
 
 void LoadParameters::fields(FieldVisitor& f) {
   f.profile("T_load_Nm", T_load_Nm, -1e6, 1e6, "external load torque, opposes positive speed");
-  f.number("slew_Nm_s", slew_Nm_s, 0, 1e9, "slew limit of the load, which then starts from 0; 0: none");
+  f.number("slew_Nm_s", slew_Nm_s, 0, 1e9,
+           "slew limit of the load, which then starts from 0; 0: none");
 }
 
 void RunParameters::fields(FieldVisitor& f) {
@@ -65,21 +74,29 @@ void RunParameters::fields(FieldVisitor& f) {
 }
 
 void BusParameters::fields(FieldVisitor& f) {
-  f.number("peer_timeout_s", peer_timeout_s, 0.05, 3600, "a process that waits longer for another stops and says so");
-  f.number("repeat_after_ms", repeat_after_ms, 0.1, 10000, "lock-step: an unanswered message is sent again after this");
-  f.integer("window_ticks", window_ticks, 16, 8192, "lock-step: ticks the plant may be ahead of the log");
-  f.number("drop_rate", drop_rate, 0, 0.5, "share of datagrams each receiver throws away on purpose (testing)");
+  f.number("peer_timeout_s", peer_timeout_s, 0.05, 3600,
+           "a process that waits longer for another stops and says so");
+  f.number("repeat_after_ms", repeat_after_ms, 0.1, 10000,
+           "lock-step: an unanswered message is sent again after this");
+  f.integer("window_ticks", window_ticks, 16, 8192,
+            "lock-step: ticks the plant may be ahead of the log");
+  f.number("drop_rate", drop_rate, 0, 0.5,
+           "share of datagrams each receiver throws away on purpose (testing)");
   f.boolean("pin", pin, "pin plant, estimator, controller to one CPU and the rest to the others");
   f.boolean("split_ports", split_ports, "one UDP port a link instead of one for all");
-  f.boolean("filter", filter, "a filter in the kernel keeps unwanted channels from waking a process");
-  f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6, "size at which the logger begins the next log file");
+  f.boolean("filter", filter,
+            "a filter in the kernel keeps unwanted channels from waking a process");
+  f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6,
+           "size at which the logger begins the next log file");
 }
 
 std::int64_t DriveConfig::t_ns(std::int64_t k) const {
   return std::llround(static_cast<double>(k) * 1e9 / rates.f_s_Hz);
 }
 
-std::int64_t DriveConfig::steps() const { return std::llround(run.duration_s * rates.f_s_Hz); }
+std::int64_t DriveConfig::steps() const {
+  return std::llround(run.duration_s * rates.f_s_Hz);
+}
 
 Reference DriveConfig::reference_at(std::int64_t k) const {
   const double t = static_cast<double>(k) * T_s();

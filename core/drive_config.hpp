@@ -1,7 +1,8 @@
-// One drive file: everything the processes of one drive share. docs/config-reference.md lists every key.
+// One drive file: everything the processes of one drive share. docs/config-reference.md lists every
+// key.
 //
-// The tables of the filter and controller kinds ([estimator.ekf_sensorless], [controller.foc], ..) belong to
-// their own folders and are read there, from the same Config.
+// The tables of the filter and controller kinds ([estimator.ekf_sensorless], [controller.foc], ..)
+// belong to their own folders and are read there, from the same Config.
 #pragma once
 #include <cstdint>
 #include <string>

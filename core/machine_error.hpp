@@ -1,4 +1,5 @@
-// The machine cannot do it (no multicast route, no permission): the program prints what() and leaves with exit code 3.
+// The machine cannot do it (no multicast route, no permission): the program prints what() and
+// leaves with exit code 3.
 #pragma once
 #include <stdexcept>
 

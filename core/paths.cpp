@@ -17,6 +17,8 @@ std::string data_directory() {
   return fs::is_directory(installed) ? installed.string() : TWINRATE_SOURCE_DIR;
 }
 
-std::string revision() { return TWINRATE_REVISION; }
+std::string revision() {
+  return TWINRATE_REVISION;
+}
 
 }  // namespace twinrate

@@ -1,4 +1,5 @@
-// Where the program finds its own files: beside itself when installed, in the source tree otherwise.
+// Where the program finds its own files: beside itself when installed, in the source tree
+// otherwise.
 #pragma once
 #include <string>
 

@@ -14,7 +14,9 @@ namespace twinrate {
 namespace {
 
 volatile std::sig_atomic_t stop_flag = 0;
-void note_stop(int) { stop_flag = 1; }
+void note_stop(int) {
+  stop_flag = 1;
+}
 
 constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
 constexpr double kStartPatience_s = 10;  // before the first tick: the peers may still be starting
@@ -45,7 +47,9 @@ void catch_stop_signals() {
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
 }
-bool stop_signalled() { return stop_flag != 0; }
+bool stop_signalled() {
+  return stop_flag != 0;
+}
 
 void pin_to_cpu(int cpu) {
   cpu_set_t set;
@@ -90,7 +94,8 @@ void Process::handle_request(const request_t& request) {
     case RequestKind::kEmergencyStop:
       if (!emergency_stop_) return;  // not this process's business
       emergency_stop_();
-      event(Reason::kEmergencyStop, status_.seq, "emergency stop: zero voltage from the next tick on");
+      event(Reason::kEmergencyStop, status_.seq,
+            "emergency stop: zero voltage from the next tick on");
       break;
     default:
       reply.accepted = 0;
@@ -101,12 +106,14 @@ void Process::handle_request(const request_t& request) {
 
 // The five processes of a session must have been started with one config.
 void Process::compare_config(const status_t& other) {
-  const bool of_the_set = other.role >= static_cast<int>(Role::kPlant) && other.role <= static_cast<int>(Role::kLogger);
-  if (!bus_->bound() || finished_ || !of_the_set || other.config_hash == 0 || status_.config_hash == 0 ||
-      other.config_hash == status_.config_hash)
+  const bool of_the_set =
+      other.role >= static_cast<int>(Role::kPlant) && other.role <= static_cast<int>(Role::kLogger);
+  if (!bus_->bound() || finished_ || !of_the_set || other.config_hash == 0 ||
+      status_.config_hash == 0 || other.config_hash == status_.config_hash)
     return;
   fail(Reason::kConfigMismatch, status_.seq,
-       fmt::format("{} and {} were started with different configs", kRoleNames[status_.role], kRoleNames[other.role]));
+       fmt::format("{} and {} were started with different configs", kRoleNames[status_.role],
+                   kRoleNames[other.role]));
 }
 
 void Process::ready() {
@@ -189,7 +196,9 @@ void Process::fail(Reason reason, std::int64_t k, const std::string& text) {
   finish(ProcessState::kFailed);
 }
 
-bool Process::stopping() const { return finished_ || stop_signalled(); }
+bool Process::stopping() const {
+  return finished_ || stop_signalled();
+}
 
 int run_process(const ProcessInfo& info, int argc, char** argv,
                 const std::function<void(Process&)>& body) {
@@ -199,10 +208,12 @@ int run_process(const ProcessInfo& info, int argc, char** argv,
   std::string pace = "lockstep";
   app.add_option("--config", o.config, "drive file or preset")->required();
   app.add_option("--lcm-url", o.url, "LCM URL (default: LCM_DEFAULT_URL, else the standard one)");
-  app.add_option("--set", o.overrides, "key.path=value, overrides the drive file")->allow_extra_args(false);
+  app.add_option("--set", o.overrides, "key.path=value, overrides the drive file")
+      ->allow_extra_args(false);
   app.add_option("--channel-suffix", o.channel_suffix, "appended to every channel name");
   app.add_option("--session", o.session, "session id to be bound to; 0: adopt the first one heard");
-  app.add_option("--pace", pace, "lockstep or realtime")->check(CLI::IsMember({"lockstep", "realtime"}));
+  app.add_option("--pace", pace, "lockstep or realtime")
+      ->check(CLI::IsMember({"lockstep", "realtime"}));
   app.add_option("--cpu", o.cpu, "pin to this CPU");
   app.add_option("--run-dir", o.run_dir, "where files are written");
   app.add_flag("--follow", o.follow, "begin anew when the sequence or the session starts again");

@@ -1,11 +1,14 @@
-// What every process of the set shares: command line, config, bus, heartbeat, stop signals, waiting with a limit.
+// What every process of the set shares: command line, config, bus, heartbeat, stop signals, waiting
+// with a limit.
 //
 //   int main(int argc, char** argv) {
-//     return twinrate::run_process({Role::kGain, "twinrate-gain", "ESTIMATE -> [background_step] -> GAIN"}, argc, argv,
+//     return twinrate::run_process({Role::kGain, "twinrate-gain", "ESTIMATE -> [background_step] ->
+//     GAIN"}, argc, argv,
 //                                  [](Process& p) { .. subscribe, p.ready(), p.run(); });
 //   }
 //
-// Exit codes: 0 done or stopped on request, 1 the run ended badly, 2 bad input, 3 the machine cannot do it.
+// Exit codes: 0 done or stopped on request, 1 the run ended badly, 2 bad input, 3 the machine
+// cannot do it.
 #pragma once
 #include <chrono>
 #include <functional>
@@ -35,9 +38,10 @@ struct ProcessInfo {
   const char* purpose;
 };
 
-// What a process waits for. When one process of a ring stands still all the others wait, each for its neighbour: the
-// lower the rank the nearer the culprit, and the sooner the process gives up, so that the right one is named. The
-// order fits every case: GAIN 0, ESTIMATE 1, COMMAND and the log 2, MEASUREMENT 3, snapshots 4, the logger 5.
+// What a process waits for. When one process of a ring stands still all the others wait, each for
+// its neighbour: the lower the rank the nearer the culprit, and the sooner the process gives up, so
+// that the right one is named. The order fits every case: GAIN 0, ESTIMATE 1, COMMAND and the log
+// 2, MEASUREMENT 3, snapshots 4, the logger 5.
 struct Waiting {
   std::string text;
   int rank = 0;
@@ -57,7 +61,8 @@ class Process {
   // Everything is subscribed: say so on the bus.
   void ready();
   // One turn of the loop: handles what arrives, beats the heart. False once the process must stop.
-  // A bound process that makes no progress() for bus.peer_timeout_s says what it waits for and stops.
+  // A bound process that makes no progress() for bus.peer_timeout_s says what it waits for and
+  // stops.
   bool turn(double timeout_ms);
   // turn() until the end, calling `on_quiet` whenever nothing arrived for repeat_after_ms.
   void run(const std::function<void()>& on_quiet = {});

@@ -34,7 +34,8 @@ struct ReasonText {
 };
 
 inline constexpr std::array kReasons = {
-    ReasonText{Reason::kModeChange, "mode_change", "the controller changed its mode (align, I/f ramp, run)"},
+    ReasonText{Reason::kModeChange, "mode_change",
+               "the controller changed its mode (align, I/f ramp, run)"},
     ReasonText{Reason::kStartupGaveUp, "startup_gave_up",
                "the estimate never agreed with the I/f ramp: zero voltage, safe mode"},
     ReasonText{Reason::kEstimateNotFinite, "estimate_not_finite",
@@ -43,23 +44,29 @@ inline constexpr std::array kReasons = {
                "samples were missing; the filter predicted over them"},
     ReasonText{Reason::kEstimatorReset, "estimator_reset",
                "the sequence started again: the filter began anew"},
-    ReasonText{Reason::kLateGain, "late_gain", "a gain was not there when its tick came; the older one was held"},
-    ReasonText{Reason::kLateCommand, "late_command",
-               "realtime: a command was not there when its voltage was due; the last voltage was held"},
+    ReasonText{Reason::kLateGain, "late_gain",
+               "a gain was not there when its tick came; the older one was held"},
+    ReasonText{
+        Reason::kLateCommand, "late_command",
+        "realtime: a command was not there when its voltage was due; the last voltage was held"},
     ReasonText{Reason::kCommandLost, "command_lost",
                "no command for longer than plant.hold_ticks: zero voltage, safe state"},
     ReasonText{Reason::kVoltageLimit, "voltage_limit", "the modulator limited the voltage"},
     ReasonText{Reason::kPlantFailed, "plant_failed", "the integrator reported an error"},
-    ReasonText{Reason::kPeerTimeout, "peer_timeout", "a process waited longer than bus.peer_timeout_s for another"},
+    ReasonText{Reason::kPeerTimeout, "peer_timeout",
+               "a process waited longer than bus.peer_timeout_s for another"},
     ReasonText{Reason::kConfigMismatch, "config_mismatch",
                "two processes were started with different configs"},
-    ReasonText{Reason::kForeignSession, "foreign_session", "messages of another session were refused"},
-    ReasonText{Reason::kSequenceGap, "sequence_gap", "a message is missing that lock-step cannot do without"},
+    ReasonText{Reason::kForeignSession, "foreign_session",
+               "messages of another session were refused"},
+    ReasonText{Reason::kSequenceGap, "sequence_gap",
+               "a message is missing that lock-step cannot do without"},
     ReasonText{Reason::kProcessDied, "process_died", "a process of the set ended by itself"},
     ReasonText{Reason::kStopRequested, "stop_requested", "stopped on request"},
     ReasonText{Reason::kEmergencyStop, "emergency_stop", "emergency stop on request: zero voltage"},
     ReasonText{Reason::kDiskFull, "disk_full", "the log could not be written"},
-    ReasonText{Reason::kLogRotated, "log_rotated", "the log reached its size limit; the next file was begun"},
+    ReasonText{Reason::kLogRotated, "log_rotated",
+               "the log reached its size limit; the next file was begun"},
 };
 
 }  // namespace twinrate

@@ -1,4 +1,5 @@
-// The last few signals of one kind, found by their sample index: two signals of the same tick may arrive apart.
+// The last few signals of one kind, found by their sample index: two signals of the same tick may
+// arrive apart.
 #pragma once
 #include <array>
 #include <cstdint>

@@ -1,10 +1,10 @@
 #include "core/run_log.hpp"
 
 #include <fmt/format.h>
-#include <lcm/lcm-cpp.hpp>
 
 #include <algorithm>
 #include <filesystem>
+#include <lcm/lcm-cpp.hpp>
 
 #include "core/config.hpp"
 #include "core/signals_io.hpp"
@@ -46,8 +46,9 @@ void take_manifest(const lcm::LogEvent& event, RunLog& log) {
     return;
   }
   if (manifest.schema != kWireSchema)
-    throw BadInput(fmt::format("{}: written with message types of version {}, this program reads {}",
-                               log.path, manifest.schema, kWireSchema));
+    throw BadInput(
+        fmt::format("{}: written with message types of version {}, this program reads {}", log.path,
+                    manifest.schema, kWireSchema));
   log.session = manifest.session;
   log.revision = manifest.revision;
   log.config_toml = manifest.config_toml;
@@ -106,8 +107,8 @@ RunLog read_run_log(const std::string& path, const std::string& channel_suffix) 
   log.channel_suffix = channel_suffix.empty() ? suffix_of(parts.front()) : channel_suffix;
   for (const std::string& part : parts) read_part(part, log.channel_suffix, log);
   if (log.undecodable > 0)
-    throw BadInput(fmt::format("{}: {} messages have another type version than this program",
-                               path, log.undecodable));
+    throw BadInput(fmt::format("{}: {} messages have another type version than this program", path,
+                               log.undecodable));
   if (log.measurement.empty() && log.estimate.empty() && log.command.empty())
     throw BadInput(fmt::format("{}: holds no message of this project (channels DRIVE_..{})", path,
                                log.channel_suffix));

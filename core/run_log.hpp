@@ -1,4 +1,5 @@
-// A recorded run in memory: what log.lcm (and its rotated parts log-001.lcm ..) holds, decoded and in tick order.
+// A recorded run in memory: what log.lcm (and its rotated parts log-001.lcm ..) holds, decoded and
+// in tick order.
 #pragma once
 #include <string>
 #include <vector>
@@ -29,11 +30,13 @@ struct RunLog {
   std::int64_t undecodable = 0;  // DRIVE_ messages of another layout
 };
 
-// The parts of a log in order: log.lcm, log-001.lcm .. of a run directory, or the one file. Throws BadInput.
+// The parts of a log in order: log.lcm, log-001.lcm .. of a run directory, or the one file. Throws
+// BadInput.
 std::vector<std::string> log_parts(const std::string& path);
 
-// `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one; empty: the one the manifest
-// was written with. Throws BadInput: no such log, not an LCM log, messages of another type version, no message of this project.
+// `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one; empty:
+// the one the manifest was written with. Throws BadInput: no such log, not an LCM log, messages of
+// another type version, no message of this project.
 RunLog read_run_log(const std::string& path, const std::string& channel_suffix = "");
 
 }  // namespace twinrate

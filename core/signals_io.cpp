@@ -15,7 +15,9 @@ Wire header(std::int64_t k, std::int64_t t_ns, std::int64_t session) {
 }
 
 // Sizes come off the wire: never trust them beyond the arrays they index.
-int bounded(int size, int max) { return std::clamp(size, 0, max); }
+int bounded(int size, int max) {
+  return std::clamp(size, 0, max);
+}
 
 }  // namespace
 

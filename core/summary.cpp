@@ -186,10 +186,11 @@ AngleReference resolve(AngleReference wanted, const RunLog& log) {
   if (truth && (wanted == AngleReference::kAuto || wanted == AngleReference::kTruth))
     return AngleReference::kTruth;
   // A filter that takes its angle from the sensor cannot be judged by that sensor.
-  const bool independent = std::none_of(log.estimate.begin(), log.estimate.end(), [](const Estimate& e) {
-    return e.status & kMeasuredAngle;
-  });
-  if (encoder && (wanted == AngleReference::kEncoder || (wanted == AngleReference::kAuto && independent)))
+  const bool independent =
+      std::none_of(log.estimate.begin(), log.estimate.end(),
+                   [](const Estimate& e) { return e.status & kMeasuredAngle; });
+  if (encoder &&
+      (wanted == AngleReference::kEncoder || (wanted == AngleReference::kAuto && independent)))
     return AngleReference::kEncoder;
   return AngleReference::kNone;
 }

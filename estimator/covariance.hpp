@@ -1,6 +1,8 @@
-// The measurement half of a background step, the same for every filter with a linear output y = H x.
+// The measurement half of a background step, the same for every filter with a linear output y = H
+// x.
 //
-//   K = P^- H' (H P^- H' + R)^-1;  P = (I - K H) P^- (I - K H)' + K R K'  (Joseph)  or  (I - K H) P^-  (paper)
+//   K = P^- H' (H P^- H' + R)^-1;  P = (I - K H) P^- (I - K H)' + K R K'  (Joseph)  or  (I - K H)
+//   P^-  (paper)
 #pragma once
 #include <Eigen/LU>
 
@@ -15,8 +17,8 @@ inline constexpr const char* kCovarianceNames[] = {"joseph", "paper"};
 template <int NX, int NY>
 Gain gain_from_prior(const Gain& previous, const Estimate& snapshot,
                      const Eigen::Matrix<double, NX, NX>& P_prior,
-                     const Eigen::Matrix<double, NY, NX>& H,
-                     const Eigen::Matrix<double, NY, NY>& R, bool joseph) {
+                     const Eigen::Matrix<double, NY, NX>& H, const Eigen::Matrix<double, NY, NY>& R,
+                     bool joseph) {
   const Eigen::Matrix<double, NY, NY> S = H * P_prior * H.transpose() + R;
   const Eigen::Matrix<double, NX, NY> K = P_prior * H.transpose() * S.inverse();
   const Eigen::Matrix<double, NX, NX> I_KH = Eigen::Matrix<double, NX, NX>::Identity() - K * H;

@@ -67,7 +67,9 @@ double EkfDisturbance::measured_speed(const FastState& state, const Measurement&
   return tuning_.speed_from_angle ? (m.theta_m - state.theta_m_prev) / T_s_ : m.omega_m;
 }
 
-static bool has_voltage(const Measurement& m) { return (m.signals & kVoltage) != 0; }
+static bool has_voltage(const Measurement& m) {
+  return (m.signals & kVoltage) != 0;
+}
 
 FastState EkfDisturbance::start(const Measurement& first) const {
   FastState state;
@@ -186,7 +188,7 @@ Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snaps
     const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
     const Eigen::Matrix4d Q = q.asDiagonal();
     const Eigen::Matrix4d P = previous.n_x == 4 ? previous.P.topLeftCorner<4, 4>().eval()
-                                                 : initial_gain().P.topLeftCorner<4, 4>().eval();
+                                                : initial_gain().P.topLeftCorner<4, 4>().eval();
     const Eigen::Matrix4d P_prior = F * P * F.transpose() + Q;
     const Eigen::Matrix3d R = Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
     const Eigen::Matrix<double, 3, 4> H = Eigen::Matrix<double, 3, 4>::Identity();
@@ -196,8 +198,7 @@ Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snaps
   Gain start = previous;
   if (previous.n_x != 2) {
     start.P.setZero();
-    start.P.topLeftCorner<2, 2>() =
-        Vec2(tuning_.P0_diag[2], tuning_.P0_diag[3]).asDiagonal();
+    start.P.topLeftCorner<2, 2>() = Vec2(tuning_.P0_diag[2], tuning_.P0_diag[3]).asDiagonal();
   }
   Eigen::Matrix2d F = Eigen::Matrix2d::Identity();
   F(0, 1) = -T_s_ / machine_.J;

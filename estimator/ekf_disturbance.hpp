@@ -1,11 +1,12 @@
-// Disturbance extended Kalman filter in rotor axes (Niewiara 2020, corrected): overall load torque as a state.
+// Disturbance extended Kalman filter in rotor axes (Niewiara 2020, corrected): overall load torque
+// as a state.
 //
-//   x = [i_d, i_q, omega_m, T_o],  u = u_dq,  y = [i_d, i_q, omega_m]                               (19), (22)
-//   L_d i_d' = u_d - R_s i_d + n_p omega_m L_q i_q                                                  (10)
-//   L_q i_q' = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)                                        (11)
-//   J omega_m' = 3/2 n_p (psi_f + (L_d - L_q) i_d) i_q - T_o,  T_o' = 0                             (12), (20)
-//   fast:       x^- = x + T f (Euler = (24)), Runge-Kutta 4 or exact at frozen omega_m;
-//               T_o^- = T_o + L T_s (omega_m - omega_m^-);  x = x^- + K (y - C x^-)                 (25), (23)
+//   x = [i_d, i_q, omega_m, T_o],  u = u_dq,  y = [i_d, i_q, omega_m] (19), (22) L_d i_d' = u_d -
+//   R_s i_d + n_p omega_m L_q i_q                                                  (10) L_q i_q' =
+//   u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)                                        (11) J
+//   omega_m' = 3/2 n_p (psi_f + (L_d - L_q) i_d) i_q - T_o,  T_o' = 0 (12), (20) fast:       x^- =
+//   x + T f (Euler = (24)), Runge-Kutta 4 or exact at frozen omega_m;
+//               T_o^- = T_o + L T_s (omega_m - omega_m^-);  x = x^- + K (y - C x^-) (25), (23)
 //   background: P^- = F P F' + Q, K by (27), P by (28) or Joseph
 //
 // Where a log holds no voltages the measured currents are inputs and the filter reduces to
@@ -20,18 +21,20 @@
 namespace twinrate {
 
 struct EkfDisturbanceParameters {
-  double Q_diag[4] = {1.0, 2.0, 1.5, 0.1};      // (29)
-  double R_diag[3] = {10.0, 10.0, 150.0};       // (30)
+  double Q_diag[4] = {1.0, 2.0, 1.5, 0.1};  // (29)
+  double R_diag[3] = {10.0, 10.0, 150.0};   // (30)
   double P0_diag[4] = {1, 1, 1, 1};
-  double L = -700;                              // Table 1
+  double L = -700;  // Table 1
   bool speed_from_angle = false;
   void fields(FieldVisitor& f) {
-    f.numbers("Q_diag", Q_diag, 0, 1e12, "process noise a background update: A^2, A^2, (rad/s)^2, (Nm)^2");
+    f.numbers("Q_diag", Q_diag, 0, 1e12,
+              "process noise a background update: A^2, A^2, (rad/s)^2, (Nm)^2");
     f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2, (rad/s)^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance, same units as Q_diag");
     f.number("L_Nm_rad", L, -1e6, 0, "gain of the integral of the speed tracking error, (25)");
-    f.boolean("speed_from_angle", speed_from_angle,
-              "measure speed as the difference of the angle over T_s, not as the sensor reports it");
+    f.boolean(
+        "speed_from_angle", speed_from_angle,
+        "measure speed as the difference of the angle over T_s, not as the sensor reports it");
   }
 };
 

@@ -25,15 +25,16 @@ EkfSensorless::State EkfSensorless::f(const State& x, const Vec2& u_alphabeta) c
           -a_ * i_beta - b_ * omega_e * std::cos(theta_e) + inv_L_ * u_alphabeta[1], 0.0, omega_e};
 }
 
-// With omega_e constant over the interval: i' = -a i + u/L - j b omega_e exp(j (theta_e + omega_e t)).
+// With omega_e constant over the interval: i' = -a i + u/L - j b omega_e exp(j (theta_e + omega_e
+// t)).
 static Vec2 exact_currents(const EkfSensorless::State& x, const Vec2& u_alphabeta, double a,
                            double b, double inv_L, double T) {
   using Complex = std::complex<double>;
   const Complex j(0, 1), i0(x[0], x[1]), u(u_alphabeta[0], u_alphabeta[1]);
   const double omega_e = x[2], decay = std::exp(-a * T);
   const Complex forced = (std::polar(1.0, omega_e * T) - decay) / (a + j * omega_e);
-  const Complex i = decay * i0 + inv_L * u * (1 - decay) / a -
-                    j * b * omega_e * std::polar(1.0, x[3]) * forced;
+  const Complex i =
+      decay * i0 + inv_L * u * (1 - decay) / a - j * b * omega_e * std::polar(1.0, x[3]) * forced;
   return {i.real(), i.imag()};
 }
 

@@ -1,15 +1,16 @@
-// Sensorless extended Kalman filter in the stationary frame (Dilys 2021, corrected), surface-magnet machine.
+// Sensorless extended Kalman filter in the stationary frame (Dilys 2021, corrected), surface-magnet
+// machine.
 //
-//   x = [i_alpha, i_beta, omega_e, theta_e],  u = u_alphabeta,  y = i_alphabeta,  H = [I 0]          (5), (7)
-//   i_alpha' = -R_s/L i_alpha + psi_f/L omega_e sin theta_e + u_alpha/L                               (6)
-//   i_beta'  = -R_s/L i_beta  - psi_f/L omega_e cos theta_e + u_beta/L
-//   omega_e' = 0,  theta_e' = omega_e
-//   fast:       x^- = x + T f(x) + B u (Euler), or Runge-Kutta 4, or exact;  x = x^- + K (y - H x^-)  (13), (16), (18)
-//   background: F = I + F_c T_s at the snapshot; P^- = F P F' + Q; K = P^- H'(H P^- H' + R)^-1;       (11), (14), (17)
-//               P = (I - K H) P^-  ("paper") or (I - K H) P^- (I - K H)' + K R K' ("joseph")          (15)
+//   x = [i_alpha, i_beta, omega_e, theta_e],  u = u_alphabeta,  y = i_alphabeta,  H = [I 0] (5),
+//   (7) i_alpha' = -R_s/L i_alpha + psi_f/L omega_e sin theta_e + u_alpha/L (6) i_beta'  = -R_s/L
+//   i_beta  - psi_f/L omega_e cos theta_e + u_beta/L omega_e' = 0,  theta_e' = omega_e fast: x^- =
+//   x + T f(x) + B u (Euler), or Runge-Kutta 4, or exact;  x = x^- + K (y - H x^-)  (13), (16),
+//   (18) background: F = I + F_c T_s at the snapshot; P^- = F P F' + Q; K = P^- H'(H P^- H' +
+//   R)^-1;       (11), (14), (17)
+//               P = (I - K H) P^-  ("paper") or (I - K H) P^- (I - K H)' + K R K' ("joseph") (15)
 //
-// F holds the control period T_s also when the background runs every n-th tick only; Q and R are discrete, per
-// background update: A^2, (rad/s)^2, rad^2. L = L_d (the model has no saliency).
+// F holds the control period T_s also when the background runs every n-th tick only; Q and R are
+// discrete, per background update: A^2, (rad/s)^2, rad^2. L = L_d (the model has no saliency).
 #pragma once
 #include "estimator/covariance.hpp"
 #include "estimator/filter.hpp"
@@ -23,7 +24,8 @@ struct EkfSensorlessParameters {
   double R_diag[2] = {1, 1};
   double P0_diag[4] = {1, 1, 1, 1};
   void fields(FieldVisitor& f) {
-    f.numbers("Q_diag", Q_diag, 0, 1e12, "process noise a background update: A^2, A^2, (rad/s)^2, rad^2");
+    f.numbers("Q_diag", Q_diag, 0, 1e12,
+              "process noise a background update: A^2, A^2, (rad/s)^2, rad^2");
     f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance: A^2, A^2, (rad/s)^2, rad^2");
   }
@@ -54,8 +56,8 @@ class EkfSensorless final : public Filter {
   Covariance jacobian(const State& x) const;  // I + F_c T_s
 
  private:
-  double a_;      // R_s/L
-  double b_;      // psi_f/L
+  double a_;  // R_s/L
+  double b_;  // psi_f/L
   double inv_L_;
   int n_p_;
   double T_s_;

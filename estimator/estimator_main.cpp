@@ -2,9 +2,9 @@
 //
 //   MEASUREMENT(k), GAIN(s) -> [FastLoop::tick] -> ESTIMATE(k)
 //
-// Lock-step: the tick waits for the gain it plans to use, so the result does not depend on scheduling. While it
-// waits it repeats the snapshot the gain is computed from; samples that a log player sends meanwhile queue up.
-// Realtime: nobody waits, the older gain is held and counted.
+// Lock-step: the tick waits for the gain it plans to use, so the result does not depend on
+// scheduling. While it waits it repeats the snapshot the gain is computed from; samples that a log
+// player sends meanwhile queue up. Realtime: nobody waits, the older gain is held and counted.
 #include <fmt/format.h>
 
 #include <deque>
@@ -21,8 +21,7 @@ namespace {
 class EstimatorProcess {
  public:
   explicit EstimatorProcess(Process& p)
-      : p_(p),
-        fast_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
+      : p_(p), fast_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
     p.bus().subscribe<gain_t>([this](const gain_t& w) { take_gain(from_wire(w)); });
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
@@ -35,7 +34,8 @@ class EstimatorProcess {
   }
 
  private:
-  static constexpr std::size_t kQueueLimit = 4096;  // samples; beyond it the gain process is taken for gone
+  static constexpr std::size_t kQueueLimit =
+      4096;  // samples; beyond it the gain process is taken for gone
 
   Waiting missing() const {
     if (waiting_.empty()) return {fmt::format("MEASUREMENT({}) from plant", last_.k + 1), 3};
@@ -72,7 +72,8 @@ class EstimatorProcess {
       tick(m);
     }
   }
-  // A gain whose snapshot was never taken, because its sample was lost on the way, is not waited for.
+  // A gain whose snapshot was never taken, because its sample was lost on the way, is not waited
+  // for.
   bool must_wait(std::int64_t k) const {
     return p_.lockstep() && !fast_.gain_ready(k) && planned_snapshot(k) != nullptr;
   }
@@ -90,10 +91,12 @@ class EstimatorProcess {
     const bool late = (e.status & kLateGain) != 0;
     if (late) ++p_.status().late_gains;
     if (late && !was_late_)
-      p_.event(Reason::kLateGain, e.k, fmt::format("a gain was late: the one of tick {} is held", e.gain_seq));
+      p_.event(Reason::kLateGain, e.k,
+               fmt::format("a gain was late: the one of tick {} is held", e.gain_seq));
     was_late_ = late;
     if ((e.status & kGapBridged) != 0)
-      p_.event(Reason::kMeasurementGap, e.k, "samples were missing; the filter predicted over them");
+      p_.event(Reason::kMeasurementGap, e.k,
+               "samples were missing; the filter predicted over them");
     if ((e.status & kNotFinite) != 0)
       p_.event(Reason::kEstimateNotFinite, e.k, "a correction was not finite and was left out");
   }
@@ -104,7 +107,8 @@ class EstimatorProcess {
     ++p_.status().repeats;
     p_.bus().publish(to_wire(*snapshot, p_.bus().session()));
   }
-  // The log lacks a gain: perhaps the gain process never saw the snapshot. No later tick may be there to ask for it.
+  // The log lacks a gain: perhaps the gain process never saw the snapshot. No later tick may be
+  // there to ask for it.
   void repeat_snapshots(const ack_t& ack) {
     for (int i = 0; i < ack.n_missing && i < 32; ++i)
       if (ack.missing_channel[i] == static_cast<int>(Channel::kGain))

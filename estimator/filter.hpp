@@ -1,10 +1,11 @@
 // What every filter offers: a fast step at f_s and a background step at f_b, both pure.
 //
-//   fast step        x_hat(k), innov = predict x_hat(k-1) under the voltage really applied, correct with a given K
-//   background step  K, P = linearise at a snapshot of x_hat, propagate P once
+//   fast step        x_hat(k), innov = predict x_hat(k-1) under the voltage really applied, correct
+//   with a given K background step  K, P = linearise at a snapshot of x_hat, propagate P once
 //
-// A filter holds constant parameters only; all state travels through the arguments, so that one process, five
-// processes and a replay run the same code on the same numbers. No allocation, clock or I/O on these paths.
+// A filter holds constant parameters only; all state travels through the arguments, so that one
+// process, five processes and a replay run the same code on the same numbers. No allocation, clock
+// or I/O on these paths.
 #pragma once
 #include <memory>
 #include <string_view>
@@ -38,7 +39,8 @@ class Filter {
   virtual Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const = 0;
   // A sample is missing: prediction alone, with the inputs of the last sample seen.
   virtual void predict_over_gap(FastState& state, const Measurement& last) const = 0;
-  // Alignment: the rotor stands at this electrical angle. Filters with a position sensor need no telling.
+  // Alignment: the rotor stands at this electrical angle. Filters with a position sensor need no
+  // telling.
   virtual void align(FastState&, double /*theta_e*/) const {}
   // Output equation: n_x, n_y, the named quantities. `m` is the sample the state belongs to.
   virtual Estimate output(const FastState& state, const Measurement& m) const = 0;

@@ -16,8 +16,7 @@ namespace {
 class GainProcess {
  public:
   explicit GainProcess(Process& p)
-      : p_(p),
-        background_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
+      : p_(p), background_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
     p.waiting_for([this] {
@@ -57,7 +56,6 @@ class GainProcess {
 
 int main(int argc, char** argv) {
   using namespace twinrate;
-  return run_process({Role::kGain, "twinrate-gain",
-                      "ESTIMATE -> [background step at f_b] -> GAIN"},
+  return run_process({Role::kGain, "twinrate-gain", "ESTIMATE -> [background step at f_b] -> GAIN"},
                      argc, argv, [](Process& p) { GainProcess(p).run(); });
 }

@@ -61,7 +61,9 @@ BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy 
   reset();
 }
 
-void BackgroundLoop::reset() { gain_ = filter_->initial_gain(); }
+void BackgroundLoop::reset() {
+  gain_ = filter_->initial_gain();
+}
 
 const Gain& BackgroundLoop::step(const Estimate& snapshot) {
   if (snapshot.status & kAngleForced) gain_.P = filter_->initial_gain().P;

@@ -20,8 +20,9 @@ class FastLoop {
   void take_gain(const Gain& gain) { gains_.push(gain); }
   // True when the gain that tick k plans to use is here (or none is planned yet).
   bool gain_ready(std::int64_t k) const;
-  // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the filter starts
-  // again from this sample). A gain that is late is replaced by the newest older one, and said in status.
+  // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
+  // filter starts again from this sample). A gain that is late is replaced by the newest older one,
+  // and said in status.
   Estimate tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }

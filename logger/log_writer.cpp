@@ -15,7 +15,8 @@ LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes)
     : directory_(std::move(directory)), rotate_bytes_(rotate_bytes) {
   open_next();
   if (!log_)
-    throw std::runtime_error(fmt::format("{}: cannot be written: {}", files_.back(), std::strerror(errno)));
+    throw std::runtime_error(
+        fmt::format("{}: cannot be written: {}", files_.back(), std::strerror(errno)));
 }
 
 LogWriter::~LogWriter() {
@@ -24,8 +25,7 @@ LogWriter::~LogWriter() {
 }
 
 void LogWriter::open_next() {
-  const std::string name =
-      files_.empty() ? "log.lcm" : fmt::format("log-{:03}.lcm", files_.size());
+  const std::string name = files_.empty() ? "log.lcm" : fmt::format("log-{:03}.lcm", files_.size());
   files_.push_back((std::filesystem::path(directory_) / name).string());
   log_ = lcm_eventlog_create(files_.back().c_str(), "w");
   written_ = on_disk_ = 0;
@@ -59,7 +59,7 @@ bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::
     return false;
   }
   written_ += 28 + static_cast<std::int64_t>(channel.size() + size);
-  return true;
+  return written_ - on_disk_ < kFlushBytes || flush();
 }
 
 bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
@@ -83,7 +83,8 @@ bool LogWriter::flush() {
     return true;
   }
   full_ = true;
-  // The log must end with a whole event: forget what stdio still holds and cut a half-written one off.
+  // The log must end with a whole event: forget what stdio still holds and cut a half-written one
+  // off.
   __fpurge(log_->f);
   if (ftruncate(fileno(log_->f), on_disk_) != 0)
     fmt::print(stderr, "{}: cannot be cut back to its last whole event\n", files_.back());

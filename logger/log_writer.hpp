@@ -1,8 +1,8 @@
 // Writes an LCM log that stays readable whatever happens.
 //
-// Events go through liblcm's event log; every flush() is checked. Where the disk is full the file is cut back to
-// the last whole event that reached it, and the writer refuses to go on. At `rotate_bytes` the next file is begun:
-// log.lcm, log-001.lcm, .. each with the manifest first.
+// Events go through liblcm's event log; every flush() is checked. Where the disk is full the file
+// is cut back to the last whole event that reached it, and the writer refuses to go on. At
+// `rotate_bytes` the next file is begun: log.lcm, log-001.lcm, .. each with the manifest first.
 #pragma once
 #include <lcm/eventlog.h>
 
@@ -43,8 +43,9 @@ class LogWriter {
   std::string directory_;
   std::int64_t rotate_bytes_;
   lcm_eventlog_t* log_ = nullptr;
-  std::int64_t written_ = 0;    // bytes handed to the present file
-  std::int64_t on_disk_ = 0;    // whole events known to be in it
+  std::int64_t written_ = 0;  // bytes handed to the present file
+  std::int64_t on_disk_ = 0;  // whole events known to be in it, at most kFlushBytes behind
+  static constexpr std::int64_t kFlushBytes = 65536;
   std::vector<std::string> files_;
   std::string manifest_channel_;
   std::vector<std::uint8_t> manifest_;

@@ -1,7 +1,8 @@
 // twinrate-logger: every channel -> LCM log, lossless, with a loss account.
 //
-// Lock-step, bound to a session: acknowledges whole ticks, asks for what is missing; the plant stays within a window
-// of it. Otherwise it writes as messages come and counts gaps. The account goes to RUN_DIR/logger.json.
+// Lock-step, bound to a session: acknowledges whole ticks, asks for what is missing; the plant
+// stays within a window of it. Otherwise it writes as messages come and counts gaps. The account
+// goes to RUN_DIR/logger.json.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -34,10 +35,11 @@ class LoggerProcess {
         ack_every_(std::max(1, p.drive().bus.window_ticks / 8)) {
     write_manifest();
     p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
-                                 std::int64_t seq, std::int64_t t_ns) {
-      take(channel, bytes, size, seq, t_ns);
+                                 std::int64_t seq,
+                                 std::int64_t t_ns) { take(channel, bytes, size, seq, t_ns); });
+    p.waiting_for([this] {
+      return Waiting{fmt::format("messages of tick {}", log_.complete_below()), 5};
     });
-    p.waiting_for([this] { return Waiting{fmt::format("messages of tick {}", log_.complete_below()), 5}; });
   }
   void run() {
     p_.ready();
@@ -68,10 +70,12 @@ class LoggerProcess {
     if (log_.complete_below() != before) p_.progress(log_.complete_below() - 1);
     if (log_.complete_below() >= acknowledged_ + ack_every_) acknowledge();
     if (writer_.take_rotated())
-      p_.event(Reason::kLogRotated, log_.complete_below(), "log continues in " + writer_.files().back());
+      p_.event(Reason::kLogRotated, log_.complete_below(),
+               "log continues in " + writer_.files().back());
     if (writer_.full()) disk_full();
   }
-  // Stopped: what has arrived already belongs in the log. A bus that never falls silent does not hold it up.
+  // Stopped: what has arrived already belongs in the log. A bus that never falls silent does not
+  // hold it up.
   void drain() {
     const auto begun = std::chrono::steady_clock::now();
     while (!writer_.full() && p_.bus().handle(5) &&
@@ -91,7 +95,8 @@ class LoggerProcess {
     // A logger that only listens in has no say in how far the plant of that session may go.
     if (p_.bus().bound()) p_.bus().publish(ack);
   }
-  // Only when nothing comes any more: what is missing of the newest ticks is usually still on its way.
+  // Only when nothing comes any more: what is missing of the newest ticks is usually still on its
+  // way.
   void ask_for_missing() {
     for (const TickLog::Missing& missing : log_.missing(32)) {
       missing_.missing_channel[missing_.n_missing] = static_cast<std::int32_t>(missing.channel);
@@ -103,8 +108,8 @@ class LoggerProcess {
     if (p_.stopping() && full_said_) return;
     full_said_ = true;
     p_.fail(Reason::kDiskFull, log_.complete_below(),
-            fmt::format("{}: the disk is full; the log holds {} whole ticks", writer_.files().back(),
-                        log_.complete_below()));
+            fmt::format("{}: the disk is full; the log holds {} whole ticks",
+                        writer_.files().back(), log_.complete_below()));
   }
   void write_account() {
     nlohmann::ordered_json channels;

@@ -39,7 +39,8 @@ void TickLog::write_tick(const Tick& tick) {
 bool TickLog::new_as_it_comes(Channel channel, std::int64_t seq) {
   ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
   const std::int64_t stride = channel == Channel::kGain ? n_ : 1;
-  const bool begins = account.last_seq < 0 || (seq <= account.first_seq && account.last_seq > account.first_seq);
+  const bool begins =
+      account.last_seq < 0 || (seq <= account.first_seq && account.last_seq > account.first_seq);
   if (!begins && seq <= account.last_seq) {
     ++account.duplicates;
     return false;
@@ -60,7 +61,8 @@ void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const s
   if (order_ == Order::kAsItComes || !of_a_tick) {
     if (of_a_tick && !new_as_it_comes(channel, seq)) return;
     ++account.received;
-    // Events and heartbeats carry the drive time of what they tell; the log's clock never runs back.
+    // Events and heartbeats carry the drive time of what they tell; the log's clock never runs
+    // back.
     write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
     return;
   }

@@ -1,10 +1,11 @@
 // Puts the messages of a run into the log, and knows what is missing.
 //
-// Ordered (lock-step): a tick is written once all its messages are there, in the order of core/channels; what is
-// missing can be asked for again, so the log of a run does not depend on scheduling or on lost datagrams. Time
-// stamps are drive time, so lcm-logplayer at x1 plays at the speed of the real drive.
-// As it comes (realtime, foreign sessions): written at once; sequence numbers tell what was lost. A session that
-// begins with its first number again (a log played twice) is written again.
+// Ordered (lock-step): a tick is written once all its messages are there, in the order of
+// core/channels; what is missing can be asked for again, so the log of a run does not depend on
+// scheduling or on lost datagrams. Time stamps are drive time, so lcm-logplayer at x1 plays at the
+// speed of the real drive. As it comes (realtime, foreign sessions): written at once; sequence
+// numbers tell what was lost. A session that begins with its first number again (a log played
+// twice) is written again.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -37,8 +38,8 @@ class TickLog {
     std::int64_t seq;
   };
   std::vector<Missing> missing(std::size_t limit) const;
-  // End of the run: writes what is there of incomplete ticks and counts the gaps in them as lost. What a run that was
-  // stopped had not said yet is not lost.
+  // End of the run: writes what is there of incomplete ticks and counts the gaps in them as lost.
+  // What a run that was stopped had not said yet is not lost.
   void close();
 
   const ChannelAccount& account(Channel channel) const {

@@ -1,5 +1,6 @@
-// Discretisations of x' = f(x) over one period T: explicit Euler and classical Runge-Kutta 4. The exact solution of
-// a linear system stands in model/discretise_exact.hpp, because the matrix exponential is slow to compile.
+// Discretisations of x' = f(x) over one period T: explicit Euler and classical Runge-Kutta 4. The
+// exact solution of a linear system stands in model/discretise_exact.hpp, because the matrix
+// exponential is slow to compile.
 #pragma once
 #include <Eigen/Core>
 

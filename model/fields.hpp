@@ -1,7 +1,9 @@
-// One list per parameter struct: reading, range check, writing back and the reference page all walk it.
+// One list per parameter struct: reading, range check, writing back and the reference page all walk
+// it.
 //
-// A struct declares `void fields(FieldVisitor& f)` and names each member once with key (unit included), range
-// and a one-line meaning. Visitors: the TOML reader and writer of core/config, the reference page.
+// A struct declares `void fields(FieldVisitor& f)` and names each member once with key (unit
+// included), range and a one-line meaning. Visitors: the TOML reader and writer of core/config, the
+// reference page.
 #pragma once
 #include <functional>
 #include <span>

@@ -1,8 +1,8 @@
 // Reference frames: phases a, b, c; stationary alpha, beta; rotor d, q.
 //
-// Clarke (amplitude-invariant): i_alpha = 2/3 (i_a - i_b/2 - i_c/2), i_beta = (i_b - i_c)/sqrt3   (Dilys (2))
-// Park: x_dq = R(-theta_e) x_alphabeta with R(a) = [cos a, -sin a; sin a, cos a]; d lies on the magnet flux.
-// Held by tests/model/frames_test.cpp, which fails when a sign is flipped.
+// Clarke (amplitude-invariant): i_alpha = 2/3 (i_a - i_b/2 - i_c/2), i_beta = (i_b - i_c)/sqrt3
+// (Dilys (2)) Park: x_dq = R(-theta_e) x_alphabeta with R(a) = [cos a, -sin a; sin a, cos a]; d
+// lies on the magnet flux. Held by tests/model/frames_test.cpp, which fails when a sign is flipped.
 #pragma once
 #include <Eigen/Core>
 #include <cmath>
@@ -32,8 +32,12 @@ inline Vec2 rotate(const Vec2& x, double angle_rad) {
   return {c * x[0] - s * x[1], s * x[0] + c * x[1]};
 }
 
-inline Vec2 park(const Vec2& alphabeta, double theta_e) { return rotate(alphabeta, -theta_e); }
-inline Vec2 inverse_park(const Vec2& dq, double theta_e) { return rotate(dq, theta_e); }
+inline Vec2 park(const Vec2& alphabeta, double theta_e) {
+  return rotate(alphabeta, -theta_e);
+}
+inline Vec2 inverse_park(const Vec2& dq, double theta_e) {
+  return rotate(dq, theta_e);
+}
 
 // Into [0, 2 pi), Dilys (18).
 inline double wrap_turn(double angle_rad) {

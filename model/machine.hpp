@@ -25,7 +25,8 @@ struct MachineParameters {
     f.integer("n_slots", n_slots, 0, 2000, "stator slots, 0 where not known");
     f.number("i_rated_A", i_rated, 0, 1e4, "rated phase current, peak; 0 where not known");
     f.number("T_rated_Nm", T_rated, 0, 1e6, "rated torque; 0 where not known");
-    f.number("omega_m_rated_rad_s", omega_m_rated, 0, 1e5, "rated speed, mechanical; 0 where not known");
+    f.number("omega_m_rated_rad_s", omega_m_rated, 0, 1e5,
+             "rated speed, mechanical; 0 where not known");
   }
 
   double torque(double i_d, double i_q) const {

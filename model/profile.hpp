@@ -1,7 +1,8 @@
 // A value over drive time: a constant, or steps at given times.
 //
-// value(t) is the value of the last step with t_s <= t; before the first step it is the first value.
-// Ramps come from the slew limit of whoever uses the profile, so a profile never hides a rate.
+// value(t) is the value of the last step with t_s <= t; before the first step it is the first
+// value. Ramps come from the slew limit of whoever uses the profile, so a profile never hides a
+// rate.
 #pragma once
 #include <vector>
 

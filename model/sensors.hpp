@@ -1,8 +1,9 @@
 // Sensors: phase-current noise and ADC steps, incremental encoder with finite-difference speed.
 //
 // Current: i_meas = round((i + noise)/lsb) lsb, one independent noise stream a phase.
-// Encoder: theta_m_meas = floor(theta_m/step) step with step = 2 pi/encoder_counts; 0 counts: exact angle.
-// Speed: (theta_m_meas(k) - theta_m_meas(k-1)) / T_s, the true speed where the encoder is exact.
+// Encoder: theta_m_meas = floor(theta_m/step) step with step = 2 pi/encoder_counts; 0 counts: exact
+// angle. Speed: (theta_m_meas(k) - theta_m_meas(k-1)) / T_s, the true speed where the encoder is
+// exact.
 #pragma once
 #include <cstdint>
 

@@ -1,4 +1,5 @@
-// What travels round the loop, in SI units; the wire types of lcmtypes/ carry the same fields with unit suffixes.
+// What travels round the loop, in SI units; the wire types of lcmtypes/ carry the same fields with
+// unit suffixes.
 //
 //   plant -> Measurement -> estimator -> Estimate -> background gain -> Gain -> estimator
 //                                        Estimate, Reference -> controller -> Command -> plant
@@ -32,8 +33,8 @@ struct Measurement {
   Vec3 i_abc = Vec3::Zero();
   Vec2 u_alphabeta = Vec2::Zero();  // mean applied from t_{k-1} to t_k
   Vec3 duty_abc = Vec3::Constant(0.5);
-  Mode mode = Mode::kRun;    // of the command applied from t_{k-1} to t_k ..
-  double theta_forced = 0;   // .. and the angle of its forced vector (align, I/f ramp)
+  Mode mode = Mode::kRun;   // of the command applied from t_{k-1} to t_k ..
+  double theta_forced = 0;  // .. and the angle of its forced vector (align, I/f ramp)
   double v_dc = 0;
   double theta_m = 0;
   double omega_m = 0;
@@ -46,7 +47,8 @@ enum EstimateStatus : int {
   kGapBridged = 4,       // one or more samples before this one were missing and were predicted over
   kNotFinite = 8,        // the correction was not finite and was left out
   kNoVoltage = 16,       // reduced filter: measured currents are its inputs
-  kAngleForced = 32,     // alignment: the rotor stands where it was forced to, and the filter takes that over
+  kAngleForced =
+      32,  // alignment: the rotor stands where it was forced to, and the filter takes that over
   kMeasuredAngle = 64,  // theta_e is the position sensor's, not an estimate of it
 };
 

@@ -1,9 +1,9 @@
 // The drive's differential equations in rotor axes, with every effect of the config added.
 //
 //   x = [i_d, i_q, omega_m, theta_m]
-//   L_d i_d' = u_d - R_s i_d + n_p omega_m L_q i_q            u_dq = R(-n_p theta_m) u_alphabeta - effects
-//   L_q i_q' = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)
-//   J omega_m' = T_em - B omega_m - T_load - effects,   theta_m' = omega_m
+//   L_d i_d' = u_d - R_s i_d + n_p omega_m L_q i_q            u_dq = R(-n_p theta_m) u_alphabeta -
+//   effects L_q i_q' = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f) J omega_m' = T_em - B omega_m
+//   - T_load - effects,   theta_m' = omega_m
 #pragma once
 #include "model/effects/effect.hpp"
 #include "model/machine.hpp"

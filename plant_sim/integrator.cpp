@@ -49,9 +49,7 @@ class SundialsIntegrator : public Integrator {
       : problem_{model, {}}, y_(check_made(N_VNew_Serial(kStates, context_), "N_VNew_Serial")) {
     N_VConst(0, y_.get());
   }
-  Eigen::Map<PlantState> state() {
-    return Eigen::Map<PlantState>(N_VGetArrayPointer(y_.get()));
-  }
+  Eigen::Map<PlantState> state() { return Eigen::Map<PlantState>(N_VGetArrayPointer(y_.get())); }
 
   sundials::Context context_;
   Problem problem_;

@@ -21,8 +21,8 @@ Measurement Plant::sample() const {
   m.t_ns = config_.t_ns(k_);
   m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
   const Vec3 i_abc = inverse_clarke(inverse_park(x_.head<2>(), config_.machine.n_p * x_[3]));
-  m.i_abc = sample_currents(config_.sensors, i_abc,
-                            static_cast<std::uint64_t>(config_.run.seed), k_);
+  m.i_abc =
+      sample_currents(config_.sensors, i_abc, static_cast<std::uint64_t>(config_.run.seed), k_);
   m.u_alphabeta = applied_.u_alphabeta;
   m.duty_abc = applied_.duty_abc;
   m.mode = applied_command_.mode;
@@ -48,7 +48,8 @@ Truth Plant::truth() const {
 void Plant::take_command(const Command& command) {
   if (command.k < 0) return;
   Command& slot = commands_[static_cast<std::size_t>(command.k) % commands_.size()];
-  if (command.k > slot.k) slot = command;  // an old one may arrive again: it must not displace a newer one
+  if (command.k > slot.k)
+    slot = command;  // an old one may arrive again: it must not displace a newer one
 }
 
 bool Plant::apply_due_command() {
@@ -75,8 +76,7 @@ bool Plant::advance() {
   x_ = integrator_->advance(x_, input_, T_s);
   ++k_;
   const double theta_m_meas = sample_angle(config_.sensors, x_[3]);
-  omega_m_meas_ =
-      config_.sensors.encoder_counts > 0 ? (theta_m_meas - theta_m_meas_) / T_s : x_[2];
+  omega_m_meas_ = config_.sensors.encoder_counts > 0 ? (theta_m_meas - theta_m_meas_) / T_s : x_[2];
   theta_m_meas_ = theta_m_meas;
   return in_time;
 }

@@ -4,8 +4,9 @@
 //   take_command(j)     COMMAND(j) has arrived; it acts from t_{j + delay_samples}
 //   advance()           integrates t_k -> t_{k+1} under COMMAND(k - delay_samples)
 //
-// Before the first command is due the voltage is zero. A command that is not there when it is due leaves the last
-// voltage on; after plant.hold_ticks intervals of that the drive trips: zero voltage from then on.
+// Before the first command is due the voltage is zero. A command that is not there when it is due
+// leaves the last voltage on; after plant.hold_ticks intervals of that the drive trips: zero
+// voltage from then on.
 #pragma once
 #include <array>
 #include <memory>
@@ -22,7 +23,8 @@ class Plant {
   Measurement sample() const;
   Truth truth() const;
   void take_command(const Command& command);
-  // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS fails.
+  // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS
+  // fails.
   bool advance();
   // Zero voltage from now on, whatever is commanded (safe state).
   void trip() { tripped_ = true; }

@@ -2,8 +2,9 @@
 //
 //   COMMAND(k) -> [Plant::advance] -> MEASUREMENT(k+1), TRUTH(k+1)
 //
-// Lock-step: simulated time; a tick ends when COMMAND(k) is there; an unanswered MEASUREMENT is sent again; the plant is
-// never more than bus.window_ticks ahead of the log. Realtime: absolute clock, nobody waits.
+// Lock-step: simulated time; a tick ends when COMMAND(k) is there; an unanswered MEASUREMENT is
+// sent again; the plant is never more than bus.window_ticks ahead of the log. Realtime: absolute
+// clock, nobody waits.
 #include <fmt/format.h>
 
 #include "core/process.hpp"
@@ -72,7 +73,8 @@ class PlantProcess {
     acknowledged_ = std::max(acknowledged_, ack.seq);
     if (p_.lockstep() && !p_.stopping() && sent_ >= 0 && sent_ < k()) go_on();
   }
-  // The tick that is not answered; or the last one, while the log is behind: it may have missed all of it.
+  // The tick that is not answered; or the last one, while the log is behind: it may have missed all
+  // of it.
   void repeat() {
     ++p_.status().repeats;
     p_.bus().send_again(Channel::kMeasurement, sent_);
@@ -96,7 +98,7 @@ class PlantProcess {
 
 int main(int argc, char** argv) {
   using namespace twinrate;
-  return run_process({Role::kPlant, "twinrate-plant",
-                      "COMMAND -> [simulated drive] -> MEASUREMENT, TRUTH"},
-                     argc, argv, [](Process& p) { PlantProcess(p).run(); });
+  return run_process(
+      {Role::kPlant, "twinrate-plant", "COMMAND -> [simulated drive] -> MEASUREMENT, TRUTH"}, argc,
+      argv, [](Process& p) { PlantProcess(p).run(); });
 }

@@ -44,9 +44,11 @@ void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
     p.bus().publish(to_wire(plant.truth(), p.bus().session()));
     if (!plant.advance()) {
       ++p.status().late_commands;
-      if (!plant.tripped()) p.event(Reason::kLateCommand, k,
-                                    fmt::format("COMMAND({}) was not there when its voltage was due: the last one is held",
-                          k - p.drive().plant.delay_samples));
+      if (!plant.tripped())
+        p.event(
+            Reason::kLateCommand, k,
+            fmt::format("COMMAND({}) was not there when its voltage was due: the last one is held",
+                        k - p.drive().plant.delay_samples));
     }
     if (plant.tripped() && !reported_trip) {
       reported_trip = true;

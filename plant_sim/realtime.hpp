@@ -1,8 +1,9 @@
 // The realtime pace: the plant on an absolute clock, nobody waits.
 //
-// At t_k: publish MEASUREMENT(k); the voltage of [t_k, t_{k+1}] is COMMAND(k - delay_samples) if it has arrived by t_k,
-// otherwise the last one is held and the miss is counted with its k. A tick begun more than half a period late is a
-// deadline miss; the clock is never moved, late ticks follow each other at once.
+// At t_k: publish MEASUREMENT(k); the voltage of [t_k, t_{k+1}] is COMMAND(k - delay_samples) if it
+// has arrived by t_k, otherwise the last one is held and the miss is counted with its k. A tick
+// begun more than half a period late is a deadline miss; the clock is never moved, late ticks
+// follow each other at once.
 #pragma once
 #include "core/process.hpp"
 #include "plant_sim/plant.hpp"

@@ -31,8 +31,9 @@ int launch(const LaunchOptions& o) {
   Config config = load_drive(o.drive, overrides);
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
   if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)
-    throw BadInput(fmt::format("{}: plant.delay_samples: 1 to 4 allowed with --pace realtime, found 0",
-                               config.where("plant.delay_samples")));
+    throw BadInput(
+        fmt::format("{}: plant.delay_samples: 1 to 4 allowed with --pace realtime, found 0",
+                    config.where("plant.delay_samples")));
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
   need_multicast();

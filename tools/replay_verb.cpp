@@ -1,6 +1,7 @@
 // twinrate replay: a recorded log back to the processes.
 //
-//   --lockstep   plays MEASUREMENT(k), waits for ESTIMATE(k), compares it with the logged one bit for bit
+//   --lockstep   plays MEASUREMENT(k), waits for ESTIMATE(k), compares it with the logged one bit
+//   for bit
 //   --speed X    plays by the log's time stamps, X times as fast (1 by default)
 #include <fmt/format.h>
 #include <time.h>
@@ -39,7 +40,8 @@ double seconds_since(Clock::time_point then) {
 // Is an estimator alive on the bus, whatever its session?
 bool estimator_heard(const ReplayOptions& o) {
   bool heard = false;
-  Bus ears({.url = o.url, .channel_suffix = o.channel_suffix, .follow = true, .role = Role::kReplay});
+  Bus ears(
+      {.url = o.url, .channel_suffix = o.channel_suffix, .follow = true, .role = Role::kReplay});
   ears.subscribe<status_t>([&](const status_t& s) {
     heard = heard || (s.role == static_cast<int>(Role::kEstimator) &&
                       s.state < static_cast<int>(ProcessState::kDone));
@@ -52,7 +54,8 @@ bool estimator_heard(const ReplayOptions& o) {
 // Bit for bit, NaN included; sessions may differ.
 bool same_bits(const Estimate& a, const Estimate& b) {
   estimate_t x = to_wire(a, 0), y = to_wire(b, 0);
-  std::vector<std::uint8_t> x_bytes(static_cast<std::size_t>(x.getEncodedSize())), y_bytes(x_bytes.size());
+  std::vector<std::uint8_t> x_bytes(static_cast<std::size_t>(x.getEncodedSize())),
+      y_bytes(x_bytes.size());
   x.encode(x_bytes.data(), 0, static_cast<int>(x_bytes.size()));
   y.encode(y_bytes.data(), 0, static_cast<int>(y_bytes.size()));
   return x_bytes == y_bytes;
@@ -103,7 +106,8 @@ class LockstepReplay {
   LockstepReplay(const RunLog& log, const ReplayOptions& o, const DriveConfig& drive)
       : log_(log), drive_(drive), logged_(log.estimate), session_(new_session_id()) {
     if (!estimator_heard(o)) {
-      fmt::print("no estimator on the bus: starting estimator and gain with the log's own config\n");
+      fmt::print(
+          "no estimator on the bus: starting estimator and gain with the log's own config\n");
       own_.emplace(log, o, session_);
     }
     bus_.emplace(BusOptions{.url = o.url,
@@ -120,15 +124,19 @@ class LockstepReplay {
     for (const Measurement& m : log_.measurement) {
       if (stop_signalled()) break;
       if (!play(m)) {
-        fmt::print(stderr, "twinrate: no ESTIMATE({}) from an estimator within {} s; one that runs already must be {}\n",
-                   m.k, drive_.bus.peer_timeout_s, "unbound, and started with --follow to hear a second session");
+        fmt::print(stderr,
+                   "twinrate: no ESTIMATE({}) from an estimator within {} s; one that runs already "
+                   "must be {}\n",
+                   m.k, drive_.bus.peer_timeout_s,
+                   "unbound, and started with --follow to hear a second session");
         return 1;
       }
       compare(m.k);
     }
-    fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", played_, seconds_since(begun), repeats_);
-    fmt::print("estimates: {} equal to the log bit for bit, {} different, {} not in the log\n", equal_,
-               different_, played_ - equal_ - different_);
+    fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", played_, seconds_since(begun),
+               repeats_);
+    fmt::print("estimates: {} equal to the log bit for bit, {} different, {} not in the log\n",
+               equal_, different_, played_ - equal_ - different_);
     if (different_ > 0) fmt::print("first difference at tick {}\n", first_difference_);
     return different_ > 0 ? 1 : 0;
   }
@@ -187,8 +195,8 @@ std::vector<std::string> channel_list(const std::string& text) {
 }
 
 void sleep_until(Clock::time_point begun, double offset_s) {
-  std::this_thread::sleep_until(begun + std::chrono::duration_cast<Clock::duration>(
-                                            std::chrono::duration<double>(offset_s)));
+  std::this_thread::sleep_until(
+      begun + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(offset_s)));
 }
 
 std::string without_suffix(const std::string& channel, const std::string& suffix) {
@@ -198,7 +206,8 @@ std::string without_suffix(const std::string& channel, const std::string& suffix
 // By time stamp; the bytes go out as they were recorded, session included.
 int play_paced(const ReplayOptions& o, const std::string& logged_suffix) {
   const std::vector<std::string> names = channel_list(o.only);
-  const Bus probe({.url = o.url, .role = Role::kReplay});  // says at once where the machine has no multicast
+  const Bus probe(
+      {.url = o.url, .role = Role::kReplay});  // says at once where the machine has no multicast
   lcm::LCM out(probe.url());
   const auto begun = Clock::now();
   std::int64_t first_us = -1, played = 0;
@@ -238,9 +247,12 @@ void add_replay_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<ReplayOptions>();
   CLI::App* verb = app.add_subcommand("replay", "play a log to the running processes");
   verb->add_option("LOG", o->log, "run directory or log file")->required();
-  auto* speed = verb->add_option("--speed", o->speed, "times as fast as recorded")->check(CLI::Range(0.001, 1000.0));
-  verb->add_flag("--lockstep", o->lockstep, "wait for each estimate and compare it with the log")->excludes(speed);
-  verb->add_option("--only", o->only, "channels to play, comma separated (default MEASUREMENT,REFERENCE,TRUTH)");
+  auto* speed = verb->add_option("--speed", o->speed, "times as fast as recorded")
+                    ->check(CLI::Range(0.001, 1000.0));
+  verb->add_flag("--lockstep", o->lockstep, "wait for each estimate and compare it with the log")
+      ->excludes(speed);
+  verb->add_option("--only", o->only,
+                   "channels to play, comma separated (default MEASUREMENT,REFERENCE,TRUTH)");
   verb->add_option("--lcm-url", o->url, "LCM URL");
   verb->add_option("--channel-suffix", o->channel_suffix, "appended to every channel name");
   verb->callback([o, &exit_code] { exit_code = replay(*o); });

@@ -1,4 +1,5 @@
-// twinrate simulate: the loop in one process, the same log as `launch --pace lockstep`, bit for bit.
+// twinrate simulate: the loop in one process, the same log as `launch --pace lockstep`, bit for
+// bit.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -82,10 +83,10 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
   const DriveConfig& d = config.drive();
   const std::int64_t session = new_session_id();
   LogWriter writer(directory, static_cast<std::int64_t>(d.bus.log_rotate_MB * 1e6));
-  writer.set_manifest(info(Channel::kManifest).name,
-                      encode(make_manifest(session, config.resolved(),
-                                           describe_host_json(session, d.run.seed))),
-                      wall_us());
+  writer.set_manifest(
+      info(Channel::kManifest).name,
+      encode(make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed))),
+      wall_us());
   TickLog log(writer, TickLog::Order::kByTick, d.rates.n, "", wall_us());
   SimulatedBus bus(log, session);
   ClosedLoop loop(config);

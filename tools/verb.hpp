@@ -1,6 +1,8 @@
-// The verbs of `twinrate`, one file each: every add_*_verb() hangs its sub-command and callback into the program.
+// The verbs of `twinrate`, one file each: every add_*_verb() hangs its sub-command and callback
+// into the program.
 //
-// A callback returns normally for exit code 0, throws BadInput for 2, and sets `exit_code` for anything else.
+// A callback returns normally for exit code 0, throws BadInput for 2, and sets `exit_code` for
+// anything else.
 #pragma once
 #include <CLI/CLI.hpp>
 

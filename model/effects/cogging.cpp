@@ -1,6 +1,8 @@
-// Cogging: the magnets pull on the slots.  T_load += A sin(N theta_m + phase)       (Niewiara (9), one order)
+// Cogging: the magnets pull on the slots.  T_load += A sin(N theta_m + phase)       (Niewiara (9),
+// one order)
 //
-// Regressors at a given order N: sin(N theta_m), cos(N theta_m); coefficients A cos(phase), A sin(phase).
+// Regressors at a given order N: sin(N theta_m), cos(N theta_m); coefficients A cos(phase), A
+// sin(phase).
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -38,6 +40,8 @@ class Cogging final : public Effect {
 
 }  // namespace
 
-std::shared_ptr<Effect> make_cogging() { return std::make_shared<Cogging>(); }
+std::shared_ptr<Effect> make_cogging() {
+  return std::make_shared<Cogging>();
+}
 
 }  // namespace twinrate

@@ -1,7 +1,8 @@
 // Coulomb friction: constant torque against the motion.  T_load += T_C tanh(omega_m/omega_smooth)
 //
-// The tanh stands for sign(omega_m) so that the plant's right-hand side stays smooth; above 3 omega_smooth it
-// is within 0.5 % of the sign. Regressor: tanh(omega_m/omega_smooth); coefficient T_C.
+// The tanh stands for sign(omega_m) so that the plant's right-hand side stays smooth; above 3
+// omega_smooth it is within 0.5 % of the sign. Regressor: tanh(omega_m/omega_smooth); coefficient
+// T_C.
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -16,7 +17,9 @@ class CoulombFriction final : public Effect {
     f.number("torque_Nm", T_C_, 0, 1e4, "friction torque", Presence::kRequired);
     f.number("smooth_rad_s", omega_smooth_, 1e-6, 1e3, "speed scale of the sign's smoothing");
   }
-  std::shared_ptr<Effect> clone() const override { return std::make_shared<CoulombFriction>(*this); }
+  std::shared_ptr<Effect> clone() const override {
+    return std::make_shared<CoulombFriction>(*this);
+  }
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = T_C_ * smooth_sign(point.omega_m)};
   }
@@ -35,6 +38,8 @@ class CoulombFriction final : public Effect {
 
 }  // namespace
 
-std::shared_ptr<Effect> make_coulomb_friction() { return std::make_shared<CoulombFriction>(); }
+std::shared_ptr<Effect> make_coulomb_friction() {
+  return std::make_shared<CoulombFriction>();
+}
 
 }  // namespace twinrate

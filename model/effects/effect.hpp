@@ -1,10 +1,13 @@
-// An effect: something a real drive does that the plain machine equations lack. One file, three uses.
+// An effect: something a real drive does that the plain machine equations lack. One file, three
+// uses.
 //
 //   simulate    the plant adds at(point) to its right-hand side
-//   regress     the tracer fits a residual on regressors(point), columns that are linear in the parameters
-//   compensate  estimator and controller predict it with at(point) on their own estimates
+//   regress     the tracer fits a residual on regressors(point), columns that are linear in the
+//   parameters compensate  estimator and controller predict it with at(point) on their own
+//   estimates
 //
-// Torques add to T_load (they oppose positive speed); voltages subtract from the phase voltage in rotor axes.
+// Torques add to T_load (they oppose positive speed); voltages subtract from the phase voltage in
+// rotor axes.
 #pragma once
 #include <memory>
 #include <span>
@@ -27,7 +30,7 @@ struct OperatingPoint {
 
 // What an effect adds to the equations there.
 struct Contribution {
-  double T_load = 0;            // Nm, adds to the load
+  double T_load = 0;              // Nm, adds to the load
   Vec2 u_dq_drop = Vec2::Zero();  // V, subtracts from the applied voltage
   Contribution& operator+=(const Contribution& other) {
     T_load += other.T_load;

@@ -3,6 +3,8 @@
 // physics.md.
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
+
 #include "estimator/ekf_disturbance.hpp"
 #include "estimator/ekf_sensorless.hpp"
 #include "estimator/two_rate.hpp"

@@ -1,5 +1,6 @@
-// A recorded real motor through the import and the disturbance filter. The data are not part of the repository: they
-// are looked for in TWINRATE_MEASURED, then in ../shared/measured; without them the test is skipped, saying so.
+// A recorded real motor through the import and the disturbance filter. The data are not part of the
+// repository: they are looked for in TWINRATE_MEASURED, then in ../shared/measured; without them
+// the test is skipped, saying so.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -25,9 +26,11 @@ std::string measured_directory() {
 
 // Imports through the real program and returns the log.
 RunLog import_speed_test(const std::string& csv) {
-  const fs::path out = fs::temp_directory_path() / ("twinrate-laas-" + std::to_string(getpid()) + ".lcm");
-  const std::string command = std::string(TWINRATE_PROGRAM) + " import " + csv + " --map " + TWINRATE_SOURCE_DIR +
-                              "/tools/maps/laas_speed_test.toml --out " + out.string() + " >/dev/null";
+  const fs::path out =
+      fs::temp_directory_path() / ("twinrate-laas-" + std::to_string(getpid()) + ".lcm");
+  const std::string command = std::string(TWINRATE_PROGRAM) + " import " + csv + " --map " +
+                              TWINRATE_SOURCE_DIR + "/tools/maps/laas_speed_test.toml --out " +
+                              out.string() + " >/dev/null";
   EXPECT_EQ(std::system(command.c_str()), 0);
   RunLog log = read_run_log(out.string());
   fs::remove(out);
@@ -36,7 +39,8 @@ RunLog import_speed_test(const std::string& csv) {
 
 TEST(LaasCogging, LoadTorqueOfTheRealMotorPeaksAtOrder72) {
   const std::string csv = measured_directory() + "/laas_cogging/speed_test_old.csv";
-  if (!fs::exists(csv)) GTEST_SKIP() << csv << " is not on this machine: set TWINRATE_MEASURED to the measured data";
+  if (!fs::exists(csv))
+    GTEST_SKIP() << csv << " is not on this machine: set TWINRATE_MEASURED to the measured data";
   const RunLog log = import_speed_test(csv);
   ASSERT_GT(log.measurement.size(), 15000u);
 

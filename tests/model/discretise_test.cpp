@@ -1,10 +1,11 @@
 #include "model/discretise.hpp"
-#include "model/discretise_exact.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <functional>
+
+#include "model/discretise_exact.hpp"
 
 namespace twinrate {
 namespace {

@@ -1,7 +1,7 @@
-// Bad input: one line that says what, where and what is allowed, and exit code 2. Nothing is started or written.
-#include <lcm/lcm-cpp.hpp>
-
+// Bad input: one line that says what, where and what is allowed, and exit code 2. Nothing is
+// started or written.
 #include <filesystem>
+#include <lcm/lcm-cpp.hpp>
 
 #include "core/channels.hpp"
 #include "core/manifest.hpp"
@@ -16,7 +16,8 @@ class BadInput : public ProgramTest {
     EXPECT_EQ(result.exit_code, 2) << result.err;
     EXPECT_EQ(count_lines(result.err), 1) << result.err;
     EXPECT_EQ(result.out, "");
-    for (const std::string& text : said) EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
+    for (const std::string& text : said)
+      EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
     EXPECT_FALSE(std::filesystem::exists(path("run")));
     EXPECT_TRUE(processes_with(path("run")).empty());
   }
@@ -49,21 +50,30 @@ TEST_F(BadInput, UnknownKey) {
                  {"drive.toml:4", "machine.R_s", "unknown key", "R_s_Ohm"});
 }
 TEST_F(BadInput, MissingKey) {
-  expect_refused(launch(drive("[rates]\nf_s_Hz = 5000.0\n")), {"drive.toml", "machine.R_s_Ohm", "missing"});
+  expect_refused(launch(drive("[rates]\nf_s_Hz = 5000.0\n")),
+                 {"drive.toml", "machine.R_s_Ohm", "missing"});
 }
 TEST_F(BadInput, WrongType) {
-  expect_refused(launch(drive("preset = \"dilys2021\"\n[run]\nseed = \"one\"\n")), {"drive.toml:3", "run.seed", "whole number"});
+  expect_refused(launch(drive("preset = \"dilys2021\"\n[run]\nseed = \"one\"\n")),
+                 {"drive.toml:3", "run.seed", "whole number"});
 }
 TEST_F(BadInput, OutOfRange) {
-  expect_refused(launch(drive("preset = \"dilys2021\"\n[rates]\nf_s_Hz = 1.0\n")), {"drive.toml:3", "rates.f_s_Hz", "out of range"});
+  expect_refused(launch(drive("preset = \"dilys2021\"\n[rates]\nf_s_Hz = 1.0\n")),
+                 {"drive.toml:3", "rates.f_s_Hz", "out of range"});
 }
 TEST_F(BadInput, RatioThatIsNotWhole) {
-  expect_refused(launch(drive("preset = \"dilys2021\"\n[rates]\nf_b_Hz = 1700.0\n")), {"drive.toml:3", "rates.f_b_Hz", "whole number"});
+  expect_refused(launch(drive("preset = \"dilys2021\"\n[rates]\nf_b_Hz = 1700.0\n")),
+                 {"drive.toml:3", "rates.f_b_Hz", "whole number"});
 }
-TEST_F(BadInput, BrokenToml) { expect_refused(launch(drive("name = \"x\n")), {"drive.toml:1"}); }
-TEST_F(BadInput, UnknownPreset) { expect_refused(launch("dilys2012"), {"dilys2012", "dilys2021"}); }
+TEST_F(BadInput, BrokenToml) {
+  expect_refused(launch(drive("name = \"x\n")), {"drive.toml:1"});
+}
+TEST_F(BadInput, UnknownPreset) {
+  expect_refused(launch("dilys2012"), {"dilys2012", "dilys2021"});
+}
 TEST_F(BadInput, UnknownFilterKind) {
-  expect_refused(launch("dilys2021", {"--set", "estimator.kind=ekf"}), {"estimator.kind", "ekf_sensorless"});
+  expect_refused(launch("dilys2021", {"--set", "estimator.kind=ekf"}),
+                 {"estimator.kind", "ekf_sensorless"});
 }
 TEST_F(BadInput, MalformedOverride) {
   expect_refused(launch("dilys2021", {"--set", "rates.n"}), {"--set", "rates.n"});
@@ -71,23 +81,36 @@ TEST_F(BadInput, MalformedOverride) {
   expect_refused(launch("dilys2021", {"--set", "rates.m=2"}), {"--set", "rates.m"});
 }
 TEST_F(BadInput, MalformedDuration) {
-  expect_refused(launch("dilys2021", {"--duration", "soon"}), {"--duration", "soon", "2s"});
-  expect_refused(twinrate({"simulate", "dilys2021", "--duration", "-1s", "--run-dir", path("run")}), {"duration"});
+  expect_refused(twinrate({"launch", "dilys2021", "--duration", "soon", "--run-dir", path("run")}),
+                 {"--duration", "soon", "2s"});
+  expect_refused(twinrate({"simulate", "dilys2021", "--duration", "-1s", "--run-dir", path("run")}),
+                 {"duration"});
 }
-TEST_F(BadInput, UnknownVerb) { expect_refused(twinrate({"lunch", "dilys2021"}), {"lunch"}); }
-TEST_F(BadInput, UnknownOption) { expect_refused(launch("dilys2021", {"--fast"}), {"--fast"}); }
-TEST_F(BadInput, MissingDrive) { expect_refused(twinrate({"launch"}), {"DRIVE"}); }
-TEST_F(BadInput, UnknownPace) { expect_refused(launch("dilys2021", {"--pace", "slow"}), {"--pace", "lockstep"}); }
+TEST_F(BadInput, UnknownVerb) {
+  expect_refused(twinrate({"lunch", "dilys2021"}), {"lunch"});
+}
+TEST_F(BadInput, UnknownOption) {
+  expect_refused(launch("dilys2021", {"--fast"}), {"--fast"});
+}
+TEST_F(BadInput, MissingDrive) {
+  expect_refused(twinrate({"launch"}), {"DRIVE"});
+}
+TEST_F(BadInput, UnknownPace) {
+  expect_refused(launch("dilys2021", {"--pace", "slow"}), {"--pace", "lockstep"});
+}
 TEST_F(BadInput, RealtimeWithoutAComputationDelay) {
-  expect_refused(launch("dilys2021", {"--pace", "realtime", "--set", "plant.delay_samples=0"}), {"plant.delay_samples", "1 to 4"});
+  expect_refused(launch("dilys2021", {"--pace", "realtime", "--set", "plant.delay_samples=0"}),
+                 {"plant.delay_samples", "1 to 4"});
 }
 TEST_F(BadInput, ChannelSuffixThatIsNoName) {
-  expect_refused(launch("dilys2021", {"--channel-suffix", "a.b"}), {"--channel-suffix", "a.b", "letters"});
+  expect_refused(launch("dilys2021", {"--channel-suffix", "a.b"}),
+                 {"--channel-suffix", "a.b", "letters"});
 }
 
 TEST_F(BadInput, LcmUrl) {
-  for (const char* url : {"foo://x", "udpm://239.255.76.67", "udpm://239.255.76.67:99999", "udpm://nonsense:7667",
-                          "udpm://10.0.0.1:7667", "udpm://239.255.76.67:7667?color=red", "239.255.76.67:7667"}) {
+  for (const char* url :
+       {"foo://x", "udpm://239.255.76.67", "udpm://239.255.76.67:99999", "udpm://nonsense:7667",
+        "udpm://10.0.0.1:7667", "udpm://239.255.76.67:7667?color=red", "239.255.76.67:7667"}) {
     SCOPED_TRACE(url);
     expect_refused(launch("dilys2021", {"--lcm-url", url}), {"--lcm-url", url, "udpm://"});
   }
@@ -97,14 +120,19 @@ TEST_F(BadInput, LcmUrl) {
 }
 
 TEST_F(BadInput, AChildRunAloneSaysItTheSameWay) {
-  expect_refused(run_program({"twinrate-gain", "--config", "dilys2021", "--set", "estimator.kind=ekf"}, 20),
-                 {"twinrate-gain", "estimator.kind", "ekf_sensorless"});
-  for (const char* program : {"twinrate-plant", "twinrate-estimator", "twinrate-gain", "twinrate-controller", "twinrate-logger"}) {
+  expect_refused(
+      run_program({"twinrate-gain", "--config", "dilys2021", "--set", "estimator.kind=ekf"}, 20),
+      {"twinrate-gain", "estimator.kind", "ekf_sensorless"});
+  for (const char* program : {"twinrate-plant", "twinrate-estimator", "twinrate-gain",
+                              "twinrate-controller", "twinrate-logger"}) {
     SCOPED_TRACE(program);
-    expect_refused(run_program({program, "--config", "nothing"}, 20), {program, "nothing", "dilys2021"});
-    expect_refused(run_program({program, "--config", "dilys2021", "--lcm-url", "udpm://x"}, 20), {program, "udpm://x"});
+    expect_refused(run_program({program, "--config", "nothing"}, 20),
+                   {program, "nothing", "dilys2021"});
+    expect_refused(run_program({program, "--config", "dilys2021", "--lcm-url", "udpm://x"}, 20),
+                   {program, "udpm://x"});
     expect_refused(run_program({program}, 20), {program, "--config"});
-    expect_refused(run_program({program, "--config", "dilys2021", "--set", "run.seed=-1"}, 20), {program, "run.seed"});
+    expect_refused(run_program({program, "--config", "dilys2021", "--set", "run.seed=-1"}, 20),
+                   {program, "run.seed"});
   }
 }
 
@@ -138,7 +166,8 @@ TEST_F(BadInput, LogWithMessagesOfAnotherLayout) {
     bytes[3] ^= 1;  // the fingerprint
     append_bytes(file, Channel::kMeasurement, bytes);
   }
-  expect_refused(twinrate({"replay", path("log.lcm")}), {"log.lcm", "1 messages", "another type version"});
+  expect_refused(twinrate({"replay", path("log.lcm")}),
+                 {"log.lcm", "1 messages", "another type version"});
 }
 
 TEST_F(BadInput, ReplayOptionsThatContradict) {

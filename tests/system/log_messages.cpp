@@ -1,8 +1,7 @@
 #include "tests/system/log_messages.hpp"
 
-#include <lcm/lcm-cpp.hpp>
-
 #include <algorithm>
+#include <lcm/lcm-cpp.hpp>
 
 #include "core/channels.hpp"
 #include "core/run_log.hpp"
@@ -39,19 +38,22 @@ std::vector<LoggedMessage> tick_messages(const std::string& run_directory) {
   return messages;
 }
 
-::testing::AssertionResult same_messages(const std::string& run_a, const std::string& run_b, int ticks) {
+::testing::AssertionResult same_messages(const std::string& run_a, const std::string& run_b,
+                                         int ticks) {
   const std::vector<LoggedMessage> a = tick_messages(run_a), b = tick_messages(run_b);
   for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i)
     if (a[i] != b[i])
       return ::testing::AssertionFailure()
-             << "message " << i << " differs: " << a[i].channel << "(" << a[i].seq << ") in " << run_a << ", "
-             << b[i].channel << "(" << b[i].seq << ") in " << run_b;
+             << "message " << i << " differs: " << a[i].channel << "(" << a[i].seq << ") in "
+             << run_a << ", " << b[i].channel << "(" << b[i].seq << ") in " << run_b;
   if (a.size() != b.size())
-    return ::testing::AssertionFailure() << a.size() << " messages in " << run_a << ", " << b.size() << " in " << run_b;
-  const auto measurements =
-      std::count_if(a.begin(), a.end(), [](const auto& m) { return m.channel == "DRIVE_MEASUREMENT"; });
+    return ::testing::AssertionFailure()
+           << a.size() << " messages in " << run_a << ", " << b.size() << " in " << run_b;
+  const auto measurements = std::count_if(
+      a.begin(), a.end(), [](const auto& m) { return m.channel == "DRIVE_MEASUREMENT"; });
   if (measurements != ticks)
-    return ::testing::AssertionFailure() << measurements << " ticks in " << run_a << ", expected " << ticks;
+    return ::testing::AssertionFailure()
+           << measurements << " ticks in " << run_a << ", expected " << ticks;
   return ::testing::AssertionSuccess();
 }
 

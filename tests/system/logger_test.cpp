@@ -25,7 +25,8 @@ class Logger : public ProgramTest {
 };
 
 TEST_F(Logger, KilledItLeavesALogThatEveryReaderTakes) {
-  Program launch({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
+  Program launch(
+      {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
   const std::string log = path("run") + "/log.lcm";
   ASSERT_TRUE(wait_until([&] { return size(log) > 500'000; })) << launch.err();
   kill(processes_with(path("run"), "twinrate-logger").front(), SIGKILL);
@@ -38,7 +39,8 @@ TEST_F(Logger, KilledItLeavesALogThatEveryReaderTakes) {
     whole_bytes += 28 + static_cast<std::int64_t>(event->channel.size()) + event->datalen;
   }
   EXPECT_GT(events, 1000);
-  EXPECT_LT(static_cast<std::int64_t>(size(log)) - whole_bytes, 2000) << "only the last record may be cut";
+  EXPECT_LT(static_cast<std::int64_t>(size(log)) - whole_bytes, 2000)
+      << "only the last record may be cut";
 
   const ProgramResult player = run_program({"lcm-logplayer", "-s", "1000", log}, 20);
   EXPECT_EQ(player.exit_code, 0) << player.err;
@@ -46,10 +48,12 @@ TEST_F(Logger, KilledItLeavesALogThatEveryReaderTakes) {
 }
 
 TEST_F(Logger, RotatedPartsEachBeginWithTheManifestAndJoinToTheWholeRun) {
-  const ProgramResult result = twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.4s",
-                                         "--set", "bus.log_rotate_MB=0.2"});
+  const ProgramResult result = twinrate({"launch", "dilys2021", "--run-dir", path("run"),
+                                         "--duration", "0.4s", "--set", "bus.log_rotate_MB=0.2"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  ASSERT_EQ(twinrate({"simulate", "dilys2021", "--run-dir", path("whole"), "--duration", "0.4s"}).exit_code, 0);
+  ASSERT_EQ(twinrate({"simulate", "dilys2021", "--run-dir", path("whole"), "--duration", "0.4s"})
+                .exit_code,
+            0);
   const std::vector<std::string> parts = log_parts(path("run"));
   EXPECT_GE(parts.size(), 8u);
   for (const std::string& part : parts) {
@@ -60,11 +64,14 @@ TEST_F(Logger, RotatedPartsEachBeginWithTheManifestAndJoinToTheWholeRun) {
     EXPECT_LT(size(part), 230'000u);
   }
   EXPECT_TRUE(same_messages(path("run"), path("whole"), 2000));
-  EXPECT_EQ(nlohmann::json::parse(read_text(path("run") + "/manifest.json"))["log"]["files"].size(), parts.size());
+  EXPECT_EQ(nlohmann::json::parse(read_text(path("run") + "/manifest.json"))["log"]["files"].size(),
+            parts.size());
   EXPECT_EQ(twinrate({"replay", path("run"), "--lockstep"}).exit_code, 0);
 
   // A shorter run into the same directory leaves no part of the longer one behind.
-  ASSERT_EQ(twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"}).exit_code, 0);
+  ASSERT_EQ(
+      twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"}).exit_code,
+      0);
   EXPECT_EQ(log_parts(path("run")).size(), 1u);
 }
 
@@ -73,7 +80,8 @@ class FullDisk : public Logger, public ::testing::WithParamInterface<const char*
 TEST_P(FullDisk, EndsTheRunWithOneClearLineAndAReadableLog) {
   if (!mount_small_disk("disk", "400k")) GTEST_SKIP() << "mounting is not permitted here";
   const std::string run = path("disk") + "/run";
-  const ProgramResult result = twinrate({GetParam(), "dilys2021", "--run-dir", run, "--duration", "2s"}, 30);
+  const ProgramResult result =
+      twinrate({GetParam(), "dilys2021", "--run-dir", run, "--duration", "2s"}, 30);
   ASSERT_FALSE(result.timed_out);
   EXPECT_EQ(result.exit_code, 1);
   std::istringstream lines(result.err);
@@ -103,8 +111,9 @@ INSTANTIATE_TEST_SUITE_P(System, FullDisk, ::testing::Values("launch", "simulate
 TEST_F(Logger, AFullDiskUnderALaterPartEndsTheRunToo) {
   if (!mount_small_disk("disk", "700k")) GTEST_SKIP() << "mounting is not permitted here";
   const std::string run = path("disk") + "/run";
-  const ProgramResult result = twinrate(
-      {"launch", "dilys2021", "--run-dir", run, "--duration", "2s", "--set", "bus.log_rotate_MB=0.2"}, 30);
+  const ProgramResult result = twinrate({"launch", "dilys2021", "--run-dir", run, "--duration",
+                                         "2s", "--set", "bus.log_rotate_MB=0.2"},
+                                        30);
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_NE(result.err.find("the disk is full"), std::string::npos) << result.err;
   EXPECT_GT(read_run_log(run).measurement.size(), 50u);

@@ -1,4 +1,5 @@
 // The reference runs of physics.md through `twinrate launch`, and what a run leaves behind.
+#include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -13,8 +14,8 @@ using Json = nlohmann::json;
 class NominalRun : public ProgramTest {
  protected:
   ProgramResult launch(int n, const char* duration) {
-    return twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", duration, "--set",
-                     "rates.n=" + std::to_string(n)});
+    return twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", duration,
+                     "--set", "rates.n=" + std::to_string(n)});
   }
   Json json(const char* file) const { return Json::parse(read_text(path("run") + "/" + file)); }
 };
@@ -23,14 +24,16 @@ TEST_F(NominalRun, FiveStepsABackgroundUpdateHoldTheDrive) {
   const ProgramResult result = launch(5, "2s");
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_NE(result.out.find("LOCKED"), std::string::npos) << result.out;
-  for (const char* file : {"log.lcm", "config.toml", "manifest.json", "summary.json", "report.html"})
+  for (const char* file :
+       {"log.lcm", "config.toml", "manifest.json", "summary.json", "report.html"})
     EXPECT_GT(std::filesystem::file_size(path("run") + "/" + file), 100u) << file;
 
   const Json summary = json("summary.json");
   EXPECT_EQ(summary["locked"], true);
   EXPECT_DOUBLE_EQ(summary["duration_s"], 2);
   EXPECT_EQ(summary["steps"], 10000);
-  const double angle_rms = summary["angle_error_rms_rad"], angle_max = summary["angle_error_max_rad"];
+  const double angle_rms = summary["angle_error_rms_rad"],
+               angle_max = summary["angle_error_max_rad"];
   EXPECT_GT(angle_rms, 0.03);
   EXPECT_LT(angle_rms, 0.06);
   EXPECT_GT(angle_max, angle_rms);
@@ -40,7 +43,8 @@ TEST_F(NominalRun, FiveStepsABackgroundUpdateHoldTheDrive) {
   EXPECT_GT(summary["speed_ripple_rms_rad_s"], 0.0);
   EXPECT_LE(summary["speed_ripple_harmonics_rms_rad_s"], summary["speed_ripple_rms_rad_s"]);
   EXPECT_EQ(summary["lost_messages"].size(), 11u);
-  for (const auto& [channel, lost] : summary["lost_messages"].items()) EXPECT_EQ(lost, 0) << channel;
+  for (const auto& [channel, lost] : summary["lost_messages"].items())
+    EXPECT_EQ(lost, 0) << channel;
   EXPECT_GE(summary["repeats"], 0);
   EXPECT_EQ(summary["deadline_misses"], 0);
   EXPECT_EQ(summary["late_gains"], 0);
@@ -51,7 +55,8 @@ TEST_F(NominalRun, FiveStepsABackgroundUpdateHoldTheDrive) {
 
   const Json manifest = json("manifest.json");
   EXPECT_EQ(manifest["seed"], 1);
-  for (const char* key : {"revision", "host", "versions"}) EXPECT_TRUE(manifest.contains(key)) << key;
+  for (const char* key : {"revision", "host", "versions"})
+    EXPECT_TRUE(manifest.contains(key)) << key;
   EXPECT_EQ(manifest["log"]["channels"]["DRIVE_MEASUREMENT"]["received"], 10000);
   EXPECT_EQ(manifest["log"]["channels"]["DRIVE_GAIN"]["received"], 2000);
   EXPECT_EQ(twinrate({"check", path("run") + "/config.toml"}).exit_code, 0);
@@ -68,7 +73,10 @@ TEST_F(NominalRun, ThirteenStepsLoseTheDriveAndItSpinsBackwards) {
   EXPECT_NE(result.out.find("LOST"), std::string::npos) << result.out;
   EXPECT_EQ(json("summary.json")["locked"], false);
   const RunLog log = read_run_log(path("run"));
-  EXPECT_LT(log.truth.back().omega_m, 0);
+  const auto slowest =
+      std::min_element(log.truth.begin(), log.truth.end(),
+                       [](const Truth& a, const Truth& b) { return a.omega_m < b.omega_m; });
+  EXPECT_LT(slowest->omega_m, -50);
 }
 
 TEST_F(NominalRun, ProgressComesAsJsonLines) {

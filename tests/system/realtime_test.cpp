@@ -1,5 +1,5 @@
-// Realtime pace: nobody waits, and what was late is counted and said with its tick. Whether the drive stays locked is not
-// held here: it depends on what else the machine does.
+// Realtime pace: nobody waits, and what was late is counted and said with its tick. Whether the
+// drive stays locked is not held here: it depends on what else the machine does.
 #include <csignal>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -14,9 +14,12 @@ namespace {
 class Realtime : public ProgramTest {
  protected:
   std::vector<std::string> launch(const char* duration) const {
-    return {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--pace", "realtime", "--duration", duration};
+    return {"twinrate", "launch",   "dilys2021",  "--run-dir", path("run"),
+            "--pace",   "realtime", "--duration", duration};
   }
-  nlohmann::json summary() const { return nlohmann::json::parse(read_text(path("run") + "/summary.json")); }
+  nlohmann::json summary() const {
+    return nlohmann::json::parse(read_text(path("run") + "/summary.json"));
+  }
   bool wait_for_log(std::uintmax_t bytes) const {
     return wait_until([&] {
       std::error_code error;
@@ -51,7 +54,8 @@ TEST_F(Realtime, ARunTakesItsTimeAndItsCountsAgreeWithItsLog) {
   for (const Estimate& e : log.estimate)
     if (e.status & kLateGain) ++late_estimates;
   EXPECT_EQ(s["late_gains"], late_estimates);
-  EXPECT_EQ(s["late_commands"], events(log, Reason::kLateCommand).size()) << "each with its k, unless tripped";
+  EXPECT_EQ(s["late_commands"], events(log, Reason::kLateCommand).size())
+      << "each with its k, unless tripped";
   for (const EventRecord& event : events(log, Reason::kLateGain)) EXPECT_GE(event.k, 0);
 }
 

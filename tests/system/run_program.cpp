@@ -48,7 +48,8 @@ std::string new_file(const char* what) {
   return name;
 }
 
-// Whoever is not root gets the rights over its own namespaces from a user namespace. Once a process.
+// Whoever is not root gets the rights over its own namespaces from a user namespace. Once a
+// process.
 bool get_namespace_rights() {
   static const bool granted = [] {
     if (geteuid() == 0) return true;
@@ -113,10 +114,18 @@ ProgramResult Program::wait(double limit_s) {
   return result;
 }
 
-void Program::signal(int number) const { kill(pid_, number); }
-void Program::signal_group(int number) const { kill(-pid_, number); }
-std::string Program::out() const { return read_text(out_path_); }
-std::string Program::err() const { return read_text(err_path_); }
+void Program::signal(int number) const {
+  kill(pid_, number);
+}
+void Program::signal_group(int number) const {
+  kill(-pid_, number);
+}
+std::string Program::out() const {
+  return read_text(out_path_);
+}
+std::string Program::err() const {
+  return read_text(err_path_);
+}
 
 ProgramResult run_program(const std::vector<std::string>& arguments, double limit_s) {
   return Program(arguments).wait(limit_s);
@@ -145,7 +154,9 @@ std::string read_text(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-void write_text(const std::string& path, const std::string& text) { std::ofstream(path) << text; }
+void write_text(const std::string& path, const std::string& text) {
+  std::ofstream(path) << text;
+}
 
 std::vector<std::string> arguments_of(pid_t pid) {
   std::istringstream in(read_text(fmt::format("/proc/{}/cmdline", pid)));
@@ -189,11 +200,13 @@ void ProgramTest::enter_network_namespace(bool up) {
   if (!get_namespace_rights() || unshare(CLONE_NEWNET) != 0)
     GTEST_SKIP() << "network namespaces are not permitted here (unshare -n, or unshare -rn)";
   std::string done;
-  if (up && !try_bring_up_multicast(done)) GTEST_SKIP() << "no multicast in the namespace: " << done;
+  if (up && !try_bring_up_multicast(done))
+    GTEST_SKIP() << "no multicast in the namespace: " << done;
 }
 
 bool ProgramTest::mount_small_disk(const std::string& name, const std::string& size) {
-  if (unshare(CLONE_NEWNS) != 0 || mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return false;
+  if (unshare(CLONE_NEWNS) != 0 || mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0)
+    return false;
   fs::create_directory(path(name));
   if (mount("tmpfs", path(name).c_str(), "tmpfs", 0, ("size=" + size).c_str()) != 0) return false;
   mounts_.push_back(path(name));

@@ -1,7 +1,9 @@
-// Runs the programs as a user would, in a network namespace of the test's own, and says what they did.
+// Runs the programs as a user would, in a network namespace of the test's own, and says what they
+// did.
 //
-// A fixture derived from ProgramTest gives each test a fresh namespace with a multicast route and an empty directory;
-// where namespaces are not permitted the test is skipped and says so. Every program dies with the test.
+// A fixture derived from ProgramTest gives each test a fresh namespace with a multicast route and
+// an empty directory; where namespaces are not permitted the test is skipped and says so. Every
+// program dies with the test.
 #pragma once
 #include <gtest/gtest.h>
 #include <sys/types.h>
@@ -19,7 +21,8 @@ struct ProgramResult {
   double wall_s = 0;
 };
 
-// One running program with its own process group; killed with everything it started when it goes out of scope.
+// One running program with its own process group; killed with everything it started when it goes
+// out of scope.
 class Program {
  public:
   // The first argument is a program of this project ("twinrate-gain"), or one found on PATH.
@@ -55,8 +58,8 @@ int count_lines(const std::string& text);
 std::string read_text(const std::string& path);
 void write_text(const std::string& path, const std::string& text);
 
-// Living processes (zombies left out) one of whose arguments contains `text`, and, where given, whose program name is
-// `program`.
+// Living processes (zombies left out) one of whose arguments contains `text`, and, where given,
+// whose program name is `program`.
 std::vector<pid_t> processes_with(const std::string& text, const std::string& program = "");
 std::vector<std::string> arguments_of(pid_t pid);
 

@@ -17,15 +17,16 @@ constexpr int kTicks = 2000;
 
 class Sessions : public ProgramTest {
  protected:
-  std::vector<std::string> launch(const std::string& run, const std::string& seed, std::vector<std::string> more = {}) {
-    more.insert(more.begin(), {"twinrate", "launch", "dilys2021", "--run-dir", path(run), "--duration", kDuration,
-                               "--set", "run.seed=" + seed});
+  std::vector<std::string> launch(const std::string& run, const std::string& seed,
+                                  std::vector<std::string> more = {}) {
+    more.insert(more.begin(), {"twinrate", "launch", "dilys2021", "--run-dir", path(run),
+                               "--duration", kDuration, "--set", "run.seed=" + seed});
     return more;
   }
   void expect_as_simulated(const std::string& run, const std::string& seed) {
     const std::string simulated = path("simulated-" + seed);
-    ASSERT_EQ(twinrate({"simulate", "dilys2021", "--run-dir", simulated, "--duration", kDuration, "--set",
-                        "run.seed=" + seed})
+    ASSERT_EQ(twinrate({"simulate", "dilys2021", "--run-dir", simulated, "--duration", kDuration,
+                        "--set", "run.seed=" + seed})
                   .exit_code,
               0);
     EXPECT_TRUE(same_messages(path(run), simulated, kTicks));
@@ -36,7 +37,8 @@ class Sessions : public ProgramTest {
     lcm::LogFile file(path(run) + "/log.lcm", "r");
     while (const lcm::LogEvent* event = file.readNextEvent()) {
       status_t status{};
-      if (event->channel == info(Channel::kStatus).name && status.decode(event->data, 0, event->datalen) >= 0)
+      if (event->channel == info(Channel::kStatus).name &&
+          status.decode(event->data, 0, event->datalen) >= 0)
         most = std::max(most, status.refused);
     }
     return most;
@@ -51,7 +53,8 @@ TEST_F(Sessions, TwoDrivesSideBySideDoNotDisturbEachOther) {
   expect_as_simulated("a", "1");
   expect_as_simulated("b", "2");
   EXPECT_EQ(read_run_log(path("a")).channel_suffix, "_A");
-  EXPECT_EQ(twinrate({"replay", path("b"), "--lockstep"}).exit_code, 0) << "a log with a suffix is replayed too";
+  EXPECT_EQ(twinrate({"replay", path("b"), "--lockstep"}).exit_code, 0)
+      << "a log with a suffix is replayed too";
 }
 
 TEST_F(Sessions, TwoSessionsOnTheSameChannelsRefuseEachOther) {
@@ -75,8 +78,8 @@ TEST_F(Sessions, AProcessWithAnotherConfigEndsTheRun) {
       arguments_of(processes_with(path("run"), "twinrate-gain").front());
   const auto session = std::find(arguments.begin(), arguments.end(), "--session");
   ASSERT_NE(session, arguments.end());
-  Program gain({"twinrate-gain", "--config", path("run") + "/config.toml", "--session", *(session + 1), "--set",
-                "gain.policy=immediate"});
+  Program gain({"twinrate-gain", "--config", path("run") + "/config.toml", "--session",
+                *(session + 1), "--set", "gain.policy=immediate"});
   const ProgramResult of_run = run.wait(10), of_gain = gain.wait(10);
   EXPECT_EQ(of_run.exit_code, 1);
   EXPECT_NE(of_run.err.find("different configs"), std::string::npos) << of_run.err;
@@ -85,7 +88,8 @@ TEST_F(Sessions, AProcessWithAnotherConfigEndsTheRun) {
 }
 
 TEST_F(Sessions, ASetStartedByHandRunsAndRefusesAMemberWithAnotherConfig) {
-  const std::vector<std::string> common = {"--config", "dilys2021", "--session", "77", "--set", "run.duration_s=0.1"};
+  const std::vector<std::string> common = {"--config", "dilys2021", "--session",
+                                           "77",       "--set",     "run.duration_s=0.1"};
   const auto with = [&](const std::string& program, std::vector<std::string> more = {}) {
     std::vector<std::string> list = {program};
     list.insert(list.end(), common.begin(), common.end());
@@ -113,7 +117,10 @@ TEST_F(Sessions, ASetStartedByHandRunsAndRefusesAMemberWithAnotherConfig) {
       program->signal(SIGTERM);
       EXPECT_EQ(program->wait(5).exit_code, 0);
     }
-    ASSERT_EQ(twinrate({"simulate", "dilys2021", "--duration", "0.1s", "--run-dir", path("simulated")}).exit_code, 0);
+    ASSERT_EQ(
+        twinrate({"simulate", "dilys2021", "--duration", "0.1s", "--run-dir", path("simulated")})
+            .exit_code,
+        0);
     EXPECT_TRUE(same_messages(run, path("simulated"), 500));
   }
 }

@@ -1,4 +1,5 @@
-// A dead or silent process ends the set with its name and the reason; nothing is left behind, whatever dies.
+// A dead or silent process ends the set with its name and the reason; nothing is left behind,
+// whatever dies.
 #include <csignal>
 #include <filesystem>
 #include <memory>
@@ -15,7 +16,8 @@ class Supervision : public ProgramTest {
  protected:
   // A run that would take minutes; returns once its log grows.
   std::unique_ptr<Program> start_long_run(std::vector<std::string> more = {}) {
-    more.insert(more.begin(), {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
+    more.insert(more.begin(), {"twinrate", "launch", "dilys2021", "--run-dir", path("run"),
+                               "--duration", "600s"});
     auto launch = std::make_unique<Program>(more);
     const bool running = wait_until([&] { return log_size() > 200'000; }, 20);
     EXPECT_TRUE(running) << launch->err();
@@ -38,7 +40,8 @@ class Supervision : public ProgramTest {
   RunLog expect_readable_log() {
     RunLog log = read_run_log(path("run"));
     EXPECT_GT(log.measurement.size(), 100u);
-    for (std::size_t i = 0; i < log.command.size(); ++i) EXPECT_EQ(log.command[i].k, static_cast<std::int64_t>(i));
+    for (std::size_t i = 0; i < log.command.size(); ++i)
+      EXPECT_EQ(log.command[i].k, static_cast<std::int64_t>(i));
     return log;
   }
   nlohmann::json json(const char* file) const {
@@ -60,13 +63,16 @@ TEST_P(DeadChild, EndsTheSetWithItsNameAndSignal) {
   expect_nothing_left();
   expect_readable_log();
   EXPECT_LT(json("summary.json")["duration_s"], 600.0);
-  EXPECT_NE(json("manifest.json")["ended_early"].get<std::string>().find(program), std::string::npos);
+  EXPECT_NE(json("manifest.json")["ended_early"].get<std::string>().find(program),
+            std::string::npos);
 }
 
 INSTANTIATE_TEST_SUITE_P(System, DeadChild,
                          ::testing::Values("twinrate-plant", "twinrate-estimator", "twinrate-gain",
                                            "twinrate-controller", "twinrate-logger"),
-                         [](const auto& child) { return std::string(child.param).substr(sizeof "twinrate-" - 1); });
+                         [](const auto& child) {
+                           return std::string(child.param).substr(sizeof "twinrate-" - 1);
+                         });
 
 class SilentChild : public Supervision, public ::testing::WithParamInterface<const char*> {};
 
@@ -90,7 +96,9 @@ TEST_P(SilentChild, IsNamedByTheOneThatWaitsForIt) {
 INSTANTIATE_TEST_SUITE_P(System, SilentChild,
                          ::testing::Values("twinrate-plant", "twinrate-estimator", "twinrate-gain",
                                            "twinrate-controller", "twinrate-logger"),
-                         [](const auto& child) { return std::string(child.param).substr(sizeof "twinrate-" - 1); });
+                         [](const auto& child) {
+                           return std::string(child.param).substr(sizeof "twinrate-" - 1);
+                         });
 
 TEST_F(Supervision, CtrlCEndsTheRunCleanly) {
   const auto launch = start_long_run();
@@ -106,7 +114,8 @@ TEST_F(Supervision, CtrlCEndsTheRunCleanly) {
   for (const char* file : {"summary.json", "manifest.json", "report.html", "config.toml"})
     EXPECT_TRUE(std::filesystem::exists(path("run") + "/" + file)) << file;
   EXPECT_EQ(json("summary.json")["steps"], log.measurement.size());
-  for (const auto& [channel, lost] : json("summary.json")["lost_messages"].items()) EXPECT_EQ(lost, 0) << channel;
+  for (const auto& [channel, lost] : json("summary.json")["lost_messages"].items())
+    EXPECT_EQ(lost, 0) << channel;
 }
 
 TEST_F(Supervision, KilledSupervisorTakesItsChildrenAlong) {
@@ -128,7 +137,8 @@ TEST_F(Supervision, APlantStoppedFromOutsideIsNoRunToItsEnd) {
 
 TEST_F(Supervision, AChildThatNeverGetsReadyIsNamedAndLeavesNoSecondMessage) {
   // Killed before the first tick: there is no log to speak of.
-  Program launch({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
+  Program launch(
+      {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
   ASSERT_TRUE(wait_until([&] { return !processes_with(path("run"), "twinrate-gain").empty(); }));
   kill(processes_with(path("run"), "twinrate-gain").front(), SIGKILL);
   const ProgramResult result = launch.wait(10);
@@ -139,7 +149,8 @@ TEST_F(Supervision, AChildThatNeverGetsReadyIsNamedAndLeavesNoSecondMessage) {
 }
 
 TEST_F(Supervision, SimulateStopsCleanlyToo) {
-  Program simulate({"twinrate", "simulate", "dilys2021", "--run-dir", path("run"), "--duration", "3000s"});
+  Program simulate(
+      {"twinrate", "simulate", "dilys2021", "--run-dir", path("run"), "--duration", "3000s"});
   ASSERT_TRUE(wait_until([&] { return log_size() > 1'000'000; }));
   simulate.signal_group(SIGINT);
   const ProgramResult result = simulate.wait(60);

@@ -1,5 +1,5 @@
-// The logs of `twinrate launch` (five processes over LCM) and of `twinrate simulate` (one process, no bus) hold the
-// same messages, bit for bit, whatever happens on the wire.
+// The logs of `twinrate launch` (five processes over LCM) and of `twinrate simulate` (one process,
+// no bus) hold the same messages, bit for bit, whatever happens on the wire.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -16,9 +16,11 @@ using Overrides = std::vector<std::string>;
 
 constexpr int kTicks = 2000;
 
-std::vector<std::string> command(const std::string& verb, const std::string& drive, const std::string& run_dir,
-                                 const Overrides& overrides, int ticks) {
-  std::vector<std::string> list = {verb, drive, "--run-dir", run_dir, "--duration", fmt::format("{}ms", 0.2 * ticks)};
+std::vector<std::string> command(const std::string& verb, const std::string& drive,
+                                 const std::string& run_dir, const Overrides& overrides,
+                                 int ticks) {
+  std::vector<std::string> list = {verb,    drive,        "--run-dir",
+                                   run_dir, "--duration", fmt::format("{}ms", 0.2 * ticks)};
   for (const std::string& text : overrides) list.insert(list.end(), {"--set", text});
   return list;
 }
@@ -30,8 +32,10 @@ class WireTest : public ProgramTest {
                                      const Overrides& bus = {}, int ticks = kTicks) {
     Overrides all = drive_overrides;
     all.insert(all.end(), bus.begin(), bus.end());
-    const ProgramResult launched = twinrate(command("launch", drive, path("launch"), all, ticks), 60);
-    const ProgramResult simulated = twinrate(command("simulate", drive, path("simulate"), drive_overrides, ticks));
+    const ProgramResult launched =
+        twinrate(command("launch", drive, path("launch"), all, ticks), 60);
+    const ProgramResult simulated =
+        twinrate(command("simulate", drive, path("simulate"), drive_overrides, ticks));
     ASSERT_FALSE(launched.timed_out) << launched.err;
     EXPECT_EQ(launched.err, "");
     EXPECT_EQ(launched.exit_code, simulated.exit_code) << launched.out;
@@ -59,7 +63,8 @@ INSTANTIATE_TEST_SUITE_P(
     Wire, EveryDrive,
     ::testing::Values(
         Drive{"n1", "dilys2021", {"rates.n=1"}}, Drive{"n5", "dilys2021", {}},
-        Drive{"n12", "dilys2021", {"rates.n=12"}}, Drive{"n7_ends_between_snapshots", "dilys2021", {"rates.n=7"}},
+        Drive{"n12", "dilys2021", {"rates.n=12"}},
+        Drive{"n7_ends_between_snapshots", "dilys2021", {"rates.n=7"}},
         Drive{"immediate", "dilys2021", {"gain.policy=immediate"}},
         Drive{"immediate_n1", "dilys2021", {"gain.policy=immediate", "rates.n=1"}},
         Drive{"align_if", "dilys2021", {"start=align_if", "plant.theta_e_start_rad=2"}, 5000},
@@ -91,11 +96,13 @@ TEST_F(WireTest, TwoLaunchesGiveTheSameBits) {
 TEST_F(WireTest, DroppedDatagramsAreSentAgainAndChangeNothing) {
   expect_launch_equals_simulate("dilys2021", {}, {"bus.drop_rate=0.01"});
   EXPECT_GT(summary("launch")["repeats"], 10);
-  for (const auto& [channel, lost] : summary("launch")["lost_messages"].items()) EXPECT_EQ(lost, 0) << channel;
+  for (const auto& [channel, lost] : summary("launch")["lost_messages"].items())
+    EXPECT_EQ(lost, 0) << channel;
 }
 
 TEST_F(WireTest, DroppedTruthIsSentAgainToAControllerThatWorksOnIt) {
-  expect_launch_equals_simulate("dilys2021", {"controller.angle_source=truth"}, {"bus.drop_rate=0.05"}, 300);
+  expect_launch_equals_simulate("dilys2021", {"controller.angle_source=truth"},
+                                {"bus.drop_rate=0.05"}, 300);
 }
 
 // Short runs end often: the last messages have nobody behind them to ask for them.
@@ -103,23 +110,34 @@ TEST_F(WireTest, NeitherTheFirstNorTheLastMessagesAreMissedWhenMuchIsDropped) {
   for (int ticks = 36; ticks <= 42; ++ticks) {
     SCOPED_TRACE(ticks);
     const int seed = ticks;
-    expect_launch_equals_simulate("dilys2021", {fmt::format("run.seed={}", seed)}, {"bus.drop_rate=0.2"}, ticks);
+    expect_launch_equals_simulate("dilys2021", {fmt::format("run.seed={}", seed)},
+                                  {"bus.drop_rate=0.2"}, ticks);
   }
 }
 
-TEST_F(WireTest, OnePortALinkGivesTheSameBits) { expect_launch_equals_simulate("dilys2021", {}, {"bus.split_ports=true"}); }
-TEST_F(WireTest, WithoutTheKernelFilterTheBitsAreTheSame) { expect_launch_equals_simulate("dilys2021", {}, {"bus.filter=false"}); }
-TEST_F(WireTest, UnpinnedTheBitsAreTheSame) { expect_launch_equals_simulate("dilys2021", {}, {"bus.pin=false"}); }
-TEST_F(WireTest, WithATinyWindowTheBitsAreTheSame) { expect_launch_equals_simulate("dilys2021", {}, {"bus.window_ticks=16"}); }
+TEST_F(WireTest, OnePortALinkGivesTheSameBits) {
+  expect_launch_equals_simulate("dilys2021", {}, {"bus.split_ports=true"});
+}
+TEST_F(WireTest, WithoutTheKernelFilterTheBitsAreTheSame) {
+  expect_launch_equals_simulate("dilys2021", {}, {"bus.filter=false"});
+}
+TEST_F(WireTest, UnpinnedTheBitsAreTheSame) {
+  expect_launch_equals_simulate("dilys2021", {}, {"bus.pin=false"});
+}
+TEST_F(WireTest, WithATinyWindowTheBitsAreTheSame) {
+  expect_launch_equals_simulate("dilys2021", {}, {"bus.window_ticks=16"});
+}
 
 TEST_F(WireTest, ATinyWindowSplitPortsAndDropsTogetherChangeNothing) {
-  expect_launch_equals_simulate("dilys2021", {}, {"bus.window_ticks=16", "bus.split_ports=true", "bus.drop_rate=0.02"}, 500);
+  expect_launch_equals_simulate(
+      "dilys2021", {}, {"bus.window_ticks=16", "bus.split_ports=true", "bus.drop_rate=0.02"}, 500);
 }
 
 TEST_F(WireTest, OnABusyMachineTheBitsAreTheSame) {
   std::vector<std::unique_ptr<Program>> load;
   for (int i = 0; i < 3; ++i)
-    load.push_back(std::make_unique<Program>(std::vector<std::string>{"sh", "-c", "while :; do :; done"}));
+    load.push_back(
+        std::make_unique<Program>(std::vector<std::string>{"sh", "-c", "while :; do :; done"}));
   expect_launch_equals_simulate("dilys2021", {});
 }
 

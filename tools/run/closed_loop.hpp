@@ -1,6 +1,8 @@
-// The whole loop in one process, no bus: the same functions in the same order as the process set in lock-step.
+// The whole loop in one process, no bus: the same functions in the same order as the process set in
+// lock-step.
 //
-//   MEASUREMENT(k), TRUTH(k) -> ESTIMATE(k) -> GAIN(k) when k is a snapshot -> REFERENCE(k), COMMAND(k) -> next tick
+//   MEASUREMENT(k), TRUTH(k) -> ESTIMATE(k) -> GAIN(k) when k is a snapshot -> REFERENCE(k),
+//   COMMAND(k) -> next tick
 #pragma once
 #include <memory>
 

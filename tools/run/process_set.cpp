@@ -56,7 +56,8 @@ void ProcessSet::start(Role role, const std::string& program,
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   const pid_t parent = getpid(), pid = fork();
-  if (pid < 0) throw MachineError(fmt::format("{}: fork failed: {}", program, std::strerror(errno)));
+  if (pid < 0)
+    throw MachineError(fmt::format("{}: fork failed: {}", program, std::strerror(errno)));
   if (pid == 0) become(path, argv.data(), parent);
   children_.push_back({.role = role, .program = program, .pid = pid});
 }

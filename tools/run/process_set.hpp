@@ -1,7 +1,7 @@
 // Starts, watches and stops the processes of a drive.
 //
-// Every child dies with its parent (PR_SET_PDEATHSIG) and has its own process group, so Ctrl-C reaches the supervisor
-// alone, which then stops the set in order: plant first, logger last.
+// Every child dies with its parent (PR_SET_PDEATHSIG) and has its own process group, so Ctrl-C
+// reaches the supervisor alone, which then stops the set in order: plant first, logger last.
 #pragma once
 #include <sys/types.h>
 

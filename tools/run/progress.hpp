@@ -30,7 +30,8 @@ class Progress {
   Clock::time_point last_;
 };
 
-// "2s", "500ms", "2" -> "2", "0.5", "2"; anything else is returned as it is and refused by the config reader.
+// "2s", "500ms", "2" -> "2", "0.5", "2"; anything else is returned as it is and refused by the
+// config reader.
 std::string seconds_text(const std::string& text);
 
 }  // namespace twinrate

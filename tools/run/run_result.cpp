@@ -44,7 +44,8 @@ std::string degrees(const std::optional<double>& angle_rad) {
   return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
 }
 
-// What a person should know of the run besides its figures: the first few events that are not routine.
+// What a person should know of the run besides its figures: the first few events that are not
+// routine.
 std::vector<std::string> notable_events(const RunLog& log) {
   constexpr std::size_t kShown = 3;
   std::vector<std::string> lines;
@@ -72,21 +73,24 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   const char* verdict = !s.locked ? "no truth to judge by" : *s.locked ? "LOCKED" : "LOST";
   fmt::print("\n{}: {}  ({})\n", d.name, verdict, facts.how);
   if (!facts.ended.empty()) row("ended early", facts.ended);
-  row("drive time", fmt::format("{:.3f} s, {} steps; figures from {:.2f} s on", s.duration_s, s.steps,
-                                d.run.settle_s));
-  row("rates", fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}", d.rates.f_s_Hz,
-                           d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]));
+  row("drive time", fmt::format("{:.3f} s, {} steps; figures from {:.2f} s on", s.duration_s,
+                                s.steps, d.run.settle_s));
+  row("rates",
+      fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}", d.rates.f_s_Hz,
+                  d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]));
   row("angle error rms, max",
       fmt::format("{}, {}", degrees(s.angle_error_rms), degrees(s.angle_error_max)));
-  if (s.speed_error_rms) row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
+  if (s.speed_error_rms)
+    row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
   if (s.P44_max) row("P44", fmt::format("{:.3f} to {:.3f} rad^2", *s.P44_min, *s.P44_max));
   row("gains used", std::to_string(s.gains_used));
   row("messages lost", fmt::format("{}  (sent again: {})", lost, facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
   for (const std::string& event : events) row("event", event);
-  row("speed of the run", fmt::format("{:.0f} steps/s ({:.2f} s wall)",
-                                      s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
+  row("speed of the run",
+      fmt::format("{:.0f} steps/s ({:.2f} s wall)",
+                  s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
   row("written to", directory + (facts.not_written.empty() ? "  (open report.html)" : ""));
   if (!facts.not_written.empty()) row("could not be written", facts.not_written);
 }
@@ -111,11 +115,13 @@ std::string make_run_directory(const std::string& wanted, const Config& config) 
     std::strftime(stamp, sizeof stamp, "%Y%m%d-%H%M%S", std::localtime(&now));
     const std::string name = config.drive().name.empty() ? "drive" : config.drive().name;
     for (int copy = 0; path.empty() || fs::exists(path); ++copy)
-      path = fs::path("runs") / fmt::format("{}-{}{}", name, stamp, copy ? fmt::format("-{}", copy) : "");
+      path = fs::path("runs") /
+             fmt::format("{}-{}{}", name, stamp, copy ? fmt::format("-{}", copy) : "");
   }
   std::error_code error;
   fs::create_directories(path, error);
-  if (error) throw BadInput(fmt::format("{}: cannot be created: {}", path.string(), error.message()));
+  if (error)
+    throw BadInput(fmt::format("{}: cannot be created: {}", path.string(), error.message()));
   // Parts of an earlier run in the same directory would be read as parts of this one.
   for (const auto& entry : fs::directory_iterator(path)) {
     const std::string name = entry.path().filename().string();
@@ -157,7 +163,8 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
       facts.not_written += (facts.not_written.empty() ? "" : ", ") + std::string(name);
     }
   };
-  put("summary.json", [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
+  put("summary.json",
+      [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
   put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
   put("report.html", [&](const fs::path& path) {
     write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
@@ -165,7 +172,8 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   print_table(directory, config.drive(), s, facts, notable_events(log));
   std::int64_t lost = 0;
   for (const auto& [channel, count] : s.lost_messages) lost += count;
-  const bool well = s.locked.value_or(true) && lost == 0 && facts.ended.empty() && facts.not_written.empty();
+  const bool well =
+      s.locked.value_or(true) && lost == 0 && facts.ended.empty() && facts.not_written.empty();
   return well ? 0 : 1;
 }
 

@@ -18,9 +18,9 @@ struct RunFacts {
 
 // Creates DIR (default runs/NAME-DATE-TIME) and writes config.toml; returns its path.
 std::string make_run_directory(const std::string& wanted, const Config& config);
-// Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. Files that cannot be written
-// (the disk is full) are named in the table.
-// Returns the exit code: 0, or 1 where the drive lost synchronism, messages were lost, or the run ended early by itself.
+// Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. Files
+// that cannot be written (the disk is full) are named in the table. Returns the exit code: 0, or 1
+// where the drive lost synchronism, messages were lost, or the run ended early by itself.
 int conclude_run(const std::string& directory, const Config& config, RunFacts facts);
 
 }  // namespace twinrate

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <sched.h>
 
+#include <algorithm>
+
 #include "core/machine_error.hpp"
 #include "core/signals_io.hpp"
 
@@ -20,12 +22,15 @@ struct Member {
 };
 // In the order of their start: who listens comes before who speaks.
 constexpr Member kMembers[] = {
-    {Role::kLogger, "twinrate-logger", false},       {Role::kGain, "twinrate-gain", false},
-    {Role::kEstimator, "twinrate-estimator", true},  {Role::kController, "twinrate-controller", true},
+    {Role::kLogger, "twinrate-logger", false},
+    {Role::kGain, "twinrate-gain", false},
+    {Role::kEstimator, "twinrate-estimator", true},
+    {Role::kController, "twinrate-controller", true},
     {Role::kPlant, "twinrate-plant", true},
 };
 
-// The two CPUs of a pinned set: the ring on the first, everything else on the second. -1: no pinning.
+// The two CPUs of a pinned set: the ring on the first, everything else on the second. -1: no
+// pinning.
 struct CpuPlan {
   int ring = -1, rest = -1;
 };
@@ -34,7 +39,8 @@ CpuPlan plan_cpus(bool pin) {
   CpuPlan plan;
   if (!pin || sched_getaffinity(0, sizeof allowed, &allowed) != 0) return plan;
   for (int cpu = 0; cpu < CPU_SETSIZE && plan.rest < 0; ++cpu)
-    if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed)) (plan.ring < 0 ? plan.ring : plan.rest) = cpu;
+    if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
+      (plan.ring < 0 ? plan.ring : plan.rest) = cpu;
   return plan.rest < 0 ? CpuPlan{} : plan;
 }
 
@@ -76,7 +82,8 @@ void Supervisor::start_children() {
 void Supervisor::note_status(const status_t& status) {
   latest_[status.role] = status;
   for (const auto& [role, other] : latest_)
-    if (other.config_hash != 0 && status.config_hash != 0 && other.config_hash != status.config_hash)
+    if (other.config_hash != 0 && status.config_hash != 0 &&
+        other.config_hash != status.config_hash)
       end_early(fmt::format("{} and {} were started with different configs",
                             kRoleNames[status.role], kRoleNames[role]));
 }
@@ -89,10 +96,11 @@ void Supervisor::request(RequestKind kind) {
 }
 
 void Supervisor::note_dead_child() {
+  // Where one gave up the others may know more of the cause; a plant that is done needs no waiting.
+  const auto gave_up = [](const Child& c) { return c.exit_code > 0 && c.exit_code < 128; };
   const auto begun = Clock::now();
-  while (bus_->handle(20) || seconds_since(begun) < 0.3) {  // the others may say more about the cause
-    if (seconds_since(begun) > 1) break;
-  }
+  if (std::any_of(set_.children().begin(), set_.children().end(), gave_up))
+    while (seconds_since(begun) < 0.3) bus_->handle(20);
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
     const std::string cause = root_cause();
@@ -102,13 +110,14 @@ void Supervisor::note_dead_child() {
   }
 }
 
-// When one process falls silent the others time out one after the other, each waiting for the next: the cause is
-// the one that is waited for and does not complain itself.
+// When one process falls silent the others time out one after the other, each waiting for the next:
+// the cause is the one that is waited for and does not complain itself.
 std::string Supervisor::root_cause() const {
   for (const auto& [role, text] : failures_)
     for (const Member& member : kMembers) {
       const int waited_for = static_cast<int>(member.role);
-      if (!failures_.count(waited_for) && text.ends_with(std::string("from ") + kRoleNames[waited_for]))
+      if (!failures_.count(waited_for) &&
+          text.ends_with(std::string("from ") + kRoleNames[waited_for]))
         return fmt::format("{} stopped answering: {}", kRoleNames[waited_for], text);
     }
   return failures_.empty() ? "" : failures_.begin()->second;
@@ -132,7 +141,8 @@ bool Supervisor::wait_until_ready() {
     if (!facts_.ended.empty()) return false;
     std::string missing;
     for (const Member& member : kMembers)
-      if (!ready(member.role)) missing += (missing.empty() ? "" : ", ") + std::string(member.program);
+      if (!ready(member.role))
+        missing += (missing.empty() ? "" : ", ") + std::string(member.program);
     if (missing.empty()) return true;
     if (seconds_since(begun) > std::max(drive_.bus.peer_timeout_s, kStartPatience_s))
       return end_early(fmt::format("not ready after {:.1f} s: {}", seconds_since(begun), missing));
@@ -142,7 +152,8 @@ bool Supervisor::wait_until_ready() {
 void Supervisor::watch() {
   const auto running = [&] {
     const auto plant = latest_.find(static_cast<int>(Role::kPlant));
-    return plant != latest_.end() && plant->second.state >= static_cast<int>(ProcessState::kRunning);
+    return plant != latest_.end() &&
+           plant->second.state >= static_cast<int>(ProcessState::kRunning);
   };
   auto last_look = Clock::now() - std::chrono::seconds(1);
   while (true) {
@@ -166,7 +177,8 @@ void Supervisor::tell_the_log() {
   e.seq = plant.seq;
   e.t_ns = plant.t_ns;
   e.role = static_cast<std::int32_t>(Role::kSupervisor);
-  e.reason = static_cast<std::int32_t>(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied);
+  e.reason =
+      static_cast<std::int32_t>(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied);
   e.text = facts_.ended;
   bus_->publish(e);
 }
@@ -180,13 +192,15 @@ void Supervisor::stop_in_order() {
   set_.stop({Role::kEstimator, Role::kController, Role::kGain}, 3);
   set_.stop({Role::kLogger}, 10);
   for (const Child& child : set_.children())
-    if (child.exit_code != 0) end_early(fmt::format("{} ended with {}", child.program, describe_end(child)));
+    if (child.exit_code != 0)
+      end_early(fmt::format("{} ended with {}", child.program, describe_end(child)));
   while (bus_->handle(5)) {  // the last heartbeats hold the final counts
   }
 }
 
 RunFacts Supervisor::run() {
-  facts_.how = fmt::format("launch, {}, 5 processes", options_.pace == Pace::kLockstep ? "lock-step" : "realtime");
+  facts_.how = fmt::format("launch, {}, 5 processes",
+                           options_.pace == Pace::kLockstep ? "lock-step" : "realtime");
   start_children();
   bus_ = std::make_unique<Bus>(BusOptions{.url = options_.url,
                                           .channel_suffix = options_.channel_suffix,
@@ -197,8 +211,8 @@ RunFacts Supervisor::run() {
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
   bus_->subscribe<event_t>([this](const event_t& e) {
     const auto reason = static_cast<Reason>(e.reason);
-    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull || reason == Reason::kPlantFailed ||
-        reason == Reason::kConfigMismatch)
+    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull ||
+        reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch)
       failures_.emplace(e.role, e.text);
   });
   if (progress_.visible()) {

@@ -21,7 +21,8 @@ struct SuperviseOptions {
 class Supervisor {
  public:
   Supervisor(const DriveConfig& drive, SuperviseOptions options);
-  // Starts the set, waits until every process is ready, starts the plant, watches until its end, stops the rest.
+  // Starts the set, waits until every process is ready, starts the plant, watches until its end,
+  // stops the rest.
   RunFacts run();
 
  private:
