@@ -30,12 +30,13 @@ ensure_packages() {
     "${missing[@]}" >/dev/null
 }
 
-# build PRESET: configure and build, quietly unless something goes wrong.
+# build PRESET [TARGET..]: configure and build, quietly unless something goes wrong.
 build() {
-  local log
+  local log preset=$1
+  shift
   log=$(mktemp)
-  echo "Building (preset $1) .."
-  if ! { cmake --preset "$1" && cmake --build --preset "$1"; } >"$log" 2>&1; then
+  echo "Building (preset $preset) .."
+  if ! { cmake --preset "$preset" && cmake --build --preset "$preset" ${1:+--target "$@"}; } >"$log" 2>&1; then
     cat "$log" >&2
     rm -f "$log"
     echo "The build failed." >&2
