@@ -33,7 +33,7 @@ struct BusOptions {
   std::int64_t session = 0;    // 0: unbound
   bool follow = false;         // take a new session over when one starts
   double drop_rate = 0;        // share of datagrams thrown away on reception (testing)
-  bool split_ports = false;    // one UDP port a channel
+  bool split_ports = false;    // the ring's links on UDP ports of their own
   bool filter = true;          // unwanted channels do not wake this process (core/channel_filter)
   Role role = Role::kSupervisor;
   int gain_stride = 1;         // ticks between two GAIN messages, so that gaps can be counted

@@ -2,6 +2,7 @@
 // checked against this one.
 #pragma once
 #include <array>
+#include <iterator>
 #include <string_view>
 #include <twinrate/ack_t.hpp>
 #include <twinrate/command_t.hpp>
@@ -109,6 +110,12 @@ enum class Role : int {
 inline constexpr const char* kRoleNames[] = {"supervisor", "plant",  "estimator", "gain",
                                              "controller", "logger", "replay",    "import",
                                              "monitor",    "bridge"};
+
+// Roles come off the wire: one that this program does not know has no name here.
+constexpr const char* role_name(int role) {
+  return role >= 0 && role < static_cast<int>(std::size(kRoleNames)) ? kRoleNames[role]
+                                                                     : "unknown role";
+}
 
 enum class ProcessState : int { kStarting, kReady, kRunning, kDone, kFailed };
 inline constexpr const char* kProcessStateNames[] = {"starting", "ready", "running", "done",

@@ -31,7 +31,7 @@ class LoggerProcess {
         writer_(directory_, static_cast<std::int64_t>(p.drive().bus.log_rotate_MB * 1e6)),
         log_(writer_,
              p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
-             p.drive().rates.n, p.options().channel_suffix, wall_us()),
+             p.drive().rates.n, p.options().channel_suffix, t0_us_),
         ack_every_(std::max(1, p.drive().bus.window_ticks / 8)) {
     write_manifest();
     p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
@@ -59,7 +59,7 @@ class LoggerProcess {
         make_manifest(p_.bus().session(), p_.config().merged(),
                       describe_host_json(p_.bus().session(), p_.drive().run.seed));
     writer_.set_manifest(info(Channel::kManifest).name + p_.options().channel_suffix,
-                         encode(manifest), wall_us());
+                         encode(manifest), t0_us_);
     if (p_.bus().bound()) p_.bus().publish(manifest);
   }
   void take(Channel channel, const std::uint8_t* bytes, std::size_t size, std::int64_t seq,
@@ -127,6 +127,7 @@ class LoggerProcess {
   }
 
   Process& p_;
+  std::int64_t t0_us_ = wall_us();  // wall time of drive time 0
   std::string directory_;
   LogWriter writer_;
   TickLog log_;

@@ -54,7 +54,12 @@ class PlantProcess {
   void take(const Command& command) {
     plant_.take_command(command);
     if (!p_.lockstep() || command.k != k() || sent_ != k()) return;
-    plant_.advance();
+    try {  // no exception crosses an LCM callback
+      plant_.advance();
+    } catch (const std::exception& error) {
+      p_.fail(Reason::kPlantFailed, k(), error.what());
+      return;
+    }
     p_.progress(command.k);
     go_on();
   }

@@ -82,12 +82,13 @@ std::int64_t wall_us() {
 std::string run_loop(Config& config, const std::string& directory, bool json) {
   const DriveConfig& d = config.drive();
   const std::int64_t session = new_session_id();
+  const std::int64_t t0_us = wall_us();
   LogWriter writer(directory, static_cast<std::int64_t>(d.bus.log_rotate_MB * 1e6));
   writer.set_manifest(
       info(Channel::kManifest).name,
       encode(make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed))),
-      wall_us());
-  TickLog log(writer, TickLog::Order::kByTick, d.rates.n, "", wall_us());
+      t0_us);
+  TickLog log(writer, TickLog::Order::kByTick, d.rates.n, "", t0_us);
   SimulatedBus bus(log, session);
   ClosedLoop loop(config);
   Progress progress(d, json);

@@ -85,7 +85,7 @@ double since_s(std::int64_t then_us) {
 
 void begin_interval(Watcher& watcher) {
   const std::int64_t now_us = wall_clock_us();
-  for (ChannelAccount& account : watcher.channels()) account.begin_interval(now_us);
+  for (WatchedChannel& account : watcher.channels()) account.begin_interval(now_us);
 }
 
 // One look: from the first message on, if one comes within three seconds.

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-// contracts.md, estimator.kind: what stands there and is built so far.
+// The kinds that docs/config-reference.md names.
 const std::vector<std::string> kContractKinds{
     "ekf_sensorless", "ekf_disturbance", "backemf_printed", "active_flux", "eemf", "dq_ekf"};
 

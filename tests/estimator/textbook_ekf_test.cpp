@@ -1,6 +1,6 @@
 // With n = 1 the two-rate filter is the ordinary extended Kalman filter. The oracle is that filter
 // as a textbook writes it, with matrices of any size and equations written out here once more, from
-// physics.md.
+// docs/theory/two-rate-ekf.md.
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>

@@ -30,7 +30,7 @@ TEST_P(Timing, PaperUsesTheGainOfTheSnapshotOneFullPeriodAgo) {
     EXPECT_EQ((e.status & kBeforeFirstGain) != 0, k < n);
     if (k % n == 0) fast.take_gain(background.step(e));
   }
-  // The rule of physics.md, by counting: K from tick s in ticks s+n .. s+2n-1.
+  // The rule of docs/theory/two-rate-ekf.md, by counting: K from tick s in ticks s+n .. s+2n-1.
   for (const ProbeFilter::Use& use : probe->used) {
     std::int64_t expected = -1;
     for (std::int64_t s = 0; s < 10 * n; s += n)

@@ -3,7 +3,7 @@
 //   plant.sample -> fast.tick -> (snapshot: background.step -> fast.take_gain) -> controller.step
 //   -> plant
 //
-// and the figures that contracts.md defines over [settle_s, end].
+// and the figures that docs/conventions.md defines over [settle_s, end].
 #pragma once
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-// physics.md section 1: the figures of an independent implementation at 400 rad/s, f_s 5 kHz,
+// docs/theory/two-rate-ekf.md: the figures of an independent implementation at 400 rad/s, f_s 5 kHz,
 // preset dilys2021.
 #include <gtest/gtest.h>
 

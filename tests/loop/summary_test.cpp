@@ -1,4 +1,4 @@
-// core/summary.hpp against the figures that closed_loop.hpp forms on its own, from contracts.md.
+// core/summary.hpp against the figures that closed_loop.hpp forms on its own, from docs/conventions.md.
 #include "core/summary.hpp"
 
 #include <gtest/gtest.h>

@@ -91,7 +91,7 @@ TEST(EffectRegistry, AnUnknownKindIsNull) {
 }
 
 TEST(Cogging, OpposesPositiveMotionWithAmplitudeSinOrderThetaPlusPhase) {
-  // contracts.md: torques add to T_load, cogging +amplitude sin(order theta_m + phase).
+  // docs/conventions.md: torques add to T_load, cogging +amplitude sin(order theta_m + phase).
   const auto effect = cogging(6, 0.02, 0.4);
   EXPECT_NEAR(effect->at({.theta_m = 0}).T_load, 0.02 * std::sin(0.4), 1e-15);
   EXPECT_NEAR(effect->at({.theta_m = (kPi / 2 - 0.4) / 6}).T_load, 0.02, 1e-15);

@@ -1,4 +1,4 @@
-// The reference runs of physics.md through `twinrate launch`, and what a run leaves behind.
+// The reference runs of docs/theory/two-rate-ekf.md through `twinrate launch`, and what a run leaves behind.
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>

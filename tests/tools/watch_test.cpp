@@ -1,8 +1,8 @@
 // The account of a channel: gaps, repeats, rates and latencies from headers alone.
 #include <gtest/gtest.h>
 
-#include "tools/watch/channel_account.hpp"
 #include "tools/watch/key_values.hpp"
+#include "tools/watch/watched_channel.hpp"
 
 namespace twinrate {
 namespace {
@@ -14,7 +14,7 @@ std::vector<std::uint8_t> encoded(const Message& message) {
   return bytes;
 }
 
-void take(ChannelAccount& account, std::int64_t seq, std::int64_t arrival_us,
+void take(WatchedChannel& account, std::int64_t seq, std::int64_t arrival_us,
           const TickTimes& ticks = {}) {
   const std::uint8_t bytes[32] = {};
   account.take({.seq = seq, .t_ns = 200'000 * seq, .session = 7}, bytes, sizeof bytes, arrival_us,
@@ -35,8 +35,8 @@ TEST(MessageHeaderTest, IsReadWithoutTheMessagesType) {
   EXPECT_FALSE(read_header(bytes.data(), 31));
 }
 
-TEST(ChannelAccountTest, CountsWhatIsMissingAndWhatCameAgain) {
-  ChannelAccount account(Channel::kMeasurement);
+TEST(WatchedChannelTest, CountsWhatIsMissingAndWhatCameAgain) {
+  WatchedChannel account(Channel::kMeasurement);
   account.begin_interval(0);
   for (const int seq : {10, 11, 14, 14, 15}) take(account, seq, 1000 * seq);
   EXPECT_EQ(account.messages(), 5);
@@ -47,17 +47,17 @@ TEST(ChannelAccountTest, CountsWhatIsMissingAndWhatCameAgain) {
   EXPECT_DOUBLE_EQ(account.age_s(16'000), 1e-3);
 }
 
-TEST(ChannelAccountTest, GainsComeEveryNthTickAndThatIsNoGap) {
-  ChannelAccount account(Channel::kGain);
+TEST(WatchedChannelTest, GainsComeEveryNthTickAndThatIsNoGap) {
+  WatchedChannel account(Channel::kGain);
   for (const int seq : {0, 5, 10, 25, 30}) take(account, seq, seq);
   EXPECT_EQ(account.gaps(), 2);
 }
 
-TEST(ChannelAccountTest, LatencyRunsFromTheMeasurementThatCausedIt) {
+TEST(WatchedChannelTest, LatencyRunsFromTheMeasurementThatCausedIt) {
   TickTimes ticks;
   ticks.note(3, 1000);
   ticks.note(4, 2000);
-  ChannelAccount account(Channel::kEstimate);
+  WatchedChannel account(Channel::kEstimate);
   EXPECT_FALSE(account.latency_us());
   take(account, 3, 1030, ticks);
   take(account, 4, 2050, ticks);

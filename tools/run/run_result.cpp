@@ -44,22 +44,23 @@ std::string degrees(const std::optional<double>& angle_rad) {
   return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
 }
 
-// What a person should know of the run besides its figures: the first few events that are not
-// routine.
+// What a person should know of the run besides its figures: each kind of event that is not routine,
+// once, with its first occurrence and how often it came.
 std::vector<std::string> notable_events(const RunLog& log) {
-  constexpr std::size_t kShown = 3;
-  std::vector<std::string> lines;
-  std::size_t more = 0;
+  std::map<int, std::pair<const EventRecord*, int>> by_reason;
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
     if (reason == Reason::kModeChange || reason == Reason::kLogRotated) continue;
-    if (lines.size() == kShown)
-      ++more;
-    else
-      lines.push_back(fmt::format("{:.4f} s, {}: {}", 1e-9 * static_cast<double>(event.t_ns),
-                                  kRoleNames[event.role], event.text));
+    auto& [first, count] = by_reason[event.reason];
+    if (++count == 1) first = &event;
   }
-  if (more > 0) lines.push_back(fmt::format("and {} more (report.html)", more));
+  std::vector<std::string> lines;
+  for (const auto& [reason, seen] : by_reason) {
+    const auto& [event, count] = seen;
+    const std::string often = count > 1 ? fmt::format("  ({} times)", count) : "";
+    lines.push_back(fmt::format("{:.4f} s, {}: {}{}", 1e-9 * static_cast<double>(event->t_ns),
+                                role_name(event->role), event->text, often));
+  }
   return lines;
 }
 
@@ -73,6 +74,8 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   const char* verdict = !s.locked ? "no truth to judge by" : *s.locked ? "LOCKED" : "LOST";
   fmt::print("\n{}: {}  ({})\n", d.name, verdict, facts.how);
   if (!facts.ended.empty()) row("ended early", facts.ended);
+  if (!s.lost_why.empty())
+    row("lost", fmt::format("at {:.4f} s: {}", s.lost_at_s.value_or(0), s.lost_why));
   row("drive time", fmt::format("{:.3f} s, {} steps; figures from {:.2f} s on", s.duration_s,
                                 s.steps, d.run.settle_s));
   row("rates",

@@ -24,7 +24,7 @@ void add_line(std::string& text, std::string line, std::size_t width) {
   text += line + "\n";
 }
 
-std::string channel_line(const ChannelAccount& account, std::int64_t now_us) {
+std::string channel_line(const WatchedChannel& account, std::int64_t now_us) {
   const auto latency = account.latency_us();
   return fmt::format(
       "{:<18} {:>8.0f} {:>10} {:>6} {:>7} {:>15} {:>7.2f}  {}", info(account.channel()).name,
@@ -39,7 +39,7 @@ std::string process_line(const status_t& s) {
                      s.late_commands + s.late_gains, s.undecodable, s.deadline_misses);
 }
 
-Json channel_json(const ChannelAccount& account, std::int64_t now_us) {
+Json channel_json(const WatchedChannel& account, std::int64_t now_us) {
   Json json = {{"messages", account.messages()}, {"rate_Hz", account.rate_Hz(now_us)},
                {"seq", account.last_seq()},      {"t_ns", account.last_t_ns()},
                {"gaps", account.gaps()},         {"repeats", account.repeats()},
@@ -90,7 +90,7 @@ std::string view_text(const Watcher& watcher, const std::string& url, std::size_
            fmt::format("{:<18} {:>8} {:>10} {:>6} {:>7} {:>15} {:>7}  {}", "channel", "rate/s",
                        "seq", "gaps", "repeats", "after MEAS, us", "age, s", "last values"),
            width);
-  for (const ChannelAccount& account : watcher.channels())
+  for (const WatchedChannel& account : watcher.channels())
     if (account.messages() > 0) add_line(text, channel_line(account, now_us), width);
   if (!watcher.processes().empty())
     add_line(
@@ -121,7 +121,7 @@ std::string view_json(const Watcher& watcher, const std::string& url) {
                {"channels", Json::object()},
                {"processes", Json::array()},
                {"events", Json::array()}};
-  for (const ChannelAccount& account : watcher.channels())
+  for (const WatchedChannel& account : watcher.channels())
     if (account.messages() > 0)
       json["channels"][info(account.channel()).name] = channel_json(account, now_us);
   for (const auto& [role, status] : watcher.processes())

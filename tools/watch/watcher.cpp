@@ -30,11 +30,6 @@ const std::string& need_route(const std::string& url) {
 
 }  // namespace
 
-std::string role_name(int role) {
-  const bool known = role >= 0 && role < static_cast<int>(std::size(kRoleNames));
-  return known ? kRoleNames[role] : fmt::format("role {}", role);
-}
-
 std::int64_t wall_clock_us() {
   using namespace std::chrono;
   return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
@@ -92,7 +87,7 @@ bool Watcher::admit(std::int64_t session) {
     return false;
   }
   const std::int64_t now_us = wall_clock_us();
-  for (ChannelAccount& account : channels_) {
+  for (WatchedChannel& account : channels_) {
     account.reset();
     account.begin_interval(now_us);
   }

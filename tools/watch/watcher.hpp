@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/watch/channel_account.hpp"
+#include "tools/watch/watched_channel.hpp"
 
 namespace twinrate {
 
@@ -28,8 +28,8 @@ class Watcher {
   // Handles what arrives within `timeout_ms`, and everything that waits behind it.
   void listen(int timeout_ms);
 
-  std::vector<ChannelAccount>& channels() { return channels_; }
-  const std::vector<ChannelAccount>& channels() const { return channels_; }
+  std::vector<WatchedChannel>& channels() { return channels_; }
+  const std::vector<WatchedChannel>& channels() const { return channels_; }
   const std::map<int, status_t>& processes() const { return processes_; }  // by role, newest status
   const std::deque<WatchedEvent>& events() const { return events_; }  // the last few, oldest first
   std::int64_t session() const { return session_; }
@@ -53,7 +53,7 @@ class Watcher {
 
   lcm::LCM lcm_;
   std::vector<std::unique_ptr<Ear>> ears_;
-  std::vector<ChannelAccount> channels_;
+  std::vector<WatchedChannel> channels_;
   TickTimes tick_times_;
   std::map<int, status_t> processes_;
   std::deque<WatchedEvent> events_;
@@ -62,7 +62,5 @@ class Watcher {
 };
 
 std::int64_t wall_clock_us();
-// Name of a Role off the wire; "role 99" where it is none of ours.
-std::string role_name(int role);
 
 }  // namespace twinrate

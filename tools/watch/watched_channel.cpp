@@ -1,4 +1,4 @@
-#include "tools/watch/channel_account.hpp"
+#include "tools/watch/watched_channel.hpp"
 
 #include <algorithm>
 
@@ -42,7 +42,7 @@ std::optional<std::int64_t> TickTimes::find(std::int64_t seq) const {
   return entry.arrival_us;
 }
 
-void ChannelAccount::take(const MessageHeader& header, const std::uint8_t* bytes, std::size_t size,
+void WatchedChannel::take(const MessageHeader& header, const std::uint8_t* bytes, std::size_t size,
                           std::int64_t arrival_us, const TickTimes& tick_times) {
   ++messages_;
   ++interval_messages_;
@@ -61,7 +61,7 @@ void ChannelAccount::take(const MessageHeader& header, const std::uint8_t* bytes
   last_t_ns_ = header.t_ns;
 }
 
-void ChannelAccount::count_sequence(std::int64_t seq) {
+void WatchedChannel::count_sequence(std::int64_t seq) {
   if (last_seq_ < 0) return;
   const std::int64_t step = seq - last_seq_;
   if (step <= 0) {
@@ -75,26 +75,26 @@ void ChannelAccount::count_sequence(std::int64_t seq) {
   gaps_ += step / stride_ - 1;
 }
 
-void ChannelAccount::begin_interval(std::int64_t now_us) {
+void WatchedChannel::begin_interval(std::int64_t now_us) {
   interval_start_us_ = now_us;
   interval_messages_ = latency_count_ = 0;
   latency_sum_us_ = latency_max_us_ = 0;
 }
 
-void ChannelAccount::reset() {
-  *this = ChannelAccount(channel_);
+void WatchedChannel::reset() {
+  *this = WatchedChannel(channel_);
 }
 
-double ChannelAccount::rate_Hz(std::int64_t now_us) const {
+double WatchedChannel::rate_Hz(std::int64_t now_us) const {
   const double elapsed_s = 1e-6 * static_cast<double>(now_us - interval_start_us_);
   return elapsed_s > 0 ? static_cast<double>(interval_messages_) / elapsed_s : 0;
 }
 
-double ChannelAccount::age_s(std::int64_t now_us) const {
+double WatchedChannel::age_s(std::int64_t now_us) const {
   return std::max(0.0, 1e-6 * static_cast<double>(now_us - last_arrival_us_));
 }
 
-std::optional<double> ChannelAccount::latency_us() const {
+std::optional<double> WatchedChannel::latency_us() const {
   if (latency_count_ == 0) return {};
   return latency_sum_us_ / static_cast<double>(latency_count_);
 }

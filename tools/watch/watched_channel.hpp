@@ -34,9 +34,9 @@ class TickTimes {
   std::array<Entry, 4096> ring_;
 };
 
-class ChannelAccount {
+class WatchedChannel {
  public:
-  explicit ChannelAccount(Channel channel) : channel_(channel) {}
+  explicit WatchedChannel(Channel channel) : channel_(channel) {}
 
   void take(const MessageHeader& header, const std::uint8_t* bytes, std::size_t size,
             std::int64_t arrival_us, const TickTimes& ticks);
