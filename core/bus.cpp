@@ -119,13 +119,13 @@ struct Bus::Link {
   };
   explicit Link(const std::string& url) : lcm(url) {}
   // The socket appears with the first subscription.
-  void filter_by_channel(std::uint16_t port) {
+  void filter_by_channel(std::uint16_t port, const std::string& suffix) {
     if (socket < 0) {
       for (int candidate : udp_sockets_on(port))
         if (!before.count(candidate)) socket = candidate;
     }
     std::vector<std::string> names;
-    for (const auto& s : subscriptions) names.push_back(info(s->channel).name);
+    for (const auto& s : subscriptions) names.push_back(info(s->channel).name + suffix);
     if (socket >= 0) filter_channels(socket, names);
   }
   lcm::LCM lcm;
@@ -179,7 +179,7 @@ void Bus::subscribe_raw(Channel channel, RawHandler handler) {
   if (!subscription || !instance.good() || instance.getFileno() < 0)
     throw MachineError("the LCM self-test failed; as root: " + multicast_mend());
   subscription->setQueueCapacity(0);  // unbounded: a full queue would drop the newest message
-  if (options_.filter && port != 0) owner.filter_by_channel(port);
+  if (options_.filter && port != 0) owner.filter_by_channel(port, options_.channel_suffix);
 }
 
 void Bus::subscribe_all(RawHandler handler) {

@@ -52,6 +52,9 @@ struct Drive {
   Overrides overrides;
   int ticks = kTicks;
 };
+void PrintTo(const Drive& drive, std::ostream* out) {
+  *out << drive.name;
+}
 
 class EveryDrive : public WireTest, public ::testing::WithParamInterface<Drive> {};
 
