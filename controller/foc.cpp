@@ -8,7 +8,7 @@ namespace twinrate {
 Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
     : machine_(config.machine),
       p_(parameters),
-      effects_(config.effects),
+      effects_(acting_on(config.model_effects(), kOnTorque)),
       angle_source_(config.controller.angle_source),
       T_s_(config.T_s()),
       advance_s_((config.plant.delay_samples + 0.5) * config.T_s()),
@@ -39,7 +39,8 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
                  .i_dq = in.estimate.i_dq,
                  .omega_m = frame.omega_m,
                  .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
-                                                               : frame.theta_e / machine_.n_p})
+                                                               : frame.theta_e / machine_.n_p,
+                 .theta_e = frame.theta_e})
       .T_load;
 }
 

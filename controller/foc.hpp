@@ -27,7 +27,7 @@ struct FocParameters {
     f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
     f.boolean("compensate_effects", compensate_effects,
-              "feed forward the torque that the config's effects predict on the estimates");
+              "feed forward the torque that the model's effects (used_in) predict on the estimates");
     f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
   }
 };

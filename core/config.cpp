@@ -32,9 +32,13 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
                 fmt::format("one of {} allowed, found {}", list_names(effect_kinds()), *kind));
     TomlReader reader(file, table, path);
     reader.accept("kind");
+    UsedIn used_in = UsedIn::kPlant;
+    choice(reader, "used_in", used_in, kUsedInNames, "");
     effect->fields(reader);
     reader.require_known();
-    drive.effects.push_back(effect);
+    if (const std::string lacking = effect->prepare(drive.facts()); !lacking.empty())
+      file.fail(path, *kind + ": " + lacking);
+    drive.effects.push_back({effect, used_in});
   }
 }
 

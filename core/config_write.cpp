@@ -173,12 +173,13 @@ std::string write_drive(const DriveConfig& d) {
 
 std::string write_effects(const DriveConfig& drive) {
   std::string text;
-  for (const auto& effect : drive.effects) {
+  for (const auto& [effect, used_in] : drive.effects) {
     // fields() only shows the values to the writer; the copy keeps the config itself constant.
     const auto copy = effect->clone();
     TomlWriter writer("effect");
     copy->fields(writer);
-    text += fmt::format("\n[[effect]]\nkind = \"{}\"\n{}", effect->kind(), writer.text());
+    text += fmt::format("\n[[effect]]\nkind = \"{}\"\nused_in = \"{}\"\n{}", effect->kind(),
+                        kUsedInNames[static_cast<int>(used_in)], writer.text());
   }
   return text;
 }

@@ -113,4 +113,22 @@ double DriveConfig::omega_m_start() const {
   return start == Start::kFlying ? reference_at(0).omega_m_ref : 0;
 }
 
+Effects DriveConfig::plant_effects() const {
+  Effects some;
+  for (const ConfiguredEffect& e : effects)
+    if (e.used_in != UsedIn::kModel) some.push_back(e.effect);
+  return some;
+}
+
+Effects DriveConfig::model_effects() const {
+  Effects some;
+  for (const ConfiguredEffect& e : effects)
+    if (e.used_in != UsedIn::kPlant) some.push_back(e.effect);
+  return some;
+}
+
+DriveFacts DriveConfig::facts() const {
+  return {machine, inverter.v_dc, inverter.f_pwm > 0 ? inverter.f_pwm : rates.f_s_Hz};
+}
+
 }  // namespace twinrate

@@ -20,6 +20,10 @@ enum class Start : int { kAligned = 0, kAlignIf = 1, kFlying = 2 };
 enum class Pace : int { kLockstep = 0, kRealtime = 1 };
 enum class AngleSource : int { kEstimate = 0, kMeasured = 1, kTruth = 2 };
 
+// Who knows an effect: the simulated plant has it, the model of estimator and controller has it.
+enum class UsedIn : int { kPlant = 0, kModel = 1, kBoth = 2 };
+
+inline constexpr const char* kUsedInNames[] = {"plant", "model", "both"};
 inline constexpr const char* kStartNames[] = {"aligned", "align_if", "flying"};
 inline constexpr const char* kPaceNames[] = {"lockstep", "realtime"};
 inline constexpr const char* kAngleSourceNames[] = {"estimate", "measured", "truth"};
@@ -94,6 +98,11 @@ struct BusParameters {
   void fields(FieldVisitor& f);
 };
 
+struct ConfiguredEffect {
+  std::shared_ptr<const Effect> effect;
+  UsedIn used_in = UsedIn::kPlant;
+};
+
 struct DriveConfig {
   std::string name;
   MachineParameters machine;
@@ -109,13 +118,16 @@ struct DriveConfig {
   LoadParameters load;
   RunParameters run;
   BusParameters bus;
-  Effects effects;  // [[effect]]
+  std::vector<ConfiguredEffect> effects;  // [[effect]]
 
   double T_s() const { return 1 / rates.f_s_Hz; }
   std::int64_t t_ns(std::int64_t k) const;
   std::int64_t steps() const;
   Reference reference_at(std::int64_t k) const;
-  double omega_m_start() const;  // 0 unless start = "flying"
+  double omega_m_start() const;   // 0 unless start = "flying"
+  Effects plant_effects() const;  // what the simulated plant does
+  Effects model_effects() const;  // what estimator and controller know of
+  DriveFacts facts() const;
 };
 
 }  // namespace twinrate

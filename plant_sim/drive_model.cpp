@@ -3,7 +3,11 @@
 namespace twinrate {
 
 Contribution DriveModel::effects_at(const PlantState& x, double t) const {
-  return sum_at(effects_, {.t = t, .i_dq = x.head<2>(), .omega_m = x[2], .theta_m = x[3]});
+  return sum_at(effects_, {.t = t,
+                           .i_dq = x.head<2>(),
+                           .omega_m = x[2],
+                           .theta_m = x[3],
+                           .theta_e = machine_.n_p * x[3]});
 }
 
 double DriveModel::total_load(const PlantState& x, const PlantInput& input,

@@ -4,7 +4,7 @@ namespace twinrate {
 
 Plant::Plant(const DriveConfig& config)
     : config_(config),
-      model_(config.machine, config.effects),
+      model_(config.machine, config.plant_effects()),
       integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
                                   config.plant.erk_steps)),
       x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),

@@ -12,6 +12,7 @@ class Cogging final : public Effect {
  public:
   std::string_view kind() const override { return "cogging"; }
   std::string_view meaning() const override { return "torque periodic in the mechanical angle"; }
+  int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"theta_m", "i_q"}; }
   void fields(FieldVisitor& f) override {
     f.integer("order", order_, 1, 2000, "periods a mechanical turn", Presence::kRequired);

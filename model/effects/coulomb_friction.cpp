@@ -12,6 +12,7 @@ class CoulombFriction final : public Effect {
  public:
   std::string_view kind() const override { return "coulomb_friction"; }
   std::string_view meaning() const override { return "constant torque against the motion"; }
+  int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
   void fields(FieldVisitor& f) override {
     f.number("torque_Nm", T_C_, 0, 1e4, "friction torque", Presence::kRequired);

@@ -135,7 +135,8 @@ TEST(Foc, WithTheTrueAngleHoldsTheSpeedExactlyUnderLoad) {
 
 TEST(Foc, CompensationFeedsTheEffectsTorqueForward) {
   const std::string text =
-      "preset = \"dilys2021\"\n[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.021\n";
+      "preset = \"dilys2021\"\n[[effect]]\nkind = \"coulomb_friction\"\nused_in = "
+      "\"both\"\ntorque_Nm = 0.021\n";
   for (bool compensate : {false, true}) {
     for (double omega_m : {50.0, -50.0}) {
       Config config =

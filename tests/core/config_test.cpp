@@ -84,8 +84,8 @@ TEST(Config, ResolvedTextKeepsWhatOverridesEffectsAndProfilesSay) {
   EXPECT_EQ(d.rates.n, 7);
   EXPECT_EQ(d.load.T_load_Nm.at(0.3), 0.02);
   ASSERT_EQ(d.effects.size(), 2u);
-  EXPECT_EQ(d.effects[0]->kind(), "cogging");
-  EXPECT_EQ(d.effects[0]->at({}).T_load, 0.1 * std::sin(0.3333333333333333));
+  EXPECT_EQ(d.effects[0].effect->kind(), "cogging");
+  EXPECT_EQ(d.effects[0].effect->at({}).T_load, 0.1 * std::sin(0.3333333333333333));
   EXPECT_NE(once.find("[1.0, 2.0, 3.0, 4.0]"), std::string::npos);
 }
 

@@ -64,8 +64,8 @@ TEST(TickPath, DoesNotAllocateOnAProfileOrWithEffects) {
       "preset = \"dilys2021\"\n"
       "[reference]\nomega_e_rad_s = [[0, 400], [0.05, 300], [0.1, 400]]\n"
       "[controller.foc]\ncompensate_effects = true\n"
-      "[[effect]]\nkind = \"cogging\"\norder = 6\namplitude_Nm = 0.001\n"
-      "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.001\n",
+      "[[effect]]\nkind = \"cogging\"\nused_in = \"both\"\norder = 6\namplitude_Nm = 0.001\n"
+      "[[effect]]\nkind = \"coulomb_friction\"\nused_in = \"both\"\ntorque_Nm = 0.001\n",
       "drive.toml");
   ClosedLoop loop(std::move(config));
   for (int k = 0; k < 50; ++k) loop.tick();
