@@ -9,6 +9,7 @@ namespace {
 
 constexpr const char* kCovarianceFormNames[] = {"joseph", "paper"};
 constexpr const char* kEngineChoice[] = {"erk", "cvode"};
+constexpr const char* kSaliencyChoice[] = {"rotor", "fixed_axes"};
 constexpr const char* kInverterChoice[] = {"averaged"};
 constexpr const char* kCompensationChoice[] = {"off"};
 
@@ -42,6 +43,9 @@ void ControllerChoice::fields(FieldVisitor& f) {
 void PlantParameters::fields(FieldVisitor& f) {
   f.choice("engine", engine, kEngineChoice, "integrator of the simulated plant");
   f.choice("inverter", inverter, kInverterChoice, "inverter model");
+  f.choice("saliency", saliency, kSaliencyChoice,
+           "rotor: L_d and L_q turn with the rotor, as in every real machine; fixed_axes: the "
+           "idealised machine of Kim et al., L_q on alpha and L_d on beta");
   f.integer("erk_steps", erk_steps, 1, 1000, "fixed steps of the erk engine a sampling interval");
   f.integer("delay_samples", delay_samples, 0, 4,
             "computation delay: COMMAND(k) acts from t_{k+delay}");

@@ -19,14 +19,20 @@ struct PlantInput {
   double T_load = 0;                // external load
 };
 
+// Where the machine's saliency sits: in the rotor, as in every real machine, or on the stator's
+// axes (plant_sim/fixed_axes.hpp).
+enum class Saliency : int { kRotor = 0, kFixedAxes = 1 };
+
 class DriveModel {
  public:
-  DriveModel(const MachineParameters& machine, Effects effects)
-      : machine_(machine), effects_(std::move(effects)) {}
+  DriveModel(const MachineParameters& machine, Effects effects,
+             Saliency saliency = Saliency::kRotor)
+      : machine_(machine), effects_(std::move(effects)), saliency_(saliency) {}
 
   PlantState rate(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   // External load and effects together, at a state.
   double total_load(const PlantState& x, const PlantInput& input, double t_in_interval) const;
+  double torque(const Vec2& i_dq) const;
   const MachineParameters& machine() const { return machine_; }
 
  private:
@@ -34,6 +40,7 @@ class DriveModel {
 
   MachineParameters machine_;
   Effects effects_;
+  Saliency saliency_;
 };
 
 }  // namespace twinrate

@@ -4,7 +4,7 @@ namespace twinrate {
 
 Plant::Plant(const DriveConfig& config)
     : config_(config),
-      model_(config.machine, config.plant_effects()),
+      model_(config.machine, config.plant_effects(), static_cast<Saliency>(config.plant.saliency)),
       integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
                                   config.plant.erk_steps)),
       x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),
@@ -40,7 +40,7 @@ Truth Plant::truth() const {
   t.i_dq = x_.head<2>();
   t.omega_m = x_[2];
   t.theta_m = x_[3];
-  t.T_em = config_.machine.torque(x_[0], x_[1]);
+  t.T_em = model_.torque(x_.head<2>());
   t.T_load = model_.total_load(x_, input_, k_ > 0 ? config_.T_s() : 0);
   return t;
 }
