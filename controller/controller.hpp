@@ -33,6 +33,8 @@ class Controller {
   virtual Command step(const ControllerInput& in) = 0;
   // The mode change of the last step, if there was one.
   virtual ControllerEvent take_event() { return {}; }
+  // What it learnt while running, as TOML tables that a drive file can hold; "" for nothing.
+  virtual std::string learnt() const { return ""; }
 };
 
 // The keys of one kind of controller, and how to make it from them.

@@ -26,8 +26,9 @@ struct FocParameters {
     f.number("speed_bandwidth_Hz", speed_bandwidth, 0.01, 1000, "bandwidth of the speed loop");
     f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
-    f.boolean("compensate_effects", compensate_effects,
-              "feed forward the torque that the model's effects (used_in) predict on the estimates");
+    f.boolean(
+        "compensate_effects", compensate_effects,
+        "feed forward the torque that the model's effects (used_in) predict on the estimates");
     f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
   }
 };

@@ -1,5 +1,9 @@
 // Controllers by their kind; a new controller is one file and one line here.
+#include <fmt/ranges.h>
+
 #include "controller/foc.hpp"
+#include "controller/lqr.hpp"
+#include "core/config.hpp"
 
 namespace twinrate {
 namespace {
@@ -15,6 +19,25 @@ class FocBuilder final : public ControllerBuilder {
   FocParameters parameters_;
 };
 
+class LqrBuilder final : public ControllerBuilder {
+ public:
+  void fields(FieldVisitor& f) override { parameters_.fields(f); }
+  std::unique_ptr<Controller> build(const DriveConfig& config) const override {
+    const LqrDesign design = design_lqr(config.machine, config.inverter.v_dc, config.T_s(),
+                                        config.plant.delay_samples, parameters_.design);
+    for (const AxisDesign* axis : {&design.d, &design.q})
+      if (!axis->complaints.empty())
+        throw BadInput(fmt::format("controller.lqr: {} axis: {}", axis == &design.d ? "d" : "q",
+                                   fmt::join(axis->complaints, "; ")));
+    if (config.start == Start::kAlignIf)
+      throw BadInput("start: aligned or flying allowed with controller.kind lqr, found align_if");
+    return std::make_unique<Lqr>(config, parameters_, design);
+  }
+
+ private:
+  LqrParameters parameters_;
+};
+
 template <class Builder>
 std::unique_ptr<ControllerBuilder> make() {
   return std::make_unique<Builder>();
@@ -26,6 +49,7 @@ struct Entry {
 };
 constexpr Entry kEntries[] = {
     {"foc", make<FocBuilder>},
+    {"lqr", make<LqrBuilder>},
 };
 
 }  // namespace

@@ -23,6 +23,18 @@ std::string profile_text(const Profile& profile) {
   return "[" + text + "]";
 }
 
+std::string name_text(const Profile& indices, std::span<const char* const> names) {
+  const auto name = [&](double index) {
+    return fmt::format("\"{}\"", names[static_cast<std::size_t>(index)]);
+  };
+  if (indices.is_constant()) return name(indices.at(0));
+  std::string text;
+  for (const ProfileStep& step : indices.steps())
+    text += fmt::format("{}[{}, {}]", text.empty() ? "" : ", ", number_text(step.t_s),
+                        name(step.value));
+  return "[" + text + "]";
+}
+
 std::string list_text(std::span<const double> values) {
   std::string text;
   for (double value : values) text += (text.empty() ? "" : ", ") + number_text(value);
@@ -79,6 +91,11 @@ class RowCollector final : public FieldVisitor {
     add(key, fmt::format("number or [[t_s, value], ..], {} to {}", lo, hi), profile_text(value),
         meaning);
   }
+  void choice_profile(const char* key, Profile& indices, std::span<const char* const> names,
+                      const char* meaning) override {
+    add(key, fmt::format("{}; or [[t_s, name], ..]", fmt::join(names, ", ")),
+        name_text(indices, names), meaning);
+  }
   void table(const char* key, const std::function<void(FieldVisitor&)>& fields) override {
     std::vector<KeyRow> rows;
     RowCollector sub(rows, prefix_ + "." + key);
@@ -123,6 +140,10 @@ class TomlWriter final : public FieldVisitor {
   }
   void profile(const char* key, Profile& value, double, double, const char*) override {
     line(key, profile_text(value));
+  }
+  void choice_profile(const char* key, Profile& indices, std::span<const char* const> names,
+                      const char*) override {
+    line(key, name_text(indices, names));
   }
   void table(const char* key, const std::function<void(FieldVisitor&)>& fields) override {
     nested_ += write_table(path_ + "." + key, fields);

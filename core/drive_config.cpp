@@ -11,7 +11,6 @@ constexpr const char* kCovarianceFormNames[] = {"joseph", "paper"};
 constexpr const char* kEngineChoice[] = {"erk", "cvode"};
 constexpr const char* kSaliencyChoice[] = {"rotor", "fixed_axes"};
 constexpr const char* kInverterChoice[] = {"averaged"};
-constexpr const char* kCompensationChoice[] = {"off"};
 
 }  // namespace
 
@@ -37,7 +36,7 @@ void ControllerChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "controller");
   choice(f, "angle_source", angle_source, kAngleSourceNames,
          "angle and speed the controller works on");
-  f.choice("compensation", compensation, kCompensationChoice, "disturbance compensation");
+  f.choice_profile("compensation", compensation, kCompensationNames, "disturbance compensation");
 }
 
 void PlantParameters::fields(FieldVisitor& f) {

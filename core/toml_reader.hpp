@@ -120,14 +120,7 @@ class TomlReader final : public FieldVisitor {
   void choice(const char* key, int& index, std::span<const char* const> names,
               const char*) override {
     const toml::node* node = find(key, Presence::kOptional);
-    if (!node) return;
-    const std::vector<std::string> allowed(names.begin(), names.end());
-    const auto* text = node->as_string();
-    const auto found =
-        text ? std::find(allowed.begin(), allowed.end(), text->get()) : allowed.end();
-    if (found == allowed.end())
-      fail(key, "one of {} allowed, found {}", list_names(allowed), shown(*node));
-    index = static_cast<int>(found - allowed.begin());
+    if (node) index = position(key, *node, names);
   }
   void numbers(const char* key, std::span<double> values, double lo, double hi,
                const char*) override {
@@ -145,18 +138,20 @@ class TomlReader final : public FieldVisitor {
       value = Profile(number_of(*node, key, lo, hi));
       return;
     }
-    std::vector<ProfileStep> steps;
-    for (const toml::node& item : *node->as_array()) {
-      const auto* pair = item.as_array();
-      if (!pair || pair->size() != 2)
-        fail(key, "a number or a list of [t_s, value] pairs allowed, found {}", shown(item));
-      steps.push_back({number_of((*pair)[0], key, 0, 1e9), number_of((*pair)[1], key, lo, hi)});
-      if (steps.size() > 1 && !(steps.back().t_s > steps[steps.size() - 2].t_s))
-        fail(key, "times must rise, found {} after {}", steps.back().t_s,
-             steps[steps.size() - 2].t_s);
+    value = profile_of(*node->as_array(), key,
+                       [&](const toml::node& item) { return number_of(item, key, lo, hi); });
+  }
+  void choice_profile(const char* key, Profile& indices, std::span<const char* const> names,
+                      const char*) override {
+    const toml::node* node = find(key, Presence::kOptional);
+    if (!node) return;
+    if (!node->is_array()) {
+      indices = Profile(static_cast<double>(position(key, *node, names)));
+      return;
     }
-    if (steps.empty()) fail(key, "at least one [t_s, value] pair needed");
-    value = Profile(std::move(steps));
+    indices = profile_of(*node->as_array(), key, [&](const toml::node& item) {
+      return static_cast<double>(position(key, item, names));
+    });
   }
   void table(const char* key, const std::function<void(FieldVisitor&)>& fields) override {
     const toml::node* node = find(key, Presence::kOptional);
@@ -192,6 +187,30 @@ class TomlReader final : public FieldVisitor {
     if (!(*number >= lo && *number <= hi))
       fail(key, "{} is out of range, {} to {} allowed", *number, lo, hi);
     return *number;
+  }
+  int position(const char* key, const toml::node& node, std::span<const char* const> names) const {
+    const std::vector<std::string> allowed(names.begin(), names.end());
+    const auto* text = node.as_string();
+    const auto found =
+        text ? std::find(allowed.begin(), allowed.end(), text->get()) : allowed.end();
+    if (found == allowed.end())
+      fail(key, "one of {} allowed, found {}", list_names(allowed), shown(node));
+    return static_cast<int>(found - allowed.begin());
+  }
+  template <class ValueOf>
+  Profile profile_of(const toml::array& list, const char* key, const ValueOf& value_of) const {
+    std::vector<ProfileStep> steps;
+    for (const toml::node& item : list) {
+      const auto* pair = item.as_array();
+      if (!pair || pair->size() != 2)
+        fail(key, "a single value or a list of [t_s, value] pairs allowed, found {}", shown(item));
+      steps.push_back({number_of((*pair)[0], key, 0, 1e9), value_of((*pair)[1])});
+      if (steps.size() > 1 && !(steps.back().t_s > steps[steps.size() - 2].t_s))
+        fail(key, "times must rise, found {} after {}", steps.back().t_s,
+             steps[steps.size() - 2].t_s);
+    }
+    if (steps.empty()) fail(key, "at least one [t_s, value] pair needed");
+    return Profile(std::move(steps));
   }
   static std::string shown(const toml::node& node) {
     std::ostringstream out;

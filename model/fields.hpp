@@ -35,6 +35,9 @@ class FieldVisitor {
   // A number, or a list of [t_s, value] pairs (see Profile).
   virtual void profile(const char* key, Profile& value, double lo, double hi,
                        const char* meaning) = 0;
+  // One of `names`, or a list of [t_s, name] pairs; the profile holds positions in `names`.
+  virtual void choice_profile(const char* key, Profile& indices, std::span<const char* const> names,
+                              const char* meaning) = 0;
   // A nested table.
   virtual void table(const char* key, const std::function<void(FieldVisitor&)>& fields) = 0;
 };

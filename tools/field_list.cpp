@@ -49,6 +49,13 @@ class Lister final : public FieldVisitor {
     if (value.is_constant()) row.value_text = fmt::format("{}", row.value);
     set_range(row, lo, hi);
   }
+  void choice_profile(const char* key, Profile& indices, std::span<const char* const> names,
+                      const char* meaning) override {
+    const auto index = static_cast<std::size_t>(indices.at(0));
+    FieldRow& row = add(key, "choice", names[index], meaning);
+    row.value = indices.at(0);
+    row.choices.assign(names.begin(), names.end());
+  }
   void table(const char* key, const std::function<void(FieldVisitor&)>& fields) override {
     Lister sub(rows_, prefix_ + key + ".");
     fields(sub);

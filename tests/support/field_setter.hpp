@@ -39,6 +39,10 @@ class FieldSetter final : public FieldVisitor {
   void profile(const char* key, Profile&, double, double, const char*) override {
     note(key, Presence::kOptional);
   }
+  void choice_profile(const char* key, Profile&, std::span<const char* const>,
+                      const char*) override {
+    note(key, Presence::kOptional);
+  }
   void table(const char*, const std::function<void(FieldVisitor&)>& fields) override {
     fields(*this);
   }

@@ -1,0 +1,99 @@
+// Adaptive feed-forward in the mechanical angle: learns the torque that smooths the speed, order by
+// order.
+//
+//   T_ff(theta_m) = Re sum_N c_N e^{jN theta_m},  N = 1 .. 60        Nm, adds to T_em
+//   u_ff = Re sum_N g(jN omega_m) c_N e^{jN theta_m(t + T_d)},  T_d: when the voltage acts
+//   g(s) = (R_s + s L_q + K_pp K_iq e^{-s T_d})/(K_pp K_t)   the loop's own way from voltage to
+//   torque
+//
+// Learning goes in blocks of whole turns at constant speed: settle one turn, measure
+//   E_N = 2/T integral (omega_m - omega_m_ref) e^{-jN theta_m} dt,  then  c_N -= k_N E_N/H(jN
+//   omega_m)
+// k_N is a Kalman gain: large while E_N stands out of the noise, 1/m once it does not.
+//
+//   H(s) = kappa(f) / (J s + B + K_t K_pp e^{-s T_d} (K_w + K_p/s)/(R_s + s L_q + K_pp K_iq e^{-s
+//   T_d}))
+//
+// is the closed loop from T_ff to speed. kappa starts at 1 and is identified on line, from what the
+// last change of c_N really did to E_N, on a grid of frequencies, so that it holds at other speeds
+// too; a wrong inertia, or dead time acting as a resistance, ends up in it. A block whose mean
+// speed error says that a load stepped inside it is thrown away.
+//
+// Source: the missing half of Niewiara 2020, whose observer takes the periodic torque for a random
+// constant. Speed and angle are the position sensor's: its own eccentricity is imprinted on the
+// shaft.
+#pragma once
+#include <array>
+#include <complex>
+#include <string>
+
+#include "model/fields.hpp"
+#include "model/machine.hpp"
+
+namespace twinrate {
+
+inline constexpr int kCompensatedOrders = 60;
+
+struct AngleDomainParameters {
+  bool learn = true;
+  int highest_order = kCompensatedOrders;
+  double rate = 0.8;
+  std::array<double, kCompensatedOrders> cos_Nm{}, sin_Nm{};  // of orders 1 .. 60
+  void fields(FieldVisitor& f);
+};
+
+// The closed loop that the feed-forward acts in.
+struct LoopModel {
+  double R_s = 0, L_q = 0, K_t = 0, J = 0, B = 0;
+  double K_pp = 0, K_iq = 0, K_omega = 0, K_p = 0;
+  double T_d = 0;  // from a sample to the middle of the voltage it asked for
+  std::complex<double> voltage_for_torque(double omega) const;  // g(j omega), normalised u per Nm
+  std::complex<double> speed_for_torque(double omega) const;    // H(j omega) with kappa = 1
+};
+
+class AngleDomain {
+ public:
+  using Complex = std::complex<double>;
+
+  AngleDomain(const AngleDomainParameters& p, const LoopModel& loop, double T_s);
+
+  // One tick: returns the normalised voltage to add to u_q. `theta_m` is the sensor's angle at t_k.
+  double step(double theta_m, double omega_m_ref);
+  // Forgets the sample before; the next step starts a new block.
+  void restart() { running_ = false; }
+
+  // The table learnt so far, as the config writes it.
+  AngleDomainParameters learnt() const;
+  int blocks() const { return blocks_; }  // measured and used
+  Complex kappa(double omega) const;      // identified correction of H at a frequency
+
+ private:
+  static constexpr int kBins = 64;  // of frequency, four an octave from 0.05 Hz on
+  using Orders = std::array<Complex, kCompensatedOrders>;
+
+  void begin_block(double theta_m, double omega_m_ref);
+  void measure(double theta_mid, double error);
+  void end_block();
+  void identify(const Orders& E, const std::array<double, kCompensatedOrders>& noise2);
+  void learn(const Orders& E, const std::array<double, kCompensatedOrders>& noise2);
+  double output(double theta_m, double omega_m_ref);
+  Complex response(int N) const;  // H with kappa at the speed of the block
+
+  AngleDomainParameters p_;
+  LoopModel loop_;
+  double T_s_;
+  Orders c_{}, c_change_{}, E_last_{};
+  Orders sum_{};
+  double sum_error_ = 0, sum_square_ = 0, time_ = 0;
+  std::array<double, kCompensatedOrders> P_{};  // variance of what c_N still lacks, Nm^2
+  std::array<double, kCompensatedOrders> noise2_{};
+  std::array<Complex, kBins> kappa_{};
+  std::array<double, kBins> kappa_variance_{};
+  Orders g_{};
+  double g_speed_ = 0;
+  bool running_ = false, measuring_ = false, have_last_ = false;
+  double theta_prev_ = 0, theta_begin_ = 0, omega_block_ = 0, t_phase_ = 0;
+  int blocks_ = 0;
+};
+
+}  // namespace twinrate
