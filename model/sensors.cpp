@@ -13,6 +13,7 @@ Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t
                                               static_cast<std::uint64_t>(k));
     if (p.i_lsb > 0) i_meas[phase] = std::round(i_meas[phase] / p.i_lsb) * p.i_lsb;
   }
+  if (p.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);
   return i_meas;
 }
 

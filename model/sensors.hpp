@@ -1,6 +1,7 @@
 // Sensors: phase-current noise and ADC steps, incremental encoder with finite-difference speed.
 //
-// Current: i_meas = round((i + noise)/lsb) lsb, one independent noise stream a phase.
+// Current: i_meas = round((i + noise)/lsb) lsb, one independent noise stream a phase; with two
+// sensors i_c_meas = -(i_a_meas + i_b_meas).
 // Encoder: theta_m_meas = floor(theta_m/step) step with step = 2 pi/encoder_counts; 0 counts: exact
 // angle. Speed: (theta_m_meas(k) - theta_m_meas(k-1)) / T_s, the true speed where the encoder is
 // exact.
@@ -15,11 +16,14 @@ namespace twinrate {
 struct SensorParameters {
   double i_noise_rms = 0;
   double i_lsb = 0;
+  int current_sensors = 3;
   int encoder_counts = 0;
 
   void fields(FieldVisitor& f) {
     f.number("i_noise_rms_A", i_noise_rms, 0, 100, "noise of each phase-current sample, rms");
     f.number("i_lsb_A", i_lsb, 0, 10, "ADC step of a phase current; 0: none");
+    f.integer("current_sensors", current_sensors, 2, 3,
+              "phase currents really measured; 2: i_c is -(i_a + i_b) of the readings");
     f.integer("encoder_counts", encoder_counts, 0, 1 << 26,
               "encoder counts a turn (four times the lines); 0: exact angle");
   }

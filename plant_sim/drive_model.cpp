@@ -4,17 +4,43 @@
 
 namespace twinrate {
 
-Contribution DriveModel::effects_at(const PlantState& x, double t) const {
-  return sum_at(effects_, {.t = t,
-                           .i_dq = x.head<2>(),
-                           .omega_m = x[2],
-                           .theta_m = x[3],
-                           .theta_e = machine_.n_p * x[3]});
+DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects, double v_dc,
+                       Saliency saliency)
+    : machine_(machine),
+      on_equations_(acting_on(effects, kOnTorque | kOnVoltage)),
+      on_bus_(acting_on(effects, kOnBus)),
+      on_sensors_(acting_on(effects, kOnCurrents | kOnAngle)),
+      acts_on_currents_(!acting_on(effects, kOnCurrents).empty()),
+      acts_on_angle_(!acting_on(effects, kOnAngle).empty()),
+      v_dc_(v_dc),
+      saliency_(saliency) {}
+
+OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
+                                 double t_in_interval) const {
+  OperatingPoint p{.t = input.t_k + t_in_interval,
+                   .i_dq = x.head<2>(),
+                   .v_dc = v_dc_,
+                   .omega_m = x[2],
+                   .theta_m = x[3],
+                   .theta_e = machine_.n_p * x[3]};
+  p.u_dq = park(input.u_alphabeta, p.theta_e);
+  if (!on_bus_.empty()) p.u_dq *= (v_dc_ + sum_at(on_bus_, p).v_dc) / v_dc_;
+  return p;
 }
 
 double DriveModel::total_load(const PlantState& x, const PlantInput& input,
                               double t_in_interval) const {
-  return input.T_load + effects_at(x, input.t_k + t_in_interval).T_load;
+  return input.T_load + sum_at(on_equations_, point(x, input, t_in_interval)).T_load;
+}
+
+double DriveModel::bus_voltage(const PlantState& x, const PlantInput& input,
+                               double t_in_interval) const {
+  return v_dc_ + sum_at(on_bus_, point(x, input, t_in_interval)).v_dc;
+}
+
+Contribution DriveModel::sensing_at(const PlantState& x, const PlantInput& input,
+                                    double t_in_interval) const {
+  return sum_at(on_sensors_, point(x, input, t_in_interval));
 }
 
 double DriveModel::torque(const Vec2& i_dq) const {
@@ -25,14 +51,15 @@ double DriveModel::torque(const Vec2& i_dq) const {
 PlantState DriveModel::rate(const PlantState& x, const PlantInput& input,
                             double t_in_interval) const {
   const MachineParameters& m = machine_;
-  const double i_d = x[0], i_q = x[1], omega_m = x[2], theta_e = m.n_p * x[3];
+  const double i_d = x[0], i_q = x[1], omega_m = x[2];
   const double omega_e = m.n_p * omega_m;
-  const Contribution effect = effects_at(x, input.t_k + t_in_interval);
-  const Vec2 u_dq = park(input.u_alphabeta, theta_e) - effect.u_dq_drop;
+  const OperatingPoint p = point(x, input, t_in_interval);
+  const Contribution effect = sum_at(on_equations_, p);
+  const Vec2 u_dq = p.u_dq - effect.u_dq_drop;
   const double T_load = input.T_load + effect.T_load;
   const double acceleration = (torque(x.head<2>()) - m.B * omega_m - T_load) / m.J;
   if (saliency_ == Saliency::kFixedAxes) {
-    const Vec2 i_dq_rate = fixed_axes_current_rate(m, x.head<2>(), u_dq, omega_e, theta_e);
+    const Vec2 i_dq_rate = fixed_axes_current_rate(m, x.head<2>(), u_dq, omega_e, p.theta_e);
     return {i_dq_rate[0], i_dq_rate[1], acceleration, omega_m};
   }
   return {(u_dq[0] - m.R_s * i_d + omega_e * m.L_q * i_q) / m.L_d,

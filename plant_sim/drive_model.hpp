@@ -1,9 +1,13 @@
 // The drive's differential equations in rotor axes, with every effect of the config added.
 //
 //   x = [i_d, i_q, omega_m, theta_m]
-//   L_d i_d' = u_d - R_s i_d + n_p omega_m L_q i_q            u_dq = R(-n_p theta_m) u_alphabeta -
-//   effects L_q i_q' = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f) J omega_m' = T_em - B omega_m
-//   - T_load - effects,   theta_m' = omega_m
+//   u_dq = R(-n_p theta_m) u_alphabeta v_dc(t)/v_dc,   v_dc(t) = v_dc + effects on the bus
+//   L_d i_d' = u_d - R_s i_d + n_p omega_m L_q i_q             - effects on the voltage
+//   L_q i_q' = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)   - effects on the voltage
+//   J omega_m' = T_em - B omega_m - T_load                     - effects on the torque
+//   theta_m' = omega_m
+//
+// Effects on sensors do not enter here: sensing_at() is for who samples.
 #pragma once
 #include "model/effects/effect.hpp"
 #include "model/machine.hpp"
@@ -15,7 +19,7 @@ using PlantState = Eigen::Vector4d;
 // What is held constant over one sampling interval.
 struct PlantInput {
   double t_k = 0;                   // start of the interval
-  Vec2 u_alphabeta = Vec2::Zero();  // applied voltage
+  Vec2 u_alphabeta = Vec2::Zero();  // applied voltage, where the bus is at its nominal voltage
   double T_load = 0;                // external load
 };
 
@@ -25,21 +29,29 @@ enum class Saliency : int { kRotor = 0, kFixedAxes = 1 };
 
 class DriveModel {
  public:
-  DriveModel(const MachineParameters& machine, Effects effects,
-             Saliency saliency = Saliency::kRotor)
-      : machine_(machine), effects_(std::move(effects)), saliency_(saliency) {}
+  // `v_dc`: nominal bus voltage.
+  DriveModel(const MachineParameters& machine, const Effects& effects, double v_dc,
+             Saliency saliency = Saliency::kRotor);
 
   PlantState rate(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   // External load and effects together, at a state.
   double total_load(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   double torque(const Vec2& i_dq) const;
+  double bus_voltage(const PlantState& x, const PlantInput& input, double t_in_interval) const;
+  // What sensors read beyond the true currents and angle: i_abc and theta_m.
+  Contribution sensing_at(const PlantState& x, const PlantInput& input, double t_in_interval) const;
+  // No effect acts on the reading of the currents; of the angle.
+  bool currents_are_read_true() const { return !acts_on_currents_; }
+  bool angle_is_read_true() const { return !acts_on_angle_; }
   const MachineParameters& machine() const { return machine_; }
 
  private:
-  Contribution effects_at(const PlantState& x, double t) const;
+  OperatingPoint point(const PlantState& x, const PlantInput& input, double t_in_interval) const;
 
   MachineParameters machine_;
-  Effects effects_;
+  Effects on_equations_, on_bus_, on_sensors_;
+  bool acts_on_currents_, acts_on_angle_;
+  double v_dc_;
   Saliency saliency_;
 };
 

@@ -4,15 +4,18 @@ namespace twinrate {
 
 Plant::Plant(const DriveConfig& config)
     : config_(config),
-      model_(config.machine, config.plant_effects(), static_cast<Saliency>(config.plant.saliency)),
+      model_(config.machine, config.plant_effects(), config.inverter.v_dc,
+             static_cast<Saliency>(config.plant.saliency)),
       integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
                                   config.plant.erk_steps)),
       x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),
-      applied_(svpwm(Vec2::Zero(), config.inverter.v_dc)),
-      theta_m_meas_(sample_angle(config.sensors, x_[3])),
-      omega_m_meas_(x_[2]),
       T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
   input_.T_load = T_load_;
+  v_dc_ = model_.bus_voltage(x_, input_, 0);
+  applied_ = svpwm(Vec2::Zero(), v_dc_);
+  reading_ = model_.sensing_at(x_, input_, 0);
+  theta_m_meas_ = sample_angle(config.sensors, x_[3] + reading_.theta_m);
+  omega_m_meas_ = x_[2];
 }
 
 Measurement Plant::sample() const {
@@ -20,14 +23,15 @@ Measurement Plant::sample() const {
   m.k = k_;
   m.t_ns = config_.t_ns(k_);
   m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
-  const Vec3 i_abc = inverse_clarke(inverse_park(x_.head<2>(), config_.machine.n_p * x_[3]));
+  Vec3 i_abc = inverse_clarke(inverse_park(x_.head<2>(), config_.machine.n_p * x_[3]));
+  if (!model_.currents_are_read_true()) i_abc += reading_.i_abc;
   m.i_abc =
       sample_currents(config_.sensors, i_abc, static_cast<std::uint64_t>(config_.run.seed), k_);
   m.u_alphabeta = applied_.u_alphabeta;
   m.duty_abc = applied_.duty_abc;
   m.mode = applied_command_.mode;
   m.theta_forced = applied_command_.theta_ctrl;
-  m.v_dc = config_.inverter.v_dc;
+  m.v_dc = v_dc_;
   m.theta_m = theta_m_meas_;
   m.omega_m = omega_m_meas_;
   return m;
@@ -63,7 +67,7 @@ bool Plant::apply_due_command() {
     if (held_ticks_ > config_.plant.hold_ticks) tripped_ = true;
   }
   if (tripped_) applied_command_ = Command{.mode = Mode::kSafe};
-  applied_ = svpwm(applied_command_.u_alphabeta_ref, config_.inverter.v_dc);
+  applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);
   return in_time;
 }
 
@@ -72,13 +76,23 @@ bool Plant::advance() {
   const double T_s = config_.T_s();
   const double t_k = static_cast<double>(k_) * T_s;
   T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s);
-  input_ = {.t_k = t_k, .u_alphabeta = applied_.u_alphabeta, .T_load = T_load_};
+  input_ = {.t_k = t_k,
+            .u_alphabeta = clarke(applied_.duty_abc * config_.inverter.v_dc),
+            .T_load = T_load_};
   x_ = integrator_->advance(x_, input_, T_s);
   ++k_;
-  const double theta_m_meas = sample_angle(config_.sensors, x_[3]);
-  omega_m_meas_ = config_.sensors.encoder_counts > 0 ? (theta_m_meas - theta_m_meas_) / T_s : x_[2];
-  theta_m_meas_ = theta_m_meas;
+  read_sensors();
   return in_time;
+}
+
+void Plant::read_sensors() {
+  const double T_s = config_.T_s();
+  v_dc_ = model_.bus_voltage(x_, input_, T_s);
+  reading_ = model_.sensing_at(x_, input_, T_s);
+  const double theta_m_meas = sample_angle(config_.sensors, x_[3] + reading_.theta_m);
+  const bool exact = config_.sensors.encoder_counts == 0 && model_.angle_is_read_true();
+  omega_m_meas_ = exact ? x_[2] : (theta_m_meas - theta_m_meas_) / T_s;
+  theta_m_meas_ = theta_m_meas;
 }
 
 }  // namespace twinrate

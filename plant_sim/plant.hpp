@@ -4,6 +4,11 @@
 //   take_command(j)     COMMAND(j) has arrived; it acts from t_{j + delay_samples}
 //   advance()           integrates t_k -> t_{k+1} under COMMAND(k - delay_samples)
 //
+// Readings are truth plus what effects add, then noise, ADC and encoder steps. The modulator scales
+// by the bus voltage measured at t_k; MEASUREMENT's voltage is duty times that, so it knows nothing
+// of what happens to the voltage on its way (dead time, drops, a bus that moves inside the
+// interval).
+//
 // Before the first command is due the voltage is zero. A command that is not there when it is due
 // leaves the last voltage on; after plant.hold_ticks intervals of that the drive trips: zero
 // voltage from then on.
@@ -35,13 +40,16 @@ class Plant {
  private:
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
+  void read_sensors();
 
   DriveConfig config_;
   DriveModel model_;
   std::unique_ptr<Integrator> integrator_;
   PlantState x_;
   PlantInput input_;
-  InverterOutput applied_;
+  InverterOutput applied_;  // as the drive believes: duty times the v_dc measured before
+  Contribution reading_;    // what the sensors read beyond the truth, at t_k
+  double v_dc_ = 0;         // bus voltage at t_k
   Command applied_command_;
   int held_ticks_ = 0;
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8

@@ -15,7 +15,7 @@ MachineParameters salient() {
 
 TEST(DriveModel, SteadyStateVoltageHoldsTheOperatingPoint) {
   const MachineParameters m = salient();
-  const DriveModel model(m, {});
+  const DriveModel model(m, {}, 24);
   for (std::uint64_t i = 0; i < 50; ++i) {
     const double i_d = normal(1, 0, i), i_q = 3 * normal(1, 1, i), omega_m = 80 * normal(1, 2, i);
     const double theta_m = 10 * normal(1, 3, i), omega_e = 3 * omega_m;
@@ -32,17 +32,17 @@ TEST(DriveModel, SteadyStateVoltageHoldsTheOperatingPoint) {
 }
 
 TEST(DriveModel, PositiveLoadSlowsAForwardTurningRotor) {
-  const DriveModel model(salient(), {});
+  const DriveModel model(salient(), {}, 24);
   EXPECT_NEAR(model.rate({0, 0, 10, 0}, {.T_load = 0.05}, 0)[2], (-4e-4 * 10 - 0.05) / 2e-4, 1e-9);
 }
 
 TEST(DriveModel, PositiveQCurrentSpeedsItUp) {
-  const DriveModel model(salient(), {});
+  const DriveModel model(salient(), {}, 24);
   EXPECT_NEAR(model.rate({0, 2, 0, 0}, {}, 0)[2], 4.5 * 0.12 * 2 / 2e-4, 1e-8);
 }
 
 TEST(DriveModel, VoltageOnTheFluxAxisRaisesTheDCurrentWhereverTheRotorStands) {
-  const DriveModel model(salient(), {});
+  const DriveModel model(salient(), {}, 24);
   for (double theta_m : {0.0, 0.4, 2.0, -3.0}) {
     const PlantState rate =
         model.rate({0, 0, 0, theta_m}, {.u_alphabeta = inverse_park({6, 0}, 3 * theta_m)}, 0);
@@ -53,7 +53,7 @@ TEST(DriveModel, VoltageOnTheFluxAxisRaisesTheDCurrentWhereverTheRotorStands) {
 
 TEST(DriveModel, EnergyInIsCopperPlusStoredPlusFrictionPlusLoad) {
   const MachineParameters m = salient();
-  const DriveModel model(m, {});
+  const DriveModel model(m, {}, 24);
   const auto integrator = make_integrator(Engine::kErk, model, 1);
   const auto stored = [&](const PlantState& x) {
     return 0.75 * (m.L_d * x[0] * x[0] + m.L_q * x[1] * x[1]) + 0.5 * m.J * x[2] * x[2];
@@ -95,7 +95,7 @@ TEST(DriveModel, EffectsAddToTheLoadWithTheirSigns) {
   const auto coulomb = make_effect("coulomb_friction");
   test::FieldSetter set({{"torque_Nm", 0.03}});
   coulomb->fields(set);
-  const DriveModel plain(salient(), {}), rubbing(salient(), {coulomb});
+  const DriveModel plain(salient(), {}, 24), rubbing(salient(), {coulomb}, 24);
   const PlantState forward(0, 0, 50, 0), backward(0, 0, -50, 0);
   EXPECT_NEAR(rubbing.rate(forward, {}, 0)[2] - plain.rate(forward, {}, 0)[2], -0.03 / 2e-4, 1e-8);
   EXPECT_NEAR(rubbing.rate(backward, {}, 0)[2] - plain.rate(backward, {}, 0)[2], 0.03 / 2e-4, 1e-8);
@@ -106,7 +106,7 @@ TEST(DriveModel, CoggingTurnsTheRotorToTheNextRestPosition) {
   const auto cogging = make_effect("cogging");
   test::FieldSetter set({{"order", 6}, {"amplitude_Nm", 0.02}});
   cogging->fields(set);
-  const DriveModel model(salient(), {cogging});
+  const DriveModel model(salient(), {cogging}, 24);
   // T_load = A sin(6 theta): angle 0 attracts from either side.
   EXPECT_LT(model.rate({0, 0, 0, 0.1}, {}, 0)[2], 0);
   EXPECT_GT(model.rate({0, 0, 0, -0.1}, {}, 0)[2], 0);

@@ -26,7 +26,7 @@ Vec2 currents_rate_as_printed(const MachineParameters& m, const Vec2& i_alphabet
 
 TEST(FixedAxes, CurrentsMoveAsTheirEquationInTheStatorSays) {
   const MachineParameters m = salient();
-  const DriveModel model(m, {}, Saliency::kFixedAxes);
+  const DriveModel model(m, {}, 311, Saliency::kFixedAxes);
   const auto integrator = make_integrator(Engine::kErk, model, 1);
   for (std::uint64_t i = 0; i < 20; ++i) {
     const double theta_m = 3 * normal(3, 0, i), omega_m = 100 * normal(3, 1, i);
@@ -45,18 +45,18 @@ TEST(FixedAxes, CurrentsMoveAsTheirEquationInTheStatorSays) {
 
 TEST(FixedAxes, TorqueIsThePowerIntoTheEmf) {
   const MachineParameters m = salient();
-  const DriveModel model(m, {}, Saliency::kFixedAxes);
+  const DriveModel model(m, {}, 311, Saliency::kFixedAxes);
   const double omega_m = 90, theta_e = 0.7;
   const Vec2 i_dq(-1, 2), i_alphabeta = inverse_park(i_dq, theta_e);
   const Vec2 emf = 2 * omega_m * m.psi_f * Vec2(-std::sin(theta_e), std::cos(theta_e));
   EXPECT_NEAR(model.torque(i_dq) * omega_m, 1.5 * emf.dot(i_alphabeta), 1e-9);
-  EXPECT_GT(DriveModel(m, {}).torque(i_dq), 1.2 * model.torque(i_dq));  // no reluctance torque
+  EXPECT_GT(DriveModel(m, {}, 311).torque(i_dq), 1.2 * model.torque(i_dq));  // no reluctance torque
 }
 
 TEST(FixedAxes, IsTheSameMachineWhereNothingIsSalient) {
   MachineParameters m = salient();
   m.L_q = m.L_d;
-  const DriveModel fixed(m, {}, Saliency::kFixedAxes), rotor(m, {});
+  const DriveModel fixed(m, {}, 311, Saliency::kFixedAxes), rotor(m, {}, 311);
   const PlantState x(-0.4, 1.3, 120, 2.2);
   const PlantInput input{.u_alphabeta = {30, -70}, .T_load = 0.4};
   EXPECT_LT((fixed.rate(x, input, 0) - rotor.rate(x, input, 0)).norm(), 1e-8);

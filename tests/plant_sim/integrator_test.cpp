@@ -36,7 +36,7 @@ double worst_current_error(Integrator& a, Integrator& b) {
 }
 
 TEST(Erk, OneStepAnIntervalIsWithinTensOfMicroamperesOfTheReferee) {
-  const DriveModel model(dilys(), {});
+  const DriveModel model(dilys(), {}, 24);
   const auto erk = make_integrator(Engine::kErk, model, 1);
   const auto cvode = make_integrator(Engine::kCvode, model, 1);
   const double worst = worst_current_error(*erk, *cvode);
@@ -45,7 +45,7 @@ TEST(Erk, OneStepAnIntervalIsWithinTensOfMicroamperesOfTheReferee) {
 }
 
 TEST(Erk, ConvergesWithOrderFive) {
-  const DriveModel model(dilys(), {});
+  const DriveModel model(dilys(), {}, 24);
   const auto truth = make_integrator(Engine::kErk, model, 64);
   const auto coarse = make_integrator(Engine::kErk, model, 2);
   const auto fine = make_integrator(Engine::kErk, model, 4);
@@ -55,7 +55,7 @@ TEST(Erk, ConvergesWithOrderFive) {
 }
 
 TEST(Cvode, IsWithinItsToleranceOfManySmallSteps) {
-  const DriveModel model(dilys(), {});
+  const DriveModel model(dilys(), {}, 24);
   const auto truth = make_integrator(Engine::kErk, model, 64);
   const auto cvode = make_integrator(Engine::kCvode, model, 1);
   const double worst = worst_current_error(*cvode, *truth);
@@ -64,7 +64,7 @@ TEST(Cvode, IsWithinItsToleranceOfManySmallSteps) {
 }
 
 TEST(Integrators, RememberNothingBetweenIntervals) {
-  const DriveModel model(dilys(), {});
+  const DriveModel model(dilys(), {}, 24);
   for (Engine engine : {Engine::kErk, Engine::kCvode}) {
     const auto used = make_integrator(engine, model, 1), fresh = make_integrator(engine, model, 1);
     for (std::uint64_t i = 0; i < 20; ++i) used->advance(random_state(i), random_input(i), kTs);
@@ -76,7 +76,7 @@ TEST(Integrators, RememberNothingBetweenIntervals) {
 TEST(Integrators, FollowTheLockedRotorsExponential) {
   MachineParameters m = dilys();
   m.J = 1e4;
-  const DriveModel model(m, {});
+  const DriveModel model(m, {}, 24);
   for (Engine engine : {Engine::kErk, Engine::kCvode}) {
     const auto integrator = make_integrator(engine, model, 4);
     PlantState x = PlantState::Zero();
@@ -89,7 +89,7 @@ TEST(Integrators, FollowTheLockedRotorsExponential) {
 }
 
 TEST(Integrators, ReportAStateThatIsNotFinite) {
-  const DriveModel model(dilys(), {});
+  const DriveModel model(dilys(), {}, 24);
   for (Engine engine : {Engine::kErk, Engine::kCvode}) {
     const auto integrator = make_integrator(engine, model, 1);
     PlantState x = PlantState::Zero();
