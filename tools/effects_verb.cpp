@@ -20,18 +20,17 @@ constexpr const char* kSigns =
     "omega_m; voltages subtract from the applied phase voltage in rotor axes. Measured current = "
     "(1 + gain) true + offset.";
 
-// Which equation an effect enters, from what its regressors touch at a point where nothing is zero.
+// Which equations and readings an effect enters.
 std::string acts_on(const Effect& effect) {
-  const OperatingPoint point{.t = 0.123, .i_dq = {0.7, 1.3}, .omega_m = 11.0, .theta_m = 0.37};
-  std::vector<Contribution> columns(static_cast<std::size_t>(effect.regressor_count()));
-  effect.regressors(point, columns);
-  bool torque = false, voltage = false;
-  for (const Contribution& column : columns) {
-    torque = torque || column.T_load != 0;
-    voltage = voltage || !column.u_dq_drop.isZero();
-  }
-  if (torque && voltage) return "T_load, u_dq";
-  return torque ? "T_load" : voltage ? "u_dq" : "sensing";
+  constexpr std::pair<int, const char*> kNames[] = {{kOnTorque, "T_load"},
+                                                    {kOnVoltage, "u_dq"},
+                                                    {kOnBus, "v_dc"},
+                                                    {kOnCurrents, "i_abc reading"},
+                                                    {kOnAngle, "theta_m reading"}};
+  std::string list;
+  for (const auto& [bit, name] : kNames)
+    if (effect.acts_on() & bit) list += (list.empty() ? "" : ", ") + std::string(name);
+  return list;
 }
 
 json parameter_json(const FieldRow& row) {

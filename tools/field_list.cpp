@@ -82,9 +82,9 @@ class Lister final : public FieldVisitor {
 };
 
 // Longer suffixes first: "rad_s" before "s".
-constexpr std::array<std::string_view, 20> kUnits = {
-    "rad_s2", "per_rev", "Nm_rad", "rad_s", "Nm_s", "kgm2", "degC", "Nms", "Ohm", "rad",
-    "Nm",     "Wb",      "Hz",     "ms",    "us",   "ns",   "A",    "V",   "H",   "s"};
+constexpr std::array<std::string_view, 21> kUnits = {
+    "rad_s2", "per_rev", "Nm_rad", "rad_s", "Nm_s", "Nms2", "kgm2", "degC", "Nms", "Ohm", "rad",
+    "Nm",     "Wb",      "Hz",     "ms",    "us",   "ns",   "A",    "V",    "H",   "s"};
 
 }  // namespace
 

@@ -1,9 +1,18 @@
-// Cogging: the magnets pull on the slots.  T_load += A sin(N theta_m + phase)       (Niewiara (9),
-// one order)
+// Cogging: the magnets pull on the slots.       (Niewiara (9), one term)
 //
-// Regressors at a given order N: sin(N theta_m), cos(N theta_m); coefficients A cos(phase), A
-// sin(phase).
+//   T_load += A sin(N theta_m + phase)
+//
+// N comes from `order` and `origin`:
+//   order   N = order
+//   native  N = order lcm(n_slots, 2 n_p)   the perfect machine has only these
+//   slots   N = order n_slots               imperfect rotor: a magnet unlike the others
+//   poles   N = order 2 n_p                 imperfect stator: a tooth unlike the others
+//
+// Regressors at a given N: sin(N theta_m), cos(N theta_m); coefficients A cos(phase), A sin(phase).
+#include <numeric>
+
 #include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
 
 namespace twinrate {
 namespace {
@@ -15,28 +24,45 @@ class Cogging final : public Effect {
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"theta_m", "i_q"}; }
   void fields(FieldVisitor& f) override {
-    f.integer("order", order_, 1, 2000, "periods a mechanical turn", Presence::kRequired);
+    f.integer("order", order_, 1, 2000, "periods a mechanical turn, or a multiple of the origin's",
+              Presence::kRequired);
+    f.choice("origin", origin_, kOriginNames,
+             "what order counts: turns, lcm(slots, poles), slots or poles");
     f.number("amplitude_Nm", amplitude_, 0, 1e4, "peak torque", Presence::kRequired);
     f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the sine at theta_m = 0");
   }
+  std::string prepare(const DriveFacts& facts) override {
+    const int n_slots = facts.machine.n_slots, n_poles = 2 * facts.machine.n_p;
+    if ((origin_ == kNative || origin_ == kSlots) && n_slots == 0)
+      return std::string("origin = \"") + kOriginNames[origin_] + "\" needs machine.n_slots";
+    const int unit[] = {1, std::lcm(n_slots, n_poles), n_slots, n_poles};
+    unit_ = unit[origin_];
+    return "";
+  }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<Cogging>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.T_load = amplitude_ * std::sin(order_ * point.theta_m + phase_)};
+    return {.T_load = amplitude_ * std::sin(N() * point.theta_m + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.T_load = std::sin(order_ * point.theta_m)};
-    columns[1] = {.T_load = std::cos(order_ * point.theta_m)};
+    columns[0] = {.T_load = std::sin(N() * point.theta_m)};
+    columns[1] = {.T_load = std::cos(N() * point.theta_m)};
   }
   void coefficients(std::span<double> values) const override {
-    values[0] = amplitude_ * std::cos(phase_);
-    values[1] = amplitude_ * std::sin(phase_);
+    sine_coefficients(amplitude_, phase_, values);
   }
 
  private:
+  double N() const { return order_ * unit_; }
+
+  static constexpr const char* kOriginNames[] = {"order", "native", "slots", "poles"};
+  enum Origin : int { kOrder = 0, kNative = 1, kSlots = 2, kPoles = 3 };
+
   int order_ = 1;
+  int origin_ = kOrder;
   double amplitude_ = 0;
   double phase_ = 0;
+  int unit_ = 1;
 };
 
 }  // namespace

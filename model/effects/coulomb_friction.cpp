@@ -4,6 +4,7 @@
 // omega_smooth it is within 0.5 % of the sign. Regressor: tanh(omega_m/omega_smooth); coefficient
 // T_C.
 #include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
 
 namespace twinrate {
 namespace {
@@ -22,19 +23,17 @@ class CoulombFriction final : public Effect {
     return std::make_shared<CoulombFriction>(*this);
   }
   Contribution at(const OperatingPoint& point) const override {
-    return {.T_load = T_C_ * smooth_sign(point.omega_m)};
+    return {.T_load = T_C_ * smooth_sign(point.omega_m, omega_smooth_)};
   }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.T_load = smooth_sign(point.omega_m)};
+    columns[0] = {.T_load = smooth_sign(point.omega_m, omega_smooth_)};
   }
   void coefficients(std::span<double> values) const override { values[0] = T_C_; }
 
  private:
-  double smooth_sign(double omega_m) const { return std::tanh(omega_m / omega_smooth_); }
-
   double T_C_ = 0;
-  double omega_smooth_ = 0.02;
+  double omega_smooth_ = kSmoothSpeed;
 };
 
 }  // namespace

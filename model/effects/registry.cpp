@@ -11,7 +11,22 @@ struct Entry {
 };
 constexpr Entry kEntries[] = {
     {"cogging", make_cogging},
+    {"constant_load", make_constant_load},
     {"coulomb_friction", make_coulomb_friction},
+    {"current_gain", make_current_gain},
+    {"current_offset", make_current_offset},
+    {"dc_bus_ripple", make_dc_bus_ripple},
+    {"dead_time", make_dead_time},
+    {"eccentric_load", make_eccentric_load},
+    {"encoder_eccentricity", make_encoder_eccentricity},
+    {"encoder_offset", make_encoder_offset},
+    {"fan_load", make_fan_load},
+    {"flux_harmonics", make_flux_harmonics},
+    {"friction_ripple", make_friction_ripple},
+    {"inverter_drop", make_inverter_drop},
+    {"load_step", make_load_step},
+    {"stribeck_friction", make_stribeck_friction},
+    {"viscous_friction", make_viscous_friction},
 };
 
 }  // namespace

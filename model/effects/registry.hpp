@@ -5,6 +5,21 @@
 namespace twinrate {
 
 std::shared_ptr<Effect> make_cogging();
+std::shared_ptr<Effect> make_constant_load();
 std::shared_ptr<Effect> make_coulomb_friction();
+std::shared_ptr<Effect> make_current_gain();
+std::shared_ptr<Effect> make_current_offset();
+std::shared_ptr<Effect> make_dc_bus_ripple();
+std::shared_ptr<Effect> make_dead_time();
+std::shared_ptr<Effect> make_eccentric_load();
+std::shared_ptr<Effect> make_encoder_eccentricity();
+std::shared_ptr<Effect> make_encoder_offset();
+std::shared_ptr<Effect> make_fan_load();
+std::shared_ptr<Effect> make_flux_harmonics();
+std::shared_ptr<Effect> make_friction_ripple();
+std::shared_ptr<Effect> make_inverter_drop();
+std::shared_ptr<Effect> make_load_step();
+std::shared_ptr<Effect> make_stribeck_friction();
+std::shared_ptr<Effect> make_viscous_friction();
 
 }  // namespace twinrate

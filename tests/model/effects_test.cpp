@@ -1,62 +1,69 @@
-#include <gtest/gtest.h>
+#include "tests/support/effects.hpp"
 
-#include <array>
+#include <gtest/gtest.h>
 
 #include "model/effects/effect.hpp"
 #include "model/random.hpp"
-#include "tests/support/field_setter.hpp"
 
 namespace twinrate {
 namespace {
 
 std::shared_ptr<Effect> cogging(int order, double amplitude, double phase) {
-  const auto effect = make_effect("cogging");
-  test::FieldSetter set({{"order", order}, {"amplitude_Nm", amplitude}, {"phase_rad", phase}});
-  effect->fields(set);
-  return effect;
+  return test::effect_of("cogging",
+                         {{"order", order}, {"amplitude_Nm", amplitude}, {"phase_rad", phase}});
 }
 
 std::shared_ptr<Effect> coulomb(double torque, double smooth) {
-  const auto effect = make_effect("coulomb_friction");
-  test::FieldSetter set({{"torque_Nm", torque}, {"smooth_rad_s", smooth}});
-  effect->fields(set);
-  return effect;
+  return test::effect_of("coulomb_friction", {{"torque_Nm", torque}, {"smooth_rad_s", smooth}});
 }
 
 OperatingPoint random_point(std::uint64_t index) {
-  return {.t = uniform(1, 0, index),
-          .i_dq = Vec2(normal(1, 1, index), normal(1, 2, index)),
-          .omega_m = 0.05 * normal(1, 3, index),  // where the smoothed sign is not just +-1
-          .theta_m = 100 * normal(1, 4, index)};
+  OperatingPoint point{.t = uniform(1, 0, index),
+                       .i_dq = Vec2(normal(1, 1, index), normal(1, 2, index)),
+                       .u_dq = Vec2(20 * normal(1, 5, index), 20 * normal(1, 6, index)),
+                       .v_dc = 235.4,
+                       .omega_m = 0.05 * normal(1, 3, index),  // where a smoothed sign is not +-1
+                       .theta_m = 100 * normal(1, 4, index)};
+  point.theta_e = 3 * point.theta_m;
+  return point;
+}
+
+std::shared_ptr<Effect> plausible(const std::string& kind) {
+  const auto effect = make_effect(kind);
+  test::PlausibleValues set;
+  effect->fields(set);
+  EXPECT_EQ(effect->prepare(test::drive_facts()), "");
+  return effect;
 }
 
 // What every effect of the registry owes, whatever it is.
 class EveryEffect : public testing::TestWithParam<std::string> {};
 
 TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
-  const auto effect = make_effect(GetParam());
-  test::FieldSetter set({{"order", 7},
-                         {"amplitude_Nm", 0.3},
-                         {"phase_rad", 1.1},
-                         {"torque_Nm", 0.2},
-                         {"smooth_rad_s", 0.05}});
-  effect->fields(set);
+  const auto effect = plausible(GetParam());
   const auto count = static_cast<std::size_t>(effect->regressor_count());
   ASSERT_GT(count, 0u);
   std::vector<double> coefficients(count);
   effect->coefficients(coefficients);
+  double size = 0;
   for (std::uint64_t i = 0; i < 500; ++i) {
     const OperatingPoint point = random_point(i);
     std::vector<Contribution> columns(count);
     effect->regressors(point, columns);
-    Contribution sum;
-    for (std::size_t c = 0; c < count; ++c) {
-      sum.T_load += coefficients[c] * columns[c].T_load;
-      sum.u_dq_drop += coefficients[c] * columns[c].u_dq_drop;
-    }
-    EXPECT_NEAR(effect->at(point).T_load, sum.T_load, 1e-12);
-    EXPECT_NEAR((effect->at(point).u_dq_drop - sum.u_dq_drop).norm(), 0, 1e-12);
+    Eigen::Matrix<double, 8, 1> sum = Eigen::Matrix<double, 8, 1>::Zero();
+    for (std::size_t c = 0; c < count; ++c) sum += coefficients[c] * test::flat(columns[c]);
+    const auto whole = test::flat(effect->at(point));
+    EXPECT_NEAR((whole - sum).norm(), 0, 1e-12 * (1 + whole.norm()));
+    size = std::max(size, whole.norm());
   }
+  EXPECT_GT(size, 1e-3);
+}
+
+TEST_P(EveryEffect, TouchesWhatItSaysItActsOnAndNothingElse) {
+  const auto effect = plausible(GetParam());
+  int touched = 0;
+  for (std::uint64_t i = 0; i < 50; ++i) touched |= test::touched(effect->at(random_point(i)));
+  EXPECT_EQ(touched, effect->acts_on());
 }
 
 TEST_P(EveryEffect, DeclaresItsFieldsAndItsNeeds) {
@@ -71,16 +78,14 @@ TEST_P(EveryEffect, DeclaresItsFieldsAndItsNeeds) {
 }
 
 TEST_P(EveryEffect, ACloneIsItsOwnObjectWithTheSameValues) {
-  const auto effect = make_effect(GetParam());
-  test::FieldSetter set({{"order", 3}, {"amplitude_Nm", 0.5}, {"torque_Nm", 0.5}});
-  effect->fields(set);
+  const auto effect = plausible(GetParam());
   const auto copy = effect->clone();
-  const OperatingPoint point{.omega_m = 1, .theta_m = 0.3};
-  EXPECT_EQ(copy->at(point).T_load, effect->at(point).T_load);
-  test::FieldSetter silence({{"amplitude_Nm", 0}, {"torque_Nm", 0}});
+  const OperatingPoint point = random_point(7);
+  EXPECT_EQ(test::flat(copy->at(point)), test::flat(effect->at(point)));
+  test::Silence silence;
   copy->fields(silence);
-  EXPECT_EQ(copy->at(point).T_load, 0);
-  EXPECT_NE(effect->at(point).T_load, 0);
+  EXPECT_TRUE(test::flat(copy->at(point)).isZero(0));
+  EXPECT_FALSE(test::flat(effect->at(point)).isZero(0));
 }
 
 INSTANTIATE_TEST_SUITE_P(Registry, EveryEffect, testing::ValuesIn(effect_kinds()),

@@ -8,7 +8,7 @@
 
 namespace twinrate::test {
 
-class FieldSetter final : public FieldVisitor {
+class FieldSetter : public FieldVisitor {
  public:
   explicit FieldSetter(std::map<std::string, double> values = {}) : values_(std::move(values)) {}
 

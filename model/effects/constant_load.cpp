@@ -1,0 +1,38 @@
+// Constant load: a torque that does not ask for the direction, as a hanging weight.  T_load += T
+//
+// Regressor: 1; coefficient T.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class ConstantLoad final : public Effect {
+ public:
+  std::string_view kind() const override { return "constant_load"; }
+  std::string_view meaning() const override {
+    return "torque that is always there, as of a hanging weight";
+  }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("torque_Nm", T_, -1e4, 1e4, "opposes positive speed", Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<ConstantLoad>(*this); }
+  Contribution at(const OperatingPoint&) const override { return {.T_load = T_}; }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint&, std::span<Contribution> columns) const override {
+    columns[0] = {.T_load = 1};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = T_; }
+
+ private:
+  double T_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_constant_load() {
+  return std::make_shared<ConstantLoad>();
+}
+
+}  // namespace twinrate

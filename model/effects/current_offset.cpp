@@ -1,0 +1,47 @@
+// Offset of the current sensors, one a phase.  i_meas = i + offset       (Niewiara (1), (2))
+//
+// Seen in rotor axes it turns at order n_p. With sensors.current_sensors = 2 there is no third
+// sensor: offset_c_A means nothing, and the reading of c has -offset_a - offset_b. Regressors: one
+// a phase.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class CurrentOffset final : public Effect {
+ public:
+  std::string_view kind() const override { return "current_offset"; }
+  std::string_view meaning() const override {
+    return "error of a current sensor that is always there";
+  }
+  int acts_on() const override { return kOnCurrents; }
+  std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("offset_a_A", offset_[0], -1e3, 1e3, "measured less true current, phase a",
+             Presence::kRequired);
+    f.number("offset_b_A", offset_[1], -1e3, 1e3, "the same of phase b", Presence::kRequired);
+    f.number("offset_c_A", offset_[2], -1e3, 1e3, "the same of phase c");
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<CurrentOffset>(*this); }
+  Contribution at(const OperatingPoint&) const override { return {.i_abc = offset_}; }
+  int regressor_count() const override { return 3; }
+  void regressors(const OperatingPoint&, std::span<Contribution> columns) const override {
+    for (int phase = 0; phase < 3; ++phase)
+      columns[static_cast<std::size_t>(phase)] = {.i_abc = Vec3::Unit(phase)};
+  }
+  void coefficients(std::span<double> values) const override {
+    for (int phase = 0; phase < 3; ++phase)
+      values[static_cast<std::size_t>(phase)] = offset_[phase];
+  }
+
+ private:
+  Vec3 offset_ = Vec3::Zero();
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_current_offset() {
+  return std::make_shared<CurrentOffset>();
+}
+
+}  // namespace twinrate

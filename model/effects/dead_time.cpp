@@ -1,0 +1,60 @@
+// Dead time of the inverter, averaged over a switching period.       (Niewiara (5), (6))
+//
+//   drop of a phase = t_d f_pwm v_dc sat(i/i_linear)          sat(x) = max(-1, min(1, x))
+//
+// While both switches of a leg are off its current chooses the diode: positive current gets the
+// lower rail. Below i_linear the ripple changes the current's sign within a period and the loss
+// shrinks. A square wave in each phase: order 6 n_p and its multiples in rotor axes. f_pwm is
+// inverter.f_pwm_Hz. Regressor: f_pwm v_dc Park(Clarke(sat)); coefficient t_d.
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class DeadTime final : public Effect {
+ public:
+  std::string_view kind() const override { return "dead_time"; }
+  std::string_view meaning() const override {
+    return "voltage lost while both switches of a leg are off";
+  }
+  int acts_on() const override { return kOnVoltage; }
+  std::vector<std::string> signals_needed() const override {
+    return {"i_a", "i_b", "u_d", "u_q", "theta_m"};
+  }
+  void fields(FieldVisitor& f) override {
+    f.number("dead_time_s", t_d_, 0, 1e-4, "from switch off to switch on", Presence::kRequired);
+    f.number("linear_current_A", i_linear_, 1e-6, 1e3, "current below which the loss shrinks");
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    f_pwm_ = facts.f_pwm;
+    return t_d_ * f_pwm_ < 0.5 ? "" : "dead_time_s is half a switching period or more";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<DeadTime>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.u_dq_drop = t_d_ * drop_a_second(point)};
+  }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.u_dq_drop = drop_a_second(point)};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = t_d_; }
+
+ private:
+  Vec2 drop_a_second(const OperatingPoint& point) const {
+    return f_pwm_ * point.v_dc *
+           phases_to_dq(saturate_phases(point.i_abc(), i_linear_), point.theta_e);
+  }
+
+  double t_d_ = 0;
+  double i_linear_ = 0.3;
+  double f_pwm_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_dead_time() {
+  return std::make_shared<DeadTime>();
+}
+
+}  // namespace twinrate

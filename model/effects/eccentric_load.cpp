@@ -1,0 +1,46 @@
+// Eccentric load: unbalance under gravity, or a misaligned shaft.  T_load += A sin(theta_m + phase)
+//
+// Regressors: sin(theta_m), cos(theta_m); coefficients A cos(phase), A sin(phase).
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class EccentricLoad final : public Effect {
+ public:
+  std::string_view kind() const override { return "eccentric_load"; }
+  std::string_view meaning() const override {
+    return "torque once a turn: unbalance under gravity, misaligned shaft";
+  }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"theta_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("amplitude_Nm", amplitude_, 0, 1e4, "peak torque", Presence::kRequired);
+    f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the sine at theta_m = 0");
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<EccentricLoad>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.T_load = amplitude_ * std::sin(point.theta_m + phase_)};
+  }
+  int regressor_count() const override { return 2; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.T_load = std::sin(point.theta_m)};
+    columns[1] = {.T_load = std::cos(point.theta_m)};
+  }
+  void coefficients(std::span<double> values) const override {
+    sine_coefficients(amplitude_, phase_, values);
+  }
+
+ private:
+  double amplitude_ = 0;
+  double phase_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_eccentric_load() {
+  return std::make_shared<EccentricLoad>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,51 @@
+// Eccentric encoder disc: the reading runs ahead and behind once a turn.
+//
+//   theta_meas = theta_m + A sin(theta_m + phase)
+//
+// A disc of radius r mounted e off centre has A = e/r. Regressors: sin(theta_m), cos(theta_m);
+// coefficients A cos(phase), A sin(phase).
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class EncoderEccentricity final : public Effect {
+ public:
+  std::string_view kind() const override { return "encoder_eccentricity"; }
+  std::string_view meaning() const override {
+    return "angle reading that runs ahead and behind once a turn";
+  }
+  int acts_on() const override { return kOnAngle; }
+  std::vector<std::string> signals_needed() const override { return {"theta_m", "omega_m"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("amplitude_rad", amplitude_, 0, 0.5, "peak error, mechanical", Presence::kRequired);
+    f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the sine at theta_m = 0");
+  }
+  std::shared_ptr<Effect> clone() const override {
+    return std::make_shared<EncoderEccentricity>(*this);
+  }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.theta_m = amplitude_ * std::sin(point.theta_m + phase_)};
+  }
+  int regressor_count() const override { return 2; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.theta_m = std::sin(point.theta_m)};
+    columns[1] = {.theta_m = std::cos(point.theta_m)};
+  }
+  void coefficients(std::span<double> values) const override {
+    sine_coefficients(amplitude_, phase_, values);
+  }
+
+ private:
+  double amplitude_ = 0;
+  double phase_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_encoder_eccentricity() {
+  return std::make_shared<EncoderEccentricity>();
+}
+
+}  // namespace twinrate

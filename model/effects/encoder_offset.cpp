@@ -1,0 +1,37 @@
+// Encoder zero that is not the d axis.  theta_meas = theta_m + offset
+//
+// Regressor: 1; coefficient offset.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class EncoderOffset final : public Effect {
+ public:
+  std::string_view kind() const override { return "encoder_offset"; }
+  std::string_view meaning() const override { return "zero of the angle reading off the d axis"; }
+  int acts_on() const override { return kOnAngle; }
+  std::vector<std::string> signals_needed() const override { return {"theta_m", "u_d", "u_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("offset_rad", offset_, -kTwoPi, kTwoPi, "measured less true angle, mechanical",
+             Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<EncoderOffset>(*this); }
+  Contribution at(const OperatingPoint&) const override { return {.theta_m = offset_}; }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint&, std::span<Contribution> columns) const override {
+    columns[0] = {.theta_m = 1};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = offset_; }
+
+ private:
+  double offset_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_encoder_offset() {
+  return std::make_shared<EncoderOffset>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,40 @@
+// Fan load: torque that grows with the square of the speed.  T_load += c omega_m |omega_m|
+//
+// Regressor: omega_m |omega_m|; coefficient c.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class FanLoad final : public Effect {
+ public:
+  std::string_view kind() const override { return "fan_load"; }
+  std::string_view meaning() const override {
+    return "torque with the square of the speed: fan, propeller, pump";
+  }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("coefficient_Nms2", c_, 0, 1e3, "torque at 1 rad/s", Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<FanLoad>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.T_load = c_ * point.omega_m * std::abs(point.omega_m)};
+  }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.T_load = point.omega_m * std::abs(point.omega_m)};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = c_; }
+
+ private:
+  double c_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_fan_load() {
+  return std::make_shared<FanLoad>();
+}
+
+}  // namespace twinrate

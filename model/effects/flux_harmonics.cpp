@@ -1,0 +1,71 @@
+// Flux harmonics: the flux of the magnets along d varies with the angle.       (Niewiara (8))
+//
+//   delta_psi_d = A cos(N theta_m + phase)
+//   u_dq_drop = [d delta_psi/dt, omega_e delta_psi]
+//   T_load -= 3/2 n_p (delta_psi i_q + (d delta_psi/d theta_e) i_d)
+//
+// Voltage and torque belong together: the power 3/2 i_dq u_dq_drop taken from the terminals is the
+// mechanical power -T_load omega_m, whatever the operating point. N counts a mechanical turn, 6 n_p
+// and its multiples in a symmetric machine. Regressors at given N: the same with cos(N theta_m) and
+// with -sin(N theta_m) for delta_psi/A; coefficients A cos(phase), A sin(phase).
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class FluxHarmonics final : public Effect {
+ public:
+  std::string_view kind() const override { return "flux_harmonics"; }
+  std::string_view meaning() const override {
+    return "flux of the magnets that varies with the angle";
+  }
+  int acts_on() const override { return kOnVoltage | kOnTorque; }
+  std::vector<std::string> signals_needed() const override {
+    return {"i_d", "i_q", "u_d", "u_q", "theta_m", "omega_m"};
+  }
+  void fields(FieldVisitor& f) override {
+    f.integer("order", order_, 1, 2000, "periods a mechanical turn", Presence::kRequired);
+    f.number("amplitude_Wb", amplitude_, 0, 100, "peak deviation of the flux along d",
+             Presence::kRequired);
+    f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the cosine at theta_m = 0");
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    n_p_ = facts.machine.n_p;
+    return "";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<FluxHarmonics>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    const double angle = order_ * point.theta_m + phase_;
+    return of_flux(point, amplitude_ * std::cos(angle), -amplitude_ * order_ * std::sin(angle));
+  }
+  int regressor_count() const override { return 2; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    const double c = std::cos(order_ * point.theta_m), s = std::sin(order_ * point.theta_m);
+    columns[0] = of_flux(point, c, -order_ * s);
+    columns[1] = of_flux(point, -s, -order_ * c);
+  }
+  void coefficients(std::span<double> values) const override {
+    sine_coefficients(amplitude_, phase_, values);
+  }
+
+ private:
+  // slope: d delta_psi/d theta_m
+  Contribution of_flux(const OperatingPoint& point, double delta_psi, double slope) const {
+    return {.T_load = -1.5 * (n_p_ * delta_psi * point.i_dq[1] + slope * point.i_dq[0]),
+            .u_dq_drop = point.omega_m * Vec2(slope, n_p_ * delta_psi)};
+  }
+
+  int order_ = 1;
+  double amplitude_ = 0;
+  double phase_ = 0;
+  int n_p_ = 1;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_flux_harmonics() {
+  return std::make_shared<FluxHarmonics>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,53 @@
+// Friction that varies over a turn: a bearing or seal that rubs more at one place.
+//
+//   T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)
+//
+// It changes sign with the direction, which is how it is told from cogging. Regressors at given N:
+// tanh() sin(N theta_m), tanh() cos(N theta_m); coefficients A cos(phase), A sin(phase).
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class FrictionRipple final : public Effect {
+ public:
+  std::string_view kind() const override { return "friction_ripple"; }
+  std::string_view meaning() const override { return "friction that varies over a turn"; }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"theta_m", "omega_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.integer("order", order_, 1, 2000, "periods a mechanical turn", Presence::kRequired);
+    f.number("amplitude_Nm", amplitude_, 0, 1e4, "peak of the variation", Presence::kRequired);
+    f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the sine at theta_m = 0");
+    f.number("smooth_rad_s", omega_smooth_, 1e-6, 1e3, "speed scale of the sign's smoothing");
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<FrictionRipple>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.T_load = smooth_sign(point.omega_m, omega_smooth_) * amplitude_ *
+                      std::sin(order_ * point.theta_m + phase_)};
+  }
+  int regressor_count() const override { return 2; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    const double sign = smooth_sign(point.omega_m, omega_smooth_);
+    columns[0] = {.T_load = sign * std::sin(order_ * point.theta_m)};
+    columns[1] = {.T_load = sign * std::cos(order_ * point.theta_m)};
+  }
+  void coefficients(std::span<double> values) const override {
+    sine_coefficients(amplitude_, phase_, values);
+  }
+
+ private:
+  int order_ = 1;
+  double amplitude_ = 0;
+  double phase_ = 0;
+  double omega_smooth_ = kSmoothSpeed;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_friction_ripple() {
+  return std::make_shared<FrictionRipple>();
+}
+
+}  // namespace twinrate

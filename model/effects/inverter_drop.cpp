@@ -1,0 +1,59 @@
+// Voltage drop of the switches.
+//
+//   drop of a phase = V_0 sat(i/i_linear) + R_on i            sat(x) = max(-1, min(1, x))
+//
+// V_0 is the forward voltage of transistor or diode, R_on its slope: with R_s the one is told from
+// the other only by temperature. Regressors: Park(Clarke(sat)), i_dq; coefficients V_0, R_on.
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class InverterDrop final : public Effect {
+ public:
+  std::string_view kind() const override { return "inverter_drop"; }
+  std::string_view meaning() const override {
+    return "forward voltage and resistance of the switches";
+  }
+  int acts_on() const override { return kOnVoltage; }
+  std::vector<std::string> signals_needed() const override {
+    return {"i_a", "i_b", "u_d", "u_q", "theta_m"};
+  }
+  void fields(FieldVisitor& f) override {
+    f.number("threshold_V", V_0_, 0, 100, "forward voltage of a switch", Presence::kRequired);
+    f.number("resistance_Ohm", R_on_, 0, 100, "slope of the forward voltage");
+    f.number("linear_current_A", i_linear_, 1e-6, 1e3,
+             "current below which the forward voltage shrinks");
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterDrop>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_dq};
+  }
+  int regressor_count() const override { return 2; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.u_dq_drop = signs(point)};
+    columns[1] = {.u_dq_drop = point.i_dq};
+  }
+  void coefficients(std::span<double> values) const override {
+    values[0] = V_0_;
+    values[1] = R_on_;
+  }
+
+ private:
+  Vec2 signs(const OperatingPoint& point) const {
+    return phases_to_dq(saturate_phases(point.i_abc(), i_linear_), point.theta_e);
+  }
+
+  double V_0_ = 0;
+  double R_on_ = 0;
+  double i_linear_ = 0.3;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_inverter_drop() {
+  return std::make_shared<InverterDrop>();
+}
+
+}  // namespace twinrate

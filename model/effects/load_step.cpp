@@ -1,0 +1,41 @@
+// Load step: a torque from one moment on.  T_load += T for t >= t_step
+//
+// The integrator does not stop at t_step: put it on a tick where that matters. Regressor: 1 from
+// t_step on; coefficient T.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class LoadStep final : public Effect {
+ public:
+  std::string_view kind() const override { return "load_step"; }
+  std::string_view meaning() const override { return "torque from one moment on"; }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"t", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("torque_Nm", T_, -1e4, 1e4, "opposes positive speed", Presence::kRequired);
+    f.number("time_s", t_step_, 0, 1e5, "drive time from which it acts", Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<LoadStep>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.T_load = point.t >= t_step_ ? T_ : 0};
+  }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.T_load = point.t >= t_step_ ? 1.0 : 0.0};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = T_; }
+
+ private:
+  double T_ = 0;
+  double t_step_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_load_step() {
+  return std::make_shared<LoadStep>();
+}
+
+}  // namespace twinrate

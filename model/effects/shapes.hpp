@@ -1,0 +1,41 @@
+// Shapes that several effects share.
+//
+//   smooth_sign(omega, scale) = tanh(omega/scale)    the sign of a speed, smooth for the
+//   integrator;
+//                                                    within 0.5 % of +-1 above 3 scale
+//   saturate(x) = max(-1, min(1, x))                 the sign of a current, linear near zero
+//   phases_to_dq(x_abc, theta_e)                     three phase values as a vector in rotor axes
+//   sine(amplitude, phase): amplitude sin(angle + phase) = c_0 sin(angle) + c_1 cos(angle)
+#pragma once
+#include <span>
+
+#include "model/frames.hpp"
+
+namespace twinrate {
+
+inline constexpr double kSmoothSpeed = 0.02;  // rad/s, default scale of smooth_sign
+
+inline double smooth_sign(double omega_m, double scale) {
+  return std::tanh(omega_m / scale);
+}
+
+inline double saturate(double x) {
+  return x > 1 ? 1 : x < -1 ? -1 : x;
+}
+
+inline Vec3 saturate_phases(const Vec3& i_abc, double linear_current) {
+  return {saturate(i_abc[0] / linear_current), saturate(i_abc[1] / linear_current),
+          saturate(i_abc[2] / linear_current)};
+}
+
+inline Vec2 phases_to_dq(const Vec3& x_abc, double theta_e) {
+  return park(clarke(x_abc), theta_e);
+}
+
+// c_0, c_1 of amplitude sin(angle + phase).
+inline void sine_coefficients(double amplitude, double phase, std::span<double> values) {
+  values[0] = amplitude * std::cos(phase);
+  values[1] = amplitude * std::sin(phase);
+}
+
+}  // namespace twinrate

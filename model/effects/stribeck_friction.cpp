@@ -1,0 +1,60 @@
+// Stribeck friction: what dry friction has more at low speed, until the film of grease carries.
+//
+//   T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)
+//
+// T_S is the excess over Coulomb friction: break-away torque less Coulomb torque. Exponent 2
+// (default) is Armstrong-Helouvry's form, 1 is Tustin's. Regressor: the product of exponential and
+// tanh at given omega_S; coefficient T_S.
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+
+namespace twinrate {
+namespace {
+
+class StribeckFriction final : public Effect {
+ public:
+  std::string_view kind() const override { return "stribeck_friction"; }
+  std::string_view meaning() const override {
+    return "dry friction that falls with speed, beyond Coulomb";
+  }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("torque_Nm", T_S_, 0, 1e4, "excess over Coulomb friction at standstill",
+             Presence::kRequired);
+    f.number("speed_rad_s", omega_S_, 1e-4, 1e4, "speed at which 1/e of it is left",
+             Presence::kRequired);
+    f.number("exponent", exponent_, 0.5, 4, "of the fall: 2 Gaussian, 1 exponential");
+    f.number("smooth_rad_s", omega_smooth_, 1e-6, 1e3, "speed scale of the sign's smoothing");
+  }
+  std::shared_ptr<Effect> clone() const override {
+    return std::make_shared<StribeckFriction>(*this);
+  }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.T_load = T_S_ * shape(point.omega_m)};
+  }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.T_load = shape(point.omega_m)};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = T_S_; }
+
+ private:
+  double shape(double omega_m) const {
+    return std::exp(-std::pow(std::abs(omega_m) / omega_S_, exponent_)) *
+           smooth_sign(omega_m, omega_smooth_);
+  }
+
+  double T_S_ = 0;
+  double omega_S_ = 1;
+  double exponent_ = 2;
+  double omega_smooth_ = kSmoothSpeed;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_stribeck_friction() {
+  return std::make_shared<StribeckFriction>();
+}
+
+}  // namespace twinrate
