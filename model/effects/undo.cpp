@@ -1,0 +1,52 @@
+#include "model/effects/undo.hpp"
+
+namespace twinrate {
+
+namespace {
+constexpr int kRounds = 3;
+}
+
+SensingUndo::SensingUndo(const Effects& effects, int n_p, int current_sensors, double T_s)
+    : on_currents_(acting_on(effects, kOnCurrents)),
+      on_angle_(acting_on(effects, kOnAngle)),
+      n_p_(n_p),
+      current_sensors_(current_sensors),
+      T_s_(T_s) {}
+
+double SensingUndo::angle_error(double theta_m, OperatingPoint& point) const {
+  point.theta_m = theta_m;
+  point.theta_e = n_p_ * theta_m;
+  return sum_at(on_angle_, point).theta_m;
+}
+
+double SensingUndo::true_angle(double theta_m_meas, OperatingPoint& point) const {
+  double theta_m = theta_m_meas;
+  for (int round = 0; round < kRounds; ++round)
+    theta_m = theta_m_meas - angle_error(theta_m, point);
+  return theta_m;
+}
+
+Measurement SensingUndo::operator()(const Measurement& m) const {
+  Measurement corrected = m;
+  OperatingPoint point{
+      .t = 1e-9 * static_cast<double>(m.t_ns), .v_dc = m.v_dc, .omega_m = m.omega_m};
+  if (m.signals & kPosition && !on_angle_.empty()) {
+    corrected.theta_m = true_angle(m.theta_m, point);
+    if (m.signals & kSpeed) {
+      const double theta_m_before = true_angle(m.theta_m - T_s_ * m.omega_m, point);
+      corrected.omega_m = (corrected.theta_m - theta_m_before) / T_s_;
+    }
+  }
+  if (!(m.signals & kPhaseCurrents) || on_currents_.empty()) return corrected;
+  point.omega_m = corrected.omega_m;
+  point.theta_m = corrected.theta_m;
+  point.theta_e = n_p_ * corrected.theta_m;
+  for (int round = 0; round < kRounds; ++round) {
+    point.i_dq = park(clarke(corrected.i_abc), point.theta_e);
+    corrected.i_abc = m.i_abc - sum_at(on_currents_, point).i_abc;
+    if (current_sensors_ == 2) corrected.i_abc[2] = -(corrected.i_abc[0] + corrected.i_abc[1]);
+  }
+  return corrected;
+}
+
+}  // namespace twinrate
