@@ -7,7 +7,7 @@
 namespace twinrate {
 namespace {
 
-constexpr const char* kCovarianceFormNames[] = {"joseph", "paper"};
+constexpr const char* kCovarianceFormNames[] = {"joseph", "paper", "sequential", "auto"};
 constexpr const char* kEngineChoice[] = {"erk", "cvode"};
 constexpr const char* kSaliencyChoice[] = {"rotor", "fixed_axes"};
 constexpr const char* kInverterChoice[] = {"averaged"};
@@ -29,7 +29,7 @@ void GainParameters::fields(FieldVisitor& f) {
 void EstimatorChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "filter of the fast loop and the background");
   f.choice("prediction", prediction, kPredictionNames, "discretisation of the state prediction");
-  f.choice("covariance", covariance, kCovarianceFormNames, "form of the covariance update");
+  f.choice("covariance", covariance, kCovarianceFormNames, "form of the covariance update; auto: sequential where R is small, else joseph");
 }
 
 void ControllerChoice::fields(FieldVisitor& f) {

@@ -47,7 +47,7 @@ struct GainParameters {
 struct EstimatorChoice {
   std::string kind = "ekf_sensorless";
   int prediction = 0;  // index into kPredictionNames (model/discretise.hpp)
-  int covariance = 0;  // 0 joseph, 1 paper
+  int covariance = 3;  // 0 joseph, 1 paper, 2 sequential, 3 auto
   void fields(FieldVisitor& f);
 };
 

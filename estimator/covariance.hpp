@@ -10,21 +10,22 @@
 
 namespace twinrate {
 
-enum class CovarianceForm : int { kJoseph = 0, kPaper = 1 };
-inline constexpr const char* kCovarianceNames[] = {"joseph", "paper"};
+// "sequential" takes one output after the other, for diagonal R: the same in exact arithmetic, and
+// sound where R is far smaller than P^-, because it needs no determinant. "auto" takes it there,
+// and Joseph elsewhere.
+enum class CovarianceForm : int { kJoseph = 0, kPaper = 1, kSequential = 2, kAuto = 3 };
 
-// The result is the gain for `snapshot`; where it would not be finite the previous one is kept.
+// R_min: smallest diagonal entry of R; P_max: largest variance of a measured state.
+inline CovarianceForm resolve(CovarianceForm form, double R_min, double P_max) {
+  if (form != CovarianceForm::kAuto) return form;
+  return R_min < 1e-6 * P_max ? CovarianceForm::kSequential : CovarianceForm::kJoseph;
+}
+
+// The gain message of a snapshot; where it would not be finite the previous one is kept.
 template <int NX, int NY>
-Gain gain_from_prior(const Gain& previous, const Estimate& snapshot,
-                     const Eigen::Matrix<double, NX, NX>& P_prior,
-                     const Eigen::Matrix<double, NY, NX>& H, const Eigen::Matrix<double, NY, NY>& R,
-                     bool joseph) {
-  const Eigen::Matrix<double, NY, NY> S = H * P_prior * H.transpose() + R;
-  const Eigen::Matrix<double, NX, NY> K = P_prior * H.transpose() * S.inverse();
-  const Eigen::Matrix<double, NX, NX> I_KH = Eigen::Matrix<double, NX, NX>::Identity() - K * H;
-  Eigen::Matrix<double, NX, NX> P = I_KH * P_prior;
-  if (joseph) P = (P * I_KH.transpose() + K * R * K.transpose()).eval();
-
+Gain gain_of_snapshot(const Gain& previous, const Estimate& snapshot,
+                      const Eigen::Matrix<double, NX, NY>& K,
+                      const Eigen::Matrix<double, NX, NX>& P) {
   Gain gain = previous;
   gain.k = snapshot.k;
   gain.t_ns = snapshot.t_ns;
@@ -35,6 +36,19 @@ Gain gain_from_prior(const Gain& previous, const Estimate& snapshot,
     gain.P.template topLeftCorner<NX, NX>() = P;
   }
   return gain;
+}
+
+template <int NX, int NY>
+Gain gain_from_prior(const Gain& previous, const Estimate& snapshot,
+                     const Eigen::Matrix<double, NX, NX>& P_prior,
+                     const Eigen::Matrix<double, NY, NX>& H, const Eigen::Matrix<double, NY, NY>& R,
+                     bool joseph) {
+  const Eigen::Matrix<double, NY, NY> S = H * P_prior * H.transpose() + R;
+  const Eigen::Matrix<double, NX, NY> K = P_prior * H.transpose() * S.inverse();
+  const Eigen::Matrix<double, NX, NX> I_KH = Eigen::Matrix<double, NX, NX>::Identity() - K * H;
+  Eigen::Matrix<double, NX, NX> P = I_KH * P_prior;
+  if (joseph) P = (P * I_KH.transpose() + K * R * K.transpose()).eval();
+  return gain_of_snapshot<NX, NY>(previous, snapshot, K, P);
 }
 
 }  // namespace twinrate

@@ -182,7 +182,7 @@ Gain EkfDisturbance::initial_gain() const {
 }
 
 Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snapshot) const {
-  const bool joseph = covariance_ == CovarianceForm::kJoseph;
+  const bool joseph = covariance_ != CovarianceForm::kPaper;
   const Eigen::Map<const State> q(tuning_.Q_diag);
   if (snapshot.n_x == 4) {
     const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());

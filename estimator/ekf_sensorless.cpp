@@ -1,5 +1,6 @@
 #include "estimator/ekf_sensorless.hpp"
 
+#include <algorithm>
 #include <complex>
 
 namespace twinrate {
@@ -14,10 +15,35 @@ EkfSensorless::EkfSensorless(const MachineParameters& machine,
       T_s_(T_s),
       omega_e_start_(omega_e_start),
       prediction_(prediction),
-      covariance_(covariance),
-      Q_(Eigen::Map<const Eigen::Vector4d>(tuning.Q_diag).asDiagonal()),
-      P0_(Eigen::Map<const Eigen::Vector4d>(tuning.P0_diag).asDiagonal()),
-      R_(Eigen::Map<const Eigen::Vector2d>(tuning.R_diag).asDiagonal()) {}
+      covariance_(resolve(
+          covariance, std::min(tuning.R_diag[0], tuning.R_diag[1]),
+          std::max({tuning.Q_diag[0], tuning.Q_diag[1], tuning.P0_diag[0], tuning.P0_diag[1]}))),
+      tuning_(tuning),
+      constants_(prediction == Prediction::kRk4
+                     ? kernel::sensorless_rk4(machine.R_s, machine.L_d, machine.psi_f, T_s)
+                     : kernel::sensorless_euler(machine.R_s, machine.L_d, machine.psi_f, T_s)) {}
+
+namespace {
+
+kernel::SensorlessState<double> kernel_state(const EkfSensorless::State& x) {
+  return {x[0], x[1], x[2], x[3]};
+}
+EkfSensorless::State eigen_state(const kernel::SensorlessState<double>& x) {
+  return {x.i_alpha, x.i_beta, x.omega_e, x.theta_e};
+}
+kernel::UnitVector<double> unit_vector(double theta_e) {
+  return {std::sin(theta_e), std::cos(theta_e)};
+}
+kernel::Gain42<double> kernel_gain(const Gain& gain) {
+  const auto& K = gain.K;
+  return {K(0, 0), K(0, 1), K(1, 0), K(1, 1), K(2, 0), K(2, 1), K(3, 0), K(3, 1)};
+}
+kernel::Symmetric4<double> kernel_covariance(const Gain& gain) {
+  const auto& P = gain.P;
+  return {P(0, 0), P(0, 1), P(0, 2), P(0, 3), P(1, 1), P(1, 2), P(1, 3), P(2, 2), P(2, 3), P(3, 3)};
+}
+
+}  // namespace
 
 EkfSensorless::State EkfSensorless::f(const State& x, const Vec2& u_alphabeta) const {
   const double i_alpha = x[0], i_beta = x[1], omega_e = x[2], theta_e = x[3];
@@ -39,12 +65,15 @@ static Vec2 exact_currents(const EkfSensorless::State& x, const Vec2& u_alphabet
 }
 
 EkfSensorless::State EkfSensorless::predict(const State& x, const Vec2& u_alphabeta) const {
-  const auto rate = [&](const State& s) { return f(s, u_alphabeta); };
+  const kernel::Stationary<double> u{u_alphabeta[0], u_alphabeta[1]};
+  const double theta_e = x[3], turned = x[2] * T_s_;
   switch (prediction_) {
     case Prediction::kEuler:
-      return euler_step<State>(rate, x, T_s_);
+      return eigen_state(predict_euler(constants_, kernel_state(x), unit_vector(theta_e), u));
     case Prediction::kRk4:
-      return rk4_step<State>(rate, x, T_s_);
+      return eigen_state(predict_rk4(constants_, kernel_state(x), unit_vector(theta_e),
+                                     unit_vector(theta_e + 0.5 * turned),
+                                     unit_vector(theta_e + turned), u));
     case Prediction::kExact: {
       const Vec2 i = exact_currents(x, u_alphabeta, a_, b_, inv_L_, T_s_);
       return {i[0], i[1], x[2], x[3] + T_s_ * x[2]};
@@ -54,11 +83,11 @@ EkfSensorless::State EkfSensorless::predict(const State& x, const Vec2& u_alphab
 }
 
 EkfSensorless::Covariance EkfSensorless::jacobian(const State& x) const {
-  const double omega_e = x[2], s = std::sin(x[3]), c = std::cos(x[3]);
+  const auto g = kernel::jacobian(constants_, x[2], unit_vector(x[3]));
   Covariance F;
-  F << 1 - T_s_ * a_, 0, T_s_ * b_ * s, T_s_ * b_ * omega_e * c,  //
-      0, 1 - T_s_ * a_, -T_s_ * b_ * c, T_s_ * b_ * omega_e * s,  //
-      0, 0, 1, 0,                                                 //
+  F << constants_.d, 0, g.g02, g.g03,  //
+      0, constants_.d, g.g12, g.g13,   //
+      0, 0, 1, 0,                      //
       0, 0, T_s_, 1;
   return F;
 }
@@ -72,10 +101,11 @@ FastState EkfSensorless::start(const Measurement& first) const {
 
 Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
                                     const Gain& gain) const {
-  const State x_prior = predict(state.x_hat.head<4>(), m.u_alphabeta);
+  const auto x_prior = kernel_state(predict(state.x_hat.head<4>(), m.u_alphabeta));
   Correction correction;
-  const Vec2 innov = clarke(m.i_abc) - x_prior.head<2>();
-  State x = x_prior + gain.K.topLeftCorner<4, 2>() * innov;
+  const Vec2 y = clarke(m.i_abc);
+  const auto innov = kernel::innovation(x_prior, {y[0], y[1]});
+  State x = eigen_state(correct(x_prior, kernel_gain(gain), innov));
   x[3] = wrap_turn(x[3]);
   if (!x.allFinite()) {
     predict_over_gap(state, m);
@@ -83,7 +113,7 @@ Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
     return correction;
   }
   state.x_hat.head<4>() = x;
-  correction.innov.head<2>() = innov;
+  correction.innov.head<2>() << innov.alpha, innov.beta;
   return correction;
 }
 
@@ -112,16 +142,30 @@ Gain EkfSensorless::initial_gain() const {
   Gain gain;
   gain.n_x = 4;
   gain.n_y = 2;
-  gain.P.topLeftCorner<4, 4>() = P0_;
+  gain.P.topLeftCorner<4, 4>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
   return gain;
 }
 
+static kernel::GainAndCovariance<double> correct_covariance(
+    CovarianceForm form, const kernel::Symmetric4<double>& P_prior, const double (&R)[2]) {
+  if (form == CovarianceForm::kSequential) return kernel::sequential(P_prior, R);
+  const auto K = kernel::gain(P_prior, R);
+  return {K, form == CovarianceForm::kPaper ? posterior(P_prior, K, R)
+                                            : posterior_joseph(P_prior, K, R)};
+}
+
 Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapshot) const {
-  const Covariance F = jacobian(snapshot.x_hat.head<4>());
-  const Covariance P_prior = F * previous.P.topLeftCorner<4, 4>() * F.transpose() + Q_;
-  const Eigen::Matrix<double, 2, 4> H = Eigen::Matrix<double, 2, 4>::Identity();
-  return gain_from_prior<4, 2>(previous, snapshot, P_prior, H, R_,
-                               covariance_ == CovarianceForm::kJoseph);
+  const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
+  const auto P_prior = propagate(constants_, F, kernel_covariance(previous), tuning_.Q_diag);
+  const auto [K, P] = correct_covariance(covariance_, P_prior, tuning_.R_diag);
+  GainMatrix K_new;
+  K_new << K.k00, K.k01, K.k10, K.k11, K.k20, K.k21, K.k30, K.k31;
+  Covariance P_new;
+  P_new << P.m00, P.m01, P.m02, P.m03,  //
+      P.m01, P.m11, P.m12, P.m13,       //
+      P.m02, P.m12, P.m22, P.m23,       //
+      P.m03, P.m13, P.m23, P.m33;
+  return gain_of_snapshot<4, 2>(previous, snapshot, K_new, P_new);
 }
 
 }  // namespace twinrate

@@ -8,12 +8,15 @@
 //   (18) background: F = I + F_c T_s at the snapshot; P^- = F P F' + Q; K = P^- H'(H P^- H' +
 //   R)^-1;       (11), (14), (17)
 //               P = (I - K H) P^-  ("paper") or (I - K H) P^- (I - K H)' + K R K' ("joseph") (15)
+//               or one output after the other ("sequential"); written out by hand in
+//               kernels/ekf_sensorless_kernel.hpp
 //
 // F holds the control period T_s also when the background runs every n-th tick only; Q and R are
 // discrete, per background update: A^2, (rad/s)^2, rad^2. L = L_d (the model has no saliency).
 #pragma once
 #include "estimator/covariance.hpp"
 #include "estimator/filter.hpp"
+#include "estimator/kernels/ekf_sensorless_kernel.hpp"
 #include "model/discretise.hpp"
 #include "model/machine.hpp"
 
@@ -64,8 +67,8 @@ class EkfSensorless final : public Filter {
   double omega_e_start_;  // 0 from standstill, the known speed for a flying start
   Prediction prediction_;
   CovarianceForm covariance_;
-  Covariance Q_, P0_;
-  Eigen::Matrix2d R_;
+  EkfSensorlessParameters tuning_;
+  kernel::SensorlessConstants<double> constants_;
 };
 
 }  // namespace twinrate
