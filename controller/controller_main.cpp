@@ -77,6 +77,9 @@ class ControllerProcess {
     p_.bus().publish(to_wire(last_, p_.bus().session()));
     const ControllerEvent event = controller_->take_event();
     if (event.reason != Reason::kNone) p_.event(event.reason, k, event.text);
+    if (k == p_.drive().steps() - 1)
+      if (const std::string learnt = controller_->learnt(); !learnt.empty())
+        p_.event(Reason::kLearnt, k, learnt);
     p_.progress(k);
   }
 

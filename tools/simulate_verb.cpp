@@ -37,14 +37,14 @@ class SimulatedBus {
   void publish(const Signal& signal) {
     send(to_wire(signal, session_));
   }
-  void publish_event(const ControllerEvent& event, std::int64_t k, std::int64_t t_ns) {
+  void publish_event(Reason reason, const std::string& text, std::int64_t k, std::int64_t t_ns) {
     event_t e{};
     e.seq = k;
     e.t_ns = t_ns;
     e.session = session_;
     e.role = static_cast<std::int32_t>(Role::kController);
-    e.reason = static_cast<std::int32_t>(event.reason);
-    e.text = event.text;
+    e.reason = static_cast<std::int32_t>(reason);
+    e.text = text;
     send(e);
   }
 
@@ -69,7 +69,7 @@ void publish_tick(SimulatedBus& bus, const TickRecord& tick) {
   bus.publish(tick.reference);
   bus.publish(tick.command);
   if (tick.event.reason != Reason::kNone)
-    bus.publish_event(tick.event, tick.command.k, tick.command.t_ns);
+    bus.publish_event(tick.event.reason, tick.event.text, tick.command.k, tick.command.t_ns);
 }
 
 std::int64_t wall_us() {
@@ -101,6 +101,8 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
     if (stop_signalled()) ended = "interrupted";
   }
   progress.end();
+  if (const std::string learnt = loop.controller().learnt(); !learnt.empty())
+    bus.publish_event(Reason::kLearnt, learnt, loop.k() - 1, d.t_ns(loop.k() - 1));
   log.close();
   if (!writer.flush() && ended.empty()) ended = writer.files().back() + ": the disk is full";
   return ended;

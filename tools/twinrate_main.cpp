@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   add_report_verb(app, exit_code);
   add_watch_verb(app, exit_code);
   add_doctor_verb(app, exit_code);
+  add_design_verb(app, exit_code);
   add_effects_verb(app, exit_code);
   try {
     app.parse(argc, argv);

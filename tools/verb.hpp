@@ -16,6 +16,7 @@ void add_import_verb(CLI::App& app, int& exit_code);
 void add_doctor_verb(CLI::App& app, int& exit_code);
 void add_watch_verb(CLI::App& app, int& exit_code);
 void add_report_verb(CLI::App& app, int& exit_code);
+void add_design_verb(CLI::App& app, int& exit_code);
 void add_effects_verb(CLI::App& app, int& exit_code);
 
 }  // namespace twinrate

@@ -32,6 +32,7 @@ class ClosedLoop {
   // Runs tick k; the reference stays valid until the next step.
   const TickRecord& step();
   std::int64_t k() const { return plant_.k(); }
+  const Controller& controller() const { return *controller_; }
 
  private:
   const DriveConfig drive_;

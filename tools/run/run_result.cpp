@@ -50,7 +50,8 @@ std::vector<std::string> notable_events(const RunLog& log) {
   std::map<int, std::pair<const EventRecord*, int>> by_reason;
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
-    if (reason == Reason::kModeChange || reason == Reason::kLogRotated) continue;
+    if (reason == Reason::kModeChange || reason == Reason::kLogRotated || reason == Reason::kLearnt)
+      continue;
     auto& [first, count] = by_reason[event.reason];
     if (++count == 1) first = &event;
   }
@@ -96,6 +97,21 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
                   s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
   row("written to", directory + (facts.not_written.empty() ? "  (open report.html)" : ""));
   if (!facts.not_written.empty()) row("could not be written", facts.not_written);
+}
+
+// The resolved drive file with the tables that the controller learnt in place of its own; empty
+// where it learnt nothing.
+std::string learnt_config(const RunLog& log, std::string resolved) {
+  for (const EventRecord& event : log.events) {
+    if (static_cast<Reason>(event.reason) != Reason::kLearnt) continue;
+    const std::string header = event.text.substr(0, event.text.find(']') + 1);  // "\n[table]"
+    const auto begin = resolved.find(header);
+    if (header.empty() || begin == std::string::npos) continue;
+    const auto end = resolved.find("\n[", begin + header.size());
+    resolved.replace(begin, end == std::string::npos ? end : end - begin, event.text);
+    return resolved;
+  }
+  return "";
 }
 
 // Empty where the run ended before anything was logged.
@@ -169,6 +185,8 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   put("summary.json",
       [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
   put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
+  if (const std::string learnt = learnt_config(log, config.resolved()); !learnt.empty())
+    put("learnt.toml", [&](const fs::path& path) { write_text(path, learnt); });
   put("report.html", [&](const fs::path& path) {
     write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
   });

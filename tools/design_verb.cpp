@@ -1,0 +1,152 @@
+// twinrate design lqr DRIVE.toml: gains, closed-loop poles and margins of the state feedback.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <cmath>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "controller/lqr.hpp"
+#include "tools/load_drive.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+using Json = nlohmann::ordered_json;
+constexpr double kDegrees = 180 / kPi;
+constexpr double kSameGain = 1e-3;  // relative: weights that come this near do give the gains
+
+struct DesignOptions {
+  std::string drive;
+  std::vector<std::string> overrides;
+  bool json = false;
+};
+
+// A pole of z as the continuous one it samples, rad/s.
+std::complex<double> continuous(std::complex<double> z, double T_s) {
+  return std::log(z) / T_s;
+}
+
+std::string pole_text(std::complex<double> s) {
+  if (std::abs(s.imag()) < 1e-9 * std::abs(s)) return fmt::format("{:.4g}", s.real());
+  return fmt::format("{:.4g}{:+.4g}j", s.real(), s.imag());
+}
+
+std::string margins_text(const Margins& m) {
+  const std::string up = std::isfinite(m.gain_up) ? fmt::format("{:.2f} ({:.1f} dB)", m.gain_up,
+                                                                20 * std::log10(m.gain_up))
+                                                  : "none";
+  const std::string down =
+      m.gain_down > 0 ? fmt::format(", down to {:.3f}", m.gain_down) : std::string();
+  return fmt::format("gain {}{}, phase {:.1f} deg at {:.4g} rad/s", up, down,
+                     m.phase_rad * kDegrees, m.crossover_rad_s);
+}
+
+Json margins_json(const Margins& m) {
+  return {{"gain_up", std::isfinite(m.gain_up) ? Json(m.gain_up) : Json()},
+          {"gain_down", m.gain_down},
+          {"phase_deg", m.phase_rad * kDegrees},
+          {"crossover_rad_s", m.crossover_rad_s}};
+}
+
+// What the weights nearest to given gains give, where they do not give the gains themselves.
+std::string inverse_verdict(const NearestWeights& nearest) {
+  if (nearest.largest_error < kSameGain)
+    return fmt::format("optimal for Q = diag({:.4g}), R = 1", fmt::join(nearest.Q, ", "));
+  return fmt::format(
+      "not optimal for any non-negative diagonal weights: the nearest, Q = diag({:.4g}), R = 1, "
+      "give "
+      "[{:.4g}] ({:.1f} % off)",
+      fmt::join(nearest.Q, ", "), fmt::join(nearest.K, ", "), 100 * nearest.largest_error);
+}
+
+void print_axis(const char* name, const AxisDesign& axis, double T_s) {
+  fmt::print("\n{} axis, x = [{}]\n", name, fmt::join(axis.states, ", "));
+  fmt::print("  K               [{:.5g}]\n", fmt::join(axis.K, ", "));
+  if (axis.Q.size() > 0) {
+    fmt::print("  weights         Q = diag({:.5g}), R = {:.5g}\n", fmt::join(axis.Q, ", "), axis.R);
+    fmt::print("  Riccati         residual {:.1e} after {} doublings\n", axis.residual,
+               axis.iterations);
+  } else {
+    fmt::print("  as weights      {}\n", inverse_verdict(nearest_weights(axis, T_s)));
+  }
+  std::vector<std::string> poles;
+  for (const auto& z : axis.poles) poles.push_back(pole_text(continuous(z, T_s)));
+  fmt::print("  poles (rad/s)   {}\n", fmt::join(poles, ", "));
+  fmt::print("  margins         {}\n", margins_text(axis.margins));
+  fmt::print("  with the delay  {}\n", margins_text(axis.margins_delayed));
+  for (const std::string& complaint : axis.complaints)
+    fmt::print("  INCONSISTENT    {}\n", complaint);
+}
+
+Json axis_json(const AxisDesign& axis, double T_s) {
+  Json json{{"states", axis.states}, {"K", std::vector<double>(axis.K.begin(), axis.K.end())}};
+  if (axis.Q.size() > 0) {
+    json["Q"] = std::vector<double>(axis.Q.begin(), axis.Q.end());
+    json["R"] = axis.R;
+    json["riccati_residual"] = axis.residual;
+  } else {
+    const NearestWeights nearest = nearest_weights(axis, T_s);
+    json["nearest_weights"] = {{"Q", std::vector<double>(nearest.Q.begin(), nearest.Q.end())},
+                               {"K", std::vector<double>(nearest.K.begin(), nearest.K.end())},
+                               {"largest_error", nearest.largest_error}};
+  }
+  json["poles_z"] = Json::array();
+  json["poles_rad_s"] = Json::array();
+  for (const auto& z : axis.poles) {
+    const auto s = continuous(z, T_s);
+    json["poles_z"].push_back({z.real(), z.imag()});
+    json["poles_rad_s"].push_back({s.real(), s.imag()});
+  }
+  json["margins"] = margins_json(axis.margins);
+  json["margins_with_delay"] = margins_json(axis.margins_delayed);
+  json["inconsistent"] = axis.complaints;
+  return json;
+}
+
+int design(const DesignOptions& o) {
+  Config config = load_drive(o.drive, o.overrides);
+  const DriveConfig& d = config.drive();
+  LqrParameters p;
+  p.i_max = d.machine.i_rated > 0 ? d.machine.i_rated : 1;  // the design does not depend on it
+  if (config.has_table("controller.lqr"))
+    config.read_table("controller.lqr", [&](FieldVisitor& f) { p.fields(f); });
+  const LqrDesign design =
+      design_lqr(d.machine, d.inverter.v_dc, d.T_s(), d.plant.delay_samples, p.design);
+  if (o.json) {
+    std::cout << Json{{"gains", kGainSourceNames[static_cast<int>(p.design.gains)]},
+                      {"T_s_s", d.T_s()},
+                      {"K_pp_V", design.K_pp},
+                      {"K_ff_1_Nm", design.K_ff},
+                      {"d", axis_json(design.d, d.T_s())},
+                      {"q", axis_json(design.q, d.T_s())}}
+                     .dump(2)
+              << "\n";
+  } else {
+    fmt::print("{}: state feedback at f_s = {:g} Hz, J = {:g} kgm2, gains: {}\n",
+               d.name.empty() ? o.drive : d.name, d.rates.f_s_Hz, d.machine.J,
+               kGainSourceNames[static_cast<int>(p.design.gains)]);
+    fmt::print("u = -K x - K_ff T_o, normalised by K_pp = {:.4g} V; K_ff = {:.4g} 1/Nm\n",
+               design.K_pp, design.K_ff);
+    print_axis("d", design.d, d.T_s());
+    print_axis("q", design.q, d.T_s());
+  }
+  return design.d.complaints.empty() && design.q.complaints.empty() ? 0 : 2;
+}
+
+}  // namespace
+
+void add_design_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<DesignOptions>();
+  CLI::App* verb = app.add_subcommand("design", "designs a controller for a drive");
+  verb->require_subcommand(1);
+  CLI::App* lqr = verb->add_subcommand("lqr", "state feedback: gains, poles, margins");
+  lqr->add_option("DRIVE", o->drive, "drive file or preset")->required();
+  lqr->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
+  lqr->add_flag("--json", o->json, "as JSON");
+  lqr->callback([o, &exit_code] { exit_code = design(*o); });
+}
+
+}  // namespace twinrate
