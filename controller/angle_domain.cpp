@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kShortestBlock_s = 0.2;  // settling and measuring each take this long at least
 constexpr double kSlowest_rad_s = 1e-2;   // below it nothing is learnt: a turn takes ten minutes
-constexpr double kMeanShare = 0.3;        // mean error against rms: more is a load step
+constexpr double kLoadStep_rad = 0.02;    // change of the mean error, in angle: a load stepped
 constexpr double kPriorVariance = 0.25;   // of kappa about 1
 constexpr double kFirstTorque2 = 0.01;    // Nm^2: what an order may hold before anything is learnt
 constexpr double kDrift = 1e-4;           // share of P kept alive, so that learning never ends
@@ -94,7 +94,7 @@ double AngleDomain::step(double theta_m, double omega_m_ref) {
   theta_prev_ = theta_m;
   t_phase_ += T_s_;
   if (!p_.learn || std::abs(omega_m_ref) < kSlowest_rad_s || omega_m_ref != omega_block_) {
-    have_last_ = false;
+    have_last_ = have_mean_ = false;
     begin_block(theta_m, omega_m_ref);
     return output(theta_m, omega_m_ref);
   }
@@ -121,7 +121,7 @@ void AngleDomain::begin_block(double theta_m, double omega_m_ref) {
   t_phase_ = 0;
   measuring_ = false;
   sum_.fill(0.0);
-  sum_error_ = sum_square_ = time_ = 0;
+  sum_error_ = time_ = 0;
 }
 
 void AngleDomain::measure(double theta_mid, double error) {
@@ -132,19 +132,17 @@ void AngleDomain::measure(double theta_mid, double error) {
     z *= z1;
   }
   sum_error_ += error * T_s_;
-  sum_square_ += error * error * T_s_;
   time_ += T_s_;
 }
 
 void AngleDomain::end_block() {
   Orders E;
-  double harmonics2 = 0;
-  for (std::size_t i = 0; i < E.size(); ++i) {
-    E[i] = 2 / time_ * sum_[i];
-    harmonics2 += 0.5 * std::norm(E[i]);
-  }
+  for (std::size_t i = 0; i < E.size(); ++i) E[i] = 2 / time_ * sum_[i];
   const double mean = sum_error_ / time_;
-  if (mean * mean > kMeanShare * kMeanShare * harmonics2) {
+  const bool stepped = have_mean_ && std::abs(mean - mean_last_) * time_ > kLoadStep_rad;
+  mean_last_ = mean;
+  have_mean_ = true;
+  if (stepped) {
     have_last_ = false;
     return;
   }

@@ -84,14 +84,14 @@ class AngleDomain {
   double T_s_;
   Orders c_{}, c_change_{}, E_last_{};
   Orders sum_{};
-  double sum_error_ = 0, sum_square_ = 0, time_ = 0;
+  double sum_error_ = 0, time_ = 0, mean_last_ = 0;
   std::array<double, kCompensatedOrders> P_{};  // variance of what c_N still lacks, Nm^2
   std::array<double, kCompensatedOrders> noise2_{};
   std::array<Complex, kBins> kappa_{};
   std::array<double, kBins> kappa_variance_{};
   Orders g_{};
   double g_speed_ = 0;
-  bool running_ = false, measuring_ = false, have_last_ = false;
+  bool running_ = false, measuring_ = false, have_last_ = false, have_mean_ = false;
   double theta_prev_ = 0, theta_begin_ = 0, omega_block_ = 0, t_phase_ = 0;
   int blocks_ = 0;
 };
