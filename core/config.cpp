@@ -56,6 +56,14 @@ void check_across(const Config::Impl& file, DriveConfig& drive) {
     rates.n = static_cast<int>(n);
   }
   rates.f_b_Hz = rates.f_s_Hz / rates.n;
+  if (drive.plant.inverter == 1) {
+    const double f_pwm = drive.facts().f_pwm, periods = f_pwm / rates.f_s_Hz;
+    if (std::round(periods) < 1 || std::abs(periods - std::round(periods)) > 1e-9 * periods)
+      file.fail("plant.inverter",
+                fmt::format("switched needs a whole number of switching periods a tick: "
+                            "inverter.f_pwm_Hz = {}, rates.f_s_Hz = {}",
+                            f_pwm, rates.f_s_Hz));
+  }
   if (drive.run.settle_s >= drive.run.duration_s) drive.run.settle_s = 0.25 * drive.run.duration_s;
 }
 

@@ -10,7 +10,7 @@ namespace {
 constexpr const char* kCovarianceFormNames[] = {"joseph", "paper", "sequential", "auto"};
 constexpr const char* kEngineChoice[] = {"erk", "cvode"};
 constexpr const char* kSaliencyChoice[] = {"rotor", "fixed_axes"};
-constexpr const char* kInverterChoice[] = {"averaged"};
+constexpr const char* kInverterChoice[] = {"averaged", "switched"};
 
 }  // namespace
 
@@ -29,7 +29,8 @@ void GainParameters::fields(FieldVisitor& f) {
 void EstimatorChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "filter of the fast loop and the background");
   f.choice("prediction", prediction, kPredictionNames, "discretisation of the state prediction");
-  f.choice("covariance", covariance, kCovarianceFormNames, "form of the covariance update; auto: sequential where R is small, else joseph");
+  f.choice("covariance", covariance, kCovarianceFormNames,
+           "form of the covariance update; auto: sequential where R is small, else joseph");
 }
 
 void ControllerChoice::fields(FieldVisitor& f) {
@@ -41,7 +42,7 @@ void ControllerChoice::fields(FieldVisitor& f) {
 
 void PlantParameters::fields(FieldVisitor& f) {
   f.choice("engine", engine, kEngineChoice, "integrator of the simulated plant");
-  f.choice("inverter", inverter, kInverterChoice, "inverter model");
+  f.choice("inverter", inverter, kInverterChoice, "inverter model: mean voltage, or edge by edge");
   f.choice("saliency", saliency, kSaliencyChoice,
            "rotor: L_d and L_q turn with the rotor, as in every real machine; fixed_axes: the "
            "idealised machine of Kim et al., L_q on alpha and L_d on beta");

@@ -63,7 +63,7 @@ struct ControllerChoice {
 
 struct PlantParameters {
   int engine = 0;    // 0 erk, 1 cvode
-  int inverter = 0;  // 0 averaged
+  int inverter = 0;  // 0 averaged, 1 switched
   int saliency = 0;  // 0 rotor, 1 fixed axes
   int erk_steps = 1;
   int delay_samples = 1;

@@ -23,7 +23,11 @@ OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                    .omega_m = x[2],
                    .theta_m = x[3],
                    .theta_e = machine_.n_p * x[3]};
-  p.u_dq = park(input.u_alphabeta, p.theta_e);
+  if (input.legs) {
+    p.u_dq = park(input.legs->u_alphabeta(p.i_abc(), v_dc_), p.theta_e);
+  } else {
+    p.u_dq = park(input.u_alphabeta, p.theta_e);
+  }
   if (!on_bus_.empty()) p.u_dq *= (v_dc_ + sum_at(on_bus_, p).v_dc) / v_dc_;
   return p;
 }

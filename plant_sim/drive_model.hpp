@@ -9,8 +9,11 @@
 //
 // Effects on sensors do not enter here: sensing_at() is for who samples.
 #pragma once
+#include <optional>
+
 #include "model/effects/effect.hpp"
 #include "model/machine.hpp"
+#include "plant_sim/switched_inverter.hpp"
 
 namespace twinrate {
 
@@ -21,6 +24,8 @@ struct PlantInput {
   double t_k = 0;                   // start of the interval
   Vec2 u_alphabeta = Vec2::Zero();  // applied voltage, where the bus is at its nominal voltage
   double T_load = 0;                // external load
+  // Of a switched inverter: the legs' states in this segment, instead of u_alphabeta.
+  std::optional<LegStates> legs;
 };
 
 // Where the machine's saliency sits: in the rotor, as in every real machine, or on the stator's

@@ -1,13 +1,40 @@
 #include "plant_sim/plant.hpp"
 
+#include <algorithm>
+
 namespace twinrate {
+namespace {
+
+// What of the effects a switched inverter does itself, and the others.
+struct PlantEffects {
+  Effects in_equations;
+  LegFacts legs;
+};
+PlantEffects effects_of(const DriveConfig& config) {
+  PlantEffects split;
+  const bool switched = config.plant.inverter == 1;
+  for (const auto& effect : config.plant_effects())
+    if (!switched || !effect->describe_legs(split.legs)) split.in_equations.push_back(effect);
+  return split;
+}
+
+std::optional<SwitchedInverter> switched_inverter(const DriveConfig& config) {
+  if (config.plant.inverter != 1) return {};
+  const double t_d = effects_of(config).legs.dead_time;
+  const double L = std::min(config.machine.L_d, config.machine.L_q);
+  const double i_zero = std::max(1e-9, 0.5 * config.inverter.v_dc * t_d / L);
+  return SwitchedInverter(1 / config.facts().f_pwm, t_d, i_zero);
+}
+
+}  // namespace
 
 Plant::Plant(const DriveConfig& config)
     : config_(config),
-      model_(config.machine, config.plant_effects(), config.inverter.v_dc,
+      model_(config.machine, effects_of(config).in_equations, config.inverter.v_dc,
              static_cast<Saliency>(config.plant.saliency)),
       integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
                                   config.plant.erk_steps)),
+      switched_(switched_inverter(config)),
       x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),
       T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
   input_.T_load = T_load_;
@@ -79,10 +106,27 @@ bool Plant::advance() {
   input_ = {.t_k = t_k,
             .u_alphabeta = clarke(applied_.duty_abc * config_.inverter.v_dc),
             .T_load = T_load_};
-  x_ = integrator_->advance(x_, input_, T_s);
+  integrate();
   ++k_;
   read_sensors();
   return in_time;
+}
+
+void Plant::integrate() {
+  if (!switched_) {
+    x_ = integrator_->advance(x_, input_, config_.T_s());
+    return;
+  }
+  const double f_pwm = config_.facts().f_pwm;
+  const auto periods = static_cast<int>(std::lround(f_pwm * config_.T_s()));
+  PlantInput input = input_;
+  for (int period = 0; period < periods; ++period) {
+    for (const Segment& segment : switched_->next_period(applied_.duty_abc)) {
+      input.t_k = input_.t_k + period / f_pwm + segment.t_start;
+      input.legs = segment.states;
+      x_ = integrator_->advance(x_, input, segment.T);
+    }
+  }
 }
 
 void Plant::read_sensors() {

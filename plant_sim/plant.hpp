@@ -4,6 +4,10 @@
 //   take_command(j)     COMMAND(j) has arrived; it acts from t_{j + delay_samples}
 //   advance()           integrates t_k -> t_{k+1} under COMMAND(k - delay_samples)
 //
+// The averaged inverter applies the mean voltage over the interval. The switched one goes from edge
+// to edge (plant_sim/switched_inverter.hpp); t_k is the start of a carrier period, in the middle of
+// the zero vector, where the current has its mean.
+//
 // Readings are truth plus what effects add, then noise, ADC and encoder steps. The modulator scales
 // by the bus voltage measured at t_k; MEASUREMENT's voltage is duty times that, so it knows nothing
 // of what happens to the voltage on its way (dead time, drops, a bus that moves inside the
@@ -40,11 +44,13 @@ class Plant {
  private:
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
+  void integrate();
   void read_sensors();
 
   DriveConfig config_;
   DriveModel model_;
   std::unique_ptr<Integrator> integrator_;
+  std::optional<SwitchedInverter> switched_;  // none: the averaged inverter
   PlantState x_;
   PlantInput input_;
   InverterOutput applied_;  // as the drive believes: duty times the v_dc measured before

@@ -1,4 +1,5 @@
-// Dead time of the inverter, averaged over a switching period.       (Niewiara (5), (6))
+// Dead time of the inverter, averaged over a switching period (plant.inverter = "switched" plays it
+// edge by edge).       (Niewiara (5), (6))
 //
 //   drop of a phase = t_d f_pwm v_dc sat(i/i_linear)          sat(x) = max(-1, min(1, x))
 //
@@ -31,6 +32,10 @@ class DeadTime final : public Effect {
     return t_d_ * f_pwm_ < 0.5 ? "" : "dead_time_s is half a switching period or more";
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<DeadTime>(*this); }
+  bool describe_legs(LegFacts& legs) const override {
+    legs.dead_time += t_d_;
+    return true;
+  }
   Contribution at(const OperatingPoint& point) const override {
     return {.u_dq_drop = t_d_ * drop_a_second(point)};
   }

@@ -68,6 +68,11 @@ struct DriveFacts {
   double f_pwm = 0;  // Hz
 };
 
+// What an effect says of the inverter's legs to a plant that switches them one by one.
+struct LegFacts {
+  double dead_time = 0;  // s
+};
+
 class Effect {
  public:
   virtual ~Effect() = default;
@@ -81,6 +86,8 @@ class Effect {
   // lacking, e.g. the number of slots.
   virtual std::string prepare(const DriveFacts&) { return ""; }
   virtual std::shared_ptr<Effect> clone() const = 0;
+  // True where a switched inverter does itself what at() averages: the facts then replace at().
+  virtual bool describe_legs(LegFacts&) const { return false; }
 
   virtual Contribution at(const OperatingPoint& point) const = 0;
 

@@ -74,5 +74,20 @@ TEST(TickPath, DoesNotAllocateOnAProfileOrWithEffects) {
   EXPECT_EQ(allocation_count() - before, 0);
 }
 
+TEST(TickPath, DoesNotAllocateWithASwitchedInverterAndEffectsOnItAndOnTheSensors) {
+  Config config = Config::parse(
+      "preset = \"dilys2021\"\n[plant]\ninverter = \"switched\"\n"
+      "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1e-6\n"
+      "[[effect]]\nkind = \"dc_bus_ripple\"\namplitude_V = 0.5\nfrequency_Hz = 300.0\n"
+      "[[effect]]\nkind = \"current_offset\"\noffset_a_A = 0.01\noffset_b_A = 0.0\n"
+      "[[effect]]\nkind = \"encoder_eccentricity\"\namplitude_rad = 1e-4\n",
+      "drive.toml");
+  ClosedLoop loop(std::move(config));
+  for (int k = 0; k < 50; ++k) loop.tick();
+  const std::int64_t before = allocation_count();
+  for (int k = 0; k < 300; ++k) loop.tick();
+  EXPECT_EQ(allocation_count() - before, 0);
+}
+
 }  // namespace
 }  // namespace twinrate::test
