@@ -1,0 +1,109 @@
+#include "controller/lqr.hpp"
+
+#include <gtest/gtest.h>
+
+#include "plant_sim/plant.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kKpp = 117.7;
+
+// One tick at a chosen state; K_ff and p start at nothing.
+struct Bench {
+  explicit Bench(const test::Overrides& overrides = {})
+      : config(test::load("niewiara2020", overrides)), controller(make_controller(config)) {
+    m.v_dc = 235.4;
+  }
+  Vec2 u_dq() {
+    const Command c = controller->step({m, e, r, nullptr});
+    ++m.k;
+    m.t_ns += 100000;
+    const double advance = 1.5e-4 * 3 * e.omega_m;
+    return park(c.u_alphabeta_ref, e.theta_e + advance);
+  }
+  Config config;
+  std::unique_ptr<Controller> controller;
+  Measurement m{.k = 0};
+  Estimate e;
+  Reference r;
+};
+
+TEST(Lqr, IsThePrintedLawWithDecoupling) {
+  Bench bench({"controller.compensation=off"});
+  bench.e.theta_e = 1.3;
+  bench.e.omega_m = 10;
+  bench.e.i_dq = {0.4, 1.5};
+  bench.r.omega_m_ref = 10;  // p_omega stays 0; p_id = T_s i_d
+  const Vec2 u = bench.u_dq();
+  const double L = 12.7e-3, psi_f = 0.253333333333, omega_e = 30;
+  EXPECT_NEAR(u[0], kKpp * (-0.22 * 0.4 - 8.14 * 1e-4 * 0.4) - omega_e * L * 1.5, 1e-6);
+  EXPECT_NEAR(u[1], kKpp * (-0.08 * 1.5 - 0.06 * 10) + omega_e * (L * 0.4 + psi_f), 1e-6);
+}
+
+TEST(Lqr, AnEstimatedLoadAsksForMoreVoltageWhereCompensationIsOn) {
+  for (const bool on : {false, true}) {
+    Bench bench({fmt::format("controller.compensation={}", on ? "paper" : "off")});
+    bench.e.T_load = 2;
+    EXPECT_NEAR(bench.u_dq()[1], on ? kKpp * 0.078 * 2 : 0, 0.01) << on;
+  }
+}
+
+TEST(Lqr, SwitchingTheCompensationDoesNotMoveTheVoltage) {
+  Bench bench({"controller.compensation=[[0.0, \"off\"], [0.0005, \"paper\"], [0.001, \"off\"]]"});
+  bench.e.T_load = 2;
+  bench.e.i_dq = {0, 2 / 1.14};
+  const double u_before = bench.u_dq()[1];
+  for (int k = 1; k < 15; ++k) EXPECT_NEAR(bench.u_dq()[1], u_before, 1e-9) << k;
+  int switched = 0;
+  Bench again({"controller.compensation=[[0.0, \"off\"], [0.0005, \"paper\"]]"});
+  for (int k = 0; k < 15; ++k) {
+    again.u_dq();
+    if (again.controller->take_event().reason == Reason::kModeChange) ++switched;
+  }
+  EXPECT_EQ(switched, 1);
+}
+
+// MPAC: the voltage that lands i_q on the limit, seen through the voltage already on its way.
+TEST(Lqr, LandsTheCurrentOnItsLimit) {
+  Bench bench({"controller.compensation=off", "plant.delay_samples=0", "controller.lqr.i_max_A=3"});
+  bench.e.i_dq = {0, 2.5};
+  bench.r.omega_m_ref = 1e5;  // wants far too much
+  double u_q = 0;
+  for (int k = 0; k < 40; ++k) u_q = bench.u_dq()[1];
+  EXPECT_NEAR(2.5 + 1e-4 / 12.7e-3 * (u_q - 1.05 * 2.5), 3.0, 1e-6);
+  bench.r.omega_m_ref = -1e5;
+  bench.e.i_dq = {0, -2.5};
+  for (int k = 0; k < 400; ++k) u_q = bench.u_dq()[1];
+  EXPECT_NEAR(-2.5 + 1e-4 / 12.7e-3 * (u_q + 1.05 * 2.5), -3.0, 1e-6);
+}
+
+TEST(Lqr, StaysInsideTheLinearRangeOfTheModulator) {
+  Bench bench({"controller.compensation=off", "controller.lqr.i_max_A=1000"});
+  bench.r.omega_m_ref = 1e5;
+  for (int k = 0; k < 200; ++k) {
+    const Vec2 u = bench.u_dq();
+    EXPECT_LE(u.cwiseAbs().maxCoeff(), kKpp * (1 + 1e-12));
+    EXPECT_LE(u.norm(), 235.4 / std::sqrt(3) * (1 + 1e-12));
+  }
+}
+
+TEST(Lqr, RepeatsItsLastCommandOnInputsThatAreNotFinite) {
+  Bench bench;
+  bench.e.i_dq = {0, 1};
+  const Command before = bench.controller->step({bench.m, bench.e, bench.r, nullptr});
+  bench.e.i_dq[1] = std::numeric_limits<double>::quiet_NaN();
+  ++bench.m.k;
+  const Command after = bench.controller->step({bench.m, bench.e, bench.r, nullptr});
+  EXPECT_EQ(after.k, before.k + 1);
+  EXPECT_EQ(after.u_alphabeta_ref, before.u_alphabeta_ref);
+}
+
+TEST(Lqr, RefusesAStartItCannotMake) {
+  Config config = test::load("niewiara2020", {"start=align_if"});
+  EXPECT_THROW(make_controller(config), BadInput);
+}
+
+}  // namespace
+}  // namespace twinrate
