@@ -10,6 +10,7 @@
 #include <memory>
 #include <string_view>
 
+#include "estimator/emf_angle.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -20,6 +21,7 @@ struct FastState {
   bool reduced = false;           // ekf_disturbance: runs without voltages
   double theta_m_prev = 0;        // filters that use a position sensor: its last sample
   Vec2 i_dq_prev = Vec2::Zero();  // filters whose inputs are currents: their last sample
+  EmfAngle emf_angle;             // filters of a back-EMF: angle and speed processing
 };
 
 // What a fast step leaves behind besides the state.

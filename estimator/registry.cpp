@@ -1,5 +1,9 @@
 #include "estimator/registry.hpp"
 
+#include "estimator/active_flux.hpp"
+#include "estimator/backemf_printed.hpp"
+#include "estimator/dq_ekf.hpp"
+#include "estimator/eemf.hpp"
 #include "estimator/ekf_disturbance.hpp"
 #include "estimator/ekf_sensorless.hpp"
 
@@ -33,6 +37,24 @@ class EkfDisturbanceBuilder final : public FilterBuilder {
   EkfDisturbanceParameters tuning_;
 };
 
+// Filters of the salient machine: parameters, and where a flying start begins.
+template <class Kind, class Parameters>
+class SalientBuilder final : public FilterBuilder {
+ public:
+  void fields(FieldVisitor& f) override { tuning_.fields(f); }
+  std::shared_ptr<const Filter> build(const DriveConfig& config) const override {
+    KnownStart start;
+    if (config.start == Start::kFlying)
+      start = {config.plant.theta_e_start, config.machine.n_p * config.omega_m_start()};
+    return std::make_shared<Kind>(
+        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
+        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s(), start);
+  }
+
+ private:
+  Parameters tuning_;
+};
+
 template <class Builder>
 std::unique_ptr<FilterBuilder> make() {
   return std::make_unique<Builder>();
@@ -45,6 +67,10 @@ struct Entry {
 constexpr Entry kEntries[] = {
     {"ekf_sensorless", make<EkfSensorlessBuilder>},
     {"ekf_disturbance", make<EkfDisturbanceBuilder>},
+    {"backemf_printed", make<SalientBuilder<BackEmfPrinted, BackEmfParameters>>},
+    {"active_flux", make<SalientBuilder<ActiveFlux, ActiveFluxParameters>>},
+    {"eemf", make<SalientBuilder<Eemf, EemfParameters>>},
+    {"dq_ekf", make<SalientBuilder<DqEkf, DqEkfParameters>>},
 };
 
 }  // namespace

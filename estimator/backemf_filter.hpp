@@ -1,0 +1,75 @@
+// Kalman filter of a back-EMF that turns with the rotor, stationary frame: the part that
+// backemf_printed and active_flux share. They differ in the two inductances.
+//
+//   x = [i_alpha, i_beta, e_alpha, e_beta],  u = u_alphabeta,  y = i_alphabeta,  H = [I 0]
+//   i_alpha' = (u_alpha - R_s i_alpha - e_alpha)/L_alpha     e_alpha' = -omega_e e_beta    (1),
+//   (3), i_beta'  = (u_beta  - R_s i_beta  - e_beta )/L_beta      e_beta'  =  omega_e e_alpha   (4)
+//   mended Phi = I + A T_s, the EMF's block exactly [cos -sin; sin cos](omega_e T_s) with rotation
+//   = exact P^- = Phi P Phi' + Q_0,  K = P^- H'(H P^- H' + R_0)^-1 (25)-(27)
+//
+// omega_e is no state: it is the low-passed speed of estimator/emf_angle.hpp, from which the angle
+// comes too; the background reads it from the snapshot. Q_0 and R_0 are discrete, per background
+// update. In the paper's axes: i_q^s = i_alpha, i_d^s = -i_beta, E_q^s = e_alpha, E_d^s = -e_beta.
+#pragma once
+#include "estimator/covariance.hpp"
+#include "estimator/filter.hpp"
+#include "model/discretise.hpp"
+#include "model/machine.hpp"
+
+namespace twinrate {
+
+enum class Rotation : int { kExact = 0, kEuler = 1 };
+inline constexpr const char* kRotationNames[] = {"exact", "euler"};
+
+struct BackEmfParameters {
+  double Q_diag[4] = {2e3, 2e3, 80e3, 10e3};
+  double R_diag[2] = {0.5, 0.5};
+  double P0_diag[4] = {0.1, 0.1, 200, 10};
+  Rotation rotation = Rotation::kExact;
+  EmfAngleParameters angle;
+  void fields(FieldVisitor& f) {
+    f.numbers("Q_diag", Q_diag, 0, 1e12, "process noise a background update: A^2, A^2, V^2, V^2");
+    f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2");
+    f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance: A^2, A^2, V^2, V^2");
+    choice(f, "rotation", rotation, kRotationNames, "how the EMF turns over one period");
+    angle.fields(f);
+  }
+};
+
+// Where a filter begins: the rotor's angle and speed where they are known (flying start), else 0.
+struct KnownStart {
+  double theta_e = 0, omega_e = 0;
+};
+
+class BackEmfFilter : public Filter {
+ public:
+  using State = Eigen::Vector4d;
+  // L = [L_alpha, L_beta].
+  BackEmfFilter(const MachineParameters& machine, const Vec2& L, const BackEmfParameters& tuning,
+                Prediction prediction, CovarianceForm covariance, double T_s, KnownStart start);
+
+  FastState start(const Measurement& first) const override;
+  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
+  void predict_over_gap(FastState& state, const Measurement& last) const override;
+  void align(FastState& state, double theta_e) const override;
+  Estimate output(const FastState& state, const Measurement& m) const override;
+  Gain initial_gain() const override;
+  Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+
+  State predict(const State& x, const Vec2& u_alphabeta, double omega_e) const;
+  Eigen::Matrix4d transition(double omega_e) const;  // Phi
+
+ private:
+  Eigen::Matrix4d A(double omega_e) const;
+  void process_angle(FastState& state) const;
+
+  MachineParameters machine_;
+  Vec2 L_;
+  BackEmfParameters tuning_;
+  Prediction prediction_;
+  CovarianceForm covariance_;
+  double T_s_;
+  KnownStart start_;
+};
+
+}  // namespace twinrate

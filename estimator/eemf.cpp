@@ -1,0 +1,144 @@
+#include "estimator/eemf.hpp"
+
+#include "model/discretise_exact.hpp"
+
+namespace twinrate {
+
+Eemf::Eemf(const MachineParameters& machine, const EemfParameters& tuning, Prediction prediction,
+           CovarianceForm covariance, double T_s, KnownStart start)
+    : machine_(machine),
+      tuning_(tuning),
+      prediction_(prediction),
+      covariance_(covariance),
+      T_s_(T_s),
+      start_(start) {}
+
+Eemf::State Eemf::f(const State& x, const Vec2& u_alphabeta) const {
+  const double R_s = machine_.R_s, L_d = machine_.L_d, coupling = x[4] * (L_d - machine_.L_q);
+  State rate;
+  rate << (u_alphabeta[0] - R_s * x[0] - coupling * x[1] - x[2]) / L_d,
+      (u_alphabeta[1] - R_s * x[1] + coupling * x[0] - x[3]) / L_d,  //
+      -x[4] * x[3], x[4] * x[2], 0;
+  return rate;
+}
+
+// Linear once omega_e is frozen.
+static Vec2 exact_part(const MachineParameters& m, const Eemf::State& x, const Vec2& u_alphabeta,
+                       double T_s, Vec2& e_next) {
+  const double omega_e = x[4], coupling = omega_e * (m.L_d - m.L_q) / m.L_d;
+  Eigen::Matrix4d A;
+  A << -m.R_s / m.L_d, -coupling, -1 / m.L_d, 0,  //
+      coupling, -m.R_s / m.L_d, 0, -1 / m.L_d,    //
+      0, 0, 0, -omega_e,                          //
+      0, 0, omega_e, 0;
+  Eigen::Matrix<double, 4, 2> B = Eigen::Matrix<double, 4, 2>::Zero();
+  B(0, 0) = B(1, 1) = 1 / m.L_d;
+  const auto d = discretise_exact<4, 2>(A, B, T_s);
+  const Eigen::Vector4d next = d.A * x.head<4>() + d.B * u_alphabeta;
+  e_next = next.tail<2>();
+  return next.head<2>();
+}
+
+Eemf::State Eemf::predict(const State& x, const Vec2& u_alphabeta) const {
+  const auto rate = [&](const State& s) { return f(s, u_alphabeta); };
+  switch (prediction_) {
+    case Prediction::kEuler: {
+      State next = euler_step<State>(rate, x, T_s_);
+      if (tuning_.rotation == Rotation::kExact)
+        next.segment<2>(2) = rotate(x.segment<2>(2), x[4] * T_s_);
+      return next;
+    }
+    case Prediction::kRk4:
+      return rk4_step<State>(rate, x, T_s_);
+    case Prediction::kExact: {
+      State next = x;
+      Vec2 e_next;
+      next.head<2>() = exact_part(machine_, x, u_alphabeta, T_s_, e_next);
+      next.segment<2>(2) = e_next;
+      return next;
+    }
+  }
+  return x;
+}
+
+Eemf::Covariance Eemf::jacobian(const State& x) const {
+  const double a = T_s_ * machine_.R_s / machine_.L_d, b = T_s_ / machine_.L_d;
+  const double s = T_s_ * (machine_.L_d - machine_.L_q) / machine_.L_d, omega_e = x[4];
+  Covariance F = Covariance::Identity();
+  F.row(0) << 1 - a, -s * omega_e, -b, 0, -s * x[1];
+  F.row(1) << s * omega_e, 1 - a, 0, -b, s * x[0];
+  if (tuning_.rotation == Rotation::kExact) {
+    const double cosine = std::cos(omega_e * T_s_), sine = std::sin(omega_e * T_s_);
+    const Vec2 e = rotate(x.segment<2>(2), omega_e * T_s_);
+    F.row(2) << 0, 0, cosine, -sine, -T_s_ * e[1];
+    F.row(3) << 0, 0, sine, cosine, T_s_ * e[0];
+  } else {
+    F.row(2) << 0, 0, 1, -omega_e * T_s_, -T_s_ * x[3];
+    F.row(3) << 0, 0, omega_e * T_s_, 1, T_s_ * x[2];
+  }
+  return F;
+}
+
+FastState Eemf::start(const Measurement& first) const {
+  FastState state;
+  state.x_hat.head<2>() = clarke(first.i_abc);
+  state.x_hat.segment<2>(2) = inverse_park({0, start_.omega_e * machine_.psi_f}, start_.theta_e);
+  state.x_hat[4] = start_.omega_e;
+  return state;
+}
+
+Correction Eemf::fast_step(FastState& state, const Measurement& m, const Gain& gain) const {
+  const State x_prior = predict(state.x_hat.head<5>(), m.u_alphabeta);
+  const Vec2 innov = clarke(m.i_abc) - x_prior.head<2>();
+  const State x = x_prior + gain.K.topLeftCorner<5, 2>() * innov;
+  Correction correction;
+  if (!x.allFinite()) {
+    predict_over_gap(state, m);
+    correction.status = kNotFinite;
+    return correction;
+  }
+  state.x_hat.head<5>() = x;
+  correction.innov.head<2>() = innov;
+  return correction;
+}
+
+void Eemf::predict_over_gap(FastState& state, const Measurement& last) const {
+  const State x = predict(state.x_hat.head<5>(), last.u_alphabeta);
+  if (x.allFinite()) state.x_hat.head<5>() = x;
+}
+
+void Eemf::align(FastState& state, double) const {
+  state.x_hat.segment<3>(2).setZero();
+}
+
+Estimate Eemf::output(const FastState& state, const Measurement&) const {
+  const Vec2 e_ex = state.x_hat.segment<2>(2);
+  const double direction = state.x_hat[4] < 0 ? -1 : 1;
+  Estimate e;
+  e.n_x = 5;
+  e.n_y = 2;
+  e.theta_e = wrap_turn(std::atan2(-direction * e_ex[0], direction * e_ex[1]));
+  e.omega_m = state.x_hat[4] / machine_.n_p;
+  e.i_dq = park(state.x_hat.head<2>(), e.theta_e);
+  return e;
+}
+
+Gain Eemf::initial_gain() const {
+  Gain gain;
+  gain.n_x = 5;
+  gain.n_y = 2;
+  gain.P.topLeftCorner<5, 5>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
+  return gain;
+}
+
+Gain Eemf::background_step(const Gain& previous, const Estimate& snapshot) const {
+  const Covariance F = jacobian(snapshot.x_hat.head<5>());
+  const Covariance Q = Eigen::Map<const State>(tuning_.Q_diag).asDiagonal();
+  const Covariance P_prior = F * previous.P.topLeftCorner<5, 5>() * F.transpose() + Q;
+  const Eigen::Matrix<double, 2, 5> H = Eigen::Matrix<double, 2, 5>::Identity();
+  const Eigen::Matrix2d R = Eigen::Map<const Vec2>(tuning_.R_diag).asDiagonal();
+  return gain_from_prior<5, 2>(previous, snapshot, P_prior, H, R,
+                               covariance_ == CovarianceForm::kJoseph);
+}
+
+}  // namespace twinrate
