@@ -16,7 +16,9 @@ Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
       speed_(speed_pi(kTwoPi * parameters.speed_bandwidth, machine_.J, machine_.torque_constant())),
       current_d_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_d)),
       current_q_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_q)),
-      startup_(parameters.startup, config.start == Start::kAlignIf, config.T_s()) {
+      field_weakening_(parameters.field_weakening, machine_, parameters.i_max, config.T_s()),
+      startup_(parameters.startup, config.start == Start::kAlignIf, config.T_s()),
+      synchronism_(parameters.synchronism, machine_, config.T_s()) {
   if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
 }
 
@@ -44,16 +46,27 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
       .T_load;
 }
 
+// Leaves i_dq_wanted_; every speed_divider ticks.
+void Foc::speed_loop(const ControllerInput& in, const Frame& frame) {
+  const bool due = speed_ticks_ == 0;
+  speed_ticks_ = (speed_ticks_ + 1) % p_.speed_divider;
+  if (!due) return;
+  const bool at_mtpa = p_.current_angle == CurrentAngle::kMtpa;
+  const double error = omega_m_ref_ - frame.omega_m;
+  const double I_s = speed_.output(error) + predicted_load(in, frame) / machine_.torque_constant();
+  const double I_s_limited = std::clamp(I_s, -p_.i_max, p_.i_max);
+  i_dq_wanted_ = at_mtpa ? mtpa(machine_, I_s_limited) : Vec2(0, I_s);
+  i_dq_wanted_[0] += in.reference.i_d_ref;
+  const double i_q = limit_current(i_dq_wanted_, field_weakening_.i_d(), 0, p_.i_max)[1];
+  const double passed_on = at_mtpa ? mtpa_amplitude(machine_, i_q) : i_q;
+  speed_.update(error, I_s, passed_on, p_.speed_divider * T_s_);
+}
+
 Vec2 Foc::closed_loop_reference(const ControllerInput& in, const Frame& frame) {
   omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
   i_d_handover_ *= std::max(0.0, 1 - T_s_ / p_.startup.t_fade);
-  const double i_d_ref = std::clamp(in.reference.i_d_ref + i_d_handover_, -p_.i_max, p_.i_max);
-  const double error = omega_m_ref_ - frame.omega_m;
-  const double i_q = speed_.output(error) + predicted_load(in, frame) / machine_.torque_constant();
-  const double i_q_max = std::sqrt(p_.i_max * p_.i_max - i_d_ref * i_d_ref);
-  const double i_q_ref = std::clamp(i_q, -i_q_max, i_q_max);
-  speed_.update(error, i_q, i_q_ref, T_s_);
-  return {i_d_ref, i_q_ref};
+  speed_loop(in, frame);
+  return limit_current(i_dq_wanted_, field_weakening_.i_d(), i_d_handover_, p_.i_max);
 }
 
 Vec2 Foc::feed_forward(const Vec2& i_dq, double omega_e) const {
@@ -69,6 +82,7 @@ Vec2 Foc::current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, d
   const Vec2 u_limited = amplitude > u_max ? Vec2(u * (u_max / amplitude)) : u;
   current_d_.update(error[0], u[0], u_limited[0], T_s_);
   current_q_.update(error[1], u[1], u_limited[1], T_s_);
+  field_weakening_.update(amplitude, u_max, omega_e);
   return u_limited;
 }
 
@@ -97,6 +111,30 @@ bool Foc::finite(const ControllerInput& in) const {
          std::isfinite(in.estimate.theta_e) && std::isfinite(in.estimate.omega_m);
 }
 
+// Bumpless: the same voltage and current vectors, seen from the estimated rotor frame.
+void Foc::hand_over(const ControllerInput& in, const Frame& frame, double theta_e_forced) {
+  const Vec2 i_dq = park(clarke(in.measurement.i_abc), frame.theta_e);
+  const Vec2 integral = rotate(u_dq_, theta_e_forced - frame.theta_e) -
+                        feed_forward(i_dq, machine_.n_p * frame.omega_m);
+  current_d_.preset(integral[0]);
+  current_q_.preset(integral[1]);
+  const bool at_mtpa = p_.current_angle == CurrentAngle::kMtpa;
+  const double I_s = at_mtpa ? mtpa_amplitude(machine_, i_dq[1]) : i_dq[1];
+  i_d_handover_ = i_dq[0] - in.reference.i_d_ref - (at_mtpa ? mtpa(machine_, I_s)[0] : 0);
+  omega_m_ref_ = frame.omega_m;
+  speed_.preset(I_s);
+  speed_ticks_ = 0;
+  synchronism_.reset();
+}
+
+bool Foc::synchronism_lost(const ControllerInput& in, const Frame& frame) {
+  if (angle_source_ != AngleSource::kEstimate) return false;
+  const Measurement& m = in.measurement;
+  const double omega_e = machine_.n_p * frame.omega_m;
+  return synchronism_.lost(in.estimate, park(clarke(m.i_abc), frame.theta_e),
+                           park(m.u_alphabeta, frame.theta_e - 0.5 * T_s_ * omega_e), omega_e);
+}
+
 Command Foc::step(const ControllerInput& in) {
   const Measurement& m = in.measurement;
   if (!finite(in)) {
@@ -107,21 +145,21 @@ Command Foc::step(const ControllerInput& in) {
   const double i_start = p_.startup.i_start > 0 ? p_.startup.i_start : p_.i_max;
   const Mode mode_before = startup_.mode();
   Frame frame = rotor_frame(in);
-  const Startup::Drive drive = startup_.step(in.estimate, machine_.n_p * in.estimate.omega_m,
-                                             in.reference.omega_m_ref < 0 ? -1.0 : 1.0);
+  Startup::Drive drive = startup_.step(in.estimate, machine_.n_p * in.estimate.omega_m,
+                                       in.reference.omega_m_ref < 0 ? -1.0 : 1.0);
   if (drive.mode != mode_before) event_ = mode_change(drive.mode);
   if (drive.handed_over) {
-    // Bumpless: the same voltage and current vectors, seen from the estimated rotor frame.
-    const Vec2 i_dq = park(clarke(m.i_abc), frame.theta_e);
-    const Vec2 integral = rotate(u_dq_, drive.theta_e - frame.theta_e) -
-                          feed_forward(i_dq, machine_.n_p * frame.omega_m);
-    current_d_.preset(integral[0]);
-    current_q_.preset(integral[1]);
-    i_d_handover_ = i_dq[0] - in.reference.i_d_ref;
-    omega_m_ref_ = frame.omega_m;
-    speed_.preset(i_dq[1]);
+    hand_over(in, frame, drive.theta_e);
   } else if (drive.mode == Mode::kAlign || drive.mode == Mode::kIfRamp) {
     frame = {drive.theta_e, drive.omega_e / machine_.n_p};
+  }
+
+  if (drive.mode == Mode::kRun && synchronism_lost(in, frame)) {
+    startup_.stop();
+    drive.mode = Mode::kSafe;
+    event_ = {Reason::kLostSynchronism,
+              synchronism_.by_emf() ? "the EMF is not where the estimate has it: zero voltage"
+                                    : "the innovations are too large: zero voltage"};
   }
 
   Command c;

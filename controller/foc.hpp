@@ -1,35 +1,49 @@
 // Field-oriented control on the estimates: speed PI -> current PI with decoupling -> voltage.
 //
-//   i_q_ref = PI(omega_m_ref - omega_m), limited to i_max (i_d_ref has precedence)
+//   I_s = PI(omega_m_ref - omega_m) every speed_divider ticks, limited to i_max
+//   i_dq_ref = [i_d_ref; I_s], or the MTPA point of I_s plus i_d_ref; field weakening and limits:
+//              controller/current_reference.hpp
 //   u_d = PI(i_d_ref - i_d) - omega_e L_q i_q
 //   u_q = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
 //   limited to the circle v_dc/sqrt3; turned back at the angle the rotor has when the voltage acts
 //
 // A tick whose measurement or estimate is not finite repeats the last command and leaves every
 // state alone. Currents are the measured ones, turned with the estimated angle. Start "align_if":
-// controller/startup.hpp.
+// controller/startup.hpp. Lost synchronism: controller/synchronism.hpp.
 #pragma once
 #include "controller/controller.hpp"
+#include "controller/current_reference.hpp"
 #include "controller/pi.hpp"
 #include "controller/startup.hpp"
+#include "controller/synchronism.hpp"
 
 namespace twinrate {
 
 struct FocParameters {
   double current_bandwidth = 200, speed_bandwidth = 8;
   double i_max = 0;
+  int speed_divider = 1;
+  CurrentAngle current_angle = CurrentAngle::kReference;
+  FieldWeakeningParameters field_weakening;
   bool decoupling = true;
   bool compensate_effects = false;
   StartupParameters startup;
+  SynchronismParameters synchronism;
   void fields(FieldVisitor& f) {
     f.number("current_bandwidth_Hz", current_bandwidth, 1, 5000, "bandwidth of the current loop");
     f.number("speed_bandwidth_Hz", speed_bandwidth, 0.01, 1000, "bandwidth of the speed loop");
+    f.integer("speed_divider", speed_divider, 1, 1000,
+              "control ticks of one step of the speed loop");
+    choice(f, "current_angle", current_angle, kCurrentAngleNames,
+           "i_d = reference.i_d_A, or maximum torque per ampere (plus reference.i_d_A)");
     f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
+    field_weakening.fields(f);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
     f.boolean(
         "compensate_effects", compensate_effects,
         "feed forward the torque that the model's effects (used_in) predict on the estimates");
     f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
+    f.table("synchronism", [&](FieldVisitor& sub) { synchronism.fields(sub); });
   }
 };
 
@@ -46,6 +60,9 @@ class Foc final : public Controller {
   };
   bool finite(const ControllerInput& in) const;
   Frame rotor_frame(const ControllerInput& in) const;
+  void hand_over(const ControllerInput& in, const Frame& frame, double theta_e_forced);
+  bool synchronism_lost(const ControllerInput& in, const Frame& frame);
+  void speed_loop(const ControllerInput& in, const Frame& frame);
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
   double predicted_load(const ControllerInput& in, const Frame& frame) const;
   Vec2 feed_forward(const Vec2& i_dq, double omega_e) const;
@@ -57,8 +74,12 @@ class Foc final : public Controller {
   const AngleSource angle_source_;
   const double T_s_, advance_s_, slew_rate_;
   Pi speed_, current_d_, current_q_;
+  FieldWeakening field_weakening_;
   Startup startup_;
+  Synchronism synchronism_;
   double omega_m_ref_ = 0;
+  int speed_ticks_ = 0;              // since the speed loop's last step
+  Vec2 i_dq_wanted_ = Vec2::Zero();  // what it asked for, before field weakening
   ControllerEvent event_;
   Command command_;           // the last one: repeated where an input is not finite
   Vec2 u_dq_ = Vec2::Zero();  // of the last step, in the frame it was made in

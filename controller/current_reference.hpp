@@ -1,0 +1,57 @@
+// Which currents make a torque: maximum torque per ampere, the current limit, field weakening.
+//
+//   MTPA             i_d = [psi_f - sqrt(psi_f^2 + 8 dL^2 I_s^2)]/(4 dL),  dL = L_q - L_d,
+//                    i_q = sign(I_s) sqrt(I_s^2 - i_d^2);  i_d = 0 where dL = 0
+//   field weakening  i_d_fw' = -omega_fw/(max(|omega_e|, omega_0) L_d) (|u_ref| - margin u_max),
+//                    -i_max <= i_d_fw <= 0, added to i_d
+//   limit            |i_dq| <= i_max. i_d has precedence, because it holds the voltage: i_q gives
+//   way.
+//
+// |u_ref| is the voltage the current loop asks for, before its limit; u_max = v_dc/sqrt3. I_s is
+// signed, peak. Source: Kim, Yoon, Kook, section 5 (MTPA); Kim, Sul, voltage feedback field
+// weakening.
+#pragma once
+#include "model/fields.hpp"
+#include "model/frames.hpp"
+#include "model/machine.hpp"
+
+namespace twinrate {
+
+Vec2 mtpa(const MachineParameters& machine, double I_s);
+// The I_s whose MTPA point has this i_q.
+double mtpa_amplitude(const MachineParameters& machine, double i_q);
+
+enum class CurrentAngle : int { kReference = 0, kMtpa = 1 };
+inline constexpr const char* kCurrentAngleNames[] = {"reference", "mtpa"};
+
+struct FieldWeakeningParameters {
+  bool active = false;
+  double margin = 0.97;
+  double bandwidth_Hz = 20;
+  void fields(FieldVisitor& f) {
+    f.boolean("field_weakening", active,
+              "hold the voltage inside its limit with a negative i_d, above base speed");
+    f.number("voltage_margin", margin, 0.5, 1, "share of v_dc/sqrt3 at which it begins");
+    f.number("field_weakening_bandwidth_Hz", bandwidth_Hz, 0.1, 500, "bandwidth of that loop");
+  }
+};
+
+class FieldWeakening {
+ public:
+  FieldWeakening(const FieldWeakeningParameters& p, const MachineParameters& machine, double i_max,
+                 double T_s);
+  double i_d() const { return i_d_; }
+  // `u_ref`: amplitude asked for in this tick.
+  void update(double u_ref, double u_max, double omega_e);
+
+ private:
+  FieldWeakeningParameters p_;
+  double L_d_, psi_f_, i_max_, T_s_;
+  double i_d_ = 0;
+};
+
+// Within the limit: i_d_extra (field weakening) has precedence over i_q, i_d_fade (left from a
+// start) gives way to it.
+Vec2 limit_current(const Vec2& i_dq_wanted, double i_d_extra, double i_d_fade, double i_max);
+
+}  // namespace twinrate

@@ -1,0 +1,60 @@
+// Watches whether the estimate still turns with the rotor, from what the controller sees anyway.
+//
+//   EMF consistency  e_d = u_d - R_s i_d + omega_e L_q i_q        must be 0
+//                    e_q = u_q - R_s i_q - omega_e L_d i_d        must be omega_e psi_f
+//                    r = |LP(e_dq - [0; omega_e psi_f])| / (psi_f max(|omega_e|, omega_min))
+//   innovation       nis = LP(|innov|^2)/(2 innovation_A^2), the first two outputs (currents)
+//
+// All in the estimated rotor axes, LP a first-order low-pass. Lost where r > emf_limit or
+// nis > nis_limit for t_lost_s on end; the controller then reports lost_synchronism and goes to
+// safe mode. Near standstill r says little: there the innovation is what remains.
+#pragma once
+#include "model/fields.hpp"
+#include "model/machine.hpp"
+#include "model/signals.hpp"
+
+namespace twinrate {
+
+struct SynchronismParameters {
+  bool watch = false;
+  double emf_limit = 0.6, innovation = 0.02, nis_limit = 10;
+  double lowpass_Hz = 30, t_lost = 0.02, t_find = 0.5, omega_e_min = 50;
+  void fields(FieldVisitor& f) {
+    f.boolean("watch", watch, "watch for lost synchronism; where it is lost: event, safe mode");
+    f.number("emf_limit", emf_limit, 0.05, 10,
+             "EMF residual over the expected EMF that counts as lost");
+    f.number("innovation_A", innovation, 1e-6, 1e3,
+             "rms of one current innovation that counts as 1");
+    f.number("nis_limit", nis_limit, 0.1, 1e6, "normalised innovation squared that counts as lost");
+    f.number("lowpass_Hz", lowpass_Hz, 0.1, 5000, "cut-off of residual and innovation");
+    f.number("t_lost_s", t_lost, 0, 10, "time beyond a limit until it counts");
+    f.number("t_find_s", t_find, 0, 100,
+             "the same before the estimate has agreed for the first time");
+    f.number("omega_e_min_rad_s", omega_e_min, 0.1, 1e5,
+             "electrical speed below which the EMF is not expected to tell more");
+  }
+};
+
+class Synchronism {
+ public:
+  Synchronism(const SynchronismParameters& p, const MachineParameters& machine, double T_s);
+  // One tick in mode run; true where synchronism has been lost. u_dq: applied over the last period.
+  bool lost(const Estimate& e, const Vec2& i_dq, const Vec2& u_dq, double omega_e);
+  // The mode is another: begin anew.
+  void reset();
+
+  double emf_residual() const { return r_; }
+  double nis() const { return innov2_ / (2 * p_.innovation * p_.innovation); }
+  // Which of the two it was.
+  bool by_emf() const { return r_ > p_.emf_limit; }
+
+ private:
+  SynchronismParameters p_;
+  MachineParameters machine_;
+  double T_s_, share_;
+  Vec2 residual_ = Vec2::Zero();
+  double innov2_ = 0, r_ = 0, t_beyond_ = 0, t_within_ = 0;
+  bool found_ = false;  // the estimate has agreed once
+};
+
+}  // namespace twinrate
