@@ -38,7 +38,7 @@ TEST_P(EveryPreset, ResolvedTextIsAFixedPoint) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Config, EveryPreset, testing::ValuesIn(preset_names()),
-                         [](const auto& i) { return i.param; });
+                         [](const auto& i) { return test::gtest_name(i.param); });
 
 TEST(Presets, AreFoundByNameAndByFile) {
   const auto names = preset_names();

@@ -23,7 +23,7 @@ TEST_P(EveryPreset, StatesItsRatesOnce) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Config, EveryPreset, testing::ValuesIn(preset_names()),
-                         [](const auto& i) { return i.param; });
+                         [](const auto& i) { return gtest_name(i.param); });
 
 TEST(Locked, IsNotSaidOfARunThatNeverComesToSpeed) {
   // The current limit of 0.05 A cannot hold half load: the angle is known, the speed is far off.

@@ -2,6 +2,7 @@
 #pragma once
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <vector>
@@ -21,6 +22,12 @@ inline Config load(const std::string& preset, const Overrides& overrides = {}) {
 
 inline DriveConfig drive_of(const std::string& preset, const Overrides& overrides = {}) {
   return Config::load(preset, overrides).drive();
+}
+
+// A preset's name as GoogleTest wants it: no hyphens.
+inline std::string gtest_name(std::string preset) {
+  std::replace(preset.begin(), preset.end(), '-', '_');
+  return preset;
 }
 
 // Degrees are for people, and the reference table is in degrees.
