@@ -12,6 +12,7 @@
 
 #include "core/channels.hpp"
 #include "core/reason.hpp"
+#include "model/effects/effect.hpp"
 
 namespace twinrate {
 namespace {
@@ -102,6 +103,19 @@ TEST(ConfigReference, IsWhatTheProgramPrints) {
   ASSERT_FALSE(program.empty());
   EXPECT_TRUE(text_of(kRoot / "docs/config-reference.md") == program)
       << "run: twinrate check --reference > docs/config-reference.md";
+}
+
+// tools/effect-gallery makes them.
+TEST(EffectsGallery, HasAPageWithASmallFigureOfEveryEffect) {
+  const std::string index = text_of(kRoot / "docs/effects-gallery.md");
+  for (const std::string& kind : effect_kinds()) {
+    EXPECT_NE(index.find("(effects/" + kind + ".md)"), std::string::npos) << kind;
+    const fs::path page = kRoot / "docs/effects" / (kind + ".md");
+    EXPECT_NE(text_of(page).find("](" + kind + ".svg)"), std::string::npos) << kind;
+    const std::string figure = text_of(kRoot / "docs/effects" / (kind + ".svg"));
+    EXPECT_GT(figure.size(), 5000u) << kind;
+    EXPECT_LT(figure.size(), 60000u) << kind;
+  }
 }
 
 TEST(Links, LeadToAFileAndToAHeadingInIt) {

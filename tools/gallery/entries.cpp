@@ -1,0 +1,115 @@
+#include "tools/gallery/entries.hpp"
+
+namespace twinrate::gallery {
+namespace {
+
+constexpr Entry kEntries[] = {
+    {"cogging",
+     "origin = \"poles\"\norder = 1\namplitude_Nm = 0.03\nphase_rad = 0.4\n"
+     "[[effect]]\nkind = \"cogging\"\norigin = \"slots\"\norder = 1\namplitude_Nm = 0.04\n"
+     "[[effect]]\nkind = \"cogging\"\norigin = \"native\"\norder = 1\namplitude_Nm = 0.06\n",
+     Signal::kTo, Over::kTurns,
+     "T_load += A sin(N theta_m + phase), with N = order x {1, lcm(n_slots, 2 n_p), n_slots, 2 "
+     "n_p} "
+     "for origin = order, native, slots, poles",
+     "Speed, i_q and the estimated load torque at order N, at every load and in either direction "
+     "with the same angle. The example has one term of each origin: 6 poles, 27 slots, 54 native; "
+     "the observer, too slow for them at one turn a second, shows 23 of 40 and 19 of 60 mNm.",
+     "`flux_harmonics` at constant current (it grows with i_q, cogging does not); "
+     "`friction_ripple` "
+     "in one direction."},
+    {"constant_load", "torque_Nm = 0.5\n", Signal::kTo, Over::kSpeed, "T_load += T",
+     "A shift of the estimated load torque and of i_q that does not ask for the direction.",
+     "`coulomb_friction` in one direction; the offset of a torque or q-current sensor."},
+    {"coulomb_friction", "torque_Nm = 0.25\n", Signal::kTo, Over::kSpeed,
+     "T_load += T_C tanh(omega_m/omega_smooth)",
+     "A step of the estimated load torque where the speed changes its sign, and the bump in the "
+     "speed there; nothing that turns at constant speed.",
+     "`constant_load` in one direction; `viscous_friction` at one speed."},
+    {"current_gain", "gain_a = 0.05\ngain_b = 0.0\n", Signal::kIq, Over::kTurns,
+     "i_meas = (1 + gain) i, a gain a phase",
+     "Order 2 n_p (here 6) in the measured currents, and a constant part, both in proportion to "
+     "the "
+     "current. How much of it becomes true current, torque and speed is up to the loop: here the d "
+     "integrator makes the measured i_d smooth and the true one rough, while i_q keeps most of it "
+     "in the reading.",
+     "`cogging` of the same order at one load; a wrong torque constant (the constant part)."},
+    {"current_offset", "offset_a_A = 0.05\noffset_b_A = -0.02\n", Signal::kIq, Over::kTurns,
+     "i_meas = i + offset, an offset a phase",
+     "Order n_p (here 3) in the measured currents, the same at every load; from there, as far as "
+     "the loop follows it, in true currents, torque and speed, and in the estimated load torque, "
+     "which believes the currents.",
+     "`cogging` of order n_p; an offset of the voltages, where no voltage is measured."},
+    {"dc_bus_ripple", "amplitude_V = 12.0\nfrequency_Hz = 300.0\n", Signal::kIqTrue, Over::kTime,
+     "v_dc += A sin(2 pi f t + phase); the applied voltage is duty v_dc(t), the duty was chosen "
+     "for "
+     "v_dc(t_k)",
+     "The measured bus voltage, and a little in u and i: the modulator corrects with the sample of "
+     "the start of the interval. A frequency, not an order: here 300 Hz at one turn a second.",
+     "A mechanical effect of the same frequency at one speed; it moves in the order spectrum when "
+     "the speed changes.",
+     360},
+    {"dead_time", "dead_time_s = 3e-6\n", Signal::kUd, Over::kTurns,
+     "drop of a phase = t_d f_pwm v_dc sat(i/i_linear); edge by edge with plant.inverter = "
+     "switched",
+     "Orders 6 n_p and its multiples (18, 36) in the voltages and, as far as the current loop lets "
+     "them through, in currents and torque; strongest across the current, here in u_d. A shift of "
+     "u_q that looks like resistance at small current.",
+     "`inverter_drop` (same shape; only the bus voltage or the switching frequency tells them "
+     "apart); `resistance` at small current.",
+     60, true},
+    {"eccentric_load", "amplitude_Nm = 0.2\nphase_rad = 0.5\n", Signal::kTo, Over::kTurns,
+     "T_load += A sin(theta_m + phase)",
+     "Order 1 in load torque and speed, at every speed with the same angle.",
+     "`cogging` of order 1; `friction_ripple` of order 1 in one direction; "
+     "`encoder_eccentricity`, which grows with the speed."},
+    {"encoder_eccentricity", "amplitude_rad = 2e-3\n", Signal::kSpeed, Over::kTurns,
+     "theta_meas = theta_m + A sin(theta_m + phase)",
+     "Order 1 in the true speed: the loop makes the measured one smooth. The estimated load torque "
+     "holds the inertia torque of that, so it grows with the speed squared.",
+     "`eccentric_load` at one speed."},
+    {"encoder_offset", "offset_rad = 0.05\n", Signal::kUd, Over::kTurns,
+     "theta_meas = theta_m + offset",
+     "No order at all: the current vector is turned, a true i_d appears, torque a ampere falls by "
+     "cos(n_p offset), u_d shifts.",
+     "`flux_linkage` (less torque); an inductance error (u_d)."},
+    {"fan_load", "coefficient_Nms2 = 0.01\n", Signal::kTo, Over::kSpeed,
+     "T_load += c omega_m |omega_m|",
+     "The estimated load torque is a parabola over the speed, odd in the direction.",
+     "`viscous_friction` over a narrow range of speed."},
+    {"flux_harmonics", "order = 18\namplitude_Wb = 2.5e-3\n", Signal::kTo, Over::kTurns,
+     "delta_psi_d = A cos(N theta_m + phase); u_dq_drop = [d delta_psi/dt, omega_e delta_psi]; "
+     "T_load -= 3/2 n_p (delta_psi i_q + d delta_psi/d theta_e i_d)",
+     "Order N in the torque in proportion to i_q, and in u_d, u_q in proportion to the speed.",
+     "`cogging` of the same order at one load; `dead_time`, which has 6 n_p too but in the voltage "
+     "whatever the speed."},
+    {"friction_ripple", "order = 1\namplitude_Nm = 0.05\nphase_rad = 0.5\n", Signal::kTo,
+     Over::kTurns, "T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)",
+     "Like cogging of order N, but its sign changes with the direction.",
+     "`cogging` and `eccentric_load` where the drive turns in one direction only."},
+    {"inverter_drop", "threshold_V = 3.0\nresistance_Ohm = 0.2\n", Signal::kUd, Over::kTurns,
+     "drop of a phase = V_0 sat(i/i_linear) + R_on i",
+     "As dead time: orders 6 n_p and multiples in the voltages from V_0, and a resistance from "
+     "R_on.",
+     "`dead_time` (V_0) and `resistance` (R_on)."},
+    {"load_step", "torque_Nm = 1.0\ntime_s = 3.5\n", Signal::kTo, Over::kTime,
+     "T_load += T for t >= t_step",
+     "One dip of the speed, and a step of the estimated load torque with the observer's own rise.",
+     "`constant_load`, where the step is not in the record.", 60, false, 3.45, 3.7},
+    {"stribeck_friction", "torque_Nm = 0.1\nspeed_rad_s = 3.0\n", Signal::kTo, Over::kSpeed,
+     "T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)",
+     "Load torque that falls with rising speed: two humps beside standstill. Negative damping "
+     "there, which makes slow drives stick and slip.",
+     "`coulomb_friction` at low speed only."},
+    {"viscous_friction", "coefficient_Nms = 0.05\n", Signal::kTo, Over::kSpeed,
+     "T_load += b omega_m", "A straight line of the estimated load torque over the speed.",
+     "`machine.B_Nms`: only the sum can be identified; `coulomb_friction` at one speed."},
+};
+
+}  // namespace
+
+std::span<const Entry> entries() {
+  return kEntries;
+}
+
+}  // namespace twinrate::gallery

@@ -1,0 +1,270 @@
+// effect_gallery DIR: one page and one figure an effect, DIR/effects-gallery.md and DIR/effects/.
+//
+//   for each effect: [closed loop with it, and without] -> signal, order spectrum, where it shows
+//
+// The drive is niewiara2020 with exact sensors, its paper's controller without compensation, 2 Nm,
+// 60 rpm; the effect alone. Over::kSpeed: a ramp from -60 to 60 rpm without the 2 Nm.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+
+#include "core/order_spectrum.hpp"
+#include "tools/field_list.hpp"
+#include "tools/gallery/entries.hpp"
+#include "tools/gallery/svg.hpp"
+#include "tools/run/closed_loop.hpp"
+
+namespace twinrate::gallery {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kDrive =
+    "preset = \"niewiara2020\"\n"
+    "[sensors]\ni_noise_rms_A = 0.0\ni_lsb_A = 0.0\nencoder_counts = 0\n"
+    "[controller]\ncompensation = \"off\"\n";
+constexpr const char* kSteady =
+    "[reference]\nspeed_rpm = 60.0\n[load]\nT_load_Nm = 2.0\n[run]\nduration_s = 8.2\n";
+constexpr const char* kRamp =
+    "[reference]\nspeed_rpm = [[0, -60], [4, 60]]\nslew_rad_s2 = 6.3\n[run]\nduration_s = 10.5\n";
+constexpr double kSettle = 4;  // s, of kSteady
+
+// Relative to `rated`, for the bars.
+struct SignalInfo {
+  const char *name, *meaning, *unit;
+  double rated;
+};
+constexpr SignalInfo kSignals[] = {
+    {"i_d true", "true d current", "A", 7.07},
+    {"i_q true", "true q current", "A", 7.07},
+    {"i_d", "measured d current", "A", 7.07},
+    {"i_q", "measured q current", "A", 7.07},
+    {"u_d", "d voltage, as the drive believes", "V", 136},
+    {"u_q", "q voltage, as the drive believes", "V", 136},
+    {"omega_m", "true speed", "rad/s", 6.28},
+    {"T_o", "estimated load torque", "Nm", 8.1},
+    {"v_dc", "measured bus voltage", "V", 235.4},
+    {"theta error", "angle reading less true angle, mechanical", "rad", 1},
+};
+constexpr std::size_t kSignalCount = std::size(kSignals);
+
+struct Trace {
+  std::vector<double> t, theta_m, omega_m;
+  std::vector<double> signals[kSignalCount];
+};
+
+Trace run(const std::string& how, const std::string& effects) {
+  Config config = Config::parse(
+      std::string(kDrive) + how + (effects.empty() ? std::string() : effects), "gallery");
+  ClosedLoop loop(config);
+  const DriveConfig& drive = config.drive();
+  Trace trace;
+  for (std::int64_t k = 0; k < drive.steps(); ++k) {
+    const TickRecord& tick = loop.step();
+    const Measurement& m = tick.measurement;
+    if (k % 5 != 0) continue;
+    const int n_p = drive.machine.n_p;
+    const Vec2 i_dq = park(clarke(m.i_abc), n_p * m.theta_m);
+    const Vec2 u_dq =
+        park(m.u_alphabeta, n_p * (tick.truth.theta_m - 0.5 * drive.T_s() * tick.truth.omega_m));
+    const double row[] = {tick.truth.i_dq[0],
+                          tick.truth.i_dq[1],
+                          i_dq[0],
+                          i_dq[1],
+                          u_dq[0],
+                          u_dq[1],
+                          tick.truth.omega_m,
+                          tick.estimate.T_load,
+                          m.v_dc,
+                          m.theta_m - tick.truth.theta_m};
+    trace.t.push_back(static_cast<double>(k) * drive.T_s());
+    trace.theta_m.push_back(tick.truth.theta_m);
+    trace.omega_m.push_back(tick.truth.omega_m);
+    for (std::size_t s = 0; s < kSignalCount; ++s) trace.signals[s].push_back(row[s]);
+  }
+  return trace;
+}
+
+std::size_t index_at(const Trace& trace, double t) {
+  return static_cast<std::size_t>(std::lower_bound(trace.t.begin(), trace.t.end(), t) -
+                                  trace.t.begin());
+}
+
+// At most 700 points of [from, to).
+Curve curve(const Trace& trace, Signal signal, Over over, const std::string& name,
+            const std::string& colour, double from_s, double to_s) {
+  Curve c{name, colour, {}, {}};
+  const std::size_t first = index_at(trace, from_s), last = index_at(trace, to_s);
+  const std::size_t step = std::max<std::size_t>(1, (last - first) / 700);
+  for (std::size_t i = first; i < last; i += step) {
+    c.x.push_back(over == Over::kTurns   ? (trace.theta_m[i] - trace.theta_m[first]) / kTwoPi
+                  : over == Over::kSpeed ? trace.omega_m[i]
+                                         : trace.t[i]);
+    c.y.push_back(trace.signals[static_cast<int>(signal)][i]);
+  }
+  return c;
+}
+
+struct Part {
+  double mean = 0, rms = 0;
+  OrderSpectrum spectrum;
+};
+Part part_of(const Trace& trace, std::size_t signal, int orders) {
+  const std::size_t first = index_at(trace, kSettle);
+  const std::span<const double> values(trace.signals[signal].begin() + first,
+                                       trace.signals[signal].end());
+  Part part;
+  part.spectrum =
+      order_spectrum({trace.theta_m.begin() + first, trace.theta_m.end()}, values, orders);
+  part.mean = part.spectrum.mean;
+  part.rms = part.spectrum.rms(orders);
+  return part;
+}
+
+// "3, 6, 18": the orders that hold at least a tenth of the largest.
+std::string strongest(const OrderSpectrum& spectrum) {
+  double largest = 0;
+  for (double a : spectrum.amplitude) largest = std::max(largest, a);
+  std::string list;
+  int count = 0;
+  for (std::size_t i = 0; i < spectrum.amplitude.size() && count < 5; ++i)
+    if (spectrum.amplitude[i] > 0.1 * largest)
+      list += fmt::format("{}{}", count++ ? ", " : "", i + 1);
+  return list;
+}
+
+std::vector<Line> where_it_shows(const Trace& with, const Trace& without, int orders) {
+  std::vector<Line> lines;
+  for (std::size_t s = 0; s < kSignalCount; ++s) {
+    const Part a = part_of(with, s, orders), b = part_of(without, s, orders);
+    const SignalInfo& info = kSignals[s];
+    const double shift = a.mean - b.mean, relative = a.rms / info.rated;
+    std::string text = "no ripple";
+    if (relative > 2e-7)
+      text =
+          fmt::format("ripple {:.2g} {} rms, orders {}", a.rms, info.unit, strongest(a.spectrum));
+    if (std::abs(shift) > 1e-5 * info.rated)
+      text += fmt::format("; mean {:+.2g} {}", shift, info.unit);
+    // A decade is a fifth of the bar: 1e-5 of the rated value to all of it.
+    const double size = std::max(relative, std::abs(shift) / info.rated);
+    lines.push_back({info.name, text, size > 1e-5 ? 1 + std::log10(size) / 5 : 0});
+  }
+  return lines;
+}
+
+std::string effect_text(const Entry& entry) {
+  return fmt::format("[[effect]]\nkind = \"{}\"\n{}", entry.kind, entry.parameters);
+}
+
+std::string figure(const Entry& entry, const Trace& without) {
+  const std::string effect = effect_text(entry);
+  const SignalInfo& info = kSignals[static_cast<int>(entry.signal)];
+  const Trace with = run(kSteady, effect);
+  const auto first_panel = [&](const Trace& a, const Trace& b, double from, double to,
+                               const char* x_label) {
+    Panel panel{fmt::format("{}, {}", info.meaning, info.unit), x_label, {}, false};
+    panel.curves.push_back(curve(b, entry.signal, entry.over, "without", "#999", from, to));
+    panel.curves.push_back(curve(a, entry.signal, entry.over, "with", "#1f6feb", from, to));
+    return panel;
+  };
+  std::vector<Panel> panels;
+  if (entry.over == Over::kSpeed)
+    panels.push_back(first_panel(
+        run(kRamp, effect), run(kRamp, "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.0\n"),
+        4.05, 10, "true speed, rad/s"));
+  else if (entry.over == Over::kTime)
+    panels.push_back(first_panel(with, without, entry.from_s, entry.to_s, "time, s"));
+  else
+    panels.push_back(first_panel(with, without, kSettle, kSettle + 1, "turns"));
+  if (entry.switched)
+    panels[0].curves.push_back(
+        curve(run(std::string("[plant]\ninverter = \"switched\"\n") + kSteady, effect),
+              entry.signal, entry.over, "switched inverter", "#d9480f", kSettle, kSettle + 1));
+  const Part part = part_of(with, static_cast<std::size_t>(entry.signal), entry.orders);
+  Panel spectrum{fmt::format("amplitude over mechanical orders, {}", info.unit),
+                 "periods a turn",
+                 {{"", "#1f6feb", {}, {}}},
+                 true};
+  for (std::size_t i = 0; i < part.spectrum.amplitude.size(); ++i) {
+    spectrum.curves[0].x.push_back(static_cast<double>(i + 1));
+    // Less than a millionth of the rated value is nothing.
+    const double amplitude = part.spectrum.amplitude[i];
+    spectrum.curves[0].y.push_back(amplitude > 1e-6 * info.rated ? amplitude : 0);
+  }
+  const auto& bars = spectrum.curves[0].y;
+  if (*std::max_element(bars.begin(), bars.end()) == 0)
+    spectrum.empty_note = "none above a millionth of the rated value at constant speed";
+  panels.push_back(spectrum);
+  return svg(entry.kind, panels,
+             "where it shows at 60 rpm and 2 Nm (bar: share of the rated value, five decades)",
+             where_it_shows(with, without, entry.orders));
+}
+
+std::string page(const Entry& entry) {
+  const auto effect = make_effect(entry.kind);
+  std::string text = fmt::format(
+      "# {}\n\n{}.\n\n```\n{}\n```\n\n![{} alone]({}.svg)\n\n**Where it shows.** {}\n\n"
+      "**Taken for.** {}\n\n| key | unit | range | default | meaning |\n|---|---|---|---|---|\n",
+      entry.kind, effect->meaning(), entry.equation, entry.kind, entry.kind, entry.shows,
+      entry.aliases);
+  for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect->fields(f); })) {
+    const std::string range = row.choices.empty() ? fmt::format("{:g} to {:g}", row.lo, row.hi)
+                                                  : fmt::format("{}", fmt::join(row.choices, ", "));
+    text += fmt::format("| {} | {} | {} | {} | {} |\n", row.key, split_unit(row.key).unit, range,
+                        row.required ? "required" : row.value_text, row.meaning);
+  }
+  return text + fmt::format(
+                    "\nThe figure: the niewiara2020 drive without its own effects, with\n\n"
+                    "```toml\n{}```\n\n[All effects](../effects-gallery.md)\n",
+                    effect_text(entry));
+}
+
+void write(const fs::path& path, const std::string& text) {
+  std::ofstream out(path);
+  out << text;
+  if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
+}
+
+void make(const fs::path& docs) {
+  fs::create_directories(docs / "effects");
+  std::string index =
+      "# Effects, one by one\n\nEach effect alone on one drive: what it looks like over a turn, "
+      "which "
+      "orders it makes, and in\nwhich signals it shows. The pages are made by the program: "
+      "`tools/effect-gallery`. Drive: niewiara2020 with\nexact sensors and its paper's controller, "
+      "compensation off, 60 rpm against 2 Nm; grey is the same without\nthe effect.\n\n"
+      "| effect | what it is | equation |\n|---|---|---|\n";
+  // An effect of no size: an empty list would leave the preset's own effects in.
+  const std::string none = "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.0\n";
+  const Trace without = run(kSteady, none);
+  for (const Entry& entry : entries()) {
+    std::cout << entry.kind << std::endl;
+    write(docs / "effects" / fmt::format("{}.svg", entry.kind), figure(entry, without));
+    write(docs / "effects" / fmt::format("{}.md", entry.kind), page(entry));
+    std::string equation = entry.equation;
+    for (std::size_t at = 0; (at = equation.find('|', at)) != std::string::npos; at += 2)
+      equation.insert(at, "\\");
+    index += fmt::format("| [{0}](effects/{0}.md) | {1} | {2} |\n", entry.kind,
+                         make_effect(entry.kind)->meaning(), equation);
+  }
+  write(docs / "effects-gallery.md", index);
+}
+
+}  // namespace
+}  // namespace twinrate::gallery
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::cerr << "usage: effect_gallery DIR   (writes DIR/effects-gallery.md and DIR/effects/)\n";
+    return 2;
+  }
+  try {
+    twinrate::gallery::make(argv[1]);
+  } catch (const std::exception& error) {
+    std::cerr << error.what() << "\n";
+    return 1;
+  }
+  return 0;
+}
