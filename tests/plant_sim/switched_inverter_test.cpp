@@ -141,6 +141,23 @@ TEST(SwitchedPlant, DeadTimeCostsItsFullVoltageAtLargeCurrentAndLittleNearZero) 
   EXPECT_NEAR(steady_loss(0), 0, 1e-3);
 }
 
+TEST(SwitchedPlant, OneStepASegmentIsWithinATenthOfAMilliampereOfTheReferee) {
+  const auto drive = [](const char* engine) {
+    return Plant(locked("switched", "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\n",
+                        {fmt::format("plant.engine={}", engine)}));
+  };
+  Plant erk = drive("erk"), cvode = drive("cvode");
+  double worst = 0;
+  for (int k = 0; k < 150; ++k) {
+    const Vec2 u(4 * std::sin(0.1 * k), 4 * std::cos(0.1 * k));  // every phase crosses zero
+    tick(erk, u);
+    tick(cvode, u);
+    worst = std::max(worst, (erk.truth().i_dq - cvode.truth().i_dq).norm());
+  }
+  EXPECT_LT(worst, 1e-4);
+  EXPECT_GT(worst, 1e-12);
+}
+
 TEST(SwitchedPlant, EnergyOfTheLegsIsCopperPlusStored) {
   const MachineParameters m{
       .R_s = 1.2, .L_d = 5e-3, .L_q = 8e-3, .psi_f = 0.05, .J = 1e-4, .B = 1e-3, .n_p = 4};

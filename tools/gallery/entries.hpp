@@ -11,7 +11,7 @@ enum class Signal : int { kIdTrue, kIqTrue, kId, kIq, kUd, kUq, kSpeed, kTo, kBu
 enum class Over : int { kTurns, kTime, kSpeed };
 
 struct Entry {
-  const char* kind;
+  const char* kind;        // of an effect, or a name for what a key of [sensors] does
   const char* parameters;  // of the example, TOML; further [[effect]] tables may follow
   Signal signal;           // first two panels
   Over over;
@@ -21,6 +21,7 @@ struct Entry {
   int orders = 60;                    // of the spectrum
   bool switched = false;              // a second curve with the switched inverter
   double from_s = 3.48, to_s = 3.53;  // of Over::kTime
+  const char* setting = nullptr;      // key=value instead of an effect
 };
 
 std::span<const Entry> entries();

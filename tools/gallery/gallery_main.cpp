@@ -55,16 +55,15 @@ struct Trace {
   std::vector<double> signals[kSignalCount];
 };
 
-Trace run(const std::string& how, const std::string& effects) {
-  Config config = Config::parse(
-      std::string(kDrive) + how + (effects.empty() ? std::string() : effects), "gallery");
+Trace run(const std::string& how, const std::string& effects,
+          const std::vector<std::string>& overrides = {}) {
+  Config config = Config::parse(std::string(kDrive) + how + effects, "gallery", overrides);
   ClosedLoop loop(config);
   const DriveConfig& drive = config.drive();
   Trace trace;
   for (std::int64_t k = 0; k < drive.steps(); ++k) {
     const TickRecord& tick = loop.step();
     const Measurement& m = tick.measurement;
-    if (k % 5 != 0) continue;
     const int n_p = drive.machine.n_p;
     const Vec2 i_dq = park(clarke(m.i_abc), n_p * m.theta_m);
     const Vec2 u_dq =
@@ -123,14 +122,14 @@ Part part_of(const Trace& trace, std::size_t signal, int orders) {
   return part;
 }
 
-// "3, 6, 18": the orders that hold at least a tenth of the largest.
+// "3, 6, 18": the orders that hold at least a seventh of the largest.
 std::string strongest(const OrderSpectrum& spectrum) {
   double largest = 0;
   for (double a : spectrum.amplitude) largest = std::max(largest, a);
   std::string list;
   int count = 0;
-  for (std::size_t i = 0; i < spectrum.amplitude.size() && count < 5; ++i)
-    if (spectrum.amplitude[i] > 0.1 * largest)
+  for (std::size_t i = 0; i < spectrum.amplitude.size() && count < 4; ++i)
+    if (spectrum.amplitude[i] > 0.15 * largest)
       list += fmt::format("{}{}", count++ ? ", " : "", i + 1);
   return list;
 }
@@ -145,7 +144,7 @@ std::vector<Line> where_it_shows(const Trace& with, const Trace& without, int or
     if (relative > 2e-7)
       text =
           fmt::format("ripple {:.2g} {} rms, orders {}", a.rms, info.unit, strongest(a.spectrum));
-    if (std::abs(shift) > 1e-5 * info.rated)
+    if (std::abs(shift) > 1e-4 * info.rated)
       text += fmt::format("; mean {:+.2g} {}", shift, info.unit);
     // A decade is a fifth of the bar: 1e-5 of the rated value to all of it.
     const double size = std::max(relative, std::abs(shift) / info.rated);
@@ -154,14 +153,20 @@ std::vector<Line> where_it_shows(const Trace& with, const Trace& without, int or
   return lines;
 }
 
+// An effect of no size: an empty list would leave the preset's own effects in.
+constexpr const char* kNone = "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.0\n";
+
 std::string effect_text(const Entry& entry) {
+  if (entry.setting) return kNone;
   return fmt::format("[[effect]]\nkind = \"{}\"\n{}", entry.kind, entry.parameters);
 }
 
 std::string figure(const Entry& entry, const Trace& without) {
   const std::string effect = effect_text(entry);
   const SignalInfo& info = kSignals[static_cast<int>(entry.signal)];
-  const Trace with = run(kSteady, effect);
+  std::vector<std::string> settings;
+  if (entry.setting) settings.push_back(entry.setting);
+  const Trace with = run(kSteady, effect, settings);
   const auto first_panel = [&](const Trace& a, const Trace& b, double from, double to,
                                const char* x_label) {
     Panel panel{fmt::format("{}, {}", info.meaning, info.unit), x_label, {}, false};
@@ -171,9 +176,8 @@ std::string figure(const Entry& entry, const Trace& without) {
   };
   std::vector<Panel> panels;
   if (entry.over == Over::kSpeed)
-    panels.push_back(first_panel(
-        run(kRamp, effect), run(kRamp, "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.0\n"),
-        4.05, 10, "true speed, rad/s"));
+    panels.push_back(
+        first_panel(run(kRamp, effect), run(kRamp, kNone), 4.05, 10, "true speed, rad/s"));
   else if (entry.over == Over::kTime)
     panels.push_back(first_panel(with, without, entry.from_s, entry.to_s, "time, s"));
   else
@@ -202,23 +206,33 @@ std::string figure(const Entry& entry, const Trace& without) {
              where_it_shows(with, without, entry.orders));
 }
 
-std::string page(const Entry& entry) {
-  const auto effect = make_effect(entry.kind);
-  std::string text = fmt::format(
-      "# {}\n\n{}.\n\n```\n{}\n```\n\n![{} alone]({}.svg)\n\n**Where it shows.** {}\n\n"
-      "**Taken for.** {}\n\n| key | unit | range | default | meaning |\n|---|---|---|---|---|\n",
-      entry.kind, effect->meaning(), entry.equation, entry.kind, entry.kind, entry.shows,
-      entry.aliases);
-  for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect->fields(f); })) {
+std::string parameter_table(Effect& effect) {
+  std::string text = "| key | unit | range | default | meaning |\n|---|---|---|---|---|\n";
+  for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect.fields(f); })) {
     const std::string range = row.choices.empty() ? fmt::format("{:g} to {:g}", row.lo, row.hi)
                                                   : fmt::format("{}", fmt::join(row.choices, ", "));
     text += fmt::format("| {} | {} | {} | {} | {} |\n", row.key, split_unit(row.key).unit, range,
                         row.required ? "required" : row.value_text, row.meaning);
   }
-  return text + fmt::format(
-                    "\nThe figure: the niewiara2020 drive without its own effects, with\n\n"
-                    "```toml\n{}```\n\n[All effects](../effects-gallery.md)\n",
-                    effect_text(entry));
+  return text;
+}
+
+std::string meaning(const Entry& entry) {
+  if (entry.setting) return "a sensor's own steps, no [[effect]]";
+  return std::string(make_effect(entry.kind)->meaning());
+}
+
+std::string page(const Entry& entry) {
+  std::string text = fmt::format(
+      "# {}\n\n{}.\n\n```\n{}\n```\n\n![{} alone]({}.svg)\n\n**Where it shows.** {}\n\n"
+      "**Taken for.** {}\n\n",
+      entry.kind, meaning(entry), entry.equation, entry.kind, entry.kind, entry.shows,
+      entry.aliases);
+  if (!entry.setting) text += parameter_table(*make_effect(entry.kind)) + "\n";
+  const std::string how = entry.setting ? fmt::format("`--set {}`", entry.setting)
+                                        : "\n\n```toml\n" + effect_text(entry) + "```";
+  return text + "The figure: the niewiara2020 drive without its own effects, with " + how +
+         "\n\n[All effects](../effects-gallery.md)\n";
 }
 
 void write(const fs::path& path, const std::string& text) {
@@ -236,9 +250,7 @@ void make(const fs::path& docs) {
       "`tools/effect-gallery`. Drive: niewiara2020 with\nexact sensors and its paper's controller, "
       "compensation off, 60 rpm against 2 Nm; grey is the same without\nthe effect.\n\n"
       "| effect | what it is | equation |\n|---|---|---|\n";
-  // An effect of no size: an empty list would leave the preset's own effects in.
-  const std::string none = "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.0\n";
-  const Trace without = run(kSteady, none);
+  const Trace without = run(kSteady, kNone);
   for (const Entry& entry : entries()) {
     std::cout << entry.kind << std::endl;
     write(docs / "effects" / fmt::format("{}.svg", entry.kind), figure(entry, without));
@@ -246,8 +258,8 @@ void make(const fs::path& docs) {
     std::string equation = entry.equation;
     for (std::size_t at = 0; (at = equation.find('|', at)) != std::string::npos; at += 2)
       equation.insert(at, "\\");
-    index += fmt::format("| [{0}](effects/{0}.md) | {1} | {2} |\n", entry.kind,
-                         make_effect(entry.kind)->meaning(), equation);
+    index += fmt::format("| [{0}](effects/{0}.md) | {1} | {2} |\n", entry.kind, meaning(entry),
+                         equation);
   }
   write(docs / "effects-gallery.md", index);
 }
