@@ -22,7 +22,7 @@ struct ActiveFluxParameters : BackEmfParameters {
     for (double& r : R_diag) r = 1e-3;
     for (double& p : P0_diag) p = 1;
     angle.speed_from = SpeedFrom::kAngleRate;
-    angle.lowpass_Hz = 30;
+    angle.lowpass_Hz = 10;  // above 15 Hz some starts by I/f are lost at J = 1e-3
     angle.saliency_in_speed = true;
   }
 };
