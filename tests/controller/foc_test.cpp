@@ -192,6 +192,7 @@ TEST(ControllerRegistry, EveryKindIsOneOfTheContractAndBuildsFromEveryPreset) {
     for (const std::string& preset : preset_names()) {
       // State feedback for another machine than the paper's: its own limit, and gains by bandwidth.
       test::Overrides overrides{"controller.kind=" + kind};
+      if (kind == "foc") overrides.push_back("controller.foc.i_max_A=1");
       if (kind == "lqr")
         overrides.insert(overrides.end(),
                          {"controller.lqr.i_max_A=1", "controller.lqr.gains=bandwidths"});

@@ -53,6 +53,16 @@ TEST(TickPath, DoesNotAllocateWithTheDisturbanceFilter) {
         << prediction;
 }
 
+TEST(TickPath, DoesNotAllocateWithTheFiltersOfTheSalientMachine) {
+  for (const char* kind : {"backemf_printed", "active_flux", "eemf", "dq_ekf"})
+    for (const char* prediction : {"euler", "rk4", "exact"})
+      EXPECT_EQ(
+          allocations_in_ticks("kim-ipmsm", {fmt::format("estimator.kind={}", kind),
+                                             fmt::format("estimator.prediction={}", prediction)}),
+          0)
+          << kind << ", " << prediction;
+}
+
 TEST(TickPath, DoesNotAllocateDuringTheStart) {
   EXPECT_EQ(allocations_in_ticks("dilys2021",
                                  {"start=align_if", "controller.foc.startup.t_align_s=0.02"}),
