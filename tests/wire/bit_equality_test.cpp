@@ -75,7 +75,11 @@ INSTANTIATE_TEST_SUITE_P(
         Drive{"rk4_with_load", "dilys2021", {"estimator.prediction=rk4", "load.T_load_Nm=0.02"}},
         Drive{"truth_angle", "dilys2021", {"controller.angle_source=truth"}},
         Drive{"no_computation_delay", "dilys2021", {"plant.delay_samples=0"}},
-        Drive{"lost_at_n13", "dilys2021", {"rates.n=13"}}),
+        Drive{"lost_at_n13", "dilys2021", {"rates.n=13"}},
+        Drive{"switched_with_every_reference_effect",
+              "niewiara2020",
+              {"rates.f_s_Hz=5000", "plant.inverter=switched"},
+              800}),
     [](const auto& drive) { return drive.param.name; });
 
 TEST_F(WireTest, DisturbanceFilterOnTheMeasuredAngleGivesTheSameBits) {

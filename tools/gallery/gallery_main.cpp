@@ -161,47 +161,51 @@ std::string effect_text(const Entry& entry) {
   return fmt::format("[[effect]]\nkind = \"{}\"\n{}", entry.kind, entry.parameters);
 }
 
-std::string figure(const Entry& entry, const Trace& without) {
-  const std::string effect = effect_text(entry);
+// The signal with and without the effect, over what the entry says.
+Panel signal_panel(const Entry& entry, const Trace& with, const Trace& without) {
   const SignalInfo& info = kSignals[static_cast<int>(entry.signal)];
-  std::vector<std::string> settings;
-  if (entry.setting) settings.push_back(entry.setting);
-  const Trace with = run(kSteady, effect, settings);
-  const auto first_panel = [&](const Trace& a, const Trace& b, double from, double to,
-                               const char* x_label) {
-    Panel panel{fmt::format("{}, {}", info.meaning, info.unit), x_label, {}, false};
-    panel.curves.push_back(curve(b, entry.signal, entry.over, "without", "#999", from, to));
-    panel.curves.push_back(curve(a, entry.signal, entry.over, "with", "#1f6feb", from, to));
-    return panel;
+  const auto panel = [&](const Trace& a, const Trace& b, double from, double to,
+                         const char* x_label) {
+    Panel p{fmt::format("{}, {}", info.meaning, info.unit), x_label, {}, false};
+    p.curves.push_back(curve(b, entry.signal, entry.over, "without", "#999", from, to));
+    p.curves.push_back(curve(a, entry.signal, entry.over, "with", "#1f6feb", from, to));
+    return p;
   };
-  std::vector<Panel> panels;
+  const std::string effect = effect_text(entry);
   if (entry.over == Over::kSpeed)
-    panels.push_back(
-        first_panel(run(kRamp, effect), run(kRamp, kNone), 4.05, 10, "true speed, rad/s"));
-  else if (entry.over == Over::kTime)
-    panels.push_back(first_panel(with, without, entry.from_s, entry.to_s, "time, s"));
-  else
-    panels.push_back(first_panel(with, without, kSettle, kSettle + 1, "turns"));
+    return panel(run(kRamp, effect), run(kRamp, kNone), 4.05, 10, "true speed, rad/s");
+  if (entry.over == Over::kTime) return panel(with, without, entry.from_s, entry.to_s, "time, s");
+  Panel turns = panel(with, without, kSettle, kSettle + 1, "turns");
   if (entry.switched)
-    panels[0].curves.push_back(
+    turns.curves.push_back(
         curve(run(std::string("[plant]\ninverter = \"switched\"\n") + kSteady, effect),
               entry.signal, entry.over, "switched inverter", "#d9480f", kSettle, kSettle + 1));
+  return turns;
+}
+
+Panel spectrum_panel(const Entry& entry, const Trace& with) {
+  const SignalInfo& info = kSignals[static_cast<int>(entry.signal)];
   const Part part = part_of(with, static_cast<std::size_t>(entry.signal), entry.orders);
-  Panel spectrum{fmt::format("amplitude over mechanical orders, {}", info.unit),
-                 "periods a turn",
-                 {{"", "#1f6feb", {}, {}}},
-                 true};
-  for (std::size_t i = 0; i < part.spectrum.amplitude.size(); ++i) {
-    spectrum.curves[0].x.push_back(static_cast<double>(i + 1));
+  Panel panel{fmt::format("amplitude over mechanical orders, {}", info.unit),
+              "periods a turn",
+              {{"", "#1f6feb", {}, {}}},
+              true};
+  Curve& bars = panel.curves[0];
+  for (double amplitude : part.spectrum.amplitude) {
+    bars.x.push_back(static_cast<double>(bars.x.size() + 1));
     // Less than a millionth of the rated value is nothing.
-    const double amplitude = part.spectrum.amplitude[i];
-    spectrum.curves[0].y.push_back(amplitude > 1e-6 * info.rated ? amplitude : 0);
+    bars.y.push_back(amplitude > 1e-6 * info.rated ? amplitude : 0);
   }
-  const auto& bars = spectrum.curves[0].y;
-  if (*std::max_element(bars.begin(), bars.end()) == 0)
-    spectrum.empty_note = "none above a millionth of the rated value at constant speed";
-  panels.push_back(spectrum);
-  return svg(entry.kind, panels,
+  if (*std::max_element(bars.y.begin(), bars.y.end()) == 0)
+    panel.empty_note = "none above a millionth of the rated value at constant speed";
+  return panel;
+}
+
+std::string figure(const Entry& entry, const Trace& without) {
+  std::vector<std::string> settings;
+  if (entry.setting) settings.push_back(entry.setting);
+  const Trace with = run(kSteady, effect_text(entry), settings);
+  return svg(entry.kind, {signal_panel(entry, with, without), spectrum_panel(entry, with)},
              "where it shows at 60 rpm and 2 Nm (bar: share of the rated value, five decades)",
              where_it_shows(with, without, entry.orders));
 }
