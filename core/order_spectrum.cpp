@@ -101,6 +101,33 @@ double OrderSpectrum::rms(int N_max) const {
   return std::sqrt(sum);
 }
 
+double OrderSpectrum::noise(int N_max) const {
+  const std::size_t count = std::min(amplitude.size(), static_cast<std::size_t>(N_max));
+  if (count == 0) return 0;
+  std::vector<double> sorted(amplitude.begin(),
+                             amplitude.begin() + static_cast<std::ptrdiff_t>(count));
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(count / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  return *middle;
+}
+
+double OrderSpectrum::at(double theta_m, int N_max) const {
+  double sum = 0;
+  for (std::size_t i = 0; i < amplitude.size() && i < static_cast<std::size_t>(N_max); ++i)
+    sum += amplitude[i] * std::sin(static_cast<double>(i + 1) * theta_m + phase_rad[i]);
+  return sum;
+}
+
+double shape_correlation(const OrderSpectrum& a, const OrderSpectrum& b, int N_max, double turned) {
+  const auto shared =
+      std::min({a.amplitude.size(), b.amplitude.size(), static_cast<std::size_t>(N_max)});
+  double product = 0;
+  for (std::size_t i = 0; i < shared; ++i)
+    product += a.amplitude[i] * b.amplitude[i] / 2 *
+               std::cos(a.phase_rad[i] - b.phase_rad[i] - static_cast<double>(i + 1) * turned);
+  return product / (a.rms(N_max) * b.rms(N_max));
+}
+
 OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal,
                              int N_max) {
   assert(theta_m.size() == signal.size() && N_max >= 1);

@@ -29,7 +29,23 @@ struct OrderSpectrum {
 
   // Root mean square of orders 1 to `N_max` together.
   double rms(int N_max) const;
+  // Noise level: the median amplitude of orders 1 to `N_max`, as long as fewer than half of them
+  // are anything else. Of white noise an order exceeds kStandsOut times that with a chance
+  // of 1.5e-5 (amplitudes are Rayleigh distributed: exp(-(1.177 m)^2/2) for m medians). 0 where
+  // empty.
+  double noise(int N_max) const;
+  // sum of orders 1 to `N_max` at an angle, without the mean.
+  double at(double theta_m, int N_max) const;
 };
+
+inline constexpr double kStandsOut = 4;
+
+// Correlation coefficient over one turn of two signals made of orders 1 to `N_max`, their means
+// left out: sum a_N b_N cos(phase_a - phase_b) / sqrt(sum a_N^2 sum b_N^2). Orders that only one of
+// them has count as zero in the other. 1: the same shape; NaN where one of them has none.
+// `turned` turns b back by that angle first (rad): b(theta_m + turned).
+double shape_correlation(const OrderSpectrum& a, const OrderSpectrum& b, int N_max,
+                         double turned = 0);
 
 // Requires equally many angles and values, N_max >= 1.
 OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal,

@@ -95,7 +95,7 @@ void set_lock(const Rows& rows, const DriveConfig& config, Summary& summary) {
     if (in_window) {
       any = any || !std::isnan(error) || !why.empty();
       away.add(row, rows.omega_m[i]);
-      if (why.empty() && away.exceeded()) why = "the speed left its reference by more than 20 %";
+      if (why.empty() && away.exceeded()) why = kLeftReference;
       lost = lost || !why.empty();
     }
     // Before the controller runs on the estimate, its angle may be anything.

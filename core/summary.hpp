@@ -62,6 +62,10 @@ std::string to_json(const Summary& summary, const DriveConfig& config);
 // summary.json.
 void take_process_figures(const std::string& summary_json, Summary& summary);
 
+// Summary::lost_why where the speed alone speaks against lock. With a position sensor that is no
+// loss of synchronism: a large ripple does it.
+inline constexpr const char* kLeftReference = "the speed left its reference by more than 20 %";
+
 // kAuto resolved, and kNone where the log does not have the one asked for.
 AngleReference resolve(AngleReference wanted, const RunLog& log);
 // Electrical reference angle at a tick, NaN where there is none.

@@ -1,14 +1,14 @@
 // What can cause a torque or speed ripple of a mechanical order N (periods a turn) in a
 // permanent-magnet drive of n_p pole pairs and n_slots slots:
 //
-//   shaft            N = 1                     friction over a turn, misalignment, eccentric load
-//   current offset   N = n_p                   once an electrical turn
-//   current scaling  N = 2 n_p                 unlike gains of the current sensors
-//   cogging, poles   N = m 2 n_p               a stator tooth unlike the others
-//   dead time, flux  N = m 6 n_p               square waves of the inverter; harmonics of the
-//   magnets cogging, slots   N = m n_slots             a magnet unlike the others cogging, native
-//   N = m lcm(n_slots, 2 n_p) of the perfect machine, too mixed            N = m n_p, not 2 n_p m
-//   offset and dead time together: their products
+//   shaft            N = 1            friction over a turn, misalignment, eccentric load
+//   current offset   N = n_p          once an electrical turn
+//   current scaling  N = 2 n_p        unlike gains of the current sensors
+//   dead time, flux  N = m 6 n_p      square waves of the inverter; harmonics of the magnets
+//   cogging, poles   N = m 2 n_p      a stator tooth unlike the others
+//   cogging, slots   N = m n_slots    a magnet unlike the others
+//   cogging, native  N = m lcm(n_slots, 2 n_p)    of the perfect machine, too
+//   offset product   N = m n_p, none of these     current offset times another: 15 = 18 - 3
 //
 // Sources of one order add up and cannot be told apart at one speed and load. (Some can at several:
 // current scaling grows with the current, cogging does not.)

@@ -146,5 +146,48 @@ TEST(OrderSpectrum, OfNothingIsEmpty) {
   EXPECT_EQ(order_spectrum(still, still, 5).turns, 0);
 }
 
+// Two shapes that share one of two orders.
+TEST(OrderSpectrum, ShapeCorrelationIsThatOfTheSignals) {
+  const std::size_t count = 5000;
+  std::vector<double> theta_m(count), first(count), second(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double theta = kTwoPi * static_cast<double>(i) / static_cast<double>(count);
+    theta_m[i] = theta;
+    first[i] = 5 + 3 * std::sin(2 * theta) + std::sin(7 * theta + 0.3);
+    second[i] = -1 + 2 * std::sin(2 * theta + 0.4) + 4 * std::cos(9 * theta);
+  }
+  const OrderSpectrum a = order_spectrum(theta_m, first, 20);
+  const OrderSpectrum b = order_spectrum(theta_m, second, 20);
+  double ab = 0, aa = 0, bb = 0;  // oracle: the sums over the samples themselves
+  for (std::size_t i = 0; i < count; ++i) {
+    ab += (first[i] - 5) * (second[i] + 1);
+    aa += (first[i] - 5) * (first[i] - 5);
+    bb += (second[i] + 1) * (second[i] + 1);
+  }
+  EXPECT_NEAR(shape_correlation(a, b, 20), ab / std::sqrt(aa * bb), 1e-9);
+  EXPECT_NEAR(shape_correlation(a, a, 20), 1, 1e-12);
+  EXPECT_NEAR(shape_correlation(b, b, 20, kTwoPi / 18), (4 * std::cos(2 * kTwoPi / 18) - 16) / 20,
+              1e-9);
+  EXPECT_NEAR(a.at(0.5, 20), 3 * std::sin(1.0) + std::sin(3.8), 1e-9);
+}
+
+// Of white noise of variance 1 the amplitudes are Rayleigh distributed with sigma = sqrt(2/count).
+TEST(OrderSpectrum, NoiseIsTheMedianAmplitude) {
+  const std::size_t count = 20000;
+  std::vector<double> theta_m(count), signal(count);
+  std::mt19937_64 random(7);
+  std::normal_distribution<double> normal;
+  for (std::size_t i = 0; i < count; ++i) {
+    theta_m[i] = 4 * kTwoPi * static_cast<double>(i) / static_cast<double>(count);
+    signal[i] = normal(random) + std::sin(11 * theta_m[i]);
+  }
+  const OrderSpectrum spectrum = order_spectrum(theta_m, signal, 200);
+  const double expected = std::sqrt(2 / static_cast<double>(count)) * std::sqrt(2 * std::log(2.0));
+  EXPECT_GT(spectrum.noise(200), 0.85 * expected);
+  EXPECT_LT(spectrum.noise(200), 1.15 * expected);
+  for (std::size_t N = 1; N <= 200; ++N)
+    EXPECT_EQ(spectrum.amplitude[N - 1] > kStandsOut * spectrum.noise(200), N == 11) << N;
+}
+
 }  // namespace
 }  // namespace twinrate

@@ -10,30 +10,48 @@ namespace {
 
 constexpr std::size_t kGridPoints = 2500;
 constexpr std::size_t kMostOverlaid = 4;
+constexpr double kLeastRange_deg = 0.2;  // of errors at which angle errors are worth a figure
 
-std::string run_name(const RunView& view) {
+std::string rate_name(const RunView& view) {
   const DriveConfig& config = view.run.config;
   return fmt::format("f_b = {} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n),
                      config.rates.n);
 }
 
-// Names that tell the runs apart: by rate, by policy too where the rate is the same, by path at
-// last.
+std::string policy_name(const RunView& view) {
+  return kGainPolicyNames[static_cast<int>(view.run.config.gain.policy)];
+}
+
+// "20 rpm" of a constant speed reference.
+std::string speed_name(const RunView& view) {
+  const ReferenceParameters& reference = view.run.config.reference;
+  if (!reference.from_bus && reference.in_rpm && reference.speed_rpm.is_constant())
+    return fmt::format("{:g} rpm", reference.speed_rpm.at(0));
+  if (!reference.from_bus && !reference.in_rpm && reference.omega_e_rad_s.is_constant())
+    return fmt::format("{:g} rad/s", reference.omega_e_rad_s.at(0));
+  return "";
+}
+
+// Names that tell the runs apart, of what differs: the rate, the policy, the speed; the path where
+// none of them does. Runs that differ in nothing but their paths are named by rate and path.
 std::vector<std::string> run_names(const std::vector<RunView>& views) {
-  std::vector<std::string> names;
-  for (const RunView& view : views) names.push_back(run_name(view));
-  const auto twice = [&](const std::string& name) {
-    return std::count(names.begin(), names.end(), name) > 1;
+  std::vector<std::string> names(views.size());
+  const auto append = [](std::string& name, const std::string& part) {
+    name += (name.empty() || part.empty() ? "" : ", ") + part;
   };
-  std::vector<bool> ambiguous(names.size());
-  for (std::size_t i = 0; i < names.size(); ++i) ambiguous[i] = twice(names[i]);
-  for (std::size_t i = 0; i < names.size(); ++i)
-    if (ambiguous[i])
-      names[i] +=
-          fmt::format(", {}", kGainPolicyNames[static_cast<int>(views[i].run.config.gain.policy)]);
-  for (std::size_t i = 0; i < names.size(); ++i) ambiguous[i] = twice(names[i]);
-  for (std::size_t i = 0; i < names.size(); ++i)
-    if (ambiguous[i]) names[i] += ", " + views[i].run.log.path;
+  for (const auto& part_of : {rate_name, policy_name, speed_name}) {
+    const bool differs = std::any_of(views.begin(), views.end(), [&](const RunView& view) {
+      return part_of(view) != part_of(views.front());
+    });
+    if (!differs) continue;
+    for (std::size_t i = 0; i < views.size(); ++i) append(names[i], part_of(views[i]));
+  }
+  const std::vector<std::string> parts = names;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (parts[i].empty()) names[i] = rate_name(views[i]);
+    if (std::count(parts.begin(), parts.end(), parts[i]) > 1)
+      append(names[i], views[i].run.log.path);
+  }
   return names;
 }
 
@@ -56,11 +74,14 @@ std::pair<double, double> common_range(const std::vector<RunView>& views) {
 Json error_grid(const std::vector<RunView>& views, const std::vector<std::string>& names) {
   Json figures = Json::array();
   const auto range = common_range(views);
+  const bool none_lost =
+      std::none_of(views.begin(), views.end(), [](const RunView& view) { return view.lost(); });
+  const bool nothing_to_see = none_lost && range.second - range.first < kLeastRange_deg;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const RunView& view = views[i];
     Figure figure =
         error_figure(view, view.lost() ? view.rows : view.between(view.settled_s(), view.end_s()));
-    if (figure.empty()) continue;
+    if (figure.empty() || nothing_to_see) continue;
     figure.title = fmt::format("({}) {}{}", static_cast<char>('a' + i % 26), names[i],
                                view.lost() ? ", lost" : "");
     figure.y_range = view.lost() ? std::pair(-180.0, 180.0) : range;
@@ -137,9 +158,10 @@ Json comparison_table(const std::vector<RunView>& views) {
         {view.run.log.path, config.name, std::to_string(config.rates.n),
          frequency(config.rates.f_s_Hz / config.rates.n),
          kGainPolicyNames[static_cast<int>(config.gain.policy)],
-         s.locked
-             ? (*s.locked ? "locked" : fmt::format("lost at {:.3g} s", s.lost_at_s.value_or(0)))
-             : "-",
+         view.lost() ? fmt::format("lost at {:.3g} s", s.lost_at_s.value_or(0))
+         : !s.locked ? "-"
+         : *s.locked ? "locked"
+                     : "uneven",
          degrees(s.angle_error_rms), degrees(s.angle_error_max),
          s.speed_error_rms ? fmt::format("{:.3g}", *s.speed_error_rms) : "-",
          s.P44_min && s.P44_max ? fmt::format("{:.3g} .. {:.3g}", *s.P44_min, *s.P44_max) : "-"});
@@ -152,7 +174,8 @@ Json comparison_table(const std::vector<RunView>& views) {
 Json comparison_sections(const std::vector<RunView>& views) {
   const std::vector<std::string> names = run_names(views);
   Json sections = Json::array();
-  for (Json section : {error_grid(views, names), overlay_section(views, names)})
+  for (Json section : {error_grid(views, names), overlay_section(views, names),
+                       shape_section(views, names), reduction_section(views, names)})
     if (!section["figures"].empty()) sections.push_back(section);
   return sections;
 }

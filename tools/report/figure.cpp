@@ -83,7 +83,11 @@ Json to_json(const Figure& whole, std::size_t max_points) {
   json["bars"] = figure.bars;
   if (figure.y_range)
     json["y_range"] = {rounded(figure.y_range->first, 5), rounded(figure.y_range->second, 5)};
-  if (figure.mark_x) json["mark"] = {{"x", *figure.mark_x}, {"text", figure.mark_text}};
+  for (const auto& [x, text] : figure.marks) json["marks"].push_back({{"x", x}, {"text", text}});
+  if (figure.level)
+    json["level"] = {{"y", rounded(figure.level->first, 5)}, {"text", figure.level->second}};
+  for (const auto& [x, text] : figure.bar_labels)
+    json["bar_labels"].push_back({{"x", x}, {"text", text}});
   json["x"] = rounded(figure.x, 9);
   json["series"] = Json::array();
   for (const Series& curve : figure.series)

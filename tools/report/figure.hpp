@@ -33,9 +33,10 @@ struct Figure {
   std::string group;  // figures of one group share cursor and zoom
   std::string note;   // one line under the figure
   std::optional<std::pair<double, double>> y_range;
-  std::optional<double> mark_x;  // a vertical line ..
-  std::string mark_text;         // .. and what it marks
-  bool bars = false;             // a spectrum; the largest bars are labelled
+  std::vector<std::pair<double, std::string>> marks;    // vertical lines, and what they mark
+  std::optional<std::pair<double, std::string>> level;  // a horizontal line, and what it is
+  bool bars = false;  // a spectrum; the largest bars are numbered ..
+  std::vector<std::pair<double, std::string>> bar_labels;  // .. or those given are labelled
 
   // Adds the curve unless it is empty: all NaN.
   void add(Series curve);

@@ -33,8 +33,7 @@ Json loss_section(const RunView& view) {
     if (figure.empty()) return;
     figure.title = std::string("(") + letter + ") " + figure.title;
     figure.group = group;
-    figure.mark_x = lost_s;
-    figure.mark_text = "lost";
+    figure.marks = {{lost_s, "lost"}};
     figures.push_back(to_json(figure));
   };
   push(angles_figure(view, around), "a", "loss");

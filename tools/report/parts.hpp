@@ -1,4 +1,5 @@
-// The parts of a page, as JSON for report.js. A section is {heading, note, columns, figures}.
+// The parts of a page, as JSON for report.js. A section is {heading, note, columns, figures} and
+// may have a table {head, rows} under its figures.
 #pragma once
 #include <vector>
 
@@ -16,7 +17,13 @@ struct RunView {
   RunView(const ReportRun& r, AngleReference wanted)
       : run(r), reference(resolve(wanted, r.log)), rows(tick_rows(r.log)) {}
   int n_p() const { return run.config.machine.n_p; }
-  bool lost() const { return run.summary.locked && !*run.summary.locked; }
+  // Not locked, and not merely by the speed of a drive that has a position sensor.
+  bool lost() const { return run.summary.locked && !*run.summary.locked && !only_left_reference(); }
+  // Not locked by a speed ripple, while the angle is the sensor's.
+  bool only_left_reference() const {
+    return run.summary.lost_why == kLeftReference && !run.log.estimate.empty() &&
+           (run.log.estimate.back().status & kMeasuredAngle);
+  }
   bool has_P44() const { return run.config.estimator.kind == "ekf_sensorless"; }
   // "the true" or "the measured", of the angle errors are taken from.
   std::string reference_word() const {
@@ -40,6 +47,12 @@ std::string rates(const DriveConfig& config);                 // f_s, f_b, n, po
 Json verdict(const RunView& view);                            // {state, headline, text}
 Json summary_table(const RunView& view);                      // [[quantity, value], ..]
 Json event_table(const RunLog& log);                          // [[t, process, reason, text], ..]
+
+// ripple_page.cpp: load torque and speed ripple over the angle of the rotor.
+std::vector<Json> ripple_sections(const RunView& view);
+// ripple_comparison.cpp: the same of several runs. `names` as in the other sections.
+Json shape_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
+Json reduction_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
 
 // run_page.cpp: the sections of one run. loss.cpp: the one about losing synchronism.
 Json run_sections(const RunView& view);

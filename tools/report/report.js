@@ -17,7 +17,7 @@ const STROKES = {
 const GRID = { stroke: '#eceff2', width: 1 };
 const FONT = '12px system-ui, "Segoe UI", "DejaVu Sans", sans-serif';
 const LABELLED_BARS = 8;
-const SMALL_HEIGHT = 180;
+const SMALL_HEIGHT = 180, LABELLED_HEIGHT = 340;
 const charts = [];
 
 function element(tag, properties = {}, children = []) {
@@ -54,42 +54,64 @@ function shareZoom(group) {
   };
 }
 
-function drawMark(mark) {
+// A dashed line across the plot: vertical at a mark's x, horizontal at a level's y.
+function drawLine(line) {
   return (chart) => {
-    const { ctx, bbox } = chart;
-    const x = chart.valToPos(mark.x, 'x', true);
-    if (x < bbox.left || x > bbox.left + bbox.width) return;
+    const { ctx, bbox } = chart, vertical = 'x' in line;
+    const at = vertical ? chart.valToPos(line.x, 'x', true) : chart.valToPos(line.y, 'y', true);
+    const [begin, length] = vertical ? [bbox.left, bbox.width] : [bbox.top, bbox.height];
+    if (at < begin || at > begin + length) return;
     ctx.save();
     ctx.strokeStyle = ctx.fillStyle = '#b3261e';
     ctx.lineWidth = devicePixelRatio;
     ctx.setLineDash([4 * devicePixelRatio, 3 * devicePixelRatio]);
     ctx.beginPath();
-    ctx.moveTo(x, bbox.top);
-    ctx.lineTo(x, bbox.top + bbox.height);
+    ctx.moveTo(vertical ? at : bbox.left, vertical ? bbox.top : at);
+    ctx.lineTo(vertical ? at : bbox.left + bbox.width, vertical ? bbox.top + bbox.height : at);
     ctx.stroke();
     ctx.font = `${12 * devicePixelRatio}px sans-serif`;
-    ctx.textAlign = 'left';
-    ctx.fillText(mark.text, x + 4 * devicePixelRatio, bbox.top + 13 * devicePixelRatio);
+    ctx.textAlign = vertical ? 'left' : 'right';
+    ctx.fillText(line.text, vertical ? at + 4 * devicePixelRatio : bbox.left + bbox.width - 4 * devicePixelRatio,
+                 vertical ? bbox.top + 13 * devicePixelRatio : at - 4 * devicePixelRatio);
     ctx.restore();
   };
 }
 
-function labelBars(figure) {
+// The given labels, standing upright; without any, the numbers of the largest bars.
+function barLabels(figure) {
   const amplitude = figure.series[0].values;
+  if (figure.bar_labels) return figure.bar_labels.map(({ x, text }) => ({ i: figure.x.indexOf(x), text }));
   const largest = Math.max(...amplitude);
-  const top = amplitude.map((value, i) => i).filter((i) => amplitude[i] > 0.04 * largest)
-    .sort((a, b) => amplitude[b] - amplitude[a]).slice(0, LABELLED_BARS);
+  return amplitude.map((value, i) => i).filter((i) => amplitude[i] > 0.04 * largest)
+    .sort((a, b) => amplitude[b] - amplitude[a]).slice(0, LABELLED_BARS)
+    .map((i) => ({ i, text: figure.x[i] }));
+}
+
+// A long label is parted at the '+' nearest to its middle.
+function inTwoLines(text) {
+  const parts = [...text.matchAll(/\+/g)].map((match) => match.index);
+  if (text.length < 22 || !parts.length) return [text];
+  const at = parts.reduce((best, i) => (Math.abs(i - text.length / 2) < Math.abs(best - text.length / 2) ? i : best));
+  return [text.slice(0, at), text.slice(at)];
+}
+
+function labelBars(figure) {
+  const labels = barLabels(figure), upright = Boolean(figure.bar_labels);
   return (chart) => {
     const { ctx } = chart;
-    ctx.save();
-    ctx.font = `${12 * devicePixelRatio}px sans-serif`;
-    ctx.fillStyle = '#1c2126';
-    ctx.textAlign = 'center';
-    for (const i of top) {
-      const x = chart.valToPos(figure.x[i], 'x', true), y = chart.valToPos(amplitude[i], 'y', true);
-      ctx.fillText(figure.x[i], x, y - 5 * devicePixelRatio);
+    for (const { i, text } of labels) {
+      ctx.save();
+      ctx.font = `${12 * devicePixelRatio}px sans-serif`;
+      ctx.fillStyle = '#1c2126';
+      ctx.textAlign = upright ? 'left' : 'center';
+      ctx.textBaseline = upright ? 'middle' : 'alphabetic';
+      ctx.translate(chart.valToPos(figure.x[i], 'x', true),
+                    chart.valToPos(figure.series[0].values[i], 'y', true) - 5 * devicePixelRatio);
+      if (upright) ctx.rotate(-Math.PI / 2);
+      const lines = upright ? inTwoLines(text) : [text];
+      lines.forEach((line, i) => ctx.fillText(line, 0, (i - (lines.length - 1) / 2) * 13 * devicePixelRatio));
+      ctx.restore();
     }
-    ctx.restore();
   };
 }
 
@@ -106,7 +128,8 @@ function seriesOptions(figure, curve) {
 
 function yRange(figure) {
   if (figure.y_range) return figure.y_range;
-  if (figure.bars) return (chart, min, max) => [0, max > 0 ? 1.15 * max : 1];
+  const room = figure.bar_labels ? 2.2 : 1.15;  // above the bars
+  if (figure.bars) return (chart, min, max) => [0, max > 0 ? room * max : 1];
   return (chart, min, max) => {
     if (min == null) return [0, 1];
     const margin = Math.max(0.06 * (max - min), 1e-9 + 0.01 * Math.max(Math.abs(min), Math.abs(max)));
@@ -116,7 +139,8 @@ function yRange(figure) {
 
 function draw(figure, box) {
   const hooks = { setScale: [shareZoom(figure.group)], draw: [] };
-  if (figure.mark) hooks.draw.push(drawMark(figure.mark));
+  for (const line of figure.marks || []) hooks.draw.push(drawLine(line));
+  if (figure.level) hooks.draw.push(drawLine(figure.level));
   if (figure.bars) hooks.draw.push(labelBars(figure));
   const x = figure.bars ? { time: false, range: (chart, min, max) => [min - 0.7, max + 0.7] } : { time: false };
   const degrees = figure.y_range && figure.y_range[1] - figure.y_range[0] === 360;
@@ -147,11 +171,12 @@ function figureNode(figure, height) {
 
 function sectionNode(section) {
   const height = section.columns === 3 ? SMALL_HEIGHT : 230;
-  const figures = section.figures.map((figure) => figureNode(figure, height));
+  const figures = section.figures.map((figure) => figureNode(figure, figure.bar_labels ? LABELLED_HEIGHT : height));
   const node = element('section', {}, [
     element('h2', { textContent: section.heading }),
     element('p', { className: 'note', textContent: section.note }),
     element('div', { className: `figures columns-${section.columns}` }, figures.map((f) => f.node)),
+    ...(section.table ? [tableNode(section.table.head, section.table.rows)] : []),
   ]);
   return { node, draw: () => figures.forEach((f) => f.draw()) };
 }

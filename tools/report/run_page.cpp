@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "core/order_spectrum.hpp"
 #include "tools/report/parts.hpp"
 
 namespace twinrate::report {
@@ -12,8 +11,6 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kTurnsShown = 4;
-constexpr int kOrders = 200;
-constexpr std::size_t kMostSamples = 400000;  // the fit is O(samples orders)
 
 // True rotor-frame currents, or the measured ones turned by the reference angle.
 Quantity current(const RunView& view, int axis) {
@@ -103,62 +100,6 @@ Json window_section(const RunView& view) {
           {"figures", figures}};
 }
 
-double position(const RunView& view, const TickRow& row) {
-  return theta_e_reference(row, view.reference, view.n_p()) / view.n_p();
-}
-
-// Orders of the load-torque estimate over the settled whole turns.
-Figure spectrum_figure(const RunView& view) {
-  std::vector<double> theta_m, T_load;
-  for (const TickRow& row : view.rows) {
-    if (row.t_s < view.settled_s()) continue;
-    theta_m.push_back(position(view, row));
-    T_load.push_back(quantity::T_load_hat(row));
-  }
-  const std::size_t skip = theta_m.size() > kMostSamples ? theta_m.size() - kMostSamples : 0;
-  const OrderSpectrum spectrum =
-      order_spectrum(std::span(theta_m).subspan(skip), std::span(T_load).subspan(skip), kOrders);
-  Figure figure{.title = "Orders of the load-torque estimate",
-                .x_label = "order (periods a turn)",
-                .y_label = "amplitude (Nm)"};
-  figure.bars = true;
-  if (spectrum.turns == 0) return figure;
-  const double largest = *std::max_element(spectrum.amplitude.begin(), spectrum.amplitude.end());
-  std::size_t shown = std::min<std::size_t>(24, spectrum.amplitude.size());
-  for (std::size_t i = shown; i < spectrum.amplitude.size(); ++i)
-    if (spectrum.amplitude[i] > 0.05 * largest) shown = std::min(spectrum.amplitude.size(), i + 4);
-  for (std::size_t i = 0; i < shown; ++i) figure.x.push_back(static_cast<double>(i + 1));
-  figure.add(
-      {"T_load_hat", "hat", {spectrum.amplitude.begin(), spectrum.amplitude.begin() + shown}});
-  figure.note = fmt::format(
-      "Over {} whole turns after settle_s; mean {:.4g} Nm, orders 1 to {} together {:.3g} Nm rms.",
-      spectrum.turns, spectrum.mean, spectrum.amplitude.size(), spectrum.rms(kOrders));
-  return figure;
-}
-
-Json torque_section(const RunView& view) {
-  Json figures = Json::array();
-  const std::vector<double> T_load_hat = values_of(view.rows, quantity::T_load_hat);
-  const bool estimated = std::any_of(T_load_hat.begin(), T_load_hat.end(), [](double T_load) {
-    return std::isfinite(T_load) && T_load != 0;
-  });
-  if (estimated) {
-    Figure figure{.title = "Load torque",
-                  .x_label = "t (s)",
-                  .y_label = "T_load (Nm)",
-                  .x = times_of(view.rows)};
-    figure.add({"T_load", "true", values_of(view.rows, quantity::T_load_true)});
-    figure.add({"T_load_hat", "hat", T_load_hat});
-    push(figures, figure, "run");
-    push(figures, spectrum_figure(view), "orders");
-  }
-  return {
-      {"heading", "Load torque"},
-      {"note", "T_load opposes positive speed; in the estimate it holds friction and cogging too."},
-      {"columns", 1},
-      {"figures", figures}};
-}
-
 }  // namespace
 
 double RunView::omega_m(const TickRow& row) const {
@@ -232,8 +173,11 @@ Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows) {
 
 Json run_sections(const RunView& view) {
   Json sections = Json::array();
-  for (Json section : {view.lost() ? loss_section(view) : Json(), whole_run_section(view),
-                       view.lost() ? Json() : window_section(view), torque_section(view)})
+  std::vector<Json> all = {view.lost() ? loss_section(view) : Json(), whole_run_section(view),
+                           view.lost() ? Json() : window_section(view)};
+  const std::vector<Json> ripple = ripple_sections(view);
+  all.insert(all.end(), ripple.begin(), ripple.end());
+  for (Json& section : all)
     if (section.is_object() && !section["figures"].empty()) sections.push_back(section);
   return sections;
 }

@@ -97,10 +97,13 @@ Json verdict(const RunView& view) {
     headline = fmt::format("No verdict: the run ended before settle_s = {:.4g} s",
                            view.run.config.run.settle_s);
   if (s.locked) {
-    state = *s.locked ? "locked" : "lost";
-    headline = *s.locked
-                   ? "Locked"
-                   : fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why);
+    state = view.lost() ? "lost" : *s.locked ? "locked" : "unknown";
+    headline =
+        *s.locked ? "Locked"
+        : view.lost()
+            ? fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)
+            : fmt::format("Uneven: at t = {:.4g} s {}; the angle is the sensor's and was kept",
+                          s.lost_at_s.value_or(0), s.lost_why);
   }
   std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
   text += errors(view);
