@@ -6,20 +6,10 @@
 #pragma once
 #include <Eigen/LU>
 
+#include "estimator/covariance_form.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
-
-// "sequential" takes one output after the other, for diagonal R: the same in exact arithmetic, and
-// sound where R is far smaller than P^-, because it needs no determinant. "auto" takes it there,
-// and Joseph elsewhere.
-enum class CovarianceForm : int { kJoseph = 0, kPaper = 1, kSequential = 2, kAuto = 3 };
-
-// R_min: smallest diagonal entry of R; P_max: largest variance of a measured state.
-inline CovarianceForm resolve(CovarianceForm form, double R_min, double P_max) {
-  if (form != CovarianceForm::kAuto) return form;
-  return R_min < 1e-6 * P_max ? CovarianceForm::kSequential : CovarianceForm::kJoseph;
-}
 
 // The gain message of a snapshot; where it would not be finite the previous one is kept.
 template <int NX, int NY>

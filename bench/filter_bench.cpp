@@ -1,0 +1,114 @@
+// Filter steps: hand-written against Eigen, and filters side by side in lanes.
+//
+//   bench/run_all runs this with repetitions in random order and takes the best of each, so that
+//   both sides of a ratio meet the same neighbours on a shared machine.
+#include <benchmark/benchmark.h>
+
+#include "bench/opponents.hpp"
+#include "lanes/math.hpp"
+
+namespace twinrate::bench {
+namespace {
+
+template <class Filter>
+void filter_step(benchmark::State& state) {
+  Filter filter;
+  const auto& input = samples();
+  std::size_t k = 0;
+  for (auto _ : state) {
+    filter.step(input[k]);
+    k = (k + 1) % input.size();
+    benchmark::DoNotOptimize(filter.x);
+  }
+}
+BENCHMARK(filter_step<KernelFilter<double>>)->Name("step/hand_written");
+BENCHMARK(filter_step<KernelFilter<float>>)->Name("step/hand_written_float");
+BENCHMARK(filter_step<EigenFilter<4, 2>>)->Name("step/eigen_fixed");
+BENCHMARK(filter_step<EigenFilter<Eigen::Dynamic, Eigen::Dynamic>>)->Name("step/eigen_dynamic");
+
+// The halves, without sine and cosine.
+void fast_part(benchmark::State& state) {
+  KernelFilter<double> filter;
+  kernel::UnitVector<double> at{0.6, 0.8};
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(at);
+    filter.fast(at, samples()[0]);
+    benchmark::DoNotOptimize(filter.x);
+  }
+}
+BENCHMARK(fast_part)->Name("part/fast");
+void background_part(benchmark::State& state) {
+  KernelFilter<double> filter;
+  kernel::UnitVector<double> at{0.6, 0.8};
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(at);
+    filter.background(at);
+    benchmark::DoNotOptimize(filter.P);
+  }
+}
+BENCHMARK(background_part)->Name("part/background");
+
+template <class Update>
+void covariance_form(benchmark::State& state, Update update) {
+  KernelFilter<double> filter;
+  kernel::UnitVector<double> at{0.6, 0.8};
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(at);
+    const auto P_prior =
+        propagate(filter.c, jacobian(filter.c, filter.x.omega_e, at), filter.P, filter.Q);
+    update(filter, P_prior);
+    benchmark::DoNotOptimize(filter.P);
+    benchmark::DoNotOptimize(filter.K);
+  }
+}
+BENCHMARK_CAPTURE(covariance_form, joseph, [](auto& f, const auto& P_prior) {
+  f.K = kernel::gain(P_prior, f.R);
+  f.P = posterior_joseph(P_prior, f.K, f.R);
+}) -> Name("covariance/joseph");
+BENCHMARK_CAPTURE(covariance_form, paper, [](auto& f, const auto& P_prior) {
+  f.K = kernel::gain(P_prior, f.R);
+  f.P = posterior(P_prior, f.K, f.R);
+}) -> Name("covariance/paper");
+BENCHMARK_CAPTURE(covariance_form, sequential, [](auto& f, const auto& P_prior) {
+  const auto both = kernel::sequential(P_prior, f.R);
+  f.K = both.K;
+  f.P = both.P;
+}) -> Name("covariance/sequential");
+void covariance_ud(benchmark::State& state) {
+  KernelFilter<double> filter;
+  const double P0[4] = {1, 1, 1, 1};
+  auto P = kernel::ud_from_diagonal(P0);
+  kernel::UnitVector<double> at{0.6, 0.8};
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(at);
+    P = ud_propagate(filter.c, jacobian(filter.c, filter.x.omega_e, at), P, filter.Q);
+    filter.K = ud_gain(P, filter.R);
+    benchmark::DoNotOptimize(filter.K);
+  }
+}
+BENCHMARK(covariance_ud)->Name("covariance/ud");
+
+// Background steps in lanes; time is per row of N filters.
+template <int N>
+void background_lanes(benchmark::State& state) {
+  using T = lanes::Lanes<N, struct FilterBench>;
+  const KernelFilter<double> f;
+  const kernel::UnitVector<T> at{0.6, 0.8};
+  kernel::Symmetric4<T> P{1, 0, 0, 0, 1, 0, 0, 1, 0, 1};
+  kernel::Gain42<T> K;
+  for (auto _ : state) {
+    const auto P_prior = propagate(f.c, jacobian(f.c, T(400), at), P, f.Q);
+    K = kernel::gain(P_prior, f.R);
+    P = posterior(P_prior, K, f.R);
+    benchmark::DoNotOptimize(P);
+    benchmark::DoNotOptimize(K);
+  }
+  state.SetItemsProcessed(state.iterations() * N);
+}
+BENCHMARK(background_lanes<1>)->Name("lanes/background_x1");
+BENCHMARK(background_lanes<4>)->Name("lanes/background_x4");
+
+}  // namespace
+}  // namespace twinrate::bench
+
+BENCHMARK_MAIN();

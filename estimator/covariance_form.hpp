@@ -1,0 +1,18 @@
+// The forms of the covariance update (15); the equations stand in estimator/covariance.hpp.
+//
+// "sequential" takes one output after the other, for diagonal R: the same in exact arithmetic, and
+// sound where R is far smaller than P^-, because it needs no determinant. "auto" takes it there,
+// and Joseph elsewhere.
+#pragma once
+
+namespace twinrate {
+
+enum class CovarianceForm : int { kJoseph = 0, kPaper = 1, kSequential = 2, kAuto = 3 };
+
+// R_min: smallest diagonal entry of R; P_max: largest variance of a measured state.
+inline CovarianceForm resolve(CovarianceForm form, double R_min, double P_max) {
+  if (form != CovarianceForm::kAuto) return form;
+  return R_min < 1e-6 * P_max ? CovarianceForm::kSequential : CovarianceForm::kJoseph;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,243 @@
+// N drives side by side, one tick at a time, in the order of tools/run/closed_loop.hpp.
+//
+// Every member of LaneDrive is one row of lanes, so a drive is a column of it: that is how
+// lanes/runner.hpp puts a drive in and takes it out. What differs from lane to lane is
+// blended, not branched; the gain policy, the same for all lanes, is a template parameter.
+#pragma once
+#include <numbers>
+
+#include "lanes/plant.hpp"
+
+namespace twinrate::lanes {
+
+// A gain and the angle it was linearised at.
+template <class T>
+struct PlannedGain {
+  kernel::Gain42<T> K;
+  kernel::UnitVector<T> at;
+};
+
+template <class T>
+struct LaneDrive {
+  // The point; times in ticks, steps a tick (infinite: no limit).
+  T omega_m_target, slew_step, T_load_target, load_step;
+  T n, k_full, k_settle, k_end;
+  T noise_seed[3][2];  // hashed, as bits: two uniform streams a phase
+  // Plant: state, load, voltage of the last interval, command that waits for its interval.
+  LanePlant<T> plant;
+  T T_load;
+  kernel::Stationary<T> u_applied, u_command;
+  // Filter: state, sin and cos of its angle, covariance, gain in use, gain that waits for its tick.
+  kernel::SensorlessState<T> x;
+  kernel::UnitVector<T> at;
+  kernel::Symmetric4<T> P;
+  PlannedGain<T> gain, next_gain;
+  T until_snapshot;
+  // Controller: slewed reference, integrals.
+  T omega_m_ref, speed_integral, d_integral, q_integral;
+  // Figures.
+  T k, constant_ticks, off_ticks, error_square_sum, error_max;
+  T ended, lost;  // 1 where so
+};
+
+// Row by row, for structs of rows.
+template <class T, class Rows>
+Rows blend_rows(typename T::Mask mask, const Rows& yes, const Rows& no) {
+  constexpr int kRows = sizeof(Rows) / sizeof(T);
+  Rows out = no;
+  const T* from = reinterpret_cast<const T*>(&yes);
+  T* to = reinterpret_cast<T*>(&out);
+  for (int row = 0; row < kRows; ++row) to[row] = select(mask, from[row], to[row]);
+  return out;
+}
+
+// model/profile.hpp's slew().
+template <class T>
+T slew_by(T from, T to, T step) {
+  const T up = to - from;
+  return select(abs(up) <= step, to, select(up > T(0), from + step, from - step));
+}
+
+// model/sensors.hpp and Clarke: noise and ADC on each phase.
+template <class T>
+kernel::Stationary<T> sample_currents(const LaneConstants& c, const LaneDrive<T>& d) {
+  const T half_beta = d.plant.i_beta * (0.5 * std::numbers::sqrt3);
+  const T half_alpha = d.plant.i_alpha * -0.5;
+  T i_abc[3] = {d.plant.i_alpha, half_alpha + half_beta, half_alpha - half_beta};
+  const auto index = integer_of(d.k);
+  for (int phase = 0; phase < 3; ++phase) {
+    if (c.i_noise_rms > 0)
+      i_abc[phase] += normal(d.noise_seed[phase][0], d.noise_seed[phase][1], index) * c.i_noise_rms;
+    if (c.i_lsb > 0) i_abc[phase] = round_to_even<T>(i_abc[phase] * c.inv_lsb) * c.i_lsb;
+  }
+  return {(i_abc[0] - i_abc[1] * 0.5 - i_abc[2] * 0.5) * (2.0 / 3.0),
+          (i_abc[1] - i_abc[2]) * std::numbers::inv_sqrt3};
+}
+
+// diag(R(a), I) K R(-a), a from the angle `from` to the angle `to`: estimator/gain_frame.hpp.
+template <class T>
+kernel::Gain42<T> turn_gain(const kernel::Gain42<T>& K, const kernel::UnitVector<T>& from,
+                            const kernel::UnitVector<T>& to) {
+  const T c = to.cos * from.cos + to.sin * from.sin, s = to.sin * from.cos - to.cos * from.sin;
+  const T r00 = c * K.k00 - s * K.k10, r01 = c * K.k01 - s * K.k11;
+  const T r10 = s * K.k00 + c * K.k10, r11 = s * K.k01 + c * K.k11;
+  return {c * r00 - s * r01,     s * r00 + c * r01,      // columns turn as the rows did
+          c * r10 - s * r11,     s * r10 + c * r11,      //
+          c * K.k20 - s * K.k21, s * K.k20 + c * K.k21,  //
+          c * K.k30 - s * K.k31, s * K.k30 + c * K.k31};
+}
+
+// diag(R(a), I) P diag(R(-a), I)
+template <class T>
+kernel::Symmetric4<T> turn_covariance(const kernel::Symmetric4<T>& P, const SinCos<T>& a) {
+  const T c = a.cos, s = a.sin;
+  const T r00 = c * P.m00 - s * P.m01, r01 = c * P.m01 - s * P.m11;
+  const T r10 = s * P.m00 + c * P.m01, r11 = s * P.m01 + c * P.m11;
+  return {c * r00 - s * r01,
+          s * r00 + c * r01,
+          c * P.m02 - s * P.m12,
+          c * P.m03 - s * P.m13,
+          s * r10 + c * r11,
+          s * P.m02 + c * P.m12,
+          s * P.m03 + c * P.m13,
+          P.m22,
+          P.m23,
+          P.m33};
+}
+
+template <bool rk4, class T>
+kernel::SensorlessState<T> predict(const LaneConstants& c, const LaneDrive<T>& d) {
+  if constexpr (!rk4) {
+    return predict_euler(c.filter, d.x, d.at, d.u_applied);
+  } else {
+    const T turned = d.x.omega_e * c.T_s;
+    const auto mid = sincos(d.x.theta_e + turned * 0.5), end = sincos(d.x.theta_e + turned);
+    return predict_rk4(c.filter, d.x, d.at, {mid.sin, mid.cos}, {end.sin, end.cos}, d.u_applied);
+  }
+}
+
+// FastLoop::tick: the first sample is taken over, every other predicted and corrected.
+template <Policy policy, bool rk4, class T>
+void fast_step(const LaneConstants& c, LaneDrive<T>& d, const kernel::Stationary<T>& i_meas) {
+  kernel::Gain42<T> K = d.gain.K;
+  if constexpr (policy == Policy::kRotate || policy == Policy::kRotorFrame)
+    K = turn_gain(K, d.gain.at, d.at);
+  const auto x_prior = predict<rk4>(c, d);
+  auto x = correct(x_prior, K, innovation(x_prior, i_meas));
+  x.theta_e = wrap_turn(x.theta_e);
+  const kernel::SensorlessState<T> first{i_meas.alpha, i_meas.beta, d.x.omega_e, d.x.theta_e};
+  d.x = blend_rows<T>(d.k == T(0), first, x);
+  const auto at = sincos(d.x.theta_e);
+  d.at = {at.sin, at.cos};
+}
+
+// BackgroundLoop::step at the snapshot d.x.
+template <Policy policy, class T>
+void background_step(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& d,
+                     PlannedGain<T>& gain, kernel::Symmetric4<T>& P, T ticks_a_gain) {
+  kernel::UnitVector<T> at = d.at;
+  P = d.P;
+  if constexpr (policy == Policy::kExtrapolate) {
+    const T ahead = (ticks_a_gain - T(1)) * (1.5 * c.T_s) * d.x.omega_e;
+    const auto later = sincos(d.x.theta_e + ahead);
+    at = {later.sin, later.cos};
+  }
+  if constexpr (policy == Policy::kRotorFrame) {
+    const T turned = (ticks_a_gain - T(1)) * c.T_s * d.x.omega_e;
+    P = blend_rows<T>(d.k == T(0), P, turn_covariance(P, sincos(turned)));
+  }
+  const auto P_prior = propagate(c.filter, jacobian(c.filter, d.x.omega_e, at), P, c.Q);
+  if (form == CovarianceForm::kSequential) {
+    const auto both = kernel::sequential(P_prior, c.R);
+    gain = {both.K, at};
+    P = both.P;
+  } else {
+    gain = {kernel::gain(P_prior, c.R), at};
+    P = form == CovarianceForm::kPaper ? posterior(P_prior, gain.K, c.R)
+                                       : posterior_joseph(P_prior, gain.K, c.R);
+  }
+}
+
+// controller/foc.hpp in closed loop: speed PI, current PI with decoupling, voltage circle, advance.
+template <class T>
+kernel::Stationary<T> control(const LaneConstants& c, LaneDrive<T>& d,
+                              const kernel::Stationary<T>& i_meas) {
+  const T i_d = d.at.cos * i_meas.alpha + d.at.sin * i_meas.beta;
+  const T i_q = d.at.cos * i_meas.beta - d.at.sin * i_meas.alpha;
+  const T omega_m = d.x.omega_e * c.inv_n_p;
+  const T ref_before = d.omega_m_ref;
+  d.omega_m_ref = slew_by(d.omega_m_ref, d.omega_m_target, d.slew_step);
+  d.constant_ticks = select(d.omega_m_ref == ref_before, d.constant_ticks + T(1), T(0));
+
+  const T speed_error = d.omega_m_ref - omega_m;
+  const T i_q_wanted = speed_error * c.K_p_speed + d.speed_integral;
+  const T i_q_ref = max(min(i_q_wanted, T(c.i_q_max)), T(-c.i_q_max));
+  d.speed_integral += (speed_error * c.K_i_speed + (i_q_ref - i_q_wanted) * c.k_awu_speed) * c.T_s;
+
+  const T d_error = T(c.i_d_ref) - i_d, q_error = i_q_ref - i_q;
+  const T omega_L = d.x.omega_e * c.L;
+  const T u_d = d_error * c.K_p + d.d_integral - omega_L * i_q;
+  const T u_q = q_error * c.K_p + d.q_integral + (omega_L * i_d + d.x.omega_e * c.psi_f);
+  const T amplitude = sqrt(u_d * u_d + u_q * u_q);
+  const T share = select(amplitude > T(c.u_max), T(c.u_max) / amplitude, T(1));
+  const T u_d_limited = u_d * share, u_q_limited = u_q * share;
+  d.d_integral += (d_error * c.K_i + (u_d_limited - u_d) * c.k_awu) * c.T_s;
+  d.q_integral += (q_error * c.K_i + (u_q_limited - u_q) * c.k_awu) * c.T_s;
+
+  const auto acts = sincos(d.x.theta_e + d.x.omega_e * c.advance_s);
+  return {acts.cos * u_d_limited - acts.sin * u_q_limited,
+          acts.sin * u_d_limited + acts.cos * u_q_limited};
+}
+
+// docs/conventions.md: angle error and lock, over [k_settle, k_end). A lane ends at its loss.
+template <class T>
+void judge(const LaneConstants& c, LaneDrive<T>& d) {
+  const T error = wrap_pi(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
+  const auto in_window = d.k >= d.k_settle;
+  const T omega_m = d.plant.omega_e * c.inv_n_p;
+  const auto away = (abs(omega_m - d.omega_m_ref) > abs(d.omega_m_ref) * 0.2) & in_window &
+                    (d.constant_ticks >= T(c.constant_ticks_min));
+  d.off_ticks = select(away, d.off_ticks + T(1), d.off_ticks);
+  d.error_square_sum = select(in_window, d.error_square_sum + error * error, d.error_square_sum);
+  d.error_max = select(in_window, max(magnitude, d.error_max), d.error_max);
+  // Not a number fails every comparison, so the finite is asked for.
+  const T sum = abs(d.x.omega_e) + abs(d.x.i_alpha) + abs(d.x.i_beta) + abs(d.plant.omega_e);
+  const auto finite = (sum < T(1e100)) & (magnitude <= T(4));
+  const auto held = (magnitude <= T(0.5 * std::numbers::pi)) & (d.off_ticks <= T(c.off_ticks_max));
+  d.lost = select(finite, select(in_window, select(held, T(0), T(1)), T(0)), T(1));
+  d.k += T(1);
+  d.ended = select(d.k >= d.k_end, T(1), d.lost);
+}
+
+// k -> k + 1.
+template <Policy policy, bool rk4, class T>
+void tick(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& d) {
+  const auto i_meas = sample_currents(c, d);
+  const auto snapshot = d.until_snapshot == T(0);
+  const bool any_snapshot = any<T>(snapshot);
+  if (policy != Policy::kImmediate && any_snapshot)
+    d.gain = blend_rows<T>(snapshot, d.next_gain, d.gain);
+  fast_step<policy, rk4>(c, d, i_meas);
+  if (any_snapshot) {
+    const T ticks_a_gain = select(d.k < d.k_full, T(1), d.n);
+    PlannedGain<T> gain;
+    kernel::Symmetric4<T> P;
+    background_step<policy>(c, form, d, gain, P, ticks_a_gain);
+    d.next_gain = blend_rows<T>(snapshot, gain, d.next_gain);
+    if (policy == Policy::kImmediate) d.gain = d.next_gain;
+    d.P = blend_rows<T>(snapshot, P, d.P);
+    d.until_snapshot = select(snapshot, ticks_a_gain, d.until_snapshot);
+  }
+  d.until_snapshot -= T(1);
+
+  const auto u_new = control(c, d, i_meas);
+  d.T_load = slew_by(d.T_load, d.T_load_target, d.load_step);
+  LanePlant<T> next = d.plant;
+  advance(c, next, d.u_command, d.T_load);
+  judge(c, d);
+  d.plant = next;
+  d.u_applied = d.u_command;
+  d.u_command = u_new;
+}
+
+}  // namespace twinrate::lanes

@@ -1,0 +1,235 @@
+#include "lanes/engine.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+#include <thread>
+#include <vector>
+
+#include "controller/foc.hpp"
+#include "estimator/ekf_sensorless.hpp"
+#include "lanes/isa.hpp"
+#include "model/random.hpp"
+
+namespace twinrate::lanes {
+namespace {
+
+// The keys that the engine takes from the drive's tables.
+std::string not_covered(const DriveConfig& d) {
+  if (static_cast<int>(d.gain.policy) > static_cast<int>(Policy::kRotorFrame))
+    return "gain.policy is scheduled";
+  if (d.estimator.kind != "ekf_sensorless") return "estimator.kind is not ekf_sensorless";
+  if (d.controller.kind != "foc") return "controller.kind is not foc";
+  if (d.controller.angle_source != AngleSource::kEstimate)
+    return "controller.angle_source is not estimate";
+  if (static_cast<Prediction>(d.estimator.prediction) == Prediction::kExact)
+    return "estimator.prediction is exact";
+  if (d.machine.L_d != d.machine.L_q) return "the machine is salient";
+  if (!d.effects.empty()) return "the drive has effects";
+  if (d.plant.inverter != 0) return "plant.inverter is not averaged";
+  if (d.plant.delay_samples != 1) return "plant.delay_samples is not 1";
+  if (d.start == Start::kAlignIf) return "start is align_if";
+  if (!d.reference.omega_e_rad_s.is_constant() || !d.reference.speed_rpm.is_constant() ||
+      !d.reference.i_d_A.is_constant() || !d.load.T_load_Nm.is_constant())
+    return "a reference or the load is a profile";
+  return "";
+}
+
+}  // namespace
+
+std::string lane_settings(Config& config, LaneSettings& s) {
+  const DriveConfig& d = config.drive();
+  if (std::string why = not_covered(d); !why.empty()) return why;
+  EkfSensorlessParameters tuning;
+  FocParameters foc;
+  config.read_table("estimator.ekf_sensorless", [&](FieldVisitor& f) { tuning.fields(f); });
+  config.read_table("controller.foc", [&](FieldVisitor& f) { foc.fields(f); });
+  const MachineParameters& m = d.machine;
+  s = {.T_s = d.T_s(),
+       .R_s = m.R_s,
+       .L = m.L_d,
+       .psi_f = m.psi_f,
+       .J = m.J,
+       .B = m.B,
+       .n_p = static_cast<double>(m.n_p),
+       .theta_e_start = d.plant.theta_e_start,
+       .i_noise_rms = d.sensors.i_noise_rms,
+       .i_lsb = d.sensors.i_lsb,
+       .v_dc = d.inverter.v_dc};
+  std::copy_n(tuning.Q_diag, 4, s.Q);
+  std::copy_n(tuning.R_diag, 2, s.R);
+  std::copy_n(tuning.P0_diag, 4, s.P0);
+  s.rk4 = static_cast<Prediction>(d.estimator.prediction) == Prediction::kRk4;
+  s.covariance = resolve(static_cast<CovarianceForm>(d.estimator.covariance),
+                         std::min(s.R[0], s.R[1]), std::max({s.Q[0], s.Q[1], s.P0[0], s.P0[1]}));
+  s.current_bandwidth_Hz = foc.current_bandwidth;
+  s.speed_bandwidth_Hz = foc.speed_bandwidth;
+  s.i_max = foc.i_max;
+  s.decoupling = foc.decoupling;
+  s.i_d_ref = std::clamp(d.reference.i_d_A.at(0), -foc.i_max, foc.i_max);
+  return "";
+}
+
+Point point_of(const DriveConfig& d) {
+  return {.omega_e_ref_rad_s = d.reference_at(0).omega_m_ref * d.machine.n_p,
+          .slew_rad_s2 = d.reference.slew_rate_rad_s2,
+          .n = d.rates.n,
+          .policy = static_cast<Policy>(d.gain.policy),
+          .seed = static_cast<std::uint64_t>(d.run.seed),
+          .flying = d.start == Start::kFlying,
+          .T_load_Nm = d.load.T_load_Nm.at(0),
+          .load_slew_Nm_s = d.load.slew_Nm_s,
+          .duration_s = d.run.duration_s,
+          .settle_s = d.run.settle_s};
+}
+
+// w_0, half of w_m (two stages share it), w_1 of lanes/plant.hpp, by Simpson's rule on a fine
+// grid.
+static void set_stage_weights(LaneConstants& c, double z) {
+  constexpr int kPanels = 200;
+  double sum[3] = {};
+  for (int i = 0; i <= kPanels; ++i) {
+    const double t = static_cast<double>(i) / kPanels;
+    const double share = (i == 0 || i == kPanels ? 1.0 : i % 2 ? 4.0 : 2.0) / (3 * kPanels);
+    const double decay = share * std::exp(-z * (1 - t));
+    sum[0] += decay * (1 - 2 * t) * (1 - t);
+    sum[1] += decay * 4 * t * (1 - t);
+    sum[2] += decay * t * (2 * t - 1);
+  }
+  c.w_0 = sum[0], c.w_m = sum[1] / 2, c.w_1 = sum[2];
+}
+
+LaneConstants lane_constants(const LaneSettings& s) {
+  LaneConstants c{};
+  c.plant_steps = s.plant_steps;
+  c.h = s.T_s / s.plant_steps;
+  c.decay_half = std::exp(-0.5 * c.h * s.R_s / s.L);
+  set_stage_weights(c, c.h * s.R_s / s.L);
+  c.b = c.h * s.psi_f / s.L;
+  c.k_T = c.h * 1.5 * s.n_p * s.n_p * s.psi_f / s.J;
+  c.B = c.h * s.B / s.J;
+  c.g = c.h / s.L;
+  c.load = c.h * s.n_p / s.J;
+  c.i_noise_rms = s.i_noise_rms;
+  c.i_lsb = s.i_lsb;
+  c.inv_lsb = s.i_lsb > 0 ? 1 / s.i_lsb : 0;
+  c.filter = s.rk4 ? kernel::sensorless_rk4(s.R_s, s.L, s.psi_f, s.T_s)
+                   : kernel::sensorless_euler(s.R_s, s.L, s.psi_f, s.T_s);
+  std::copy_n(s.Q, 4, c.Q);
+  std::copy_n(s.R, 2, c.R);
+  c.n_p = s.n_p;
+  c.inv_n_p = 1 / s.n_p;
+  c.T_s = s.T_s;
+  const PiGains speed = speed_pi(kTwoPi * s.speed_bandwidth_Hz, s.J, 1.5 * s.n_p * s.psi_f);
+  const PiGains current = current_pi(kTwoPi * s.current_bandwidth_Hz, s.R_s, s.L);
+  c.K_p_speed = speed.K_p, c.K_i_speed = speed.K_i, c.k_awu_speed = speed.k_awu;
+  c.K_p = current.K_p, c.K_i = current.K_i, c.k_awu = current.k_awu;
+  c.i_d_ref = s.i_d_ref;
+  c.i_q_max = std::sqrt(s.i_max * s.i_max - s.i_d_ref * s.i_d_ref);
+  c.advance_s = 1.5 * s.T_s;
+  c.u_max = s.v_dc * std::numbers::inv_sqrt3;
+  c.L = s.decoupling ? s.L : 0;
+  c.psi_f = s.decoupling ? s.psi_f : 0;
+  // core/summary.cpp: 20 ms away from a reference that has stood for 0.1 s; half a tick of slack.
+  c.off_ticks_max = 0.02 / s.T_s - 0.5;
+  c.constant_ticks_min = 0.1 / s.T_s - 0.5;
+  return c;
+}
+
+void prepare(const LaneSettings& s, const Point& p, LaneDrive<double>& d) {
+  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+  d = {};
+  d.omega_m_target = p.omega_e_ref_rad_s / s.n_p;
+  d.slew_step = p.slew_rad_s2 > 0 ? p.slew_rad_s2 / s.n_p * s.T_s : kNoLimit;
+  d.T_load_target = p.T_load_Nm;
+  d.load_step = p.load_slew_Nm_s > 0 ? p.load_slew_Nm_s * s.T_s : kNoLimit;
+  d.n = p.n;
+  d.k_full = std::round(p.full_until_s / s.T_s);
+  d.k_settle = std::round(p.settle_s / s.T_s);
+  d.k_end = std::round(p.duration_s / s.T_s);
+  for (int phase = 0; phase < 3; ++phase)
+    for (int half = 0; half < 2; ++half)
+      d.noise_seed[phase][half] = std::bit_cast<double>(twinrate::splitmix64(
+          twinrate::splitmix64(p.seed) ^ static_cast<std::uint64_t>(2 * phase + half)));
+  const double omega_e = p.flying ? p.omega_e_ref_rad_s : 0;
+  d.plant = {
+      0, 0, omega_e, s.theta_e_start, {std::sin(s.theta_e_start), std::cos(s.theta_e_start)}};
+  d.x = {0, 0, omega_e, 0};
+  d.at = {0, 1};
+  d.gain.at = d.next_gain.at = {0, 1};
+  d.P = {s.P0[0], 0, 0, 0, s.P0[1], 0, 0, s.P0[2], 0, s.P0[3]};
+  d.omega_m_ref = omega_e / s.n_p;
+}
+
+bool available(Isa isa) {
+  switch (isa) {
+    case Isa::kPortable:
+      return true;
+    case Isa::kScalar:
+    case Isa::kAvx2:
+      return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    case Isa::kAvx512:
+      return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+             __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
+  }
+  return false;
+}
+
+Isa widest() {
+  for (Isa isa : {Isa::kAvx512, Isa::kAvx2})
+    if (available(isa)) return isa;
+  return Isa::kPortable;
+}
+
+int width(Isa isa) {
+  return isa == Isa::kAvx512 ? 8 : isa == Isa::kAvx2 ? 4 : 1;
+}
+
+static RunLanes* lanes_of(Isa isa) {
+  RunLanes* const all[] = {run_portable, run_scalar, run_avx2, run_avx512};
+  return all[static_cast<int>(isa)];
+}
+
+// Neighbours in the row should take their snapshots together, so points go by n, and longest first
+// within a thread's reach.
+static std::vector<std::size_t> order_of(std::span<const Point> points, Policy policy) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (points[i].policy == policy) order.push_back(i);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t i, std::size_t j) { return points[i].n < points[j].n; });
+  return order;
+}
+
+void run_points(const LaneSettings& settings, std::span<const Point> points,
+                std::span<PointResult> results, int threads, Isa isa, const std::atomic<bool>* stop,
+                std::atomic<std::size_t>* done) {
+  const LaneConstants c = lane_constants(settings);
+  if (threads <= 0) threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  for (Policy policy : {Policy::kPaper, Policy::kImmediate, Policy::kExtrapolate, Policy::kRotate,
+                        Policy::kRotorFrame}) {
+    const std::vector<std::size_t> order = order_of(points, policy);
+    if (order.empty()) continue;
+    std::atomic<std::size_t> next = 0;
+    const LaneQueue queue{points.data(), results.data(), order.data(), order.size(),
+                          &next,         stop,           done};
+    const std::size_t rows = (order.size() + width(isa) - 1) / width(isa);
+    std::vector<std::jthread> others;
+    for (std::size_t i = 1; i < std::min<std::size_t>(threads, rows); ++i)
+      others.emplace_back([&] { lanes_of(isa)(settings, c, policy, queue); });
+    lanes_of(isa)(settings, c, policy, queue);
+  }
+}
+
+PlantSample advance_plant(const LaneSettings& settings, const PlantSample& x, double u_alpha,
+                          double u_beta, double T_load) {
+  using T = Lanes<1, struct PlantSampleTag>;
+  const LaneConstants c = lane_constants(settings);
+  LanePlant<T> plant{x.i_alpha, x.i_beta, x.omega_e, x.theta_e, sincos<T>(x.theta_e)};
+  advance<T>(c, plant, {u_alpha, u_beta}, T_load);
+  return {plant.i_alpha.v, plant.i_beta.v, plant.omega_e.v, plant.theta_e.v};
+}
+
+}  // namespace twinrate::lanes

@@ -1,0 +1,10 @@
+// The engine's translation units, one an instruction set.
+#pragma once
+#include "lanes/runner.hpp"
+
+namespace twinrate::lanes {
+
+using RunLanes = void(const LaneSettings&, const LaneConstants&, Policy, const LaneQueue&);
+RunLanes run_portable, run_scalar, run_avx2, run_avx512;
+
+}  // namespace twinrate::lanes

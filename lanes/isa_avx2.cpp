@@ -1,0 +1,12 @@
+#include "lanes/isa.hpp"
+
+namespace twinrate::lanes {
+
+struct Avx2;  // keeps this unit's code apart: lanes/lanes.hpp
+
+void run_avx2(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+              const LaneQueue& queue) {
+  run_lanes<Lanes<4, Avx2>>(settings, c, policy, queue);
+}
+
+}  // namespace twinrate::lanes

@@ -1,0 +1,12 @@
+#include "lanes/isa.hpp"
+
+namespace twinrate::lanes {
+
+struct Portable;  // keeps this unit's code apart: lanes/lanes.hpp
+
+void run_portable(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+                  const LaneQueue& queue) {
+  run_lanes<Lanes<1, Portable>>(settings, c, policy, queue);
+}
+
+}  // namespace twinrate::lanes

@@ -1,0 +1,12 @@
+#include "lanes/isa.hpp"
+
+namespace twinrate::lanes {
+
+struct Scalar;  // keeps this unit's code apart: lanes/lanes.hpp
+
+void run_scalar(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+                const LaneQueue& queue) {
+  run_lanes<Lanes<1, Scalar>>(settings, c, policy, queue);
+}
+
+}  // namespace twinrate::lanes

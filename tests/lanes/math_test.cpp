@@ -1,0 +1,87 @@
+// The engine's own sine, logarithm and noise against the library's and against model/random.hpp.
+#include "lanes/math.hpp"
+
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+
+#include "model/frames.hpp"
+#include "model/random.hpp"
+
+namespace twinrate::lanes {
+namespace {
+
+using Row = Lanes<1, struct LaneMathTest>;
+using Pair = Lanes<2, struct LaneMathTest>;
+
+TEST(LaneMath, SineAndCosineAreTheLibrarysToAnUlp) {
+  double worst = 0;
+  for (std::uint64_t i = 0; i < 20000; ++i) {
+    const double x = 100 * twinrate::normal(1, 0, i);
+    const auto at = sincos(Row(x));
+    worst = std::max({worst, std::abs(at.sin.v - std::sin(x)), std::abs(at.cos.v - std::cos(x))});
+  }
+  EXPECT_LT(worst, 2.3e-16);
+  EXPECT_GT(worst, 0);  // a sum of nothing would be 0
+}
+
+TEST(LaneMath, SineKnowsItsQuadrants) {
+  for (int k = -8; k <= 8; ++k) {
+    const auto at = sincos(Row(k * kPi / 2));
+    EXPECT_NEAR(at.sin.v, k % 2 == 0 ? 0 : (k % 4 == 1 || k % 4 == -3 ? 1 : -1), 1e-15) << k;
+    EXPECT_NEAR(at.cos.v, k % 2 != 0 ? 0 : (k % 4 == 0 ? 1 : -1), 1e-15) << k;
+  }
+}
+
+TEST(LaneMath, LogarithmIsTheLibrarysToAnUlpFromTheSmallestUniformToOne) {
+  for (std::uint64_t i = 0; i < 20000; ++i) {
+    const double u = std::pow(twinrate::uniform(2, 0, i), 1 + static_cast<double>(i % 40));
+    ASSERT_NEAR(log(Row(u)).v, std::log(u), 3e-16 * std::abs(std::log(u))) << u;
+  }
+  EXPECT_EQ(log(Row(1.0)).v, 0);
+  EXPECT_NEAR(log(Row(0x1p-53)).v, -53 * std::log(2.0), 1e-14);
+}
+
+TEST(LaneMath, RoundingAndWrapping) {
+  for (double x : {-2.5, -1.5, -0.5, 0.5, 1.5, 2.5}) {
+    EXPECT_EQ(round_to_even(Row(x)).v, std::nearbyint(x));
+    EXPECT_EQ(floor(Row(x)).v, std::floor(x));
+  }
+  for (std::uint64_t i = 0; i < 2000; ++i) {
+    const double angle = 50 * twinrate::normal(3, 0, i);
+    EXPECT_NEAR(wrap_turn(Row(angle)).v, twinrate::wrap_turn(angle), 1e-13);
+    EXPECT_NEAR(wrap_pi(Row(angle)).v, twinrate::wrap_pi(angle), 1e-13);
+  }
+  EXPECT_GE(wrap_turn(Row(-1e-20)).v, 0);
+  EXPECT_LT(wrap_turn(Row(-1e-20)).v, kTwoPi);
+}
+
+TEST(LaneMath, TheNoiseIsThatOfTheModel) {
+  for (std::uint64_t seed : {1u, 7u})
+    for (std::uint64_t stream = 0; stream < 3; ++stream) {
+      const auto hash = [&](std::uint64_t half) {
+        return Row(std::bit_cast<double>(
+            twinrate::splitmix64(twinrate::splitmix64(seed) ^ (2 * stream + half))));
+      };
+      for (std::uint64_t k = 0; k < 5000; ++k)
+        ASSERT_NEAR(normal(hash(0), hash(1), k).v, twinrate::normal(seed, stream, k), 1e-13);
+    }
+}
+
+TEST(LaneMath, ALaneComputesWhatANumberAloneDoes) {
+  for (std::uint64_t i = 0; i < 5000; ++i) {
+    const double x = 30 * twinrate::normal(4, 0, i), y = twinrate::uniform(4, 5, i);
+    Pair both(0.0);
+    both.v[0] = 1.0, both.v[1] = x;
+    EXPECT_EQ(sincos(both).sin.v[1], sincos(Row(x)).sin.v);
+    EXPECT_EQ(sincos(both).cos.v[1], sincos(Row(x)).cos.v);
+    both.v[1] = y;
+    EXPECT_EQ(log(both).v[1], log(Row(y)).v);
+    EXPECT_EQ(sqrt(both).v[1], std::sqrt(y));
+    EXPECT_EQ(cos_of_turn(both).v[1], cos_of_turn(Row(y)).v);
+  }
+}
+
+}  // namespace
+}  // namespace twinrate::lanes
