@@ -128,7 +128,7 @@ const Mistake kMistakes[] = {
     {"PresetThatIsNoText", "preset = 5\n" + drive_text(), {"drive.toml:1", "preset"}},
     {"UnknownEffect",
      drive_text() + "[[effect]]\nkind = 'gremlins'\n",
-     {"drive.toml:16", "effect[0]", "cogging, coulomb_friction", "gremlins"}},
+     {"drive.toml:16", "effect[0]", "cogging, constant_load, coulomb_friction", "gremlins"}},
     {"EffectWithoutAKind",
      drive_text() + "[[effect]]\norder = 6\n",
      {"drive.toml:15", "effect[0]", "kind"}},
