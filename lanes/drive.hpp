@@ -60,15 +60,16 @@ T slew_by(T from, T to, T step) {
 
 // model/sensors.hpp and Clarke: noise and ADC on each phase.
 template <class T>
-kernel::Stationary<T> sample_currents(const LaneConstants& c, const LaneDrive<T>& d) {
+kernel::Stationary<T> sample_currents(const LaneConstants<T>& c, const LaneSwitches& on,
+                                      const LaneDrive<T>& d) {
   const T half_beta = d.plant.i_beta * (0.5 * std::numbers::sqrt3);
   const T half_alpha = d.plant.i_alpha * -0.5;
   T i_abc[3] = {d.plant.i_alpha, half_alpha + half_beta, half_alpha - half_beta};
   const auto index = integer_of(d.k);
   for (int phase = 0; phase < 3; ++phase) {
-    if (c.i_noise_rms > 0)
+    if (on.noise)
       i_abc[phase] += normal(d.noise_seed[phase][0], d.noise_seed[phase][1], index) * c.i_noise_rms;
-    if (c.i_lsb > 0) i_abc[phase] = round_to_even<T>(i_abc[phase] * c.inv_lsb) * c.i_lsb;
+    if (on.adc) i_abc[phase] = round_to_even<T>(i_abc[phase] * c.inv_lsb) * c.i_lsb;
   }
   return {(i_abc[0] - i_abc[1] * 0.5 - i_abc[2] * 0.5) * (2.0 / 3.0),
           (i_abc[1] - i_abc[2]) * std::numbers::inv_sqrt3};
@@ -106,7 +107,7 @@ kernel::Symmetric4<T> turn_covariance(const kernel::Symmetric4<T>& P, const SinC
 }
 
 template <bool rk4, class T>
-kernel::SensorlessState<T> predict(const LaneConstants& c, const LaneDrive<T>& d) {
+kernel::SensorlessState<T> predict(const LaneConstants<T>& c, const LaneDrive<T>& d) {
   if constexpr (!rk4) {
     return predict_euler(c.filter, d.x, d.at, d.u_applied);
   } else {
@@ -118,7 +119,7 @@ kernel::SensorlessState<T> predict(const LaneConstants& c, const LaneDrive<T>& d
 
 // FastLoop::tick: the first sample is taken over, every other predicted and corrected.
 template <Policy policy, bool rk4, class T>
-void fast_step(const LaneConstants& c, LaneDrive<T>& d, const kernel::Stationary<T>& i_meas) {
+void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Stationary<T>& i_meas) {
   kernel::Gain42<T> K = d.gain.K;
   if constexpr (policy == Policy::kRotate || policy == Policy::kRotorFrame)
     K = turn_gain(K, d.gain.at, d.at);
@@ -133,12 +134,12 @@ void fast_step(const LaneConstants& c, LaneDrive<T>& d, const kernel::Stationary
 
 // BackgroundLoop::step at the snapshot d.x.
 template <Policy policy, class T>
-void background_step(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& d,
+void background_step(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d,
                      PlannedGain<T>& gain, kernel::Symmetric4<T>& P, T ticks_a_gain) {
   kernel::UnitVector<T> at = d.at;
   P = d.P;
   if constexpr (policy == Policy::kExtrapolate) {
-    const T ahead = (ticks_a_gain - T(1)) * (1.5 * c.T_s) * d.x.omega_e;
+    const T ahead = (ticks_a_gain - T(1)) * 1.5 * c.T_s * d.x.omega_e;
     const auto later = sincos(d.x.theta_e + ahead);
     at = {later.sin, later.cos};
   }
@@ -147,20 +148,20 @@ void background_step(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& 
     P = blend_rows<T>(d.k == T(0), P, turn_covariance(P, sincos(turned)));
   }
   const auto P_prior = propagate(c.filter, jacobian(c.filter, d.x.omega_e, at), P, c.Q);
-  if (form == CovarianceForm::kSequential) {
+  if (on.covariance == CovarianceForm::kSequential) {
     const auto both = kernel::sequential(P_prior, c.R);
     gain = {both.K, at};
     P = both.P;
   } else {
     gain = {kernel::gain(P_prior, c.R), at};
-    P = form == CovarianceForm::kPaper ? posterior(P_prior, gain.K, c.R)
-                                       : posterior_joseph(P_prior, gain.K, c.R);
+    P = on.covariance == CovarianceForm::kPaper ? posterior(P_prior, gain.K, c.R)
+                                                : posterior_joseph(P_prior, gain.K, c.R);
   }
 }
 
 // controller/foc.hpp in closed loop: speed PI, current PI with decoupling, voltage circle, advance.
 template <class T>
-kernel::Stationary<T> control(const LaneConstants& c, LaneDrive<T>& d,
+kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
                               const kernel::Stationary<T>& i_meas) {
   const T i_d = d.at.cos * i_meas.alpha + d.at.sin * i_meas.beta;
   const T i_q = d.at.cos * i_meas.beta - d.at.sin * i_meas.alpha;
@@ -171,15 +172,15 @@ kernel::Stationary<T> control(const LaneConstants& c, LaneDrive<T>& d,
 
   const T speed_error = d.omega_m_ref - omega_m;
   const T i_q_wanted = speed_error * c.K_p_speed + d.speed_integral;
-  const T i_q_ref = max(min(i_q_wanted, T(c.i_q_max)), T(-c.i_q_max));
+  const T i_q_ref = max(min(i_q_wanted, c.i_q_max), -c.i_q_max);
   d.speed_integral += (speed_error * c.K_i_speed + (i_q_ref - i_q_wanted) * c.k_awu_speed) * c.T_s;
 
-  const T d_error = T(c.i_d_ref) - i_d, q_error = i_q_ref - i_q;
+  const T d_error = c.i_d_ref - i_d, q_error = i_q_ref - i_q;
   const T omega_L = d.x.omega_e * c.L;
   const T u_d = d_error * c.K_p + d.d_integral - omega_L * i_q;
   const T u_q = q_error * c.K_p + d.q_integral + (omega_L * i_d + d.x.omega_e * c.psi_f);
   const T amplitude = sqrt(u_d * u_d + u_q * u_q);
-  const T share = select(amplitude > T(c.u_max), T(c.u_max) / amplitude, T(1));
+  const T share = select(amplitude > c.u_max, c.u_max / amplitude, T(1));
   const T u_d_limited = u_d * share, u_q_limited = u_q * share;
   d.d_integral += (d_error * c.K_i + (u_d_limited - u_d) * c.k_awu) * c.T_s;
   d.q_integral += (q_error * c.K_i + (u_q_limited - u_q) * c.k_awu) * c.T_s;
@@ -191,19 +192,19 @@ kernel::Stationary<T> control(const LaneConstants& c, LaneDrive<T>& d,
 
 // docs/conventions.md: angle error and lock, over [k_settle, k_end). A lane ends at its loss.
 template <class T>
-void judge(const LaneConstants& c, LaneDrive<T>& d) {
+void judge(const LaneConstants<T>& c, LaneDrive<T>& d) {
   const T error = wrap_pi(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
   const auto in_window = d.k >= d.k_settle;
   const T omega_m = d.plant.omega_e * c.inv_n_p;
   const auto away = (abs(omega_m - d.omega_m_ref) > abs(d.omega_m_ref) * 0.2) & in_window &
-                    (d.constant_ticks >= T(c.constant_ticks_min));
+                    (d.constant_ticks >= c.constant_ticks_min);
   d.off_ticks = select(away, d.off_ticks + T(1), d.off_ticks);
   d.error_square_sum = select(in_window, d.error_square_sum + error * error, d.error_square_sum);
   d.error_max = select(in_window, max(magnitude, d.error_max), d.error_max);
   // Not a number fails every comparison, so the finite is asked for.
   const T sum = abs(d.x.omega_e) + abs(d.x.i_alpha) + abs(d.x.i_beta) + abs(d.plant.omega_e);
   const auto finite = (sum < T(1e100)) & (magnitude <= T(4));
-  const auto held = (magnitude <= T(0.5 * std::numbers::pi)) & (d.off_ticks <= T(c.off_ticks_max));
+  const auto held = (magnitude <= T(0.5 * std::numbers::pi)) & (d.off_ticks <= c.off_ticks_max);
   d.lost = select(finite, select(in_window, select(held, T(0), T(1)), T(0)), T(1));
   d.k += T(1);
   d.ended = select(d.k >= d.k_end, T(1), d.lost);
@@ -211,8 +212,8 @@ void judge(const LaneConstants& c, LaneDrive<T>& d) {
 
 // k -> k + 1.
 template <Policy policy, bool rk4, class T>
-void tick(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& d) {
-  const auto i_meas = sample_currents(c, d);
+void tick(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d) {
+  const auto i_meas = sample_currents(c, on, d);
   const auto snapshot = d.until_snapshot == T(0);
   const bool any_snapshot = any<T>(snapshot);
   if (policy != Policy::kImmediate && any_snapshot)
@@ -222,7 +223,7 @@ void tick(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& d) {
     const T ticks_a_gain = select(d.k < d.k_full, T(1), d.n);
     PlannedGain<T> gain;
     kernel::Symmetric4<T> P;
-    background_step<policy>(c, form, d, gain, P, ticks_a_gain);
+    background_step<policy>(c, on, d, gain, P, ticks_a_gain);
     d.next_gain = blend_rows<T>(snapshot, gain, d.next_gain);
     if (policy == Policy::kImmediate) d.gain = d.next_gain;
     d.P = blend_rows<T>(snapshot, P, d.P);
@@ -233,7 +234,7 @@ void tick(const LaneConstants& c, CovarianceForm form, LaneDrive<T>& d) {
   const auto u_new = control(c, d, i_meas);
   d.T_load = slew_by(d.T_load, d.T_load_target, d.load_step);
   LanePlant<T> next = d.plant;
-  advance(c, next, d.u_command, d.T_load);
+  advance(c, on.plant_steps, next, d.u_command, d.T_load);
   judge(c, d);
   d.plant = next;
   d.u_applied = d.u_command;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstring>
 #include <limits>
 #include <thread>
 #include <vector>
@@ -87,7 +88,7 @@ Point point_of(const DriveConfig& d) {
 
 // w_0, half of w_m (two stages share it), w_1 of lanes/plant.hpp, by Simpson's rule on a fine
 // grid.
-static void set_stage_weights(LaneConstants& c, double z) {
+static void set_stage_weights(LaneConstants<double>& c, double z) {
   constexpr int kPanels = 200;
   double sum[3] = {};
   for (int i = 0; i <= kPanels; ++i) {
@@ -101,11 +102,13 @@ static void set_stage_weights(LaneConstants& c, double z) {
   c.w_0 = sum[0], c.w_m = sum[1] / 2, c.w_1 = sum[2];
 }
 
-LaneConstants lane_constants(const LaneSettings& s) {
-  LaneConstants c{};
-  c.plant_steps = s.plant_steps;
+LaneConstants<double> lane_constants(const LaneSettings& s) {
+  LaneConstants<double> c{};
   c.h = s.T_s / s.plant_steps;
+  c.half_h = 0.5 * c.h;
   c.decay_half = std::exp(-0.5 * c.h * s.R_s / s.L);
+  c.decay_full = c.decay_half * c.decay_half;
+  c.half_decay_half = 0.5 * c.decay_half;
   set_stage_weights(c, c.h * s.R_s / s.L);
   c.b = c.h * s.psi_f / s.L;
   c.k_T = c.h * 1.5 * s.n_p * s.n_p * s.psi_f / s.J;
@@ -119,7 +122,6 @@ LaneConstants lane_constants(const LaneSettings& s) {
                    : kernel::sensorless_euler(s.R_s, s.L, s.psi_f, s.T_s);
   std::copy_n(s.Q, 4, c.Q);
   std::copy_n(s.R, 2, c.R);
-  c.n_p = s.n_p;
   c.inv_n_p = 1 / s.n_p;
   c.T_s = s.T_s;
   const PiGains speed = speed_pi(kTwoPi * s.speed_bandwidth_Hz, s.J, 1.5 * s.n_p * s.psi_f);
@@ -136,6 +138,10 @@ LaneConstants lane_constants(const LaneSettings& s) {
   c.off_ticks_max = 0.02 / s.T_s - 0.5;
   c.constant_ticks_min = 0.1 / s.T_s - 0.5;
   return c;
+}
+
+LaneSwitches lane_switches(const LaneSettings& s) {
+  return {s.plant_steps, s.i_noise_rms > 0, s.i_lsb > 0, s.rk4, s.covariance};
 }
 
 void prepare(const LaneSettings& s, const Point& p, LaneDrive<double>& d) {
@@ -206,7 +212,7 @@ static std::vector<std::size_t> order_of(std::span<const Point> points, Policy p
 void run_points(const LaneSettings& settings, std::span<const Point> points,
                 std::span<PointResult> results, int threads, Isa isa, const std::atomic<bool>* stop,
                 std::atomic<std::size_t>* done) {
-  const LaneConstants c = lane_constants(settings);
+  const LaneConstants<double> c = lane_constants(settings);
   if (threads <= 0) threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   for (Policy policy : {Policy::kPaper, Policy::kImmediate, Policy::kExtrapolate, Policy::kRotate,
                         Policy::kRotorFrame}) {
@@ -226,9 +232,12 @@ void run_points(const LaneSettings& settings, std::span<const Point> points,
 PlantSample advance_plant(const LaneSettings& settings, const PlantSample& x, double u_alpha,
                           double u_beta, double T_load) {
   using T = Lanes<1, struct PlantSampleTag>;
-  const LaneConstants c = lane_constants(settings);
+  const LaneConstants<double> constants = lane_constants(settings);
+  LaneConstants<T> c;
+  static_assert(sizeof c == sizeof constants);
+  std::memcpy(static_cast<void*>(&c), &constants, sizeof c);
   LanePlant<T> plant{x.i_alpha, x.i_beta, x.omega_e, x.theta_e, sincos<T>(x.theta_e)};
-  advance<T>(c, plant, {u_alpha, u_beta}, T_load);
+  advance<T>(c, settings.plant_steps, plant, {u_alpha, u_beta}, T_load);
   return {plant.i_alpha.v, plant.i_beta.v, plant.omega_e.v, plant.theta_e.v};
 }
 

@@ -4,7 +4,7 @@
 
 namespace twinrate::lanes {
 
-using RunLanes = void(const LaneSettings&, const LaneConstants&, Policy, const LaneQueue&);
+using RunLanes = void(const LaneSettings&, const LaneConstants<double>&, Policy, const LaneQueue&);
 RunLanes run_portable, run_scalar, run_avx2, run_avx512;
 
 }  // namespace twinrate::lanes

@@ -4,7 +4,7 @@ namespace twinrate::lanes {
 
 struct Avx512;  // keeps this unit's code apart: lanes/lanes.hpp
 
-void run_avx512(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+void run_avx512(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                 const LaneQueue& queue) {
   run_lanes<Lanes<8, Avx512>>(settings, c, policy, queue);
 }

@@ -4,7 +4,7 @@ namespace twinrate::lanes {
 
 struct Portable;  // keeps this unit's code apart: lanes/lanes.hpp
 
-void run_portable(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+void run_portable(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                   const LaneQueue& queue) {
   run_lanes<Lanes<1, Portable>>(settings, c, policy, queue);
 }

@@ -4,7 +4,7 @@ namespace twinrate::lanes {
 
 struct Scalar;  // keeps this unit's code apart: lanes/lanes.hpp
 
-void run_scalar(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+void run_scalar(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                 const LaneQueue& queue) {
   run_lanes<Lanes<1, Scalar>>(settings, c, policy, queue);
 }

@@ -29,8 +29,8 @@ struct PlantRate {
 };
 
 template <class T>
-PlantRate<T> plant_rate(const LaneConstants& c, T i_alpha, T i_beta, T omega_e, const SinCos<T>& at,
-                        const PlantRate<T>& forced) {
+PlantRate<T> plant_rate(const LaneConstants<T>& c, T i_alpha, T i_beta, T omega_e,
+                        const SinCos<T>& at, const PlantRate<T>& forced) {
   const T emf = omega_e * c.b;
   return {forced.i_alpha + emf * at.sin, forced.i_beta - emf * at.cos,
           forced.omega_e + (i_beta * at.cos - i_alpha * at.sin) * c.k_T - omega_e * c.B};
@@ -45,24 +45,24 @@ SinCos<T> turn(const SinCos<T>& at, T angle) {
   return {at.sin * c + at.cos * s, at.cos * c - at.sin * s};
 }
 
-// One step h. `half`, `full`: exp(-h/2 R_s/L) and its square. Returns the angle turned.
+// One step h. Returns the angle turned.
 template <class T>
-T plant_step(const LaneConstants& c, LanePlant<T>& x, const PlantRate<T>& forced) {
-  const double half = c.decay_half, full = half * half;
+T plant_step(const LaneConstants<T>& c, LanePlant<T>& x, const PlantRate<T>& forced) {
   const auto k1 = plant_rate(c, x.i_alpha, x.i_beta, x.omega_e, x.at, forced);
-  const T to_mid = (x.omega_e + k1.omega_e * 0.25) * (0.5 * c.h);
+  const T to_mid = (x.omega_e + k1.omega_e * 0.25) * c.half_h;
   const SinCos<T> mid = turn(x.at, to_mid);
-  const T half_alpha = x.i_alpha * half, half_beta = x.i_beta * half;
-  const auto k2 =
-      plant_rate(c, half_alpha + k1.i_alpha * (0.5 * half), half_beta + k1.i_beta * (0.5 * half),
-                 x.omega_e + k1.omega_e * 0.5, mid, forced);
+  const T half_alpha = x.i_alpha * c.decay_half, half_beta = x.i_beta * c.decay_half;
+  const auto k2 = plant_rate(c, half_alpha + k1.i_alpha * c.half_decay_half,
+                             half_beta + k1.i_beta * c.half_decay_half,
+                             x.omega_e + k1.omega_e * 0.5, mid, forced);
   const auto k3 = plant_rate(c, half_alpha + k2.i_alpha * 0.5, half_beta + k2.i_beta * 0.5,
                              x.omega_e + k2.omega_e * 0.5, mid, forced);
   const T turned = (x.omega_e + (k1.omega_e + k2.omega_e + k3.omega_e) * (1.0 / 6)) * c.h;
   const SinCos<T> end = turn(mid, turned - to_mid);
-  const T full_alpha = x.i_alpha * full, full_beta = x.i_beta * full;
-  const auto k4 = plant_rate(c, full_alpha + k3.i_alpha * half, full_beta + k3.i_beta * half,
-                             x.omega_e + k3.omega_e, end, forced);
+  const T full_alpha = x.i_alpha * c.decay_full, full_beta = x.i_beta * c.decay_full;
+  const auto k4 =
+      plant_rate(c, full_alpha + k3.i_alpha * c.decay_half, full_beta + k3.i_beta * c.decay_half,
+                 x.omega_e + k3.omega_e, end, forced);
   x.i_alpha =
       full_alpha + k1.i_alpha * c.w_0 + (k2.i_alpha + k3.i_alpha) * c.w_m + k4.i_alpha * c.w_1;
   x.i_beta = full_beta + k1.i_beta * c.w_0 + (k2.i_beta + k3.i_beta) * c.w_m + k4.i_beta * c.w_1;
@@ -73,11 +73,11 @@ T plant_step(const LaneConstants& c, LanePlant<T>& x, const PlantRate<T>& forced
 
 // One interval T_s under constant voltage and load.
 template <class T>
-void advance(const LaneConstants& c, LanePlant<T>& plant, const kernel::Stationary<T>& u,
-             T T_load) {
+void advance(const LaneConstants<T>& c, int steps, LanePlant<T>& plant,
+             const kernel::Stationary<T>& u, T T_load) {
   const PlantRate<T> forced{u.alpha * c.g, u.beta * c.g, -(T_load * c.load)};
   T turned = 0;
-  for (int step = 0; step < c.plant_steps; ++step) turned += plant_step(c, plant, forced);
+  for (int step = 0; step < steps; ++step) turned += plant_step(c, plant, forced);
   plant.theta_e = wrap_turn(plant.theta_e + turned);
 }
 

@@ -33,15 +33,17 @@ void prepare(const LaneSettings& settings, const Point& point, LaneDrive<double>
 template <class T>
 class LaneRunner {
  public:
-  LaneRunner(const LaneSettings& settings, const LaneConstants& c, const LaneQueue& queue)
-      : settings_(settings), c_(c), queue_(queue), form_(settings.covariance) {}
+  LaneRunner(const LaneSettings& settings, const LaneConstants<double>& c, const LaneQueue& queue)
+      : settings_(settings), on_(lane_switches(settings)), queue_(queue) {
+    for (int lane = 0; lane < T::N; ++lane) put(lane, c, c_);
+  }
 
   template <Policy policy, bool rk4>
   void run() {
     int running = 0;
     for (int lane = 0; lane < T::N; ++lane) running += fill(lane);
     while (running > 0) {
-      do tick<policy, rk4>(c_, form_, drive_);
+      do tick<policy, rk4>(c_, on_, drive_);
       while (!any<T>(drive_.ended == T(1)));
       for (int lane = 0; lane < T::N; ++lane) {
         if (!in_lane<T>(drive_.ended == T(1), lane)) continue;
@@ -63,7 +65,7 @@ class LaneRunner {
     LaneDrive<double> drive;
     prepare(settings_, point, drive);
     if (!has_point) drive.k_end = drive.k_settle = 1e15;
-    put(lane, drive);
+    put(lane, drive, drive_);
     return has_point;
   }
   void report(int lane) {
@@ -77,30 +79,32 @@ class LaneRunner {
     result.lost_at_s = result.locked ? -1 : (drive.k - 1) * settings_.T_s;
     if (queue_.done) queue_.done->fetch_add(1, std::memory_order_relaxed);
   }
-  // A drive is a column of LaneDrive.
-  static constexpr std::size_t kRows = sizeof(LaneDrive<T>) / sizeof(T);
-  static_assert(kRows == sizeof(LaneDrive<double>) / sizeof(double));
-  void put(int lane, const LaneDrive<double>& drive) {
-    for (std::size_t row = 0; row < kRows; ++row)
-      __builtin_memcpy(reinterpret_cast<char*>(&drive_) + row * sizeof(T) + 8 * lane,
-                       reinterpret_cast<const char*>(&drive) + row * 8, 8);
+  // A drive is a column of LaneDrive<T>, a set of constants one of LaneConstants<T>.
+  static_assert(sizeof(LaneDrive<T>) == sizeof(LaneDrive<double>) * T::N);
+  static_assert(sizeof(LaneConstants<T>) == sizeof(LaneConstants<double>) * T::N);
+  template <template <class> class Rows>
+  static void put(int lane, const Rows<double>& column, Rows<T>& rows) {
+    for (std::size_t row = 0; row < sizeof column / 8; ++row)
+      __builtin_memcpy(reinterpret_cast<char*>(&rows) + row * sizeof(T) + 8 * lane,
+                       reinterpret_cast<const char*>(&column) + row * 8, 8);
   }
   void get(int lane, LaneDrive<double>& drive) const {
-    for (std::size_t row = 0; row < kRows; ++row)
+    for (std::size_t row = 0; row < sizeof drive / 8; ++row)
       __builtin_memcpy(reinterpret_cast<char*>(&drive) + row * 8,
                        reinterpret_cast<const char*>(&drive_) + row * sizeof(T) + 8 * lane, 8);
   }
 
   const LaneSettings& settings_;
-  const LaneConstants& c_;
+  const LaneSwitches on_;
   const LaneQueue& queue_;
-  const CovarianceForm form_;
+  LaneConstants<T> c_;
   LaneDrive<T> drive_;
   std::size_t index_[T::N];
 };
 
 template <class T, Policy policy>
-void run_policy(const LaneSettings& settings, const LaneConstants& c, const LaneQueue& queue) {
+void run_policy(const LaneSettings& settings, const LaneConstants<double>& c,
+                const LaneQueue& queue) {
   LaneRunner<T> runner(settings, c, queue);
   if (settings.rk4)
     runner.template run<policy, true>();
@@ -110,7 +114,7 @@ void run_policy(const LaneSettings& settings, const LaneConstants& c, const Lane
 
 // All points of the queue have this policy.
 template <class T>
-void run_lanes(const LaneSettings& settings, const LaneConstants& c, Policy policy,
+void run_lanes(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                const LaneQueue& queue) {
   switch (policy) {
     case Policy::kPaper:
