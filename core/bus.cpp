@@ -207,11 +207,13 @@ bool Bus::admit(std::int64_t session) {
 void Bus::count_gap(Channel channel, std::int64_t seq) {
   std::int64_t& first = first_seq_[static_cast<std::size_t>(channel)];
   std::int64_t& last = last_seq_[static_cast<std::size_t>(channel)];
-  const std::int64_t stride = channel == Channel::kGain ? options_.gain_stride : 1;
   if (last < 0 || (!bound_ && seq <= first)) {
     first = last = seq;
   } else if (seq > last) {
-    counters_.gaps += (seq - last) / stride - 1;
+    if (channel != Channel::kGain)
+      counters_.gaps += seq - last - 1;
+    else if (options_.gains_between)
+      counters_.gaps += options_.gains_between(last, seq) - 1;
     last = seq;
   }
 }

@@ -36,7 +36,8 @@ struct BusOptions {
   bool split_ports = false;    // the ring's links on UDP ports of their own
   bool filter = true;          // unwanted channels do not wake this process (core/channel_filter)
   Role role = Role::kSupervisor;
-  int gain_stride = 1;         // ticks between two GAIN messages, so that gaps can be counted
+  // GAIN messages after one tick up to another, so that gaps can be counted. Empty: not counted.
+  std::function<std::int64_t(std::int64_t first, std::int64_t last)> gains_between;
   std::size_t history = 2048;  // messages a channel kept for sending again
 };
 

@@ -20,7 +20,7 @@
 namespace twinrate {
 
 // Version of the message layouts; a log of another one is refused.
-inline constexpr int kWireSchema = 1;
+inline constexpr int kWireSchema = 2;
 
 enum class Channel : int {
   kMeasurement,

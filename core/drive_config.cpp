@@ -1,5 +1,6 @@
 #include "core/drive_config.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "model/discretise.hpp"
@@ -20,10 +21,14 @@ void RateParameters::fields(FieldVisitor& f) {
   f.integer("n", n, 1, 100000, "f_s/f_b: the background runs every n-th tick");
   f.number("f_b_Hz", f_b_Hz, 0, 200e3,
            "background rate; instead of n, f_s/f_b must be a whole number; 0: use n");
+  f.number("n_from_s", n_from_s, 0, 1e5, "a gain every tick until then, every n-th from then on");
 }
 
 void GainParameters::fields(FieldVisitor& f) {
-  choice(f, "policy", policy, kGainPolicyNames, "when a new gain is first used");
+  choice(f, "policy", policy, kGainPolicyNames, "when a new gain is used, and what becomes of it");
+  f.integer("max_age_ticks", max_age_ticks, 0, 1000000000,
+            "realtime: a gain whose snapshot is older gives way to the gain tabulated over speed; "
+            "0: 4 n");
 }
 
 void EstimatorChoice::fields(FieldVisitor& f) {
@@ -111,6 +116,30 @@ Reference DriveConfig::reference_at(std::int64_t k) const {
                                    : reference.omega_e_rad_s.at(t) / machine.n_p;
   r.i_d_ref = reference.i_d_A.at(t);
   return r;
+}
+
+BackgroundRate DriveConfig::background_rate() const {
+  const auto from = static_cast<std::int64_t>(std::ceil(rates.n_from_s * rates.f_s_Hz / rates.n));
+  return {rates.n, from * rates.n};
+}
+
+bool DriveConfig::sends_gain(std::int64_t k) const {
+  return has_background(gain.policy) && is_snapshot(k, background_rate());
+}
+
+std::int64_t DriveConfig::gains_between(std::int64_t first, std::int64_t last) const {
+  const BackgroundRate rate = background_rate();
+  return has_background(gain.policy) ? snapshots_up_to(last, rate) - snapshots_up_to(first, rate)
+                                     : 0;
+}
+
+double DriveConfig::omega_m_limit() const {
+  double fastest = std::max(machine.omega_m_rated, 10.0);
+  for (const ProfileStep& step : reference.omega_e_rad_s.steps())
+    fastest = std::max(fastest, std::abs(step.value) / machine.n_p);
+  for (const ProfileStep& step : reference.speed_rpm.steps())
+    fastest = std::max(fastest, std::abs(step.value) * kTwoPi / 60);
+  return 2 * fastest;
 }
 
 double DriveConfig::omega_m_start() const {

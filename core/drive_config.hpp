@@ -36,11 +36,13 @@ struct RateParameters {
   double f_s_Hz = 0;
   int n = 1;
   double f_b_Hz = 0;
+  double n_from_s = 0;
   void fields(FieldVisitor& f);
 };
 
 struct GainParameters {
   GainPolicy policy = GainPolicy::kPaper;
+  int max_age_ticks = 0;
   void fields(FieldVisitor& f);
 };
 
@@ -130,7 +132,12 @@ struct DriveConfig {
   double T_s() const { return 1 / rates.f_s_Hz; }
   std::int64_t t_ns(std::int64_t k) const;
   std::int64_t steps() const;
+  BackgroundRate background_rate() const;  // switched at a multiple of n
+  // Whether tick k sends a gain, and how many the ticks after `first` up to `last` send.
+  bool sends_gain(std::int64_t k) const;
+  std::int64_t gains_between(std::int64_t first, std::int64_t last) const;
   Reference reference_at(std::int64_t k) const;
+  double omega_m_limit() const;   // twice the fastest of rated speed and references
   double omega_m_start() const;   // 0 unless start = "flying"
   Effects plant_effects() const;  // what the simulated plant does
   Effects model_effects() const;  // what estimator and controller know of

@@ -35,7 +35,8 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const D
           .split_ports = d.bus.split_ports,
           .filter = d.bus.filter,
           .role = info.role,
-          .gain_stride = d.rates.n,
+          .gains_between = [d](std::int64_t first,
+                               std::int64_t last) { return d.gains_between(first, last); },
           .history = static_cast<std::size_t>(d.bus.window_ticks) + 1024};
 }
 

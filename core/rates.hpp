@@ -1,30 +1,66 @@
 // Rates counted in ticks: f_s/f_b = n, and when a new gain is first used.
 //
-// The background takes a snapshot of x_hat every n ticks; K from snapshot s is
-//   paper      first used one full T_b later, at tick s + n, and held n ticks (n = 1: the ordinary
-//   EKF) immediate  first used at the next tick, s + 1, and held n ticks
+// The background takes a snapshot of x_hat every n ticks. K from snapshot s is
+//   immediate  first used at the next tick, s + 1, and held n ticks
+//   scheduled  not there at all: every tick reads its gain from a table over speed
+//   all others first used one full T_b later, at tick s + n, and held n ticks (n = 1: the ordinary
+//              EKF)
+// What the others do with the gain in between stands in estimator/two_rate.hpp.
 // (docs/theory/two-rate-ekf.md; Dilys 2021, Fig. 3)
 #pragma once
 #include <cstdint>
 
 namespace twinrate {
 
-enum class GainPolicy : int { kPaper = 0, kImmediate = 1 };
-inline constexpr const char* kGainPolicyNames[] = {"paper", "immediate"};
+enum class GainPolicy : int {
+  kPaper = 0,
+  kImmediate = 1,
+  kExtrapolate = 2,
+  kRotate = 3,
+  kRotorFrame = 4,
+  kScheduled = 5,
+};
+inline constexpr const char* kGainPolicyNames[] = {"paper",  "immediate",   "extrapolate",
+                                                   "rotate", "rotor_frame", "scheduled"};
 
-inline bool is_snapshot(std::int64_t k, int n) {
-  return k % n == 0;
+// One gain every n ticks; before tick `from` (a multiple of n) one every tick.
+struct BackgroundRate {
+  constexpr BackgroundRate(int ticks, std::int64_t from_tick = 0) : n(ticks), from(from_tick) {}
+  int n;
+  std::int64_t from;
+  // Ticks between the snapshot at k and the next.
+  int n_at(std::int64_t k) const { return k < from ? 1 : n; }
+};
+
+inline bool is_snapshot(std::int64_t k, BackgroundRate rate) {
+  return k % rate.n_at(k) == 0;
+}
+// How many snapshots there are in ticks 0 .. k.
+inline std::int64_t snapshots_up_to(std::int64_t k, BackgroundRate rate) {
+  return k < rate.from ? k + 1 : rate.from + (k - rate.from) / rate.n + 1;
+}
+
+// The fast loop turns the gain with the rotor.
+inline bool turns_gain(GainPolicy policy) {
+  return policy == GainPolicy::kRotate || policy == GainPolicy::kRotorFrame;
+}
+// A background runs and sends gains.
+inline bool has_background(GainPolicy policy) {
+  return policy != GainPolicy::kScheduled;
 }
 
 // First tick that may use the gain computed from `snapshot`.
-inline std::int64_t first_use_of(GainPolicy policy, std::int64_t snapshot, int n) {
-  return policy == GainPolicy::kPaper ? snapshot + n : snapshot + 1;
+inline std::int64_t first_use_of(GainPolicy policy, std::int64_t snapshot, BackgroundRate rate) {
+  return policy == GainPolicy::kImmediate ? snapshot + 1 : snapshot + rate.n_at(snapshot);
 }
 
-// Snapshot whose gain tick k uses; negative: none yet, K = 0.
-inline std::int64_t snapshot_for_tick(GainPolicy policy, std::int64_t k, int n) {
-  if (policy == GainPolicy::kPaper) return k < n ? -1 : k / n * n - n;
-  return k < 1 ? -1 : (k - 1) / n * n;
+// Snapshot whose gain tick k uses; negative: none (yet), K = 0 unless there is a table.
+inline std::int64_t snapshot_for_tick(GainPolicy policy, std::int64_t k, BackgroundRate rate) {
+  if (!has_background(policy)) return -1;
+  const int n = rate.n;
+  if (k <= rate.from) return k < 1 ? -1 : k - 1;
+  if (policy == GainPolicy::kImmediate) return (k - 1) / n * n;
+  return k < rate.from + n ? rate.from - 1 : k / n * n - n;
 }
 
 }  // namespace twinrate

@@ -117,6 +117,7 @@ gain_t to_wire(const Gain& g, std::int64_t session) {
   w.first_use_seq = g.first_use;
   w.n_x = g.n_x;
   w.n_y = g.n_y;
+  w.theta_e_rad = g.theta_e;
   for (int row = 0; row < g.n_x; ++row) {
     for (int col = 0; col < g.n_y; ++col) w.K[row * g.n_y + col] = g.K(row, col);
     for (int col = 0; col < g.n_x; ++col) w.P[row * g.n_x + col] = g.P(row, col);
@@ -131,6 +132,7 @@ Gain from_wire(const gain_t& w) {
   g.first_use = w.first_use_seq;
   g.n_x = bounded(w.n_x, kMaxStates);
   g.n_y = bounded(w.n_y, kMaxOutputs);
+  g.theta_e = w.theta_e_rad;
   for (int row = 0; row < g.n_x; ++row) {
     for (int col = 0; col < g.n_y; ++col) g.K(row, col) = w.K[row * g.n_y + col];
     for (int col = 0; col < g.n_x; ++col) g.P(row, col) = w.P[row * g.n_x + col];

@@ -165,16 +165,15 @@ void set_gains(const Rows& rows, const DriveConfig& config, Summary& summary) {
   }
 }
 
-// Distinct k of one channel against those its first and last promise; `stride`: ticks between two
-// messages.
-template <class Item>
-void count_lost(const std::vector<Item>& items, std::int64_t stride, Channel channel,
+// Distinct k of one channel against `promised`, the number its first and last tick promise.
+template <class Item, class Promised>
+void count_lost(const std::vector<Item>& items, Promised promised, Channel channel,
                 Summary& summary) {
   if (items.empty()) return;
   std::int64_t distinct = 1;
   for (std::size_t i = 1; i < items.size(); ++i) distinct += items[i].k != items[i - 1].k;
-  const std::int64_t promised = (items.back().k - items.front().k) / stride + 1;
-  summary.lost_messages[info(channel).name] = std::max<std::int64_t>(0, promised - distinct);
+  summary.lost_messages[info(channel).name] =
+      std::max<std::int64_t>(0, promised(items.front().k, items.back().k) + 1 - distinct);
 }
 
 }  // namespace
@@ -256,11 +255,14 @@ Summary summarise(const RunLog& log, const DriveConfig& config, AngleReference a
   set_errors(rows, config, summary);
   set_ripple(rows, summary);
   set_gains(rows, config, summary);
-  count_lost(log.measurement, 1, Channel::kMeasurement, summary);
-  count_lost(log.truth, 1, Channel::kTruth, summary);
-  count_lost(log.estimate, 1, Channel::kEstimate, summary);
-  count_lost(log.command, 1, Channel::kCommand, summary);
-  count_lost(log.gain, config.rates.n, Channel::kGain, summary);
+  const auto every_tick = [](std::int64_t first, std::int64_t last) { return last - first; };
+  count_lost(log.measurement, every_tick, Channel::kMeasurement, summary);
+  count_lost(log.truth, every_tick, Channel::kTruth, summary);
+  count_lost(log.estimate, every_tick, Channel::kEstimate, summary);
+  count_lost(log.command, every_tick, Channel::kCommand, summary);
+  count_lost(
+      log.gain, [&](auto first, auto last) { return config.gains_between(first, last); },
+      Channel::kGain, summary);
   return summary;
 }
 

@@ -209,4 +209,12 @@ Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snaps
   return gain_from_prior<2, 1>(start, snapshot, P_prior, H, R, joseph);
 }
 
+std::optional<Estimate> EkfDisturbance::steady_state(double omega_m) const {
+  FastState state;
+  state.x_hat[2] = omega_m;
+  Estimate e = output(state, {.signals = kVoltage});
+  e.x_hat = state.x_hat;
+  return e;
+}
+
 }  // namespace twinrate

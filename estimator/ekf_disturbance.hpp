@@ -52,6 +52,7 @@ class EkfDisturbance final : public Filter {
   Estimate output(const FastState& state, const Measurement& m) const override;
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  std::optional<Estimate> steady_state(double omega_m) const override;
 
   State f(const State& x, const Vec2& u_dq) const;
   State predict(const State& x, const Vec2& u_dq) const;

@@ -168,4 +168,21 @@ Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapsh
   return gain_of_snapshot<4, 2>(previous, snapshot, K_new, P_new);
 }
 
+Estimate EkfSensorless::ahead(const Estimate& snapshot, double ticks) const {
+  const double turned = ticks * T_s_ * snapshot.x_hat[2];
+  Estimate e = snapshot;
+  e.x_hat.head<2>() = rotate(Vec2(snapshot.x_hat.head<2>()), turned);
+  e.x_hat[3] = e.theta_e = snapshot.x_hat[3] + turned;
+  return e;
+}
+
+// The Jacobian does not depend on the currents.
+std::optional<Estimate> EkfSensorless::steady_state(double omega_m) const {
+  FastState state;
+  state.x_hat[2] = n_p_ * omega_m;
+  Estimate e = output(state, {});
+  e.x_hat = state.x_hat;
+  return e;
+}
+
 }  // namespace twinrate

@@ -52,6 +52,9 @@ class EkfSensorless final : public Filter {
   Estimate output(const FastState& state, const Measurement& m) const override;
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  int turning_pairs() const override { return 1; }
+  Estimate ahead(const Estimate& snapshot, double ticks) const override;
+  std::optional<Estimate> steady_state(double omega_m) const override;
 
   // The equations by themselves.
   State f(const State& x, const Vec2& u_alphabeta) const;

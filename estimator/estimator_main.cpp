@@ -4,7 +4,8 @@
 //
 // Lock-step: the tick waits for the gain it plans to use, so the result does not depend on
 // scheduling. While it waits it repeats the snapshot the gain is computed from; samples that a log
-// player sends meanwhile queue up. Realtime: nobody waits, the older gain is held and counted.
+// player sends meanwhile queue up. Realtime: nobody waits, the older gain is held and counted; one
+// older than gain.max_age_ticks gives way to the table over speed.
 #include <fmt/format.h>
 
 #include <deque>
@@ -20,8 +21,7 @@ namespace {
 
 class EstimatorProcess {
  public:
-  explicit EstimatorProcess(Process& p)
-      : p_(p), fast_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
+  explicit EstimatorProcess(Process& p) : p_(p), fast_(make_fast_loop(p.config(), !p.lockstep())) {
     p.bus().subscribe<gain_t>([this](const gain_t& w) { take_gain(from_wire(w)); });
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
@@ -78,12 +78,13 @@ class EstimatorProcess {
     return p_.lockstep() && !fast_.gain_ready(k) && planned_snapshot(k) != nullptr;
   }
   const Estimate* planned_snapshot(std::int64_t k) const {
-    return snapshots_.at(snapshot_for_tick(p_.drive().gain.policy, k, p_.drive().rates.n));
+    return snapshots_.at(
+        snapshot_for_tick(p_.drive().gain.policy, k, p_.drive().background_rate()));
   }
   void tick(const Measurement& m) {
     last_ = fast_.tick(m);
     p_.bus().publish(to_wire(last_, p_.bus().session()));
-    if (is_snapshot(m.k, p_.drive().rates.n)) snapshots_.put(last_);
+    if (is_snapshot(m.k, p_.drive().background_rate())) snapshots_.put(last_);
     report(last_);
     p_.progress(m.k);
   }
@@ -94,6 +95,14 @@ class EstimatorProcess {
       p_.event(Reason::kLateGain, e.k,
                fmt::format("a gain was late: the one of tick {} is held", e.gain_seq));
     was_late_ = late;
+    const bool fell_back =
+        (e.status & kScheduledGain) != 0 && has_background(p_.drive().gain.policy);
+    if (fell_back && !had_fallen_back_)
+      p_.event(Reason::kGainScheduled, e.k,
+               "no new gain for too long: the table over speed took over");
+    if (!fell_back && had_fallen_back_)
+      p_.event(Reason::kGainBack, e.k, fmt::format("gains come again: from tick {}", e.gain_seq));
+    had_fallen_back_ = fell_back;
     if ((e.status & kGapBridged) != 0)
       p_.event(Reason::kMeasurementGap, e.k,
                "samples were missing; the filter predicted over them");
@@ -120,7 +129,7 @@ class EstimatorProcess {
   Estimate last_;
   Recent<Estimate> snapshots_;
   std::deque<Measurement> waiting_;
-  bool was_late_ = false;
+  bool was_late_ = false, had_fallen_back_ = false;
 };
 
 }  // namespace

@@ -8,6 +8,7 @@
 // or I/O on these paths.
 #pragma once
 #include <memory>
+#include <optional>
 #include <string_view>
 
 #include "estimator/emf_angle.hpp"
@@ -50,6 +51,18 @@ class Filter {
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
+
+  // What the gain policies need to know. The defaults are those of a filter in rotor axes whose
+  // gain does not depend on the angle.
+  //
+  // How many leading pairs of states (alpha, beta) turn with the rotor in the filter's frame; the
+  // first two outputs then turn, too. K at another angle is diag(R(a), .., I) K R(-a).
+  virtual int turning_pairs() const { return 0; }
+  // The snapshot as it is expected `ticks` later at constant speed.
+  virtual Estimate ahead(const Estimate& snapshot, double /*ticks*/) const { return snapshot; }
+  // Steady state without load at this speed, theta_e = 0: where the table of policy `scheduled` is
+  // computed. Empty: no table for this filter.
+  virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
 };
 
 }  // namespace twinrate

@@ -2,7 +2,8 @@
 //
 //   ESTIMATE(s), s = 0, n, 2n .. -> [BackgroundLoop::step] -> GAIN(s)
 //
-// A snapshot that arrives again is answered from memory.
+// A snapshot that arrives again is answered from memory. With policy `scheduled` there is nothing
+// to compute and nothing is published.
 #include <fmt/format.h>
 
 #include "core/process.hpp"
@@ -15,14 +16,14 @@ namespace {
 
 class GainProcess {
  public:
-  explicit GainProcess(Process& p)
-      : p_(p), background_(make_filter(p.config()), p.drive().gain.policy, p.drive().rates.n) {
+  explicit GainProcess(Process& p) : p_(p), background_(make_background_loop(p.config())) {
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
     p.waiting_for([this] {
-      return Waiting{fmt::format("snapshot ESTIMATE({}) from estimator",
-                                 last_k() < 0 ? 0 : last_k() + p_.drive().rates.n),
-                     4};
+      return Waiting{
+          fmt::format("snapshot ESTIMATE({}) from estimator",
+                      last_k() < 0 ? 0 : last_k() + p_.drive().background_rate().n_at(last_k())),
+          4};
     });
   }
   void run() {
@@ -33,7 +34,8 @@ class GainProcess {
  private:
   std::int64_t last_k() const { return background_.last().k; }
   void take(const Estimate& e) {
-    if (!is_snapshot(e.k, p_.drive().rates.n)) return;
+    if (!is_snapshot(e.k, p_.drive().background_rate())) return;
+    if (!has_background(p_.drive().gain.policy)) return p_.progress(e.k);
     if (e.k == last_k()) {
       ++p_.status().duplicates;
       p_.bus().publish(to_wire(background_.last(), p_.bus().session()));

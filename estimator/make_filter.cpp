@@ -15,4 +15,24 @@ std::shared_ptr<const Filter> make_filter(Config& config) {
   return builder->build(config.drive());
 }
 
+FastLoop make_fast_loop(Config& config, bool fall_back) {
+  const DriveConfig& drive = config.drive();
+  const auto filter = make_filter(config);
+  ScheduleUse use;
+  if (fall_back)
+    use.max_age_ticks = drive.gain.max_age_ticks > 0 ? drive.gain.max_age_ticks : 4 * drive.rates.n;
+  const bool scheduled = !has_background(drive.gain.policy);
+  if (fall_back || scheduled) use.schedule = GainSchedule::build(*filter, drive.omega_m_limit());
+  if (scheduled && !use.schedule)
+    throw BadInput(
+        fmt::format("{}: gain.policy: scheduled needs a filter with a steady state, {} "
+                    "has none",
+                    config.where("gain.policy"), filter->kind()));
+  return {filter, drive.gain.policy, drive.background_rate(), std::move(use)};
+}
+
+BackgroundLoop make_background_loop(Config& config) {
+  return {make_filter(config), config.drive().gain.policy, config.drive().background_rate()};
+}
+
 }  // namespace twinrate

@@ -1,20 +1,52 @@
 #include "estimator/two_rate.hpp"
 
+#include <algorithm>
+#include <cassert>
+
+#include "estimator/gain_frame.hpp"
+
 namespace twinrate {
 
-FastLoop::FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, int n)
-    : filter_(std::move(filter)), policy_(policy), n_(n) {
+FastLoop::FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
+                   ScheduleUse schedule_use)
+    : filter_(std::move(filter)),
+      policy_(policy),
+      rate_(rate),
+      schedule_use_(std::move(schedule_use)) {
+  assert(has_background(policy_) || schedule_use_.schedule);
   reset();
 }
 
 void FastLoop::reset() {
   gains_.reset(filter_->initial_gain());
   last_ = Measurement{};
+  last_estimate_ = Estimate{};
 }
 
 bool FastLoop::gain_ready(std::int64_t k) const {
-  const std::int64_t snapshot = snapshot_for_tick(policy_, k, n_);
+  const std::int64_t snapshot = snapshot_for_tick(policy_, k, rate_);
   return last_.k < 0 || snapshot < k0_ || gains_.has(snapshot);
+}
+
+bool FastLoop::too_old(const Gain& gain, std::int64_t k) const {
+  return schedule_use_.schedule && k - std::max(gain.k, k0_) > schedule_use_.max_age_ticks;
+}
+
+// Angle and speed are those of tick k-1, as the ordinary filter has them when it computes its gain.
+const Gain& FastLoop::choose_gain(std::int64_t k, int& status) {
+  const std::int64_t snapshot = snapshot_for_tick(policy_, k, rate_);
+  const Gain& gain = gains_.newest_up_to(snapshot);
+  if (snapshot >= k0_ && gain.k != snapshot) status |= kLateGain;
+  if (!has_background(policy_) || too_old(gain, k)) {
+    status |= kScheduledGain;
+    made_ = schedule_use_.schedule->at(last_estimate_.omega_m, last_estimate_.theta_e);
+    return made_;
+  }
+  if (gain.k < 0) status |= kBeforeFirstGain;
+  if (!turns_gain(policy_) || gain.k < 0) return gain;
+  made_ = gain;
+  GainFrame(filter_->turning_pairs(), last_estimate_.theta_e - gain.theta_e).turn_gain(made_);
+  return made_;
 }
 
 Estimate FastLoop::tick(const Measurement& m) {
@@ -31,12 +63,10 @@ Estimate FastLoop::tick(const Measurement& m) {
     }
   } else {
     for (std::int64_t i = 0; i < missing; ++i) filter_->predict_over_gap(state_, last_);
+    if (missing > 0) last_estimate_ = filter_->output(state_, last_);
   }
 
-  const std::int64_t snapshot = snapshot_for_tick(policy_, m.k, n_);
-  const Gain& gain = gains_.newest_up_to(snapshot);
-  if (gain.k < 0) status |= kBeforeFirstGain;
-  if (snapshot >= k0_ && gain.k != snapshot) status |= kLateGain;
+  const Gain& gain = choose_gain(m.k, status);
 
   Correction correction;
   if (!first) correction = filter_->fast_step(state_, m, gain);
@@ -53,11 +83,13 @@ Estimate FastLoop::tick(const Measurement& m) {
   e.x_hat = state_.x_hat;
   e.innov = correction.innov;
   e.status |= status | correction.status;
+  last_estimate_ = e;
   return e;
 }
 
-BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, int n)
-    : filter_(std::move(filter)), policy_(policy), n_(n) {
+BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy,
+                               BackgroundRate rate)
+    : filter_(std::move(filter)), policy_(policy), rate_(rate) {
   reset();
 }
 
@@ -67,8 +99,17 @@ void BackgroundLoop::reset() {
 
 const Gain& BackgroundLoop::step(const Estimate& snapshot) {
   if (snapshot.status & kAngleForced) gain_.P = filter_->initial_gain().P;
-  gain_ = filter_->background_step(gain_, snapshot);
-  gain_.first_use = first_use_of(policy_, snapshot.k, n_);
+  Estimate at = snapshot;
+  if (policy_ == GainPolicy::kExtrapolate)
+    at = filter_->ahead(snapshot, 1.5 * (rate_.n_at(snapshot.k) - 1));
+  if (policy_ == GainPolicy::kRotorFrame && gain_.k >= 0) {
+    const double turned =
+        filter_->ahead(snapshot, rate_.n_at(gain_.k) - 1).theta_e - snapshot.theta_e;
+    GainFrame(filter_->turning_pairs(), turned).turn_covariance(gain_);
+  }
+  gain_ = filter_->background_step(gain_, at);
+  gain_.theta_e = at.theta_e;
+  gain_.first_use = first_use_of(policy_, snapshot.k, rate_);
   return gain_;
 }
 

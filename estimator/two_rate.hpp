@@ -2,18 +2,39 @@
 //
 //   FastLoop        MEASUREMENT(k), gains so far -> ESTIMATE(k)      at f_s
 //   BackgroundLoop  ESTIMATE(s), s = 0, n, 2n .. -> GAIN(s)          at f_b = f_s/n
+//
+// The gain policies (core/rates.hpp says when a gain is used, this what becomes of it until then):
+//
+//   paper        the gain of snapshot s as it is
+//   immediate    the same, at once
+//   extrapolate  linearised at the angle expected in the middle of its use, 1.5 (n - 1) ticks ahead
+//   rotate       K_use = T(a) K R(-a), a = theta_e of tick k-1 less that of the snapshot
+//   rotor_frame  the same, and P is turned by (n - 1) omega_e T_s before each background step
+//   scheduled    no background: K from a table over speed, turned to theta_e of tick k-1
+//
+// With n = 1 the first five are the ordinary extended Kalman filter, bit for bit.
 #pragma once
+#include <limits>
 #include <memory>
 
 #include "core/rates.hpp"
 #include "estimator/filter.hpp"
+#include "estimator/gain_schedule.hpp"
 #include "estimator/gain_slots.hpp"
 
 namespace twinrate {
 
+// What the fast loop does without the background.
+struct ScheduleUse {
+  std::shared_ptr<const GainSchedule> schedule;  // policy `scheduled` needs it
+  // A gain whose snapshot is older than this is not held on; the table takes over, if there is one.
+  std::int64_t max_age_ticks = std::numeric_limits<std::int64_t>::max();
+};
+
 class FastLoop {
  public:
-  FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, int n);
+  FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
+           ScheduleUse schedule_use = {});
 
   // Forgets everything: the next sample starts a session.
   void reset();
@@ -22,25 +43,32 @@ class FastLoop {
   bool gain_ready(std::int64_t k) const;
   // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
   // filter starts again from this sample). A gain that is late is replaced by the newest older one,
-  // and said in status.
+  // one that is too old by the table, and both are said in status.
   Estimate tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }
   static constexpr std::int64_t kMaxGap = 50;
 
  private:
+  // The gain of tick k; adds to `status`.
+  const Gain& choose_gain(std::int64_t k, int& status);
+  bool too_old(const Gain& gain, std::int64_t k) const;
+
   std::shared_ptr<const Filter> filter_;
   GainPolicy policy_;
-  int n_;
+  BackgroundRate rate_;
+  ScheduleUse schedule_use_;
   FastState state_;
   GainSlots gains_;
+  Gain made_;  // turned, or from the table
   Measurement last_;
+  Estimate last_estimate_;
   std::int64_t k0_ = 0;  // first sample of the session: snapshots count from here
 };
 
 class BackgroundLoop {
  public:
-  BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, int n);
+  BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate);
 
   void reset();
   // Computes K from the snapshot and propagates P with it.
@@ -50,7 +78,7 @@ class BackgroundLoop {
  private:
   std::shared_ptr<const Filter> filter_;
   GainPolicy policy_;
-  int n_;
+  BackgroundRate rate_;
   Gain gain_;
 };
 

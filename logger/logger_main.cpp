@@ -31,7 +31,7 @@ class LoggerProcess {
         writer_(directory_, static_cast<std::int64_t>(p.drive().bus.log_rotate_MB * 1e6)),
         log_(writer_,
              p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
-             p.drive().rates.n, p.options().channel_suffix, t0_us_),
+             p.drive(), p.options().channel_suffix, t0_us_),
         ack_every_(std::max(1, p.drive().bus.window_ticks / 8)) {
     write_manifest();
     p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,

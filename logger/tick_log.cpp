@@ -6,15 +6,15 @@
 
 namespace twinrate {
 
-TickLog::TickLog(LogWriter& writer, Order order, int n, std::string channel_suffix,
-                 std::int64_t t0_us)
-    : writer_(writer), order_(order), n_(n), t0_us_(t0_us) {
+TickLog::TickLog(LogWriter& writer, Order order, const DriveConfig& drive,
+                 std::string channel_suffix, std::int64_t t0_us)
+    : writer_(writer), order_(order), drive_(drive), t0_us_(t0_us) {
   for (const ChannelInfo& channel : kChannels)
     names_[static_cast<std::size_t>(channel.channel)] = channel.name + channel_suffix;
 }
 
 bool TickLog::expected(int channel, std::int64_t k) const {
-  return static_cast<Channel>(channel) != Channel::kGain || is_snapshot(k, n_);
+  return static_cast<Channel>(channel) != Channel::kGain || drive_.sends_gain(k);
 }
 
 bool TickLog::complete(std::int64_t k, const Tick& tick) const {
@@ -38,7 +38,6 @@ void TickLog::write_tick(const Tick& tick) {
 
 bool TickLog::new_as_it_comes(Channel channel, std::int64_t seq) {
   ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
-  const std::int64_t stride = channel == Channel::kGain ? n_ : 1;
   const bool begins =
       account.last_seq < 0 || (seq <= account.first_seq && account.last_seq > account.first_seq);
   if (!begins && seq <= account.last_seq) {
@@ -48,7 +47,9 @@ bool TickLog::new_as_it_comes(Channel channel, std::int64_t seq) {
   if (begins)
     account.first_seq = seq;
   else
-    account.lost += (seq - account.last_seq) / stride - 1;
+    account.lost += (channel == Channel::kGain ? drive_.gains_between(account.last_seq, seq)
+                                               : seq - account.last_seq) -
+                    1;
   account.last_seq = seq;
   if (channel == Channel::kMeasurement) next_ = seq + 1;
   return true;

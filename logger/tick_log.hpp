@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/channels.hpp"
+#include "core/drive_config.hpp"
 #include "logger/log_writer.hpp"
 
 namespace twinrate {
@@ -25,8 +26,10 @@ struct ChannelAccount {
 class TickLog {
  public:
   enum class Order { kByTick, kAsItComes };
-  // `n`: ticks between two GAIN messages. `t0_us`: wall time of drive time 0.
-  TickLog(LogWriter& writer, Order order, int n, std::string channel_suffix, std::int64_t t0_us);
+  // `drive` says which ticks have a GAIN; it must outlive this. `t0_us`: wall time of drive time
+  // 0.
+  TickLog(LogWriter& writer, Order order, const DriveConfig& drive, std::string channel_suffix,
+          std::int64_t t0_us);
 
   void take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
             std::size_t size);
@@ -61,7 +64,7 @@ class TickLog {
 
   LogWriter& writer_;
   Order order_;
-  int n_;
+  const DriveConfig& drive_;
   std::array<std::string, kChannelCount> names_;
   std::int64_t t0_us_, next_ = 0, t_ns_ = 0;
   std::map<std::int64_t, Tick> pending_;

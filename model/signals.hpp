@@ -50,6 +50,7 @@ enum EstimateStatus : int {
   kAngleForced =
       32,  // alignment: the rotor stands where it was forced to, and the filter takes that over
   kMeasuredAngle = 64,  // theta_e is the position sensor's, not an estimate of it
+  kScheduledGain = 128,  // ran on the gain tabulated over speed, not on one of the background
 };
 
 struct Estimate {
@@ -71,6 +72,7 @@ struct Gain {
   std::int64_t t_ns = 0;
   std::int64_t first_use = -1;
   int n_x = 0, n_y = 0;
+  double theta_e = 0;  // electrical angle it was linearised at
   // Only the leading n_x by n_y (n_x by n_x) block is used.
   Eigen::Matrix<double, kMaxStates, kMaxOutputs> K =
       Eigen::Matrix<double, kMaxStates, kMaxOutputs>::Zero();

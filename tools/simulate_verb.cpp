@@ -88,7 +88,7 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
       info(Channel::kManifest).name,
       encode(make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed))),
       t0_us);
-  TickLog log(writer, TickLog::Order::kByTick, d.rates.n, "", t0_us);
+  TickLog log(writer, TickLog::Order::kByTick, d, "", t0_us);
   SimulatedBus bus(log, session);
   ClosedLoop loop(config);
   Progress progress(d, json);

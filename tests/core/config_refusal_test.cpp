@@ -114,7 +114,7 @@ const Mistake kMistakes[] = {
      {"drive.toml:1", "start", "aligned, align_if, flying", "push"}},
     {"UnknownPolicy",
      drive_text() + "[gain]\npolicy = 'late'\n",
-     {"drive.toml:16", "gain.policy", "paper, immediate", "late"}},
+     {"drive.toml:16", "gain.policy", "paper, immediate, extrapolate, rotate, rotor_frame, scheduled", "late"}},
     {"UnknownEstimator",
      drive_text() + "[estimator]\nkind = 'luenberger'\n",
      {"drive.toml:16", "estimator.kind", "ekf_sensorless", "luenberger"}},

@@ -29,7 +29,7 @@ TEST_P(Rates, ImmediateUsesItFromTheNextTickForOnePeriod) {
 
 TEST_P(Rates, FirstUseIsTheFirstTickThatPlansToUseIt) {
   const int n = GetParam();
-  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate}) {
+  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate}) {
     for (std::int64_t s = 0; s < 5 * n; s += n) {
       const std::int64_t first = first_use_of(policy, s, n);
       EXPECT_EQ(snapshot_for_tick(policy, first, n), s);
@@ -47,10 +47,32 @@ TEST(RatesAtOne, WithOneTickAGainBothPoliciesAreTheOrdinaryEkf) {
   }
 }
 
+// One gain a tick before tick 30, every fifth from there on: by search over the snapshots.
+TEST(SwitchedRate, EveryTickUsesTheNewestGainThatCanBeThere) {
+  const BackgroundRate rate(5, 30);
+  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate}) {
+    std::int64_t snapshots = 0;
+    for (std::int64_t k = 0; k < 80; ++k) {
+      std::int64_t newest = -1;
+      for (std::int64_t s = 0; s < k; ++s)
+        if (is_snapshot(s, rate) && first_use_of(policy, s, rate) <= k) newest = s;
+      EXPECT_EQ(snapshot_for_tick(policy, k, rate), newest) << k;
+      EXPECT_EQ(is_snapshot(k, rate), k < 30 || k % 5 == 0) << k;
+      snapshots += is_snapshot(k, rate);
+      EXPECT_EQ(snapshots_up_to(k, rate), snapshots) << k;
+    }
+  }
+}
+
+TEST(ScheduledRate, NoTickPlansOnASnapshot) {
+  for (std::int64_t k = 0; k < 20; ++k)
+    EXPECT_EQ(snapshot_for_tick(GainPolicy::kScheduled, k, 3), -1);
+}
+
 RC_GTEST_PROP(RatesProperty, AGainIsNeverUsedBeforeItCanBeThere,
               (unsigned short tick, unsigned char n_less)) {
   const int n = n_less + 1;
-  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate}) {
+  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate}) {
     const std::int64_t s = snapshot_for_tick(policy, tick, n);
     RC_ASSERT(s < std::max<std::int64_t>(tick, 0));
     RC_ASSERT(s < 0 || is_snapshot(s, n));

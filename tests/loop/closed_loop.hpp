@@ -22,15 +22,16 @@ class ClosedLoop {
       : drive_(config.drive()),
         filter_(make_filter(config)),
         plant_(drive_),
-        fast_(filter_, drive_.gain.policy, drive_.rates.n),
-        background_(filter_, drive_.gain.policy, drive_.rates.n),
+        fast_(make_fast_loop(config, false)),
+        background_(make_background_loop(config)),
         controller_(make_controller(config)) {}
 
   void tick() {
     measurement_ = plant_.sample();
     truth_ = plant_.truth();
     estimate_ = fast_.tick(measurement_);
-    if (is_snapshot(measurement_.k, drive_.rates.n)) fast_.take_gain(background_.step(estimate_));
+    if (drive_.sends_gain(measurement_.k))
+      fast_.take_gain(background_.step(estimate_));
     reference_ = drive_.reference_at(measurement_.k);
     command_ = controller_->step({measurement_, estimate_, reference_, &truth_});
     event_ = controller_->take_event();

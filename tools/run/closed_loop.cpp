@@ -8,8 +8,8 @@ namespace twinrate {
 ClosedLoop::ClosedLoop(Config& config)
     : drive_(config.drive()),
       plant_(drive_),
-      fast_(make_filter(config), drive_.gain.policy, drive_.rates.n),
-      background_(make_filter(config), drive_.gain.policy, drive_.rates.n),
+      fast_(make_fast_loop(config, false)),
+      background_(make_background_loop(config)),
       controller_(make_controller(config)) {}
 
 const TickRecord& ClosedLoop::step() {
@@ -17,7 +17,7 @@ const TickRecord& ClosedLoop::step() {
   tick_.measurement = plant_.sample();
   tick_.truth = plant_.truth();
   tick_.estimate = fast_.tick(tick_.measurement);
-  tick_.has_gain = is_snapshot(k, drive_.rates.n);
+  tick_.has_gain = drive_.sends_gain(k);
   if (tick_.has_gain) {
     tick_.gain = background_.step(tick_.estimate);
     fast_.take_gain(tick_.gain);

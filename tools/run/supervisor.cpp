@@ -110,6 +110,20 @@ void Supervisor::note_dead_child() {
   }
 }
 
+// Realtime: the fast loop holds its gain and then reads the table, so the drive goes on; the log
+// and the exit code tell.
+bool Supervisor::survives_without_the_gain() {
+  const Child* gain = set_.child(Role::kGain);
+  if (options_.pace != Pace::kRealtime || !gain || !gain->ended) return false;
+  for (const Child& child : set_.children())
+    if (child.ended && child.role != Role::kGain) return false;
+  if (!gain_death_told_)
+    tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
+                                                   gain->program, describe_end(*gain)));
+  gain_death_told_ = true;
+  return true;
+}
+
 // When one process falls silent the others time out one after the other, each waiting for the next:
 // the cause is the one that is waited for and does not complain itself.
 std::string Supervisor::root_cause() const {
@@ -162,7 +176,7 @@ void Supervisor::watch() {
     if (seconds_since(last_look) < 0.02) continue;
     last_look = Clock::now();
     if (!running()) request(RequestKind::kStart);
-    if (!set_.all_running()) {
+    if (!set_.all_running() && !survives_without_the_gain()) {
       note_dead_child();
       return;
     }
@@ -171,21 +185,21 @@ void Supervisor::watch() {
   }
 }
 
-void Supervisor::tell_the_log() {
+void Supervisor::tell_the_log(Reason reason, const std::string& text) {
   const status_t& plant = latest_[static_cast<int>(Role::kPlant)];
   event_t e{};
   e.seq = plant.seq;
   e.t_ns = plant.t_ns;
   e.role = static_cast<std::int32_t>(Role::kSupervisor);
-  e.reason =
-      static_cast<std::int32_t>(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied);
-  e.text = facts_.ended;
+  e.reason = static_cast<std::int32_t>(reason);
+  e.text = text;
   bus_->publish(e);
 }
 
 void Supervisor::stop_in_order() {
   progress_.end();
-  if (!facts_.ended.empty()) tell_the_log();
+  if (!facts_.ended.empty())
+    tell_the_log(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied, facts_.ended);
   set_.stop({Role::kPlant}, 3);
   for (int i = 0; i < 20 && bus_->handle(1); ++i) {
   }

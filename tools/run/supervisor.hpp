@@ -29,7 +29,8 @@ class Supervisor {
   void start_children();
   bool wait_until_ready();
   void watch();
-  void tell_the_log();
+  bool survives_without_the_gain();
+  void tell_the_log(Reason reason, const std::string& text);
   void stop_in_order();
   void note_status(const status_t& status);
   void note_dead_child();
@@ -49,6 +50,7 @@ class Supervisor {
   Truth truth_;
   Estimate estimate_;
   RunFacts facts_;
+  bool gain_death_told_ = false;
   std::map<int, std::string> failures_;  // by role: the failure event of each process
 };
 

@@ -1,0 +1,48 @@
+// A gain and a covariance in the stationary frame, seen when the rotor has turned by an angle.
+//
+//   K(theta + a) = T(a) K(theta) R(-a),  P(theta + a) = T(a) P(theta) T(-a),  T(a) = diag(R(a), ..,
+//   I)
+//
+// `pairs`: how many leading (alpha, beta) pairs of states turn (Filter::turning_pairs). This is
+// exact for a model that looks the same in every rotor position; an angle of 0 changes no bit.
+#pragma once
+#include <cmath>
+
+#include "model/signals.hpp"
+
+namespace twinrate {
+
+class GainFrame {
+ public:
+  GainFrame(int pairs, double angle) : pairs_(pairs), c_(std::cos(angle)), s_(std::sin(angle)) {}
+
+  void turn_gain(Gain& gain) const {
+    if (pairs_ == 0) return;
+    turn_rows(gain.K);
+    const auto k_alpha = gain.K.col(0).eval(), k_beta = gain.K.col(1).eval();
+    gain.K.col(0) = c_ * k_alpha - s_ * k_beta;
+    gain.K.col(1) = s_ * k_alpha + c_ * k_beta;
+  }
+  void turn_covariance(Gain& gain) const {
+    turn_rows(gain.P);
+    for (int pair = 0; pair < pairs_; ++pair) {
+      const auto p_alpha = gain.P.col(2 * pair).eval(), p_beta = gain.P.col(2 * pair + 1).eval();
+      gain.P.col(2 * pair) = c_ * p_alpha - s_ * p_beta;
+      gain.P.col(2 * pair + 1) = s_ * p_alpha + c_ * p_beta;
+    }
+  }
+
+ private:
+  template <class Matrix>
+  void turn_rows(Matrix& m) const {
+    for (int pair = 0; pair < pairs_; ++pair) {
+      const auto alpha = m.row(2 * pair).eval(), beta = m.row(2 * pair + 1).eval();
+      m.row(2 * pair) = c_ * alpha - s_ * beta;
+      m.row(2 * pair + 1) = s_ * alpha + c_ * beta;
+    }
+  }
+  int pairs_;
+  double c_, s_;
+};
+
+}  // namespace twinrate

@@ -1,0 +1,77 @@
+#include "estimator/gain_schedule.hpp"
+
+#include <algorithm>
+
+#include "estimator/gain_frame.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr int kRows = 257;
+constexpr int kIterations = 20000;
+constexpr double kConverged = 1e-12;
+
+// Iterates the filter's own background step in rotor coordinates until K stands still. `gain` holds
+// P to start from, and the result.
+void converge(const Filter& filter, double omega_m, Gain& gain) {
+  const Estimate e = *filter.steady_state(omega_m);
+  const GainFrame back(filter.turning_pairs(), e.theta_e - filter.ahead(e, 1).theta_e);
+  for (int i = 0; i < kIterations; ++i) {
+    Gain before = gain;
+    back.turn_covariance(before);
+    gain = filter.background_step(before, e);
+    const double change = (gain.K - before.K).lpNorm<Eigen::Infinity>();
+    if (change <= kConverged * gain.K.lpNorm<Eigen::Infinity>()) return;
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<const GainSchedule> GainSchedule::build(const Filter& filter, double omega_m_max) {
+  if (!filter.steady_state(0)) return nullptr;
+  return std::shared_ptr<const GainSchedule>(new GainSchedule(filter, omega_m_max));
+}
+
+// Rows lie at (row/last)^2 of the range.
+double GainSchedule::speed_of(int row) const {
+  const double share = static_cast<double>(row) / (kRows - 1);
+  return omega_m_max_ * share * share;
+}
+double GainSchedule::row_of(double omega_m) const {
+  return (kRows - 1) * std::sqrt(std::min(1.0, std::abs(omega_m) / omega_m_max_));
+}
+
+GainSchedule::GainSchedule(const Filter& filter, double omega_m_max)
+    : pairs_(filter.turning_pairs()), omega_m_max_(omega_m_max), K_(kRows) {
+  Gain gain = filter.initial_gain();
+  converge(filter, -omega_m_max_, gain);
+  const GainMatrix K_backwards = gain.K;
+  gain = filter.initial_gain();
+  for (int row = kRows - 1; row >= 0; --row) {  // slow rows start from the row above
+    converge(filter, speed_of(row), gain);
+    K_[static_cast<std::size_t>(row)] = gain.K;
+  }
+  sign_ = (K_backwards.array() * K_.back().array() < 0).select(-GainMatrix::Ones(), 1.0);
+  shape_ = filter.initial_gain();
+  shape_.n_x = gain.n_x;
+  shape_.n_y = gain.n_y;
+}
+
+GainSchedule::GainMatrix GainSchedule::rotor_gain(double omega_m) const {
+  const double position = row_of(omega_m);
+  const auto row = std::min(static_cast<std::size_t>(position), K_.size() - 2);
+  const double low = speed_of(static_cast<int>(row)), high = speed_of(static_cast<int>(row) + 1);
+  const double share = std::clamp((std::abs(omega_m) - low) / (high - low), 0.0, 1.0);
+  const GainMatrix K = K_[row] + share * (K_[row + 1] - K_[row]);
+  return omega_m < 0 ? GainMatrix(K.cwiseProduct(sign_)) : K;
+}
+
+Gain GainSchedule::at(double omega_m, double theta_e) const {
+  Gain gain = shape_;
+  gain.theta_e = theta_e;
+  gain.K = rotor_gain(std::isfinite(omega_m) ? omega_m : 0.0);
+  GainFrame(pairs_, theta_e).turn_gain(gain);
+  return gain;
+}
+
+}  // namespace twinrate
