@@ -18,5 +18,6 @@ void add_watch_verb(CLI::App& app, int& exit_code);
 void add_report_verb(CLI::App& app, int& exit_code);
 void add_design_verb(CLI::App& app, int& exit_code);
 void add_effects_verb(CLI::App& app, int& exit_code);
+void add_sweep_verb(CLI::App& app, int& exit_code);
 
 }  // namespace twinrate

@@ -1,0 +1,136 @@
+#include "tools/sweep/point.hpp"
+
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "core/machine_error.hpp"
+#include "core/summary.hpp"
+#include "estimator/make_filter.hpp"
+#include "tools/load_drive.hpp"
+#include "tools/run/closed_loop.hpp"
+
+namespace twinrate::sweep {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+void judge(const RunLog& log, const DriveConfig& drive, Point& point) {
+  const Summary summary = summarise(log, drive);
+  point.locked = summary.locked.value_or(false);
+  point.angle_error_rms = summary.angle_error_rms.value_or(kNaN);
+  point.angle_error_max = summary.angle_error_max.value_or(kNaN);
+}
+
+Config recorded_config(const RunLog& log, const std::vector<std::string>& overrides) {
+  if (log.config_toml.empty())
+    throw BadInput(log.path + ": holds no drive config (no DRIVE_MANIFEST)");
+  Config config = Config::parse(log.config_toml, log.path + " (DRIVE_MANIFEST)", overrides);
+  read_all_tables(config);
+  return config;
+}
+
+int run_quietly(const std::vector<std::string>& arguments) {
+  std::vector<char*> argv;
+  for (const std::string& text : arguments) argv.push_back(const_cast<char*>(text.c_str()));
+  argv.push_back(nullptr);
+  const pid_t pid = fork();
+  if (pid < 0) throw MachineError("cannot start twinrate launch: fork failed");
+  if (pid == 0) {
+    if (!std::freopen("/dev/null", "w", stdout)) _exit(127);
+    execv("/proc/self/exe", argv.data());
+    _exit(127);
+  }
+  int status = 0;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
+}
+
+}  // namespace
+
+Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& search, int n) {
+  Config config = load_drive(plan.drive, point_overrides(plan, base, search, n));
+  const DriveConfig& drive = config.drive();
+  Point point{.search = search, .f_s_Hz = drive.rates.f_s_Hz, .n = n};
+  ClosedLoop loop(config);
+  RunLog log;
+  const auto steps = static_cast<std::size_t>(drive.steps());
+  log.measurement.reserve(steps);
+  log.truth.reserve(steps);
+  log.estimate.reserve(steps);
+  log.command.reserve(steps);
+  while (loop.k() < drive.steps()) {
+    const TickRecord& tick = loop.step();
+    log.measurement.push_back(tick.measurement);
+    log.truth.push_back(tick.truth);
+    log.estimate.push_back(tick.estimate);
+    log.command.push_back(tick.command);
+  }
+  judge(log, drive, point);
+  return point;
+}
+
+Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
+                   const std::string& scratch) {
+  std::vector<std::string> arguments = {"twinrate", "launch", plan.drive, "--run-dir", scratch};
+  for (const std::string& text : point_overrides(plan, base, search, n))
+    arguments.insert(arguments.end(), {"--set", text});
+  std::filesystem::remove_all(scratch);
+  const int code = run_quietly(arguments);
+  std::ifstream file(scratch + "/summary.json");
+  if (code > 1 || !file)
+    throw MachineError(fmt::format(
+        "twinrate launch ended with exit code {} (multicast? try twinrate doctor)", code));
+  const auto summary = nlohmann::json::parse(file);
+  const auto number = [&](const char* key) {
+    return summary[key].is_number() ? summary[key].get<double>() : kNaN;
+  };
+  Point point{.search = search, .f_s_Hz = base.rates.f_s_Hz, .n = n};
+  point.locked = summary["locked"].is_boolean() && summary["locked"].get<bool>();
+  point.angle_error_rms = number("angle_error_rms_rad");
+  point.angle_error_max = number("angle_error_max_rad");
+  std::filesystem::remove_all(scratch);
+  return point;
+}
+
+Point run_on_log(const RunLog& recorded, const Search& search, int n,
+                 const std::vector<std::string>& overrides) {
+  std::vector<std::string> list = overrides;
+  list.push_back("gain.policy=" + search.policy);
+  list.push_back(fmt::format("rates.n={}", n));
+  list.push_back("rates.f_b_Hz=0");
+  Config config = recorded_config(recorded, list);
+  const DriveConfig& drive = config.drive();
+  FastLoop fast = make_fast_loop(config, false);
+  BackgroundLoop background = make_background_loop(config);
+  RunLog log;  // no COMMAND: there is no loop whose speed could leave its reference
+  log.measurement = recorded.measurement;
+  log.truth = recorded.truth;
+  for (const Measurement& m : recorded.measurement) {
+    log.estimate.push_back(fast.tick(m));
+    if (drive.sends_gain(m.k)) fast.take_gain(background.step(log.estimate.back()));
+  }
+  Point point{.search = search, .f_s_Hz = drive.rates.f_s_Hz, .n = n};
+  judge(log, drive, point);
+  return point;
+}
+
+double recorded_f_e_Hz(const RunLog& log) {
+  const Config config = recorded_config(log, {});
+  const std::vector<TickError> ticks = tick_errors(log, config.drive());
+  double sum = 0;
+  int count = 0;
+  for (const TickError& tick : ticks)
+    if (std::isfinite(tick.omega_m) && tick.t_s >= config.drive().run.settle_s)
+      sum += std::abs(tick.omega_m), ++count;
+  if (count == 0) throw BadInput(log.path + ": no rotor angle to compare with");
+  return config.drive().machine.n_p * sum / count / kTwoPi;
+}
+
+}  // namespace twinrate::sweep
