@@ -6,6 +6,7 @@
 
 #include "core/process.hpp"
 #include "tools/load_drive.hpp"
+#include "tools/sweep/cost.hpp"
 #include "tools/sweep/merge.hpp"
 #include "tools/sweep/run.hpp"
 #include "tools/sweep/store.hpp"
@@ -93,6 +94,17 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
   merge_verb->add_option("DIR", *directories, "directories of shards")->required();
   merge_verb->add_option("--out", *out, "where the result is written (the first DIR)");
   merge_verb->add_flag("--json", *json, "no table");
+  CLI::App* cost = verb->add_subcommand("cost", "processor load against f_b (Dilys 2021, Table 4)");
+  auto halves = std::make_shared<Halves>();
+  auto f_s_Hz = std::make_shared<double>(5000), a_turn = std::make_shared<double>(7);
+  auto f_b_Hz =
+      std::make_shared<std::vector<double>>(std::vector<double>{5000, 2500, 1250, 1000, 500, 50});
+  cost->add_option("--fast-s", halves->fast_s, "time of one fast step (6.1e-6)");
+  cost->add_option("--background-s", halves->background_s, "of one background step (31.6e-6)");
+  cost->add_option("--f-s-hz", *f_s_Hz, "control rate (5000)");
+  cost->add_option("--f-b-hz", *f_b_Hz, "background rates")->delimiter(',');
+  cost->add_option("--gains-a-turn", *a_turn, "gains an electrical turn that the policy needs (7)");
+  cost->callback([=] { fmt::print("{}", cost_table(*halves, *f_s_Hz, *f_b_Hz, *a_turn)); });
   merge_verb->callback([=] { merge(*directories, *out, *json); });
 }
 

@@ -77,6 +77,33 @@ TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
   EXPECT_TRUE(log.estimate.at(static_cast<std::size_t>(k)).status & kLateGain);
 }
 
+TEST_F(Realtime, AKilledGainProcessGivesWayToTheTableAndTheDriveGoesOn) {
+  Program run(launch("2s"));
+  ASSERT_TRUE(wait_for_log(300'000));
+  kill(processes_with(path("run"), "twinrate-gain").at(0), SIGKILL);
+  const ProgramResult result = run.wait(20);
+  ASSERT_FALSE(result.timed_out);
+  EXPECT_EQ(result.exit_code, 1) << "a process died";
+  const RunLog log = read_run_log(path("run"));
+  EXPECT_EQ(log.measurement.size(), 10000u) << "to its end";
+  EXPECT_EQ(events(log, Reason::kProcessDied).size(), 1u);
+  const std::vector<EventRecord> fell_back = events(log, Reason::kGainScheduled);
+  ASSERT_FALSE(fell_back.empty());
+  ASSERT_GT(log.estimate.size(), 5000u);
+  EXPECT_EQ(log.estimate.back().status, kLateGain | kScheduledGain);
+  EXPECT_EQ(log.estimate.back().gain_seq, -1);
+  // The last gain is held 4 n = 20 ticks from its snapshot, no longer and no shorter.
+  const std::int64_t last_gain = log.gain.back().k;
+  for (const Estimate& e : log.estimate) {
+    if (e.k > last_gain + 20) {
+      ASSERT_TRUE(e.status & kScheduledGain) << e.k;
+    }
+    if (e.k > last_gain + 10 && e.k <= last_gain + 20) {
+      ASSERT_EQ(e.gain_seq, last_gain) << e.k;
+    }
+  }
+}
+
 TEST_F(Realtime, AStoppedControllerLeadsToZeroVoltage) {
   Program run(launch("2s"));
   ASSERT_TRUE(wait_for_log(300'000));
