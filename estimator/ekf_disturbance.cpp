@@ -1,5 +1,8 @@
 #include "estimator/ekf_disturbance.hpp"
 
+#include <algorithm>
+
+#include "estimator/kernels/ekf_dq_kernel.hpp"
 #include "model/discretise_exact.hpp"
 
 namespace twinrate {
@@ -10,7 +13,9 @@ EkfDisturbance::EkfDisturbance(const MachineParameters& machine,
     : machine_(machine),
       tuning_(tuning),
       prediction_(prediction),
-      covariance_(covariance),
+      covariance_(resolve(covariance, *std::min_element(tuning.R_diag, tuning.R_diag + 3),
+                          std::max(*std::max_element(tuning.Q_diag, tuning.Q_diag + 3),
+                                   *std::max_element(tuning.P0_diag, tuning.P0_diag + 3)))),
       T_s_(T_s) {}
 
 EkfDisturbance::State EkfDisturbance::f(const State& x, const Vec2& u_dq) const {
@@ -181,14 +186,35 @@ Gain EkfDisturbance::initial_gain() const {
   return gain;
 }
 
+Gain EkfDisturbance::sequential_step(const Gain& previous, const Estimate& snapshot,
+                                     const Eigen::Matrix4d& P) const {
+  const MachineParameters& m = machine_;
+  const auto c = kernel::dq_constants<double>(m.R_s, m.L_d, m.L_q, m.psi_f, m.J, m.n_p, 0, T_s_);
+  const auto& x = snapshot.x_hat;
+  const kernel::Symmetric4<double> p{P(0, 0), P(0, 1), P(0, 2), P(0, 3), P(1, 1),
+                                     P(1, 2), P(1, 3), P(2, 2), P(2, 3), P(3, 3)};
+  const auto [K, p_new] = kernel::sequential(
+      propagate(c, kernel::DqState<double>{x[0], x[1], x[2], x[3]}, p, tuning_.Q_diag),
+      tuning_.R_diag);
+  Eigen::Matrix<double, 4, 3> K_new;
+  K_new << K.k00, K.k01, K.k02, K.k10, K.k11, K.k12, K.k20, K.k21, K.k22, K.k30, K.k31, K.k32;
+  Eigen::Matrix4d P_new;
+  P_new << p_new.m00, p_new.m01, p_new.m02, p_new.m03,  //
+      p_new.m01, p_new.m11, p_new.m12, p_new.m13,       //
+      p_new.m02, p_new.m12, p_new.m22, p_new.m23,       //
+      p_new.m03, p_new.m13, p_new.m23, p_new.m33;
+  return gain_of_snapshot<4, 3>(previous, snapshot, K_new, P_new);
+}
+
 Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snapshot) const {
   const bool joseph = covariance_ != CovarianceForm::kPaper;
   const Eigen::Map<const State> q(tuning_.Q_diag);
   if (snapshot.n_x == 4) {
-    const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
-    const Eigen::Matrix4d Q = q.asDiagonal();
     const Eigen::Matrix4d P = previous.n_x == 4 ? previous.P.topLeftCorner<4, 4>().eval()
                                                 : initial_gain().P.topLeftCorner<4, 4>().eval();
+    if (covariance_ == CovarianceForm::kSequential) return sequential_step(previous, snapshot, P);
+    const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
+    const Eigen::Matrix4d Q = q.asDiagonal();
     const Eigen::Matrix4d P_prior = F * P * F.transpose() + Q;
     const Eigen::Matrix3d R = Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
     const Eigen::Matrix<double, 3, 4> H = Eigen::Matrix<double, 3, 4>::Identity();

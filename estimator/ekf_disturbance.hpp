@@ -62,6 +62,9 @@ class EkfDisturbance final : public Filter {
   Vec2 currents(const Measurement& m) const;
   double measured_speed(const FastState& state, const Measurement& m) const;
   Correction full_step(FastState& state, const Measurement& m, const Gain& gain) const;
+  // covariance = "sequential": kernels/ekf_dq_kernel.hpp.
+  Gain sequential_step(const Gain& previous, const Estimate& snapshot,
+                       const Eigen::Matrix4d& P) const;
   Correction reduced_step(FastState& state, const Measurement& m, const Gain& gain) const;
 
   MachineParameters machine_;

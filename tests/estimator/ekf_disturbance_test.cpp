@@ -188,6 +188,20 @@ TEST(EkfDisturbance, JosephAndPaperCovarianceAgreeToRounding) {
   }
 }
 
+TEST(EkfDisturbance, OneOutputAfterTheOtherAgreesWithJosephToRounding) {
+  const auto joseph = filter(Prediction::kEuler, CovarianceForm::kJoseph);
+  const auto sequential = filter(Prediction::kEuler, CovarianceForm::kSequential);
+  Gain a = joseph.initial_gain(), b = sequential.initial_gain();
+  for (int i = 0; i < 300; ++i) {
+    Estimate snapshot{.k = i, .n_x = 4};
+    snapshot.x_hat.head<4>() = random_state(static_cast<std::uint64_t>(i));
+    a = joseph.background_step(a, snapshot);
+    b = sequential.background_step(b, snapshot);
+    ASSERT_LT((a.P - b.P).norm(), 1e-9 * a.P.norm());
+    ASSERT_LT((a.K - b.K).norm(), 1e-9 * a.K.norm());
+  }
+}
+
 TEST(EkfDisturbance, TheReducedGainSettlesOnTheRiccatiEquationsSolution) {
   const auto f = filter(Prediction::kEuler);
   Gain gain = f.initial_gain();

@@ -131,6 +131,20 @@ TEST(EkfSensorless, JosephAndPaperCovarianceAgreeToRounding) {
   }
 }
 
+TEST(EkfSensorless, OneOutputAfterTheOtherAgreesWithJosephToRounding) {
+  const auto joseph = filter(Prediction::kEuler, CovarianceForm::kJoseph);
+  const auto sequential = filter(Prediction::kEuler, CovarianceForm::kSequential);
+  Gain a = joseph.initial_gain(), b = sequential.initial_gain();
+  for (int i = 0; i < 300; ++i) {
+    Estimate snapshot{.k = i};
+    snapshot.x_hat.head<4>() = random_state(static_cast<std::uint64_t>(i));
+    a = joseph.background_step(a, snapshot);
+    b = sequential.background_step(b, snapshot);
+    ASSERT_LT((a.P - b.P).norm(), 1e-9 * a.P.norm());
+    ASSERT_LT((a.K - b.K).norm(), 1e-9 * a.K.norm());
+  }
+}
+
 TEST(EkfSensorless, NoGainBeforeTheFirstBackgroundStepAndP0ByTheFile) {
   EkfSensorlessParameters tuning;
   tuning.P0_diag[2] = 7;

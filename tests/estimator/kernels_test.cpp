@@ -1,6 +1,9 @@
 // The hand-written kernels against the same equations as matrices (tests/support/textbook_ekf.hpp).
 #include <gtest/gtest.h>
 
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+
 #include "estimator/kernels/ekf_dq_kernel.hpp"
 #include "estimator/kernels/ekf_sensorless_kernel.hpp"
 #include "estimator/kernels/ud_filter.hpp"
@@ -170,6 +173,97 @@ TEST(UdFilter, InDoubleIsTheSequentialUpdate) {
     ASSERT_LT(relative(full(K_ud), full(step.K)), 1e-10);
     ASSERT_LT(relative(product, full(P)), 1e-10);
   }
+}
+
+// The filter in float on a machine at 400 rad/s: R far below P_0 leaves few digits for P.
+constexpr float kTightR[2] = {1e-4F, 1e-4F}, kFloatQ[4] = {1, 1, 500, 0.1F};
+constexpr float kWideP0[4] = {100, 100, 100, 100};
+
+UnitVector<float> unit(const SensorlessState<float>& x) {
+  return {std::sin(x.theta_e), std::cos(x.theta_e)};
+}
+
+struct UdInFloat {
+  UdCovariance<float> P = ud_from_diagonal(kWideP0);
+  Gain42<float> gain(const SensorlessConstants<float>& c, const SensorlessState<float>& x) {
+    P = ud_propagate(c, jacobian(c, x.omega_e, unit(x)), P, kFloatQ);
+    return ud_gain(P, kTightR);
+  }
+  float smallest() const { return *std::min_element(P.D, P.D + 4); }
+};
+
+struct JosephInFloat {
+  Eigen::Matrix4f P = Eigen::Matrix4f(Eigen::Map<const Eigen::Vector4f>(kWideP0).asDiagonal());
+  Gain42<float> gain(const SensorlessConstants<float>& c, const SensorlessState<float>& x) {
+    const auto g = jacobian(c, x.omega_e, unit(x));
+    Eigen::Matrix4f F, Q = Eigen::Map<const Eigen::Vector4f>(kFloatQ).asDiagonal();
+    F << c.d, 0, g.g02, g.g03, 0, c.d, g.g12, g.g13, 0, 0, 1, 0, 0, 0, c.T_s, 1;
+    const Eigen::Matrix4f P_prior = F * P * F.transpose() + Q;
+    const Eigen::Matrix2f R = Eigen::Map<const Eigen::Vector2f>(kTightR).asDiagonal();
+    const Eigen::Matrix2f S = P_prior.topLeftCorner<2, 2>() + R;
+    const Eigen::Matrix<float, 4, 2> K = P_prior.leftCols<2>() * S.inverse();
+    Eigen::Matrix4f I_KH = Eigen::Matrix4f::Identity();
+    I_KH.leftCols<2>() -= K;
+    P = I_KH * P_prior * I_KH.transpose() + K * R * K.transpose();
+    return {K(0, 0), K(0, 1), K(1, 0), K(1, 1), K(2, 0), K(2, 1), K(3, 0), K(3, 1)};
+  }
+  float smallest() const {
+    return Eigen::SelfAdjointEigenSolver<Eigen::Matrix4f>(P).eigenvalues()[0];
+  }
+};
+
+struct FloatRun {
+  double angle_error_max = 0;  // against the filter in double, second half
+  float smallest = 1e9F;       // variance along the way
+};
+
+template <class Covariance>
+FloatRun run_in_float() {
+  const auto c = sensorless_euler(1.2, 5e-4, 0.007, kTs);
+  const auto c_float = sensorless_euler(1.2F, 5e-4F, 0.007F, static_cast<float>(kTs));
+  const double Q[4] = {1, 1, 500, 0.1}, R[2] = {1e-4, 1e-4};
+  SensorlessState<double> machine{0, 0, 400, 0.3}, x{0, 0, 380, 0};
+  SensorlessState<float> x_float{0, 0, 380, 0};
+  Symmetric4<double> P{100, 0, 0, 0, 100, 0, 0, 100, 0, 100};
+  Covariance in_float;
+  FloatRun run;
+  for (std::uint64_t k = 0; k < 4000; ++k) {
+    const auto unit_of = [](double a) { return UnitVector<double>{std::sin(a), std::cos(a)}; };
+    const UnitVector<double> at = unit_of(machine.theta_e);
+    const Stationary<double> u{-3 * at.sin, 3 * at.cos};
+    machine = predict_euler(c, machine, at, u);
+    machine.theta_e = wrap_turn(machine.theta_e);
+    const Stationary<double> y{machine.i_alpha + 0.01 * normal(1, 0, k),
+                               machine.i_beta + 0.01 * normal(1, 1, k)};
+
+    const UnitVector<double> at_x = unit_of(x.theta_e);
+    const auto [K, P_new] = sequential(propagate(c, jacobian(c, x.omega_e, at_x), P, Q), R);
+    P = P_new;
+    const auto x_prior = predict_euler(c, x, at_x, u);
+    x = correct(x_prior, K, innovation(x_prior, y));
+    x.theta_e = wrap_turn(x.theta_e);
+
+    const auto K_float = in_float.gain(c_float, x_float);
+    const auto prior =
+        predict_euler(c_float, x_float, unit(x_float),
+                      Stationary<float>{static_cast<float>(u.alpha), static_cast<float>(u.beta)});
+    x_float = correct(prior, K_float,
+                      innovation(prior, {static_cast<float>(y.alpha), static_cast<float>(y.beta)}));
+    x_float.theta_e = static_cast<float>(wrap_turn(x_float.theta_e));
+    run.smallest = std::min(run.smallest, in_float.smallest());
+    if (k >= 2000)
+      run.angle_error_max =
+          std::max(run.angle_error_max, std::abs(wrap_pi(x_float.theta_e - x.theta_e)));
+  }
+  return run;
+}
+
+TEST(UdFilter, InFloatKeepsPositiveVariancesWhereJosephInFloatDoesNot) {
+  const FloatRun ud = run_in_float<UdInFloat>(), joseph = run_in_float<JosephInFloat>();
+  EXPECT_GT(ud.smallest, 0);
+  EXPECT_LT(joseph.smallest, 0);
+  EXPECT_LT(ud.angle_error_max, 1e-5);
+  EXPECT_GT(ud.angle_error_max, 1e-8);  // it is float
 }
 
 }  // namespace

@@ -41,7 +41,7 @@ TEST(FilterRegistry, AnUnknownKindHasNoBuilder) {
 TEST(FilterRegistry, EveryPredictionAndCovarianceOfTheContractIsAccepted) {
   for (const char* prediction : {"euler", "rk4", "exact"})
     EXPECT_NO_THROW(test::load("dilys2021", {fmt::format("estimator.prediction={}", prediction)}));
-  for (const char* covariance : {"joseph", "paper"})
+  for (const char* covariance : {"joseph", "paper", "sequential", "auto"})
     EXPECT_NO_THROW(test::load("dilys2021", {fmt::format("estimator.covariance={}", covariance)}));
 }
 
@@ -56,6 +56,15 @@ TEST(FilterRegistry, TheChoicesOfTheConfigMeanTheEnumeratorsOfTheCode) {
             static_cast<int>(CovarianceForm::kJoseph));
   EXPECT_EQ(index("estimator.covariance=paper").covariance,
             static_cast<int>(CovarianceForm::kPaper));
+  EXPECT_EQ(index("estimator.covariance=sequential").covariance,
+            static_cast<int>(CovarianceForm::kSequential));
+  EXPECT_EQ(index("estimator.covariance=auto").covariance, static_cast<int>(CovarianceForm::kAuto));
+}
+
+TEST(CovarianceForm, AutoTakesTheSequentialFormWhereRIsSmall) {
+  EXPECT_EQ(resolve(CovarianceForm::kAuto, 1e-4, 1e2), CovarianceForm::kJoseph);
+  EXPECT_EQ(resolve(CovarianceForm::kAuto, 9e-5, 1e2), CovarianceForm::kSequential);
+  EXPECT_EQ(resolve(CovarianceForm::kPaper, 1e-12, 1e2), CovarianceForm::kPaper);
 }
 
 TEST(FilterRegistry, ATuningKeyOfTheFileReachesTheFilter) {
