@@ -195,7 +195,9 @@ TEST(ControllerRegistry, EveryKindIsOneOfTheContractAndBuildsFromEveryPreset) {
       if (kind == "foc") overrides.push_back("controller.foc.i_max_A=1");
       if (kind == "lqr")
         overrides.insert(overrides.end(),
-                         {"controller.lqr.i_max_A=1", "controller.lqr.gains=bandwidths"});
+                         {"controller.lqr.i_max_A=1", "controller.lqr.gains=bandwidths",
+                          "controller.lqr.bandwidth_d_Hz=[900, 50]",
+                          "controller.lqr.bandwidth_q_Hz=[900, 50, 20]"});
       Config config = test::load(preset, overrides);
       EXPECT_EQ(make_controller(config)->kind(), kind);
     }
