@@ -126,7 +126,7 @@ Gain BackEmfFilter::background_step(const Gain& previous, const Estimate& snapsh
   const Eigen::Matrix<double, 2, 4> H = Eigen::Matrix<double, 2, 4>::Identity();
   const Eigen::Matrix2d R = Eigen::Map<const Vec2>(tuning_.R_diag).asDiagonal();
   return gain_from_prior<4, 2>(previous, snapshot, P_prior, H, R,
-                               covariance_ == CovarianceForm::kJoseph);
+                               covariance_ != CovarianceForm::kPaper);
 }
 
 }  // namespace twinrate

@@ -145,7 +145,7 @@ Gain DqEkf::background_step(const Gain& previous, const Estimate& snapshot) cons
   const State x_prior = predict(x, inverse_park(u_dq, x[3] + 0.5 * T_s_ * x[2]));
   const Eigen::Matrix2d R = tuning_.r * Eigen::Matrix2d::Identity();
   return gain_from_prior<4, 2>(previous, snapshot, P_prior, output_jacobian(x_prior), R,
-                               covariance_ == CovarianceForm::kJoseph);
+                               covariance_ != CovarianceForm::kPaper);
 }
 
 }  // namespace twinrate

@@ -138,7 +138,7 @@ Gain Eemf::background_step(const Gain& previous, const Estimate& snapshot) const
   const Eigen::Matrix<double, 2, 5> H = Eigen::Matrix<double, 2, 5>::Identity();
   const Eigen::Matrix2d R = Eigen::Map<const Vec2>(tuning_.R_diag).asDiagonal();
   return gain_from_prior<5, 2>(previous, snapshot, P_prior, H, R,
-                               covariance_ == CovarianceForm::kJoseph);
+                               covariance_ != CovarianceForm::kPaper);
 }
 
 }  // namespace twinrate

@@ -80,6 +80,7 @@ Point point_of(const DriveConfig& d) {
           .policy = static_cast<Policy>(d.gain.policy),
           .seed = static_cast<std::uint64_t>(d.run.seed),
           .flying = d.start == Start::kFlying,
+          .full_until_s = static_cast<double>(d.background_rate().from) * d.T_s(),
           .T_load_Nm = d.load.T_load_Nm.at(0),
           .load_slew_Nm_s = d.load.slew_Nm_s,
           .duration_s = d.run.duration_s,

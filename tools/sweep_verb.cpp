@@ -69,6 +69,8 @@ void add_options(CLI::App& verb, SweepOptions& o) {
   verb.add_option("--n-max", p.n_max, "cap of the search (200)");
   verb.add_option("--load", p.load_pu, "load in rated torques (0)");
   verb.add_option("--over", p.over, "inprocess, or lcm: through the real process set");
+  verb.add_option("--engine", p.engine,
+                  "lanes: many drives at once, where the drive allows it; reference: one by one");
   verb.add_option("--shard", o.shard,
                   "i/n: the i-th of n parts, from 0 (default: the rank of "
                   "mpirun or srun)");

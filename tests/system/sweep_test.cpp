@@ -2,6 +2,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
+#include <sstream>
 
 #include "tests/system/run_program.hpp"
 
@@ -44,7 +45,7 @@ TEST_F(Sweep, WritesTheColumnsOfTheContract) {
 }
 
 TEST_F(Sweep, OverTheBusTheSamePointsComeOutBitForBit) {
-  auto list = sweep("inprocess");
+  auto list = sweep("inprocess", {"--engine", "reference"});
   const auto shorten = [](std::vector<std::string> l) {
     l[4] = "200";
     l[6] = "1";
@@ -72,8 +73,10 @@ TEST_F(Sweep, TwoRanksOfMpirunGiveTheSingleSweepBitForBit) {
 }
 
 TEST_F(Sweep, InterruptedItKeepsWhatIsThereAndGoesOn) {
-  ASSERT_EQ(twinrate(sweep("whole")).exit_code, 0);
-  std::vector<std::string> list = sweep("stopped");
+  // One by one: the lane engine would be done before the signal.
+  const std::vector<std::string> slowly = {"--engine", "reference"};
+  ASSERT_EQ(twinrate(sweep("whole", slowly)).exit_code, 0);
+  std::vector<std::string> list = sweep("stopped", slowly);
   list.insert(list.begin(), "twinrate");
   Program run(list);
   ASSERT_TRUE(wait_until([&] { return count_lines(run.out()) >= 3; }));
@@ -83,15 +86,40 @@ TEST_F(Sweep, InterruptedItKeepsWhatIsThereAndGoesOn) {
   EXPECT_NE(stopped.err.find("--resume"), std::string::npos) << stopped.err;
   const int there = count_lines(read_text(path("stopped/points.csv")));
   EXPECT_GE(there, 4);
-  const ProgramResult resumed = twinrate(sweep("stopped", {"--resume"}));
+  const ProgramResult resumed = twinrate(sweep("stopped", {"--engine", "reference", "--resume"}));
   ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
   EXPECT_LT(count_lines(resumed.out), count_lines(read_text(path("whole/points.csv"))) - 2);
   expect_same_result("whole", "stopped");
 }
 
+TEST_F(Sweep, TheLaneEngineFindsTheLimitsOfTheReferenceAndSaysWhenItIsAnotherSweep) {
+  // Speeds whose limit lies clear of a whole n: on the edge a count of the ADC decides.
+  const auto clear = [](std::vector<std::string> list) {
+    list[4] = "64,100";
+    return list;
+  };
+  ASSERT_EQ(twinrate(clear(sweep("lanes"))).exit_code, 0);
+  ASSERT_EQ(twinrate(clear(sweep("reference", {"--engine", "reference"}))).exit_code, 0);
+  std::istringstream lanes(read_text(path("lanes/points.csv"))),
+      reference(read_text(path("reference/points.csv")));
+  std::string a, b;
+  int rows = 0;
+  const auto verdict_of = [](const std::string& row) {  // all but the last two figures
+    return row.substr(0, row.rfind(',', row.rfind(',') - 1));
+  };
+  while (std::getline(lanes, a) && std::getline(reference, b)) {
+    EXPECT_EQ(verdict_of(a), verdict_of(b));
+    ++rows;
+  }
+  EXPECT_GT(rows, 10);
+  EXPECT_EQ(twinrate(clear(sweep("lanes", {"--engine", "reference", "--resume"}))).exit_code, 2);
+}
+
 TEST_F(Sweep, MistakesAreSaidInOneLine) {
-  for (const std::vector<std::string>& more :
-       {std::vector<std::string>{"--policies", "late"}, {"--shard", "2/2"}, {"--start", "cold"}}) {
+  for (const std::vector<std::string>& more : {std::vector<std::string>{"--policies", "late"},
+                                               {"--shard", "2/2"},
+                                               {"--start", "cold"},
+                                               {"--engine", "fast"}}) {
     const ProgramResult result = twinrate(sweep("bad", more));
     EXPECT_EQ(result.exit_code, 2);
     EXPECT_EQ(count_lines(result.err), 1) << result.err;

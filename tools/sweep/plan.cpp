@@ -38,6 +38,8 @@ void check(const Plan& plan) {
     throw BadInput(fmt::format("--start: ramp or switched allowed, found {}", plan.start));
   if (plan.over != "inprocess" && plan.over != "lcm")
     throw BadInput(fmt::format("--over: inprocess or lcm allowed, found {}", plan.over));
+  if (plan.engine != "lanes" && plan.engine != "reference")
+    throw BadInput(fmt::format("--engine: lanes or reference allowed, found {}", plan.engine));
   if (!(plan.ramp_rad_s2 > 0)) throw BadInput("--ramp-rad-s2: above 0 allowed");
 }
 
@@ -121,6 +123,7 @@ std::string identity(const Plan& p, const Config& config) {
                                        {"n_max", p.n_max},
                                        {"load_pu", p.load_pu},
                                        {"over", p.over},
+                                       {"engine", p.engine},
                                        {"log", p.log}};
   return json.dump(1);
 }
@@ -138,6 +141,7 @@ Plan plan_of(const std::string& sweep_json) {
   json.at("n_max").get_to(p.n_max);
   json.at("load_pu").get_to(p.load_pu);
   json.at("over").get_to(p.over);
+  p.engine = json.value("engine", "reference");
   json.at("log").get_to(p.log);
   return p;
 }

@@ -23,7 +23,9 @@ struct Plan {
   int n_max = 200;
   double load_pu = 0;
   std::string over = "inprocess";  // or "lcm"
-  std::string log;                 // a recorded drive instead of simulated ones
+  std::string engine =
+      "lanes";      // in process: lanes/engine.hpp where it covers the drive; "reference"
+  std::string log;  // a recorded drive instead of simulated ones
   int shard = 0, shards = 1;
 };
 

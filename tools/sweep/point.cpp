@@ -12,6 +12,7 @@
 #include "core/machine_error.hpp"
 #include "core/summary.hpp"
 #include "estimator/make_filter.hpp"
+#include "lanes/engine.hpp"
 #include "tools/load_drive.hpp"
 #include "tools/run/closed_loop.hpp"
 
@@ -74,6 +75,28 @@ Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& se
   }
   judge(log, drive, point);
   return point;
+}
+
+std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const Search& search,
+                                const std::vector<int>& n) {
+  lanes::LaneSettings settings;
+  std::vector<lanes::Point> asked;
+  for (int n_i : n) {
+    Config config = load_drive(plan.drive, point_overrides(plan, base, search, n_i));
+    if (!lanes::lane_settings(config, settings).empty()) return {};
+    asked.push_back(lanes::point_of(config.drive()));
+  }
+  std::vector<lanes::PointResult> results(asked.size());
+  lanes::run_points(settings, asked, results, 1);
+  std::vector<Point> points;
+  for (std::size_t i = 0; i < n.size(); ++i)
+    points.push_back({.search = search,
+                      .f_s_Hz = base.rates.f_s_Hz,
+                      .n = n[i],
+                      .locked = results[i].locked,
+                      .angle_error_rms = results[i].angle_error_rms_rad,
+                      .angle_error_max = results[i].angle_error_max_rad});
+  return points;
 }
 
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,

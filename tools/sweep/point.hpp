@@ -19,6 +19,9 @@ struct Point {
 
 // Throws what the drive throws; an integrator that fails because the drive ran away counts as lost.
 Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& search, int n);
+// Several at once by the lane engine (lanes/engine.hpp); none where it does not cover the drive.
+std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const Search& search,
+                                const std::vector<int>& n);
 // The same point through `twinrate launch`, five processes over LCM; leaves nothing behind.
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
                    const std::string& scratch);

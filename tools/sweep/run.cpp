@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <deque>
 #include <exception>
 #include <filesystem>
 #include <thread>
@@ -16,6 +17,7 @@ namespace twinrate::sweep {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+constexpr std::size_t kAhead = 8;  // points of one search in one row of lanes
 
 std::string read_whole(const std::string& path) {
   std::ifstream file(path);
@@ -106,16 +108,35 @@ class Engine {
   void search(const Search& search) {
     std::vector<Point> points;
     for (const Point* p : of_search(file_.found(), search)) points.push_back(*p);
+    std::deque<Point> ahead;
     while (!stop()) {
       const auto n = next_to_try(of_search(points, search), search, plan_.n_max);
       if (!n) break;
-      const Point point = run_point(search, *n);
+      const Point point = run_point(search, *n, ahead);
       if (stop_signalled()) return;  // launch was interrupted, too
       file_.append(point);
       points.push_back(point);
       const bool last = !next_to_try(of_search(points, search), search, plan_.n_max);
       live_->show(point, done_ += last ? 1 : 0, last);
     }
+  }
+  // `ahead`: points that the lane engine has run together with an earlier one of this search.
+  Point run_point(const Search& search, int n, std::deque<Point>& ahead) const {
+    if (plan_.engine == "lanes" && plan_.over == "inprocess" && plan_.log.empty()) {
+      if (ahead.empty() || ahead.front().n != n) {
+        std::vector<int> row;
+        for (int n_i = n; n_i <= plan_.n_max && row.size() < kAhead; n_i = next_n(n_i))
+          row.push_back(n_i);
+        const auto points = run_in_lanes(plan_, base_, search, row);
+        ahead.assign(points.begin(), points.end());
+      }
+      if (!ahead.empty()) {
+        const Point point = ahead.front();
+        ahead.pop_front();
+        return point;
+      }
+    }
+    return run_point(search, n);
   }
   Point run_point(const Search& search, int n) const {
     if (!plan_.log.empty()) return run_on_log(log_, search, n, plan_.overrides);
