@@ -129,4 +129,24 @@ Gain BackEmfFilter::background_step(const Gain& previous, const Estimate& snapsh
                                covariance_ != CovarianceForm::kPaper);
 }
 
+Estimate BackEmfFilter::ahead(const Estimate& snapshot, double ticks) const {
+  const double turned = ticks * T_s_ * machine_.n_p * snapshot.omega_m;
+  Estimate e = snapshot;
+  e.x_hat.head<2>() = rotate(Vec2(snapshot.x_hat.head<2>()), turned);
+  e.x_hat.segment<2>(2) = rotate(Vec2(snapshot.x_hat.segment<2>(2)), turned);
+  e.theta_e = snapshot.theta_e + turned;
+  return e;
+}
+
+// Phi depends on the speed alone; with two different inductances no gain is steady in rotor axes.
+std::optional<Estimate> BackEmfFilter::steady_state(double omega_m) const {
+  if (L_[0] != L_[1]) return {};
+  Estimate e;
+  e.n_x = 4;
+  e.n_y = 2;
+  e.omega_m = omega_m;
+  e.x_hat[3] = machine_.n_p * omega_m * machine_.psi_f;
+  return e;
+}
+
 }  // namespace twinrate

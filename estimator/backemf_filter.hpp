@@ -55,6 +55,9 @@ class BackEmfFilter : public Filter {
   Estimate output(const FastState& state, const Measurement& m) const override;
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  int turning_pairs() const override { return 2; }  // i and e
+  Estimate ahead(const Estimate& snapshot, double ticks) const override;
+  std::optional<Estimate> steady_state(double omega_m) const override;
 
   State predict(const State& x, const Vec2& u_alphabeta, double omega_e) const;
   Eigen::Matrix4d transition(double omega_e) const;  // Phi

@@ -148,4 +148,19 @@ Gain DqEkf::background_step(const Gain& previous, const Estimate& snapshot) cons
                                covariance_ != CovarianceForm::kPaper);
 }
 
+Estimate DqEkf::ahead(const Estimate& snapshot, double ticks) const {
+  Estimate e = snapshot;
+  e.x_hat[3] = e.theta_e = snapshot.x_hat[3] + ticks * T_s_ * snapshot.x_hat[2];
+  return e;
+}
+
+std::optional<Estimate> DqEkf::steady_state(double omega_m) const {
+  FastState state;
+  state.x_hat[2] = machine_.n_p * omega_m;
+  state.x_hat[5] = state.x_hat[2] * machine_.psi_f;  // u_q
+  Estimate e = output(state, {});
+  e.x_hat = state.x_hat;
+  return e;
+}
+
 }  // namespace twinrate

@@ -141,4 +141,22 @@ Gain Eemf::background_step(const Gain& previous, const Estimate& snapshot) const
                                covariance_ != CovarianceForm::kPaper);
 }
 
+Estimate Eemf::ahead(const Estimate& snapshot, double ticks) const {
+  const double turned = ticks * T_s_ * snapshot.x_hat[4];
+  Estimate e = snapshot;
+  e.x_hat.head<2>() = rotate(Vec2(snapshot.x_hat.head<2>()), turned);
+  e.x_hat.segment<2>(2) = rotate(Vec2(snapshot.x_hat.segment<2>(2)), turned);
+  e.theta_e = snapshot.theta_e + turned;
+  return e;
+}
+
+std::optional<Estimate> Eemf::steady_state(double omega_m) const {
+  FastState state;
+  state.x_hat[4] = machine_.n_p * omega_m;
+  state.x_hat[3] = state.x_hat[4] * machine_.psi_f;
+  Estimate e = output(state, {});
+  e.x_hat = state.x_hat;
+  return e;
+}
+
 }  // namespace twinrate

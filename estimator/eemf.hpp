@@ -48,6 +48,9 @@ class Eemf final : public Filter {
   Estimate output(const FastState& state, const Measurement& m) const override;
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  int turning_pairs() const override { return 2; }  // i and e
+  Estimate ahead(const Estimate& snapshot, double ticks) const override;
+  std::optional<Estimate> steady_state(double omega_m) const override;
 
   State f(const State& x, const Vec2& u_alphabeta) const;
   State predict(const State& x, const Vec2& u_alphabeta) const;

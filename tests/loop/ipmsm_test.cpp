@@ -77,6 +77,19 @@ TEST(IpmsmTable, ThePrintedFilterIsThirtyDegreesOffOnASalientRotorAndRightOnItsO
   EXPECT_LT(std::abs(own.angle_deg), 1.5);
 }
 
+AtLoad with_background_twenty_times_slower(const char* kind, const char* policy) {
+  return at_load(join(kFlying, {"estimator.prediction=rk4", fmt::format("estimator.kind={}", kind),
+                                fmt::format("gain.policy={}", policy), "rates.n=20"}));
+}
+
+TEST(GainPolicies, TheRotorModelsGainDoesNotGrowOldAndTheExtendedEmfsMustTurn) {
+  for (const char* policy : {"paper", "rotor_frame"})
+    EXPECT_LT(with_background_twenty_times_slower("dq_ekf", policy).largest_deg, 1) << policy;
+  for (const char* policy : {"rotor_frame", "scheduled"})
+    EXPECT_LT(with_background_twenty_times_slower("eemf", policy).largest_deg, 1.5) << policy;
+  EXPECT_GT(with_background_twenty_times_slower("eemf", "paper").largest_deg, 90);
+}
+
 bool reaches_2000_rpm(const Overrides& overrides) {
   const Figures figures = run("kim-ipmsm", overrides);
   return figures.locked && std::abs(figures.speed_mean - 209.44) < 2;
