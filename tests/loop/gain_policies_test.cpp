@@ -59,9 +59,9 @@ TEST(TurnedGain, FromStandstillTheFirstGainComesTooLateBeyondNinety) {
   }
 }
 
-// Reference: f_bmin/f_e from standstill 1.0 to 1.4 above 150 Hz, 2.9 at 64 Hz.
-TEST(Extrapolate, FromStandstillNeedsLessThanHalfTheGainsOfThePaper) {
-  EXPECT_TRUE(from_standstill("extrapolate", 63.66, 24, 16000).locked);
+// The first loss going up is at n = 17 to 19 over seeds (ratio 4.3 to 4.9), the paper's at 13.
+TEST(Extrapolate, FromStandstillNeedsFewerGainsThanThePaper) {
+  EXPECT_TRUE(from_standstill("extrapolate", 63.66, 15, 16000).locked);
   EXPECT_FALSE(from_standstill("extrapolate", 63.66, 36, 16000).locked);
 }
 

@@ -103,6 +103,7 @@ void Supervisor::note_dead_child() {
     while (seconds_since(begun) < 0.3) bus_->handle(20);
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
+    if (gain_death_told_ && child.role == Role::kGain) continue;
     const std::string cause = root_cause();
     end_early(!cause.empty() && child.exit_code < 128
                   ? cause

@@ -76,9 +76,9 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
     fmt::print(
         "{:<12} {:>7.4g} {:>6} {:>9.5g} {:>6.3g} {:>6.3g}..{:<6.3g} {:>7.1f} {:>8} {:>6} {:>6.3f}  "
         "{}{}\n",
-        l.policy, l.f_e_Hz, table ? "-" : text(l.n_max), table ? 0 : l.f_bmin_Hz(),
-        table ? 0 : l.ratio(l.n_max), table ? 0 : l.ratio(l.n_highest),
-        table ? 0 : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula), text(r.floquet),
+        l.policy, l.f_e_Hz, table ? "-" : text(l.n_max), table ? NAN : l.f_bmin_Hz(),
+        table ? NAN : l.ratio(l.n_max), table ? NAN : l.ratio(l.n_highest),
+        table ? NAN : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula), text(r.floquet),
         r.rho_held, agrees,
         !l.complete          ? " (not finished)"
         : l.capped && !table ? " (n_max is the cap)"
