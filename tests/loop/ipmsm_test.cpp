@@ -90,6 +90,34 @@ TEST(GainPolicies, TheRotorModelsGainDoesNotGrowOldAndTheExtendedEmfsMustTurn) {
   EXPECT_GT(with_background_twenty_times_slower("eemf", "paper").largest_deg, 90);
 }
 
+// The rotor is locked, a voltage of 20 V turns at 100 Hz.
+double standstill_angle_error_deg(double theta_e) {
+  Config config = load("kim-ipmsm", {"machine.J_kgm2=1000", "run.duration_s=0.3",
+                                     fmt::format("plant.theta_e_start_rad={}", theta_e)});
+  const auto filter = make_filter(config);
+  Plant plant(config.drive());
+  FastLoop fast(filter, config.drive().gain.policy, 1);
+  BackgroundLoop background(filter, config.drive().gain.policy, 1);
+  Estimate e;
+  for (int k = 0; k < 3000; ++k) {
+    e = fast.tick(plant.sample());
+    fast.take_gain(background.step(e));
+    plant.take_command({.k = k, .u_alphabeta_ref = rotate(Vec2(20, 0), kTwoPi * 100 * k * 1e-4)});
+    plant.advance();
+  }
+  return degrees(wrap_pi(e.theta_e - theta_e));
+}
+
+TEST(Standstill, TheSaliencyShowsTheAngleUpToHalfATurnAndNeverWhichEndIsNorth) {
+  int reversed = 0;
+  for (double theta_e : angles_over_a_turn(8)) {
+    const double error = std::abs(standstill_angle_error_deg(theta_e));
+    EXPECT_LT(std::min(error, 180 - error), 1) << degrees(theta_e);
+    reversed += error > 90;
+  }
+  EXPECT_EQ(reversed, 4);
+}
+
 bool reaches_2000_rpm(const Overrides& overrides) {
   const Figures figures = run("kim-ipmsm", overrides);
   return figures.locked && std::abs(figures.speed_mean - 209.44) < 2;
