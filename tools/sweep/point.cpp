@@ -126,8 +126,8 @@ Point run_on_log(const RunLog& recorded, const Search& search, int n,
                  const std::vector<std::string>& overrides) {
   std::vector<std::string> list = overrides;
   list.push_back("gain.policy=" + search.policy);
+  list.push_back("rates.f_b_Hz=0");  // before n: the later of the two counts
   list.push_back(fmt::format("rates.n={}", n));
-  list.push_back("rates.f_b_Hz=0");
   Config config = recorded_config(recorded, list);
   const DriveConfig& drive = config.drive();
   FastLoop fast = make_fast_loop(config, false);
