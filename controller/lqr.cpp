@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/config_write.hpp"
+#include "model/effects/undo.hpp"
 
 namespace twinrate {
 namespace {
@@ -34,6 +35,8 @@ Lqr::Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDe
       K_q_(design.q.K.transpose()),
       K_pp_(design.K_pp),
       K_ff_(design.K_ff),
+      lead_s_(machine_.L_q / (machine_.R_s + design.K_pp * design.q.K[0]) +
+              (config.plant.delay_samples + 0.5) * config.T_s()),
       compensation_choice_(config.controller),
       angle_source_(config.controller.angle_source),
       T_s_(config.T_s()),
@@ -41,6 +44,7 @@ Lqr::Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDe
       slew_rate_(config.reference.slew_rate_rad_s2 / config.machine.n_p),
       delay_(config.plant.delay_samples),
       angle_domain_(parameters.angle_domain, loop_model(config, design), config.T_s()),
+      known_voltage_(acting_on(config.model_effects(), kOnVoltage)),
       compensation_(config.controller.compensation_at(0)) {
   pending_.fill(Vec2::Zero());
   if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
@@ -91,6 +95,16 @@ Vec2 Lqr::control_law(const State& x, double T_o) {
   return {u_d, u_q};
 }
 
+Vec2 Lqr::known_voltage_loss(const State& x, const Measurement& m) const {
+  if (known_voltage_.empty()) return Vec2::Zero();
+  return predicted_drop(known_voltage_, {.t = 1e-9 * static_cast<double>(m.t_ns),
+                                         .i_dq = x.i_dq,
+                                         .v_dc = m.v_dc,
+                                         .omega_m = x.omega_m,
+                                         .theta_m = x.theta_m,
+                                         .theta_e = x.theta_e});
+}
+
 // The currents at the moment the voltage of this tick begins to act.
 Vec2 Lqr::currents_when_it_acts(const State& x) const {
   const double omega_e = machine_.n_p * x.omega_m;
@@ -134,10 +148,11 @@ Command Lqr::step(const ControllerInput& in) {
     command_.t_ns = m.t_ns;
     return command_;
   }
-  switch_compensation(1e-9 * static_cast<double>(m.t_ns), in.estimate.T_load);
+  const double T_o = in.estimate.T_load + lead_s_ * in.estimate.dT_load_dt;
+  switch_compensation(1e-9 * static_cast<double>(m.t_ns), T_o);
   omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
   i_d_ref_ = in.reference.i_d_ref;
-  const Vec2 u_wanted = control_law(x, in.estimate.T_load);
+  const Vec2 u_wanted = control_law(x, T_o) + known_voltage_loss(x, m) / K_pp_;
   const Vec2 u = limit(x, u_wanted, m.v_dc);
   u_awu_ = u - u_wanted;
 

@@ -5,7 +5,10 @@
 //                                                                          (35), (36), (39)
 //   u_d = -K_d [i_d, p_id]           - n_p omega_m L_q i_q/K_pp            (38), (33)
 //   u_q = -K_q [i_q, omega_m, p_omega] + n_p omega_m (L_d i_d + psi_f)/K_pp (38), (34)
-//         - K_ff T_o_hat             compensation "paper" (41)
+//         - K_ff (T_o_hat + tau dT_o_hat/dt)  compensation "paper" (41); tau = L_q/(R_s + K_pp
+//         K_iq)
+//                                    + T_d is the loop's lag; the paper's filter has no rate
+//         + known voltage loss / K_pp         effects with used_in = model or both
 //         + u_ff(theta_m)            compensation "angle_domain" (controller/angle_domain.hpp)
 //   MPAC: i_q one step ahead under u_q stays within i_max; where it would not, u_q is the one that
 //   lands there. Then +-1 a component and the circle v_dc/sqrt3, d first. u_awu is what was cut
@@ -54,18 +57,20 @@ class Lqr final : public Controller {
   void switch_compensation(double t, double T_o);
   Vec2 control_law(const State& x, double T_o);
   Vec2 limit(const State& x, const Vec2& u, double v_dc) const;
+  Vec2 known_voltage_loss(const State& x, const Measurement& m) const;
   Vec2 currents_when_it_acts(const State& x) const;
 
   const MachineParameters machine_;
   const LqrParameters p_;
   const Vec2 K_d_;
   const Vec3 K_q_;
-  const double K_pp_, K_ff_;
+  const double K_pp_, K_ff_, lead_s_;
   const ControllerChoice compensation_choice_;
   const AngleSource angle_source_;
   const double T_s_, advance_s_, slew_rate_;
   const int delay_;
   AngleDomain angle_domain_;
+  const Effects known_voltage_;
   Compensation compensation_;
   double p_id_ = 0, p_omega_ = 0, omega_m_ref_ = 0, i_d_ref_ = 0;
   Vec2 u_awu_ = Vec2::Zero();

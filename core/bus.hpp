@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "core/channels.hpp"
+#include "core/decode.hpp"
 
 namespace twinrate {
 
@@ -124,7 +125,7 @@ void Bus::subscribe(std::function<void(const Message&)> handler) {
                 [this, handler = std::move(handler)](Channel, const std::uint8_t* bytes,
                                                      std::size_t size, std::int64_t, std::int64_t) {
                   Message message;
-                  if (message.decode(bytes, 0, static_cast<int>(size)) < 0)
+                  if (!decode(message, bytes, size))
                     ++counters_.undecodable;
                   else
                     handler(message);

@@ -41,6 +41,12 @@ std::string list_text(std::span<const double> values) {
   return "[" + text + "]";
 }
 
+std::string list_text(const std::vector<int>& values) {
+  std::string text;
+  for (const int value : values) text += (text.empty() ? "" : ", ") + std::to_string(value);
+  return "[" + text + "]";
+}
+
 // A TOML basic string.
 std::string text_text(const std::string& value) {
   std::string text = "\"";
@@ -84,6 +90,11 @@ class RowCollector final : public FieldVisitor {
   void numbers(const char* key, std::span<double> values, double lo, double hi,
                const char* meaning) override {
     add(key, fmt::format("{} numbers, {} to {}", values.size(), lo, hi), list_text(values),
+        meaning);
+  }
+  void integers(const char* key, std::vector<int>& values, int lo, int hi, std::size_t most,
+                const char* meaning) override {
+    add(key, fmt::format("up to {} whole numbers, {} to {}", most, lo, hi), list_text(values),
         meaning);
   }
   void profile(const char* key, Profile& value, double lo, double hi,
@@ -136,6 +147,10 @@ class TomlWriter final : public FieldVisitor {
     line(key, fmt::format("\"{}\"", names[static_cast<std::size_t>(index)]));
   }
   void numbers(const char* key, std::span<double> values, double, double, const char*) override {
+    line(key, list_text(values));
+  }
+  void integers(const char* key, std::vector<int>& values, int, int, std::size_t,
+                const char*) override {
     line(key, list_text(values));
   }
   void profile(const char* key, Profile& value, double, double, const char*) override {

@@ -39,8 +39,9 @@ inline constexpr std::array kReasons = {
                "the controller changed its mode (align, I/f ramp, run)"},
     ReasonText{Reason::kStartupGaveUp, "startup_gave_up",
                "the estimate never agreed with the I/f ramp: zero voltage, safe mode"},
-    ReasonText{Reason::kLearnt, "learnt",
-               "the last tick: what the controller learnt while running, as a table of the drive file"},
+    ReasonText{
+        Reason::kLearnt, "learnt",
+        "the last tick: what the controller learnt while running, as a table of the drive file"},
     ReasonText{Reason::kLostSynchronism, "lost_synchronism",
                "the estimate does not turn with the rotor: zero voltage, safe mode"},
     ReasonText{Reason::kEstimateNotFinite, "estimate_not_finite",

@@ -7,6 +7,7 @@
 #include <lcm/lcm-cpp.hpp>
 
 #include "core/config.hpp"
+#include "core/decode.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
@@ -32,7 +33,7 @@ bool take(const lcm::LogEvent& event, const std::string& suffix, std::vector<Ite
           RunLog& log) {
   if (event.channel != info(kChannelOf<Wire>).name + suffix) return false;
   Wire wire;
-  if (wire.decode(event.data, 0, event.datalen) < 0)
+  if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen)))
     ++log.undecodable;
   else
     messages.push_back(from_wire(wire));

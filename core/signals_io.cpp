@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "core/decode.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -15,11 +17,39 @@ Wire header(std::int64_t k, std::int64_t t_ns, std::int64_t session) {
 }
 
 // Sizes come off the wire: never trust them beyond the arrays they index.
-int bounded(int size, int max) {
-  return std::clamp(size, 0, max);
+int bounded(std::int64_t size, int max) {
+  return static_cast<int>(std::clamp<std::int64_t>(size, 0, max));
+}
+
+// Element of a row-major matrix.
+std::size_t at(int row, int col, int columns) {
+  return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
+         static_cast<std::size_t>(col);
+}
+
+// Big-endian int32 at a byte offset; -1 beyond the end.
+std::int64_t int32_at(const std::uint8_t* bytes, std::size_t size, std::size_t offset) {
+  if (offset + 4 > size) return -1;
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < 4; ++i) value = value << 8 | bytes[offset + i];
+  return static_cast<std::int32_t>(value);
 }
 
 }  // namespace
+
+// Offsets: fingerprint, seq, t_ns, session, a further int64, and what the .lcm file says after
+// them.
+bool sizes_fit(const estimate_t*, const std::uint8_t* bytes, std::size_t size) {
+  const std::int64_t n_x = int32_at(bytes, size, 44), n_y = int32_at(bytes, size, 48);
+  return n_x >= 0 && n_x <= kMaxStates && n_y >= 0 && n_y <= kMaxOutputs;
+}
+
+bool sizes_fit(const gain_t*, const std::uint8_t* bytes, std::size_t size) {
+  const std::int64_t n_x = int32_at(bytes, size, 40), n_y = int32_at(bytes, size, 44);
+  const std::int64_t n_K = int32_at(bytes, size, 56);
+  if (n_x < 0 || n_x > kMaxStates || n_y < 0 || n_y > kMaxOutputs || n_K != n_x * n_y) return false;
+  return int32_at(bytes, size, 60 + 8 * static_cast<std::size_t>(n_K)) == n_x * n_x;
+}
 
 measurement_t to_wire(const Measurement& m, std::int64_t session) {
   auto w = header<measurement_t>(m.k, m.t_ns, session);
@@ -90,8 +120,9 @@ estimate_t to_wire(const Estimate& e, std::int64_t session) {
   w.i_d_A = e.i_dq[0];
   w.i_q_A = e.i_dq[1];
   w.T_load_Nm = e.T_load;
-  std::copy_n(e.x_hat.data(), kMaxStates, w.x_hat);
-  std::copy_n(e.innov.data(), kMaxOutputs, w.innov);
+  w.dT_load_Nm_s = e.dT_load_dt;
+  w.x_hat.assign(e.x_hat.data(), e.x_hat.data() + e.n_x);
+  w.innov.assign(e.innov.data(), e.innov.data() + e.n_y);
   return w;
 }
 
@@ -101,14 +132,15 @@ Estimate from_wire(const estimate_t& w) {
   e.t_ns = w.t_ns;
   e.gain_seq = w.gain_seq;
   e.status = w.status;
-  e.n_x = bounded(w.n_x, kMaxStates);
-  e.n_y = bounded(w.n_y, kMaxOutputs);
+  e.n_x = bounded(w.x_hat.size(), kMaxStates);
+  e.n_y = bounded(w.innov.size(), kMaxOutputs);
   e.theta_e = w.theta_e_rad;
   e.omega_m = w.omega_m_rad_s;
   e.i_dq = {w.i_d_A, w.i_q_A};
   e.T_load = w.T_load_Nm;
-  std::copy_n(w.x_hat, kMaxStates, e.x_hat.data());
-  std::copy_n(w.innov, kMaxOutputs, e.innov.data());
+  e.dT_load_dt = w.dT_load_Nm_s;
+  std::copy_n(w.x_hat.begin(), e.n_x, e.x_hat.data());
+  std::copy_n(w.innov.begin(), e.n_y, e.innov.data());
   return e;
 }
 
@@ -118,9 +150,13 @@ gain_t to_wire(const Gain& g, std::int64_t session) {
   w.n_x = g.n_x;
   w.n_y = g.n_y;
   w.theta_e_rad = g.theta_e;
+  w.n_K = g.n_x * g.n_y;
+  w.n_P = g.n_x * g.n_x;
+  w.K.resize(static_cast<std::size_t>(w.n_K));
+  w.P.resize(static_cast<std::size_t>(w.n_P));
   for (int row = 0; row < g.n_x; ++row) {
-    for (int col = 0; col < g.n_y; ++col) w.K[row * g.n_y + col] = g.K(row, col);
-    for (int col = 0; col < g.n_x; ++col) w.P[row * g.n_x + col] = g.P(row, col);
+    for (int col = 0; col < g.n_y; ++col) w.K[at(row, col, g.n_y)] = g.K(row, col);
+    for (int col = 0; col < g.n_x; ++col) w.P[at(row, col, g.n_x)] = g.P(row, col);
   }
   return w;
 }
@@ -133,9 +169,13 @@ Gain from_wire(const gain_t& w) {
   g.n_x = bounded(w.n_x, kMaxStates);
   g.n_y = bounded(w.n_y, kMaxOutputs);
   g.theta_e = w.theta_e_rad;
+  if (w.K.size() < at(g.n_x, 0, g.n_y) || w.P.size() < at(g.n_x, 0, g.n_x)) {
+    g.n_x = g.n_y = 0;
+    return g;
+  }
   for (int row = 0; row < g.n_x; ++row) {
-    for (int col = 0; col < g.n_y; ++col) g.K(row, col) = w.K[row * g.n_y + col];
-    for (int col = 0; col < g.n_x; ++col) g.P(row, col) = w.P[row * g.n_x + col];
+    for (int col = 0; col < g.n_y; ++col) g.K(row, col) = w.K[at(row, col, g.n_y)];
+    for (int col = 0; col < g.n_x; ++col) g.P(row, col) = w.P[at(row, col, g.n_x)];
   }
   return g;
 }

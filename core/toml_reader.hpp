@@ -131,6 +131,21 @@ class TomlReader final : public FieldVisitor {
       fail(key, "a list of {} numbers allowed, found {}", values.size(), shown(*node));
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = number_of((*list)[i], key, lo, hi);
   }
+  void integers(const char* key, std::vector<int>& values, int lo, int hi, std::size_t most,
+                const char*) override {
+    const toml::node* node = find(key, Presence::kOptional);
+    if (!node) return;
+    const auto* list = node->as_array();
+    const std::string allowed =
+        fmt::format("a list of at most {} whole numbers from {} to {}", most, lo, hi);
+    if (!list || list->size() > most) fail(key, "{} allowed, found {}", allowed, shown(*node));
+    values.clear();
+    for (const toml::node& item : *list) {
+      const auto number = item.is_integer() ? item.as_integer()->get() : std::int64_t{lo} - 1;
+      if (number < lo || number > hi) fail(key, "{} allowed, found {}", allowed, shown(item));
+      values.push_back(static_cast<int>(number));
+    }
+  }
   void profile(const char* key, Profile& value, double lo, double hi, const char*) override {
     const toml::node* node = find(key, Presence::kOptional);
     if (!node) return;

@@ -72,6 +72,24 @@ double EkfDisturbance::measured_speed(const FastState& state, const Measurement&
   return tuning_.speed_from_angle ? (m.theta_m - state.theta_m_prev) / T_s_ : m.omega_m;
 }
 
+double EkfDisturbance::known_torque(const Vec2& i_dq, double omega_m, double theta_m,
+                                    std::int64_t t_ns) const {
+  return known().torque({.t = 1e-9 * static_cast<double>(t_ns),
+                         .i_dq = i_dq,
+                         .omega_m = omega_m,
+                         .theta_m = theta_m,
+                         .theta_e = machine_.n_p * theta_m});
+}
+
+// T_o of the state is what is left of the load beside the known part.
+EkfDisturbance::State EkfDisturbance::predict_known(const State& x, const Vec2& u_dq,
+                                                    double theta_m, std::int64_t t_ns) const {
+  const double T_known = known_torque(x.head<2>(), x[2], theta_m, t_ns);
+  State next = predict({x[0], x[1], x[2], x[3] + T_known}, u_dq);
+  next[3] = x[3];
+  return next;
+}
+
 static bool has_voltage(const Measurement& m) {
   return (m.signals & kVoltage) != 0;
 }
@@ -107,7 +125,8 @@ Correction EkfDisturbance::full_step(FastState& state, const Measurement& m,
   const double theta_e_mid = 0.5 * machine_.n_p * (state.theta_m_prev + m.theta_m);
   Eigen::Vector3d y;
   y << currents(m), measured_speed(state, m);
-  const State x_predicted = predict(state.x_hat.head<4>(), park(m.u_alphabeta, theta_e_mid));
+  const State x_predicted = predict_known(state.x_hat.head<4>(), park(m.u_alphabeta, theta_e_mid),
+                                          theta_e_mid / machine_.n_p, m.t_ns);
   State x_prior = x_predicted;
   x_prior[3] += tuning_.L * T_s_ * (y[2] - x_prior[2]);
   const Eigen::Vector3d innov = y - x_prior.head<3>();
@@ -127,8 +146,11 @@ Correction EkfDisturbance::full_step(FastState& state, const Measurement& m,
 Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
                                         const Gain& gain) const {
   const Vec2 i_dq = 0.5 * (currents(m) + state.i_dq_prev);
+  const double T_known =
+      known_torque(i_dq, state.x_hat[0], 0.5 * (state.theta_m_prev + m.theta_m), m.t_ns);
   const double omega_prior =
-      state.x_hat[0] + T_s_ / machine_.J * (machine_.torque(i_dq[0], i_dq[1]) - state.x_hat[1]);
+      state.x_hat[0] +
+      T_s_ / machine_.J * (machine_.torque(i_dq[0], i_dq[1]) - state.x_hat[1] - T_known);
   const double innov = measured_speed(state, m) - omega_prior;
   const Vec2 x_prior(omega_prior, state.x_hat[1] + tuning_.L * T_s_ * innov);
   Vec2 x = x_prior;
@@ -147,7 +169,8 @@ Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
 void EkfDisturbance::predict_over_gap(FastState& state, const Measurement& last) const {
   if (has_voltage(last)) {
     const double theta_e_mid = machine_.n_p * (state.theta_m_prev + 0.5 * T_s_ * state.x_hat[2]);
-    const State x = predict(state.x_hat.head<4>(), park(last.u_alphabeta, theta_e_mid));
+    const State x = predict_known(state.x_hat.head<4>(), park(last.u_alphabeta, theta_e_mid),
+                                  theta_e_mid / machine_.n_p, last.t_ns);
     state.theta_m_prev += T_s_ * state.x_hat[2];
     if (x.allFinite()) state.x_hat.head<4>() = x;
   } else {
@@ -166,14 +189,14 @@ Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) co
     e.n_y = 3;
     e.i_dq = state.x_hat.head<2>();
     e.omega_m = state.x_hat[2];
-    e.T_load = state.x_hat[3];
+    e.T_load = state.x_hat[3] + known_torque(e.i_dq, e.omega_m, m.theta_m, m.t_ns);
   } else {
     e.n_x = 2;
     e.n_y = 1;
     e.status |= kNoVoltage;
     e.i_dq = state.i_dq_prev;
     e.omega_m = state.x_hat[0];
-    e.T_load = state.x_hat[1];
+    e.T_load = state.x_hat[1] + known_torque(e.i_dq, e.omega_m, m.theta_m, m.t_ns);
   }
   return e;
 }

@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "estimator/emf_angle.hpp"
+#include "estimator/known_effects.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -48,6 +49,12 @@ class Filter {
   // Output equation: n_x, n_y, the named quantities. `m` is the sample the state belongs to.
   virtual Estimate output(const FastState& state, const Measurement& m) const = 0;
 
+  // The sample as this filter's equations see it: what is known of the drive beyond them is undone.
+  Measurement seen(const Measurement& m, const Estimate& last) const {
+    return known_.none() ? m : known_.seen(m, last);
+  }
+  void know(const KnownEffects& known) { known_ = known; }
+
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
@@ -63,6 +70,12 @@ class Filter {
   // Steady state without load at this speed, theta_e = 0: where the table of policy `scheduled` is
   // computed. Empty: no table for this filter.
   virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
+
+ protected:
+  const KnownEffects& known() const { return known_; }
+
+ private:
+  KnownEffects known_{{}, 1, 0};
 };
 
 }  // namespace twinrate

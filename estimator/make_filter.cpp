@@ -12,7 +12,10 @@ std::shared_ptr<const Filter> make_filter(Config& config) {
                                config.where("estimator.kind"), fmt::join(filter_kinds(), ", "),
                                kind));
   config.read_table("estimator." + kind, [&](FieldVisitor& f) { builder->fields(f); });
-  return builder->build(config.drive());
+  const DriveConfig& drive = config.drive();
+  const std::shared_ptr<Filter> filter = builder->build(drive);
+  filter->know({drive.model_effects(), drive.machine.n_p, drive.T_s()});
+  return filter;
 }
 
 FastLoop make_fast_loop(Config& config, bool fall_back) {

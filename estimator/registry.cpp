@@ -5,6 +5,7 @@
 #include "estimator/dq_ekf.hpp"
 #include "estimator/eemf.hpp"
 #include "estimator/ekf_disturbance.hpp"
+#include "estimator/ekf_harmonic.hpp"
 #include "estimator/ekf_sensorless.hpp"
 
 namespace twinrate {
@@ -13,7 +14,7 @@ namespace {
 class EkfSensorlessBuilder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
-  std::shared_ptr<const Filter> build(const DriveConfig& config) const override {
+  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
     return std::make_shared<EkfSensorless>(
         config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
         static_cast<CovarianceForm>(config.estimator.covariance), config.T_s(),
@@ -27,7 +28,7 @@ class EkfSensorlessBuilder final : public FilterBuilder {
 class EkfDisturbanceBuilder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
-  std::shared_ptr<const Filter> build(const DriveConfig& config) const override {
+  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
     return std::make_shared<EkfDisturbance>(
         config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
         static_cast<CovarianceForm>(config.estimator.covariance), config.T_s());
@@ -42,7 +43,7 @@ template <class Kind, class Parameters>
 class SalientBuilder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
-  std::shared_ptr<const Filter> build(const DriveConfig& config) const override {
+  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
     KnownStart start;
     if (config.start == Start::kFlying)
       start = {config.plant.theta_e_start, config.machine.n_p * config.omega_m_start()};
@@ -53,6 +54,19 @@ class SalientBuilder final : public FilterBuilder {
 
  private:
   Parameters tuning_;
+};
+
+class EkfHarmonicBuilder final : public FilterBuilder {
+ public:
+  void fields(FieldVisitor& f) override { tuning_.fields(f); }
+  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
+    return std::make_shared<EkfHarmonic>(
+        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
+        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s());
+  }
+
+ private:
+  EkfHarmonicParameters tuning_;
 };
 
 template <class Builder>
@@ -67,6 +81,7 @@ struct Entry {
 constexpr Entry kEntries[] = {
     {"ekf_sensorless", make<EkfSensorlessBuilder>},
     {"ekf_disturbance", make<EkfDisturbanceBuilder>},
+    {"ekf_harmonic", make<EkfHarmonicBuilder>},
     {"backemf_printed", make<SalientBuilder<BackEmfPrinted, BackEmfParameters>>},
     {"active_flux", make<SalientBuilder<ActiveFlux, ActiveFluxParameters>>},
     {"eemf", make<SalientBuilder<Eemf, EemfParameters>>},

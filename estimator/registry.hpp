@@ -14,7 +14,7 @@ class FilterBuilder {
  public:
   virtual ~FilterBuilder() = default;
   virtual void fields(FieldVisitor& f) = 0;
-  virtual std::shared_ptr<const Filter> build(const DriveConfig& config) const = 0;
+  virtual std::shared_ptr<Filter> build(const DriveConfig& config) const = 0;
 };
 
 // Null where there is no such kind.

@@ -49,7 +49,8 @@ const Gain& FastLoop::choose_gain(std::int64_t k, int& status) {
   return made_;
 }
 
-Estimate FastLoop::tick(const Measurement& m) {
+Estimate FastLoop::tick(const Measurement& measured) {
+  const Measurement m = filter_->seen(measured, last_estimate_);
   const std::int64_t missing = last_.k < 0 ? 0 : m.k - last_.k - 1;
   int status = missing > 0 ? kGapBridged : 0;
   if (missing > kMaxGap) reset();

@@ -32,6 +32,9 @@ class FieldVisitor {
   // Exactly `values.size()` numbers, e.g. the diagonal of a covariance.
   virtual void numbers(const char* key, std::span<double> values, double lo, double hi,
                        const char* meaning) = 0;
+  // Up to `most` whole numbers.
+  virtual void integers(const char* key, std::vector<int>& values, int lo, int hi, std::size_t most,
+                        const char* meaning) = 0;
   // A number, or a list of [t_s, value] pairs (see Profile).
   virtual void profile(const char* key, Profile& value, double lo, double hi,
                        const char* meaning) = 0;

@@ -11,7 +11,7 @@
 
 namespace twinrate {
 
-inline constexpr int kMaxStates = 8;
+inline constexpr int kMaxStates = 24;
 inline constexpr int kMaxOutputs = 4;
 
 // Bits of Measurement::signals: which fields a sensor really delivered.
@@ -63,6 +63,7 @@ struct Estimate {
   double omega_m = 0;
   Vec2 i_dq = Vec2::Zero();
   double T_load = 0;
+  double dT_load_dt = 0;  // where the filter knows the load as periodic, else 0
   Eigen::Matrix<double, kMaxStates, 1> x_hat = Eigen::Matrix<double, kMaxStates, 1>::Zero();
   Eigen::Matrix<double, kMaxOutputs, 1> innov = Eigen::Matrix<double, kMaxOutputs, 1>::Zero();
 };

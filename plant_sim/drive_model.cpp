@@ -61,7 +61,7 @@ PlantState DriveModel::rate(const PlantState& x, const PlantInput& input,
   const Contribution effect = sum_at(on_equations_, p);
   const Vec2 u_dq = p.u_dq - effect.u_dq_drop;
   const double T_load = input.T_load + effect.T_load;
-  const double acceleration = (torque(x.head<2>()) - m.B * omega_m - T_load) / m.J;
+  const double acceleration = (torque(x.head<2>()) - m.B * omega_m - T_load) / (m.J + effect.J);
   if (saliency_ == Saliency::kFixedAxes) {
     const Vec2 i_dq_rate = fixed_axes_current_rate(m, x.head<2>(), u_dq, omega_e, p.theta_e);
     return {i_dq_rate[0], i_dq_rate[1], acceleration, omega_m};

@@ -1,13 +1,18 @@
 // twinrate design lqr DRIVE.toml: gains, closed-loop poles and margins of the state feedback.
+// twinrate design orders RUN: the orders that stand out in the load a run estimated.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cmath>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "controller/lqr.hpp"
+#include "core/order_spectrum.hpp"
+#include "core/tick_rows.hpp"
+#include "estimator/ekf_harmonic.hpp"
 #include "tools/load_drive.hpp"
 #include "tools/verb.hpp"
 
@@ -136,6 +141,55 @@ int design(const DesignOptions& o) {
   return design.d.complaints.empty() && design.q.complaints.empty() ? 0 : 2;
 }
 
+struct OrdersOptions {
+  std::string run;
+  int most = kMostOrders;
+  bool json = false;
+};
+
+// The largest orders of T_o_hat that stand kAboveNoise times above the median of the spectrum, in
+// rising order, over the whole turns after settle_s.
+int find_orders(const OrdersOptions& o) {
+  constexpr double kAboveNoise = 10;
+  constexpr int kHighest = 200;
+  const RunLog log = read_run_log(o.run);
+  const Config config = Config::parse(log.config_toml, o.run);
+  std::vector<double> theta_m, T_o_hat;
+  for (const TickRow& row : tick_rows(log)) {
+    if (row.t_s < config.drive().run.settle_s || !row.measurement || !row.estimate) continue;
+    if (!(row.measurement->signals & kPosition)) continue;
+    theta_m.push_back(row.measurement->theta_m);
+    T_o_hat.push_back(row.estimate->T_load);
+  }
+  const OrderSpectrum spectrum = order_spectrum(theta_m, T_o_hat, kHighest);
+  if (spectrum.turns == 0)
+    throw BadInput(o.run + ": no whole turn with a position and an estimated load after settle_s");
+  std::vector<double> sorted = spectrum.amplitude;
+  std::nth_element(sorted.begin(), sorted.begin() + static_cast<long>(sorted.size() / 2),
+                   sorted.end());
+  const double noise = sorted[sorted.size() / 2];
+  std::vector<int> orders;
+  for (int N = 1; N <= static_cast<int>(spectrum.amplitude.size()); ++N)
+    if (spectrum.amplitude[static_cast<std::size_t>(N - 1)] > kAboveNoise * noise)
+      orders.push_back(N);
+  const auto amplitude = [&](int N) { return spectrum.amplitude[static_cast<std::size_t>(N - 1)]; };
+  std::sort(orders.begin(), orders.end(),
+            [&](int a, int b) { return amplitude(a) > amplitude(b); });
+  if (static_cast<int>(orders.size()) > o.most) orders.resize(static_cast<std::size_t>(o.most));
+  std::sort(orders.begin(), orders.end());
+  if (o.json) {
+    Json list = Json::array();
+    for (const int N : orders) list.push_back({{"order", N}, {"amplitude_Nm", amplitude(N)}});
+    std::cout << Json{{"turns", spectrum.turns}, {"noise_Nm", noise}, {"orders", list}}.dump(2)
+              << "\n";
+  } else {
+    fmt::print("{} whole turns, noise {:.2g} Nm an order\n", spectrum.turns, noise);
+    for (const int N : orders) fmt::print("  order {:3}   {:.4f} Nm\n", N, amplitude(N));
+    fmt::print("\n[estimator.ekf_harmonic]\norders = [{}]\n", fmt::join(orders, ", "));
+  }
+  return 0;
+}
+
 }  // namespace
 
 void add_design_verb(CLI::App& app, int& exit_code) {
@@ -147,6 +201,13 @@ void add_design_verb(CLI::App& app, int& exit_code) {
   lqr->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
   lqr->add_flag("--json", o->json, "as JSON");
   lqr->callback([o, &exit_code] { exit_code = design(*o); });
+  auto find = std::make_shared<OrdersOptions>();
+  CLI::App* orders = verb->add_subcommand("orders", "orders that stand out in an estimated load");
+  orders->add_option("RUN", find->run, "run directory or log")->required();
+  orders->add_option("--most", find->most, "at most so many, the largest first")
+      ->check(CLI::Range(1, 200));
+  orders->add_flag("--json", find->json, "as JSON");
+  orders->callback([find, &exit_code] { exit_code = find_orders(*find); });
 }
 
 }  // namespace twinrate

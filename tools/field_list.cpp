@@ -42,6 +42,11 @@ class Lister final : public FieldVisitor {
                const char* meaning) override {
     set_range(add(key, "numbers", fmt::format("[{}]", fmt::join(values, ", ")), meaning), lo, hi);
   }
+  void integers(const char* key, std::vector<int>& values, int lo, int hi, std::size_t,
+                const char* meaning) override {
+    set_range(add(key, "whole numbers", fmt::format("[{}]", fmt::join(values, ", ")), meaning), lo,
+              hi);
+  }
   void profile(const char* key, Profile& value, double lo, double hi,
                const char* meaning) override {
     FieldRow& row = add(key, "profile", "profile", meaning);

@@ -37,6 +37,7 @@ struct OperatingPoint {
 // What an effect adds to the equations and readings there.
 struct Contribution {
   double T_load = 0;              // Nm, adds to the load
+  double J = 0;                   // kgm2, adds to the inertia (acts with the torque)
   Vec2 u_dq_drop = Vec2::Zero();  // V, subtracts from the applied voltage in rotor axes
   double v_dc = 0;                // V, adds to the DC-bus voltage
   Vec3 i_abc = Vec3::Zero();      // A, adds to what the current sensors read
@@ -44,6 +45,7 @@ struct Contribution {
 
   Contribution& operator+=(const Contribution& other) {
     T_load += other.T_load;
+    J += other.J;
     u_dq_drop += other.u_dq_drop;
     v_dc += other.v_dc;
     i_abc += other.i_abc;
@@ -54,7 +56,7 @@ struct Contribution {
 
 // Bits of Effect::acts_on.
 enum Acts : int {
-  kOnTorque = 1,    // T_load
+  kOnTorque = 1,    // T_load, J
   kOnVoltage = 2,   // u_dq_drop
   kOnBus = 4,       // v_dc
   kOnCurrents = 8,  // i_abc

@@ -23,6 +23,7 @@ constexpr Entry kEntries[] = {
     {"fan_load", make_fan_load},
     {"flux_harmonics", make_flux_harmonics},
     {"friction_ripple", make_friction_ripple},
+    {"inertia", make_inertia},
     {"inverter_drop", make_inverter_drop},
     {"load_step", make_load_step},
     {"stribeck_friction", make_stribeck_friction},

@@ -17,6 +17,7 @@ std::shared_ptr<Effect> make_encoder_offset();
 std::shared_ptr<Effect> make_fan_load();
 std::shared_ptr<Effect> make_flux_harmonics();
 std::shared_ptr<Effect> make_friction_ripple();
+std::shared_ptr<Effect> make_inertia();
 std::shared_ptr<Effect> make_inverter_drop();
 std::shared_ptr<Effect> make_load_step();
 std::shared_ptr<Effect> make_stribeck_friction();

@@ -83,7 +83,7 @@ TEST(SignalsIo, EstimateComesBackBitForBit) {
   auto e = stamped<Estimate>();
   e.gain_seq = 77;
   e.status = kLateGain | kGapBridged;
-  e.n_x = 8;
+  e.n_x = kMaxStates;
   e.n_y = 4;
   e.theta_e = awkward();
   e.omega_m = awkward();
@@ -96,7 +96,7 @@ TEST(SignalsIo, EstimateComesBackBitForBit) {
   EXPECT_EQ(back.t_ns, e.t_ns);
   EXPECT_EQ(back.gain_seq, e.gain_seq);
   EXPECT_EQ(back.status, e.status);
-  EXPECT_EQ(back.n_x, 8);
+  EXPECT_EQ(back.n_x, kMaxStates);
   EXPECT_EQ(back.n_y, 4);
   EXPECT_TRUE(same_bits(back.theta_e, e.theta_e));
   EXPECT_TRUE(same_bits(back.omega_m, e.omega_m));

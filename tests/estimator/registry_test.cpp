@@ -11,9 +11,10 @@
 namespace twinrate {
 namespace {
 
-// The kinds that docs/config-reference.md names.
+// The kinds of the contract, and the one with oscillators.
 const std::vector<std::string> kContractKinds{
-    "ekf_sensorless", "ekf_disturbance", "backemf_printed", "active_flux", "eemf", "dq_ekf"};
+    "ekf_sensorless", "ekf_disturbance", "backemf_printed", "active_flux",
+    "eemf",           "dq_ekf",          "ekf_harmonic"};
 
 TEST(FilterRegistry, EveryKindIsOneOfTheContract) {
   ASSERT_GE(filter_kinds().size(), 2u);

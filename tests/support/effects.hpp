@@ -56,16 +56,17 @@ class Silence final : public FieldSetter {
   }
 };
 
-// Every field of a contribution, in one vector: T_load, u_d, u_q, v_dc, i_a, i_b, i_c, theta_m.
-inline Eigen::Matrix<double, 8, 1> flat(const Contribution& c) {
-  Eigen::Matrix<double, 8, 1> all;
-  all << c.T_load, c.u_dq_drop, c.v_dc, c.i_abc, c.theta_m;
+// Every field of a contribution, in one vector: T_load, u_d, u_q, v_dc, i_a, i_b, i_c, theta_m,
+// J.
+inline Eigen::Matrix<double, 9, 1> flat(const Contribution& c) {
+  Eigen::Matrix<double, 9, 1> all;
+  all << c.T_load, c.u_dq_drop, c.v_dc, c.i_abc, c.theta_m, c.J;
   return all;
 }
 
 // The bits of acts_on() that a contribution touches.
 inline int touched(const Contribution& c) {
-  return (c.T_load != 0 ? kOnTorque : 0) | (c.u_dq_drop.isZero(0) ? 0 : kOnVoltage) |
+  return (c.T_load != 0 || c.J != 0 ? kOnTorque : 0) | (c.u_dq_drop.isZero(0) ? 0 : kOnVoltage) |
          (c.v_dc != 0 ? kOnBus : 0) | (c.i_abc.isZero(0) ? 0 : kOnCurrents) |
          (c.theta_m != 0 ? kOnAngle : 0);
 }

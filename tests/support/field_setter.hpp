@@ -36,6 +36,9 @@ class FieldSetter : public FieldVisitor {
   void numbers(const char* key, std::span<double>, double, double, const char*) override {
     note(key, Presence::kOptional);
   }
+  void integers(const char* key, std::vector<int>&, int, int, std::size_t, const char*) override {
+    note(key, Presence::kOptional);
+  }
   void profile(const char* key, Profile&, double, double, const char*) override {
     note(key, Presence::kOptional);
   }

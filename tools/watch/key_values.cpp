@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/decode.hpp"
 #include "core/reason.hpp"
 #include "model/signals.hpp"
 #include "tools/field_list.hpp"
@@ -66,8 +67,7 @@ KeyValues show(const estimate_t& e) {
 }
 KeyValues show(const gain_t& g) {
   KeyValues values{{{"first_use_seq", static_cast<double>(g.first_use_seq)}}, ""};
-  const int n_x = std::clamp(g.n_x, 0, kMaxStates);
-  if (n_x > 0) values.numbers.push_back({"P_last_state", g.P[n_x * n_x - 1]});
+  if (!g.P.empty()) values.numbers.push_back({"P_last_state", g.P.back()});
   return values;
 }
 KeyValues show(const reference_t& r) {
@@ -107,7 +107,7 @@ KeyValues show(const status_t&) {
 template <class Message>
 KeyValues decode_and_show(const std::vector<std::uint8_t>& bytes) {
   Message message{};
-  if (message.decode(bytes.data(), 0, static_cast<int>(bytes.size())) < 0)
+  if (!decode(message, bytes.data(), bytes.size()))
     return {{}, "another message layout than this program's", false};
   return show(message);
 }

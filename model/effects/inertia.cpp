@@ -1,0 +1,40 @@
+// Inertia that differs from machine.J: a coupling, another load.  (J + change) omega_m' = ..
+//
+// Regressor: 1 on the inertia (its torque is the change times the acceleration); coefficient
+// change.
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class Inertia final : public Effect {
+ public:
+  std::string_view kind() const override { return "inertia"; }
+  std::string_view meaning() const override { return "inertia beyond machine.J, or short of it"; }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("change_kgm2", change_, -1e4, 1e4, "true inertia less machine.J", Presence::kRequired);
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    return facts.machine.J + change_ > 0 ? "" : "change_kgm2 leaves no inertia";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<Inertia>(*this); }
+  Contribution at(const OperatingPoint&) const override { return {.J = change_}; }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint&, std::span<Contribution> columns) const override {
+    columns[0] = {.J = 1};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = change_; }
+
+ private:
+  double change_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_inertia() {
+  return std::make_shared<Inertia>();
+}
+
+}  // namespace twinrate
