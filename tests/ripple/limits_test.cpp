@@ -58,7 +58,8 @@ TEST(Limits, AStepTo50RpmAndOneOf4NmSettleWithoutWindup) {
     const auto [least_i_q, largest_i_q] = trace.range(trace.i_q, 0, 2.5);
     EXPECT_LT(largest_i_q, i_max + kOneSample_A) << i_max_A;
     EXPECT_GT(least_i_q, -i_max - kOneSample_A) << i_max_A;
-    EXPECT_LT(trace.range(trace.omega_m, 0, 1).second, 1.15 * k50Rpm) << i_max_A;
+    // The linear loop's own overshoot is 13 % (poles -44.5 +- 68j 1/s), the rest is ripple.
+    EXPECT_LT(trace.range(trace.omega_m, 0, 1).second, 1.2 * k50Rpm) << i_max_A;
     // Back within the ripple a quarter of a second after each step.
     for (const double end_s : {1.0, 1.75, 2.5})
       EXPECT_LT(trace.rms_about(k50Rpm, end_s - 0.4, end_s), 0.1) << i_max_A << " at " << end_s;
@@ -67,15 +68,19 @@ TEST(Limits, AStepTo50RpmAndOneOf4NmSettleWithoutWindup) {
   }
 }
 
-// The limit is reached and held: a step of 300 rpm at 3 A.
+// The limit is reached and held: a step of 300 rpm at 3 A. A weak anti-windup shows.
 TEST(Limits, CurrentStandsAtItsLimitAndTheIntegralDoesNotRunAway) {
-  const Trace trace =
-      run(1.5, {"reference.speed_rpm=300", "controller.lqr.i_max_A=3", "effect=[]"});
+  const double omega_m_ref = 300 * kTwoPi / 60;
+  const auto step = [](const char* k_awu_rad_s) {
+    return run(1.5, {"reference.speed_rpm=300", "controller.lqr.i_max_A=3", "effect=[]",
+                     std::string("controller.lqr.k_awu_rad_s=") + k_awu_rad_s});
+  };
+  const Trace trace = step("50"), weak = step("5");
   const auto [least, largest] = trace.range(trace.i_q, 0.05, 0.08);
   EXPECT_GT(least, 2.9);
   EXPECT_LT(largest, 3.05);
-  const double omega_m_ref = 300 * kTwoPi / 60;
-  EXPECT_LT(trace.range(trace.omega_m, 0, 1.5).second, 1.1 * omega_m_ref);
+  EXPECT_LT(trace.range(trace.omega_m, 0, 1.5).second, 1.06 * omega_m_ref);
+  EXPECT_GT(weak.range(weak.omega_m, 0, 1.5).second, 1.2 * omega_m_ref);
   EXPECT_LT(trace.rms_about(omega_m_ref, 1.3, 1.5), 0.05);
 }
 
