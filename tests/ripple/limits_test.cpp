@@ -76,7 +76,7 @@ TEST(Limits, CurrentStandsAtItsLimitAndTheIntegralDoesNotRunAway) {
                      std::string("controller.lqr.k_awu_rad_s=") + k_awu_rad_s});
   };
   const Trace trace = step("50"), weak = step("5");
-  const auto [least, largest] = trace.range(trace.i_q, 0.05, 0.08);
+  const auto [least, largest] = trace.range(trace.i_q, 0.02, 0.05);
   EXPECT_GT(least, 2.9);
   EXPECT_LT(largest, 3.05);
   EXPECT_LT(trace.range(trace.omega_m, 0, 1.5).second, 1.06 * omega_m_ref);
