@@ -1,0 +1,21 @@
+// The angle error of each filter against errors of R_s, L_q and psi_f, as an SVG text: three
+// filters above, the printed one below on its own scale.
+#pragma once
+#include <array>
+#include <string>
+#include <vector>
+
+namespace twinrate {
+
+struct RobustnessCurve {
+  std::string estimator;
+  int parameter = 0;  // 0 R_s, 1 L_q, 2 psi_f
+  std::vector<double> x_pct,
+      e_deg;  // the filter's parameter less the plant's; mean angle error, NaN: lost
+};
+
+inline constexpr std::array<double, 3> kParameterSpan_pct = {50, 20, 10};
+
+std::string robustness_svg(const std::vector<RobustnessCurve>& curves);
+
+}  // namespace twinrate
