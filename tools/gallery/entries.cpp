@@ -98,6 +98,11 @@ constexpr Entry kEntries[] = {
      Over::kTurns, "T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)",
      "Like cogging of order N, but its sign changes with the direction.",
      "`cogging` and `eccentric_load` where the drive turns in one direction only."},
+    {"inertia", "change_kgm2 = 0.0088\n", Signal::kTo, Over::kSpeed,
+     "(J + change) omega_m' = T_em - B omega_m - T_load",
+     "An estimated load torque of change times the acceleration: one sign on the way up, the other "
+     "on the way down, nothing at constant speed. The answer to a load step is slower.",
+     "`constant_load` in a record that only accelerates; a wrong torque constant."},
     {"inverter_drop", "threshold_V = 3.0\nresistance_Ohm = 0.2\n", Signal::kUd, Over::kTurns,
      "drop of a phase = V_0 sat(i/i_linear) + R_on i",
      "As dead time: orders 6 n_p and multiples in the voltages from V_0, and a resistance from "
