@@ -138,9 +138,7 @@ Estimate BackEmfFilter::ahead(const Estimate& snapshot, double ticks) const {
   return e;
 }
 
-// Phi depends on the speed alone; with two different inductances no gain is steady in rotor axes.
 std::optional<Estimate> BackEmfFilter::steady_state(double omega_m) const {
-  if (L_[0] != L_[1]) return {};
   Estimate e;
   e.n_x = 4;
   e.n_y = 2;

@@ -55,7 +55,9 @@ class BackEmfFilter : public Filter {
   Estimate output(const FastState& state, const Measurement& m) const override;
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
-  int turning_pairs() const override { return 2; }  // i and e
+  // None turns: Phi, H, Q and R stand on alpha and beta and depend on the speed alone, so the gain
+  // is steady in the stationary frame, whatever the two inductances and noises are.
+  int turning_pairs() const override { return 0; }
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
 

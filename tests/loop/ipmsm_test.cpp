@@ -90,6 +90,30 @@ TEST(GainPolicies, TheRotorModelsGainDoesNotGrowOldAndTheExtendedEmfsMustTurn) {
   EXPECT_GT(with_background_twenty_times_slower("eemf", "paper").largest_deg, 90);
 }
 
+// Its gain stands still on the stator: as with a gain every tick, whatever the policy.
+TEST(GainPolicies, ThePrintedFiltersGainStandsStillOnTheStator) {
+  for (const char* policy : {"paper", "rotate", "rotor_frame", "scheduled"}) {
+    const AtLoad figures = at_load(
+        join(join(kFlying, kTruth), {"estimator.prediction=rk4", "estimator.kind=backemf_printed",
+                                     "rates.n=20", fmt::format("gain.policy={}", policy)}));
+    EXPECT_NEAR(figures.angle_deg, 34.2, 0.3) << policy;
+  }
+}
+
+TEST(GainPolicies, WithAGainEveryTickTheTurnedOneIsTheOrdinaryFilterBitForBit) {
+  for (const char* kind : {"backemf_printed", "active_flux", "eemf", "dq_ekf"})
+    for (const char* policy : {"rotate", "rotor_frame", "extrapolate"}) {
+      const Overrides base = join(kFlying, {fmt::format("estimator.kind={}", kind), "rates.n=1"});
+      ClosedLoop ordinary(load("kim-ipmsm", base));
+      ClosedLoop loop(load("kim-ipmsm", join(base, {fmt::format("gain.policy={}", policy)})));
+      for (int k = 0; k < 1000; ++k) {
+        ordinary.tick();
+        loop.tick();
+        ASSERT_EQ(ordinary.estimate().x_hat, loop.estimate().x_hat) << kind << policy << k;
+      }
+    }
+}
+
 // The rotor is locked, a voltage of 20 V turns at 100 Hz.
 double standstill_angle_error_deg(double theta_e) {
   Config config = load("kim-ipmsm", {"machine.J_kgm2=1000", "run.duration_s=0.3",
