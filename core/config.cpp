@@ -203,8 +203,13 @@ void Config::read_table(const std::string& path, const std::function<void(FieldV
   reader.require_known();
   impl_->read_tables.insert(path);
   auto& owned = impl_->owned_text;
-  std::erase_if(owned, [&](const auto& entry) { return entry.first == path; });
-  owned.emplace_back(path, write_table(path, fields));
+  const auto known = std::find_if(owned.begin(), owned.end(),
+                                  [&](const auto& entry) { return entry.first == path; });
+  const std::string text = write_table(path, fields);
+  if (known != owned.end())
+    known->second = text;  // read again: it keeps its place
+  else
+    owned.emplace_back(path, text);
 }
 
 bool Config::has_table(const std::string& path) const {
