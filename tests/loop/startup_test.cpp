@@ -27,33 +27,39 @@ TEST(AlignIf, TurnsBackwardsOnANegativeReference) {
 struct Handover {
   bool happened = false;
   double t_s = 0, voltage_step = 0, largest_step_before = 0, shift = 0;
+  double bump = 0;  // the step if the last voltage of the ramp were read in the estimated axes
 };
 
 // The voltage step at the hand-over, in axes that turn with the ramp: what a bump would be made of.
-Handover handover_under(double T_load) {
-  ClosedLoop loop(
-      load("dilys2021", {"start=align_if", "run.duration_s=3.0", "sensors.i_noise_rms_A=0",
-                         "sensors.i_lsb_A=0", fmt::format("load.T_load_Nm={}", T_load)}));
-  constexpr double kTurnATick = 150 * 2e-4;  // omega_e of the hand-over times T_s
+// `turn_a_tick`: omega_e of the hand-over times T_s.
+Handover handover_of(const std::string& preset, double turn_a_tick, double ramp_ends_s,
+                     const Overrides& overrides) {
+  ClosedLoop loop(load(preset, overrides));
   Handover handover;
   Command before;
   for (std::int64_t k = 0; k < loop.drive().steps(); ++k) {
     loop.tick();
     const Command& now = loop.command();
-    const double step = (now.u_alphabeta_ref - rotate(before.u_alphabeta_ref, kTurnATick)).norm();
+    const double step = (now.u_alphabeta_ref - rotate(before.u_alphabeta_ref, turn_a_tick)).norm();
     if (now.mode == Mode::kRun) {
       handover.happened = true;
       handover.t_s = loop.t_s();
       handover.voltage_step = step;
-      handover.shift = wrap_pi(before.theta_ctrl + kTurnATick - now.theta_ctrl);
+      handover.shift = wrap_pi(before.theta_ctrl + turn_a_tick - now.theta_ctrl);
+      handover.bump = 2 * before.u_alphabeta_ref.norm() * std::abs(std::sin(handover.shift / 2));
       return handover;
     }
-    // The last 10 ms of the ramp.
-    if (loop.t_s() > 0.76)
+    if (loop.t_s() > ramp_ends_s)
       handover.largest_step_before = std::max(handover.largest_step_before, step);
     before = now;
   }
   return handover;
+}
+
+Handover handover_under(double T_load) {
+  return handover_of("dilys2021", 150 * 2e-4, 0.76,
+                     {"start=align_if", "run.duration_s=3.0", "sensors.i_noise_rms_A=0",
+                      "sensors.i_lsb_A=0", fmt::format("load.T_load_Nm={}", T_load)});
 }
 
 TEST(Handover, ComesWhenTheRampHasBeenFollowedForTwentyMilliseconds) {
@@ -70,6 +76,36 @@ TEST(Handover, IsBumplessWhateverTheRotorLagsBehindTheForcedVector) {
   }
   // The loads do turn the estimated frame away from the forced one, or the test would show nothing.
   EXPECT_GT(degrees(handover_under(0.04).shift), 25);
+}
+
+Handover salient_handover(const char* kind, double T_load, const Overrides& more) {
+  Overrides overrides{"start=align_if", fmt::format("estimator.kind={}", kind),
+                      "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0",
+                      fmt::format("load.T_load_Nm={}", T_load)};
+  overrides.insert(overrides.end(), more.begin(), more.end());
+  return handover_of("kim-ipmsm", 104.7 * 1e-4, 1.26, overrides);
+}
+
+// The vector is 57 V long. With neither an acceleration to start nor a current to fade the step is
+// that of any tick; read in axes that a load has turned by 36 deg the old voltage would jump by 35
+// V.
+TEST(Handover, OfTheSalientMotorKeepsItsVoltageVectorThoughItsAxesTurn) {
+  for (const char* kind : {"eemf", "active_flux", "dq_ekf"}) {
+    for (double T_load : {0.0, 0.3, 0.6}) {
+      const Handover h = salient_handover(
+          kind, T_load, {"reference.slew_rad_s2=1", "controller.foc.startup.t_fade_s=5"});
+      ASSERT_TRUE(h.happened) << kind;
+      EXPECT_LT(h.voltage_step, 0.06) << kind << " at " << T_load << " Nm";
+      EXPECT_NEAR(h.largest_step_before, 0.017, 0.006) << kind;
+    }
+    EXPECT_NEAR(salient_handover(kind, 0.6, {}).bump, 35, 2) << kind;
+  }
+}
+
+// What the preset asks for at once is an acceleration, 1.05 V, and a fading i_d, 0.46 V.
+TEST(Handover, OfTheSalientMotorStepsByWhatTheSpeedRampAndTheFadeAskFor) {
+  EXPECT_NEAR(salient_handover("eemf", 0.6, {}).voltage_step, 1.53, 0.15);
+  EXPECT_NEAR(salient_handover("eemf", 0.6, {"reference.slew_rad_s2=1"}).voltage_step, 0.49, 0.07);
 }
 
 TEST(AlignIf, GivesUpInSafeModeWithAnEventWhereTheLoadHoldsTheRotor) {
