@@ -119,7 +119,7 @@ void DqEkf::align(FastState& state, double theta_e) const {
 
 Estimate DqEkf::output(const FastState& state, const Measurement&) const {
   Estimate e;
-  e.n_x = 4;
+  e.n_x = 6;  // the state, and the voltage that the background needs: both travel
   e.n_y = 2;
   e.theta_e = state.x_hat[3];
   e.omega_m = state.x_hat[2] / machine_.n_p;
