@@ -189,15 +189,20 @@ Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) co
     e.n_y = 3;
     e.i_dq = state.x_hat.head<2>();
     e.omega_m = state.x_hat[2];
-    e.T_load = state.x_hat[3] + known_torque(e.i_dq, e.omega_m, m.theta_m, m.t_ns);
+    e.T_load = state.x_hat[3];
   } else {
     e.n_x = 2;
     e.n_y = 1;
     e.status |= kNoVoltage;
     e.i_dq = state.i_dq_prev;
     e.omega_m = state.x_hat[0];
-    e.T_load = state.x_hat[1] + known_torque(e.i_dq, e.omega_m, m.theta_m, m.t_ns);
+    e.T_load = state.x_hat[1];
   }
+  // The known part, and its rate along the turn.
+  const double T_known = known_torque(e.i_dq, e.omega_m, m.theta_m, m.t_ns);
+  e.T_load += T_known;
+  e.dT_load_dt =
+      (known_torque(e.i_dq, e.omega_m, m.theta_m + T_s_ * e.omega_m, m.t_ns) - T_known) / T_s_;
   return e;
 }
 

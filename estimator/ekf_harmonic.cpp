@@ -115,7 +115,10 @@ Estimate EkfHarmonic::output(const FastState& state, const Measurement& m) const
   e.theta_e = wrap_turn(machine_.n_p * m.theta_m);
   e.i_dq = x.head<2>();
   e.omega_m = x[2];
-  e.T_load = x[3] + known_torque(x, m.theta_m, 1e-9 * static_cast<double>(m.t_ns));
+  const double t = 1e-9 * static_cast<double>(m.t_ns);
+  const double T_known = known_torque(x, m.theta_m, t);
+  e.T_load = x[3] + T_known;
+  e.dT_load_dt = (known_torque(x, m.theta_m + T_s_ * x[2], t) - T_known) / T_s_;
   for (std::size_t j = 0; j < tuning_.orders.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(4 + 2 * j);
     e.T_load += x[i];

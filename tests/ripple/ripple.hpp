@@ -15,9 +15,10 @@ struct Ripple {
 
 // `turns` turns after `settle_s` at a constant speed.
 inline Ripple ripple(double speed_rpm, double settle_s, double turns,
-                     std::vector<std::string> overrides) {
+                     std::vector<std::string> overrides,
+                     const std::string& drive = "niewiara2020") {
   overrides.push_back("reference.speed_rpm=" + std::to_string(speed_rpm));
-  Config config = load_drive("niewiara2020", overrides);
+  Config config = load_drive(drive, overrides);
   ClosedLoop loop(config);
   const double T_s = config.drive().T_s(), end_s = settle_s + (turns + 0.02) * 60 / speed_rpm;
   std::vector<double> theta_m, omega_m;

@@ -1,0 +1,35 @@
+// An effect added to the model: the filter sees through it and the controller compensates it.
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <regex>
+#include <sstream>
+
+#include "core/config.hpp"
+#include "tests/ripple/ripple.hpp"
+
+namespace twinrate::test {
+namespace {
+
+// niewiara2020 with every effect of its plant known to the model as well.
+std::string all_known() {
+  std::ifstream in(preset_directory() + "/niewiara2020.toml");
+  std::stringstream text;
+  text << in.rdbuf();
+  return std::regex_replace(text.str(), std::regex("\\[\\[effect\\]\\]"),
+                            "[[effect]]\nused_in = \"both\"");
+}
+
+TEST(KnownEffects, OfTheWholeReferenceSetLeaveNoRippleWorthSpeakingOf) {
+  const std::string path = testing::TempDir() + "/all_known.toml";
+  std::ofstream(path) << all_known();
+  for (const double speed_rpm : {20.0, 50.0}) {
+    const double off = ripple(speed_rpm, 2, 3, {"controller.compensation=off"}).rms;
+    const double known = ripple(speed_rpm, 2, 3, {"controller.compensation=paper"}, path).rms;
+    EXPECT_LT(known, 0.02 * off) << speed_rpm;
+    EXPECT_GT(known, 1e-4) << speed_rpm;  // noise remains
+  }
+}
+
+}  // namespace
+}  // namespace twinrate::test
