@@ -1,5 +1,6 @@
 // An effect added to the model: the filter sees through it and the controller compensates it.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <regex>
@@ -21,7 +22,8 @@ std::string all_known() {
 }
 
 TEST(KnownEffects, OfTheWholeReferenceSetLeaveNoRippleWorthSpeakingOf) {
-  const std::string path = testing::TempDir() + "/all_known.toml";
+  const std::string path =
+      testing::TempDir() + "twinrate-known-" + std::to_string(getpid()) + ".toml";
   std::ofstream(path) << all_known();
   for (const double speed_rpm : {20.0, 50.0}) {
     const double off = ripple(speed_rpm, 2, 3, {"controller.compensation=off"}).rms;

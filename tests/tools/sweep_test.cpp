@@ -1,5 +1,6 @@
 // The sweep's own parts: the search, the files, the shards, and the reasons it gives.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
@@ -28,7 +29,8 @@ Plan small_plan() {
 
 class SweepTest : public ::testing::Test {
  protected:
-  SweepTest() : directory_(fs::path(::testing::TempDir()) / "twinrate-sweep-test") {
+  SweepTest()
+      : directory_(fs::temp_directory_path() / ("twinrate-sweep-" + std::to_string(getpid()))) {
     fs::remove_all(directory_);
     fs::create_directories(directory_);
   }
