@@ -113,6 +113,25 @@ Json verdict(const RunView& view) {
   return {{"state", state}, {"headline", headline}, {"text", text}};
 }
 
+// What a salient machine saves against the same mean torque at i_d = 0, over the settled window;
+// empty where there is nothing to save or no torque to speak of.
+static std::string saved_against_no_i_d(const RunView& view) {
+  const MachineParameters& machine = view.run.config.machine;
+  double torque = 0, square = 0, ticks = 0;
+  for (const TickRow& row : view.rows) {
+    if (row.t_s < view.settled_s() || (!row.truth && !row.estimate)) continue;
+    const Vec2 i_dq = row.truth ? row.truth->i_dq : row.estimate->i_dq;
+    torque += machine.torque(i_dq[0], i_dq[1]);
+    square += i_dq.squaredNorm();
+    ++ticks;
+  }
+  const double i_q_alone = torque / ticks / machine.torque_constant();
+  const double ratio = std::sqrt(square / ticks) / std::abs(i_q_alone);
+  if (!(ratio < 0.999)) return "";
+  return fmt::format("current -{:.1f} %, copper loss -{:.1f} %", 100 * (1 - ratio),
+                     100 * (1 - ratio * ratio));
+}
+
 Json summary_table(const RunView& view) {
   const Summary& s = view.run.summary;
   const DriveConfig& config = view.run.config;
@@ -130,6 +149,8 @@ Json summary_table(const RunView& view) {
   add("speed ripple, orders 1-60", reading(s.speed_ripple_harmonics_rms, "rad/s"));
   if (s.P44_min && s.P44_max)
     add("P44", fmt::format("{:.3g} .. {:.3g} rad²", *s.P44_min, *s.P44_max));
+  if (const std::string saved = saved_against_no_i_d(view); !saved.empty())
+    add("against i_d = 0", saved);
   add("f_s", frequency(config.rates.f_s_Hz));
   add("f_b",
       fmt::format("{} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n), config.rates.n));
