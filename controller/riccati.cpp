@@ -5,7 +5,8 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <unsupported/Eigen/MatrixFunctions>
+
+#include "model/matrix_exponential.hpp"
 
 namespace twinrate {
 namespace {
@@ -32,7 +33,7 @@ DiscreteLqrProblem discretise_cost(const MatrixXd& A, const MatrixXd& B, const M
   W.bottomRightCorner(m, m) = R;
   MatrixXd M = MatrixXd::Zero(2 * nm, 2 * nm);
   M << -F.transpose() * T_s, W * T_s, MatrixXd::Zero(nm, nm), F * T_s;
-  const MatrixXd E = M.exp();
+  const MatrixXd E = matrix_exponential(M);
   const MatrixXd Phi = E.bottomRightCorner(nm, nm);
   MatrixXd cost = Phi.transpose() * E.topRightCorner(nm, nm);
   cost = (0.5 * (cost + cost.transpose())).eval();

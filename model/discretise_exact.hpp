@@ -1,8 +1,8 @@
 // Exact solution of x' = A x + B u over one period T with u held, by the matrix exponential.
 #pragma once
 #include <Eigen/Core>
-#include <Eigen/LU>
-#include <unsupported/Eigen/MatrixFunctions>
+
+#include "model/matrix_exponential.hpp"
 
 namespace twinrate {
 
@@ -16,11 +16,11 @@ struct DiscreteModel {
 template <int N, int M>
 DiscreteModel<N, M> discretise_exact(const Eigen::Matrix<double, N, N>& A,
                                      const Eigen::Matrix<double, N, M>& B, double T) {
-  Eigen::Matrix<double, N + M, N + M> block = Eigen::Matrix<double, N + M, N + M>::Zero();
-  block.template topLeftCorner<N, N>() = A * T;
-  block.template topRightCorner<N, M>() = B * T;
-  const Eigen::Matrix<double, N + M, N + M> e = block.exp();
-  return {e.template topLeftCorner<N, N>(), e.template topRightCorner<N, M>()};
+  SmallMatrix block = SmallMatrix::Zero(N + M, N + M);
+  block.topLeftCorner<N, N>() = A * T;
+  block.topRightCorner<N, M>() = B * T;
+  const SmallMatrix e = matrix_exponential(block);
+  return {e.topLeftCorner<N, N>(), e.topRightCorner<N, M>()};
 }
 
 }  // namespace twinrate
