@@ -53,6 +53,16 @@ TEST(TickPath, DoesNotAllocateWithTheDisturbanceFilter) {
         << prediction;
 }
 
+TEST(TickPath, DoesNotAllocateWithStateFeedbackOscillatorsOrLearning) {
+  for (const char* kind : {"ekf_disturbance", "ekf_harmonic"})
+    for (const char* compensation : {"paper", "angle_domain"})
+      EXPECT_EQ(allocations_in_ticks("niewiara2020",
+                                     {fmt::format("estimator.kind={}", kind), "rates.n=4",
+                                      fmt::format("controller.compensation={}", compensation)}),
+                0)
+          << kind << ", " << compensation;
+}
+
 TEST(TickPath, DoesNotAllocateWithTheFiltersOfTheSalientMachine) {
   for (const char* kind : {"backemf_printed", "active_flux", "eemf", "dq_ekf"})
     for (const char* prediction : {"euler", "rk4", "exact"})
