@@ -1,12 +1,9 @@
 #include "estimator/known_effects.hpp"
 
 namespace twinrate {
-namespace {
-constexpr int kCurrentSensors = 3;
-}
 
-KnownEffects::KnownEffects(const Effects& effects, int n_p, double T_s)
-    : undo_(effects, n_p, kCurrentSensors, T_s),
+KnownEffects::KnownEffects(const Effects& effects, int n_p, int current_sensors, double T_s)
+    : undo_(effects, n_p, current_sensors, T_s),
       torque_(acting_on(effects, kOnTorque)),
       voltage_(acting_on(effects, kOnVoltage)),
       none_(effects.empty()),

@@ -11,7 +11,8 @@ namespace twinrate {
 
 class KnownEffects {
  public:
-  KnownEffects(const Effects& effects, int n_p, double T_s);
+  // `current_sensors`: 2 or 3, as sensors.current_sensors.
+  KnownEffects(const Effects& effects, int n_p, int current_sensors, double T_s);
 
   bool none() const { return none_; }
   // `last`: the estimate before, from whose state the lost voltage is predicted.

@@ -33,5 +33,15 @@ TEST(KnownEffects, OfTheWholeReferenceSetLeaveNoRippleWorthSpeakingOf) {
   }
 }
 
+// With two current sensors the third phase carries the errors of the other two.
+TEST(KnownEffects, OfCurrentSensorsAreUndoneWithTwoSensorsToo) {
+  const std::string path =
+      testing::TempDir() + "twinrate-known-two-" + std::to_string(getpid()) + ".toml";
+  std::ofstream(path) << all_known();
+  const std::string two = "sensors.current_sensors=2";
+  const double off = ripple(20, 2, 3, {"controller.compensation=off", two}).rms;
+  EXPECT_LT(ripple(20, 2, 3, {"controller.compensation=paper", two}, path).rms, 0.01 * off);
+}
+
 }  // namespace
 }  // namespace twinrate::test
