@@ -147,10 +147,9 @@ struct OrdersOptions {
   bool json = false;
 };
 
-// The largest orders of T_o_hat that stand kAboveNoise times above the median of the spectrum, in
+// The largest orders of T_o_hat that stand out of the noise as in the report, in
 // rising order, over the whole turns after settle_s.
 int find_orders(const OrdersOptions& o) {
-  constexpr double kAboveNoise = 10;
   constexpr int kHighest = 200;
   const RunLog log = read_run_log(o.run);
   const Config config = Config::parse(log.config_toml, o.run);
@@ -164,13 +163,10 @@ int find_orders(const OrdersOptions& o) {
   const OrderSpectrum spectrum = order_spectrum(theta_m, T_o_hat, kHighest);
   if (spectrum.turns == 0)
     throw BadInput(o.run + ": no whole turn with a position and an estimated load after settle_s");
-  std::vector<double> sorted = spectrum.amplitude;
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<long>(sorted.size() / 2),
-                   sorted.end());
-  const double noise = sorted[sorted.size() / 2];
+  const double noise = spectrum.noise(kHighest);
   std::vector<int> orders;
   for (int N = 1; N <= static_cast<int>(spectrum.amplitude.size()); ++N)
-    if (spectrum.amplitude[static_cast<std::size_t>(N - 1)] > kAboveNoise * noise)
+    if (spectrum.amplitude[static_cast<std::size_t>(N - 1)] > kStandsOut * noise)
       orders.push_back(N);
   const auto amplitude = [&](int N) { return spectrum.amplitude[static_cast<std::size_t>(N - 1)]; };
   std::sort(orders.begin(), orders.end(),
