@@ -3,7 +3,7 @@
 //
 //   simulate    the plant adds at(point) to its equations and to its sensors
 //   regress     the tracer fits a residual on regressors(point), columns that are linear in the
-//               parameters
+//               parameters, and refines the traced_keys() by what at() gives
 //   compensate  estimator and controller predict it with at(point) on their own estimates
 //
 // An effect may act on several equations at once (flux harmonics: voltage and torque); acts_on()
@@ -30,6 +30,7 @@ struct OperatingPoint {
   double omega_m = 0;
   double theta_m = 0;
   double theta_e = 0;  // n_p theta_m
+  double T_load = 0;   // external load, where it is known
 
   Vec3 i_abc() const { return inverse_clarke(inverse_park(i_dq, theta_e)); }
 };
@@ -39,17 +40,24 @@ struct Contribution {
   double T_load = 0;              // Nm, adds to the load
   double J = 0;                   // kgm2, adds to the inertia (acts with the torque)
   Vec2 u_dq_drop = Vec2::Zero();  // V, subtracts from the applied voltage in rotor axes
-  double v_dc = 0;                // V, adds to the DC-bus voltage
-  Vec3 i_abc = Vec3::Zero();      // A, adds to what the current sensors read
-  double theta_m = 0;             // rad, adds to what the position sensor reads
+  // Wb, adds to the flux linkages in rotor axes; the voltage of its change in stator axes, the
+  // back-EMF and the torque 3/2 n_p (psi_d i_q - psi_q i_d) follow. A function of i_dq alone.
+  Vec2 psi_dq = Vec2::Zero();
+  double v_dc = 0;            // V, adds to the DC-bus voltage
+  Vec3 i_abc = Vec3::Zero();  // A, adds to what the current sensors read
+  double theta_m = 0;         // rad, adds to what the position sensor reads
+  double omega_m = 0;         // rad/s, adds to what is read as speed, beyond what follows from
+                              // the angle's reading
 
   Contribution& operator+=(const Contribution& other) {
     T_load += other.T_load;
     J += other.J;
     u_dq_drop += other.u_dq_drop;
+    psi_dq += other.psi_dq;
     v_dc += other.v_dc;
     i_abc += other.i_abc;
     theta_m += other.theta_m;
+    omega_m += other.omega_m;
     return *this;
   }
 };
@@ -61,6 +69,8 @@ enum Acts : int {
   kOnBus = 4,       // v_dc
   kOnCurrents = 8,  // i_abc
   kOnAngle = 16,    // theta_m
+  kOnFlux = 32,     // psi_dq
+  kOnSpeed = 64,    // omega_m
 };
 
 // What of the drive an effect may need besides the point.
@@ -73,6 +83,33 @@ struct DriveFacts {
 // What an effect says of the inverter's legs to a plant that switches them one by one.
 struct LegFacts {
   double dead_time = 0;  // s
+};
+
+// The rotor's second mass behind a shaft: what it takes of machine.J, and the shaft between.
+//   T_shaft = K (delta less the gap) + D delta',  0 inside the gap;  delta = theta_m - theta_load
+struct ShaftFacts {
+  double J_load = 0;     // kgm2, of machine.J
+  double stiffness = 0;  // Nm/rad; 0: no shaft, one rigid mass
+  double damping = 0;    // Nms/rad
+  double gap = 0;        // rad, whole free play
+};
+
+// What an effect does to the samples themselves, beyond adding to a reading.
+struct SamplingFacts {
+  enum Signal : int { kVoltage = 0, kCurrent = 1, kAngle = 2, kSpeed = 3 };
+  double delay[4] = {0, 0, 0, 0};    // s, by Signal
+  double lowpass[4] = {0, 0, 0, 0};  // s, time constant of a first-order filter, by Signal
+  double i_lsb = 0;                  // A, ADC step beyond that of the sensors; 0: none
+  double i_limit = 0;                // A, the ADC's range; 0: unlimited
+  double missing = 0, stale = 0;     // share of rows that are lost; that repeat the row before
+};
+
+// What the tracer fits: a key of fields(). A linear parameter has no grid, its start comes from the
+// regression on regressors(); the others are tried at each value of the grid first.
+struct TracedKey {
+  const char* key;
+  std::vector<double> grid = {};
+  bool refine = true;  // false: stays on the grid (a whole order)
 };
 
 class Effect {
@@ -91,12 +128,29 @@ class Effect {
   // True where a switched inverter does itself what at() averages: the facts then replace at().
   virtual bool describe_legs(LegFacts&) const { return false; }
 
+  // True where the plant has to carry a second mass; where it has to spoil samples.
+  virtual bool describe_shaft(ShaftFacts&) const { return false; }
+  virtual bool describe_sampling(SamplingFacts&) const { return false; }
+
   virtual Contribution at(const OperatingPoint& point) const = 0;
+  // The same along a record, T_s apart: for effects with a memory (a shaft, a lag), whose at() is
+  // zero.
+  virtual void along(std::span<const OperatingPoint> record, double /*T_s*/,
+                     std::span<Contribution> sums) const {
+    for (std::size_t k = 0; k < record.size(); ++k) sums[k] = at(record[k]);
+  }
 
   // The effect as a sum of coefficients() times regressors(): both have regressor_count() entries.
   virtual int regressor_count() const = 0;
   virtual void regressors(const OperatingPoint& point, std::span<Contribution> columns) const = 0;
   virtual void coefficients(std::span<double> values) const = 0;
+  // The way back: linear parameters from coefficients.
+  virtual void set_coefficients(std::span<const double>) {}
+
+  // Empty: the tracer has no fit for it.
+  virtual std::vector<TracedKey> traced_keys() const { return {}; }
+  // Its size over the smallest that is worth reporting on this drive: below 1 it does not matter.
+  virtual double materiality(const DriveFacts&) const { return 0; }
 };
 
 using Effects = std::vector<std::shared_ptr<const Effect>>;
