@@ -26,7 +26,9 @@ std::string acts_on(const Effect& effect) {
                                                     {kOnVoltage, "u_dq"},
                                                     {kOnBus, "v_dc"},
                                                     {kOnCurrents, "i_abc reading"},
-                                                    {kOnAngle, "theta_m reading"}};
+                                                    {kOnAngle, "theta_m reading"},
+                                                    {kOnFlux, "psi_dq"},
+                                                    {kOnSpeed, "omega_m reading"}};
   std::string list;
   for (const auto& [bit, name] : kNames)
     if (effect.acts_on() & bit) list += (list.empty() ? "" : ", ") + std::string(name);

@@ -50,7 +50,7 @@ TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
     const OperatingPoint point = random_point(i);
     std::vector<Contribution> columns(count);
     effect->regressors(point, columns);
-    Eigen::Matrix<double, 9, 1> sum = Eigen::Matrix<double, 9, 1>::Zero();
+    test::Flat sum = test::Flat::Zero();
     for (std::size_t c = 0; c < count; ++c) sum += coefficients[c] * test::flat(columns[c]);
     const auto whole = test::flat(effect->at(point));
     EXPECT_NEAR((whole - sum).norm(), 0, 1e-12 * (1 + whole.norm()));

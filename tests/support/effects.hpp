@@ -56,11 +56,12 @@ class Silence final : public FieldSetter {
   }
 };
 
-// Every field of a contribution, in one vector: T_load, u_d, u_q, v_dc, i_a, i_b, i_c, theta_m,
-// J.
-inline Eigen::Matrix<double, 9, 1> flat(const Contribution& c) {
-  Eigen::Matrix<double, 9, 1> all;
-  all << c.T_load, c.u_dq_drop, c.v_dc, c.i_abc, c.theta_m, c.J;
+// Every field of a contribution, in one vector: T_load, u_d, u_q, v_dc, i_a, i_b, i_c, theta_m, J,
+// psi_d, psi_q, omega_m.
+using Flat = Eigen::Matrix<double, 12, 1>;
+inline Flat flat(const Contribution& c) {
+  Flat all;
+  all << c.T_load, c.u_dq_drop, c.v_dc, c.i_abc, c.theta_m, c.J, c.psi_dq, c.omega_m;
   return all;
 }
 
@@ -68,7 +69,8 @@ inline Eigen::Matrix<double, 9, 1> flat(const Contribution& c) {
 inline int touched(const Contribution& c) {
   return (c.T_load != 0 || c.J != 0 ? kOnTorque : 0) | (c.u_dq_drop.isZero(0) ? 0 : kOnVoltage) |
          (c.v_dc != 0 ? kOnBus : 0) | (c.i_abc.isZero(0) ? 0 : kOnCurrents) |
-         (c.theta_m != 0 ? kOnAngle : 0);
+         (c.theta_m != 0 ? kOnAngle : 0) | (c.psi_dq.isZero(0) ? 0 : kOnFlux) |
+         (c.omega_m != 0 ? kOnSpeed : 0);
 }
 
 }  // namespace twinrate::test
