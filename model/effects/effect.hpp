@@ -104,12 +104,14 @@ struct SamplingFacts {
   double missing = 0, stale = 0;     // share of rows that are lost; that repeat the row before
 };
 
-// What the tracer fits: a key of fields(). A linear parameter has no grid, its start comes from the
-// regression on regressors(); the others are tried at each value of the grid first.
+// What the tracer fits: a key of fields(). The start of a linear parameter comes from the regression
+// on regressors(); the others are tried at each value of the grid first (empty: moments of the
+// record, every 0.1 s).
 struct TracedKey {
   const char* key;
   std::vector<double> grid = {};
   bool refine = true;  // false: stays on the grid (a whole order)
+  bool linear = false;
 };
 
 class Effect {
