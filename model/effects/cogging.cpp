@@ -11,6 +11,7 @@
 // Regressors at a given N: sin(N theta_m), cos(N theta_m); coefficients A cos(phase), A sin(phase).
 #include <numeric>
 
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 
@@ -50,6 +51,17 @@ class Cogging final : public Effect {
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
+  }
+  void set_coefficients(std::span<const double> values) override {
+    set_sine(values, amplitude_, phase_);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{"order", whole_orders(60), false},
+            {.key = "amplitude_Nm", .linear = true},
+            {.key = "phase_rad", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(amplitude_) / smallest_torque(facts, 4e-3);
   }
 
  private:

@@ -1,6 +1,7 @@
 // Constant load: a torque that does not ask for the direction, as a hanging weight.  T_load += T
 //
 // Regressor: 1; coefficient T.
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -24,6 +25,13 @@ class ConstantLoad final : public Effect {
     columns[0] = {.T_load = 1};
   }
   void coefficients(std::span<double> values) const override { values[0] = T_; }
+  void set_coefficients(std::span<const double> values) override { T_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{.key = "torque_Nm", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(T_) / smallest_torque(facts, 10e-3);
+  }
 
  private:
   double T_ = 0;

@@ -3,6 +3,7 @@
 // The tanh stands for sign(omega_m) so that the plant's right-hand side stays smooth; above 3
 // omega_smooth it is within 0.5 % of the sign. Regressor: tanh(omega_m/omega_smooth); coefficient
 // T_C.
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 
@@ -30,6 +31,13 @@ class CoulombFriction final : public Effect {
     columns[0] = {.T_load = smooth_sign(point.omega_m, omega_smooth_)};
   }
   void coefficients(std::span<double> values) const override { values[0] = T_C_; }
+  void set_coefficients(std::span<const double> values) override { T_C_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{.key = "torque_Nm", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(T_C_) / smallest_torque(facts, 10e-3);
+  }
 
  private:
   double T_C_ = 0;

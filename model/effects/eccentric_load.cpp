@@ -1,6 +1,7 @@
 // Eccentric load: unbalance under gravity, or a misaligned shaft.  T_load += A sin(theta_m + phase)
 //
 // Regressors: sin(theta_m), cos(theta_m); coefficients A cos(phase), A sin(phase).
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 
@@ -30,6 +31,15 @@ class EccentricLoad final : public Effect {
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
+  }
+  void set_coefficients(std::span<const double> values) override {
+    set_sine(values, amplitude_, phase_);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{.key = "amplitude_Nm", .linear = true}, {.key = "phase_rad", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(amplitude_) / smallest_torque(facts, 8e-3);
   }
 
  private:

@@ -87,6 +87,8 @@ struct LegFacts {
 
 // The rotor's second mass behind a shaft: what it takes of machine.J, and the shaft between.
 //   T_shaft = K (delta less the gap) + D delta',  0 inside the gap;  delta = theta_m - theta_load
+//
+// Across a gap the flanks only push: where the sum would pull it is 0.
 struct ShaftFacts {
   double J_load = 0;     // kgm2, of machine.J
   double stiffness = 0;  // Nm/rad; 0: no shaft, one rigid mass
@@ -104,8 +106,9 @@ struct SamplingFacts {
   double missing = 0, stale = 0;     // share of rows that are lost; that repeat the row before
 };
 
-// What the tracer fits: a key of fields(). The start of a linear parameter comes from the regression
-// on regressors(); the others are tried at each value of the grid first (empty: moments of the
+// What the tracer fits: a key of fields(); of a choice the position. The start of a linear
+// parameter comes from the regression on regressors(), or, where there are none, on along() at a
+// small value of it; the others are tried at each value of the grid first (empty: moments of the
 // record, every 0.1 s).
 struct TracedKey {
   const char* key;

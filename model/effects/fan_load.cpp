@@ -1,6 +1,7 @@
 // Fan load: torque that grows with the square of the speed.  T_load += c omega_m |omega_m|
 //
 // Regressor: omega_m |omega_m|; coefficient c.
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -26,6 +27,13 @@ class FanLoad final : public Effect {
     columns[0] = {.T_load = point.omega_m * std::abs(point.omega_m)};
   }
   void coefficients(std::span<double> values) const override { values[0] = c_; }
+  void set_coefficients(std::span<const double> values) override { c_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{.key = "coefficient_Nms2", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(c_) * std::pow(rated_speed(facts), 2) / smallest_torque(facts, 15e-3);
+  }
 
  private:
   double c_ = 0;

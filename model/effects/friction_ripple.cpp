@@ -4,6 +4,7 @@
 //
 // It changes sign with the direction, which is how it is told from cogging. Regressors at given N:
 // tanh() sin(N theta_m), tanh() cos(N theta_m); coefficients A cos(phase), A sin(phase).
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 
@@ -35,6 +36,17 @@ class FrictionRipple final : public Effect {
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
+  }
+  void set_coefficients(std::span<const double> values) override {
+    set_sine(values, amplitude_, phase_);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{"order", whole_orders(6), false},
+            {.key = "amplitude_Nm", .linear = true},
+            {.key = "phase_rad", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(amplitude_) / smallest_torque(facts, 8e-3);
   }
 
  private:

@@ -26,6 +26,13 @@ class Inertia final : public Effect {
     columns[0] = {.J = 1};
   }
   void coefficients(std::span<double> values) const override { values[0] = change_; }
+  void set_coefficients(std::span<const double> values) override { change_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{.key = "change_kgm2", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(change_) / (0.02 * facts.machine.J);
+  }
 
  private:
   double change_ = 0;

@@ -2,6 +2,7 @@
 //
 // The integrator does not stop at t_step: put it on a tick where that matters. Regressor: 1 from
 // t_step on; coefficient T.
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -26,6 +27,13 @@ class LoadStep final : public Effect {
     columns[0] = {.T_load = point.t >= t_step_ ? 1.0 : 0.0};
   }
   void coefficients(std::span<double> values) const override { values[0] = T_; }
+  void set_coefficients(std::span<const double> values) override { T_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{"time_s"}, {.key = "torque_Nm", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(T_) / smallest_torque(facts, 20e-3);
+  }
 
  private:
   double T_ = 0;

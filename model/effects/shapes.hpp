@@ -6,8 +6,10 @@
 //   saturate(x) = max(-1, min(1, x))                 the sign of a current, linear near zero
 //   phases_to_dq(x_abc, theta_e)                     three phase values as a vector in rotor axes
 //   sine(amplitude, phase): amplitude sin(angle + phase) = c_0 sin(angle) + c_1 cos(angle)
+//   whole_orders(most): 1, 2, .. most, as a grid
 #pragma once
 #include <span>
+#include <vector>
 
 #include "model/frames.hpp"
 
@@ -36,6 +38,18 @@ inline Vec2 phases_to_dq(const Vec3& x_abc, double theta_e) {
 inline void sine_coefficients(double amplitude, double phase, std::span<double> values) {
   values[0] = amplitude * std::cos(phase);
   values[1] = amplitude * std::sin(phase);
+}
+
+// The way back: amplitude >= 0, phase in (-pi, pi].
+inline void set_sine(std::span<const double> values, double& amplitude, double& phase) {
+  amplitude = std::hypot(values[0], values[1]);
+  phase = std::atan2(values[1], values[0]);
+}
+
+inline std::vector<double> whole_orders(int most) {
+  std::vector<double> orders;
+  for (int order = 1; order <= most; ++order) orders.push_back(order);
+  return orders;
 }
 
 }  // namespace twinrate

@@ -5,6 +5,7 @@
 // T_S is the excess over Coulomb friction: break-away torque less Coulomb torque. Exponent 2
 // (default) is Armstrong-Helouvry's form, 1 is Tustin's. Regressor: the product of exponential and
 // tanh at given omega_S; coefficient T_S.
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 
@@ -38,6 +39,13 @@ class StribeckFriction final : public Effect {
     columns[0] = {.T_load = shape(point.omega_m)};
   }
   void coefficients(std::span<double> values) const override { values[0] = T_S_; }
+  void set_coefficients(std::span<const double> values) override { T_S_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{"speed_rad_s", {0.5, 1, 2, 4, 8, 16}}, {.key = "torque_Nm", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(T_S_) / smallest_torque(facts, 20e-3);
+  }
 
  private:
   double shape(double omega_m) const {

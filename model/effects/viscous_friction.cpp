@@ -1,6 +1,7 @@
 // Viscous friction beyond the machine's B: bearings, grease, eddy currents.  T_load += b omega_m
 //
 // Regressor: omega_m; coefficient b. B itself stands in [machine]: only the sum can be identified.
+#include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -28,6 +29,13 @@ class ViscousFriction final : public Effect {
     columns[0] = {.T_load = point.omega_m};
   }
   void coefficients(std::span<double> values) const override { values[0] = b_; }
+  void set_coefficients(std::span<const double> values) override { b_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {{.key = "coefficient_Nms", .linear = true}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(b_) * rated_speed(facts) / smallest_torque(facts, 15e-3);
+  }
 
  private:
   double b_ = 0;

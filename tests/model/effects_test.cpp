@@ -59,6 +59,42 @@ TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
   EXPECT_GT(size, 1e-3);
 }
 
+TEST_P(EveryEffect, TakesItsCoefficientsBack) {
+  const auto effect = plausible(GetParam());
+  if (effect->traced_keys().empty()) GTEST_SKIP() << "the tracer has no fit for it";
+  const auto count = static_cast<std::size_t>(effect->regressor_count());
+  std::vector<double> given(count), kept(count);
+  effect->coefficients(given);
+  for (double& coefficient : given) coefficient *= 0.7;
+  const auto copy = effect->clone();
+  copy->set_coefficients(given);
+  copy->coefficients(kept);
+  for (std::size_t i = 0; i < count; ++i)
+    EXPECT_NEAR(kept[i], given[i], 1e-12 * (1 + std::abs(given[i])));
+}
+
+TEST_P(EveryEffect, IsTracedByKeysOfItsFields) {
+  const auto effect = plausible(GetParam());
+  test::FieldSetter look;
+  effect->fields(look);
+  for (const TracedKey& traced : effect->traced_keys())
+    EXPECT_TRUE(look.keys().contains(traced.key)) << traced.key;
+}
+
+TEST_P(EveryEffect, TwiceItsSizeMattersMore) {
+  const auto effect = plausible(GetParam());
+  if (effect->traced_keys().empty() || effect->regressor_count() == 0)
+    GTEST_SKIP() << "the tracer has no fit for it";
+  const auto facts = test::drive_facts();
+  std::vector<double> c(static_cast<std::size_t>(effect->regressor_count()));
+  effect->coefficients(c);
+  const double size = effect->materiality(facts);
+  EXPECT_GT(size, 0);
+  for (double& coefficient : c) coefficient *= 2;
+  effect->set_coefficients(c);
+  EXPECT_NEAR(effect->materiality(facts), 2 * size, 1e-9 * size);
+}
+
 TEST_P(EveryEffect, TouchesWhatItSaysItActsOnAndNothingElse) {
   const auto effect = plausible(GetParam());
   int touched = 0;
@@ -93,6 +129,28 @@ INSTANTIATE_TEST_SUITE_P(Registry, EveryEffect, testing::ValuesIn(effect_kinds()
 
 TEST(EffectRegistry, AnUnknownKindIsNull) {
   EXPECT_EQ(make_effect("perpetuum_mobile"), nullptr);
+}
+
+// Sizes worth reporting on the drive that the figures belong to, and on one of a tenth the torque.
+TEST(Materiality, IsOneAtTheSmallestSizeOfAServoMotor) {
+  DriveFacts facts = test::drive_facts();
+  facts.machine.T_rated = 8.1;
+  facts.machine.omega_m_rated = 100;
+  const auto of = [&](const char* kind, std::map<std::string, double> values) {
+    return test::effect_of(kind, std::move(values), facts)->materiality(facts);
+  };
+  EXPECT_NEAR(of("cogging", {{"order", 6}, {"amplitude_Nm", 4e-3}}), 1, 1e-12);
+  EXPECT_NEAR(of("constant_load", {{"torque_Nm", -10e-3}}), 1, 1e-12);
+  EXPECT_NEAR(of("coulomb_friction", {{"torque_Nm", 10e-3}}), 1, 1e-12);
+  EXPECT_NEAR(of("stribeck_friction", {{"torque_Nm", 20e-3}, {"speed_rad_s", 1}}), 1, 1e-12);
+  EXPECT_NEAR(of("load_step", {{"torque_Nm", -20e-3}, {"time_s", 1}}), 1, 1e-12);
+  EXPECT_NEAR(of("inertia", {{"change_kgm2", -0.02 * 8.8e-3}}), 1, 1e-12);
+  EXPECT_NEAR(of("eccentric_load", {{"amplitude_Nm", 8e-3}}), 1, 1e-12);
+  EXPECT_NEAR(of("friction_ripple", {{"order", 1}, {"amplitude_Nm", 8e-3}}), 1, 1e-12);
+  EXPECT_NEAR(of("fan_load", {{"coefficient_Nms2", 15e-7}}), 1, 1e-12);
+  EXPECT_NEAR(of("viscous_friction", {{"coefficient_Nms", 15e-5}}), 1, 1e-12);
+  facts.machine.T_rated = 0.81;
+  EXPECT_NEAR(of("cogging", {{"order", 6}, {"amplitude_Nm", 4e-3}}), 10, 1e-12);
 }
 
 TEST(Cogging, OpposesPositiveMotionWithAmplitudeSinOrderThetaPlusPhase) {
