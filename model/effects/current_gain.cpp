@@ -5,6 +5,8 @@
 // is (g_a - g_b) I/sqrt3 [cos(2 theta_e + pi/3) + 1/2] (Chung and Sul 1998). Regressors: the
 // current of one phase each.
 #include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -32,8 +34,13 @@ class CurrentGain final : public Effect {
     for (int phase = 0; phase < 3; ++phase)
       columns[static_cast<std::size_t>(phase)] = {.i_abc = i_abc[phase] * Vec3::Unit(phase)};
   }
-  void coefficients(std::span<double> values) const override {
-    for (int phase = 0; phase < 3; ++phase) values[static_cast<std::size_t>(phase)] = gain_[phase];
+  void coefficients(std::span<double> values) const override { put_phases(gain_, values); }
+  void set_coefficients(std::span<const double> values) override { gain_ = phases_of(values); }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("gain_a"), linear_key("gain_b"), linear_key("gain_c")};
+  }
+  double materiality(const DriveFacts&) const override {
+    return gain_.cwiseAbs().maxCoeff() / 0.003;
   }
 
  private:

@@ -2,8 +2,10 @@
 //
 // Seen in rotor axes it turns at order n_p. With sensors.current_sensors = 2 there is no third
 // sensor: offset_c_A means nothing, and the reading of c has -offset_a - offset_b. Regressors: one
-// a phase.
+// a phase; an offset common to all three does not show in the current vector.
 #include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -29,9 +31,13 @@ class CurrentOffset final : public Effect {
     for (int phase = 0; phase < 3; ++phase)
       columns[static_cast<std::size_t>(phase)] = {.i_abc = Vec3::Unit(phase)};
   }
-  void coefficients(std::span<double> values) const override {
-    for (int phase = 0; phase < 3; ++phase)
-      values[static_cast<std::size_t>(phase)] = offset_[phase];
+  void coefficients(std::span<double> values) const override { put_phases(offset_, values); }
+  void set_coefficients(std::span<const double> values) override { offset_ = phases_of(values); }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("offset_a_A"), linear_key("offset_b_A"), linear_key("offset_c_A")};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return offset_.cwiseAbs().maxCoeff() / (8e-3 / 7 * rated_current(facts));
   }
 
  private:

@@ -5,6 +5,7 @@
 // A cos(phase), A sin(phase).
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -37,6 +38,17 @@ class DcBusRipple final : public Effect {
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
+  }
+  void set_coefficients(std::span<const double> values) override {
+    set_sine(values, amplitude_, phase_);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("amplitude_V"),
+            linear_key("phase_rad"),
+            {"frequency_Hz", {50, 100, 150, 300, 600}}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return amplitude_ / (3e-3 * facts.v_dc);
   }
 
  private:

@@ -9,6 +9,7 @@
 // inverter.f_pwm_Hz. Regressor: f_pwm v_dc Park(Clarke(sat)); coefficient t_d.
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -44,6 +45,11 @@ class DeadTime final : public Effect {
     columns[0] = {.u_dq_drop = drop_a_second(point)};
   }
   void coefficients(std::span<double> values) const override { values[0] = t_d_; }
+  void set_coefficients(std::span<const double> values) override { t_d_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("dead_time_s"), {"linear_current_A", {0.03, 0.1, 0.3, 1}}};
+  }
+  double materiality(const DriveFacts&) const override { return std::abs(t_d_) / 1e-7; }
 
  private:
   Vec2 drop_a_second(const OperatingPoint& point) const {

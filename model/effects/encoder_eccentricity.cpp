@@ -6,6 +6,7 @@
 // coefficients A cos(phase), A sin(phase).
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -36,6 +37,13 @@ class EncoderEccentricity final : public Effect {
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
   }
+  void set_coefficients(std::span<const double> values) override {
+    set_sine(values, amplitude_, phase_);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("amplitude_rad"), linear_key("phase_rad")};
+  }
+  double materiality(const DriveFacts&) const override { return amplitude_ / 2e-4; }
 
  private:
   double amplitude_ = 0;

@@ -2,6 +2,7 @@
 //
 // Regressor: 1; coefficient offset.
 #include "model/effects/registry.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -23,6 +24,9 @@ class EncoderOffset final : public Effect {
     columns[0] = {.theta_m = 1};
   }
   void coefficients(std::span<double> values) const override { values[0] = offset_; }
+  void set_coefficients(std::span<const double> values) override { offset_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override { return {linear_key("offset_rad")}; }
+  double materiality(const DriveFacts&) const override { return std::abs(offset_) / 2e-3; }
 
  private:
   double offset_ = 0;

@@ -10,6 +10,7 @@
 // with -sin(N theta_m) for delta_psi/A; coefficients A cos(phase), A sin(phase).
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -47,6 +48,16 @@ class FluxHarmonics final : public Effect {
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
+  }
+  void set_coefficients(std::span<const double> values) override {
+    set_sine(values, amplitude_, phase_);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {
+        linear_key("amplitude_Wb"), linear_key("phase_rad"), {"order", whole_orders(60), false}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return amplitude_ / (1e-3 * facts.machine.psi_f);
   }
 
  private:

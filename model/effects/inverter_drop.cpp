@@ -4,8 +4,11 @@
 //
 // V_0 is the forward voltage of transistor or diode, R_on its slope: with R_s the one is told from
 // the other only by temperature. Regressors: Park(Clarke(sat)), i_dq; coefficients V_0, R_on.
+#include <algorithm>
+
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
 
 namespace twinrate {
 namespace {
@@ -38,6 +41,20 @@ class InverterDrop final : public Effect {
   void coefficients(std::span<double> values) const override {
     values[0] = V_0_;
     values[1] = R_on_;
+  }
+  void set_coefficients(std::span<const double> values) override {
+    V_0_ = values[0];
+    R_on_ = values[1];
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("threshold_V"),
+            linear_key("resistance_Ohm"),
+            {"linear_current_A", {0.03, 0.1, 0.3, 1}}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    // 1e-3 of the bus is 0.1 us of dead time at 10 kHz.
+    return std::max(std::abs(V_0_) / (1e-3 * facts.v_dc),
+                    std::abs(R_on_) / (0.02 * facts.machine.R_s));
   }
 
  private:

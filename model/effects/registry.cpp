@@ -13,6 +13,7 @@ constexpr Entry kEntries[] = {
     {"cogging", make_cogging},
     {"constant_load", make_constant_load},
     {"coulomb_friction", make_coulomb_friction},
+    {"cross_saturation", make_cross_saturation},
     {"current_gain", make_current_gain},
     {"current_offset", make_current_offset},
     {"dc_bus_ripple", make_dc_bus_ripple},
@@ -22,12 +23,20 @@ constexpr Entry kEntries[] = {
     {"encoder_offset", make_encoder_offset},
     {"fan_load", make_fan_load},
     {"flux_harmonics", make_flux_harmonics},
+    {"flux_linkage", make_flux_linkage},
     {"friction_ripple", make_friction_ripple},
+    {"inductance", make_inductance},
     {"inertia", make_inertia},
     {"inverter_drop", make_inverter_drop},
+    {"inverter_offset", make_inverter_offset},
+    {"iron_loss", make_iron_loss},
     {"load_step", make_load_step},
+    {"phase_asymmetry", make_phase_asymmetry},
+    {"resistance", make_resistance},
+    {"saturation", make_saturation},
     {"stribeck_friction", make_stribeck_friction},
     {"viscous_friction", make_viscous_friction},
+    {"voltage_gain", make_voltage_gain},
 };
 
 }  // namespace

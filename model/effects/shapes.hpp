@@ -39,11 +39,18 @@ inline void sine_coefficients(double amplitude, double phase, std::span<double> 
   values[0] = amplitude * std::cos(phase);
   values[1] = amplitude * std::sin(phase);
 }
-
 // The way back: amplitude >= 0, phase in (-pi, pi].
 inline void set_sine(std::span<const double> values, double& amplitude, double& phase) {
   amplitude = std::hypot(values[0], values[1]);
   phase = std::atan2(values[1], values[0]);
+}
+
+// One coefficient a phase.
+inline void put_phases(const Vec3& x_abc, std::span<double> values) {
+  for (int phase = 0; phase < 3; ++phase) values[static_cast<std::size_t>(phase)] = x_abc[phase];
+}
+inline Vec3 phases_of(std::span<const double> values) {
+  return {values[0], values[1], values[2]};
 }
 
 inline std::vector<double> whole_orders(int most) {

@@ -1,0 +1,63 @@
+// Voltage error of the inverter that is always there: legs that do not switch alike.
+//
+//   u_phase = asked + offset,  u_dq_drop = -Park(Clarke(offset))
+//
+// Seen in rotor axes it turns at order n_p. What all three phases have in common does nothing, so
+// offsets of a and b against c say everything. Regressors: one a phase; coefficients the offsets.
+#include "model/effects/registry.hpp"
+#include "model/effects/shapes.hpp"
+#include "model/effects/traced.hpp"
+
+namespace twinrate {
+namespace {
+
+class InverterOffset final : public Effect {
+ public:
+  std::string_view kind() const override { return "inverter_offset"; }
+  std::string_view meaning() const override {
+    return "error of a phase voltage that is always there";
+  }
+  int acts_on() const override { return kOnVoltage; }
+  std::vector<std::string> signals_needed() const override {
+    return {"i_a", "i_b", "u_d", "u_q", "theta_m"};
+  }
+  void fields(FieldVisitor& f) override {
+    f.number("offset_a_V", offset_[0], -1e3, 1e3, "true less asked voltage, phase a against c",
+             Presence::kRequired);
+    f.number("offset_b_V", offset_[1], -1e3, 1e3, "the same of phase b", Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterOffset>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.u_dq_drop = -phases_to_dq({offset_[0], offset_[1], 0}, point.theta_e)};
+  }
+  int regressor_count() const override { return 2; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.u_dq_drop = -phases_to_dq({1, 0, 0}, point.theta_e)};
+    columns[1] = {.u_dq_drop = -phases_to_dq({0, 1, 0}, point.theta_e)};
+  }
+  void coefficients(std::span<double> values) const override {
+    values[0] = offset_[0];
+    values[1] = offset_[1];
+  }
+  void set_coefficients(std::span<const double> values) override {
+    offset_ = {values[0], values[1]};
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("offset_a_V"), linear_key("offset_b_V")};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    // 0.05 V of a bus of 235 V: it comes from the duties.
+    return offset_.cwiseAbs().maxCoeff() / (0.05 / 235 * facts.v_dc);
+  }
+
+ private:
+  Vec2 offset_ = Vec2::Zero();
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_inverter_offset() {
+  return std::make_shared<InverterOffset>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,62 @@
+// Winding resistance that is not machine.R_s, or that drifts away from it as the winding warms up.
+//
+//   Delta_R(t) = change (1 - exp(-t/tau)),  change from the start where tau = 0
+//   u_dq_drop = Delta_R i_dq
+//
+// t counts from the start of the record. Regressor at a given tau: (1 - exp(-t/tau)) i_dq;
+// coefficient change.
+#include "model/effects/registry.hpp"
+#include "model/effects/traced.hpp"
+
+namespace twinrate {
+namespace {
+
+class Resistance final : public Effect {
+ public:
+  std::string_view kind() const override { return "resistance"; }
+  std::string_view meaning() const override {
+    return "winding resistance other than machine.R_s, or drifting away from it";
+  }
+  int acts_on() const override { return kOnVoltage; }
+  std::vector<std::string> signals_needed() const override {
+    return {"i_d", "i_q", "u_d", "u_q", "theta_m"};
+  }
+  void fields(FieldVisitor& f) override {
+    f.number("change_Ohm", change_, -1e3, 1e3, "true R_s less machine.R_s, in the end",
+             Presence::kRequired);
+    f.number("time_constant_s", tau_, 0, 1e6, "of the way there; 0: from the start");
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    return facts.machine.R_s + change_ > 0 ? "" : "change_Ohm leaves no resistance";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<Resistance>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.u_dq_drop = change_ * share(point.t) * point.i_dq};
+  }
+  int regressor_count() const override { return 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.u_dq_drop = share(point.t) * point.i_dq};
+  }
+  void coefficients(std::span<double> values) const override { values[0] = change_; }
+  void set_coefficients(std::span<const double> values) override { change_ = values[0]; }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("change_Ohm"), {"time_constant_s", {0, 1, 2, 5, 10, 20}}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return std::abs(change_) / (0.02 * facts.machine.R_s);
+  }
+
+ private:
+  double share(double t) const { return tau_ > 0 ? -std::expm1(-t / tau_) : 1; }
+
+  double change_ = 0;
+  double tau_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_resistance() {
+  return std::make_shared<Resistance>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,111 @@
+// Saturation: iron that carries much flux carries less of the next ampere's.
+//
+//   psi_q = L_q i_q f(|i_q|/I_s),  psi_dq += [0, psi_q - L_q i_q]        likewise along d
+//   form   rational   f(x) = 1/(1 + x)
+//          square     f(x) = 1/(1 + x^2) up to x = 0.8, on along the tangent beyond (the formula
+//                     falls from x = 1 on, which no iron does)
+//          tanh       f(x) = tanh(x)/x
+//
+// I_s = 0: no saturation. The d axis saturates where current_d_A is given, by its current alone.
+// Regressors, one for each axis that saturates (q first): L i (f - 1)/c with the coefficient
+// c = 1/I_s of "rational", 1/I_s^2 of the others. At c = 0 they are -L i |i|, -L i^3 and -L i^3/3,
+// so a regression can start from no saturation at all; each further round at the I_s found comes
+// closer. set_coefficients takes c <= 0, more inductance at more current, as no saturation.
+#include <algorithm>
+
+#include "model/effects/registry.hpp"
+#include "model/effects/traced.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr const char* kFormNames[] = {"rational", "square", "tanh"};
+enum Form : int { kRational = 0, kSquare = 1, kTanh = 2 };
+
+// psi/(L I_s) less x = |i|/I_s: what saturation takes, as a positive number.
+double lost(int form, double x) {
+  constexpr double kEnd = 0.8, kTop = kEnd / (1 + kEnd * kEnd);
+  constexpr double kSlope = (1 - kEnd * kEnd) / ((1 + kEnd * kEnd) * (1 + kEnd * kEnd));
+  if (form == kRational) return x * x / (1 + x);
+  if (form == kSquare) return x < kEnd ? x * x * x / (1 + x * x) : x - kTop - kSlope * (x - kEnd);
+  return x < 1e-2 ? x * x * x / 3 * (1 - 0.4 * x * x) : x - std::tanh(x);
+}
+
+// One axis: the flux that is lacking is coefficient() times regressor().
+struct Axis {
+  double I_s = 0;  // A
+  double L = 0;
+
+  double coefficient(int form) const {
+    if (I_s == 0) return 0;
+    return form == kRational ? 1 / I_s : 1 / (I_s * I_s);
+  }
+  void set_coefficient(int form, double c) {
+    I_s = c <= 0 ? 0 : form == kRational ? 1 / c : 1 / std::sqrt(c);
+  }
+  double regressor(int form, double i) const {
+    const double a = std::abs(i);
+    if (I_s == 0) return -L * i * (form == kRational ? a : form == kSquare ? a * a : a * a / 3);
+    const double psi = -L * I_s * lost(form, a / I_s) / coefficient(form);
+    return i < 0 ? -psi : psi;
+  }
+  double psi(int form, double i) const { return coefficient(form) * regressor(form, i); }
+};
+
+class Saturation final : public Effect {
+ public:
+  std::string_view kind() const override { return "saturation"; }
+  std::string_view meaning() const override { return "inductance that falls with its current"; }
+  int acts_on() const override { return kOnFlux; }
+  std::vector<std::string> signals_needed() const override {
+    return {"i_d", "i_q", "u_d", "u_q", "theta_m"};
+  }
+  void fields(FieldVisitor& f) override {
+    f.choice("form", form_, kFormNames, "how the inductance falls");
+    f.number("current_q_A", q_.I_s, 0, 1e6, "scale I_s along q; 0: none", Presence::kRequired);
+    f.number("current_d_A", d_.I_s, 0, 1e6, "the same along d");
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    d_.L = facts.machine.L_d;
+    q_.L = facts.machine.L_q;
+    return "";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<Saturation>(*this); }
+  Contribution at(const OperatingPoint& point) const override {
+    return {.psi_dq = Vec2(d_.psi(form_, point.i_dq[0]), q_.psi(form_, point.i_dq[1]))};
+  }
+  int regressor_count() const override { return d_.I_s > 0 ? 2 : 1; }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    columns[0] = {.psi_dq = Vec2(0, q_.regressor(form_, point.i_dq[1]))};
+    if (d_.I_s > 0) columns[1] = {.psi_dq = Vec2(d_.regressor(form_, point.i_dq[0]), 0)};
+  }
+  void coefficients(std::span<double> values) const override {
+    values[0] = q_.coefficient(form_);
+    if (d_.I_s > 0) values[1] = d_.coefficient(form_);
+  }
+  void set_coefficients(std::span<const double> values) override {
+    q_.set_coefficient(form_, values[0]);
+    if (d_.I_s > 0) d_.set_coefficient(form_, values[1]);
+  }
+  std::vector<TracedKey> traced_keys() const override {
+    return {linear_key("current_q_A"), {"form", {kRational, kSquare, kTanh}, false}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    const double i = rated_current(facts);
+    return std::max(std::abs(d_.psi(form_, i)) / facts.machine.L_d,
+                    std::abs(q_.psi(form_, i)) / facts.machine.L_q) /
+           (0.015 * i);
+  }
+
+ private:
+  int form_ = kRational;
+  Axis d_, q_;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_saturation() {
+  return std::make_shared<Saturation>();
+}
+
+}  // namespace twinrate

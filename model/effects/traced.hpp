@@ -1,0 +1,17 @@
+// Helpers of what effects tell the tracer: traced_keys() and materiality().
+#pragma once
+#include "model/effects/effect.hpp"
+
+namespace twinrate {
+
+// A key whose start comes from the regression.
+inline TracedKey linear_key(const char* key) {
+  return {.key = key, .linear = true};
+}
+
+// machine.i_rated; 7 A where the drive's file does not say.
+inline double rated_current(const DriveFacts& facts) {
+  return facts.machine.i_rated > 0 ? facts.machine.i_rated : 7;
+}
+
+}  // namespace twinrate
