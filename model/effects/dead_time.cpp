@@ -1,7 +1,7 @@
 // Dead time of the inverter, averaged over a switching period (plant.inverter = "switched" plays it
 // edge by edge).       (Niewiara (5), (6))
 //
-//   drop of a phase = t_d f_pwm v_dc sat(i/i_linear)          sat(x) = max(-1, min(1, x))
+//   drop of a phase = t_d f_pwm v_dc sat(i/i_linear)     sat(x) = max(-1, min(1, x)), or by `shape`
 //
 // While both switches of a leg are off its current chooses the diode: positive current gets the
 // lower rail. Below i_linear the ripple changes the current's sign within a period and the loss
@@ -27,6 +27,7 @@ class DeadTime final : public Effect {
   void fields(FieldVisitor& f) override {
     f.number("dead_time_s", t_d_, 0, 1e-4, "from switch off to switch on", Presence::kRequired);
     f.number("linear_current_A", i_linear_, 1e-6, 1e3, "current below which the loss shrinks");
+    choice(f, "shape", shape_, kCurrentShapeNames, "how the loss grows with the current");
   }
   std::string prepare(const DriveFacts& facts) override {
     f_pwm_ = facts.f_pwm;
@@ -54,11 +55,12 @@ class DeadTime final : public Effect {
  private:
   Vec2 drop_a_second(const OperatingPoint& point) const {
     return f_pwm_ * point.v_dc *
-           phases_to_dq(saturate_phases(point.i_abc(), i_linear_), point.theta_e);
+           phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_), point.theta_e);
   }
 
   double t_d_ = 0;
   double i_linear_ = 0.3;
+  CurrentShape shape_ = CurrentShape::kClamp;
   double f_pwm_ = 0;
 };
 

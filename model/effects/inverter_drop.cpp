@@ -1,6 +1,7 @@
 // Voltage drop of the switches.
 //
-//   drop of a phase = V_0 sat(i/i_linear) + R_on i            sat(x) = max(-1, min(1, x))
+//   drop of a phase = V_0 sat(i/i_linear) + R_on i            sat(x) = max(-1, min(1, x)), or by
+//   `shape`
 //
 // V_0 is the forward voltage of transistor or diode, R_on its slope: with R_s the one is told from
 // the other only by temperature. Regressors: Park(Clarke(sat)), i_dq; coefficients V_0, R_on.
@@ -28,6 +29,8 @@ class InverterDrop final : public Effect {
     f.number("resistance_Ohm", R_on_, 0, 100, "slope of the forward voltage");
     f.number("linear_current_A", i_linear_, 1e-6, 1e3,
              "current below which the forward voltage shrinks");
+    choice(f, "shape", shape_, kCurrentShapeNames,
+           "how the forward voltage grows with the current");
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterDrop>(*this); }
   Contribution at(const OperatingPoint& point) const override {
@@ -59,12 +62,13 @@ class InverterDrop final : public Effect {
 
  private:
   Vec2 signs(const OperatingPoint& point) const {
-    return phases_to_dq(saturate_phases(point.i_abc(), i_linear_), point.theta_e);
+    return phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_), point.theta_e);
   }
 
   double V_0_ = 0;
   double R_on_ = 0;
   double i_linear_ = 0.3;
+  CurrentShape shape_ = CurrentShape::kClamp;
 };
 
 }  // namespace

@@ -4,10 +4,14 @@
 //   integrator;
 //                                                    within 0.5 % of +-1 above 3 scale
 //   saturate(x) = max(-1, min(1, x))                 the sign of a current, linear near zero
+//   current_sign(x, shape)                           the same with other ways round the corner:
+//                                                    tanh x, 2/pi atan(pi/2 x), x/sqrt(1 + x^2);
+//                                                    slope 1 at zero, +-1 far out, all of them
 //   phases_to_dq(x_abc, theta_e)                     three phase values as a vector in rotor axes
 //   sine(amplitude, phase): amplitude sin(angle + phase) = c_0 sin(angle) + c_1 cos(angle)
 //   whole_orders(most): 1, 2, .. most, as a grid
 #pragma once
+#include <cmath>
 #include <span>
 #include <vector>
 
@@ -25,9 +29,27 @@ inline double saturate(double x) {
   return x > 1 ? 1 : x < -1 ? -1 : x;
 }
 
-inline Vec3 saturate_phases(const Vec3& i_abc, double linear_current) {
-  return {saturate(i_abc[0] / linear_current), saturate(i_abc[1] / linear_current),
-          saturate(i_abc[2] / linear_current)};
+enum class CurrentShape : int { kClamp = 0, kTanh = 1, kAtan = 2, kRoot = 3 };
+inline constexpr const char* kCurrentShapeNames[] = {"clamp", "tanh", "atan", "root"};
+
+inline double current_sign(double x, CurrentShape shape) {
+  switch (shape) {
+    case CurrentShape::kTanh:
+      return std::tanh(x);
+    case CurrentShape::kAtan:
+      return 4 / kTwoPi * std::atan(kTwoPi / 4 * x);
+    case CurrentShape::kRoot:
+      return x / std::sqrt(1 + x * x);
+    case CurrentShape::kClamp:
+      break;
+  }
+  return saturate(x);
+}
+
+inline Vec3 current_signs(const Vec3& i_abc, double linear_current, CurrentShape shape) {
+  return {current_sign(i_abc[0] / linear_current, shape),
+          current_sign(i_abc[1] / linear_current, shape),
+          current_sign(i_abc[2] / linear_current, shape)};
 }
 
 inline Vec2 phases_to_dq(const Vec3& x_abc, double theta_e) {
