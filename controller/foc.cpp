@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <utility>
 
+#include "model/effects/undo.hpp"
+
 namespace twinrate {
 
 Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
     : machine_(config.machine),
       p_(parameters),
-      effects_(acting_on(config.model_effects(), kOnTorque)),
+      effects_(acting_on(config.model_effects(), kOnTorque | kOnFlux)),
       angle_source_(config.controller.angle_source),
       T_s_(config.T_s()),
       advance_s_((config.plant.delay_samples + 0.5) * config.T_s()),
@@ -36,14 +38,14 @@ Foc::Frame Foc::rotor_frame(const ControllerInput& in) const {
 
 double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const {
   if (!p_.compensate_effects) return 0;
-  return sum_at(effects_,
-                {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
-                 .i_dq = in.estimate.i_dq,
-                 .omega_m = frame.omega_m,
-                 .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
-                                                               : frame.theta_e / machine_.n_p,
-                 .theta_e = frame.theta_e})
-      .T_load;
+  return known_load(effects_,
+                    {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
+                     .i_dq = in.estimate.i_dq,
+                     .omega_m = frame.omega_m,
+                     .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
+                                                                   : frame.theta_e / machine_.n_p,
+                     .theta_e = frame.theta_e},
+                    machine_.n_p);
 }
 
 // Leaves i_dq_wanted_; every speed_divider ticks.

@@ -44,7 +44,7 @@ Lqr::Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDe
       slew_rate_(config.reference.slew_rate_rad_s2 / config.machine.n_p),
       delay_(config.plant.delay_samples),
       angle_domain_(parameters.angle_domain, loop_model(config, design), config.T_s()),
-      known_voltage_(acting_on(config.model_effects(), kOnVoltage)),
+      known_voltage_(acting_on(config.model_effects(), kOnVoltage | kOnFlux)),
       compensation_(config.controller.compensation_at(0)) {
   pending_.fill(Vec2::Zero());
   if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
@@ -95,14 +95,18 @@ Vec2 Lqr::control_law(const State& x, double T_o) {
   return {u_d, u_q};
 }
 
-Vec2 Lqr::known_voltage_loss(const State& x, const Measurement& m) const {
-  if (known_voltage_.empty()) return Vec2::Zero();
-  return predicted_drop(known_voltage_, {.t = 1e-9 * static_cast<double>(m.t_ns),
-                                         .i_dq = x.i_dq,
-                                         .v_dc = m.v_dc,
-                                         .omega_m = x.omega_m,
-                                         .theta_m = x.theta_m,
-                                         .theta_e = x.theta_e});
+Vec2 Lqr::with_known_voltage_loss(const Vec2& u, const State& x, const Measurement& m) const {
+  if (known_voltage_.empty()) return u;
+  OperatingPoint point{.t = 1e-9 * static_cast<double>(m.t_ns),
+                       .i_dq = x.i_dq,
+                       .u_dq = K_pp_ * u,
+                       .v_dc = m.v_dc,
+                       .omega_m = x.omega_m,
+                       .theta_m = x.theta_m,
+                       .theta_e = x.theta_e};
+  const auto loss = [&] { return predicted_drop_and_emf(known_voltage_, point, machine_.n_p); };
+  point.u_dq += loss();  // a loss in proportion to what is asked for takes of the addition, too
+  return u + loss() / K_pp_;
 }
 
 // The currents at the moment the voltage of this tick begins to act.
@@ -152,7 +156,7 @@ Command Lqr::step(const ControllerInput& in) {
   switch_compensation(1e-9 * static_cast<double>(m.t_ns), T_o);
   omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
   i_d_ref_ = in.reference.i_d_ref;
-  const Vec2 u_wanted = control_law(x, T_o) + known_voltage_loss(x, m) / K_pp_;
+  const Vec2 u_wanted = with_known_voltage_loss(control_law(x, T_o), x, m);
   const Vec2 u = limit(x, u_wanted, m.v_dc);
   u_awu_ = u - u_wanted;
 

@@ -8,7 +8,8 @@
 //         - K_ff (T_o_hat + tau dT_o_hat/dt)  compensation "paper" (41); tau = L_q/(R_s + K_pp
 //         K_iq)
 //                                    + T_d is the loop's lag; the paper's filter has no rate
-//         + known voltage loss / K_pp         effects with used_in = model or both
+//         + known voltage loss / K_pp         effects with used_in = model or both, and the EMF
+//                                             of their flux
 //         + u_ff(theta_m)            compensation "angle_domain" (controller/angle_domain.hpp)
 //   MPAC: i_q one step ahead under u_q stays within i_max; where it would not, u_q is the one that
 //   lands there. Then +-1 a component and the circle v_dc/sqrt3, d first. u_awu is what was cut
@@ -57,7 +58,7 @@ class Lqr final : public Controller {
   void switch_compensation(double t, double T_o);
   Vec2 control_law(const State& x, double T_o);
   Vec2 limit(const State& x, const Vec2& u, double v_dc) const;
-  Vec2 known_voltage_loss(const State& x, const Measurement& m) const;
+  Vec2 with_known_voltage_loss(const Vec2& u, const State& x, const Measurement& m) const;
   Vec2 currents_when_it_acts(const State& x) const;
 
   const MachineParameters machine_;

@@ -7,6 +7,7 @@
 #include "core/config_write.hpp"
 #include "core/paths.hpp"
 #include "core/toml_reader.hpp"
+#include "model/effects/flux_map.hpp"
 #include "model/random.hpp"
 
 namespace twinrate {
@@ -42,7 +43,22 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
   }
 }
 
+// Effects on the flux: together they must leave a machine whose current answers its voltage.
+void check_flux(const Config::Impl& file, const DriveConfig& drive) {
+  for (const Effects& effects : {drive.plant_effects(), drive.model_effects()}) {
+    const Effects on_flux = acting_on(effects, kOnFlux);
+    if (on_flux.empty()) continue;
+    if (drive.plant.saliency != 0)
+      file.fail("plant.saliency", "fixed_axes has no place for effects on the flux, found " +
+                                      std::string(on_flux[0]->kind()));
+    const Eigen::Matrix2d L = incremental_inductance(drive.machine, flux_map(on_flux, {}));
+    if (L(0, 0) <= 0 || L.determinant() <= 0)
+      file.fail("effect", "the effects on the flux together leave no inductance");
+  }
+}
+
 void check_across(const Config::Impl& file, DriveConfig& drive) {
+  check_flux(file, drive);
   RateParameters& rates = drive.rates;
   if (rates.f_b_Hz > 0) {
     const double ratio = rates.f_s_Hz / rates.f_b_Hz;

@@ -75,7 +75,7 @@ class Filter {
   const KnownEffects& known() const { return known_; }
 
  private:
-  KnownEffects known_{{}, 1, 3, 0};
+  KnownEffects known_;
 };
 
 }  // namespace twinrate

@@ -1,21 +1,40 @@
 #include "estimator/known_effects.hpp"
 
+#include "model/effects/flux_map.hpp"
+
 namespace twinrate {
 
-KnownEffects::KnownEffects(const Effects& effects, int n_p, int current_sensors, double T_s)
-    : undo_(effects, n_p, current_sensors, T_s),
-      torque_(acting_on(effects, kOnTorque)),
+KnownEffects::KnownEffects(const Effects& effects, const MachineParameters& machine,
+                           int current_sensors, double T_s)
+    : undo_(effects, machine.n_p, current_sensors, T_s),
+      torque_(acting_on(effects, kOnTorque | kOnFlux)),
       voltage_(acting_on(effects, kOnVoltage)),
+      flux_(acting_on(effects, kOnFlux)),
       none_(effects.empty()),
-      n_p_(n_p),
+      machine_(machine),
       T_s_(T_s) {}
+
+// `u_dq`: voltage that reaches the machine. Two rounds: the currents half an interval on follow
+// from their rate, which follows from them.
+Vec2 KnownEffects::flux_voltage(OperatingPoint point, const Vec2& u_dq) const {
+  const Vec2 i_dq = point.i_dq;
+  const double omega_e = machine_.n_p * point.omega_m;
+  FluxMap added;
+  Vec2 rate;
+  for (int round = 0; round < 2; ++round) {
+    added = flux_map(flux_, point);
+    rate = current_rate(machine_, added, point.i_dq, u_dq, omega_e);
+    point.i_dq = i_dq + 0.5 * T_s_ * rate;
+  }
+  return omega_e * Vec2(-added.psi[1], added.psi[0]) + added.slope * rate;
+}
 
 Measurement KnownEffects::seen(const Measurement& m, const Estimate& last) const {
   Measurement s = undo_(m);
-  if (voltage_.empty() || last.k < 0 || !(m.signals & kVoltage)) return s;
+  if ((voltage_.empty() && flux_.empty()) || last.k < 0 || !(m.signals & kVoltage)) return s;
   // Middle of the interval in which the voltage acted.
   const double theta_m = s.theta_m - 0.5 * T_s_ * last.omega_m;
-  const double theta_e = last.theta_e + 0.5 * T_s_ * last.omega_m * n_p_;
+  const double theta_e = last.theta_e + 0.5 * T_s_ * last.omega_m * machine_.n_p;
   const OperatingPoint point{.t = 1e-9 * static_cast<double>(m.t_ns),
                              .i_dq = last.i_dq,
                              .u_dq = park(m.u_alphabeta, theta_e),
@@ -23,7 +42,9 @@ Measurement KnownEffects::seen(const Measurement& m, const Estimate& last) const
                              .omega_m = last.omega_m,
                              .theta_m = theta_m,
                              .theta_e = theta_e};
-  s.u_alphabeta -= inverse_park(predicted_drop(voltage_, point), theta_e);
+  Vec2 lost = predicted_drop(voltage_, point);
+  if (!flux_.empty()) lost += flux_voltage(point, point.u_dq - lost);
+  s.u_alphabeta -= inverse_park(lost, theta_e);
   return s;
 }
 

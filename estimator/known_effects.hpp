@@ -4,6 +4,11 @@
 //   seen      a measurement with the sensors' known errors undone and the known voltage loss taken
 //             off, so that every filter's equations hold for it
 //   torque    known part of the load at a state; filters that have a load state predict with it
+//
+// A known flux psi_k(i_dq) beyond L i + psi_f costs the voltage
+//   omega_e [-psi_k_q, psi_k_d] + d psi_k/d i_dq i_dq'
+// in mid-interval, with i_dq' as the whole machine has it: a filter that predicts with L alone then
+// predicts as if it knew psi_k. Its torque counts as known load.
 #pragma once
 #include "model/effects/undo.hpp"
 
@@ -11,19 +16,26 @@ namespace twinrate {
 
 class KnownEffects {
  public:
+  // Knows nothing.
+  KnownEffects() : KnownEffects({}, {.n_p = 1}, 3, 0) {}
   // `current_sensors`: 2 or 3, as sensors.current_sensors.
-  KnownEffects(const Effects& effects, int n_p, int current_sensors, double T_s);
+  KnownEffects(const Effects& effects, const MachineParameters& machine, int current_sensors,
+               double T_s);
 
   bool none() const { return none_; }
   // `last`: the estimate before, from whose state the lost voltage is predicted.
   Measurement seen(const Measurement& m, const Estimate& last) const;
-  double torque(const OperatingPoint& point) const { return sum_at(torque_, point).T_load; }
+  double torque(const OperatingPoint& point) const {
+    return known_load(torque_, point, machine_.n_p);
+  }
 
  private:
+  Vec2 flux_voltage(OperatingPoint point, const Vec2& u_dq) const;
+
   SensingUndo undo_;
-  Effects torque_, voltage_;
+  Effects torque_, voltage_, flux_;
   bool none_;
-  int n_p_;
+  MachineParameters machine_;
   double T_s_;
 };
 

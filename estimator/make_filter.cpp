@@ -14,8 +14,7 @@ std::shared_ptr<const Filter> make_filter(Config& config) {
   config.read_table("estimator." + kind, [&](FieldVisitor& f) { builder->fields(f); });
   const DriveConfig& drive = config.drive();
   const std::shared_ptr<Filter> filter = builder->build(drive);
-  filter->know(
-      {drive.model_effects(), drive.machine.n_p, drive.sensors.current_sensors, drive.T_s()});
+  filter->know({drive.model_effects(), drive.machine, drive.sensors.current_sensors, drive.T_s()});
   return filter;
 }
 

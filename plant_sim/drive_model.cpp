@@ -1,5 +1,6 @@
 #include "plant_sim/drive_model.hpp"
 
+#include "model/effects/flux_map.hpp"
 #include "plant_sim/fixed_axes.hpp"
 
 namespace twinrate {
@@ -8,6 +9,7 @@ DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects,
                        Saliency saliency)
     : machine_(machine),
       on_equations_(acting_on(effects, kOnTorque | kOnVoltage)),
+      on_flux_(acting_on(effects, kOnFlux)),
       on_bus_(acting_on(effects, kOnBus)),
       on_sensors_(acting_on(effects, kOnCurrents | kOnAngle)),
       acts_on_currents_(!acting_on(effects, kOnCurrents).empty()),
@@ -48,8 +50,10 @@ Contribution DriveModel::sensing_at(const PlantState& x, const PlantInput& input
 }
 
 double DriveModel::torque(const Vec2& i_dq) const {
-  return saliency_ == Saliency::kFixedAxes ? fixed_axes_torque(machine_, i_dq[1])
-                                           : machine_.torque(i_dq[0], i_dq[1]);
+  if (saliency_ == Saliency::kFixedAxes) return fixed_axes_torque(machine_, i_dq[1]);
+  const double T_em = machine_.torque(i_dq[0], i_dq[1]);
+  if (on_flux_.empty()) return T_em;
+  return T_em - flux_load(machine_.n_p, sum_at(on_flux_, {.i_dq = i_dq}).psi_dq, i_dq);
 }
 
 PlantState DriveModel::rate(const PlantState& x, const PlantInput& input,
@@ -64,6 +68,10 @@ PlantState DriveModel::rate(const PlantState& x, const PlantInput& input,
   const double acceleration = (torque(x.head<2>()) - m.B * omega_m - T_load) / (m.J + effect.J);
   if (saliency_ == Saliency::kFixedAxes) {
     const Vec2 i_dq_rate = fixed_axes_current_rate(m, x.head<2>(), u_dq, omega_e, p.theta_e);
+    return {i_dq_rate[0], i_dq_rate[1], acceleration, omega_m};
+  }
+  if (!on_flux_.empty()) {
+    const Vec2 i_dq_rate = current_rate(m, flux_map(on_flux_, p), x.head<2>(), u_dq, omega_e);
     return {i_dq_rate[0], i_dq_rate[1], acceleration, omega_m};
   }
   return {(u_dq[0] - m.R_s * i_d + omega_e * m.L_q * i_q) / m.L_d,

@@ -7,6 +7,8 @@
 //   J omega_m' = T_em - B omega_m - T_load                     - effects on the torque
 //   theta_m' = omega_m
 //
+// Effects on the flux add psi_k(i_dq) to [L_d i_d + psi_f, L_q i_q]: L becomes L + d psi_k/d i_dq,
+// EMF and torque have the whole flux (model/effects/flux_map.hpp).
 // Effects on sensors do not enter here: sensing_at() is for who samples.
 #pragma once
 #include <optional>
@@ -54,7 +56,7 @@ class DriveModel {
   OperatingPoint point(const PlantState& x, const PlantInput& input, double t_in_interval) const;
 
   MachineParameters machine_;
-  Effects on_equations_, on_bus_, on_sensors_;
+  Effects on_equations_, on_flux_, on_bus_, on_sensors_;
   bool acts_on_currents_, acts_on_angle_;
   double v_dc_;
   Saliency saliency_;

@@ -30,10 +30,22 @@ class SensingUndo {
   double T_s_;
 };
 
-// Voltage in rotor axes that `effects` take from what the inverter was asked for, at a point whose
-// i_dq, omega_m, theta_m, theta_e and v_dc are filled in. To be added to the request.
+// Voltage in rotor axes that `effects` take from what the inverter was asked for, at a point that
+// is filled in. To be added to the request.
 inline Vec2 predicted_drop(const Effects& effects, const OperatingPoint& point) {
   return sum_at(effects, point).u_dq_drop;
+}
+
+// The same with what effects on the flux take at constant current: omega_e [-psi_q, psi_d].
+inline Vec2 predicted_drop_and_emf(const Effects& effects, const OperatingPoint& point, int n_p) {
+  const Contribution c = sum_at(effects, point);
+  return c.u_dq_drop + n_p * point.omega_m * Vec2(-c.psi_dq[1], c.psi_dq[0]);
+}
+
+// Load torque of `effects` there, less the torque that their flux makes.
+inline double known_load(const Effects& effects, const OperatingPoint& point, int n_p) {
+  const Contribution c = sum_at(effects, point);
+  return c.T_load - 1.5 * n_p * (c.psi_dq[0] * point.i_dq[1] - c.psi_dq[1] * point.i_dq[0]);
 }
 
 }  // namespace twinrate
