@@ -4,14 +4,24 @@
 #include "plant_sim/fixed_axes.hpp"
 
 namespace twinrate {
+namespace {
+
+ShaftFacts shaft_of(const Effects& effects) {
+  ShaftFacts facts;
+  for (const auto& effect : effects) effect->describe_shaft(facts);
+  return facts;
+}
+
+}  // namespace
 
 DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects, double v_dc,
                        Saliency saliency)
     : machine_(machine),
+      shaft_(shaft_of(effects)),
       on_equations_(acting_on(effects, kOnTorque | kOnVoltage)),
       on_flux_(acting_on(effects, kOnFlux)),
       on_bus_(acting_on(effects, kOnBus)),
-      on_sensors_(acting_on(effects, kOnCurrents | kOnAngle)),
+      on_sensors_(acting_on(effects, kOnCurrents | kOnAngle | kOnSpeed)),
       acts_on_currents_(!acting_on(effects, kOnCurrents).empty()),
       acts_on_angle_(!acting_on(effects, kOnAngle).empty()),
       v_dc_(v_dc),
@@ -24,7 +34,8 @@ OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                    .v_dc = v_dc_,
                    .omega_m = x[2],
                    .theta_m = x[3],
-                   .theta_e = machine_.n_p * x[3]};
+                   .theta_e = machine_.n_p * x[3],
+                   .T_load = input.T_load};
   if (input.legs) {
     p.u_dq = park(input.legs->u_alphabeta(p.i_abc(), v_dc_), p.theta_e);
   } else {
@@ -58,14 +69,33 @@ double DriveModel::torque(const Vec2& i_dq) const {
 
 PlantState DriveModel::rate(const PlantState& x, const PlantInput& input,
                             double t_in_interval) const {
+  return motor_rate(x, input, t_in_interval, input.T_load, machine_.J);
+}
+
+TwoMassState DriveModel::two_mass_rate(const TwoMassState& x, const PlantInput& input,
+                                       double t_in_interval) const {
+  const double delta = x[4], omega_load = x[5], delta_rate = x[2] - omega_load;
+  const double T_shaft = shaft_torque(shaft_, delta, delta_rate);
+  TwoMassState rate;
+  rate << motor_rate(x.head<4>(), input, t_in_interval, T_shaft, machine_.J - shaft_.J_load),
+      delta_rate, (T_shaft - input.T_load) / shaft_.J_load;
+  return rate;
+}
+
+ShaftState DriveModel::shaft_at_rest(double omega_m, double T_load) const {
+  return has_shaft() ? twinrate::shaft_at_rest(shaft_, omega_m, T_load) : ShaftState{};
+}
+
+PlantState DriveModel::motor_rate(const PlantState& x, const PlantInput& input,
+                                  double t_in_interval, double T_external, double J) const {
   const MachineParameters& m = machine_;
   const double i_d = x[0], i_q = x[1], omega_m = x[2];
   const double omega_e = m.n_p * omega_m;
   const OperatingPoint p = point(x, input, t_in_interval);
   const Contribution effect = sum_at(on_equations_, p);
   const Vec2 u_dq = p.u_dq - effect.u_dq_drop;
-  const double T_load = input.T_load + effect.T_load;
-  const double acceleration = (torque(x.head<2>()) - m.B * omega_m - T_load) / (m.J + effect.J);
+  const double T_load = T_external + effect.T_load;
+  const double acceleration = (torque(x.head<2>()) - m.B * omega_m - T_load) / (J + effect.J);
   if (saliency_ == Saliency::kFixedAxes) {
     const Vec2 i_dq_rate = fixed_axes_current_rate(m, x.head<2>(), u_dq, omega_e, p.theta_e);
     return {i_dq_rate[0], i_dq_rate[1], acceleration, omega_m};

@@ -9,17 +9,26 @@
 //
 // Effects on the flux add psi_k(i_dq) to [L_d i_d + psi_f, L_q i_q]: L becomes L + d psi_k/d i_dq,
 // EMF and torque have the whole flux (model/effects/flux_map.hpp).
+//
+// With an elastic shaft (effects torsion, backlash) two states more: delta = theta_m - theta_load
+// and omega_load. The motor then has J - J_load and feels T_shaft instead of the external load,
+// which acts on the load's side (model/effects/shaft.hpp):
+//
+//   delta' = omega_m - omega_load,   J_load omega_load' = T_shaft - T_load
+//
 // Effects on sensors do not enter here: sensing_at() is for who samples.
 #pragma once
 #include <optional>
 
 #include "model/effects/effect.hpp"
+#include "model/effects/shaft.hpp"
 #include "model/machine.hpp"
 #include "plant_sim/switched_inverter.hpp"
 
 namespace twinrate {
 
 using PlantState = Eigen::Vector4d;
+using TwoMassState = Eigen::Matrix<double, 6, 1>;  // PlantState, delta, omega_load
 
 // What is held constant over one sampling interval.
 struct PlantInput {
@@ -41,6 +50,12 @@ class DriveModel {
              Saliency saliency = Saliency::kRotor);
 
   PlantState rate(const PlantState& x, const PlantInput& input, double t_in_interval) const;
+  // Of a drive that has_shaft().
+  TwoMassState two_mass_rate(const TwoMassState& x, const PlantInput& input,
+                             double t_in_interval) const;
+  bool has_shaft() const { return shaft_.J_load > 0; }
+  // Behind a rotor at rest or at constant speed. Zero without a shaft.
+  ShaftState shaft_at_rest(double omega_m, double T_load) const;
   // External load and effects together, at a state.
   double total_load(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   double torque(const Vec2& i_dq) const;
@@ -53,9 +68,13 @@ class DriveModel {
   const MachineParameters& machine() const { return machine_; }
 
  private:
+  // `T_external`: the external load, or the shaft's torque; `J`: what turns with the rotor.
+  PlantState motor_rate(const PlantState& x, const PlantInput& input, double t_in_interval,
+                        double T_external, double J) const;
   OperatingPoint point(const PlantState& x, const PlantInput& input, double t_in_interval) const;
 
   MachineParameters machine_;
+  ShaftFacts shaft_;
   Effects on_equations_, on_flux_, on_bus_, on_sensors_;
   bool acts_on_currents_, acts_on_angle_;
   double v_dc_;

@@ -6,13 +6,12 @@
 #include <nvector/nvector_serial.h>
 #include <sunnonlinsol/sunnonlinsol_fixedpoint.h>
 
+#include <cassert>
 #include <stdexcept>
 #include <sundials/sundials_context.hpp>
 
 namespace twinrate {
 namespace {
-
-constexpr int kStates = 4;
 
 void check(int code, const char* call) {
   if (code < 0) throw std::runtime_error(fmt::format("{} failed with code {}", call, code));
@@ -34,26 +33,60 @@ struct Problem {
   PlantInput input;
 };
 
+template <class State>
+constexpr int kSize = State::RowsAtCompileTime;
+
+template <class State>
 int right_hand_side(realtype t, N_Vector y, N_Vector ydot, void* user) {
   const auto* problem = static_cast<const Problem*>(user);
-  const Eigen::Map<const PlantState> x(N_VGetArrayPointer(y));
-  Eigen::Map<PlantState> dx(N_VGetArrayPointer(ydot));
-  dx = problem->model.rate(x, problem->input, t);
+  const Eigen::Map<const State> x(N_VGetArrayPointer(y));
+  Eigen::Map<State> dx(N_VGetArrayPointer(ydot));
+  if constexpr (std::is_same_v<State, TwoMassState>)
+    dx = problem->model.two_mass_rate(x, problem->input, t);
+  else
+    dx = problem->model.rate(x, problem->input, t);
   return dx.allFinite() ? 0 : 1;
 }
 
 // The parts both engines share: context, state vector, problem.
 class SundialsIntegrator : public Integrator {
+ public:
+  PlantState advance(const PlantState& x, const PlantInput& input, double T) override {
+    return advance_state(x, input, T);
+  }
+  TwoMassState advance_two_masses(const TwoMassState& x, const PlantInput& input,
+                                  double T) override {
+    return advance_state(x, input, T);
+  }
+
  protected:
   explicit SundialsIntegrator(const DriveModel& model)
-      : problem_{model, {}}, y_(check_made(N_VNew_Serial(kStates, context_), "N_VNew_Serial")) {
+      : problem_{model, {}},
+        states_(model.has_shaft() ? kSize<TwoMassState> : kSize<PlantState>),
+        y_(check_made(N_VNew_Serial(states_, context_), "N_VNew_Serial")) {
     N_VConst(0, y_.get());
   }
-  Eigen::Map<PlantState> state() { return Eigen::Map<PlantState>(N_VGetArrayPointer(y_.get())); }
+  ARKRhsFn right_hand_side_of_model() const {
+    return problem_.model.has_shaft() ? right_hand_side<TwoMassState> : right_hand_side<PlantState>;
+  }
+  // Takes y_ over T.
+  virtual void evolve(double T) = 0;
 
   sundials::Context context_;
   Problem problem_;
+  int states_;
   Vector y_;
+
+ private:
+  template <class State>
+  State advance_state(const State& x, const PlantInput& input, double T) {
+    assert(states_ == kSize<State>);
+    Eigen::Map<State> y(N_VGetArrayPointer(y_.get()));
+    problem_.input = input;
+    y = x;
+    evolve(T);
+    return y;
+  }
 };
 
 class ErkIntegrator final : public SundialsIntegrator {
@@ -61,7 +94,8 @@ class ErkIntegrator final : public SundialsIntegrator {
   ErkIntegrator(const DriveModel& model, int steps)
       : SundialsIntegrator(model),
         steps_(steps),
-        erk_(check_made(ERKStepCreate(right_hand_side, 0, y_.get(), context_), "ERKStepCreate")) {
+        erk_(check_made(ERKStepCreate(right_hand_side_of_model(), 0, y_.get(), context_),
+                        "ERKStepCreate")) {
     check(ERKStepSetUserData(erk_, &problem_), "ERKStepSetUserData");
     check(ERKStepSetTableNum(erk_, ARKODE_DORMAND_PRINCE_7_4_5), "ERKStepSetTableNum");
   }
@@ -69,15 +103,12 @@ class ErkIntegrator final : public SundialsIntegrator {
   ErkIntegrator& operator=(const ErkIntegrator&) = delete;
   ~ErkIntegrator() override { ERKStepFree(&erk_); }
 
-  PlantState advance(const PlantState& x, const PlantInput& input, double T) override {
-    problem_.input = input;
-    state() = x;
+  void evolve(double T) override {
     double t = 0;
     check(ERKStepReset(erk_, 0, y_.get()), "ERKStepReset");
     check(ERKStepSetFixedStep(erk_, T / steps_), "ERKStepSetFixedStep");
     check(ERKStepSetStopTime(erk_, T), "ERKStepSetStopTime");
     check(ERKStepEvolve(erk_, T, y_.get(), &t, ARK_NORMAL), "ERKStepEvolve");
-    return state();
   }
 
  private:
@@ -90,7 +121,7 @@ class CvodeIntegrator final : public SundialsIntegrator {
   explicit CvodeIntegrator(const DriveModel& model)
       : SundialsIntegrator(model),
         cvode_(check_made(CVodeCreate(CV_ADAMS, context_), "CVodeCreate")) {
-    check(CVodeInit(cvode_, right_hand_side, 0, y_.get()), "CVodeInit");
+    check(CVodeInit(cvode_, right_hand_side_of_model(), 0, y_.get()), "CVodeInit");
     check(CVodeSStolerances(cvode_, 1e-8, 1e-10), "CVodeSStolerances");
     check(CVodeSetUserData(cvode_, &problem_), "CVodeSetUserData");
     solver_ = check_made(SUNNonlinSol_FixedPoint(y_.get(), 0, context_), "SUNNonlinSol_FixedPoint");
@@ -104,14 +135,11 @@ class CvodeIntegrator final : public SundialsIntegrator {
     SUNNonlinSolFree(solver_);
   }
 
-  PlantState advance(const PlantState& x, const PlantInput& input, double T) override {
-    problem_.input = input;
-    state() = x;
+  void evolve(double T) override {
     double t = 0;
     check(CVodeReInit(cvode_, 0, y_.get()), "CVodeReInit");
     check(CVodeSetStopTime(cvode_, T), "CVodeSetStopTime");
     check(CVode(cvode_, T, y_.get(), &t, CV_NORMAL), "CVode");
-    return state();
   }
 
  private:

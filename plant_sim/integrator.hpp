@@ -20,6 +20,9 @@ class Integrator {
   virtual ~Integrator() = default;
   // State at the end of an interval of length T that starts at x.
   virtual PlantState advance(const PlantState& x, const PlantInput& input, double T) = 0;
+  // The same of a drive with an elastic shaft, and of no other.
+  virtual TwoMassState advance_two_masses(const TwoMassState& x, const PlantInput& input,
+                                          double T) = 0;
 };
 
 // `steps`: fixed steps an interval (erk only). `model` must outlive the integrator.

@@ -5,17 +5,37 @@
 namespace twinrate {
 namespace {
 
-// What of the effects a switched inverter does itself, and the others.
+constexpr double kShortestStep = 1e-9;  // of an interval: an integrator has nothing to do in less
+
+// What of the effects a switched inverter does itself, what samples suffer, and the others.
 struct PlantEffects {
   Effects in_equations;
   LegFacts legs;
+  SamplingFacts sampling;
+  bool spoils_samples = false;
 };
 PlantEffects effects_of(const DriveConfig& config) {
   PlantEffects split;
   const bool switched = config.plant.inverter == 1;
-  for (const auto& effect : config.plant_effects())
-    if (!switched || !effect->describe_legs(split.legs)) split.in_equations.push_back(effect);
+  for (const auto& effect : config.plant_effects()) {
+    if (effect->describe_sampling(split.sampling))
+      split.spoils_samples = true;
+    else if (!switched || !effect->describe_legs(split.legs))
+      split.in_equations.push_back(effect);
+  }
   return split;
+}
+
+std::optional<SampleErrors> sample_errors(const DriveConfig& config) {
+  const PlantEffects effects = effects_of(config);
+  if (!effects.spoils_samples) return {};
+  return SampleErrors(effects.sampling, config.T_s(), static_cast<std::uint64_t>(config.run.seed));
+}
+
+std::optional<LateState> late_state(const DriveConfig& config, int signal, const PlantState& x) {
+  const double delay = effects_of(config).sampling.delay[signal];
+  if (delay <= 0) return {};
+  return LateState(delay, config.T_s(), x);
 }
 
 std::optional<SwitchedInverter> switched_inverter(const DriveConfig& config) {
@@ -35,13 +55,19 @@ Plant::Plant(const DriveConfig& config)
       integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
                                   config.plant.erk_steps)),
       switched_(switched_inverter(config)),
+      errors_(sample_errors(config)),
       x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),
       T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
   input_.T_load = T_load_;
   v_dc_ = model_.bus_voltage(x_, input_, 0);
+  shaft_ = model_.shaft_at_rest(x_[2], T_load_);
+  late_currents_ = late_state(config, SamplingFacts::kCurrent, x_);
+  late_angle_ = late_state(config, SamplingFacts::kAngle, x_);
   applied_ = svpwm(Vec2::Zero(), v_dc_);
+  acting_duty_ = applied_.duty_abc;
   reading_ = model_.sensing_at(x_, input_, 0);
-  theta_m_meas_ = sample_angle(config.sensors, x_[3] + reading_.theta_m);
+  sense_currents();
+  theta_m_meas_ = sample_angle(config.sensors, sensed_angle());
   omega_m_meas_ = x_[2];
 }
 
@@ -50,10 +76,9 @@ Measurement Plant::sample() const {
   m.k = k_;
   m.t_ns = config_.t_ns(k_);
   m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
-  Vec3 i_abc = inverse_clarke(inverse_park(x_.head<2>(), config_.machine.n_p * x_[3]));
-  if (!model_.currents_are_read_true()) i_abc += reading_.i_abc;
   m.i_abc =
-      sample_currents(config_.sensors, i_abc, static_cast<std::uint64_t>(config_.run.seed), k_);
+      sample_currents(config_.sensors, i_abc_, static_cast<std::uint64_t>(config_.run.seed), k_);
+  if (errors_) m.i_abc = errors_->converted(m.i_abc, config_.sensors.current_sensors);
   m.u_alphabeta = applied_.u_alphabeta;
   m.duty_abc = applied_.duty_abc;
   m.mode = applied_command_.mode;
@@ -61,6 +86,7 @@ Measurement Plant::sample() const {
   m.v_dc = v_dc_;
   m.theta_m = theta_m_meas_;
   m.omega_m = omega_m_meas_;
+  if (errors_ && k_ > 0) errors_->spoil_row(m, before_);
   return m;
 }
 
@@ -99,32 +125,58 @@ bool Plant::apply_due_command() {
 }
 
 bool Plant::advance() {
+  if (errors_) before_ = sample();
   const bool in_time = apply_due_command();
   const double T_s = config_.T_s();
   const double t_k = static_cast<double>(k_) * T_s;
   T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s);
-  input_ = {.t_k = t_k,
-            .u_alphabeta = clarke(applied_.duty_abc * config_.inverter.v_dc),
-            .T_load = T_load_};
+  acting_duty_ = errors_ ? errors_->acting_duty(applied_.duty_abc) : applied_.duty_abc;
+  input_ = {
+      .t_k = t_k, .u_alphabeta = clarke(acting_duty_ * config_.inverter.v_dc), .T_load = T_load_};
   integrate();
   ++k_;
   read_sensors();
   return in_time;
 }
 
+void Plant::step(PlantState& x, ShaftState& shaft, const PlantInput& input, double T) {
+  if (!model_.has_shaft()) {
+    x = integrator_->advance(x, input, T);
+    return;
+  }
+  TwoMassState both;
+  both << x, shaft.delta, shaft.omega_load;
+  both = integrator_->advance_two_masses(both, input, T);
+  x = both.head<4>();
+  shaft = {both[4], both[5]};
+}
+
+void Plant::advance_part(const PlantInput& input, double from, double T) {
+  for (std::optional<LateState>* late : {&late_currents_, &late_angle_}) {
+    if (!*late) continue;
+    const double moment = (*late)->moment();
+    if (moment <= from || moment > from + T) continue;
+    ShaftState shaft = shaft_;
+    (*late)->caught() = x_;
+    if (moment - from > kShortestStep * T) step((*late)->caught(), shaft, input, moment - from);
+  }
+  step(x_, shaft_, input, T);
+}
+
 void Plant::integrate() {
   if (!switched_) {
-    x_ = integrator_->advance(x_, input_, config_.T_s());
+    advance_part(input_, 0, config_.T_s());
     return;
   }
   const double f_pwm = config_.facts().f_pwm;
   const auto periods = static_cast<int>(std::lround(f_pwm * config_.T_s()));
   PlantInput input = input_;
   for (int period = 0; period < periods; ++period) {
-    for (const Segment& segment : switched_->next_period(applied_.duty_abc)) {
+    for (const Segment& segment : switched_->next_period(acting_duty_)) {
+      const double from = period / f_pwm + segment.t_start;
       input.t_k = input_.t_k + period / f_pwm + segment.t_start;
       input.legs = segment.states;
-      x_ = integrator_->advance(x_, input, segment.T);
+      advance_part(input, from, segment.T);
     }
   }
 }
@@ -133,10 +185,28 @@ void Plant::read_sensors() {
   const double T_s = config_.T_s();
   v_dc_ = model_.bus_voltage(x_, input_, T_s);
   reading_ = model_.sensing_at(x_, input_, T_s);
-  const double theta_m_meas = sample_angle(config_.sensors, x_[3] + reading_.theta_m);
-  const bool exact = config_.sensors.encoder_counts == 0 && model_.angle_is_read_true();
-  omega_m_meas_ = exact ? x_[2] : (theta_m_meas - theta_m_meas_) / T_s;
+  sense_currents();
+  const double theta_m_meas = sample_angle(config_.sensors, sensed_angle());
+  const bool exact = config_.sensors.encoder_counts == 0 && model_.angle_is_read_true() &&
+                     !(errors_ && errors_->angle_is_late());
+  omega_m_meas_ = (exact ? x_[2] : (theta_m_meas - theta_m_meas_) / T_s) + reading_.omega_m;
+  if (errors_) omega_m_meas_ = errors_->late_speed(omega_m_meas_);
   theta_m_meas_ = theta_m_meas;
+}
+
+void Plant::sense_currents() {
+  const PlantState& x = late_currents_ ? late_currents_->seen() : x_;
+  i_abc_ = inverse_clarke(inverse_park(x.head<2>(), config_.machine.n_p * x[3]));
+  if (!model_.currents_are_read_true())
+    i_abc_ += late_currents_ ? model_.sensing_at(x, input_, config_.T_s()).i_abc : reading_.i_abc;
+  if (errors_) i_abc_ = errors_->filtered_currents(i_abc_);
+}
+
+double Plant::sensed_angle() {
+  const PlantState& x = late_angle_ ? late_angle_->seen() : x_;
+  const double added =
+      late_angle_ ? model_.sensing_at(x, input_, config_.T_s()).theta_m : reading_.theta_m;
+  return errors_ ? errors_->filtered_angle(x[3] + added) : x[3] + added;
 }
 
 }  // namespace twinrate

@@ -13,6 +13,8 @@
 // of what happens to the voltage on its way (dead time, drops, a bus that moves inside the
 // interval).
 //
+// Effects that spoil samples (late signals, lost rows, ..) act here: plant_sim/sample_errors.hpp.
+//
 // Before the first command is due the voltage is zero. A command that is not there when it is due
 // leaves the last voltage on; after plant.hold_ticks intervals of that the drive trips: zero
 // voltage from then on.
@@ -22,6 +24,7 @@
 
 #include "core/drive_config.hpp"
 #include "plant_sim/integrator.hpp"
+#include "plant_sim/sample_errors.hpp"
 
 namespace twinrate {
 
@@ -45,17 +48,28 @@ class Plant {
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
   void integrate();
+  // x and shaft over T; integrate()'s part from one moment of the interval on.
+  void step(PlantState& x, ShaftState& shaft, const PlantInput& input, double T);
+  void advance_part(const PlantInput& input, double from, double T);
   void read_sensors();
+  double sensed_angle();
+  void sense_currents();
 
   DriveConfig config_;
   DriveModel model_;
   std::unique_ptr<Integrator> integrator_;
   std::optional<SwitchedInverter> switched_;  // none: the averaged inverter
+  std::optional<SampleErrors> errors_;        // none: no effect spoils samples
   PlantState x_;
+  ShaftState shaft_;  // of a drive that has one
+  std::optional<LateState> late_currents_, late_angle_;
   PlantInput input_;
-  InverterOutput applied_;  // as the drive believes: duty times the v_dc measured before
-  Contribution reading_;    // what the sensors read beyond the truth, at t_k
-  double v_dc_ = 0;         // bus voltage at t_k
+  InverterOutput applied_;     // as the drive believes: duty times the v_dc measured before
+  Contribution reading_;       // what the sensors read beyond the truth, at t_k
+  double v_dc_ = 0;            // bus voltage at t_k
+  Vec3 i_abc_ = Vec3::Zero();  // as the current sensors see them, before noise and ADC
+  Vec3 acting_duty_;           // what the legs do: applied_'s, unless they are late
+  Measurement before_;         // MEASUREMENT(k-1), where rows may repeat it
   Command applied_command_;
   int held_ticks_ = 0;
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8

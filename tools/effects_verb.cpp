@@ -22,17 +22,14 @@ constexpr const char* kSigns =
 
 // Which equations and readings an effect enters.
 std::string acts_on(const Effect& effect) {
-  constexpr std::pair<int, const char*> kNames[] = {{kOnTorque, "T_load"},
-                                                    {kOnVoltage, "u_dq"},
-                                                    {kOnBus, "v_dc"},
-                                                    {kOnCurrents, "i_abc reading"},
-                                                    {kOnAngle, "theta_m reading"},
-                                                    {kOnFlux, "psi_dq"},
-                                                    {kOnSpeed, "omega_m reading"}};
+  constexpr std::pair<int, const char*> kNames[] = {
+      {kOnTorque, "T_load"},          {kOnVoltage, "u_dq"},          {kOnBus, "v_dc"},
+      {kOnCurrents, "i_abc reading"}, {kOnAngle, "theta_m reading"}, {kOnFlux, "psi_dq"},
+      {kOnSpeed, "omega_m reading"}};
   std::string list;
   for (const auto& [bit, name] : kNames)
     if (effect.acts_on() & bit) list += (list.empty() ? "" : ", ") + std::string(name);
-  return list;
+  return list.empty() ? "whole rows" : list;
 }
 
 json parameter_json(const FieldRow& row) {

@@ -10,6 +10,9 @@ struct Entry {
   std::shared_ptr<Effect> (*make)();
 };
 constexpr Entry kEntries[] = {
+    {"adc_clipping", make_adc_clipping},
+    {"adc_quantisation", make_adc_quantisation},
+    {"backlash", make_backlash},
     {"cogging", make_cogging},
     {"constant_load", make_constant_load},
     {"coulomb_friction", make_coulomb_friction},
@@ -31,10 +34,14 @@ constexpr Entry kEntries[] = {
     {"inverter_offset", make_inverter_offset},
     {"iron_loss", make_iron_loss},
     {"load_step", make_load_step},
+    {"missing_samples", make_missing_samples},
     {"phase_asymmetry", make_phase_asymmetry},
     {"resistance", make_resistance},
     {"saturation", make_saturation},
+    {"signal_lag", make_signal_lag},
+    {"stale_samples", make_stale_samples},
     {"stribeck_friction", make_stribeck_friction},
+    {"torsion", make_torsion},
     {"viscous_friction", make_viscous_friction},
     {"voltage_gain", make_voltage_gain},
 };

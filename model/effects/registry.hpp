@@ -4,6 +4,9 @@
 
 namespace twinrate {
 
+std::shared_ptr<Effect> make_adc_clipping();
+std::shared_ptr<Effect> make_adc_quantisation();
+std::shared_ptr<Effect> make_backlash();
 std::shared_ptr<Effect> make_cogging();
 std::shared_ptr<Effect> make_constant_load();
 std::shared_ptr<Effect> make_coulomb_friction();
@@ -25,10 +28,14 @@ std::shared_ptr<Effect> make_inverter_drop();
 std::shared_ptr<Effect> make_inverter_offset();
 std::shared_ptr<Effect> make_iron_loss();
 std::shared_ptr<Effect> make_load_step();
+std::shared_ptr<Effect> make_missing_samples();
 std::shared_ptr<Effect> make_phase_asymmetry();
 std::shared_ptr<Effect> make_resistance();
 std::shared_ptr<Effect> make_saturation();
+std::shared_ptr<Effect> make_signal_lag();
+std::shared_ptr<Effect> make_stale_samples();
 std::shared_ptr<Effect> make_stribeck_friction();
+std::shared_ptr<Effect> make_torsion();
 std::shared_ptr<Effect> make_viscous_friction();
 std::shared_ptr<Effect> make_voltage_gain();
 

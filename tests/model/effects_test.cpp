@@ -36,13 +36,42 @@ std::shared_ptr<Effect> plausible(const std::string& kind) {
   return effect;
 }
 
+// Some milliseconds of motion, the last of them at random_point(index) but for the angle.
+std::vector<OperatingPoint> random_record(std::uint64_t index) {
+  std::vector<OperatingPoint> record;
+  double theta_m = normal(1, 4, index);
+  for (int k = 0; k < 100; ++k) {
+    OperatingPoint point = random_point(100 * index + static_cast<std::uint64_t>(k));
+    point.t = 0.6 + 1e-4 * k;
+    point.omega_m = 30 * std::sin(0.3 * k);
+    point.theta_m = theta_m += 1e-4 * point.omega_m;
+    point.theta_e = 3 * theta_m;
+    point.T_load = 0.5;
+    record.push_back(point);
+  }
+  return record;
+}
+
+// What an effect adds at the end of that record.
+Contribution contribution(const Effect& effect, std::uint64_t index) {
+  const auto record = random_record(index);
+  std::vector<Contribution> sums(record.size());
+  effect.along(record, 1e-4, sums);
+  return sums.back();
+}
+
+// Rows that come late, twice or not at all add to no equation.
+bool adds_something(const Effect& effect) {
+  return effect.acts_on() != 0;
+}
+
 // What every effect of the registry owes, whatever it is.
 class EveryEffect : public testing::TestWithParam<std::string> {};
 
 TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
   const auto effect = plausible(GetParam());
   const auto count = static_cast<std::size_t>(effect->regressor_count());
-  ASSERT_GT(count, 0u);
+  if (count == 0) GTEST_SKIP() << "no regressors: it has a memory, or shows in the raw samples";
   std::vector<double> coefficients(count);
   effect->coefficients(coefficients);
   double size = 0;
@@ -92,7 +121,10 @@ TEST_P(EveryEffect, TwiceItsSizeMattersMore) {
 TEST_P(EveryEffect, TouchesWhatItSaysItActsOnAndNothingElse) {
   const auto effect = plausible(GetParam());
   int touched = 0;
-  for (std::uint64_t i = 0; i < 50; ++i) touched |= test::touched(effect->at(random_point(i)));
+  for (std::uint64_t i = 0; i < 50; ++i) {
+    touched |= test::touched(contribution(*effect, i));
+    touched |= test::touched(effect->at(random_point(i)));
+  }
   EXPECT_EQ(touched, effect->acts_on());
 }
 
@@ -110,12 +142,13 @@ TEST_P(EveryEffect, DeclaresItsFieldsAndItsNeeds) {
 TEST_P(EveryEffect, ACloneIsItsOwnObjectWithTheSameValues) {
   const auto effect = plausible(GetParam());
   const auto copy = effect->clone();
-  const OperatingPoint point = random_point(7);
-  EXPECT_EQ(test::flat(copy->at(point)), test::flat(effect->at(point)));
+  EXPECT_EQ(test::flat(contribution(*copy, 7)), test::flat(contribution(*effect, 7)));
   test::Silence silence;
   copy->fields(silence);
-  EXPECT_TRUE(test::flat(copy->at(point)).isZero(0));
-  EXPECT_FALSE(test::flat(effect->at(point)).isZero(0));
+  EXPECT_TRUE(test::flat(contribution(*copy, 7)).isZero(0));
+  if (adds_something(*effect)) {
+    EXPECT_FALSE(test::flat(contribution(*effect, 7)).isZero(0));
+  }
 }
 
 // A visitor that meets a number or a choice of a name, and what it holds and may hold.

@@ -36,7 +36,12 @@ inline std::shared_ptr<Effect> effect_of(const char* kind, std::map<std::string,
 // Sets every number it meets, each to another value of its range.
 class PlausibleValues final : public FieldSetter {
  public:
-  void number(const char*, double& value, double lo, double hi, const char*, Presence) override {
+  void number(const char* key, double& value, double lo, double hi, const char*,
+              Presence) override {
+    if (std::string(key) == "J_load_kgm2") {
+      value = 2e-3;  // less than the drive has
+      return;
+    }
     // Well inside the range: its end may not go with the drive (a dead time of a whole period).
     value = std::clamp(std::min(0.31 + 0.17 * count_++, 0.3 * hi), lo, hi);
   }

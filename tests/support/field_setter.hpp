@@ -30,8 +30,10 @@ class FieldSetter : public FieldVisitor {
   }
   void boolean(const char* key, bool&, const char*) override { note(key, Presence::kOptional); }
   void text(const char* key, std::string&, const char*) override { note(key, Presence::kOptional); }
-  void choice(const char* key, int&, std::span<const char* const>, const char*) override {
+  void choice(const char* key, int& index, std::span<const char* const>, const char*) override {
     note(key, Presence::kOptional);
+    const auto found = values_.find(key);
+    if (found != values_.end()) index = static_cast<int>(found->second);
   }
   void numbers(const char* key, std::span<double>, double, double, const char*) override {
     note(key, Presence::kOptional);

@@ -1,0 +1,71 @@
+// Backlash: part of the inertia sits behind a coupling or gear with free play.
+//
+//   (J - J_load) omega_m' = T_em - B omega_m - T_shaft,   J_load omega_load' = T_shaft - T_load
+//   T_shaft = max(0, K (delta - gap/2) + D delta') above the upper flank, mirrored below the lower
+//   one, 0 between them;   delta = theta_m - theta_load
+//
+// A memory, so at() is zero: along() simulates the load in its gap behind the measured angle and
+// gives T_load += T_shaft - T_load, J += -J_load.
+#include "model/effects/registry.hpp"
+#include "model/effects/shaft.hpp"
+
+namespace twinrate {
+namespace {
+
+class Backlash final : public Effect {
+ public:
+  std::string_view kind() const override { return "backlash"; }
+  std::string_view meaning() const override {
+    return "part of the inertia behind a coupling or gear with free play";
+  }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"theta_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("J_load_kgm2", shaft_.J_load, 0, 1e4, "part of machine.J behind the gap",
+             Presence::kRequired);
+    f.number("gap_rad", shaft_.gap, 0, 1, "whole free play", Presence::kRequired);
+    f.number("stiffness_Nm_rad", shaft_.stiffness, 1e-6, 1e9, "torque a radian beyond the gap",
+             Presence::kRequired);
+    f.number("damping_Nms_rad", shaft_.damping, 0, 1e6, "torque a rad/s of twisting in contact");
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    J_ = facts.machine.J;
+    return shaft_.J_load < J_ ? "" : "J_load_kgm2 leaves the motor no inertia";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<Backlash>(*this); }
+  bool describe_shaft(ShaftFacts& facts) const override {
+    if (shaft_.J_load > 0) facts = shaft_;
+    return true;
+  }
+  Contribution at(const OperatingPoint&) const override { return {}; }
+  void along(std::span<const OperatingPoint> record, double T_s,
+             std::span<Contribution> sums) const override {
+    along_shaft(shaft_, record, T_s, sums);
+  }
+  int regressor_count() const override { return 0; }
+  void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
+  void coefficients(std::span<double>) const override {}
+  // The flanks: in contact the load's own frequency is 20 to 160 Hz at 0.3 of the inertia.
+  std::vector<TracedKey> traced_keys() const override {
+    std::vector<double> stiffness;
+    for (double f : {20.0, 40.0, 80.0, 160.0})
+      stiffness.push_back(0.3 * J_ * std::pow(kTwoPi * f, 2));
+    return {{"J_load_kgm2", {0.1 * J_, 0.2 * J_, 0.3 * J_, 0.5 * J_}},
+            {"gap_rad", {0.005, 0.01, 0.02}},
+            {"stiffness_Nm_rad", stiffness},
+            {"damping_Nms_rad", {5 * J_}}};
+  }
+  double materiality(const DriveFacts&) const override { return shaft_.gap / 1e-3; }
+
+ private:
+  ShaftFacts shaft_{.stiffness = 1};
+  double J_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_backlash() {
+  return std::make_shared<Backlash>();
+}
+
+}  // namespace twinrate

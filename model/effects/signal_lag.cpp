@@ -1,0 +1,148 @@
+// A signal that arrives late: by a time, or through a first-order filter.
+//
+//   delay          reading(t) = true(t - lag)
+//   first_order    lag reading' = true - reading
+//
+// signal current, angle, speed: what is read. signal voltage: what is asked for acts lag later, so
+// a log has it early by lag; over a sample the mean that acts is (1 - f) u_{k-n} + f u_{k-n-1} in
+// stator axes, n + f = lag/T_s (first_order: the mean behind the filter, model/effects/lag.hpp).
+//
+// A memory, so at() is zero: along() gives u_dq_drop (asked less acting) or reading less truth,
+// linear between samples.
+#include <algorithm>
+
+#include "model/effects/lag.hpp"
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+using Record = std::span<const OperatingPoint>;
+using Sums = std::span<Contribution>;
+
+// One of the two lines of a sequence.
+template <class Value, class Filter>
+class Late {
+ public:
+  Late(bool is_delay, double lag, double T_s)
+      : is_delay_(is_delay), delay_(is_delay ? lag : 0, T_s), filter_(lag, T_s) {}
+  Value pass(const Value& x) { return is_delay_ ? delay_.pass(x) : filter_.pass(x); }
+
+ private:
+  bool is_delay_;
+  DelayLine<Value> delay_;
+  Filter filter_;
+};
+
+struct Turn {
+  double c, s;
+  explicit Turn(double angle) : c(std::cos(angle)), s(std::sin(angle)) {}
+  Vec2 forth(const Vec2& x) const { return {c * x[0] - s * x[1], s * x[0] + c * x[1]}; }
+  Vec2 back(const Vec2& x) const { return {c * x[0] + s * x[1], c * x[1] - s * x[0]}; }
+};
+
+class SignalLag final : public Effect {
+ public:
+  std::string_view kind() const override { return "signal_lag"; }
+  std::string_view meaning() const override {
+    return "a signal that arrives late, by a time or through a filter";
+  }
+  int acts_on() const override {
+    constexpr int kActs[] = {kOnVoltage, kOnCurrents, kOnAngle, kOnSpeed};
+    return kActs[signal_];
+  }
+  std::vector<std::string> signals_needed() const override {
+    switch (signal_) {
+      case SamplingFacts::kCurrent:
+        return {"i_a", "i_b", "theta_m", "u_d", "u_q"};
+      case SamplingFacts::kSpeed:
+        return {"omega_m", "theta_m"};
+      default:
+        return {"u_d", "u_q", "theta_m", "i_d", "i_q"};
+    }
+  }
+  void fields(FieldVisitor& f) override {
+    f.choice("signal", signal_, kSignalNames, "what is late");
+    f.choice("form", form_, kFormNames, "a pure delay, or a first-order filter");
+    f.number("lag_s", lag_, 0, 0.1, "the delay, or the filter's time constant",
+             Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<SignalLag>(*this); }
+  bool describe_sampling(SamplingFacts& facts) const override {
+    (is_delay() ? facts.delay : facts.lowpass)[signal_] += lag_;
+    return true;
+  }
+  Contribution at(const OperatingPoint&) const override { return {}; }
+  void along(Record record, double T_s, Sums sums) const override {
+    std::fill(sums.begin(), sums.end(), Contribution{});
+    switch (signal_) {
+      case SamplingFacts::kVoltage:
+        return voltage(record, T_s, sums);
+      case SamplingFacts::kCurrent:
+        return current(record, T_s, sums);
+      case SamplingFacts::kAngle:
+        return angle(record, T_s, sums);
+      default:
+        return rotor_speed(record, T_s, sums);
+    }
+  }
+  int regressor_count() const override { return 0; }
+  void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
+  void coefficients(std::span<double>) const override {}
+  std::vector<TracedKey> traced_keys() const override {
+    return {
+        {"signal", {0, 1, 2, 3}, false}, {"form", {0, 1}, false}, {.key = "lag_s", .linear = true}};
+  }
+  double materiality(const DriveFacts&) const override {
+    return lag_ / (signal_ == SamplingFacts::kSpeed ? 50e-6 : 12e-6);
+  }
+
+ private:
+  static constexpr const char* kSignalNames[] = {"voltage", "current", "angle", "speed"};
+  static constexpr const char* kFormNames[] = {"delay", "first_order"};
+
+  bool is_delay() const { return form_ == 0; }
+
+  void voltage(Record record, double T_s, Sums sums) const {
+    Late<Vec2, HeldLowPass<Vec2>> late(is_delay(), lag_, T_s);
+    for (std::size_t k = 0; k < record.size(); ++k) {
+      const Turn turn(record[k].theta_e);
+      const Vec2 u_alphabeta = turn.forth(record[k].u_dq);
+      sums[k].u_dq_drop = turn.back(u_alphabeta - late.pass(u_alphabeta));
+    }
+  }
+  void current(Record record, double T_s, Sums sums) const {
+    Late<Vec2, LowPass<Vec2>> late(is_delay(), lag_, T_s);
+    for (std::size_t k = 0; k < record.size(); ++k) {
+      const Vec2 i_alphabeta = Turn(record[k].theta_e).forth(record[k].i_dq);
+      sums[k].i_abc = inverse_clarke(late.pass(i_alphabeta) - i_alphabeta);
+    }
+  }
+  // theta_m may be wrapped into a turn.
+  void angle(Record record, double T_s, Sums sums) const {
+    Late<double, LowPass<double>> late(is_delay(), lag_, T_s);
+    double turned = 0;
+    for (std::size_t k = 0; k < record.size(); ++k) {
+      const double step = k > 0 ? record[k].theta_m - record[k - 1].theta_m : 0;
+      turned += std::abs(step) < kPi ? step : wrap_pi(step);
+      sums[k].theta_m = late.pass(turned) - turned;
+    }
+  }
+  void rotor_speed(Record record, double T_s, Sums sums) const {
+    Late<double, LowPass<double>> late(is_delay(), lag_, T_s);
+    for (std::size_t k = 0; k < record.size(); ++k)
+      sums[k].omega_m = late.pass(record[k].omega_m) - record[k].omega_m;
+  }
+
+  int signal_ = SamplingFacts::kVoltage;
+  int form_ = 0;
+  double lag_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_signal_lag() {
+  return std::make_shared<SignalLag>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,43 @@
+// Stale samples: rows whose currents, angle, speed and bus voltage are those of the row before,
+// each with the same probability.
+//
+// No regressors: found in the raw samples.
+#include <algorithm>
+
+#include "model/effects/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+class StaleSamples final : public Effect {
+ public:
+  std::string_view kind() const override { return "stale_samples"; }
+  std::string_view meaning() const override { return "rows that repeat the row before"; }
+  int acts_on() const override { return 0; }
+  std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("share", share_, 0, 0.5, "of all rows", Presence::kRequired);
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<StaleSamples>(*this); }
+  bool describe_sampling(SamplingFacts& facts) const override {
+    facts.stale = std::max(facts.stale, share_);
+    return true;
+  }
+  Contribution at(const OperatingPoint&) const override { return {}; }
+  int regressor_count() const override { return 0; }
+  void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
+  void coefficients(std::span<double>) const override {}
+  // One row in a thousand.
+  double materiality(const DriveFacts&) const override { return share_ / 1e-3; }
+
+ private:
+  double share_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_stale_samples() {
+  return std::make_shared<StaleSamples>();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,76 @@
+// Torsion: part of the inertia sits behind a shaft that twists (two masses).
+//
+//   (J - J_load) omega_m' = T_em - B omega_m - T_shaft,   J_load omega_load' = T_shaft - T_load
+//   T_shaft = K delta + D delta',   delta = theta_m - theta_load
+//
+// Seen from the motor: antiresonance sqrt(K/J_load), resonance sqrt(K (1/J_load + 1/(J - J_load))).
+// A memory, so at() is zero: along() simulates the load behind the measured angle and gives T_load
+// += T_shaft - T_load, J += -J_load. At a given antiresonance and damping ratio that is linear in
+// J_load.
+
+#include "model/effects/registry.hpp"
+#include "model/effects/shaft.hpp"
+
+namespace twinrate {
+namespace {
+
+class Torsion final : public Effect {
+ public:
+  std::string_view kind() const override { return "torsion"; }
+  std::string_view meaning() const override {
+    return "part of the inertia behind a shaft that twists: two masses";
+  }
+  int acts_on() const override { return kOnTorque; }
+  std::vector<std::string> signals_needed() const override { return {"theta_m", "i_q"}; }
+  void fields(FieldVisitor& f) override {
+    f.number("J_load_kgm2", shaft_.J_load, 0, 1e4, "part of machine.J behind the shaft",
+             Presence::kRequired);
+    f.number("stiffness_Nm_rad", shaft_.stiffness, 1e-6, 1e9, "torque a radian of twist",
+             Presence::kRequired);
+    f.number("damping_Nms_rad", shaft_.damping, 0, 1e6, "torque a rad/s of twisting");
+  }
+  std::string prepare(const DriveFacts& facts) override {
+    J_ = facts.machine.J;
+    return shaft_.J_load < J_ ? "" : "J_load_kgm2 leaves the motor no inertia";
+  }
+  std::shared_ptr<Effect> clone() const override { return std::make_shared<Torsion>(*this); }
+  bool describe_shaft(ShaftFacts& facts) const override {
+    if (shaft_.J_load > 0) facts = shaft_;
+    return true;
+  }
+  Contribution at(const OperatingPoint&) const override { return {}; }
+  void along(std::span<const OperatingPoint> record, double T_s,
+             std::span<Contribution> sums) const override {
+    along_shaft(shaft_, record, T_s, sums);
+  }
+  int regressor_count() const override { return 0; }
+  void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
+  void coefficients(std::span<double>) const override {}
+  // The stiffness: antiresonances from 10 Hz at a tenth of the inertia to 80 Hz at half of it. The
+  // damping: ratios of some per cent in the middle of that.
+  std::vector<TracedKey> traced_keys() const override {
+    constexpr double kStep = 1.2;  // a tenth in frequency
+    const double K_lo = 0.1 * J_ * std::pow(kTwoPi * 10, 2);
+    const double K_hi = 0.5 * J_ * std::pow(kTwoPi * 80, 2);
+    std::vector<double> stiffness;
+    for (double K = K_lo; K < K_hi * kStep; K *= kStep) stiffness.push_back(K);
+    return {{"J_load_kgm2", {0.1 * J_, 0.2 * J_, 0.3 * J_, 0.5 * J_}},
+            {"stiffness_Nm_rad", stiffness},
+            {"damping_Nms_rad", {3 * J_}}};
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return shaft_.J_load / (0.05 * facts.machine.J);
+  }
+
+ private:
+  ShaftFacts shaft_{.stiffness = 1};
+  double J_ = 0;
+};
+
+}  // namespace
+
+std::shared_ptr<Effect> make_torsion() {
+  return std::make_shared<Torsion>();
+}
+
+}  // namespace twinrate
