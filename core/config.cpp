@@ -57,6 +57,26 @@ void check_flux(const Config::Impl& file, const DriveConfig& drive) {
   }
 }
 
+// A drive has one shaft, and a signal passes one filter: the sum of two would be neither.
+void check_effects(const Config::Impl& file, const Effects& effects) {
+  int shafts = 0;
+  SamplingFacts all;
+  for (const auto& effect : effects) {
+    ShaftFacts shaft;
+    shafts += effect->describe_shaft(shaft);
+    if (shafts > 1)
+      file.fail("effect",
+                fmt::format("{}: the drive has a torsion or backlash already", effect->kind()));
+    SamplingFacts own;
+    effect->describe_sampling(own);
+    for (int signal = 0; signal < 4; ++signal) {
+      if (own.lowpass[signal] > 0 && all.lowpass[signal] > 0)
+        file.fail("effect", "signal_lag: one first_order filter a signal");
+      all.lowpass[signal] += own.lowpass[signal];
+    }
+  }
+}
+
 void check_across(const Config::Impl& file, DriveConfig& drive) {
   check_flux(file, drive);
   RateParameters& rates = drive.rates;
@@ -123,6 +143,8 @@ void read_drive(Config::Impl& file) {
   root.accept("preset");
   root.require_known();
   read_effects(file, d);
+  check_effects(file, d.plant_effects());
+  check_effects(file, d.model_effects());
   check_across(file, d);
 }
 

@@ -50,8 +50,9 @@ class Filter {
   virtual Estimate output(const FastState& state, const Measurement& m) const = 0;
 
   // The sample as this filter's equations see it: what is known of the drive beyond them is undone.
-  Measurement seen(const Measurement& m, const Estimate& last) const {
-    return known_.none() ? m : known_.seen(m, last);
+  // `last` and `before`: estimate and measurement of the tick before.
+  Measurement seen(const Measurement& m, const Estimate& last, const Measurement& before) const {
+    return known_.none() ? m : known_.seen(m, last, before);
   }
   void know(const KnownEffects& known) { known_ = known; }
 

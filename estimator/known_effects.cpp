@@ -1,8 +1,20 @@
 #include "estimator/known_effects.hpp"
 
+#include <algorithm>
+
 #include "model/effects/flux_map.hpp"
 
 namespace twinrate {
+namespace {
+
+double voltage_lag(const Effects& effects, double T_s) {
+  SamplingFacts late;
+  for (const auto& effect : effects) effect->describe_sampling(late);
+  const double lag = late.delay[SamplingFacts::kVoltage] + late.lowpass[SamplingFacts::kVoltage];
+  return lag > 0 ? std::min(1.0, lag / T_s) : 0;
+}
+
+}  // namespace
 
 KnownEffects::KnownEffects(const Effects& effects, const MachineParameters& machine,
                            int current_sensors, double T_s)
@@ -12,7 +24,8 @@ KnownEffects::KnownEffects(const Effects& effects, const MachineParameters& mach
       flux_(acting_on(effects, kOnFlux)),
       none_(effects.empty()),
       machine_(machine),
-      T_s_(T_s) {}
+      T_s_(T_s),
+      voltage_lag_(voltage_lag(effects, T_s)) {}
 
 // `u_dq`: voltage that reaches the machine. Two rounds: the currents half an interval on follow
 // from their rate, which follows from them.
@@ -29,15 +42,18 @@ Vec2 KnownEffects::flux_voltage(OperatingPoint point, const Vec2& u_dq) const {
   return omega_e * Vec2(-added.psi[1], added.psi[0]) + added.slope * rate;
 }
 
-Measurement KnownEffects::seen(const Measurement& m, const Estimate& last) const {
-  Measurement s = undo_(m);
+Measurement KnownEffects::seen(const Measurement& m, const Estimate& last,
+                               const Measurement& before) const {
+  Measurement s = last.k < 0 ? undo_(m) : undo_(m, last.omega_m);
+  if (voltage_lag_ > 0 && before.k == m.k - 1)
+    s.u_alphabeta += voltage_lag_ * (before.u_alphabeta - m.u_alphabeta);
   if ((voltage_.empty() && flux_.empty()) || last.k < 0 || !(m.signals & kVoltage)) return s;
   // Middle of the interval in which the voltage acted.
   const double theta_m = s.theta_m - 0.5 * T_s_ * last.omega_m;
   const double theta_e = last.theta_e + 0.5 * T_s_ * last.omega_m * machine_.n_p;
   const OperatingPoint point{.t = 1e-9 * static_cast<double>(m.t_ns),
                              .i_dq = last.i_dq,
-                             .u_dq = park(m.u_alphabeta, theta_e),
+                             .u_dq = park(s.u_alphabeta, theta_e),
                              .v_dc = m.v_dc,
                              .omega_m = last.omega_m,
                              .theta_m = theta_m,

@@ -9,6 +9,9 @@
 //   omega_e [-psi_k_q, psi_k_d] + d psi_k/d i_dq i_dq'
 // in mid-interval, with i_dq' as the whole machine has it: a filter that predicts with L alone then
 // predicts as if it knew psi_k. Its torque counts as known load.
+//
+// A voltage that acts late (signal_lag) is the mix of this sample's with the one before, up to one
+// sample. A shaft (torsion, backlash) is not predicted: it stays in the load that filters estimate.
 #pragma once
 #include "model/effects/undo.hpp"
 
@@ -23,8 +26,9 @@ class KnownEffects {
                double T_s);
 
   bool none() const { return none_; }
-  // `last`: the estimate before, from whose state the lost voltage is predicted.
-  Measurement seen(const Measurement& m, const Estimate& last) const;
+  // `last`: the estimate before, from whose state the lost voltage is predicted. `before`: the
+  // measurement before, as measured.
+  Measurement seen(const Measurement& m, const Estimate& last, const Measurement& before) const;
   double torque(const OperatingPoint& point) const {
     return known_load(torque_, point, machine_.n_p);
   }
@@ -37,6 +41,7 @@ class KnownEffects {
   bool none_;
   MachineParameters machine_;
   double T_s_;
+  double voltage_lag_;  // in samples, up to 1
 };
 
 }  // namespace twinrate

@@ -19,7 +19,7 @@ FastLoop::FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, Back
 
 void FastLoop::reset() {
   gains_.reset(filter_->initial_gain());
-  last_ = Measurement{};
+  last_ = last_measured_ = Measurement{};
   last_estimate_ = Estimate{};
 }
 
@@ -49,8 +49,13 @@ const Gain& FastLoop::choose_gain(std::int64_t k, int& status) {
   return made_;
 }
 
+// A lost row still says the voltage, which the drive knows without a sensor.
+static bool is_lost_row(const Measurement& m) {
+  return (m.signals & ~kBusVoltage) == kVoltage;
+}
+
 Estimate FastLoop::tick(const Measurement& measured) {
-  const Measurement m = filter_->seen(measured, last_estimate_);
+  Measurement m = filter_->seen(measured, last_estimate_, last_measured_);
   const std::int64_t missing = last_.k < 0 ? 0 : m.k - last_.k - 1;
   int status = missing > 0 ? kGapBridged : 0;
   if (missing > kMaxGap) reset();
@@ -70,12 +75,19 @@ Estimate FastLoop::tick(const Measurement& measured) {
   const Gain& gain = choose_gain(m.k, status);
 
   Correction correction;
-  if (!first) correction = filter_->fast_step(state_, m, gain);
+  if (!first && !is_lost_row(m)) {
+    correction = filter_->fast_step(state_, m, gain);
+  } else if (!first) {
+    filter_->predict_over_gap(state_, m);
+    m.theta_m = state_.theta_m_prev;
+    status |= kGapBridged;
+  }
   if (m.mode == Mode::kAlign) {
     filter_->align(state_, m.theta_forced);
     status |= kAngleForced;
   }
   last_ = m;
+  last_measured_ = measured;
 
   Estimate e = filter_->output(state_, m);
   e.k = m.k;

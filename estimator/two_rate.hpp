@@ -43,7 +43,8 @@ class FastLoop {
   bool gain_ready(std::int64_t k) const;
   // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
   // filter starts again from this sample). A gain that is late is replaced by the newest older one,
-  // one that is too old by the table, and both are said in status.
+  // one that is too old by the table, and both are said in status. A sample in which no sensor
+  // delivered anything (signals) is predicted over in the same way, under its own voltage.
   Estimate tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }
@@ -60,8 +61,8 @@ class FastLoop {
   ScheduleUse schedule_use_;
   FastState state_;
   GainSlots gains_;
-  Gain made_;  // turned, or from the table
-  Measurement last_;
+  Gain made_;                         // turned, or from the table
+  Measurement last_, last_measured_;  // as the filter sees it; as it came
   Estimate last_estimate_;
   std::int64_t k0_ = 0;  // first sample of the session: snapshots count from here
 };

@@ -11,7 +11,12 @@ SensingUndo::SensingUndo(const Effects& effects, int n_p, int current_sensors, d
       on_angle_(acting_on(effects, kOnAngle)),
       n_p_(n_p),
       current_sensors_(current_sensors),
-      T_s_(T_s) {}
+      T_s_(T_s) {
+  SamplingFacts late;
+  for (const auto& effect : effects) effect->describe_sampling(late);
+  current_lag_ = late.delay[SamplingFacts::kCurrent] + late.lowpass[SamplingFacts::kCurrent];
+  angle_lag_ = late.delay[SamplingFacts::kAngle] + late.lowpass[SamplingFacts::kAngle];
+}
 
 double SensingUndo::angle_error(double theta_m, OperatingPoint& point) const {
   point.theta_m = theta_m;
@@ -26,7 +31,7 @@ double SensingUndo::true_angle(double theta_m_meas, OperatingPoint& point) const
   return theta_m;
 }
 
-Measurement SensingUndo::operator()(const Measurement& m) const {
+Measurement SensingUndo::operator()(const Measurement& m, double omega_m) const {
   Measurement corrected = m;
   OperatingPoint point{
       .t = 1e-9 * static_cast<double>(m.t_ns), .v_dc = m.v_dc, .omega_m = m.omega_m};
@@ -36,6 +41,7 @@ Measurement SensingUndo::operator()(const Measurement& m) const {
       const double theta_m_before = true_angle(m.theta_m - T_s_ * m.omega_m, point);
       corrected.omega_m = (corrected.theta_m - theta_m_before) / T_s_;
     }
+    corrected.theta_m += angle_lag_ * omega_m;
   }
   if (!(m.signals & kPhaseCurrents) || on_currents_.empty()) return corrected;
   point.omega_m = corrected.omega_m;
@@ -46,6 +52,9 @@ Measurement SensingUndo::operator()(const Measurement& m) const {
     corrected.i_abc = m.i_abc - sum_at(on_currents_, point).i_abc;
     if (current_sensors_ == 2) corrected.i_abc[2] = -(corrected.i_abc[0] + corrected.i_abc[1]);
   }
+  if (current_lag_ > 0)
+    corrected.i_abc =
+        inverse_clarke(rotate(clarke(corrected.i_abc), n_p_ * omega_m * current_lag_));
   return corrected;
 }
 

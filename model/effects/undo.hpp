@@ -7,6 +7,10 @@
 // 8e-6 of the error). With two current sensors i_c is -(i_a + i_b). A speed taken as the difference
 // of two angles over T_s is corrected by the same difference of c(theta_m). No allocation; a
 // measurement without the signal in question stays as it is.
+//
+// Late signals (signal_lag) are carried forward from t_k - lag to t_k at the speed given: the angle
+// by omega_m lag, the current vector by a turn of n_p omega_m lag, as in steady state. A filter of
+// time constant lag is taken as that delay. A late speed stays as it is.
 #pragma once
 #include "model/effects/effect.hpp"
 #include "model/signals.hpp"
@@ -18,8 +22,12 @@ class SensingUndo {
   // `effects`: all the drive's model effects; those on currents and angle are picked out.
   SensingUndo(const Effects& effects, int n_p, int current_sensors, double T_s);
 
-  bool nothing_to_do() const { return on_currents_.empty() && on_angle_.empty(); }
-  Measurement operator()(const Measurement& m) const;
+  bool nothing_to_do() const {
+    return on_currents_.empty() && on_angle_.empty() && current_lag_ == 0 && angle_lag_ == 0;
+  }
+  Measurement operator()(const Measurement& m) const { return (*this)(m, m.omega_m); }
+  // `omega_m`: a better speed than the measured one, for late signals.
+  Measurement operator()(const Measurement& m, double omega_m) const;
 
  private:
   double true_angle(double theta_m_meas, OperatingPoint& point) const;
@@ -28,6 +36,7 @@ class SensingUndo {
   Effects on_currents_, on_angle_;
   int n_p_, current_sensors_;
   double T_s_;
+  double current_lag_ = 0, angle_lag_ = 0;  // s
 };
 
 // Voltage in rotor axes that `effects` take from what the inverter was asked for, at a point that

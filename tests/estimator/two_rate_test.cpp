@@ -17,6 +17,38 @@ Measurement sample(std::int64_t k) {
   return {.k = k, .t_ns = 200000 * k};
 }
 
+// Nothing but the voltage: the filter predicts under it, and says so.
+TEST(LostRow, IsPredictedOverUnderItsOwnVoltage) {
+  const MachineParameters machine{
+      .R_s = 1.2, .L_d = 5e-4, .L_q = 5e-4, .psi_f = 0.007, .J = 1e-5, .B = 1e-5, .n_p = 4};
+  const auto filter = std::make_shared<EkfSensorless>(
+      machine, EkfSensorlessParameters{}, Prediction::kRk4, CovarianceForm::kJoseph, 2e-4, 400.0);
+  FastLoop fast(filter, GainPolicy::kPaper, 1);
+  Measurement m = sample(0);
+  m.signals = kPhaseCurrents | kVoltage;
+  fast.tick(m);
+  Gain gain = filter->initial_gain();
+  gain.K.topLeftCorner<4, 2>().setConstant(0.5);
+  gain.k = 0;
+  fast.take_gain(gain);
+  FastState expected = filter->start(m);
+  Measurement lost = sample(1);
+  lost.signals = kVoltage;
+  lost.u_alphabeta = {3, -1};
+  lost.i_abc = {100, -50, -50};  // nobody may look at it
+  filter->predict_over_gap(expected, lost);
+  const Estimate e = fast.tick(lost);
+  EXPECT_EQ(e.x_hat, expected.x_hat);
+  EXPECT_TRUE(e.status & kGapBridged);
+  EXPECT_TRUE(e.innov.isZero(0));
+  // The next one is corrected again.
+  Measurement there = sample(2);
+  there.signals = kPhaseCurrents | kVoltage;
+  const Estimate after = fast.tick(there);
+  EXPECT_EQ(after.status & kGapBridged, 0);
+  EXPECT_FALSE(after.innov.isZero(1e-9));
+}
+
 class Timing : public testing::TestWithParam<int> {};
 
 TEST_P(Timing, PaperUsesTheGainOfTheSnapshotOneFullPeriodAgo) {

@@ -71,6 +71,22 @@ TEST(Undo, CorrectsTheSpeedOfAnEccentricDisc) {
   EXPECT_NEAR(SensingUndo(effects, 3, 3, kTs)(m).omega_m, 10, 1e-6);
 }
 
+TEST(Undo, CarriesLateAnglesAndCurrentsForwardAtTheSpeed) {
+  const Effects late{test::effect_of("signal_lag", {{"signal", 1}, {"lag_s", 1.5e-4}}),
+                     test::effect_of("signal_lag", {{"signal", 2}, {"form", 1}, {"lag_s", 3e-4}})};
+  const SensingUndo undo(late, 3, 3, kTs);
+  EXPECT_FALSE(undo.nothing_to_do());
+  Measurement m;
+  m.signals = kPhaseCurrents | kPosition | kSpeed;
+  m.omega_m = 20;
+  m.theta_m = 1 - 20 * 3e-4;
+  const Vec2 i_alphabeta(2, 1);
+  m.i_abc = inverse_clarke(rotate(i_alphabeta, -3 * 20 * 1.5e-4));
+  EXPECT_NEAR(undo(m).theta_m, 1, 1e-12);
+  EXPECT_NEAR((clarke(undo(m).i_abc) - i_alphabeta).norm(), 0, 1e-12);
+  EXPECT_NEAR(undo(m, 40).theta_m, 1 + 20 * 3e-4, 1e-12) << "the better speed";
+}
+
 TEST(Undo, LeavesAloneWhatWasNotMeasuredAndWhatNoEffectTouches) {
   const Effects effects = sensing_effects();
   const SensingUndo undo(effects, 3, 3, kTs);
