@@ -6,11 +6,13 @@
 //                     falls from x = 1 on, which no iron does)
 //          tanh       f(x) = tanh(x)/x
 //
-// I_s = 0: no saturation. The d axis saturates where current_d_A is given, by its current alone.
-// Regressors, one for each axis that saturates (q first): L i (f - 1)/c with the coefficient
-// c = 1/I_s of "rational", 1/I_s^2 of the others. At c = 0 they are -L i |i|, -L i^3 and -L i^3/3,
-// so a regression can start from no saturation at all; each further round at the I_s found comes
-// closer. set_coefficients takes c <= 0, more inductance at more current, as no saturation.
+// share_q, share_d: of L, what saturates; the rest stays. May be above 1 where machine.L_q is not
+// the inductance at no current. I_s = 0: no saturation. The d axis saturates where current_d_A is
+// given, by its current alone. Regressors, one for each axis that saturates (q first): L i (f -
+// 1)/c with the coefficient c = 1/I_s of "rational", 1/I_s^2 of the others. At c = 0 they are -L i
+// |i|, -L i^3 and -L i^3/3, so a regression can start from no saturation at all; each further round
+// at the I_s found comes closer. set_coefficients takes c <= 0, more inductance at more current, as
+// no saturation.
 #include <algorithm>
 
 #include "model/effects/registry.hpp"
@@ -34,7 +36,8 @@ double lost(int form, double x) {
 // One axis: the flux that is lacking is coefficient() times regressor().
 struct Axis {
   double I_s = 0;  // A
-  double L = 0;
+  double share = 1;
+  double L = 0;  // H, what saturates
 
   double coefficient(int form) const {
     if (I_s == 0) return 0;
@@ -64,10 +67,12 @@ class Saturation final : public Effect {
     f.choice("form", form_, kFormNames, "how the inductance falls");
     f.number("current_q_A", q_.I_s, 0, 1e6, "scale I_s along q; 0: none", Presence::kRequired);
     f.number("current_d_A", d_.I_s, 0, 1e6, "the same along d");
+    f.number("share_q", q_.share, 0, 10, "of L_q, what saturates");
+    f.number("share_d", d_.share, 0, 10, "the same along d");
   }
   std::string prepare(const DriveFacts& facts) override {
-    d_.L = facts.machine.L_d;
-    q_.L = facts.machine.L_q;
+    d_.L = d_.share * facts.machine.L_d;
+    q_.L = q_.share * facts.machine.L_q;
     return "";
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<Saturation>(*this); }

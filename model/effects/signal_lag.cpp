@@ -1,7 +1,9 @@
 // A signal that arrives late: by a time, or through a first-order filter.
 //
 //   delay          reading(t) = true(t - lag)
-//   first_order    lag reading' = true - reading
+//   first_order    lag reading' = true - reading; of the lag a delay_share may be a pure delay
+//   before
+//                  the filter
 //
 // signal current, angle, speed: what is read. signal voltage: what is asked for acts lag later, so
 // a log has it early by lag; over a sample the mean that acts is (1 - f) u_{k-n} + f u_{k-n-1} in
@@ -20,16 +22,14 @@ namespace {
 using Record = std::span<const OperatingPoint>;
 using Sums = std::span<Contribution>;
 
-// One of the two lines of a sequence.
+// A sequence behind a delay and a filter, either of which may be nothing.
 template <class Value, class Filter>
 class Late {
  public:
-  Late(bool is_delay, double lag, double T_s)
-      : is_delay_(is_delay), delay_(is_delay ? lag : 0, T_s), filter_(lag, T_s) {}
-  Value pass(const Value& x) { return is_delay_ ? delay_.pass(x) : filter_.pass(x); }
+  Late(double delay, double tau, double T_s) : delay_(delay, T_s), filter_(tau, T_s) {}
+  Value pass(const Value& x) { return filter_.pass(delay_.pass(x)); }
 
  private:
-  bool is_delay_;
   DelayLine<Value> delay_;
   Filter filter_;
 };
@@ -64,12 +64,15 @@ class SignalLag final : public Effect {
   void fields(FieldVisitor& f) override {
     f.choice("signal", signal_, kSignalNames, "what is late");
     f.choice("form", form_, kFormNames, "a pure delay, or a first-order filter");
-    f.number("lag_s", lag_, 0, 0.1, "the delay, or the filter's time constant",
+    f.number("lag_s", lag_, 0, 0.5, "the delay, or the filter's time constant",
              Presence::kRequired);
+    f.number("delay_share", delay_share_, 0, 1,
+             "of a first-order lag, what is a pure delay; the rest is the time constant");
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<SignalLag>(*this); }
   bool describe_sampling(SamplingFacts& facts) const override {
-    (is_delay() ? facts.delay : facts.lowpass)[signal_] += lag_;
+    facts.delay[signal_] += delay();
+    facts.lowpass[signal_] += tau();
     return true;
   }
   Contribution at(const OperatingPoint&) const override { return {}; }
@@ -101,10 +104,11 @@ class SignalLag final : public Effect {
   static constexpr const char* kSignalNames[] = {"voltage", "current", "angle", "speed"};
   static constexpr const char* kFormNames[] = {"delay", "first_order"};
 
-  bool is_delay() const { return form_ == 0; }
+  double delay() const { return form_ == 0 ? lag_ : delay_share_ * lag_; }
+  double tau() const { return lag_ - delay(); }
 
   void voltage(Record record, double T_s, Sums sums) const {
-    Late<Vec2, HeldLowPass<Vec2>> late(is_delay(), lag_, T_s);
+    Late<Vec2, HeldLowPass<Vec2>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k) {
       const Turn turn(record[k].theta_e);
       const Vec2 u_alphabeta = turn.forth(record[k].u_dq);
@@ -112,7 +116,7 @@ class SignalLag final : public Effect {
     }
   }
   void current(Record record, double T_s, Sums sums) const {
-    Late<Vec2, LowPass<Vec2>> late(is_delay(), lag_, T_s);
+    Late<Vec2, LowPass<Vec2>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k) {
       const Vec2 i_alphabeta = Turn(record[k].theta_e).forth(record[k].i_dq);
       sums[k].i_abc = inverse_clarke(late.pass(i_alphabeta) - i_alphabeta);
@@ -120,7 +124,7 @@ class SignalLag final : public Effect {
   }
   // theta_m may be wrapped into a turn.
   void angle(Record record, double T_s, Sums sums) const {
-    Late<double, LowPass<double>> late(is_delay(), lag_, T_s);
+    Late<double, LowPass<double>> late(delay(), tau(), T_s);
     double turned = 0;
     for (std::size_t k = 0; k < record.size(); ++k) {
       const double step = k > 0 ? record[k].theta_m - record[k - 1].theta_m : 0;
@@ -129,7 +133,7 @@ class SignalLag final : public Effect {
     }
   }
   void rotor_speed(Record record, double T_s, Sums sums) const {
-    Late<double, LowPass<double>> late(is_delay(), lag_, T_s);
+    Late<double, LowPass<double>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k)
       sums[k].omega_m = late.pass(record[k].omega_m) - record[k].omega_m;
   }
@@ -137,6 +141,7 @@ class SignalLag final : public Effect {
   int signal_ = SamplingFacts::kVoltage;
   int form_ = 0;
   double lag_ = 0;
+  double delay_share_ = 0;
 };
 
 }  // namespace

@@ -180,12 +180,10 @@ void unwrap_position(const ColumnMap& map, DriveRows& rows) {
   if (*highest - *lowest <= 1.001 * kTwoPi) unwrap(theta_m, kTwoPi);
 }
 
-}  // namespace
-
-DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
-                          const std::function<void(double)>& progress) {
-  CsvReader csv(path, map ? map->format : CsvFormat{});
-  const ImportMap used = map ? *map : canonical_map(csv.header());
+// `fewest`: rows that have to be there. `used`: with or without a time.
+DriveRows read_rows(CsvReader& csv, const ImportMap& used, bool repair, std::size_t fewest,
+                    const std::function<void(double)>& progress) {
+  const std::string& path = csv.path();
   DriveRows rows;
   rows.path = path;
   RowReader reader(csv, used, rows, repair);
@@ -194,11 +192,33 @@ DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool re
         "{}:{}: no column of a drive log besides t; a header of canonical names or --map is needed",
         path, std::max(csv.header_line(), 1)));
   reader.read_all(progress);
-  if (rows.size() < kFewestRows)
-    throw BadInput(fmt::format("{}:{}: {} rows, at least {} needed", path, csv.line(), rows.size(),
-                               kFewestRows));
+  if (rows.size() < fewest)
+    throw BadInput(
+        fmt::format("{}:{}: {} rows, at least {} needed", path, csv.line(), rows.size(), fewest));
   if (rows.has("theta_m")) unwrap_position(used.columns.at("theta_m"), rows);
   return rows;
+}
+
+}  // namespace
+
+DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
+                          const std::function<void(double)>& progress) {
+  CsvReader csv(path, map ? map->format : CsvFormat{});
+  return read_rows(csv, map ? *map : canonical_map(csv.header()), repair, kFewestRows, progress);
+}
+
+DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair) {
+  CsvReader csv(path, map ? map->format : CsvFormat{});
+  ImportMap used = map ? *map : canonical_map(csv.header());
+  used.columns.erase("t");
+  return read_rows(csv, used, repair, kFewestStaticRows, {});
+}
+
+bool holds_time(const std::string& path, const ImportMap* map) {
+  CsvReader csv(path, map ? map->format : CsvFormat{});
+  if (map && (map->time_given || csv.header().empty())) return true;
+  const std::string name = map ? map->columns.at("t").from : "t";
+  return std::find(csv.header().begin(), csv.header().end(), name) != csv.header().end();
 }
 
 }  // namespace twinrate

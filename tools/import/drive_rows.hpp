@@ -14,12 +14,12 @@ inline constexpr std::size_t kFewestRows = 200;
 struct DriveRows {
   std::string path;
   std::map<std::string, std::vector<double>> columns;  // without "t"; all of t's length
-  std::vector<double> t;                               // s, strictly rising
+  std::vector<double> t;                               // s, strictly rising; empty: a static set
   std::vector<int> line;                               // of the file, for messages
   std::vector<std::string> left_out;  // columns of the file that nothing was taken from
   std::vector<std::string> notes;     // what was repaired or looks odd, one line each
 
-  std::size_t size() const { return t.size(); }
+  std::size_t size() const { return line.size(); }
   bool has(const std::string& name) const { return columns.count(name) != 0; }
   double at(const std::string& name, std::size_t row) const { return columns.at(name)[row]; }
 };
@@ -31,5 +31,12 @@ struct DriveRows {
 // last line. `progress` gets the share read, now and then; it may throw.
 DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
                           const std::function<void(double)>& progress = {});
+
+// A static set (flux map, inverter curve, holding currents): no time, any number of rows from
+// kFewestStaticRows on; otherwise as above.
+inline constexpr std::size_t kFewestStaticRows = 20;
+DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair);
+// False where neither the file's header nor the map knows a time. Throws as above.
+bool holds_time(const std::string& path, const ImportMap* map);
 
 }  // namespace twinrate

@@ -102,7 +102,8 @@ ColumnMap read_column(const std::string& file, const std::string& name, const to
 }
 
 void read_columns(const std::string& file, const toml::table& columns, ImportMap& map) {
-  const auto& known = canonical_columns();
+  std::vector<std::string> known = canonical_columns();
+  known.insert(known.end(), static_columns().begin(), static_columns().end());
   for (const auto& [key, node] : columns) {
     const std::string name(key.str());
     if (std::find(known.begin(), known.end(), name) == known.end())
@@ -167,6 +168,11 @@ const std::vector<std::string>& canonical_columns() {
   return names;
 }
 
+const std::vector<std::string>& static_columns() {
+  static const std::vector<std::string> names{"psi_d", "psi_q", "u_a", "u_b", "u_c"};
+  return names;
+}
+
 ImportMap read_import_map(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   if (!in) throw BadInput(fmt::format("{}: no such map", path));
@@ -193,16 +199,18 @@ ImportMap read_import_map(const std::string& path) {
     map.preset_where = table.where(*drive);
     table.require_known();
   }
-  if (!map.columns.count("t")) map.columns["t"] = {.from = "t", .where = path + ":1"};
+  map.time_given = map.columns.count("t") != 0;
+  if (!map.time_given) map.columns["t"] = {.from = "t", .where = path + ":1"};
   return map;
 }
 
 ImportMap canonical_map(const std::vector<std::string>& header) {
   ImportMap map;
   map.columns["t"] = {.from = "t"};
-  for (const std::string& name : canonical_columns())
-    if (std::find(header.begin(), header.end(), name) != header.end())
-      map.columns[name] = {.from = name};
+  for (const auto* names : {&canonical_columns(), &static_columns()})
+    for (const std::string& name : *names)
+      if (std::find(header.begin(), header.end(), name) != header.end())
+        map.columns[name] = {.from = name};
   return map;
 }
 

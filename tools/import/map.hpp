@@ -30,10 +30,13 @@ struct ImportMap {
   std::map<std::string, ColumnMap> columns;  // by canonical name, "t" among them
   std::string preset, preset_where;          // empty: not given; file:line of it
   std::string toml;                          // the map's own text, empty where there is none
+  bool time_given = false;                   // by [time] or columns.t
 };
 
 // Every canonical column name of a drive log, in the order of the contracts.
 const std::vector<std::string>& canonical_columns();
+// Further names that only static sets have.
+const std::vector<std::string>& static_columns();
 
 // Throws BadInput: no such file, not TOML, unknown key or column, wrong value.
 ImportMap read_import_map(const std::string& path);
