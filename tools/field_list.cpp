@@ -87,9 +87,10 @@ class Lister final : public FieldVisitor {
 };
 
 // Longer suffixes first: "rad_s" before "s".
-constexpr std::array<std::string_view, 22> kUnits = {
-    "rad_s2", "per_rev", "Nm_rad", "rad_s", "Nm_s", "Nms2", "kgm2", "degC", "Nms", "Ohm", "rad",
-    "H_A",    "Nm",      "Wb",     "Hz",    "ms",   "us",   "ns",   "A",    "V",   "H",   "s"};
+constexpr std::array<std::string_view, 23> kUnits = {
+    "Nms_rad", "rad_s2", "per_rev", "Nm_rad", "rad_s", "Nm_s", "Nms2", "kgm2",
+    "degC",    "Nms",    "Ohm",     "rad",    "H_A",   "Nm",   "Wb",   "Hz",
+    "ms",      "us",     "ns",      "A",      "V",     "H",    "s"};
 
 }  // namespace
 

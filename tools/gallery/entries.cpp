@@ -3,7 +3,37 @@
 namespace twinrate::gallery {
 namespace {
 
+// Where a second mass shows: the speed turns round at once, with nothing to hold.
+constexpr const char* kReversal =
+    "[reference]\nspeed_rpm = [[0, 60], [3.5, -60]]\n[load]\nT_load_Nm = 0.0\n"
+    "[run]\nduration_s = 8.2\n";
+
 constexpr Entry kEntries[] = {
+    {"adc_clipping", "limit_A = 1.5\n", Signal::kIq, Over::kTurns,
+     "i_meas = max(-limit, min(limit, i)), after noise",
+     "Flat tops of the measured phase currents; in rotor axes orders 6 n_p (18) and multiples, as "
+     "soon as the current's peak passes the limit. The controller believes them, so true currents "
+     "and torque are bent, too.",
+     "`current_gain` (a smaller mean); `saturation`, which is smooth."},
+    {"adc_quantisation", "lsb_A = 0.2\n", Signal::kIq, Over::kTurns,
+     "i_meas = round(i/lsb) lsb, after noise and the steps of [sensors]",
+     "Steps in the measured currents, half of one at most away from the truth. What order they "
+     "make "
+     "depends on the current; a histogram of the raw samples shows them at once.",
+     "`backlash` and `coulomb_friction` at small current: steps of current excite the same "
+     "events."},
+    {"backlash",
+     "J_load_kgm2 = 2.8e-3\ngap_rad = 0.02\nstiffness_Nm_rad = 300.0\ndamping_Nms_rad = 0.1\n",
+     Signal::kTo, Over::kTime,
+     "T_shaft = K (delta -+ gap/2) + D delta' beyond the flanks, 0 between them; J_load "
+     "omega_load' "
+     "= T_shaft - T_load",
+     "Where the shaft's torque changes its sign the motor runs alone for the moment that the load "
+     "needs to cross the gap, with its own smaller inertia, and is hit when it arrives; light "
+     "loads "
+     "bounce. Under a load that holds one flank there is nothing to see but the stiffness.",
+     "`torsion`, which rings at one frequency whatever the amplitude; a coarse current ADC.", 60,
+     false, 3.49, 3.62, nullptr, kReversal},
     {"cogging",
      "origin = \"poles\"\norder = 1\namplitude_Nm = 0.03\nphase_rad = 0.4\n"
      "[[effect]]\nkind = \"cogging\"\norigin = \"slots\"\norder = 1\namplitude_Nm = 0.04\n"
@@ -112,11 +142,42 @@ constexpr Entry kEntries[] = {
      "T_load += T for t >= t_step",
      "One dip of the speed, and a step of the estimated load torque with the observer's own rise.",
      "`constant_load`, where the step is not in the record.", 60, false, 3.45, 3.7},
+    {"missing_samples", "share = 0.02\n", Signal::kAngle, Over::kTime,
+     "MEASUREMENT(k) without currents, angle, speed and bus voltage, with probability share",
+     "Rows without signals: their fields repeat the row before, here an angle of 0.63 mrad too "
+     "little. Filters predict over such a row (status bit 4), controllers hold what they had.",
+     "`stale_samples`, which do not say so.", 60, false, 3.48, 3.53},
+    {"signal_lag", "signal = \"angle\"\nform = \"delay\"\nlag_s = 3e-4\n", Signal::kAngle,
+     Over::kSpeed,
+     "reading(t) = true(t - lag), or lag reading' = true - reading; a late voltage acts later than "
+     "the log has it",
+     "No order: of the angle an error of speed times lag; of the current a vector turned back by "
+     "omega_e lag; of the voltage the difference of two samples, which shows where the voltage "
+     "changes; of the speed its slope times lag.",
+     "`encoder_offset` at one speed (angle); `resistance` and `inductance` (a filter in the "
+     "current "
+     "path)."},
+    {"stale_samples", "share = 0.02\n", Signal::kAngle, Over::kTime,
+     "currents, angle, speed and v_dc of MEASUREMENT(k) are those of k-1, with probability share",
+     "Rows equal to the row before to the last bit, in every measured signal at once: here an "
+     "angle "
+     "of 0.63 mrad too little, 2 % of the time.",
+     "noise of the speed; `adc_quantisation`, where only the currents repeat.", 60, false, 3.48,
+     3.53},
     {"stribeck_friction", "torque_Nm = 0.1\nspeed_rad_s = 3.0\n", Signal::kTo, Over::kSpeed,
      "T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)",
      "Load torque that falls with rising speed: two humps beside standstill. Negative damping "
      "there, which makes slow drives stick and slip.",
      "`coulomb_friction` at low speed only."},
+    {"torsion", "J_load_kgm2 = 2.8e-3\nstiffness_Nm_rad = 61.8\ndamping_Nms_rad = 0.0317\n",
+     Signal::kTo, Over::kTime,
+     "T_shaft = K delta + D delta', delta = theta_m - theta_load; J_load omega_load' = T_shaft - "
+     "T_load",
+     "Ringing after every step of torque, at sqrt(K (1/J_load + 1/(J - J_load)))/2 pi (29 Hz here) "
+     "where the current is held, and lower under a speed controller, which holds the motor while "
+     "the load swings at sqrt(K/J_load)/2 pi (24 Hz). Nothing at constant speed.",
+     "`inertia` in slow manoeuvres; a speed controller that is tuned too hard.", 60, false, 3.49,
+     3.75, nullptr, kReversal},
     {"viscous_friction", "coefficient_Nms = 0.05\n", Signal::kTo, Over::kSpeed,
      "T_load += b omega_m", "A straight line of the estimated load torque over the speed.",
      "`machine.B_Nms`: only the sum can be identified; `coulomb_friction` at one speed."},

@@ -22,6 +22,7 @@ struct Entry {
   bool switched = false;              // a second curve with the switched inverter
   double from_s = 3.48, to_s = 3.53;  // of Over::kTime
   const char* setting = nullptr;      // key=value instead of an effect
+  const char* drive = nullptr;        // TOML of the run, instead of 60 rpm against 2 Nm
 };
 
 std::span<const Entry> entries();

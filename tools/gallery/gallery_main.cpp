@@ -1,4 +1,5 @@
-// effect_gallery DIR: one page and one figure an effect, DIR/effects-gallery.md and DIR/effects/.
+// effect_gallery DIR [KIND ...]: one page and one figure an effect, DIR/effects-gallery.md and
+// DIR/effects/.
 //
 //   for each effect: [closed loop with it, and without] -> signal, order spectrum, where it shows
 //
@@ -9,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <set>
 
 #include "core/order_spectrum.hpp"
 #include "tools/field_list.hpp"
@@ -201,12 +203,15 @@ Panel spectrum_panel(const Entry& entry, const Trace& with) {
   return panel;
 }
 
-std::string figure(const Entry& entry, const Trace& without) {
+std::string figure(const Entry& entry, const Trace& without_at_60_rpm) {
   std::vector<std::string> settings;
   if (entry.setting) settings.push_back(entry.setting);
-  const Trace with = run(kSteady, effect_text(entry), settings);
+  const std::string drive = entry.drive ? entry.drive : kSteady;
+  const Trace with = run(drive, effect_text(entry), settings);
+  const Trace without = entry.drive ? run(drive, kNone) : without_at_60_rpm;
   return svg(entry.kind, {signal_panel(entry, with, without), spectrum_panel(entry, with)},
-             "where it shows at 60 rpm and 2 Nm (bar: share of the rated value, five decades)",
+             fmt::format("where it shows at {} (bar: share of the rated value, five decades)",
+                         entry.drive ? "-60 rpm" : "60 rpm and 2 Nm"),
              where_it_shows(with, without, entry.orders));
 }
 
@@ -235,7 +240,9 @@ std::string page(const Entry& entry) {
   if (!entry.setting) text += parameter_table(*make_effect(entry.kind)) + "\n";
   const std::string how = entry.setting ? fmt::format("`--set {}`", entry.setting)
                                         : "\n\n```toml\n" + effect_text(entry) + "```";
-  return text + "The figure: the niewiara2020 drive without its own effects, with " + how +
+  const std::string drive =
+      entry.drive ? fmt::format("\n\nrun by\n\n```toml\n{}```", entry.drive) : std::string();
+  return text + "The figure: the niewiara2020 drive without its own effects, with " + how + drive +
          "\n\n[All effects](../effects-gallery.md)\n";
 }
 
@@ -245,7 +252,8 @@ void write(const fs::path& path, const std::string& text) {
   if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
 }
 
-void make(const fs::path& docs) {
+// `only`: kinds to run again; empty: all. The index is always written.
+void make(const fs::path& docs, const std::set<std::string>& only) {
   fs::create_directories(docs / "effects");
   std::string index =
       "# Effects, one by one\n\nEach effect alone on one drive: what it looks like over a turn, "
@@ -256,9 +264,11 @@ void make(const fs::path& docs) {
       "| effect | what it is | equation |\n|---|---|---|\n";
   const Trace without = run(kSteady, kNone);
   for (const Entry& entry : entries()) {
-    std::cout << entry.kind << std::endl;
-    write(docs / "effects" / fmt::format("{}.svg", entry.kind), figure(entry, without));
-    write(docs / "effects" / fmt::format("{}.md", entry.kind), page(entry));
+    if (only.empty() || only.contains(entry.kind)) {
+      std::cout << entry.kind << std::endl;
+      write(docs / "effects" / fmt::format("{}.svg", entry.kind), figure(entry, without));
+      write(docs / "effects" / fmt::format("{}.md", entry.kind), page(entry));
+    }
     std::string equation = entry.equation;
     for (std::size_t at = 0; (at = equation.find('|', at)) != std::string::npos; at += 2)
       equation.insert(at, "\\");
@@ -272,12 +282,13 @@ void make(const fs::path& docs) {
 }  // namespace twinrate::gallery
 
 int main(int argc, char** argv) {
-  if (argc != 2) {
-    std::cerr << "usage: effect_gallery DIR   (writes DIR/effects-gallery.md and DIR/effects/)\n";
+  if (argc < 2) {
+    std::cerr << "usage: effect_gallery DIR [KIND ...]   (writes DIR/effects-gallery.md and "
+                 "DIR/effects/)\n";
     return 2;
   }
   try {
-    twinrate::gallery::make(argv[1]);
+    twinrate::gallery::make(argv[1], {argv + 2, argv + argc});
   } catch (const std::exception& error) {
     std::cerr << error.what() << "\n";
     return 1;
