@@ -26,20 +26,25 @@ class DelayLine {
   explicit DelayLine(std::size_t samples) : whole_(samples), part_(0), past_(samples + 2) {}
 
   Value pass(const Value& x) {
-    if (next_ == 0) past_.assign(past_.size(), x);
-    const std::size_t size = past_.size();
-    past_[next_ % size] = x;
-    const Value& newer = past_[(next_ + size - whole_) % size];
-    const Value& older = past_[(next_ + size - whole_ - 1) % size];
-    next_ = next_ + 1 == 2 * size ? size : next_ + 1;
+    if (first_) past_.assign(past_.size(), x);
+    first_ = false;
+    past_[next_] = x;
+    const Value& newer = past_[back(whole_)];
+    const Value& older = past_[back(whole_ + 1)];
+    next_ = next_ + 1 == past_.size() ? 0 : next_ + 1;
     return newer + part_ * (older - newer);
   }
 
  private:
+  std::size_t back(std::size_t samples) const {
+    return next_ >= samples ? next_ - samples : next_ + past_.size() - samples;
+  }
+
   std::size_t whole_;
   double part_;
   std::vector<Value> past_;
-  std::size_t next_ = 0;  // of the ring; below its size only in the first round
+  std::size_t next_ = 0;  // where the next sample goes
+  bool first_ = true;
 };
 
 template <class Value>

@@ -144,15 +144,16 @@ ShaftState shaft_at_rest(const ShaftFacts& shaft, double omega_m, double T_load)
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
                  std::span<Contribution> sums) {
-  std::fill(sums.begin(), sums.end(), Contribution{});
   const std::size_t N = record.size();
-  if (N < 2 || shaft.J_load <= 0) return;
+  if (N < 2 || shaft.J_load <= 0) {
+    std::fill(sums.begin(), sums.end(), Contribution{});
+    return;
+  }
   double omega_m_next = turned(record[0].theta_m, record[1].theta_m) / T_s, omega_m = omega_m_next;
   LoadMass load(shaft, T_s, shaft_at_rest(shaft, omega_m, record[0].T_load));
   for (std::size_t k = 0; k < N; ++k) {
     const double T_load = record[k].T_load;
-    sums[k].T_load = load.torque(0.5 * (omega_m + omega_m_next)) - T_load;
-    sums[k].J = -shaft.J_load;
+    sums[k] = {.T_load = load.torque(0.5 * (omega_m + omega_m_next)) - T_load, .J = -shaft.J_load};
     omega_m = omega_m_next;
     load.advance(omega_m, T_load);
     if (k + 2 < N) omega_m_next = turned(record[k + 1].theta_m, record[k + 2].theta_m) / T_s;

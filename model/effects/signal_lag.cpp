@@ -11,8 +11,6 @@
 //
 // A memory, so at() is zero: along() gives u_dq_drop (asked less acting) or reading less truth,
 // linear between samples.
-#include <algorithm>
-
 #include "model/effects/lag.hpp"
 #include "model/effects/registry.hpp"
 
@@ -77,7 +75,6 @@ class SignalLag final : public Effect {
   }
   Contribution at(const OperatingPoint&) const override { return {}; }
   void along(Record record, double T_s, Sums sums) const override {
-    std::fill(sums.begin(), sums.end(), Contribution{});
     switch (signal_) {
       case SamplingFacts::kVoltage:
         return voltage(record, T_s, sums);
@@ -112,14 +109,14 @@ class SignalLag final : public Effect {
     for (std::size_t k = 0; k < record.size(); ++k) {
       const Turn turn(record[k].theta_e);
       const Vec2 u_alphabeta = turn.forth(record[k].u_dq);
-      sums[k].u_dq_drop = turn.back(u_alphabeta - late.pass(u_alphabeta));
+      sums[k] = {.u_dq_drop = turn.back(u_alphabeta - late.pass(u_alphabeta))};
     }
   }
   void current(Record record, double T_s, Sums sums) const {
     Late<Vec2, LowPass<Vec2>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k) {
       const Vec2 i_alphabeta = Turn(record[k].theta_e).forth(record[k].i_dq);
-      sums[k].i_abc = inverse_clarke(late.pass(i_alphabeta) - i_alphabeta);
+      sums[k] = {.i_abc = inverse_clarke(late.pass(i_alphabeta) - i_alphabeta)};
     }
   }
   // theta_m may be wrapped into a turn.
@@ -129,13 +126,13 @@ class SignalLag final : public Effect {
     for (std::size_t k = 0; k < record.size(); ++k) {
       const double step = k > 0 ? record[k].theta_m - record[k - 1].theta_m : 0;
       turned += std::abs(step) < kPi ? step : wrap_pi(step);
-      sums[k].theta_m = late.pass(turned) - turned;
+      sums[k] = {.theta_m = late.pass(turned) - turned};
     }
   }
   void rotor_speed(Record record, double T_s, Sums sums) const {
     Late<double, LowPass<double>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k)
-      sums[k].omega_m = late.pass(record[k].omega_m) - record[k].omega_m;
+      sums[k] = {.omega_m = late.pass(record[k].omega_m) - record[k].omega_m};
   }
 
   int signal_ = SamplingFacts::kVoltage;
