@@ -1,9 +1,8 @@
 // A signal that arrives late: by a time, or through a first-order filter.
 //
 //   delay          reading(t) = true(t - lag)
-//   first_order    lag reading' = true - reading; of the lag a delay_share may be a pure delay
-//   before
-//                  the filter
+//   first_order    lag reading' = true - reading; a delay_share of the lag may be a pure delay in
+//                  front of the filter
 //
 // signal current, angle, speed: what is read. signal voltage: what is asked for acts lag later, so
 // a log has it early by lag; over a sample the mean that acts is (1 - f) u_{k-n} + f u_{k-n-1} in

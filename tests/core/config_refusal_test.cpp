@@ -114,7 +114,8 @@ const Mistake kMistakes[] = {
      {"drive.toml:1", "start", "aligned, align_if, flying", "push"}},
     {"UnknownPolicy",
      drive_text() + "[gain]\npolicy = 'late'\n",
-     {"drive.toml:16", "gain.policy", "paper, immediate, extrapolate, rotate, rotor_frame, scheduled", "late"}},
+     {"drive.toml:16", "gain.policy",
+      "paper, immediate, extrapolate, rotate, rotor_frame, scheduled", "late"}},
     {"UnknownEstimator",
      drive_text() + "[estimator]\nkind = 'luenberger'\n",
      {"drive.toml:16", "estimator.kind", "ekf_sensorless", "luenberger"}},
@@ -180,6 +181,25 @@ INSTANTIATE_TEST_SUITE_P(Refusal, Mistakes, testing::ValuesIn(kMistakes),
 TEST(Refusal, AFileThatIsNotThereNamesThePresetsThereAre) {
   expect_one_line_with(refusal([] { Config::load("no/such/drive.toml"); }),
                        {"no/such/drive.toml", "dilys2021"});
+}
+
+TEST(Refusal, ASecondShaftOrFilterOnASignalFindsNoPlace) {
+  const std::string drive = drive_text() + "[controller.foc]\ni_max_A = 5.0\n";
+  const std::string shaft =
+      "[[effect]]\nkind = 'torsion'\nJ_load_kgm2 = 4e-6\nstiffness_Nm_rad = 2\n";
+  const std::string gap =
+      "[[effect]]\nkind = 'backlash'\nJ_load_kgm2 = 4e-6\ngap_rad = 0.01\nstiffness_Nm_rad = 2\n";
+  EXPECT_EQ(refusal_of(drive + shaft), "accepted");
+  expect_one_line_with(refusal_of(drive + shaft + gap), {"effect", "backlash", "already"});
+  EXPECT_EQ(refusal_of(drive + shaft + "used_in = 'plant'\n" + gap + "used_in = 'model'\n"),
+            "accepted");
+  const std::string filter =
+      "[[effect]]\nkind = 'signal_lag'\nsignal = 'speed'\nform = 'first_order'\nlag_s = 1e-3\n";
+  EXPECT_EQ(refusal_of(drive + filter), "accepted");
+  expect_one_line_with(refusal_of(drive + filter + filter), {"effect", "one first_order"});
+  expect_one_line_with(refusal_of(drive + "[[effect]]\nkind = 'torsion'\nJ_load_kgm2 = 1e-5\n"
+                                          "stiffness_Nm_rad = 2\n"),
+                       {"effect[0]", "J_load_kgm2", "no inertia"});
 }
 
 TEST(Refusal, AMistakeInAnOverrideIsPlacedAtSet) {

@@ -6,6 +6,7 @@
 
 #include "estimator/ekf_disturbance.hpp"
 #include "estimator/ekf_sensorless.hpp"
+#include "tests/support/field_setter.hpp"
 #include "tests/support/probe_filter.hpp"
 
 namespace twinrate {
@@ -15,6 +16,20 @@ using test::ProbeFilter;
 
 Measurement sample(std::int64_t k) {
   return {.k = k, .t_ns = 200000 * k};
+}
+
+TEST(KnownLag, OfTheVoltageMixesItWithTheSampleBefore) {
+  const auto lag = make_effect("signal_lag");
+  test::FieldSetter set({{"signal", 0}, {"lag_s", 6e-5}});
+  lag->fields(set);
+  const KnownEffects known({lag}, {.n_p = 4}, 3, 2e-4);
+  Measurement m = sample(8), before = sample(7);
+  m.signals = before.signals = kPhaseCurrents | kVoltage;
+  m.u_alphabeta = {3, -1};
+  before.u_alphabeta = {1, 2};
+  EXPECT_NEAR((known.seen(m, {}, before).u_alphabeta - Vec2(2.4, -0.1)).norm(), 0, 1e-12);
+  before.k = 6;  // a sample is missing between them
+  EXPECT_EQ(known.seen(m, {}, before).u_alphabeta, m.u_alphabeta);
 }
 
 // Nothing but the voltage: the filter predicts under it, and says so.
