@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/config_write.hpp"
+#include "model/effects/flux_map.hpp"
 #include "model/effects/undo.hpp"
 
 namespace twinrate {
@@ -44,6 +45,7 @@ Lqr::Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDe
       slew_rate_(config.reference.slew_rate_rad_s2 / config.machine.n_p),
       delay_(config.plant.delay_samples),
       angle_domain_(parameters.angle_domain, loop_model(config, design), config.T_s()),
+      known_flux_(acting_on(config.model_effects(), kOnFlux)),
       known_voltage_(acting_on(config.model_effects(), kOnVoltage | kOnFlux)),
       compensation_(config.controller.compensation_at(0)) {
   pending_.fill(Vec2::Zero());
@@ -152,7 +154,9 @@ Command Lqr::step(const ControllerInput& in) {
     command_.t_ns = m.t_ns;
     return command_;
   }
-  const double T_o = in.estimate.T_load + lead_s_ * in.estimate.dT_load_dt;
+  // Torque that known flux takes is load to a controller that counts on the machine's own.
+  const double T_o = in.estimate.T_load + lead_s_ * in.estimate.dT_load_dt +
+                     flux_load(machine_.n_p, sum_at(known_flux_, {.i_dq = x.i_dq}).psi_dq, x.i_dq);
   switch_compensation(1e-9 * static_cast<double>(m.t_ns), T_o);
   omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
   i_d_ref_ = in.reference.i_d_ref;

@@ -71,7 +71,7 @@ class Lqr final : public Controller {
   const double T_s_, advance_s_, slew_rate_;
   const int delay_;
   AngleDomain angle_domain_;
-  const Effects known_voltage_;
+  const Effects known_flux_, known_voltage_;
   Compensation compensation_;
   double p_id_ = 0, p_omega_ = 0, omega_m_ref_ = 0, i_d_ref_ = 0;
   Vec2 u_awu_ = Vec2::Zero();

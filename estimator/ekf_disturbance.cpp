@@ -72,19 +72,19 @@ double EkfDisturbance::measured_speed(const FastState& state, const Measurement&
   return tuning_.speed_from_angle ? (m.theta_m - state.theta_m_prev) / T_s_ : m.omega_m;
 }
 
-double EkfDisturbance::known_torque(const Vec2& i_dq, double omega_m, double theta_m,
-                                    std::int64_t t_ns) const {
-  return known().torque({.t = 1e-9 * static_cast<double>(t_ns),
-                         .i_dq = i_dq,
-                         .omega_m = omega_m,
-                         .theta_m = theta_m,
-                         .theta_e = machine_.n_p * theta_m});
+OperatingPoint EkfDisturbance::point(const Vec2& i_dq, double omega_m, double theta_m,
+                                     std::int64_t t_ns) const {
+  return {.t = 1e-9 * static_cast<double>(t_ns),
+          .i_dq = i_dq,
+          .omega_m = omega_m,
+          .theta_m = theta_m,
+          .theta_e = machine_.n_p * theta_m};
 }
 
 // T_o of the state is what is left of the load beside the known part.
 EkfDisturbance::State EkfDisturbance::predict_known(const State& x, const Vec2& u_dq,
                                                     double theta_m, std::int64_t t_ns) const {
-  const double T_known = known_torque(x.head<2>(), x[2], theta_m, t_ns);
+  const double T_known = known().torque(point(x.head<2>(), x[2], theta_m, t_ns));
   State next = predict({x[0], x[1], x[2], x[3] + T_known}, u_dq);
   next[3] = x[3];
   return next;
@@ -147,7 +147,7 @@ Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
                                         const Gain& gain) const {
   const Vec2 i_dq = 0.5 * (currents(m) + state.i_dq_prev);
   const double T_known =
-      known_torque(i_dq, state.x_hat[0], 0.5 * (state.theta_m_prev + m.theta_m), m.t_ns);
+      known().torque(point(i_dq, state.x_hat[0], 0.5 * (state.theta_m_prev + m.theta_m), m.t_ns));
   const double omega_prior =
       state.x_hat[0] +
       T_s_ / machine_.J * (machine_.torque(i_dq[0], i_dq[1]) - state.x_hat[1] - T_known);
@@ -199,10 +199,12 @@ Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) co
     e.T_load = state.x_hat[1];
   }
   // The known part, and its rate along the turn.
-  const double T_known = known_torque(e.i_dq, e.omega_m, m.theta_m, m.t_ns);
+  const auto known_load = [&](double theta_m) {
+    return known().load(point(e.i_dq, e.omega_m, theta_m, m.t_ns));
+  };
+  const double T_known = known_load(m.theta_m);
   e.T_load += T_known;
-  e.dT_load_dt =
-      (known_torque(e.i_dq, e.omega_m, m.theta_m + T_s_ * e.omega_m, m.t_ns) - T_known) / T_s_;
+  e.dT_load_dt = (known_load(m.theta_m + T_s_ * e.omega_m) - T_known) / T_s_;
   return e;
 }
 

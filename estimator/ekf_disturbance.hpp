@@ -60,7 +60,7 @@ class EkfDisturbance final : public Filter {
 
  private:
   Vec2 currents(const Measurement& m) const;
-  double known_torque(const Vec2& i_dq, double omega_m, double theta_m, std::int64_t t_ns) const;
+  OperatingPoint point(const Vec2& i_dq, double omega_m, double theta_m, std::int64_t t_ns) const;
   State predict_known(const State& x, const Vec2& u_dq, double theta_m, std::int64_t t_ns) const;
   double measured_speed(const FastState& state, const Measurement& m) const;
   Correction full_step(FastState& state, const Measurement& m, const Gain& gain) const;

@@ -21,12 +21,12 @@ EkfHarmonic::EkfHarmonic(const MachineParameters& machine, const EkfHarmonicPara
       covariance_(covariance),
       T_s_(T_s) {}
 
-double EkfHarmonic::known_torque(const State& x, double theta_m, double t) const {
-  return known().torque({.t = t,
-                         .i_dq = x.head<2>(),
-                         .omega_m = x[2],
-                         .theta_m = theta_m,
-                         .theta_e = machine_.n_p * theta_m});
+OperatingPoint EkfHarmonic::point(const State& x, double theta_m, double t) const {
+  return {.t = t,
+          .i_dq = x.head<2>(),
+          .omega_m = x[2],
+          .theta_m = theta_m,
+          .theta_e = machine_.n_p * theta_m};
 }
 
 EkfHarmonic::State EkfHarmonic::predict(const State& x, const Vec2& u_dq, double dtheta_m,
@@ -78,7 +78,7 @@ Correction EkfHarmonic::fast_step(FastState& state, const Measurement& m, const 
   const State x = state.x_hat.head(n_x());
   const double t = 1e-9 * static_cast<double>(m.t_ns);
   State x_prior = predict(x, park(m.u_alphabeta, machine_.n_p * theta_m_mid), dtheta_m,
-                          known_torque(x, theta_m_mid, t));
+                          known().torque(point(x, theta_m_mid, t)));
   const double omega_m = m.signals & kSpeed ? m.omega_m : dtheta_m / T_s_;
   Eigen::Vector3d y;
   y << park(clarke(m.i_abc), machine_.n_p * m.theta_m), omega_m;
@@ -100,8 +100,9 @@ Correction EkfHarmonic::fast_step(FastState& state, const Measurement& m, const 
 void EkfHarmonic::predict_over_gap(FastState& state, const Measurement& last) const {
   const State x = state.x_hat.head(n_x());
   const double dtheta_m = T_s_ * x[2], theta_m_mid = state.theta_m_prev + 0.5 * dtheta_m;
-  const State next = predict(x, park(last.u_alphabeta, machine_.n_p * theta_m_mid), dtheta_m,
-                             known_torque(x, theta_m_mid, 1e-9 * static_cast<double>(last.t_ns)));
+  const State next =
+      predict(x, park(last.u_alphabeta, machine_.n_p * theta_m_mid), dtheta_m,
+              known().torque(point(x, theta_m_mid, 1e-9 * static_cast<double>(last.t_ns))));
   state.theta_m_prev += dtheta_m;
   if (next.allFinite()) state.x_hat.head(n_x()) = next;
 }
@@ -116,9 +117,9 @@ Estimate EkfHarmonic::output(const FastState& state, const Measurement& m) const
   e.i_dq = x.head<2>();
   e.omega_m = x[2];
   const double t = 1e-9 * static_cast<double>(m.t_ns);
-  const double T_known = known_torque(x, m.theta_m, t);
+  const double T_known = known().load(point(x, m.theta_m, t));
   e.T_load = x[3] + T_known;
-  e.dT_load_dt = (known_torque(x, m.theta_m + T_s_ * x[2], t) - T_known) / T_s_;
+  e.dT_load_dt = (known().load(point(x, m.theta_m + T_s_ * x[2], t)) - T_known) / T_s_;
   for (std::size_t j = 0; j < tuning_.orders.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(4 + 2 * j);
     e.T_load += x[i];

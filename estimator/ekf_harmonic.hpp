@@ -68,7 +68,7 @@ class EkfHarmonic final : public Filter {
   int n_x() const { return 4 + 2 * static_cast<int>(tuning_.orders.size()); }
 
  private:
-  double known_torque(const State& x, double theta_m, double t) const;
+  OperatingPoint point(const State& x, double theta_m, double t) const;
 
   MachineParameters machine_;
   EkfHarmonicParameters tuning_;

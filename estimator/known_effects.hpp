@@ -3,12 +3,14 @@
 //
 //   seen      a measurement with the sensors' known errors undone and the known voltage loss taken
 //             off, so that every filter's equations hold for it
-//   torque    known part of the load at a state; filters that have a load state predict with it
+//   load      known part of the load at a state
+//   torque    that, less the torque of known flux: filters that have a load state predict with it
 //
 // A known flux psi_k(i_dq) beyond L i + psi_f costs the voltage
 //   omega_e [-psi_k_q, psi_k_d] + d psi_k/d i_dq i_dq'
 // in mid-interval, with i_dq' as the whole machine has it: a filter that predicts with L alone then
-// predicts as if it knew psi_k. Its torque counts as known load.
+// predicts as if it knew psi_k. Its torque counts as load in the prediction, not in the estimated
+// load.
 //
 // A voltage that acts late (signal_lag) is the mix of this sample's with the one before, up to one
 // sample. A shaft (torsion, backlash) is not predicted: it stays in the load that filters estimate.
@@ -29,6 +31,7 @@ class KnownEffects {
   // `last`: the estimate before, from whose state the lost voltage is predicted. `before`: the
   // measurement before, as measured.
   Measurement seen(const Measurement& m, const Estimate& last, const Measurement& before) const;
+  double load(const OperatingPoint& point) const { return sum_at(torque_, point).T_load; }
   double torque(const OperatingPoint& point) const {
     return known_load(torque_, point, machine_.n_p);
   }

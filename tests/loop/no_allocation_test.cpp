@@ -94,6 +94,21 @@ TEST(TickPath, DoesNotAllocateOnAProfileOrWithEffects) {
   EXPECT_EQ(allocation_count() - before, 0);
 }
 
+TEST(TickPath, DoesNotAllocateWithKnownEffectsOnTheFluxAndBehindTheTerminals) {
+  Config config = Config::parse(
+      "preset = \"niewiara2020\"\n"
+      "[[effect]]\nkind = \"saturation\"\nused_in = \"both\"\ncurrent_q_A = 15.0\n"
+      "[[effect]]\nkind = \"cross_saturation\"\nused_in = \"both\"\ncoefficient_H_A = 2e-4\n"
+      "[[effect]]\nkind = \"phase_asymmetry\"\nused_in = \"both\"\nchange_a_Ohm = 0.1\n"
+      "[[effect]]\nkind = \"iron_loss\"\nused_in = \"both\"\nresistance_Ohm = 500.0\n",
+      "drive.toml");
+  ClosedLoop loop(std::move(config));
+  for (int k = 0; k < 50; ++k) loop.tick();
+  const std::int64_t before = allocation_count();
+  for (int k = 0; k < 300; ++k) loop.tick();
+  EXPECT_EQ(allocation_count() - before, 0);
+}
+
 TEST(TickPath, DoesNotAllocateWithASwitchedInverterAndEffectsOnItAndOnTheSensors) {
   Config config = Config::parse(
       "preset = \"dilys2021\"\n[plant]\ninverter = \"switched\"\n"
