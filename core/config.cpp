@@ -43,7 +43,8 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
   }
 }
 
-// Effects on the flux: together they must leave a machine whose current answers its voltage.
+// Effects on the flux: together they must leave a machine whose current answers its voltage,
+// up to the rated one along each axis.
 void check_flux(const Config::Impl& file, const DriveConfig& drive) {
   for (const Effects& effects : {drive.plant_effects(), drive.model_effects()}) {
     const Effects on_flux = acting_on(effects, kOnFlux);
@@ -51,9 +52,16 @@ void check_flux(const Config::Impl& file, const DriveConfig& drive) {
     if (drive.plant.saliency != 0)
       file.fail("plant.saliency", "fixed_axes has no place for effects on the flux, found " +
                                       std::string(on_flux[0]->kind()));
-    const Eigen::Matrix2d L = incremental_inductance(drive.machine, flux_map(on_flux, {}));
-    if (L(0, 0) <= 0 || L.determinant() <= 0)
-      file.fail("effect", "the effects on the flux together leave no inductance");
+    for (const double d : {-1, 0, 1})
+      for (const double q : {-1, 0, 1}) {
+        const Vec2 i_dq = drive.machine.i_rated * Vec2(d, q);
+        const Eigen::Matrix2d L =
+            incremental_inductance(drive.machine, flux_map(on_flux, {.i_dq = i_dq}));
+        if (L(0, 0) <= 0 || L.determinant() <= 0)
+          file.fail("effect", fmt::format("the effects on the flux together leave no inductance at "
+                                          "i_d = {:g} A, i_q = {:g} A",
+                                          i_dq[0], i_dq[1]));
+      }
   }
 }
 

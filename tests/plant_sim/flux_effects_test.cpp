@@ -163,6 +163,11 @@ TEST(FluxEffects, ThatLeaveNoInductanceOrHaveNoPlaceAreRefused) {
   const std::string taken = half + std::to_string(-0.6 * L_d) + "\nchange_q_H = 0.0\n";
   EXPECT_NO_THROW(parse(taken));
   EXPECT_THROW(parse(taken + taken), BadInput);
+  // c i_q of cross saturation beyond L: refused where the rated current is known.
+  const std::string cross = "[[effect]]\nkind = \"cross_saturation\"\ncoefficient_H_A = ";
+  EXPECT_THROW(Config::parse("preset = \"niewiara2020\"\n" + cross + "3e-3\n", "drive.toml"),
+               BadInput);
+  EXPECT_NO_THROW(Config::parse("preset = \"niewiara2020\"\n" + cross + "1e-3\n", "drive.toml"));
   EXPECT_THROW(parse("[plant]\nsaliency = \"fixed_axes\"\n" + taken), BadInput);
 }
 
