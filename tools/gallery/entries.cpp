@@ -56,6 +56,12 @@ constexpr Entry kEntries[] = {
      "A step of the estimated load torque where the speed changes its sign, and the bump in the "
      "speed there; nothing that turns at constant speed.",
      "`constant_load` in one direction; `viscous_friction` at one speed."},
+    {"cross_saturation", "coefficient_H_A = 1e-3\n", Signal::kTo, Over::kTime,
+     "psi_d -= c/2 i_q^2, psi_q -= c i_d i_q",
+     "Less torque an ampere at load: the estimated load torque, which believes the magnets, is too "
+     "large by 0.6 % here, and the EMF along q too small; both with the square of i_q, so a light "
+     "load shows nothing. Where i_d flows, L_q changes with it.",
+     "`flux_linkage` at one load; `saturation` of the d axis."},
     {"current_gain", "gain_a = 0.05\ngain_b = 0.0\n", Signal::kIq, Over::kTurns,
      "i_meas = (1 + gain) i, a gain a phase",
      "Order 2 n_p (here 6) in the measured currents, and a constant part, both in proportion to "
@@ -124,10 +130,22 @@ constexpr Entry kEntries[] = {
      "Order N in the torque in proportion to i_q, and in u_d, u_q in proportion to the speed.",
      "`cogging` of the same order at one load; `dead_time`, which has 6 n_p too but in the voltage "
      "whatever the speed."},
+    {"flux_linkage", "change_Wb = -0.02\n", Signal::kUq, Over::kSpeed, "psi_d += change",
+     "Voltage along q in proportion to the speed, and torque in proportion to i_q: more current "
+     "for "
+     "the same load, and an estimated load torque that is wrong by as much. Nothing that turns.",
+     "An error of the torque constant or of a current gain (torque alone), `voltage_gain` (voltage "
+     "alone): the two equations together tell them apart."},
     {"friction_ripple", "order = 1\namplitude_Nm = 0.05\nphase_rad = 0.5\n", Signal::kTo,
      Over::kTurns, "T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)",
      "Like cogging of order N, but its sign changes with the direction.",
      "`cogging` and `eccentric_load` where the drive turns in one direction only."},
+    {"inductance", "change_d_H = 4e-3\nchange_q_H = 4e-3\n", Signal::kUd, Over::kTime,
+     "psi_d += change_d i_d, psi_q += change_q i_q",
+     "Voltage across the current at speed, here along d, omega_e change_q i_q, and the answer of "
+     "the "
+     "currents to a step of voltage. Where the changes differ, a little reluctance torque.",
+     "`encoder_offset` (u_d at one load and speed); `saturation` at one load."},
     {"inertia", "change_kgm2 = 0.0088\n", Signal::kTo, Over::kSpeed,
      "(J + change) omega_m' = T_em - B omega_m - T_load",
      "An estimated load torque of change times the acceleration: one sign on the way up, the other "
@@ -138,6 +156,21 @@ constexpr Entry kEntries[] = {
      "As dead time: orders 6 n_p and multiples in the voltages from V_0, and a resistance from "
      "R_on.",
      "`dead_time` (V_0) and `resistance` (R_on)."},
+    {"inverter_offset", "offset_a_V = 1.0\noffset_b_V = -0.4\n", Signal::kIq, Over::kTurns,
+     "u_phase = asked + offset, an offset a phase against c",
+     "Order n_p (here 3) in currents, torque and speed, as far as the loop lets it through, and in "
+     "the voltages that the loop asks for against it; the same at every load and speed.",
+     "`current_offset`, where the current loop is stiff: it turns at the same order. The voltage "
+     "equation tells them apart at different speeds."},
+    {"iron_loss", "resistance_Ohm = 100.0\n", Signal::kIq, Over::kSpeed,
+     "i_fe = omega_e [-psi_q, psi_d]/R_c adds to the current at the terminals; u_dq_drop = R_s "
+     "i_fe",
+     "Measured q current in proportion to the speed that makes no torque, and so an estimated load "
+     "torque that rises like friction. Voltage hardly shows it. The currents of TRUTH are those "
+     "behind R_c.",
+     "`viscous_friction`: the same torque at every load; only the copper loss of i_fe and its d "
+     "part, "
+     "in proportion to load and speed, differ."},
     {"load_step", "torque_Nm = 1.0\ntime_s = 3.5\n", Signal::kTo, Over::kTime,
      "T_load += T for t >= t_step",
      "One dip of the speed, and a step of the estimated load torque with the observer's own rise.",
@@ -147,6 +180,26 @@ constexpr Entry kEntries[] = {
      "Rows without signals: their fields repeat the row before, here an angle of 0.63 mrad too "
      "little. Filters predict over such a row (status bit 4), controllers hold what they had.",
      "`stale_samples`, which do not say so.", 60, false, 3.48, 3.53},
+    {"phase_asymmetry", "change_a_Ohm = 0.5\n", Signal::kUd, Over::kTurns,
+     "drop of a phase = change i, a change a phase",
+     "Order 2 n_p (here 6) in both voltages in proportion to the current, a third of the change "
+     "each, and the mean of the three changes as a resistance.",
+     "`resistance` (the mean); `current_gain`, which has order 2 n_p in the currents."},
+    {"resistance", "change_Ohm = 0.5\ntime_constant_s = 2.0\n", Signal::kUq, Over::kTime,
+     "u_dq_drop = change (1 - exp(-t/tau)) i_dq",
+     "Voltage along the current in proportion to it, that creeps where the winding warms up. At "
+     "low speed it is most of the voltage.",
+     "`inverter_drop` (resistance), `dead_time` at small current; `phase_asymmetry` but for its "
+     "order 2 n_p.",
+     60, false, 0.5, 8.0},
+    {"saturation", "form = \"rational\"\ncurrent_q_A = 8.0\n", Signal::kUd, Over::kTime,
+     "psi_q = L_q i_q f(|i_q|/I_s); f(x) = 1/(1 + x) rational, 1/(1 + x^2) square (along its "
+     "tangent "
+     "beyond x = 0.8), tanh(x)/x tanh; likewise along d where current_d_A is given",
+     "Voltage across the current at speed, here along d, that grows less than the current; "
+     "currents "
+     "that answer faster at load.",
+     "`inductance` at one load; `cross_saturation`."},
     {"signal_lag", "signal = \"angle\"\nform = \"delay\"\nlag_s = 3e-4\n", Signal::kAngle,
      Over::kSpeed,
      "reading(t) = true(t - lag), or lag reading' = true - reading; a late voltage acts later than "
@@ -181,6 +234,10 @@ constexpr Entry kEntries[] = {
     {"viscous_friction", "coefficient_Nms = 0.05\n", Signal::kTo, Over::kSpeed,
      "T_load += b omega_m", "A straight line of the estimated load torque over the speed.",
      "`machine.B_Nms`: only the sum can be identified; `coulomb_friction` at one speed."},
+    {"voltage_gain", "gain = 0.05\n", Signal::kUq, Over::kSpeed, "u = (1 + gain) asked",
+     "Every voltage that the drive asks for is smaller by the gain; currents, torque and speed "
+     "stay.",
+     "`flux_linkage` and `resistance` together, in the voltage alone."},
 };
 
 }  // namespace
