@@ -47,7 +47,11 @@ Measurement KnownEffects::seen(const Measurement& m, const Estimate& last,
   Measurement s = last.k < 0 ? undo_(m) : undo_(m, last.omega_m);
   if (voltage_lag_ > 0 && before.k == m.k - 1)
     s.u_alphabeta += voltage_lag_ * (before.u_alphabeta - m.u_alphabeta);
-  if ((voltage_.empty() && flux_.empty()) || last.k < 0 || !(m.signals & kVoltage)) return s;
+  if (last.k < 0 || !(m.signals & kVoltage)) return s;
+  if (voltage_.empty() && flux_.empty()) {
+    carry_currents(s, last);
+    return s;
+  }
   // Middle of the interval in which the voltage acted.
   const double theta_m = s.theta_m - 0.5 * T_s_ * last.omega_m;
   const double theta_e = last.theta_e + 0.5 * T_s_ * last.omega_m * machine_.n_p;
@@ -61,7 +65,19 @@ Measurement KnownEffects::seen(const Measurement& m, const Estimate& last,
   Vec2 lost = predicted_drop(voltage_, point);
   if (!flux_.empty()) lost += flux_voltage(point, point.u_dq - lost);
   s.u_alphabeta -= inverse_park(lost, theta_e);
+  carry_currents(s, last);
   return s;
+}
+
+void KnownEffects::carry_currents(Measurement& s, const Estimate& last) const {
+  const double lag = std::min(undo_.current_lag(), T_s_);
+  if (lag <= 0 || !(s.signals & kPhaseCurrents)) return;
+  const double omega_e = machine_.n_p * last.omega_m, theta_e = last.theta_e + T_s_ * omega_e;
+  const Vec2 u_dq = park(s.u_alphabeta, theta_e - 0.5 * lag * omega_e);
+  const Vec2 i_dq = park(clarke(s.i_abc), theta_e);
+  const Vec2 start_rate = current_rate(machine_, {}, i_dq, u_dq, omega_e);
+  const Vec2 rate = current_rate(machine_, {}, i_dq + 0.5 * lag * start_rate, u_dq, omega_e);
+  s.i_abc += inverse_clarke(inverse_park(lag * rate, theta_e));
 }
 
 }  // namespace twinrate

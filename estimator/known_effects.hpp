@@ -12,8 +12,10 @@
 // predicts as if it knew psi_k. Its torque counts as load in the prediction, not in the estimated
 // load.
 //
-// A voltage that acts late (signal_lag) is the mix of this sample's with the one before, up to one
-// sample. A shaft (torsion, backlash) is not predicted: it stays in the load that filters estimate.
+// Late currents come turned to t_k from SensingUndo; over the lag, one sample at most, they also
+// move in rotor axes, at the rate that the machine has under the voltage of this sample. A voltage
+// that acts late (signal_lag) is the mix of this sample's with the one before, up to one sample. A
+// shaft (torsion, backlash) is not predicted: it stays in the load that filters estimate.
 #pragma once
 #include "model/effects/undo.hpp"
 
@@ -37,6 +39,8 @@ class KnownEffects {
   }
 
  private:
+  // Of late currents: what they move in rotor axes over the lag under the voltage of `s`.
+  void carry_currents(Measurement& s, const Estimate& last) const;
   Vec2 flux_voltage(OperatingPoint point, const Vec2& u_dq) const;
 
   SensingUndo undo_;

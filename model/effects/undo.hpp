@@ -28,6 +28,7 @@ class SensingUndo {
   Measurement operator()(const Measurement& m) const { return (*this)(m, m.omega_m); }
   // `omega_m`: a better speed than the measured one, for late signals.
   Measurement operator()(const Measurement& m, double omega_m) const;
+  double current_lag() const { return current_lag_; }  // s
 
  private:
   double true_angle(double theta_m_meas, OperatingPoint& point) const;

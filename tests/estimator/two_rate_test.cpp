@@ -32,6 +32,40 @@ TEST(KnownLag, OfTheVoltageMixesItWithTheSampleBefore) {
   EXPECT_EQ(known.seen(m, {}, before).u_alphabeta, m.u_alphabeta);
 }
 
+TEST(KnownLag, OfTheCurrentIsCarriedToTheCurrentOfNowUnderTheVoltageOfTheSample) {
+  const MachineParameters machine{
+      .R_s = 1.2, .L_d = 5e-4, .L_q = 5e-4, .psi_f = 0.007, .J = 1e-5, .B = 1e-5, .n_p = 4};
+  constexpr double kTs = 2e-4, kLag = 1e-4, kOmegaE = 400;
+  const auto lag = make_effect("signal_lag");
+  test::FieldSetter set({{"signal", 1}, {"lag_s", kLag}});
+  lag->fields(set);
+  const KnownEffects known({lag}, machine, 3, kTs);
+  Estimate last;
+  last.k = 7;
+  last.omega_m = kOmegaE / 4;
+  last.theta_e = 0.6;
+  Measurement m = sample(8);
+  m.signals = kPhaseCurrents | kVoltage;
+  m.u_alphabeta = {3, -2};
+  // Oracle: midpoint steps of the stationary currents over the lag.
+  const double theta_e_now = 0.6 + kTs * kOmegaE;
+  const Vec2 then(0.8, -0.5);
+  constexpr int kSteps = 1000;
+  const auto rate = [&](const Vec2& i, double t) {
+    const double theta_e = theta_e_now + kOmegaE * (t - kLag);
+    const Vec2 emf = kOmegaE * 0.007 * Vec2(-std::sin(theta_e), std::cos(theta_e));
+    return Vec2((m.u_alphabeta - 1.2 * i - emf) / 5e-4);
+  };
+  Vec2 now = then;
+  for (int j = 0; j < kSteps; ++j) {
+    const double h = kLag / kSteps, t = j * h;
+    now += h * rate(now + 0.5 * h * rate(now, t), t + 0.5 * h);
+  }
+  m.i_abc = inverse_clarke(then);
+  EXPECT_GT((now - then).norm(), 0.3);
+  EXPECT_LT((clarke(known.seen(m, last, {}).i_abc) - now).norm(), 0.02 * (now - then).norm());
+}
+
 // Nothing but the voltage: the filter predicts under it, and says so.
 TEST(LostRow, IsPredictedOverUnderItsOwnVoltage) {
   const MachineParameters machine{
