@@ -276,9 +276,15 @@ void Config::require_all_read() const {
 }
 
 std::string Config::resolved() const {
-  std::string text = write_drive(impl_->drive);
+  return resolved_with(impl_->drive.effects);
+}
+
+std::string Config::resolved_with(std::vector<ConfiguredEffect> effects) const {
+  DriveConfig drive = impl_->drive;
+  drive.effects = std::move(effects);
+  std::string text = write_drive(drive);
   for (const auto& [path, table_text] : impl_->owned_text) text += table_text;
-  return text + write_effects(impl_->drive);
+  return text + write_effects(drive);
 }
 
 std::string Config::merged() const {

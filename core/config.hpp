@@ -41,6 +41,8 @@ class Config {
   void require_all_read() const;
   // The whole config with every default written out; parse() of it gives the same config.
   std::string resolved() const;
+  // The same with other effects.
+  std::string resolved_with(std::vector<ConfiguredEffect> effects) const;
   // The keys as given, preset and overrides merged in.
   std::string merged() const;
   // Hash of every key as given: processes whose configs differ must not run together.

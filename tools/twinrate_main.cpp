@@ -26,6 +26,7 @@ int main(int argc, char** argv) {
   add_design_verb(app, exit_code);
   add_effects_verb(app, exit_code);
   add_sweep_verb(app, exit_code);
+  add_trace_verb(app, exit_code);
   try {
     app.parse(argc, argv);
     if (app.get_subcommands().empty()) throw BadInput("a verb is missing; try twinrate --help");

@@ -19,5 +19,6 @@ void add_report_verb(CLI::App& app, int& exit_code);
 void add_design_verb(CLI::App& app, int& exit_code);
 void add_effects_verb(CLI::App& app, int& exit_code);
 void add_sweep_verb(CLI::App& app, int& exit_code);
+void add_trace_verb(CLI::App& app, int& exit_code);
 
 }  // namespace twinrate

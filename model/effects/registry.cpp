@@ -35,6 +35,7 @@ constexpr Entry kEntries[] = {
     {"iron_loss", make_iron_loss},
     {"load_step", make_load_step},
     {"missing_samples", make_missing_samples},
+    {"periodic_torque", make_periodic_torque},
     {"phase_asymmetry", make_phase_asymmetry},
     {"resistance", make_resistance},
     {"saturation", make_saturation},

@@ -29,6 +29,7 @@ std::shared_ptr<Effect> make_inverter_offset();
 std::shared_ptr<Effect> make_iron_loss();
 std::shared_ptr<Effect> make_load_step();
 std::shared_ptr<Effect> make_missing_samples();
+std::shared_ptr<Effect> make_periodic_torque();
 std::shared_ptr<Effect> make_phase_asymmetry();
 std::shared_ptr<Effect> make_resistance();
 std::shared_ptr<Effect> make_saturation();

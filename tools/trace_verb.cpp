@@ -1,0 +1,151 @@
+// twinrate trace: residual -> named effect -> extended model -> error before and after.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <charconv>
+#include <filesystem>
+#include <fstream>
+
+#include "core/process.hpp"
+#include "tools/load_drive.hpp"
+#include "tools/trace/extended.hpp"
+#include "tools/trace/raw_log.hpp"
+#include "tools/verb.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+struct TraceOptions {
+  std::string drive, out = "trace", map;
+  std::vector<std::string> data, holdout, overrides;
+  bool repair = false, json = false, verbose = false, keep_plant = false;
+};
+
+// A share of the rows, or empty where `text` is not a number.
+std::optional<double> fraction(const std::string& text) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return {};
+  if (!(value > 0 && value < 0.9))
+    throw BadInput(fmt::format("--holdout {}: a share between 0 and 0.9, or files", text));
+  return value;
+}
+
+void write(const std::string& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (!file.flush()) throw BadInput(path + ": cannot be written");
+}
+
+Record read_record(const TraceOptions& o, const std::string& path, const DriveConfig& drive,
+                   Health& health, std::vector<std::string>& notes) {
+  RawLog raw;
+  if (is_run_log(path)) {
+    raw = raw_log_of_run(path);
+  } else {
+    const std::optional<ImportMap> map =
+        o.map.empty() ? std::optional<ImportMap>() : read_import_map(o.map);
+    DriveRows rows = read_drive_rows(path, map ? &*map : nullptr, o.repair);
+    notes.insert(notes.end(), rows.notes.begin(), rows.notes.end());
+    raw = raw_log(std::move(rows));
+  }
+  try {
+    return make_record(raw, drive.machine.n_p, health);
+  } catch (const std::runtime_error& error) {
+    throw BadInput(error.what());
+  }
+}
+
+void print_result(const TraceResult& r, const std::string& out) {
+  fmt::print("{}\n", r.sentence);
+  for (const TracedEffect& e : r.effects) {
+    std::vector<std::string> parameters;
+    for (const TracedParameter& p : e.parameters)
+      if (!p.text.empty())
+        parameters.push_back(fmt::format("{} {}", p.name, p.text));
+      else
+        parameters.push_back(fmt::format("{} {:.4g}{}{}", p.name, p.value,
+                                         p.sigma ? fmt::format(" +- {:.2g}", *p.sigma) : "",
+                                         p.unit == "1" ? "" : " " + p.unit));
+    fmt::print("  {} ({}): {}\n", e.effect->kind(), e.equation, fmt::join(parameters, ", "));
+    if (e.from_samples)
+      fmt::print("      seen in the raw samples\n");
+    else
+      fmt::print("      BIC {:.0f}, held-out error -{:.1f} %\n", e.delta_bic, 100 * e.held_out_gain);
+  }
+  for (const Ambiguity& a : r.ambiguous)
+    fmt::print("  cannot tell apart: {}; {}\n", fmt::join(a.kinds, ", "), a.would_separate);
+  for (const std::string& line : r.health) fmt::print("  data: {}\n", line);
+  fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
+}
+
+int trace(const TraceOptions& o) {
+  const Config config = load_drive(o.drive, o.overrides);
+  const DriveConfig& drive = config.drive();
+  TraceSettings settings;
+  if (o.verbose || o.json)
+    settings.say = [&](const std::string& line) {
+      if (o.json)
+        fmt::print("{{\"progress\": \"{}\"}}\n", line);
+      else
+        fmt::print(stderr, "{}\n", line);
+    };
+  std::vector<std::string> held_out_files = o.holdout;
+  if (o.holdout.size() == 1)
+    if (const auto share = fraction(o.holdout[0])) {
+      settings.holdout = *share;
+      held_out_files.clear();
+    }
+  std::vector<std::string> notes;
+  Health health;
+  Record record;
+  std::vector<char> held_out;
+  const auto append = [&](const std::string& path, bool unseen) {
+    Health own;
+    Record next = read_record(o, path, drive, own, notes);
+    try {
+      record.append(next);
+    } catch (const std::runtime_error& error) {
+      throw BadInput(error.what());
+    }
+    health.combine(own);
+    held_out.resize(record.size(), unseen);
+  };
+  for (const std::string& path : o.data) append(path, false);
+  for (const std::string& path : held_out_files) append(path, true);
+  if (held_out_files.empty()) held_out.clear();
+  TraceResult result = trace_record(record, config.drive(), health, settings, held_out);
+  result.sources = o.data;
+  result.held_out_sources = held_out_files;
+  result.health.insert(result.health.end(), notes.begin(), notes.end());
+  std::filesystem::create_directories(o.out);
+  write(o.out + "/trace.json", to_json(result));
+  write(o.out + "/extended.toml", extended_toml(config, result, o.keep_plant));
+  if (!o.json) print_result(result, o.out);
+  return 0;
+}
+
+}  // namespace
+
+void add_trace_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<TraceOptions>();
+  auto* verb = app.add_subcommand(
+      "trace", "Finds what a model lacks: residual, named effect, extended model, error before and after");
+  verb->add_option("DRIVE", o->drive, "drive file or preset: the declared model")->required();
+  verb->add_option("--data", o->data, "drive logs: CSV (may be gzipped) or LCM log")
+      ->required()->check(CLI::ExistingPath);
+  verb->add_option("--holdout", o->holdout,
+                   "logs that are not fitted, or the share of the data kept back (default 0.25)");
+  verb->add_option("--map", o->map, "how foreign columns are read")->check(CLI::ExistingFile);
+  verb->add_option("--out", o->out, "directory for trace.json, extended.toml, report.html");
+  verb->add_option("--set", o->overrides, "key.path=value of the drive file");
+  verb->add_flag("--repair", o->repair, "leaves out a truncated last line and repeated samples");
+  verb->add_flag("--keep-plant", o->keep_plant,
+                 "extended.toml keeps the effects that only the simulated plant has");
+  verb->add_flag("--json", o->json, "JSON lines instead of text");
+  verb->add_flag("--verbose", o->verbose, "says each step of the selection");
+  verb->callback([o, &exit_code] { exit_code = trace(*o); });
+}
+
+}  // namespace twinrate

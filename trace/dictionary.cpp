@@ -1,0 +1,157 @@
+#include "trace/dictionary.hpp"
+
+#include <functional>
+
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+// Times at which something may have happened, for keys whose grid only the record can give.
+std::vector<double> times_of(const Record& record) {
+  std::vector<double> times;
+  const double T = record.t.back() - record.t.front();
+  const int steps = std::max(8, static_cast<int>(std::lround(T / 0.1)));
+  for (int j = 1; j < steps; ++j) times.push_back(record.t.front() + T * j / steps);
+  return times;
+}
+
+// Calls f for every point of the grids, with the keys set.
+void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t index,
+               const std::function<void()>& f) {
+  while (index < keys.size() && keys[index].grid.empty()) ++index;
+  if (index == keys.size()) return f();
+  for (double value : keys[index].grid) {
+    set_key(effect, keys[index].key, value);
+    over_grid(effect, keys, index + 1, f);
+  }
+}
+
+}  // namespace
+
+bool holds_noise(const Effect& effect) {
+  if (effect.acts_on() & (kOnFlux | kOnCurrents | kOnAngle | kOnVoltage)) return true;
+  return effect.regressor_count() == 0 || effect.kind() == "inertia";
+}
+
+Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
+  Sampled s;
+  const auto take = [&](const std::vector<double>& x, const std::vector<double>* x_noisy,
+                        const Runs& runs, Eigen::VectorXd& value, Eigen::VectorXd& noise) {
+    if (x.empty()) return;
+    value = sampler_(x, runs);
+    if (x_noisy) noise = sampler_(*x_noisy, runs) - value;
+  };
+  take(clean.d, noisy ? &noisy->d : nullptr, sampler_.electrical(), s.d, s.noise_d);
+  take(clean.q, noisy ? &noisy->q : nullptr, sampler_.electrical(), s.q, s.noise_q);
+  take(clean.torque, noisy ? &noisy->torque : nullptr, sampler_.torque(), s.torque,
+       s.noise_torque);
+  return s;
+}
+
+Sampled Chain::residual(const Effects& effects) const {
+  const Channels noisy = noisier_.residual(effects);
+  return sampled(equations_.residual(effects), &noisy);
+}
+
+Sampled Chain::column(const Effect& effect, int regressor) const {
+  if (!holds_noise(effect)) return sampled(equations_.column(effect, regressor), nullptr);
+  const Channels noisy = noisier_.column(effect, regressor);
+  return sampled(equations_.column(effect, regressor), &noisy);
+}
+
+Sampled Chain::contribution(const Effect& effect) const {
+  const Channels noisy = noisier_.contribution(effect);
+  return sampled(equations_.contribution(effect), &noisy);
+}
+
+Sampled Chain::whitened(const Sampled& s) const {
+  Sampled w;
+  const auto take = [](const Whitener& whitener, const Eigen::VectorXd& x, const Runs& runs) {
+    return x.size() ? whitener(x, runs) : x;
+  };
+  w.d = take(noise_.d, s.d, sampler_.electrical());
+  w.q = take(noise_.q, s.q, sampler_.electrical());
+  w.torque = take(noise_.torque, s.torque, sampler_.torque());
+  w.noise_d = take(noise_.d, s.noise_d, sampler_.electrical());
+  w.noise_q = take(noise_.q, s.noise_q, sampler_.electrical());
+  w.noise_torque = take(noise_.torque, s.noise_torque, sampler_.torque());
+  return w;
+}
+
+std::vector<Candidate> make_candidates(const Chain& chain) {
+  const Equations& equations = chain.equations();
+  std::vector<Candidate> candidates;
+  for (const std::string& kind : effect_kinds()) {
+    const std::shared_ptr<Effect> effect = make_effect(kind);
+    std::vector<TracedKey> keys = effect->traced_keys();
+    if (keys.empty()) continue;
+    const bool electrical_only = !(effect->acts_on() & ~(kOnVoltage | kOnBus));
+    if (electrical_only && !equations.has_voltage()) continue;
+    for (TracedKey& key : keys)
+      if (!key.linear && key.grid.empty()) key.grid = times_of(equations.record());
+    over_grid(*effect, keys, 0, [&] {
+      const std::shared_ptr<Effect> at_grid = effect->clone();
+      if (!at_grid->prepare(equations.facts()).empty()) return;
+      Candidate candidate{.effect = at_grid, .columns = {}};
+      if (at_grid->regressor_count() == 0) {
+        candidate.columns.push_back(chain.contribution(*at_grid));
+      } else {
+        for (int r = 0; r < at_grid->regressor_count(); ++r)
+          candidate.columns.push_back(chain.column(*at_grid, r));
+      }
+      candidates.push_back(std::move(candidate));
+    });
+  }
+  return candidates;
+}
+
+void Dictionary::whiten(const Chain& chain) {
+  whitened.resize(sampled.size());
+  for (std::size_t i = 0; i < sampled.size(); ++i) {
+    whitened[i].effect = sampled[i].effect;
+    whitened[i].columns.clear();
+    for (const Sampled& x : sampled[i].columns) whitened[i].columns.push_back(chain.whitened(x));
+  }
+}
+
+Rows::Rows(const Sampler& sampler, bool held_out) {
+  const auto pieces = [&](const Runs& runs, auto& list, std::size_t& count) {
+    for (std::size_t r = 0; r < runs.start.size(); ++r) {
+      const std::size_t first = runs.start[r];
+      const std::size_t end = r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size();
+      if ((runs.held_out[first] != 0) != held_out) continue;
+      list.emplace_back(static_cast<Eigen::Index>(first), static_cast<Eigen::Index>(end - first));
+      count += end - first;
+    }
+  };
+  pieces(sampler.electrical(), electrical_pieces_, electrical_);
+  pieces(sampler.torque(), torque_pieces_, torque_);
+}
+
+double Rows::dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
+                 const std::vector<std::pair<Eigen::Index, Eigen::Index>>& pieces) const {
+  if (!a.size() || !b.size()) return 0;
+  double sum = 0;
+  for (const auto& [first, count] : pieces)
+    sum += a.segment(first, count).dot(b.segment(first, count));
+  return sum;
+}
+
+double Rows::dot(const Sampled& a, const Sampled& b) const {
+  return dot(a.d, b.d, electrical_pieces_) + dot(a.q, b.q, electrical_pieces_) +
+         dot(a.torque, b.torque, torque_pieces_) - noise(a, b);
+}
+
+double Rows::noise(const Sampled& a, const Sampled& b) const {
+  return dot(a.noise_d, b.noise_d, electrical_pieces_) +
+         dot(a.noise_q, b.noise_q, electrical_pieces_) +
+         dot(a.noise_torque, b.noise_torque, torque_pieces_);
+}
+
+std::size_t Rows::count(const Sampled& like) const {
+  return (like.d.size() ? electrical_ : 0) + (like.q.size() ? electrical_ : 0) +
+         (like.torque.size() ? torque_ : 0);
+}
+
+}  // namespace twinrate

@@ -1,0 +1,104 @@
+// Everything that could be missing, as groups of whitened columns.
+//
+// A candidate is one effect with its non-linear keys at one point of their grid; its columns are
+// what one unit of each coefficient would explain in all channels.
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+
+#include "trace/equations.hpp"
+#include "trace/sampler.hpp"
+#include "trace/whitening.hpp"
+
+namespace twinrate {
+
+// One regressor, or a residual, at the tracer's rate; channels it does not touch are empty. `noise`
+// is what measurement noise of the record's own size makes of it (see Chain).
+struct Sampled {
+  Eigen::VectorXd d, q, torque;
+  Eigen::VectorXd noise_d, noise_q, noise_torque;
+};
+
+// Of the three channels.
+struct NoiseModel {
+  Whitener d, q, torque;
+};
+
+struct Candidate {
+  std::shared_ptr<Effect> effect;
+  std::vector<Sampled> columns;
+};
+
+// The chain of one record: equations, low-pass, whitening.
+//
+// Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
+// residual itself, and plain least squares would shrink L (or J, or everything) until it vanishes.
+// So every column is computed twice, from the record and from the record with as much noise again;
+// the difference shows what noise does to it, and inner products are taken less its share:
+//   <a, b> = a'b - noise_a' noise_b
+class Chain {
+ public:
+  // `noisier`: equations of the record with as much noise added as it has.
+  Chain(const Equations& equations, const Equations& noisier, const Sampler& sampler)
+      : equations_(equations), noisier_(noisier), sampler_(sampler) {}
+
+  void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
+  const NoiseModel& noise() const { return noise_; }
+  Sampled residual(const Effects& effects) const;
+  Sampled column(const Effect& effect, int regressor) const;
+  Sampled contribution(const Effect& effect) const;
+  Sampled whitened(const Sampled& s) const;
+  const Equations& equations() const { return equations_; }
+  const Sampler& sampler() const { return sampler_; }
+
+ private:
+  Sampled sampled(const Channels& clean, const Channels* noisy) const;
+
+  const Equations& equations_;
+  const Equations& noisier_;
+  const Sampler& sampler_;
+  NoiseModel noise_;
+};
+
+// True where the effect's columns hold the noise of the residual itself.
+bool holds_noise(const Effect& effect);
+
+struct Dictionary {
+  std::vector<Candidate> sampled, whitened;
+  void whiten(const Chain& chain);
+};
+
+// Candidates of every kind with traced_keys() that the record's signals allow; `duration`: of the
+// record, where time is searched. Columns are sampled, not yet whitened.
+std::vector<Candidate> make_candidates(const Chain& chain);
+
+// Inner products over the training or the held-out outputs.
+class Rows {
+ public:
+  Rows(const Sampler& sampler, bool held_out);
+  // Less the share of noise.
+  double dot(const Sampled& a, const Sampled& b) const;
+  double noise(const Sampled& a, const Sampled& b) const;
+  std::size_t count(const Sampled& like) const;
+  std::size_t electrical() const { return electrical_; }
+  std::size_t torque() const { return torque_; }
+
+ private:
+  double dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
+             const std::vector<std::pair<Eigen::Index, Eigen::Index>>& pieces) const;
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> electrical_pieces_, torque_pieces_;
+  std::size_t electrical_ = 0, torque_ = 0;
+};
+
+// Normal equations A x = b with columns left out (x = 0) that are not excited, or all noise.
+struct NormalEquations {
+  Eigen::MatrixXd A;
+  Eigen::VectorXd b;
+  Eigen::VectorXd noise;  // share of noise taken off the diagonal of A
+
+  std::vector<char> usable(double rows) const;
+  Eigen::VectorXd solve(const std::vector<char>& use) const;
+  Eigen::MatrixXd inverse(const std::vector<char>& use) const;  // zero where left out
+};
+
+}  // namespace twinrate

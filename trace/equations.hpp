@@ -1,0 +1,62 @@
+// The drive's equations as residuals of a record, under any set of effects.
+//
+//   voltage  e = u - R_s i - (psi_{k+1} - psi_k)/T_s - drops,   stator axes, mean over one interval
+//            (i and drops: mean of both ends), then turned into rotor axes at mid-interval
+//   torque   e = T_em - T_load - B omega_m - J omega_m' - effects,   omega_m' = second difference
+//
+// No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
+// (trace/sampler.hpp), residual and regressors alike. Effects on sensors are undone first, so one
+// parameter acts on all equations at once. Residuals are in V and Nm.
+#pragma once
+#include "model/effects/effect.hpp"
+#include "trace/record.hpp"
+
+namespace twinrate {
+
+struct Channels {
+  std::vector<double> d, q;  // V; empty where not concerned
+  std::vector<double> torque;
+};
+
+class Equations {
+ public:
+  // `known`: effects that the declared model has already.
+  Equations(const Record& record, const DriveFacts& facts, Effects known = {});
+
+  // What is left of the equations with `effects` in the model, besides those known.
+  Channels residual(const Effects& effects) const;
+  // How much one linear regressor of an effect explains: residual(without) = coefficient * column.
+  Channels column(const Effect& effect, int regressor) const;
+  // The same for an effect without regressors: its whole contribution as it stands.
+  Channels contribution(const Effect& effect) const;
+  bool has_voltage() const { return record_.has_voltage_equation(); }
+  const Record& record() const { return record_; }
+  const DriveFacts& facts() const { return facts_; }
+  // Smoothed speed of the record as it is.
+  const std::vector<double>& omega_m() const { return omega_m_; }
+  const std::vector<OperatingPoint>& points() const { return points_; }
+
+ private:
+  struct Signals {
+    std::vector<Vec2> i_alphabeta;
+    std::vector<double> theta_m;
+  };
+  std::vector<double> speed(const std::vector<double>& theta_m) const;
+  std::vector<OperatingPoint> points_of(const Signals& s) const;
+  Signals undo_sensing(const Effects& effects) const;
+  Channels assemble(const Signals& s, const std::vector<OperatingPoint>& points,
+                    const std::vector<Contribution>* sums) const;
+  // at(k): the contribution at row k.
+  template <class At>
+  Channels explained(int acts_on, At&& at) const;
+
+  const Record& record_;
+  DriveFacts facts_;
+  Effects known_;
+  std::vector<double> omega_m_, cos_, sin_;
+  std::vector<OperatingPoint> points_;
+  Channels base_;
+  Channels residual_of(const Effects& effects) const;
+};
+
+}  // namespace twinrate

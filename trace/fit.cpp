@@ -1,0 +1,151 @@
+#include "trace/fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+std::vector<FreeParameter> free_parameters(const std::vector<std::shared_ptr<Effect>>& members) {
+  std::vector<FreeParameter> free;
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const Effect& effect = *members[m];
+    for (int c = 0; c < effect.regressor_count(); ++c) free.push_back({m, c, ""});
+    for (const TracedKey& key : effect.traced_keys())
+      if (key.refine && (effect.regressor_count() == 0 || !key.linear))
+        free.push_back({m, -1, key.key});
+  }
+  return free;
+}
+
+void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
+  if (!b.size()) return;
+  if (!a.size()) a.setZero(b.size());
+  a += factor * b;
+}
+
+void add(Sampled& a, const Sampled& b, double factor) {
+  add(a.d, b.d, factor);
+  add(a.q, b.q, factor);
+  add(a.torque, b.torque, factor);
+  add(a.noise_d, b.noise_d, factor);
+  add(a.noise_q, b.noise_q, factor);
+  add(a.noise_torque, b.noise_torque, factor);
+}
+
+std::vector<double> coefficients_of(const Effect& effect) {
+  std::vector<double> c(static_cast<std::size_t>(effect.regressor_count()));
+  effect.coefficients(c);
+  return c;
+}
+
+// False where the parameter had to be held inside its range.
+bool move(Effect& effect, const FreeParameter& p, double change) {
+  if (p.coefficient >= 0) {
+    std::vector<double> c = coefficients_of(effect);
+    c[static_cast<std::size_t>(p.coefficient)] += change;
+    effect.set_coefficients(c);
+    return true;
+  }
+  return set_key(effect, p.key, get_key(effect, p.key) + change);
+}
+
+std::vector<std::shared_ptr<Effect>> copies(const std::vector<std::shared_ptr<Effect>>& members) {
+  std::vector<std::shared_ptr<Effect>> out;
+  for (const auto& m : members) out.push_back(m->clone());
+  return out;
+}
+
+}  // namespace
+
+Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
+    : chain_(chain), training_(training), held_out_(held_out) {
+  const Sampled y = chain.whitened(chain.residual({}));
+  noise_ = training.noise(y, y);
+  noise_held_out_ = held_out.noise(y, y);
+}
+
+void Fitter::evaluate(Fit& fit) const {
+  fit.y = chain_.whitened(chain_.residual(fit.effects()));
+  fit.rss = training_.dot(fit.y, fit.y) + noise_;
+  fit.rss_held_out = held_out_.dot(fit.y, fit.y) + noise_held_out_;
+}
+
+void Fitter::linearise(Fit& fit) const {
+  fit.J.clear();
+  const Equations& equations = chain_.equations();
+  for (const FreeParameter& p : fit.free) {
+    const Effect& effect = *fit.members[p.member];
+    if (p.coefficient >= 0) {
+      fit.J.push_back(chain_.whitened(chain_.column(effect, p.coefficient)));
+      continue;
+    }
+    const double value = get_key(effect, p.key);
+    const double h = 1e-3 * std::max(std::abs(value), 1e-9);
+    const auto up = effect.clone(), down = effect.clone();
+    set_key(*up, p.key, value + h);
+    set_key(*down, p.key, value - h);
+    up->prepare(equations.facts());
+    down->prepare(equations.facts());
+    const double span = get_key(*up, p.key) - get_key(*down, p.key);
+    Sampled x = chain_.contribution(*up);
+    add(x, chain_.contribution(*down), -1);
+    Sampled column;
+    add(column, x, 1 / span);
+    fit.J.push_back(chain_.whitened(column));
+  }
+}
+
+Eigen::VectorXd Fitter::step(Fit& fit) const {
+  const auto P = static_cast<Eigen::Index>(fit.J.size());
+  NormalEquations normal{Eigen::MatrixXd(P, P), Eigen::VectorXd(P), Eigen::VectorXd(P)};
+  for (Eigen::Index a = 0; a < P; ++a) {
+    const Sampled& column = fit.J[static_cast<std::size_t>(a)];
+    for (Eigen::Index c = 0; c <= a; ++c)
+      normal.A(a, c) = normal.A(c, a) =
+          training_.dot(column, fit.J[static_cast<std::size_t>(c)]);
+    normal.b[a] = training_.dot(column, fit.y);
+    normal.noise[a] = training_.noise(column, column);
+  }
+  const std::vector<char> use = normal.usable(static_cast<double>(training_.count(fit.y)));
+  fit.covariance = normal.inverse(use);
+  return normal.solve(use);
+}
+
+Fit Fitter::start(std::vector<std::shared_ptr<Effect>> members) const {
+  Fit fit{.members = std::move(members)};
+  fit.free = free_parameters(fit.members);
+  evaluate(fit);
+  return fit;
+}
+
+Fit Fitter::refine(std::vector<std::shared_ptr<Effect>> members, int rounds) const {
+  Fit fit = start(std::move(members));
+  for (int round = 0; round < rounds; ++round) {
+    linearise(fit);
+    const Eigen::VectorXd change = step(fit);
+    bool better = false;
+    for (double share = 1; share > 0.1; share /= 2) {
+      Fit next{.members = copies(fit.members), .free = fit.free, .J = fit.J, .covariance = fit.covariance};
+      for (std::size_t p = 0; p < fit.free.size(); ++p)
+        move(*next.members[fit.free[p].member], fit.free[p], share * change[static_cast<Eigen::Index>(p)]);
+      for (auto& m : next.members)
+        if (!m->prepare(chain_.equations().facts()).empty()) next.valid = false;
+      if (!next.valid) continue;
+      evaluate(next);
+      if (next.rss < fit.rss) {
+        better = fit.rss - next.rss > 1e-5 * fit.rss;
+        fit = std::move(next);
+        break;
+      }
+    }
+    if (!better) break;
+  }
+  if (fit.J.empty()) linearise(fit), step(fit);
+  for (const auto& m : fit.members) fit.valid = fit.valid && within_ranges(*m);
+  return fit;
+}
+
+}  // namespace twinrate

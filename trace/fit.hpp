@@ -1,0 +1,49 @@
+// A set of effects fitted to a record: Gauss-Newton on all their parameters at once, against the
+// whitened residual of every channel.
+#pragma once
+#include "trace/dictionary.hpp"
+
+namespace twinrate {
+
+// One free number: a coefficient of the regressors, or a non-linear key.
+struct FreeParameter {
+  std::size_t member = 0;
+  int coefficient = -1;  // -1: a key
+  std::string key;
+};
+
+struct Fit {
+  std::vector<std::shared_ptr<Effect>> members;
+  std::vector<FreeParameter> free;
+  Sampled y;                  // whitened residual with the members in the model
+  std::vector<Sampled> J;     // d(explained)/d(free), whitened, at the solution
+  Eigen::MatrixXd covariance; // of `free`, unit noise
+  double rss = 0, rss_held_out = 0;
+  bool valid = true;          // parameters stand inside their ranges
+
+  Effects effects() const { return {members.begin(), members.end()}; }
+};
+
+class Fitter {
+ public:
+  Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
+
+  Fit start(std::vector<std::shared_ptr<Effect>> members) const;
+  // At most `rounds` of Gauss-Newton.
+  Fit refine(std::vector<std::shared_ptr<Effect>> members, int rounds = 3) const;
+  const Rows& training() const { return training_; }
+  const Rows& held_out() const { return held_out_; }
+  const Chain& chain() const { return chain_; }
+
+ private:
+  void evaluate(Fit& fit) const;
+  void linearise(Fit& fit) const;
+  Eigen::VectorXd step(Fit& fit) const;
+
+  const Chain& chain_;
+  const Rows& training_;
+  const Rows& held_out_;
+  double noise_ = 0, noise_held_out_ = 0;  // in the residual of the declared model
+};
+
+}  // namespace twinrate

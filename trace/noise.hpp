@@ -1,0 +1,14 @@
+// How large the noise of a record is, and what it looks like at the tracer's rate.
+#pragma once
+#include "trace/dictionary.hpp"
+
+namespace twinrate {
+
+// The record with as much noise again on currents and angle as its samples have: white, of the size
+// that the fourth difference shows.
+Record add_noise(const Record& record, const std::vector<char>& moving);
+// From what no candidate can explain of `y` (sampled, not whitened).
+// Candidates whose columns hold the noise itself are left out.
+NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dictionary);
+
+}  // namespace twinrate

@@ -1,0 +1,44 @@
+#include <Eigen/Cholesky>
+
+#include "trace/dictionary.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kLeastSignal = 0.3;  // energy of a regressor over that of its noise
+constexpr double kRidge = 1e-8;
+
+// D A D with ones on the diagonal, and rows left out replaced by those of the identity.
+Eigen::MatrixXd scaled(const Eigen::MatrixXd& A, const std::vector<char>& use,
+                       Eigen::VectorXd& scale) {
+  const Eigen::Index n = A.rows();
+  scale = Eigen::VectorXd::Zero(n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    if (use[static_cast<std::size_t>(i)]) scale[i] = 1 / std::sqrt(A(i, i));
+  Eigen::MatrixXd S = scale.asDiagonal() * A * scale.asDiagonal();
+  for (Eigen::Index i = 0; i < n; ++i) S(i, i) = 1 + kRidge;
+  return S;
+}
+
+}  // namespace
+
+std::vector<char> NormalEquations::usable(double rows) const {
+  std::vector<char> use(static_cast<std::size_t>(b.size()));
+  for (Eigen::Index i = 0; i < b.size(); ++i)
+    use[static_cast<std::size_t>(i)] = A(i, i) > 1e-12 * rows && A(i, i) > kLeastSignal * noise[i];
+  return use;
+}
+
+Eigen::VectorXd NormalEquations::solve(const std::vector<char>& use) const {
+  Eigen::VectorXd scale;
+  const Eigen::MatrixXd S = scaled(A, use, scale);
+  return scale.asDiagonal() * S.ldlt().solve(scale.asDiagonal() * b);
+}
+
+Eigen::MatrixXd NormalEquations::inverse(const std::vector<char>& use) const {
+  Eigen::VectorXd scale;
+  const Eigen::MatrixXd S = scaled(A, use, scale);
+  return scale.asDiagonal() * S.ldlt().solve(Eigen::MatrixXd(scale.asDiagonal()));
+}
+
+}  // namespace twinrate

@@ -1,0 +1,32 @@
+// A drive log as the tracer uses it: even sampling, stationary axes, rows that cannot be trusted
+// marked.
+//
+// Rows stand T_s apart. Row k: currents and angle are samples at t_k, the voltage is the mean from
+// t_k to t_{k+1} in stator axes (contracts, "Measured data").
+#pragma once
+#include <string>
+#include <vector>
+
+#include "model/frames.hpp"
+
+namespace twinrate {
+
+struct Record {
+  std::string source;
+  double T_s = 0;
+  std::vector<double> t;
+  std::vector<Vec2> u_alphabeta, i_alphabeta;  // empty where the log has none
+  std::vector<double> theta_m;                 // unwrapped
+  std::vector<double> v_dc, T_load;            // empty where the log has none
+  std::vector<char> electrical_ok;  // voltage and current of the row can be used
+  std::vector<char> motion_ok;      // angle (and current) can be used
+  int current_sensors = 3;          // 2: i_c is -(i_a + i_b)
+
+  std::size_t size() const { return t.size(); }
+  // Adds another record behind this one; nothing is compared across the seam. Throws
+  // std::runtime_error, one line, where the two do not go together.
+  void append(const Record& other);
+  bool has_voltage_equation() const { return !u_alphabeta.empty() && !i_alphabeta.empty(); }
+};
+
+}  // namespace twinrate

@@ -1,0 +1,99 @@
+#include "trace/result.hpp"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace twinrate {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+json number(double value) {
+  return std::isfinite(value) ? json(value) : json(nullptr);
+}
+
+json effect_json(const TracedEffect& e) {
+  json parameters = json::object();
+  for (const TracedParameter& p : e.parameters) {
+    json row;
+    if (p.text.empty()) {
+      row = {{"value", number(p.value)}, {"unit", p.unit}};
+    } else {
+      row = {{"value", p.text}};
+    }
+    if (p.sigma) row["sigma"] = number(*p.sigma);
+    parameters[p.name] = row;
+  }
+  json evidence = {{"holdout_gain", number(e.held_out_gain)},
+                   {"delta_bic", number(e.delta_bic)},
+                   {"f_p_value", number(e.p_value)},
+                   {"times_smallest_worth_reporting", number(e.materiality)}};
+  if (e.from_samples) evidence = {{"found_in", "raw samples"}};
+  return {{"kind", e.effect->kind()},   {"equation", e.equation}, {"parameters", parameters},
+          {"evidence", evidence}, {"aliases", e.aliases}};
+}
+
+json pair_json(const ErrorPair& e) {
+  return {{"train", number(e.train)}, {"holdout", number(e.held_out)}};
+}
+
+json equation_json(const std::optional<EquationError>& e) {
+  if (!e) return json::object();
+  return {{"unit", e->unit},
+          {"no_change", number(e->no_change)},
+          {"before", pair_json(e->before)},
+          {"after", pair_json(e->after)},
+          {"noise_floor", number(e->noise_floor)},
+          {"whiteness_p_value", number(e->whiteness_p_value)}};
+}
+
+json error_json(const TraceResult& r) {
+  const auto& main = r.main_equation == "electrical" ? r.electrical : r.mechanical;
+  json error = {{"signal", "one_step_prediction"}, {"horizon_s", r.horizon_s}};
+  if (main) error.update(equation_json(main));
+  error["equation"] = r.main_equation;
+  error["by_equation"] = {{"electrical", equation_json(r.electrical)},
+                          {"mechanical", equation_json(r.mechanical)}};
+  return error;
+}
+
+}  // namespace
+
+std::string to_json(const TraceResult& r) {
+  json effects = json::array(), ambiguous = json::array(), where = json::array(),
+       not_identifiable = json::array(), rejected = json::array();
+  for (const TracedEffect& e : r.effects) effects.push_back(effect_json(e));
+  for (const Ambiguity& a : r.ambiguous)
+    ambiguous.push_back({{"kinds", a.kinds}, {"why", a.why}, {"would_separate", a.would_separate}});
+  for (const Structure& s : r.unexplained) {
+    json row = {{"regressor", s.regressor}, {"share", number(s.share)}, {"equation", s.equation}};
+    if (s.frequency_Hz > 0) row["frequency_Hz"] = s.frequency_Hz;
+    if (s.order > 0) row["order"] = s.order;
+    row["what"] = s.text;
+    where.push_back(row);
+  }
+  for (const auto& [kind, why] : r.not_identifiable)
+    not_identifiable.push_back({{"kind", kind}, {"why", why}});
+  for (const Rejected& x : r.rejected)
+    rejected.push_back({{"kind", x.kind},
+                        {"delta_bic", number(-x.score_gain)},
+                        {"holdout_gain", number(x.held_out_gain)},
+                        {"why", x.why}});
+  return json{{"verdict", r.verdict},
+              {"sentence", r.sentence},
+              {"data", r.sources},
+              {"holdout_data", r.held_out_sources},
+              {"health", r.health},
+              {"effects", effects},
+              {"ambiguous", ambiguous},
+              {"unexplained", {{"structured", r.structured}, {"where", where}}},
+              {"error", error_json(r)},
+              {"identifiable", r.identifiable},
+              {"not_identifiable", not_identifiable},
+              {"considered", rejected},
+              {"seconds", r.seconds}}
+             .dump(2) +
+         "\n";
+}
+
+}  // namespace twinrate

@@ -1,0 +1,92 @@
+// What a trace says: the contract's trace.json, and what the report page draws.
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "model/effects/effect.hpp"
+
+namespace twinrate {
+
+struct TracedParameter {
+  std::string name, unit;       // the key of the [[effect]] table without and with its unit
+  double value = 0;
+  std::optional<double> sigma;  // one standard deviation; none where it was not fitted
+  std::string text;             // name of a choice, instead of a value
+};
+
+struct TracedEffect {
+  std::shared_ptr<const Effect> effect;
+  std::string equation;  // electrical, mechanical, sensing
+  std::vector<TracedParameter> parameters;
+  double held_out_gain = 0;  // share of the held-out error that goes with it
+  double delta_bic = 0;      // of the training score, negative: better
+  double p_value = 1;        // F-test
+  double materiality = 0;    // size over the smallest worth reporting
+  std::vector<std::string> aliases;  // kinds that explain the same as well
+  bool from_samples = false;         // found in the raw samples (clipping, missing rows), not fitted
+};
+
+// A kind that was considered and why it is not among the effects.
+struct Rejected {
+  std::string kind;
+  double score_gain = 0, held_out_gain = 0;
+  std::string why;
+};
+
+struct Ambiguity {
+  std::vector<std::string> kinds;
+  std::string why, would_separate;
+};
+
+// Structure that no effect of the catalogue explains.
+struct Structure {
+  std::string regressor;  // t, theta_m, i_q, i_d, omega_m, direction, temperature
+  double share = 0;       // of the residual's power in its equation
+  std::string equation;
+  double frequency_Hz = 0, order = 0;  // of a line
+  std::string text;
+};
+
+struct ErrorPair {
+  double train = 0, held_out = 0;
+};
+struct EquationError {
+  std::string unit;
+  ErrorPair before, after;
+  double no_change = 0, noise_floor = 0;
+  double whiteness_p_value = 0;
+  std::size_t rows = 0;
+};
+
+// A series for the pictures, at the tracer's rate.
+struct TraceSeries {
+  std::vector<double> t, theta_m, omega_m, i_d, i_q, before, after;
+  std::vector<char> held_out;
+  double rate_Hz = 0;
+};
+
+struct TraceResult {
+  std::string verdict;   // traced, nothing_missing, unexplained, ambiguous, cannot_tell
+  std::string sentence;  // the verdict for people
+  std::vector<std::string> sources, held_out_sources;
+  std::vector<std::string> health;  // what the samples themselves show, one line each
+  std::vector<TracedEffect> effects;
+  std::vector<TracedEffect> stop_gaps;  // describe a structure outside the catalogue
+  std::vector<Rejected> rejected;
+  std::vector<Ambiguity> ambiguous;
+  std::vector<Structure> unexplained;
+  bool structured = false;
+  std::optional<EquationError> electrical, mechanical;
+  std::string main_equation;  // whose error stands at the top of "error"
+  double horizon_s = 0;
+  std::vector<std::string> identifiable;
+  std::vector<std::pair<std::string, std::string>> not_identifiable;  // kind, why
+  TraceSeries series_d, series_q, series_torque;
+  double seconds = 0;
+};
+
+// trace.json; numbers that are not finite become null.
+std::string to_json(const TraceResult& result);
+
+}  // namespace twinrate

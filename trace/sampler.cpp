@@ -1,0 +1,75 @@
+#include "trace/sampler.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+constexpr double kPassband = 0.4;    // of the output rate
+constexpr int kHalfWidth = 5;        // outputs
+constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out
+
+}  // namespace
+
+Sampler::Sampler(const Record& record, const std::vector<char>& torque_ok,
+                 const std::vector<char>& held_out, double rate_Hz)
+    : D_(std::max(1, static_cast<int>(std::lround(1 / (record.T_s * rate_Hz))))),
+      M_(D_ == 1 ? 0 : kHalfWidth * D_ / 1) {
+  double sum = 0;
+  for (int j = -M_; j <= M_; ++j) {
+    const double x = 2 * kPassband * j / D_;
+    const double sinc = j == 0 ? 1 : std::sin(kPi * x) / (kPi * x);
+    const double window = M_ == 0 ? 1 : 0.54 + 0.46 * std::cos(kPi * j / M_);
+    h_.push_back(sinc * window);
+    sum += h_.back();
+  }
+  for (double& h : h_) h /= sum;
+  if (record.has_voltage_equation()) electrical_ = runs_of(record.electrical_ok, held_out);
+  torque_ = runs_of(torque_ok, held_out);
+}
+
+Runs Sampler::runs_of(const std::vector<char>& ok, const std::vector<char>& held_out) const {
+  Runs runs;
+  const auto n = static_cast<std::ptrdiff_t>(ok.size());
+  std::ptrdiff_t last_bad = -1;
+  Runs run;
+  const auto close = [&] {
+    if (run.row.size() >= kShortest) {
+      runs.start.push_back(runs.row.size());
+      runs.row.insert(runs.row.end(), run.row.begin(), run.row.end());
+      runs.held_out.insert(runs.held_out.end(), run.held_out.begin(), run.held_out.end());
+    }
+    run = {};
+  };
+  std::ptrdiff_t seen = -1;  // rows up to here have been looked at
+  // Differences reach one row further than the window.
+  for (std::ptrdiff_t centre = M_ + 1; centre + M_ + 1 < n; centre += D_) {
+    for (; seen < centre + M_ + 1; ++seen)
+      if (!ok[static_cast<std::size_t>(seen + 1)] ||
+          (seen >= 0 && held_out[static_cast<std::size_t>(seen)] !=
+                            held_out[static_cast<std::size_t>(seen + 1)]))
+        last_bad = seen + 1;
+    const bool usable = last_bad < centre - M_ - 1;
+    if (!usable) {
+      close();
+      continue;
+    }
+    run.row.push_back(static_cast<std::size_t>(centre));
+    run.held_out.push_back(held_out[static_cast<std::size_t>(centre)]);
+  }
+  close();
+  return runs;
+}
+
+Eigen::VectorXd Sampler::operator()(const std::vector<double>& channel, const Runs& runs) const {
+  Eigen::VectorXd y(static_cast<Eigen::Index>(runs.row.size()));
+  const auto taps = static_cast<Eigen::Index>(h_.size());
+  const Eigen::Map<const Eigen::VectorXd> h(h_.data(), taps);
+  for (std::size_t n = 0; n < runs.row.size(); ++n)
+    y[static_cast<Eigen::Index>(n)] = h.dot(Eigen::Map<const Eigen::VectorXd>(
+        channel.data() + runs.row[n] - static_cast<std::size_t>(M_), taps));
+  return y;
+}
+
+}  // namespace twinrate

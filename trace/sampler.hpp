@@ -1,0 +1,40 @@
+// From full rate to the rate at which the tracer compares: one low-pass for residual and regressors
+// alike, so that no phase error can pass for an effect.
+//
+//   y[n] = sum_j h[j] x[n D + j],   h symmetric (Hamming sinc), D = decimation
+//
+// Outputs whose window touches a row that cannot be used are left out. Those left stand in runs of
+// neighbours; a run never crosses a gap nor the border between training and held-out blocks.
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+#include "trace/equations.hpp"
+
+namespace twinrate {
+
+struct Runs {
+  std::vector<std::size_t> row;    // full-rate row at the centre of each output
+  std::vector<std::size_t> start;  // index of the first output of each run, ascending
+  std::vector<char> held_out;      // of each output
+};
+
+class Sampler {
+ public:
+  // `rate_Hz`: wanted rate of the outputs. `held_out(t)`: true in blocks that do not train.
+  Sampler(const Record& record, const std::vector<char>& torque_ok,
+          const std::vector<char>& held_out, double rate_Hz = 1000);
+
+  int decimation() const { return D_; }
+  const Runs& electrical() const { return electrical_; }
+  const Runs& torque() const { return torque_; }
+  Eigen::VectorXd operator()(const std::vector<double>& channel, const Runs& runs) const;
+
+ private:
+  Runs runs_of(const std::vector<char>& ok, const std::vector<char>& held_out) const;
+  int D_, M_;
+  std::vector<double> h_;
+  Runs electrical_, torque_;
+};
+
+}  // namespace twinrate

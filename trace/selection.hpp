@@ -1,0 +1,53 @@
+// Which effects are missing: forward by the best candidate, backward by what is no longer needed,
+// swaps; every accepted set is refined before the next look.
+//
+//   score of a set = N log(RSS) + k log(N) + kMargin (number of effects)
+//
+// A candidate must lower the score on the training blocks, lower the error on the held-out blocks,
+// and be large enough to matter (Effect::materiality). Lines that no cause of the catalogue makes
+// (trace/lines.hpp) compete with the causes, so that none of them is taken to mend a line.
+#pragma once
+#include <functional>
+
+#include "trace/fit.hpp"
+
+namespace twinrate {
+
+struct Score {
+  std::shared_ptr<Effect> effect;  // with the linear coefficients set; null: cannot be told
+  double gain = 0;                 // fall of the score
+  double sigma_in_sizes = 0;       // one sigma over the smallest size worth reporting
+  bool valid = false;              // inside the ranges of its keys, and large enough
+};
+
+// What adding each candidate to `fit` would bring, by linear regression with the fit's own
+// parameters free.
+std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
+                             const std::vector<Candidate>& candidates);
+double score_of(const Fitter& fitter, const Fit& fit);
+
+struct Alternative {
+  std::string kind;
+  double score_gain = 0, held_out_gain = 0;  // of the refined set, against the set without
+  std::string why;                           // why it was not taken
+};
+
+struct Selected {
+  Fit without;              // the others alone, refined
+  double score_gain = 0;    // of having it
+  double held_out_gain = 0;
+  std::vector<Alternative> alternatives;  // best first
+};
+
+struct Selection {
+  Fit fit;
+  std::vector<Selected> members;  // of the fit
+  std::vector<Alternative> refused;  // looked at and not needed
+};
+
+using Say = std::function<void(const std::string&)>;
+// Continues from `members`.
+Selection select(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                 const std::vector<std::shared_ptr<Effect>>& members, const Say& say);
+
+}  // namespace twinrate

@@ -1,0 +1,58 @@
+#include "trace/statistics.hpp"
+
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+// Regularised upper incomplete gamma function: series below a + 1, continued fraction above.
+double gamma_tail(double a, double x) {
+  if (x <= 0) return 1;
+  const double front = std::exp(-x + a * std::log(x) - std::lgamma(a));
+  if (x < a + 1) {
+    double term = 1 / a, sum = term;
+    for (int n = 1; n < 10000 && term > 1e-16 * sum; ++n) sum += term *= x / (a + n);
+    return 1 - sum * front;
+  }
+  double b = x + 1 - a, c = 1e300, d = 1 / b, h = d;
+  for (int n = 1; n < 10000; ++n) {
+    const double an = -n * (n - a);
+    b += 2;
+    d = 1 / (an * d + b);
+    c = b + an / c;
+    const double step = d * c;
+    h *= step;
+    if (std::abs(step - 1) < 1e-14) break;
+  }
+  return front * h;
+}
+
+}  // namespace
+
+double chi_square_tail(double x, double k) {
+  return gamma_tail(k / 2, x / 2);
+}
+
+double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs) {
+  constexpr Eigen::Index kLags = 20;
+  if (e.size() < 4 * kLags) return 1;
+  Eigen::VectorXd c = Eigen::VectorXd::Zero(kLags + 1), pairs = c;
+  for (std::size_t r = 0; r < runs.start.size(); ++r) {
+    const auto first = static_cast<Eigen::Index>(runs.start[r]);
+    const auto end = static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1]
+                                                                         : runs.row.size());
+    for (Eigen::Index lag = 0; lag <= kLags && lag < end - first; ++lag) {
+      c[lag] += e.segment(first + lag, end - first - lag).dot(e.segment(first, end - first - lag));
+      pairs[lag] += static_cast<double>(end - first - lag);
+    }
+  }
+  double Q = 0;
+  for (Eigen::Index lag = 1; lag <= kLags; ++lag)
+    if (pairs[lag] > 0 && c[0] > 0) {
+      const double r = c[lag] / pairs[lag] / (c[0] / pairs[0]);
+      Q += pairs[lag] * r * r;
+    }
+  return chi_square_tail(Q, kLags);
+}
+
+}  // namespace twinrate

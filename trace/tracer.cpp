@@ -1,0 +1,96 @@
+#include "trace/tracer.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "trace/conclude.hpp"
+#include "trace/noise.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr int kBlocks = 24;
+constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
+constexpr int kMostRounds = 3;  // of noise model and selection
+constexpr double kSame = 0.9;   // a noise level that fell by less is the same
+
+std::vector<char> held_out_rows(const Record& record, double share) {
+  std::vector<char> held(record.size(), 0);
+  if (share <= 0) return held;
+  const int every = std::max(2, static_cast<int>(std::lround(1 / share)));
+  for (std::size_t k = 0; k < held.size(); ++k)
+    held[k] = static_cast<int>(kBlocks * k / held.size()) % every == every - 1;
+  return held;
+}
+
+std::vector<char> torque_rows(const Equations& equations) {
+  std::vector<char> ok = equations.record().motion_ok;
+  for (std::size_t k = 0; k < ok.size(); ++k)
+    ok[k] = ok[k] && std::abs(equations.omega_m()[k]) > kSlowest;
+  return ok;
+}
+
+double ms_since(std::chrono::steady_clock::time_point t) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t).count();
+}
+
+// Product of the channels' innovations.
+double level(const NoiseModel& noise) {
+  double product = 1;
+  for (const Whitener* w : {&noise.d, &noise.q, &noise.torque})
+    if (w->sigma() > 0) product *= w->sigma();
+  return product;
+}
+
+}  // namespace
+
+TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
+                         const TraceSettings& settings, std::vector<char> held_out) {
+  const auto begin = std::chrono::steady_clock::now();
+  if (held_out.empty()) held_out = held_out_rows(record, settings.holdout);
+  auto t0 = std::chrono::steady_clock::now();
+  const Effects known = drive.model_effects();
+  const DriveFacts facts = drive.facts();
+  const Equations equations(record, facts, known);
+  const std::vector<char> moving = torque_rows(equations);
+  const Sampler sampler(record, moving, held_out);
+  const Record noisier = add_noise(record, moving);
+  const Equations noisier_equations(noisier, facts, known);
+  Chain chain(equations, noisier_equations, sampler);
+  const auto lap = [&](const char* what) {
+    if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
+    t0 = std::chrono::steady_clock::now();
+  };
+  lap("equations");
+  Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};
+  lap("candidates");
+  const Rows training(sampler, false), unseen(sampler, true);
+  Selection selection;
+  std::vector<std::shared_ptr<Effect>> members;
+  Effects so_far;
+  for (int round = 0; round < kMostRounds; ++round) {
+    NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
+    if (round > 0 && level(noise) > kSame * level(chain.noise())) break;
+    chain.set_noise(std::move(noise));
+    dictionary.whiten(chain);
+    lap("noise");
+    if (settings.say)
+      settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
+                               chain.noise().q.rms(), chain.noise().torque.rms()));
+    const Fitter fitter(chain, training, unseen);
+    selection = select(fitter, dictionary.whitened, members, settings.say);
+    lap("selection");
+    members = selection.fit.members;
+    so_far = selection.fit.effects();
+    if (members.empty()) break;
+  }
+  const Fitter fitter(chain, training, unseen);
+  TraceResult result = conclude(fitter, dictionary, selection, health);
+  lap("conclusions");
+  result.seconds = 1e-3 * ms_since(begin);
+  return result;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,19 @@
+// From records to a named set of effects.
+#pragma once
+#include "core/drive_config.hpp"
+#include "trace/health.hpp"
+#include "trace/result.hpp"
+#include "trace/selection.hpp"
+
+namespace twinrate {
+
+struct TraceSettings {
+  double holdout = 0.25;      // share of the time that does not train
+  Say say;                // progress, one line each; may be empty
+};
+
+// `held_out`: of each row of the record; empty: blocks by settings.holdout.
+TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
+                         const TraceSettings& settings, std::vector<char> held_out = {});
+
+}  // namespace twinrate

@@ -1,0 +1,61 @@
+#include "trace/whitening.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+// Calls f(first, end) for each run.
+template <class F>
+void for_each_run(const Runs& runs, F&& f) {
+  for (std::size_t r = 0; r < runs.start.size(); ++r)
+    f(static_cast<Eigen::Index>(runs.start[r]),
+      static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size()));
+}
+
+}  // namespace
+
+Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs) {
+  Eigen::VectorXd c = Eigen::VectorXd::Zero(kOrder + 1);
+  for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
+    for (Eigen::Index lag = 0; lag <= kOrder && lag < end - first; ++lag)
+      c[lag] += noise.segment(first + lag, end - first - lag)
+                    .dot(noise.segment(first, end - first - lag));
+  });
+  c /= std::max<double>(1, static_cast<double>(noise.size()));
+  const double floor = 1e-9 * c[0] + 1e-300;
+  c[0] += floor;
+  Eigen::VectorXd a = Eigen::VectorXd::Zero(0);
+  double power = c[0];
+  a_.push_back(a);
+  sigma_.push_back(std::sqrt(power));
+  for (int order = 1; order <= kOrder; ++order) {
+    double reflection = c[order];
+    for (int j = 0; j < order - 1; ++j) reflection -= a[j] * c[order - 1 - j];
+    reflection /= power;
+    Eigen::VectorXd next(order);
+    for (int j = 0; j < order - 1; ++j) next[j] = a[j] - reflection * a[order - 2 - j];
+    next[order - 1] = reflection;
+    a = next;
+    power *= 1 - reflection * reflection;
+    a_.push_back(a);
+    sigma_.push_back(std::sqrt(std::max(power, floor)));
+  }
+}
+
+Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs) const {
+  Eigen::VectorXd e(y.size());
+  for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
+    for (Eigen::Index n = first; n < end; ++n) {
+      const auto order = static_cast<std::size_t>(std::min<Eigen::Index>(n - first, kOrder));
+      double predicted = 0;
+      for (std::size_t j = 0; j < order; ++j)
+        predicted += a_[order][static_cast<Eigen::Index>(j)] * y[n - 1 - static_cast<Eigen::Index>(j)];
+      e[n] = (y[n] - predicted) / sigma_[order];
+    }
+  });
+  return e;
+}
+
+}  // namespace twinrate
