@@ -84,6 +84,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   std::vector<Candidate> candidates;
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
+    effect->prepare(equations.facts());  // a grid may depend on the drive
     std::vector<TracedKey> keys = effect->traced_keys();
     if (keys.empty()) continue;
     const bool electrical_only = !(effect->acts_on() & ~(kOnVoltage | kOnBus));

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kBins = 24;
 constexpr double kChance = 1e-9;      // of noise making such means
-constexpr double kLeastShare = 0.01;  // of the residual's power
+constexpr double kLeastShare = 0.04;  // of the residual's power: less is too small to draw
 
 struct Axis {
   const char* regressor;

@@ -261,6 +261,11 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
       score.effect->set_coefficients(std::vector<double>(sigma.data(), sigma.data() + g));
       score.sigma_in_sizes = score.effect->materiality(facts);
       score.effect->set_coefficients(std::vector<double>(x.data() + P, x.data() + P + g));
+    } else if (score.effect->kind() == "signal_lag") {
+      set_key(*score.effect, "lag_s", x[P] * get_key(*score.effect, "lag_s"));
+      if (x[P] <= 0) continue;
+    } else if (x[P] < 0.1 || x[P] > 8) {
+      continue;  // far from this point of the grid
     }
     score.valid = within_ranges(*score.effect) && score.effect->materiality(facts) >= 0.5;
     const auto k = static_cast<double>(parameters_of(*candidate.effect));

@@ -90,7 +90,7 @@ class SignalLag final : public Effect {
   void coefficients(std::span<double>) const override {}
   std::vector<TracedKey> traced_keys() const override {
     return {
-        {"signal", {0, 1, 2, 3}, false}, {"form", {0, 1}, false}, {.key = "lag_s", .linear = true}};
+        {"signal", {0, 1, 2, 3}, false}, {"form", {0, 1}, false}, {"lag_s", {50e-6}}};
   }
   double materiality(const DriveFacts&) const override {
     return lag_ / (signal_ == SamplingFacts::kSpeed ? 50e-6 : 12e-6);

@@ -46,15 +46,14 @@ class Torsion final : public Effect {
   int regressor_count() const override { return 0; }
   void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
   void coefficients(std::span<double>) const override {}
-  // The stiffness: antiresonances from 10 Hz at a tenth of the inertia to 80 Hz at half of it. The
-  // damping: ratios of some per cent in the middle of that.
+  // The stiffness: antiresonances from 12 to 75 Hz. The damping: ratios of some per cent in the
+  // middle of that.
   std::vector<TracedKey> traced_keys() const override {
-    constexpr double kStep = 1.2;  // a tenth in frequency
-    const double K_lo = 0.1 * J_ * std::pow(kTwoPi * 10, 2);
-    const double K_hi = 0.5 * J_ * std::pow(kTwoPi * 80, 2);
+    constexpr double kMiddle = 0.28;  // J_load over J, of the grid
     std::vector<double> stiffness;
-    for (double K = K_lo; K < K_hi * kStep; K *= kStep) stiffness.push_back(K);
-    return {{"J_load_kgm2", {0.1 * J_, 0.2 * J_, 0.3 * J_, 0.5 * J_}},
+    for (double f = 12; f < 80; f *= 1.3)
+      stiffness.push_back(kMiddle * J_ * std::pow(kTwoPi * f, 2));
+    return {{"J_load_kgm2", {0.15 * J_, 0.4 * J_}},
             {"stiffness_Nm_rad", stiffness},
             {"damping_Nms_rad", {3 * J_}}};
   }

@@ -1,6 +1,7 @@
 #include "tools/trace/raw_log.hpp"
 
 #include <filesystem>
+#include <optional>
 
 #include "core/config.hpp"
 #include "core/run_log.hpp"
