@@ -72,7 +72,8 @@ void print_result(const TraceResult& r, const std::string& out) {
     if (e.from_samples)
       fmt::print("      seen in the raw samples\n");
     else
-      fmt::print("      BIC {:.0f}, held-out error -{:.1f} %\n", e.delta_bic, 100 * e.held_out_gain);
+      fmt::print("      BIC {:.0f}, held-out error -{:.1f} %\n", e.delta_bic,
+                 100 * e.held_out_gain);
   }
   for (const Ambiguity& a : r.ambiguous)
     fmt::print("  cannot tell apart: {}; {}\n", fmt::join(a.kinds, ", "), a.would_separate);
@@ -131,10 +132,12 @@ int trace(const TraceOptions& o) {
 void add_trace_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<TraceOptions>();
   auto* verb = app.add_subcommand(
-      "trace", "Finds what a model lacks: residual, named effect, extended model, error before and after");
+      "trace",
+      "Finds what a model lacks: residual, named effect, extended model, error before and after");
   verb->add_option("DRIVE", o->drive, "drive file or preset: the declared model")->required();
   verb->add_option("--data", o->data, "drive logs: CSV (may be gzipped) or LCM log")
-      ->required()->check(CLI::ExistingPath);
+      ->required()
+      ->check(CLI::ExistingPath);
   verb->add_option("--holdout", o->holdout,
                    "logs that are not fitted, or the share of the data kept back (default 0.25)");
   verb->add_option("--map", o->map, "how foreign columns are read")->check(CLI::ExistingFile);

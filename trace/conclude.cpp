@@ -14,22 +14,24 @@
 namespace twinrate {
 namespace {
 
-constexpr double kAliasGain = 15;   // score: nearer than this, two kinds explain the same
-constexpr double kAliasShare = 0.02;  // or of the gain itself
+constexpr double kAliasGain = 15;      // score: nearer than this, two kinds explain the same
+constexpr double kAliasShare = 0.02;   // or of the gain itself
 constexpr double kCoarseStep = 0.005;  // of the rated current
-constexpr double kBlind = 4;        // sigmas a smallest effect must have to be seen
+constexpr double kBlind = 4;           // sigmas a smallest effect must have to be seen
 
 std::string equation_of(const Effect& effect) {
   const int acts = effect.acts_on();
-  if (acts & (kOnCurrents | kOnAngle | kOnSpeed)) return effect.kind() == "iron_loss" ? "electrical" : "sensing";
+  if (acts & (kOnCurrents | kOnAngle | kOnSpeed))
+    return effect.kind() == "iron_loss" ? "electrical" : "sensing";
   if (acts == 0) return "sensing";
   return acts & (kOnVoltage | kOnFlux | kOnBus) ? "electrical" : "mechanical";
 }
 
 // Key without and with its unit: "amplitude_Nm".
 std::pair<std::string, std::string> split(const std::string& key) {
-  static const char* const kUnits[] = {"Nm_rad", "Nms_rad", "Nms2", "Nms", "Nm", "rad_s", "rad",
-                                       "kgm2", "Ohm", "H_A", "Hz", "Wb", "A", "V", "H", "s"};
+  static const char* const kUnits[] = {"Nm_rad", "Nms_rad", "Nms2", "Nms", "Nm", "rad_s",
+                                       "rad",    "kgm2",    "Ohm",  "H_A", "Hz", "Wb",
+                                       "A",      "V",       "H",    "s"};
   for (const char* unit : kUnits) {
     const std::string tail = std::string("_") + unit;
     if (key.size() > tail.size() && key.ends_with(tail))
@@ -58,13 +60,15 @@ std::map<std::string, double> sigmas(const Fit& fit, std::size_t m) {
       }
       const auto moved = effect.clone();
       const double sigma = std::sqrt(std::max(0.0, fit.covariance(free[i], free[i])));
-      const double h = std::max(1e-6 * std::abs(c[static_cast<std::size_t>(p.coefficient)]), 1e-3 * sigma);
+      const double h =
+          std::max(1e-6 * std::abs(c[static_cast<std::size_t>(p.coefficient)]), 1e-3 * sigma);
       if (h == 0) continue;
       std::vector<double> shifted = c;
       shifted[static_cast<std::size_t>(p.coefficient)] += h;
       moved->set_coefficients(shifted);
       double change = get_key(*moved, key.key) - key.value;
-      if (key.key.ends_with("_rad") && std::abs(change) > kPi) change -= std::copysign(kTwoPi, change);
+      if (key.key.ends_with("_rad") && std::abs(change) > kPi)
+        change -= std::copysign(kTwoPi, change);
       slope[static_cast<Eigen::Index>(i)] = change / h;
     }
     double variance = 0;
@@ -82,14 +86,18 @@ std::vector<TracedParameter> parameters_of(const Fit& fit, std::size_t m, double
   const auto sigma = sigmas(fit, m);
   for (const NumericKey& key : numeric_keys(*fit.members[m])) {
     const auto [name, unit] = split(key.key);
-    TracedParameter p{.name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};
-    if (const auto found = sigma.find(key.key); found != sigma.end()) p.sigma = noise * found->second;
+    TracedParameter p{
+        .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};
+    if (const auto found = sigma.find(key.key); found != sigma.end())
+      p.sigma = noise * found->second;
     list.push_back(std::move(p));
   }
   return list;
 }
 
-bool near(double a, double b) { return a > b - std::max(kAliasGain, kAliasShare * b); }
+bool near(double a, double b) {
+  return a > b - std::max(kAliasGain, kAliasShare * b);
+}
 
 TracedEffect traced(const Fitter& fitter, const Fit& fit, const Selected& s, std::size_t m) {
   const Rows& rows = fitter.training();
@@ -130,7 +138,8 @@ double no_change_torque(const Fitter& fitter) {
   const Record& r = e.record();
   std::vector<double> x(r.size(), 0.0);
   for (std::size_t k = 1; k + 1 < r.size(); ++k)
-    x[k] = e.facts().machine.J * (r.theta_m[k + 1] - 2 * r.theta_m[k] + r.theta_m[k - 1]) / (r.T_s * r.T_s);
+    x[k] = e.facts().machine.J * (r.theta_m[k + 1] - 2 * r.theta_m[k] + r.theta_m[k - 1]) /
+           (r.T_s * r.T_s);
   const Runs& runs = fitter.chain().sampler().torque();
   const Eigen::VectorXd y = fitter.chain().sampler()(x, runs);
   return std::sqrt(y.squaredNorm() / std::max<double>(1, static_cast<double>(y.size())));
@@ -146,7 +155,8 @@ double no_change_voltage(const Fitter& fitter) {
     q[k] = e.facts().machine.L_q * (p[k + 1].i_dq[1] - p[k].i_dq[1]) / r.T_s;
   }
   const Sampler& sampler = fitter.chain().sampler();
-  const Eigen::VectorXd y_d = sampler(d, sampler.electrical()), y_q = sampler(q, sampler.electrical());
+  const Eigen::VectorXd y_d = sampler(d, sampler.electrical()),
+                        y_q = sampler(q, sampler.electrical());
   return std::sqrt(0.5 * (y_d.squaredNorm() + y_q.squaredNorm()) /
                    std::max<double>(1, static_cast<double>(y_d.size())));
 }
@@ -177,7 +187,8 @@ void errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   const Sampled white = chain.whitened(after);
   r.horizon_s = chain.equations().record().T_s * sampler.decimation();
   if (before.d.size()) {
-    EquationError e{.unit = "V", .before = both_axes(before, sampler.electrical()),
+    EquationError e{.unit = "V",
+                    .before = both_axes(before, sampler.electrical()),
                     .after = both_axes(after, sampler.electrical())};
     e.no_change = no_change_voltage(fitter);
     e.noise_floor = std::hypot(chain.noise().d.rms(), chain.noise().q.rms()) / std::sqrt(2.0);
@@ -189,7 +200,8 @@ void errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
     r.series_q = series(fitter, sampler.electrical(), before.q, after.q);
   }
   if (before.torque.size()) {
-    EquationError e{.unit = "Nm", .before = rms_pair(before.torque, sampler.torque()),
+    EquationError e{.unit = "Nm",
+                    .before = rms_pair(before.torque, sampler.torque()),
                     .after = rms_pair(after.torque, sampler.torque())};
     e.no_change = no_change_torque(fitter);
     e.noise_floor = chain.noise().torque.rms();
@@ -234,7 +246,8 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   const std::vector<Score> scores = score_all(fitter, fit, dictionary.whitened);
   for (std::size_t i = 0; i < scores.size(); ++i) {
     const std::string kind(dictionary.whitened[i].effect->kind());
-    const double sigma = scores[i].effect && scores[i].sigma_in_sizes > 0 ? scores[i].sigma_in_sizes : 1e9;
+    const double sigma =
+        scores[i].effect && scores[i].sigma_in_sizes > 0 ? scores[i].sigma_in_sizes : 1e9;
     const auto [place, first] = best.emplace(kind, sigma);
     if (!first) place->second = std::min(place->second, sigma);
   }
@@ -245,8 +258,10 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
       r.identifiable.push_back(kind);
     } else {
       r.not_identifiable.emplace_back(
-          kind, sigma > 1e8 ? "this record does not excite it"
-                            : fmt::format("one sigma is {:.2g} of the smallest size worth reporting", sigma));
+          kind,
+          sigma > 1e8
+              ? "this record does not excite it"
+              : fmt::format("one sigma is {:.2g} of the smallest size worth reporting", sigma));
     }
   }
 }
@@ -261,11 +276,13 @@ std::string sentence(const TraceResult& r) {
   const auto& main = r.main_equation == "electrical" ? r.electrical : r.mechanical;
   std::string fall;
   if (main && !names.empty())
-    fall = fmt::format("; with it the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise {:.3g})",
-                       r.main_equation == "electrical" ? "voltage" : "torque", main->before.held_out,
-                       main->after.held_out, main->unit, main->noise_floor);
-  std::string text = names.empty() ? "Nothing of the catalogue is missing in the model"
-                                   : "The model lacks " + fmt::format("{}", fmt::join(names, ", ")) + fall;
+    fall = fmt::format(
+        "; with it the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise {:.3g})",
+        r.main_equation == "electrical" ? "voltage" : "torque", main->before.held_out,
+        main->after.held_out, main->unit, main->noise_floor);
+  std::string text = names.empty()
+                         ? "Nothing of the catalogue is missing in the model"
+                         : "The model lacks " + fmt::format("{}", fmt::join(names, ", ")) + fall;
   if (!r.unexplained.empty()) {
     std::vector<std::string> what;
     for (const Structure& s : r.unexplained) what.push_back(s.text);
@@ -276,8 +293,8 @@ std::string sentence(const TraceResult& r) {
 
 }  // namespace
 
-TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary,
-                     const Selection& selection, const Health& health) {
+TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const Selection& selection,
+                     const Health& health) {
   TraceResult r;
   const Fit& fit = selection.fit;
   const DriveFacts& facts = fitter.chain().equations().facts();
@@ -308,8 +325,8 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary,
   r.structured = !r.unexplained.empty();
   identifiability(fitter, dictionary, fit, r);
   r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
-              : r.structured    ? "unexplained"
-                                : "nothing_missing";
+              : r.structured     ? "unexplained"
+                                 : "nothing_missing";
   if (!r.effects.empty() && r.structured) r.verdict = "unexplained";
   r.sentence = sentence(r);
   return r;

@@ -8,7 +8,7 @@
 namespace twinrate {
 
 // `health` adds what the samples themselves show (clipping, a coarse ADC, missing and stale rows).
-TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary,
-                     const Selection& selection, const Health& health);
+TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const Selection& selection,
+                     const Health& health);
 
 }  // namespace twinrate

@@ -44,8 +44,7 @@ Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
   };
   take(clean.d, noisy ? &noisy->d : nullptr, sampler_.electrical(), s.d, s.noise_d);
   take(clean.q, noisy ? &noisy->q : nullptr, sampler_.electrical(), s.q, s.noise_q);
-  take(clean.torque, noisy ? &noisy->torque : nullptr, sampler_.torque(), s.torque,
-       s.noise_torque);
+  take(clean.torque, noisy ? &noisy->torque : nullptr, sampler_.torque(), s.torque, s.noise_torque);
   return s;
 }
 

@@ -181,11 +181,10 @@ Channels Equations::explained(int acts_on, At&& at) const {
       drop_before = drop;
     }
     if (!x.torque.empty() && k > 0 && k + 1 < n) {
-      x.torque[k] =
-          c.T_load - 1.5 * m.n_p * (c.psi_dq[0] * p.i_dq[1] - c.psi_dq[1] * p.i_dq[0]);
+      x.torque[k] = c.T_load - 1.5 * m.n_p * (c.psi_dq[0] * p.i_dq[1] - c.psi_dq[1] * p.i_dq[0]);
       if (c.J != 0)
-        x.torque[k] += c.J * (points_[k + 1].theta_m - 2 * p.theta_m + points_[k - 1].theta_m) /
-                       (T_s * T_s);
+        x.torque[k] +=
+            c.J * (points_[k + 1].theta_m - 2 * p.theta_m + points_[k - 1].theta_m) / (T_s * T_s);
     }
   }
   return x;

@@ -104,8 +104,7 @@ Eigen::VectorXd Fitter::step(Fit& fit) const {
   for (Eigen::Index a = 0; a < P; ++a) {
     const Sampled& column = fit.J[static_cast<std::size_t>(a)];
     for (Eigen::Index c = 0; c <= a; ++c)
-      normal.A(a, c) = normal.A(c, a) =
-          training_.dot(column, fit.J[static_cast<std::size_t>(c)]);
+      normal.A(a, c) = normal.A(c, a) = training_.dot(column, fit.J[static_cast<std::size_t>(c)]);
     normal.b[a] = training_.dot(column, fit.y);
     normal.noise[a] = training_.noise(column, column);
   }
@@ -128,9 +127,13 @@ Fit Fitter::refine(std::vector<std::shared_ptr<Effect>> members, int rounds) con
     const Eigen::VectorXd change = step(fit);
     bool better = false;
     for (double share = 1; share > 0.1; share /= 2) {
-      Fit next{.members = copies(fit.members), .free = fit.free, .J = fit.J, .covariance = fit.covariance};
+      Fit next{.members = copies(fit.members),
+               .free = fit.free,
+               .J = fit.J,
+               .covariance = fit.covariance};
       for (std::size_t p = 0; p < fit.free.size(); ++p)
-        move(*next.members[fit.free[p].member], fit.free[p], share * change[static_cast<Eigen::Index>(p)]);
+        move(*next.members[fit.free[p].member], fit.free[p],
+             share * change[static_cast<Eigen::Index>(p)]);
       for (auto& m : next.members)
         if (!m->prepare(chain_.equations().facts()).empty()) next.valid = false;
       if (!next.valid) continue;

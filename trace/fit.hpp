@@ -15,11 +15,11 @@ struct FreeParameter {
 struct Fit {
   std::vector<std::shared_ptr<Effect>> members;
   std::vector<FreeParameter> free;
-  Sampled y;                  // whitened residual with the members in the model
-  std::vector<Sampled> J;     // d(explained)/d(free), whitened, at the solution
-  Eigen::MatrixXd covariance; // of `free`, unit noise
+  Sampled y;                   // whitened residual with the members in the model
+  std::vector<Sampled> J;      // d(explained)/d(free), whitened, at the solution
+  Eigen::MatrixXd covariance;  // of `free`, unit noise
   double rss = 0, rss_held_out = 0;
-  bool valid = true;          // parameters stand inside their ranges
+  bool valid = true;  // parameters stand inside their ranges
 
   Effects effects() const { return {members.begin(), members.end()}; }
 };

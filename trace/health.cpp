@@ -70,7 +70,9 @@ double clip_level(const Column& x) {
   return in_runs >= 12 && 4 * in_runs > at_top ? top : 0;
 }
 
-double interpolate(double a, double b, double share) { return a + (b - a) * share; }
+double interpolate(double a, double b, double share) {
+  return a + (b - a) * share;
+}
 
 }  // namespace
 
@@ -93,14 +95,16 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
   const bool stator = !raw.i_alpha.empty() && !raw.i_beta.empty();
   const bool rotor = !raw.i_q.empty();
   if (!phases && !stator && !rotor)
-    throw std::runtime_error(raw.path + ": no current in the log (i_a and i_b, i_alpha and i_beta, or i_q)");
+    throw std::runtime_error(raw.path +
+                             ": no current in the log (i_a and i_b, i_alpha and i_beta, or i_q)");
   health.rows = rows;
   Record record;
   record.source = raw.path;
   record.T_s = sampling_interval(raw.t);
 
   std::vector<const Column*> noisy;
-  for (const Column* c : {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc, &raw.theta_m})
+  for (const Column* c :
+       {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc, &raw.theta_m})
     if (!c->empty()) noisy.push_back(c);
   const std::vector<char> stale = stale_rows(noisy, rows);
   if (phases) {
@@ -111,7 +115,8 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
   std::vector<Vec2> i(rows), u(rows);
   std::vector<char> clipped(rows, 0);
   double sum_max = 0;
-  const bool has_u = (!raw.u_alpha.empty() && !raw.u_beta.empty()) || (!raw.u_d.empty() && !raw.u_q.empty());
+  const bool has_u =
+      (!raw.u_alpha.empty() && !raw.u_beta.empty()) || (!raw.u_d.empty() && !raw.u_q.empty());
   for (std::size_t k = 0; k < rows; ++k) {
     const double theta_e = n_p * raw.theta_m[k];
     if (phases) {

@@ -27,10 +27,10 @@ struct RawLog {
 struct Health {
   std::size_t rows = 0;
   double missing_share = 0, stale_share = 0;
-  double i_lsb = 0;            // A, step between values of the phase currents; 0: none seen
-  double i_limit = 0;          // A, where they are clipped; 0: nowhere
+  double i_lsb = 0;    // A, step between values of the phase currents; 0: none seen
+  double i_limit = 0;  // A, where they are clipped; 0: nowhere
   double clipped_share = 0;
-  double jitter = 0;           // of the time stamps, rms over T_s
+  double jitter = 0;  // of the time stamps, rms over T_s
   // Of several logs together.
   void combine(const Health& other);
 };

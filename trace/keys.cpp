@@ -86,7 +86,8 @@ double get_key(const Effect& effect, const std::string& key) {
 bool set_key(Effect& effect, const std::string& key, double value) {
   Setter setter(key, value);
   effect.fields(setter);
-  if (!setter.found) throw std::logic_error(std::string(effect.kind()) + " has no numeric key " + key);
+  if (!setter.found)
+    throw std::logic_error(std::string(effect.kind()) + " has no numeric key " + key);
   return setter.inside;
 }
 

@@ -8,10 +8,10 @@
 namespace twinrate {
 namespace {
 
-constexpr double kFalse = 1e-6;          // chance that noise alone makes such a line
-constexpr double kLowest_Hz = 1;         // slower is drift
+constexpr double kFalse = 1e-6;   // chance that noise alone makes such a line
+constexpr double kLowest_Hz = 1;  // slower is drift
 constexpr double kHighestOrder = 60, kLowestOrder = 0.3;
-constexpr double kWhole = 0.06;          // of an order: nearer is a whole order, cogging's
+constexpr double kWhole = 0.06;  // of an order: nearer is a whole order, cogging's
 constexpr double kFewestTurns = 4;
 
 std::size_t power_of_two(double at_least) {
@@ -51,7 +51,8 @@ std::size_t strongest(const std::vector<double>& power, Allowed&& allowed) {
     if (power[b] > best) best = power[b], at = b;
   }
   if (count < 16) return 0;
-  const double chance = static_cast<double>(count) * std::exp(-best * static_cast<double>(count) / sum);
+  const double chance =
+      static_cast<double>(count) * std::exp(-best * static_cast<double>(count) / sum);
   return chance < kFalse ? at : 0;
 }
 
@@ -74,11 +75,12 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
   // Time: rows are even, one bin is half the resolution.
   {
     const double step = record.T_s * chain.sampler().decimation();
-    const auto span = static_cast<double>(runs.row.back() - runs.row.front()) /
-                      chain.sampler().decimation();
+    const auto span =
+        static_cast<double>(runs.row.back() - runs.row.front()) / chain.sampler().decimation();
     const std::size_t cells = power_of_two(2 * span);
     for (std::size_t n = 0; n < position.size(); ++n)
-      position[n] = static_cast<double>(runs.row[n] - runs.row.front()) / chain.sampler().decimation();
+      position[n] =
+          static_cast<double>(runs.row[n] - runs.row.front()) / chain.sampler().decimation();
     const double df = 1 / (step * static_cast<double>(cells));
     const std::size_t bin = strongest(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
       const double f = df * static_cast<double>(b);
@@ -95,7 +97,8 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
   const double turns = (highest - lowest) / kTwoPi;
   if (turns > kFewestTurns && turns < 4000) {
     const std::size_t cells = power_of_two(4 * kHighestOrder * turns);
-    const double cells_per_turn = std::min(8 * kHighestOrder, static_cast<double>(cells) / (2 * turns));
+    const double cells_per_turn =
+        std::min(8 * kHighestOrder, static_cast<double>(cells) / (2 * turns));
     for (std::size_t n = 0; n < position.size(); ++n)
       position[n] = (record.theta_m[runs.row[n]] - lowest) / kTwoPi * cells_per_turn;
     const double d_order = cells_per_turn / static_cast<double>(cells);

@@ -12,7 +12,8 @@ namespace {
 constexpr Eigen::Index kMostRows = 4000;
 
 // What every candidate together cannot explain of one channel: noise.
-Eigen::VectorXd unexplained(const Eigen::VectorXd& y, const std::vector<const Eigen::VectorXd*>& x) {
+Eigen::VectorXd unexplained(const Eigen::VectorXd& y,
+                            const std::vector<const Eigen::VectorXd*>& x) {
   if (!y.size()) return y;
   const Eigen::Index n = std::min(y.size(), kMostRows), p = static_cast<Eigen::Index>(x.size());
   if (n < 4 * p || p == 0) return y;
@@ -25,7 +26,8 @@ Eigen::VectorXd unexplained(const Eigen::VectorXd& y, const std::vector<const Ei
   Eigen::MatrixXd G = Eigen::MatrixXd::Zero(p, p);
   G.selfadjointView<Eigen::Lower>().rankUpdate(X.transpose());
   G.diagonal().array() += 1e-8;
-  const Eigen::VectorXd c = G.selfadjointView<Eigen::Lower>().ldlt().solve(X.transpose() * y.head(n));
+  const Eigen::VectorXd c =
+      G.selfadjointView<Eigen::Lower>().ldlt().solve(X.transpose() * y.head(n));
   return (y.head(n) - X * c) * std::sqrt(static_cast<double>(n) / static_cast<double>(n - p));
 }
 
@@ -40,8 +42,9 @@ Runs first_runs(const Runs& runs, Eigen::Index n) {
 // Columns that do not hold the residual's own noise, to estimate that from.
 bool is_safe(const Effect& effect) {
   if (effect.regressor_count() == 0) return false;
-  for (std::string_view kind : {"inductance", "saturation", "cross_saturation", "inertia",
-                                "voltage_gain", "current_gain", "iron_loss", "encoder_eccentricity"})
+  for (std::string_view kind :
+       {"inductance", "saturation", "cross_saturation", "inertia", "voltage_gain", "current_gain",
+        "iron_loss", "encoder_eccentricity"})
     if (effect.kind() == kind) return false;
   return true;
 }
@@ -65,17 +68,21 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
 
 Record add_noise(const Record& record, const std::vector<char>& moving) {
   Record noisier = record;
-  const double sigma_theta =
-      white_noise(record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
+  const double sigma_theta = white_noise(
+      record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
   const double sigma_i =
       record.i_alphabeta.empty()
           ? 0
-          : std::sqrt(0.5 * (std::pow(white_noise(record.size(),
-                                        [&](std::size_t k) { return record.i_alphabeta[k][0]; },
-                                        record.electrical_ok), 2) +
-                             std::pow(white_noise(record.size(),
-                                        [&](std::size_t k) { return record.i_alphabeta[k][1]; },
-                                        record.electrical_ok), 2)));
+          : std::sqrt(0.5 * (std::pow(white_noise(
+                                          record.size(),
+                                          [&](std::size_t k) { return record.i_alphabeta[k][0]; },
+                                          record.electrical_ok),
+                                      2) +
+                             std::pow(white_noise(
+                                          record.size(),
+                                          [&](std::size_t k) { return record.i_alphabeta[k][1]; },
+                                          record.electrical_ok),
+                                      2)));
   for (std::size_t k = 0; k < record.size(); ++k) {
     noisier.theta_m[k] += sigma_theta * normal(1, 0, k);
     if (!record.i_alphabeta.empty())

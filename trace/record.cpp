@@ -24,7 +24,8 @@ void Record::append(const Record& other) {
   const auto need = [&](bool here, bool there, const char* what) {
     if (here != there)
       throw std::runtime_error((there ? source : other.source) + ": no " + what + ", which " +
-                               (there ? other.source : source) + " has; all logs need the same signals");
+                               (there ? other.source : source) +
+                               " has; all logs need the same signals");
   };
   need(!u_alphabeta.empty(), !other.u_alphabeta.empty(), "voltage");
   need(!i_alphabeta.empty(), !other.i_alphabeta.empty(), "current");

@@ -18,9 +18,9 @@ struct Record {
   std::vector<Vec2> u_alphabeta, i_alphabeta;  // empty where the log has none
   std::vector<double> theta_m;                 // unwrapped
   std::vector<double> v_dc, T_load;            // empty where the log has none
-  std::vector<char> electrical_ok;  // voltage and current of the row can be used
-  std::vector<char> motion_ok;      // angle (and current) can be used
-  int current_sensors = 3;          // 2: i_c is -(i_a + i_b)
+  std::vector<char> electrical_ok;             // voltage and current of the row can be used
+  std::vector<char> motion_ok;                 // angle (and current) can be used
+  int current_sensors = 3;                     // 2: i_c is -(i_a + i_b)
 
   std::size_t size() const { return t.size(); }
   // Adds another record behind this one; nothing is compared across the seam. Throws

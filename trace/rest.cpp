@@ -34,7 +34,8 @@ double explained_share(const Eigen::VectorXd& e, const std::vector<double>& x) {
   if (limits.size() < 1) return 0;
   std::vector<double> sum(limits.size() + 1, 0.0), count = sum;
   for (std::size_t i = 0; i < n; ++i) {
-    const auto b = static_cast<std::size_t>(std::upper_bound(limits.begin(), limits.end(), x[i]) - limits.begin());
+    const auto b = static_cast<std::size_t>(std::upper_bound(limits.begin(), limits.end(), x[i]) -
+                                            limits.begin());
     sum[b] += e[static_cast<Eigen::Index>(i)];
     ++count[b];
   }
@@ -71,7 +72,8 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       const double share = explained_share(e, x);
       if (share < kLeastShare || share <= best.share) continue;
       best = {.regressor = axis.regressor, .share = share, .equation = equation};
-      best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", what, axis.regressor, 100 * share);
+      best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", what, axis.regressor,
+                              100 * share);
     }
     if (best.share > 0) found.push_back(best);
   };
@@ -85,7 +87,9 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
 
 Structure line_structure(const Effect& effect, const Selected& selected) {
   const double f = get_key(effect, "frequency_Hz"), order = get_key(effect, "order");
-  Structure s{.regressor = f > 0 ? "t" : "theta_m", .share = selected.held_out_gain, .equation = "mechanical"};
+  Structure s{.regressor = f > 0 ? "t" : "theta_m",
+              .share = selected.held_out_gain,
+              .equation = "mechanical"};
   s.frequency_Hz = f;
   s.order = order;
   const double A = get_key(effect, "amplitude_Nm");
@@ -99,7 +103,8 @@ std::string what_separates(const std::vector<std::string>& kinds) {
     return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
   };
   if (has("dead_time") && has("inverter_drop"))
-    return "runs at two bus voltages: dead time's loss is in proportion to v_dc, a device's drop is not";
+    return "runs at two bus voltages: dead time's loss is in proportion to v_dc, a device's drop "
+           "is not";
   if (has("current_offset") && has("inverter_offset"))
     return "a run at standstill without voltage: only the sensor's offset stays";
   if (has("resistance") && has("voltage_gain"))

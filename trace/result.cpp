@@ -29,8 +29,11 @@ json effect_json(const TracedEffect& e) {
                    {"f_p_value", number(e.p_value)},
                    {"times_smallest_worth_reporting", number(e.materiality)}};
   if (e.from_samples) evidence = {{"found_in", "raw samples"}};
-  return {{"kind", e.effect->kind()},   {"equation", e.equation}, {"parameters", parameters},
-          {"evidence", evidence}, {"aliases", e.aliases}};
+  return {{"kind", e.effect->kind()},
+          {"equation", e.equation},
+          {"parameters", parameters},
+          {"evidence", evidence},
+          {"aliases", e.aliases}};
 }
 
 json pair_json(const ErrorPair& e) {

@@ -9,7 +9,7 @@
 namespace twinrate {
 
 struct TracedParameter {
-  std::string name, unit;       // the key of the [[effect]] table without and with its unit
+  std::string name, unit;  // the key of the [[effect]] table without and with its unit
   double value = 0;
   std::optional<double> sigma;  // one standard deviation; none where it was not fitted
   std::string text;             // name of a choice, instead of a value
@@ -19,12 +19,12 @@ struct TracedEffect {
   std::shared_ptr<const Effect> effect;
   std::string equation;  // electrical, mechanical, sensing
   std::vector<TracedParameter> parameters;
-  double held_out_gain = 0;  // share of the held-out error that goes with it
-  double delta_bic = 0;      // of the training score, negative: better
-  double p_value = 1;        // F-test
-  double materiality = 0;    // size over the smallest worth reporting
+  double held_out_gain = 0;          // share of the held-out error that goes with it
+  double delta_bic = 0;              // of the training score, negative: better
+  double p_value = 1;                // F-test
+  double materiality = 0;            // size over the smallest worth reporting
   std::vector<std::string> aliases;  // kinds that explain the same as well
-  bool from_samples = false;         // found in the raw samples (clipping, missing rows), not fitted
+  bool from_samples = false;  // found in the raw samples (clipping, missing rows), not fitted
 };
 
 // A kind that was considered and why it is not among the effects.

@@ -6,8 +6,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kPassband = 0.4;    // of the output rate
-constexpr int kHalfWidth = 5;        // outputs
+constexpr double kPassband = 0.4;      // of the output rate
+constexpr int kHalfWidth = 5;          // outputs
 constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out
 
 }  // namespace

@@ -46,7 +46,8 @@ std::size_t parameters_of(const Effect& effect) {
   return count;
 }
 
-Members with(const Members& members, const std::shared_ptr<Effect>& newcomer, std::size_t left_out) {
+Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
+             std::size_t left_out) {
   Members all;
   for (std::size_t m = 0; m < members.size(); ++m)
     if (m != left_out) all.push_back(members[m]->clone());
@@ -114,9 +115,9 @@ class Selector {
                          now.rss_held_out, next.rss_held_out, good ? "" : " (refused)"));
       if (gain <= 0 || !good) {
         refused_.insert(describe(*s.effect));
-        selection_.refused.push_back(
-            {std::string(s.effect->kind()), gain, 1 - next.rss_held_out / now.rss_held_out,
-             refusal(next, now, gain)});
+        selection_.refused.push_back({std::string(s.effect->kind()), gain,
+                                      1 - next.rss_held_out / now.rss_held_out,
+                                      refusal(next, now, gain)});
         continue;
       }
       first_gain = std::max(first_gain, s.gain);
@@ -140,7 +141,8 @@ class Selector {
   }
 
   void drop_superfluous() {
-    for (std::size_t m = 0; selection_.fit.members.size() > 1 && m < selection_.fit.members.size();) {
+    for (std::size_t m = 0;
+         selection_.fit.members.size() > 1 && m < selection_.fit.members.size();) {
       Fit without = fitter_.refine(with(selection_.fit.members, nullptr, m));
       if (without.valid && score_of(fitter_, without) <= score_of(fitter_, selection_.fit)) {
         if (say_) say_(fmt::format("  without {}: not needed", selection_.fit.members[m]->kind()));
@@ -224,8 +226,7 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
   const auto P = static_cast<Eigen::Index>(fit.J.size());
   NormalEquations own{Eigen::MatrixXd(P, P), Eigen::VectorXd(P), Eigen::VectorXd(P)};
   for (Eigen::Index a = 0; a < P; ++a) {
-    for (Eigen::Index c = 0; c <= a; ++c)
-      own.A(a, c) = own.A(c, a) = rows.dot(fit.J[a], fit.J[c]);
+    for (Eigen::Index c = 0; c <= a; ++c) own.A(a, c) = own.A(c, a) = rows.dot(fit.J[a], fit.J[c]);
     own.b[a] = rows.dot(fit.J[a], fit.y);
     own.noise[a] = rows.noise(fit.J[a], fit.J[a]);
   }

@@ -33,15 +33,15 @@ struct Alternative {
 };
 
 struct Selected {
-  Fit without;              // the others alone, refined
-  double score_gain = 0;    // of having it
+  Fit without;            // the others alone, refined
+  double score_gain = 0;  // of having it
   double held_out_gain = 0;
   std::vector<Alternative> alternatives;  // best first
 };
 
 struct Selection {
   Fit fit;
-  std::vector<Selected> members;  // of the fit
+  std::vector<Selected> members;     // of the fit
   std::vector<Alternative> refused;  // looked at and not needed
 };
 

@@ -39,8 +39,8 @@ double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs) {
   Eigen::VectorXd c = Eigen::VectorXd::Zero(kLags + 1), pairs = c;
   for (std::size_t r = 0; r < runs.start.size(); ++r) {
     const auto first = static_cast<Eigen::Index>(runs.start[r]);
-    const auto end = static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1]
-                                                                         : runs.row.size());
+    const auto end =
+        static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size());
     for (Eigen::Index lag = 0; lag <= kLags && lag < end - first; ++lag) {
       c[lag] += e.segment(first + lag, end - first - lag).dot(e.segment(first, end - first - lag));
       pairs[lag] += static_cast<double>(end - first - lag);

@@ -13,8 +13,8 @@ namespace {
 
 constexpr int kBlocks = 24;
 constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
-constexpr int kMostRounds = 3;  // of noise model and selection
-constexpr double kSame = 0.9;   // a noise level that fell by less is the same
+constexpr int kMostRounds = 3;     // of noise model and selection
+constexpr double kSame = 0.9;      // a noise level that fell by less is the same
 
 std::vector<char> held_out_rows(const Record& record, double share) {
   std::vector<char> held(record.size(), 0);

@@ -8,7 +8,7 @@
 namespace twinrate {
 
 struct TraceSettings {
-  double holdout = 0.25;      // share of the time that does not train
+  double holdout = 0.25;  // share of the time that does not train
   Say say;                // progress, one line each; may be empty
 };
 

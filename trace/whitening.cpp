@@ -51,7 +51,8 @@ Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs)
       const auto order = static_cast<std::size_t>(std::min<Eigen::Index>(n - first, kOrder));
       double predicted = 0;
       for (std::size_t j = 0; j < order; ++j)
-        predicted += a_[order][static_cast<Eigen::Index>(j)] * y[n - 1 - static_cast<Eigen::Index>(j)];
+        predicted +=
+            a_[order][static_cast<Eigen::Index>(j)] * y[n - 1 - static_cast<Eigen::Index>(j)];
       e[n] = (y[n] - predicted) / sigma_[order];
     }
   });

@@ -1,6 +1,6 @@
 // A torque that is periodic in time, or in the angle with an order that need not be whole: a
-// vibration of the bench, a gear, a belt. Outside the catalogue of causes: a stop-gap that describes
-// what it does, not what it is.
+// vibration of the bench, a gear, a belt. Outside the catalogue of causes: a stop-gap that
+// describes what it does, not what it is.
 //
 //   T_load += A sin(2 pi f t + nu theta_m + phase)
 //
@@ -24,7 +24,8 @@ class PeriodicTorque final : public Effect {
     f.number("frequency_Hz", f_, 0, 1e5, "in time; 0: none");
     f.number("order", nu_, 0, 2000, "in the angle, periods a mechanical turn; 0: none");
     f.number("amplitude_Nm", amplitude_, 0, 1e4, "peak torque", Presence::kRequired);
-    f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the sine at t = 0, theta_m = 0");
+    f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi,
+             "phase of the sine at t = 0, theta_m = 0");
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<PeriodicTorque>(*this); }
   Contribution at(const OperatingPoint& point) const override {

@@ -8,8 +8,8 @@
 namespace twinrate {
 
 // Traced effects stand in it as used_in = "both", in the place of the plant's own effects that the
-// model did not know (a simulated plant's secret); `keep_plant`: those stay, and the traced ones are
-// "model" only.
+// model did not know (a simulated plant's secret); `keep_plant`: those stay, and the traced ones
+// are "model" only.
 std::string extended_toml(const Config& config, const TraceResult& result, bool keep_plant);
 
 }  // namespace twinrate
