@@ -67,7 +67,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"flux_linkage", "change_Wb = -0.02\n", 3.5, 0.15},
                     Case{"inductance", "change_d_H = 4e-3\nchange_q_H = -4e-3\n", 2.7, 0.1},
                     Case{"saturation", "current_q_A = 6.0\ncurrent_d_A = 6.0\n", 2.7, 0.03},
-                    Case{"cross_saturation", "coefficient_H_A = 2e-3\n", 2.2, 0.012},
+                    Case{"cross_saturation", "coefficient_H_A = 1e-3\n", 1.3, 0.005},
                     Case{"inverter_offset", "offset_a_V = 1.5\noffset_b_V = -1.0\n", 3.3, 0},
                     Case{"phase_asymmetry", "change_a_Ohm = 0.5\n", 1.7, 0.007},
                     Case{"iron_loss", "resistance_Ohm = 100.0\n", 1.2, 0.2},
