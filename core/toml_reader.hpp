@@ -61,17 +61,22 @@ struct Config::Impl {
     }
   }
   // A later layer (file over preset, --set over file) wins key by key, and where it gives one of
-  // two ways of saying the same thing, the other way of an earlier layer goes.
+  // two ways of saying the same thing, the other way of an earlier layer goes. All of --set is one
+  // layer: there both ways stay, and reading them refuses what contradicts.
   void lay_over(const toml::table& layer) {
     static constexpr const char* kRivals[][3] = {{"rates", "n", "f_b_Hz"},
                                                  {"reference", "omega_e_rad_s", "speed_rpm"}};
     for (const auto& [section, one, other] : kRivals) {
       auto* base = root[section].as_table();
       if (!base) continue;
-      if (layer[section][one]) base->erase(other);
-      if (layer[section][other]) base->erase(one);
+      if (layer[section][one] && !is_set(section, other)) base->erase(other);
+      if (layer[section][other] && !is_set(section, one)) base->erase(one);
     }
     merge(root, layer);
+  }
+  bool is_set(const char* section, const char* key) const {
+    const auto found = origin.find(join(section, key));
+    return found != origin.end() && found->second == "--set";
   }
   void merge(toml::table& into, const toml::table& from) {
     for (const auto& [key, node] : from) {

@@ -156,13 +156,28 @@ TEST(Overrides, TakeABareWordAsTextAndTomlAsToml) {
 TEST(Overrides, OneSpeedOrRateReplacesTheOther) {
   const Config rpm = parse(drive_text(), {"reference.speed_rpm=600"});
   EXPECT_NEAR(rpm.drive().reference_at(0).omega_m_ref, kTwoPi * 10, 1e-12);
-  const Config back =
-      parse(drive_text(), {"reference.speed_rpm=600", "reference.omega_e_rad_s=40"});
-  EXPECT_NEAR(back.drive().reference_at(0).omega_m_ref, 10, 1e-12);
-  const Config n = parse(drive_text(), {"rates.f_b_Hz=500", "rates.n=2"});
-  EXPECT_EQ(n.drive().rates.n, 2);
-  const Config f_b = parse(drive_text(), {"rates.n=2", "rates.f_b_Hz=500"});
-  EXPECT_EQ(f_b.drive().rates.n, 10);
+  EXPECT_EQ(parse(drive_text(), {"rates.f_b_Hz=500"}).drive().rates.n, 10);
+}
+
+// Neither order lets one of two contradicting overrides vanish.
+TEST(Overrides, ThatContradictEachOtherAreRefusedAndBothAreNamed) {
+  const auto refusal = [](const std::vector<std::string>& overrides) -> std::string {
+    try {
+      parse(drive_text(), overrides);
+    } catch (const BadInput& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const std::string rates = "--set: rates.f_b_Hz: gives n = 10, but rates.n = 2 is given too";
+  EXPECT_EQ(refusal({"rates.f_b_Hz=500", "rates.n=2"}), rates);
+  EXPECT_EQ(refusal({"rates.n=2", "rates.f_b_Hz=500"}), rates);
+  EXPECT_EQ(refusal({"rates.n=10", "rates.f_b_Hz=500"}), "");
+  EXPECT_EQ(refusal({"rates.f_b_Hz=0", "rates.n=2"}), "");  // 0: not given
+  const std::string speeds =
+      "--set: reference.speed_rpm: give either speed_rpm or omega_e_rad_s, not both";
+  EXPECT_EQ(refusal({"reference.speed_rpm=600", "reference.omega_e_rad_s=40"}), speeds);
+  EXPECT_EQ(refusal({"reference.omega_e_rad_s=40", "reference.speed_rpm=600"}), speeds);
 }
 
 TEST(Rates, ABackgroundRateWithinTheRoundingOfAWholeRatioIsTaken) {
