@@ -54,9 +54,9 @@ struct DqOutput {
 template <class T, class S>
 DqState<T> predict_euler(const DqConstants<S>& c, const DqState<T>& x, const T& u_d, const T& u_q) {
   const T torque = x.i_d * c.reluctance + c.torque;  // a ampere of i_q, times T_s/J
-  return {x.i_d * c.d_d + x.omega_m * x.i_q * c.cross_dq + u_d * c.g_d,
+  return {x.i_d * c.d_d + x.omega_m * c.cross_dq * x.i_q + u_d * c.g_d,
           x.i_q * c.d_q - x.omega_m * (x.i_d * c.cross_qd + c.emf) + u_q * c.g_q,
-          x.omega_m + (torque * x.i_q - x.T_o * c.g_T), x.T_o};
+          x.omega_m + torque * x.i_q - x.T_o * c.g_T, x.T_o};
 }
 
 // (25) and (23); `y` measured, `x_predicted` from above. Returns the state, leaves the innovation.
@@ -65,42 +65,44 @@ DqState<T> correct(const DqConstants<S>& c, const DqState<T>& x_predicted, const
                    const DqOutput<T>& y, DqOutput<T>& innov) {
   const DqState<T>& x = x_predicted;
   innov = {y.i_d - x.i_d, y.i_q - x.i_q, y.omega_m - x.omega_m};
-  const auto row = [&](const T& k0, const T& k1, const T& k2) {
-    return k0 * innov.i_d + k1 * innov.i_q + k2 * innov.omega_m;
+  const auto row = [&](const T& x_i, const T& k0, const T& k1, const T& k2) {
+    return x_i + k0 * innov.i_d + k1 * innov.i_q + k2 * innov.omega_m;
   };
-  return {x.i_d + row(K.k00, K.k01, K.k02), x.i_q + row(K.k10, K.k11, K.k12),
-          x.omega_m + row(K.k20, K.k21, K.k22),
-          x.T_o + innov.omega_m * c.L_T_s + row(K.k30, K.k31, K.k32)};
+  return {row(x.i_d, K.k00, K.k01, K.k02), row(x.i_q, K.k10, K.k11, K.k12),
+          row(x.omega_m, K.k20, K.k21, K.k22),
+          row(x.T_o + innov.omega_m * c.L_T_s, K.k30, K.k31, K.k32)};
 }
 
 template <class T, class S>
-Symmetric4<T> propagate(const DqConstants<S>& c, const DqState<T>& x, const Symmetric4<T>& P,
-                        const S (&Q)[4]) {
+[[gnu::always_inline]] inline Symmetric4<T> propagate(const DqConstants<S>& c, const DqState<T>& x,
+                                                      const Symmetric4<T>& P, const S (&Q)[4]) {
   const T f01 = x.omega_m * c.cross_dq, f02 = x.i_q * c.cross_dq;
   const T f10 = -(x.omega_m * c.cross_qd), f12 = -(x.i_d * c.cross_qd + c.emf);
   const T f20 = x.i_q * c.reluctance, f21 = x.i_d * c.reluctance + c.torque;
-  const T fp00 = P.m00 * c.d_d + f01 * P.m01 + f02 * P.m02;  // F P
+  // Row by row: (F P), then what of (F P) F' + Q it gives. Few numbers are in use at a time.
+  Symmetric4<T> out;
+  const T fp00 = P.m00 * c.d_d + f01 * P.m01 + f02 * P.m02;
   const T fp01 = P.m01 * c.d_d + f01 * P.m11 + f02 * P.m12;
   const T fp02 = P.m02 * c.d_d + f01 * P.m12 + f02 * P.m22;
-  const T fp03 = P.m03 * c.d_d + f01 * P.m13 + f02 * P.m23;
+  out.m03 = P.m03 * c.d_d + f01 * P.m13 + f02 * P.m23;
+  out.m00 = Q[0] + fp00 * c.d_d + fp01 * f01 + fp02 * f02;
+  out.m01 = fp01 * c.d_q + fp00 * f10 + fp02 * f12;
+  out.m02 = fp02 + fp00 * f20 + fp01 * f21 - out.m03 * c.g_T;
+
   const T fp10 = P.m01 * c.d_q + f10 * P.m00 + f12 * P.m02;
   const T fp11 = P.m11 * c.d_q + f10 * P.m01 + f12 * P.m12;
   const T fp12 = P.m12 * c.d_q + f10 * P.m02 + f12 * P.m22;
-  const T fp13 = P.m13 * c.d_q + f10 * P.m03 + f12 * P.m23;
-  const T fp20 = f20 * P.m00 + f21 * P.m01 + P.m02 - P.m03 * c.g_T;
-  const T fp21 = f20 * P.m01 + f21 * P.m11 + P.m12 - P.m13 * c.g_T;
-  const T fp22 = f20 * P.m02 + f21 * P.m12 + P.m22 - P.m23 * c.g_T;
-  const T fp23 = f20 * P.m03 + f21 * P.m13 + P.m23 - P.m33 * c.g_T;
-  return {fp00 * c.d_d + fp01 * f01 + fp02 * f02 + Q[0],  // (F P) F' + Q
-          fp01 * c.d_q + fp00 * f10 + fp02 * f12,
-          fp00 * f20 + fp01 * f21 + fp02 - fp03 * c.g_T,
-          fp03,
-          fp11 * c.d_q + fp10 * f10 + fp12 * f12 + Q[1],
-          fp10 * f20 + fp11 * f21 + fp12 - fp13 * c.g_T,
-          fp13,
-          fp20 * f20 + fp21 * f21 + fp22 - fp23 * c.g_T + Q[2],
-          fp23,
-          P.m33 + Q[3]};
+  out.m13 = P.m13 * c.d_q + f10 * P.m03 + f12 * P.m23;
+  out.m11 = Q[1] + fp10 * f10 + fp11 * c.d_q + fp12 * f12;
+  out.m12 = fp12 + fp10 * f20 + fp11 * f21 - out.m13 * c.g_T;
+
+  const T fp20 = P.m02 + f20 * P.m00 + f21 * P.m01 - P.m03 * c.g_T;
+  const T fp21 = P.m12 + f20 * P.m01 + f21 * P.m11 - P.m13 * c.g_T;
+  const T fp22 = P.m22 + f20 * P.m02 + f21 * P.m12 - P.m23 * c.g_T;
+  out.m23 = P.m23 + f20 * P.m03 + f21 * P.m13 - P.m33 * c.g_T;
+  out.m22 = Q[2] + fp22 + fp20 * f20 + fp21 * f21 - out.m23 * c.g_T;
+  out.m33 = P.m33 + Q[3];
+  return out;
 }
 
 template <class T>
@@ -112,7 +114,8 @@ struct DqGainAndCovariance {
 //   k_j = P e_j/(P_jj + R_j),  P <- P - k_j (P e_j)' for the states after j
 //   K = [(I - k_2 e_2')(I - k_1 e_1') k_0, (I - k_2 e_2') k_1, k_2];   P H' = K R
 template <class T, class S>
-DqGainAndCovariance<T> sequential(const Symmetric4<T>& P_prior, const S (&R)[3]) {
+[[gnu::always_inline]] inline DqGainAndCovariance<T> sequential(const Symmetric4<T>& P_prior,
+                                                                const S (&R)[3]) {
   const Symmetric4<T>& p = P_prior;
   const T inv_s0 = S(1) / (p.m00 + R[0]);
   const T a0 = p.m00 * inv_s0, a1 = p.m01 * inv_s0, a2 = p.m02 * inv_s0, a3 = p.m03 * inv_s0;
