@@ -29,6 +29,8 @@ void GainParameters::fields(FieldVisitor& f) {
   f.integer("max_age_ticks", max_age_ticks, 0, 1000000000,
             "realtime: a gain whose snapshot is older gives way to the gain tabulated over speed; "
             "0: 4 n");
+  f.number("speed_span_rad_s", speed_span, 1, 1e5,
+           "policy propagated: the electrical speed moves less than this while a gain is in use");
 }
 
 void EstimatorChoice::fields(FieldVisitor& f) {

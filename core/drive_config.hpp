@@ -43,6 +43,7 @@ struct RateParameters {
 struct GainParameters {
   GainPolicy policy = GainPolicy::kPaper;
   int max_age_ticks = 0;
+  double speed_span = 800;  // electrical, rad/s
   void fields(FieldVisitor& f);
 };
 

@@ -4,7 +4,7 @@
 //   immediate  first used at the next tick, s + 1, and held n ticks
 //   scheduled  not there at all: every tick reads its gain from a table over speed
 //   all others first used one full T_b later, at tick s + n, and held n ticks (n = 1: the ordinary
-//              EKF)
+//              EKF); with policy propagated the gain of tick 0 is used from tick 1 on
 // What the others do with the gain in between stands in estimator/two_rate.hpp.
 // (docs/theory/two-rate-ekf.md; Dilys 2021, Fig. 3)
 #pragma once
@@ -19,9 +19,10 @@ enum class GainPolicy : int {
   kRotate = 3,
   kRotorFrame = 4,
   kScheduled = 5,
+  kPropagated = 6,
 };
-inline constexpr const char* kGainPolicyNames[] = {"paper",  "immediate",   "extrapolate",
-                                                   "rotate", "rotor_frame", "scheduled"};
+inline constexpr const char* kGainPolicyNames[] = {
+    "paper", "immediate", "extrapolate", "rotate", "rotor_frame", "scheduled", "propagated"};
 
 // One gain every n ticks; before tick `from` (a multiple of n) one every tick.
 struct BackgroundRate {
@@ -44,6 +45,10 @@ inline std::int64_t snapshots_up_to(std::int64_t k, BackgroundRate rate) {
 inline bool turns_gain(GainPolicy policy) {
   return policy == GainPolicy::kRotate || policy == GainPolicy::kRotorFrame;
 }
+// The fast loop makes its gain of each tick from the one that was sent.
+inline bool is_made_for_use(GainPolicy policy) {
+  return turns_gain(policy) || policy == GainPolicy::kPropagated;
+}
 // A background runs and sends gains.
 inline bool has_background(GainPolicy policy) {
   return policy != GainPolicy::kScheduled;
@@ -51,7 +56,9 @@ inline bool has_background(GainPolicy policy) {
 
 // First tick that may use the gain computed from `snapshot`.
 inline std::int64_t first_use_of(GainPolicy policy, std::int64_t snapshot, BackgroundRate rate) {
-  return policy == GainPolicy::kImmediate ? snapshot + 1 : snapshot + rate.n_at(snapshot);
+  const bool at_once =
+      policy == GainPolicy::kImmediate || (policy == GainPolicy::kPropagated && snapshot == 0);
+  return at_once ? snapshot + 1 : snapshot + rate.n_at(snapshot);
 }
 
 // Snapshot whose gain tick k uses; negative: none (yet), K = 0 unless there is a table.
@@ -60,7 +67,8 @@ inline std::int64_t snapshot_for_tick(GainPolicy policy, std::int64_t k, Backgro
   const int n = rate.n;
   if (k <= rate.from) return k < 1 ? -1 : k - 1;
   if (policy == GainPolicy::kImmediate) return (k - 1) / n * n;
-  return k < rate.from + n ? rate.from - 1 : k / n * n - n;
+  if (k >= rate.from + n) return k / n * n - n;
+  return policy == GainPolicy::kPropagated && rate.from == 0 ? 0 : rate.from - 1;
 }
 
 }  // namespace twinrate

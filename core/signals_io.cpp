@@ -48,7 +48,13 @@ bool sizes_fit(const gain_t*, const std::uint8_t* bytes, std::size_t size) {
   const std::int64_t n_x = int32_at(bytes, size, 40), n_y = int32_at(bytes, size, 44);
   const std::int64_t n_K = int32_at(bytes, size, 56);
   if (n_x < 0 || n_x > kMaxStates || n_y < 0 || n_y > kMaxOutputs || n_K != n_x * n_y) return false;
-  return int32_at(bytes, size, 60 + 8 * static_cast<std::size_t>(n_K)) == n_x * n_x;
+  if (int32_at(bytes, size, 60 + 8 * static_cast<std::size_t>(n_K)) != n_x * n_x) return false;
+  const std::size_t speeds_at = 64 + 8 * static_cast<std::size_t>(n_K + n_x * n_x);
+  const std::int64_t n_speeds = int32_at(bytes, size, speeds_at);
+  if (n_speeds < 0 || n_speeds > kMaxSpeeds) return false;
+  if (n_speeds > 0 && (n_x > kMaxTurningStates || n_y > 2)) return false;
+  return int32_at(bytes, size, speeds_at + 4 + 8 * static_cast<std::size_t>(n_speeds)) ==
+         n_speeds * n_K;
 }
 
 measurement_t to_wire(const Measurement& m, std::int64_t session) {
@@ -158,6 +164,14 @@ gain_t to_wire(const Gain& g, std::int64_t session) {
     for (int col = 0; col < g.n_y; ++col) w.K[at(row, col, g.n_y)] = g.K(row, col);
     for (int col = 0; col < g.n_x; ++col) w.P[at(row, col, g.n_x)] = g.P(row, col);
   }
+  w.n_speeds = g.n_speeds;
+  w.n_K_at = g.n_speeds * w.n_K;
+  for (int i = 0; i < g.n_speeds; ++i) {
+    const GainAtSpeed& node = g.at_speed[static_cast<std::size_t>(i)];
+    w.at_omega_m_rad_s.push_back(node.omega_m);
+    for (int row = 0; row < g.n_x; ++row)
+      for (int col = 0; col < g.n_y; ++col) w.K_at.push_back(node.K(row, col));
+  }
   return w;
 }
 
@@ -176,6 +190,19 @@ Gain from_wire(const gain_t& w) {
   for (int row = 0; row < g.n_x; ++row) {
     for (int col = 0; col < g.n_y; ++col) g.K(row, col) = w.K[at(row, col, g.n_y)];
     for (int col = 0; col < g.n_x; ++col) g.P(row, col) = w.P[at(row, col, g.n_x)];
+  }
+  const int n_speeds = bounded(w.n_speeds, kMaxSpeeds);
+  if (n_speeds == 0 || g.n_x > kMaxTurningStates || g.n_y > 2 ||
+      w.at_omega_m_rad_s.size() < static_cast<std::size_t>(n_speeds) ||
+      w.K_at.size() < at(n_speeds * g.n_x, 0, g.n_y))
+    return g;
+  g.n_speeds = n_speeds;
+  for (int i = 0; i < n_speeds; ++i) {
+    GainAtSpeed& node = g.at_speed[static_cast<std::size_t>(i)];
+    node.omega_m = w.at_omega_m_rad_s[static_cast<std::size_t>(i)];
+    for (int row = 0; row < g.n_x; ++row)
+      for (int col = 0; col < g.n_y; ++col)
+        node.K(row, col) = w.K_at[at(i * g.n_x + row, col, g.n_y)];
   }
   return g;
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <complex>
 
+#include "estimator/kernels/riccati_doubling.hpp"
+
 namespace twinrate {
 
 EkfSensorless::EkfSensorless(const MachineParameters& machine,
@@ -154,18 +156,23 @@ static kernel::GainAndCovariance<double> correct_covariance(
                                             : posterior_joseph(P_prior, K, R)};
 }
 
-Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapshot) const {
-  const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
-  const auto P_prior = propagate(constants_, F, kernel_covariance(previous), tuning_.Q_diag);
-  const auto [K, P] = correct_covariance(covariance_, P_prior, tuning_.R_diag);
-  GainMatrix K_new;
+static Gain gain_of(const Gain& previous, const Estimate& snapshot, const kernel::Gain42<double>& K,
+                    const kernel::Symmetric4<double>& P) {
+  EkfSensorless::GainMatrix K_new;
   K_new << K.k00, K.k01, K.k10, K.k11, K.k20, K.k21, K.k30, K.k31;
-  Covariance P_new;
+  EkfSensorless::Covariance P_new;
   P_new << P.m00, P.m01, P.m02, P.m03,  //
       P.m01, P.m11, P.m12, P.m13,       //
       P.m02, P.m12, P.m22, P.m23,       //
       P.m03, P.m13, P.m23, P.m33;
   return gain_of_snapshot<4, 2>(previous, snapshot, K_new, P_new);
+}
+
+Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapshot) const {
+  const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
+  const auto P_prior = propagate(constants_, F, kernel_covariance(previous), tuning_.Q_diag);
+  const auto [K, P] = correct_covariance(covariance_, P_prior, tuning_.R_diag);
+  return gain_of(previous, snapshot, K, P);
 }
 
 Estimate EkfSensorless::ahead(const Estimate& snapshot, double ticks) const {
@@ -183,6 +190,26 @@ std::optional<Estimate> EkfSensorless::steady_state(double omega_m) const {
   Estimate e = output(state, {});
   e.x_hat = state.x_hat;
   return e;
+}
+
+// In rotor axes P is turned back by omega_e T_s before each step, so F becomes F T(-omega_e T_s).
+Gain EkfSensorless::background_steps(const Gain& gain, double omega_m, int ticks) const {
+  const Estimate at = *steady_state(omega_m);
+  const double turned = at.x_hat[2] * T_s_;
+  Covariance back = Covariance::Identity();
+  back.topLeftCorner<2, 2>() << std::cos(turned), std::sin(turned), -std::sin(turned),
+      std::cos(turned);
+  kernel::RiccatiMap<4> map{jacobian(at.x_hat.head<4>()) * back, Covariance::Zero(),
+                            Eigen::Map<const State>(tuning_.Q_diag).asDiagonal()};
+  map.G.diagonal().head<2>() << 1 / tuning_.R_diag[0], 1 / tuning_.R_diag[1];
+  const Covariance P = gain.P.topLeftCorner<4, 4>();
+  const Covariance P_prior =
+      kernel::riccati_steps<4>(map, map.A * P * map.A.transpose() + map.Q, ticks - 1);
+  Gain later = gain;
+  later.P.topLeftCorner<4, 4>() = P_prior;
+  const auto [K, P_posterior] =
+      correct_covariance(covariance_, kernel_covariance(later), tuning_.R_diag);
+  return gain_of(gain, at, K, P_posterior);
 }
 
 }  // namespace twinrate

@@ -55,6 +55,8 @@ class EkfSensorless final : public Filter {
   int turning_pairs() const override { return 1; }
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
+  // By doubling: kernels/riccati_doubling.hpp.
+  Gain background_steps(const Gain& gain, double omega_m, int ticks) const override;
 
   // The equations by themselves.
   State f(const State& x, const Vec2& u_alphabeta) const;

@@ -71,6 +71,9 @@ class Filter {
   // Steady state without load at this speed, theta_e = 0: where the table of policy `scheduled` is
   // computed. Empty: no table for this filter.
   virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
+  // `ticks` background steps at this speed from the P of `gain`, one a tick, all in rotor axes
+  // (theta_e = 0). Needs a steady state. Here one after the other.
+  virtual Gain background_steps(const Gain& gain, double omega_m, int ticks) const;
 
  protected:
   const KnownEffects& known() const { return known_; }

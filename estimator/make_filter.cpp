@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include "estimator/propagated_gain.hpp"
+
 namespace twinrate {
 
 std::shared_ptr<const Filter> make_filter(Config& config) {
@@ -31,11 +33,18 @@ FastLoop make_fast_loop(Config& config, bool fall_back) {
         fmt::format("{}: gain.policy: scheduled needs a filter with a steady state, {} "
                     "has none",
                     config.where("gain.policy"), filter->kind()));
+  if (drive.gain.policy == GainPolicy::kPropagated && !offers_propagated(*filter))
+    throw BadInput(
+        fmt::format("{}: gain.policy: propagated needs a filter in the stationary frame with a "
+                    "steady state, {} has none",
+                    config.where("gain.policy"), filter->kind()));
   return {filter, drive.gain.policy, drive.background_rate(), std::move(use)};
 }
 
 BackgroundLoop make_background_loop(Config& config) {
-  return {make_filter(config), config.drive().gain.policy, config.drive().background_rate()};
+  const DriveConfig& drive = config.drive();
+  return {make_filter(config), drive.gain.policy, drive.background_rate(),
+          drive.gain.speed_span / drive.machine.n_p};
 }
 
 }  // namespace twinrate

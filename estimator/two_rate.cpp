@@ -4,6 +4,7 @@
 #include <cassert>
 
 #include "estimator/gain_frame.hpp"
+#include "estimator/propagated_gain.hpp"
 
 namespace twinrate {
 
@@ -32,7 +33,14 @@ bool FastLoop::too_old(const Gain& gain, std::int64_t k) const {
   return schedule_use_.schedule && k - std::max(gain.k, k0_) > schedule_use_.max_age_ticks;
 }
 
-// Angle and speed are those of tick k-1, as the ordinary filter has them when it computes its gain.
+void turn_for_use(GainPolicy policy, const Filter& filter, const Estimate& last, Gain& gain) {
+  if (gain.k < 0) return;
+  if (turns_gain(policy))
+    GainFrame(filter.turning_pairs(), last.theta_e - gain.theta_e).turn_gain(gain);
+  if (policy == GainPolicy::kPropagated)
+    use_at_speed(filter.turning_pairs(), last.omega_m, last.theta_e, gain);
+}
+
 const Gain& FastLoop::choose_gain(std::int64_t k, int& status) {
   const std::int64_t snapshot = snapshot_for_tick(policy_, k, rate_);
   const Gain& gain = gains_.newest_up_to(snapshot);
@@ -43,9 +51,9 @@ const Gain& FastLoop::choose_gain(std::int64_t k, int& status) {
     return made_;
   }
   if (gain.k < 0) status |= kBeforeFirstGain;
-  if (!turns_gain(policy_) || gain.k < 0) return gain;
+  if (gain.k < 0 || !is_made_for_use(policy_)) return gain;
   made_ = gain;
-  GainFrame(filter_->turning_pairs(), last_estimate_.theta_e - gain.theta_e).turn_gain(made_);
+  turn_for_use(policy_, *filter_, last_estimate_, made_);
   return made_;
 }
 
@@ -101,8 +109,8 @@ Estimate FastLoop::tick(const Measurement& measured) {
 }
 
 BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy,
-                               BackgroundRate rate)
-    : filter_(std::move(filter)), policy_(policy), rate_(rate) {
+                               BackgroundRate rate, double span_omega_m)
+    : filter_(std::move(filter)), policy_(policy), rate_(rate), span_omega_m_(span_omega_m) {
   reset();
 }
 
@@ -113,6 +121,13 @@ void BackgroundLoop::reset() {
 const Gain& BackgroundLoop::step(const Estimate& snapshot) {
   if (snapshot.status & kAngleForced) gain_.P = filter_->initial_gain().P;
   Estimate at = snapshot;
+  if (policy_ == GainPolicy::kPropagated) {
+    gain_ = propagated_background(*filter_, gain_, omega_m_before_, snapshot,
+                                  rate_.n_at(snapshot.k), span_omega_m_);
+    omega_m_before_ = snapshot.omega_m;
+    gain_.first_use = first_use_of(policy_, snapshot.k, rate_);
+    return gain_;
+  }
   if (policy_ == GainPolicy::kExtrapolate)
     at = filter_->ahead(snapshot, 1.5 * (rate_.n_at(snapshot.k) - 1));
   if (policy_ == GainPolicy::kRotorFrame && gain_.k >= 0) {

@@ -11,6 +11,7 @@
 //   rotate       K_use = T(a) K R(-a), a = theta_e of tick k-1 less that of the snapshot
 //   rotor_frame  the same, and P is turned by (n - 1) omega_e T_s before each background step
 //   scheduled    no background: K from a table over speed, turned to theta_e of tick k-1
+//   propagated   P stepped through every tick, K for several speeds: estimator/propagated_gain.hpp
 //
 // With n = 1 the first five are the ordinary extended Kalman filter, bit for bit.
 #pragma once
@@ -30,6 +31,11 @@ struct ScheduleUse {
   // A gain whose snapshot is older than this is not held on; the table takes over, if there is one.
   std::int64_t max_age_ticks = std::numeric_limits<std::int64_t>::max();
 };
+
+// What `gain` is in tick k; `last` is the estimate of tick k-1, angle and speed as the ordinary
+// filter has them when it computes its gain. Nothing is done to a gain of before the first
+// snapshot.
+void turn_for_use(GainPolicy policy, const Filter& filter, const Estimate& last, Gain& gain);
 
 class FastLoop {
  public:
@@ -69,7 +75,9 @@ class FastLoop {
 
 class BackgroundLoop {
  public:
-  BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate);
+  // `span_omega_m`: policy propagated, how far the speed may move while a gain is in use.
+  BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
+                 double span_omega_m = 0);
 
   void reset();
   // Computes K from the snapshot and propagates P with it.
@@ -80,7 +88,9 @@ class BackgroundLoop {
   std::shared_ptr<const Filter> filter_;
   GainPolicy policy_;
   BackgroundRate rate_;
+  double span_omega_m_;
   Gain gain_;
+  double omega_m_before_ = 0;  // of the last snapshot
 };
 
 }  // namespace twinrate

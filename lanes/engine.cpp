@@ -20,7 +20,7 @@ namespace {
 // The keys that the engine takes from the drive's tables.
 std::string not_covered(const DriveConfig& d) {
   if (static_cast<int>(d.gain.policy) > static_cast<int>(Policy::kRotorFrame))
-    return "gain.policy is scheduled";
+    return fmt::format("gain.policy is {}", kGainPolicyNames[static_cast<int>(d.gain.policy)]);
   if (d.estimator.kind != "ekf_sensorless") return "estimator.kind is not ekf_sensorless";
   if (d.controller.kind != "foc") return "controller.kind is not foc";
   if (d.controller.angle_source != AngleSource::kEstimate)

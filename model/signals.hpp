@@ -5,6 +5,7 @@
 //                                        Estimate, Reference -> controller -> Command -> plant
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 
 #include "model/frames.hpp"
@@ -49,7 +50,7 @@ enum EstimateStatus : int {
   kNoVoltage = 16,       // reduced filter: measured currents are its inputs
   kAngleForced =
       32,  // alignment: the rotor stands where it was forced to, and the filter takes that over
-  kMeasuredAngle = 64,  // theta_e is the position sensor's, not an estimate of it
+  kMeasuredAngle = 64,   // theta_e is the position sensor's, not an estimate of it
   kScheduledGain = 128,  // ran on the gain tabulated over speed, not on one of the background
 };
 
@@ -68,6 +69,15 @@ struct Estimate {
   Eigen::Matrix<double, kMaxOutputs, 1> innov = Eigen::Matrix<double, kMaxOutputs, 1>::Zero();
 };
 
+// K in rotor axes for one speed: policy `propagated` sends several, the fast loop interpolates.
+inline constexpr int kMaxSpeeds = 8;
+inline constexpr int kMaxTurningStates = 6;
+struct GainAtSpeed {
+  double omega_m = 0;
+  Eigen::Matrix<double, kMaxTurningStates, 2> K =
+      Eigen::Matrix<double, kMaxTurningStates, 2>::Zero();
+};
+
 struct Gain {
   std::int64_t k = -1;  // snapshot it was computed from
   std::int64_t t_ns = 0;
@@ -79,6 +89,8 @@ struct Gain {
       Eigen::Matrix<double, kMaxStates, kMaxOutputs>::Zero();
   Eigen::Matrix<double, kMaxStates, kMaxStates> P =
       Eigen::Matrix<double, kMaxStates, kMaxStates>::Zero();
+  int n_speeds = 0;  // of at_speed; all of one sign, the slowest first
+  std::array<GainAtSpeed, kMaxSpeeds> at_speed{};
 };
 
 struct Reference {

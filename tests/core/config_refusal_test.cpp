@@ -115,7 +115,7 @@ const Mistake kMistakes[] = {
     {"UnknownPolicy",
      drive_text() + "[gain]\npolicy = 'late'\n",
      {"drive.toml:16", "gain.policy",
-      "paper, immediate, extrapolate, rotate, rotor_frame, scheduled", "late"}},
+      "paper, immediate, extrapolate, rotate, rotor_frame, scheduled, propagated", "late"}},
     {"UnknownEstimator",
      drive_text() + "[estimator]\nkind = 'luenberger'\n",
      {"drive.toml:16", "estimator.kind", "ekf_sensorless", "luenberger"}},

@@ -27,9 +27,18 @@ TEST_P(Rates, ImmediateUsesItFromTheNextTickForOnePeriod) {
     EXPECT_EQ(snapshot_for_tick(GainPolicy::kImmediate, k, n), by_search(k, n, 1, n)) << k;
 }
 
+TEST_P(Rates, PropagatedUsesTheGainOfTheStartAtOnceAndTheOthersLikePaper) {
+  const int n = GetParam();
+  for (std::int64_t k = 0; k < 20 * n; ++k)
+    EXPECT_EQ(snapshot_for_tick(GainPolicy::kPropagated, k, n),
+              k == 0 ? -1 : std::max<std::int64_t>(0, by_search(k, n, n, 2 * n - 1)))
+        << k;
+}
+
 TEST_P(Rates, FirstUseIsTheFirstTickThatPlansToUseIt) {
   const int n = GetParam();
-  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate}) {
+  for (GainPolicy policy :
+       {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate, GainPolicy::kPropagated}) {
     for (std::int64_t s = 0; s < 5 * n; s += n) {
       const std::int64_t first = first_use_of(policy, s, n);
       EXPECT_EQ(snapshot_for_tick(policy, first, n), s);
@@ -50,7 +59,8 @@ TEST(RatesAtOne, WithOneTickAGainBothPoliciesAreTheOrdinaryEkf) {
 // One gain a tick before tick 30, every fifth from there on: by search over the snapshots.
 TEST(SwitchedRate, EveryTickUsesTheNewestGainThatCanBeThere) {
   const BackgroundRate rate(5, 30);
-  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate}) {
+  for (GainPolicy policy :
+       {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate, GainPolicy::kPropagated}) {
     std::int64_t snapshots = 0;
     for (std::int64_t k = 0; k < 80; ++k) {
       std::int64_t newest = -1;
@@ -72,7 +82,8 @@ TEST(ScheduledRate, NoTickPlansOnASnapshot) {
 RC_GTEST_PROP(RatesProperty, AGainIsNeverUsedBeforeItCanBeThere,
               (unsigned short tick, unsigned char n_less)) {
   const int n = n_less + 1;
-  for (GainPolicy policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate}) {
+  for (GainPolicy policy :
+       {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate, GainPolicy::kPropagated}) {
     const std::int64_t s = snapshot_for_tick(policy, tick, n);
     RC_ASSERT(s < std::max<std::int64_t>(tick, 0));
     RC_ASSERT(s < 0 || is_snapshot(s, n));

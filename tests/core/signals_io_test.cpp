@@ -182,6 +182,32 @@ TEST(SignalsIo, NotANumberCrossesAsNotANumber) {
   EXPECT_TRUE(std::isnan(round_trip(m).i_abc[1]));
 }
 
+TEST(SignalsIo, GainsForSeveralSpeedsComeBackBitForBit) {
+  for (int n_speeds : {0, 1, 5, kMaxSpeeds}) {
+    auto g = stamped<Gain>();
+    g.n_x = 4;
+    g.n_y = 2;
+    g.n_speeds = n_speeds;
+    for (int i = 0; i < n_speeds; ++i) {
+      auto& node = g.at_speed[static_cast<std::size_t>(i)];
+      node.omega_m = awkward();
+      for (int row = 0; row < 4; ++row)
+        for (int col = 0; col < 2; ++col) node.K(row, col) = awkward();
+    }
+    const Gain back = round_trip(g);
+    ASSERT_EQ(back.n_speeds, n_speeds);
+    for (std::size_t i = 0; i < kMaxSpeeds; ++i) {
+      EXPECT_EQ(back.at_speed[i].omega_m, g.at_speed[i].omega_m);
+      EXPECT_TRUE(same_bits(back.at_speed[i].K, g.at_speed[i].K));
+    }
+  }
+  gain_t lying{};
+  lying.n_x = 4, lying.n_y = 2;
+  lying.K.resize(8), lying.P.resize(16);
+  lying.n_speeds = 6;  // and no speeds
+  EXPECT_EQ(from_wire(lying).n_speeds, 0);
+}
+
 TEST(SignalsIo, SizesOffTheWireAreHeldToTheArraysTheyIndex) {
   for (int wrong : {-1, -2147483647, 9, 1000000}) {
     estimate_t e{};

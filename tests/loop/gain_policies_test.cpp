@@ -15,13 +15,15 @@ Figures switched_at_speed(const std::string& policy, double f_e_Hz, int n, doubl
               "run.settle_s=0.3", fmt::format("run.duration_s={}", duration_s)});
 }
 
-Figures from_standstill(const std::string& policy, double f_e_Hz, int n, double ramp_rad_s2) {
+Figures from_standstill(const std::string& policy, double f_e_Hz, int n, double ramp_rad_s2,
+                        const std::string& prediction = "euler") {
   const double ready_s = kTwoPi * f_e_Hz / ramp_rad_s2 + 0.5;
-  return run("dilys2021", {"gain.policy=" + policy, fmt::format("rates.n={}", n),
-                           fmt::format("reference.omega_e_rad_s={}", kTwoPi * f_e_Hz),
-                           fmt::format("reference.slew_rad_s2={}", ramp_rad_s2),
-                           fmt::format("run.settle_s={}", ready_s),
-                           fmt::format("run.duration_s={}", ready_s + 1)});
+  return run(
+      "dilys2021",
+      {"gain.policy=" + policy, fmt::format("rates.n={}", n), "estimator.prediction=" + prediction,
+       fmt::format("reference.omega_e_rad_s={}", kTwoPi * f_e_Hz),
+       fmt::format("reference.slew_rad_s2={}", ramp_rad_s2),
+       fmt::format("run.settle_s={}", ready_s), fmt::format("run.duration_s={}", ready_s + 1)});
 }
 
 class EveryPolicy : public ::testing::TestWithParam<const char*> {};
@@ -90,6 +92,46 @@ Figures dynamic_profile(const std::string& policy, int n) {
               "reference.slew_rad_s2=4000",
               "load.T_load_Nm=[[0, 0], [1.5, 0.05], [1.8, 0], [2.5, 0.05], [2.8, 0]]",
               "load.slew_Nm_s=0", "run.settle_s=0.6", "run.duration_s=3.2"});
+}
+
+// One gain in 20 ms, from the covariance of the run: not above the full filter, and not so far
+// below that it would be another filter. `rotate` and `rotor_frame` are lost there.
+TEST(Propagated, HoldsTheDynamicProfileWithAGainEveryHundredTicks) {
+  const double full = degrees(dynamic_profile("paper", 1).angle_error_rms);
+  const Figures figures = dynamic_profile("propagated", 100);
+  EXPECT_LT(degrees(figures.angle_error_max), 30);
+  EXPECT_LE(degrees(figures.angle_error_rms), full);
+  EXPECT_GT(degrees(figures.angle_error_rms), 0.8 * full);
+  for (const char* policy : {"rotate", "rotor_frame"})
+    EXPECT_GT(degrees(dynamic_profile(policy, 100).angle_error_max), 90) << policy;
+}
+
+TEST(Propagated, StartsFromStandstillWithAGainEveryHundredTicks) {
+  for (double ramp_rad_s2 : {2000.0, 16000.0})
+    for (double f_e : {10.0, 63.66, 150.0}) {
+      const Figures full = from_standstill("paper", f_e, 1, ramp_rad_s2, "rk4");
+      const Figures figures = from_standstill("propagated", f_e, 100, ramp_rad_s2, "rk4");
+      EXPECT_TRUE(figures.locked) << f_e;
+      EXPECT_NEAR(figures.angle_error_rms / full.angle_error_rms, 1, 0.01) << f_e;
+      if (f_e > 100) continue;  // there `rotate` may be held by chance
+      EXPECT_FALSE(from_standstill("rotate", f_e, 100, ramp_rad_s2, "rk4").locked) << f_e;
+    }
+}
+
+// Both directions of rotation are one drive.
+TEST(Propagated, HoldsTheOtherDirectionAndAReversal) {
+  const std::vector<std::string> common = {"gain.policy=propagated",   "rates.n=50",
+                                           "estimator.prediction=rk4", "reference.slew_rad_s2=4000",
+                                           "run.settle_s=0.5",         "run.duration_s=2"};
+  const auto with = [&](const std::string& reference) {
+    auto all = common;
+    all.push_back("reference.omega_e_rad_s=" + reference);
+    return run("dilys2021", all);
+  };
+  const Figures forward = with("400"), backward = with("-400");
+  EXPECT_LT(forward.speed_mean * backward.speed_mean, 0);
+  EXPECT_NEAR(backward.angle_error_rms / forward.angle_error_rms, 1, 0.15);
+  EXPECT_LT(degrees(with("[[0, 400], [0.8, -400]]").angle_error_max), 60);
 }
 
 TEST(DynamicProfile, ThePaperLosesItAndTheTurnedGainsHoldIt) {

@@ -73,6 +73,14 @@ TEST(TickPath, DoesNotAllocateWithTheFiltersOfTheSalientMachine) {
           << kind << ", " << prediction;
 }
 
+TEST(TickPath, DoesNotAllocateWithAPropagatedGain) {
+  for (const char* form : {"joseph", "sequential"})
+    EXPECT_EQ(allocations_in_ticks("dilys2021", {"gain.policy=propagated", "rates.n=10",
+                                                 fmt::format("estimator.covariance={}", form)}),
+              0)
+        << form;
+}
+
 TEST(TickPath, DoesNotAllocateDuringTheStart) {
   EXPECT_EQ(allocations_in_ticks("dilys2021",
                                  {"start=align_if", "controller.foc.startup.t_align_s=0.02"}),

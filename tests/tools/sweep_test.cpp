@@ -8,6 +8,7 @@
 
 #include "estimator/make_filter.hpp"
 #include "tools/load_drive.hpp"
+#include "tools/run/closed_loop.hpp"
 #include "tools/sweep/cost.hpp"
 #include "tools/sweep/merge.hpp"
 #include "tools/sweep/run.hpp"
@@ -148,6 +149,48 @@ TEST_F(SweepTest, AResumedSweepMustBeTheSameSweep) {
   EXPECT_THROW(run(plan, "a"), BadInput);
 }
 
+// A drive on its way from standstill to 64 Hz, recorded with a gain every tick.
+RunLog recorded_start(double f_e_Hz) {
+  const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
+  const DriveConfig base = load_drive(plan.drive).drive();
+  Config config = load_drive(plan.drive, point_overrides(plan, base, {"paper", f_e_Hz, 1}, 1));
+  RunLog log;
+  log.path = "simulated";
+  log.config_toml = config.resolved();
+  ClosedLoop loop(config);
+  while (loop.k() < config.drive().steps()) {
+    const TickRecord& tick = loop.step();
+    log.measurement.push_back(tick.measurement);
+    log.truth.push_back(tick.truth);
+    log.estimate.push_back(tick.estimate);
+  }
+  return log;
+}
+
+// The last n before the first loss.
+template <class Run>
+int limit_of(Run run) {
+  for (int n = 1; n < 40; ++n)
+    if (!run(n).locked) return n - 1;
+  return 40;
+}
+
+// The filter alone on recorded samples: nothing it says comes back to it through the controller.
+TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
+  const double f_e_Hz = 64;
+  const RunLog log = recorded_start(f_e_Hz);
+  const Search search{"paper", f_e_Hz, 1};
+  EXPECT_NEAR(recorded_f_e_Hz(log), f_e_Hz, 0.5);
+  const int alone = limit_of([&](int n) { return run_on_log(log, search, n, {}); });
+  const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
+  const DriveConfig base = load_drive(plan.drive).drive();
+  const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
+  EXPECT_NEAR(alone, closed, 1);
+  EXPECT_NEAR(closed, 12, 1);
+  // A turned gain is lost at another n: the policy asked for is the one that runs.
+  EXPECT_TRUE(run_on_log(log, {"rotate", f_e_Hz, 1}, closed + 3, {}).locked);
+}
+
 // The limit at 400 rad/s from three sides: the formula by hand from the doc's logged gains, the
 // Floquet radius, and the closed loop.
 TEST(Why, FormulaFloquetAndTheDriveAgreeAtFourHundredRadPerSecond) {
@@ -161,6 +204,31 @@ TEST(Why, FormulaFloquetAndTheDriveAgreeAtFourHundredRadPerSecond) {
   EXPECT_NEAR(n_max_by_floquet(steady, 100), 12, 1);
   EXPECT_LT(spectral_radius(steady, 1), 0.98);
   EXPECT_GT(spectral_radius(steady, 20), 1.05);
+}
+
+TEST(Why, APropagatedGainHasNoLimit) {
+  Config config = load_drive("dilys2021");
+  const auto filter = make_filter(config);
+  const Steady steady{filter, GainPolicy::kPropagated, 100, 400, config.drive().T_s(), 200};
+  EXPECT_EQ(n_max_by_formula(steady, 100), 0);
+  const double ordinary = spectral_radius({filter, GainPolicy::kPaper, 100, 400, 2e-4}, 1);
+  for (int n : {1, 13, 100}) {
+    EXPECT_LT(spectral_radius(steady, n), 1) << n;
+    EXPECT_NEAR(std::pow(spectral_radius(steady, n), 1.0 / n), ordinary, 0.02) << n;
+  }
+}
+
+// The lane engine does not have this policy: the sweep goes through the reference engine.
+TEST_F(SweepTest, SweepsAPropagatedGain) {
+  Plan plan = small_plan();
+  plan.policies = {"propagated"};
+  plan.speeds_Hz = {150};
+  plan.seeds = 1;
+  plan.n_max = 12;
+  run(plan, "a");
+  merge({path("a")}, path("whole"), true);
+  EXPECT_NE(text(path("whole/fbmin.csv")).find("propagated,150,12,"), std::string::npos);
+  EXPECT_NE(text(path("whole/why.csv")).find("both: no limit"), std::string::npos);
 }
 
 TEST(Why, ATurnedGainHasNoLimit) {
@@ -180,6 +248,8 @@ TEST(Cost, GivesThePapersTable) {
   for (const auto& [f_b, percent] : expected)
     EXPECT_NEAR(100 * processor_share(Halves{}, 5000, f_b), percent, 0.006) << f_b;
   EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("4.63"), std::string::npos);
+  // propagated at n = 100, by hand: 5000 240/72e6 + 50 6 4157 (347/127)/72e6
+  EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("6.40"), std::string::npos);
 }
 
 // n = 1: the radius is the ordinary filter's, whatever the policy; it is the pole of its error.

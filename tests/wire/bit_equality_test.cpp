@@ -76,6 +76,7 @@ INSTANTIATE_TEST_SUITE_P(
               {"gain.policy=rotor_frame", "rates.n=7", "rates.n_from_s=0.1"}},
         Drive{"extrapolate", "dilys2021", {"gain.policy=extrapolate", "rates.n=12"}},
         Drive{"scheduled", "dilys2021", {"gain.policy=scheduled"}},
+        Drive{"propagated", "dilys2021", {"gain.policy=propagated", "rates.n=50"}},
         Drive{"align_if", "dilys2021", {"start=align_if", "plant.theta_e_start_rad=2"}, 5000},
         Drive{"cvode", "dilys2021", {"plant.engine=cvode"}},
         Drive{"rk4_with_load", "dilys2021", {"estimator.prediction=rk4", "load.T_load_Nm=0.02"}},

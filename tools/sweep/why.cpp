@@ -54,7 +54,7 @@ Square turn(int n_x, int pairs, double angle) {
 
 // Runs the background along the steady turn until its gain repeats; the gain of a late snapshot.
 Gain periodic_gain(const Steady& s, int n) {
-  BackgroundLoop background(s.filter, s.policy, n);
+  BackgroundLoop background(s.filter, s.policy, n, s.span_omega_m);
   Gain before;
   for (int period = 0; period < kPeriods; ++period) {
     const Gain& gain = background.step(at_tick(s, static_cast<std::int64_t>(period) * n));
@@ -98,7 +98,7 @@ double spectral_radius(const Steady& s, int n) {
   for (std::int64_t k = first; k < first + n; ++k) {
     const Estimate before = at_tick(s, k - 1);
     Gain used = table ? table->at(s.omega_m, before.theta_e) : gain;
-    if (turns_gain(s.policy)) GainFrame(pairs, before.theta_e - gain.theta_e).turn_gain(used);
+    if (!table) turn_for_use(s.policy, *s.filter, before, used);
     monodromy = error_dynamics(s, before, used) * monodromy;
   }
   const double turned = at_tick(s, first + n).theta_e - at_tick(s, first).theta_e;

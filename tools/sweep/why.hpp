@@ -19,6 +19,7 @@ struct Steady {
   std::shared_ptr<const Filter> filter;
   GainPolicy policy;
   double omega_m = 0, omega_e = 0, T_s = 0;
+  double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
 };
 
 // NaN where the filter has no angle and speed in the third and fourth state (`ekf_sensorless` has).

@@ -41,7 +41,8 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, cons
   GainPolicy policy{};
   for (int i = 0; kGainPolicyNames[i] != l.policy; ++i) policy = static_cast<GainPolicy>(i + 1);
   const double omega_e = kTwoPi * l.f_e_Hz;
-  const Steady steady{filter, policy, omega_e / d.machine.n_p, omega_e, d.T_s()};
+  const Steady steady{filter,  policy,  omega_e / d.machine.n_p,
+                      omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p};
   Reason r;
   const bool table = !has_background(policy);
   const int limit = std::min(kFloquetLimit, 6 * l.n_max + 10);

@@ -1,0 +1,48 @@
+// Many steps of a Riccati recursion with constant matrices in about log2 of as many.
+//
+//   one step     X <- A X (I + G X)^-1 A' + Q          X: covariance before the correction
+//                A = F, G = H' R^-1 H, Q: process noise
+//   two of them  A <- A W A,  Q <- Q + A W Q A',  G <- G + A' G W A,   W = (I + Q G)^-1
+//
+// so the maps of 1, 2, 4, 8 .. steps follow from each other, and X takes those that the binary
+// digits of `steps` name. Once A has died away X no longer depends on where it began and is Q of
+// that map. (Anderson and Moore, Optimal Filtering, 1979, section 6.7.)
+#pragma once
+#include <Eigen/Core>
+#include <Eigen/LU>
+
+namespace twinrate::kernel {
+
+template <int N>
+struct RiccatiMap {
+  using Matrix = Eigen::Matrix<double, N, N>;
+  Matrix A, G, Q;
+
+  Matrix of(const Matrix& X) const {
+    const Matrix XG = Matrix::Identity() + X * G, W = XG.inverse();
+    const Matrix AW = A * W, AWX = AW * X;
+    return Q + AWX * A.transpose();
+  }
+  void double_up() {
+    const Matrix QG = Matrix::Identity() + Q * G, W = QG.inverse();
+    const Matrix AW = A * W, GW = G * W, AWQ = AW * Q, GWA = GW * A, A_turned = A.transpose();
+    Q += AWQ * A_turned;
+    G += A_turned * GWA;
+    A = (AW * A).eval();
+  }
+};
+
+template <int N>
+Eigen::Matrix<double, N, N> riccati_steps(RiccatiMap<N> map, Eigen::Matrix<double, N, N> X,
+                                          int steps) {
+  constexpr double kDiedAway = 1e-9;
+  for (; steps > 0; steps >>= 1) {
+    if (steps & 1) X = map.of(X);
+    if (steps == 1) break;
+    map.double_up();
+    if (map.A.template lpNorm<Eigen::Infinity>() < kDiedAway) return map.Q;
+  }
+  return X;
+}
+
+}  // namespace twinrate::kernel

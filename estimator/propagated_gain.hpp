@@ -1,0 +1,31 @@
+// Policy `propagated`: the covariance stepped through every tick, and a gain for every speed that
+// the rotor may have while it is in use.
+//
+//   P(s)   all steps since the last snapshot in rotor axes, at the mean speed of the two snapshots
+//   K_i    the gain after n more steps from P(s) at the speeds
+//          omega_i = omega_low + (omega_top - omega_low) (i/(N - 1))^2,  i = 0 .. N-1,
+//          omega_low, omega_top = abs(omega) -+ span, omega_low at least kSlowest
+//   K_use  = T(theta_e) K(abs(omega)) R(-theta_e), K linear between the K_i, elements odd in speed
+//          with the sign of omega; theta_e and omega of tick k-1
+//
+// A drive seen from behind has the same filter with beta, speeds and angles negative, which gives
+// the other direction of rotation: K(-omega) = S K(omega) S_y, S = diag(1, -1, .. , -1, -1).
+// Needs a filter whose first states are (alpha, beta) pairs and that has a steady state.
+#pragma once
+#include "estimator/filter.hpp"
+
+namespace twinrate {
+
+// Whether the filter can run the policy.
+bool offers_propagated(const Filter& filter);
+
+// One background run. `previous` holds P and its angle (k < 0: P_0), `omega_m_before` is the speed
+// of its snapshot; `n` ticks to the next snapshot. P and K of the result are in the stationary
+// frame at the snapshot, as those of the other policies are.
+Gain propagated_background(const Filter& filter, const Gain& previous, double omega_m_before,
+                           const Estimate& snapshot, int n, double span_omega_m);
+
+// `gain` as the fast loop uses it, the rotor at this speed and angle.
+void use_at_speed(int pairs, double omega_m, double theta_e, Gain& gain);
+
+}  // namespace twinrate
