@@ -12,8 +12,8 @@ namespace twinrate::sweep {
 namespace {
 
 constexpr double kWidth = 560, kHeight = 420, kLeft = 64, kRight = 16, kTop = 34, kBottom = 52;
-constexpr const char* kColours[] = {"#1f5fa8", "#c8501e", "#2c8a4b",
-                                    "#7a3fa0", "#a88a1f", "#555555"};
+constexpr const char* kColours[] = {"#1f5fa8", "#c8501e", "#2c8a4b", "#7a3fa0",
+                                    "#a88a1f", "#555555", "#0e8a8a"};
 constexpr double kPaper_f_e_Hz = 400 / kTwoPi;
 
 double nice_step(double span) {
