@@ -3,12 +3,16 @@
 #include <fmt/ranges.h>
 
 #include <charconv>
+#include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 
 #include "core/process.hpp"
 #include "tools/load_drive.hpp"
 #include "tools/trace/extended.hpp"
+#include "tools/trace/measured_files.hpp"
 #include "tools/trace/raw_log.hpp"
 #include "tools/verb.hpp"
 #include "trace/tracer.hpp"
@@ -17,8 +21,8 @@ namespace twinrate {
 namespace {
 
 struct TraceOptions {
-  std::string drive, out = "trace", map;
-  std::vector<std::string> data, holdout, overrides;
+  std::string drive, out = "trace";
+  std::vector<std::string> data, holdout, overrides, maps;
   bool repair = false, json = false, verbose = false, keep_plant = false;
 };
 
@@ -44,8 +48,7 @@ Record read_record(const TraceOptions& o, const std::string& path, const DriveCo
   if (is_run_log(path)) {
     raw = raw_log_of_run(path);
   } else {
-    const std::optional<ImportMap> map =
-        o.map.empty() ? std::optional<ImportMap>() : read_import_map(o.map);
+    const std::optional<ImportMap> map = map_for(path, o.maps);
     DriveRows rows = read_drive_rows(path, map ? &*map : nullptr, o.repair);
     notes.insert(notes.end(), rows.notes.begin(), rows.notes.end());
     raw = raw_log(std::move(rows));
@@ -72,32 +75,24 @@ void print_result(const TraceResult& r, const std::string& out) {
     if (e.from_samples)
       fmt::print("      seen in the raw samples\n");
     else
-      fmt::print("      BIC {:.0f}, held-out error -{:.1f} %\n", e.delta_bic,
-                 100 * e.held_out_gain);
+      fmt::print("      BIC {:.0f}{}\n", e.delta_bic,
+                 std::isfinite(e.held_out_gain)
+                     ? fmt::format(", held-out error -{:.1f} %", 100 * e.held_out_gain)
+                     : "");
   }
   for (const Ambiguity& a : r.ambiguous)
     fmt::print("  cannot tell apart: {}; {}\n", fmt::join(a.kinds, ", "), a.would_separate);
+  for (const FileError& f : r.files)
+    fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
+               f.held_out ? "unseen" : "trained", f.path, f.before, f.after, f.unit, f.no_change);
+  for (const std::string& line : r.identifiable) fmt::print("  {}\n", line);
   for (const std::string& line : r.health) fmt::print("  data: {}\n", line);
   fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
 }
 
-int trace(const TraceOptions& o) {
-  const Config config = load_drive(o.drive, o.overrides);
-  const DriveConfig& drive = config.drive();
-  TraceSettings settings;
-  if (o.verbose || o.json)
-    settings.say = [&](const std::string& line) {
-      if (o.json)
-        fmt::print("{{\"progress\": \"{}\"}}\n", line);
-      else
-        fmt::print(stderr, "{}\n", line);
-    };
-  std::vector<std::string> held_out_files = o.holdout;
-  if (o.holdout.size() == 1)
-    if (const auto share = fraction(o.holdout[0])) {
-      settings.holdout = *share;
-      held_out_files.clear();
-    }
+// Full drive logs, one after the other in one record.
+TraceResult trace_drive_logs(const TraceOptions& o, const std::vector<std::string>& held_out_files,
+                             const DriveConfig& drive, const TraceSettings& settings) {
   std::vector<std::string> notes;
   Health health;
   Record record;
@@ -116,10 +111,36 @@ int trace(const TraceOptions& o) {
   for (const std::string& path : o.data) append(path, false);
   for (const std::string& path : held_out_files) append(path, true);
   if (held_out_files.empty()) held_out.clear();
-  TraceResult result = trace_record(record, config.drive(), health, settings, held_out);
+  TraceResult result = trace_record(record, drive, health, settings, held_out);
   result.sources = o.data;
   result.held_out_sources = held_out_files;
   result.health.insert(result.health.end(), notes.begin(), notes.end());
+  return result;
+}
+
+int trace(const TraceOptions& o) {
+  const Config config = load_drive(o.drive, o.overrides);
+  TraceSettings settings;
+  if (o.verbose || o.json)
+    settings.say = [&](const std::string& line) {
+      if (o.json)
+        fmt::print("{{\"progress\": \"{}\"}}\n", line);
+      else
+        fmt::print(stderr, "{}\n", line);
+    };
+  MeasuredFiles files{.data = o.data, .held_out = o.holdout, .maps = o.maps, .repair = o.repair};
+  if (o.holdout.size() == 1)
+    if (const auto share = fraction(o.holdout[0])) {
+      files.share = settings.holdout = *share;
+      files.held_out.clear();
+    }
+  const auto start = std::chrono::steady_clock::now();
+  std::optional<TraceResult> measured = trace_measured_files(files, config.drive());
+  TraceResult result = measured ? std::move(*measured)
+                                : trace_drive_logs(o, files.held_out, config.drive(), settings);
+  if (measured)
+    result.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   std::filesystem::create_directories(o.out);
   write(o.out + "/trace.json", to_json(result));
   write(o.out + "/extended.toml", extended_toml(config, result, o.keep_plant));
@@ -140,7 +161,9 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
       ->check(CLI::ExistingPath);
   verb->add_option("--holdout", o->holdout,
                    "logs that are not fitted, or the share of the data kept back (default 0.25)");
-  verb->add_option("--map", o->map, "how foreign columns are read")->check(CLI::ExistingFile);
+  verb->add_option("--map", o->maps,
+                   "how foreign columns are read; of several each file takes the first that fits")
+      ->check(CLI::ExistingFile);
   verb->add_option("--out", o->out, "directory for trace.json, extended.toml, report.html");
   verb->add_option("--set", o->overrides, "key.path=value of the drive file");
   verb->add_flag("--repair", o->repair, "leaves out a truncated last line and repeated samples");

@@ -12,22 +12,25 @@ json number(double value) {
   return std::isfinite(value) ? json(value) : json(nullptr);
 }
 
+json parameter_json(const TracedParameter& p) {
+  json row;
+  if (p.text.empty()) {
+    row = {{"value", number(p.value)}, {"unit", p.unit}};
+  } else {
+    row = {{"value", p.text}};
+  }
+  if (p.sigma) row["sigma"] = number(*p.sigma);
+  return row;
+}
+
 json effect_json(const TracedEffect& e) {
   json parameters = json::object();
-  for (const TracedParameter& p : e.parameters) {
-    json row;
-    if (p.text.empty()) {
-      row = {{"value", number(p.value)}, {"unit", p.unit}};
-    } else {
-      row = {{"value", p.text}};
-    }
-    if (p.sigma) row["sigma"] = number(*p.sigma);
-    parameters[p.name] = row;
-  }
+  for (const TracedParameter& p : e.parameters) parameters[p.name] = parameter_json(p);
   json evidence = {{"holdout_gain", number(e.held_out_gain)},
                    {"delta_bic", number(e.delta_bic)},
                    {"f_p_value", number(e.p_value)},
                    {"times_smallest_worth_reporting", number(e.materiality)}};
+  if (e.only_in_log) evidence["only_in_log"] = true;
   if (e.from_samples) evidence = {{"found_in", "raw samples"}};
   return {{"kind", e.effect->kind()},
           {"equation", e.equation},
@@ -55,6 +58,14 @@ json error_json(const TraceResult& r) {
   json error = {{"signal", "one_step_prediction"}, {"horizon_s", r.horizon_s}};
   if (main) error.update(equation_json(main));
   error["equation"] = r.main_equation;
+  for (const FileError& f : r.files)
+    error["by_file"].push_back({{"file", f.path},
+                                {"held_out", f.held_out},
+                                {"unit", f.unit},
+                                {"rows", f.rows},
+                                {"no_change", number(f.no_change)},
+                                {"before", number(f.before)},
+                                {"after", number(f.after)}});
   error["by_equation"] = {{"electrical", equation_json(r.electrical)},
                           {"mechanical", equation_json(r.mechanical)}};
   return error;
@@ -75,6 +86,8 @@ std::string to_json(const TraceResult& r) {
     row["what"] = s.text;
     where.push_back(row);
   }
+  json constants = json::object();
+  for (const TracedParameter& p : r.constants) constants[p.name] = parameter_json(p);
   for (const auto& [kind, why] : r.not_identifiable)
     not_identifiable.push_back({{"kind", kind}, {"why", why}});
   for (const Rejected& x : r.rejected)
@@ -91,6 +104,7 @@ std::string to_json(const TraceResult& r) {
               {"ambiguous", ambiguous},
               {"unexplained", {{"structured", r.structured}, {"where", where}}},
               {"error", error_json(r)},
+              {"constants", constants},
               {"identifiable", r.identifiable},
               {"not_identifiable", not_identifiable},
               {"considered", rejected},

@@ -24,6 +24,7 @@ struct TracedEffect {
   double p_value = 1;                // F-test
   double materiality = 0;            // size over the smallest worth reporting
   std::vector<std::string> aliases;  // kinds that explain the same as well
+  bool only_in_log = false;          // spoils what is logged, not what the drive runs on
   bool from_samples = false;  // found in the raw samples (clipping, missing rows), not fitted
 };
 
@@ -59,6 +60,15 @@ struct EquationError {
   std::size_t rows = 0;
 };
 
+// Errors over one file, nothing but its mean fitted on it.
+struct FileError {
+  std::string path;
+  bool held_out = false;
+  std::string unit;
+  std::size_t rows = 0;
+  double no_change = 0, before = 0, after = 0;
+};
+
 // A series for the pictures, at the tracer's rate.
 struct TraceSeries {
   std::vector<double> t, theta_m, omega_m, i_d, i_q, before, after;
@@ -80,6 +90,8 @@ struct TraceResult {
   std::optional<EquationError> electrical, mechanical;
   std::string main_equation;  // whose error stands at the top of "error"
   double horizon_s = 0;
+  std::vector<FileError> files;            // where several make up the errors
+  std::vector<TracedParameter> constants;  // of the machine, as the data have them
   std::vector<std::string> identifiable;
   std::vector<std::pair<std::string, std::string>> not_identifiable;  // kind, why
   TraceSeries series_d, series_q, series_torque;

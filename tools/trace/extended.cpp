@@ -15,10 +15,15 @@ std::string extended_toml(const Config& config, const TraceResult& result, bool 
     effects.push_back(e);
   }
   const UsedIn used_in = keep_plant ? UsedIn::kModel : UsedIn::kBoth;
-  for (const TracedEffect& e : result.effects) effects.push_back({e.effect, used_in});
+  for (const TracedEffect& e : result.effects)
+    if (!e.only_in_log) effects.push_back({e.effect, used_in});
   for (const TracedEffect& e : result.stop_gaps) effects.push_back({e.effect, used_in});
   std::string head = "# " + result.sentence + "\n";
   for (const std::string& source : result.sources) head += "# traced from " + source + "\n";
+  for (const TracedEffect& e : result.effects)
+    if (e.only_in_log)
+      head += fmt::format("# left out: {}, which spoils what was logged, not what the drive runs on\n",
+                          e.effect->kind());
   for (const TracedEffect& e : result.stop_gaps)
     head += fmt::format("# {} is a stop-gap: it describes what the data show, not its cause\n",
                         e.effect->kind());

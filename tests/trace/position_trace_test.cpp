@@ -1,0 +1,232 @@
+// Logs of angle and current, made by a motor written out here: it shares no code with the product's
+// plant.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "model/random.hpp"
+#include "trace/keys.hpp"
+#include "trace/measured_result.hpp"
+#include "trace/motion.hpp"
+#include "trace/winding_voltage.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kTurn = 6.283185307179586;
+
+// 12 pole pairs, K_t = 0.0275 Nm/A.
+MachineParameters machine() {
+  return {.R_s = 0.53,
+          .L_d = 2e-4,
+          .L_q = 2e-4,
+          .psi_f = 0.0275 / 18,
+          .J = 5e-6,
+          .B = 0,
+          .n_p = 12,
+          .n_slots = 18};
+}
+
+struct Truth {
+  double J = 5e-6, T_C = 1.5e-3, R = 0.50;
+  double A_72 = 5e-3, phase_72 = 0.7, A_18 = 1.2e-3, phase_18 = -1.1;
+  double ripple = 0.02;                // V, once an electrical turn
+  double delay = 8e-4, filter = 1e-3;  // s, of the speed that is shown
+  double cogging(double theta_m) const {
+    return A_72 * std::sin(72 * theta_m + phase_72) + A_18 * std::sin(18 * theta_m + phase_18);
+  }
+};
+
+// There and back over one turn, held at rest at every row.
+PositionLog sweep(const Truth& truth, bool back = true, double current_lag = 0) {
+  PositionLog log{.path = "sweep"};
+  const int rows = 6000;
+  double held = 0;
+  for (int k = 0; k < rows; ++k) {
+    const double share = k / (rows - 1.0);
+    const double theta_m =
+        back ? kTurn * (share < 0.5 ? 2 * share : 2 - 2 * share) : 2 * kTurn * share;
+    const double direction = !back || share < 0.5 ? 1 : -1;
+    const auto n = static_cast<std::uint64_t>(k);
+    log.t.push_back(1e-2 * k + 2e-4 * uniform(1, 0, n));
+    log.theta_m.push_back(theta_m + 2e-4 * normal(1, 1, n));
+    const double i_q = (truth.cogging(theta_m) + direction * truth.T_C) / 0.0275;
+    held = k == 0 || current_lag == 0 ? i_q
+                                      : held + (i_q - held) * (1 - std::exp(-1e-2 / current_lag));
+    log.i_q.push_back(held + 0.01 * normal(1, 2, n));
+    log.u_q.push_back(truth.R * log.i_q.back() + truth.ripple * std::sin(12 * theta_m + 0.3) +
+                      0.005 * normal(1, 3, n));
+  }
+  return log;
+}
+
+// The rotor under a current, in steps of 20 us; rows near 1 ms, time stamps of 0.1 ms.
+template <class Current>
+PositionLog run(const Truth& truth, double duration, double angle_offset, std::uint64_t seed,
+                Current current) {
+  constexpr double kStep = 2e-5;
+  PositionLog log{.path = "run"};
+  double theta_m = 0.3, omega_m = 0, shown = 0, next = 0;
+  std::vector<double> late(static_cast<std::size_t>(truth.delay / kStep) + 1, 0);
+  std::uint64_t rows = 0;
+  const auto steps = static_cast<std::size_t>(duration / kStep);
+  for (std::size_t step = 0; step < steps; ++step) {
+    const double t = kStep * static_cast<double>(step), i_q = current(t, theta_m, omega_m);
+    if (t >= next) {
+      ++rows;
+      next = 1e-3 * static_cast<double>(rows) + 2e-4 * (uniform(seed, 0, rows) - 0.5);
+      log.t.push_back(std::round(t * 1e4) / 1e4);
+      log.theta_m.push_back(theta_m + angle_offset);
+      log.omega_m.push_back(shown);
+      log.i_q.push_back(i_q + 0.01 * normal(seed, 1, rows));
+      log.u_q.push_back(truth.R * i_q + 0.01833 * omega_m + 0.01 * normal(seed, 2, rows));
+    }
+    const double push = 0.0275 * i_q - truth.cogging(theta_m);
+    const double friction = std::abs(omega_m) < 1e-3 && std::abs(push) < truth.T_C
+                                ? push
+                                : truth.T_C * std::tanh(omega_m / 0.02);
+    omega_m += kStep * (push - friction) / truth.J;
+    theta_m += kStep * omega_m;
+    late[step % late.size()] = omega_m;
+    shown += kStep / truth.filter * (late[(step + 1) % late.size()] - shown);
+  }
+  return log;
+}
+
+PositionLog swing(const Truth& truth) {
+  return run(truth, 12, 0.123, 7,
+             [](double t, double, double) { return 0.4 * std::sin(kTurn * 2 * t); });
+}
+// A slow speed loop, on the angle of the sweep.
+PositionLog turning(const Truth& truth) {
+  return run(truth, 5, 0, 8, [](double t, double, double omega_m) {
+    return 0.06 + 0.02 * (std::min(10.0, 20 * t) - omega_m);
+  });
+}
+
+TEST(HoldingTorque, FindsCoggingAndFrictionOfASweep) {
+  const Truth truth;
+  const PositionLog log = sweep(truth);
+  const std::vector<const PositionLog*> logs{&log};
+  ASSERT_TRUE(is_quasi_static(log, machine()));
+  const HoldingTorque found = trace_holding_torque(logs, machine());
+  ASSERT_EQ(found.cogging.size(), 2u);
+  EXPECT_EQ(found.cogging[0].order, 72);
+  EXPECT_NEAR(found.cogging[0].amplitude, truth.A_72, 5 * found.cogging[0].sigma_amplitude);
+  EXPECT_NEAR(found.cogging[0].phase, truth.phase_72, 0.02);
+  EXPECT_EQ(found.cogging[1].order, 18);
+  EXPECT_NEAR(found.cogging[1].phase, truth.phase_18, 0.02);
+  EXPECT_TRUE(found.both_directions);
+  EXPECT_NEAR(found.T_C, truth.T_C, 0.03e-3);
+  EXPECT_EQ(found.lag, 0);
+  EXPECT_TRUE(found.friction_ripple.empty());
+}
+
+TEST(HoldingTorque, OneWayLeavesFrictionUnnamed) {
+  const PositionLog log = sweep({}, false);
+  const std::vector<const PositionLog*> logs{&log};
+  const HoldingTorque found = trace_holding_torque(logs, machine());
+  EXPECT_FALSE(found.both_directions);
+  EXPECT_EQ(found.T_C, 0);
+  const TraceResult result = trace_positions({log}, {.machine = machine(), .v_dc = 24});
+  const auto named = [&](std::string_view kind) {
+    return std::any_of(result.effects.begin(), result.effects.end(),
+                       [&](const TracedEffect& e) { return e.effect->kind() == kind; });
+  };
+  EXPECT_TRUE(named("cogging"));
+  EXPECT_FALSE(named("coulomb_friction"));
+  ASSERT_FALSE(result.ambiguous.empty());
+  EXPECT_EQ(result.ambiguous[0].kinds[0], "coulomb_friction");
+}
+
+// The map at rest says what the current should be; the run that follows it late shows the filter.
+TEST(HoldingTorque, FindsTheFilterOfALoggedCurrent) {
+  const Truth truth;
+  PositionLog map = sweep(truth, false);
+  map.t.clear();
+  const PositionLog slow = sweep(truth, false, 0.08);
+  const std::vector<const PositionLog*> logs{&map, &slow};
+  const HoldingTorque found = trace_holding_torque(logs, machine());
+  EXPECT_NEAR(found.lag, 0.08, 0.007) << "half a row of 10 ms";
+  ASSERT_FALSE(found.cogging.empty());
+  EXPECT_NEAR(found.cogging[0].amplitude, truth.A_72, 0.02 * truth.A_72);
+}
+
+TEST(Motion, FindsTheRatioOfTorqueConstantAndInertia) {
+  const Truth truth;
+  const PositionLog log = swing(truth);
+  ASSERT_FALSE(is_quasi_static(log, machine()));
+  const std::vector<const PositionLog*> logs{&log};
+  const SpinUp spin = fit_spin_up(logs, machine());
+  EXPECT_NEAR(spin.gain, 0.0275 / truth.J, 0.01 * 0.0275 / truth.J);
+  EXPECT_NEAR(spin.T_C, truth.T_C, 0.1e-3);
+}
+
+TEST(Motion, FindsHowLateTheShownSpeedIs) {
+  const Truth truth;
+  const SpeedLag lag = fit_speed_lag(swing(truth));
+  EXPECT_NEAR(lag.lag(), truth.delay + truth.filter, 0.1e-3);
+  EXPECT_NEAR(lag.filter, truth.filter, 0.4e-3);
+  EXPECT_LT(lag.rest, 0.3 * lag.rest_without);
+}
+
+TEST(WindingVoltage, IsNotFooledByALateSpeed) {
+  const Truth truth;
+  const PositionLog rest = sweep(truth), motion = swing(truth);
+  const std::vector<const PositionLog*> at_rest{&rest}, in_motion{&motion};
+  const WindingVoltage found = trace_winding_voltage(at_rest, in_motion, machine());
+  EXPECT_NEAR(found.R, truth.R, 0.01);
+  EXPECT_GT(found.R_by_logged_speed, truth.R + 0.1) << "a lag in phase with the current";
+  ASSERT_EQ(found.ripple.size(), 1u);
+  EXPECT_EQ(found.ripple[0].order, 12);
+  EXPECT_NEAR(found.ripple[0].amplitude, truth.ripple, 0.001);
+}
+
+TEST(StepMeans, AreTheIntegralOverEachStep) {
+  const std::vector<double> theta_m{0.1, 0.4, 0.4, 0.35};
+  const std::vector<double> mean = step_means(theta_m, 50, 0.2);
+  ASSERT_EQ(mean.size(), 3u);
+  for (std::size_t k = 0; k < 3; ++k) {
+    double sum = 0;
+    for (int j = 0; j < 20000; ++j)
+      sum += std::sin(50 * (theta_m[k] + (j + 0.5) / 20000 * (theta_m[k + 1] - theta_m[k])) + 0.2);
+    EXPECT_NEAR(mean[k], sum / 20000, 1e-6);
+  }
+}
+
+TEST(Positions, PredictARunThatWasNotFitted) {
+  const Truth truth;
+  PositionLog unseen = turning(truth);
+  unseen.held_out = true;
+  const TraceResult r =
+      trace_positions({sweep(truth), swing(truth), unseen}, {.machine = machine(), .v_dc = 24});
+  EXPECT_EQ(r.verdict, "traced");
+  ASSERT_TRUE(r.mechanical.has_value());
+  EXPECT_EQ(r.mechanical->unit, "rad/s");
+  EXPECT_NEAR(r.horizon_s, 5e-3, 1e-4);
+  EXPECT_LT(r.mechanical->after.held_out, 0.3 * r.mechanical->no_change);
+  EXPECT_LT(r.mechanical->after.held_out, 0.6 * r.mechanical->before.held_out);
+  EXPECT_GT(r.mechanical->before.held_out, 0.4 * r.mechanical->no_change);
+  ASSERT_FALSE(r.effects.empty());
+  EXPECT_EQ(r.effects[0].effect->kind(), "cogging");
+  EXPECT_EQ(get_key(*r.effects[0].effect, "order"), 72);
+  EXPECT_GT(r.effects[0].held_out_gain, 0.5);
+  for (const TracedEffect& e : r.effects) EXPECT_LT(e.delta_bic, 0) << e.effect->kind();
+  ASSERT_EQ(r.files.size(), 2u);  // the two runs
+}
+
+// Without the current's slow filter in a run that moves, a lag at rest is no filter of the log.
+TEST(Positions, ALagThatTheMovingRotorDoesNotShowIsNoFilter) {
+  const Truth truth;
+  PositionLog map = sweep(truth, false);
+  map.t.clear();
+  const TraceResult r = trace_positions({map, sweep(truth, false, 0.08), swing(truth)},
+                                        {.machine = machine(), .v_dc = 24});
+  for (const TracedEffect& e : r.effects) {
+    if (e.effect->kind() != "signal_lag") continue;
+    EXPECT_EQ(get_key(*e.effect, "signal"), 3);
+  }
+}
+
+}  // namespace
+}  // namespace twinrate

@@ -1,0 +1,80 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "trace/keys.hpp"
+#include "trace/static_sets.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::array<const char*, 3> kCurrents{"i_a", "i_b", "i_c"};
+constexpr std::array<const char*, 3> kVoltages{"u_a", "u_b", "u_c"};
+
+int phase_of(const StaticSet& set) {
+  for (int phase = 0; phase < 3; ++phase)
+    if (set.has(kCurrents[static_cast<std::size_t>(phase)]) &&
+        set.has(kVoltages[static_cast<std::size_t>(phase)]))
+      return phase;
+  return -1;
+}
+
+}  // namespace
+
+StaticKind kind_of(const StaticSet& set) {
+  if (set.has("i_d") && set.has("i_q") && set.has("psi_d") && set.has("psi_q"))
+    return StaticKind::kFluxMap;
+  if (phase_of(set) >= 0) return StaticKind::kInverterCurve;
+  return set.has("theta_m") && set.has("i_q") ? StaticKind::kHoldingCurrent : StaticKind::kNone;
+}
+
+StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
+                                 std::vector<char> held_out) {
+  const int phase = phase_of(set);
+  const auto& i = set.at(kCurrents[static_cast<std::size_t>(phase)]);
+  const auto& u = set.at(kVoltages[static_cast<std::size_t>(phase)]);
+  StaticTrace trace;
+  StaticProblem& p = trace.problem;
+  p.facts = facts;
+  p.channels = {kVoltages[static_cast<std::size_t>(phase)]};
+  p.y.resize(static_cast<Eigen::Index>(set.size()), 1);
+  // The d axis on the axis of the phase: i_d is its current.
+  const double axis = kTwoPi * phase / 3;
+  for (std::size_t k = 0; k < set.size(); ++k) {
+    p.points.push_back({.i_dq = Vec2(i[k], 0), .v_dc = facts.v_dc, .theta_e = axis});
+    p.y(static_cast<Eigen::Index>(k), 0) = u[k] - facts.machine.R_s * i[k];
+  }
+  p.observe = [](const Contribution& c, const OperatingPoint&) {
+    return Eigen::RowVectorXd::Constant(1, c.u_dq_drop[0]);
+  };
+  p.scale = Eigen::RowVectorXd::Ones(1);
+  trace.held_out_rule = "the points given";
+  if (held_out.empty()) {
+    held_out = every_other(i);
+    trace.held_out_rule = "every other point in the order of the current";
+  }
+  p.held_out = std::move(held_out);
+  double i_max = 0;
+  for (const double value : i) i_max = std::max(i_max, std::abs(value));
+  std::vector<StaticTerm> drops;
+  for (int shape = 0; shape < 4; ++shape) {
+    StaticTerm drop{
+        make_effect("inverter_drop"), {"threshold_V"}, {{"linear_current_A", 1e-3 * i_max, i_max}}};
+    set_key(*drop.effect, "shape", shape);
+    drops.push_back(std::move(drop));
+  }
+  trace.selection = select_static(p, {{make_effect("resistance"), {"change_Ohm"}, {}}}, drops);
+  return trace;
+}
+
+std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFacts& facts) {
+  if (facts.v_dc <= 0 || facts.f_pwm <= 0) return nullptr;
+  auto dead_time = make_effect("dead_time");
+  for (const char* key : {"linear_current_A", "shape"})
+    set_key(*dead_time, key, get_key(drop, key));
+  const bool fits =
+      set_key(*dead_time, "dead_time_s", get_key(drop, "threshold_V") / (facts.v_dc * facts.f_pwm));
+  return fits && dead_time->prepare(facts).empty() ? dead_time : nullptr;
+}
+
+}  // namespace twinrate

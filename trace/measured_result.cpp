@@ -1,0 +1,153 @@
+#include "trace/measured_result.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr const char* kUnits[] = {"H_A2", "H_A",  "rad_s", "rad", "Ohm", "Wb", "Nms",
+                                  "Nm",   "kgm2", "A",     "V",   "H",   "s"};
+
+std::pair<std::string, std::string> name_and_unit(const std::string& key) {
+  for (const char* unit : kUnits) {
+    const std::string tail = std::string("_") + unit;
+    if (key.size() > tail.size() && key.ends_with(tail))
+      return {key.substr(0, key.size() - tail.size()), unit};
+  }
+  return {key, key == "order" ? "per_rev" : "1"};
+}
+
+std::string percent(double part) {
+  return fmt::format("{:.1f} %", 100 * part);
+}
+
+// The effect less of the model: what the held-out rest would be without it.
+double gain_without(const StaticTrace& trace, std::size_t term) {
+  std::vector<StaticTerm> others = trace.selection.after.terms;
+  others.erase(others.begin() + static_cast<std::ptrdiff_t>(term));
+  const StaticFit fit = fit_static(trace.problem, others);
+  return 1 - trace.selection.after.held_out_cost / std::max(fit.held_out_cost, 1e-300);
+}
+
+double delta_bic(const StaticTrace& trace, std::size_t term) {
+  const StaticProblem& p = trace.problem;
+  std::vector<StaticTerm> others = trace.selection.after.terms;
+  const auto keys = others[term].linear.size() + others[term].searched.size();
+  others.erase(others.begin() + static_cast<std::ptrdiff_t>(term));
+  const double N = static_cast<double>(p.y.cols()) *
+                   static_cast<double>(std::count(p.held_out.begin(), p.held_out.end(), 0));
+  return N * std::log(trace.selection.after.cost / fit_static(p, others).cost) +
+         static_cast<double>(keys) * std::log(N);
+}
+
+TracedEffect traced_effect(const StaticTrace& trace, std::size_t i) {
+  const StaticFit& after = trace.selection.after;
+  TracedEffect e;
+  e.effect = after.terms[i].effect;
+  e.equation = "electrical";
+  e.parameters = traced_parameters(*e.effect, after.sigma[i]);
+  e.held_out_gain = gain_without(trace, i);
+  e.delta_bic = delta_bic(trace, i);
+  // Of the fall of the training cost, as a likelihood ratio.
+  e.p_value = std::exp(std::min(0.0, 0.5 * e.delta_bic));
+  e.materiality = e.effect->materiality(trace.problem.facts);
+  return e;
+}
+
+EquationError channel_error(const StaticTrace& trace, Eigen::Index channel, const char* unit) {
+  const StaticFit &before = trace.selection.before, &after = trace.selection.after;
+  const StaticProblem& p = trace.problem;
+  EquationError e{.unit = unit,
+                  .before = {before.train[channel], before.held_out[channel]},
+                  .after = {after.train[channel], after.held_out[channel]}};
+  e.no_change = std::numeric_limits<double>::quiet_NaN();  // nothing changes with time here
+  e.noise_floor = std::numeric_limits<double>::quiet_NaN();
+  e.whiteness_p_value = std::numeric_limits<double>::quiet_NaN();
+  e.rows = static_cast<std::size_t>(p.y.rows());
+  return e;
+}
+
+void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
+  const StaticTerm* drop = trace.selection.after.find("inverter_drop");
+  if (!drop) return;
+  const auto dead_time = equivalent_dead_time(*drop->effect, trace.problem.facts);
+  for (TracedEffect& e : r.effects)
+    if (e.effect->kind() == "inverter_drop") e.aliases = {"dead_time"};
+  std::string same = "a dead time of that shape is the same curve at one bus voltage";
+  if (dead_time)
+    same = fmt::format("a dead time of {:.2f} us at {} V and {} Hz is the same curve",
+                       1e6 * get_key(*dead_time, "dead_time_s"), trace.problem.facts.v_dc,
+                       trace.problem.facts.f_pwm);
+  r.ambiguous.push_back(
+      {{"inverter_drop", "dead_time"},
+       same,
+       "the same curve at another bus voltage: the loss of a dead time grows with "
+       "it, that of a device does not"});
+  r.ambiguous.push_back(
+      {{"resistance", "inverter_drop"},
+       "the slope of the switches' forward voltage is part of the resistance found",
+       "the resistance of the winding measured without the inverter"});
+}
+
+}  // namespace
+
+std::vector<TracedParameter> traced_parameters(const Effect& effect,
+                                               const std::map<std::string, double>& sigma) {
+  std::vector<TracedParameter> list;
+  for (const NumericKey& key : numeric_keys(effect)) {
+    const auto [name, unit] = name_and_unit(key.key);
+    TracedParameter p{
+        .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};
+    const auto found = sigma.find(key.key);
+    if (found != sigma.end()) p.sigma = found->second;
+    list.push_back(std::move(p));
+  }
+  return list;
+}
+
+TraceResult static_result(const StaticSet& set, const StaticTrace& trace, StaticKind kind) {
+  TraceResult r;
+  r.sources = {set.path};
+  const StaticSelection& s = trace.selection;
+  const bool found = !s.steps.empty();
+  r.health.push_back(fmt::format("{} points; held out: {}", set.size(), trace.held_out_rule));
+  // Constants are effects where they are off by more than matters, or where a law stands on them.
+  for (std::size_t i = 0; i < s.after.terms.size(); ++i) {
+    TracedEffect e = traced_effect(trace, i);
+    const bool constant = s.before.find(e.effect->kind()) != nullptr;
+    if (found || !constant || e.materiality > 1) r.effects.push_back(std::move(e));
+  }
+  const bool map = kind == StaticKind::kFluxMap;
+  const Eigen::Index channel = map ? 1 : 0;
+  r.electrical = channel_error(trace, channel, map ? "Wb" : "V");
+  r.main_equation = "electrical";
+  for (Eigen::Index c = 0; c < s.before.held_out.size(); ++c)
+    r.identifiable.push_back(
+        fmt::format("held-out error of {}: {:.4g} before (constants fitted), {:.4g} after: {:.1f} "
+                    "times smaller",
+                    trace.problem.channels[static_cast<std::size_t>(c)], s.before.held_out[c],
+                    s.after.held_out[c], s.before.held_out[c] / s.after.held_out[c]));
+  add_inverter_alias(trace, r);
+  r.verdict = found ? "traced" : r.effects.empty() ? "nothing_missing" : "traced";
+  std::vector<std::string> kinds;
+  for (const TracedEffect& e : r.effects) kinds.emplace_back(e.effect->kind());
+  r.sentence =
+      kinds.empty()
+          ? fmt::format("Nothing is missing: constants leave {:.3g} {} on held-out points",
+                        r.electrical->after.held_out, r.electrical->unit)
+          : fmt::format(
+                "Found {}; held-out error of {} {:.3g} -> {:.3g} {} ({} of it)",
+                fmt::join(kinds, ", "), trace.problem.channels[static_cast<std::size_t>(channel)],
+                r.electrical->before.held_out, r.electrical->after.held_out, r.electrical->unit,
+                percent(r.electrical->after.held_out / r.electrical->before.held_out));
+  return r;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,61 @@
+// A log with little more than an angle and a current: theta_m and i_q, perhaps the speed that the
+// driver shows and the voltage of its current controller. Sampling may be irregular; each file may
+// have its own zero of the angle.
+//
+// Two kinds of log, told apart by what the rotor does with the torque:
+//   quasi-static  the inertia's torque is lost beside the motor's: the current holds the rotor
+//                 against cogging and friction. A holding-current map has no time at all.
+//   dynamic       the current accelerates the rotor.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "model/machine.hpp"
+
+namespace twinrate {
+
+struct PositionLog {
+  std::string path;
+  std::vector<double> t;  // empty: a map of holding currents
+  std::vector<double> theta_m, i_q;
+  std::vector<double> omega_m, u_q;  // empty where the file has none
+  bool held_out = false;
+
+  std::size_t size() const { return theta_m.size(); }
+  bool has_time() const { return !t.empty(); }
+};
+
+// Median step of time, s; 0 for a map.
+double sample_interval(const PositionLog& log);
+
+// Standard deviation of the angle's noise: encoder steps and, in rotation, the jitter of the time
+// stamps. From the median third difference, so that motion does not count.
+double angle_noise(const PositionLog& log);
+
+// -1, +1 of the motion in every row: it turns when the angle has come back by `backlash` from its
+// extreme (0: ten times the noise of the angle).
+std::vector<int> directions(const PositionLog& log, double backlash = 0);
+
+// Change of theta_m over [t - half, t + half] as a second difference over half^2: the mean
+// acceleration under a triangle, without a derivative. Rows nearer than half to an end have none.
+struct Acceleration {
+  std::vector<double> t, acceleration;  // s, rad/s^2
+  double half = 0;
+};
+Acceleration second_difference(const PositionLog& log, double half);
+
+bool is_quasi_static(const PositionLog& log, const MachineParameters& machine);
+
+// Rows of a quasi-static log that stand for holding: away from jumps (speed over five times the
+// median) and from what a filter of the current remembers of them.
+std::vector<char> holding_rows(const PositionLog& log, double memory);
+
+// Integral of x over t from the first row, x linear between rows.
+std::vector<double> running_integral(const std::vector<double>& t, const std::vector<double>& x);
+// x at `when`, linear between rows, held outside.
+double value_at(const std::vector<double>& t, const std::vector<double>& x, double when);
+// First-order low-pass of x, linear between rows; tau = 0: x itself.
+std::vector<double> low_pass(const std::vector<double>& t, const std::vector<double>& x,
+                             double tau);
+
+}  // namespace twinrate

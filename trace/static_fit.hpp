@@ -1,0 +1,82 @@
+// Fits effects to a static set: points without time, each with its own operating point.
+//
+//   y = sum over effects of what they contribute there + rest
+//
+// y is what the declared model leaves. The keys in which an effect is linear are solved by least
+// squares; the others (a saturation current, a corner) are searched around that, one after the
+// other, on a logarithmic scale. Held-out points never enter a fit.
+#pragma once
+#include <Eigen/Core>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "model/effects/effect.hpp"
+
+namespace twinrate {
+
+struct SearchedKey {
+  std::string key;
+  double lo = 0, hi = 0;  // both above zero
+};
+
+// An effect whose keys are open. `kind` of the effect says what it replaces in a selection.
+struct StaticTerm {
+  std::shared_ptr<Effect> effect;
+  std::vector<std::string> linear;
+  std::vector<SearchedKey> searched;
+};
+
+struct StaticProblem {
+  DriveFacts facts;
+  std::vector<OperatingPoint> points;
+  std::vector<std::string> channels;  // names, e.g. psi_d, psi_q
+  Eigen::MatrixXd y;                  // point x channel
+  // What a contribution explains, one number a channel.
+  std::function<Eigen::RowVectorXd(const Contribution&, const OperatingPoint&)> observe;
+  Eigen::RowVectorXd scale;  // of each channel: errors are weighed by 1/scale
+  std::vector<char> held_out;
+  // False: physically impossible beyond the points, not taken. May be empty.
+  std::function<bool(const Effects&)> possible;
+};
+
+struct StaticFit {
+  std::vector<StaticTerm> terms;                     // with the keys set
+  std::vector<std::map<std::string, double>> sigma;  // of each term, by key
+  Eigen::RowVectorXd train, held_out;                // rms of the rest by channel
+  Eigen::MatrixXd rest;
+  double cost = 0, held_out_cost = 0;  // mean square of the weighed rest
+  int parameters = 0;
+  bool in_range = true;  // every key inside the range of its field, and possible
+
+  const StaticTerm* find(std::string_view kind) const;
+};
+
+// Deep copies of the effects; `terms` stays as it is.
+StaticFit fit_static(const StaticProblem& problem, const std::vector<StaticTerm>& terms);
+
+struct StaticStep {
+  std::string kind;
+  double delta_bic = 0, holdout_gain = 0;  // of the error that was left before this one
+};
+
+struct StaticSelection {
+  StaticFit before;  // with `always` alone: constants are free on both sides
+  StaticFit after;
+  std::vector<StaticStep> steps;
+};
+
+// Forward: of all candidates the one with the best criterion N log(cost) + k log(N), as long as it
+// takes `least_gain` of the mean square of the held-out rest with it. A candidate of a kind that is
+// already there replaces it.
+StaticSelection select_static(const StaticProblem& problem, const std::vector<StaticTerm>& always,
+                              const std::vector<StaticTerm>& candidates, double least_gain = 0.1);
+
+// Every other point of a grid, like the fields of one colour of a chess board; of points that form
+// no grid every other one in the order of the first coordinate.
+std::vector<char> chess_board(const std::vector<double>& x, const std::vector<double>& y);
+std::vector<char> every_other(const std::vector<double>& x);
+
+}  // namespace twinrate

@@ -1,0 +1,49 @@
+// Sets without time: what the columns of a measured file make of it, and the trace of each.
+//
+//   flux map         i_d, i_q, psi_d, psi_q            psi - (L_d i_d + psi_f, L_q i_q)
+//   inverter curve   a phase current and its voltage   u - R i at standstill
+//   holding current  theta_m, i_q                      trace/holding_torque.hpp
+#pragma once
+#include <map>
+#include <string>
+#include <vector>
+
+#include "trace/static_fit.hpp"
+
+namespace twinrate {
+
+// A measured file without time: columns by canonical name, all of one length.
+struct StaticSet {
+  std::string path;
+  std::map<std::string, std::vector<double>> columns;
+
+  std::size_t size() const { return columns.empty() ? 0 : columns.begin()->second.size(); }
+  bool has(const std::string& name) const { return columns.count(name) != 0; }
+  const std::vector<double>& at(const std::string& name) const { return columns.at(name); }
+};
+
+enum class StaticKind { kNone, kFluxMap, kInverterCurve, kHoldingCurrent };
+StaticKind kind_of(const StaticSet& set);
+
+struct StaticTrace {
+  StaticProblem problem;
+  StaticSelection selection;
+  std::string held_out_rule;  // which points were held out, for people
+};
+
+// `held_out`: of each point; empty: the rule of the set (chess board, every other point).
+//
+// Flux map: constants (flux_linkage, inductance) are free in both models, then saturation and
+// cross_saturation. Errors are weighed by those of the constant model, so that both axes count.
+StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
+                           std::vector<char> held_out = {});
+// Inverter curve: the resistance is free in both models, then the drop of the switches in each of
+// its shapes. Half the current returns through each of the other two phases of the star. Dead time
+// of the same shape is the same curve at one bus voltage: equivalent_dead_time() is the other name.
+StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
+                                 std::vector<char> held_out = {});
+// The dead_time that loses at every current what `drop` does, resistance aside. Null where the
+// drive has no bus voltage or switching frequency.
+std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFacts& facts);
+
+}  // namespace twinrate
