@@ -1,7 +1,7 @@
 // Policy propagated (estimator/propagated_gain.hpp) in the closed loop, beside the full filter
 // (n = 1): the dynamic profile, and starts from standstill. Runge-Kutta prediction.
 //
-//   build/bench/step_beyond [N ..]        default 20 50 100 200
+//   build/bench/step_beyond [N ..]        default 20 50 100 200 1000
 #include <fmt/format.h>
 
 #include <cstdlib>
@@ -68,7 +68,7 @@ int main(int argc, char** argv) {
   using namespace twinrate::bench;
   std::vector<int> ns;
   for (int i = 1; i < argc; ++i) ns.push_back(std::atoi(argv[i]));
-  if (ns.empty()) ns = {20, 50, 100, 200};
+  if (ns.empty()) ns = {20, 50, 100, 200, 1000};
   fmt::print("angle error, deg rms, worst of 3 seeds\n");
   row("dynamic profile", dynamic_profile(), ns);
   for (double ramp : {2000.0, 16000.0})
