@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "controller/controller.hpp"
+#include "estimator/make_filter.hpp"
 #include "estimator/registry.hpp"
 #include "tools/field_list.hpp"
 #include "tools/load_drive.hpp"
@@ -187,6 +188,7 @@ void check(const CheckOptions& options) {
   if (options.drive.empty())
     throw BadInput("check: a drive file or the name of a preset is needed");
   Config config = load_drive(options.drive, options.overrides);
+  make_fast_loop(config, false);  // refuses a gain policy that the filter cannot run
   if (options.resolved)
     std::cout << config.resolved();
   else
