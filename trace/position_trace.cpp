@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "model/frames.hpp"
 #include "trace/keys.hpp"
 #include "trace/measured_result.hpp"
 #include "trace/motion.hpp"
@@ -82,6 +83,18 @@ class Judge {
     if (by_speed_ && horizon_ <= 0) horizon_ = 5 * sample_interval(*logs_.front());
     if (!by_speed_) horizon_ = 0;
   }
+  // Training runs that cogging found elsewhere makes worse: their angle starts from another zero,
+  // so where it stands is not known there. A held-out run gets no such choice.
+  void find_other_zeros(const Found& found) {
+    if (!by_speed_) return;
+    MotionModel without = found.model();
+    without.holding = nullptr;
+    for (const PositionLog* log : logs_)
+      if (!log->held_out && speed_change(*log, without, horizon_).error <
+                                0.95 * speed_change(*log, found.model(), horizon_).error)
+        other_zero_.push_back(log);
+  }
+  const Logs& other_zero() const { return other_zero_; }
   bool by_speed() const { return by_speed_; }
   double horizon() const { return horizon_; }
   const Logs& logs() const { return logs_; }
@@ -90,7 +103,10 @@ class Judge {
            Errors& errors) const {
     if (by_speed_) {
       const SpeedChange before = speed_change(log, declared_of.declared(), horizon_);
-      const SpeedChange after = speed_change(log, model, horizon_);
+      MotionModel used = model;
+      if (std::find(other_zero_.begin(), other_zero_.end(), &log) != other_zero_.end())
+        used.holding = nullptr;
+      const SpeedChange after = speed_change(log, used, horizon_);
       errors.add(before.no_change, before.error, after.error, static_cast<double>(after.rows));
       return;
     }
@@ -120,7 +136,7 @@ class Judge {
  private:
   double horizon_;
   bool by_speed_ = false;
-  Logs logs_;
+  Logs logs_, other_zero_;
 };
 
 struct Evidence {
@@ -360,6 +376,15 @@ void add_errors(const Found& found, const Judge& judge, TraceResult& r) {
   }
 }
 
+double turns_covered(const Logs& logs) {
+  double most = 0;
+  for (const PositionLog* log : logs) {
+    const auto [low, high] = std::minmax_element(log->theta_m.begin(), log->theta_m.end());
+    most = std::max(most, (*high - *low) / kTwoPi);
+  }
+  return most;
+}
+
 std::string sentence(const TraceResult& r, const Found& found, const Judge& judge) {
   std::vector<std::string> parts;
   if (!found.holding.cogging.empty()) {
@@ -425,7 +450,12 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
       found.speed_lag = lag;
   found.voltage = trace_winding_voltage(found.at_rest, found.in_motion, facts.machine);
 
-  const Judge judge(logs, facts.machine, settings.horizon);
+  Judge judge(logs, facts.machine, settings.horizon);
+  if (!found.holding.cogging.empty()) judge.find_other_zeros(found);
+  for (const PositionLog* log : judge.other_zero())
+    r.health.push_back(log->path +
+                       ": its angle has another zero than the logs that show the cogging; judged "
+                       "without it");
   add_periodic(found, judge, facts, r);
   add_friction(found, judge, facts, r);
   add_inertia(found, judge, facts, r);
@@ -438,11 +468,17 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
                                   "the position would show it"});
   if (found.in_motion.empty())
     r.not_identifiable.push_back({"inertia", "no log in which the current accelerates the rotor"});
+  const double turns = turns_covered(found.at_rest);
+  if (!found.at_rest.empty() && turns < 0.9)
+    r.not_identifiable.push_back(
+        {"cogging",
+         fmt::format("the sweep covers {:.2f} of a turn; a whole one is needed", turns)});
   for (const char* kind : {"saturation", "dead_time", "phase_asymmetry", "iron_loss"})
     r.not_identifiable.push_back({kind, "phase currents and both voltages are not in the data"});
   r.verdict = !r.effects.empty()     ? "traced"
               : !r.ambiguous.empty() ? "ambiguous"
                                      : "nothing_missing";
+  if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) r.verdict = "cannot_tell";
   r.sentence = sentence(r, found, judge);
   return r;
 }
