@@ -157,6 +157,30 @@ TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
   EXPECT_EQ(refusal((directory_ / "none.csv").string()), "none.csv: no such file");
 }
 
+TEST_F(Import, SetsWithoutTimeAreReadAsTheyAre) {
+  const std::string set = csv(
+      "i_b,u_b", [](int k) { return fmt::format("{},{}", 0.01 * k, 0.02 * k); }, 30);
+  EXPECT_FALSE(holds_time(set, nullptr));
+  const DriveRows rows = read_static_rows(set, nullptr, false);
+  EXPECT_EQ(rows.size(), 30u);
+  EXPECT_TRUE(rows.t.empty());
+  EXPECT_DOUBLE_EQ(rows.at("u_b", 29), 0.58);
+  EXPECT_TRUE(holds_time(csv("t,i_q,theta_m", plain_row), nullptr));
+  const ImportMap map = read_import_map(write("map.toml", "[columns]\ni_b = \"i\"\nu_b = \"u\"\n"));
+  const std::string foreign = csv(
+      "i,u", [](int k) { return fmt::format("{},1", k); }, 25);
+  EXPECT_FALSE(holds_time(foreign, &map));
+  EXPECT_EQ(read_static_rows(foreign, &map, false).at("i_b", 3), 3);
+  try {
+    read_static_rows(csv(
+                         "i_b,u_b", [](int) { return std::string("0,0"); }, 19),
+                     nullptr, false);
+    ADD_FAILURE() << "19 rows are too few";
+  } catch (const BadInput& error) {
+    EXPECT_NE(std::string(error.what()).find("at least 20"), std::string::npos) << error.what();
+  }
+}
+
 TEST_F(Import, RepairLeavesATruncatedLastLineAndRepeatedSamplesOut) {
   const auto cut = [](int k) { return k == kRows - 1 ? std::string("0.0598,0.") : plain_row(k); };
   const std::string truncated = csv("t,i_q,theta_m", cut);
