@@ -7,6 +7,8 @@
 #include <cmath>
 #include <map>
 
+#include "trace/correction.hpp"
+#include "trace/effect_view.hpp"
 #include "trace/keys.hpp"
 #include "trace/rest.hpp"
 #include "trace/statistics.hpp"
@@ -321,8 +323,10 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
     r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain, a.why});
   from_samples(facts, health, r);
   errors(fitter, fit, r);
+  add_effect_views(fitter.chain(), fit, r);
   for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
   r.structured = !r.unexplained.empty();
+  r.corrections = corrections_of(r);
   identifiability(fitter, dictionary, fit, r);
   r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
               : r.structured     ? "unexplained"

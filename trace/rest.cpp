@@ -63,7 +63,7 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       {"direction", [](const OperatingPoint& p) { return p.omega_m > 0 ? 1.0 : -1.0; }},
   };
   const auto look = [&](const Eigen::VectorXd& e, const Runs& runs, const char* equation,
-                        const char* what) {
+                        const char* what, const char* channel) {
     if (e.size() < 50 * kBins) return;
     Structure best;
     for (const Axis& axis : axes) {
@@ -71,17 +71,18 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       for (std::size_t row : runs.row) x.push_back(axis.of(points[row]));
       const double share = explained_share(e, x);
       if (share < kLeastShare || share <= best.share) continue;
-      best = {.regressor = axis.regressor, .share = share, .equation = equation};
+      best = {
+          .regressor = axis.regressor, .share = share, .equation = equation, .channel = channel};
       best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", what, axis.regressor,
                               100 * share);
     }
     if (best.share > 0) found.push_back(best);
   };
   if (fit.y.d.size()) {
-    look(fit.y.d, chain.sampler().electrical(), "electrical", "the rest of the d voltage");
-    look(fit.y.q, chain.sampler().electrical(), "electrical", "the rest of the q voltage");
+    look(fit.y.d, chain.sampler().electrical(), "electrical", "the rest of the d voltage", "d");
+    look(fit.y.q, chain.sampler().electrical(), "electrical", "the rest of the q voltage", "q");
   }
-  look(fit.y.torque, chain.sampler().torque(), "mechanical", "the rest of the torque");
+  look(fit.y.torque, chain.sampler().torque(), "mechanical", "the rest of the torque", "torque");
   return found;
 }
 
@@ -89,7 +90,8 @@ Structure line_structure(const Effect& effect, const Selected& selected) {
   const double f = get_key(effect, "frequency_Hz"), order = get_key(effect, "order");
   Structure s{.regressor = f > 0 ? "t" : "theta_m",
               .share = selected.held_out_gain,
-              .equation = "mechanical"};
+              .equation = "mechanical",
+              .channel = "torque"};
   s.frequency_Hz = f;
   s.order = order;
   const double A = get_key(effect, "amplitude_Nm");

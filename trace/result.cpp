@@ -71,6 +71,26 @@ json error_json(const TraceResult& r) {
   return error;
 }
 
+json stop_gap_json(const TraceResult& r) {
+  json list = json::array();
+  for (const TracedEffect& e : r.stop_gaps) {
+    json row = effect_json(e);
+    row["in_extended_toml"] = true;
+    list.push_back(row);
+  }
+  for (const Correction& c : r.corrections)
+    list.push_back({{"kind", "table"},
+                    {"regressor", c.regressor},
+                    {"channel", c.channel},
+                    {"periodic", c.periodic},
+                    {"x", c.x},
+                    {"value", c.value},
+                    {"before", pair_json(c.before)},
+                    {"after", pair_json(c.after)},
+                    {"in_extended_toml", false}});
+  return list;
+}
+
 }  // namespace
 
 std::string to_json(const TraceResult& r) {
@@ -103,6 +123,7 @@ std::string to_json(const TraceResult& r) {
               {"effects", effects},
               {"ambiguous", ambiguous},
               {"unexplained", {{"structured", r.structured}, {"where", where}}},
+              {"stop_gap", stop_gap_json(r)},
               {"error", error_json(r)},
               {"constants", constants},
               {"identifiable", r.identifiable},

@@ -15,6 +15,13 @@ struct TracedParameter {
   std::string text;             // name of a choice, instead of a value
 };
 
+// What one effect does in one channel, row by row of that channel's TraceSeries (V, Nm).
+struct EffectView {
+  std::string channel;          // d, q, torque
+  std::vector<double> without;  // residual of the model that has all the others
+  std::vector<double> share;    // what this effect takes off it
+};
+
 struct TracedEffect {
   std::shared_ptr<const Effect> effect;
   std::string equation;  // electrical, mechanical, sensing
@@ -25,7 +32,8 @@ struct TracedEffect {
   double materiality = 0;            // size over the smallest worth reporting
   std::vector<std::string> aliases;  // kinds that explain the same as well
   bool only_in_log = false;          // spoils what is logged, not what the drive runs on
-  bool from_samples = false;  // found in the raw samples (clipping, missing rows), not fitted
+  bool from_samples = false;      // found in the raw samples (clipping, missing rows), not fitted
+  std::vector<EffectView> views;  // for the pictures: the channels that it shows in
 };
 
 // A kind that was considered and why it is not among the effects.
@@ -42,15 +50,25 @@ struct Ambiguity {
 
 // Structure that no effect of the catalogue explains.
 struct Structure {
-  std::string regressor;  // t, theta_m, i_q, i_d, omega_m, direction, temperature
-  double share = 0;       // of the residual's power in its equation
-  std::string equation;
+  std::string regressor;               // t, theta_m, i_q, i_d, omega_m, direction, temperature
+  double share = 0;                    // of the residual's power in its equation
+  std::string equation, channel;       // channel: d, q, torque
   double frequency_Hz = 0, order = 0;  // of a line
   std::string text;
 };
 
 struct ErrorPair {
   double train = 0, held_out = 0;
+};
+
+// A table over one variable that describes such structure without explaining it; linear between its
+// points, constant beyond them (trace/correction.hpp).
+struct Correction {
+  std::string regressor, channel;  // theta_m (rad, wrapped), omega_m, i_d, i_q, direction; d, q ..
+  bool periodic = false;
+  std::vector<double> x, value;  // SI
+  ErrorPair before, after;       // rms of the channel's residual without it and with it
+  double at(double regressor_value) const;
 };
 struct EquationError {
   std::string unit;
@@ -86,6 +104,7 @@ struct TraceResult {
   std::vector<Rejected> rejected;
   std::vector<Ambiguity> ambiguous;
   std::vector<Structure> unexplained;
+  std::vector<Correction> corrections;  // of the unexplained, as stop-gaps
   bool structured = false;
   std::optional<EquationError> electrical, mechanical;
   std::string main_equation;  // whose error stands at the top of "error"

@@ -1,0 +1,18 @@
+// A stop-gap for structure that no effect explains: the residual as a table over one variable.
+//
+//   c(x) = sum_j value_j hat_j(x),   hats over 25 knots (a periodic 36 over a turn; two directions)
+//
+// fitted to the training rows of what the traced model leaves, by least squares. It describes and
+// does not explain; whether it helps is measured on rows that it has not seen.
+#pragma once
+#include "trace/result.hpp"
+
+namespace twinrate {
+
+// For each structure of result.unexplained over a variable that can recur (not over time); lines
+// have a stop-gap of their own. Structure and series must stand in `result` already.
+std::vector<Correction> corrections_of(const TraceResult& result);
+// The correction's variable at row i of a series of its channel.
+double regressor_at(const TraceSeries& series, std::size_t i, const Correction& correction);
+
+}  // namespace twinrate
