@@ -9,8 +9,10 @@
 #include <fstream>
 #include <optional>
 
+#include "core/paths.hpp"
 #include "core/process.hpp"
 #include "tools/load_drive.hpp"
+#include "tools/report/trace_page.hpp"
 #include "tools/trace/extended.hpp"
 #include "tools/trace/measured_files.hpp"
 #include "tools/trace/raw_log.hpp"
@@ -85,7 +87,8 @@ void print_result(const TraceResult& r, const std::string& out) {
   for (const FileError& f : r.files)
     fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
                f.held_out ? "unseen" : "trained", f.path, f.before, f.after, f.unit, f.no_change);
-  for (const std::string& line : r.identifiable) fmt::print("  {}\n", line);
+  for (const std::string& line : r.identifiable)
+    if (line.find(' ') != std::string::npos) fmt::print("  {}\n", line);  // not a kind
   for (const std::string& line : r.health) fmt::print("  data: {}\n", line);
   fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
 }
@@ -143,7 +146,11 @@ int trace(const TraceOptions& o) {
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   std::filesystem::create_directories(o.out);
   write(o.out + "/trace.json", to_json(result));
-  write(o.out + "/extended.toml", extended_toml(config, result, o.keep_plant));
+  const std::string extended = extended_toml(config, result, o.keep_plant);
+  write(o.out + "/extended.toml", extended);
+  write_trace_page(
+      result, {config.drive().name, extended, config.drive().machine.n_p, twinrate::revision()},
+      o.out + "/report.html");
   if (!o.json) print_result(result, o.out);
   return 0;
 }

@@ -81,6 +81,9 @@ Json to_json(const Figure& whole, std::size_t max_points) {
   json["group"] = figure.group;
   json["note"] = figure.note;
   json["bars"] = figure.bars;
+  if (figure.log_y) json["log_y"] = true;
+  for (const auto& [from, to] : figure.shaded)
+    json["shaded"].push_back({rounded(from, 6), rounded(to, 6)});
   if (figure.y_range)
     json["y_range"] = {rounded(figure.y_range->first, 5), rounded(figure.y_range->second, 5)};
   for (const auto& [x, text] : figure.marks) json["marks"].push_back({{"x", x}, {"text", text}});
@@ -90,11 +93,14 @@ Json to_json(const Figure& whole, std::size_t max_points) {
     json["bar_labels"].push_back({{"x", x}, {"text", text}});
   json["x"] = rounded(figure.x, 9);
   json["series"] = Json::array();
-  for (const Series& curve : figure.series)
-    json["series"].push_back({{"name", curve.name},
-                              {"role", curve.role},
-                              {"stepped", curve.stepped},
-                              {"values", rounded(curve.values, 5)}});
+  for (const Series& curve : figure.series) {
+    Json one = {{"name", curve.name},
+                {"role", curve.role},
+                {"stepped", curve.stepped},
+                {"values", rounded(curve.values, 5)}};
+    if (!curve.errors.empty()) one["errors"] = rounded(curve.errors, 3);
+    json["series"].push_back(std::move(one));
+  }
   return json;
 }
 

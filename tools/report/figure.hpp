@@ -19,11 +19,12 @@ inline constexpr std::size_t kMaxPoints = 9000;
 inline constexpr double kDegrees = 180 / kPi;
 
 // One curve. `role` chooses colour and stroke in report.js: true, hat, ref, true2, hat2, ref2, run0
-// .. run7.
+// .. run7; dots, dots2: points without a line.
 struct Series {
   std::string name, role;
   std::vector<double> values;
   bool stepped = false;
+  std::vector<double> errors = {};  // half-length of each point's error bar; not thinned
 };
 
 struct Figure {
@@ -35,6 +36,8 @@ struct Figure {
   std::optional<std::pair<double, double>> y_range;
   std::vector<std::pair<double, std::string>> marks;    // vertical lines, and what they mark
   std::optional<std::pair<double, std::string>> level;  // a horizontal line, and what it is
+  std::vector<std::pair<double, double>> shaded = {};   // stretches of x with another ground
+  bool log_y = false;
   bool bars = false;  // a spectrum; the largest bars are numbered ..
   std::vector<std::pair<double, std::string>> bar_labels;  // .. or those given are labelled
 

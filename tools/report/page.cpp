@@ -102,10 +102,14 @@ void write_report(const std::vector<ReportRun>& runs, const ReportOptions& optio
   for (const ReportRun& run : runs) views.emplace_back(run, options.angle_reference);
   Json page = views.size() == 1 ? one_run(views.front()) : several_runs(views);
   const std::string title = options.title.empty() ? runs.front().config.name : options.title;
-  page["title"] = title;
   page["subtitle"] =
       views.size() == 1 ? runs.front().log.path : fmt::format("{} runs", views.size());
   page["revision"] = runs.front().log.revision;
+  report::write_page(std::move(page), title, out_path);
+}
+
+void report::write_page(Json page, const std::string& title, const std::string& out_path) {
+  page["title"] = title;
   write_whole(fill(asset("report.html"), {{"TITLE", escape_html(title)},
                                           {"UPLOT_STYLE", asset("uPlot.min.css")},
                                           {"STYLE", asset("report.css")},

@@ -40,6 +40,10 @@ struct RunView {
   std::vector<TickRow> short_window() const;
 };
 
+// page.cpp: the page with everything it needs inside; replaces `out_path` whole. Throws
+// std::runtime_error where it cannot be written or the page's own assets are not found.
+void write_page(Json page, const std::string& title, const std::string& out_path);
+
 // words.cpp
 std::string frequency(double f_Hz);
 std::string degrees(const std::optional<double>& angle_rad);  // "2.51", or "-" where empty

@@ -9,6 +9,9 @@ const STROKES = {
   hat2: { stroke: '#c2500a', width: 1.3 },
   ref2: { stroke: '#7a3d12', width: 1.2, dash: [2, 3] },
   lost: { stroke: '#b3261e', width: 1.1 },
+  fit: { stroke: '#1c2126', width: 2 },
+  dots: { stroke: '#0b5cab', width: 0, dots: true },
+  dots2: { stroke: '#e07b1a', width: 0, dots: true },
   run0: { stroke: '#0b5cab', width: 1.5 },
   run1: { stroke: '#c2500a', width: 1.5 },
   run2: { stroke: '#1d7a46', width: 1.5 },
@@ -34,6 +37,12 @@ function shown(value) {
 function tickLabels(chart, splits) {
   const step = Math.abs(splits[1] - splits[0]) || 1;
   return splits.map((v) => (Math.abs(v) < step / 1e6 ? '0' : String(Number(v.toPrecision(5)))));
+}
+
+// Of a logarithmic axis only the powers of ten are named.
+function decadeLabels(chart, splits) {
+  const decade = (v) => Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6;
+  return splits.map((v) => (v > 0 && decade(v) ? String(Number(v.toPrecision(2))) : ''));
 }
 
 function axis(label, size) {
@@ -73,6 +82,42 @@ function drawLine(line) {
     ctx.textAlign = vertical ? 'left' : 'right';
     ctx.fillText(line.text, vertical ? at + 4 * devicePixelRatio : bbox.left + bbox.width - 4 * devicePixelRatio,
                  vertical ? bbox.top + 13 * devicePixelRatio : at - 4 * devicePixelRatio);
+    ctx.restore();
+  };
+}
+
+// Another ground under stretches of x.
+function shade(stretches) {
+  return (chart) => {
+    const { ctx, bbox } = chart;
+    ctx.save();
+    ctx.fillStyle = '#fdf1e2';
+    for (const [from, to] of stretches) {
+      const left = Math.max(chart.valToPos(from, 'x', true), bbox.left);
+      const right = Math.min(chart.valToPos(to, 'x', true), bbox.left + bbox.width);
+      if (right > left) ctx.fillRect(left, bbox.top, right - left, bbox.height);
+    }
+    ctx.restore();
+  };
+}
+
+function errorBars(figure, curve) {
+  return (chart) => {
+    const { ctx } = chart;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(chart.bbox.left, chart.bbox.top, chart.bbox.width, chart.bbox.height);
+    ctx.clip();
+    ctx.strokeStyle = STROKES[curve.role].stroke;
+    ctx.lineWidth = devicePixelRatio;
+    curve.errors.forEach((error, i) => {
+      if (error == null || curve.values[i] == null) return;
+      const x = chart.valToPos(figure.x[i], 'x', true);
+      ctx.beginPath();
+      ctx.moveTo(x, chart.valToPos(curve.values[i] - error, 'y', true));
+      ctx.lineTo(x, chart.valToPos(curve.values[i] + error, 'y', true));
+      ctx.stroke();
+    });
     ctx.restore();
   };
 }
@@ -121,6 +166,7 @@ function seriesOptions(figure, curve) {
   if (figure.bars) {
     return { ...options, width: 0, fill: options.stroke, paths: uPlot.paths.bars({ size: [0.6, 40, 1] }) };
   }
+  if (options.dots) return { ...options, paths: () => null, points: { show: true, size: 5, width: 1, fill: options.stroke } };
   if (curve.stepped) options.paths = uPlot.paths.stepped({ align: 1 });
   options.spanGaps = figure.group === 'overlay';
   return options;
@@ -128,6 +174,7 @@ function seriesOptions(figure, curve) {
 
 function yRange(figure) {
   if (figure.y_range) return figure.y_range;
+  if (figure.log_y) return (chart, min, max) => (min > 0 ? [min / 1.3, max * 1.6] : [1e-6, 1]);
   const room = figure.bar_labels ? 2.2 : 1.15;  // above the bars
   if (figure.bars) return (chart, min, max) => [0, max > 0 ? room * max : 1];
   return (chart, min, max) => {
@@ -138,7 +185,9 @@ function yRange(figure) {
 }
 
 function draw(figure, box) {
-  const hooks = { setScale: [shareZoom(figure.group)], draw: [] };
+  const hooks = { setScale: [shareZoom(figure.group)], drawClear: [], draw: [] };
+  if (figure.shaded) hooks.drawClear.push(shade(figure.shaded));
+  for (const curve of figure.series) if (curve.errors) hooks.draw.push(errorBars(figure, curve));
   for (const line of figure.marks || []) hooks.draw.push(drawLine(line));
   if (figure.level) hooks.draw.push(drawLine(figure.level));
   if (figure.bars) hooks.draw.push(labelBars(figure));
@@ -147,9 +196,10 @@ function draw(figure, box) {
   const chart = new uPlot({
     width: box.clientWidth,
     height: box.dataset.height * 1,
-    scales: { x, y: { range: yRange(figure) } },
+    scales: { x, y: { range: yRange(figure), ...(figure.log_y ? { distr: 3 } : {}) } },
     axes: [axis(figure.x_label, 34),
-           { ...axis(figure.y_label, 68), ...(degrees ? { incrs: [30, 45, 90, 180] } : {}) }],
+           { ...axis(figure.y_label, 68), ...(degrees ? { incrs: [30, 45, 90, 180] } : {}),
+             ...(figure.log_y ? { values: decadeLabels } : {}) }],
     series: [{ label: figure.x_label, value: (u, v) => (v == null ? '' : String(Number(v.toPrecision(6)))) },
              ...figure.series.map((curve) => seriesOptions(figure, curve))],
     legend: { show: !box.dataset.small },
@@ -171,12 +221,12 @@ function figureNode(figure, height) {
 
 function sectionNode(section) {
   const height = section.columns === 3 ? SMALL_HEIGHT : 230;
-  const figures = section.figures.map((figure) => figureNode(figure, figure.bar_labels ? LABELLED_HEIGHT : height));
+  const figures = (section.figures || []).map((figure) => figureNode(figure, figure.bar_labels ? LABELLED_HEIGHT : height));
   const node = element('section', {}, [
     element('h2', { textContent: section.heading }),
     element('p', { className: 'note', textContent: section.note }),
     element('div', { className: `figures columns-${section.columns}` }, figures.map((f) => f.node)),
-    ...(section.table ? [tableNode(section.table.head, section.table.rows)] : []),
+    ...(section.table && section.table.rows.length ? [tableNode(section.table.head, section.table.rows)] : []),
   ]);
   return { node, draw: () => figures.forEach((f) => f.draw()) };
 }
@@ -209,8 +259,8 @@ function eventNodes(events) {
   return [element('h2', { textContent: 'Events' }), body];
 }
 
-function configNode(config) {
-  return element('details', {}, [element('summary', { textContent: 'Resolved config' }),
+function configNode(config, title) {
+  return element('details', {}, [element('summary', { textContent: title || 'Resolved config' }),
                                  element('pre', { textContent: config })]);
 }
 
@@ -233,7 +283,7 @@ function build(content) {
   const sections = content.sections.map(sectionNode);
   page.append(...sections.map((section) => section.node));
   if (content.events) page.append(...eventNodes(content.events));
-  if (content.config) page.append(configNode(content.config));
+  if (content.config) page.append(configNode(content.config, content.config_title));
   sections.forEach((section) => section.draw());
   addEventListener('resize', fit);
   addEventListener('beforeprint', fit);
