@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "trace/keys.hpp"
+#include "trace/static_picture.hpp"
 
 namespace twinrate {
 namespace {
@@ -134,6 +135,7 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
                     "times smaller",
                     trace.problem.channels[static_cast<std::size_t>(c)], s.before.held_out[c],
                     s.after.held_out[c], s.before.held_out[c] / s.after.held_out[c]));
+  r.pictures = static_pictures(trace, kind);
   add_inverter_alias(trace, r);
   r.verdict = found ? "traced" : r.effects.empty() ? "nothing_missing" : "traced";
   std::vector<std::string> kinds;

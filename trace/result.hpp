@@ -94,6 +94,13 @@ struct TraceSeries {
   double rate_Hz = 0;
 };
 
+// What is left before and after, of a set without time: its points in ascending order of x.
+struct TracePicture {
+  std::string title, x_label, y_label;
+  std::vector<double> x, before, after;
+  std::vector<char> held_out;
+};
+
 struct TraceResult {
   std::string verdict;   // traced, nothing_missing, unexplained, ambiguous, cannot_tell
   std::string sentence;  // the verdict for people
@@ -114,6 +121,7 @@ struct TraceResult {
   std::vector<std::string> identifiable;
   std::vector<std::pair<std::string, std::string>> not_identifiable;  // kind, why
   TraceSeries series_d, series_q, series_torque;
+  std::vector<TracePicture> pictures;  // where there are no series
   double seconds = 0;
 };
 

@@ -119,6 +119,18 @@ TEST(TracePage, DrawsTheEffectOverTheDataThatShowsIt) {
         EXPECT_EQ(curve["values"].size(), drawn["x"].size()) << drawn["title"];
 }
 
+// An effect that the residual does not follow: the page says so.
+TEST(TracePage, SaysWhereTheDataDoNotCarryTheClaim) {
+  TraceResult r = made_up_trace();
+  const auto note = [&] {
+    const Json content = content_of(page_of(r));
+    return (*section_with(content, "cogging: order 24"))["note"].get<std::string>();
+  };
+  EXPECT_EQ(note().find("do not carry"), std::string::npos) << note();
+  r.effects[0].views[0].without = r.series_torque.after;
+  EXPECT_NE(note().find("do not carry"), std::string::npos) << note();
+}
+
 TEST(TracePage, HoldsWithoutAnySeries) {
   TraceResult nothing;
   nothing.verdict = "cannot_tell";

@@ -10,6 +10,7 @@ const STROKES = {
   ref2: { stroke: '#7a3d12', width: 1.2, dash: [2, 3] },
   lost: { stroke: '#b3261e', width: 1.1 },
   fit: { stroke: '#1c2126', width: 2 },
+  dots0: { stroke: '#b4bcc4', width: 0, dots: true },
   dots: { stroke: '#0b5cab', width: 0, dots: true },
   dots2: { stroke: '#e07b1a', width: 0, dots: true },
   run0: { stroke: '#0b5cab', width: 1.5 },

@@ -18,6 +18,9 @@ constexpr int kBins = 48, kPeriodBins = 60;
 constexpr double kMiddle = 0.99;  // of the rows: the axis is not stretched by few
 constexpr double kExcerpt_s = 0.25;
 constexpr double kSlowRatio = 0.02;  // of its mean square: an effect that hardly changes
+constexpr double kStandsOut = 0.3;   // of the clearest channel
+constexpr double kShown = 0.5;       // of the effect's power, by an axis worth drawing
+constexpr double kMisfit = 0.25;     // of a residual that is the effect
 constexpr double kBase = 0.15;       // of the largest speed, current: below it no division
 
 // A picture in the making.
@@ -103,8 +106,8 @@ Plot over_speed(const Rows& rows) {
 Plot flux_over(const Rows& rows, std::string x_label, std::vector<double> x) {
   const bool d = rows.view.channel == "d";
   const std::string flux = d ? "psi_q" : "psi_d";
-  Plot plot = over(rows, fmt::format("Missing {} over {}", flux, x_label.substr(0, 3)),
-                   std::move(x_label), std::move(x));
+  const std::string title = fmt::format("Missing {} over {}", flux, x_label.substr(0, 3));
+  Plot plot = over(rows, title, std::move(x_label), std::move(x));
   plot.y_label = fmt::format("missing {} (mWb)", flux);
   plot.note = fmt::format("{} over the electrical speed, fast rows only.", rows.words.name);
   const double sign = d ? -1e-3 : 1e-3;
@@ -277,14 +280,50 @@ double rms(const std::vector<double>& y) {
   return y.empty() ? 0 : std::sqrt(sum / static_cast<double>(y.size()));
 }
 
+double standing(const TraceResult& r, const EffectView& view) {
+  return rms(view.share) / std::max(1e-300, rms(series_of(r, view.channel).after));
+}
+
 // The view in which the effect stands out most from what is left.
 const EffectView& clearest(const TraceResult& r, const TracedEffect& effect) {
-  const auto standing = [&](const EffectView& view) {
-    return rms(view.share) / std::max(1e-300, rms(series_of(r, view.channel).after));
-  };
   return *std::max_element(
       effect.views.begin(), effect.views.end(),
-      [&](const EffectView& a, const EffectView& b) { return standing(a) < standing(b); });
+      [&](const EffectView& a, const EffectView& b) { return standing(r, a) < standing(r, b); });
+}
+
+// Share of the effect's own power that is a function of the picture's axis.
+double explained(const Plot& plot) {
+  std::vector<double> sg(static_cast<std::size_t>(plot.bins), 0.0), gg = sg;
+  double whole = 0, part = 0;
+  const Points& p = plot.points;
+  for (std::size_t i = 0; i < p.x.size(); ++i) {
+    if (!(p.x[i] >= plot.lo && p.x[i] <= plot.hi)) continue;
+    const auto b =
+        std::min(sg.size() - 1,
+                 static_cast<std::size_t>((p.x[i] - plot.lo) / (plot.hi - plot.lo) * plot.bins));
+    sg[b] += p.share[i] * p.g[i], gg[b] += p.g[i] * p.g[i];
+    whole += p.share[i] * p.share[i];
+  }
+  for (std::size_t b = 0; b < sg.size(); ++b)
+    if (gg[b] > 0) part += sg[b] * sg[b] / gg[b];
+  return whole > 0 ? part / whole : 0;
+}
+
+// The picture on the axis that shows most of the effect, among the channels in which it stands out;
+// against its own prediction where no axis shows enough.
+Plot best_plot(const TraceResult& r, const TracedEffect& effect, int n_p, const Rows& clear,
+               std::size_t half) {
+  Plot best;
+  double most = 0;
+  for (const EffectView& view : effect.views) {
+    if (standing(r, view) < kStandsOut * standing(r, clear.view)) continue;
+    const Rows rows{series_of(r, view.channel), view, words_of(view.channel), n_p};
+    Plot plot = plot_of(r, effect, rows, widest_half(view.share, rows.s.t, rows.s.rate_Hz));
+    // The share itself is the last resort.
+    const double shown = plot.points.x == plot.points.share ? 0 : explained(plot);
+    if (shown > most) most = shown, best = std::move(plot);
+  }
+  return most > kShown ? best : over_share(clear, half);
 }
 
 // Least-squares factor of the residual over the effect on one kind of rows.
@@ -321,8 +360,11 @@ Json effect_section(const TraceResult& result, const TracedEffect& effect, int n
   if (std::isfinite(unseen))
     text += fmt::format(" On the data kept back the residual is {:.3f} times what the effect says.",
                         unseen);
+  if (std::isfinite(unseen) && std::abs(unseen - 1) > kMisfit)
+    text += " That is not 1: the data do not carry this claim.";
   Json figures = Json::array();
-  for (const Figure& figure : {figure_of(plot_of(result, effect, rows, half)), excerpt(rows, half)})
+  for (const Figure& figure :
+       {figure_of(best_plot(result, effect, n_p, rows, half)), excerpt(rows, half)})
     if (!figure.empty()) figures.push_back(to_json(figure));
   return {{"heading", heading}, {"note", text}, {"columns", 2}, {"figures", figures}};
 }

@@ -44,7 +44,8 @@ Json summary_of(const TraceResult& r) {
   Json rows = Json::array();
   rows.push_back({"fitted to", fmt::format("{}", fmt::join(r.sources, ", "))});
   rows.push_back({"kept back", r.held_out_sources.empty()
-                                   ? std::string("blocks of the same record")
+                                   ? std::string(r.pictures.empty() ? "blocks of the same record"
+                                                                    : "points of the same set")
                                    : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
   if (r.horizon_s > 0)
     rows.push_back({"compared every", fmt::format("{:.3g} ms", 1e3 * r.horizon_s)});
@@ -109,6 +110,7 @@ void write_trace_page(const TraceResult& r, const TracePage& page, const std::st
         effect_section(r, e, page.n_p, heading_of(e), fmt::format("{}.", e.effect->meaning()));
     if (!section.is_null()) sections.push_back(std::move(section));
   }
+  append(sections, picture_sections(r));
   append(sections, unexplained_sections(r, page.n_p));
   append(sections, residual_sections(r));
   append(sections, closing_sections(r));

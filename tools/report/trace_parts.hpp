@@ -21,6 +21,7 @@ Json effect_section(const TraceResult& result, const TracedEffect& effect, int n
 // trace_residuals.cpp: residuals before and after over time and angle and as spectra; the structure
 // that is left, with its correction.
 std::vector<Json> residual_sections(const TraceResult& result);
+std::vector<Json> picture_sections(const TraceResult& result);
 std::vector<Json> unexplained_sections(const TraceResult& result, int n_p);
 
 // trace_tables.cpp

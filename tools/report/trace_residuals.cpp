@@ -166,6 +166,24 @@ std::vector<Json> residual_sections(const TraceResult& result) {
   return sections;
 }
 
+std::vector<Json> picture_sections(const TraceResult& r) {
+  Json figures = Json::array();
+  for (const TracePicture& p : r.pictures) {
+    Figure figure{.title = p.title, .x_label = p.x_label, .y_label = p.y_label, .x = p.x};
+    std::vector<double> fitted(p.x.size(), std::nan("")), unseen = fitted;
+    for (std::size_t i = 0; i < p.x.size(); ++i) (p.held_out[i] ? unseen : fitted)[i] = p.after[i];
+    figure.add({"before: constants fitted", "dots0", p.before});
+    figure.add({"after, fitted", "dots", fitted});
+    figure.add({"after, kept back", "dots2", unseen});
+    if (!figure.empty()) figures.push_back(to_json(figure));
+  }
+  if (figures.empty()) return {};
+  return {Json{{"heading", "What is left, before and after"},
+               {"note", "Every point of the set, less what the model says."},
+               {"columns", 2},
+               {"figures", figures}}};
+}
+
 std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
   std::vector<Json> sections;
   for (const TracedEffect& line : r.stop_gaps) {

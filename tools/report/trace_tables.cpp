@@ -16,7 +16,12 @@ std::string percent(double share) {
   return fmt::format("{:.1f} %", 100 * share);
 }
 
+std::string number(double value) {
+  return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
+}
+
 std::string p_value(double p) {
+  if (!std::isfinite(p)) return "-";
   return p < 1e-300 ? "<1e-300" : fmt::format("{:.2g}", p);
 }
 
@@ -29,7 +34,8 @@ std::string spaced(std::string kind) {
 std::string unit_words(const std::string& suffix) {
   static const std::map<std::string, std::string> kWords = {
       {"1", ""},          {"per_rev", "a turn"}, {"Nm_rad", "Nm/rad"}, {"Nms_rad", "Nms/rad"},
-      {"rad_s", "rad/s"}, {"kgm2", "kg m2"},     {"H_A", "H/A"},       {"Nms2", "Nm s2"}};
+      {"rad_s", "rad/s"}, {"kgm2", "kg m2"},     {"H_A", "H/A"},       {"H_A2", "H/A2"},
+      {"Nms2", "Nm s2"}};
   const auto found = kWords.find(suffix);
   return found == kWords.end() ? suffix : found->second;
 }
@@ -166,7 +172,6 @@ Json errors_table(const TraceResult& r) {
   Json rows = Json::array();
   const auto add = [&](const char* name, const std::optional<EquationError>& e) {
     if (!e) return;
-    const auto number = [](double x) { return fmt::format("{:.4g}", x); };
     rows.push_back({fmt::format("{} ({})", name, e->unit), number(e->before.train),
                     number(e->after.train), number(e->before.held_out), number(e->after.held_out),
                     number(e->noise_floor), number(e->no_change), p_value(e->whiteness_p_value),
