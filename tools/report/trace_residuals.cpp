@@ -125,14 +125,18 @@ Figure structure_figure(const TraceResult& r, const Structure& structure) {
   Points points{.x = x, .e = s.after, .share = {}, .g = {}, .held_out = s.held_out};
   points.g.assign(s.t.size(), 1.0);
   points.share.assign(s.t.size(), 0.0);
-  for (const Correction& c : r.corrections)
-    if (c.regressor == structure.regressor && c.channel == channel)
-      for (std::size_t i = 0; i < s.t.size(); ++i) points.share[i] = c.at(regressor_at(s, i, c));
+  bool corrected = false;
+  for (const Correction& c : r.corrections) {
+    if (c.regressor != structure.regressor || c.channel != channel) continue;
+    corrected = true;
+    for (std::size_t i = 0; i < s.t.size(); ++i) points.share[i] = c.at(regressor_at(s, i, c));
+  }
   const auto [lo, hi] =
       structure.regressor == "theta_m" ? std::pair<double, double>(0, 360) : middle(x, kMiddle);
   Figure figure = bins_figure(bin(points, lo, hi, kBins));
   for (Series& curve : figure.series)
     if (curve.role == "fit") curve.name = "stop-gap correction";
+  if (!corrected) std::erase_if(figure.series, [](const Series& c) { return c.role == "fit"; });
   figure.title = structure.text;
   figure.x_label = label;
   figure.y_label = unit_label(channel);
