@@ -7,6 +7,7 @@
 #include "core/config_write.hpp"
 #include "core/paths.hpp"
 #include "core/toml_reader.hpp"
+#include "model/effects/delayed.hpp"
 #include "model/effects/flux_map.hpp"
 #include "model/random.hpp"
 
@@ -35,11 +36,17 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
     reader.accept("kind");
     UsedIn used_in = UsedIn::kPlant;
     choice(reader, "used_in", used_in, kUsedInNames, "");
+    double from_s = 0;
+    reader.number("from_s", from_s, 0, 1e6, "", Presence::kOptional);
     effect->fields(reader);
     reader.require_known();
     if (const std::string lacking = effect->prepare(drive.facts()); !lacking.empty())
       file.fail(path, *kind + ": " + lacking);
-    drive.effects.push_back({effect, used_in});
+    if (const std::string why = why_not_delayed(*effect); from_s > 0 && !why.empty())
+      file.fail(path + ".from_s", fmt::format("{}: {}, 0 allowed", *kind, why));
+    if (LegFacts legs; from_s > 0 && drive.plant.inverter == 1 && effect->describe_legs(legs))
+      file.fail(path + ".from_s", *kind + ": the switched inverter has it throughout a run");
+    drive.effects.push_back({effect, used_in, from_s});
   }
 }
 
@@ -130,6 +137,7 @@ void read_drive(Config::Impl& file) {
   read_section(root, "load", d.load);
   read_section(root, "run", d.run);
   read_section(root, "bus", d.bus);
+  read_section(root, "monitor", d.monitor);
   read_section(root, "reference", d.reference);
   if (const auto* table = file.root["reference"].as_table()) {
     d.reference.in_rpm = table->contains("speed_rpm");
@@ -285,6 +293,14 @@ std::string Config::resolved_with(std::vector<ConfiguredEffect> effects) const {
   std::string text = write_drive(drive);
   for (const auto& [path, table_text] : impl_->owned_text) text += table_text;
   return text + write_effects(drive);
+}
+
+Config Config::with_effects(const std::string& effects_toml, const std::string& source) const {
+  for (const auto& [key, node] : parse_text(effects_toml, source))
+    if (key.str() != "effect")
+      throw BadInput(fmt::format("{}:{}: {}: only [[effect]] tables allowed", source,
+                                 key.source().begin.line, key.str()));
+  return parse(resolved() + "\n" + effects_toml, source);
 }
 
 std::string Config::merged() const {

@@ -203,19 +203,21 @@ std::string write_drive(const DriveConfig& d) {
   text += without_line(section_text("reference", d.reference),
                        d.reference.in_rpm ? "omega_e_rad_s" : "speed_rpm");
   return text + section_text("load", d.load) + section_text("run", d.run) +
-         section_text("bus", d.bus) + section_text("estimator", d.estimator) +
-         section_text("controller", d.controller);
+         section_text("bus", d.bus) + section_text("monitor", d.monitor) +
+         section_text("estimator", d.estimator) + section_text("controller", d.controller);
 }
 
 std::string write_effects(const DriveConfig& drive) {
   std::string text;
-  for (const auto& [effect, used_in] : drive.effects) {
+  for (const auto& [effect, used_in, from_s] : drive.effects) {
     // fields() only shows the values to the writer; the copy keeps the config itself constant.
     const auto copy = effect->clone();
     TomlWriter writer("effect");
     copy->fields(writer);
-    text += fmt::format("\n[[effect]]\nkind = \"{}\"\nused_in = \"{}\"\n{}", effect->kind(),
-                        kUsedInNames[static_cast<int>(used_in)], writer.text());
+    text +=
+        fmt::format("\n[[effect]]\nkind = \"{}\"\nused_in = \"{}\"\n{}", effect->kind(),
+                    kUsedInNames[static_cast<int>(used_in)],
+                    (from_s > 0 ? "from_s = " + number_text(from_s) + "\n" : "") + writer.text());
   }
   return text;
 }
@@ -252,6 +254,7 @@ std::vector<KeyRow> describe_drive_keys() {
   add("load", d.load);
   add("run", d.run);
   add("bus", d.bus);
+  add("monitor", d.monitor);
   add("estimator", d.estimator);
   add("controller", d.controller);
   return rows;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model/discretise.hpp"
+#include "model/effects/delayed.hpp"
 
 namespace twinrate {
 namespace {
@@ -101,6 +102,17 @@ void BusParameters::fields(FieldVisitor& f) {
            "size at which the logger begins the next log file");
 }
 
+void MonitorParameters::fields(FieldVisitor& f) {
+  f.boolean("enabled", enabled, "launch starts twinrate-monitor with the set");
+  f.boolean("auto_add", auto_add,
+            "what the monitor finds missing is added to the running estimator and controller");
+  f.number("learn_s", learn_s, 0.5, 1000,
+           "from run.settle_s on: what the residual is like while the model fits");
+  f.number("block_s", block_s, 0.05, 100, "length of drive time that is judged at once");
+  f.number("gather_s", gather_s, 0.5, 1000, "data after a misfit before it is first traced");
+  f.number("window_s", window_s, 0.5, 1000, "rolling window: the longest stretch that is traced");
+}
+
 std::int64_t DriveConfig::t_ns(std::int64_t k) const {
   return std::llround(static_cast<double>(k) * 1e9 / rates.f_s_Hz);
 }
@@ -151,14 +163,14 @@ double DriveConfig::omega_m_start() const {
 Effects DriveConfig::plant_effects() const {
   Effects some;
   for (const ConfiguredEffect& e : effects)
-    if (e.used_in != UsedIn::kModel) some.push_back(e.effect);
+    if (e.used_in != UsedIn::kModel) some.push_back(delayed(e.effect, e.from_s));
   return some;
 }
 
 Effects DriveConfig::model_effects() const {
   Effects some;
   for (const ConfiguredEffect& e : effects)
-    if (e.used_in != UsedIn::kPlant) some.push_back(e.effect);
+    if (e.used_in != UsedIn::kPlant) some.push_back(delayed(e.effect, e.from_s));
   return some;
 }
 

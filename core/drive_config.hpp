@@ -108,9 +108,17 @@ struct BusParameters {
   void fields(FieldVisitor& f);
 };
 
+// twinrate-monitor (monitor/live_monitor.hpp).
+struct MonitorParameters {
+  bool enabled = false, auto_add = false;
+  double learn_s = 2, block_s = 0.25, gather_s = 2, window_s = 10;
+  void fields(FieldVisitor& f);
+};
+
 struct ConfiguredEffect {
   std::shared_ptr<const Effect> effect;
   UsedIn used_in = UsedIn::kPlant;
+  double from_s = 0;  // it begins then
 };
 
 struct DriveConfig {
@@ -128,6 +136,7 @@ struct DriveConfig {
   LoadParameters load;
   RunParameters run;
   BusParameters bus;
+  MonitorParameters monitor;
   std::vector<ConfiguredEffect> effects;  // [[effect]]
 
   double T_s() const { return 1 / rates.f_s_Hz; }

@@ -125,8 +125,9 @@ void print_summary(Config& config) {
   fmt::print("  load        {:.4g} Nm: i_q {:.4g} A\n", demand.T_load, demand.i_q);
   fmt::print("  run         {} s = {} ticks, figures from {} s, seed {}\n", d.run.duration_s,
              d.steps(), d.run.settle_s, d.run.seed);
-  for (const auto& [effect, used_in] : d.effects)
-    fmt::print("  effect      {} ({})\n", effect->kind(), kUsedInNames[static_cast<int>(used_in)]);
+  for (const auto& [effect, used_in, from_s] : d.effects)
+    fmt::print("  effect      {} ({}{})\n", effect->kind(), kUsedInNames[static_cast<int>(used_in)],
+               from_s > 0 ? fmt::format(", from {:g} s", from_s) : "");
   const auto warnings = warnings_of(config, demand);
   for (const std::string& warning : warnings) fmt::print("warning: {}\n", warning);
   fmt::print("{}\n", warnings.empty() ? "ok"

@@ -226,5 +226,23 @@ TEST(Refusal, AMistakeInAPresetsKeyIsPlacedInTheFileThatWroteIt) {
   expect_one_line_with(message, {"drive.toml:3", "machine.R_s_Ohm"});
 }
 
+TEST(Refusal, OfEffectsThatCannotBeginLater) {
+  for (const char* effect : {"kind = \"torsion\"\nJ_load_kgm2 = 1e-6\nstiffness_Nm_rad = 1.0\n",
+                             "kind = \"signal_lag\"\nsignal = \"current\"\nlag_s = 1e-4\n",
+                             "kind = \"flux_linkage\"\nchange_Wb = -1e-4\n"})
+    expect_one_line_with(refusal_of(drive_text() + kFoc + "[[effect]]\nfrom_s = 1.0\n" + effect),
+                         {"from_s", "0 allowed"});
+}
+
+TEST(Refusal, OfAdditionsThatAreNotEffects) {
+  const Config config = test::parse(drive_text());
+  expect_one_line_with(
+      refusal([&] { config.with_effects("[bus]\npeer_timeout_s = 1.0\n", "request"); }),
+      {"request:1", "bus", "only [[effect]] tables allowed"});
+  expect_one_line_with(
+      refusal([&] { config.with_effects("[[effect]]\nkind = \"magic\"\n", "request"); }),
+      {"effect[0].kind", "magic"});
+}
+
 }  // namespace
 }  // namespace twinrate

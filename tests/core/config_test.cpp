@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 
@@ -221,6 +222,37 @@ TEST(DescribeKeys, NamesEveryKeyOnce) {
   keys.clear();
   for (const KeyRow& row : describe_drive_keys())
     EXPECT_TRUE(keys.insert(row.key).second) << row.key;
+}
+
+const std::string kLateCogging =
+    "[[effect]]\nkind = \"cogging\"\norder = 24\namplitude_Nm = 0.01\nfrom_s = 1.5\n";
+
+TEST(Effects, BeginWhenTheFileSays) {
+  const Config config = parse(drive_text() + kLateCogging);
+  ASSERT_EQ(config.drive().effects.size(), 1u);
+  EXPECT_EQ(config.drive().effects[0].from_s, 1.5);
+  const Config again = parse(config.resolved());
+  EXPECT_EQ(again.drive().effects[0].from_s, 1.5);
+  const Effects plant = config.drive().plant_effects();
+  OperatingPoint point{.t = 1.4999, .theta_m = 0.03};
+  EXPECT_EQ(plant[0]->at(point).T_load, 0);
+  point.t = 1.5;
+  EXPECT_DOUBLE_EQ(plant[0]->at(point).T_load, 0.01 * std::sin(24 * 0.03));
+}
+
+TEST(Effects, ThatAreThereFromTheStartAreTheEffectsThemselves) {
+  const Config config =
+      parse(drive_text() + "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.1\n");
+  EXPECT_EQ(config.drive().plant_effects()[0], config.drive().effects[0].effect);
+}
+
+TEST(Effects, CanBeAddedToAConfig) {
+  const Config config = parse(drive_text());
+  const Config more = config.with_effects(
+      "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\nchange_Ohm = 0.2\n", "request");
+  EXPECT_EQ(more.drive().model_effects().size(), 1u);
+  EXPECT_EQ(more.drive().plant_effects().size(), 0u);
+  EXPECT_EQ(more.drive().machine.R_s, config.drive().machine.R_s);
 }
 
 }  // namespace

@@ -1,0 +1,58 @@
+#include "model/effects/delayed.hpp"
+
+#include <algorithm>
+
+namespace twinrate {
+namespace {
+
+class Delayed final : public Effect {
+ public:
+  Delayed(std::shared_ptr<const Effect> effect, double from_s)
+      : effect_(std::move(effect)), from_s_(from_s) {}
+  std::string_view kind() const override { return effect_->kind(); }
+  std::string_view meaning() const override { return effect_->meaning(); }
+  int acts_on() const override { return effect_->acts_on(); }
+  std::vector<std::string> signals_needed() const override { return effect_->signals_needed(); }
+  void fields(FieldVisitor& f) override {
+    const std::shared_ptr<Effect> own = effect_->clone();
+    own->fields(f);
+    effect_ = own;
+  }
+  std::shared_ptr<Effect> clone() const override {
+    return std::make_shared<Delayed>(effect_->clone(), from_s_);
+  }
+  Contribution at(const OperatingPoint& point) const override {
+    return point.t < from_s_ ? Contribution{} : effect_->at(point);
+  }
+  int regressor_count() const override { return effect_->regressor_count(); }
+  void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
+    if (point.t < from_s_)
+      std::fill(columns.begin(), columns.end(), Contribution{});
+    else
+      effect_->regressors(point, columns);
+  }
+  void coefficients(std::span<double> values) const override { effect_->coefficients(values); }
+  double materiality(const DriveFacts& facts) const override { return effect_->materiality(facts); }
+
+ private:
+  std::shared_ptr<const Effect> effect_;
+  double from_s_;
+};
+
+}  // namespace
+
+std::shared_ptr<const Effect> delayed(std::shared_ptr<const Effect> effect, double from_s) {
+  if (from_s <= 0) return effect;
+  return std::make_shared<Delayed>(std::move(effect), from_s);
+}
+
+std::string why_not_delayed(const Effect& effect) {
+  ShaftFacts shaft;
+  SamplingFacts sampling;
+  if (effect.describe_shaft(shaft)) return "a shaft is there from the start";
+  if (effect.describe_sampling(sampling)) return "the sampling is the same throughout a run";
+  if (effect.acts_on() & kOnFlux) return "the machine's flux is the same throughout a run";
+  return "";
+}
+
+}  // namespace twinrate
