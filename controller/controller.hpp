@@ -31,6 +31,9 @@ class Controller {
   virtual ~Controller() = default;
   virtual std::string_view kind() const = 0;
   virtual Command step(const ControllerInput& in) = 0;
+  // Other knowledge of the drive (effects with used_in = model or both), from the next step on; all
+  // that was controlled so far stays as it is.
+  virtual void know(const Effects& /*model_effects*/) {}
   // The mode change of the last step, if there was one.
   virtual ControllerEvent take_event() { return {}; }
   // What it learnt while running, as TOML tables that a drive file can hold; "" for nothing.

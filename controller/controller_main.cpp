@@ -6,6 +6,8 @@
 // from memory.
 #include <fmt/format.h>
 
+#include <deque>
+
 #include "controller/make_controller.hpp"
 #include "core/process.hpp"
 #include "core/recent.hpp"
@@ -37,6 +39,9 @@ class ControllerProcess {
         step_when_complete();
       });
     p.waiting_for([this] { return missing(); });
+    p.on_add_effects([this](Config& extended, std::int64_t k) {
+      coming_.emplace_back(k, extended.drive().model_effects());
+    });
   }
   void run() {
     p_.ready();
@@ -72,6 +77,10 @@ class ControllerProcess {
       r_ = p_.drive().reference_at(k);
     else if (r_.k < 0 || (p_.lockstep() && r_.k != k))
       return;
+    while (!coming_.empty() && k >= coming_.front().first) {
+      controller_->know(coming_.front().second);
+      coming_.pop_front();
+    }
     last_ = controller_->step({*m, e_, r_, truth});
     if (own_reference_) p_.bus().publish(to_wire(r_, p_.bus().session()));
     p_.bus().publish(to_wire(last_, p_.bus().session()));
@@ -91,6 +100,7 @@ class ControllerProcess {
   Estimate e_;
   Reference r_;
   Command last_;
+  std::deque<std::pair<std::int64_t, Effects>> coming_;  // by first tick
 };
 
 }  // namespace

@@ -10,7 +10,6 @@ namespace twinrate {
 Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
     : machine_(config.machine),
       p_(parameters),
-      effects_(acting_on(config.model_effects(), kOnTorque | kOnFlux)),
       angle_source_(config.controller.angle_source),
       T_s_(config.T_s()),
       advance_s_((config.plant.delay_samples + 0.5) * config.T_s()),
@@ -22,6 +21,12 @@ Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
       startup_(parameters.startup, config.start == Start::kAlignIf, config.T_s()),
       synchronism_(parameters.synchronism, machine_, config.T_s()) {
   if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
+  know(config.model_effects());
+}
+
+void Foc::know(const Effects& model_effects) {
+  effects_ = acting_on(model_effects, kOnTorque | kOnFlux);
+  on_voltage_ = acting_on(model_effects, kOnVoltage);
 }
 
 Foc::Frame Foc::rotor_frame(const ControllerInput& in) const {
@@ -46,6 +51,21 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
                                                                    : frame.theta_e / machine_.n_p,
                      .theta_e = frame.theta_e},
                     machine_.n_p);
+}
+
+// What the inverter must be asked for besides `u_dq`, so that `u_dq` is what reaches the machine.
+Vec2 Foc::predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
+                                 const Vec2& u_dq) const {
+  if (!p_.compensate_effects || on_voltage_.empty()) return Vec2::Zero();
+  return predicted_drop(
+      on_voltage_, {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
+                    .i_dq = park(clarke(in.measurement.i_abc), frame.theta_e),
+                    .u_dq = u_dq,
+                    .v_dc = in.measurement.v_dc,
+                    .omega_m = frame.omega_m,
+                    .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
+                                                                  : frame.theta_e / machine_.n_p,
+                    .theta_e = frame.theta_e});
 }
 
 // Leaves i_dq_wanted_; every speed_divider ticks.
@@ -176,6 +196,7 @@ Command Foc::step(const ControllerInput& in) {
     case Mode::kRun:
       c.i_dq_ref = closed_loop_reference(in, frame);
       u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, m.v_dc);
+      u_dq += predicted_voltage_loss(in, frame, u_dq);
       break;
     case Mode::kAlign:
       c.i_dq_ref = {i_start, 0};

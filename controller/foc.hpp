@@ -5,6 +5,7 @@
 //              controller/current_reference.hpp
 //   u_d = PI(i_d_ref - i_d) - omega_e L_q i_q
 //   u_q = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
+//   + voltage loss of the model's effects, + their torque / K_t in I_s (compensate_effects)
 //   limited to the circle v_dc/sqrt3; turned back at the angle the rotor has when the voltage acts
 //
 // A tick whose measurement or estimate is not finite repeats the last command and leaves every
@@ -39,9 +40,8 @@ struct FocParameters {
     f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
     field_weakening.fields(f);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
-    f.boolean(
-        "compensate_effects", compensate_effects,
-        "feed forward the torque that the model's effects (used_in) predict on the estimates");
+    f.boolean("compensate_effects", compensate_effects,
+              "feed forward torque and voltage loss that the model's effects (used_in) predict");
     f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
     f.table("synchronism", [&](FieldVisitor& sub) { synchronism.fields(sub); });
   }
@@ -53,6 +53,7 @@ class Foc final : public Controller {
   std::string_view kind() const override { return "foc"; }
   Command step(const ControllerInput& in) override;
   ControllerEvent take_event() override;
+  void know(const Effects& model_effects) override;
 
  private:
   struct Frame {
@@ -63,6 +64,8 @@ class Foc final : public Controller {
   void hand_over(const ControllerInput& in, const Frame& frame, double theta_e_forced);
   bool synchronism_lost(const ControllerInput& in, const Frame& frame);
   void speed_loop(const ControllerInput& in, const Frame& frame);
+  Vec2 predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
+                              const Vec2& u_dq) const;
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
   double predicted_load(const ControllerInput& in, const Frame& frame) const;
   Vec2 feed_forward(const Vec2& i_dq, double omega_e) const;
@@ -70,7 +73,7 @@ class Foc final : public Controller {
 
   const MachineParameters machine_;
   const FocParameters p_;
-  const Effects effects_;
+  Effects effects_, on_voltage_;
   const AngleSource angle_source_;
   const double T_s_, advance_s_, slew_rate_;
   Pi speed_, current_d_, current_q_;

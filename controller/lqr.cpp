@@ -45,11 +45,15 @@ Lqr::Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDe
       slew_rate_(config.reference.slew_rate_rad_s2 / config.machine.n_p),
       delay_(config.plant.delay_samples),
       angle_domain_(parameters.angle_domain, loop_model(config, design), config.T_s()),
-      known_flux_(acting_on(config.model_effects(), kOnFlux)),
-      known_voltage_(acting_on(config.model_effects(), kOnVoltage | kOnFlux)),
       compensation_(config.controller.compensation_at(0)) {
   pending_.fill(Vec2::Zero());
   if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
+  know(config.model_effects());
+}
+
+void Lqr::know(const Effects& model_effects) {
+  known_flux_ = acting_on(model_effects, kOnFlux);
+  known_voltage_ = acting_on(model_effects, kOnVoltage | kOnFlux);
 }
 
 Lqr::State Lqr::state_of(const ControllerInput& in) const {

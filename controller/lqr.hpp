@@ -46,6 +46,7 @@ class Lqr final : public Controller {
   Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDesign& design);
   std::string_view kind() const override { return "lqr"; }
   Command step(const ControllerInput& in) override;
+  void know(const Effects& model_effects) override;
   ControllerEvent take_event() override;
   std::string learnt() const override;
 
@@ -71,7 +72,7 @@ class Lqr final : public Controller {
   const double T_s_, advance_s_, slew_rate_;
   const int delay_;
   AngleDomain angle_domain_;
-  const Effects known_flux_, known_voltage_;
+  Effects known_flux_, known_voltage_;
   Compensation compensation_;
   double p_id_ = 0, p_omega_ = 0, omega_m_ref_ = 0, i_d_ref_ = 0;
   Vec2 u_awu_ = Vec2::Zero();

@@ -121,6 +121,12 @@ enum class ProcessState : int { kStarting, kReady, kRunning, kDone, kFailed };
 inline constexpr const char* kProcessStateNames[] = {"starting", "ready", "running", "done",
                                                      "failed"};
 
-enum class RequestKind : int { kStart = 1, kStop = 2, kEmergencyStop = 3 };
+enum class RequestKind : int {
+  kStart = 1,
+  kStop = 2,
+  kEmergencyStop = 3,
+  kAddEffect = 4,    // text: [[effect]] tables; value: tick from which on, or the next one
+  kAddProposed = 5,  // to the monitor: have what it proposed added
+};
 
 }  // namespace twinrate

@@ -98,11 +98,50 @@ void Process::handle_request(const request_t& request) {
       event(Reason::kEmergencyStop, status_.seq,
             "emergency stop: zero voltage from the next tick on");
       break;
+    case RequestKind::kAddEffect:
+      if (!add_effects_) return;
+      add_effects(request, reply);
+      break;
+    case RequestKind::kAddProposed:
+      if (!add_proposed_) return;
+      if (add_proposed_()) break;
+      reply.accepted = 0;
+      reply.text = "nothing is proposed";
+      break;
     default:
       reply.accepted = 0;
       reply.text = fmt::format("unknown request kind {}", request.kind);
   }
   bus_->publish(reply);
+}
+
+void Process::add_effects(const request_t& request, reply_t& reply) {
+  const std::string identity = fmt::format("{} {}", request.seq, request.text);
+  for (const auto& [text, answer] : effects_answered_)
+    if (text == identity) {
+      reply = answer;
+      return;
+    }
+  const auto wanted = request.value > 0 && request.value < 9e15
+                          ? static_cast<std::int64_t>(request.value)
+                          : std::int64_t{0};
+  reply.applied_seq = std::max(wanted, status_.seq + 1);
+  try {
+    const Config& present = extended_ ? *extended_ : config_;
+    Config extended = present.with_effects(request.text, "DRIVE_REQUEST");
+    if (extended.drive().model_effects().size() == present.drive().model_effects().size())
+      throw BadInput("DRIVE_REQUEST: no effect with used_in = \"model\" or \"both\" in it");
+    add_effects_(extended, reply.applied_seq);
+    extended_ = std::move(extended);
+    event(
+        Reason::kEffectAdded, reply.applied_seq,
+        fmt::format("{}: from tick {} on with {}", info_.program, reply.applied_seq, request.text));
+  } catch (const BadInput& refused) {
+    reply.accepted = 0;
+    reply.applied_seq = -1;
+    reply.text = refused.what();
+  }
+  effects_answered_.emplace_back(identity, reply);
 }
 
 // The five processes of a session must have been started with one config.

@@ -13,6 +13,7 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/bus.hpp"
@@ -73,6 +74,15 @@ class Process {
   // What an emergency stop does in this process (the plant: zero voltage).
   void on_emergency_stop(std::function<void()> action) { emergency_stop_ = std::move(action); }
 
+  // What happens to a request for more effects in the model: `extended` is this drive with all
+  // asked for so far, to be used from tick `k` on. May throw BadInput, which refuses the request.
+  // A process that has no model leaves it out.
+  using AddEffects = std::function<void(Config& extended, std::int64_t k)>;
+  void on_add_effects(AddEffects action) { add_effects_ = std::move(action); }
+
+  // The monitor: has what it proposed added; false where it proposed nothing.
+  void on_add_proposed(std::function<bool()> action) { add_proposed_ = std::move(action); }
+
   void event(Reason reason, std::int64_t k, const std::string& text);
   void finish(ProcessState state = ProcessState::kDone);
   void fail(Reason reason, std::int64_t k, const std::string& text);
@@ -83,6 +93,8 @@ class Process {
  private:
   using Clock = std::chrono::steady_clock;
   void handle_request(const request_t& request);
+  // Fills in what became of it; a request that comes again gets the same answer.
+  void add_effects(const request_t& request, reply_t& reply);
   void compare_config(const status_t& other);
   void beat();
   void check_patience();
@@ -95,6 +107,10 @@ class Process {
   Clock::time_point last_beat_{}, last_progress_{};
   std::function<Waiting()> waiting_for_;
   std::function<void()> emergency_stop_;
+  AddEffects add_effects_;
+  std::function<bool()> add_proposed_;
+  std::optional<Config> extended_;  // with the effects that requests added
+  std::vector<std::pair<std::string, reply_t>> effects_answered_;  // by the request's text
   bool finished_ = false;
 };
 

@@ -26,6 +26,11 @@ enum class Reason : int {
   kEmergencyStop = 41,
   kDiskFull = 50,
   kLogRotated = 51,
+  kModelMisfit = 60,
+  kEffectProposed = 61,
+  kEffectAdded = 62,
+  kEffectCompared = 63,
+  kNothingTraced = 64,
 };
 
 struct ReasonText {
@@ -72,6 +77,17 @@ inline constexpr std::array kReasons = {
     ReasonText{Reason::kDiskFull, "disk_full", "the log could not be written"},
     ReasonText{Reason::kLogRotated, "log_rotated",
                "the log reached its size limit; the next file was begun"},
+    ReasonText{Reason::kModelMisfit, "model_misfit",
+               "what is left of the drive's equations is no longer what it was: the model stopped "
+               "fitting"},
+    ReasonText{Reason::kEffectProposed, "effect_proposed",
+               "what the model lacks, as [[effect]] tables of a drive file"},
+    ReasonText{Reason::kEffectAdded, "effect_added",
+               "a process took an effect into its model, at this tick"},
+    ReasonText{Reason::kEffectCompared, "effect_compared",
+               "error with and without an added effect, on the data after it"},
+    ReasonText{Reason::kNothingTraced, "nothing_traced",
+               "the model does not fit, and no effect of the catalogue explains it"},
 };
 
 }  // namespace twinrate

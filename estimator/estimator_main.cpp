@@ -27,6 +27,9 @@ class EstimatorProcess {
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
     p.bus().on_new_session([this] { reset(-1); });
     p.waiting_for([this] { return missing(); });
+    p.on_add_effects([this](Config& extended, std::int64_t k) {
+      coming_.emplace_back(k, make_filter(extended));
+    });
   }
   void run() {
     p_.ready();
@@ -82,6 +85,10 @@ class EstimatorProcess {
         snapshot_for_tick(p_.drive().gain.policy, k, p_.drive().background_rate()));
   }
   void tick(const Measurement& m) {
+    while (!coming_.empty() && m.k >= coming_.front().first) {
+      fast_.exchange(std::move(coming_.front().second));
+      coming_.pop_front();
+    }
     last_ = fast_.tick(m);
     p_.bus().publish(to_wire(last_, p_.bus().session()));
     if (is_snapshot(m.k, p_.drive().background_rate())) snapshots_.put(last_);
@@ -129,6 +136,7 @@ class EstimatorProcess {
   Estimate last_;
   Recent<Estimate> snapshots_;
   std::deque<Measurement> waiting_;
+  std::deque<std::pair<std::int64_t, std::shared_ptr<const Filter>>> coming_;  // by first tick
   bool was_late_ = false, had_fallen_back_ = false;
 };
 

@@ -6,6 +6,8 @@
 // to compute and nothing is published.
 #include <fmt/format.h>
 
+#include <deque>
+
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "estimator/make_filter.hpp"
@@ -19,6 +21,9 @@ class GainProcess {
   explicit GainProcess(Process& p) : p_(p), background_(make_background_loop(p.config())) {
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
+    p.on_add_effects([this](Config& extended, std::int64_t k) {
+      coming_.emplace_back(k, make_filter(extended));
+    });
     p.waiting_for([this] {
       return Waiting{
           fmt::format("snapshot ESTIMATE({}) from estimator",
@@ -45,12 +50,17 @@ class GainProcess {
       if (!p_.options().follow) return;
       background_.reset();
     }
+    while (!coming_.empty() && e.k >= coming_.front().first) {
+      background_.exchange(std::move(coming_.front().second));
+      coming_.pop_front();
+    }
     p_.bus().publish(to_wire(background_.step(e), p_.bus().session()));
     p_.progress(e.k);
   }
 
   Process& p_;
   BackgroundLoop background_;
+  std::deque<std::pair<std::int64_t, std::shared_ptr<const Filter>>> coming_;  // by first tick
 };
 
 }  // namespace

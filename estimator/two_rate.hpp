@@ -45,6 +45,9 @@ class FastLoop {
   // Forgets everything: the next sample starts a session.
   void reset();
   void take_gain(const Gain& gain) { gains_.push(gain); }
+  // The same filter with other knowledge of the drive, from the next tick on; estimates and gains
+  // stay as they are.
+  void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
   // True when the gain that tick k plans to use is here (or none is planned yet).
   bool gain_ready(std::int64_t k) const;
   // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
@@ -82,6 +85,8 @@ class BackgroundLoop {
   void reset();
   // Computes K from the snapshot and propagates P with it.
   const Gain& step(const Estimate& snapshot);
+  // As FastLoop::exchange, from the next snapshot on.
+  void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
   const Gain& last() const { return gain_; }
 
  private:

@@ -12,6 +12,13 @@ ClosedLoop::ClosedLoop(Config& config)
       background_(make_background_loop(config)),
       controller_(make_controller(config)) {}
 
+void ClosedLoop::know(Config& extended) {
+  const auto filter = make_filter(extended);
+  fast_.exchange(filter);
+  background_.exchange(filter);
+  controller_->know(extended.drive().model_effects());
+}
+
 const TickRecord& ClosedLoop::step() {
   const std::int64_t k = plant_.k();
   tick_.measurement = plant_.sample();

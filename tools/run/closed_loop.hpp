@@ -32,6 +32,9 @@ class ClosedLoop {
   // Runs tick k; the reference stays valid until the next step.
   const TickRecord& step();
   std::int64_t k() const { return plant_.k(); }
+  // Estimator, gain and controller know the effects of `extended` from the next step on; the plant
+  // stays as it is.
+  void know(Config& extended);
   const Controller& controller() const { return *controller_; }
 
  private:
