@@ -23,7 +23,7 @@ struct Place {
   double weight = 0;
 };
 
-Place place_of(const Correction& c, double x) {
+Place place_of(const CorrectionTable& c, double x) {
   const std::size_t n = c.x.size();
   if (c.periodic) {
     const double u = wrap_turn(x) / kTwoPi * static_cast<double>(n);
@@ -37,7 +37,7 @@ Place place_of(const Correction& c, double x) {
   return {k, k + 1, (x - c.x[k]) / (c.x[k + 1] - c.x[k])};
 }
 
-bool place_knots(const TraceSeries& s, Correction& c) {
+bool place_knots(const TraceSeries& s, CorrectionTable& c) {
   if (c.periodic) {
     for (int k = 0; k < kTurnKnots; ++k) c.x.push_back(kTwoPi * k / kTurnKnots);
     return true;
@@ -58,7 +58,7 @@ bool place_knots(const TraceSeries& s, Correction& c) {
   return true;
 }
 
-void fit(const TraceSeries& s, Correction& c) {
+void fit(const TraceSeries& s, CorrectionTable& c) {
   const auto n = static_cast<Eigen::Index>(c.x.size());
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
   Eigen::VectorXd b = Eigen::VectorXd::Zero(n);
@@ -81,7 +81,7 @@ void fit(const TraceSeries& s, Correction& c) {
   c.value.assign(value.data(), value.data() + n);
 }
 
-void measure(const TraceSeries& s, Correction& c) {
+void measure(const TraceSeries& s, CorrectionTable& c) {
   double before[2] = {0, 0}, after[2] = {0, 0}, rows[2] = {0, 0};
   for (std::size_t i = 0; i < s.t.size(); ++i) {
     const int k = s.held_out[i] ? 1 : 0;
@@ -95,13 +95,13 @@ void measure(const TraceSeries& s, Correction& c) {
 
 }  // namespace
 
-double Correction::at(double regressor_value) const {
+double CorrectionTable::at(double regressor_value) const {
   if (value.empty()) return 0;
   const Place p = place_of(*this, regressor_value);
   return (1 - p.weight) * value[p.lower] + p.weight * value[p.upper];
 }
 
-double regressor_at(const TraceSeries& s, std::size_t i, const Correction& c) {
+double regressor_at(const TraceSeries& s, std::size_t i, const CorrectionTable& c) {
   if (c.regressor == "theta_m") return wrap_turn(s.theta_m[i]);
   if (c.regressor == "omega_m") return s.omega_m[i];
   if (c.regressor == "i_d") return s.i_d[i];
@@ -109,12 +109,12 @@ double regressor_at(const TraceSeries& s, std::size_t i, const Correction& c) {
   return s.omega_m[i] > 0 ? 1 : -1;
 }
 
-std::vector<Correction> corrections_of(const TraceResult& r) {
-  std::vector<Correction> list;
+std::vector<CorrectionTable> corrections_of(const TraceResult& r) {
+  std::vector<CorrectionTable> list;
   for (const Structure& structure : r.unexplained) {
     if (structure.regressor == "t" || structure.frequency_Hz > 0 || structure.order > 0) continue;
     if (structure.channel.empty()) continue;
-    Correction c{.regressor = structure.regressor, .channel = structure.channel};
+    CorrectionTable c{.regressor = structure.regressor, .channel = structure.channel};
     c.periodic = c.regressor == "theta_m";
     const TraceSeries& s = series_of(r, c.channel);
     if (s.t.empty() || !place_knots(s, c)) continue;

@@ -11,8 +11,8 @@ namespace twinrate {
 
 // For each structure of result.unexplained over a variable that can recur (not over time); lines
 // have a stop-gap of their own. Structure and series must stand in `result` already.
-std::vector<Correction> corrections_of(const TraceResult& result);
+std::vector<CorrectionTable> corrections_of(const TraceResult& result);
 // The correction's variable at row i of a series of its channel.
-double regressor_at(const TraceSeries& series, std::size_t i, const Correction& correction);
+double regressor_at(const TraceSeries& series, std::size_t i, const CorrectionTable& correction);
 
 }  // namespace twinrate

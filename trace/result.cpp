@@ -78,7 +78,7 @@ json stop_gap_json(const TraceResult& r) {
     row["in_extended_toml"] = true;
     list.push_back(row);
   }
-  for (const Correction& c : r.corrections)
+  for (const CorrectionTable& c : r.corrections)
     list.push_back({{"kind", "table"},
                     {"regressor", c.regressor},
                     {"channel", c.channel},

@@ -63,7 +63,7 @@ struct ErrorPair {
 
 // A table over one variable that describes such structure without explaining it; linear between its
 // points, constant beyond them (trace/correction.hpp).
-struct Correction {
+struct CorrectionTable {
   std::string regressor, channel;  // theta_m (rad, wrapped), omega_m, i_d, i_q, direction; d, q ..
   bool periodic = false;
   std::vector<double> x, value;  // SI
@@ -111,7 +111,7 @@ struct TraceResult {
   std::vector<Rejected> rejected;
   std::vector<Ambiguity> ambiguous;
   std::vector<Structure> unexplained;
-  std::vector<Correction> corrections;  // of the unexplained, as stop-gaps
+  std::vector<CorrectionTable> corrections;  // of the unexplained, as stop-gaps
   bool structured = false;
   std::optional<EquationError> electrical, mechanical;
   std::string main_equation;  // whose error stands at the top of "error"

@@ -16,15 +16,6 @@ constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the s
 constexpr int kMostRounds = 3;     // of noise model and selection
 constexpr double kSame = 0.9;      // a noise level that fell by less is the same
 
-std::vector<char> held_out_rows(const Record& record, double share) {
-  std::vector<char> held(record.size(), 0);
-  if (share <= 0) return held;
-  const int every = std::max(2, static_cast<int>(std::lround(1 / share)));
-  for (std::size_t k = 0; k < held.size(); ++k)
-    held[k] = static_cast<int>(kBlocks * k / held.size()) % every == every - 1;
-  return held;
-}
-
 std::vector<char> torque_rows(const Equations& equations) {
   std::vector<char> ok = equations.record().motion_ok;
   for (std::size_t k = 0; k < ok.size(); ++k)
@@ -45,6 +36,15 @@ double level(const NoiseModel& noise) {
 }
 
 }  // namespace
+
+std::vector<char> held_out_rows(const Record& record, double share) {
+  std::vector<char> held(record.size(), 0);
+  if (share <= 0) return held;
+  const int every = std::max(2, static_cast<int>(std::lround(1 / share)));
+  for (std::size_t k = 0; k < held.size(); ++k)
+    held[k] = static_cast<int>(kBlocks * k / held.size()) % every == every - 1;
+  return held;
+}
 
 TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out) {

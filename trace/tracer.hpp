@@ -12,6 +12,9 @@ struct TraceSettings {
   Say say;                // progress, one line each; may be empty
 };
 
+// Of each row: whether it stands in a block that does not train.
+std::vector<char> held_out_rows(const Record& record, double share);
+
 // `held_out`: of each row of the record; empty: blocks by settings.holdout.
 TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out = {});

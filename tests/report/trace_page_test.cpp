@@ -163,7 +163,7 @@ TEST(TraceCurves, AnOrderSpectrumNeedsTheWholeTurn) {
 
 // 0.02 Nm |i_q| with noise of 0.01 Nm: the table takes it away on rows it has not seen, and does
 // next to nothing where there is nothing.
-TEST(Correction, HelpsOnUnseenRowsOnlyWhereThereIsStructure) {
+TEST(CorrectionTable, HelpsOnUnseenRowsOnlyWhereThereIsStructure) {
   for (const double size : {0.02, 0.0}) {
     TraceResult r = made_up_trace();
     TraceSeries& s = r.series_torque;
@@ -178,7 +178,7 @@ TEST(Correction, HelpsOnUnseenRowsOnlyWhereThereIsStructure) {
                       .text = "depends on i_q"}};
     r.corrections = corrections_of(r);
     ASSERT_EQ(r.corrections.size(), 1u);
-    const Correction& c = r.corrections[0];
+    const CorrectionTable& c = r.corrections[0];
     EXPECT_NEAR(c.at(2.0), size * 2, 0.003);
     EXPECT_NEAR(c.at(-1.0), size * 1, 0.003);
     EXPECT_NEAR(c.after.held_out, 0.01, 0.0006);

@@ -126,7 +126,7 @@ Figure structure_figure(const TraceResult& r, const Structure& structure) {
   points.g.assign(s.t.size(), 1.0);
   points.share.assign(s.t.size(), 0.0);
   bool corrected = false;
-  for (const Correction& c : r.corrections) {
+  for (const CorrectionTable& c : r.corrections) {
     if (c.regressor != structure.regressor || c.channel != channel) continue;
     corrected = true;
     for (std::size_t i = 0; i < s.t.size(); ++i) points.share[i] = c.at(regressor_at(s, i, c));
@@ -143,7 +143,7 @@ Figure structure_figure(const TraceResult& r, const Structure& structure) {
   return figure;
 }
 
-std::string correction_text(const Correction& c) {
+std::string correction_text(const CorrectionTable& c) {
   const std::string unit = words_of(c.channel).unit;
   return fmt::format(
       "Stop-gap, not an explanation: a table of {} points over {} that describes the {} takes the "
@@ -206,7 +206,7 @@ std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
     const Figure figure = structure_figure(r, s);
     if (!figure.empty()) figures.push_back(to_json(figure));
   }
-  for (const Correction& c : r.corrections) note += (note.empty() ? "" : " ") + correction_text(c);
+  for (const CorrectionTable& c : r.corrections) note += (note.empty() ? "" : " ") + correction_text(c);
   if (!figures.empty())
     sections.push_back({{"heading", "Unexplained structure of the rest"},
                         {"note", note},

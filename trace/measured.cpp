@@ -1,0 +1,28 @@
+#include "trace/measured.hpp"
+
+namespace twinrate {
+
+void append_row(RawLog& raw, const Measurement& m, const Vec2& u_next, const double* T_load) {
+  constexpr int kNeeded = kPhaseCurrents | kPosition;
+  if ((m.signals & kNeeded) != kNeeded) return;  // a lost row
+  raw.t.push_back(1e-9 * static_cast<double>(m.t_ns));
+  raw.i_a.push_back(m.i_abc[0]);
+  raw.i_b.push_back(m.i_abc[1]);
+  raw.i_c.push_back(m.i_abc[2]);
+  raw.u_alpha.push_back(u_next[0]);
+  raw.u_beta.push_back(u_next[1]);
+  raw.v_dc.push_back(m.v_dc);
+  raw.theta_m.push_back(m.theta_m);
+  raw.omega_m.push_back(m.omega_m);
+  if (T_load) raw.T_load.push_back(*T_load);
+}
+
+RawLog raw_log_of(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last) {
+  RawLog raw;
+  raw.path = "rolling window";
+  for (std::size_t n = first; n + 1 < last; ++n)
+    append_row(raw, rows[n].m, rows[n + 1].m.u_alphabeta, &rows[n].T_load);
+  return raw;
+}
+
+}  // namespace twinrate
