@@ -6,9 +6,6 @@
 #include <fmt/format.h>
 #include <time.h>
 
-#include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <optional>
 #include <sstream>
 #include <thread>
@@ -18,14 +15,13 @@
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
 #include "tools/load_drive.hpp"
-#include "tools/run/process_set.hpp"
+#include "tools/run/lcm_replay.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-namespace fs = std::filesystem;
 
 struct ReplayOptions {
   std::string log, url, channel_suffix, only = "MEASUREMENT,REFERENCE,TRUTH";
@@ -51,42 +47,6 @@ bool estimator_heard(const ReplayOptions& o) {
   return heard;
 }
 
-// Bit for bit, NaN included; sessions may differ.
-bool same_bits(const Estimate& a, const Estimate& b) {
-  estimate_t x = to_wire(a, 0), y = to_wire(b, 0);
-  std::vector<std::uint8_t> x_bytes(static_cast<std::size_t>(x.getEncodedSize())),
-      y_bytes(x_bytes.size());
-  x.encode(x_bytes.data(), 0, static_cast<int>(x_bytes.size()));
-  y.encode(y_bytes.data(), 0, static_cast<int>(y_bytes.size()));
-  return x_bytes == y_bytes;
-}
-
-// Estimator and gain of the log's own config, for a replay into an empty bus.
-class OwnProcesses {
- public:
-  OwnProcesses(const RunLog& log, const ReplayOptions& o, std::int64_t session) {
-    char name[] = "/tmp/twinrate-replay-XXXXXX";
-    if (!mkdtemp(name)) throw std::runtime_error("no temporary directory can be made");
-    directory_ = name;
-    std::ofstream(directory_ + "/config.toml") << log.config_toml;
-    std::vector<std::string> list = {"--config", directory_ + "/config.toml", "--session",
-                                     std::to_string(session)};
-    if (!o.url.empty()) list.insert(list.end(), {"--lcm-url", o.url});
-    if (!o.channel_suffix.empty()) list.insert(list.end(), {"--channel-suffix", o.channel_suffix});
-    set_.start(Role::kGain, "twinrate-gain", list);
-    set_.start(Role::kEstimator, "twinrate-estimator", list);
-  }
-  ~OwnProcesses() {
-    set_.stop({Role::kEstimator, Role::kGain}, 3);
-    std::error_code ignored;
-    fs::remove_all(directory_, ignored);
-  }
-
- private:
-  std::string directory_;
-  ProcessSet set_;
-};
-
 // The logged estimate of each tick, walked in step with the measurements.
 class LoggedEstimates {
  public:
@@ -104,26 +64,22 @@ class LoggedEstimates {
 class LockstepReplay {
  public:
   LockstepReplay(const RunLog& log, const ReplayOptions& o, const DriveConfig& drive)
-      : log_(log), drive_(drive), logged_(log.estimate), session_(new_session_id()) {
+      : log_(log), drive_(drive), logged_(log.estimate) {
+    const std::int64_t session = new_session_id();
     if (!estimator_heard(o)) {
       fmt::print(
           "no estimator on the bus: starting estimator and gain with the log's own config\n");
-      own_.emplace(log, o, session_);
+      own_.emplace(log.config_toml, o.url, o.channel_suffix, session);
     }
-    bus_.emplace(BusOptions{.url = o.url,
-                            .channel_suffix = o.channel_suffix,
-                            .session = session_,
-                            .role = Role::kReplay});
-    bus_->subscribe<estimate_t>([this](const estimate_t& w) {
-      if (w.seq == waiting_k_) answer_ = from_wire(w);
-    });
+    replay_.emplace(drive.bus, o.url, o.channel_suffix, session);
   }
 
   int run() {
     const auto begun = Clock::now();
     for (const Measurement& m : log_.measurement) {
+      const std::optional<Estimate> answer = replay_->play(m);
       if (stop_signalled()) break;
-      if (!play(m)) {
+      if (!answer) {
         fmt::print(stderr,
                    "twinrate: no ESTIMATE({}) from an estimator within {} s; one that runs already "
                    "must be {}\n",
@@ -131,10 +87,10 @@ class LockstepReplay {
                    "unbound, and started with --follow to hear a second session");
         return 1;
       }
-      compare(m.k);
+      compare(m.k, *answer);
     }
     fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", played_, seconds_since(begun),
-               repeats_);
+               replay_->repeats());
     fmt::print("estimates: {} equal to the log bit for bit, {} different, {} not in the log\n",
                equal_, different_, played_ - equal_ - different_);
     if (different_ > 0) fmt::print("first difference at tick {}\n", first_difference_);
@@ -142,28 +98,11 @@ class LockstepReplay {
   }
 
  private:
-  bool play(const Measurement& m) {
-    answer_.reset();
-    waiting_k_ = m.k;
-    const auto begun = Clock::now();
-    auto sent = begun;
-    bus_->publish(to_wire(m, session_));
-    while (!answer_ && !stop_signalled()) {
-      bus_->handle(drive_.bus.repeat_after_ms);
-      if (answer_) break;
-      if (seconds_since(begun) > drive_.bus.peer_timeout_s) return false;
-      if (seconds_since(sent) * 1000 < drive_.bus.repeat_after_ms) continue;
-      ++repeats_;
-      sent = Clock::now();
-      bus_->publish(to_wire(m, session_));
-    }
-    return true;
-  }
-  void compare(std::int64_t k) {
+  void compare(std::int64_t k, const Estimate& answer) {
     ++played_;
     const Estimate* logged = logged_.at(k);
-    if (!logged || !answer_) return;
-    if (same_bits(*logged, *answer_)) {
+    if (!logged) return;
+    if (same_bits(*logged, answer)) {
       ++equal_;
     } else if (different_++ == 0) {
       first_difference_ = k;
@@ -173,12 +112,9 @@ class LockstepReplay {
   const RunLog& log_;
   const DriveConfig& drive_;
   LoggedEstimates logged_;
-  std::int64_t session_;
-  std::optional<OwnProcesses> own_;
-  std::optional<Bus> bus_;
-  std::int64_t waiting_k_ = -1;
-  std::optional<Estimate> answer_;
-  std::int64_t played_ = 0, equal_ = 0, different_ = 0, first_difference_ = -1, repeats_ = 0;
+  std::optional<OwnEstimator> own_;
+  std::optional<LcmReplay> replay_;
+  std::int64_t played_ = 0, equal_ = 0, different_ = 0, first_difference_ = -1;
 };
 
 std::vector<std::string> channel_list(const std::string& text) {

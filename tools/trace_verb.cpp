@@ -11,11 +11,13 @@
 
 #include "core/paths.hpp"
 #include "core/process.hpp"
+#include "core/run_log.hpp"
 #include "tools/load_drive.hpp"
 #include "tools/report/trace_page.hpp"
 #include "tools/trace/extended.hpp"
 #include "tools/trace/measured_files.hpp"
 #include "tools/trace/raw_log.hpp"
+#include "tools/trace/verify.hpp"
 #include "tools/verb.hpp"
 #include "trace/tracer.hpp"
 
@@ -23,9 +25,9 @@ namespace twinrate {
 namespace {
 
 struct TraceOptions {
-  std::string drive, out = "trace";
+  std::string drive, out = "trace", url;
   std::vector<std::string> data, holdout, overrides, maps;
-  bool repair = false, json = false, verbose = false, keep_plant = false;
+  bool repair = false, json = false, verbose = false, keep_plant = false, verify = false;
 };
 
 // A share of the rows, or empty where `text` is not a number.
@@ -44,15 +46,19 @@ void write(const std::string& path, const std::string& text) {
   if (!file.flush()) throw BadInput(path + ": cannot be written");
 }
 
+// `measurements`: filled where it is not null.
 Record read_record(const TraceOptions& o, const std::string& path, const DriveConfig& drive,
-                   Health& health, std::vector<std::string>& notes) {
+                   Health& health, std::vector<std::string>& notes,
+                   std::vector<Measurement>* measurements) {
   RawLog raw;
   if (is_run_log(path)) {
     raw = raw_log_of_run(path);
+    if (measurements) *measurements = read_run_log(path).measurement;
   } else {
     const std::optional<ImportMap> map = map_for(path, o.maps);
     DriveRows rows = read_drive_rows(path, map ? &*map : nullptr, o.repair);
     notes.insert(notes.end(), rows.notes.begin(), rows.notes.end());
+    if (measurements) *measurements = measurements_of(rows, drive);
     raw = raw_log(std::move(rows));
   }
   try {
@@ -93,16 +99,45 @@ void print_result(const TraceResult& r, const std::string& out) {
   fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
 }
 
-// Full drive logs, one after the other in one record.
+// Where a share was held back, each log keeps its part of the blocks.
+void hold_out(std::vector<VerifyLog>& logs, const std::vector<char>& held_out) {
+  std::size_t row = 0;
+  for (VerifyLog& log : logs) {
+    const auto begin = held_out.begin() + static_cast<std::ptrdiff_t>(row);
+    row += log.record.size();
+    log.held_out.assign(begin, held_out.begin() + static_cast<std::ptrdiff_t>(row));
+  }
+}
+
+// DIR/verify.json and the table.
+void prove(const TraceOptions& o, const Config& declared, const std::vector<VerifyLog>& logs) {
+  Config extended = Config::load(o.out + "/extended.toml");
+  read_all_tables(extended);
+  VerifySettings settings;
+  settings.url = o.url;
+  const Verification v = verify(logs, declared, extended, settings);
+  write(o.out + "/verify.json", to_json(v));
+  if (!o.json) fmt::print("on held-out data:\n{}{}/verify.json\n", table(v), o.out);
+}
+
+// Full drive logs, one after the other in one record. `verify_logs`: filled for --verify.
 TraceResult trace_drive_logs(const TraceOptions& o, const std::vector<std::string>& held_out_files,
-                             const DriveConfig& drive, const TraceSettings& settings) {
+                             const DriveConfig& drive, const TraceSettings& settings,
+                             std::vector<VerifyLog>& verify_logs) {
   std::vector<std::string> notes;
   Health health;
   Record record;
   std::vector<char> held_out;
   const auto append = [&](const std::string& path, bool unseen) {
     Health own;
-    Record next = read_record(o, path, drive, own, notes);
+    std::vector<Measurement> measurements;
+    Record next = read_record(o, path, drive, own, notes, o.verify ? &measurements : nullptr);
+    // Data that train are replayed only where a share of them does not.
+    if (o.verify && (unseen || held_out_files.empty()))
+      verify_logs.push_back({.path = path,
+                             .record = next,
+                             .held_out = std::vector<char>(next.size(), 1),
+                             .measurements = std::move(measurements)});
     try {
       record.append(next);
     } catch (const std::runtime_error& error) {
@@ -113,7 +148,10 @@ TraceResult trace_drive_logs(const TraceOptions& o, const std::vector<std::strin
   };
   for (const std::string& path : o.data) append(path, false);
   for (const std::string& path : held_out_files) append(path, true);
-  if (held_out_files.empty()) held_out.clear();
+  if (held_out_files.empty()) {
+    held_out.clear();
+    hold_out(verify_logs, held_out_rows(record, settings.holdout));
+  }
   TraceResult result = trace_record(record, drive, health, settings, held_out);
   result.sources = o.data;
   result.held_out_sources = held_out_files;
@@ -137,10 +175,12 @@ int trace(const TraceOptions& o) {
       files.share = settings.holdout = *share;
       files.held_out.clear();
     }
+  std::vector<VerifyLog> verify_logs;
   const auto start = std::chrono::steady_clock::now();
   std::optional<TraceResult> measured = trace_measured_files(files, config.drive());
-  TraceResult result = measured ? std::move(*measured)
-                                : trace_drive_logs(o, files.held_out, config.drive(), settings);
+  TraceResult result =
+      measured ? std::move(*measured)
+               : trace_drive_logs(o, files.held_out, config.drive(), settings, verify_logs);
   if (measured)
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -152,6 +192,11 @@ int trace(const TraceOptions& o) {
       result, {config.drive().name, extended, config.drive().machine.n_p, twinrate::revision()},
       o.out + "/report.html");
   if (!o.json) print_result(result, o.out);
+  if (o.verify && measured)
+    fmt::print(stderr,
+               "twinrate: --verify needs full drive logs; the error of each file is above\n");
+  else if (o.verify)
+    prove(o, config, verify_logs);
   return 0;
 }
 
@@ -176,6 +221,10 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
   verb->add_flag("--repair", o->repair, "leaves out a truncated last line and repeated samples");
   verb->add_flag("--keep-plant", o->keep_plant,
                  "extended.toml keeps the effects that only the simulated plant has");
+  verb->add_flag("--verify", o->verify,
+                 "error before and after on the held-out data: one step, free run, estimator over "
+                 "LCM, closed loop; DIR/verify.json");
+  verb->add_option("--lcm-url", o->url, "LCM URL for --verify");
   verb->add_flag("--json", o->json, "JSON lines instead of text");
   verb->add_flag("--verbose", o->verbose, "says each step of the selection");
   verb->callback([o, &exit_code] { exit_code = trace(*o); });

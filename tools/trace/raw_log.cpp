@@ -5,7 +5,9 @@
 
 #include "core/config.hpp"
 #include "core/run_log.hpp"
+#include "tools/import/drive_messages.hpp"
 #include "tools/load_drive.hpp"
+#include "trace/measured.hpp"
 
 namespace twinrate {
 
@@ -37,6 +39,14 @@ RawLog raw_log(DriveRows rows) {
   return raw;
 }
 
+std::vector<Measurement> measurements_of(const DriveRows& rows, const DriveConfig& drive) {
+  const TickGrid grid = place_on_grid(rows, drive.rates.f_s_Hz);
+  const DriveMessages messages(rows, drive.machine.n_p);
+  std::vector<Measurement> measurements;
+  for (const TickGrid::Slot& slot : grid.slots) measurements.push_back(messages.measurement(slot));
+  return measurements;
+}
+
 bool is_run_log(const std::string& path) {
   return std::filesystem::is_directory(path) || path.ends_with(".lcm");
 }
@@ -51,23 +61,11 @@ RawLog raw_log_of_run(const std::string& path) {
                    std::to_string(kFewestRows + 1) + " needed");
   std::optional<Config> config;
   if (!log.config_toml.empty()) config = Config::parse(log.config_toml, path);
-  double T_load = 0;
+  std::optional<DeclaredLoad> load;
+  if (config) load.emplace(config->drive());
   for (std::size_t k = 0; k + 1 < m.size(); ++k) {
-    constexpr int kNeeded = kPhaseCurrents | kPosition;
-    if ((m[k].signals & kNeeded) != kNeeded) continue;  // a lost row
-    raw.t.push_back(1e-9 * static_cast<double>(m[k].t_ns));
-    raw.i_a.push_back(m[k].i_abc[0]);
-    raw.i_b.push_back(m[k].i_abc[1]);
-    raw.i_c.push_back(m[k].i_abc[2]);
-    raw.u_alpha.push_back(m[k + 1].u_alphabeta[0]);
-    raw.u_beta.push_back(m[k + 1].u_alphabeta[1]);
-    raw.v_dc.push_back(m[k].v_dc);
-    raw.theta_m.push_back(m[k].theta_m);
-    raw.omega_m.push_back(m[k].omega_m);
-    if (!config) continue;
-    const DriveConfig& drive = config->drive();
-    T_load = slew(T_load, drive.load.T_load_Nm.at(raw.t.back()), drive.load.slew_Nm_s, drive.T_s());
-    raw.T_load.push_back(T_load);
+    const double T_load = load ? load->at(1e-9 * static_cast<double>(m[k].t_ns)) : 0;
+    append_row(raw, m[k], m[k + 1].u_alphabeta, load ? &T_load : nullptr);
   }
   return raw;
 }
