@@ -14,7 +14,7 @@ struct LaunchOptions {
   std::string drive, run_dir, duration, url, channel_suffix;
   std::string pace = "lockstep";
   std::vector<std::string> overrides;
-  bool json = false;
+  bool json = false, monitor = false;
 };
 
 void need_multicast() {
@@ -28,6 +28,7 @@ void need_multicast() {
 int launch(const LaunchOptions& o) {
   std::vector<std::string> overrides = o.overrides;
   if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+  if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
   if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)
@@ -43,7 +44,8 @@ int launch(const LaunchOptions& o) {
                                          .url = o.url,
                                          .channel_suffix = o.channel_suffix,
                                          .pace = pace,
-                                         .json = o.json});
+                                         .json = o.json,
+                                         .monitor = config.drive().monitor.enabled});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   return conclude_run(directory, config, facts);
@@ -62,6 +64,8 @@ void add_launch_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
   verb->add_option("--lcm-url", o->url, "LCM URL");
   verb->add_option("--channel-suffix", o->channel_suffix, "appended to every channel name");
+  verb->add_flag("--monitor", o->monitor,
+                 "twinrate-monitor runs with the set (as monitor.enabled = true)");
   verb->add_flag("--json", o->json, "progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = launch(*o); });
 }

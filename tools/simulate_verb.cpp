@@ -5,12 +5,15 @@
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
 
 #include "core/bus.hpp"
 #include "core/manifest.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "logger/tick_log.hpp"
+#include "monitor/live_monitor.hpp"
 #include "tools/load_drive.hpp"
 #include "tools/run/closed_loop.hpp"
 #include "tools/run/progress.hpp"
@@ -26,7 +29,7 @@ struct SimulateOptions {
   std::string drive, run_dir;
   std::vector<std::string> overrides;
   std::string duration;
-  bool json = false;
+  bool json = false, monitor = false;
 };
 
 // Encodes each message as the bus would and hands it to the log.
@@ -37,12 +40,13 @@ class SimulatedBus {
   void publish(const Signal& signal) {
     send(to_wire(signal, session_));
   }
-  void publish_event(Reason reason, const std::string& text, std::int64_t k, std::int64_t t_ns) {
+  void publish_event(Reason reason, const std::string& text, std::int64_t k, std::int64_t t_ns,
+                     Role role = Role::kController) {
     event_t e{};
     e.seq = k;
     e.t_ns = t_ns;
     e.session = session_;
-    e.role = static_cast<std::int32_t>(Role::kController);
+    e.role = static_cast<std::int32_t>(role);
     e.reason = static_cast<std::int32_t>(reason);
     e.text = text;
     send(e);
@@ -72,6 +76,45 @@ void publish_tick(SimulatedBus& bus, const TickRecord& tick) {
     bus.publish_event(tick.event.reason, tick.event.text, tick.command.k, tick.command.t_ns);
 }
 
+// The monitor in this process: tracing takes no drive time here.
+class OwnMonitor {
+ public:
+  OwnMonitor(Config& config, SimulatedBus& bus, ClosedLoop& loop, std::string directory)
+      : config_(config),
+        bus_(bus),
+        loop_(loop),
+        directory_(std::move(directory)),
+        monitor_(config) {}
+  ~OwnMonitor() { std::ofstream(directory_ + "/monitor.json") << monitor_.to_json(); }
+
+  void take(const TickRecord& tick) {
+    monitor_.take(tick.measurement);
+    monitor_.take(tick.estimate);
+    while (const auto job = monitor_.take_job()) monitor_.traced(run(*job));
+    if (const auto toml = monitor_.take_addition()) {
+      coming_ = (extended_ ? *extended_ : config_).with_effects(*toml, "monitor");
+      from_k_ = monitor_.tick_for_addition();
+    }
+    for (const MonitorNotice& notice : monitor_.take_notices())
+      bus_.publish_event(notice.reason, notice.text, notice.k, tick.measurement.t_ns,
+                         Role::kMonitor);
+    if (coming_ && loop_.k() >= from_k_) {
+      loop_.know(*coming_);
+      extended_ = std::exchange(coming_, {});
+      monitor_.added(loop_.k());
+    }
+  }
+
+ private:
+  Config& config_;
+  SimulatedBus& bus_;
+  ClosedLoop& loop_;
+  std::string directory_;
+  LiveMonitor monitor_;
+  std::optional<Config> extended_, coming_;
+  std::int64_t from_k_ = 0;
+};
+
 std::int64_t wall_us() {
   return std::chrono::duration_cast<std::chrono::microseconds>(
              std::chrono::system_clock::now().time_since_epoch())
@@ -91,11 +134,14 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
   TickLog log(writer, TickLog::Order::kByTick, d, "", t0_us);
   SimulatedBus bus(log, session);
   ClosedLoop loop(config);
+  std::optional<OwnMonitor> monitor;
+  if (d.monitor.enabled) monitor.emplace(config, bus, loop, directory);
   Progress progress(d, json);
   std::string ended;
   while (loop.k() < d.steps() && ended.empty()) {
     const TickRecord& tick = loop.step();
     publish_tick(bus, tick);
+    if (monitor) monitor->take(tick);
     progress.show(tick.truth, tick.estimate, {});
     if (writer.full()) ended = writer.files().back() + ": the disk is full";
     if (stop_signalled()) ended = "interrupted";
@@ -111,6 +157,7 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
 int simulate(const SimulateOptions& o) {
   std::vector<std::string> overrides = o.overrides;
   if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+  if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
   const std::string directory = make_run_directory(o.run_dir, config);
   catch_stop_signals();
@@ -132,6 +179,8 @@ void add_simulate_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--duration", o->duration, "drive time, e.g. 2s or 500ms");
   verb->add_option("--run-dir", o->run_dir, "where the run is written (default runs/NAME-DATE)");
   verb->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
+  verb->add_flag("--monitor", o->monitor,
+                 "watches, traces and proposes effects (as monitor.enabled = true)");
   verb->add_flag("--json", o->json, "progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = simulate(*o); });
 }

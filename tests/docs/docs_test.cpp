@@ -136,7 +136,8 @@ TEST(Links, LeadToAFileAndToAHeadingInIt) {
 // that does not exist.
 TEST(Paths, NamedInThePagesExist) {
   const std::string folders =
-      "lcmtypes|model|core|plant_sim|estimator|controller|logger|tools|config|tests|bench|docs";
+      "lcmtypes|model|core|plant_sim|estimator|controller|trace|monitor|logger|tools|config|tests|"
+      "bench|docs";
   for (const fs::path& page : pages()) {
     for (std::string path : found(text_of(page), "`((?:" + folders + ")/[a-z0-9_./*-]*)`")) {
       if (path.find("fan_load") != std::string::npos) continue;
@@ -168,7 +169,8 @@ TEST(Keys, NamedInThePagesExist) {
   const auto list = found(reference, "\\| `([^`]*)`");
   const std::set<std::string> keys(list.begin(), list.end());
   const std::string tables =
-      "machine|inverter|sensors|rates|gain|plant|reference|load|run|bus|estimator|controller";
+      "machine|inverter|sensors|rates|gain|plant|reference|load|run|bus|monitor|estimator|"
+      "controller";
   for (const fs::path& page : pages()) {
     const std::string text = text_of(page);
     for (const std::string& key : found(text, "`((?:" + tables + ")\\.[a-z][A-Za-z0-9_.]*)[`= ]")) {

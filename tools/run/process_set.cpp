@@ -23,7 +23,8 @@ namespace fs = std::filesystem;
 // In an installed tree all programs share bin/; in a build tree each sits in its folder.
 std::string find_program(const std::string& program) {
   const fs::path here = executable_directory();
-  for (const char* folder : {"", "../plant_sim", "../estimator", "../controller", "../logger"}) {
+  for (const char* folder :
+       {"", "../plant_sim", "../estimator", "../controller", "../logger", "../monitor"}) {
     const fs::path candidate = here / folder / program;
     if (access(candidate.c_str(), X_OK) == 0) return candidate.lexically_normal().string();
   }

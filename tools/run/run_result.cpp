@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
@@ -44,6 +45,13 @@ std::string degrees(const std::optional<double>& angle_rad) {
   return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
 }
 
+// Events may hold tables of a drive file.
+std::string one_line(std::string text) {
+  while (text.ends_with('\n')) text.pop_back();
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
 // What a person should know of the run besides its figures: each kind of event that is not routine,
 // once, with its first occurrence and how often it came.
 std::vector<std::string> notable_events(const RunLog& log) {
@@ -60,7 +68,7 @@ std::vector<std::string> notable_events(const RunLog& log) {
     const auto& [event, count] = seen;
     const std::string often = count > 1 ? fmt::format("  ({} times)", count) : "";
     lines.push_back(fmt::format("{:.4f} s, {}: {}{}", 1e-9 * static_cast<double>(event->t_ns),
-                                role_name(event->role), event->text, often));
+                                role_name(event->role), one_line(event->text), often));
   }
   return lines;
 }

@@ -23,6 +23,7 @@ struct Member {
 // In the order of their start: who listens comes before who speaks.
 constexpr Member kMembers[] = {
     {Role::kLogger, "twinrate-logger", false},
+    {Role::kMonitor, "twinrate-monitor", false},
     {Role::kGain, "twinrate-gain", false},
     {Role::kEstimator, "twinrate-estimator", true},
     {Role::kController, "twinrate-controller", true},
@@ -71,6 +72,7 @@ std::vector<std::string> Supervisor::arguments(Role role) const {
 void Supervisor::start_children() {
   const CpuPlan cpus = plan_cpus(drive_.bus.pin);
   for (const Member& member : kMembers) {
+    if (member.role == Role::kMonitor && !options_.monitor) continue;
     std::vector<std::string> list = arguments(member.role);
     const int cpu = member.in_ring ? cpus.ring : cpus.rest;
     if (cpu >= 0) list.insert(list.end(), {"--cpu", std::to_string(cpu)});
@@ -104,6 +106,7 @@ void Supervisor::note_dead_child() {
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
     if (gain_death_told_ && child.role == Role::kGain) continue;
+    if (monitor_death_told_ && child.role == Role::kMonitor) continue;
     const std::string cause = root_cause();
     end_early(!cause.empty() && child.exit_code < 128
                   ? cause
@@ -122,6 +125,19 @@ bool Supervisor::survives_without_the_gain() {
     tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
                                                    gain->program, describe_end(*gain)));
   gain_death_told_ = true;
+  return true;
+}
+
+// The drive does not need it; the log and the exit code tell.
+bool Supervisor::survives_without_the_monitor() {
+  const Child* monitor = set_.child(Role::kMonitor);
+  if (!monitor || !monitor->ended) return false;
+  for (const Child& child : set_.children())
+    if (child.ended && child.role != Role::kMonitor) return false;
+  if (!monitor_death_told_)
+    tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
+                                                   monitor->program, describe_end(*monitor)));
+  monitor_death_told_ = true;
   return true;
 }
 
@@ -156,7 +172,7 @@ bool Supervisor::wait_until_ready() {
     if (!facts_.ended.empty()) return false;
     std::string missing;
     for (const Member& member : kMembers)
-      if (!ready(member.role))
+      if (set_.child(member.role) && !ready(member.role))
         missing += (missing.empty() ? "" : ", ") + std::string(member.program);
     if (missing.empty()) return true;
     if (seconds_since(begun) > std::max(drive_.bus.peer_timeout_s, kStartPatience_s))
@@ -177,7 +193,7 @@ void Supervisor::watch() {
     if (seconds_since(last_look) < 0.02) continue;
     last_look = Clock::now();
     if (!running()) request(RequestKind::kStart);
-    if (!set_.all_running() && !survives_without_the_gain()) {
+    if (!set_.all_running() && !survives_without_the_gain() && !survives_without_the_monitor()) {
       note_dead_child();
       return;
     }
@@ -204,7 +220,7 @@ void Supervisor::stop_in_order() {
   set_.stop({Role::kPlant}, 3);
   for (int i = 0; i < 20 && bus_->handle(1); ++i) {
   }
-  set_.stop({Role::kEstimator, Role::kController, Role::kGain}, 3);
+  set_.stop({Role::kEstimator, Role::kController, Role::kGain, Role::kMonitor}, 3);
   set_.stop({Role::kLogger}, 10);
   for (const Child& child : set_.children())
     if (child.exit_code != 0)
@@ -214,8 +230,9 @@ void Supervisor::stop_in_order() {
 }
 
 RunFacts Supervisor::run() {
-  facts_.how = fmt::format("launch, {}, 5 processes",
-                           options_.pace == Pace::kLockstep ? "lock-step" : "realtime");
+  facts_.how = fmt::format("launch, {}, {} processes",
+                           options_.pace == Pace::kLockstep ? "lock-step" : "realtime",
+                           options_.monitor ? 6 : 5);
   start_children();
   bus_ = std::make_unique<Bus>(BusOptions{.url = options_.url,
                                           .channel_suffix = options_.channel_suffix,

@@ -16,6 +16,7 @@ struct SuperviseOptions {
   std::string url, channel_suffix;
   Pace pace = Pace::kLockstep;
   bool json = false;
+  bool monitor = false;  // twinrate-monitor runs with the set
 };
 
 class Supervisor {
@@ -30,6 +31,7 @@ class Supervisor {
   bool wait_until_ready();
   void watch();
   bool survives_without_the_gain();
+  bool survives_without_the_monitor();
   void tell_the_log(Reason reason, const std::string& text);
   void stop_in_order();
   void note_status(const status_t& status);
@@ -50,7 +52,7 @@ class Supervisor {
   Truth truth_;
   Estimate estimate_;
   RunFacts facts_;
-  bool gain_death_told_ = false;
+  bool gain_death_told_ = false, monitor_death_told_ = false;
   std::map<int, std::string> failures_;  // by role: the failure event of each process
 };
 

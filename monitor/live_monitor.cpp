@@ -1,0 +1,290 @@
+#include "monitor/live_monitor.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "core/config_write.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr int kFailuresToNotice = 2;
+constexpr double kAhead_s = 0.1;      // from deciding to the tick at which an effect is added
+constexpr double kSettling_s = 0.25;  // after an addition, before anything is compared
+constexpr double kCompared_s = 1.0;
+
+const char* const kPhaseNames[] = {"learning", "watching", "gathering", "tracing",
+                                   "proposed", "adding",   "comparing"};
+
+std::string toml_of(const std::vector<ConfiguredEffect>& effects) {
+  DriveConfig only;
+  only.effects = effects;
+  std::string text = write_effects(only);
+  return text.substr(std::min(text.size(), text.find_first_not_of('\n')));
+}
+
+std::string side_by_side(double before, double after, const char* unit) {
+  return fmt::format("{:.3g} -> {:.3g} {}", before, after, unit);
+}
+
+}  // namespace
+
+TraceResult run(const TraceJob& job) {
+  return trace_record(job.record, job.drive, job.health, {});
+}
+
+LiveMonitor::LiveMonitor(const Config& config)
+    : drive_(config.drive()),
+      watch_(drive_),
+      load_(drive_),
+      block_ticks_(ticks(drive_.monitor.block_s)),
+      window_ticks_(ticks(drive_.monitor.window_s)) {
+  const MonitorParameters& p = drive_.monitor;
+  const auto need = [&](bool good, const char* key, const std::string& allowed) {
+    if (!good) throw BadInput(fmt::format("{}: {}: {}", config.where(key), key, allowed));
+  };
+  need(p.learn_s >= 2 * p.block_s, "monitor.learn_s", "at least two blocks (monitor.block_s)");
+  need(p.gather_s <= p.window_s, "monitor.gather_s", "at most monitor.window_s");
+  need(block_ticks_ >= 200, "monitor.block_s", "at least 200 ticks");
+}
+
+std::int64_t LiveMonitor::ticks(double seconds) const {
+  return std::max<std::int64_t>(1, std::llround(seconds * drive_.rates.f_s_Hz));
+}
+
+const char* LiveMonitor::phase() const {
+  return kPhaseNames[static_cast<int>(phase_)];
+}
+
+void LiveMonitor::say(Reason reason, const std::string& text) {
+  notices_.push_back({reason, last_k(), text});
+}
+
+std::vector<MonitorNotice> LiveMonitor::take_notices() {
+  return std::exchange(notices_, {});
+}
+std::optional<TraceJob> LiveMonitor::take_job() {
+  return std::exchange(job_, {});
+}
+std::optional<std::string> LiveMonitor::take_addition() {
+  return std::exchange(addition_, {});
+}
+
+// First row at or behind tick k.
+std::size_t LiveMonitor::row_of(std::int64_t k) const {
+  return static_cast<std::size_t>(
+      std::lower_bound(rows_.begin(), rows_.end(), k,
+                       [](const MeasuredRow& row, std::int64_t tick) { return row.m.k < tick; }) -
+      rows_.begin());
+}
+
+void LiveMonitor::take(const Measurement& m) {
+  if (m.k <= last_k()) return;  // sent again
+  rows_.push_back({m, load_.at(t_s(m.k))});
+  const std::int64_t keep = window_ticks_ + 4 * block_ticks_;
+  while (m.k - rows_.front().m.k > keep) rows_.pop_front();
+  while (!estimates_.empty() && m.k - estimates_.front().k > keep) estimates_.pop_front();
+  if (block_begin_ < 0) {
+    if (t_s(m.k) >= drive_.run.settle_s) block_begin_ = m.k;
+    return;
+  }
+  if (m.k - block_begin_ >= block_ticks_) block_done();
+}
+
+void LiveMonitor::take(const Estimate& e) {
+  if (e.k == last_k() && (estimates_.empty() || e.k > estimates_.back().k)) estimates_.push_back(e);
+}
+
+// A block ends a few rows late, so that its last voltage is there.
+void LiveMonitor::block_done() {
+  const std::size_t first = row_of(block_begin_), last = rows_.size();
+  block_begin_ = rows_.back().m.k;
+  if (phase_ == Phase::kLearning)
+    learn(first, last);
+  else if (phase_ == Phase::kWatching)
+    watch(first, last);
+  else if (phase_ == Phase::kGathering)
+    gather();
+  else if (phase_ == Phase::kComparing)
+    compare();
+}
+
+static std::vector<Estimate> between(const std::deque<Estimate>& estimates, std::int64_t first,
+                                     std::int64_t last) {
+  std::vector<Estimate> some;
+  for (const Estimate& e : estimates)
+    if (e.k >= first && e.k < last) some.push_back(e);
+  return some;
+}
+
+void LiveMonitor::learn(std::size_t first, std::size_t last) {
+  const std::int64_t k = rows_.back().m.k;
+  watch_.learn(rows_, first, last, between(estimates_, rows_[first].m.k, k),
+               drive_.model_effects());
+  if (learn_until_ < 0) learn_until_ = rows_[first].m.k + ticks(drive_.monitor.learn_s);
+  if (k < learn_until_) return;
+  if (watch_.learnt())
+    phase_ = Phase::kWatching;
+  else
+    learn_anew();
+}
+
+void LiveMonitor::learn_anew() {
+  watch_ = MisfitWatch(drive_);
+  learn_until_ = -1;
+  phase_ = Phase::kLearning;
+}
+
+void LiveMonitor::watch(std::size_t first, std::size_t last) {
+  const std::int64_t k = rows_.back().m.k;
+  const BlockJudgement judgement = watch_.judge(
+      rows_, first, last, between(estimates_, rows_[first].m.k, k), drive_.model_effects());
+  failed_in_a_row_ = judgement.fits ? 0 : failed_in_a_row_ + 1;
+  if (failed_in_a_row_ == 1) gather_from_ = k;
+  if (failed_in_a_row_ < kFailuresToNotice) return;
+  failed_in_a_row_ = 0;
+  Episode episode;
+  episode.noticed_s = t_s(k);
+  episode.sign = judgement.text();
+  episodes_.push_back(episode);
+  say(Reason::kModelMisfit, "the model does not fit any more: " + episode.sign);
+  gather_until_ = gather_from_ + ticks(drive_.monitor.gather_s);
+  phase_ = Phase::kGathering;
+}
+
+void LiveMonitor::gather() {
+  if (rows_.back().m.k < gather_until_) return;
+  gather_from_ = std::max(gather_from_, rows_.back().m.k - window_ticks_);
+  TraceJob job;
+  job.drive = drive_;
+  job.record = make_record(raw_log_of(rows_, row_of(gather_from_), rows_.size()),
+                           drive_.machine.n_p, job.health);
+  if (drive_.sensors.current_sensors == 2) job.record.current_sensors = 2;
+  episodes_.back().traced_s = t_s(rows_.back().m.k - gather_from_);
+  job_ = std::move(job);
+  phase_ = Phase::kTracing;
+}
+
+void LiveMonitor::traced(const TraceResult& result) {
+  Episode& episode = episodes_.back();
+  episode.sentence = result.sentence;
+  proposed_.clear();
+  for (const TracedEffect& e : result.effects) {
+    if (e.effect->traced_keys().empty()) continue;
+    proposed_.push_back({e.effect, UsedIn::kModel});
+  }
+  if (proposed_.empty()) {
+    const std::int64_t length = gather_until_ - gather_from_;
+    if (length < window_ticks_) {
+      gather_until_ = gather_from_ + std::min(2 * length, window_ticks_);
+      phase_ = Phase::kGathering;
+      return;
+    }
+    say(Reason::kNothingTraced, result.sentence + " What is there now counts as normal from here.");
+    learn_anew();
+    return;
+  }
+  episode.kinds.clear();
+  for (const ConfiguredEffect& e : proposed_) episode.kinds.emplace_back(e.effect->kind());
+  episode.toml = toml_of(proposed_);
+  episode.proposed_s = t_s(last_k());
+  say(Reason::kEffectProposed, episode.toml);
+  phase_ = Phase::kProposed;
+  if (drive_.monitor.auto_add) add_proposed();
+}
+
+bool LiveMonitor::add_proposed() {
+  if (phase_ != Phase::kProposed) return false;
+  addition_ = episodes_.back().toml;
+  phase_ = Phase::kAdding;
+  return true;
+}
+
+std::int64_t LiveMonitor::tick_for_addition() const {
+  return last_k() + ticks(kAhead_s);
+}
+
+void LiveMonitor::added(std::int64_t k) {
+  drive_.effects.insert(drive_.effects.end(), proposed_.begin(), proposed_.end());
+  added_k_ = k;
+  episodes_.back().added_s = t_s(k);
+  phase_ = Phase::kComparing;
+}
+
+void LiveMonitor::refused(const std::string& why) {
+  say(Reason::kNothingTraced, "the effect was not added: " + why);
+  learn_anew();
+}
+
+std::vector<double> LiveMonitor::innovation_rms(std::int64_t from, std::int64_t to) const {
+  std::vector<double> sums;
+  double count = 0;
+  for (const Estimate& e : estimates_) {
+    if (e.k < from || e.k >= to) continue;
+    sums.resize(static_cast<std::size_t>(e.n_y));
+    for (int i = 0; i < e.n_y; ++i) sums[static_cast<std::size_t>(i)] += e.innov[i] * e.innov[i];
+    ++count;
+  }
+  for (double& sum : sums) sum = std::sqrt(sum / count);
+  return sums;
+}
+
+// Residuals: the same rows with and without. Innovations: the stretch before the addition against
+// the stretch after it.
+void LiveMonitor::compare() {
+  const std::int64_t from = added_k_ + ticks(kSettling_s), to = from + ticks(kCompared_s);
+  if (rows_.back().m.k < to) return;
+  Episode& episode = episodes_.back();
+  const std::size_t first = row_of(from), last = row_of(to);
+  DriveConfig without = drive_;
+  without.effects.resize(without.effects.size() - proposed_.size());
+  episode.before = residual_rms(drive_, rows_, first, last, without.model_effects());
+  episode.after = residual_rms(drive_, rows_, first, last, drive_.model_effects());
+  episode.innovation_before = innovation_rms(added_k_ - ticks(kCompared_s), added_k_);
+  episode.innovation_after = innovation_rms(from, to);
+  episode.compared_s = t_s(last_k());
+  std::vector<std::string> innovations;
+  for (std::size_t i = 0;
+       i < std::min(episode.innovation_before.size(), episode.innovation_after.size()); ++i)
+    innovations.push_back(
+        side_by_side(episode.innovation_before[i], episode.innovation_after[i], ""));
+  say(Reason::kEffectCompared,
+      fmt::format("{} added at tick {}: voltage residual {}, torque residual {}, innovations {}",
+                  fmt::join(episode.kinds, " + "), added_k_,
+                  side_by_side(episode.before.voltage, episode.after.voltage, "V"),
+                  side_by_side(episode.before.torque, episode.after.torque, "Nm"),
+                  fmt::join(innovations, ", ")));
+  for (std::int64_t k = from; k + block_ticks_ <= to; k += block_ticks_)
+    watch_.accept(rows_, row_of(k), row_of(k + block_ticks_),
+                  between(estimates_, k, k + block_ticks_), drive_.model_effects());
+  proposed_.clear();
+  phase_ = Phase::kWatching;
+}
+
+std::string LiveMonitor::to_json() const {
+  using Json = nlohmann::ordered_json;
+  Json list = Json::array();
+  const auto moment = [](double t) { return t > 0 ? Json(t) : Json(nullptr); };
+  for (const Episode& e : episodes_)
+    list.push_back({{"noticed_s", e.noticed_s},
+                    {"sign", e.sign},
+                    {"traced_s", e.traced_s},
+                    {"verdict", e.sentence},
+                    {"kinds", e.kinds},
+                    {"effect_toml", e.toml},
+                    {"proposed_s", moment(e.proposed_s)},
+                    {"added_s", moment(e.added_s)},
+                    {"compared_s", moment(e.compared_s)},
+                    {"voltage_residual_rms_V", {e.before.voltage, e.after.voltage}},
+                    {"torque_residual_rms_Nm", {e.before.torque, e.after.torque}},
+                    {"innovation_rms_before", e.innovation_before},
+                    {"innovation_rms_after", e.innovation_after}});
+  return Json{{"phase", phase()}, {"last_tick", last_k()}, {"episodes", list}}.dump(2) + "\n";
+}
+
+}  // namespace twinrate

@@ -1,0 +1,132 @@
+// twinrate-monitor: watches innovations and residuals on the bus, traces and proposes effects live.
+//
+//   MEASUREMENT(k), ESTIMATE(k) -> [LiveMonitor] -> EVENT; with monitor.auto_add, or on request,
+//   REQUEST {add effect} to estimator, gain and controller
+//
+// Tracing runs in a thread of its own; nobody in the loop waits for it. RUN_DIR/monitor.json holds
+// what was seen so far.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+#include <future>
+#include <set>
+
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+#include "monitor/live_monitor.hpp"
+
+namespace twinrate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+class MonitorProcess {
+ public:
+  explicit MonitorProcess(Process& p) : p_(p), monitor_(p.config()) {
+    p.bus().subscribe<measurement_t>([this](const measurement_t& w) {
+      monitor_.take(from_wire(w));
+      p_.progress(monitor_.last_k());
+    });
+    p.bus().subscribe<estimate_t>([this](const estimate_t& w) { monitor_.take(from_wire(w)); });
+    p.bus().subscribe<reply_t>([this](const reply_t& reply) { take_reply(reply); });
+    p.on_add_proposed([this] { return monitor_.add_proposed(); });
+    p.waiting_for([this] {
+      return Waiting{fmt::format("MEASUREMENT({}) from plant", monitor_.last_k() + 1), 5};
+    });
+  }
+  void run() {
+    p_.ready();
+    write();
+    while (p_.turn(5)) look();
+    write();
+  }
+
+ private:
+  static constexpr double kRepeat_s = 0.05, kPatience_s = 3;
+  static constexpr std::int64_t kFirstRequest = 1'000'000;  // the supervisor counts from 0
+
+  void look() {
+    if (job_running_ && trace_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      job_running_ = false;
+      monitor_.traced(trace_.get());
+    }
+    if (std::optional<TraceJob> job = monitor_.take_job()) {
+      job_running_ = true;
+      trace_ =
+          std::async(std::launch::async, [job = std::move(*job)] { return twinrate::run(job); });
+    }
+    if (const auto toml = monitor_.take_addition()) begin_request(*toml);
+    if (asking_) repeat_request();
+    bool news = false;
+    for (const MonitorNotice& notice : monitor_.take_notices()) {
+      p_.event(notice.reason, notice.k, notice.text);
+      news = true;
+    }
+    if (news) write();
+  }
+  void begin_request(const std::string& toml) {
+    request_ = {};
+    request_.seq = kFirstRequest + requests_++;
+    request_.kind = static_cast<std::int32_t>(RequestKind::kAddEffect);
+    request_.value = static_cast<double>(monitor_.tick_for_addition());
+    request_.text = toml;
+    answered_.clear();
+    applied_ = -1;
+    asking_ = true;
+    asked_at_ = sent_at_ = Clock::now();
+    p_.bus().publish(request_);
+  }
+  void repeat_request() {
+    const auto now = Clock::now();
+    const auto since = [now](Clock::time_point then) {
+      return std::chrono::duration<double>(now - then).count();
+    };
+    // In a replay there is no controller: the estimator alone decides.
+    const bool complete = answered_.size() >= 3;
+    if (complete || since(asked_at_) > kPatience_s) {
+      asking_ = false;
+      if (applied_ >= 0)
+        monitor_.added(applied_);
+      else
+        monitor_.refused("no estimator answered");
+      return;
+    }
+    if (since(sent_at_) < kRepeat_s) return;
+    sent_at_ = now;
+    p_.bus().publish(request_);
+  }
+  void take_reply(const reply_t& reply) {
+    if (!asking_ || reply.seq != request_.seq) return;
+    if (!reply.accepted) {
+      asking_ = false;
+      monitor_.refused(fmt::format("{}: {}", role_name(reply.role), reply.text));
+      return;
+    }
+    answered_.insert(reply.role);
+    applied_ = std::max(applied_, reply.applied_seq);
+  }
+  void write() const {
+    const std::string directory = p_.options().run_dir.empty() ? "." : p_.options().run_dir;
+    std::ofstream(std::filesystem::path(directory) / "monitor.json") << monitor_.to_json();
+  }
+
+  Process& p_;
+  LiveMonitor monitor_;
+  std::future<TraceResult> trace_;
+  bool job_running_ = false, asking_ = false;
+  request_t request_{};
+  std::int64_t requests_ = 0, applied_ = -1;
+  std::set<int> answered_;
+  Clock::time_point asked_at_, sent_at_;
+};
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  return run_process({Role::kMonitor, "twinrate-monitor",
+                      "MEASUREMENT, ESTIMATE -> misfit, traced effect -> EVENT, REQUEST"},
+                     argc, argv, [](Process& p) { MonitorProcess(p).run(); });
+}

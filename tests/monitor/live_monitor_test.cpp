@@ -1,0 +1,94 @@
+// The monitor in one process with a simulated drive whose plant changes while it runs.
+#include "monitor/live_monitor.hpp"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tools/load_drive.hpp"
+#include "tools/run/closed_loop.hpp"
+
+namespace twinrate {
+namespace {
+
+// Speed and load that move, so that causes can be told apart.
+const char* const kDrive = R"(
+[controller]
+kind = "foc"
+angle_source = "measured"
+[controller.foc]
+compensate_effects = true
+speed_bandwidth_Hz = 15.0
+[reference]
+speed_rpm = [[0, 150], [0.5, 250], [1, 200], [1.5, 300], [2, 150], [2.5, 250], [3, 200], [3.5, 300], [4, 150], [4.5, 250], [5, 200], [5.5, 300], [6, 150]]
+slew_rad_s2 = 300.0
+[load]
+T_load_Nm = [[0, 1], [0.25, 1], [0.75, 2.5], [1.25, 1.5], [1.75, 3], [2.25, 1], [2.75, 2.5], [3.25, 1.5], [3.75, 3], [4.25, 1], [4.75, 2.5], [5.25, 1.5], [5.75, 3], [6.25, 1]]
+slew_Nm_s = 15.0
+[run]
+duration_s = 6.5
+settle_s = 0.5
+[monitor]
+auto_add = true
+gather_s = 1.5
+)";
+
+struct Outcome {
+  std::vector<MonitorNotice> notices;
+  std::vector<Episode> episodes;
+};
+
+// Runs the drive with its monitor; what is to be added is added.
+Outcome watch(const std::string& effects) {
+  const std::string none = effects.empty() ? "effect = []\n" : "";
+  Config config = Config::parse("preset = \"niewiara2020\"\n" + none + kDrive + effects, "live");
+  read_all_tables(config);
+  ClosedLoop loop(config);
+  LiveMonitor monitor(config);
+  std::optional<Config> extended, coming;
+  std::int64_t from = 0;
+  Outcome outcome;
+  while (loop.k() < config.drive().steps()) {
+    const TickRecord& tick = loop.step();
+    monitor.take(tick.measurement);
+    monitor.take(tick.estimate);
+    while (const auto job = monitor.take_job()) monitor.traced(run(*job));
+    if (const auto toml = monitor.take_addition()) {
+      coming = (extended ? *extended : config).with_effects(*toml, "test");
+      from = monitor.tick_for_addition();
+    }
+    for (MonitorNotice& notice : monitor.take_notices()) outcome.notices.push_back(notice);
+    if (coming && loop.k() >= from) {
+      loop.know(*coming);
+      extended = std::exchange(coming, {});
+      monitor.added(loop.k());
+    }
+  }
+  outcome.episodes = monitor.episodes();
+  return outcome;
+}
+
+TEST(LiveMonitor, SaysNothingWhereTheModelFits) {
+  EXPECT_TRUE(watch("").notices.empty());
+}
+
+TEST(LiveMonitor, NamesDeadTimeThatBeginsWhileTheDriveRuns) {
+  const Outcome outcome =
+      watch("[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\nfrom_s = 3.0\n");
+  ASSERT_EQ(outcome.episodes.size(), 1u);
+  const Episode& e = outcome.episodes[0];
+  EXPECT_GT(e.noticed_s, 3.0);
+  EXPECT_LT(e.noticed_s, 3.8);
+  EXPECT_EQ(e.kinds, std::vector<std::string>{"dead_time"}) << e.toml;
+  EXPECT_GT(e.added_s, e.noticed_s);
+  EXPECT_LT(e.after.voltage, 0.3 * e.before.voltage);
+  EXPECT_GT(e.before.voltage, 0.5);  // 2 us of 100 us at 235 V, in stator axes
+  ASSERT_EQ(outcome.notices.size(), 3u);
+  EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
+  EXPECT_EQ(outcome.notices[1].reason, Reason::kEffectProposed);
+  EXPECT_EQ(outcome.notices[2].reason, Reason::kEffectCompared);
+}
+
+}  // namespace
+}  // namespace twinrate

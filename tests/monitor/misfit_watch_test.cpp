@@ -1,0 +1,78 @@
+#include "monitor/misfit_watch.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/config.hpp"
+#include "model/random.hpp"
+
+namespace twinrate {
+namespace {
+
+// A turning machine without voltage and current noise but for what is given here: theta_m at
+// constant speed, currents of noise, the voltage that goes with no current, and `u_off` on top.
+std::deque<MeasuredRow> rows_of(const DriveConfig& drive, double u_off, std::uint64_t seed) {
+  std::deque<MeasuredRow> rows;
+  const double omega_m = 20;
+  for (std::int64_t k = 0; k < 2500; ++k) {
+    const auto n = static_cast<std::uint64_t>(k);
+    Measurement m;
+    m.k = k;
+    m.t_ns = drive.t_ns(k);
+    m.signals = kPhaseCurrents | kPosition | kVoltage | kBusVoltage;
+    m.theta_m = omega_m * 1e-9 * static_cast<double>(m.t_ns);
+    m.i_abc = 0.008 * Vec3(normal(seed, 1, n), normal(seed, 2, n), normal(seed, 3, n));
+    m.v_dc = 235.4;
+    // Applied from t_{k-1} to t_k: the EMF in mid-interval.
+    const double theta_mid = drive.machine.n_p * (m.theta_m - 0.5 * omega_m * drive.T_s());
+    const double x = 0.5 * drive.machine.n_p * omega_m * drive.T_s();
+    const double emf = drive.machine.n_p * omega_m * drive.machine.psi_f * std::sin(x) / x;
+    m.u_alphabeta = inverse_park({0, emf + u_off}, theta_mid);
+    rows.push_back({m, 0});
+  }
+  return rows;
+}
+
+class Misfit : public testing::Test {
+ protected:
+  void SetUp() override {
+    for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+      const auto rows = rows_of(drive_, 0, seed);
+      watch_.learn(rows, 0, rows.size(), {}, {});
+    }
+    ASSERT_TRUE(watch_.learnt());
+  }
+  BlockJudgement judge(double u_off, std::uint64_t seed, const Effects& known = {}) const {
+    const auto rows = rows_of(drive_, u_off, seed);
+    return watch_.judge(rows, 0, rows.size(), {}, known);
+  }
+  DriveConfig drive_ = Config::load("niewiara2020").drive();
+  MisfitWatch watch_{drive_};
+};
+
+TEST_F(Misfit, BlocksLikeTheLearntFit) {
+  for (std::uint64_t seed = 100; seed < 140; ++seed) EXPECT_TRUE(judge(0, seed).fits) << seed;
+}
+
+TEST_F(Misfit, AVoltageThatIsNotInTheModelDoesNotFit) {
+  const BlockJudgement judgement = judge(0.5, 200);
+  EXPECT_FALSE(judgement.fits);
+  ASSERT_TRUE(judgement.worst());
+  EXPECT_EQ(judgement.worst()->name, "voltage residual q");
+  EXPECT_GT(judgement.worst()->rms, 0.45);
+  EXPECT_LT(judgement.worst()->rms, 0.65);
+  EXPECT_LT(judgement.worst()->consistency, 1e-9);
+}
+
+TEST_F(Misfit, ItFitsAgainOnceTheModelHasIt) {
+  const Config extended = Config::load("niewiara2020", {"effect=[]"})
+                              .with_effects(
+                                  "[[effect]]\nkind = \"flux_linkage\"\nused_in = "
+                                  "\"model\"\nchange_Wb = 0.008333333333333333\n",
+                                  "test");  // 0.5 V at 60 rad/s
+  EXPECT_FALSE(judge(0.5, 201).fits);
+  EXPECT_TRUE(judge(0.5, 201, extended.drive().model_effects()).fits)
+      << judge(0.5, 201, extended.drive().model_effects()).text();
+}
+
+}  // namespace
+}  // namespace twinrate

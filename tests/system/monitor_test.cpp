@@ -1,0 +1,103 @@
+// twinrate-monitor beside a running process set whose plant changes.
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/reason.hpp"
+#include "core/run_log.hpp"
+#include "tests/system/run_program.hpp"
+
+namespace twinrate::test {
+namespace {
+
+using Json = nlohmann::json;
+
+const char* const kDrive = R"(
+preset = "niewiara2020"
+[controller]
+kind = "foc"
+angle_source = "measured"
+[controller.foc]
+compensate_effects = true
+speed_bandwidth_Hz = 15.0
+[reference]
+speed_rpm = [[0, 150], [0.5, 250], [1, 200], [1.5, 300], [2, 150], [2.5, 250], [3, 200], [3.5, 300], [4, 150], [4.5, 250]]
+slew_rad_s2 = 300.0
+[load]
+T_load_Nm = [[0, 1], [0.25, 1], [0.75, 2.5], [1.25, 1.5], [1.75, 3], [2.25, 1], [2.75, 2.5], [3.25, 1.5], [3.75, 3], [4.25, 1], [4.75, 2.5]]
+slew_Nm_s = 15.0
+[run]
+duration_s = 5.0
+settle_s = 0.3
+[monitor]
+learn_s = 1.0
+gather_s = 1.0
+[[effect]]
+kind = "resistance"
+change_Ohm = 0.42
+from_s = 2.0
+)";
+
+class Monitor : public ProgramTest {
+ protected:
+  std::string drive() const {
+    std::ofstream(path("drive.toml")) << kDrive;
+    return path("drive.toml");
+  }
+  static std::vector<EventRecord> events(const RunLog& log, Reason reason) {
+    std::vector<EventRecord> some;
+    for (const EventRecord& e : log.events)
+      if (e.reason == static_cast<int>(reason)) some.push_back(e);
+    return some;
+  }
+};
+
+TEST_F(Monitor, NoticesNamesAndAddsWhatBeganWhileTheDriveRan) {
+  const ProgramResult result = twinrate(
+      {"launch", drive(), "--monitor", "--set", "monitor.auto_add=true", "--run-dir", path("run")},
+      100);
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const RunLog log = read_run_log(path("run"));
+  const auto misfit = events(log, Reason::kModelMisfit);
+  ASSERT_FALSE(misfit.empty());
+  EXPECT_GT(misfit[0].k, 20000);
+  EXPECT_LT(misfit[0].k, 28000);
+  const auto proposed = events(log, Reason::kEffectProposed);
+  ASSERT_FALSE(proposed.empty());
+  EXPECT_NE(proposed[0].text.find("kind = \"resistance\""), std::string::npos) << proposed[0].text;
+  // Estimator, gain and controller, all at one tick.
+  const auto added = events(log, Reason::kEffectAdded);
+  ASSERT_GE(added.size(), 3u);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(added[static_cast<std::size_t>(i)].k, added[0].k);
+  std::ifstream file(path("run") + "/monitor.json");
+  const Json episodes = Json::parse(file)["episodes"];
+  ASSERT_FALSE(episodes.empty());
+  EXPECT_EQ(episodes[0]["kinds"][0], "resistance");
+}
+
+TEST_F(Monitor, ARequestThatIsNoEffectIsRefusedByAll) {
+  std::ofstream(path("wrong.toml")) << "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n"
+                                       "change_Ohm = -5.0\n";
+  Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
+  const ProgramResult result = twinrate({"monitor", "add", path("wrong.toml")});
+  launch.signal(SIGINT);
+  launch.wait(20);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.out.find("estimator: refused"), std::string::npos) << result.out << result.err;
+  EXPECT_NE(result.out.find("leaves no resistance"), std::string::npos) << result.out;
+}
+
+TEST_F(Monitor, AnEffectOfOnesOwnIsAddedFromTheNextTickOn) {
+  std::ofstream(path("own.toml")) << "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n"
+                                     "change_Ohm = 0.1\n";
+  Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
+  const ProgramResult result = twinrate({"monitor", "add", path("own.toml")});
+  launch.signal(SIGINT);
+  launch.wait(20);
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  for (const char* role : {"estimator: from tick", "gain: from tick", "controller: from tick"})
+    EXPECT_NE(result.out.find(role), std::string::npos) << result.out;
+}
+
+}  // namespace
+}  // namespace twinrate::test

@@ -1,0 +1,99 @@
+// twinrate monitor add: effects into the model of a running drive.
+//
+//   no file   what twinrate-monitor proposed is added
+//   FILE      [[effect]] tables of one's own, straight to estimator, gain and controller
+#include <fmt/format.h>
+
+#include <fstream>
+#include <iterator>
+#include <set>
+
+#include "core/process.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+struct MonitorOptions {
+  std::string file, url, channel_suffix;
+  std::int64_t tick = 0;
+};
+
+constexpr double kPatience_s = 3, kRepeat_s = 0.1;
+
+double seconds_since(Clock::time_point then) {
+  return std::chrono::duration<double>(Clock::now() - then).count();
+}
+
+request_t request_of(const MonitorOptions& o) {
+  request_t request{};
+  request.seq = new_session_id();  // another one each time
+  request.kind = static_cast<std::int32_t>(o.file.empty() ? RequestKind::kAddProposed
+                                                          : RequestKind::kAddEffect);
+  if (o.file.empty()) return request;
+  std::ifstream in(o.file);
+  if (!in) throw BadInput(o.file + ": cannot be read");
+  request.text = {std::istreambuf_iterator<char>(in), {}};
+  request.value = static_cast<double>(o.tick);
+  return request;
+}
+
+// Waits for a heartbeat: the request must carry the session of the drive.
+bool hear_session(Bus& bus) {
+  bool heard = false;
+  bus.subscribe<status_t>([&](const status_t&) { heard = true; });
+  const auto begun = Clock::now();
+  while (!heard && seconds_since(begun) < kPatience_s) bus.handle(20);
+  return heard;
+}
+
+int add(const MonitorOptions& o) {
+  const request_t request = request_of(o);
+  Bus bus({.url = o.url, .channel_suffix = o.channel_suffix, .role = Role::kSupervisor});
+  std::set<int> answered;
+  bool refused = false;
+  bus.subscribe<reply_t>([&](const reply_t& reply) {
+    if (reply.seq != request.seq || !answered.insert(reply.role).second) return;
+    refused = refused || reply.accepted == 0;
+    std::string what = "will be added";
+    if (reply.accepted == 0)
+      what = "refused: " + reply.text;
+    else if (!o.file.empty())
+      what = fmt::format("from tick {} on", reply.applied_seq);
+    fmt::print("{}: {}\n", role_name(reply.role), what);
+  });
+  if (!hear_session(bus)) {
+    fmt::print(stderr, "twinrate: no drive is heard on the bus\n");
+    return 1;
+  }
+  const std::size_t wanted = o.file.empty() ? 1 : 3;
+  const auto begun = Clock::now();
+  while (answered.size() < wanted && seconds_since(begun) < kPatience_s) {
+    bus.publish(request);  // whoever has it already gives the same answer
+    const auto sent = Clock::now();
+    while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
+  }
+  if (answered.empty()) fmt::print(stderr, "twinrate: nobody answered\n");
+  return answered.empty() || refused ? 1 : 0;
+}
+
+}  // namespace
+
+void add_monitor_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<MonitorOptions>();
+  CLI::App* verb = app.add_subcommand("monitor", "what a running drive's model is extended by");
+  verb->require_subcommand(1);
+  CLI::App* sub = verb->add_subcommand(
+      "add",
+      "adds what the monitor proposed, or the [[effect]] tables of FILE, to the running "
+      "estimator, gain and controller");
+  sub->add_option("FILE", o->file, "[[effect]] tables")->check(CLI::ExistingFile);
+  sub->add_option("--tick", o->tick, "with FILE: first tick (default the next one)");
+  sub->add_option("--lcm-url", o->url, "LCM URL");
+  sub->add_option("--channel-suffix", o->channel_suffix, "appended to every channel name");
+  sub->callback([o, &exit_code] { exit_code = add(*o); });
+}
+
+}  // namespace twinrate
