@@ -16,10 +16,9 @@
 namespace twinrate {
 namespace {
 
-constexpr double kAliasGain = 15;      // score: nearer than this, two kinds explain the same
-constexpr double kAliasShare = 0.02;   // or of the gain itself
-constexpr double kCoarseStep = 0.005;  // of the rated current
-constexpr double kBlind = 4;           // sigmas a smallest effect must have to be seen
+constexpr double kAliasGain = 15;     // score: nearer than this, two kinds explain the same
+constexpr double kAliasShare = 0.02;  // or of the gain itself
+constexpr double kBlind = 4;          // sigmas a smallest effect must have to be seen
 
 std::string equation_of(const Effect& effect) {
   const int acts = effect.acts_on();
@@ -234,8 +233,7 @@ void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r)
     e.from_samples = true;
     r.effects.push_back(std::move(e));
   };
-  const double i_rated = facts.machine.i_rated > 0 ? facts.machine.i_rated : 7;
-  if (health.i_lsb > kCoarseStep * i_rated) add("adc_quantisation", "lsb_A", health.i_lsb);
+  if (health.coarse(facts.machine.i_rated)) add("adc_quantisation", "lsb_A", health.i_lsb);
   if (health.i_limit > 0) add("adc_clipping", "limit_A", health.i_limit);
   if (health.missing_share > 5e-4) add("missing_samples", "share", health.missing_share);
   if (health.stale_share > 5e-4) add("stale_samples", "share", health.stale_share);
@@ -324,7 +322,8 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   from_samples(facts, health, r);
   errors(fitter, fit, r);
   add_effect_views(fitter.chain(), fit, r);
-  for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
+  if (!health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
+    for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
   identifiability(fitter, dictionary, fit, r);
@@ -333,6 +332,19 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
                                  : "nothing_missing";
   if (!r.effects.empty() && r.structured) r.verdict = "unexplained";
   r.sentence = sentence(r);
+  const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
+  if (r.verdict == "nothing_missing" && 4 * told < all) {
+    r.verdict = "ambiguous";
+    r.sentence = fmt::format(
+        "Cannot tell: of {} kinds of effects this record could show {}; a longer record with "
+        "several "
+        "speeds in both directions, load and i_d is needed.",
+        all, told == 0 ? "none" : fmt::format("only {}", fmt::join(r.identifiable, ", ")));
+    std::vector<std::string> blind;
+    for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
+    r.ambiguous.push_back({blind, "this record does not excite them",
+                           "a run that varies speed, load and i_d independently"});
+  }
   return r;
 }
 

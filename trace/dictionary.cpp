@@ -30,6 +30,8 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
 }  // namespace
 
 bool holds_noise(const Effect& effect) {
+  for (std::string_view kind : {"flux_harmonics", "inverter_offset"})
+    if (effect.kind() == kind) return false;
   if (effect.acts_on() & (kOnFlux | kOnCurrents | kOnAngle | kOnVoltage)) return true;
   return effect.regressor_count() == 0 || effect.kind() == "inertia";
 }
@@ -53,10 +55,14 @@ Sampled Chain::residual(const Effects& effects) const {
   return sampled(equations_.residual(effects), &noisy);
 }
 
-Sampled Chain::column(const Effect& effect, int regressor) const {
-  if (!holds_noise(effect)) return sampled(equations_.column(effect, regressor), nullptr);
-  const Channels noisy = noisier_.column(effect, regressor);
-  return sampled(equations_.column(effect, regressor), &noisy);
+std::vector<Sampled> Chain::columns(const Effect& effect) const {
+  const std::vector<Channels> clean = equations_.columns(effect);
+  std::vector<Channels> noisy;
+  if (holds_noise(effect)) noisy = noisier_.columns(effect);
+  std::vector<Sampled> out;
+  for (std::size_t r = 0; r < clean.size(); ++r)
+    out.push_back(sampled(clean[r], noisy.empty() ? nullptr : &noisy[r]));
+  return out;
 }
 
 Sampled Chain::contribution(const Effect& effect) const {
@@ -72,9 +78,9 @@ Sampled Chain::whitened(const Sampled& s) const {
   w.d = take(noise_.d, s.d, sampler_.electrical());
   w.q = take(noise_.q, s.q, sampler_.electrical());
   w.torque = take(noise_.torque, s.torque, sampler_.torque());
-  w.noise_d = take(noise_.d, s.noise_d, sampler_.electrical());
-  w.noise_q = take(noise_.q, s.noise_q, sampler_.electrical());
-  w.noise_torque = take(noise_.torque, s.noise_torque, sampler_.torque());
+  w.noise_d = noise_.scale_d * take(noise_.d, s.noise_d, sampler_.electrical());
+  w.noise_q = noise_.scale_q * take(noise_.q, s.noise_q, sampler_.electrical());
+  w.noise_torque = noise_.scale_torque * take(noise_.torque, s.noise_torque, sampler_.torque());
   return w;
 }
 
@@ -97,8 +103,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
       if (at_grid->regressor_count() == 0) {
         candidate.columns.push_back(chain.contribution(*at_grid));
       } else {
-        for (int r = 0; r < at_grid->regressor_count(); ++r)
-          candidate.columns.push_back(chain.column(*at_grid, r));
+        candidate.columns = chain.columns(*at_grid);
       }
       candidates.push_back(std::move(candidate));
     });

@@ -22,6 +22,8 @@ struct Sampled {
 // Of the three channels.
 struct NoiseModel {
   Whitener d, q, torque;
+  // By which the added noise falls short of the record's own (1: as it should be).
+  double scale_d = 1, scale_q = 1, scale_torque = 1;
 };
 
 struct Candidate {
@@ -45,7 +47,7 @@ class Chain {
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
   Sampled residual(const Effects& effects) const;
-  Sampled column(const Effect& effect, int regressor) const;
+  std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   Sampled contribution(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
   const Equations& equations() const { return equations_; }

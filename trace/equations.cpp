@@ -148,74 +148,77 @@ Channels Equations::residual_of(const Effects& effects) const {
   return assemble(s, points, &sums);
 }
 
-template <class At>
-Channels Equations::explained(int acts_on, At&& at) const {
-  const MachineParameters& m = facts_.machine;
-  const std::size_t n = record_.size();
-  const double T_s = record_.T_s;
-  const bool on_voltage = has_voltage() && acts_on & (kOnVoltage | kOnFlux);
+Channels Equations::empty(int acts_on) const {
   Channels x;
-  if (acts_on & (kOnTorque | kOnFlux)) x.torque.assign(n, 0.0);
-  if (on_voltage) {
-    x.d.assign(n, 0.0);
-    x.q.assign(n, 0.0);
-  }
-  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero();
-  for (std::size_t k = 0; k < n; ++k) {
-    const OperatingPoint& p = points_[k];
-    const Contribution& c = at(k);
-    if (on_voltage) {
-      const auto turn = [&](const Vec2& v) {
-        return Vec2(cos_[k] * v[0] - sin_[k] * v[1], sin_[k] * v[0] + cos_[k] * v[1]);
-      };
-      const Vec2 psi = turn(c.psi_dq), drop = turn(c.u_dq_drop);
-      if (k > 0) {
-        const Vec2 e = 0.5 * (drop + drop_before) + (psi - psi_before) / T_s;
-        // Half-way between the two angles, to second order in their difference.
-        const Vec2 mid(cos_[k - 1] + cos_[k], sin_[k - 1] + sin_[k]);
-        const double scale = 1 / mid.norm();
-        x.d[k - 1] = scale * (mid[0] * e[0] + mid[1] * e[1]);
-        x.q[k - 1] = scale * (-mid[1] * e[0] + mid[0] * e[1]);
-      }
-      psi_before = psi;
-      drop_before = drop;
-    }
-    if (!x.torque.empty() && k > 0 && k + 1 < n) {
-      x.torque[k] = c.T_load - 1.5 * m.n_p * (c.psi_dq[0] * p.i_dq[1] - c.psi_dq[1] * p.i_dq[0]);
-      if (c.J != 0)
-        x.torque[k] +=
-            c.J * (points_[k + 1].theta_m - 2 * p.theta_m + points_[k - 1].theta_m) / (T_s * T_s);
-    }
+  if (acts_on & (kOnTorque | kOnFlux)) x.torque.assign(record_.size(), 0.0);
+  if (has_voltage() && acts_on & (kOnVoltage | kOnFlux)) {
+    x.d.assign(record_.size(), 0.0);
+    x.q.assign(record_.size(), 0.0);
   }
   return x;
 }
 
-Channels Equations::column(const Effect& effect, int regressor) const {
+void Equations::explain(std::size_t k, const Contribution& c, Channels& x, Vec2& psi_before,
+                        Vec2& drop_before) const {
+  const double T_s = record_.T_s;
+  if (!x.d.empty()) {
+    const auto turn = [&](const Vec2& v) {
+      return Vec2(cos_[k] * v[0] - sin_[k] * v[1], sin_[k] * v[0] + cos_[k] * v[1]);
+    };
+    const Vec2 psi = turn(c.psi_dq), drop = turn(c.u_dq_drop);
+    if (k > 0) {
+      const Vec2 e = 0.5 * (drop + drop_before) + (psi - psi_before) / T_s;
+      // Half-way between the two angles.
+      const Vec2 mid(cos_[k - 1] + cos_[k], sin_[k - 1] + sin_[k]);
+      const double scale = 1 / mid.norm();
+      x.d[k - 1] = scale * (mid[0] * e[0] + mid[1] * e[1]);
+      x.q[k - 1] = scale * (-mid[1] * e[0] + mid[0] * e[1]);
+    }
+    psi_before = psi;
+    drop_before = drop;
+  }
+  if (x.torque.empty() || k == 0 || k + 1 >= points_.size()) return;
+  const OperatingPoint& p = points_[k];
+  x.torque[k] =
+      c.T_load - 1.5 * facts_.machine.n_p * (c.psi_dq[0] * p.i_dq[1] - c.psi_dq[1] * p.i_dq[0]);
+  if (c.J != 0)
+    x.torque[k] +=
+        c.J * (points_[k + 1].theta_m - 2 * p.theta_m + points_[k - 1].theta_m) / (T_s * T_s);
+}
+
+std::vector<Channels> Equations::columns(const Effect& effect) const {
   const auto count = static_cast<std::size_t>(effect.regressor_count());
+  std::vector<Channels> x(count);
   if (effect.acts_on() & kSensing) {
-    const std::shared_ptr<Effect> probe = effect.clone();
-    std::vector<double> coefficients(count, 0.0);
-    coefficients[static_cast<std::size_t>(regressor)] = kProbe;
-    probe->set_coefficients(coefficients);
-    Channels x = contribution(*probe);
-    for (std::vector<double>* v : {&x.d, &x.q, &x.torque})
-      for (double& value : *v) value /= kProbe;
+    for (std::size_t r = 0; r < count; ++r) {
+      const std::shared_ptr<Effect> probe = effect.clone();
+      std::vector<double> coefficients(count, 0.0);
+      coefficients[r] = kProbe;
+      probe->set_coefficients(coefficients);
+      x[r] = contribution(*probe);
+      for (std::vector<double>* v : {&x[r].d, &x[r].q, &x[r].torque})
+        for (double& value : *v) value /= kProbe;
+    }
     return x;
   }
+  for (Channels& one : x) one = empty(effect.acts_on());
   std::vector<Contribution> all(count);
-  const Contribution& wanted = all[static_cast<std::size_t>(regressor)];
-  return explained(effect.acts_on(), [&](std::size_t k) -> const Contribution& {
+  std::vector<Vec2> psi(count, Vec2::Zero()), drop(count, Vec2::Zero());
+  for (std::size_t k = 0; k < record_.size(); ++k) {
     effect.regressors(points_[k], all);
-    return wanted;
-  });
+    for (std::size_t r = 0; r < count; ++r) explain(k, all[r], x[r], psi[r], drop[r]);
+  }
+  return x;
 }
 
 Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     std::vector<Contribution> of_one(record_.size());
     effect.along(points_, record_.T_s, of_one);
-    return explained(effect.acts_on(),
-                     [&](std::size_t k) -> const Contribution& { return of_one[k]; });
+    Channels x = empty(effect.acts_on());
+    Vec2 psi = Vec2::Zero(), drop = Vec2::Zero();
+    for (std::size_t k = 0; k < record_.size(); ++k) explain(k, of_one[k], x, psi, drop);
+    return x;
   }
   // The sensor's error goes through all equations: what the residual changes by.
   Channels x = residual({effect.clone()});

@@ -25,8 +25,8 @@ class Equations {
 
   // What is left of the equations with `effects` in the model, besides those known.
   Channels residual(const Effects& effects) const;
-  // How much one linear regressor of an effect explains: residual(without) = coefficient * column.
-  Channels column(const Effect& effect, int regressor) const;
+  // How much each linear regressor of an effect explains: residual(without) = coefficient * column.
+  std::vector<Channels> columns(const Effect& effect) const;
   // The same for an effect without regressors: its whole contribution as it stands.
   Channels contribution(const Effect& effect) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
@@ -46,9 +46,10 @@ class Equations {
   Signals undo_sensing(const Effects& effects) const;
   Channels assemble(const Signals& s, const std::vector<OperatingPoint>& points,
                     const std::vector<Contribution>* sums) const;
-  // at(k): the contribution at row k.
-  template <class At>
-  Channels explained(int acts_on, At&& at) const;
+  Channels empty(int acts_on) const;
+  // What contribution c explains at row k, given the one of the row before.
+  void explain(std::size_t k, const Contribution& c, Channels& x, Vec2& psi_before,
+               Vec2& drop_before) const;
 
   const Record& record_;
   DriveFacts facts_;

@@ -69,8 +69,13 @@ Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
 
 void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
-  fit.rss = training_.dot(fit.y, fit.y) + noise_;
-  fit.rss_held_out = held_out_.dot(fit.y, fit.y) + noise_held_out_;
+  const auto rss = [&](const Rows& rows, double declared) {
+    const double noise = rows.noise(fit.y, fit.y);
+    return rows.dot(fit.y, fit.y) + declared + kNoiseDoubt * std::abs(noise - declared);
+  };
+  fit.rss = rss(training_, noise_);
+  fit.rss_held_out = rss(held_out_, noise_held_out_);
+  fit.raw_held_out = held_out_.dot(fit.y, fit.y) + held_out_.noise(fit.y, fit.y);
 }
 
 void Fitter::linearise(Fit& fit) const {
@@ -78,10 +83,9 @@ void Fitter::linearise(Fit& fit) const {
   const Equations& equations = chain_.equations();
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
-    if (p.coefficient >= 0) {
-      fit.J.push_back(chain_.whitened(chain_.column(effect, p.coefficient)));
-      continue;
-    }
+    if (p.coefficient == 0)
+      for (const Sampled& x : chain_.columns(effect)) fit.J.push_back(chain_.whitened(x));
+    if (p.coefficient >= 0) continue;
     const double value = get_key(effect, p.key);
     const double h = 1e-3 * std::max(std::abs(value), 1e-9);
     const auto up = effect.clone(), down = effect.clone();

@@ -5,6 +5,10 @@
 
 namespace twinrate {
 
+// How well the size of the noise is known: a change of the model that only makes the residual's own
+// noise larger or smaller has to bring more than this share of it.
+inline constexpr double kNoiseDoubt = 0.1;
+
 // One free number: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {
   std::size_t member = 0;
@@ -19,7 +23,8 @@ struct Fit {
   std::vector<Sampled> J;      // d(explained)/d(free), whitened, at the solution
   Eigen::MatrixXd covariance;  // of `free`, unit noise
   double rss = 0, rss_held_out = 0;
-  bool valid = true;  // parameters stand inside their ranges
+  double raw_held_out = 0;  // nothing taken off for noise
+  bool valid = true;        // parameters stand inside their ranges
 
   Effects effects() const { return {members.begin(), members.end()}; }
 };
@@ -31,6 +36,9 @@ class Fitter {
   Fit start(std::vector<std::shared_ptr<Effect>> members) const;
   // At most `rounds` of Gauss-Newton.
   Fit refine(std::vector<std::shared_ptr<Effect>> members, int rounds = 3) const;
+  // What an effect must bring beyond its parameters' price.
+  double margin() const { return margin_; }
+  void set_margin(double margin) { margin_ = margin; }
   const Rows& training() const { return training_; }
   const Rows& held_out() const { return held_out_; }
   const Chain& chain() const { return chain_; }
@@ -43,6 +51,7 @@ class Fitter {
   const Chain& chain_;
   const Rows& training_;
   const Rows& held_out_;
+  double margin_ = 40;
   double noise_ = 0, noise_held_out_ = 0;  // in the residual of the declared model
 };
 

@@ -59,15 +59,20 @@ double clip_level(const Column& x) {
   double top = 0;
   for (double value : x) top = std::max(top, std::abs(value));
   const double tolerance = 1e-6 * top + 1e-9;
-  std::size_t at_top = 0, in_runs = 0, run = 0;
+  std::size_t at_top = 0, in_runs = 0, run = 0, below = 0;
+  double next = 0;  // the level below
+  for (double value : x)
+    if (std::abs(value) < top - tolerance) next = std::max(next, std::abs(value));
   for (double value : x) {
     const bool here = std::abs(value) > top - tolerance;
     at_top += here;
+    below += std::abs(value) > next - tolerance && !here;
     run = here ? run + 1 : 0;
     if (run == 4) in_runs += 4;
     if (run > 4) ++in_runs;
   }
-  return in_runs >= 12 && 4 * in_runs > at_top ? top : 0;
+  // Samples pile up at a limit; at the top of a mere coarse scale there are no more than below it.
+  return in_runs >= 12 && 4 * in_runs > at_top && at_top > 5 * below ? top : 0;
 }
 
 double interpolate(double a, double b, double share) {

@@ -31,6 +31,8 @@ struct Health {
   double i_limit = 0;  // A, where they are clipped; 0: nowhere
   double clipped_share = 0;
   double jitter = 0;  // of the time stamps, rms over T_s
+  // The ADC's step is what limits the current.
+  bool coarse(double i_rated) const { return i_lsb > 0.005 * (i_rated > 0 ? i_rated : 7); }
   // Of several logs together.
   void combine(const Health& other);
 };

@@ -59,8 +59,8 @@ std::size_t strongest(const std::vector<double>& power, Allowed&& allowed) {
 Candidate line(const Chain& chain, const char* key, double value) {
   Candidate candidate{.effect = make_effect("periodic_torque"), .columns = {}};
   set_key(*candidate.effect, key, value);
-  for (int r = 0; r < 2; ++r)
-    candidate.columns.push_back(chain.whitened(chain.column(*candidate.effect, r)));
+  for (const Sampled& x : chain.columns(*candidate.effect))
+    candidate.columns.push_back(chain.whitened(x));
   return candidate;
 }
 

@@ -10,25 +10,44 @@ namespace twinrate {
 namespace {
 
 constexpr Eigen::Index kMostRows = 4000;
+constexpr double kQuiet = 0.75;  // share of the record that counts as noise alone
 
 // What every candidate together cannot explain of one channel: noise.
 Eigen::VectorXd unexplained(const Eigen::VectorXd& y,
                             const std::vector<const Eigen::VectorXd*>& x) {
   if (!y.size()) return y;
-  const Eigen::Index n = std::min(y.size(), kMostRows), p = static_cast<Eigen::Index>(x.size());
-  if (n < 4 * p || p == 0) return y;
+  const auto p = static_cast<Eigen::Index>(x.size());
+  if (y.size() < 4 * p || p == 0) return y;
+  // Pieces spread over the whole record.
+  constexpr Eigen::Index kPiece = 100;
+  const Eigen::Index every = std::max<Eigen::Index>(1, y.size() / kMostRows);
+  std::vector<Eigen::Index> firsts;
+  for (Eigen::Index first = 0; first + kPiece <= y.size(); first += every * kPiece)
+    firsts.push_back(first);
+  const Eigen::Index n = static_cast<Eigen::Index>(firsts.size()) * kPiece;
+  if (n < 4 * p) return y;
+  const auto gather = [&](const Eigen::VectorXd& v) {
+    Eigen::VectorXd out(n);
+    for (std::size_t i = 0; i < firsts.size(); ++i)
+      out.segment(static_cast<Eigen::Index>(i) * kPiece, kPiece) = v.segment(firsts[i], kPiece);
+    return out;
+  };
   Eigen::MatrixXd X(n, p);
+  Eigen::VectorXd scale(p);
   for (Eigen::Index c = 0; c < p; ++c) {
-    X.col(c) = x[c]->head(n);
+    X.col(c) = gather(*x[static_cast<std::size_t>(c)]);
     const double norm = X.col(c).norm();
-    if (norm > 0) X.col(c) /= norm;
+    scale[c] = norm > 0 ? 1 / norm : 0;
+    X.col(c) *= scale[c];
   }
   Eigen::MatrixXd G = Eigen::MatrixXd::Zero(p, p);
   G.selfadjointView<Eigen::Lower>().rankUpdate(X.transpose());
   G.diagonal().array() += 1e-8;
-  const Eigen::VectorXd c =
-      G.selfadjointView<Eigen::Lower>().ldlt().solve(X.transpose() * y.head(n));
-  return (y.head(n) - X * c) * std::sqrt(static_cast<double>(n) / static_cast<double>(n - p));
+  const Eigen::VectorXd c = scale.asDiagonal() * G.selfadjointView<Eigen::Lower>().ldlt().solve(
+                                                     X.transpose() * gather(y));
+  Eigen::VectorXd left = y;
+  for (Eigen::Index i = 0; i < p; ++i) left -= c[i] * *x[static_cast<std::size_t>(i)];
+  return left * std::sqrt(static_cast<double>(n) / static_cast<double>(n - p));
 }
 
 Runs first_runs(const Runs& runs, Eigen::Index n) {
@@ -37,6 +56,65 @@ Runs first_runs(const Runs& runs, Eigen::Index n) {
   for (std::size_t s : runs.start)
     if (s < static_cast<std::size_t>(n)) first.start.push_back(s);
   return first;
+}
+
+// The quieter part of the runs, cut into pieces: what is missing and only acts now and then
+// (impacts, transients) is not noise.
+Runs quiet_runs(const Eigen::VectorXd& x, const Runs& runs, Eigen::VectorXd& kept) {
+  constexpr std::size_t kPiece = 100;
+  struct Piece {
+    std::size_t first, count;
+    double power;
+  };
+  std::vector<Piece> pieces;
+  const auto n = static_cast<std::size_t>(x.size());
+  for (std::size_t r = 0; r < runs.start.size() && runs.start[r] < n; ++r) {
+    const std::size_t end = std::min(n, r + 1 < runs.start.size() ? runs.start[r + 1] : n);
+    for (std::size_t first = runs.start[r]; first + kPiece <= end; first += kPiece)
+      pieces.push_back(
+          {first, kPiece, x.segment(static_cast<Eigen::Index>(first), kPiece).squaredNorm()});
+  }
+  Runs quiet;
+  if (pieces.size() < 6) {
+    kept = x;
+    quiet.row.assign(runs.row.begin(), runs.row.begin() + static_cast<std::ptrdiff_t>(n));
+    for (std::size_t s : runs.start)
+      if (s < n) quiet.start.push_back(s);
+    return quiet;
+  }
+  std::sort(pieces.begin(), pieces.end(),
+            [](const Piece& a, const Piece& b) { return a.power < b.power; });
+  pieces.resize(static_cast<std::size_t>(kQuiet * static_cast<double>(pieces.size())));
+  kept.resize(static_cast<Eigen::Index>(pieces.size() * kPiece));
+  for (const Piece& piece : pieces) {
+    quiet.start.push_back(quiet.row.size());
+    kept.segment(static_cast<Eigen::Index>(quiet.row.size()), kPiece) =
+        x.segment(static_cast<Eigen::Index>(piece.first), kPiece);
+    for (std::size_t i = 0; i < kPiece; ++i) quiet.row.push_back(runs.row[piece.first + i]);
+  }
+  return quiet;
+}
+
+// Median over pieces of the power of whitened noise.
+double median_power(const Eigen::VectorXd& e) {
+  constexpr Eigen::Index kPiece = 100;
+  std::vector<double> power;
+  for (Eigen::Index first = 0; first + kPiece <= e.size(); first += kPiece)
+    power.push_back(e.segment(first, kPiece).squaredNorm() / kPiece);
+  if (power.empty()) return 1;
+  const auto middle = power.begin() + static_cast<std::ptrdiff_t>(power.size() / 2);
+  std::nth_element(power.begin(), middle, power.end());
+  return *middle;
+}
+
+// The record's own noise over the noise that was added, as amplitudes.
+double noise_scale(const Whitener& whitener, const Eigen::VectorXd& own,
+                   const Eigen::VectorXd& added, const Runs& runs) {
+  if (!own.size() || added.size() < own.size()) return 1;
+  const Runs first = first_runs(runs, own.size());
+  const double ratio = median_power(whitener(own, first)) /
+                       std::max(1e-300, median_power(whitener(added.head(own.size()), first)));
+  return std::sqrt(std::clamp(ratio, 0.5, 2.0));
 }
 
 // Columns that do not hold the residual's own noise, to estimate that from.
@@ -66,23 +144,20 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
 
 }  // namespace
 
-Record add_noise(const Record& record, const std::vector<char>& moving) {
+Record add_noise(const Record& record, const std::vector<char>& moving, double i_lsb) {
   Record noisier = record;
   const double sigma_theta = white_noise(
       record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
-  const double sigma_i =
-      record.i_alphabeta.empty()
-          ? 0
-          : std::sqrt(0.5 * (std::pow(white_noise(
-                                          record.size(),
-                                          [&](std::size_t k) { return record.i_alphabeta[k][0]; },
-                                          record.electrical_ok),
-                                      2) +
-                             std::pow(white_noise(
-                                          record.size(),
-                                          [&](std::size_t k) { return record.i_alphabeta[k][1]; },
-                                          record.electrical_ok),
-                                      2)));
+  double sigma_i = 0;
+  if (!record.i_alphabeta.empty()) {
+    const auto axis = [&](int x) {
+      return white_noise(
+          record.size(), [&](std::size_t k) { return record.i_alphabeta[k][x]; },
+          record.electrical_ok);
+    };
+    // Not less than the ADC's steps make.
+    sigma_i = std::max(std::sqrt(0.5) * std::hypot(axis(0), axis(1)), i_lsb / std::sqrt(12.0));
+  }
   for (std::size_t k = 0; k < record.size(); ++k) {
     noisier.theta_m[k] += sigma_theta * normal(1, 0, k);
     if (!record.i_alphabeta.empty())
@@ -105,11 +180,17 @@ NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dic
   const Sampler& sampler = chain.sampler();
   NoiseModel noise;
   const auto whitener = [](const Eigen::VectorXd& x, const Runs& runs) {
-    return x.size() ? Whitener(x, first_runs(runs, x.size())) : Whitener();
+    if (!x.size()) return Whitener();
+    Eigen::VectorXd kept;
+    const Runs quiet = quiet_runs(x, runs, kept);
+    return Whitener(kept, quiet);
   };
   noise.d = whitener(noise_d, sampler.electrical());
   noise.q = whitener(noise_q, sampler.electrical());
   noise.torque = whitener(noise_torque, sampler.torque());
+  noise.scale_d = noise_scale(noise.d, noise_d, y.noise_d, sampler.electrical());
+  noise.scale_q = noise_scale(noise.q, noise_q, y.noise_q, sampler.electrical());
+  noise.scale_torque = noise_scale(noise.torque, noise_torque, y.noise_torque, sampler.torque());
   return noise;
 }
 

@@ -6,7 +6,7 @@ namespace twinrate {
 
 // The record with as much noise again on currents and angle as its samples have: white, of the size
 // that the fourth difference shows.
-Record add_noise(const Record& record, const std::vector<char>& moving);
+Record add_noise(const Record& record, const std::vector<char>& moving, double i_lsb);
 // From what no candidate can explain of `y` (sampled, not whitened).
 // Candidates whose columns hold the noise itself are left out.
 NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dictionary);

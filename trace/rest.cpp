@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/materiality.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
 
@@ -12,8 +13,9 @@ namespace twinrate {
 namespace {
 
 constexpr int kBins = 24;
-constexpr double kChance = 1e-9;      // of noise making such means
-constexpr double kLeastShare = 0.04;  // of the residual's power: less is too small to draw
+constexpr double kSmallestVoltage = 2e-4;  // of the bus voltage, rms of the means
+constexpr double kChance = 1e-9;           // of noise making such means
+constexpr double kLeastShare = 0.04;       // of the residual's power: less is too small to draw
 
 struct Axis {
   const char* regressor;
@@ -21,8 +23,10 @@ struct Axis {
   bool periodic_turn = false;
 };
 
-// Means over bins of equal count; 0 share where noise would do it too.
-double explained_share(const Eigen::VectorXd& e, const std::vector<double>& x) {
+// Means over bins of equal count; 0 share where noise would do it too. `size`: rms of the same
+// means of `physical`.
+double explained_share(const Eigen::VectorXd& e, const Eigen::VectorXd& physical,
+                       const std::vector<double>& x, double& size) {
   const std::size_t n = x.size();
   std::vector<double> edges = x;
   std::sort(edges.begin(), edges.end());
@@ -32,16 +36,21 @@ double explained_share(const Eigen::VectorXd& e, const std::vector<double>& x) {
     if (limits.empty() || limit > limits.back()) limits.push_back(limit);
   }
   if (limits.size() < 1) return 0;
-  std::vector<double> sum(limits.size() + 1, 0.0), count = sum;
+  std::vector<double> sum(limits.size() + 1, 0.0), count = sum, sum_physical = sum;
   for (std::size_t i = 0; i < n; ++i) {
     const auto b = static_cast<std::size_t>(std::upper_bound(limits.begin(), limits.end(), x[i]) -
                                             limits.begin());
     sum[b] += e[static_cast<Eigen::Index>(i)];
+    sum_physical[b] += physical[static_cast<Eigen::Index>(i)];
     ++count[b];
   }
-  double explained = 0;
-  for (std::size_t b = 0; b < sum.size(); ++b)
-    if (count[b] > 0) explained += sum[b] * sum[b] / count[b];
+  double explained = 0, power = 0;
+  for (std::size_t b = 0; b < sum.size(); ++b) {
+    if (count[b] == 0) continue;
+    explained += sum[b] * sum[b] / count[b];
+    power += sum_physical[b] * sum_physical[b] / count[b];
+  }
+  size = std::sqrt(power / static_cast<double>(n));
   const double total = e.squaredNorm();
   const double chi = explained / (total / static_cast<double>(n));
   if (chi_square_tail(chi, static_cast<double>(sum.size())) > kChance) return 0;
@@ -62,15 +71,18 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       {"omega_m", [](const OperatingPoint& p) { return p.omega_m; }},
       {"direction", [](const OperatingPoint& p) { return p.omega_m > 0 ? 1.0 : -1.0; }},
   };
-  const auto look = [&](const Eigen::VectorXd& e, const Runs& runs, const char* equation,
-                        const char* what, const char* channel) {
+  const Sampled physical = chain.residual(fit.effects());
+  const auto look = [&](const Eigen::VectorXd& e, const Eigen::VectorXd& e_physical,
+                        const Runs& runs, const char* equation, const char* what,
+                        const char* channel, double smallest) {
     if (e.size() < 50 * kBins) return;
     Structure best;
     for (const Axis& axis : axes) {
       std::vector<double> x;
       for (std::size_t row : runs.row) x.push_back(axis.of(points[row]));
-      const double share = explained_share(e, x);
-      if (share < kLeastShare || share <= best.share) continue;
+      double size = 0;
+      const double share = explained_share(e, e_physical, x, size);
+      if (share < kLeastShare || share <= best.share || size < smallest) continue;
       best = {
           .regressor = axis.regressor, .share = share, .equation = equation, .channel = channel};
       best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", what, axis.regressor,
@@ -78,11 +90,15 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
     }
     if (best.share > 0) found.push_back(best);
   };
+  const DriveFacts& facts = chain.equations().facts();
+  const double smallest_V = kSmallestVoltage * facts.v_dc;
   if (fit.y.d.size()) {
-    look(fit.y.d, chain.sampler().electrical(), "electrical", "the rest of the d voltage", "d");
-    look(fit.y.q, chain.sampler().electrical(), "electrical", "the rest of the q voltage", "q");
+    const Runs& runs = chain.sampler().electrical();
+    look(fit.y.d, physical.d, runs, "electrical", "the rest of the d voltage", "d", smallest_V);
+    look(fit.y.q, physical.q, runs, "electrical", "the rest of the q voltage", "q", smallest_V);
   }
-  look(fit.y.torque, chain.sampler().torque(), "mechanical", "the rest of the torque", "torque");
+  look(fit.y.torque, physical.torque, chain.sampler().torque(), "mechanical",
+       "the rest of the torque", "torque", smallest_torque(facts, 6e-3));
   return found;
 }
 

@@ -13,9 +13,10 @@
 namespace twinrate {
 namespace {
 
-constexpr double kMargin = 40;
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
+constexpr double kRough = 1.15;        // of a row's power: more is not noise
+constexpr double kSupport = 0.3;       // of a gain, that the error itself must show
 constexpr double kNear = 0.85;         // of the best gain: still worth refining
 
 using Members = std::vector<std::shared_ptr<Effect>>;
@@ -56,6 +57,14 @@ Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
 }
 constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
 
+// Candidates of one sort differ in a place on a grid only.
+std::string sort_of(const Effect& effect) {
+  std::string sort(effect.kind());
+  for (const NumericKey& k : numeric_keys(effect))
+    if (!k.text.empty() && effect.kind() == "signal_lag") sort += " " + k.text;
+  return sort;
+}
+
 std::string describe(const Effect& effect) {
   std::string text(effect.kind());
   for (const NumericKey& k : numeric_keys(effect))
@@ -68,13 +77,19 @@ class Selector {
   Selector(const Fitter& fitter, const std::vector<Candidate>& candidates, const Say& say)
       : fitter_(fitter), candidates_(candidates), say_(say) {}
 
-  Selection run(const Members& members) {
+  Fit step(const Members& members) {
     selection_.fit = fitter_.refine(members);
-    while (selection_.fit.members.size() < kMostMembers && add_one()) drop_superfluous();
+    drop_superfluous();
+    if (selection_.fit.members.size() < kMostMembers && add_one()) drop_superfluous();
+    return std::move(selection_.fit);
+  }
+  Selection finish(const Members& members) {
+    selection_.fit = fitter_.refine(members);
     for (int round = 0; round < 2 && swap_one(); ++round) drop_superfluous();
     judge_members();
     return std::move(selection_);
   }
+  bool added() const { return added_; }
 
  private:
   // Best of each kind, best kind first.
@@ -85,13 +100,84 @@ class Selector {
     std::erase_if(scores, [](const Score& s) { return !s.effect || !s.valid; });
     std::sort(scores.begin(), scores.end(),
               [](const Score& a, const Score& b) { return a.gain > b.gain; });
-    std::set<std::string_view> seen;
-    std::erase_if(scores, [&](const Score& s) { return !seen.insert(s.effect->kind()).second; });
+    std::set<std::string> seen;
+    std::erase_if(scores, [&](const Score& s) { return !seen.insert(sort_of(*s.effect)).second; });
     return scores;
   }
 
+  // A gap looks like a soft shaft until the load mass is followed through it. Its impacts make the
+  // error rough in the parameters: backlash is searched around the shaft that was found, first on
+  // a grid, then along one parameter after the other in ever smaller steps.
+  void try_backlash(const Fit& now, Fit& best) const {
+    const double rows = static_cast<double>(fitter_.training().count(best.y));
+    if (best.rss < kRough * rows) return;  // a shaft explains it all
+    static constexpr const char* kKeys[] = {"gap_rad", "J_load_kgm2", "stiffness_Nm_rad",
+                                            "damping_Nms_rad"};
+    const Effect& shaft = *best.members.back();
+    const auto fit_of = [&](const std::shared_ptr<Effect>& gap) {
+      Fit fit;
+      if (!gap->prepare(fitter_.chain().equations().facts()).empty()) {
+        fit.rss = 1e300;
+        return fit;
+      }
+      return fitter_.start(with(now.members, gap, kNobody));
+    };
+    Fit found;
+    found.rss = 1e300;
+    for (double gap : {0.005, 0.01, 0.017, 0.025})
+      for (double stiffer : {1.0, 2.0, 4.0})
+        for (double share : {0.7, 1.0}) {
+          const auto effect = make_effect("backlash");
+          set_key(*effect, "J_load_kgm2", share * get_key(shaft, "J_load_kgm2"));
+          set_key(*effect, "stiffness_Nm_rad", stiffer * get_key(shaft, "stiffness_Nm_rad"));
+          set_key(*effect, "damping_Nms_rad", get_key(shaft, "damping_Nms_rad"));
+          set_key(*effect, "gap_rad", gap);
+          Fit fit = fit_of(effect);
+          if (fit.rss < found.rss) found = std::move(fit);
+        }
+    for (double step = 0.2; step > 0.004; step /= 2)
+      for (int round = 0; round < 2; ++round)
+        for (const char* key : kKeys)
+          for (double factor : {1 + step, 1 / (1 + step)}) {
+            const auto moved = found.members.back()->clone();
+            set_key(*moved, key, factor * get_key(*moved, key));
+            Fit fit = fit_of(moved);
+            if (fit.rss < found.rss) found = std::move(fit);
+          }
+    found = fitter_.refine(found.members, 2);
+    if (say_)
+      say_(fmt::format("  {}: score {:.0f} against {:.0f} of a shaft",
+                       describe(*found.members.back()), score_of(fitter_, found),
+                       score_of(fitter_, best)));
+    if (acceptable(found, now) && score_of(fitter_, found) < score_of(fitter_, best))
+      best = std::move(found);
+  }
+
+  // A moment is searched more and more finely before it is refined: the residual is flat away from
+  // it.
+  std::shared_ptr<Effect> placed(const Fit& now, const std::shared_ptr<Effect>& effect) const {
+    if (effect->kind() != "load_step") return effect;
+    std::shared_ptr<Effect> best = effect;
+    const Chain& chain = fitter_.chain();
+    for (double step = 0.02; step > 2e-4; step /= 5) {
+      std::vector<Candidate> moments;
+      const double t = get_key(*best, "time_s");
+      for (int j = -6; j <= 6; ++j) {
+        Candidate moment{.effect = best->clone(), .columns = {}};
+        set_key(*moment.effect, "time_s", t + j * step);
+        for (const Sampled& x : chain.columns(*moment.effect))
+          moment.columns.push_back(chain.whitened(x));
+        moments.push_back(std::move(moment));
+      }
+      double gain = -1e300;
+      for (const Score& s : score_all(fitter_, now, moments))
+        if (s.effect && s.gain > gain) gain = s.gain, best = s.effect;
+    }
+    return best;
+  }
+
   bool acceptable(const Fit& next, const Fit& now) const {
-    return next.valid && next.rss_held_out < now.rss_held_out &&
+    return next.valid && next.rss_held_out < now.rss_held_out && supported(next, now) &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1;
   }
 
@@ -104,9 +190,8 @@ class Selector {
     for (const Score& s : ranked(now)) {
       if (s.gain <= 0 || tried >= kMostTried + (best.members.empty() ? 2 : 0)) break;
       if (!best.members.empty() && s.gain < kNear * first_gain) break;
-      if (refused_.count(describe(*s.effect))) continue;
       ++tried;
-      Fit next = fitter_.refine(with(now.members, s.effect, kNobody));
+      Fit next = fitter_.refine(with(now.members, placed(now, s.effect), kNobody));
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(next, now);
       if (say_)
@@ -114,7 +199,6 @@ class Selector {
                          describe(*s.effect), describe(*next.members.back()), s.gain, gain,
                          now.rss_held_out, next.rss_held_out, good ? "" : " (refused)"));
       if (gain <= 0 || !good) {
-        refused_.insert(describe(*s.effect));
         selection_.refused.push_back({std::string(s.effect->kind()), gain,
                                       1 - next.rss_held_out / now.rss_held_out,
                                       refusal(next, now, gain)});
@@ -127,16 +211,21 @@ class Selector {
       }
     }
     if (best.members.empty()) return false;
+    if (best.members.back()->kind() == "torsion") try_backlash(now, best);
     selection_.fit = std::move(best);
-    refused_.clear();
-    selection_.refused.clear();
-    return true;
+    return added_ = true;
+  }
+
+  // The held-out error itself has to fall, not only what is left of it beside its noise.
+  static bool supported(const Fit& next, const Fit& now) {
+    return now.raw_held_out - next.raw_held_out > kSupport * (now.rss_held_out - next.rss_held_out);
   }
 
   std::string refusal(const Fit& next, const Fit& now, double gain) const {
     if (!next.valid) return "its parameters leave their physical range";
     if (gain <= 0) return "does not pay for its parameters on the training blocks";
     if (next.rss_held_out >= now.rss_held_out) return "does not help on the held-out blocks";
+    if (!supported(next, now)) return "only its noise changes on the held-out blocks";
     return "smaller than what is worth reporting";
   }
 
@@ -206,7 +295,7 @@ class Selector {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Selection selection_;
-  std::set<std::string> refused_;
+  bool added_ = false;
 };
 
 }  // namespace
@@ -216,7 +305,7 @@ double score_of(const Fitter& fitter, const Fit& fit) {
   std::size_t k = 0;
   for (const auto& m : fit.members) k += parameters_of(*m);
   return N * std::log(fit.rss) + static_cast<double>(k) * std::log(N) +
-         kMargin * static_cast<double>(fit.members.size());
+         fitter.margin() * static_cast<double>(fit.members.size());
 }
 
 std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
@@ -253,7 +342,15 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     const std::vector<char> use = normal.usable(N);
     if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
     const Eigen::VectorXd x = normal.solve(use);
-    const double rss = fit.rss - 2 * x.dot(normal.b) + x.dot(normal.A * x);
+    double noise_change = 0;
+    for (Eigen::Index c = 0; c < g; ++c) {
+      const Sampled& column = candidate.columns[c];
+      noise_change -= 2 * x[P + c] * rows.noise(column, fit.y);
+      for (Eigen::Index e = 0; e < g; ++e)
+        noise_change += x[P + c] * x[P + e] * rows.noise(column, candidate.columns[e]);
+    }
+    const double rss =
+        fit.rss - 2 * x.dot(normal.b) + x.dot(normal.A * x) + kNoiseDoubt * std::abs(noise_change);
     if (!(rss > 0)) continue;
     Score& score = scores[i];
     score.effect = candidate.effect->clone();
@@ -270,14 +367,22 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     }
     score.valid = within_ranges(*score.effect) && score.effect->materiality(facts) >= 0.5;
     const auto k = static_cast<double>(parameters_of(*candidate.effect));
-    score.gain = N * std::log(fit.rss / rss) - k * std::log(N) - kMargin;
+    score.gain = N * std::log(fit.rss / rss) - k * std::log(N) - fitter.margin();
   }
   return scores;
 }
 
-Selection select(const Fitter& fitter, const std::vector<Candidate>& candidates,
-                 const std::vector<std::shared_ptr<Effect>>& members, const Say& say) {
-  return Selector(fitter, candidates, say).run(members);
+Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
+               const std::vector<std::shared_ptr<Effect>>& members, const Say& say, bool& added) {
+  Selector selector(fitter, candidates, say);
+  Fit fit = selector.step(members);
+  added = selector.added();
+  return fit;
+}
+
+Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                const std::vector<std::shared_ptr<Effect>>& members, const Say& say) {
+  return Selector(fitter, candidates, say).finish(members);
 }
 
 }  // namespace twinrate

@@ -1,7 +1,7 @@
 // Which effects are missing: forward by the best candidate, backward by what is no longer needed,
 // swaps; every accepted set is refined before the next look.
 //
-//   score of a set = N log(RSS) + k log(N) + kMargin (number of effects)
+//   score of a set = N log(RSS) + k log(N) + margin (number of effects)
 //
 // A candidate must lower the score on the training blocks, lower the error on the held-out blocks,
 // and be large enough to matter (Effect::materiality). Lines that no cause of the catalogue makes
@@ -46,8 +46,11 @@ struct Selection {
 };
 
 using Say = std::function<void(const std::string&)>;
-// Continues from `members`.
-Selection select(const Fitter& fitter, const std::vector<Candidate>& candidates,
-                 const std::vector<std::shared_ptr<Effect>>& members, const Say& say);
+// Drops from `members` what is not needed and adds the best candidate, if one is good enough.
+Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
+               const std::vector<std::shared_ptr<Effect>>& members, const Say& say, bool& added);
+// Swaps members for better ones, and says of each what speaks for it.
+Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                const std::vector<std::shared_ptr<Effect>>& members, const Say& say);
 
 }  // namespace twinrate

@@ -13,8 +13,9 @@ namespace {
 
 constexpr int kBlocks = 24;
 constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
-constexpr int kMostRounds = 3;     // of noise model and selection
-constexpr double kSame = 0.9;      // a noise level that fell by less is the same
+constexpr double kMargin = 40, kCoarseMargin = 600;
+constexpr int kMostRounds = 3;  // of noise model and selection
+constexpr double kSame = 0.9;   // a noise level that fell by less is the same
 
 std::vector<char> torque_rows(const Equations& equations) {
   std::vector<char> ok = equations.record().motion_ok;
@@ -56,7 +57,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   const Equations equations(record, facts, known);
   const std::vector<char> moving = torque_rows(equations);
   const Sampler sampler(record, moving, held_out);
-  const Record noisier = add_noise(record, moving);
+  const Record noisier = add_noise(record, moving, health.i_lsb);
   const Equations noisier_equations(noisier, facts, known);
   Chain chain(equations, noisier_equations, sampler);
   const auto lap = [&](const char* what) {
@@ -67,26 +68,32 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};
   lap("candidates");
   const Rows training(sampler, false), unseen(sampler, true);
-  Selection selection;
   std::vector<std::shared_ptr<Effect>> members;
   Effects so_far;
-  for (int round = 0; round < kMostRounds; ++round) {
+  bool added = true;
+  // The error of a coarse ADC is no noise: it repeats with the current.
+  const double margin = health.coarse(facts.machine.i_rated) ? kCoarseMargin : kMargin;
+  for (int round = 0; added && round < kMostRounds; ++round) {
     NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
-    if (round > 0 && level(noise) > kSame * level(chain.noise())) break;
-    chain.set_noise(std::move(noise));
-    dictionary.whiten(chain);
+    if (round == 0 || level(noise) < kSame * level(chain.noise())) {
+      chain.set_noise(std::move(noise));
+      dictionary.whiten(chain);
+      if (settings.say)
+        settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
+                                 chain.noise().q.rms(), chain.noise().torque.rms()));
+    }
     lap("noise");
-    if (settings.say)
-      settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
-                               chain.noise().q.rms(), chain.noise().torque.rms()));
-    const Fitter fitter(chain, training, unseen);
-    selection = select(fitter, dictionary.whitened, members, settings.say);
+    Fitter fitter(chain, training, unseen);
+    fitter.set_margin(margin);
+    const Fit fit = select_one(fitter, dictionary.whitened, members, settings.say, added);
+    members = fit.members;
+    so_far = fit.effects();
     lap("selection");
-    members = selection.fit.members;
-    so_far = selection.fit.effects();
-    if (members.empty()) break;
   }
-  const Fitter fitter(chain, training, unseen);
+  Fitter fitter(chain, training, unseen);
+  fitter.set_margin(margin);
+  const Selection selection = judge(fitter, dictionary.whitened, members, settings.say);
+  lap("judgement");
   TraceResult result = conclude(fitter, dictionary, selection, health);
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);

@@ -301,7 +301,7 @@ Config declared() {
 }
 
 Log make_log(const Case& which, double duration_s) {
-  const Config preset = Config::load("niewiara2020");
+  const Config preset = load_drive("niewiara2020");
   // The preset without its own disturbance set.
   std::string toml = preset.resolved_with({}) + which.effects_toml;
   Config config = Config::parse(toml, which.name, overrides(which, duration_s));

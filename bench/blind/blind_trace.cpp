@@ -29,7 +29,7 @@ using json = nlohmann::ordered_json;
 struct Options {
   std::vector<std::string> sets = {"single", "double", "triple", "poor", "none"}, kinds;
   int seeds = 3;
-  std::string cache, out;
+  std::string cache, out, only;
   int shard = 0, shards = 1;
   bool verbose = false;
 };
@@ -167,6 +167,7 @@ int run(const Options& o) {
   json rows = json::array();
   for (std::size_t i = 0; i < cases.size(); ++i) {
     if (static_cast<int>(i) % o.shards != o.shard) continue;
+    if (cases[i].name.find(o.only) == std::string::npos) continue;
     const Case& which = cases[i];
     Verdict v;
     try {
@@ -235,6 +236,7 @@ int main(int argc, char** argv) {
   app.add_option("--kinds", o.kinds, "only these kinds")->delimiter(',');
   app.add_option("--seeds", o.seeds, "logs of each sort");
   app.add_option("--cache", o.cache, "directory that keeps the simulated logs");
+  app.add_option("--only", o.only, "only cases whose name holds this");
   app.add_option("--shard", shard, "i/n");
   app.add_option("--out", o.out, "JSON of every case");
   app.add_flag("--verbose", o.verbose, "each step of the selection");

@@ -8,6 +8,8 @@
 // mechanical power -T_load omega_m, whatever the operating point. N counts a mechanical turn, 6 n_p
 // and its multiples in a symmetric machine. Regressors at given N: the same with cos(N theta_m) and
 // with -sin(N theta_m) for delta_psi/A; coefficients A cos(phase), A sin(phase).
+#include <algorithm>
+
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"
@@ -53,8 +55,11 @@ class FluxHarmonics final : public Effect {
     set_sine(values, amplitude_, phase_);
   }
   std::vector<TracedKey> traced_keys() const override {
-    return {
-        linear_key("amplitude_Wb"), linear_key("phase_rad"), {"order", whole_orders(60), false}};
+    // Of the electrical turn, and the slow ones of a magnet unlike the others.
+    std::vector<double> orders{1, 2};
+    for (int order = n_p_ > 2 ? n_p_ : 3; order <= std::max(60, 12 * n_p_); order += n_p_)
+      orders.push_back(order);
+    return {linear_key("amplitude_Wb"), linear_key("phase_rad"), {"order", orders, false}};
   }
   double materiality(const DriveFacts& facts) const override {
     return amplitude_ / (1e-3 * facts.machine.psi_f);

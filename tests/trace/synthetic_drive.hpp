@@ -1,0 +1,94 @@
+// A drive written out here, for the tracer's tests: it shares no code with the product's plant.
+// Isotropic machine, RK4 in stator axes, speed and load that wander, ideal current control.
+#pragma once
+#include <cmath>
+#include <functional>
+
+#include "core/config.hpp"
+#include "model/random.hpp"
+#include "trace/health.hpp"
+
+namespace twinrate {
+
+struct SyntheticDrive {
+  double R = 1.05, L = 12.7e-3, psi = 0.253333333333, J = 8.8e-3, B = 0.003;
+  int n_p = 3;
+  double T_s = 1e-4, duration_s = 6;
+  std::uint64_t seed = 1;
+  bool quiet = false;  // stands still
+  std::function<double(double t, double theta, double omega)> extra_load =
+      [](double, double, double) { return 0.0; };
+  double R_extra = 0, offset_a = 0;  // ohm; A, of what sensor a reads
+  double i_noise = 0.008, lsb = 0.009765625;
+};
+
+inline double wanted_speed(double t) {
+  return 45 * std::sin(1.3 * t) + 25 * std::sin(2.9 * t + 1);
+}
+
+inline RawLog simulate_synthetic(const SyntheticDrive& d) {
+  RawLog raw;
+  raw.path = "synthetic";
+  double i_d = 0, i_q = 0, omega = d.quiet ? 0 : wanted_speed(0), theta = 0.3;
+  const auto n = static_cast<std::size_t>(d.duration_s / d.T_s);
+  for (std::size_t k = 0; k < n; ++k) {
+    const double t = static_cast<double>(k) * d.T_s;
+    const double T_load = d.quiet ? 0 : (std::fmod(t, 1.7) > 0.9 ? 1.8 : -0.4);
+    // Readings.
+    const double a = d.n_p * theta;
+    const double i_al = std::cos(a) * i_d - std::sin(a) * i_q,
+                 i_be = std::sin(a) * i_d + std::cos(a) * i_q;
+    const auto read = [&](double i, std::uint64_t stream) {
+      return std::round((i + d.i_noise * normal(d.seed, stream, k)) / d.lsb) * d.lsb;
+    };
+    raw.t.push_back(t);
+    raw.i_a.push_back(read(i_al + d.offset_a, 0));
+    raw.i_b.push_back(read(-0.5 * i_al + 0.5 * std::sqrt(3.0) * i_be, 1));
+    raw.i_c.push_back(-raw.i_a.back() - raw.i_b.back());
+    const double step = 2 * 3.14159265358979323846 / 1048576;
+    raw.theta_m.push_back(std::floor(theta / step) * step);
+    raw.v_dc.push_back(235.4 + 0.2 * normal(d.seed, 2, k));
+    raw.T_load.push_back(T_load);
+    // The voltage that a controller with a model of its own asks for, constant in stator axes.
+    const double K_t = 1.5 * d.n_p * d.psi;
+    const double accel = d.quiet ? 0 : (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
+    const double i_q_ref =
+        d.quiet ? 0 : (d.J * (accel + 30 * (wanted_speed(t) - omega)) + T_load + d.B * omega) / K_t;
+    const double i_d_ref = d.quiet ? 0 : (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
+    const double omega_e = d.n_p * omega, k_p = 2 * 3.14159 * 250 * d.L;
+    const double u_d = k_p * (i_d_ref - i_d) + d.R * i_d - omega_e * d.L * i_q;
+    const double u_q = k_p * (i_q_ref - i_q) + d.R * i_q + omega_e * (d.L * i_d + d.psi);
+    const double mid = a + 0.5 * omega_e * d.T_s;
+    const double u_al = std::cos(mid) * u_d - std::sin(mid) * u_q,
+                 u_be = std::sin(mid) * u_d + std::cos(mid) * u_q;
+    raw.u_alpha.push_back(u_al);
+    raw.u_beta.push_back(u_be);
+    // RK4 over the interval: i_d, i_q, omega, theta.
+    using State = std::array<double, 4>;
+    const auto rate = [&](const State& x, double time) -> State {
+      const double e = d.n_p * x[3], w = d.n_p * x[2];
+      const double ud = std::cos(e) * u_al + std::sin(e) * u_be,
+                   uq = -std::sin(e) * u_al + std::cos(e) * u_be;
+      const double R = d.R + d.R_extra;
+      const double load = T_load + d.extra_load(time, x[3], x[2]);
+      const double torque = d.quiet ? 0 : (K_t * x[1] - d.B * x[2] - load) / d.J;
+      return {(ud - R * x[0] + w * d.L * x[1]) / d.L,
+              (uq - R * x[1] - w * (d.L * x[0] + d.psi)) / d.L, torque, x[2]};
+    };
+    State x{i_d, i_q, omega, theta};
+    const double h = d.T_s;
+    const auto plus = [](const State& x0, const State& r, double f) {
+      State y = x0;
+      for (int j = 0; j < 4; ++j)
+        y[static_cast<std::size_t>(j)] += f * r[static_cast<std::size_t>(j)];
+      return y;
+    };
+    const State k1 = rate(x, t), k2 = rate(plus(x, k1, h / 2), t + h / 2),
+                k3 = rate(plus(x, k2, h / 2), t + h / 2), k4 = rate(plus(x, k3, h), t + h);
+    for (std::size_t j = 0; j < 4; ++j) x[j] += h / 6 * (k1[j] + 2 * k2[j] + 2 * k3[j] + k4[j]);
+    i_d = x[0], i_q = x[1], omega = x[2], theta = x[3];
+  }
+  return raw;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,162 @@
+// The tracer against a drive that shares no code with the product: what is missing is named, with
+// its size; what is not missing is not.
+#include "trace/tracer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+const DriveConfig& declared() {
+  static const Config config =
+      Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
+  return config.drive();
+}
+
+TraceResult trace_of(const RawLog& raw) {
+  Health health;
+  const Record record = make_record(raw, 3, health);
+  return trace_record(record, declared(), health, {});
+}
+
+std::vector<std::string> kinds(const TraceResult& r) {
+  std::vector<std::string> list;
+  for (const TracedEffect& e : r.effects) list.emplace_back(e.effect->kind());
+  std::sort(list.begin(), list.end());
+  return list;
+}
+
+const TracedParameter& parameter(const TraceResult& r, std::string_view kind,
+                                 std::string_view name) {
+  for (const TracedEffect& e : r.effects)
+    if (e.effect->kind() == kind)
+      for (const TracedParameter& p : e.parameters)
+        if (p.name == name) return p;
+  throw std::logic_error("no such parameter");
+}
+
+using Names = std::vector<std::string>;
+
+TEST(Tracer, FindsNothingWhereNothingIsMissing) {
+  for (std::uint64_t seed : {1, 2}) {
+    SyntheticDrive drive;
+    drive.seed = seed;
+    const TraceResult r = trace_of(simulate_synthetic(drive));
+    EXPECT_EQ(r.verdict, "nothing_missing") << r.sentence;
+    EXPECT_TRUE(r.effects.empty());
+    ASSERT_TRUE(r.electrical && r.mechanical);
+    // The error is noise: as large as the floor, and far below what changes.
+    EXPECT_NEAR(r.electrical->after.held_out / r.electrical->noise_floor, 1, 0.15);
+    EXPECT_GT(r.mechanical->no_change, 5 * r.mechanical->after.held_out);
+  }
+}
+
+TEST(Tracer, NamesCoggingAndFrictionWithTheirSizes) {
+  SyntheticDrive drive;
+  drive.extra_load = [](double, double theta, double omega) {
+    return 0.06 * std::sin(17 * theta + 0.8) + 0.15 * std::tanh(omega / 0.02);
+  };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_EQ(kinds(r), (Names{"cogging", "coulomb_friction"})) << r.sentence;
+  EXPECT_EQ(parameter(r, "cogging", "order").value, 17);
+  EXPECT_NEAR(parameter(r, "cogging", "amplitude").value, 0.06, 0.0015);
+  EXPECT_NEAR(parameter(r, "cogging", "phase").value, 0.8, 0.03);
+  EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, 0.15, 0.0015);
+  ASSERT_TRUE(r.mechanical);
+  EXPECT_LT(r.mechanical->after.held_out, 0.5 * r.mechanical->before.held_out);
+}
+
+TEST(Tracer, TellsAResistanceFromAnOffset) {
+  SyntheticDrive warm;
+  warm.R_extra = 0.3;
+  const TraceResult hot = trace_of(simulate_synthetic(warm));
+  EXPECT_EQ(kinds(hot), Names{"resistance"}) << hot.sentence;
+  EXPECT_NEAR(parameter(hot, "resistance", "change").value, 0.3, 0.01);
+  SyntheticDrive shifted;
+  shifted.offset_a = 0.09;
+  const TraceResult off = trace_of(simulate_synthetic(shifted));
+  EXPECT_EQ(kinds(off), Names{"current_offset"}) << off.sentence;
+  EXPECT_NEAR(parameter(off, "current_offset", "offset_a").value, 0.09, 0.002);
+}
+
+TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
+  SyntheticDrive drive;
+  drive.extra_load = [](double t, double, double) {
+    return 0.08 * std::sin(2 * 3.14159265 * 13.7 * t);
+  };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_EQ(r.verdict, "unexplained") << r.sentence;
+  EXPECT_TRUE(r.effects.empty()) << r.sentence;
+  ASSERT_FALSE(r.unexplained.empty());
+  EXPECT_EQ(r.unexplained[0].regressor, "t");
+  EXPECT_NEAR(r.unexplained[0].frequency_Hz, 13.7, 0.02);
+}
+
+TEST(Tracer, AMotorAtRestCannotTell) {
+  SyntheticDrive drive;
+  drive.quiet = true;
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_TRUE(r.effects.empty()) << r.sentence;
+  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
+  EXPECT_NE(r.sentence.find("annot tell"), std::string::npos) << r.sentence;
+}
+
+TEST(Tracer, LostAndRepeatedRowsAreSeenInTheSamples) {
+  RawLog raw = simulate_synthetic({});
+  RawLog lossy;
+  lossy.path = raw.path;
+  const auto keep = [](std::size_t k) { return k % 83 != 7; };
+  const std::vector<std::pair<std::vector<double>*, std::vector<double>*>> columns = {
+      {&raw.t, &lossy.t},
+      {&raw.i_a, &lossy.i_a},
+      {&raw.i_b, &lossy.i_b},
+      {&raw.i_c, &lossy.i_c},
+      {&raw.u_alpha, &lossy.u_alpha},
+      {&raw.u_beta, &lossy.u_beta},
+      {&raw.theta_m, &lossy.theta_m},
+      {&raw.v_dc, &lossy.v_dc},
+      {&raw.T_load, &lossy.T_load}};
+  for (const auto& [from, to] : columns)
+    for (std::size_t k = 0; k < from->size(); ++k)
+      if (keep(k)) to->push_back((*from)[k]);
+  Health health;
+  make_record(lossy, 3, health);
+  EXPECT_NEAR(health.missing_share, 1.0 / 83, 5e-4);
+  EXPECT_LT(health.stale_share, 1e-4);
+  for (const auto& [from, to] : columns)
+    if (from != &raw.t)
+      for (std::size_t k = 50; k < from->size(); k += 50) (*from)[k] = (*from)[k - 1];
+  Health repeated;
+  make_record(raw, 3, repeated);
+  EXPECT_NEAR(repeated.stale_share, 1.0 / 50, 1e-3);
+  EXPECT_EQ(repeated.missing_share, 0);
+}
+
+TEST(Tracer, AClippedCurrentIsNotACoarseOne) {
+  RawLog raw = simulate_synthetic({});
+  Health whole;
+  make_record(raw, 3, whole);
+  EXPECT_EQ(whole.i_limit, 0);
+  EXPECT_NEAR(whole.i_lsb, 0.009765625, 1e-6);
+  for (std::vector<double>* c : {&raw.i_a, &raw.i_b})
+    for (double& i : *c) i = std::clamp(i, -0.9, 0.9);
+  Health clipped;
+  make_record(raw, 3, clipped);
+  EXPECT_NEAR(clipped.i_limit, 0.9, 1e-9);
+  EXPECT_GT(clipped.clipped_share, 0.05);
+  RawLog coarse = simulate_synthetic({.lsb = 0.2});
+  Health stepped;
+  make_record(coarse, 3, stepped);
+  EXPECT_EQ(stepped.i_limit, 0);
+  EXPECT_NEAR(stepped.i_lsb, 0.2, 1e-6);
+  EXPECT_TRUE(stepped.coarse(7));
+  EXPECT_FALSE(whole.coarse(7));
+}
+
+}  // namespace
+}  // namespace twinrate
