@@ -16,6 +16,22 @@ std::vector<double> times_of(const Record& record) {
   return times;
 }
 
+// A late voltage shows where the voltage turns or jumps. The controller answers the noise of the
+// currents with noise of the voltage, which belongs to the residual's own: where that is most of
+// what changes from row to row, a lag cannot be told from it.
+bool voltage_moves(const Record& record) {
+  constexpr double kLeast = 3;
+  double steps = 0, noise = 0, count = 0;
+  for (std::size_t k = 4; k < record.u_alphabeta.size(); ++k) {
+    if (!record.electrical_ok[k]) continue;
+    const auto& u = record.u_alphabeta;
+    steps += (u[k] - u[k - 1]).squaredNorm();
+    noise += (u[k] - 4 * u[k - 1] + 6 * u[k - 2] - 4 * u[k - 3] + u[k - 4]).squaredNorm() / 35;
+    ++count;
+  }
+  return steps - noise > kLeast * noise;
+}
+
 // Calls f for every point of the grids, with the keys set.
 void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t index,
                const std::function<void()>& f) {
@@ -87,6 +103,7 @@ Sampled Chain::whitened(const Sampled& s) const {
 std::vector<Candidate> make_candidates(const Chain& chain) {
   const Equations& equations = chain.equations();
   std::vector<Candidate> candidates;
+  const bool turning = voltage_moves(equations.record());
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
@@ -99,6 +116,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     over_grid(*effect, keys, 0, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (!at_grid->prepare(equations.facts()).empty()) return;
+      if (kind == "signal_lag" && at_grid->acts_on() == kOnVoltage && !turning) return;
       Candidate candidate{.effect = at_grid, .columns = {}};
       if (at_grid->regressor_count() == 0) {
         candidate.columns.push_back(chain.contribution(*at_grid));

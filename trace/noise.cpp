@@ -127,7 +127,7 @@ bool is_safe(const Effect& effect) {
   return true;
 }
 
-// Noise of a slow signal that is sampled fast: its fourth difference, median over the rows asked
+// Noise of a slow signal that is sampled fast: its fourth difference over the rows asked
 // for.
 template <class Value>
 double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
@@ -139,7 +139,11 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
   if (sizes.empty()) return 0;
   const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
   std::nth_element(sizes.begin(), middle, sizes.end());
-  return *middle / 0.6745 / std::sqrt(70.0);
+  const double outlier = 6 * *middle;
+  double sum = 0, count = 0;
+  for (double size : sizes)
+    if (size <= outlier) sum += size * size, ++count;
+  return std::sqrt(sum / count / 70);
 }
 
 }  // namespace
