@@ -102,6 +102,11 @@ constexpr Entry kEntries[] = {
      "Order 1 in load torque and speed, at every speed with the same angle.",
      "`cogging` of order 1; `friction_ripple` of order 1 in one direction; "
      "`encoder_eccentricity`, which grows with the speed."},
+    {"periodic_torque", "frequency_Hz = 3\namplitude_Nm = 0.1\n", Signal::kTo, Over::kTime,
+     "T_load += A sin(2 pi f t + nu theta_m + phase)",
+     "A line in the load torque that keeps its frequency when the speed changes, or one of an order "
+     "that is not whole. It describes what the data show, not its cause.",
+     "`cogging`, where the order is whole."},
     {"encoder_eccentricity", "amplitude_rad = 2e-3\n", Signal::kSpeed, Over::kTurns,
      "theta_meas = theta_m + A sin(theta_m + phase)",
      "Order 1 in the true speed: the loop makes the measured one smooth. The estimated load torque "
