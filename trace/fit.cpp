@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-std::vector<FreeParameter> free_parameters(const std::vector<std::shared_ptr<Effect>>& members) {
+std::vector<FreeParameter> free_parameters(const Members& members) {
   std::vector<FreeParameter> free;
   for (std::size_t m = 0; m < members.size(); ++m) {
     const Effect& effect = *members[m];
@@ -52,13 +52,16 @@ bool move(Effect& effect, const FreeParameter& p, double change) {
   return set_key(effect, p.key, get_key(effect, p.key) + change);
 }
 
-std::vector<std::shared_ptr<Effect>> copies(const std::vector<std::shared_ptr<Effect>>& members) {
-  std::vector<std::shared_ptr<Effect>> out;
-  for (const auto& m : members) out.push_back(m->clone());
-  return out;
-}
-
 }  // namespace
+
+Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
+             std::size_t left_out) {
+  Members all;
+  for (std::size_t m = 0; m < members.size(); ++m)
+    if (m != left_out) all.push_back(members[m]->clone());
+  if (newcomer) all.push_back(newcomer->clone());
+  return all;
+}
 
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
     : chain_(chain), training_(training), held_out_(held_out) {
@@ -117,21 +120,21 @@ Eigen::VectorXd Fitter::step(Fit& fit) const {
   return normal.solve(use);
 }
 
-Fit Fitter::start(std::vector<std::shared_ptr<Effect>> members) const {
+Fit Fitter::start(Members members) const {
   Fit fit{.members = std::move(members)};
   fit.free = free_parameters(fit.members);
   evaluate(fit);
   return fit;
 }
 
-Fit Fitter::refine(std::vector<std::shared_ptr<Effect>> members, int rounds) const {
+Fit Fitter::refine(Members members, int rounds) const {
   Fit fit = start(std::move(members));
   for (int round = 0; round < rounds; ++round) {
     linearise(fit);
     const Eigen::VectorXd change = step(fit);
     bool better = false;
     for (double share = 1; share > 0.1; share /= 2) {
-      Fit next{.members = copies(fit.members),
+      Fit next{.members = with(fit.members, nullptr),
                .free = fit.free,
                .J = fit.J,
                .covariance = fit.covariance};

@@ -16,8 +16,15 @@ struct FreeParameter {
   std::string key;
 };
 
+using Members = std::vector<std::shared_ptr<Effect>>;
+
+// Copies of all but member `left_out` (kNobody: of all), and of the newcomer where there is one.
+inline constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
+Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
+             std::size_t left_out = kNobody);
+
 struct Fit {
-  std::vector<std::shared_ptr<Effect>> members;
+  Members members;
   std::vector<FreeParameter> free;
   Sampled y;                   // whitened residual with the members in the model
   std::vector<Sampled> J;      // d(explained)/d(free), whitened, at the solution
@@ -33,9 +40,9 @@ class Fitter {
  public:
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
 
-  Fit start(std::vector<std::shared_ptr<Effect>> members) const;
+  Fit start(Members members) const;
   // At most `rounds` of Gauss-Newton.
-  Fit refine(std::vector<std::shared_ptr<Effect>> members, int rounds = 3) const;
+  Fit refine(Members members, int rounds = 3) const;
   // What an effect must bring beyond its parameters' price.
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }

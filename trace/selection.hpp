@@ -1,7 +1,5 @@
 // Which effects are missing: forward by the best candidate, backward by what is no longer needed,
-// swaps; every accepted set is refined before the next look.
-//
-//   score of a set = N log(RSS) + k log(N) + margin (number of effects)
+// swaps; every accepted set is refined before the next look (trace/scores.hpp).
 //
 // A candidate must lower the score on the training blocks, lower the error on the held-out blocks,
 // and be large enough to matter (Effect::materiality). Lines that no cause of the catalogue makes
@@ -9,22 +7,9 @@
 #pragma once
 #include <functional>
 
-#include "trace/fit.hpp"
+#include "trace/scores.hpp"
 
 namespace twinrate {
-
-struct Score {
-  std::shared_ptr<Effect> effect;  // with the linear coefficients set; null: cannot be told
-  double gain = 0;                 // fall of the score
-  double sigma_in_sizes = 0;       // one sigma over the smallest size worth reporting
-  bool valid = false;              // inside the ranges of its keys, and large enough
-};
-
-// What adding each candidate to `fit` would bring, by linear regression with the fit's own
-// parameters free.
-std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
-                             const std::vector<Candidate>& candidates);
-double score_of(const Fitter& fitter, const Fit& fit);
 
 struct Alternative {
   std::string kind;
@@ -48,9 +33,9 @@ struct Selection {
 using Say = std::function<void(const std::string&)>;
 // Drops from `members` what is not needed and adds the best candidate, if one is good enough.
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
-               const std::vector<std::shared_ptr<Effect>>& members, const Say& say, bool& added);
+               const Members& members, const Say& say, bool& added);
 // Swaps members for better ones, and says of each what speaks for it.
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
-                const std::vector<std::shared_ptr<Effect>>& members, const Say& say);
+                const Members& members, const Say& say);
 
 }  // namespace twinrate

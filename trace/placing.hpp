@@ -1,0 +1,18 @@
+// Effects whose place on their grid has to be searched before Gauss-Newton can refine it, because
+// the error is flat or rough around it.
+#pragma once
+#include "trace/scores.hpp"
+
+namespace twinrate {
+
+// A moment (load_step) searched more and more finely; any other effect as it is.
+std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
+                               const std::shared_ptr<Effect>& effect);
+
+// A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
+// the error rough in the parameters: backlash in the place of the torsion that is `shaft`'s last
+// member, searched on a grid around it, then along one parameter after the other in ever smaller
+// steps. `shaft` itself where that leaves no more than noise.
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft);
+
+}  // namespace twinrate

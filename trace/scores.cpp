@@ -1,0 +1,111 @@
+#include "trace/scores.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+bool may_repeat(std::string_view kind) {
+  for (std::string_view k :
+       {"cogging", "flux_harmonics", "load_step", "signal_lag", "periodic_torque"})
+    if (kind == k) return true;
+  return false;
+}
+
+// The same effect at the same place, or another form of one that is there only once.
+bool taken(const Fit& fit, const Effect& effect) {
+  for (const auto& m : fit.members) {
+    if (m->kind() != effect.kind()) continue;
+    if (!may_repeat(effect.kind())) return true;
+    if (effect.kind() == "load_step" || effect.kind() == "periodic_torque") continue;
+    const char* key = effect.kind() == "signal_lag" ? "signal" : "order";
+    if (get_key(*m, key) == get_key(effect, key)) return true;
+  }
+  return false;
+}
+
+std::size_t parameters_of(const Effect& effect) {
+  auto count = static_cast<std::size_t>(effect.regressor_count());
+  for (const TracedKey& key : effect.traced_keys())
+    if (!key.linear || effect.regressor_count() == 0) ++count;
+  return count;
+}
+
+}  // namespace
+
+double score_of(const Fitter& fitter, const Fit& fit) {
+  const double N = static_cast<double>(fitter.training().count(fit.y));
+  std::size_t k = 0;
+  for (const auto& m : fit.members) k += parameters_of(*m);
+  return N * std::log(fit.rss) + static_cast<double>(k) * std::log(N) +
+         fitter.margin() * static_cast<double>(fit.members.size());
+}
+
+std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
+                             const std::vector<Candidate>& candidates) {
+  const Rows& rows = fitter.training();
+  const DriveFacts& facts = fitter.chain().equations().facts();
+  const auto P = static_cast<Eigen::Index>(fit.J.size());
+  NormalEquations own{Eigen::MatrixXd(P, P), Eigen::VectorXd(P), Eigen::VectorXd(P)};
+  for (Eigen::Index a = 0; a < P; ++a) {
+    for (Eigen::Index c = 0; c <= a; ++c) own.A(a, c) = own.A(c, a) = rows.dot(fit.J[a], fit.J[c]);
+    own.b[a] = rows.dot(fit.J[a], fit.y);
+    own.noise[a] = rows.noise(fit.J[a], fit.J[a]);
+  }
+  const double N = static_cast<double>(rows.count(fit.y));
+  std::vector<Score> scores(candidates.size());
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    const Candidate& candidate = candidates[i];
+    if (taken(fit, *candidate.effect)) continue;
+    const auto g = static_cast<Eigen::Index>(candidate.columns.size());
+    NormalEquations normal{Eigen::MatrixXd(P + g, P + g), Eigen::VectorXd(P + g),
+                           Eigen::VectorXd(P + g)};
+    normal.A.topLeftCorner(P, P) = own.A;
+    normal.b.head(P) = own.b;
+    normal.noise.head(P) = own.noise;
+    for (Eigen::Index c = 0; c < g; ++c) {
+      const Sampled& x = candidate.columns[c];
+      for (Eigen::Index a = 0; a < P; ++a)
+        normal.A(a, P + c) = normal.A(P + c, a) = rows.dot(fit.J[a], x);
+      for (Eigen::Index e = 0; e <= c; ++e)
+        normal.A(P + e, P + c) = normal.A(P + c, P + e) = rows.dot(candidate.columns[e], x);
+      normal.b[P + c] = rows.dot(x, fit.y);
+      normal.noise[P + c] = rows.noise(x, x);
+    }
+    const std::vector<char> use = normal.usable(N);
+    if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
+    const Eigen::VectorXd x = normal.solve(use);
+    double noise_change = 0;
+    for (Eigen::Index c = 0; c < g; ++c) {
+      const Sampled& column = candidate.columns[c];
+      noise_change -= 2 * x[P + c] * rows.noise(column, fit.y);
+      for (Eigen::Index e = 0; e < g; ++e)
+        noise_change += x[P + c] * x[P + e] * rows.noise(column, candidate.columns[e]);
+    }
+    const double rss =
+        fit.rss - 2 * x.dot(normal.b) + x.dot(normal.A * x) + kNoiseDoubt * std::abs(noise_change);
+    if (!(rss > 0)) continue;
+    Score& score = scores[i];
+    score.effect = candidate.effect->clone();
+    if (candidate.effect->regressor_count() > 0) {
+      const Eigen::VectorXd sigma = normal.inverse(use).diagonal().tail(g).cwiseMax(0).cwiseSqrt();
+      score.effect->set_coefficients(std::vector<double>(sigma.data(), sigma.data() + g));
+      score.sigma_in_sizes = score.effect->materiality(facts);
+      score.effect->set_coefficients(std::vector<double>(x.data() + P, x.data() + P + g));
+    } else if (score.effect->kind() == "signal_lag") {
+      set_key(*score.effect, "lag_s", x[P] * get_key(*score.effect, "lag_s"));
+      if (x[P] <= 0) continue;
+    } else if (x[P] < 0.1 || x[P] > 8) {
+      continue;  // far from this point of the grid
+    }
+    score.valid = within_ranges(*score.effect) && score.effect->materiality(facts) >= 0.5;
+    const auto k = static_cast<double>(parameters_of(*candidate.effect));
+    score.gain = N * std::log(fit.rss / rss) - k * std::log(N) - fitter.margin();
+  }
+  return scores;
+}
+
+}  // namespace twinrate
