@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "model/random.hpp"
+#include "trace/loop_response.hpp"
 
 namespace twinrate {
 namespace {
@@ -117,14 +118,19 @@ double noise_scale(const Whitener& whitener, const Eigen::VectorXd& own,
   return std::sqrt(std::clamp(ratio, 0.5, 2.0));
 }
 
-// Columns that do not hold the residual's own noise, to estimate that from.
-bool is_safe(const Effect& effect) {
-  if (effect.regressor_count() == 0) return false;
+// Effects whose columns together hold the residual's own noise, however large they are beside it.
+bool may_mimic_noise(const Effect& effect) {
   for (std::string_view kind :
        {"inductance", "saturation", "cross_saturation", "inertia", "voltage_gain", "current_gain",
         "iron_loss", "encoder_eccentricity"})
-    if (effect.kind() == kind) return false;
-  return true;
+    if (effect.kind() == kind) return true;
+  return effect.regressor_count() == 0;
+}
+
+// A column that does not hold that noise, to estimate it from.
+bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise) {
+  constexpr double kNoisy = 0.02;  // share of its energy
+  return x.size() > 0 && (!noise.size() || noise.squaredNorm() < kNoisy * x.squaredNorm());
 }
 
 // Noise of a slow signal that is sampled fast: its fourth difference over the rows asked
@@ -148,35 +154,41 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
 
 }  // namespace
 
-Record add_noise(const Record& record, const std::vector<char>& moving, double i_lsb) {
-  Record noisier = record;
+Record add_noise(const Record& record, const DriveFacts& facts, const std::vector<char>& moving,
+                 double i_lsb) {
   const double sigma_theta = white_noise(
       record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
-  double sigma_i = 0;
+  SensorNoise noise;
+  for (std::size_t k = 0; k < record.size(); ++k)
+    noise.theta_m.push_back(sigma_theta * normal(1, 0, k));
   if (!record.i_alphabeta.empty()) {
     const auto axis = [&](int x) {
       return white_noise(
           record.size(), [&](std::size_t k) { return record.i_alphabeta[k][x]; },
           record.electrical_ok);
     };
+    const bool two = record.current_sensors == 2;
     // Not less than the ADC's steps make.
-    sigma_i = std::max(std::sqrt(0.5) * std::hypot(axis(0), axis(1)), i_lsb / std::sqrt(12.0));
+    const double sigma_i = std::max(std::hypot(axis(0), axis(1)) / std::sqrt(two ? 8.0 / 3 : 2.0),
+                                    i_lsb / std::sqrt(12.0));
+    for (std::size_t k = 0; k < record.size(); ++k) {
+      const Vec2 n = sigma_i * Vec2(normal(1, 1, k), normal(1, 2, k));
+      noise.i_alphabeta.push_back(two ? clarke({n[0], n[1], -n[0] - n[1]}) : n);
+    }
   }
-  for (std::size_t k = 0; k < record.size(); ++k) {
-    noisier.theta_m[k] += sigma_theta * normal(1, 0, k);
-    if (!record.i_alphabeta.empty())
-      noisier.i_alphabeta[k] += sigma_i * Vec2(normal(1, 1, k), normal(1, 2, k));
-  }
+  Record noisier = record;
+  LoopResponse(record, facts.machine).add(noise, noisier);
   return noisier;
 }
 
 NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dictionary) {
   std::vector<const Eigen::VectorXd*> d, q, torque;
   for (const Candidate& c : dictionary.sampled) {
-    if (!is_safe(*c.effect)) continue;
+    if (may_mimic_noise(*c.effect)) continue;
     for (const Sampled& x : c.columns) {
-      if (x.d.size()) d.push_back(&x.d), q.push_back(&x.q);
-      if (x.torque.size()) torque.push_back(&x.torque);
+      if (is_clean(x.d, x.noise_d)) d.push_back(&x.d);
+      if (is_clean(x.q, x.noise_q)) q.push_back(&x.q);
+      if (is_clean(x.torque, x.noise_torque)) torque.push_back(&x.torque);
     }
   }
   const Eigen::VectorXd noise_d = unexplained(y.d, d), noise_q = unexplained(y.q, q),

@@ -57,7 +57,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   const Equations equations(record, facts, known);
   const std::vector<char> moving = torque_rows(equations);
   const Sampler sampler(record, moving, held_out);
-  const Record noisier = add_noise(record, moving, health.i_lsb);
+  const Record noisier = add_noise(record, facts, moving, health.i_lsb);
   const Equations noisier_equations(noisier, facts, known);
   Chain chain(equations, noisier_equations, sampler);
   const auto lap = [&](const char* what) {

@@ -205,6 +205,7 @@ std::string profile_text(const std::vector<Step>& steps) {
 }
 
 constexpr double kRpm = kTwoPi / 60;
+constexpr double kCount = kTwoPi / (1 << 20);  // of the encoder
 
 void rich(Draw& d, double T, std::vector<Step>& rpm, std::vector<Step>& load,
           std::vector<Step>& i_d) {
@@ -313,6 +314,7 @@ Log make_log(const Case& which, double duration_s) {
   double T_load = drive.load.T_load_Nm.at(0);
   Vec2 asked = Vec2::Zero(), before = Vec2::Zero();
   bool open = false;  // the row before waits for its voltage
+  double theta_m_before = 0;
   const std::int64_t steps = drive.steps();
   for (std::int64_t k = 0; k < steps; ++k) {
     const double t_k = static_cast<double>(k) * drive.T_s();
@@ -332,13 +334,14 @@ Log make_log(const Case& which, double duration_s) {
     raw.i_a.push_back(m.i_abc[0]);
     raw.i_b.push_back(m.i_abc[1]);
     raw.i_c.push_back(m.i_abc[2]);
-    raw.theta_m.push_back(m.theta_m);
     const bool stale = raw.i_a.size() > 1 && raw.i_a.back() == raw.i_a[raw.i_a.size() - 2] &&
-                       raw.i_b.back() == raw.i_b[raw.i_b.size() - 2] &&
-                       raw.theta_m.back() == raw.theta_m[raw.theta_m.size() - 2];
-    raw.v_dc.push_back(stale
-                           ? raw.v_dc.back()
-                           : m.v_dc + 0.2 * normal(which.seed, 99, static_cast<std::uint64_t>(k)));
+                       raw.i_b.back() == raw.i_b[raw.i_b.size() - 2] && m.theta_m == theta_m_before;
+    theta_m_before = m.theta_m;
+    const auto noise = [&](std::uint64_t stream) {
+      return normal(which.seed, stream, static_cast<std::uint64_t>(k));
+    };
+    raw.theta_m.push_back(stale ? raw.theta_m.back() : m.theta_m + kCount * std::round(noise(98)));
+    raw.v_dc.push_back(stale ? raw.v_dc.back() : m.v_dc + 0.2 * noise(99));
     raw.T_load.push_back(T_load);
     open = true;
   }

@@ -2,7 +2,7 @@
 // tracer is judged on.
 //
 // The drive is niewiara2020 (B 0.002) with 12 bit over +-20 A, 8 mA noise, two current sensors, a
-// 20-bit encoder, 10 kHz. Profiles:
+// 20-bit encoder with one count of noise in the log, 10 kHz. Profiles:
 //   rich   speeds -800 to 900 rpm, loads to 4 Nm, i_d of both signs
 //   slow   10 to 50 rpm
 //   moves  the same point-to-point move again and again
