@@ -6,21 +6,66 @@ namespace twinrate {
 namespace {
 
 constexpr int kSmooth = 10;  // half-width of the speed's slope fit, rows
-constexpr int kSensing = kOnCurrents | kOnAngle | kOnBus;
+constexpr int kSensing = kOnCurrents | kOnAngle;
 constexpr double kProbe = 1e-3;  // share of a unit coefficient at which sensing is linearised
+
+// What effects add along a record, row by row.
+class Along {
+ public:
+  Along(const Effects& effects, const std::vector<OperatingPoint>& points, double T_s)
+      : points_(points) {
+    for (const auto& effect : effects) {
+      ShaftFacts shaft;
+      SamplingFacts sampling;
+      if (!effect->describe_shaft(shaft) && !effect->describe_sampling(sampling)) {
+        of_the_point_.push_back(effect.get());
+        continue;
+      }
+      std::vector<Contribution> of_one(points.size());
+      effect->along(points, T_s, of_one);
+      with_memory_.push_back(std::move(of_one));
+    }
+  }
+  Contribution operator[](std::size_t k) const {
+    Contribution sum;
+    for (const Effect* effect : of_the_point_) sum += effect->at(points_[k]);
+    for (const auto& of_one : with_memory_) sum += of_one[k];
+    return sum;
+  }
+
+ private:
+  const std::vector<OperatingPoint>& points_;
+  std::vector<const Effect*> of_the_point_;
+  std::vector<std::vector<Contribution>> with_memory_;
+};
+
+// Unit vector at the electrical angle half-way from row k - 1 to row k.
+template <class Signals>
+Vec2 half_way(const Signals& s, std::size_t k) {
+  return Vec2(s.cos[k - 1] + s.cos[k], s.sin[k - 1] + s.sin[k]).normalized();
+}
 
 }  // namespace
 
 Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
     : record_(record), facts_(facts), known_(std::move(known)) {
-  const Signals measured{record.i_alphabeta, record.theta_m};
-  points_ = points_of(measured);
+  measured_ = {.i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m};
+  turn_angle(measured_);
+  turn_currents(measured_);
   omega_m_ = speed(record.theta_m);
-  for (const OperatingPoint& p : points_) {
-    cos_.push_back(std::cos(p.theta_e));
-    sin_.push_back(std::sin(p.theta_e));
+  points_.resize(record.size());
+  for (std::size_t k = 0; k < points_.size(); ++k) {
+    OperatingPoint& p = points_[k];
+    p.t = record.t[k];
+    p.theta_m = record.theta_m[k];
+    p.theta_e = facts.machine.n_p * p.theta_m;
+    p.omega_m = omega_m_[k];
+    if (!measured_.i_dq.empty()) p.i_dq = measured_.i_dq[k];
+    if (!record.u_alphabeta.empty()) p.u_dq = park(record.u_alphabeta[k], p.theta_e);
+    p.v_dc = record.v_dc.empty() ? facts.v_dc : record.v_dc[k];
+    if (!record.T_load.empty()) p.T_load = record.T_load[k];
   }
-  base_ = known_.empty() ? assemble(measured, points_, nullptr) : residual_of(known_);
+  base_ = known_.empty() ? assemble(measured_, {}, points_) : residual_of(known_);
 }
 
 std::vector<double> Equations::speed(const std::vector<double>& theta_m) const {
@@ -39,90 +84,97 @@ std::vector<double> Equations::speed(const std::vector<double>& theta_m) const {
   return omega_m;
 }
 
-std::vector<OperatingPoint> Equations::points_of(const Signals& s) const {
-  const std::vector<double> omega_m = speed(s.theta_m);
-  std::vector<OperatingPoint> points(record_.size());
-  for (std::size_t k = 0; k < points.size(); ++k) {
-    OperatingPoint& p = points[k];
-    p.t = record_.t[k];
-    p.theta_m = s.theta_m[k];
-    p.theta_e = facts_.machine.n_p * p.theta_m;
-    p.omega_m = omega_m[k];
-    if (!s.i_alphabeta.empty()) p.i_dq = park(s.i_alphabeta[k], p.theta_e);
-    if (!record_.u_alphabeta.empty()) p.u_dq = park(record_.u_alphabeta[k], p.theta_e);
-    p.v_dc = record_.v_dc.empty() ? facts_.v_dc : record_.v_dc[k];
-    if (!record_.T_load.empty()) p.T_load = record_.T_load[k];
+void Equations::turn_angle(Signals& s) const {
+  s.cos.resize(s.theta_m.size());
+  s.sin.resize(s.theta_m.size());
+  for (std::size_t k = 0; k < s.theta_m.size(); ++k) {
+    s.cos[k] = std::cos(facts_.machine.n_p * s.theta_m[k]);
+    s.sin[k] = std::sin(facts_.machine.n_p * s.theta_m[k]);
   }
+}
+
+void Equations::turn_currents(Signals& s) const {
+  s.i_dq.resize(s.i_alphabeta.size());
+  for (std::size_t k = 0; k < s.i_dq.size(); ++k) {
+    const Vec2& i = s.i_alphabeta[k];
+    s.i_dq[k] = {s.cos[k] * i[0] + s.sin[k] * i[1], s.cos[k] * i[1] - s.sin[k] * i[0]};
+  }
+}
+
+std::vector<OperatingPoint> Equations::points_of(const Signals& s, bool angle_moved) const {
+  std::vector<OperatingPoint> points = points_;
+  if (angle_moved) {
+    const std::vector<double> omega_m = speed(s.theta_m);
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      OperatingPoint& p = points[k];
+      p.theta_m = s.theta_m[k];
+      p.theta_e = facts_.machine.n_p * p.theta_m;
+      p.omega_m = omega_m[k];
+      if (record_.u_alphabeta.empty()) continue;
+      const Vec2& u = record_.u_alphabeta[k];
+      p.u_dq = {s.cos[k] * u[0] + s.sin[k] * u[1], s.cos[k] * u[1] - s.sin[k] * u[0]};
+    }
+  }
+  for (std::size_t k = 0; k < s.i_dq.size(); ++k) points[k].i_dq = s.i_dq[k];
   return points;
 }
 
-Equations::Signals Equations::undo_sensing(const Effects& effects) const {
-  Signals s{record_.i_alphabeta, record_.theta_m};
-  const Effects sensing = acting_on(effects, kOnCurrents | kOnAngle);
-  if (sensing.empty()) return s;
-  std::vector<Contribution> of_one(record_.size());
-  for (int round = 0; round < 2; ++round) {
-    const std::vector<OperatingPoint> points = round == 0 ? points_ : points_of(s);
-    s = {record_.i_alphabeta, record_.theta_m};
-    for (const auto& effect : sensing) {
-      effect->along(points, record_.T_s, of_one);
-      for (std::size_t k = 0; k < of_one.size(); ++k) {
-        s.theta_m[k] -= of_one[k].theta_m;
-        if (s.i_alphabeta.empty()) continue;
-        Vec3 i_abc = of_one[k].i_abc;
-        if (record_.current_sensors == 2) i_abc[2] = -(i_abc[0] + i_abc[1]);
-        s.i_alphabeta[k] -= clarke(i_abc);
-      }
-    }
+Equations::Signals Equations::undo_sensing(const Effects& effects,
+                                           const std::vector<OperatingPoint>& points) const {
+  Signals s = measured_;
+  int moved = 0;
+  for (const auto& effect : effects) moved |= effect->acts_on() & kSensing;
+  const Along added(effects, points, record_.T_s);
+  for (std::size_t k = 0; moved && k < points.size(); ++k) {
+    const Contribution c = added[k];
+    s.theta_m[k] -= c.theta_m;
+    if (s.i_alphabeta.empty()) continue;
+    Vec3 i_abc = c.i_abc;
+    if (record_.current_sensors == 2) i_abc[2] = -(i_abc[0] + i_abc[1]);
+    s.i_alphabeta[k] -= clarke(i_abc);
   }
+  if (moved & kOnAngle) turn_angle(s);
+  if (moved) turn_currents(s);
   return s;
 }
 
-Channels Equations::assemble(const Signals& s, const std::vector<OperatingPoint>& points,
-                             const std::vector<Contribution>* sums) const {
+double Equations::omega_rate(const Signals& s, std::size_t k) const {
+  return (s.theta_m[k + 1] - 2 * s.theta_m[k] + s.theta_m[k - 1]) / (record_.T_s * record_.T_s);
+}
+
+Channels Equations::assemble(const Signals& s, const Effects& effects,
+                             const std::vector<OperatingPoint>& points) const {
   const MachineParameters& m = facts_.machine;
   const std::size_t n = record_.size();
   const double T_s = record_.T_s;
-  Channels e;
-  e.torque.assign(n, 0.0);
-  if (has_voltage()) {
-    e.d.assign(n, 0.0);
-    e.q.assign(n, 0.0);
-    std::vector<Vec2> psi(n), drop(n);
-    for (std::size_t k = 0; k < n; ++k) {
-      const OperatingPoint& p = points[k];
-      const double c = std::cos(p.theta_e), sn = std::sin(p.theta_e);
-      Vec2 psi_dq(m.psi_f + m.L_d * p.i_dq[0], m.L_q * p.i_dq[1]);
-      Vec2 drop_ab = m.R_s * s.i_alphabeta[k];
-      if (sums) {
-        psi_dq += (*sums)[k].psi_dq;
-        const Vec2& x = (*sums)[k].u_dq_drop;
-        drop_ab += Vec2(c * x[0] - sn * x[1], sn * x[0] + c * x[1]);
+  const Along added(effects, points, T_s);
+  Channels e = empty(kOnTorque | kOnVoltage);
+  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero();
+  for (std::size_t k = 0; k < n; ++k) {
+    const double cosine = s.cos[k], sine = s.sin[k];
+    const auto turn = [&](const Vec2& x) {
+      return Vec2(cosine * x[0] - sine * x[1], sine * x[0] + cosine * x[1]);
+    };
+    const Contribution c = added[k];
+    const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
+    if (has_voltage()) {
+      const Vec2 psi = turn(Vec2(m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]) + c.psi_dq);
+      const Vec2 drop = m.R_s * s.i_alphabeta[k] + turn(c.u_dq_drop);
+      if (k > 0) {
+        const Vec2 left =
+            record_.u_alphabeta[k - 1] - 0.5 * (drop_before + drop) - (psi - psi_before) / T_s;
+        const Vec2 mid = half_way(s, k);
+        e.d[k - 1] = mid[0] * left[0] + mid[1] * left[1];
+        e.q[k - 1] = mid[0] * left[1] - mid[1] * left[0];
       }
-      psi[k] = {c * psi_dq[0] - sn * psi_dq[1], sn * psi_dq[0] + c * psi_dq[1]};
-      drop[k] = drop_ab;
+      psi_before = psi;
+      drop_before = drop;
     }
-    for (std::size_t k = 0; k + 1 < n; ++k) {
-      Vec2 u = record_.u_alphabeta[k];
-      const Vec2 left = u - 0.5 * (drop[k] + drop[k + 1]) - (psi[k + 1] - psi[k]) / T_s;
-      const Vec2 left_dq = park(left, 0.5 * (points[k].theta_e + points[k + 1].theta_e));
-      e.d[k] = left_dq[0];
-      e.q[k] = left_dq[1];
-    }
-  }
-  for (std::size_t k = 1; k + 1 < n; ++k) {
-    const OperatingPoint& p = points[k];
-    const double omega_rate =
-        (s.theta_m[k + 1] - 2 * s.theta_m[k] + s.theta_m[k - 1]) / (T_s * T_s);
+    if (k == 0 || k + 1 == n) continue;
     const double omega_m = (s.theta_m[k + 1] - s.theta_m[k - 1]) / (2 * T_s);
-    double J = m.J;
-    double left = m.torque(p.i_dq[0], p.i_dq[1]) - p.T_load - m.B * omega_m;
-    if (sums) {
-      const Contribution& c = (*sums)[k];
-      left += 1.5 * m.n_p * (c.psi_dq[0] * p.i_dq[1] - c.psi_dq[1] * p.i_dq[0]) - c.T_load;
-      J += c.J;
-    }
-    e.torque[k] = left - J * omega_rate;
+    e.torque[k] = m.torque(i_dq[0], i_dq[1]) +
+                  1.5 * m.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]) - points[k].T_load -
+                  c.T_load - m.B * omega_m - (m.J + c.J) * omega_rate(s, k);
   }
   return e;
 }
@@ -135,17 +187,19 @@ Channels Equations::residual(const Effects& effects) const {
 }
 
 Channels Equations::residual_of(const Effects& effects) const {
-  const Signals s = undo_sensing(effects);
-  const bool sensing = !acting_on(effects, kOnCurrents | kOnAngle).empty();
-  const std::vector<OperatingPoint> own = sensing ? points_of(s) : std::vector<OperatingPoint>();
-  const std::vector<OperatingPoint>& points = sensing ? own : points_;
-  std::vector<Contribution> sums(record_.size()), of_one(record_.size());
-  for (const auto& effect : effects) {
-    if (!(effect->acts_on() & (kOnTorque | kOnVoltage | kOnFlux))) continue;
-    effect->along(points, record_.T_s, of_one);
-    for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += of_one[k];
+  const Effects sensing = acting_on(effects, kSensing);
+  const Effects others = acting_on(effects, kOnTorque | kOnVoltage | kOnFlux);
+  const bool angle_moves = !acting_on(effects, kOnAngle).empty();
+  Signals undone;
+  std::vector<OperatingPoint> own;
+  if (!sensing.empty()) {
+    undone = undo_sensing(sensing, points_);
+    // What a sensor adds depends on what is there, not on what it reads.
+    own = points_of(undone, angle_moves);
+    undone = undo_sensing(sensing, own);
+    if (!others.empty()) own = points_of(undone, angle_moves);
   }
-  return assemble(s, points, &sums);
+  return sensing.empty() ? assemble(measured_, others, points_) : assemble(undone, others, own);
 }
 
 Channels Equations::empty(int acts_on) const {
@@ -161,29 +215,27 @@ Channels Equations::empty(int acts_on) const {
 void Equations::explain(std::size_t k, const Contribution& c, Channels& x, Vec2& psi_before,
                         Vec2& drop_before) const {
   const double T_s = record_.T_s;
+  const Signals& s = measured_;
   if (!x.d.empty()) {
+    const double cosine = s.cos[k], sine = s.sin[k];
     const auto turn = [&](const Vec2& v) {
-      return Vec2(cos_[k] * v[0] - sin_[k] * v[1], sin_[k] * v[0] + cos_[k] * v[1]);
+      return Vec2(cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1]);
     };
     const Vec2 psi = turn(c.psi_dq), drop = turn(c.u_dq_drop);
     if (k > 0) {
       const Vec2 e = 0.5 * (drop + drop_before) + (psi - psi_before) / T_s;
-      // Half-way between the two angles.
-      const Vec2 mid(cos_[k - 1] + cos_[k], sin_[k - 1] + sin_[k]);
-      const double scale = 1 / mid.norm();
-      x.d[k - 1] = scale * (mid[0] * e[0] + mid[1] * e[1]);
-      x.q[k - 1] = scale * (-mid[1] * e[0] + mid[0] * e[1]);
+      const Vec2 mid = half_way(s, k);
+      x.d[k - 1] = mid[0] * e[0] + mid[1] * e[1];
+      x.q[k - 1] = mid[0] * e[1] - mid[1] * e[0];
     }
     psi_before = psi;
     drop_before = drop;
   }
   if (x.torque.empty() || k == 0 || k + 1 >= points_.size()) return;
-  const OperatingPoint& p = points_[k];
+  const Vec2& i_dq = points_[k].i_dq;
   x.torque[k] =
-      c.T_load - 1.5 * facts_.machine.n_p * (c.psi_dq[0] * p.i_dq[1] - c.psi_dq[1] * p.i_dq[0]);
-  if (c.J != 0)
-    x.torque[k] +=
-        c.J * (points_[k + 1].theta_m - 2 * p.theta_m + points_[k - 1].theta_m) / (T_s * T_s);
+      c.T_load - 1.5 * facts_.machine.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]);
+  if (c.J != 0) x.torque[k] += c.J * omega_rate(s, k);
 }
 
 std::vector<Channels> Equations::columns(const Effect& effect) const {
@@ -203,8 +255,19 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
   }
   for (Channels& one : x) one = empty(effect.acts_on());
   std::vector<Contribution> all(count);
+  const int acts = effect.acts_on();
+  if (!(acts & ~kOnTorque) && acts) {  // most of them
+    for (std::size_t k = 1; k + 1 < points_.size(); ++k) {
+      effect.regressors(points_[k], all);
+      for (std::size_t r = 0; r < count; ++r) {
+        x[r].torque[k] = all[r].T_load;
+        if (all[r].J != 0) x[r].torque[k] += all[r].J * omega_rate(measured_, k);
+      }
+    }
+    return x;
+  }
   std::vector<Vec2> psi(count, Vec2::Zero()), drop(count, Vec2::Zero());
-  for (std::size_t k = 0; k < record_.size(); ++k) {
+  for (std::size_t k = 0; k < points_.size(); ++k) {
     effect.regressors(points_[k], all);
     for (std::size_t r = 0; r < count; ++r) explain(k, all[r], x[r], psi[r], drop[r]);
   }
@@ -213,15 +276,15 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
 
 Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
-    std::vector<Contribution> of_one(record_.size());
-    effect.along(points_, record_.T_s, of_one);
     Channels x = empty(effect.acts_on());
+    const Along added({effect.clone()}, points_, record_.T_s);
     Vec2 psi = Vec2::Zero(), drop = Vec2::Zero();
-    for (std::size_t k = 0; k < record_.size(); ++k) explain(k, of_one[k], x, psi, drop);
+    for (std::size_t k = 0; k < points_.size(); ++k) explain(k, added[k], x, psi, drop);
     return x;
   }
   // The sensor's error goes through all equations: what the residual changes by.
-  Channels x = residual({effect.clone()});
+  Channels x = known_.empty() ? assemble(undo_sensing({effect.clone()}, points_), {}, points_)
+                              : residual({effect.clone()});
   for (std::size_t k = 0; k < record_.size(); ++k) {
     if (!x.d.empty()) {
       x.d[k] = base_.d[k] - x.d[k];

@@ -37,15 +37,21 @@ class Equations {
   const std::vector<OperatingPoint>& points() const { return points_; }
 
  private:
+  // What the equations are written in.
   struct Signals {
-    std::vector<Vec2> i_alphabeta;
-    std::vector<double> theta_m;
+    std::vector<Vec2> i_alphabeta, i_dq;
+    std::vector<double> theta_m, cos, sin;  // of the electrical angle
   };
+  void turn_currents(Signals& s) const;  // i_dq from the others
+  void turn_angle(Signals& s) const;     // cos and sin
   std::vector<double> speed(const std::vector<double>& theta_m) const;
-  std::vector<OperatingPoint> points_of(const Signals& s) const;
-  Signals undo_sensing(const Effects& effects) const;
-  Channels assemble(const Signals& s, const std::vector<OperatingPoint>& points,
-                    const std::vector<Contribution>* sums) const;
+  std::vector<OperatingPoint> points_of(const Signals& s, bool angle_moved) const;
+  // The record less what the sensing effects among `effects` added to it, seen at `points`.
+  Signals undo_sensing(const Effects& effects, const std::vector<OperatingPoint>& points) const;
+  double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
+  Channels assemble(const Signals& s, const Effects& effects,
+                    const std::vector<OperatingPoint>& points) const;
+  Channels residual_of(const Effects& effects) const;
   Channels empty(int acts_on) const;
   // What contribution c explains at row k, given the one of the row before.
   void explain(std::size_t k, const Contribution& c, Channels& x, Vec2& psi_before,
@@ -54,10 +60,10 @@ class Equations {
   const Record& record_;
   DriveFacts facts_;
   Effects known_;
-  std::vector<double> omega_m_, cos_, sin_;
+  Signals measured_;
+  std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;
   Channels base_;
-  Channels residual_of(const Effects& effects) const;
 };
 
 }  // namespace twinrate

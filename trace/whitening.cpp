@@ -47,14 +47,19 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs) {
 Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs) const {
   Eigen::VectorXd e(y.size());
   for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
-    for (Eigen::Index n = first; n < end; ++n) {
-      const auto order = static_cast<std::size_t>(std::min<Eigen::Index>(n - first, kOrder));
+    const Eigen::Index steady = std::min<Eigen::Index>(first + kOrder, end), rest = end - steady;
+    for (Eigen::Index n = first; n < steady; ++n) {
+      const auto order = static_cast<std::size_t>(n - first);
       double predicted = 0;
-      for (std::size_t j = 0; j < order; ++j)
-        predicted +=
-            a_[order][static_cast<Eigen::Index>(j)] * y[n - 1 - static_cast<Eigen::Index>(j)];
+      for (Eigen::Index j = 0; j < n - first; ++j) predicted += a_[order][j] * y[n - 1 - j];
       e[n] = (y[n] - predicted) / sigma_[order];
     }
+    if (rest <= 0) return;
+    auto left = e.segment(steady, rest);
+    left = y.segment(steady, rest);
+    for (Eigen::Index j = 0; j < kOrder; ++j)
+      left -= a_.back()[j] * y.segment(steady - 1 - j, rest);
+    left /= sigma_.back();
   });
   return e;
 }
