@@ -10,11 +10,18 @@ namespace twinrate::lanes {
 
 template <class S>
 struct LaneConstants {
-  // Plant, of one Runge-Kutta step h: decay exp(-h/2 R_s/L), its square and its half, integrals of
-  // exp(-(1 - t) h R_s/L) times the parabolas through 0, 1/2, 1.
-  S h, half_h, decay_half, decay_full, half_decay_half;
-  S w_0, w_m, w_1;
-  S b, k_T, B, g, load;  // h psi_f/L, h 3/2 n_p^2 psi_f/J, h B/J, h/L, h n_p/J
+  // Plant: lanes/plant.hpp, of one half step tau.
+  S tau, inv_tau;          // tau, 1/tau
+  S b, a;                  // psi_f/L, tau R_s/L
+  S k_T, B, load;          // tau^2 3/2 n_p^2 psi_f/J, tau B/J, tau^2 n_p/J
+  S g;                     // tau/L
+  S mid_decay, mid_u;      // currents at the middle: shares of i_0 and of tau u/L,
+  S mid_0, mid_d0;         //   of the angle at the begin and its rate,
+  S mid_1, mid_d1;         //   of the angle at the middle and its rate
+  S end_decay, end_u;      // and at the end:
+  S end_0, end_d0;         //
+  S end_1, end_d1, end_2;  //
+  S late_0, late_d0, late_1, late_d1;
   // Sensors.
   S i_noise_rms, i_lsb, inv_lsb;
   // Filter.

@@ -70,6 +70,9 @@ std::string lane_settings(Config& config, LaneSettings& s) {
   s.i_max = foc.i_max;
   s.decoupling = foc.decoupling;
   s.i_d_ref = std::clamp(d.reference.i_d_A.at(0), -foc.i_max, foc.i_max);
+  // In a step the currents may decay by exp(-1/2) and the rated speed turn the rotor by 0.4 rad.
+  s.plant_steps = static_cast<int>(std::ceil(
+      s.T_s * std::max({s.R_s / s.L / 0.5, m.omega_m_rated * s.n_p / 0.4, 1e-9 / s.T_s})));
   return "";
 }
 
@@ -87,35 +90,59 @@ Point point_of(const DriveConfig& d) {
           .settle_s = d.run.settle_s};
 }
 
-// w_0, half of w_m (two stages share it), w_1 of lanes/plant.hpp, by Simpson's rule on a fine
-// grid.
-static void set_stage_weights(LaneConstants<double>& c, double z) {
-  constexpr int kPanels = 200;
-  double sum[3] = {};
+// Share of a node in tau^-1 int_0^end e^(-a (end - x)) N(x) dx, N its basis polynomial, by
+// Simpson's rule on a fine grid; times a b: what the flux of the magnet leaves in the current.
+template <class Basis>
+static double node_share(double a, double b, double end, Basis N) {
+  constexpr int kPanels = 400;
+  double sum = 0;
   for (int i = 0; i <= kPanels; ++i) {
-    const double t = static_cast<double>(i) / kPanels;
-    const double share = (i == 0 || i == kPanels ? 1.0 : i % 2 ? 4.0 : 2.0) / (3 * kPanels);
-    const double decay = share * std::exp(-z * (1 - t));
-    sum[0] += decay * (1 - 2 * t) * (1 - t);
-    sum[1] += decay * 4 * t * (1 - t);
-    sum[2] += decay * t * (2 * t - 1);
+    const double x = end * i / kPanels;
+    const double share = i == 0 || i == kPanels ? 1 : i % 2 ? 4 : 2;
+    sum += share * std::exp(-a * (end - x)) * N(x);
   }
-  c.w_0 = sum[0], c.w_m = sum[1] / 2, c.w_1 = sum[2];
+  return a * b * sum * end / (3 * kPanels);
+}
+
+// lanes/plant.hpp: the polynomials through value and rate at 0 and 1, and through value and rate at
+// 0 and 1 and the value at 2.
+static void set_plant(LaneConstants<double>& c, const LaneSettings& s) {
+  c.tau = 0.5 * s.T_s / s.plant_steps;
+  c.inv_tau = 1 / c.tau;
+  c.a = c.tau * s.R_s / s.L;
+  c.b = s.psi_f / s.L;
+  c.k_T = c.tau * c.tau * 1.5 * s.n_p * s.n_p * s.psi_f / s.J;
+  c.B = c.tau * s.B / s.J;
+  c.load = c.tau * c.tau * s.n_p / s.J;
+  c.g = c.tau / s.L;
+  const auto mid = [&](auto N) { return node_share(c.a, c.b, 1, N); };
+  const auto end = [&](auto N) { return node_share(c.a, c.b, 2, N); };
+  const auto sq = [](double x) { return x * x; };
+  c.mid_decay = std::exp(-c.a);
+  c.mid_u = -std::expm1(-c.a) / c.a;
+  c.mid_0 = mid([&](double x) { return (1 + 2 * x) * sq(1 - x); }) + c.b * c.mid_decay;
+  c.mid_d0 = mid([&](double x) { return x * sq(1 - x); });
+  c.mid_1 = mid([&](double x) { return sq(x) * (3 - 2 * x); }) - c.b;
+  c.mid_d1 = mid([&](double x) { return sq(x) * (x - 1); });
+  c.end_decay = std::exp(-2 * c.a);
+  c.end_u = -std::expm1(-2 * c.a) / c.a;
+  c.end_0 =
+      end([&](double x) { return sq(1 - x) * (2 - x) * (0.5 + 1.25 * x); }) + c.b * c.end_decay;
+  c.end_d0 = end([&](double x) { return 0.5 * x * sq(1 - x) * (2 - x); });
+  c.end_1 = end([&](double x) { return sq(x) * sq(2 - x); });
+  c.end_d1 = end([&](double x) { return sq(x) * (x - 1) * (2 - x); });
+  c.end_2 = end([&](double x) { return 0.25 * sq(x) * sq(x - 1); }) - c.b;
+  // Cubic through A and its rate at 0 and 1: W_1 and the angle there, less the Taylor of
+  // plant_step.
+  c.late_0 = 0.5 * c.end_d1 - 0.15 * c.end_1;
+  c.late_d0 = c.end_d1 / 12 - 7.0 / 60 * c.end_1;
+  c.late_1 = 0.5 * c.end_d1 + 0.15 * c.end_1;
+  c.late_d1 = -c.end_d1 / 12 - c.end_1 / 30;
 }
 
 LaneConstants<double> lane_constants(const LaneSettings& s) {
   LaneConstants<double> c{};
-  c.h = s.T_s / s.plant_steps;
-  c.half_h = 0.5 * c.h;
-  c.decay_half = std::exp(-0.5 * c.h * s.R_s / s.L);
-  c.decay_full = c.decay_half * c.decay_half;
-  c.half_decay_half = 0.5 * c.decay_half;
-  set_stage_weights(c, c.h * s.R_s / s.L);
-  c.b = c.h * s.psi_f / s.L;
-  c.k_T = c.h * 1.5 * s.n_p * s.n_p * s.psi_f / s.J;
-  c.B = c.h * s.B / s.J;
-  c.g = c.h / s.L;
-  c.load = c.h * s.n_p / s.J;
+  set_plant(c, s);
   c.i_noise_rms = s.i_noise_rms;
   c.i_lsb = s.i_lsb;
   c.inv_lsb = s.i_lsb > 0 ? 1 / s.i_lsb : 0;

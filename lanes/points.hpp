@@ -46,7 +46,7 @@ struct LaneSettings {
   CovarianceForm covariance = CovarianceForm::kJoseph;
   double current_bandwidth_Hz = 0, speed_bandwidth_Hz = 0, i_max = 0, i_d_ref = 0;
   bool decoupling = true;
-  int plant_steps = 2;  // Runge-Kutta steps an interval
+  int plant_steps = 1;  // of lanes/plant.hpp, in an interval
 };
 
 }  // namespace twinrate::lanes
