@@ -23,14 +23,15 @@ struct LaneConstants {
   S end_1, end_d1, end_2;  //
   S late_0, late_d0, late_1, late_d1;
   // Sensors.
-  S i_noise_rms, i_lsb, inv_lsb;
+  S counts_an_A, half_sqrt3_counts_an_A, noise_counts;  // a count: i_lsb, or 1 A without an ADC
+  S third_A_a_count, inv_sqrt3_A_a_count;
   // Filter.
   kernel::SensorlessConstants<S> filter;
   S Q[4], R[2];
   S inv_n_p, T_s;
   // Controller.
-  S K_p_speed, K_i_speed, k_awu_speed, K_p, K_i, k_awu;
-  S i_d_ref, i_q_max, advance_s, u_max, L, psi_f;
+  S K_p_speed, K_i_speed, k_awu_speed, K_p, K_i, k_awu;  // K_i, k_awu: times T_s
+  S i_d_ref, i_q_max, advance_s, u_max, u_max_square, L, psi_f;
   // Figures.
   S off_ticks_max, constant_ticks_min;
 };

@@ -37,7 +37,7 @@ struct LaneDrive {
   T omega_m_ref, speed_integral, d_integral, q_integral;
   // Figures.
   T k, constant_ticks, off_ticks, error_square_sum, error_max;
-  T ended, lost;  // 1 where so
+  T lost;  // 1 where so
 };
 
 // Row by row, for structs of rows.
@@ -54,25 +54,25 @@ Rows blend_rows(typename T::Mask mask, const Rows& yes, const Rows& no) {
 // model/profile.hpp's slew().
 template <class T>
 T slew_by(T from, T to, T step) {
-  const T up = to - from;
-  return select(abs(up) <= step, to, select(up > T(0), from + step, from - step));
+  return from + max(min<T>(to - from, step), -step);
 }
 
-// model/sensors.hpp and Clarke: noise and ADC on each phase.
+// model/sensors.hpp and Clarke: noise and ADC on each phase, in counts of the ADC.
 template <class T>
 kernel::Stationary<T> sample_currents(const LaneConstants<T>& c, const LaneSwitches& on,
                                       const LaneDrive<T>& d) {
-  const T half_beta = d.plant.i_beta * (0.5 * std::numbers::sqrt3);
-  const T half_alpha = d.plant.i_alpha * -0.5;
-  T i_abc[3] = {d.plant.i_alpha, half_alpha + half_beta, half_alpha - half_beta};
+  const T i_a = d.plant.i_alpha * c.counts_an_A;
+  const T half_alpha = i_a * -0.5, half_beta = d.plant.i_beta * c.half_sqrt3_counts_an_A;
+  T i_abc[3] = {i_a, half_alpha + half_beta, half_alpha - half_beta};
   const auto index = integer_of(d.k);
   for (int phase = 0; phase < 3; ++phase) {
     if (on.noise)
-      i_abc[phase] += normal(d.noise_seed[phase][0], d.noise_seed[phase][1], index) * c.i_noise_rms;
-    if (on.adc) i_abc[phase] = round_to_even<T>(i_abc[phase] * c.inv_lsb) * c.i_lsb;
+      i_abc[phase] +=
+          normal(d.noise_seed[phase][0], d.noise_seed[phase][1], index) * c.noise_counts;
+    if (on.adc) i_abc[phase] = round_to_even<T>(i_abc[phase]);
   }
-  return {(i_abc[0] - i_abc[1] * 0.5 - i_abc[2] * 0.5) * (2.0 / 3.0),
-          (i_abc[1] - i_abc[2]) * std::numbers::inv_sqrt3};
+  return {(i_abc[0] * 2.0 - (i_abc[1] + i_abc[2])) * c.third_A_a_count,
+          (i_abc[1] - i_abc[2]) * c.inv_sqrt3_A_a_count};
 }
 
 // diag(R(a), I) K R(-a), a from the angle `from` to the angle `to`: estimator/gain_frame.hpp.
@@ -106,29 +106,44 @@ kernel::Symmetric4<T> turn_covariance(const kernel::Symmetric4<T>& P, const SinC
           P.m33};
 }
 
+// sin and cos of the filter's angle plus `angle`: turned where that is small, as it nearly always
+// is.
+template <class T>
+SinCos<T> ahead(const LaneDrive<T>& d, T angle) {
+  SinCos<T> at = turn(SinCos<T>{d.at.sin, d.at.cos}, angle);
+  const auto far = abs(angle) > T(0.5);
+  if (any<T>(far)) [[unlikely]]
+    at = blend_rows<T>(far, sincos<T>(d.x.theta_e + angle), at);
+  return at;
+}
+
 template <bool rk4, class T>
 kernel::SensorlessState<T> predict(const LaneConstants<T>& c, const LaneDrive<T>& d) {
   if constexpr (!rk4) {
     return predict_euler(c.filter, d.x, d.at, d.u_applied);
   } else {
     const T turned = d.x.omega_e * c.T_s;
-    const auto mid = sincos(d.x.theta_e + turned * 0.5), end = sincos(d.x.theta_e + turned);
+    const auto mid = ahead<T>(d, turned * 0.5), end = ahead(d, turned);
     return predict_rk4(c.filter, d.x, d.at, {mid.sin, mid.cos}, {end.sin, end.cos}, d.u_applied);
   }
 }
 
 // FastLoop::tick: the first sample is taken over, every other predicted and corrected.
 template <Policy policy, bool rk4, class T>
-void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Stationary<T>& i_meas) {
+void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Stationary<T>& i_meas,
+               bool any_snapshot) {
   kernel::Gain42<T> K = d.gain.K;
   if constexpr (policy == Policy::kRotate || policy == Policy::kRotorFrame)
     K = turn_gain(K, d.gain.at, d.at);
   const auto x_prior = predict<rk4>(c, d);
   auto x = correct(x_prior, K, innovation(x_prior, i_meas));
-  x.theta_e = wrap_turn(x.theta_e);
-  const kernel::SensorlessState<T> first{i_meas.alpha, i_meas.beta, d.x.omega_e, d.x.theta_e};
-  d.x = blend_rows<T>(d.k == T(0), first, x);
-  const auto at = sincos(d.x.theta_e);
+  if (any_snapshot) {  // as the first tick is
+    const kernel::SensorlessState<T> first{i_meas.alpha, i_meas.beta, d.x.omega_e, d.x.theta_e};
+    x = blend_rows<T>(d.k == T(0), first, x);
+  }
+  const auto at = sincos(x.theta_e);
+  x.theta_e = wrap_pi(x.theta_e);
+  d.x = x;
   d.at = {at.sin, at.cos};
 }
 
@@ -139,8 +154,8 @@ void background_step(const LaneConstants<T>& c, const LaneSwitches& on, LaneDriv
   kernel::UnitVector<T> at = d.at;
   P = d.P;
   if constexpr (policy == Policy::kExtrapolate) {
-    const T ahead = (ticks_a_gain - T(1)) * 1.5 * c.T_s * d.x.omega_e;
-    const auto later = sincos(d.x.theta_e + ahead);
+    const T further = (ticks_a_gain - T(1)) * 1.5 * c.T_s * d.x.omega_e;
+    const auto later = ahead(d, further);
     at = {later.sin, later.cos};
   }
   if constexpr (policy == Policy::kRotorFrame) {
@@ -159,6 +174,20 @@ void background_step(const LaneConstants<T>& c, const LaneSwitches& on, LaneDriv
   }
 }
 
+// Onto the circle, and what is cut off into the integrals; most ticks nobody is beyond it.
+template <class T>
+void limit_voltage(const LaneConstants<T>& c, LaneDrive<T>& d, T& u_d, T& u_q) {
+  const T square = u_d * u_d + u_q * u_q;
+  const auto beyond = square > c.u_max_square;
+  if (!any<T>(beyond)) [[likely]]
+    return;
+  const T share = select(beyond, c.u_max / sqrt(square), T(1));
+  const T u_d_limited = u_d * share, u_q_limited = u_q * share;
+  d.d_integral += (u_d_limited - u_d) * c.k_awu;
+  d.q_integral += (u_q_limited - u_q) * c.k_awu;
+  u_d = u_d_limited, u_q = u_q_limited;
+}
+
 // controller/foc.hpp in closed loop: speed PI, current PI with decoupling, voltage circle, advance.
 template <class T>
 kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
@@ -173,52 +202,50 @@ kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
   const T speed_error = d.omega_m_ref - omega_m;
   const T i_q_wanted = speed_error * c.K_p_speed + d.speed_integral;
   const T i_q_ref = max(min(i_q_wanted, c.i_q_max), -c.i_q_max);
-  d.speed_integral += (speed_error * c.K_i_speed + (i_q_ref - i_q_wanted) * c.k_awu_speed) * c.T_s;
+  d.speed_integral += speed_error * c.K_i_speed;
+  d.speed_integral += (i_q_ref - i_q_wanted) * c.k_awu_speed;
 
   const T d_error = c.i_d_ref - i_d, q_error = i_q_ref - i_q;
   const T omega_L = d.x.omega_e * c.L;
-  const T u_d = d_error * c.K_p + d.d_integral - omega_L * i_q;
-  const T u_q = q_error * c.K_p + d.q_integral + (omega_L * i_d + d.x.omega_e * c.psi_f);
-  const T amplitude = sqrt(u_d * u_d + u_q * u_q);
-  const T share = select(amplitude > c.u_max, c.u_max / amplitude, T(1));
-  const T u_d_limited = u_d * share, u_q_limited = u_q * share;
-  d.d_integral += (d_error * c.K_i + (u_d_limited - u_d) * c.k_awu) * c.T_s;
-  d.q_integral += (q_error * c.K_i + (u_q_limited - u_q) * c.k_awu) * c.T_s;
-
-  const auto acts = sincos(d.x.theta_e + d.x.omega_e * c.advance_s);
-  return {acts.cos * u_d_limited - acts.sin * u_q_limited,
-          acts.sin * u_d_limited + acts.cos * u_q_limited};
+  T u_d = d_error * c.K_p + d.d_integral - omega_L * i_q;
+  T u_q = q_error * c.K_p + d.q_integral + (omega_L * i_d + d.x.omega_e * c.psi_f);
+  d.d_integral += d_error * c.K_i;
+  d.q_integral += q_error * c.K_i;
+  limit_voltage(c, d, u_d, u_q);
+  const auto acts = ahead<T>(d, d.x.omega_e * c.advance_s);
+  return {acts.cos * u_d - acts.sin * u_q, acts.sin * u_d + acts.cos * u_q};
 }
 
-// docs/conventions.md: angle error and lock, over [k_settle, k_end). A lane ends at its loss.
+// docs/conventions.md: angle error and lock, over [k_settle, k_end). Returns which lanes have
+// ended; a lane ends at its loss. What is no longer a number, or runs away, leaves no angle in
+// [-pi, pi].
 template <class T>
-void judge(const LaneConstants<T>& c, LaneDrive<T>& d) {
-  const T error = wrap_pi(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
+typename T::Mask judge(const LaneConstants<T>& c, LaneDrive<T>& d) {
+  const T error = wrap_pi<T>(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
   const auto in_window = d.k >= d.k_settle;
-  const T omega_m = d.plant.omega_e * c.inv_n_p;
-  const auto away = (abs(omega_m - d.omega_m_ref) > abs(d.omega_m_ref) * 0.2) & in_window &
-                    (d.constant_ticks >= c.constant_ticks_min);
-  d.off_ticks = select(away, d.off_ticks + T(1), d.off_ticks);
-  d.error_square_sum = select(in_window, d.error_square_sum + error * error, d.error_square_sum);
+  const T off = abs<T>(d.plant.omega_e * c.inv_n_p - d.omega_m_ref);
+  const auto away =
+      (off > abs(d.omega_m_ref) * 0.2) & in_window & (d.constant_ticks >= c.constant_ticks_min);
+  d.off_ticks = select<T>(away, d.off_ticks + T(1), d.off_ticks);
+  d.error_square_sum = select<T>(in_window, d.error_square_sum + error * error, d.error_square_sum);
   d.error_max = select(in_window, max(magnitude, d.error_max), d.error_max);
-  // Not a number fails every comparison, so the finite is asked for.
-  const T sum = abs(d.x.omega_e) + abs(d.x.i_alpha) + abs(d.x.i_beta) + abs(d.plant.omega_e);
-  const auto finite = (sum < T(1e100)) & (magnitude <= T(4));
-  const auto held = (magnitude <= T(0.5 * std::numbers::pi)) & (d.off_ticks <= c.off_ticks_max);
-  d.lost = select(finite, select(in_window, select(held, T(0), T(1)), T(0)), T(1));
+  const T limit = select(in_window, T(0.5 * std::numbers::pi), T(4));
+  const auto held = (magnitude <= limit) & (d.off_ticks <= c.off_ticks_max);
+  const auto lost = !held;
+  d.lost = select(lost, T(1), T(0));
   d.k += T(1);
-  d.ended = select(d.k >= d.k_end, T(1), d.lost);
+  return (d.k >= d.k_end) | lost;
 }
 
-// k -> k + 1.
+// k -> k + 1. Returns which lanes have ended.
 template <Policy policy, bool rk4, class T>
-void tick(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d) {
+typename T::Mask tick(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d) {
   const auto i_meas = sample_currents(c, on, d);
   const auto snapshot = d.until_snapshot == T(0);
   const bool any_snapshot = any<T>(snapshot);
   if (policy != Policy::kImmediate && any_snapshot)
     d.gain = blend_rows<T>(snapshot, d.next_gain, d.gain);
-  fast_step<policy, rk4>(c, d, i_meas);
+  fast_step<policy, rk4>(c, d, i_meas, any_snapshot);
   if (any_snapshot) {
     const T ticks_a_gain = select(d.k < d.k_full, T(1), d.n);
     PlannedGain<T> gain;
@@ -235,10 +262,11 @@ void tick(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d) {
   d.T_load = slew_by(d.T_load, d.T_load_target, d.load_step);
   LanePlant<T> next = d.plant;
   advance(c, on.plant_steps, next, d.u_command, d.T_load);
-  judge(c, d);
+  const auto ended = judge(c, d);
   d.plant = next;
   d.u_applied = d.u_command;
   d.u_command = u_new;
+  return ended;
 }
 
 }  // namespace twinrate::lanes

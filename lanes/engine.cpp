@@ -143,9 +143,12 @@ static void set_plant(LaneConstants<double>& c, const LaneSettings& s) {
 LaneConstants<double> lane_constants(const LaneSettings& s) {
   LaneConstants<double> c{};
   set_plant(c, s);
-  c.i_noise_rms = s.i_noise_rms;
-  c.i_lsb = s.i_lsb;
-  c.inv_lsb = s.i_lsb > 0 ? 1 / s.i_lsb : 0;
+  const double count_A = s.i_lsb > 0 ? s.i_lsb : 1;
+  c.counts_an_A = 1 / count_A;
+  c.half_sqrt3_counts_an_A = 0.5 * std::numbers::sqrt3 / count_A;
+  c.noise_counts = s.i_noise_rms / count_A;
+  c.third_A_a_count = count_A / 3;
+  c.inv_sqrt3_A_a_count = count_A * std::numbers::inv_sqrt3;
   c.filter = s.rk4 ? kernel::sensorless_rk4(s.R_s, s.L, s.psi_f, s.T_s)
                    : kernel::sensorless_euler(s.R_s, s.L, s.psi_f, s.T_s);
   std::copy_n(s.Q, 4, c.Q);
@@ -154,12 +157,13 @@ LaneConstants<double> lane_constants(const LaneSettings& s) {
   c.T_s = s.T_s;
   const PiGains speed = speed_pi(kTwoPi * s.speed_bandwidth_Hz, s.J, 1.5 * s.n_p * s.psi_f);
   const PiGains current = current_pi(kTwoPi * s.current_bandwidth_Hz, s.R_s, s.L);
-  c.K_p_speed = speed.K_p, c.K_i_speed = speed.K_i, c.k_awu_speed = speed.k_awu;
-  c.K_p = current.K_p, c.K_i = current.K_i, c.k_awu = current.k_awu;
+  c.K_p_speed = speed.K_p, c.K_i_speed = speed.K_i * s.T_s, c.k_awu_speed = speed.k_awu * s.T_s;
+  c.K_p = current.K_p, c.K_i = current.K_i * s.T_s, c.k_awu = current.k_awu * s.T_s;
   c.i_d_ref = s.i_d_ref;
   c.i_q_max = std::sqrt(s.i_max * s.i_max - s.i_d_ref * s.i_d_ref);
   c.advance_s = 1.5 * s.T_s;
   c.u_max = s.v_dc * std::numbers::inv_sqrt3;
+  c.u_max_square = c.u_max * c.u_max;
   c.L = s.decoupling ? s.L : 0;
   c.psi_f = s.decoupling ? s.psi_f : 0;
   // core/summary.cpp: 20 ms away from a reference that has stood for 0.1 s; half a tick of slack.

@@ -1,10 +1,10 @@
-// sine and cosine, logarithm, rounding and noise for lanes: branch-free, the same operations in
-// every lane (fused as lanes/lanes.hpp says), accurate to about one unit in the last place.
+// sine and cosine, rounding and noise for lanes: branch-free, the same operations in
+// every lane (fused as lanes/lanes.hpp says).
 //
-//   sincos   x - k pi/2 in three parts (Cody and Waite), fdlibm's polynomials; |x| < 1e6
-//   log      m 2^e with m in [sqrt(1/2), sqrt 2), fdlibm's polynomial in s = f/(2 + f); 0 < x < inf
-//   normal   the same deviate as model/random.hpp from the same seed, to about 1e-15: same counter
-//            generator, Box-Muller with the logarithm and cosine of this file
+//   sincos   x - k pi/2 in three parts (Cody and Waite), fdlibm's polynomials, to
+//            about one unit in the last place; |x| < 1e6
+//   normal   the same deviate as model/random.hpp from the same seed, to 1e-12: same counter
+//            generator, Box-Muller with a logarithm and a cosine that are good to 1e-13
 //   round    to even, by adding and taking away 1.5 2^52; |x| < 2^51
 #pragma once
 #include "lanes/lanes.hpp"
@@ -17,12 +17,6 @@ template <class T>
 T round_to_even(T x) {
   return (x + kRoundingShift) - kRoundingShift;
 }
-template <class T>
-T floor(T x) {
-  const T nearest = round_to_even<T>(x);
-  return select(nearest > x, nearest - T(1), nearest);
-}
-
 template <class T>
 struct SinCos {
   T sin, cos;
@@ -56,35 +50,22 @@ SinCos<T> sincos(T x) {
           T::of_bits(c.bits() ^ (((quadrant + 1) & 2) << 62))};
 }
 
+// -2 log u = e (-2 log 2) - 4 artanh s with u = m 2^e, s = (m - 1)/(m + 1); the polynomial in s^2
+// is the best of its degree (Remez), 3e-14 of the result.
 template <class T>
-T log(T x) {
+T minus_two_log(T u) {
   // The top of the mantissa decides between m and m/2: both lie round 1.
-  const auto bits = x.bits() + (0x3ff0000000000000u - 0x3fe6a09e667f3bcdu);
+  const auto bits = u.bits() + (0x3ff0000000000000u - 0x3fe6a09e667f3bcdu);
   const T e = T::of_bits((bits >> 52) | 0x4330000000000000u) - (0x1p52 + 1023);
   const T m = T::of_bits((bits & 0x000fffffffffffffu) + 0x3fe6a09e667f3bcdu);
-  const T f = m - T(1), s = f / (f + T(2)), z = s * s, half_f2 = f * f * 0.5;
-  const T R = z * (0x1.5555555555593p-1 +
-                   z * (0x1.999999997fa04p-2 +
-                        z * (0x1.2492494229359p-2 +
-                             z * (0x1.c71c51d8e78afp-3 +
-                                  z * (0x1.7466496cb03dep-3 +
-                                       z * (0x1.39a09d078c69fp-3 + z * 0x1.2f112df3e5244p-3))))));
-  return e * 0x1.62e42feep-1 - ((half_f2 - (s * (half_f2 + R) + e * 0x1.a39ef35793c76p-33)) - f);
-}
-
-// cos(2 pi u), u in [0, 1]: sin(2 pi w) with w = |u - 1/2| - 1/4.
-template <class T>
-T cos_of_turn(T u) {
-  const T w = abs(u - T(0.5)) - T(0.25), z = w * w;
-  return w * (6.283185307179586476 +
-              z * (-41.34170224039975686 +
-                   z * (81.60524927607361518 +
-                        z * (-76.70585975282491921 +
-                             z * (42.05869392542868225 +
-                                  z * (-15.09464167611790009 +
-                                       z * (3.819928094227164202 +
-                                            z * (-0.7177337921413453313 +
-                                                 z * 0.1008969550164681116))))))));
+  const T s = (m - T(1)) / (m + T(1)), z = s * s;
+  const T minus_4_artanh =
+      s * (-3.999999999999893463 +
+           z * (-1.333333333593161258 +
+                z * (-0.7999998974017805508 +
+                     z * (-0.5714433648846326758 +
+                          z * (-0.4434833458156372958 + z * -0.3921846761371461456)))));
+  return e * -1.386294361119890619 + minus_4_artanh;
 }
 
 // SplitMix64's finaliser, as model/random.hpp.
@@ -96,21 +77,39 @@ Bits splitmix64(Bits z) {
   return z ^ (z >> 31);
 }
 
-// ((b >> 11) + 1) 2^-53 without a conversion: the two halves of the integer as two numbers.
+// The upper 52 bits of b as a number 1 + (b >> 12) 2^-52 in [1, 2).
+template <class T>
+T one_to_two(typename T::Bits b) {
+  return T::of_bits((b >> 12) | 0x3ff0000000000000u);
+}
+
+// u = ((b >> 11) + 1) 2^-53 without a conversion: the upper 52 bits, and the last with the one
+// added.
 template <class T>
 T uniform_of(typename T::Bits b) {
-  const auto integer = (b >> 11) + 1;
-  const T low = T::of_bits((integer & 0xffffffffu) | 0x4330000000000000u) - 0x1p52;
-  const T high = T::of_bits((integer >> 32) | 0x4530000000000000u) - 0x1p84;
-  return (high + low) * 0x1p-53;
+  const T upper = one_to_two<T>(b) - (1 + 0x1p-12);
+  const T last = T::of_bits((b & 0x800u) + 0x3f30000000000800u);  // 2^-12 + 2^-53 + that bit
+  return upper + last;
+}
+
+// cos(2 pi u) = sin(2 pi w) of the same u, but for its last bit: w = |u - 1/2| - 1/4. Polynomial
+// as above, 6e-14.
+template <class T>
+T cos_of_turn(typename T::Bits b) {
+  const T w = abs(one_to_two<T>(b) - 1.5) - T(0.25), z = w * w;
+  return w * (6.283185307179194155 +
+              z * (-41.34170223981849206 +
+                   z * (81.60524913341790283 +
+                        z * (-76.705846494133359 +
+                             z * (42.05810284170266766 +
+                                  z * (-15.08103171822006833 + z * 3.663464724548592983))))));
 }
 
 // Standard normal deviate of the streams whose hashed seeds are u1 and u2, at `index`.
 template <class T>
 T normal(T u1_hash, T u2_hash, typename T::Bits index) {
   const T u1 = uniform_of<T>(splitmix64(u1_hash.bits() ^ index));
-  const T u2 = uniform_of<T>(splitmix64(u2_hash.bits() ^ index));
-  return sqrt<T>(log(u1) * -2.0) * cos_of_turn(u2);
+  return sqrt<T>(minus_two_log(u1)) * cos_of_turn<T>(splitmix64(u2_hash.bits() ^ index));
 }
 
 // A whole number below 2^52 as an integer.
@@ -121,16 +120,11 @@ typename T::Bits integer_of(T x) {
 
 constexpr double kTurn = 0x1.921fb54442d18p2;
 
-// Into [0, 2 pi), Dilys (18).
-template <class T>
-T wrap_turn(T angle) {
-  const T wrapped = angle - floor<T>(angle * (1 / kTurn)) * kTurn;
-  return select(wrapped >= T(kTurn), T(0), wrapped);
-}
 // Into [-pi, pi].
 template <class T>
 T wrap_pi(T angle) {
-  return angle - round_to_even<T>(angle * (1 / kTurn)) * kTurn;
+  const T turns = (angle * (1 / kTurn) + kRoundingShift) - kRoundingShift;
+  return angle - turns * kTurn;
 }
 
 }  // namespace twinrate::lanes

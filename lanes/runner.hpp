@@ -43,10 +43,11 @@ class LaneRunner {
     int running = 0;
     for (int lane = 0; lane < T::N; ++lane) running += fill(lane);
     while (running > 0) {
-      do tick<policy, rk4>(c_, on_, drive_);
-      while (!any<T>(drive_.ended == T(1)));
+      typename T::Mask ended;
+      do ended = tick<policy, rk4>(c_, on_, drive_);
+      while (!any<T>(ended));
       for (int lane = 0; lane < T::N; ++lane) {
-        if (!in_lane<T>(drive_.ended == T(1), lane)) continue;
+        if (!in_lane<T>(ended, lane)) continue;
         if (index_[lane] != LaneQueue::npos) {
           report(lane);
           --running;
