@@ -239,7 +239,8 @@ typename T::Mask judge(const LaneConstants<T>& c, LaneDrive<T>& d) {
 
 // k -> k + 1. Returns which lanes have ended.
 template <Policy policy, bool rk4, class T>
-typename T::Mask tick(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d) {
+[[gnu::flatten]] typename T::Mask tick(const LaneConstants<T>& c, const LaneSwitches& on,
+                                       LaneDrive<T>& d) {
   const auto i_meas = sample_currents(c, on, d);
   const auto snapshot = d.until_snapshot == T(0);
   const bool any_snapshot = any<T>(snapshot);
