@@ -5,6 +5,7 @@
 // blended, not branched; the gain policy, the same for all lanes, is a template parameter.
 #pragma once
 #include <numbers>
+#include <utility>
 
 #include "lanes/plant.hpp"
 
@@ -40,15 +41,15 @@ struct LaneDrive {
   T lost;  // 1 where so
 };
 
-// Row by row, for structs of rows.
+// Row by row, for structs of rows, in place: a copy would go through memory.
 template <class T, class Rows>
-Rows blend_rows(typename T::Mask mask, const Rows& yes, const Rows& no) {
-  constexpr int kRows = sizeof(Rows) / sizeof(T);
-  Rows out = no;
-  const T* from = reinterpret_cast<const T*>(&yes);
-  T* to = reinterpret_cast<T*>(&out);
-  for (int row = 0; row < kRows; ++row) to[row] = select(mask, from[row], to[row]);
-  return out;
+void blend_rows(typename T::Mask mask, const Rows& from, Rows& to) {
+  const T* const source = reinterpret_cast<const T*>(&from);
+  T* const target = reinterpret_cast<T*>(&to);
+  [&]<std::size_t... row>(std::index_sequence<row...>) {
+    ((target[row] = select<T>(mask, source[row], target[row])), ...);
+  }
+  (std::make_index_sequence<sizeof(Rows) / sizeof(T)>());
 }
 
 // model/profile.hpp's slew().
@@ -113,7 +114,7 @@ SinCos<T> ahead(const LaneDrive<T>& d, T angle) {
   SinCos<T> at = turn(SinCos<T>{d.at.sin, d.at.cos}, angle);
   const auto far = abs(angle) > T(0.5);
   if (any<T>(far)) [[unlikely]]
-    at = blend_rows<T>(far, sincos<T>(d.x.theta_e + angle), at);
+    blend_rows<T>(far, sincos<T>(d.x.theta_e + angle), at);
   return at;
 }
 
@@ -139,7 +140,7 @@ void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Station
   auto x = correct(x_prior, K, innovation(x_prior, i_meas));
   if (any_snapshot) {  // as the first tick is
     const kernel::SensorlessState<T> first{i_meas.alpha, i_meas.beta, d.x.omega_e, d.x.theta_e};
-    x = blend_rows<T>(d.k == T(0), first, x);
+    blend_rows<T>(d.k == T(0), first, x);
   }
   const auto at = sincos(x.theta_e);
   x.theta_e = wrap_pi(x.theta_e);
@@ -147,31 +148,34 @@ void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Station
   d.at = {at.sin, at.cos};
 }
 
-// BackgroundLoop::step at the snapshot d.x.
+// BackgroundLoop::step at the snapshot d.x, in the lanes that take one.
 template <Policy policy, class T>
 void background_step(const LaneConstants<T>& c, const LaneSwitches& on, LaneDrive<T>& d,
-                     PlannedGain<T>& gain, kernel::Symmetric4<T>& P, T ticks_a_gain) {
+                     typename T::Mask snapshot, T ticks_a_gain) {
   kernel::UnitVector<T> at = d.at;
-  P = d.P;
   if constexpr (policy == Policy::kExtrapolate) {
-    const T further = (ticks_a_gain - T(1)) * 1.5 * c.T_s * d.x.omega_e;
-    const auto later = ahead(d, further);
+    const auto later = ahead<T>(d, (ticks_a_gain - T(1)) * 1.5 * c.T_s * d.x.omega_e);
     at = {later.sin, later.cos};
   }
   if constexpr (policy == Policy::kRotorFrame) {
     const T turned = (ticks_a_gain - T(1)) * c.T_s * d.x.omega_e;
-    P = blend_rows<T>(d.k == T(0), P, turn_covariance(P, sincos(turned)));
+    blend_rows<T>(snapshot & (d.k > T(0)), turn_covariance(d.P, sincos(turned)), d.P);
   }
-  const auto P_prior = propagate(c.filter, jacobian(c.filter, d.x.omega_e, at), P, c.Q);
+  const auto P_prior = propagate(c.filter, jacobian(c.filter, d.x.omega_e, at), d.P, c.Q);
   if (on.covariance == CovarianceForm::kSequential) {
     const auto both = kernel::sequential(P_prior, c.R);
-    gain = {both.K, at};
-    P = both.P;
+    blend_rows<T>(snapshot, both.K, d.next_gain.K);
+    blend_rows<T>(snapshot, both.P, d.P);
   } else {
-    gain = {kernel::gain(P_prior, c.R), at};
-    P = on.covariance == CovarianceForm::kPaper ? posterior(P_prior, gain.K, c.R)
-                                                : posterior_joseph(P_prior, gain.K, c.R);
+    const auto K = kernel::gain(P_prior, c.R);
+    blend_rows<T>(snapshot, K, d.next_gain.K);
+    if (on.covariance == CovarianceForm::kPaper)
+      blend_rows<T>(snapshot, posterior(P_prior, K, c.R), d.P);
+    else
+      blend_rows<T>(snapshot, posterior_joseph(P_prior, K, c.R), d.P);
   }
+  blend_rows<T>(snapshot, at, d.next_gain.at);
+  if constexpr (policy == Policy::kImmediate) blend_rows<T>(snapshot, d.next_gain, d.gain);
 }
 
 // Onto the circle, and what is cut off into the integrals; most ticks nobody is beyond it.
@@ -244,17 +248,11 @@ template <Policy policy, bool rk4, class T>
   const auto i_meas = sample_currents(c, on, d);
   const auto snapshot = d.until_snapshot == T(0);
   const bool any_snapshot = any<T>(snapshot);
-  if (policy != Policy::kImmediate && any_snapshot)
-    d.gain = blend_rows<T>(snapshot, d.next_gain, d.gain);
+  if (policy != Policy::kImmediate && any_snapshot) blend_rows<T>(snapshot, d.next_gain, d.gain);
   fast_step<policy, rk4>(c, d, i_meas, any_snapshot);
   if (any_snapshot) {
     const T ticks_a_gain = select(d.k < d.k_full, T(1), d.n);
-    PlannedGain<T> gain;
-    kernel::Symmetric4<T> P;
-    background_step<policy>(c, on, d, gain, P, ticks_a_gain);
-    d.next_gain = blend_rows<T>(snapshot, gain, d.next_gain);
-    if (policy == Policy::kImmediate) d.gain = d.next_gain;
-    d.P = blend_rows<T>(snapshot, P, d.P);
+    background_step<policy>(c, on, d, snapshot, ticks_a_gain);
     d.until_snapshot = select(snapshot, ticks_a_gain, d.until_snapshot);
   }
   d.until_snapshot -= T(1);
