@@ -62,18 +62,17 @@ T slew_by(T from, T to, T step) {
 template <class T>
 kernel::Stationary<T> sample_currents(const LaneConstants<T>& c, const LaneSwitches& on,
                                       const LaneDrive<T>& d) {
-  const T i_a = d.plant.i_alpha * c.counts_an_A;
+  T i_a = d.plant.i_alpha * c.counts_an_A;
   const T half_alpha = i_a * -0.5, half_beta = d.plant.i_beta * c.half_sqrt3_counts_an_A;
-  T i_abc[3] = {i_a, half_alpha + half_beta, half_alpha - half_beta};
-  const auto index = integer_of(d.k);
-  for (int phase = 0; phase < 3; ++phase) {
-    if (on.noise)
-      i_abc[phase] +=
-          normal(d.noise_seed[phase][0], d.noise_seed[phase][1], index) * c.noise_counts;
-    if (on.adc) i_abc[phase] = round_to_even<T>(i_abc[phase]);
+  T i_b = half_alpha + half_beta, i_c = half_alpha - half_beta;
+  if (on.noise) {
+    const auto index = integer_of(d.k);
+    i_a += normal(d.noise_seed[0][0], d.noise_seed[0][1], index) * c.noise_counts;
+    i_b += normal(d.noise_seed[1][0], d.noise_seed[1][1], index) * c.noise_counts;
+    i_c += normal(d.noise_seed[2][0], d.noise_seed[2][1], index) * c.noise_counts;
   }
-  return {(i_abc[0] * 2.0 - (i_abc[1] + i_abc[2])) * c.third_A_a_count,
-          (i_abc[1] - i_abc[2]) * c.inv_sqrt3_A_a_count};
+  if (on.adc) i_a = round_to_even(i_a), i_b = round_to_even(i_b), i_c = round_to_even(i_c);
+  return {(i_a * 2.0 - (i_b + i_c)) * c.third_A_a_count, (i_b - i_c) * c.inv_sqrt3_A_a_count};
 }
 
 // diag(R(a), I) K R(-a), a from the angle `from` to the angle `to`: estimator/gain_frame.hpp.
