@@ -181,14 +181,28 @@ TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   const RunLog log = recorded_start(f_e_Hz);
   const Search search{"paper", f_e_Hz, 1};
   EXPECT_NEAR(recorded_f_e_Hz(log), f_e_Hz, 0.5);
-  const int alone = limit_of([&](int n) { return run_on_log(log, search, n, {}); });
   const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
+  const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
   const DriveConfig base = load_drive(plan.drive).drive();
   const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
   EXPECT_NEAR(alone, closed, 1);
   EXPECT_NEAR(closed, 12, 1);
   // A turned gain is lost at another n: the policy asked for is the one that runs.
-  EXPECT_TRUE(run_on_log(log, {"rotate", f_e_Hz, 1}, closed + 3, {}).locked);
+  EXPECT_TRUE(run_on_log(log, plan, {"rotate", f_e_Hz, 1}, closed + 3).locked);
+}
+
+// At 30 Hz the start decides, and in the recording the controller started on a good angle. Switched
+// at speed both have the same task.
+TEST(RecordedDrive, SwitchedAtSpeedTheLimitIsTheClosedLoopsAtThirtyHertzToo) {
+  const double f_e_Hz = 30;
+  const RunLog log = recorded_start(f_e_Hz);
+  const Search search{"paper", f_e_Hz, 1};
+  const Plan plan{.drive = "dilys2021", .policies = {"paper"}, .start = "switched"};
+  const DriveConfig base = load_drive(plan.drive).drive();
+  const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
+  const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
+  EXPECT_NEAR(alone, closed, 1);
+  EXPECT_NEAR(closed, 25, 2);
 }
 
 // The limit at 400 rad/s from three sides: the formula by hand from the doc's logged gains, the

@@ -4,6 +4,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -34,6 +36,11 @@ Config recorded_config(const RunLog& log, const std::vector<std::string>& overri
   Config config = Config::parse(log.config_toml, log.path + " (DRIVE_MANIFEST)", overrides);
   read_all_tables(config);
   return config;
+}
+
+// The last snapshot 0.3 s before the window, less half a tick.
+double switch_before(double settle_s, int n, double T_s) {
+  return std::max(0.0, (std::floor((settle_s - 0.3) / T_s / n) * n - 0.5) * T_s);
 }
 
 int run_quietly(const std::vector<std::string>& arguments) {
@@ -122,12 +129,16 @@ Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& sear
   return point;
 }
 
-Point run_on_log(const RunLog& recorded, const Search& search, int n,
-                 const std::vector<std::string>& overrides) {
-  std::vector<std::string> list = overrides;
+Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search, int n) {
+  std::vector<std::string> list = plan.overrides;
   list.push_back("gain.policy=" + search.policy);
   list.push_back("rates.f_b_Hz=0");  // before n: the later of the two counts
   list.push_back(fmt::format("rates.n={}", n));
+  if (plan.start == "switched") {
+    const DriveConfig asked = recorded_config(recorded, plan.overrides).drive();
+    list.push_back(
+        fmt::format("rates.n_from_s={}", switch_before(asked.run.settle_s, n, asked.T_s())));
+  }
   Config config = recorded_config(recorded, list);
   const DriveConfig& drive = config.drive();
   FastLoop fast = make_fast_loop(config, false);

@@ -26,8 +26,8 @@ std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
                    const std::string& scratch);
 // The filter alone on the samples of a recorded drive, against its measured (or true) angle.
-Point run_on_log(const RunLog& log, const Search& search, int n,
-                 const std::vector<std::string>& overrides);
+// `plan.start` "switched": a gain every tick until 0.3 s before the recording's window.
+Point run_on_log(const RunLog& log, const Plan& plan, const Search& search, int n);
 // The steady electrical frequency of a recorded drive, over its window.
 double recorded_f_e_Hz(const RunLog& log);
 

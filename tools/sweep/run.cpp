@@ -139,7 +139,7 @@ class Engine {
     return run_point(search, n);
   }
   Point run_point(const Search& search, int n) const {
-    if (!plan_.log.empty()) return run_on_log(log_, search, n, plan_.overrides);
+    if (!plan_.log.empty()) return run_on_log(log_, plan_, search, n);
     if (plan_.over == "lcm")
       return run_over_lcm(plan_, base_, search, n, options_.directory + "/run");
     return run_in_process(plan_, base_, search, n);
