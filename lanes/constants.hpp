@@ -11,16 +11,14 @@ namespace twinrate::lanes {
 template <class S>
 struct LaneConstants {
   // Plant: lanes/plant.hpp, of one half step tau.
-  S tau, inv_tau;          // tau, 1/tau
-  S b, a;                  // psi_f/L, tau R_s/L
-  S k_T, B, load;          // tau^2 3/2 n_p^2 psi_f/J, tau B/J, tau^2 n_p/J
-  S g;                     // tau/L
-  S mid_decay, mid_u;      // currents at the middle: shares of i_0 and of tau u/L,
-  S mid_0, mid_d0;         //   of the angle at the begin and its rate,
-  S mid_1, mid_d1;         //   of the angle at the middle and its rate
-  S end_decay, end_u;      // and at the end:
-  S end_0, end_d0;         //
-  S end_1, end_d1, end_2;  //
+  S tau, inv_tau;  // tau, 1/tau
+  S b, a;          // psi_f/L, tau R_s/L
+  S k_T, B, load;  // tau^2 3/2 n_p^2 psi_f/J, tau B/J, tau^2 n_p/J
+  S g;             // tau/L
+  // Currents at the middle: shares of i_0, of tau u/L, of [cos, sin] and their rates at 0 and 1.
+  S mid_decay, mid_u, mid_0, mid_d0, mid_1, mid_d1;
+  // At the end: of [cos, sin] at 2 too; of A and A_d at 0 and 1 by way of W and the angle at 1.
+  S end_decay, end_u, end_0, end_d0, end_1, end_d1, end_2;
   S late_0, late_d0, late_1, late_d1;
   // Sensors.
   S counts_an_A, half_sqrt3_counts_an_A, noise_counts;  // a count: i_lsb, or 1 A without an ADC

@@ -4,16 +4,19 @@
 //   omega_e' = k_T i_q - B/J omega_e - n_p/J T_load,   i_q = i_beta cos - i_alpha sin
 //   theta_e' = omega_e
 //
-// One step of two halves tau, in units of tau: W = tau omega_e, A = tau W', rates marked _d.
+// One step of two halves tau, time in units of tau: W = tau omega_e, A its rate, A_d that of A.
+// Moments 0, 1, 2: begin, middle, end.
 //
-//   currents  i + b c is a flux whose only source besides u is R_s/L b c: so
-//             i(t) = e^(-at) i_0 + (1 - e^(-at))/a u/L + b (e^(-at) c_0 - c) + a b int e^(-a(t-s))
-//             c ds with the integral of the polynomial through c and its rate W [-sin, cos] at the
-//             nodes, exactly under the exponential (weights: engine.cpp)
-//   angle     Taylor to the middle with A and its rate
-//             i_q_d = u_q/L - a i_q - W (i_d + b);  from the middle to the end by the cubic through
-//             A and its rate at begin and middle
-//   speed     Simpson's rule of A at begin, middle, end
+//   currents  i + b c is a flux whose only source besides u is a b c, a = tau R_s/L. So i is
+//             e^(-a t) (i_0 + b c_0) - b c + (1 - e^(-a t))/a tau u/L + a b int e^(-a (t-s)) c ds,
+//             the integral being that of the polynomial through c and its rate W [-sin, cos] at
+//             0 and 1 (for the end also c at 2), exactly under the exponential: mid_*, end_*
+//   angle     to 1 by Taylor with W, A, A_d; to 2 by the cubic through A and A_d at 0 and 1; with
+//             A_1 the cubic also says what W and the angle at 1 should have been: late_*
+//   speed     integral of the polynomial through A, A_d at 0 and 1 and A at 2
+//
+// with A = k_T i_q - B W - load and the rate of i_q in rotor axes,
+// tau u_q/L - a i_q - W (i_d + b).
 //
 // sin and cos of the angle are states that are turned by the angle of half a step, so they stay on
 // the circle. tests/lanes/engine_test.cpp holds an interval against CVODE.
@@ -73,7 +76,7 @@ T plant_step(const LaneConstants<T>& c, LanePlant<T>& x, const kernel::Stationar
   const T turned = W_0 * 2.0 + a_0.A * 1.2 + a_1.A * 0.8 + (a_0.A_d + a_1.A_d) * (4.0 / 15);
   const SinCos<T> at_2 = turn(at_1, turned - to_mid);
 
-  // The rate at the middle, and what the angle there turned out to be off by.
+  // W at the middle by the cubic, and what the angle there is off by.
   const T rate_1 = W_0 * c.end_d1 + a_0.A * c.late_0 + a_0.A_d * c.late_d0 + a_1.A * c.late_1 +
                    a_1.A_d * c.late_d1;
   x.i_alpha = x.i_alpha * c.end_decay + u.alpha * c.end_u + at_0.cos * c.end_0 + cos_d0 * c.end_d0 +

@@ -146,7 +146,7 @@ double worst_interval_A(const test::Overrides& overrides) {
     const Vec2 expected = inverse_park(x.head<2>(), n_p * x[3]);
     worst_A = std::max(worst_A, (Vec2(lane.i_alpha, lane.i_beta) - expected).norm());
     EXPECT_NEAR(twinrate::wrap_pi(lane.theta_e - n_p * x[3]), 0, 2e-7);
-    EXPECT_NEAR(lane.omega_e, n_p * x[2], 2e-4);
+    EXPECT_NEAR(lane.omega_e, n_p * x[2], 5e-4);
   }
   return worst_A;
 }
@@ -156,6 +156,7 @@ TEST(LaneEngine, ThePlantIsWithinTenMicroampereOfCvodeAnInterval) {
   EXPECT_LT(at_400, 1e-7);
   EXPECT_GT(at_400, 1e-9);
   EXPECT_LT(worst_interval_A({"reference.omega_e_rad_s=1570", "rates.n=1"}), 3e-6);
+  EXPECT_LT(worst_interval_A({"rates.f_s_Hz=1500", "rates.n=1"}), 2e-6);  // several steps
 }
 
 TEST(LaneEngine, LosesAtThirteenAndHoldsAtTwelveAsThePaper) {
