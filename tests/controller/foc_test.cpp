@@ -7,7 +7,7 @@
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate {
+namespace twinrate::foc_test {
 namespace {
 
 using test::Overrides;
@@ -206,4 +206,4 @@ TEST(ControllerRegistry, EveryKindIsOneOfTheContractAndBuildsFromEveryPreset) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::foc_test

@@ -5,7 +5,7 @@
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate {
+namespace twinrate::lqr_test {
 namespace {
 
 constexpr double kKpp = 117.7;
@@ -106,4 +106,4 @@ TEST(Lqr, RefusesAStartItCannotMake) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::lqr_test

@@ -5,7 +5,7 @@
 #include "model/random.hpp"
 #include "tests/support/matrices.hpp"
 
-namespace twinrate {
+namespace twinrate::ekf_sensorless_test {
 namespace {
 
 constexpr double kTs = 2e-4;
@@ -183,4 +183,4 @@ TEST(EkfSensorless, OutputNamesTheStatesInMechanicalAndRotorTerms) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::ekf_sensorless_test

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace twinrate {
+namespace twinrate::emf_angle_test {
 namespace {
 
 constexpr double kTs = 1e-4, kPsi = 0.285;
@@ -87,4 +87,4 @@ TEST(EmfAngle, TheLowPassIsTheBilinearFirstOrderOne) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::emf_angle_test

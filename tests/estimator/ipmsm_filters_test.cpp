@@ -13,7 +13,7 @@
 #include "plant_sim/integrator.hpp"
 #include "tests/support/matrices.hpp"
 
-namespace twinrate {
+namespace twinrate::ipmsm_filters_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -363,4 +363,4 @@ TEST(AllFourFilters, KeepTheirPredictionAndSaySoWhenASampleIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::ipmsm_filters_test

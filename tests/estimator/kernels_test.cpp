@@ -14,7 +14,7 @@
 #include "model/random.hpp"
 #include "tests/support/textbook_ekf.hpp"
 
-namespace twinrate {
+namespace twinrate::kernels_test {
 namespace {
 
 using namespace kernel;
@@ -304,4 +304,4 @@ TEST(UdFilter, InFloatKeepsLockWhereThePaperFormInFloatLosesIt) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::kernels_test

@@ -7,7 +7,7 @@
 #include "estimator/gain_schedule.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate::test {
+namespace twinrate::test::propagated_gain_test {
 namespace {
 
 std::shared_ptr<const Filter> sensorless(const Overrides& overrides = {}) {
@@ -109,4 +109,4 @@ TEST(PropagatedGain, IsOfferedInTheStationaryFrameOnly) {
 }
 
 }  // namespace
-}  // namespace twinrate::test
+}  // namespace twinrate::test::propagated_gain_test

@@ -10,7 +10,7 @@
 #include "estimator/two_rate.hpp"
 #include "model/random.hpp"
 
-namespace twinrate {
+namespace twinrate::textbook_ekf_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -142,4 +142,4 @@ TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheDisturbanceModel) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::textbook_ekf_test

@@ -9,7 +9,7 @@
 #include "tests/support/field_setter.hpp"
 #include "tests/support/probe_filter.hpp"
 
-namespace twinrate {
+namespace twinrate::two_rate_test {
 namespace {
 
 using test::ProbeFilter;
@@ -319,4 +319,4 @@ INSTANTIATE_TEST_SUITE_P(Kinds, EveryFilter, testing::Bool(), [](const auto& i) 
 });
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::two_rate_test

@@ -5,7 +5,7 @@
 #include "model/random.hpp"
 #include "tests/support/effects.hpp"
 
-namespace twinrate {
+namespace twinrate::electrical_effects_test {
 namespace {
 
 using test::effect_of;
@@ -208,4 +208,4 @@ TEST(Materiality, IsOneAtTheSmallestElectricalSizesOfAServoMotor) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::electrical_effects_test

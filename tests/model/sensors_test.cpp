@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace twinrate {
+namespace twinrate::sensors_test {
 namespace {
 
 constexpr int kSamples = 100000;
@@ -103,4 +103,4 @@ TEST(Encoder, ZeroCountsIsTheExactAngle) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::sensors_test

@@ -5,7 +5,7 @@
 #include "model/random.hpp"
 #include "tests/support/effects.hpp"
 
-namespace twinrate {
+namespace twinrate::undo_test {
 namespace {
 
 constexpr double kTs = 1e-4;
@@ -112,4 +112,4 @@ TEST(Undo, PredictsTheVoltageThatGetsLost) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::undo_test

@@ -7,7 +7,7 @@
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate {
+namespace twinrate::fixed_axes_test {
 namespace {
 
 MachineParameters salient() {
@@ -76,4 +76,4 @@ TEST(FixedAxes, IsWhatThePlantSimulatesOnlyWhereItIsAskedFor) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::fixed_axes_test

@@ -9,7 +9,7 @@
 #include "plant_sim/integrator.hpp"
 #include "tests/support/effects.hpp"
 
-namespace twinrate {
+namespace twinrate::flux_effects_test {
 namespace {
 
 MachineParameters salient() {
@@ -172,4 +172,4 @@ TEST(FluxEffects, ThatLeaveNoInductanceOrHaveNoPlaceAreRefused) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::flux_effects_test

@@ -5,7 +5,7 @@
 #include "tests/support/drives.hpp"
 #include "tests/support/effects.hpp"
 
-namespace twinrate {
+namespace twinrate::plant_effects_test {
 namespace {
 
 constexpr double kTs = 2e-4;
@@ -151,4 +151,4 @@ TEST(PlantEffects, AnEccentricDiscBendsAngleAndSpeedAlsoOfAnExactEncoder) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::plant_effects_test

@@ -5,7 +5,7 @@
 #include "tests/support/allocation_count.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate {
+namespace twinrate::plant_test {
 namespace {
 
 using test::Overrides;
@@ -192,4 +192,4 @@ TEST(Plant, DoesNotAllocateOnItsTickPath) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::plant_test

@@ -5,7 +5,7 @@
 #include "tests/support/allocation_count.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate {
+namespace twinrate::sample_errors_test {
 namespace {
 
 constexpr double kTs = 2e-4, kR = 1.2, kL = 5e-4;
@@ -199,4 +199,4 @@ TEST(SampleErrors, DoNotAllocate) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::sample_errors_test

@@ -5,7 +5,7 @@
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 
-namespace twinrate {
+namespace twinrate::switched_inverter_test {
 namespace {
 
 constexpr double kTpwm = 1e-4, kDead = 1e-6, kVdc = 235.4;
@@ -231,4 +231,4 @@ TEST(SwitchedPlant, NeedsWholeSwitchingPeriodsATick) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::switched_inverter_test

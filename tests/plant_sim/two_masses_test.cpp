@@ -6,7 +6,7 @@
 #include "tests/support/drives.hpp"
 #include "tests/support/effects.hpp"
 
-namespace twinrate {
+namespace twinrate::two_masses_test {
 namespace {
 
 constexpr double kTs = 1e-4;
@@ -237,4 +237,4 @@ TEST(Plant, WithAShaftStandsStillUnderTheLoadThatItHolds) {
 }
 
 }  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::two_masses_test

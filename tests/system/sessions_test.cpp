@@ -9,7 +9,7 @@
 #include "tests/system/log_messages.hpp"
 #include "tests/system/run_program.hpp"
 
-namespace twinrate::test {
+namespace twinrate::test::sessions_test {
 namespace {
 
 constexpr const char* kDuration = "0.4s";
@@ -130,4 +130,4 @@ TEST_F(Sessions, ASetStartedByHandRunsAndRefusesAMemberWithAnotherConfig) {
 }
 
 }  // namespace
-}  // namespace twinrate::test
+}  // namespace twinrate::test::sessions_test
