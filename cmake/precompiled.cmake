@@ -1,0 +1,75 @@
+# What makes a full build short. The flags of every object stay what they are without it.
+#
+# The headers of the libraries used are parsed once instead of once a source file. Four sets: Eigen and std, with text
+# and JSON above them, with the command line or the test libraries above those. Sources with flags of their own
+# (instruction sets, benchmarks) have SKIP_PRECOMPILE_HEADERS. Nothing of this tree is in the sets, and every source
+# compiles with TWINRATE_PCH=OFF and TWINRATE_UNITY=OFF too.
+#
+# Several files a translation unit: what the templates of GoogleTest, Eigen and fmt make is made once for them. Two
+# tests that want the same name in their unnamed namespaces take a namespace of their own (twinrate::NAME_test).
+#
+# Off by default under ccache, which keeps nothing that was compiled with a precompiled header.
+set(twinrate_short_build ON)
+if(CMAKE_CXX_COMPILER_LAUNCHER MATCHES "ccache")
+  set(twinrate_short_build OFF)
+endif()
+option(TWINRATE_PCH "precompile the headers of the libraries used" ${twinrate_short_build})
+option(TWINRATE_UNITY "compile several files at a time" ${twinrate_short_build})
+
+# GCC 12 sees overflows in std::string that are none, and says so once the header that they are in is a precompiled one.
+if(TWINRATE_PCH AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  target_compile_options(twinrate_options INTERFACE
+                         -Wno-array-bounds -Wno-restrict -Wno-stringop-overflow -Wno-stringop-overread)
+endif()
+
+set(twinrate_pch_model_headers <algorithm> <array> <cmath> <complex> <cstddef> <cstdint> <functional> <map> <memory>
+    <numbers> <optional> <span> <string> <string_view> <utility> <vector> <Eigen/Core> <Eigen/LU>)
+set(twinrate_pch_headers ${twinrate_pch_model_headers} <chrono> <filesystem> <fstream> <set> <sstream> <thread>
+    <Eigen/Cholesky> <fmt/format.h> <fmt/ranges.h> <lcm/lcm-cpp.hpp> <nlohmann/json.hpp>)
+set(twinrate_pch_program_headers ${twinrate_pch_headers} <CLI/CLI.hpp>)
+set(twinrate_pch_tests_headers ${twinrate_pch_headers} <Eigen/Dense> <gtest/gtest.h>)
+
+# twinrate_precompiled(SET NAME [LIBRARIES ..]): the set of headers `twinrate_SET`, as a target.
+function(twinrate_precompiled_set set)
+  if(NOT TWINRATE_PCH)
+    return()
+  endif()
+  set(source ${CMAKE_BINARY_DIR}/twinrate_${set}.cpp)
+  file(CONFIGURE OUTPUT ${source} CONTENT "")
+  add_library(twinrate_${set} OBJECT ${source})
+  target_link_libraries(twinrate_${set} PRIVATE twinrate_options ${ARGN})
+  target_precompile_headers(twinrate_${set} PRIVATE ${twinrate_${set}_headers})
+endfunction()
+
+# twinrate_precompiled(SET TARGET ..): the targets use the set.
+function(twinrate_precompiled set)
+  if(NOT TWINRATE_PCH)
+    return()
+  endif()
+  foreach(target ${ARGN})
+    target_precompile_headers(${target} REUSE_FROM twinrate_${set})
+  endforeach()
+endfunction()
+
+# twinrate_unity(TARGET BATCH): BATCH files a translation unit, but for those of other folders (../).
+function(twinrate_unity target batch)
+  if(NOT TWINRATE_UNITY)
+    return()
+  endif()
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${batch})
+  get_target_property(sources ${target} SOURCES)
+  foreach(source ${sources})
+    if(source MATCHES "\\.\\./")
+      set_source_files_properties(${source} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+    endif()
+  endforeach()
+endfunction()
+
+# twinrate_unity_group(TARGET GROUP SOURCES ..): these files one translation unit; files of no group stay alone.
+function(twinrate_unity_group target group)
+  if(NOT TWINRATE_UNITY)
+    return()
+  endif()
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_MODE GROUP)
+  set_source_files_properties(${ARGN} PROPERTIES UNITY_GROUP ${group})
+endfunction()
