@@ -16,22 +16,6 @@ std::vector<double> times_of(const Record& record) {
   return times;
 }
 
-// A late voltage shows where the voltage turns or jumps. The controller answers the noise of the
-// currents with noise of the voltage, which belongs to the residual's own: where that is most of
-// what changes from row to row, a lag cannot be told from it.
-bool voltage_moves(const Record& record) {
-  constexpr double kLeast = 3;
-  double steps = 0, noise = 0, count = 0;
-  for (std::size_t k = 4; k < record.u_alphabeta.size(); ++k) {
-    if (!record.electrical_ok[k]) continue;
-    const auto& u = record.u_alphabeta;
-    steps += (u[k] - u[k - 1]).squaredNorm();
-    noise += (u[k] - 4 * u[k - 1] + 6 * u[k - 2] - 4 * u[k - 3] + u[k - 4]).squaredNorm() / 35;
-    ++count;
-  }
-  return steps - noise > kLeast * noise;
-}
-
 // Calls f for every point of the grids, with the keys set.
 void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t index,
                const std::function<void()>& f) {
@@ -100,10 +84,22 @@ Sampled Chain::whitened(const Sampled& s) const {
   return w;
 }
 
+Sampled Chain::regressor(const Sampled& column) const {
+  Sampled w = whitened(column);
+  const auto mute = [](Eigen::VectorXd& value, Eigen::VectorXd& noise) {
+    if (!noise.size() || value.squaredNorm() > (1 + kLeastSignal) * noise.squaredNorm()) return;
+    value.setZero();
+    noise.setZero();
+  };
+  mute(w.d, w.noise_d);
+  mute(w.q, w.noise_q);
+  mute(w.torque, w.noise_torque);
+  return w;
+}
+
 std::vector<Candidate> make_candidates(const Chain& chain) {
   const Equations& equations = chain.equations();
   std::vector<Candidate> candidates;
-  const bool turning = voltage_moves(equations.record());
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
@@ -116,7 +112,6 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     over_grid(*effect, keys, 0, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (!at_grid->prepare(equations.facts()).empty()) return;
-      if (kind == "signal_lag" && at_grid->acts_on() == kOnVoltage && !turning) return;
       Candidate candidate{.effect = at_grid, .columns = {}};
       if (at_grid->regressor_count() == 0) {
         candidate.columns.push_back(chain.contribution(*at_grid));
@@ -134,7 +129,7 @@ void Dictionary::whiten(const Chain& chain) {
   for (std::size_t i = 0; i < sampled.size(); ++i) {
     whitened[i].effect = sampled[i].effect;
     whitened[i].columns.clear();
-    for (const Sampled& x : sampled[i].columns) whitened[i].columns.push_back(chain.whitened(x));
+    for (const Sampled& x : sampled[i].columns) whitened[i].columns.push_back(chain.regressor(x));
   }
 }
 

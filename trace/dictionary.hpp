@@ -26,6 +26,9 @@ struct NoiseModel {
   double scale_d = 1, scale_q = 1, scale_torque = 1;
 };
 
+// Energy of a regressor over that of its noise: with less it says nothing.
+inline constexpr double kLeastSignal = 3;
+
 struct Candidate {
   std::shared_ptr<Effect> effect;
   std::vector<Sampled> columns;
@@ -50,6 +53,9 @@ class Chain {
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   Sampled contribution(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
+  // A column, whitened, without the channels of which most is noise: what is left after its share
+  // is taken off would be worth nothing there.
+  Sampled regressor(const Sampled& column) const;
   const Equations& equations() const { return equations_; }
   const Sampler& sampler() const { return sampler_; }
 

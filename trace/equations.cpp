@@ -9,6 +9,28 @@ constexpr int kSmooth = 10;  // half-width of the speed's slope fit, rows
 constexpr int kSensing = kOnCurrents | kOnAngle;
 constexpr double kProbe = 1e-3;  // share of a unit coefficient at which sensing is linearised
 
+// The signal that was read late by `delay` behind a filter of time constant `tau`:
+// true(t) = (reading + tau reading')(t + delay), by cubics through four samples; near the ends as
+// it was read.
+template <class Value>
+std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double tau, double T_s) {
+  const auto n = static_cast<std::ptrdiff_t>(reading.size());
+  std::vector<Value> before_filter = reading;
+  for (std::ptrdiff_t k = 1; tau > 0 && k + 1 < n; ++k)
+    before_filter[k] = reading[k] + tau / (2 * T_s) * (reading[k + 1] - reading[k - 1]);
+  if (delay == 0) return before_filter;
+  const double steps = std::floor(delay / T_s), f = delay / T_s - steps;
+  const double w[] = {-f * (f - 1) * (f - 2) / 6, (f * f - 1) * (f - 2) / 2,
+                      -f * (f + 1) * (f - 2) / 2, f * (f * f - 1) / 6};
+  const auto shift = static_cast<std::ptrdiff_t>(steps);
+  std::vector<Value> out = before_filter;
+  for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, 1 - shift); k + shift + 2 < n; ++k) {
+    const Value* x = &before_filter[k + shift];
+    out[k] = w[0] * x[-1] + w[1] * x[0] + w[2] * x[1] + w[3] * x[2];
+  }
+  return out;
+}
+
 // What effects add along a record, row by row.
 class Along {
  public:
@@ -123,9 +145,20 @@ Equations::Signals Equations::undo_sensing(const Effects& effects,
                                            const std::vector<OperatingPoint>& points) const {
   Signals s = measured_;
   int moved = 0;
-  for (const auto& effect : effects) moved |= effect->acts_on() & kSensing;
-  const Along added(effects, points, record_.T_s);
-  for (std::size_t k = 0; moved && k < points.size(); ++k) {
+  SamplingFacts late;
+  Effects adding;
+  for (const auto& effect : effects) {
+    moved |= effect->acts_on() & kSensing;
+    if (!effect->describe_sampling(late)) adding.push_back(effect);
+  }
+  const auto undo = [&](auto& signal, SamplingFacts::Signal which) {
+    if (late.delay[which] > 0 || late.lowpass[which] > 0)
+      signal = ahead(signal, late.delay[which], late.lowpass[which], record_.T_s);
+  };
+  undo(s.i_alphabeta, SamplingFacts::kCurrent);
+  undo(s.theta_m, SamplingFacts::kAngle);
+  const Along added(adding, points, record_.T_s);
+  for (std::size_t k = 0; !adding.empty() && k < points.size(); ++k) {
     const Contribution c = added[k];
     s.theta_m[k] -= c.theta_m;
     if (s.i_alphabeta.empty()) continue;

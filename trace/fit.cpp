@@ -87,7 +87,7 @@ void Fitter::linearise(Fit& fit) const {
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
     if (p.coefficient == 0)
-      for (const Sampled& x : chain_.columns(effect)) fit.J.push_back(chain_.whitened(x));
+      for (const Sampled& x : chain_.columns(effect)) fit.J.push_back(chain_.regressor(x));
     if (p.coefficient >= 0) continue;
     const double value = get_key(effect, p.key);
     const double h = 1e-3 * std::max(std::abs(value), 1e-9);
@@ -101,7 +101,7 @@ void Fitter::linearise(Fit& fit) const {
     add(x, chain_.contribution(*down), -1);
     Sampled column;
     add(column, x, 1 / span);
-    fit.J.push_back(chain_.whitened(column));
+    fit.J.push_back(chain_.regressor(column));
   }
 }
 

@@ -60,7 +60,7 @@ Candidate line(const Chain& chain, const char* key, double value) {
   Candidate candidate{.effect = make_effect("periodic_torque"), .columns = {}};
   set_key(*candidate.effect, key, value);
   for (const Sampled& x : chain.columns(*candidate.effect))
-    candidate.columns.push_back(chain.whitened(x));
+    candidate.columns.push_back(chain.regressor(x));
   return candidate;
 }
 

@@ -5,7 +5,6 @@
 namespace twinrate {
 namespace {
 
-constexpr double kLeastSignal = 3;  // energy of a regressor over that of its noise
 constexpr double kRidge = 1e-8;
 
 // D A D with ones on the diagonal, and rows left out replaced by those of the identity.

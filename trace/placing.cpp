@@ -30,7 +30,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
       Candidate moment{.effect = best->clone(), .columns = {}};
       set_key(*moment.effect, "time_s", t + j * step);
       for (const Sampled& x : chain.columns(*moment.effect))
-        moment.columns.push_back(chain.whitened(x));
+        moment.columns.push_back(chain.regressor(x));
       moments.push_back(std::move(moment));
     }
     double gain = -1e300;

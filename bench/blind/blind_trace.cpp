@@ -109,6 +109,11 @@ struct Verdict {
   double seconds = 0, held_out_ratio = 0;
 };
 
+std::string one_line(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
 // Parameter errors of the effects that were found, in sigmas.
 void compare(const TraceResult& r, const Effects& truth, Verdict& v) {
   for (const TracedEffect& e : r.effects)
@@ -191,9 +196,7 @@ int run(const Options& o) {
                  [v.found.empty() ? "none" : fmt::format("{}", fmt::join(v.found, "+"))];
     fmt::print("{} {:<44} found {} ({:.1f} s){}\n", v.exact ? "ok  " : "MISS", which.name,
                fmt::join(v.found, " + "), v.seconds,
-               v.exact ? ""
-                       : "   TRUE " + which.effects_toml.substr(0, 0) +
-                             fmt::format("{}", fmt::join(which.kinds, "+")));
+               v.exact ? "" : "   TRUE" + one_line(which.effects_toml));
     std::fflush(stdout);
     rows.push_back({{"name", which.name},
                     {"set", set},
