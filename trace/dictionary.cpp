@@ -27,6 +27,12 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
   }
 }
 
+// Impacts come at other moments where there is more noise: the difference is no noise.
+bool has_gap(const Effect& effect) {
+  ShaftFacts shaft;
+  return effect.describe_shaft(shaft) && shaft.gap > 0;
+}
+
 }  // namespace
 
 bool holds_noise(const Effect& effect) {
@@ -51,8 +57,17 @@ Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
 }
 
 Sampled Chain::residual(const Effects& effects) const {
-  const Channels noisy = noisier_.residual(effects);
-  return sampled(equations_.residual(effects), &noisy);
+  Effects smooth;
+  for (const auto& effect : effects)
+    if (!has_gap(*effect)) smooth.push_back(effect);
+  const Channels noisy = noisier_.residual(smooth);
+  Sampled s = sampled(equations_.residual(smooth), &noisy);
+  if (smooth.size() == effects.size()) return s;
+  const Sampled all = sampled(equations_.residual(effects), nullptr);
+  s.d = all.d;
+  s.q = all.q;
+  s.torque = all.torque;
+  return s;
 }
 
 std::vector<Sampled> Chain::columns(const Effect& effect) const {
@@ -66,6 +81,7 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
 }
 
 Sampled Chain::contribution(const Effect& effect) const {
+  if (has_gap(effect)) return sampled(equations_.contribution(effect), nullptr);
   const Channels noisy = noisier_.contribution(effect);
   return sampled(equations_.contribution(effect), &noisy);
 }

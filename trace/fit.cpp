@@ -68,6 +68,7 @@ Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
   const Sampled y = chain.whitened(chain.residual({}));
   noise_ = training.noise(y, y);
   noise_held_out_ = held_out.noise(y, y);
+  raw_held_out_ = held_out.dot(y, y) + noise_held_out_;
 }
 
 void Fitter::evaluate(Fit& fit) const {

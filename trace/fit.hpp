@@ -46,6 +46,7 @@ class Fitter {
   // What an effect must bring beyond its parameters' price.
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }
+  double raw_held_out() const { return raw_held_out_; }  // of the declared model
   const Rows& training() const { return training_; }
   const Rows& held_out() const { return held_out_; }
   const Chain& chain() const { return chain_; }
@@ -60,6 +61,7 @@ class Fitter {
   const Rows& held_out_;
   double margin_ = 40;
   double noise_ = 0, noise_held_out_ = 0;  // in the residual of the declared model
+  double raw_held_out_ = 0;
 };
 
 }  // namespace twinrate

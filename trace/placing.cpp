@@ -1,5 +1,8 @@
 #include "trace/placing.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -7,14 +10,85 @@ namespace {
 
 constexpr double kRough = 1.15;  // of a row's power: more is not noise
 
-// Backlash with the other members of `now`, not refined.
-Fit followed(const Fitter& fitter, const Fit& now, const std::shared_ptr<Effect>& gap) {
-  if (gap->prepare(fitter.chain().equations().facts()).empty())
-    return fitter.start(with(now.members, gap));
-  Fit impossible;
-  impossible.rss = 1e300;
-  return impossible;
-}
+constexpr const char* kGapKeys[] = {"gap_rad", "J_load_kgm2", "stiffness_Nm_rad",
+                                    "damping_Nms_rad"};
+constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 120;
+constexpr double kFirstStep = 0.15;  // of the logarithm of a key
+
+// How much a gap leaves of the torque that `now` leaves, as the tracer samples and whitens it.
+class GapSearch {
+ public:
+  struct Point {
+    std::shared_ptr<Effect> gap;
+    double rss = 1e300;
+  };
+  GapSearch(const Fitter& fitter, const Fit& now)
+      : fitter_(fitter), chain_(fitter.chain()), now_(now.y.torque) {}
+  Point at(std::shared_ptr<Effect> gap) const {
+    Point p{.gap = std::move(gap)};
+    if (!p.gap->prepare(chain_.equations().facts()).empty()) return p;
+    const Runs& runs = chain_.sampler().torque();
+    const Channels x = chain_.equations().contribution(*p.gap);
+    Sampled left;
+    left.torque = now_ - chain_.noise().torque(chain_.sampler()(x.torque, runs), runs);
+    p.rss = fitter_.training().dot(left, left);
+    return p;
+  }
+  // Nelder and Mead's simplex in the logarithms of the keys: impacts move in time with every key,
+  // and slopes say little beyond the next bump.
+  Point descend(const Point& start, int most) const {
+    std::vector<Point> simplex = {start};
+    for (int i = 0; i < kKeys; ++i) {
+      Logs x = logs(start);
+      x[i] += kFirstStep;
+      simplex.push_back(at(x));
+    }
+    const auto better = [](const Point& a, const Point& b) { return a.rss < b.rss; };
+    for (int tried = kKeys; tried < most; ++tried) {
+      std::sort(simplex.begin(), simplex.end(), better);
+      Point& worst = simplex.back();
+      Logs centre = Logs::Zero();
+      for (int i = 0; i < kKeys; ++i) centre += logs(simplex[static_cast<std::size_t>(i)]) / kKeys;
+      const Logs away = centre - logs(worst);
+      if (away.cwiseAbs().maxCoeff() < 2e-4) break;
+      Point next = at(centre + away);
+      if (next.rss < simplex[0].rss) {
+        Point further = at(centre + 2 * away);
+        worst = further.rss < next.rss ? std::move(further) : std::move(next);
+      } else if (next.rss < simplex[kKeys - 1].rss) {
+        worst = std::move(next);
+      } else {
+        Point nearer = at(centre - 0.5 * away);
+        if (nearer.rss < worst.rss) {
+          worst = std::move(nearer);
+        } else {
+          for (std::size_t i = 1; i < simplex.size(); ++i)
+            simplex[i] = at(0.5 * (logs(simplex[0]) + logs(simplex[i])));
+          tried += kKeys;
+        }
+      }
+    }
+    return *std::min_element(simplex.begin(), simplex.end(), better);
+  }
+
+ private:
+  static constexpr int kKeys = static_cast<int>(std::size(kGapKeys));
+  using Logs = Eigen::Matrix<double, kKeys, 1>;
+  static Logs logs(const Point& p) {
+    Logs x;
+    for (int i = 0; i < kKeys; ++i) x[i] = std::log(get_key(*p.gap, kGapKeys[i]));
+    return x;
+  }
+  Point at(const Logs& x) const {
+    std::shared_ptr<Effect> gap = make_effect("backlash");
+    for (int i = 0; i < kKeys; ++i) set_key(*gap, kGapKeys[i], std::exp(x[i]));
+    return at(std::move(gap));
+  }
+
+  const Fitter& fitter_;
+  const Chain& chain_;
+  Eigen::VectorXd now_;
+};
 
 }  // namespace
 
@@ -43,32 +117,25 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft) {
   if (shaft.rss < kRough * static_cast<double>(fitter.training().count(shaft.y))) return shaft;
   const Effect& torsion = *shaft.members.back();
-  Fit best;
-  best.rss = 1e300;
-  const auto try_gap = [&](const std::shared_ptr<Effect>& gap) {
-    Fit fit = followed(fitter, now, gap);
-    if (fit.rss < best.rss) best = std::move(fit);
-  };
-  for (double gap : {0.005, 0.01, 0.017, 0.025})
-    for (double stiffer : {1.0, 2.0, 4.0})
-      for (double share : {0.7, 1.0}) {
-        const auto effect = make_effect("backlash");
-        set_key(*effect, "J_load_kgm2", share * get_key(torsion, "J_load_kgm2"));
-        set_key(*effect, "stiffness_Nm_rad", stiffer * get_key(torsion, "stiffness_Nm_rad"));
-        set_key(*effect, "damping_Nms_rad", get_key(torsion, "damping_Nms_rad"));
-        set_key(*effect, "gap_rad", gap);
-        try_gap(effect);
+  const GapSearch search(fitter, fitter.start(with(now.members, nullptr)));
+  std::vector<GapSearch::Point> grid;
+  for (double gap_rad : {0.005, 0.01, 0.018, 0.028})
+    for (double stiffer : {1.2, 1.8, 2.7})
+      for (double share : {0.35, 0.5, 0.7, 1.0}) {
+        const std::shared_ptr<Effect> gap = make_effect("backlash");
+        set_key(*gap, "gap_rad", gap_rad);
+        set_key(*gap, "J_load_kgm2", share * get_key(torsion, "J_load_kgm2"));
+        set_key(*gap, "stiffness_Nm_rad", stiffer * get_key(torsion, "stiffness_Nm_rad"));
+        set_key(*gap, "damping_Nms_rad", get_key(torsion, "damping_Nms_rad"));
+        grid.push_back(search.at(gap));
       }
-  if (best.members.empty()) return shaft;
-  for (double step = 0.2; step > 0.004; step /= 2)
-    for (int round = 0; round < 2; ++round)
-      for (const char* key : {"gap_rad", "J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"})
-        for (double factor : {1 + step, 1 / (1 + step)}) {
-          const auto moved = best.members.back()->clone();
-          set_key(*moved, key, factor * get_key(*moved, key));
-          try_gap(moved);
-        }
-  return fitter.refine(best.members, 2);
+  const auto better = [](const auto& a, const auto& b) { return a.rss < b.rss; };
+  std::partial_sort(grid.begin(), grid.begin() + kStarts, grid.end(), better);
+  grid.resize(kStarts);
+  for (GapSearch::Point& p : grid) p = search.descend(p, kTriedFirst);
+  const GapSearch::Point best =
+      search.descend(*std::min_element(grid.begin(), grid.end(), better), kTriedLast);
+  return fitter.refine(with(now.members, best.gap));
 }
 
 }  // namespace twinrate

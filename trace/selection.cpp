@@ -14,9 +14,9 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostMembers = 12;
-constexpr std::size_t kMostTried = 3;  // kinds refined at each step
-constexpr double kSupport = 0.3;       // of a gain, that the error itself must show
-constexpr double kNear = 0.85;         // of the best gain: still worth refining
+constexpr std::size_t kMostTried = 3;             // kinds refined at each step
+constexpr double kSupport = 0.3;                  // of a gain, that the error itself must show
+constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
 std::string sort_of(const Effect& effect) {
@@ -74,7 +74,19 @@ class Selector {
 
   bool acceptable(const Fit& next, const Fit& now) const {
     return next.valid && next.rss_held_out < now.rss_held_out && supported(next, now) &&
-           next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1;
+           next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
+           !crumb(next, now);
+  }
+
+  // A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
+  // met to the last bit.
+  bool crumb(const Fit& next, const Fit& now) const {
+    constexpr double kLeast = 0.02;
+    if (next.members.back()->kind() != "periodic_torque") return false;
+    ShaftFacts shaft;
+    for (const auto& m : now.members) m->describe_shaft(shaft);
+    return shaft.J_load > 0 && now.raw_held_out - next.raw_held_out <
+                                   kLeast * (fitter_.raw_held_out() - now.raw_held_out);
   }
 
   bool add_one() {
@@ -85,7 +97,9 @@ class Selector {
     std::size_t tried = 0;
     for (const Score& s : ranked(now)) {
       if (s.gain <= 0 || tried >= kMostTried + (best.members.empty() ? 2 : 0)) break;
-      if (!best.members.empty() && s.gain < kNear * first_gain) break;
+      // Far from its best point on a grid, an effect without regressors scores too low.
+      const double near = s.effect->regressor_count() == 0 ? kNearRough : kNear;
+      if (!best.members.empty() && s.gain < near * first_gain) continue;
       ++tried;
       Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)));
       const double gain = score_now - score_of(fitter_, next);
