@@ -12,7 +12,8 @@ constexpr double kRough = 1.15;  // of a row's power: more is not noise
 
 constexpr const char* kGapKeys[] = {"gap_rad", "J_load_kgm2", "stiffness_Nm_rad",
                                     "damping_Nms_rad"};
-constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 120;
+constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 100, kFinalists = 2;
+constexpr Eigen::Index kPiece = 64;  // outputs
 constexpr double kFirstStep = 0.15;  // of the logarithm of a key
 
 // How much a gap leaves of the torque that `now` leaves, as the tracer samples and whitens it.
@@ -20,18 +21,21 @@ class GapSearch {
  public:
   struct Point {
     std::shared_ptr<Effect> gap;
-    double rss = 1e300;
+    double error = 1e300;  // sum over pieces of their rms: a missed impact spoils one of them
   };
-  GapSearch(const Fitter& fitter, const Fit& now)
-      : fitter_(fitter), chain_(fitter.chain()), now_(now.y.torque) {}
+  GapSearch(const Chain& chain, const Fit& now) : chain_(chain), now_(now.y.torque) {}
   Point at(std::shared_ptr<Effect> gap) const {
     Point p{.gap = std::move(gap)};
-    if (!p.gap->prepare(chain_.equations().facts()).empty()) return p;
+    const DriveFacts& facts = chain_.equations().facts();
+    if (!p.gap->prepare(facts).empty() || p.gap->materiality(facts) < 1) return p;
     const Runs& runs = chain_.sampler().torque();
     const Channels x = chain_.equations().contribution(*p.gap);
-    Sampled left;
-    left.torque = now_ - chain_.noise().torque(chain_.sampler()(x.torque, runs), runs);
-    p.rss = fitter_.training().dot(left, left);
+    const Eigen::VectorXd left =
+        now_ - chain_.noise().torque(chain_.sampler()(x.torque, runs), runs);
+    p.error = 0;
+    for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece)
+      if (!runs.held_out[static_cast<std::size_t>(first)])
+        p.error += left.segment(first, kPiece).norm();
     return p;
   }
   // Nelder and Mead's simplex in the logarithms of the keys: impacts move in time with every key,
@@ -43,7 +47,7 @@ class GapSearch {
       x[i] += kFirstStep;
       simplex.push_back(at(x));
     }
-    const auto better = [](const Point& a, const Point& b) { return a.rss < b.rss; };
+    const auto better = [](const Point& a, const Point& b) { return a.error < b.error; };
     for (int tried = kKeys; tried < most; ++tried) {
       std::sort(simplex.begin(), simplex.end(), better);
       Point& worst = simplex.back();
@@ -52,14 +56,14 @@ class GapSearch {
       const Logs away = centre - logs(worst);
       if (away.cwiseAbs().maxCoeff() < 2e-4) break;
       Point next = at(centre + away);
-      if (next.rss < simplex[0].rss) {
+      if (next.error < simplex[0].error) {
         Point further = at(centre + 2 * away);
-        worst = further.rss < next.rss ? std::move(further) : std::move(next);
-      } else if (next.rss < simplex[kKeys - 1].rss) {
+        worst = further.error < next.error ? std::move(further) : std::move(next);
+      } else if (next.error < simplex[kKeys - 1].error) {
         worst = std::move(next);
       } else {
         Point nearer = at(centre - 0.5 * away);
-        if (nearer.rss < worst.rss) {
+        if (nearer.error < worst.error) {
           worst = std::move(nearer);
         } else {
           for (std::size_t i = 1; i < simplex.size(); ++i)
@@ -85,7 +89,6 @@ class GapSearch {
     return at(std::move(gap));
   }
 
-  const Fitter& fitter_;
   const Chain& chain_;
   Eigen::VectorXd now_;
 };
@@ -117,7 +120,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft) {
   if (shaft.rss < kRough * static_cast<double>(fitter.training().count(shaft.y))) return shaft;
   const Effect& torsion = *shaft.members.back();
-  const GapSearch search(fitter, fitter.start(with(now.members, nullptr)));
+  const GapSearch search(fitter.chain(), fitter.start(with(now.members, nullptr)));
   std::vector<GapSearch::Point> grid;
   for (double gap_rad : {0.005, 0.01, 0.018, 0.028})
     for (double stiffer : {1.2, 1.8, 2.7})
@@ -129,13 +132,19 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft) {
         set_key(*gap, "damping_Nms_rad", get_key(torsion, "damping_Nms_rad"));
         grid.push_back(search.at(gap));
       }
-  const auto better = [](const auto& a, const auto& b) { return a.rss < b.rss; };
+  const auto better = [](const auto& a, const auto& b) { return a.error < b.error; };
   std::partial_sort(grid.begin(), grid.begin() + kStarts, grid.end(), better);
   grid.resize(kStarts);
   for (GapSearch::Point& p : grid) p = search.descend(p, kTriedFirst);
-  const GapSearch::Point best =
-      search.descend(*std::min_element(grid.begin(), grid.end(), better), kTriedLast);
-  return fitter.refine(with(now.members, best.gap));
+  std::partial_sort(grid.begin(), grid.begin() + kFinalists, grid.end(), better);
+  Fit best;
+  best.rss = 1e300;
+  for (int j = 0; j < kFinalists; ++j) {
+    const GapSearch::Point p = search.descend(grid[static_cast<std::size_t>(j)], kTriedLast);
+    Fit fit = fitter.refine(with(now.members, p.gap));
+    if (fit.rss < best.rss) best = std::move(fit);
+  }
+  return best;
 }
 
 }  // namespace twinrate
