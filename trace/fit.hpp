@@ -7,7 +7,7 @@ namespace twinrate {
 
 // How well the size of the noise is known: a change of the model that only makes the residual's own
 // noise larger or smaller has to bring more than this share of it.
-inline constexpr double kNoiseDoubt = 0.1;
+inline constexpr double kNoiseDoubt = 0.2;
 
 // One free number: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {

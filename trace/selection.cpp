@@ -73,7 +73,7 @@ class Selector {
   }
 
   bool acceptable(const Fit& next, const Fit& now) const {
-    return next.valid && next.rss_held_out < now.rss_held_out && supported(next, now) &&
+    return next.valid && next.rss_held_out < now.rss_held_out &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
            !crumb(next, now);
   }
@@ -124,11 +124,6 @@ class Selector {
     }
     selection_.fit = std::move(best);
     return added_ = true;
-  }
-
-  // The held-out error itself has to fall, not only what is left of it beside its noise.
-  static bool supported(const Fit& next, const Fit& now) {
-    return now.raw_held_out - next.raw_held_out > kSupport * (now.rss_held_out - next.rss_held_out);
   }
 
   void drop_superfluous() {

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -315,6 +316,8 @@ Log make_log(const Case& which, double duration_s) {
   Vec2 asked = Vec2::Zero(), before = Vec2::Zero();
   bool open = false;  // the row before waits for its voltage
   double theta_m_before = 0;
+  const bool repeats =
+      std::find(which.kinds.begin(), which.kinds.end(), "stale_samples") != which.kinds.end();
   const std::int64_t steps = drive.steps();
   for (std::int64_t k = 0; k < steps; ++k) {
     const double t_k = static_cast<double>(k) * drive.T_s();
@@ -334,7 +337,8 @@ Log make_log(const Case& which, double duration_s) {
     raw.i_a.push_back(m.i_abc[0]);
     raw.i_b.push_back(m.i_abc[1]);
     raw.i_c.push_back(m.i_abc[2]);
-    const bool stale = raw.i_a.size() > 1 && raw.i_a.back() == raw.i_a[raw.i_a.size() - 2] &&
+    const bool stale = repeats && raw.i_a.size() > 1 &&
+                       raw.i_a.back() == raw.i_a[raw.i_a.size() - 2] &&
                        raw.i_b.back() == raw.i_b[raw.i_b.size() - 2] && m.theta_m == theta_m_before;
     theta_m_before = m.theta_m;
     const auto noise = [&](std::uint64_t stream) {
