@@ -41,8 +41,19 @@ std::pair<std::string, std::string> split(const std::string& key) {
   return {key, key == "order" ? "per_rev" : "1"};
 }
 
-// Standard deviations of the keys of member m, from the covariance of its free parameters.
-std::map<std::string, double> sigmas(const Fit& fit, std::size_t m) {
+// The larger of the covariances of a white rest and of one that is not.
+Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
+  const double N = static_cast<double>(fitter.training().count(fit.y));
+  const Eigen::MatrixXd white = fit.rss / N * fit.covariance;
+  const Eigen::ArrayXd ratio =
+      fitter.robust_covariance(fit).diagonal().array() / white.diagonal().array().max(1e-300);
+  const Eigen::VectorXd factor = ratio.max(1).sqrt();
+  return factor.asDiagonal() * white * factor.asDiagonal();
+}
+
+// Standard deviations of the keys of member m, from the covariance of the free parameters.
+std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& covariance,
+                                     std::size_t m) {
   std::vector<Eigen::Index> free;
   for (std::size_t p = 0; p < fit.free.size(); ++p)
     if (fit.free[p].member == m) free.push_back(static_cast<Eigen::Index>(p));
@@ -60,7 +71,7 @@ std::map<std::string, double> sigmas(const Fit& fit, std::size_t m) {
         continue;
       }
       const auto moved = effect.clone();
-      const double sigma = std::sqrt(std::max(0.0, fit.covariance(free[i], free[i])));
+      const double sigma = std::sqrt(std::max(0.0, covariance(free[i], free[i])));
       const double h =
           std::max(1e-6 * std::abs(c[static_cast<std::size_t>(p.coefficient)]), 1e-3 * sigma);
       if (h == 0) continue;
@@ -76,21 +87,21 @@ std::map<std::string, double> sigmas(const Fit& fit, std::size_t m) {
     for (std::size_t i = 0; i < free.size(); ++i)
       for (std::size_t j = 0; j < free.size(); ++j)
         variance += slope[static_cast<Eigen::Index>(i)] * slope[static_cast<Eigen::Index>(j)] *
-                    fit.covariance(free[i], free[j]);
+                    covariance(free[i], free[j]);
     if (variance > 0) out[key.key] = std::sqrt(variance);
   }
   return out;
 }
 
-std::vector<TracedParameter> parameters_of(const Fit& fit, std::size_t m, double noise) {
+std::vector<TracedParameter> parameters_of(const Fit& fit, const Eigen::MatrixXd& covariance,
+                                           std::size_t m) {
   std::vector<TracedParameter> list;
-  const auto sigma = sigmas(fit, m);
+  const auto sigma = sigmas(fit, covariance, m);
   for (const NumericKey& key : numeric_keys(*fit.members[m])) {
     const auto [name, unit] = split(key.key);
     TracedParameter p{
         .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};
-    if (const auto found = sigma.find(key.key); found != sigma.end())
-      p.sigma = noise * found->second;
+    if (const auto found = sigma.find(key.key); found != sigma.end()) p.sigma = found->second;
     list.push_back(std::move(p));
   }
   return list;
@@ -105,7 +116,7 @@ TracedEffect traced(const Fitter& fitter, const Fit& fit, const Selected& s, std
   const double N = static_cast<double>(rows.count(fit.y));
   const Effect& effect = *fit.members[m];
   TracedEffect e{.effect = fit.members[m], .equation = equation_of(effect)};
-  e.parameters = parameters_of(fit, m, std::sqrt(fit.rss / N));
+  e.parameters = parameters_of(fit, covariance(fitter, fit), m);
   e.held_out_gain = s.held_out_gain;
   e.delta_bic = -s.score_gain;
   const double k = std::max(1, effect.regressor_count());

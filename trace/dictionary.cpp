@@ -119,6 +119,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
+    if (kind == "backlash") continue;    // a torsion first (trace/placing.hpp)
     std::vector<TracedKey> keys = effect->traced_keys();
     if (keys.empty()) continue;
     const bool electrical_only = !(effect->acts_on() & ~(kOnVoltage | kOnBus));
@@ -177,10 +178,10 @@ double Rows::dot(const Sampled& a, const Sampled& b) const {
          dot(a.torque, b.torque, torque_pieces_) - noise(a, b);
 }
 
-double Rows::noise(const Sampled& a, const Sampled& b) const {
-  return dot(a.noise_d, b.noise_d, electrical_pieces_) +
-         dot(a.noise_q, b.noise_q, electrical_pieces_) +
-         dot(a.noise_torque, b.noise_torque, torque_pieces_);
+NoiseEnergy Rows::noise_energy(const Sampled& a, const Sampled& b) const {
+  return {
+      dot(a.noise_d, b.noise_d, electrical_pieces_) + dot(a.noise_q, b.noise_q, electrical_pieces_),
+      dot(a.noise_torque, b.noise_torque, torque_pieces_)};
 }
 
 std::size_t Rows::count(const Sampled& like) const {

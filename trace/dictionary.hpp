@@ -27,7 +27,7 @@ struct NoiseModel {
 };
 
 // Energy of a regressor over that of its noise: with less it says nothing.
-inline constexpr double kLeastSignal = 3;
+inline constexpr double kLeastSignal = 1.5;
 
 struct Candidate {
   std::shared_ptr<Effect> effect;
@@ -80,13 +80,23 @@ struct Dictionary {
 // record, where time is searched. Columns are sampled, not yet whitened.
 std::vector<Candidate> make_candidates(const Chain& chain);
 
+// What noise adds to an inner product.
+struct NoiseEnergy {
+  double electrical = 0, torque = 0;
+  double sum() const { return electrical + torque; }
+  NoiseEnergy operator-(const NoiseEnergy& b) const {
+    return {electrical - b.electrical, torque - b.torque};
+  }
+};
+
 // Inner products over the training or the held-out outputs.
 class Rows {
  public:
   Rows(const Sampler& sampler, bool held_out);
   // Less the share of noise.
   double dot(const Sampled& a, const Sampled& b) const;
-  double noise(const Sampled& a, const Sampled& b) const;
+  double noise(const Sampled& a, const Sampled& b) const { return noise_energy(a, b).sum(); }
+  NoiseEnergy noise_energy(const Sampled& a, const Sampled& b) const;
   std::size_t count(const Sampled& like) const;
   std::size_t electrical() const { return electrical_; }
   std::size_t torque() const { return torque_; }

@@ -66,20 +66,21 @@ Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
     : chain_(chain), training_(training), held_out_(held_out) {
   const Sampled y = chain.whitened(chain.residual({}));
-  noise_ = training.noise(y, y);
-  noise_held_out_ = held_out.noise(y, y);
-  raw_held_out_ = held_out.dot(y, y) + noise_held_out_;
+  noise_ = training.noise_energy(y, y);
+  noise_held_out_ = held_out.noise_energy(y, y);
+  raw_held_out_ = held_out.dot(y, y) + noise_held_out_.sum();
 }
 
 void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
-  const auto rss = [&](const Rows& rows, double declared) {
-    const double noise = rows.noise(fit.y, fit.y);
-    return rows.dot(fit.y, fit.y) + declared + kNoiseDoubt * std::abs(noise - declared);
+  const auto rss = [&](const Rows& rows, const NoiseEnergy& declared, double& doubt) {
+    doubt = NoiseDoubt::of(rows.noise_energy(fit.y, fit.y) - declared);
+    return rows.dot(fit.y, fit.y) + declared.sum() + doubt;
   };
-  fit.rss = rss(training_, noise_);
-  fit.rss_held_out = rss(held_out_, noise_held_out_);
+  fit.rss = rss(training_, noise_, fit.doubt);
+  fit.rss_held_out = rss(held_out_, noise_held_out_, fit.doubt);
   fit.raw_held_out = held_out_.dot(fit.y, fit.y) + held_out_.noise(fit.y, fit.y);
+  fit.valid = fit.valid && fit.rss > 0 && (fit.rss_held_out > 0 || fit.raw_held_out == 0);
 }
 
 void Fitter::linearise(Fit& fit) const {
@@ -121,6 +122,34 @@ Eigen::VectorXd Fitter::step(Fit& fit) const {
   return normal.solve(use);
 }
 
+Eigen::MatrixXd Fitter::robust_covariance(const Fit& fit) const {
+  constexpr std::size_t kPieces = 48;
+  const auto P = static_cast<Eigen::Index>(fit.J.size());
+  Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(kPieces, P);
+  const std::size_t rows = chain_.equations().record().size();
+  const auto gather = [&](const Runs& runs, Eigen::Index p, const Eigen::VectorXd& x,
+                          const Eigen::VectorXd& y, double sign) {
+    if (!x.size() || !y.size()) return;
+    for (std::size_t n = 0; n < runs.row.size(); ++n) {
+      const auto at = static_cast<Eigen::Index>(n);
+      if (!runs.held_out[n])
+        scores(static_cast<Eigen::Index>(kPieces * runs.row[n] / rows), p) += sign * x[at] * y[at];
+    }
+  };
+  const Runs &electrical = chain_.sampler().electrical(), &torque = chain_.sampler().torque();
+  for (Eigen::Index p = 0; p < P; ++p) {
+    const Sampled& x = fit.J[static_cast<std::size_t>(p)];
+    gather(electrical, p, x.d, fit.y.d, 1);
+    gather(electrical, p, x.q, fit.y.q, 1);
+    gather(torque, p, x.torque, fit.y.torque, 1);
+    gather(electrical, p, x.noise_d, fit.y.noise_d, -1);
+    gather(electrical, p, x.noise_q, fit.y.noise_q, -1);
+    gather(torque, p, x.noise_torque, fit.y.noise_torque, -1);
+  }
+  scores.rowwise() -= scores.colwise().mean().eval();
+  return fit.covariance * (scores.transpose() * scores) * fit.covariance;
+}
+
 Fit Fitter::start(Members members) const {
   Fit fit{.members = std::move(members)};
   fit.free = free_parameters(fit.members);
@@ -146,7 +175,7 @@ Fit Fitter::refine(Members members, int rounds) const {
         if (!m->prepare(chain_.equations().facts()).empty()) next.valid = false;
       if (!next.valid) continue;
       evaluate(next);
-      if (next.rss < fit.rss) {
+      if (next.valid && next.rss < fit.rss) {
         better = fit.rss - next.rss > 1e-5 * fit.rss;
         fit = std::move(next);
         break;

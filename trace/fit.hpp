@@ -1,13 +1,21 @@
 // A set of effects fitted to a record: Gauss-Newton on all their parameters at once, against the
 // whitened residual of every channel.
 #pragma once
+#include <cmath>
+
 #include "trace/dictionary.hpp"
 
 namespace twinrate {
 
 // How well the size of the noise is known: a change of the model that only makes the residual's own
-// noise larger or smaller has to bring more than this share of it.
-inline constexpr double kNoiseDoubt = 0.2;
+// noise larger or smaller has to bring more than this share of it. The controller's answer to noise
+// of the currents is known less well than the noise of an encoder.
+struct NoiseDoubt {
+  static constexpr double kElectrical = 0.3, kTorque = 0.05;
+  static double of(const NoiseEnergy& change) {
+    return kElectrical * std::abs(change.electrical) + kTorque * std::abs(change.torque);
+  }
+};
 
 // One free number: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {
@@ -31,7 +39,8 @@ struct Fit {
   Eigen::MatrixXd covariance;  // of `free`, unit noise
   double rss = 0, rss_held_out = 0;
   double raw_held_out = 0;  // nothing taken off for noise
-  bool valid = true;        // parameters stand inside their ranges
+  double doubt = 0;  // of rss_held_out: noise that the members bring, taken off and not quite known
+  bool valid = true;  // parameters stand inside their ranges
 
   Effects effects() const { return {members.begin(), members.end()}; }
 };
@@ -47,6 +56,9 @@ class Fitter {
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }
   double raw_held_out() const { return raw_held_out_; }  // of the declared model
+  // Covariance of fit.free that holds where the rest is neither white nor equally large everywhere:
+  // from how much pieces of the record disagree (the sandwich of A^-1 with the scores' scatter).
+  Eigen::MatrixXd robust_covariance(const Fit& fit) const;
   const Rows& training() const { return training_; }
   const Rows& held_out() const { return held_out_; }
   const Chain& chain() const { return chain_; }
@@ -60,7 +72,7 @@ class Fitter {
   const Rows& training_;
   const Rows& held_out_;
   double margin_ = 40;
-  double noise_ = 0, noise_held_out_ = 0;  // in the residual of the declared model
+  NoiseEnergy noise_, noise_held_out_;  // in the residual of the declared model
   double raw_held_out_ = 0;
 };
 

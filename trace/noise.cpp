@@ -124,7 +124,7 @@ bool may_mimic_noise(const Effect& effect) {
        {"inductance", "saturation", "cross_saturation", "inertia", "voltage_gain", "current_gain",
         "iron_loss", "encoder_eccentricity"})
     if (effect.kind() == kind) return true;
-  return effect.regressor_count() == 0;
+  return effect.regressor_count() == 0 && effect.kind() != "torsion";
 }
 
 // A column that does not hold that noise, to estimate it from.

@@ -10,26 +10,25 @@ namespace {
 
 constexpr double kRough = 1.15;  // of a row's power: more is not noise
 
-constexpr const char* kGapKeys[] = {"gap_rad", "J_load_kgm2", "stiffness_Nm_rad",
-                                    "damping_Nms_rad"};
-constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 100, kFinalists = 2;
+constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 100, kFinalists = 2, kTriedTorsion = 50;
 constexpr Eigen::Index kPiece = 64;  // outputs
 constexpr double kFirstStep = 0.15;  // of the logarithm of a key
 
-// How much a gap leaves of the torque that `now` leaves, as the tracer samples and whitens it.
-class GapSearch {
+// How much a shaft leaves of the torque that `now` leaves, as the tracer samples and whitens it.
+class ShaftSearch {
  public:
   struct Point {
-    std::shared_ptr<Effect> gap;
+    std::shared_ptr<Effect> shaft;
     double error = 1e300;  // sum over pieces of their rms: a missed impact spoils one of them
   };
-  GapSearch(const Chain& chain, const Fit& now) : chain_(chain), now_(now.y.torque) {}
-  Point at(std::shared_ptr<Effect> gap) const {
-    Point p{.gap = std::move(gap)};
+  ShaftSearch(const Chain& chain, const Fit& now) : chain_(chain), now_(now.y.torque) {}
+
+  Point at(std::shared_ptr<Effect> shaft) const {
+    Point p{.shaft = std::move(shaft)};
     const DriveFacts& facts = chain_.equations().facts();
-    if (!p.gap->prepare(facts).empty() || p.gap->materiality(facts) < 1) return p;
+    if (!p.shaft->prepare(facts).empty() || p.shaft->materiality(facts) < 1) return p;
     const Runs& runs = chain_.sampler().torque();
-    const Channels x = chain_.equations().contribution(*p.gap);
+    const Channels x = chain_.equations().contribution(*p.shaft);
     const Eigen::VectorXd left =
         now_ - chain_.noise().torque(chain_.sampler()(x.torque, runs), runs);
     p.error = 0;
@@ -41,34 +40,36 @@ class GapSearch {
   // Nelder and Mead's simplex in the logarithms of the keys: impacts move in time with every key,
   // and slopes say little beyond the next bump.
   Point descend(const Point& start, int most) const {
+    const auto n = static_cast<Eigen::Index>(logs(start).size());
+    const auto last = static_cast<std::size_t>(n);
     std::vector<Point> simplex = {start};
-    for (int i = 0; i < kKeys; ++i) {
-      Logs x = logs(start);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      Eigen::VectorXd x = logs(start);
       x[i] += kFirstStep;
-      simplex.push_back(at(x));
+      simplex.push_back(at(start, x));
     }
     const auto better = [](const Point& a, const Point& b) { return a.error < b.error; };
-    for (int tried = kKeys; tried < most; ++tried) {
+    for (int tried = static_cast<int>(n); tried < most; ++tried) {
       std::sort(simplex.begin(), simplex.end(), better);
       Point& worst = simplex.back();
-      Logs centre = Logs::Zero();
-      for (int i = 0; i < kKeys; ++i) centre += logs(simplex[static_cast<std::size_t>(i)]) / kKeys;
-      const Logs away = centre - logs(worst);
+      Eigen::VectorXd centre = Eigen::VectorXd::Zero(n);
+      for (std::size_t i = 0; i < last; ++i) centre += logs(simplex[i]) / static_cast<double>(n);
+      const Eigen::VectorXd away = centre - logs(worst);
       if (away.cwiseAbs().maxCoeff() < 2e-4) break;
-      Point next = at(centre + away);
+      Point next = at(start, centre + away);
       if (next.error < simplex[0].error) {
-        Point further = at(centre + 2 * away);
+        Point further = at(start, centre + 2 * away);
         worst = further.error < next.error ? std::move(further) : std::move(next);
-      } else if (next.error < simplex[kKeys - 1].error) {
+      } else if (next.error < simplex[last - 1].error) {
         worst = std::move(next);
       } else {
-        Point nearer = at(centre - 0.5 * away);
+        Point nearer = at(start, centre - 0.5 * away);
         if (nearer.error < worst.error) {
           worst = std::move(nearer);
         } else {
           for (std::size_t i = 1; i < simplex.size(); ++i)
-            simplex[i] = at(0.5 * (logs(simplex[0]) + logs(simplex[i])));
-          tried += kKeys;
+            simplex[i] = at(start, 0.5 * (logs(simplex[0]) + logs(simplex[i])));
+          tried += static_cast<int>(n);
         }
       }
     }
@@ -76,17 +77,24 @@ class GapSearch {
   }
 
  private:
-  static constexpr int kKeys = static_cast<int>(std::size(kGapKeys));
-  using Logs = Eigen::Matrix<double, kKeys, 1>;
-  static Logs logs(const Point& p) {
-    Logs x;
-    for (int i = 0; i < kKeys; ++i) x[i] = std::log(get_key(*p.gap, kGapKeys[i]));
+  static std::vector<std::string> keys(const Effect& shaft) {
+    std::vector<std::string> names = {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"};
+    if (shaft.kind() == "backlash") names.push_back("gap_rad");
+    return names;
+  }
+  static Eigen::VectorXd logs(const Point& p) {
+    const std::vector<std::string> names = keys(*p.shaft);
+    Eigen::VectorXd x(static_cast<Eigen::Index>(names.size()));
+    for (std::size_t i = 0; i < names.size(); ++i)
+      x[static_cast<Eigen::Index>(i)] = std::log(std::max(1e-12, get_key(*p.shaft, names[i])));
     return x;
   }
-  Point at(const Logs& x) const {
-    std::shared_ptr<Effect> gap = make_effect("backlash");
-    for (int i = 0; i < kKeys; ++i) set_key(*gap, kGapKeys[i], std::exp(x[i]));
-    return at(std::move(gap));
+  Point at(const Point& like, const Eigen::VectorXd& x) const {
+    std::shared_ptr<Effect> shaft = like.shaft->clone();
+    const std::vector<std::string> names = keys(*shaft);
+    for (std::size_t i = 0; i < names.size(); ++i)
+      set_key(*shaft, names[i], std::exp(x[static_cast<Eigen::Index>(i)]));
+    return at(std::move(shaft));
   }
 
   const Chain& chain_;
@@ -97,22 +105,30 @@ class GapSearch {
 
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect) {
-  if (effect->kind() != "load_step") return effect;
-  std::shared_ptr<Effect> best = effect;
   const Chain& chain = fitter.chain();
-  for (double step = 0.02; step > 2e-4; step /= 5) {
-    std::vector<Candidate> moments;
+  if (effect->kind() == "torsion") {
+    const ShaftSearch search(chain, fitter.start(with(now.members, nullptr)));
+    const ShaftSearch::Point found = search.descend(search.at(effect), kTriedTorsion);
+    const auto rss = [&](const auto& e) { return fitter.start(with(now.members, e)).rss; };
+    return rss(found.shaft) < rss(effect) ? found.shaft : effect;
+  }
+  if (effect->kind() != "load_step") return effect;
+  // Where it stands in a held-out block only that block shows the moment.
+  const auto all = [&](const Sampled& a, const Sampled& b) {
+    return fitter.training().dot(a, b) + fitter.held_out().dot(a, b);
+  };
+  std::shared_ptr<Effect> best = effect, next = effect;
+  for (double step = 0.08; step > 2e-4; step /= 5) {
     const double t = get_key(*best, "time_s");
+    double gain = 0;
     for (int j = -6; j <= 6; ++j) {
-      Candidate moment{.effect = best->clone(), .columns = {}};
-      set_key(*moment.effect, "time_s", t + j * step);
-      for (const Sampled& x : chain.columns(*moment.effect))
-        moment.columns.push_back(chain.regressor(x));
-      moments.push_back(std::move(moment));
+      const std::shared_ptr<Effect> moment = best->clone();
+      set_key(*moment, "time_s", t + j * step);
+      const Sampled x = chain.regressor(chain.columns(*moment)[0]);
+      const double b = all(x, now.y), A = all(x, x);
+      if (b * b > gain * A) gain = b * b / A, next = moment;
     }
-    double gain = -1e300;
-    for (const Score& s : score_all(fitter, now, moments))
-      if (s.effect && s.gain > gain) gain = s.gain, best = s.effect;
+    best = next;
   }
   return best;
 }
@@ -120,8 +136,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft) {
   if (shaft.rss < kRough * static_cast<double>(fitter.training().count(shaft.y))) return shaft;
   const Effect& torsion = *shaft.members.back();
-  const GapSearch search(fitter.chain(), fitter.start(with(now.members, nullptr)));
-  std::vector<GapSearch::Point> grid;
+  const ShaftSearch search(fitter.chain(), fitter.start(with(now.members, nullptr)));
+  std::vector<ShaftSearch::Point> grid;
   for (double gap_rad : {0.005, 0.01, 0.018, 0.028})
     for (double stiffer : {1.2, 1.8, 2.7})
       for (double share : {0.35, 0.5, 0.7, 1.0}) {
@@ -135,13 +151,13 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft) {
   const auto better = [](const auto& a, const auto& b) { return a.error < b.error; };
   std::partial_sort(grid.begin(), grid.begin() + kStarts, grid.end(), better);
   grid.resize(kStarts);
-  for (GapSearch::Point& p : grid) p = search.descend(p, kTriedFirst);
+  for (ShaftSearch::Point& p : grid) p = search.descend(p, kTriedFirst);
   std::partial_sort(grid.begin(), grid.begin() + kFinalists, grid.end(), better);
   Fit best;
   best.rss = 1e300;
   for (int j = 0; j < kFinalists; ++j) {
-    const GapSearch::Point p = search.descend(grid[static_cast<std::size_t>(j)], kTriedLast);
-    Fit fit = fitter.refine(with(now.members, p.gap));
+    const ShaftSearch::Point p = search.descend(grid[static_cast<std::size_t>(j)], kTriedLast);
+    Fit fit = fitter.refine(with(now.members, p.shaft));
     if (fit.rss < best.rss) best = std::move(fit);
   }
   return best;

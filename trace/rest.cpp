@@ -13,9 +13,10 @@ namespace twinrate {
 namespace {
 
 constexpr int kBins = 24;
-constexpr double kSmallestVoltage = 2e-4;  // of the bus voltage, rms of the means
-constexpr double kChance = 1e-9;           // of noise making such means
-constexpr double kLeastShare = 0.04;       // of the residual's power: less is too small to draw
+constexpr double kSmallestVoltage = 2e-4;   // of the bus voltage, rms of the means
+constexpr double kChance = 1e-9;            // of noise making such means
+constexpr double kLeastBesideShaft = 0.15;  // impacts are never met to the last bit
+constexpr double kLeastShare = 0.04;        // of the residual's power: less is too small to draw
 
 struct Axis {
   const char* regressor;
@@ -72,6 +73,10 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       {"direction", [](const OperatingPoint& p) { return p.omega_m > 0 ? 1.0 : -1.0; }},
   };
   const Sampled physical = chain.residual(fit.effects());
+  ShaftFacts shaft;
+  for (const auto& m : fit.members) m->describe_shaft(shaft);
+  const double least = (shaft.J_load > 0 ? kLeastBesideShaft : kLeastShare) +
+                       fit.doubt / std::max(1e-300, fit.raw_held_out);
   const auto look = [&](const Eigen::VectorXd& e, const Eigen::VectorXd& e_physical,
                         const Runs& runs, const char* equation, const char* what,
                         const char* channel, double smallest) {
@@ -82,7 +87,7 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       for (std::size_t row : runs.row) x.push_back(axis.of(points[row]));
       double size = 0;
       const double share = explained_share(e, e_physical, x, size);
-      if (share < kLeastShare || share <= best.share || size < smallest) continue;
+      if (share < least || share <= best.share || size < smallest) continue;
       best = {
           .regressor = axis.regressor, .share = share, .equation = equation, .channel = channel};
       best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", what, axis.regressor,

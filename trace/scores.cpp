@@ -37,6 +37,7 @@ std::size_t parameters_of(const Effect& effect) {
 }  // namespace
 
 double score_of(const Fitter& fitter, const Fit& fit) {
+  if (!(fit.rss > 0)) return 1e300;  // more noise taken off than there is
   const double N = static_cast<double>(fitter.training().count(fit.y));
   std::size_t k = 0;
   for (const auto& m : fit.members) k += parameters_of(*m);
@@ -78,15 +79,19 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     const std::vector<char> use = normal.usable(N);
     if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
     const Eigen::VectorXd x = normal.solve(use);
-    double noise_change = 0;
+    NoiseEnergy change;
+    const auto brings = [&](double factor, const Sampled& u, const Sampled& v) {
+      const NoiseEnergy e = rows.noise_energy(u, v);
+      change.electrical += factor * e.electrical;
+      change.torque += factor * e.torque;
+    };
     for (Eigen::Index c = 0; c < g; ++c) {
       const Sampled& column = candidate.columns[c];
-      noise_change -= 2 * x[P + c] * rows.noise(column, fit.y);
+      brings(-2 * x[P + c], column, fit.y);
       for (Eigen::Index e = 0; e < g; ++e)
-        noise_change += x[P + c] * x[P + e] * rows.noise(column, candidate.columns[e]);
+        brings(x[P + c] * x[P + e], column, candidate.columns[e]);
     }
-    const double rss =
-        fit.rss - 2 * x.dot(normal.b) + x.dot(normal.A * x) + kNoiseDoubt * std::abs(noise_change);
+    const double rss = fit.rss - 2 * x.dot(normal.b) + x.dot(normal.A * x) + NoiseDoubt::of(change);
     if (!(rss > 0)) continue;
     Score& score = scores[i];
     score.effect = candidate.effect->clone();

@@ -14,8 +14,9 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostMembers = 12;
-constexpr std::size_t kMostTried = 3;             // kinds refined at each step
-constexpr double kSupport = 0.3;                  // of a gain, that the error itself must show
+constexpr std::size_t kMostTried = 3;  // kinds refined at each step
+constexpr double kSupport = 0.3;       // of a gain, that the error itself must show
+constexpr double kGap = 0.02;          // of a shaft's gain: what a gap in it must bring besides
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
@@ -73,7 +74,8 @@ class Selector {
   }
 
   bool acceptable(const Fit& next, const Fit& now) const {
-    return next.valid && next.rss_held_out < now.rss_held_out &&
+    const double gain = now.rss_held_out - next.rss_held_out;
+    return next.valid && gain > now.doubt &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
            !crumb(next, now);
   }
@@ -119,7 +121,8 @@ class Selector {
     if (best.members.back()->kind() == "torsion") {
       Fit gap = search_backlash(fitter_, now, best);
       if (say_) say_(fmt::format("  instead of the shaft: {}", describe(*gap.members.back())));
-      if (acceptable(gap, now) && score_of(fitter_, gap) < score_of(fitter_, best))
+      const double more = score_of(fitter_, best) - score_of(fitter_, gap);
+      if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * best_gain))
         best = std::move(gap);
     }
     selection_.fit = std::move(best);
