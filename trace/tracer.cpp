@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <numeric>
 
 #include "trace/conclude.hpp"
 #include "trace/noise.hpp"
@@ -42,8 +43,28 @@ std::vector<char> held_out_rows(const Record& record, double share) {
   std::vector<char> held(record.size(), 0);
   if (share <= 0) return held;
   const int every = std::max(2, static_cast<int>(std::lround(1 / share)));
-  for (std::size_t k = 0; k < held.size(); ++k)
-    held[k] = static_cast<int>(kBlocks * k / held.size()) % every == every - 1;
+  const auto set_of = [&](std::size_t k) {
+    return static_cast<std::size_t>(kBlocks * k / held.size()) % static_cast<std::size_t>(every);
+  };
+  // Of the ways to take every n-th block, the one that sees the most even part of what the drive
+  // does: of its acceleration and of its current.
+  std::vector<double> motion(static_cast<std::size_t>(every), 1e-12), current = motion;
+  constexpr std::size_t kReach = 20;  // rows
+  for (std::size_t k = kReach; k + kReach < held.size(); ++k) {
+    const double bend =
+        record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
+    if (record.motion_ok[k]) motion[set_of(k)] += bend * bend;
+    if (record.electrical_ok[k] && !record.i_alphabeta.empty())
+      current[set_of(k)] += record.i_alphabeta[k].squaredNorm();
+  }
+  const auto uneven = [&](const std::vector<double>& x, std::size_t set) {
+    return std::abs(std::log(every * x[set] / std::accumulate(x.begin(), x.end(), 0.0)));
+  };
+  std::size_t best = 0;
+  for (std::size_t set = 1; set < motion.size(); ++set)
+    if (uneven(motion, set) + uneven(current, set) < uneven(motion, best) + uneven(current, best))
+      best = set;
+  for (std::size_t k = 0; k < held.size(); ++k) held[k] = set_of(k) == best;
   return held;
 }
 
