@@ -27,6 +27,9 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
   }
 }
 
+// Energy of a regressor over that of its noise: with less it says nothing.
+constexpr double kLeastElectrical = 3, kLeastTorque = 2;
+
 // Impacts come at other moments where there is more noise: the difference is no noise.
 bool has_gap(const Effect& effect) {
   ShaftFacts shaft;
@@ -102,14 +105,14 @@ Sampled Chain::whitened(const Sampled& s) const {
 
 Sampled Chain::regressor(const Sampled& column) const {
   Sampled w = whitened(column);
-  const auto mute = [](Eigen::VectorXd& value, Eigen::VectorXd& noise) {
-    if (!noise.size() || value.squaredNorm() > (1 + kLeastSignal) * noise.squaredNorm()) return;
+  const auto mute = [](Eigen::VectorXd& value, Eigen::VectorXd& noise, double least) {
+    if (!noise.size() || value.squaredNorm() > (1 + least) * noise.squaredNorm()) return;
     value.setZero();
     noise.setZero();
   };
-  mute(w.d, w.noise_d);
-  mute(w.q, w.noise_q);
-  mute(w.torque, w.noise_torque);
+  mute(w.d, w.noise_d, kLeastElectrical);
+  mute(w.q, w.noise_q, kLeastElectrical);
+  mute(w.torque, w.noise_torque, kLeastTorque);
   return w;
 }
 

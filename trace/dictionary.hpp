@@ -26,9 +26,6 @@ struct NoiseModel {
   double scale_d = 1, scale_q = 1, scale_torque = 1;
 };
 
-// Energy of a regressor over that of its noise: with less it says nothing.
-inline constexpr double kLeastSignal = 1.5;
-
 struct Candidate {
   std::shared_ptr<Effect> effect;
   std::vector<Sampled> columns;

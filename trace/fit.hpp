@@ -11,7 +11,7 @@ namespace twinrate {
 // noise larger or smaller has to bring more than this share of it. The controller's answer to noise
 // of the currents is known less well than the noise of an encoder.
 struct NoiseDoubt {
-  static constexpr double kElectrical = 0.3, kTorque = 0.05;
+  static constexpr double kElectrical = 0.3, kTorque = 0.1;
   static double of(const NoiseEnergy& change) {
     return kElectrical * std::abs(change.electrical) + kTorque * std::abs(change.torque);
   }

@@ -11,7 +11,8 @@ namespace twinrate {
 namespace {
 
 constexpr Eigen::Index kMostRows = 4000;
-constexpr double kQuiet = 0.75;  // share of the record that counts as noise alone
+constexpr double kResonance = 0.5;  // of the noise: what shafts must leave of it to be believed
+constexpr double kQuiet = 0.75;     // share of the record that counts as noise alone
 
 // What every candidate together cannot explain of one channel: noise.
 Eigen::VectorXd unexplained(const Eigen::VectorXd& y,
@@ -124,7 +125,7 @@ bool may_mimic_noise(const Effect& effect) {
        {"inductance", "saturation", "cross_saturation", "inertia", "voltage_gain", "current_gain",
         "iron_loss", "encoder_eccentricity"})
     if (effect.kind() == kind) return true;
-  return effect.regressor_count() == 0 && effect.kind() != "torsion";
+  return effect.regressor_count() == 0;
 }
 
 // A column that does not hold that noise, to estimate it from.
@@ -182,8 +183,10 @@ Record add_noise(const Record& record, const DriveFacts& facts, const std::vecto
 }
 
 NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dictionary) {
-  std::vector<const Eigen::VectorXd*> d, q, torque;
+  std::vector<const Eigen::VectorXd*> d, q, torque, shafts;
   for (const Candidate& c : dictionary.sampled) {
+    if (c.effect->kind() == "torsion" && is_clean(c.columns[0].torque, c.columns[0].noise_torque))
+      shafts.push_back(&c.columns[0].torque);
     if (may_mimic_noise(*c.effect)) continue;
     for (const Sampled& x : c.columns) {
       if (is_clean(x.d, x.noise_d)) d.push_back(&x.d);
@@ -191,8 +194,12 @@ NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dic
       if (is_clean(x.torque, x.noise_torque)) torque.push_back(&x.torque);
     }
   }
-  const Eigen::VectorXd noise_d = unexplained(y.d, d), noise_q = unexplained(y.q, q),
-                        noise_torque = unexplained(y.torque, torque);
+  const Eigen::VectorXd noise_d = unexplained(y.d, d), noise_q = unexplained(y.q, q);
+  Eigen::VectorXd noise_torque = unexplained(y.torque, torque);
+  // A resonance passes for noise; but many shafts together pass for anything.
+  shafts.insert(shafts.end(), torque.begin(), torque.end());
+  const Eigen::VectorXd less_shafts = unexplained(y.torque, shafts);
+  if (less_shafts.norm() < kResonance * noise_torque.norm()) noise_torque = less_shafts;
   const Sampler& sampler = chain.sampler();
   NoiseModel noise;
   const auto whitener = [](const Eigen::VectorXd& x, const Runs& runs) {

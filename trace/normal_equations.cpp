@@ -24,7 +24,7 @@ Eigen::MatrixXd scaled(const Eigen::MatrixXd& A, const std::vector<char>& use,
 std::vector<char> NormalEquations::usable(double rows) const {
   std::vector<char> use(static_cast<std::size_t>(b.size()));
   for (Eigen::Index i = 0; i < b.size(); ++i)
-    use[static_cast<std::size_t>(i)] = A(i, i) > 1e-12 * rows && A(i, i) > kLeastSignal * noise[i];
+    use[static_cast<std::size_t>(i)] = A(i, i) > 1e-12 * rows && A(i, i) > noise[i];
   return use;
 }
 

@@ -77,7 +77,16 @@ class Selector {
     const double gain = now.rss_held_out - next.rss_held_out;
     return next.valid && gain > now.doubt &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
-           !crumb(next, now);
+           !crumb(next, now) && rings(*next.members.back());
+  }
+
+  // A shaft worth the name: its resonance is in the tracer's band and lightly damped.
+  static bool rings(const Effect& effect) {
+    constexpr double kHighest = 120, kMostDamping = 0.35;
+    ShaftFacts s;
+    if (!effect.describe_shaft(s)) return true;
+    return std::sqrt(s.stiffness / s.J_load) < kTwoPi * kHighest &&
+           s.damping < 2 * kMostDamping * std::sqrt(s.stiffness * s.J_load);
   }
 
   // A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
