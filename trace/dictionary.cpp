@@ -16,6 +16,23 @@ std::vector<double> times_of(const Record& record) {
   return times;
 }
 
+// A late signal shows where it turns or jumps. Where it does neither, all that changes is noise and
+// the controller's answer to it, which belong to the residual's own.
+bool moves(const std::vector<Vec2>& x, const std::vector<char>& ok) {
+  constexpr double kLeast = 0.02;
+  constexpr std::size_t kMean = 10;  // rows
+  double moved = 0, noise = 0;
+  for (std::size_t k = 2 * kMean; k + 2 * kMean < x.size(); ++k) {
+    if (!ok[k]) continue;
+    noise += (x[k + 2] - 4 * x[k + 1] + 6 * x[k] - 4 * x[k - 1] + x[k - 2]).squaredNorm() / 35;
+    if (k % kMean != 0) continue;
+    Vec2 later = Vec2::Zero(), sooner = Vec2::Zero();
+    for (std::size_t j = 1; j <= kMean; ++j) later += x[k + j], sooner += x[k - j];
+    moved += (later - sooner).squaredNorm() / (kMean * kMean * kMean);
+  }
+  return moved > kLeast * noise;
+}
+
 // Calls f for every point of the grids, with the keys set.
 void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t index,
                const std::function<void()>& f) {
@@ -119,6 +136,9 @@ Sampled Chain::regressor(const Sampled& column) const {
 std::vector<Candidate> make_candidates(const Chain& chain) {
   const Equations& equations = chain.equations();
   std::vector<Candidate> candidates;
+  const Record& record = equations.record();
+  const bool u_moves = moves(record.u_alphabeta, record.electrical_ok),
+             i_moves = moves(record.i_alphabeta, record.electrical_ok);
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
@@ -132,6 +152,9 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     over_grid(*effect, keys, 0, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (!at_grid->prepare(equations.facts()).empty()) return;
+      const int acts = at_grid->acts_on();
+      if (kind == "signal_lag" && acts == kOnVoltage && !u_moves) return;
+      if (kind == "signal_lag" && acts == kOnCurrents && !i_moves) return;
       Candidate candidate{.effect = at_grid, .columns = {}};
       if (at_grid->regressor_count() == 0) {
         candidate.columns.push_back(chain.contribution(*at_grid));

@@ -11,7 +11,7 @@ namespace twinrate {
 namespace {
 
 constexpr Eigen::Index kMostRows = 4000;
-constexpr double kResonance = 0.5;  // of the noise: what shafts must leave of it to be believed
+constexpr double kResonance = 0.7;  // of the noise: what shafts must leave of it to be believed
 constexpr double kQuiet = 0.75;     // share of the record that counts as noise alone
 
 // What every candidate together cannot explain of one channel: noise.
@@ -49,7 +49,14 @@ Eigen::VectorXd unexplained(const Eigen::VectorXd& y,
                                                      X.transpose() * gather(y));
   Eigen::VectorXd left = y;
   for (Eigen::Index i = 0; i < p; ++i) left -= c[i] * *x[static_cast<std::size_t>(i)];
-  return left * std::sqrt(static_cast<double>(n) / static_cast<double>(n - p));
+  left *= std::sqrt(static_cast<double>(n) / static_cast<double>(n - p));
+  // Between the pieces fitted the columns may say anything.
+  for (Eigen::Index first = 0; first < y.size(); first += kPiece) {
+    const Eigen::Index count = std::min(kPiece, y.size() - first);
+    if (left.segment(first, count).norm() > y.segment(first, count).norm())
+      left.segment(first, count) = y.segment(first, count);
+  }
+  return left;
 }
 
 Runs first_runs(const Runs& runs, Eigen::Index n) {

@@ -8,8 +8,6 @@
 namespace twinrate {
 namespace {
 
-constexpr double kRough = 1.15;  // of a row's power: more is not noise
-
 constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 100, kFinalists = 2, kTriedTorsion = 50;
 constexpr Eigen::Index kPiece = 64;  // outputs
 constexpr double kFirstStep = 0.15;  // of the logarithm of a key
@@ -133,21 +131,20 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   return best;
 }
 
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft) {
-  if (shaft.rss < kRough * static_cast<double>(fitter.training().count(shaft.y))) return shaft;
-  const Effect& torsion = *shaft.members.back();
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Members& torsions) {
   const ShaftSearch search(fitter.chain(), fitter.start(with(now.members, nullptr)));
   std::vector<ShaftSearch::Point> grid;
-  for (double gap_rad : {0.005, 0.01, 0.018, 0.028})
-    for (double stiffer : {1.2, 1.8, 2.7})
-      for (double share : {0.35, 0.5, 0.7, 1.0}) {
-        const std::shared_ptr<Effect> gap = make_effect("backlash");
-        set_key(*gap, "gap_rad", gap_rad);
-        set_key(*gap, "J_load_kgm2", share * get_key(torsion, "J_load_kgm2"));
-        set_key(*gap, "stiffness_Nm_rad", stiffer * get_key(torsion, "stiffness_Nm_rad"));
-        set_key(*gap, "damping_Nms_rad", get_key(torsion, "damping_Nms_rad"));
-        grid.push_back(search.at(gap));
-      }
+  for (const std::shared_ptr<Effect>& torsion : torsions)
+    for (double gap_rad : {0.005, 0.01, 0.018, 0.028})
+      for (double stiffer : {1.2, 1.8, 2.7, 4.0})
+        for (double share : {0.35, 0.5, 0.7, 1.0}) {
+          const std::shared_ptr<Effect> gap = make_effect("backlash");
+          set_key(*gap, "gap_rad", gap_rad);
+          set_key(*gap, "J_load_kgm2", share * get_key(*torsion, "J_load_kgm2"));
+          set_key(*gap, "stiffness_Nm_rad", stiffer * get_key(*torsion, "stiffness_Nm_rad"));
+          set_key(*gap, "damping_Nms_rad", get_key(*torsion, "damping_Nms_rad"));
+          grid.push_back(search.at(gap));
+        }
   const auto better = [](const auto& a, const auto& b) { return a.error < b.error; };
   std::partial_sort(grid.begin(), grid.begin() + kStarts, grid.end(), better);
   grid.resize(kStarts);

@@ -11,9 +11,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect);
 
 // A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
-// the error rough in the parameters: backlash in the place of the torsion that is `shaft`'s last
-// member, searched on a grid around it, then by simplex. `shaft` itself where that leaves no more
-// than noise.
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Fit& shaft);
+// the error rough in the parameters: backlash in the place of a shaft, searched on grids around
+// `torsions`, then by simplex.
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Members& torsions);
 
 }  // namespace twinrate

@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kSupport = 0.3;       // of a gain, that the error itself must show
-constexpr double kGap = 0.02;          // of a shaft's gain: what a gap in it must bring besides
+constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
@@ -100,6 +100,18 @@ class Selector {
                                    kLeast * (fitter_.raw_held_out() - now.raw_held_out);
   }
 
+  // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion refined from `on_grid`,
+  // where that is better. A gap makes the torsion that comes nearest overdamped.
+  void look_for_gap(const std::shared_ptr<Effect>& on_grid, const Fit& now, Fit& shaft) const {
+    const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
+    if (gain < fitter_.margin() || shaft.rss_held_out > now.rss_held_out) return;
+    Fit gap = search_backlash(fitter_, now, {shaft.members.back(), on_grid});
+    if (say_) say_(fmt::format("  with a gap: {}", describe(*gap.members.back())));
+    const double more = score_of(fitter_, shaft) - score_of(fitter_, gap);
+    if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * gain))
+      shaft = std::move(gap);
+  }
+
   bool add_one() {
     const Fit& now = selection_.fit;
     const double score_now = score_of(fitter_, now);
@@ -113,6 +125,7 @@ class Selector {
       if (!best.members.empty() && s.gain < near * first_gain) continue;
       ++tried;
       Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)));
+      if (s.effect->kind() == "torsion") look_for_gap(s.effect, now, next);
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(next, now);
       if (say_)
@@ -127,13 +140,6 @@ class Selector {
       }
     }
     if (best.members.empty()) return false;
-    if (best.members.back()->kind() == "torsion") {
-      Fit gap = search_backlash(fitter_, now, best);
-      if (say_) say_(fmt::format("  instead of the shaft: {}", describe(*gap.members.back())));
-      const double more = score_of(fitter_, best) - score_of(fitter_, gap);
-      if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * best_gain))
-        best = std::move(gap);
-    }
     selection_.fit = std::move(best);
     return added_ = true;
   }

@@ -55,7 +55,7 @@ class Backlash final : public Effect {
             {"stiffness_Nm_rad", stiffness},
             {"damping_Nms_rad", {5 * J_}}};
   }
-  double materiality(const DriveFacts&) const override { return shaft_.gap / 1e-3; }
+  double materiality(const DriveFacts&) const override { return shaft_.gap / 2.5e-3; }
 
  private:
   ShaftFacts shaft_{.stiffness = 1};
