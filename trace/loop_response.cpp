@@ -11,6 +11,7 @@ constexpr std::size_t kMostRows = 20000, kFewestRows = 800;
 constexpr double kUnstable = 30;   // sizes of the noise that the loop must not make of it
 constexpr double kForget_s = 0.2;  // of the motion: slower is for the speed controller
 constexpr double kRidge = 1e-6;
+constexpr double kRounding = 1e-9;  // V, A, rad: what moves less does not move
 
 // Rows of which the last `before` and this one can be used, spread over the record.
 std::vector<std::size_t> usable_rows(const Record& record, int before) {
@@ -71,7 +72,8 @@ LoopResponse::LoopResponse(const Record& record, const MachineParameters& machin
       Z.row(r) = inputs(k, axis, u, x, y).transpose();
       answer[r] = u[k][axis];
     }
-    const Eigen::VectorXd size = Z.colwise().norm().cwiseMax(1e-300);
+    const double floor = kRounding * std::sqrt(static_cast<double>(Z.rows()));
+    const Eigen::VectorXd size = Z.colwise().norm().cwiseMax(floor);
     Z *= size.cwiseInverse().asDiagonal();
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(kInputs, kInputs);
     A.selfadjointView<Eigen::Lower>().rankUpdate(Z.transpose());

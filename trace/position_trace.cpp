@@ -415,9 +415,10 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
   const std::string of =
       judge.by_speed() ? fmt::format("of the speed's change over {:.3g} ms", 1e3 * judge.horizon())
                        : std::string("of the holding current");
-  return fmt::format("{}{}; error {} on {} data {:.3g} -> {:.3g} {} (no change: {:.3g})",
-                     parts.empty() ? "Nothing is missing" : "Found ", fmt::join(parts, ", "), of,
-                     unseen ? "unseen" : "training", before, after, e.unit, e.no_change);
+  return fmt::format(
+      "{}{}; the error {} on {} data falls from {:.3g} to {:.3g} {} (no change: {:.3g}).",
+      parts.empty() ? "Nothing is missing" : "The model lacks ", fmt::join(parts, ", "), of,
+      unseen ? "unseen" : "training", before, after, e.unit, e.no_change);
 }
 
 }  // namespace
@@ -478,8 +479,12 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   r.verdict = !r.effects.empty()     ? "traced"
               : !r.ambiguous.empty() ? "ambiguous"
                                      : "nothing_missing";
-  if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) r.verdict = "cannot_tell";
   r.sentence = sentence(r, found, judge);
+  if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) {
+    r.verdict = "ambiguous";
+    r.sentence = fmt::format(
+        "Cannot tell: the sweep covers {:.2f} of a turn; a whole one is needed.", turns);
+  }
   return r;
 }
 

@@ -142,7 +142,7 @@ std::string what_separates(const std::vector<std::string>& kinds) {
   if (has("viscous_friction") || has("coulomb_friction") || has("stribeck_friction") ||
       has("fan_load") || has("constant_load") || has("iron_loss"))
     return "constant speeds from standstill to rated speed in both directions";
-  return "a run that varies speed, load and i_d independently (twinrate trace --plan)";
+  return "a run that varies speed, load and i_d independently";
 }
 
 }  // namespace twinrate

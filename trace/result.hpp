@@ -102,7 +102,7 @@ struct TracePicture {
 };
 
 struct TraceResult {
-  std::string verdict;   // traced, nothing_missing, unexplained, ambiguous, cannot_tell
+  std::string verdict;   // traced, nothing_missing, unexplained, ambiguous
   std::string sentence;  // the verdict for people
   std::vector<std::string> sources, held_out_sources;
   std::vector<std::string> health;  // what the samples themselves show, one line each

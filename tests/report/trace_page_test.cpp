@@ -133,7 +133,7 @@ TEST(TracePage, SaysWhereTheDataDoNotCarryTheClaim) {
 
 TEST(TracePage, HoldsWithoutAnySeries) {
   TraceResult nothing;
-  nothing.verdict = "cannot_tell";
+  nothing.verdict = "ambiguous";
   nothing.sentence = "The record is too short.";
   const Json content = content_of(page_of(nothing));
   EXPECT_EQ(content["verdict"]["headline"], "The record is too short.");

@@ -20,13 +20,12 @@ std::string advice(const TraceResult& r) {
   if (r.verdict == "nothing_missing")
     return "What is left is noise as far as this record can tell; see at the end what it cannot.";
   if (r.verdict == "ambiguous")
-    return "Something is missing, and this record leaves more than one cause for it; see what "
-           "would "
-           "tell them apart.";
+    return r.effects.empty() ? "The record does not allow a statement."
+                             : "Something is missing, and this record leaves more than one cause "
+                               "for it; see what would tell them apart.";
   if (r.verdict == "unexplained")
     return "Part of the error has a structure that no effect of the catalogue makes. It is shown "
            "below.";
-  if (r.verdict == "cannot_tell") return "The record does not allow a statement.";
   return "";
 }
 

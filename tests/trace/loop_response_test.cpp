@@ -1,0 +1,103 @@
+#include "trace/loop_response.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/random.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kT_s = 1e-4, kGain = 20;  // s, V/A
+constexpr std::size_t kRows = 30000, kMean = 12;
+
+MachineParameters winding() {
+  MachineParameters m;
+  m.n_p = 3;
+  m.R_s = 1.05;
+  m.L_d = m.L_q = 12.7e-3;
+  m.psi_f = 0.25;
+  m.J = 1e3;  // the rotor does not answer
+  return m;
+}
+
+std::vector<Vec2> noise(std::uint64_t seed) {
+  std::vector<Vec2> n;
+  for (std::size_t k = 0; k < kRows; ++k)
+    n.push_back(0.01 * Vec2(normal(seed, 0, k), normal(seed, 1, k)));
+  return n;
+}
+
+// A drive that holds zero current with a proportional controller, one sample late, and sees noise.
+Record noisy_drive(double gain) {
+  const MachineParameters m = winding();
+  const std::vector<Vec2> n = noise(7);
+  Record r;
+  r.T_s = kT_s;
+  Vec2 i = Vec2::Zero(), before = Vec2::Zero();
+  for (std::size_t k = 0; k < kRows; ++k) {
+    const Vec2 u = -gain * before;
+    before = n[k] + i;
+    const double theta_m = 1e-4 * static_cast<double>(k), theta_e = m.n_p * theta_m;
+    r.t.push_back(kT_s * static_cast<double>(k));
+    r.theta_m.push_back(theta_m);
+    r.i_alphabeta.push_back(inverse_park(before, theta_e));
+    r.u_alphabeta.push_back(inverse_park(u, theta_e));
+    i += kT_s / m.L_d * (u - m.R_s * i);
+  }
+  r.electrical_ok.assign(kRows, 1);
+  r.motion_ok.assign(kRows, 1);
+  return r;
+}
+
+// Of means over kMean rows: what is left below the controller's bandwidth.
+double slow_rms(const std::vector<Vec2>& x) {
+  double sum = 0, count = 0;
+  for (std::size_t first = 100; first + kMean < x.size(); first += kMean) {
+    Vec2 mean = Vec2::Zero();
+    for (std::size_t j = 0; j < kMean; ++j) mean += x[first + j] / static_cast<double>(kMean);
+    sum += mean.squaredNorm();
+    ++count;
+  }
+  return std::sqrt(sum / count);
+}
+
+std::vector<Vec2> added(const Record& before, const SensorNoise& noise) {
+  Record after = before;
+  LoopResponse(before, winding()).add(noise, after);
+  std::vector<Vec2> x;
+  for (std::size_t k = 0; k < before.size(); ++k)
+    x.push_back(after.i_alphabeta[k] - before.i_alphabeta[k]);
+  return x;
+}
+
+TEST(LoopResponse, MakesNoiseAsQuietAsTheControllerDoes) {
+  const Record r = noisy_drive(kGain);
+  const SensorNoise n{.i_alphabeta = noise(8), .theta_m = std::vector<double>(kRows, 0.0)};
+  const double recorded = slow_rms(r.i_alphabeta);
+  EXPECT_LT(recorded, 0.8 * slow_rms(n.i_alphabeta));  // the loop matters
+  EXPECT_NEAR(slow_rms(added(r, n)), recorded, 0.06 * recorded);
+}
+
+TEST(LoopResponse, LeavesNoiseAloneInAnOpenLoop) {
+  Record r = noisy_drive(0);
+  for (std::size_t k = 0; k < kRows; ++k)  // a voltage that knows nothing of the currents
+    r.u_alphabeta[k] = {normal(9, 0, k), normal(9, 1, k)};
+  const SensorNoise n{.i_alphabeta = noise(8), .theta_m = std::vector<double>(kRows, 0.0)};
+  EXPECT_NEAR(slow_rms(added(r, n)), slow_rms(n.i_alphabeta), 0.05 * slow_rms(n.i_alphabeta));
+}
+
+// A gain beyond the stable one cannot be what the drive did: the noise alone is added.
+TEST(LoopResponse, FallsBackToTheNoiseWhereTheLoopIsNotStable) {
+  Record r = noisy_drive(kGain);
+  for (std::size_t k = 1; k < kRows; ++k) r.u_alphabeta[k] = -3000 * r.i_alphabeta[k - 1];
+  const SensorNoise n{.i_alphabeta = noise(8), .theta_m = std::vector<double>(kRows, 0.0)};
+  const std::vector<Vec2> x = added(r, n);
+  for (std::size_t k = 0; k < kRows; ++k)
+    ASSERT_NEAR((x[k] - n.i_alphabeta[k]).norm(), 0, 1e-12) << k;
+}
+
+}  // namespace
+}  // namespace twinrate
