@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <fstream>
-#include <memory>
 
 #include "core/config.hpp"
 
@@ -24,17 +23,30 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-bool is_regular_file(const std::string& path) {
+constexpr unsigned kBlock = 1 << 18;  // bytes
+
+// Throws BadInput where there is no such file.
+std::int64_t size_of_file(const std::string& path) {
   struct stat info {};
-  return stat(path.c_str(), &info) == 0 && S_ISREG(info.st_mode);
+  if (stat(path.c_str(), &info) != 0 || !S_ISREG(info.st_mode))
+    throw BadInput(fmt::format("{}: no such file", path));
+  return info.st_size;
 }
 
 }  // namespace
 
+void CsvReader::CloseFile::operator()(gzFile_s* file) const {
+  gzclose(file);
+}
+
 CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
     : path_(path), format_(format) {
-  load();
-  if (text_.starts_with("\xEF\xBB\xBF")) position_ = 3;
+  bytes_stored_ = size_of_file(path_);
+  file_.reset(gzopen(path_.c_str(), "rb"));
+  if (!file_) throw BadInput(fmt::format("{}: cannot be read", path_));
+  gzbuffer(file_.get(), kBlock);
+  fill();
+  if (block_.starts_with("\xEF\xBB\xBF")) position_ = 3;
   std::string_view skipped;
   for (int i = 0; i < format_.skip; ++i) take_line(skipped);
   find_next();
@@ -46,52 +58,72 @@ CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
   header_line_ = line_;
 }
 
-void CsvReader::load() {
-  if (!is_regular_file(path_)) throw BadInput(fmt::format("{}: no such file", path_));
-  const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path_.c_str(), "rb"), gzclose);
-  if (!file) throw BadInput(fmt::format("{}: cannot be read", path_));
-  gzbuffer(file.get(), 1 << 18);
-  constexpr unsigned kBlock = 1 << 20;
-  for (int got = 1; got > 0;) {
-    const std::size_t size = text_.size();
-    text_.resize(size + kBlock);
-    got = gzread(file.get(), text_.data() + size, kBlock);
-    text_.resize(size + static_cast<std::size_t>(std::max(got, 0)));
-  }
+bool CsvReader::fill() {
+  if (ended_) return false;
+  block_begin_ += static_cast<std::int64_t>(position_);
+  block_.erase(0, position_);
+  position_ = 0;
+  const std::size_t kept = block_.size();
+  block_.resize(kept + kBlock);
+  const int got = gzread(file_.get(), block_.data() + kept, kBlock);
+  block_.resize(kept + static_cast<std::size_t>(std::max(got, 0)));
+  if (got > 0) return true;
+  ended_ = true;
   int error = Z_OK;
-  const char* what = gzerror(file.get(), &error);
+  const char* what = gzerror(file_.get(), &error);
   if (error != Z_OK && error != Z_BUF_ERROR && error != Z_STREAM_END)
     throw BadInput(fmt::format("{}; the file cannot be unpacked", what));  // names the file
-  cut_off_ = error == Z_BUF_ERROR || (!text_.empty() && text_.back() != '\n');
+  cut_off_ = error == Z_BUF_ERROR || (!block_.empty() && block_.back() != '\n');
+  return false;
 }
 
 bool CsvReader::take_line(std::string_view& line) {
-  if (position_ >= text_.size()) return false;
-  const auto end = std::min(text_.find('\n', position_), text_.size());
-  line = std::string_view(text_).substr(position_, end - position_);
-  position_ = end + 1;
+  std::size_t end = block_.find('\n', position_);
+  while (end == std::string::npos) {
+    const std::size_t looked_at = block_.size() - position_;
+    if (!fill()) break;
+    end = block_.find('\n', position_ + looked_at);
+  }
+  if (position_ >= block_.size()) return false;
+  end = std::min(end, block_.size());
+  line = std::string_view(block_).substr(position_, end - position_);
+  position_ = std::min(end + 1, block_.size());
   ++lines_taken_;
   return true;
 }
 
 void CsvReader::find_next() {
   std::string_view line;
-  while (take_line(line)) {
-    if (line.find_first_not_of(kBlanks) == std::string_view::npos) continue;
-    if (!format_.comment.empty() && line.starts_with(format_.comment)) continue;
-    next_ = line;
-    next_line_ = lines_taken_;
-    return;
+  Place place{block_begin_ + static_cast<std::int64_t>(position_), lines_taken_};
+  for (has_next_ = false; take_line(line); place.lines_before = lines_taken_) {
+    const bool comment = !format_.comment.empty() && line.starts_with(format_.comment);
+    has_next_ = !comment && line.find_first_not_of(kBlanks) != std::string_view::npos;
+    if (has_next_) break;
+    place.byte = block_begin_ + static_cast<std::int64_t>(position_);
   }
-  next_ = {};
+  next_.assign(has_next_ ? line : std::string_view());
+  next_line_ = lines_taken_;
+  next_place_ = place;
 }
 
 bool CsvReader::next(std::vector<std::string_view>& fields) {
   if (at_end()) return false;
-  split(next_, fields);
+  current_.swap(next_);
+  split(current_, fields);
   line_ = next_line_;
   find_next();
   return true;
+}
+
+void CsvReader::go_to(const Place& place) {
+  if (gzseek(file_.get(), static_cast<z_off_t>(place.byte), SEEK_SET) < 0)
+    throw BadInput(fmt::format("{}: cannot be read again; was it changed?", path_));
+  block_.clear();
+  position_ = 0;
+  block_begin_ = place.byte;
+  ended_ = cut_off_ = false;
+  lines_taken_ = place.lines_before;
+  find_next();
 }
 
 void CsvReader::split(std::string_view line, std::vector<std::string_view>& fields) const {
@@ -112,9 +144,9 @@ void CsvReader::split(std::string_view line, std::vector<std::string_view>& fiel
 }
 
 double CsvReader::share_read() const {
-  return text_.empty()
-             ? 1.0
-             : std::min(1.0, static_cast<double>(position_) / static_cast<double>(text_.size()));
+  const auto bytes = static_cast<double>(gzoffset(file_.get()));
+  return ended_ || bytes_stored_ == 0 ? 1.0
+                                      : std::min(1.0, bytes / static_cast<double>(bytes_stored_));
 }
 
 std::string file_hash(const std::string& path) {

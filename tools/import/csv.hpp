@@ -1,10 +1,13 @@
 // A CSV file (plain or gzipped) as a header and records of text fields, with line numbers for
-// messages.
+// messages. It is read block by block: a file of any length takes the memory of one block.
 #pragma once
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
+
+struct gzFile_s;  // of zlib
 
 namespace twinrate {
 
@@ -18,7 +21,8 @@ struct CsvFormat {
 
 class CsvReader {
  public:
-  // Throws BadInput: no such file, not readable, corrupt gzip stream, no header line.
+  // Throws BadInput: no such file, not readable, no header line. A corrupt gzip stream is found
+  // where it is corrupt, by next().
   CsvReader(const std::string& path, const CsvFormat& format);
 
   // Names of the columns; empty where format.header is false.
@@ -29,26 +33,42 @@ class CsvReader {
   bool next(std::vector<std::string_view>& fields);
   int line() const { return line_; }  // of the record last returned, from 1
   // True where no other record follows the one last returned.
-  bool at_end() const { return next_.data() == nullptr; }
-  // The file does not end with a line end (or its gzip stream was cut off).
+  bool at_end() const { return !has_next_; }
+  // At the end: the file does not end with a line end (or its gzip stream was cut off).
   bool cut_off() const { return cut_off_; }
   double share_read() const;
   const std::string& path() const { return path_; }
 
+  // Where the next record begins; go_to() a place of the same file and it is read again.
+  struct Place {
+    std::int64_t byte = 0;  // of the text, unpacked
+    int lines_before = 0;
+  };
+  Place place() const { return next_place_; }
+  void go_to(const Place& place);
+
  private:
-  void load();
+  bool fill();  // reads on where the block holds no whole line; false at the end of the file
   bool take_line(std::string_view& line);
   void find_next();  // the next line that is neither empty nor a comment
   void split(std::string_view line, std::vector<std::string_view>& fields) const;
 
+  struct CloseFile {
+    void operator()(gzFile_s* file) const;
+  };
   std::string path_;
   CsvFormat format_;
-  std::string text_;
-  std::size_t position_ = 0;
-  bool cut_off_ = false;
+  std::unique_ptr<gzFile_s, CloseFile> file_;
+  std::int64_t bytes_stored_ = 0;  // size of the file
+  std::string block_;              // of the text; a line that is cut at its end is read on
+  std::size_t position_ = 0;       // in the block
+  std::int64_t block_begin_ = 0;   // byte of the text at which the block begins
+  bool ended_ = false, cut_off_ = false;
   std::vector<std::string> header_;
   int header_line_ = 0, line_ = 0, lines_taken_ = 0, next_line_ = 0;
-  std::string_view next_;
+  std::string current_, next_;  // the records' text
+  Place next_place_;
+  bool has_next_ = false;
 };
 
 // 64-bit FNV-1a of a file's bytes as stored, 16 hex digits: names a source in a manifest.

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/import/map.hpp"
+#include "tools/import/row_reader.hpp"
 
 namespace twinrate {
 
@@ -25,10 +25,8 @@ struct DriveRows {
 };
 
 // Angles come out unwrapped: by `wrap` where the map gives it, by 2 pi where the file stays within
-// one turn. `map` null: the header holds canonical names. `repair`: a truncated last line and
-// repeated samples are left out and noted. Throws BadInput, one line with file:line: missing
-// column, text in a number, not finite, time not rising, fewer than kFewestRows rows, truncated
-// last line. `progress` gets the share read, now and then; it may throw.
+// one turn. Throws BadInput, one line with file:line: what RowReader does, or fewer than
+// kFewestRows rows. `progress` gets the share read, now and then; it may throw.
 DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
                           const std::function<void(double)>& progress = {});
 
@@ -38,5 +36,10 @@ inline constexpr std::size_t kFewestStaticRows = 20;
 DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair);
 // False where neither the file's header nor the map knows a time. Throws as above.
 bool holds_time(const std::string& path, const ImportMap* map);
+
+// By 2 pi where all of `theta_m` stays within one turn.
+void unwrap_turns(std::vector<double>& theta_m);
+// Throws BadInput at the reader's line.
+[[noreturn]] void fail_too_few(const RowReader& reader, std::size_t rows, std::size_t fewest);
 
 }  // namespace twinrate
