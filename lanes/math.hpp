@@ -1,10 +1,10 @@
-// sine and cosine, rounding and noise for lanes: branch-free, the same operations in
-// every lane (fused as lanes/lanes.hpp says).
+// sine and cosine, logarithm, rounding and noise for lanes: branch-free, the same operations in
+// every lane (fused as lanes/lanes.hpp says), accurate to about one unit in the last place.
 //
-//   sincos   x - k pi/2 in three parts (Cody and Waite), fdlibm's polynomials, to
-//            about one unit in the last place; |x| < 1e6
-//   normal   the same deviate as model/random.hpp from the same seed, to 1e-12: same counter
-//            generator, Box-Muller with a logarithm and a cosine that are good to 1e-13
+//   sincos   x - k pi/2 in three parts (Cody and Waite), fdlibm's polynomials; |x| < 1e6
+//   log      m 2^e with m in [sqrt(1/2), sqrt 2), fdlibm's polynomial in s = f/(2 + f); 0 < x < inf
+//   normal   the same deviate as model/random.hpp from the same seed, to about 1e-15: same counter
+//            generator, Box-Muller with the logarithm and cosine of this file
 //   round    to even, by adding and taking away 1.5 2^52; |x| < 2^51
 #pragma once
 #include "lanes/lanes.hpp"
@@ -50,22 +50,20 @@ SinCos<T> sincos(T x) {
           T::of_bits(c.bits() ^ (((quadrant + 1) & 2) << 62))};
 }
 
-// -2 log u = e (-2 log 2) - 4 artanh s with u = m 2^e, s = (m - 1)/(m + 1); the polynomial in s^2
-// is the best of its degree (Remez), 3e-14 of the result.
 template <class T>
-T minus_two_log(T u) {
+T log(T x) {
   // The top of the mantissa decides between m and m/2: both lie round 1.
-  const auto bits = u.bits() + (0x3ff0000000000000u - 0x3fe6a09e667f3bcdu);
+  const auto bits = x.bits() + (0x3ff0000000000000u - 0x3fe6a09e667f3bcdu);
   const T e = T::of_bits((bits >> 52) | 0x4330000000000000u) - (0x1p52 + 1023);
   const T m = T::of_bits((bits & 0x000fffffffffffffu) + 0x3fe6a09e667f3bcdu);
-  const T s = (m - T(1)) / (m + T(1)), z = s * s;
-  const T minus_4_artanh =
-      s * (-3.999999999999893463 +
-           z * (-1.333333333593161258 +
-                z * (-0.7999998974017805508 +
-                     z * (-0.5714433648846326758 +
-                          z * (-0.4434833458156372958 + z * -0.3921846761371461456)))));
-  return e * -1.386294361119890619 + minus_4_artanh;
+  const T f = m - T(1), s = f / (f + T(2)), z = s * s, half_f2 = f * f * 0.5;
+  const T R = z * (0x1.5555555555593p-1 +
+                   z * (0x1.999999997fa04p-2 +
+                        z * (0x1.2492494229359p-2 +
+                             z * (0x1.c71c51d8e78afp-3 +
+                                  z * (0x1.7466496cb03dep-3 +
+                                       z * (0x1.39a09d078c69fp-3 + z * 0x1.2f112df3e5244p-3))))));
+  return e * 0x1.62e42feep-1 - ((half_f2 - (s * (half_f2 + R) + e * 0x1.a39ef35793c76p-33)) - f);
 }
 
 // SplitMix64's finaliser, as model/random.hpp.
@@ -92,24 +90,26 @@ T uniform_of(typename T::Bits b) {
   return upper + last;
 }
 
-// cos(2 pi u) = sin(2 pi w) of the same u, but for its last bit: w = |u - 1/2| - 1/4. Polynomial
-// as above, 6e-14.
+// cos(2 pi u) = sin(2 pi w) of the same u, but for its last bit: w = |u - 1/2| - 1/4.
 template <class T>
 T cos_of_turn(typename T::Bits b) {
   const T w = abs(one_to_two<T>(b) - 1.5) - T(0.25), z = w * w;
-  return w * (6.283185307179194155 +
-              z * (-41.34170223981849206 +
-                   z * (81.60524913341790283 +
-                        z * (-76.705846494133359 +
-                             z * (42.05810284170266766 +
-                                  z * (-15.08103171822006833 + z * 3.663464724548592983))))));
+  return w * (6.283185307179586476 +
+              z * (-41.34170224039975686 +
+                   z * (81.60524927607361518 +
+                        z * (-76.70585975282491921 +
+                             z * (42.05869392542868225 +
+                                  z * (-15.09464167611790009 +
+                                       z * (3.819928094227164202 +
+                                            z * (-0.7177337921413453313 +
+                                                 z * 0.1008969550164681116))))))));
 }
 
 // Standard normal deviate of the streams whose hashed seeds are u1 and u2, at `index`.
 template <class T>
 T normal(T u1_hash, T u2_hash, typename T::Bits index) {
   const T u1 = uniform_of<T>(splitmix64(u1_hash.bits() ^ index));
-  return sqrt<T>(minus_two_log(u1)) * cos_of_turn<T>(splitmix64(u2_hash.bits() ^ index));
+  return sqrt<T>(log(u1) * -2.0) * cos_of_turn<T>(splitmix64(u2_hash.bits() ^ index));
 }
 
 // A whole number below 2^52 as an integer.
