@@ -54,4 +54,10 @@ void choice(FieldVisitor& f, const char* key, Enum& value, std::span<const char*
   value = static_cast<Enum>(index);
 }
 
+// "amplitude_Nm" -> {"amplitude", "Nm"}; unit "1" where the key has none ("order": "per_rev").
+struct NameAndUnit {
+  std::string name, unit;
+};
+NameAndUnit split_unit(const std::string& key);
+
 }  // namespace twinrate

@@ -3,9 +3,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <array>
-#include <string_view>
-
 namespace twinrate {
 namespace {
 
@@ -86,12 +83,6 @@ class Lister final : public FieldVisitor {
   std::string prefix_;
 };
 
-// Longer suffixes first: "rad_s" before "s".
-constexpr std::array<std::string_view, 23> kUnits = {
-    "Nms_rad", "rad_s2", "per_rev", "Nm_rad", "rad_s", "Nm_s", "Nms2", "kgm2",
-    "degC",    "Nms",    "Ohm",     "rad",    "H_A",   "Nm",   "Wb",   "Hz",
-    "ms",      "us",     "ns",      "A",      "V",     "H",    "s"};
-
 }  // namespace
 
 std::vector<FieldRow> list_fields(const std::function<void(FieldVisitor&)>& fields) {
@@ -99,16 +90,6 @@ std::vector<FieldRow> list_fields(const std::function<void(FieldVisitor&)>& fiel
   Lister lister(rows);
   fields(lister);
   return rows;
-}
-
-NameAndUnit split_unit(const std::string& key) {
-  if (key == "order") return {key, "per_rev"};
-  for (std::string_view unit : kUnits) {
-    const std::string suffix = "_" + std::string(unit);
-    if (key.size() > suffix.size() && key.ends_with(suffix))
-      return {key.substr(0, key.size() - suffix.size()), std::string(unit)};
-  }
-  return {key, "1"};
 }
 
 }  // namespace twinrate

@@ -21,10 +21,4 @@ struct FieldRow {
 
 std::vector<FieldRow> list_fields(const std::function<void(FieldVisitor&)>& fields);
 
-// "amplitude_Nm" -> {"amplitude", "Nm"}; unit "1" where the key has none ("order": "per_rev").
-struct NameAndUnit {
-  std::string name, unit;
-};
-NameAndUnit split_unit(const std::string& key);
-
 }  // namespace twinrate

@@ -142,7 +142,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
-    if (kind == "backlash") continue;    // a torsion first (trace/placing.hpp)
+    if (has_gap(*effect)) continue;      // searched beside a shaft (trace/placing.hpp)
     std::vector<TracedKey> keys = effect->traced_keys();
     if (keys.empty()) continue;
     const bool electrical_only = !(effect->acts_on() & ~(kOnVoltage | kOnBus));

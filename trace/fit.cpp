@@ -63,6 +63,12 @@ Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
   return all;
 }
 
+bool has_shaft(const Members& members) {
+  ShaftFacts shaft;
+  return std::any_of(members.begin(), members.end(),
+                     [&](const auto& m) { return m->describe_shaft(shaft); });
+}
+
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
     : chain_(chain), training_(training), held_out_(held_out) {
   const Sampled y = chain.whitened(chain.residual({}));

@@ -31,6 +31,9 @@ inline constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
 Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
              std::size_t left_out = kNobody);
 
+// True where one of them is a second mass behind a shaft, with a gap or without.
+bool has_shaft(const Members& members);
+
 struct Fit {
   Members members;
   std::vector<FreeParameter> free;

@@ -13,18 +13,6 @@
 namespace twinrate {
 namespace {
 
-constexpr const char* kUnits[] = {"H_A2", "H_A",  "rad_s", "rad", "Ohm", "Wb", "Nms",
-                                  "Nm",   "kgm2", "A",     "V",   "H",   "s"};
-
-std::pair<std::string, std::string> name_and_unit(const std::string& key) {
-  for (const char* unit : kUnits) {
-    const std::string tail = std::string("_") + unit;
-    if (key.size() > tail.size() && key.ends_with(tail))
-      return {key.substr(0, key.size() - tail.size()), unit};
-  }
-  return {key, key == "order" ? "per_rev" : "1"};
-}
-
 std::string percent(double part) {
   return fmt::format("{:.1f} %", 100 * part);
 }
@@ -99,20 +87,6 @@ void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
 
 }  // namespace
 
-std::vector<TracedParameter> traced_parameters(const Effect& effect,
-                                               const std::map<std::string, double>& sigma) {
-  std::vector<TracedParameter> list;
-  for (const NumericKey& key : numeric_keys(effect)) {
-    const auto [name, unit] = name_and_unit(key.key);
-    TracedParameter p{
-        .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};
-    const auto found = sigma.find(key.key);
-    if (found != sigma.end()) p.sigma = found->second;
-    list.push_back(std::move(p));
-  }
-  return list;
-}
-
 TraceResult static_result(const StaticSet& set, const StaticTrace& trace, StaticKind kind) {
   TraceResult r;
   r.sources = {set.path};
@@ -145,7 +119,7 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
           ? fmt::format("Nothing is missing: constants leave {:.3g} {} on held-out points",
                         r.electrical->after.held_out, r.electrical->unit)
           : fmt::format(
-                "Found {}; held-out error of {} {:.3g} -> {:.3g} {} ({} of it)",
+                "The model lacks {}; with it the held-out error of {} falls from {:.3g} to {:.3g} {} ({} of it)",
                 fmt::join(kinds, ", "), trace.problem.channels[static_cast<std::size_t>(channel)],
                 r.electrical->before.held_out, r.electrical->after.held_out, r.electrical->unit,
                 percent(r.electrical->after.held_out / r.electrical->before.held_out));

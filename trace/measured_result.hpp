@@ -1,16 +1,10 @@
 // Results of sets without time and of logs of angle and current, in the form of every trace.
 #pragma once
-#include <map>
-
 #include "trace/position_log.hpp"
 #include "trace/result.hpp"
 #include "trace/static_sets.hpp"
 
 namespace twinrate {
-
-// Parameters of an effect with their standard deviations by key, where there is one.
-std::vector<TracedParameter> traced_parameters(const Effect& effect,
-                                               const std::map<std::string, double>& sigma);
 
 TraceResult static_result(const StaticSet& set, const StaticTrace& trace, StaticKind kind);
 

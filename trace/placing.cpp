@@ -133,9 +133,10 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Members& torsions) {
   const ShaftSearch search(fitter.chain(), fitter.start(with(now.members, nullptr)));
+  const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;
   std::vector<ShaftSearch::Point> grid;
   for (const std::shared_ptr<Effect>& torsion : torsions)
-    for (double gap_rad : {0.005, 0.01, 0.018, 0.028})
+    for (double gap_rad : gaps)
       for (double stiffer : {1.2, 1.8, 2.7, 4.0})
         for (double share : {0.35, 0.5, 0.7, 1.0}) {
           const std::shared_ptr<Effect> gap = make_effect("backlash");

@@ -73,9 +73,7 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
       {"direction", [](const OperatingPoint& p) { return p.omega_m > 0 ? 1.0 : -1.0; }},
   };
   const Sampled physical = chain.residual(fit.effects());
-  ShaftFacts shaft;
-  for (const auto& m : fit.members) m->describe_shaft(shaft);
-  const double least = (shaft.J_load > 0 ? kLeastBesideShaft : kLeastShare) +
+  const double least = (has_shaft(fit.members) ? kLeastBesideShaft : kLeastShare) +
                        fit.doubt / std::max(1e-300, fit.raw_held_out);
   const auto look = [&](const Eigen::VectorXd& e, const Eigen::VectorXd& e_physical,
                         const Runs& runs, const char* equation, const char* what,

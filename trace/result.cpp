@@ -3,6 +3,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "trace/keys.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -92,6 +94,20 @@ json stop_gap_json(const TraceResult& r) {
 }
 
 }  // namespace
+
+std::vector<TracedParameter> traced_parameters(const Effect& effect,
+                                               const std::map<std::string, double>& sigma) {
+  std::vector<TracedParameter> list;
+  for (const NumericKey& key : numeric_keys(effect)) {
+    const auto [name, unit] = split_unit(key.key);
+    TracedParameter p{
+        .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};
+    const auto found = sigma.find(key.key);
+    if (found != sigma.end()) p.sigma = found->second;
+    list.push_back(std::move(p));
+  }
+  return list;
+}
 
 std::string to_json(const TraceResult& r) {
   json effects = json::array(), ambiguous = json::array(), where = json::array(),

@@ -1,5 +1,6 @@
 // What a trace says: the contract's trace.json, and what the report page draws.
 #pragma once
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -124,6 +125,10 @@ struct TraceResult {
   std::vector<TracePicture> pictures;  // where there are no series
   double seconds = 0;
 };
+
+// Parameters of an effect with their standard deviations by key, where there is one.
+std::vector<TracedParameter> traced_parameters(const Effect& effect,
+                                               const std::map<std::string, double>& sigma);
 
 // trace.json; numbers that are not finite become null.
 std::string to_json(const TraceResult& result);

@@ -18,9 +18,8 @@ bool may_repeat(std::string_view kind) {
 // The same effect at the same place, or another form of one that is there only once.
 bool taken(const Fit& fit, const Effect& effect) {
   ShaftFacts shaft;
-  const bool is_shaft = effect.describe_shaft(shaft);
+  if (effect.describe_shaft(shaft) && has_shaft(fit.members)) return true;
   for (const auto& m : fit.members) {
-    if (is_shaft && m->describe_shaft(shaft)) return true;
     if (m->kind() != effect.kind()) continue;
     if (!may_repeat(effect.kind())) return true;
     if (effect.kind() == "load_step" || effect.kind() == "periodic_torque") continue;

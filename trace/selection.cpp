@@ -15,7 +15,6 @@ namespace {
 
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
-constexpr double kSupport = 0.3;       // of a gain, that the error itself must show
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
@@ -94,10 +93,8 @@ class Selector {
   bool crumb(const Fit& next, const Fit& now) const {
     constexpr double kLeast = 0.02;
     if (next.members.back()->kind() != "periodic_torque") return false;
-    ShaftFacts shaft;
-    for (const auto& m : now.members) m->describe_shaft(shaft);
-    return shaft.J_load > 0 && now.raw_held_out - next.raw_held_out <
-                                   kLeast * (fitter_.raw_held_out() - now.raw_held_out);
+    return has_shaft(now.members) && now.raw_held_out - next.raw_held_out <
+                                         kLeast * (fitter_.raw_held_out() - now.raw_held_out);
   }
 
   // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion refined from `on_grid`,

@@ -18,13 +18,6 @@ constexpr double kMargin = 40, kCoarseMargin = 600;
 constexpr int kMostRounds = 3;  // of noise model and selection
 constexpr double kSame = 0.9;   // a noise level that fell by less is the same
 
-std::vector<char> torque_rows(const Equations& equations) {
-  std::vector<char> ok = equations.record().motion_ok;
-  for (std::size_t k = 0; k < ok.size(); ++k)
-    ok[k] = ok[k] && std::abs(equations.omega_m()[k]) > kSlowest;
-  return ok;
-}
-
 double ms_since(std::chrono::steady_clock::time_point t) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t).count();
 }
@@ -38,6 +31,13 @@ double level(const NoiseModel& noise) {
 }
 
 }  // namespace
+
+std::vector<char> moving_rows(const Equations& equations) {
+  std::vector<char> ok = equations.record().motion_ok;
+  for (std::size_t k = 0; k < ok.size(); ++k)
+    ok[k] = ok[k] && std::abs(equations.omega_m()[k]) > kSlowest;
+  return ok;
+}
 
 std::vector<char> held_out_rows(const Record& record, double share) {
   std::vector<char> held(record.size(), 0);
@@ -76,7 +76,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   const Effects known = drive.model_effects();
   const DriveFacts facts = drive.facts();
   const Equations equations(record, facts, known);
-  const std::vector<char> moving = torque_rows(equations);
+  const std::vector<char> moving = moving_rows(equations);
   const Sampler sampler(record, moving, held_out);
   const Record noisier = add_noise(record, facts, moving, health.i_lsb);
   const Equations noisier_equations(noisier, facts, known);

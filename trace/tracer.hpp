@@ -12,6 +12,8 @@ struct TraceSettings {
   Say say;                // progress, one line each; may be empty
 };
 
+// Of each row: whether the rotor moves there, so that friction is what the speed says.
+std::vector<char> moving_rows(const Equations& equations);
 // Of each row: whether it stands in a block that does not train.
 std::vector<char> held_out_rows(const Record& record, double share);
 

@@ -1,0 +1,98 @@
+#include "trace/evidence.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "trace/keys.hpp"
+#include "trace/statistics.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kAliasGain = 15;     // score: nearer than this, two kinds explain the same
+constexpr double kAliasShare = 0.02;  // or of the gain itself
+
+std::string equation_of(const Effect& effect) {
+  const int acts = effect.acts_on();
+  if (acts & (kOnCurrents | kOnAngle | kOnSpeed))
+    return effect.kind() == "iron_loss" ? "electrical" : "sensing";
+  if (acts == 0) return "sensing";
+  return acts & (kOnVoltage | kOnFlux | kOnBus) ? "electrical" : "mechanical";
+}
+
+// The larger of the covariances of a white rest and of one that is not.
+Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
+  const double N = static_cast<double>(fitter.training().count(fit.y));
+  const Eigen::MatrixXd white = fit.rss / N * fit.covariance;
+  const Eigen::ArrayXd ratio =
+      fitter.robust_covariance(fit).diagonal().array() / white.diagonal().array().max(1e-300);
+  const Eigen::VectorXd factor = ratio.max(1).sqrt();
+  return factor.asDiagonal() * white * factor.asDiagonal();
+}
+
+// Standard deviations of the keys of member m, from the covariance of the free parameters.
+std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& covariance,
+                                     std::size_t m) {
+  std::vector<Eigen::Index> free;
+  for (std::size_t p = 0; p < fit.free.size(); ++p)
+    if (fit.free[p].member == m) free.push_back(static_cast<Eigen::Index>(p));
+  std::map<std::string, double> out;
+  const Effect& effect = *fit.members[m];
+  const auto regressors = static_cast<std::size_t>(effect.regressor_count());
+  std::vector<double> c(regressors);
+  effect.coefficients(c);
+  for (const NumericKey& key : numeric_keys(effect)) {
+    Eigen::VectorXd slope = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      const FreeParameter& p = fit.free[static_cast<std::size_t>(free[i])];
+      if (p.coefficient < 0) {
+        slope[static_cast<Eigen::Index>(i)] = p.key == key.key;
+        continue;
+      }
+      const auto moved = effect.clone();
+      const double sigma = std::sqrt(std::max(0.0, covariance(free[i], free[i])));
+      const double h =
+          std::max(1e-6 * std::abs(c[static_cast<std::size_t>(p.coefficient)]), 1e-3 * sigma);
+      if (h == 0) continue;
+      std::vector<double> shifted = c;
+      shifted[static_cast<std::size_t>(p.coefficient)] += h;
+      moved->set_coefficients(shifted);
+      double change = get_key(*moved, key.key) - key.value;
+      if (key.key.ends_with("_rad") && std::abs(change) > kPi)
+        change -= std::copysign(kTwoPi, change);
+      slope[static_cast<Eigen::Index>(i)] = change / h;
+    }
+    double variance = 0;
+    for (std::size_t i = 0; i < free.size(); ++i)
+      for (std::size_t j = 0; j < free.size(); ++j)
+        variance += slope[static_cast<Eigen::Index>(i)] * slope[static_cast<Eigen::Index>(j)] *
+                    covariance(free[i], free[j]);
+    if (variance > 0) out[key.key] = std::sqrt(variance);
+  }
+  return out;
+}
+
+bool near(double a, double b) {
+  return a > b - std::max(kAliasGain, kAliasShare * b);
+}
+
+}  // namespace
+
+TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected& s, std::size_t m) {
+  const Rows& rows = fitter.training();
+  const double N = static_cast<double>(rows.count(fit.y));
+  const Effect& effect = *fit.members[m];
+  TracedEffect e{.effect = fit.members[m], .equation = equation_of(effect)};
+  e.parameters = traced_parameters(effect, sigmas(fit, covariance(fitter, fit), m));
+  e.held_out_gain = s.held_out_gain;
+  e.delta_bic = -s.score_gain;
+  const double k = std::max(1, effect.regressor_count());
+  e.p_value = chi_square_tail(N * (s.without.rss / fit.rss - 1), k);
+  e.materiality = effect.materiality(fitter.chain().equations().facts());
+  for (const Alternative& a : s.alternatives)
+    if (a.why == "explains less" && near(a.score_gain, s.score_gain)) e.aliases.push_back(a.kind);
+  return e;
+}
+
+}  // namespace twinrate

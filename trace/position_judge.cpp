@@ -1,0 +1,82 @@
+#include "trace/position_judge.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+// Current that the rows of `ok` hold, less the model and the mean of the rest.
+double holding_error(const PositionLog& log, const std::vector<double>& model,
+                     const std::vector<char>& ok, std::size_t& rows) {
+  double sum = 0, squares = 0;
+  rows = 0;
+  for (std::size_t k = 0; k < log.size(); ++k)
+    if (ok[k]) {
+      const double rest = log.i_q[k] - model[k];
+      sum += rest;
+      squares += rest * rest;
+      ++rows;
+    }
+  const double n = std::max<double>(1, static_cast<double>(rows));
+  return std::sqrt(std::max(0.0, squares / n - sum / n * sum / n));
+}
+
+}  // namespace
+
+Judge::Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon)
+    : horizon_(horizon) {
+  const bool unseen = std::any_of(logs.begin(), logs.end(), [](auto& l) { return l.held_out; });
+  for (const PositionLog& log : logs)
+    if (!is_quasi_static(log, machine) && log.held_out == unseen) by_speed_ = true;
+  for (const PositionLog& log : logs)
+    if (by_speed_ == !is_quasi_static(log, machine)) logs_.push_back(&log);
+  if (by_speed_ && horizon_ <= 0) horizon_ = 5 * sample_interval(*logs_.front());
+  if (!by_speed_) horizon_ = 0;
+}
+
+void Judge::find_other_zeros(const Found& found) {
+  if (!by_speed_) return;
+  MotionModel without = found.model();
+  without.holding = nullptr;
+  for (const PositionLog* log : logs_)
+    if (!log->held_out && speed_change(*log, without, horizon_).error <
+                              0.95 * speed_change(*log, found.model(), horizon_).error)
+      other_zero_.push_back(log);
+}
+
+void Judge::add(const PositionLog& log, const Found& declared_of, const MotionModel& model,
+                Errors& errors) const {
+  if (by_speed_) {
+    const SpeedChange before = speed_change(log, declared_of.declared(), horizon_);
+    MotionModel used = model;
+    if (std::find(other_zero_.begin(), other_zero_.end(), &log) != other_zero_.end())
+      used.holding = nullptr;
+    const SpeedChange after = speed_change(log, used, horizon_);
+    errors.add(before.no_change, before.error, after.error, static_cast<double>(after.rows));
+    return;
+  }
+  const HoldingTorque none;
+  const std::vector<char> ok = holding_rows(log, 5 * declared_of.holding.lag);
+  std::size_t rows = 0;
+  const double before = holding_error(log, std::vector<double>(log.size(), 0), ok, rows);
+  const HoldingTorque& holding = model.holding ? *model.holding : none;
+  const double after =
+      holding_error(log, holding_current(log, holding, declared_of.machine), ok, rows);
+  errors.add(before, before, after, static_cast<double>(rows));
+}
+
+Errors Judge::over(const Found& found, const MotionModel& model, bool held_out) const {
+  Errors errors;
+  for (const PositionLog* log : logs_)
+    if (log->held_out == held_out) add(*log, found, model, errors);
+  return errors;
+}
+
+double Judge::error(const Found& found, const MotionModel& model) const {
+  const bool unseen = std::any_of(logs_.begin(), logs_.end(), [](auto* l) { return l->held_out; });
+  const Errors e = over(found, model, unseen);
+  return Errors::rms(e.after, e.rows);
+}
+
+}  // namespace twinrate

@@ -1,0 +1,80 @@
+// What position logs gave together, and by how much it lowers their error.
+//
+// The error is that of the speed's change over a horizon where any log judged moves freely, else
+// that of the current that holds the rotor.
+#pragma once
+#include <cmath>
+#include <limits>
+
+#include "trace/motion.hpp"
+#include "trace/winding_voltage.hpp"
+
+namespace twinrate {
+
+// An error that no data give.
+inline constexpr double kNoError = std::numeric_limits<double>::quiet_NaN();
+
+using Logs = std::vector<const PositionLog*>;
+
+// Everything that the logs gave, before it is put into words.
+struct Found {
+  const MachineParameters& machine;
+  Logs at_rest, in_motion;  // that train
+  HoldingTorque holding;
+  SpinUp spin;
+  bool lag_is_of_current = false;
+  SpeedLag speed_lag;
+  WindingVoltage voltage;
+
+  double gain() const { return spin.gain > 0 ? spin.gain : machine.torque_constant() / machine.J; }
+  double J() const { return machine.torque_constant() / gain(); }
+  double T_C() const { return holding.both_directions ? holding.T_C : spin.T_C; }
+  double sigma_T_C() const { return holding.both_directions ? holding.sigma_T_C : spin.sigma_T_C; }
+  MotionModel declared() const { return {.gain = gain(), .B = machine.B, .machine = machine}; }
+  MotionModel model() const {
+    MotionModel m = declared();
+    m.holding = &holding;
+    m.T_C = T_C();
+    m.speed_lag = speed_lag;
+    return m;
+  }
+};
+
+// Sums over logs, rms in the end.
+struct Errors {
+  double no_change = 0, before = 0, after = 0, rows = 0;
+  void add(double nothing, double declared, double found, double n) {
+    no_change += n * nothing * nothing;
+    before += n * declared * declared;
+    after += n * found * found;
+    rows += n;
+  }
+  static double rms(double sum, double n) {
+    return n > 0 ? std::sqrt(sum / n) : std::numeric_limits<double>::quiet_NaN();
+  }
+};
+
+class Judge {
+ public:
+  Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon);
+  // Training runs that cogging found elsewhere makes worse: their angle starts from another zero,
+  // so where it stands is not known there. A held-out run gets no such choice.
+  void find_other_zeros(const Found& found);
+  const Logs& other_zero() const { return other_zero_; }
+  bool by_speed() const { return by_speed_; }
+  double horizon() const { return horizon_; }
+  const Logs& logs() const { return logs_; }
+
+  void add(const PositionLog& log, const Found& declared_of, const MotionModel& model,
+           Errors& errors) const;
+  Errors over(const Found& found, const MotionModel& model, bool held_out) const;
+  // Held-out rest, or that of the training logs where none is held out.
+  double error(const Found& found, const MotionModel& model) const;
+
+ private:
+  double horizon_;
+  bool by_speed_ = false;
+  Logs logs_, other_zero_;
+};
+
+}  // namespace twinrate
