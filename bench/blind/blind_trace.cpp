@@ -1,22 +1,22 @@
 // How often the tracer names what is missing: single effects, pairs, triples, poor excitation, and
 // logs with nothing missing. Prints a table and the confusion matrix as Markdown.
 //
-//   blind_trace [--sets single,double,triple,poor,none] [--seeds N] [--kinds LIST] [--cache DIR]
-//               [--shard i/n] [--out FILE.json] [--verbose]
+//   blind_trace [--sets single,double,triple,poor,none] [--first-seed K] [--seeds N] [--kinds LIST]
+//               [--cache DIR] [--shard i/n] [--out FILE.json] [--verbose]
+//   blind_trace --merge FILE.json ...       the tables of several shards
+//
+// --out keeps every log as it is done; what a file holds already is not done again.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
-#include <map>
-#include <nlohmann/json.hpp>
+#include <ctime>
 #include <set>
 
 #include "bench/blind/blind_log.hpp"
+#include "bench/blind/blind_report.hpp"
 #include "model/random.hpp"
 #include "trace/keys.hpp"
 #include "trace/tracer.hpp"
@@ -24,49 +24,14 @@
 namespace twinrate::blind {
 namespace {
 
-using json = nlohmann::ordered_json;
-
 struct Options {
   std::vector<std::string> sets = {"single", "double", "triple", "poor", "none"}, kinds;
-  int seeds = 3;
+  int first_seed = 1, seeds = 3;
   std::string cache, out, only;
+  std::vector<std::string> merge;
   int shard = 0, shards = 1;
   bool verbose = false;
 };
-
-std::vector<std::vector<double>*> columns_of(RawLog& raw) {
-  return {&raw.t,      &raw.i_a,     &raw.i_b,  &raw.i_c,   &raw.u_alpha,
-          &raw.u_beta, &raw.theta_m, &raw.v_dc, &raw.T_load};
-}
-
-Log cached_log(const Case& which, const std::string& cache) {
-  if (cache.empty()) return make_log(which);
-  const std::string path = cache + "/" + which.name + ".bin";
-  if (std::ifstream file(path, std::ios::binary); file) {
-    Log log;
-    log.raw.path = which.name;
-    const Config config = Config::parse(
-        Config::load("niewiara2020").resolved_with({}) + which.effects_toml, which.name);
-    log.truth = config.drive().plant_effects();
-    std::uint64_t n = 0;
-    file.read(reinterpret_cast<char*>(&n), sizeof n);
-    for (std::vector<double>* c : columns_of(log.raw)) {
-      c->resize(n);
-      file.read(reinterpret_cast<char*>(c->data()),
-                static_cast<std::streamsize>(n * sizeof(double)));
-    }
-    return log;
-  }
-  Log log = make_log(which);
-  std::filesystem::create_directories(cache);
-  std::ofstream file(path, std::ios::binary);
-  const std::uint64_t n = log.raw.t.size();
-  file.write(reinterpret_cast<const char*>(&n), sizeof n);
-  for (std::vector<double>* c : columns_of(log.raw))
-    file.write(reinterpret_cast<const char*>(c->data()),
-               static_cast<std::streamsize>(n * sizeof(double)));
-  return log;
-}
 
 std::vector<Case> cases_of(const Options& o) {
   std::vector<Case> cases;
@@ -76,7 +41,7 @@ std::vector<Case> cases_of(const Options& o) {
                                           static_cast<double>(kinds.size()))];
   };
   for (const std::string& set : o.sets)
-    for (int s = 1; s <= o.seeds; ++s) {
+    for (int s = o.first_seed; s < o.first_seed + o.seeds; ++s) {
       if (set == "single")
         for (const std::string& kind : kinds)
           cases.push_back(
@@ -101,21 +66,22 @@ std::vector<Case> cases_of(const Options& o) {
   return cases;
 }
 
-struct Verdict {
-  bool exact = false, in_alias = false;
-  std::vector<std::string> found;
-  double worst_sigmas = 0;
-  std::vector<double> sigmas;
-  double seconds = 0, held_out_ratio = 0;
-};
-
 std::string one_line(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
   return text;
 }
 
+std::string set_of(const Case& which) {
+  return which.kinds.empty()       ? "none"
+         : which.profile != "rich" ? "poor"
+         : which.kinds.size() == 1 ? "single"
+         : which.kinds.size() == 2 ? "double"
+                                   : "triple";
+}
+
 // Parameter errors of the effects that were found, in sigmas.
-void compare(const TraceResult& r, const Effects& truth, Verdict& v) {
+std::vector<double> errors_in_sigmas(const TraceResult& r, const Effects& truth) {
+  std::vector<double> sigmas;
   for (const TracedEffect& e : r.effects)
     for (const auto& t : truth) {
       if (t->kind() != e.effect->kind()) continue;
@@ -124,106 +90,104 @@ void compare(const TraceResult& r, const Effects& truth, Verdict& v) {
         if (!e.parameters[i].sigma || *e.parameters[i].sigma <= 0) continue;
         double error = e.parameters[i].value - keys[i].value;
         if (keys[i].key.ends_with("phase_rad")) error = wrap_pi(error);
-        v.sigmas.push_back(error / *e.parameters[i].sigma);
+        sigmas.push_back(error / *e.parameters[i].sigma);
       }
     }
+  return sigmas;
 }
 
-Verdict judge(const Case& which, const Log& log, const Options& o) {
+// Root mean square of the held-out outputs of some channels.
+double held_out_rms(const std::vector<const Eigen::VectorXd*>& channels, const Runs& runs) {
+  double sum = 0, count = 0;
+  for (const Eigen::VectorXd* x : channels)
+    for (Eigen::Index n = 0; n < x->size(); ++n)
+      if (runs.held_out[static_cast<std::size_t>(n)]) sum += (*x)[n] * (*x)[n], ++count;
+  return count > 0 ? std::sqrt(sum / count) : 0;
+}
+
+// Held-out errors after, over those of the model that has the true effects.
+void compare_with_truth(const TraceResult& r, const Record& record, const DriveConfig& model,
+                        const Effects& truth, Row& row) {
+  Effects all = model.model_effects();
+  all.insert(all.end(), truth.begin(), truth.end());
+  const Equations declared(record, model.facts(), model.model_effects());
+  const Equations equations(record, model.facts(), all);
+  const Sampler sampler(record, moving_rows(declared), held_out_rows(record, 0.25));
+  const Channels left = equations.residual({});
+  if (r.electrical) {
+    const Runs& runs = sampler.electrical();
+    const Eigen::VectorXd d = sampler(left.d, runs), q = sampler(left.q, runs);
+    row.electrical_ratio = r.electrical->after.held_out / held_out_rms({&d, &q}, runs);
+  }
+  if (r.mechanical) {
+    const Eigen::VectorXd torque = sampler(left.torque, sampler.torque());
+    row.mechanical_ratio = r.mechanical->after.held_out / held_out_rms({&torque}, sampler.torque());
+  }
+}
+
+Row judge(const Case& which, const Log& log, const Options& o) {
   static const Config model = declared();
   Health health;
   const Record record = make_record(log.raw, model.drive().machine.n_p, health);
   TraceSettings settings;
   if (o.verbose) settings.say = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
+  const std::clock_t begin = std::clock();
   const TraceResult r = trace_record(record, model.drive(), health, settings);
-  Verdict v;
-  v.seconds = r.seconds;
+  Row row{.name = which.name, .set = set_of(which), .kinds = which.kinds};
+  row.seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
   std::multiset<std::string> left(which.kinds.begin(), which.kinds.end());
-  bool extra = false, alias = false;
+  bool extra = false;
   for (const TracedEffect& e : r.effects) {
     std::string name(e.effect->kind());
-    if (const auto found = left.find(name); found != left.end()) {
+    const auto other = std::find_if(e.aliases.begin(), e.aliases.end(),
+                                    [&](const std::string& a) { return left.count(a); });
+    if (const auto found = left.find(name); found != left.end())
       left.erase(found);
-    } else {
-      const auto other = std::find_if(e.aliases.begin(), e.aliases.end(),
-                                      [&](const std::string& a) { return left.count(a); });
-      if (other != e.aliases.end() && e.aliases.size() <= 2) {
-        left.erase(left.find(*other));
-        alias = true;
-      } else {
-        extra = true;
-      }
-    }
-    if (!e.aliases.empty()) name += fmt::format("|{}", fmt::join(e.aliases, "|"));
-    v.found.push_back(name);
+    else if (other != e.aliases.end() && e.aliases.size() <= 2)
+      left.erase(left.find(*other));
+    else
+      extra = true;
+    if (!e.aliases.empty()) name += fmt::format(" or {}", fmt::join(e.aliases, " or "));
+    row.found.push_back(name);
   }
-  for (const Structure& s : r.unexplained) v.found.push_back("unexplained:" + s.regressor);
-  v.exact = left.empty() && !extra && r.unexplained.empty();
-  v.in_alias = v.exact && alias;
-  compare(r, log.truth, v);
-  return v;
+  for (const Structure& s : r.unexplained) row.found.push_back("unexplained: " + s.regressor);
+  row.exact = left.empty() && !extra && r.unexplained.empty();
+  row.sigmas = errors_in_sigmas(r, log.truth);
+  compare_with_truth(r, record, model.drive(), log.truth, row);
+  return row;
 }
 
 int run(const Options& o) {
+  std::vector<Row> rows = o.out.empty() ? std::vector<Row>() : read_rows(o.out);
   const std::vector<Case> cases = cases_of(o);
-  std::map<std::string, std::pair<int, int>> by_set;
-  std::map<std::string, std::map<std::string, int>> confusion;
-  std::vector<double> sigmas;
-  json rows = json::array();
   for (std::size_t i = 0; i < cases.size(); ++i) {
-    if (static_cast<int>(i) % o.shards != o.shard) continue;
-    if (cases[i].name.find(o.only) == std::string::npos) continue;
     const Case& which = cases[i];
-    Verdict v;
+    if (static_cast<int>(i) % o.shards != o.shard) continue;
+    if (which.name.find(o.only) == std::string::npos) continue;
+    if (std::any_of(rows.begin(), rows.end(), [&](const Row& r) { return r.name == which.name; }))
+      continue;
     try {
-      const Log log = cached_log(which, o.cache);
-      v = judge(which, log, o);
+      rows.push_back(judge(which, cached_log(which, o.cache), o));
     } catch (const std::exception& error) {
       fmt::print("{}: {}\n", which.name, error.what());
       continue;
     }
-    const std::string set = which.kinds.empty()       ? "none"
-                            : which.profile != "rich" ? "poor"
-                            : which.kinds.size() == 1 ? "single"
-                            : which.kinds.size() == 2 ? "double"
-                                                      : "triple";
-    auto& [right, all] = by_set[set];
-    right += v.exact;
-    ++all;
-    sigmas.insert(sigmas.end(), v.sigmas.begin(), v.sigmas.end());
-    if (which.kinds.size() <= 1)
-      ++confusion[which.kinds.empty() ? "none" : which.kinds[0]]
-                 [v.found.empty() ? "none" : fmt::format("{}", fmt::join(v.found, "+"))];
-    fmt::print("{} {:<44} found {} ({:.1f} s){}\n", v.exact ? "ok  " : "MISS", which.name,
-               fmt::join(v.found, " + "), v.seconds,
-               v.exact ? "" : "   TRUE" + one_line(which.effects_toml));
+    const Row& row = rows.back();
+    fmt::print("{} {:<44} found {} ({:.1f} s; {:.3f} {:.3f}){}\n", row.exact ? "ok  " : "MISS",
+               row.name, fmt::join(row.found, " + "), row.seconds, row.electrical_ratio,
+               row.mechanical_ratio, row.exact ? "" : "   TRUE" + one_line(which.effects_toml));
     std::fflush(stdout);
-    rows.push_back({{"name", which.name},
-                    {"set", set},
-                    {"exact", v.exact},
-                    {"found", v.found},
-                    {"sigmas", v.sigmas},
-                    {"seconds", v.seconds}});
+    if (!o.out.empty()) write_rows(o.out, rows);
   }
-  fmt::print("\n| set | logs | exact | share |\n|---|---|---|---|\n");
-  for (const auto& [set, counts] : by_set)
-    fmt::print("| {} | {} | {} | {:.1f} % |\n", set, counts.second, counts.first,
-               100.0 * counts.first / counts.second);
-  const auto within = [&](double n) {
-    return 100.0 *
-           static_cast<double>(std::count_if(sigmas.begin(), sigmas.end(),
-                                             [&](double s) { return std::abs(s) < n; })) /
-           std::max<double>(1, static_cast<double>(sigmas.size()));
-  };
-  fmt::print("\n{} parameters: {:.1f} % within 1 sigma, {:.1f} % within 3 sigma\n", sigmas.size(),
-             within(1), within(3));
-  fmt::print("\n| missing | found |\n|---|---|\n");
-  for (const auto& [kind, found] : confusion) {
-    std::vector<std::string> cells;
-    for (const auto& [name, count] : found) cells.push_back(fmt::format("{} {}", count, name));
-    fmt::print("| {} | {} |\n", kind, fmt::join(cells, ", "));
-  }
-  if (!o.out.empty()) std::ofstream(o.out) << json{{"cases", rows}}.dump(1) << "\n";
+  fmt::print("\n{}", tables(rows));
+  return 0;
+}
+
+int merge(const std::vector<std::string>& paths) {
+  std::vector<Row> rows;
+  for (const std::string& path : paths)
+    for (Row& row : read_rows(path)) rows.push_back(std::move(row));
+  fmt::print("{}", tables(rows));
   return 0;
 }
 
@@ -237,7 +201,9 @@ int main(int argc, char** argv) {
   std::string shard;
   app.add_option("--sets", o.sets, "of single, double, triple, poor, none")->delimiter(',');
   app.add_option("--kinds", o.kinds, "only these kinds")->delimiter(',');
+  app.add_option("--first-seed", o.first_seed, "of the seeds");
   app.add_option("--seeds", o.seeds, "logs of each sort");
+  app.add_option("--merge", o.merge, "only prints the tables of these --out files");
   app.add_option("--cache", o.cache, "directory that keeps the simulated logs");
   app.add_option("--only", o.only, "only cases whose name holds this");
   app.add_option("--shard", shard, "i/n");
@@ -245,5 +211,5 @@ int main(int argc, char** argv) {
   app.add_flag("--verbose", o.verbose, "each step of the selection");
   CLI11_PARSE(app, argc, argv);
   if (!shard.empty() && std::sscanf(shard.c_str(), "%d/%d", &o.shard, &o.shards) != 2) return 2;
-  return run(o);
+  return o.merge.empty() ? run(o) : merge(o.merge);
 }
