@@ -39,6 +39,21 @@ std::vector<char> stale_rows(const std::vector<const Column*>& noisy, std::size_
   return stale;
 }
 
+// Where the angle stands still and a quantised current is quiet, a row or two repeat by chance.
+void forgive_at_rest(std::vector<char>& stale, const Column& theta_m) {
+  constexpr std::size_t kReach = 8, kByChance = 3;  // rows
+  for (std::size_t k = 0, end = 0; k < stale.size(); k = end + 1) {
+    for (end = k; end < stale.size() && stale[end];) ++end;
+    if (end == k || end - k > kByChance) continue;
+    const auto first = theta_m.begin() + static_cast<std::ptrdiff_t>(k - std::min(k, kReach));
+    const auto last =
+        theta_m.begin() + static_cast<std::ptrdiff_t>(std::min(stale.size(), end + kReach));
+    if (std::all_of(first, last, [&](double theta) { return theta == *first; }))
+      std::fill(stale.begin() + static_cast<std::ptrdiff_t>(k),
+                stale.begin() + static_cast<std::ptrdiff_t>(end), char{0});
+  }
+}
+
 // Step between the values of a quantised signal, 0 where it is not quantised.
 double step_of(const Column& x) {
   std::vector<double> values(x.begin(), x.end());
@@ -111,7 +126,8 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
   for (const Column* c :
        {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc, &raw.theta_m})
     if (!c->empty()) noisy.push_back(c);
-  const std::vector<char> stale = stale_rows(noisy, rows);
+  std::vector<char> stale = stale_rows(noisy, rows);
+  forgive_at_rest(stale, raw.theta_m);
   if (phases) {
     health.i_lsb = step_of(raw.i_a);
     health.i_limit = std::max(clip_level(raw.i_a), clip_level(raw.i_b));

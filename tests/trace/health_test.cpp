@@ -1,0 +1,55 @@
+// Rows that repeat the row before: a fault where the rotor turns, chance where all stands still.
+#include "trace/health.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "model/random.hpp"
+
+namespace twinrate {
+namespace {
+
+// Quiet currents of a coarse ADC and a steady bus; `omega_m` 0: at rest.
+RawLog quantised_log(double omega_m) {
+  RawLog raw;
+  raw.path = "quantised";
+  for (std::size_t k = 0; k < 4000; ++k) {
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    const auto read = [&](std::uint64_t stream) {
+      return 0.005 * std::round(normal(11, stream, k) * 0.008 / 0.005);
+    };
+    raw.i_a.push_back(read(0));
+    raw.i_b.push_back(read(1));
+    raw.v_dc.push_back(235.4);
+    raw.theta_m.push_back(0.3 + omega_m * raw.t.back());
+  }
+  return raw;
+}
+
+double stale_share(const RawLog& raw) {
+  Health health;
+  make_record(raw, 3, health);
+  return health.stale_share;
+}
+
+TEST(Health, AtRestRowsRepeatByChance) {
+  EXPECT_EQ(stale_share(quantised_log(0)), 0);
+  EXPECT_EQ(stale_share(quantised_log(2)), 0);
+}
+
+TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
+  const auto freeze = [](RawLog raw, std::size_t every, std::size_t count) {
+    for (std::size_t k = every; k + count < raw.t.size(); k += every)
+      for (std::size_t j = 1; j <= count; ++j)
+        for (std::vector<double>* column : {&raw.i_a, &raw.i_b, &raw.theta_m})
+          (*column)[k + j] = (*column)[k];
+    return raw;
+  };
+  EXPECT_NEAR(stale_share(freeze(quantised_log(2), 100, 1)), 0.01, 0.001);
+  EXPECT_NEAR(stale_share(freeze(quantised_log(2), 400, 40)), 0.09, 0.011);
+  EXPECT_NEAR(stale_share(freeze(quantised_log(0), 400, 40)), 0.09, 0.011);
+}
+
+}  // namespace
+}  // namespace twinrate
