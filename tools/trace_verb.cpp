@@ -16,6 +16,7 @@
 #include "tools/report/trace_page.hpp"
 #include "tools/trace/extended.hpp"
 #include "tools/trace/measured_files.hpp"
+#include "tools/trace/plan_verb.hpp"
 #include "tools/trace/raw_log.hpp"
 #include "tools/trace/verify.hpp"
 #include "tools/verb.hpp"
@@ -28,6 +29,7 @@ struct TraceOptions {
   std::string drive, out = "trace", url;
   std::vector<std::string> data, holdout, overrides, maps;
   bool repair = false, json = false, verbose = false, keep_plant = false, verify = false;
+  PlanOptions plan;
 };
 
 // A share of the rows, or empty where `text` is not a number.
@@ -159,8 +161,24 @@ TraceResult trace_drive_logs(const TraceOptions& o, const std::vector<std::strin
   return result;
 }
 
+// What the logs of --data hold, for --plan.
+std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) {
+  std::vector<PlanLog> logs;
+  std::vector<std::string> notes;
+  for (const std::string& path : o.data) {
+    PlanLog log;
+    log.record = read_record(o, path, drive, log.health, notes, nullptr);
+    logs.push_back(std::move(log));
+  }
+  return logs;
+}
+
 int trace(const TraceOptions& o) {
   const Config config = load_drive(o.drive, o.overrides);
+  if (o.plan.wanted)
+    return plan_measurement(o.plan, config, o.out, o.json,
+                            [&] { return plan_logs(o, config.drive()); });
+  if (o.data.empty()) throw BadInput("trace: --data is required (without a log: --plan)");
   TraceSettings settings;
   if (o.verbose || o.json)
     settings.say = [&](const std::string& line) {
@@ -209,7 +227,6 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
       "Finds what a model lacks: residual, named effect, extended model, error before and after");
   verb->add_option("DRIVE", o->drive, "drive file or preset: the declared model")->required();
   verb->add_option("--data", o->data, "drive logs: CSV (may be gzipped) or LCM log")
-      ->required()
       ->check(CLI::ExistingPath);
   verb->add_option("--holdout", o->holdout,
                    "logs that are not fitted, or the share of the data kept back (default 0.25)");
@@ -225,6 +242,7 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
                  "error before and after on the held-out data: one step, free run, estimator over "
                  "LCM, closed loop; DIR/verify.json");
   verb->add_option("--lcm-url", o->url, "LCM URL for --verify");
+  add_plan_options(*verb, o->plan);
   verb->add_flag("--json", o->json, "JSON lines instead of text");
   verb->add_flag("--verbose", o->verbose, "says each step of the selection");
   verb->callback([o, &exit_code] { exit_code = trace(*o); });

@@ -119,28 +119,50 @@ Structure line_structure(const Effect& effect, const Selected& selected) {
   return s;
 }
 
-std::string what_separates(const std::vector<std::string>& kinds) {
-  const auto has = [&](const char* kind) {
-    return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
-  };
-  if (has("dead_time") && has("inverter_drop"))
-    return "runs at two bus voltages: dead time's loss is in proportion to v_dc, a device's drop "
-           "is not";
-  if (has("current_offset") && has("inverter_offset"))
+namespace {
+
+bool has(const std::vector<std::string>& kinds, const char* kind) {
+  return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
+}
+
+std::string run_that_separates(const std::vector<std::string>& kinds) {
+  if (has(kinds, "current_offset") && has(kinds, "inverter_offset"))
     return "a run at standstill without voltage: only the sensor's offset stays";
-  if (has("resistance") && has("voltage_gain"))
+  if (has(kinds, "resistance") && has(kinds, "voltage_gain"))
     return "a faster run without load: there the voltage is mostly EMF";
-  if (has("flux_linkage") && (has("current_gain") || has("encoder_offset") || has("voltage_gain")))
+  if (has(kinds, "flux_linkage") &&
+      (has(kinds, "current_gain") || has(kinds, "encoder_offset") || has(kinds, "voltage_gain")))
     return "a run with load steps at several speeds and with i_d of both signs";
-  if (has("inertia") || has("torsion") || has("backlash"))
+  if (has(kinds, "inertia") || has(kinds, "torsion") || has(kinds, "backlash"))
     return "a run with fast speed reversals and one with a slow ramp";
-  if (has("cogging") || has("current_gain") || has("friction_ripple") || has("eccentric_load") ||
-      has("flux_harmonics") || has("encoder_eccentricity"))
+  if (has(kinds, "cogging") || has(kinds, "current_gain") || has(kinds, "friction_ripple") ||
+      has(kinds, "eccentric_load") || has(kinds, "flux_harmonics") ||
+      has(kinds, "encoder_eccentricity"))
     return "slow runs in both directions, with and without load";
-  if (has("viscous_friction") || has("coulomb_friction") || has("stribeck_friction") ||
-      has("fan_load") || has("constant_load") || has("iron_loss"))
+  if (has(kinds, "viscous_friction") || has(kinds, "coulomb_friction") ||
+      has(kinds, "stribeck_friction") || has(kinds, "fan_load") || has(kinds, "constant_load") ||
+      has(kinds, "iron_loss"))
     return "constant speeds from standstill to rated speed in both directions";
   return "a run that varies speed, load and i_d independently";
+}
+
+}  // namespace
+
+std::string beyond_a_run(const std::vector<std::string>& kinds) {
+  if (has(kinds, "dead_time") && has(kinds, "inverter_drop"))
+    return "runs at two bus voltages: dead time's loss is in proportion to v_dc, a device's drop "
+           "is not";
+  if (kinds.size() != 2) return "";
+  if (has(kinds, "eccentric_load") && has(kinds, "cogging"))
+    return "the same run with the load taken off the shaft";
+  if (has(kinds, "resistance") && has(kinds, "inverter_drop"))
+    return "the winding's resistance measured at its terminals";
+  return "";
+}
+
+std::string what_separates(const std::vector<std::string>& kinds) {
+  if (const std::string other = beyond_a_run(kinds); !other.empty()) return other;
+  return run_that_separates(kinds) + " (twinrate trace --plan proposes one)";
 }
 
 }  // namespace twinrate

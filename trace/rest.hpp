@@ -12,5 +12,7 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit);
 Structure line_structure(const Effect& effect, const Selected& selected);
 // The run that separates the kinds, in words.
 std::string what_separates(const std::vector<std::string>& kinds);
+// The same where no profile of speed, load and current does; empty: one may.
+std::string beyond_a_run(const std::vector<std::string>& kinds);
 
 }  // namespace twinrate

@@ -1,0 +1,120 @@
+// A slow run leaves friction, fan and a constant load aliases of each other; the run that is
+// planned on top of it names the one that is there.
+#include "tools/trace/plan.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "tools/load_drive.hpp"
+#include "tools/run/closed_loop.hpp"
+#include "trace/measured.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr const char* kFriction = R"(
+[[effect]]
+kind = "coulomb_friction"
+torque_Nm = 0.1
+)";
+
+Config servo(const std::string& effects) {
+  return Config::parse(
+      load_drive("niewiara2020").resolved_with({}) + effects, "servo",
+      {"controller.kind=foc", "controller.compensation=off", "controller.angle_source=measured",
+       "sensors.current_sensors=2", "rates.f_s_Hz=5000", "reference.speed_rpm=30",
+       "reference.slew_rad_s2=750", "run.duration_s=3", "run.settle_s=0.2"});
+}
+
+PlanLog run(Config config) {
+  read_all_tables(config);
+  const DriveConfig& d = config.drive();
+  ClosedLoop loop(config);
+  DeclaredLoad load(d);
+  RawLog raw;
+  Measurement before = loop.step().measurement;
+  for (std::int64_t k = 1; k < d.steps(); ++k) {
+    const Measurement m = loop.step().measurement;
+    const double T_load = load.at(1e-9 * static_cast<double>(before.t_ns));
+    append_row(raw, before, m.u_alphabeta, &T_load);
+    before = m;
+  }
+  PlanLog log;
+  log.record = make_record(raw, d.machine.n_p, log.health);
+  return log;
+}
+
+const Config& declared() {
+  static const Config config = [] {
+    Config c = servo("");
+    read_all_tables(c);
+    return c;
+  }();
+  return config;
+}
+
+PlanRequest friction_kinds() {
+  return {.kinds = {"constant_load", "coulomb_friction", "fan_load", "viscous_friction"},
+          .longest_s = 5};
+}
+
+TEST(PlanMeasurement, NamesWhatASlowRunLeavesAmbiguous) {
+  const PlanLog slow = run(servo(kFriction));
+  const TraceResult before = trace_record(slow.record, declared().drive(), slow.health, {});
+  ASSERT_EQ(before.verdict, "ambiguous") << before.sentence;
+  ASSERT_FALSE(before.ambiguous.empty());
+  EXPECT_NE(before.ambiguous[0].would_separate.find("--plan"), std::string::npos);
+
+  const Plan plan = make_plan(declared(), friction_kinds(), {slow}, {});
+  ASSERT_EQ(plan.kinds, friction_kinds().kinds);
+  EXPECT_TRUE(plan.checked);
+  EXPECT_LE(plan.profile.duration_s, 5);
+  EXPECT_TRUE(plan.never.empty());
+  for (std::size_t a = 0; a < plan.kinds.size(); ++a) {
+    EXPECT_FALSE(plan.log[a].separated()) << plan.kinds[a];
+    EXPECT_TRUE(plan.after[a].separated()) << plan.kinds[a];
+  }
+
+  // The file as it stands, with the friction that nobody told it of.
+  const TraceResult after = [&] {
+    const PlanLog log = run(Config::parse(plan_toml(declared(), plan) + kFriction, "plan.toml"));
+    return trace_record(log.record, declared().drive(), log.health, {});
+  }();
+  EXPECT_EQ(after.verdict, "traced") << after.sentence;
+  ASSERT_EQ(after.effects.size(), 1u) << after.sentence;
+  EXPECT_EQ(after.effects[0].effect->kind(), "coulomb_friction");
+  EXPECT_NEAR(after.effects[0].parameters.at(0).value, 0.1, 2e-3);
+}
+
+TEST(PlanMeasurement, StopsWhereItIsToldAndKeepsWhatItHas) {
+  int calls = 0;
+  const PlanHooks hooks{.progress = {}, .stop = [&] { return ++calls > 60; }};
+  const Plan plan = make_plan(declared(), friction_kinds(), {}, hooks);
+  EXPECT_FALSE(plan.checked);
+  EXPECT_EQ(plan.after.size(), 4u);
+  EXPECT_TRUE(plan.log.empty());
+  const auto json = nlohmann::json::parse(plan_json(plan));
+  EXPECT_EQ(json.at("kinds").size(), 4u);
+  EXPECT_FALSE(json.at("checked_by_simulation").get<bool>());
+}
+
+TEST(PlanMeasurement, BadInputIsOneLine) {
+  const auto message = [](PlanRequest request) -> std::string {
+    try {
+      make_plan(declared(), request, {}, {});
+    } catch (const BadInput& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(message({.kinds = {"dead_time", "gravity"}}).find("gravity"), std::string::npos);
+  EXPECT_NE(message({.kinds = {"dead_time"}}).find("at least two"), std::string::npos);
+  EXPECT_NE(message({.speed_max_rpm = -5}).find("--max-speed"), std::string::npos);
+  EXPECT_EQ(message({.kinds = {"dead_time"}}).find('\n'), std::string::npos);
+}
+
+}  // namespace
+}  // namespace twinrate

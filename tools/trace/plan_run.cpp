@@ -1,0 +1,287 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "tools/trace/plan_simulate.hpp"
+#include "trace/rest.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kReach_s = 600;  // what no run of this length shows, no run shows
+constexpr double kHoldout = 0.25;
+constexpr int kSofter = 2;         // times the bench is made slower
+constexpr double kTheSame = 0.01;  // of an effect, left by another that imitates it
+
+std::string steps_text(const std::vector<ProfileStep>& steps, double factor) {
+  std::string text;
+  for (const ProfileStep& step : steps)
+    text +=
+        fmt::format("{}[{:.6g}, {:.6g}]", text.empty() ? "" : ", ", step.t_s, factor * step.value);
+  return "[" + text + "]";
+}
+
+// The profile as keys of the drive file, in the unit of speed that the file has.
+std::vector<std::string> overrides_of(const DriveConfig& drive, const Bench& bench,
+                                      const PlanProfile& profile) {
+  const double n_p = drive.machine.n_p;
+  return {drive.reference.in_rpm ? "reference.speed_rpm=" + steps_text(profile.omega_m, 60 / kTwoPi)
+                                 : "reference.omega_e_rad_s=" + steps_text(profile.omega_m, n_p),
+          fmt::format("reference.slew_rad_s2={:.6g}", n_p * bench.slew),
+          "reference.i_d_A=" + steps_text(profile.i_d, 1),
+          "reference.from_bus=false",
+          "load.T_load_Nm=" + steps_text(profile.T_load, 1),
+          fmt::format("load.slew_Nm_s={:.6g}", bench.load_slew),
+          fmt::format("run.duration_s={:.6g}", profile.duration_s),
+          fmt::format("run.settle_s={:.6g}", std::min(0.5, 0.1 * profile.duration_s)),
+          "start=aligned",
+          "controller.angle_source=measured"};
+}
+
+PlanLog record_of(const RawLog& raw, int n_p) {
+  PlanLog log;
+  try {
+    log.record = make_record(raw, n_p, log.health);
+  } catch (const std::runtime_error& error) {
+    throw BadInput(error.what());
+  }
+  return log;
+}
+
+Information total(const std::vector<Information>& pieces, Eigen::Index P) {
+  Information sum = Information::none(P);
+  for (const Information& piece : pieces) sum += piece;
+  return sum;
+}
+
+Bench bench_for(const DriveConfig& drive, const PlanRequest& r) {
+  if (r.i_max_A < 0 || r.speed_max_rpm < 0 || !(r.longest_s > 0))
+    throw BadInput("--plan: --duration, --max-speed and --max-current must be positive");
+  Bench b = bench_of(drive, r.i_max_A);
+  if (r.speed_max_rpm > 0) b.omega_m_max = std::min(b.omega_m_max, r.speed_max_rpm * kTwoPi / 60);
+  if (r.T_load_max_Nm >= 0) b.T_load_max = r.T_load_max_Nm;
+  if (!r.load_machine) b.T_load_max = 0;
+  b.reverse = r.reverse;
+  if (!(b.i_max > 0))
+    throw BadInput(
+        "--plan: the drive file has neither machine.i_rated_A nor machine.T_rated_Nm; "
+        "--max-current says what the bench may use");
+  return b;
+}
+
+// Kinds and pairs that all blocks together, for ten minutes, do not show.
+std::vector<NotSeparated> never(const Information& all_blocks, double seconds,
+                                const PlanCandidates& candidates) {
+  const auto reach = outlook(kReach_s / seconds * all_blocks, candidates);
+  std::vector<NotSeparated> list;
+  for (std::size_t a = 0; a < reach.size(); ++a) {
+    if (!reach[a].identifiable()) {
+      list.push_back({candidates.kinds[a], "",
+                      reach[a].alone > 0
+                          ? fmt::format("ten minutes of every block give {:.2g} sigmas of the "
+                                        "smallest size worth reporting",
+                                        reach[a].alone)
+                          : "no block of this bench excites it"});
+      continue;
+    }
+    for (std::size_t b = 0; b < reach.size(); ++b) {
+      if (b == a || reach[a].clear[b] >= kEnoughSigmas) continue;
+      std::string why =
+          reach[a].sine[b] < kTheSame
+              ? fmt::format("{} can do the same at every operating point", candidates.kinds[b])
+              : fmt::format("{} leaves {:.2g} % of it, whatever the block", candidates.kinds[b],
+                            100 * reach[a].sine[b]);
+      const std::string remedy = beyond_a_run({candidates.kinds[a], candidates.kinds[b]});
+      if (!remedy.empty()) why += "; what helps: " + remedy;
+      list.push_back({candidates.kinds[a], candidates.kinds[b], why});
+    }
+  }
+  return list;
+}
+
+std::string sentence(const Plan& plan) {
+  const auto count = [](const std::vector<KindOutlook>& all, bool (KindOutlook::*is)() const) {
+    return std::count_if(all.begin(), all.end(), [&](const KindOutlook& k) { return (k.*is)(); });
+  };
+  if (plan.order.empty())
+    return plan.log.empty() ? "No run of this bench and length shows any of these effects."
+                            : "No run of this bench and length adds to what the log shows already.";
+  std::string text = fmt::format(
+      "A run of {:.4g} s shows {} of {} kinds of effects at the smallest size worth reporting and "
+      "tells {} of them from every other kind",
+      plan.profile.duration_s, count(plan.after, &KindOutlook::identifiable), plan.kinds.size(),
+      count(plan.after, &KindOutlook::separated));
+  if (!plan.log.empty())
+    text += fmt::format("; the log alone shows {} and tells {}",
+                        count(plan.log, &KindOutlook::identifiable),
+                        count(plan.log, &KindOutlook::separated));
+  return text + ".";
+}
+
+// Every block once, one after another, and those that the simulated drive keeps to.
+struct Trial {
+  PlanLog log;
+  std::vector<std::size_t> blocks;
+  std::vector<RowSpan> spans;  // of the log, block by block
+  std::vector<std::size_t> unfit;
+};
+Trial try_blocks(const Config& drive, Plan& plan, const PlanHooks& hooks) {
+  constexpr double kOffPlan_s = 2e-3;
+  const DriveConfig& d = drive.drive();
+  plan.blocks = building_blocks(plan.bench);
+  std::vector<std::size_t> every(plan.blocks.size());
+  std::iota(every.begin(), every.end(), std::size_t{0});
+  const PlanProfile pool = assemble(plan.blocks, every);
+  const PlannedRun run = simulate_planned(drive, overrides_of(d, plan.bench, pool),
+                                          plan.bench.i_max, "trying the building blocks", hooks);
+  Trial trial;
+  for (std::size_t b : every) {
+    const auto row = [&](double t) { return static_cast<std::size_t>(std::lround(t / d.T_s())); };
+    const RowSpan span{row(pool.start_s[b]), row(pool.start_s[b] + plan.blocks[b].duration_s) - 1};
+    if (span.last + 1 > run.raw.t.size()) break;  // stopped
+    const auto off = std::count(run.off_plan.begin() + static_cast<std::ptrdiff_t>(span.first),
+                                run.off_plan.begin() + static_cast<std::ptrdiff_t>(span.last), 1);
+    if (static_cast<double>(off) * d.T_s() > kOffPlan_s) {
+      trial.unfit.push_back(b);
+      continue;
+    }
+    trial.blocks.push_back(b);
+    trial.spans.push_back(span);
+  }
+  if (!trial.blocks.empty()) trial.log = record_of(run.raw, d.machine.n_p);
+  return trial;
+}
+
+// Slower ramps where more than a third of the blocks were too quick for the controller, a smaller
+// and slower load where that was so of those with a load; false: neither.
+bool soften(Plan& plan, const Trial& trial) {
+  const auto loaded = [&](std::size_t b) { return plan.blocks[b].T_load.size() > 1; };
+  std::size_t all[2] = {0, 0}, bad[2] = {0, 0};
+  for (std::size_t b = 0; b < plan.blocks.size(); ++b) ++all[loaded(b)];
+  for (std::size_t b : trial.unfit) ++bad[loaded(b)];
+  if (3 * bad[0] > all[0]) plan.bench.slew /= 2;
+  if (3 * bad[1] > all[1]) {
+    plan.bench.load_slew /= 4;
+    plan.bench.T_load_max *= 0.7;
+  }
+  return 3 * bad[0] > all[0] || 3 * bad[1] > all[1];
+}
+
+// The whole run, as the tracer would see it; false where it was stopped.
+bool check_run(const Config& drive, Plan& plan, const std::set<std::string>& kinds,
+               const PlanHooks& hooks, Information& sum) {
+  const DriveConfig& d = drive.drive();
+  if (hooks.stop && hooks.stop()) return false;
+  const PlannedRun run =
+      simulate_planned(drive, plan.overrides, plan.bench.i_max, "checking the whole run", hooks);
+  if (hooks.stop && hooks.stop()) return false;
+  const PlanLog log = record_of(run.raw, d.machine.n_p);
+  for (const Information& piece :
+       plan_information(log.record, log.health, d, kinds, training_spans(log.record, kHoldout))
+           .pieces)
+    sum += piece;
+  if (run.filter_lost)
+    plan.notes.push_back(fmt::format(
+        "the filter {} loses the angle in this run; the controller is set to the measured one, and "
+        "a summary that says LOST speaks of the filter",
+        d.estimator.kind));
+  return true;
+}
+
+void note_ideal_sensors(const SensorParameters& sensors, Plan& plan) {
+  std::vector<std::string> ideal;
+  if (sensors.i_noise_rms == 0 && sensors.i_lsb == 0) ideal.push_back("currents without noise");
+  if (sensors.encoder_counts == 0) ideal.push_back("an angle without steps");
+  if (!ideal.empty())
+    plan.notes.push_back(fmt::format(
+        "the drive file declares {}: real sensors ([sensors]) show less than these figures",
+        fmt::join(ideal, " and ")));
+}
+
+}  // namespace
+
+Plan make_plan(const Config& drive, const PlanRequest& request, const std::vector<PlanLog>& logs,
+               const PlanHooks& hooks) {
+  const DriveConfig& d = drive.drive();
+  const std::vector<std::string> possible = plannable_kinds();
+  for (const std::string& kind : request.kinds)
+    if (std::find(possible.begin(), possible.end(), kind) == possible.end())
+      throw BadInput(fmt::format("--kinds {}: one of {} allowed", kind, fmt::join(possible, ", ")));
+  if (request.kinds.size() == 1)
+    throw BadInput("--kinds: at least two, to be told apart; without it all kinds count");
+  const std::set<std::string> kinds(request.kinds.begin(), request.kinds.end());
+  Plan plan{.request = request, .bench = bench_for(d, request)};
+  Trial trial = try_blocks(drive, plan, hooks);
+  for (int again = 0; again < kSofter && soften(plan, trial); ++again) {
+    if (hooks.stop && hooks.stop()) break;
+    trial = try_blocks(drive, plan, hooks);
+  }
+  if (trial.blocks.empty())
+    throw BadInput(
+        "--plan: the drive as it is declared follows none of the blocks; does `twinrate "
+        "simulate` of it run?");
+  if (!trial.unfit.empty()) {
+    std::vector<std::string> names;
+    for (std::size_t b : trial.unfit) names.push_back(plan.blocks[b].name);
+    plan.notes.push_back(fmt::format(
+        "left out, because the simulated drive does not keep to them: {}", fmt::join(names, ", ")));
+  }
+  const std::vector<std::size_t>& tried = trial.blocks;
+  double pool_s = 0;
+  for (std::size_t b : tried) pool_s += plan.blocks[b].duration_s;
+  if (hooks.progress) hooks.progress("information of the blocks", 0);
+  const PlanInformation blocks =
+      plan_information(trial.log.record, trial.log.health, d, kinds, trial.spans);
+  const PlanCandidates& candidates = blocks.candidates;
+  plan.kinds = candidates.kinds;
+  plan.never = never(total(blocks.pieces, candidates.columns), pool_s, candidates);
+
+  Information start = Information::none(candidates.columns);
+  for (const PlanLog& log : logs) {
+    if (hooks.progress) hooks.progress("information of the log", 0);
+    start += total(
+        plan_information(log.record, log.health, d, kinds, training_spans(log.record, kHoldout))
+            .pieces,
+        candidates.columns);
+  }
+  if (!logs.empty()) plan.log = outlook(start, candidates);
+
+  std::vector<PlanPiece> pieces;
+  for (std::size_t j = 0; j < tried.size(); ++j)  // a part of every run is held out
+    pieces.push_back({(1 - kHoldout) * blocks.pieces[j], plan.blocks[tried[j]].duration_s});
+  PlanSettings settings{.longest_s = request.longest_s, .stop = hooks.stop};
+  double chosen_s = 0;
+  settings.say = [&](std::size_t j, double) {
+    chosen_s += pieces[j].duration_s;
+    if (hooks.progress) hooks.progress("choosing", chosen_s / request.longest_s);
+  };
+  Information after = start, estimate = start;
+  for (std::size_t j : choose(pieces, start, candidates, settings)) {
+    plan.order.push_back(tried[j]);
+    estimate += pieces[j].information;
+  }
+  plan.profile = assemble(plan.blocks, plan.order);
+  if (!plan.order.empty()) {
+    plan.overrides = overrides_of(d, plan.bench, plan.profile);
+    plan.checked = check_run(drive, plan, kinds, hooks, after);
+    if (!plan.checked) after = estimate;
+  }
+  plan.after = outlook(after, candidates);
+  // What noise hid in the short blocks may show in the whole run.
+  const auto index = [&](const std::string& kind) {
+    return static_cast<std::size_t>(std::find(plan.kinds.begin(), plan.kinds.end(), kind) -
+                                    plan.kinds.begin());
+  };
+  std::erase_if(plan.never, [&](const NotSeparated& n) {
+    const KindOutlook& k = plan.after[index(n.a)];
+    return n.b.empty() ? k.identifiable() : k.clear[index(n.b)] >= kEnoughSigmas;
+  });
+  note_ideal_sensors(d.sensors, plan);
+  plan.sentence = sentence(plan);
+  return plan;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,187 @@
+#include "trace/plan_information.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "trace/keys.hpp"
+#include "trace/noise.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+// Whether a point of a grid stays in the thinned set.
+bool kept(const TracedKey& key, double value, int n_p) {
+  const std::string_view name = key.key;
+  if (name == "time_constant_s") return value == 0;
+  if (name != "order") return true;
+  for (int order : {1, 2, 3, 2 * n_p, 6 * n_p, 12 * n_p})
+    if (value == order) return true;
+  return false;
+}
+
+void over_thinned(Effect& effect, const std::vector<TracedKey>& keys, std::size_t index, int n_p,
+                  const std::function<void()>& f) {
+  while (index < keys.size() && keys[index].grid.empty()) ++index;
+  if (index == keys.size()) return f();
+  for (double value : keys[index].grid) {
+    if (!kept(keys[index], value, n_p)) continue;
+    set_key(effect, keys[index].key, value);
+    over_thinned(effect, keys, index + 1, n_p, f);
+  }
+}
+
+// At a moment that only a record can give.
+bool is_of_a_moment(const std::vector<TracedKey>& keys) {
+  return std::any_of(keys.begin(), keys.end(),
+                     [](const TracedKey& key) { return !key.linear && key.grid.empty(); });
+}
+
+bool may_plan(const std::string& kind) {
+  if (kind == "backlash") return false;  // seen where a torsion is (trace/placing.hpp)
+  const auto effect = make_effect(kind);
+  if (effect->acts_on() == kOnBus) return false;  // stands in the log: v_dc is measured
+  const std::vector<TracedKey> keys = effect->traced_keys();
+  return !keys.empty() && !is_of_a_moment(keys);
+}
+
+std::vector<std::shared_ptr<Effect>> thinned_effects(const DriveFacts& facts,
+                                                     const std::set<std::string>& kinds) {
+  std::vector<std::shared_ptr<Effect>> all;
+  for (const std::string& kind : plannable_kinds()) {
+    if (!kinds.empty() && !kinds.count(kind)) continue;
+    const std::shared_ptr<Effect> effect = make_effect(kind);
+    effect->prepare(facts);  // a grid may depend on the drive
+    over_thinned(*effect, effect->traced_keys(), 0, facts.machine.n_p, [&] {
+      const std::shared_ptr<Effect> at_grid = effect->clone();
+      if (at_grid->prepare(facts).empty()) all.push_back(at_grid);
+    });
+  }
+  return all;
+}
+
+PlanGroup group_of(const std::shared_ptr<Effect>& effect, const DriveFacts& facts) {
+  PlanGroup group;
+  if (effect->regressor_count() > 0) {
+    group.count = effect->regressor_count();
+    group.size = [effect, facts](const Eigen::VectorXd& c) {
+      const std::shared_ptr<Effect> sized = effect->clone();
+      sized->set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
+      return sized->materiality(facts);
+    };
+  } else {
+    group.count = 1;
+    group.size = [size = effect->materiality(facts)](const Eigen::VectorXd& c) {
+      return size * c[0];
+    };
+  }
+  group.smallest = smallest_of(group.size, group.count);
+  return group;
+}
+
+// Outputs [first, second) that stand in the span.
+std::pair<Eigen::Index, Eigen::Index> outputs(const Runs& runs, const RowSpan& span) {
+  const auto at = [&](std::size_t row) {
+    return static_cast<Eigen::Index>(std::lower_bound(runs.row.begin(), runs.row.end(), row) -
+                                     runs.row.begin());
+  };
+  return {at(span.first), at(span.last)};
+}
+
+// X'X - N'N of one channel in one span, and the diagonal of N'N.
+void add_channel(const std::vector<Sampled>& columns, Eigen::VectorXd Sampled::*channel,
+                 Eigen::VectorXd Sampled::*noise, std::pair<Eigen::Index, Eigen::Index> range,
+                 Information& sum) {
+  const auto P = static_cast<Eigen::Index>(columns.size());
+  const Eigen::Index n = range.second - range.first;
+  if (n <= 0) return;
+  Eigen::MatrixXd X(n, P), N(n, P);
+  for (Eigen::Index c = 0; c < P; ++c) {
+    const Eigen::VectorXd &x = columns[static_cast<std::size_t>(c)].*channel,
+                          &e = columns[static_cast<std::size_t>(c)].*noise;
+    if (x.size())
+      X.col(c) = x.segment(range.first, n);
+    else
+      X.col(c).setZero();
+    if (e.size())
+      N.col(c) = e.segment(range.first, n);
+    else
+      N.col(c).setZero();
+  }
+  sum.M.noalias() += X.transpose() * X;
+  sum.M.noalias() -= N.transpose() * N;
+  sum.noise += N.colwise().squaredNorm().transpose();
+  sum.rows += static_cast<double>(n);
+}
+
+}  // namespace
+
+std::vector<std::string> plannable_kinds() {
+  std::vector<std::string> kinds;
+  for (const std::string& kind : effect_kinds())
+    if (may_plan(kind)) kinds.push_back(kind);
+  return kinds;
+}
+
+std::vector<RowSpan> training_spans(const Record& record, double holdout) {
+  const std::vector<char> held_out = held_out_rows(record, holdout);
+  std::vector<RowSpan> spans;
+  for (std::size_t k = 0; k < held_out.size(); ++k) {
+    if (held_out[k]) continue;
+    if (k == 0 || held_out[k - 1]) spans.push_back({k, k});
+    spans.back().last = k + 1;
+  }
+  return spans;
+}
+
+PlanInformation plan_information(const Record& record, const Health& health,
+                                 const DriveConfig& drive, const std::set<std::string>& kinds,
+                                 const std::vector<RowSpan>& spans) {
+  const DriveFacts facts = drive.facts();
+  const Effects known = drive.model_effects();
+  const Equations equations(record, facts, known);
+  const std::vector<char> moving = moving_rows(equations);
+  std::vector<char> piece(record.size(), 0);
+  for (std::size_t s = 0; s < spans.size(); ++s)
+    std::fill(piece.begin() + static_cast<std::ptrdiff_t>(spans[s].first),
+              piece.begin() + static_cast<std::ptrdiff_t>(spans[s].last),
+              static_cast<char>(1 + s % 2));
+  const Sampler sampler(record, moving, piece);
+  const Record noisier = add_noise(record, facts, moving, health.i_lsb);
+  const Equations noisier_equations(noisier, facts, known);
+  Chain chain(equations, noisier_equations, sampler);
+
+  Dictionary dictionary;
+  for (const auto& effect : thinned_effects(facts, kinds))
+    dictionary.sampled.push_back({effect, effect->regressor_count() > 0
+                                              ? chain.columns(*effect)
+                                              : std::vector<Sampled>{chain.contribution(*effect)}});
+  chain.set_noise(fit_noise(chain, chain.residual({}), dictionary));
+
+  PlanInformation out;
+  PlanCandidates& all = out.candidates;
+  std::vector<Sampled> columns;
+  for (const Candidate& candidate : dictionary.sampled) {
+    const std::string kind(candidate.effect->kind());
+    if (all.kinds.empty() || all.kinds.back() != kind) all.kinds.push_back(kind);
+    PlanGroup group = group_of(candidate.effect, facts);
+    group.kind = all.kinds.size() - 1;
+    group.first = all.columns;
+    all.columns += group.count;
+    for (const Sampled& x : candidate.columns) columns.push_back(chain.regressor(x));
+    all.groups.push_back(std::move(group));
+  }
+  for (const RowSpan& span : spans) {
+    Information sum = Information::none(all.columns);
+    const auto electrical = outputs(sampler.electrical(), span);
+    add_channel(columns, &Sampled::d, &Sampled::noise_d, electrical, sum);
+    add_channel(columns, &Sampled::q, &Sampled::noise_q, electrical, sum);
+    add_channel(columns, &Sampled::torque, &Sampled::noise_torque, outputs(sampler.torque(), span),
+                sum);
+    out.pieces.push_back(std::move(sum));
+  }
+  return out;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,37 @@
+// What pieces of a record are worth to the tracer: its own equations, low-pass, candidates and
+// whitening, as information matrices (trace/plan.hpp).
+//
+// The candidates are a thinned set, the same for every record of a drive: orders of a turn at a few
+// places that kinds share, resistance without its drift, nothing that happens at one moment
+// (load_step: where a constant load shows, its beginning does). An effect without regressors stands
+// at each point of its grid, its contribution there for a column.
+#pragma once
+#include <set>
+
+#include "core/drive_config.hpp"
+#include "trace/health.hpp"
+#include "trace/plan.hpp"
+
+namespace twinrate {
+
+// Rows [first, last) of a record.
+struct RowSpan {
+  std::size_t first = 0, last = 0;
+};
+
+struct PlanInformation {
+  PlanCandidates candidates;
+  std::vector<Information> pieces;  // of each span
+};
+
+// Kinds that a plan may be asked for.
+std::vector<std::string> plannable_kinds();
+// `kinds`: of plannable_kinds(); empty: all. `spans`: ascending; only their rows count, and no
+// filter reaches from one into the next. Noise is what no candidate explains (trace/noise.hpp).
+PlanInformation plan_information(const Record& record, const Health& health,
+                                 const DriveConfig& drive, const std::set<std::string>& kinds,
+                                 const std::vector<RowSpan>& spans);
+// The rows of a record that the tracer would train on.
+std::vector<RowSpan> training_spans(const Record& record, double holdout);
+
+}  // namespace twinrate
