@@ -139,12 +139,13 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
     r.sentence = fmt::format(
         "Cannot tell: of {} kinds of effects this record could show {}; a longer record with "
         "several "
-        "speeds in both directions, load and i_d is needed.",
+        "speeds in both directions, load and i_d is needed (twinrate trace --plan proposes one).",
         all, told == 0 ? "none" : fmt::format("only {}", fmt::join(r.identifiable, ", ")));
     std::vector<std::string> blind;
     for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
     r.ambiguous.push_back({blind, "this record does not excite them",
-                           "a run that varies speed, load and i_d independently"});
+                           "a run that varies speed, load and i_d independently (twinrate trace "
+                           "--plan proposes one)"});
   }
   return r;
 }
