@@ -94,6 +94,8 @@ TEST(PlanMeasurement, StopsWhereItIsToldAndKeepsWhatItHas) {
   const PlanHooks hooks{.progress = {}, .stop = [&] { return ++calls > 60; }};
   const Plan plan = make_plan(declared(), friction_kinds(), {}, hooks);
   EXPECT_FALSE(plan.checked);
+  ASSERT_FALSE(plan.order.empty());
+  EXPECT_LT(*std::max_element(plan.order.begin(), plan.order.end()), plan.blocks.size() / 2);
   EXPECT_EQ(plan.after.size(), 4u);
   EXPECT_TRUE(plan.log.empty());
   const auto json = nlohmann::json::parse(plan_json(plan));
@@ -113,6 +115,8 @@ TEST(PlanMeasurement, BadInputIsOneLine) {
   EXPECT_NE(message({.kinds = {"dead_time", "gravity"}}).find("gravity"), std::string::npos);
   EXPECT_NE(message({.kinds = {"dead_time"}}).find("at least two"), std::string::npos);
   EXPECT_NE(message({.speed_max_rpm = -5}).find("--max-speed"), std::string::npos);
+  EXPECT_NE(message({.kinds = {"dead_time", "resistance"}, .longest_s = 0.1}).find("shortest"),
+            std::string::npos);
   EXPECT_EQ(message({.kinds = {"dead_time"}}).find('\n'), std::string::npos);
 }
 

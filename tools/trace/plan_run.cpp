@@ -214,6 +214,13 @@ Plan make_plan(const Config& drive, const PlanRequest& request, const std::vecto
     throw BadInput("--kinds: at least two, to be told apart; without it all kinds count");
   const std::set<std::string> kinds(request.kinds.begin(), request.kinds.end());
   Plan plan{.request = request, .bench = bench_for(d, request)};
+  double shortest_s = 1e300;
+  for (const PlanBlock& b : building_blocks(plan.bench))
+    shortest_s = std::min(shortest_s, b.duration_s);
+  if (shortest_s > request.longest_s)
+    throw BadInput(
+        fmt::format("--duration {:.3g}s: the shortest block of this bench takes {:.3g} s",
+                    request.longest_s, shortest_s));
   Trial trial = try_blocks(drive, plan, hooks);
   for (int again = 0; again < kSofter && soften(plan, trial); ++again) {
     if (hooks.stop && hooks.stop()) break;
@@ -252,7 +259,8 @@ Plan make_plan(const Config& drive, const PlanRequest& request, const std::vecto
   std::vector<PlanPiece> pieces;
   for (std::size_t j = 0; j < tried.size(); ++j)  // a part of every run is held out
     pieces.push_back({(1 - kHoldout) * blocks.pieces[j], plan.blocks[tried[j]].duration_s});
-  PlanSettings settings{.longest_s = request.longest_s, .stop = hooks.stop};
+  PlanSettings settings{.longest_s = request.longest_s};
+  if (!(hooks.stop && hooks.stop())) settings.stop = hooks.stop;  // else choose from what is there
   double chosen_s = 0;
   settings.say = [&](std::size_t j, double) {
     chosen_s += pieces[j].duration_s;

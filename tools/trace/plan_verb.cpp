@@ -91,6 +91,9 @@ int plan_measurement(const PlanOptions& o, const Config& drive, const std::strin
   request.longest_s = seconds_of(o.duration);
   request.load_machine = !o.no_load_machine;
   request.reverse = !o.one_direction;
+  std::error_code refused;
+  std::filesystem::create_directories(out, refused);
+  if (refused) throw BadInput(out + ": cannot be made: " + refused.message());
   catch_stop_signals();
   Plan plan;
   {
@@ -99,7 +102,6 @@ int plan_measurement(const PlanOptions& o, const Config& drive, const std::strin
                      {[&](const std::string& what, double share) { progress.show(what, share); },
                       stop_signalled});
   }
-  std::filesystem::create_directories(out);
   write_file(out + "/plan.json", plan_json(plan));
   std::string files = "plan.json";
   if (!plan.order.empty()) {

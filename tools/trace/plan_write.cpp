@@ -171,7 +171,7 @@ std::string plan_table(const Plan& plan) {
     text += n.b.empty() ? fmt::format("  shows {}: {}\n", n.a, n.why)
                         : fmt::format("  tells {} from {}: {}\n", n.a, n.b, n.why);
   for (const std::string& note : plan.notes) text += "note: " + note + "\n";
-  text += "the run:\n";
+  if (!plan.order.empty()) text += "the run:\n";
   for (std::size_t j = 0; j < plan.order.size(); ++j)
     text += fmt::format("  {:6.2f} s  {:<18} {}\n", plan.profile.start_s[j],
                         plan.blocks[plan.order[j]].name, plan.blocks[plan.order[j]].words);
