@@ -115,7 +115,43 @@ void add_channel(const std::vector<Sampled>& columns, Eigen::VectorXd Sampled::*
   sum.rows += static_cast<double>(n);
 }
 
+Record rows_of(const Record& record, std::size_t first, std::size_t last) {
+  Record piece;
+  piece.source = record.source;
+  piece.T_s = record.T_s;
+  piece.current_sensors = record.current_sensors;
+  const auto take = [&](const auto& from, auto& to) {
+    if (!from.empty())
+      to.assign(from.begin() + static_cast<std::ptrdiff_t>(first),
+                from.begin() + static_cast<std::ptrdiff_t>(last));
+  };
+  take(record.t, piece.t);
+  take(record.u_alphabeta, piece.u_alphabeta);
+  take(record.i_alphabeta, piece.i_alphabeta);
+  take(record.theta_m, piece.theta_m);
+  take(record.v_dc, piece.v_dc);
+  take(record.T_load, piece.T_load);
+  take(record.electrical_ok, piece.electrical_ok);
+  take(record.motion_ok, piece.motion_ok);
+  return piece;
+}
+
 }  // namespace
+
+Record excerpt(const Record& record, double longest_s, double& part) {
+  constexpr double kPiece_s = 2;
+  const auto piece = static_cast<std::size_t>(kPiece_s / record.T_s);
+  const auto pieces = static_cast<std::size_t>(longest_s / kPiece_s);
+  part = 1;
+  if (record.size() <= pieces * piece) return record;
+  Record all = rows_of(record, 0, piece);
+  for (std::size_t j = 1; j < pieces; ++j) {
+    const std::size_t first = (record.size() - piece) * j / (pieces - 1);
+    all.append(rows_of(record, first, first + piece));
+  }
+  part = static_cast<double>(all.size()) / static_cast<double>(record.size());
+  return all;
+}
 
 std::vector<std::string> plannable_kinds() {
   std::vector<std::string> kinds;

@@ -31,6 +31,10 @@ std::vector<std::string> plannable_kinds();
 PlanInformation plan_information(const Record& record, const Health& health,
                                  const DriveConfig& drive, const std::set<std::string>& kinds,
                                  const std::vector<RowSpan>& spans);
+// Of a record longer than that, pieces of two seconds from all over it, one behind the other;
+// `part`: how much of the record that is. What the whole is worth is what the excerpt is worth,
+// over `part`.
+Record excerpt(const Record& record, double longest_s, double& part);
 // The rows of a record that the tracer would train on.
 std::vector<RowSpan> training_spans(const Record& record, double holdout);
 

@@ -8,7 +8,9 @@
 
 #include "core/config.hpp"
 #include "model/random.hpp"
+#include "tests/trace/synthetic_drive.hpp"
 #include "trace/plan_blocks.hpp"
+#include "trace/plan_information.hpp"
 
 namespace twinrate {
 namespace {
@@ -139,6 +141,31 @@ TEST(Plan, ChoosesWhatSeparatesBeforeWhatRepeats) {
   EXPECT_TRUE(choose(pieces, 1e4 * apart, two, settings).empty());
   settings.stop = [] { return true; };
   EXPECT_TRUE(choose(pieces, aliased, two, settings).empty());
+}
+
+TEST(Plan, AnExcerptSpeaksForALongRecord) {
+  const Config config = Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
+  SyntheticDrive drive;
+  drive.duration_s = 16;
+  Health health;
+  const Record whole = make_record(simulate_synthetic(drive), 3, health);
+  double part = 0;
+  EXPECT_EQ(excerpt(whole, 20, part).size(), whole.size());
+  EXPECT_EQ(part, 1);
+  const Record some = excerpt(whole, 8, part);
+  EXPECT_NEAR(part, 0.5, 1e-3);
+  const std::set<std::string> kinds = {"coulomb_friction", "viscous_friction", "resistance"};
+  const auto look = [&](const Record& record, double factor) {
+    const PlanInformation x =
+        plan_information(record, health, config.drive(), kinds, {{0, record.size()}});
+    return outlook(factor * x.pieces.at(0), x.candidates);
+  };
+  const auto all = look(whole, 1), half = look(some, 1 / part);
+  ASSERT_EQ(all.size(), 3u);
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_GT(all[k].alone, 10);
+    EXPECT_NEAR(half[k].alone / all[k].alone, 1, 0.25);
+  }
 }
 
 using Steps = std::vector<ProfileStep>;

@@ -13,8 +13,9 @@ namespace {
 
 constexpr double kReach_s = 600;  // what no run of this length shows, no run shows
 constexpr double kHoldout = 0.25;
-constexpr int kSofter = 2;         // times the bench is made slower
-constexpr double kTheSame = 0.01;  // of an effect, left by another that imitates it
+constexpr double kLongestLog_s = 60;  // of a longer one an excerpt speaks
+constexpr int kSofter = 2;            // times the bench is made slower
+constexpr double kTheSame = 0.01;     // of an effect, left by another that imitates it
 
 std::string steps_text(const std::vector<ProfileStep>& steps, double factor) {
   std::string text;
@@ -249,10 +250,12 @@ Plan make_plan(const Config& drive, const PlanRequest& request, const std::vecto
   Information start = Information::none(candidates.columns);
   for (const PlanLog& log : logs) {
     if (hooks.progress) hooks.progress("information of the log", 0);
-    start += total(
-        plan_information(log.record, log.health, d, kinds, training_spans(log.record, kHoldout))
-            .pieces,
-        candidates.columns);
+    double part = 1;
+    const Record some = excerpt(log.record, kLongestLog_s, part);
+    start +=
+        1 / part *
+        total(plan_information(some, log.health, d, kinds, training_spans(some, kHoldout)).pieces,
+              candidates.columns);
   }
   if (!logs.empty()) plan.log = outlook(start, candidates);
 
