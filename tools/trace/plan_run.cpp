@@ -227,6 +227,8 @@ Plan make_plan(const Config& drive, const PlanRequest& request, const std::vecto
     if (hooks.stop && hooks.stop()) break;
     trial = try_blocks(drive, plan, hooks);
   }
+  if (trial.blocks.empty() && hooks.stop && hooks.stop())
+    throw BadInput("--plan: interrupted before the first block was tried");
   if (trial.blocks.empty())
     throw BadInput(
         "--plan: the drive as it is declared follows none of the blocks; does `twinrate "
