@@ -36,7 +36,8 @@ void Record::append(const Record& other) {
                              " s, " + source + " every " + std::to_string(T_s) +
                              " s; all logs need the same rate");
   const std::size_t seam = size();
-  add(t, other.t);
+  const double later = std::max(0.0, t.back() + T_s - other.t.front());
+  for (double time : other.t) t.push_back(time + later);
   add(u_alphabeta, other.u_alphabeta);
   add(i_alphabeta, other.i_alphabeta);
   add(theta_m, other.theta_m);

@@ -23,7 +23,8 @@ struct Record {
   int current_sensors = 3;                     // 2: i_c is -(i_a + i_b)
 
   std::size_t size() const { return t.size(); }
-  // Adds another record behind this one; nothing is compared across the seam. Throws
+  // Adds another record behind this one, its time moved on where it begins before this one ends;
+  // nothing is compared across the seam. Throws
   // std::runtime_error, one line, where the two do not go together.
   void append(const Record& other);
   bool has_voltage_equation() const { return !u_alphabeta.empty() && !i_alphabeta.empty(); }

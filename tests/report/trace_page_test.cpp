@@ -155,6 +155,24 @@ TEST(TraceCurves, ASineStandsAtItsAmplitudeInBothSpectra) {
   EXPECT_NEAR(spectrum.f_Hz[at], kOrder * 5 / kTwoPi, 0.7);
 }
 
+// Two logs that both begin at 0 s, and two that lie a week apart.
+TEST(TraceCurves, ASpectrumOfSeveralLogsKeepsItsLine) {
+  const TraceResult r = made_up_trace();
+  for (double second_from_s : {0.0, 7 * 86400.0}) {
+    TraceSeries s = r.series_torque;
+    for (std::size_t n = 0; n < r.series_torque.t.size(); ++n) {
+      s.t.push_back(second_from_s + r.series_torque.t[n]);
+      s.before.push_back(r.series_torque.before[n]);
+    }
+    const report::Spectrum spectrum = report::line_spectrum(s.t, s.before, s.rate_Hz);
+    const auto top = std::max_element(spectrum.amplitude.begin(), spectrum.amplitude.end());
+    const auto at = static_cast<std::size_t>(top - spectrum.amplitude.begin());
+    EXPECT_NEAR(spectrum.f_Hz[at], kOrder * 5 / kTwoPi, 0.7);
+    EXPECT_GT(*top, 0.5 * kAmplitude_Nm);
+    EXPECT_LT(*top, 1.1 * kAmplitude_Nm);
+  }
+}
+
 TEST(TraceCurves, AnOrderSpectrumNeedsTheWholeTurn) {
   std::vector<double> theta_m, y(8000, 1.0);
   for (int n = 0; n < 8000; ++n) theta_m.push_back(3.0 * n / 8000);

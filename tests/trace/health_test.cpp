@@ -51,5 +51,19 @@ TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   EXPECT_NEAR(stale_share(freeze(quantised_log(0), 400, 40)), 0.09, 0.011);
 }
 
+TEST(Record, TimeGoesOnWhereALogIsAppended) {
+  Health health;
+  const Record one = make_record(quantised_log(2), 3, health);
+  Record two = one;
+  two.append(one);
+  ASSERT_EQ(two.size(), 2 * one.size());
+  for (std::size_t k = 1; k < two.size(); ++k) ASSERT_NEAR(two.t[k] - two.t[k - 1], 1e-4, 1e-9);
+  Record later = one;
+  for (double& t : later.t) t += 100;
+  Record kept = one;
+  kept.append(later);
+  EXPECT_EQ(kept.t.back(), later.t.back());
+}
+
 }  // namespace
 }  // namespace twinrate

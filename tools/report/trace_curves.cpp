@@ -16,6 +16,7 @@ constexpr double kFewest = 5;            // rows that make a point
 constexpr double kKept = 0.9;            // of a signal's power by its smoothing
 constexpr int kRowsPerBin = 8;           // at least, on average, over a turn
 constexpr double kCovered = 0.999;       // of the turn's bins
+constexpr double kMostlyGaps = 8;        // rows of time for each row there is
 constexpr std::size_t kLong = 1u << 17;  // rows: padded less, for memory
 constexpr double kGap = 1.5;             // rows apart by more do not follow each other
 
@@ -150,8 +151,12 @@ Spectrum line_spectrum(const std::vector<double>& t, const std::vector<double>& 
                        std::size_t points) {
   Spectrum spectrum;
   if (y.size() < 64) return spectrum;
+  // Where time goes back, or stands still for most of the record, rows follow each other.
+  const double span = (t.back() - t.front()) * rate_Hz;
+  const bool timed =
+      std::is_sorted(t.begin(), t.end()) && span < kMostlyGaps * static_cast<double>(y.size());
   const auto place = [&](std::size_t i) {
-    return static_cast<std::size_t>(std::lround((t[i] - t.front()) * rate_Hz));
+    return timed ? static_cast<std::size_t>(std::lround((t[i] - t.front()) * rate_Hz)) : i;
   };
   const std::size_t rows = place(y.size() - 1) + 1;
   std::size_t n = 64;
