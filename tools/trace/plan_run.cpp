@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "tools/trace/plan_simulate.hpp"
+#include "tools/trace/plan_trial.hpp"
 #include "trace/rest.hpp"
 
 namespace twinrate {
@@ -16,41 +16,6 @@ constexpr double kHoldout = 0.25;
 constexpr double kLongestLog_s = 60;  // of a longer one an excerpt speaks
 constexpr int kSofter = 2;            // times the bench is made slower
 constexpr double kTheSame = 0.01;     // of an effect, left by another that imitates it
-
-std::string steps_text(const std::vector<ProfileStep>& steps, double factor) {
-  std::string text;
-  for (const ProfileStep& step : steps)
-    text +=
-        fmt::format("{}[{:.6g}, {:.6g}]", text.empty() ? "" : ", ", step.t_s, factor * step.value);
-  return "[" + text + "]";
-}
-
-// The profile as keys of the drive file, in the unit of speed that the file has.
-std::vector<std::string> overrides_of(const DriveConfig& drive, const Bench& bench,
-                                      const PlanProfile& profile) {
-  const double n_p = drive.machine.n_p;
-  return {drive.reference.in_rpm ? "reference.speed_rpm=" + steps_text(profile.omega_m, 60 / kTwoPi)
-                                 : "reference.omega_e_rad_s=" + steps_text(profile.omega_m, n_p),
-          fmt::format("reference.slew_rad_s2={:.6g}", n_p * bench.slew),
-          "reference.i_d_A=" + steps_text(profile.i_d, 1),
-          "reference.from_bus=false",
-          "load.T_load_Nm=" + steps_text(profile.T_load, 1),
-          fmt::format("load.slew_Nm_s={:.6g}", bench.load_slew),
-          fmt::format("run.duration_s={:.6g}", profile.duration_s),
-          fmt::format("run.settle_s={:.6g}", std::min(0.5, 0.1 * profile.duration_s)),
-          "start=aligned",
-          "controller.angle_source=measured"};
-}
-
-PlanLog record_of(const RawLog& raw, int n_p) {
-  PlanLog log;
-  try {
-    log.record = make_record(raw, n_p, log.health);
-  } catch (const std::runtime_error& error) {
-    throw BadInput(error.what());
-  }
-  return log;
-}
 
 Information total(const std::vector<Information>& pieces, Eigen::Index P) {
   Information sum = Information::none(P);
@@ -122,55 +87,6 @@ std::string sentence(const Plan& plan) {
   return text + ".";
 }
 
-// Every block once, one after another, and those that the simulated drive keeps to.
-struct Trial {
-  PlanLog log;
-  std::vector<std::size_t> blocks;
-  std::vector<RowSpan> spans;  // of the log, block by block
-  std::vector<std::size_t> unfit;
-};
-Trial try_blocks(const Config& drive, Plan& plan, const PlanHooks& hooks) {
-  constexpr double kOffPlan_s = 2e-3;
-  const DriveConfig& d = drive.drive();
-  plan.blocks = building_blocks(plan.bench);
-  std::vector<std::size_t> every(plan.blocks.size());
-  std::iota(every.begin(), every.end(), std::size_t{0});
-  const PlanProfile pool = assemble(plan.blocks, every);
-  const PlannedRun run = simulate_planned(drive, overrides_of(d, plan.bench, pool),
-                                          plan.bench.i_max, "trying the building blocks", hooks);
-  Trial trial;
-  for (std::size_t b : every) {
-    const auto row = [&](double t) { return static_cast<std::size_t>(std::lround(t / d.T_s())); };
-    const RowSpan span{row(pool.start_s[b]), row(pool.start_s[b] + plan.blocks[b].duration_s) - 1};
-    if (span.last + 1 > run.raw.t.size()) break;  // stopped
-    const auto off = std::count(run.off_plan.begin() + static_cast<std::ptrdiff_t>(span.first),
-                                run.off_plan.begin() + static_cast<std::ptrdiff_t>(span.last), 1);
-    if (static_cast<double>(off) * d.T_s() > kOffPlan_s) {
-      trial.unfit.push_back(b);
-      continue;
-    }
-    trial.blocks.push_back(b);
-    trial.spans.push_back(span);
-  }
-  if (!trial.blocks.empty()) trial.log = record_of(run.raw, d.machine.n_p);
-  return trial;
-}
-
-// Slower ramps where more than a third of the blocks were too quick for the controller, a smaller
-// and slower load where that was so of those with a load; false: neither.
-bool soften(Plan& plan, const Trial& trial) {
-  const auto loaded = [&](std::size_t b) { return plan.blocks[b].T_load.size() > 1; };
-  std::size_t all[2] = {0, 0}, bad[2] = {0, 0};
-  for (std::size_t b = 0; b < plan.blocks.size(); ++b) ++all[loaded(b)];
-  for (std::size_t b : trial.unfit) ++bad[loaded(b)];
-  if (3 * bad[0] > all[0]) plan.bench.slew /= 2;
-  if (3 * bad[1] > all[1]) {
-    plan.bench.load_slew /= 4;
-    plan.bench.T_load_max *= 0.7;
-  }
-  return 3 * bad[0] > all[0] || 3 * bad[1] > all[1];
-}
-
 // The whole run, as the tracer would see it; false where it was stopped.
 bool check_run(const Config& drive, Plan& plan, const std::set<std::string>& kinds,
                const PlanHooks& hooks, Information& sum) {
@@ -202,88 +118,68 @@ void note_ideal_sensors(const SensorParameters& sensors, Plan& plan) {
         fmt::join(ideal, " and ")));
 }
 
-}  // namespace
-
-Plan make_plan(const Config& drive, const PlanRequest& request, const std::vector<PlanLog>& logs,
-               const PlanHooks& hooks) {
-  const DriveConfig& d = drive.drive();
+void check_request(const PlanRequest& request, const Bench& bench) {
   const std::vector<std::string> possible = plannable_kinds();
   for (const std::string& kind : request.kinds)
     if (std::find(possible.begin(), possible.end(), kind) == possible.end())
       throw BadInput(fmt::format("--kinds {}: one of {} allowed", kind, fmt::join(possible, ", ")));
   if (request.kinds.size() == 1)
     throw BadInput("--kinds: at least two, to be told apart; without it all kinds count");
-  const std::set<std::string> kinds(request.kinds.begin(), request.kinds.end());
-  Plan plan{.request = request, .bench = bench_for(d, request)};
   double shortest_s = 1e300;
-  for (const PlanBlock& b : building_blocks(plan.bench))
-    shortest_s = std::min(shortest_s, b.duration_s);
+  for (const PlanBlock& b : building_blocks(bench)) shortest_s = std::min(shortest_s, b.duration_s);
   if (shortest_s > request.longest_s)
     throw BadInput(
         fmt::format("--duration {:.3g}s: the shortest block of this bench takes {:.3g} s",
                     request.longest_s, shortest_s));
-  Trial trial = try_blocks(drive, plan, hooks);
-  for (int again = 0; again < kSofter && soften(plan, trial); ++again) {
-    if (hooks.stop && hooks.stop()) break;
-    trial = try_blocks(drive, plan, hooks);
-  }
-  if (trial.blocks.empty() && hooks.stop && hooks.stop())
-    throw BadInput("--plan: interrupted before the first block was tried");
-  if (trial.blocks.empty())
-    throw BadInput(
-        "--plan: the drive as it is declared follows none of the blocks; does `twinrate "
-        "simulate` of it run?");
-  if (!trial.unfit.empty()) {
-    std::vector<std::string> names;
-    for (std::size_t b : trial.unfit) names.push_back(plan.blocks[b].name);
+}
+
+void note_unfit(const Trial& trial, Plan& plan) {
+  std::vector<std::string> names;
+  for (std::size_t b : trial.unfit) names.push_back(trial.all[b].name);
+  if (!names.empty())
     plan.notes.push_back(fmt::format(
         "left out, because the simulated drive does not keep to them: {}", fmt::join(names, ", ")));
-  }
-  const std::vector<std::size_t>& tried = trial.blocks;
-  double pool_s = 0;
-  for (std::size_t b : tried) pool_s += plan.blocks[b].duration_s;
-  if (hooks.progress) hooks.progress("information of the blocks", 0);
-  const PlanInformation blocks =
-      plan_information(trial.log.record, trial.log.health, d, kinds, trial.spans);
-  const PlanCandidates& candidates = blocks.candidates;
-  plan.kinds = candidates.kinds;
-  plan.never = never(total(blocks.pieces, candidates.columns), pool_s, candidates);
+}
 
-  Information start = Information::none(candidates.columns);
+Information of_logs(const std::vector<PlanLog>& logs, const DriveConfig& d,
+                    const std::set<std::string>& kinds, Eigen::Index columns,
+                    const PlanHooks& hooks) {
+  Information sum = Information::none(columns);
   for (const PlanLog& log : logs) {
     if (hooks.progress) hooks.progress("information of the log", 0);
     double part = 1;
     const Record some = excerpt(log.record, kLongestLog_s, part);
-    start +=
+    sum +=
         1 / part *
         total(plan_information(some, log.health, d, kinds, training_spans(some, kHoldout)).pieces,
-              candidates.columns);
+              columns);
   }
-  if (!logs.empty()) plan.log = outlook(start, candidates);
+  return sum;
+}
 
+// Fills in the order of blocks; what they add up to with `start`.
+Information choose_blocks(const Trial& trial, const PlanInformation& blocks,
+                          const Information& start, const PlanHooks& hooks, Plan& plan) {
   std::vector<PlanPiece> pieces;
-  for (std::size_t j = 0; j < tried.size(); ++j)  // a part of every run is held out
-    pieces.push_back({(1 - kHoldout) * blocks.pieces[j], plan.blocks[tried[j]].duration_s});
-  PlanSettings settings{.longest_s = request.longest_s};
+  for (std::size_t j = 0; j < trial.blocks.size(); ++j)  // a part of every run is held out
+    pieces.push_back({(1 - kHoldout) * blocks.pieces[j], plan.blocks[trial.blocks[j]].duration_s});
+  PlanSettings settings{.longest_s = plan.request.longest_s};
   if (!(hooks.stop && hooks.stop())) settings.stop = hooks.stop;  // else choose from what is there
   double chosen_s = 0;
   settings.say = [&](std::size_t j, double) {
     chosen_s += pieces[j].duration_s;
-    if (hooks.progress) hooks.progress("choosing", chosen_s / request.longest_s);
+    if (hooks.progress) hooks.progress("choosing", chosen_s / plan.request.longest_s);
   };
-  Information after = start, estimate = start;
-  for (std::size_t j : choose(pieces, start, candidates, settings)) {
-    plan.order.push_back(tried[j]);
-    estimate += pieces[j].information;
+  Information sum = start;
+  for (std::size_t j : choose(pieces, start, blocks.candidates, settings)) {
+    plan.order.push_back(trial.blocks[j]);
+    sum += pieces[j].information;
   }
-  plan.profile = assemble(plan.blocks, plan.order);
-  if (!plan.order.empty()) {
-    plan.overrides = overrides_of(d, plan.bench, plan.profile);
-    plan.checked = check_run(drive, plan, kinds, hooks, after);
-    if (!plan.checked) after = estimate;
-  }
-  plan.after = outlook(after, candidates);
-  // What noise hid in the short blocks may show in the whole run.
+  return sum;
+}
+
+// What noise hid in the short blocks may show in the whole run.
+void keep_to_the_run(Plan& plan) {
   const auto index = [&](const std::string& kind) {
     return static_cast<std::size_t>(std::find(plan.kinds.begin(), plan.kinds.end(), kind) -
                                     plan.kinds.begin());
@@ -292,6 +188,40 @@ Plan make_plan(const Config& drive, const PlanRequest& request, const std::vecto
     const KindOutlook& k = plan.after[index(n.a)];
     return n.b.empty() ? k.identifiable() : k.clear[index(n.b)] >= kEnoughSigmas;
   });
+}
+
+}  // namespace
+
+Plan make_plan(const Config& drive, const PlanRequest& request, const std::vector<PlanLog>& logs,
+               const PlanHooks& hooks) {
+  const DriveConfig& d = drive.drive();
+  Plan plan{.request = request, .bench = bench_for(d, request)};
+  check_request(request, plan.bench);
+  const std::set<std::string> kinds(request.kinds.begin(), request.kinds.end());
+
+  const Trial trial = try_blocks(drive, plan.bench, hooks);
+  plan.blocks = trial.all;
+  note_unfit(trial, plan);
+  if (hooks.progress) hooks.progress("information of the blocks", 0);
+  const PlanInformation blocks =
+      plan_information(trial.log.record, trial.log.health, d, kinds, trial.spans);
+  const PlanCandidates& candidates = blocks.candidates;
+  plan.kinds = candidates.kinds;
+  double tried_s = 0;
+  for (std::size_t b : trial.blocks) tried_s += plan.blocks[b].duration_s;
+  plan.never = never(total(blocks.pieces, candidates.columns), tried_s, candidates);
+
+  const Information start = of_logs(logs, d, kinds, candidates.columns, hooks);
+  if (!logs.empty()) plan.log = outlook(start, candidates);
+  Information after = start;
+  const Information estimate = choose_blocks(trial, blocks, start, hooks, plan);
+  plan.profile = assemble(plan.blocks, plan.order);
+  if (!plan.order.empty()) {
+    plan.overrides = overrides_of(d, plan.bench, plan.profile);
+    plan.checked = check_run(drive, plan, kinds, hooks, after);
+  }
+  plan.after = outlook(plan.checked ? after : estimate, candidates);
+  keep_to_the_run(plan);
   note_ideal_sensors(d.sensors, plan);
   plan.sentence = sentence(plan);
   return plan;
