@@ -25,11 +25,24 @@ Config declared() {
   return load_drive("niewiara2020", {"machine.B_Nms=0.002", "sensors.current_sensors=2"});
 }
 
-Log make_log(const Case& which, double duration_s) {
-  const Config preset = load_drive("niewiara2020");
+namespace {
+
+Config plant(const Case& which, double duration_s) {
   // The preset without its own disturbance set.
-  std::string toml = preset.resolved_with({}) + which.effects_toml;
-  Config config = Config::parse(toml, which.name, overrides(which, duration_s));
+  const std::string toml = load_drive("niewiara2020").resolved_with({}) + which.effects_toml;
+  return Config::parse(toml, which.name, overrides(which, duration_s));
+}
+
+}  // namespace
+
+std::string plant_toml(const Case& which, double duration_s) {
+  Config config = plant(which, duration_s);
+  read_all_tables(config);
+  return config.resolved();
+}
+
+Log make_log(const Case& which, double duration_s) {
+  Config config = plant(which, duration_s);
   ClosedLoop loop(config);
   const DriveConfig& drive = config.drive();
   Log log{.raw = {}, .truth = drive.plant_effects()};

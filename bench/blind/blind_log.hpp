@@ -18,6 +18,8 @@ struct Log {
 Log make_log(const Case& which, double duration_s = 10);
 // The same, read from directory `cache` where it is there, else kept there; no cache where empty.
 Log cached_log(const Case& which, const std::string& cache);
+// The drive file of the plant that makes it.
+std::string plant_toml(const Case& which, double duration_s);
 // The declared model.
 Config declared();
 
