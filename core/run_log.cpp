@@ -15,14 +15,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What stands behind DRIVE_MANIFEST at the head of the log.
-std::string suffix_of(const std::string& part) {
-  lcm::LogFile file(part, "r");
-  const lcm::LogEvent* event = file.good() ? file.readNextEvent() : nullptr;
-  const std::string name = info(Channel::kManifest).name;
-  return event && event->channel.rfind(name, 0) == 0 ? event->channel.substr(name.size()) : "";
-}
-
 EventRecord from_wire(const event_t& w) {
   return {.k = w.seq, .t_ns = w.t_ns, .role = w.role, .reason = w.reason, .text = w.text};
 }
@@ -41,19 +33,15 @@ bool take(const lcm::LogEvent& event, const std::string& suffix, std::vector<Ite
 }
 
 void take_manifest(const lcm::LogEvent& event, RunLog& log) {
-  manifest_t manifest;
-  if (manifest.decode(event.data, 0, event.datalen) < 0) {
+  const auto manifest = decode_manifest(event.data, event.datalen, log.path);
+  if (!manifest) {
     ++log.undecodable;
     return;
   }
-  if (manifest.schema != kWireSchema)
-    throw BadInput(
-        fmt::format("{}: written with message types of version {}, this program reads {}", log.path,
-                    manifest.schema, kWireSchema));
-  log.session = manifest.session;
-  log.revision = manifest.revision;
-  log.config_toml = manifest.config_toml;
-  log.manifest_json = manifest.manifest_json;
+  log.session = manifest->session;
+  log.revision = manifest->revision;
+  log.config_toml = manifest->config_toml;
+  log.manifest_json = manifest->manifest_json;
 }
 
 void read_part(const std::string& part, const std::string& suffix, RunLog& log) {
@@ -101,11 +89,28 @@ std::vector<std::string> log_parts(const std::string& path) {
   return parts;
 }
 
+std::string channel_suffix_of(const std::string& part) {
+  lcm::LogFile file(part, "r");
+  const lcm::LogEvent* event = file.good() ? file.readNextEvent() : nullptr;
+  const std::string name = info(Channel::kManifest).name;
+  return event && event->channel.rfind(name, 0) == 0 ? event->channel.substr(name.size()) : "";
+}
+
+std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path) {
+  manifest_t manifest;
+  if (manifest.decode(bytes, 0, count) < 0) return {};
+  if (manifest.schema != kWireSchema)
+    throw BadInput(
+        fmt::format("{}: written with message types of version {}, this program reads {}", path,
+                    manifest.schema, kWireSchema));
+  return manifest;
+}
+
 RunLog read_run_log(const std::string& path, const std::string& channel_suffix) {
   RunLog log;
   log.path = path;
   const std::vector<std::string> parts = log_parts(path);
-  log.channel_suffix = channel_suffix.empty() ? suffix_of(parts.front()) : channel_suffix;
+  log.channel_suffix = channel_suffix.empty() ? channel_suffix_of(parts.front()) : channel_suffix;
   for (const std::string& part : parts) read_part(part, log.channel_suffix, log);
   if (log.undecodable > 0)
     throw BadInput(fmt::format("{}: {} messages have another type version than this program", path,

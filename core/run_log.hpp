@@ -1,9 +1,11 @@
 // A recorded run in memory: what log.lcm (and its rotated parts log-001.lcm ..) holds, decoded and
 // in tick order.
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "core/channels.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -33,6 +35,13 @@ struct RunLog {
 // The parts of a log in order: log.lcm, log-001.lcm .. of a run directory, or the one file. Throws
 // BadInput.
 std::vector<std::string> log_parts(const std::string& path);
+
+// What stands behind DRIVE_MANIFEST at the head of the log.
+std::string channel_suffix_of(const std::string& part);
+
+// The manifest in an event of the log `path`; empty where it is none. Throws BadInput where the log
+// was written with another version of the message types.
+std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path);
 
 // `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one; empty:
 // the one the manifest was written with. Throws BadInput: no such log, not an LCM log, messages of

@@ -1,7 +1,6 @@
 // twinrate import FILE --map MAP.toml --out LOG: a measured CSV as an LCM log of this project.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -15,6 +14,7 @@
 #include "tools/import/drive_messages.hpp"
 #include "tools/import/whole_log.hpp"
 #include "tools/load_drive.hpp"
+#include "tools/percent_line.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -26,31 +26,6 @@ struct ImportOptions {
   std::string file, map, out, drive;
   std::vector<std::string> overrides;
   bool repair = false, json = false;
-};
-
-// Ctrl-C: nothing is kept, because half an import is not the recording.
-struct Stopped {};
-
-class PercentLine {
- public:
-  explicit PercentLine(bool on) : on_(on && isatty(STDERR_FILENO)) {}
-  ~PercentLine() { clear(); }
-  void show(const char* what, double share) {
-    if (stop_signalled()) throw Stopped{};
-    const int percent = static_cast<int>(100 * share);
-    if (!on_ || percent == shown_) return;
-    fmt::print(stderr, "\r\033[K{} {} %", what, percent);
-    std::fflush(stderr);
-    shown_ = percent;
-  }
-  void clear() {
-    if (shown_ >= 0) fmt::print(stderr, "\r\033[K");
-    shown_ = -1;
-  }
-
- private:
-  bool on_;
-  int shown_ = -1;
 };
 
 Json describe(const ImportOptions& o, const DriveRows& rows, const TickGrid& grid,
@@ -156,7 +131,7 @@ void import(const ImportOptions& o) {
   const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
   const Config config = drive_of(o, map);
   const DriveConfig& drive = config.drive();
-  PercentLine line(!o.json);
+  PercentLine line(o.json ? PercentLine::Form::kNone : PercentLine::Form::kTerminal);
   const DriveRows rows = read_drive_rows(o.file, o.map.empty() ? nullptr : &map, o.repair,
                                          [&](double share) { line.show("reading", share); });
   const TickGrid grid = place_on_grid(rows, drive.rates.f_s_Hz);
@@ -193,7 +168,7 @@ void add_import_verb(CLI::App& app, int& exit_code) {
   verb->callback([options, &exit_code] {
     try {
       import(*options);
-    } catch (const Stopped&) {
+    } catch (const Stopped&) {  // half an import is not the recording
       fmt::print(stderr, "twinrate: import stopped, nothing written\n");
       exit_code = 1;
     }

@@ -11,23 +11,28 @@
 
 #include "core/paths.hpp"
 #include "core/process.hpp"
-#include "core/run_log.hpp"
 #include "tools/load_drive.hpp"
+#include "tools/percent_line.hpp"
 #include "tools/report/trace_page.hpp"
+#include "tools/trace/drive_logs.hpp"
 #include "tools/trace/extended.hpp"
 #include "tools/trace/measured_files.hpp"
+#include "tools/trace/moments.hpp"
 #include "tools/trace/plan_verb.hpp"
-#include "tools/trace/raw_log.hpp"
 #include "tools/trace/verify.hpp"
+#include "tools/trace/verify_logs.hpp"
 #include "tools/verb.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {
 
+constexpr std::chrono::seconds kSilent{1};  // a log that is read faster shows no progress
+
 struct TraceOptions {
   std::string drive, out = "trace", url;
   std::vector<std::string> data, holdout, overrides, maps;
+  double memory_MiB = 1024;
   bool repair = false, json = false, verbose = false, keep_plant = false, verify = false;
   PlanOptions plan;
 };
@@ -46,28 +51,6 @@ void write(const std::string& path, const std::string& text) {
   std::ofstream file(path);
   file << text;
   if (!file.flush()) throw BadInput(path + ": cannot be written");
-}
-
-// `measurements`: filled where it is not null.
-Record read_record(const TraceOptions& o, const std::string& path, const DriveConfig& drive,
-                   Health& health, std::vector<std::string>& notes,
-                   std::vector<Measurement>* measurements) {
-  RawLog raw;
-  if (is_run_log(path)) {
-    raw = raw_log_of_run(path);
-    if (measurements) *measurements = read_run_log(path).measurement;
-  } else {
-    const std::optional<ImportMap> map = map_for(path, o.maps);
-    DriveRows rows = read_drive_rows(path, map ? &*map : nullptr, o.repair);
-    notes.insert(notes.end(), rows.notes.begin(), rows.notes.end());
-    if (measurements) *measurements = measurements_of(rows, drive);
-    raw = raw_log(std::move(rows));
-  }
-  try {
-    return make_record(raw, drive.machine.n_p, health);
-  } catch (const std::runtime_error& error) {
-    throw BadInput(error.what());
-  }
 }
 
 void print_result(const TraceResult& r, const std::string& out) {
@@ -101,16 +84,6 @@ void print_result(const TraceResult& r, const std::string& out) {
   fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
 }
 
-// Where a share was held back, each log keeps its part of the blocks.
-void hold_out(std::vector<VerifyLog>& logs, const std::vector<char>& held_out) {
-  std::size_t row = 0;
-  for (VerifyLog& log : logs) {
-    const auto begin = held_out.begin() + static_cast<std::ptrdiff_t>(row);
-    row += log.record.size();
-    log.held_out.assign(begin, held_out.begin() + static_cast<std::ptrdiff_t>(row));
-  }
-}
-
 // DIR/verify.json and the table.
 void prove(const TraceOptions& o, const Config& declared, const std::vector<VerifyLog>& logs) {
   Config extended = Config::load(o.out + "/extended.toml");
@@ -122,53 +95,38 @@ void prove(const TraceOptions& o, const Config& declared, const std::vector<Veri
   if (!o.json) fmt::print("on held-out data:\n{}{}/verify.json\n", table(v), o.out);
 }
 
-// Full drive logs, one after the other in one record. `verify_logs`: filled for --verify.
-TraceResult trace_drive_logs(const TraceOptions& o, const std::vector<std::string>& held_out_files,
+// The files of `asked`, full drive logs. `replayed`: filled for --verify.
+TraceResult trace_drive_logs(const TraceOptions& o, const LogRequest& asked,
                              const DriveConfig& drive, const TraceSettings& settings,
-                             std::vector<VerifyLog>& verify_logs) {
-  std::vector<std::string> notes;
-  Health health;
-  Record record;
-  std::vector<char> held_out;
-  const auto append = [&](const std::string& path, bool unseen) {
-    Health own;
-    std::vector<Measurement> measurements;
-    Record next = read_record(o, path, drive, own, notes, o.verify ? &measurements : nullptr);
-    // Data that train are replayed only where a share of them does not.
-    if (o.verify && (unseen || held_out_files.empty()))
-      verify_logs.push_back({.path = path,
-                             .record = next,
-                             .held_out = std::vector<char>(next.size(), 1),
-                             .measurements = std::move(measurements)});
-    try {
-      record.append(next);
-    } catch (const std::runtime_error& error) {
-      throw BadInput(error.what());
-    }
-    health.combine(own);
-    held_out.resize(record.size(), unseen);
-  };
-  for (const std::string& path : o.data) append(path, false);
-  for (const std::string& path : held_out_files) append(path, true);
-  if (held_out_files.empty()) {
-    held_out.clear();
-    hold_out(verify_logs, held_out_rows(record, settings.holdout));
-  }
-  TraceResult result = trace_record(record, drive, health, settings, held_out);
-  result.sources = o.data;
-  result.held_out_sources = held_out_files;
-  result.health.insert(result.health.end(), notes.begin(), notes.end());
+                             std::vector<VerifyLog>& replayed) {
+  PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
+  const auto start = std::chrono::steady_clock::now();
+  const DriveLogs logs = read_drive_logs(asked, drive, [&](const std::string& what, double share) {
+    if (std::chrono::steady_clock::now() - start > kSilent) line.show(what, share);
+  });
+  line.clear();
+  const std::vector<char> held_out =
+      asked.held_out.empty() ? held_out_rows(logs.record, settings.holdout) : logs.held_out();
+  TraceResult result = trace_record(logs.record, drive, logs.health, settings, held_out);
+  find_moments(logs, drive, result);
+  if (o.verify) replayed = verify_logs(asked, drive, logs, held_out);
+  result.sources = asked.data;
+  result.held_out_sources = asked.held_out;
+  result.health.insert(result.health.end(), logs.notes.begin(), logs.notes.end());
   return result;
 }
 
 // What the logs of --data hold, for --plan.
 std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) {
   std::vector<PlanLog> logs;
-  std::vector<std::string> notes;
   for (const std::string& path : o.data) {
-    PlanLog log;
-    log.record = read_record(o, path, drive, log.health, notes, nullptr);
-    logs.push_back(std::move(log));
+    const LogRequest asked{.data = {path},
+                           .held_out = {},
+                           .maps = o.maps,
+                           .repair = o.repair,
+                           .memory_MiB = o.memory_MiB};
+    DriveLogs read = read_drive_logs(asked, drive);
+    logs.push_back({.record = std::move(read.record), .health = read.health});
   }
   return logs;
 }
@@ -193,12 +151,16 @@ int trace(const TraceOptions& o) {
       files.share = settings.holdout = *share;
       files.held_out.clear();
     }
-  std::vector<VerifyLog> verify_logs;
+  const LogRequest asked{.data = files.data,
+                         .held_out = files.held_out,
+                         .maps = files.maps,
+                         .repair = files.repair,
+                         .memory_MiB = o.memory_MiB};
+  std::vector<VerifyLog> replayed;
   const auto start = std::chrono::steady_clock::now();
   std::optional<TraceResult> measured = trace_measured_files(files, config.drive());
-  TraceResult result =
-      measured ? std::move(*measured)
-               : trace_drive_logs(o, files.held_out, config.drive(), settings, verify_logs);
+  TraceResult result = measured ? std::move(*measured)
+                                : trace_drive_logs(o, asked, config.drive(), settings, replayed);
   if (measured)
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -214,7 +176,7 @@ int trace(const TraceOptions& o) {
     fmt::print(stderr,
                "twinrate: --verify needs full drive logs; the error of each file is above\n");
   else if (o.verify)
-    prove(o, config, verify_logs);
+    prove(o, config, replayed);
   return 0;
 }
 
@@ -234,6 +196,10 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
                    "how foreign columns are read; of several each file takes the first that fits")
       ->check(CLI::ExistingFile);
   verb->add_option("--out", o->out, "directory for trace.json, extended.toml, report.html");
+  verb->add_option("--memory", o->memory_MiB,
+                   "MiB that the trace may take (default 1024); of longer logs it uses blocks "
+                   "spread over their length")
+      ->check(CLI::Range(64.0, 1e6));
   verb->add_option("--set", o->overrides, "key.path=value of the drive file");
   verb->add_flag("--repair", o->repair, "leaves out a truncated last line and repeated samples");
   verb->add_flag("--keep-plant", o->keep_plant,

@@ -1,5 +1,6 @@
 #include "trace/dictionary.hpp"
 
+#include <algorithm>
 #include <functional>
 
 #include "trace/keys.hpp"
@@ -7,12 +8,16 @@
 namespace twinrate {
 namespace {
 
-// Times at which something may have happened, for keys whose grid only the record can give.
+constexpr int kMostTimes = 200;  // of candidates that differ in their moment alone: memory
+
+// Times at which something may have happened, for keys whose grid only the record can give. They
+// stand in the record's stretches: between them no row tells one moment from another.
 std::vector<double> times_of(const Record& record) {
   std::vector<double> times;
-  const double T = record.t.back() - record.t.front();
-  const int steps = std::max(8, static_cast<int>(std::lround(T / 0.1)));
-  for (int j = 1; j < steps; ++j) times.push_back(record.t.front() + T * j / steps);
+  const std::size_t n = record.size();
+  const auto tenths = std::lround(static_cast<double>(n) * record.T_s / 0.1);
+  const auto steps = static_cast<std::size_t>(std::clamp<long>(tenths, 8, kMostTimes));
+  for (std::size_t j = 1; j < steps; ++j) times.push_back(record.t[n * j / steps]);
   return times;
 }
 

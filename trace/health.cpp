@@ -2,42 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <stdexcept>
+
+#include "trace/health_scan.hpp"
 
 namespace twinrate {
 namespace {
 
 using Column = std::vector<double>;
 
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-double sampling_interval(const Column& t) {
-  std::vector<double> steps;
-  for (std::size_t k = 1; k < t.size(); ++k) steps.push_back(t[k] - t[k - 1]);
-  const double typical = median(steps);
-  // The mean of the steps that are one interval: time stamps are rounded to few digits.
-  double sum = 0;
-  std::size_t count = 0;
-  for (double step : steps)
-    if (std::abs(step - typical) < 0.3 * typical) sum += step, ++count;
-  return sum / static_cast<double>(std::max<std::size_t>(count, 1));
-}
-
-// Rows that repeat the row before in every signal that has noise.
-std::vector<char> stale_rows(const std::vector<const Column*>& noisy, std::size_t n) {
-  std::vector<char> stale(n, 0);
-  if (noisy.size() < 2) return stale;
-  for (std::size_t k = 1; k < n; ++k)
-    stale[k] = std::all_of(noisy.begin(), noisy.end(),
-                           [&](const Column* c) { return (*c)[k] == (*c)[k - 1]; });
-  return stale;
-}
+constexpr std::int64_t kGapEdge = 5000;  // rows at each end of a gap; what lies between is left out
 
 // Where the angle stands still and a quantised current is quiet, a row or two repeat by chance.
 void forgive_at_rest(std::vector<char>& stale, const Column& theta_m) {
@@ -54,40 +28,11 @@ void forgive_at_rest(std::vector<char>& stale, const Column& theta_m) {
   }
 }
 
-// Step between the values of a quantised signal, 0 where it is not quantised.
-double step_of(const Column& x) {
-  std::vector<double> values(x.begin(), x.end());
-  std::sort(values.begin(), values.end());
-  std::vector<double> steps;
-  for (std::size_t k = 1; k < values.size(); ++k)
-    if (values[k] - values[k - 1] > 1e-7) steps.push_back(values[k] - values[k - 1]);
-  if (steps.size() < 2 || steps.size() > x.size() / 10) return 0;
-  const double step = median(steps);
-  const auto near = std::count_if(steps.begin(), steps.end(), [&](double s) {
-    return std::abs(s / step - std::round(s / step)) < 0.05;
-  });
-  return 10 * near > 9 * static_cast<std::ptrdiff_t>(steps.size()) ? step : 0;
+bool has_phases(const RawLog& raw) {
+  return !raw.i_a.empty() && !raw.i_b.empty();
 }
-
-// The level at which many neighbouring rows stand still at the top; 0 where there is none.
-double clip_level(const Column& x) {
-  double top = 0;
-  for (double value : x) top = std::max(top, std::abs(value));
-  const double tolerance = 1e-6 * top + 1e-9;
-  std::size_t at_top = 0, in_runs = 0, run = 0, below = 0;
-  double next = 0;  // the level below
-  for (double value : x)
-    if (std::abs(value) < top - tolerance) next = std::max(next, std::abs(value));
-  for (double value : x) {
-    const bool here = std::abs(value) > top - tolerance;
-    at_top += here;
-    below += std::abs(value) > next - tolerance && !here;
-    run = here ? run + 1 : 0;
-    if (run == 4) in_runs += 4;
-    if (run > 4) ++in_runs;
-  }
-  // Samples pile up at a limit; at the top of a mere coarse scale there are no more than below it.
-  return in_runs >= 12 && 4 * in_runs > at_top && at_top > 5 * below ? top : 0;
+bool has_stator(const RawLog& raw) {
+  return !raw.i_alpha.empty() && !raw.i_beta.empty();
 }
 
 double interpolate(double a, double b, double share) {
@@ -105,37 +50,80 @@ void Health::combine(const Health& other) {
   jitter = mean(jitter, other.jitter);
   i_lsb = std::max(i_lsb, other.i_lsb);
   i_limit = std::max(i_limit, other.i_limit);
+  i_sum_max = std::max(i_sum_max, other.i_sum_max);
+  if (T_s == 0) T_s = other.T_s;
   rows += other.rows;
 }
 
-Record make_record(const RawLog& raw, int n_p, Health& health) {
-  const std::size_t rows = raw.t.size();
-  if (raw.theta_m.empty()) throw std::runtime_error(raw.path + ": no theta_m in the log");
-  const bool phases = !raw.i_a.empty() && !raw.i_b.empty();
-  const bool stator = !raw.i_alpha.empty() && !raw.i_beta.empty();
-  const bool rotor = !raw.i_q.empty();
-  if (!phases && !stator && !rotor)
-    throw std::runtime_error(raw.path +
-                             ": no current in the log (i_a and i_b, i_alpha and i_beta, or i_q)");
-  health.rows = rows;
-  Record record;
-  record.source = raw.path;
-  record.T_s = sampling_interval(raw.t);
+std::span<const RawColumn> raw_columns() {
+  static constexpr RawColumn kColumns[] = {
+      {"i_a", &RawLog::i_a},         {"i_b", &RawLog::i_b},
+      {"i_c", &RawLog::i_c},         {"i_alpha", &RawLog::i_alpha},
+      {"i_beta", &RawLog::i_beta},   {"i_d", &RawLog::i_d},
+      {"i_q", &RawLog::i_q},         {"u_alpha", &RawLog::u_alpha},
+      {"u_beta", &RawLog::u_beta},   {"u_d", &RawLog::u_d},
+      {"u_q", &RawLog::u_q},         {"v_dc", &RawLog::v_dc},
+      {"theta_m", &RawLog::theta_m}, {"omega_m", &RawLog::omega_m},
+      {"T_load", &RawLog::T_load},   {"temperature", &RawLog::temperature}};
+  return kColumns;
+}
 
+void RawLog::append(const RawLog& piece) {
+  t.insert(t.end(), piece.t.begin(), piece.t.end());
+  for (const RawColumn& c : raw_columns())
+    (this->*c.values)
+        .insert((this->*c.values).end(), (piece.*c.values).begin(), (piece.*c.values).end());
+}
+
+void RawLog::drop_first(std::size_t rows) {
+  const auto drop = [&](std::vector<double>& x) {
+    x.erase(x.begin(), x.begin() + static_cast<std::ptrdiff_t>(std::min(rows, x.size())));
+  };
+  drop(t);
+  for (const RawColumn& c : raw_columns()) drop(this->*c.values);
+}
+
+Record make_record(const RawLog& raw, int n_p, Health& health) {
+  HealthScan scan;
+  scan.add(raw);
+  health = scan.health();
+  return record_of(raw, n_p, health);
+}
+
+std::vector<char> stale_rows(const RawLog& raw) {
   std::vector<const Column*> noisy;
   for (const Column* c :
        {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc, &raw.theta_m})
     if (!c->empty()) noisy.push_back(c);
-  std::vector<char> stale = stale_rows(noisy, rows);
-  forgive_at_rest(stale, raw.theta_m);
-  if (phases) {
-    health.i_lsb = step_of(raw.i_a);
-    health.i_limit = std::max(clip_level(raw.i_a), clip_level(raw.i_b));
-  }
+  std::vector<char> stale(raw.size(), 0);
+  if (noisy.size() < 2) return stale;
+  for (std::size_t k = 1; k < raw.size(); ++k)
+    stale[k] = std::all_of(noisy.begin(), noisy.end(),
+                           [&](const Column* c) { return (*c)[k] == (*c)[k - 1]; });
+  if (!raw.theta_m.empty()) forgive_at_rest(stale, raw.theta_m);
+  return stale;
+}
+
+void expect_signals(const RawLog& raw) {
+  if (raw.theta_m.empty()) throw std::runtime_error(raw.path + ": no theta_m in the log");
+  if (!has_phases(raw) && !has_stator(raw) && raw.i_q.empty())
+    throw std::runtime_error(raw.path +
+                             ": no current in the log (i_a and i_b, i_alpha and i_beta, or i_q)");
+}
+
+Record record_of(const RawLog& raw, int n_p, const Health& health) {
+  const std::size_t rows = raw.t.size();
+  expect_signals(raw);
+  const bool phases = has_phases(raw), stator = has_stator(raw);
+  Record record;
+  record.source = raw.path;
+  record.T_s = health.T_s;
+
+  const std::vector<char> stale = stale_rows(raw);
   // Current and voltage in stator axes, row by row of the file.
   std::vector<Vec2> i(rows), u(rows);
   std::vector<char> clipped(rows, 0);
-  double sum_max = 0;
+  const bool three_sensors = phases && health.i_c_measured();
   const bool has_u =
       (!raw.u_alpha.empty() && !raw.u_beta.empty()) || (!raw.u_d.empty() && !raw.u_q.empty());
   for (std::size_t k = 0; k < rows; ++k) {
@@ -143,11 +131,10 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
     if (phases) {
       const double i_c = raw.i_c.empty() ? -(raw.i_a[k] + raw.i_b[k]) : raw.i_c[k];
       i[k] = clarke({raw.i_a[k], raw.i_b[k], i_c});
-      sum_max = std::max(sum_max, std::abs(raw.i_a[k] + raw.i_b[k] + i_c));
       if (health.i_limit > 0) {
         const double level = health.i_limit * (1 - 1e-9) - 1e-6 * health.i_limit;
         clipped[k] = std::abs(raw.i_a[k]) >= level || std::abs(raw.i_b[k]) >= level ||
-                     (sum_max > 1e-4 && std::abs(i_c) >= level);
+                     (three_sensors && std::abs(i_c) >= level);
       }
     } else if (stator) {
       i[k] = {raw.i_alpha[k], raw.i_beta[k]};
@@ -158,18 +145,13 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
     u[k] = raw.u_alpha.empty() ? inverse_park({raw.u_d[k], raw.u_q[k]}, theta_e)
                                : Vec2(raw.u_alpha[k], raw.u_beta[k]);
   }
-  record.current_sensors = phases && sum_max < 1e-4 ? 2 : 3;
+  record.current_sensors = phases && !three_sensors ? 2 : 3;
   const bool full_current = phases || stator || !raw.i_d.empty();
 
   // Onto the even grid.
-  std::size_t missing = 0, stale_count = 0, clipped_count = 0;
-  double jitter = 0;
   std::vector<std::size_t> kept;  // rows of the file that are new
-  for (std::size_t k = 0; k < rows; ++k) {
-    stale_count += stale[k] != 0;
-    clipped_count += clipped[k] != 0;
+  for (std::size_t k = 0; k < rows; ++k)
     if (!stale[k]) kept.push_back(k);
-  }
   const auto push = [&](double t, std::size_t a, std::size_t b, double share, bool ok) {
     record.t.push_back(t);
     record.theta_m.push_back(interpolate(raw.theta_m[a], raw.theta_m[b], share));
@@ -188,10 +170,8 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
       const std::size_t before = kept[m - 1];
       const double span = raw.t[k] - raw.t[before];
       const auto steps = std::max<std::int64_t>(1, std::llround(span / record.T_s));
-      const auto file_steps = static_cast<std::int64_t>(k - before);
-      missing += static_cast<std::size_t>(std::max<std::int64_t>(0, steps - file_steps));
-      jitter += std::pow(span / record.T_s - static_cast<double>(steps), 2);
       for (std::int64_t j = 1; j < steps; ++j) {
+        if (j == kGapEdge) j = std::max(j, steps - kGapEdge);
         const double share = static_cast<double>(j) / static_cast<double>(steps);
         push(raw.t[before] + share * span, before, k, share, steps <= 3);
       }
@@ -199,10 +179,6 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
     push(raw.t[k], k, k, 0, true);
   }
   if (!full_current || !has_u) record.u_alphabeta.clear();
-  health.jitter = std::sqrt(jitter / static_cast<double>(std::max<std::size_t>(1, kept.size())));
-  health.missing_share = static_cast<double>(missing) / static_cast<double>(rows + missing);
-  health.stale_share = static_cast<double>(stale_count) / static_cast<double>(rows);
-  health.clipped_share = static_cast<double>(clipped_count) / static_cast<double>(rows);
   return record;
 }
 

@@ -8,6 +8,7 @@
 // Short gaps (up to two rows) are bridged by straight lines, longer ones and clipped rows are left
 // out of the trace.
 #pragma once
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,30 +16,58 @@
 
 namespace twinrate {
 
-// A measured file: columns by canonical name, as tools/import reads them.
+// A measured file, or a piece of it: columns by canonical name, as tools/import reads them.
 struct RawLog {
   std::string path;
   std::vector<double> t;
   // Empty where the file has no such column. i: phases, or alpha beta, or d q.
   std::vector<double> i_a, i_b, i_c, i_alpha, i_beta, i_d, i_q;
   std::vector<double> u_alpha, u_beta, u_d, u_q, v_dc, theta_m, omega_m, T_load, temperature;
+
+  std::size_t size() const { return t.size(); }
+  // Adds the rows of a piece that has the same columns.
+  void append(const RawLog& piece);
+  void drop_first(std::size_t rows);
+  void clear() { drop_first(size()); }
 };
+
+// The columns besides t.
+struct RawColumn {
+  const char* name;
+  std::vector<double> RawLog::*values;
+};
+std::span<const RawColumn> raw_columns();
+
+// Of each row: every signal that has noise repeats the row before, and not by chance at rest.
+std::vector<char> stale_rows(const RawLog& raw);
+// Rows to each side of one that decide it.
+inline constexpr std::size_t kStaleReach = 16;
 
 struct Health {
   std::size_t rows = 0;
+  double T_s = 0;  // sampling interval
   double missing_share = 0, stale_share = 0;
   double i_lsb = 0;    // A, step between values of the phase currents; 0: none seen
   double i_limit = 0;  // A, where they are clipped; 0: nowhere
   double clipped_share = 0;
-  double jitter = 0;  // of the time stamps, rms over T_s
+  double jitter = 0;     // of the time stamps, rms over T_s
+  double i_sum_max = 0;  // A, of the three phase currents
+  // Else i_c is what the other two make it.
+  bool i_c_measured() const { return i_sum_max >= kSumOfPhases; }
+  static constexpr double kSumOfPhases = 1e-4;
   // The ADC's step is what limits the current.
   bool coarse(double i_rated) const { return i_lsb > 0.005 * (i_rated > 0 ? i_rated : 7); }
   // Of several logs together.
   void combine(const Health& other);
 };
 
-// Even sampling with bad rows marked. Throws std::runtime_error with one line where the signals do
-// not make a record (no angle, no current).
+// Throws std::runtime_error, one line, where the signals do not make a record (no angle, no
+// current).
+void expect_signals(const RawLog& raw);
+// Even sampling with bad rows marked; `health` of the log that the rows are of. Throws
+// as expect_signals.
+Record record_of(const RawLog& raw, int n_p, const Health& health);
+// The same of a whole log, `health` its own (trace/health_scan.hpp).
 Record make_record(const RawLog& raw, int n_p, Health& health);
 
 }  // namespace twinrate

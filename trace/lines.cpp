@@ -1,5 +1,6 @@
 #include "trace/lines.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <unsupported/Eigen/FFT>
 
@@ -13,11 +14,22 @@ constexpr double kLowest_Hz = 1;  // slower is drift
 constexpr double kHighestOrder = 60, kLowestOrder = 0.3;
 constexpr double kWhole = 0.06;  // of an order: nearer is a whole order, cogging's
 constexpr double kFewestTurns = 4;
+constexpr double kLongest_s = 2000;  // of a record with gaps
 
 std::size_t power_of_two(double at_least) {
   std::size_t n = 1024;
   while (static_cast<double>(n) < at_least) n *= 2;
   return n;
+}
+
+// Of the outputs. Where logs with clocks of their own stand one behind the other, or a long one has
+// so wide gaps that the spectrum would take too much memory, as if the rows had none between them.
+std::vector<double> times_of(const Runs& runs, const Record& record) {
+  std::vector<double> t;
+  for (std::size_t row : runs.row) t.push_back(record.t[row]);
+  if (std::is_sorted(t.begin(), t.end()) && t.back() - t.front() < kLongest_s) return t;
+  for (std::size_t n = 0; n < t.size(); ++n) t[n] = static_cast<double>(runs.row[n]) * record.T_s;
+  return t;
 }
 
 // y spread onto an even grid of `position` (in cells), and its power by bin.
@@ -72,15 +84,12 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
   const Record& record = chain.equations().record();
   if (runs.row.size() < 256) return lines;
   std::vector<double> position(runs.row.size());
-  // Time: rows are even, one bin is half the resolution.
+  // Time: one bin is half the resolution.
   {
     const double step = record.T_s * chain.sampler().decimation();
-    const auto span =
-        static_cast<double>(runs.row.back() - runs.row.front()) / chain.sampler().decimation();
-    const std::size_t cells = power_of_two(2 * span);
-    for (std::size_t n = 0; n < position.size(); ++n)
-      position[n] =
-          static_cast<double>(runs.row[n] - runs.row.front()) / chain.sampler().decimation();
+    const std::vector<double> t = times_of(runs, record);
+    for (std::size_t n = 0; n < position.size(); ++n) position[n] = (t[n] - t.front()) / step;
+    const std::size_t cells = power_of_two(2 * position.back());
     const double df = 1 / (step * static_cast<double>(cells));
     const std::size_t bin = strongest(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
       const double f = df * static_cast<double>(b);

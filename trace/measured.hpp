@@ -21,6 +21,8 @@ class DeclaredLoad {
     T_load_ = slew(T_load_, load_.T_load_Nm.at(t_s), load_.slew_Nm_s, T_s_);
     return T_load_;
   }
+  double now() const { return T_load_; }
+  void go_on_from(double T_load) { T_load_ = T_load; }
 
  private:
   LoadParameters load_;

@@ -53,7 +53,9 @@ std::vector<char> held_out_rows(const Record& record, double share) {
   for (std::size_t k = kReach; k + kReach < held.size(); ++k) {
     const double bend =
         record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
-    if (record.motion_ok[k]) motion[set_of(k)] += bend * bend;
+    // Not across a seam.
+    if (record.motion_ok[k - kReach] && record.motion_ok[k] && record.motion_ok[k + kReach])
+      motion[set_of(k)] += bend * bend;
     if (record.electrical_ok[k] && !record.i_alphabeta.empty())
       current[set_of(k)] += record.i_alphabeta[k].squaredNorm();
   }

@@ -135,6 +135,11 @@ double turned(double from, double to) {
   return std::abs(angle) < kPi ? angle : wrap_pi(angle);
 }
 
+// Neighbouring rows that are not neighbours in time.
+bool is_seam(const OperatingPoint& a, const OperatingPoint& b, double T_s) {
+  return b.t - a.t < 0 || b.t - a.t > 2.5 * T_s;
+}
+
 }  // namespace
 
 ShaftState shaft_at_rest(const ShaftFacts& shaft, double omega_m, double T_load) {
@@ -157,6 +162,10 @@ void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record
     omega_m = omega_m_next;
     load.advance(omega_m, T_load);
     if (k + 2 < N) omega_m_next = turned(record[k + 1].theta_m, record[k + 2].theta_m) / T_s;
+    if (k + 2 >= N || !is_seam(record[k], record[k + 1], T_s)) continue;
+    // Another stretch of time begins: what the load did in between is not known.
+    omega_m = omega_m_next;
+    load = LoadMass(shaft, T_s, shaft_at_rest(shaft, omega_m, record[k + 1].T_load));
   }
 }
 

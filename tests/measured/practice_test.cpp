@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
-#include "tools/trace/raw_log.hpp"
+#include "tools/trace/drive_logs.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -39,8 +39,7 @@ std::vector<std::string> true_kinds(const std::string& path) {
   std::ifstream file(path);
   std::vector<std::string> kinds;
   const auto truth = nlohmann::json::parse(file);
-  for (const auto& effect : truth["effects"])
-    kinds.push_back(kNames.at(effect["name"]));
+  for (const auto& effect : truth["effects"]) kinds.push_back(kNames.at(effect["name"]));
   std::sort(kinds.begin(), kinds.end());
   return kinds;
 }
@@ -54,10 +53,8 @@ TEST_P(Practice, TheMissingEffectsAreNamed) {
     GTEST_SKIP() << "no practice logs at " << practice_directory() << " (TWINRATE_PRACTICE)";
   const Config config = Config::parse(Config::load("niewiara2020").resolved_with({}), "declared",
                                       {"machine.B_Nms=0.002"});
-  Health health;
-  const Record record =
-      make_record(raw_log(read_drive_rows(stem + ".csv.gz", nullptr, false)), 3, health);
-  const TraceResult r = trace_record(record, config.drive(), health, {});
+  const DriveLogs logs = read_drive_logs({.data = {stem + ".csv.gz"}}, config.drive());
+  const TraceResult r = trace_record(logs.record, config.drive(), logs.health, {});
   std::vector<std::string> found;
   for (const TracedEffect& e : r.effects) found.emplace_back(e.effect->kind());
   if (r.structured) found.emplace_back("outside");

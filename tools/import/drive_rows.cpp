@@ -6,12 +6,9 @@
 #include <cmath>
 
 #include "core/config.hpp"
-#include "model/frames.hpp"
 
 namespace twinrate {
 namespace {
-
-constexpr double kWithinOneTurn = 1.001 * kTwoPi;
 
 // Each step is taken the short way round one period.
 void unwrap(std::vector<double>& angle, double period) {
@@ -25,14 +22,14 @@ void unwrap(std::vector<double>& angle, double period) {
 }
 
 // `fewest`: rows that have to be there.
-DriveRows read_rows(RowReader& reader, std::size_t fewest,
+DriveRows read_rows(RowReader& reader, std::size_t fewest, std::size_t most,
                     const std::function<void(double)>& progress) {
   DriveRows rows;
   rows.path = reader.path();
   rows.left_out = reader.left_out();
   std::vector<std::vector<double>*> columns;
   for (const std::string& name : reader.names()) columns.push_back(&rows.columns[name]);
-  while (reader.next()) {
+  while (rows.size() < most && reader.next()) {
     if (reader.has_time()) rows.t.push_back(reader.t());
     for (std::size_t i = 0; i < columns.size(); ++i) columns[i]->push_back(reader.values()[i]);
     rows.line.push_back(reader.line());
@@ -58,14 +55,14 @@ void fail_too_few(const RowReader& reader, std::size_t rows, std::size_t fewest)
 }
 
 DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
-                          const std::function<void(double)>& progress) {
+                          const std::function<void(double)>& progress, std::size_t most_rows) {
   RowReader reader(path, map, repair);
-  return read_rows(reader, kFewestRows, progress);
+  return read_rows(reader, kFewestRows, most_rows, progress);
 }
 
 DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair) {
   RowReader reader(path, map, repair, RowKind::kWithoutTime);
-  return read_rows(reader, kFewestStaticRows, {});
+  return read_rows(reader, kFewestStaticRows, SIZE_MAX, {});
 }
 
 bool holds_time(const std::string& path, const ImportMap* map) {

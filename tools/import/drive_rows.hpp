@@ -1,10 +1,12 @@
 // A measured file as columns of a drive log: canonical names, SI units, time rising.
 #pragma once
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <string>
 #include <vector>
 
+#include "model/frames.hpp"
 #include "tools/import/row_reader.hpp"
 
 namespace twinrate {
@@ -26,9 +28,11 @@ struct DriveRows {
 
 // Angles come out unwrapped: by `wrap` where the map gives it, by 2 pi where the file stays within
 // one turn. Throws BadInput, one line with file:line: what RowReader does, or fewer than
-// kFewestRows rows. `progress` gets the share read, now and then; it may throw.
+// kFewestRows rows. `progress` gets the share read, now and then; it may throw. Rows beyond
+// `most_rows` are not read.
 DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
-                          const std::function<void(double)>& progress = {});
+                          const std::function<void(double)>& progress = {},
+                          std::size_t most_rows = SIZE_MAX);
 
 // A static set (flux map, inverter curve, holding currents): no time, any number of rows from
 // kFewestStaticRows on; otherwise as above.
@@ -37,6 +41,8 @@ DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool r
 // False where neither the file's header nor the map knows a time. Throws as above.
 bool holds_time(const std::string& path, const ImportMap* map);
 
+// An angle that stays in less (rad) may start again at each turn.
+inline constexpr double kWithinOneTurn = 1.001 * kTwoPi;
 // By 2 pi where all of `theta_m` stays within one turn.
 void unwrap_turns(std::vector<double>& theta_m);
 // Throws BadInput at the reader's line.

@@ -22,8 +22,9 @@ std::string extended_toml(const Config& config, const TraceResult& result, bool 
   for (const std::string& source : result.sources) head += "# traced from " + source + "\n";
   for (const TracedEffect& e : result.effects)
     if (e.only_in_log)
-      head += fmt::format("# left out: {}, which spoils what was logged, not what the drive runs on\n",
-                          e.effect->kind());
+      head +=
+          fmt::format("# left out: {}, which spoils what was logged, not what the drive runs on\n",
+                      e.effect->kind());
   for (const TracedEffect& e : result.stop_gaps)
     head += fmt::format("# {} is a stop-gap: it describes what the data show, not its cause\n",
                         e.effect->kind());

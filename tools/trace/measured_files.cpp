@@ -9,7 +9,7 @@
 
 #include "core/config.hpp"
 #include "tools/import/drive_rows.hpp"
-#include "tools/trace/raw_log.hpp"
+#include "tools/trace/log_reader.hpp"
 #include "trace/measured_result.hpp"
 
 namespace twinrate {

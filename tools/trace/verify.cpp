@@ -56,11 +56,13 @@ std::vector<char> counted(const VerifyLog& log) {
   std::vector<char> counts(log.measurements.size(), 0);
   if (log.measurements.empty()) return counts;
   const std::int64_t begin = log.measurements.front().t_ns;
-  const auto last = static_cast<double>(log.held_out.size() - 1);
+  const std::vector<double>& rows_t = log.record.t;
   for (std::size_t n = 0; n < counts.size(); ++n) {
     const double t = 1e-9 * static_cast<double>(log.measurements[n].t_ns - begin);
-    const auto row = static_cast<std::size_t>(std::min(last, std::round(t / log.record.T_s)));
-    counts[n] = t > kSettle_s && log.held_out[row];
+    const auto row =
+        std::lower_bound(rows_t.begin(), rows_t.end(), rows_t.front() + t - 0.5 * log.record.T_s);
+    counts[n] = t > kSettle_s && row != rows_t.end() &&
+                log.held_out[static_cast<std::size_t>(row - rows_t.begin())];
   }
   return counts;
 }

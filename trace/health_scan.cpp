@@ -1,0 +1,172 @@
+#include "trace/health_scan.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+constexpr double kBin = 0.01;        // of the logarithm of a step of time
+constexpr double kSameStep = 0.3;    // of the median
+constexpr double kSameValue = 1e-7;  // A
+constexpr std::size_t kMostValues = 1 << 17;
+
+double tolerance(double level) {
+  return 1e-6 * level + 1e-9;
+}
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+void SamplingInterval::add(double step) {
+  Bin& bin = bins_[static_cast<int>(std::floor(std::log(step) / kBin))];
+  ++bin.count;
+  bin.sum += step;
+  ++count_;
+}
+
+double SamplingInterval::mean() const {
+  double typical = 0;
+  std::size_t below = 0;
+  for (const auto& [place, bin] : bins_) {
+    typical = bin.sum / static_cast<double>(bin.count);
+    if (2 * (below += bin.count) > count_) break;
+  }
+  double sum = 0;
+  std::size_t count = 0;
+  for (const auto& [place, bin] : bins_)
+    if (std::abs(bin.sum / static_cast<double>(bin.count) - typical) < kSameStep * typical)
+      sum += bin.sum, count += bin.count;
+  return sum / static_cast<double>(std::max<std::size_t>(count, 1));
+}
+
+void CurrentLevels::add(double value) {
+  const double size = std::abs(value);
+  if (size > top_ + tolerance(top_)) {
+    next_ = top_;
+    at_next_ = at_top_;
+    top_ = size;
+    at_top_ = run_ = in_runs_ = 0;
+  }
+  const bool here = size > top_ - tolerance(top_);
+  at_top_ += here;
+  run_ = here ? run_ + 1 : 0;
+  if (run_ == 4) in_runs_ += 4;
+  if (run_ > 4) ++in_runs_;
+  if (here || size <= next_ - tolerance(top_)) return;
+  if (size > next_ + tolerance(top_)) {
+    next_ = size;
+    at_next_ = 0;
+  }
+  ++at_next_;
+}
+
+double CurrentLevels::limit() const {
+  // At the top of a mere coarse scale there are no more than below it.
+  return in_runs_ >= 12 && 4 * in_runs_ > at_top_ && at_top_ > 5 * at_next_ ? top_ : 0;
+}
+
+void CurrentValues::add(double value) {
+  ++count_;
+  if (!quantised_) return;
+  values_.emplace(std::llround(value / kSameValue), value);
+  quantised_ = values_.size() <= kMostValues;
+  if (!quantised_) values_.clear();
+}
+
+double CurrentValues::step() const {
+  std::vector<double> values, steps;
+  for (const auto& [key, value] : values_) values.push_back(value);
+  std::sort(values.begin(), values.end());
+  for (std::size_t k = 1; k < values.size(); ++k)
+    if (values[k] - values[k - 1] > kSameValue) steps.push_back(values[k] - values[k - 1]);
+  if (steps.size() < 2 || steps.size() > count_ / 10) return 0;
+  const double step = median(steps);
+  const auto near = std::count_if(steps.begin(), steps.end(), [&](double s) {
+    return std::abs(s / step - std::round(s / step)) < 0.05;
+  });
+  return 10 * near > 9 * static_cast<std::ptrdiff_t>(steps.size()) ? step : 0;
+}
+
+void HealthScan::look_at_currents(std::size_t k) {
+  const double i_a = ahead_.i_a[k], i_b = ahead_.i_b[k];
+  const double i_c = ahead_.i_c.empty() ? -(i_a + i_b) : ahead_.i_c[k];
+  i_sum_max_ = std::max(i_sum_max_, std::abs(i_a + i_b + i_c));
+  a_.add(i_a);
+  b_.add(i_b);
+  const double largest = std::max(std::abs(i_a), std::abs(i_b));
+  any_.add(i_sum_max_ > Health::kSumOfPhases ? std::max(largest, std::abs(i_c)) : largest);
+  values_a_.add(i_a);
+}
+
+void HealthScan::add(const RawLog& piece) {
+  for (double t : piece.t) {
+    if (t_before_) interval_.add(t - *t_before_);
+    t_before_ = t;
+  }
+  ahead_.append(piece);
+  take(std::max(taken_, ahead_.size() - std::min(ahead_.size(), kStaleReach)));
+  const std::size_t done = taken_ - std::min(taken_, kStaleReach);
+  ahead_.drop_first(done);
+  taken_ -= done;
+}
+
+void HealthScan::take(std::size_t end) {
+  const double T_s = interval_.mean();
+  const bool phases = !ahead_.i_a.empty() && !ahead_.i_b.empty();
+  const std::vector<char> stale = stale_rows(ahead_);
+  for (std::size_t k = taken_; k < end; ++k) {
+    ++rows_;
+    ++rows_since_kept_;
+    if (phases) look_at_currents(k);
+    if (stale[k]) {
+      ++stale_;
+      continue;
+    }
+    if (t_kept_) {
+      const double span = (ahead_.t[k] - *t_kept_) / T_s;
+      const auto steps = std::max<std::int64_t>(1, std::llround(span));
+      missing_ += static_cast<std::size_t>(std::max<std::int64_t>(0, steps - rows_since_kept_));
+      jitter_ += std::pow(span - static_cast<double>(steps), 2);
+    }
+    t_kept_ = ahead_.t[k];
+    rows_since_kept_ = 0;
+    ++kept_;
+  }
+  taken_ = end;
+}
+
+Health HealthScan::health() const {
+  HealthScan rest = *this;
+  rest.take(rest.ahead_.size());
+  return rest.result();
+}
+
+Health HealthScan::result() const {
+  Health h{.rows = rows_, .T_s = interval_.mean()};
+  const auto share = [](std::size_t part, std::size_t whole) {
+    return static_cast<double>(part) / static_cast<double>(std::max<std::size_t>(1, whole));
+  };
+  h.missing_share = share(missing_, rows_ + missing_);
+  h.stale_share = share(stale_, rows_);
+  h.i_lsb = values_a_.step();
+  h.i_limit = std::max(a_.limit(), b_.limit());
+  if (h.i_limit > 0) {
+    const bool both = std::abs(any_.top() - h.i_limit) < tolerance(h.i_limit);
+    h.clipped_share = share(both             ? any_.at_top()
+                            : a_.limit() > 0 ? a_.at_top()
+                                             : b_.at_top(),
+                            rows_);
+  }
+  h.jitter = std::sqrt(jitter_ / static_cast<double>(std::max<std::size_t>(1, kept_)));
+  h.i_sum_max = i_sum_max_;
+  return h;
+}
+
+}  // namespace twinrate

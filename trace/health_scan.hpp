@@ -1,0 +1,76 @@
+// Health of a log of any length, gathered piece by piece in little memory.
+//
+//   interval  mean of the steps of time within 30 % of their median (histogram of 1 % wide bins)
+//   levels    of a current: the largest magnitude, the next one, and how often each was met
+//   values    of a current: how many there are, as long as they are few enough to be an ADC's
+#pragma once
+#include <map>
+#include <optional>
+#include <unordered_map>
+
+#include "trace/health.hpp"
+
+namespace twinrate {
+
+class SamplingInterval {
+ public:
+  void add(double step);
+  double mean() const;  // 0 before the first step
+
+ private:
+  struct Bin {
+    std::size_t count = 0;
+    double sum = 0;
+  };
+  std::map<int, Bin> bins_;  // by logarithm of the step
+  std::size_t count_ = 0;
+};
+
+// Samples pile up at a limit.
+class CurrentLevels {
+ public:
+  void add(double value);
+  double limit() const;  // 0: there is none
+  double top() const { return top_; }
+  std::size_t at_top() const { return at_top_; }
+
+ private:
+  double top_ = 0, next_ = 0;                           // magnitudes
+  std::size_t at_top_ = 0, at_next_ = 0, in_runs_ = 0;  // samples; in_runs: of four and more
+  std::size_t run_ = 0;
+};
+
+class CurrentValues {
+ public:
+  void add(double value);
+  double step() const;  // between the values of a quantised signal, 0 where it is not quantised
+
+ private:
+  std::unordered_map<std::int64_t, double> values_;  // by tenths of a uA
+  std::size_t count_ = 0;
+  bool quantised_ = true;
+};
+
+class HealthScan {
+ public:
+  void add(const RawLog& piece);
+  Health health() const;
+  double T_s() const { return interval_.mean(); }
+
+ private:
+  void take(std::size_t end);  // rows of `ahead_` up to there
+  void look_at_currents(std::size_t k);
+  Health result() const;
+
+  SamplingInterval interval_;
+  CurrentLevels a_, b_, any_;
+  CurrentValues values_a_;
+  RawLog ahead_;           // rows whose neighbours have not come yet, and neighbours of theirs
+  std::size_t taken_ = 0;  // of them
+  std::optional<double> t_before_, t_kept_;
+  std::int64_t rows_since_kept_ = 0;
+  std::size_t rows_ = 0, kept_ = 0, missing_ = 0, stale_ = 0;
+  double jitter_ = 0, i_sum_max_ = 0;
+};
+
+}  // namespace twinrate
