@@ -81,8 +81,12 @@ class Reader {
     share_out();
     for (std::size_t i = 0; i < logs_.size(); ++i) add(logs_[i], shares_[i]);
     const auto logs = std::make_shared<std::vector<Scanned>>(std::move(logs_));
-    result_.stretch = [logs, n_p = drive_.machine.n_p](std::size_t file, double begin, double end) {
-      return stretch_of((*logs)[file], n_p, begin, end);
+    result_.stretch = [logs, files = result_.files, n_p = drive_.machine.n_p](
+                          std::size_t file, double begin, double end) {
+      const double later = files[file].later_s;
+      Record record = stretch_of((*logs)[file], n_p, begin - later, end - later);
+      for (double& t : record.t) t += later;
+      return record;
     };
     return std::move(result_);
   }
@@ -187,6 +191,7 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
 
 void Reader::add(Scanned& log, std::size_t most_rows) {
   const std::size_t first = result_.record.size();
+  double later = 0;
   try {
     Record own;
     if (most_rows < log.health.rows) {
@@ -197,10 +202,12 @@ void Reader::add(Scanned& log, std::size_t most_rows) {
     }
     log.raw = {};
     result_.record.append(own);
+    later = result_.record.t[first] - own.t.front();
   } catch (const std::runtime_error& error) {
     throw BadInput(error.what());
   }
-  result_.files.push_back({log.path, log.held_out, log.health, first, result_.record.size()});
+  result_.files.push_back(
+      {log.path, log.held_out, log.health, first, result_.record.size(), later});
 }
 
 }  // namespace

@@ -27,6 +27,7 @@ struct DriveLog {
   bool held_out = false;
   Health health;
   std::size_t first = 0, end = 0;
+  double later_s = 0;  // by which the record's time is ahead of the file's (Record::append)
 };
 
 struct DriveLogs {
@@ -34,7 +35,7 @@ struct DriveLogs {
   std::vector<DriveLog> files;
   Health health;
   std::vector<std::string> notes;  // one line each
-  // Rows of one file between two of its times, whether traced or not. Throws BadInput.
+  // Rows of one file between two times of the record, whether traced or not. Throws BadInput.
   std::function<Record(std::size_t file, double begin_s, double end_s)> stretch;
   // Of each row of the record: whether its file is held out.
   std::vector<char> held_out() const;

@@ -35,8 +35,9 @@ std::vector<char> unseen_rows(const Record& log, const Record& traced, const Dri
   const auto begin = traced.t.begin() + static_cast<std::ptrdiff_t>(file.first),
              end = traced.t.begin() + static_cast<std::ptrdiff_t>(file.end);
   for (std::size_t k = 0; k < log.size(); ++k) {
-    const auto row = std::lower_bound(begin, end, log.t[k] - 0.5 * log.T_s);
-    if (row == end || *row > log.t[k] + 0.5 * log.T_s) continue;
+    const double t = log.t[k] + file.later_s;
+    const auto row = std::lower_bound(begin, end, t - 0.5 * log.T_s);
+    if (row == end || *row > t + 0.5 * log.T_s) continue;
     unseen[k] = held_out[static_cast<std::size_t>(row - traced.t.begin())];
   }
   return unseen;
