@@ -11,6 +11,7 @@
 #include "trace/errors.hpp"
 #include "trace/evidence.hpp"
 #include "trace/keys.hpp"
+#include "trace/parting.hpp"
 #include "trace/rest.hpp"
 
 namespace twinrate {
@@ -67,6 +68,17 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   }
 }
 
+void name_aliases(TraceResult& r) {
+  for (const TracedEffect& e : r.effects) {
+    if (e.aliases.empty()) continue;
+    Ambiguity a{.kinds = {std::string(e.effect->kind())}};
+    a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
+    a.why = "they explain this record equally well";
+    a.would_separate = what_separates(a.kinds);
+    r.ambiguous.push_back(std::move(a));
+  }
+}
+
 std::string sentence(const TraceResult& r) {
   std::vector<std::string> names;
   for (const TracedEffect& e : r.effects) {
@@ -109,13 +121,6 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
     for (const Alternative& a : selection.members[m].alternatives)
       r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain,
                             fmt::format("in place of {}: {}", e.effect->kind(), a.why)});
-    if (!e.aliases.empty()) {
-      Ambiguity a{.kinds = {std::string(e.effect->kind())}};
-      a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
-      a.why = "they explain this record equally well";
-      a.would_separate = what_separates(a.kinds);
-      r.ambiguous.push_back(std::move(a));
-    }
     r.effects.push_back(std::move(e));
   }
   for (const Alternative& a : selection.refused)
@@ -123,6 +128,11 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   from_samples(facts, health, r);
   compare_errors(fitter, fit, r);
   add_effect_views(fitter.chain(), fit, r);
+  std::vector<TracedEffect> parts;
+  for (TracedEffect& e : r.effects)
+    for (TracedEffect& part : parted(std::move(e), facts)) parts.push_back(std::move(part));
+  r.effects = std::move(parts);
+  name_aliases(r);
   if (!health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
   r.structured = !r.unexplained.empty();

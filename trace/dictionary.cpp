@@ -58,7 +58,22 @@ bool has_gap(const Effect& effect) {
   return effect.describe_shaft(shaft) && shaft.gap > 0;
 }
 
+void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
+  if (!b.size()) return;
+  if (!a.size()) a.setZero(b.size());
+  a += factor * b;
+}
+
 }  // namespace
+
+void add(Sampled& a, const Sampled& b, double factor) {
+  add(a.d, b.d, factor);
+  add(a.q, b.q, factor);
+  add(a.torque, b.torque, factor);
+  add(a.noise_d, b.noise_d, factor);
+  add(a.noise_q, b.noise_q, factor);
+  add(a.noise_torque, b.noise_torque, factor);
+}
 
 bool holds_noise(const Effect& effect) {
   for (std::string_view kind : {"flux_harmonics", "inverter_offset"})
@@ -96,10 +111,17 @@ Sampled Chain::residual(const Effects& effects) const {
 }
 
 std::vector<Sampled> Chain::columns(const Effect& effect) const {
+  std::vector<Sampled> out;
+  if (effect.acts_on() == kOnTorque && !holds_noise(effect)) {
+    for (const auto& x : equations_.load_columns(effect, sampler_.first(), sampler_.stride())) {
+      out.emplace_back();
+      out.back().torque = sampler_.sparsely(x, sampler_.torque());
+    }
+    return out;
+  }
   const std::vector<Channels> clean = equations_.columns(effect);
   std::vector<Channels> noisy;
   if (holds_noise(effect)) noisy = noisier_.columns(effect);
-  std::vector<Sampled> out;
   for (std::size_t r = 0; r < clean.size(); ++r)
     out.push_back(sampled(clean[r], noisy.empty() ? nullptr : &noisy[r]));
   return out;
@@ -170,6 +192,27 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     });
   }
   return candidates;
+}
+
+void Dictionary::renew(const Chain& chain, const Effects& beside) {
+  constexpr double kProbe = 1e-5;  // of a coefficient
+  const Sampled residual = chain.residual(beside);
+  for (Candidate& candidate : sampled) {
+    const bool adds = candidate.effect->regressor_count() > 0;
+    if (!adds || !(candidate.effect->acts_on() & (kOnCurrents | kOnAngle))) continue;
+    for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
+      std::vector<double> coefficients(candidate.columns.size(), 0.0);
+      coefficients[r] = kProbe;
+      const std::shared_ptr<Effect> probe = candidate.effect->clone();
+      probe->set_coefficients(coefficients);
+      Effects all = beside;
+      all.push_back(probe);
+      Sampled x;
+      add(x, residual, 1 / kProbe);
+      add(x, chain.residual(all), -1 / kProbe);
+      candidate.columns[r] = std::move(x);
+    }
+  }
 }
 
 void Dictionary::whiten(const Chain& chain) {

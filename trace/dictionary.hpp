@@ -26,6 +26,8 @@ struct NoiseModel {
   double scale_d = 1, scale_q = 1, scale_torque = 1;
 };
 
+void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an empty channel is zero
+
 struct Candidate {
   std::shared_ptr<Effect> effect;
   std::vector<Sampled> columns;
@@ -70,6 +72,9 @@ bool holds_noise(const Effect& effect);
 
 struct Dictionary {
   std::vector<Candidate> sampled, whitened;
+  // Columns of what adds to a sensor anew, as they are beside effects in the model: what an error
+  // of a current does to the voltage depends on the inductance there.
+  void renew(const Chain& chain, const Effects& beside);
   void whiten(const Chain& chain);
 };
 

@@ -7,7 +7,7 @@ namespace {
 
 constexpr int kSmooth = 10;  // half-width of the speed's slope fit, rows
 constexpr int kSensing = kOnCurrents | kOnAngle;
-constexpr double kProbe = 1e-3;  // share of a unit coefficient at which sensing is linearised
+constexpr double kProbe = 1e-5;  // share of a unit coefficient at which sensing is linearised
 
 // The signal that was read late by `delay` behind a filter of time constant `tau`:
 // true(t) = (reading + tau reading')(t + delay), by cubics through four samples; near the ends as
@@ -27,6 +27,19 @@ std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double
   for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, 1 - shift); k + shift + 2 < n; ++k) {
     const Value* x = &before_filter[k + shift];
     out[k] = w[0] * x[-1] + w[1] * x[0] + w[2] * x[1] + w[3] * x[2];
+  }
+  return out;
+}
+
+// Less noise, the same within the tracer's band: a quadratic through eleven samples (Savitzky and
+// Golay). Effects that bend, like a dead time at small currents, would make an offset of the noise.
+std::vector<Vec2> smoothed(const std::vector<Vec2>& x) {
+  constexpr double kWeights[] = {89. / 429, 84. / 429, 69. / 429, 44. / 429, 9. / 429, -36. / 429};
+  constexpr std::size_t kReach = 5;
+  std::vector<Vec2> out = x;
+  for (std::size_t k = kReach; k + kReach < x.size(); ++k) {
+    out[k] = kWeights[0] * x[k];
+    for (std::size_t j = 1; j <= kReach; ++j) out[k] += kWeights[j] * (x[k - j] + x[k + j]);
   }
   return out;
 }
@@ -61,12 +74,6 @@ class Along {
   std::vector<std::vector<Contribution>> with_memory_;
 };
 
-// Unit vector at the electrical angle half-way from row k - 1 to row k.
-template <class Signals>
-Vec2 half_way(const Signals& s, std::size_t k) {
-  return Vec2(s.cos[k - 1] + s.cos[k], s.sin[k - 1] + s.sin[k]).normalized();
-}
-
 }  // namespace
 
 Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
@@ -76,13 +83,14 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
   turn_currents(measured_);
   omega_m_ = speed(record.theta_m);
   points_.resize(record.size());
+  const std::vector<Vec2> i_dq = smoothed(measured_.i_dq);
   for (std::size_t k = 0; k < points_.size(); ++k) {
     OperatingPoint& p = points_[k];
     p.t = record.t[k];
     p.theta_m = record.theta_m[k];
     p.theta_e = facts.machine.n_p * p.theta_m;
     p.omega_m = omega_m_[k];
-    if (!measured_.i_dq.empty()) p.i_dq = measured_.i_dq[k];
+    if (!i_dq.empty()) p.i_dq = i_dq[k];
     if (!record.u_alphabeta.empty()) p.u_dq = park(record.u_alphabeta[k], p.theta_e);
     p.v_dc = record.v_dc.empty() ? facts.v_dc : record.v_dc[k];
     if (!record.T_load.empty()) p.T_load = record.T_load[k];
@@ -113,6 +121,9 @@ void Equations::turn_angle(Signals& s) const {
     s.cos[k] = std::cos(facts_.machine.n_p * s.theta_m[k]);
     s.sin[k] = std::sin(facts_.machine.n_p * s.theta_m[k]);
   }
+  s.mid.resize(s.theta_m.size(), Vec2::Zero());
+  for (std::size_t k = 1; k < s.mid.size(); ++k)
+    s.mid[k] = Vec2(s.cos[k - 1] + s.cos[k], s.sin[k - 1] + s.sin[k]).normalized();
 }
 
 void Equations::turn_currents(Signals& s) const {
@@ -137,7 +148,8 @@ std::vector<OperatingPoint> Equations::points_of(const Signals& s, bool angle_mo
       p.u_dq = {s.cos[k] * u[0] + s.sin[k] * u[1], s.cos[k] * u[1] - s.sin[k] * u[0]};
     }
   }
-  for (std::size_t k = 0; k < s.i_dq.size(); ++k) points[k].i_dq = s.i_dq[k];
+  const std::vector<Vec2> i_dq = smoothed(s.i_dq);
+  for (std::size_t k = 0; k < i_dq.size(); ++k) points[k].i_dq = i_dq[k];
   return points;
 }
 
@@ -196,7 +208,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
       if (k > 0) {
         const Vec2 left =
             record_.u_alphabeta[k - 1] - 0.5 * (drop_before + drop) - (psi - psi_before) / T_s;
-        const Vec2 mid = half_way(s, k);
+        const Vec2& mid = s.mid[k];
         e.d[k - 1] = mid[0] * left[0] + mid[1] * left[1];
         e.q[k - 1] = mid[0] * left[1] - mid[1] * left[0];
       }
@@ -257,7 +269,7 @@ void Equations::explain(std::size_t k, const Contribution& c, Channels& x, Vec2&
     const Vec2 psi = turn(c.psi_dq), drop = turn(c.u_dq_drop);
     if (k > 0) {
       const Vec2 e = 0.5 * (drop + drop_before) + (psi - psi_before) / T_s;
-      const Vec2 mid = half_way(s, k);
+      const Vec2& mid = s.mid[k];
       x.d[k - 1] = mid[0] * e[0] + mid[1] * e[1];
       x.q[k - 1] = mid[0] * e[1] - mid[1] * e[0];
     }
@@ -288,21 +300,23 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
   }
   for (Channels& one : x) one = empty(effect.acts_on());
   std::vector<Contribution> all(count);
-  const int acts = effect.acts_on();
-  if (!(acts & ~kOnTorque) && acts) {  // most of them
-    for (std::size_t k = 1; k + 1 < points_.size(); ++k) {
-      effect.regressors(points_[k], all);
-      for (std::size_t r = 0; r < count; ++r) {
-        x[r].torque[k] = all[r].T_load;
-        if (all[r].J != 0) x[r].torque[k] += all[r].J * omega_rate(measured_, k);
-      }
-    }
-    return x;
-  }
   std::vector<Vec2> psi(count, Vec2::Zero()), drop(count, Vec2::Zero());
   for (std::size_t k = 0; k < points_.size(); ++k) {
     effect.regressors(points_[k], all);
     for (std::size_t r = 0; r < count; ++r) explain(k, all[r], x[r], psi[r], drop[r]);
+  }
+  return x;
+}
+
+std::vector<std::vector<double>> Equations::load_columns(const Effect& effect, std::size_t first,
+                                                         std::size_t stride) const {
+  const auto count = static_cast<std::size_t>(effect.regressor_count());
+  std::vector<std::vector<double>> x(count);
+  for (std::vector<double>& one : x) one.reserve(points_.size() / stride + 1);
+  std::vector<Contribution> all(count);
+  for (std::size_t k = first; k < points_.size(); k += stride) {
+    effect.regressors(points_[k], all);
+    for (std::size_t r = 0; r < count; ++r) x[r].push_back(all[r].T_load);
   }
   return x;
 }
@@ -316,8 +330,9 @@ Channels Equations::contribution(const Effect& effect) const {
     return x;
   }
   // The sensor's error goes through all equations: what the residual changes by.
-  Channels x = known_.empty() ? assemble(undo_sensing({effect.clone()}, points_), {}, points_)
-                              : residual({effect.clone()});
+  const bool alone = known_.empty() && !(effect.acts_on() & ~kSensing);
+  Channels x = alone ? assemble(undo_sensing({effect.clone()}, points_), {}, points_)
+                     : residual({effect.clone()});
   for (std::size_t k = 0; k < record_.size(); ++k) {
     if (!x.d.empty()) {
       x.d[k] = base_.d[k] - x.d[k];

@@ -27,6 +27,10 @@ class Equations {
   Channels residual(const Effects& effects) const;
   // How much each linear regressor of an effect explains: residual(without) = coefficient * column.
   std::vector<Channels> columns(const Effect& effect) const;
+  // The same of an effect that adds to the load alone: its torque at every stride-th row from
+  // `first` on, by regressor.
+  std::vector<std::vector<double>> load_columns(const Effect& effect, std::size_t first,
+                                                std::size_t stride) const;
   // The same for an effect without regressors: its whole contribution as it stands.
   Channels contribution(const Effect& effect) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
@@ -41,9 +45,10 @@ class Equations {
   struct Signals {
     std::vector<Vec2> i_alphabeta, i_dq;
     std::vector<double> theta_m, cos, sin;  // of the electrical angle
+    std::vector<Vec2> mid;  // unit vector at that half-way to row k from the one before
   };
   void turn_currents(Signals& s) const;  // i_dq from the others
-  void turn_angle(Signals& s) const;     // cos and sin
+  void turn_angle(Signals& s) const;     // cos, sin and mid
   std::vector<double> speed(const std::vector<double>& theta_m) const;
   std::vector<OperatingPoint> points_of(const Signals& s, bool angle_moved) const;
   // The record less what the sensing effects among `effects` added to it, seen at `points`.

@@ -10,7 +10,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kAliasGain = 15;     // score: nearer than this, two kinds explain the same
+constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain the same
+constexpr std::size_t kMostAliases = 2;
 constexpr double kAliasShare = 0.02;  // or of the gain itself
 
 std::string equation_of(const Effect& effect) {
@@ -91,7 +92,9 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   e.p_value = chi_square_tail(N * (s.without.rss / fit.rss - 1), k);
   e.materiality = effect.materiality(fitter.chain().equations().facts());
   for (const Alternative& a : s.alternatives)
-    if (a.why == "explains less" && near(a.score_gain, s.score_gain)) e.aliases.push_back(a.kind);
+    if (a.why == kExplainsLess && near(a.score_gain, s.score_gain) &&
+        e.aliases.size() < kMostAliases)
+      e.aliases.push_back(a.kind);
   return e;
 }
 

@@ -20,36 +20,34 @@ std::vector<FreeParameter> free_parameters(const Members& members) {
   return free;
 }
 
-void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
-  if (!b.size()) return;
-  if (!a.size()) a.setZero(b.size());
-  a += factor * b;
-}
-
-void add(Sampled& a, const Sampled& b, double factor) {
-  add(a.d, b.d, factor);
-  add(a.q, b.q, factor);
-  add(a.torque, b.torque, factor);
-  add(a.noise_d, b.noise_d, factor);
-  add(a.noise_q, b.noise_q, factor);
-  add(a.noise_torque, b.noise_torque, factor);
-}
-
 std::vector<double> coefficients_of(const Effect& effect) {
   std::vector<double> c(static_cast<std::size_t>(effect.regressor_count()));
   effect.coefficients(c);
   return c;
 }
 
-// False where the parameter had to be held inside its range.
-bool move(Effect& effect, const FreeParameter& p, double change) {
+// By how much it moved: a key stays inside its range.
+double move(Effect& effect, const FreeParameter& p, double change) {
   if (p.coefficient >= 0) {
     std::vector<double> c = coefficients_of(effect);
     c[static_cast<std::size_t>(p.coefficient)] += change;
     effect.set_coefficients(c);
-    return true;
+    return change;
   }
-  return set_key(effect, p.key, get_key(effect, p.key) + change);
+  const double before = get_key(effect, p.key);
+  set_key(effect, p.key, before + change);
+  return get_key(effect, p.key) - before;
+}
+
+// Coefficient that alone makes the smallest size worth reporting.
+double smallest_coefficient(const Effect& effect, int coefficient, const DriveFacts& facts) {
+  constexpr double kProbe = 1e-3;
+  const std::shared_ptr<Effect> one = effect.clone();
+  std::vector<double> c(static_cast<std::size_t>(effect.regressor_count()), 0.0);
+  c[static_cast<std::size_t>(coefficient)] = kProbe;
+  one->set_coefficients(c);
+  const double sizes = one->materiality(facts);
+  return sizes > 0 && std::isfinite(sizes) ? kProbe / sizes : kProbe;
 }
 
 }  // namespace
@@ -67,6 +65,14 @@ bool has_shaft(const Members& members) {
   ShaftFacts shaft;
   return std::any_of(members.begin(), members.end(),
                      [&](const auto& m) { return m->describe_shaft(shaft); });
+}
+
+bool tells(const Effect& effect, std::size_t coefficient, double energy, const DriveFacts& facts) {
+  constexpr double kMostSizes = 10;
+  if (effect.regressor_count() == 0) return true;
+  if (!(energy > 0)) return false;
+  return 1 / std::sqrt(energy) <
+         kMostSizes * smallest_coefficient(effect, static_cast<int>(coefficient), facts);
 }
 
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
@@ -91,25 +97,40 @@ void Fitter::evaluate(Fit& fit) const {
 
 void Fitter::linearise(Fit& fit) const {
   fit.J.clear();
-  const Equations& equations = chain_.equations();
+  const DriveFacts& facts = chain_.equations().facts();
+  const Effects here = fit.effects();
+  const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty();
+  Sampled residual_here;  // where it is needed
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
-    if (p.coefficient == 0)
-      for (const Sampled& x : chain_.columns(effect)) fit.J.push_back(chain_.regressor(x));
-    if (p.coefficient >= 0) continue;
-    const double value = get_key(effect, p.key);
-    const double h = 1e-3 * std::max(std::abs(value), 1e-9);
+    // What a sensor's error does depends on the others, and what they do on the true current.
+    const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
+                      (senses && effect.acts_on() & (kOnVoltage | kOnFlux));
+    if (p.coefficient >= 0 && !bent) {
+      if (p.coefficient == 0)
+        for (const Sampled& x : chain_.columns(effect)) fit.J.push_back(chain_.regressor(x));
+      continue;
+    }
+    const double h = p.coefficient >= 0 ? 0.05 * smallest_coefficient(effect, p.coefficient, facts)
+                                        : 1e-3 * std::max(std::abs(get_key(effect, p.key)), 1e-9);
     const auto up = effect.clone(), down = effect.clone();
-    set_key(*up, p.key, value + h);
-    set_key(*down, p.key, value - h);
-    up->prepare(equations.facts());
-    down->prepare(equations.facts());
-    const double span = get_key(*up, p.key) - get_key(*down, p.key);
-    Sampled x = chain_.contribution(*up);
-    add(x, chain_.contribution(*down), -1);
-    Sampled column;
-    add(column, x, 1 / span);
-    fit.J.push_back(chain_.regressor(column));
+    const double step_up = move(*up, p, h);
+    up->prepare(facts);
+    Sampled x;
+    if (bent) {
+      Effects there = here;
+      there[p.member] = up;
+      if (!residual_here.torque.size() && !residual_here.d.size())
+        residual_here = chain_.residual(here);
+      add(x, residual_here, 1 / step_up);
+      add(x, chain_.residual(there), -1 / step_up);
+    } else {
+      const double span = step_up - move(*down, p, -h);
+      down->prepare(facts);
+      add(x, chain_.contribution(*up), 1 / span);
+      add(x, chain_.contribution(*down), -1 / span);
+    }
+    fit.J.push_back(chain_.regressor(x));
   }
 }
 
@@ -123,7 +144,14 @@ Eigen::VectorXd Fitter::step(Fit& fit) const {
     normal.b[a] = training_.dot(column, fit.y);
     normal.noise[a] = training_.noise(column, column);
   }
-  const std::vector<char> use = normal.usable(static_cast<double>(training_.count(fit.y)));
+  std::vector<char> use = normal.usable(static_cast<double>(training_.count(fit.y)));
+  for (Eigen::Index a = 0; a < P; ++a) {
+    const FreeParameter& p = fit.free[static_cast<std::size_t>(a)];
+    if (p.coefficient >= 0 &&
+        !tells(*fit.members[p.member], static_cast<std::size_t>(p.coefficient), normal.A(a, a),
+               chain_.equations().facts()))
+      use[static_cast<std::size_t>(a)] = 0;
+  }
   fit.covariance = normal.inverse(use);
   return normal.solve(use);
 }

@@ -34,6 +34,10 @@ Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
 // True where one of them is a second mass behind a shaft, with a gap or without.
 bool has_shaft(const Members& members);
 
+// Whether a column of that energy tells the coefficient: one standard deviation is within ten times
+// the smallest size worth reporting.
+bool tells(const Effect& effect, std::size_t coefficient, double energy, const DriveFacts& facts);
+
 struct Fit {
   Members members;
   std::vector<FreeParameter> free;
@@ -53,8 +57,8 @@ class Fitter {
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
 
   Fit start(Members members) const;
-  // At most `rounds` of Gauss-Newton.
-  Fit refine(Members members, int rounds = 3) const;
+  // At most `rounds` of Gauss-Newton; fewer where it has arrived.
+  Fit refine(Members members, int rounds = 8) const;
   // What an effect must bring beyond its parameters' price.
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }

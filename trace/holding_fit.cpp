@@ -11,7 +11,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-
 struct Blocks {
   MatrixXd X;
   VectorXd y;

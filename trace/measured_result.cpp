@@ -119,7 +119,8 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
           ? fmt::format("Nothing is missing: constants leave {:.3g} {} on held-out points",
                         r.electrical->after.held_out, r.electrical->unit)
           : fmt::format(
-                "The model lacks {}; with it the held-out error of {} falls from {:.3g} to {:.3g} {} ({} of it)",
+                "The model lacks {}; with it the held-out error of {} falls from {:.3g} to {:.3g} "
+                "{} ({} of it)",
                 fmt::join(kinds, ", "), trace.problem.channels[static_cast<std::size_t>(channel)],
                 r.electrical->before.held_out, r.electrical->after.held_out, r.electrical->unit,
                 percent(r.electrical->after.held_out / r.electrical->before.held_out));

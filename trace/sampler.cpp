@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kPassband = 0.4;      // of the output rate
 constexpr int kHalfWidth = 5;          // outputs
+constexpr double kSparse_Hz = 4000;    // rate at which a smooth channel is looked at, or more
 constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out
 
 }  // namespace
@@ -25,6 +26,11 @@ Sampler::Sampler(const Record& record, const std::vector<char>& torque_ok,
     sum += h_.back();
   }
   for (double& h : h_) h /= sum;
+  for (int stride = 2; stride <= D_; ++stride)
+    if (D_ % stride == 0 && 1 / (stride * record.T_s) >= kSparse_Hz) stride_ = stride;
+  double sparse_sum = 0;
+  for (int j = 0; j <= 2 * M_; j += stride_) sparse_.push_back(h_[j]), sparse_sum += h_[j];
+  for (double& h : sparse_) h /= sparse_sum;
   if (record.has_voltage_equation()) electrical_ = runs_of(record.electrical_ok, held_out);
   torque_ = runs_of(torque_ok, held_out);
 }
@@ -69,6 +75,18 @@ Eigen::VectorXd Sampler::operator()(const std::vector<double>& channel, const Ru
   for (std::size_t n = 0; n < runs.row.size(); ++n)
     y[static_cast<Eigen::Index>(n)] = h.dot(Eigen::Map<const Eigen::VectorXd>(
         channel.data() + runs.row[n] - static_cast<std::size_t>(M_), taps));
+  return y;
+}
+
+Eigen::VectorXd Sampler::sparsely(const std::vector<double>& channel, const Runs& runs) const {
+  Eigen::VectorXd y(static_cast<Eigen::Index>(runs.row.size()));
+  const auto taps = static_cast<Eigen::Index>(sparse_.size());
+  const Eigen::Map<const Eigen::VectorXd> h(sparse_.data(), taps);
+  for (std::size_t n = 0; n < runs.row.size(); ++n) {
+    const std::size_t begin = (runs.row[n] - static_cast<std::size_t>(M_) - first()) / stride();
+    y[static_cast<Eigen::Index>(n)] =
+        h.dot(Eigen::Map<const Eigen::VectorXd>(channel.data() + begin, taps));
+  }
   return y;
 }
 

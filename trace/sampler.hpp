@@ -29,11 +29,16 @@ class Sampler {
   const Runs& electrical() const { return electrical_; }
   const Runs& torque() const { return torque_; }
   Eigen::VectorXd operator()(const std::vector<double>& channel, const Runs& runs) const;
+  // The same from every stride()-th row from first() on, and only these in `channel`: enough where
+  // it holds no noise nor anything near half the record's rate.
+  std::size_t stride() const { return static_cast<std::size_t>(stride_); }
+  std::size_t first() const { return static_cast<std::size_t>(M_ + 1) % stride(); }
+  Eigen::VectorXd sparsely(const std::vector<double>& channel, const Runs& runs) const;
 
  private:
   Runs runs_of(const std::vector<char>& ok, const std::vector<char>& held_out) const;
-  int D_, M_;
-  std::vector<double> h_;
+  int D_, M_, stride_ = 1;
+  std::vector<double> h_, sparse_;  // taps; those of every stride-th row
   Runs electrical_, torque_;
 };
 

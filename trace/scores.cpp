@@ -78,7 +78,10 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
       normal.b[P + c] = rows.dot(x, fit.y);
       normal.noise[P + c] = rows.noise(x, x);
     }
-    const std::vector<char> use = normal.usable(N);
+    std::vector<char> use = normal.usable(N);
+    for (Eigen::Index c = 0; c < g; ++c)
+      if (!tells(*candidate.effect, static_cast<std::size_t>(c), normal.A(P + c, P + c), facts))
+        use[static_cast<std::size_t>(P + c)] = 0;
     if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
     const Eigen::VectorXd x = normal.solve(use);
     NoiseEnergy change;

@@ -9,6 +9,7 @@
 #include "trace/keys.hpp"
 #include "trace/lines.hpp"
 #include "trace/placing.hpp"
+#include "trace/static_sets.hpp"
 
 namespace twinrate {
 namespace {
@@ -30,6 +31,13 @@ std::string describe(const Effect& effect) {
   std::string text(effect.kind());
   for (const NumericKey& k : numeric_keys(effect))
     text += k.text.empty() ? fmt::format(" {}={:.4g}", k.key, k.value) : fmt::format(" {}", k.text);
+  return text;
+}
+
+std::string in_words(const std::vector<Score>& ranking) {
+  std::string text = " ";
+  for (std::size_t i = 0; i < std::min<std::size_t>(8, ranking.size()); ++i)
+    text += fmt::format(" {} {:.0f}", sort_of(*ranking[i].effect), ranking[i].gain);
   return text;
 }
 
@@ -97,15 +105,23 @@ class Selector {
                                          kLeast * (fitter_.raw_held_out() - now.raw_held_out);
   }
 
+  double plain_torque(const Fit& fit) const {
+    return fitter_.chain().residual(fit.effects()).torque.squaredNorm();
+  }
+
   // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion refined from `on_grid`,
   // where that is better. A gap makes the torsion that comes nearest overdamped.
   void look_for_gap(const std::shared_ptr<Effect>& on_grid, const Fit& now, Fit& shaft) const {
     const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
     if (gain < fitter_.margin() || shaft.rss_held_out > now.rss_held_out) return;
     Fit gap = search_backlash(fitter_, now, {shaft.members.back(), on_grid});
-    if (say_) say_(fmt::format("  with a gap: {}", describe(*gap.members.back())));
     const double more = score_of(fitter_, shaft) - score_of(fitter_, gap);
-    if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * gain))
+    if (say_)
+      say_(fmt::format("  {}: {:.0f}; with a gap: {} {:+.0f}", describe(*shaft.members.back()),
+                       gain, describe(*gap.members.back()), more));
+    // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft.
+    if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * gain) &&
+        plain_torque(gap) < plain_torque(shaft))
       shaft = std::move(gap);
   }
 
@@ -115,7 +131,9 @@ class Selector {
     Fit best;
     double best_gain = 0, first_gain = 0;
     std::size_t tried = 0;
-    for (const Score& s : ranked(now)) {
+    const std::vector<Score> ranking = ranked(now);
+    if (say_) say_(in_words(ranking));
+    for (const Score& s : ranking) {
       if (s.gain <= 0 || tried >= kMostTried + (best.members.empty() ? 2 : 0)) break;
       // Far from its best point on a grid, an effect without regressors scores too low.
       const double near = s.effect->regressor_count() == 0 ? kNearRough : kNear;
@@ -123,6 +141,7 @@ class Selector {
       ++tried;
       Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)));
       if (s.effect->kind() == "torsion") look_for_gap(s.effect, now, next);
+      if (s.effect->kind() == "resistance") next = without_slope(std::move(next));
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(next, now);
       if (say_)
@@ -138,7 +157,38 @@ class Selector {
     }
     if (best.members.empty()) return false;
     selection_.fit = std::move(best);
+    place_anew();
     return added_ = true;
+  }
+
+  // Beside a resistance the slope of an inverter's drop has nothing left to say: what remains of it
+  // is a dead time.
+  Fit without_slope(Fit fit) const {
+    for (std::size_t m = 0; m < fit.members.size(); ++m) {
+      if (fit.members[m]->kind() != "inverter_drop") continue;
+      const auto dead_time =
+          equivalent_dead_time(*fit.members[m], fitter_.chain().equations().facts());
+      if (!dead_time) continue;
+      Members members = with(fit.members, nullptr);
+      members[m] = dead_time;
+      Fit anew = fitter_.refine(std::move(members));
+      if (anew.valid && (!fit.valid || score_of(fitter_, anew) < score_of(fitter_, fit)))
+        return anew;
+    }
+    return fit;
+  }
+
+  // What stands at a moment of the record was placed before the newcomer was in the model.
+  void place_anew() {
+    for (std::size_t m = 0; m + 1 < selection_.fit.members.size(); ++m) {
+      const std::shared_ptr<Effect> member = selection_.fit.members[m];
+      if (member->kind() != "load_step") continue;
+      const Fit without = fitter_.start(with(selection_.fit.members, nullptr, m));
+      Fit anew = fitter_.refine(with(without.members, placed(fitter_, without, member)));
+      if (anew.valid &&
+          anew.rss + anew.rss_held_out < selection_.fit.rss + selection_.fit.rss_held_out)
+        selection_.fit = std::move(anew);
+    }
   }
 
   void drop_superfluous() {
@@ -196,7 +246,7 @@ class Selector {
           a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
           if (!next.valid) a.why = "its parameters leave their physical range";
         }
-        if (a.why.empty()) a.why = "explains less";
+        if (a.why.empty()) a.why = kExplainsLess;
         s.alternatives.push_back(std::move(a));
       }
       selection_.members.push_back(std::move(s));

@@ -11,6 +11,8 @@
 
 namespace twinrate {
 
+inline constexpr const char* kExplainsLess = "explains less";  // or no more
+
 struct Alternative {
   std::string kind;
   double score_gain = 0, held_out_gain = 0;  // of the refined set, against the set without

@@ -15,7 +15,8 @@ namespace {
 constexpr int kBlocks = 24;
 constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
 constexpr double kMargin = 40, kCoarseMargin = 600;
-constexpr int kMostRounds = 3;  // of noise model and selection
+constexpr double kLost = 0.01;  // share of lost rows that doubles the margin
+constexpr int kMostRounds = 8;  // of noise model and selection, an effect each
 constexpr double kSame = 0.9;   // a noise level that fell by less is the same
 
 double ms_since(std::chrono::steady_clock::time_point t) {
@@ -94,13 +95,19 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   std::vector<std::shared_ptr<Effect>> members;
   Effects so_far;
   bool added = true;
-  // The error of a coarse ADC is no noise: it repeats with the current.
-  const double margin = health.coarse(facts.machine.i_rated) ? kCoarseMargin : kMargin;
+  // The error of a coarse ADC is no noise: it repeats with the current. Nor is that of filling rows
+  // that were lost.
+  const double margin = health.coarse(facts.machine.i_rated)
+                            ? kCoarseMargin
+                            : kMargin * (1 + (health.missing_share + health.stale_share) / kLost);
   for (int round = 0; added && round < kMostRounds; ++round) {
+    const bool renewed = !acting_on(so_far, ~kOnTorque).empty();
+    if (renewed) dictionary.renew(chain, so_far);
     NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
-    if (round == 0 || level(noise) < kSame * level(chain.noise())) {
-      chain.set_noise(std::move(noise));
-      dictionary.whiten(chain);
+    const bool quieter = round == 0 || level(noise) < kSame * level(chain.noise());
+    if (quieter) chain.set_noise(std::move(noise));
+    if (quieter || renewed) dictionary.whiten(chain);
+    if (quieter) {
       if (settings.say)
         settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
                                  chain.noise().q.rms(), chain.noise().torque.rms()));

@@ -1,6 +1,8 @@
 // A drive written out here, for the tracer's tests: it shares no code with the product's plant.
 // Isotropic machine, RK4 in stator axes, speed and load that wander, ideal current control.
 #pragma once
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 
@@ -19,6 +21,8 @@ struct SyntheticDrive {
   std::function<double(double t, double theta, double omega)> extra_load =
       [](double, double, double) { return 0.0; };
   double R_extra = 0, offset_a = 0;  // ohm; A, of what sensor a reads
+  double offset_theta = 0;           // rad, of what the encoder reads
+  double loss_V = 0, loss_A = 0.12;  // a leg loses loss_V sign(i), less below loss_A
   double i_noise = 0.008, lsb = 0.009765625;
 };
 
@@ -46,7 +50,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
     raw.i_b.push_back(read(-0.5 * i_al + 0.5 * std::sqrt(3.0) * i_be, 1));
     raw.i_c.push_back(-raw.i_a.back() - raw.i_b.back());
     const double step = 2 * 3.14159265358979323846 / 1048576;
-    raw.theta_m.push_back(std::floor(theta / step) * step);
+    raw.theta_m.push_back(std::floor((theta + d.offset_theta) / step) * step);
     raw.v_dc.push_back(235.4 + 0.2 * normal(d.seed, 2, k));
     raw.T_load.push_back(T_load);
     // The voltage that a controller with a model of its own asks for, constant in stator axes.
@@ -63,12 +67,19 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
                  u_be = std::sin(mid) * u_d + std::cos(mid) * u_q;
     raw.u_alpha.push_back(u_al);
     raw.u_beta.push_back(u_be);
+    const auto lost = [&](double i) { return d.loss_V * std::clamp(i / d.loss_A, -1.0, 1.0); };
     // RK4 over the interval: i_d, i_q, omega, theta.
     using State = std::array<double, 4>;
     const auto rate = [&](const State& x, double time) -> State {
       const double e = d.n_p * x[3], w = d.n_p * x[2];
-      const double ud = std::cos(e) * u_al + std::sin(e) * u_be,
-                   uq = -std::sin(e) * u_al + std::cos(e) * u_be;
+      const double al = std::cos(e) * x[0] - std::sin(e) * x[1],
+                   be = std::sin(e) * x[0] + std::cos(e) * x[1], half = 0.5 * std::sqrt(3.0) * be;
+      const double lost_a = lost(al), lost_b = lost(half - 0.5 * al),
+                   lost_c = lost(-half - 0.5 * al);
+      const double left_al = u_al - (2 * lost_a - lost_b - lost_c) / 3,
+                   left_be = u_be - (lost_b - lost_c) / std::sqrt(3.0);
+      const double ud = std::cos(e) * left_al + std::sin(e) * left_be,
+                   uq = -std::sin(e) * left_al + std::cos(e) * left_be;
       const double R = d.R + d.R_extra;
       const double load = T_load + d.extra_load(time, x[3], x[2]);
       const double torque = d.quiet ? 0 : (K_t * x[1] - d.B * x[2] - load) / d.J;

@@ -84,6 +84,18 @@ TEST(Tracer, TellsAResistanceFromAnOffset) {
   EXPECT_NEAR(parameter(off, "current_offset", "offset_a").value, 0.09, 0.002);
 }
 
+// Two that bend each other: what a leg loses goes by the true current, and in the true axes.
+TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
+  const double seconds = 2.4 / (declared().facts().v_dc * declared().facts().f_pwm);
+  const TraceResult shifted = trace_of(simulate_synthetic({.offset_a = 0.1, .loss_V = 2.4}));
+  EXPECT_EQ(kinds(shifted), (Names{"current_offset", "dead_time"})) << shifted.sentence;
+  EXPECT_NEAR(parameter(shifted, "dead_time", "dead_time").value, seconds, 0.02 * seconds);
+  EXPECT_NEAR(parameter(shifted, "current_offset", "offset_a").value, 0.1, 0.003);
+  const TraceResult turned = trace_of(simulate_synthetic({.offset_theta = 0.04, .loss_V = 2.4}));
+  EXPECT_EQ(kinds(turned), (Names{"dead_time", "encoder_offset"})) << turned.sentence;
+  EXPECT_NEAR(parameter(turned, "encoder_offset", "offset").value, 0.04, 0.0005);
+}
+
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
   SyntheticDrive drive;
   drive.extra_load = [](double t, double, double) {

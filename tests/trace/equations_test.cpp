@@ -1,0 +1,170 @@
+// Columns against what the residual itself says, the sparse sampling against the full one, and an
+// effect told as two against the one that was fitted.
+#include "trace/equations.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/keys.hpp"
+#include "trace/parting.hpp"
+#include "trace/sampler.hpp"
+#include "trace/static_sets.hpp"
+
+namespace twinrate {
+namespace {
+
+const DriveConfig& declared() {
+  static const Config config =
+      Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
+  return config.drive();
+}
+
+const Record& record() {
+  static const Record kRecord = [] {
+    Health health;
+    return make_record(simulate_synthetic({.duration_s = 2}), 3, health);
+  }();
+  return kRecord;
+}
+
+// Over several channels: before - after less what the columns say, over the size of what they say.
+double disagreement(const std::vector<const std::vector<double>*>& before,
+                    const std::vector<const std::vector<double>*>& after,
+                    const std::vector<const std::vector<double>*>& column, double coefficient) {
+  double size = 0, wrong = 0;
+  for (std::size_t c = 0; c < before.size(); ++c)
+    for (std::size_t k = 20; k + 20 < before[c]->size(); ++k) {
+      const double said = column[c]->empty() ? 0 : coefficient * (*column[c])[k];
+      size += said * said;
+      wrong += std::pow((*before[c])[k] - (*after[c])[k] - said, 2);
+    }
+  return std::sqrt(wrong / std::max(size, 1e-30));
+}
+
+TEST(Equations, AColumnIsWhatItsEffectTakesOffTheResidual) {
+  const DriveFacts facts = declared().facts();
+  const Equations equations(record(), facts);
+  const Channels before = equations.residual({});
+  int compared = 0;
+  for (const std::string& kind : effect_kinds()) {
+    const auto effect = make_effect(kind);
+    effect->prepare(facts);
+    const auto count = static_cast<std::size_t>(effect->regressor_count());
+    for (std::size_t r = 0; r < count; ++r) {
+      std::vector<double> c(count, 0.0);
+      c[r] = 1e-6;
+      const auto one = effect->clone();
+      one->set_coefficients(c);
+      const std::vector<Channels> columns = equations.columns(*one);
+      const Channels after = equations.residual({one});
+      // The torque of a flux is made with the measured current there, with the smoothed one here.
+      const Channels& x = columns[r];
+      EXPECT_LT(disagreement({&before.torque}, {&after.torque}, {&x.torque}, c[r]), 0.02)
+          << kind << " " << r;
+      EXPECT_LT(disagreement({&before.d, &before.q}, {&after.d, &after.q}, {&x.d, &x.q}, c[r]),
+                0.02)
+          << kind << " " << r;
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 30);
+}
+
+TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
+  // Behind R_s: the terminals carry more current than makes torque, and drop no voltage for it.
+  const DriveFacts facts = declared().facts();
+  const Equations equations(record(), facts);
+  const auto loss = make_effect("iron_loss");
+  set_key(*loss, "resistance_Ohm", 300);
+  loss->prepare(facts);
+  const Channels before = equations.residual({}), after = equations.residual({loss});
+  const double K_t = 1.5 * facts.machine.n_p * facts.machine.psi_f;
+  for (std::size_t k = 2000; k < 18000; k += 777) {
+    const OperatingPoint& p = equations.points()[k];
+    const double omega_e = facts.machine.n_p * p.omega_m;
+    const double i_fe_q = omega_e * (facts.machine.psi_f + facts.machine.L_d * p.i_dq[0]) / 300;
+    EXPECT_NEAR(before.torque[k] - after.torque[k], K_t * i_fe_q,
+                2e-3 + 0.01 * std::abs(K_t * i_fe_q));
+  }
+}
+
+TEST(Sampler, SeesTheSameInEverySecondRow) {
+  std::vector<char> all(record().size(), 1), none(record().size(), 0);
+  const Sampler sampler(record(), all, none);
+  ASSERT_EQ(sampler.stride(), 2u);
+  for (double f_Hz : {0.0, 40.0, 300.0, 800.0}) {
+    std::vector<double> full, sparse;
+    for (std::size_t k = 0; k < record().size(); ++k)
+      full.push_back(std::cos(kTwoPi * f_Hz * static_cast<double>(k) * record().T_s + 0.3));
+    for (std::size_t k = sampler.first(); k < full.size(); k += sampler.stride())
+      sparse.push_back(full[k]);
+    const Eigen::VectorXd a = sampler(full, sampler.torque()),
+                          b = sampler.sparsely(sparse, sampler.torque());
+    ASSERT_EQ(a.size(), b.size());
+    EXPECT_LT((a - b).cwiseAbs().maxCoeff(), 4e-3) << f_Hz;
+  }
+}
+
+TracedEffect traced(const char* kind, const std::vector<std::pair<const char*, double>>& keys) {
+  const auto effect = make_effect(kind);
+  for (const auto& [key, value] : keys) set_key(*effect, key, value);
+  effect->prepare(declared().facts());
+  TracedEffect e{.effect = effect, .equation = "electrical"};
+  std::map<std::string, double> sigmas;
+  for (const auto& [key, value] : keys) sigmas[key] = 0.01 * std::abs(value);
+  e.parameters = traced_parameters(*effect, sigmas);
+  return e;
+}
+
+// Both sides at points of either sign of each phase current.
+void expect_same(const Effect& whole, const std::vector<TracedEffect>& parts) {
+  for (int j = 0; j < 24; ++j) {
+    OperatingPoint p;
+    p.theta_e = 0.3 + j * kTwoPi / 24;
+    p.i_dq = {1.5 * std::cos(j), 0.4 + 0.2 * j};
+    p.v_dc = declared().facts().v_dc;
+    Vec2 sum = Vec2::Zero();
+    for (const TracedEffect& e : parts) sum += e.effect->at(p).u_dq_drop;
+    EXPECT_LT((sum - whole.at(p).u_dq_drop).norm(), 1e-9);
+  }
+}
+
+TEST(Parting, WhatAllPhasesShareIsAResistance) {
+  const DriveFacts facts = declared().facts();
+  const TracedEffect both = traced(
+      "phase_asymmetry", {{"change_a_Ohm", 0.44}, {"change_b_Ohm", 0.16}, {"change_c_Ohm", 0.15}});
+  const std::vector<TracedEffect> parts = parted(both, facts);
+  ASSERT_EQ(parts.size(), 2u);
+  EXPECT_EQ(parts[1].effect->kind(), "resistance");
+  EXPECT_NEAR(get_key(*parts[1].effect, "change_Ohm"), 0.15, 1e-12);
+  EXPECT_NEAR(*parts[1].parameters[0].sigma, 0.0015, 1e-12);
+  EXPECT_NEAR(get_key(*parts[0].effect, "change_a_Ohm"), 0.29, 1e-12);
+  expect_same(*both.effect, parts);
+  // One phase alone, and a share of all that is too small to report, stay what they are.
+  for (double c : {-0.002, 0.002})
+    EXPECT_EQ(parted(traced("phase_asymmetry",
+                            {{"change_a_Ohm", 0.3}, {"change_b_Ohm", 0.003}, {"change_c_Ohm", c}}),
+                     facts)
+                  .size(),
+              1u);
+}
+
+TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
+  const DriveFacts facts = declared().facts();
+  const auto drop = [&](double slope) {
+    return traced("inverter_drop",
+                  {{"threshold_V", 2.9}, {"resistance_Ohm", slope}, {"linear_current_A", 0.1}});
+  };
+  const double limit = 0.05 * facts.machine.R_s;
+  EXPECT_EQ(parted(drop(0.98 * limit), facts).size(), 1u);
+  const TracedEffect both = drop(1.02 * limit);
+  const std::vector<TracedEffect> parts = parted(both, facts);
+  ASSERT_EQ(parts.size(), 2u);
+  EXPECT_EQ(parts[0].effect->kind(), "dead_time");
+  EXPECT_EQ(parts[0].aliases, std::vector<std::string>{"inverter_drop"});
+  EXPECT_NEAR(get_key(*parts[0].effect, "dead_time_s"), 2.9 / (facts.v_dc * facts.f_pwm), 1e-15);
+  expect_same(*both.effect, parts);
+}
+
+}  // namespace
+}  // namespace twinrate

@@ -1,0 +1,15 @@
+// A fitted effect that says what two of the catalogue say together, told as these two: nature warms
+// a winding more often than it makes such a device.
+#pragma once
+#include "trace/result.hpp"
+
+namespace twinrate {
+
+// phase_asymmetry: what all three phases have in common is a resistance.
+// inverter_drop:   a threshold is a dead time at one bus voltage, and a slope beyond that of
+//                  switches a resistance; inverter_drop then stays as their alias.
+// Any other effect, and these two without such a part, come back as they are. Evidence and pictures
+// are those of the two together; the sum of both is the effect that was fitted.
+std::vector<TracedEffect> parted(TracedEffect effect, const DriveFacts& facts);
+
+}  // namespace twinrate
