@@ -52,12 +52,6 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
 // Energy of a regressor over that of its noise: with less it says nothing.
 constexpr double kLeastElectrical = 3, kLeastTorque = 2;
 
-// Impacts come at other moments where there is more noise: the difference is no noise.
-bool has_gap(const Effect& effect) {
-  ShaftFacts shaft;
-  return effect.describe_shaft(shaft) && shaft.gap > 0;
-}
-
 void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
   if (!b.size()) return;
   if (!a.size()) a.setZero(b.size());
@@ -73,6 +67,11 @@ void add(Sampled& a, const Sampled& b, double factor) {
   add(a.noise_d, b.noise_d, factor);
   add(a.noise_q, b.noise_q, factor);
   add(a.noise_torque, b.noise_torque, factor);
+}
+
+bool has_gap(const Effect& effect) {
+  ShaftFacts shaft;
+  return effect.describe_shaft(shaft) && shaft.gap > 0;
 }
 
 bool holds_noise(const Effect& effect) {

@@ -97,6 +97,8 @@ void Fitter::evaluate(Fit& fit) const {
 
 void Fitter::linearise(Fit& fit) const {
   fit.J.clear();
+  // Impacts come sooner or later with every key: across their bumps, not along one.
+  constexpr double kStep = 1e-3, kGapStep = 0.02;
   const DriveFacts& facts = chain_.equations().facts();
   const Effects here = fit.effects();
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty();
@@ -112,7 +114,8 @@ void Fitter::linearise(Fit& fit) const {
       continue;
     }
     const double h = p.coefficient >= 0 ? 0.05 * smallest_coefficient(effect, p.coefficient, facts)
-                                        : 1e-3 * std::max(std::abs(get_key(effect, p.key)), 1e-9);
+                                        : (has_gap(effect) ? kGapStep : kStep) *
+                                              std::max(std::abs(get_key(effect, p.key)), 1e-9);
     const auto up = effect.clone(), down = effect.clone();
     const double step_up = move(*up, p, h);
     up->prepare(facts);
@@ -191,10 +194,15 @@ Fit Fitter::start(Members members) const {
   return fit;
 }
 
-Fit Fitter::refine(Members members, int rounds) const {
+Fit Fitter::refine(Members members, Until until) const {
+  const bool all_the_way = until == Until::kArrived;
+  const int rounds = all_the_way ? 12 : 3;
+  const double least = all_the_way ? 1e-6 : 3e-5;  // share of rss
+  constexpr double kFar = 2e-3;                    // a smaller step leaves the columns as they are
   Fit fit = start(std::move(members));
+  double fall = 1;
   for (int round = 0; round < rounds; ++round) {
-    linearise(fit);
+    if (fall > kFar) linearise(fit);
     const Eigen::VectorXd change = step(fit);
     bool better = false;
     for (double share = 1; share > 0.1; share /= 2) {
@@ -210,7 +218,8 @@ Fit Fitter::refine(Members members, int rounds) const {
       if (!next.valid) continue;
       evaluate(next);
       if (next.valid && next.rss < fit.rss) {
-        better = fit.rss - next.rss > 1e-5 * fit.rss;
+        fall = 1 - next.rss / fit.rss;
+        better = fall > least;
         fit = std::move(next);
         break;
       }

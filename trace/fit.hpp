@@ -57,8 +57,9 @@ class Fitter {
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
 
   Fit start(Members members) const;
-  // At most `rounds` of Gauss-Newton; fewer where it has arrived.
-  Fit refine(Members members, int rounds = 8) const;
+  // Gauss-Newton: a few rounds, enough to compare sets, or until it has arrived.
+  enum class Until { kComparable, kArrived };
+  Fit refine(Members members, Until until = Until::kComparable) const;
   // What an effect must bring beyond its parameters' price.
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }

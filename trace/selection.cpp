@@ -55,6 +55,7 @@ class Selector {
   Selection finish(const Members& members) {
     selection_.fit = fitter_.refine(members);
     for (int round = 0; round < 2 && swap_one(); ++round) drop_superfluous();
+    selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
     judge_members();
     for (const Score& s : ranked(selection_.fit)) {
       if (selection_.refused.size() == kMostTried) break;
@@ -139,8 +140,11 @@ class Selector {
       const double near = s.effect->regressor_count() == 0 ? kNearRough : kNear;
       if (!best.members.empty() && s.gain < near * first_gain) continue;
       ++tried;
-      Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)));
-      if (s.effect->kind() == "torsion") look_for_gap(s.effect, now, next);
+      // A shaft has far to go, and is compared with one that has a gap.
+      const bool shaft = s.effect->kind() == "torsion";
+      Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)),
+                                shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
+      if (shaft) look_for_gap(s.effect, now, next);
       if (s.effect->kind() == "resistance") next = without_slope(std::move(next));
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(next, now);

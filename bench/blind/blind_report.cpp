@@ -64,7 +64,8 @@ std::vector<Row> read_rows(const std::string& path) {
   std::vector<Row> rows;
   std::ifstream file(path);
   if (!file) return rows;
-  for (const json& j : json::parse(file).at("cases")) {
+  const json all = json::parse(file);
+  for (const json& j : all.at("cases")) {
     Row r{.name = j.at("name"), .set = j.at("set"), .kinds = j.at("kinds"), .found = j.at("found")};
     r.exact = j.at("exact");
     r.sigmas = j.at("sigmas").get<std::vector<double>>();
