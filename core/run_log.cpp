@@ -24,7 +24,7 @@ template <class Wire, class Item>
 bool take(const lcm::LogEvent& event, const std::string& suffix, std::vector<Item>& messages,
           RunLog& log) {
   if (event.channel != info(kChannelOf<Wire>).name + suffix) return false;
-  Wire wire;
+  Wire wire{};
   if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen)))
     ++log.undecodable;
   else
