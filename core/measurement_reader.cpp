@@ -46,7 +46,7 @@ void MeasurementReader::take(const lcm::LogEvent& event, const Place& place) {
     return;
   }
   if (event.channel != channel_) return;
-  measurement_t wire;
+  measurement_t wire{};
   if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen)))
     throw BadInput(fmt::format("{}: messages have another type version than this program", path_));
   const auto later = std::upper_bound(ahead_.begin(), ahead_.end(), wire.seq,

@@ -137,7 +137,7 @@ void Fitter::linearise(Fit& fit) const {
   }
 }
 
-Eigen::VectorXd Fitter::step(Fit& fit) const {
+Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
   const auto P = static_cast<Eigen::Index>(fit.J.size());
   NormalEquations normal{Eigen::MatrixXd(P, P), Eigen::VectorXd(P), Eigen::VectorXd(P)};
   for (Eigen::Index a = 0; a < P; ++a) {
@@ -156,7 +156,9 @@ Eigen::VectorXd Fitter::step(Fit& fit) const {
       use[static_cast<std::size_t>(a)] = 0;
   }
   fit.covariance = normal.inverse(use);
-  return normal.solve(use);
+  const Eigen::VectorXd change = normal.solve(use);
+  promised = change.dot(normal.b);
+  return change;
 }
 
 Eigen::MatrixXd Fitter::robust_covariance(const Fit& fit) const {
@@ -203,7 +205,9 @@ Fit Fitter::refine(Members members, Until until) const {
   double fall = 1;
   for (int round = 0; round < rounds; ++round) {
     if (fall > kFar) linearise(fit);
-    const Eigen::VectorXd change = step(fit);
+    double promised = 0;
+    const Eigen::VectorXd change = step(fit, promised);
+    if (promised < least * fit.rss) break;
     bool better = false;
     for (double share = 1; share > 0.1; share /= 2) {
       Fit next{.members = with(fit.members, nullptr),
@@ -226,7 +230,6 @@ Fit Fitter::refine(Members members, Until until) const {
     }
     if (!better) break;
   }
-  if (fit.J.empty()) linearise(fit), step(fit);
   for (const auto& m : fit.members) fit.valid = fit.valid && within_ranges(*m);
   return fit;
 }

@@ -74,7 +74,8 @@ class Fitter {
  private:
   void evaluate(Fit& fit) const;
   void linearise(Fit& fit) const;
-  Eigen::VectorXd step(Fit& fit) const;
+  // Gauss-Newton's step, and by how much it should lower rss.
+  Eigen::VectorXd step(Fit& fit, double& promised) const;
 
   const Chain& chain_;
   const Rows& training_;
