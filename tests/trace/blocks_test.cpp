@@ -14,17 +14,17 @@
 namespace twinrate {
 namespace {
 
-constexpr double kT_s = 1e-4;
-constexpr std::size_t kRows = 256, kSlots = 6000, kBlocks = 24, kLength = 48;
+constexpr double kStep_s = 1e-4;
+constexpr std::size_t kRecordRows = 256, kSlots = 6000, kBlocks = 24, kLength = 48;
 
 // A drive that runs at one speed, but for three short visits to other places.
 std::vector<Slot> dull_log() {
   std::vector<Slot> slots(kSlots);
   for (std::size_t k = 0; k < kSlots; ++k) {
     Slot& s = slots[k];
-    s.rows = kRows;
-    s.t_begin = static_cast<double>(k * kRows) * kT_s;
-    s.t_end = s.t_begin + static_cast<double>(kRows - 1) * kT_s;
+    s.rows = kRecordRows;
+    s.t_begin = static_cast<double>(k * kRecordRows) * kStep_s;
+    s.t_end = s.t_begin + static_cast<double>(kRecordRows - 1) * kStep_s;
     s.omega_m = 50 + 0.5 * normal(3, 0, k);
     s.i_q = 1 + 0.1 * normal(3, 1, k);
     s.i_d = 0.02 * normal(3, 2, k);
@@ -49,7 +49,7 @@ std::pair<double, double> range(const std::vector<Slot>& slots, const std::vecto
 
 TEST(Blocks, HoldTheRareStatesOfTheLogAndAllOfItsTime) {
   const std::vector<Slot> slots = dull_log();
-  const std::vector<Block> blocks = choose_blocks(slots, kBlocks, kLength, kT_s);
+  const std::vector<Block> blocks = choose_blocks(slots, kBlocks, kLength, kStep_s);
   ASSERT_EQ(blocks.size(), kBlocks);
   for (std::size_t b = 0; b < kBlocks; ++b) {
     EXPECT_EQ(blocks[b].end - blocks[b].first, kLength);
@@ -73,7 +73,7 @@ TEST(Blocks, NoneHoldsAGap) {
     slots[k].t_begin += 100;
     slots[k].t_end += 100;
   }
-  for (const Block& b : choose_blocks(slots, 3, kLength, kT_s))
+  for (const Block& b : choose_blocks(slots, 3, kLength, kStep_s))
     EXPECT_FALSE(b.first < 3000 && b.end > 3000) << b.first;
 }
 
@@ -81,9 +81,9 @@ TEST(Blocks, SlotsHoldTheMeansOfTheirRowsWhateverTheirAxes) {
   RawLog raw;
   constexpr double kSpeed = 80;
   for (int k = 0; k < 256; ++k) {
-    const double theta_m = std::fmod(6.2 + kSpeed * k * kT_s, kTwoPi);  // begins again
+    const double theta_m = std::fmod(6.2 + kSpeed * k * kStep_s, kTwoPi);  // begins again
     const Vec3 i = inverse_clarke(inverse_park({-1.5, 4}, 3 * theta_m));
-    raw.t.push_back(k * kT_s);
+    raw.t.push_back(k * kStep_s);
     raw.theta_m.push_back(theta_m);
     raw.i_a.push_back(i[0]);
     raw.i_b.push_back(i[1]);
@@ -136,7 +136,7 @@ TEST(HealthScan, PiecesAddUpToTheWhole) {
   const Health a = at_once.health(), b = by_pieces.health();
   EXPECT_EQ(a.rows, b.rows);
   EXPECT_DOUBLE_EQ(a.T_s, b.T_s);
-  EXPECT_NEAR(a.T_s, kT_s, 1e-9);
+  EXPECT_NEAR(a.T_s, kStep_s, 1e-9);
   EXPECT_EQ(a.missing_share, b.missing_share);
   EXPECT_NEAR(a.missing_share, 1.0 / 83, 1e-3);
   EXPECT_EQ(a.stale_share, b.stale_share);

@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-const DriveConfig& declared() {
+const DriveConfig& servo() {
   static const Config config =
       Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
   return config.drive();
@@ -42,7 +42,7 @@ double disagreement(const std::vector<const std::vector<double>*>& before,
 }
 
 TEST(Equations, AColumnIsWhatItsEffectTakesOffTheResidual) {
-  const DriveFacts facts = declared().facts();
+  const DriveFacts facts = servo().facts();
   const Equations equations(record(), facts);
   const Channels before = equations.residual({});
   int compared = 0;
@@ -72,7 +72,7 @@ TEST(Equations, AColumnIsWhatItsEffectTakesOffTheResidual) {
 
 TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
   // Behind R_s: the terminals carry more current than makes torque, and drop no voltage for it.
-  const DriveFacts facts = declared().facts();
+  const DriveFacts facts = servo().facts();
   const Equations equations(record(), facts);
   const auto loss = make_effect("iron_loss");
   set_key(*loss, "resistance_Ohm", 300);
@@ -108,7 +108,7 @@ TEST(Sampler, SeesTheSameInEverySecondRow) {
 TracedEffect traced(const char* kind, const std::vector<std::pair<const char*, double>>& keys) {
   const auto effect = make_effect(kind);
   for (const auto& [key, value] : keys) set_key(*effect, key, value);
-  effect->prepare(declared().facts());
+  effect->prepare(servo().facts());
   TracedEffect e{.effect = effect, .equation = "electrical"};
   std::map<std::string, double> sigmas;
   for (const auto& [key, value] : keys) sigmas[key] = 0.01 * std::abs(value);
@@ -122,7 +122,7 @@ void expect_same(const Effect& whole, const std::vector<TracedEffect>& parts) {
     OperatingPoint p;
     p.theta_e = 0.3 + j * kTwoPi / 24;
     p.i_dq = {1.5 * std::cos(j), 0.4 + 0.2 * j};
-    p.v_dc = declared().facts().v_dc;
+    p.v_dc = servo().facts().v_dc;
     Vec2 sum = Vec2::Zero();
     for (const TracedEffect& e : parts) sum += e.effect->at(p).u_dq_drop;
     EXPECT_LT((sum - whole.at(p).u_dq_drop).norm(), 1e-9);
@@ -130,7 +130,7 @@ void expect_same(const Effect& whole, const std::vector<TracedEffect>& parts) {
 }
 
 TEST(Parting, WhatAllPhasesShareIsAResistance) {
-  const DriveFacts facts = declared().facts();
+  const DriveFacts facts = servo().facts();
   const TracedEffect both = traced(
       "phase_asymmetry", {{"change_a_Ohm", 0.44}, {"change_b_Ohm", 0.16}, {"change_c_Ohm", 0.15}});
   const std::vector<TracedEffect> parts = parted(both, facts);
@@ -150,7 +150,7 @@ TEST(Parting, WhatAllPhasesShareIsAResistance) {
 }
 
 TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
-  const DriveFacts facts = declared().facts();
+  const DriveFacts facts = servo().facts();
   const auto drop = [&](double slope) {
     return traced("inverter_drop",
                   {{"threshold_V", 2.9}, {"resistance_Ohm", slope}, {"linear_current_A", 0.1}});
