@@ -16,7 +16,7 @@ endif()
 option(TWINRATE_PCH "precompile the headers of the libraries used" ${twinrate_short_build})
 option(TWINRATE_UNITY "compile several files at a time" ${twinrate_short_build})
 
-# GCC 12 sees overflows in std::string that are none (GCC bugs 105329, 105651), and says so once the header that they are
+# GCC 12 sees overflows in std::string that are none, and says so once the header that they are
 # in is a precompiled one. Builds without precompiled headers have these four as errors, builds with them as warnings.
 if(TWINRATE_PCH AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_compile_options(twinrate_options INTERFACE
