@@ -2,6 +2,10 @@
 
 namespace twinrate {
 
+Vec2 mean_voltage(const Vec3& duty_abc, double v_dc) {
+  return clarke(duty_abc * v_dc);
+}
+
 InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc) {
   InverterOutput out;
   Vec3 u_abc = inverse_clarke(u_alphabeta_ref);
@@ -15,7 +19,7 @@ InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc) {
     const double duty = 0.5 + (u_abc[phase] + zero_sequence) / v_dc;
     out.duty_abc[phase] = duty < 0 ? 0 : duty > 1 ? 1 : duty;
   }
-  out.u_alphabeta = clarke(out.duty_abc * v_dc);
+  out.u_alphabeta = mean_voltage(out.duty_abc, v_dc);
   return out;
 }
 

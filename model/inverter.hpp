@@ -26,6 +26,9 @@ struct InverterOutput {
   bool limited = false;  // the reference was outside the hexagon
 };
 
+// Of duty cycles (0..1) on a DC-bus voltage: clarke(duty v_dc), the zero sequence drops out.
+Vec2 mean_voltage(const Vec3& duty_abc, double v_dc);
+
 InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc);
 
 }  // namespace twinrate

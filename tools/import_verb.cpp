@@ -135,7 +135,7 @@ void import(const ImportOptions& o) {
   const DriveRows rows = read_drive_rows(o.file, o.map.empty() ? nullptr : &map, o.repair,
                                          [&](double share) { line.show("reading", share); });
   const TickGrid grid = place_on_grid(rows, drive.rates.f_s_Hz);
-  const DriveMessages messages(rows, drive.machine.n_p);
+  const DriveMessages messages(rows, drive.machine.n_p, drive.inverter.v_dc);
   const Json source = describe(o, rows, grid, messages, drive.rates.f_s_Hz);
   const std::string hash = source["fnv1a64"];
   const auto session = static_cast<std::int64_t>(std::stoull(hash, nullptr, 16) >> 1 | 1);

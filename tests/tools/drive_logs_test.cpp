@@ -66,6 +66,40 @@ TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   EXPECT_NEAR(logs.record.T_load[1000], raw_.T_load[1000], 1e-9) << "a torque sensor is a load";
 }
 
+// The synthetic drive with duties in place of its voltage, v_dc beside them or not.
+std::string duty_log(const RawLog& raw, double v_dc_nominal, bool with_v_dc) {
+  std::string text = "t,i_a,i_b,i_c,theta_m,duty_a,duty_b,duty_c";
+  text += with_v_dc ? ",v_dc\n" : "\n";
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    const double v_dc = with_v_dc ? raw.v_dc[k] : v_dc_nominal;
+    const double u_b = -0.5 * raw.u_alpha[k] + 0.5 * std::sqrt(3.0) * raw.u_beta[k];
+    const double u_c = -raw.u_alpha[k] - u_b, u_zero = 7 * std::sin(0.01 * static_cast<double>(k));
+    text += fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.12g}", raw.t[k], raw.i_a[k], raw.i_b[k],
+                        raw.i_c[k], raw.theta_m[k]);
+    for (double u : {raw.u_alpha[k], u_b, u_c})
+      text += fmt::format(",{:.12g}", 0.5 + (u + u_zero) / v_dc);
+    text += with_v_dc ? fmt::format(",{:.12g}\n", v_dc) : "\n";
+  }
+  return text;
+}
+
+TEST_F(DriveLogsTest, DutiesGiveTheRecordOfTheVoltagesTheyMake) {
+  raw_ = simulate_synthetic({.duration_s = 1, .seed = 3});
+  raw_.T_load.clear();
+  for (const bool with_v_dc : {true, false}) {
+    const std::string path = (directory_ / "duty.csv").string();
+    std::ofstream(path) << duty_log(raw_, drive_.drive().inverter.v_dc, with_v_dc);
+    const Record r = read({.data = {path}}, 1.2 * kSeconds).record;
+    ASSERT_EQ(r.u_alphabeta.size(), raw_.size());
+    EXPECT_EQ(r.v_dc.empty(), !with_v_dc) << "a bus voltage that was not measured is not claimed";
+    for (std::size_t k = 0; k < raw_.size(); ++k) {
+      ASSERT_NEAR(r.u_alphabeta[k][0], raw_.u_alpha[k], 1e-8);
+      ASSERT_NEAR(r.u_alphabeta[k][1], raw_.u_beta[k], 1e-8);
+      ASSERT_NEAR(r.t[k], raw_.t[k], 1e-12);
+    }
+  }
+}
+
 TEST_F(DriveLogsTest, OfALongOneBlocksAreReadThatStandWhereTheyStood) {
   const auto wrapped = [](double theta_m) { return wrap_turn(theta_m); };
   for (const std::string& path :

@@ -14,6 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 constexpr int kRows = 300, kPolePairs = 4;
+constexpr double kBus_V = 24;
 constexpr double kRate_Hz = 5000, kTurnRate = 120;  // rad/s mechanical: one turn in 262 rows
 
 class Import : public testing::Test {
@@ -55,7 +56,7 @@ std::string plain_row(int k) {
 
 std::vector<Measurement> measurements(const DriveRows& rows) {
   const TickGrid grid = place_on_grid(rows, kRate_Hz);
-  const DriveMessages messages(rows, kPolePairs);
+  const DriveMessages messages(rows, kPolePairs, kBus_V);
   std::vector<Measurement> list;
   for (const TickGrid::Slot& slot : grid.slots) list.push_back(messages.measurement(slot));
   return list;
@@ -96,6 +97,15 @@ TEST_F(Import, DutyAndBusVoltageGiveTheMeanVoltage) {
   EXPECT_NEAR(list[5].u_alphabeta[0], 2.0 / 3 * (0.9 - 0.3) * v_dc, 1e-12);
   EXPECT_NEAR(list[5].u_alphabeta[1], 0.4 / std::sqrt(3.0) * v_dc, 1e-12);
   EXPECT_NEAR(list[5].v_dc, 20.05, 1e-12);
+}
+
+TEST_F(Import, DutyWithoutABusVoltageStandsOnTheDrivesOwnAndNoneIsClaimed) {
+  const auto row = [](int k) { return fmt::format("{},0.9,0.5,0.1,1", k / kRate_Hz); };
+  const auto list =
+      measurements(read_drive_rows(csv("t,duty_a,duty_b,duty_c,omega_m", row), nullptr, false));
+  EXPECT_EQ(list[5].signals, kVoltage | kSpeed);
+  EXPECT_NEAR(list[5].u_alphabeta[0], 2.0 / 3 * (0.9 - 0.3) * kBus_V, 1e-12);
+  EXPECT_NEAR(list[5].u_alphabeta[1], 0.4 / std::sqrt(3.0) * kBus_V, 1e-12);
 }
 
 TEST_F(Import, QCurrentAloneIsMarkedAndHasNoDCurrent) {
@@ -152,6 +162,9 @@ TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
             "log.csv:22: 2 of 3 fields; every row needs all of them");
   EXPECT_EQ(refusal(csv(header, plain_row, 199)), "log.csv:200: 199 rows, at least 200 needed");
   EXPECT_EQ(refusal(csv(header, plain_row, 200)), "");
+  const auto percent = [](int k) { return fmt::format("{},0.5,50,0.5,1", k / kRate_Hz); };
+  EXPECT_EQ(refusal(csv("t,duty_a,duty_b,duty_c,omega_m", percent)),
+            "log.csv:2: duty_b: 0 to 1 allowed, found 50");
   EXPECT_EQ(refusal(csv("time,i_q,theta_m", plain_row)),
             "log.csv:1: missing column \"t\"; the file has time, i_q, theta_m");
   EXPECT_EQ(refusal((directory_ / "none.csv").string()), "none.csv: no such file");

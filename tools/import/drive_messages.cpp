@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/config.hpp"
+#include "model/inverter.hpp"
 
 namespace twinrate {
 
@@ -58,7 +59,8 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
   return grid;
 }
 
-DriveMessages::DriveMessages(const DriveRows& rows, int n_p) : rows_(rows), n_p_(n_p) {
+DriveMessages::DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal)
+    : rows_(rows), n_p_(n_p), v_dc_nominal_(v_dc_nominal) {
   if (has_all({"i_a", "i_b", "i_c"}))
     currents_ = Currents::kAbc;
   else if (has_all({"i_alpha", "i_beta"}))
@@ -72,7 +74,7 @@ DriveMessages::DriveMessages(const DriveRows& rows, int n_p) : rows_(rows), n_p_
     voltages_ = Voltages::kAlphaBeta;
   else if (has_all({"u_d", "u_q"}))
     voltages_ = Voltages::kDq;
-  else if (duty_ && has_all({"v_dc"}))
+  else if (duty_)
     voltages_ = Voltages::kDuty;
 
   if (currents_ != Currents::kNone) signals_ |= kPhaseCurrents;
@@ -120,8 +122,8 @@ Vec2 DriveMessages::voltage(std::size_t row) const {
     case Voltages::kDq:
       return inverse_park({value("u_d", row), value("u_q", row)}, theta_e(row));
     case Voltages::kDuty:
-      return clarke(Vec3(value("duty_a", row), value("duty_b", row), value("duty_c", row)) *
-                    value("v_dc", row));
+      return mean_voltage({value("duty_a", row), value("duty_b", row), value("duty_c", row)},
+                          rows_.has("v_dc") ? value("v_dc", row) : v_dc_nominal_);
     case Voltages::kNone:
       break;
   }
@@ -160,8 +162,11 @@ std::vector<std::string> DriveMessages::found() const {
       "phase currents (from i_d, i_q)", "i_q only (i_d taken as 0)"};
   constexpr const char* kVoltageText[] = {"", "voltage", "voltage (from u_d, u_q)",
                                           "voltage (from duty and v_dc)"};
+  constexpr const char* kOnNominal = "voltage (from duty and the drive's inverter.v_dc_V)";
   if (currents_ != Currents::kNone) list.emplace_back(kCurrentText[static_cast<int>(currents_)]);
-  if (voltages_ != Voltages::kNone) list.emplace_back(kVoltageText[static_cast<int>(voltages_)]);
+  const bool on_nominal = voltages_ == Voltages::kDuty && !rows_.has("v_dc");
+  if (voltages_ != Voltages::kNone)
+    list.emplace_back(on_nominal ? kOnNominal : kVoltageText[static_cast<int>(voltages_)]);
   if (duty_) list.emplace_back("duty");
   if (rows_.has("v_dc")) list.emplace_back("v_dc");
   if (rows_.has("theta_m")) list.emplace_back("angle");

@@ -1,9 +1,12 @@
 // Rows of a measured file as MEASUREMENT and REFERENCE on the tick grid of a drive.
 //
-//   k      = round((t - t_0) f_s), strictly rising: a row whose slot is taken goes to the next free
-//   one t_ns   = t - t_0 as measured, so the jitter stays in the log MEASUREMENT(k) of row r:
+//   k     round((t - t_0) f_s), strictly rising: a row whose slot is taken goes to the next free
+//   one t_ns  t - t_0 as measured, so the jitter stays in the log MEASUREMENT(k) of row r:
 //   currents, angle, speed and v_dc of row r; voltage and duty of row r-1, which is what was
-//   applied up to t_r. u_d, u_q turn with theta_m of their own row. Row 0 repeats its own voltage.
+//   applied up to t_r. Row 0 repeats its own voltage.
+//
+// u_d, u_q turn with theta_m of their own row. Where there is no voltage the duties make it, on
+// v_dc of their row or, without that column, on the drive's nominal one.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -34,7 +37,7 @@ class DriveMessages {
  public:
   // Decides once where currents and voltages come from. Throws BadInput where no signal of a
   // MEASUREMENT is there.
-  DriveMessages(const DriveRows& rows, int n_p);
+  DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal);
 
   Measurement measurement(const TickGrid::Slot& slot) const;
   bool has_reference() const { return rows_.has("omega_m_ref") || rows_.has("i_d_ref"); }
@@ -59,6 +62,7 @@ class DriveMessages {
 
   const DriveRows& rows_;
   int n_p_;
+  double v_dc_nominal_;
   Currents currents_ = Currents::kNone;
   Voltages voltages_ = Voltages::kNone;
   bool duty_ = false;

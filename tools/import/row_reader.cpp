@@ -12,6 +12,8 @@
 namespace twinrate {
 namespace {
 
+constexpr double kDutyRounding = 1e-3;  // a duty may stand that far beyond 0 to 1
+
 // False where the text is not one whole number.
 bool parse_number(std::string_view text, char decimal, double& number) {
   char copy[64];
@@ -41,6 +43,7 @@ RowReader::RowReader(const std::string& path, const ImportMap* map, bool repair,
     Source source{.name = name, .map = column};
     source.index = index_of(source);
     width_ = std::max(width_, source.index + 1);
+    source.is_duty = name.starts_with("duty_");
     if (name == "t")
       has_time_ = source.is_time = true;
     else
@@ -118,7 +121,10 @@ double RowReader::number(const Source& source, bool& cut) {
   if (!std::isfinite(raw))
     fail(fmt::format("{}: a finite number needed, found \"{}\"", source.label(), text));
   if (source.map.wrap > 0) raw = unwrapped(source.map, raw);
-  return source.map.scale * raw + source.map.offset;
+  const double value = source.map.scale * raw + source.map.offset;
+  if (source.is_duty && std::abs(value - 0.5) > 0.5 + kDutyRounding)
+    fail(fmt::format("{}: 0 to 1 allowed, found {:.6g}", source.label(), value));
+  return value;
 }
 
 double RowReader::unwrapped(const ColumnMap& map, double raw) {

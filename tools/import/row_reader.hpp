@@ -1,7 +1,7 @@
 // The rows of a measured file, one after the other: canonical names, SI units, time rising.
 //
-// Throws BadInput, one line with file:line: missing column, text in a number, not finite, time not
-// rising, truncated last line.
+// Throws BadInput, one line with file:line: missing column, text in a number, not finite, a duty
+// beyond 0 to 1, time not rising, truncated last line.
 #pragma once
 #include <optional>
 #include <string>
@@ -51,7 +51,7 @@ class RowReader {
     std::string name;  // canonical
     ColumnMap map;
     std::size_t index = 0;  // field of the record
-    bool is_time = false;
+    bool is_time = false, is_duty = false;
     std::string label() const;
   };
   std::size_t index_of(const Source& source) const;

@@ -123,7 +123,7 @@ void Reader::look_at(const RawLog& piece, const LogReader::Place& place, Scanned
 void Reader::scan(const std::string& path, bool held_out) {
   const std::optional<ImportMap> map = is_run_log(path) ? std::nullopt : map_for(path, asked_.maps);
   Scanned log{.path = path, .held_out = held_out};
-  log.reader = open_log(path, map ? &*map : nullptr, asked_.repair);
+  log.reader = open_log(path, map ? &*map : nullptr, asked_.repair, drive_.inverter.v_dc);
   log.raw.path = path;
   HealthScan health;
   RawLog piece;

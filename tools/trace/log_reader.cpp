@@ -3,10 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <optional>
 
 #include "core/config.hpp"
+#include "model/inverter.hpp"
 #include "tools/import/drive_rows.hpp"
 #include "tools/load_drive.hpp"
 #include "trace/measured.hpp"
@@ -16,17 +18,24 @@ namespace {
 
 class CsvLog final : public LogReader {
  public:
-  CsvLog(const std::string& path, const ImportMap* map, bool repair) : rows_(path, map, repair) {
-    const auto& names = rows_.names();
-    const auto index_of = [&](const std::string& name) {
-      return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
-    };
+  CsvLog(const std::string& path, const ImportMap* map, bool repair, double v_dc_nominal)
+      : rows_(path, map, repair), v_dc_nominal_(v_dc_nominal), v_dc_(index_of("v_dc")) {
     for (const RawColumn& c : raw_columns()) {
       std::size_t index = index_of(c.name);
       // A torque sensor on the shaft.
-      if (index == names.size() && c.values == &RawLog::T_load) index = index_of("torque");
-      if (index < names.size()) columns_.push_back({c.values, index});
+      if (index == kNone && c.values == &RawLog::T_load) index = index_of("torque");
+      if (index != kNone) columns_.push_back({c.values, index});
     }
+    const auto has = [&](std::initializer_list<const char*> names) {
+      return std::all_of(names.begin(), names.end(),
+                         [&](const char* name) { return index_of(name) != kNone; });
+    };
+    if (has({"u_alpha", "u_beta"}) || has({"u_d", "u_q"}) || !has({"duty_a", "duty_b", "duty_c"}))
+      return;
+    duty_ = {index_of("duty_a"), index_of("duty_b"), index_of("duty_c")};
+    std::erase_if(columns_, [](const Column& c) {  // half a voltage
+      return c.values == &RawLog::u_alpha || c.values == &RawLog::u_beta;
+    });
   }
   bool next(RawLog& piece, std::size_t rows) override {
     piece.clear();
@@ -34,6 +43,7 @@ class CsvLog final : public LogReader {
     while (piece.size() < rows && rows_.next()) {
       piece.t.push_back(rows_.t());
       for (const auto& [values, index] : columns_) (piece.*values).push_back(rows_.values()[index]);
+      if (duty_) take_voltage(piece);
     }
     return piece.size() > 0;
   }
@@ -54,8 +64,25 @@ class CsvLog final : public LogReader {
     std::vector<double> RawLog::*values;
     std::size_t index;
   };
+  static constexpr std::size_t kNone = SIZE_MAX;
+  std::size_t index_of(const std::string& name) const {
+    const auto& names = rows_.names();
+    const auto found = std::find(names.begin(), names.end(), name);
+    return found == names.end() ? kNone : static_cast<std::size_t>(found - names.begin());
+  }
+  void take_voltage(RawLog& piece) const {
+    const std::vector<double>& x = rows_.values();
+    const Vec2 u = mean_voltage({x[(*duty_)[0]], x[(*duty_)[1]], x[(*duty_)[2]]},
+                                v_dc_ == kNone ? v_dc_nominal_ : x[v_dc_]);
+    piece.u_alpha.push_back(u[0]);
+    piece.u_beta.push_back(u[1]);
+  }
+
   RowReader rows_;
   std::vector<Column> columns_;
+  double v_dc_nominal_;
+  std::size_t v_dc_;
+  std::optional<std::array<std::size_t, 3>> duty_;  // columns, where they make the voltage
 };
 
 // The voltage is moved to the row it begins at; the external load is that of the config in the log.
@@ -103,9 +130,10 @@ bool is_run_log(const std::string& path) {
   return std::filesystem::is_directory(path) || path.ends_with(".lcm");
 }
 
-std::unique_ptr<LogReader> open_log(const std::string& path, const ImportMap* map, bool repair) {
+std::unique_ptr<LogReader> open_log(const std::string& path, const ImportMap* map, bool repair,
+                                    double v_dc_nominal) {
   if (is_run_log(path)) return std::make_unique<RecordedRun>(path);
-  return std::make_unique<CsvLog>(path, map, repair);
+  return std::make_unique<CsvLog>(path, map, repair, v_dc_nominal);
 }
 
 }  // namespace twinrate

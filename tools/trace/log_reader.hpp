@@ -36,7 +36,10 @@ class LogReader {
 };
 
 bool is_run_log(const std::string& path);
-// A CSV (through `map`, or with canonical names where it is null), or an LCM log. Throws BadInput.
-std::unique_ptr<LogReader> open_log(const std::string& path, const ImportMap* map, bool repair);
+// A CSV (through `map`, or with canonical names where it is null), or an LCM log. Duties of a CSV
+// without a voltage become one; `v_dc_nominal`: of the drive, where the CSV has no v_dc. Throws
+// BadInput.
+std::unique_ptr<LogReader> open_log(const std::string& path, const ImportMap* map, bool repair,
+                                    double v_dc_nominal);
 
 }  // namespace twinrate

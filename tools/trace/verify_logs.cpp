@@ -22,7 +22,7 @@ std::vector<Measurement> measurements_of(const std::string& path, const ImportMa
   }
   const DriveRows read = read_drive_rows(path, map, repair, {}, rows);
   const TickGrid grid = place_on_grid(read, drive.rates.f_s_Hz);
-  const DriveMessages messages(read, drive.machine.n_p);
+  const DriveMessages messages(read, drive.machine.n_p, drive.inverter.v_dc);
   for (const TickGrid::Slot& slot : grid.slots) list.push_back(messages.measurement(slot));
   return list;
 }
@@ -55,7 +55,8 @@ std::vector<VerifyLog> verify_logs(const LogRequest& asked, const DriveConfig& d
     const ImportMap* columns = map ? &*map : nullptr;
     const std::size_t rows =
         std::min(file.health.rows, rows_within(asked.memory_MiB, file.health.T_s));
-    const std::unique_ptr<LogReader> reader = open_log(file.path, columns, asked.repair);
+    const std::unique_ptr<LogReader> reader =
+        open_log(file.path, columns, asked.repair, drive.inverter.v_dc);
     RawLog raw;
     reader->next(raw, rows);
     if (reader->may_start_again()) unwrap_turns(raw.theta_m);
