@@ -68,7 +68,8 @@ void print_result(const TraceResult& r, const std::string& out) {
     if (e.from_samples)
       fmt::print("      seen in the raw samples\n");
     else
-      fmt::print("      BIC {:.0f}{}\n", e.delta_bic,
+      fmt::print("      {}{}\n",
+                 std::isfinite(e.delta_bic) ? fmt::format("BIC {:.0f}", e.delta_bic) : "not judged",
                  std::isfinite(e.held_out_gain)
                      ? fmt::format(", held-out error -{:.1f} %", 100 * e.held_out_gain)
                      : "");
@@ -84,7 +85,7 @@ void print_result(const TraceResult& r, const std::string& out) {
   fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
 }
 
-// DIR/verify.json and the table.
+// DIR/verify.json and the table. Throws Stopped.
 void prove(const TraceOptions& o, const Config& declared, const std::vector<VerifyLog>& logs) {
   Config extended = Config::load(o.out + "/extended.toml");
   read_all_tables(extended);
@@ -99,9 +100,11 @@ void prove(const TraceOptions& o, const Config& declared, const std::vector<Veri
 TraceResult trace_drive_logs(const TraceOptions& o, const LogRequest& asked,
                              const DriveConfig& drive, const TraceSettings& settings,
                              std::vector<VerifyLog>& replayed) {
+  catch_stop_signals();  // of the other kinds of files: nothing is written until all is done
   PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
   const auto start = std::chrono::steady_clock::now();
   const DriveLogs logs = read_drive_logs(asked, drive, [&](const std::string& what, double share) {
+    if (stop_signalled()) throw Stopped{};
     if (std::chrono::steady_clock::now() - start > kSilent) line.show(what, share);
   });
   line.clear();
@@ -141,10 +144,11 @@ int trace(const TraceOptions& o) {
   if (o.verbose || o.json)
     settings.say = [&](const std::string& line) {
       if (o.json)
-        fmt::print("{{\"progress\": \"{}\"}}\n", line);
+        fmt::print("{{\"progress\": \"{}\"}}\n", line), std::fflush(stdout);
       else
         fmt::print(stderr, "{}\n", line);
     };
+  settings.stop = stop_signalled;
   MeasuredFiles files{.data = o.data, .held_out = o.holdout, .maps = o.maps, .repair = o.repair};
   if (o.holdout.size() == 1)
     if (const auto share = fraction(o.holdout[0])) {
@@ -172,11 +176,22 @@ int trace(const TraceOptions& o) {
       result, {config.drive().name, extended, config.drive().machine.n_p, twinrate::revision()},
       o.out + "/report.html");
   if (!o.json) print_result(result, o.out);
+  if (result.interrupted) {
+    fmt::print(stderr, "twinrate: trace interrupted; {} holds what was found until then{}\n", o.out,
+               o.verify ? ", not verified" : "");
+    return 1;
+  }
   if (o.verify && measured)
     fmt::print(stderr,
                "twinrate: --verify needs full drive logs; the error of each file is above\n");
   else if (o.verify)
-    prove(o, config, replayed);
+    try {
+      prove(o, config, replayed);
+    } catch (const Stopped&) {
+      fmt::print(stderr, "twinrate: interrupted while verifying; the trace in {} is whole\n",
+                 o.out);
+      return 1;
+    }
   return 0;
 }
 
@@ -211,7 +226,19 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
   add_plan_options(*verb, o->plan);
   verb->add_flag("--json", o->json, "JSON lines instead of text");
   verb->add_flag("--verbose", o->verbose, "says each step of the selection");
-  verb->callback([o, &exit_code] { exit_code = trace(*o); });
+  verb->callback([o, &exit_code] {
+    const auto stopped = [&exit_code](const char* when) {
+      fmt::print(stderr, "twinrate: trace interrupted {}, nothing written\n", when);
+      exit_code = 1;
+    };
+    try {
+      exit_code = trace(*o);
+    } catch (const Stopped&) {
+      stopped("while reading");
+    } catch (const TraceStopped&) {
+      stopped("before the first effect was found");
+    }
+  });
 }
 
 }  // namespace twinrate

@@ -137,12 +137,20 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
     for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
-  identifiability(fitter, dictionary, fit, r);
+  if (selection.stopped_after == 0) identifiability(fitter, dictionary, fit, r);
   r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
               : r.structured     ? "unexplained"
                                  : "nothing_missing";
   if (!r.effects.empty() && r.structured) r.verdict = "unexplained";
   r.sentence = sentence(r);
+  if (selection.stopped_after > 0) {
+    r.interrupted = true;
+    r.sentence = fmt::format(
+        "Interrupted after {} round{} of the selection: more may be missing, and nothing found was "
+        "held against its alternatives. So far: {}",
+        selection.stopped_after, selection.stopped_after == 1 ? "" : "s", r.sentence);
+    return r;
+  }
   const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
   if (r.verdict == "nothing_missing" && 4 * told < all) {
     r.verdict = "ambiguous";

@@ -96,6 +96,7 @@ Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
 }
 
 Sampled Chain::residual(const Effects& effects) const {
+  checkpoint();
   Effects smooth;
   for (const auto& effect : effects)
     if (!has_gap(*effect)) smooth.push_back(effect);
@@ -110,6 +111,7 @@ Sampled Chain::residual(const Effects& effects) const {
 }
 
 std::vector<Sampled> Chain::columns(const Effect& effect) const {
+  checkpoint();
   std::vector<Sampled> out;
   if (effect.acts_on() == kOnTorque && !holds_noise(effect)) {
     for (const auto& x : equations_.load_columns(effect, sampler_.first(), sampler_.stride())) {
@@ -127,6 +129,7 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
 }
 
 Sampled Chain::contribution(const Effect& effect) const {
+  checkpoint();
   if (has_gap(effect)) return sampled(equations_.contribution(effect), nullptr);
   const Channels noisy = noisier_.contribution(effect);
   return sampled(equations_.contribution(effect), &noisy);

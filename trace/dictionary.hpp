@@ -4,6 +4,7 @@
 // what one unit of each coefficient would explain in all channels.
 #pragma once
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 
 #include "trace/equations.hpp"
@@ -33,6 +34,9 @@ struct Candidate {
   std::vector<Sampled> columns;
 };
 
+// Thrown out of a trace that is stopped.
+struct TraceStopped {};
+
 // The chain of one record: equations, low-pass, whitening.
 //
 // Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
@@ -46,6 +50,11 @@ class Chain {
   Chain(const Equations& equations, const Equations& noisier, const Sampler& sampler)
       : equations_(equations), noisier_(noisier), sampler_(sampler) {}
 
+  // Asked before every slow step, which throws TraceStopped where the answer is true.
+  void stop_when(std::function<bool()> stop) { stop_ = std::move(stop); }
+  void checkpoint() const {
+    if (stop_ && stop_()) throw TraceStopped{};
+  }
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
   Sampled residual(const Effects& effects) const;
@@ -65,6 +74,7 @@ class Chain {
   const Equations& noisier_;
   const Sampler& sampler_;
   NoiseModel noise_;
+  std::function<bool()> stop_;
 };
 
 // Impacts come at other moments where there is more noise: the difference is no noise.

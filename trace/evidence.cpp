@@ -89,7 +89,8 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   e.held_out_gain = s.held_out_gain;
   e.delta_bic = -s.score_gain;
   const double k = std::max(1, effect.regressor_count());
-  e.p_value = chi_square_tail(N * (s.without.rss / fit.rss - 1), k);
+  const double ratio = s.without.rss / fit.rss;
+  e.p_value = std::isnan(ratio) ? ratio : chi_square_tail(N * (ratio - 1), k);
   e.materiality = effect.materiality(fitter.chain().equations().facts());
   for (const Alternative& a : s.alternatives)
     if (a.why == kExplainsLess && near(a.score_gain, s.score_gain) &&

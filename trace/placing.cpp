@@ -22,6 +22,7 @@ class ShaftSearch {
   ShaftSearch(const Chain& chain, const Fit& now) : chain_(chain), now_(now.y.torque) {}
 
   Point at(std::shared_ptr<Effect> shaft) const {
+    chain_.checkpoint();
     Point p{.shaft = std::move(shaft)};
     const DriveFacts& facts = chain_.equations().facts();
     if (!p.shaft->prepare(facts).empty() || p.shaft->materiality(facts) < 1) return p;

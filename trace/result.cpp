@@ -133,6 +133,7 @@ std::string to_json(const TraceResult& r) {
                         {"why", x.why}});
   return json{{"verdict", r.verdict},
               {"sentence", r.sentence},
+              {"interrupted", r.interrupted},
               {"data", r.sources},
               {"holdout_data", r.held_out_sources},
               {"health", r.health},

@@ -103,8 +103,9 @@ struct TracePicture {
 };
 
 struct TraceResult {
-  std::string verdict;   // traced, nothing_missing, unexplained, ambiguous
-  std::string sentence;  // the verdict for people
+  std::string verdict;       // traced, nothing_missing, unexplained, ambiguous
+  std::string sentence;      // the verdict for people
+  bool interrupted = false;  // what was found until then, not judged
   std::vector<std::string> sources, held_out_sources;
   std::vector<std::string> health;  // what the samples themselves show, one line each
   std::vector<TracedEffect> effects;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include "trace/keys.hpp"
@@ -272,6 +273,16 @@ Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
   Fit fit = selector.step(members);
   added = selector.added();
   return fit;
+}
+
+Selection not_judged(Fit fit, int rounds) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  Selection s{.fit = std::move(fit), .members = {}, .refused = {}, .stopped_after = rounds};
+  for (std::size_t m = 0; m < s.fit.members.size(); ++m) {
+    s.members.push_back({.score_gain = kUnknown, .held_out_gain = kUnknown, .alternatives = {}});
+    s.members.back().without.rss = kUnknown;
+  }
+  return s;
 }
 
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,

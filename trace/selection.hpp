@@ -30,6 +30,7 @@ struct Selection {
   Fit fit;
   std::vector<Selected> members;     // of the fit
   std::vector<Alternative> refused;  // looked at and not needed
+  int stopped_after = 0;             // rounds; 0: not stopped
 };
 
 using Say = std::function<void(const std::string&)>;
@@ -39,5 +40,7 @@ Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
 // Swaps members for better ones, and says of each what speaks for it.
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
                 const Members& members, const Say& say);
+// The fit as it stands, of a trace that was stopped: nothing speaks for its members (not a number).
+Selection not_judged(Fit fit, int rounds);
 
 }  // namespace twinrate

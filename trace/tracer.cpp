@@ -84,6 +84,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   const Record noisier = add_noise(record, facts, moving, health.i_lsb);
   const Equations noisier_equations(noisier, facts, known);
   Chain chain(equations, noisier_equations, sampler);
+  chain.stop_when(settings.stop);
   const auto lap = [&](const char* what) {
     if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
     t0 = std::chrono::steady_clock::now();
@@ -92,39 +93,47 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};
   lap("candidates");
   const Rows training(sampler, false), unseen(sampler, true);
-  std::vector<std::shared_ptr<Effect>> members;
-  Effects so_far;
+  Fit fit;                  // after the last whole round
+  NoiseModel noise_of_fit;  // that it was made under
   bool added = true;
+  int rounds = 0;
   // The error of a coarse ADC is no noise: it repeats with the current. Nor is that of filling rows
   // that were lost.
   const double margin = health.coarse(facts.machine.i_rated)
                             ? kCoarseMargin
                             : kMargin * (1 + (health.missing_share + health.stale_share) / kLost);
-  for (int round = 0; added && round < kMostRounds; ++round) {
-    const bool renewed = !acting_on(so_far, ~kOnTorque).empty();
-    if (renewed) dictionary.renew(chain, so_far);
-    NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
-    const bool quieter = round == 0 || level(noise) < kSame * level(chain.noise());
-    if (quieter) chain.set_noise(std::move(noise));
-    if (quieter || renewed) dictionary.whiten(chain);
-    if (quieter) {
-      if (settings.say)
+  const auto fitter = [&] {
+    Fitter f(chain, training, unseen);
+    f.set_margin(margin);
+    return f;
+  };
+  Selection selection;
+  try {
+    for (; added && rounds < kMostRounds; ++rounds) {
+      const Effects so_far = fit.effects();
+      const bool renewed = !acting_on(so_far, ~kOnTorque).empty();
+      if (renewed) dictionary.renew(chain, so_far);
+      NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
+      const bool quieter = rounds == 0 || level(noise) < kSame * level(chain.noise());
+      if (quieter) chain.set_noise(std::move(noise));
+      if (quieter || renewed) dictionary.whiten(chain);
+      if (quieter && settings.say)
         settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
                                  chain.noise().q.rms(), chain.noise().torque.rms()));
+      lap("noise");
+      fit = select_one(fitter(), dictionary.whitened, fit.members, settings.say, added);
+      noise_of_fit = chain.noise();
+      lap("selection");
     }
-    lap("noise");
-    Fitter fitter(chain, training, unseen);
-    fitter.set_margin(margin);
-    const Fit fit = select_one(fitter, dictionary.whitened, members, settings.say, added);
-    members = fit.members;
-    so_far = fit.effects();
-    lap("selection");
+    selection = judge(fitter(), dictionary.whitened, fit.members, settings.say);
+    lap("judgement");
+  } catch (const TraceStopped&) {
+    if (rounds == 0) throw;
+    chain.stop_when({});
+    chain.set_noise(std::move(noise_of_fit));
+    selection = not_judged(std::move(fit), rounds);
   }
-  Fitter fitter(chain, training, unseen);
-  fitter.set_margin(margin);
-  const Selection selection = judge(fitter, dictionary.whitened, members, settings.say);
-  lap("judgement");
-  TraceResult result = conclude(fitter, dictionary, selection, health);
+  TraceResult result = conclude(fitter(), dictionary, selection, health);
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;

@@ -9,6 +9,7 @@
 #include "core/process.hpp"
 #include "estimator/make_filter.hpp"
 #include "tools/load_drive.hpp"
+#include "tools/percent_line.hpp"
 #include "tools/run/closed_loop.hpp"
 #include "tools/run/lcm_replay.hpp"
 #include "tools/trace/rms.hpp"
@@ -86,6 +87,7 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
     }
     const std::vector<char> counts = counted(log);
     for (std::size_t n = 0; n < log.measurements.size(); ++n) {
+      if (stop_signalled()) throw Stopped{};
       const Measurement& m = log.measurements[n];
       const Estimate e_before = plain.play(m);
       Estimate e_after = full.play(m);
@@ -141,7 +143,8 @@ LoopError closed_loop_error(const Config& declared, const Config& extended, doub
     Rms theta_e, speed, T_load;
     double mean = 0;
     std::vector<double> off;
-    while (loop.k() < end && !stop_signalled()) {
+    while (loop.k() < end) {
+      if (stop_signalled()) throw Stopped{};
       const TickRecord& tick = loop.step();
       if (tick.truth.k < settle) continue;
       theta_e.add(wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m));

@@ -77,6 +77,7 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
                                Config& extended, const VerifySettings& settings);
 LoopError closed_loop_error(const Config& declared, const Config& extended, double loop_s);
 
+// Throws Stopped (tools/percent_line.hpp) after Ctrl-C.
 Verification verify(const std::vector<VerifyLog>& logs, const Config& declared,
                     const Config& extended, const VerifySettings& settings);
 std::string to_json(const Verification& v);

@@ -1,0 +1,135 @@
+// The tracer as a user runs it: duties in place of voltages, and Ctrl-C at each stage.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "tests/system/run_program.hpp"
+#include "tests/trace/synthetic_drive.hpp"
+
+namespace twinrate::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+class Trace : public ProgramTest {
+ protected:
+  // The synthetic drive with 0.4 Ohm more than its drive file says. `duties`: in place of voltages.
+  std::string log(const std::string& name, double seconds, bool duties) const {
+    const RawLog raw = simulate_synthetic({.duration_s = seconds, .seed = 11, .R_extra = 0.4});
+    std::string text = "t,i_a,i_b,i_c,theta_m,T_load,v_dc,";
+    text += duties ? "duty_a,duty_b,duty_c\n" : "u_alpha,u_beta\n";
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      text +=
+          fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.12g},{:.9g},{:.12g},", raw.t[k], raw.i_a[k],
+                      raw.i_b[k], raw.i_c[k], raw.theta_m[k], raw.T_load[k], raw.v_dc[k]);
+      const double u_b = -0.5 * raw.u_alpha[k] + std::sqrt(0.75) * raw.u_beta[k];
+      const auto duty = [&](double u) { return 0.5 + u / raw.v_dc[k]; };
+      text += duties ? fmt::format("{:.12g},{:.12g},{:.12g}\n", duty(raw.u_alpha[k]), duty(u_b),
+                                   duty(-raw.u_alpha[k] - u_b))
+                     : fmt::format("{:.12g},{:.12g}\n", raw.u_alpha[k], raw.u_beta[k]);
+    }
+    write_text(path(name), text);
+    return path(name);
+  }
+  // `times`: the file is given so often.
+  std::vector<std::string> trace(const std::string& data, int times = 1) const {
+    std::vector<std::string> list = {"twinrate",  "trace",  plain_drive(), "--out",
+                                     path("out"), "--json", "--data"};
+    list.insert(list.end(), static_cast<std::size_t>(times), data);
+    return list;
+  }
+  // The preset without its effects: what the synthetic drive is, but for its resistance.
+  std::string plain_drive() const {
+    const std::string preset = read_text(TWINRATE_CONFIG "/niewiara2020.toml");
+    write_text(path("drive.toml"), preset.substr(0, preset.find("[[effect]]")));
+    return path("drive.toml");
+  }
+  // Ctrl-C once the program has said `progress`; `took_s`: until it had ended.
+  ProgramResult interrupted_at(const std::string& data, const std::string& progress, double& took_s,
+                               int times = 1) const {
+    Program run(trace(data, times));
+    EXPECT_TRUE(wait_until([&] { return run.out().find(progress) != std::string::npos; }, 60))
+        << run.out() << run.err();
+    const auto then = std::chrono::steady_clock::now();
+    run.signal(SIGINT);
+    const ProgramResult result = run.wait(30);
+    took_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
+    return result;
+  }
+};
+
+TEST_F(Trace, DutiesAndTheVoltagesTheyMakeAreTracedAlike) {
+  std::vector<Json> results;
+  for (const bool duties : {false, true}) {
+    const ProgramResult result = run_program(trace(log("log.csv", 2, duties)));
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    results.push_back(Json::parse(read_text(path("out/trace.json"))));
+  }
+  const Json &voltages = results[0]["effects"], &duties = results[1]["effects"];
+  ASSERT_GE(voltages.size(), 1u);
+  ASSERT_EQ(duties.size(), voltages.size());
+  EXPECT_EQ(voltages[0]["kind"], "resistance");
+  for (std::size_t i = 0; i < voltages.size(); ++i) {
+    EXPECT_EQ(duties[i]["kind"], voltages[i]["kind"]);
+    for (const auto& [name, parameter] : voltages[i]["parameters"].items()) {
+      if (!parameter["value"].is_number()) continue;
+      const double value = parameter["value"];
+      EXPECT_NEAR(duties[i]["parameters"][name]["value"].get<double>(), value,
+                  1e-5 * std::abs(value))
+          << name;
+    }
+  }
+  EXPECT_NEAR(voltages[0]["parameters"]["change"]["value"].get<double>(), 0.4, 0.02);
+  EXPECT_EQ(results[1]["interrupted"], false);
+}
+
+TEST_F(Trace, InterruptedWhileReadingItWritesNothingAndSaysSo) {
+  std::string text = "t,i_a,i_b,u_alpha,u_beta,theta_m\n";
+  for (int k = 0; k < 600'000; ++k) {
+    text += std::to_string(k);
+    text += "e-4,0.5,-0.25,10,5,1\n";
+  }
+  write_text(path("long.csv"), text);
+  double took_s = 0;
+  const ProgramResult result = interrupted_at(path("long.csv"), "reading", took_s, 40);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("interrupted while reading, nothing written"), std::string::npos)
+      << result.err;
+  EXPECT_EQ(count_lines(result.err), 1);
+  EXPECT_FALSE(fs::exists(path("out")));
+  EXPECT_LT(took_s, 3);
+}
+
+TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
+  double took_s = 0;
+  const ProgramResult result = interrupted_at(log("log.csv", 12, false), "equations:", took_s);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("nothing written"), std::string::npos) << result.err;
+  EXPECT_FALSE(fs::exists(path("out")));
+  EXPECT_LT(took_s, 3);
+}
+
+TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
+  double took_s = 0;
+  const ProgramResult result = interrupted_at(log("log.csv", 6, false), "selection:", took_s);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_EQ(count_lines(result.err), 1) << result.err;
+  EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
+  EXPECT_LT(took_s, 5);
+  const Json there = Json::parse(read_text(path("out/trace.json")));
+  EXPECT_EQ(there["interrupted"], true);
+  EXPECT_TRUE(there["sentence"].get<std::string>().starts_with("Interrupted after "));
+  ASSERT_GE(there["effects"].size(), 1u);
+  EXPECT_EQ(there["effects"][0]["kind"], "resistance");
+  EXPECT_TRUE(there["effects"][0]["evidence"]["delta_bic"].is_null()) << "it was not judged";
+  EXPECT_NE(read_text(path("out/report.html")).find("Interrupted after "), std::string::npos);
+  EXPECT_EQ(twinrate({"check", path("out/extended.toml")}).exit_code, 0);
+}
+
+}  // namespace
+}  // namespace twinrate::test
