@@ -15,6 +15,12 @@ add_library(lcm::lcm INTERFACE IMPORTED)
 target_include_directories(lcm::lcm SYSTEM INTERFACE ${LCM_INCLUDE_DIR})
 target_link_libraries(lcm::lcm INTERFACE ${LCM_LIBRARY})
 
+find_path(MATIO_INCLUDE_DIR matio.h REQUIRED)
+find_library(MATIO_LIBRARY matio REQUIRED)
+add_library(matio::matio INTERFACE IMPORTED)
+target_include_directories(matio::matio SYSTEM INTERFACE ${MATIO_INCLUDE_DIR})
+target_link_libraries(matio::matio INTERFACE ${MATIO_LIBRARY})
+
 find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
 add_library(cli11::cli11 INTERFACE IMPORTED)
 target_include_directories(cli11::cli11 SYSTEM INTERFACE ${CLI11_INCLUDE_DIR})

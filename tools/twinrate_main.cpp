@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
   add_check_verb(app, exit_code);
   add_replay_verb(app, exit_code);
   add_import_verb(app, exit_code);
+  add_export_verb(app, exit_code);
   add_report_verb(app, exit_code);
   add_watch_verb(app, exit_code);
   add_doctor_verb(app, exit_code);

@@ -102,7 +102,7 @@ TEST_F(Trace, InterruptedWhileReadingItWritesNothingAndSaysSo) {
       << result.err;
   EXPECT_EQ(count_lines(result.err), 1);
   EXPECT_FALSE(fs::exists(path("out")));
-  EXPECT_LT(took_s, 3);
+  EXPECT_LT(took_s, 6) << "on a machine that does other things, too";
 }
 
 TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
@@ -111,7 +111,7 @@ TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_NE(result.err.find("nothing written"), std::string::npos) << result.err;
   EXPECT_FALSE(fs::exists(path("out")));
-  EXPECT_LT(took_s, 3);
+  EXPECT_LT(took_s, 6) << "on a machine that does other things, too";
 }
 
 TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
@@ -120,7 +120,7 @@ TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_EQ(count_lines(result.err), 1) << result.err;
   EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
-  EXPECT_LT(took_s, 5);
+  EXPECT_LT(took_s, 6);
   const Json there = Json::parse(read_text(path("out/trace.json")));
   EXPECT_EQ(there["interrupted"], true);
   EXPECT_TRUE(there["sentence"].get<std::string>().starts_with("Interrupted after "));

@@ -1,0 +1,99 @@
+// twinrate export LOG --format csv|mat|mcap: a log for other tools.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "core/config.hpp"
+#include "core/process.hpp"
+#include "tools/export/export_log.hpp"
+#include "tools/percent_line.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+struct ExportOptions {
+  ExportRequest request;
+  std::string channels;
+  bool json = false;
+};
+
+// Beside the log, with the format's ending.
+std::string beside(const std::string& log, const std::string& format) {
+  std::filesystem::path path(log);
+  if (std::filesystem::is_directory(path)) path /= "log.lcm";
+  if (path.extension() == ".gz") path.replace_extension();
+  return path.replace_extension(format).string();
+}
+
+void print_export(const ExportOptions& o, const Exported& e) {
+  if (o.json) {
+    nlohmann::ordered_json json = {{"out", o.request.out},
+                                   {"interrupted", e.interrupted},
+                                   {"left_out", e.left_out},
+                                   {"streams", nlohmann::json::array()}};
+    for (const ExportedStream& s : e.streams)
+      json["streams"].push_back(
+          {{"name", s.name}, {"samples", s.samples}, {"first_s", s.first_s}, {"last_s", s.last_s}});
+    fmt::print("{}\n", json.dump());
+    return;
+  }
+  fmt::print("{}\n", o.request.out);
+  for (const ExportedStream& s : e.streams)
+    fmt::print("  {:<12} {:>9} samples, {:.6g} to {:.6g} s\n", s.name, s.samples, s.first_s,
+               s.last_s);
+  if (e.left_out > 0)
+    fmt::print("  {} ticks left out: their measurement is missing or not whole\n", e.left_out);
+}
+
+int run_export(ExportOptions o) {
+  ExportRequest& r = o.request;
+  if (r.format != "csv" && r.format != "mat" && r.format != "mcap")
+    throw BadInput(fmt::format("--format {}: csv, mat or mcap allowed", r.format));
+  if (!std::filesystem::exists(r.log)) throw BadInput(fmt::format("{}: no such log", r.log));
+  if (r.from_s > r.to_s)
+    throw BadInput(fmt::format("--from {:g} --to {:g}: from comes before to", r.from_s, r.to_s));
+  if (!o.channels.empty()) r.channels = channels_of(o.channels);
+  if (r.out.empty()) r.out = beside(r.log, r.format);
+  std::error_code error;
+  if (std::filesystem::equivalent(r.out, r.log, error))
+    throw BadInput(fmt::format("{}: is the log itself; --out takes another name", r.out));
+  catch_stop_signals();
+  PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
+  const Exported e = export_log(r, [&](double share) { line.show("exporting", share); });
+  line.clear();
+  print_export(o, e);
+  if (!e.interrupted) return 0;
+  fmt::print(stderr, "twinrate: export interrupted; {} holds the log up to there\n", r.out);
+  return 1;
+}
+
+}  // namespace
+
+void add_export_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<ExportOptions>();
+  ExportRequest& r = o->request;
+  CLI::App* verb = app.add_subcommand("export", "a log as CSV, MATLAB or MCAP file");
+  verb->add_option("LOG", r.log, "run directory, LCM log, or a drive log CSV")->required();
+  verb->add_option("--format", r.format, "csv, mat or mcap")->required();
+  verb->add_option("--out", r.out, "file to write (default beside the log); csv: .gz packs it");
+  verb->add_option("--from", r.from_s, "s, on the log's time");
+  verb->add_option("--to", r.to_s, "s, on the log's time");
+  verb->add_option("--channels", o->channels,
+                   "comma separated, e.g. ESTIMATE,TRUTH; csv: columns beside the drive log's "
+                   "own; mat, mcap: instead of all");
+  verb->add_option("--resample", r.rate_Hz, "Hz: all channels at the same times")
+      ->check(CLI::Range(1e-3, 1e7));
+  verb->add_flag("--json", o->json, "progress and result as JSON lines");
+  verb->callback([o, &exit_code] {
+    try {
+      exit_code = run_export(*o);
+    } catch (const Stopped&) {
+      fmt::print(stderr, "twinrate: export interrupted, nothing written\n");
+      exit_code = 1;
+    }
+  });
+}
+
+}  // namespace twinrate
