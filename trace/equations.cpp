@@ -2,10 +2,12 @@
 
 #include <algorithm>
 
+#include "model/effects/shaft.hpp"
+
 namespace twinrate {
 namespace {
 
-constexpr int kSmooth = 10;  // half-width of the speed's slope fit, rows
+constexpr std::ptrdiff_t kSmooth = 10;  // half-width of the speed's slope fit, rows
 constexpr int kSensing = kOnCurrents | kOnAngle;
 constexpr double kProbe = 1e-5;  // share of a unit coefficient at which sensing is linearised
 
@@ -38,10 +40,19 @@ std::vector<Vec2> smoothed(const std::vector<Vec2>& x) {
   constexpr std::size_t kReach = 5;
   std::vector<Vec2> out = x;
   for (std::size_t k = kReach; k + kReach < x.size(); ++k) {
-    out[k] = kWeights[0] * x[k];
-    for (std::size_t j = 1; j <= kReach; ++j) out[k] += kWeights[j] * (x[k - j] + x[k + j]);
+    Vec2 sum = kWeights[0] * x[k];
+    for (std::size_t j = 1; j <= kReach; ++j) sum += kWeights[j] * (x[k - j] + x[k + j]);
+    out[k] = sum;
   }
   return out;
+}
+
+// A vector in the frame of which `axis` is the unit vector of d, and back.
+Vec2 into(const Vec2& axis, const Vec2& x) {
+  return {axis[0] * x[0] + axis[1] * x[1], axis[0] * x[1] - axis[1] * x[0]};
+}
+Vec2 out_of(const Vec2& axis, const Vec2& x) {
+  return {axis[0] * x[0] - axis[1] * x[1], axis[1] * x[0] + axis[0] * x[1]};
 }
 
 // What effects add along a record, row by row.
@@ -52,19 +63,24 @@ class Along {
     for (const auto& effect : effects) {
       ShaftFacts shaft;
       SamplingFacts sampling;
-      if (!effect->describe_shaft(shaft) && !effect->describe_sampling(sampling)) {
+      if (effect->describe_shaft(shaft)) {
+        T_load_.emplace_back(points.size());
+        along_shaft(shaft, points, T_s, T_load_.back());
+        J_ -= std::max(0.0, shaft.J_load);
+      } else if (effect->describe_sampling(sampling)) {
+        with_memory_.emplace_back(points.size());
+        effect->along(points, T_s, with_memory_.back());
+      } else {
         of_the_point_.push_back(effect.get());
-        continue;
       }
-      std::vector<Contribution> of_one(points.size());
-      effect->along(points, T_s, of_one);
-      with_memory_.push_back(std::move(of_one));
     }
   }
   Contribution operator[](std::size_t k) const {
     Contribution sum;
+    sum.J = J_;
     for (const Effect* effect : of_the_point_) sum += effect->at(points_[k]);
     for (const auto& of_one : with_memory_) sum += of_one[k];
+    for (const auto& T_load : T_load_) sum.T_load += T_load[k];
     return sum;
   }
 
@@ -72,13 +88,16 @@ class Along {
   const std::vector<OperatingPoint>& points_;
   std::vector<const Effect*> of_the_point_;
   std::vector<std::vector<Contribution>> with_memory_;
+  std::vector<std::vector<double>> T_load_;  // of shafts
+  double J_ = 0;                             // theirs
 };
 
 }  // namespace
 
 Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
     : record_(record), facts_(facts), known_(std::move(known)) {
-  measured_ = {.i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m};
+  measured_ = {
+      .i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m, .axes = {}};
   turn_angle(measured_);
   turn_currents(measured_);
   omega_m_ = speed(record.theta_m);
@@ -109,29 +128,39 @@ std::vector<double> Equations::speed(const std::vector<double>& theta_m) const {
     }
     return weight > 0 ? sum / (weight * record_.T_s) : 0;
   };
-  for (std::ptrdiff_t k = 0; k < n; ++k)
-    omega_m[k] = slope(k, std::min<std::ptrdiff_t>({kSmooth, k, n - 1 - k}));
+  for (std::ptrdiff_t k = 0; k < n; k = k == kSmooth - 1 ? std::max(k + 1, n - kSmooth) : k + 1)
+    omega_m[k] = slope(k, std::min({kSmooth, k, n - 1 - k}));
+  // The rest, all at once.
+  const Eigen::Index inner = n - 2 * kSmooth;
+  if (inner <= 0) return omega_m;
+  const Eigen::Map<const Eigen::ArrayXd> theta(theta_m.data(), n);
+  Eigen::Map<Eigen::ArrayXd> out(omega_m.data() + kSmooth, inner);
+  double weight = 0;
+  for (Eigen::Index j = 1; j <= kSmooth; ++j) {
+    out += static_cast<double>(j) *
+           (theta.segment(kSmooth + j, inner) - theta.segment(kSmooth - j, inner));
+    weight += static_cast<double>(2 * j * j);
+  }
+  out /= weight * record_.T_s;
   return omega_m;
 }
 
 void Equations::turn_angle(Signals& s) const {
-  s.cos.resize(s.theta_m.size());
-  s.sin.resize(s.theta_m.size());
-  for (std::size_t k = 0; k < s.theta_m.size(); ++k) {
-    s.cos[k] = std::cos(facts_.machine.n_p * s.theta_m[k]);
-    s.sin[k] = std::sin(facts_.machine.n_p * s.theta_m[k]);
+  const auto axes = std::make_shared<Axes>();
+  const std::size_t n = s.theta_m.size();
+  axes->at.resize(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    const double theta_e = facts_.machine.n_p * s.theta_m[k];
+    axes->at[k] = {std::cos(theta_e), std::sin(theta_e)};
   }
-  s.mid.resize(s.theta_m.size(), Vec2::Zero());
-  for (std::size_t k = 1; k < s.mid.size(); ++k)
-    s.mid[k] = Vec2(s.cos[k - 1] + s.cos[k], s.sin[k - 1] + s.sin[k]).normalized();
+  axes->mid.resize(n, Vec2::Zero());
+  for (std::size_t k = 1; k < n; ++k) axes->mid[k] = (axes->at[k - 1] + axes->at[k]).normalized();
+  s.axes = axes;
 }
 
 void Equations::turn_currents(Signals& s) const {
   s.i_dq.resize(s.i_alphabeta.size());
-  for (std::size_t k = 0; k < s.i_dq.size(); ++k) {
-    const Vec2& i = s.i_alphabeta[k];
-    s.i_dq[k] = {s.cos[k] * i[0] + s.sin[k] * i[1], s.cos[k] * i[1] - s.sin[k] * i[0]};
-  }
+  for (std::size_t k = 0; k < s.i_dq.size(); ++k) s.i_dq[k] = into(s.axes->at[k], s.i_alphabeta[k]);
 }
 
 std::vector<OperatingPoint> Equations::points_of(const Signals& s, bool angle_moved) const {
@@ -144,8 +173,7 @@ std::vector<OperatingPoint> Equations::points_of(const Signals& s, bool angle_mo
       p.theta_e = facts_.machine.n_p * p.theta_m;
       p.omega_m = omega_m[k];
       if (record_.u_alphabeta.empty()) continue;
-      const Vec2& u = record_.u_alphabeta[k];
-      p.u_dq = {s.cos[k] * u[0] + s.sin[k] * u[1], s.cos[k] * u[1] - s.sin[k] * u[0]};
+      p.u_dq = into(s.axes->at[k], record_.u_alphabeta[k]);
     }
   }
   const std::vector<Vec2> i_dq = smoothed(s.i_dq);
@@ -155,7 +183,10 @@ std::vector<OperatingPoint> Equations::points_of(const Signals& s, bool angle_mo
 
 Equations::Signals Equations::undo_sensing(const Effects& effects,
                                            const std::vector<OperatingPoint>& points) const {
-  Signals s = measured_;
+  Signals s{.i_alphabeta = measured_.i_alphabeta,
+            .i_dq = {},
+            .theta_m = measured_.theta_m,
+            .axes = measured_.axes};
   int moved = 0;
   SamplingFacts late;
   Effects adding;
@@ -179,7 +210,7 @@ Equations::Signals Equations::undo_sensing(const Effects& effects,
     s.i_alphabeta[k] -= clarke(i_abc);
   }
   if (moved & kOnAngle) turn_angle(s);
-  if (moved) turn_currents(s);
+  turn_currents(s);
   return s;
 }
 
@@ -196,21 +227,18 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   Channels e = empty(kOnTorque | kOnVoltage);
   Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero();
   for (std::size_t k = 0; k < n; ++k) {
-    const double cosine = s.cos[k], sine = s.sin[k];
-    const auto turn = [&](const Vec2& x) {
-      return Vec2(cosine * x[0] - sine * x[1], sine * x[0] + cosine * x[1]);
-    };
     const Contribution c = added[k];
     const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
     if (has_voltage()) {
-      const Vec2 psi = turn(Vec2(m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]) + c.psi_dq);
-      const Vec2 drop = m.R_s * s.i_alphabeta[k] + turn(c.u_dq_drop);
+      const Vec2& axis = s.axes->at[k];
+      const Vec2 psi = out_of(axis, Vec2(m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]) + c.psi_dq);
+      const Vec2 drop = m.R_s * s.i_alphabeta[k] + out_of(axis, c.u_dq_drop);
       if (k > 0) {
         const Vec2 left =
             record_.u_alphabeta[k - 1] - 0.5 * (drop_before + drop) - (psi - psi_before) / T_s;
-        const Vec2& mid = s.mid[k];
-        e.d[k - 1] = mid[0] * left[0] + mid[1] * left[1];
-        e.q[k - 1] = mid[0] * left[1] - mid[1] * left[0];
+        const Vec2 left_dq = into(s.axes->mid[k], left);
+        e.d[k - 1] = left_dq[0];
+        e.q[k - 1] = left_dq[1];
       }
       psi_before = psi;
       drop_before = drop;
@@ -262,16 +290,12 @@ void Equations::explain(std::size_t k, const Contribution& c, Channels& x, Vec2&
   const double T_s = record_.T_s;
   const Signals& s = measured_;
   if (!x.d.empty()) {
-    const double cosine = s.cos[k], sine = s.sin[k];
-    const auto turn = [&](const Vec2& v) {
-      return Vec2(cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1]);
-    };
-    const Vec2 psi = turn(c.psi_dq), drop = turn(c.u_dq_drop);
+    const Vec2& axis = s.axes->at[k];
+    const Vec2 psi = out_of(axis, c.psi_dq), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
-      const Vec2 e = 0.5 * (drop + drop_before) + (psi - psi_before) / T_s;
-      const Vec2& mid = s.mid[k];
-      x.d[k - 1] = mid[0] * e[0] + mid[1] * e[1];
-      x.q[k - 1] = mid[0] * e[1] - mid[1] * e[0];
+      const Vec2 e = into(s.axes->mid[k], 0.5 * (drop + drop_before) + (psi - psi_before) / T_s);
+      x.d[k - 1] = e[0];
+      x.q[k - 1] = e[1];
     }
     psi_before = psi;
     drop_before = drop;
@@ -324,6 +348,13 @@ std::vector<std::vector<double>> Equations::load_columns(const Effect& effect, s
 Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     Channels x = empty(effect.acts_on());
+    if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
+      along_shaft(shaft, points_, record_.T_s, x.torque);
+      for (std::size_t k = 1; k + 1 < points_.size() && shaft.J_load > 0; ++k)
+        x.torque[k] -= shaft.J_load * omega_rate(measured_, k);
+      x.torque.front() = x.torque.back() = 0;
+      return x;
+    }
     const Along added({effect.clone()}, points_, record_.T_s);
     Vec2 psi = Vec2::Zero(), drop = Vec2::Zero();
     for (std::size_t k = 0; k < points_.size(); ++k) explain(k, added[k], x, psi, drop);

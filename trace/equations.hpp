@@ -8,6 +8,8 @@
 // (trace/sampler.hpp), residual and regressors alike. Effects on sensors are undone first, so one
 // parameter acts on all equations at once. Residuals are in V and Nm.
 #pragma once
+#include <memory>
+
 #include "model/effects/effect.hpp"
 #include "trace/record.hpp"
 
@@ -35,20 +37,25 @@ class Equations {
   Channels contribution(const Effect& effect) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
   const Record& record() const { return record_; }
+  const Effects& known() const { return known_; }
   const DriveFacts& facts() const { return facts_; }
   // Smoothed speed of the record as it is.
   const std::vector<double>& omega_m() const { return omega_m_; }
   const std::vector<OperatingPoint>& points() const { return points_; }
 
  private:
+  // Unit vectors of the d axis: at row k, and half-way to it from the row before.
+  struct Axes {
+    std::vector<Vec2> at, mid;
+  };
   // What the equations are written in.
   struct Signals {
     std::vector<Vec2> i_alphabeta, i_dq;
-    std::vector<double> theta_m, cos, sin;  // of the electrical angle
-    std::vector<Vec2> mid;  // unit vector at that half-way to row k from the one before
+    std::vector<double> theta_m;
+    std::shared_ptr<const Axes> axes;
   };
   void turn_currents(Signals& s) const;  // i_dq from the others
-  void turn_angle(Signals& s) const;     // cos, sin and mid
+  void turn_angle(Signals& s) const;     // the axes
   std::vector<double> speed(const std::vector<double>& theta_m) const;
   std::vector<OperatingPoint> points_of(const Signals& s, bool angle_moved) const;
   // The record less what the sensing effects among `effects` added to it, seen at `points`.

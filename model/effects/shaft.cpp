@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace twinrate {
 namespace {
@@ -148,25 +149,33 @@ ShaftState shaft_at_rest(const ShaftFacts& shaft, double omega_m, double T_load)
 }
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
-                 std::span<Contribution> sums) {
+                 std::span<double> T_load) {
   const std::size_t N = record.size();
   if (N < 2 || shaft.J_load <= 0) {
-    std::fill(sums.begin(), sums.end(), Contribution{});
+    std::fill(T_load.begin(), T_load.end(), 0.0);
     return;
   }
   double omega_m_next = turned(record[0].theta_m, record[1].theta_m) / T_s, omega_m = omega_m_next;
   LoadMass load(shaft, T_s, shaft_at_rest(shaft, omega_m, record[0].T_load));
   for (std::size_t k = 0; k < N; ++k) {
-    const double T_load = record[k].T_load;
-    sums[k] = {.T_load = load.torque(0.5 * (omega_m + omega_m_next)) - T_load, .J = -shaft.J_load};
+    const double held = record[k].T_load;
+    T_load[k] = load.torque(0.5 * (omega_m + omega_m_next)) - held;
     omega_m = omega_m_next;
-    load.advance(omega_m, T_load);
+    load.advance(omega_m, held);
     if (k + 2 < N) omega_m_next = turned(record[k + 1].theta_m, record[k + 2].theta_m) / T_s;
     if (k + 2 >= N || !is_seam(record[k], record[k + 1], T_s)) continue;
     // Another stretch of time begins: what the load did in between is not known.
     omega_m = omega_m_next;
     load = LoadMass(shaft, T_s, shaft_at_rest(shaft, omega_m, record[k + 1].T_load));
   }
+}
+
+void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
+                 std::span<Contribution> sums) {
+  std::vector<double> T_load(record.size());
+  along_shaft(shaft, record, T_s, T_load);
+  const double J = record.size() < 2 || shaft.J_load <= 0 ? 0 : -shaft.J_load;
+  for (std::size_t k = 0; k < sums.size(); ++k) sums[k] = {.T_load = T_load[k], .J = J};
 }
 
 }  // namespace twinrate

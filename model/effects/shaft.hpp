@@ -43,5 +43,8 @@ ShaftState shaft_at_rest(const ShaftFacts& shaft, double omega_m, double T_load)
 // comes to rest on a flank.
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
                  std::span<Contribution> sums);
+// The torque of it alone; the inertia is -J_load everywhere.
+void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
+                 std::span<double> T_load);
 
 }  // namespace twinrate
