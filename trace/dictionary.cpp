@@ -21,6 +21,18 @@ std::vector<double> times_of(const Record& record) {
   return times;
 }
 
+// A key that is a moment of the record has no grid of its own.
+bool is_moment(const TracedKey& key) {
+  return !key.linear && key.grid.empty() && std::string_view(key.key) == "time_s";
+}
+
+// A gap is: beside a shaft (trace/placing.hpp).
+bool searched_elsewhere(const std::vector<TracedKey>& keys) {
+  return std::any_of(keys.begin(), keys.end(), [](const TracedKey& key) {
+    return !key.linear && key.grid.empty() && !is_moment(key);
+  });
+}
+
 // A late signal shows where it turns or jumps. Where it does neither, all that changes is noise and
 // the controller's answer to it, which belong to the residual's own.
 bool moves(const std::vector<Vec2>& x, const std::vector<char>& ok) {
@@ -95,15 +107,91 @@ Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
   return s;
 }
 
+bool Chain::is_sum_of_regressors(const Effect& effect) const {
+  constexpr std::size_t kLooks = 24;
+  const auto count = static_cast<std::size_t>(effect.regressor_count());
+  if (count == 0) return false;
+  std::vector<double> c(count);
+  effect.coefficients(c);
+  std::vector<Contribution> columns(count);
+  const std::vector<OperatingPoint>& points = equations_.points();
+  for (std::size_t look = 0; look < kLooks; ++look) {
+    const OperatingPoint& point = points[look * (points.size() - 1) / kLooks];
+    const Contribution whole = effect.at(point);
+    effect.regressors(point, columns);
+    const auto same = [&](auto&& part) {
+      double sum = 0;
+      for (std::size_t r = 0; r < count; ++r) sum += c[r] * part(columns[r]);
+      return std::abs(sum - part(whole)) <= 1e-9 * (std::abs(sum) + std::abs(part(whole)));
+    };
+    for (int axis = 0; axis < 2; ++axis)
+      if (!same([=](const Contribution& x) { return x.psi_dq[axis]; }) ||
+          !same([=](const Contribution& x) { return x.u_dq_drop[axis]; }))
+        return false;
+    if (!same([](const Contribution& x) { return x.T_load; }) ||
+        !same([](const Contribution& x) { return x.J; }))
+      return false;
+  }
+  return true;
+}
+
+const std::vector<Sampled>& Chain::remembered(const Effect& effect, What what) const {
+  constexpr std::size_t kMost = 40;
+  const std::shared_ptr<Effect> shape = effect.clone();
+  if (what == What::kColumns && is_sum_of_regressors(effect))
+    shape->set_coefficients(
+        std::vector<double>(static_cast<std::size_t>(effect.regressor_count()), 0.0));
+  Remembered wanted{.what = what, .kind = effect.kind(), .keys = {}, .columns = {}};
+  for (const NumericKey& key : numeric_keys(*shape)) wanted.keys.push_back(key.value);
+  const auto found = std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& m) {
+    return m.what == what && m.kind == wanted.kind && m.keys == wanted.keys;
+  });
+  if (found != memory_.end()) {
+    std::rotate(found, found + 1, memory_.end());
+    return memory_.back().columns;
+  }
+  if (what == What::kColumns)
+    wanted.columns = columns(effect);
+  else
+    wanted.columns.push_back(contribution(effect));
+  if (memory_.size() == kMost) memory_.pop_front();
+  memory_.push_back(std::move(wanted));
+  return memory_.back().columns;
+}
+
 Sampled Chain::residual(const Effects& effects) const {
   checkpoint();
+  Effects all = equations_.known();
+  all.insert(all.end(), effects.begin(), effects.end());
+  // What is added to a sensor changes what the others do.
+  if (!acting_on(all, kOnCurrents | kOnAngle).empty()) return whole_residual(effects);
+  if (declared_.torque.size() + declared_.d.size() == 0) declared_ = whole_residual({});
+  Sampled s = declared_;
+  for (const auto& effect : effects) {
+    if (!is_sum_of_regressors(*effect)) {
+      add(s, remembered(*effect, What::kWhole)[0], -1);
+      continue;
+    }
+    std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()));
+    effect->coefficients(coefficients);
+    const std::vector<Sampled>& columns = remembered(*effect, What::kColumns);
+    for (std::size_t r = 0; r < columns.size(); ++r) add(s, columns[r], -coefficients[r]);
+  }
+  return s;
+}
+
+Sampled Chain::noiseless(const Effects& effects) const {
+  return sampled(equations_.residual(effects), nullptr);
+}
+
+Sampled Chain::whole_residual(const Effects& effects) const {
   Effects smooth;
   for (const auto& effect : effects)
     if (!has_gap(*effect)) smooth.push_back(effect);
   const Channels noisy = noisier_.residual(smooth);
   Sampled s = sampled(equations_.residual(smooth), &noisy);
   if (smooth.size() == effects.size()) return s;
-  const Sampled all = sampled(equations_.residual(effects), nullptr);
+  const Sampled all = noiseless(effects);
   s.d = all.d;
   s.q = all.q;
   s.torque = all.torque;
@@ -171,13 +259,12 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
-    if (has_gap(*effect)) continue;      // searched beside a shaft (trace/placing.hpp)
     std::vector<TracedKey> keys = effect->traced_keys();
-    if (keys.empty()) continue;
+    if (keys.empty() || searched_elsewhere(keys)) continue;
     const bool electrical_only = !(effect->acts_on() & ~(kOnVoltage | kOnBus));
     if (electrical_only && !equations.has_voltage()) continue;
     for (TracedKey& key : keys)
-      if (!key.linear && key.grid.empty()) key.grid = times_of(equations.record());
+      if (is_moment(key)) key.grid = times_of(equations.record());
     over_grid(*effect, keys, 0, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (!at_grid->prepare(equations.facts()).empty()) return;
@@ -198,7 +285,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
 
 void Dictionary::renew(const Chain& chain, const Effects& beside) {
   constexpr double kProbe = 1e-5;  // of a coefficient
-  const Sampled residual = chain.residual(beside);
+  const Sampled residual = chain.noiseless(beside);
   for (Candidate& candidate : sampled) {
     const bool adds = candidate.effect->regressor_count() > 0;
     if (!adds || !(candidate.effect->acts_on() & (kOnCurrents | kOnAngle))) continue;
@@ -209,10 +296,11 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
       probe->set_coefficients(coefficients);
       Effects all = beside;
       all.push_back(probe);
-      Sampled x;
-      add(x, residual, 1 / kProbe);
-      add(x, chain.residual(all), -1 / kProbe);
-      candidate.columns[r] = std::move(x);
+      const Sampled there = chain.noiseless(all);
+      Sampled& x = candidate.columns[r];  // its noise hardly changes
+      x.d = (residual.d - there.d) / kProbe;
+      x.q = (residual.q - there.q) / kProbe;
+      x.torque = (residual.torque - there.torque) / kProbe;
     }
   }
 }

@@ -4,6 +4,7 @@
 // what one unit of each coefficient would explain in all channels.
 #pragma once
 #include <Eigen/Core>
+#include <deque>
 #include <functional>
 #include <memory>
 
@@ -58,8 +59,12 @@ class Chain {
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
   Sampled residual(const Effects& effects) const;
+  Sampled noiseless(const Effects& effects) const;           // the same of the record alone
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   Sampled contribution(const Effect& effect) const;
+  // One of the two, kept for the next time; valid until the next call.
+  enum class What { kColumns, kWhole };
+  const std::vector<Sampled>& remembered(const Effect& effect, What what) const;
   Sampled whitened(const Sampled& s) const;
   // A column, whitened, without the channels of which most is noise: what is left after its share
   // is taken off would be worth nothing there.
@@ -68,13 +73,24 @@ class Chain {
   const Sampler& sampler() const { return sampler_; }
 
  private:
+  struct Remembered {
+    What what;
+    std::string_view kind;
+    std::vector<double> keys;  // where coefficients only multiply: the others
+    std::vector<Sampled> columns;
+  };
   Sampled sampled(const Channels& clean, const Channels* noisy) const;
+  Sampled whole_residual(const Effects& effects) const;
+  // False where its coefficients do more than multiply (saturation), or it has none.
+  bool is_sum_of_regressors(const Effect& effect) const;
 
   const Equations& equations_;
   const Equations& noisier_;
   const Sampler& sampler_;
   NoiseModel noise_;
   std::function<bool()> stop_;
+  mutable Sampled declared_;               // residual of the declared model
+  mutable std::deque<Remembered> memory_;  // the latest last
 };
 
 // Impacts come at other moments where there is more noise: the difference is no noise.

@@ -110,7 +110,8 @@ void Fitter::linearise(Fit& fit) const {
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux));
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
-        for (const Sampled& x : chain_.columns(effect)) fit.J.push_back(chain_.regressor(x));
+        for (const Sampled& x : chain_.remembered(effect, Chain::What::kColumns))
+          fit.J.push_back(chain_.regressor(x));
       continue;
     }
     const double h = p.coefficient >= 0 ? 0.05 * smallest_coefficient(effect, p.coefficient, facts)
