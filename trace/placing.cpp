@@ -8,9 +8,12 @@
 namespace twinrate {
 namespace {
 
-constexpr int kStarts = 6, kTriedFirst = 40, kTriedLast = 100, kFinalists = 2, kTriedTorsion = 50;
-constexpr Eigen::Index kPiece = 64;  // outputs
-constexpr double kFirstStep = 0.15;  // of the logarithm of a key
+constexpr int kTriedFirst = 50, kTriedLast = 150, kFinalists = 2, kTriedTorsion = 50;
+constexpr double kWorthwhile = 0.97;  // error that another descent must leave, of what it was
+constexpr int kOfASort = 16;          // gaps of one width on the grid
+constexpr Eigen::Index kPiece = 64;   // outputs
+constexpr double kDamping = 0.1;      // ratio, where nothing is known of it
+constexpr double kFirstStep = 0.15;   // of the logarithm of a key
 
 // How much a shaft leaves of the torque that `now` leaves, as the tracer samples and whitens it.
 class ShaftSearch {
@@ -132,30 +135,48 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   return best;
 }
 
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Members& torsions) {
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion) {
   const ShaftSearch search(fitter.chain(), fitter.start(with(now.members, nullptr)));
   const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;
   std::vector<ShaftSearch::Point> grid;
-  for (const std::shared_ptr<Effect>& torsion : torsions)
-    for (double gap_rad : gaps)
-      for (double stiffer : {1.2, 1.8, 2.7, 4.0})
-        for (double share : {0.35, 0.5, 0.7, 1.0}) {
-          const std::shared_ptr<Effect> gap = make_effect("backlash");
-          set_key(*gap, "gap_rad", gap_rad);
-          set_key(*gap, "J_load_kgm2", share * get_key(*torsion, "J_load_kgm2"));
-          set_key(*gap, "stiffness_Nm_rad", stiffer * get_key(*torsion, "stiffness_Nm_rad"));
-          set_key(*gap, "damping_Nms_rad", get_key(*torsion, "damping_Nms_rad"));
-          grid.push_back(search.at(gap));
-        }
+  const auto start = [&](double gap_rad, double J_load, double stiffness, double damping) {
+    const std::shared_ptr<Effect> gap = make_effect("backlash");
+    set_key(*gap, "gap_rad", gap_rad);
+    set_key(*gap, "J_load_kgm2", J_load);
+    set_key(*gap, "stiffness_Nm_rad", stiffness);
+    set_key(*gap, "damping_Nms_rad", damping);
+    grid.push_back(search.at(gap));
+  };
+  const double J = fitter.chain().equations().facts().machine.J;
+  for (double gap_rad : gaps) {
+    // Near the shaft without a gap that comes nearest: the gap made it softer and overdamped.
+    for (double stiffer : {1.2, 1.8, 2.7, 4.0})
+      for (double share : {0.35, 0.5, 0.7, 1.0})
+        start(gap_rad, share * get_key(torsion, "J_load_kgm2"),
+              stiffer * get_key(torsion, "stiffness_Nm_rad"), get_key(torsion, "damping_Nms_rad"));
+    // Anywhere.
+    for (double omega : {120.0, 200.0, 320.0, 500.0})
+      for (double share : {0.15, 0.25, 0.35, 0.5}) {
+        const double J_load = share * J;
+        start(gap_rad, J_load, J_load * omega * omega, 2 * kDamping * J_load * omega);
+      }
+  }
   const auto better = [](const auto& a, const auto& b) { return a.error < b.error; };
-  std::partial_sort(grid.begin(), grid.begin() + kStarts, grid.end(), better);
-  grid.resize(kStarts);
-  for (ShaftSearch::Point& p : grid) p = search.descend(p, kTriedFirst);
-  std::partial_sort(grid.begin(), grid.begin() + kFinalists, grid.end(), better);
+  // Of each gap the best of either sort: an overdamped shaft comes near with any gap, and no
+  // descent leads out of there.
+  std::vector<ShaftSearch::Point> starts;
+  for (auto first = grid.begin(); first != grid.end(); first += kOfASort)
+    starts.push_back(
+        search.descend(*std::min_element(first, first + kOfASort, better), kTriedFirst));
+  std::sort(starts.begin(), starts.end(), better);
   Fit best;
   best.rss = 1e300;
   for (int j = 0; j < kFinalists; ++j) {
-    const ShaftSearch::Point p = search.descend(grid[static_cast<std::size_t>(j)], kTriedLast);
+    ShaftSearch::Point p = starts[static_cast<std::size_t>(j)];
+    for (double before = 1e300; p.error < kWorthwhile * before;) {
+      before = p.error;
+      p = search.descend(p, kTriedLast);
+    }
     Fit fit = fitter.refine(with(now.members, p.shaft));
     if (fit.rss < best.rss) best = std::move(fit);
   }

@@ -11,8 +11,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect);
 
 // A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
-// the error rough in the parameters: backlash in the place of a shaft, searched on grids around
-// `torsions`, then by simplex.
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Members& torsions);
+// the error rough in the parameters: backlash in the place of the shaft `torsion`, searched on
+// grids around it and away from it, then by simplex.
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion);
 
 }  // namespace twinrate

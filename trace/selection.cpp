@@ -18,6 +18,7 @@ namespace {
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
+constexpr double kLeft = 2;  // times the noise: what a shaft must leave before a gap is looked for
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
@@ -47,10 +48,13 @@ class Selector {
   Selector(const Fitter& fitter, const std::vector<Candidate>& candidates, const Say& say)
       : fitter_(fitter), candidates_(candidates), say_(say) {}
 
-  Fit step(const Members& members) {
+  Fit step(const Members& members, Progress& progress) {
+    gaps_left_ = progress.gaps_left;
     selection_.fit = fitter_.refine(members);
     drop_superfluous();
-    if (selection_.fit.members.size() < kMostMembers && add_one()) drop_superfluous();
+    const bool added = selection_.fit.members.size() < kMostMembers && add_one();
+    if (added) drop_superfluous();
+    progress = {added, gaps_left_};
     return std::move(selection_.fit);
   }
   Selection finish(const Members& members) {
@@ -66,7 +70,6 @@ class Selector {
     }
     return std::move(selection_);
   }
-  bool added() const { return added_; }
 
  private:
   // Best of each kind, best kind first.
@@ -111,12 +114,19 @@ class Selector {
     return fitter_.chain().residual(fit.effects()).torque.squaredNorm();
   }
 
-  // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion refined from `on_grid`,
-  // where that is better. A gap makes the torsion that comes nearest overdamped.
-  void look_for_gap(const std::shared_ptr<Effect>& on_grid, const Fit& now, Fit& shaft) const {
+  double noise_of_torque(const Fit& fit) const {
+    return fitter_.chain().residual(fit.effects()).noise_torque.squaredNorm();
+  }
+
+  // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion, where that is better.
+  // A gap makes the torsion that comes nearest overdamped.
+  void look_for_gap(const Fit& now, Fit& shaft) {
     const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
-    if (gain < fitter_.margin() || shaft.rss_held_out > now.rss_held_out) return;
-    Fit gap = search_backlash(fitter_, now, {shaft.members.back(), on_grid});
+    if (gain < fitter_.margin() || plain_torque(shaft) < kLeft * noise_of_torque(shaft) ||
+        gaps_left_ <= 0)
+      return;
+    --gaps_left_;
+    Fit gap = search_backlash(fitter_, now, *shaft.members.back());
     const double more = score_of(fitter_, shaft) - score_of(fitter_, gap);
     if (say_)
       say_(fmt::format("  {}: {:.0f}; with a gap: {} {:+.0f}", describe(*shaft.members.back()),
@@ -145,7 +155,7 @@ class Selector {
       const bool shaft = s.effect->kind() == "torsion";
       Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)),
                                 shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
-      if (shaft) look_for_gap(s.effect, now, next);
+      if (shaft) look_for_gap(now, next);
       if (s.effect->kind() == "resistance") next = without_slope(std::move(next));
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(next, now);
@@ -163,7 +173,7 @@ class Selector {
     if (best.members.empty()) return false;
     selection_.fit = std::move(best);
     place_anew();
-    return added_ = true;
+    return true;
   }
 
   // Beside a resistance the slope of an inverter's drop has nothing left to say: what remains of it
@@ -262,17 +272,14 @@ class Selector {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Selection selection_;
-  bool added_ = false;
+  int gaps_left_ = 0;
 };
 
 }  // namespace
 
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
-               const Members& members, const Say& say, bool& added) {
-  Selector selector(fitter, candidates, say);
-  Fit fit = selector.step(members);
-  added = selector.added();
-  return fit;
+               const Members& members, const Say& say, Progress& progress) {
+  return Selector(fitter, candidates, say).step(members, progress);
 }
 
 Selection not_judged(Fit fit, int rounds) {

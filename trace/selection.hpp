@@ -34,9 +34,14 @@ struct Selection {
 };
 
 using Say = std::function<void(const std::string&)>;
+// From one round to the next.
+struct Progress {
+  bool added = true;  // the last round added an effect
+  int gaps_left = 2;  // searches for a gap, which are long, before shafts are taken as they are
+};
 // Drops from `members` what is not needed and adds the best candidate, if one is good enough.
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
-               const Members& members, const Say& say, bool& added);
+               const Members& members, const Say& say, Progress& progress);
 // Swaps members for better ones, and says of each what speaks for it.
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
                 const Members& members, const Say& say);
