@@ -53,7 +53,7 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
     const auto [place, first] = best.emplace(kind, sigma);
     if (!first) place->second = std::min(place->second, sigma);
   }
-  for (const auto& m : fit.members) best.erase(std::string(m->kind()));
+  for (const TracedEffect& e : r.effects) best.erase(std::string(e.effect->kind()));
   for (const auto& [kind, sigma] : best) {
     if (make_effect(kind)->regressor_count() == 0) continue;
     if (kBlind * sigma < 1) {

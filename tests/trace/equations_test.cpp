@@ -13,12 +13,6 @@
 namespace twinrate {
 namespace {
 
-const DriveConfig& servo() {
-  static const Config config =
-      Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
-  return config.drive();
-}
-
 const Record& record() {
   static const Record kRecord = [] {
     Health health;

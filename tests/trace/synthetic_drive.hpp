@@ -26,6 +26,13 @@ struct SyntheticDrive {
   double i_noise = 0.008, lsb = 0.009765625;
 };
 
+// The model that is declared for it.
+inline const DriveConfig& servo() {
+  static const Config config =
+      Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
+  return config.drive();
+}
+
 inline double wanted_speed(double t) {
   return 45 * std::sin(1.3 * t) + 25 * std::sin(2.9 * t + 1);
 }

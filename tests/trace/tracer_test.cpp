@@ -12,16 +12,10 @@
 namespace twinrate {
 namespace {
 
-const DriveConfig& declared() {
-  static const Config config =
-      Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
-  return config.drive();
-}
-
 TraceResult trace_of(const RawLog& raw) {
   Health health;
   const Record record = make_record(raw, 3, health);
-  return trace_record(record, declared(), health, {});
+  return trace_record(record, servo(), health, {});
 }
 
 std::vector<std::string> kinds(const TraceResult& r) {
@@ -86,7 +80,7 @@ TEST(Tracer, TellsAResistanceFromAnOffset) {
 
 // Two that bend each other: what a leg loses goes by the true current, and in the true axes.
 TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
-  const double seconds = 2.4 / (declared().facts().v_dc * declared().facts().f_pwm);
+  const double seconds = 2.4 / (servo().facts().v_dc * servo().facts().f_pwm);
   const TraceResult shifted = trace_of(simulate_synthetic({.offset_a = 0.1, .loss_V = 2.4}));
   EXPECT_EQ(kinds(shifted), (Names{"current_offset", "dead_time"})) << shifted.sentence;
   EXPECT_NEAR(parameter(shifted, "dead_time", "dead_time").value, seconds, 0.02 * seconds);
