@@ -82,7 +82,7 @@ class Chain {
   Sampled sampled(const Channels& clean, const Channels* noisy) const;
   Sampled whole_residual(const Effects& effects) const;
   // False where its coefficients do more than multiply (saturation), or it has none.
-  bool is_sum_of_regressors(const Effect& effect) const;
+  bool is_linear(const Effect& effect) const;
 
   const Equations& equations_;
   const Equations& noisier_;

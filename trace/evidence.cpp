@@ -13,6 +13,7 @@ namespace {
 constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain the same
 constexpr std::size_t kMostAliases = 2;
 constexpr double kAliasShare = 0.02;  // or of the gain itself
+constexpr double kWeak = 60;  // score: with less, the price of a parameter or two decides nothing
 
 std::string equation_of(const Effect& effect) {
   const int acts = effect.acts_on();
@@ -30,6 +31,17 @@ Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
       fitter.robust_covariance(fit).diagonal().array() / white.diagonal().array().max(1e-300);
   const Eigen::VectorXd factor = ratio.max(1).sqrt();
   return factor.asDiagonal() * white * factor.asDiagonal();
+}
+
+// What sampling leaves of a parameter however long the record: means over an interval stand for
+// what happens in it. A gap's impacts make the error rough in its keys (and hardly show how they
+// are damped): the descent ends within some per cent of the best.
+double accuracy(const Effect& effect, const NumericKey& key) {
+  constexpr double kSampled = 6e-4, kRough = 0.02, kRoughDamping = 0.1;
+  if (key.key == "time_s") return 0;
+  if (has_gap(effect))
+    return (key.key.starts_with("damping") ? kRoughDamping : kRough) * std::abs(key.value);
+  return kSampled * (key.key.ends_with("phase_rad") ? 1 : std::abs(key.value));
 }
 
 // Standard deviations of the keys of member m, from the covariance of the free parameters.
@@ -69,7 +81,7 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
       for (std::size_t j = 0; j < free.size(); ++j)
         variance += slope[static_cast<Eigen::Index>(i)] * slope[static_cast<Eigen::Index>(j)] *
                     covariance(free[i], free[j]);
-    if (variance > 0) out[key.key] = std::sqrt(variance);
+    if (variance > 0) out[key.key] = std::hypot(std::sqrt(variance), accuracy(effect, key));
   }
   return out;
 }
@@ -92,8 +104,12 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   const double ratio = s.without.rss / fit.rss;
   e.p_value = std::isnan(ratio) ? ratio : chi_square_tail(N * (ratio - 1), k);
   e.materiality = effect.materiality(fitter.chain().equations().facts());
+  const auto explains = [&](const Alternative& a) {
+    if (s.score_gain > kWeak) return a.score_gain;
+    return a.score_gain + std::log(N) * (a.parameters - s.parameters);
+  };
   for (const Alternative& a : s.alternatives)
-    if (a.why == kExplainsLess && near(a.score_gain, s.score_gain) &&
+    if (a.why == kExplainsLess && near(explains(a), s.score_gain) &&
         e.aliases.size() < kMostAliases)
       e.aliases.push_back(a.kind);
   return e;

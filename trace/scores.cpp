@@ -29,14 +29,14 @@ bool taken(const Fit& fit, const Effect& effect) {
   return false;
 }
 
+}  // namespace
+
 std::size_t parameters_of(const Effect& effect) {
   auto count = static_cast<std::size_t>(effect.regressor_count());
   for (const TracedKey& key : effect.traced_keys())
     if (!key.linear || effect.regressor_count() == 0) ++count;
   return count;
 }
-
-}  // namespace
 
 double score_of(const Fitter& fitter, const Fit& fit) {
   if (!(fit.rss > 0)) return 1e300;  // more noise taken off than there is

@@ -18,5 +18,7 @@ struct Score {
 std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
                              const std::vector<Candidate>& candidates);
 double score_of(const Fitter& fitter, const Fit& fit);
+// Those that are fitted: coefficients, and keys that are searched.
+std::size_t parameters_of(const Effect& effect);
 
 }  // namespace twinrate

@@ -249,12 +249,14 @@ class Selector {
       Selected s{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
       s.score_gain = score_of(fitter_, s.without) - score_of(fitter_, selection_.fit);
       s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
+      s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
       std::size_t tried = 0;
       for (const Score& other : ranked(s.without)) {
         if (tried >= kMostTried) break;
         if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
         ++tried;
-        Alternative a{std::string(other.effect->kind()), other.gain, 0, ""};
+        Alternative a{std::string(other.effect->kind()), other.gain, 0, "",
+                      static_cast<double>(parameters_of(*other.effect))};
         if (other.gain > 0.5 * s.score_gain) {
           const Fit next = fitter_.refine(with(s.without.members, other.effect));
           a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);

@@ -17,12 +17,14 @@ struct Alternative {
   std::string kind;
   double score_gain = 0, held_out_gain = 0;  // of the refined set, against the set without
   std::string why;                           // why it was not taken
+  double parameters = 0;                     // how many it has
 };
 
 struct Selected {
   Fit without;            // the others alone, refined
   double score_gain = 0;  // of having it
   double held_out_gain = 0;
+  double parameters = 0;
   std::vector<Alternative> alternatives;  // best first
 };
 

@@ -80,7 +80,7 @@ std::string set_of(const Case& which) {
 }
 
 // Parameter errors of the effects that were found, in sigmas.
-std::vector<double> errors_in_sigmas(const TraceResult& r, const Effects& truth) {
+std::vector<double> errors_in_sigmas(const TraceResult& r, const Effects& truth, bool print) {
   std::vector<double> sigmas;
   for (const TracedEffect& e : r.effects)
     for (const auto& t : truth) {
@@ -91,6 +91,10 @@ std::vector<double> errors_in_sigmas(const TraceResult& r, const Effects& truth)
         double error = e.parameters[i].value - keys[i].value;
         if (keys[i].key.ends_with("phase_rad")) error = wrap_pi(error);
         sigmas.push_back(error / *e.parameters[i].sigma);
+        if (print)
+          fmt::print(stderr, "{} {}: {:.6g} +- {:.2g}, true {:.6g}: {:+.1f} sigma\n",
+                     e.effect->kind(), keys[i].key, e.parameters[i].value, *e.parameters[i].sigma,
+                     keys[i].value, sigmas.back());
       }
     }
   return sigmas;
@@ -152,7 +156,7 @@ Row judge(const Case& which, const Log& log, const Options& o) {
   }
   for (const Structure& s : r.unexplained) row.found.push_back("unexplained: " + s.regressor);
   row.exact = left.empty() && !extra && r.unexplained.empty();
-  row.sigmas = errors_in_sigmas(r, log.truth);
+  row.sigmas = errors_in_sigmas(r, log.truth, o.verbose);
   compare_with_truth(r, record, model.drive(), log.truth, row);
   return row;
 }

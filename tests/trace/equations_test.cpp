@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/dictionary.hpp"
 #include "trace/keys.hpp"
 #include "trace/parting.hpp"
 #include "trace/sampler.hpp"
@@ -97,6 +98,41 @@ TEST(Sampler, SeesTheSameInEverySecondRow) {
     ASSERT_EQ(a.size(), b.size());
     EXPECT_LT((a - b).cwiseAbs().maxCoeff(), 4e-3) << f_Hz;
   }
+}
+
+// What the chain adds up from columns it has kept, against the equations' own word.
+TEST(Chain, WhatItRemembersOfOneSizeIsNotTakenForAnother) {
+  const DriveFacts facts = servo().facts();
+  const Equations equations(record(), facts);
+  const std::vector<char> all(record().size(), 1), none(record().size(), 0);
+  const Sampler sampler(record(), all, none);
+  const Chain chain(equations, equations, sampler);
+  const Sampled before = chain.noiseless({});
+  int compared = 0;
+  for (const std::string& kind : effect_kinds()) {
+    const auto effect = make_effect(kind);
+    effect->prepare(facts);
+    const auto count = static_cast<std::size_t>(effect->regressor_count());
+    if (count == 0 || kind == "iron_loss") continue;  // its columns are those of the whole residual
+    const std::vector<double> one(count, 1e-3);
+    effect->set_coefficients(one);
+    const double sizes = effect->materiality(facts);
+    for (double size : {2.0, 20.0, 5.0}) {
+      std::vector<double> c = one;
+      for (double& x : c) x *= size / std::max(1e-9, sizes);
+      effect->set_coefficients(c);
+      ASSERT_EQ(effect->prepare(facts), "") << kind;
+      const Sampled kept = chain.residual({effect}), whole = chain.noiseless({effect});
+      double wrong = 0, change = 0;
+      for (const auto channel : {&Sampled::d, &Sampled::q, &Sampled::torque}) {
+        wrong += (kept.*channel - whole.*channel).squaredNorm();
+        change += (before.*channel - whole.*channel).squaredNorm();
+      }
+      EXPECT_LT(std::sqrt(wrong / std::max(change, 1e-30)), 0.03) << kind << " of size " << size;
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 60);
 }
 
 TracedEffect traced(const char* kind, const std::vector<std::pair<const char*, double>>& keys) {
