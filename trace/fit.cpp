@@ -102,7 +102,7 @@ void Fitter::linearise(Fit& fit) const {
   const DriveFacts& facts = chain_.equations().facts();
   const Effects here = fit.effects();
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty();
-  Sampled residual_here;  // where it is needed
+  Sampled residual_here, noiseless_here;  // where they are needed
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
     // What a sensor's error does depends on the others, and what they do on the true current.
@@ -124,10 +124,22 @@ void Fitter::linearise(Fit& fit) const {
     if (bent) {
       Effects there = here;
       there[p.member] = up;
-      if (!residual_here.torque.size() && !residual_here.d.size())
-        residual_here = chain_.residual(here);
-      add(x, residual_here, 1 / step_up);
-      add(x, chain_.residual(there), -1 / step_up);
+      // What noise makes of a coefficient's column hardly depends on the others.
+      const bool noise_known = p.coefficient >= 0;
+      const auto residual = [&](const Effects& effects) {
+        return noise_known ? chain_.noiseless(effects) : chain_.residual(effects);
+      };
+      Sampled& from = noise_known ? noiseless_here : residual_here;
+      if (from.torque.size() + from.d.size() == 0) from = residual(here);
+      add(x, from, 1 / step_up);
+      add(x, residual(there), -1 / step_up);
+      if (noise_known) {
+        const Sampled& alone = chain_.remembered(
+            effect, Chain::What::kColumns)[static_cast<std::size_t>(p.coefficient)];
+        x.noise_d = alone.noise_d;
+        x.noise_q = alone.noise_q;
+        x.noise_torque = alone.noise_torque;
+      }
     } else {
       const double span = step_up - move(*down, p, -h);
       down->prepare(facts);
