@@ -87,7 +87,9 @@ class Selector {
 
   bool acceptable(const Fit& next, const Fit& now) const {
     const double gain = now.rss_held_out - next.rss_held_out;
-    return next.valid && gain > now.doubt &&
+    // What holds noise itself may live on that of the others, which is not quite known.
+    const double least = holds_noise(*next.members.back()) ? now.doubt : 0;
+    return next.valid && gain > least &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
            !crumb(next, now) && rings(*next.members.back());
   }

@@ -56,7 +56,8 @@ class Cogging final : public Effect {
     set_sine(values, amplitude_, phase_);
   }
   std::vector<TracedKey> traced_keys() const override {
-    return {{"order", whole_orders(60), false},
+    // Once a turn is an eccentric load.
+    return {{"order", whole_orders(2, 60), false},
             {.key = "amplitude_Nm", .linear = true},
             {.key = "phase_rad", .linear = true}};
   }

@@ -41,7 +41,7 @@ class FrictionRipple final : public Effect {
     set_sine(values, amplitude_, phase_);
   }
   std::vector<TracedKey> traced_keys() const override {
-    return {{"order", whole_orders(6), false},
+    return {{"order", whole_orders(1, 6), false},
             {.key = "amplitude_Nm", .linear = true},
             {.key = "phase_rad", .linear = true}};
   }

@@ -9,7 +9,7 @@
 //                                                    slope 1 at zero, +-1 far out, all of them
 //   phases_to_dq(x_abc, theta_e)                     three phase values as a vector in rotor axes
 //   sine(amplitude, phase): amplitude sin(angle + phase) = c_0 sin(angle) + c_1 cos(angle)
-//   whole_orders(most): 1, 2, .. most, as a grid
+//   whole_orders(least, most): least, least + 1, .. most, as a grid
 #pragma once
 #include <cmath>
 #include <span>
@@ -75,9 +75,9 @@ inline Vec3 phases_of(std::span<const double> values) {
   return {values[0], values[1], values[2]};
 }
 
-inline std::vector<double> whole_orders(int most) {
+inline std::vector<double> whole_orders(int least, int most) {
   std::vector<double> orders;
-  for (int order = 1; order <= most; ++order) orders.push_back(order);
+  for (int order = least; order <= most; ++order) orders.push_back(order);
   return orders;
 }
 
