@@ -25,6 +25,13 @@ ErrorPair both_axes(const Sampled& y, const Runs& runs) {
           std::sqrt(0.5 * (d.held_out * d.held_out + q.held_out * q.held_out))};
 }
 
+// P-value of a rest that nothing but noise is in: noise is an autoregression of its own, which a
+// structure in the angle, the current or time does not fit.
+double whiteness(const Eigen::VectorXd& rest, const Runs& runs) {
+  constexpr int kOrder = 40, kLags = 60;  // the sampler's edge takes so many
+  return whiteness_p_value(Whitener(rest, runs, kOrder)(rest, runs), runs, kLags, kOrder);
+}
+
 // What the equation balances: J omega_m', and L di/dt in rotor axes, as the tracer samples them.
 double no_change_torque(const Fitter& fitter) {
   const Equations& e = fitter.chain().equations();
@@ -79,7 +86,6 @@ void compare_errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   const Chain& chain = fitter.chain();
   const Sampler& sampler = chain.sampler();
   const Sampled before = chain.residual({}), after = chain.residual(fit.effects());
-  const Sampled white = chain.whitened(after);
   r.horizon_s = chain.equations().record().T_s * sampler.decimation();
   if (before.d.size()) {
     EquationError e{.unit = "V",
@@ -87,8 +93,8 @@ void compare_errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
                     .after = both_axes(after, sampler.electrical())};
     e.no_change = no_change_voltage(fitter);
     e.noise_floor = std::hypot(chain.noise().d.rms(), chain.noise().q.rms()) / std::sqrt(2.0);
-    e.whiteness_p_value = std::min(whiteness_p_value(white.d, sampler.electrical()),
-                                   whiteness_p_value(white.q, sampler.electrical()));
+    e.whiteness_p_value = std::min(1.0, 2 * std::min(whiteness(after.d, sampler.electrical()),
+                                                     whiteness(after.q, sampler.electrical())));
     e.rows = static_cast<std::size_t>(before.d.size());
     r.electrical = e;
     r.series_d = series(fitter, sampler.electrical(), before.d, after.d);
@@ -100,7 +106,7 @@ void compare_errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
                     .after = rms_pair(after.torque, sampler.torque())};
     e.no_change = no_change_torque(fitter);
     e.noise_floor = chain.noise().torque.rms();
-    e.whiteness_p_value = whiteness_p_value(white.torque, sampler.torque());
+    e.whiteness_p_value = whiteness(after.torque, sampler.torque());
     e.rows = static_cast<std::size_t>(before.torque.size());
     r.mechanical = e;
     r.series_torque = series(fitter, sampler.torque(), before.torque, after.torque);

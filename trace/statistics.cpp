@@ -33,26 +33,25 @@ double chi_square_tail(double x, double k) {
   return gamma_tail(k / 2, x / 2);
 }
 
-double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs) {
-  constexpr Eigen::Index kLags = 20;
-  if (e.size() < 4 * kLags) return 1;
-  Eigen::VectorXd c = Eigen::VectorXd::Zero(kLags + 1), pairs = c;
+double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs, int lags, int fitted) {
+  if (e.size() < 4 * lags) return 1;
+  Eigen::VectorXd c = Eigen::VectorXd::Zero(lags + 1), pairs = c;
   for (std::size_t r = 0; r < runs.start.size(); ++r) {
     const auto first = static_cast<Eigen::Index>(runs.start[r]);
     const auto end =
         static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size());
-    for (Eigen::Index lag = 0; lag <= kLags && lag < end - first; ++lag) {
+    for (Eigen::Index lag = 0; lag <= lags && lag < end - first; ++lag) {
       c[lag] += e.segment(first + lag, end - first - lag).dot(e.segment(first, end - first - lag));
       pairs[lag] += static_cast<double>(end - first - lag);
     }
   }
   double Q = 0;
-  for (Eigen::Index lag = 1; lag <= kLags; ++lag)
+  for (Eigen::Index lag = 1; lag <= lags; ++lag)
     if (pairs[lag] > 0 && c[0] > 0) {
       const double r = c[lag] / pairs[lag] / (c[0] / pairs[0]);
       Q += pairs[lag] * r * r;
     }
-  return chi_square_tail(Q, kLags);
+  return chi_square_tail(Q, lags - fitted);
 }
 
 }  // namespace twinrate

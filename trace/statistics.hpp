@@ -8,7 +8,8 @@ namespace twinrate {
 
 // P(chi-square with k degrees of freedom > x); 0 where it is below 1e-300.
 double chi_square_tail(double x, double k);
-// Ljung-Box over the runs, 20 lags: the p-value of "white".
-double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs);
+// Ljung-Box over the runs: the p-value of "white". `fitted`: coefficients of the autoregression
+// whose innovations they are, where it was made from the same rows.
+double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs, int lags = 20, int fitted = 0);
 
 }  // namespace twinrate

@@ -16,10 +16,10 @@ void for_each_run(const Runs& runs, F&& f) {
 
 }  // namespace
 
-Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs) {
-  Eigen::VectorXd c = Eigen::VectorXd::Zero(kOrder + 1);
+Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs, int most) {
+  Eigen::VectorXd c = Eigen::VectorXd::Zero(most + 1);
   for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
-    for (Eigen::Index lag = 0; lag <= kOrder && lag < end - first; ++lag)
+    for (Eigen::Index lag = 0; lag <= most && lag < end - first; ++lag)
       c[lag] += noise.segment(first + lag, end - first - lag)
                     .dot(noise.segment(first, end - first - lag));
   });
@@ -30,7 +30,7 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs) {
   double power = c[0];
   a_.push_back(a);
   sigma_.push_back(std::sqrt(power));
-  for (int order = 1; order <= kOrder; ++order) {
+  for (int order = 1; order <= most; ++order) {
     double reflection = c[order];
     for (int j = 0; j < order - 1; ++j) reflection -= a[j] * c[order - 1 - j];
     reflection /= power;
@@ -46,8 +46,9 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs) {
 
 Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs) const {
   Eigen::VectorXd e(y.size());
+  const auto p = static_cast<Eigen::Index>(a_.size()) - 1;
   for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
-    const Eigen::Index steady = std::min<Eigen::Index>(first + kOrder, end), rest = end - steady;
+    const Eigen::Index steady = std::min<Eigen::Index>(first + p, end), rest = end - steady;
     for (Eigen::Index n = first; n < steady; ++n) {
       const auto order = static_cast<std::size_t>(n - first);
       double predicted = 0;
@@ -57,8 +58,7 @@ Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs)
     if (rest <= 0) return;
     auto left = e.segment(steady, rest);
     left = y.segment(steady, rest);
-    for (Eigen::Index j = 0; j < kOrder; ++j)
-      left -= a_.back()[j] * y.segment(steady - 1 - j, rest);
+    for (Eigen::Index j = 0; j < p; ++j) left -= a_.back()[j] * y.segment(steady - 1 - j, rest);
     left /= sigma_.back();
   });
   return e;

@@ -1,7 +1,7 @@
 // The residual is not white even when nothing is missing (a quantised angle differentiated twice,
 // current noise differentiated once). An autoregressive model of its noise makes it so:
 //
-//   e[n] = (y[n] - sum_{j=1..p} a_j y[n-j]) / sigma,   p = 16 and less at the start of a run
+//   e[n] = (y[n] - sum_{j=1..p} a_j y[n-j]) / sigma,   p the order, less at the start of a run
 //
 // Coefficients of all orders by Levinson's recursion from the autocovariance over the runs.
 #pragma once
@@ -16,7 +16,7 @@ class Whitener {
   static constexpr int kOrder = 16;
   Whitener() = default;
   // `noise`: what is left when everything that could be missing has been fitted.
-  Whitener(const Eigen::VectorXd& noise, const Runs& runs);
+  Whitener(const Eigen::VectorXd& noise, const Runs& runs, int order = kOrder);
 
   Eigen::VectorXd operator()(const Eigen::VectorXd& y, const Runs& runs) const;
   double sigma() const { return sigma_.empty() ? 0 : sigma_.back(); }  // of the innovation

@@ -33,6 +33,23 @@ TEST(Whitener, FindsTheCoefficientsOfAnAutoregression) {
   EXPECT_LT(whiteness_p_value(y, runs), 1e-12);
 }
 
+TEST(Whitener, ItsOwnNoiseIsWhiteAndWhatComesBackEveryTurnIsNot) {
+  constexpr Eigen::Index n = 10000;
+  Eigen::VectorXd noise(n), both(n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const double e = normal(4, 0, static_cast<std::uint64_t>(k));
+    noise[k] = e + (k > 0 ? 1.2 * noise[k - 1] : 0) - (k > 1 ? 0.5 * noise[k - 2] : 0);
+    both[k] = noise[k] + (k % 50 == 0 ? 3 : 0);
+  }
+  const Runs runs = one_run(static_cast<std::size_t>(n));
+  const auto p_value = [&](const Eigen::VectorXd& y) {
+    return whiteness_p_value(Whitener(y, runs, 40)(y, runs), runs, 60, 40);
+  };
+  EXPECT_GT(p_value(noise), 1e-3);
+  EXPECT_LT(p_value(noise), 0.999);
+  EXPECT_LT(p_value(both), 1e-6);
+}
+
 TEST(Statistics, ChiSquareTailAgainstTables) {
   EXPECT_NEAR(chi_square_tail(3.841, 1), 0.05, 1e-4);
   EXPECT_NEAR(chi_square_tail(18.307, 10), 0.05, 1e-4);

@@ -44,7 +44,10 @@ TEST(Tracer, FindsNothingWhereNothingIsMissing) {
     EXPECT_EQ(r.verdict, "nothing_missing") << r.sentence;
     EXPECT_TRUE(r.effects.empty());
     ASSERT_TRUE(r.electrical && r.mechanical);
-    // The error is noise: as large as the floor, and far below what changes.
+    // The error is noise: white once it is its own autoregression, as large as the floor, and far
+    // below what changes.
+    EXPECT_GT(r.electrical->whiteness_p_value, 1e-4);
+    EXPECT_GT(r.mechanical->whiteness_p_value, 1e-4);
     EXPECT_NEAR(r.electrical->after.held_out / r.electrical->noise_floor, 1, 0.15);
     EXPECT_GT(r.mechanical->no_change, 5 * r.mechanical->after.held_out);
   }
