@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <tuple>
+
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/dictionary.hpp"
 #include "trace/keys.hpp"
@@ -81,6 +83,59 @@ TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
     EXPECT_NEAR(before.torque[k] - after.torque[k], K_t * i_fe_q,
                 2e-3 + 0.01 * std::abs(K_t * i_fe_q));
   }
+}
+
+// A current that turns at one frequency is read smaller and later behind a filter, later behind a
+// delay, by closed forms.
+TEST(Equations, ALateCurrentIsReadAheadAgain) {
+  const DriveFacts facts = servo().facts();
+  constexpr double kOmega = kTwoPi * 37, kLag = 230e-6;
+  const auto turning = [&](double gain, double late) {
+    Record r = record();
+    for (std::size_t k = 0; k < r.size(); ++k) {
+      const double angle = kOmega * r.t[k] - late;
+      r.i_alphabeta[k] = 3 * gain * Vec2(std::cos(angle), std::sin(angle));
+    }
+    return r;
+  };
+  const Record truth = turning(1, 0);
+  const Channels wanted = Equations(truth, facts).residual({});
+  for (const auto& [form, gain, late] :
+       {std::tuple{0, 1.0, kOmega * kLag},
+        std::tuple{1, 1 / std::hypot(1, kOmega * kLag), std::atan(kOmega * kLag)}}) {
+    const Record reading = turning(gain, late);
+    const Equations equations(reading, facts);
+    const auto lag = make_effect("signal_lag");
+    set_key(*lag, "signal", 1);
+    set_key(*lag, "form", form);
+    set_key(*lag, "lag_s", kLag);
+    ASSERT_EQ(lag->prepare(facts), "");
+    const Channels before = equations.residual({}), after = equations.residual({lag});
+    double off = 0, left = 0;
+    for (std::size_t k = 50; k + 50 < truth.size(); ++k) {
+      off += std::pow(before.d[k] - wanted.d[k], 2) + std::pow(before.q[k] - wanted.q[k], 2);
+      left += std::pow(after.d[k] - wanted.d[k], 2) + std::pow(after.q[k] - wanted.q[k], 2);
+    }
+    EXPECT_LT(std::sqrt(left / off), 0.01) << form;
+  }
+}
+
+TEST(Equations, AStiffShaftIsNone) {
+  // The load mass follows the motor: its shaft carries J_load omega_m', which the motor no longer
+  // has to.
+  const DriveFacts facts = servo().facts();
+  const Equations equations(record(), facts);
+  const std::vector<char> all(record().size(), 1), none(record().size(), 0);
+  const Sampler sampler(record(), all, none);
+  const auto shaft = make_effect("torsion"), inertia = make_effect("inertia");
+  set_key(*shaft, "J_load_kgm2", 3e-3);
+  set_key(*shaft, "stiffness_Nm_rad", 3e4);
+  set_key(*shaft, "damping_Nms_rad", 10);
+  set_key(*inertia, "change_kgm2", 3e-3);
+  const auto torque = [&](const Effect& effect) {
+    return sampler(equations.contribution(effect).torque, sampler.torque()).norm();
+  };
+  EXPECT_LT(torque(*shaft), 0.15 * torque(*inertia));
 }
 
 TEST(Sampler, SeesTheSameInEverySecondRow) {
