@@ -2,11 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <numeric>
-#include <unsupported/Eigen/NonLinearOptimization>
-#include <unsupported/Eigen/NumericalDiff>
-
 #include "model/frames.hpp"
+#include "model/linear_algebra.hpp"
 
 namespace twinrate {
 namespace {
@@ -96,22 +93,21 @@ void analyse(AxisDesign& axis, double T_s, int delay) {
 }
 
 // Relative error of each gain as a function of the logarithms of the weights.
-struct GainError {
-  using Scalar = double;
-  using InputType = VectorXd;
-  using ValueType = VectorXd;
-  using JacobianType = MatrixXd;
-  enum { InputsAtCompileTime = Eigen::Dynamic, ValuesAtCompileTime = Eigen::Dynamic };
-  const AxisDesign& axis;
-  double T_s;
-  int inputs() const { return static_cast<int>(axis.K.size()); }
-  int values() const { return inputs(); }
-  int operator()(const VectorXd& log_Q, VectorXd& error) const {
-    const RowVectorXd K = solve(axis, log_Q.array().exp(), 1, T_s).K;
-    error = ((K.array() - axis.K.array()) / axis.K.array()).transpose();
-    return 0;
+VectorXd gain_error(const AxisDesign& axis, const VectorXd& log_Q, double T_s) {
+  const RowVectorXd K = solve(axis, log_Q.array().exp(), 1, T_s).K;
+  return ((K.array() - axis.K.array()) / axis.K.array()).transpose();
+}
+
+MatrixXd gain_error_jacobian(const AxisDesign& axis, const VectorXd& log_Q, double T_s) {
+  constexpr double kStep = 1e-5;
+  MatrixXd J(log_Q.size(), log_Q.size());
+  for (Eigen::Index i = 0; i < log_Q.size(); ++i) {
+    VectorXd up = log_Q, down = log_Q;
+    up[i] += kStep, down[i] -= kStep;
+    J.col(i) = (gain_error(axis, up, T_s) - gain_error(axis, down, T_s)) / (2 * kStep);
   }
-};
+  return J;
+}
 
 }  // namespace
 
@@ -152,11 +148,25 @@ VectorXd weights_of_bandwidths(const AxisDesign& axis, const std::vector<double>
 }
 
 NearestWeights nearest_weights(const AxisDesign& axis, double T_s) {
+  // Levenberg and Marquardt's damped normal equations.
+  constexpr int kMostSteps = 200;
+  constexpr double kLongest = 3, kNoNearer = 1e-8;  // a weight may be best at zero: far away
   NearestWeights nearest;
-  Eigen::NumericalDiff<GainError> function(GainError{axis, T_s}, 1e-8);
-  Eigen::LevenbergMarquardt<Eigen::NumericalDiff<GainError>> fit(function);
   VectorXd log_Q = (axis.K.array().square()).log().transpose();
-  fit.minimize(log_Q);
+  VectorXd error = gain_error(axis, log_Q, T_s);
+  double damping = 1e-3;
+  for (int i = 0; i < kMostSteps && damping < 1e12; ++i) {
+    const MatrixXd J = gain_error_jacobian(axis, log_Q, T_s);
+    MatrixXd normal = J.transpose() * J;
+    normal.diagonal() *= 1 + damping;
+    const VectorXd step = linear::solve_symmetric(normal, J.transpose() * error);
+    const VectorXd next = log_Q - step.cwiseMax(-kLongest).cwiseMin(kLongest);
+    const VectorXd next_error = gain_error(axis, next, T_s);
+    const double nearer = 1 - next_error.norm() / error.norm();
+    damping *= nearer > 0 ? 0.1 : 10;
+    if (nearer > 0) log_Q = next, error = next_error;
+    if (nearer > 0 && nearer < kNoNearer) break;
+  }
   nearest.Q = log_Q.array().exp();
   nearest.K = solve(axis, nearest.Q, 1, T_s).K;
   nearest.largest_error = ((nearest.K.array() - axis.K.array()) / axis.K.array()).abs().maxCoeff();

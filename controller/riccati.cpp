@@ -1,11 +1,10 @@
 #include "controller/riccati.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <cmath>
 #include <limits>
 #include <numbers>
 
+#include "model/linear_algebra.hpp"
 #include "model/matrix_exponential.hpp"
 
 namespace twinrate {
@@ -15,10 +14,15 @@ using Eigen::MatrixXd;
 
 constexpr int kMostDoublings = 60;
 
+// L' X R
+MatrixXd between(const MatrixXd& L, const MatrixXd& X, const MatrixXd& R) {
+  return L.transpose() * X * R;
+}
+
 MatrixXd riccati_residual(const DiscreteLqrProblem& p, const MatrixXd& X) {
-  const MatrixXd S = p.A.transpose() * X * p.B + p.N;
-  return p.A.transpose() * X * p.A - X -
-         S * (p.R + p.B.transpose() * X * p.B).ldlt().solve(S.transpose()) + p.Q;
+  const MatrixXd S = between(p.A, X, p.B) + p.N;
+  return between(p.A, X, p.A) - X -
+         S * linear::solve_symmetric(p.R + between(p.B, X, p.B), S.transpose()) + p.Q;
 }
 
 }  // namespace
@@ -44,24 +48,23 @@ DiscreteLqrProblem discretise_cost(const MatrixXd& A, const MatrixXd& B, const M
 RiccatiSolution solve_riccati(const DiscreteLqrProblem& p) {
   const Eigen::Index n = p.A.rows();
   const MatrixXd I = MatrixXd::Identity(n, n);
-  const MatrixXd R_inv = p.R.inverse();
-  MatrixXd A = p.A - p.B * R_inv * p.N.transpose();
-  MatrixXd G = p.B * R_inv * p.B.transpose();
-  MatrixXd H = p.Q - p.N * R_inv * p.N.transpose();
+  const MatrixXd R_inv = linear::inverse(p.R);
+  const MatrixXd B_t = p.B.transpose(), N_t = p.N.transpose();
+  MatrixXd A = p.A - between(B_t, R_inv, N_t);
+  MatrixXd G = between(B_t, R_inv, B_t);
+  MatrixXd H = p.Q - between(N_t, R_inv, N_t);
   RiccatiSolution s;
   for (s.iterations = 1; s.iterations <= kMostDoublings; ++s.iterations) {
-    const MatrixXd W = (I + G * H).partialPivLu().solve(MatrixXd::Identity(n, n));
+    const MatrixXd W = linear::solve(I + G * H, I);
     const MatrixXd AW = A * W;
-    const MatrixXd H_step = A.transpose() * H * W * A;
-    G += AW * G * A.transpose();
+    const MatrixXd H_step = between(A, H, W) * A;
+    G += between(AW.transpose(), G, A.transpose());
     H += H_step;
     A = (AW * A).eval();
     if (!H.allFinite() || H_step.norm() <= 1e-15 * H.norm()) break;
   }
   s.X = 0.5 * (H + H.transpose());
-  s.K = (p.R + p.B.transpose() * s.X * p.B)
-            .ldlt()
-            .solve(p.B.transpose() * s.X * p.A + p.N.transpose());
+  s.K = linear::solve_symmetric(p.R + between(p.B, s.X, p.B), between(p.B, s.X, p.A) + N_t);
   s.residual =
       riccati_residual(p, s.X).norm() / std::max(s.X.norm(), std::numeric_limits<double>::min());
   bool stable = s.K.allFinite();
@@ -74,7 +77,7 @@ RiccatiSolution solve_riccati(const DiscreteLqrProblem& p) {
 
 std::vector<std::complex<double>> closed_loop_poles(const MatrixXd& A, const MatrixXd& B,
                                                     const MatrixXd& K) {
-  const Eigen::VectorXcd z = (A - B * K).eigenvalues();
+  const Eigen::VectorXcd z = linear::eigenvalues(A - B * K);
   return {z.data(), z.data() + z.size()};
 }
 
@@ -83,12 +86,18 @@ Margins margins(const MatrixXd& A_d, const MatrixXd& B_d, const MatrixXd& K, int
   constexpr int kPoints = 20000;
   const Eigen::Index n = A_d.rows();
   const double w_hi = std::numbers::pi / T_s, w_lo = 1e-6 * w_hi;
+  MatrixXd B_0 = MatrixXd::Zero(2 * n, 1);
+  B_0.topRows(n) = B_d;
   const auto loop = [&](double w) {
     const std::complex<double> z = std::polar(1.0, w * T_s);
-    const Eigen::MatrixXcd zI_A =
-        z * Eigen::MatrixXcd::Identity(n, n) - A_d.cast<std::complex<double>>();
-    const Eigen::MatrixXcd x = zI_A.partialPivLu().solve(B_d.cast<std::complex<double>>());
-    return (K.cast<std::complex<double>>() * x)(0, 0) * std::pow(z, -delay);
+    // (z I - A_d)^-1 B_d in real numbers: [Re; Im].
+    const MatrixXd im = z.imag() * MatrixXd::Identity(n, n),
+                   re = z.real() * MatrixXd::Identity(n, n) - A_d;
+    MatrixXd zI_A(2 * n, 2 * n);
+    zI_A << re, -im, im, re;
+    const MatrixXd x = linear::solve(zI_A, B_0);
+    return std::complex(K.row(0).dot(x.col(0).head(n)), K.row(0).dot(x.col(0).tail(n))) *
+           std::pow(z, -delay);
   };
   Margins found{.gain_up = std::numeric_limits<double>::infinity(),
                 .gain_down = 0,

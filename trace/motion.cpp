@@ -1,8 +1,9 @@
 #include "trace/motion.hpp"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+
+#include "model/linear_algebra.hpp"
 
 namespace twinrate {
 namespace {
@@ -54,15 +55,13 @@ struct LinearFit {
 
 LinearFit least_squares(const MatrixXd& A, const VectorXd& y) {
   LinearFit fit;
-  fit.x = A.colPivHouseholderQr().solve(y);
+  fit.x = linear::least_squares(A, y);
   const VectorXd rest = y - A * fit.x;
   const double n = static_cast<double>(y.size());
   fit.rest = rest.norm() / std::sqrt(n);
   const double variance = rest.squaredNorm() / std::max(1.0, n - static_cast<double>(A.cols()));
-  fit.sigma = (variance * (A.transpose() * A).completeOrthogonalDecomposition().pseudoInverse())
-                  .diagonal()
-                  .cwiseMax(0)
-                  .cwiseSqrt();
+  fit.sigma =
+      (variance * linear::pseudo_inverse(A.transpose() * A)).diagonal().cwiseMax(0).cwiseSqrt();
   return fit;
 }
 

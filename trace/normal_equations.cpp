@@ -1,5 +1,4 @@
-#include <Eigen/Cholesky>
-
+#include "model/linear_algebra.hpp"
 #include "trace/dictionary.hpp"
 
 namespace twinrate {
@@ -31,13 +30,13 @@ std::vector<char> NormalEquations::usable(double rows) const {
 Eigen::VectorXd NormalEquations::solve(const std::vector<char>& use) const {
   Eigen::VectorXd scale;
   const Eigen::MatrixXd S = scaled(A, use, scale);
-  return scale.asDiagonal() * S.ldlt().solve(scale.asDiagonal() * b);
+  return scale.asDiagonal() * linear::solve_symmetric(S, scale.asDiagonal() * b);
 }
 
 Eigen::MatrixXd NormalEquations::inverse(const std::vector<char>& use) const {
   Eigen::VectorXd scale;
   const Eigen::MatrixXd S = scaled(A, use, scale);
-  return scale.asDiagonal() * S.ldlt().solve(Eigen::MatrixXd(scale.asDiagonal()));
+  return scale.asDiagonal() * linear::solve_symmetric(S, scale.asDiagonal().toDenseMatrix());
 }
 
 }  // namespace twinrate

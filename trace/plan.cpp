@@ -1,9 +1,10 @@
 #include "trace/plan.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+
+#include "model/linear_algebra.hpp"
 
 namespace twinrate {
 namespace {
@@ -38,12 +39,12 @@ Small correlation(const Information& x, const PlanGroup& a, const SmallVector& s
 double sigmas_alone(const Information& x, const PlanGroup& a, const SmallVector& scale) {
   if ((scale.array() == 0).all()) return 0;
   const Eigen::MatrixXd own = correlation(x, a, scale, a, scale);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(own);
-  const double most = eigen.eigenvalues().maxCoeff();
+  const linear::SymmetricEigen eigen = linear::symmetric_eigen(own);
+  const double most = eigen.values.maxCoeff();
   Eigen::VectorXd sigma = Eigen::VectorXd::Zero(a.count);
   for (Eigen::Index e = 0; e < a.count; ++e)
-    if (eigen.eigenvalues()[e] > kNothing * most)
-      sigma += (eigen.eigenvectors().col(e).array().square() / eigen.eigenvalues()[e]).matrix();
+    if (eigen.values[e] > kNothing * most)
+      sigma += (eigen.vectors.col(e).array().square() / eigen.values[e]).matrix();
   sigma = (sigma.array().sqrt() * scale.array()).matrix();
   const double size = a.size(sigma);
   return size > 0 && std::isfinite(size) ? 1 / size : 0;
@@ -95,7 +96,7 @@ void beside_all(const Information& x, const std::vector<const PlanGroup*>& best,
     for (Eigen::Index j = 0; j < n; ++j)
       C(i, j) = i == j ? 1 + kRidgeOfAll : scale[i] * x.M(of[i], of[j]) * scale[j];
   const Eigen::VectorXd variance =
-      C.ldlt().solve(Eigen::MatrixXd::Identity(n, n)).diagonal().cwiseMax(1);
+      linear::solve_symmetric(C, Eigen::MatrixXd::Identity(n, n)).diagonal().cwiseMax(1);
   Eigen::Index at = 0;
   for (const PlanGroup* g : best) {
     if (!g) continue;

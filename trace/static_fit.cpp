@@ -1,11 +1,10 @@
 #include "trace/static_fit.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
+#include "model/linear_algebra.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -87,7 +86,7 @@ Solved solve(const Rows& rows, const MatrixXd& A) {
   Solved s;
   const MatrixXd A_train = A(rows.training, Eigen::all);
   const VectorXd y_train = rows.y(rows.training);
-  s.x = A.cols() == 0 ? VectorXd() : VectorXd(A_train.colPivHouseholderQr().solve(y_train));
+  s.x = A.cols() == 0 ? VectorXd() : linear::least_squares(A_train, y_train);
   s.rest = A.cols() == 0 ? rows.y : VectorXd(rows.y - A * s.x);
   s.cost = mean_square(s.rest, rows.training);
   s.held_out_cost = mean_square(s.rest, rows.held_out);
@@ -172,8 +171,7 @@ void add_sigma(const StaticProblem& p, const Rows& rows, StaticFit& fit) {
   const double variance = fit.cost * static_cast<double>(rows.training.size()) / freedom;
   const VectorXd norm = J.colwise().norm().cwiseMax(1e-300);
   const MatrixXd scaled = J * norm.cwiseInverse().asDiagonal();
-  const MatrixXd covariance =
-      (scaled.transpose() * scaled).completeOrthogonalDecomposition().pseudoInverse();
+  const MatrixXd covariance = linear::pseudo_inverse(scaled.transpose() * scaled);
   for (std::size_t j = 0; j < slots.size(); ++j) {
     const Index k = static_cast<Index>(j);
     fit.sigma[slots[j].term][slots[j].key] =

@@ -1,8 +1,9 @@
 #include "trace/winding_voltage.hpp"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+
+#include "model/linear_algebra.hpp"
 
 namespace twinrate {
 namespace {
@@ -18,17 +19,15 @@ struct LinearFit {
 // Deviations widened by what neighbouring rows share.
 LinearFit least_squares(const MatrixXd& A, const VectorXd& y) {
   LinearFit fit;
-  fit.x = A.colPivHouseholderQr().solve(y);
+  fit.x = linear::least_squares(A, y);
   fit.rest = y - A * fit.x;
   const Index n = y.size();
   const double power = fit.rest.squaredNorm();
   const double r = std::clamp(fit.rest.head(n - 1).dot(fit.rest.tail(n - 1)) / power, 0.0, 0.98);
   const double variance =
       power / std::max<double>(1, static_cast<double>(n - A.cols())) * (1 + r) / (1 - r);
-  fit.sigma = (variance * (A.transpose() * A).completeOrthogonalDecomposition().pseudoInverse())
-                  .diagonal()
-                  .cwiseMax(0)
-                  .cwiseSqrt();
+  fit.sigma =
+      (variance * linear::pseudo_inverse(A.transpose() * A)).diagonal().cwiseMax(0).cwiseSqrt();
   return fit;
 }
 
@@ -66,7 +65,7 @@ double fit_at_rest(const PositionLog& log, const MachineParameters& machine, Win
       }
     // Normal equations: many rows, few well separated columns.
     if (pass == 0) {
-      const VectorXd x = (A.transpose() * A).ldlt().solve(A.transpose() * u);
+      const VectorXd x = linear::solve_symmetric(A.transpose() * A, A.transpose() * u);
       std::vector<double> sizes;
       for (std::size_t j = 0; j < orders.size(); ++j)
         sizes.push_back(
@@ -127,10 +126,8 @@ double fit_in_motion(const PositionLog& log, const MachineParameters& machine,
     MatrixXd B(rows, 3);
     B << Eigen::Map<const VectorXd>(log.i_q.data(), rows),
         Eigen::Map<const VectorXd>(log.omega_m.data(), rows), VectorXd::Ones(rows);
-    found.R_by_logged_speed =
-        (B.transpose() * B)
-            .ldlt()
-            .solve(B.transpose() * Eigen::Map<const VectorXd>(log.u_q.data(), rows))[0];
+    found.R_by_logged_speed = linear::solve_symmetric(
+        B.transpose() * B, B.transpose() * Eigen::Map<const VectorXd>(log.u_q.data(), rows))(0);
   }
   return fit.x[0];
 }

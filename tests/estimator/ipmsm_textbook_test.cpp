@@ -2,9 +2,8 @@
 // written out here once more.
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
-
 #include "estimator/two_rate.hpp"
+#include "model/linear_algebra.hpp"
 #include "tests/estimator/ipmsm_filters.hpp"
 
 namespace twinrate::ipmsm_filters_test {
@@ -20,7 +19,7 @@ struct TextbookEkf {
   void step(const VectorXd& x_prior, const MatrixXd& F, const MatrixXd& H, const VectorXd& innov) {
     const MatrixXd P_prior = F * P * F.transpose() + Q;
     const MatrixXd S = H * P_prior * H.transpose() + R;
-    const MatrixXd K = S.ldlt().solve(H * P_prior).transpose();
+    const MatrixXd K = linear::solve_symmetric(S, H * P_prior).transpose();
     x = x_prior + K * innov;
     const MatrixXd I_KH = MatrixXd::Identity(x.size(), x.size()) - K * H;
     P = I_KH * P_prior * I_KH.transpose() + K * R * K.transpose();

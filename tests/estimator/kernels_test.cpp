@@ -21,7 +21,6 @@ using namespace kernel;
 using test::TextbookDq;
 using test::TextbookSensorless;
 constexpr double kTs = 2e-4;
-constexpr int kDynamic = Eigen::Dynamic;
 
 MachineParameters dilys() {
   return {.R_s = 1.2, .L_d = 5e-4, .L_q = 5e-4, .psi_f = 0.007, .J = 1e-5, .B = 1e-5, .n_p = 4};
@@ -71,7 +70,7 @@ TEST(SensorlessKernel, EveryFormIsTheTextbookStepOnFullCovariances) {
   const auto c = sensorless_euler(1.2, 5e-4, 0.007, kTs);
   const double Q[4] = {1, 2, 500, 0.1}, R[2] = {1, 3};
   for (std::uint64_t i = 0; i < 100; ++i) {
-    TextbookSensorless<kDynamic, kDynamic> oracle(dilys(), kTs);
+    TextbookSensorless<4, 2> oracle(dilys(), kTs);
     oracle.x = random_state(i, 2, 600);
     oracle.P = random_covariance(i);
     oracle.Q.diagonal() << 1, 2, 500, 0.1;
@@ -122,7 +121,7 @@ TEST(DqKernel, IsTheTextbookStepOnFullCovariances) {
   const auto c = dq_constants<double>(m.R_s, m.L_d, m.L_q, m.psi_f, m.J, m.n_p, 0, T);
   const double Q[4] = {1, 2, 1.5, 0.1}, R[3] = {10, 20, 150};
   for (std::uint64_t i = 0; i < 100; ++i) {
-    TextbookDq<kDynamic, kDynamic> oracle(m, T);
+    TextbookDq<4, 3> oracle(m, T);
     oracle.x = random_state(i, 4, 30);
     oracle.P = random_covariance(i);
     oracle.Q.diagonal() << 1, 2, 1.5, 0.1;

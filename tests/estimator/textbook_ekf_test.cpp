@@ -3,11 +3,10 @@
 // docs/theory/two-rate-ekf.md.
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
-
 #include "estimator/ekf_disturbance.hpp"
 #include "estimator/ekf_sensorless.hpp"
 #include "estimator/two_rate.hpp"
+#include "model/linear_algebra.hpp"
 #include "model/random.hpp"
 
 namespace twinrate::textbook_ekf_test {
@@ -29,7 +28,7 @@ struct TextbookEkf {
     const VectorXd x_prior = x + kTs * f;
     const MatrixXd P_prior = F * P * F.transpose() + Q;
     const MatrixXd S = H * P_prior * H.transpose() + R;
-    const MatrixXd K = S.ldlt().solve(H * P_prior).transpose();
+    const MatrixXd K = linear::solve_symmetric(S, H * P_prior).transpose();
     x = x_prior + K * (y - H * x_prior);
     const MatrixXd I_KH = MatrixXd::Identity(nx, nx) - K * H;
     P = I_KH * P_prior * I_KH.transpose() + K * R * K.transpose();

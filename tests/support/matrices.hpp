@@ -1,6 +1,8 @@
 // Judging matrices: numerical Jacobians and covariances.
 #pragma once
-#include <Eigen/Dense>
+#include <Eigen/Core>
+
+#include "model/linear_algebra.hpp"
 
 namespace twinrate::test {
 
@@ -23,9 +25,7 @@ inline double asymmetry(const Eigen::MatrixXd& P) {
 }
 
 inline double smallest_eigenvalue(const Eigen::MatrixXd& P) {
-  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (P + P.transpose()))
-      .eigenvalues()
-      .minCoeff();
+  return linear::symmetric_eigen(0.5 * (P + P.transpose())).values[0];
 }
 
 }  // namespace twinrate::test

@@ -1,10 +1,10 @@
 #include "tools/sweep/why.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <cmath>
 #include <limits>
 
 #include "estimator/gain_frame.hpp"
+#include "model/linear_algebra.hpp"
 
 namespace twinrate::sweep {
 namespace {
@@ -102,7 +102,7 @@ double spectral_radius(const Steady& s, int n) {
     monodromy = error_dynamics(s, before, used) * monodromy;
   }
   const double turned = at_tick(s, first + n).theta_e - at_tick(s, first).theta_e;
-  return (turn(n_x, pairs, -turned) * monodromy).eigenvalues().cwiseAbs().maxCoeff();
+  return linear::eigenvalues(turn(n_x, pairs, -turned) * monodromy).cwiseAbs().maxCoeff();
 }
 
 int n_max_by_floquet(const Steady& s, int limit) {
