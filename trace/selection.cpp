@@ -87,11 +87,23 @@ class Selector {
 
   bool acceptable(const Fit& next, const Fit& now) const {
     const double gain = now.rss_held_out - next.rss_held_out;
-    // What holds noise itself may live on that of the others, which is not quite known.
-    const double least = holds_noise(*next.members.back()) ? now.doubt : 0;
-    return next.valid && gain > least &&
+    return next.valid && gain > least_gain(next, now) &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
            !crumb(next, now) && rings(*next.members.back());
+  }
+
+  // Of the held-out error. What holds noise itself may live on that of the others, which is not
+  // quite known, or on what lost rows were filled with: then it brings less where it was not
+  // fitted.
+  double least_gain(const Fit& next, const Fit& now) const {
+    constexpr double kShare = 0.2;  // of what the training rows promise
+    ShaftFacts shaft;
+    const Effect& newcomer = *next.members.back();
+    if (!holds_noise(newcomer)) return 0;
+    if (newcomer.describe_shaft(shaft)) return now.doubt;
+    const auto rows = [&](const Rows& some) { return static_cast<double>(some.count(now.y)); };
+    const double unseen = rows(fitter_.held_out()) / std::max(1.0, rows(fitter_.training()));
+    return std::max(now.doubt, kShare * unseen * (now.rss - next.rss));
   }
 
   // A shaft worth the name: its resonance is in the tracer's band and lightly damped.
