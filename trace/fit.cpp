@@ -110,7 +110,7 @@ void Fitter::linearise(Fit& fit) const {
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux));
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
-        for (const Sampled& x : chain_.remembered(effect, Chain::What::kColumns))
+        for (const Sampled& x : chain_.remembered_columns(effect))
           fit.J.push_back(chain_.regressor(x));
       continue;
     }
@@ -134,8 +134,8 @@ void Fitter::linearise(Fit& fit) const {
       add(x, from, 1 / step_up);
       add(x, residual(there), -1 / step_up);
       if (noise_known) {
-        const Sampled& alone = chain_.remembered(
-            effect, Chain::What::kColumns)[static_cast<std::size_t>(p.coefficient)];
+        const Sampled& alone =
+            chain_.remembered_columns(effect)[static_cast<std::size_t>(p.coefficient)];
         x.noise_d = alone.noise_d;
         x.noise_q = alone.noise_q;
         x.noise_torque = alone.noise_torque;

@@ -1,0 +1,217 @@
+#include "trace/chain.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+// Energy of a regressor over that of its noise: with less it says nothing.
+constexpr double kLeastElectrical = 3, kLeastTorque = 2;
+
+void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
+  if (!b.size()) return;
+  if (!a.size()) a.setZero(b.size());
+  a += factor * b;
+}
+
+std::vector<double> keys_of(const Effect& effect) {
+  std::vector<double> values;
+  for (const NumericKey& key : numeric_keys(effect)) values.push_back(key.value);
+  return values;
+}
+
+}  // namespace
+
+void add(Sampled& a, const Sampled& b, double factor) {
+  add(a.d, b.d, factor);
+  add(a.q, b.q, factor);
+  add(a.torque, b.torque, factor);
+  add(a.noise_d, b.noise_d, factor);
+  add(a.noise_q, b.noise_q, factor);
+  add(a.noise_torque, b.noise_torque, factor);
+}
+
+bool has_gap(const Effect& effect) {
+  ShaftFacts shaft;
+  return effect.describe_shaft(shaft) && shaft.gap > 0;
+}
+
+bool holds_noise(const Effect& effect) {
+  for (std::string_view kind : {"flux_harmonics", "inverter_offset"})
+    if (effect.kind() == kind) return false;
+  if (effect.acts_on() & (kOnFlux | kOnCurrents | kOnAngle | kOnVoltage)) return true;
+  return effect.regressor_count() == 0 || effect.kind() == "inertia";
+}
+
+Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
+  Sampled s;
+  const auto take = [&](const std::vector<double>& x, const std::vector<double>* x_noisy,
+                        const Runs& runs, Eigen::VectorXd& value, Eigen::VectorXd& noise) {
+    if (x.empty()) return;
+    value = sampler_(x, runs);
+    if (x_noisy) noise = sampler_(*x_noisy, runs) - value;
+  };
+  take(clean.d, noisy ? &noisy->d : nullptr, sampler_.electrical(), s.d, s.noise_d);
+  take(clean.q, noisy ? &noisy->q : nullptr, sampler_.electrical(), s.q, s.noise_q);
+  take(clean.torque, noisy ? &noisy->torque : nullptr, sampler_.torque(), s.torque, s.noise_torque);
+  return s;
+}
+
+bool Chain::is_linear(const Effect& effect) const {
+  constexpr std::size_t kLooks = 24;
+  if (effect.regressor_count() == 0) return false;
+  std::vector<double> coefficients(static_cast<std::size_t>(effect.regressor_count()));
+  effect.coefficients(coefficients);
+  for (double& c : coefficients) c *= 2;
+  const std::shared_ptr<Effect> twice = effect.clone();
+  twice->set_coefficients(coefficients);
+  const std::vector<OperatingPoint>& points = equations_.points();
+  for (std::size_t look = 0; look < kLooks; ++look) {
+    const OperatingPoint& point = points[look * (points.size() - 1) / kLooks];
+    const Contribution once = effect.at(point), both = twice->at(point);
+    const auto doubled = [](double x, double y) {
+      return std::abs(y - 2 * x) <= 1e-9 * std::abs(y);
+    };
+    if (!doubled(once.T_load, both.T_load) || !doubled(once.J, both.J)) return false;
+    for (int axis = 0; axis < 2; ++axis)
+      if (!doubled(once.psi_dq[axis], both.psi_dq[axis]) ||
+          !doubled(once.u_dq_drop[axis], both.u_dq_drop[axis]))
+        return false;
+  }
+  return true;
+}
+
+const std::vector<Sampled>& Chain::recall(Remembered wanted,
+                                          const std::function<std::vector<Sampled>()>& make) const {
+  constexpr std::size_t kMost = 40;
+  const auto found = std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& m) {
+    return m.what == wanted.what && m.keys == wanted.keys;
+  });
+  if (found != memory_.end()) {
+    std::rotate(found, found + 1, memory_.end());
+    return memory_.back().columns;
+  }
+  wanted.columns = make();
+  if (memory_.size() == kMost) memory_.pop_front();
+  memory_.push_back(std::move(wanted));
+  return memory_.back().columns;
+}
+
+const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) const {
+  const std::shared_ptr<Effect> shape = effect.clone();
+  if (is_linear(effect))
+    shape->set_coefficients(
+        std::vector<double>(static_cast<std::size_t>(effect.regressor_count()), 0.0));
+  return recall({"columns of " + std::string(effect.kind()), keys_of(*shape), {}},
+                [&] { return columns(effect); });
+}
+
+Sampled Chain::residual(const Effects& effects) const {
+  checkpoint();
+  Effects all = equations_.known();
+  all.insert(all.end(), effects.begin(), effects.end());
+  // What is added to a sensor changes what the others do; to that of a current, not what loads do.
+  const bool currents = !acting_on(all, kOnCurrents).empty();
+  const bool angle = !acting_on(all, kOnAngle).empty();
+  Effects together;
+  Remembered wanted{.what = "residual of", .keys = {}, .columns = {}};
+  for (const auto& effect : effects) {
+    if (!angle && (!currents || effect->acts_on() == kOnTorque)) continue;
+    together.push_back(effect);
+    wanted.what += " " + std::string(effect->kind());
+    const std::vector<double> keys = keys_of(*effect);
+    wanted.keys.insert(wanted.keys.end(), keys.begin(), keys.end());
+  }
+  Sampled s =
+      recall(std::move(wanted), [&] { return std::vector<Sampled>{whole_residual(together)}; })[0];
+  for (const auto& effect : effects) {
+    if (std::find(together.begin(), together.end(), effect) != together.end()) continue;
+    if (!is_linear(*effect)) {
+      add(s,
+          recall({"whole " + std::string(effect->kind()), keys_of(*effect), {}},
+                 [&] { return std::vector<Sampled>{contribution(*effect)}; })[0],
+          -1);
+      continue;
+    }
+    std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()));
+    effect->coefficients(coefficients);
+    const std::vector<Sampled>& columns = remembered_columns(*effect);
+    for (std::size_t r = 0; r < columns.size(); ++r) add(s, columns[r], -coefficients[r]);
+  }
+  return s;
+}
+
+Sampled Chain::noiseless(const Effects& effects) const {
+  return sampled(equations_.residual(effects), nullptr);
+}
+
+Sampled Chain::whole_residual(const Effects& effects) const {
+  Effects smooth;
+  for (const auto& effect : effects)
+    if (!has_gap(*effect)) smooth.push_back(effect);
+  const Channels noisy = noisier_.residual(smooth);
+  Sampled s = sampled(equations_.residual(smooth), &noisy);
+  if (smooth.size() == effects.size()) return s;
+  const Sampled all = noiseless(effects);
+  s.d = all.d;
+  s.q = all.q;
+  s.torque = all.torque;
+  return s;
+}
+
+std::vector<Sampled> Chain::columns(const Effect& effect) const {
+  checkpoint();
+  std::vector<Sampled> out;
+  if (effect.acts_on() == kOnTorque && !holds_noise(effect)) {
+    for (const auto& x : equations_.load_columns(effect, sampler_.first(), sampler_.stride())) {
+      out.emplace_back();
+      out.back().torque = sampler_.sparsely(x, sampler_.torque());
+    }
+    return out;
+  }
+  const std::vector<Channels> clean = equations_.columns(effect);
+  std::vector<Channels> noisy;
+  if (holds_noise(effect)) noisy = noisier_.columns(effect);
+  for (std::size_t r = 0; r < clean.size(); ++r)
+    out.push_back(sampled(clean[r], noisy.empty() ? nullptr : &noisy[r]));
+  return out;
+}
+
+Sampled Chain::contribution(const Effect& effect) const {
+  checkpoint();
+  if (has_gap(effect)) return sampled(equations_.contribution(effect), nullptr);
+  const Channels noisy = noisier_.contribution(effect);
+  return sampled(equations_.contribution(effect), &noisy);
+}
+
+Sampled Chain::whitened(const Sampled& s) const {
+  Sampled w;
+  const auto take = [](const Whitener& whitener, const Eigen::VectorXd& x, const Runs& runs) {
+    return x.size() ? whitener(x, runs) : x;
+  };
+  w.d = take(noise_.d, s.d, sampler_.electrical());
+  w.q = take(noise_.q, s.q, sampler_.electrical());
+  w.torque = take(noise_.torque, s.torque, sampler_.torque());
+  w.noise_d = noise_.scale_d * take(noise_.d, s.noise_d, sampler_.electrical());
+  w.noise_q = noise_.scale_q * take(noise_.q, s.noise_q, sampler_.electrical());
+  w.noise_torque = noise_.scale_torque * take(noise_.torque, s.noise_torque, sampler_.torque());
+  return w;
+}
+
+Sampled Chain::regressor(const Sampled& column) const {
+  Sampled w = whitened(column);
+  const auto mute = [](Eigen::VectorXd& value, Eigen::VectorXd& noise, double least) {
+    if (!noise.size() || value.squaredNorm() > (1 + least) * noise.squaredNorm()) return;
+    value.setZero();
+    noise.setZero();
+  };
+  mute(w.d, w.noise_d, kLeastElectrical);
+  mute(w.q, w.noise_q, kLeastElectrical);
+  mute(w.torque, w.noise_torque, kLeastTorque);
+  return w;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,90 @@
+// The chain of one record, from effects to what least squares sees: equations, low-pass, whitening.
+#pragma once
+#include <Eigen/Core>
+#include <deque>
+#include <functional>
+#include <memory>
+
+#include "trace/equations.hpp"
+#include "trace/sampler.hpp"
+#include "trace/whitening.hpp"
+
+namespace twinrate {
+
+// One regressor, or a residual, at the tracer's rate; channels it does not touch are empty. `noise`
+// is what measurement noise of the record's own size makes of it (see Chain).
+struct Sampled {
+  Eigen::VectorXd d, q, torque;
+  Eigen::VectorXd noise_d, noise_q, noise_torque;
+};
+
+// Of the three channels.
+struct NoiseModel {
+  Whitener d, q, torque;
+  // By which the added noise falls short of the record's own (1: as it should be).
+  double scale_d = 1, scale_q = 1, scale_torque = 1;
+};
+
+void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an empty channel is zero
+
+// Thrown out of a trace that is stopped.
+struct TraceStopped {};
+
+// Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
+// residual itself, and plain least squares would shrink L (or J, or everything) until it vanishes.
+// So every column is computed twice, from the record and from the record with as much noise again;
+// the difference shows what noise does to it, and inner products are taken less its share:
+//   <a, b> = a'b - noise_a' noise_b
+class Chain {
+ public:
+  // `noisier`: equations of the record with as much noise added as it has.
+  Chain(const Equations& equations, const Equations& noisier, const Sampler& sampler)
+      : equations_(equations), noisier_(noisier), sampler_(sampler) {}
+
+  // Asked before every slow step, which throws TraceStopped where the answer is true.
+  void stop_when(std::function<bool()> stop) { stop_ = std::move(stop); }
+  void checkpoint() const {
+    if (stop_ && stop_()) throw TraceStopped{};
+  }
+  void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
+  const NoiseModel& noise() const { return noise_; }
+  Sampled residual(const Effects& effects) const;
+  Sampled noiseless(const Effects& effects) const;           // the same of the record alone
+  std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
+  Sampled contribution(const Effect& effect) const;
+  // columns(), kept for the next time; valid until the next call.
+  const std::vector<Sampled>& remembered_columns(const Effect& effect) const;
+  Sampled whitened(const Sampled& s) const;
+  // A column, whitened, without the channels of which most is noise: what is left after its share
+  // is taken off would be worth nothing there.
+  Sampled regressor(const Sampled& column) const;
+  const Equations& equations() const { return equations_; }
+  const Sampler& sampler() const { return sampler_; }
+
+ private:
+  struct Remembered {
+    std::string what;
+    std::vector<double> keys;  // of its effects
+    std::vector<Sampled> columns;
+  };
+  const std::vector<Sampled>& recall(Remembered wanted,
+                                     const std::function<std::vector<Sampled>()>& make) const;
+  Sampled sampled(const Channels& clean, const Channels* noisy) const;
+  Sampled whole_residual(const Effects& effects) const;
+  // False where its coefficients do more than multiply (saturation), or it has none.
+  bool is_linear(const Effect& effect) const;
+
+  const Equations& equations_;
+  const Equations& noisier_;
+  const Sampler& sampler_;
+  NoiseModel noise_;
+  std::function<bool()> stop_;
+  mutable std::deque<Remembered> memory_;  // the latest last
+};
+
+// Impacts come at other moments where there is more noise: the difference is no noise.
+bool has_gap(const Effect& effect);
+// True where the effect's columns hold the noise of the residual itself.
+bool holds_noise(const Effect& effect);
+
+}  // namespace twinrate
