@@ -220,9 +220,39 @@ class Selector {
     }
   }
 
+  // Its coefficients are so many sigmas from zero that no fit without it need be tried.
+  bool clearly_needed(std::size_t m) const {
+    constexpr double kTimes = 20;  // what it costs
+    const Fit& fit = selection_.fit;
+    const auto count = static_cast<Eigen::Index>(fit.members[m]->regressor_count());
+    if (count == 0 || fit.covariance.rows() != static_cast<Eigen::Index>(fit.free.size()))
+      return false;
+    std::vector<Eigen::Index> of_it;
+    for (std::size_t p = 0; p < fit.free.size(); ++p)
+      if (fit.free[p].member == m && fit.free[p].coefficient >= 0)
+        of_it.push_back(static_cast<Eigen::Index>(p));
+    std::vector<double> c(of_it.size());
+    fit.members[m]->coefficients(c);
+    double largest = 0;  // of one coefficient: a bound that needs no inverse
+    for (Eigen::Index r = 0; r < count; ++r) {
+      const Eigen::Index p = of_it[static_cast<std::size_t>(r)];
+      if (const double variance = fit.covariance(p, p); variance > 0)
+        largest = std::max(
+            largest, c[static_cast<std::size_t>(r)] * c[static_cast<std::size_t>(r)] / variance);
+    }
+    const double N = static_cast<double>(fitter_.training().count(fit.y));
+    const double price =
+        fitter_.margin() + static_cast<double>(parameters_of(*fit.members[m])) * std::log(N);
+    return N * std::log1p(largest / fit.rss) > kTimes * price;
+  }
+
   void drop_superfluous() {
     for (std::size_t m = 0;
          selection_.fit.members.size() > 1 && m < selection_.fit.members.size();) {
+      if (clearly_needed(m)) {
+        ++m;
+        continue;
+      }
       Fit without = fitter_.refine(with(selection_.fit.members, nullptr, m));
       if (without.valid && score_of(fitter_, without) <= score_of(fitter_, selection_.fit)) {
         if (say_) say_(fmt::format("  without {}: not needed", selection_.fit.members[m]->kind()));
@@ -236,8 +266,10 @@ class Selector {
 
   // Puts one other kind in the place of a member where that is better.
   bool swap_one() {
+    without_.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
-      const Fit without = fitter_.refine(with(selection_.fit.members, nullptr, m));
+      without_.push_back(fitter_.refine(with(selection_.fit.members, nullptr, m)));
+      const Fit& without = without_.back();
       const double gain_now = score_of(fitter_, without) - score_of(fitter_, selection_.fit);
       std::size_t tried = 0;
       for (const Score& s : ranked(without)) {
@@ -251,6 +283,7 @@ class Selector {
           say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", s.effect->kind(),
                            selection_.fit.members[m]->kind(), gain, gain_now));
         selection_.fit = std::move(next);
+        without_.clear();
         return true;
       }
     }
@@ -260,7 +293,9 @@ class Selector {
   void judge_members() {
     selection_.members.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
-      Selected s{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
+      const bool known = without_.size() == selection_.fit.members.size();
+      Selected s{.without = known ? std::move(without_[m])
+                                  : fitter_.refine(with(selection_.fit.members, nullptr, m))};
       s.score_gain = score_of(fitter_, s.without) - score_of(fitter_, selection_.fit);
       s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
       s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
@@ -288,6 +323,7 @@ class Selector {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Selection selection_;
+  std::vector<Fit> without_;  // by member of the last set that no swap made better
   int gaps_left_ = 0;
 };
 
