@@ -55,7 +55,10 @@ std::vector<Case> cases_of(const Options& o) {
           const auto seed = static_cast<std::uint64_t>(10000 * members + 100 * s + j);
           std::set<std::string> chosen;
           for (std::uint64_t i = 0; static_cast<int>(chosen.size()) < members; ++i)
-            chosen.insert(pick(seed, i));
+            if (const std::string kind = pick(seed, i);
+                !(kind == "backlash" && chosen.count("torsion")) &&
+                !(kind == "torsion" && chosen.count("backlash")))  // a drive has one shaft
+              chosen.insert(kind);
           cases.push_back(make_case("rich", {chosen.begin(), chosen.end()}, seed));
         }
       if (set == "poor")
