@@ -2,12 +2,13 @@
 
 #include <fmt/format.h>
 #include <poll.h>
+#include <regex.h>
 
+#include <cassert>
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
 #include <random>
-#include <regex>
 #include <set>
 #include <utility>
 
@@ -35,36 +36,49 @@ std::string with_receive_buffer(const std::string& url) {
   return url + (url.find('?') == std::string::npos ? "?" : "&") + "recv_buf_size=4194304";
 }
 
-const std::regex kUdpmUrl(R"(^(udpm://[^:/?]+):(\d+)(.*)$)");
+constexpr const char* kUdpmUrl = "^(udpm://[^:/?]+):([0-9]+)(.*)$";
 constexpr int kPortsSplit = 6;
+
+// What a pattern and its groups match; empty where it does not. POSIX's, since std::regex is slow
+// to compile.
+std::vector<std::string> match(const std::string& text, const char* pattern) {
+  regex_t regex;
+  const int compiled = regcomp(&regex, pattern, REG_EXTENDED);
+  assert(compiled == 0);
+  std::vector<regmatch_t> parts(regex.re_nsub + 1);
+  std::vector<std::string> found;
+  if (regexec(&regex, text.c_str(), parts.size(), parts.data(), 0) == 0)
+    for (const regmatch_t& p : parts)
+      found.push_back(p.rm_so < 0 ? "" : text.substr(p.rm_so, p.rm_eo - p.rm_so));
+  regfree(&regex);
+  return found;
+}
 
 // LCM itself prints several lines, or none, where a URL is malformed.
 bool well_formed(const std::string& url) {
-  static const std::regex udpm(
-      R"(^udpm://(\d{1,3})\.(\d{1,3})\.(\d{1,3})\.(\d{1,3}):(\d{1,5})(\?(ttl|recv_buf_size)=\d+(&(ttl|recv_buf_size)=\d+)*)?$)");
-  static const std::regex other(R"(^(mpudpm|tcpq|memq|file)://.*$)");
-  std::smatch parts;
-  if (!std::regex_match(url, parts, udpm)) return std::regex_match(url, other);
-  const auto number = [&](int i) { return std::stoi(parts[i].str()); };
+  const auto parts =
+      match(url,
+            "^udpm://([0-9]{1,3})[.]([0-9]{1,3})[.]([0-9]{1,3})[.]([0-9]{1,3}):([0-9]{1,5})"
+            "([?](ttl|recv_buf_size)=[0-9]+(&(ttl|recv_buf_size)=[0-9]+)*)?$");
+  if (parts.empty()) return !match(url, "^(mpudpm|tcpq|memq|file)://").empty();
+  const auto number = [&](std::size_t i) { return std::stoi(parts[i]); };
   return number(1) >= 224 && number(1) <= 239 && number(2) <= 255 && number(3) <= 255 &&
          number(4) <= 255 && number(5) >= 1 && number(5) + kPortsSplit <= 65536;
 }
 
 // 0 for a URL of another kind.
 std::uint16_t port_of(const std::string& url) {
-  std::smatch parts;
-  return std::regex_match(url, parts, kUdpmUrl)
-             ? static_cast<std::uint16_t>(std::stoi(parts[2].str()))
-             : 0;
+  const auto parts = match(url, kUdpmUrl);
+  return parts.empty() ? 0 : static_cast<std::uint16_t>(std::stoi(parts[2]));
 }
 
 std::string with_port_offset(const std::string& url, int offset) {
-  std::smatch parts;
   if (offset == 0) return url;
-  if (!std::regex_match(url, parts, kUdpmUrl))
+  const auto parts = match(url, kUdpmUrl);
+  if (parts.empty())
     throw BadInput(
         fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT", url));
-  return fmt::format("{}:{}{}", parts[1].str(), std::stoi(parts[2].str()) + offset, parts[3].str());
+  return fmt::format("{}:{}{}", parts[1], std::stoi(parts[2]) + offset, parts[3]);
 }
 
 // With split ports: the four links of the ring on ports of their own, everything else on the first
@@ -102,8 +116,7 @@ std::string resolve_url(const std::string& wanted) {
 }
 
 void check_channel_suffix(const std::string& suffix) {
-  static const std::regex allowed("[A-Za-z0-9_]{0,32}");
-  if (!std::regex_match(suffix, allowed))
+  if (match(suffix, "^[A-Za-z0-9_]{0,32}$").empty())
     throw BadInput(
         fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed", suffix));
 }
