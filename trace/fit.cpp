@@ -75,6 +75,18 @@ bool tells(const Effect& effect, std::size_t coefficient, double energy, const D
          kMostSizes * smallest_coefficient(effect, static_cast<int>(coefficient), facts);
 }
 
+double largest_wald(const Fit& fit, std::size_t m) {
+  const std::vector<double> c = coefficients_of(*fit.members[m]);
+  double largest = 0;
+  for (Eigen::Index p = 0; p < fit.covariance.rows(); ++p) {
+    const FreeParameter& free = fit.free[static_cast<std::size_t>(p)];
+    if (free.member != m || free.coefficient < 0 || !(fit.covariance(p, p) > 0)) continue;
+    const double value = c[static_cast<std::size_t>(free.coefficient)];
+    largest = std::max(largest, value * value / fit.covariance(p, p));
+  }
+  return largest;
+}
+
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
     : chain_(chain), training_(training), held_out_(held_out) {
   const Sampled y = chain.whitened(chain.residual({}));

@@ -52,6 +52,10 @@ struct Fit {
   Effects effects() const { return {members.begin(), members.end()}; }
 };
 
+// By how much rss would rise, at least, without member m: the largest of its coefficients squared
+// over their variances. 0 where it has none.
+double largest_wald(const Fit& fit, std::size_t m);
+
 class Fitter {
  public:
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);

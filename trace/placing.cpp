@@ -183,4 +183,22 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion)
   return best;
 }
 
+bool rings(const Effect& effect) {
+  constexpr double kHighest = 120, kMostDamping = 0.35;
+  ShaftFacts s;
+  if (!effect.describe_shaft(s)) return true;
+  return std::sqrt(s.stiffness / s.J_load) < kTwoPi * kHighest &&
+         s.damping < 2 * kMostDamping * std::sqrt(s.stiffness * s.J_load);
+}
+
+double plain_torque(const Fitter& fitter, const Fit& fit) {
+  return fitter.chain().residual(fit.effects()).torque.squaredNorm();
+}
+
+bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit) {
+  constexpr double kTimes = 2;
+  const Sampled left = fitter.chain().residual(fit.effects());
+  return left.torque.squaredNorm() > kTimes * left.noise_torque.squaredNorm();
+}
+
 }  // namespace twinrate

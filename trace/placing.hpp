@@ -15,4 +15,11 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 // grids around it and away from it, then by simplex.
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion);
 
+// False for a shaft whose resonance is beyond the tracer's band, or damped too much to be one.
+bool rings(const Effect& effect);
+// Of the torque equation with the fit's members, before whitening: its square, and whether that is
+// so far above what noise makes that a gap is worth looking for.
+double plain_torque(const Fitter& fitter, const Fit& fit);
+bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit);
+
 }  // namespace twinrate

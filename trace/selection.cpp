@@ -18,7 +18,6 @@ namespace {
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
-constexpr double kLeft = 2;  // times the noise: what a shaft must leave before a gap is looked for
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
@@ -106,15 +105,6 @@ class Selector {
     return std::max(now.doubt, kShare * unseen * (now.rss - next.rss));
   }
 
-  // A shaft worth the name: its resonance is in the tracer's band and lightly damped.
-  static bool rings(const Effect& effect) {
-    constexpr double kHighest = 120, kMostDamping = 0.35;
-    ShaftFacts s;
-    if (!effect.describe_shaft(s)) return true;
-    return std::sqrt(s.stiffness / s.J_load) < kTwoPi * kHighest &&
-           s.damping < 2 * kMostDamping * std::sqrt(s.stiffness * s.J_load);
-  }
-
   // A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
   // met to the last bit.
   bool crumb(const Fit& next, const Fit& now) const {
@@ -124,20 +114,11 @@ class Selector {
                                          kLeast * (fitter_.raw_held_out() - now.raw_held_out);
   }
 
-  double plain_torque(const Fit& fit) const {
-    return fitter_.chain().residual(fit.effects()).torque.squaredNorm();
-  }
-
-  double noise_of_torque(const Fit& fit) const {
-    return fitter_.chain().residual(fit.effects()).noise_torque.squaredNorm();
-  }
-
   // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion, where that is better.
   // A gap makes the torsion that comes nearest overdamped.
   void look_for_gap(const Fit& now, Fit& shaft) {
     const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
-    if (gain < fitter_.margin() || plain_torque(shaft) < kLeft * noise_of_torque(shaft) ||
-        gaps_left_ <= 0)
+    if (gain < fitter_.margin() || !leaves_more_than_noise(fitter_, shaft) || gaps_left_ <= 0)
       return;
     --gaps_left_;
     Fit gap = search_backlash(fitter_, now, *shaft.members.back());
@@ -147,7 +128,7 @@ class Selector {
                        gain, describe(*gap.members.back()), more));
     // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft.
     if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * gain) &&
-        plain_torque(gap) < plain_torque(shaft))
+        plain_torque(fitter_, gap) < plain_torque(fitter_, shaft))
       shaft = std::move(gap);
   }
 
@@ -224,26 +205,10 @@ class Selector {
   bool clearly_needed(std::size_t m) const {
     constexpr double kTimes = 20;  // what it costs
     const Fit& fit = selection_.fit;
-    const auto count = static_cast<Eigen::Index>(fit.members[m]->regressor_count());
-    if (count == 0 || fit.covariance.rows() != static_cast<Eigen::Index>(fit.free.size()))
-      return false;
-    std::vector<Eigen::Index> of_it;
-    for (std::size_t p = 0; p < fit.free.size(); ++p)
-      if (fit.free[p].member == m && fit.free[p].coefficient >= 0)
-        of_it.push_back(static_cast<Eigen::Index>(p));
-    std::vector<double> c(of_it.size());
-    fit.members[m]->coefficients(c);
-    double largest = 0;  // of one coefficient: a bound that needs no inverse
-    for (Eigen::Index r = 0; r < count; ++r) {
-      const Eigen::Index p = of_it[static_cast<std::size_t>(r)];
-      if (const double variance = fit.covariance(p, p); variance > 0)
-        largest = std::max(
-            largest, c[static_cast<std::size_t>(r)] * c[static_cast<std::size_t>(r)] / variance);
-    }
     const double N = static_cast<double>(fitter_.training().count(fit.y));
     const double price =
         fitter_.margin() + static_cast<double>(parameters_of(*fit.members[m])) * std::log(N);
-    return N * std::log1p(largest / fit.rss) > kTimes * price;
+    return N * std::log1p(largest_wald(fit, m) / fit.rss) > kTimes * price;
   }
 
   void drop_superfluous() {
