@@ -91,18 +91,18 @@ class Selector {
            !crumb(next, now) && rings(*next.members.back());
   }
 
-  // Of the held-out error. What holds noise itself may live on that of the others, which is not
-  // quite known, or on what lost rows were filled with: then it brings less where it was not
-  // fitted.
+  // Of the held-out error: a share of what the training rows promise, since what lost rows were
+  // filled with and what a shaft leaves can be fitted, too; and what holds noise may live on that
+  // of the others, which is not quite known.
   double least_gain(const Fit& next, const Fit& now) const {
-    constexpr double kShare = 0.2;  // of what the training rows promise
-    ShaftFacts shaft;
+    constexpr double kShare = 0.2;
     const Effect& newcomer = *next.members.back();
-    if (!holds_noise(newcomer)) return 0;
-    if (newcomer.describe_shaft(shaft)) return now.doubt;
+    const double doubt = holds_noise(newcomer) ? now.doubt : 0;
+    ShaftFacts shaft;
+    if (newcomer.describe_shaft(shaft)) return doubt;
     const auto rows = [&](const Rows& some) { return static_cast<double>(some.count(now.y)); };
     const double unseen = rows(fitter_.held_out()) / std::max(1.0, rows(fitter_.training()));
-    return std::max(now.doubt, kShare * unseen * (now.rss - next.rss));
+    return std::max(doubt, std::min(fitter_.margin(), kShare * unseen * (now.rss - next.rss)));
   }
 
   // A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
