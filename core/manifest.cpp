@@ -26,6 +26,13 @@ std::string describe_host_json(std::int64_t session, int seed) {
   return json.dump(2);
 }
 
+std::optional<std::vector<std::string>> imported_signals(const std::string& manifest_json) {
+  const auto json = nlohmann::json::parse(manifest_json, nullptr, false);
+  if (!json.is_object() || json.value("program", "") != "twinrate import") return {};
+  return json.value("source", nlohmann::json::object())
+      .value("signals", std::vector<std::string>{});
+}
+
 manifest_t make_manifest(std::int64_t session, const std::string& config_toml,
                          const std::string& manifest_json) {
   manifest_t m{};

@@ -7,6 +7,7 @@
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
+#include "core/manifest.hpp"
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
 
@@ -41,8 +42,10 @@ void MeasurementReader::open(std::size_t part, std::int64_t byte) {
 void MeasurementReader::take(const lcm::LogEvent& event, const Place& place) {
   found_message_ = found_message_ || event.channel.starts_with("DRIVE_");
   if (event.channel == manifest_channel_) {
-    if (const auto manifest = decode_manifest(event.data, event.datalen, path_))
+    if (const auto manifest = decode_manifest(event.data, event.datalen, path_)) {
       config_toml_ = manifest->config_toml;
+      imported_ = imported_signals(manifest->manifest_json).has_value();
+    }
     return;
   }
   if (event.channel != channel_) return;

@@ -25,6 +25,8 @@ class MeasurementReader {
   const Measurement* peek();
   // Of the manifest, empty where the log holds none. Known from the first measurement on.
   const std::string& config_toml() const { return config_toml_; }
+  // True where the log was imported: its drive file's load was not applied.
+  bool imported() const { return imported_; }
   double share_read() const;
 
   // Where the measurement that comes next stands, and back to it.
@@ -50,7 +52,7 @@ class MeasurementReader {
   std::unique_ptr<lcm::LogFile> file_;
   std::size_t part_ = 0;
   std::deque<Entry> ahead_;
-  bool found_message_ = false;
+  bool found_message_ = false, imported_ = false;
   std::string config_toml_;
 };
 

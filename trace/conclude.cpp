@@ -133,11 +133,13 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
     for (TracedEffect& part : parted(std::move(e), facts)) parts.push_back(std::move(part));
   r.effects = std::move(parts);
   name_aliases(r);
-  if (!health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
+  const bool whole = selection.stopped_after == 0;  // else effects to come are in the rest, too
+  if (whole &&
+      !health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
-  if (selection.stopped_after == 0) identifiability(fitter, dictionary, fit, r);
+  if (whole) identifiability(fitter, dictionary, fit, r);
   r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
               : r.structured     ? "unexplained"
                                  : "nothing_missing";

@@ -57,7 +57,7 @@ class Trace : public ProgramTest {
         << run.out() << run.err();
     const auto then = std::chrono::steady_clock::now();
     run.signal(SIGINT);
-    const ProgramResult result = run.wait(30);
+    const ProgramResult result = run.wait(60);
     took_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
     return result;
   }
@@ -102,25 +102,25 @@ TEST_F(Trace, InterruptedWhileReadingItWritesNothingAndSaysSo) {
       << result.err;
   EXPECT_EQ(count_lines(result.err), 1);
   EXPECT_FALSE(fs::exists(path("out")));
-  EXPECT_LT(took_s, 6) << "on a machine that does other things, too";
+  EXPECT_LT(took_s, 20) << "0.3 s on a machine of its own";
 }
 
 TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
   double took_s = 0;
-  const ProgramResult result = interrupted_at(log("log.csv", 12, false), "equations:", took_s);
+  const ProgramResult result = interrupted_at(log("log.csv", 5, false), "equations:", took_s);
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_NE(result.err.find("nothing written"), std::string::npos) << result.err;
   EXPECT_FALSE(fs::exists(path("out")));
-  EXPECT_LT(took_s, 6) << "on a machine that does other things, too";
+  EXPECT_LT(took_s, 20) << "0.3 s on a machine of its own";
 }
 
 TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
   double took_s = 0;
-  const ProgramResult result = interrupted_at(log("log.csv", 6, false), "selection:", took_s);
+  const ProgramResult result = interrupted_at(log("log.csv", 3, false), "selection:", took_s);
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_EQ(count_lines(result.err), 1) << result.err;
   EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
-  EXPECT_LT(took_s, 6);
+  EXPECT_LT(took_s, 20);
   const Json there = Json::parse(read_text(path("out/trace.json")));
   EXPECT_EQ(there["interrupted"], true);
   EXPECT_TRUE(there["sentence"].get<std::string>().starts_with("Interrupted after "));

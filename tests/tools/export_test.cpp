@@ -240,6 +240,24 @@ TEST_F(Export, TheTracerReadsTheSameRecordFromTheTableAndFromTheLog) {
   }
 }
 
+TEST_F(Export, AnImportedLogHasNoLoadOfItsDriveFile) {
+  WholeLog log(path("imported.lcm"));
+  const Config config = load_drive("niewiara2020", {"load.T_load_Nm=0.5"});
+  log.write(make_manifest(kSession, config.resolved(),
+                          R"({"program": "twinrate import", "source": {"signals": ["duty"]}})"),
+            1);
+  for (std::int64_t k = 0; k < kTicks; ++k) write_tick(log, k);
+  log.finish();
+  ExportRequest r = request("csv");
+  r.log = path("imported.lcm");
+  export_log(r, {});
+  EXPECT_EQ(read_table(path("out.csv")).header,
+            (std::vector<std::string>{"t", "i_a", "i_b", "i_c", "u_alpha", "u_beta", "duty_a",
+                                      "duty_b", "duty_c", "v_dc", "theta_m", "omega_m"}));
+  EXPECT_TRUE(
+      read_drive_logs({.data = {r.log}, .held_out = {}}, config.drive()).record.T_load.empty());
+}
+
 TEST_F(Export, FromAndToCutOnTheLogsTime) {
   ExportRequest r = request("csv");
   r.from_s = 0.0095;

@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
+#include "core/manifest.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
@@ -45,19 +45,12 @@ void TickTable::take_manifest(const manifest_t& manifest) {
   if (n_p_ || manifest.config_toml.empty()) return;
   Config config = Config::parse(manifest.config_toml, path_);
   n_p_ = config.drive().machine.n_p;
-  const auto json = nlohmann::json::parse(manifest.manifest_json, nullptr, false);
-  is_import_ = json.is_object() && json.value("program", "") == "twinrate import";
-  // What an import found, not what its drive file would have done.
-  if (is_import_)
-    for (const auto& signal :
-         json.value("source", nlohmann::json::object()).value("signals", nlohmann::json::array()))
-      imported_.insert(signal.get<std::string>());
-  else
-    load_.emplace(config.drive());
+  imported_ = imported_signals(manifest.manifest_json);
+  if (!imported_) load_.emplace(config.drive());
 }
 
 bool TickTable::may_have(const char* signal) const {
-  return !is_import_ || imported_.count(signal) != 0;
+  return !imported_ || std::find(imported_->begin(), imported_->end(), signal) != imported_->end();
 }
 
 void TickTable::take(Channel channel, const void* bytes, std::size_t size) {

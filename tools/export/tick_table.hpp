@@ -13,7 +13,6 @@
 #include <functional>
 #include <map>
 #include <optional>
-#include <set>
 #include <string>
 
 #include "core/drive_config.hpp"
@@ -59,8 +58,8 @@ class TickTable {
   Put put_;
   std::map<std::int64_t, Tick> ticks_;
   std::map<Channel, Layout> layouts_;
-  std::set<std::string> imported_;  // signals that an import found
-  bool is_import_ = false, chosen_ = false;
+  std::optional<std::vector<std::string>> imported_;  // signals that an import found
+  bool chosen_ = false;
   std::optional<int> n_p_;
   std::optional<DeclaredLoad> load_;
   double T_load_ = 0;

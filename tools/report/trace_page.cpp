@@ -30,7 +30,7 @@ std::string advice(const TraceResult& r) {
 }
 
 Json verdict_of(const TraceResult& r) {
-  const bool sure = r.verdict == "traced" || r.verdict == "nothing_missing";
+  const bool sure = !r.interrupted && (r.verdict == "traced" || r.verdict == "nothing_missing");
   std::string name = r.verdict;
   for (char& c : name)
     if (c == '_') c = ' ';

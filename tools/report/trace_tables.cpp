@@ -13,7 +13,7 @@ namespace twinrate::report {
 namespace {
 
 std::string percent(double share) {
-  return fmt::format("{:.1f} %", 100 * share);
+  return std::isfinite(share) ? fmt::format("{:.1f} %", 100 * share) : "-";
 }
 
 std::string number(double value) {
@@ -41,8 +41,9 @@ std::string unit_words(const std::string& suffix) {
 }
 
 Json row_of(const TracedEffect& e) {
-  const std::string aliases =
-      e.aliases.empty() ? "none" : fmt::format("{}", fmt::join(e.aliases, ", "));
+  const std::string aliases = e.aliases.empty()
+                                  ? (std::isfinite(e.delta_bic) || e.from_samples ? "none" : "-")
+                                  : fmt::format("{}", fmt::join(e.aliases, ", "));
   const std::string kind(e.effect->kind());
   if (e.from_samples)
     return {kind,
@@ -56,7 +57,7 @@ Json row_of(const TracedEffect& e) {
   return {kind,
           e.equation,
           parameters_text(e),
-          fmt::format("{:.0f}", e.delta_bic),
+          std::isfinite(e.delta_bic) ? fmt::format("{:.0f}", e.delta_bic) : "not judged",
           percent(e.held_out_gain),
           p_value(e.p_value),
           fmt::format("{:.3g}", e.materiality),

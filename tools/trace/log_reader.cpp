@@ -85,12 +85,13 @@ class CsvLog final : public LogReader {
   std::optional<std::array<std::size_t, 3>> duty_;  // columns, where they make the voltage
 };
 
-// The voltage is moved to the row it begins at; the external load is that of the config in the log.
+// The voltage is moved to the row it begins at; the external load is that of the config in the log
+// of a run.
 class RecordedRun final : public LogReader {
  public:
   explicit RecordedRun(const std::string& path) : path_(path), measurements_(path) {
     measurements_.peek();
-    if (measurements_.config_toml().empty()) return;
+    if (measurements_.config_toml().empty() || measurements_.imported()) return;
     load_.emplace(Config::parse(measurements_.config_toml(), path).drive());
   }
   bool next(RawLog& piece, std::size_t rows) override {
