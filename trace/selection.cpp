@@ -91,18 +91,21 @@ class Selector {
            !crumb(next, now) && rings(*next.members.back());
   }
 
-  // Of the held-out error: a share of what the training rows promise, since what lost rows were
-  // filled with and what a shaft leaves can be fitted, too; and what holds noise may live on that
-  // of the others, which is not quite known.
+  // Of the held-out error: a share of what the newcomer changes there, which is all of it where it
+  // is true (what lost rows were filled with, and what a shaft leaves, can be fitted, too). Where
+  // it changes nothing the blocks kept back do not excite it, and cannot speak. And what holds
+  // noise may live on that of the others, which is not quite known.
   double least_gain(const Fit& next, const Fit& now) const {
-    constexpr double kShare = 0.2;
+    constexpr double kShare = 0.4, kNothing = 1;
     const Effect& newcomer = *next.members.back();
-    const double doubt = holds_noise(newcomer) ? now.doubt : 0;
+    const double doubt = holds_noise(newcomer) ? now.doubt : -kNothing;
     ShaftFacts shaft;
     if (newcomer.describe_shaft(shaft)) return doubt;
-    const auto rows = [&](const Rows& some) { return static_cast<double>(some.count(now.y)); };
-    const double unseen = rows(fitter_.held_out()) / std::max(1.0, rows(fitter_.training()));
-    return std::max(doubt, std::min(fitter_.margin(), kShare * unseen * (now.rss - next.rss)));
+    Sampled change;
+    add(change, now.y, 1);
+    add(change, next.y, -1);
+    const double whole = fitter_.held_out().dot(change, change);
+    return std::max(doubt, std::min(fitter_.margin(), kShare * whole) - kNothing);
   }
 
   // A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
