@@ -18,6 +18,33 @@ struct EventRecord {
   std::string text;
 };
 
+// A gain with its matrices at their own size: in a Gain there is room for the largest filter, 6 kB.
+class GainRecord {
+ public:
+  GainRecord(const Gain& g)
+      : k(g.k),
+        first_use(g.first_use),
+        n_x_(static_cast<std::int16_t>(g.n_x)),
+        n_y_(static_cast<std::int16_t>(g.n_y)) {
+    values_.reserve(static_cast<std::size_t>(g.n_x * (g.n_y + 1)));
+    for (int row = 0; row < g.n_x; ++row)
+      for (int col = 0; col < g.n_y; ++col) values_.push_back(g.K(row, col));
+    for (int i = 0; i < g.n_x; ++i) values_.push_back(g.P(i, i));
+  }
+  std::int64_t k, first_use;
+  // 0 beyond the filter's size.
+  double K(int row, int col) const {
+    return row < n_x_ && col < n_y_ ? values_[static_cast<std::size_t>(row * n_y_ + col)] : 0;
+  }
+  double P_diagonal(int i) const {
+    return i < n_x_ ? values_[static_cast<std::size_t>(n_x_ * n_y_ + i)] : 0;
+  }
+
+ private:
+  std::int16_t n_x_, n_y_;
+  std::vector<double> values_;  // K by rows, then the diagonal of P
+};
+
 struct RunLog {
   std::string path, channel_suffix;
   std::int64_t session = 0;
@@ -25,7 +52,7 @@ struct RunLog {
   std::vector<Measurement> measurement;
   std::vector<Truth> truth;
   std::vector<Estimate> estimate;
-  std::vector<Gain> gain;
+  std::vector<GainRecord> gain;
   std::vector<Reference> reference;
   std::vector<Command> command;
   std::vector<EventRecord> events;

@@ -159,7 +159,7 @@ void set_gains(const Rows& rows, const DriveConfig& config, Summary& summary) {
       last_gain = row.estimate->gain_seq;
     }
     if (!has_P44 || !row.gain || !rows.in_window(row)) continue;
-    const double P44 = row.gain->P(3, 3);
+    const double P44 = row.gain->P_diagonal(3);
     summary.P44_min = std::min(summary.P44_min.value_or(P44), P44);
     summary.P44_max = std::max(summary.P44_max.value_or(P44), P44);
   }

@@ -28,9 +28,9 @@ void take_time(TickRow& row, const Item* item) {
   if (item) row.t_s = static_cast<double>(item->t_ns) * 1e-9;
 }
 
-const Gain* gain_of(const std::vector<Gain>& gains, std::int64_t snapshot) {
+const GainRecord* gain_of(const std::vector<GainRecord>& gains, std::int64_t snapshot) {
   const auto found = std::lower_bound(gains.begin(), gains.end(), snapshot,
-                                      [](const Gain& g, std::int64_t k) { return g.k < k; });
+                                      [](const GainRecord& g, std::int64_t k) { return g.k < k; });
   return found != gains.end() && found->k == snapshot ? &*found : nullptr;
 }
 

@@ -16,7 +16,7 @@ struct TickRow {
   const Truth* truth = nullptr;
   const Estimate* estimate = nullptr;
   const Command* command = nullptr;
-  const Gain* gain = nullptr;  // the one the fast loop used at this tick (Estimate::gain_seq)
+  const GainRecord* gain = nullptr;  // the one the fast loop used at this tick (Estimate::gain_seq)
 };
 
 // In tick order: every tick that MEASUREMENT, TRUTH, ESTIMATE or COMMAND mentions.

@@ -58,6 +58,7 @@ RunLog steady_run(const DriveConfig& config) {
     Gain g;
     g.k = k;
     g.t_ns = truth.t_ns;
+    g.n_x = 4, g.n_y = 2;
     g.P(3, 3) = k < 500 ? 9.0 : 0.4 + 1e-5 * static_cast<double>(k);
     log.gain.push_back(g);
   }

@@ -135,7 +135,7 @@ double T_load_hat(const TickRow& row) {
   return row.estimate ? row.estimate->T_load : kNaN;
 }
 double P44(const TickRow& row) {
-  return row.gain ? row.gain->P(3, 3) : kNaN;
+  return row.gain ? row.gain->P_diagonal(3) : kNaN;
 }
 double K41(const TickRow& row) {
   return gain_element(row, 3, 0);
