@@ -5,9 +5,9 @@
 //   measurement  one output after the other, y_j = x_j + noise of variance R_j:
 //                f = U' e_j, v = D f, alpha = R_j + f' v;  k = U v/alpha
 //
-// At R = 1e-4, P_0 = 1e2 in float, D stays positive and the angle within 1e-5 rad of the filter in
-// double. Every form that holds P in float gets a negative variance there; with little process
-// noise (1e-8 of (22)) (I - K H) P^- loses the rotor, Joseph's form does not
+// At R = 1e-4 and 1e-8, P_0 = 1e2 in float, D stays positive and the angle within 1e-5 rad of the
+// filter in double. (I - K H) P^- in float gets a negative variance at 1e-8 and, with little process
+// noise (1e-8 of (22)), loses the rotor; Joseph's form does neither
 // (tests/estimator/kernels_test.cpp).
 // Bierman 1977, chapter V (measurement) and Thornton 1976 (time).
 #pragma once
