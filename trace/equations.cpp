@@ -36,14 +36,17 @@ std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double
 // Less noise, the same within the tracer's band: a quadratic through eleven samples (Savitzky and
 // Golay). Effects that bend, like a dead time at small currents, would make an offset of the noise.
 std::vector<Vec2> smoothed(const std::vector<Vec2>& x) {
-  constexpr double kWeights[] = {89. / 429, 84. / 429, 69. / 429, 44. / 429, 9. / 429, -36. / 429};
-  constexpr std::size_t kReach = 5;
+  constexpr Eigen::Index kReach = 5;
   std::vector<Vec2> out = x;
-  for (std::size_t k = kReach; k + kReach < x.size(); ++k) {
-    Vec2 sum = kWeights[0] * x[k];
-    for (std::size_t j = 1; j <= kReach; ++j) sum += kWeights[j] * (x[k - j] + x[k + j]);
-    out[k] = sum;
-  }
+  const Eigen::Index inner = static_cast<Eigen::Index>(x.size()) - 2 * kReach;
+  if (inner <= 0) return out;
+  // Both components one behind the other, all at once.
+  const Eigen::Map<const Eigen::ArrayXd> in(x.front().data(), 2 * (inner + 2 * kReach));
+  const auto at = [&](Eigen::Index j) { return in.segment(2 * (kReach + j), 2 * inner); };
+  Eigen::Map<Eigen::ArrayXd>(out.front().data(), 2 * (inner + 2 * kReach))
+      .segment(2 * kReach, 2 * inner) =
+      89. / 429 * at(0) + 84. / 429 * (at(-1) + at(1)) + 69. / 429 * (at(-2) + at(2)) +
+      44. / 429 * (at(-3) + at(3)) + 9. / 429 * (at(-4) + at(4)) + -36. / 429 * (at(-5) + at(5));
   return out;
 }
 
@@ -76,9 +79,9 @@ class Along {
     }
   }
   Contribution operator[](std::size_t k) const {
-    Contribution sum;
-    sum.J = J_;
-    for (const Effect* effect : of_the_point_) sum += effect->at(points_[k]);
+    Contribution sum = of_the_point_.empty() ? Contribution{} : of_the_point_[0]->at(points_[k]);
+    sum.J += J_;
+    for (std::size_t e = 1; e < of_the_point_.size(); ++e) sum += of_the_point_[e]->at(points_[k]);
     for (const auto& of_one : with_memory_) sum += of_one[k];
     for (const auto& T_load : T_load_) sum.T_load += T_load[k];
     return sum;
@@ -108,9 +111,10 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
     p.t = record.t[k];
     p.theta_m = record.theta_m[k];
     p.theta_e = facts.machine.n_p * p.theta_m;
+    p.d_axis = measured_.axes->at[k];
     p.omega_m = omega_m_[k];
     if (!i_dq.empty()) p.i_dq = i_dq[k];
-    if (!record.u_alphabeta.empty()) p.u_dq = park(record.u_alphabeta[k], p.theta_e);
+    if (!record.u_alphabeta.empty()) p.u_dq = p.rotor_axes(record.u_alphabeta[k]);
     p.v_dc = record.v_dc.empty() ? facts.v_dc : record.v_dc[k];
     if (!record.T_load.empty()) p.T_load = record.T_load[k];
   }
@@ -163,22 +167,21 @@ void Equations::turn_currents(Signals& s) const {
   for (std::size_t k = 0; k < s.i_dq.size(); ++k) s.i_dq[k] = into(s.axes->at[k], s.i_alphabeta[k]);
 }
 
-std::vector<OperatingPoint> Equations::points_of(const Signals& s, bool angle_moved) const {
-  std::vector<OperatingPoint> points = points_;
+void Equations::move_points(const Signals& s, bool angle_moved,
+                            std::vector<OperatingPoint>& points) const {
   if (angle_moved) {
     const std::vector<double> omega_m = speed(s.theta_m);
     for (std::size_t k = 0; k < points.size(); ++k) {
       OperatingPoint& p = points[k];
       p.theta_m = s.theta_m[k];
       p.theta_e = facts_.machine.n_p * p.theta_m;
+      p.d_axis = s.axes->at[k];
       p.omega_m = omega_m[k];
-      if (record_.u_alphabeta.empty()) continue;
-      p.u_dq = into(s.axes->at[k], record_.u_alphabeta[k]);
+      if (!record_.u_alphabeta.empty()) p.u_dq = p.rotor_axes(record_.u_alphabeta[k]);
     }
   }
   const std::vector<Vec2> i_dq = smoothed(s.i_dq);
   for (std::size_t k = 0; k < i_dq.size(); ++k) points[k].i_dq = i_dq[k];
-  return points;
 }
 
 Equations::Signals Equations::undo_sensing(const Effects& effects,
@@ -268,9 +271,10 @@ Channels Equations::residual_of(const Effects& effects) const {
   if (!sensing.empty()) {
     undone = undo_sensing(sensing, points_);
     // What a sensor adds depends on what is there, not on what it reads.
-    own = points_of(undone, angle_moves);
+    own = points_;
+    move_points(undone, angle_moves, own);
     undone = undo_sensing(sensing, own);
-    if (!others.empty()) own = points_of(undone, angle_moves);
+    if (!others.empty()) move_points(undone, angle_moves, own);
   }
   return sensing.empty() ? assemble(measured_, others, points_) : assemble(undone, others, own);
 }

@@ -57,7 +57,8 @@ class Equations {
   void turn_currents(Signals& s) const;  // i_dq from the others
   void turn_angle(Signals& s) const;     // the axes
   std::vector<double> speed(const std::vector<double>& theta_m) const;
-  std::vector<OperatingPoint> points_of(const Signals& s, bool angle_moved) const;
+  // Points to where the signals have moved them.
+  void move_points(const Signals& s, bool angle_moved, std::vector<OperatingPoint>& points) const;
   // The record less what the sensing effects among `effects` added to it, seen at `points`.
   Signals undo_sensing(const Effects& effects, const std::vector<OperatingPoint>& points) const;
   double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'

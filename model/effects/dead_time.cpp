@@ -55,7 +55,7 @@ class DeadTime final : public Effect {
  private:
   Vec2 drop_a_second(const OperatingPoint& point) const {
     return f_pwm_ * point.v_dc *
-           phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_), point.theta_e);
+           point.phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_));
   }
 
   double t_d_ = 0;

@@ -31,8 +31,21 @@ struct OperatingPoint {
   double theta_m = 0;
   double theta_e = 0;  // n_p theta_m
   double T_load = 0;   // external load, where it is known
+  // cos and sin of theta_e, for whoever has them at hand; zero: they are made where needed.
+  Vec2 d_axis = Vec2::Zero();
 
-  Vec3 i_abc() const { return inverse_clarke(inverse_park(i_dq, theta_e)); }
+  Vec2 rotor_axes(const Vec2& alphabeta) const {
+    if (d_axis.isZero(0)) return park(alphabeta, theta_e);
+    return {d_axis[0] * alphabeta[0] + d_axis[1] * alphabeta[1],
+            d_axis[0] * alphabeta[1] - d_axis[1] * alphabeta[0]};
+  }
+  Vec2 stator_axes(const Vec2& dq) const {
+    if (d_axis.isZero(0)) return inverse_park(dq, theta_e);
+    return {d_axis[0] * dq[0] - d_axis[1] * dq[1], d_axis[1] * dq[0] + d_axis[0] * dq[1]};
+  }
+  // Three phase values as a vector in rotor axes, and back for the currents.
+  Vec2 phases_to_dq(const Vec3& x_abc) const { return rotor_axes(clarke(x_abc)); }
+  Vec3 i_abc() const { return inverse_clarke(stator_axes(i_dq)); }
 };
 
 // What an effect adds to the equations and readings there.

@@ -62,7 +62,7 @@ class InverterDrop final : public Effect {
 
  private:
   Vec2 signs(const OperatingPoint& point) const {
-    return phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_), point.theta_e);
+    return point.phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_));
   }
 
   double V_0_ = 0;

@@ -28,12 +28,12 @@ class InverterOffset final : public Effect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterOffset>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.u_dq_drop = -phases_to_dq({offset_[0], offset_[1], 0}, point.theta_e)};
+    return {.u_dq_drop = -point.phases_to_dq({offset_[0], offset_[1], 0})};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.u_dq_drop = -phases_to_dq({1, 0, 0}, point.theta_e)};
-    columns[1] = {.u_dq_drop = -phases_to_dq({0, 1, 0}, point.theta_e)};
+    columns[0] = {.u_dq_drop = -point.phases_to_dq({1, 0, 0})};
+    columns[1] = {.u_dq_drop = -point.phases_to_dq({0, 1, 0})};
   }
   void coefficients(std::span<double> values) const override {
     values[0] = offset_[0];

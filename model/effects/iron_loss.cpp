@@ -61,8 +61,7 @@ class IronLoss final : public Effect {
            Vec2(-machine_.L_q * point.i_dq[1], machine_.psi_f + machine_.L_d * point.i_dq[0]);
   }
   Contribution of_current(const OperatingPoint& point, const Vec2& i_fe) const {
-    return {.u_dq_drop = machine_.R_s * i_fe,
-            .i_abc = inverse_clarke(inverse_park(i_fe, point.theta_e))};
+    return {.u_dq_drop = machine_.R_s * i_fe, .i_abc = inverse_clarke(point.stator_axes(i_fe))};
   }
 
   double R_c_ = 0;

@@ -33,14 +33,14 @@ class PhaseAsymmetry final : public Effect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<PhaseAsymmetry>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.u_dq_drop = phases_to_dq(change_.cwiseProduct(point.i_abc()), point.theta_e)};
+    return {.u_dq_drop = point.phases_to_dq(change_.cwiseProduct(point.i_abc()))};
   }
   int regressor_count() const override { return 3; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     const Vec3 i_abc = point.i_abc();
     for (int phase = 0; phase < 3; ++phase)
       columns[static_cast<std::size_t>(phase)] = {
-          .u_dq_drop = phases_to_dq(i_abc[phase] * Vec3::Unit(phase), point.theta_e)};
+          .u_dq_drop = point.phases_to_dq(i_abc[phase] * Vec3::Unit(phase))};
   }
   void coefficients(std::span<double> values) const override { put_phases(change_, values); }
   void set_coefficients(std::span<const double> values) override { change_ = phases_of(values); }

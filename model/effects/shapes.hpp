@@ -7,7 +7,6 @@
 //   current_sign(x, shape)                           the same with other ways round the corner:
 //                                                    tanh x, 2/pi atan(pi/2 x), x/sqrt(1 + x^2);
 //                                                    slope 1 at zero, +-1 far out, all of them
-//   phases_to_dq(x_abc, theta_e)                     three phase values as a vector in rotor axes
 //   sine(amplitude, phase): amplitude sin(angle + phase) = c_0 sin(angle) + c_1 cos(angle)
 //   whole_orders(least, most): least, least + 1, .. most, as a grid
 #pragma once
@@ -50,10 +49,6 @@ inline Vec3 current_signs(const Vec3& i_abc, double linear_current, CurrentShape
   return {current_sign(i_abc[0] / linear_current, shape),
           current_sign(i_abc[1] / linear_current, shape),
           current_sign(i_abc[2] / linear_current, shape)};
-}
-
-inline Vec2 phases_to_dq(const Vec3& x_abc, double theta_e) {
-  return park(clarke(x_abc), theta_e);
 }
 
 // c_0, c_1 of amplitude sin(angle + phase).

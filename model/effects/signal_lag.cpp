@@ -31,13 +31,6 @@ class Late {
   Filter filter_;
 };
 
-struct Turn {
-  double c, s;
-  explicit Turn(double angle) : c(std::cos(angle)), s(std::sin(angle)) {}
-  Vec2 forth(const Vec2& x) const { return {c * x[0] - s * x[1], s * x[0] + c * x[1]}; }
-  Vec2 back(const Vec2& x) const { return {c * x[0] + s * x[1], c * x[1] - s * x[0]}; }
-};
-
 class SignalLag final : public Effect {
  public:
   std::string_view kind() const override { return "signal_lag"; }
@@ -89,8 +82,7 @@ class SignalLag final : public Effect {
   void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
   void coefficients(std::span<double>) const override {}
   std::vector<TracedKey> traced_keys() const override {
-    return {
-        {"signal", {0, 1, 2, 3}, false}, {"form", {0, 1}, false}, {"lag_s", {50e-6}}};
+    return {{"signal", {0, 1, 2, 3}, false}, {"form", {0, 1}, false}, {"lag_s", {50e-6}}};
   }
   double materiality(const DriveFacts&) const override {
     return lag_ / (signal_ == SamplingFacts::kSpeed ? 50e-6 : 12e-6);
@@ -106,15 +98,14 @@ class SignalLag final : public Effect {
   void voltage(Record record, double T_s, Sums sums) const {
     Late<Vec2, HeldLowPass<Vec2>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k) {
-      const Turn turn(record[k].theta_e);
-      const Vec2 u_alphabeta = turn.forth(record[k].u_dq);
-      sums[k] = {.u_dq_drop = turn.back(u_alphabeta - late.pass(u_alphabeta))};
+      const Vec2 u_alphabeta = record[k].stator_axes(record[k].u_dq);
+      sums[k] = {.u_dq_drop = record[k].rotor_axes(u_alphabeta - late.pass(u_alphabeta))};
     }
   }
   void current(Record record, double T_s, Sums sums) const {
     Late<Vec2, LowPass<Vec2>> late(delay(), tau(), T_s);
     for (std::size_t k = 0; k < record.size(); ++k) {
-      const Vec2 i_alphabeta = Turn(record[k].theta_e).forth(record[k].i_dq);
+      const Vec2 i_alphabeta = record[k].stator_axes(record[k].i_dq);
       sums[k] = {.i_abc = inverse_clarke(late.pass(i_alphabeta) - i_alphabeta)};
     }
   }
