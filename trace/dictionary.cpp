@@ -61,6 +61,10 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
   }
 }
 
+bool adds_to_sensor(const Effect& effect) {
+  return effect.regressor_count() > 0 && (effect.acts_on() & (kOnCurrents | kOnAngle));
+}
+
 }  // namespace
 
 std::vector<Candidate> make_candidates(const Chain& chain) {
@@ -82,6 +86,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (!at_grid->prepare(equations.facts()).empty()) return;
       const int acts = at_grid->acts_on();
+      if (acts == kOnSpeed) return;  // stands in no equation
       if (kind == "signal_lag" && acts == kOnVoltage && !u_moves) return;
       if (kind == "signal_lag" && acts == kOnCurrents && !i_moves) return;
       Candidate candidate{.effect = at_grid, .columns = {}};
@@ -100,8 +105,7 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
   constexpr double kProbe = 1e-5;  // of a coefficient
   const Sampled residual = chain.noiseless(beside);
   for (Candidate& candidate : sampled) {
-    const bool adds = candidate.effect->regressor_count() > 0;
-    if (!adds || !(candidate.effect->acts_on() & (kOnCurrents | kOnAngle))) continue;
+    if (!adds_to_sensor(*candidate.effect)) continue;
     for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
       std::vector<double> coefficients(candidate.columns.size(), 0.0);
       coefficients[r] = kProbe;
@@ -118,9 +122,10 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
   }
 }
 
-void Dictionary::whiten(const Chain& chain) {
+void Dictionary::whiten(const Chain& chain, bool renewed_only) {
   whitened.resize(sampled.size());
   for (std::size_t i = 0; i < sampled.size(); ++i) {
+    if (renewed_only && !adds_to_sensor(*sampled[i].effect)) continue;
     whitened[i].effect = sampled[i].effect;
     whitened[i].columns.clear();
     for (const Sampled& x : sampled[i].columns) whitened[i].columns.push_back(chain.regressor(x));

@@ -20,7 +20,8 @@ struct Dictionary {
   // Columns of what adds to a sensor anew, as they are beside effects in the model: what an error
   // of a current does to the voltage depends on the inductance there.
   void renew(const Chain& chain, const Effects& beside);
-  void whiten(const Chain& chain);
+  // All of them, or what renew() made.
+  void whiten(const Chain& chain, bool renewed_only = false);
 };
 
 // Candidates of every kind with traced_keys() that the record's signals allow; `duration`: of the

@@ -1,6 +1,5 @@
 #include "trace/noise.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -10,54 +9,8 @@
 namespace twinrate {
 namespace {
 
-constexpr Eigen::Index kMostRows = 4000;
 constexpr double kResonance = 0.7;  // of the noise: what shafts must leave of it to be believed
 constexpr double kQuiet = 0.75;     // share of the record that counts as noise alone
-
-// What every candidate together cannot explain of one channel: noise.
-Eigen::VectorXd unexplained(const Eigen::VectorXd& y,
-                            const std::vector<const Eigen::VectorXd*>& x) {
-  if (!y.size()) return y;
-  const auto p = static_cast<Eigen::Index>(x.size());
-  if (y.size() < 4 * p || p == 0) return y;
-  // Pieces spread over the whole record.
-  constexpr Eigen::Index kPiece = 100;
-  const Eigen::Index every = std::max<Eigen::Index>(1, y.size() / kMostRows);
-  std::vector<Eigen::Index> firsts;
-  for (Eigen::Index first = 0; first + kPiece <= y.size(); first += every * kPiece)
-    firsts.push_back(first);
-  const Eigen::Index n = static_cast<Eigen::Index>(firsts.size()) * kPiece;
-  if (n < 4 * p) return y;
-  const auto gather = [&](const Eigen::VectorXd& v) {
-    Eigen::VectorXd out(n);
-    for (std::size_t i = 0; i < firsts.size(); ++i)
-      out.segment(static_cast<Eigen::Index>(i) * kPiece, kPiece) = v.segment(firsts[i], kPiece);
-    return out;
-  };
-  Eigen::MatrixXd X(n, p);
-  Eigen::VectorXd scale(p);
-  for (Eigen::Index c = 0; c < p; ++c) {
-    X.col(c) = gather(*x[static_cast<std::size_t>(c)]);
-    const double norm = X.col(c).norm();
-    scale[c] = norm > 0 ? 1 / norm : 0;
-    X.col(c) *= scale[c];
-  }
-  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(p, p);
-  G.selfadjointView<Eigen::Lower>().rankUpdate(X.transpose());
-  G.diagonal().array() += 1e-8;
-  const Eigen::VectorXd c = scale.asDiagonal() * G.selfadjointView<Eigen::Lower>().ldlt().solve(
-                                                     X.transpose() * gather(y));
-  Eigen::VectorXd left = y;
-  for (Eigen::Index i = 0; i < p; ++i) left -= c[i] * *x[static_cast<std::size_t>(i)];
-  left *= std::sqrt(static_cast<double>(n) / static_cast<double>(n - p));
-  // Between the pieces fitted the columns may say anything.
-  for (Eigen::Index first = 0; first < y.size(); first += kPiece) {
-    const Eigen::Index count = std::min(kPiece, y.size() - first);
-    if (left.segment(first, count).norm() > y.segment(first, count).norm())
-      left.segment(first, count) = y.segment(first, count);
-  }
-  return left;
-}
 
 Runs first_runs(const Runs& runs, Eigen::Index n) {
   Runs first;
@@ -189,8 +142,9 @@ Record add_noise(const Record& record, const DriveFacts& facts, const std::vecto
   return noisier;
 }
 
-NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dictionary) {
-  std::vector<const Eigen::VectorXd*> d, q, torque, shafts;
+NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
+                                const Dictionary& dictionary) {
+  Unexplained::Columns d, q, torque, shafts;
   for (const Candidate& c : dictionary.sampled) {
     if (c.effect->kind() == "torsion" && is_clean(c.columns[0].torque, c.columns[0].noise_torque))
       shafts.push_back(&c.columns[0].torque);
@@ -201,11 +155,16 @@ NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dic
       if (is_clean(x.torque, x.noise_torque)) torque.push_back(&x.torque);
     }
   }
-  const Eigen::VectorXd noise_d = unexplained(y.d, d), noise_q = unexplained(y.q, q);
-  Eigen::VectorXd noise_torque = unexplained(y.torque, torque);
+  const auto rest = [](Unexplained& by, const Unexplained::Columns& x, const Eigen::VectorXd& of) {
+    by.look_at(x);
+    return by(of, static_cast<Eigen::Index>(x.size()));
+  };
+  const Eigen::VectorXd noise_d = rest(d_, d, y.d), noise_q = rest(q_, q, y.q);
   // A resonance passes for noise; but many shafts together pass for anything.
-  shafts.insert(shafts.end(), torque.begin(), torque.end());
-  const Eigen::VectorXd less_shafts = unexplained(y.torque, shafts);
+  const auto without_shafts = static_cast<Eigen::Index>(torque.size());
+  torque.insert(torque.end(), shafts.begin(), shafts.end());
+  const Eigen::VectorXd less_shafts = rest(torque_, torque, y.torque);
+  Eigen::VectorXd noise_torque = torque_(y.torque, without_shafts);
   if (less_shafts.norm() < kResonance * noise_torque.norm()) noise_torque = less_shafts;
   const Sampler& sampler = chain.sampler();
   NoiseModel noise;

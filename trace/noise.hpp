@@ -1,6 +1,7 @@
 // How large the noise of a record is, and what it looks like at the tracer's rate.
 #pragma once
 #include "trace/dictionary.hpp"
+#include "trace/unexplained.hpp"
 
 namespace twinrate {
 
@@ -8,8 +9,14 @@ namespace twinrate {
 // that the fourth difference shows; with what the controller makes of it.
 Record add_noise(const Record& record, const DriveFacts& facts, const std::vector<char>& moving,
                  double i_lsb);
-// From what no candidate can explain of `y` (sampled, not whitened).
-// Candidates whose columns hold the noise itself are left out.
-NoiseModel fit_noise(const Chain& chain, const Sampled& y, const Dictionary& dictionary);
+// The noise model, from what no candidate can explain of `y` (sampled, not whitened). Candidates
+// whose columns hold the noise itself are left out.
+class NoiseFit {
+ public:
+  NoiseModel operator()(const Chain& chain, const Sampled& y, const Dictionary& dictionary);
+
+ private:
+  Unexplained d_, q_, torque_;
+};
 
 }  // namespace twinrate

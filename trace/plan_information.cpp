@@ -193,7 +193,7 @@ PlanInformation plan_information(const Record& record, const Health& health,
     dictionary.sampled.push_back({effect, effect->regressor_count() > 0
                                               ? chain.columns(*effect)
                                               : std::vector<Sampled>{chain.contribution(*effect)}});
-  chain.set_noise(fit_noise(chain, chain.residual({}), dictionary));
+  chain.set_noise(NoiseFit()(chain, chain.residual({}), dictionary));
 
   PlanInformation out;
   PlanCandidates& all = out.candidates;

@@ -95,6 +95,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   const Rows training(sampler, false), unseen(sampler, true);
   Fit fit;                  // after the last whole round
   NoiseModel noise_of_fit;  // that it was made under
+  NoiseFit fit_noise;
   Progress progress;
   int rounds = 0;
   // The error of a coarse ADC is no noise: it repeats with the current. Nor is that of filling rows
@@ -116,7 +117,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
       NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
       const bool quieter = rounds == 0 || level(noise) < kSame * level(chain.noise());
       if (quieter) chain.set_noise(std::move(noise));
-      if (quieter || renewed) dictionary.whiten(chain);
+      if (quieter || renewed) dictionary.whiten(chain, !quieter);
       if (quieter && settings.say)
         settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
                                  chain.noise().q.rms(), chain.noise().torque.rms()));

@@ -1,0 +1,77 @@
+#include "trace/unexplained.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+constexpr Eigen::Index kMostRows = 4000, kPiece = 100;
+constexpr double kRidge = 1e-8;
+
+// Pieces spread over the whole record, one behind the other.
+Eigen::VectorXd gathered(const Eigen::VectorXd& v) {
+  const Eigen::Index every = std::max<Eigen::Index>(1, v.size() / kMostRows);
+  std::vector<Eigen::Index> firsts;
+  for (Eigen::Index first = 0; first + kPiece <= v.size(); first += every * kPiece)
+    firsts.push_back(first);
+  Eigen::VectorXd out(static_cast<Eigen::Index>(firsts.size()) * kPiece);
+  for (std::size_t i = 0; i < firsts.size(); ++i)
+    out.segment(static_cast<Eigen::Index>(i) * kPiece, kPiece) = v.segment(firsts[i], kPiece);
+  return out;
+}
+
+}  // namespace
+
+void Unexplained::look_at(const Columns& x) {
+  x_ = x;
+  const auto p = static_cast<Eigen::Index>(x.size());
+  std::vector<Eigen::Index> anew;
+  for (Eigen::Index c = 0; c < p; ++c) {
+    const Eigen::VectorXd column = gathered(*x[static_cast<std::size_t>(c)]);
+    if (X_.rows() != column.size() || X_.cols() != p) {
+      X_ = Eigen::MatrixXd::Zero(column.size(), p);
+      scale_ = Eigen::VectorXd::Zero(p);
+      G_ = Eigen::MatrixXd::Zero(p, p);
+    }
+    const double norm = column.norm(), scale = norm > 0 ? 1 / norm : 0;
+    const Eigen::VectorXd unit = scale * column;
+    if (scale == scale_[c] && unit == X_.col(c)) continue;
+    X_.col(c) = unit;
+    scale_[c] = scale;
+    anew.push_back(c);
+  }
+  if (2 * anew.size() > x.size()) {
+    G_.setZero();
+    G_.selfadjointView<Eigen::Lower>().rankUpdate(X_.transpose());
+    G_.triangularView<Eigen::StrictlyUpper>() = G_.transpose();
+  } else {
+    for (Eigen::Index c : anew) {
+      G_.col(c) = X_.transpose() * X_.col(c);
+      G_.row(c) = G_.col(c).transpose();
+    }
+  }
+}
+
+Eigen::VectorXd Unexplained::operator()(const Eigen::VectorXd& y, Eigen::Index count) const {
+  const Eigen::Index n = X_.rows();
+  if (!y.size() || count == 0 || y.size() < 4 * count || n < 4 * count) return y;
+  Eigen::MatrixXd G = G_.topLeftCorner(count, count);
+  G.diagonal().array() += kRidge;
+  const Eigen::VectorXd c =
+      scale_.head(count).asDiagonal() *
+      G.selfadjointView<Eigen::Lower>().ldlt().solve(X_.leftCols(count).transpose() * gathered(y));
+  Eigen::VectorXd left = y;
+  for (Eigen::Index i = 0; i < count; ++i) left -= c[i] * *x_[static_cast<std::size_t>(i)];
+  left *= std::sqrt(static_cast<double>(n) / static_cast<double>(n - count));
+  // Between the pieces fitted the columns may say anything.
+  for (Eigen::Index first = 0; first < y.size(); first += kPiece) {
+    const Eigen::Index rows = std::min(kPiece, y.size() - first);
+    if (left.segment(first, rows).norm() > y.segment(first, rows).norm())
+      left.segment(first, rows) = y.segment(first, rows);
+  }
+  return left;
+}
+
+}  // namespace twinrate
