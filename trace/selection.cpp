@@ -232,26 +232,44 @@ class Selector {
     }
   }
 
+  // The others of the set without one, and what could stand in its place.
+  struct WithoutOne {
+    Fit without;
+    std::vector<Score> ranking;
+    std::vector<std::pair<const Effect*, Fit>> refined;  // with one of the ranking
+  };
+  WithoutOne look_without(std::size_t m) const {
+    WithoutOne look{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
+    look.ranking = ranked(look.without);
+    return look;
+  }
+  const Fit& refined(WithoutOne& look, const Score& s) const {
+    for (const auto& [effect, fit] : look.refined)
+      if (effect == s.effect.get()) return fit;
+    look.refined.emplace_back(s.effect.get(), fitter_.refine(with(look.without.members, s.effect)));
+    return look.refined.back().second;
+  }
+
   // Puts one other kind in the place of a member where that is better.
   bool swap_one() {
-    without_.clear();
+    looks_.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
-      without_.push_back(fitter_.refine(with(selection_.fit.members, nullptr, m)));
-      const Fit& without = without_.back();
+      looks_.push_back(look_without(m));
+      const Fit without = looks_.back().without;
       const double gain_now = score_of(fitter_, without) - score_of(fitter_, selection_.fit);
       std::size_t tried = 0;
-      for (const Score& s : ranked(without)) {
+      for (const Score& s : looks_.back().ranking) {
         if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
         if (s.effect->kind() == selection_.fit.members[m]->kind()) continue;
         ++tried;
-        Fit next = fitter_.refine(with(without.members, s.effect));
+        Fit next = refined(looks_.back(), s);
         const double gain = score_of(fitter_, without) - score_of(fitter_, next);
         if (gain <= gain_now + 1 || !acceptable(next, without)) continue;
         if (say_)
           say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", s.effect->kind(),
                            selection_.fit.members[m]->kind(), gain, gain_now));
         selection_.fit = std::move(next);
-        without_.clear();
+        looks_.clear();
         return true;
       }
     }
@@ -261,21 +279,21 @@ class Selector {
   void judge_members() {
     selection_.members.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
-      const bool known = without_.size() == selection_.fit.members.size();
-      Selected s{.without = known ? std::move(without_[m])
-                                  : fitter_.refine(with(selection_.fit.members, nullptr, m))};
+      const bool known = looks_.size() == selection_.fit.members.size();
+      WithoutOne look = known ? std::move(looks_[m]) : look_without(m);
+      Selected s{.without = look.without};
       s.score_gain = score_of(fitter_, s.without) - score_of(fitter_, selection_.fit);
       s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
       s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
       std::size_t tried = 0;
-      for (const Score& other : ranked(s.without)) {
+      for (const Score& other : look.ranking) {
         if (tried >= kMostTried) break;
         if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
         ++tried;
         Alternative a{std::string(other.effect->kind()), other.gain, 0, "",
                       static_cast<double>(parameters_of(*other.effect))};
         if (other.gain > 0.5 * s.score_gain) {
-          const Fit next = fitter_.refine(with(s.without.members, other.effect));
+          const Fit next = refined(look, other);
           a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);
           a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
           if (!next.valid) a.why = "its parameters leave their physical range";
@@ -291,7 +309,7 @@ class Selector {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Selection selection_;
-  std::vector<Fit> without_;  // by member of the last set that no swap made better
+  std::vector<WithoutOne> looks_;  // by member of the last set that no swap made better
   int gaps_left_ = 0;
 };
 
