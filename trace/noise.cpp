@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 
 #include "model/random.hpp"
 #include "trace/loop_response.hpp"
@@ -85,7 +86,18 @@ bool may_mimic_noise(const Effect& effect) {
        {"inductance", "saturation", "cross_saturation", "inertia", "voltage_gain", "current_gain",
         "iron_loss", "encoder_eccentricity"})
     if (effect.kind() == kind) return true;
-  return effect.regressor_count() == 0;
+  // A late angle turns the voltage by far more than noise; what tells it from a late voltage, and a
+  // filter from a delay, is noise again.
+  SamplingFacts late;
+  const bool late_angle = effect.kind() == "signal_lag" && effect.describe_sampling(late) &&
+                          late.delay[SamplingFacts::kAngle] > 0;
+  return effect.regressor_count() == 0 && !late_angle;
+}
+
+// Each of the columns is clean where current flows along q, and what all phases share is i_d: where
+// none flows, nothing but noise.
+bool may_sum_to_noise(const Effect& effect) {
+  return effect.kind() == "phase_asymmetry";
 }
 
 // A column that does not hold that noise, to estimate it from.
@@ -145,26 +157,42 @@ Record add_noise(const Record& record, const DriveFacts& facts, const std::vecto
 NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
                                 const Dictionary& dictionary) {
   Unexplained::Columns d, q, torque, shafts;
+  const auto take = [&](const Sampled& x) {
+    if (is_clean(x.d, x.noise_d)) d.push_back(&x.d);
+    if (is_clean(x.q, x.noise_q)) q.push_back(&x.q);
+    if (is_clean(x.torque, x.noise_torque)) torque.push_back(&x.torque);
+  };
+  std::deque<Sampled> differences;  // pushing leaves the others where they are
   for (const Candidate& c : dictionary.sampled) {
     if (c.effect->kind() == "torsion" && is_clean(c.columns[0].torque, c.columns[0].noise_torque))
       shafts.push_back(&c.columns[0].torque);
     if (may_mimic_noise(*c.effect)) continue;
-    for (const Sampled& x : c.columns) {
-      if (is_clean(x.d, x.noise_d)) d.push_back(&x.d);
-      if (is_clean(x.q, x.noise_q)) q.push_back(&x.q);
-      if (is_clean(x.torque, x.noise_torque)) torque.push_back(&x.torque);
+    if (!may_sum_to_noise(*c.effect)) {
+      for (const Sampled& x : c.columns) take(x);
+      continue;
+    }
+    for (std::size_t r = 0; r + 1 < c.columns.size(); ++r) {
+      add(differences.emplace_back(c.columns[r]), c.columns.back(), -1);
+      take(differences.back());
     }
   }
-  const auto rest = [](Unexplained& by, const Unexplained::Columns& x, const Eigen::VectorXd& of) {
-    by.look_at(x);
-    return by(of, static_cast<Eigen::Index>(x.size()));
+  // Not less than what the sensors' own noise makes.
+  const auto rest = [](const Unexplained& by, std::size_t columns, const Eigen::VectorXd& of,
+                       const Eigen::VectorXd& sensors) {
+    constexpr double kLeast = 0.6;
+    const Eigen::VectorXd left = by(of, static_cast<Eigen::Index>(columns));
+    return left.norm() < kLeast * sensors.norm() ? sensors : left;
   };
-  const Eigen::VectorXd noise_d = rest(d_, d, y.d), noise_q = rest(q_, q, y.q);
   // A resonance passes for noise; but many shafts together pass for anything.
-  const auto without_shafts = static_cast<Eigen::Index>(torque.size());
+  const std::size_t without_shafts = torque.size();
   torque.insert(torque.end(), shafts.begin(), shafts.end());
-  const Eigen::VectorXd less_shafts = rest(torque_, torque, y.torque);
-  Eigen::VectorXd noise_torque = torque_(y.torque, without_shafts);
+  d_.look_at(d);
+  q_.look_at(q);
+  torque_.look_at(torque);
+  const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d),
+                        noise_q = rest(q_, q.size(), y.q, y.noise_q),
+                        less_shafts = rest(torque_, torque.size(), y.torque, y.noise_torque);
+  Eigen::VectorXd noise_torque = rest(torque_, without_shafts, y.torque, y.noise_torque);
   if (less_shafts.norm() < kResonance * noise_torque.norm()) noise_torque = less_shafts;
   const Sampler& sampler = chain.sampler();
   NoiseModel noise;
