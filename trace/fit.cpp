@@ -75,14 +75,20 @@ bool tells(const Effect& effect, std::size_t coefficient, double energy, const D
          kMostSizes * smallest_coefficient(effect, static_cast<int>(coefficient), facts);
 }
 
-double largest_wald(const Fit& fit, std::size_t m) {
-  const std::vector<double> c = coefficients_of(*fit.members[m]);
+double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
+  const Effect& effect = *fit.members[m];
+  const std::vector<double> c = coefficients_of(effect);
+  ShaftFacts shaft;
+  if (effect.describe_shaft(shaft)) return 0;
   double largest = 0;
-  for (Eigen::Index p = 0; p < fit.covariance.rows(); ++p) {
+  for (Eigen::Index p = 0; p < covariance.rows(); ++p) {
     const FreeParameter& free = fit.free[static_cast<std::size_t>(p)];
-    if (free.member != m || free.coefficient < 0 || !(fit.covariance(p, p) > 0)) continue;
-    const double value = c[static_cast<std::size_t>(free.coefficient)];
-    largest = std::max(largest, value * value / fit.covariance(p, p));
+    // Without coefficients a lag is left, whose size is its key.
+    if (free.member != m || !(covariance(p, p) > 0) || (free.coefficient < 0 && !c.empty()))
+      continue;
+    const double value =
+        c.empty() ? get_key(effect, free.key) : c[static_cast<std::size_t>(free.coefficient)];
+    largest = std::max(largest, value * value / covariance(p, p));
   }
   return largest;
 }

@@ -53,8 +53,8 @@ struct Fit {
 };
 
 // By how much rss would rise, at least, without member m: the largest of its coefficients squared
-// over their variances. 0 where it has none.
-double largest_wald(const Fit& fit, std::size_t m);
+// over their variances in `covariance`, of fit.free. 0 for a shaft, whose size is in no one key.
+double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
 
 class Fitter {
  public:

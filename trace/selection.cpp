@@ -18,6 +18,7 @@ namespace {
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
+constexpr double kPlainly = 0.5;       // of the plain error: a gap that leaves less is one
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
@@ -50,6 +51,7 @@ class Selector {
   Fit step(const Members& members, Progress& progress) {
     gaps_left_ = progress.gaps_left;
     selection_.fit = fitter_.refine(members);
+    if (!selection_.fit.valid) selection_.fit = without_slope(std::move(selection_.fit));
     drop_superfluous();
     const bool added = selection_.fit.members.size() < kMostMembers && add_one();
     if (added) drop_superfluous();
@@ -60,6 +62,7 @@ class Selector {
     selection_.fit = fitter_.refine(members);
     for (int round = 0; round < 2 && swap_one(); ++round) drop_superfluous();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
+    drop_uncertain();
     judge_members();
     for (const Score& s : ranked(selection_.fit)) {
       if (selection_.refused.size() == kMostTried) break;
@@ -88,7 +91,17 @@ class Selector {
     const double gain = now.rss_held_out - next.rss_held_out;
     return next.valid && gain > least_gain(next, now) &&
            next.members.back()->materiality(fitter_.chain().equations().facts()) >= 1 &&
-           !crumb(next, now) && rings(*next.members.back());
+           !crumb(next, now) && rings(*next.members.back()) && everywhere(next);
+  }
+
+  // The newcomer is more than a few pieces of the record ask for: what they disagree by is far less
+  // than its size. (What rows were filled with in a few quick turns can be fitted, too.)
+  bool everywhere(const Fit& next) const {
+    constexpr double kSigmas = 5;
+    ShaftFacts shaft;
+    const std::size_t last = next.members.size() - 1;
+    return next.members[last]->describe_shaft(shaft) ||
+           largest_wald(next, fitter_.robust_covariance(next), last) > kSigmas * kSigmas;
   }
 
   // Of the held-out error: a share of what the newcomer changes there, which is all of it where it
@@ -129,9 +142,11 @@ class Selector {
     if (say_)
       say_(fmt::format("  {}: {:.0f}; with a gap: {} {:+.0f}", describe(*shaft.members.back()),
                        gain, describe(*gap.members.back()), more));
-    // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft.
-    if (acceptable(gap, now) && more > std::max(fitter_.margin(), kGap * gain) &&
-        plain_torque(fitter_, gap) < plain_torque(fitter_, shaft))
+    // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft,
+    // or the other way round.
+    const double plain = plain_torque(fitter_, gap) / plain_torque(fitter_, shaft);
+    const double least = plain < kPlainly ? 0 : kGap * gain;
+    if (acceptable(gap, now) && plain < 1 && more > std::max(fitter_.margin(), least))
       shaft = std::move(gap);
   }
 
@@ -174,8 +189,8 @@ class Selector {
     return true;
   }
 
-  // Beside a resistance the slope of an inverter's drop has nothing left to say: what remains of it
-  // is a dead time.
+  // Beside a resistance, or below zero, the slope of an inverter's drop has nothing left to say:
+  // what remains of it is a dead time.
   Fit without_slope(Fit fit) const {
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
       if (fit.members[m]->kind() != "inverter_drop") continue;
@@ -191,8 +206,16 @@ class Selector {
     return fit;
   }
 
-  // What stands at a moment of the record was placed before the newcomer was in the model.
+  // What stands at a moment of the record, and a shaft, were placed before the newcomer was in the
+  // model.
   void place_anew() {
+    for (std::size_t m = 0; m + 1 < selection_.fit.members.size(); ++m) {
+      ShaftFacts shaft;
+      if (selection_.fit.members[m]->describe_shaft(shaft)) {
+        shaft_anew(m);
+        break;  // it is the last member now
+      }
+    }
     for (std::size_t m = 0; m + 1 < selection_.fit.members.size(); ++m) {
       const std::shared_ptr<Effect> member = selection_.fit.members[m];
       if (member->kind() != "load_step") continue;
@@ -204,6 +227,18 @@ class Selector {
     }
   }
 
+  void shaft_anew(std::size_t m) {
+    if (gaps_left_ <= 0 || !leaves_more_than_noise(fitter_, selection_.fit)) return;
+    --gaps_left_;
+    const Fit without = fitter_.start(with(selection_.fit.members, nullptr, m));
+    Fit anew = search_backlash(fitter_, without, *selection_.fit.members[m]);
+    if (say_) say_(fmt::format("  anew: {}", describe(*anew.members.back())));
+    if (anew.valid && rings(*anew.members.back()) &&
+        score_of(fitter_, anew) < score_of(fitter_, selection_.fit) &&
+        plain_torque(fitter_, anew) < plain_torque(fitter_, selection_.fit))
+      selection_.fit = std::move(anew);
+  }
+
   // Its coefficients are so many sigmas from zero that no fit without it need be tried.
   bool clearly_needed(std::size_t m) const {
     constexpr double kTimes = 20;  // what it costs
@@ -211,7 +246,7 @@ class Selector {
     const double N = static_cast<double>(fitter_.training().count(fit.y));
     const double price =
         fitter_.margin() + static_cast<double>(parameters_of(*fit.members[m])) * std::log(N);
-    return N * std::log1p(largest_wald(fit, m) / fit.rss) > kTimes * price;
+    return N * std::log1p(largest_wald(fit, fit.covariance, m) / fit.rss) > kTimes * price;
   }
 
   void drop_superfluous() {
@@ -248,6 +283,28 @@ class Selector {
       if (effect == s.effect.get()) return fit;
     look.refined.emplace_back(s.effect.get(), fitter_.refine(with(look.without.members, s.effect)));
     return look.refined.back().second;
+  }
+
+  // Members that, beside all the others, are within three of their own standard deviations of
+  // nothing, the least certain first.
+  void drop_uncertain() {
+    constexpr double kSigmas = 3;
+    while (true) {
+      const Fit& fit = selection_.fit;
+      const Eigen::MatrixXd covariance = fitter_.robust_covariance(fit);
+      std::size_t least = kNobody;
+      double smallest = kSigmas * kSigmas;
+      for (std::size_t m = 0; m < fit.members.size(); ++m) {
+        ShaftFacts shaft;
+        if (fit.members[m]->describe_shaft(shaft)) continue;
+        const double wald = largest_wald(fit, covariance, m);
+        if (wald < smallest) smallest = wald, least = m;
+      }
+      if (least == kNobody) return;
+      if (say_) say_(fmt::format("  without {}: not certain", fit.members[least]->kind()));
+      selection_.fit = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
+      looks_.clear();
+    }
   }
 
   // Puts one other kind in the place of a member where that is better.

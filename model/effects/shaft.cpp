@@ -41,6 +41,8 @@ class LoadMass {
       : shaft_(shaft),
         T_s_(T_s),
         half_(0.5 * shaft.gap),
+        compliance_(1 / shaft.stiffness),
+        per_J_(1 / shaft.J_load),
         whole_(Oscillation::of(shaft, T_s)),
         x_(start) {}
 
@@ -75,7 +77,7 @@ class LoadMass {
   // On a flank at `at`: an oscillation about the twist that holds the load.
   ShaftState carried(const ShaftState& x, double at, const Oscillation& Phi, double omega_m,
                      double T_load) const {
-    const double rest = at + T_load / shaft_.stiffness;
+    const double rest = at + T_load * compliance_;
     const double d = x.delta - rest, rate = omega_m - x.omega_load;
     return {rest + Phi.Phi_dd * d + Phi.Phi_dr * rate,
             omega_m - (Phi.Phi_rd * d + Phi.Phi_rr * rate)};
@@ -86,7 +88,7 @@ class LoadMass {
       const double at = static_cast<int>(contact) * half_;
       return carried(x, at, h == T_s_ ? whole_ : Oscillation::of(shaft_, h), omega_m, T_load);
     }
-    const double slowing = T_load / shaft_.J_load;
+    const double slowing = T_load * per_J_;
     return {x.delta + h * (omega_m - x.omega_load) + 0.5 * h * h * slowing,
             x.omega_load - h * slowing};
   }
@@ -126,7 +128,7 @@ class LoadMass {
   }
 
   ShaftFacts shaft_;
-  double T_s_, half_;
+  double T_s_, half_, compliance_, per_J_;
   Oscillation whole_;
   ShaftState x_;
 };

@@ -1,0 +1,127 @@
+#include "trace/shaft_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/effects/shaft.hpp"
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kApart = 0.26;      // of the logarithm of a key: within it, one start will do
+constexpr Eigen::Index kPiece = 64;  // outputs
+
+std::vector<std::string> keys(const Effect& shaft) {
+  std::vector<std::string> names = {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"};
+  if (shaft.kind() == "backlash") names.push_back("gap_rad");
+  return names;
+}
+Eigen::VectorXd logs(const ShaftSearch::Point& p) {
+  const std::vector<std::string> names = keys(*p.shaft);
+  Eigen::VectorXd x(static_cast<Eigen::Index>(names.size()));
+  for (std::size_t i = 0; i < names.size(); ++i)
+    x[static_cast<Eigen::Index>(i)] = std::log(std::max(1e-12, get_key(*p.shaft, names[i])));
+  return x;
+}
+
+}  // namespace
+
+ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Rows rows)
+    : chain_(chain),
+      all_(rows == Rows::kAll),
+      now_(chain.residual({now.begin(), now.end()}).torque),
+      acceleration_(chain.remembered_columns(*make_effect("inertia"))[0].torque),
+      points_(chain.equations().points()) {
+  if (all_) return;
+  const std::vector<OperatingPoint>& points = chain.equations().points();
+  points_.clear();
+  for (std::size_t k = chain.sampler().first(); k < points.size(); k += chain.sampler().stride())
+    points_.push_back(points[k]);
+}
+
+ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
+  chain_.checkpoint();
+  Point p{.shaft = std::move(shaft)};
+  const DriveFacts& facts = chain_.equations().facts();
+  if (!p.shaft->prepare(facts).empty() || p.shaft->materiality(facts) < 1) return p;
+  const Runs& runs = chain_.sampler().torque();
+  ShaftFacts of_shaft;
+  p.shaft->describe_shaft(of_shaft);
+  std::vector<double> T_load(points_.size());
+  const double stride = all_ ? 1 : static_cast<double>(chain_.sampler().stride());
+  along_shaft(of_shaft, points_, stride * chain_.equations().record().T_s, T_load);
+  const Sampler& sampler = chain_.sampler();
+  const Eigen::VectorXd left = now_ -
+                               (all_ ? sampler(T_load, runs) : sampler.sparsely(T_load, runs)) +
+                               of_shaft.J_load * acceleration_;
+  p.error = 0;
+  for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece)
+    if (!runs.held_out[static_cast<std::size_t>(first)])
+      p.error += left.segment(first, kPiece).norm();
+  return p;
+}
+
+ShaftSearch::Point ShaftSearch::at(const Point& like, const Eigen::VectorXd& x) const {
+  std::shared_ptr<Effect> shaft = like.shaft->clone();
+  const std::vector<std::string> names = keys(*shaft);
+  for (std::size_t i = 0; i < names.size(); ++i)
+    set_key(*shaft, names[i], std::exp(x[static_cast<Eigen::Index>(i)]));
+  return at(std::move(shaft));
+}
+
+ShaftSearch::Point ShaftSearch::descend(const Point& start, int most, double first_step) const {
+  const auto n = static_cast<Eigen::Index>(logs(start).size());
+  const auto last = static_cast<std::size_t>(n);
+  std::vector<Point> simplex = {start};
+  for (Eigen::Index i = 0; i < n; ++i) {
+    Eigen::VectorXd x = logs(start);
+    x[i] += first_step;
+    simplex.push_back(at(start, x));
+  }
+  for (int tried = static_cast<int>(n); tried < most; ++tried) {
+    std::sort(simplex.begin(), simplex.end(), better);
+    Point& worst = simplex.back();
+    Eigen::VectorXd centre = Eigen::VectorXd::Zero(n);
+    for (std::size_t i = 0; i < last; ++i) centre += logs(simplex[i]) / static_cast<double>(n);
+    const Eigen::VectorXd away = centre - logs(worst);
+    if (away.cwiseAbs().maxCoeff() < 2e-4) break;
+    Point next = at(start, centre + away);
+    if (next.error < simplex[0].error) {
+      Point further = at(start, centre + 2 * away);
+      worst = further.error < next.error ? std::move(further) : std::move(next);
+    } else if (next.error < simplex[last - 1].error) {
+      worst = std::move(next);
+    } else {
+      Point nearer = at(start, centre - 0.5 * away);
+      if (nearer.error < worst.error) {
+        worst = std::move(nearer);
+      } else {
+        for (std::size_t i = 1; i < simplex.size(); ++i)
+          simplex[i] = at(start, 0.5 * (logs(simplex[0]) + logs(simplex[i])));
+        tried += static_cast<int>(n);
+      }
+    }
+  }
+  return *std::min_element(simplex.begin(), simplex.end(), better);
+}
+
+// The best few, no two of them with nearly the same mass and gap.
+std::vector<ShaftSearch::Point> apart(std::vector<ShaftSearch::Point> points, std::size_t most) {
+  std::sort(points.begin(), points.end(), ShaftSearch::better);
+  std::vector<ShaftSearch::Point> chosen;
+  const auto distance = [](const Effect& a, const Effect& b, const char* key) {
+    return std::abs(std::log(get_key(a, key) / get_key(b, key)));
+  };
+  for (const ShaftSearch::Point& p : points) {
+    if (chosen.size() == most) break;
+    if (std::none_of(chosen.begin(), chosen.end(), [&](const ShaftSearch::Point& c) {
+          return distance(*c.shaft, *p.shaft, "J_load_kgm2") < kApart &&
+                 distance(*c.shaft, *p.shaft, "gap_rad") < kApart;
+        }))
+      chosen.push_back(p);
+  }
+  return chosen;
+}
+
+}  // namespace twinrate

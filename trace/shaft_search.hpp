@@ -1,0 +1,39 @@
+// Looks for the shaft that leaves least of the torque, with a gap or without. Without slopes:
+// impacts move in time with every key, and a slope says little beyond the next bump.
+#pragma once
+#include "trace/fit.hpp"
+
+namespace twinrate {
+
+class ShaftSearch {
+ public:
+  struct Point {
+    std::shared_ptr<Effect> shaft;
+    double error = 1e300;  // sum over pieces of their norm: a missed impact spoils one of them
+  };
+  static bool better(const Point& a, const Point& b) { return a.error < b.error; }
+
+  // Rows at which the load mass is followed: at the sampler's stride, which is enough to find where
+  // to look, or all.
+  enum class Rows { kStride, kAll };
+  ShaftSearch(const Chain& chain, const Members& now, Rows rows = Rows::kStride);
+
+  // How much a shaft leaves of the torque that the members leave, as the tracer samples it: not
+  // whitened, for what the noise is taken for is part impacts.
+  Point at(std::shared_ptr<Effect> shaft) const;
+  // Nelder and Mead's simplex in the logarithms of the keys; `first_step`: of these.
+  Point descend(const Point& start, int most, double first_step) const;
+
+ private:
+  Point at(const Point& like, const Eigen::VectorXd& logs) const;
+
+  const Chain& chain_;
+  bool all_;
+  Eigen::VectorXd now_, acceleration_;  // what is left; omega_m'
+  std::vector<OperatingPoint> points_;
+};
+
+// The best few, no two of them with nearly the same mass and gap.
+std::vector<ShaftSearch::Point> apart(std::vector<ShaftSearch::Point> points, std::size_t most);
+
+}  // namespace twinrate
