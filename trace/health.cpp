@@ -11,6 +11,9 @@ namespace {
 
 using Column = std::vector<double>;
 
+// Rows that are alike with another in between are so by chance; with so many times as many
+// repeated, they are not repeated by chance.
+constexpr std::size_t kChance = 4;
 constexpr std::int64_t kGapEdge = 5000;  // rows at each end of a gap; what lies between is left out
 
 // Where the angle stands still and a quantised current is quiet, a row or two repeat by chance.
@@ -97,9 +100,17 @@ std::vector<char> stale_rows(const RawLog& raw) {
     if (!c->empty()) noisy.push_back(c);
   std::vector<char> stale(raw.size(), 0);
   if (noisy.size() < 2) return stale;
-  for (std::size_t k = 1; k < raw.size(); ++k)
-    stale[k] = std::all_of(noisy.begin(), noisy.end(),
-                           [&](const Column* c) { return (*c)[k] == (*c)[k - 1]; });
+  const auto same = [&](std::size_t k, std::size_t as) {
+    return std::all_of(noisy.begin(), noisy.end(),
+                       [&](const Column* c) { return (*c)[k] == (*c)[as]; });
+  };
+  std::size_t repeated = 0, by_chance = 0;  // as the row before; as the one before that alone
+  for (std::size_t k = 1; k < raw.size(); ++k) {
+    stale[k] = same(k, k - 1);
+    repeated += stale[k];
+    by_chance += k > 1 && !stale[k] && same(k, k - 2);
+  }
+  if (kChance * by_chance > repeated) std::fill(stale.begin(), stale.end(), char{0});
   if (!raw.theta_m.empty()) forgive_at_rest(stale, raw.theta_m);
   return stale;
 }
