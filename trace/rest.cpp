@@ -16,6 +16,7 @@ constexpr int kBins = 24;
 constexpr double kSmallestVoltage = 2e-4;   // of the bus voltage, rms of the means
 constexpr double kChance = 1e-9;            // of noise making such means
 constexpr double kLeastBesideShaft = 0.15;  // impacts are never met to the last bit
+constexpr double kTimesNoise = 2;           // the rms of a rest that is more than noise
 constexpr double kLeastShare = 0.04;        // of the residual's power: less is too small to draw
 
 struct Axis {
@@ -93,6 +94,17 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
     }
     if (best.share > 0) found.push_back(best);
   };
+  // What acts now and then (impacts, a load that comes and goes) depends on none of these.
+  const auto bursts = [&](const Eigen::VectorXd& e, const Whitener& noise, const char* equation,
+                          const char* what, const char* channel, const char* unit) {
+    const double rms = std::sqrt(e.squaredNorm() / static_cast<double>(e.size()));
+    if (rms < kTimesNoise * noise.rms()) return;
+    Structure s{.regressor = "t", .equation = equation, .channel = channel};
+    s.share = 1 - noise.rms() * noise.rms() / (rms * rms);
+    s.text = fmt::format("{} comes in bursts ({:.3g} {} rms beside a noise of {:.3g} {})", what,
+                         rms, unit, noise.rms(), unit);
+    found.push_back(std::move(s));
+  };
   const DriveFacts& facts = chain.equations().facts();
   const double smallest_V = kSmallestVoltage * facts.v_dc;
   if (fit.y.d.size()) {
@@ -102,6 +114,16 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
   }
   look(fit.y.torque, physical.torque, chain.sampler().torque(), "mechanical",
        "the rest of the torque", "torque", smallest_torque(facts, 6e-3));
+  if (!found.empty()) return found;
+  const NoiseModel& noise = chain.noise();
+  if (physical.d.size()) {
+    bursts(physical.d, noise.d, "electrical", "the rest of the d voltage", "d", "V");
+    bursts(physical.q, noise.q, "electrical", "the rest of the q voltage", "q", "V");
+  }
+  const bool gap = std::any_of(fit.members.begin(), fit.members.end(),
+                               [](const auto& member) { return has_gap(*member); });
+  if (physical.torque.size() && !gap)
+    bursts(physical.torque, noise.torque, "mechanical", "the rest of the torque", "torque", "Nm");
   return found;
 }
 
