@@ -109,7 +109,7 @@ TraceResult trace_drive_logs(const TraceOptions& o, const LogRequest& asked,
   });
   line.clear();
   const std::vector<char> held_out =
-      asked.held_out.empty() ? held_out_rows(logs.record, settings.holdout) : logs.held_out();
+      asked.held_out.empty() ? held_out_rows(logs.record, settings.holdout, drive.machine.n_p) : logs.held_out();
   TraceResult result = trace_record(logs.record, drive, logs.health, settings, held_out);
   find_moments(logs, drive, result);
   if (o.verify) replayed = verify_logs(asked, drive, logs, held_out);

@@ -160,8 +160,8 @@ std::vector<std::string> plannable_kinds() {
   return kinds;
 }
 
-std::vector<RowSpan> training_spans(const Record& record, double holdout) {
-  const std::vector<char> held_out = held_out_rows(record, holdout);
+std::vector<RowSpan> training_spans(const Record& record, double holdout, int n_p) {
+  const std::vector<char> held_out = held_out_rows(record, holdout, n_p);
   std::vector<RowSpan> spans;
   for (std::size_t k = 0; k < held_out.size(); ++k) {
     if (held_out[k]) continue;

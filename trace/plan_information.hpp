@@ -36,6 +36,6 @@ PlanInformation plan_information(const Record& record, const Health& health,
 // over `part`.
 Record excerpt(const Record& record, double longest_s, double& part);
 // The rows of a record that the tracer would train on.
-std::vector<RowSpan> training_spans(const Record& record, double holdout);
+std::vector<RowSpan> training_spans(const Record& record, double holdout, int n_p);
 
 }  // namespace twinrate

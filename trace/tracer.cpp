@@ -40,7 +40,7 @@ std::vector<char> moving_rows(const Equations& equations) {
   return ok;
 }
 
-std::vector<char> held_out_rows(const Record& record, double share) {
+std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
   std::vector<char> held(record.size(), 0);
   if (share <= 0) return held;
   const int every = std::max(2, static_cast<int>(std::lround(1 / share)));
@@ -49,7 +49,8 @@ std::vector<char> held_out_rows(const Record& record, double share) {
   };
   // Of the ways to take every n-th block, the one that sees the most even part of what the drive
   // does: of its acceleration and of its current.
-  std::vector<double> motion(static_cast<std::size_t>(every), 1e-12), current = motion;
+  std::vector<double> motion(static_cast<std::size_t>(every), 1e-12), current = motion,
+                                                                      i_d = motion;
   constexpr std::size_t kReach = 20;  // rows
   for (std::size_t k = kReach; k + kReach < held.size(); ++k) {
     const double bend =
@@ -57,16 +58,22 @@ std::vector<char> held_out_rows(const Record& record, double share) {
     // Not across a seam.
     if (record.motion_ok[k - kReach] && record.motion_ok[k] && record.motion_ok[k + kReach])
       motion[set_of(k)] += bend * bend;
-    if (record.electrical_ok[k] && !record.i_alphabeta.empty())
-      current[set_of(k)] += record.i_alphabeta[k].squaredNorm();
+    if (!record.electrical_ok[k] || record.i_alphabeta.empty()) continue;
+    const double along_d = park(record.i_alphabeta[k], n_p * record.theta_m[k])[0];
+    current[set_of(k)] += record.i_alphabeta[k].squaredNorm();
+    i_d[set_of(k)] += along_d * along_d;
   }
-  const auto uneven = [&](const std::vector<double>& x, std::size_t set) {
-    return std::abs(std::log(every * x[set] / std::accumulate(x.begin(), x.end(), 0.0)));
+  const auto share_of = [&](const std::vector<double>& x, std::size_t set) {
+    return std::log(every * x[set] / std::accumulate(x.begin(), x.end(), 0.0));
+  };
+  // A little i_d is enough there; but if all of it is, nothing of it is fitted.
+  const auto uneven = [&](std::size_t set) {
+    return std::abs(share_of(motion, set)) + std::abs(share_of(current, set)) +
+           std::max(0.0, share_of(i_d, set));
   };
   std::size_t best = 0;
   for (std::size_t set = 1; set < motion.size(); ++set)
-    if (uneven(motion, set) + uneven(current, set) < uneven(motion, best) + uneven(current, best))
-      best = set;
+    if (uneven(set) < uneven(best)) best = set;
   for (std::size_t k = 0; k < held.size(); ++k) held[k] = set_of(k) == best;
   return held;
 }
@@ -74,7 +81,7 @@ std::vector<char> held_out_rows(const Record& record, double share) {
 TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out) {
   const auto begin = std::chrono::steady_clock::now();
-  if (held_out.empty()) held_out = held_out_rows(record, settings.holdout);
+  if (held_out.empty()) held_out = held_out_rows(record, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();
   const DriveFacts facts = drive.facts();

@@ -16,7 +16,7 @@ struct TraceSettings {
 // Of each row: whether the rotor moves there, so that friction is what the speed says.
 std::vector<char> moving_rows(const Equations& equations);
 // Of each row: whether it stands in a block that does not train.
-std::vector<char> held_out_rows(const Record& record, double share);
+std::vector<char> held_out_rows(const Record& record, double share, int n_p);
 
 // Where it is stopped after at least one round of the selection the result holds what was found
 // until then; before that TraceStopped is thrown. `held_out`: of each row of the record; empty:

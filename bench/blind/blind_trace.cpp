@@ -119,7 +119,7 @@ void compare_with_truth(const TraceResult& r, const Record& record, const DriveC
   all.insert(all.end(), truth.begin(), truth.end());
   const Equations declared(record, model.facts(), model.model_effects());
   const Equations equations(record, model.facts(), all);
-  const Sampler sampler(record, moving_rows(declared), held_out_rows(record, 0.25));
+  const Sampler sampler(record, moving_rows(declared), held_out_rows(record, 0.25, model.machine.n_p));
   const Channels left = equations.residual({});
   if (r.electrical) {
     const Runs& runs = sampler.electrical();

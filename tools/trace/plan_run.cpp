@@ -97,7 +97,7 @@ bool check_run(const Config& drive, Plan& plan, const std::set<std::string>& kin
   if (hooks.stop && hooks.stop()) return false;
   const PlanLog log = record_of(run.raw, d.machine.n_p);
   for (const Information& piece :
-       plan_information(log.record, log.health, d, kinds, training_spans(log.record, kHoldout))
+       plan_information(log.record, log.health, d, kinds, training_spans(log.record, kHoldout, d.machine.n_p))
            .pieces)
     sum += piece;
   if (run.filter_lost)
@@ -151,7 +151,7 @@ Information of_logs(const std::vector<PlanLog>& logs, const DriveConfig& d,
     const Record some = excerpt(log.record, kLongestLog_s, part);
     sum +=
         1 / part *
-        total(plan_information(some, log.health, d, kinds, training_spans(some, kHoldout)).pieces,
+        total(plan_information(some, log.health, d, kinds, training_spans(some, kHoldout, d.machine.n_p)).pieces,
               columns);
   }
   return sum;
