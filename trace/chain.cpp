@@ -180,6 +180,13 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
   return out;
 }
 
+std::vector<Sampled> Chain::columns_of(const Equations& equations, const Effect& effect) const {
+  checkpoint();
+  std::vector<Sampled> out;
+  for (const Channels& clean : equations.columns(effect)) out.push_back(sampled(clean, nullptr));
+  return out;
+}
+
 Sampled Chain::contribution(const Effect& effect) const {
   checkpoint();
   if (has_gap(effect)) return sampled(equations_.contribution(effect), nullptr);

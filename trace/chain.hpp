@@ -51,6 +51,8 @@ class Chain {
   Sampled residual(const Effects& effects) const;
   Sampled noiseless(const Effects& effects) const;           // the same of the record alone
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
+  // The same of other equations of this record, without what noise makes of them.
+  std::vector<Sampled> columns_of(const Equations& equations, const Effect& effect) const;
   Sampled contribution(const Effect& effect) const;
   // columns(), kept for the next time; valid until the next call.
   const std::vector<Sampled>& remembered_columns(const Effect& effect) const;

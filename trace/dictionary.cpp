@@ -65,6 +65,15 @@ bool adds_to_sensor(const Effect& effect) {
   return effect.regressor_count() > 0 && (effect.acts_on() & (kOnCurrents | kOnAngle));
 }
 
+// Its columns are other ones where a current crosses zero at another moment.
+bool turns_at_zero(const Effect& effect) {
+  return effect.kind() == "dead_time" || effect.kind() == "inverter_drop";
+}
+
+bool is_renewed(const Effect& effect) {
+  return adds_to_sensor(effect) || turns_at_zero(effect);
+}
+
 }  // namespace
 
 std::vector<Candidate> make_candidates(const Chain& chain) {
@@ -120,12 +129,23 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
       x.torque = (residual.torque - there.torque) / kProbe;
     }
   }
+  if (acting_on(beside, kOnCurrents).empty()) return;
+  const Record record = chain.equations().without_errors(beside);
+  const Equations corrected(record, chain.equations().facts());
+  for (Candidate& candidate : sampled) {
+    if (!turns_at_zero(*candidate.effect)) continue;
+    const std::vector<Sampled> there = chain.columns_of(corrected, *candidate.effect);
+    for (std::size_t r = 0; r < there.size(); ++r) {
+      candidate.columns[r].d = there[r].d;
+      candidate.columns[r].q = there[r].q;
+    }
+  }
 }
 
 void Dictionary::whiten(const Chain& chain, bool renewed_only) {
   whitened.resize(sampled.size());
   for (std::size_t i = 0; i < sampled.size(); ++i) {
-    if (renewed_only && !adds_to_sensor(*sampled[i].effect)) continue;
+    if (renewed_only && !is_renewed(*sampled[i].effect)) continue;
     whitened[i].effect = sampled[i].effect;
     whitened[i].columns.clear();
     for (const Sampled& x : sampled[i].columns) whitened[i].columns.push_back(chain.regressor(x));

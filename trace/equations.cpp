@@ -265,18 +265,30 @@ Channels Equations::residual(const Effects& effects) const {
 Channels Equations::residual_of(const Effects& effects) const {
   const Effects sensing = acting_on(effects, kSensing);
   const Effects others = acting_on(effects, kOnTorque | kOnVoltage | kOnFlux);
-  const bool angle_moves = !acting_on(effects, kOnAngle).empty();
-  Signals undone;
+  if (sensing.empty()) return assemble(measured_, others, points_);
   std::vector<OperatingPoint> own;
-  if (!sensing.empty()) {
-    undone = undo_sensing(sensing, points_);
-    // What a sensor adds depends on what is there, not on what it reads.
-    own = points_;
-    move_points(undone, angle_moves, own);
-    undone = undo_sensing(sensing, own);
-    if (!others.empty()) move_points(undone, angle_moves, own);
-  }
-  return sensing.empty() ? assemble(measured_, others, points_) : assemble(undone, others, own);
+  const Signals undone = true_signals(sensing, own);
+  if (!others.empty()) move_points(undone, !acting_on(sensing, kOnAngle).empty(), own);
+  return assemble(undone, others, own);
+}
+
+Equations::Signals Equations::true_signals(const Effects& sensing,
+                                           std::vector<OperatingPoint>& points) const {
+  // What a sensor adds depends on what is there, not on what it reads.
+  points = points_;
+  move_points(undo_sensing(sensing, points_), !acting_on(sensing, kOnAngle).empty(), points);
+  return undo_sensing(sensing, points);
+}
+
+Record Equations::without_errors(const Effects& effects) const {
+  Record record = record_;
+  const Effects sensing = acting_on(effects, kSensing);
+  if (sensing.empty()) return record;
+  std::vector<OperatingPoint> points;
+  Signals undone = true_signals(sensing, points);
+  record.i_alphabeta = std::move(undone.i_alphabeta);
+  record.theta_m = std::move(undone.theta_m);
+  return record;
 }
 
 Channels Equations::empty(int acts_on) const {

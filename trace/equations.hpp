@@ -35,6 +35,8 @@ class Equations {
                                                 std::size_t stride) const;
   // The same for an effect without regressors: its whole contribution as it stands.
   Channels contribution(const Effect& effect) const;
+  // The record as it was before the sensors' errors among `effects`.
+  Record without_errors(const Effects& effects) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
   const Record& record() const { return record_; }
   const Effects& known() const { return known_; }
@@ -61,6 +63,8 @@ class Equations {
   void move_points(const Signals& s, bool angle_moved, std::vector<OperatingPoint>& points) const;
   // The record less what the sensing effects among `effects` added to it, seen at `points`.
   Signals undo_sensing(const Effects& effects, const std::vector<OperatingPoint>& points) const;
+  // The same seen where the record then stands, which `points` become.
+  Signals true_signals(const Effects& sensing, std::vector<OperatingPoint>& points) const;
   double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
   Channels assemble(const Signals& s, const Effects& effects,
                     const std::vector<OperatingPoint>& points) const;

@@ -48,7 +48,7 @@ class DeadTime final : public Effect {
   void coefficients(std::span<double> values) const override { values[0] = t_d_; }
   void set_coefficients(std::span<const double> values) override { t_d_ = values[0]; }
   std::vector<TracedKey> traced_keys() const override {
-    return {linear_key("dead_time_s"), {"linear_current_A", {0.03, 0.1, 0.3, 1}}};
+    return {linear_key("dead_time_s"), {"linear_current_A", {0.03, 0.05, 0.1, 0.17, 0.3, 1}}};
   }
   double materiality(const DriveFacts&) const override { return std::abs(t_d_) / 1e-7; }
 

@@ -52,7 +52,7 @@ class InverterDrop final : public Effect {
   std::vector<TracedKey> traced_keys() const override {
     return {linear_key("threshold_V"),
             linear_key("resistance_Ohm"),
-            {"linear_current_A", {0.03, 0.1, 0.3, 1}}};
+            {"linear_current_A", {0.03, 0.05, 0.1, 0.17, 0.3, 1}}};
   }
   double materiality(const DriveFacts& facts) const override {
     // 1e-3 of the bus is 0.1 us of dead time at 10 kHz.
