@@ -93,26 +93,32 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
   return record_of(raw, n_p, health);
 }
 
-std::vector<char> stale_rows(const RawLog& raw) {
+RepeatedRows repeated_rows(const RawLog& raw) {
   std::vector<const Column*> noisy;
   for (const Column* c :
        {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc, &raw.theta_m})
     if (!c->empty()) noisy.push_back(c);
-  std::vector<char> stale(raw.size(), 0);
-  if (noisy.size() < 2) return stale;
+  RepeatedRows rows;
+  rows.stale.resize(raw.size(), 0);
+  rows.by_chance.resize(raw.size(), 0);
+  if (noisy.size() < 2) return rows;
   const auto same = [&](std::size_t k, std::size_t as) {
     return std::all_of(noisy.begin(), noisy.end(),
                        [&](const Column* c) { return (*c)[k] == (*c)[as]; });
   };
-  std::size_t repeated = 0, by_chance = 0;  // as the row before; as the one before that alone
   for (std::size_t k = 1; k < raw.size(); ++k) {
-    stale[k] = same(k, k - 1);
-    repeated += stale[k];
-    by_chance += k > 1 && !stale[k] && same(k, k - 2);
+    rows.stale[k] = same(k, k - 1);
+    rows.by_chance[k] = k > 1 && !rows.stale[k] && same(k, k - 2);
   }
-  if (kChance * by_chance > repeated) std::fill(stale.begin(), stale.end(), char{0});
-  if (!raw.theta_m.empty()) forgive_at_rest(stale, raw.theta_m);
-  return stale;
+  if (raw.theta_m.empty()) return rows;
+  forgive_at_rest(rows.stale, raw.theta_m);
+  forgive_at_rest(rows.by_chance, raw.theta_m);
+  return rows;
+}
+
+bool is_chance(std::size_t stale, std::size_t by_chance) {
+  constexpr std::size_t kTimes = 4;
+  return kTimes * by_chance > stale;
 }
 
 void expect_signals(const RawLog& raw) {
@@ -130,7 +136,12 @@ Record record_of(const RawLog& raw, int n_p, const Health& health) {
   record.source = raw.path;
   record.T_s = health.T_s;
 
-  const std::vector<char> stale = stale_rows(raw);
+  RepeatedRows repeated = repeated_rows(raw);
+  std::vector<char>& stale = repeated.stale;
+  const auto count = [](const std::vector<char>& x) {
+    return static_cast<std::size_t>(std::count(x.begin(), x.end(), 1));
+  };
+  if (is_chance(count(stale), count(repeated.by_chance))) std::fill(stale.begin(), stale.end(), 0);
   // Current and voltage in stator axes, row by row of the file.
   std::vector<Vec2> i(rows), u(rows);
   std::vector<char> clipped(rows, 0);

@@ -38,8 +38,14 @@ struct RawColumn {
 };
 std::span<const RawColumn> raw_columns();
 
-// Of each row: every signal that has noise repeats the row before, and not by chance at rest.
-std::vector<char> stale_rows(const RawLog& raw);
+// Of each row, but where all stands still: whether every signal that has noise repeats the row
+// before; whether it repeats the one before that and not the row before, as chance does as often.
+struct RepeatedRows {
+  std::vector<char> stale, by_chance;
+};
+RepeatedRows repeated_rows(const RawLog& raw);
+// True where so many rows of either sort are chance.
+bool is_chance(std::size_t stale, std::size_t by_chance);
 // Rows to each side of one that decide it.
 inline constexpr std::size_t kStaleReach = 16;
 

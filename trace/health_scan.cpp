@@ -120,11 +120,12 @@ void HealthScan::add(const RawLog& piece) {
 void HealthScan::take(std::size_t end) {
   const double T_s = interval_.mean();
   const bool phases = !ahead_.i_a.empty() && !ahead_.i_b.empty();
-  const std::vector<char> stale = stale_rows(ahead_);
+  const auto [stale, by_chance] = repeated_rows(ahead_);
   for (std::size_t k = taken_; k < end; ++k) {
     ++rows_;
     ++rows_since_kept_;
     if (phases) look_at_currents(k);
+    by_chance_ += by_chance[k] != 0;
     if (stale[k]) {
       ++stale_;
       continue;
@@ -154,7 +155,7 @@ Health HealthScan::result() const {
     return static_cast<double>(part) / static_cast<double>(std::max<std::size_t>(1, whole));
   };
   h.missing_share = share(missing_, rows_ + missing_);
-  h.stale_share = share(stale_, rows_);
+  h.stale_share = is_chance(stale_, by_chance_) ? 0 : share(stale_, rows_);
   h.i_lsb = values_a_.step();
   h.i_limit = std::max(a_.limit(), b_.limit());
   if (h.i_limit > 0) {

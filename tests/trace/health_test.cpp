@@ -38,6 +38,20 @@ TEST(Health, AtRestRowsRepeatByChance) {
   EXPECT_EQ(stale_share(quantised_log(2)), 0);
 }
 
+TEST(Health, ACoarseConverterRepeatsRowsByChanceThoughTheEncoderCounts) {
+  RawLog raw = quantised_log(0);
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    raw.theta_m[k] += 6e-6 * std::round(0.6 * normal(12, 0, k));
+    for (std::vector<double>* i : {&raw.i_a, &raw.i_b}) (*i)[k] = 0.2 * std::round((*i)[k] / 0.2);
+  }
+  EXPECT_EQ(stale_share(raw), 0);
+  // A real fault among them is still one.
+  for (std::size_t k = 1000; k < 3000; ++k)
+    for (std::vector<double>* column : {&raw.i_a, &raw.i_b, &raw.theta_m})
+      (*column)[k] = (*column)[1000];
+  EXPECT_GT(stale_share(raw), 0.4);
+}
+
 TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   const auto freeze = [](RawLog raw, std::size_t every, std::size_t count) {
     for (std::size_t k = every; k + count < raw.t.size(); k += every)

@@ -18,6 +18,7 @@ struct SyntheticDrive {
   double T_s = 1e-4, duration_s = 6;
   std::uint64_t seed = 1;
   bool quiet = false;  // stands still
+  bool slow = false;   // a twentieth of the speed, no i_d, no load
   std::function<double(double t, double theta, double omega)> extra_load =
       [](double, double, double) { return 0.0; };
   double R_extra = 0, offset_a = 0;  // ohm; A, of what sensor a reads
@@ -36,15 +37,19 @@ inline const DriveConfig& servo() {
 inline double wanted_speed(double t) {
   return 45 * std::sin(1.3 * t) + 25 * std::sin(2.9 * t + 1);
 }
+inline double external_load(double t) {
+  return std::fmod(t, 1.7) > 0.9 ? 1.8 : -0.4;
+}
 
 inline RawLog simulate_synthetic(const SyntheticDrive& d) {
   RawLog raw;
   raw.path = "synthetic";
-  double i_d = 0, i_q = 0, omega = d.quiet ? 0 : wanted_speed(0), theta = 0.3;
+  const double share = d.quiet ? 0 : d.slow ? 0.05 : 1;  // of the speed
+  double i_d = 0, i_q = 0, omega = share * wanted_speed(0), theta = 0.3;
   const auto n = static_cast<std::size_t>(d.duration_s / d.T_s);
   for (std::size_t k = 0; k < n; ++k) {
     const double t = static_cast<double>(k) * d.T_s;
-    const double T_load = d.quiet ? 0 : (std::fmod(t, 1.7) > 0.9 ? 1.8 : -0.4);
+    const double T_load = d.quiet || d.slow ? 0 : external_load(t);
     // Readings.
     const double a = d.n_p * theta;
     const double i_al = std::cos(a) * i_d - std::sin(a) * i_q,
@@ -62,10 +67,12 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
     raw.T_load.push_back(T_load);
     // The voltage that a controller with a model of its own asks for, constant in stator axes.
     const double K_t = 1.5 * d.n_p * d.psi;
-    const double accel = d.quiet ? 0 : (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
+    const double accel = share * (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
     const double i_q_ref =
-        d.quiet ? 0 : (d.J * (accel + 30 * (wanted_speed(t) - omega)) + T_load + d.B * omega) / K_t;
-    const double i_d_ref = d.quiet ? 0 : (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
+        d.quiet
+            ? 0
+            : (d.J * (accel + 30 * (share * wanted_speed(t) - omega)) + T_load + d.B * omega) / K_t;
+    const double i_d_ref = d.quiet || d.slow ? 0 : (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
     const double omega_e = d.n_p * omega, k_p = 2 * 3.14159 * 250 * d.L;
     const double u_d = k_p * (i_d_ref - i_d) + d.R * i_d - omega_e * d.L * i_q;
     const double u_q = k_p * (i_q_ref - i_q) + d.R * i_q + omega_e * (d.L * i_d + d.psi);

@@ -93,6 +93,58 @@ TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
   EXPECT_NEAR(parameter(turned, "encoder_offset", "offset").value, 0.04, 0.0005);
 }
 
+// The second mass integrated here, in forty steps a sample.
+struct LooseLoad {
+  double J = 3.2e-3, K = 600, D = 0.45, gap = 0.02;
+  double t = 0, theta = 0.3, omega = wanted_speed(0), torque = 0;
+  double operator()(double time, double theta_m, double omega_m) {
+    const int steps = 20;  // in half a sample
+    const double h = (time - t) / steps;
+    for (int j = 0; j < steps && h > 0; ++j) {
+      const double delta = theta_m - (1 - (j + 0.5) / steps) * h * steps * omega_m - theta;
+      const double beyond = std::abs(delta) - 0.5 * gap, sign = delta > 0 ? 1 : -1;
+      const double push = K * beyond + D * sign * (omega_m - omega);
+      torque = beyond > 0 && push > 0 ? sign * push : 0;
+      omega += h * (torque - external_load(t)) / J;
+      theta += h * omega;
+    }
+    t = time;
+    return torque - external_load(time);  // what stands at the motor besides the load
+  }
+};
+
+TEST(Tracer, FindsTheGapOfAStiffContact) {
+  LooseLoad load;
+  SyntheticDrive drive{.J = 8.8e-3 - load.J};
+  drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(r), (Names{"backlash"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "backlash", "gap").value, load.gap, 0.05 * load.gap);
+  EXPECT_NEAR(parameter(r, "backlash", "J_load").value, load.J, 0.05 * load.J);
+  EXPECT_NEAR(parameter(r, "backlash", "stiffness").value, load.K, 0.2 * load.K);
+}
+
+TEST(Tracer, FitsSomeOfTheCurrentAlongDWhereverItFlows) {
+  // All of it in one block of 24.
+  RawLog raw = simulate_synthetic({});
+  Health health;
+  Record record = make_record(raw, 3, health);
+  const std::size_t n = record.size();
+  for (std::size_t block = 0; block < 24; ++block) {
+    for (std::size_t k = 0; k < n; ++k) {
+      const double theta_e = 3 * record.theta_m[k];
+      Vec2 i_dq = park(record.i_alphabeta[k], theta_e);
+      i_dq[0] = 24 * k / n == block ? 2.0 : 0.0;
+      record.i_alphabeta[k] = inverse_park(i_dq, theta_e);
+    }
+    const std::vector<char> held = held_out_rows(record, 0.25, 3);
+    EXPECT_EQ(held[(2 * block + 1) * n / 48], 0) << block;
+    EXPECT_NEAR(
+        static_cast<double>(std::count(held.begin(), held.end(), 1)) / static_cast<double>(n), 0.25,
+        0.01);
+  }
+}
+
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
   SyntheticDrive drive;
   drive.extra_load = [](double t, double, double) {
