@@ -39,6 +39,13 @@ bool has_gap(const Effect& effect) {
   return effect.describe_shaft(shaft) && shaft.gap > 0;
 }
 
+bool turns_with_angle(const Effect& effect) {
+  for (std::string_view kind :
+       {"cogging", "friction_ripple", "eccentric_load", "flux_harmonics", "periodic_torque"})
+    if (effect.kind() == kind) return true;
+  return false;
+}
+
 bool holds_noise(const Effect& effect) {
   for (std::string_view kind : {"flux_harmonics", "inverter_offset"})
     if (effect.kind() == kind) return false;
@@ -163,26 +170,24 @@ Sampled Chain::whole_residual(const Effects& effects) const {
 }
 
 std::vector<Sampled> Chain::columns(const Effect& effect) const {
+  if (!holds_noise(effect)) return columns_of(equations_, effect);
   checkpoint();
   std::vector<Sampled> out;
-  if (effect.acts_on() == kOnTorque && !holds_noise(effect)) {
-    for (const auto& x : equations_.load_columns(effect, sampler_.first(), sampler_.stride())) {
-      out.emplace_back();
-      out.back().torque = sampler_.sparsely(x, sampler_.torque());
-    }
-    return out;
-  }
-  const std::vector<Channels> clean = equations_.columns(effect);
-  std::vector<Channels> noisy;
-  if (holds_noise(effect)) noisy = noisier_.columns(effect);
-  for (std::size_t r = 0; r < clean.size(); ++r)
-    out.push_back(sampled(clean[r], noisy.empty() ? nullptr : &noisy[r]));
+  const std::vector<Channels> clean = equations_.columns(effect), noisy = noisier_.columns(effect);
+  for (std::size_t r = 0; r < clean.size(); ++r) out.push_back(sampled(clean[r], &noisy[r]));
   return out;
 }
 
 std::vector<Sampled> Chain::columns_of(const Equations& equations, const Effect& effect) const {
   checkpoint();
   std::vector<Sampled> out;
+  if (effect.acts_on() == kOnTorque && !holds_noise(effect)) {
+    for (const auto& x : equations.load_columns(effect, sampler_.first(), sampler_.stride())) {
+      out.emplace_back();
+      out.back().torque = sampler_.sparsely(x, sampler_.torque());
+    }
+    return out;
+  }
   for (const Channels& clean : equations.columns(effect)) out.push_back(sampled(clean, nullptr));
   return out;
 }

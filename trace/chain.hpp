@@ -86,6 +86,8 @@ class Chain {
 
 // Impacts come at other moments where there is more noise: the difference is no noise.
 bool has_gap(const Effect& effect);
+// True where the effect's columns are periodic in the angle.
+bool turns_with_angle(const Effect& effect);
 // True where the effect's columns hold the noise of the residual itself.
 bool holds_noise(const Effect& effect);
 

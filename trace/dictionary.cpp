@@ -71,7 +71,7 @@ bool turns_at_zero(const Effect& effect) {
 }
 
 bool is_renewed(const Effect& effect) {
-  return adds_to_sensor(effect) || turns_at_zero(effect);
+  return adds_to_sensor(effect) || turns_at_zero(effect) || turns_with_angle(effect);
 }
 
 }  // namespace
@@ -129,15 +129,19 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
       x.torque = (residual.torque - there.torque) / kProbe;
     }
   }
-  if (acting_on(beside, kOnCurrents).empty()) return;
+  const bool currents = !acting_on(beside, kOnCurrents).empty(),
+             angle = !acting_on(beside, kOnAngle).empty();
+  if (!currents && !angle) return;
   const Record record = chain.equations().without_errors(beside);
   const Equations corrected(record, chain.equations().facts());
   for (Candidate& candidate : sampled) {
-    if (!turns_at_zero(*candidate.effect)) continue;
+    if (!turns_at_zero(*candidate.effect) && !(angle && turns_with_angle(*candidate.effect)))
+      continue;
     const std::vector<Sampled> there = chain.columns_of(corrected, *candidate.effect);
     for (std::size_t r = 0; r < there.size(); ++r) {
       candidate.columns[r].d = there[r].d;
       candidate.columns[r].q = there[r].q;
+      candidate.columns[r].torque = there[r].torque;
     }
   }
 }

@@ -9,8 +9,8 @@
 namespace twinrate {
 namespace {
 
-constexpr int kTriedFirst = 40, kTriedLast = 150, kTriedTorsion = 50, kTriedCloser = 60;
-constexpr std::size_t kNearTried = 1, kAnywhereTried = 6, kFinalists = 3;
+constexpr int kTriedFirst = 30, kTriedLast = 150, kTriedTorsion = 50, kTriedCloser = 60;
+constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
 constexpr double kWorthwhile = 0.97;  // error that another descent must leave, of what it was
 constexpr double kHopeless = 1.5;     // times the best: such an error is not worth going on from
 constexpr double kFirstStep = 0.15;   // of the logarithm of a key
@@ -58,28 +58,30 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion)
     set_key(*gap, "damping_Nms_rad", damping);
     return search.at(gap);
   };
-  // Near the shaft without a gap that comes nearest: the gap made it softer and overdamped. An
-  // overdamped shaft comes near with any gap, and no descent leads out of there; so these and those
-  // of the whole grid are kept apart.
-  std::vector<ShaftSearch::Point> near, anywhere;
-  const double J = fitter.chain().equations().facts().machine.J;
-  for (double gap_rad : gaps) {
+  // Near the shaft without a gap that comes nearest: the gap made it softer and overdamped. Such a
+  // shaft comes near with any gap and nearly all of the mass, and no descent leads out of there; so
+  // starts of every mass are tried.
+  std::vector<ShaftSearch::Point> grid, starts;
+  const auto keep_best = [&](std::size_t most) {
+    for (ShaftSearch::Point& p : apart(std::move(grid), most)) starts.push_back(std::move(p));
+    grid.clear();
+  };
+  for (double gap_rad : gaps)
     for (double stiffer : {1.2, 2.7})
       for (double share : {0.4, 0.8})
-        near.push_back(start(gap_rad, share * get_key(torsion, "J_load_kgm2"),
+        grid.push_back(start(gap_rad, share * get_key(torsion, "J_load_kgm2"),
                              stiffer * get_key(torsion, "stiffness_Nm_rad"),
                              get_key(torsion, "damping_Nms_rad")));
-    for (double share : {0.18, 0.24, 0.32, 0.43, 0.58})
+  keep_best(1);
+  for (double share : {0.18, 0.24, 0.32, 0.43, 0.58}) {
+    const double J_load = share * fitter.chain().equations().facts().machine.J;
+    for (double gap_rad : gaps)
       for (double omega : {260.0, 430.0, 720.0})
-        for (double ratio : {0.08, 0.22}) {
-          const double J_load = share * J;
-          anywhere.push_back(
+        for (double ratio : {0.08, 0.22})
+          grid.push_back(
               start(gap_rad, J_load, J_load * omega * omega, 2 * ratio * J_load * omega));
-        }
+    keep_best(kTriedOfAMass);
   }
-  std::vector<ShaftSearch::Point> starts;
-  for (const ShaftSearch::Point& p : apart(near, kNearTried)) starts.push_back(p);
-  for (const ShaftSearch::Point& p : apart(anywhere, kAnywhereTried)) starts.push_back(p);
   for (ShaftSearch::Point& p : starts) p = search.descend(p, kTriedFirst, kFirstStep);
   std::vector<ShaftSearch::Point> finalists = apart(std::move(starts), kFinalists);
   for (ShaftSearch::Point& p : finalists) {

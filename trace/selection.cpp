@@ -145,9 +145,8 @@ class Selector {
     // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft,
     // or the other way round.
     const double plain = plain_torque(fitter_, gap) / plain_torque(fitter_, shaft);
-    const double least = plain < kPlainly ? 0 : kGap * gain;
-    if (acceptable(gap, now) && plain < 1 && more > std::max(fitter_.margin(), least))
-      shaft = std::move(gap);
+    const bool better = plain < 1 && more > std::max(fitter_.margin(), kGap * gain);
+    if (acceptable(gap, now) && (better || plain < kPlainly)) shaft = std::move(gap);
   }
 
   bool add_one() {
