@@ -93,6 +93,18 @@ TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
   EXPECT_NEAR(parameter(turned, "encoder_offset", "offset").value, 0.04, 0.0005);
 }
 
+TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
+  // 1.3 rad of the order's period: what it does in the angle as read it does not do in the true one.
+  SyntheticDrive drive{.offset_theta = 0.031};
+  drive.extra_load = [](double, double theta, double) { return 0.06 * std::sin(41 * theta + 0.4); };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(r), (Names{"cogging", "encoder_offset"})) << r.sentence;
+  EXPECT_EQ(parameter(r, "cogging", "order").value, 41);
+  EXPECT_NEAR(parameter(r, "cogging", "amplitude").value, 0.06, 0.001);
+  EXPECT_NEAR(parameter(r, "cogging", "phase").value, 0.4, 0.02);
+  EXPECT_NEAR(parameter(r, "encoder_offset", "offset").value, 0.031, 0.0003);
+}
+
 // The second mass integrated here, in forty steps a sample.
 struct LooseLoad {
   double J = 3.2e-3, K = 600, D = 0.45, gap = 0.02;
