@@ -1,7 +1,7 @@
 # What makes a full build short. The flags of every object stay what they are without it.
 #
-# The headers of the libraries used are parsed once instead of once a source file. Four sets: Eigen and std, with text
-# and JSON above them, with the command line or the test libraries above those. Sources with flags of their own
+# The headers of the libraries used are parsed once instead of once a source file. Three sets: Eigen and std, with
+# text and JSON above them, with the test libraries above those. Sources with flags of their own
 # (instruction sets, benchmarks) have SKIP_PRECOMPILE_HEADERS. Nothing of this tree is in the sets, and every source
 # compiles with TWINRATE_PCH=OFF and TWINRATE_UNITY=OFF too.
 #
@@ -30,10 +30,9 @@ set(twinrate_pch_model_headers <algorithm> <array> <cmath> <complex> <cstddef> <
     <numbers> <optional> <span> <string> <string_view> <utility> <vector> <Eigen/Core> <Eigen/LU>)
 set(twinrate_pch_headers ${twinrate_pch_model_headers} <chrono> <filesystem> <fstream> <set> <sstream> <thread>
     <Eigen/Cholesky> <fmt/format.h> <fmt/ranges.h> <lcm/lcm-cpp.hpp> <nlohmann/json.hpp>)
-set(twinrate_pch_program_headers ${twinrate_pch_headers} <CLI/CLI.hpp>)
 set(twinrate_pch_tests_headers ${twinrate_pch_headers} <Eigen/Dense> <gtest/gtest.h>)
 
-# twinrate_precompiled(SET NAME [LIBRARIES ..]): the set of headers `twinrate_SET`, as a target.
+# twinrate_precompiled_set(SET [LIBRARIES ..]): the set of headers `twinrate_SET`, as a target.
 function(twinrate_precompiled_set set)
   if(NOT TWINRATE_PCH)
     return()
