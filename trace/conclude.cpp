@@ -68,12 +68,22 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   }
 }
 
+// A torsion that leaves bursts may be a gap, which then is what they are.
+bool is_loose(const TracedEffect& e, TraceResult& r) {
+  return e.effect->kind() == "torsion" &&
+         std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
+}
+
 void name_aliases(TraceResult& r) {
-  for (const TracedEffect& e : r.effects) {
+  for (TracedEffect& e : r.effects) {
+    const bool loose = is_loose(e, r);
+    if (loose && std::count(e.aliases.begin(), e.aliases.end(), "backlash") == 0)
+      e.aliases.insert(e.aliases.begin(), "backlash");
     if (e.aliases.empty()) continue;
     Ambiguity a{.kinds = {std::string(e.effect->kind())}};
     a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
-    a.why = "they explain this record equally well";
+    a.why = loose ? "what the shaft leaves comes in bursts, as impacts in a gap do"
+                  : "they explain this record equally well";
     a.would_separate = what_separates(a.kinds);
     r.ambiguous.push_back(std::move(a));
   }
@@ -132,11 +142,11 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   for (TracedEffect& e : r.effects)
     for (TracedEffect& part : parted(std::move(e), facts)) parts.push_back(std::move(part));
   r.effects = std::move(parts);
-  name_aliases(r);
   const bool whole = selection.stopped_after == 0;  // else effects to come are in the rest, too
   if (whole &&
       !health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
+  name_aliases(r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
   if (whole) identifiability(fitter, dictionary, fit, r);

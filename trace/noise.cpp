@@ -11,7 +11,8 @@ namespace twinrate {
 namespace {
 
 constexpr double kResonance = 0.7;  // of the noise: what shafts must leave of it to be believed
-constexpr double kQuiet = 0.75;     // share of the record that counts as noise alone
+constexpr double kLeast = 0.6, kLeastBesideShafts = 0.85;  // of what the sensors make
+constexpr double kQuiet = 0.75;  // share of the record that counts as noise alone
 
 Runs first_runs(const Runs& runs, Eigen::Index n) {
   Runs first;
@@ -178,10 +179,9 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   }
   // Not less than what the sensors' own noise makes.
   const auto rest = [](const Unexplained& by, std::size_t columns, const Eigen::VectorXd& of,
-                       const Eigen::VectorXd& sensors) {
-    constexpr double kLeast = 0.6;
+                       const Eigen::VectorXd& sensors, double least = kLeast) {
     const Eigen::VectorXd left = by(of, static_cast<Eigen::Index>(columns));
-    return left.norm() < kLeast * sensors.norm() ? sensors : left;
+    return left.norm() < least * sensors.norm() ? sensors : left;
   };
   // A resonance passes for noise; but many shafts together pass for anything.
   const std::size_t without_shafts = torque.size();
@@ -191,7 +191,8 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   torque_.look_at(torque);
   const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d),
                         noise_q = rest(q_, q.size(), y.q, y.noise_q),
-                        less_shafts = rest(torque_, torque.size(), y.torque, y.noise_torque);
+                        less_shafts = rest(torque_, torque.size(), y.torque, y.noise_torque,
+                                           kLeastBesideShafts);
   Eigen::VectorXd noise_torque = rest(torque_, without_shafts, y.torque, y.noise_torque);
   if (less_shafts.norm() < kResonance * noise_torque.norm()) noise_torque = less_shafts;
   const Sampler& sampler = chain.sampler();

@@ -88,7 +88,8 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion)
     if (p.error > kHopeless * finalists.front().error) break;
     for (double before = 1e300; p.error < kWorthwhile * before;) {
       before = p.error;
-      for (double step : {kFirstStep, -0.4 * kFirstStep}) p = search.descend(p, kTriedLast, step);
+      for (double step : {kFirstStep, -0.4 * kFirstStep})
+        p = search.descend(search.along_keys(p), kTriedLast, step);
     }
   }
   const ShaftSearch closer(fitter.chain(), now.members, ShaftSearch::Rows::kAll);

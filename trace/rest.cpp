@@ -95,15 +95,19 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
     if (best.share > 0) found.push_back(best);
   };
   // What acts now and then (impacts, a load that comes and goes) depends on none of these.
-  const auto bursts = [&](const Eigen::VectorXd& e, const Whitener& noise, const char* equation,
-                          const char* what, const char* channel, const char* unit) {
-    const double rms = std::sqrt(e.squaredNorm() / static_cast<double>(e.size()));
-    if (rms < kTimesNoise * noise.rms()) return;
-    Structure s{.regressor = "t", .equation = equation, .channel = channel};
-    s.share = 1 - noise.rms() * noise.rms() / (rms * rms);
-    s.text = fmt::format("{} comes in bursts ({:.3g} {} rms beside a noise of {:.3g} {})", what,
-                         rms, unit, noise.rms(), unit);
-    found.push_back(std::move(s));
+  const auto bursts_of_torque = [&] {
+    const Eigen::VectorXd& e = physical.torque;
+    const double rms = std::sqrt(e.squaredNorm() / std::max(1.0, static_cast<double>(e.size())));
+    const double noise = chain.noise().torque.rms();
+    if (rms <= kTimesNoise * noise) return;
+    found.push_back({.regressor = "t",
+                     .share = 1 - noise * noise / (rms * rms),
+                     .equation = "mechanical",
+                     .channel = "torque",
+                     .bursts = true});
+    found.back().text = fmt::format(
+        "the rest of the torque comes in bursts ({:.3g} Nm rms beside a noise of {:.3g} Nm)", rms,
+        noise);
   };
   const DriveFacts& facts = chain.equations().facts();
   const double smallest_V = kSmallestVoltage * facts.v_dc;
@@ -114,16 +118,9 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
   }
   look(fit.y.torque, physical.torque, chain.sampler().torque(), "mechanical",
        "the rest of the torque", "torque", smallest_torque(facts, 6e-3));
-  if (!found.empty()) return found;
-  const NoiseModel& noise = chain.noise();
-  if (physical.d.size()) {
-    bursts(physical.d, noise.d, "electrical", "the rest of the d voltage", "d", "V");
-    bursts(physical.q, noise.q, "electrical", "the rest of the q voltage", "q", "V");
-  }
-  const bool gap = std::any_of(fit.members.begin(), fit.members.end(),
-                               [](const auto& member) { return has_gap(*member); });
-  if (physical.torque.size() && !gap)
-    bursts(physical.torque, noise.torque, "mechanical", "the rest of the torque", "torque", "Nm");
+  if (std::none_of(fit.members.begin(), fit.members.end(),
+                   [](const auto& member) { return has_gap(*member); }))
+    bursts_of_torque();
   return found;
 }
 

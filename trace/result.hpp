@@ -55,6 +55,7 @@ struct Structure {
   double share = 0;                    // of the residual's power in its equation
   std::string equation, channel;       // channel: d, q, torque
   double frequency_Hz = 0, order = 0;  // of a line
+  bool bursts = false;                 // now and then, whatever the regressor
   std::string text;
 };
 

@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
-constexpr double kPlainly = 0.5;       // of the plain error: a gap that leaves less is one
+constexpr double kPlainly = 0.75;      // of the plain error: a gap that leaves less is one
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 
 // Candidates of one sort differ in a place on a grid only.
@@ -63,6 +63,7 @@ class Selector {
     for (int round = 0; round < 2 && swap_one(); ++round) drop_superfluous();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
     drop_uncertain();
+    drop_inertia_of_impacts();
     judge_members();
     for (const Score& s : ranked(selection_.fit)) {
       if (selection_.refused.size() == kMostTried) break;
@@ -280,7 +281,12 @@ class Selector {
   const Fit& refined(WithoutOne& look, const Score& s) const {
     for (const auto& [effect, fit] : look.refined)
       if (effect == s.effect.get()) return fit;
-    look.refined.emplace_back(s.effect.get(), fitter_.refine(with(look.without.members, s.effect)));
+    // A shaft has far to go, and may no longer ring when it has arrived.
+    ShaftFacts shaft;
+    const auto until =
+        s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
+    look.refined.emplace_back(s.effect.get(),
+                              fitter_.refine(with(look.without.members, s.effect), until));
     return look.refined.back().second;
   }
 
@@ -303,6 +309,21 @@ class Selector {
       if (say_) say_(fmt::format("  without {}: not certain", fit.members[least]->kind()));
       selection_.fit = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
       looks_.clear();
+    }
+  }
+
+  // Beside a shaft whose impacts could not be followed an inertia mends what they leave.
+  void drop_inertia_of_impacts() {
+    const Fit& fit = selection_.fit;
+    if (!has_shaft(fit.members) || !leaves_more_than_noise(fitter_, fit)) return;
+    for (std::size_t m = 0; m < fit.members.size(); ++m) {
+      if (fit.members[m]->kind() != "inertia") continue;
+      Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
+      if (!without.valid) return;
+      if (say_) say_("  without inertia: it mends what a shaft leaves");
+      selection_.fit = std::move(without);
+      looks_.clear();
+      return;
     }
   }
 

@@ -106,6 +106,24 @@ ShaftSearch::Point ShaftSearch::descend(const Point& start, int most, double fir
   return *std::min_element(simplex.begin(), simplex.end(), better);
 }
 
+ShaftSearch::Point ShaftSearch::along_keys(Point best) const {
+  constexpr double kHelps = 0.99;  // of the error before
+  for (double before = 1e300; best.error < kHelps * before;) {
+    before = best.error;
+    for (Eigen::Index i = 0; i < logs(best).size(); ++i) {
+      const Eigen::VectorXd here = logs(best);
+      for (double step : {0.01, 0.02, 0.04, 0.08, 0.16})
+        for (double way : {-step, step}) {
+          Eigen::VectorXd x = here;
+          x[i] += way;
+          Point p = at(best, x);
+          if (better(p, best)) best = std::move(p);
+        }
+    }
+  }
+  return best;
+}
+
 // The best few, no two of them with nearly the same mass and gap.
 std::vector<ShaftSearch::Point> apart(std::vector<ShaftSearch::Point> points, std::size_t most) {
   std::sort(points.begin(), points.end(), ShaftSearch::better);
