@@ -68,15 +68,12 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   }
 }
 
-// A torsion that leaves bursts may be a gap, which then is what they are.
-bool is_loose(const TracedEffect& e, TraceResult& r) {
-  return e.effect->kind() == "torsion" &&
-         std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
-}
-
 void name_aliases(TraceResult& r) {
   for (TracedEffect& e : r.effects) {
-    const bool loose = is_loose(e, r);
+    // A torsion that leaves bursts may be a gap, which then is what they are.
+    const bool loose =
+        e.effect->kind() == "torsion" &&
+        std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
     if (loose && std::count(e.aliases.begin(), e.aliases.end(), "backlash") == 0)
       e.aliases.insert(e.aliases.begin(), "backlash");
     if (e.aliases.empty()) continue;

@@ -312,10 +312,13 @@ class Selector {
     }
   }
 
-  // Beside a shaft whose impacts could not be followed an inertia mends what they leave.
+  // Beside a shaft that stands for a gap whose impacts could not be followed an inertia mends what
+  // they leave.
   void drop_inertia_of_impacts() {
     const Fit& fit = selection_.fit;
-    if (!has_shaft(fit.members) || !leaves_more_than_noise(fitter_, fit)) return;
+    const bool torsion = std::any_of(fit.members.begin(), fit.members.end(),
+                                     [](const auto& m) { return m->kind() == "torsion"; });
+    if (!torsion || !leaves_more_than_noise(fitter_, fit)) return;
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
       if (fit.members[m]->kind() != "inertia") continue;
       Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
