@@ -18,10 +18,10 @@ struct DoctorOptions {
   bool json = false, mend = false;
 };
 
-constexpr const char* kHealthNames[] = {"ok", "warn", "fail"};
+constexpr const char* kSeverityNames[] = {"ok", "warn", "fail"};
 
 void print(const Finding& finding, bool json) {
-  const char* health = kHealthNames[static_cast<int>(finding.health)];
+  const char* health = kSeverityNames[static_cast<int>(finding.severity)];
   if (json) {
     nlohmann::ordered_json line = {
         {"check", finding.check}, {"health", health}, {"text", finding.text}};
@@ -38,13 +38,13 @@ std::vector<Finding> examine(const DoctorOptions& options) {
   const std::string url = resolve_url(options.url);
   const std::string address = multicast_address_of(url);
   std::vector<Finding> findings{
-      {"url", Health::kOk, url, ""}, check_loopback(), check_multicast_route(address)};
+      {"url", Severity::kOk, url, ""}, check_loopback(), check_multicast_route(address)};
   // Without a route LCM only repeats what the route check said, after a long wait.
-  if (findings.back().health == Health::kOk) {
+  if (findings.back().severity == Severity::kOk) {
     findings.push_back(check_lcm_loopback(address));
     // Loopback is not needed where multicast works over another interface.
-    if (findings.back().health == Health::kOk && findings[1].health == Health::kFail)
-      findings[1].health = Health::kWarn;
+    if (findings.back().severity == Severity::kOk && findings[1].severity == Severity::kFail)
+      findings[1].severity = Severity::kWarn;
   }
   for (const auto check : {check_receive_buffer, check_cpus, check_clock, check_realtime_rights,
                            check_governor, check_stock_tools, check_disk})
@@ -56,16 +56,16 @@ int run_doctor(const DoctorOptions& options) {
   if (options.mend) {
     std::string done;
     const bool works = try_bring_up_multicast(done);
-    print({"mended", works ? Health::kOk : Health::kFail, done.empty() ? "nothing to do" : done,
+    print({"mended", works ? Severity::kOk : Severity::kFail, done.empty() ? "nothing to do" : done,
            works ? "" : multicast_mend()},
           options.json);
   }
-  Health worst = Health::kOk;
+  Severity worst = Severity::kOk;
   for (const Finding& finding : examine(options)) {
     print(finding, options.json);
-    worst = std::max(worst, finding.health);
+    worst = std::max(worst, finding.severity);
   }
-  const bool runs = worst != Health::kFail;
+  const bool runs = worst != Severity::kFail;
   if (options.json)
     std::cout << nlohmann::ordered_json{{"launch_can_run", runs}}.dump() << "\n";
   else

@@ -5,9 +5,7 @@
 // and be large enough to matter (Effect::materiality). Lines that no cause of the catalogue makes
 // (trace/lines.hpp) compete with the causes, so that none of them is taken to mend a line.
 #pragma once
-#include <functional>
-
-#include "trace/scores.hpp"
+#include "trace/acceptance.hpp"
 
 namespace twinrate {
 
@@ -35,15 +33,14 @@ struct Selection {
   int stopped_after = 0;             // rounds; 0: not stopped
 };
 
-using Say = std::function<void(const std::string&)>;
 // From one round to the next.
-struct Progress {
+struct RoundState {
   bool added = true;  // the last round added an effect
   int gaps_left = 2;  // searches for a gap, which are long, before shafts are taken as they are
 };
 // Drops from `members` what is not needed and adds the best candidate, if one is good enough.
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
-               const Members& members, const Say& say, Progress& progress);
+               const Members& members, const Say& say, RoundState& state);
 // Swaps members for better ones, and says of each what speaks for it.
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
                 const Members& members, const Say& say);

@@ -103,7 +103,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   Fit fit;                  // after the last whole round
   NoiseModel noise_of_fit;  // that it was made under
   NoiseFit fit_noise;
-  Progress progress;
+  RoundState state;
   int rounds = 0;
   // The error of a coarse ADC is no noise: it repeats with the current. Nor is that of filling rows
   // that were lost.
@@ -117,7 +117,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   };
   Selection selection;
   try {
-    for (; progress.added && rounds < kMostRounds; ++rounds) {
+    for (; state.added && rounds < kMostRounds; ++rounds) {
       const Effects so_far = fit.effects();
       const bool renewed = !acting_on(so_far, ~kOnTorque).empty();
       if (renewed) dictionary.renew(chain, so_far);
@@ -129,7 +129,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
         settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
                                  chain.noise().q.rms(), chain.noise().torque.rms()));
       lap("noise");
-      fit = select_one(fitter(), dictionary.whitened, fit.members, settings.say, progress);
+      fit = select_one(fitter(), dictionary.whitened, fit.members, settings.say, state);
       noise_of_fit = chain.noise();
       lap("selection");
     }

@@ -56,21 +56,22 @@ double sleep_lateness_us() {
 }  // namespace
 
 Finding check_loopback() {
-  if (loopback_is_up()) return {"loopback", Health::kOk, "lo is up", ""};
-  return {"loopback", Health::kFail, "lo is down", "ip link set lo up multicast on"};
+  if (loopback_is_up()) return {"loopback", Severity::kOk, "lo is up", ""};
+  return {"loopback", Severity::kFail, "lo is down", "ip link set lo up multicast on"};
 }
 
 Finding check_multicast_route(const std::string& address) {
   if (multicast_route_exists(address))
-    return {"multicast", Health::kOk, "there is a route to " + address, ""};
-  return {"multicast", Health::kFail, "no route to " + address, multicast_mend()};
+    return {"multicast", Severity::kOk, "there is a route to " + address, ""};
+  return {"multicast", Severity::kFail, "no route to " + address, multicast_mend()};
 }
 
 Finding check_receive_buffer() {
   const long bytes = std::atol(first_line("/proc/sys/net/core/rmem_max").c_str());
-  Finding finding{"receive_buffer", Health::kOk, fmt::format("net.core.rmem_max is {}", bytes), ""};
+  Finding finding{"receive_buffer", Severity::kOk, fmt::format("net.core.rmem_max is {}", bytes),
+                  ""};
   if (bytes >= kWantedReceiveBuffer) return finding;
-  finding.health = Health::kWarn;
+  finding.severity = Severity::kWarn;
   finding.text += fmt::format(", the logger wants {}: it may miss messages in realtime runs",
                               kWantedReceiveBuffer);
   finding.mend = fmt::format("sysctl -w net.core.rmem_max={}", kWantedReceiveBuffer);
@@ -82,9 +83,9 @@ Finding check_cpus() {
   CPU_ZERO(&set);
   const int usable = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
   const long online = sysconf(_SC_NPROCESSORS_ONLN);
-  Finding finding{"cpus", Health::kOk, fmt::format("{} of {} CPUs usable", usable, online), ""};
+  Finding finding{"cpus", Severity::kOk, fmt::format("{} of {} CPUs usable", usable, online), ""};
   if (usable >= 2) return finding;
-  finding.health = Health::kWarn;
+  finding.severity = Severity::kWarn;
   finding.text += ": loop and logger share one, realtime runs will be late";
   finding.mend = online > 1 ? fmt::format("taskset -c 0-{} twinrate ..", online - 1)
                             : "run on a machine with two CPUs, or --pace lockstep";
@@ -97,13 +98,13 @@ Finding check_clock() {
   timespec resolution{};
   clock_getres(CLOCK_MONOTONIC, &resolution);
   Finding finding{
-      "clock", Health::kOk,
+      "clock", Severity::kOk,
       fmt::format("source {}, resolution {} ns, a 1 ms sleep is {:.0f} us late",
                   source.empty() ? "unknown" : source, resolution.tv_nsec, sleep_lateness_us()),
       ""};
   if (resolution.tv_nsec <= 1000 && source != "hpet" && source != "acpi_pm" && source != "jiffies")
     return finding;
-  finding.health = Health::kWarn;
+  finding.severity = Severity::kWarn;
   finding.text += ": slow to read";
   finding.mend = "echo tsc > /sys/devices/system/clocksource/clocksource0/current_clocksource";
   return finding;
@@ -116,12 +117,12 @@ Finding check_realtime_rights() {
   wanted.sched_priority = 1;
   if (sched_setscheduler(0, SCHED_FIFO, &wanted) == 0) {
     sched_setscheduler(0, policy_before, &before);
-    return {"realtime", Health::kOk, "SCHED_FIFO is allowed", ""};
+    return {"realtime", Severity::kOk, "SCHED_FIFO is allowed", ""};
   }
   const int error = errno;
   rlimit limit{};
   getrlimit(RLIMIT_RTPRIO, &limit);
-  return {"realtime", Health::kWarn,
+  return {"realtime", Severity::kWarn,
           fmt::format("SCHED_FIFO is refused ({}; limit rtprio {}): realtime runs use the normal "
                       "scheduler",
                       std::strerror(error), limit.rlim_cur),
@@ -131,9 +132,9 @@ Finding check_realtime_rights() {
 
 Finding check_governor() {
   const std::string governor = first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
-  if (governor.empty()) return {"governor", Health::kOk, "no CPU frequency governor here", ""};
-  if (governor == "performance") return {"governor", Health::kOk, "performance", ""};
-  return {"governor", Health::kWarn, governor + ": the clock changes while a loop runs",
+  if (governor.empty()) return {"governor", Severity::kOk, "no CPU frequency governor here", ""};
+  if (governor == "performance") return {"governor", Severity::kOk, "performance", ""};
+  return {"governor", Severity::kWarn, governor + ": the clock changes while a loop runs",
           "cpupower frequency-set -g performance"};
 }
 
@@ -142,8 +143,8 @@ Finding check_stock_tools() {
   for (const char* program : {"lcm-logger", "lcm-logplayer"})
     if (!on_path(program)) missing.emplace_back(program);
   if (missing.empty())
-    return {"lcm_tools", Health::kOk, "lcm-logger and lcm-logplayer are on PATH", ""};
-  return {"lcm_tools", Health::kWarn, fmt::format("{} not on PATH", fmt::join(missing, ", ")),
+    return {"lcm_tools", Severity::kOk, "lcm-logger and lcm-logplayer are on PATH", ""};
+  return {"lcm_tools", Severity::kWarn, fmt::format("{} not on PATH", fmt::join(missing, ", ")),
           "apt-get install liblcm-bin"};
 }
 
@@ -151,14 +152,14 @@ Finding check_disk() {
   std::error_code error;
   const fs::space_info space = fs::space(".", error);
   const double free_MB = error ? 0 : static_cast<double>(space.available) / 1e6;
-  Finding finding{"disk", Health::kOk, fmt::format("{:.0f} MB free in this directory", free_MB),
+  Finding finding{"disk", Severity::kOk, fmt::format("{:.0f} MB free in this directory", free_MB),
                   ""};
   if (access(".", W_OK) != 0) {
-    finding.health = Health::kWarn;
+    finding.severity = Severity::kWarn;
     finding.text += ", but it cannot be written to";
     finding.mend = "cd to a directory of yours, or launch --run-dir DIR";
   } else if (free_MB < 1000) {
-    finding.health = free_MB < 10 ? Health::kFail : Health::kWarn;
+    finding.severity = free_MB < 10 ? Severity::kFail : Severity::kWarn;
     finding.text += "; a log takes about 1 MB a 1000 ticks";
     finding.mend = "make room, or launch --run-dir DIR on another disk";
   }

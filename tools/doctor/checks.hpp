@@ -6,11 +6,11 @@
 
 namespace twinrate {
 
-enum class Health { kOk, kWarn, kFail };  // kFail: launch cannot run
+enum class Severity { kOk, kWarn, kFail };  // kFail: launch cannot run
 
 struct Finding {
   std::string check;
-  Health health = Health::kOk;
+  Severity severity = Severity::kOk;
   std::string text;
   std::string mend;  // a command; empty where ok
 };

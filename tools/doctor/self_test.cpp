@@ -85,7 +85,7 @@ Outcome answer_of(pid_t child, int pipe_in) {
 Finding check_lcm_loopback(const std::string& address) {
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0)
-    return {"lcm", Health::kFail, std::string("no pipe: ") + std::strerror(errno),
+    return {"lcm", Severity::kFail, std::string("no pipe: ") + std::strerror(errno),
             "ulimit -n 1024"};
   const pid_t child = fork();
   if (child == 0) be_the_child(private_url(address), ends[1]);
@@ -93,11 +93,11 @@ Finding check_lcm_loopback(const std::string& address) {
   const Outcome outcome = child > 0 ? answer_of(child, ends[0]) : Outcome{};
   close(ends[0]);
   if (outcome.heard == kMessages)
-    return {"lcm", Health::kOk,
+    return {"lcm", Severity::kOk,
             fmt::format("{} messages published, all heard: {:.0f} us each, {:.0f} us the worst",
                         kMessages, outcome.mean_us, outcome.worst_us),
             ""};
-  return {"lcm", Health::kFail,
+  return {"lcm", Severity::kFail,
           fmt::format("published, {} of {} messages came back (a firewall, or no loopback)",
                       outcome.heard, kMessages),
           multicast_mend()};

@@ -1,0 +1,108 @@
+#include "trace/acceptance.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "trace/keys.hpp"
+#include "trace/lines.hpp"
+#include "trace/placing.hpp"
+
+namespace twinrate {
+namespace {
+
+// The newcomer is more than a few pieces of the record ask for: what they disagree by is far less
+// than its size. (What rows were filled with in a few quick turns can be fitted, too.)
+bool everywhere(const Fitter& fitter, const Fit& next) {
+  constexpr double kSigmas = 5;
+  ShaftFacts shaft;
+  const std::size_t last = next.members.size() - 1;
+  return next.members[last]->describe_shaft(shaft) ||
+         largest_wald(next, fitter.robust_covariance(next), last) > kSigmas * kSigmas;
+}
+
+// Of the held-out error: a share of what the newcomer changes there, which is all of it where it
+// is true (what lost rows were filled with, and what a shaft leaves, can be fitted, too). Where
+// it changes nothing the blocks kept back do not excite it, and cannot speak. And what holds
+// noise may live on that of the others, which is not quite known.
+double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
+  constexpr double kShare = 0.4, kNothing = 1;
+  const Effect& newcomer = *next.members.back();
+  const double doubt = holds_noise(newcomer) ? now.doubt : -kNothing;
+  ShaftFacts shaft;
+  if (newcomer.describe_shaft(shaft)) return doubt;
+  Sampled change;
+  add(change, now.y, 1);
+  add(change, next.y, -1);
+  const double whole = fitter.held_out().dot(change, change);
+  return std::max(doubt, std::min(fitter.margin(), kShare * whole) - kNothing);
+}
+
+// A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
+// met to the last bit.
+bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
+  constexpr double kLeast = 0.02;
+  if (next.members.back()->kind() != "periodic_torque") return false;
+  return has_shaft(now.members) &&
+         now.raw_held_out - next.raw_held_out < kLeast * (fitter.raw_held_out() - now.raw_held_out);
+}
+
+// Its coefficients are so many sigmas from zero that no fit without it need be tried.
+bool clearly_needed(const Fitter& fitter, const Fit& fit, std::size_t m) {
+  constexpr double kTimes = 20;  // what it costs
+  const double N = static_cast<double>(fitter.training().count(fit.y));
+  const double price =
+      fitter.margin() + static_cast<double>(parameters_of(*fit.members[m])) * std::log(N);
+  return N * std::log1p(largest_wald(fit, fit.covariance, m) / fit.rss) > kTimes * price;
+}
+
+}  // namespace
+
+std::string sort_of(const Effect& effect) {
+  std::string sort(effect.kind());
+  for (const NumericKey& k : numeric_keys(effect))
+    if (!k.text.empty() && effect.kind() == "signal_lag") sort += " " + k.text;
+  return sort;
+}
+
+std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                          const Fit& fit) {
+  std::vector<Score> scores = score_all(fitter, fit, candidates);
+  const std::vector<Candidate> lines = strongest_lines(fitter.chain(), fit);
+  for (Score& s : score_all(fitter, fit, lines)) scores.push_back(std::move(s));
+  std::erase_if(scores, [](const Score& s) { return !s.effect || !s.valid; });
+  std::sort(scores.begin(), scores.end(),
+            [](const Score& a, const Score& b) { return a.gain > b.gain; });
+  std::set<std::string> seen;
+  std::erase_if(scores, [&](const Score& s) { return !seen.insert(sort_of(*s.effect)).second; });
+  return scores;
+}
+
+bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
+  const double gain = now.rss_held_out - next.rss_held_out;
+  return next.valid && gain > least_gain(fitter, next, now) &&
+         next.members.back()->materiality(fitter.chain().equations().facts()) >= 1 &&
+         !crumb(fitter, next, now) && rings(*next.members.back()) && everywhere(fitter, next);
+}
+
+Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say) {
+  for (std::size_t m = 0; fit.members.size() > 1 && m < fit.members.size();) {
+    if (clearly_needed(fitter, fit, m)) {
+      ++m;
+      continue;
+    }
+    Fit without = fitter.refine(with(fit.members, nullptr, m));
+    if (without.valid && score_of(fitter, without) <= score_of(fitter, fit)) {
+      if (say) say(fmt::format("  without {}: not needed", fit.members[m]->kind()));
+      fit = std::move(without);
+      m = 0;
+    } else {
+      ++m;
+    }
+  }
+  return fit;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,26 @@
+// What the selection and the judge share: the order in which candidates are looked at, and what a
+// newcomer must bring.
+#pragma once
+#include <functional>
+
+#include "trace/scores.hpp"
+
+namespace twinrate {
+
+using Say = std::function<void(const std::string&)>;
+
+// Candidates of one sort differ in a place on a grid only.
+std::string sort_of(const Effect& effect);
+
+// Best of each sort beside the fit, best sort first; lines (trace/lines.hpp) among them.
+std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                          const Fit& fit);
+
+// Whether the last member of `next`, which `now` does not have, may be taken: it lowers the error
+// on held-out blocks, is large enough to matter, and is there in all of the record.
+bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
+
+// The fit without the members that do not pay for their parameters.
+Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say);
+
+}  // namespace twinrate

@@ -1,0 +1,169 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "trace/keys.hpp"
+#include "trace/placing.hpp"
+#include "trace/selection.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::size_t kMostTried = 3;  // kinds refined in place of a member
+
+class Judge {
+ public:
+  Judge(const Fitter& fitter, const std::vector<Candidate>& candidates, const Say& say)
+      : fitter_(fitter), candidates_(candidates), say_(say) {}
+
+  Selection finish(const Members& members) {
+    selection_.fit = fitter_.refine(members);
+    for (int round = 0; round < 2 && swap_one(); ++round)
+      selection_.fit = without_superfluous(fitter_, std::move(selection_.fit), say_);
+    selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
+    drop_uncertain();
+    drop_inertia_of_impacts();
+    judge_members();
+    for (const Score& s : ranked(fitter_, candidates_, selection_.fit)) {
+      if (selection_.refused.size() == kMostTried) break;
+      selection_.refused.push_back({std::string(s.effect->kind()), s.gain, 0,
+                                    s.gain > 0 ? "did not hold when refined or held out"
+                                               : "does not pay for its parameters"});
+    }
+    return std::move(selection_);
+  }
+
+ private:
+  // The others of the set without one, and what could stand in its place.
+  struct WithoutOne {
+    Fit without;
+    std::vector<Score> ranking;
+    std::vector<std::pair<const Effect*, Fit>> refined;  // with one of the ranking
+  };
+  WithoutOne look_without(std::size_t m) const {
+    WithoutOne look{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
+    look.ranking = ranked(fitter_, candidates_, look.without);
+    return look;
+  }
+  const Fit& refined(WithoutOne& look, const Score& s) const {
+    for (const auto& [effect, fit] : look.refined)
+      if (effect == s.effect.get()) return fit;
+    // A shaft has far to go, and may no longer ring when it has arrived.
+    ShaftFacts shaft;
+    const auto until =
+        s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
+    look.refined.emplace_back(s.effect.get(),
+                              fitter_.refine(with(look.without.members, s.effect), until));
+    return look.refined.back().second;
+  }
+
+  // Members that, beside all the others, are within three of their own standard deviations of
+  // nothing, the least certain first.
+  void drop_uncertain() {
+    constexpr double kSigmas = 3;
+    while (true) {
+      const Fit& fit = selection_.fit;
+      const Eigen::MatrixXd covariance = fitter_.robust_covariance(fit);
+      std::size_t least = kNobody;
+      double smallest = kSigmas * kSigmas;
+      for (std::size_t m = 0; m < fit.members.size(); ++m) {
+        ShaftFacts shaft;
+        if (fit.members[m]->describe_shaft(shaft)) continue;
+        const double wald = largest_wald(fit, covariance, m);
+        if (wald < smallest) smallest = wald, least = m;
+      }
+      if (least == kNobody) return;
+      if (say_) say_(fmt::format("  without {}: not certain", fit.members[least]->kind()));
+      selection_.fit = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
+      looks_.clear();
+    }
+  }
+
+  // Beside a shaft that stands for a gap whose impacts could not be followed an inertia mends what
+  // they leave.
+  void drop_inertia_of_impacts() {
+    const Fit& fit = selection_.fit;
+    const bool torsion = std::any_of(fit.members.begin(), fit.members.end(),
+                                     [](const auto& m) { return m->kind() == "torsion"; });
+    if (!torsion || !leaves_more_than_noise(fitter_, fit)) return;
+    for (std::size_t m = 0; m < fit.members.size(); ++m) {
+      if (fit.members[m]->kind() != "inertia") continue;
+      Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
+      if (!without.valid) return;
+      if (say_) say_("  without inertia: it mends what a shaft leaves");
+      selection_.fit = std::move(without);
+      looks_.clear();
+      return;
+    }
+  }
+
+  // Puts one other kind in the place of a member where that is better.
+  bool swap_one() {
+    looks_.clear();
+    for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
+      looks_.push_back(look_without(m));
+      const Fit without = looks_.back().without;
+      const double gain_now = score_of(fitter_, without) - score_of(fitter_, selection_.fit);
+      std::size_t tried = 0;
+      for (const Score& s : looks_.back().ranking) {
+        if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
+        if (s.effect->kind() == selection_.fit.members[m]->kind()) continue;
+        ++tried;
+        Fit next = refined(looks_.back(), s);
+        const double gain = score_of(fitter_, without) - score_of(fitter_, next);
+        if (gain <= gain_now + 1 || !acceptable(fitter_, next, without)) continue;
+        if (say_)
+          say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", s.effect->kind(),
+                           selection_.fit.members[m]->kind(), gain, gain_now));
+        selection_.fit = std::move(next);
+        looks_.clear();
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void judge_members() {
+    selection_.members.clear();
+    for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
+      const bool known = looks_.size() == selection_.fit.members.size();
+      WithoutOne look = known ? std::move(looks_[m]) : look_without(m);
+      Selected s{.without = look.without};
+      s.score_gain = score_of(fitter_, s.without) - score_of(fitter_, selection_.fit);
+      s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
+      s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
+      std::size_t tried = 0;
+      for (const Score& other : look.ranking) {
+        if (tried >= kMostTried) break;
+        if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
+        ++tried;
+        Alternative a{std::string(other.effect->kind()), other.gain, 0, "",
+                      static_cast<double>(parameters_of(*other.effect))};
+        if (other.gain > 0.5 * s.score_gain) {
+          const Fit next = refined(look, other);
+          a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);
+          a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
+          if (!next.valid) a.why = "its parameters leave their physical range";
+        }
+        if (a.why.empty()) a.why = kExplainsLess;
+        s.alternatives.push_back(std::move(a));
+      }
+      selection_.members.push_back(std::move(s));
+    }
+  }
+
+  const Fitter& fitter_;
+  const std::vector<Candidate>& candidates_;
+  const Say& say_;
+  Selection selection_;
+  std::vector<WithoutOne> looks_;  // by member of the last set that no swap made better
+};
+
+}  // namespace
+
+Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                const Members& members, const Say& say) {
+  return Judge(fitter, candidates, say).finish(members);
+}
+
+}  // namespace twinrate
