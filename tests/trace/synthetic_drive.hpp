@@ -18,7 +18,7 @@ struct SyntheticDrive {
   double T_s = 1e-4, duration_s = 6;
   std::uint64_t seed = 1;
   bool quiet = false;  // stands still
-  bool slow = false;   // a twentieth of the speed, no i_d, no load
+  bool slow = false;   // a twentieth of the speed, no i_d
   std::function<double(double t, double theta, double omega)> extra_load =
       [](double, double, double) { return 0.0; };
   double R_extra = 0, offset_a = 0;  // ohm; A, of what sensor a reads
@@ -49,7 +49,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
   const auto n = static_cast<std::size_t>(d.duration_s / d.T_s);
   for (std::size_t k = 0; k < n; ++k) {
     const double t = static_cast<double>(k) * d.T_s;
-    const double T_load = d.quiet || d.slow ? 0 : external_load(t);
+    const double T_load = d.quiet ? 0 : external_load(t);
     // Readings.
     const double a = d.n_p * theta;
     const double i_al = std::cos(a) * i_d - std::sin(a) * i_q,
