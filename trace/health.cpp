@@ -11,9 +11,6 @@ namespace {
 
 using Column = std::vector<double>;
 
-// Rows that are alike with another in between are so by chance; with so many times as many
-// repeated, they are not repeated by chance.
-constexpr std::size_t kChance = 4;
 constexpr std::int64_t kGapEdge = 5000;  // rows at each end of a gap; what lies between is left out
 
 // Where the angle stands still and a quantised current is quiet, a row or two repeat by chance.

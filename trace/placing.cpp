@@ -47,7 +47,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   return best;
 }
 
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion) {
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const ShaftSearch search(fitter.chain(), now.members);
   const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;
   const auto start = [&](double gap_rad, double J_load, double stiffness, double damping) {
@@ -69,9 +69,9 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion)
   for (double gap_rad : gaps)
     for (double stiffer : {1.2, 2.7})
       for (double share : {0.4, 0.8})
-        grid.push_back(start(gap_rad, share * get_key(torsion, "J_load_kgm2"),
-                             stiffer * get_key(torsion, "stiffness_Nm_rad"),
-                             get_key(torsion, "damping_Nms_rad")));
+        grid.push_back(start(gap_rad, share * get_key(shaft, "J_load_kgm2"),
+                             stiffer * get_key(shaft, "stiffness_Nm_rad"),
+                             get_key(shaft, "damping_Nms_rad")));
   keep_best(1);
   for (double share : {0.18, 0.24, 0.32, 0.43, 0.58}) {
     const double J_load = share * fitter.chain().equations().facts().machine.J;

@@ -11,9 +11,9 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect);
 
 // A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
-// the error rough in the parameters: backlash in the place of the shaft `torsion`, searched on
+// the error rough in the parameters: backlash in the place of `shaft`, searched on
 // grids around it and away from it, then by simplex.
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& torsion);
+Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft);
 
 // False for a shaft whose resonance is beyond the tracer's band, or damped too much to be one.
 bool rings(const Effect& effect);

@@ -88,6 +88,21 @@ TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
   EXPECT_GT(size, 1e-3);
 }
 
+// What the tracer hands over with every row is what a point without it makes itself.
+TEST_P(EveryEffect, IsTheSameWhereTheAxisOfThePointIsAtHand) {
+  const auto effect = plausible(GetParam());
+  std::vector<OperatingPoint> record = random_record(3), with_axis = record;
+  for (OperatingPoint& point : with_axis)
+    point.d_axis = Vec2(std::cos(point.theta_e), std::sin(point.theta_e));
+  std::vector<Contribution> sums(record.size()), sums_with_axis(record.size());
+  effect->along(record, 1e-4, sums);
+  effect->along(with_axis, 1e-4, sums_with_axis);
+  for (std::size_t k = 0; k < record.size(); ++k) {
+    const auto whole = test::flat(sums[k]);
+    EXPECT_NEAR((test::flat(sums_with_axis[k]) - whole).norm(), 0, 1e-12 * (1 + whole.norm()));
+  }
+}
+
 TEST_P(EveryEffect, TakesItsCoefficientsBack) {
   const auto effect = plausible(GetParam());
   if (effect->traced_keys().empty()) GTEST_SKIP() << "the tracer has no fit for it";
