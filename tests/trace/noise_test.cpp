@@ -44,9 +44,9 @@ TEST(NoiseFit, IsThatOfTheSensorsInASlowRunToo) {
     Health health;
     Record record = make_record(simulate_synthetic({.slow = slow}), 3, health);
     for (std::size_t k = 0; slow && k < record.size(); ++k) {
-      constexpr double kGain = 20;  // V/A
+      constexpr double kController = 20;  // V/A
       const double theta_e = 3 * record.theta_m[k], i_d = park(record.i_alphabeta[k], theta_e)[0];
-      record.u_alphabeta[k] += inverse_park({-kGain * i_d, 0}, theta_e);
+      record.u_alphabeta[k] += inverse_park({-kController * i_d, 0}, theta_e);
     }
     const DriveFacts facts = servo().facts();
     const Equations equations(record, facts);
