@@ -11,9 +11,10 @@ namespace {
 
 constexpr int kTriedFirst = 30, kTriedLast = 150, kTriedTorsion = 50, kTriedCloser = 60;
 constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
-constexpr double kWorthwhile = 0.97;  // error that another descent must leave, of what it was
-constexpr double kHopeless = 1.5;     // times the best: such an error is not worth going on from
-constexpr double kFirstStep = 0.15;   // of the logarithm of a key
+constexpr double kWorthwhile = 0.97;    // error that another descent must leave, of what it was
+constexpr double kHopeless = 1.5;       // times the best: such an error is not worth going on from
+constexpr double kFirstStep = 0.15;     // of the logarithm of a key
+constexpr double kWrongInertia = 0.02;  // of machine.J: is worth a fit with another
 
 }  // namespace
 
@@ -21,7 +22,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect) {
   const Chain& chain = fitter.chain();
   if (effect->kind() == "torsion") {
-    const ShaftSearch search(chain, now.members);
+    const ShaftSearch search(chain, now.members, ShaftSearch::Inertia::kKnown);
     const ShaftSearch::Point found = search.descend(search.at(effect), kTriedTorsion, kFirstStep);
     const auto rss = [&](const auto& e) { return fitter.start(with(now.members, e)).rss; };
     return rss(found.shaft) < rss(effect) ? found.shaft : effect;
@@ -48,7 +49,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 }
 
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
-  const ShaftSearch search(fitter.chain(), now.members);
+  constexpr auto kFree = ShaftSearch::Inertia::kFree;
+  const ShaftSearch search(fitter.chain(), now.members, kFree);
   const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;
   const auto start = [&](double gap_rad, double J_load, double stiffness, double damping) {
     const std::shared_ptr<Effect> gap = make_effect("backlash");
@@ -92,11 +94,20 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
         p = search.descend(search.along_keys(p), kTriedLast, step);
     }
   }
-  const ShaftSearch closer(fitter.chain(), now.members, ShaftSearch::Rows::kAll);
+  const ShaftSearch closer(fitter.chain(), now.members, kFree, ShaftSearch::Rows::kAll);
   const ShaftSearch::Point best = closer.descend(
       closer.at(std::min_element(finalists.begin(), finalists.end(), ShaftSearch::better)->shaft),
       kTriedCloser, 0.2 * kFirstStep);
-  return fitter.refine(with(now.members, best.shaft));
+  Fit gap = fitter.refine(with(now.members, best.shaft));
+  const bool known = std::any_of(now.members.begin(), now.members.end(),
+                                 [](const auto& m) { return m->kind() == "inertia"; });
+  if (known ||
+      std::abs(best.inertia) < kWrongInertia * fitter.chain().equations().facts().machine.J)
+    return gap;
+  const std::shared_ptr<Effect> inertia = make_effect("inertia");
+  set_key(*inertia, "change_kgm2", best.inertia);
+  Fit both = fitter.refine(with(with(now.members, inertia), best.shaft));
+  return both.valid && score_of(fitter, both) < score_of(fitter, gap) ? both : gap;
 }
 
 bool rings(const Effect& effect) {

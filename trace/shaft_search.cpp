@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kApart = 0.26;      // of the logarithm of a key: within it, one start will do
 constexpr Eigen::Index kPiece = 64;  // outputs
+constexpr double kLeastInertia = -0.4, kMostInertia = 0.8;  // of machine.J, where it is free
 
 std::vector<std::string> keys(const Effect& shaft) {
   std::vector<std::string> names = {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"};
@@ -27,9 +28,10 @@ Eigen::VectorXd logs(const ShaftSearch::Point& p) {
 
 }  // namespace
 
-ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Rows rows)
+ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia, Rows rows)
     : chain_(chain),
       all_(rows == Rows::kAll),
+      free_(inertia == Inertia::kFree),
       now_(chain.residual({now.begin(), now.end()}).torque),
       acceleration_(chain.remembered_columns(*make_effect("inertia"))[0].torque),
       points_(chain.equations().points()) {
@@ -55,11 +57,36 @@ ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
   const Eigen::VectorXd left = now_ -
                                (all_ ? sampler(T_load, runs) : sampler.sparsely(T_load, runs)) +
                                of_shaft.J_load * acceleration_;
-  p.error = 0;
-  for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece)
-    if (!runs.held_out[static_cast<std::size_t>(first)])
-      p.error += left.segment(first, kPiece).norm();
+  p.error = error_of(left, p.inertia);
   return p;
+}
+
+double ShaftSearch::error_of(const Eigen::VectorXd& left, double& inertia) const {
+  constexpr int kRounds = 4;
+  struct Piece {
+    double left = 0, both = 0, acceleration = 0;  // squares and product
+    double error(double j) const { return std::sqrt(left - 2 * j * both + j * j * acceleration); }
+  };
+  std::vector<Piece> pieces;
+  for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece) {
+    if (chain_.sampler().torque().held_out[static_cast<std::size_t>(first)]) continue;
+    const auto y = left.segment(first, kPiece), a = acceleration_.segment(first, kPiece);
+    pieces.push_back({y.squaredNorm(), y.dot(a), a.squaredNorm()});
+  }
+  // A sum of norms is least where squares weighted by their reciprocals are.
+  const double J = chain_.equations().facts().machine.J;
+  for (int round = 0; free_ && round < kRounds; ++round) {
+    double both = 0, squares = 0;
+    for (const Piece& p : pieces) {
+      const double weight = 1 / std::max(p.error(inertia), 1e-12);
+      both += weight * p.both;
+      squares += weight * p.acceleration;
+    }
+    if (squares > 0) inertia = std::clamp(both / squares, kLeastInertia * J, kMostInertia * J);
+  }
+  double sum = 0;
+  for (const Piece& p : pieces) sum += p.error(inertia);
+  return sum;
 }
 
 ShaftSearch::Point ShaftSearch::at(const Point& like, const Eigen::VectorXd& x) const {

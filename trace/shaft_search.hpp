@@ -10,13 +10,17 @@ class ShaftSearch {
   struct Point {
     std::shared_ptr<Effect> shaft;
     double error = 1e300;  // sum over pieces of their norm: a missed impact spoils one of them
+    double inertia = 0;    // kgm2 beyond that of the members, where it is free
   };
   static bool better(const Point& a, const Point& b) { return a.error < b.error; }
 
   // Rows at which the load mass is followed: at the sampler's stride, which is enough to find where
   // to look, or all.
   enum class Rows { kStride, kAll };
-  ShaftSearch(const Chain& chain, const Members& now, Rows rows = Rows::kStride);
+  // Whether the drive's inertia is known, or whatever leaves least with each shaft: where it is
+  // wrong by more than the gap's own share, no gap fits beside it.
+  enum class Inertia { kKnown, kFree };
+  ShaftSearch(const Chain& chain, const Members& now, Inertia inertia, Rows rows = Rows::kStride);
 
   // How much a shaft leaves of the torque that the members leave, as the tracer samples it: not
   // whitened, for what the noise is taken for is part impacts.
@@ -29,9 +33,11 @@ class ShaftSearch {
 
  private:
   Point at(const Point& like, const Eigen::VectorXd& logs) const;
+  // Sum of the pieces' norms of `left` less the inertia times omega_m', which is found if free.
+  double error_of(const Eigen::VectorXd& left, double& inertia) const;
 
   const Chain& chain_;
-  bool all_;
+  bool all_, free_;
   Eigen::VectorXd now_, acceleration_;  // what is left; omega_m'
   std::vector<OperatingPoint> points_;
 };
