@@ -135,15 +135,22 @@ ShaftSearch::Point ShaftSearch::descend(const Point& start, int most, double fir
 
 ShaftSearch::Point ShaftSearch::along_keys(Point best) const {
   constexpr double kHelps = 0.99;  // of the error before
+  const Eigen::Index n = logs(best).size();
+  Eigen::MatrixXd ways = Eigen::MatrixXd::Identity(n, n);
+  if (n == 4) {  // a gap: what keeps the resonance, or the time of the next impact
+    ways.conservativeResize(n, n + 3);
+    ways.rightCols(3) << 1, 1, 0,  // J_load
+        1, 1, 1,                   // stiffness
+        0, 0, 0,                   // damping
+        0, -1, -1;                 // gap
+  }
   for (double before = 1e300; best.error < kHelps * before;) {
     before = best.error;
-    for (Eigen::Index i = 0; i < logs(best).size(); ++i) {
+    for (const auto way : ways.colwise()) {
       const Eigen::VectorXd here = logs(best);
       for (double step : {0.01, 0.02, 0.04, 0.08, 0.16})
-        for (double way : {-step, step}) {
-          Eigen::VectorXd x = here;
-          x[i] += way;
-          Point p = at(best, x);
+        for (double signed_step : {-step, step}) {
+          Point p = at(best, here + signed_step * way);
           if (better(p, best)) best = std::move(p);
         }
     }

@@ -27,8 +27,8 @@ class ShaftSearch {
   Point at(std::shared_ptr<Effect> shaft) const;
   // Nelder and Mead's simplex in the logarithms of the keys; `first_step`: of these.
   Point descend(const Point& start, int most, double first_step) const;
-  // Each key by itself, a few per cent up and down, as long as that helps: out of the small hollows
-  // in which a simplex ends.
+  // Each key by itself and some together, a few per cent up and down, as long as that helps: out of
+  // the small hollows in which a simplex ends.
   Point along_keys(Point best) const;
 
  private:
