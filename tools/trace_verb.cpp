@@ -100,7 +100,6 @@ void prove(const TraceOptions& o, const Config& declared, const std::vector<Veri
 TraceResult trace_drive_logs(const TraceOptions& o, const LogRequest& asked,
                              const DriveConfig& drive, const TraceSettings& settings,
                              std::vector<VerifyLog>& replayed) {
-  catch_stop_signals();  // of the other kinds of files: nothing is written until all is done
   PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
   const auto start = std::chrono::steady_clock::now();
   const DriveLogs logs = read_drive_logs(asked, drive, [&](const std::string& what, double share) {
@@ -149,6 +148,7 @@ int trace(const TraceOptions& o) {
         fmt::print(stderr, "{}\n", line);
     };
   settings.stop = stop_signalled;
+  catch_stop_signals();
   MeasuredFiles files{.data = o.data, .held_out = o.holdout, .maps = o.maps, .repair = o.repair};
   if (o.holdout.size() == 1)
     if (const auto share = fraction(o.holdout[0])) {
@@ -162,7 +162,7 @@ int trace(const TraceOptions& o) {
                          .memory_MiB = o.memory_MiB};
   std::vector<VerifyLog> replayed;
   const auto start = std::chrono::steady_clock::now();
-  std::optional<TraceResult> measured = trace_measured_files(files, config.drive());
+  std::optional<TraceResult> measured = trace_measured_files(files, config.drive(), {settings.say, settings.stop});
   TraceResult result = measured ? std::move(*measured)
                                 : trace_drive_logs(o, asked, config.drive(), settings, replayed);
   if (measured)

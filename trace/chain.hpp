@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "trace/equations.hpp"
+#include "trace/hooks.hpp"
 #include "trace/sampler.hpp"
 #include "trace/whitening.hpp"
 
@@ -26,9 +27,6 @@ struct NoiseModel {
 };
 
 void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an empty channel is zero
-
-// Thrown out of a trace that is stopped.
-struct TraceStopped {};
 
 // Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
 // residual itself, and plain least squares would shrink L (or J, or everything) until it vanishes.

@@ -60,12 +60,13 @@ bool flux_rises(const Effects& effects, const MachineParameters& m, double i_d_m
 }  // namespace
 
 StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
-                           std::vector<char> held_out) {
+                           std::vector<char> held_out, const TraceHooks& hooks) {
   const auto &i_d = set.at("i_d"), &i_q = set.at("i_q");
   const auto &psi_d = set.at("psi_d"), &psi_q = set.at("psi_q");
   StaticTrace trace;
   StaticProblem& p = trace.problem;
   p.facts = facts;
+  p.hooks = hooks;
   p.channels = {"psi_d", "psi_q"};
   p.y.resize(static_cast<Eigen::Index>(set.size()), 2);
   const MachineParameters& m = facts.machine;

@@ -108,10 +108,12 @@ struct System {
 };
 
 // Offsets take the last columns.
-System system_of(const std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets) {
+System system_of(const std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets,
+                 const TraceHooks& hooks) {
   System system;
   const Index n = system.columns = terms.columns() + static_cast<Index>(offsets);
   for (const Prepared& p : logs) {
+    hooks.checkpoint();
     Blocks b = blocks_of(p, terms);
     b.X.conservativeResize(Eigen::NoChange, n);
     b.X.rightCols(static_cast<Index>(offsets)).setZero();
@@ -169,13 +171,15 @@ std::size_t block_length(const PositionLog& log) {
   return std::max<std::size_t>(1, log.size() / kMostBlocks);
 }
 
-Solution solve(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets) {
-  return solve(logs, system_of(logs, terms, offsets));
+Solution solve(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets,
+               const TraceHooks& hooks) {
+  return solve(logs, system_of(logs, terms, offsets, hooks));
 }
 
-Solution solve_weighed(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets) {
+Solution solve_weighed(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets,
+                       const TraceHooks& hooks) {
   for (Prepared& p : logs) p.noise = p.spread = 1;
-  const System system = system_of(logs, terms, offsets);
+  const System system = system_of(logs, terms, offsets, hooks);
   solve(logs, system);
   solve(logs, system);
   return solve(logs, system);

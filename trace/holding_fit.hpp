@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "trace/hooks.hpp"
 #include "trace/position_log.hpp"
 
 namespace twinrate {
@@ -42,9 +43,11 @@ struct Solution {
 inline constexpr std::size_t kMostBlocks = 8000;  // averages a log gives
 // Rows that one mean takes.
 std::size_t block_length(const PositionLog& log);
-// With the noise of each log as its weight; leaves the noise found.
-Solution solve(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets);
+// With the noise of each log as its weight; leaves the noise found. Throws TraceStopped.
+Solution solve(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets,
+               const TraceHooks& hooks);
 // Three times, each with the noise that the one before left in each log.
-Solution solve_weighed(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets);
+Solution solve_weighed(std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets,
+                       const TraceHooks& hooks);
 
 }  // namespace twinrate

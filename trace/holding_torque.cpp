@@ -14,9 +14,10 @@ using Eigen::Index;
 
 constexpr double kStandsOut = 4;  // times the noise of the orders around
 
-double cost_with_lag(std::vector<Prepared>& logs, Terms terms, std::size_t offsets, double lag) {
+double cost_with_lag(std::vector<Prepared>& logs, Terms terms, std::size_t offsets, double lag,
+                     const TraceHooks& hooks) {
   terms.lag = lag;
-  return solve(logs, terms, offsets).cost;
+  return solve(logs, terms, offsets, hooks).cost;
 }
 
 double amplitude(const Solution& s, std::size_t i) {
@@ -79,7 +80,7 @@ double widest_step(const PositionLog& log) {
 
 // The lag, where the logs show one: a tenth or more of the squared rest goes with it.
 void find_lag(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets,
-              HoldingTorque& torque) {
+              const TraceHooks& hooks, HoldingTorque& torque) {
   double shortest = 0, longest = 0;
   for (const Prepared& p : logs)
     if (p.log->has_time()) {
@@ -88,11 +89,11 @@ void find_lag(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets,
     }
   if (longest <= 0 || terms.orders.empty()) return;
   for (Prepared& p : logs) p.noise = 1;
-  solve(logs, terms, offsets);  // the noise of each log, without the lag
+  solve(logs, terms, offsets, hooks);  // the noise of each log, without the lag
   std::vector<Prepared> fixed = logs;
   const auto cost = [&](double lag) {
     std::vector<Prepared> scratch = fixed;
-    return cost_with_lag(scratch, terms, offsets, lag);
+    return cost_with_lag(scratch, terms, offsets, lag, hooks);
   };
   double best = 0, best_cost = cost(0);
   const double none = best_cost;
@@ -144,10 +145,11 @@ Ways ways(const std::vector<Prepared>& logs) {
 
 // Orders among those of the cogging, and up to 2 n_p, whose part that turns with the direction is
 // an eighth of the largest cogging or more.
-void find_friction_ripple(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets, int n_p) {
+void find_friction_ripple(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets, int n_p,
+                          const TraceHooks& hooks) {
   Terms wide = terms;
   for (int order = 1; order <= 2 * n_p; ++order) wide.ripple_orders.push_back(order);
-  const Solution s = solve_weighed(logs, wide, offsets);
+  const Solution s = solve_weighed(logs, wide, offsets, hooks);
   double largest = 0;
   for (std::size_t i = 0; i < wide.orders.size(); ++i) largest = std::max(largest, amplitude(s, i));
   for (std::size_t j = 0; j < wide.ripple_orders.size(); ++j) {
@@ -184,7 +186,7 @@ int largest_order(const MachineParameters& machine, std::size_t rows) {
 }
 
 HoldingTorque trace_holding_torque(std::span<const PositionLog* const> given,
-                                   const MachineParameters& machine) {
+                                   const MachineParameters& machine, const TraceHooks& hooks) {
   HoldingTorque torque;
   std::vector<Prepared> logs;
   std::size_t rows = 0;
@@ -202,16 +204,16 @@ HoldingTorque trace_holding_torque(std::span<const PositionLog* const> given,
   Terms all{.friction = w.both};
   for (int order = 1; order <= largest_order(machine, rows); ++order) all.orders.push_back(order);
   Terms terms{.friction = w.both};
-  terms.orders = orders_that_stand_out(solve_weighed(logs, all, offsets), all.orders).orders;
-  find_lag(logs, terms, offsets, torque);
+  terms.orders = orders_that_stand_out(solve_weighed(logs, all, offsets, hooks), all.orders).orders;
+  find_lag(logs, terms, offsets, hooks, torque);
   if (torque.lag > 0)  // rows that still remember a jump do not count
     for (Prepared& p : logs) p.ok = holding_rows(*p.log, 5 * torque.lag);
   all.lag = torque.lag;
-  Standing standing = orders_that_stand_out(solve_weighed(logs, all, offsets), all.orders);
+  Standing standing = orders_that_stand_out(solve_weighed(logs, all, offsets, hooks), all.orders);
   terms.orders = standing.orders;
-  if (w.both) find_friction_ripple(logs, terms, offsets, machine.n_p);
-  Solution s = solve_weighed(logs, terms, offsets);
-  if (drop_small(terms, standing.over_floor, s)) s = solve_weighed(logs, terms, offsets);
+  if (w.both) find_friction_ripple(logs, terms, offsets, machine.n_p, hooks);
+  Solution s = solve_weighed(logs, terms, offsets, hooks);
+  if (drop_small(terms, standing.over_floor, s)) s = solve_weighed(logs, terms, offsets, hooks);
 
   const double K_t = machine.torque_constant();
   for (std::size_t i = 0; i < terms.orders.size(); ++i)

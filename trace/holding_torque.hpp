@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "trace/hooks.hpp"
 #include "trace/position_log.hpp"
 
 namespace twinrate {
@@ -38,8 +39,9 @@ struct HoldingTorque {
 // more than the rows carry.
 int largest_order(const MachineParameters& machine, std::size_t rows);
 
+// Throws TraceStopped.
 HoldingTorque trace_holding_torque(std::span<const PositionLog* const> logs,
-                                   const MachineParameters& machine);
+                                   const MachineParameters& machine, const TraceHooks& hooks = {});
 
 // Current that the model holds at every row of a log, less its mean over `used`.
 std::vector<double> holding_current(const PositionLog& log, const HoldingTorque& torque,

@@ -29,13 +29,14 @@ StaticKind kind_of(const StaticSet& set) {
 }
 
 StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
-                                 std::vector<char> held_out) {
+                                 std::vector<char> held_out, const TraceHooks& hooks) {
   const int phase = phase_of(set);
   const auto& i = set.at(kCurrents[static_cast<std::size_t>(phase)]);
   const auto& u = set.at(kVoltages[static_cast<std::size_t>(phase)]);
   StaticTrace trace;
   StaticProblem& p = trace.problem;
   p.facts = facts;
+  p.hooks = hooks;
   p.channels = {kVoltages[static_cast<std::size_t>(phase)]};
   p.y.resize(static_cast<Eigen::Index>(set.size()), 1);
   // The d axis on the axis of the phase: i_d is its current.

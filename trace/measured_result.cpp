@@ -17,35 +17,43 @@ std::string percent(double part) {
   return fmt::format("{:.1f} %", 100 * part);
 }
 
-// The effect less of the model: what the held-out rest would be without it.
-double gain_without(const StaticTrace& trace, std::size_t term) {
-  std::vector<StaticTerm> others = trace.selection.after.terms;
-  others.erase(others.begin() + static_cast<std::ptrdiff_t>(term));
-  const StaticFit fit = fit_static(trace.problem, others);
-  return 1 - trace.selection.after.held_out_cost / std::max(fit.held_out_cost, 1e-300);
-}
+constexpr double kNotJudged = std::numeric_limits<double>::quiet_NaN();
 
-double delta_bic(const StaticTrace& trace, std::size_t term) {
+// What the model would lose without the effect.
+struct Worth {
+  double held_out_gain = kNotJudged, delta_bic = kNotJudged;
+};
+
+Worth worth(const StaticTrace& trace, std::size_t term) {
   const StaticProblem& p = trace.problem;
-  std::vector<StaticTerm> others = trace.selection.after.terms;
+  const StaticFit& with = trace.selection.after;
+  std::vector<StaticTerm> others = with.terms;
   const auto keys = others[term].linear.size() + others[term].searched.size();
   others.erase(others.begin() + static_cast<std::ptrdiff_t>(term));
+  const StaticFit without = fit_static(p, others);
   const double N = static_cast<double>(p.y.cols()) *
                    static_cast<double>(std::count(p.held_out.begin(), p.held_out.end(), 0));
-  return N * std::log(trace.selection.after.cost / fit_static(p, others).cost) +
-         static_cast<double>(keys) * std::log(N);
+  return {1 - with.held_out_cost / std::max(without.held_out_cost, 1e-300),
+          N * std::log(with.cost / without.cost) + static_cast<double>(keys) * std::log(N)};
 }
 
-TracedEffect traced_effect(const StaticTrace& trace, std::size_t i) {
+TracedEffect traced_effect(const StaticTrace& trace, std::size_t i, bool& interrupted) {
   const StaticFit& after = trace.selection.after;
   TracedEffect e;
   e.effect = after.terms[i].effect;
   e.equation = "electrical";
   e.parameters = traced_parameters(*e.effect, after.sigma[i]);
-  e.held_out_gain = gain_without(trace, i);
-  e.delta_bic = delta_bic(trace, i);
+  Worth own;
+  try {
+    own = worth(trace, i);
+  } catch (const TraceStopped&) {
+    interrupted = true;
+  }
+  e.held_out_gain = own.held_out_gain;
+  e.delta_bic = own.delta_bic;
   // Of the fall of the training cost, as a likelihood ratio.
-  e.p_value = std::exp(std::min(0.0, 0.5 * e.delta_bic));
+  e.p_value =
+      std::isfinite(own.delta_bic) ? std::exp(std::min(0.0, 0.5 * own.delta_bic)) : kNotJudged;
   e.materiality = e.effect->materiality(trace.problem.facts);
   return e;
 }
@@ -92,10 +100,11 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
   r.sources = {set.path};
   const StaticSelection& s = trace.selection;
   const bool found = !s.steps.empty();
+  r.interrupted = s.interrupted;
   r.health.push_back(fmt::format("{} points; held out: {}", set.size(), trace.held_out_rule));
   // Constants are effects where they are off by more than matters, or where a law stands on them.
   for (std::size_t i = 0; i < s.after.terms.size(); ++i) {
-    TracedEffect e = traced_effect(trace, i);
+    TracedEffect e = traced_effect(trace, i, r.interrupted);
     const bool constant = s.before.find(e.effect->kind()) != nullptr;
     if (found || !constant || e.materiality > 1) r.effects.push_back(std::move(e));
   }
@@ -124,6 +133,10 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
                 fmt::join(kinds, ", "), trace.problem.channels[static_cast<std::size_t>(channel)],
                 r.electrical->before.held_out, r.electrical->after.held_out, r.electrical->unit,
                 percent(r.electrical->after.held_out / r.electrical->before.held_out));
+  if (r.interrupted)
+    r.sentence =
+        fmt::format("Interrupted after {} step{} of the selection: more may be missing. So far: {}",
+                    s.steps.size(), s.steps.size() == 1 ? "" : "s", r.sentence);
   return r;
 }
 

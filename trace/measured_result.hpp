@@ -11,12 +11,15 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
 struct PositionSettings {
   // s over which a change of speed is predicted; 0: five sampling intervals.
   double horizon = 0;
+  TraceHooks hooks = {};
 };
 
 // Logs of theta_m and i_q, holding-current maps among them. The constants K_t/J come from the
 // dynamic logs that train and are the same in the model before and after; nothing is fitted on a
 // held-out log but its mean. The error is that of the change of speed over the horizon where a
 // dynamic log is held out (or, where nothing is, trains), else that of the current that holds.
+// Stopped after something was found: that, judged as far as it was judged; before: throws
+// TraceStopped.
 TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFacts& facts,
                             const PositionSettings& settings = {});
 

@@ -24,8 +24,9 @@ double holding_error(const PositionLog& log, const std::vector<double>& model,
 
 }  // namespace
 
-Judge::Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon)
-    : horizon_(horizon) {
+Judge::Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon,
+             const TraceHooks& hooks)
+    : hooks_(hooks), horizon_(horizon) {
   const bool unseen = std::any_of(logs.begin(), logs.end(), [](auto& l) { return l.held_out; });
   for (const PositionLog& log : logs)
     if (!is_quasi_static(log, machine) && log.held_out == unseen) by_speed_ = true;
@@ -40,13 +41,15 @@ void Judge::find_other_zeros(const Found& found) {
   MotionModel without = found.model();
   without.holding = nullptr;
   for (const PositionLog* log : logs_)
-    if (!log->held_out && speed_change(*log, without, horizon_).error <
-                              0.95 * speed_change(*log, found.model(), horizon_).error)
+    if (!hooks_.stopped() && !log->held_out &&
+        speed_change(*log, without, horizon_).error <
+            0.95 * speed_change(*log, found.model(), horizon_).error)
       other_zero_.push_back(log);
 }
 
 void Judge::add(const PositionLog& log, const Found& declared_of, const MotionModel& model,
                 Errors& errors) const {
+  if (hooks_.stopped()) return errors.add(kNoError, kNoError, kNoError, 1);
   if (by_speed_) {
     const SpeedChange before = speed_change(log, declared_of.declared(), horizon_);
     MotionModel used = model;

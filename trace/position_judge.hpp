@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "trace/hooks.hpp"
 #include "trace/motion.hpp"
 #include "trace/winding_voltage.hpp"
 
@@ -56,7 +57,9 @@ struct Errors {
 
 class Judge {
  public:
-  Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon);
+  // After a stop every error is kNoError.
+  Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon,
+        const TraceHooks& hooks);
   // Training runs that cogging found elsewhere makes worse: their angle starts from another zero,
   // so where it stands is not known there. A held-out run gets no such choice.
   void find_other_zeros(const Found& found);
@@ -72,6 +75,7 @@ class Judge {
   double error(const Found& found, const MotionModel& model) const;
 
  private:
+  const TraceHooks& hooks_;
   double horizon_;
   bool by_speed_ = false;
   Logs logs_, other_zero_;

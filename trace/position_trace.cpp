@@ -26,6 +26,7 @@ void add_errors(const Found& found, const Judge& judge, TraceResult& r) {
   r.main_equation = "mechanical";
   r.horizon_s = judge.horizon();
   for (const PositionLog* log : judge.logs()) {
+    if (!std::isfinite(shown.after)) break;  // stopped
     Errors own;
     judge.add(*log, found, found.model(), own);
     r.files.push_back({log->path, log->held_out, e.unit, static_cast<std::size_t>(own.rows),
@@ -72,10 +73,47 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
   const std::string of =
       judge.by_speed() ? fmt::format("of the speed's change over {:.3g} ms", 1e3 * judge.horizon())
                        : std::string("of the holding current");
+  const std::string what = parts.empty()
+                               ? "Nothing is missing"
+                               : fmt::format("The model lacks {}", fmt::join(parts, ", "));
+  if (!std::isfinite(after)) return what + ".";
   return fmt::format(
-      "{}{}; the error {} on {} data falls from {:.3g} to {:.3g} {} (no change: {:.3g}).",
-      parts.empty() ? "Nothing is missing" : "The model lacks ", fmt::join(parts, ", "), of,
+      "{}; the error {} on {} data falls from {:.3g} to {:.3g} {} (no change: {:.3g}).", what, of,
       unseen ? "unseen" : "training", before, after, e.unit, e.no_change);
+}
+
+// What in motion the current and the driver's speed say.
+void find_in_motion(const MachineParameters& machine, const TraceHooks& hooks, Found& found) {
+  found.spin = fit_spin_up(found.in_motion, machine);
+  hooks.checkpoint();
+  bool of_current = found.holding.lag > 0;
+  if (of_current && found.spin.gain > 0) {
+    // Where the current moves the rotor without that lag, the lag was a slow controller's.
+    const SpinUp late = fit_spin_up(found.in_motion, machine, found.holding.lag);
+    of_current = late.rest / late.variation < found.spin.rest / found.spin.variation;
+    if (of_current) found.spin = late;
+  }
+  found.lag_is_of_current = of_current;
+  for (const PositionLog* log : found.in_motion) {
+    hooks.checkpoint();
+    if (const SpeedLag lag = fit_speed_lag(*log); lag.lag() > found.speed_lag.lag())
+      found.speed_lag = lag;
+  }
+}
+
+// Throws TraceStopped where nothing is found yet; else what was found until then stands.
+void find(const MachineParameters& machine, const TraceHooks& hooks, Found& found) {
+  found.holding = trace_holding_torque(found.at_rest, machine, hooks);
+  hooks.tell(fmt::format("holding torque: {} orders of cogging", found.holding.cogging.size()));
+  try {
+    hooks.checkpoint();
+    find_in_motion(machine, hooks, found);
+    hooks.tell("motion: done");
+    hooks.checkpoint();
+    found.voltage = trace_winding_voltage(found.at_rest, found.in_motion, machine);
+    hooks.tell("voltage: done");
+  } catch (const TraceStopped&) {
+  }
 }
 
 }  // namespace
@@ -94,21 +132,9 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
                        : std::string(", no time")));
     if (!log.held_out) (at_rest ? found.at_rest : found.in_motion).push_back(&log);
   }
-  found.holding = trace_holding_torque(found.at_rest, facts.machine);
-  found.spin = fit_spin_up(found.in_motion, facts.machine);
-  found.lag_is_of_current = found.holding.lag > 0;
-  if (found.lag_is_of_current && found.spin.gain > 0) {
-    // Where the current moves the rotor without that lag, the lag was a slow controller's.
-    const SpinUp late = fit_spin_up(found.in_motion, facts.machine, found.holding.lag);
-    found.lag_is_of_current = late.rest / late.variation < found.spin.rest / found.spin.variation;
-    if (found.lag_is_of_current) found.spin = late;
-  }
-  for (const PositionLog* log : found.in_motion)
-    if (const SpeedLag lag = fit_speed_lag(*log); lag.lag() > found.speed_lag.lag())
-      found.speed_lag = lag;
-  found.voltage = trace_winding_voltage(found.at_rest, found.in_motion, facts.machine);
-
-  Judge judge(logs, facts.machine, settings.horizon);
+  const TraceHooks& hooks = settings.hooks;
+  find(facts.machine, hooks, found);
+  Judge judge(logs, facts.machine, settings.horizon, hooks);
   if (!found.holding.cogging.empty()) judge.find_other_zeros(found);
   for (const PositionLog* log : judge.other_zero())
     r.health.push_back(log->path +
@@ -120,6 +146,15 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   add_lags(found, judge, facts, r);
   add_voltage(found, facts, r);
   add_errors(found, judge, r);
+  r.interrupted = hooks.stopped();
+  if (r.interrupted) {
+    if (r.effects.empty()) throw TraceStopped{};
+    r.verdict = r.ambiguous.empty() ? "traced" : "ambiguous";
+    r.sentence =
+        "Interrupted: more may be missing, and what was found is judged only in part. So far: " +
+        sentence(r, found, judge);
+    return r;
+  }
   if (found.at_rest.empty())
     r.not_identifiable.push_back({"cogging",
                                   "no log in which the current holds the rotor; a slow sweep of "

@@ -1,5 +1,7 @@
 #include "trace/static_fit.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -96,6 +98,7 @@ Solved solve(const Rows& rows, const MatrixXd& A) {
 // Cost with one searched key at `value`.
 double cost_at(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>& terms,
                StaticTerm& term, const std::string& key, double value) {
+  p.hooks.checkpoint();
   set_key(*term.effect, key, value);
   return solve(rows, columns_of(p, terms)).cost;
 }
@@ -194,6 +197,34 @@ double criterion(const StaticFit& fit, double N) {
   return N * std::log(std::max(fit.cost, 1e-300)) + fit.parameters * std::log(N);
 }
 
+// One step of the selection; false: none is worth it.
+bool add_best(const StaticProblem& p, const std::vector<StaticTerm>& candidates, double least_gain,
+              double N, StaticSelection& selection) {
+  StaticFit best;
+  std::string kind;
+  double best_criterion = criterion(selection.after, N);
+  const double before = best_criterion;
+  for (const StaticTerm& candidate : candidates) {
+    std::vector<StaticTerm> terms = selection.after.terms;
+    std::erase_if(
+        terms, [&](const StaticTerm& t) { return t.effect->kind() == candidate.effect->kind(); });
+    terms.push_back(candidate);
+    StaticFit fit = fit_static(p, terms);
+    const double gain = 1 - fit.held_out_cost / std::max(selection.after.held_out_cost, 1e-300);
+    if (!fit.in_range || gain < least_gain || criterion(fit, N) > best_criterion - 10) continue;
+    best_criterion = criterion(fit, N);
+    kind = candidate.effect->kind();
+    best = std::move(fit);
+  }
+  if (kind.empty()) return false;
+  selection.steps.push_back(
+      {kind, best_criterion - before, 1 - best.held_out_cost / selection.after.held_out_cost});
+  selection.after = std::move(best);
+  p.hooks.tell(
+      fmt::format("{}: held-out error -{:.1f} %", kind, 100 * selection.steps.back().holdout_gain));
+  return true;
+}
+
 }  // namespace
 
 const StaticTerm* StaticFit::find(std::string_view kind) const {
@@ -203,6 +234,7 @@ const StaticTerm* StaticFit::find(std::string_view kind) const {
 }
 
 StaticFit fit_static(const StaticProblem& p, const std::vector<StaticTerm>& terms) {
+  p.hooks.checkpoint();
   const Rows rows(p);
   StaticFit fit;
   fit.terms = copies(terms);
@@ -237,27 +269,12 @@ StaticSelection select_static(const StaticProblem& p, const std::vector<StaticTe
   selection.after = selection.before;
   const double N = static_cast<double>(p.y.cols()) *
                    static_cast<double>(std::count(p.held_out.begin(), p.held_out.end(), 0));
-  for (std::size_t round = 0; round < 2 * candidates.size(); ++round) {
-    StaticFit best;
-    std::string kind;
-    double best_criterion = criterion(selection.after, N);
-    const double before = best_criterion;
-    for (const StaticTerm& candidate : candidates) {
-      std::vector<StaticTerm> terms = selection.after.terms;
-      std::erase_if(
-          terms, [&](const StaticTerm& t) { return t.effect->kind() == candidate.effect->kind(); });
-      terms.push_back(candidate);
-      StaticFit fit = fit_static(p, terms);
-      const double gain = 1 - fit.held_out_cost / std::max(selection.after.held_out_cost, 1e-300);
-      if (!fit.in_range || gain < least_gain || criterion(fit, N) > best_criterion - 10) continue;
-      best_criterion = criterion(fit, N);
-      kind = candidate.effect->kind();
-      best = std::move(fit);
-    }
-    if (kind.empty()) break;
-    selection.steps.push_back(
-        {kind, best_criterion - before, 1 - best.held_out_cost / selection.after.held_out_cost});
-    selection.after = std::move(best);
+  try {
+    for (std::size_t round = 0; round < 2 * candidates.size(); ++round)
+      if (!add_best(p, candidates, least_gain, N, selection)) break;
+  } catch (const TraceStopped&) {
+    if (selection.steps.empty()) throw;
+    selection.interrupted = true;
   }
   return selection;
 }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "model/effects/effect.hpp"
+#include "trace/hooks.hpp"
 
 namespace twinrate {
 
@@ -40,6 +41,7 @@ struct StaticProblem {
   std::vector<char> held_out;
   // False: physically impossible beyond the points, not taken. May be empty.
   std::function<bool(const Effects&)> possible;
+  TraceHooks hooks = {};
 };
 
 struct StaticFit {
@@ -54,7 +56,7 @@ struct StaticFit {
   const StaticTerm* find(std::string_view kind) const;
 };
 
-// Deep copies of the effects; `terms` stays as it is.
+// Deep copies of the effects; `terms` stays as it is. Throws TraceStopped.
 StaticFit fit_static(const StaticProblem& problem, const std::vector<StaticTerm>& terms);
 
 struct StaticStep {
@@ -66,11 +68,12 @@ struct StaticSelection {
   StaticFit before;  // with `always` alone: constants are free on both sides
   StaticFit after;
   std::vector<StaticStep> steps;
+  bool interrupted = false;  // after the last step: more may be missing
 };
 
 // Forward: of all candidates the one with the best criterion N log(cost) + k log(N), as long as it
 // takes `least_gain` of the mean square of the held-out rest with it. A candidate of a kind that is
-// already there replaces it.
+// already there replaces it. Stopped before the first step: throws TraceStopped.
 StaticSelection select_static(const StaticProblem& problem, const std::vector<StaticTerm>& always,
                               const std::vector<StaticTerm>& candidates, double least_gain = 0.1);
 

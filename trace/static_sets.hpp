@@ -36,12 +36,12 @@ struct StaticTrace {
 // Flux map: constants (flux_linkage, inductance) are free in both models, then saturation and
 // cross_saturation. Errors are weighed by those of the constant model, so that both axes count.
 StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
-                           std::vector<char> held_out = {});
+                           std::vector<char> held_out = {}, const TraceHooks& hooks = {});
 // Inverter curve: the resistance is free in both models, then the drop of the switches in each of
 // its shapes. Half the current returns through each of the other two phases of the star. Dead time
 // of the same shape is the same curve at one bus voltage: equivalent_dead_time() is the other name.
 StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
-                                 std::vector<char> held_out = {});
+                                 std::vector<char> held_out = {}, const TraceHooks& hooks = {});
 // The dead_time that loses at every current what `drop` does, resistance aside. Null where the
 // drive has no bus voltage or switching frequency.
 std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFacts& facts);

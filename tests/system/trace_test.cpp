@@ -131,5 +131,40 @@ TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
   EXPECT_EQ(twinrate({"check", path("out/extended.toml")}).exit_code, 0);
 }
 
+// A flux map with saturation, of 61 x 61 points.
+std::string saturated_map() {
+  std::string text = "i_d,i_q,psi_d,psi_q\n";
+  for (int a = -30; a <= 30; ++a)
+    for (int b = -30; b <= 30; ++b) {
+      const double i_d = 0.2 * a, i_q = 0.2 * b;
+      text += fmt::format("{:.6g},{:.6g},{:.9g},{:.9g}\n", i_d, i_q,
+                          0.1 + 0.02 * i_d / (1 + std::abs(i_q) / 20),
+                          0.05 * i_q / (1 + std::abs(i_q) / 4));
+    }
+  return text;
+}
+
+TEST_F(Trace, AFluxMapInterruptedKeepsWhatWasFoundOrSaysThatNothingWas) {
+  write_text(path("map.csv"), saturated_map());
+  double took_s = 0;
+  ProgramResult result = interrupted_at(path("map.csv"), "points", took_s);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("before the first effect was found, nothing written"),
+            std::string::npos)
+      << result.err;
+  EXPECT_EQ(count_lines(result.err), 1);
+  EXPECT_FALSE(fs::exists(path("out")));
+
+  result = interrupted_at(path("map.csv"), "held-out error", took_s);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_EQ(count_lines(result.err), 1) << result.err;
+  EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
+  EXPECT_LT(took_s, 20);
+  const Json there = Json::parse(read_text(path("out/trace.json")));
+  EXPECT_EQ(there["interrupted"], true);
+  EXPECT_TRUE(there["sentence"].get<std::string>().starts_with("Interrupted after 1 step"));
+  EXPECT_EQ(twinrate({"check", path("out/extended.toml")}).exit_code, 0);
+}
+
 }  // namespace
 }  // namespace twinrate::test

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 
 #include "model/random.hpp"
 #include "trace/keys.hpp"
@@ -226,6 +227,51 @@ TEST(Positions, ALagThatTheMovingRotorDoesNotShowIsNoFilter) {
     if (e.effect->kind() != "signal_lag") continue;
     EXPECT_EQ(get_key(*e.effect, "signal"), 3);
   }
+}
+
+// Asked to stop from its n-th question on; counts them.
+struct StopAt {
+  int after = 1 << 30;
+  std::shared_ptr<int> asked = std::make_shared<int>(0);
+  bool operator()() const { return ++*asked > after; }
+};
+
+TEST(Positions, StoppedBeforeTheHoldingTorqueNothingIsKept) {
+  const Truth truth;
+  EXPECT_THROW(trace_positions({sweep(truth)}, {.machine = machine(), .v_dc = 24},
+                               {.hooks = {.say = {}, .stop = StopAt{0}}}),
+               TraceStopped);
+}
+
+TEST(Positions, StoppedLaterWhatWasFoundIsKeptAndSaidToBeHalfJudged) {
+  const Truth truth;
+  const std::vector<PositionLog> logs = hold_out({sweep(truth)}, 0.25);
+  const DriveFacts drive{.machine = machine(), .v_dc = 24};
+  const StopAt whole;
+  const TraceResult all = trace_positions(logs, drive, {.hooks = {.say = {}, .stop = whole}});
+  EXPECT_FALSE(all.interrupted);
+  ASSERT_GE(all.effects.size(), 3u);
+
+  bool holding = false;
+  TraceHooks hooks{.say = [&](const std::string& line) { holding |= line.find("holding") == 0; },
+                   .stop = [&] { return holding; }};
+  const TraceResult early = trace_positions(logs, drive, {.hooks = hooks});
+  EXPECT_TRUE(early.interrupted);
+  EXPECT_EQ(early.sentence.find("Interrupted"), 0u) << early.sentence;
+  EXPECT_EQ(early.sentence.find("nan"), std::string::npos) << early.sentence;
+  ASSERT_FALSE(early.effects.empty());
+  EXPECT_EQ(get_key(*early.effects[0].effect, "order"), 72);
+  EXPECT_EQ(get_key(*early.effects[0].effect, "amplitude_Nm"),
+            get_key(*all.effects[0].effect, "amplitude_Nm"));
+  EXPECT_TRUE(std::isnan(early.effects[0].held_out_gain));
+  EXPECT_TRUE(early.files.empty());
+
+  // Among the last of its questions: the first effect is judged, the errors are not there.
+  const TraceResult late =
+      trace_positions(logs, drive, {.hooks = {.say = {}, .stop = StopAt{*whole.asked - 4}}});
+  EXPECT_TRUE(late.interrupted);
+  EXPECT_EQ(late.effects.size(), all.effects.size());
+  EXPECT_EQ(late.effects[0].held_out_gain, all.effects[0].held_out_gain);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "model/random.hpp"
@@ -115,6 +116,30 @@ TEST(FluxMap, NamesSaturationAndCrossSaturation) {
   const TraceResult result = static_result(set, trace, StaticKind::kFluxMap);
   EXPECT_EQ(result.verdict, "traced");
   EXPECT_EQ(result.electrical->unit, "Wb");
+}
+
+TEST(FluxMap, StoppedAfterAStepKeepsItAndBeforeKeepsNothing) {
+  const Effects iron{made("saturation", {{"form", 2}, {"current_q_A", 8.0}, {"share_q", 0.8}}),
+                     made("cross_saturation", {{"coefficient_H_A", 2e-4}})};
+  const StaticSet set = flux_map(iron, 1e-3);
+  int steps = 0;
+  const TraceHooks after_one{.say = [&](const std::string&) { ++steps; },
+                             .stop = [&] { return steps > 0; }};
+  const StaticTrace trace = trace_flux_map(set, facts(), {}, after_one);
+  EXPECT_TRUE(trace.selection.interrupted);
+  ASSERT_EQ(trace.selection.steps.size(), 1u);
+  const TraceResult result = static_result(set, trace, StaticKind::kFluxMap);
+  EXPECT_TRUE(result.interrupted);
+  EXPECT_EQ(result.sentence.find("Interrupted after 1 step of"), 0u) << result.sentence;
+  const std::string& kind = trace.selection.steps[0].kind;
+  const auto kept = std::find_if(result.effects.begin(), result.effects.end(),
+                                 [&](const TracedEffect& e) { return e.effect->kind() == kind; });
+  ASSERT_NE(kept, result.effects.end());
+  EXPECT_TRUE(std::isnan(kept->held_out_gain)) << "not held against the model without it";
+  EXPECT_LT(trace.selection.after.held_out_cost, 0.95 * trace.selection.before.held_out_cost);
+
+  EXPECT_THROW(trace_flux_map(set, facts(), {}, {.say = {}, .stop = [] { return true; }}),
+               TraceStopped);
 }
 
 TEST(FluxMap, OfConstantInductancesNamesNothing) {

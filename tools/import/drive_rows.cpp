@@ -60,9 +60,10 @@ DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool re
   return read_rows(reader, kFewestRows, most_rows, progress);
 }
 
-DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair) {
+DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair,
+                           const std::function<void(double)>& progress) {
   RowReader reader(path, map, repair, RowKind::kWithoutTime);
-  return read_rows(reader, kFewestStaticRows, SIZE_MAX, {});
+  return read_rows(reader, kFewestStaticRows, SIZE_MAX, progress);
 }
 
 bool holds_time(const std::string& path, const ImportMap* map) {

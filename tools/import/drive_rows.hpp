@@ -37,7 +37,8 @@ DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool re
 // A static set (flux map, inverter curve, holding currents): no time, any number of rows from
 // kFewestStaticRows on; otherwise as above.
 inline constexpr std::size_t kFewestStaticRows = 20;
-DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair);
+DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair,
+                           const std::function<void(double)>& progress = {});
 // False where neither the file's header nor the map knows a time. Throws as above.
 bool holds_time(const std::string& path, const ImportMap* map);
 

@@ -9,6 +9,7 @@
 
 #include "core/config.hpp"
 #include "tools/import/drive_rows.hpp"
+#include "tools/percent_line.hpp"
 #include "tools/trace/log_reader.hpp"
 #include "trace/measured_result.hpp"
 
@@ -67,11 +68,16 @@ struct Opened {
   bool held_out;
 };
 
-DriveRows rows_of(const Opened& file, bool repair, std::vector<std::string>& notes) {
+DriveRows rows_of(const Opened& file, bool repair, const TraceHooks& hooks,
+                  std::vector<std::string>& notes) {
+  const auto reading = [&](double) {
+    if (hooks.stopped()) throw Stopped{};
+  };
+  reading(0);
   const ImportMap* map = file.map ? &*file.map : nullptr;
   const bool time = file.kind == FileKind::kFullLog || file.kind == FileKind::kPositionLog;
-  DriveRows rows =
-      time ? read_drive_rows(file.path, map, repair) : read_static_rows(file.path, map, repair);
+  DriveRows rows = time ? read_drive_rows(file.path, map, repair, reading)
+                        : read_static_rows(file.path, map, repair, reading);
   for (const std::string& note : rows.notes) notes.push_back(file.path + ": " + note);
   return rows;
 }
@@ -89,11 +95,12 @@ PositionLog position_log(DriveRows rows, bool held_out) {
 }
 
 TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& asked,
-                         const DriveConfig& drive, std::vector<std::string>& notes) {
+                         const DriveConfig& drive, const TraceHooks& hooks,
+                         std::vector<std::string>& notes) {
   StaticSet set;
   std::vector<char> held_out;
   for (const Opened& file : files) {
-    DriveRows rows = rows_of(file, asked.repair, notes);
+    DriveRows rows = rows_of(file, asked.repair, hooks, notes);
     set.path += (set.path.empty() ? "" : ", ") + file.path;
     for (auto& [name, values] : rows.columns) {
       auto& all = set.columns[name];
@@ -110,18 +117,22 @@ TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& 
     for (std::size_t k = 0; k < set.size(); ++k) held_out.push_back(k % every == every - 1);
   }
   const bool map = files.front().kind == FileKind::kFluxMap;
-  const StaticTrace trace = map ? trace_flux_map(set, drive.facts(), std::move(held_out))
-                                : trace_inverter_curve(set, drive.facts(), std::move(held_out));
+  hooks.tell(fmt::format("{} points", set.size()));
+  const StaticTrace trace =
+      map ? trace_flux_map(set, drive.facts(), std::move(held_out), hooks)
+          : trace_inverter_curve(set, drive.facts(), std::move(held_out), hooks);
   return static_result(set, trace, map ? StaticKind::kFluxMap : StaticKind::kInverterCurve);
 }
 
 TraceResult trace_position_files(const std::vector<Opened>& files, const MeasuredFiles& asked,
-                                 const DriveConfig& drive, std::vector<std::string>& notes) {
+                                 const DriveConfig& drive, const TraceHooks& hooks,
+                                 std::vector<std::string>& notes) {
   std::vector<PositionLog> logs;
   for (const Opened& file : files)
-    logs.push_back(position_log(rows_of(file, asked.repair, notes), file.held_out));
+    logs.push_back(position_log(rows_of(file, asked.repair, hooks, notes), file.held_out));
   if (asked.held_out.empty()) logs = hold_out(logs, asked.share.value_or(0.25));
-  return trace_positions(logs, drive.facts());
+  hooks.tell(fmt::format("{} logs of angle and current", files.size()));
+  return trace_positions(logs, drive.facts(), {.hooks = hooks});
 }
 
 }  // namespace
@@ -138,7 +149,7 @@ std::optional<ImportMap> map_for(const std::string& path, const std::vector<std:
 }
 
 std::optional<TraceResult> trace_measured_files(const MeasuredFiles& asked,
-                                                const DriveConfig& drive) {
+                                                const DriveConfig& drive, const TraceHooks& hooks) {
   std::vector<Opened> files;
   for (const bool held_out : {false, true})
     for (const std::string& path : held_out ? asked.held_out : asked.data) {
@@ -156,9 +167,9 @@ std::optional<TraceResult> trace_measured_files(const MeasuredFiles& asked,
   std::vector<std::string> notes;
   std::optional<TraceResult> result;
   if (all([](FileKind k) { return k == FileKind::kPositionLog || k == FileKind::kHoldingCurrent; }))
-    result = trace_position_files(files, asked, drive, notes);
+    result = trace_position_files(files, asked, drive, hooks, notes);
   else if (all([&](FileKind k) { return k == first; }))
-    result = trace_static(files, asked, drive, notes);
+    result = trace_static(files, asked, drive, hooks, notes);
   else
     throw BadInput(
         "--data, --holdout: the files are of different kinds (full drive logs, logs of angle and "

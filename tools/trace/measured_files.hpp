@@ -7,6 +7,7 @@
 
 #include "core/drive_config.hpp"
 #include "tools/import/map.hpp"
+#include "trace/hooks.hpp"
 #include "trace/result.hpp"
 
 namespace twinrate {
@@ -23,8 +24,10 @@ struct MeasuredFiles {
 // does.
 std::optional<ImportMap> map_for(const std::string& path, const std::vector<std::string>& maps);
 
-// Empty where the files are full drive logs. Throws BadInput.
+// Empty where the files are full drive logs. Throws BadInput; Stopped (tools/percent_line.hpp)
+// where `hooks` stop it while reading, TraceStopped before anything was found.
 std::optional<TraceResult> trace_measured_files(const MeasuredFiles& files,
-                                                const DriveConfig& drive);
+                                                const DriveConfig& drive,
+                                                const TraceHooks& hooks = {});
 
 }  // namespace twinrate
