@@ -40,13 +40,19 @@ double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
   return std::max(doubt, std::min(fitter.margin(), kShare * whole) - kNothing);
 }
 
-// A line beside a shaft that explains next to nothing of what the shaft does: impacts are never
-// met to the last bit.
+// Beside a shaft whose impacts are not met to the last bit: a line that explains next to nothing of
+// what the shaft does; or anything that mends, by chance, a little of what the shaft leaves.
 bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
-  constexpr double kLeast = 0.02;
-  if (next.members.back()->kind() != "periodic_torque") return false;
-  return has_shaft(now.members) &&
-         now.raw_held_out - next.raw_held_out < kLeast * (fitter.raw_held_out() - now.raw_held_out);
+  constexpr double kOfShaft = 0.02, kOfRest = 0.1;
+  if (!has_shaft(now.members)) return false;
+  const Effect& newcomer = *next.members.back();
+  if (newcomer.kind() == "periodic_torque" &&
+      now.raw_held_out - next.raw_held_out < kOfShaft * (fitter.raw_held_out() - now.raw_held_out))
+    return true;
+  if (turns_with_angle(newcomer) || !leaves_more_than_noise(fitter, now)) return false;
+  const auto electrical = [](const Sampled& y) { return y.d.squaredNorm() + y.q.squaredNorm(); };
+  return electrical(now.y) - electrical(next.y) < fitter.margin() &&
+         next.y.torque.squaredNorm() > (1 - kOfRest) * now.y.torque.squaredNorm();
 }
 
 // Its coefficients are so many sigmas from zero that no fit without it need be tried.

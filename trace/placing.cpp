@@ -14,7 +14,8 @@ constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
 constexpr double kWorthwhile = 0.97;    // error that another descent must leave, of what it was
 constexpr double kHopeless = 1.5;       // times the best: such an error is not worth going on from
 constexpr double kFirstStep = 0.15;     // of the logarithm of a key
-constexpr double kWrongInertia = 0.02;  // of machine.J: is worth a fit with another
+constexpr double kWrongInertia = 0.02;  // of machine.J: is worth a fit with another,
+constexpr double kWorthInertia = 0.9;   // which must leave less than this share
 
 }  // namespace
 
@@ -107,7 +108,9 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const std::shared_ptr<Effect> inertia = make_effect("inertia");
   set_key(*inertia, "change_kgm2", best.inertia);
   Fit both = fitter.refine(with(with(now.members, inertia), best.shaft));
-  return both.valid && score_of(fitter, both) < score_of(fitter, gap) ? both : gap;
+  const bool better = both.valid && score_of(fitter, both) < score_of(fitter, gap) &&
+                      plain_torque(fitter, both) < kWorthInertia * plain_torque(fitter, gap);
+  return better ? both : gap;
 }
 
 bool rings(const Effect& effect) {
