@@ -41,6 +41,13 @@ void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r)
   if (health.stale_share > 5e-4) add("stale_samples", "share", health.stale_share);
 }
 
+void from_bus(const BusRipple& bus, TraceResult& r) {
+  r.effects.insert(r.effects.end(), bus.effects.begin(), bus.effects.end());
+  r.bus = bus.error;
+  r.pictures = bus.pictures;
+  r.health.insert(r.health.end(), bus.notes.begin(), bus.notes.end());
+}
+
 // What one record can and cannot tell: the smallest effect worth reporting against its sigma.
 void identifiability(const Fitter& fitter, const Dictionary& dictionary, const Fit& fit,
                      TraceResult& r) {
@@ -93,13 +100,19 @@ std::string sentence(const TraceResult& r) {
     if (!e.aliases.empty()) name += fmt::format(" (or {})", fmt::join(e.aliases, ", "));
     names.push_back(name);
   }
-  const auto& main = r.main_equation == "electrical" ? r.electrical : r.mechanical;
+  const bool bus_alone = std::all_of(r.effects.begin(), r.effects.end(),
+                                     [](const auto& e) { return e.effect->acts_on() == kOnBus; });
+  const auto& main = bus_alone && r.bus                ? r.bus
+                     : r.main_equation == "electrical" ? r.electrical
+                                                       : r.mechanical;
   std::string fall;
   if (main && !names.empty())
     fall = fmt::format(
         "; with it the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise {:.3g})",
-        r.main_equation == "electrical" ? "voltage" : "torque", main->before.held_out,
-        main->after.held_out, main->unit, main->noise_floor);
+        bus_alone && r.bus                ? "bus voltage"
+        : r.main_equation == "electrical" ? "voltage"
+                                          : "torque",
+        main->before.held_out, main->after.held_out, main->unit, main->noise_floor);
   std::string text = names.empty()
                          ? "Nothing of the catalogue is missing in the model"
                          : "The model lacks " + fmt::format("{}", fmt::join(names, ", ")) + fall;
@@ -114,7 +127,7 @@ std::string sentence(const TraceResult& r) {
 }  // namespace
 
 TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const Selection& selection,
-                     const Health& health) {
+                     const Health& health, const BusRipple& bus) {
   TraceResult r;
   const Fit& fit = selection.fit;
   const DriveFacts& facts = fitter.chain().equations().facts();
@@ -133,6 +146,7 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   for (const Alternative& a : selection.refused)
     r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain, a.why});
   from_samples(facts, health, r);
+  from_bus(bus, r);
   compare_errors(fitter, fit, r);
   add_effect_views(fitter.chain(), fit, r);
   std::vector<TracedEffect> parts;
@@ -146,7 +160,12 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   name_aliases(r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
-  if (whole) identifiability(fitter, dictionary, fit, r);
+  if (whole) {
+    identifiability(fitter, dictionary, fit, r);
+    if (bus.effects.empty() && bus.blind.empty()) r.identifiable.emplace_back("dc_bus_ripple");
+    if (bus.effects.empty() && !bus.blind.empty())
+      r.not_identifiable.emplace_back("dc_bus_ripple", bus.blind);
+  }
   r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
               : r.structured     ? "unexplained"
                                  : "nothing_missing";

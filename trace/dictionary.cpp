@@ -87,7 +87,8 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     effect->prepare(equations.facts());  // a grid may depend on the drive
     std::vector<TracedKey> keys = effect->traced_keys();
     if (keys.empty() || searched_elsewhere(keys)) continue;
-    const bool electrical_only = !(effect->acts_on() & ~(kOnVoltage | kOnBus));
+    if (effect->acts_on() == kOnBus) continue;  // stands in v_dc (trace/bus_ripple.hpp)
+    const bool electrical_only = !(effect->acts_on() & ~kOnVoltage);
     if (electrical_only && !equations.has_voltage()) continue;
     for (TracedKey& key : keys)
       if (is_moment(key)) key.grid = times_of(equations.record());

@@ -70,6 +70,7 @@ json error_json(const TraceResult& r) {
                                 {"after", number(f.after)}});
   error["by_equation"] = {{"electrical", equation_json(r.electrical)},
                           {"mechanical", equation_json(r.mechanical)}};
+  if (r.bus) error["by_equation"]["bus"] = equation_json(r.bus);
   return error;
 }
 

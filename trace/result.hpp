@@ -96,8 +96,10 @@ struct TraceSeries {
   double rate_Hz = 0;
 };
 
-// What is left before and after, of a set without time: its points in ascending order of x.
+// What is left before and after, of a set without time or of v_dc: its points in ascending order of
+// x. `heading`, `note`: of the section it stands in; empty: that of the sets.
 struct TracePicture {
+  std::string heading, note;
   std::string title, x_label, y_label;
   std::vector<double> x, before, after;
   std::vector<char> held_out;
@@ -117,7 +119,8 @@ struct TraceResult {
   std::vector<CorrectionTable> corrections;  // of the unexplained, as stop-gaps
   bool structured = false;
   std::optional<EquationError> electrical, mechanical;
-  std::string main_equation;  // whose error stands at the top of "error"
+  std::optional<EquationError> bus;  // v_dc, where a ripple of it was found
+  std::string main_equation;         // whose error stands at the top of "error"
   double horizon_s = 0;
   std::vector<FileError> files;            // where several make up the errors
   std::vector<TracedParameter> constants;  // of the machine, as the data have them

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "trace/conclude.hpp"
 #include "trace/noise.hpp"
@@ -78,13 +79,24 @@ std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
   return held;
 }
 
-TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
+TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out) {
   const auto begin = std::chrono::steady_clock::now();
-  if (held_out.empty()) held_out = held_out_rows(record, settings.holdout, drive.machine.n_p);
+  if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();
   const DriveFacts facts = drive.facts();
+  const auto lap = [&](const char* what) {
+    if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
+    t0 = std::chrono::steady_clock::now();
+  };
+  const BusRipple bus = find_bus_ripple(raw, held_out, facts, known);
+  Effects on_bus = known;
+  for (const TracedEffect& e : bus.effects) on_bus.push_back(e.effect);
+  std::optional<Record> applied;
+  if (!acting_on(on_bus, kOnBus).empty()) applied = as_applied(raw, on_bus);
+  const Record& record = applied ? *applied : raw;
+  lap("bus voltage");
   const Equations equations(record, facts, known);
   const std::vector<char> moving = moving_rows(equations);
   const Sampler sampler(record, moving, held_out);
@@ -92,10 +104,6 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
   const Equations noisier_equations(noisier, facts, known);
   Chain chain(equations, noisier_equations, sampler);
   chain.stop_when(settings.stop);
-  const auto lap = [&](const char* what) {
-    if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
-    t0 = std::chrono::steady_clock::now();
-  };
   lap("equations");
   Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};
   lap("candidates");
@@ -141,7 +149,7 @@ TraceResult trace_record(const Record& record, const DriveConfig& drive, const H
     chain.set_noise(std::move(noise_of_fit));
     selection = not_judged(std::move(fit), rounds);
   }
-  TraceResult result = conclude(fitter(), dictionary, selection, health);
+  TraceResult result = conclude(fitter(), dictionary, selection, health, bus);
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;

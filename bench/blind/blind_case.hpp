@@ -22,7 +22,7 @@ struct Case {
 // `kinds` drawn from the ranges of the catalogue with `seed`.
 Case make_case(const std::string& profile, const std::vector<std::string>& kinds,
                std::uint64_t seed);
-// Every kind that make_case() can draw.
+// Every kind that make_case() can draw, but dc_bus_ripple.
 const std::vector<std::string>& drawable_kinds();
 
 // The settings of niewiara2020 that make the drive and the profile of a case, as "key=value".

@@ -66,6 +66,11 @@ std::vector<Case> cases_of(const Options& o) {
           cases.push_back(make_case(s % 2 ? "slow" : "moves", {kind},
                                     static_cast<std::uint64_t>(40000 + 100 * s) + cases.size()));
     }
+  // Behind the others, whose seeds count the cases before them.
+  if (o.kinds.empty() && std::count(o.sets.begin(), o.sets.end(), "single") > 0)
+    for (int s = o.first_seed; s < o.first_seed + o.seeds; ++s)
+      cases.push_back(
+          make_case("rich", {"dc_bus_ripple"}, static_cast<std::uint64_t>(60000 + 100 * s)));
   return cases;
 }
 
@@ -119,7 +124,8 @@ void compare_with_truth(const TraceResult& r, const Record& record, const DriveC
   all.insert(all.end(), truth.begin(), truth.end());
   const Equations declared(record, model.facts(), model.model_effects());
   const Equations equations(record, model.facts(), all);
-  const Sampler sampler(record, moving_rows(declared), held_out_rows(record, 0.25, model.machine.n_p));
+  const Sampler sampler(record, moving_rows(declared),
+                        held_out_rows(record, 0.25, model.machine.n_p));
   const Channels left = equations.residual({});
   if (r.electrical) {
     const Runs& runs = sampler.electrical();

@@ -131,6 +131,42 @@ TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
   EXPECT_EQ(twinrate({"check", path("out/extended.toml")}).exit_code, 0);
 }
 
+TEST_F(Trace, ARippleOfTheBusIsNamedAndThenKnown) {
+  const std::string effect =
+      "effect=[{kind=\"dc_bus_ripple\",amplitude_V=6,frequency_Hz=287.3,phase_rad=0.8}]";
+  ASSERT_EQ(twinrate({"simulate", plain_drive(), "--set", effect, "--set", "run.duration_s=4",
+                      "--set", "controller.angle_source=measured", "--set",
+                      "reference.speed_rpm=[[0, 200], [0.8, -400], [2, 500], [3, -100]]",
+                      "--run-dir", path("run")})
+                .err.find("twinrate:"),
+            std::string::npos);
+  const ProgramResult exported =
+      twinrate({"export", path("run"), "--format", "csv", "--out", path("log.csv")});
+  ASSERT_EQ(exported.exit_code, 0) << exported.err;
+  ProgramResult result = run_program(trace(path("log.csv")));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const Json found = Json::parse(read_text(path("out/trace.json")));
+  ASSERT_EQ(found["effects"].size(), 1u) << found["sentence"];
+  const Json& ripple = found["effects"][0];
+  EXPECT_EQ(ripple["kind"], "dc_bus_ripple");
+  for (const auto& [name, truth] :
+       {std::pair{"amplitude", 6.0}, {"frequency", 287.3}, {"phase", 0.8}}) {
+    const Json& p = ripple["parameters"][name];
+    EXPECT_LT(std::abs(p["value"].get<double>() - truth), 3 * p["sigma"].get<double>()) << name;
+    EXPECT_GT(p["sigma"].get<double>(), 0) << name;
+  }
+  EXPECT_GT(ripple["evidence"]["holdout_gain"].get<double>(), 0.99);
+  EXPECT_LT(ripple["evidence"]["delta_bic"].get<double>(), -1000);
+  EXPECT_EQ(found["error"]["by_equation"]["bus"]["unit"], "V");
+  EXPECT_NE(read_text(path("out/report.html")).find("The bus voltage"), std::string::npos);
+
+  fs::copy_file(path("out/extended.toml"), path("extended.toml"));
+  result = twinrate(
+      {"trace", path("extended.toml"), "--data", path("log.csv"), "--out", path("out"), "--json"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(Json::parse(read_text(path("out/trace.json")))["verdict"], "nothing_missing");
+}
+
 // A flux map with saturation, of 61 x 61 points.
 std::string saturated_map() {
   std::string text = "i_d,i_q,psi_d,psi_q\n";

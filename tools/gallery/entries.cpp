@@ -81,7 +81,8 @@ constexpr Entry kEntries[] = {
      "for "
      "v_dc(t_k)",
      "The measured bus voltage, and a little in u and i: the modulator corrects with the sample of "
-     "the start of the interval. A frequency, not an order: here 300 Hz at one turn a second.",
+     "the start of the interval. A frequency, not an order: here 300 Hz at one turn a second. A "
+     "trace reads it off v_dc.",
      "A mechanical effect of the same frequency at one speed; it moves in the order spectrum when "
      "the speed changes.",
      360},
@@ -104,7 +105,8 @@ constexpr Entry kEntries[] = {
      "`encoder_eccentricity`, which grows with the speed."},
     {"periodic_torque", "frequency_Hz = 3\namplitude_Nm = 0.1\n", Signal::kTo, Over::kTime,
      "T_load += A sin(2 pi f t + nu theta_m + phase)",
-     "A line in the load torque that keeps its frequency when the speed changes, or one of an order "
+     "A line in the load torque that keeps its frequency when the speed changes, or one of an "
+     "order "
      "that is not whole. It describes what the data show, not its cause.",
      "`cogging`, where the order is whole."},
     {"encoder_eccentricity", "amplitude_rad = 2e-3\n", Signal::kSpeed, Over::kTurns,

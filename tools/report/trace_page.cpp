@@ -43,8 +43,9 @@ Json summary_of(const TraceResult& r) {
   Json rows = Json::array();
   rows.push_back({"fitted to", fmt::format("{}", fmt::join(r.sources, ", "))});
   rows.push_back({"kept back", r.held_out_sources.empty()
-                                   ? std::string(r.pictures.empty() ? "blocks of the same record"
-                                                                    : "points of the same set")
+                                   ? std::string(r.pictures.empty() || r.horizon_s > 0
+                                                     ? "blocks of the same record"
+                                                     : "points of the same set")
                                    : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
   if (r.horizon_s > 0)
     rows.push_back({"compared every", fmt::format("{:.3g} ms", 1e3 * r.horizon_s)});

@@ -171,21 +171,26 @@ std::vector<Json> residual_sections(const TraceResult& result) {
 }
 
 std::vector<Json> picture_sections(const TraceResult& r) {
-  Json figures = Json::array();
+  std::vector<Json> sections;
   for (const TracePicture& p : r.pictures) {
+    const bool of_a_set = p.heading.empty();
     Figure figure{.title = p.title, .x_label = p.x_label, .y_label = p.y_label, .x = p.x};
     std::vector<double> fitted(p.x.size(), std::nan("")), unseen = fitted;
     for (std::size_t i = 0; i < p.x.size(); ++i) (p.held_out[i] ? unseen : fitted)[i] = p.after[i];
-    figure.add({"before: constants fitted", "dots0", p.before});
+    figure.add({of_a_set ? "before: constants fitted" : "before", "dots0", p.before});
     figure.add({"after, fitted", "dots", fitted});
     figure.add({"after, kept back", "dots2", unseen});
-    if (!figure.empty()) figures.push_back(to_json(figure));
+    if (figure.empty()) continue;
+    const std::string heading = of_a_set ? "What is left, before and after" : p.heading;
+    if (sections.empty() || sections.back()["heading"] != heading)
+      sections.push_back(
+          {{"heading", heading},
+           {"note", of_a_set ? "Every point of the set, less what the model says." : p.note},
+           {"columns", 2},
+           {"figures", Json::array()}});
+    sections.back()["figures"].push_back(to_json(figure));
   }
-  if (figures.empty()) return {};
-  return {Json{{"heading", "What is left, before and after"},
-               {"note", "Every point of the set, less what the model says."},
-               {"columns", 2},
-               {"figures", figures}}};
+  return sections;
 }
 
 std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
@@ -206,7 +211,8 @@ std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
     const Figure figure = structure_figure(r, s);
     if (!figure.empty()) figures.push_back(to_json(figure));
   }
-  for (const CorrectionTable& c : r.corrections) note += (note.empty() ? "" : " ") + correction_text(c);
+  for (const CorrectionTable& c : r.corrections)
+    note += (note.empty() ? "" : " ") + correction_text(c);
   if (!figures.empty())
     sections.push_back({{"heading", "Unexplained structure of the rest"},
                         {"note", note},

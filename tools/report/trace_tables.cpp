@@ -182,6 +182,7 @@ Json errors_table(const TraceResult& r) {
   add(r.electrical && r.electrical->unit == "V" ? "voltage, each axis" : "electrical",
       r.electrical);
   add(r.mechanical && r.mechanical->unit == "Nm" ? "torque" : "mechanical", r.mechanical);
+  add("bus voltage", r.bus);
   return {{"head",
            {"equation, rms error", "before, fitted rows", "after, fitted rows", "before, kept back",
             "after, kept back", "noise floor", "if nothing changed", "rest is white (p)", "rows"}},

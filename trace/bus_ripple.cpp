@@ -1,0 +1,441 @@
+#include "trace/bus_ripple.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "trace/bus_lines.hpp"
+#include "trace/keys.hpp"
+#include "trace/statistics.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kSlow_s = 0.1;       // averages over so long are load, drift and steps
+constexpr double kLowest_Hz = 20;     // of a line
+constexpr double kHighest = 0.45;     // of the sampling rate
+constexpr double kWindow_s = 0.4;     // of the spectrum
+constexpr double kShortest_s = 0.05;  // of it
+constexpr std::size_t kFewestBusRows = 128, kMostBusLines = 4, kGapRows = 10;
+constexpr double kSigmas = 8, kToBeSeen = 4;
+constexpr double kSteady = 0.9;
+constexpr double kUnseenLow = 0.5, kUnseenHigh = 1.5;  // amplitude on held-out rows over the fitted
+constexpr double kResolved = 1e-6;                     // of the bus voltage: no sensor does better
+constexpr double kSag = 0.1;          // of the bus voltage at rated power: more than a bus sags
+constexpr double kTimesSlope = 3;     // a resonance may make more of it
+constexpr double kPowerMoves = 0.02;  // of rated power: less says nothing of the slope
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
+std::vector<BusPiece> bus_pieces(const Record& record) {
+  std::vector<BusPiece> pieces;
+  std::size_t bad = 0;
+  bool open = false;
+  for (std::size_t k = 0; k < record.size(); ++k) {
+    bad = record.electrical_ok[k] ? 0 : bad + 1;
+    const bool jump =
+        k > 0 && std::abs(record.t[k] - record.t[k - 1] - record.T_s) > 0.5 * record.T_s;
+    if (bad >= kGapRows) {
+      if (open) pieces.back().last = k + 1 - bad;
+      open = false;
+      continue;
+    }
+    if (open && !jump) {
+      pieces.back().last = k + 1;
+    } else {
+      if (!record.electrical_ok[k]) continue;
+      pieces.push_back({k, k + 1});
+      open = true;
+    }
+  }
+  return pieces;
+}
+
+// Rows of the pieces that are held out, or that are not.
+std::vector<BusPiece> runs_of(const std::vector<BusPiece>& pieces,
+                              const std::vector<char>& held_out, bool held) {
+  std::vector<BusPiece> runs;
+  for (const BusPiece& piece : pieces)
+    for (std::size_t k = piece.first; k < piece.last; ++k) {
+      if ((held_out[k] != 0) != held) continue;
+      if (runs.empty() || runs.back().last != k || runs.back().first < piece.first)
+        runs.push_back({k, k});
+      runs.back().last = k + 1;
+    }
+  return runs;
+}
+
+std::size_t rows_in(const std::vector<BusPiece>& runs) {
+  std::size_t rows = 0;
+  for (const BusPiece& run : runs) rows += run.last - run.first;
+  return rows;
+}
+
+// x less its mean over `window` rows around each; the pieces lose half a window at both ends.
+std::vector<double> without_slow_part(const std::vector<double>& x, std::size_t window,
+                                      std::vector<BusPiece>& pieces) {
+  const std::size_t half = window / 2;
+  std::erase_if(pieces, [&](const BusPiece& p) { return p.last - p.first <= 2 * window; });
+  std::vector<double> quick(x.size(), 0.0);
+  for (BusPiece& p : pieces) {
+    double sum = 0;
+    for (std::size_t k = p.first; k < p.first + window; ++k) sum += x[k] - x[p.first];
+    for (std::size_t k = p.first + half; k + half < p.last; ++k) {
+      quick[k] = x[k] - x[p.first] - sum / static_cast<double>(window);
+      if (k + half + 1 < p.last) sum += x[k + half + 1] - x[k - half];
+    }
+    p = {p.first + half, p.last - half};
+  }
+  return quick;
+}
+
+class RippleSearch {
+ public:
+  RippleSearch(const Record& record, const std::vector<char>& held_out, const DriveFacts& facts,
+               const Effects& known)
+      : record_(record), facts_(facts), held_out_(held_out), pieces_(bus_pieces(record)) {
+    const double rows = kSlow_s / record.T_s;
+    window_ = 2 * static_cast<std::size_t>(std::max(1.0, std::round(0.5 * rows))) + 1;
+    v_ = record.v_dc;
+    const Effects on_bus = acting_on(known, kOnBus);
+    for (std::size_t k = 0; !on_bus.empty() && k < v_.size(); ++k)
+      v_[k] -= sum_at(on_bus, {.t = record.t[k]}).v_dc;
+    slow_pieces_ = pieces_;
+    x_ = without_slow_part(v_, window_, pieces_);
+    training_ = runs_of(pieces_, held_out_, false);
+    unseen_ = runs_of(pieces_, held_out_, true);
+    fitted_ = training_;
+    auto unit = make_effect("dc_bus_ripple");
+    set_key(*unit, "amplitude_V", 1);
+    smallest_ = 1 / unit->materiality(facts_);
+  }
+  BusRipple find();
+
+ private:
+  bool choose_window();
+  bool add_line(std::string& note);
+  double sag_bound() const;
+  std::string refusal(std::size_t n) const;
+  TracedEffect effect_of(std::size_t n) const;
+  EquationError error() const;
+  TracePicture one_period(std::size_t n) const;
+  TracePicture picture_of_spectrum() const;
+  std::vector<double> model_of(const BusLine& line) const;
+  void renew();
+
+  const Record& record_;
+  const DriveFacts& facts_;
+  const std::vector<char>& held_out_;
+  std::vector<BusPiece> pieces_, slow_pieces_, training_, unseen_, fitted_;
+  std::size_t window_ = 3, size_ = 0;
+  std::vector<double> v_, x_, rest_;
+  double smallest_ = 1, floor_ = 0;
+  bool own_clocks_ = false;  // every piece has its own phase
+  std::vector<BusLine> lines_;
+  std::vector<std::vector<double>> models_;  // of the lines, row by row
+};
+
+bool RippleSearch::choose_window() {
+  std::size_t longest = 0;
+  for (const BusPiece& run : training_) longest = std::max(longest, run.last - run.first);
+  const double most = std::min(kWindow_s / record_.T_s, static_cast<double>(longest));
+  size_ = 1;
+  while (static_cast<double>(2 * size_) <= most) size_ *= 2;
+  return size_ >= kFewestBusRows && static_cast<double>(size_) * record_.T_s >= kShortest_s;
+}
+
+// The line over all rows; where clocks differ, with the phase that each piece gives it.
+std::vector<double> RippleSearch::model_of(const BusLine& line) const {
+  std::vector<double> y(x_.size(), 0.0);
+  const double gain = high_pass_gain(line.f, window_, record_.T_s);
+  for (const BusPiece& piece : pieces_) {
+    double phase = line.phase();
+    if (own_clocks_) {
+      const std::complex<double> c = part_at(line.f, record_.t, x_, piece.first, piece.last);
+      phase = std::atan2(c.real(), -c.imag());
+    }
+    const double A = gain * line.amplitude();
+    for (std::size_t k = piece.first; k < piece.last; ++k)
+      y[k] = A * std::sin(kTwoPi * std::fmod(line.f * record_.t[k], 1.0) + phase);
+  }
+  return y;
+}
+
+void RippleSearch::renew() {
+  models_.clear();
+  rest_ = x_;
+  for (const BusLine& line : lines_) {
+    models_.push_back(model_of(line));
+    for (std::size_t k = 0; k < rest_.size(); ++k) rest_[k] -= models_.back()[k];
+  }
+}
+
+// The next strongest line, all refined together; false: there is none, or none that is steady
+// (`note`).
+bool RippleSearch::add_line(std::string& note) {
+  const BusSpectrum spectrum = bus_spectrum(rest_, training_, size_, record_.T_s);
+  double beside = 0;
+  const double lowest = std::max(kLowest_Hz, 4 * spectrum.df);
+  const std::size_t bin = strongest_peak(spectrum, lowest, kHighest / record_.T_s, beside);
+  if (bin == 0 || spectrum.amplitude(bin) < 0.5 * smallest_) return false;
+  const double f = spectrum.df * static_cast<double>(bin);
+  const auto near = [&] {
+    return line_near(f, record_.t, rest_, fitted_, size_, window_, record_.T_s);
+  };
+  BusLine line = near();
+  if (line.steady < kSteady && !own_clocks_ && pieces_.size() > 1) {
+    // Files, one behind the other: the longest alone.
+    const BusPiece longest = *std::max_element(
+        pieces_.begin(), pieces_.end(),
+        [](const auto& a, const auto& b) { return a.last - a.first < b.last - b.first; });
+    const std::vector<BusPiece> all = fitted_;
+    fitted_ = runs_of({longest}, held_out_, false);
+    line = near();
+    own_clocks_ = line.steady >= kSteady;
+    if (!own_clocks_) fitted_ = all;
+  }
+  const bool beside_another = std::any_of(lines_.begin(), lines_.end(), [&](const BusLine& other) {
+    return std::abs(other.f - f) < 3 * spectrum.df;
+  });
+  if (line.steady < kSteady || beside_another) {
+    if (spectrum.amplitude(bin) < smallest_) return false;
+    note = fmt::format("v_dc alternates near {:.4g} Hz by {:.3g} V, but at no steady frequency", f,
+                       spectrum.amplitude(bin));
+    return false;
+  }
+  line.noise = std::sqrt(std::max(beside, std::pow(kResolved * facts_.v_dc, 2)));
+  lines_.push_back(line);
+  refine(record_.t, x_, fitted_, window_, record_.T_s, lines_);
+  renew();
+  return true;
+}
+
+// V/W: more than the bus sags under the drive's power.
+double RippleSearch::sag_bound() const {
+  const double i_rated = facts_.machine.i_rated > 0 ? facts_.machine.i_rated : 7;
+  const double P_rated = 1.5 * 0.8 * facts_.v_dc * std::numbers::inv_sqrt3 * i_rated;
+  double n = 0, P_sum = 0, v_sum = 0, PP = 0, Pv = 0;
+  for (const BusPiece& piece : slow_pieces_)
+    for (std::size_t k = piece.first; k + window_ <= piece.last; k += window_) {
+      double P = 0, v = 0;
+      for (std::size_t j = k; j < k + window_; ++j) {
+        P += 1.5 * record_.u_alphabeta[j].dot(record_.i_alphabeta[j]);
+        v += v_[j];
+      }
+      P /= static_cast<double>(window_), v /= static_cast<double>(window_);
+      ++n, P_sum += P, v_sum += v, PP += P * P, Pv += P * v;
+    }
+  const double variance = PP / n - std::pow(P_sum / n, 2);
+  double slope = 0;
+  if (n > 2 && variance > std::pow(kPowerMoves * P_rated, 2))
+    slope = std::abs(Pv / n - P_sum * v_sum / (n * n)) / variance;
+  return std::max(kTimesSlope * slope, kSag * facts_.v_dc / P_rated);
+}
+
+// Why line n is no effect; empty: it is one.
+std::string RippleSearch::refusal(std::size_t n) const {
+  const BusLine& line = lines_[n];
+  const double A = line.amplitude();
+  if (A < smallest_ || A < kSigmas * line.sigma_amplitude) return "too small";
+  double product = 0, square = 0;
+  for (const BusPiece& run : unseen_)
+    for (std::size_t k = run.first; k < run.last; ++k) {
+      product += (rest_[k] + models_[n][k]) * models_[n][k];
+      square += models_[n][k] * models_[n][k];
+    }
+  if (square > 0 && !(product > kUnseenLow * square && product < kUnseenHigh * square))
+    return fmt::format("the rows kept back have it {:.2f} times as large", product / square);
+  if (!record_.has_voltage_equation()) return "";
+  std::vector<double> power(x_.size(), 0.0);
+  for (std::size_t k = 0; k < power.size(); ++k)
+    power[k] = 1.5 * record_.u_alphabeta[k].dot(record_.i_alphabeta[k]);
+  std::vector<BusPiece> pieces = slow_pieces_;
+  const std::vector<double> quick = without_slow_part(power, window_, pieces);
+  double P = 0, rows = 0;
+  std::complex<double> sum = 0;
+  for (const BusPiece& run : fitted_) {
+    sum += static_cast<double>(run.last - run.first) *
+           part_at(line.f, record_.t, quick, run.first, run.last);
+    rows += static_cast<double>(run.last - run.first);
+  }
+  P = std::abs(sum) / rows / high_pass_gain(line.f, window_, record_.T_s);
+  if (A > sag_bound() * P) return "";
+  return fmt::format("the drive's own power has {:.3g} W there, under which the bus may sag", P);
+}
+
+TracedEffect RippleSearch::effect_of(std::size_t n) const {
+  const BusLine& line = lines_[n];
+  const std::shared_ptr<Effect> effect = make_effect("dc_bus_ripple");
+  set_key(*effect, "amplitude_V", line.amplitude());
+  set_key(*effect, "frequency_Hz", line.f);
+  set_key(*effect, "phase_rad", line.phase());
+  effect->prepare(facts_);
+  TracedEffect e{.effect = effect, .equation = "electrical"};
+  e.parameters = traced_parameters(*effect, {{"amplitude_V", line.sigma_amplitude},
+                                             {"frequency_Hz", line.sigma_f},
+                                             {"phase_rad", line.sigma_phase}});
+  const double N = static_cast<double>(rows_in(fitted_));
+  const double fall = N * std::log1p(std::pow(line.amplitude() / line.noise, 2) / 2);
+  e.delta_bic = 3 * std::log(N) - fall;
+  e.p_value = chi_square_tail(fall, 3);
+  double without = 0, with = 0;
+  for (const BusPiece& run : unseen_)
+    for (std::size_t k = run.first; k < run.last; ++k) {
+      without += std::pow(rest_[k] + models_[n][k], 2);
+      with += rest_[k] * rest_[k];
+    }
+  e.held_out_gain = without > 0 ? 1 - with / without : kUnknown;
+  e.materiality = effect->materiality(facts_);
+  return e;
+}
+
+EquationError RippleSearch::error() const {
+  const auto rms = [](const std::vector<double>& y, const std::vector<BusPiece>& runs) {
+    double sum = 0;
+    for (const BusPiece& run : runs)
+      for (std::size_t k = run.first; k < run.last; ++k) sum += y[k] * y[k];
+    return rows_in(runs) > 0 ? std::sqrt(sum / static_cast<double>(rows_in(runs))) : kUnknown;
+  };
+  EquationError e{.unit = "V",
+                  .before = {rms(x_, training_), rms(x_, unseen_)},
+                  .after = {rms(rest_, training_), rms(rest_, unseen_)}};
+  std::vector<double> change(x_.size(), 0.0);
+  for (std::size_t k = 1; k < x_.size(); ++k) change[k] = x_[k] - x_[k - 1];
+  e.no_change = rms(change, unseen_.empty() ? training_ : unseen_);
+  e.noise_floor = floor_;
+  e.whiteness_p_value = kUnknown;
+  e.rows = rows_in(unseen_.empty() ? training_ : unseen_);
+  return e;
+}
+
+constexpr const char* kBusHeading = "The bus voltage";
+constexpr const char* kBusNote =
+    "v_dc as it was logged, less its mean over 0.1 s around each row, with and without what was "
+    "found.";
+
+// Means over a period, cut into parts.
+TracePicture RippleSearch::one_period(std::size_t n) const {
+  constexpr std::size_t kParts = 48;
+  const BusLine& line = lines_[n];
+  struct Mean {
+    double before = 0, after = 0, rows = 0;
+  };
+  std::vector<Mean> means[2] = {std::vector<Mean>(kParts), std::vector<Mean>(kParts)};
+  const std::vector<BusPiece>& shown = own_clocks_ ? fitted_ : pieces_;
+  for (const BusPiece& run : shown)
+    for (std::size_t k = run.first; k < run.last; ++k) {
+      const double turns = line.f * record_.t[k];
+      const auto part = static_cast<std::size_t>(kParts * (turns - std::floor(turns)));
+      Mean& m = means[held_out_[k] != 0][std::min(part, kParts - 1)];
+      m.before += rest_[k] + models_[n][k], m.after += rest_[k], ++m.rows;
+    }
+  TracePicture picture;
+  picture.title = fmt::format("v_dc over one period of {:.6g} Hz, means", line.f);
+  picture.x_label = "time in the period (ms)";
+  picture.y_label = "v_dc less its slow part (V)";
+  for (std::size_t part = 0; part < kParts; ++part)
+    for (const int held : {0, 1}) {
+      const Mean& m = means[held][part];
+      if (m.rows == 0) continue;
+      picture.x.push_back(1e3 * (static_cast<double>(part) + 0.5) / kParts / line.f);
+      picture.before.push_back(m.before / m.rows);
+      picture.after.push_back(m.after / m.rows);
+      picture.held_out.push_back(static_cast<char>(held));
+    }
+  return picture;
+}
+
+TracePicture RippleSearch::picture_of_spectrum() const {
+  const BusSpectrum before = bus_spectrum(x_, training_, size_, record_.T_s),
+                    after = bus_spectrum(rest_, training_, size_, record_.T_s);
+  double highest = 0;
+  for (const BusLine& line : lines_) highest = std::max(highest, 3 * line.f);
+  TracePicture picture;
+  picture.title = "Spectrum of v_dc";
+  picture.x_label = "frequency (Hz)";
+  picture.y_label = "amplitude of a sine (V)";
+  for (std::size_t b = 1; b < before.power.size(); ++b) {
+    if (before.df * static_cast<double>(b) > highest) break;
+    picture.x.push_back(before.df * static_cast<double>(b));
+    picture.before.push_back(before.amplitude(b));
+    picture.after.push_back(after.amplitude(b));
+    picture.held_out.push_back(0);
+  }
+  return picture;
+}
+
+BusRipple RippleSearch::find() {
+  BusRipple found;
+  const auto [low, high] = std::minmax_element(v_.begin(), v_.end());
+  if (*high - *low < kResolved * facts_.v_dc) {
+    found.blind = "v_dc in the log never changes: a set value, or too coarse to show a ripple";
+    return found;
+  }
+  if (!choose_window()) {
+    found.blind = "no stretch of v_dc is long enough";
+    return found;
+  }
+  renew();
+  std::string note;
+  while (lines_.size() < kMostBusLines && add_line(note)) {
+  }
+  if (!note.empty()) found.notes.push_back(note);
+  std::vector<BusLine> kept;
+  for (std::size_t n = 0; n < lines_.size(); ++n) {
+    const std::string why = refusal(n);
+    if (why.empty()) {
+      kept.push_back(lines_[n]);
+    } else if (lines_[n].amplitude() >= smallest_) {
+      found.notes.push_back(
+          fmt::format("v_dc has a line of {:.3g} V at {:.5g} Hz that is not named: {}",
+                      lines_[n].amplitude(), lines_[n].f, why));
+    }
+  }
+  lines_ = std::move(kept);
+  renew();
+  std::vector<double> powers = bus_spectrum(rest_, training_, size_, record_.T_s).power;
+  const auto middle = powers.begin() + static_cast<std::ptrdiff_t>(powers.size() / 2);
+  std::nth_element(powers.begin(), middle, powers.end());
+  floor_ = std::sqrt(*middle);
+  const double sigma = floor_ * std::sqrt(2 / static_cast<double>(rows_in(training_)));
+  if (kToBeSeen * sigma > smallest_)
+    found.blind =
+        fmt::format("one sigma is {:.2g} of the smallest size worth reporting", sigma / smallest_);
+  if (lines_.empty()) return found;
+  found.error = error();
+  for (std::size_t n = 0; n < lines_.size(); ++n) {
+    found.effects.push_back(effect_of(n));
+    found.pictures.push_back(one_period(n));
+  }
+  found.pictures.push_back(picture_of_spectrum());
+  for (TracePicture& picture : found.pictures)
+    picture.heading = kBusHeading, picture.note = kBusNote;
+  return found;
+}
+
+}  // namespace
+
+BusRipple find_bus_ripple(const Record& record, const std::vector<char>& held_out,
+                          const DriveFacts& facts, const Effects& known) {
+  if (!record.v_dc.empty()) return RippleSearch(record, held_out, facts, known).find();
+  BusRipple none;
+  none.blind = "v_dc is not in the log";
+  return none;
+}
+
+Record as_applied(Record record, const Effects& effects) {
+  const Effects on_bus = acting_on(effects, kOnBus);
+  if (on_bus.empty() || record.u_alphabeta.empty() || record.v_dc.empty()) return record;
+  const auto ripple = [&](double t) { return sum_at(on_bus, {.t = t}).v_dc; };
+  for (std::size_t k = 0; k < record.size(); ++k) {
+    const double t = record.t[k], start = ripple(t);
+    const double change =  // Simpson's rule
+        (ripple(t + record.T_s) + 4 * ripple(t + 0.5 * record.T_s) - 5 * start) / 6;
+    record.u_alphabeta[k] *= 1 + change / record.v_dc[k];
+    record.v_dc[k] -= start;
+  }
+  return record;
+}
+
+}  // namespace twinrate
