@@ -115,8 +115,9 @@ void Fitter::evaluate(Fit& fit) const {
 
 void Fitter::linearise(Fit& fit) const {
   fit.J.clear();
-  // Impacts come sooner or later with every key: across their bumps, not along one.
-  constexpr double kStep = 1e-3, kGapStep = 0.02;
+  // Impacts come sooner or later with every key: across their bumps, not along one. The edges of
+  // a linear zone, too, are crossed by noise.
+  constexpr double kStep = 1e-3, kGapStep = 0.02, kZoneStep = 0.03;
   const DriveFacts& facts = chain_.equations().facts();
   const Effects here = fit.effects();
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty(),
@@ -134,9 +135,10 @@ void Fitter::linearise(Fit& fit) const {
           fit.J.push_back(chain_.regressor(x));
       continue;
     }
+    const bool zone = p.key == "linear_current_A";
+    const double share = has_gap(effect) ? kGapStep : zone ? kZoneStep : kStep;
     const double h = p.coefficient >= 0 ? 0.05 * smallest_coefficient(effect, p.coefficient, facts)
-                                        : (has_gap(effect) ? kGapStep : kStep) *
-                                              std::max(std::abs(get_key(effect, p.key)), 1e-9);
+                                        : share * std::max(std::abs(get_key(effect, p.key)), 1e-9);
     const auto up = effect.clone(), down = effect.clone();
     const double step_up = move(*up, p, h);
     up->prepare(facts);
@@ -166,7 +168,8 @@ void Fitter::linearise(Fit& fit) const {
       add(x, chain_.contribution(*up), 1 / span);
       add(x, chain_.contribution(*down), -1 / span);
     }
-    fit.J.push_back(chain_.regressor(x));
+    // A zone of the width of the noise is known by little else; what noise adds is taken off.
+    fit.J.push_back(zone ? chain_.whitened(x) : chain_.regressor(x));
   }
 }
 
