@@ -116,17 +116,29 @@ const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) cons
                 [&] { return columns(effect); });
 }
 
+bool Chain::commands(const Effects& effects) const {
+  const auto count = [](const Effects& some) {
+    return std::count_if(some.begin(), some.end(),
+                         [](const auto& effect) { return acts_on_command(*effect); });
+  };
+  return count(effects) + count(equations_.known()) > 1;
+}
+
 Sampled Chain::residual(const Effects& effects) const {
   checkpoint();
   Effects all = equations_.known();
   all.insert(all.end(), effects.begin(), effects.end());
   // What is added to a sensor changes what the others do; to that of a current, not what loads do.
+  // And what acts on the command does so one after the other.
   const bool currents = !acting_on(all, kOnCurrents).empty();
   const bool angle = !acting_on(all, kOnAngle).empty();
+  const bool several = commands(effects);
   Effects together;
   Remembered wanted{.what = "residual of", .keys = {}, .columns = {}};
   for (const auto& effect : effects) {
-    if (!angle && (!currents || effect->acts_on() == kOnTorque)) continue;
+    if (!angle && (!currents || effect->acts_on() == kOnTorque) &&
+        !(several && acts_on_command(*effect)))
+      continue;
     together.push_back(effect);
     wanted.what += " " + std::string(effect->kind());
     const std::vector<double> keys = keys_of(*effect);

@@ -46,6 +46,8 @@ class Chain {
   }
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
+  // Several act on the command (equations.hpp), with those known: not one by one.
+  bool commands(const Effects& effects) const;
   Sampled residual(const Effects& effects) const;
   Sampled noiseless(const Effects& effects) const;           // the same of the record alone
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor

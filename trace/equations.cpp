@@ -73,29 +73,54 @@ class Along {
       } else if (effect->describe_sampling(sampling)) {
         with_memory_.emplace_back(points.size());
         effect->along(points, T_s, with_memory_.back());
+        late_ |= acts_on_command(*effect);
+      } else if (acts_on_command(*effect)) {
+        of_the_command_.push_back(effect.get());
       } else {
         of_the_point_.push_back(effect.get());
       }
     }
   }
+  // All but what acts on the command.
   Contribution operator[](std::size_t k) const {
     Contribution sum = of_the_point_.empty() ? Contribution{} : of_the_point_[0]->at(points_[k]);
     sum.J += J_;
     for (std::size_t e = 1; e < of_the_point_.size(); ++e) sum += of_the_point_[e]->at(points_[k]);
+    const Vec2 drop = sum.u_dq_drop;
     for (const auto& of_one : with_memory_) sum += of_one[k];
+    sum.u_dq_drop = drop;
     for (const auto& T_load : T_load_) sum.T_load += T_load[k];
     return sum;
+  }
+  bool any_of_command() const { return late_ || !of_the_command_.empty(); }
+  // Voltage asked for in interval k less the one that acts, in rotor axes at its beginning.
+  Vec2 of_command(std::size_t k) const {
+    Vec2 drop = Vec2::Zero();
+    if (late_)
+      for (const auto& of_one : with_memory_) drop += of_one[k].u_dq_drop;
+    if (of_the_command_.empty()) return drop;
+    OperatingPoint late = points_[k];
+    late.u_dq -= drop;
+    for (const Effect* effect : of_the_command_) drop += effect->at(late).u_dq_drop;
+    return drop;
   }
 
  private:
   const std::vector<OperatingPoint>& points_;
-  std::vector<const Effect*> of_the_point_;
+  std::vector<const Effect*> of_the_point_, of_the_command_;
+  bool late_ = false;
   std::vector<std::vector<Contribution>> with_memory_;
   std::vector<std::vector<double>> T_load_;  // of shafts
   double J_ = 0;                             // theirs
 };
 
 }  // namespace
+
+bool acts_on_command(const Effect& effect) {
+  SamplingFacts late;
+  return effect.acts_on() & kOnVoltage &&
+         (effect.describe_sampling(late) || effect.kind() == "voltage_gain");
+}
 
 Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
     : record_(record), facts_(facts), known_(std::move(known)) {
@@ -228,7 +253,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   const double T_s = record_.T_s;
   const Along added(effects, points, T_s);
   Channels e = empty(kOnTorque | kOnVoltage);
-  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero();
+  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), not_acting = Vec2::Zero();
   for (std::size_t k = 0; k < n; ++k) {
     const Contribution c = added[k];
     const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
@@ -237,14 +262,15 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
       const Vec2 psi = out_of(axis, Vec2(m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]) + c.psi_dq);
       const Vec2 drop = m.R_s * s.i_alphabeta[k] + out_of(axis, c.u_dq_drop);
       if (k > 0) {
-        const Vec2 left =
-            record_.u_alphabeta[k - 1] - 0.5 * (drop_before + drop) - (psi - psi_before) / T_s;
+        const Vec2 left = record_.u_alphabeta[k - 1] - not_acting - 0.5 * (drop_before + drop) -
+                          (psi - psi_before) / T_s;
         const Vec2 left_dq = into(s.axes->mid[k], left);
         e.d[k - 1] = left_dq[0];
         e.q[k - 1] = left_dq[1];
       }
       psi_before = psi;
       drop_before = drop;
+      if (added.any_of_command()) not_acting = out_of(axis, added.of_command(k));
     }
     if (k == 0 || k + 1 == n) continue;
     const double omega_m = (s.theta_m[k + 1] - s.theta_m[k - 1]) / (2 * T_s);
@@ -301,20 +327,20 @@ Channels Equations::empty(int acts_on) const {
   return x;
 }
 
-void Equations::explain(std::size_t k, const Contribution& c, Channels& x, Vec2& psi_before,
-                        Vec2& drop_before) const {
+void Equations::explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
+                        Before& before) const {
   const double T_s = record_.T_s;
   const Signals& s = measured_;
   if (!x.d.empty()) {
     const Vec2& axis = s.axes->at[k];
     const Vec2 psi = out_of(axis, c.psi_dq), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
-      const Vec2 e = into(s.axes->mid[k], 0.5 * (drop + drop_before) + (psi - psi_before) / T_s);
+      const Vec2 mean = of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
+      const Vec2 e = into(s.axes->mid[k], mean + (psi - before.psi) / T_s);
       x.d[k - 1] = e[0];
       x.q[k - 1] = e[1];
     }
-    psi_before = psi;
-    drop_before = drop;
+    before = {psi, drop};
   }
   if (x.torque.empty() || k == 0 || k + 1 >= points_.size()) return;
   const Vec2& i_dq = points_[k].i_dq;
@@ -340,10 +366,11 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
   }
   for (Channels& one : x) one = empty(effect.acts_on());
   std::vector<Contribution> all(count);
-  std::vector<Vec2> psi(count, Vec2::Zero()), drop(count, Vec2::Zero());
+  std::vector<Before> before(count);
+  const bool of_command = acts_on_command(effect);
   for (std::size_t k = 0; k < points_.size(); ++k) {
     effect.regressors(points_[k], all);
-    for (std::size_t r = 0; r < count; ++r) explain(k, all[r], x[r], psi[r], drop[r]);
+    for (std::size_t r = 0; r < count; ++r) explain(k, all[r], of_command, x[r], before[r]);
   }
   return x;
 }
@@ -372,8 +399,13 @@ Channels Equations::contribution(const Effect& effect) const {
       return x;
     }
     const Along added({effect.clone()}, points_, record_.T_s);
-    Vec2 psi = Vec2::Zero(), drop = Vec2::Zero();
-    for (std::size_t k = 0; k < points_.size(); ++k) explain(k, added[k], x, psi, drop);
+    const bool of_command = acts_on_command(effect);
+    Before before;
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      Contribution c = added[k];
+      if (of_command) c.u_dq_drop = added.of_command(k);
+      explain(k, c, of_command, x, before);
+    }
     return x;
   }
   // The sensor's error goes through all equations: what the residual changes by.

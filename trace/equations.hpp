@@ -1,7 +1,8 @@
 // The drive's equations as residuals of a record, under any set of effects.
 //
 //   voltage  e = u - R_s i - (psi_{k+1} - psi_k)/T_s - drops,   stator axes, mean over one interval
-//            (i and drops: mean of both ends), then turned into rotor axes at mid-interval
+//            (i and drops: mean of both ends; what acts less than asked for, of the interval
+//            itself), then turned into rotor axes at mid-interval
 //   torque   e = T_em - T_load - B omega_m - J omega_m' - effects,   omega_m' = second difference
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
@@ -14,6 +15,10 @@
 #include "trace/record.hpp"
 
 namespace twinrate {
+
+// A drop in proportion to the voltage asked for, or to how it changes: a wrong gain, a lag. These
+// follow one another: the gain is that of the late voltage.
+bool acts_on_command(const Effect& effect);
 
 struct Channels {
   std::vector<double> d, q;  // V; empty where not concerned
@@ -71,8 +76,11 @@ class Equations {
   Channels residual_of(const Effects& effects) const;
   Channels empty(int acts_on) const;
   // What contribution c explains at row k, given the one of the row before.
-  void explain(std::size_t k, const Contribution& c, Channels& x, Vec2& psi_before,
-               Vec2& drop_before) const;
+  struct Before {
+    Vec2 psi = Vec2::Zero(), drop = Vec2::Zero();
+  };
+  void explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
+               Before& before) const;
 
   const Record& record_;
   DriveFacts facts_;

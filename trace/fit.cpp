@@ -121,14 +121,16 @@ void Fitter::linearise(Fit& fit) const {
   const DriveFacts& facts = chain_.equations().facts();
   const Effects here = fit.effects();
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty(),
-             senses_angle = !acting_on(here, kOnAngle).empty();
+             senses_angle = !acting_on(here, kOnAngle).empty(), commands = chain_.commands(here);
   Sampled residual_here, noiseless_here;  // where they are needed
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
-    // What a sensor's error does depends on the others, and what they do on the true current.
+    // What a sensor's error does depends on the others, and what they do on the true current; what
+    // acts on the command, on what does so before.
     const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
-                      (senses_angle && turns_with_angle(effect));
+                      (senses_angle && turns_with_angle(effect)) ||
+                      (commands && acts_on_command(effect));
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
         for (const Sampled& x : chain_.remembered_columns(effect))

@@ -107,7 +107,7 @@ class Judge {
       std::size_t tried = 0;
       for (const Score& s : looks_.back().ranking) {
         if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
-        if (s.effect->kind() == selection_.fit.members[m]->kind()) continue;
+        if (sort_of(*s.effect) == sort_of(*selection_.fit.members[m])) continue;
         ++tried;
         Fit next = refined(looks_.back(), s);
         const double gain = score_of(fitter_, without) - score_of(fitter_, next);
