@@ -120,6 +120,42 @@ TEST(Equations, ALateCurrentIsReadAheadAgain) {
   }
 }
 
+// Asked for is v; what acts is (1 + g) times v as it was a delay ago. A record that has what acted
+// in it leaves the same.
+TEST(Equations, AGainActsOnTheVoltageThatCameLate) {
+  const DriveFacts facts = servo().facts();
+  constexpr double kGain_V = 0.06, kSteps = 1.3;
+  Record acted = record();
+  for (std::size_t k = 2; k < acted.size(); ++k) {
+    const std::vector<Vec2>& v = record().u_alphabeta;
+    acted.u_alphabeta[k] = (1 + kGain_V) * ((2 - kSteps) * v[k - 1] + (kSteps - 1) * v[k - 2]);
+  }
+  const auto gain = make_effect("voltage_gain"), lag = make_effect("signal_lag");
+  set_key(*gain, "gain", kGain_V);
+  set_key(*lag, "signal", 0);
+  set_key(*lag, "lag_s", kSteps * record().T_s);
+  const Equations asked(record(), facts), truly(acted, facts);
+  const Channels wanted = truly.residual({}), before = asked.residual({});
+  for (const Effects& both : {Effects{gain, lag}, Effects{lag, gain}}) {
+    const Channels left = asked.residual(both);
+    double off = 0, wrong = 0;
+    for (std::size_t k = 3; k + 3 < record().size(); ++k) {
+      off =
+          std::max({off, std::abs(before.d[k] - wanted.d[k]), std::abs(before.q[k] - wanted.q[k])});
+      wrong =
+          std::max({wrong, std::abs(left.d[k] - wanted.d[k]), std::abs(left.q[k] - wanted.q[k])});
+    }
+    EXPECT_LT(wrong, 1e-9);
+    EXPECT_GT(off, 1);
+  }
+  // One by one they would be (1 + g)(1 - lag) short of the product.
+  const std::vector<char> all(record().size(), 1), none(record().size(), 0);
+  const Sampler sampler(record(), all, none);
+  const Chain chain(asked, asked, sampler), chain_truly(truly, truly, sampler);
+  const Sampled left = chain.residual({gain, lag}), sampled = chain_truly.residual({});
+  EXPECT_LT((left.q - sampled.q).norm(), 1e-9 * sampled.q.norm());
+}
+
 TEST(Equations, AStiffShaftIsNone) {
   // The load mass follows the motor: its shaft carries J_load omega_m', which the motor no longer
   // has to.
