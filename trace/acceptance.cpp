@@ -14,12 +14,14 @@ namespace twinrate {
 namespace {
 
 // The newcomer is more than a few pieces of the record ask for: what they disagree by is far less
-// than its size. (What rows were filled with in a few quick turns can be fitted, too.)
-bool everywhere(const Fitter& fitter, const Fit& next) {
-  constexpr double kSigmas = 5;
+// than its size. (What rows were filled with in a few quick turns can be fitted, too.) Where much
+// else is missing they disagree by that; then it must take a good part of the held-out error.
+bool everywhere(const Fitter& fitter, const Fit& next, const Fit& now) {
+  constexpr double kSigmas = 5, kGoodPart = 0.2;
   ShaftFacts shaft;
   const std::size_t last = next.members.size() - 1;
   return next.members[last]->describe_shaft(shaft) ||
+         next.rss_held_out < (1 - kGoodPart) * now.rss_held_out ||
          largest_wald(next, fitter.robust_covariance(next), last) > kSigmas * kSigmas;
 }
 
@@ -90,7 +92,7 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
   const double gain = now.rss_held_out - next.rss_held_out;
   return next.valid && gain > least_gain(fitter, next, now) &&
          next.members.back()->materiality(fitter.chain().equations().facts()) >= 1 &&
-         !crumb(fitter, next, now) && rings(*next.members.back()) && everywhere(fitter, next);
+         !crumb(fitter, next, now) && rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say) {

@@ -137,11 +137,26 @@ class Selector {
     for (std::size_t m = 0; m + 1 < fit_.members.size(); ++m) {
       const std::shared_ptr<Effect> member = fit_.members[m];
       if (member->kind() != "load_step") continue;
-      const Fit without = fitter_.start(with(fit_.members, nullptr, m));
-      Fit anew = fitter_.refine(with(without.members, placed(fitter_, without, member)));
-      if (anew.valid && anew.rss + anew.rss_held_out < fit_.rss + fit_.rss_held_out)
-        fit_ = std::move(anew);
+      const Fit without = fitter_.refine(with(fit_.members, nullptr, m));
+      for (const auto& start : {member, best_moment(without)}) {
+        if (!start) continue;
+        Fit anew = fitter_.refine(with(without.members, placed(fitter_, without, start)));
+        if (anew.valid && anew.rss + anew.rss_held_out < fit_.rss + fit_.rss_held_out)
+          fit_ = std::move(anew);
+      }
     }
+  }
+
+  // Of the whole record; null where no step would help.
+  std::shared_ptr<Effect> best_moment(const Fit& without) const {
+    std::vector<Candidate> steps;
+    for (const Candidate& c : candidates_)
+      if (c.effect->kind() == "load_step") steps.push_back(c);
+    const std::vector<Score> scores = score_all(fitter_, without, steps);
+    const auto best =
+        std::max_element(scores.begin(), scores.end(),
+                         [](const Score& a, const Score& b) { return a.gain < b.gain; });
+    return best != scores.end() && best->valid ? best->effect : nullptr;
   }
 
   void shaft_anew(std::size_t m) {
