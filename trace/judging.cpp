@@ -20,6 +20,7 @@ class Judge {
     selection_.fit = fitter_.refine(members);
     for (int round = 0; round < 2 && swap_one(); ++round)
       selection_.fit = without_superfluous(fitter_, std::move(selection_.fit), say_);
+    compose_friction();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
     drop_uncertain();
     drop_inertia_of_impacts();
@@ -55,6 +56,30 @@ class Judge {
     look.refined.emplace_back(s.effect.get(),
                               fitter_.refine(with(look.without.members, s.effect), until));
     return look.refined.back().second;
+  }
+
+  // Two sorts of friction can stand in for three others so well that no third adds to them: all
+  // sorts together, less those that are not needed.
+  void compose_friction() {
+    constexpr std::string_view kSorts[] = {"viscous_friction", "coulomb_friction",
+                                           "stribeck_friction", "fan_load"};
+    Members members = selection_.fit.members;
+    const auto has = [&](std::string_view sort) {
+      return std::any_of(members.begin(), members.end(),
+                         [&](const auto& m) { return m->kind() == sort; });
+    };
+    if (std::count_if(std::begin(kSorts), std::end(kSorts), has) < 2) return;
+    for (std::string_view sort : kSorts)
+      if (!has(sort)) members = with(members, make_effect(sort));
+    const Fit all = fitter_.refine(members, Fitter::Until::kArrived);
+    if (!all.valid) return;
+    Fit composed = without_superfluous(fitter_, all, {});
+    if (score_of(fitter_, composed) > score_of(fitter_, selection_.fit) - fitter_.margin() ||
+        composed.rss_held_out > selection_.fit.rss_held_out)
+      return;
+    if (say_) say_("  friction composed anew");
+    selection_.fit = std::move(composed);
+    looks_.clear();
   }
 
   // Members that, beside all the others, are within three of their own standard deviations of
