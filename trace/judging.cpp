@@ -11,6 +11,14 @@ namespace {
 
 constexpr std::size_t kMostTried = 3;  // kinds refined in place of a member
 
+// One kind, and one choice of each of its words: a filter is not a delay.
+bool same_form(const Effect& a, const Effect& b) {
+  if (a.kind() != b.kind()) return false;
+  const std::vector<NumericKey> of_a = numeric_keys(a), of_b = numeric_keys(b);
+  return std::equal(of_a.begin(), of_a.end(), of_b.begin(), of_b.end(),
+                    [](const NumericKey& x, const NumericKey& y) { return x.text == y.text; });
+}
+
 class Judge {
  public:
   Judge(const Fitter& fitter, const std::vector<Candidate>& candidates, const Say& say)
@@ -132,7 +140,7 @@ class Judge {
       std::size_t tried = 0;
       for (const Score& s : looks_.back().ranking) {
         if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
-        if (sort_of(*s.effect) == sort_of(*selection_.fit.members[m])) continue;
+        if (same_form(*s.effect, *selection_.fit.members[m])) continue;
         ++tried;
         Fit next = refined(looks_.back(), s);
         const double gain = score_of(fitter_, without) - score_of(fitter_, next);
