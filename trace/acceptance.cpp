@@ -57,6 +57,18 @@ bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
          next.y.torque.squaredNorm() > (1 - kOfRest) * now.y.torque.squaredNorm();
 }
 
+// Larger, it is not what a running drive lacks, but something else told in its words.
+bool plausible(const Effect& effect, const DriveFacts& facts) {
+  constexpr double kMostGain = 0.3, kMostResistance = 5;  // of one; of machine.R_s
+  for (const NumericKey& k : numeric_keys(effect)) {
+    if (k.key.rfind("gain", 0) == 0 && std::abs(k.value) > kMostGain) return false;
+    if (k.key.rfind("change", 0) == 0 && k.key.find("_Ohm") != std::string::npos &&
+        std::abs(k.value) > kMostResistance * facts.machine.R_s)
+      return false;
+  }
+  return true;
+}
+
 // Its coefficients are so many sigmas from zero that no fit without it need be tried.
 bool clearly_needed(const Fitter& fitter, const Fit& fit, std::size_t m) {
   constexpr double kTimes = 20;  // what it costs
@@ -90,8 +102,9 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
 
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
   const double gain = now.rss_held_out - next.rss_held_out;
+  const DriveFacts& facts = fitter.chain().equations().facts();
   return next.valid && gain > least_gain(fitter, next, now) &&
-         next.members.back()->materiality(fitter.chain().equations().facts()) >= 1 &&
+         next.members.back()->materiality(facts) >= 1 && plausible(*next.members.back(), facts) &&
          !crumb(fitter, next, now) && rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 

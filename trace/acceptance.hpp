@@ -17,7 +17,8 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
                           const Fit& fit);
 
 // Whether the last member of `next`, which `now` does not have, may be taken: it lowers the error
-// on held-out blocks, is large enough to matter, and is there in all of the record.
+// on held-out blocks, is large enough to matter, not absurdly large, and is there in all of the
+// record.
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
 
 // The fit without the members that do not pay for their parameters.
