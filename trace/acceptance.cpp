@@ -105,7 +105,10 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
   const DriveFacts& facts = fitter.chain().equations().facts();
   return next.valid && gain > least_gain(fitter, next, now) &&
          next.members.back()->materiality(facts) >= 1 && plausible(*next.members.back(), facts) &&
-         !crumb(fitter, next, now) && rings(*next.members.back()) && everywhere(fitter, next, now);
+         !crumb(fitter, next, now) &&
+         std::none_of(now.members.begin(), now.members.end(),
+                      [&](const auto& m) { return repeats_step(*m, *next.members.back()); }) &&
+         rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say) {

@@ -22,6 +22,7 @@ bool taken(const Fit& fit, const Effect& effect) {
   for (const auto& m : fit.members) {
     if (m->kind() != effect.kind()) continue;
     if (!may_repeat(effect.kind())) return true;
+    if (repeats_step(*m, effect)) return true;
     if (effect.kind() == "load_step" || effect.kind() == "periodic_torque") continue;
     const char* key = effect.kind() == "signal_lag" ? "signal" : "order";
     if (get_key(*m, key) == get_key(effect, key)) return true;
@@ -30,6 +31,12 @@ bool taken(const Fit& fit, const Effect& effect) {
 }
 
 }  // namespace
+
+bool repeats_step(const Effect& member, const Effect& newcomer) {
+  constexpr double kOneStep_s = 0.25;
+  return member.kind() == "load_step" && newcomer.kind() == "load_step" &&
+         std::abs(get_key(member, "time_s") - get_key(newcomer, "time_s")) < kOneStep_s;
+}
 
 std::size_t parameters_of(const Effect& effect) {
   auto count = static_cast<std::size_t>(effect.regressor_count());
