@@ -15,6 +15,7 @@ constexpr std::size_t kNear = 3;     // bins a Hann window's own peak takes to e
 constexpr std::size_t kAround = 16;  // bins beyond those that say what stands beside it
 constexpr double kStandsOut = 12;    // power over that
 constexpr int kRounds = 4;           // of Gauss-Newton
+constexpr double kReach = 0.15;      // bins
 
 using Complex = std::complex<double>;
 
@@ -102,6 +103,14 @@ std::size_t strongest_peak(const BusSpectrum& s, double lowest_Hz, double highes
   return best;
 }
 
+double frequency_at(const BusSpectrum& s, std::size_t bin) {
+  const auto level = [&](std::size_t b) { return std::log(std::max(s.power[b], 1e-300)); };
+  const double before = level(bin - 1), here = level(bin), after = level(bin + 1);
+  const double bend = before - 2 * here + after;
+  const double off = bend < 0 ? std::clamp(0.5 * (before - after) / bend, -0.5, 0.5) : 0;
+  return s.df * (static_cast<double>(bin) + off);
+}
+
 double high_pass_gain(double f, std::size_t window, double T_s) {
   const double half = kPi * f * T_s, n = static_cast<double>(window);
   return 1 - std::sin(n * half) / (n * std::sin(half));
@@ -134,7 +143,7 @@ BusLine line_near(double f, const std::vector<double>& t, const std::vector<doub
   if (parts.empty() || size_of_all == 0) return line;
   // Every part has the phase that the wrong frequency gives its middle.
   const double span = parts.back().t - parts.front().t;
-  const double reach = 0.75 / (static_cast<double>(size) * T_s);
+  const double reach = kReach / (static_cast<double>(size) * T_s);
   const double step = std::min(reach, 0.125 / std::max(span, 1e-9));
   Complex best = 0;
   double off = 0;

@@ -38,12 +38,16 @@ BusSpectrum bus_spectrum(const std::vector<double>& x, const std::vector<BusPiec
 std::size_t strongest_peak(const BusSpectrum& spectrum, double lowest_Hz, double highest_Hz,
                            double& beside);
 
+// Between the bins: the top of a parabola through the logarithms of the three around `bin`.
+double frequency_at(const BusSpectrum& spectrum, std::size_t bin);
+
 // `lines` refined together on the rows of `runs` (Gauss-Newton), their sigmas with `noise`; x holds
 // (1 - mean of `window` rows) of the signal.
 void refine(const std::vector<double>& t, const std::vector<double>& x,
             const std::vector<BusPiece>& runs, std::size_t window, double T_s,
             std::vector<BusLine>& lines);
-// The start of it: frequency within a bin of `f`, from the turning of the phase along the record.
+// The start of it, from the turning of the phase along the record. `f` has to be right to 0.15
+// bins: parts that stand at even distances agree on other frequencies, too.
 BusLine line_near(double f, const std::vector<double>& t, const std::vector<double>& x,
                   const std::vector<BusPiece>& runs, std::size_t size, std::size_t window,
                   double T_s);

@@ -179,7 +179,7 @@ bool RippleSearch::add_line(std::string& note) {
   const double lowest = std::max(kLowest_Hz, 4 * spectrum.df);
   const std::size_t bin = strongest_peak(spectrum, lowest, kHighest / record_.T_s, beside);
   if (bin == 0 || spectrum.amplitude(bin) < 0.5 * smallest_) return false;
-  const double f = spectrum.df * static_cast<double>(bin);
+  const double f = frequency_at(spectrum, bin);
   const auto near = [&] {
     return line_near(f, record_.t, rest_, fitted_, size_, window_, record_.T_s);
   };

@@ -39,11 +39,19 @@ bool is_of_a_moment(const std::vector<TracedKey>& keys) {
 }
 
 bool may_plan(const std::string& kind) {
-  if (kind == "backlash") return false;  // seen where a torsion is (trace/placing.hpp)
-  const auto effect = make_effect(kind);
-  if (effect->acts_on() == kOnBus) return false;  // stands in the log: v_dc is measured
-  const std::vector<TracedKey> keys = effect->traced_keys();
-  return !keys.empty() && !is_of_a_moment(keys);
+  const std::vector<std::string>& outside = kinds_outside_the_design();
+  if (std::find(outside.begin(), outside.end(), kind) != outside.end()) return false;
+  const std::vector<TracedKey> keys = make_effect(kind)->traced_keys();
+  return !keys.empty() && (!is_of_a_moment(keys) || kind == "load_step");
+}
+
+// A torque from the beginning on becomes a step at any moment that halves the rows: each has it as
+// often as not. Expected products.
+void halve(const PlanGroup& step, Information& x) {
+  x.M.middleRows(step.first, step.count) *= 0.5;
+  x.M.middleCols(step.first, step.count) *= 0.5;
+  x.M.block(step.first, step.first, step.count, step.count) *= 2;
+  x.noise.segment(step.first, step.count) *= 0.5;
 }
 
 std::vector<std::shared_ptr<Effect>> thinned_effects(const DriveFacts& facts,
@@ -52,7 +60,8 @@ std::vector<std::shared_ptr<Effect>> thinned_effects(const DriveFacts& facts,
   for (const std::string& kind : plannable_kinds()) {
     if (!kinds.empty() && !kinds.count(kind)) continue;
     const std::shared_ptr<Effect> effect = make_effect(kind);
-    effect->prepare(facts);  // a grid may depend on the drive
+    effect->prepare(facts);                                  // a grid may depend on the drive
+    if (kind == "load_step") set_key(*effect, "time_s", 0);  // halved below
     over_thinned(*effect, effect->traced_keys(), 0, facts.machine.n_p, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (at_grid->prepare(facts).empty()) all.push_back(at_grid);
@@ -153,6 +162,11 @@ Record excerpt(const Record& record, double longest_s, double& part) {
   return all;
 }
 
+const std::vector<std::string>& kinds_outside_the_design() {
+  static const std::vector<std::string> kKinds{"backlash", "dc_bus_ripple"};
+  return kKinds;
+}
+
 std::vector<std::string> plannable_kinds() {
   std::vector<std::string> kinds;
   for (const std::string& kind : effect_kinds())
@@ -215,6 +229,8 @@ PlanInformation plan_information(const Record& record, const Health& health,
     add_channel(columns, &Sampled::q, &Sampled::noise_q, electrical, sum);
     add_channel(columns, &Sampled::torque, &Sampled::noise_torque, outputs(sampler.torque(), span),
                 sum);
+    for (const PlanGroup& g : all.groups)
+      if (all.kinds[g.kind] == "load_step") halve(g, sum);
     out.pieces.push_back(std::move(sum));
   }
   return out;

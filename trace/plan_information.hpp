@@ -2,9 +2,10 @@
 // whitening, as information matrices (trace/plan.hpp).
 //
 // The candidates are a thinned set, the same for every record of a drive: orders of a turn at a few
-// places that kinds share, resistance without its drift, nothing that happens at one moment
-// (load_step: where a constant load shows, its beginning does). An effect without regressors stands
-// at each point of its grid, its contribution there for a column.
+// places that kinds share, resistance without its drift. An effect without regressors stands at
+// each point of its grid, its contribution there for a column. Of a load_step the moment is not
+// known: it is there in every row with probability 1/2, which halves its products with the other
+// columns and with itself (beside constant_load half of it is left: 45 degrees).
 #pragma once
 #include <set>
 
@@ -24,7 +25,10 @@ struct PlanInformation {
   std::vector<Information> pieces;  // of each span
 };
 
-// Kinds that a plan may be asked for.
+// Kinds that no information matrix judges: a gap (its impacts move in time with every key) and a
+// ripple of the bus (stands in v_dc, in no equation).
+const std::vector<std::string>& kinds_outside_the_design();
+// Kinds that a plan may be asked for, these aside.
 std::vector<std::string> plannable_kinds();
 // `kinds`: of plannable_kinds(); empty: all. `spans`: ascending; only their rows count, and no
 // filter reaches from one into the next. Noise is what no candidate explains (trace/noise.hpp).

@@ -133,6 +133,20 @@ TEST(BusRipple, CountsFromTheSmallestWorthReportingOn) {
   EXPECT_EQ(of(0.8), 1u);
 }
 
+TEST(BusRipple, IsFoundInOneSecond) {
+  for (const double f : {47.0, 50.0, 137.31, 300.0, 571.3, 613.77}) {
+    const BusRipple found = ripple_in(bus_record(
+        [=](double t, std::size_t k) {
+          return kBus + 2 * sine_at(f, t, 1) + 0.3 * bus_noise(19, k);
+        },
+        1));
+    ASSERT_EQ(found.effects.size(), 1u) << f;
+    const TracedEffect& e = found.effects[0];
+    EXPECT_LT(std::abs(ripple_key(e, "frequency_Hz") - f), 4 * ripple_sigma(e, "frequency")) << f;
+    EXPECT_LT(std::abs(ripple_key(e, "amplitude_V") - 2), 4 * ripple_sigma(e, "amplitude")) << f;
+  }
+}
+
 TEST(BusRipple, HarmonicsAreAnEffectEach) {
   const BusRipple found = ripple_in(bus_record([](double t, std::size_t k) {
     return kBus + 9 * sine_at(300, t, 1) + 2 * sine_at(600, t, -2) + 0.3 * bus_noise(13, k);

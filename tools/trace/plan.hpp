@@ -33,6 +33,14 @@ struct NotSeparated {
   std::string why;
 };
 
+// A kind that the design does not judge (kinds_outside_the_design()).
+struct OutsideKind {
+  std::string kind, needs;
+  std::vector<std::string> shown_by;  // blocks, any of which is enough; empty: any run
+  bool in_run = false;                // the plan has what it needs
+  std::string log;                    // what the log says of it; empty: no log
+};
+
 struct Plan {
   PlanRequest request;
   Bench bench;
@@ -44,6 +52,7 @@ struct Plan {
   std::vector<KindOutlook> log;    // with the present log; empty: none
   std::vector<KindOutlook> after;  // with the proposed run, and the log where there is one
   std::vector<NotSeparated> never;
+  std::vector<OutsideKind> outside;
   bool checked = false;  // `after` comes from a simulation of the whole run, not from the blocks
   std::vector<std::string> notes;
   std::string sentence;

@@ -95,6 +95,13 @@ std::string plan_json(const Plan& plan) {
     pair["why"] = n.why;
     never.push_back(std::move(pair));
   }
+  json outside = json::array();
+  for (const OutsideKind& k : plan.outside) {
+    json kind{{"kind", k.kind}, {"needs", k.needs}, {"in_run", k.in_run}};
+    if (!k.shown_by.empty()) kind["blocks"] = k.shown_by;
+    if (!k.log.empty()) kind["log"] = k.log;
+    outside.push_back(std::move(kind));
+  }
   const json out{{"sentence", plan.sentence},
                  {"duration_s", plan.profile.duration_s},
                  {"checked_by_simulation", plan.checked},
@@ -106,6 +113,7 @@ std::string plan_json(const Plan& plan) {
                  {"notes", plan.notes},
                  {"blocks", blocks},
                  {"kinds", kinds},
+                 {"outside_the_design", outside},
                  {"no_run_of_this_bench", never},
                  {"profile",
                   {{"speed_rpm", steps_json(plan.profile.omega_m, kRpm)},
@@ -170,6 +178,10 @@ std::string plan_table(const Plan& plan) {
   for (const NotSeparated& n : plan.never)
     text += n.b.empty() ? fmt::format("  shows {}: {}\n", n.a, n.why)
                         : fmt::format("  tells {} from {}: {}\n", n.a, n.b, n.why);
+  if (!plan.outside.empty()) text += "not a matter of sigmas:\n";
+  for (const OutsideKind& k : plan.outside)
+    text += fmt::format("  {:<20}{:<4} {}{}\n", k.kind, k.in_run ? "yes" : "no", k.needs,
+                        k.log.empty() ? "" : fmt::format("; the log: {}", k.log));
   for (const std::string& note : plan.notes) text += "note: " + note + "\n";
   if (!plan.order.empty()) text += "the run:\n";
   for (std::size_t j = 0; j < plan.order.size(); ++j)
