@@ -14,6 +14,7 @@ namespace twinrate {
 namespace {
 
 constexpr int kFailuresToNotice = 2;
+constexpr int kMostRestarts = 2;
 constexpr double kAhead_s = 0.1;      // from deciding to the tick at which an effect is added
 constexpr double kSettling_s = 0.25;  // after an addition, before anything is compared
 constexpr double kCompared_s = 1.0;
@@ -151,6 +152,7 @@ void LiveMonitor::watch(std::size_t first, std::size_t last) {
   Episode episode;
   episode.noticed_s = t_s(k);
   episode.sign = judgement.text();
+  restarts_ = 0;
   episodes_.push_back(episode);
   say(Reason::kModelMisfit, "the model does not fit any more: " + episode.sign);
   gather_until_ = gather_from_ + ticks(drive_.monitor.gather_s);
@@ -189,6 +191,14 @@ void LiveMonitor::traced(const TraceResult& result) {
     learn_anew();
     return;
   }
+  if (restarts_ < kMostRestarts && !fits_throughout()) {
+    ++restarts_;
+    proposed_.clear();
+    gather_from_ = last_k();
+    gather_until_ = gather_from_ + ticks(drive_.monitor.gather_s);
+    phase_ = Phase::kGathering;
+    return;
+  }
   episode.kinds.clear();
   for (const ConfiguredEffect& e : proposed_) episode.kinds.emplace_back(e.effect->kind());
   episode.toml = toml_of(proposed_);
@@ -196,6 +206,19 @@ void LiveMonitor::traced(const TraceResult& result) {
   say(Reason::kEffectProposed, episode.toml);
   phase_ = Phase::kProposed;
   if (drive_.monitor.auto_add) add_proposed();
+}
+
+bool LiveMonitor::fits_throughout() const {
+  DriveConfig extended = drive_;
+  extended.effects.insert(extended.effects.end(), proposed_.begin(), proposed_.end());
+  const Effects known = extended.model_effects();
+  for (std::int64_t k = gather_from_; k + block_ticks_ <= gather_until_; k += block_ticks_) {
+    const BlockJudgement block =
+        watch_.judge(rows_, row_of(k), row_of(k + block_ticks_), {}, known);
+    for (const ChannelLevel& channel : block.channels)
+      if (channel.excess > MisfitWatch::kRestless) return false;
+  }
+  return true;
 }
 
 bool LiveMonitor::add_proposed() {

@@ -6,7 +6,9 @@
 //
 // Traced is what came after the first block that did not fit, gather_s of it at first; where that
 // does not tell, twice as much, up to window_s. Where the whole window does not tell either, that
-// is said, and the monitor learns anew what is normal. After an effect was added, the residual of
+// is said, and the monitor learns anew what is normal. Where what was traced fits a part of the
+// data only, another effect began meanwhile: gathering starts again, up to kMostRestarts times, so
+// that all of them are there all the time. After an effect was added, the residual of
 // the same following data is formed with and without it, and the filter's innovations before and
 // after are put side by side.
 #pragma once
@@ -87,6 +89,8 @@ class LiveMonitor {
   void watch(std::size_t first, std::size_t last);
   void gather();
   void compare();
+  // The gathered blocks under the model with what is proposed.
+  bool fits_throughout() const;
   void learn_anew();
   void say(Reason reason, const std::string& text);
   std::size_t row_of(std::int64_t k) const;
@@ -102,7 +106,7 @@ class LiveMonitor {
   std::deque<Estimate> estimates_;
   Phase phase_ = Phase::kLearning;
   std::int64_t block_begin_ = -1, learn_until_ = -1;
-  int failed_in_a_row_ = 0;
+  int failed_in_a_row_ = 0, restarts_ = 0;
   std::int64_t gather_from_ = -1, gather_until_ = -1, added_k_ = -1;
   std::vector<ConfiguredEffect> proposed_;
   std::vector<Episode> episodes_;

@@ -8,6 +8,7 @@
 
 #include "tools/load_drive.hpp"
 #include "tools/run/closed_loop.hpp"
+#include "trace/keys.hpp"
 
 namespace twinrate {
 namespace {
@@ -88,6 +89,23 @@ TEST(LiveMonitor, NamesDeadTimeThatBeginsWhileTheDriveRuns) {
   EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
   EXPECT_EQ(outcome.notices[1].reason, Reason::kEffectProposed);
   EXPECT_EQ(outcome.notices[2].reason, Reason::kEffectCompared);
+}
+
+// What is traced first has both, but one of them in a part of the data only: a resistance that
+// drifts, for one that is there from 3.3 s on.
+TEST(LiveMonitor, WaitsForDataThatHoldTwoEffectsAllTheTime) {
+  const Outcome outcome = watch(
+      "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\nfrom_s = 2.6\n"
+      "[[effect]]\nkind = \"resistance\"\nchange_Ohm = 0.42\nfrom_s = 3.3\n");
+  ASSERT_EQ(outcome.episodes.size(), 1u);
+  const Episode& e = outcome.episodes[0];
+  EXPECT_EQ(e.kinds, (std::vector<std::string>{"dead_time", "resistance"})) << e.toml;
+  const auto effects =
+      Config::parse("preset = \"niewiara2020\"\n" + e.toml, "proposed").drive().model_effects();
+  ASSERT_EQ(effects.size(), 2u);
+  EXPECT_NEAR(get_key(*effects[0], "dead_time_s"), 2e-6, 2e-8);
+  EXPECT_NEAR(get_key(*effects[1], "change_Ohm"), 0.42, 0.02);
+  EXPECT_GT(e.proposed_s, 5.5);
 }
 
 }  // namespace
