@@ -111,6 +111,12 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
          rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 
+bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now) {
+  constexpr double kGoodPart = 0.4;
+  return next.valid && next.rss_held_out < (1 - kGoodPart) * now.rss_held_out &&
+         next.members.back()->materiality(fitter.chain().equations().facts()) >= 1;
+}
+
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say) {
   for (std::size_t m = 0; fit.members.size() > 1 && m < fit.members.size();) {
     if (clearly_needed(fitter, fit, m)) {

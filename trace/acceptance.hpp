@@ -21,6 +21,10 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
 // record.
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
 
+// Whether it would be taken if its shaft rang: one that does not and yet takes a good part of the
+// held-out error stands for a gap whose impacts cannot be followed, which nothing else does.
+bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);
+
 // The fit without the members that do not pay for their parameters.
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say);
 

@@ -71,7 +71,7 @@ class Selector {
   bool add_one() {
     const Fit& now = fit_;
     const double score_now = score_of(fitter_, now);
-    Fit best;
+    Fit best, overdamped;
     double best_gain = 0, first_gain = 0;
     std::size_t tried = 0;
     const std::vector<Score> ranking = ranked(fitter_, candidates_, now);
@@ -94,6 +94,7 @@ class Selector {
         say_(fmt::format("  {} -> {}: score {:.0f} -> {:.0f}, held-out {:.0f} -> {:.0f}{}",
                          describe(*s.effect), describe(*next.members.back()), s.gain, gain,
                          now.rss_held_out, next.rss_held_out, good ? "" : " (refused)"));
+      if (shaft && gain > 0 && !good && like_a_gap(fitter_, next, now)) overdamped = next;
       if (gain <= 0 || !good) continue;
       first_gain = std::max(first_gain, s.gain);
       if (gain > best_gain) {
@@ -101,6 +102,7 @@ class Selector {
         best = std::move(next);
       }
     }
+    if (best.members.empty()) best = std::move(overdamped);
     if (best.members.empty()) return false;
     fit_ = std::move(best);
     place_anew();
