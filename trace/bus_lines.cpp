@@ -125,6 +125,14 @@ std::complex<double> part_at(double f, const std::vector<double>& t, const std::
   return 2.0 * sum / static_cast<double>(last - first);
 }
 
+void put_sine(double f, double A, double phase, const std::vector<double>& t, std::size_t first,
+              std::size_t last, std::vector<double>& y) {
+  if (last <= first) return;
+  Pointer pointer(f, last - first > 1 ? t[first + 1] - t[first] : 0);
+  const Complex start = std::polar(A, phase);
+  for (std::size_t k = first; k < last; ++k) y[k] = (start * pointer.at(k, t[k])).imag();
+}
+
 BusLine line_near(double f, const std::vector<double>& t, const std::vector<double>& x,
                   const std::vector<BusPiece>& runs, std::size_t size, std::size_t window,
                   double T_s) {

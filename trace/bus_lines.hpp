@@ -53,6 +53,9 @@ BusLine line_near(double f, const std::vector<double>& t, const std::vector<doub
                   double T_s);
 // What is left of a sine of `f` by taking off the mean of `window` rows around each.
 double high_pass_gain(double f, std::size_t window, double T_s);
+// y = A sin(2 pi f t + phase) in rows [first, last).
+void put_sine(double f, double A, double phase, const std::vector<double>& t, std::size_t first,
+              std::size_t last, std::vector<double>& y);
 // Mean of x exp(-2 pi i f t) over the rows, times 2: a - i b turned; its size is the amplitude.
 std::complex<double> part_at(double f, const std::vector<double>& t, const std::vector<double>& x,
                              std::size_t first, std::size_t last);

@@ -155,9 +155,7 @@ std::vector<double> RippleSearch::model_of(const BusLine& line) const {
       const std::complex<double> c = part_at(line.f, record_.t, x_, piece.first, piece.last);
       phase = std::atan2(c.real(), -c.imag());
     }
-    const double A = gain * line.amplitude();
-    for (std::size_t k = piece.first; k < piece.last; ++k)
-      y[k] = A * std::sin(kTwoPi * std::fmod(line.f * record_.t[k], 1.0) + phase);
+    put_sine(line.f, gain * line.amplitude(), phase, record_.t, piece.first, piece.last, y);
   }
   return y;
 }
@@ -422,20 +420,6 @@ BusRipple find_bus_ripple(const Record& record, const std::vector<char>& held_ou
   BusRipple none;
   none.blind = "v_dc is not in the log";
   return none;
-}
-
-Record as_applied(Record record, const Effects& effects) {
-  const Effects on_bus = acting_on(effects, kOnBus);
-  if (on_bus.empty() || record.u_alphabeta.empty() || record.v_dc.empty()) return record;
-  const auto ripple = [&](double t) { return sum_at(on_bus, {.t = t}).v_dc; };
-  for (std::size_t k = 0; k < record.size(); ++k) {
-    const double t = record.t[k], start = ripple(t);
-    const double change =  // Simpson's rule
-        (ripple(t + record.T_s) + 4 * ripple(t + 0.5 * record.T_s) - 5 * start) / 6;
-    record.u_alphabeta[k] *= 1 + change / record.v_dc[k];
-    record.v_dc[k] -= start;
-  }
-  return record;
 }
 
 }  // namespace twinrate

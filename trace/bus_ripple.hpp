@@ -7,16 +7,11 @@
 // the bins on both sides of it; frequency, amplitude and phase are refined by least squares over
 // all of them at once. It is an effect where
 //   - its amplitude is worth reporting (3e-3 of the bus voltage) and eight sigmas or more,
-//   - it goes on: one frequency and phase fit the whole record (files with clocks of their own:
-//   each
-//     its own phase), and the held-out rows carry the same amplitude,
-//   - it is not the drive's own: the power 3/2 u'i has a line there, too, and no bus would sag by
-//   so
-//     much under it.
+//   - it goes on: one frequency and phase fit the whole record (files have clocks of their own, and
+//     a phase each), and the held-out rows carry the same amplitude,
+//   - it is not the drive's own: where the power 3/2 u'i has a line there, too, no bus would sag by
+//     so much under it.
 // Sigmas come from the noise beside the line, no less than 1e-6 of the bus voltage.
-//
-// What acts on the machine is the change since the sample that the duties were made for:
-// as_applied() gives the voltage that came out of it.
 #pragma once
 #include "trace/record.hpp"
 #include "trace/result.hpp"
@@ -35,10 +30,5 @@ struct BusRipple {
 // off first.
 BusRipple find_bus_ripple(const Record& record, const std::vector<char>& held_out,
                           const DriveFacts& facts, const Effects& known);
-
-// The record with the voltage that ripples of `effects` (those on the bus) leave of what the drive
-// asked for, u mean(v_dc over the interval)/v_dc(t_k), and with v_dc as other effects take it:
-// without the ripple.
-Record as_applied(Record record, const Effects& effects);
 
 }  // namespace twinrate

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <optional>
 
+#include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
 #include "trace/noise.hpp"
 
@@ -90,11 +91,16 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
     t0 = std::chrono::steady_clock::now();
   };
-  const BusRipple bus = find_bus_ripple(raw, held_out, facts, known);
+  BusRipple bus = find_bus_ripple(raw, held_out, facts, known);
   Effects on_bus = known;
   for (const TracedEffect& e : bus.effects) on_bus.push_back(e.effect);
   std::optional<Record> applied;
   if (!acting_on(on_bus, kOnBus).empty()) applied = as_applied(raw, on_bus);
+  if (applied && !acted(raw, *applied, facts.machine)) {
+    applied->u_alphabeta = raw.u_alphabeta;
+    bus.notes.push_back(
+        "the voltage in the log follows the ripple of v_dc already, and is taken as it is");
+  }
   const Record& record = applied ? *applied : raw;
   lap("bus voltage");
   const Equations equations(record, facts, known);

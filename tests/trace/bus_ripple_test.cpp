@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/bus_applied.hpp"
 #include "trace/keys.hpp"
 #include "trace/tracer.hpp"
 
@@ -257,6 +258,24 @@ TEST(BusRipple, LeavesOfTheVoltageItsMeanOverTheInterval) {
     EXPECT_NEAR(applied.v_dc[k], kBus, 1e-9) << "without what effects add";
   }
   EXPECT_GT(largest, 0.01);
+}
+
+// The drive's logged voltage is what acted. With a ripple, that is what a meter would have logged;
+// what the drive asked for is less by the ripple's change in the interval.
+TEST(BusRipple, ActsOnTheMachineUnlessTheVoltageWasMeasured) {
+  const auto ripple = make_effect("dc_bus_ripple");
+  set_key(*ripple, "amplitude_V", 8);
+  set_key(*ripple, "frequency_Hz", 300);
+  const Record measured =
+      bus_record([](double t, std::size_t) { return kBus + 8 * sine_at(300, t, 0); });
+  const Record applied = as_applied(measured, {ripple});
+  EXPECT_FALSE(acted(measured, applied, servo().machine));
+  Record asked = measured;
+  for (std::size_t k = 0; k < asked.size(); ++k)
+    asked.u_alphabeta[k] *= measured.u_alphabeta[k].dot(applied.u_alphabeta[k]) > 0
+                                ? measured.u_alphabeta[k].norm() / applied.u_alphabeta[k].norm()
+                                : 1;
+  EXPECT_TRUE(acted(asked, as_applied(asked, {ripple}), servo().machine));
 }
 
 }  // namespace
