@@ -25,8 +25,9 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   if (effect->kind() == "torsion") {
     const ShaftSearch search(chain, now.members, ShaftSearch::Inertia::kKnown);
     const ShaftSearch::Point found = search.descend(search.at(effect), kTriedTorsion, kFirstStep);
-    const auto rss = [&](const auto& e) { return fitter.start(with(now.members, e)).rss; };
-    return rss(found.shaft) < rss(effect) ? found.shaft : effect;
+    const Fit there = fitter.start(with(now.members, found.shaft));
+    return there.valid && there.rss < fitter.start(with(now.members, effect)).rss ? found.shaft
+                                                                                  : effect;
   }
   if (effect->kind() != "load_step") return effect;
   // Where it stands in a held-out block only that block shows the moment.

@@ -32,9 +32,11 @@ ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia
     : chain_(chain),
       all_(rows == Rows::kAll),
       free_(inertia == Inertia::kFree),
-      now_(chain.residual({now.begin(), now.end()}).torque),
       acceleration_(chain.remembered_columns(*make_effect("inertia"))[0].torque),
       points_(chain.equations().points()) {
+  const Sampled left = chain.residual({now.begin(), now.end()});
+  now_ = left.torque;
+  noise_ = chain.noise().scale_torque * left.noise_torque;
   if (all_) return;
   const std::vector<OperatingPoint>& points = chain.equations().points();
   points_.clear();
@@ -57,12 +59,14 @@ ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
   const Eigen::VectorXd left = now_ -
                                (all_ ? sampler(T_load, runs) : sampler.sparsely(T_load, runs)) +
                                of_shaft.J_load * acceleration_;
-  p.error = error_of(left, p.inertia);
+  p.error = error_of(left, of_shaft.J_load, p.inertia);
   return p;
 }
 
-double ShaftSearch::error_of(const Eigen::VectorXd& left, double& inertia) const {
+double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double& inertia) const {
   constexpr int kRounds = 4;
+  const double J = chain_.equations().facts().machine.J;
+  const double at_motor = std::clamp(1 - J_load / J, 0.0, 1.0);
   struct Piece {
     double left = 0, both = 0, acceleration = 0;  // squares and product
     double error(double j) const { return std::sqrt(left - 2 * j * both + j * j * acceleration); }
@@ -71,10 +75,11 @@ double ShaftSearch::error_of(const Eigen::VectorXd& left, double& inertia) const
   for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece) {
     if (chain_.sampler().torque().held_out[static_cast<std::size_t>(first)]) continue;
     const auto y = left.segment(first, kPiece), a = acceleration_.segment(first, kPiece);
-    pieces.push_back({y.squaredNorm(), y.dot(a), a.squaredNorm()});
+    const double noise = noise_.size() ? noise_.segment(first, kPiece).squaredNorm() : 0;
+    pieces.push_back(
+        {y.squaredNorm() + (1 - at_motor * at_motor) * noise, y.dot(a), a.squaredNorm()});
   }
   // A sum of norms is least where squares weighted by their reciprocals are.
-  const double J = chain_.equations().facts().machine.J;
   for (int round = 0; free_ && round < kRounds; ++round) {
     double both = 0, squares = 0;
     for (const Piece& p : pieces) {

@@ -33,12 +33,14 @@ class ShaftSearch {
 
  private:
   Point at(const Point& like, const Eigen::VectorXd& logs) const;
-  // Sum of the pieces' norms of `left` less the inertia times omega_m', which is found if free.
-  double error_of(const Eigen::VectorXd& left, double& inertia) const;
+  // Sum of the pieces' norms of `left` less the inertia times omega_m', which is found if free. The
+  // noise of omega_m' goes with the mass that is left at the motor: what of it the shaft takes
+  // along is put back, or all of the mass would be best.
+  double error_of(const Eigen::VectorXd& left, double J_load, double& inertia) const;
 
   const Chain& chain_;
   bool all_, free_;
-  Eigen::VectorXd now_, acceleration_;  // what is left; omega_m'
+  Eigen::VectorXd now_, noise_, acceleration_;  // what is left, noise in it; omega_m'
   std::vector<OperatingPoint> points_;
 };
 
