@@ -45,16 +45,19 @@ double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
 // Beside a shaft whose impacts are not met to the last bit: a line that explains next to nothing of
 // what the shaft does; or anything that mends, by chance, a little of what the shaft leaves.
 bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
-  constexpr double kOfShaft = 0.02, kOfRest = 0.1;
+  constexpr double kOfShaft = 0.02, kOfRest = 0.1, kOfNoise = 0.03;
   if (!has_shaft(now.members)) return false;
   const Effect& newcomer = *next.members.back();
   if (newcomer.kind() == "periodic_torque" &&
       now.raw_held_out - next.raw_held_out < kOfShaft * (fitter.raw_held_out() - now.raw_held_out))
     return true;
-  if (turns_with_angle(newcomer) || !leaves_more_than_noise(fitter, now)) return false;
+  const bool gap = std::any_of(now.members.begin(), now.members.end(),
+                               [](const auto& m) { return has_gap(*m); });
+  const double share = leaves_more_than_noise(fitter, now) ? kOfRest : gap ? kOfNoise : 0;
+  if (turns_with_angle(newcomer) || share == 0) return false;
   const auto electrical = [](const Sampled& y) { return y.d.squaredNorm() + y.q.squaredNorm(); };
   return electrical(now.y) - electrical(next.y) < fitter.margin() &&
-         next.y.torque.squaredNorm() > (1 - kOfRest) * now.y.torque.squaredNorm();
+         next.y.torque.squaredNorm() > (1 - share) * now.y.torque.squaredNorm();
 }
 
 // Larger, it is not what a running drive lacks, but something else told in its words.
