@@ -79,10 +79,12 @@ class Judge {
     if (std::count_if(std::begin(kSorts), std::end(kSorts), has) < 2) return;
     for (std::string_view sort : kSorts)
       if (!has(sort)) members = with(members, make_effect(sort));
-    const Fit all = fitter_.refine(members, Fitter::Until::kArrived);
-    if (!all.valid) return;
-    Fit composed = without_superfluous(fitter_, all, {});
-    if (score_of(fitter_, composed) > score_of(fitter_, selection_.fit) - fitter_.margin() ||
+    // Where it is not there, a sort of friction is found on either side of zero.
+    members = fitter_.refine(members, Fitter::Until::kArrived).members;
+    std::erase_if(members, [](const auto& m) { return !within_ranges(*m); });
+    Fit composed = without_superfluous(fitter_, fitter_.refine(members), {});
+    if (!composed.valid ||
+        score_of(fitter_, composed) > score_of(fitter_, selection_.fit) - fitter_.margin() ||
         composed.rss_held_out > selection_.fit.rss_held_out)
       return;
     if (say_) say_("  friction composed anew");

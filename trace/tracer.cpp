@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kBlocks = 24;
 constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
-constexpr double kMargin = 40, kCoarseMargin = 700;
+constexpr double kMargin = 40, kCoarseMargin = 650;
 constexpr double kLost = 0.01;  // share of lost rows that doubles the margin
 constexpr int kMostRounds = 8;  // of noise model and selection, an effect each
 constexpr double kSame = 0.9;   // a noise level that fell by less is the same

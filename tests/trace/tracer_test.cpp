@@ -68,6 +68,33 @@ TEST(Tracer, NamesCoggingAndFrictionWithTheirSizes) {
   EXPECT_LT(r.mechanical->after.held_out, 0.5 * r.mechanical->before.held_out);
 }
 
+// Viscous and Stribeck friction can stand in for the three so well that no third adds much.
+TEST(Tracer, TellsThreeSortsOfFrictionApart) {
+  SyntheticDrive drive;
+  drive.extra_load = [](double, double, double omega) {
+    const double sign = std::tanh(omega / 0.02);
+    return (0.145 + 0.145 * std::exp(-std::pow(omega / 5.5, 2))) * sign +
+           7.4e-5 * omega * std::abs(omega);
+  };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_EQ(kinds(r), (Names{"coulomb_friction", "fan_load", "stribeck_friction"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, 0.145, 0.003);
+  EXPECT_NEAR(parameter(r, "fan_load", "coefficient").value, 7.4e-5, 2e-6);
+  EXPECT_NEAR(parameter(r, "stribeck_friction", "torque").value, 0.145, 0.01);
+}
+
+// A step is taken first, where it also stands in for friction: it has to move when friction comes.
+TEST(Tracer, MovesALoadStepOnceTheFrictionBesideItIsKnown) {
+  SyntheticDrive drive;
+  drive.extra_load = [](double t, double theta, double omega) {
+    return (t > 2.49 ? 0.746 : 0) + 0.0025 * omega + 0.027 * std::sin(41 * theta + 3);
+  };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_EQ(kinds(r), (Names{"cogging", "load_step", "viscous_friction"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "load_step", "time").value, 2.49, 0.003);
+  EXPECT_NEAR(parameter(r, "load_step", "torque").value, 0.746, 0.005);
+}
+
 TEST(Tracer, TellsAResistanceFromAnOffset) {
   SyntheticDrive warm;
   warm.R_extra = 0.3;
@@ -94,7 +121,8 @@ TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
 }
 
 TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
-  // 1.3 rad of the order's period: what it does in the angle as read it does not do in the true one.
+  // 1.3 rad of the order's period: what it does in the angle as read it does not do in the true
+  // one.
   SyntheticDrive drive{.offset_theta = 0.031};
   drive.extra_load = [](double, double theta, double) { return 0.06 * std::sin(41 * theta + 0.4); };
   const TraceResult r = trace_of(simulate_synthetic(drive));
