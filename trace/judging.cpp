@@ -81,7 +81,11 @@ class Judge {
       if (!has(sort)) members = with(members, make_effect(sort));
     // Where it is not there, a sort of friction is found on either side of zero.
     members = fitter_.refine(members, Fitter::Until::kArrived).members;
-    std::erase_if(members, [](const auto& m) { return !within_ranges(*m); });
+    const DriveFacts& facts = fitter_.chain().equations().facts();
+    std::erase_if(members, [&](const auto& m) {
+      return std::count(std::begin(kSorts), std::end(kSorts), m->kind()) &&
+             (!within_ranges(*m) || m->materiality(facts) < 1);
+    });
     Fit composed = without_superfluous(fitter_, fitter_.refine(members), {});
     if (!composed.valid ||
         score_of(fitter_, composed) > score_of(fitter_, selection_.fit) - fitter_.margin() ||
