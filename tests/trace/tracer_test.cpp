@@ -83,16 +83,15 @@ TEST(Tracer, TellsThreeSortsOfFrictionApart) {
   EXPECT_NEAR(parameter(r, "stribeck_friction", "torque").value, 0.145, 0.01);
 }
 
-// A step is taken first, where it also stands in for friction: it has to move when friction comes.
-TEST(Tracer, MovesALoadStepOnceTheFrictionBesideItIsKnown) {
+TEST(Tracer, NamesALoadStepBesideFrictionThatIsLarger) {
   SyntheticDrive drive;
   drive.extra_load = [](double t, double theta, double omega) {
-    return (t > 2.49 ? 0.746 : 0) + 0.0025 * omega + 0.027 * std::sin(41 * theta + 3);
+    return (t > 4.1 ? 0.25 : 0) + 0.01 * omega + 0.027 * std::sin(41 * theta + 3);
   };
   const TraceResult r = trace_of(simulate_synthetic(drive));
   EXPECT_EQ(kinds(r), (Names{"cogging", "load_step", "viscous_friction"})) << r.sentence;
-  EXPECT_NEAR(parameter(r, "load_step", "time").value, 2.49, 0.003);
-  EXPECT_NEAR(parameter(r, "load_step", "torque").value, 0.746, 0.005);
+  EXPECT_NEAR(parameter(r, "load_step", "time").value, 4.1, 0.003);
+  EXPECT_NEAR(parameter(r, "load_step", "torque").value, 0.25, 0.005);
 }
 
 TEST(Tracer, TellsAResistanceFromAnOffset) {
@@ -162,6 +161,19 @@ TEST(Tracer, FindsTheGapOfAStiffContact) {
   EXPECT_NEAR(parameter(r, "backlash", "gap").value, load.gap, 0.05 * load.gap);
   EXPECT_NEAR(parameter(r, "backlash", "J_load").value, load.J, 0.05 * load.J);
   EXPECT_NEAR(parameter(r, "backlash", "stiffness").value, load.K, 0.2 * load.K);
+}
+
+// With the inertia that is declared no gap fits.
+TEST(Tracer, FindsAGapBesideAWrongInertia) {
+  LooseLoad load;
+  constexpr double kMore = 2.5e-3;  // kgm2 at the motor
+  SyntheticDrive drive{.J = 8.8e-3 - load.J + kMore};
+  drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(r), (Names{"backlash", "inertia"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "backlash", "gap").value, load.gap, 0.15 * load.gap);
+  EXPECT_NEAR(parameter(r, "backlash", "J_load").value, load.J, 0.2 * load.J);
+  EXPECT_NEAR(parameter(r, "inertia", "change").value, kMore, 0.12 * kMore);
 }
 
 TEST(Tracer, FitsSomeOfTheCurrentAlongDWhereverItFlows) {
