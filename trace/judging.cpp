@@ -29,6 +29,7 @@ class Judge {
     for (int round = 0; round < 2 && swap_one(); ++round)
       selection_.fit = without_superfluous(fitter_, std::move(selection_.fit), say_);
     compose_friction();
+    settle_forms();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
     drop_uncertain();
     drop_inertia_of_impacts();
@@ -94,6 +95,28 @@ class Judge {
     if (say_) say_("  friction composed anew");
     selection_.fit = std::move(composed);
     looks_.clear();
+  }
+
+  // Curves that begin alike (tanh and square take a cube of a small current) are told apart when
+  // each is fitted.
+  void settle_forms() {
+    for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
+      const Effect& member = *selection_.fit.members[m];
+      if (member.regressor_count() == 0) continue;  // swapped like another kind
+      for (const TracedKey& key : member.traced_keys()) {
+        if (std::string_view(key.key) != "form") continue;
+        for (double form : key.grid) {
+          Members others = with(selection_.fit.members, nullptr);
+          set_key(*others[m], key.key, form);
+          Fit other = fitter_.refine(std::move(others), Fitter::Until::kArrived);
+          if (!other.valid || score_of(fitter_, other) >= score_of(fitter_, selection_.fit))
+            continue;
+          selection_.fit = std::move(other);
+          looks_.clear();
+        }
+        break;
+      }
+    }
   }
 
   // Members that, beside all the others, are within three of their own standard deviations of
