@@ -30,6 +30,7 @@ class Judge {
       selection_.fit = without_superfluous(fitter_, std::move(selection_.fit), say_);
     compose_friction();
     settle_forms();
+    forget_time_constants();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
     drop_uncertain();
     drop_inertia_of_impacts();
@@ -116,6 +117,25 @@ class Judge {
         }
         break;
       }
+    }
+  }
+
+  // A drift that was over before the record began is a change.
+  void forget_time_constants() {
+    constexpr double kAsGood = 10;  // of the score
+    for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
+      const std::vector<NumericKey> keys = numeric_keys(*selection_.fit.members[m]);
+      const char* const key = "time_constant_s";
+      if (std::none_of(keys.begin(), keys.end(),
+                       [&](const NumericKey& k) { return k.key == key && k.value > 0; }))
+        continue;
+      Members others = with(selection_.fit.members, nullptr);
+      set_key(*others[m], key, 0);
+      Fit other = fitter_.refine(std::move(others));
+      if (!other.valid || score_of(fitter_, other) > score_of(fitter_, selection_.fit) + kAsGood)
+        continue;
+      selection_.fit = std::move(other);
+      looks_.clear();
     }
   }
 
