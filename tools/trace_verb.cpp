@@ -108,7 +108,8 @@ TraceResult trace_drive_logs(const TraceOptions& o, const LogRequest& asked,
   });
   line.clear();
   const std::vector<char> held_out =
-      asked.held_out.empty() ? held_out_rows(logs.record, settings.holdout, drive.machine.n_p) : logs.held_out();
+      asked.held_out.empty() ? held_out_rows(logs.record, settings.holdout, drive.machine.n_p)
+                             : logs.held_out();
   TraceResult result = trace_record(logs.record, drive, logs.health, settings, held_out);
   find_moments(logs, drive, result);
   if (o.verify) replayed = verify_logs(asked, drive, logs, held_out);
@@ -162,7 +163,8 @@ int trace(const TraceOptions& o) {
                          .memory_MiB = o.memory_MiB};
   std::vector<VerifyLog> replayed;
   const auto start = std::chrono::steady_clock::now();
-  std::optional<TraceResult> measured = trace_measured_files(files, config.drive(), {settings.say, settings.stop});
+  std::optional<TraceResult> measured =
+      trace_measured_files(files, config.drive(), {settings.say, settings.stop});
   TraceResult result = measured ? std::move(*measured)
                                 : trace_drive_logs(o, asked, config.drive(), settings, replayed);
   if (measured)

@@ -21,8 +21,8 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
 // record.
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
 
-// Whether it would be taken if its shaft rang: one that does not and yet takes a good part of the
-// held-out error stands for a gap whose impacts cannot be followed, which nothing else does.
+// Whether a shaft that was refused takes so much of the held-out error that it stands for a gap
+// whose impacts cannot be followed: an overdamped shaft does, and nothing else.
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);
 
 // The fit without the members that do not pay for their parameters.

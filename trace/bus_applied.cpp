@@ -1,12 +1,21 @@
 #include "trace/bus_applied.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace twinrate {
+namespace {
+
+constexpr double kBusOff = 0.1;  // of the highest voltage in the log
+
+}  // namespace
 
 Record as_applied(Record record, const Effects& effects) {
   const Effects on_bus = acting_on(effects, kOnBus);
   if (on_bus.empty() || record.u_alphabeta.empty() || record.v_dc.empty()) return record;
+  const auto [low, high] = std::minmax_element(record.v_dc.begin(), record.v_dc.end());
+  const double highest = *high;
+  if (*low == highest) return record;  // a set value, in which no ripple is
   const auto ripple = [&](double t) { return sum_at(on_bus, {.t = t}).v_dc; };
   double end = 0;
   for (std::size_t k = 0; k < record.size(); ++k) {
@@ -15,7 +24,7 @@ Record as_applied(Record record, const Effects& effects) {
     const double start = goes_on ? end : ripple(t);
     end = ripple(t + record.T_s);
     const double change = (end + 4 * ripple(t + 0.5 * record.T_s) - 5 * start) / 6;  // Simpson
-    record.u_alphabeta[k] *= 1 + change / record.v_dc[k];
+    if (record.v_dc[k] > kBusOff * highest) record.u_alphabeta[k] *= 1 + change / record.v_dc[k];
     record.v_dc[k] -= start;
   }
   return record;

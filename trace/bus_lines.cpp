@@ -43,6 +43,11 @@ double median(std::vector<double> x) {
   return *middle;
 }
 
+// Logs round their times: the step of one pair of rows is not that of the piece.
+double mean_step(const std::vector<double>& t, std::size_t first, std::size_t last) {
+  return last - first > 1 ? (t[last - 1] - t[first]) / static_cast<double>(last - 1 - first) : 0;
+}
+
 }  // namespace
 
 double BusLine::amplitude() const {
@@ -119,7 +124,7 @@ double high_pass_gain(double f, std::size_t window, double T_s) {
 std::complex<double> part_at(double f, const std::vector<double>& t, const std::vector<double>& x,
                              std::size_t first, std::size_t last) {
   if (last <= first) return 0;
-  Pointer pointer(f, last - first > 1 ? t[first + 1] - t[first] : 0);
+  Pointer pointer(f, mean_step(t, first, last));
   Complex sum = 0;
   for (std::size_t k = first; k < last; ++k) sum += x[k] * std::conj(pointer.at(k, t[k]));
   return 2.0 * sum / static_cast<double>(last - first);
@@ -128,7 +133,7 @@ std::complex<double> part_at(double f, const std::vector<double>& t, const std::
 void put_sine(double f, double A, double phase, const std::vector<double>& t, std::size_t first,
               std::size_t last, std::vector<double>& y) {
   if (last <= first) return;
-  Pointer pointer(f, last - first > 1 ? t[first + 1] - t[first] : 0);
+  Pointer pointer(f, mean_step(t, first, last));
   const Complex start = std::polar(A, phase);
   for (std::size_t k = first; k < last; ++k) y[k] = (start * pointer.at(k, t[k])).imag();
 }

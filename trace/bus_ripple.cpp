@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
+#include <numbers>
 
 #include "trace/bus_lines.hpp"
 #include "trace/keys.hpp"
@@ -365,7 +367,7 @@ TracePicture RippleSearch::picture_of_spectrum() const {
 
 BusRipple RippleSearch::find() {
   BusRipple found;
-  const auto [low, high] = std::minmax_element(v_.begin(), v_.end());
+  const auto [low, high] = std::minmax_element(record_.v_dc.begin(), record_.v_dc.end());
   if (*high - *low < kResolved * facts_.v_dc) {
     found.blind = "v_dc in the log never changes: a set value, or too coarse to show a ripple";
     return found;
@@ -401,6 +403,7 @@ BusRipple RippleSearch::find() {
     found.blind =
         fmt::format("one sigma is {:.2g} of the smallest size worth reporting", sigma / smallest_);
   if (lines_.empty()) return found;
+  found.own_clocks = own_clocks_;
   found.error = error();
   for (std::size_t n = 0; n < lines_.size(); ++n) {
     found.effects.push_back(effect_of(n));

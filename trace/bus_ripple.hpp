@@ -13,6 +13,10 @@
 //     so much under it.
 // Sigmas come from the noise beside the line, no less than 1e-6 of the bus voltage.
 #pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
 #include "trace/record.hpp"
 #include "trace/result.hpp"
 
@@ -22,6 +26,7 @@ struct BusRipple {
   std::vector<TracedEffect> effects;   // the largest first
   std::optional<EquationError> error;  // of v_dc less its slow part, V; where there are effects
   std::vector<TracePicture> pictures;
+  bool own_clocks = false;         // files have a phase each: the effects' is that of the longest
   std::string blind;               // why the smallest could not be seen; empty: it could
   std::vector<std::string> notes;  // lines that are not an effect, and why
 };

@@ -398,7 +398,8 @@ Channels Equations::contribution(const Effect& effect) const {
       x.torque.front() = x.torque.back() = 0;
       return x;
     }
-    const Along added({effect.clone()}, points_, record_.T_s);
+    const Effects alone{effect.clone()};  // which Along does not keep
+    const Along added(alone, points_, record_.T_s);
     const bool of_command = acts_on_command(effect);
     Before before;
     for (std::size_t k = 0; k < points_.size(); ++k) {

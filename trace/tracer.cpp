@@ -93,7 +93,8 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   };
   BusRipple bus = find_bus_ripple(raw, held_out, facts, known);
   Effects on_bus = known;
-  for (const TracedEffect& e : bus.effects) on_bus.push_back(e.effect);
+  if (!bus.own_clocks)
+    for (const TracedEffect& e : bus.effects) on_bus.push_back(e.effect);
   std::optional<Record> applied;
   if (!acting_on(on_bus, kOnBus).empty()) applied = as_applied(raw, on_bus);
   if (applied && !acted(raw, *applied, facts.machine)) {
