@@ -212,7 +212,9 @@ bool LiveMonitor::fits_throughout() const {
   DriveConfig extended = drive_;
   extended.effects.insert(extended.effects.end(), proposed_.begin(), proposed_.end());
   const Effects known = extended.model_effects();
-  for (std::int64_t k = gather_from_; k + block_ticks_ <= gather_until_; k += block_ticks_) {
+  const std::int64_t first =
+      std::max(gather_from_, rows_.front().m.k);  // a long trace outlives rows
+  for (std::int64_t k = first; k + block_ticks_ <= gather_until_; k += block_ticks_) {
     const BlockJudgement block =
         watch_.judge(rows_, row_of(k), row_of(k + block_ticks_), {}, known);
     for (const ChannelLevel& channel : block.channels)

@@ -136,16 +136,21 @@ class Selector {
         break;  // it is the last member now
       }
     }
-    for (std::size_t m = 0; m + 1 < fit_.members.size(); ++m) {
-      const std::shared_ptr<Effect> member = fit_.members[m];
+    // A step that is placed anew becomes the last member, and the next one takes its number.
+    std::size_t m = 0;
+    for (std::size_t left = fit_.members.size() - 1; left > 0; --left) {
+      const std::shared_ptr<Effect> member = fit_.members[m++];
       if (member->kind() != "load_step") continue;
-      const Fit without = fitter_.refine(with(fit_.members, nullptr, m));
+      const Fit without = fitter_.refine(with(fit_.members, nullptr, m - 1));
+      bool moved = false;
       for (const auto& start : {member, best_moment(without)}) {
         if (!start) continue;
         Fit anew = fitter_.refine(with(without.members, placed(fitter_, without, start)));
-        if (anew.valid && anew.rss + anew.rss_held_out < fit_.rss + fit_.rss_held_out)
-          fit_ = std::move(anew);
+        if (!anew.valid || anew.rss + anew.rss_held_out >= fit_.rss + fit_.rss_held_out) continue;
+        fit_ = std::move(anew);
+        moved = true;
       }
+      if (moved) --m;
     }
   }
 

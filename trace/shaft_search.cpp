@@ -69,15 +69,19 @@ double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double&
   const double at_motor = std::clamp(1 - J_load / J, 0.0, 1.0);
   struct Piece {
     double left = 0, both = 0, acceleration = 0;  // squares and product
-    double error(double j) const { return std::sqrt(left - 2 * j * both + j * j * acceleration); }
+    double error(double j) const {
+      return std::sqrt(std::max(0.0, left - 2 * j * both + j * j * acceleration));
+    }
   };
   std::vector<Piece> pieces;
   for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece) {
     if (chain_.sampler().torque().held_out[static_cast<std::size_t>(first)]) continue;
     const auto y = left.segment(first, kPiece), a = acceleration_.segment(first, kPiece);
     const double noise = noise_.size() ? noise_.segment(first, kPiece).squaredNorm() : 0;
-    pieces.push_back(
-        {y.squaredNorm() + (1 - at_motor * at_motor) * noise, y.dot(a), a.squaredNorm()});
+    // Noise of y - j a: n (at_motor + j/J), with n that of all of J.
+    pieces.push_back({y.squaredNorm() + (1 - at_motor * at_motor) * noise,
+                      y.dot(a) + at_motor * noise / J,
+                      std::max(0.0, a.squaredNorm() - noise / (J * J))});
   }
   // A sum of norms is least where squares weighted by their reciprocals are.
   for (int round = 0; free_ && round < kRounds; ++round) {
