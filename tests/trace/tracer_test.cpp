@@ -8,6 +8,7 @@
 
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/keys.hpp"
+#include "trace/shaft_search.hpp"
 
 namespace twinrate {
 namespace {
@@ -174,6 +175,30 @@ TEST(Tracer, FindsAGapBesideAWrongInertia) {
   EXPECT_NEAR(parameter(r, "backlash", "gap").value, load.gap, 0.15 * load.gap);
   EXPECT_NEAR(parameter(r, "backlash", "J_load").value, load.J, 0.2 * load.J);
   EXPECT_NEAR(parameter(r, "inertia", "change").value, kMore, 0.12 * kMore);
+}
+
+// Of the true shaft the inertia that leaves least is the one that is there.
+TEST(ShaftSearch, FindsTheInertiaThatIsMissingBesideAShaft) {
+  for (const double more : {2e-3, -2e-3}) {  // kgm2 at the motor
+    LooseLoad load;
+    SyntheticDrive drive{.J = 8.8e-3 - load.J + more, .duration_s = 3};
+    drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
+    Health health;
+    const Record record = make_record(simulate_synthetic(drive), 3, health);
+    const Equations equations(record, servo().facts());
+    const Sampler sampler(record, moving_rows(equations), held_out_rows(record, 0.25, 3));
+    const Chain chain(equations, equations, sampler);
+    const auto gap = make_effect("backlash");
+    set_key(*gap, "J_load_kgm2", load.J);
+    set_key(*gap, "gap_rad", load.gap);
+    set_key(*gap, "stiffness_Nm_rad", load.K);
+    set_key(*gap, "damping_Nms_rad", load.D);
+    const auto found = ShaftSearch(chain, {}, ShaftSearch::Inertia::kFree).at(gap);
+    const auto known = ShaftSearch(chain, {}, ShaftSearch::Inertia::kKnown).at(gap);
+    EXPECT_NEAR(found.inertia, more, 0.1 * std::abs(more));
+    EXPECT_EQ(known.inertia, 0);
+    EXPECT_LT(found.error, 0.8 * known.error);
+  }
 }
 
 TEST(Tracer, FitsSomeOfTheCurrentAlongDWhereverItFlows) {
