@@ -61,6 +61,16 @@ class Trace : public ProgramTest {
     took_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
     return result;
   }
+  // What an interrupted trace leaves when it had begun to select.
+  Json kept(const ProgramResult& result, double took_s) const {
+    EXPECT_EQ(result.exit_code, 1);
+    EXPECT_EQ(count_lines(result.err), 1) << result.err;
+    EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
+    EXPECT_LT(took_s, 20);
+    const Json there = Json::parse(read_text(path("out/trace.json")));
+    EXPECT_EQ(there["interrupted"], true);
+    return there;
+  }
 };
 
 TEST_F(Trace, DutiesAndTheVoltagesTheyMakeAreTracedAlike) {
@@ -117,12 +127,7 @@ TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
 TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
   double took_s = 0;
   const ProgramResult result = interrupted_at(log("log.csv", 3, false), "selection:", took_s);
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_EQ(count_lines(result.err), 1) << result.err;
-  EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
-  EXPECT_LT(took_s, 20);
-  const Json there = Json::parse(read_text(path("out/trace.json")));
-  EXPECT_EQ(there["interrupted"], true);
+  const Json there = kept(result, took_s);
   EXPECT_TRUE(there["sentence"].get<std::string>().starts_with("Interrupted after "));
   ASSERT_GE(there["effects"].size(), 1u);
   EXPECT_EQ(there["effects"][0]["kind"], "resistance");
@@ -192,12 +197,7 @@ TEST_F(Trace, AFluxMapInterruptedKeepsWhatWasFoundOrSaysThatNothingWas) {
   EXPECT_FALSE(fs::exists(path("out")));
 
   result = interrupted_at(path("map.csv"), "held-out error", took_s);
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_EQ(count_lines(result.err), 1) << result.err;
-  EXPECT_NE(result.err.find("interrupted; "), std::string::npos) << result.err;
-  EXPECT_LT(took_s, 20);
-  const Json there = Json::parse(read_text(path("out/trace.json")));
-  EXPECT_EQ(there["interrupted"], true);
+  const Json there = kept(result, took_s);
   EXPECT_TRUE(there["sentence"].get<std::string>().starts_with("Interrupted after 1 step"));
   EXPECT_EQ(twinrate({"check", path("out/extended.toml")}).exit_code, 0);
 }
