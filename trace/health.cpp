@@ -28,6 +28,39 @@ void forgive_at_rest(std::vector<char>& stale, const Column& theta_m) {
   }
 }
 
+// Behind repeated rows a reading may come late, where a row holds what was read before and rows are
+// repeated in turn: it lies where an earlier row should, on the line through the rows around them.
+void mark_late(const RawLog& raw, std::vector<char>& stale) {
+  constexpr std::size_t kMostLate = 3;
+  constexpr double kNear = 0.25;  // of the way of one row
+  const Column& theta_m = raw.theta_m;
+  const auto next = [&](std::size_t k) {
+    while (k < stale.size() && stale[k]) ++k;
+    return k;
+  };
+  for (std::size_t k = 1; k < stale.size(); ++k) {
+    if (!stale[k]) continue;
+    const std::size_t before = k - 1, first = next(k);
+    const auto late = [&](std::size_t j, double way) {
+      const double rows = static_cast<double>(j - before) - (theta_m[j] - theta_m[before]) / way;
+      return rows > 1 - kNear && rows < static_cast<double>(j - before) - kNear;
+    };
+    for (std::size_t most = kMostLate; most > 0; --most) {
+      std::size_t end = first;
+      for (std::size_t j = 0; j < most; ++j) end = next(end + 1);
+      if (end >= stale.size()) continue;
+      const double way = (theta_m[end] - theta_m[before]) / static_cast<double>(end - before);
+      bool all = true;
+      for (std::size_t j = first; j < end; j = next(j + 1)) all &= late(j, way);
+      if (!all) continue;
+      std::fill(stale.begin() + static_cast<std::ptrdiff_t>(first),
+                stale.begin() + static_cast<std::ptrdiff_t>(end), char{1});
+      break;
+    }
+    k = next(first) - 1;
+  }
+}
+
 bool has_phases(const RawLog& raw) {
   return !raw.i_a.empty() && !raw.i_b.empty();
 }
@@ -110,6 +143,7 @@ RepeatedRows repeated_rows(const RawLog& raw) {
   if (raw.theta_m.empty()) return rows;
   forgive_at_rest(rows.stale, raw.theta_m);
   forgive_at_rest(rows.by_chance, raw.theta_m);
+  mark_late(raw, rows.stale);
   return rows;
 }
 

@@ -65,6 +65,21 @@ TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   EXPECT_NEAR(stale_share(freeze(quantised_log(0), 400, 40)), 0.09, 0.011);
 }
 
+// What a row holds is what was read before the row before it, where both are repeated.
+TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
+  const RawLog good = quantised_log(40);
+  RawLog raw = good;
+  for (std::size_t k = 100; k + 10 < raw.size(); k += 100)
+    for (std::vector<double> RawLog::*column : {&RawLog::i_a, &RawLog::i_b, &RawLog::theta_m})
+      for (std::size_t j = k; j < k + 1 + (k / 100) % 3; ++j)  // one to three rows in turn
+        (raw.*column)[j] = (good.*column)[j - 1];
+  EXPECT_NEAR(stale_share(raw), 0.02, 0.001);
+  Health health;
+  const Record record = make_record(raw, 3, health);
+  for (std::size_t k = 0; k < record.size(); ++k)
+    ASSERT_NEAR(record.theta_m[k], good.theta_m[k], 1e-9) << k;
+}
+
 TEST(Record, TimeGoesOnWhereALogIsAppended) {
   Health health;
   const Record one = make_record(quantised_log(2), 3, health);
