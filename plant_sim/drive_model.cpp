@@ -12,6 +12,13 @@ ShaftFacts shaft_of(const Effects& effects) {
   return facts;
 }
 
+Effects of_load_side(const Effects& effects, bool load_side) {
+  Effects some;
+  for (const auto& effect : effects)
+    if (effect->behind_shaft() == load_side) some.push_back(effect);
+  return some;
+}
+
 }  // namespace
 
 DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects, double v_dc,
@@ -19,13 +26,16 @@ DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects,
     : machine_(machine),
       shaft_(shaft_of(effects)),
       on_equations_(acting_on(effects, kOnTorque | kOnVoltage)),
+      on_load_(has_shaft() ? of_load_side(on_equations_, true) : Effects{}),
       on_flux_(acting_on(effects, kOnFlux)),
       on_bus_(acting_on(effects, kOnBus)),
       on_sensors_(acting_on(effects, kOnCurrents | kOnAngle | kOnSpeed)),
       acts_on_currents_(!acting_on(effects, kOnCurrents).empty()),
       acts_on_angle_(!acting_on(effects, kOnAngle).empty()),
       v_dc_(v_dc),
-      saliency_(saliency) {}
+      saliency_(saliency) {
+  if (has_shaft()) on_equations_ = of_load_side(on_equations_, false);
+}
 
 OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                                  double t_in_interval) const {
@@ -47,7 +57,8 @@ OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
 
 double DriveModel::total_load(const PlantState& x, const PlantInput& input,
                               double t_in_interval) const {
-  return input.T_load + sum_at(on_equations_, point(x, input, t_in_interval)).T_load;
+  const OperatingPoint p = point(x, input, t_in_interval);
+  return input.T_load + sum_at(on_equations_, p).T_load + sum_at(on_load_, p).T_load;
 }
 
 double DriveModel::bus_voltage(const PlantState& x, const PlantInput& input,
@@ -76,14 +87,21 @@ TwoMassState DriveModel::two_mass_rate(const TwoMassState& x, const PlantInput& 
                                        double t_in_interval) const {
   const double delta = x[4], omega_load = x[5], delta_rate = x[2] - omega_load;
   const double T_shaft = shaft_torque(shaft_, delta, delta_rate);
+  const double T_load = load_behind_shaft(point(x.head<4>(), input, t_in_interval));
   TwoMassState rate;
   rate << motor_rate(x.head<4>(), input, t_in_interval, T_shaft, machine_.J - shaft_.J_load),
-      delta_rate, (T_shaft - input.T_load) / shaft_.J_load;
+      delta_rate, (T_shaft - T_load) / shaft_.J_load;
   return rate;
 }
 
-ShaftState DriveModel::shaft_at_rest(double omega_m, double T_load) const {
-  return has_shaft() ? twinrate::shaft_at_rest(shaft_, omega_m, T_load) : ShaftState{};
+double DriveModel::load_behind_shaft(const OperatingPoint& point) const {
+  return point.T_load + (on_load_.empty() ? 0 : sum_at(on_load_, point).T_load);
+}
+
+ShaftState DriveModel::shaft_at_rest(double t, double omega_m, double T_load) const {
+  if (!has_shaft()) return {};
+  const double behind = load_behind_shaft({.t = t, .omega_m = omega_m, .T_load = T_load});
+  return twinrate::shaft_at_rest(shaft_, omega_m, behind);
 }
 
 PlantState DriveModel::motor_rate(const PlantState& x, const PlantInput& input,

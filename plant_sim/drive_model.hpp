@@ -12,7 +12,7 @@
 //
 // With an elastic shaft (effects torsion, backlash) two states more: delta = theta_m - theta_load
 // and omega_load. The motor then has J - J_load and feels T_shaft instead of the external load,
-// which acts on the load's side (model/effects/shaft.hpp):
+// which acts on the load's side, as do effects that are part of it (model/effects/shaft.hpp):
 //
 //   delta' = omega_m - omega_load,   J_load omega_load' = T_shaft - T_load
 //
@@ -54,8 +54,8 @@ class DriveModel {
   TwoMassState two_mass_rate(const TwoMassState& x, const PlantInput& input,
                              double t_in_interval) const;
   bool has_shaft() const { return shaft_.J_load > 0; }
-  // Behind a rotor at rest or at constant speed. Zero without a shaft.
-  ShaftState shaft_at_rest(double omega_m, double T_load) const;
+  // Behind a rotor at rest or at constant speed at drive time `t`. Zero without a shaft.
+  ShaftState shaft_at_rest(double t, double omega_m, double T_load) const;
   // External load and effects together, at a state.
   double total_load(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   double torque(const Vec2& i_dq) const;
@@ -71,11 +71,12 @@ class DriveModel {
   // `T_external`: the external load, or the shaft's torque; `J`: what turns with the rotor.
   PlantState motor_rate(const PlantState& x, const PlantInput& input, double t_in_interval,
                         double T_external, double J) const;
+  double load_behind_shaft(const OperatingPoint& point) const;
   OperatingPoint point(const PlantState& x, const PlantInput& input, double t_in_interval) const;
 
   MachineParameters machine_;
   ShaftFacts shaft_;
-  Effects on_equations_, on_flux_, on_bus_, on_sensors_;
+  Effects on_equations_, on_load_, on_flux_, on_bus_, on_sensors_;
   bool acts_on_currents_, acts_on_angle_;
   double v_dc_;
   Saliency saliency_;

@@ -60,7 +60,7 @@ Plant::Plant(const DriveConfig& config)
       T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
   input_.T_load = T_load_;
   v_dc_ = model_.bus_voltage(x_, input_, 0);
-  shaft_ = model_.shaft_at_rest(x_[2], T_load_);
+  shaft_ = model_.shaft_at_rest(0, x_[2], T_load_);
   late_currents_ = late_state(config, SamplingFacts::kCurrent, x_);
   late_angle_ = late_state(config, SamplingFacts::kAngle, x_);
   applied_ = svpwm(Vec2::Zero(), v_dc_);

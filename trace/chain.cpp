@@ -39,6 +39,11 @@ bool has_gap(const Effect& effect) {
   return effect.describe_shaft(shaft) && shaft.gap > 0;
 }
 
+bool is_of_shaft(const Effect& effect) {
+  ShaftFacts shaft;
+  return effect.behind_shaft() || effect.describe_shaft(shaft);
+}
+
 bool turns_with_angle(const Effect& effect) {
   for (std::string_view kind :
        {"cogging", "friction_ripple", "eccentric_load", "flux_harmonics", "periodic_torque"})
@@ -124,20 +129,31 @@ bool Chain::commands(const Effects& effects) const {
   return count(effects) + count(equations_.known()) > 1;
 }
 
+bool Chain::loads_shaft(const Effects& effects) const {
+  ShaftFacts facts;
+  bool shaft = false, load = false;
+  for (const Effects* some : {&effects, &equations_.known()})
+    for (const auto& effect : *some) {
+      shaft |= effect->describe_shaft(facts);
+      load |= effect->behind_shaft();
+    }
+  return shaft && load;
+}
+
 Sampled Chain::residual(const Effects& effects) const {
   checkpoint();
   Effects all = equations_.known();
   all.insert(all.end(), effects.begin(), effects.end());
   // What is added to a sensor changes what the others do; to that of a current, not what loads do.
-  // And what acts on the command does so one after the other.
+  // And what acts on the command does so one after the other, and a load through its shaft.
   const bool currents = !acting_on(all, kOnCurrents).empty();
   const bool angle = !acting_on(all, kOnAngle).empty();
-  const bool several = commands(effects);
+  const bool several = commands(effects), loaded = loads_shaft(effects);
   Effects together;
   Remembered wanted{.what = "residual of", .keys = {}, .columns = {}};
   for (const auto& effect : effects) {
     if (!angle && (!currents || effect->acts_on() == kOnTorque) &&
-        !(several && acts_on_command(*effect)))
+        !(several && acts_on_command(*effect)) && !(loaded && is_of_shaft(*effect)))
       continue;
     together.push_back(effect);
     wanted.what += " " + std::string(effect->kind());

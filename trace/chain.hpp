@@ -48,6 +48,8 @@ class Chain {
   const NoiseModel& noise() const { return noise_; }
   // Several act on the command (equations.hpp), with those known: not one by one.
   bool commands(const Effects& effects) const;
+  // There are a shaft and a load behind it, with those known: what one does goes through the other.
+  bool loads_shaft(const Effects& effects) const;
   Sampled residual(const Effects& effects) const;
   Sampled noiseless(const Effects& effects) const;           // the same of the record alone
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
@@ -86,6 +88,8 @@ class Chain {
 
 // Impacts come at other moments where there is more noise: the difference is no noise.
 bool has_gap(const Effect& effect);
+// A shaft, or a load behind it.
+bool is_of_shaft(const Effect& effect);
 // True where the effect's columns are periodic in the angle.
 bool turns_with_angle(const Effect& effect);
 // True where the effect's columns hold the noise of the residual itself.

@@ -68,7 +68,7 @@ class Along {
       SamplingFacts sampling;
       if (effect->describe_shaft(shaft)) {
         T_load_.emplace_back(points.size());
-        along_shaft(shaft, points, T_s, T_load_.back());
+        along_shaft(shaft, points, load_behind_shaft(effects, points), T_s, T_load_.back());
         J_ -= std::max(0.0, shaft.J_load);
       } else if (effect->describe_sampling(sampling)) {
         with_memory_.emplace_back(points.size());
@@ -392,7 +392,7 @@ Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     Channels x = empty(effect.acts_on());
     if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
-      along_shaft(shaft, points_, record_.T_s, x.torque);
+      along_shaft(shaft, points_, load_behind_shaft({}, points_), record_.T_s, x.torque);
       for (std::size_t k = 1; k + 1 < points_.size() && shaft.J_load > 0; ++k)
         x.torque[k] -= shaft.J_load * omega_rate(measured_, k);
       x.torque.front() = x.torque.back() = 0;

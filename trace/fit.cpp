@@ -121,16 +121,17 @@ void Fitter::linearise(Fit& fit) const {
   const DriveFacts& facts = chain_.equations().facts();
   const Effects here = fit.effects();
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty(),
-             senses_angle = !acting_on(here, kOnAngle).empty(), commands = chain_.commands(here);
+             senses_angle = !acting_on(here, kOnAngle).empty(), commands = chain_.commands(here),
+             loaded = chain_.loads_shaft(here);
   Sampled residual_here, noiseless_here;  // where they are needed
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
     // What a sensor's error does depends on the others, and what they do on the true current; what
-    // acts on the command, on what does so before.
+    // acts on the command, on what does so before; what a shaft does, on the load behind it.
     const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
                       (senses_angle && turns_with_angle(effect)) ||
-                      (commands && acts_on_command(effect));
+                      (commands && acts_on_command(effect)) || (loaded && is_of_shaft(effect));
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
         for (const Sampled& x : chain_.remembered_columns(effect))
@@ -146,17 +147,24 @@ void Fitter::linearise(Fit& fit) const {
     up->prepare(facts);
     Sampled x;
     if (bent) {
-      Effects there = here;
-      there[p.member] = up;
       // What noise makes of a coefficient's column hardly depends on the others.
       const bool noise_known = p.coefficient >= 0;
-      const auto residual = [&](const Effects& effects) {
-        return noise_known ? chain_.noiseless(effects) : chain_.residual(effects);
+      const auto residual = [&](const std::shared_ptr<Effect>& moved) {
+        Effects there = here;
+        if (moved) there[p.member] = moved;
+        return noise_known ? chain_.noiseless(there) : chain_.residual(there);
       };
-      Sampled& from = noise_known ? noiseless_here : residual_here;
-      if (from.torque.size() + from.d.size() == 0) from = residual(here);
-      add(x, from, 1 / step_up);
-      add(x, residual(there), -1 / step_up);
+      double span = step_up;
+      if (has_gap(effect)) {
+        span -= move(*down, p, -h);
+        down->prepare(facts);
+        add(x, residual(down), 1 / span);
+      } else {
+        Sampled& from = noise_known ? noiseless_here : residual_here;
+        if (from.torque.size() + from.d.size() == 0) from = residual(nullptr);
+        add(x, from, 1 / span);
+      }
+      add(x, residual(up), -1 / span);
       if (noise_known) {
         const Sampled& alone =
             chain_.remembered_columns(effect)[static_cast<std::size_t>(p.coefficient)];
@@ -193,7 +201,18 @@ Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
                chain_.equations().facts()))
       use[static_cast<std::size_t>(a)] = 0;
   }
+  // A moment that the blocks kept back show better stays where it was placed, by all blocks.
+  std::vector<std::pair<Eigen::Index, double>> placed;
+  for (Eigen::Index a = 0; a < P; ++a) {
+    const Sampled& x = fit.J[static_cast<std::size_t>(a)];
+    if (fit.free[static_cast<std::size_t>(a)].key != "time_s") continue;
+    const double kept_back = held_out_.dot(x, x);
+    if (kept_back <= normal.A(a, a)) continue;
+    placed.emplace_back(a, kept_back + normal.A(a, a));
+    use[static_cast<std::size_t>(a)] = 0;
+  }
   fit.covariance = normal.inverse(use);
+  for (const auto& [a, energy] : placed) fit.covariance(a, a) = 1 / energy;
   const Eigen::VectorXd change = normal.solve(use);
   promised = change.dot(normal.b);
   return change;

@@ -34,6 +34,20 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   const auto all = [&](const Sampled& a, const Sampled& b) {
     return fitter.training().dot(a, b) + fitter.held_out().dot(a, b);
   };
+  // Behind a shaft a step does more than step.
+  const double T = get_key(*effect, "torque_Nm");
+  Effects together = now.effects();
+  const Sampled before = chain.whitened(chain.noiseless(together));
+  together.push_back(effect);
+  const bool rings = T != 0 && chain.loads_shaft(together);
+  const auto column = [&](const std::shared_ptr<Effect>& moment) {
+    if (!rings) return chain.regressor(chain.columns(*moment)[0]);
+    together.back() = moment;
+    Sampled x;
+    add(x, before, 1 / T);
+    add(x, chain.whitened(chain.noiseless(together)), -1 / T);
+    return x;
+  };
   std::shared_ptr<Effect> best = effect, next = effect;
   for (double step = 0.08; step > 2e-4; step /= 5) {
     const double t = get_key(*best, "time_s");
@@ -41,7 +55,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
     for (int j = -6; j <= 6; ++j) {
       const std::shared_ptr<Effect> moment = best->clone();
       set_key(*moment, "time_s", t + j * step);
-      const Sampled x = chain.regressor(chain.columns(*moment)[0]);
+      const Sampled x = column(moment);
       const double b = all(x, now.y), A = all(x, x);
       if (b * b > gain * A) gain = b * b / A, next = moment;
     }
@@ -51,8 +65,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 }
 
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
-  constexpr auto kFree = ShaftSearch::Inertia::kFree;
-  const ShaftSearch search(fitter.chain(), now.members, kFree);
+  const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
   const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;
   const auto start = [&](double gap_rad, double J_load, double stiffness, double damping) {
     const std::shared_ptr<Effect> gap = make_effect("backlash");
@@ -96,10 +109,16 @@ Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
         p = search.descend(search.along_keys(p), kTriedLast, step);
     }
   }
-  const ShaftSearch closer(fitter.chain(), now.members, kFree, ShaftSearch::Rows::kAll);
-  const ShaftSearch::Point best = closer.descend(
-      closer.at(std::min_element(finalists.begin(), finalists.end(), ShaftSearch::better)->shaft),
-      kTriedCloser, 0.2 * kFirstStep);
+  return search_closer(
+      fitter, now,
+      *std::min_element(finalists.begin(), finalists.end(), ShaftSearch::better)->shaft);
+}
+
+Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft) {
+  const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree,
+                           ShaftSearch::Rows::kAll);
+  const ShaftSearch::Point best =
+      search.descend(search.at(shaft.clone()), kTriedCloser, 0.2 * kFirstStep);
   Fit gap = fitter.refine(with(now.members, best.shaft));
   const bool known = std::any_of(now.members.begin(), now.members.end(),
                                  [](const auto& m) { return m->kind() == "inertia"; });

@@ -14,6 +14,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 // the error rough in the parameters: backlash in the place of `shaft`, searched on
 // grids around it and away from it, then by simplex.
 Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft);
+// The same near a gap that is about right.
+Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft);
 
 // False for a shaft whose resonance is beyond the tracer's band, or damped too much to be one.
 bool rings(const Effect& effect);

@@ -166,15 +166,31 @@ class Selector {
     return best != scores.end() && best->valid ? best->effect : nullptr;
   }
 
+  // Load steps where they go best with the gap that was found last, and that beside them: each
+  // shows where the other is.
+  Fit with_steps(Fit gap) const {
+    for (std::size_t m = 0; m < gap.members.size(); ++m) {
+      if (gap.members[m]->kind() != "load_step") continue;
+      Members members = with(gap.members, nullptr);
+      members[m] = placed(fitter_, fitter_.start(with(gap.members, nullptr, m)), members[m]);
+      const std::size_t last = members.size() - 1;
+      gap = search_closer(fitter_, fitter_.start(with(members, nullptr, last)), *members[last]);
+    }
+    return gap;
+  }
+
   void shaft_anew(std::size_t m) {
     if (gaps_left_ <= 0 || !leaves_more_than_noise(fitter_, fit_)) return;
     --gaps_left_;
     const Fit without = fitter_.start(with(fit_.members, nullptr, m));
-    Fit anew = search_backlash(fitter_, without, *fit_.members[m]);
-    if (say_) say_(fmt::format("  anew: {}", describe(*anew.members.back())));
+    Fit anew = with_steps(search_backlash(fitter_, without, *fit_.members[m]));
+    const double better = score_of(fitter_, fit_) - score_of(fitter_, anew);
+    const double plain = plain_torque(fitter_, anew) / plain_torque(fitter_, fit_);
+    if (say_)
+      say_(fmt::format("  anew: {} {:+.0f}, {:.3g} of the rest", describe(*anew.members.back()),
+                       better, plain));
     if (anew.valid && rings(*anew.members.back()) &&
-        score_of(fitter_, anew) < score_of(fitter_, fit_) &&
-        plain_torque(fitter_, anew) < plain_torque(fitter_, fit_))
+        ((better > 0 && plain < 1) || plain < kPlainly))
       fit_ = std::move(anew);
   }
 

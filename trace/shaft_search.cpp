@@ -37,11 +37,15 @@ ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia
   const Sampled left = chain.residual({now.begin(), now.end()});
   now_ = left.torque;
   noise_ = chain.noise().scale_torque * left.noise_torque;
-  if (all_) return;
-  const std::vector<OperatingPoint>& points = chain.equations().points();
-  points_.clear();
-  for (std::size_t k = chain.sampler().first(); k < points.size(); k += chain.sampler().stride())
-    points_.push_back(points[k]);
+  if (!all_) {
+    const std::vector<OperatingPoint>& points = chain.equations().points();
+    points_.clear();
+    for (std::size_t k = chain.sampler().first(); k < points.size(); k += chain.sampler().stride())
+      points_.push_back(points[k]);
+  }
+  Effects loads = chain.equations().known();
+  loads.insert(loads.end(), now.begin(), now.end());
+  behind_ = load_behind_shaft(loads, points_);
 }
 
 ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
@@ -54,7 +58,7 @@ ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
   p.shaft->describe_shaft(of_shaft);
   std::vector<double> T_load(points_.size());
   const double stride = all_ ? 1 : static_cast<double>(chain_.sampler().stride());
-  along_shaft(of_shaft, points_, stride * chain_.equations().record().T_s, T_load);
+  along_shaft(of_shaft, points_, behind_, stride * chain_.equations().record().T_s, T_load);
   const Sampler& sampler = chain_.sampler();
   const Eigen::VectorXd left = now_ -
                                (all_ ? sampler(T_load, runs) : sampler.sparsely(T_load, runs)) +

@@ -42,6 +42,7 @@ class ShaftSearch {
   bool all_, free_;
   Eigen::VectorXd now_, noise_, acceleration_;  // what is left, noise in it; omega_m'
   std::vector<OperatingPoint> points_;
+  std::vector<double> behind_;  // load behind the shaft, with that of the members
 };
 
 // The best few, no two of them with nearly the same mass and gap.

@@ -1,4 +1,5 @@
-// Constant load: a torque that does not ask for the direction, as a hanging weight.  T_load += T
+// Constant load: a torque that does not ask for the direction, as a hanging weight, where T_load
+// acts.  T_load += T
 //
 // Regressor: 1; coefficient T.
 #include "model/effects/materiality.hpp"
@@ -14,6 +15,7 @@ class ConstantLoad final : public Effect {
     return "torque that is always there, as of a hanging weight";
   }
   int acts_on() const override { return kOnTorque; }
+  bool behind_shaft() const override { return true; }
   std::vector<std::string> signals_needed() const override { return {"i_q"}; }
   void fields(FieldVisitor& f) override {
     f.number("torque_Nm", T_, -1e4, 1e4, "opposes positive speed", Presence::kRequired);

@@ -21,6 +21,7 @@ class Delayed final : public Effect {
   std::shared_ptr<Effect> clone() const override {
     return std::make_shared<Delayed>(effect_->clone(), from_s_);
   }
+  bool behind_shaft() const override { return effect_->behind_shaft(); }
   Contribution at(const OperatingPoint& point) const override {
     return point.t < from_s_ ? Contribution{} : effect_->at(point);
   }

@@ -149,6 +149,8 @@ class Effect {
   // True where the plant has to carry a second mass; where it has to spoil samples.
   virtual bool describe_shaft(ShaftFacts&) const { return false; }
   virtual bool describe_sampling(SamplingFacts&) const { return false; }
+  // True where its torque acts behind the shaft, where there is one, as the declared load does.
+  virtual bool behind_shaft() const { return false; }
 
   virtual Contribution at(const OperatingPoint& point) const = 0;
   // The same along a record, T_s apart: for effects with a memory (a shaft, a lag), whose at() is

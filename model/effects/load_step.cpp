@@ -1,4 +1,4 @@
-// Load step: a torque from one moment on.  T_load += T for t >= t_step
+// Load step: a torque from one moment on, where T_load acts.  T_load += T for t >= t_step
 //
 // The integrator does not stop at t_step: put it on a tick where that matters. Regressor: 1 from
 // t_step on; coefficient T.
@@ -13,6 +13,7 @@ class LoadStep final : public Effect {
   std::string_view kind() const override { return "load_step"; }
   std::string_view meaning() const override { return "torque from one moment on"; }
   int acts_on() const override { return kOnTorque; }
+  bool behind_shaft() const override { return true; }
   std::vector<std::string> signals_needed() const override { return {"t", "i_q"}; }
   void fields(FieldVisitor& f) override {
     f.number("torque_Nm", T_, -1e4, 1e4, "opposes positive speed", Presence::kRequired);

@@ -150,17 +150,27 @@ ShaftState shaft_at_rest(const ShaftFacts& shaft, double omega_m, double T_load)
   return {flank + T_load / shaft.stiffness, omega_m};
 }
 
-void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
-                 std::span<double> T_load) {
+std::vector<double> load_behind_shaft(const Effects& effects,
+                                      std::span<const OperatingPoint> record) {
+  std::vector<double> behind(record.size());
+  for (std::size_t k = 0; k < record.size(); ++k) behind[k] = record[k].T_load;
+  for (const auto& effect : effects)
+    for (std::size_t k = 0; effect->behind_shaft() && k < record.size(); ++k)
+      behind[k] += effect->at(record[k]).T_load;
+  return behind;
+}
+
+void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record,
+                 std::span<const double> behind, double T_s, std::span<double> T_load) {
   const std::size_t N = record.size();
   if (N < 2 || shaft.J_load <= 0) {
     std::fill(T_load.begin(), T_load.end(), 0.0);
     return;
   }
   double omega_m_next = turned(record[0].theta_m, record[1].theta_m) / T_s, omega_m = omega_m_next;
-  LoadMass load(shaft, T_s, shaft_at_rest(shaft, omega_m, record[0].T_load));
+  LoadMass load(shaft, T_s, shaft_at_rest(shaft, omega_m, behind[0]));
   for (std::size_t k = 0; k < N; ++k) {
-    const double held = record[k].T_load;
+    const double held = behind[k];
     T_load[k] = load.torque(0.5 * (omega_m + omega_m_next)) - held;
     omega_m = omega_m_next;
     load.advance(omega_m, held);
@@ -168,14 +178,14 @@ void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record
     if (k + 2 >= N || !is_seam(record[k], record[k + 1], T_s)) continue;
     // Another stretch of time begins: what the load did in between is not known.
     omega_m = omega_m_next;
-    load = LoadMass(shaft, T_s, shaft_at_rest(shaft, omega_m, record[k + 1].T_load));
+    load = LoadMass(shaft, T_s, shaft_at_rest(shaft, omega_m, behind[k + 1]));
   }
 }
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
                  std::span<Contribution> sums) {
   std::vector<double> T_load(record.size());
-  along_shaft(shaft, record, T_s, T_load);
+  along_shaft(shaft, record, load_behind_shaft({}, record), T_s, T_load);
   const double J = record.size() < 2 || shaft.J_load <= 0 ? 0 : -shaft.J_load;
   for (std::size_t k = 0; k < sums.size(); ++k) sums[k] = {.T_load = T_load[k], .J = J};
 }

@@ -84,6 +84,32 @@ TEST(TwoMasses, TheLoadPullsAtTheLoadAndTheShaftAtTheMotor) {
   EXPECT_NEAR(rate[5], (T_shaft - 0.5) / kJLoad, 1e-9);
 }
 
+TEST(TwoMasses, AnUndeclaredLoadActsWhereTheDeclaredOneDoesAndFrictionAtTheMotor) {
+  const TwoMassState x = state(5, 0.01, 4);
+  const auto rate_with = [&](const std::shared_ptr<Effect>& effect, const PlantInput& input) {
+    Effects effects = torsion(61.8, 0.03);
+    if (effect) effects.push_back(effect);
+    return DriveModel(without_torque(), effects, 235).two_mass_rate(x, input, 0);
+  };
+  const TwoMassState declared = rate_with(nullptr, {.t_k = 2, .T_load = 0.5});
+  const auto constant = test::effect_of("constant_load", {{"torque_Nm", 0.5}});
+  const auto step = test::effect_of("load_step", {{"torque_Nm", 0.5}, {"time_s", 1.0}});
+  EXPECT_EQ(rate_with(constant, {.t_k = 2}), declared);
+  EXPECT_EQ(rate_with(step, {.t_k = 2}), declared);
+  EXPECT_EQ(rate_with(step, {.t_k = 0.5}), rate_with(nullptr, {.t_k = 0.5}));
+  const auto friction = test::effect_of("coulomb_friction", {{"torque_Nm", 0.5}});
+  const TwoMassState rubbing = rate_with(friction, {.t_k = 2}), free = rate_with(nullptr, {});
+  EXPECT_NEAR(rubbing[2], free[2] - 0.5 / (kJ - kJLoad), 1e-6);
+  EXPECT_EQ(rubbing[5], free[5]);
+}
+
+TEST(TwoMasses, StandWithTheTwistOfTheUndeclaredLoadToo) {
+  Effects effects = torsion(61.8, 0.03);
+  effects.push_back(test::effect_of("constant_load", {{"torque_Nm", 0.5}}));
+  const DriveModel model(without_torque(), effects, 235);
+  EXPECT_NEAR(model.shaft_at_rest(0, 0, 0.3).delta, 0.8 / 61.8, 1e-12);
+}
+
 TEST(TwoMasses, OnAStiffShaftAreOne) {
   MachineParameters m = without_torque();
   m.psi_f = 0.2533;
@@ -159,7 +185,7 @@ Residual residual_of(const Effects& effects) {
   m.B = 0.003;
   const DriveModel model(m, effects, 235);
   const auto integrator = make_integrator(Engine::kCvode, model, 1);
-  const ShaftState start = model.shaft_at_rest(0, 0.3);
+  const ShaftState start = model.shaft_at_rest(0, 0, 0.3);
   TwoMassState x = state(0, start.delta, start.omega_load);
   std::vector<OperatingPoint> points;
   for (std::uint64_t k = 0; k < 8000; ++k) {
@@ -172,16 +198,23 @@ Residual residual_of(const Effects& effects) {
                       .theta_e = 3 * x[3],
                       .T_load = T_load});
     x = integrator->advance_two_masses(
-        x, {.u_alphabeta = inverse_park({0, u_q}, 3 * x[3]), .T_load = T_load}, kTs);
+        x,
+        {.t_k = points.back().t,
+         .u_alphabeta = inverse_park({0, u_q}, 3 * x[3]),
+         .T_load = T_load},
+        kTs);
   }
-  std::vector<Contribution> sums(points.size());
-  effects[0]->along(points, kTs, sums);
+  ShaftFacts shaft;
+  effects[0]->describe_shaft(shaft);
+  std::vector<double> T_load(points.size());
+  along_shaft(shaft, points, load_behind_shaft(effects, points), kTs, T_load);
   Residual rms;
   for (std::size_t k = 1; k + 1 < points.size(); ++k) {
     const double omega_m_rate = (points[k + 1].omega_m - points[k - 1].omega_m) / (2 * kTs);
     const double rigid = m.torque(points[k].i_dq[0], points[k].i_dq[1]) - m.B * points[k].omega_m -
                          points[k].T_load - m.J * omega_m_rate;
-    const double left = rigid - sums[k].T_load - sums[k].J * omega_m_rate;
+    double left = rigid - T_load[k] + shaft.J_load * omega_m_rate;
+    for (const auto& effect : effects) left -= effect->at(points[k]).T_load;
     rms.rigid += rigid * rigid;
     rms.with_shaft += left * left;
   }
@@ -200,6 +233,16 @@ TEST(Along, ABacklashExplainsWhatTheRigidMachineCannot) {
     const Residual rms = residual_of(backlash(gap, 300, 0.4));
     EXPECT_GT(rms.rigid, 0.05) << gap;
     EXPECT_LT(rms.with_shaft, 0.1 * rms.rigid) << gap;
+  }
+}
+
+TEST(Along, ALoadThatNobodyDeclaredGoesThroughTheShaft) {
+  for (const Effects& of_shaft : {torsion(61.8, 0.0317), backlash(0.01, 300, 0.4)}) {
+    Effects effects = of_shaft;
+    effects.push_back(test::effect_of("load_step", {{"torque_Nm", 0.8}, {"time_s", 0.4}}));
+    const Residual rms = residual_of(effects);
+    EXPECT_GT(rms.rigid, 0.3);
+    EXPECT_LT(rms.with_shaft, 0.03 * rms.rigid);
   }
 }
 

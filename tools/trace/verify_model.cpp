@@ -48,7 +48,7 @@ class FreeRun {
   // Rows `first` to first + count.
   Readings operator()(const Record& record, std::size_t first, std::size_t count) {
     PlantState x = start(record, first);
-    ShaftState shaft = model_.shaft_at_rest(x[2], at_or(record.T_load, first, 0));
+    ShaftState shaft = model_.shaft_at_rest(record.t[first], x[2], at_or(record.T_load, first, 0));
     Readings readings;
     PlantInput input;
     for (std::size_t n = 0;; ++n) {
