@@ -105,7 +105,8 @@ void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
   const auto rss = [&](const Rows& rows, const NoiseEnergy& declared, double& doubt) {
     doubt = NoiseDoubt::of(rows.noise_energy(fit.y, fit.y) - declared);
-    return rows.dot(fit.y, fit.y) + declared.sum() + doubt;
+    return std::max(rows.dot(fit.y, fit.y) + declared.sum() + doubt,
+                    kLeastLeft * declared.sum());
   };
   fit.rss = rss(training_, noise_, fit.doubt);
   fit.rss_held_out = rss(held_out_, noise_held_out_, fit.doubt);

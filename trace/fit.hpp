@@ -17,6 +17,10 @@ struct NoiseDoubt {
   }
 };
 
+// A dead time makes much of the currents' noise where one crosses zero, and more may be taken off
+// than there is. Of the noise in the residual of the declared model this much is left at least.
+inline constexpr double kLeastLeft = 0.3;
+
 // One free number: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {
   std::size_t member = 0;

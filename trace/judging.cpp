@@ -65,9 +65,18 @@ class Judge {
     ShaftFacts shaft;
     const auto until =
         s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
-    look.refined.emplace_back(s.effect.get(),
-                              fitter_.refine(with(look.without.members, s.effect), until));
+    Fit fit = fitter_.refine(with(look.without.members, s.effect), until);
+    if (!fit.valid && s.effect->kind() == "inverter_drop") fit = with_flat_drop(fit);
+    look.refined.emplace_back(s.effect.get(), std::move(fit));
     return look.refined.back().second;
+  }
+  // Noise may tilt a device's drop below zero: a flat one is what there can be of it.
+  Fit with_flat_drop(const Fit& fit) const {
+    Members members = with(fit.members, nullptr);
+    const char* const slope = "resistance_Ohm";
+    if (get_key(*members.back(), slope) >= 0) return fit;
+    set_key(*members.back(), slope, 0);
+    return fitter_.start(std::move(members));
   }
 
   // Two sorts of friction can stand in for three others so well that no third adds to them: all

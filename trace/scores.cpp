@@ -103,7 +103,9 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
       for (Eigen::Index e = 0; e < g; ++e)
         brings(x[P + c] * x[P + e], column, candidate.columns[e]);
     }
-    const double rss = fit.rss - 2 * x.dot(normal.b) + x.dot(normal.A * x) + NoiseDoubt::of(change);
+    const double explained = 2 * x.dot(normal.b) - x.dot(normal.A * x);
+    double rss = fit.rss - explained + NoiseDoubt::of(change);
+    if (explained > N) rss = std::max(rss, kLeastLeft * N);
     if (!(rss > 0)) continue;
     Score& score = scores[i];
     score.effect = candidate.effect->clone();

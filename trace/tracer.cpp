@@ -33,6 +33,13 @@ double level(const NoiseModel& noise) {
   return product;
 }
 
+bool same_scales(const NoiseModel& a, const NoiseModel& b) {
+  constexpr double kSameScale = 0.1;
+  const auto same = [](double x, double y) { return std::abs(x / y - 1) < kSameScale; };
+  return same(a.scale_d, b.scale_d) && same(a.scale_q, b.scale_q) &&
+         same(a.scale_torque, b.scale_torque);
+}
+
 }  // namespace
 
 std::vector<char> moving_rows(const Equations& equations) {
@@ -138,8 +145,18 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
       if (renewed) dictionary.renew(chain, so_far);
       NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
       const bool quieter = rounds == 0 || level(noise) < kSame * level(chain.noise());
-      if (quieter) chain.set_noise(std::move(noise));
-      if (quieter || renewed) dictionary.whiten(chain, !quieter);
+      // How much of it is the sensors', beside what has been found: a dead time amplifies theirs.
+      const bool other = !quieter && !same_scales(noise, chain.noise());
+      if (quieter) {
+        chain.set_noise(std::move(noise));
+      } else if (other) {
+        NoiseModel scaled = chain.noise();
+        scaled.scale_d = noise.scale_d;
+        scaled.scale_q = noise.scale_q;
+        scaled.scale_torque = noise.scale_torque;
+        chain.set_noise(std::move(scaled));
+      }
+      if (quieter || renewed || other) dictionary.whiten(chain, !quieter && !other);
       if (quieter && settings.say)
         settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
                                  chain.noise().q.rms(), chain.noise().torque.rms()));
