@@ -47,7 +47,8 @@ OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                    .theta_e = machine_.n_p * x[3],
                    .T_load = input.T_load};
   if (input.legs) {
-    p.u_dq = park(input.legs->u_alphabeta(p.i_abc(), v_dc_), p.theta_e);
+    const Vec3 i_abc = with_terminals(on_equations_, p).i_abc();
+    p.u_dq = park(input.legs->u_alphabeta(i_abc, v_dc_), p.theta_e);
   } else {
     p.u_dq = park(input.u_alphabeta, p.theta_e);
   }

@@ -78,19 +78,15 @@ class Along {
         of_the_command_.push_back(effect.get());
       } else {
         of_the_point_.push_back(effect.get());
+        if (effect->acts_on() & kOnVoltage && effect->acts_on() & kOnCurrents)
+          around_winding_.push_back(effect);
       }
     }
   }
   // All but what acts on the command.
   Contribution operator[](std::size_t k) const {
-    Contribution sum = of_the_point_.empty() ? Contribution{} : of_the_point_[0]->at(points_[k]);
-    sum.J += J_;
-    for (std::size_t e = 1; e < of_the_point_.size(); ++e) sum += of_the_point_[e]->at(points_[k]);
-    const Vec2 drop = sum.u_dq_drop;
-    for (const auto& of_one : with_memory_) sum += of_one[k];
-    sum.u_dq_drop = drop;
-    for (const auto& T_load : T_load_) sum.T_load += T_load[k];
-    return sum;
+    if (around_winding_.empty()) return at(points_[k], k);
+    return at(with_terminals(around_winding_, points_[k]), k);
   }
   bool any_of_command() const { return late_ || !of_the_command_.empty(); }
   // Voltage asked for in interval k less the one that acts, in rotor axes at its beginning.
@@ -106,8 +102,20 @@ class Along {
   }
 
  private:
+  Contribution at(const OperatingPoint& point, std::size_t k) const {
+    Contribution sum = of_the_point_.empty() ? Contribution{} : of_the_point_[0]->at(point);
+    sum.J += J_;
+    for (std::size_t e = 1; e < of_the_point_.size(); ++e) sum += of_the_point_[e]->at(point);
+    const Vec2 drop = sum.u_dq_drop;
+    for (const auto& of_one : with_memory_) sum += of_one[k];
+    sum.u_dq_drop = drop;
+    for (const auto& T_load : T_load_) sum.T_load += T_load[k];
+    return sum;
+  }
+
   const std::vector<OperatingPoint>& points_;
   std::vector<const Effect*> of_the_point_, of_the_command_;
+  Effects around_winding_;  // what may make another current at the terminals
   bool late_ = false;
   std::vector<std::vector<Contribution>> with_memory_;
   std::vector<std::vector<double>> T_load_;  // of shafts

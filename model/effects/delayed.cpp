@@ -21,6 +21,9 @@ class Delayed final : public Effect {
   std::shared_ptr<Effect> clone() const override {
     return std::make_shared<Delayed>(effect_->clone(), from_s_);
   }
+  Vec2 current_around(const OperatingPoint& point) const override {
+    return point.t < from_s_ ? Vec2(0, 0) : effect_->current_around(point);
+  }
   bool behind_shaft() const override { return effect_->behind_shaft(); }
   Contribution at(const OperatingPoint& point) const override {
     return point.t < from_s_ ? Contribution{} : effect_->at(point);

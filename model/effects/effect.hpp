@@ -31,6 +31,8 @@ struct OperatingPoint {
   double theta_m = 0;
   double theta_e = 0;  // n_p theta_m
   double T_load = 0;   // external load, where it is known
+  // A, of the terminals' current what goes round the winding that makes the flux (iron_loss).
+  Vec2 i_around = Vec2::Zero();
   // cos and sin of theta_e, for whoever has them at hand; zero: they are made where needed.
   Vec2 d_axis = Vec2::Zero();
 
@@ -43,9 +45,11 @@ struct OperatingPoint {
     if (d_axis.isZero(0)) return inverse_park(dq, theta_e);
     return {d_axis[0] * dq[0] - d_axis[1] * dq[1], d_axis[1] * dq[0] + d_axis[0] * dq[1]};
   }
-  // Three phase values as a vector in rotor axes, and back for the currents.
+  // Three phase values as a vector in rotor axes.
   Vec2 phases_to_dq(const Vec3& x_abc) const { return rotor_axes(clarke(x_abc)); }
-  Vec3 i_abc() const { return inverse_clarke(stator_axes(i_dq)); }
+  // Of the terminals, where resistances, the inverter and the sensors are.
+  Vec2 i_terminal() const { return i_dq + i_around; }
+  Vec3 i_abc() const { return inverse_clarke(stator_axes(i_terminal())); }
 };
 
 // What an effect adds to the equations and readings there.
@@ -152,6 +156,9 @@ class Effect {
   // True where its torque acts behind the shaft, where there is one, as the declared load does.
   virtual bool behind_shaft() const { return false; }
 
+  // What it adds to i_around.
+  virtual Vec2 current_around(const OperatingPoint&) const { return Vec2::Zero(); }
+
   virtual Contribution at(const OperatingPoint& point) const = 0;
   // The same along a record, T_s apart: for effects with a memory (a shaft, a lag), whose at() is
   // zero.
@@ -183,9 +190,16 @@ inline Effects acting_on(const Effects& effects, int mask) {
   return some;
 }
 
+// The point with the terminals' current that they make.
+inline OperatingPoint with_terminals(const Effects& effects, OperatingPoint point) {
+  for (const auto& effect : effects) point.i_around += effect->current_around(point);
+  return point;
+}
+
 inline Contribution sum_at(const Effects& effects, const OperatingPoint& point) {
+  const OperatingPoint all = with_terminals(effects, point);
   Contribution total;
-  for (const auto& effect : effects) total += effect->at(point);
+  for (const auto& effect : effects) total += effect->at(all);
   return total;
 }
 

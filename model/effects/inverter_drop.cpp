@@ -34,12 +34,12 @@ class InverterDrop final : public Effect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterDrop>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_dq};
+    return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_terminal()};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.u_dq_drop = signs(point)};
-    columns[1] = {.u_dq_drop = point.i_dq};
+    columns[1] = {.u_dq_drop = point.i_terminal()};
   }
   void coefficients(std::span<double> values) const override {
     values[0] = V_0_;

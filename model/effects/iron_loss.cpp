@@ -3,8 +3,8 @@
 //   i_fe = j omega_e psi/R_c = omega_e [-psi_q, psi_d]/R_c,   psi = [psi_f + L_d i_d, L_q i_q]
 //   terminals carry i_dq + i_fe:  i_abc += inverse Park, Clarke of i_fe,  u_dq_drop = R_s i_fe
 //
-// The state i_dq is the current behind R_c, which makes the flux and the torque; sensors sit at the
-// terminals. Hysteresis and eddy currents in one, the EMF of a changing current left out. The loss
+// The state i_dq is the current behind R_c, which makes the flux and the torque; sensors, the
+// inverter and what adds to R_s (effects resistance, phase_asymmetry) sit at the terminals. Hysteresis and eddy currents in one, the EMF of a changing current left out. The loss
 // is 3/2 R_c |i_fe|^2 = 3/2 omega_e^2 |psi|^2/R_c. R_c = 0: no loss. Regressor: [R_s e, e] with
 // e = R_c i_fe; coefficient 1/R_c.
 #include "model/effects/registry.hpp"
@@ -32,6 +32,9 @@ class IronLoss final : public Effect {
     return "";
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<IronLoss>(*this); }
+  Vec2 current_around(const OperatingPoint& point) const override {
+    return conductance() * emf(point);
+  }
   Contribution at(const OperatingPoint& point) const override {
     return of_current(point, conductance() * emf(point));
   }

@@ -31,11 +31,11 @@ class Resistance final : public Effect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<Resistance>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.u_dq_drop = change_ * share(point.t) * point.i_dq};
+    return {.u_dq_drop = change_ * share(point.t) * point.i_terminal()};
   }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.u_dq_drop = share(point.t) * point.i_dq};
+    columns[0] = {.u_dq_drop = share(point.t) * point.i_terminal()};
   }
   void coefficients(std::span<double> values) const override { values[0] = change_; }
   void set_coefficients(std::span<const double> values) override { change_ = values[0]; }

@@ -155,6 +155,28 @@ TEST(IronLoss, TakesFromTheTerminalsCopperLossItsOwnLossAndTheShaftsPower) {
   EXPECT_GT(iron, 0.05 * in);
 }
 
+TEST(IronLoss, ItsCurrentPassesTheResistancesTheInverterAndTheSensorsAtTheTerminals) {
+  const MachineParameters m = salient();
+  constexpr double kRc = 40;
+  const Effects effects = {
+      effect_of("iron_loss", {{"resistance_Ohm", kRc}}),
+      effect_of("resistance", {{"change_Ohm", 0.3}}),
+      effect_of("phase_asymmetry",
+                {{"change_a_Ohm", 0.2}, {"change_b_Ohm", 0.2}, {"change_c_Ohm", 0.2}}),
+      effect_of("inverter_drop", {{"threshold_V", 0}, {"resistance_Ohm", 0.05}}),
+      effect_of("current_gain", {{"gain_a", 0.02}, {"gain_b", 0.02}, {"gain_c", 0.02}})};
+  const DriveModel model(m, effects, 100);
+  const double i_d = -1, i_q = 3, omega_m = 60, theta_e = 0.9;
+  const Vec2 emf = 180 * Vec2(-7e-3 * i_q, 0.12 + 3e-3 * i_d);
+  const Vec2 i_terminal = Vec2(i_d, i_q) + emf / kRc;
+  const Vec2 u_dq = (m.R_s + 0.3 + 0.2 + 0.05) * i_terminal + emf;
+  const PlantInput input{.u_alphabeta = inverse_park(u_dq, theta_e)};
+  const PlantState x(i_d, i_q, omega_m, theta_e / 3);
+  EXPECT_NEAR(model.rate(x, input, 0).head<2>().norm(), 0, 1e-9);
+  const Vec2 i_read = Vec2(i_d, i_q) + park(clarke(model.sensing_at(x, input, 0).i_abc), theta_e);
+  EXPECT_NEAR((i_read - 1.02 * i_terminal).norm(), 0, 1e-12);
+}
+
 TEST(FluxEffects, ThatLeaveNoInductanceOrHaveNoPlaceAreRefused) {
   const std::string drive = "preset = \"dilys2021\"\n";
   const std::string half = "[[effect]]\nkind = \"inductance\"\nchange_d_H = ";
