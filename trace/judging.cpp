@@ -33,6 +33,7 @@ class Judge {
     compose_friction();
     settle_forms();
     forget_time_constants();
+    forget_first_moment();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
     drop_uncertain();
     drop_inertia_of_impacts();
@@ -47,6 +48,8 @@ class Judge {
   }
 
  private:
+  static constexpr const char* kSlope = "resistance_Ohm";
+
   // The others of the set without one, and what could stand in its place.
   struct WithoutOne {
     Fit without;
@@ -73,10 +76,12 @@ class Judge {
   // Noise may tilt a device's drop below zero: a flat one is what there can be of it.
   Fit with_flat_drop(const Fit& fit) const {
     Members members = with(fit.members, nullptr);
-    const char* const slope = "resistance_Ohm";
-    if (get_key(*members.back(), slope) >= 0) return fit;
-    set_key(*members.back(), slope, 0);
+    if (get_key(*members.back(), kSlope) >= 0) return fit;
+    set_key(*members.back(), kSlope, 0);
     return fitter_.start(std::move(members));
+  }
+  static bool is_flat_drop(const Effect& effect) {
+    return effect.kind() == "inverter_drop" && get_key(effect, kSlope) == 0;
   }
 
   // Two sorts of friction can stand in for three others so well that no third adds to them: all
@@ -150,6 +155,27 @@ class Judge {
     }
   }
 
+  // A step at the very beginning of the record is a load that was always there.
+  void forget_first_moment() {
+    constexpr double kBeginning_s = 0.03;
+    const double begin = fitter_.chain().equations().record().t.front();
+    Members members = with(selection_.fit.members, nullptr);
+    for (auto& m : members) {
+      if (m->kind() != "load_step" || get_key(*m, "time_s") > begin + kBeginning_s) continue;
+      if (std::any_of(members.begin(), members.end(),
+                      [](const auto& other) { return other->kind() == "constant_load"; }))
+        return;
+      const std::shared_ptr<Effect> load = make_effect("constant_load");
+      set_key(*load, "torque_Nm", get_key(*m, "torque_Nm"));
+      m = load;
+      Fit always = fitter_.refine(std::move(members));
+      if (!always.valid) return;
+      selection_.fit = std::move(always);
+      looks_.clear();
+      return;
+    }
+  }
+
   // Members that, beside all the others, are within three of their own standard deviations of
   // nothing, the least certain first.
   void drop_uncertain() {
@@ -203,6 +229,7 @@ class Judge {
         if (same_form(*s.effect, *selection_.fit.members[m])) continue;
         ++tried;
         Fit next = refined(looks_.back(), s);
+        if (is_flat_drop(*next.members.back())) continue;  // a dead time by another name
         const double gain = score_of(fitter_, without) - score_of(fitter_, next);
         if (gain <= gain_now + 1 || !acceptable(fitter_, next, without)) continue;
         if (say_)

@@ -40,6 +40,14 @@ bool same_scales(const NoiseModel& a, const NoiseModel& b) {
          same(a.scale_torque, b.scale_torque);
 }
 
+// 0 where the currents go over many steps of the converter, 1 where over two (rms).
+double few_steps(const Record& record, double i_lsb) {
+  double sum = 0;
+  for (const Vec2& i : record.i_alphabeta) sum += i.squaredNorm();
+  const double rows = static_cast<double>(std::max<std::size_t>(1, record.i_alphabeta.size()));
+  return 4 * i_lsb * i_lsb / std::max(sum / rows, i_lsb * i_lsb);
+}
+
 }  // namespace
 
 std::vector<char> moving_rows(const Equations& equations) {
@@ -127,10 +135,10 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   NoiseFit fit_noise;
   RoundState state;
   int rounds = 0;
-  // The error of a coarse ADC is no noise: it repeats with the current. Nor is that of filling rows
-  // that were lost.
+  // The error of a coarse ADC is no noise: it repeats with the current, the more so the fewer steps
+  // that takes. Nor is that of filling rows that were lost.
   const double margin = health.coarse(facts.machine.i_rated)
-                            ? kCoarseMargin
+                            ? kCoarseMargin * (1 + few_steps(record, health.i_lsb))
                             : kMargin * (1 + (health.missing_share + health.stale_share) / kLost);
   const auto fitter = [&] {
     Fitter f(chain, training, unseen);
