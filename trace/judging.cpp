@@ -35,6 +35,7 @@ class Judge {
     forget_time_constants();
     forget_first_moment();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
+    drop_immaterial();
     drop_uncertain();
     drop_inertia_of_impacts();
     judge_members();
@@ -173,6 +174,22 @@ class Judge {
       selection_.fit = std::move(always);
       looks_.clear();
       return;
+    }
+  }
+
+  // Beside what came later too small to be worth reporting.
+  void drop_immaterial() {
+    const DriveFacts& facts = fitter_.chain().equations().facts();
+    for (std::size_t m = 0; m < selection_.fit.members.size();) {
+      if (selection_.fit.members[m]->materiality(facts) >= 1) {
+        ++m;
+        continue;
+      }
+      if (say_) say_(fmt::format("  without {}: too small", selection_.fit.members[m]->kind()));
+      selection_.fit =
+          fitter_.refine(with(selection_.fit.members, nullptr, m), Fitter::Until::kArrived);
+      looks_.clear();
+      m = 0;
     }
   }
 

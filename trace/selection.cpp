@@ -88,6 +88,7 @@ class Selector {
                                 shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
       if (shaft) look_for_gap(now, next);
       if (s.effect->kind() == "resistance") next = without_slope(std::move(next));
+      if (!next.valid) next = without_threshold(std::move(next));
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(fitter_, next, now);
       if (say_)
@@ -122,6 +123,19 @@ class Selector {
       Fit anew = fitter_.refine(std::move(members));
       if (anew.valid && (!fit.valid || score_of(fitter_, anew) < score_of(fitter_, fit)))
         return anew;
+    }
+    return fit;
+  }
+
+  // Beside the newcomer a threshold below zero: what is left of an inverter's drop is a resistance.
+  Fit without_threshold(Fit fit) const {
+    Members members = with(fit.members, nullptr);
+    for (auto& m : members) {
+      if (m->kind() != "inverter_drop" || get_key(*m, "threshold_V") >= 0) continue;
+      const std::shared_ptr<Effect> resistance = make_effect("resistance");
+      set_key(*resistance, "change_Ohm", get_key(*m, "resistance_Ohm"));
+      m = resistance;
+      return fitter_.refine(std::move(members));
     }
     return fit;
   }
