@@ -181,11 +181,15 @@ double Rows::dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
 }
 
 double Rows::dot(const Sampled& a, const Sampled& b) const {
-  return dot(a.d, b.d, electrical_pieces_) + dot(a.q, b.q, electrical_pieces_) +
-         dot(a.torque, b.torque, torque_pieces_) - noise(a, b);
+  return energy(a, b).sum() - noise(a, b);
 }
 
-NoiseEnergy Rows::noise_energy(const Sampled& a, const Sampled& b) const {
+EquationEnergy Rows::energy(const Sampled& a, const Sampled& b) const {
+  return {dot(a.d, b.d, electrical_pieces_) + dot(a.q, b.q, electrical_pieces_),
+          dot(a.torque, b.torque, torque_pieces_)};
+}
+
+EquationEnergy Rows::noise_energy(const Sampled& a, const Sampled& b) const {
   return {
       dot(a.noise_d, b.noise_d, electrical_pieces_) + dot(a.noise_q, b.noise_q, electrical_pieces_),
       dot(a.noise_torque, b.noise_torque, torque_pieces_)};

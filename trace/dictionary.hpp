@@ -28,11 +28,11 @@ struct Dictionary {
 // record, where time is searched. Columns are sampled, not yet whitened.
 std::vector<Candidate> make_candidates(const Chain& chain);
 
-// What noise adds to an inner product.
-struct NoiseEnergy {
+// An inner product, or what noise adds to it, by equation.
+struct EquationEnergy {
   double electrical = 0, torque = 0;
   double sum() const { return electrical + torque; }
-  NoiseEnergy operator-(const NoiseEnergy& b) const {
+  EquationEnergy operator-(const EquationEnergy& b) const {
     return {electrical - b.electrical, torque - b.torque};
   }
 };
@@ -44,7 +44,8 @@ class Rows {
   // Less the share of noise.
   double dot(const Sampled& a, const Sampled& b) const;
   double noise(const Sampled& a, const Sampled& b) const { return noise_energy(a, b).sum(); }
-  NoiseEnergy noise_energy(const Sampled& a, const Sampled& b) const;
+  EquationEnergy noise_energy(const Sampled& a, const Sampled& b) const;
+  EquationEnergy energy(const Sampled& a, const Sampled& b) const;  // with it
   std::size_t count(const Sampled& like) const;
   std::size_t electrical() const { return electrical_; }
   std::size_t torque() const { return torque_; }

@@ -12,14 +12,10 @@ namespace twinrate {
 // of the currents is known less well than the noise of an encoder.
 struct NoiseDoubt {
   static constexpr double kElectrical = 0.3, kTorque = 0.1;
-  static double of(const NoiseEnergy& change) {
+  static double of(const EquationEnergy& change) {
     return kElectrical * std::abs(change.electrical) + kTorque * std::abs(change.torque);
   }
 };
-
-// A dead time makes much of the currents' noise where one crosses zero, and more may be taken off
-// than there is. Of the noise in the residual of the declared model this much is left at least.
-inline constexpr double kLeastLeft = 0.3;
 
 // One free number: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {
@@ -89,7 +85,7 @@ class Fitter {
   const Rows& training_;
   const Rows& held_out_;
   double margin_ = 40;
-  NoiseEnergy noise_, noise_held_out_;  // in the residual of the declared model
+  EquationEnergy noise_, noise_held_out_;  // in the residual of the declared model
   double raw_held_out_ = 0;
 };
 

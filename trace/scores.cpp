@@ -91,9 +91,9 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
         use[static_cast<std::size_t>(P + c)] = 0;
     if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
     const Eigen::VectorXd x = normal.solve(use);
-    NoiseEnergy change;
+    EquationEnergy change;
     const auto brings = [&](double factor, const Sampled& u, const Sampled& v) {
-      const NoiseEnergy e = rows.noise_energy(u, v);
+      const EquationEnergy e = rows.noise_energy(u, v);
       change.electrical += factor * e.electrical;
       change.torque += factor * e.torque;
     };
@@ -103,9 +103,11 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
       for (Eigen::Index e = 0; e < g; ++e)
         brings(x[P + c] * x[P + e], column, candidate.columns[e]);
     }
+    // What noise takes off may be too much; what explains more than noise is not passed over for it.
+    constexpr double kLeast = 0.3;
     const double explained = 2 * x.dot(normal.b) - x.dot(normal.A * x);
     double rss = fit.rss - explained + NoiseDoubt::of(change);
-    if (explained > N) rss = std::max(rss, kLeastLeft * N);
+    if (explained > N) rss = std::max(rss, kLeast * N);
     if (!(rss > 0)) continue;
     Score& score = scores[i];
     score.effect = candidate.effect->clone();
