@@ -120,6 +120,42 @@ TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
   EXPECT_NEAR(parameter(turned, "encoder_offset", "offset").value, 0.04, 0.0005);
 }
 
+// Where a current crosses zero such a loss makes 30 V of an ampere's noise.
+TEST(Tracer, NamesFrictionBesideASteepDeadTime) {
+  SyntheticDrive drive{.loss_V = 5.1, .loss_A = 0.16};
+  drive.extra_load = [](double, double theta, double omega) {
+    return 0.093 * std::sin(4 * theta + 0.4) * std::tanh(omega / 0.02);
+  };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(r), (Names{"dead_time", "friction_ripple"})) << r.sentence;
+  EXPECT_EQ(parameter(r, "friction_ripple", "order").value, 4);
+  EXPECT_NEAR(parameter(r, "friction_ripple", "amplitude").value, 0.093, 0.002);
+  const double seconds = 5.1 / (servo().facts().v_dc * servo().facts().f_pwm);
+  EXPECT_NEAR(parameter(r, "dead_time", "dead_time").value, seconds, 0.02 * seconds);
+}
+
+TEST(Tracer, SaysAtOneBusVoltageThatADeadTimeMayBeADevicesDrop) {
+  for (std::uint64_t seed : {1, 2, 3, 4}) {
+    SyntheticDrive drive{.loss_V = 2.4};
+    drive.seed = seed;
+    const TraceResult r = trace_of(simulate_synthetic(drive));
+    ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+    Names both = r.effects[0].aliases;
+    both.emplace_back(r.effects[0].effect->kind());
+    std::sort(both.begin(), both.end());
+    EXPECT_EQ(both, (Names{"dead_time", "inverter_drop"})) << seed << ": " << r.sentence;
+  }
+}
+
+TEST(Tracer, FewStepsOfACoarseConverterAreNoEffect) {
+  for (std::uint64_t seed : {1, 2, 3}) {
+    SyntheticDrive drive{.slow = true, .lsb = 0.2};
+    drive.seed = seed;
+    const TraceResult r = trace_of(simulate_synthetic(drive));
+    EXPECT_EQ(kinds(r), Names{"adc_quantisation"}) << r.sentence;
+  }
+}
+
 TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
   // 1.3 rad of the order's period: what it does in the angle as read it does not do in the true
   // one.
