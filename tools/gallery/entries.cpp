@@ -48,7 +48,8 @@ constexpr Entry kEntries[] = {
      "`flux_harmonics` at constant current (it grows with i_q, cogging does not); "
      "`friction_ripple` "
      "in one direction."},
-    {"constant_load", "torque_Nm = 0.5\n", Signal::kTo, Over::kSpeed, "T_load += T",
+    {"constant_load", "torque_Nm = 0.5\n", Signal::kTo, Over::kSpeed,
+     "T_load += T, behind a shaft where there is one",
      "A shift of the estimated load torque and of i_q that does not ask for the direction.",
      "`coulomb_friction` in one direction; the offset of a torque or q-current sensor."},
     {"coulomb_friction", "torque_Nm = 0.25\n", Signal::kTo, Over::kSpeed,
@@ -179,7 +180,7 @@ constexpr Entry kEntries[] = {
      "part, "
      "in proportion to load and speed, differ."},
     {"load_step", "torque_Nm = 1.0\ntime_s = 3.5\n", Signal::kTo, Over::kTime,
-     "T_load += T for t >= t_step",
+     "T_load += T for t >= t_step, behind a shaft where there is one",
      "One dip of the speed, and a step of the estimated load torque with the observer's own rise.",
      "`constant_load`, where the step is not in the record.", 60, false, 3.45, 3.7},
     {"missing_samples", "share = 0.02\n", Signal::kAngle, Over::kTime,
