@@ -35,6 +35,7 @@ class Judge {
     forget_time_constants();
     forget_first_moment();
     selection_.fit = fitter_.refine(selection_.fit.members, Fitter::Until::kArrived);
+    follow_impacts();
     drop_immaterial();
     drop_uncertain();
     drop_inertia_of_impacts();
@@ -175,6 +176,35 @@ class Judge {
       looks_.clear();
       return;
     }
+  }
+
+  // A gap was found before what came later, and its keys may be those of a hollow beside the true
+  // one, in which an inertia helps: near it again, with all others known, without that inertia, too.
+  void follow_impacts() {
+    constexpr double kPlainly = 0.8, kSimpler = 0.98;  // of what was left of the torque
+    const Members& now = selection_.fit.members;
+    const auto gap = std::find_if(now.begin(), now.end(), [](const auto& m) { return has_gap(*m); });
+    if (gap == now.end() || !leaves_more_than_noise(fitter_, selection_.fit)) return;
+    Members others = with(now, nullptr, static_cast<std::size_t>(gap - now.begin()));
+    const std::shared_ptr<Effect> shaft = (*gap)->clone();
+    Fit best;
+    const double before = plain_torque(fitter_, selection_.fit);
+    double least = kPlainly * before;
+    for (bool look = true; look;) {
+      Fit near = search_closer(fitter_, fitter_.start(others), *shaft);
+      const double left = plain_torque(fitter_, near);
+      if (say_)
+        say_(fmt::format("  impacts followed anew leave {:.3g}", left / before));
+      if (near.valid && rings(*near.members.back()) && left < least) {
+        least = left;
+        best = std::move(near);
+      }
+      look = std::erase_if(others, [](const auto& m) { return m->kind() == "inertia"; }) > 0;
+      if (look && best.members.empty()) least = kSimpler * before;
+    }
+    if (best.members.empty()) return;
+    selection_.fit = std::move(best);
+    looks_.clear();
   }
 
   // Beside what came later too small to be worth reporting.

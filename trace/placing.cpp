@@ -118,7 +118,7 @@ Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree,
                            ShaftSearch::Rows::kAll);
   const ShaftSearch::Point best =
-      search.descend(search.at(shaft.clone()), kTriedCloser, 0.2 * kFirstStep);
+      search.descend(search.along_keys(search.at(shaft.clone())), kTriedCloser, 0.2 * kFirstStep);
   Fit gap = fitter.refine(with(now.members, best.shaft));
   const bool known = std::any_of(now.members.begin(), now.members.end(),
                                  [](const auto& m) { return m->kind() == "inertia"; });
