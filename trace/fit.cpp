@@ -54,9 +54,10 @@ double smallest_coefficient(const Effect& effect, int coefficient, const DriveFa
 // They may be said to bring more than there is (a dead time, where a current crosses zero): what is
 // left falls with the squares all the same.
 double less_noise(double squares, double declared, double change, double doubt) {
-  constexpr double kMost = 0.9;  // of what is more than the declared model has
+  constexpr double kMost = 0.9,
+                   kOwn = 0.5;  // of what is more than that share of the declared model's
   if (change <= 0) return squares - (1 + doubt) * change;
-  return squares - std::min((1 - doubt) * change, kMost * std::max(0.0, squares - declared));
+  return squares - std::min((1 - doubt) * change, kMost * std::max(0.0, squares - kOwn * declared));
 }
 
 }  // namespace

@@ -207,11 +207,13 @@ class Judge {
     looks_.clear();
   }
 
-  // Beside what came later too small to be worth reporting.
+  // Beside what came later too small to be worth reporting. A shaft's size is no one key's.
   void drop_immaterial() {
     const DriveFacts& facts = fitter_.chain().equations().facts();
+    ShaftFacts shaft;
     for (std::size_t m = 0; m < selection_.fit.members.size();) {
-      if (selection_.fit.members[m]->materiality(facts) >= 1) {
+      const Effect& member = *selection_.fit.members[m];
+      if (member.describe_shaft(shaft) || member.materiality(facts) >= 1) {
         ++m;
         continue;
       }
