@@ -50,14 +50,12 @@ double smallest_coefficient(const Effect& effect, int coefficient, const DriveFa
   return sizes > 0 && std::isfinite(sizes) ? kProbe / sizes : kProbe;
 }
 
-// An equation's squares without the noise that the members bring, of which that share is doubted.
-// They may be said to bring more than there is (a dead time, where a current crosses zero): what is
-// left falls with the squares all the same.
-double less_noise(double squares, double declared, double change, double doubt) {
-  constexpr double kMost = 0.9,
-                   kOwn = 0.5;  // of what is more than that share of the declared model's
-  if (change <= 0) return squares - (1 + doubt) * change;
-  return squares - std::min((1 - doubt) * change, kMost * std::max(0.0, squares - kOwn * declared));
+// Noise that the members bring to an equation beyond that of the declared model. They may be said
+// to bring more than there is (a dead time, where a current crosses zero): not more than what the
+// equation has beyond its own.
+double brought(double noise, double declared, double squares) {
+  constexpr double kOwn = 0.5;  // of the declared model's
+  return std::min(noise - declared, std::max(0.0, squares - kOwn * declared));
 }
 
 }  // namespace
@@ -114,12 +112,11 @@ Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
 void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
   const auto rss = [&](const Rows& rows, const EquationEnergy& declared, double& doubt) {
-    const EquationEnergy whole = rows.energy(fit.y, fit.y);
-    const EquationEnergy change = rows.noise_energy(fit.y, fit.y) - declared;
+    const EquationEnergy whole = rows.energy(fit.y, fit.y), noise = rows.noise_energy(fit.y, fit.y);
+    const EquationEnergy change{brought(noise.electrical, declared.electrical, whole.electrical),
+                                brought(noise.torque, declared.torque, whole.torque)};
     doubt = NoiseDoubt::of(change);
-    return less_noise(whole.electrical, declared.electrical, change.electrical,
-                      NoiseDoubt::kElectrical) +
-           less_noise(whole.torque, declared.torque, change.torque, NoiseDoubt::kTorque);
+    return whole.sum() - change.sum() + doubt;
   };
   fit.rss = rss(training_, noise_, fit.doubt);
   fit.rss_held_out = rss(held_out_, noise_held_out_, fit.doubt);

@@ -31,6 +31,7 @@ class Judge {
     for (int round = 0; round < 2 && swap_one(); ++round)
       selection_.fit = without_superfluous(fitter_, std::move(selection_.fit), say_);
     compose_friction();
+    join_lags();
     settle_forms();
     forget_time_constants();
     forget_first_moment();
@@ -116,6 +117,37 @@ class Judge {
     looks_.clear();
   }
 
+  // Angle and currents that are late by the same time are a voltage that is.
+  void join_lags() {
+    constexpr double kSame = 0.05, kAsGood = 1.05;  // of the time; of the held-out error
+    Members others = with(selection_.fit.members, nullptr);
+    const auto take = [&](double signal) {
+      const auto late = std::find_if(others.begin(), others.end(), [&](const auto& m) {
+        return m->kind() == "signal_lag" && get_key(*m, "signal") == signal;
+      });
+      if (late == others.end()) return 0.0;
+      const double lag = get_key(**late, "lag_s");
+      others.erase(late);
+      return lag;
+    };
+    const double angle = take(SamplingFacts::kAngle), current = take(SamplingFacts::kCurrent);
+    if (angle == 0 || std::abs(current / angle - 1) > kSame) return;
+    const Fit before = selection_.fit;
+    for (double form : {0., 1.}) {
+      const std::shared_ptr<Effect> voltage = make_effect("signal_lag");
+      set_key(*voltage, "signal", SamplingFacts::kVoltage);
+      set_key(*voltage, "form", form);
+      set_key(*voltage, "lag_s", angle);
+      Fit joined = fitter_.refine(with(others, voltage), Fitter::Until::kArrived);
+      if (!joined.valid || joined.rss_held_out > kAsGood * before.rss_held_out ||
+          (form > 0 && joined.rss > selection_.fit.rss))
+        continue;
+      if (say_) say_("  late angle and currents: a late voltage");
+      selection_.fit = std::move(joined);
+      looks_.clear();
+    }
+  }
+
   // Curves that begin alike (tanh and square take a cube of a small current) are told apart when
   // each is fitted.
   void settle_forms() {
@@ -179,11 +211,13 @@ class Judge {
   }
 
   // A gap was found before what came later, and its keys may be those of a hollow beside the true
-  // one, in which an inertia helps: near it again, with all others known, without that inertia, too.
+  // one, in which an inertia helps: near it again, with all others known, without that inertia,
+  // too.
   void follow_impacts() {
     constexpr double kPlainly = 0.8, kSimpler = 0.98;  // of what was left of the torque
     const Members& now = selection_.fit.members;
-    const auto gap = std::find_if(now.begin(), now.end(), [](const auto& m) { return has_gap(*m); });
+    const auto gap =
+        std::find_if(now.begin(), now.end(), [](const auto& m) { return has_gap(*m); });
     if (gap == now.end() || !leaves_more_than_noise(fitter_, selection_.fit)) return;
     Members others = with(now, nullptr, static_cast<std::size_t>(gap - now.begin()));
     const std::shared_ptr<Effect> shaft = (*gap)->clone();
@@ -193,8 +227,7 @@ class Judge {
     for (bool look = true; look;) {
       Fit near = search_closer(fitter_, fitter_.start(others), *shaft);
       const double left = plain_torque(fitter_, near);
-      if (say_)
-        say_(fmt::format("  impacts followed anew leave {:.3g}", left / before));
+      if (say_) say_(fmt::format("  impacts followed anew leave {:.3g}", left / before));
       if (near.valid && rings(*near.members.back()) && left < least) {
         least = left;
         best = std::move(near);
