@@ -1,0 +1,255 @@
+#include "trace/settling.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <iterator>
+#include <string_view>
+
+#include "trace/keys.hpp"
+#include "trace/placing.hpp"
+
+namespace twinrate {
+namespace {
+
+class Settler {
+ public:
+  Settler(const Fitter& fitter, Fit fit, const Say& say)
+      : fitter_(fitter), say_(say), fit_(std::move(fit)) {}
+
+  Settled operator()() {
+    compose_friction();
+    join_lags();
+    settle_forms();
+    forget_time_constants();
+    forget_first_moment();
+    fit_ = fitter_.refine(fit_.members, Fitter::Until::kArrived);
+    follow_impacts();
+    drop_immaterial();
+    drop_uncertain();
+    drop_inertia_of_impacts();
+    return {std::move(fit_), changed_};
+  }
+
+ private:
+  // Two sorts of friction can stand in for three others so well that no third adds to them: all
+  // sorts together, less those that are not needed.
+  void compose_friction() {
+    constexpr std::string_view kSorts[] = {"viscous_friction", "coulomb_friction",
+                                           "stribeck_friction", "fan_load"};
+    Members members = fit_.members;
+    const auto has = [&](std::string_view sort) {
+      return std::any_of(members.begin(), members.end(),
+                         [&](const auto& m) { return m->kind() == sort; });
+    };
+    if (std::count_if(std::begin(kSorts), std::end(kSorts), has) < 2) return;
+    for (std::string_view sort : kSorts)
+      if (!has(sort)) members = with(members, make_effect(sort));
+    // Where it is not there, a sort of friction is found on either side of zero.
+    members = fitter_.refine(members, Fitter::Until::kArrived).members;
+    const DriveFacts& facts = fitter_.chain().equations().facts();
+    std::erase_if(members, [&](const auto& m) {
+      return std::count(std::begin(kSorts), std::end(kSorts), m->kind()) &&
+             (!within_ranges(*m) || m->materiality(facts) < 1);
+    });
+    Fit composed = without_superfluous(fitter_, fitter_.refine(members), {});
+    if (!composed.valid ||
+        score_of(fitter_, composed) > score_of(fitter_, fit_) - fitter_.margin() ||
+        composed.rss_held_out > fit_.rss_held_out)
+      return;
+    if (say_) say_("  friction composed anew");
+    fit_ = std::move(composed);
+    changed_ = true;
+  }
+
+  // Angle and currents that are late by the same time are a voltage that is.
+  void join_lags() {
+    constexpr double kSame = 0.05, kAsGood = 1.05;  // of the time; of the held-out error
+    Members others = with(fit_.members, nullptr);
+    const auto take = [&](double signal) {
+      const auto late = std::find_if(others.begin(), others.end(), [&](const auto& m) {
+        return m->kind() == "signal_lag" && get_key(*m, "signal") == signal;
+      });
+      if (late == others.end()) return 0.0;
+      const double lag = get_key(**late, "lag_s");
+      others.erase(late);
+      return lag;
+    };
+    const double angle = take(SamplingFacts::kAngle), current = take(SamplingFacts::kCurrent);
+    if (angle == 0 || std::abs(current / angle - 1) > kSame) return;
+    const Fit before = fit_;
+    for (double form : {0., 1.}) {
+      const std::shared_ptr<Effect> voltage = make_effect("signal_lag");
+      set_key(*voltage, "signal", SamplingFacts::kVoltage);
+      set_key(*voltage, "form", form);
+      set_key(*voltage, "lag_s", angle);
+      Fit joined = fitter_.refine(with(others, voltage), Fitter::Until::kArrived);
+      if (!joined.valid || joined.rss_held_out > kAsGood * before.rss_held_out ||
+          (form > 0 && joined.rss > fit_.rss))
+        continue;
+      if (say_) say_("  late angle and currents: a late voltage");
+      fit_ = std::move(joined);
+      changed_ = true;
+    }
+  }
+
+  // Curves that begin alike (tanh and square take a cube of a small current) are told apart when
+  // each is fitted.
+  void settle_forms() {
+    for (std::size_t m = 0; m < fit_.members.size(); ++m) {
+      const Effect& member = *fit_.members[m];
+      if (member.regressor_count() == 0) continue;  // swapped like another kind
+      for (const TracedKey& key : member.traced_keys()) {
+        if (std::string_view(key.key) != "form") continue;
+        for (double form : key.grid) {
+          Members others = with(fit_.members, nullptr);
+          set_key(*others[m], key.key, form);
+          Fit other = fitter_.refine(std::move(others), Fitter::Until::kArrived);
+          if (!other.valid || score_of(fitter_, other) >= score_of(fitter_, fit_)) continue;
+          fit_ = std::move(other);
+          changed_ = true;
+        }
+        break;
+      }
+    }
+  }
+
+  // A drift that was over before the record began is a change.
+  void forget_time_constants() {
+    constexpr double kAsGood = 10;  // of the score
+    for (std::size_t m = 0; m < fit_.members.size(); ++m) {
+      const std::vector<NumericKey> keys = numeric_keys(*fit_.members[m]);
+      const char* const key = "time_constant_s";
+      if (std::none_of(keys.begin(), keys.end(),
+                       [&](const NumericKey& k) { return k.key == key && k.value > 0; }))
+        continue;
+      Members others = with(fit_.members, nullptr);
+      set_key(*others[m], key, 0);
+      Fit other = fitter_.refine(std::move(others));
+      if (!other.valid || score_of(fitter_, other) > score_of(fitter_, fit_) + kAsGood) continue;
+      fit_ = std::move(other);
+      changed_ = true;
+    }
+  }
+
+  // A step at the very beginning of the record is a load that was always there.
+  void forget_first_moment() {
+    constexpr double kBeginning_s = 0.03;
+    const double begin = fitter_.chain().equations().record().t.front();
+    Members members = with(fit_.members, nullptr);
+    for (auto& m : members) {
+      if (m->kind() != "load_step" || get_key(*m, "time_s") > begin + kBeginning_s) continue;
+      if (std::any_of(members.begin(), members.end(),
+                      [](const auto& other) { return other->kind() == "constant_load"; }))
+        return;
+      const std::shared_ptr<Effect> load = make_effect("constant_load");
+      set_key(*load, "torque_Nm", get_key(*m, "torque_Nm"));
+      m = load;
+      Fit always = fitter_.refine(std::move(members));
+      if (!always.valid) return;
+      fit_ = std::move(always);
+      changed_ = true;
+      return;
+    }
+  }
+
+  // A gap was found before what came later, and its keys may be those of a hollow beside the true
+  // one, in which an inertia helps: near it again, with all others known, without that inertia,
+  // too.
+  void follow_impacts() {
+    constexpr double kPlainly = 0.8, kSimpler = 0.98;  // of what was left of the torque
+    const Members& now = fit_.members;
+    const auto gap =
+        std::find_if(now.begin(), now.end(), [](const auto& m) { return has_gap(*m); });
+    if (gap == now.end() || !leaves_more_than_noise(fitter_, fit_)) return;
+    Members others = with(now, nullptr, static_cast<std::size_t>(gap - now.begin()));
+    const std::shared_ptr<Effect> shaft = (*gap)->clone();
+    Fit best;
+    const double before = plain_torque(fitter_, fit_);
+    double least = kPlainly * before;
+    for (bool look = true; look;) {
+      Fit near = search_closer(fitter_, fitter_.start(others), *shaft);
+      const double left = plain_torque(fitter_, near);
+      if (say_) say_(fmt::format("  impacts followed anew leave {:.3g}", left / before));
+      if (near.valid && rings(*near.members.back()) && left < least) {
+        least = left;
+        best = std::move(near);
+      }
+      look = std::erase_if(others, [](const auto& m) { return m->kind() == "inertia"; }) > 0;
+      if (look && best.members.empty()) least = kSimpler * before;
+    }
+    if (best.members.empty()) return;
+    fit_ = std::move(best);
+    changed_ = true;
+  }
+
+  // Beside what came later too small to be worth reporting. A shaft's size is no one key's.
+  void drop_immaterial() {
+    const DriveFacts& facts = fitter_.chain().equations().facts();
+    ShaftFacts shaft;
+    for (std::size_t m = 0; m < fit_.members.size();) {
+      const Effect& member = *fit_.members[m];
+      if (member.describe_shaft(shaft) || member.materiality(facts) >= 1) {
+        ++m;
+        continue;
+      }
+      if (say_) say_(fmt::format("  without {}: too small", fit_.members[m]->kind()));
+      fit_ = fitter_.refine(with(fit_.members, nullptr, m), Fitter::Until::kArrived);
+      changed_ = true;
+      m = 0;
+    }
+  }
+
+  // Members that, beside all the others, are within three of their own standard deviations of
+  // nothing, the least certain first.
+  void drop_uncertain() {
+    constexpr double kSigmas = 3;
+    while (true) {
+      const Fit& fit = fit_;
+      const Eigen::MatrixXd covariance = fitter_.robust_covariance(fit);
+      std::size_t least = kNobody;
+      double smallest = kSigmas * kSigmas;
+      for (std::size_t m = 0; m < fit.members.size(); ++m) {
+        ShaftFacts shaft;
+        if (fit.members[m]->describe_shaft(shaft)) continue;
+        const double wald = largest_wald(fit, covariance, m);
+        if (wald < smallest) smallest = wald, least = m;
+      }
+      if (least == kNobody) return;
+      if (say_) say_(fmt::format("  without {}: not certain", fit.members[least]->kind()));
+      fit_ = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
+      changed_ = true;
+    }
+  }
+
+  // Beside a shaft that stands for a gap whose impacts could not be followed an inertia mends what
+  // they leave.
+  void drop_inertia_of_impacts() {
+    const Fit& fit = fit_;
+    const bool torsion = std::any_of(fit.members.begin(), fit.members.end(),
+                                     [](const auto& m) { return m->kind() == "torsion"; });
+    if (!torsion || !leaves_more_than_noise(fitter_, fit)) return;
+    for (std::size_t m = 0; m < fit.members.size(); ++m) {
+      if (fit.members[m]->kind() != "inertia") continue;
+      Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
+      if (!without.valid) return;
+      if (say_) say_("  without inertia: it mends what a shaft leaves");
+      fit_ = std::move(without);
+      changed_ = true;
+      return;
+    }
+  }
+
+  const Fitter& fitter_;
+  const Say& say_;
+  Fit fit_;
+  bool changed_ = false;
+};
+
+}  // namespace
+
+Settled settle(const Fitter& fitter, Fit fit, const Say& say) {
+  return Settler(fitter, std::move(fit), say)();
+}
+
+}  // namespace twinrate
