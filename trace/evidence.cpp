@@ -12,7 +12,9 @@ namespace {
 
 constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain the same
 constexpr std::size_t kMostAliases = 2;
-constexpr double kAliasShare = 0.02;  // or of the gain itself
+constexpr double kAliasShare =
+    0.02;  // or of the gain itself; of a faint one more, for what is left
+constexpr double kFaint = 2000, kAliasShareFaint = 0.15;  // is not all noise
 constexpr double kWeak = 60;  // score: with less, the price of a parameter or two decides nothing
 
 std::string equation_of(const Effect& effect) {
@@ -87,7 +89,7 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
 }
 
 bool near(double a, double b) {
-  return a > b - std::max(kAliasGain, kAliasShare * b);
+  return a > b - std::max(kAliasGain, (b < kFaint ? kAliasShareFaint : kAliasShare) * b);
 }
 
 }  // namespace
