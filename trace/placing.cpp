@@ -37,9 +37,9 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   // Behind a shaft a step does more than step.
   const double T = get_key(*effect, "torque_Nm");
   Effects together = now.effects();
-  const Sampled before = chain.whitened(chain.noiseless(together));
   together.push_back(effect);
   const bool rings = T != 0 && chain.loads_shaft(together);
+  const Sampled before = rings ? chain.whitened(chain.noiseless(now.effects())) : Sampled{};
   const auto column = [&](const std::shared_ptr<Effect>& moment) {
     if (!rings) return chain.regressor(chain.columns(*moment)[0]);
     together.back() = moment;

@@ -130,11 +130,15 @@ class Selector {
   // Beside the newcomer a threshold below zero: what is left of an inverter's drop is a resistance.
   Fit without_threshold(Fit fit) const {
     Members members = with(fit.members, nullptr);
-    for (auto& m : members) {
-      if (m->kind() != "inverter_drop" || get_key(*m, "threshold_V") >= 0) continue;
+    const bool other = std::any_of(members.begin(), members.end(),
+                                   [](const auto& m) { return m->kind() == "resistance"; });
+    for (std::size_t m = 0; m + 1 < members.size(); ++m) {
+      if (members[m]->kind() != "inverter_drop" || get_key(*members[m], "threshold_V") >= 0)
+        continue;
+      if (other) return fitter_.refine(with(members, nullptr, m));
       const std::shared_ptr<Effect> resistance = make_effect("resistance");
-      set_key(*resistance, "change_Ohm", get_key(*m, "resistance_Ohm"));
-      m = resistance;
+      set_key(*resistance, "change_Ohm", get_key(*members[m], "resistance_Ohm"));
+      members[m] = resistance;
       return fitter_.refine(std::move(members));
     }
     return fit;
