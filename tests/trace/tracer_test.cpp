@@ -134,6 +134,20 @@ TEST(Tracer, NamesFrictionBesideASteepDeadTime) {
   EXPECT_NEAR(parameter(r, "dead_time", "dead_time").value, seconds, 0.02 * seconds);
 }
 
+// A voltage that acts a row after it was asked for: the same as angle and currents read a row late,
+// and one thing, not two.
+TEST(Tracer, NamesOneLateVoltageNotALateAngleAndLateCurrents) {
+  SyntheticDrive drive{.R_extra = 0.24};
+  drive.extra_load = [](double, double theta, double) { return 0.1 * std::sin(14 * theta + 0.4); };
+  RawLog raw = simulate_synthetic(drive);
+  for (std::vector<double>* u : {&raw.u_alpha, &raw.u_beta})
+    std::rotate(u->begin(), u->begin() + 1, u->end());
+  const TraceResult r = trace_of(raw);
+  ASSERT_EQ(kinds(r), (Names{"cogging", "resistance", "signal_lag"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "signal_lag", "lag").value, drive.T_s, 0.02 * drive.T_s);
+  EXPECT_NEAR(parameter(r, "resistance", "change").value, 0.24, 0.005);
+}
+
 TEST(Tracer, SaysAtOneBusVoltageThatADeadTimeMayBeADevicesDrop) {
   for (std::uint64_t seed : {1, 2, 3, 4}) {
     SyntheticDrive drive{.loss_V = 2.4};
