@@ -75,8 +75,24 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   }
 }
 
-void name_aliases(TraceResult& r) {
+// What a dead time loses is in proportion to the bus voltage, a device's drop is not: as long as
+// that hardly changes they are two names of one loss, whichever the other effects leave a better
+// fit.
+bool one_bus_voltage(const Record& record) {
+  constexpr double kHardly = 0.02;
+  if (record.v_dc.empty()) return true;
+  const Eigen::Map<const Eigen::ArrayXd> v(record.v_dc.data(),
+                                           static_cast<Eigen::Index>(record.v_dc.size()));
+  return (v - v.mean()).square().mean() < kHardly * kHardly * v.mean() * v.mean();
+}
+
+void name_aliases(const Record& record, TraceResult& r) {
+  constexpr std::size_t kMostAliases = 2;
   for (TracedEffect& e : r.effects) {
+    if (e.effect->kind() == "dead_time" && e.aliases.size() < kMostAliases &&
+        std::count(e.aliases.begin(), e.aliases.end(), "inverter_drop") == 0 &&
+        one_bus_voltage(record))
+      e.aliases.push_back("inverter_drop");
     // A torsion that leaves bursts may be a gap, which then is what they are.
     const bool loose =
         e.effect->kind() == "torsion" &&
@@ -157,7 +173,7 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   if (whole &&
       !health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
-  name_aliases(r);
+  name_aliases(fitter.chain().equations().record(), r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
   if (whole) {

@@ -114,7 +114,24 @@ class Settler {
     }
   }
 
-  // A drift that was over before the record began is a change.
+  void restart_slow(std::size_t m, const char* key) {
+    const Record& record = fitter_.chain().equations().record();
+    if (get_key(*fit_.members[m], key) < record.t.back() - record.t.front()) return;
+    for (const TracedKey& traced : fit_.members[m]->traced_keys()) {
+      if (std::string_view(traced.key) != key) continue;
+      for (double start : traced.grid) {
+        Members others = with(fit_.members, nullptr);
+        set_key(*others[m], key, start);
+        Fit other = fitter_.refine(std::move(others), Fitter::Until::kArrived);
+        if (!other.valid || score_of(fitter_, other) >= score_of(fitter_, fit_)) continue;
+        fit_ = std::move(other);
+        changed_ = true;
+      }
+    }
+  }
+
+  // A drift that was over before the record began is a change. One that is much slower than the
+  // record may have been drawn there by what was not in the model then: from each start again.
   void forget_time_constants() {
     constexpr double kAsGood = 10;  // of the score
     for (std::size_t m = 0; m < fit_.members.size(); ++m) {
@@ -123,6 +140,7 @@ class Settler {
       if (std::none_of(keys.begin(), keys.end(),
                        [&](const NumericKey& k) { return k.key == key && k.value > 0; }))
         continue;
+      restart_slow(m, key);
       Members others = with(fit_.members, nullptr);
       set_key(*others[m], key, 0);
       Fit other = fitter_.refine(std::move(others));
@@ -183,13 +201,29 @@ class Settler {
     changed_ = true;
   }
 
-  // Beside what came later too small to be worth reporting. A shaft's size is no one key's.
+  void close_gap(std::size_t m) {
+    Members members = with(fit_.members, nullptr);
+    const std::shared_ptr<Effect> torsion = make_effect("torsion");
+    for (const char* key : {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"})
+      set_key(*torsion, key, get_key(*members[m], key));
+    members[m] = torsion;
+    Fit closed = fitter_.refine(std::move(members), Fitter::Until::kArrived);
+    if (!closed.valid) return;
+    if (say_) say_("  a shaft without a gap");
+    fit_ = std::move(closed);
+    changed_ = true;
+  }
+
+  // Beside what came later too small to be worth reporting. A shaft's size is no one key's; but one
+  // whose gap is too small has none.
   void drop_immaterial() {
     const DriveFacts& facts = fitter_.chain().equations().facts();
     ShaftFacts shaft;
     for (std::size_t m = 0; m < fit_.members.size();) {
       const Effect& member = *fit_.members[m];
-      if (member.describe_shaft(shaft) || member.materiality(facts) >= 1) {
+      const bool small = member.materiality(facts) < 1;
+      if (small && has_gap(member)) close_gap(m);
+      if (!small || member.describe_shaft(shaft)) {
         ++m;
         continue;
       }
@@ -203,7 +237,8 @@ class Settler {
   // Members that, beside all the others, are within three of their own standard deviations of
   // nothing, the least certain first.
   void drop_uncertain() {
-    constexpr double kSigmas = 3;
+    constexpr double kSigmas = 3, kNeeded = 1.5;  // times the held-out error, without it
+    std::vector<std::string_view> needed;         // though no one of its coefficients is certain
     while (true) {
       const Fit& fit = fit_;
       const Eigen::MatrixXd covariance = fitter_.robust_covariance(fit);
@@ -211,13 +246,20 @@ class Settler {
       double smallest = kSigmas * kSigmas;
       for (std::size_t m = 0; m < fit.members.size(); ++m) {
         ShaftFacts shaft;
-        if (fit.members[m]->describe_shaft(shaft)) continue;
+        if (fit.members[m]->describe_shaft(shaft) ||
+            std::count(needed.begin(), needed.end(), fit.members[m]->kind()))
+          continue;
         const double wald = largest_wald(fit, covariance, m);
         if (wald < smallest) smallest = wald, least = m;
       }
       if (least == kNobody) return;
+      Fit without = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
+      if (without.rss_held_out > kNeeded * fit.rss_held_out) {
+        needed.push_back(fit.members[least]->kind());
+        continue;
+      }
       if (say_) say_(fmt::format("  without {}: not certain", fit.members[least]->kind()));
-      fit_ = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
+      fit_ = std::move(without);
       changed_ = true;
     }
   }
