@@ -221,9 +221,9 @@ class Settler {
     ShaftFacts shaft;
     for (std::size_t m = 0; m < fit_.members.size();) {
       const Effect& member = *fit_.members[m];
-      const bool small = member.materiality(facts) < 1;
-      if (small && has_gap(member)) close_gap(m);
-      if (!small || member.describe_shaft(shaft)) {
+      const bool small = member.materiality(facts) < 1, is_shaft = member.describe_shaft(shaft);
+      if (small && has_gap(member)) close_gap(m);  // which takes the member away
+      if (!small || is_shaft) {
         ++m;
         continue;
       }
