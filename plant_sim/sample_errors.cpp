@@ -6,7 +6,7 @@ namespace twinrate {
 namespace {
 
 // Random streams; those of the current noise are 0 to 5.
-constexpr std::uint64_t kMissingStream = 100, kStaleStream = 101;
+constexpr std::uint64_t kMissingStream = 100, kStaleStream = 101, kHeldStream = 102;
 
 }  // namespace
 
@@ -42,8 +42,9 @@ void SampleErrors::spoil_row(Measurement& m, const Measurement& before) const {
   const auto k = static_cast<std::uint64_t>(m.k);
   const bool missing = uniform(seed_, kMissingStream, k) <= facts_.missing;
   const bool stale = uniform(seed_, kStaleStream, k) <= facts_.stale;
+  const bool held = uniform(seed_, kHeldStream, k) <= facts_.held;
+  if (missing || stale || held) m.i_abc = before.i_abc;
   if (!missing && !stale) return;
-  m.i_abc = before.i_abc;
   m.theta_m = before.theta_m;
   m.omega_m = before.omega_m;
   m.v_dc = before.v_dc;

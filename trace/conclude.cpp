@@ -17,7 +17,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kBlind = 4;  // sigmas a smallest effect must have to be seen
+constexpr double kFewRows = 5e-4;  // of all rows, not worth a word
+constexpr double kBlind = 4;       // sigmas a smallest effect must have to be seen
 
 std::shared_ptr<const Effect> with_key(const char* kind, const char* key, double value) {
   const auto effect = make_effect(kind);
@@ -26,19 +27,25 @@ std::shared_ptr<const Effect> with_key(const char* kind, const char* key, double
 }
 
 void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r) {
-  const auto add = [&](const char* kind, const char* key, double value) {
-    if (!make_effect(kind)) return;
-    TracedEffect e{.effect = with_key(kind, key, value), .equation = "sensing"};
-    const auto [name, unit] = split_unit(key);
-    e.parameters = {{name, unit, value, {}, ""}};
+  const auto add = [&](std::shared_ptr<const Effect> effect) {
+    TracedEffect e{.effect = effect, .equation = "sensing"};
+    e.parameters = traced_parameters(*effect, {});
     e.materiality = e.effect->materiality(facts);
     e.from_samples = true;
     r.effects.push_back(std::move(e));
   };
-  if (health.coarse(facts.machine.i_rated)) add("adc_quantisation", "lsb_A", health.i_lsb);
-  if (health.i_limit > 0) add("adc_clipping", "limit_A", health.i_limit);
-  if (health.missing_share > 5e-4) add("missing_samples", "share", health.missing_share);
-  if (health.stale_share > 5e-4) add("stale_samples", "share", health.stale_share);
+  if (health.coarse(facts.machine.i_rated))
+    add(with_key("adc_quantisation", "lsb_A", health.i_lsb));
+  if (health.i_limit > 0) add(with_key("adc_clipping", "limit_A", health.i_limit));
+  if (health.missing_share > kFewRows)
+    add(with_key("missing_samples", "share", health.missing_share));
+  if (health.stale_share > kFewRows) add(with_key("stale_samples", "share", health.stale_share));
+  if (health.held_share > kFewRows) {
+    const auto held = make_effect("stale_samples");
+    set_key(*held, "share", health.held_share);
+    set_key(*held, "signal", 1);
+    add(held);
+  }
 }
 
 void from_bus(const BusRipple& bus, TraceResult& r) {

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "trace/health_scan.hpp"
+#include "trace/held_currents.hpp"
 
 namespace twinrate {
 namespace {
@@ -68,6 +69,12 @@ bool has_stator(const RawLog& raw) {
   return !raw.i_alpha.empty() && !raw.i_beta.empty();
 }
 
+// Chance repeats rows that differ by little, where a held one does no harm either.
+bool is_held(const CurrentPair& pair, double i_lsb) {
+  constexpr double kSteps = 3;
+  return pair.looks_held() && pair.way.norm() > kSteps * i_lsb;
+}
+
 double interpolate(double a, double b, double share) {
   return a + (b - a) * share;
 }
@@ -79,6 +86,7 @@ void Health::combine(const Health& other) {
   const auto mean = [&](double x, double y) { return (a * x + b * y) / std::max(1.0, a + b); };
   missing_share = mean(missing_share, other.missing_share);
   stale_share = mean(stale_share, other.stale_share);
+  held_share = mean(held_share, other.held_share);
   clipped_share = mean(clipped_share, other.clipped_share);
   jitter = mean(jitter, other.jitter);
   i_lsb = std::max(i_lsb, other.i_lsb);
@@ -198,6 +206,10 @@ Record record_of(const RawLog& raw, int n_p, const Health& health) {
     u[k] = raw.u_alpha.empty() ? inverse_park({raw.u_d[k], raw.u_q[k]}, theta_e)
                                : Vec2(raw.u_alpha[k], raw.u_beta[k]);
   }
+  if (health.held_share > 0)
+    for (std::size_t k = 1; k + 1 < rows; ++k)
+      if (!stale[k] && !clipped[k] && is_held(current_pair(raw, k, health.T_s), health.i_lsb))
+        i[k] = (i[k - 1] + i[k + 1]) / 2;
   record.current_sensors = phases && !three_sensors ? 2 : 3;
   const bool full_current = phases || stator || !raw.i_d.empty();
 

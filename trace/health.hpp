@@ -2,6 +2,7 @@
 //
 //   missing rows      steps of time that are whole multiples of the sampling interval
 //   stale rows        every noisy signal repeats the row before
+//   held currents     the currents alone repeat the row before (trace/held_currents.hpp)
 //   clipped currents  the largest value stands in many neighbouring rows
 //   coarse ADC        the step between values, against the noise and the declared step
 //
@@ -53,8 +54,9 @@ struct Health {
   std::size_t rows = 0;
   double T_s = 0;  // sampling interval
   double missing_share = 0, stale_share = 0;
-  double i_lsb = 0;    // A, step between values of the phase currents; 0: none seen
-  double i_limit = 0;  // A, where they are clipped; 0: nowhere
+  double held_share = 0;  // rows whose currents alone repeat
+  double i_lsb = 0;       // A, step between values of the phase currents; 0: none seen
+  double i_limit = 0;     // A, where they are clipped; 0: nowhere
   double clipped_share = 0;
   double jitter = 0;     // of the time stamps, rms over T_s
   double i_sum_max = 0;  // A, of the three phase currents
@@ -63,6 +65,8 @@ struct Health {
   static constexpr double kSumOfPhases = 1e-4;
   // The ADC's step is what limits the current.
   bool coarse(double i_rated) const { return i_lsb > 0.005 * (i_rated > 0 ? i_rated : 7); }
+  // Share of rows that were filled in.
+  double not_read() const { return missing_share + stale_share + held_share; }
   // Of several logs together.
   void combine(const Health& other);
 };

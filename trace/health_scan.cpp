@@ -105,6 +105,15 @@ void HealthScan::look_at_currents(std::size_t k) {
   values_a_.add(i_a);
 }
 
+// Where it is clipped a current stands, and nothing is held.
+bool HealthScan::at_top(std::size_t k) const {
+  if (ahead_.i_a.empty() || ahead_.i_b.empty()) return false;
+  const auto near = [](const CurrentLevels& levels, double i) {
+    return std::abs(i) > levels.top() - tolerance(levels.top());
+  };
+  return near(a_, ahead_.i_a[k]) || near(b_, ahead_.i_b[k]);
+}
+
 void HealthScan::add(const RawLog& piece) {
   for (double t : piece.t) {
     if (t_before_) interval_.add(t - *t_before_);
@@ -130,6 +139,7 @@ void HealthScan::take(std::size_t end) {
       ++stale_;
       continue;
     }
+    if (!at_top(k)) held_.add(current_pair(ahead_, k, T_s));
     if (t_kept_) {
       const double span = (ahead_.t[k] - *t_kept_) / T_s;
       const auto steps = std::max<std::int64_t>(1, std::llround(span));
@@ -156,6 +166,7 @@ Health HealthScan::result() const {
   };
   h.missing_share = share(missing_, rows_ + missing_);
   h.stale_share = is_chance(stale_, by_chance_) ? 0 : share(stale_, rows_);
+  h.held_share = held_.share();
   h.i_lsb = values_a_.step();
   h.i_limit = std::max(a_.limit(), b_.limit());
   if (h.i_limit > 0) {

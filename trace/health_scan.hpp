@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "trace/health.hpp"
+#include "trace/held_currents.hpp"
 
 namespace twinrate {
 
@@ -60,11 +61,13 @@ class HealthScan {
  private:
   void take(std::size_t end);  // rows of `ahead_` up to there
   void look_at_currents(std::size_t k);
+  bool at_top(std::size_t k) const;
   Health result() const;
 
   SamplingInterval interval_;
   CurrentLevels a_, b_, any_;
   CurrentValues values_a_;
+  HeldCurrents held_;
   RawLog ahead_;           // rows whose neighbours have not come yet, and neighbours of theirs
   std::size_t taken_ = 0;  // of them
   std::optional<double> t_before_, t_kept_;

@@ -139,7 +139,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   // that takes. Nor is that of filling rows that were lost.
   const double margin = health.coarse(facts.machine.i_rated)
                             ? kCoarseMargin * (1 + few_steps(record, health.i_lsb))
-                            : kMargin * (1 + (health.missing_share + health.stale_share) / kLost);
+                            : kMargin * (1 + health.not_read() / kLost);
   const auto fitter = [&] {
     Fitter f(chain, training, unseen);
     f.set_margin(margin);

@@ -194,7 +194,9 @@ const std::map<std::string, std::function<std::string(Draw&)>>& makers() {
        }},
       {"stale_samples",
        [=](Draw& d) {
-         return keys({{"share", number(d.between(0.002, 0.03))}});
+         const std::string share = number(d.between(0.002, 0.03));
+         return keys(
+             {{"share", share}, {"signal", d.either(0, 1) > 0.5 ? "\"current\"" : "\"all\""}});
        }},
   };
   return kMakers;

@@ -121,6 +121,7 @@ struct SamplingFacts {
   double i_lsb = 0;                  // A, ADC step beyond that of the sensors; 0: none
   double i_limit = 0;                // A, the ADC's range; 0: unlimited
   double missing = 0, stale = 0;     // share of rows that are lost; that repeat the row before
+  double held = 0;                   // share of rows whose currents alone do
 };
 
 // What the tracer fits: a key of fields(); of a choice the position. The start of a linear

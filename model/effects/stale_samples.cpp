@@ -1,5 +1,7 @@
-// Stale samples: rows whose currents, angle, speed and bus voltage are those of the row before,
-// each with the same probability.
+// Stale samples: rows whose readings are those of the row before, each with the same probability.
+//
+//   all       currents, angle, speed and bus voltage: the row was not written
+//   current   the currents alone: their converter was not read
 //
 // No regressors: found in the raw samples.
 #include <algorithm>
@@ -16,11 +18,13 @@ class StaleSamples final : public Effect {
   int acts_on() const override { return 0; }
   std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }
   void fields(FieldVisitor& f) override {
+    f.choice("signal", signal_, kSignalNames, "what repeats");
     f.number("share", share_, 0, 0.5, "of all rows", Presence::kRequired);
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<StaleSamples>(*this); }
   bool describe_sampling(SamplingFacts& facts) const override {
-    facts.stale = std::max(facts.stale, share_);
+    double& share = signal_ == kAll ? facts.stale : facts.held;
+    share = std::max(share, share_);
     return true;
   }
   Contribution at(const OperatingPoint&) const override { return {}; }
@@ -31,6 +35,10 @@ class StaleSamples final : public Effect {
   double materiality(const DriveFacts&) const override { return share_ / 1e-3; }
 
  private:
+  enum : int { kAll, kCurrent };
+  static constexpr const char* kSignalNames[] = {"all", "current"};
+
+  int signal_ = kAll;
   double share_ = 0;
 };
 

@@ -1,9 +1,12 @@
 // Late signals, coarse currents, lost and repeated rows, as MEASUREMENT shows them.
+#include "plant_sim/sample_errors.hpp"
+
 #include <gtest/gtest.h>
 
 #include "plant_sim/plant.hpp"
 #include "tests/support/allocation_count.hpp"
 #include "tests/support/drives.hpp"
+#include "tests/support/effects.hpp"
 
 namespace twinrate::sample_errors_test {
 namespace {
@@ -182,6 +185,27 @@ TEST(Rows, AreLostAndRepeatedAtTheirSharesByTheSeed) {
   EXPECT_NE(rows_of(plant_with(both, "[run]\nseed = 2\n")).which, rows.which);
   const Rows none = rows_of(plant_with("kind = \"missing_samples\"\nshare = 0.0\n"));
   EXPECT_EQ(none.missing + none.repeated, 0);
+}
+
+TEST(Rows, OfWhichTheCurrentsAloneRepeatGoOnOtherwise) {
+  SamplingFacts facts;
+  test::effect_of("stale_samples", {{"share", 0.05}, {"signal", 1}})->describe_sampling(facts);
+  EXPECT_EQ(facts.stale, 0);
+  const SampleErrors errors(facts, kTs, 1);
+  int held = 0;
+  Measurement before;
+  for (int k = 1; k <= 5000; ++k) {
+    Measurement m{.k = k};
+    m.i_abc.setConstant(k);
+    m.theta_m = m.omega_m = m.v_dc = k;
+    errors.spoil_row(m, before);
+    held += m.i_abc == before.i_abc;
+    ASSERT_EQ(m.theta_m, k);
+    ASSERT_EQ(m.omega_m, k);
+    ASSERT_EQ(m.v_dc, k);
+    before = m;
+  }
+  EXPECT_NEAR(held, 250, 62);  // four sigma
 }
 
 TEST(SampleErrors, DoNotAllocate) {

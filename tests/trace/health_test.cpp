@@ -65,6 +65,48 @@ TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   EXPECT_NEAR(stale_share(freeze(quantised_log(0), 400, 40)), 0.09, 0.011);
 }
 
+Vec2 phase_current(const RawLog& raw, std::size_t k) {
+  return clarke({raw.i_a[k], raw.i_b[k], -(raw.i_a[k] + raw.i_b[k])});
+}
+
+// The currents of a motor that runs up, by a coarse converter; of every `every` rows one is not read.
+RawLog coarse_currents(std::size_t every) {
+  RawLog raw = quantised_log(0);
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    raw.theta_m[k] += 200 * raw.t[k] * raw.t[k];
+    const auto read = [&](std::uint64_t stream, double angle) {
+      const double i = 3 * std::sin(3 * raw.theta_m[k] + angle) + 0.01 * normal(13, stream, k);
+      return 0.01 * std::round(i / 0.01);
+    };
+    const bool held = every > 0 && k % every == every - 1;
+    raw.i_a[k] = held ? raw.i_a[k - 1] : read(0, 0);
+    raw.i_b[k] = held ? raw.i_b[k - 1] : read(1, -2.0944);
+  }
+  return raw;
+}
+
+TEST(Health, TellsHeldCurrentsFromCoarseOnesThatRepeatByChance) {
+  const RawLog good = coarse_currents(0), raw = coarse_currents(50);
+  std::size_t repeated = 0;
+  for (std::size_t k = 1; k < good.size(); ++k)
+    repeated += good.i_a[k] == good.i_a[k - 1] && good.i_b[k] == good.i_b[k - 1];
+  EXPECT_GT(repeated, 30);
+  Health health;
+  make_record(good, 3, health);
+  EXPECT_EQ(health.held_share, 0);
+  const Record record = make_record(raw, 3, health);
+  EXPECT_NEAR(health.held_share, 0.02, 0.004);
+  EXPECT_EQ(health.stale_share, 0);
+  // What was not read is filled in.
+  double held = 0, filled = 0;
+  for (std::size_t k = 1; k + 1 < raw.size(); ++k) {
+    const Vec2 read = phase_current(good, k);
+    held += (phase_current(raw, k) - read).squaredNorm();
+    filled += (record.i_alphabeta[k] - read).squaredNorm();
+  }
+  EXPECT_LT(filled, 0.5 * held) << filled << " " << held;
+}
+
 // What a row holds is what was read before the row before it, where both are repeated.
 TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
   const RawLog good = quantised_log(40);

@@ -219,12 +219,14 @@ constexpr Entry kEntries[] = {
      "current "
      "path)."},
     {"stale_samples", "share = 0.02\n", Signal::kAngle, Over::kTime,
-     "currents, angle, speed and v_dc of MEASUREMENT(k) are those of k-1, with probability share",
+     "currents, angle, speed and v_dc of MEASUREMENT(k) are those of k-1, with probability share; "
+     "of signal current the currents alone",
      "Rows equal to the row before to the last bit, in every measured signal at once: here an "
      "angle "
-     "of 0.63 mrad too little, 2 % of the time.",
-     "noise of the speed; `adc_quantisation`, where only the currents repeat.", 60, false, 3.48,
-     3.53},
+     "of 0.63 mrad too little, 2 % of the time. Where the currents alone repeat, more rows than "
+     "chance explains stay behind the line through the rows around.",
+     "noise of the speed; `adc_quantisation`, where only the currents repeat and change little.",
+     60, false, 3.48, 3.53},
     {"stribeck_friction", "torque_Nm = 0.1\nspeed_rad_s = 3.0\n", Signal::kTo, Over::kSpeed,
      "T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)",
      "Load torque that falls with rising speed: two humps beside standstill. Negative damping "
