@@ -13,10 +13,22 @@ namespace twinrate::blind {
 namespace {
 
 constexpr double kCount = kTwoPi / (1 << 20);  // of the encoder
+constexpr double kLsb = 0.009765625;           // A, of the current sensors
 
 std::vector<std::vector<double>*> columns_of(RawLog& raw) {
   return {&raw.t,      &raw.i_a,     &raw.i_b,  &raw.i_c,   &raw.u_alpha,
           &raw.u_beta, &raw.theta_m, &raw.v_dc, &raw.T_load};
+}
+
+void leave_out_unreached(Log& log) {
+  double largest = 0;
+  for (const std::vector<double>* i : {&log.raw.i_a, &log.raw.i_b})
+    for (double x : *i) largest = std::max(largest, std::abs(x));
+  std::erase_if(log.truth, [&](const auto& effect) {
+    SamplingFacts facts;
+    effect->describe_sampling(facts);
+    return facts.i_limit > 0 && largest < facts.i_limit - kLsb / 2;
+  });
 }
 
 }  // namespace
@@ -89,6 +101,7 @@ Log make_log(const Case& which, double duration_s) {
     raw.u_alpha.push_back(0);
     raw.u_beta.push_back(0);
   }
+  leave_out_unreached(log);
   return log;
 }
 
@@ -108,6 +121,7 @@ Log cached_log(const Case& which, const std::string& cache) {
       file.read(reinterpret_cast<char*>(c->data()),
                 static_cast<std::streamsize>(n * sizeof(double)));
     }
+    leave_out_unreached(log);
     return log;
   }
   Log log = make_log(which);

@@ -12,7 +12,9 @@ namespace twinrate::blind {
 
 struct Log {
   RawLog raw;
-  Effects truth;  // the effects as they were in the plant
+  // The effects as they were in the plant, but for a limit that no row reaches: with it the log is
+  // to the last bit what it is without.
+  Effects truth;
 };
 // Simulates `duration_s`. Throws BadInput where the case's drive file is wrong.
 Log make_log(const Case& which, double duration_s = 10);

@@ -146,9 +146,10 @@ Row judge(const Case& which, const Log& log, const Options& o) {
   if (o.verbose) settings.say = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
   const std::clock_t begin = std::clock();
   const TraceResult r = trace_record(record, model.drive(), health, settings);
-  Row row{.name = which.name, .set = set_of(which), .kinds = which.kinds};
+  Row row{.name = which.name, .set = set_of(which), .kinds = {}};
+  for (const auto& effect : log.truth) row.kinds.emplace_back(effect->kind());
   row.seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
-  std::multiset<std::string> left(which.kinds.begin(), which.kinds.end());
+  std::multiset<std::string> left(row.kinds.begin(), row.kinds.end());
   bool extra = false;
   for (const TracedEffect& e : r.effects) {
     std::string name(e.effect->kind());
