@@ -112,13 +112,32 @@ const std::vector<Sampled>& Chain::recall(Remembered wanted,
   return memory_.back().columns;
 }
 
-const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) const {
+Chain::Remembered Chain::shape_of(const char* what, const Effect& effect) const {
   const std::shared_ptr<Effect> shape = effect.clone();
   if (is_linear(effect))
     shape->set_coefficients(
         std::vector<double>(static_cast<std::size_t>(effect.regressor_count()), 0.0));
-  return recall({"columns of " + std::string(effect.kind()), keys_of(*shape), {}},
-                [&] { return columns(effect); });
+  return {what + std::string(effect.kind()), keys_of(*shape), {}};
+}
+
+const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) const {
+  return recall(shape_of("columns of ", effect), [&] { return columns(effect); });
+}
+
+const std::vector<Sampled>& Chain::columns_as_read(const Effect& effect) const {
+  if (!holds_noise(effect)) return remembered_columns(effect);
+  return recall(shape_of("columns as read of ", effect), [&] {
+    std::vector<Sampled> columns = remembered_columns(effect);
+    const std::vector<Channels> noisy = readings_.columns(effect);
+    for (std::size_t r = 0; r < columns.size(); ++r) {
+      Sampled& x = columns[r];
+      const Sampled with = sampled(noisy[r], nullptr);
+      x.noise_d = with.d - x.d;
+      x.noise_q = with.q - x.q;
+      x.noise_torque = with.torque - x.torque;
+    }
+    return columns;
+  });
 }
 
 bool Chain::commands(const Effects& effects) const {
@@ -167,13 +186,13 @@ Sampled Chain::residual(const Effects& effects) const {
     if (!is_linear(*effect)) {
       add(s,
           recall({"whole " + std::string(effect->kind()), keys_of(*effect), {}},
-                 [&] { return std::vector<Sampled>{contribution(*effect)}; })[0],
+                 [&] { return std::vector<Sampled>{contribution(*effect, readings_)}; })[0],
           -1);
       continue;
     }
     std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()));
     effect->coefficients(coefficients);
-    const std::vector<Sampled>& columns = remembered_columns(*effect);
+    const std::vector<Sampled>& columns = columns_as_read(*effect);
     for (std::size_t r = 0; r < columns.size(); ++r) add(s, columns[r], -coefficients[r]);
   }
   return s;
@@ -187,7 +206,7 @@ Sampled Chain::whole_residual(const Effects& effects) const {
   Effects smooth;
   for (const auto& effect : effects)
     if (!has_gap(*effect)) smooth.push_back(effect);
-  const Channels noisy = noisier_.residual(smooth);
+  const Channels noisy = readings_.residual(smooth);
   Sampled s = sampled(equations_.residual(smooth), &noisy);
   if (smooth.size() == effects.size()) return s;
   const Sampled all = noiseless(effects);
@@ -201,7 +220,7 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
   if (!holds_noise(effect)) return columns_of(equations_, effect);
   checkpoint();
   std::vector<Sampled> out;
-  const std::vector<Channels> clean = equations_.columns(effect), noisy = noisier_.columns(effect);
+  const std::vector<Channels> clean = equations_.columns(effect), noisy = answered_.columns(effect);
   for (std::size_t r = 0; r < clean.size(); ++r) out.push_back(sampled(clean[r], &noisy[r]));
   return out;
 }
@@ -220,10 +239,10 @@ std::vector<Sampled> Chain::columns_of(const Equations& equations, const Effect&
   return out;
 }
 
-Sampled Chain::contribution(const Effect& effect) const {
+Sampled Chain::contribution(const Effect& effect, const Equations& noisier) const {
   checkpoint();
   if (has_gap(effect)) return sampled(equations_.contribution(effect), nullptr);
-  const Channels noisy = noisier_.contribution(effect);
+  const Channels noisy = noisier.contribution(effect);
   return sampled(equations_.contribution(effect), &noisy);
 }
 

@@ -33,11 +33,18 @@ void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an emp
 // So every column is computed twice, from the record and from the record with as much noise again;
 // the difference shows what noise does to it, and inner products are taken less its share:
 //   <a, b> = a'b - noise_a' noise_b
+//
+// The controller answers noise, and the currents that it drives are in the columns. They are not in
+// the residual: whatever the drive answers obeys the equations, and a model that is right leaves of
+// noise only what the readings make of it at that voltage. A model that lacks an effect in the
+// answer (a dead time, some 30 Ohm around a current of zero) would take it for noise many times.
 class Chain {
  public:
-  // `noisier`: equations of the record with as much noise added as it has.
-  Chain(const Equations& equations, const Equations& noisier, const Sampler& sampler)
-      : equations_(equations), noisier_(noisier), sampler_(sampler) {}
+  // Equations of the record with as much noise added as it has: `answered` by the drive, and to the
+  // readings alone.
+  Chain(const Equations& equations, const Equations& answered, const Equations& readings,
+        const Sampler& sampler)
+      : equations_(equations), answered_(answered), readings_(readings), sampler_(sampler) {}
 
   // Asked before every slow step, which throws TraceStopped where the answer is true.
   void stop_when(std::function<bool()> stop) { stop_ = std::move(stop); }
@@ -55,7 +62,7 @@ class Chain {
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   // The same of other equations of this record, without what noise makes of them.
   std::vector<Sampled> columns_of(const Equations& equations, const Effect& effect) const;
-  Sampled contribution(const Effect& effect) const;
+  Sampled contribution(const Effect& effect) const { return contribution(effect, answered_); }
   // columns(), kept for the next time; valid until the next call.
   const std::vector<Sampled>& remembered_columns(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
@@ -71,15 +78,21 @@ class Chain {
     std::vector<double> keys;  // of its effects
     std::vector<Sampled> columns;
   };
+  // An effect but for coefficients that only multiply.
+  Remembered shape_of(const char* what, const Effect& effect) const;
   const std::vector<Sampled>& recall(Remembered wanted,
                                      const std::function<std::vector<Sampled>()>& make) const;
   Sampled sampled(const Channels& clean, const Channels* noisy) const;
+  Sampled contribution(const Effect& effect, const Equations& noisier) const;
   Sampled whole_residual(const Effects& effects) const;
+  // remembered_columns() with the noise of the readings.
+  const std::vector<Sampled>& columns_as_read(const Effect& effect) const;
   // False where its coefficients do more than multiply (saturation), or it has none.
   bool is_linear(const Effect& effect) const;
 
   const Equations& equations_;
-  const Equations& noisier_;
+  const Equations& answered_;
+  const Equations& readings_;
   const Sampler& sampler_;
   NoiseModel noise_;
   std::function<bool()> stop_;

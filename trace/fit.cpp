@@ -50,14 +50,6 @@ double smallest_coefficient(const Effect& effect, int coefficient, const DriveFa
   return sizes > 0 && std::isfinite(sizes) ? kProbe / sizes : kProbe;
 }
 
-// Noise that the members bring to an equation beyond that of the declared model. They may be said
-// to bring more than there is (a dead time, where a current crosses zero): not more than what the
-// equation has beyond its own.
-double brought(double noise, double declared, double squares) {
-  constexpr double kOwn = 0.5;  // of the declared model's
-  return std::min(noise - declared, std::max(0.0, squares - kOwn * declared));
-}
-
 }  // namespace
 
 Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
@@ -113,10 +105,9 @@ void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
   const auto rss = [&](const Rows& rows, const EquationEnergy& declared, double& doubt) {
     const EquationEnergy whole = rows.energy(fit.y, fit.y), noise = rows.noise_energy(fit.y, fit.y);
-    const EquationEnergy change{brought(noise.electrical, declared.electrical, whole.electrical),
-                                brought(noise.torque, declared.torque, whole.torque)};
-    doubt = NoiseDoubt::of(change);
-    return whole.sum() - change.sum() + doubt;
+    const EquationEnergy brought = noise - declared;
+    doubt = noise_doubt(brought);
+    return whole.sum() - brought.sum() + doubt;
   };
   fit.rss = rss(training_, noise_, fit.doubt);
   fit.rss_held_out = rss(held_out_, noise_held_out_, fit.doubt);

@@ -8,14 +8,11 @@
 namespace twinrate {
 
 // How well the size of the noise is known: a change of the model that only makes the residual's own
-// noise larger or smaller has to bring more than this share of it. The controller's answer to noise
-// of the currents is known less well than the noise of an encoder.
-struct NoiseDoubt {
-  static constexpr double kElectrical = 0.3, kTorque = 0.1;
-  static double of(const EquationEnergy& change) {
-    return kElectrical * std::abs(change.electrical) + kTorque * std::abs(change.torque);
-  }
-};
+// noise larger or smaller has to bring more than this share of it.
+inline double noise_doubt(const EquationEnergy& change) {
+  constexpr double kKnownTo = 0.1;
+  return kKnownTo * (std::abs(change.electrical) + std::abs(change.torque));
+}
 
 // One free number: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {

@@ -42,6 +42,12 @@ std::vector<Vec2> in_rotor_axes(const std::vector<Vec2>& alphabeta, const Record
 
 }  // namespace
 
+void SensorNoise::add(Record& record) const {
+  for (std::size_t k = 0; k < record.i_alphabeta.size(); ++k)
+    record.i_alphabeta[k] += i_alphabeta[k];
+  for (std::size_t k = 0; k < record.theta_m.size(); ++k) record.theta_m[k] += theta_m[k];
+}
+
 LoopResponse::Inputs LoopResponse::inputs(std::size_t k, int axis, const std::vector<Vec2>& u,
                                           const std::vector<Vec2>& x,
                                           const std::vector<double>& y) {
@@ -114,13 +120,13 @@ void LoopResponse::add(const SensorNoise& noise, Record& record) const {
     i += T_s * rate;
     stable = i.norm() < limit;
   }
+  if (!stable) return noise.add(record);
   for (std::size_t k = 0; k < n; ++k) {
     const double theta_e = machine_.n_p * record.theta_m[k];
-    if (!record.i_alphabeta.empty())
-      record.i_alphabeta[k] += stable ? inverse_park(x[k], theta_e) : noise.i_alphabeta[k];
-    if (stable) record.u_alphabeta[k] += inverse_park(u[k], theta_e);
+    record.i_alphabeta[k] += inverse_park(x[k], theta_e);
+    record.u_alphabeta[k] += inverse_park(u[k], theta_e);
+    record.theta_m[k] += y[k];
   }
-  for (std::size_t k = 0; k < n; ++k) record.theta_m[k] += stable ? y[k] : noise.theta_m[k];
 }
 
 }  // namespace twinrate

@@ -22,6 +22,8 @@ namespace twinrate {
 struct SensorNoise {
   std::vector<Vec2> i_alphabeta;  // A
   std::vector<double> theta_m;    // rad
+
+  void add(Record& record) const;
 };
 
 class LoopResponse {

@@ -128,8 +128,8 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
 
 }  // namespace
 
-Record add_noise(const Record& record, const DriveFacts& facts, const std::vector<char>& moving,
-                 double i_lsb) {
+NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
+                         const std::vector<char>& moving, double i_lsb) {
   const double sigma_theta = white_noise(
       record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
   SensorNoise noise;
@@ -150,8 +150,9 @@ Record add_noise(const Record& record, const DriveFacts& facts, const std::vecto
       noise.i_alphabeta.push_back(two ? clarke({n[0], n[1], -n[0] - n[1]}) : n);
     }
   }
-  Record noisier = record;
-  LoopResponse(record, facts.machine).add(noise, noisier);
+  NoisierRecords noisier{.answered = record, .readings = record};
+  LoopResponse(record, facts.machine).add(noise, noisier.answered);
+  noise.add(noisier.readings);
   return noisier;
 }
 

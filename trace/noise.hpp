@@ -6,9 +6,13 @@
 namespace twinrate {
 
 // The record with as much noise again on currents and angle as its samples have: white, of the size
-// that the fourth difference shows; with what the controller makes of it.
-Record add_noise(const Record& record, const DriveFacts& facts, const std::vector<char>& moving,
-                 double i_lsb);
+// that the fourth difference shows.
+struct NoisierRecords {
+  Record answered;  // with what the controller makes of it
+  Record readings;  // the readings alone
+};
+NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
+                         const std::vector<char>& moving, double i_lsb);
 // The noise model, from what no candidate can explain of `y` (sampled, not whitened). Candidates
 // whose columns hold the noise itself are left out.
 class NoiseFit {

@@ -198,9 +198,10 @@ PlanInformation plan_information(const Record& record, const Health& health,
               piece.begin() + static_cast<std::ptrdiff_t>(spans[s].last),
               static_cast<char>(1 + s % 2));
   const Sampler sampler(record, moving, piece);
-  const Record noisier = add_noise(record, facts, moving, health.i_lsb);
-  const Equations noisier_equations(noisier, facts, known);
-  Chain chain(equations, noisier_equations, sampler);
+  const NoisierRecords noisier = add_noise(record, facts, moving, health.i_lsb);
+  const Equations answered(noisier.answered, facts, known),
+      readings(noisier.readings, facts, known);
+  Chain chain(equations, answered, readings, sampler);
 
   Dictionary dictionary;
   for (const auto& effect : thinned_effects(facts, kinds))

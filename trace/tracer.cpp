@@ -122,9 +122,10 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   const Equations equations(record, facts, known);
   const std::vector<char> moving = moving_rows(equations);
   const Sampler sampler(record, moving, held_out);
-  const Record noisier = add_noise(record, facts, moving, health.i_lsb);
-  const Equations noisier_equations(noisier, facts, known);
-  Chain chain(equations, noisier_equations, sampler);
+  const NoisierRecords noisier = add_noise(record, facts, moving, health.i_lsb);
+  const Equations answered(noisier.answered, facts, known),
+      readings(noisier.readings, facts, known);
+  Chain chain(equations, answered, readings, sampler);
   chain.stop_when(settings.stop);
   lap("equations");
   Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};

@@ -151,7 +151,7 @@ TEST(Equations, AGainActsOnTheVoltageThatCameLate) {
   // One by one they would be (1 + g)(1 - lag) short of the product.
   const std::vector<char> all(record().size(), 1), none(record().size(), 0);
   const Sampler sampler(record(), all, none);
-  const Chain chain(asked, asked, sampler), chain_truly(truly, truly, sampler);
+  const Chain chain(asked, asked, asked, sampler), chain_truly(truly, truly, truly, sampler);
   const Sampled left = chain.residual({gain, lag}), sampled = chain_truly.residual({});
   EXPECT_LT((left.q - sampled.q).norm(), 1e-9 * sampled.q.norm());
 }
@@ -197,7 +197,7 @@ TEST(Chain, WhatItRemembersOfOneSizeIsNotTakenForAnother) {
   const Equations equations(record(), facts);
   const std::vector<char> all(record().size(), 1), none(record().size(), 0);
   const Sampler sampler(record(), all, none);
-  const Chain chain(equations, equations, sampler);
+  const Chain chain(equations, equations, equations, sampler);
   const Sampled before = chain.noiseless({});
   int compared = 0;
   for (const std::string& kind : effect_kinds()) {

@@ -69,7 +69,8 @@ Vec2 phase_current(const RawLog& raw, std::size_t k) {
   return clarke({raw.i_a[k], raw.i_b[k], -(raw.i_a[k] + raw.i_b[k])});
 }
 
-// The currents of a motor that runs up, by a coarse converter; of every `every` rows one is not read.
+// The currents of a motor that runs up, by a coarse converter; of every `every` rows one is not
+// read.
 RawLog coarse_currents(std::size_t every) {
   RawLog raw = quantised_log(0);
   for (std::size_t k = 0; k < raw.size(); ++k) {

@@ -6,6 +6,9 @@
 #include <cmath>
 
 #include "model/random.hpp"
+#include "tests/support/effects.hpp"
+#include "trace/noise.hpp"
+#include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {
@@ -31,8 +34,9 @@ std::vector<Vec2> noise(std::uint64_t seed) {
 }
 
 // A drive that holds zero current with a proportional controller, one sample late, and sees noise.
-Record noisy_drive(double gain) {
+Record noisy_drive(double gain, double R_more = 0) {
   const MachineParameters m = winding();
+  const double R = m.R_s + R_more, kept = std::exp(-kT_s * R / m.L_d);
   const std::vector<Vec2> n = noise(7);
   Record r;
   r.T_s = kT_s;
@@ -45,7 +49,7 @@ Record noisy_drive(double gain) {
     r.theta_m.push_back(theta_m);
     r.i_alphabeta.push_back(inverse_park(before, theta_e));
     r.u_alphabeta.push_back(inverse_park(u, theta_e));
-    i += kT_s / m.L_d * (u - m.R_s * i);
+    i = kept * i + (1 - kept) / R * u;
   }
   r.electrical_ok.assign(kRows, 1);
   r.motion_ok.assign(kRows, 1);
@@ -97,6 +101,21 @@ TEST(LoopResponse, FallsBackToTheNoiseWhereTheLoopIsNotStable) {
   const std::vector<Vec2> x = added(r, n);
   for (std::size_t k = 0; k < kRows; ++k)
     ASSERT_NEAR((x[k] - n.i_alphabeta[k]).norm(), 0, 1e-12) << k;
+}
+
+// As a dead time has it around a current of zero: the answer of the drive knows the 30 Ohm, the
+// model that noise is sent through does not.
+TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
+  const Record r = noisy_drive(kGain, 30);
+  const DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
+  const Equations equations(r, facts);
+  const std::vector<char> moving = moving_rows(equations);
+  const Sampler sampler(r, moving, held_out_rows(r, 0.25, facts.machine.n_p));
+  const NoisierRecords noisier = add_noise(r, facts, moving, 0);
+  const Equations answered(noisier.answered, facts), readings(noisier.readings, facts);
+  const Chain chain(equations, answered, readings, sampler);
+  const Sampled y = chain.residual({test::effect_of("resistance", {{"change_Ohm", 30}}, facts)});
+  EXPECT_NEAR(y.noise_d.norm() / y.d.norm(), 1, 0.05);
 }
 
 }  // namespace

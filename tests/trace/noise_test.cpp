@@ -52,9 +52,9 @@ TEST(NoiseFit, IsThatOfTheSensorsInASlowRunToo) {
     const Equations equations(record, facts);
     const std::vector<char> moving = moving_rows(equations);
     const Sampler sampler(record, moving, held_out_rows(record, 0.25, 3));
-    const Record noisier = add_noise(record, facts, moving, health.i_lsb);
-    const Equations noisier_equations(noisier, facts);
-    const Chain chain(equations, noisier_equations, sampler);
+    const NoisierRecords noisier = add_noise(record, facts, moving, health.i_lsb);
+    const Equations answered(noisier.answered, facts), readings(noisier.readings, facts);
+    const Chain chain(equations, answered, readings, sampler);
     const Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};
     const Sampled y = chain.residual({});
     const NoiseModel noise = NoiseFit()(chain, y, dictionary);

@@ -237,7 +237,7 @@ TEST(ShaftSearch, FindsTheInertiaThatIsMissingBesideAShaft) {
     const Record record = make_record(simulate_synthetic(drive), 3, health);
     const Equations equations(record, servo().facts());
     const Sampler sampler(record, moving_rows(equations), held_out_rows(record, 0.25, 3));
-    const Chain chain(equations, equations, sampler);
+    const Chain chain(equations, equations, equations, sampler);
     const auto gap = make_effect("backlash");
     set_key(*gap, "J_load_kgm2", load.J);
     set_key(*gap, "gap_rad", load.gap);
