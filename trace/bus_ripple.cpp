@@ -9,6 +9,8 @@
 #include <numbers>
 
 #include "trace/bus_lines.hpp"
+#include "trace/bus_pictures.hpp"
+#include "trace/bus_pieces.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
 
@@ -20,7 +22,7 @@ constexpr double kLowest_Hz = 20;     // of a line
 constexpr double kHighest = 0.45;     // of the sampling rate
 constexpr double kWindow_s = 0.4;     // of the spectrum
 constexpr double kShortest_s = 0.05;  // of it
-constexpr std::size_t kFewestBusRows = 128, kMostBusLines = 4, kGapRows = 10;
+constexpr std::size_t kFewestBusRows = 128, kMostBusLines = 4;
 constexpr double kSigmas = 8, kToBeSeen = 4;
 constexpr double kSteady = 0.9;
 constexpr double kUnseenLow = 0.5, kUnseenHigh = 1.5;  // amplitude on held-out rows over the fitted
@@ -29,68 +31,6 @@ constexpr double kSag = 0.1;          // of the bus voltage at rated power: more
 constexpr double kTimesSlope = 3;     // a resonance may make more of it
 constexpr double kPowerMoves = 0.02;  // of rated power: less says nothing of the slope
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-
-std::vector<BusPiece> bus_pieces(const Record& record) {
-  std::vector<BusPiece> pieces;
-  std::size_t bad = 0;
-  bool open = false;
-  for (std::size_t k = 0; k < record.size(); ++k) {
-    bad = record.electrical_ok[k] ? 0 : bad + 1;
-    const bool jump =
-        k > 0 && std::abs(record.t[k] - record.t[k - 1] - record.T_s) > 0.5 * record.T_s;
-    if (bad >= kGapRows) {
-      if (open) pieces.back().last = k + 1 - bad;
-      open = false;
-      continue;
-    }
-    if (open && !jump) {
-      pieces.back().last = k + 1;
-    } else {
-      if (!record.electrical_ok[k]) continue;
-      pieces.push_back({k, k + 1});
-      open = true;
-    }
-  }
-  return pieces;
-}
-
-// Rows of the pieces that are held out, or that are not.
-std::vector<BusPiece> runs_of(const std::vector<BusPiece>& pieces,
-                              const std::vector<char>& held_out, bool held) {
-  std::vector<BusPiece> runs;
-  for (const BusPiece& piece : pieces)
-    for (std::size_t k = piece.first; k < piece.last; ++k) {
-      if ((held_out[k] != 0) != held) continue;
-      if (runs.empty() || runs.back().last != k || runs.back().first < piece.first)
-        runs.push_back({k, k});
-      runs.back().last = k + 1;
-    }
-  return runs;
-}
-
-std::size_t rows_in(const std::vector<BusPiece>& runs) {
-  std::size_t rows = 0;
-  for (const BusPiece& run : runs) rows += run.last - run.first;
-  return rows;
-}
-
-// x less its mean over `window` rows around each; the pieces lose half a window at both ends.
-std::vector<double> without_slow_part(const std::vector<double>& x, std::size_t window,
-                                      std::vector<BusPiece>& pieces) {
-  const std::size_t half = window / 2;
-  std::erase_if(pieces, [&](const BusPiece& p) { return p.last - p.first <= 2 * window; });
-  std::vector<double> quick(x.size(), 0.0);
-  for (BusPiece& p : pieces) {
-    double sum = 0;
-    for (std::size_t k = p.first; k < p.first + window; ++k) sum += x[k] - x[p.first];
-    for (std::size_t k = p.first + half; k + half < p.last; ++k) {
-      quick[k] = x[k] - x[p.first] - sum / static_cast<double>(window);
-      if (k + half + 1 < p.last) sum += x[k + half + 1] - x[k - half];
-    }
-    p = {p.first + half, p.last - half};
-  }
-  return quick;
-}
 
 class RippleSearch {
  public:
@@ -121,8 +61,6 @@ class RippleSearch {
   std::string refusal(std::size_t n) const;
   TracedEffect effect_of(std::size_t n) const;
   EquationError error() const;
-  TracePicture one_period(std::size_t n) const;
-  TracePicture picture_of_spectrum() const;
   std::vector<double> model_of(const BusLine& line) const;
   void renew();
 
@@ -309,62 +247,6 @@ EquationError RippleSearch::error() const {
   return e;
 }
 
-constexpr const char* kBusHeading = "The bus voltage";
-constexpr const char* kBusNote =
-    "v_dc as it was logged, less its mean over 0.1 s around each row, with and without what was "
-    "found.";
-
-// Means over a period, cut into parts.
-TracePicture RippleSearch::one_period(std::size_t n) const {
-  constexpr std::size_t kParts = 48;
-  const BusLine& line = lines_[n];
-  struct Mean {
-    double before = 0, after = 0, rows = 0;
-  };
-  std::vector<Mean> means[2] = {std::vector<Mean>(kParts), std::vector<Mean>(kParts)};
-  const std::vector<BusPiece>& shown = own_clocks_ ? fitted_ : pieces_;
-  for (const BusPiece& run : shown)
-    for (std::size_t k = run.first; k < run.last; ++k) {
-      const double turns = line.f * record_.t[k];
-      const auto part = static_cast<std::size_t>(kParts * (turns - std::floor(turns)));
-      Mean& m = means[held_out_[k] != 0][std::min(part, kParts - 1)];
-      m.before += rest_[k] + models_[n][k], m.after += rest_[k], ++m.rows;
-    }
-  TracePicture picture;
-  picture.title = fmt::format("v_dc over one period of {:.6g} Hz, means", line.f);
-  picture.x_label = "time in the period (ms)";
-  picture.y_label = "v_dc less its slow part (V)";
-  for (std::size_t part = 0; part < kParts; ++part)
-    for (const int held : {0, 1}) {
-      const Mean& m = means[held][part];
-      if (m.rows == 0) continue;
-      picture.x.push_back(1e3 * (static_cast<double>(part) + 0.5) / kParts / line.f);
-      picture.before.push_back(m.before / m.rows);
-      picture.after.push_back(m.after / m.rows);
-      picture.held_out.push_back(static_cast<char>(held));
-    }
-  return picture;
-}
-
-TracePicture RippleSearch::picture_of_spectrum() const {
-  const BusSpectrum before = bus_spectrum(x_, training_, size_, record_.T_s),
-                    after = bus_spectrum(rest_, training_, size_, record_.T_s);
-  double highest = 0;
-  for (const BusLine& line : lines_) highest = std::max(highest, 3 * line.f);
-  TracePicture picture;
-  picture.title = "Spectrum of v_dc";
-  picture.x_label = "frequency (Hz)";
-  picture.y_label = "amplitude of a sine (V)";
-  for (std::size_t b = 1; b < before.power.size(); ++b) {
-    if (before.df * static_cast<double>(b) > highest) break;
-    picture.x.push_back(before.df * static_cast<double>(b));
-    picture.before.push_back(before.amplitude(b));
-    picture.after.push_back(after.amplitude(b));
-    picture.held_out.push_back(0);
-  }
-  return picture;
-}
-
 BusRipple RippleSearch::find() {
   BusRipple found;
   const auto [low, high] = std::minmax_element(record_.v_dc.begin(), record_.v_dc.end());
@@ -394,7 +276,8 @@ BusRipple RippleSearch::find() {
   }
   lines_ = std::move(kept);
   renew();
-  std::vector<double> powers = bus_spectrum(rest_, training_, size_, record_.T_s).power;
+  const BusSpectrum left = bus_spectrum(rest_, training_, size_, record_.T_s);
+  std::vector<double> powers = left.power;
   const auto middle = powers.begin() + static_cast<std::ptrdiff_t>(powers.size() / 2);
   std::nth_element(powers.begin(), middle, powers.end());
   floor_ = std::sqrt(*middle);
@@ -405,13 +288,15 @@ BusRipple RippleSearch::find() {
   if (lines_.empty()) return found;
   found.own_clocks = own_clocks_;
   found.error = error();
+  double highest = 0;
   for (std::size_t n = 0; n < lines_.size(); ++n) {
     found.effects.push_back(effect_of(n));
-    found.pictures.push_back(one_period(n));
+    found.pictures.push_back(picture_of_period(lines_[n].f, record_.t, held_out_,
+                                               own_clocks_ ? fitted_ : pieces_, models_[n], rest_));
+    highest = std::max(highest, lines_[n].f);
   }
-  found.pictures.push_back(picture_of_spectrum());
-  for (TracePicture& picture : found.pictures)
-    picture.heading = kBusHeading, picture.note = kBusNote;
+  found.pictures.push_back(
+      picture_of_spectra(3 * highest, bus_spectrum(x_, training_, size_, record_.T_s), left));
   return found;
 }
 
