@@ -3,52 +3,14 @@
 #include <algorithm>
 
 #include "model/effects/shaft.hpp"
+#include "trace/along.hpp"
+#include "trace/signals.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr std::ptrdiff_t kSmooth = 10;  // half-width of the speed's slope fit, rows
 constexpr int kSensing = kOnCurrents | kOnAngle;
 constexpr double kProbe = 1e-5;  // share of a unit coefficient at which sensing is linearised
-
-// The signal that was read late by `delay` behind a filter of time constant `tau`:
-// true(t) = (reading + tau reading')(t + delay), by cubics through four samples; near the ends as
-// it was read.
-template <class Value>
-std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double tau, double T_s) {
-  const auto n = static_cast<std::ptrdiff_t>(reading.size());
-  std::vector<Value> before_filter = reading;
-  for (std::ptrdiff_t k = 1; tau > 0 && k + 1 < n; ++k)
-    before_filter[k] = reading[k] + tau / (2 * T_s) * (reading[k + 1] - reading[k - 1]);
-  if (delay == 0) return before_filter;
-  const double steps = std::floor(delay / T_s), f = delay / T_s - steps;
-  const double w[] = {-f * (f - 1) * (f - 2) / 6, (f * f - 1) * (f - 2) / 2,
-                      -f * (f + 1) * (f - 2) / 2, f * (f * f - 1) / 6};
-  const auto shift = static_cast<std::ptrdiff_t>(steps);
-  std::vector<Value> out = before_filter;
-  for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, 1 - shift); k + shift + 2 < n; ++k) {
-    const Value* x = &before_filter[k + shift];
-    out[k] = w[0] * x[-1] + w[1] * x[0] + w[2] * x[1] + w[3] * x[2];
-  }
-  return out;
-}
-
-// Less noise, the same within the tracer's band: a quadratic through eleven samples (Savitzky and
-// Golay). Effects that bend, like a dead time at small currents, would make an offset of the noise.
-std::vector<Vec2> smoothed(const std::vector<Vec2>& x) {
-  constexpr Eigen::Index kReach = 5;
-  std::vector<Vec2> out = x;
-  const Eigen::Index inner = static_cast<Eigen::Index>(x.size()) - 2 * kReach;
-  if (inner <= 0) return out;
-  // Both components one behind the other, all at once.
-  const Eigen::Map<const Eigen::ArrayXd> in(x.front().data(), 2 * (inner + 2 * kReach));
-  const auto at = [&](Eigen::Index j) { return in.segment(2 * (kReach + j), 2 * inner); };
-  Eigen::Map<Eigen::ArrayXd>(out.front().data(), 2 * (inner + 2 * kReach))
-      .segment(2 * kReach, 2 * inner) =
-      89. / 429 * at(0) + 84. / 429 * (at(-1) + at(1)) + 69. / 429 * (at(-2) + at(2)) +
-      44. / 429 * (at(-3) + at(3)) + 9. / 429 * (at(-4) + at(4)) + -36. / 429 * (at(-5) + at(5));
-  return out;
-}
 
 // A vector in the frame of which `axis` is the unit vector of d, and back.
 Vec2 into(const Vec2& axis, const Vec2& x) {
@@ -58,77 +20,7 @@ Vec2 out_of(const Vec2& axis, const Vec2& x) {
   return {axis[0] * x[0] - axis[1] * x[1], axis[1] * x[0] + axis[0] * x[1]};
 }
 
-// What effects add along a record, row by row.
-class Along {
- public:
-  Along(const Effects& effects, const std::vector<OperatingPoint>& points, double T_s)
-      : points_(points) {
-    for (const auto& effect : effects) {
-      ShaftFacts shaft;
-      SamplingFacts sampling;
-      if (effect->describe_shaft(shaft)) {
-        T_load_.emplace_back(points.size());
-        along_shaft(shaft, points, load_behind_shaft(effects, points), T_s, T_load_.back());
-        J_ -= std::max(0.0, shaft.J_load);
-      } else if (effect->describe_sampling(sampling)) {
-        with_memory_.emplace_back(points.size());
-        effect->along(points, T_s, with_memory_.back());
-        late_ |= acts_on_command(*effect);
-      } else if (acts_on_command(*effect)) {
-        of_the_command_.push_back(effect.get());
-      } else {
-        of_the_point_.push_back(effect.get());
-        if (effect->acts_on() & kOnVoltage && effect->acts_on() & kOnCurrents)
-          around_winding_.push_back(effect);
-      }
-    }
-  }
-  // All but what acts on the command.
-  Contribution operator[](std::size_t k) const {
-    if (around_winding_.empty()) return at(points_[k], k);
-    return at(with_terminals(around_winding_, points_[k]), k);
-  }
-  bool any_of_command() const { return late_ || !of_the_command_.empty(); }
-  // Voltage asked for in interval k less the one that acts, in rotor axes at its beginning.
-  Vec2 of_command(std::size_t k) const {
-    Vec2 drop = Vec2::Zero();
-    if (late_)
-      for (const auto& of_one : with_memory_) drop += of_one[k].u_dq_drop;
-    if (of_the_command_.empty()) return drop;
-    OperatingPoint late = points_[k];
-    late.u_dq -= drop;
-    for (const Effect* effect : of_the_command_) drop += effect->at(late).u_dq_drop;
-    return drop;
-  }
-
- private:
-  Contribution at(const OperatingPoint& point, std::size_t k) const {
-    Contribution sum = of_the_point_.empty() ? Contribution{} : of_the_point_[0]->at(point);
-    sum.J += J_;
-    for (std::size_t e = 1; e < of_the_point_.size(); ++e) sum += of_the_point_[e]->at(point);
-    const Vec2 drop = sum.u_dq_drop;
-    for (const auto& of_one : with_memory_) sum += of_one[k];
-    sum.u_dq_drop = drop;
-    for (const auto& T_load : T_load_) sum.T_load += T_load[k];
-    return sum;
-  }
-
-  const std::vector<OperatingPoint>& points_;
-  std::vector<const Effect*> of_the_point_, of_the_command_;
-  Effects around_winding_;  // what may make another current at the terminals
-  bool late_ = false;
-  std::vector<std::vector<Contribution>> with_memory_;
-  std::vector<std::vector<double>> T_load_;  // of shafts
-  double J_ = 0;                             // theirs
-};
-
 }  // namespace
-
-bool acts_on_command(const Effect& effect) {
-  SamplingFacts late;
-  return effect.acts_on() & kOnVoltage &&
-         (effect.describe_sampling(late) || effect.kind() == "voltage_gain");
-}
 
 Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
     : record_(record), facts_(facts), known_(std::move(known)) {
@@ -136,7 +28,7 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
       .i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m, .axes = {}};
   turn_angle(measured_);
   turn_currents(measured_);
-  omega_m_ = speed(record.theta_m);
+  omega_m_ = smooth_rate(record.theta_m, record.T_s);
   points_.resize(record.size());
   const std::vector<Vec2> i_dq = smoothed(measured_.i_dq);
   for (std::size_t k = 0; k < points_.size(); ++k) {
@@ -152,34 +44,6 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
     if (!record.T_load.empty()) p.T_load = record.T_load[k];
   }
   base_ = known_.empty() ? assemble(measured_, {}, points_) : residual_of(known_);
-}
-
-std::vector<double> Equations::speed(const std::vector<double>& theta_m) const {
-  const auto n = static_cast<std::ptrdiff_t>(theta_m.size());
-  std::vector<double> omega_m(theta_m.size(), 0.0);
-  const auto slope = [&](std::ptrdiff_t k, std::ptrdiff_t h) {
-    double sum = 0, weight = 0;
-    for (std::ptrdiff_t j = 1; j <= h; ++j) {
-      sum += static_cast<double>(j) * (theta_m[k + j] - theta_m[k - j]);
-      weight += static_cast<double>(2 * j * j);
-    }
-    return weight > 0 ? sum / (weight * record_.T_s) : 0;
-  };
-  for (std::ptrdiff_t k = 0; k < n; k = k == kSmooth - 1 ? std::max(k + 1, n - kSmooth) : k + 1)
-    omega_m[k] = slope(k, std::min({kSmooth, k, n - 1 - k}));
-  // The rest, all at once.
-  const Eigen::Index inner = n - 2 * kSmooth;
-  if (inner <= 0) return omega_m;
-  const Eigen::Map<const Eigen::ArrayXd> theta(theta_m.data(), n);
-  Eigen::Map<Eigen::ArrayXd> out(omega_m.data() + kSmooth, inner);
-  double weight = 0;
-  for (Eigen::Index j = 1; j <= kSmooth; ++j) {
-    out += static_cast<double>(j) *
-           (theta.segment(kSmooth + j, inner) - theta.segment(kSmooth - j, inner));
-    weight += static_cast<double>(2 * j * j);
-  }
-  out /= weight * record_.T_s;
-  return omega_m;
 }
 
 void Equations::turn_angle(Signals& s) const {
@@ -203,7 +67,7 @@ void Equations::turn_currents(Signals& s) const {
 void Equations::move_points(const Signals& s, bool angle_moved,
                             std::vector<OperatingPoint>& points) const {
   if (angle_moved) {
-    const std::vector<double> omega_m = speed(s.theta_m);
+    const std::vector<double> omega_m = smooth_rate(s.theta_m, record_.T_s);
     for (std::size_t k = 0; k < points.size(); ++k) {
       OperatingPoint& p = points[k];
       p.theta_m = s.theta_m[k];

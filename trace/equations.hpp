@@ -16,10 +16,6 @@
 
 namespace twinrate {
 
-// A drop in proportion to the voltage asked for, or to how it changes: a wrong gain, a lag. These
-// follow one another: the gain is that of the late voltage.
-bool acts_on_command(const Effect& effect);
-
 struct Channels {
   std::vector<double> d, q;  // V; empty where not concerned
   std::vector<double> torque;
@@ -63,7 +59,6 @@ class Equations {
   };
   void turn_currents(Signals& s) const;  // i_dq from the others
   void turn_angle(Signals& s) const;     // the axes
-  std::vector<double> speed(const std::vector<double>& theta_m) const;
   // Points to where the signals have moved them.
   void move_points(const Signals& s, bool angle_moved, std::vector<OperatingPoint>& points) const;
   // The record less what the sensing effects among `effects` added to it, seen at `points`.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trace/along.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {

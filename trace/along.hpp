@@ -1,0 +1,35 @@
+// What effects add along a record, row by row: at the point where it stands, by their memory, and
+// to the command.
+#pragma once
+#include <vector>
+
+#include "model/effects/effect.hpp"
+
+namespace twinrate {
+
+// A drop in proportion to the voltage asked for, or to how it changes: a wrong gain, a lag. These
+// follow one another: the gain is that of the late voltage.
+bool acts_on_command(const Effect& effect);
+
+class Along {
+ public:
+  Along(const Effects& effects, const std::vector<OperatingPoint>& points, double T_s);
+  // All but what acts on the command.
+  Contribution operator[](std::size_t k) const;
+  bool any_of_command() const { return late_ || !of_the_command_.empty(); }
+  // Voltage asked for in interval k less the one that acts, in rotor axes at its beginning.
+  Vec2 of_command(std::size_t k) const;
+
+ private:
+  Contribution at(const OperatingPoint& point, std::size_t k) const;
+
+  const std::vector<OperatingPoint>& points_;
+  std::vector<const Effect*> of_the_point_, of_the_command_;
+  Effects around_winding_;  // what may make another current at the terminals
+  bool late_ = false;
+  std::vector<std::vector<Contribution>> with_memory_;
+  std::vector<std::vector<double>> T_load_;  // of shafts
+  double J_ = 0;                             // theirs
+};
+
+}  // namespace twinrate

@@ -1,0 +1,41 @@
+// Sampled signals, earlier, smoother and differentiated, without an error of phase in the tracer's
+// band.
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "model/frames.hpp"
+
+namespace twinrate {
+
+// The signal that was read late by `delay` behind a filter of time constant `tau`:
+// true(t) = (reading + tau reading')(t + delay), by cubics through four samples; near the ends as
+// it was read.
+template <class Value>
+std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double tau, double T_s) {
+  const auto n = static_cast<std::ptrdiff_t>(reading.size());
+  std::vector<Value> before_filter = reading;
+  for (std::ptrdiff_t k = 1; tau > 0 && k + 1 < n; ++k)
+    before_filter[k] = reading[k] + tau / (2 * T_s) * (reading[k + 1] - reading[k - 1]);
+  if (delay == 0) return before_filter;
+  const double steps = std::floor(delay / T_s), f = delay / T_s - steps;
+  const double w[] = {-f * (f - 1) * (f - 2) / 6, (f * f - 1) * (f - 2) / 2,
+                      -f * (f + 1) * (f - 2) / 2, f * (f * f - 1) / 6};
+  const auto shift = static_cast<std::ptrdiff_t>(steps);
+  std::vector<Value> out = before_filter;
+  for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, 1 - shift); k + shift + 2 < n; ++k) {
+    const Value* x = &before_filter[k + shift];
+    out[k] = w[0] * x[-1] + w[1] * x[0] + w[2] * x[1] + w[3] * x[2];
+  }
+  return out;
+}
+
+// Less noise, the same within the tracer's band: a quadratic through eleven samples (Savitzky and
+// Golay). Effects that bend, like a dead time at small currents, would make an offset of the noise.
+std::vector<Vec2> smoothed(const std::vector<Vec2>& x);
+// Slope of a straight line through 21 samples; fewer near the ends.
+std::vector<double> smooth_rate(const std::vector<double>& theta_m, double T_s);
+
+}  // namespace twinrate
