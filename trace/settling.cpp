@@ -264,9 +264,10 @@ class Settler {
     }
   }
 
-  // Beside a shaft that stands for a gap whose impacts could not be followed an inertia mends what
-  // they leave.
+  // Beside a shaft that stands for a gap whose impacts could not be followed an inertia mends a
+  // little of what they leave.
   void drop_inertia_of_impacts() {
+    constexpr double kMends = 2;  // times what is left with it
     const Fit& fit = fit_;
     const bool torsion = std::any_of(fit.members.begin(), fit.members.end(),
                                      [](const auto& m) { return m->kind() == "torsion"; });
@@ -274,8 +275,9 @@ class Settler {
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
       if (fit.members[m]->kind() != "inertia") continue;
       Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
-      if (!without.valid) return;
-      if (say_) say_("  without inertia: it mends what a shaft leaves");
+      const double left = plain_torque(fitter_, without) / plain_torque(fitter_, fit);
+      if (say_) say_(fmt::format("  without inertia {:.3g} of the torque is left", left));
+      if (!without.valid || left > kMends) return;
       fit_ = std::move(without);
       changed_ = true;
       return;
