@@ -5,7 +5,7 @@
 namespace twinrate {
 namespace {
 
-constexpr double kSure = 4;  // sigmas
+constexpr double kSure = 3.5;  // sigmas
 constexpr std::size_t kSide = 3;
 static_assert(kSide + 1 <= kStaleReach);
 

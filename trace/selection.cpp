@@ -87,7 +87,7 @@ class Selector {
       Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)),
                                 shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
       if (shaft) look_for_gap(now, next);
-      if (s.effect->kind() == "resistance") next = without_slope(std::move(next));
+      if (s.effect->kind() == "resistance" || !next.valid) next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
       const double gain = score_now - score_of(fitter_, next);
       const bool good = acceptable(fitter_, next, now);
