@@ -28,6 +28,11 @@ struct NoiseModel {
 
 void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an empty channel is zero
 
+// Impacts come at other moments where there is more noise: the difference is no noise.
+bool has_gap(const Effect& effect);
+// A shaft, or a load behind it.
+bool is_of_shaft(const Effect& effect);
+
 // Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
 // residual itself, and plain least squares would shrink L (or J, or everything) until it vanishes.
 // So every column is computed twice, from the record and from the record with as much noise again;
@@ -62,7 +67,10 @@ class Chain {
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   // The same of other equations of this record, without what noise makes of them.
   std::vector<Sampled> columns_of(const Equations& equations, const Effect& effect) const;
-  Sampled contribution(const Effect& effect) const { return contribution(effect, answered_); }
+  // How the drive answers noise sets a lightly damped shaft ringing: truly, and that is no noise.
+  Sampled contribution(const Effect& effect) const {
+    return contribution(effect, is_of_shaft(effect) ? readings_ : answered_);
+  }
   // columns(), kept for the next time; valid until the next call.
   const std::vector<Sampled>& remembered_columns(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
@@ -99,10 +107,6 @@ class Chain {
   mutable std::deque<Remembered> memory_;  // the latest last
 };
 
-// Impacts come at other moments where there is more noise: the difference is no noise.
-bool has_gap(const Effect& effect);
-// A shaft, or a load behind it.
-bool is_of_shaft(const Effect& effect);
 // True where the effect's columns are periodic in the angle.
 bool turns_with_angle(const Effect& effect);
 // True where the effect's columns hold the noise of the residual itself.

@@ -33,11 +33,22 @@ class Settler {
 
  private:
   // Two sorts of friction can stand in for three others so well that no third adds to them: all
-  // sorts together, less those that are not needed.
+  // sorts together, less those that are not needed. Two stand for one whose curve has another
+  // exponent.
   void compose_friction() {
+    const Members found = fit_.members;
+    compose_friction(with(found, nullptr));
+    for (std::size_t m = 0; m < found.size(); ++m) {
+      if (found[m]->kind() != "stribeck_friction") continue;
+      Members members = with(found, nullptr);
+      set_key(*members[m], "exponent", 1);
+      compose_friction(std::move(members));
+    }
+  }
+
+  void compose_friction(Members members) {
     constexpr std::string_view kSorts[] = {"viscous_friction", "coulomb_friction",
                                            "stribeck_friction", "fan_load"};
-    Members members = fit_.members;
     const auto has = [&](std::string_view sort) {
       return std::any_of(members.begin(), members.end(),
                          [&](const auto& m) { return m->kind() == sort; });
