@@ -118,5 +118,27 @@ TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
   EXPECT_NEAR(y.noise_d.norm() / y.d.norm(), 1, 0.05);
 }
 
+// The motor moves by what the drive answers, and a lightly damped shaft rings with it: no error of
+// a reading, and no noise of what the shaft does.
+TEST(LoopResponse, SetsAShaftRingingTruly) {
+  Record r = noisy_drive(kGain);
+  Record moved = r;
+  for (std::size_t k = 0; k < kRows; ++k) {
+    const double t = r.t[k], motion = 0.05 * std::sin(kTwoPi * 3 * t);
+    r.theta_m[k] += motion;
+    moved.theta_m[k] += motion + 1e-3 * std::sin(kTwoPi * 15.9 * t);
+  }
+  const DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
+  const auto torsion = test::effect_of(
+      "torsion", {{"J_load_kgm2", 2e-3}, {"stiffness_Nm_rad", 20}, {"damping_Nms_rad", 5e-3}},
+      facts);
+  const Equations equations(r, facts), answered(moved, facts);
+  const Sampler sampler(r, moving_rows(equations), held_out_rows(r, 0.25, facts.machine.n_p));
+  const Sampled by_readings = Chain(equations, answered, equations, sampler).contribution(*torsion);
+  EXPECT_LT(by_readings.noise_torque.norm(), 1e-9 * by_readings.torque.norm());
+  const Sampled by_motion = Chain(equations, answered, answered, sampler).contribution(*torsion);
+  EXPECT_GT(by_motion.noise_torque.norm(), 0.3 * by_motion.torque.norm());
+}
+
 }  // namespace
 }  // namespace twinrate
