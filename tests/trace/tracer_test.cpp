@@ -96,12 +96,12 @@ TEST(Tracer, NamesALoadStepBesideFrictionThatIsLarger) {
 }
 
 TEST(Tracer, TellsAResistanceFromAnOffset) {
-  SyntheticDrive warm;
+  SyntheticDrive warm{.duration_s = 3};
   warm.R_extra = 0.3;
   const TraceResult hot = trace_of(simulate_synthetic(warm));
   EXPECT_EQ(kinds(hot), Names{"resistance"}) << hot.sentence;
   EXPECT_NEAR(parameter(hot, "resistance", "change").value, 0.3, 0.01);
-  SyntheticDrive shifted;
+  SyntheticDrive shifted{.duration_s = 3};
   shifted.offset_a = 0.09;
   const TraceResult off = trace_of(simulate_synthetic(shifted));
   EXPECT_EQ(kinds(off), Names{"current_offset"}) << off.sentence;
@@ -273,7 +273,7 @@ TEST(Tracer, FitsSomeOfTheCurrentAlongDWhereverItFlows) {
 }
 
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
-  SyntheticDrive drive;
+  SyntheticDrive drive{.duration_s = 3};
   drive.extra_load = [](double t, double, double) {
     return 0.08 * std::sin(2 * 3.14159265 * 13.7 * t);
   };
