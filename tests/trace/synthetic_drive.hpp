@@ -41,6 +41,26 @@ inline double external_load(double t) {
   return std::fmod(t, 1.7) > 0.9 ? 1.8 : -0.4;
 }
 
+// The second mass behind a gap, in forty steps a sample. Without a gap it never lets go.
+struct LooseLoad {
+  double J = 3.2e-3, K = 600, D = 0.45, gap = 0.02;
+  double t = 0, theta = 0.3, omega = wanted_speed(0), torque = 0;
+  double operator()(double time, double theta_m, double omega_m) {
+    const int steps = 20;  // in half a sample
+    const double h = (time - t) / steps;
+    for (int j = 0; j < steps && h > 0; ++j) {
+      const double delta = theta_m - (1 - (j + 0.5) / steps) * h * steps * omega_m - theta;
+      const double beyond = std::abs(delta) - 0.5 * gap, sign = delta > 0 ? 1 : -1;
+      const double push = K * beyond + D * sign * (omega_m - omega);
+      torque = gap == 0 || (beyond > 0 && push > 0) ? sign * push : 0;
+      omega += h * (torque - external_load(t)) / J;
+      theta += h * omega;
+    }
+    t = time;
+    return torque - external_load(time);  // what stands at the motor besides the load
+  }
+};
+
 inline RawLog simulate_synthetic(const SyntheticDrive& d) {
   RawLog raw;
   raw.path = "synthetic";

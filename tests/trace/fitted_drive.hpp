@@ -1,0 +1,58 @@
+// A record with all that a fit of chosen effects to it needs: for the tests of what becomes of a
+// set of effects.
+#pragma once
+#include <algorithm>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/keys.hpp"
+#include "trace/noise.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+
+inline std::shared_ptr<Effect> effect_with(
+    std::string_view kind, const std::vector<std::pair<std::string, double>>& keys) {
+  const std::shared_ptr<Effect> effect = make_effect(kind);
+  for (const auto& [key, size] : keys) set_key(*effect, key, size);
+  effect->prepare(servo().facts());
+  return effect;
+}
+
+inline std::vector<std::string> kinds_of(const Members& members) {
+  std::vector<std::string> list;
+  for (const auto& m : members) list.emplace_back(m->kind());
+  std::sort(list.begin(), list.end());
+  return list;
+}
+
+class FittedDrive {
+ public:
+  // What `truth` leaves is noise.
+  FittedDrive(const RawLog& raw, const Members& truth)
+      : record_(make_record(raw, servo().machine.n_p, health_)),
+        equations_(record_, servo().facts()),
+        moving_(moving_rows(equations_)),
+        noisier_(add_noise(record_, servo().facts(), moving_, health_.i_lsb)),
+        noisier_equations_(noisier_, servo().facts()),
+        sampler_(record_, moving_, held_out_rows(record_, 0.25, servo().machine.n_p)),
+        chain_(equations_, noisier_equations_, sampler_) {
+    chain_.set_noise(NoiseFit()(chain_, chain_.residual({truth.begin(), truth.end()}), {}));
+  }
+  FittedDrive(const FittedDrive&) = delete;  // its parts know one another
+
+  const Chain& chain() const { return chain_; }
+  Fitter fitter() const { return {chain_, training_, held_out_}; }
+
+ private:
+  Health health_;
+  Record record_;
+  Equations equations_;
+  std::vector<char> moving_;
+  Record noisier_;
+  Equations noisier_equations_;
+  Sampler sampler_;
+  Chain chain_;
+  Rows training_{sampler_, false}, held_out_{sampler_, true};
+};
+
+}  // namespace twinrate

@@ -1,0 +1,35 @@
+// One round of the selection, with the candidates chosen here.
+#include "trace/selection.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/fitted_drive.hpp"
+
+namespace twinrate::selection_test {
+
+// An offset bends the current's voltage as a threshold does; beside it what is left of the drop is
+// the slope, and by a dead time that was made good a little too well the threshold is below zero.
+TEST(Selection, ADropThatFallsBelowZeroBesideTheNewcomerIsAResistance) {
+  constexpr double kChange = 0.3, kOffset = 0.1;  // ohm, A
+  const auto offset = effect_with("current_offset", {{"offset_a_A", kOffset}}),
+             resistance = effect_with("resistance", {{"change_Ohm", kChange}}),
+             drop =
+                 effect_with("inverter_drop", {{"threshold_V", 0.01}, {"resistance_Ohm", kChange}});
+  const FittedDrive drive(simulate_synthetic({.duration_s = 2,
+                                              .R_extra = kChange,
+                                              .offset_a = kOffset,
+                                              .loss_V = -0.003,
+                                              .loss_A = 0.01}),
+                          {resistance, offset});
+  const Fitter fitter = drive.fitter();
+  EXPECT_GT(get_key(*fitter.refine({drop}).members[0], "threshold_V"), 0.01);
+  std::vector<Sampled> columns = drive.chain().columns(*offset);
+  for (Sampled& x : columns) x = drive.chain().regressor(x);
+  RoundState state;
+  const Fit fit = select_one(fitter, {{offset, columns}}, {drop}, {}, state);
+  ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"current_offset", "resistance"}));
+  EXPECT_NEAR(get_key(*fit.members[0], "change_Ohm"), kChange, 0.02 * kChange);
+  EXPECT_NEAR(get_key(*fit.members[1], "offset_a_A"), kOffset, 0.01 * kOffset);
+}
+
+}  // namespace twinrate::selection_test
