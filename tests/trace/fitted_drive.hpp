@@ -33,9 +33,10 @@ class FittedDrive {
         equations_(record_, servo().facts()),
         moving_(moving_rows(equations_)),
         noisier_(add_noise(record_, servo().facts(), moving_, health_.i_lsb)),
-        noisier_equations_(noisier_, servo().facts()),
+        answered_(noisier_.answered, servo().facts()),
+        readings_(noisier_.readings, servo().facts()),
         sampler_(record_, moving_, held_out_rows(record_, 0.25, servo().machine.n_p)),
-        chain_(equations_, noisier_equations_, sampler_) {
+        chain_(equations_, answered_, readings_, sampler_) {
     chain_.set_noise(NoiseFit()(chain_, chain_.residual({truth.begin(), truth.end()}), {}));
   }
   FittedDrive(const FittedDrive&) = delete;  // its parts know one another
@@ -48,8 +49,8 @@ class FittedDrive {
   Record record_;
   Equations equations_;
   std::vector<char> moving_;
-  Record noisier_;
-  Equations noisier_equations_;
+  NoisierRecords noisier_;
+  Equations answered_, readings_;
   Sampler sampler_;
   Chain chain_;
   Rows training_{sampler_, false}, held_out_{sampler_, true};

@@ -32,4 +32,28 @@ TEST(Selection, ADropThatFallsBelowZeroBesideTheNewcomerIsAResistance) {
   EXPECT_NEAR(get_key(*fit.members[1], "offset_a_A"), kOffset, 0.01 * kOffset);
 }
 
+// The slope of a drop takes what an inductance leaves; beside it what is left is below zero, and
+// the rest a dead time.
+TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewcomerIsADeadTime) {
+  constexpr double kChange = 0.18 * 12.7e-3;   // H
+  constexpr double kLoss = 3.8, kZone = 0.18;  // V, A
+  const auto inductance =
+                 effect_with("inductance", {{"change_d_H", kChange}, {"change_q_H", kChange}}),
+             drop = effect_with(
+                 "inverter_drop",
+                 {{"threshold_V", kLoss}, {"resistance_Ohm", 0.05}, {"linear_current_A", kZone}});
+  const FittedDrive drive(simulate_synthetic({.L = 12.7e-3 + kChange,
+                                              .duration_s = 2,
+                                              .R_extra = -0.005,
+                                              .loss_V = kLoss,
+                                              .loss_A = kZone}),
+                          {inductance, drop});
+  const Fitter fitter = drive.fitter();
+  std::vector<Sampled> columns = drive.chain().columns(*inductance);
+  for (Sampled& x : columns) x = drive.chain().regressor(x);
+  RoundState state;
+  const Fit fit = select_one(fitter, {{inductance, columns}}, {drop}, {}, state);
+  ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
+}
+
 }  // namespace twinrate::selection_test

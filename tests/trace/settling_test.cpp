@@ -78,6 +78,25 @@ TEST(Settling, WhatIsCertainButTooSmallToReportGoes) {
   expect_key(*members[0], "torque_Nm", 0.3, 0.01);
 }
 
+TEST(Settling, FrictionThatFallsAsAnExponentialIsOneEffect) {
+  constexpr double kTorque = 0.2, kSpeed = 3;  // Nm, rad/s
+  SyntheticDrive drive{.duration_s = 3, .slow = true};
+  drive.extra_load = [](double, double, double omega) {
+    return kTorque * std::exp(-std::abs(omega) / kSpeed) * std::tanh(omega / 0.02);
+  };
+  const auto falling = [](double torque, double speed, double exponent) {
+    return effect_with("stribeck_friction",
+                       {{"torque_Nm", torque}, {"speed_rad_s", speed}, {"exponent", exponent}});
+  };
+  const Members members = settled(
+      simulate_synthetic(drive), {falling(kTorque, kSpeed, 1)},
+      {falling(0.6 * kTorque, kSpeed, 2), effect_with("coulomb_friction", {{"torque_Nm", 0.05}})});
+  ASSERT_EQ(kinds_of(members), Names{"stribeck_friction"});
+  EXPECT_EQ(get_key(*members[0], "exponent"), 1);
+  expect_key(*members[0], "torque_Nm", kTorque, 0.03);
+  expect_key(*members[0], "speed_rad_s", kSpeed, 0.05);
+}
+
 RawLog simulate_behind(LooseLoad load) {
   SyntheticDrive drive{.J = SyntheticDrive{}.J - load.J, .duration_s = 2};
   drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
