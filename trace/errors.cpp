@@ -114,7 +114,13 @@ void compare_errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   const auto fall = [](const std::optional<EquationError>& e) {
     return e && e->after.train > 0 ? e->before.train / e->after.train : 0;
   };
-  r.main_equation = fall(r.electrical) > fall(r.mechanical) ? "electrical" : "mechanical";
+  // Where what was found acts; of both equations the one whose error fell further.
+  const Effects found = fit.effects();
+  const bool of_voltage = acting_on(found, ~kOnVoltage).empty(),
+             of_torque = acting_on(found, ~kOnTorque).empty();
+  const bool electrical = of_voltage != of_torque ? of_voltage && r.electrical
+                                                  : fall(r.electrical) > fall(r.mechanical);
+  r.main_equation = electrical ? "electrical" : "mechanical";
 }
 
 }  // namespace twinrate
