@@ -67,8 +67,10 @@ class Chain {
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   // The same of other equations of this record, without what noise makes of them.
   std::vector<Sampled> columns_of(const Equations& equations, const Effect& effect) const;
-  // How the drive answers noise sets a lightly damped shaft ringing: truly, and that is no noise.
-  Sampled contribution(const Effect& effect) const {
+  Sampled contribution(const Effect& effect) const { return contribution(effect, answered_); }
+  // The same for the slope of a fit. How the drive answers noise sets a lightly damped shaft
+  // ringing: truly, and that is no noise.
+  Sampled contribution_to_fit(const Effect& effect) const {
     return contribution(effect, is_of_shaft(effect) ? readings_ : answered_);
   }
   // columns(), kept for the next time; valid until the next call.

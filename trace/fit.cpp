@@ -178,8 +178,8 @@ void Fitter::linearise(Fit& fit) const {
     } else {
       const double span = step_up - move(*down, p, -h);
       down->prepare(facts);
-      add(x, chain_.contribution(*up), 1 / span);
-      add(x, chain_.contribution(*down), -1 / span);
+      add(x, chain_.contribution_to_fit(*up), 1 / span);
+      add(x, chain_.contribution_to_fit(*down), -1 / span);
     }
     // A zone of the width of the noise is known by little else; what noise adds is taken off.
     fit.J.push_back(zone ? chain_.whitened(x) : chain_.regressor(x));

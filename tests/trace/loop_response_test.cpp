@@ -134,9 +134,11 @@ TEST(LoopResponse, SetsAShaftRingingTruly) {
       facts);
   const Equations equations(r, facts), answered(moved, facts);
   const Sampler sampler(r, moving_rows(equations), held_out_rows(r, 0.25, facts.machine.n_p));
-  const Sampled by_readings = Chain(equations, answered, equations, sampler).contribution(*torsion);
+  const Sampled by_readings =
+      Chain(equations, answered, equations, sampler).contribution_to_fit(*torsion);
   EXPECT_LT(by_readings.noise_torque.norm(), 1e-9 * by_readings.torque.norm());
-  const Sampled by_motion = Chain(equations, answered, answered, sampler).contribution(*torsion);
+  const Sampled by_motion =
+      Chain(equations, answered, answered, sampler).contribution_to_fit(*torsion);
   EXPECT_GT(by_motion.noise_torque.norm(), 0.3 * by_motion.torque.norm());
 }
 
