@@ -41,9 +41,10 @@ void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r)
     add(with_key("missing_samples", "share", health.missing_share));
   if (health.stale_share > kFewRows) add(with_key("stale_samples", "share", health.stale_share));
   if (health.held_share > kFewRows) {
+    constexpr double kCurrent = 1;  // of its signals, which are all and current
     const auto held = make_effect("stale_samples");
     set_key(*held, "share", health.held_share);
-    set_key(*held, "signal", 1);
+    set_key(*held, "signal", kCurrent);
     add(held);
   }
 }

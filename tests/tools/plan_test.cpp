@@ -24,12 +24,14 @@ kind = "coulomb_friction"
 torque_Nm = 0.1
 )";
 
-Config servo(const std::string& effects) {
-  return Config::parse(
-      load_drive("niewiara2020").resolved_with({}) + effects, "servo",
-      {"controller.kind=foc", "controller.compensation=off", "controller.angle_source=measured",
-       "sensors.current_sensors=2", "rates.f_s_Hz=5000", "reference.speed_rpm=30",
-       "reference.slew_rad_s2=750", "run.duration_s=3", "run.settle_s=0.2"});
+Config servo(const std::string& effects,
+             std::vector<std::string> settings = {"rates.f_s_Hz=5000", "run.duration_s=3"}) {
+  for (const char* setting :
+       {"controller.kind=foc", "controller.compensation=off", "controller.angle_source=measured",
+        "sensors.current_sensors=2", "reference.speed_rpm=30", "reference.slew_rad_s2=750",
+        "run.settle_s=0.2"})
+    settings.emplace_back(setting);
+  return Config::parse(load_drive("niewiara2020").resolved_with({}) + effects, "servo", settings);
 }
 
 PlanLog run(Config config) {
@@ -90,6 +92,20 @@ TEST(PlanMeasurement, NamesWhatASlowRunLeavesAmbiguous) {
   ASSERT_EQ(after.effects.size(), 1u) << after.sentence;
   EXPECT_EQ(after.effects[0].effect->kind(), "coulomb_friction");
   EXPECT_NEAR(after.effects[0].parameters.at(0).value, 0.1, 2e-3);
+}
+
+// A kind that fits the slow run better where it was fitted, and worse where it was not, does not
+// take its place.
+TEST(PlanMeasurement, LeavesADeadTimeInASlowRun) {
+  const std::vector<std::string> ten_seconds = {"run.duration_s=10"};
+  const PlanLog slow =
+      run(servo("[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1e-6\n", ten_seconds));
+  Config model = servo("", ten_seconds);
+  read_all_tables(model);
+  const TraceResult r = trace_record(slow.record, model.drive(), slow.health, {});
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  EXPECT_EQ(r.effects[0].effect->kind(), "dead_time") << r.sentence;
+  EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
 }
 
 TEST(PlanMeasurement, ShowsAStepAtAnUnknownMomentAndAGap) {

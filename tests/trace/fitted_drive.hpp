@@ -2,7 +2,9 @@
 // set of effects.
 #pragma once
 #include <algorithm>
+#include <map>
 
+#include "tests/support/effects.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/keys.hpp"
 #include "trace/noise.hpp"
@@ -10,12 +12,8 @@
 
 namespace twinrate {
 
-inline std::shared_ptr<Effect> effect_with(
-    std::string_view kind, const std::vector<std::pair<std::string, double>>& keys) {
-  const std::shared_ptr<Effect> effect = make_effect(kind);
-  for (const auto& [key, size] : keys) set_key(*effect, key, size);
-  effect->prepare(servo().facts());
-  return effect;
+inline std::shared_ptr<Effect> effect_with(const char* kind, std::map<std::string, double> keys) {
+  return test::effect_of(kind, std::move(keys), servo().facts());
 }
 
 inline std::vector<std::string> kinds_of(const Members& members) {

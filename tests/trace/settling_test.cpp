@@ -119,6 +119,26 @@ TEST(Settling, AShaftWithNextToNoGapIsOneWithout) {
   expect_key(*members[0], "stiffness_Nm_rad", load.K, 0.02);
 }
 
+// What is left of the torque (here a ripple that nobody chose) makes no less of the inertia.
+TEST(Settling, AnInertiaThatAShaftNeedsStaysWhateverElseIsLeft) {
+  constexpr double kLess = -1.7e-3;  // kgm2
+  const LooseLoad load{.gap = 0};
+  SyntheticDrive drive{.J = SyntheticDrive{}.J + kLess - load.J, .duration_s = 2};
+  LooseLoad behind = load;
+  drive.extra_load = [&](double t, double theta, double omega) {
+    return behind(t, theta, omega) + 0.05 * std::sin(14 * theta);
+  };
+  RawLog raw = simulate_synthetic(drive);
+  raw.drop_first(3000);
+  const auto shaft = effect_with("torsion", {{"J_load_kgm2", load.J},
+                                             {"stiffness_Nm_rad", load.K},
+                                             {"damping_Nms_rad", load.D}}),
+             less = effect_with("inertia", {{"change_kgm2", kLess}});
+  const auto ripple = effect_with("cogging", {{"order", 14}, {"amplitude_Nm", 0.05}});
+  const Members members = settled(raw, {shaft, less, ripple}, {shaft, less});
+  EXPECT_EQ(kinds_of(members), (Names{"inertia", "torsion"}));
+}
+
 // With two fifths more mass behind seven tenths of the gap it rings alike.
 TEST(Settling, AGapIsFollowedOutOfTheHollowBesideTheTrueOne) {
   const LooseLoad load;
