@@ -33,6 +33,9 @@ void add(Sampled& a, const Sampled& b, double factor) {
   add(a.noise_d, b.noise_d, factor);
   add(a.noise_q, b.noise_q, factor);
   add(a.noise_torque, b.noise_torque, factor);
+  add(a.answer_d, b.answer_d, factor);
+  add(a.answer_q, b.answer_q, factor);
+  add(a.answer_torque, b.answer_torque, factor);
 }
 
 bool has_gap(const Effect& effect) {
@@ -52,6 +55,10 @@ bool turns_with_angle(const Effect& effect) {
   return false;
 }
 
+bool turns_at_zero(const Effect& effect) {
+  return effect.kind() == "dead_time" || effect.kind() == "inverter_drop";
+}
+
 bool holds_noise(const Effect& effect) {
   for (std::string_view kind : {"flux_harmonics", "inverter_offset"})
     if (effect.kind() == kind) return false;
@@ -59,17 +66,24 @@ bool holds_noise(const Effect& effect) {
   return effect.regressor_count() == 0 || effect.kind() == "inertia";
 }
 
-Sampled Chain::sampled(const Channels& clean, const Channels* noisy) const {
+Sampled Chain::sampled(const Channels& clean) const {
   Sampled s;
-  const auto take = [&](const std::vector<double>& x, const std::vector<double>* x_noisy,
-                        const Runs& runs, Eigen::VectorXd& value, Eigen::VectorXd& noise) {
-    if (x.empty()) return;
-    value = sampler_(x, runs);
-    if (x_noisy) noise = sampler_(*x_noisy, runs) - value;
-  };
-  take(clean.d, noisy ? &noisy->d : nullptr, sampler_.electrical(), s.d, s.noise_d);
-  take(clean.q, noisy ? &noisy->q : nullptr, sampler_.electrical(), s.q, s.noise_q);
-  take(clean.torque, noisy ? &noisy->torque : nullptr, sampler_.torque(), s.torque, s.noise_torque);
+  if (!clean.d.empty()) s.d = sampler_(clean.d, sampler_.electrical());
+  if (!clean.q.empty()) s.q = sampler_(clean.q, sampler_.electrical());
+  if (!clean.torque.empty()) s.torque = sampler_(clean.torque, sampler_.torque());
+  return s;
+}
+
+Sampled Chain::sampled(const Channels& clean, const Channels& read,
+                       const Channels& answered) const {
+  Sampled s = sampled(clean), answer = sampled(answered);
+  const Sampled noisy = sampled(read);
+  s.noise_d = noisy.d - s.d;
+  s.noise_q = noisy.q - s.q;
+  s.noise_torque = noisy.torque - s.torque;
+  s.answer_d = answer.d - noisy.d;
+  s.answer_q = answer.q - noisy.q;
+  s.answer_torque = answer.torque - noisy.torque;
   return s;
 }
 
@@ -125,22 +139,6 @@ const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) cons
   return recall(shape_of("columns of ", effect), [&] { return columns(effect); });
 }
 
-const std::vector<Sampled>& Chain::columns_as_read(const Effect& effect) const {
-  if (!holds_noise(effect)) return remembered_columns(effect);
-  return recall(shape_of("columns as read of ", effect), [&] {
-    std::vector<Sampled> columns = remembered_columns(effect);
-    const std::vector<Channels> noisy = readings_.columns(effect);
-    for (std::size_t r = 0; r < columns.size(); ++r) {
-      Sampled& x = columns[r];
-      const Sampled with = sampled(noisy[r], nullptr);
-      x.noise_d = with.d - x.d;
-      x.noise_q = with.q - x.q;
-      x.noise_torque = with.torque - x.torque;
-    }
-    return columns;
-  });
-}
-
 bool Chain::commands(const Effects& effects) const {
   const auto count = [](const Effects& some) {
     return std::count_if(some.begin(), some.end(),
@@ -187,28 +185,36 @@ Sampled Chain::residual(const Effects& effects) const {
     if (!is_linear(*effect)) {
       add(s,
           recall({"whole " + std::string(effect->kind()), keys_of(*effect), {}},
-                 [&] { return std::vector<Sampled>{contribution(*effect, readings_)}; })[0],
+                 [&] { return std::vector<Sampled>{contribution_to_fit(*effect)}; })[0],
           -1);
       continue;
     }
     std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()));
     effect->coefficients(coefficients);
-    const std::vector<Sampled>& columns = columns_as_read(*effect);
+    const std::vector<Sampled>& columns = remembered_columns(*effect);
     for (std::size_t r = 0; r < columns.size(); ++r) add(s, columns[r], -coefficients[r]);
   }
   return s;
 }
 
 Sampled Chain::noiseless(const Effects& effects) const {
-  return sampled(equations_.residual(effects), nullptr);
+  return sampled(equations_.residual(effects));
+}
+
+Sampled Chain::contribution_to_fit(const Effect& effect) const {
+  Sampled s = contribution(effect);
+  if (is_of_shaft(effect)) s.answer_torque = {};
+  return s;
 }
 
 Sampled Chain::whole_residual(const Effects& effects) const {
   Effects smooth;
   for (const auto& effect : effects)
     if (!has_gap(*effect)) smooth.push_back(effect);
-  const Channels noisy = readings_.residual(smooth);
-  Sampled s = sampled(equations_.residual(smooth), &noisy);
+  Sampled s =
+      sampled(equations_.residual(smooth), readings_.residual(smooth), answered_.residual(smooth));
+  if (std::any_of(effects.begin(), effects.end(), [](const auto& e) { return is_of_shaft(*e); }))
+    s.answer_torque = {};
   if (smooth.size() == effects.size()) return s;
   const Sampled all = noiseless(effects);
   s.d = all.d;
@@ -221,8 +227,10 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
   if (!holds_noise(effect)) return columns_of(equations_, effect);
   checkpoint();
   std::vector<Sampled> out;
-  const std::vector<Channels> clean = equations_.columns(effect), noisy = answered_.columns(effect);
-  for (std::size_t r = 0; r < clean.size(); ++r) out.push_back(sampled(clean[r], &noisy[r]));
+  const std::vector<Channels> clean = equations_.columns(effect), read = readings_.columns(effect),
+                              answered = answered_.columns(effect);
+  for (std::size_t r = 0; r < clean.size(); ++r)
+    out.push_back(sampled(clean[r], read[r], turns_at_zero(effect) ? read[r] : answered[r]));
   return out;
 }
 
@@ -236,15 +244,15 @@ std::vector<Sampled> Chain::columns_of(const Equations& equations, const Effect&
     }
     return out;
   }
-  for (const Channels& clean : equations.columns(effect)) out.push_back(sampled(clean, nullptr));
+  for (const Channels& clean : equations.columns(effect)) out.push_back(sampled(clean));
   return out;
 }
 
-Sampled Chain::contribution(const Effect& effect, const Equations& noisier) const {
+Sampled Chain::contribution(const Effect& effect) const {
   checkpoint();
-  if (has_gap(effect)) return sampled(equations_.contribution(effect), nullptr);
-  const Channels noisy = noisier.contribution(effect);
-  return sampled(equations_.contribution(effect), &noisy);
+  if (has_gap(effect)) return sampled(equations_.contribution(effect));
+  return sampled(equations_.contribution(effect), readings_.contribution(effect),
+                 answered_.contribution(effect));
 }
 
 Sampled Chain::whitened(const Sampled& s) const {
@@ -258,19 +266,27 @@ Sampled Chain::whitened(const Sampled& s) const {
   w.noise_d = noise_.scale_d * take(noise_.d, s.noise_d, sampler_.electrical());
   w.noise_q = noise_.scale_q * take(noise_.q, s.noise_q, sampler_.electrical());
   w.noise_torque = noise_.scale_torque * take(noise_.torque, s.noise_torque, sampler_.torque());
+  w.answer_d = noise_.scale_d * take(noise_.d, s.answer_d, sampler_.electrical());
+  w.answer_q = noise_.scale_q * take(noise_.q, s.answer_q, sampler_.electrical());
+  w.answer_torque = noise_.scale_torque * take(noise_.torque, s.answer_torque, sampler_.torque());
   return w;
 }
 
 Sampled Chain::regressor(const Sampled& column) const {
   Sampled w = whitened(column);
-  const auto mute = [](Eigen::VectorXd& value, Eigen::VectorXd& noise, double least) {
-    if (!noise.size() || value.squaredNorm() > (1 + least) * noise.squaredNorm()) return;
+  const auto mute = [](Eigen::VectorXd& value, Eigen::VectorXd& noise, Eigen::VectorXd& answer,
+                       double least) {
+    if (!noise.size()) return;
+    const double share =
+        noise.squaredNorm() + (answer.size() ? std::max(0.0, noise.dot(answer)) : 0);
+    if (value.squaredNorm() > (1 + least) * share) return;
     value.setZero();
     noise.setZero();
+    answer.setZero();
   };
-  mute(w.d, w.noise_d, kLeastElectrical);
-  mute(w.q, w.noise_q, kLeastElectrical);
-  mute(w.torque, w.noise_torque, kLeastTorque);
+  mute(w.d, w.noise_d, w.answer_d, kLeastElectrical);
+  mute(w.q, w.noise_q, w.answer_q, kLeastElectrical);
+  mute(w.torque, w.noise_torque, w.answer_torque, kLeastTorque);
   return w;
 }
 

@@ -13,10 +13,12 @@
 namespace twinrate {
 
 // One regressor, or a residual, at the tracer's rate; channels it does not touch are empty. `noise`
-// is what measurement noise of the record's own size makes of it (see Chain).
+// is what noise of the record's own size makes of it in the readings, `answer` what the drive does
+// about that (see Chain).
 struct Sampled {
   Eigen::VectorXd d, q, torque;
   Eigen::VectorXd noise_d, noise_q, noise_torque;
+  Eigen::VectorXd answer_d, answer_q, answer_torque;
 };
 
 // Of the three channels.
@@ -35,14 +37,17 @@ bool is_of_shaft(const Effect& effect);
 
 // Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
 // residual itself, and plain least squares would shrink L (or J, or everything) until it vanishes.
-// So every column is computed twice, from the record and from the record with as much noise again;
-// the difference shows what noise does to it, and inner products are taken less its share:
-//   <a, b> = a'b - noise_a' noise_b
+// So every column is computed again from the record with as much noise again: the difference shows
+// what noise does to it, and inner products are taken less its share.
 //
-// The controller answers noise, and the currents that it drives are in the columns. They are not in
-// the residual: whatever the drive answers obeys the equations, and a model that is right leaves of
-// noise only what the readings make of it at that voltage. A model that lacks an effect in the
-// answer (a dead time, some 30 Ohm around a current of zero) would take it for noise many times.
+// The controller answers noise, and the currents that it drives are in the columns. They are no
+// error there, and they are not in the residual of a model that is right: whatever the drive
+// answers obeys the equations. But they come of the noise that is. With a, b columns and y the
+// residual
+//   <a, b> = a'b - noise_a' noise_b - (answer_a' noise_b + noise_a' answer_b) / 2
+//   <a, y> = a'y - (noise_a + answer_a)' noise_y
+// No answer is counted through a dead time, some 30 Ohm around a current of zero that the answer
+// was computed without, nor of a shaft in a fit, where the product would be chance alone.
 class Chain {
  public:
   // Equations of the record with as much noise added as it has: `answered` by the drive, and to the
@@ -67,12 +72,9 @@ class Chain {
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
   // The same of other equations of this record, without what noise makes of them.
   std::vector<Sampled> columns_of(const Equations& equations, const Effect& effect) const;
-  Sampled contribution(const Effect& effect) const { return contribution(effect, answered_); }
-  // The same for the slope of a fit. How the drive answers noise sets a lightly damped shaft
-  // ringing: truly, and that is no noise.
-  Sampled contribution_to_fit(const Effect& effect) const {
-    return contribution(effect, is_of_shaft(effect) ? readings_ : answered_);
-  }
+  Sampled contribution(const Effect& effect) const;
+  // The same in a fit: a shaft's without its answer.
+  Sampled contribution_to_fit(const Effect& effect) const;
   // columns(), kept for the next time; valid until the next call.
   const std::vector<Sampled>& remembered_columns(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
@@ -80,6 +82,7 @@ class Chain {
   // is taken off would be worth nothing there.
   Sampled regressor(const Sampled& column) const;
   const Equations& equations() const { return equations_; }
+  const Equations& readings() const { return readings_; }  // of the record with noise on them
   const Sampler& sampler() const { return sampler_; }
 
  private:
@@ -92,11 +95,9 @@ class Chain {
   Remembered shape_of(const char* what, const Effect& effect) const;
   const std::vector<Sampled>& recall(Remembered wanted,
                                      const std::function<std::vector<Sampled>()>& make) const;
-  Sampled sampled(const Channels& clean, const Channels* noisy) const;
-  Sampled contribution(const Effect& effect, const Equations& noisier) const;
+  Sampled sampled(const Channels& clean) const;
+  Sampled sampled(const Channels& clean, const Channels& read, const Channels& answered) const;
   Sampled whole_residual(const Effects& effects) const;
-  // remembered_columns() with the noise of the readings.
-  const std::vector<Sampled>& columns_as_read(const Effect& effect) const;
   // False where its coefficients do more than multiply (saturation), or it has none.
   bool is_linear(const Effect& effect) const;
 
@@ -111,6 +112,9 @@ class Chain {
 
 // True where the effect's columns are periodic in the angle.
 bool turns_with_angle(const Effect& effect);
+// True where they are other ones where a current crosses zero at another moment. Its slope there is
+// some 30 Ohm: the drive answers far less through it than through the winding alone.
+bool turns_at_zero(const Effect& effect);
 // True where the effect's columns hold the noise of the residual itself.
 bool holds_noise(const Effect& effect);
 

@@ -65,11 +65,6 @@ bool adds_to_sensor(const Effect& effect) {
   return effect.regressor_count() > 0 && (effect.acts_on() & (kOnCurrents | kOnAngle));
 }
 
-// Its columns are other ones where a current crosses zero at another moment.
-bool turns_at_zero(const Effect& effect) {
-  return effect.kind() == "dead_time" || effect.kind() == "inverter_drop";
-}
-
 bool is_renewed(const Effect& effect) {
   return adds_to_sensor(effect) || turns_at_zero(effect) || turns_with_angle(effect);
 }
@@ -181,18 +176,36 @@ double Rows::dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
 }
 
 double Rows::dot(const Sampled& a, const Sampled& b) const {
-  return energy(a, b).sum() - noise(a, b);
+  return energy(a, b).sum() - noise(a, b).sum();
+}
+
+double Rows::against(const Sampled& column, const Sampled& residual) const {
+  return energy(column, residual).sum() - noise_against(column, residual).sum();
+}
+
+EquationEnergy Rows::product(const Part& of_a, const Sampled& a, const Part& of_b,
+                             const Sampled& b) const {
+  return {
+      dot(a.*of_a.d, b.*of_b.d, electrical_pieces_) + dot(a.*of_a.q, b.*of_b.q, electrical_pieces_),
+      dot(a.*of_a.torque, b.*of_b.torque, torque_pieces_)};
 }
 
 EquationEnergy Rows::energy(const Sampled& a, const Sampled& b) const {
-  return {dot(a.d, b.d, electrical_pieces_) + dot(a.q, b.q, electrical_pieces_),
-          dot(a.torque, b.torque, torque_pieces_)};
+  return product(kValue, a, kValue, b);
 }
 
-EquationEnergy Rows::noise_energy(const Sampled& a, const Sampled& b) const {
-  return {
-      dot(a.noise_d, b.noise_d, electrical_pieces_) + dot(a.noise_q, b.noise_q, electrical_pieces_),
-      dot(a.noise_torque, b.noise_torque, torque_pieces_)};
+EquationEnergy Rows::noise(const Sampled& a, const Sampled& b) const {
+  const EquationEnergy crossed = answer(a, b), back = answer(b, a);
+  return product(kNoise, a, kNoise, b) + EquationEnergy{(crossed.electrical + back.electrical) / 2,
+                                                        (crossed.torque + back.torque) / 2};
+}
+
+EquationEnergy Rows::noise_against(const Sampled& column, const Sampled& residual) const {
+  return product(kNoise, column, kNoise, residual) + answer(column, residual);
+}
+
+EquationEnergy Rows::answer(const Sampled& answered, const Sampled& read) const {
+  return product(kAnswer, answered, kNoise, read);
 }
 
 std::size_t Rows::count(const Sampled& like) const {

@@ -32,25 +32,41 @@ std::vector<Candidate> make_candidates(const Chain& chain);
 struct EquationEnergy {
   double electrical = 0, torque = 0;
   double sum() const { return electrical + torque; }
+  EquationEnergy operator+(const EquationEnergy& b) const {
+    return {electrical + b.electrical, torque + b.torque};
+  }
   EquationEnergy operator-(const EquationEnergy& b) const {
     return {electrical - b.electrical, torque - b.torque};
   }
 };
 
-// Inner products over the training or the held-out outputs.
+// Inner products over the training or the held-out outputs, less the share of noise (see Chain).
 class Rows {
  public:
   Rows(const Sampler& sampler, bool held_out);
-  // Less the share of noise.
-  double dot(const Sampled& a, const Sampled& b) const;
-  double noise(const Sampled& a, const Sampled& b) const { return noise_energy(a, b).sum(); }
-  EquationEnergy noise_energy(const Sampled& a, const Sampled& b) const;
-  EquationEnergy energy(const Sampled& a, const Sampled& b) const;  // with it
+  double dot(const Sampled& a, const Sampled& b) const;  // of two columns
+  double against(const Sampled& column, const Sampled& residual) const;
+  EquationEnergy energy(const Sampled& a, const Sampled& b) const;  // with noise
+  // What dot() and against() take off.
+  EquationEnergy noise(const Sampled& a, const Sampled& b) const;
+  EquationEnergy noise_against(const Sampled& column, const Sampled& residual) const;
+  // What of it the answer in the first makes.
+  EquationEnergy answer(const Sampled& answered, const Sampled& read) const;
   std::size_t count(const Sampled& like) const;
   std::size_t electrical() const { return electrical_; }
   std::size_t torque() const { return torque_; }
 
  private:
+  struct Part {
+    Eigen::VectorXd Sampled::*d;
+    Eigen::VectorXd Sampled::*q;
+    Eigen::VectorXd Sampled::*torque;
+  };
+  static constexpr Part kValue{&Sampled::d, &Sampled::q, &Sampled::torque},
+      kNoise{&Sampled::noise_d, &Sampled::noise_q, &Sampled::noise_torque},
+      kAnswer{&Sampled::answer_d, &Sampled::answer_q, &Sampled::answer_torque};
+  EquationEnergy product(const Part& of_a, const Sampled& a, const Part& of_b,
+                         const Sampled& b) const;
   double dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
              const std::vector<std::pair<Eigen::Index, Eigen::Index>>& pieces) const;
   std::vector<std::pair<Eigen::Index, Eigen::Index>> electrical_pieces_, torque_pieces_;

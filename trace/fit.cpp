@@ -9,6 +9,8 @@
 namespace twinrate {
 namespace {
 
+constexpr const char* kZone = "linear_current_A";
+
 std::vector<FreeParameter> free_parameters(const Members& members) {
   std::vector<FreeParameter> free;
   for (std::size_t m = 0; m < members.size(); ++m) {
@@ -97,22 +99,28 @@ double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
     : chain_(chain), training_(training), held_out_(held_out) {
   const Sampled y = chain.whitened(chain.residual({}));
-  noise_ = training.noise_energy(y, y);
-  noise_held_out_ = held_out.noise_energy(y, y);
-  raw_held_out_ = held_out.dot(y, y) + noise_held_out_.sum();
+  declared_ = y;
+  noise_ = noise_in(training, y);
+  noise_held_out_ = noise_in(held_out, y);
+  raw_held_out_ = held_out.energy(y, y).sum();
+}
+
+// Of the drive's answer to the model that it has: its part is larger by what the fit adds to it.
+EquationEnergy Fitter::noise_in(const Rows& rows, const Sampled& y) const {
+  return rows.noise(y, y) + rows.answer(y, declared_);
 }
 
 void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
   const auto rss = [&](const Rows& rows, const EquationEnergy& declared, double& doubt) {
-    const EquationEnergy whole = rows.energy(fit.y, fit.y), noise = rows.noise_energy(fit.y, fit.y);
-    const EquationEnergy brought = noise - declared;
+    const EquationEnergy whole = rows.energy(fit.y, fit.y);
+    const EquationEnergy brought = noise_in(rows, fit.y) - declared;
     doubt = noise_doubt(brought);
     return whole.sum() - brought.sum() + doubt;
   };
   fit.rss = rss(training_, noise_, fit.doubt);
   fit.rss_held_out = rss(held_out_, noise_held_out_, fit.doubt);
-  fit.raw_held_out = held_out_.dot(fit.y, fit.y) + held_out_.noise(fit.y, fit.y);
+  fit.raw_held_out = held_out_.energy(fit.y, fit.y).sum();
   fit.valid = fit.valid && fit.rss > 0 && (fit.rss_held_out > 0 || fit.raw_held_out == 0);
 }
 
@@ -141,7 +149,7 @@ void Fitter::linearise(Fit& fit) const {
           fit.J.push_back(chain_.regressor(x));
       continue;
     }
-    const bool zone = p.key == "linear_current_A";
+    const bool zone = p.key == kZone;
     const double share = has_gap(effect) ? kGapStep : zone ? kZoneStep : kStep;
     const double h = p.coefficient >= 0 ? 0.05 * smallest_coefficient(effect, p.coefficient, facts)
                                         : share * std::max(std::abs(get_key(effect, p.key)), 1e-9);
@@ -174,6 +182,9 @@ void Fitter::linearise(Fit& fit) const {
         x.noise_d = alone.noise_d;
         x.noise_q = alone.noise_q;
         x.noise_torque = alone.noise_torque;
+        x.answer_d = alone.answer_d;
+        x.answer_q = alone.answer_q;
+        x.answer_torque = alone.answer_torque;
       }
     } else {
       const double span = step_up - move(*down, p, -h);
@@ -193,8 +204,8 @@ Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
     const Sampled& column = fit.J[static_cast<std::size_t>(a)];
     for (Eigen::Index c = 0; c <= a; ++c)
       normal.A(a, c) = normal.A(c, a) = training_.dot(column, fit.J[static_cast<std::size_t>(c)]);
-    normal.b[a] = training_.dot(column, fit.y);
-    normal.noise[a] = training_.noise(column, column);
+    normal.b[a] = training_.against(column, fit.y);
+    normal.noise[a] = training_.noise(column, column).sum();
   }
   std::vector<char> use = normal.usable(static_cast<double>(training_.count(fit.y)));
   for (Eigen::Index a = 0; a < P; ++a) {
@@ -204,11 +215,13 @@ Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
                chain_.equations().facts()))
       use[static_cast<std::size_t>(a)] = 0;
   }
-  // A moment that the blocks kept back show better stays where it was placed, by all blocks.
+  // A moment, or the edge of a zone, that the blocks kept back show better stays where it was
+  // placed, by all blocks.
   std::vector<std::pair<Eigen::Index, double>> placed;
   for (Eigen::Index a = 0; a < P; ++a) {
     const Sampled& x = fit.J[static_cast<std::size_t>(a)];
-    if (fit.free[static_cast<std::size_t>(a)].key != "time_s") continue;
+    const std::string& key = fit.free[static_cast<std::size_t>(a)].key;
+    if (key != "time_s" && key != kZone) continue;
     const double kept_back = held_out_.dot(x, x);
     if (kept_back <= normal.A(a, a)) continue;
     placed.emplace_back(a, kept_back + normal.A(a, a));
@@ -244,6 +257,9 @@ Eigen::MatrixXd Fitter::robust_covariance(const Fit& fit) const {
     gather(electrical, p, x.noise_d, fit.y.noise_d, -1);
     gather(electrical, p, x.noise_q, fit.y.noise_q, -1);
     gather(torque, p, x.noise_torque, fit.y.noise_torque, -1);
+    gather(electrical, p, x.answer_d, fit.y.noise_d, -1);
+    gather(electrical, p, x.answer_q, fit.y.noise_q, -1);
+    gather(torque, p, x.answer_torque, fit.y.noise_torque, -1);
   }
   scores.rowwise() -= scores.colwise().mean().eval();
   return fit.covariance * (scores.transpose() * scores) * fit.covariance;

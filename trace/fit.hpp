@@ -73,6 +73,7 @@ class Fitter {
   const Chain& chain() const { return chain_; }
 
  private:
+  EquationEnergy noise_in(const Rows& rows, const Sampled& y) const;
   void evaluate(Fit& fit) const;
   void linearise(Fit& fit) const;
   // Gauss-Newton's step, and by how much it should lower rss.
@@ -82,7 +83,8 @@ class Fitter {
   const Rows& training_;
   const Rows& held_out_;
   double margin_ = 40;
-  EquationEnergy noise_, noise_held_out_;  // in the residual of the declared model
+  Sampled declared_;                       // residual of the declared model
+  EquationEnergy noise_, noise_held_out_;  // in it
   double raw_held_out_ = 0;
 };
 

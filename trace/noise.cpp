@@ -102,9 +102,11 @@ bool may_sum_to_noise(const Effect& effect) {
 }
 
 // A column that does not hold that noise, to estimate it from.
-bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise) {
+bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise,
+              const Eigen::VectorXd& answer) {
   constexpr double kNoisy = 0.02;  // share of its energy
-  return x.size() > 0 && (!noise.size() || noise.squaredNorm() < kNoisy * x.squaredNorm());
+  return x.size() > 0 &&
+         (!noise.size() || (noise + answer).squaredNorm() < kNoisy * x.squaredNorm());
 }
 
 // Noise of a slow signal that is sampled fast: its fourth difference over the rows asked
@@ -160,13 +162,14 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
                                 const Dictionary& dictionary) {
   Unexplained::Columns d, q, torque, shafts;
   const auto take = [&](const Sampled& x) {
-    if (is_clean(x.d, x.noise_d)) d.push_back(&x.d);
-    if (is_clean(x.q, x.noise_q)) q.push_back(&x.q);
-    if (is_clean(x.torque, x.noise_torque)) torque.push_back(&x.torque);
+    if (is_clean(x.d, x.noise_d, x.answer_d)) d.push_back(&x.d);
+    if (is_clean(x.q, x.noise_q, x.answer_q)) q.push_back(&x.q);
+    if (is_clean(x.torque, x.noise_torque, x.answer_torque)) torque.push_back(&x.torque);
   };
   std::deque<Sampled> differences;  // pushing leaves the others where they are
   for (const Candidate& c : dictionary.sampled) {
-    if (c.effect->kind() == "torsion" && is_clean(c.columns[0].torque, c.columns[0].noise_torque))
+    if (c.effect->kind() == "torsion" &&
+        is_clean(c.columns[0].torque, c.columns[0].noise_torque, c.columns[0].answer_torque))
       shafts.push_back(&c.columns[0].torque);
     if (may_mimic_noise(*c.effect)) continue;
     if (!may_sum_to_noise(*c.effect)) {
@@ -187,9 +190,15 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   // A resonance passes for noise; but many shafts together pass for anything.
   const std::size_t without_shafts = torque.size();
   torque.insert(torque.end(), shafts.begin(), shafts.end());
-  d_.look_at(d);
-  q_.look_at(q);
-  torque_.look_at(torque);
+  const auto look = [](Unexplained& by, const Unexplained::Columns& columns,
+                       const Eigen::VectorXd& sensors, const Runs& runs) {
+    if (!by.expects() && sensors.size() > 0 && sensors.norm() > 0)
+      by.expect(Whitener(sensors, runs));
+    by.look_at(columns);
+  };
+  look(d_, d, y.noise_d, chain.sampler().electrical());
+  look(q_, q, y.noise_q, chain.sampler().electrical());
+  look(torque_, torque, y.noise_torque, chain.sampler().torque());
   const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d),
                         noise_q = rest(q_, q.size(), y.q, y.noise_q),
                         less_shafts = rest(torque_, torque.size(), y.torque, y.noise_torque,

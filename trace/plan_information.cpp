@@ -98,29 +98,26 @@ std::pair<Eigen::Index, Eigen::Index> outputs(const Runs& runs, const RowSpan& s
   return {at(span.first), at(span.last)};
 }
 
-// X'X - N'N of one channel in one span, and the diagonal of N'N.
+// What the Chain's inner products are of one channel in one span, and the share of noise in the
+// diagonal.
 void add_channel(const std::vector<Sampled>& columns, Eigen::VectorXd Sampled::*channel,
-                 Eigen::VectorXd Sampled::*noise, std::pair<Eigen::Index, Eigen::Index> range,
-                 Information& sum) {
+                 Eigen::VectorXd Sampled::*noise, Eigen::VectorXd Sampled::*answer,
+                 std::pair<Eigen::Index, Eigen::Index> range, Information& sum) {
   const auto P = static_cast<Eigen::Index>(columns.size());
   const Eigen::Index n = range.second - range.first;
   if (n <= 0) return;
-  Eigen::MatrixXd X(n, P), N(n, P);
-  for (Eigen::Index c = 0; c < P; ++c) {
-    const Eigen::VectorXd &x = columns[static_cast<std::size_t>(c)].*channel,
-                          &e = columns[static_cast<std::size_t>(c)].*noise;
-    if (x.size())
-      X.col(c) = x.segment(range.first, n);
-    else
-      X.col(c).setZero();
-    if (e.size())
-      N.col(c) = e.segment(range.first, n);
-    else
-      N.col(c).setZero();
-  }
-  sum.M.noalias() += X.transpose() * X;
-  sum.M.noalias() -= N.transpose() * N;
-  sum.noise += N.colwise().squaredNorm().transpose();
+  const auto matrix = [&](Eigen::VectorXd Sampled::*part) {
+    Eigen::MatrixXd X = Eigen::MatrixXd::Zero(n, P);
+    for (Eigen::Index c = 0; c < P; ++c)
+      if (const Eigen::VectorXd& x = columns[static_cast<std::size_t>(c)].*part; x.size())
+        X.col(c) = x.segment(range.first, n);
+    return X;
+  };
+  const Eigen::MatrixXd X = matrix(channel), N = matrix(noise);
+  const Eigen::MatrixXd crossed = N.transpose() * (N + matrix(answer)) / 2;
+  const Eigen::MatrixXd share = crossed + crossed.transpose();
+  sum.M += X.transpose() * X - share;
+  sum.noise += share.diagonal();
   sum.rows += static_cast<double>(n);
 }
 
@@ -226,10 +223,10 @@ PlanInformation plan_information(const Record& record, const Health& health,
   for (const RowSpan& span : spans) {
     Information sum = Information::none(all.columns);
     const auto electrical = outputs(sampler.electrical(), span);
-    add_channel(columns, &Sampled::d, &Sampled::noise_d, electrical, sum);
-    add_channel(columns, &Sampled::q, &Sampled::noise_q, electrical, sum);
-    add_channel(columns, &Sampled::torque, &Sampled::noise_torque, outputs(sampler.torque(), span),
-                sum);
+    add_channel(columns, &Sampled::d, &Sampled::noise_d, &Sampled::answer_d, electrical, sum);
+    add_channel(columns, &Sampled::q, &Sampled::noise_q, &Sampled::answer_q, electrical, sum);
+    add_channel(columns, &Sampled::torque, &Sampled::noise_torque, &Sampled::answer_torque,
+                outputs(sampler.torque(), span), sum);
     for (const PlanGroup& g : all.groups)
       if (all.kinds[g.kind] == "load_step") halve(g, sum);
     out.pieces.push_back(std::move(sum));

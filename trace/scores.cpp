@@ -62,8 +62,8 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
   NormalEquations own{Eigen::MatrixXd(P, P), Eigen::VectorXd(P), Eigen::VectorXd(P)};
   for (Eigen::Index a = 0; a < P; ++a) {
     for (Eigen::Index c = 0; c <= a; ++c) own.A(a, c) = own.A(c, a) = rows.dot(fit.J[a], fit.J[c]);
-    own.b[a] = rows.dot(fit.J[a], fit.y);
-    own.noise[a] = rows.noise(fit.J[a], fit.J[a]);
+    own.b[a] = rows.against(fit.J[a], fit.y);
+    own.noise[a] = rows.noise(fit.J[a], fit.J[a]).sum();
   }
   const double N = static_cast<double>(rows.count(fit.y));
   std::vector<Score> scores(candidates.size());
@@ -82,8 +82,8 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
         normal.A(a, P + c) = normal.A(P + c, a) = rows.dot(fit.J[a], x);
       for (Eigen::Index e = 0; e <= c; ++e)
         normal.A(P + e, P + c) = normal.A(P + c, P + e) = rows.dot(candidate.columns[e], x);
-      normal.b[P + c] = rows.dot(x, fit.y);
-      normal.noise[P + c] = rows.noise(x, x);
+      normal.b[P + c] = rows.against(x, fit.y);
+      normal.noise[P + c] = rows.noise(x, x).sum();
     }
     std::vector<char> use = normal.usable(N);
     for (Eigen::Index c = 0; c < g; ++c)
@@ -92,16 +92,15 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
     const Eigen::VectorXd x = normal.solve(use);
     EquationEnergy change;
-    const auto brings = [&](double factor, const Sampled& u, const Sampled& v) {
-      const EquationEnergy e = rows.noise_energy(u, v);
+    const auto brings = [&](double factor, const EquationEnergy& e) {
       change.electrical += factor * e.electrical;
       change.torque += factor * e.torque;
     };
     for (Eigen::Index c = 0; c < g; ++c) {
       const Sampled& column = candidate.columns[c];
-      brings(-2 * x[P + c], column, fit.y);
+      brings(-2 * x[P + c], rows.noise_against(column, fit.y));
       for (Eigen::Index e = 0; e < g; ++e)
-        brings(x[P + c] * x[P + e], column, candidate.columns[e]);
+        brings(x[P + c] * x[P + e], rows.noise(column, candidate.columns[e]));
     }
     // What noise takes off may be too much; what explains more than noise is not passed over for
     // it.

@@ -9,6 +9,7 @@ namespace {
 
 constexpr Eigen::Index kMostRows = 4000, kPiece = 100;
 constexpr double kRidge = 1e-8;
+constexpr double kMore = 1.1;  // of a piece: more was made of it, not taken off
 
 // Pieces spread over the whole record, one behind the other.
 Eigen::VectorXd gathered(const Eigen::VectorXd& v) {
@@ -24,12 +25,20 @@ Eigen::VectorXd gathered(const Eigen::VectorXd& v) {
 
 }  // namespace
 
+Eigen::VectorXd Unexplained::weighed(const Eigen::VectorXd& pieces) const {
+  if (!noise_) return pieces;
+  Runs runs;
+  runs.row.resize(static_cast<std::size_t>(pieces.size()));
+  for (std::size_t first = 0; first < runs.row.size(); first += kPiece) runs.start.push_back(first);
+  return (*noise_)(pieces, runs);
+}
+
 void Unexplained::look_at(const Columns& x) {
   x_ = x;
   const auto p = static_cast<Eigen::Index>(x.size());
   std::vector<Eigen::Index> anew;
   for (Eigen::Index c = 0; c < p; ++c) {
-    const Eigen::VectorXd column = gathered(*x[static_cast<std::size_t>(c)]);
+    const Eigen::VectorXd column = weighed(gathered(*x[static_cast<std::size_t>(c)]));
     if (X_.rows() != column.size() || X_.cols() != p) {
       X_ = Eigen::MatrixXd::Zero(column.size(), p);
       scale_ = Eigen::VectorXd::Zero(p);
@@ -60,18 +69,21 @@ Eigen::VectorXd Unexplained::operator()(const Eigen::VectorXd& y, Eigen::Index c
   Eigen::MatrixXd G = G_.topLeftCorner(count, count);
   G.diagonal().array() += kRidge;
   const Eigen::VectorXd c =
-      scale_.head(count).asDiagonal() *
-      G.selfadjointView<Eigen::Lower>().ldlt().solve(X_.leftCols(count).transpose() * gathered(y));
+      scale_.head(count).asDiagonal() * G.selfadjointView<Eigen::Lower>().ldlt().solve(
+                                            X_.leftCols(count).transpose() * weighed(gathered(y)));
   Eigen::VectorXd left = y;
   for (Eigen::Index i = 0; i < count; ++i) left -= c[i] * *x_[static_cast<std::size_t>(i)];
-  left *= std::sqrt(static_cast<double>(n) / static_cast<double>(n - count));
   // Between the pieces fitted the columns may say anything.
+  const Eigen::VectorXd weighed_left = weighed(left), weighed_y = weighed(y);
   for (Eigen::Index first = 0; first < y.size(); first += kPiece) {
     const Eigen::Index rows = std::min(kPiece, y.size() - first);
-    if (left.segment(first, rows).norm() > y.segment(first, rows).norm())
+    if (weighed_left.segment(first, rows).norm() > kMore * weighed_y.segment(first, rows).norm())
       left.segment(first, rows) = y.segment(first, rows);
   }
-  return left;
+  // Noise takes columns with it where they were fitted, and elsewhere is added to by them.
+  const double share = static_cast<double>(count) / static_cast<double>(n),
+               fitted = static_cast<double>(n) / static_cast<double>(y.size());
+  return left / std::sqrt(1 + share * (1 - 2 * std::min(1.0, fitted)));
 }
 
 }  // namespace twinrate

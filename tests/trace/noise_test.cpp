@@ -37,6 +37,38 @@ TEST(Unexplained, KeepsNoProductOfAColumnThatChanged) {
   EXPECT_LT((kept(y, 3) - fresh(y, 3)).norm(), 1e-9 * y.norm());
 }
 
+// Sixty slow columns, each with a little that is fast, beside a noise with next to nothing slow in
+// it: fitted as if it were white, what is fast would rule, and slow rests be left.
+TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {
+  constexpr Eigen::Index n = 8000, kSlow = 60, kMean = 50;
+  constexpr double kFast = 0.5;
+  const Eigen::VectorXd w = white(3, n + 1), noise = w.tail(n) - w.head(n);
+  std::vector<Eigen::VectorXd> waves;
+  Unexplained::Columns columns;
+  Eigen::VectorXd y = noise;
+  for (Eigen::Index j = 0; j < kSlow; ++j)
+    waves.push_back(
+        kFast * white(10 + static_cast<std::uint64_t>(j), n).array() +
+        (kPi * static_cast<double>(2 * j + 1) * Eigen::ArrayXd::LinSpaced(n, 0, 1)).sin());
+  for (const Eigen::VectorXd& wave : waves) {
+    columns.push_back(&wave);
+    y += 0.3 * wave;
+  }
+  const auto slow_power = [&](const Eigen::VectorXd& x) {
+    double sum = 0;
+    for (Eigen::Index first = 0; first < n; first += kMean)
+      sum += std::pow(x.segment(first, kMean).mean(), 2);
+    return sum;
+  };
+  Unexplained unweighed, weighed;
+  const Runs one_run{.row = std::vector<std::size_t>(n), .start = {0}};
+  weighed.expect(Whitener(noise, one_run));
+  unweighed.look_at(columns);
+  weighed.look_at(columns);
+  EXPECT_LT(slow_power(weighed(y, kSlow)), 2 * slow_power(noise));
+  EXPECT_GT(slow_power(unweighed(y, kSlow)), 5 * slow_power(noise));
+}
+
 // Nothing is missing, so the residual is noise, all of it. In a slow run i_d is noise alone, a
 // controller answers it, and what the columns of an asymmetry have in common is i_d again.
 TEST(NoiseFit, IsThatOfTheSensorsInASlowRunToo) {
