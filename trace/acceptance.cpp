@@ -114,6 +114,12 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
          rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 
+double credit(const Effect& effect, const Effect& other, double gain) {
+  constexpr double kShare = 0.01, kMost = 500;
+  const bool simpler = effect.kind() == "dead_time" && other.kind() == "inverter_drop";
+  return simpler ? std::min(kShare * gain, kMost) : 0;
+}
+
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kGoodPart = 0.4;
   return next.valid && next.rss_held_out < (1 - kGoodPart) * now.rss_held_out &&

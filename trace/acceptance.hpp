@@ -25,6 +25,10 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
 // whose impacts cannot be followed: an overdamped shaft does, and nothing else.
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);
 
+// By how much the gain of one effect may fall short of another's in its place: a dead time is not
+// told as an inverter's drop whose slope explains, or mends, next to nothing.
+double credit(const Effect& effect, const Effect& other, double gain);
+
 // The fit without the members that do not pay for their parameters.
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say);
 

@@ -82,7 +82,6 @@ class Judge {
   // Puts one other kind in the place of a member where that is better, and no worse where nothing
   // was fitted.
   bool swap_one() {
-    constexpr double kWorse = 1.2;  // times the held-out error
     looks_.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
       looks_.push_back(look_without(m));
@@ -96,8 +95,10 @@ class Judge {
         Fit next = refined(looks_.back(), s);
         if (is_flat_drop(*next.members.back())) continue;  // a dead time by another name
         const double gain = score_of(fitter_, without) - score_of(fitter_, next);
-        if (gain <= gain_now + 1 || !acceptable(fitter_, next, without) ||
-            next.rss_held_out > kWorse * selection_.fit.rss_held_out)
+        const Effect &newer = *next.members.back(), &older = *selection_.fit.members[m];
+        if (gain + credit(newer, older, gain) <= gain_now + credit(older, newer, gain_now) + 1 ||
+            !acceptable(fitter_, next, without) ||
+            next.rss_held_out > kPlainlyWorse * selection_.fit.rss_held_out)
           continue;
         if (say_)
           say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", s.effect->kind(),

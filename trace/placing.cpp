@@ -17,6 +17,61 @@ constexpr double kFirstStep = 0.15;     // of the logarithm of a key
 constexpr double kWrongInertia = 0.02;  // of machine.J: is worth a fit with another,
 constexpr double kWorthInertia = 0.9;   // which must leave less than this share
 
+// Over the blocks kept back, too.
+double dot_everywhere(const Fitter& fitter, const Sampled& a, const Sampled& b) {
+  return fitter.training().dot(a, b) + fitter.held_out().dot(a, b);
+}
+double against_everywhere(const Fitter& fitter, const Sampled& column, const Sampled& residual) {
+  return fitter.training().against(column, residual) + fitter.held_out().against(column, residual);
+}
+
+// What columns explain of all that `now` leaves, in the blocks kept back, too; leaves their
+// coefficients.
+double explained_everywhere(const Fitter& fitter, const Fit& now, const std::vector<Sampled>& x,
+                            Eigen::VectorXd& coefficients) {
+  const auto n = static_cast<Eigen::Index>(x.size());
+  NormalEquations normal{Eigen::MatrixXd(n, n), Eigen::VectorXd(n), Eigen::VectorXd::Zero(n)};
+  for (Eigen::Index i = 0; i < n; ++i) {
+    normal.b[i] = against_everywhere(fitter, x[static_cast<std::size_t>(i)], now.y);
+    for (Eigen::Index j = 0; j < n; ++j)
+      normal.A(i, j) =
+          dot_everywhere(fitter, x[static_cast<std::size_t>(i)], x[static_cast<std::size_t>(j)]);
+  }
+  coefficients = normal.solve(normal.usable(1));
+  return coefficients.dot(normal.b);
+}
+
+// Where the currents that were fitted stay inside every zone around zero, only those kept back show
+// which it is.
+std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const Effect& effect) {
+  constexpr const char* kZone = "linear_current_A";
+  std::shared_ptr<Effect> best;
+  double most = 0;
+  const auto look = [&](double zone_A) {
+    const std::shared_ptr<Effect> there = effect.clone();
+    set_key(*there, kZone, zone_A);
+    std::vector<Sampled> columns;
+    for (const Sampled& x : fitter.chain().columns(*there))
+      columns.push_back(fitter.chain().regressor(x));
+    Eigen::VectorXd c;
+    const double explained = explained_everywhere(fitter, now, columns, c);
+    there->set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
+    if (!(explained > most) || !within_ranges(*there)) return;
+    most = explained;
+    best = there;
+  };
+  for (const TracedKey& key : effect.traced_keys())
+    if (std::string_view(key.key) == kZone)
+      for (double zone_A : key.grid) look(zone_A);
+  for (double factor : {1.3, 1.14, 1.07, 1.03}) {
+    if (!best) break;
+    const double zone_A = get_key(*best, kZone);
+    look(zone_A * factor);
+    look(zone_A / factor);
+  }
+  return best;
+}
+
 }  // namespace
 
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
@@ -29,11 +84,12 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
     return there.valid && there.rss < fitter.start(with(now.members, effect)).rss ? found.shaft
                                                                                   : effect;
   }
+  if (turns_at_zero(*effect)) {
+    const std::shared_ptr<Effect> best = in_best_zone(fitter, now, *effect);
+    return best ? best : effect;
+  }
   if (effect->kind() != "load_step") return effect;
   // Where it stands in a held-out block only that block shows the moment.
-  const auto all = [&](const Sampled& a, const Sampled& b) {
-    return fitter.training().dot(a, b) + fitter.held_out().dot(a, b);
-  };
   // Behind a shaft a step does more than step.
   const double T = get_key(*effect, "torque_Nm");
   Effects together = now.effects();
@@ -56,7 +112,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
       const std::shared_ptr<Effect> moment = best->clone();
       set_key(*moment, "time_s", t + j * step);
       const Sampled x = column(moment);
-      const double b = all(x, now.y), A = all(x, x);
+      const double b = against_everywhere(fitter, x, now.y), A = dot_everywhere(fitter, x, x);
       if (b * b > gain * A) gain = b * b / A, next = moment;
     }
     best = next;

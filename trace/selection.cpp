@@ -17,6 +17,7 @@ constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
 constexpr double kPlainly = 0.75;      // of the plain error: a gap that leaves less is one
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
+constexpr double kAstray = 1.1;                   // times the error of a shaft where it was placed
 
 std::string describe(const Effect& effect) {
   std::string text(effect.kind());
@@ -68,6 +69,15 @@ class Selector {
     if (acceptable(fitter_, gap, now) && (better || plain < kPlainly)) shaft = std::move(gap);
   }
 
+  // Whitened by a noise that is still part resonance, the best shaft may be far from the one that
+  // leaves least: from there the next round goes on.
+  Fit unless_astray(const Members& placed, Fit refined) const {
+    Fit there = fitter_.start(placed);
+    return there.valid && kAstray * plain_torque(fitter_, there) < plain_torque(fitter_, refined)
+               ? there
+               : refined;
+  }
+
   bool add_one() {
     const Fit& now = fit_;
     const double score_now = score_of(fitter_, now);
@@ -84,8 +94,12 @@ class Selector {
       ++tried;
       // A shaft has far to go, and is compared with one that has a gap.
       const bool shaft = s.effect->kind() == "torsion";
-      Fit next = fitter_.refine(with(now.members, placed(fitter_, now, s.effect)),
-                                shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
+      const std::shared_ptr<Effect> newcomer = placed(fitter_, now, s.effect);
+      if (step_moved(*newcomer)) return true;
+      const Members there = with(now.members, newcomer);
+      Fit next =
+          fitter_.refine(there, shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
+      if (shaft) next = unless_astray(there, std::move(next));
       if (shaft) look_for_gap(now, next);
       if (s.effect->kind() == "resistance" || !next.valid) next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
@@ -98,7 +112,7 @@ class Selector {
       if (shaft && gain > 0 && !good && like_a_gap(fitter_, next, now)) overdamped = next;
       if (gain <= 0 || !good) continue;
       first_gain = std::max(first_gain, s.gain);
-      if (gain > best_gain) {
+      if (best.members.empty() || preferred(next, gain, best, best_gain)) {
         best_gain = gain;
         best = std::move(next);
       }
@@ -108,6 +122,35 @@ class Selector {
     fit_ = std::move(best);
     place_anew();
     return true;
+  }
+
+  // The larger gain; of two that are near one another, what is plainly better where nothing was
+  // fitted.
+  static bool preferred(const Fit& next, double gain, const Fit& best, double best_gain) {
+    const Effect &newer = *next.members.back(), &older = *best.members.back();
+    gain += credit(newer, older, gain);
+    best_gain += credit(older, newer, best_gain);
+    if (std::min(gain, best_gain) > kNear * std::max(gain, best_gain)) {
+      if (kPlainlyWorse * next.rss_held_out < best.rss_held_out) return true;
+      if (kPlainlyWorse * best.rss_held_out < next.rss_held_out) return false;
+    }
+    return gain > best_gain;
+  }
+
+  // A step beside one that is there already: that one stands at the wrong moment.
+  bool step_moved(const Effect& newcomer) {
+    for (std::size_t m = 0; m < fit_.members.size(); ++m) {
+      if (!repeats_step(*fit_.members[m], newcomer)) continue;
+      const Fit without = fitter_.refine(with(fit_.members, nullptr, m));
+      Fit moved = fitter_.refine(with(without.members, placed(fitter_, without, newcomer.clone())));
+      if (!moved.valid || moved.rss_held_out > fit_.rss_held_out ||
+          score_of(fitter_, moved) > score_of(fitter_, fit_) - fitter_.margin())
+        return false;
+      if (say_) say_(fmt::format("  moved: {}", describe(*moved.members.back())));
+      fit_ = std::move(moved);
+      return true;
+    }
+    return false;
   }
 
   // Beside a resistance, or below zero, the slope of an inverter's drop has nothing left to say:

@@ -9,8 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "model/random.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/closed_loop.hpp"
+#include "tests/tools/servo_log.hpp"
 #include "tools/trace/plan_outside.hpp"
 #include "trace/measured.hpp"
 #include "trace/tracer.hpp"
@@ -23,34 +22,6 @@ constexpr const char* kFriction = R"(
 kind = "coulomb_friction"
 torque_Nm = 0.1
 )";
-
-Config servo(const std::string& effects,
-             std::vector<std::string> settings = {"rates.f_s_Hz=5000", "run.duration_s=3"}) {
-  for (const char* setting :
-       {"controller.kind=foc", "controller.compensation=off", "controller.angle_source=measured",
-        "sensors.current_sensors=2", "reference.speed_rpm=30", "reference.slew_rad_s2=750",
-        "run.settle_s=0.2"})
-    settings.emplace_back(setting);
-  return Config::parse(load_drive("niewiara2020").resolved_with({}) + effects, "servo", settings);
-}
-
-PlanLog run(Config config) {
-  read_all_tables(config);
-  const DriveConfig& d = config.drive();
-  ClosedLoop loop(config);
-  DeclaredLoad load(d);
-  RawLog raw;
-  Measurement before = loop.step().measurement;
-  for (std::int64_t k = 1; k < d.steps(); ++k) {
-    const Measurement m = loop.step().measurement;
-    const double T_load = load.at(1e-9 * static_cast<double>(before.t_ns));
-    append_row(raw, before, m.u_alphabeta, &T_load);
-    before = m;
-  }
-  PlanLog log;
-  log.record = make_record(raw, d.machine.n_p, log.health);
-  return log;
-}
 
 const Config& declared() {
   static const Config config = [] {
@@ -92,20 +63,6 @@ TEST(PlanMeasurement, NamesWhatASlowRunLeavesAmbiguous) {
   ASSERT_EQ(after.effects.size(), 1u) << after.sentence;
   EXPECT_EQ(after.effects[0].effect->kind(), "coulomb_friction");
   EXPECT_NEAR(after.effects[0].parameters.at(0).value, 0.1, 2e-3);
-}
-
-// A kind that fits the slow run better where it was fitted, and worse where it was not, does not
-// take its place.
-TEST(PlanMeasurement, LeavesADeadTimeInASlowRun) {
-  const std::vector<std::string> ten_seconds = {"run.duration_s=10"};
-  const PlanLog slow =
-      run(servo("[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1e-6\n", ten_seconds));
-  Config model = servo("", ten_seconds);
-  read_all_tables(model);
-  const TraceResult r = trace_record(slow.record, model.drive(), slow.health, {});
-  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
-  EXPECT_EQ(r.effects[0].effect->kind(), "dead_time") << r.sentence;
-  EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
 }
 
 TEST(PlanMeasurement, ShowsAStepAtAnUnknownMomentAndAGap) {

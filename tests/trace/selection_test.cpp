@@ -56,4 +56,27 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewcomerIsADeadTime) {
   ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
 }
 
+// Placed before the friction was known, a step stands a tenth of a second off; what would be a
+// second one beside it is the same.
+TEST(Selection, AStepBesideAStepIsThatOneMoved) {
+  const double kTorque = 0.3, kTime = 1.2;  // Nm, s
+  const auto step_at = [kTorque](double time_s) {
+    return effect_with("load_step", {{"torque_Nm", kTorque}, {"time_s", time_s}});
+  };
+  const FittedDrive drive(
+      simulate_synthetic(
+          {.duration_s = 2,
+           .extra_load = [=](double t, double, double) { return t >= kTime ? kTorque : 0.0; }}),
+      {step_at(kTime)});
+  const auto candidate = step_at(kTime + 0.16);
+  std::vector<Sampled> columns = drive.chain().columns(*candidate);
+  for (Sampled& x : columns) x = drive.chain().regressor(x);
+  RoundState state;
+  const Fit fit =
+      select_one(drive.fitter(), {{candidate, columns}}, {step_at(kTime - 0.1)}, {}, state);
+  ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"load_step"}));
+  EXPECT_NEAR(get_key(*fit.members[0], "time_s"), kTime, 1e-3);
+  EXPECT_NEAR(get_key(*fit.members[0], "torque_Nm"), kTorque, 0.01 * kTorque);
+}
+
 }  // namespace twinrate::selection_test
