@@ -15,6 +15,14 @@ add_library(lcm::lcm INTERFACE IMPORTED)
 target_include_directories(lcm::lcm SYSTEM INTERFACE ${LCM_INCLUDE_DIR})
 target_link_libraries(lcm::lcm INTERFACE ${LCM_LIBRARY})
 
+# Its own CMake package asks for development files of every solver that it could use.
+find_path(CERES_INCLUDE_DIR ceres/ceres.h REQUIRED)
+find_library(CERES_LIBRARY ceres REQUIRED)
+find_library(GLOG_LIBRARY glog REQUIRED)
+add_library(ceres::ceres INTERFACE IMPORTED)
+target_include_directories(ceres::ceres SYSTEM INTERFACE ${CERES_INCLUDE_DIR})
+target_link_libraries(ceres::ceres INTERFACE ${CERES_LIBRARY} ${GLOG_LIBRARY})
+
 find_path(MATIO_INCLUDE_DIR matio.h REQUIRED)
 find_library(MATIO_LIBRARY matio REQUIRED)
 add_library(matio::matio INTERFACE IMPORTED)

@@ -1,10 +1,10 @@
 #include "trace/static_fit.hpp"
 
-#include <fmt/format.h>
+#include <ceres/ceres.h>
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <limits>
 
 #include "model/linear_algebra.hpp"
 #include "trace/keys.hpp"
@@ -75,23 +75,22 @@ struct Rows {
   }
 };
 
-struct Solved {
-  VectorXd x, rest;
-  double cost = 0, held_out_cost = 0;
-};
-
 double mean_square(const VectorXd& rest, const std::vector<Index>& rows) {
   return rows.empty() ? 0 : VectorXd(rest(rows)).squaredNorm() / static_cast<double>(rows.size());
 }
 
+// The linear keys by least squares, and what they leave of the training rows.
+struct Solved {
+  VectorXd x;
+  double cost = 0;
+};
+
 Solved solve(const Rows& rows, const MatrixXd& A) {
-  Solved s;
+  const VectorXd y = rows.y(rows.training);
+  if (A.cols() == 0) return {VectorXd(), y.squaredNorm()};
   const MatrixXd A_train = A(rows.training, Eigen::all);
-  const VectorXd y_train = rows.y(rows.training);
-  s.x = A.cols() == 0 ? VectorXd() : linear::least_squares(A_train, y_train);
-  s.rest = A.cols() == 0 ? rows.y : VectorXd(rows.y - A * s.x);
-  s.cost = mean_square(s.rest, rows.training);
-  s.held_out_cost = mean_square(s.rest, rows.held_out);
+  Solved s{linear::least_squares(A_train, y), 0};
+  s.cost = (y - A_train * s.x).squaredNorm();
   return s;
 }
 
@@ -101,26 +100,6 @@ double cost_at(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>
   p.hooks.checkpoint();
   set_key(*term.effect, key, value);
   return solve(rows, columns_of(p, terms)).cost;
-}
-
-// Golden section on the logarithm of the key.
-void refine(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>& terms,
-            StaticTerm& term, const std::string& key, double lo, double hi) {
-  constexpr double kGolden = 0.618033988749895;
-  double a = std::log(lo), b = std::log(hi);
-  double x1 = b - kGolden * (b - a), x2 = a + kGolden * (b - a);
-  const auto cost = [&](double x) { return cost_at(p, rows, terms, term, key, std::exp(x)); };
-  double f1 = cost(x1), f2 = cost(x2);
-  for (int i = 0; i < 22; ++i) {
-    if (f1 < f2) {
-      b = x2, x2 = x1, f2 = f1;
-      f1 = cost(x1 = b - kGolden * (b - a));
-    } else {
-      a = x1, x1 = x2, f1 = f2;
-      f2 = cost(x2 = a + kGolden * (b - a));
-    }
-  }
-  set_key(*term.effect, key, std::exp((a + b) / 2));
 }
 
 void search(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>& terms) {
@@ -135,50 +114,98 @@ void search(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>& t
       }
       set_key(*term.effect, s.key, best);
     }
-  for (const double width : {2.0, 1.6, 1.3, 1.15, 1.08})
-    for (StaticTerm& term : terms)
-      for (const SearchedKey& s : term.searched) {
-        const double now = get_key(*term.effect, s.key);
-        refine(p, rows, terms, term, s.key, std::max(s.lo, now / width),
-               std::min(s.hi, now * width));
-      }
 }
 
-// Standard deviations from the Jacobian at the solution, every key free.
-void add_sigma(const StaticProblem& p, const Rows& rows, StaticFit& fit) {
-  struct Slot {
-    std::size_t term;
-    std::string key;
-    double step;
-  };
-  std::vector<Slot> slots;
-  for (std::size_t i = 0; i < fit.terms.size(); ++i) {
-    const StaticTerm& term = fit.terms[i];
-    for (const auto& key : term.linear)
-      slots.push_back({i, key, 1e-3 * std::abs(get_key(*term.effect, key))});
-    for (const auto& s : term.searched)
-      slots.push_back({i, s.key, 1e-4 * get_key(*term.effect, s.key)});
+// A key as the solver sees it: in units of its own, a searched one by its logarithm.
+struct FreeKey {
+  std::size_t term;
+  std::string key;
+  bool searched;
+  double unit;
+
+  double value(double x) const { return searched ? std::exp(x) : unit * x; }
+  double deviation(double x, double sigma) const { return sigma * (searched ? value(x) : unit); }
+};
+
+struct Misfit {
+  const StaticProblem* p;
+  const Rows* rows;
+  const std::vector<FreeKey>* keys;
+  mutable std::vector<StaticTerm> terms;
+
+  bool operator()(double const* const* x, double* residual) const {
+    for (std::size_t j = 0; j < keys->size(); ++j)
+      set_key(*terms[(*keys)[j].term].effect, (*keys)[j].key, (*keys)[j].value(x[0][j]));
+    VectorXd rest = rows->y;
+    for (const StaticTerm& term : terms) rest -= explained(*p, *term.effect);
+    Eigen::Map<VectorXd>(residual, static_cast<Index>(rows->training.size())) =
+        rest(rows->training);
+    return true;
+  }
+};
+
+// All keys at once from where the search left them, with their standard deviations. `in_range`:
+// false where one would have to leave its range.
+void refine(const StaticProblem& p, const Rows& rows, StaticFit& fit) {
+  constexpr int kMostIterations = 60;
+  std::vector<FreeKey> keys;
+  std::vector<double> x, lo, hi;
+  for (std::size_t t = 0; t < fit.terms.size(); ++t) {
+    const StaticTerm& term = fit.terms[t];
+    for (const auto& key : term.linear) {
+      const double at = get_key(*term.effect, key);
+      keys.push_back({t, key, false, std::max(std::abs(at), small_step(*term.effect, key))});
+      x.push_back(at / keys.back().unit);
+      lo.push_back(-std::numeric_limits<double>::max());
+      hi.push_back(-lo.back());
+    }
+    for (const SearchedKey& s : term.searched) {
+      keys.push_back({t, s.key, true, 1});
+      x.push_back(std::log(get_key(*term.effect, s.key)));
+      lo.push_back(std::log(s.lo));
+      hi.push_back(std::log(s.hi));
+    }
   }
   fit.sigma.assign(fit.terms.size(), {});
-  if (slots.empty()) return;
-  MatrixXd J(static_cast<Index>(rows.training.size()), static_cast<Index>(slots.size()));
-  for (std::size_t j = 0; j < slots.size(); ++j) {
-    const auto effect = fit.terms[slots[j].term].effect->clone();
-    const double step = std::max(slots[j].step, 1e-12), at = get_key(*effect, slots[j].key);
-    const VectorXd here = explained(p, *effect);
-    set_key(*effect, slots[j].key, at + step);
-    J.col(static_cast<Index>(j)) = VectorXd((explained(p, *effect) - here) / step)(rows.training);
+  if (keys.empty()) return;
+  auto* cost = new ceres::DynamicNumericDiffCostFunction<Misfit, ceres::CENTRAL>(
+      new Misfit{&p, &rows, &keys, copies(fit.terms)});
+  cost->AddParameterBlock(static_cast<int>(keys.size()));
+  cost->SetNumResiduals(static_cast<int>(rows.training.size()));
+  ceres::Problem problem;  // takes the cost
+  problem.AddResidualBlock(cost, nullptr, x.data());
+  for (std::size_t j = 0; j < keys.size(); ++j) {
+    problem.SetParameterLowerBound(x.data(), static_cast<int>(j), lo[j]);
+    problem.SetParameterUpperBound(x.data(), static_cast<int>(j), hi[j]);
   }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.logging_type = ceres::SILENT;
+  options.max_num_iterations = kMostIterations;
+  options.function_tolerance = 1e-12;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  for (std::size_t j = 0; j < keys.size(); ++j)
+    fit.in_range =
+        set_key(*fit.terms[keys[j].term].effect, keys[j].key, keys[j].value(x[j])) && fit.in_range;
+
+  ceres::Covariance::Options of_covariance;
+  of_covariance.algorithm_type = ceres::DENSE_SVD;
+  of_covariance.null_space_rank = -1;  // what the points do not tell has none
+  ceres::Covariance covariance(of_covariance);
+  const std::vector<std::pair<const double*, const double*>> blocks{{x.data(), x.data()}};
+  const auto P = static_cast<Index>(keys.size());
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> C(P, P);
+  if (!covariance.Compute(blocks, &problem) ||
+      !covariance.GetCovarianceBlock(x.data(), x.data(), C.data()))
+    return;
   const double freedom =
-      std::max<double>(1, static_cast<double>(rows.training.size() - slots.size()));
-  const double variance = fit.cost * static_cast<double>(rows.training.size()) / freedom;
-  const VectorXd norm = J.colwise().norm().cwiseMax(1e-300);
-  const MatrixXd scaled = J * norm.cwiseInverse().asDiagonal();
-  const MatrixXd covariance = linear::pseudo_inverse(scaled.transpose() * scaled);
-  for (std::size_t j = 0; j < slots.size(); ++j) {
-    const Index k = static_cast<Index>(j);
-    fit.sigma[slots[j].term][slots[j].key] =
-        std::sqrt(std::max(0.0, variance * covariance(k, k))) / norm[k];
+      std::max<double>(1, static_cast<double>(rows.training.size()) - static_cast<double>(P));
+  const double variance = 2 * summary.final_cost / freedom;
+  for (std::size_t j = 0; j < keys.size(); ++j) {
+    const auto k = static_cast<Index>(j);
+    fit.sigma[keys[j].term][keys[j].key] =
+        keys[j].deviation(x[j], std::sqrt(std::max(0.0, variance * C(k, k))));
   }
 }
 
@@ -191,38 +218,6 @@ Eigen::RowVectorXd channel_rms(const StaticProblem& p, const MatrixXd& rest, boo
       ++count;
     }
   return (sum / std::max(count, 1)).cwiseSqrt();
-}
-
-double criterion(const StaticFit& fit, double N) {
-  return N * std::log(std::max(fit.cost, 1e-300)) + fit.parameters * std::log(N);
-}
-
-// One step of the selection; false: none is worth it.
-bool add_best(const StaticProblem& p, const std::vector<StaticTerm>& candidates, double least_gain,
-              double N, StaticSelection& selection) {
-  StaticFit best;
-  std::string kind;
-  double best_criterion = criterion(selection.after, N);
-  const double before = best_criterion;
-  for (const StaticTerm& candidate : candidates) {
-    std::vector<StaticTerm> terms = selection.after.terms;
-    std::erase_if(
-        terms, [&](const StaticTerm& t) { return t.effect->kind() == candidate.effect->kind(); });
-    terms.push_back(candidate);
-    StaticFit fit = fit_static(p, terms);
-    const double gain = 1 - fit.held_out_cost / std::max(selection.after.held_out_cost, 1e-300);
-    if (!fit.in_range || gain < least_gain || criterion(fit, N) > best_criterion - 10) continue;
-    best_criterion = criterion(fit, N);
-    kind = candidate.effect->kind();
-    best = std::move(fit);
-  }
-  if (kind.empty()) return false;
-  selection.steps.push_back(
-      {kind, best_criterion - before, 1 - best.held_out_cost / selection.after.held_out_cost});
-  selection.after = std::move(best);
-  p.hooks.tell(
-      fmt::format("{}: held-out error -{:.1f} %", kind, 100 * selection.steps.back().holdout_gain));
-  return true;
 }
 
 }  // namespace
@@ -239,72 +234,28 @@ StaticFit fit_static(const StaticProblem& p, const std::vector<StaticTerm>& term
   StaticFit fit;
   fit.terms = copies(terms);
   search(p, rows, fit.terms);
-  const Solved s = solve(rows, columns_of(p, fit.terms));
+  const VectorXd start = solve(rows, columns_of(p, fit.terms)).x;
   Index j = 0;
   for (StaticTerm& term : fit.terms) {
-    for (const auto& key : term.linear)
-      fit.in_range = set_key(*term.effect, key, s.x[j++]) && fit.in_range;
-    fit.in_range = term.effect->prepare(p.facts).empty() && fit.in_range;
+    for (const auto& key : term.linear) set_key(*term.effect, key, start[j++]);
     fit.parameters += static_cast<int>(term.linear.size() + term.searched.size());
   }
-  if (p.possible) {
-    Effects effects;
-    for (const StaticTerm& term : fit.terms) effects.push_back(term.effect);
-    fit.in_range = fit.in_range && p.possible(effects);
+  refine(p, rows, fit);
+  VectorXd rest = rows.y;
+  Effects effects;
+  for (const StaticTerm& term : fit.terms) {
+    fit.in_range = term.effect->prepare(p.facts).empty() && fit.in_range;
+    rest -= explained(p, *term.effect);
+    effects.push_back(term.effect);
   }
-  fit.cost = s.cost;
-  fit.held_out_cost = s.held_out_cost;
-  fit.rest = Eigen::Map<const MatrixXd>(s.rest.data(), p.y.rows(), p.y.cols());
+  if (p.possible) fit.in_range = fit.in_range && p.possible(effects);
+  fit.cost = mean_square(rest, rows.training);
+  fit.held_out_cost = mean_square(rest, rows.held_out);
+  fit.rest = Eigen::Map<const MatrixXd>(rest.data(), p.y.rows(), p.y.cols());
   fit.rest = (fit.rest.array().rowwise() * p.scale.array()).matrix();
   fit.train = channel_rms(p, fit.rest, false);
   fit.held_out = channel_rms(p, fit.rest, true);
-  add_sigma(p, rows, fit);
   return fit;
-}
-
-StaticSelection select_static(const StaticProblem& p, const std::vector<StaticTerm>& always,
-                              const std::vector<StaticTerm>& candidates, double least_gain) {
-  StaticSelection selection;
-  selection.before = fit_static(p, always);
-  selection.after = selection.before;
-  const double N = static_cast<double>(p.y.cols()) *
-                   static_cast<double>(std::count(p.held_out.begin(), p.held_out.end(), 0));
-  try {
-    for (std::size_t round = 0; round < 2 * candidates.size(); ++round)
-      if (!add_best(p, candidates, least_gain, N, selection)) break;
-  } catch (const TraceStopped&) {
-    if (selection.steps.empty()) throw;
-    selection.interrupted = true;
-  }
-  return selection;
-}
-
-std::vector<char> chess_board(const std::vector<double>& x, const std::vector<double>& y) {
-  const auto ranks = [](const std::vector<double>& values) {
-    std::vector<double> levels(values);
-    std::sort(levels.begin(), levels.end());
-    levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
-    std::vector<std::size_t> rank(values.size());
-    for (std::size_t k = 0; k < values.size(); ++k)
-      rank[k] = static_cast<std::size_t>(std::lower_bound(levels.begin(), levels.end(), values[k]) -
-                                         levels.begin());
-    return std::pair(rank, levels.size());
-  };
-  const auto [row, rows] = ranks(x);
-  const auto [column, columns] = ranks(y);
-  if (rows * columns > 2 * x.size()) return every_other(x);  // scattered points
-  std::vector<char> held_out(x.size());
-  for (std::size_t k = 0; k < x.size(); ++k) held_out[k] = (row[k] + column[k]) % 2 == 1;
-  return held_out;
-}
-
-std::vector<char> every_other(const std::vector<double>& x) {
-  std::vector<std::size_t> order(x.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return x[a] < x[b]; });
-  std::vector<char> held_out(x.size());
-  for (std::size_t k = 0; k < order.size(); ++k) held_out[order[k]] = k % 2 == 1;
-  return held_out;
 }
 
 }  // namespace twinrate

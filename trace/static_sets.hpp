@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "trace/static_fit.hpp"
+#include "trace/static_selection.hpp"
 
 namespace twinrate {
 
