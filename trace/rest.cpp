@@ -19,6 +19,18 @@ constexpr double kLeastBesideShaft = 0.15;  // impacts are never met to the last
 constexpr double kTimesNoise = 2;           // the rms of a rest that is more than noise
 constexpr double kLeastShare = 0.04;        // of the residual's power: less is too small to draw
 
+// What moves little more than its own noise does orders nothing: that noise is in the rest, too.
+bool moves(const std::vector<double>& x, const std::vector<double>& noisier) {
+  constexpr double kTimes = 5;
+  double mean = 0, power = 0, noise = 0;
+  for (double value : x) mean += value / static_cast<double>(x.size());
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    power += (x[i] - mean) * (x[i] - mean);
+    noise += (noisier[i] - x[i]) * (noisier[i] - x[i]);
+  }
+  return power > kTimes * kTimes * noise;
+}
+
 struct Axis {
   const char* regressor;
   std::function<double(const OperatingPoint&)> of;
@@ -82,8 +94,12 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
     if (e.size() < 50 * kBins) return;
     Structure best;
     for (const Axis& axis : axes) {
-      std::vector<double> x;
-      for (std::size_t row : runs.row) x.push_back(axis.of(points[row]));
+      std::vector<double> x, noisier;
+      for (std::size_t row : runs.row) {
+        x.push_back(axis.of(points[row]));
+        noisier.push_back(axis.of(chain.readings().points()[row]));
+      }
+      if (!moves(x, noisier)) continue;
       double size = 0;
       const double share = explained_share(e, e_physical, x, size);
       if (share < least || share <= best.share || size < smallest) continue;
