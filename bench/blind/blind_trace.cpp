@@ -214,7 +214,11 @@ int main(int argc, char** argv) {
   CLI::App app{"How often the tracer names what is missing, on logs of the project's own plant"};
   std::string shard;
   app.add_option("--sets", o.sets, "of single, double, triple, poor, none")->delimiter(',');
-  app.add_option("--kinds", o.kinds, "only these kinds")->delimiter(',');
+  std::vector<std::string> kinds = drawable_kinds();
+  kinds.emplace_back("dc_bus_ripple");
+  app.add_option("--kinds", o.kinds, "only these kinds")
+      ->delimiter(',')
+      ->check(CLI::IsMember(kinds));
   app.add_option("--first-seed", o.first_seed, "of the seeds");
   app.add_option("--seeds", o.seeds, "logs of each sort");
   app.add_option("--merge", o.merge, "only prints the tables of these --out files");
