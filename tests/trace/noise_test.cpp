@@ -40,15 +40,15 @@ TEST(Unexplained, KeepsNoProductOfAColumnThatChanged) {
 // Sixty slow columns, each with a little that is fast, beside a noise with next to nothing slow in
 // it: fitted as if it were white, what is fast would rule, and slow rests be left.
 TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {
-  constexpr Eigen::Index n = 8000, kSlow = 60, kMean = 50;
-  constexpr double kFast = 0.5;
+  constexpr Eigen::Index n = 8000, kWaves = 60, kTogether = 50;
+  constexpr double kRipple = 0.5;
   const Eigen::VectorXd w = white(3, n + 1), noise = w.tail(n) - w.head(n);
   std::vector<Eigen::VectorXd> waves;
   Unexplained::Columns columns;
   Eigen::VectorXd y = noise;
-  for (Eigen::Index j = 0; j < kSlow; ++j)
+  for (Eigen::Index j = 0; j < kWaves; ++j)
     waves.push_back(
-        kFast * white(10 + static_cast<std::uint64_t>(j), n).array() +
+        kRipple * white(10 + static_cast<std::uint64_t>(j), n).array() +
         (kPi * static_cast<double>(2 * j + 1) * Eigen::ArrayXd::LinSpaced(n, 0, 1)).sin());
   for (const Eigen::VectorXd& wave : waves) {
     columns.push_back(&wave);
@@ -56,8 +56,8 @@ TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {
   }
   const auto slow_power = [&](const Eigen::VectorXd& x) {
     double sum = 0;
-    for (Eigen::Index first = 0; first < n; first += kMean)
-      sum += std::pow(x.segment(first, kMean).mean(), 2);
+    for (Eigen::Index first = 0; first < n; first += kTogether)
+      sum += std::pow(x.segment(first, kTogether).mean(), 2);
     return sum;
   };
   Unexplained unweighed, weighed;
@@ -65,8 +65,8 @@ TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {
   weighed.expect(Whitener(noise, one_run));
   unweighed.look_at(columns);
   weighed.look_at(columns);
-  EXPECT_LT(slow_power(weighed(y, kSlow)), 2 * slow_power(noise));
-  EXPECT_GT(slow_power(unweighed(y, kSlow)), 5 * slow_power(noise));
+  EXPECT_LT(slow_power(weighed(y, kWaves)), 2 * slow_power(noise));
+  EXPECT_GT(slow_power(unweighed(y, kWaves)), 5 * slow_power(noise));
 }
 
 // Nothing is missing, so the residual is noise, all of it. In a slow run i_d is noise alone, a
