@@ -105,7 +105,8 @@ Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
   raw_held_out_ = held_out.energy(y, y).sum();
 }
 
-// Of the drive's answer to the model that it has: its part is larger by what the fit adds to it.
+// Readings' noise, and the answer's product with it before and after the fit, half of each: the
+// slope of that is what Rows::against takes off.
 EquationEnergy Fitter::noise_in(const Rows& rows, const Sampled& y) const {
   return rows.noise(y, y) + rows.answer(y, declared_);
 }

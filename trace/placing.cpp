@@ -89,8 +89,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
     return best ? best : effect;
   }
   if (effect->kind() != "load_step") return effect;
-  // Where it stands in a held-out block only that block shows the moment.
-  // Behind a shaft a step does more than step.
+  // Over all blocks: where it stands in a held-out one only that shows the moment. Behind a shaft a
+  // step does more than step.
   const double T = get_key(*effect, "torque_Nm");
   Effects together = now.effects();
   together.push_back(effect);

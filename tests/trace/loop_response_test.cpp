@@ -105,18 +105,26 @@ TEST(LoopResponse, FallsBackToTheNoiseWhereTheLoopIsNotStable) {
     ASSERT_NEAR((x[k] - n.i_alphabeta[k]).norm(), 0, 1e-12) << k;
 }
 
+// A record of that drive with what the tracer's chain stands on.
+struct NoisyEquations {
+  explicit NoisyEquations(Record r) : record(std::move(r)) {}
+  NoisyEquations(const NoisyEquations&) = delete;  // its parts know one another
+
+  Record record;
+  DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
+  Equations equations{record, facts};
+  std::vector<char> moving = moving_rows(equations);
+  Sampler sampler{record, moving, held_out_rows(record, 0.25, facts.machine.n_p)};
+  NoisierRecords noisier = add_noise(record, facts, moving, 0);
+  Equations answered{noisier.answered, facts}, readings{noisier.readings, facts};
+};
+
 // As a dead time has it around a current of zero: the answer of the drive knows the 30 Ohm, the
 // model that noise is sent through does not.
 TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
-  const Record r = noisy_drive(kGain, 30);
-  const DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
-  const Equations equations(r, facts);
-  const std::vector<char> moving = moving_rows(equations);
-  const Sampler sampler(r, moving, held_out_rows(r, 0.25, facts.machine.n_p));
-  const NoisierRecords noisier = add_noise(r, facts, moving, 0);
-  const Equations answered(noisier.answered, facts), readings(noisier.readings, facts);
-  const Chain chain(equations, answered, readings, sampler);
-  const Sampled y = chain.residual({test::effect_of("resistance", {{"change_Ohm", 30}}, facts)});
+  const NoisyEquations e(noisy_drive(kGain, 30));
+  const Chain chain(e.equations, e.answered, e.readings, e.sampler);
+  const Sampled y = chain.residual({test::effect_of("resistance", {{"change_Ohm", 30}}, e.facts)});
   EXPECT_NEAR(y.noise_d.norm() / y.d.norm(), 1, 0.05);
 }
 
@@ -124,32 +132,26 @@ TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
 // comes of it must not bend what is found.
 TEST(LoopResponse, DoesNotBendAResistance) {
   constexpr double kMore = 1, kSwing = 0.002;  // ohm, A
-  const Record r = noisy_drive(kGain, kMore, kSwing);
-  const DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
-  const Equations equations(r, facts);
-  const std::vector<char> moving = moving_rows(equations);
-  const Sampler sampler(r, moving, held_out_rows(r, 0.25, facts.machine.n_p));
-  const NoisierRecords noisier = add_noise(r, facts, moving, 0);
-  const Equations answered(noisier.answered, facts), readings(noisier.readings, facts);
-  const auto resistance = test::effect_of("resistance", {{"change_Ohm", kMore}}, facts);
-  const Rows rows(sampler, false), held_out(sampler, true);
+  const NoisyEquations e(noisy_drive(kGain, kMore, kSwing));
+  const auto resistance = test::effect_of("resistance", {{"change_Ohm", kMore}}, e.facts);
+  const Rows rows(e.sampler, false), held_out(e.sampler, true);
   const auto found = [&](const Equations& by_drive) {
-    Chain chain(equations, by_drive, readings, sampler);
+    Chain chain(e.equations, by_drive, e.readings, e.sampler);
     chain.set_noise(NoiseFit()(chain, chain.residual({resistance}), {}));
     const Sampled x = chain.whitened(chain.columns(*resistance)[0]),
                   y = chain.whitened(chain.residual({}));
     const double b = rows.against(x, y), A = rows.dot(x, x), change = b / A;
     // A fit of it leaves less by what the products promise, but for the doubt.
     const Fitter fitter(chain, rows, held_out);
-    const auto fitted = test::effect_of("resistance", {{"change_Ohm", change}}, facts);
+    const auto fitted = test::effect_of("resistance", {{"change_Ohm", change}}, e.facts);
     const double doubt = 0.1 * std::abs(change * change * rows.noise(x, x).sum() -
                                         2 * change * rows.noise_against(x, y).sum());
     EXPECT_NEAR(fitter.start({}).rss - fitter.start({fitted}).rss, b * change - doubt,
                 0.1 * b * change + 1);
     return change;
   };
-  EXPECT_NEAR(found(answered), kMore, 0.2 * kMore);
-  EXPECT_LT(found(readings), 0.5 * kMore);
+  EXPECT_NEAR(found(e.answered), kMore, 0.2 * kMore);
+  EXPECT_LT(found(e.readings), 0.5 * kMore);
 }
 
 // The motor moves by what the drive answers, and a lightly damped shaft rings with it: no error of

@@ -56,6 +56,17 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewcomerIsADeadTime) {
   ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
 }
 
+// Of the two only the simpler one is trusted so far, and no further than a few hundred.
+TEST(Selection, ADeadTimeMayFallALittleShortOfADropWithASlope) {
+  const auto dead_time = effect_with("dead_time", {{"dead_time_s", 1e-6}}),
+             drop = effect_with("inverter_drop", {{"threshold_V", 1}, {"resistance_Ohm", 0.1}}),
+             resistance = effect_with("resistance", {{"change_Ohm", 0.1}});
+  EXPECT_DOUBLE_EQ(credit(*dead_time, *drop, 2000), 20);
+  EXPECT_DOUBLE_EQ(credit(*dead_time, *drop, 1e6), 500);
+  EXPECT_EQ(credit(*drop, *dead_time, 1e6), 0);
+  EXPECT_EQ(credit(*dead_time, *resistance, 1e6), 0);
+}
+
 // Placed before the friction was known, a step stands a tenth of a second off; what would be a
 // second one beside it is the same.
 TEST(Selection, AStepBesideAStepIsThatOneMoved) {
