@@ -37,12 +37,12 @@ struct OperatingPoint {
   Vec2 d_axis = Vec2::Zero();
 
   Vec2 rotor_axes(const Vec2& alphabeta) const {
-    if (d_axis.isZero(0)) return park(alphabeta, theta_e);
+    if (d_axis[0] == 0 && d_axis[1] == 0) return park(alphabeta, theta_e);
     return {d_axis[0] * alphabeta[0] + d_axis[1] * alphabeta[1],
             d_axis[0] * alphabeta[1] - d_axis[1] * alphabeta[0]};
   }
   Vec2 stator_axes(const Vec2& dq) const {
-    if (d_axis.isZero(0)) return inverse_park(dq, theta_e);
+    if (d_axis[0] == 0 && d_axis[1] == 0) return inverse_park(dq, theta_e);
     return {d_axis[0] * dq[0] - d_axis[1] * dq[1], d_axis[1] * dq[0] + d_axis[0] * dq[1]};
   }
   // Three phase values as a vector in rotor axes.

@@ -49,8 +49,9 @@ class StribeckFriction final : public Effect {
 
  private:
   double shape(double omega_m) const {
-    return std::exp(-std::pow(std::abs(omega_m) / omega_S_, exponent_)) *
-           smooth_sign(omega_m, omega_smooth_);
+    const double x = std::abs(omega_m) / omega_S_;
+    const double power = exponent_ == 2 ? x * x : exponent_ == 1 ? x : std::pow(x, exponent_);
+    return std::exp(-power) * smooth_sign(omega_m, omega_smooth_);
   }
 
   double T_S_ = 0;

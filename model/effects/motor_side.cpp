@@ -1,0 +1,196 @@
+#include "model/effects/motor_side.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/four.hpp"
+#include "model/effects/load_mass.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::size_t kMost = 2 * kLanes;  // in one go
+
+double turned(double from, double to) {
+  const double angle = to - from;
+  return std::abs(angle) < kPi ? angle : wrap_pi(angle);
+}
+
+// Neighbouring rows that are not neighbours in time.
+bool is_seam(const OperatingPoint& a, const OperatingPoint& b, double T_s) {
+  return b.t - a.t < 0 || b.t - a.t > 2.5 * T_s;
+}
+
+bool has_load(const ShaftFacts& shaft) {
+  return shaft.J_load > 0;
+}
+
+// Four load masses, as LoadMass has them as long as no contact changes; a lane where one does goes
+// through LoadMass.
+class FourMasses {
+ public:
+  FourMasses(const ShaftFacts* shafts, double T_s) : shafts_(shafts), h_(T_s) {
+    for (int l = 0; l < kLanes; ++l) {
+      const ShaftFacts& s = shafts[l];
+      masses_.emplace_back(s, T_s, ShaftState{});
+      const Oscillation whole = Oscillation::of(s, T_s);
+      half_[l] = 0.5 * s.gap;
+      K_[l] = s.stiffness;
+      D_[l] = s.damping;
+      compliance_[l] = 1 / s.stiffness;
+      per_J_[l] = 1 / s.J_load;
+      dd_[l] = whole.Phi_dd;
+      dr_[l] = whole.Phi_dr;
+      rd_[l] = whole.Phi_rd;
+      rr_[l] = whole.Phi_rr;
+    }
+  }
+  void rest(double omega_m, double held) {
+    for (int l = 0; l < kLanes; ++l) set(l, shaft_at_rest(shafts_[l], omega_m, held));
+  }
+  // Torque at the row, with the motor at `omega_m`; then on, with it at `omega_m_next`.
+  inline __attribute__((always_inline)) void step(double omega_m, double omega_m_next, double held,
+                                                  double* const* T_load, std::size_t k) {
+    const Four zero{}, one = zero + 1.0;
+    const FourTruths above = delta_ > half_, below = delta_ < -half_;
+    const Four over = K_ * (delta_ - half_), under = K_ * (delta_ + half_);
+    {
+      const Four damped = D_ * (omega_m - omega_load_);
+      const Four pushed = over + damped, pulled = under + damped;
+      const Four torque = (above ? (pushed > 0.0 ? pushed : zero)
+                                 : (below ? (pulled < 0.0 ? pulled : zero) : zero)) -
+                          held;
+      for (int l = 0; l < kLanes; ++l) T_load[l][k] = torque[l];
+    }
+    const Four rate = omega_m_next - omega_load_, damped = D_ * rate;
+    const FourTruths upper = above & (over + damped > 0.0), lower = below & (under + damped < 0.0),
+                     on = upper | lower;
+    const Four at = upper ? half_ : (lower ? -half_ : zero);
+    const Four rest = at + held * compliance_, d = delta_ - rest, slowing = held * per_J_;
+    const Four delta =
+        on ? rest + dd_ * d + dr_ * rate : delta_ + h_ * rate + 0.5 * h_ * h_ * slowing;
+    const Four omega_load = on ? omega_m_next - (rd_ * d + rr_ * rate) : omega_load_ - h_ * slowing;
+    const Four rate_end = omega_m_next - omega_load, side = lower ? -one : one;
+    const Four beyond = (delta < 0.0 ? -delta : delta) - half_;
+    const Four pressing = K_ * beyond + D_ * (delta < 0.0 ? -rate_end : rate_end);
+    const Four margin = on ? side * (delta - at) * K_ + side * D_ * rate_end
+                           : -(pressing < beyond ? pressing : beyond);
+    const FourTruths changed = margin < 0.0;
+    const Four delta_before = delta_, omega_load_before = omega_load_;
+    delta_ = delta;
+    omega_load_ = omega_load;
+    if (!(changed[0] | changed[1] | changed[2] | changed[3])) return;
+    for (int l = 0; l < kLanes; ++l) {
+      if (!changed[l]) continue;
+      masses_[static_cast<std::size_t>(l)].set_state({delta_before[l], omega_load_before[l]});
+      masses_[static_cast<std::size_t>(l)].advance(omega_m_next, held);
+      set(l, masses_[static_cast<std::size_t>(l)].state());
+    }
+  }
+
+ private:
+  void set(int l, const ShaftState& x) {
+    delta_[l] = x.delta;
+    omega_load_[l] = x.omega_load;
+  }
+  const ShaftFacts* shafts_;
+  double h_;
+  std::vector<LoadMass> masses_;
+  Four half_, K_, D_, compliance_, per_J_, dd_, dr_, rd_, rr_, delta_{}, omega_load_{};
+};
+
+}  // namespace
+
+MotorSide::MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s)
+    : T_s_(T_s), behind_(std::move(behind)) {
+  const std::size_t N = behind_.size();
+  omega_m_.resize(N);
+  omega_m_next_.resize(N);
+  starts_.assign(N, 0);
+  for (std::size_t k = 0; k + 1 < N; ++k)
+    omega_m_next_[k] = turned(record[k].theta_m, record[k + 1].theta_m) / T_s;
+  if (N < 2) return;
+  omega_m_next_[N - 1] = omega_m_next_[N - 2];
+  for (std::size_t k = 0; k < N; ++k) {
+    starts_[k] = k == 0 || (k + 1 < N && is_seam(record[k - 1], record[k], T_s));
+    // What the load did before is not known.
+    omega_m_[k] = starts_[k] ? omega_m_next_[k] : 0.5 * (omega_m_next_[k - 1] + omega_m_next_[k]);
+  }
+}
+
+void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
+  const std::size_t N = rows();
+  if (N < 2 || !has_load(shaft)) {
+    std::fill(T_load.begin(), T_load.end(), 0.0);
+    return;
+  }
+  LoadMass load(shaft, T_s_, {});
+  for (std::size_t k = 0; k < N; ++k) {
+    if (starts_[k]) load.set_state(shaft_at_rest(shaft, omega_m_next_[k], behind_[k]));
+    T_load[k] = load.torque(omega_m_[k]) - behind_[k];
+    load.advance(omega_m_next_[k], behind_[k]);
+  }
+}
+
+// Two groups of four do not wait for each other.
+inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* shafts,
+                                                            double* const* T_load) const {
+  FourMasses a(shafts, T_s_), b(shafts + kLanes, T_s_);
+  for (std::size_t k = 0; k < rows(); ++k) {
+    const double held = behind_[k], omega_m_next = omega_m_next_[k];
+    if (starts_[k]) {
+      a.rest(omega_m_next, held);
+      b.rest(omega_m_next, held);
+    }
+    a.step(omega_m_[k], omega_m_next, held, T_load, k);
+    b.step(omega_m_[k], omega_m_next, held, T_load + kLanes, k);
+  }
+}
+
+inline __attribute__((always_inline)) void MotorSide::four(const ShaftFacts* shafts,
+                                                           double* const* T_load) const {
+  FourMasses a(shafts, T_s_);
+  for (std::size_t k = 0; k < rows(); ++k) {
+    if (starts_[k]) a.rest(omega_m_next_[k], behind_[k]);
+    a.step(omega_m_[k], omega_m_next_[k], behind_[k], T_load, k);
+  }
+}
+
+void MotorSide::portable(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const {
+  count > kLanes ? eight(shafts, T_load) : four(shafts, T_load);
+}
+
+__attribute__((target("avx2"))) void MotorSide::avx2(const ShaftFacts* shafts, std::size_t count,
+                                                     double* const* T_load) const {
+  count > kLanes ? eight(shafts, T_load) : four(shafts, T_load);
+}
+
+void MotorSide::along(std::span<const ShaftFacts> shafts,
+                      std::span<std::vector<double>> T_load) const {
+  std::vector<std::size_t> with_gap;
+  for (std::size_t s = 0; s < shafts.size(); ++s) {
+    T_load[s].resize(rows());
+    if (rows() > 1 && has_load(shafts[s]) && shafts[s].gap > 0)
+      with_gap.push_back(s);
+    else
+      along(shafts[s], T_load[s]);
+  }
+  std::vector<double> unused;
+  for (std::size_t first = 0; first < with_gap.size(); first += kMost) {
+    const std::size_t count = std::min<std::size_t>(kMost, with_gap.size() - first);
+    if (count == 1) {
+      along(shafts[with_gap[first]], T_load[with_gap[first]]);
+      continue;
+    }
+    ShaftFacts these[kMost];
+    double* out[kMost];
+    unused.resize(rows());
+    for (std::size_t l = 0; l < kMost; ++l) {
+      these[l] = shafts[with_gap[first + std::min(l, count - 1)]];
+      out[l] = l < count ? T_load[with_gap[first + l]].data() : unused.data();
+    }
+    has_avx2() ? avx2(these, count, out) : portable(these, count, out);
+  }
+}
+
+}  // namespace twinrate
