@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trace/taps.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -10,6 +12,15 @@ constexpr double kPassband = 0.4;      // of the output rate
 constexpr int kHalfWidth = 5;          // outputs
 constexpr double kSparse_Hz = 4000;    // rate at which a smooth channel is looked at, or more
 constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out
+
+Eigen::VectorXd filtered(const std::vector<double>& taps, const std::vector<double>& x,
+                         const Runs& runs, std::size_t before, std::size_t stride) {
+  Eigen::VectorXd y(static_cast<Eigen::Index>(runs.row.size()));
+  std::vector<std::size_t> first(runs.row.size());
+  for (std::size_t n = 0; n < first.size(); ++n) first[n] = (runs.row[n] - before) / stride;
+  filter_at(taps, x.data(), first, y.data());
+  return y;
+}
 
 }  // namespace
 
@@ -69,25 +80,11 @@ Runs Sampler::runs_of(const std::vector<char>& ok, const std::vector<char>& held
 }
 
 Eigen::VectorXd Sampler::operator()(const std::vector<double>& channel, const Runs& runs) const {
-  Eigen::VectorXd y(static_cast<Eigen::Index>(runs.row.size()));
-  const auto taps = static_cast<Eigen::Index>(h_.size());
-  const Eigen::Map<const Eigen::VectorXd> h(h_.data(), taps);
-  for (std::size_t n = 0; n < runs.row.size(); ++n)
-    y[static_cast<Eigen::Index>(n)] = h.dot(Eigen::Map<const Eigen::VectorXd>(
-        channel.data() + runs.row[n] - static_cast<std::size_t>(M_), taps));
-  return y;
+  return filtered(h_, channel, runs, static_cast<std::size_t>(M_), 1);
 }
 
 Eigen::VectorXd Sampler::sparsely(const std::vector<double>& channel, const Runs& runs) const {
-  Eigen::VectorXd y(static_cast<Eigen::Index>(runs.row.size()));
-  const auto taps = static_cast<Eigen::Index>(sparse_.size());
-  const Eigen::Map<const Eigen::VectorXd> h(sparse_.data(), taps);
-  for (std::size_t n = 0; n < runs.row.size(); ++n) {
-    const std::size_t begin = (runs.row[n] - static_cast<std::size_t>(M_) - first()) / stride();
-    y[static_cast<Eigen::Index>(n)] =
-        h.dot(Eigen::Map<const Eigen::VectorXd>(channel.data() + begin, taps));
-  }
-  return y;
+  return filtered(sparse_, channel, runs, static_cast<std::size_t>(M_) + first(), stride());
 }
 
 }  // namespace twinrate

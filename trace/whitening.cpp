@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trace/taps.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -28,8 +30,13 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs, int most) {
   c[0] += floor;
   Eigen::VectorXd a = Eigen::VectorXd::Zero(0);
   double power = c[0];
-  a_.push_back(a);
-  sigma_.push_back(std::sqrt(power));
+  const auto keep = [&] {
+    sigma_.push_back(std::sqrt(std::max(power, floor)));
+    taps_.emplace_back(a.size() + 1);
+    taps_.back() << -a.reverse(), 1;
+    taps_.back() /= sigma_.back();
+  };
+  keep();
   for (int order = 1; order <= most; ++order) {
     double reflection = c[order];
     for (int j = 0; j < order - 1; ++j) reflection -= a[j] * c[order - 1 - j];
@@ -39,27 +46,22 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs, int most) {
     next[order - 1] = reflection;
     a = next;
     power *= 1 - reflection * reflection;
-    a_.push_back(a);
-    sigma_.push_back(std::sqrt(std::max(power, floor)));
+    keep();
   }
 }
 
 Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs) const {
   Eigen::VectorXd e(y.size());
-  const auto p = static_cast<Eigen::Index>(a_.size()) - 1;
+  const auto p = static_cast<Eigen::Index>(taps_.size()) - 1;
   for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
-    const Eigen::Index steady = std::min<Eigen::Index>(first + p, end), rest = end - steady;
+    const Eigen::Index steady = std::min<Eigen::Index>(first + p, end);
     for (Eigen::Index n = first; n < steady; ++n) {
-      const auto order = static_cast<std::size_t>(n - first);
-      double predicted = 0;
-      for (Eigen::Index j = 0; j < n - first; ++j) predicted += a_[order][j] * y[n - 1 - j];
-      e[n] = (y[n] - predicted) / sigma_[order];
+      const Eigen::Index known = n - first + 1;
+      e[n] = taps_[static_cast<std::size_t>(known) - 1].dot(y.segment(first, known));
     }
-    if (rest <= 0) return;
-    auto left = e.segment(steady, rest);
-    left = y.segment(steady, rest);
-    for (Eigen::Index j = 0; j < p; ++j) left -= a_.back()[j] * y.segment(steady - 1 - j, rest);
-    left /= sigma_.back();
+    if (end > steady)
+      filter_along({taps_.back().data(), taps_.size()}, y.data() + steady - p,
+                   static_cast<std::size_t>(end - steady), e.data() + steady);
   });
   return e;
 }

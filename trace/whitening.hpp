@@ -23,7 +23,7 @@ class Whitener {
   double rms() const { return sigma_.empty() ? 0 : sigma_.front(); }   // of the noise itself
 
  private:
-  std::vector<Eigen::VectorXd> a_;  // by order
+  std::vector<Eigen::VectorXd> taps_;  // of e, by order, the latest last
   std::vector<double> sigma_;
 };
 
