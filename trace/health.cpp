@@ -92,6 +92,8 @@ void Health::combine(const Health& other) {
   i_lsb = std::max(i_lsb, other.i_lsb);
   i_limit = std::max(i_limit, other.i_limit);
   i_sum_max = std::max(i_sum_max, other.i_sum_max);
+  speed_lag = std::max(speed_lag, other.speed_lag);
+  if (speed_scale == 1) speed_scale = other.speed_scale;
   if (T_s == 0) T_s = other.T_s;
   rows += other.rows;
 }

@@ -5,6 +5,7 @@
 //   held currents     the currents alone repeat the row before (trace/held_currents.hpp)
 //   clipped currents  the largest value stands in many neighbouring rows
 //   coarse ADC        the step between values, against the noise and the declared step
+//   speed             late behind the angle, or in another unit (trace/speed_against_angle.hpp)
 //
 // Short gaps (up to two rows) are bridged by straight lines, longer ones and clipped rows are left
 // out of the trace.
@@ -60,6 +61,8 @@ struct Health {
   double clipped_share = 0;
   double jitter = 0;     // of the time stamps, rms over T_s
   double i_sum_max = 0;  // A, of the three phase currents
+  double speed_lag = 0;  // s, of omega_m behind theta_m; 0: none that shows
+  double speed_scale = 1;
   // Else i_c is what the other two make it.
   bool i_c_measured() const { return i_sum_max >= kSumOfPhases; }
   static constexpr double kSumOfPhases = 1e-4;

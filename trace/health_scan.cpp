@@ -146,6 +146,8 @@ void HealthScan::take(std::size_t end) {
       missing_ += static_cast<std::size_t>(std::max<std::int64_t>(0, steps - rows_since_kept_));
       jitter_ += std::pow(span - static_cast<double>(steps), 2);
     }
+    if (!ahead_.omega_m.empty() && !ahead_.theta_m.empty())
+      speed_.add(ahead_.t[k], ahead_.theta_m[k], ahead_.omega_m[k], T_s);
     t_kept_ = ahead_.t[k];
     rows_since_kept_ = 0;
     ++kept_;
@@ -176,6 +178,9 @@ Health HealthScan::result() const {
                                              : b_.at_top(),
                             rows_);
   }
+  const SpeedAgainstAngle::Difference speed = speed_.difference();
+  h.speed_lag = speed.lag_s;
+  h.speed_scale = speed.scale;
   h.jitter = std::sqrt(jitter_ / static_cast<double>(std::max<std::size_t>(1, kept_)));
   h.i_sum_max = i_sum_max_;
   return h;

@@ -10,6 +10,7 @@
 
 #include "trace/health.hpp"
 #include "trace/held_currents.hpp"
+#include "trace/speed_against_angle.hpp"
 
 namespace twinrate {
 
@@ -68,6 +69,7 @@ class HealthScan {
   CurrentLevels a_, b_, any_;
   CurrentValues values_a_;
   HeldCurrents held_;
+  SpeedAgainstAngle speed_;
   RawLog ahead_;           // rows whose neighbours have not come yet, and neighbours of theirs
   std::size_t taken_ = 0;  // of them
   std::optional<double> t_before_, t_kept_;
