@@ -1,6 +1,8 @@
 // Effects whose place on their grid has to be searched before Gauss-Newton can refine it, because
 // the error is flat or rough around it.
 #pragma once
+#include <optional>
+
 #include "trace/scores.hpp"
 
 namespace twinrate {
@@ -12,8 +14,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
 
 // A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
 // the error rough in the parameters: backlash in the place of `shaft`, searched on
-// grids around it and away from it, then by simplex.
-Fit search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft);
+// grids around it and away from it, then by simplex. Nothing where none comes near.
+std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft);
 // The same near a gap that is about right.
 Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft);
 

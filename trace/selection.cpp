@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "trace/keys.hpp"
@@ -17,6 +18,7 @@ constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
 constexpr double kPlainly = 0.75;      // of the plain error: a gap that leaves less is one
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
+constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
 constexpr double kAstray = 1.1;                   // times the error of a shaft where it was placed
 
 std::string describe(const Effect& effect) {
@@ -40,7 +42,9 @@ class Selector {
 
   Fit step(const Members& members, RoundState& state) {
     gaps_left_ = state.gaps_left;
-    fit_ = fitter_.refine(members);
+    // A shaft has far to go: what it leaves would be taken for something else.
+    fit_ = fitter_.refine(
+        members, has_shaft(members) ? Fitter::Until::kArrived : Fitter::Until::kComparable);
     if (!fit_.valid) fit_ = without_slope(std::move(fit_));
     fit_ = without_superfluous(fitter_, std::move(fit_), say_);
     const bool added = fit_.members.size() < kMostMembers && add_one();
@@ -57,16 +61,17 @@ class Selector {
     if (gain < fitter_.margin() || !leaves_more_than_noise(fitter_, shaft) || gaps_left_ <= 0)
       return;
     --gaps_left_;
-    Fit gap = search_backlash(fitter_, now, *shaft.members.back());
-    const double more = score_of(fitter_, shaft) - score_of(fitter_, gap);
+    std::optional<Fit> gap = search_backlash(fitter_, now, *shaft.members.back());
+    if (!gap) return;
+    const double more = score_of(fitter_, shaft) - score_of(fitter_, *gap);
     if (say_)
       say_(fmt::format("  {}: {:.0f}; with a gap: {} {:+.0f}", describe(*shaft.members.back()),
-                       gain, describe(*gap.members.back()), more));
+                       gain, describe(*gap->members.back()), more));
     // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft,
     // or the other way round.
-    const double plain = plain_torque(fitter_, gap) / plain_torque(fitter_, shaft);
+    const double plain = plain_torque(fitter_, *gap) / plain_torque(fitter_, shaft);
     const bool better = plain < 1 && more > std::max(fitter_.margin(), kGap * gain);
-    if (acceptable(fitter_, gap, now) && (better || plain < kPlainly)) shaft = std::move(gap);
+    if (acceptable(fitter_, *gap, now) && (better || plain < kPlainly)) shaft = std::move(*gap);
   }
 
   // Whitened by a noise that is still part resonance, the best shaft may be far from the one that
@@ -204,9 +209,13 @@ class Selector {
       if (member->kind() != "load_step") continue;
       const Fit without = fitter_.refine(with(fit_.members, nullptr, m - 1));
       bool moved = false;
-      for (const auto& start : {member, best_moment(without)}) {
-        if (!start) continue;
-        Fit anew = fitter_.refine(with(without.members, placed(fitter_, without, start)));
+      const std::shared_ptr<Effect> elsewhere = best_moment(without);
+      for (const auto& start : {member, elsewhere}) {
+        if (!start || (start == elsewhere && repeats_step(*member, *start))) continue;
+        const std::shared_ptr<Effect> there = placed(fitter_, without, start);
+        if (std::abs(get_key(*there, "time_s") - get_key(*member, "time_s")) < kSameMoment_s)
+          continue;
+        Fit anew = fitter_.refine(with(without.members, there));
         if (!anew.valid || anew.rss + anew.rss_held_out >= fit_.rss + fit_.rss_held_out) continue;
         fit_ = std::move(anew);
         moved = true;
@@ -244,7 +253,9 @@ class Selector {
     if (gaps_left_ <= 0 || !leaves_more_than_noise(fitter_, fit_)) return;
     --gaps_left_;
     const Fit without = fitter_.start(with(fit_.members, nullptr, m));
-    Fit anew = with_steps(search_backlash(fitter_, without, *fit_.members[m]));
+    std::optional<Fit> gap = search_backlash(fitter_, without, *fit_.members[m]);
+    if (!gap) return;
+    Fit anew = with_steps(std::move(*gap));
     const double better = score_of(fitter_, fit_) - score_of(fitter_, anew);
     const double plain = plain_torque(fitter_, anew) / plain_torque(fitter_, fit_);
     if (say_)

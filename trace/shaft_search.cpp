@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/effects/shaft.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr double kApart = 0.26;      // of the logarithm of a key: within it, one start will do
-constexpr Eigen::Index kPiece = 64;  // outputs
+constexpr double kApart = 0.26;     // of the logarithm of a key: within it, one start will do
+constexpr std::size_t kPiece = 64;  // outputs that are compared together
 constexpr double kLeastInertia = -0.4, kMostInertia = 0.8;  // of machine.J, where it is free
 
 std::vector<std::string> keys(const Effect& shaft) {
@@ -26,45 +25,90 @@ Eigen::VectorXd logs(const ShaftSearch::Point& p) {
   return x;
 }
 
+// Such a shaft with other keys.
+std::shared_ptr<Effect> moved(const ShaftSearch::Point& like, const Eigen::VectorXd& logs) {
+  std::shared_ptr<Effect> shaft = like.shaft->clone();
+  const std::vector<std::string> names = keys(*shaft);
+  for (std::size_t i = 0; i < names.size(); ++i)
+    set_key(*shaft, names[i], std::exp(logs[static_cast<Eigen::Index>(i)]));
+  return shaft;
+}
+
+MotorSide motor_side(const Chain& chain, const Members& now, bool all) {
+  std::vector<OperatingPoint> points = chain.equations().points();
+  const std::size_t stride = all ? 1 : chain.sampler().stride();
+  if (!all) {
+    std::size_t kept = 0;
+    for (std::size_t k = chain.sampler().first(); k < points.size(); k += stride)
+      points[kept++] = points[k];
+    points.resize(kept);
+  }
+  Effects loads = chain.equations().known();
+  loads.insert(loads.end(), now.begin(), now.end());
+  return {points, load_behind_shaft(loads, points),
+          static_cast<double>(stride) * chain.equations().record().T_s};
+}
+
 }  // namespace
 
 ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia, Rows rows)
     : chain_(chain),
       all_(rows == Rows::kAll),
       free_(inertia == Inertia::kFree),
-      acceleration_(chain.remembered_columns(*make_effect("inertia"))[0].torque),
-      points_(chain.equations().points()) {
-  const Sampled left = chain.residual({now.begin(), now.end()});
-  now_ = left.torque;
-  noise_ = chain.noise().scale_torque * left.noise_torque;
-  if (!all_) {
-    const std::vector<OperatingPoint>& points = chain.equations().points();
-    points_.clear();
-    for (std::size_t k = chain.sampler().first(); k < points.size(); k += chain.sampler().stride())
-      points_.push_back(points[k]);
+      motor_(motor_side(chain, now, all_)) {
+  const Runs& runs = chain.sampler().torque();
+  std::vector<Eigen::Index> outputs;
+  for (std::size_t first = 0; first + kPiece <= runs.row.size(); first += kPiece) {
+    if (runs.held_out[first]) continue;
+    for (std::size_t n = first; n < first + kPiece; ++n) {
+      outputs.push_back(static_cast<Eigen::Index>(n));
+      runs_.row.push_back(runs.row[n]);
+    }
   }
-  Effects loads = chain.equations().known();
-  loads.insert(loads.end(), now.begin(), now.end());
-  behind_ = load_behind_shaft(loads, points_);
+  const Sampled left = chain.residual({now.begin(), now.end()});
+  now_ = left.torque(outputs);
+  if (left.noise_torque.size() > 0)
+    noise_ = chain.noise().scale_torque * left.noise_torque(outputs);
+  acceleration_ = chain.remembered_columns(*make_effect("inertia"))[0].torque(outputs);
 }
 
 ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
+  return at(std::vector{std::move(shaft)})[0];
+}
+
+ShaftSearch::Points ShaftSearch::at(std::vector<std::shared_ptr<Effect>> shafts) const {
   chain_.checkpoint();
-  Point p{.shaft = std::move(shaft)};
   const DriveFacts& facts = chain_.equations().facts();
-  if (!p.shaft->prepare(facts).empty() || p.shaft->materiality(facts) < 1) return p;
-  const Runs& runs = chain_.sampler().torque();
-  ShaftFacts of_shaft;
-  p.shaft->describe_shaft(of_shaft);
-  std::vector<double> T_load(points_.size());
-  const double stride = all_ ? 1 : static_cast<double>(chain_.sampler().stride());
-  along_shaft(of_shaft, points_, behind_, stride * chain_.equations().record().T_s, T_load);
+  Points points(shafts.size());
+  std::vector<std::size_t> possible;
+  std::vector<ShaftFacts> these;
+  for (std::size_t s = 0; s < shafts.size(); ++s) {
+    points[s].shaft = std::move(shafts[s]);
+    if (!points[s].shaft->prepare(facts).empty() || points[s].shaft->materiality(facts) < 1)
+      continue;
+    possible.push_back(s);
+    points[s].shaft->describe_shaft(these.emplace_back());
+  }
+  constexpr std::size_t kTogether = 8;  // memory
+  std::vector<std::vector<double>> T_load(std::min(kTogether, these.size()));
+  for (std::size_t first = 0; first < these.size(); first += kTogether) {
+    const std::size_t count = std::min(kTogether, these.size() - first);
+    motor_.along(std::span(these).subspan(first, count), std::span(T_load).first(count));
+    for (std::size_t s = 0; s < count; ++s) {
+      Point& p = points[possible[first + s]];
+      p.error = error_with(these[first + s], T_load[s], p.inertia);
+    }
+  }
+  return points;
+}
+
+double ShaftSearch::error_with(const ShaftFacts& shaft, const std::vector<double>& T_load,
+                               double& inertia) const {
   const Sampler& sampler = chain_.sampler();
   const Eigen::VectorXd left = now_ -
-                               (all_ ? sampler(T_load, runs) : sampler.sparsely(T_load, runs)) +
-                               of_shaft.J_load * acceleration_;
-  p.error = error_of(left, of_shaft.J_load, p.inertia);
-  return p;
+                               (all_ ? sampler(T_load, runs_) : sampler.sparsely(T_load, runs_)) +
+                               shaft.J_load * acceleration_;
+  return error_of(left, shaft.J_load, inertia);
 }
 
 double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double& inertia) const {
@@ -78,10 +122,10 @@ double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double&
     }
   };
   std::vector<Piece> pieces;
-  for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece) {
-    if (chain_.sampler().torque().held_out[static_cast<std::size_t>(first)]) continue;
-    const auto y = left.segment(first, kPiece), a = acceleration_.segment(first, kPiece);
-    const double noise = noise_.size() ? noise_.segment(first, kPiece).squaredNorm() : 0;
+  constexpr auto kRows = static_cast<Eigen::Index>(kPiece);
+  for (Eigen::Index first = 0; first < left.size(); first += kRows) {
+    const auto y = left.segment(first, kRows), a = acceleration_.segment(first, kRows);
+    const double noise = noise_.size() ? noise_.segment(first, kRows).squaredNorm() : 0;
     // Noise of y - j a: n (at_motor + j/J), with n that of all of J.
     pieces.push_back({y.squaredNorm() + (1 - at_motor * at_motor) * noise,
                       y.dot(a) + at_motor * noise / J,
@@ -102,48 +146,105 @@ double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double&
   return sum;
 }
 
-ShaftSearch::Point ShaftSearch::at(const Point& like, const Eigen::VectorXd& x) const {
-  std::shared_ptr<Effect> shaft = like.shaft->clone();
-  const std::vector<std::string> names = keys(*shaft);
-  for (std::size_t i = 0; i < names.size(); ++i)
-    set_key(*shaft, names[i], std::exp(x[static_cast<Eigen::Index>(i)]));
-  return at(std::move(shaft));
+namespace {
+
+// One of Nelder and Mead's simplices.
+class Simplex {
+ public:
+  using Point = ShaftSearch::Point;
+  Simplex(const Point& start, double first_step) : points_{start} {
+    for (Eigen::Index i = 0; i < logs(start).size(); ++i) {
+      Eigen::VectorXd x = logs(start);
+      x[i] += first_step;
+      wanted_.push_back(moved(start, x));
+    }
+  }
+
+  // Shafts whose error it has to know next; none at the end.
+  const std::vector<std::shared_ptr<Effect>>& wanted() const { return wanted_; }
+  void learn(std::span<const Point> found, int most) {
+    wanted_.clear();
+    tried_ += static_cast<int>(found.size());
+    switch (asked_) {
+      case Asked::kCorners:
+        points_.insert(points_.end(), found.begin(), found.end());
+        break;
+      case Asked::kAway:
+        away_ = found[0];
+        if (away_.error < points_[0].error) return ask(Asked::kFurther, 2);
+        if (!(away_.error < points_[points_.size() - 2].error)) return ask(Asked::kNearer, -0.5);
+        points_.back() = away_;
+        break;
+      case Asked::kFurther:
+        --tried_;  // one step with the one before
+        points_.back() = found[0].error < away_.error ? found[0] : away_;
+        break;
+      case Asked::kNearer:
+        --tried_;
+        if (!(found[0].error < points_.back().error)) return shrink();
+        points_.back() = found[0];
+    }
+    reflect(most);
+  }
+  Point best() const {
+    return *std::min_element(points_.begin(), points_.end(), ShaftSearch::better);
+  }
+
+ private:
+  enum class Asked { kCorners, kAway, kFurther, kNearer };
+
+  void ask(Asked what, double share) {
+    asked_ = what;
+    wanted_ = {moved(points_[0], centre_ + share * (centre_ - logs(points_.back())))};
+  }
+  void shrink() {
+    asked_ = Asked::kCorners;
+    for (std::size_t i = 1; i < points_.size(); ++i)
+      wanted_.push_back(moved(points_[0], 0.5 * (logs(points_[0]) + logs(points_[i]))));
+    points_.resize(1);
+  }
+  void reflect(int most) {
+    constexpr double kArrived = 2e-4;
+    std::sort(points_.begin(), points_.end(), ShaftSearch::better);
+    const std::size_t last = points_.size() - 1;
+    centre_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(last));
+    for (std::size_t i = 0; i < last; ++i) centre_ += logs(points_[i]) / static_cast<double>(last);
+    if (tried_ < most && (centre_ - logs(points_.back())).cwiseAbs().maxCoeff() >= kArrived)
+      ask(Asked::kAway, 1);
+  }
+
+  std::vector<Point> points_;
+  Eigen::VectorXd centre_;  // of all but the worst
+  Point away_;
+  Asked asked_ = Asked::kCorners;
+  std::vector<std::shared_ptr<Effect>> wanted_;
+  int tried_ = 0;
+};
+
+}  // namespace
+
+ShaftSearch::Points ShaftSearch::descend(Points starts, int most, double first_step) const {
+  std::vector<Simplex> simplices;
+  for (const Point& start : starts) simplices.emplace_back(start, first_step);
+  while (true) {
+    std::vector<std::shared_ptr<Effect>> wanted;
+    for (const Simplex& s : simplices)
+      wanted.insert(wanted.end(), s.wanted().begin(), s.wanted().end());
+    if (wanted.empty()) break;
+    const Points found = at(std::move(wanted));
+    std::size_t first = 0;
+    for (Simplex& s : simplices) {
+      const std::size_t count = s.wanted().size();
+      if (count > 0) s.learn(std::span(found).subspan(first, count), most);
+      first += count;
+    }
+  }
+  for (std::size_t s = 0; s < starts.size(); ++s) starts[s] = simplices[s].best();
+  return starts;
 }
 
 ShaftSearch::Point ShaftSearch::descend(const Point& start, int most, double first_step) const {
-  const auto n = static_cast<Eigen::Index>(logs(start).size());
-  const auto last = static_cast<std::size_t>(n);
-  std::vector<Point> simplex = {start};
-  for (Eigen::Index i = 0; i < n; ++i) {
-    Eigen::VectorXd x = logs(start);
-    x[i] += first_step;
-    simplex.push_back(at(start, x));
-  }
-  for (int tried = static_cast<int>(n); tried < most; ++tried) {
-    std::sort(simplex.begin(), simplex.end(), better);
-    Point& worst = simplex.back();
-    Eigen::VectorXd centre = Eigen::VectorXd::Zero(n);
-    for (std::size_t i = 0; i < last; ++i) centre += logs(simplex[i]) / static_cast<double>(n);
-    const Eigen::VectorXd away = centre - logs(worst);
-    if (away.cwiseAbs().maxCoeff() < 2e-4) break;
-    Point next = at(start, centre + away);
-    if (next.error < simplex[0].error) {
-      Point further = at(start, centre + 2 * away);
-      worst = further.error < next.error ? std::move(further) : std::move(next);
-    } else if (next.error < simplex[last - 1].error) {
-      worst = std::move(next);
-    } else {
-      Point nearer = at(start, centre - 0.5 * away);
-      if (nearer.error < worst.error) {
-        worst = std::move(nearer);
-      } else {
-        for (std::size_t i = 1; i < simplex.size(); ++i)
-          simplex[i] = at(start, 0.5 * (logs(simplex[0]) + logs(simplex[i])));
-        tried += static_cast<int>(n);
-      }
-    }
-  }
-  return *std::min_element(simplex.begin(), simplex.end(), better);
+  return descend(Points{start}, most, first_step)[0];
 }
 
 ShaftSearch::Point ShaftSearch::along_keys(Point best) const {
@@ -161,11 +262,12 @@ ShaftSearch::Point ShaftSearch::along_keys(Point best) const {
     before = best.error;
     for (const auto way : ways.colwise()) {
       const Eigen::VectorXd here = logs(best);
+      std::vector<std::shared_ptr<Effect>> there;
       for (double step : {0.01, 0.02, 0.04, 0.08, 0.16})
-        for (double signed_step : {-step, step}) {
-          Point p = at(best, here + signed_step * way);
-          if (better(p, best)) best = std::move(p);
-        }
+        for (double signed_step : {-step, step})
+          there.push_back(moved(best, here + signed_step * way));
+      for (Point& p : at(std::move(there)))
+        if (better(p, best)) best = std::move(p);
     }
   }
   return best;

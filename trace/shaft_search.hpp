@@ -1,6 +1,7 @@
 // Looks for the shaft that leaves least of the torque, with a gap or without. Without slopes:
 // impacts move in time with every key, and a slope says little beyond the next bump.
 #pragma once
+#include "model/effects/motor_side.hpp"
 #include "trace/fit.hpp"
 
 namespace twinrate {
@@ -24,25 +25,31 @@ class ShaftSearch {
 
   // How much a shaft leaves of the torque that the members leave, as the tracer samples it: not
   // whitened, for what the noise is taken for is part impacts.
+  using Points = std::vector<Point>;
+  Points at(std::vector<std::shared_ptr<Effect>> shafts) const;
   Point at(std::shared_ptr<Effect> shaft) const;
-  // Nelder and Mead's simplex in the logarithms of the keys; `first_step`: of these.
+  // Nelder and Mead's simplex in the logarithms of the keys, from each start; `first_step`: of
+  // these.
+  Points descend(Points starts, int most, double first_step) const;
   Point descend(const Point& start, int most, double first_step) const;
   // Each key by itself and some together, a few per cent up and down, as long as that helps: out of
   // the small hollows in which a simplex ends.
   Point along_keys(Point best) const;
 
  private:
-  Point at(const Point& like, const Eigen::VectorXd& logs) const;
   // Sum of the pieces' norms of `left` less the inertia times omega_m', which is found if free. The
   // noise of omega_m' goes with the mass that is left at the motor: what of it the shaft takes
   // along is put back, or all of the mass would be best.
   double error_of(const Eigen::VectorXd& left, double J_load, double& inertia) const;
 
+  double error_with(const ShaftFacts& shaft, const std::vector<double>& T_load,
+                    double& inertia) const;
+
   const Chain& chain_;
   bool all_, free_;
+  Runs runs_;                                   // outputs that are compared: not those kept back
   Eigen::VectorXd now_, noise_, acceleration_;  // what is left, noise in it; omega_m'
-  std::vector<OperatingPoint> points_;
-  std::vector<double> behind_;  // load behind the shaft, with that of the members
+  MotorSide motor_;                             // with the members' load behind the shaft
 };
 
 // The best few, no two of them with nearly the same mass and gap.

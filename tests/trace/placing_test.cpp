@@ -1,0 +1,65 @@
+#include "trace/placing.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/fitted_drive.hpp"
+
+namespace twinrate::placing_test {
+
+std::shared_ptr<Effect> behind_a_shaft(const LooseLoad& load) {
+  const auto effect = effect_with(
+      load.gap > 0 ? "backlash" : "torsion",
+      {{"J_load_kgm2", load.J}, {"stiffness_Nm_rad", load.K}, {"damping_Nms_rad", load.D}});
+  if (load.gap > 0) set_key(*effect, "gap_rad", load.gap);
+  return effect;
+}
+
+// What the load began with has died away.
+RawLog with_load(LooseLoad load) {
+  SyntheticDrive drive{.J = SyntheticDrive{}.J - load.J, .duration_s = 3};
+  drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
+  RawLog raw = simulate_synthetic(drive);
+  raw.drop_first(5000);
+  return raw;
+}
+
+TEST(Placing, AGapIsFoundFromTheShaftThatComesNearest) {
+  const LooseLoad load;
+  const FittedDrive drive(with_load(load), {behind_a_shaft(load)});
+  const Fitter fitter = drive.fitter();
+  const Fit nothing = fitter.start({});
+  LooseLoad soft = load;
+  soft.gap = 0;
+  soft.K = 150;
+  const auto shaft = placed(fitter, nothing, behind_a_shaft(soft));
+  const std::optional<Fit> gap = search_backlash(fitter, nothing, *shaft);
+  ASSERT_TRUE(gap);
+  EXPECT_NEAR(get_key(*gap->members[0], "gap_rad"), load.gap, 0.03 * load.gap);
+  EXPECT_NEAR(get_key(*gap->members[0], "J_load_kgm2"), load.J, 0.03 * load.J);
+}
+
+TEST(Placing, BehindAShaftWithoutAGapTheSearchForOneEndsEarly) {
+  const LooseLoad load{.J = 2e-3, .K = 60, .D = 0.02, .gap = 0};
+  const auto truth = behind_a_shaft(load);
+  const FittedDrive drive(with_load(load), {truth});
+  const Fitter fitter = drive.fitter();
+  EXPECT_FALSE(search_backlash(fitter, fitter.start({}), *truth));
+}
+
+// What the shaft does follows the true angle, and so do the slopes along which it is fitted.
+TEST(Placing, AShaftBesideAnErrorOfTheAngleArrivesInAFewSteps) {
+  constexpr double kError = 0.03;  // rad, more than the twist
+  const LooseLoad load{.J = 2e-3, .K = 60, .D = 0.02, .gap = 0};
+  RawLog raw = with_load(load);
+  for (double& theta_m : raw.theta_m) theta_m += kError * std::sin(theta_m);
+  const auto eccentric =
+      effect_with("encoder_eccentricity", {{"amplitude_rad", kError}, {"phase_rad", 0}});
+  const FittedDrive drive(raw, {behind_a_shaft(load), eccentric});
+  LooseLoad start = load;
+  start.K *= 1.02;
+  const Fit fit = drive.fitter().refine({behind_a_shaft(start), eccentric});
+  // With slopes of the angle that was read: 60.12 Nm/rad, and no nearer after twelve steps.
+  EXPECT_NEAR(get_key(*fit.members[0], "stiffness_Nm_rad"), load.K, 1.5e-3 * load.K);
+}
+
+}  // namespace twinrate::placing_test
