@@ -18,12 +18,6 @@ void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
   a += factor * b;
 }
 
-std::vector<double> keys_of(const Effect& effect) {
-  std::vector<double> values;
-  for (const NumericKey& key : numeric_keys(effect)) values.push_back(key.value);
-  return values;
-}
-
 }  // namespace
 
 void add(Sampled& a, const Sampled& b, double factor) {
@@ -132,7 +126,7 @@ Chain::Remembered Chain::shape_of(const char* what, const Effect& effect) const 
   if (is_linear(effect))
     shape->set_coefficients(
         std::vector<double>(static_cast<std::size_t>(effect.regressor_count()), 0.0));
-  return {what + std::string(effect.kind()), keys_of(*shape), {}};
+  return {what + std::string(effect.kind()), key_values(*shape), {}};
 }
 
 const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) const {
@@ -175,7 +169,7 @@ Sampled Chain::residual(const Effects& effects) const {
       continue;
     together.push_back(effect);
     wanted.what += " " + std::string(effect->kind());
-    const std::vector<double> keys = keys_of(*effect);
+    const std::vector<double> keys = key_values(*effect);
     wanted.keys.insert(wanted.keys.end(), keys.begin(), keys.end());
   }
   Sampled s =
@@ -184,7 +178,7 @@ Sampled Chain::residual(const Effects& effects) const {
     if (std::find(together.begin(), together.end(), effect) != together.end()) continue;
     if (!is_linear(*effect)) {
       add(s,
-          recall({"whole " + std::string(effect->kind()), keys_of(*effect), {}},
+          recall({"whole " + std::string(effect->kind()), key_values(*effect), {}},
                  [&] { return std::vector<Sampled>{contribution_to_fit(*effect)}; })[0],
           -1);
       continue;
@@ -202,8 +196,11 @@ Sampled Chain::noiseless(const Effects& effects) const {
 }
 
 Sampled Chain::contribution_to_fit(const Effect& effect) const {
-  Sampled s = contribution(effect);
-  if (is_of_shaft(effect)) s.answer_torque = {};
+  if (!is_of_shaft(effect) || has_gap(effect)) return contribution(effect);
+  checkpoint();
+  const Channels read = readings_.contribution(effect);
+  Sampled s = sampled(equations_.contribution(effect), read, read);
+  s.answer_torque = {};
   return s;
 }
 
@@ -211,8 +208,8 @@ Sampled Chain::whole_residual(const Effects& effects) const {
   Effects smooth;
   for (const auto& effect : effects)
     if (!has_gap(*effect)) smooth.push_back(effect);
-  Sampled s =
-      sampled(equations_.residual(smooth), readings_.residual(smooth), answered_.residual(smooth));
+  Sampled s = sampled(equations_.residual(smooth, Equations::Undone::kKept),
+                      readings_.residual(smooth), answered_.residual(smooth));
   if (std::any_of(effects.begin(), effects.end(), [](const auto& e) { return is_of_shaft(*e); }))
     s.answer_torque = {};
   if (smooth.size() == effects.size()) return s;
@@ -227,10 +224,10 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
   if (!holds_noise(effect)) return columns_of(equations_, effect);
   checkpoint();
   std::vector<Sampled> out;
-  const std::vector<Channels> clean = equations_.columns(effect), read = readings_.columns(effect),
-                              answered = answered_.columns(effect);
+  const std::vector<Channels> clean = equations_.columns(effect), read = readings_.columns(effect);
+  const std::vector<Channels> answered = turns_at_zero(effect) ? read : answered_.columns(effect);
   for (std::size_t r = 0; r < clean.size(); ++r)
-    out.push_back(sampled(clean[r], read[r], turns_at_zero(effect) ? read[r] : answered[r]));
+    out.push_back(sampled(clean[r], read[r], answered[r]));
   return out;
 }
 

@@ -106,9 +106,17 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   return candidates;
 }
 
-void Dictionary::renew(const Chain& chain, const Effects& beside) {
+bool Dictionary::renew(const Chain& chain, const Effects& effects) {
   constexpr double kProbe = 1e-5;  // of a coefficient
-  const Sampled residual = chain.noiseless(beside);
+  std::vector<std::string_view> kinds;
+  for (const auto& effect : effects)
+    if (effect->acts_on() != kOnTorque || turns_with_angle(*effect))
+      kinds.push_back(effect->kind());
+  if (acting_on(effects, ~kOnTorque).empty()) kinds.clear();
+  std::sort(kinds.begin(), kinds.end());
+  if (kinds == beside) return false;
+  beside = std::move(kinds);
+  const Sampled residual = chain.noiseless(effects);
   for (Candidate& candidate : sampled) {
     if (!adds_to_sensor(*candidate.effect)) continue;
     for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
@@ -116,7 +124,7 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
       coefficients[r] = kProbe;
       const std::shared_ptr<Effect> probe = candidate.effect->clone();
       probe->set_coefficients(coefficients);
-      Effects all = beside;
+      Effects all = effects;
       all.push_back(probe);
       const Sampled there = chain.noiseless(all);
       Sampled& x = candidate.columns[r];  // its noise hardly changes
@@ -125,10 +133,14 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
       x.torque = (residual.torque - there.torque) / kProbe;
     }
   }
-  const bool currents = !acting_on(beside, kOnCurrents).empty(),
-             angle = !acting_on(beside, kOnAngle).empty();
-  if (!currents && !angle) return;
-  const Record record = chain.equations().without_errors(beside);
+  // An angle that is always wrong by the same turns no more than phases.
+  const auto varies = [](const auto& effect) {
+    return effect->acts_on() & kOnAngle && effect->kind() != "encoder_offset";
+  };
+  const bool currents = !acting_on(effects, kOnCurrents).empty(),
+             angle = std::any_of(effects.begin(), effects.end(), varies);
+  if (!currents && !angle) return true;
+  const Record record = chain.equations().without_errors(effects);
   const Equations corrected(record, chain.equations().facts());
   for (Candidate& candidate : sampled) {
     if (!turns_at_zero(*candidate.effect) && !(angle && turns_with_angle(*candidate.effect)))
@@ -140,6 +152,7 @@ void Dictionary::renew(const Chain& chain, const Effects& beside) {
       candidate.columns[r].torque = there[r].torque;
     }
   }
+  return true;
 }
 
 void Dictionary::whiten(const Chain& chain, bool renewed_only) {

@@ -18,10 +18,13 @@ struct Candidate {
 struct Dictionary {
   std::vector<Candidate> sampled, whitened;
   // Columns of what adds to a sensor anew, as they are beside effects in the model: what an error
-  // of a current does to the voltage depends on the inductance there.
-  void renew(const Chain& chain, const Effects& beside);
+  // of a current does to the voltage depends on the inductance there. False where nothing does so
+  // that was not beside them the last time.
+  bool renew(const Chain& chain, const Effects& beside);
   // All of them, or what renew() made.
   void whiten(const Chain& chain, bool renewed_only = false);
+
+  std::vector<std::string_view> beside;  // kinds that renew() saw
 };
 
 // Candidates of every kind with traced_keys() that the record's signals allow; `duration`: of the

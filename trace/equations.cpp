@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "model/effects/shaft.hpp"
 #include "trace/along.hpp"
+#include "trace/keys.hpp"
 #include "trace/signals.hpp"
 
 namespace twinrate {
@@ -18,6 +18,19 @@ Vec2 into(const Vec2& axis, const Vec2& x) {
 }
 Vec2 out_of(const Vec2& axis, const Vec2& x) {
   return {axis[0] * x[0] - axis[1] * x[1], axis[1] * x[0] + axis[0] * x[1]};
+}
+
+// cos and sin, of a small angle by their series, to the last bit but one.
+Vec2 direction(double angle) {
+  constexpr double kSmall = 0.3;
+  if (std::abs(angle) > kSmall) return {std::cos(angle), std::sin(angle)};
+  const double x = angle * angle;
+  const auto series = [x](double first) {  // 1 - x/n(n+1) + .., n = first, first + 2, ..
+    double sum = 1;
+    for (double n = first + 10; n >= first; n -= 2) sum = 1 - x / (n * (n + 1)) * sum;
+    return sum;
+  };
+  return {series(1), angle * series(2)};
 }
 
 }  // namespace
@@ -50,10 +63,12 @@ void Equations::turn_angle(Signals& s) const {
   const auto axes = std::make_shared<Axes>();
   const std::size_t n = s.theta_m.size();
   axes->at.resize(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    const double theta_e = facts_.machine.n_p * s.theta_m[k];
-    axes->at[k] = {std::cos(theta_e), std::sin(theta_e)};
-  }
+  for (std::size_t k = 0; k < n; ++k)
+    axes->at[k] =
+        measured_.axes
+            ? out_of(measured_.axes->at[k],
+                     direction(facts_.machine.n_p * (s.theta_m[k] - measured_.theta_m[k])))
+            : direction(facts_.machine.n_p * s.theta_m[k]);
   axes->mid.resize(n, Vec2::Zero());
   for (std::size_t k = 1; k < n; ++k) axes->mid[k] = (axes->at[k - 1] + axes->at[k]).normalized();
   s.axes = axes;
@@ -101,10 +116,11 @@ Equations::Signals Equations::undo_sensing(const Effects& effects,
   undo(s.i_alphabeta, SamplingFacts::kCurrent);
   undo(s.theta_m, SamplingFacts::kAngle);
   const Along added(adding, points, record_.T_s);
+  const bool currents = moved & kOnCurrents && !s.i_alphabeta.empty();
   for (std::size_t k = 0; !adding.empty() && k < points.size(); ++k) {
     const Contribution c = added[k];
     s.theta_m[k] -= c.theta_m;
-    if (s.i_alphabeta.empty()) continue;
+    if (!currents) continue;
     Vec3 i_abc = c.i_abc;
     if (record_.current_sensors == 2) i_abc[2] = -(i_abc[0] + i_abc[1]);
     s.i_alphabeta[k] -= clarke(i_abc);
@@ -127,7 +143,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   Channels e = empty(kOnTorque | kOnVoltage);
   Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), not_acting = Vec2::Zero();
   for (std::size_t k = 0; k < n; ++k) {
-    const Contribution c = added[k];
+    const Contribution c = effects.empty() ? Contribution{} : added[k];
     const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
     if (has_voltage()) {
       const Vec2& axis = s.axes->at[k];
@@ -153,37 +169,43 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   return e;
 }
 
-Channels Equations::residual(const Effects& effects) const {
+Channels Equations::residual(const Effects& effects, Undone undone) const {
   if (effects.empty()) return base_;
   Effects all = known_;
   all.insert(all.end(), effects.begin(), effects.end());
-  return residual_of(all);
+  return residual_of(all, undone);
 }
 
-Channels Equations::residual_of(const Effects& effects) const {
+Channels Equations::residual_of(const Effects& effects, Undone undone) const {
   const Effects sensing = acting_on(effects, kSensing);
   const Effects others = acting_on(effects, kOnTorque | kOnVoltage | kOnFlux);
   if (sensing.empty()) return assemble(measured_, others, points_);
-  std::vector<OperatingPoint> own;
-  const Signals undone = true_signals(sensing, own);
-  if (!others.empty()) move_points(undone, !acting_on(sensing, kOnAngle).empty(), own);
-  return assemble(undone, others, own);
+  std::vector<std::pair<std::string_view, std::vector<double>>> errors;
+  for (const auto& effect : sensing) errors.emplace_back(effect->kind(), key_values(*effect));
+  if (errors != undone_.errors) {
+    True there = true_signals(sensing);
+    there.errors = std::move(errors);
+    if (undone == Undone::kForgotten) return assemble(there.signals, others, there.points);
+    undone_ = std::move(there);
+  }
+  return assemble(undone_.signals, others, undone_.points);
 }
 
-Equations::Signals Equations::true_signals(const Effects& sensing,
-                                           std::vector<OperatingPoint>& points) const {
+Equations::True Equations::true_signals(const Effects& sensing) const {
   // What a sensor adds depends on what is there, not on what it reads.
-  points = points_;
-  move_points(undo_sensing(sensing, points_), !acting_on(sensing, kOnAngle).empty(), points);
-  return undo_sensing(sensing, points);
+  const bool angle = !acting_on(sensing, kOnAngle).empty();
+  True there{.errors = {}, .signals = {}, .points = points_};
+  move_points(undo_sensing(sensing, points_), angle, there.points);
+  there.signals = undo_sensing(sensing, there.points);
+  move_points(there.signals, angle, there.points);
+  return there;
 }
 
 Record Equations::without_errors(const Effects& effects) const {
   Record record = record_;
   const Effects sensing = acting_on(effects, kSensing);
   if (sensing.empty()) return record;
-  std::vector<OperatingPoint> points;
-  Signals undone = true_signals(sensing, points);
+  Signals undone = true_signals(sensing).signals;
   record.i_alphabeta = std::move(undone.i_alphabeta);
   record.theta_m = std::move(undone.theta_m);
   return record;
@@ -199,16 +221,18 @@ Channels Equations::empty(int acts_on) const {
   return x;
 }
 
-void Equations::explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
-                        Before& before) const {
+inline void Equations::explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
+                               Before& before) const {
   const double T_s = record_.T_s;
   const Signals& s = measured_;
   if (!x.d.empty()) {
     const Vec2& axis = s.axes->at[k];
-    const Vec2 psi = out_of(axis, c.psi_dq), drop = out_of(axis, c.u_dq_drop);
+    const bool flux = !x.torque.empty();  // what changes no torque has none
+    const Vec2 psi = flux ? out_of(axis, c.psi_dq) : Vec2(0, 0), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
-      const Vec2 mean = of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
-      const Vec2 e = into(s.axes->mid[k], mean + (psi - before.psi) / T_s);
+      Vec2 mean = of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
+      if (flux) mean += (psi - before.psi) / T_s;
+      const Vec2 e = into(s.axes->mid[k], mean);
       x.d[k - 1] = e[0];
       x.q[k - 1] = e[1];
     }
@@ -264,7 +288,8 @@ Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     Channels x = empty(effect.acts_on());
     if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
-      along_shaft(shaft, points_, load_behind_shaft({}, points_), record_.T_s, x.torque);
+      if (!motor_) motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s);
+      motor_->along(shaft, x.torque);
       for (std::size_t k = 1; k + 1 < points_.size() && shaft.J_load > 0; ++k)
         x.torque[k] -= shaft.J_load * omega_rate(measured_, k);
       x.torque.front() = x.torque.back() = 0;

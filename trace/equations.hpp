@@ -10,8 +10,12 @@
 // parameter acts on all equations at once. Residuals are in V and Nm.
 #pragma once
 #include <memory>
+#include <optional>
+#include <string_view>
+#include <utility>
+#include <vector>
 
-#include "model/effects/effect.hpp"
+#include "model/effects/motor_side.hpp"
 #include "trace/record.hpp"
 
 namespace twinrate {
@@ -26,8 +30,10 @@ class Equations {
   // `known`: effects that the declared model has already.
   Equations(const Record& record, const DriveFacts& facts, Effects known = {});
 
-  // What is left of the equations with `effects` in the model, besides those known.
-  Channels residual(const Effects& effects) const;
+  // What is left of the equations with `effects` in the model, besides those known. The record less
+  // their sensors' errors may be kept for the next residual with the same ones.
+  enum class Undone { kForgotten, kKept };
+  Channels residual(const Effects& effects, Undone undone = Undone::kForgotten) const;
   // How much each linear regressor of an effect explains: residual(without) = coefficient * column.
   std::vector<Channels> columns(const Effect& effect) const;
   // The same of an effect that adds to the load alone: its torque at every stride-th row from
@@ -63,12 +69,17 @@ class Equations {
   void move_points(const Signals& s, bool angle_moved, std::vector<OperatingPoint>& points) const;
   // The record less what the sensing effects among `effects` added to it, seen at `points`.
   Signals undo_sensing(const Effects& effects, const std::vector<OperatingPoint>& points) const;
-  // The same seen where the record then stands, which `points` become.
-  Signals true_signals(const Effects& sensing, std::vector<OperatingPoint>& points) const;
+  // The same seen where the record then stands, and those points.
+  struct True {
+    std::vector<std::pair<std::string_view, std::vector<double>>> errors;  // kinds and keys
+    Signals signals;
+    std::vector<OperatingPoint> points;
+  };
+  True true_signals(const Effects& sensing) const;
   double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
   Channels assemble(const Signals& s, const Effects& effects,
                     const std::vector<OperatingPoint>& points) const;
-  Channels residual_of(const Effects& effects) const;
+  Channels residual_of(const Effects& effects, Undone undone = Undone::kForgotten) const;
   Channels empty(int acts_on) const;
   // What contribution c explains at row k, given the one of the row before.
   struct Before {
@@ -84,6 +95,8 @@ class Equations {
   std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;
   Channels base_;
+  mutable True undone_;                     // kept
+  mutable std::optional<MotorSide> motor_;  // of the record as it is, made for the first shaft
 };
 
 }  // namespace twinrate

@@ -42,6 +42,15 @@ double move(Effect& effect, const FreeParameter& p, double change) {
   return get_key(effect, p.key) - before;
 }
 
+void take_noise(Sampled& x, const Sampled& from) {
+  x.noise_d = from.noise_d;
+  x.noise_q = from.noise_q;
+  x.noise_torque = from.noise_torque;
+  x.answer_d = from.answer_d;
+  x.answer_q = from.answer_q;
+  x.answer_torque = from.answer_torque;
+}
+
 // Coefficient that alone makes the smallest size worth reporting.
 double smallest_coefficient(const Effect& effect, int coefficient, const DriveFacts& facts) {
   constexpr double kProbe = 1e-3;
@@ -135,14 +144,14 @@ void Fitter::linearise(Fit& fit) const {
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty(),
              senses_angle = !acting_on(here, kOnAngle).empty(), commands = chain_.commands(here),
              loaded = chain_.loads_shaft(here);
-  Sampled residual_here, noiseless_here;  // where they are needed
+  Sampled residual_here;  // where it is needed
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
     // What a sensor's error does depends on the others, and what they do on the true current; what
     // acts on the command, on what does so before; what a shaft does, on the load behind it.
     const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
-                      (senses_angle && turns_with_angle(effect)) ||
+                      (senses_angle && (turns_with_angle(effect) || is_of_shaft(effect))) ||
                       (commands && acts_on_command(effect)) || (loaded && is_of_shaft(effect));
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
@@ -157,13 +166,21 @@ void Fitter::linearise(Fit& fit) const {
     const auto up = effect.clone(), down = effect.clone();
     const double step_up = move(*up, p, h);
     up->prepare(facts);
+    const auto both_ways = [&] {
+      Sampled x;
+      const double span = step_up - move(*down, p, -h);
+      down->prepare(facts);
+      add(x, chain_.contribution_to_fit(*up), 1 / span);
+      add(x, chain_.contribution_to_fit(*down), -1 / span);
+      return x;
+    };
     Sampled x;
     if (bent) {
-      // What noise makes of a coefficient's column hardly depends on the others.
-      const bool noise_known = p.coefficient >= 0;
+      // What noise makes of a coefficient's column, or a shaft, hardly depends on the others.
+      const bool of_shaft = is_of_shaft(effect), noise_known = p.coefficient >= 0 || of_shaft;
       const auto residual = [&](const std::shared_ptr<Effect>& moved) {
         Effects there = here;
-        if (moved) there[p.member] = moved;
+        there[p.member] = moved;
         return noise_known ? chain_.noiseless(there) : chain_.residual(there);
       };
       double span = step_up;
@@ -172,26 +189,19 @@ void Fitter::linearise(Fit& fit) const {
         down->prepare(facts);
         add(x, residual(down), 1 / span);
       } else {
-        Sampled& from = noise_known ? noiseless_here : residual_here;
-        if (from.torque.size() + from.d.size() == 0) from = residual(nullptr);
-        add(x, from, 1 / span);
+        if (residual_here.torque.size() + residual_here.d.size() == 0)
+          residual_here = chain_.residual(here);
+        add(x, residual_here, 1 / span);
       }
       add(x, residual(up), -1 / span);
-      if (noise_known) {
-        const Sampled& alone =
-            chain_.remembered_columns(effect)[static_cast<std::size_t>(p.coefficient)];
-        x.noise_d = alone.noise_d;
-        x.noise_q = alone.noise_q;
-        x.noise_torque = alone.noise_torque;
-        x.answer_d = alone.answer_d;
-        x.answer_q = alone.answer_q;
-        x.answer_torque = alone.answer_torque;
+      if (p.coefficient >= 0) {
+        const auto c = static_cast<std::size_t>(p.coefficient);
+        take_noise(x, chain_.remembered_columns(effect)[c]);
+      } else if (of_shaft) {
+        take_noise(x, has_gap(effect) ? Sampled{} : both_ways());
       }
     } else {
-      const double span = step_up - move(*down, p, -h);
-      down->prepare(facts);
-      add(x, chain_.contribution_to_fit(*up), 1 / span);
-      add(x, chain_.contribution_to_fit(*down), -1 / span);
+      x = both_ways();
     }
     // A zone of the width of the noise is known by little else; what noise adds is taken off.
     fit.J.push_back(zone ? chain_.whitened(x) : chain_.regressor(x));

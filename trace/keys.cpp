@@ -77,6 +77,12 @@ std::vector<NumericKey> numeric_keys(const Effect& effect) {
   return lister.keys;
 }
 
+std::vector<double> key_values(const Effect& effect) {
+  std::vector<double> values;
+  for (const NumericKey& key : numeric_keys(effect)) values.push_back(key.value);
+  return values;
+}
+
 double get_key(const Effect& effect, const std::string& key) {
   for (const NumericKey& k : numeric_keys(effect))
     if (k.key == key) return k.value;

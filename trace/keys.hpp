@@ -17,6 +17,7 @@ struct NumericKey {
 
 // Every numeric parameter, in the order of the field list.
 std::vector<NumericKey> numeric_keys(const Effect& effect);
+std::vector<double> key_values(const Effect& effect);
 double get_key(const Effect& effect, const std::string& key);
 // The value is held inside the key's range; false where it had to be.
 bool set_key(Effect& effect, const std::string& key, double value);

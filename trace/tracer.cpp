@@ -150,8 +150,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   try {
     for (; state.added && rounds < kMostRounds; ++rounds) {
       const Effects so_far = fit.effects();
-      const bool renewed = !acting_on(so_far, ~kOnTorque).empty();
-      if (renewed) dictionary.renew(chain, so_far);
+      const bool renewed = dictionary.renew(chain, so_far);
       NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
       const bool quieter = rounds == 0 || level(noise) < kSame * level(chain.noise());
       // How much of it is the sensors', beside what has been found: a dead time amplifies theirs.

@@ -19,7 +19,7 @@ namespace {
 // Measured with /usr/bin/time -v, 2026-11: what the tracer takes of memory beside its program.
 constexpr double kBytesOfRow = 900, kBytesOfOutput = 9000;  // of an output: all candidates there
 constexpr double kOutputs_Hz = 1000;
-constexpr double kUsable = 0.55;  // of the memory allowed
+constexpr double kUsable = 0.47;  // of the memory allowed
 
 constexpr std::size_t kSlotRows = 256;
 constexpr std::size_t kBlocks = 24;  // as the tracer cuts a record to hold blocks out
