@@ -90,7 +90,10 @@ class Judge {
       std::size_t tried = 0;
       for (const Score& s : looks_.back().ranking) {
         if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
-        if (same_form(*s.effect, *selection_.fit.members[m])) continue;
+        // Another form of what has coefficients is tried when all else has settled.
+        const bool settled_later = s.effect->kind() == selection_.fit.members[m]->kind() &&
+                                   s.effect->regressor_count() > 0;
+        if (settled_later || same_form(*s.effect, *selection_.fit.members[m])) continue;
         ++tried;
         Fit next = refined(looks_.back(), s);
         if (is_flat_drop(*next.members.back())) continue;  // a dead time by another name
