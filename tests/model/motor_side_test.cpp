@@ -5,16 +5,15 @@
 #include <cmath>
 #include <random>
 
-namespace twinrate {
-namespace {
+namespace twinrate::motor_side_test {
 
-constexpr double kTs = 2e-4;
+constexpr double kStep_s = 2e-4;
 
 // Swings with the load changing sides, and a seam half-way.
 std::vector<OperatingPoint> swings(std::size_t rows) {
   std::vector<OperatingPoint> record(rows);
   for (std::size_t k = 0; k < rows; ++k) {
-    const double t = static_cast<double>(k) * kTs;
+    const double t = static_cast<double>(k) * kStep_s;
     record[k].t = t + (k >= rows / 2 ? 1.0 : 0.0);
     record[k].theta_m = std::sin(9 * t) + 0.05 * std::sin(140 * t);
     record[k].T_load = 0.4 * std::sin(13 * t);
@@ -38,7 +37,7 @@ std::vector<ShaftFacts> random_gaps(std::size_t count) {
 // What a shaft does does not depend on what stands beside it in the registers.
 TEST(MotorSide, SeveralAtOnceAreWhatEachIsAlone) {
   const std::vector<OperatingPoint> record = swings(6000);
-  const MotorSide motor(record, load_behind_shaft({}, record), kTs);
+  const MotorSide motor(record, load_behind_shaft({}, record), kStep_s);
   for (std::size_t count : {1, 2, 3, 4, 5, 11}) {
     std::vector<ShaftFacts> shafts = random_gaps(count);
     if (count > 4) {
@@ -58,7 +57,7 @@ TEST(MotorSide, SeveralAtOnceAreWhatEachIsAlone) {
 // The shafts of the test above lift off and land.
 TEST(MotorSide, FlanksOnlyPush) {
   const std::vector<OperatingPoint> record = swings(6000);
-  const MotorSide motor(record, std::vector<double>(record.size()), kTs);
+  const MotorSide motor(record, std::vector<double>(record.size()), kStep_s);
   for (const ShaftFacts& shaft : random_gaps(4)) {
     std::vector<double> T_load(record.size());
     motor.along(shaft, T_load);
@@ -70,5 +69,4 @@ TEST(MotorSide, FlanksOnlyPush) {
   }
 }
 
-}  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::motor_side_test

@@ -45,8 +45,12 @@ class DriveLogsTest : public testing::Test {
   }
   static double as_it_is(double theta_m) { return theta_m; }
   DriveLogs read(LogRequest asked, double seconds_allowed) const {
-    asked.memory_MiB = seconds_allowed / kT_s / static_cast<double>(rows_within(1, kT_s));
+    asked.memory_MiB = memory_of(seconds_allowed);
     return read_drive_logs(asked, drive_.drive());
+  }
+  // MiB that so long a log needs.
+  static double memory_of(double seconds) {
+    return 1000 * seconds / kT_s / static_cast<double>(rows_within(1000, kT_s));
   }
   // The row of the file that stands at time t.
   std::size_t row_at(double t) const { return static_cast<std::size_t>(std::lround(t / kT_s)); }
@@ -172,7 +176,7 @@ TEST_F(DriveLogsTest, VerifyReplaysTheBeginningAndHoldsOutWhatIsNotInABlockThatT
   const DriveLogs logs = read(asked, kAllowed);
   std::vector<char> held_out(logs.record.size(), 0);
   LogRequest again = asked;
-  again.memory_MiB = kAllowed / kT_s / static_cast<double>(rows_within(1, kT_s));
+  again.memory_MiB = memory_of(kAllowed);
   const auto list = verify_logs(again, drive_.drive(), logs, held_out);
   ASSERT_EQ(list.size(), 1u);
   EXPECT_NEAR(static_cast<double>(list[0].record.size()), 25000, 50);

@@ -7,8 +7,7 @@
 
 #include "model/frames.hpp"
 
-namespace twinrate {
-namespace {
+namespace twinrate::speed_against_angle_test {
 
 constexpr double kSampling_s = 1e-4;
 
@@ -65,5 +64,4 @@ TEST(SpeedAgainstAngle, SaysNothingOfALagThatDoesNotShow) {
   EXPECT_EQ(compared({.filter_s = 1e-3, .swing = 0, .noise = 0.5}).lag_s, 0);
 }
 
-}  // namespace
-}  // namespace twinrate
+}  // namespace twinrate::speed_against_angle_test
