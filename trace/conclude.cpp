@@ -156,6 +156,55 @@ std::string sentence(const TraceResult& r) {
   return text + ".";
 }
 
+// Which equation leaves plainly more than noise of the sensors makes; empty: none. Of 60 simulated
+// logs with nothing missing the worst left 1.07 of it.
+std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
+  constexpr double kPlainly = 1.25;
+  const Sampled left = fitter.chain().residual(fit.effects());
+  const auto say = [](const char* equation, const char* unit, double square, double noise,
+                      Eigen::Index count) {
+    if (count == 0 || !(noise > 0) || square < kPlainly * kPlainly * noise) return std::string();
+    return fmt::format(
+        "the {} equation leaves {:.3g} {}, {:.3g} times what the sensors' noise makes", equation,
+        std::sqrt(square / static_cast<double>(count)), unit, std::sqrt(square / noise));
+  };
+  const std::string torque = say("torque", "Nm", left.torque.squaredNorm(),
+                                 left.noise_torque.squaredNorm(), left.torque.size());
+  return !torque.empty()
+             ? torque
+             : say("voltage", "V", left.d.squaredNorm() + left.q.squaredNorm(),
+                   left.noise_d.squaredNorm() + left.noise_q.squaredNorm(), left.d.size());
+}
+
+// That nothing was found says nothing of what the record cannot show, or where more is left than
+// noise.
+void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
+  const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
+  const std::string left = more_than_noise(fitter, fit);
+  std::string why = "this record does not excite them";
+  if (4 * told < all) {
+    r.sentence = fmt::format(
+        "Cannot tell: of {} kinds of effects this record could show {}; a longer record with "
+        "several speeds in both directions, load and i_d is needed (twinrate trace --plan proposes "
+        "one).",
+        all, told == 0 ? "none" : fmt::format("only {}", fmt::join(r.identifiable, ", ")));
+  } else if (!left.empty()) {
+    why = left;
+    r.sentence = fmt::format(
+        "Cannot tell: {}, and nothing in this record says of what; a longer one with several "
+        "speeds in both directions, load and i_d is needed (twinrate trace --plan proposes one).",
+        left);
+  } else {
+    return;
+  }
+  r.verdict = "ambiguous";
+  std::vector<std::string> blind;
+  for (const auto& [kind, because] : r.not_identifiable) blind.push_back(kind);
+  r.ambiguous.push_back({blind, why,
+                         "a run that varies speed, load and i_d independently (twinrate trace "
+                         "--plan proposes one)"});
+}
+
 }  // namespace
 
 TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const Selection& selection,
@@ -211,20 +260,7 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
         selection.stopped_after, selection.stopped_after == 1 ? "" : "s", r.sentence);
     return r;
   }
-  const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
-  if (r.verdict == "nothing_missing" && 4 * told < all) {
-    r.verdict = "ambiguous";
-    r.sentence = fmt::format(
-        "Cannot tell: of {} kinds of effects this record could show {}; a longer record with "
-        "several "
-        "speeds in both directions, load and i_d is needed (twinrate trace --plan proposes one).",
-        all, told == 0 ? "none" : fmt::format("only {}", fmt::join(r.identifiable, ", ")));
-    std::vector<std::string> blind;
-    for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
-    r.ambiguous.push_back({blind, "this record does not excite them",
-                           "a run that varies speed, load and i_d independently (twinrate trace "
-                           "--plan proposes one)"});
-  }
+  if (r.verdict == "nothing_missing") doubt_nothing(fitter, fit, r);
   return r;
 }
 

@@ -184,6 +184,19 @@ TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
   EXPECT_NEAR(parameter(r, "encoder_offset", "offset").value, 0.031, 0.0003);
 }
 
+// A load that comes and goes at random: no cause of it is in the record, but something is.
+TEST(Tracer, CannotTellWhereMoreIsLeftThanNoiseOfTheSensors) {
+  SyntheticDrive drive{.duration_s = 4};
+  drive.extra_load = [](double t, double, double) {
+    return 0.15 * normal(5, 1, static_cast<std::uint64_t>(1000 * t));
+  };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_EQ(kinds(r), Names{}) << r.sentence;
+  EXPECT_EQ(r.verdict, "ambiguous");
+  EXPECT_NE(r.sentence.find("Cannot tell: the torque equation leaves"), std::string::npos)
+      << r.sentence;
+}
+
 TEST(Tracer, FindsTheGapOfAStiffContact) {
   LooseLoad load;
   SyntheticDrive drive{.J = 8.8e-3 - load.J};
