@@ -180,29 +180,25 @@ std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
 // noise.
 void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
-  const std::string left = more_than_noise(fitter, fit);
-  std::string why = "this record does not excite them";
   if (4 * told < all) {
+    r.verdict = "ambiguous";
     r.sentence = fmt::format(
         "Cannot tell: of {} kinds of effects this record could show {}; a longer record with "
         "several speeds in both directions, load and i_d is needed (twinrate trace --plan proposes "
         "one).",
         all, told == 0 ? "none" : fmt::format("only {}", fmt::join(r.identifiable, ", ")));
-  } else if (!left.empty()) {
-    why = left;
+    std::vector<std::string> blind;
+    for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
+    r.ambiguous.push_back({blind, "this record does not excite them",
+                           "a run that varies speed, load and i_d independently (twinrate trace "
+                           "--plan proposes one)"});
+  } else if (const std::string left = more_than_noise(fitter, fit); !left.empty()) {
+    r.verdict = "ambiguous";
     r.sentence = fmt::format(
         "Cannot tell: {}, and nothing in this record says of what; a longer one with several "
         "speeds in both directions, load and i_d is needed (twinrate trace --plan proposes one).",
         left);
-  } else {
-    return;
   }
-  r.verdict = "ambiguous";
-  std::vector<std::string> blind;
-  for (const auto& [kind, because] : r.not_identifiable) blind.push_back(kind);
-  r.ambiguous.push_back({blind, why,
-                         "a run that varies speed, load and i_d independently (twinrate trace "
-                         "--plan proposes one)"});
 }
 
 }  // namespace
