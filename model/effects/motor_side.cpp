@@ -132,28 +132,37 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
   }
 }
 
-// Groups of four do not wait for each other.
-template <std::size_t Groups>
-__attribute__((always_inline)) inline void MotorSide::follow(const ShaftFacts* shafts,
-                                                             double* const* T_load) const {
-  std::vector<FourMasses> groups;
-  for (std::size_t g = 0; g < Groups; ++g) groups.emplace_back(shafts + g * kLanes, T_s_);
+// Two groups of four do not wait for each other.
+inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* shafts,
+                                                            double* const* T_load) const {
+  FourMasses a(shafts, T_s_), b(shafts + kLanes, T_s_);
   for (std::size_t k = 0; k < rows(); ++k) {
     const double held = behind_[k], omega_m_next = omega_m_next_[k];
-    for (std::size_t g = 0; g < Groups; ++g) {
-      if (starts_[k]) groups[g].rest(omega_m_next, held);
-      groups[g].step(omega_m_[k], omega_m_next, held, T_load + g * kLanes, k);
+    if (starts_[k]) {
+      a.rest(omega_m_next, held);
+      b.rest(omega_m_next, held);
     }
+    a.step(omega_m_[k], omega_m_next, held, T_load, k);
+    b.step(omega_m_[k], omega_m_next, held, T_load + kLanes, k);
+  }
+}
+
+inline __attribute__((always_inline)) void MotorSide::four(const ShaftFacts* shafts,
+                                                           double* const* T_load) const {
+  FourMasses a(shafts, T_s_);
+  for (std::size_t k = 0; k < rows(); ++k) {
+    if (starts_[k]) a.rest(omega_m_next_[k], behind_[k]);
+    a.step(omega_m_[k], omega_m_next_[k], behind_[k], T_load, k);
   }
 }
 
 void MotorSide::portable(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const {
-  count > kLanes ? follow<2>(shafts, T_load) : follow<1>(shafts, T_load);
+  count > kLanes ? eight(shafts, T_load) : four(shafts, T_load);
 }
 
 __attribute__((target("avx2"))) void MotorSide::avx2(const ShaftFacts* shafts, std::size_t count,
                                                      double* const* T_load) const {
-  count > kLanes ? follow<2>(shafts, T_load) : follow<1>(shafts, T_load);
+  count > kLanes ? eight(shafts, T_load) : four(shafts, T_load);
 }
 
 void MotorSide::along(std::span<const ShaftFacts> shafts,

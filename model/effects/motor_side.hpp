@@ -1,7 +1,6 @@
 // What the motor does to a load mass behind its shaft along a record, taken once for any number of
 // shafts.
 #pragma once
-#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -21,8 +20,8 @@ class MotorSide {
   void along(std::span<const ShaftFacts> shafts, std::span<std::vector<double>> T_load) const;
 
  private:
-  template <std::size_t Groups>
-  void follow(const ShaftFacts* shafts, double* const* T_load) const;
+  void four(const ShaftFacts* shafts, double* const* T_load) const;
+  void eight(const ShaftFacts* shafts, double* const* T_load) const;
   void portable(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const;
   void avx2(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const;
 
