@@ -111,6 +111,7 @@ Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
   declared_ = y;
   noise_ = noise_in(training, y);
   noise_held_out_ = noise_in(held_out, y);
+  raw_ = training.energy(y, y).sum();
   raw_held_out_ = held_out.energy(y, y).sum();
 }
 
@@ -122,14 +123,15 @@ EquationEnergy Fitter::noise_in(const Rows& rows, const Sampled& y) const {
 
 void Fitter::evaluate(Fit& fit) const {
   fit.y = chain_.whitened(chain_.residual(fit.effects()));
-  const auto rss = [&](const Rows& rows, const EquationEnergy& declared, double& doubt) {
-    const EquationEnergy whole = rows.energy(fit.y, fit.y);
+  const auto rss = [&](const Rows& rows, const EquationEnergy& declared, double raw) {
+    const double whole = rows.energy(fit.y, fit.y).sum();
     const EquationEnergy brought = noise_in(rows, fit.y) - declared;
-    doubt = noise_doubt(brought);
-    return whole.sum() - brought.sum() + doubt;
+    fit.doubt = noise_doubt(brought);
+    return left_of(whole - brought.sum() + fit.doubt, raw - whole,
+                   static_cast<double>(rows.count(fit.y)));
   };
-  fit.rss = rss(training_, noise_, fit.doubt);
-  fit.rss_held_out = rss(held_out_, noise_held_out_, fit.doubt);
+  fit.rss = rss(training_, noise_, raw_);
+  fit.rss_held_out = rss(held_out_, noise_held_out_, raw_held_out_);
   fit.raw_held_out = held_out_.energy(fit.y, fit.y).sum();
   fit.valid = fit.valid && fit.rss > 0 && (fit.rss_held_out > 0 || fit.raw_held_out == 0);
 }

@@ -1,6 +1,7 @@
 // A set of effects fitted to a record: Gauss-Newton on all their parameters at once, against the
 // whitened residual of every channel.
 #pragma once
+#include <algorithm>
 #include <cmath>
 
 #include "trace/dictionary.hpp"
@@ -12,6 +13,13 @@ namespace twinrate {
 inline double noise_doubt(const EquationEnergy& change) {
   constexpr double kKnownTo = 0.1;
   return kKnownTo * (std::abs(change.electrical) + std::abs(change.torque));
+}
+
+// What is left where `explained` has gone: noise may take off too much, for its size is not quite
+// known; but what explains more than noise is not passed over for that.
+inline double left_of(double rss, double explained, double rows) {
+  constexpr double kLeast = 0.3;
+  return explained > rows ? std::max(rss, kLeast * rows) : rss;
 }
 
 // One free number: a coefficient of the regressors, or a non-linear key.
@@ -85,7 +93,7 @@ class Fitter {
   double margin_ = 40;
   Sampled declared_;                       // residual of the declared model
   EquationEnergy noise_, noise_held_out_;  // in it
-  double raw_held_out_ = 0;
+  double raw_ = 0, raw_held_out_ = 0;      // with it
 };
 
 }  // namespace twinrate

@@ -102,12 +102,8 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
       for (Eigen::Index e = 0; e < g; ++e)
         brings(x[P + c] * x[P + e], rows.noise(column, candidate.columns[e]));
     }
-    // What noise takes off may be too much; what explains more than noise is not passed over for
-    // it.
-    constexpr double kLeast = 0.3;
     const double explained = 2 * x.dot(normal.b) - x.dot(normal.A * x);
-    double rss = fit.rss - explained + noise_doubt(change);
-    if (explained > N) rss = std::max(rss, kLeast * N);
+    const double rss = left_of(fit.rss - explained + noise_doubt(change), explained, N);
     if (!(rss > 0)) continue;
     Score& score = scores[i];
     score.effect = candidate.effect->clone();

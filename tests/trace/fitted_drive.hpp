@@ -40,6 +40,12 @@ class FittedDrive {
   FittedDrive(const FittedDrive&) = delete;  // its parts know one another
 
   const Chain& chain() const { return chain_; }
+  // As if the record's own noise were so many times as large.
+  void scale_noise(double times) {
+    NoiseModel noise = chain_.noise();
+    for (double* scale : {&noise.scale_d, &noise.scale_q, &noise.scale_torque}) *scale *= times;
+    chain_.set_noise(std::move(noise));
+  }
   Fitter fitter() const { return {chain_, training_, held_out_}; }
 
  private:
