@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <utility>
 
 #include "trace/keys.hpp"
 
@@ -108,42 +109,61 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
 
 bool Dictionary::renew(const Chain& chain, const Effects& effects) {
   constexpr double kProbe = 1e-5;  // of a coefficient
-  std::vector<std::string_view> kinds;
-  for (const auto& effect : effects)
-    if (effect->acts_on() != kOnTorque || turns_with_angle(*effect))
-      kinds.push_back(effect->kind());
-  if (acting_on(effects, ~kOnTorque).empty()) kinds.clear();
-  std::sort(kinds.begin(), kinds.end());
-  if (kinds == beside) return false;
-  beside = std::move(kinds);
-  const Sampled residual = chain.noiseless(effects);
-  for (Candidate& candidate : sampled) {
-    if (!adds_to_sensor(*candidate.effect)) continue;
-    for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
-      std::vector<double> coefficients(candidate.columns.size(), 0.0);
-      coefficients[r] = kProbe;
-      const std::shared_ptr<Effect> probe = candidate.effect->clone();
-      probe->set_coefficients(coefficients);
-      Effects all = effects;
-      all.push_back(probe);
-      const Sampled there = chain.noiseless(all);
-      Sampled& x = candidate.columns[r];  // its noise hardly changes
-      x.d = (residual.d - there.d) / kProbe;
-      x.q = (residual.q - there.q) / kProbe;
-      x.torque = (residual.torque - there.torque) / kProbe;
+  const auto kinds = [&](auto counts) {
+    std::vector<std::string_view> some;
+    for (const auto& effect : effects)
+      if (counts(*effect)) some.push_back(effect->kind());
+    std::sort(some.begin(), some.end());
+    return some;
+  };
+  // An angle that is always wrong by the same turns no more than phases; and one that is wrong by a
+  // small part of the fastest period, nothing else.
+  const auto turns = [](const Effect& effect) {
+    constexpr double kHighestOrder = 60, kSmallPart = 0.4;  // rad of it
+    if (effect.kind() == "encoder_eccentricity")
+      return get_key(effect, "amplitude_rad") * kHighestOrder > kSmallPart;
+    return effect.acts_on() & kOnAngle && effect.kind() != "encoder_offset";
+  };
+  Beside now{.sensors = kinds([](const Effect& effect) {
+               return effect.acts_on() != kOnTorque || turns_with_angle(effect);
+             }),
+             .at_zero = kinds([&](const Effect& effect) {
+               return effect.acts_on() & kOnCurrents || turns(effect);
+             }),
+             .with_angle = kinds(turns)};
+  if (acting_on(effects, ~kOnTorque).empty()) now.sensors.clear();
+  if (now == beside) return false;
+  const Beside before = std::exchange(beside, std::move(now));
+  if (beside.sensors != before.sensors) {
+    const Sampled residual = chain.noiseless(effects);
+    for (Candidate& candidate : sampled) {
+      const bool there_already = std::any_of(
+          effects.begin(), effects.end(),
+          [&](const auto& effect) { return effect->kind() == candidate.effect->kind(); });
+      if (!adds_to_sensor(*candidate.effect) || there_already) continue;
+      for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
+        std::vector<double> coefficients(candidate.columns.size(), 0.0);
+        coefficients[r] = kProbe;
+        const std::shared_ptr<Effect> probe = candidate.effect->clone();
+        probe->set_coefficients(coefficients);
+        Effects all = effects;
+        all.push_back(probe);
+        const Sampled there = chain.noiseless(all);
+        Sampled& x = candidate.columns[r];  // its noise hardly changes
+        x.d = (residual.d - there.d) / kProbe;
+        x.q = (residual.q - there.q) / kProbe;
+        x.torque = (residual.torque - there.torque) / kProbe;
+      }
     }
   }
-  // An angle that is always wrong by the same turns no more than phases.
-  const auto varies = [](const auto& effect) {
-    return effect->acts_on() & kOnAngle && effect->kind() != "encoder_offset";
-  };
-  const bool currents = !acting_on(effects, kOnCurrents).empty(),
-             angle = std::any_of(effects.begin(), effects.end(), varies);
-  if (!currents && !angle) return true;
+  const bool at_zero = beside.at_zero != before.at_zero,
+             with_angle = beside.with_angle != before.with_angle;
+  if (!at_zero && !with_angle) return true;
   const Record record = chain.equations().without_errors(effects);
   const Equations corrected(record, chain.equations().facts());
   for (Candidate& candidate : sampled) {
-    if (!turns_at_zero(*candidate.effect) && !(angle && turns_with_angle(*candidate.effect)))
+    if (!(at_zero && turns_at_zero(*candidate.effect)) &&
+        !(with_angle && turns_with_angle(*candidate.effect)))
       continue;
     const std::vector<Sampled> there = chain.columns_of(corrected, *candidate.effect);
     for (std::size_t r = 0; r < there.size(); ++r) {

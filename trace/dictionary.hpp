@@ -24,7 +24,12 @@ struct Dictionary {
   // All of them, or what renew() made.
   void whiten(const Chain& chain, bool renewed_only = false);
 
-  std::vector<std::string_view> beside;  // kinds that renew() saw
+  // Kinds that renew() saw: that make other columns of what adds to a sensor, of what turns at a
+  // current's zero, and of what turns with the angle.
+  struct Beside {
+    std::vector<std::string_view> sensors, at_zero, with_angle;
+    bool operator==(const Beside&) const = default;
+  } beside;
 };
 
 // Candidates of every kind with traced_keys() that the record's signals allow; `duration`: of the
