@@ -25,12 +25,24 @@ Vec2 direction(double angle) {
   constexpr double kSmall = 0.3;
   if (std::abs(angle) > kSmall) return {std::cos(angle), std::sin(angle)};
   const double x = angle * angle;
-  const auto series = [x](double first) {  // 1 - x/n(n+1) + .., n = first, first + 2, ..
-    double sum = 1;
-    for (double n = first + 10; n >= first; n -= 2) sum = 1 - x / (n * (n + 1)) * sum;
-    return sum;
+  const auto series = [x](double a, double b, double c, double d, double e, double f) {
+    return 1 - x / a * (1 - x / b * (1 - x / c * (1 - x / d * (1 - x / e * (1 - x / f)))));
   };
-  return {series(1), angle * series(2)};
+  return {series(1. * 2, 3. * 4, 5. * 6, 7. * 8, 9. * 10, 11. * 12),
+          angle * series(2. * 3, 4. * 5, 6. * 7, 8. * 9, 10. * 11, 12. * 13)};
+}
+
+// Half-way between two unit vectors that are near one another: 1/|a + b| by its series.
+Vec2 between(const Vec2& a, const Vec2& b) {
+  constexpr double kFar = 0.01;
+  const Vec2 sum = a + b;
+  const double off = 1 - sum.squaredNorm() / 4;  // the sine of half their angle, squared
+  if (off > kFar) return sum.normalized();
+  return sum *
+         (0.5 +
+          off * (1. / 4 + off * (3. / 16 +
+                                 off * (5. / 32 + off * (35. / 256 +
+                                                         off * (63. / 512 + off * 231. / 2048))))));
 }
 
 }  // namespace
@@ -70,7 +82,7 @@ void Equations::turn_angle(Signals& s) const {
                      direction(facts_.machine.n_p * (s.theta_m[k] - measured_.theta_m[k])))
             : direction(facts_.machine.n_p * s.theta_m[k]);
   axes->mid.resize(n, Vec2::Zero());
-  for (std::size_t k = 1; k < n; ++k) axes->mid[k] = (axes->at[k - 1] + axes->at[k]).normalized();
+  for (std::size_t k = 1; k < n; ++k) axes->mid[k] = between(axes->at[k - 1], axes->at[k]);
   s.axes = axes;
 }
 
@@ -195,7 +207,12 @@ Equations::True Equations::true_signals(const Effects& sensing) const {
   // What a sensor adds depends on what is there, not on what it reads.
   const bool angle = !acting_on(sensing, kOnAngle).empty();
   True there{.errors = {}, .signals = {}, .points = points_};
-  move_points(undo_sensing(sensing, points_), angle, there.points);
+  there.signals = undo_sensing(sensing, points_);
+  move_points(there.signals, angle, there.points);
+  SamplingFacts late;
+  if (std::all_of(sensing.begin(), sensing.end(),
+                  [&](const auto& effect) { return effect->describe_sampling(late); }))
+    return there;
   there.signals = undo_sensing(sensing, there.points);
   move_points(there.signals, angle, there.points);
   return there;
