@@ -1,5 +1,6 @@
 #include "model/effects/motor_side.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
@@ -45,8 +46,9 @@ class FourMasses {
       rr_[l] = whole.Phi_rr;
     }
   }
-  void rest(double omega_m, double held) {
-    for (int l = 0; l < kLanes; ++l) set(l, shaft_at_rest(shafts_[l], omega_m, held));
+  template <class Of>  // state of a shaft
+  void set(Of of) {
+    for (int l = 0; l < kLanes; ++l) set(l, of(shafts_[l]));
   }
   // Torque at the row, with the motor at `omega_m`; then on, with it at `omega_m_next`.
   inline __attribute__((always_inline)) void step(double omega_m, double omega_m_next, double held,
@@ -106,16 +108,40 @@ MotorSide::MotorSide(std::span<const OperatingPoint> record, std::vector<double>
   const std::size_t N = behind_.size();
   omega_m_.resize(N);
   omega_m_next_.resize(N);
-  starts_.assign(N, 0);
   for (std::size_t k = 0; k + 1 < N; ++k)
     omega_m_next_[k] = turned(record[k].theta_m, record[k + 1].theta_m) / T_s;
   if (N < 2) return;
   omega_m_next_[N - 1] = omega_m_next_[N - 2];
   for (std::size_t k = 0; k < N; ++k) {
-    starts_[k] = k == 0 || (k + 1 < N && is_seam(record[k - 1], record[k], T_s));
-    // What the load did before is not known.
-    omega_m_[k] = starts_[k] ? omega_m_next_[k] : 0.5 * (omega_m_next_[k - 1] + omega_m_next_[k]);
+    const bool start = k == 0 || (k + 1 < N && is_seam(record[k - 1], record[k], T_s));
+    omega_m_[k] = start ? omega_m_next_[k] : 0.5 * (omega_m_next_[k - 1] + omega_m_next_[k]);
+    if (start) starts_.push_back(start_at(record, k));
   }
+}
+
+// From a parabola through the angle's first rows: the encoder's last digit is 0.06 rad/s between
+// two of them, which would set the load ringing.
+MotorSide::Start MotorSide::start_at(std::span<const OperatingPoint> record,
+                                     std::size_t row) const {
+  constexpr std::size_t kRows = 20, kLeast = 8;
+  Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  double angle = 0;
+  std::size_t n = 0;
+  for (; n < kRows && row + n < record.size(); ++n) {
+    if (n > 0 && is_seam(record[row + n - 1], record[row + n], T_s_)) break;
+    const double t = static_cast<double>(n) * T_s_;
+    const Eigen::Vector3d x(1, t, 0.5 * t * t);
+    if (n > 0) angle += T_s_ * omega_m_next_[row + n - 1];
+    A += x * x.transpose();
+    b += angle * x;
+  }
+  if (n < kLeast) return {row, omega_m_next_[row]};
+  return {row, A.ldlt().solve(b)[1]};
+}
+
+ShaftState MotorSide::at_rest(const ShaftFacts& shaft, const Start& start) const {
+  return shaft_at_rest(shaft, start.omega_m, behind_[start.row]);
 }
 
 void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
@@ -125,8 +151,9 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
     return;
   }
   LoadMass load(shaft, T_s_, {});
+  auto start = starts_.begin();
   for (std::size_t k = 0; k < N; ++k) {
-    if (starts_[k]) load.set_state(shaft_at_rest(shaft, omega_m_next_[k], behind_[k]));
+    if (start != starts_.end() && start->row == k) load.set_state(at_rest(shaft, *start++));
     T_load[k] = load.torque(omega_m_[k]) - behind_[k];
     load.advance(omega_m_next_[k], behind_[k]);
   }
@@ -136,11 +163,14 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
 inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* shafts,
                                                             double* const* T_load) const {
   FourMasses a(shafts, T_s_), b(shafts + kLanes, T_s_);
+  auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
     const double held = behind_[k], omega_m_next = omega_m_next_[k];
-    if (starts_[k]) {
-      a.rest(omega_m_next, held);
-      b.rest(omega_m_next, held);
+    if (start != starts_.end() && start->row == k) {
+      const auto rest = [&](const ShaftFacts& shaft) { return at_rest(shaft, *start); };
+      a.set(rest);
+      b.set(rest);
+      ++start;
     }
     a.step(omega_m_[k], omega_m_next, held, T_load, k);
     b.step(omega_m_[k], omega_m_next, held, T_load + kLanes, k);
@@ -150,8 +180,12 @@ inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* sh
 inline __attribute__((always_inline)) void MotorSide::four(const ShaftFacts* shafts,
                                                            double* const* T_load) const {
   FourMasses a(shafts, T_s_);
+  auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
-    if (starts_[k]) a.rest(omega_m_next_[k], behind_[k]);
+    if (start != starts_.end() && start->row == k) {
+      a.set([&](const ShaftFacts& shaft) { return at_rest(shaft, *start); });
+      ++start;
+    }
     a.step(omega_m_[k], omega_m_next_[k], behind_[k], T_load, k);
   }
 }

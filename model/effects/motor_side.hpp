@@ -29,7 +29,15 @@ class MotorSide {
   std::vector<double> behind_;
   // Speed of the motor: at each row, and from there to the next.
   std::vector<double> omega_m_, omega_m_next_;
-  std::vector<char> starts_;  // rows at which another stretch of time begins
+  // Where another stretch of time begins. What the load did before is not known: it is at rest
+  // against the motor there.
+  struct Start {
+    std::size_t row = 0;
+    double omega_m = 0;
+  };
+  Start start_at(std::span<const OperatingPoint> record, std::size_t row) const;
+  ShaftState at_rest(const ShaftFacts& shaft, const Start& start) const;
+  std::vector<Start> starts_;
 };
 
 }  // namespace twinrate
