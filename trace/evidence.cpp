@@ -39,7 +39,7 @@ Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
 // what happens in it. A gap's impacts make the error rough in its keys (and hardly show how they
 // are damped): the descent ends within some per cent of the best.
 double accuracy(const Effect& effect, const NumericKey& key) {
-  constexpr double kSampled = 8e-4, kRough = 0.025, kRoughDamping = 0.1;
+  constexpr double kSampled = 3e-4, kRough = 0.025, kRoughDamping = 0.1;
   if (key.key == "time_s") return 0;
   if (has_gap(effect))
     return (key.key.starts_with("damping") ? kRoughDamping : kRough) * std::abs(key.value);
