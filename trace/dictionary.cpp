@@ -70,6 +70,47 @@ bool is_renewed(const Effect& effect) {
   return adds_to_sensor(effect) || turns_at_zero(effect) || turns_with_angle(effect);
 }
 
+// What adds to a sensor, beside `effects` that are in the model; not what is one of them.
+void renew_sensors(const Chain& chain, const Effects& effects, std::vector<Candidate>& sampled) {
+  constexpr double kProbe = 1e-5;  // of a coefficient
+  const Sampled residual = chain.noiseless(effects);
+  for (Candidate& candidate : sampled) {
+    const bool there_already = std::any_of(effects.begin(), effects.end(), [&](const auto& effect) {
+      return effect->kind() == candidate.effect->kind();
+    });
+    if (!adds_to_sensor(*candidate.effect) || there_already) continue;
+    for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
+      std::vector<double> coefficients(candidate.columns.size(), 0.0);
+      coefficients[r] = kProbe;
+      const std::shared_ptr<Effect> probe = candidate.effect->clone();
+      probe->set_coefficients(coefficients);
+      Effects all = effects;
+      all.push_back(probe);
+      const Sampled there = chain.noiseless(all);
+      Sampled& x = candidate.columns[r];  // its noise hardly changes
+      x.d = (residual.d - there.d) / kProbe;
+      x.q = (residual.q - there.q) / kProbe;
+      x.torque = (residual.torque - there.torque) / kProbe;
+    }
+  }
+}
+
+// What stands elsewhere in the record less its sensors' errors.
+void renew_corrected(const Chain& chain, const Effects& effects, std::vector<Candidate>& sampled,
+                     const std::function<bool(const Effect&)>& which) {
+  const Record record = chain.equations().without_errors(effects);
+  const Equations corrected(record, chain.equations().facts());
+  for (Candidate& candidate : sampled) {
+    if (!which(*candidate.effect)) continue;
+    const std::vector<Sampled> there = chain.columns_of(corrected, *candidate.effect);
+    for (std::size_t r = 0; r < there.size(); ++r) {
+      candidate.columns[r].d = there[r].d;
+      candidate.columns[r].q = there[r].q;
+      candidate.columns[r].torque = there[r].torque;
+    }
+  }
+}
+
 }  // namespace
 
 std::vector<Candidate> make_candidates(const Chain& chain) {
@@ -108,7 +149,6 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
 }
 
 bool Dictionary::renew(const Chain& chain, const Effects& effects) {
-  constexpr double kProbe = 1e-5;  // of a coefficient
   const auto kinds = [&](auto counts) {
     std::vector<std::string_view> some;
     for (const auto& effect : effects)
@@ -134,44 +174,13 @@ bool Dictionary::renew(const Chain& chain, const Effects& effects) {
   if (acting_on(effects, ~kOnTorque).empty()) now.sensors.clear();
   if (now == beside) return false;
   const Beside before = std::exchange(beside, std::move(now));
-  if (beside.sensors != before.sensors) {
-    const Sampled residual = chain.noiseless(effects);
-    for (Candidate& candidate : sampled) {
-      const bool there_already = std::any_of(
-          effects.begin(), effects.end(),
-          [&](const auto& effect) { return effect->kind() == candidate.effect->kind(); });
-      if (!adds_to_sensor(*candidate.effect) || there_already) continue;
-      for (std::size_t r = 0; r < candidate.columns.size(); ++r) {
-        std::vector<double> coefficients(candidate.columns.size(), 0.0);
-        coefficients[r] = kProbe;
-        const std::shared_ptr<Effect> probe = candidate.effect->clone();
-        probe->set_coefficients(coefficients);
-        Effects all = effects;
-        all.push_back(probe);
-        const Sampled there = chain.noiseless(all);
-        Sampled& x = candidate.columns[r];  // its noise hardly changes
-        x.d = (residual.d - there.d) / kProbe;
-        x.q = (residual.q - there.q) / kProbe;
-        x.torque = (residual.torque - there.torque) / kProbe;
-      }
-    }
-  }
+  if (beside.sensors != before.sensors) renew_sensors(chain, effects, sampled);
   const bool at_zero = beside.at_zero != before.at_zero,
              with_angle = beside.with_angle != before.with_angle;
-  if (!at_zero && !with_angle) return true;
-  const Record record = chain.equations().without_errors(effects);
-  const Equations corrected(record, chain.equations().facts());
-  for (Candidate& candidate : sampled) {
-    if (!(at_zero && turns_at_zero(*candidate.effect)) &&
-        !(with_angle && turns_with_angle(*candidate.effect)))
-      continue;
-    const std::vector<Sampled> there = chain.columns_of(corrected, *candidate.effect);
-    for (std::size_t r = 0; r < there.size(); ++r) {
-      candidate.columns[r].d = there[r].d;
-      candidate.columns[r].q = there[r].q;
-      candidate.columns[r].torque = there[r].torque;
-    }
-  }
+  if (at_zero || with_angle)
+    renew_corrected(chain, effects, sampled, [&](const Effect& effect) {
+      return (at_zero && turns_at_zero(effect)) || (with_angle && turns_with_angle(effect));
+    });
   return true;
 }
 

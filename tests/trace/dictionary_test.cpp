@@ -1,0 +1,77 @@
+// Which columns are made anew beside what has been found.
+#include "trace/dictionary.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/fitted_drive.hpp"
+
+namespace twinrate::dictionary_test {
+
+class Renewed : public testing::Test {
+ protected:
+  // Which of the candidates have other columns than before, but for 1 in 1000.
+  std::vector<std::string> beside(const Effects& effects) {
+    const std::vector<Candidate> before = dictionary_.sampled;
+    dictionary_.renew(drive_.chain(), effects);
+    std::vector<std::string> changed;
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      const Sampled &a = before[i].columns[0], &b = dictionary_.sampled[i].columns[0];
+      const double size = a.q.norm() + a.torque.norm();
+      const double change = (a.q - b.q).norm() + (a.torque - b.torque).norm();
+      if (change > 1e-3 * size) changed.emplace_back(before[i].effect->kind());
+    }
+    return changed;
+  }
+
+ private:
+  FittedDrive drive_{simulate_synthetic({.duration_s = 2}), {}};
+  Dictionary dictionary_{.sampled = candidates(), .whitened = {}};
+
+  std::vector<Candidate> candidates() const {
+    std::vector<Candidate> list;
+    for (const auto& effect :
+         {effect_with("cogging", {{"order", 41}, {"amplitude_Nm", 0.1}}),
+          effect_with("current_gain", {{"gain_a", 0.01}}),
+          effect_with("dead_time", {{"dead_time_s", 1e-6}, {"linear_current_A", 0.1}}),
+          effect_with("encoder_offset", {{"offset_rad", 0.01}})})
+      list.push_back({effect, drive_.chain().columns(*effect)});
+    return list;
+  }
+};
+
+using Names = std::vector<std::string>;
+
+TEST_F(Renewed, NothingBesideALoad) {
+  EXPECT_EQ(beside({effect_with("coulomb_friction", {{"torque_Nm", 0.2}})}), Names{});
+}
+
+TEST_F(Renewed, WhatAddsToASensorBesideAnInductance) {
+  EXPECT_EQ(beside({effect_with("inductance", {{"change_d_H", 2e-3}, {"change_q_H", 2e-3}})}),
+            (Names{"current_gain", "encoder_offset"}));
+}
+
+TEST_F(Renewed, WhatTurnsAtZeroBesideACurrentsOffset) {
+  const Names changed = beside({effect_with("current_offset", {{"offset_a_A", 0.2}})});
+  EXPECT_EQ(std::count(changed.begin(), changed.end(), "dead_time"), 1);
+  EXPECT_EQ(std::count(changed.begin(), changed.end(), "cogging"), 0);
+}
+
+TEST_F(Renewed, WhatTurnsWithTheAngleBesideOneThatIsLateOrFarOff) {
+  const auto cogging_changed = [&](const std::shared_ptr<Effect>& effect) {
+    const Names changed = beside({effect});
+    return std::count(changed.begin(), changed.end(), "cogging") > 0;
+  };
+  EXPECT_FALSE(cogging_changed(effect_with("encoder_offset", {{"offset_rad", 0.02}})));
+  EXPECT_FALSE(cogging_changed(effect_with("encoder_eccentricity", {{"amplitude_rad", 2e-3}})));
+  EXPECT_TRUE(cogging_changed(effect_with("encoder_eccentricity", {{"amplitude_rad", 0.02}})));
+  EXPECT_TRUE(cogging_changed(effect_with(
+      "signal_lag", {{"signal", SamplingFacts::kAngle}, {"form", 0}, {"lag_s", 2e-4}})));
+}
+
+// Its own column is of no use beside it.
+TEST_F(Renewed, NotWhatIsInTheModelAlready) {
+  const Names changed = beside({effect_with("current_gain", {{"gain_a", 0.03}})});
+  EXPECT_EQ(std::count(changed.begin(), changed.end(), "current_gain"), 0);
+}
+
+}  // namespace twinrate::dictionary_test
