@@ -40,6 +40,17 @@ bool same_scales(const NoiseModel& a, const NoiseModel& b) {
          same(a.scale_torque, b.scale_torque);
 }
 
+// What has been found makes the sensors' noise far louder than the whitening takes it for: a dead
+// time does where currents are small, on an axis where nothing showed of it before.
+bool louder(const Chain& chain, const Sampled& y) {
+  constexpr double kTimes = 2;  // in power
+  const Sampled w = chain.whitened(y);
+  const auto power = [](const Eigen::VectorXd& noise) {
+    return noise.squaredNorm() / std::max(1.0, static_cast<double>(noise.size()));
+  };
+  return std::max(power(w.noise_d), power(w.noise_q)) > kTimes;
+}
+
 // 0 where the currents go over many steps of the converter, 1 where over two (rms).
 double few_steps(const Record& record, double i_lsb) {
   double sum = 0;
@@ -151,11 +162,13 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     for (; state.added && rounds < kMostRounds; ++rounds) {
       const Effects so_far = fit.effects();
       const bool renewed = dictionary.renew(chain, so_far);
-      NoiseModel noise = fit_noise(chain, chain.residual(so_far), dictionary);
-      const bool quieter = rounds == 0 || level(noise) < kSame * level(chain.noise());
+      const Sampled left = chain.residual(so_far);
+      NoiseModel noise = fit_noise(chain, left, dictionary);
+      const bool anew =
+          rounds == 0 || level(noise) < kSame * level(chain.noise()) || louder(chain, left);
       // How much of it is the sensors', beside what has been found: a dead time amplifies theirs.
-      const bool other = !quieter && !same_scales(noise, chain.noise());
-      if (quieter) {
+      const bool other = !anew && !same_scales(noise, chain.noise());
+      if (anew) {
         chain.set_noise(std::move(noise));
       } else if (other) {
         NoiseModel scaled = chain.noise();
@@ -164,8 +177,8 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
         scaled.scale_torque = noise.scale_torque;
         chain.set_noise(std::move(scaled));
       }
-      if (quieter || renewed || other) dictionary.whiten(chain, !quieter && !other);
-      if (quieter && settings.say)
+      if (anew || renewed || other) dictionary.whiten(chain, !anew && !other);
+      if (anew && settings.say)
         settings.say(fmt::format("noise {:.4g} {:.4g} V, {:.4g} Nm", chain.noise().d.rms(),
                                  chain.noise().q.rms(), chain.noise().torque.rms()));
       lap("noise");

@@ -8,6 +8,7 @@
 #include "model/random.hpp"
 #include "tests/support/effects.hpp"
 #include "trace/noise.hpp"
+#include "trace/rest.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -126,6 +127,21 @@ TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
   const Chain chain(e.equations, e.answered, e.readings, e.sampler);
   const Sampled y = chain.residual({test::effect_of("resistance", {{"change_Ohm", 30}}, e.facts)});
   EXPECT_NEAR(y.noise_d.norm() / y.d.norm(), 1, 0.05);
+}
+
+// Through 30 Ohm the rest is the currents' noise, and depends on the currents that hold it.
+TEST(Rest, DependsOnNoCurrentForItsNoise) {
+  constexpr double kMore = 30, kSwing = 0.1;  // ohm, A
+  const NoisyEquations e(noisy_drive(kGain, kMore, kSwing));
+  Chain chain(e.equations, e.answered, e.readings, e.sampler);
+  const auto with = [&](double more) {
+    return test::effect_of("resistance", {{"change_Ohm", more}}, e.facts);
+  };
+  chain.set_noise(NoiseFit()(chain, chain.residual({with(kMore)}), {}));
+  const Rows rows(e.sampler, false), held_out(e.sampler, true);
+  const Fitter fitter(chain, rows, held_out);
+  EXPECT_TRUE(structure_of_rest(fitter, fitter.start({with(kMore)})).empty());
+  EXPECT_FALSE(structure_of_rest(fitter, fitter.start({with(0.7 * kMore)})).empty());
 }
 
 // A good part of the current is the drive's answer to the noise that the residual holds: that it

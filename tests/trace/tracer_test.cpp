@@ -184,6 +184,21 @@ TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
   EXPECT_NEAR(parameter(r, "encoder_offset", "offset").value, 0.031, 0.0003);
 }
 
+// A slow run without load, whose currents hardly leave the zone around zero: before the loss is in
+// the model the d axis is quiet, and with it the currents' noise is most of what is left there.
+TEST(Tracer, FindsADeadTimeThroughWhichTheSensorsAreLouder) {
+  SyntheticDrive drive{.slow = true, .loss_V = 3.5, .loss_A = 0.07};
+  drive.extra_load = [](double t, double, double) { return -external_load(t); };
+  RawLog raw = simulate_synthetic(drive);
+  std::fill(raw.T_load.begin(), raw.T_load.end(), 0.0);
+  const TraceResult r = trace_of(raw);
+  ASSERT_EQ(kinds(r), Names{"dead_time"}) << r.sentence;
+  EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
+  const TracedParameter& zone = parameter(r, "dead_time", "linear_current");
+  EXPECT_NEAR(zone.value, drive.loss_A, 0.1 * drive.loss_A);
+  EXPECT_NEAR(r.electrical->after.held_out / r.electrical->noise_floor, 1, 0.15);
+}
+
 // A load that comes and goes at random: no cause of it is in the record, but something is.
 TEST(Tracer, CannotTellWhereMoreIsLeftThanNoiseOfTheSensors) {
   SyntheticDrive drive{.duration_s = 4};
