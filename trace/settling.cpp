@@ -73,9 +73,12 @@ class Settler {
     changed_ = true;
   }
 
-  // Angle and currents that are late by the same time are a voltage that is.
+  // Angle and currents that are late by the same time are a voltage that is. Beside a late voltage
+  // no record tells how much of it is theirs.
   void join_lags() {
-    constexpr double kSame = 0.05, kAsGood = 1.05;  // of the time; of the held-out error
+    // Of the time; of the held-out error, which late readings lower: between two rows they are
+    // means.
+    constexpr double kSame = 0.05, kAsGood = 1.15;
     Members others = with(fit_.members, nullptr);
     const auto take = [&](double signal) {
       const auto late = std::find_if(others.begin(), others.end(), [&](const auto& m) {
@@ -86,14 +89,17 @@ class Settler {
       others.erase(late);
       return lag;
     };
-    const double angle = take(SamplingFacts::kAngle), current = take(SamplingFacts::kCurrent);
-    if (angle == 0 || std::abs(current / angle - 1) > kSame) return;
+    const double angle = take(SamplingFacts::kAngle), current = take(SamplingFacts::kCurrent),
+                 voltage_before = take(SamplingFacts::kVoltage);
+    if (angle == 0 || current == 0) return;
+    if (voltage_before == 0 && std::abs(current / angle - 1) > kSame) return;
+    const double later = voltage_before + (angle + current) / 2;
     const Fit before = fit_;
     for (double form : {0., 1.}) {
       const std::shared_ptr<Effect> voltage = make_effect("signal_lag");
       set_key(*voltage, "signal", SamplingFacts::kVoltage);
       set_key(*voltage, "form", form);
-      set_key(*voltage, "lag_s", angle);
+      set_key(*voltage, "lag_s", later);
       Fit joined = fitter_.refine(with(others, voltage), Fitter::Until::kArrived);
       if (!joined.valid || joined.rss_held_out > kAsGood * before.rss_held_out ||
           (form > 0 && joined.rss > fit_.rss))

@@ -36,6 +36,22 @@ TEST(Settling, AngleAndCurrentsLateByOneTimeAreALateVoltage) {
   expect_key(*members[0], "lag_s", drive.T_s, 0.02);
 }
 
+TEST(Settling, BesideALateVoltageTheyAreOneThatIsLater) {
+  const SyntheticDrive drive{.duration_s = 3};
+  RawLog raw = simulate_synthetic(drive);
+  for (std::vector<double>* u : {&raw.u_alpha, &raw.u_beta})
+    std::rotate(u->begin(), u->begin() + 2, u->end());
+  const auto late = [&](SamplingFacts::Signal signal, double rows) {
+    return effect_with("signal_lag", {{"signal", signal}, {"lag_s", rows * drive.T_s}});
+  };
+  const Members members = settled(raw, {late(SamplingFacts::kVoltage, 2)},
+                                  {late(SamplingFacts::kAngle, 1), late(SamplingFacts::kCurrent, 1),
+                                   late(SamplingFacts::kVoltage, 1)});
+  ASSERT_EQ(kinds_of(members), Names{"signal_lag"});
+  EXPECT_EQ(get_key(*members[0], "signal"), SamplingFacts::kVoltage);
+  expect_key(*members[0], "lag_s", 2 * drive.T_s, 0.02);
+}
+
 // Drawn there by what was missing beside it, no refinement leads back: change and time constant do
 // the same where the record has seen but a hundredth of it.
 TEST(Settling, ADriftMuchSlowerThanTheRecordIsStartedAnew) {
