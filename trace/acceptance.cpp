@@ -45,7 +45,7 @@ double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
 // Beside a shaft whose impacts are not met to the last bit: a line that explains next to nothing of
 // what the shaft does; or anything that mends, by chance, a little of what the shaft leaves.
 bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
-  constexpr double kOfShaft = 0.02, kOfRest = 0.1, kOfNoise = 0.03;
+  constexpr double kOfShaft = 0.02, kOfRest = 0.1, kOfNoise = 0.03, kOfHeldOut = 0.02;
   if (!has_shaft(now.members)) return false;
   const Effect& newcomer = *next.members.back();
   if (newcomer.kind() == "periodic_torque" &&
@@ -53,8 +53,11 @@ bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
     return true;
   const bool gap = std::any_of(now.members.begin(), now.members.end(),
                                [](const auto& m) { return has_gap(*m); });
-  const double share = leaves_more_than_noise(fitter, now) ? kOfRest : gap ? kOfNoise : 0;
-  if (turns_with_angle(newcomer) || share == 0) return false;
+  const bool not_met = leaves_more_than_noise(fitter, now);
+  if (turns_with_angle(newcomer))
+    return gap && not_met && next.rss_held_out > (1 - kOfHeldOut) * now.rss_held_out;
+  const double share = not_met ? kOfRest : gap ? kOfNoise : 0;
+  if (share == 0) return false;
   const auto electrical = [](const Sampled& y) { return y.d.squaredNorm() + y.q.squaredNorm(); };
   return electrical(now.y) - electrical(next.y) < fitter.margin() &&
          next.y.torque.squaredNorm() > (1 - share) * now.y.torque.squaredNorm();

@@ -214,6 +214,15 @@ double plain_torque(const Fitter& fitter, const Fit& fit) {
   return fitter.chain().residual(fit.effects()).torque.squaredNorm();
 }
 
+double plain_pieces(const Fitter& fitter, const Fit& fit) {
+  constexpr Eigen::Index kPiece = 64;  // outputs
+  const Eigen::VectorXd left = fitter.chain().residual(fit.effects()).torque;
+  double sum = 0;
+  for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece)
+    sum += left.segment(first, kPiece).norm();
+  return sum;
+}
+
 bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit) {
   constexpr double kTimes = 2;
   const Sampled left = fitter.chain().residual(fit.effects());

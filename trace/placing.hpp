@@ -24,6 +24,8 @@ bool rings(const Effect& effect);
 // Of the torque equation with the fit's members, before whitening: its square, and whether that is
 // so far above what noise makes that a gap is worth looking for.
 double plain_torque(const Fitter& fitter, const Fit& fit);
+// The same as a sum over pieces of their norms: an impact that was not met spoils one of them.
+double plain_pieces(const Fitter& fitter, const Fit& fit);
 bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit);
 
 }  // namespace twinrate

@@ -17,6 +17,7 @@ constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;  // kinds refined at each step
 constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
 constexpr double kPlainly = 0.75;      // of the plain error: a gap that leaves less is one
+constexpr double kFollowed = 0.85;     // of the error by pieces: such a gap is one, too
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
 constexpr double kAstray = 1.1;                   // times the error of a shaft where it was placed
@@ -71,7 +72,11 @@ class Selector {
     // or the other way round.
     const double plain = plain_torque(fitter_, *gap) / plain_torque(fitter_, shaft);
     const bool better = plain < 1 && more > std::max(fitter_.margin(), kGap * gain);
-    if (acceptable(fitter_, *gap, now) && (better || plain < kPlainly)) shaft = std::move(*gap);
+    // Squares count the few impacts that were not met for more than all that were.
+    const bool followed = gap->rss_held_out < shaft.rss_held_out &&
+                          plain_pieces(fitter_, *gap) < kFollowed * plain_pieces(fitter_, shaft);
+    if (acceptable(fitter_, *gap, now) && (better || plain < kPlainly || followed))
+      shaft = std::move(*gap);
   }
 
   // Whitened by a noise that is still part resonance, the best shaft may be far from the one that
