@@ -46,29 +46,16 @@ class LoadMass {
         whole_(Oscillation::of(shaft, T_s)),
         x_(start) {}
 
-  // One sample on; the motor turns at `omega_m`, the load holds `T_load`.
-  void advance(double omega_m, double T_load) {
-    if (half_ <= 0) {
-      x_ = carried(x_, 0, whole_, omega_m, T_load);
-      return;
-    }
-    double left = T_s_;
-    Contact contact = contact_at(x_, omega_m);
-    for (int change = 0; change < kMostChanges && left > 0; ++change) {
-      const ShaftState end = moved(x_, contact, left, omega_m, T_load);
-      const double margin_end = margin(end, contact, omega_m);
-      if (margin_end >= 0) {
-        x_ = end;
-        return;
-      }
-      const double share = crossing(contact, left, margin_end, omega_m, T_load);
-      x_ = moved(x_, contact, share * left, omega_m, T_load);
-      left *= 1 - share;
-      contact = contact != Contact::kNone ? Contact::kNone
-                : x_.delta > 0            ? Contact::kUpper
-                                          : Contact::kLower;
-    }
-    x_ = moved(x_, contact, left, omega_m, T_load);
+  // One sample on. The motor turns at `omega_m` at its beginning and speeds up by `omega_rate`, the
+  // load holds `T_load`: as seen from the motor, that and what speeds the load up, too.
+  void advance(double omega_m, double omega_rate, double T_load) {
+    const double held = T_load + shaft_.J_load * omega_rate;
+    Twist x{x_.delta, omega_m - x_.omega_load};
+    if (half_ <= 0)
+      x = carried(x, 0, whole_, held);
+    else
+      across(x, held);
+    x_ = {x.delta, omega_m + T_s_ * omega_rate - x.rate};
   }
   const ShaftState& state() const { return x_; }
   void set_state(const ShaftState& x) { x_ = x; }
@@ -79,48 +66,66 @@ class LoadMass {
  private:
   static constexpr int kMostChanges = 4;  // of contact within a sample
 
-  // On a flank at `at`: an oscillation about the twist that holds the load.
-  ShaftState carried(const ShaftState& x, double at, const Oscillation& Phi, double omega_m,
-                     double T_load) const {
-    const double rest = at + T_load * compliance_;
-    const double d = x.delta - rest, rate = omega_m - x.omega_load;
-    return {rest + Phi.Phi_dd * d + Phi.Phi_dr * rate,
-            omega_m - (Phi.Phi_rd * d + Phi.Phi_rr * rate)};
+  // Of the shaft: delta and its rate.
+  struct Twist {
+    double delta, rate;
+  };
+
+  // A sample on with a gap.
+  void across(Twist& x, double held) const {
+    double left = T_s_;
+    Contact contact = contact_at(x);
+    for (int change = 0; change < kMostChanges && left > 0; ++change) {
+      const Twist end = moved(x, contact, left, held);
+      const double margin_end = margin(end, contact);
+      if (margin_end >= 0) {
+        x = end;
+        return;
+      }
+      const double share = crossing(x, contact, left, margin_end, held);
+      x = moved(x, contact, share * left, held);
+      left *= 1 - share;
+      contact = contact != Contact::kNone ? Contact::kNone
+                : x.delta > 0             ? Contact::kUpper
+                                          : Contact::kLower;
+    }
+    x = moved(x, contact, left, held);
   }
-  ShaftState moved(const ShaftState& x, Contact contact, double h, double omega_m,
-                   double T_load) const {
+  // On a flank at `at`: an oscillation about the twist that holds the load.
+  Twist carried(const Twist& x, double at, const Oscillation& Phi, double held) const {
+    const double rest = at + held * compliance_, d = x.delta - rest;
+    return {rest + Phi.Phi_dd * d + Phi.Phi_dr * x.rate, Phi.Phi_rd * d + Phi.Phi_rr * x.rate};
+  }
+  Twist moved(const Twist& x, Contact contact, double h, double held) const {
     if (contact != Contact::kNone) {
       const double at = static_cast<int>(contact) * half_;
-      return carried(x, at, h == T_s_ ? whole_ : Oscillation::of(shaft_, h), omega_m, T_load);
+      return carried(x, at, h == T_s_ ? whole_ : Oscillation::of(shaft_, h), held);
     }
-    const double slowing = T_load * per_J_;
-    return {x.delta + h * (omega_m - x.omega_load) + 0.5 * h * h * slowing,
-            x.omega_load - h * slowing};
+    const double parting = held * per_J_;
+    return {x.delta + h * x.rate + 0.5 * h * h * parting, x.rate + h * parting};
   }
-  Contact contact_at(const ShaftState& x, double omega_m) const {
-    const double T = shaft_torque(shaft_, x.delta, omega_m - x.omega_load);
+  Contact contact_at(const Twist& x) const {
+    const double T = shaft_torque(shaft_, x.delta, x.rate);
     return T > 0 ? Contact::kUpper : T < 0 ? Contact::kLower : Contact::kNone;
   }
   // Negative where the contact has changed: the flank would pull; the gap has closed.
-  double margin(const ShaftState& x, Contact contact, double omega_m) const {
-    const double rate = omega_m - x.omega_load;
+  double margin(const Twist& x, Contact contact) const {
     const int side = static_cast<int>(contact);
     if (contact != Contact::kNone)
-      return side * (x.delta - side * half_) * shaft_.stiffness + side * shaft_.damping * rate;
+      return side * (x.delta - side * half_) * shaft_.stiffness + side * shaft_.damping * x.rate;
     const double beyond = std::abs(x.delta) - half_;
     const double pressing =
-        shaft_.stiffness * beyond + shaft_.damping * std::copysign(rate, rate * x.delta);
+        shaft_.stiffness * beyond + shaft_.damping * std::copysign(x.rate, x.rate * x.delta);
     return -std::min(beyond, pressing);
   }
   // Share of `left` after which the margin is gone: regula falsi, two rounds.
-  double crossing(Contact contact, double left, double margin_end, double omega_m,
-                  double T_load) const {
-    double lo = 0, hi = 1, margin_lo = std::max(0.0, margin(x_, contact, omega_m));
+  double crossing(const Twist& x, Contact contact, double left, double margin_end,
+                  double held) const {
+    double lo = 0, hi = 1, margin_lo = std::max(0.0, margin(x, contact));
     double share = 0;
     for (int round = 0; round < 2; ++round) {
       share = lo + (hi - lo) * margin_lo / (margin_lo - margin_end);
-      const double there =
-          margin(moved(x_, contact, share * left, omega_m, T_load), contact, omega_m);
+      const double there = margin(moved(x, contact, share * left, held), contact);
       if (there > 0) {
         lo = share;
         margin_lo = there;

@@ -39,6 +39,7 @@ class FourMasses {
       K_[l] = s.stiffness;
       D_[l] = s.damping;
       compliance_[l] = 1 / s.stiffness;
+      J_[l] = s.J_load;
       per_J_[l] = 1 / s.J_load;
       dd_[l] = whole.Phi_dd;
       dr_[l] = whole.Phi_dr;
@@ -50,29 +51,30 @@ class FourMasses {
   void set(Of of) {
     for (int l = 0; l < kLanes; ++l) set(l, of(shafts_[l]));
   }
-  // Torque at the row, with the motor at `omega_m`; then on, with it at `omega_m_next`.
-  inline __attribute__((always_inline)) void step(double omega_m, double omega_m_next, double held,
-                                                  double* const* T_load, std::size_t k) {
+  // Torque at the row, then on to the next (LoadMass::advance).
+  inline __attribute__((always_inline)) void step(const MotorSide::Row& row, double* const* T_load,
+                                                  std::size_t k) {
     const Four zero{}, one = zero + 1.0;
     const FourTruths above = delta_ > half_, below = delta_ < -half_;
     const Four over = K_ * (delta_ - half_), under = K_ * (delta_ + half_);
     {
-      const Four damped = D_ * (omega_m - omega_load_);
+      const Four damped = D_ * (row.omega_m - omega_load_);
       const Four pushed = over + damped, pulled = under + damped;
       const Four torque = (above ? (pushed > 0.0 ? pushed : zero)
                                  : (below ? (pulled < 0.0 ? pulled : zero) : zero)) -
-                          held;
+                          row.behind;
       for (int l = 0; l < kLanes; ++l) T_load[l][k] = torque[l];
     }
-    const Four rate = omega_m_next - omega_load_, damped = D_ * rate;
+    const Four rate = row.begin - omega_load_, damped = D_ * rate;
     const FourTruths upper = above & (over + damped > 0.0), lower = below & (under + damped < 0.0),
                      on = upper | lower;
     const Four at = upper ? half_ : (lower ? -half_ : zero);
-    const Four rest = at + held * compliance_, d = delta_ - rest, slowing = held * per_J_;
+    const Four held = row.held + J_ * row.omega_rate, parting = held * per_J_;
+    const Four rest = at + held * compliance_, d = delta_ - rest;
     const Four delta =
-        on ? rest + dd_ * d + dr_ * rate : delta_ + h_ * rate + 0.5 * h_ * h_ * slowing;
-    const Four omega_load = on ? omega_m_next - (rd_ * d + rr_ * rate) : omega_load_ - h_ * slowing;
-    const Four rate_end = omega_m_next - omega_load, side = lower ? -one : one;
+        on ? rest + dd_ * d + dr_ * rate : delta_ + h_ * rate + 0.5 * h_ * h_ * parting;
+    const Four rate_end = on ? rd_ * d + rr_ * rate : rate + h_ * parting;
+    const Four side = lower ? -one : one;
     const Four beyond = (delta < 0.0 ? -delta : delta) - half_;
     const Four pressing = K_ * beyond + D_ * (delta < 0.0 ? -rate_end : rate_end);
     const Four margin = on ? side * (delta - at) * K_ + side * D_ * rate_end
@@ -80,12 +82,12 @@ class FourMasses {
     const FourTruths changed = margin < 0.0;
     const Four delta_before = delta_, omega_load_before = omega_load_;
     delta_ = delta;
-    omega_load_ = omega_load;
+    omega_load_ = row.begin + h_ * row.omega_rate - rate_end;
     if (!(changed[0] | changed[1] | changed[2] | changed[3])) return;
     for (int l = 0; l < kLanes; ++l) {
       if (!changed[l]) continue;
       masses_[static_cast<std::size_t>(l)].set_state({delta_before[l], omega_load_before[l]});
-      masses_[static_cast<std::size_t>(l)].advance(omega_m_next, held);
+      masses_[static_cast<std::size_t>(l)].advance(row.begin, row.omega_rate, row.held);
       set(l, masses_[static_cast<std::size_t>(l)].state());
     }
   }
@@ -98,31 +100,42 @@ class FourMasses {
   const ShaftFacts* shafts_;
   double h_;
   std::vector<LoadMass> masses_;
-  Four half_, K_, D_, compliance_, per_J_, dd_, dr_, rd_, rr_, delta_{}, omega_load_{};
+  Four half_, K_, D_, compliance_, J_, per_J_, dd_, dr_, rd_, rr_, delta_{}, omega_load_{};
 };
 
 }  // namespace
 
-MotorSide::MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s)
-    : T_s_(T_s), behind_(std::move(behind)) {
-  const std::size_t N = behind_.size();
-  omega_m_.resize(N);
-  omega_m_next_.resize(N);
-  for (std::size_t k = 0; k + 1 < N; ++k)
-    omega_m_next_[k] = turned(record[k].theta_m, record[k + 1].theta_m) / T_s;
+MotorSide::MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s,
+                     int rows_each)
+    : T_s_(T_s), rows_(behind.size()) {
+  const std::size_t N = rows_.size();
+  // The samples of a row, each held, stand for a time behind the row by half of them but one.
+  const double of_next = 0.5 * (rows_each - 1) / rows_each;
+  std::vector<double> mean(N);  // speed from a row to the next
+  for (std::size_t k = 0; k < N; ++k) rows_[k].behind = rows_[k].held = behind[k];
   if (N < 2) return;
-  omega_m_next_[N - 1] = omega_m_next_[N - 2];
+  std::vector<char> seam(N, 0);  // before the row
+  for (std::size_t k = 0; k + 1 < N; ++k) {
+    mean[k] = turned(record[k].theta_m, record[k + 1].theta_m) / T_s;
+    seam[k + 1] = is_seam(record[k], record[k + 1], T_s);
+    if (!seam[k + 1]) rows_[k].held += of_next * (behind[k + 1] - behind[k]);
+  }
+  mean[N - 1] = mean[N - 2];
   for (std::size_t k = 0; k < N; ++k) {
-    const bool start = k == 0 || (k + 1 < N && is_seam(record[k - 1], record[k], T_s));
-    omega_m_[k] = start ? omega_m_next_[k] : 0.5 * (omega_m_next_[k - 1] + omega_m_next_[k]);
-    if (start) starts_.push_back(start_at(record, k));
+    const bool start = k == 0 || (k + 1 < N && seam[k]);
+    Row& row = rows_[k];
+    row.omega_m = start ? mean[k] : 0.5 * (mean[k - 1] + mean[k]);
+    if (!start && k + 2 < N && !seam[k + 1] && !seam[k + 2])
+      row.omega_rate = (mean[k + 1] - mean[k - 1]) / (2 * T_s);
+    row.begin = mean[k] - 0.5 * T_s * row.omega_rate;
+    if (start) starts_.push_back(start_at(record, mean, k));
   }
 }
 
 // From a parabola through the angle's first rows: the encoder's last digit is 0.06 rad/s between
 // two of them, which would set the load ringing.
 MotorSide::Start MotorSide::start_at(std::span<const OperatingPoint> record,
-                                     std::size_t row) const {
+                                     std::span<const double> mean, std::size_t row) const {
   constexpr std::size_t kRows = 20, kLeast = 8;
   Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
@@ -132,16 +145,16 @@ MotorSide::Start MotorSide::start_at(std::span<const OperatingPoint> record,
     if (n > 0 && is_seam(record[row + n - 1], record[row + n], T_s_)) break;
     const double t = static_cast<double>(n) * T_s_;
     const Eigen::Vector3d x(1, t, 0.5 * t * t);
-    if (n > 0) angle += T_s_ * omega_m_next_[row + n - 1];
+    if (n > 0) angle += T_s_ * mean[row + n - 1];
     A += x * x.transpose();
     b += angle * x;
   }
-  if (n < kLeast) return {row, omega_m_next_[row]};
+  if (n < kLeast) return {row, mean[row]};
   return {row, A.ldlt().solve(b)[1]};
 }
 
 ShaftState MotorSide::at_rest(const ShaftFacts& shaft, const Start& start) const {
-  return shaft_at_rest(shaft, start.omega_m, behind_[start.row]);
+  return shaft_at_rest(shaft, start.omega_m, rows_[start.row].behind);
 }
 
 void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
@@ -154,8 +167,9 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
   auto start = starts_.begin();
   for (std::size_t k = 0; k < N; ++k) {
     if (start != starts_.end() && start->row == k) load.set_state(at_rest(shaft, *start++));
-    T_load[k] = load.torque(omega_m_[k]) - behind_[k];
-    load.advance(omega_m_next_[k], behind_[k]);
+    const Row& row = rows_[k];
+    T_load[k] = load.torque(row.omega_m) - row.behind;
+    load.advance(row.begin, row.omega_rate, row.held);
   }
 }
 
@@ -165,15 +179,14 @@ inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* sh
   FourMasses a(shafts, T_s_), b(shafts + kLanes, T_s_);
   auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
-    const double held = behind_[k], omega_m_next = omega_m_next_[k];
     if (start != starts_.end() && start->row == k) {
       const auto rest = [&](const ShaftFacts& shaft) { return at_rest(shaft, *start); };
       a.set(rest);
       b.set(rest);
       ++start;
     }
-    a.step(omega_m_[k], omega_m_next, held, T_load, k);
-    b.step(omega_m_[k], omega_m_next, held, T_load + kLanes, k);
+    a.step(rows_[k], T_load, k);
+    b.step(rows_[k], T_load + kLanes, k);
   }
 }
 
@@ -186,7 +199,7 @@ inline __attribute__((always_inline)) void MotorSide::four(const ShaftFacts* sha
       a.set([&](const ShaftFacts& shaft) { return at_rest(shaft, *start); });
       ++start;
     }
-    a.step(omega_m_[k], omega_m_next_[k], behind_[k], T_load, k);
+    a.step(rows_[k], T_load, k);
   }
 }
 

@@ -10,9 +10,17 @@ namespace twinrate {
 
 class MotorSide {
  public:
-  // `behind`: the load behind the shaft at each point. Points `T_s` apart.
-  MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s);
-  std::size_t rows() const { return behind_.size(); }
+  // `behind`: the load behind the shaft at each point. Points `T_s` apart, each of `rows_each`
+  // samples: a load is held from sample to sample.
+  MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s,
+            int rows_each = 1);
+  std::size_t rows() const { return rows_.size(); }
+
+  struct Row {
+    double omega_m = 0;                // of the motor
+    double begin = 0, omega_rate = 0;  // its speed and acceleration from there to the next
+    double behind = 0, held = 0;       // load at the row; from there to the next
+  };
 
   // T_load of along_shaft().
   void along(const ShaftFacts& shaft, std::span<double> T_load) const;
@@ -26,16 +34,15 @@ class MotorSide {
   void avx2(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const;
 
   double T_s_;
-  std::vector<double> behind_;
-  // Speed of the motor: at each row, and from there to the next.
-  std::vector<double> omega_m_, omega_m_next_;
+  std::vector<Row> rows_;
   // Where another stretch of time begins. What the load did before is not known: it is at rest
   // against the motor there.
   struct Start {
     std::size_t row = 0;
     double omega_m = 0;
   };
-  Start start_at(std::span<const OperatingPoint> record, std::size_t row) const;
+  Start start_at(std::span<const OperatingPoint> record, std::span<const double> mean,
+                 std::size_t row) const;
   ShaftState at_rest(const ShaftFacts& shaft, const Start& start) const;
   std::vector<Start> starts_;
 };

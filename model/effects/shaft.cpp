@@ -23,14 +23,15 @@ std::vector<double> load_behind_shaft(const Effects& effects,
 }
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record,
-                 std::span<const double> behind, double T_s, std::span<double> T_load) {
-  MotorSide(record, {behind.begin(), behind.end()}, T_s).along(shaft, T_load);
+                 std::span<const double> behind, double T_s, int rows_each,
+                 std::span<double> T_load) {
+  MotorSide(record, {behind.begin(), behind.end()}, T_s, rows_each).along(shaft, T_load);
 }
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
                  std::span<Contribution> sums) {
   std::vector<double> T_load(record.size());
-  along_shaft(shaft, record, load_behind_shaft({}, record), T_s, T_load);
+  along_shaft(shaft, record, load_behind_shaft({}, record), T_s, 1, T_load);
   const double J = record.size() < 2 || shaft.J_load <= 0 ? 0 : -shaft.J_load;
   for (std::size_t k = 0; k < sums.size(); ++k) sums[k] = {.T_load = T_load[k], .J = J};
 }

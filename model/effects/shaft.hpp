@@ -44,15 +44,16 @@ std::vector<double> load_behind_shaft(const Effects& effects,
 
 // What the shaft adds to the machine's equation along a record, from theta_m of its points and the
 // load behind it: the load mass is simulated behind the measured angle, from rest against the
-// motor. Exact for a motor speed and a load that are constant within a sample, but for the moment
-// at which a gap closes or opens, which is interpolated. theta_m may be wrapped into a turn. A load
-// that rattles through a wide gap (30 mrad, hardly damped) remembers every small error of an impact
-// until it comes to rest on a flank.
+// motor. Exact for an acceleration of the motor and a load that are constant within a sample, but
+// for the moment at which a gap closes or opens, which is interpolated. theta_m may be wrapped into
+// a turn. A load that rattles through a wide gap (30 mrad, hardly damped) remembers every small
+// error of an impact until it comes to rest on a flank.
 //
 // In `T_load` its torque; the inertia is -J_load everywhere. In `sums` both, with T_load alone
 // behind it.
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record,
-                 std::span<const double> behind, double T_s, std::span<double> T_load);
+                 std::span<const double> behind, double T_s, int rows_each,
+                 std::span<double> T_load);
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
                  std::span<Contribution> sums);
 

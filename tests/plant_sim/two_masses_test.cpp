@@ -207,7 +207,7 @@ Residual residual_of(const Effects& effects) {
   ShaftFacts shaft;
   effects[0]->describe_shaft(shaft);
   std::vector<double> T_load(points.size());
-  along_shaft(shaft, points, load_behind_shaft(effects, points), kTs, T_load);
+  along_shaft(shaft, points, load_behind_shaft(effects, points), kTs, 1, T_load);
   Residual rms;
   for (std::size_t k = 1; k + 1 < points.size(); ++k) {
     const double omega_m_rate = (points[k + 1].omega_m - points[k - 1].omega_m) / (2 * kTs);
