@@ -8,6 +8,7 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kSeam = 12;  // rows at a seam whose speed would mix both records
+constexpr int kApart = 24;         // rows by which time shows that one has ended
 
 template <class T>
 void add(std::vector<T>& a, const std::vector<T>& b) {
@@ -31,12 +32,18 @@ void Record::append(const Record& other) {
   need(!i_alphabeta.empty(), !other.i_alphabeta.empty(), "current");
   need(!v_dc.empty(), !other.v_dc.empty(), "v_dc");
   need(!T_load.empty(), !other.T_load.empty(), "T_load");
+  if (current_sensors != other.current_sensors)
+    throw std::runtime_error(other.source + ": " + std::to_string(other.current_sensors) +
+                             " currents measured, in " + source + " " +
+                             std::to_string(current_sensors) +
+                             "; all logs need the same signals");
   if (std::abs(other.T_s / T_s - 1) > 0.01)
     throw std::runtime_error(other.source + ": sampled every " + std::to_string(other.T_s) +
                              " s, " + source + " every " + std::to_string(T_s) +
                              " s; all logs need the same rate");
   const std::size_t seam = size();
-  const double later = std::max(0.0, t.back() + T_s - other.t.front());
+  const bool goes_on = other.t.front() > t.back() + 0.5 * T_s;
+  const double later = goes_on ? 0 : t.back() + kApart * T_s - other.t.front();
   for (double time : other.t) t.push_back(time + later);
   add(u_alphabeta, other.u_alphabeta);
   add(i_alphabeta, other.i_alphabeta);

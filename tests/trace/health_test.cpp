@@ -123,13 +123,15 @@ TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
     ASSERT_NEAR(record.theta_m[k], good.theta_m[k], 1e-9) << k;
 }
 
-TEST(Record, TimeGoesOnWhereALogIsAppended) {
+// A load behind a shaft sees in the time that another log has begun.
+TEST(Record, TimeShowsWhereALogIsAppended) {
   Health health;
   const Record one = make_record(quantised_log(2), 3, health);
   Record two = one;
   two.append(one);
   ASSERT_EQ(two.size(), 2 * one.size());
-  for (std::size_t k = 1; k < two.size(); ++k) ASSERT_NEAR(two.t[k] - two.t[k - 1], 1e-4, 1e-9);
+  for (std::size_t k = 1; k < two.size(); ++k)
+    ASSERT_NEAR(two.t[k] - two.t[k - 1], k == one.size() ? 24e-4 : 1e-4, 1e-9) << k;
   Record later = one;
   for (double& t : later.t) t += 100;
   Record kept = one;

@@ -170,9 +170,18 @@ void Reader::share_out() {
 }
 
 Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
-  const std::size_t length = std::max(kFewestSlots, most_rows / kBlocks / kSlotRows);
-  const std::size_t count = std::max<std::size_t>(1, most_rows / (length * kSlotRows));
-  const std::vector<Block> blocks = choose_blocks(log.slots, count, length, log.health.T_s);
+  std::size_t length = 2 * std::max(kFewestSlots, most_rows / kBlocks / kSlotRows);
+  std::vector<Block> blocks;
+  while (blocks.empty() && length > 1) {  // shorter ones where gaps leave none
+    length /= 2;
+    const std::size_t count = std::max<std::size_t>(1, most_rows / (length * kSlotRows));
+    blocks = choose_blocks(log.slots, count, length, log.health.T_s);
+  }
+  if (blocks.empty())
+    throw BadInput(fmt::format(
+        "{}: {} rows are too many for {:.4g} MiB, and no {} of them are without a gap, which parts "
+        "of it would have to be; --memory allows more",
+        log.path, log.health.rows, asked_.memory_MiB, kSlotRows));
   Record record;
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     tell("reading the blocks of " + log.path,
