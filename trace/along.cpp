@@ -12,18 +12,20 @@ bool acts_on_command(const Effect& effect) {
          (effect.describe_sampling(late) || effect.kind() == "voltage_gain");
 }
 
-Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points, double T_s)
+Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
+             const Record& record)
     : points_(points) {
   for (const auto& effect : effects) {
     ShaftFacts shaft;
     SamplingFacts sampling;
     if (effect->describe_shaft(shaft)) {
       T_load_.emplace_back(points.size());
-      along_shaft(shaft, points, load_behind_shaft(effects, points), T_s, T_load_.back());
+      along_shaft(shaft, points, load_behind_shaft(effects, points), record.T_s, record.rows_each,
+                  T_load_.back());
       J_ -= std::max(0.0, shaft.J_load);
     } else if (effect->describe_sampling(sampling)) {
       with_memory_.emplace_back(points.size());
-      effect->along(points, T_s, with_memory_.back());
+      effect->along(points, record.T_s, with_memory_.back());
       late_ |= acts_on_command(*effect);
     } else if (acts_on_command(*effect)) {
       of_the_command_.push_back(effect.get());

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "model/effects/effect.hpp"
+#include "trace/record.hpp"
 
 namespace twinrate {
 
@@ -13,7 +14,7 @@ bool acts_on_command(const Effect& effect);
 
 class Along {
  public:
-  Along(const Effects& effects, const std::vector<OperatingPoint>& points, double T_s);
+  Along(const Effects& effects, const std::vector<OperatingPoint>& points, const Record& record);
   // All but what acts on the command.
   Contribution operator[](std::size_t k) const;
   bool any_of_command() const { return late_ || !of_the_command_.empty(); }

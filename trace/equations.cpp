@@ -53,9 +53,9 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
       .i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m, .axes = {}};
   turn_angle(measured_);
   turn_currents(measured_);
-  omega_m_ = smooth_rate(record.theta_m, record.T_s);
+  omega_m_ = smooth_rate(record.theta_m, record.T_s, record.rows_each);
   points_.resize(record.size());
-  const std::vector<Vec2> i_dq = smoothed(measured_.i_dq);
+  const std::vector<Vec2> i_dq = smoothed(measured_.i_dq, record.rows_each);
   for (std::size_t k = 0; k < points_.size(); ++k) {
     OperatingPoint& p = points_[k];
     p.t = record.t[k];
@@ -94,7 +94,7 @@ void Equations::turn_currents(Signals& s) const {
 void Equations::move_points(const Signals& s, bool angle_moved,
                             std::vector<OperatingPoint>& points) const {
   if (angle_moved) {
-    const std::vector<double> omega_m = smooth_rate(s.theta_m, record_.T_s);
+    const std::vector<double> omega_m = smooth_rate(s.theta_m, record_.T_s, record_.rows_each);
     for (std::size_t k = 0; k < points.size(); ++k) {
       OperatingPoint& p = points[k];
       p.theta_m = s.theta_m[k];
@@ -104,7 +104,7 @@ void Equations::move_points(const Signals& s, bool angle_moved,
       if (!record_.u_alphabeta.empty()) p.u_dq = p.rotor_axes(record_.u_alphabeta[k]);
     }
   }
-  const std::vector<Vec2> i_dq = smoothed(s.i_dq);
+  const std::vector<Vec2> i_dq = smoothed(s.i_dq, record_.rows_each);
   for (std::size_t k = 0; k < i_dq.size(); ++k) points[k].i_dq = i_dq[k];
 }
 
@@ -127,7 +127,7 @@ Equations::Signals Equations::undo_sensing(const Effects& effects,
   };
   undo(s.i_alphabeta, SamplingFacts::kCurrent);
   undo(s.theta_m, SamplingFacts::kAngle);
-  const Along added(adding, points, record_.T_s);
+  const Along added(adding, points, record_);
   const bool currents = moved & kOnCurrents && !s.i_alphabeta.empty();
   for (std::size_t k = 0; !adding.empty() && k < points.size(); ++k) {
     const Contribution c = added[k];
@@ -151,7 +151,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   const MachineParameters& m = facts_.machine;
   const std::size_t n = record_.size();
   const double T_s = record_.T_s;
-  const Along added(effects, points, T_s);
+  const Along added(effects, points, record_);
   Channels e = empty(kOnTorque | kOnVoltage);
   Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), not_acting = Vec2::Zero();
   for (std::size_t k = 0; k < n; ++k) {
@@ -305,7 +305,8 @@ Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     Channels x = empty(effect.acts_on());
     if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
-      if (!motor_) motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s);
+      if (!motor_)
+        motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, record_.rows_each);
       motor_->along(shaft, x.torque);
       for (std::size_t k = 1; k + 1 < points_.size() && shaft.J_load > 0; ++k)
         x.torque[k] -= shaft.J_load * omega_rate(measured_, k);
@@ -313,7 +314,7 @@ Channels Equations::contribution(const Effect& effect) const {
       return x;
     }
     const Effects alone{effect.clone()};  // which Along does not keep
-    const Along added(alone, points_, record_.T_s);
+    const Along added(alone, points_, record_);
     const bool of_command = acts_on_command(effect);
     Before before;
     for (std::size_t k = 0; k < points_.size(); ++k) {

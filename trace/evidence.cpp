@@ -36,11 +36,11 @@ Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
 }
 
 // What sampling leaves of a parameter however long the record: means over an interval stand for
-// what happens in it. A gap's impacts make the error rough in its keys (and hardly show how they
+// what happens in it. A moment lies between two rows, and so does the one that was found. A gap's impacts make the error rough in its keys (and hardly show how they
 // are damped): the descent ends within some per cent of the best.
-double accuracy(const Effect& effect, const NumericKey& key) {
+double accuracy(const Effect& effect, const NumericKey& key, double T_s) {
   constexpr double kSampled = 3e-4, kRough = 0.025, kRoughDamping = 0.1;
-  if (key.key == "time_s") return 0;
+  if (key.key == "time_s") return T_s / std::sqrt(6.0);
   if (has_gap(effect))
     return (key.key.starts_with("damping") ? kRoughDamping : kRough) * std::abs(key.value);
   return kSampled * (key.key.ends_with("phase_rad") ? 1 : std::abs(key.value));
@@ -48,7 +48,7 @@ double accuracy(const Effect& effect, const NumericKey& key) {
 
 // Standard deviations of the keys of member m, from the covariance of the free parameters.
 std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& covariance,
-                                     std::size_t m) {
+                                     std::size_t m, double T_s) {
   std::vector<Eigen::Index> free;
   for (std::size_t p = 0; p < fit.free.size(); ++p)
     if (fit.free[p].member == m) free.push_back(static_cast<Eigen::Index>(p));
@@ -83,7 +83,7 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
       for (std::size_t j = 0; j < free.size(); ++j)
         variance += slope[static_cast<Eigen::Index>(i)] * slope[static_cast<Eigen::Index>(j)] *
                     covariance(free[i], free[j]);
-    if (variance > 0) out[key.key] = std::hypot(std::sqrt(variance), accuracy(effect, key));
+    if (variance > 0) out[key.key] = std::hypot(std::sqrt(variance), accuracy(effect, key, T_s));
   }
   return out;
 }
@@ -99,7 +99,8 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   const double N = static_cast<double>(rows.count(fit.y));
   const Effect& effect = *fit.members[m];
   TracedEffect e{.effect = fit.members[m], .equation = equation_of(effect)};
-  e.parameters = traced_parameters(effect, sigmas(fit, covariance(fitter, fit), m));
+  e.parameters = traced_parameters(effect, sigmas(fit, covariance(fitter, fit), m,
+                                          fitter.chain().equations().record().T_s));
   e.held_out_gain = s.held_out_gain;
   e.delta_bic = -s.score_gain;
   const double k = std::max(1, effect.regressor_count());

@@ -188,7 +188,7 @@ PlanInformation plan_information(const Record& record, const Health& health,
   const DriveFacts facts = drive.facts();
   const Effects known = drive.model_effects();
   const Equations equations(record, facts, known);
-  const std::vector<char> moving = moving_rows(equations);
+  const std::vector<char> moving = moving_rows(record);
   std::vector<char> piece(record.size(), 0);
   for (std::size_t s = 0; s < spans.size(); ++s)
     std::fill(piece.begin() + static_cast<std::ptrdiff_t>(spans[s].first),

@@ -14,6 +14,7 @@ namespace twinrate {
 struct Record {
   std::string source;
   double T_s = 0;
+  int rows_each = 1;  // of the log that make a row (trace/thinning.hpp)
   std::vector<double> t;
   std::vector<Vec2> u_alphabeta, i_alphabeta;  // empty where the log has none
   std::vector<double> theta_m;                 // unwrapped

@@ -45,8 +45,9 @@ MotorSide motor_side(const Chain& chain, const Members& now, bool all) {
   }
   Effects loads = chain.equations().known();
   loads.insert(loads.end(), now.begin(), now.end());
-  return {points, load_behind_shaft(loads, points),
-          static_cast<double>(stride) * chain.equations().record().T_s};
+  const Record& record = chain.equations().record();
+  return {points, load_behind_shaft(loads, points), static_cast<double>(stride) * record.T_s,
+          static_cast<int>(stride) * record.rows_each};
 }
 
 }  // namespace

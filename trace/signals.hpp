@@ -33,9 +33,10 @@ std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double
 }
 
 // Less noise, the same within the tracer's band: a quadratic through eleven samples (Savitzky and
-// Golay). Effects that bend, like a dead time at small currents, would make an offset of the noise.
-std::vector<Vec2> smoothed(const std::vector<Vec2>& x);
-// Slope of a straight line through 21 samples; fewer near the ends.
-std::vector<double> smooth_rate(const std::vector<double>& theta_m, double T_s);
+// Golay), or as long where each is the mean of `rows_each`. Effects that bend, like a dead time at
+// small currents, would make an offset of the noise.
+std::vector<Vec2> smoothed(const std::vector<Vec2>& x, int rows_each = 1);
+// Slope of a straight line through 21 samples, or as long; fewer near the ends.
+std::vector<double> smooth_rate(const std::vector<double>& theta_m, double T_s, int rows_each = 1);
 
 }  // namespace twinrate

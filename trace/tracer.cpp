@@ -10,6 +10,8 @@
 #include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
 #include "trace/noise.hpp"
+#include "trace/signals.hpp"
+#include "trace/thinning.hpp"
 
 namespace twinrate {
 namespace {
@@ -61,10 +63,10 @@ double few_steps(const Record& record, double i_lsb) {
 
 }  // namespace
 
-std::vector<char> moving_rows(const Equations& equations) {
-  std::vector<char> ok = equations.record().motion_ok;
-  for (std::size_t k = 0; k < ok.size(); ++k)
-    ok[k] = ok[k] && std::abs(equations.omega_m()[k]) > kSlowest;
+std::vector<char> moving_rows(const Record& record) {
+  std::vector<char> ok = record.motion_ok;
+  const std::vector<double> omega_m = smooth_rate(record.theta_m, record.T_s, record.rows_each);
+  for (std::size_t k = 0; k < ok.size(); ++k) ok[k] = ok[k] && std::abs(omega_m[k]) > kSlowest;
   return ok;
 }
 
@@ -128,14 +130,16 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     bus.notes.push_back(
         "the voltage in the log follows the ripple of v_dc already, and is taken as it is");
   }
-  const Record& record = applied ? *applied : raw;
+  const Record& whole = applied ? *applied : raw;
   lap("bus voltage");
-  const Equations equations(record, facts, known);
-  const std::vector<char> moving = moving_rows(equations);
-  const Sampler sampler(record, moving, held_out);
-  const NoisierRecords noisier = add_noise(record, facts, moving, health.i_lsb);
-  const Equations answered(noisier.answered, facts, known),
-      readings(noisier.readings, facts, known);
+  const NoisierRecords noisier = add_noise(whole, facts, moving_rows(whole), health.i_lsb);
+  const std::size_t rows = rows_as_one(whole.T_s);
+  const auto thin = [&](const Record& r) { return thinned(r, rows, facts.machine.n_p); };
+  const Record record = thin(whole), record_answered = thin(noisier.answered),
+               record_readings = thin(noisier.readings);
+  const Equations equations(record, facts, known), answered(record_answered, facts, known),
+      readings(record_readings, facts, known);
+  const Sampler sampler(record, moving_rows(record), thinned(held_out, rows));
   Chain chain(equations, answered, readings, sampler);
   chain.stop_when(settings.stop);
   lap("equations");

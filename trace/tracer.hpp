@@ -14,7 +14,7 @@ struct TraceSettings {
 };
 
 // Of each row: whether the rotor moves there, so that friction is what the speed says.
-std::vector<char> moving_rows(const Equations& equations);
+std::vector<char> moving_rows(const Record& record);
 // Of each row: whether it stands in a block that does not train.
 std::vector<char> held_out_rows(const Record& record, double share, int n_p);
 

@@ -19,6 +19,7 @@
 #include "bench/blind/blind_report.hpp"
 #include "model/random.hpp"
 #include "trace/keys.hpp"
+#include "trace/thinning.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate::blind {
@@ -118,14 +119,16 @@ double held_out_rms(const std::vector<const Eigen::VectorXd*>& channels, const R
 }
 
 // Held-out errors after, over those of the model that has the true effects.
-void compare_with_truth(const TraceResult& r, const Record& record, const DriveConfig& model,
+void compare_with_truth(const TraceResult& r, const Record& whole, const DriveConfig& model,
                         const Effects& truth, Row& row) {
+  const int n_p = model.machine.n_p;
+  const std::size_t rows = rows_as_one(whole.T_s);
+  const Record record = thinned(whole, rows, n_p);
   Effects all = model.model_effects();
   all.insert(all.end(), truth.begin(), truth.end());
-  const Equations declared(record, model.facts(), model.model_effects());
   const Equations equations(record, model.facts(), all);
-  const Sampler sampler(record, moving_rows(declared),
-                        held_out_rows(record, 0.25, model.machine.n_p));
+  const Sampler sampler(record, moving_rows(record),
+                        thinned(held_out_rows(whole, 0.25, n_p), rows));
   const Channels left = equations.residual({});
   if (r.electrical) {
     const Runs& runs = sampler.electrical();

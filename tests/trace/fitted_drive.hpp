@@ -29,7 +29,7 @@ class FittedDrive {
   FittedDrive(const RawLog& raw, const Members& truth)
       : record_(make_record(raw, servo().machine.n_p, health_)),
         equations_(record_, servo().facts()),
-        moving_(moving_rows(equations_)),
+        moving_(moving_rows(equations_.record())),
         noisier_(add_noise(record_, servo().facts(), moving_, health_.i_lsb)),
         answered_(noisier_.answered, servo().facts()),
         readings_(noisier_.readings, servo().facts()),

@@ -114,7 +114,7 @@ struct NoisyEquations {
   Record record;
   DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
   Equations equations{record, facts};
-  std::vector<char> moving = moving_rows(equations);
+  std::vector<char> moving = moving_rows(equations.record());
   Sampler sampler{record, moving, held_out_rows(record, 0.25, facts.machine.n_p)};
   NoisierRecords noisier = add_noise(record, facts, moving, 0);
   Equations answered{noisier.answered, facts}, readings{noisier.readings, facts};
@@ -185,7 +185,7 @@ TEST(LoopResponse, SetsAShaftRingingTruly) {
       "torsion", {{"J_load_kgm2", 2e-3}, {"stiffness_Nm_rad", 20}, {"damping_Nms_rad", 5e-3}},
       facts);
   const Equations equations(r, facts), answered(moved, facts);
-  const Sampler sampler(r, moving_rows(equations), held_out_rows(r, 0.25, facts.machine.n_p));
+  const Sampler sampler(r, moving_rows(r), held_out_rows(r, 0.25, facts.machine.n_p));
   const Sampled x = Chain(equations, answered, equations, sampler).contribution(*torsion);
   EXPECT_LT(x.noise_torque.norm(), 1e-9 * x.torque.norm());
   EXPECT_GT(x.answer_torque.norm(), 0.3 * x.torque.norm());

@@ -82,7 +82,7 @@ TEST(NoiseFit, IsThatOfTheSensorsInASlowRunToo) {
     }
     const DriveFacts facts = servo().facts();
     const Equations equations(record, facts);
-    const std::vector<char> moving = moving_rows(equations);
+    const std::vector<char> moving = moving_rows(equations.record());
     const Sampler sampler(record, moving, held_out_rows(record, 0.25, 3));
     const NoisierRecords noisier = add_noise(record, facts, moving, health.i_lsb);
     const Equations answered(noisier.answered, facts), readings(noisier.readings, facts);

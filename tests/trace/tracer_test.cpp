@@ -245,7 +245,7 @@ TEST(ShaftSearch, FindsTheInertiaThatIsMissingBesideAShaft) {
     Health health;
     const Record record = make_record(simulate_synthetic(drive), 3, health);
     const Equations equations(record, servo().facts());
-    const Sampler sampler(record, moving_rows(equations), held_out_rows(record, 0.25, 3));
+    const Sampler sampler(record, moving_rows(record), held_out_rows(record, 0.25, 3));
     const Chain chain(equations, equations, equations, sampler);
     const auto gap = make_effect("backlash");
     set_key(*gap, "J_load_kgm2", load.J);

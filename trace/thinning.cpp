@@ -1,0 +1,95 @@
+#include "trace/thinning.hpp"
+
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+constexpr double kEnough_Hz = 5000;
+
+// Rows of the record at which the thinned ones stand; each reaches rows - 1 back and
+// 2 (rows - 1) on.
+std::vector<std::size_t> centres(std::size_t size, std::size_t rows) {
+  std::vector<std::size_t> at;
+  for (std::size_t k = rows - 1; k + 2 * (rows - 1) < size; k += rows) at.push_back(k);
+  return at;
+}
+
+template <class Value>
+std::vector<Value> taken(const std::vector<Value>& x, const std::vector<std::size_t>& at) {
+  std::vector<Value> out;
+  if (x.empty()) return out;
+  out.reserve(at.size());
+  for (std::size_t k : at) out.push_back(x[k]);
+  return out;
+}
+
+}  // namespace
+
+std::size_t rows_as_one(double T_s) {
+  constexpr double kRounding = 1e-3;
+  return static_cast<std::size_t>(std::max(1.0, std::floor(1 / (T_s * kEnough_Hz) + kRounding)));
+}
+
+Record thinned(const Record& record, std::size_t rows, int n_p) {
+  if (rows <= 1) return record;
+  const auto weight = [m = static_cast<double>(rows)](std::size_t j) {
+    return (m - static_cast<double>(j)) / (m * m);
+  };
+  const std::vector<std::size_t> at = centres(record.size(), rows);
+  const auto weighted = [&](const auto& x, auto&& value) {
+    std::decay_t<decltype(x)> out;
+    if (x.empty()) return out;
+    out.reserve(at.size());
+    for (std::size_t k : at) {
+      auto sum = decltype(value(k, k))(weight(0) * value(k, k));
+      for (std::size_t j = 1; j < rows; ++j) sum += weight(j) * (value(k, k - j) + value(k, k + j));
+      out.push_back(sum);
+    }
+    return out;
+  };
+  const auto plain = [&](const std::vector<double>& x) {
+    return weighted(x, [&](std::size_t, std::size_t row) { return x[row]; });
+  };
+  // Turned as the rotor turns from the row to k.
+  const auto turned = [&](const std::vector<Vec2>& x) {
+    return weighted(x, [&](std::size_t k, std::size_t row) -> Vec2 {
+      if (row == k) return x[row];
+      return inverse_park(x[row], n_p * (record.theta_m[k] - record.theta_m[row]));
+    });
+  };
+  Record out;
+  out.source = record.source;
+  out.T_s = static_cast<double>(rows) * record.T_s;
+  out.rows_each = record.rows_each * static_cast<int>(rows);
+  out.current_sensors = record.current_sensors;
+  out.t = taken(record.t, at);
+  std::vector<Vec2> u_mean = record.u_alphabeta;
+  for (std::size_t k = 0; k + rows <= u_mean.size(); ++k) {
+    for (std::size_t l = 1; l < rows; ++l) u_mean[k] += record.u_alphabeta[k + l];
+    u_mean[k] /= static_cast<double>(rows);
+  }
+  out.u_alphabeta = turned(u_mean);
+  out.i_alphabeta = turned(record.i_alphabeta);
+  out.theta_m = plain(record.theta_m);
+  out.v_dc = plain(record.v_dc);
+  out.T_load = plain(record.T_load);
+  const auto usable = [&](const std::vector<char>& ok, std::size_t on) {
+    std::vector<char> all;
+    for (std::size_t k : at) {
+      char good = 1;
+      for (std::size_t row = k - (rows - 1); row <= k + on; ++row) good = good && ok[row];
+      all.push_back(good);
+    }
+    return all;
+  };
+  out.electrical_ok = usable(record.electrical_ok, 2 * (rows - 1));
+  out.motion_ok = usable(record.motion_ok, rows - 1);
+  return out;
+}
+
+std::vector<char> thinned(const std::vector<char>& rows_of, std::size_t rows) {
+  return rows <= 1 ? rows_of : taken(rows_of, centres(rows_of.size(), rows));
+}
+
+}  // namespace twinrate
