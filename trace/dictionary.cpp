@@ -62,6 +62,12 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
   }
 }
 
+// What drifts begins to with the record.
+void start_with(const Record& record, Effect& effect) {
+  for (const NumericKey& key : numeric_keys(effect))
+    if (key.key == "start_s") set_key(effect, key.key, record.t.front());
+}
+
 bool adds_to_sensor(const Effect& effect) {
   return effect.regressor_count() > 0 && (effect.acts_on() & (kOnCurrents | kOnAngle));
 }
@@ -122,6 +128,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
+    start_with(record, *effect);
     std::vector<TracedKey> keys = effect->traced_keys();
     if (keys.empty() || searched_elsewhere(keys)) continue;
     if (effect->acts_on() == kOnBus) continue;  // stands in v_dc (trace/bus_ripple.hpp)

@@ -1,7 +1,7 @@
 // A record at the rate that the tracer needs: several rows as one.
 //
-// The tracer compares below 400 Hz; residuals and columns at 10 kHz and more cost time alone. With m
-// rows as one, weights w_j = (m - |j|)/m^2, |j| < m, and R(x) a turn by n_p x,
+// The tracer compares below 400 Hz; residuals and columns at 10 kHz and more cost time alone. With
+// m rows as one, weights w_j = (m - |j|)/m^2, |j| < m, and R(x) a turn by n_p x,
 //   theta_K = sum_j w_j theta[k + j],     k = m K + m - 1
 //   i_K     = sum_j w_j R(theta[k] - theta[k + j]) i[k + j]
 //   u_K     = sum_j w_j R(theta[k] - theta[k + j]) (u[k + j] + .. + u[k + j + m - 1])/m

@@ -57,8 +57,8 @@ class FluxHarmonics final : public Effect {
   std::vector<TracedKey> traced_keys() const override {
     // Of the electrical turn, and the slow ones of a magnet unlike the others.
     std::vector<double> orders{1, 2};
-    for (int order = n_p_ > 2 ? n_p_ : 3; order <= std::max(60, 12 * n_p_); order += n_p_)
-      orders.push_back(order);
+    for (int order = n_p_; order <= std::max(60, 12 * n_p_); order += n_p_)
+      if (order > 2) orders.push_back(order);
     return {linear_key("amplitude_Wb"), linear_key("phase_rad"), {"order", orders, false}};
   }
   double materiality(const DriveFacts& facts) const override {

@@ -1,10 +1,13 @@
 // Winding resistance that is not machine.R_s, or that drifts away from it as the winding warms up.
 //
-//   Delta_R(t) = change (1 - exp(-t/tau)),  change from the start where tau = 0
+//   Delta_R(t) = change (1 - exp(-(t - start)/tau)),  0 before;  change throughout where tau = 0
 //   u_dq_drop = Delta_R i_dq
 //
-// t counts from the start of the record. Regressor at a given tau: (1 - exp(-t/tau)) i_dq;
-// coefficient change.
+// Regressor at a given tau: the same for a change of 1; coefficient change. The tracer lets it
+// start with the record.
+#include <algorithm>
+#include <cmath>
+
 #include "model/effects/registry.hpp"
 #include "model/effects/traced.hpp"
 
@@ -24,7 +27,8 @@ class Resistance final : public Effect {
   void fields(FieldVisitor& f) override {
     f.number("change_Ohm", change_, -1e3, 1e3, "true R_s less machine.R_s, in the end",
              Presence::kRequired);
-    f.number("time_constant_s", tau_, 0, 1e6, "of the way there; 0: from the start");
+    f.number("time_constant_s", tau_, 0, 1e6, "of the way there; 0: throughout");
+    f.number("start_s", start_, -1e9, 1e9, "drive time at which it begins to drift");
   }
   std::string prepare(const DriveFacts& facts) override {
     return facts.machine.R_s + change_ > 0 ? "" : "change_Ohm leaves no resistance";
@@ -47,10 +51,13 @@ class Resistance final : public Effect {
   }
 
  private:
-  double share(double t) const { return tau_ > 0 ? -std::expm1(-t / tau_) : 1; }
+  double share(double t) const {
+    return tau_ > 0 ? -std::expm1(-std::max(0.0, t - start_) / tau_) : 1;
+  }
 
   double change_ = 0;
   double tau_ = 0;
+  double start_ = 0;
 };
 
 }  // namespace

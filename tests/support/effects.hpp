@@ -42,6 +42,7 @@ class PlausibleValues final : public FieldSetter {
       value = 2e-3;  // less than the drive has
       return;
     }
+    if (std::string(key) == "start_s") return;  // a moment, not a size
     // Well inside the range: its end may not go with the drive (a dead time of a whole period).
     value = std::clamp(std::min(0.31 + 0.17 * count_++, 0.3 * hi), lo, hi);
   }

@@ -74,4 +74,33 @@ TEST_F(Renewed, NotWhatIsInTheModelAlready) {
   EXPECT_EQ(std::count(changed.begin(), changed.end(), "current_gain"), 0);
 }
 
+// An hour of the drive's clock is not an hour of warming.
+TEST(Candidates, DriftWithTheRecordNotWithItsClock) {
+  RawLog raw = simulate_synthetic({.duration_s = 2});
+  for (double& t : raw.t) t += 3600;
+  const FittedDrive drive(std::move(raw), {});
+  std::size_t drifting = 0;
+  for (const Candidate& c : make_candidates(drive.chain())) {
+    if (c.effect->kind() != "resistance") continue;
+    EXPECT_NEAR(get_key(*c.effect, "start_s"), 3600, 0.001);
+    drifting += get_key(*c.effect, "time_constant_s") > 0;
+  }
+  EXPECT_EQ(drifting, 5u);
+}
+
+// The sixth harmonic of the electrical turn and its double, whatever the number of pole pairs.
+TEST(Candidates, HoldTheSixthHarmonicOfTheFlux) {
+  for (int n_p = 1; n_p <= 12; ++n_p) {
+    DriveFacts facts = servo().facts();
+    facts.machine.n_p = n_p;
+    const auto effect = make_effect("flux_harmonics");
+    effect->prepare(facts);
+    for (const TracedKey& key : effect->traced_keys()) {
+      if (std::string_view(key.key) != "order") continue;
+      EXPECT_EQ(std::count(key.grid.begin(), key.grid.end(), 6.0 * n_p), 1) << n_p;
+      EXPECT_EQ(std::count(key.grid.begin(), key.grid.end(), 12.0 * n_p), 1) << n_p;
+    }
+  }
+}
+
 }  // namespace twinrate::dictionary_test

@@ -1,0 +1,93 @@
+// Several rows as one: what the equations say of a record stays what it was.
+#include "trace/thinning.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/equations.hpp"
+
+namespace twinrate::thinning_test {
+
+// The declared machine at 2000 rad/s electrical and speeding up, without noise, rows T_s apart. The
+// voltage is that of the declared equations, row by row.
+Record fast_record(double T_s, std::size_t rows) {
+  const MachineParameters& m = servo().machine;
+  Record r;
+  r.T_s = T_s;
+  std::vector<Vec2> psi;
+  for (std::size_t k = 0; k <= rows; ++k) {
+    const double t = static_cast<double>(k) * T_s;
+    const double theta_m = (2000.0 / m.n_p) * t + 0.5 * 400 * t * t;
+    const Vec2 i_dq(0.5 * std::sin(40 * t), 2 + std::sin(90 * t));
+    r.t.push_back(t);
+    r.theta_m.push_back(theta_m);
+    r.i_alphabeta.push_back(inverse_park(i_dq, m.n_p * theta_m));
+    psi.push_back(inverse_park({m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]}, m.n_p * theta_m));
+  }
+  for (std::size_t k = 0; k < rows; ++k)
+    r.u_alphabeta.push_back((psi[k + 1] - psi[k]) / T_s +
+                            0.5 * m.R_s * (r.i_alphabeta[k] + r.i_alphabeta[k + 1]));
+  r.t.pop_back();
+  r.theta_m.pop_back();
+  r.i_alphabeta.pop_back();
+  r.v_dc.assign(rows, 235.4);
+  r.T_load.assign(rows, 0.7);
+  r.electrical_ok.assign(rows, 1);
+  r.motion_ok.assign(rows, 1);
+  return r;
+}
+
+TEST(Thinning, TheVoltageEquationHoldsAsBefore) {
+  const Record whole = fast_record(5e-5, 8000);
+  for (const std::size_t rows : {2u, 4u}) {
+    const Record thin = thinned(whole, rows, servo().machine.n_p);
+    EXPECT_DOUBLE_EQ(thin.T_s, static_cast<double>(rows) * whole.T_s);
+    const Equations equations(thin, servo().facts());
+    const Channels left = equations.residual({});
+    double most = 0;
+    for (std::size_t k = 20; k + 20 < thin.size(); ++k)
+      most = std::max({most, std::abs(left.d[k]), std::abs(left.q[k])});
+    // R_s i as the mean of both ends is off by (omega_e T_s)^2/12 of 3 V. Without the turn 1.3 V and
+    // more of the 507 V of the magnets would be left.
+    EXPECT_LT(most, 0.02 * static_cast<double>(rows)) << rows;
+    EXPECT_NEAR(thin.T_load[100], 0.7, 1e-12);
+    EXPECT_NEAR(thin.v_dc[100], 235.4, 1e-9);
+  }
+}
+
+TEST(Thinning, ARowIsTheMeanOfThoseAroundIt) {
+  const Record whole = fast_record(1e-4, 1000);
+  const Record thin = thinned(whole, 2, servo().machine.n_p);
+  const std::size_t K = 100, k = 2 * K + 1;
+  EXPECT_EQ(thin.t[K], whole.t[k]);
+  EXPECT_NEAR(thin.theta_m[K],
+              0.25 * whole.theta_m[k - 1] + 0.5 * whole.theta_m[k] + 0.25 * whole.theta_m[k + 1],
+              1e-12);
+  EXPECT_EQ(thin.rows_each, 2);
+  EXPECT_EQ(thinned(whole, 1, 3).size(), whole.size());
+}
+
+TEST(Thinning, ARowThatCannotBeUsedSpoilsThoseItIsIn) {
+  Record whole = fast_record(1e-4, 1000);
+  whole.motion_ok[200] = 0;      // between rows 99 and 100
+  whole.electrical_ok[601] = 0;  // row 300; and, as a voltage, of the one before
+  const Record thin = thinned(whole, 2, servo().machine.n_p);
+  for (std::size_t K = 0; K < thin.size(); ++K) {
+    EXPECT_EQ(thin.motion_ok[K] != 0, K != 99 && K != 100) << K;
+    EXPECT_EQ(thin.electrical_ok[K] != 0, K != 299 && K != 300) << K;
+  }
+  std::vector<char> held(1000, 0);
+  held[601] = 1;
+  EXPECT_EQ(thinned(held, 2)[300], 1);
+  EXPECT_EQ(thinned(held, 2).size(), thin.size());
+}
+
+TEST(Thinning, NoSlowerThan5kHz) {
+  EXPECT_EQ(rows_as_one(1e-4), 2u);
+  EXPECT_EQ(rows_as_one(1.0 / 8000), 1u);
+  EXPECT_EQ(rows_as_one(2e-4), 1u);
+  EXPECT_EQ(rows_as_one(5e-5), 4u);
+  EXPECT_EQ(rows_as_one(1.0 / 15000), 3u);
+}
+
+}  // namespace twinrate::thinning_test
