@@ -9,6 +9,7 @@
 #include "core/toml_reader.hpp"
 #include "model/effects/delayed.hpp"
 #include "model/effects/flux_map.hpp"
+#include "model/effects/losses.hpp"
 #include "model/random.hpp"
 
 namespace twinrate {
@@ -72,6 +73,13 @@ void check_flux(const Config::Impl& file, const DriveConfig& drive) {
   }
 }
 
+// What is declared too large may be less by an effect below zero, but no loss be a gain.
+void check_losses(const Config::Impl& file, const DriveConfig& drive) {
+  for (const Effects& effects : {drive.plant_effects(), drive.model_effects()})
+    if (const std::string what = negative_loss(effects, drive.machine); !what.empty())
+      file.fail("effect", what);
+}
+
 // A drive has one shaft, and a signal passes one filter: the sum of two would be neither.
 void check_effects(const Config::Impl& file, const Effects& effects) {
   int shafts = 0;
@@ -94,6 +102,7 @@ void check_effects(const Config::Impl& file, const Effects& effects) {
 
 void check_across(const Config::Impl& file, DriveConfig& drive) {
   check_flux(file, drive);
+  check_losses(file, drive);
   RateParameters& rates = drive.rates;
   if (rates.f_b_Hz > 0) {
     const double ratio = rates.f_s_Hz / rates.f_b_Hz;

@@ -37,9 +37,13 @@ bool has_gap(const Effect& effect) {
   return effect.describe_shaft(shaft) && shaft.gap > 0;
 }
 
-bool is_of_shaft(const Effect& effect) {
+bool is_shaft(const Effect& effect) {
   ShaftFacts shaft;
-  return effect.behind_shaft() || effect.describe_shaft(shaft);
+  return effect.describe_shaft(shaft);
+}
+
+bool is_of_shaft(const Effect& effect) {
+  return effect.behind_shaft() || is_shaft(effect);
 }
 
 bool turns_with_angle(const Effect& effect) {
@@ -210,7 +214,7 @@ Sampled Chain::whole_residual(const Effects& effects) const {
     if (!has_gap(*effect)) smooth.push_back(effect);
   Sampled s = sampled(equations_.residual(smooth, Equations::Undone::kKept),
                       readings_.residual(smooth), answered_.residual(smooth));
-  if (std::any_of(effects.begin(), effects.end(), [](const auto& e) { return is_of_shaft(*e); }))
+  if (std::any_of(effects.begin(), effects.end(), [](const auto& e) { return is_shaft(*e); }))
     s.answer_torque = {};
   if (smooth.size() == effects.size()) return s;
   const Sampled all = noiseless(effects);

@@ -32,7 +32,8 @@ void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an emp
 
 // Impacts come at other moments where there is more noise: the difference is no noise.
 bool has_gap(const Effect& effect);
-// A shaft, or a load behind it.
+bool is_shaft(const Effect& effect);
+// A shaft, or what is a load behind it where there is one.
 bool is_of_shaft(const Effect& effect);
 
 // Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "model/effects/losses.hpp"
 #include "trace/along.hpp"
 #include "trace/keys.hpp"
 #include "trace/signals.hpp"
@@ -226,6 +227,13 @@ Record Equations::without_errors(const Effects& effects) const {
   record.i_alphabeta = std::move(undone.i_alphabeta);
   record.theta_m = std::move(undone.theta_m);
   return record;
+}
+
+bool Equations::possible(const Effect& effect) const {
+  Effects all = known_;
+  all.push_back(effect.clone());
+  return within_ranges(effect) && effect.clone()->prepare(facts_).empty() &&
+         negative_loss(all, facts_.machine).empty();
 }
 
 Channels Equations::empty(int acts_on) const {

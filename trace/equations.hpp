@@ -44,6 +44,8 @@ class Equations {
   Channels contribution(const Effect& effect) const;
   // The record as it was before the sensors' errors among `effects`.
   Record without_errors(const Effects& effects) const;
+  // Its numbers within their ranges, and, beside what is known, a drive that there may be.
+  bool possible(const Effect& effect) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
   const Record& record() const { return record_; }
   const Effects& known() const { return known_; }

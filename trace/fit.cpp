@@ -153,7 +153,7 @@ void Fitter::linearise(Fit& fit) const {
     // acts on the command, on what does so before; what a shaft does, on the load behind it.
     const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
-                      (senses_angle && (turns_with_angle(effect) || is_of_shaft(effect))) ||
+                      (senses_angle && (turns_with_angle(effect) || is_shaft(effect))) ||
                       (commands && acts_on_command(effect)) || (loaded && is_of_shaft(effect));
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
@@ -319,7 +319,7 @@ Fit Fitter::refine(Members members, Until until) const {
     }
     if (!better) break;
   }
-  for (const auto& m : fit.members) fit.valid = fit.valid && within_ranges(*m);
+  for (const auto& m : fit.members) fit.valid = fit.valid && chain_.equations().possible(*m);
   return fit;
 }
 

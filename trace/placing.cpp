@@ -59,7 +59,7 @@ std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const
     Eigen::VectorXd c;
     const double explained = explained_everywhere(fitter, now, columns, c);
     there->set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
-    if (!(explained > most) || !within_ranges(*there)) return;
+    if (!(explained > most) || !fitter.chain().equations().possible(*there)) return;
     most = explained;
     best = there;
   };

@@ -118,7 +118,8 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     } else if (x[P] < 0.1 || x[P] > 8) {
       continue;  // far from this point of the grid
     }
-    score.valid = within_ranges(*score.effect) && score.effect->materiality(facts) >= 0.5;
+    score.valid = score.effect->materiality(facts) >= 0.5 &&
+                  fitter.chain().equations().possible(*score.effect);
     const auto k = static_cast<double>(parameters_of(*candidate.effect));
     score.gain = N * std::log(fit.rss / rss) - k * std::log(N) - fitter.margin();
   }

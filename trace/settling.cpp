@@ -23,7 +23,8 @@ class Settler {
     settle_forms();
     forget_time_constants();
     forget_first_moment();
-    fit_ = fitter_.refine(fit_.members, Fitter::Until::kArrived);
+    if (Fit arrived = fitter_.refine(fit_.members, Fitter::Until::kArrived); arrived.valid)
+      fit_ = std::move(arrived);
     follow_impacts();
     drop_immaterial();
     drop_uncertain();
@@ -58,10 +59,10 @@ class Settler {
       if (!has(sort)) members = with(members, make_effect(sort));
     // Where it is not there, a sort of friction is found on either side of zero.
     members = fitter_.refine(members, Fitter::Until::kArrived).members;
-    const DriveFacts& facts = fitter_.chain().equations().facts();
+    const Equations& equations = fitter_.chain().equations();
     std::erase_if(members, [&](const auto& m) {
       return std::count(std::begin(kSorts), std::end(kSorts), m->kind()) &&
-             (!within_ranges(*m) || m->materiality(facts) < 1);
+             (!equations.possible(*m) || m->materiality(equations.facts()) < 1);
     });
     Fit composed = without_superfluous(fitter_, fitter_.refine(members), {});
     if (!composed.valid ||
@@ -244,8 +245,13 @@ class Settler {
         ++m;
         continue;
       }
+      Fit without = fitter_.refine(with(fit_.members, nullptr, m), Fitter::Until::kArrived);
+      if (!without.valid) {
+        ++m;
+        continue;
+      }
       if (say_) say_(fmt::format("  without {}: too small", fit_.members[m]->kind()));
-      fit_ = fitter_.refine(with(fit_.members, nullptr, m), Fitter::Until::kArrived);
+      fit_ = std::move(without);
       changed_ = true;
       m = 0;
     }
@@ -271,7 +277,7 @@ class Settler {
       }
       if (least == kNobody) return;
       Fit without = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
-      if (without.rss_held_out > kNeeded * fit.rss_held_out) {
+      if (!without.valid || without.rss_held_out > kNeeded * fit.rss_held_out) {
         needed.push_back(fit.members[least]->kind());
         continue;
       }

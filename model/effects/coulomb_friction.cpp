@@ -17,7 +17,7 @@ class CoulombFriction final : public Effect {
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
   void fields(FieldVisitor& f) override {
-    f.number("torque_Nm", T_C_, 0, 1e4, "friction torque", Presence::kRequired);
+    f.number("torque_Nm", T_C_, -1e4, 1e4, "friction torque", Presence::kRequired);
     f.number("smooth_rad_s", omega_smooth_, 1e-6, 1e3, "speed scale of the sign's smoothing");
   }
   std::shared_ptr<Effect> clone() const override {
@@ -26,6 +26,7 @@ class CoulombFriction final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = T_C_ * smooth_sign(point.omega_m, omega_smooth_)};
   }
+  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = smooth_sign(point.omega_m, omega_smooth_)};

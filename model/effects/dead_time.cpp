@@ -25,7 +25,7 @@ class DeadTime final : public Effect {
     return {"i_a", "i_b", "u_d", "u_q", "theta_m"};
   }
   void fields(FieldVisitor& f) override {
-    f.number("dead_time_s", t_d_, 0, 1e-4, "from switch off to switch on", Presence::kRequired);
+    f.number("dead_time_s", t_d_, -1e-4, 1e-4, "from switch off to switch on", Presence::kRequired);
     f.number("linear_current_A", i_linear_, 1e-6, 1e3, "current below which the loss shrinks");
     choice(f, "shape", shape_, kCurrentShapeNames, "how the loss grows with the current");
   }
@@ -41,6 +41,7 @@ class DeadTime final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.u_dq_drop = t_d_ * drop_a_second(point)};
   }
+  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.u_dq_drop = drop_a_second(point)};

@@ -157,6 +157,9 @@ class Effect {
   // True where its torque acts behind the shaft, where there is one, as the declared load does.
   virtual bool behind_shaft() const { return false; }
 
+  // True where its first coefficient is the size of a loss (losses.hpp).
+  virtual bool is_loss() const { return false; }
+
   // What it adds to i_around.
   virtual Vec2 current_around(const OperatingPoint&) const { return Vec2::Zero(); }
 

@@ -25,7 +25,7 @@ class InverterDrop final : public Effect {
     return {"i_a", "i_b", "u_d", "u_q", "theta_m"};
   }
   void fields(FieldVisitor& f) override {
-    f.number("threshold_V", V_0_, 0, 100, "forward voltage of a switch", Presence::kRequired);
+    f.number("threshold_V", V_0_, -100, 100, "forward voltage of a switch", Presence::kRequired);
     f.number("resistance_Ohm", R_on_, 0, 100, "slope of the forward voltage");
     f.number("linear_current_A", i_linear_, 1e-6, 1e3,
              "current below which the forward voltage shrinks");
@@ -36,6 +36,7 @@ class InverterDrop final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_terminal()};
   }
+  bool is_loss() const override { return true; }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.u_dq_drop = signs(point)};

@@ -21,7 +21,7 @@ class StribeckFriction final : public Effect {
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
   void fields(FieldVisitor& f) override {
-    f.number("torque_Nm", T_S_, 0, 1e4, "excess over Coulomb friction at standstill",
+    f.number("torque_Nm", T_S_, -1e4, 1e4, "excess over Coulomb friction at standstill",
              Presence::kRequired);
     f.number("speed_rad_s", omega_S_, 1e-4, 1e4, "speed at which 1/e of it is left",
              Presence::kRequired);
@@ -34,6 +34,7 @@ class StribeckFriction final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = T_S_ * shape(point.omega_m)};
   }
+  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = shape(point.omega_m)};

@@ -16,7 +16,7 @@ class ViscousFriction final : public Effect {
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
   void fields(FieldVisitor& f) override {
-    f.number("coefficient_Nms", b_, 0, 1e3, "torque at 1 rad/s", Presence::kRequired);
+    f.number("coefficient_Nms", b_, -1e3, 1e3, "torque at 1 rad/s", Presence::kRequired);
   }
   std::shared_ptr<Effect> clone() const override {
     return std::make_shared<ViscousFriction>(*this);
@@ -24,6 +24,7 @@ class ViscousFriction final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = b_ * point.omega_m};
   }
+  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = point.omega_m};

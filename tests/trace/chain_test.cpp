@@ -58,11 +58,11 @@ TEST(Statistics, ChiSquareTailAgainstTables) {
 }
 
 TEST(Keys, AreReadAndSetInsideTheirRange) {
-  const auto effect = make_effect("coulomb_friction");
-  EXPECT_TRUE(set_key(*effect, "torque_Nm", 0.2));
-  EXPECT_EQ(get_key(*effect, "torque_Nm"), 0.2);
-  EXPECT_FALSE(set_key(*effect, "torque_Nm", -1));
-  EXPECT_EQ(get_key(*effect, "torque_Nm"), 0);
+  const auto effect = make_effect("cogging");
+  EXPECT_TRUE(set_key(*effect, "amplitude_Nm", 0.2));
+  EXPECT_EQ(get_key(*effect, "amplitude_Nm"), 0.2);
+  EXPECT_FALSE(set_key(*effect, "amplitude_Nm", -1));
+  EXPECT_EQ(get_key(*effect, "amplitude_Nm"), 0);
   EXPECT_THROW(set_key(*effect, "no_such_key", 1), std::logic_error);
 }
 

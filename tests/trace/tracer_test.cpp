@@ -223,6 +223,40 @@ TEST(Tracer, FindsTheGapOfAStiffContact) {
   EXPECT_NEAR(parameter(r, "backlash", "stiffness").value, load.K, 0.2 * load.K);
 }
 
+// Where a log ends and another begins no load rings.
+TEST(Tracer, FindsAShaftInTwoLogs) {
+  const auto log = [](std::uint64_t seed) {
+    LooseLoad load{.J = 2.5e-3, .K = 60, .D = 0.006, .gap = 0};
+    SyntheticDrive drive{.J = 8.8e-3 - load.J, .duration_s = 4, .seed = seed};
+    drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
+    Health health;
+    return make_record(simulate_synthetic(drive), 3, health);
+  };
+  Record both = log(1);
+  Record second = log(2);
+  for (double& theta_m : second.theta_m) theta_m += 3 * kTwoPi;
+  both.append(second);
+  const TraceResult r = trace_record(both, servo(), {}, {});
+  ASSERT_EQ(kinds(r), (Names{"torsion"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 60, 5);
+}
+
+TEST(Tracer, TakesBackWhatWasDeclaredTooLarge) {
+  SyntheticDrive drive;
+  drive.extra_load = [](double, double, double omega) { return 0.06 * std::tanh(omega / 0.02); };
+  Health health;
+  const Record record = make_record(simulate_synthetic(drive), 3, health);
+  DriveConfig declared = servo();
+  declared.machine.B = 0.008;
+  const auto friction = make_effect("coulomb_friction");
+  set_key(*friction, "torque_Nm", 0.15);
+  declared.effects.push_back({friction, UsedIn::kModel, 0});
+  const TraceResult r = trace_record(record, declared, health, {});
+  ASSERT_EQ(kinds(r), (Names{"coulomb_friction", "viscous_friction"})) << r.sentence;
+  EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, -0.09, 0.002);
+  EXPECT_NEAR(parameter(r, "viscous_friction", "coefficient").value, -0.005, 1e-4);
+}
+
 // With the inertia that is declared no gap fits.
 TEST(Tracer, FindsAGapBesideAWrongInertia) {
   LooseLoad load;
