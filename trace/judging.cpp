@@ -33,6 +33,7 @@ class Judge {
     selection_.fit = std::move(settled.fit);
     if (settled.changed) looks_.clear();
     judge_members();
+    while (drop_unproven()) judge_members();
     for (const Score& s : ranked(fitter_, candidates_, selection_.fit)) {
       if (selection_.refused.size() == kMostTried) break;
       selection_.refused.push_back({std::string(s.effect->kind()), s.gain, 0,
@@ -112,6 +113,22 @@ class Judge {
       }
     }
     return false;
+  }
+
+  // The one without which the blocks held out are met best, if they are met better.
+  bool drop_unproven() {
+    const auto worst = std::min_element(
+        selection_.members.begin(), selection_.members.end(),
+        [](const Selected& a, const Selected& b) { return a.held_out_gain < b.held_out_gain; });
+    if (worst == selection_.members.end() || worst->held_out_gain >= 0 || !worst->without.valid)
+      return false;
+    const auto m = static_cast<std::size_t>(worst - selection_.members.begin());
+    if (say_)
+      say_(fmt::format("  {} goes: held-out error -{:.2g} % without",
+                       selection_.fit.members[m]->kind(), -100 * worst->held_out_gain));
+    selection_.fit = Fit(worst->without);
+    looks_.clear();
+    return true;
   }
 
   void judge_members() {
