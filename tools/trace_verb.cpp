@@ -42,8 +42,8 @@ std::optional<double> fraction(const std::string& text) {
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size()) return {};
-  if (!(value > 0 && value < 0.9))
-    throw BadInput(fmt::format("--holdout {}: a share between 0 and 0.9, or files", text));
+  if (!(value > 0 && value <= 0.5))
+    throw BadInput(fmt::format("--holdout {}: a share of 0.5 or less, or files", text));
   return value;
 }
 

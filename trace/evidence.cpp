@@ -36,8 +36,9 @@ Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
 }
 
 // What sampling leaves of a parameter however long the record: means over an interval stand for
-// what happens in it. A moment lies between two rows, and so does the one that was found. A gap's impacts make the error rough in its keys (and hardly show how they
-// are damped): the descent ends within some per cent of the best.
+// what happens in it. A moment lies between two rows, and so does the one that was found. A gap's
+// impacts make the error rough in its keys (and hardly show how they are damped): the descent ends
+// within some per cent of the best.
 double accuracy(const Effect& effect, const NumericKey& key, double T_s) {
   constexpr double kSampled = 3e-4, kRough = 0.025, kRoughDamping = 0.1;
   if (key.key == "time_s") return T_s / std::sqrt(6.0);
@@ -99,8 +100,8 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   const double N = static_cast<double>(rows.count(fit.y));
   const Effect& effect = *fit.members[m];
   TracedEffect e{.effect = fit.members[m], .equation = equation_of(effect)};
-  e.parameters = traced_parameters(effect, sigmas(fit, covariance(fitter, fit), m,
-                                          fitter.chain().equations().record().T_s));
+  e.parameters = traced_parameters(
+      effect, sigmas(fit, covariance(fitter, fit), m, fitter.chain().equations().record().T_s));
   e.held_out_gain = s.held_out_gain;
   e.delta_bic = -s.score_gain;
   const double k = std::max(1, effect.regressor_count());

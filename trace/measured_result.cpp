@@ -102,11 +102,13 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
   const bool found = !s.steps.empty();
   r.interrupted = s.interrupted;
   r.health.push_back(fmt::format("{} points; held out: {}", set.size(), trace.held_out_rule));
-  // Constants are effects where they are off by more than matters, or where a law stands on them.
+  // Constants are effects where they are off by more than matters; where a law stands on them, also
+  // by less, but not by next to nothing.
+  const double least = found ? 0.1 : 1;
   for (std::size_t i = 0; i < s.after.terms.size(); ++i) {
     TracedEffect e = traced_effect(trace, i, r.interrupted);
     const bool constant = s.before.find(e.effect->kind()) != nullptr;
-    if (found || !constant || e.materiality > 1) r.effects.push_back(std::move(e));
+    if (!constant || e.materiality > least) r.effects.push_back(std::move(e));
   }
   const bool map = kind == StaticKind::kFluxMap;
   const Eigen::Index channel = map ? 1 : 0;

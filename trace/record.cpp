@@ -35,8 +35,7 @@ void Record::append(const Record& other) {
   if (current_sensors != other.current_sensors)
     throw std::runtime_error(other.source + ": " + std::to_string(other.current_sensors) +
                              " currents measured, in " + source + " " +
-                             std::to_string(current_sensors) +
-                             "; all logs need the same signals");
+                             std::to_string(current_sensors) + "; all logs need the same signals");
   if (std::abs(other.T_s / T_s - 1) > 0.01)
     throw std::runtime_error(other.source + ": sampled every " + std::to_string(other.T_s) +
                              " s, " + source + " every " + std::to_string(T_s) +

@@ -70,6 +70,17 @@ TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   EXPECT_NEAR(logs.record.T_load[1000], raw_.T_load[1000], 1e-9) << "a torque sensor is a load";
 }
 
+// Bursts of 900 rows, 0.2 s apart, too many for the memory: shorter blocks, none across a gap.
+TEST_F(DriveLogsTest, ALongLogInShortBurstsIsTracedInShorterBlocks) {
+  for (std::size_t k = 0; k < raw_.size(); ++k) raw_.t[k] += 0.2 * static_cast<double>(k / 900);
+  const DriveLogs logs = read({.data = {write("bursts.csv", as_it_is)}}, kAllowed);
+  ASSERT_GT(logs.record.size(), 3000u);
+  std::size_t apart = 0;
+  for (std::size_t k = 1; k < logs.record.size(); ++k)
+    apart += logs.record.t[k] - logs.record.t[k - 1] > 0.1;
+  EXPECT_GT(apart, 5u);
+}
+
 // The synthetic drive with duties in place of its voltage, v_dc beside them or not.
 std::string duty_log(const RawLog& raw, double v_dc_nominal, bool with_v_dc) {
   std::string text = "t,i_a,i_b,i_c,theta_m,duty_a,duty_b,duty_c";

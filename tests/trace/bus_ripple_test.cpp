@@ -225,7 +225,12 @@ TEST(BusRipple, OfTwoFilesHasAPhaseInEach) {
         3);
   };
   Record both = file(0.2, 17);
-  both.append(file(0.2 + 2.5, 18));
+  Record second = file(0, 18);
+  both.append(second);
+  // Far from where the first one's clock would have it.
+  const double begin = both.t[both.size() - second.size()];
+  both = file(0.2, 17);
+  both.append(file(0.2 + kTwoPi * 299.6 * begin + 2.5, 18));
   const BusRipple found = ripple_in(both);
   ASSERT_EQ(found.effects.size(), 1u);
   EXPECT_NEAR(ripple_key(found.effects[0], "amplitude_V"), 6, 0.05);
