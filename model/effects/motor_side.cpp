@@ -173,6 +173,18 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
   }
 }
 
+std::vector<ShaftState> MotorSide::load_mass(const ShaftFacts& shaft) const {
+  std::vector<ShaftState> states(rows());
+  LoadMass load(shaft, T_s_, {});
+  auto start = starts_.begin();
+  for (std::size_t k = 0; k < rows(); ++k) {
+    if (start != starts_.end() && start->row == k) load.set_state(at_rest(shaft, *start++));
+    states[k] = load.state();
+    load.advance(rows_[k].begin, rows_[k].omega_rate, rows_[k].held);
+  }
+  return states;
+}
+
 // Two groups of four do not wait for each other.
 inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* shafts,
                                                             double* const* T_load) const {

@@ -26,6 +26,8 @@ class MotorSide {
   void along(const ShaftFacts& shaft, std::span<double> T_load) const;
   // The same of several at once, a vector of rows() numbers each: bit for bit what along() gives.
   void along(std::span<const ShaftFacts> shafts, std::span<std::vector<double>> T_load) const;
+  // The load mass itself at each row; of a shaft with one.
+  std::vector<ShaftState> load_mass(const ShaftFacts& shaft) const;
 
  private:
   void four(const ShaftFacts* shafts, double* const* T_load) const;

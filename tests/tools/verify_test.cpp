@@ -1,6 +1,7 @@
 // Error before and after, on logs made by a plant whose effects are known here.
 #include "tools/trace/verify.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -22,9 +23,10 @@ const test::Overrides kShort = {"controller.kind=foc",
                                 "run.duration_s=1.6",
                                 "run.settle_s=0.4"};
 
-Config drive_with(const std::string& effects) {
+Config drive_with(const std::string& effects, int current_sensors = 3) {
   test::Overrides overrides = kShort;
   overrides.push_back("effect=[" + effects + "]");
+  overrides.push_back("sensors.current_sensors=" + std::to_string(current_sensors));
   Config config = load_drive("niewiara2020", overrides);
   return config;
 }
@@ -34,8 +36,8 @@ const std::string kCogging =
 const std::string kDeadTime = "{kind=\"dead_time\", dead_time_s=3e-6, used_in=\"both\"}";
 
 // What the plant of a drive logs; every row is held out.
-VerifyLog log_of(const std::string& effects) {
-  Config config = drive_with(effects);
+VerifyLog log_of(const std::string& effects, int current_sensors = 3) {
+  Config config = drive_with(effects, current_sensors);
   ClosedLoop loop(config);
   VerifyLog log;
   std::deque<MeasuredRow> rows;
@@ -77,6 +79,70 @@ TEST(Verify, AModelThatLacksNothingGainsNothing) {
   EXPECT_EQ(e.i_d.before, e.i_d.after);
   EXPECT_EQ(e.omega_m.before, e.omega_m.after);
   EXPECT_LT(e.omega_m.after, 0.1);
+}
+
+TEST(Verify, AShaftIsInTheSpeedOfOneStepWhereTheLoadIsFollowedUpToIt) {
+  // 28 Hz, damped by 4 %: the load swings on long after each change of speed.
+  const std::string torsion =
+      "{kind=\"torsion\", J_load_kgm2=2.8e-3, stiffness_Nm_rad=60, damping_Nms_rad=0.03, "
+      "used_in=\"both\"}";
+  const Config declared = drive_with(""), extended = drive_with(torsion);
+  const ModelError e = model_error({log_of(torsion)}, declared.drive(), extended.drive(), 0, 5e-3);
+  EXPECT_LT(e.omega_m.after, 0.5 * e.omega_m.before);
+  EXPECT_GT(e.omega_m.after, 0);
+}
+
+std::string late_by(const char* signal, const char* form, double lag_s) {
+  return fmt::format(
+      "{{kind=\"signal_lag\", signal=\"{}\", form=\"{}\", lag_s={}, used_in=\"both\"}}", signal,
+      form, lag_s);
+}
+
+TEST(Verify, AVoltageThatActsLateIsInTheCurrents) {
+  for (const char* form : {"delay", "first_order"}) {
+    const std::string late = late_by("voltage", form, 250e-6);
+    const Config declared = drive_with(""), extended = drive_with(late);
+    const VerifyLog log = log_of(late);
+    const ModelError step = model_error({log}, declared.drive(), extended.drive(), 0, 5e-3);
+    const ModelError run = model_error({log}, declared.drive(), extended.drive(), 0.2, 5e-3);
+    EXPECT_LT(step.i_d.after, 0.99 * step.i_d.before) << form;
+    EXPECT_LT(run.i_d.after, 0.5 * run.i_d.before) << form;
+    EXPECT_GT(run.i_d.after, 0.003) << form;
+  }
+}
+
+TEST(Verify, ALateReadingIsCarriedOnAsLate) {
+  for (const char* signal : {"current", "angle"})
+    for (const double lag_s : {50e-6, 830e-6}) {
+      const std::string late = late_by(signal, "delay", lag_s);
+      const Config declared = drive_with(""), extended = drive_with(late);
+      const VerifyLog log = log_of(late);
+      const ModelError step = model_error({log}, declared.drive(), extended.drive(), 0, 5e-3);
+      const ModelError run = model_error({log}, declared.drive(), extended.drive(), 0.2, 5e-3);
+      for (const ModelError& e : {step, run}) {
+        EXPECT_LT(e.i_d.after, 1.02 * e.i_d.before) << signal << lag_s;
+        EXPECT_LT(e.i_q.after, 1.02 * e.i_q.before) << signal << lag_s;
+      }
+      if (lag_s > 1e-4) {
+        EXPECT_LT(run.i_d.after, 0.7 * run.i_d.before) << signal << lag_s;
+      }
+    }
+}
+
+TEST(Verify, WithTwoSensorsTheOffsetOfTheThirdCurrentIsThatOfTheOthers) {
+  const std::string offset =
+      "{kind=\"current_offset\", offset_a_A=0.18, offset_b_A=-0.03, used_in=\"both\"}";
+  const VerifyLog log = log_of(offset, 2);
+  ASSERT_EQ(log.record.current_sensors, 2);
+  for (const int in_the_drive_file : {2, 3}) {
+    const Config declared = drive_with("", in_the_drive_file),
+                 extended = drive_with(offset, in_the_drive_file);
+    const ModelError step = model_error({log}, declared.drive(), extended.drive(), 0, 5e-3);
+    const ModelError run = model_error({log}, declared.drive(), extended.drive(), 0.2, 5e-3);
+    EXPECT_LT(step.i_d.after, 1.02 * step.i_d.before);
+    EXPECT_LT(run.i_d.after, 0.2 * run.i_d.before);
+    EXPECT_LT(run.i_q.after, 0.2 * run.i_q.before);
+  }
 }
 
 TEST(Verify, RowsThatTrainAreNotLookedAt) {

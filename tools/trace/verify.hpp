@@ -3,14 +3,16 @@
 //
 //   one step     states of the log carried on by the plant model under the logged voltage and load:
 //                currents over one sample, speed over 5 ms
-//   free run     the same over windows of 0.2 s, from the logged state at their beginning
+//   free run     the same over windows of 0.2 s, from the logged state at their beginning; a load
+//                behind a shaft starts as it was followed up to there
+//                (tools/trace/followed_log.hpp)
 //   estimator    the log replayed through the estimator: innovations, angle where it is measured
 //   closed loop  simulated on the extended plant: angle error, speed ripple, load estimate, of a
 //                drive at constant speed and load whose estimator and controller know the declared
 //                model, and the extended one
 //
-// Errors of readings, rms. Model readings hold the sensing effects that the model knows; late,
-// clipped or missing samples are not simulated.
+// Errors of readings, rms. Model readings hold the sensing effects that the model knows, late
+// signals among them; clipped or missing samples are not simulated.
 #pragma once
 #include <functional>
 #include <optional>

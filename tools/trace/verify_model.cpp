@@ -1,33 +1,21 @@
 // The plant model against a log: one step and free run.
+#include <algorithm>
 #include <cmath>
 #include <memory>
+#include <utility>
 
-#include "model/effects/undo.hpp"
+#include "core/process.hpp"
+#include "model/effects/lag.hpp"
 #include "plant_sim/integrator.hpp"
+#include "tools/percent_line.hpp"
+#include "tools/trace/followed_log.hpp"
 #include "tools/trace/rms.hpp"
 #include "tools/trace/verify.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr int kSlope = 10;                  // half-width of a speed's slope fit, rows
 constexpr std::size_t kOneStepStride = 23;  // rows between the starts of one-step runs
-
-double slope(const std::vector<double>& x, std::size_t k, double T_s) {
-  const auto h = static_cast<std::ptrdiff_t>(std::min<std::size_t>({kSlope, k, x.size() - 1 - k}));
-  double sum = 0, weight = 0;
-  for (std::ptrdiff_t j = 1; j <= h; ++j) {
-    const auto row = static_cast<std::ptrdiff_t>(k);
-    sum += static_cast<double>(j) *
-           (x[static_cast<std::size_t>(row + j)] - x[static_cast<std::size_t>(row - j)]);
-    weight += static_cast<double>(2 * j * j);
-  }
-  return weight > 0 ? sum / (weight * T_s) : 0;
-}
-
-double at_or(const std::vector<double>& column, std::size_t k, double otherwise) {
-  return column.empty() ? otherwise : column[k];
-}
 
 // What the sensors of one model read, row by row, along a run of the model.
 struct Readings {
@@ -35,71 +23,97 @@ struct Readings {
   std::vector<double> theta_m;
 };
 
+// Currents and angle on their way to where they are read.
+struct LateSignals {
+  LateSignals(const SamplingFacts& late, double T_s)
+      : i_delay(late.delay[SamplingFacts::kCurrent], T_s),
+        i_filter(late.lowpass[SamplingFacts::kCurrent], T_s),
+        theta_delay(late.delay[SamplingFacts::kAngle], T_s),
+        theta_filter(late.lowpass[SamplingFacts::kAngle], T_s) {}
+  Vec2 currents(const Vec2& i_alphabeta) { return i_filter.pass(i_delay.pass(i_alphabeta)); }
+  double angle(double theta_m) { return theta_filter.pass(theta_delay.pass(theta_m)); }
+
+  DelayLine<Vec2> i_delay;
+  LowPass<Vec2> i_filter;
+  DelayLine<double> theta_delay;
+  LowPass<double> theta_filter;
+};
+
 // One model of the drive: what it makes of a stretch of log.
 class FreeRun {
  public:
-  explicit FreeRun(const DriveConfig& drive)
+  FreeRun(const DriveConfig& drive, const Record& record)
       : drive_(drive),
+        record_(record),
+        log_(followed(record, drive)),
+        sensors_(current_sensors(record, drive)),
         model_(drive.machine, drive.model_effects(), drive.inverter.v_dc,
                static_cast<Saliency>(drive.plant.saliency)),
-        undo_(drive.model_effects(), drive.machine.n_p, drive.sensors.current_sensors, drive.T_s()),
-        integrator_(make_integrator(Engine::kErk, model_, drive.plant.erk_steps)) {}
+        integrator_(make_integrator(Engine::kErk, model_, drive.plant.erk_steps)) {
+    for (const auto& effect : drive.model_effects()) effect->describe_sampling(late_);
+  }
 
-  // Rows `first` to first + count.
-  Readings operator()(const Record& record, std::size_t first, std::size_t count) {
-    PlantState x = start(record, first);
-    ShaftState shaft = model_.shaft_at_rest(record.t[first], x[2], at_or(record.T_load, first, 0));
+  // Rows `first` to first + count. It starts with what was read at `first`, where that was true.
+  Readings operator()(std::size_t first, std::size_t count) const {
+    const std::size_t begin = first - std::min(first, log_.rows_late);
+    const Vec2 i_dq = park(log_.i_alphabeta[begin], drive_.machine.n_p * log_.theta_m[begin]);
+    PlantState x(i_dq[0], i_dq[1], log_.omega_m[begin], log_.theta_m[begin]);
+    ShaftState load = model_.has_shaft() ? log_.load_mass[begin] : ShaftState{};
+    LateSignals late = late_before(begin);
     Readings readings;
-    PlantInput input;
-    for (std::size_t n = 0;; ++n) {
-      const std::size_t k = first + n;
-      read(x, input, record.T_s, n == 0, readings);
-      if (n == count) return readings;
-      input = {.t_k = record.t[k],
-               .u_alphabeta = record.u_alphabeta[k],
-               .T_load = at_or(record.T_load, k, 0)};
-      step(x, shaft, input, record.T_s);
+    PlantInput input{.t_k = record_.t[begin]};
+    for (std::size_t k = begin;; ++k) {
+      const auto [i_read, theta_read] = read(x, input, k == begin, late);
+      if (k >= first) readings.i_dq.push_back(i_read), readings.theta_m.push_back(theta_read);
+      if (k == first + count) return readings;
+      input = {.t_k = record_.t[k], .u_alphabeta = log_.u_alphabeta[k], .T_load = log_.T_load[k]};
+      step(x, load, input);
     }
   }
 
  private:
-  PlantState start(const Record& record, std::size_t k) const {
-    Measurement m;
-    m.k = 0;
-    m.t_ns = std::llround(1e9 * record.t[k]);
-    m.signals = kPhaseCurrents | kPosition | kSpeed;
-    m.i_abc = inverse_clarke(record.i_alphabeta[k]);
-    m.theta_m = record.theta_m[k];
-    m.omega_m = slope(record.theta_m, k, record.T_s);
-    m.v_dc = at_or(record.v_dc, k, drive_.inverter.v_dc);
-    const Measurement s = undo_(m);
-    const Vec2 i_dq = park(clarke(s.i_abc), drive_.machine.n_p * s.theta_m);
-    return {i_dq[0], i_dq[1], s.omega_m, s.theta_m};
+  // Filled with the rows before `first`.
+  LateSignals late_before(std::size_t first) const {
+    constexpr double kForgotten = 5;  // time constants
+    double memory = 0;
+    for (const int signal : {SamplingFacts::kCurrent, SamplingFacts::kAngle})
+      memory = std::max(memory, late_.delay[signal] + kForgotten * late_.lowpass[signal]);
+    LateSignals late(late_, record_.T_s);
+    const auto rows = static_cast<std::size_t>(std::ceil(memory / record_.T_s));
+    for (std::size_t k = first - std::min(first, rows); k < first; ++k) {
+      late.currents(log_.i_alphabeta[k]);
+      late.angle(log_.theta_m[k]);
+    }
+    return late;
   }
-  void step(PlantState& x, ShaftState& shaft, const PlantInput& input, double T) {
+  void step(PlantState& x, ShaftState& load, const PlantInput& input) const {
     if (!model_.has_shaft()) {
-      x = integrator_->advance(x, input, T);
+      x = integrator_->advance(x, input, record_.T_s);
       return;
     }
     TwoMassState both;
-    both << x, shaft.delta, shaft.omega_load;
-    both = integrator_->advance_two_masses(both, input, T);
+    both << x, load.delta, load.omega_load;
+    both = integrator_->advance_two_masses(both, input, record_.T_s);
     x = both.head<4>();
-    shaft = {both[4], both[5]};
+    load = {both[4], both[5]};
   }
-  void read(const PlantState& x, const PlantInput& input, double T_s, bool first,
-            Readings& readings) const {
-    const Contribution added = model_.sensing_at(x, input, first ? 0 : T_s);
-    const double theta_m = x[3] + added.theta_m;
+  std::pair<Vec2, double> read(const PlantState& x, const PlantInput& input, bool first,
+                               LateSignals& late) const {
+    const Contribution added = model_.sensing_at(x, input, first ? 0 : record_.T_s);
+    const double theta_m = late.angle(x[3]) + added.theta_m;
+    Vec3 i_added = added.i_abc;
+    if (sensors_ == 2) i_added[2] = -(i_added[0] + i_added[1]);
     const Vec2 i_alphabeta =
-        inverse_park(x.head<2>(), drive_.machine.n_p * x[3]) + clarke(added.i_abc);
-    readings.i_dq.push_back(park(i_alphabeta, drive_.machine.n_p * theta_m));
-    readings.theta_m.push_back(theta_m);
+        late.currents(inverse_park(x.head<2>(), drive_.machine.n_p * x[3])) + clarke(i_added);
+    return {park(i_alphabeta, drive_.machine.n_p * theta_m), theta_m};
   }
 
   const DriveConfig& drive_;
+  const Record& record_;
+  FollowedLog log_;
+  int sensors_;
   DriveModel model_;
-  SensingUndo undo_;
+  SamplingFacts late_;
   std::unique_ptr<Integrator> integrator_;
 };
 
@@ -125,7 +139,7 @@ void compare_window(const VerifyLog& log, std::size_t first, const Readings& r, 
     const Vec2 off = r.i_dq[n] - logged_i_dq(log.record, first + n, n_p);
     errors.i_d.add(off[0]);
     errors.i_q.add(off[1]);
-    if (n < kSlope || n + kSlope >= r.theta_m.size()) continue;
+    if (n < kSlopeRows || n + kSlopeRows >= r.theta_m.size()) continue;
     errors.omega_m.add(slope(r.theta_m, n, log.record.T_s) -
                        slope(log.record.theta_m, first + n, log.record.T_s));
   }
@@ -152,23 +166,24 @@ ModelError model_error(const std::vector<VerifyLog>& logs, const DriveConfig& de
   for (const bool after : {false, true}) {
     const DriveConfig& drive = after ? extended : declared;
     const int n_p = drive.machine.n_p;
-    FreeRun run(drive);
     RunErrors errors;
     result.runs = 0;
     for (const VerifyLog& log : logs) {
       if (!log.record.has_voltage_equation()) continue;
+      const FreeRun run(drive, log.record);
       const double T_s = log.record.T_s;
       const auto horizon = static_cast<std::size_t>(std::lround(speed_horizon_s / T_s));
       const std::size_t count = one_step_only(window_s)
-                                    ? horizon + kSlope
+                                    ? horizon + kSlopeRows
                                     : static_cast<std::size_t>(std::lround(window_s / T_s));
       const std::size_t stride = one_step_only(window_s) ? kOneStepStride : count;
-      for (std::size_t first = kSlope; first + count < log.record.size();) {
+      for (std::size_t first = kSlopeRows; first + count < log.record.size();) {
         if (!usable(log, first, count)) {
-          first += kSlope;
+          first += kSlopeRows;
           continue;
         }
-        const Readings readings = run(log.record, first, count);
+        if (stop_signalled()) throw Stopped{};
+        const Readings readings = run(first, count);
         if (one_step_only(window_s))
           compare_step(log, first, horizon, readings, n_p, errors);
         else
