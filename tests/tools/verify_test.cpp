@@ -145,6 +145,22 @@ TEST(Verify, WithTwoSensorsTheOffsetOfTheThirdCurrentIsThatOfTheOthers) {
   }
 }
 
+TEST(Verify, WhatGetsWorseAndWhatChangesNothingIsSaid) {
+  Verification v;
+  v.speed_horizon_s = 5e-3;
+  v.window_s = 0.2;
+  v.one_step = ModelError{{1, 1.04}, {1, 0.5}, {1, 4.3}};
+  v.free_run = ModelError{{1, 1.0001}, {1, 1}, {0, 0}};
+  const std::vector<std::string> lines = remarks(v);
+  ASSERT_EQ(lines.size(), 2u);
+  EXPECT_EQ(lines[0], "worse with the extended model: one step omega_m over 5 ms x 4.300");
+  EXPECT_EQ(lines[1], "the extended model changes nothing (x 1.000): free run");
+  EXPECT_NE(table(v).find(lines[0]), std::string::npos);
+  EXPECT_EQ(nlohmann::json::parse(to_json(v))["remarks"][1], lines[1]);
+  v.one_step = v.free_run = ModelError{{1, 0.9}, {1, 1.04}, {1, 1}};
+  EXPECT_TRUE(remarks(v).empty());
+}
+
 TEST(Verify, RowsThatTrainAreNotLookedAt) {
   VerifyLog log = log_of("");
   std::fill(log.held_out.begin(), log.held_out.begin() + 12000, 0);

@@ -93,6 +93,7 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
       Estimate e_after = full.play(m);
       if (bus) {
         const std::optional<Estimate> answer = bus->play(m);
+        if (!answer && stop_signalled()) throw Stopped{};
         if (!answer)
           throw std::runtime_error(fmt::format("no ESTIMATE({}) from the extended estimator", m.k));
         result.different += !same_bits(*answer, e_after);

@@ -82,6 +82,8 @@ LoopError closed_loop_error(const Config& declared, const Config& extended, doub
 // Throws Stopped (tools/percent_line.hpp) after Ctrl-C.
 Verification verify(const std::vector<VerifyLog>& logs, const Config& declared,
                     const Config& extended, const VerifySettings& settings);
+// One line each: figures that get plainly worse and by how much; levels at which nothing changes.
+std::vector<std::string> remarks(const Verification& v);
 std::string to_json(const Verification& v);
 std::string table(const Verification& v);
 
