@@ -76,7 +76,10 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
     const auto [place, first] = best.emplace(kind, sigma);
     if (!first) place->second = std::min(place->second, sigma);
   }
-  for (const TracedEffect& e : r.effects) best.erase(std::string(e.effect->kind()));
+  for (const TracedEffect& e : r.effects) {
+    best.erase(std::string(e.effect->kind()));
+    for (const std::string& alias : e.aliases) best.erase(alias);  // it may be what is there
+  }
   for (const auto& [kind, sigma] : best) {
     if (make_effect(kind)->regressor_count() == 0) continue;
     if (kBlind * sigma < 1) {

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 #include <string_view>
 
 #include "trace/keys.hpp"
@@ -11,6 +12,7 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostTried = 3;  // kinds refined in place of a member
+constexpr double kNotRefined = std::numeric_limits<double>::quiet_NaN();
 
 // One kind, and one choice of each of its words: a filter is not a delay.
 bool same_form(const Effect& a, const Effect& b) {
@@ -36,7 +38,7 @@ class Judge {
     while (drop_unproven()) judge_members();
     for (const Score& s : ranked(fitter_, candidates_, selection_.fit)) {
       if (selection_.refused.size() == kMostTried) break;
-      selection_.refused.push_back({std::string(s.effect->kind()), s.gain, 0,
+      selection_.refused.push_back({std::string(s.effect->kind()), s.gain, kNotRefined,
                                     s.gain > 0 ? "did not hold when refined or held out"
                                                : "does not pay for its parameters"});
     }
@@ -145,7 +147,7 @@ class Judge {
         if (tried >= kMostTried) break;
         if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
         ++tried;
-        Alternative a{std::string(other.effect->kind()), other.gain, 0, "",
+        Alternative a{std::string(other.effect->kind()), other.gain, kNotRefined, "",
                       static_cast<double>(parameters_of(*other.effect))};
         if (other.gain > 0.5 * s.score_gain) {
           const Fit next = refined(look, other);

@@ -15,9 +15,10 @@ inline constexpr const char* kExplainsLess = "explains less";  // or no more
 
 struct Alternative {
   std::string kind;
-  double score_gain = 0, held_out_gain = 0;  // of the refined set, against the set without
-  std::string why;                           // why it was not taken
-  double parameters = 0;                     // how many it has
+  // Of the refined set, against the set without; not refined: an estimate, and NaN.
+  double score_gain = 0, held_out_gain = 0;
+  std::string why;        // why it was not taken
+  double parameters = 0;  // how many it has
 };
 
 struct Selected {

@@ -36,8 +36,8 @@ bool add_best(const StaticProblem& p, const std::vector<StaticTerm>& candidates,
   selection.steps.push_back(
       {kind, best_criterion - before, 1 - best.held_out_cost / selection.after.held_out_cost});
   selection.after = std::move(best);
-  p.hooks.tell(
-      fmt::format("{}: held-out error -{:.1f} %", kind, 100 * selection.steps.back().holdout_gain));
+  p.hooks.tell(fmt::format("{}: held-out error {:+.1f} %", kind,
+                           -100 * selection.steps.back().holdout_gain));
   return true;
 }
 

@@ -97,6 +97,17 @@ TEST(TracePage, SaysTheVerdictFirst) {
   EXPECT_EQ(content_of(page_of(result))["verdict"]["state"], "unsure");
 }
 
+TEST(TracePage, AnAlternativeThatWasNotRefinedHasNoHeldOutGain) {
+  TraceResult result = made_up_trace();
+  result.rejected.push_back({"torsion", 2, std::nan(""), "explains less"});
+  const Json content = content_of(page_of(result));
+  const Json& considered = *section_with(content, "Alternatives considered");
+  EXPECT_EQ(considered["table"]["rows"][0][3], "0.1 %");
+  EXPECT_EQ(considered["table"]["rows"][1][3], "-");
+  EXPECT_NE(considered["note"].get<std::string>().find("(-) the BIC is an estimate"),
+            std::string::npos);
+}
+
 // Its picture is one period: 24 a turn are 15 deg, and the curve is the sine.
 TEST(TracePage, DrawsTheEffectOverTheDataThatShowsIt) {
   const Json content = content_of(page_of(made_up_trace()));

@@ -158,6 +158,10 @@ TEST(Tracer, SaysAtOneBusVoltageThatADeadTimeMayBeADevicesDrop) {
     both.emplace_back(r.effects[0].effect->kind());
     std::sort(both.begin(), both.end());
     EXPECT_EQ(both, (Names{"dead_time", "inverter_drop"})) << seed << ": " << r.sentence;
+    for (const std::string& name : both)
+      EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), name), 0)
+          << name << " may be what is there";
+    for (const Rejected& x : r.rejected) EXPECT_NE(x.held_out_gain, 0) << x.kind << " not refined";
   }
 }
 

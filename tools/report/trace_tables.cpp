@@ -79,9 +79,9 @@ Json considered_section(const TraceResult& r) {
                     std::isfinite(x.held_out_gain) ? percent(x.held_out_gain) : "-"});
   return section(
       "Alternatives considered",
-      "Each was fitted as well as it can be. A change of BIC above 0, or a held-out gain "
-      "of 0 or less, speaks against it; a good one that loses explains less than what "
-      "was taken.",
+      "Those with a held-out gain were fitted as well as they can be; of the others (-) the BIC is "
+      "an estimate from the training rows. A change of BIC above 0, or a held-out gain of 0 or "
+      "less, speaks against one; a good one that loses explains less than what was taken.",
       {{"head", {"kind", "why it was not taken", "BIC", "held-out gain"}}, {"rows", rows}});
 }
 
