@@ -53,6 +53,21 @@ std::string long_text() {
   return text;
 }
 
+TEST_F(Csv, AnotherSeparatorIsNamedAndHowAMapGivesIt) {
+  for (const std::string other : {";", "\t"}) {
+    const std::string path = write("# a\nt" + other + "i_q\n0" + other + "1\n");
+    try {
+      CsvReader reader(path, {});
+      ADD_FAILURE() << other;
+    } catch (const BadInput& error) {
+      const std::string said = error.what(), name = other == ";" ? ";" : "\\t";
+      EXPECT_TRUE(said.starts_with(path + ":2: ")) << said;
+      EXPECT_NE(said.find("separator = \"" + name + "\""), std::string::npos) << said;
+    }
+    EXPECT_EQ(CsvReader(path, {.separator = other[0]}).header().size(), 2u);
+  }
+}
+
 struct Read {
   int line;
   std::vector<std::string> fields;

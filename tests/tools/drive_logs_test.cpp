@@ -64,7 +64,9 @@ class DriveLogsTest : public testing::Test {
 TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   const DriveLogs logs = read({.data = {write("a.csv", as_it_is)}}, 1.2 * kSeconds);
   ASSERT_EQ(logs.record.size(), raw_.size());
-  EXPECT_TRUE(logs.notes.empty());
+  ASSERT_EQ(logs.notes.size(), 1u);
+  EXPECT_NE(logs.notes[0].find("a.csv: two currents are measured"), std::string::npos)
+      << logs.notes[0];
   EXPECT_EQ(logs.health.rows, raw_.size());
   EXPECT_NEAR(logs.record.theta_m.back(), raw_.theta_m.back(), 1e-9);
   EXPECT_NEAR(logs.record.T_load[1000], raw_.T_load[1000], 1e-9) << "a torque sensor is a load";
@@ -143,7 +145,7 @@ TEST_F(DriveLogsTest, OfALongOneBlocksAreReadThatStandWhereTheyStood) {
       EXPECT_FALSE(r.motion_ok[k] || r.motion_ok[k - 1] || r.electrical_ok[k - 1]);
     }
     EXPECT_GT(seams, 10);
-    ASSERT_EQ(logs.notes.size(), 1u);
+    ASSERT_EQ(logs.notes.size(), 2u) << "the other one is of two sensors";
     EXPECT_NE(logs.notes[0].find("10 s, 100000 rows; traced on 24 blocks"), std::string::npos)
         << logs.notes[0];
   }

@@ -212,6 +212,17 @@ TEST_F(Import, RepairLeavesATruncatedLastLineAndRepeatedSamplesOut) {
       << "time going back is not repaired";
 }
 
+TEST_F(Import, ColumnsThatNothingIsTakenFromAreNamedAndWhatTheyAreWithoutCapitals) {
+  const auto row = [](int k) { return plain_row(k) + ",1,2,3"; };
+  const std::string path = csv("t,i_q,theta_m,T_Load,speed,note", row);
+  EXPECT_EQ(read_drive_rows(path, nullptr, false).notes,
+            (std::vector<std::string>{
+                "T_Load: not a column of a drive log; T_load is",
+                "speed, note: not columns of a drive log, nothing is taken from them"}));
+  const ImportMap map = read_import_map(write("map.toml", "[columns]\ni_q = \"i_q\"\n"));
+  EXPECT_TRUE(read_drive_rows(path, &map, false).notes.empty()) << "the map chose";
+}
+
 TEST_F(Import, MapMistakesNameTheMapsLine) {
   const auto map_refusal = [&](const std::string& text) {
     try {

@@ -25,6 +25,10 @@ std::string_view trimmed(std::string_view text) {
 
 constexpr unsigned kBlock = 1 << 18;  // bytes
 
+std::string said(char separator) {
+  return separator == '\t' ? "\\t" : std::string(1, separator);
+}
+
 // Throws BadInput where there is no such file.
 std::int64_t size_of_file(const std::string& path) {
   struct stat info {};
@@ -56,6 +60,18 @@ CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
     throw BadInput(fmt::format("{}:1: no header line; a row of column names is needed", path_));
   header_.assign(names.begin(), names.end());
   header_line_ = line_;
+  expect_separated();
+}
+
+// A header of one column that holds another separator is no header of one column.
+void CsvReader::expect_separated() const {
+  if (header_.size() != 1) return;
+  for (const char other : {';', '\t', '|'})
+    if (other != format_.separator && header_[0].find(other) != std::string::npos)
+      throw BadInput(fmt::format(
+          "{}:{}: the columns are separated by \"{}\", \"{}\" is expected; a map (--map) with "
+          "[file] separator = \"{}\" reads such a file (decimal = \",\" where numbers have that)",
+          path_, header_line_, said(other), said(format_.separator), said(other)));
 }
 
 bool CsvReader::fill() {

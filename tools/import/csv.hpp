@@ -21,8 +21,8 @@ struct CsvFormat {
 
 class CsvReader {
  public:
-  // Throws BadInput: no such file, not readable, no header line. A corrupt gzip stream is found
-  // where it is corrupt, by next().
+  // Throws BadInput: no such file, not readable, no header line, another separator. A corrupt gzip
+  // stream is found where it is corrupt, by next().
   CsvReader(const std::string& path, const CsvFormat& format);
 
   // Names of the columns; empty where format.header is false.
@@ -48,6 +48,7 @@ class CsvReader {
   void go_to(const Place& place);
 
  private:
+  void expect_separated() const;
   bool fill();  // reads on where the block holds no whole line; false at the end of the file
   bool take_line(std::string_view& line);
   void find_next();  // the next line that is neither empty nor a comment

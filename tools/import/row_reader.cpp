@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 
@@ -156,8 +157,33 @@ bool RowReader::leave_out_truncated(const std::string& what) {
   return false;
 }
 
+// A map says itself which columns it wants.
+void RowReader::note_unknown_columns(std::vector<std::string>& notes) const {
+  if (!map_.toml.empty()) return;
+  std::vector<std::string> unknown;
+  for (const std::string& name : left_out_) {
+    if (name.empty()) continue;
+    const auto& known = canonical_columns();
+    const auto meant = std::find_if(known.begin(), known.end(), [&](const std::string& k) {
+      return std::equal(k.begin(), k.end(), name.begin(), name.end(), [](char a, char b) {
+        return std::tolower(static_cast<unsigned char>(a)) ==
+               std::tolower(static_cast<unsigned char>(b));
+      });
+    });
+    if (meant == known.end())
+      unknown.push_back(name);
+    else
+      notes.push_back(fmt::format("{}: not a column of a drive log; {} is", name, *meant));
+  }
+  if (!unknown.empty())
+    notes.push_back(fmt::format(
+        "{}: not {} of a drive log, nothing is taken from {}", fmt::join(unknown, ", "),
+        unknown.size() == 1 ? "a column" : "columns", unknown.size() == 1 ? "it" : "them"));
+}
+
 std::vector<std::string> RowReader::notes() const {
   std::vector<std::string> notes;
+  note_unknown_columns(notes);
   if (!truncated_note_.empty()) notes.push_back(truncated_note_);
   if (repeated_ > 0)
     notes.push_back(fmt::format("{} repeated sample{} left out, the first at line {}", repeated_,

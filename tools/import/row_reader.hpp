@@ -60,6 +60,7 @@ class RowReader {
   bool time_rises();  // false where the row is left out
   bool leave_out_truncated(const std::string& what);
   double unwrapped(const ColumnMap& map, double raw);
+  void note_unknown_columns(std::vector<std::string>& notes) const;
   [[noreturn]] void fail(const std::string& what) const;
 
   CsvReader csv_;

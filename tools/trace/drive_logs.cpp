@@ -97,6 +97,7 @@ class Reader {
   void check_signals(const RawLog& piece) const;
   void share_out();
   void add(Scanned& log, std::size_t most_rows);
+  void note_sensors(const Record& log);
   Record blocks_of(Scanned& log, std::size_t most_rows);
   void tell(const std::string& what, double share) const {
     if (reading_) reading_(what, share);
@@ -198,6 +199,15 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
   return record;
 }
 
+// The third current is then made up from the others, by the estimator as by the tracer.
+void Reader::note_sensors(const Record& log) {
+  if (log.current_sensors >= drive_.sensors.current_sensors) return;
+  result_.notes.push_back(fmt::format(
+      "{}: two currents are measured, i_c is -(i_a + i_b) or not there; the drive file has "
+      "sensors.current_sensors = {}, where 2 would fit",
+      log.source, drive_.sensors.current_sensors));
+}
+
 void Reader::add(Scanned& log, std::size_t most_rows) {
   const std::size_t first = result_.record.size();
   double later = 0;
@@ -210,6 +220,7 @@ void Reader::add(Scanned& log, std::size_t most_rows) {
       own = record_of_rows(log.raw, log, drive_.machine.n_p);
     }
     log.raw = {};
+    note_sensors(own);
     result_.record.append(own);
     later = result_.record.t[first] - own.t.front();
   } catch (const std::runtime_error& error) {
