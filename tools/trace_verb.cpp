@@ -1,14 +1,19 @@
 // twinrate trace: residual -> named effect -> extended model -> error before and after.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/bus.hpp"
 #include "core/paths.hpp"
 #include "core/process.hpp"
 #include "tools/load_drive.hpp"
@@ -51,6 +56,49 @@ void write(const std::string& path, const std::string& text) {
   std::ofstream file(path);
   file << text;
   if (!file.flush()) throw BadInput(path + ": cannot be written");
+}
+
+// DIR of --out. It is made before the work starts, and goes again where nothing came of that.
+class OutDirectory {
+ public:
+  explicit OutDirectory(std::string path) : path_(std::move(path)) {
+    std::error_code refused;
+    made_ = std::filesystem::create_directories(path_, refused);
+    if (!refused && access(path_.c_str(), W_OK) != 0)
+      refused = std::error_code(errno, std::generic_category());
+    if (refused)
+      throw BadInput(
+          fmt::format("--out {}: no directory to write to: {}", path_, refused.message()));
+  }
+  ~OutDirectory() {
+    std::error_code not_empty;
+    if (made_) std::filesystem::remove(path_, not_empty);
+  }
+  OutDirectory(const OutDirectory&) = delete;
+  OutDirectory& operator=(const OutDirectory&) = delete;
+
+ private:
+  std::string path_;
+  bool made_ = false;
+};
+
+// No file counts twice, and none both ways.
+void expect_different(const std::vector<std::string>& data,
+                      const std::vector<std::string>& held_out) {
+  std::map<std::filesystem::path, const char*> option_of;
+  for (const bool held : {false, true})
+    for (const std::string& path : held ? held_out : data) {
+      const char* option = held ? "--holdout" : "--data";
+      std::error_code missing;  // which is said where it is read
+      const auto [before, first] =
+          option_of.emplace(std::filesystem::weakly_canonical(path, missing), option);
+      if (first || missing) continue;
+      throw BadInput(before->second == option
+                         ? fmt::format("{}: stands twice in {}; each file once", path, option)
+                         : fmt::format("{}: stands in --data and in --holdout; what is fitted is "
+                                       "not unseen",
+                                       path));
+    }
 }
 
 void print_result(const TraceResult& r, const std::string& out) {
@@ -136,6 +184,7 @@ std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) 
 
 int trace(const TraceOptions& o) {
   const Config config = load_drive(o.drive, o.overrides);
+  const OutDirectory out(o.out);
   if (o.plan.wanted)
     return plan_measurement(o.plan, config, o.out, o.json,
                             [&] { return plan_logs(o, config.drive()); });
@@ -156,6 +205,8 @@ int trace(const TraceOptions& o) {
       files.share = settings.holdout = *share;
       files.held_out.clear();
     }
+  expect_different(files.data, files.held_out);
+  if (o.verify) resolve_url(o.url);
   const LogRequest asked{.data = files.data,
                          .held_out = files.held_out,
                          .maps = files.maps,
@@ -170,14 +221,20 @@ int trace(const TraceOptions& o) {
   if (measured)
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  std::filesystem::create_directories(o.out);
   write(o.out + "/trace.json", to_json(result));
   const std::string extended = extended_toml(config, result, o.keep_plant);
   write(o.out + "/extended.toml", extended);
   write_trace_page(
       result, {config.drive().name, extended, config.drive().machine.n_p, twinrate::revision()},
       o.out + "/report.html");
-  if (!o.json) print_result(result, o.out);
+  if (o.json)
+    fmt::print("{}\n",
+               nlohmann::ordered_json{
+                   {"verdict", result.verdict}, {"sentence", result.sentence}, {"out", o.out}}
+                   .dump());
+  else
+    print_result(result, o.out);
+  std::fflush(stdout);
   if (result.interrupted) {
     fmt::print(stderr, "twinrate: trace interrupted; {} holds what was found until then{}\n", o.out,
                o.verify ? ", not verified" : "");
@@ -190,7 +247,9 @@ int trace(const TraceOptions& o) {
     try {
       prove(o, config, replayed);
     } catch (const Stopped&) {
-      fmt::print(stderr, "twinrate: interrupted while verifying; the trace in {} is whole\n",
+      fmt::print(stderr,
+                 "twinrate: interrupted while verifying; the trace in {} is whole, verify.json "
+                 "was not written\n",
                  o.out);
       return 1;
     }
@@ -207,8 +266,10 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
   verb->add_option("DRIVE", o->drive, "drive file or preset: the declared model")->required();
   verb->add_option("--data", o->data, "drive logs: CSV (may be gzipped) or LCM log")
       ->check(CLI::ExistingPath);
+  CLI::Option* plan = add_plan_options(*verb, o->plan);
   verb->add_option("--holdout", o->holdout,
-                   "logs that are not fitted, or the share of the data kept back (default 0.25)");
+                   "logs that are not fitted, or the share of the data kept back (default 0.25)")
+      ->excludes(plan);
   verb->add_option("--map", o->maps,
                    "how foreign columns are read; of several each file takes the first that fits")
       ->check(CLI::ExistingFile);
@@ -223,9 +284,9 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
                  "extended.toml keeps the effects that only the simulated plant has");
   verb->add_flag("--verify", o->verify,
                  "error before and after on the held-out data: one step, free run, estimator over "
-                 "LCM, closed loop; DIR/verify.json");
+                 "LCM, closed loop; DIR/verify.json")
+      ->excludes(plan);
   verb->add_option("--lcm-url", o->url, "LCM URL for --verify");
-  add_plan_options(*verb, o->plan);
   verb->add_flag("--json", o->json, "JSON lines instead of text");
   verb->add_flag("--verbose", o->verbose, "says each step of the selection");
   verb->callback([o, &exit_code] {

@@ -36,11 +36,14 @@ class Trace : public ProgramTest {
     write_text(path(name), text);
     return path(name);
   }
-  // `times`: the file is given so often.
+  // `times`: so many files of its content are given.
   std::vector<std::string> trace(const std::string& data, int times = 1) const {
     std::vector<std::string> list = {"twinrate",  "trace",  plain_drive(), "--out",
-                                     path("out"), "--json", "--data"};
-    list.insert(list.end(), static_cast<std::size_t>(times), data);
+                                     path("out"), "--json", "--data",      data};
+    for (int copy = 1; copy < times; ++copy) {
+      list.push_back(fmt::format("{}-{}.csv", data, copy));
+      fs::create_hard_link(data, list.back());
+    }
     return list;
   }
   // The preset without its effects: what the synthetic drive is, but for its resistance.
@@ -170,6 +173,37 @@ TEST_F(Trace, ARippleOfTheBusIsNamedAndThenKnown) {
       {"trace", path("extended.toml"), "--data", path("log.csv"), "--out", path("out"), "--json"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(Json::parse(read_text(path("out/trace.json")))["verdict"], "nothing_missing");
+  const std::string last = result.out.substr(result.out.rfind('\n', result.out.size() - 2) + 1);
+  EXPECT_EQ(Json::parse(last)["verdict"], "nothing_missing") << last;
+}
+
+TEST_F(Trace, WhatCannotBeDoneIsOneLineBeforeTheWorkStarts) {
+  const std::string data = log("log.csv", 1, false), drive = plain_drive();
+  write_text(path("file"), "");
+  const auto refused = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"trace", drive});
+    const ProgramResult result = twinrate(more);
+    EXPECT_EQ(result.exit_code, 2) << result.out << result.err;
+    EXPECT_EQ(count_lines(result.err), 1) << result.err;
+    EXPECT_EQ(result.out, "");
+    return result.err;
+  };
+  const auto says = [](const std::string& line, const char* what) {
+    EXPECT_NE(line.find(what), std::string::npos) << line;
+  };
+  for (const std::string& out : {path("file"), path("file/x"), std::string("/proc/x")})
+    says(refused({"--data", data, "--out", out}), "no directory to write to");
+  const std::string out = path("nothing");
+  says(refused({"--out", out, "--data", data, path(".") + "/log.csv"}), "stands twice in --data");
+  says(refused({"--out", out, "--data", data, "--holdout", data}), "in --data and in --holdout");
+  says(refused({"--out", out, "--data", data, "--kinds", "cogging"}), "--kinds requires --plan");
+  says(refused({"--out", out, "--data", data, "--duration", "5s"}), "--duration requires --plan");
+  says(refused({"--out", out, "--data", data, "--plan", "--verify"}), "--plan excludes --verify");
+  says(refused({"--out", out, "--data", data, "--plan", "--holdout", "0.3"}),
+       "--plan excludes --holdout");
+  says(refused({"--out", out, "--data", data, "--verify", "--lcm-url", "udpm://bogus"}),
+       "udpm://bogus");
+  EXPECT_FALSE(fs::exists(out));
 }
 
 // A flux map with saturation, of 61 x 61 points.

@@ -5,7 +5,6 @@
 
 #include <chrono>
 #include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -69,19 +68,26 @@ class PlanProgress {
 
 }  // namespace
 
-void add_plan_options(CLI::App& verb, PlanOptions& o) {
-  verb.add_flag("--plan", o.wanted,
-                "proposes a measurement that tells the candidates apart, before one or (--data) on "
-                "top of one: DIR/plan.toml, plan.json, plan.svg");
-  verb.add_option("--duration", o.duration, "--plan: length of the run at most, e.g. 10s");
-  verb.add_option("--kinds", o.kinds,
-                  "--plan: only these kinds of effects, separated by commas (default: all)");
-  verb.add_option("--max-speed", o.request.speed_max_rpm, "--plan: rpm the bench allows");
-  verb.add_option("--max-current", o.request.i_max_A, "--plan: A, amplitude, the bench allows");
-  verb.add_option("--max-load", o.request.T_load_max_Nm, "--plan: Nm the load machine gives");
+CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& o) {
+  CLI::Option* plan = verb.add_flag(
+      "--plan", o.wanted,
+      "proposes a measurement that tells the candidates apart, before one or (--data) on "
+      "top of one: DIR/plan.toml, plan.json, plan.svg");
+  const auto option = [&](const char* name, auto& value, const char* what) {
+    verb.add_option(name, value, what)->needs(plan);
+  };
+  option("--duration", o.duration, "--plan: length of the run at most, e.g. 10s");
+  option("--kinds", o.kinds,
+         "--plan: only these kinds of effects, separated by commas (default: all)");
+  option("--max-speed", o.request.speed_max_rpm, "--plan: rpm the bench allows");
+  option("--max-current", o.request.i_max_A, "--plan: A, amplitude, the bench allows");
+  option("--max-load", o.request.T_load_max_Nm, "--plan: Nm the load machine gives");
   verb.add_flag("--no-load-machine", o.no_load_machine,
-                "--plan: nothing drives or brakes the shaft");
-  verb.add_flag("--one-direction", o.one_direction, "--plan: the shaft must not turn backwards");
+                "--plan: nothing drives or brakes the shaft")
+      ->needs(plan);
+  verb.add_flag("--one-direction", o.one_direction, "--plan: the shaft must not turn backwards")
+      ->needs(plan);
+  return plan;
 }
 
 int plan_measurement(const PlanOptions& o, const Config& drive, const std::string& out,
@@ -91,9 +97,6 @@ int plan_measurement(const PlanOptions& o, const Config& drive, const std::strin
   request.longest_s = seconds_of(o.duration);
   request.load_machine = !o.no_load_machine;
   request.reverse = !o.one_direction;
-  std::error_code refused;
-  std::filesystem::create_directories(out, refused);
-  if (refused) throw BadInput(out + ": cannot be made: " + refused.message());
   catch_stop_signals();
   Plan plan;
   {

@@ -13,10 +13,11 @@ struct PlanOptions {
   PlanRequest request;
 };
 
-void add_plan_options(CLI::App& verb, PlanOptions& options);
+// --plan itself is returned; the others need it.
+CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& options);
 
-// Writes plan.toml, plan.json and plan.svg to `out` and says what they hold. `logs` reads those of
-// --data. Throws BadInput.
+// Writes plan.toml, plan.json and plan.svg to `out`, which is there, and says what they hold.
+// `logs` reads those of --data. Throws BadInput.
 int plan_measurement(const PlanOptions& options, const Config& drive, const std::string& out,
                      bool json_lines, const std::function<std::vector<PlanLog>()>& logs);
 
