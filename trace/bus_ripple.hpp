@@ -23,7 +23,7 @@
 namespace twinrate {
 
 struct BusRipple {
-  std::vector<TracedEffect> effects;   // the largest first
+  std::vector<TracedEffect> effects;   // in the order in which they were found
   std::optional<EquationError> error;  // of v_dc less its slow part, V; where there are effects
   std::vector<TracePicture> pictures;
   bool own_clocks = false;         // files have a phase each: the effects' is that of the longest

@@ -32,8 +32,8 @@ struct Dictionary {
   } beside;
 };
 
-// Candidates of every kind with traced_keys() that the record's signals allow; `duration`: of the
-// record, where time is searched. Columns are sampled, not yet whitened.
+// Candidates of every kind with traced_keys() that the record's signals allow. Columns are sampled,
+// not yet whitened.
 std::vector<Candidate> make_candidates(const Chain& chain);
 
 // An inner product, or what noise adds to it, by equation.

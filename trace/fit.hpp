@@ -47,7 +47,7 @@ struct Fit {
   Members members;
   std::vector<FreeParameter> free;
   Sampled y;                   // whitened residual with the members in the model
-  std::vector<Sampled> J;      // d(explained)/d(free), whitened, at the solution
+  std::vector<Sampled> J;      // d(explained)/d(free), whitened, where last linearised
   Eigen::MatrixXd covariance;  // of `free`, unit noise
   double rss = 0, rss_held_out = 0;
   double raw_held_out = 0;  // nothing taken off for noise

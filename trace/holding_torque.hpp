@@ -43,7 +43,7 @@ int largest_order(const MachineParameters& machine, std::size_t rows);
 HoldingTorque trace_holding_torque(std::span<const PositionLog* const> logs,
                                    const MachineParameters& machine, const TraceHooks& hooks = {});
 
-// Current that the model holds at every row of a log, less its mean over `used`.
+// Current that the model holds at every row of a log.
 std::vector<double> holding_current(const PositionLog& log, const HoldingTorque& torque,
                                     const MachineParameters& machine);
 

@@ -2,7 +2,7 @@
 //
 // The controller takes noise for current, angle and speed, and drives the motor against it: below
 // its bandwidth the measured current is quiet and the true one is not. Inner products of the tracer
-// have to know what noise makes of a record (Chain, trace/dictionary.hpp). In rotor axes
+// have to know what noise makes of a record (Chain, trace/chain.hpp). In rotor axes
 //   delta u[k]   = sum_j a_j delta u[k-j] + sum_j G_j x[k-j] + sum_j h_j y[k-j]    the controller
 //   L delta i'   = delta u - R_s delta i + cross terms - (0, n_p psi_f delta omega_m)
 //   J delta omega_m' = 1.5 n_p psi_f delta i_q

@@ -22,7 +22,8 @@ SpinUp fit_spin_up(std::span<const PositionLog* const> logs, const MachineParame
 
 // The logged speed against the angle: over short windows the integral of the one is the change of
 // the other, `delay` earlier and behind a first-order low-pass of `filter`. Jitter of the time
-// stamps makes noise in proportion to the speed, so the slowest eighth of the windows decides.
+// stamps makes noise in proportion to the speed, so the slowest sixteenth of the windows decides,
+// or the slowest 1000.
 struct SpeedLag {
   double delay = 0, filter = 0, sigma = 0;  // s; sigma of the sum
   double rest = 0, rest_without = 0;        // rad/s, rms

@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// A moment (load_step) searched more and more finely, a shaft by simplex; any other effect as it
-// is.
+// A moment (load_step) searched more and more finely, a torsion by simplex, the zone of what turns
+// at a current's zero by its grid; any other effect as it is.
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect);
 

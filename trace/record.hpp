@@ -25,8 +25,8 @@ struct Record {
 
   std::size_t size() const { return t.size(); }
   // Adds another record behind this one, its time moved on where it begins before this one ends;
-  // nothing is compared across the seam. Throws
-  // std::runtime_error, one line, where the two do not go together.
+  // nothing is compared across the seam. Throws std::runtime_error, one line, where the two do
+  // not go together.
   void append(const Record& other);
   bool has_voltage_equation() const { return !u_alphabeta.empty() && !i_alphabeta.empty(); }
 };

@@ -51,7 +51,7 @@ struct Ambiguity {
 
 // Structure that no effect of the catalogue explains.
 struct Structure {
-  std::string regressor;               // t, theta_m, i_q, i_d, omega_m, direction, temperature
+  std::string regressor;               // t, theta_m, i_q, i_d, omega_m, direction
   double share = 0;                    // of the residual's power in its equation
   std::string equation, channel;       // channel: d, q, torque
   double frequency_Hz = 0, order = 0;  // of a line

@@ -27,7 +27,7 @@ Eigen::VectorXd filtered(const std::vector<double>& taps, const std::vector<doub
 Sampler::Sampler(const Record& record, const std::vector<char>& torque_ok,
                  const std::vector<char>& held_out, double rate_Hz)
     : D_(std::max(1, static_cast<int>(std::lround(1 / (record.T_s * rate_Hz))))),
-      M_(D_ == 1 ? 0 : kHalfWidth * D_ / 1) {
+      M_(D_ == 1 ? 0 : kHalfWidth * D_) {
   double sum = 0;
   for (int j = -M_; j <= M_; ++j) {
     const double x = 2 * kPassband * j / D_;

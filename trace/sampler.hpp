@@ -21,7 +21,8 @@ struct Runs {
 
 class Sampler {
  public:
-  // `rate_Hz`: wanted rate of the outputs. `held_out(t)`: true in blocks that do not train.
+  // `rate_Hz`: wanted rate of the outputs. `held_out`: of each row, whether it stands in
+  // a block that does not train.
   Sampler(const Record& record, const std::vector<char>& torque_ok,
           const std::vector<char>& held_out, double rate_Hz = 1000);
 

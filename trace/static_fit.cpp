@@ -144,8 +144,8 @@ struct Misfit {
   }
 };
 
-// All keys at once from where the search left them, with their standard deviations. `in_range`:
-// false where one would have to leave its range.
+// All keys at once from where the search left them, with their standard deviations.
+// fit.in_range: false where one would have to leave its range.
 void refine(const StaticProblem& p, const Rows& rows, StaticFit& fit) {
   constexpr int kMostIterations = 60;
   std::vector<FreeKey> keys;

@@ -1,10 +1,9 @@
 // Resistance from i_q and u_q alone.
 //
 //   at rest     u_q = R i_q + offset + sum_N U_N sin(N theta_m + phase_N)
-//   in motion   u_q = R i_q + K_e omega_m + L (i_q)' + offset, means over twenty sampling
-//   intervals,
-//               omega_m and i_q' from the differences over the same time: no lag of a speed signal
-//               can pass for resistance
+//   in motion   u_q = R i_q + K_e omega_m + L (i_q)' + offset
+//               means over twenty sampling intervals, omega_m and i_q' from the differences over
+//               the same time: no lag of a speed signal can pass for resistance
 //
 // Ripple of once an electrical turn (N = n_p) at rest is an offset of the inverter or of the
 // current sensors: both stand still in stator axes.

@@ -1,7 +1,7 @@
 // Voltage drop of the switches.
 //
-//   drop of a phase = V_0 sat(i/i_linear) + R_on i            sat(x) = max(-1, min(1, x)), or by
-//   `shape`
+//   drop of a phase = V_0 sat(i/i_linear) + R_on i
+//   sat(x) = max(-1, min(1, x)), or by `shape`
 //
 // V_0 is the forward voltage of transistor or diode, R_on its slope: with R_s the one is told from
 // the other only by temperature. Regressors: Park(Clarke(sat)), i_dq; coefficients V_0, R_on.

@@ -1,7 +1,7 @@
 // Phases of unlike resistance: a bad joint, a long lead.
 //
-//   drop of a phase = change i,  u_dq_drop = Park(Clarke([change_a i_a, change_b i_b, change_c
-//   i_c]))
+//   drop of a phase = change i
+//   u_dq_drop = Park(Clarke([change_a i_a, change_b i_b, change_c i_c]))
 //
 // In rotor axes a constant part, the mean change times the current, and one of order 2 n_p from the
 // differences. The mean is what `resistance` is. Regressors: one a phase, so that the usual case,

@@ -1,8 +1,7 @@
 // Shapes that several effects share.
 //
-//   smooth_sign(omega, scale) = tanh(omega/scale)    the sign of a speed, smooth for the
-//   integrator;
-//                                                    within 0.5 % of +-1 above 3 scale
+//   smooth_sign(omega, scale) = tanh(omega/scale)    the sign of a speed, smooth where it is
+//                                                    integrated; within 0.5 % of +-1 above 3 scale
 //   saturate(x) = max(-1, min(1, x))                 the sign of a current, linear near zero
 //   current_sign(x, shape)                           the same with other ways round the corner:
 //                                                    tanh x, 2/pi atan(pi/2 x), x/sqrt(1 + x^2);

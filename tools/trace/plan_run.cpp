@@ -19,7 +19,6 @@ constexpr double kHoldout = 0.25;
 // docs/plan-a-measurement.md, 2026-11: none named in 1 s, all in 1.8 s).
 constexpr double kShortest_s = 2;
 constexpr double kLongestLog_s = 60;  // of a longer one an excerpt speaks
-constexpr int kSofter = 2;            // times the bench is made slower
 constexpr double kTheSame = 0.01;     // of an effect, left by another that imitates it
 
 Information total(const std::vector<Information>& pieces, Eigen::Index P) {

@@ -10,8 +10,8 @@ struct PlannedRun {
   // Of each tick: not what was planned. The speed is off a constant reference by more than 20 % (as
   // core/summary.hpp has it), or the current is 1.3 times what the bench allows.
   std::vector<char> off_plan;
-  bool filter_lost =
-      false;  // the estimate of the angle, 90 deg off; the controller does not use it
+  // The estimate of the angle, 90 deg off; the controller does not use it.
+  bool filter_lost = false;
 };
 
 // `overrides`: of the drive file. Ends early where `hooks.stop` says so, or where the drive leaves
