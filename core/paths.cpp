@@ -17,8 +17,4 @@ std::string data_directory() {
   return fs::is_directory(installed) ? installed.string() : TWINRATE_SOURCE_DIR;
 }
 
-std::string revision() {
-  return TWINRATE_REVISION;
-}
-
 }  // namespace twinrate

@@ -8,6 +8,6 @@ namespace twinrate {
 std::string executable_directory();
 // Holds config/ and report/: PREFIX/share/twinrate, or the source tree of the build.
 std::string data_directory();
-std::string revision();  // git revision of the build
+std::string revision();  // git revision that was built
 
 }  // namespace twinrate
