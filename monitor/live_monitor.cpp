@@ -166,7 +166,6 @@ void LiveMonitor::gather() {
   job.drive = drive_;
   job.record = make_record(raw_log_of(rows_, row_of(gather_from_), rows_.size()),
                            drive_.machine.n_p, job.health);
-  if (drive_.sensors.current_sensors == 2) job.record.current_sensors = 2;
   episodes_.back().traced_s = t_s(rows_.back().m.k - gather_from_);
   job_ = std::move(job);
   phase_ = Phase::kTracing;

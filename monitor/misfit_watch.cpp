@@ -6,11 +6,11 @@
 
 #include "trace/equations.hpp"
 #include "trace/statistics.hpp"
+#include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
 constexpr double kUnlikely = 1e-9;
 
 // The residuals of a stretch of rows under a model.
@@ -25,10 +25,7 @@ Residuals residuals_of(const DriveConfig& drive, const std::deque<MeasuredRow>& 
   if (raw.t.size() < 50) return {};
   const Record record = make_record(raw, drive.machine.n_p, health);
   const Equations equations(record, drive.facts(), known);
-  std::vector<char> moving = record.motion_ok;
-  for (std::size_t k = 0; k < moving.size(); ++k)
-    moving[k] = moving[k] && std::abs(equations.omega_m()[k]) > kSlowest;
-  const Sampler sampler(record, moving, std::vector<char>(record.size(), 0));
+  const Sampler sampler(record, moving_rows(record), std::vector<char>(record.size(), 0));
   const Channels left = equations.residual({});
   return {sampler(left.d, sampler.electrical()), sampler(left.q, sampler.electrical()),
           sampler(left.torque, sampler.torque()), sampler.electrical(), sampler.torque()};
