@@ -30,7 +30,7 @@ std::string toml_of(const std::vector<ConfiguredEffect>& effects) {
 }
 
 std::string side_by_side(double before, double after, const char* unit) {
-  return fmt::format("{:.3g} -> {:.3g} {}", before, after, unit);
+  return fmt::format("{:.3g} -> {:.3g}{}", before, after, unit);
 }
 
 }  // namespace
@@ -155,20 +155,30 @@ void LiveMonitor::watch(std::size_t first, std::size_t last) {
   restarts_ = 0;
   episodes_.push_back(episode);
   say(Reason::kModelMisfit, "the model does not fit any more: " + episode.sign);
-  gather_until_ = gather_from_ + ticks(drive_.monitor.gather_s);
+  gather_ticks_ = ticks(drive_.monitor.gather_s);
   phase_ = Phase::kGathering;
 }
 
 void LiveMonitor::gather() {
-  if (rows_.back().m.k < gather_until_) return;
-  gather_from_ = std::max(gather_from_, rows_.back().m.k - window_ticks_);
+  if (last_k() - gather_from_ < gather_ticks_) return;
+  gather_from_ = std::max(gather_from_, last_k() - window_ticks_);
+  const RawLog raw = raw_log_of(rows_, row_of(gather_from_), rows_.size());
+  if (static_cast<std::int64_t>(raw.size()) < block_ticks_) {
+    nothing_traced("No currents and angle measured.");
+    return;
+  }
   TraceJob job;
   job.drive = drive_;
-  job.record = make_record(raw_log_of(rows_, row_of(gather_from_), rows_.size()),
-                           drive_.machine.n_p, job.health);
-  episodes_.back().traced_s = t_s(rows_.back().m.k - gather_from_);
+  job.record = make_record(raw, drive_.machine.n_p, job.health);
+  episodes_.back().traced_s = t_s(last_k() - gather_from_);
   job_ = std::move(job);
   phase_ = Phase::kTracing;
+}
+
+void LiveMonitor::nothing_traced(const std::string& why) {
+  episodes_.back().sentence = why;
+  say(Reason::kNothingTraced, why + " What is there now counts as normal from here.");
+  learn_anew();
 }
 
 void LiveMonitor::traced(const TraceResult& result) {
@@ -180,21 +190,19 @@ void LiveMonitor::traced(const TraceResult& result) {
     proposed_.push_back({e.effect, UsedIn::kModel});
   }
   if (proposed_.empty()) {
-    const std::int64_t length = gather_until_ - gather_from_;
-    if (length < window_ticks_) {
-      gather_until_ = gather_from_ + std::min(2 * length, window_ticks_);
-      phase_ = Phase::kGathering;
+    if (gather_ticks_ == window_ticks_) {
+      nothing_traced(result.sentence);
       return;
     }
-    say(Reason::kNothingTraced, result.sentence + " What is there now counts as normal from here.");
-    learn_anew();
+    gather_ticks_ = std::min(2 * gather_ticks_, window_ticks_);
+    phase_ = Phase::kGathering;
     return;
   }
   if (restarts_ < kMostRestarts && !fits_throughout()) {
     ++restarts_;
     proposed_.clear();
     gather_from_ = last_k();
-    gather_until_ = gather_from_ + ticks(drive_.monitor.gather_s);
+    gather_ticks_ = ticks(drive_.monitor.gather_s);
     phase_ = Phase::kGathering;
     return;
   }
@@ -213,7 +221,8 @@ bool LiveMonitor::fits_throughout() const {
   const Effects known = extended.model_effects();
   const std::int64_t first =
       std::max(gather_from_, rows_.front().m.k);  // a long trace outlives rows
-  for (std::int64_t k = first; k + block_ticks_ <= gather_until_; k += block_ticks_) {
+  for (std::int64_t k = first; k + block_ticks_ <= gather_from_ + gather_ticks_;
+       k += block_ticks_) {
     const BlockJudgement block =
         watch_.judge(rows_, row_of(k), row_of(k + block_ticks_), {}, known);
     for (const ChannelLevel& channel : block.channels)
@@ -280,8 +289,8 @@ void LiveMonitor::compare() {
   say(Reason::kEffectCompared,
       fmt::format("{} added at tick {}: voltage residual {}, torque residual {}, innovations {}",
                   fmt::join(episode.kinds, " + "), added_k_,
-                  side_by_side(episode.before.voltage, episode.after.voltage, "V"),
-                  side_by_side(episode.before.torque, episode.after.torque, "Nm"),
+                  side_by_side(episode.before.voltage, episode.after.voltage, " V"),
+                  side_by_side(episode.before.torque, episode.after.torque, " Nm"),
                   fmt::join(innovations, ", ")));
   for (std::int64_t k = from; k + block_ticks_ <= to; k += block_ticks_)
     watch_.accept(rows_, row_of(k), row_of(k + block_ticks_),

@@ -89,6 +89,7 @@ class LiveMonitor {
   void watch(std::size_t first, std::size_t last);
   void gather();
   void compare();
+  void nothing_traced(const std::string& why);
   // The gathered blocks under the model with what is proposed.
   bool fits_throughout() const;
   void learn_anew();
@@ -107,7 +108,8 @@ class LiveMonitor {
   Phase phase_ = Phase::kLearning;
   std::int64_t block_begin_ = -1, learn_until_ = -1;
   int failed_in_a_row_ = 0, restarts_ = 0;
-  std::int64_t gather_from_ = -1, gather_until_ = -1, added_k_ = -1;
+  std::int64_t gather_from_ = -1, gather_ticks_ = 0;  // gather_ticks_: that are to be traced
+  std::int64_t added_k_ = -1;
   std::vector<ConfiguredEffect> proposed_;
   std::vector<Episode> episodes_;
   std::vector<MonitorNotice> notices_;

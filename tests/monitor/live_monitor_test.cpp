@@ -40,10 +40,20 @@ struct Outcome {
   std::vector<Episode> episodes;
 };
 
+const char* const kDeadTime =
+    "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\nfrom_s = 3.0\n";
+
+struct Circumstances {
+  std::vector<std::string> overrides;
+  std::function<TraceResult(const TraceJob&)> tracer = [](const TraceJob& job) { return run(job); };
+  bool angle = true;  // measured
+};
+
 // Runs the drive with its monitor; what is to be added is added.
-Outcome watch(const std::string& effects) {
+Outcome watch(const std::string& effects, const Circumstances& with = {}) {
   const std::string none = effects.empty() ? "effect = []\n" : "";
-  Config config = Config::parse("preset = \"niewiara2020\"\n" + none + kDrive + effects, "live");
+  Config config = Config::parse("preset = \"niewiara2020\"\n" + none + kDrive + effects, "live",
+                                with.overrides);
   read_all_tables(config);
   ClosedLoop loop(config);
   LiveMonitor monitor(config);
@@ -52,9 +62,11 @@ Outcome watch(const std::string& effects) {
   Outcome outcome;
   while (loop.k() < config.drive().steps()) {
     const TickRecord& tick = loop.step();
-    monitor.take(tick.measurement);
+    Measurement m = tick.measurement;
+    if (!with.angle) m.signals &= ~kPosition;
+    monitor.take(m);
     monitor.take(tick.estimate);
-    while (const auto job = monitor.take_job()) monitor.traced(run(*job));
+    while (const auto job = monitor.take_job()) monitor.traced(with.tracer(*job));
     if (const auto toml = monitor.take_addition()) {
       coming = (extended ? *extended : config).with_effects(*toml, "test");
       from = monitor.tick_for_addition();
@@ -75,8 +87,7 @@ TEST(LiveMonitor, SaysNothingWhereTheModelFits) {
 }
 
 TEST(LiveMonitor, NamesDeadTimeThatBeginsWhileTheDriveRuns) {
-  const Outcome outcome =
-      watch("[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\nfrom_s = 3.0\n");
+  const Outcome outcome = watch(kDeadTime);
   ASSERT_EQ(outcome.episodes.size(), 1u);
   const Episode& e = outcome.episodes[0];
   EXPECT_GT(e.noticed_s, 3.0);
@@ -89,6 +100,43 @@ TEST(LiveMonitor, NamesDeadTimeThatBeginsWhileTheDriveRuns) {
   EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
   EXPECT_EQ(outcome.notices[1].reason, Reason::kEffectProposed);
   EXPECT_EQ(outcome.notices[2].reason, Reason::kEffectCompared);
+  for (const char* untidy : {"  ", " ,"})
+    EXPECT_EQ(outcome.notices[2].text.find(untidy), std::string::npos) << outcome.notices[2].text;
+}
+
+// Blocks of 0.3 s do not end where the window does.
+TEST(LiveMonitor, TracesTwiceAsMuchUpToTheWindowAndThenSaysThatNothingWasFound) {
+  std::vector<double> lengths_s;
+  const Outcome outcome =
+      watch(kDeadTime,
+            {.overrides = {"monitor.block_s=0.3", "monitor.gather_s=0.5", "monitor.window_s=2.0"},
+             .tracer = [&](const TraceJob& job) {
+               lengths_s.push_back(job.record.t.back() - job.record.t.front());
+               TraceResult nothing;
+               nothing.sentence = "Nothing that the catalogue holds.";
+               return nothing;
+             }});
+  ASSERT_EQ(lengths_s.size(), 3u);
+  for (const double asked_s : {0.5, 1.0, 2.0}) {
+    const double length_s = lengths_s[asked_s < 1 ? 0 : asked_s < 2 ? 1 : 2];
+    EXPECT_GT(length_s, asked_s - 0.01);
+    EXPECT_LT(length_s, asked_s + 0.31);
+  }
+  ASSERT_EQ(outcome.notices.size(), 2u);
+  EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
+  EXPECT_EQ(outcome.notices[1].reason, Reason::kNothingTraced);
+  EXPECT_EQ(outcome.notices[1].text,
+            "Nothing that the catalogue holds. What is there now counts as normal from here.");
+}
+
+// The innovations alone show that the model does not fit.
+TEST(LiveMonitor, WithoutAnAngleItSaysThatNothingCanBeTraced) {
+  const Outcome outcome = watch(kDeadTime, {.overrides = {}, .angle = false});
+  ASSERT_EQ(outcome.notices.size(), 2u);
+  EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
+  EXPECT_EQ(outcome.notices[1].reason, Reason::kNothingTraced);
+  EXPECT_EQ(outcome.notices[1].text,
+            "No currents and angle measured. What is there now counts as normal from here.");
 }
 
 // What is traced first has both, but one of them in a part of the data only: a resistance that
