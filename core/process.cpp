@@ -225,6 +225,7 @@ void Process::event(Reason reason, std::int64_t k, const std::string& text) {
 }
 
 void Process::finish(ProcessState state) {
+  if (exit_code() != 0) return;  // a signal afterwards does not make it well
   finished_ = true;
   status_.state = static_cast<std::int32_t>(state);
   beat();

@@ -74,7 +74,7 @@ inline constexpr std::array kReasons = {
     ReasonText{Reason::kProcessDied, "process_died", "a process of the set ended by itself"},
     ReasonText{Reason::kStopRequested, "stop_requested", "stopped on request"},
     ReasonText{Reason::kEmergencyStop, "emergency_stop", "emergency stop on request: zero voltage"},
-    ReasonText{Reason::kDiskFull, "disk_full", "the log could not be written"},
+    ReasonText{Reason::kDiskFull, "disk_full", "a file of the run could not be written"},
     ReasonText{Reason::kLogRotated, "log_rotated",
                "the log reached its size limit; the next file was begun"},
     ReasonText{Reason::kModelMisfit, "model_misfit",

@@ -35,16 +35,18 @@ std::string side_by_side(double before, double after, const char* unit) {
 
 }  // namespace
 
-TraceResult run(const TraceJob& job) {
-  return trace_record(job.record, job.drive, job.health, {});
+TraceResult run(const TraceJob& job, std::function<bool()> stop) {
+  return trace_record(job.record, job.drive, job.health, {.stop = std::move(stop)});
 }
 
-LiveMonitor::LiveMonitor(const Config& config)
-    : drive_(config.drive()),
+LiveMonitor::LiveMonitor(const DriveConfig& drive)
+    : drive_(drive),
       watch_(drive_),
       load_(drive_),
       block_ticks_(ticks(drive_.monitor.block_s)),
-      window_ticks_(ticks(drive_.monitor.window_s)) {
+      window_ticks_(ticks(drive_.monitor.window_s)) {}
+
+LiveMonitor::LiveMonitor(const Config& config) : LiveMonitor(config.drive()) {
   const MonitorParameters& p = drive_.monitor;
   const auto need = [&](bool good, const char* key, const std::string& allowed) {
     if (!good) throw BadInput(fmt::format("{}: {}: {}", config.where(key), key, allowed));
@@ -52,6 +54,10 @@ LiveMonitor::LiveMonitor(const Config& config)
   need(p.learn_s >= 2 * p.block_s, "monitor.learn_s", "at least two blocks (monitor.block_s)");
   need(p.gather_s <= p.window_s, "monitor.gather_s", "at most monitor.window_s");
   need(block_ticks_ >= 200, "monitor.block_s", "at least 200 ticks");
+}
+
+void LiveMonitor::begin_anew() {
+  *this = LiveMonitor(DriveConfig(drive_));
 }
 
 std::int64_t LiveMonitor::ticks(double seconds) const {

@@ -43,13 +43,16 @@ struct TraceJob {
   Health health;
   DriveConfig drive;  // with the effects added so far
 };
-// Runs anywhere; takes a second or so.
-TraceResult run(const TraceJob& job);
+// Runs anywhere; takes a second or so. `stop` as in TraceSettings.
+TraceResult run(const TraceJob& job, std::function<bool()> stop = {});
 
 class LiveMonitor {
  public:
   // Throws BadInput where monitor.* do not go together.
   explicit LiveMonitor(const Config& config);
+
+  // Another run of the drive: all is forgotten but the effects added, which the processes keep.
+  void begin_anew();
 
   // In this order each tick; an estimate of a tick that was not measured here is left out.
   void take(const Measurement& m);
@@ -75,6 +78,7 @@ class LiveMonitor {
   std::string to_json() const;
 
  private:
+  explicit LiveMonitor(const DriveConfig& drive);
   enum class Phase {
     kLearning,
     kWatching,

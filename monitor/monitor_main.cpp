@@ -4,13 +4,15 @@
 //   REQUEST {add effect} to estimator, gain and controller
 //
 // Tracing runs in a thread of its own; nobody in the loop waits for it. RUN_DIR/monitor.json holds
-// what was seen so far.
+// what was seen so far. With --follow the monitor begins anew where the session or the sequence
+// does, as the filter does.
 #include <fmt/format.h>
 
 #include <filesystem>
 #include <fstream>
 #include <future>
 #include <set>
+#include <stop_token>
 
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
@@ -24,12 +26,10 @@ using Clock = std::chrono::steady_clock;
 class MonitorProcess {
  public:
   explicit MonitorProcess(Process& p) : p_(p), monitor_(p.config()) {
-    p.bus().subscribe<measurement_t>([this](const measurement_t& w) {
-      monitor_.take(from_wire(w));
-      p_.progress(monitor_.last_k());
-    });
+    p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { monitor_.take(from_wire(w)); });
     p.bus().subscribe<reply_t>([this](const reply_t& reply) { take_reply(reply); });
+    p.bus().on_new_session([this] { begin_anew(); });
     p.on_add_proposed([this] { return monitor_.add_proposed(); });
     p.waiting_for([this] {
       return Waiting{fmt::format("MEASUREMENT({}) from plant", monitor_.last_k() + 1), 5};
@@ -39,6 +39,7 @@ class MonitorProcess {
     p_.ready();
     write();
     while (p_.turn(5)) look();
+    stop_.request_stop();
     write();
   }
 
@@ -46,16 +47,23 @@ class MonitorProcess {
   static constexpr double kRepeat_s = 0.05, kPatience_s = 3;
   static constexpr std::int64_t kFirstRequest = 1'000'000;  // the supervisor counts from 0
 
+  void take(const Measurement& m) {
+    if (m.k < monitor_.last_k() && p_.options().follow) begin_anew();
+    monitor_.take(m);
+    p_.progress(monitor_.last_k());
+  }
+  void begin_anew() {
+    stop_.request_stop();
+    asking_ = false;
+    monitor_.begin_anew();
+  }
   void look() {
-    if (job_running_ && trace_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
-      job_running_ = false;
-      monitor_.traced(trace_.get());
+    if (trace_.valid() && trace_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      std::future<TraceResult> done = std::move(trace_);
+      if (!stop_.stop_requested()) monitor_.traced(done.get());
     }
-    if (std::optional<TraceJob> job = monitor_.take_job()) {
-      job_running_ = true;
-      trace_ =
-          std::async(std::launch::async, [job = std::move(*job)] { return twinrate::run(job); });
-    }
+    // What was stopped ends first.
+    if (!trace_.valid()) begin_trace();
     if (const auto toml = monitor_.take_addition()) begin_request(*toml);
     if (asking_) repeat_request();
     bool news = false;
@@ -64,6 +72,14 @@ class MonitorProcess {
       news = true;
     }
     if (news) write();
+  }
+  void begin_trace() {
+    std::optional<TraceJob> job = monitor_.take_job();
+    if (!job) return;
+    stop_ = {};
+    trace_ = std::async(std::launch::async, [job = std::move(*job), stop = stop_.get_token()] {
+      return twinrate::run(job, [stop] { return stop.stop_requested(); });
+    });
   }
   void begin_request(const std::string& toml) {
     request_ = {};
@@ -106,15 +122,21 @@ class MonitorProcess {
     answered_.insert(reply.role);
     applied_ = std::max(applied_, reply.applied_seq);
   }
-  void write() const {
-    const std::string directory = p_.options().run_dir.empty() ? "." : p_.options().run_dir;
-    std::ofstream(std::filesystem::path(directory) / "monitor.json") << monitor_.to_json();
+  void write() {
+    const std::filesystem::path directory =
+        p_.options().run_dir.empty() ? "." : p_.options().run_dir;
+    const std::filesystem::path path = directory / "monitor.json";
+    std::ofstream file(path);
+    file << monitor_.to_json();
+    if (file.flush() || p_.exit_code() != 0) return;
+    p_.fail(Reason::kDiskFull, monitor_.last_k(), path.string() + ": cannot be written");
   }
 
   Process& p_;
   LiveMonitor monitor_;
   std::future<TraceResult> trace_;
-  bool job_running_ = false, asking_ = false;
+  std::stop_source stop_;  // of the trace that runs
+  bool asking_ = false;
   request_t request_{};
   std::int64_t requests_ = 0, applied_ = -1;
   std::set<int> answered_;

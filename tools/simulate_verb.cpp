@@ -85,7 +85,12 @@ class OwnMonitor {
         loop_(loop),
         directory_(std::move(directory)),
         monitor_(config) {}
-  ~OwnMonitor() { std::ofstream(directory_ + "/monitor.json") << monitor_.to_json(); }
+  // False where the disk is full.
+  bool write() const {
+    std::ofstream file(directory_ + "/monitor.json");
+    file << monitor_.to_json();
+    return static_cast<bool>(file.flush());
+  }
 
   void take(const TickRecord& tick) {
     monitor_.take(tick.measurement);
@@ -151,6 +156,8 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
     bus.publish_event(Reason::kLearnt, learnt, loop.k() - 1, d.t_ns(loop.k() - 1));
   log.close();
   if (!writer.flush() && ended.empty()) ended = writer.files().back() + ": the disk is full";
+  if (monitor && !monitor->write() && ended.empty())
+    ended = directory + "/monitor.json: the disk is full";
   return ended;
 }
 

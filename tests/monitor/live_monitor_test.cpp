@@ -139,6 +139,15 @@ TEST(LiveMonitor, WithoutAnAngleItSaysThatNothingCanBeTraced) {
             "No currents and angle measured. What is there now counts as normal from here.");
 }
 
+TEST(LiveMonitor, BeginsAnewWithTheTicksOfAnotherRun) {
+  LiveMonitor monitor(Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live"));
+  monitor.take(Measurement{.k = 100});
+  monitor.begin_anew();
+  EXPECT_EQ(monitor.last_k(), -1);
+  monitor.take(Measurement{.k = 3});
+  EXPECT_EQ(monitor.last_k(), 3);
+}
+
 // What is traced first has both, but one of them in a part of the data only: a resistance that
 // drifts, for one that is there from 3.3 s on.
 TEST(LiveMonitor, WaitsForDataThatHoldTwoEffectsAllTheTime) {

@@ -1,8 +1,10 @@
 // twinrate-monitor beside a running process set whose plant changes.
 #include <csignal>
+#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/bus.hpp"
 #include "core/reason.hpp"
 #include "core/run_log.hpp"
 #include "tests/system/run_program.hpp"
@@ -73,6 +75,50 @@ TEST_F(Monitor, NoticesNamesAndAddsWhatBeganWhileTheDriveRan) {
   const Json episodes = Json::parse(file)["episodes"];
   ASSERT_FALSE(episodes.empty());
   EXPECT_EQ(episodes[0]["kinds"][0], "resistance");
+}
+
+TEST_F(Monitor, ThatFollowsBeginsAnewWithANewSession) {
+  for (const char* duration : {"0.6s", "0.3s"})
+    ASSERT_EQ(
+        twinrate({"simulate", "dilys2021", "--duration", duration, "--run-dir", path(duration)})
+            .exit_code,
+        0);
+  Bus bus({.follow = true});
+  status_t heartbeat{};
+  bus.subscribe<status_t>([&](const status_t& s) {
+    if (s.role == static_cast<int>(Role::kMonitor)) heartbeat = s;
+  });
+  const auto beats = [&](std::int64_t steps) {
+    return wait_until([&] {
+      bus.handle(10);
+      return heartbeat.state >= static_cast<int>(ProcessState::kReady) && heartbeat.steps == steps;
+    });
+  };
+  Program monitor(
+      {"twinrate-monitor", "--config", "dilys2021", "--follow", "--run-dir", path(".")});
+  ASSERT_TRUE(beats(0));
+  std::int64_t played = 0;
+  for (const auto& [run, ticks] : {std::pair{"0.6s", 3000}, {"0.3s", 1500}}) {
+    EXPECT_EQ(twinrate({"replay", path(run), "--speed", "1", "--only", "MEASUREMENT"}).exit_code,
+              0);
+    EXPECT_TRUE(beats(played += ticks)) << heartbeat.steps;
+    EXPECT_EQ(heartbeat.seq, ticks - 1);
+  }
+  monitor.signal(SIGTERM);
+  EXPECT_EQ(monitor.wait(5).exit_code, 0);
+}
+
+TEST_F(Monitor, ThatCannotWriteWhatItSawSaysSo) {
+  const std::string file = path("monitor.json");
+  Program monitor({"twinrate-monitor", "--config", "dilys2021", "--run-dir", path(".")});
+  ASSERT_TRUE(wait_until([&] { return read_text(file).ends_with("}\n"); }));
+  std::filesystem::remove(file);
+  std::filesystem::create_directory(file);
+  monitor.signal(SIGTERM);
+  const ProgramResult result = monitor.wait(5);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("monitor.json: cannot be written"), std::string::npos) << result.err;
+  EXPECT_EQ(count_lines(result.err), 1) << result.err;
 }
 
 TEST_F(Monitor, ARequestThatIsNoEffectIsRefusedByAll) {

@@ -36,7 +36,8 @@ std::string program_path(const std::string& name) {
       {"twinrate-estimator", TWINRATE_ESTIMATOR_PROGRAM},
       {"twinrate-gain", TWINRATE_GAIN_PROGRAM},
       {"twinrate-controller", TWINRATE_CONTROLLER_PROGRAM},
-      {"twinrate-logger", TWINRATE_LOGGER_PROGRAM}};
+      {"twinrate-logger", TWINRATE_LOGGER_PROGRAM},
+      {"twinrate-monitor", TWINRATE_MONITOR_PROGRAM}};
   const auto found = built.find(name);
   return found == built.end() ? name : found->second;
 }
