@@ -75,6 +75,10 @@ TEST_F(Monitor, NoticesNamesAndAddsWhatBeganWhileTheDriveRan) {
   const Json episodes = Json::parse(file)["episodes"];
   ASSERT_FALSE(episodes.empty());
   EXPECT_EQ(episodes[0]["kinds"][0], "resistance");
+  // Events that differ stand each for itself.
+  for (const char* event : {"estimator: twinrate-estimator: from", "gain: twinrate-gain: from",
+                            "controller: twinrate-controller: from"})
+    EXPECT_NE(result.out.find(event), std::string::npos) << result.out;
 }
 
 TEST_F(Monitor, ThatFollowsBeginsAnewWithANewSession) {

@@ -52,20 +52,35 @@ std::string one_line(std::string text) {
   return text;
 }
 
-// What a person should know of the run besides its figures: each kind of event that is not routine,
-// once, with its first occurrence and how often it came.
+// The loop's own events come tick after tick; their texts differ by the tick at most.
+bool comes_by_tick(Reason reason) {
+  return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
+}
+bool same_event(const EventRecord& a, const EventRecord& b) {
+  return a.reason == b.reason && a.role == b.role &&
+         (a.text == b.text || comes_by_tick(static_cast<Reason>(a.reason)));
+}
+
+// What a person should know of the run besides its figures: each event that is not routine, once,
+// with its first occurrence and how often it came.
 std::vector<std::string> notable_events(const RunLog& log) {
-  std::map<int, std::pair<const EventRecord*, int>> by_reason;
+  std::vector<std::pair<const EventRecord*, int>> seen;  // and how often
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
     if (reason == Reason::kModeChange || reason == Reason::kLogRotated || reason == Reason::kLearnt)
       continue;
-    auto& [first, count] = by_reason[event.reason];
-    if (++count == 1) first = &event;
+    const auto known = std::find_if(seen.begin(), seen.end(),
+                                    [&](const auto& s) { return same_event(*s.first, event); });
+    if (known == seen.end())
+      seen.emplace_back(&event, 1);
+    else
+      ++known->second;
   }
+  // An event of a tick to come is told ahead of it.
+  std::stable_sort(seen.begin(), seen.end(),
+                   [](const auto& a, const auto& b) { return a.first->t_ns < b.first->t_ns; });
   std::vector<std::string> lines;
-  for (const auto& [reason, seen] : by_reason) {
-    const auto& [event, count] = seen;
+  for (const auto& [event, count] : seen) {
     const std::string often = count > 1 ? fmt::format("  ({} times)", count) : "";
     lines.push_back(fmt::format("{:.4f} s, {}: {}{}", 1e-9 * static_cast<double>(event->t_ns),
                                 role_name(event->role), one_line(event->text), often));
