@@ -17,9 +17,22 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void read_effects(const Config::Impl& file, DriveConfig& drive) {
+void check_effect(const Config::Impl& file, const std::string& path, const DriveConfig& drive,
+                  Effect& effect, double from_s) {
+  const std::string kind(effect.kind());
+  if (const std::string lacking = effect.prepare(drive.facts()); !lacking.empty())
+    file.fail(path, kind + ": " + lacking);
+  if (const std::string why = why_not_delayed(effect); from_s > 0 && !why.empty())
+    file.fail(path + ".from_s", fmt::format("{}: {}, 0 allowed", kind, why));
+  if (LegFacts legs; from_s > 0 && drive.plant.inverter == 1 && effect.describe_legs(legs))
+    file.fail(path + ".from_s", kind + ": the switched inverter has it throughout a run");
+}
+
+// `drive` null: the tables as they stand, for whatever drive.
+std::vector<ConfiguredEffect> read_effects(const Config::Impl& file, const DriveConfig* drive) {
+  std::vector<ConfiguredEffect> effects;
   const toml::node* node = file.root.get("effect");
-  if (!node) return;
+  if (!node) return effects;
   const auto* list = node->as_array();
   if (!list) file.fail("effect", "write each effect as its own [[effect]] table");
   for (std::size_t i = 0; i < list->size(); ++i) {
@@ -41,14 +54,10 @@ void read_effects(const Config::Impl& file, DriveConfig& drive) {
     reader.number("from_s", from_s, 0, 1e6, "", Presence::kOptional);
     effect->fields(reader);
     reader.require_known();
-    if (const std::string lacking = effect->prepare(drive.facts()); !lacking.empty())
-      file.fail(path, *kind + ": " + lacking);
-    if (const std::string why = why_not_delayed(*effect); from_s > 0 && !why.empty())
-      file.fail(path + ".from_s", fmt::format("{}: {}, 0 allowed", *kind, why));
-    if (LegFacts legs; from_s > 0 && drive.plant.inverter == 1 && effect->describe_legs(legs))
-      file.fail(path + ".from_s", *kind + ": the switched inverter has it throughout a run");
-    drive.effects.push_back({effect, used_in, from_s});
+    if (drive) check_effect(file, path, *drive, *effect, from_s);
+    effects.push_back({effect, used_in, from_s});
   }
+  return effects;
 }
 
 // Effects on the flux: together they must leave a machine whose current answers its voltage,
@@ -81,7 +90,7 @@ void check_losses(const Config::Impl& file, const DriveConfig& drive) {
 }
 
 // A drive has one shaft, and a signal passes one filter: the sum of two would be neither.
-void check_effects(const Config::Impl& file, const Effects& effects) {
+void check_shaft_and_filters(const Config::Impl& file, const Effects& effects) {
   int shafts = 0;
   SamplingFacts all;
   for (const auto& effect : effects) {
@@ -100,9 +109,15 @@ void check_effects(const Config::Impl& file, const Effects& effects) {
   }
 }
 
-void check_across(const Config::Impl& file, DriveConfig& drive) {
+// Each effect beside all the others.
+void check_effects(const Config::Impl& file, const DriveConfig& drive) {
+  check_shaft_and_filters(file, drive.plant_effects());
+  check_shaft_and_filters(file, drive.model_effects());
   check_flux(file, drive);
   check_losses(file, drive);
+}
+
+void check_across(const Config::Impl& file, DriveConfig& drive) {
   RateParameters& rates = drive.rates;
   if (rates.f_b_Hz > 0) {
     const double ratio = rates.f_s_Hz / rates.f_b_Hz;
@@ -167,9 +182,8 @@ void read_drive(Config::Impl& file) {
   root.accept("effect");
   root.accept("preset");
   root.require_known();
-  read_effects(file, d);
-  check_effects(file, d.plant_effects());
-  check_effects(file, d.model_effects());
+  d.effects = read_effects(file, &d);
+  check_effects(file, d);
   check_across(file, d);
 }
 
@@ -210,6 +224,25 @@ toml::table parse_override(const std::string& text) {
   } catch (const toml::parse_error& error) {
     throw BadInput(fmt::format("--set {}: {}", text, error.description()));
   }
+}
+
+// What a model may be extended by. `drive` as in read_effects.
+void check_addition_to(const DriveConfig* drive, const std::string& effects_toml,
+                       const std::string& source) {
+  Config::Impl file;
+  file.source = source;
+  file.root = parse_text(effects_toml, source);
+  file.note_origins(file.root, source, "");
+  for (const auto& [key, node] : file.root)
+    if (key.str() != "effect") file.fail(std::string(key.str()), "only [[effect]] tables allowed");
+  const std::vector<ConfiguredEffect> effects = read_effects(file, drive);
+  if (std::all_of(effects.begin(), effects.end(),
+                  [](const auto& e) { return e.used_in == UsedIn::kPlant; }))
+    throw BadInput(source + ": no effect with used_in = \"model\" or \"both\" in it");
+  if (!drive) return;
+  DriveConfig extended = *drive;
+  extended.effects.insert(extended.effects.end(), effects.begin(), effects.end());
+  check_effects(file, extended);
 }
 
 }  // namespace
@@ -305,11 +338,12 @@ std::string Config::resolved_with(std::vector<ConfiguredEffect> effects) const {
 }
 
 Config Config::with_effects(const std::string& effects_toml, const std::string& source) const {
-  for (const auto& [key, node] : parse_text(effects_toml, source))
-    if (key.str() != "effect")
-      throw BadInput(fmt::format("{}:{}: {}: only [[effect]] tables allowed", source,
-                                 key.source().begin.line, key.str()));
+  check_addition_to(&impl_->drive, effects_toml, source);
   return parse(resolved() + "\n" + effects_toml, source);
+}
+
+void Config::check_addition(const std::string& effects_toml, const std::string& source) {
+  check_addition_to(nullptr, effects_toml, source);
 }
 
 std::string Config::merged() const {

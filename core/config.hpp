@@ -43,9 +43,12 @@ class Config {
   std::string resolved() const;
   // The same with other effects.
   std::string resolved_with(std::vector<ConfiguredEffect> effects) const;
-  // The same drive with further effects, a text of [[effect]] tables and nothing else. Tables of
-  // filters and controllers have to be read again. Throws BadInput, naming `source`.
+  // The same drive with further effects, a text of [[effect]] tables and nothing else, one of them
+  // for the model at least. Tables of filters and controllers have to be read again. Throws
+  // BadInput, naming `source`.
   Config with_effects(const std::string& effects_toml, const std::string& source) const;
+  // Throws BadInput where with_effects would with any drive.
+  static void check_addition(const std::string& effects_toml, const std::string& source);
   // The keys as given, preset and overrides merged in.
   std::string merged() const;
   // Hash of every key as given: processes whose configs differ must not run together.

@@ -128,9 +128,7 @@ void Process::add_effects(const request_t& request, reply_t& reply) {
   reply.applied_seq = std::max(wanted, status_.seq + 1);
   try {
     const Config& present = extended_ ? *extended_ : config_;
-    Config extended = present.with_effects(request.text, "DRIVE_REQUEST");
-    if (extended.drive().model_effects().size() == present.drive().model_effects().size())
-      throw BadInput("DRIVE_REQUEST: no effect with used_in = \"model\" or \"both\" in it");
+    Config extended = present.with_effects(request.text, kEffectsSource);
     add_effects_(extended, reply.applied_seq);
     extended_ = std::move(extended);
     event(

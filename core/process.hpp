@@ -33,6 +33,9 @@ struct ProcessOptions {
   int cpu = -1;                 // pin to this CPU
 };
 
+// What a refusal calls the text of a request for more effects.
+inline constexpr const char* kEffectsSource = "DRIVE_REQUEST";
+
 struct ProcessInfo {
   Role role;
   const char* program;

@@ -6,6 +6,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <set>
 
 #include "core/process.hpp"
@@ -36,6 +37,7 @@ request_t request_of(const MonitorOptions& o) {
   std::ifstream in(o.file);
   if (!in) throw BadInput(o.file + ": cannot be read");
   request.text = {std::istreambuf_iterator<char>(in), {}};
+  Config::check_addition(request.text, o.file);
   request.value = static_cast<double>(o.tick);
   return request;
 }
@@ -49,20 +51,26 @@ bool hear_session(Bus& bus) {
   return heard;
 }
 
+// The processes know the file's text as DRIVE_REQUEST.
+std::string in_users_words(const std::string& refusal, const std::string& file) {
+  const std::string theirs = std::string(kEffectsSource) + ":";
+  return refusal.starts_with(theirs) ? file + refusal.substr(theirs.size() - 1) : refusal;
+}
+
 int add(const MonitorOptions& o) {
   const request_t request = request_of(o);
   Bus bus({.url = o.url, .channel_suffix = o.channel_suffix, .role = Role::kSupervisor});
   std::set<int> answered;
-  bool refused = false;
+  std::map<std::string, std::string> refused_by;  // by what was said
   bus.subscribe<reply_t>([&](const reply_t& reply) {
     if (reply.seq != request.seq || !answered.insert(reply.role).second) return;
-    refused = refused || reply.accepted == 0;
-    std::string what = "will be added";
-    if (reply.accepted == 0)
-      what = "refused: " + reply.text;
-    else if (!o.file.empty())
-      what = fmt::format("from tick {} on", reply.applied_seq);
-    fmt::print("{}: {}\n", role_name(reply.role), what);
+    if (reply.accepted == 0) {
+      std::string& roles = refused_by[in_users_words(reply.text, o.file)];
+      roles += (roles.empty() ? "" : ", ") + std::string(role_name(reply.role));
+      return;
+    }
+    const std::string from = fmt::format("from tick {} on", reply.applied_seq);
+    fmt::print("{}: {}\n", role_name(reply.role), o.file.empty() ? "will be added" : from);
   });
   if (!hear_session(bus)) {
     fmt::print(stderr, "twinrate: no drive is heard on the bus\n");
@@ -76,7 +84,10 @@ int add(const MonitorOptions& o) {
     while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
   }
   if (answered.empty()) fmt::print(stderr, "twinrate: nobody answered\n");
-  return answered.empty() || refused ? 1 : 0;
+  for (const auto& [why, roles] : refused_by)
+    fmt::print(stderr, "twinrate: {} (refused by {})\n", why, roles);
+  if (!refused_by.empty()) return o.file.empty() ? 1 : 2;
+  return answered.empty() ? 1 : 0;
 }
 
 }  // namespace

@@ -234,14 +234,29 @@ TEST(Refusal, OfEffectsThatCannotBeginLater) {
                          {"from_s", "0 allowed"});
 }
 
-TEST(Refusal, OfAdditionsThatAreNotEffects) {
-  const Config config = test::parse(drive_text());
+TEST(Refusal, OfAdditionsNamesTheirOwnLines) {
+  const std::string torsion =
+      "kind = \"torsion\"\nJ_load_kgm2 = 1e-6\nstiffness_Nm_rad = 1.0\nused_in = \"both\"\n";
+  const Config config = test::parse(drive_text() + "[[effect]]\n" + torsion);
   expect_one_line_with(
       refusal([&] { config.with_effects("[bus]\npeer_timeout_s = 1.0\n", "request"); }),
       {"request:1", "bus", "only [[effect]] tables allowed"});
   expect_one_line_with(
       refusal([&] { config.with_effects("[[effect]]\nkind = \"magic\"\n", "request"); }),
-      {"effect[0].kind", "magic"});
+      {"request:2: effect[0].kind", "magic"});
+  const std::string add = "[[effect]]\nused_in = \"model\"\n";
+  expect_one_line_with(refusal([&] {
+                         config.with_effects(add + "kind = \"resistance\"\nchange_Ohm = -100.0\n",
+                                             "request");
+                       }),
+                       {"request:1: effect[0]: resistance", "leaves no resistance"});
+  expect_one_line_with(refusal([&] { config.with_effects("\n[[effect]]\n" + torsion, "request"); }),
+                       {"request:2: effect", "the drive has a torsion or backlash already"});
+  expect_one_line_with(refusal([&] {
+                         config.with_effects(
+                             "[[effect]]\nkind = \"resistance\"\nchange_Ohm = 0.1\n", "request");
+                       }),
+                       {"request: ", "used_in"});
 }
 
 }  // namespace

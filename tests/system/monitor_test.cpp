@@ -132,9 +132,32 @@ TEST_F(Monitor, ARequestThatIsNoEffectIsRefusedByAll) {
   const ProgramResult result = twinrate({"monitor", "add", path("wrong.toml")});
   launch.signal(SIGINT);
   launch.wait(20);
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_NE(result.out.find("estimator: refused"), std::string::npos) << result.out << result.err;
-  EXPECT_NE(result.out.find("leaves no resistance"), std::string::npos) << result.out;
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_EQ(count_lines(result.err), 1) << result.err;
+  for (const char* part : {"wrong.toml:1: effect[0]", "leaves no resistance", "(refused by ",
+                           "estimator", "gain", "controller"})
+    EXPECT_NE(result.err.find(part), std::string::npos) << result.err;
+}
+
+TEST_F(Monitor, AFileThatNoDriveCouldTakeIsSentToNobody) {
+  const auto refusal = [&](const std::string& text) {
+    write_text(path("bad.toml"), text);
+    const ProgramResult result = twinrate({"monitor", "add", path("bad.toml")});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_EQ(count_lines(result.err), 1) << result.err;
+    EXPECT_LT(result.wall_s, 2) << "no drive is waited for";
+    return result.err;
+  };
+  const std::string resistance = "\n[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n";
+  for (const auto& [text, says] :
+       {std::pair{resistance + "change_Ohm = \"much\"\n", "bad.toml:5: effect[0].change_Ohm: "},
+        {resistance + "change_Ohm = 1.0\n[[effect]]\nkind = \"magic\"\n",
+         "bad.toml:7: effect[1].kind: "},
+        {std::string("[bus]\npin = true\n"), "bad.toml:1: bus: only [[effect]] tables allowed"},
+        {std::string("kind = \n"), "bad.toml:1: "},
+        {std::string("[[effect]]\nkind = \"resistance\"\nchange_Ohm = 1.0\n"),
+         "bad.toml: no effect with used_in"}})
+    EXPECT_NE(refusal(text).find(says), std::string::npos) << refusal(text);
 }
 
 TEST_F(Monitor, AnEffectOfOnesOwnIsAddedFromTheNextTickOn) {
