@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "model/frames.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -23,6 +25,28 @@ double deviation(const std::vector<double>& values) {
   return std::sqrt(sum / n);
 }
 
+// For a quarter of the time the rotor turns so fast that it passes a period of the cogging by its
+// momentum, even where all the torque in the log is against it: at a steady speed nothing
+// accelerates, and yet no current holds it.
+bool momentum_carries(const PositionLog& log, double half, double torque,
+                      const MachineParameters& machine) {
+  constexpr double kShare = 0.25;
+  std::vector<double> speed;
+  double last = log.t.front() - half;
+  for (const double t : log.t) {
+    if (t < last + half || t > log.t.back() - half) continue;
+    last = t;
+    speed.push_back(
+        std::abs(value_at(log.t, log.theta_m, t + half) - value_at(log.t, log.theta_m, t)) / half);
+  }
+  if (speed.empty()) return false;
+  const auto fast = speed.begin() + static_cast<std::ptrdiff_t>(
+                                        (1 - kShare) * static_cast<double>(speed.size() - 1));
+  std::nth_element(speed.begin(), fast, speed.end());
+  const double period = kTwoPi / (6 * machine.n_p);
+  return 0.5 * machine.J * *fast * *fast > torque * period;
+}
+
 }  // namespace
 
 double sample_interval(const PositionLog& log) {
@@ -31,13 +55,16 @@ double sample_interval(const PositionLog& log) {
   return median(std::move(steps));
 }
 
-double angle_noise(const PositionLog& log) {
+double row_noise(const std::vector<double>& x) {
   std::vector<double> third;
-  for (std::size_t k = 3; k < log.size(); ++k)
-    third.push_back(std::abs(log.theta_m[k] - 3 * log.theta_m[k - 1] + 3 * log.theta_m[k - 2] -
-                             log.theta_m[k - 3]));
+  for (std::size_t k = 3; k < x.size(); ++k)
+    third.push_back(std::abs(x[k] - 3 * x[k - 1] + 3 * x[k - 2] - x[k - 3]));
   // Median of |x| of a normal x is 0.6745 sigma; the weights' squares sum to 20.
   return median(std::move(third)) / 0.6745 / std::sqrt(20.0);
+}
+
+double angle_noise(const PositionLog& log) {
+  return row_noise(log.theta_m);
 }
 
 std::vector<int> directions(const PositionLog& log, double backlash) {
@@ -124,10 +151,16 @@ bool is_quasi_static(const PositionLog& log, const MachineParameters& machine) {
   const double half = std::max(
       5 * sample_interval(log),
       std::sqrt(machine.J * std::sqrt(6.0) * angle_noise(log) / std::max(0.1 * torque, 1e-12)));
+  if (momentum_carries(log, half, torque, machine)) return false;
   Acceleration a = second_difference(log, half);
   for (double& value : a.acceleration) value = std::abs(value);
   // A robust measure: a single jump between two rests does not make a log dynamic.
   return machine.J * median(std::move(a.acceleration)) / 0.6745 < 0.25 * torque;
+}
+
+bool is_drive_log(const PositionLog& log, const MachineParameters& machine) {
+  constexpr double kControlRate_s = 0.55e-3;  // 2 kHz, and what jitter makes of the median
+  return log.has_time() && sample_interval(log) < kControlRate_s && !is_quasi_static(log, machine);
 }
 
 std::vector<char> holding_rows(const PositionLog& log, double memory) {

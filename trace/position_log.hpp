@@ -5,7 +5,8 @@
 // Two kinds of log, told apart by what the rotor does with the torque:
 //   quasi-static  the inertia's torque is lost beside the motor's: the current holds the rotor
 //                 against cogging and friction. A holding-current map has no time at all.
-//   dynamic       the current accelerates the rotor.
+//   dynamic       the current accelerates the rotor, or its momentum carries it through the
+//                 periods of the cogging (a steady speed).
 #pragma once
 #include <string>
 #include <vector>
@@ -28,8 +29,10 @@ struct PositionLog {
 // Median step of time, s; 0 for a map.
 double sample_interval(const PositionLog& log);
 
-// Standard deviation of the angle's noise: encoder steps and, in rotation, the jitter of the time
-// stamps. From the median third difference, so that motion does not count.
+// Standard deviation of what differs from row to row, from the median third difference, so that
+// motion does not count.
+double row_noise(const std::vector<double>& x);
+// That of the angle: encoder steps and, in rotation, the jitter of the time stamps.
 double angle_noise(const PositionLog& log);
 
 // -1, +1 of the motion in every row: it turns when the angle has come back by `backlash` from its
@@ -45,6 +48,9 @@ struct Acceleration {
 Acceleration second_difference(const PositionLog& log, double half);
 
 bool is_quasi_static(const PositionLog& log, const MachineParameters& machine);
+// A dynamic log at the rate of a current controller: the torque equation of a full drive log says
+// more of it than the means that the logs here are made for.
+bool is_drive_log(const PositionLog& log, const MachineParameters& machine);
 
 // Rows of a quasi-static log that stand for holding: away from jumps (speed over five times the
 // median) and from what a filter of the current remembers of them.

@@ -82,6 +82,24 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
       unseen ? "unseen" : "training", before, after, e.unit, e.no_change);
 }
 
+// Nothing was found, and what was to be explained is all there still, beyond the noise of the rows:
+// whether anything is missing these logs do not say. Empty: they do.
+std::string nothing_explained(const TraceResult& r, const Judge& judge) {
+  constexpr double kAll = 0.9, kNoise = 1.5;
+  const EquationError& e = *r.mechanical;
+  const double after = std::isfinite(e.after.held_out) ? e.after.held_out : e.after.train;
+  double noise = 0;
+  for (const PositionLog* log : judge.logs()) noise = std::max(noise, row_noise(log->i_q));
+  const bool explained = after < kAll * e.no_change;
+  if (explained || (!judge.by_speed() && after < kNoise * noise)) return {};
+  return fmt::format(
+      "Cannot tell: the model explains nothing of {} ({:.3g} {}, with it {:.3g}), and nothing in "
+      "these logs says what would; a log with i_d, i_q, u_d, u_q and theta_m at the rate of the "
+      "current controller would (twinrate trace --plan proposes a run).",
+      judge.by_speed() ? "how the speed changes" : "the current that holds the rotor", e.no_change,
+      e.unit, after);
+}
+
 // What in motion the current and the driver's speed say.
 void find_in_motion(const MachineParameters& machine, const TraceHooks& hooks, Found& found) {
   found.spin = fit_spin_up(found.in_motion, machine);
@@ -172,6 +190,11 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
               : !r.ambiguous.empty() ? "ambiguous"
                                      : "nothing_missing";
   r.sentence = sentence(r, found, judge);
+  if (r.verdict == "nothing_missing")
+    if (const std::string why = nothing_explained(r, judge); !why.empty()) {
+      r.verdict = "ambiguous";
+      r.sentence = why;
+    }
   if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(

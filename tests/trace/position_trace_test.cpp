@@ -123,6 +123,45 @@ TEST(HoldingTorque, FindsCoggingAndFrictionOfASweep) {
   EXPECT_TRUE(found.friction_ripple.empty());
 }
 
+// At a steady speed nothing accelerates, and yet the current holds nothing.
+TEST(Positions, ASteadySpeedIsNoHolding) {
+  PositionLog log{.path = "steady"};
+  for (int k = 0; k < 40000; ++k) {
+    const double t = 1e-4 * k, load = std::fmod(t, 1.0) < 0.5 ? 0.5 : 1.5;
+    log.t.push_back(t);
+    log.theta_m.push_back(90 * t + 1e-3 * std::sin(3 * t));
+    log.i_q.push_back(load + 0.01 * normal(3, 0, static_cast<std::uint64_t>(k)));
+  }
+  EXPECT_FALSE(is_quasi_static(log, machine()));
+  EXPECT_TRUE(is_drive_log(log, machine()));
+  PositionLog slow = sweep({});
+  EXPECT_FALSE(is_drive_log(slow, machine()));
+  PositionLog sparse = swing({});
+  EXPECT_FALSE(is_drive_log(sparse, machine())) << "1 kHz";
+}
+
+TEST(Positions, WhatNothingExplainsIsNotNothingMissing) {
+  PositionLog log{.path = "drifts"};
+  PositionLog quiet{.path = "quiet"};
+  for (std::uint64_t k = 0; k < 6000; ++k) {
+    const double share = static_cast<double>(k) / 5999;
+    for (PositionLog* to : {&log, &quiet}) {
+      to->t.push_back(1e-2 * static_cast<double>(k));
+      to->theta_m.push_back(kTurn * (share < 0.5 ? 2 * share : 2 - 2 * share));
+      to->i_q.push_back(0.01 * normal(5, 0, k));
+    }
+    log.i_q.back() += 0.3 * std::sin(5.3 * log.t.back() + 0.02 * log.t.back() * log.t.back());
+  }
+  const auto trace = [](const PositionLog& one) {
+    return trace_positions({one}, {.machine = machine(), .v_dc = 24});
+  };
+  const TraceResult r = trace(log);
+  ASSERT_TRUE(r.effects.empty()) << r.sentence;
+  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
+  EXPECT_EQ(r.sentence.find("Cannot tell"), 0u) << r.sentence;
+  EXPECT_EQ(trace(quiet).verdict, "nothing_missing");
+}
+
 TEST(HoldingTorque, OneWayLeavesFrictionUnnamed) {
   const PositionLog log = sweep({}, false);
   const std::vector<const PositionLog*> logs{&log};

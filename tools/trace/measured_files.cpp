@@ -124,12 +124,17 @@ TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& 
   return static_result(set, trace, map ? StaticKind::kFluxMap : StaticKind::kInverterCurve);
 }
 
-TraceResult trace_position_files(const std::vector<Opened>& files, const MeasuredFiles& asked,
-                                 const DriveConfig& drive, const TraceHooks& hooks,
-                                 std::vector<std::string>& notes) {
+// Empty where all are drive logs but for i_d.
+std::optional<TraceResult> trace_position_files(const std::vector<Opened>& files,
+                                                const MeasuredFiles& asked,
+                                                const DriveConfig& drive, const TraceHooks& hooks,
+                                                std::vector<std::string>& notes) {
   std::vector<PositionLog> logs;
   for (const Opened& file : files)
     logs.push_back(position_log(rows_of(file, asked.repair, hooks, notes), file.held_out));
+  if (std::all_of(logs.begin(), logs.end(),
+                  [&](const PositionLog& log) { return is_drive_log(log, drive.machine); }))
+    return {};
   if (asked.held_out.empty()) logs = hold_out(logs, asked.share.value_or(0.25));
   hooks.tell(fmt::format("{} logs of angle and current", files.size()));
   return trace_positions(logs, drive.facts(), {.hooks = hooks});
@@ -174,6 +179,7 @@ std::optional<TraceResult> trace_measured_files(const MeasuredFiles& asked,
     throw BadInput(
         "--data, --holdout: the files are of different kinds (full drive logs, logs of angle and "
         "current, sets without time); one kind at a time");
+  if (!result) return {};
   result->sources = asked.data;
   result->held_out_sources = asked.held_out;
   result->health.insert(result->health.end(), notes.begin(), notes.end());

@@ -24,8 +24,9 @@ struct MeasuredFiles {
 // does.
 std::optional<ImportMap> map_for(const std::string& path, const std::vector<std::string>& maps);
 
-// Empty where the files are full drive logs. Throws BadInput; Stopped (tools/percent_line.hpp)
-// where `hooks` stop it while reading, TraceStopped before anything was found.
+// Empty where the files are full drive logs, or such but for i_d. Throws BadInput; Stopped
+// (tools/percent_line.hpp) where `hooks` stop it while reading, TraceStopped before anything was
+// found.
 std::optional<TraceResult> trace_measured_files(const MeasuredFiles& files,
                                                 const DriveConfig& drive,
                                                 const TraceHooks& hooks = {});
