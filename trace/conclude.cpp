@@ -47,14 +47,7 @@ void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r)
     set_key(*held, "signal", kCurrent);
     add(held);
   }
-  if (health.speed_lag > 0)
-    r.health.push_back(fmt::format("omega_m runs {:.3g} ms behind theta_m; no equation uses it",
-                                   1e3 * health.speed_lag));
-  if (health.speed_scale != 1)
-    r.health.push_back(
-        fmt::format("omega_m reads {:.4g} times the speed of theta_m; no equation "
-                    "uses it",
-                    health.speed_scale));
+  r.health = health.lines();
 }
 
 void from_bus(const BusRipple& bus, TraceResult& r) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "trace/health_clock.hpp"
 #include "trace/health_scan.hpp"
 #include "trace/held_currents.hpp"
 
@@ -79,6 +80,43 @@ double interpolate(double a, double b, double share) {
   return a + (b - a) * share;
 }
 
+// Glitches and frozen stretches become straight lines between the rows around them.
+void mend(RawLog& raw, const SignalFault& fault) {
+  std::vector<double>& x = raw.*raw_columns()[fault.column].values;
+  const auto row = [&](auto place) { return static_cast<std::size_t>(place - raw.t.begin()); };
+  const std::size_t first = row(std::lower_bound(raw.t.begin(), raw.t.end(), fault.t_begin)),
+                    end = row(std::upper_bound(raw.t.begin(), raw.t.end(), fault.t_end));
+  if (x.empty() || first >= end) return;
+  const double before = first > 0 ? x[first - 1] : end < raw.size() ? x[end] : 0;
+  const double behind = end < raw.size() ? x[end] : before;
+  for (std::size_t k = first; k < end; ++k)
+    x[k] = interpolate(before, behind,
+                       static_cast<double>(k - first + 1) / static_cast<double>(end - first + 1));
+}
+
+// As it would have been read without the faults, at even times.
+RawLog mended(const RawLog& raw, int n_p, const Health& health) {
+  RawLog whole = raw;
+  for (const SignalFault& fault : health.glitches) mend(whole, fault);
+  for (const SignalFault& fault : health.frozen) mend(whole, fault);
+  return health.uneven ? even_rows(whole, n_p, health.T_s) : whole;
+}
+
+// Rows in stretches that are too long for a straight line.
+std::vector<char> left_out(const RawLog& raw, const Health& health) {
+  constexpr double kBridged = 1.5;  // T_s from the first to the last row of two
+  std::vector<char> out(raw.size(), 0);
+  const auto mark = [&](const SignalFault& fault) {
+    const auto first = std::lower_bound(raw.t.begin(), raw.t.end(), fault.t_begin),
+               last = std::upper_bound(raw.t.begin(), raw.t.end(), fault.t_end);
+    std::fill(out.begin() + (first - raw.t.begin()), out.begin() + (last - raw.t.begin()), char{1});
+  };
+  for (const SignalFault& fault : health.glitches)
+    if (fault.t_end - fault.t_begin > kBridged * health.T_s) mark(fault);
+  for (const SignalFault& fault : health.frozen) mark(fault);
+  return out;
+}
+
 }  // namespace
 
 void Health::combine(const Health& other) {
@@ -95,6 +133,21 @@ void Health::combine(const Health& other) {
   speed_lag = std::max(speed_lag, other.speed_lag);
   if (speed_scale == 1) speed_scale = other.speed_scale;
   if (T_s == 0) T_s = other.T_s;
+  stray |= other.stray;
+  uneven |= other.uneven;
+  no_angle |= other.no_angle;
+  i_q_alone |= other.i_q_alone;
+  glitches.insert(glitches.end(), other.glitches.begin(), other.glitches.end());
+  frozen.insert(frozen.end(), other.frozen.begin(), other.frozen.end());
+  // A signal that changes in one of them is alive.
+  if (rows == 0) {
+    constant = other.constant;
+    blind = other.blind;
+  }
+  std::erase_if(constant, [&](std::size_t column) {
+    return std::count(other.constant.begin(), other.constant.end(), column) == 0;
+  });
+  if (other.blind.empty()) blind.clear();
   rows += other.rows;
 }
 
@@ -112,6 +165,7 @@ std::span<const RawColumn> raw_columns() {
 }
 
 void RawLog::append(const RawLog& piece) {
+  no_angle |= piece.no_angle;
   t.insert(t.end(), piece.t.begin(), piece.t.end());
   for (const RawColumn& c : raw_columns())
     (this->*c.values)
@@ -163,15 +217,25 @@ bool is_chance(std::size_t stale, std::size_t by_chance) {
 }
 
 void expect_signals(const RawLog& raw) {
+  const bool has_u =
+      (!raw.u_alpha.empty() && !raw.u_beta.empty()) || (!raw.u_d.empty() && !raw.u_q.empty());
   if (raw.theta_m.empty()) throw std::runtime_error(raw.path + ": no theta_m in the log");
   if (!has_phases(raw) && !has_stator(raw) && raw.i_q.empty())
     throw std::runtime_error(raw.path +
                              ": no current in the log (i_a and i_b, i_alpha and i_beta, or i_q)");
+  if (raw.no_angle && !has_u)
+    throw std::runtime_error(raw.path +
+                             ": no theta_m in the log, and no voltage (u_alpha and u_beta, or u_d "
+                             "and u_q) that would do without it at standstill");
 }
 
-Record record_of(const RawLog& raw, int n_p, const Health& health) {
+Record record_of(const RawLog& measured, int n_p, const Health& health) {
+  expect_signals(measured);
+  const bool as_it_is = health.glitches.empty() && health.frozen.empty() && !health.uneven;
+  const RawLog changed = as_it_is ? RawLog{} : mended(measured, n_p, health);
+  const RawLog& raw = as_it_is ? measured : changed;
+  const std::vector<char> bad = left_out(raw, health);
   const std::size_t rows = raw.t.size();
-  expect_signals(raw);
   const bool phases = has_phases(raw), stator = has_stator(raw);
   Record record;
   record.source = raw.path;
@@ -182,7 +246,8 @@ Record record_of(const RawLog& raw, int n_p, const Health& health) {
   const auto count = [](const std::vector<char>& x) {
     return static_cast<std::size_t>(std::count(x.begin(), x.end(), 1));
   };
-  if (is_chance(count(stale), count(repeated.by_chance))) std::fill(stale.begin(), stale.end(), 0);
+  if (!health.blind.empty() || is_chance(count(stale), count(repeated.by_chance)))
+    std::fill(stale.begin(), stale.end(), 0);
   // Current and voltage in stator axes, row by row of the file.
   std::vector<Vec2> i(rows), u(rows);
   std::vector<char> clipped(rows, 0);
@@ -227,23 +292,32 @@ Record record_of(const RawLog& raw, int n_p, const Health& health) {
     if (!raw.v_dc.empty()) record.v_dc.push_back(interpolate(raw.v_dc[a], raw.v_dc[b], share));
     if (!raw.T_load.empty())
       record.T_load.push_back(interpolate(raw.T_load[a], raw.T_load[b], share));
-    const bool unclipped = !clipped[a] && !clipped[b];
-    record.electrical_ok.push_back(ok && unclipped);
-    record.motion_ok.push_back(ok && unclipped);
+    ok &= !clipped[a] && !clipped[b] && !bad[a] && !bad[b];
+    record.electrical_ok.push_back(ok);
+    record.motion_ok.push_back(ok && !raw.no_angle);
   };
+  // Where the stamps stray, time goes by the rows.
+  EvenGrid grid;
   for (std::size_t m = 0; m < kept.size(); ++m) {
     const std::size_t k = kept[m];
+    double t = raw.t[k];
     if (m > 0) {
       const std::size_t before = kept[m - 1];
-      const double span = raw.t[k] - raw.t[before];
-      const auto steps = std::max<std::int64_t>(1, std::llround(span / record.T_s));
+      const double from = health.stray ? record.t.back() : raw.t[before];
+      const auto steps =
+          health.stray ? grid.steps_to(raw.t[k], record.T_s)
+                       : std::max<std::int64_t>(1, std::llround((raw.t[k] - from) / record.T_s));
+      const double span = health.stray ? static_cast<double>(steps) * record.T_s : raw.t[k] - from;
       for (std::int64_t j = 1; j < steps; ++j) {
         if (j == kGapEdge) j = std::max(j, steps - kGapEdge);
         const double share = static_cast<double>(j) / static_cast<double>(steps);
-        push(raw.t[before] + share * span, before, k, share, steps <= 3);
+        push(from + share * span, before, k, share, steps <= 3);
       }
+      t = from + span;
+    } else {
+      grid.steps_to(t, record.T_s);
     }
-    push(raw.t[k], k, k, 0, true);
+    push(t, k, k, 0, true);
   }
   if (!full_current || !has_u) record.u_alphabeta.clear();
   return record;

@@ -6,9 +6,13 @@
 //   clipped currents  the largest value stands in many neighbouring rows
 //   coarse ADC        the step between values, against the noise and the declared step
 //   speed             late behind the angle, or in another unit (trace/speed_against_angle.hpp)
+//   glitches          one to three rows of a signal far away from the rest
+//   (trace/health_faults.hpp) frozen signals    one stands while the others go on (there, too)
+//   constant signals  one that never changes: of a current, no trace
+//   time stamps       that stray, or rows that stand unevenly (trace/health_clock.hpp)
 //
-// Short gaps (up to two rows) are bridged by straight lines, longer ones and clipped rows are left
-// out of the trace.
+// Short gaps and glitches (up to two rows) are bridged by straight lines, longer ones, frozen
+// stretches and clipped rows are left out of the trace.
 #pragma once
 #include <span>
 #include <string>
@@ -25,6 +29,7 @@ struct RawLog {
   // Empty where the file has no such column. i: phases, or alpha beta, or d q.
   std::vector<double> i_a, i_b, i_c, i_alpha, i_beta, i_d, i_q;
   std::vector<double> u_alpha, u_beta, u_d, u_q, v_dc, theta_m, omega_m, T_load, temperature;
+  bool no_angle = false;  // the file has none: theta_m is 0 throughout
 
   std::size_t size() const { return t.size(); }
   // Adds the rows of a piece that has the same columns.
@@ -51,6 +56,12 @@ bool is_chance(std::size_t stale, std::size_t by_chance);
 // Rows to each side of one that decide it.
 inline constexpr std::size_t kStaleReach = 16;
 
+// Rows of one signal that are not what was measured.
+struct SignalFault {
+  std::size_t column = 0;         // of raw_columns()
+  double t_begin = 0, t_end = 0;  // s, of the first and the last row
+};
+
 struct Health {
   std::size_t rows = 0;
   double T_s = 0;  // sampling interval
@@ -59,10 +70,16 @@ struct Health {
   double i_lsb = 0;       // A, step between values of the phase currents; 0: none seen
   double i_limit = 0;     // A, where they are clipped; 0: nowhere
   double clipped_share = 0;
-  double jitter = 0;     // of the time stamps, rms over T_s
+  double jitter = 0;     // of the time stamps (uneven: of the intervals), rms over T_s
+  bool stray = false;    // the stamps leave their grid, the rows do not
+  bool uneven = false;   // the rows stand unevenly
   double i_sum_max = 0;  // A, of the three phase currents
   double speed_lag = 0;  // s, of omega_m behind theta_m; 0: none that shows
   double speed_scale = 1;
+  bool no_angle = false, i_q_alone = false;  // at rest; without i_d, which is taken for 0
+  std::vector<SignalFault> glitches, frozen;
+  std::vector<std::size_t> constant;  // columns
+  std::string blind;                  // why the currents say nothing; empty: they do
   // Else i_c is what the other two make it.
   bool i_c_measured() const { return i_sum_max >= kSumOfPhases; }
   static constexpr double kSumOfPhases = 1e-4;
@@ -72,10 +89,12 @@ struct Health {
   double not_read() const { return missing_share + stale_share + held_share; }
   // Of several logs together.
   void combine(const Health& other);
+  // What there is to say of it, one line each.
+  std::vector<std::string> lines() const;
 };
 
-// Throws std::runtime_error, one line, where the signals do not make a record (no angle, no
-// current).
+// Throws std::runtime_error, one line, where the signals do not make a record (no current; no angle
+// and no voltage either, which at rest is enough).
 void expect_signals(const RawLog& raw);
 // Even sampling with bad rows marked; `health` of the log that the rows are of. Throws
 // as expect_signals.

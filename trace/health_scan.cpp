@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/frames.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -130,15 +132,24 @@ void HealthScan::take(std::size_t end) {
   const double T_s = interval_.mean();
   const bool phases = !ahead_.i_a.empty() && !ahead_.i_b.empty();
   const auto [stale, by_chance] = repeated_rows(ahead_);
+  std::vector<char> bad(ahead_.size(), 0);
+  glitches_.look(ahead_, stale, taken_, end, T_s, bad);
   for (std::size_t k = taken_; k < end; ++k) {
     ++rows_;
     ++rows_since_kept_;
-    if (phases) look_at_currents(k);
+    if (phases && !bad[k]) look_at_currents(k);
     by_chance_ += by_chance[k] != 0;
     if (stale[k]) {
       ++stale_;
       continue;
     }
+    frozen_.add(ahead_, k);
+    clock_.add(ahead_.t[k], ahead_.theta_m.empty() ? nullptr : &ahead_.theta_m[k], T_s);
+    for (std::size_t c = 0; c < ranges_.size(); ++c)
+      if (const auto& x = ahead_.*raw_columns()[c].values; !x.empty()) {
+        ranges_[c].lowest = std::min(ranges_[c].lowest, x[k]);
+        ranges_[c].highest = std::max(ranges_[c].highest, x[k]);
+      }
     if (!at_top(k)) held_.add(current_pair(ahead_, k, T_s));
     if (t_kept_) {
       const double span = (ahead_.t[k] - *t_kept_) / T_s;
@@ -146,7 +157,7 @@ void HealthScan::take(std::size_t end) {
       missing_ += static_cast<std::size_t>(std::max<std::int64_t>(0, steps - rows_since_kept_));
       jitter_ += std::pow(span - static_cast<double>(steps), 2);
     }
-    if (!ahead_.omega_m.empty() && !ahead_.theta_m.empty())
+    if (!ahead_.omega_m.empty() && !ahead_.theta_m.empty() && !bad[k])
       speed_.add(ahead_.t[k], ahead_.theta_m[k], ahead_.omega_m[k], T_s);
     t_kept_ = ahead_.t[k];
     rows_since_kept_ = 0;
@@ -159,6 +170,37 @@ Health HealthScan::health() const {
   HealthScan rest = *this;
   rest.take(rest.ahead_.size());
   return rest.result();
+}
+
+// Where no current changes nothing is to be traced; nor where one of a phase stands while the rotor
+// turns.
+void HealthScan::look_for_dead_signals(Health& h) const {
+  std::string standing;
+  std::size_t currents = 0, dead = 0;
+  bool phase_stands = false, all_zero = true;
+  Range angle;
+  for (std::size_t c = 0; c < ranges_.size(); ++c) {
+    const std::string name = raw_columns()[c].name;
+    const Range& range = ranges_[c];
+    if (range.highest < range.lowest) continue;  // not in the log
+    if (name == "theta_m") angle = range;
+    const bool current = name.starts_with("i_");
+    if (range.constant() && (current || (name == "theta_m" && !h.no_angle)))
+      h.constant.push_back(c);
+    if (!current) continue;
+    ++currents;
+    if (!range.constant()) continue;
+    ++dead;
+    standing += (standing.empty() ? "" : ", ") + name;
+    phase_stands |= name != "i_d" && name != "i_q";
+    all_zero &= range.lowest == 0;
+  }
+  const bool turns = angle.highest - angle.lowest > kPi;
+  if (dead == 0 || (dead < currents && !(phase_stands && turns))) return;
+  h.blind = dead == currents && all_zero
+                ? "no current flows, 0 in every row of " + standing
+                : "the same current in every row of " + standing + "; a reading would change";
+  h.i_limit = h.i_lsb = h.clipped_share = 0;
 }
 
 Health HealthScan::result() const {
@@ -183,6 +225,20 @@ Health HealthScan::result() const {
   h.speed_scale = speed.scale;
   h.jitter = std::sqrt(jitter_ / static_cast<double>(std::max<std::size_t>(1, kept_)));
   h.i_sum_max = i_sum_max_;
+  if (const ClockScan::Stamps stamps = clock_.result(h.T_s); stamps.stray) {
+    h.T_s = stamps.T_s;
+    h.jitter = stamps.jitter;
+    h.uneven = stamps.uneven;
+    h.stray = !stamps.uneven;
+    h.missing_share = share(stamps.missing, rows_ + stamps.missing);
+  }
+  h.glitches = glitches_.found();
+  h.frozen = frozen_.found();
+  if (!h.frozen.empty()) h.speed_lag = 0, h.speed_scale = 1;  // compared with what stood
+  h.no_angle = ahead_.no_angle;
+  h.i_q_alone =
+      !ahead_.i_q.empty() && ahead_.i_d.empty() && ahead_.i_alpha.empty() && ahead_.i_a.empty();
+  look_for_dead_signals(h);
   return h;
 }
 

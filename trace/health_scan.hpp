@@ -9,6 +9,8 @@
 #include <unordered_map>
 
 #include "trace/health.hpp"
+#include "trace/health_clock.hpp"
+#include "trace/health_faults.hpp"
 #include "trace/held_currents.hpp"
 #include "trace/speed_against_angle.hpp"
 
@@ -63,6 +65,7 @@ class HealthScan {
   void take(std::size_t end);  // rows of `ahead_` up to there
   void look_at_currents(std::size_t k);
   bool at_top(std::size_t k) const;
+  void look_for_dead_signals(Health& health) const;
   Health result() const;
 
   SamplingInterval interval_;
@@ -70,6 +73,14 @@ class HealthScan {
   CurrentValues values_a_;
   HeldCurrents held_;
   SpeedAgainstAngle speed_;
+  ClockScan clock_;
+  GlitchScan glitches_;
+  FrozenScan frozen_;
+  struct Range {
+    double lowest = 1e300, highest = -1e300;
+    bool constant() const { return lowest == highest; }
+  };
+  std::vector<Range> ranges_ = std::vector<Range>(raw_columns().size());
   RawLog ahead_;           // rows whose neighbours have not come yet, and neighbours of theirs
   std::size_t taken_ = 0;  // of them
   std::optional<double> t_before_, t_kept_;

@@ -111,6 +111,13 @@ std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
 TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out) {
   const auto begin = std::chrono::steady_clock::now();
+  if (!health.blind.empty()) {
+    TraceResult r;
+    r.verdict = "ambiguous";
+    r.sentence = "Cannot tell: " + health.blind + ".";
+    r.health = health.lines();
+    return r;
+  }
   if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();

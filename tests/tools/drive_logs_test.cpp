@@ -13,7 +13,9 @@
 
 #include "core/config.hpp"
 #include "tests/trace/synthetic_drive.hpp"
+#include "tools/trace/measured_files.hpp"
 #include "tools/trace/verify_logs.hpp"
+#include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {
@@ -81,6 +83,51 @@ TEST_F(DriveLogsTest, ALongLogInShortBurstsIsTracedInShorterBlocks) {
   for (std::size_t k = 1; k < logs.record.size(); ++k)
     apart += logs.record.t[k] - logs.record.t[k - 1] > 0.1;
   EXPECT_GT(apart, 5u);
+}
+
+// Angle and i_q of a drive that turns, at the control rate, are a drive log without i_d.
+TEST_F(DriveLogsTest, AngleAndCurrentInMotionAreADriveLog) {
+  const std::string path = (directory_ / "angle_and_current.csv").string();
+  std::ofstream file(path);
+  file << "t,theta_m,i_q,T_load\n";
+  for (std::size_t k = 0; k < raw_.size(); ++k) {
+    const Vec2 i_dq = park(clarke({raw_.i_a[k], raw_.i_b[k], raw_.i_c[k]}), 3 * raw_.theta_m[k]);
+    file << fmt::format("{:.9g},{:.12g},{:.9g},{:.9g}\n", raw_.t[k], raw_.theta_m[k], i_dq[1],
+                        raw_.T_load[k]);
+  }
+  file.close();
+  EXPECT_FALSE(trace_measured_files({.data = {path}}, drive_.drive()).has_value());
+  const DriveLogs logs = read({.data = {path}}, 1.2 * kSeconds);
+  EXPECT_TRUE(logs.health.i_q_alone);
+  EXPECT_EQ(logs.record.T_load.size(), raw_.size());
+  EXPECT_FALSE(logs.record.has_voltage_equation());
+}
+
+// 3 s of voltage into a winding at rest.
+TEST_F(DriveLogsTest, CurrentAndVoltageWithoutAnAngleAreALogAtStandstill) {
+  const std::string path = (directory_ / "standstill.csv").string();
+  std::ofstream file(path);
+  file << "t,i_alpha,i_beta,u_alpha,u_beta\n";
+  const double R = servo().machine.R_s + 0.35, L = servo().machine.L_d;
+  double i = 0;
+  for (std::uint64_t k = 0; k < 30000; ++k) {
+    const double t = kT_s * static_cast<double>(k);
+    const double u = 3 * std::sin(8.2 * t) * std::sin(2.3 * t) + 2 * std::sin(126 * t);
+    file << fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},0\n", t, i + 0.008 * normal(51, 0, k),
+                        0.008 * normal(51, 1, k), u);
+    i = u / R + (i - u / R) * std::exp(-R * kT_s / L);
+  }
+  file.close();
+  const DriveLogs logs = read({.data = {path}}, 1.2 * kSeconds);
+  EXPECT_TRUE(logs.health.no_angle);
+  const TraceResult r = trace_record(logs.record, servo(), logs.health, {});
+  ASSERT_EQ(r.effects.size(), 1) << r.sentence;
+  const TracedEffect& e = r.effects[0];
+  EXPECT_TRUE(e.effect->kind() == "resistance" ||
+              std::count(e.aliases.begin(), e.aliases.end(), "resistance") == 1)
+      << r.sentence;
+  EXPECT_FALSE(r.mechanical.has_value());
+  EXPECT_EQ(r.health[0].find("no angle in the log"), 0u);
 }
 
 // The synthetic drive with duties in place of its voltage, v_dc beside them or not.

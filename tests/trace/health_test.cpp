@@ -1,11 +1,16 @@
 // Rows that repeat the row before: a fault where the rotor turns, chance where all stands still.
+// Faults of one signal, and of the clock.
 #include "trace/health.hpp"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "model/random.hpp"
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {
@@ -137,6 +142,190 @@ TEST(Record, TimeShowsWhereALogIsAppended) {
   Record kept = one;
   kept.append(later);
   EXPECT_EQ(kept.t.back(), later.t.back());
+}
+
+// A drive that turns, 2 s of it.
+const RawLog& turning_log() {
+  static const RawLog log = simulate_synthetic({.duration_s = 2});
+  return log;
+}
+
+std::size_t faults_of(const std::vector<SignalFault>& faults, const char* signal) {
+  return static_cast<std::size_t>(
+      std::count_if(faults.begin(), faults.end(), [&](const SignalFault& fault) {
+        return raw_columns()[fault.column].name == std::string(signal);
+      }));
+}
+
+TEST(Health, GlitchesAreCountedAndBridged) {
+  RawLog raw = turning_log();
+  raw.i_a[3] = -1e300;
+  for (std::size_t k = 500; k < raw.size(); k += 1000) raw.i_a[k] += 4;
+  raw.i_a[5000] = 1e12;
+  for (std::size_t k = 700; k < raw.size(); k += 2000)
+    raw.theta_m[k] += 0.1, raw.theta_m[k + 1] += 0.1;
+  for (std::size_t k = 900; k < raw.size(); k += 4000) raw.u_beta[k] -= 80;
+  Health clean, health;
+  const Record good = make_record(turning_log(), 3, clean);
+  EXPECT_TRUE(clean.glitches.empty());
+  const Record record = make_record(raw, 3, health);
+  EXPECT_EQ(faults_of(health.glitches, "i_a"), 22);
+  EXPECT_EQ(faults_of(health.glitches, "theta_m"), 10);
+  EXPECT_EQ(faults_of(health.glitches, "u_beta"), 5);
+  EXPECT_EQ(health.glitches.size(), 37);
+  EXPECT_EQ(health.i_limit, 0);
+  EXPECT_NEAR(health.i_sum_max, clean.i_sum_max, 1e-9);
+  ASSERT_EQ(record.size(), good.size());
+  for (std::size_t k = 0; k < record.size(); ++k) {
+    ASSERT_NEAR(record.theta_m[k], good.theta_m[k], 1e-4) << k;
+    ASSERT_LT((record.i_alphabeta[k] - good.i_alphabeta[k]).norm(), 0.1) << k;
+    ASSERT_LT((record.u_alphabeta[k] - good.u_alphabeta[k]).norm(), 20) << k;
+  }
+  ASSERT_FALSE(health.lines().empty());
+  EXPECT_NE(health.lines()[0].find("22 in i_a (the first at 0.0003 s)"), std::string::npos)
+      << health.lines()[0];
+}
+
+// A winding under steps of voltage and pulses of one row, which the current answers; a bus that
+// steps; an angle that counts.
+TEST(Health, WhatActsIsNoGlitch) {
+  RawLog raw;
+  raw.path = "pulses";
+  double i = 0;
+  for (std::size_t k = 0; k < 8000; ++k) {
+    const double step = k % 1500 > 700 ? 6 : 0, pulse = k % 400 == 50 ? 50 : 0;
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.i_alpha.push_back(0.01 * std::round((i + 0.008 * normal(21, 0, k)) / 0.01));
+    raw.i_beta.push_back(0.01 * std::round(0.8 * normal(21, 1, k)));
+    raw.u_alpha.push_back(step + pulse);
+    raw.u_beta.push_back(0);
+    raw.v_dc.push_back(k > 3000 ? 230 : 240);
+    raw.theta_m.push_back(k % 97 == 0 ? 6e-6 : 0);
+    i += 1e-4 * (step + pulse - 1.05 * i) / 12.7e-3;
+  }
+  Health health;
+  make_record(raw, 3, health);
+  EXPECT_TRUE(health.glitches.empty()) << health.lines()[0];
+  EXPECT_TRUE(health.frozen.empty());
+  raw.u_alpha[3333] += 50;  // this one was not applied
+  make_record(raw, 3, health);
+  EXPECT_EQ(faults_of(health.glitches, "u_alpha"), 1);
+}
+
+// A controller answers each step of a coarse converter by a row of voltage.
+TEST(Health, VoltageThatAnswersAReadingIsNoGlitch) {
+  RawLog raw;
+  raw.path = "coarse";
+  for (std::size_t k = 0; k < 8000; ++k) {
+    const bool read = k % 400 == 50;
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.i_alpha.push_back(read ? 0.2 : 0);
+    raw.i_beta.push_back(0);
+    raw.u_alpha.push_back((read ? -8 : 0) + 0.01 * normal(22, 0, k));
+    raw.u_beta.push_back(0.01 * normal(22, 1, k));
+    raw.theta_m.push_back(1e-3 * static_cast<double>(k));
+  }
+  Health health;
+  make_record(raw, 3, health);
+  EXPECT_TRUE(health.glitches.empty());
+  raw.u_alpha[3333] -= 8;
+  make_record(raw, 3, health);
+  EXPECT_EQ(faults_of(health.glitches, "u_alpha"), 1);
+}
+
+TEST(Health, ASignalThatFreezesIsLeftOutWhileItStands) {
+  RawLog raw = turning_log();
+  EXPECT_TRUE([&] {
+    Health clean;
+    make_record(raw, 3, clean);
+    return clean.frozen.empty();
+  }());
+  for (std::size_t k = 4001; k < 6000; ++k) raw.theta_m[k] = raw.theta_m[4000];
+  for (std::size_t k = 9001; k < 9100; ++k) raw.i_b[k] = raw.i_b[9000];
+  Health health;
+  const Record record = make_record(raw, 3, health);
+  ASSERT_EQ(health.frozen.size(), 2);
+  EXPECT_EQ(faults_of(health.frozen, "theta_m"), 1);
+  EXPECT_NEAR(health.frozen[0].t_end - health.frozen[0].t_begin, 0.2, 1e-3);
+  for (std::size_t k = 0; k < record.size(); ++k) {
+    const bool stands = (k >= 4000 && k < 6000) || (k >= 9000 && k < 9100);
+    ASSERT_EQ(record.motion_ok[k], !stands) << k;
+    ASSERT_EQ(record.electrical_ok[k], !stands) << k;
+  }
+}
+
+TEST(Health, CurrentsThatNeverChangeTellNothing) {
+  RawLog raw = turning_log();
+  const auto verdict = [&] {
+    Health health;
+    const Record record = make_record(raw, 3, health);
+    EXPECT_EQ(health.i_limit, 0);
+    return trace_record(record, servo(), health, {}).sentence;
+  };
+  raw.i_b.assign(raw.size(), -0.25);
+  EXPECT_EQ(verdict().find("Cannot tell: the same current in every row of i_b"), 0u) << verdict();
+  for (auto* i : {&raw.i_a, &raw.i_b, &raw.i_c}) i->assign(raw.size(), 0);
+  EXPECT_EQ(verdict().find("Cannot tell: no current flows"), 0u) << verdict();
+  for (auto* x : {&raw.u_alpha, &raw.u_beta, &raw.v_dc, &raw.theta_m, &raw.T_load})
+    x->assign(raw.size(), 0);
+  EXPECT_EQ(verdict().find("Cannot tell: no current flows"), 0u) << verdict();
+}
+
+TEST(Health, StampsThatStrayLeaveTheRowsEven) {
+  RawLog raw = turning_log();
+  for (std::size_t k = 0; k < raw.size(); ++k) raw.t[k] += 3e-5 * (2 * uniform(31, 0, k) - 1);
+  Health clean, health;
+  const Record good = make_record(turning_log(), 3, clean);
+  EXPECT_FALSE(clean.stray || clean.uneven);
+  const Record record = make_record(raw, 3, health);
+  EXPECT_TRUE(health.stray);
+  EXPECT_FALSE(health.uneven);
+  EXPECT_NEAR(health.jitter, 0.3 / std::sqrt(3.0), 0.03);
+  EXPECT_NEAR(health.T_s, 1e-4, 1e-9);
+  EXPECT_EQ(health.missing_share, 0);
+  ASSERT_EQ(record.size(), good.size());
+  for (std::size_t k = 1; k < record.size(); ++k) {
+    ASSERT_EQ(record.theta_m[k], good.theta_m[k]) << k;
+    ASSERT_NEAR(record.t[k] - record.t[k - 1], health.T_s, 1e-12) << k;
+  }
+}
+
+// Signals in closed form at intervals of one to three times 50 us.
+TEST(Health, RowsThatStandUnevenlyAreBroughtToEvenTimes) {
+  const auto theta_m = [](double t) { return 30 * t + 0.2 * std::sin(9 * t); };
+  const auto current = [&](double t) { return 4 * std::cos(3 * theta_m(t)); };
+  const auto flux = [&](double t) { return 0.5 * std::sin(100 * t); };  // integral of the voltage
+  RawLog raw;
+  raw.path = "uneven";
+  double t = 0;
+  for (std::size_t k = 0; k < 20000; ++k) {
+    const double step = 5e-5 * (1 + std::floor(3 * uniform(41, 0, k)));
+    raw.t.push_back(t);
+    raw.theta_m.push_back(theta_m(t));
+    raw.i_alpha.push_back(current(t));
+    raw.i_beta.push_back(1 - current(t));
+    raw.u_alpha.push_back((flux(t + step) - flux(t)) / step);
+    raw.u_beta.push_back(0);
+    t += k == 9000 ? 0.05 : step;  // a gap
+  }
+  Health health;
+  const Record record = make_record(raw, 3, health);
+  EXPECT_TRUE(health.uneven);
+  EXPECT_NEAR(health.T_s, 1e-4, 2e-6);
+  EXPECT_NEAR(health.missing_share, 0.05 / t, 0.002);
+  for (std::size_t k = 0; k < record.size(); ++k) {
+    ASSERT_NEAR(record.t[k] - record.t[k == 0 ? 0 : k - 1], k == 0 ? 0 : health.T_s, 1e-10) << k;
+    if (!record.electrical_ok[k]) continue;
+    const double at = record.t[k];
+    ASSERT_NEAR(record.theta_m[k], theta_m(at), 1e-6) << k;
+    ASSERT_NEAR(record.i_alphabeta[k][0], current(at), 1e-5) << k;
+    ASSERT_NEAR(record.u_alphabeta[k][0], (flux(at + health.T_s) - flux(at)) / health.T_s, 0.3)
+        << k;
+  }
+  // Over many rows nothing of the voltage is lost.
+  double sum = 0;
+  for (std::size_t k = 1000; k < 5000; ++k) sum += record.u_alphabeta[k][0] * health.T_s;
+  EXPECT_NEAR(sum, flux(record.t[5000]) - flux(record.t[1000]), 1e-4);
 }
 
 }  // namespace

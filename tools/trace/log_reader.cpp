@@ -26,6 +26,7 @@ class CsvLog final : public LogReader {
       if (index == kNone && c.values == &RawLog::T_load) index = index_of("torque");
       if (index != kNone) columns_.push_back({c.values, index});
     }
+    no_angle_ = index_of("theta_m") == kNone;
     const auto has = [&](std::initializer_list<const char*> names) {
       return std::all_of(names.begin(), names.end(),
                          [&](const char* name) { return index_of(name) != kNone; });
@@ -45,6 +46,8 @@ class CsvLog final : public LogReader {
       for (const auto& [values, index] : columns_) (piece.*values).push_back(rows_.values()[index]);
       if (duty_) take_voltage(piece);
     }
+    piece.no_angle = no_angle_;
+    if (no_angle_) piece.theta_m.assign(piece.size(), 0);  // stands still
     return piece.size() > 0;
   }
   double share_read() const override { return rows_.share_read(); }
@@ -82,6 +85,7 @@ class CsvLog final : public LogReader {
   std::vector<Column> columns_;
   double v_dc_nominal_;
   std::size_t v_dc_;
+  bool no_angle_ = false;
   std::optional<std::array<std::size_t, 3>> duty_;  // columns, where they make the voltage
 };
 
