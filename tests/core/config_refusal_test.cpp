@@ -141,7 +141,7 @@ const Mistake kMistakes[] = {
      {"drive.toml:18", "effect[0].mood", "unknown key", "torque_Nm"}},
     {"SecondEffectOutOfRange",
      drive_text() + "[[effect]]\nkind = 'coulomb_friction'\ntorque_Nm = 1\n"
-                    "[[effect]]\nkind = 'coulomb_friction'\ntorque_Nm = -1\n",
+                    "[[effect]]\nkind = 'coulomb_friction'\ntorque_Nm = -1e5\n",
      {"drive.toml:20", "effect[1].torque_Nm", "out of range"}},
     {"EffectsAsOneTable",
      drive_text() + "[effect]\nkind = 'cogging'\n",
