@@ -27,6 +27,18 @@ std::vector<char> NormalEquations::usable(double rows) const {
   return use;
 }
 
+Eigen::Index NormalEquations::made_up(const std::vector<char>& use) const {
+  constexpr double kOwn = 1e-5;  // of its energy: what the others leave of it
+  const Eigen::VectorXd inverse = this->inverse(use).diagonal();
+  Eigen::Index found = -1;
+  double least = kOwn;
+  for (Eigen::Index i = 0; i < b.size(); ++i) {
+    const double own = 1 / (inverse[i] * A(i, i));
+    if (use[static_cast<std::size_t>(i)] && own < least) least = own, found = i;
+  }
+  return found;
+}
+
 Eigen::VectorXd NormalEquations::solve(const std::vector<char>& use) const {
   Eigen::VectorXd scale;
   const Eigen::MatrixXd S = scaled(A, use, scale);
