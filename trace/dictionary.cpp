@@ -62,10 +62,14 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
   }
 }
 
-// What drifts begins to with the record.
+// What drifts begins to with the log.
 void start_with(const Record& record, Effect& effect) {
-  for (const NumericKey& key : numeric_keys(effect))
-    if (key.key == "start_s") set_key(effect, key.key, record.t.front());
+  const std::vector<NumericKey> keys = numeric_keys(effect);
+  const auto has = [&](const char* name) {
+    return std::any_of(keys.begin(), keys.end(), [&](const auto& key) { return key.key == name; });
+  };
+  if (has("start_s") && has("time_constant_s") && get_key(effect, "time_constant_s") > 0)
+    set_key(effect, "start_s", record.begin_s.value_or(record.t.front()));
 }
 
 bool adds_to_sensor(const Effect& effect) {
@@ -128,7 +132,6 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
-    start_with(record, *effect);
     std::vector<TracedKey> keys = effect->traced_keys();
     if (keys.empty() || searched_elsewhere(keys)) continue;
     if (effect->acts_on() == kOnBus) continue;  // stands in v_dc (trace/bus_ripple.hpp)
@@ -138,6 +141,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
       if (is_moment(key)) key.grid = times_of(equations.record());
     over_grid(*effect, keys, 0, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
+      start_with(record, *at_grid);
       if (!at_grid->prepare(equations.facts()).empty()) return;
       const int acts = at_grid->acts_on();
       if (acts == kOnSpeed) return;  // stands in no equation

@@ -4,6 +4,7 @@
 // Rows stand T_s apart. Row k: currents and angle are samples at t_k, the voltage is the mean from
 // t_k to t_{k+1} in stator axes (contracts, "Measured data").
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,7 @@ namespace twinrate {
 struct Record {
   std::string source;
   double T_s = 0;
+  std::optional<double> begin_s;  // of the log, where the record is parts of one
   int rows_each = 1;  // of the log that make a row (trace/thinning.hpp)
   std::vector<double> t;
   std::vector<Vec2> u_alphabeta, i_alphabeta;  // empty where the log has none

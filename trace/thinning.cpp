@@ -60,6 +60,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   };
   Record out;
   out.source = record.source;
+  out.begin_s = record.begin_s;
   out.T_s = static_cast<double>(rows) * record.T_s;
   out.rows_each = record.rows_each * static_cast<int>(rows);
   out.current_sensors = record.current_sensors;

@@ -74,6 +74,12 @@ TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   EXPECT_NEAR(logs.record.T_load[1000], raw_.T_load[1000], 1e-9) << "a torque sensor is a load";
 }
 
+TEST_F(DriveLogsTest, BlocksKnowWhereTheirLogBegan) {
+  for (double& t : raw_.t) t += 50;
+  const DriveLogs logs = read({.data = {write("late.csv", as_it_is)}}, kAllowed);
+  EXPECT_NEAR(logs.record.begin_s.value(), 50, 1e-6);
+}
+
 // Bursts of 900 rows, 0.2 s apart, too many for the memory: shorter blocks, none across a gap.
 TEST_F(DriveLogsTest, ALongLogInShortBurstsIsTracedInShorterBlocks) {
   for (std::size_t k = 0; k < raw_.size(); ++k) raw_.t[k] += 0.2 * static_cast<double>(k / 900);

@@ -190,6 +190,7 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
     record.append(slots_of(log, blocks[b].first, blocks[b].end, drive_.machine.n_p));
   }
   record.source = log.path;
+  record.begin_s = log.slots.front().t_begin;
   result_.notes.push_back(fmt::format(
       "{}: {:.4g} s, {} rows; traced on {} blocks of {:.3g} s spread over them ({:.2g} % of the "
       "rows), missing, repeated and clipped samples counted in all",
