@@ -1,8 +1,7 @@
 // What the time stamps of a log are worth.
 //
-//   even    rows were sampled evenly, whatever their stamps say: stamps stray around an even grid,
-//   so
-//           that a long interval is followed by a short one, and the angle goes by the row
+//   even    rows were sampled evenly, whatever their stamps say: those stray around an even grid, a
+//           long interval is followed by a short one, and the angle goes by the row
 //   uneven  rows were sampled when their stamps say: the angle goes by the stamp. Without motion:
 //           intervals that follow each other have nothing to do with each other
 //

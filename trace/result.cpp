@@ -100,6 +100,7 @@ std::vector<TracedParameter> traced_parameters(const Effect& effect,
                                                const std::map<std::string, double>& sigma) {
   std::vector<TracedParameter> list;
   for (const NumericKey& key : numeric_keys(effect)) {
+    if (key.key == "start_s") continue;  // of the log's clock, which nobody traced
     const auto [name, unit] = split_unit(key.key);
     TracedParameter p{
         .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};

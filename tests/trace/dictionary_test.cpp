@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "trace/result.hpp"
 
 namespace twinrate::dictionary_test {
 
@@ -87,6 +88,13 @@ TEST(Candidates, DriftWithTheRecordNotWithItsClock) {
     drifting += drifts;
   }
   EXPECT_EQ(drifting, 5u);
+}
+
+TEST(TracedParameters, DoNotHoldTheClockOfTheLog) {
+  const auto effect = effect_with("resistance", {{"change_Ohm", 0.1}, {"start_s", 3600}});
+  std::vector<std::string> names;
+  for (const TracedParameter& p : traced_parameters(*effect, {})) names.push_back(p.name);
+  EXPECT_EQ(names, (Names{"change", "time_constant"}));
 }
 
 // The sixth harmonic of the electrical turn and its double, whatever the number of pole pairs.

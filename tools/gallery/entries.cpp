@@ -194,7 +194,7 @@ constexpr Entry kEntries[] = {
      "each, and the mean of the three changes as a resistance.",
      "`resistance` (the mean); `current_gain`, which has order 2 n_p in the currents."},
     {"resistance", "change_Ohm = 0.5\ntime_constant_s = 2.0\n", Signal::kUq, Over::kTime,
-     "u_dq_drop = change (1 - exp(-t/tau)) i_dq",
+     "u_dq_drop = change (1 - exp(-(t - start)/tau)) i_dq",
      "Voltage along the current in proportion to it, that creeps where the winding warms up. At "
      "low speed it is most of the voltage.",
      "`inverter_drop` (resistance), `dead_time` at small current; `phase_asymmetry` but for its "
