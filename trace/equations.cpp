@@ -21,6 +21,14 @@ Vec2 out_of(const Vec2& axis, const Vec2& x) {
   return {axis[0] * x[0] - axis[1] * x[1], axis[1] * x[0] + axis[0] * x[1]};
 }
 
+void add(Channels& x, std::size_t row, const Vec2& dq) {
+  x.d[row] += dq[0];
+  x.q[row] += dq[1];
+}
+
+// What the mean of both ends of an interval, and a torque at a row, lack of the mean of a cubic.
+constexpr double kOfEnds = -1.0 / 12, kOfRow = 1.0 / 12;
+
 // cos and sin, of a small angle by their series, to the last bit but one.
 Vec2 direction(double angle) {
   constexpr double kSmall = 0.3;
@@ -151,33 +159,45 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
                              const std::vector<OperatingPoint>& points) const {
   const MachineParameters& m = facts_.machine;
   const std::size_t n = record_.size();
-  const double T_s = record_.T_s;
+  const double T_s = record_.T_s, T_held = T_s / record_.rows_each;
   const Along added(effects, points, record_);
   Channels e = empty(kOnTorque | kOnVoltage);
-  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), not_acting = Vec2::Zero();
+  const double bow = T_held * T_held * m.psi_f / (12 * m.L_d);
+  const double of_row = 1 - 1.0 / (record_.rows_each * record_.rows_each);  // bends of a current
+  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), u_R_before = Vec2::Zero();
+  Vec2 not_acting = Vec2::Zero();
+  Bend<Vec2> means{Vec2::Zero()};
+  Bend<double> torques{0};
   for (std::size_t k = 0; k < n; ++k) {
     const Contribution c = effects.empty() ? Contribution{} : added[k];
     const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
     if (has_voltage()) {
       const Vec2& axis = s.axes->at[k];
       const Vec2 psi = out_of(axis, Vec2(m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]) + c.psi_dq);
-      const Vec2 drop = m.R_s * s.i_alphabeta[k] + out_of(axis, c.u_dq_drop);
+      const double omega_e = m.n_p * points[k].omega_m;
+      const Vec2 u_R = m.R_s * (s.i_alphabeta[k] - out_of(axis, {bow * omega_e * omega_e, 0}));
+      const Vec2 drop = out_of(axis, c.u_dq_drop);
       if (k > 0) {
-        const Vec2 left = record_.u_alphabeta[k - 1] - not_acting - 0.5 * (drop_before + drop) -
-                          (psi - psi_before) / T_s;
-        const Vec2 left_dq = into(s.axes->mid[k], left);
-        e.d[k - 1] = left_dq[0];
-        e.q[k - 1] = left_dq[1];
+        const Vec2 mean = 0.5 * (drop_before + drop), mean_R = 0.5 * (u_R_before + u_R);
+        const Vec2 left =
+            record_.u_alphabeta[k - 1] - not_acting - mean - mean_R - (psi - psi_before) / T_s;
+        add(e, k - 1, into(s.axes->mid[k], left));
+        const Vec2 bend = means.pass(mean + of_row * mean_R);
+        if (k > 2) add(e, k - 2, into(s.axes->mid[k - 1], -kOfEnds * bend));
       }
       psi_before = psi;
       drop_before = drop;
+      u_R_before = u_R;
       if (added.any_of_command()) not_acting = out_of(axis, added.of_command(k));
     }
+    const double torque = m.torque(i_dq[0], i_dq[1]) +
+                          1.5 * m.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]) -
+                          points[k].T_load - c.T_load;
+    const double bend = torques.pass(torque);
+    if (k > 1) e.torque[k - 1] += kOfRow * bend;
     if (k == 0 || k + 1 == n) continue;
     const double omega_m = (s.theta_m[k + 1] - s.theta_m[k - 1]) / (2 * T_s);
-    e.torque[k] = m.torque(i_dq[0], i_dq[1]) +
-                  1.5 * m.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]) - points[k].T_load -
-                  c.T_load - m.B * omega_m - (m.J + c.J) * omega_rate(s, k);
+    e.torque[k] += torque - m.B * omega_m - (m.J + c.J) * omega_rate(s, k);
   }
   return e;
 }
@@ -255,19 +275,22 @@ inline void Equations::explain(std::size_t k, const Contribution& c, bool of_com
     const bool flux = !x.torque.empty();  // what changes no torque has none
     const Vec2 psi = flux ? out_of(axis, c.psi_dq) : Vec2(0, 0), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
-      Vec2 mean = of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
-      if (flux) mean += (psi - before.psi) / T_s;
-      const Vec2 e = into(s.axes->mid[k], mean);
-      x.d[k - 1] = e[0];
-      x.q[k - 1] = e[1];
+      const Vec2 mean = of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
+      const Vec2 bend = of_command ? Vec2(0, 0) : before.mean.pass(mean);
+      add(x, k - 1, into(s.axes->mid[k], flux ? Vec2(mean + (psi - before.psi) / T_s) : mean));
+      if (k > 2) add(x, k - 2, into(s.axes->mid[k - 1], kOfEnds * bend));
     }
-    before = {psi, drop};
+    before.psi = psi;
+    before.drop = drop;
   }
-  if (x.torque.empty() || k == 0 || k + 1 >= points_.size()) return;
+  if (x.torque.empty()) return;
   const Vec2& i_dq = points_[k].i_dq;
-  x.torque[k] =
+  const double torque =
       c.T_load - 1.5 * facts_.machine.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]);
-  if (c.J != 0) x.torque[k] += c.J * omega_rate(s, k);
+  const double bend = before.torque.pass(torque);
+  if (k > 1) x.torque[k - 1] += kOfRow * bend;
+  if (k == 0 || k + 1 == points_.size()) return;
+  x.torque[k] += torque + (c.J != 0 ? c.J * omega_rate(s, k) : 0.0);
 }
 
 std::vector<Channels> Equations::columns(const Effect& effect) const {
@@ -306,6 +329,14 @@ std::vector<std::vector<double>> Equations::load_columns(const Effect& effect, s
     effect.regressors(points_[k], all);
     for (std::size_t r = 0; r < count; ++r) x[r].push_back(all[r].T_load);
   }
+  const double of_row = kOfRow / static_cast<double>(stride * stride);
+  for (std::vector<double>& one : x) {
+    Bend<double> torques{0};
+    for (std::size_t n = 0; n < one.size(); ++n) {
+      const double bend = torques.pass(one[n]);
+      if (n > 1) one[n - 1] += of_row * bend;
+    }
+  }
   return x;
 }
 
@@ -316,8 +347,13 @@ Channels Equations::contribution(const Effect& effect) const {
       if (!motor_)
         motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, record_.rows_each);
       motor_->along(shaft, x.torque);
-      for (std::size_t k = 1; k + 1 < points_.size() && shaft.J_load > 0; ++k)
-        x.torque[k] -= shaft.J_load * omega_rate(measured_, k);
+      Bend<double> torques{0};
+      for (std::size_t k = 0; k < points_.size(); ++k) {
+        const double bend = torques.pass(x.torque[k]);
+        if (k > 1) x.torque[k - 1] += kOfRow * bend;
+        if (k > 0 && k + 1 < points_.size() && shaft.J_load > 0)
+          x.torque[k] -= shaft.J_load * omega_rate(measured_, k);
+      }
       x.torque.front() = x.torque.back() = 0;
       return x;
     }

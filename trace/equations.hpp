@@ -1,9 +1,15 @@
 // The drive's equations as residuals of a record, under any set of effects.
 //
 //   voltage  e = u - R_s i - (psi_{k+1} - psi_k)/T_s - drops,   stator axes, mean over one interval
-//            (i and drops: mean of both ends; what acts less than asked for, of the interval
-//            itself), then turned into rotor axes at mid-interval
+//            (what acts less than asked for, of the interval itself), then turned into rotor axes
+//            at mid-interval
 //   torque   e = T_em - T_load - B omega_m - J omega_m' - effects,   omega_m' = second difference
+//
+// What is known at the rows is a cubic between them: the mean m_k of both ends of an interval less
+// (m_{k-1} - 2 m_k + m_{k+1})/12; a torque, over the triangle by which a second difference weighs
+// omega_m', x_k + (x_{k-1} - 2 x_k + x_{k+1})/12. A current is none, its voltage is held from
+// sample to sample while the magnets turn: of both ends less its bow, T^2 omega_e^2 psi_f/(12 L_d)
+// along d, T the samples' distance.
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
 // (trace/sampler.hpp), residual and regressors alike. Effects on sensors are undone first, so one
@@ -23,6 +29,22 @@ namespace twinrate {
 struct Channels {
   std::vector<double> d, q;  // V; empty where not concerned
   std::vector<double> torque;
+};
+
+// The second difference of a sequence at the value before the last.
+template <class Value>
+class Bend {
+ public:
+  explicit Bend(const Value& zero) : before_(zero), last_(zero) {}
+  Value pass(const Value& x) {
+    const Value bend = before_ - 2 * last_ + x;
+    before_ = last_;
+    last_ = x;
+    return bend;
+  }
+
+ private:
+  Value before_, last_;
 };
 
 class Equations {
@@ -83,9 +105,11 @@ class Equations {
                     const std::vector<OperatingPoint>& points) const;
   Channels residual_of(const Effects& effects, Undone undone = Undone::kForgotten) const;
   Channels empty(int acts_on) const;
-  // What contribution c explains at row k, given the one of the row before.
+  // What contribution c explains at row k, given what the rows before said.
   struct Before {
     Vec2 psi = Vec2::Zero(), drop = Vec2::Zero();
+    Bend<Vec2> mean{Vec2::Zero()};
+    Bend<double> torque{0};
   };
   void explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
                Before& before) const;

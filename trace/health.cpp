@@ -285,10 +285,15 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
   for (std::size_t k = 0; k < rows; ++k)
     if (!stale[k]) kept.push_back(k);
   const auto push = [&](double t, std::size_t a, std::size_t b, double share, bool ok) {
+    const double theta_m = interpolate(raw.theta_m[a], raw.theta_m[b], share);
+    const auto turned = [&](const Vec2& x, std::size_t from) -> Vec2 {
+      return share > 0 ? inverse_park(x, n_p * (theta_m - raw.theta_m[from])) : x;
+    };
     record.t.push_back(t);
-    record.theta_m.push_back(interpolate(raw.theta_m[a], raw.theta_m[b], share));
-    record.i_alphabeta.push_back(i[a] + (i[b] - i[a]) * share);
-    if (has_u) record.u_alphabeta.push_back(u[a] + (u[b] - u[a]) * share);
+    record.theta_m.push_back(theta_m);
+    record.i_alphabeta.push_back((1 - share) * turned(i[a], a) + share * turned(i[b], b));
+    // The voltage behind a lost sample may be what a controller does without one.
+    if (has_u) record.u_alphabeta.push_back(turned(u[a], a));
     if (!raw.v_dc.empty()) record.v_dc.push_back(interpolate(raw.v_dc[a], raw.v_dc[b], share));
     if (!raw.T_load.empty())
       record.T_load.push_back(interpolate(raw.T_load[a], raw.T_load[b], share));

@@ -74,8 +74,7 @@ std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFact
   auto dead_time = make_effect("dead_time");
   for (const char* key : {"linear_current_A", "shape"})
     set_key(*dead_time, key, get_key(drop, key));
-  const bool fits =
-      set_key(*dead_time, "dead_time_s", threshold_V / (facts.v_dc * facts.f_pwm));
+  const bool fits = set_key(*dead_time, "dead_time_s", threshold_V / (facts.v_dc * facts.f_pwm));
   return fits && dead_time->prepare(facts).empty() ? dead_time : nullptr;
 }
 

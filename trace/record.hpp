@@ -16,7 +16,7 @@ struct Record {
   std::string source;
   double T_s = 0;
   std::optional<double> begin_s;  // of the log, where the record is parts of one
-  int rows_each = 1;  // of the log that make a row (trace/thinning.hpp)
+  int rows_each = 1;              // of the log that make a row (trace/thinning.hpp)
   std::vector<double> t;
   std::vector<Vec2> u_alphabeta, i_alphabeta;  // empty where the log has none
   std::vector<double> theta_m;                 // unwrapped

@@ -7,11 +7,20 @@ namespace {
 
 constexpr double kEnough_Hz = 5000;
 
-// Rows of the record at which the thinned ones stand; each reaches rows - 1 back and
-// 2 (rows - 1) on.
-std::vector<std::size_t> centres(std::size_t size, std::size_t rows) {
+// How far a thinned row reaches to both sides.
+std::size_t reach(std::size_t rows) {
+  return 2 * rows - 1;
+}
+
+// Rows of the record at which the thinned ones stand; a voltage reaches rows - 1 further on. None
+// mixes what is apart in time.
+std::vector<std::size_t> centres(const Record& record, std::size_t rows) {
+  constexpr double kApart = 12;  // rows
+  const std::size_t back = reach(rows), on = back + rows - 1;
+  const double longest = (static_cast<double>(back + on) + kApart) * record.T_s;
   std::vector<std::size_t> at;
-  for (std::size_t k = rows - 1; k + 2 * (rows - 1) < size; k += rows) at.push_back(k);
+  for (std::size_t k = back; k + on < record.size(); k += rows)
+    if (record.t[k + on] - record.t[k - back] < longest) at.push_back(k);
   return at;
 }
 
@@ -34,16 +43,18 @@ std::size_t rows_as_one(double T_s) {
 Record thinned(const Record& record, std::size_t rows, int n_p) {
   if (rows <= 1) return record;
   const auto weight = [m = static_cast<double>(rows)](std::size_t j) {
-    return (m - static_cast<double>(j)) / (m * m);
+    const double x = static_cast<double>(j) / m;
+    return (2 - x) * (1 - x) * (x < 1 ? (1 + x) / 2 : (3 - x) / 6) / m;
   };
-  const std::vector<std::size_t> at = centres(record.size(), rows);
+  const std::vector<std::size_t> at = centres(record, rows);
   const auto weighted = [&](const auto& x, auto&& value) {
     std::decay_t<decltype(x)> out;
     if (x.empty()) return out;
     out.reserve(at.size());
     for (std::size_t k : at) {
       auto sum = decltype(value(k, k))(weight(0) * value(k, k));
-      for (std::size_t j = 1; j < rows; ++j) sum += weight(j) * (value(k, k - j) + value(k, k + j));
+      for (std::size_t j = 1; j <= reach(rows); ++j)
+        sum += weight(j) * (value(k, k - j) + value(k, k + j));
       out.push_back(sum);
     }
     return out;
@@ -79,18 +90,19 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
     std::vector<char> all;
     for (std::size_t k : at) {
       char good = 1;
-      for (std::size_t row = k - (rows - 1); row <= k + on; ++row) good = good && ok[row];
+      for (std::size_t row = k - reach(rows); row <= k + on; ++row) good = good && ok[row];
       all.push_back(good);
     }
     return all;
   };
-  out.electrical_ok = usable(record.electrical_ok, 2 * (rows - 1));
-  out.motion_ok = usable(record.motion_ok, rows - 1);
+  out.electrical_ok = usable(record.electrical_ok, reach(rows) + rows - 1);
+  out.motion_ok = usable(record.motion_ok, reach(rows));
   return out;
 }
 
-std::vector<char> thinned(const std::vector<char>& rows_of, std::size_t rows) {
-  return rows <= 1 ? rows_of : taken(rows_of, centres(rows_of.size(), rows));
+std::vector<char> thinned(const std::vector<char>& of_rows, const Record& record,
+                          std::size_t rows) {
+  return rows <= 1 ? of_rows : taken(of_rows, centres(record, rows));
 }
 
 }  // namespace twinrate

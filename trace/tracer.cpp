@@ -146,7 +146,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
                record_readings = thin(noisier.readings);
   const Equations equations(record, facts, known), answered(record_answered, facts, known),
       readings(record_readings, facts, known);
-  const Sampler sampler(record, moving_rows(record), thinned(held_out, rows));
+  const Sampler sampler(record, moving_rows(record), thinned(held_out, whole, rows));
   Chain chain(equations, answered, readings, sampler);
   chain.stop_when(settings.stop);
   lap("equations");

@@ -128,7 +128,7 @@ void compare_with_truth(const TraceResult& r, const Record& whole, const DriveCo
   all.insert(all.end(), truth.begin(), truth.end());
   const Equations equations(record, model.facts(), all);
   const Sampler sampler(record, moving_rows(record),
-                        thinned(held_out_rows(whole, 0.25, n_p), rows));
+                        thinned(held_out_rows(whole, 0.25, n_p), whole, rows));
   const Channels left = equations.residual({});
   if (r.electrical) {
     const Runs& runs = sampler.electrical();

@@ -85,6 +85,54 @@ TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
   }
 }
 
+// At constant speed what turns with the rotor has a closed mean: of a drop over an interval, and of
+// a torque over the triangle of a second difference.
+TEST(Equations, WhatTurnsIsMeantOverItsInterval) {
+  const DriveFacts facts = servo().facts();
+  constexpr double kOmega = 12;
+  Record r = record();
+  for (std::size_t k = 0; k < r.size(); ++k) {
+    r.theta_m[k] = kOmega * r.t[k];
+    r.i_alphabeta[k] = Vec2::Zero();
+  }
+  const Equations equations(r, facts);
+  const double T_s = r.T_s;
+  const auto peak = [&](const std::vector<double>& x) {
+    double most = 0;
+    for (std::size_t k = 50; k + 50 < x.size(); ++k) most = std::max(most, std::abs(x[k]));
+    return most;
+  };
+  const int N = 36 * 3;
+  const double x = N * kOmega * T_s;  // 0.13 rad a row
+  const auto ripple = make_effect("flux_harmonics"), cogging = make_effect("cogging");
+  for (const auto& effect : {ripple, cogging}) {
+    set_key(*effect, "order", N);
+    ASSERT_EQ(effect->prepare(facts), "");
+  }
+  // Flux A cos(N theta): a drop A N omega_m along d, its mean 2 A sin(x/2)/T_s.
+  const Channels drop = equations.columns(*ripple)[0];
+  EXPECT_NEAR(peak(drop.d) / (2 * std::sin(x / 2) / T_s), 1, 1e-4);
+  const std::vector<double> torque_column = equations.columns(*cogging)[0].torque;
+  EXPECT_NEAR(peak(torque_column), std::pow(2 * std::sin(x / 2) / x, 2), 1e-4);
+  const std::vector<double> every_second = equations.load_columns(*cogging, 3, 2)[0];
+  for (std::size_t n = 50; n + 50 < every_second.size(); ++n)
+    ASSERT_NEAR(every_second[n], torque_column[3 + 2 * n], 1e-4);
+  const auto at = [&](const std::shared_ptr<Effect>& effect, const char* size) {
+    const auto one = effect->clone();
+    set_key(*one, size, 1e-3);
+    return equations.residual({one});
+  };
+  const Channels before = equations.residual({}), with_cogging = at(cogging, "amplitude_Nm"),
+                 with_ripple = at(ripple, "amplitude_Wb");
+  std::vector<double> torque, d;
+  for (std::size_t k = 0; k < r.size(); ++k) {
+    torque.push_back((before.torque[k] - with_cogging.torque[k]) / 1e-3);
+    d.push_back((before.d[k] - with_ripple.d[k]) / 1e-3);
+  }
+  EXPECT_NEAR(peak(torque), std::pow(2 * std::sin(x / 2) / x, 2), 1e-4);
+  EXPECT_NEAR(peak(d) / (2 * std::sin(x / 2) / T_s), 1, 1e-4);
+}
+
 // A current that turns at one frequency is read smaller and later behind a filter, later behind a
 // delay, by closed forms.
 TEST(Equations, ALateCurrentIsReadAheadAgain) {
