@@ -69,9 +69,12 @@ void CurrentLevels::add(double value) {
   ++at_next_;
 }
 
-double CurrentLevels::limit() const {
+double CurrentLevels::limit(double times) const {
   // At the top of a mere coarse scale there are no more than below it.
-  return in_runs_ >= 12 && 4 * in_runs_ > at_top_ && at_top_ > 5 * at_next_ ? top_ : 0;
+  return in_runs_ >= 12 && 4 * in_runs_ > at_top_ &&
+                 static_cast<double>(at_top_) > times * static_cast<double>(at_next_)
+             ? top_
+             : 0;
 }
 
 void CurrentValues::add(double value) {
@@ -213,6 +216,11 @@ Health HealthScan::result() const {
   h.held_share = held_.share();
   h.i_lsb = values_a_.step();
   h.i_limit = std::max(a_.limit(), b_.limit());
+  // On a coarse scale the step below holds many, too. A sine has 2.4 times as many in its topmost
+  // step at most, and both sensors have the same.
+  constexpr double kTimesCoarse = 3;
+  if (h.i_limit == 0 && std::abs(a_.top() - b_.top()) < tolerance(a_.top()))
+    h.i_limit = std::min(a_.limit(kTimesCoarse), b_.limit(kTimesCoarse));
   if (h.i_limit > 0) {
     const bool both = std::abs(any_.top() - h.i_limit) < tolerance(h.i_limit);
     h.clipped_share = share(both             ? any_.at_top()

@@ -34,7 +34,8 @@ class SamplingInterval {
 class CurrentLevels {
  public:
   void add(double value);
-  double limit() const;  // 0: there is none
+  // 0: there is none. `times`: how many more samples have to stand there than just below.
+  double limit(double times = 5) const;
   double top() const { return top_; }
   std::size_t at_top() const { return at_top_; }
 

@@ -123,6 +123,21 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
   return best;
 }
 
+std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
+                                       const std::vector<Candidate>& candidates) {
+  constexpr std::size_t kStarts = 4;
+  std::vector<std::shared_ptr<Effect>> grid;
+  for (const Candidate& c : candidates)
+    if (c.effect->kind() == "torsion") grid.push_back(c.effect->clone());
+  if (grid.empty()) return nullptr;
+  const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kKnown);
+  ShaftSearch::Points starts = search.at(std::move(grid));
+  std::sort(starts.begin(), starts.end(), ShaftSearch::better);
+  starts.resize(std::min(kStarts, starts.size()));
+  const ShaftSearch::Points ends = search.descend(std::move(starts), kTriedTorsion, kFirstStep);
+  return std::min_element(ends.begin(), ends.end(), ShaftSearch::better)->shaft;
+}
+
 std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
   const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;

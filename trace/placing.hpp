@@ -12,6 +12,11 @@ namespace twinrate {
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect);
 
+// The torsion that leaves least, by simplex from the best of the candidates: where it rings at all
+// times, the noise is part resonance, and whitened by that no torsion scores.
+std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
+                                       const std::vector<Candidate>& candidates);
+
 // A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
 // the error rough in the parameters: backlash in the place of `shaft`, searched on
 // grids around it and away from it, then by simplex. Nothing where none comes near.

@@ -94,8 +94,9 @@ class Selector {
     Fit best, overdamped;
     double best_gain = 0, first_gain = 0;
     std::size_t tried = 0;
-    const std::vector<Score> ranking = ranked(fitter_, candidates_, now);
+    std::vector<Score> ranking = ranked(fitter_, candidates_, now);
     if (say_) say_(in_words(ranking));
+    look_for_shaft(ranking);
     for (const Score& s : ranking) {
       if (s.gain <= 0 || tried >= kMostTried + (best.members.empty() ? 2 : 0)) break;
       // Far from its best point on a grid, an effect without regressors scores too low.
@@ -113,8 +114,15 @@ class Selector {
       if (shaft) look_for_gap(now, next);
       if (s.effect->kind() == "resistance" || !next.valid) next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
-      const double gain = score_now - score_of(fitter_, next);
-      const bool good = acceptable(fitter_, next, now);
+      double gain = score_now - score_of(fitter_, next);
+      bool good = acceptable(fitter_, next, now);
+      if (!good && next.valid && gain > fitter_.margin()) {
+        // It may be that a step of those before stands at the wrong moment without it.
+        Fit anew = moments_anew(next);
+        good = acceptable(fitter_, anew, now);
+        if (good) next = std::move(anew);
+        gain = score_now - score_of(fitter_, next);
+      }
       if (say_)
         say_(fmt::format("  {} -> {}: score {:.0f} -> {:.0f}, held-out {:.0f} -> {:.0f}{}",
                          describe(*s.effect), describe(*next.members.back()), s.gain, gain,
@@ -132,6 +140,20 @@ class Selector {
     fit_ = std::move(best);
     place_anew();
     return true;
+  }
+
+  // A load that rings whenever the drive moves stands in the spectrum as lines.
+  void look_for_shaft(std::vector<Score>& ranking) const {
+    if (ranking.empty() || ranking.front().gain <= 0 || has_shaft(fit_.members) ||
+        ranking.front().effect->kind() != "periodic_torque" ||
+        get_key(*ranking.front().effect, "frequency_Hz") == 0)
+      return;
+    const std::shared_ptr<Effect> torsion = search_torsion(fitter_, fit_, candidates_);
+    if (!torsion) return;
+    std::erase_if(ranking, [](const Score& s) { return s.effect->kind() == "torsion"; });
+    Score tried = ranking.front();
+    tried.effect = torsion;
+    ranking.insert(ranking.begin() + 1, tried);
   }
 
   // The larger gain; of two that are near one another, what is plainly better where nothing was
@@ -207,26 +229,28 @@ class Selector {
         break;  // it is the last member now
       }
     }
-    // A step that is placed anew becomes the last member, and the next one takes its number.
-    std::size_t m = 0;
-    for (std::size_t left = fit_.members.size() - 1; left > 0; --left) {
-      const std::shared_ptr<Effect> member = fit_.members[m++];
+    fit_ = moments_anew(std::move(fit_));
+  }
+
+  Fit moments_anew(Fit fit) const {
+    for (std::size_t m = 0; m + 1 < fit.members.size(); ++m) {
+      const std::shared_ptr<Effect> member = fit.members[m];
       if (member->kind() != "load_step") continue;
-      const Fit without = fitter_.refine(with(fit_.members, nullptr, m - 1));
-      bool moved = false;
+      const Fit without = fitter_.refine(with(fit.members, nullptr, m));
       const std::shared_ptr<Effect> elsewhere = best_moment(without);
       for (const auto& start : {member, elsewhere}) {
         if (!start || (start == elsewhere && repeats_step(*member, *start))) continue;
         const std::shared_ptr<Effect> there = placed(fitter_, without, start);
         if (std::abs(get_key(*there, "time_s") - get_key(*member, "time_s")) < kSameMoment_s)
           continue;
-        Fit anew = fitter_.refine(with(without.members, there));
-        if (!anew.valid || anew.rss + anew.rss_held_out >= fit_.rss + fit_.rss_held_out) continue;
-        fit_ = std::move(anew);
-        moved = true;
+        Members members = with(without.members, nullptr);
+        members.insert(members.begin() + static_cast<std::ptrdiff_t>(m), there);
+        Fit anew = fitter_.refine(std::move(members));
+        if (anew.valid && anew.rss + anew.rss_held_out < fit.rss + fit.rss_held_out)
+          fit = std::move(anew);
       }
-      if (moved) --m;
     }
+    return fit;
   }
 
   // Of the whole record; null where no step would help.

@@ -24,10 +24,16 @@ void leave_out_unreached(Log& log) {
   double largest = 0;
   for (const std::vector<double>* i : {&log.raw.i_a, &log.raw.i_b})
     for (double x : *i) largest = std::max(largest, std::abs(x));
+  double coarsest = kLsb;
+  for (const auto& effect : log.truth) {
+    SamplingFacts facts;
+    effect->describe_sampling(facts);
+    coarsest = std::max(coarsest, facts.i_lsb);
+  }
   std::erase_if(log.truth, [&](const auto& effect) {
     SamplingFacts facts;
     effect->describe_sampling(facts);
-    return facts.i_limit > 0 && largest < facts.i_limit - kLsb / 2;
+    return facts.i_limit > 0 && largest < facts.i_limit - coarsest / 2;
   });
 }
 

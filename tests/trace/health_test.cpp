@@ -254,6 +254,29 @@ TEST(Health, ASignalThatFreezesIsLeftOutWhileItStands) {
   }
 }
 
+// A sine of 2 A on steps of 0.08 A; in the topmost stand 2.4 times as many as below at most.
+TEST(Health, ACoarseScaleHasALimitWhereItIsCutAlone) {
+  const auto limit = [](double amplitude, double cut) {
+    RawLog raw = turning_log();
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      const Vec3 i =
+          inverse_clarke(amplitude * Vec2(std::cos(40 * raw.t[k]), std::sin(40 * raw.t[k])));
+      const auto read = [&](double x) {
+        return 0.08 * std::round(std::clamp(x, -cut, cut) / 0.08);
+      };
+      raw.i_a[k] = read(i[0]);
+      raw.i_b[k] = read(i[1]);
+    }
+    Health health;
+    make_record(raw, 3, health);
+    return health.i_limit;
+  };
+  for (double amplitude = 1.96; amplitude < 2.04; amplitude += 0.01)
+    EXPECT_EQ(limit(amplitude, 10), 0) << amplitude;
+  EXPECT_NEAR(limit(2, 1.9), 1.92, 1e-9);
+  EXPECT_NEAR(limit(2, 1.7), 1.68, 1e-9);
+}
+
 TEST(Health, CurrentsThatNeverChangeTellNothing) {
   RawLog raw = turning_log();
   const auto verdict = [&] {

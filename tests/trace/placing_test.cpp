@@ -46,6 +46,26 @@ TEST(Placing, BehindAShaftWithoutAGapTheSearchForOneEndsEarly) {
   EXPECT_FALSE(search_backlash(fitter, fitter.start({}), *truth));
 }
 
+TEST(Placing, ATorsionIsSearchedFromTheBestOfItsGrid) {
+  const LooseLoad load{.J = 3.2e-3, .K = 250, .D = 0.05, .gap = 0};
+  const auto truth = behind_a_shaft(load);
+  const FittedDrive drive(with_load(load), {truth});
+  const Fitter fitter = drive.fitter();
+  const Fit nothing = fitter.start({});
+  EXPECT_EQ(search_torsion(fitter, nothing, {}), nullptr);
+  std::vector<Candidate> grid;
+  for (double J_load : {1.3e-3, 3.5e-3})
+    for (double stiffness = 14; stiffness < 600; stiffness *= 1.7)
+      grid.push_back({effect_with("torsion", {{"J_load_kgm2", J_load},
+                                              {"stiffness_Nm_rad", stiffness},
+                                              {"damping_Nms_rad", 0.026}}),
+                      {}});
+  const auto found = search_torsion(fitter, nothing, grid);
+  EXPECT_NEAR(get_key(*found, "J_load_kgm2"), load.J, 0.06 * load.J);
+  EXPECT_NEAR(get_key(*found, "stiffness_Nm_rad"), load.K, 0.06 * load.K);
+  EXPECT_NEAR(get_key(*found, "damping_Nms_rad"), load.D, 0.1 * load.D);
+}
+
 // What the shaft does follows the true angle, and so do the slopes along which it is fitted.
 TEST(Placing, AShaftBesideAnErrorOfTheAngleArrivesInAFewSteps) {
   constexpr double kError = 0.03;  // rad, more than the twist

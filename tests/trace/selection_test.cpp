@@ -90,6 +90,32 @@ TEST(Selection, AStepBesideAStepIsThatOneMoved) {
   EXPECT_NEAR(get_key(*fit.members[0], "torque_Nm"), kTorque, 0.01 * kTorque);
 }
 
+// Placed before the inertia was known, a step stands where nothing is fitted (between 1.33 and
+// 1.50 s); the inertia alone makes things worse there.
+TEST(Selection, AStepIsMovedBeforeTheNewcomerIsRefused) {
+  const double kTorque = 0.75, kTime = 1.467, kChange = 0.13 * SyntheticDrive{}.J;  // Nm, s, kgm2
+  const auto inertia = effect_with("inertia", {{"change_kgm2", kChange}});
+  const auto step_at = [kTorque](double time_s) {
+    return effect_with("load_step", {{"torque_Nm", kTorque}, {"time_s", time_s}});
+  };
+  const FittedDrive drive(
+      simulate_synthetic(
+          {.J = SyntheticDrive{}.J + kChange,
+           .duration_s = 4,
+           .extra_load = [=](double t, double, double) { return t >= kTime ? kTorque : 0.0; }}),
+      {inertia, step_at(kTime)});
+  const Fitter fitter = drive.fitter();
+  std::vector<Sampled> columns = drive.chain().columns(*inertia);
+  for (Sampled& x : columns) x = drive.chain().regressor(x);
+  const Fit wrong = fitter.refine({step_at(kTime - 0.1)});
+  EXPECT_GT(fitter.refine(with(wrong.members, inertia)).rss_held_out, wrong.rss_held_out);
+  RoundState state;
+  const Fit fit = select_one(fitter, {{inertia, columns}}, {step_at(kTime - 0.1)}, {}, state);
+  ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"inertia", "load_step"}));
+  EXPECT_NEAR(get_key(*fit.members[0], "time_s"), kTime, 1e-3);
+  EXPECT_NEAR(get_key(*fit.members[1], "change_kgm2"), kChange, 0.01 * kChange);
+}
+
 // Through the slope of a drop at small currents the readings' noise is most of what is left. Where
 // its size was taken from a residual that the drop was in, more of it is taken off than there is.
 TEST(Selection, WhatExplainsFarMoreThanNoiseIsNotRefusedForNoiseTakenTooLarge) {
