@@ -153,7 +153,9 @@ void HealthScan::take(std::size_t end) {
         ranges_[c].lowest = std::min(ranges_[c].lowest, x[k]);
         ranges_[c].highest = std::max(ranges_[c].highest, x[k]);
       }
-    if (!at_top(k)) held_.add(current_pair(ahead_, k, T_s));
+    const bool turning =
+        k > 0 && !ahead_.theta_m.empty() && ahead_.theta_m[k] != ahead_.theta_m[k - 1];
+    if (!at_top(k)) held_.add(current_pair(ahead_, k, T_s), turning);
     if (t_kept_) {
       const double span = (ahead_.t[k] - *t_kept_) / T_s;
       const auto steps = std::max<std::int64_t>(1, std::llround(span));
@@ -213,8 +215,8 @@ Health HealthScan::result() const {
   };
   h.missing_share = share(missing_, rows_ + missing_);
   h.stale_share = is_chance(stale_, by_chance_) ? 0 : share(stale_, rows_);
-  h.held_share = held_.share();
   h.i_lsb = values_a_.step();
+  h.held_share = held_.share(h.i_lsb);
   h.i_limit = std::max(a_.limit(), b_.limit());
   // On a coarse scale the step below holds many, too. A sine has 2.4 times as many in its topmost
   // step at most, and both sensors have the same.

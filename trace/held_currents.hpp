@@ -6,6 +6,11 @@
 // the mean. Where k is held, i_{k-1} is right and e = -v. The share of held rows is therefore
 //   -sum(e v) over the rows that repeat / sum(v^2) over all rows
 // and its sigma comes from the scatter of e v.
+//
+// Where currents hardly change, v is lost in noise. There both repeat by chance as often as each
+// does by itself: of n rows n_x n_y/n, more by 1/sqrt(1 - rho^2) where the noise of one is like
+// that of the other. What both do beyond that is held. (Noise that does not reach over the steps of
+// the converter leaves both where they are, as long as neither is near an edge: nothing is said.)
 #pragma once
 #include <cstddef>
 #include <vector>
@@ -17,22 +22,37 @@ namespace twinrate {
 
 // Rows k-1 and k of the currents (i_a and i_b, or i_alpha and i_beta) by the three on either side.
 struct CurrentPair {
-  bool repeats = false;       // both currents
+  bool known = false;  // there are such rows, none missing around them
+  bool x_repeats = false, y_repeats = false;
+  Vec2 step = Vec2::Zero();   // A, from one to the other
   Vec2 way = Vec2::Zero();    // A a row, of the line
   Vec2 ahead = Vec2::Zero();  // A, of the two together before the line
   // Nearer to what a held row leaves than to what chance does.
-  bool looks_held() const { return repeats && -2 * ahead.dot(way) > way.squaredNorm(); }
+  bool repeats() const { return x_repeats && y_repeats; }
+  bool looks_held() const { return repeats() && -2 * ahead.dot(way) > way.squaredNorm(); }
 };
-// Nothing repeats where rows are missing around k, or there are no such currents.
 CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s);
 
 class HeldCurrents {
  public:
-  void add(const CurrentPair& pair);
-  double share() const;  // of all rows; 0 where the repeated ones may all be chance
+  // `turning`: the angle goes on.
+  void add(const CurrentPair& pair, bool turning);
+  // Of all rows; 0 where the repeated ones may all be chance. `i_lsb`: step of the currents.
+  double share(double i_lsb) const;
 
  private:
+  // Rows that lie near one another, which all repeat equally often.
+  struct Few {
+    int rows = 0, x = 0, y = 0, both = 0;
+  };
+  void close_few();
+  double beyond_chance(double i_lsb) const;
+
   double behind_ = 0, scatter_ = 0, squares_ = 0;
+  Few few_;
+  double both_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over them
+  Eigen::Matrix2d steps_ = Eigen::Matrix2d::Zero();              // products of the steps' noise
+  double rows_ = 0;                                              // of these
 };
 
 }  // namespace twinrate

@@ -113,6 +113,46 @@ TEST(Health, TellsHeldCurrentsFromCoarseOnesThatRepeatByChance) {
   EXPECT_LT(filled, 0.5 * held) << filled << " " << held;
 }
 
+// Two currents that hardly change from row to row. `alike`: of their noise, what both have.
+RawLog slow_currents(double noise_A, double alike, std::size_t every, double peak_A = 2) {
+  RawLog raw;
+  raw.path = "slow";
+  for (std::size_t k = 0; k < 60000; ++k) {
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.theta_m.push_back(2 * raw.t.back());
+    const double shared = alike * normal(14, 0, k), own = std::sqrt(1 - alike * alike);
+    const auto read = [&](std::uint64_t stream, double angle) {
+      const double i = peak_A * std::sin(3 * raw.theta_m[k] + angle) +
+                       noise_A * (shared + own * normal(14, stream, k));
+      return 0.01 * std::round(i / 0.01);
+    };
+    const bool held = every > 0 && k % every == every - 1;
+    raw.i_a.push_back(held ? raw.i_a[k - 1] : read(1, 0));
+    raw.i_b.push_back(held ? raw.i_b[k - 1] : read(2, -2.0944));
+    raw.v_dc.push_back(235.4 + 0.2 * normal(14, 3, k));
+  }
+  return raw;
+}
+
+TEST(Health, CurrentsThatHardlyChangeRepeatTogetherWhereTheyAreHeld) {
+  const auto held_share = [](const RawLog& raw) {
+    Health health;
+    make_record(raw, 3, health);
+    EXPECT_EQ(health.stale_share, 0);
+    return health.held_share;
+  };
+  EXPECT_EQ(held_share(slow_currents(0.008, 0, 0)), 0);
+  EXPECT_NEAR(held_share(slow_currents(0.008, 0, 80)), 1.0 / 80, 0.004);
+  EXPECT_EQ(held_share(slow_currents(0.008, 0.7, 0)), 0);  // the noise of both is alike
+  EXPECT_NEAR(held_share(slow_currents(0.008, 0.7, 40)), 1.0 / 40, 0.008);
+  for (double noise_A : {2e-4, 4e-4, 1e-3})  // within the scale's steps
+    EXPECT_EQ(held_share(slow_currents(noise_A, 0, 0, 0.8)), 0) << noise_A;
+  RawLog at_rest = slow_currents(0.008, 0, 40);               // where the whole row is repeated
+  at_rest.theta_m.assign(at_rest.size(), 0.3);
+  for (std::size_t k = 39; k < at_rest.size(); k += 40) at_rest.v_dc[k] = at_rest.v_dc[k - 1];
+  EXPECT_EQ(held_share(at_rest), 0);
+}
+
 // What a row holds is what was read before the row before it, where both are repeated.
 TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
   const RawLog good = quantised_log(40);
