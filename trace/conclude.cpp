@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <map>
 
+#include "model/effects/losses.hpp"
 #include "trace/correction.hpp"
 #include "trace/effect_view.hpp"
 #include "trace/errors.hpp"
@@ -122,11 +123,11 @@ void name_aliases(const Record& record, TraceResult& r) {
 }
 
 std::string sentence(const TraceResult& r) {
-  std::vector<std::string> names;
+  std::vector<std::string> lacking, too_much;
   for (const TracedEffect& e : r.effects) {
     std::string name(e.effect->kind());
     if (!e.aliases.empty()) name += fmt::format(" (or {})", fmt::join(e.aliases, ", "));
-    names.push_back(name);
+    (takes_back(*e.effect) ? too_much : lacking).push_back(name);
   }
   const bool bus_alone = std::all_of(r.effects.begin(), r.effects.end(),
                                      [](const auto& e) { return e.effect->acts_on() == kOnBus; });
@@ -134,16 +135,22 @@ std::string sentence(const TraceResult& r) {
                      : r.main_equation == "electrical" ? r.electrical
                                                        : r.mechanical;
   std::string fall;
-  if (main && !names.empty())
+  if (main && !r.effects.empty())
     fall = fmt::format(
-        "; with it the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise {:.3g})",
+        "; with {} the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise {:.3g})",
+        too_much.empty() ? "it" : "that mended",
         bus_alone && r.bus                ? "bus voltage"
         : r.main_equation == "electrical" ? "voltage"
                                           : "torque",
         main->before.held_out, main->after.held_out, main->unit, main->noise_floor);
-  std::string text = names.empty()
-                         ? "Nothing of the catalogue is missing in the model"
-                         : "The model lacks " + fmt::format("{}", fmt::join(names, ", ")) + fall;
+  std::string text = "Nothing of the catalogue is missing in the model";
+  if (!r.effects.empty()) {
+    text = "The model";
+    if (!lacking.empty()) text += fmt::format(" lacks {}", fmt::join(lacking, ", "));
+    if (!lacking.empty() && !too_much.empty()) text += " and";
+    if (!too_much.empty()) text += fmt::format(" has too much {}", fmt::join(too_much, ", "));
+    text += fall;
+  }
   if (!r.unexplained.empty()) {
     std::vector<std::string> what;
     for (const Structure& s : r.unexplained) what.push_back(s.text);

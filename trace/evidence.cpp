@@ -35,12 +35,12 @@ Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
   return factor.asDiagonal() * white * factor.asDiagonal();
 }
 
-// What sampling leaves of a parameter however long the record: means over an interval stand for
-// what happens in it. A moment lies between two rows, and so does the one that was found. A gap's
+// What sampling leaves of a parameter however long the record: means over an interval are known to
+// the third order. A moment lies between two rows, and so does the one that was found. A gap's
 // impacts make the error rough in its keys (and hardly show how they are damped): the descent ends
 // within some per cent of the best.
 double accuracy(const Effect& effect, const NumericKey& key, double T_s) {
-  constexpr double kSampled = 3e-4, kRough = 0.025, kRoughDamping = 0.1;
+  constexpr double kSampled = 1e-4, kRough = 0.025, kRoughDamping = 0.1;
   if (key.key == "time_s") return T_s / std::sqrt(6.0);
   if (has_gap(effect))
     return (key.key.starts_with("damping") ? kRoughDamping : kRough) * std::abs(key.value);

@@ -116,7 +116,7 @@ class Selector {
       if (!next.valid) next = without_threshold(std::move(next));
       double gain = score_now - score_of(fitter_, next);
       bool good = acceptable(fitter_, next, now);
-      if (!good && next.valid && gain > fitter_.margin()) {
+      if (!good && tried == 1 && next.valid && gain > fitter_.margin()) {
         // It may be that a step of those before stands at the wrong moment without it.
         Fit anew = moments_anew(next);
         good = acceptable(fitter_, anew, now);
@@ -232,6 +232,19 @@ class Selector {
     fit_ = moments_anew(std::move(fit_));
   }
 
+  // `step` before what was fitted without it; in the place of another beside which it is the same.
+  Fit with_step(const Fit& without, const std::shared_ptr<Effect>& step) const {
+    for (std::size_t m = 0; m < without.members.size(); ++m) {
+      if (!repeats_step(*without.members[m], *step)) continue;
+      const Fit alone = fitter_.refine(with(without.members, nullptr, m));
+      return with_step(alone, placed(fitter_, alone, step));
+    }
+    Members members = with(without.members, nullptr);
+    members.insert(members.begin(), step);
+    return fitter_.refine(std::move(members));
+  }
+
+  // With its load steps where they go best beside the last member, which stays the last.
   Fit moments_anew(Fit fit) const {
     for (std::size_t m = 0; m + 1 < fit.members.size(); ++m) {
       const std::shared_ptr<Effect> member = fit.members[m];
@@ -243,9 +256,7 @@ class Selector {
         const std::shared_ptr<Effect> there = placed(fitter_, without, start);
         if (std::abs(get_key(*there, "time_s") - get_key(*member, "time_s")) < kSameMoment_s)
           continue;
-        Members members = with(without.members, nullptr);
-        members.insert(members.begin() + static_cast<std::ptrdiff_t>(m), there);
-        Fit anew = fitter_.refine(std::move(members));
+        Fit anew = with_step(without, there);
         if (anew.valid && anew.rss + anew.rss_held_out < fit.rss + fit.rss_held_out)
           fit = std::move(anew);
       }

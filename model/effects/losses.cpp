@@ -10,7 +10,17 @@ namespace {
 
 constexpr double kOff = 0.05;  // of all sizes: what an estimate that takes one away may be off
 
+double size_of(const Effect& loss) {
+  std::vector<double> coefficients(static_cast<std::size_t>(loss.regressor_count()));
+  loss.coefficients(coefficients);
+  return coefficients[0];
+}
+
 }  // namespace
+
+bool takes_back(const Effect& effect) {
+  return effect.is_loss() && size_of(effect) < 0;
+}
 
 std::string negative_loss(const Effects& effects, const MachineParameters& machine) {
   struct Sum {
@@ -22,10 +32,7 @@ std::string negative_loss(const Effects& effects, const MachineParameters& machi
   };
   std::map<std::string_view, Sum> sums;
   for (const auto& effect : effects) {
-    if (!effect->is_loss()) continue;
-    std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()));
-    effect->coefficients(coefficients);
-    sums[effect->kind()].add(coefficients[0]);
+    if (effect->is_loss()) sums[effect->kind()].add(size_of(*effect));
   }
   if (const auto viscous = sums.find("viscous_friction"); viscous != sums.end())
     viscous->second.add(machine.B);

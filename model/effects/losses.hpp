@@ -8,6 +8,8 @@
 
 namespace twinrate {
 
+// A loss below zero.
+bool takes_back(const Effect& effect);
 // "" or which of them is below zero in all.
 std::string negative_loss(const Effects& effects, const MachineParameters& machine);
 

@@ -259,6 +259,8 @@ TEST(Tracer, TakesBackWhatWasDeclaredTooLarge) {
   ASSERT_EQ(kinds(r), (Names{"coulomb_friction", "viscous_friction"})) << r.sentence;
   EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, -0.09, 0.002);
   EXPECT_NEAR(parameter(r, "viscous_friction", "coefficient").value, -0.005, 1e-4);
+  EXPECT_EQ(r.sentence.find("The model has too much"), 0u) << r.sentence;
+  EXPECT_EQ(r.sentence.find("lacks"), std::string::npos) << r.sentence;
 }
 
 // With the inertia that is declared no gap fits.

@@ -20,9 +20,13 @@ std::string number(double value) {
   return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
 }
 
+// No line ends within it.
 std::string p_value(double p) {
   if (!std::isfinite(p)) return "-";
-  return p < 1e-300 ? "<1e-300" : fmt::format("{:.2g}", p);
+  std::string text = p < 1e-300 ? "<1e-300" : fmt::format("{:.2g}", p);
+  if (const auto minus = text.find('-'); minus != std::string::npos)
+    text.replace(minus, 1, "\u2011");
+  return text;
 }
 
 std::string spaced(std::string kind) {
