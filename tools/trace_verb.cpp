@@ -221,6 +221,7 @@ int trace(const TraceOptions& o) {
   if (measured)
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  std::filesystem::remove(o.out + "/verify.json");  // of a trace before this one
   write(o.out + "/trace.json", to_json(result));
   const std::string extended = extended_toml(config, result, o.keep_plant);
   write(o.out + "/extended.toml", extended);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "tests/system/run_program.hpp"
@@ -169,10 +170,12 @@ TEST_F(Trace, ARippleOfTheBusIsNamedAndThenKnown) {
   EXPECT_NE(read_text(path("out/report.html")).find("The bus voltage"), std::string::npos);
 
   fs::copy_file(path("out/extended.toml"), path("extended.toml"));
+  std::ofstream(path("out/verify.json")) << "{}";  // of the trace before
   result = twinrate(
       {"trace", path("extended.toml"), "--data", path("log.csv"), "--out", path("out"), "--json"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(Json::parse(read_text(path("out/trace.json")))["verdict"], "nothing_missing");
+  EXPECT_FALSE(fs::exists(path("out/verify.json")));
   const std::string last = result.out.substr(result.out.rfind('\n', result.out.size() - 2) + 1);
   EXPECT_EQ(Json::parse(last)["verdict"], "nothing_missing") << last;
 }
