@@ -7,10 +7,11 @@
 //   -sum(e v) over the rows that repeat / sum(v^2) over all rows
 // and its sigma comes from the scatter of e v.
 //
-// Where currents hardly change, v is lost in noise. There both repeat by chance as often as each
-// does by itself: of n rows n_x n_y/n, more by 1/sqrt(1 - rho^2) where the noise of one is like
-// that of the other. What both do beyond that is held. (Noise that does not reach over the steps of
-// the converter leaves both where they are, as long as neither is near an edge: nothing is said.)
+// Where currents change by less than their step a row, v is lost in noise. There both repeat by
+// chance as often as each does by itself: of n rows n_x n_y/n, more by 1/sqrt(1 - rho^2) where the
+// noise of one is like that of the other. What both do beyond that is held. (Noise that does not
+// reach over the steps of the converter leaves both where they are, as long as neither is near an
+// edge: nothing is said.)
 #pragma once
 #include <cstddef>
 #include <vector>
@@ -49,6 +50,7 @@ class HeldCurrents {
   double beyond_chance(double i_lsb) const;
 
   double behind_ = 0, scatter_ = 0, squares_ = 0;
+  double least_step_ = 1e300;  // A, of one of the currents
   Few few_;
   double both_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over them
   Eigen::Matrix2d steps_ = Eigen::Matrix2d::Zero();              // products of the steps' noise
