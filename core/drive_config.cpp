@@ -175,7 +175,8 @@ Effects DriveConfig::model_effects() const {
 }
 
 DriveFacts DriveConfig::facts() const {
-  return {machine, inverter.v_dc, inverter.f_pwm > 0 ? inverter.f_pwm : rates.f_s_Hz};
+  return {machine, inverter.v_dc, inverter.f_pwm > 0 ? inverter.f_pwm : rates.f_s_Hz,
+          1 / rates.f_s_Hz};
 }
 
 }  // namespace twinrate

@@ -31,6 +31,7 @@ Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
       of_the_command_.push_back(effect.get());
     } else {
       of_the_point_.push_back(effect.get());
+      if (effect->drops_by_angle()) of_the_angle_.push_back(effect.get());
       if (effect->acts_on() & kOnVoltage && effect->acts_on() & kOnCurrents)
         around_winding_.push_back(effect);
     }
@@ -40,6 +41,12 @@ Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
 Contribution Along::operator[](std::size_t k) const {
   if (around_winding_.empty()) return at(points_[k], k);
   return at(with_terminals(around_winding_, points_[k]), k);
+}
+
+Vec2 Along::drop_by_angle(std::size_t k) const {
+  Vec2 drop = Vec2::Zero();
+  for (const Effect* effect : of_the_angle_) drop += effect->at(points_[k]).u_dq_drop;
+  return drop;
 }
 
 Vec2 Along::of_command(std::size_t k) const {

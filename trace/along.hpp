@@ -18,6 +18,8 @@ class Along {
   // All but what acts on the command.
   Contribution operator[](std::size_t k) const;
   bool any_of_command() const { return late_ || !of_the_command_.empty(); }
+  // Of its u_dq_drop, what goes by the angle and not by a current.
+  Vec2 drop_by_angle(std::size_t k) const;
   // Voltage asked for in interval k less the one that acts, in rotor axes at its beginning.
   Vec2 of_command(std::size_t k) const;
 
@@ -25,7 +27,7 @@ class Along {
   Contribution at(const OperatingPoint& point, std::size_t k) const;
 
   const std::vector<OperatingPoint>& points_;
-  std::vector<const Effect*> of_the_point_, of_the_command_;
+  std::vector<const Effect*> of_the_point_, of_the_angle_, of_the_command_;
   Effects around_winding_;  // what may make another current at the terminals
   bool late_ = false;
   std::vector<std::vector<Contribution>> with_memory_;

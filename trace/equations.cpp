@@ -1,6 +1,7 @@
 #include "trace/equations.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "model/effects/losses.hpp"
 #include "trace/along.hpp"
@@ -58,6 +59,9 @@ Vec2 between(const Vec2& a, const Vec2& b) {
 
 Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
     : record_(record), facts_(facts), known_(std::move(known)) {
+  const double T_row = record.T_s / record.rows_each;  // of the log
+  T_held_ = facts.T_s > 0 ? std::min(facts.T_s, T_row) : T_row;
+  bent_ = 1 - std::pow(T_held_ / record.T_s, 2);
   measured_ = {
       .i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m, .axes = {}};
   turn_angle(measured_);
@@ -159,12 +163,13 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
                              const std::vector<OperatingPoint>& points) const {
   const MachineParameters& m = facts_.machine;
   const std::size_t n = record_.size();
-  const double T_s = record_.T_s, T_held = T_s / record_.rows_each;
+  const double T_s = record_.T_s;
   const Along added(effects, points, record_);
   Channels e = empty(kOnTorque | kOnVoltage);
-  const double bow = T_held * T_held * m.psi_f / (12 * m.L_d);
-  const double of_row = 1 - 1.0 / (record_.rows_each * record_.rows_each);  // bends of a current
-  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), u_R_before = Vec2::Zero();
+  const double bow = T_held_ * T_held_ * m.psi_f / (12 * m.L_d);
+  const auto decay = [&](double L) { return std::pow(m.R_s * T_held_, 2) / (12 * L); };
+  const double L_d = m.L_d + decay(m.L_d), L_q = m.L_q + decay(m.L_q);
+  Vec2 psi_before = Vec2::Zero(), drop_before = Vec2::Zero(), bent_before = Vec2::Zero();
   Vec2 not_acting = Vec2::Zero();
   Bend<Vec2> means{Vec2::Zero()};
   Bend<double> torques{0};
@@ -173,21 +178,21 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
     const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
     if (has_voltage()) {
       const Vec2& axis = s.axes->at[k];
-      const Vec2 psi = out_of(axis, Vec2(m.psi_f + m.L_d * i_dq[0], m.L_q * i_dq[1]) + c.psi_dq);
+      const Vec2 psi = out_of(axis, Vec2(m.psi_f + L_d * i_dq[0], L_q * i_dq[1]) + c.psi_dq);
       const double omega_e = m.n_p * points[k].omega_m;
-      const Vec2 u_R = m.R_s * (s.i_alphabeta[k] - out_of(axis, {bow * omega_e * omega_e, 0}));
-      const Vec2 drop = out_of(axis, c.u_dq_drop);
+      const Vec2 drop = m.R_s * s.i_alphabeta[k] +
+                        out_of(axis, c.u_dq_drop - Vec2(m.R_s * bow * omega_e * omega_e, 0));
+      const Vec2 bent = bent_ * drop + (1 - bent_) * out_of(axis, added.drop_by_angle(k));
       if (k > 0) {
-        const Vec2 mean = 0.5 * (drop_before + drop), mean_R = 0.5 * (u_R_before + u_R);
-        const Vec2 left =
-            record_.u_alphabeta[k - 1] - not_acting - mean - mean_R - (psi - psi_before) / T_s;
+        const Vec2 left = record_.u_alphabeta[k - 1] - not_acting - 0.5 * (drop_before + drop) -
+                          (psi - psi_before) / T_s;
         add(e, k - 1, into(s.axes->mid[k], left));
-        const Vec2 bend = means.pass(mean + of_row * mean_R);
+        const Vec2 bend = means.pass(0.5 * (bent_before + bent));
         if (k > 2) add(e, k - 2, into(s.axes->mid[k - 1], -kOfEnds * bend));
       }
       psi_before = psi;
       drop_before = drop;
-      u_R_before = u_R;
+      bent_before = bent;
       if (added.any_of_command()) not_acting = out_of(axis, added.of_command(k));
     }
     const double torque = m.torque(i_dq[0], i_dq[1]) +
@@ -266,7 +271,12 @@ Channels Equations::empty(int acts_on) const {
   return x;
 }
 
-inline void Equations::explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
+Equations::Mean Equations::mean_of(const Effect& effect) const {
+  const bool of_command = acts_on_command(effect);
+  return {of_command, of_command ? 0 : effect.drops_by_angle() ? 1 : bent_};
+}
+
+inline void Equations::explain(std::size_t k, const Contribution& c, Mean how, Channels& x,
                                Before& before) const {
   const double T_s = record_.T_s;
   const Signals& s = measured_;
@@ -275,8 +285,8 @@ inline void Equations::explain(std::size_t k, const Contribution& c, bool of_com
     const bool flux = !x.torque.empty();  // what changes no torque has none
     const Vec2 psi = flux ? out_of(axis, c.psi_dq) : Vec2(0, 0), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
-      const Vec2 mean = of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
-      const Vec2 bend = of_command ? Vec2(0, 0) : before.mean.pass(mean);
+      const Vec2 mean = how.of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
+      const Vec2 bend = how.bent * before.mean.pass(mean);
       add(x, k - 1, into(s.axes->mid[k], flux ? Vec2(mean + (psi - before.psi) / T_s) : mean));
       if (k > 2) add(x, k - 2, into(s.axes->mid[k - 1], kOfEnds * bend));
     }
@@ -311,10 +321,10 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
   for (Channels& one : x) one = empty(effect.acts_on());
   std::vector<Contribution> all(count);
   std::vector<Before> before(count);
-  const bool of_command = acts_on_command(effect);
+  const Mean how = mean_of(effect);
   for (std::size_t k = 0; k < points_.size(); ++k) {
     effect.regressors(points_[k], all);
-    for (std::size_t r = 0; r < count; ++r) explain(k, all[r], of_command, x[r], before[r]);
+    for (std::size_t r = 0; r < count; ++r) explain(k, all[r], how, x[r], before[r]);
   }
   return x;
 }
@@ -359,12 +369,12 @@ Channels Equations::contribution(const Effect& effect) const {
     }
     const Effects alone{effect.clone()};  // which Along does not keep
     const Along added(alone, points_, record_);
-    const bool of_command = acts_on_command(effect);
+    const Mean how = mean_of(effect);
     Before before;
     for (std::size_t k = 0; k < points_.size(); ++k) {
       Contribution c = added[k];
-      if (of_command) c.u_dq_drop = added.of_command(k);
-      explain(k, c, of_command, x, before);
+      if (how.of_command) c.u_dq_drop = added.of_command(k);
+      explain(k, c, how, x, before);
     }
     return x;
   }

@@ -5,11 +5,13 @@
 //            at mid-interval
 //   torque   e = T_em - T_load - B omega_m - J omega_m' - effects,   omega_m' = second difference
 //
-// What is known at the rows is a cubic between them: the mean m_k of both ends of an interval less
-// (m_{k-1} - 2 m_k + m_{k+1})/12; a torque, over the triangle by which a second difference weighs
-// omega_m', x_k + (x_{k-1} - 2 x_k + x_{k+1})/12. A current is none, its voltage is held from
-// sample to sample while the magnets turn: of both ends less its bow, T^2 omega_e^2 psi_f/(12 L_d)
-// along d, T the samples' distance.
+// Means are to the third order. What goes by the angle is a cubic between rows: the mean m_k of
+// both ends of an interval less (m_{k-1} - 2 m_k + m_{k+1})/12; a torque, over the triangle by
+// which a second difference weighs omega_m', x_k + (x_{k-1} - 2 x_k + x_{k+1})/12. A current is no
+// cubic: its voltage is held for T while the magnets turn, and it decays, L i'' = -R_s i' -
+// psi_m''. Its mean from one sample of the controller to the next is that of both ends
+//   - T^2 omega_e^2 psi_f/(12 L_d) along d + R_s T/(12 L) (i_{k+1} - i_k);
+// over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it.
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
 // (trace/sampler.hpp), residual and regressors alike. Effects on sensors are undone first, so one
@@ -111,12 +113,18 @@ class Equations {
     Bend<Vec2> mean{Vec2::Zero()};
     Bend<double> torque{0};
   };
-  void explain(std::size_t k, const Contribution& c, bool of_command, Channels& x,
-               Before& before) const;
+  struct Mean {
+    bool of_command = false;  // of the interval itself
+    double bent = 0;          // how much of a cubic's
+  };
+  Mean mean_of(const Effect& effect) const;
+  void explain(std::size_t k, const Contribution& c, Mean how, Channels& x, Before& before) const;
 
   const Record& record_;
   DriveFacts facts_;
   Effects known_;
+  double T_held_ = 0;  // s, for which a voltage stands
+  double bent_ = 0;    // of a current's mean, the share that is a cubic's
   Signals measured_;
   std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;

@@ -11,8 +11,9 @@
 //   constant signals  one that never changes: of a current, no trace
 //   time stamps       that stray, or rows that stand unevenly (trace/health_clock.hpp)
 //
-// Short gaps and glitches (up to two rows) are bridged by straight lines, longer ones, frozen
-// stretches and clipped rows are left out of the trace.
+// Short gaps (up to two rows) are bridged in rotor axes, the voltage by the row before, and
+// glitches as long by straight lines; longer ones, frozen stretches and clipped rows are left out
+// of the trace.
 #pragma once
 #include <span>
 #include <string>

@@ -38,6 +38,8 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s) {
 
 void HeldCurrents::add(const CurrentPair& pair, bool turning) {
   constexpr int kFew = 32;
+  ++seen_;
+  if (seen_ - few_.begin > 2 * kFew) few_ = {.begin = seen_};
   if (!pair.known) return;
   squares_ += pair.way.squaredNorm();
   if (pair.repeats()) {
@@ -64,12 +66,13 @@ void HeldCurrents::close_few() {
   by_chance_ += n * x * y;
   variance_ += n * x * (1 - x) * y * (1 - y);
   others_ += n * (1 - x) * (1 - y);
-  few_ = {};
+  few_ = {.begin = seen_};
 }
 
 double HeldCurrents::beyond_chance(double i_lsb) const {
-  constexpr double kSurer = 4.5;   // sigmas
-  constexpr double kReach = 0.57;  // steps squared; 1/6 is the converter's own
+  constexpr double kSurer = 4.5;
+  constexpr double kReach =
+      0.57;  // steps squared, which noise of half a step makes; 1/6 is the converter's own
   if (variance_ <= 0 || i_lsb <= 0 ||
       (steps_.diagonal().array() < kReach * i_lsb * i_lsb * rows_).any())
     return 0;

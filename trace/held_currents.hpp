@@ -28,8 +28,8 @@ struct CurrentPair {
   Vec2 step = Vec2::Zero();   // A, from one to the other
   Vec2 way = Vec2::Zero();    // A a row, of the line
   Vec2 ahead = Vec2::Zero();  // A, of the two together before the line
-  // Nearer to what a held row leaves than to what chance does.
   bool repeats() const { return x_repeats && y_repeats; }
+  // Nearer to what a held row leaves than to what chance does.
   bool looks_held() const { return repeats() && -2 * ahead.dot(way) > way.squaredNorm(); }
 };
 CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s);
@@ -45,6 +45,7 @@ class HeldCurrents {
   // Rows that lie near one another, which all repeat equally often.
   struct Few {
     int rows = 0, x = 0, y = 0, both = 0;
+    std::size_t begin = 0;
   };
   void close_few();
   double beyond_chance(double i_lsb) const;
@@ -54,7 +55,8 @@ class HeldCurrents {
   Few few_;
   double both_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over them
   Eigen::Matrix2d steps_ = Eigen::Matrix2d::Zero();              // products of the steps' noise
-  double rows_ = 0;                                              // of these
+  std::size_t seen_ = 0;
+  double rows_ = 0;  // of these
 };
 
 }  // namespace twinrate

@@ -60,9 +60,11 @@ Runs Sampler::runs_of(const std::vector<char>& ok, const std::vector<char>& held
     run = {};
   };
   std::ptrdiff_t seen = -1;  // rows up to here have been looked at
-  // Differences reach one row further than the window.
-  for (std::ptrdiff_t centre = M_ + 1; centre + M_ + 1 < n; centre += D_) {
-    for (; seen < centre + M_ + 1; ++seen)
+  // Differences reach one row further than the window, and the means of an interval two (a window's
+  // own last taps are zero).
+  const std::ptrdiff_t on = M_ == 0 ? 2 : M_ + 1;
+  for (std::ptrdiff_t centre = M_ + 1; centre + on < n; centre += D_) {
+    for (; seen < centre + on; ++seen)
       if (!ok[static_cast<std::size_t>(seen + 1)] ||
           (seen >= 0 && held_out[static_cast<std::size_t>(seen)] !=
                             held_out[static_cast<std::size_t>(seen + 1)]))

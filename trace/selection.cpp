@@ -36,6 +36,11 @@ std::string in_words(const std::vector<Score>& ranking) {
   return text;
 }
 
+bool has_step(const Members& members) {
+  return std::any_of(members.begin(), members.end(),
+                     [](const auto& m) { return m->kind() == "load_step"; });
+}
+
 class Selector {
  public:
   Selector(const Fitter& fitter, const std::vector<Candidate>& candidates, const Say& say)
@@ -43,6 +48,7 @@ class Selector {
 
   Fit step(const Members& members, RoundState& state) {
     gaps_left_ = state.gaps_left;
+    lines_left_ = state.lines_left;
     // A shaft has far to go: what it leaves would be taken for something else.
     fit_ = fitter_.refine(
         members, has_shaft(members) ? Fitter::Until::kArrived : Fitter::Until::kComparable);
@@ -50,7 +56,7 @@ class Selector {
     fit_ = without_superfluous(fitter_, std::move(fit_), say_);
     const bool added = fit_.members.size() < kMostMembers && add_one();
     if (added) fit_ = without_superfluous(fitter_, std::move(fit_), say_);
-    state = {added, gaps_left_};
+    state = {added, gaps_left_, lines_left_};
     return std::move(fit_);
   }
 
@@ -96,7 +102,7 @@ class Selector {
     std::size_t tried = 0;
     std::vector<Score> ranking = ranked(fitter_, candidates_, now);
     if (say_) say_(in_words(ranking));
-    look_for_shaft(ranking);
+    const std::shared_ptr<Effect> searched = look_for_shaft(ranking);
     for (const Score& s : ranking) {
       if (s.gain <= 0 || tried >= kMostTried + (best.members.empty() ? 2 : 0)) break;
       // Far from its best point on a grid, an effect without regressors scores too low.
@@ -105,23 +111,26 @@ class Selector {
       ++tried;
       // A shaft has far to go, and is compared with one that has a gap.
       const bool shaft = s.effect->kind() == "torsion";
-      const std::shared_ptr<Effect> newcomer = placed(fitter_, now, s.effect);
+      const std::shared_ptr<Effect> newcomer =
+          s.effect == searched ? searched : placed(fitter_, now, s.effect);
       if (step_moved(*newcomer)) return true;
       const Members there = with(now.members, newcomer);
       Fit next =
           fitter_.refine(there, shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
       if (shaft) next = unless_astray(there, std::move(next));
-      if (shaft) look_for_gap(now, next);
+      if (shaft && s.effect != searched) look_for_gap(now, next);
       if (s.effect->kind() == "resistance" || !next.valid) next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
       double gain = score_now - score_of(fitter_, next);
       bool good = acceptable(fitter_, next, now);
-      if (!good && tried == 1 && next.valid && gain > fitter_.margin()) {
+      if (!good && tried == 1 && next.valid && gain > fitter_.margin() && has_step(now.members)) {
         // It may be that a step of those before stands at the wrong moment without it.
         Fit anew = moments_anew(next);
         good = acceptable(fitter_, anew, now);
-        if (good) next = std::move(anew);
-        gain = score_now - score_of(fitter_, next);
+        if (good) {
+          next = std::move(anew);
+          gain = score_now - score_of(fitter_, next);
+        }
       }
       if (say_)
         say_(fmt::format("  {} -> {}: score {:.0f} -> {:.0f}, held-out {:.0f} -> {:.0f}{}",
@@ -143,17 +152,19 @@ class Selector {
   }
 
   // A load that rings whenever the drive moves stands in the spectrum as lines.
-  void look_for_shaft(std::vector<Score>& ranking) const {
-    if (ranking.empty() || ranking.front().gain <= 0 || has_shaft(fit_.members) ||
-        ranking.front().effect->kind() != "periodic_torque" ||
+  std::shared_ptr<Effect> look_for_shaft(std::vector<Score>& ranking) {
+    if (lines_left_ <= 0 || ranking.empty() || ranking.front().gain <= 0 ||
+        has_shaft(fit_.members) || ranking.front().effect->kind() != "periodic_torque" ||
         get_key(*ranking.front().effect, "frequency_Hz") == 0)
-      return;
+      return nullptr;
     const std::shared_ptr<Effect> torsion = search_torsion(fitter_, fit_, candidates_);
-    if (!torsion) return;
+    if (!torsion) return nullptr;
+    --lines_left_;
     std::erase_if(ranking, [](const Score& s) { return s.effect->kind() == "torsion"; });
     Score tried = ranking.front();
     tried.effect = torsion;
     ranking.insert(ranking.begin() + 1, tried);
+    return torsion;
   }
 
   // The larger gain; of two that are near one another, what is plainly better where nothing was
@@ -232,9 +243,10 @@ class Selector {
     fit_ = moments_anew(std::move(fit_));
   }
 
-  // `step` before what was fitted without it; in the place of another beside which it is the same.
+  // `step` before what was fitted without it; in the place of another, not of the last member,
+  // beside which it is the same.
   Fit with_step(const Fit& without, const std::shared_ptr<Effect>& step) const {
-    for (std::size_t m = 0; m < without.members.size(); ++m) {
+    for (std::size_t m = 0; m + 1 < without.members.size(); ++m) {
       if (!repeats_step(*without.members[m], *step)) continue;
       const Fit alone = fitter_.refine(with(without.members, nullptr, m));
       return with_step(alone, placed(fitter_, alone, step));
@@ -251,6 +263,7 @@ class Selector {
       if (member->kind() != "load_step") continue;
       const Fit without = fitter_.refine(with(fit.members, nullptr, m));
       const std::shared_ptr<Effect> elsewhere = best_moment(without);
+      const std::size_t count = fit.members.size();
       for (const auto& start : {member, elsewhere}) {
         if (!start || (start == elsewhere && repeats_step(*member, *start))) continue;
         const std::shared_ptr<Effect> there = placed(fitter_, without, start);
@@ -260,6 +273,7 @@ class Selector {
         if (anew.valid && anew.rss + anew.rss_held_out < fit.rss + fit.rss_held_out)
           fit = std::move(anew);
       }
+      if (fit.members.size() < count && m > 0) --m;  // two that were one: the next took its place
     }
     return fit;
   }
@@ -310,7 +324,7 @@ class Selector {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Fit fit_;
-  int gaps_left_ = 0;
+  int gaps_left_ = 0, lines_left_ = 0;
 };
 
 }  // namespace

@@ -38,8 +38,9 @@ struct Selection {
 
 // From one round to the next.
 struct RoundState {
-  bool added = true;  // the last round added an effect
-  int gaps_left = 2;  // searches for a gap, which are long, before shafts are taken as they are
+  bool added = true;   // the last round added an effect
+  int gaps_left = 2;   // searches for a gap, which are long, before shafts are taken as they are
+  int lines_left = 2;  // and for a shaft beside a line
 };
 // Drops from `members` what is not needed and adds the best candidate, if one is good enough.
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,

@@ -1,11 +1,23 @@
 #include "trace/thinning.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace twinrate {
 namespace {
 
 constexpr double kEnough_Hz = 5000;
+constexpr std::size_t kSeam = 3;  // thinned rows at a seam that cannot be used
+
+// Of the rows 0, 1 .. on either side.
+std::vector<double> weights(std::size_t rows) {
+  std::vector<double> w;
+  for (std::size_t j = 0; j < 2 * rows; ++j) {
+    const double m = static_cast<double>(rows), x = static_cast<double>(j) / m;
+    w.push_back((2 - x) * (1 - x) * (x < 1 ? (1 + x) / 2 : (3 - x) / 6) / m);
+  }
+  return w;
+}
 
 // How far a thinned row reaches to both sides.
 std::size_t reach(std::size_t rows) {
@@ -15,7 +27,7 @@ std::size_t reach(std::size_t rows) {
 // Rows of the record at which the thinned ones stand; a voltage reaches rows - 1 further on. None
 // mixes what is apart in time.
 std::vector<std::size_t> centres(const Record& record, std::size_t rows) {
-  constexpr double kApart = 12;  // rows
+  constexpr double kApart = 12;  // rows; records are appended twice as far
   const std::size_t back = reach(rows), on = back + rows - 1;
   const double longest = (static_cast<double>(back + on) + kApart) * record.T_s;
   std::vector<std::size_t> at;
@@ -42,19 +54,16 @@ std::size_t rows_as_one(double T_s) {
 
 Record thinned(const Record& record, std::size_t rows, int n_p) {
   if (rows <= 1) return record;
-  const auto weight = [m = static_cast<double>(rows)](std::size_t j) {
-    const double x = static_cast<double>(j) / m;
-    return (2 - x) * (1 - x) * (x < 1 ? (1 + x) / 2 : (3 - x) / 6) / m;
-  };
+  const std::vector<double> weight = weights(rows);
   const std::vector<std::size_t> at = centres(record, rows);
   const auto weighted = [&](const auto& x, auto&& value) {
     std::decay_t<decltype(x)> out;
     if (x.empty()) return out;
     out.reserve(at.size());
     for (std::size_t k : at) {
-      auto sum = decltype(value(k, k))(weight(0) * value(k, k));
+      auto sum = decltype(value(k, k))(weight[0] * value(k, k));
       for (std::size_t j = 1; j <= reach(rows); ++j)
-        sum += weight(j) * (value(k, k - j) + value(k, k + j));
+        if (weight[j] != 0) sum += weight[j] * (value(k, k - j) + value(k, k + j));
       out.push_back(sum);
     }
     return out;
@@ -93,6 +102,11 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
       for (std::size_t row = k - reach(rows); row <= k + on; ++row) good = good && ok[row];
       all.push_back(good);
     }
+    // Differences of what stands at a seam mix both sides.
+    for (std::size_t K = 1; K < at.size(); ++K)
+      if (at[K] - at[K - 1] > rows)
+        std::fill_n(all.begin() + static_cast<std::ptrdiff_t>(K - std::min(K, kSeam)),
+                    std::min(K, kSeam) + std::min(kSeam, at.size() - K), 0);
     return all;
   };
   out.electrical_ok = usable(record.electrical_ok, reach(rows) + rows - 1);

@@ -13,6 +13,7 @@ class Delayed final : public Effect {
   std::string_view meaning() const override { return effect_->meaning(); }
   int acts_on() const override { return effect_->acts_on(); }
   std::vector<std::string> signals_needed() const override { return effect_->signals_needed(); }
+  bool drops_by_angle() const override { return effect_->drops_by_angle(); }
   void fields(FieldVisitor& f) override {
     const std::shared_ptr<Effect> own = effect_->clone();
     own->fields(f);

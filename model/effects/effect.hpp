@@ -95,6 +95,7 @@ struct DriveFacts {
   MachineParameters machine;
   double v_dc = 0;   // V, nominal
   double f_pwm = 0;  // Hz
+  double T_s = 0;    // s, for which the controller holds a voltage; 0: not known
 };
 
 // What an effect says of the inverter's legs to a plant that switches them one by one.
@@ -157,6 +158,8 @@ class Effect {
   // True where its torque acts behind the shaft, where there is one, as the declared load does.
   virtual bool behind_shaft() const { return false; }
 
+  // True where what it drops follows the angle smoothly between samples, as no current does.
+  virtual bool drops_by_angle() const { return false; }
   // True where its first coefficient is the size of a loss (losses.hpp).
   virtual bool is_loss() const { return false; }
 

@@ -24,6 +24,7 @@ class FluxHarmonics final : public Effect {
     return "flux of the magnets that varies with the angle";
   }
   int acts_on() const override { return kOnVoltage | kOnTorque; }
+  bool drops_by_angle() const override { return true; }
   std::vector<std::string> signals_needed() const override {
     return {"i_d", "i_q", "u_d", "u_q", "theta_m", "omega_m"};
   }

@@ -21,6 +21,7 @@ class IronLoss final : public Effect {
     return "current into the losses of the iron, behind the terminals";
   }
   int acts_on() const override { return kOnVoltage | kOnCurrents; }
+  bool drops_by_angle() const override { return true; }
   std::vector<std::string> signals_needed() const override {
     return {"i_d", "i_q", "u_d", "u_q", "theta_m", "omega_m"};
   }

@@ -147,7 +147,7 @@ TEST(Health, CurrentsThatHardlyChangeRepeatTogetherWhereTheyAreHeld) {
   EXPECT_NEAR(held_share(slow_currents(0.008, 0.7, 40)), 1.0 / 40, 0.008);
   for (double noise_A : {2e-4, 4e-4, 1e-3})  // within the scale's steps
     EXPECT_EQ(held_share(slow_currents(noise_A, 0, 0, 0.8)), 0) << noise_A;
-  RawLog at_rest = slow_currents(0.008, 0, 40);               // where the whole row is repeated
+  RawLog at_rest = slow_currents(0.008, 0, 40);  // where the whole row is repeated
   at_rest.theta_m.assign(at_rest.size(), 0.3);
   for (std::size_t k = 39; k < at_rest.size(); k += 40) at_rest.v_dc[k] = at_rest.v_dc[k - 1];
   EXPECT_EQ(held_share(at_rest), 0);
@@ -195,6 +195,36 @@ std::size_t faults_of(const std::vector<SignalFault>& faults, const char* signal
       std::count_if(faults.begin(), faults.end(), [&](const SignalFault& fault) {
         return raw_columns()[fault.column].name == std::string(signal);
       }));
+}
+
+// A vector that turns by 0.2 rad a row: its chord would be 2 % short.
+TEST(Health, AMissingRowIsBridgedWhereTheRotorIs) {
+  constexpr double kTurn = 0.2;  // rad, electrical
+  RawLog raw;
+  raw.path = "turning";
+  for (std::size_t k = 0; k < 2000; ++k) {
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.theta_m.push_back(kTurn / 3 * static_cast<double>(k));
+    const Vec3 i = inverse_clarke(
+        inverse_park({0.5, 2.0 + 1e-4 * static_cast<double>(k % 7)}, 3 * raw.theta_m.back()));
+    raw.i_a.push_back(i[0]);
+    raw.i_b.push_back(i[1]);
+    const Vec2 u =
+        inverse_park({-20, 90 + (k == 501 ? 30.0 : 0.0)}, 3 * raw.theta_m.back() + kTurn / 2);
+    raw.u_alpha.push_back(u[0]);
+    raw.u_beta.push_back(u[1]);
+  }
+  Health health;
+  const Record whole = make_record(raw, 3, health);
+  raw.t.erase(raw.t.begin() + 500);
+  for (const RawColumn& c : raw_columns())
+    if (auto& x = raw.*c.values; !x.empty()) x.erase(x.begin() + 500);
+  const Record record = make_record(raw, 3, health);
+  ASSERT_EQ(record.size(), whole.size());
+  EXPECT_TRUE(record.electrical_ok[500]);
+  EXPECT_LT((record.i_alphabeta[500] - whole.i_alphabeta[500]).norm(), 1e-3);
+  // By the row before alone: the one behind it is 30 V off.
+  EXPECT_LT((record.u_alphabeta[500] - whole.u_alphabeta[500]).norm(), 1e-6);
 }
 
 TEST(Health, GlitchesAreCountedAndBridged) {
