@@ -71,7 +71,8 @@ Log make_log(const Case& which, double duration_s) {
   bool open = false;  // the row before waits for its voltage
   double theta_m_before = 0;
   const bool repeats =
-      std::find(which.kinds.begin(), which.kinds.end(), "stale_samples") != which.kinds.end();
+      std::find(which.kinds.begin(), which.kinds.end(), "stale_samples") != which.kinds.end() &&
+      which.effects_toml.find("signal = \"current\"") == std::string::npos;
   const std::int64_t steps = drive.steps();
   for (std::int64_t k = 0; k < steps; ++k) {
     const double t_k = static_cast<double>(k) * drive.T_s();
