@@ -56,6 +56,7 @@ RepeatedRows repeated_rows(const RawLog& raw);
 bool is_chance(std::size_t stale, std::size_t by_chance);
 // Rows to each side of one that decide it.
 inline constexpr std::size_t kStaleReach = 16;
+inline constexpr double kSameCurrent = 1e-7;  // A; nearer are one
 
 // Rows of one signal that are not what was measured.
 struct SignalFault {

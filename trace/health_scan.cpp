@@ -8,9 +8,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kBin = 0.01;        // of the logarithm of a step of time
-constexpr double kSameStep = 0.3;    // of the median
-constexpr double kSameValue = 1e-7;  // A
+constexpr double kBin = 0.01;      // of the logarithm of a step of time
+constexpr double kSameStep = 0.3;  // of the median
 constexpr std::size_t kMostValues = 1 << 17;
 
 double tolerance(double level) {
@@ -80,7 +79,7 @@ double CurrentLevels::limit(double times) const {
 void CurrentValues::add(double value) {
   ++count_;
   if (!quantised_) return;
-  values_.emplace(std::llround(value / kSameValue), value);
+  values_.emplace(std::llround(value / kSameCurrent), value);
   quantised_ = values_.size() <= kMostValues;
   if (!quantised_) values_.clear();
 }
@@ -90,7 +89,7 @@ double CurrentValues::step() const {
   for (const auto& [key, value] : values_) values.push_back(value);
   std::sort(values.begin(), values.end());
   for (std::size_t k = 1; k < values.size(); ++k)
-    if (values[k] - values[k - 1] > kSameValue) steps.push_back(values[k] - values[k - 1]);
+    if (values[k] - values[k - 1] > kSameCurrent) steps.push_back(values[k] - values[k - 1]);
   if (steps.size() < 2 || steps.size() > count_ / 10) return 0;
   const double step = median(steps);
   const auto near = std::count_if(steps.begin(), steps.end(), [&](double s) {

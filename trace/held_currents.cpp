@@ -7,7 +7,6 @@ namespace {
 
 constexpr double kSure = 3.5;  // sigmas
 constexpr std::size_t kSide = 3;
-constexpr double kSameValue = 1e-7;  // A
 static_assert(kSide + 1 <= kStaleReach);
 
 }  // namespace
@@ -48,7 +47,7 @@ void HeldCurrents::add(const CurrentPair& pair, bool turning) {
     scatter_ += behind * behind;
   }
   for (double step : pair.step.cwiseAbs())
-    if (step > kSameValue) least_step_ = std::min(least_step_, step);
+    if (step > kSameCurrent) least_step_ = std::min(least_step_, step);
   if (!turning || pair.way.norm() > least_step_) return;
   ++few_.rows;
   few_.x += pair.x_repeats;
