@@ -14,10 +14,12 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostMembers = 12;
-constexpr std::size_t kMostTried = 3;  // kinds refined at each step
-constexpr double kGap = 0.1;           // of a shaft's gain: what a gap in it must bring besides
-constexpr double kPlainly = 0.75;      // of the plain error: a gap that leaves less is one
-constexpr double kFollowed = 0.85;     // of the error by pieces: such a gap is one, too
+constexpr std::size_t kMostTried = 3;   // kinds refined at each step,
+constexpr std::size_t kMostAsGood = 5;  // where none was good or the next is as good as the first,
+constexpr double kAsGood = 0.98;        // in gain
+constexpr double kGap = 0.1;            // of a shaft's gain: what a gap in it must bring besides
+constexpr double kPlainly = 0.75;       // of the plain error: a gap that leaves less is one
+constexpr double kFollowed = 0.85;      // of the error by pieces: such a gap is one, too
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
 constexpr double kAstray = 1.1;                   // times the error of a shaft where it was placed
@@ -104,7 +106,8 @@ class Selector {
     if (say_) say_(in_words(ranking));
     const std::shared_ptr<Effect> searched = look_for_shaft(ranking);
     for (const Score& s : ranking) {
-      if (s.gain <= 0 || tried >= kMostTried + (best.members.empty() ? 2 : 0)) break;
+      const bool as_good = best.members.empty() || s.gain > kAsGood * first_gain;
+      if (s.gain <= 0 || tried >= (as_good ? kMostAsGood : kMostTried)) break;
       // Far from its best point on a grid, an effect without regressors scores too low.
       const double near = s.effect->regressor_count() == 0 ? kNearRough : kNear;
       if (!best.members.empty() && s.gain < near * first_gain) continue;
