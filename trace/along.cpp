@@ -20,8 +20,7 @@ Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
     SamplingFacts sampling;
     if (effect->describe_shaft(shaft)) {
       T_load_.emplace_back(points.size());
-      along_shaft(shaft, points, load_behind_shaft(effects, points), record.T_s, record.rows_each,
-                  T_load_.back());
+      along_shaft(shaft, points, load_behind_shaft(effects, points), record.T_s, 0, T_load_.back());
       J_ -= std::max(0.0, shaft.J_load);
     } else if (effect->describe_sampling(sampling)) {
       with_memory_.emplace_back(points.size());

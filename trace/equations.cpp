@@ -62,6 +62,7 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
   const double T_row = record.T_s / record.rows_each;  // of the log
   T_held_ = facts.T_s > 0 ? std::min(facts.T_s, T_row) : T_row;
   bent_ = 1 - std::pow(T_held_ / record.T_s, 2);
+  load_held_ = record.load_measured ? 0 : T_held_ / record.T_s;
   measured_ = {
       .i_alphabeta = record.i_alphabeta, .i_dq = {}, .theta_m = record.theta_m, .axes = {}};
   turn_angle(measured_);
@@ -79,7 +80,10 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
     if (!i_dq.empty()) p.i_dq = i_dq[k];
     if (!record.u_alphabeta.empty()) p.u_dq = p.rotor_axes(record.u_alphabeta[k]);
     p.v_dc = record.v_dc.empty() ? facts.v_dc : record.v_dc[k];
-    if (!record.T_load.empty()) p.T_load = record.T_load[k];
+    if (!record.T_load.empty())  // in the middle of what it is held for
+      p.T_load =
+          record.T_load[k] -
+          0.5 * load_held_ * (record.T_load[k] - record.T_load[k - std::min<std::size_t>(k, 1)]);
   }
   base_ = known_.empty() ? assemble(measured_, {}, points_) : residual_of(known_);
 }
@@ -173,6 +177,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   Vec2 not_acting = Vec2::Zero();
   Bend<Vec2> means{Vec2::Zero()};
   Bend<double> torques{0};
+  const double bends_of_load = (1 - load_held_) * (1 - 2 * load_held_);
   for (std::size_t k = 0; k < n; ++k) {
     const Contribution c = effects.empty() ? Contribution{} : added[k];
     const Vec2 i_dq = s.i_dq.empty() ? Vec2(0, 0) : s.i_dq[k];
@@ -195,10 +200,10 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
       bent_before = bent;
       if (added.any_of_command()) not_acting = out_of(axis, added.of_command(k));
     }
-    const double torque = m.torque(i_dq[0], i_dq[1]) +
-                          1.5 * m.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]) -
-                          points[k].T_load - c.T_load;
-    const double bend = torques.pass(torque);
+    const double inner = m.torque(i_dq[0], i_dq[1]) +
+                         1.5 * m.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]) - c.T_load;
+    const double torque = inner - points[k].T_load;
+    const double bend = torques.pass(inner - bends_of_load * points[k].T_load);
     if (k > 1) e.torque[k - 1] += kOfRow * bend;
     if (k == 0 || k + 1 == n) continue;
     const double omega_m = (s.theta_m[k + 1] - s.theta_m[k - 1]) / (2 * T_s);
@@ -354,8 +359,7 @@ Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     Channels x = empty(effect.acts_on());
     if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
-      if (!motor_)
-        motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, record_.rows_each);
+      if (!motor_) motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, 0);
       motor_->along(shaft, x.torque);
       Bend<double> torques{0};
       for (std::size_t k = 0; k < points_.size(); ++k) {

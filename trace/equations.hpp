@@ -11,7 +11,8 @@
 // cubic: its voltage is held for T while the magnets turn, and it decays, L i'' = -R_s i' -
 // psi_m''. Its mean from one sample of the controller to the next is that of both ends
 //   - T^2 omega_e^2 psi_f/(12 L_d) along d + R_s T/(12 L) (i_{k+1} - i_k);
-// over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it.
+// over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it. A load that is set,
+// and held for T, too, is taken at T/2 before its row; a load that was measured, as it is.
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
 // (trace/sampler.hpp), residual and regressors alike. Effects on sensors are undone first, so one
@@ -123,8 +124,9 @@ class Equations {
   const Record& record_;
   DriveFacts facts_;
   Effects known_;
-  double T_held_ = 0;  // s, for which a voltage stands
-  double bent_ = 0;    // of a current's mean, the share that is a cubic's
+  double T_held_ = 0;     // s, for which a voltage stands
+  double bent_ = 0;       // of a current's mean, the share that is a cubic's
+  double load_held_ = 0;  // of T_s, for which a load stands
   Signals measured_;
   std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;

@@ -166,6 +166,7 @@ std::span<const RawColumn> raw_columns() {
 
 void RawLog::append(const RawLog& piece) {
   no_angle |= piece.no_angle;
+  load_measured |= piece.load_measured;
   t.insert(t.end(), piece.t.begin(), piece.t.end());
   for (const RawColumn& c : raw_columns())
     (this->*c.values)
@@ -278,6 +279,7 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
       if (!stale[k] && !clipped[k] && is_held(current_pair(raw, k, health.T_s), health.i_lsb))
         i[k] = (i[k - 1] + i[k + 1]) / 2;
   record.current_sensors = phases && !three_sensors ? 2 : 3;
+  record.load_measured = raw.load_measured;
   const bool full_current = phases || stator || !raw.i_d.empty();
 
   // Onto the even grid.

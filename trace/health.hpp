@@ -30,7 +30,8 @@ struct RawLog {
   // Empty where the file has no such column. i: phases, or alpha beta, or d q.
   std::vector<double> i_a, i_b, i_c, i_alpha, i_beta, i_d, i_q;
   std::vector<double> u_alpha, u_beta, u_d, u_q, v_dc, theta_m, omega_m, T_load, temperature;
-  bool no_angle = false;  // the file has none: theta_m is 0 throughout
+  bool no_angle = false;       // the file has none: theta_m is 0 throughout
+  bool load_measured = false;  // T_load is a sensor's
 
   std::size_t size() const { return t.size(); }
   // Adds the rows of a piece that has the same columns.

@@ -10,6 +10,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kSlope = 0.05;  // of R_s: switches have less
+constexpr double kKnown = 3;     // sigmas: a slope that is one
 
 std::map<std::string, double> sigmas_of(const TracedEffect& traced) {
   std::map<std::string, double> sigmas;
@@ -71,6 +72,7 @@ std::vector<TracedEffect> part_drop(TracedEffect whole, const DriveFacts& facts)
                   facts);
   if (time.materiality < 1) return {std::move(whole)};
   time.aliases = {"inverter_drop"};
+  if (slope < kKnown * sigmas["resistance_Ohm"]) return {std::move(time)};
   return {std::move(time), resistance(whole, slope, sigmas["resistance_Ohm"], facts)};
 }
 

@@ -126,6 +126,7 @@ Record rows_of(const Record& record, std::size_t first, std::size_t last) {
   piece.source = record.source;
   piece.T_s = record.T_s;
   piece.current_sensors = record.current_sensors;
+  piece.load_measured = record.load_measured;
   const auto take = [&](const auto& from, auto& to) {
     if (!from.empty())
       to.assign(from.begin() + static_cast<std::ptrdiff_t>(first),

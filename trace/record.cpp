@@ -32,6 +32,7 @@ void Record::append(const Record& other) {
   need(!i_alphabeta.empty(), !other.i_alphabeta.empty(), "current");
   need(!v_dc.empty(), !other.v_dc.empty(), "v_dc");
   need(!T_load.empty(), !other.T_load.empty(), "T_load");
+  need(load_measured, other.load_measured, "measured torque");
   if (current_sensors != other.current_sensors)
     throw std::runtime_error(other.source + ": " + std::to_string(other.current_sensors) +
                              " currents measured, in " + source + " " +

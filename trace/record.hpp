@@ -21,6 +21,7 @@ struct Record {
   std::vector<Vec2> u_alphabeta, i_alphabeta;  // empty where the log has none
   std::vector<double> theta_m;                 // unwrapped
   std::vector<double> v_dc, T_load;            // empty where the log has none
+  bool load_measured = false;                  // T_load: a sensor's; else set, from its row on
   std::vector<char> electrical_ok;             // voltage and current of the row can be used
   std::vector<char> motion_ok;                 // angle (and current) can be used
   int current_sensors = 3;                     // 2: i_c is -(i_a + i_b)

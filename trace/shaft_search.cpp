@@ -46,8 +46,7 @@ MotorSide motor_side(const Chain& chain, const Members& now, bool all) {
   Effects loads = chain.equations().known();
   loads.insert(loads.end(), now.begin(), now.end());
   const Record& record = chain.equations().record();
-  return {points, load_behind_shaft(loads, points), static_cast<double>(stride) * record.T_s,
-          static_cast<int>(stride) * record.rows_each};
+  return {points, load_behind_shaft(loads, points), static_cast<double>(stride) * record.T_s, 0};
 }
 
 }  // namespace

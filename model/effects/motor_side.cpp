@@ -106,11 +106,10 @@ class FourMasses {
 }  // namespace
 
 MotorSide::MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s,
-                     int rows_each)
+                     double held)
     : T_s_(T_s), rows_(behind.size()) {
   const std::size_t N = rows_.size();
-  // The samples of a row, each held, stand for a time behind the row by half of them but one.
-  const double of_next = 0.5 * (rows_each - 1) / rows_each;
+  const double of_next = 0.5 * (1 - held);
   std::vector<double> mean(N);  // speed from a row to the next
   for (std::size_t k = 0; k < N; ++k) rows_[k].behind = rows_[k].held = behind[k];
   if (N < 2) return;

@@ -10,10 +10,10 @@ namespace twinrate {
 
 class MotorSide {
  public:
-  // `behind`: the load behind the shaft at each point. Points `T_s` apart, each of `rows_each`
-  // samples: a load is held from sample to sample.
+  // `behind`: the load behind the shaft at each point, T_s apart, from where it is held for so much
+  // of T_s; 0: it is what acts there.
   MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s,
-            int rows_each = 1);
+            double held = 1);
   std::size_t rows() const { return rows_.size(); }
 
   struct Row {

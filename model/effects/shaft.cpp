@@ -23,9 +23,9 @@ std::vector<double> load_behind_shaft(const Effects& effects,
 }
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record,
-                 std::span<const double> behind, double T_s, int rows_each,
+                 std::span<const double> behind, double T_s, double held,
                  std::span<double> T_load) {
-  MotorSide(record, {behind.begin(), behind.end()}, T_s, rows_each).along(shaft, T_load);
+  MotorSide(record, {behind.begin(), behind.end()}, T_s, held).along(shaft, T_load);
 }
 
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,

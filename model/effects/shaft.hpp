@@ -52,8 +52,7 @@ std::vector<double> load_behind_shaft(const Effects& effects,
 // In `T_load` its torque; the inertia is -J_load everywhere. In `sums` both, with T_load alone
 // behind it.
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record,
-                 std::span<const double> behind, double T_s, int rows_each,
-                 std::span<double> T_load);
+                 std::span<const double> behind, double T_s, double held, std::span<double> T_load);
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,
                  std::span<Contribution> sums);
 

@@ -10,14 +10,18 @@
 
 namespace twinrate {
 
-inline Config servo(const std::string& effects,
-                    std::vector<std::string> settings = {"rates.f_s_Hz=5000", "run.duration_s=3"}) {
-  for (const char* setting :
-       {"controller.kind=foc", "controller.compensation=off", "controller.angle_source=measured",
-        "sensors.current_sensors=2", "reference.speed_rpm=30", "reference.slew_rad_s2=750",
-        "run.settle_s=0.2"})
-    settings.emplace_back(setting);
-  return Config::parse(load_drive("niewiara2020").resolved_with({}) + effects, "servo", settings);
+// `settings` go before those of the log.
+inline Config servo(const std::string& effects, const std::vector<std::string>& settings = {
+                                                    "rates.f_s_Hz=5000", "run.duration_s=3"}) {
+  std::vector<std::string> all = {"controller.kind=foc",
+                                  "controller.compensation=off",
+                                  "controller.angle_source=measured",
+                                  "sensors.current_sensors=2",
+                                  "reference.speed_rpm=30",
+                                  "reference.slew_rad_s2=750",
+                                  "run.settle_s=0.2"};
+  all.insert(all.end(), settings.begin(), settings.end());
+  return Config::parse(load_drive("niewiara2020").resolved_with({}) + effects, "servo", all);
 }
 
 inline PlanLog run(Config config) {

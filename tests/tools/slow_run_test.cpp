@@ -47,6 +47,17 @@ TEST(SlowRun, TellsAWindingThatWarmsUp) {
   EXPECT_NEAR(r.effects[0].parameters.at(0).value, kChange, 0.15 * kChange);
 }
 
+// The external load is what moves the rotor, and half a row of it would be a lag of the angle.
+TEST(SlowRun, TellsAnInertiaByTheJumpsOfADeclaredLoad) {
+  constexpr double kChange = -1.6e-3;  // kgm2
+  const TraceResult r =
+      trace_with(fmt::format("[[effect]]\nkind = \"inertia\"\nchange_kgm2 = {}\n", kChange),
+                 {"load.T_load_Nm=[[0, 0], [3, 2], [4.5, -1], [7, 1.5]]"});
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  ASSERT_EQ(r.effects[0].effect->kind(), "inertia") << r.sentence;
+  EXPECT_NEAR(r.effects[0].parameters.at(0).value / kChange, 1, 0.002);
+}
+
 TEST(SlowRun, FindsNothingWhereNothingIsMissing) {
   const TraceResult r = trace_with("");
   EXPECT_TRUE(r.effects.empty()) << r.sentence;

@@ -12,6 +12,7 @@
 #include "trace/parting.hpp"
 #include "trace/sampler.hpp"
 #include "trace/static_sets.hpp"
+#include "trace/thinning.hpp"
 
 namespace twinrate {
 namespace {
@@ -83,6 +84,41 @@ TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
     EXPECT_NEAR(before.torque[k] - after.torque[k], K_t * i_fe_q,
                 2e-3 + 0.01 * std::abs(K_t * i_fe_q));
   }
+}
+
+// A rotor under a load that jumps at a row, without current: its parabolas are exact.
+TEST(Equations, ALoadThatIsSetStandsFromItsRowOn) {
+  constexpr double kJump = 2;  // Nm
+  constexpr std::size_t kRows = 400, kAt = 200;
+  DriveFacts facts = servo().facts();
+  facts.machine.B = 0;
+  Record r;
+  r.T_s = facts.T_s;
+  double theta_m = 0, omega_m = 12;
+  for (std::size_t k = 0; k < kRows; ++k) {
+    const double T_load = k < kAt ? -1 : -1 + kJump, acceleration = -T_load / facts.machine.J;
+    r.t.push_back(r.T_s * static_cast<double>(k));
+    r.theta_m.push_back(theta_m);
+    r.T_load.push_back(T_load);
+    r.i_alphabeta.push_back(Vec2::Zero());
+    theta_m += r.T_s * (omega_m + 0.5 * r.T_s * acceleration);
+    omega_m += r.T_s * acceleration;
+  }
+  r.motion_ok.assign(kRows, 1);
+  r.electrical_ok.assign(kRows, 1);
+  const auto left = [&](const Record& record) {
+    const std::vector<double> torque = Equations(record, facts).residual({}).torque;
+    const auto margin = static_cast<std::ptrdiff_t>(20);
+    return std::vector<double>(torque.begin() + margin, torque.end() - margin);
+  };
+  for (double e : left(r)) ASSERT_NEAR(e, 0, 1e-4);
+  double impulse = 0;  // of all rows, of what half a row of the jump is
+  for (double e : left(thinned(r, 2, facts.machine.n_p))) impulse += e;
+  EXPECT_NEAR(impulse / (0.5 * kJump), 0, 0.01);
+  r.load_measured = true;  // as if it had begun to rise a row before
+  double largest = 0;
+  for (double e : left(r)) largest = std::max(largest, std::abs(e));
+  EXPECT_NEAR(largest, 0.5 * kJump * (1 - 1.0 / 6), 0.1);
 }
 
 // At constant speed what turns with the rotor has a closed mean: of a drop over an interval, and of
@@ -333,6 +369,13 @@ TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
   EXPECT_EQ(parts[0].aliases, std::vector<std::string>{"inverter_drop"});
   EXPECT_NEAR(get_key(*parts[0].effect, "dead_time_s"), 2.9 / (facts.v_dc * facts.f_pwm), 1e-15);
   expect_same(*both.effect, parts);
+  // A slope of which no more is known than that is none.
+  TracedEffect unsure = drop(1.02 * limit);
+  for (TracedParameter& p : unsure.parameters)
+    if (p.name == "resistance") p.sigma = 0.5 * p.value;
+  const std::vector<TracedEffect> alone = parted(unsure, facts);
+  ASSERT_EQ(alone.size(), 1u);
+  EXPECT_EQ(alone[0].effect->kind(), "dead_time");
 }
 
 }  // namespace

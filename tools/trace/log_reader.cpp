@@ -22,8 +22,10 @@ class CsvLog final : public LogReader {
       : rows_(path, map, repair), v_dc_nominal_(v_dc_nominal), v_dc_(index_of("v_dc")) {
     for (const RawColumn& c : raw_columns()) {
       std::size_t index = index_of(c.name);
-      // A torque sensor on the shaft.
-      if (index == kNone && c.values == &RawLog::T_load) index = index_of("torque");
+      if (index == kNone && c.values == &RawLog::T_load) {
+        index = index_of("torque");
+        load_measured_ = index != kNone;
+      }
       if (index != kNone) columns_.push_back({c.values, index});
     }
     no_angle_ = index_of("theta_m") == kNone;
@@ -47,6 +49,7 @@ class CsvLog final : public LogReader {
       if (duty_) take_voltage(piece);
     }
     piece.no_angle = no_angle_;
+    piece.load_measured = load_measured_;
     if (no_angle_) piece.theta_m.assign(piece.size(), 0);  // stands still
     return piece.size() > 0;
   }
@@ -85,7 +88,7 @@ class CsvLog final : public LogReader {
   std::vector<Column> columns_;
   double v_dc_nominal_;
   std::size_t v_dc_;
-  bool no_angle_ = false;
+  bool no_angle_ = false, load_measured_ = false;   // by a sensor on the shaft
   std::optional<std::array<std::size_t, 3>> duty_;  // columns, where they make the voltage
 };
 
