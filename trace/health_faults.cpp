@@ -34,6 +34,13 @@ double change(const RawColumn& c, double from, double to) {
   return is_angle(c) ? std::remainder(to - from, kTwoPi) : to - from;
 }
 
+// Its size; 0 where it is rounding.
+double step_of(const RawColumn& c, double from, double to) {
+  constexpr double kRounding = 1e-12;  // of the value
+  const double step = std::abs(change(c, from, to));
+  return step > kRounding * std::abs(to) ? step : 0;
+}
+
 // How far rows [k, k + rows) lie from the parabola through kAround rows before and behind, the
 // nearest of them, and how far those lie from it.
 struct Excursion {
@@ -133,7 +140,7 @@ void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::si
     if (x.empty()) continue;
     Signal& s = signals_[c];
     for (std::size_t k = std::max<std::size_t>(first, 1); k < end; ++k) {
-      const double step = std::abs(change(column, x[k - 1], x[k]));
+      const double step = step_of(column, x[k - 1], x[k]);
       if (step > 0 && (s.step == 0 || step < s.step)) s.step = step;
       if (whole(k, 1)) s.spread.add(excursion(column, x, k, 1).distance);
     }
@@ -190,7 +197,7 @@ void FrozenScan::add(const RawLog& raw, std::size_t k) {
     const std::vector<double>& x = raw.*column.values;
     if (x.empty() || !(is_current(column) || is_angle(column))) continue;
     Signal& s = signals_[c];
-    const double step = s.before ? std::abs(change(column, *s.before, x[k])) : 0;
+    const double step = s.before ? step_of(column, *s.before, x[k]) : 0;
     if (step > 0 && (s.step == 0 || step < s.step)) s.step = step;
     if (s.left) {
       s.largest = std::max(s.largest, step);

@@ -55,10 +55,11 @@ bool louder(const Chain& chain, const Sampled& y) {
 
 // 0 where the currents go over many steps of the converter, 1 where over two (rms).
 double few_steps(const Record& record, double i_lsb) {
+  constexpr double kLeast = 1.0 / 16;
   double sum = 0;
   for (const Vec2& i : record.i_alphabeta) sum += i.squaredNorm();
   const double rows = static_cast<double>(std::max<std::size_t>(1, record.i_alphabeta.size()));
-  return 4 * i_lsb * i_lsb / std::max(sum / rows, i_lsb * i_lsb);
+  return 4 * i_lsb * i_lsb / std::max(sum / rows, kLeast * i_lsb * i_lsb);
 }
 
 }  // namespace

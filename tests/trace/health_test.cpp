@@ -282,6 +282,24 @@ TEST(Health, WhatActsIsNoGlitch) {
   EXPECT_EQ(faults_of(health.glitches, "u_alpha"), 1);
 }
 
+// The same reading twice, which differs by rounding alone, is no step of the converter.
+TEST(Health, ACurrentThatIsNearlyAlwaysZeroIsCoarseAndHasNoGlitches) {
+  RawLog raw;
+  raw.path = "coarse";
+  for (std::size_t k = 0; k < 8000; ++k) {
+    const double sign = k % 800 < 400 ? 1 : -1;
+    const double read = k % 400 == 50 ? 0.2 : k % 400 == 51 ? std::nextafter(0.2, 1.0) : 0;
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.i_a.push_back(sign * read);
+    raw.i_b.push_back(0.01 * std::round(0.8 * normal(23, 0, k)));
+    raw.theta_m.push_back(1e-3 * static_cast<double>(k));
+  }
+  Health health;
+  make_record(raw, 3, health);
+  EXPECT_TRUE(health.glitches.empty());
+  EXPECT_NEAR(health.i_lsb, 0.2, 1e-9);
+}
+
 // A controller answers each step of a coarse converter by a row of voltage.
 TEST(Health, VoltageThatAnswersAReadingIsNoGlitch) {
   RawLog raw;
