@@ -44,6 +44,16 @@ double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
   return std::max(doubt, std::min(fitter.margin(), kShare * whole) - kNothing);
 }
 
+// A shaft that is most of what the torque leaves, and rings at moments of which the blocks kept
+// back hold none: they cannot speak.
+bool rings_at_other_moments(const Fitter& fitter, const Fit& next, const Fit& now) {
+  constexpr double kMost = 0.4, kNoMore = 1.1;
+  ShaftFacts shaft;
+  return next.members.back()->describe_shaft(shaft) &&
+         next.rss_held_out < kNoMore * now.rss_held_out &&
+         plain_torque(fitter, next) < kMost * plain_torque(fitter, now);
+}
+
 // Beside a shaft whose impacts are not met to the last bit: a line that explains next to nothing of
 // what the shaft does; or anything that mends, by chance, a little of what the shaft leaves.
 bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
@@ -111,7 +121,8 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
   const double gain = now.rss_held_out - next.rss_held_out;
   const DriveFacts& facts = fitter.chain().equations().facts();
-  return next.valid && gain > least_gain(fitter, next, now) &&
+  return next.valid &&
+         (gain > least_gain(fitter, next, now) || rings_at_other_moments(fitter, next, now)) &&
          next.members.back()->materiality(facts) >= 1 && plausible(*next.members.back(), facts) &&
          !crumb(fitter, next, now) &&
          std::none_of(now.members.begin(), now.members.end(),

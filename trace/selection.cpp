@@ -17,6 +17,7 @@ constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;   // kinds refined at each step,
 constexpr std::size_t kMostAsGood = 5;  // where none was good or the next is as good as the first,
 constexpr double kAsGood = 0.98;        // in gain
+constexpr double kTwoMissing = 20;      // margins that each of two must explain to be taken at once
 constexpr double kGap = 0.1;            // of a shaft's gain: what a gap in it must bring besides
 constexpr double kPlainly = 0.75;       // of the plain error: a gap that leaves less is one
 constexpr double kFollowed = 0.85;      // of the error by pieces: such a gap is one, too
@@ -99,8 +100,8 @@ class Selector {
   bool add_one() {
     const Fit& now = fit_;
     const double score_now = score_of(fitter_, now);
-    Fit best, overdamped;
-    double best_gain = 0, first_gain = 0;
+    Fit best, overdamped, refused;
+    double best_gain = 0, first_gain = 0, refused_gain = 0;
     std::size_t tried = 0;
     std::vector<Score> ranking = ranked(fitter_, candidates_, now);
     if (say_) say_(in_words(ranking));
@@ -140,6 +141,10 @@ class Selector {
                          describe(*s.effect), describe(*next.members.back()), s.gain, gain,
                          now.rss_held_out, next.rss_held_out, good ? "" : " (refused)"));
       if (shaft && gain > 0 && !good && like_a_gap(fitter_, next, now)) overdamped = next;
+      if (!good && next.valid && gain > refused_gain) {
+        refused_gain = gain;
+        refused = next;
+      }
       if (gain <= 0 || !good) continue;
       first_gain = std::max(first_gain, s.gain);
       if (best.members.empty() || preferred(next, gain, best, best_gain)) {
@@ -148,10 +153,27 @@ class Selector {
       }
     }
     if (best.members.empty()) best = std::move(overdamped);
+    if (best.members.empty() && refused_gain > kTwoMissing * fitter_.margin())
+      best = with_another(now, refused);
     if (best.members.empty()) return false;
     fit_ = std::move(best);
     place_anew();
     return true;
+  }
+
+  // Of two that are missing each alone may bend to the other where it is fitted, and be refused for
+  // what it does elsewhere. `refused` is the one that explained most; empty: no other mends it.
+  Fit with_another(const Fit& now, const Fit& refused) {
+    const std::vector<Score> ranking = ranked(fitter_, candidates_, refused);
+    if (ranking.empty() || ranking.front().gain < kTwoMissing * fitter_.margin()) return {};
+    Fit both = moments_anew(
+        fitter_.refine(with(refused.members, placed(fitter_, refused, ranking.front().effect))));
+    const bool good = acceptable(fitter_, both, now) && acceptable(fitter_, both, refused);
+    if (say_)
+      say_(fmt::format("  {} and {}: held-out {:.0f} -> {:.0f}{}",
+                       describe(*refused.members.back()), describe(*both.members.back()),
+                       now.rss_held_out, both.rss_held_out, good ? "" : " (refused)"));
+    return good ? both : Fit{};
   }
 
   // A load that rings whenever the drive moves stands in the spectrum as lines.

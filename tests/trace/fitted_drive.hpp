@@ -25,15 +25,16 @@ inline std::vector<std::string> kinds_of(const Members& members) {
 
 class FittedDrive {
  public:
-  // What `truth` leaves is noise.
-  FittedDrive(const RawLog& raw, const Members& truth)
+  // What `truth` leaves is noise. `held_out`: of each row; empty: blocks, as the tracer takes them.
+  FittedDrive(const RawLog& raw, const Members& truth, const std::vector<char>& held_out = {})
       : record_(make_record(raw, servo().machine.n_p, health_)),
         equations_(record_, servo().facts()),
         moving_(moving_rows(equations_.record())),
         noisier_(add_noise(record_, servo().facts(), moving_, health_.i_lsb)),
         answered_(noisier_.answered, servo().facts()),
         readings_(noisier_.readings, servo().facts()),
-        sampler_(record_, moving_, held_out_rows(record_, 0.25, servo().machine.n_p)),
+        sampler_(record_, moving_,
+                 held_out.empty() ? held_out_rows(record_, 0.25, servo().machine.n_p) : held_out),
         chain_(equations_, answered_, readings_, sampler_) {
     chain_.set_noise(NoiseFit()(chain_, chain_.residual({truth.begin(), truth.end()}), {}));
   }

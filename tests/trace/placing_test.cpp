@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "trace/acceptance.hpp"
 
 namespace twinrate::placing_test {
 
@@ -64,6 +65,26 @@ TEST(Placing, ATorsionIsSearchedFromTheBestOfItsGrid) {
   EXPECT_NEAR(get_key(*found, "J_load_kgm2"), load.J, 0.06 * load.J);
   EXPECT_NEAR(get_key(*found, "stiffness_Nm_rad"), load.K, 0.06 * load.K);
   EXPECT_NEAR(get_key(*found, "damping_Nms_rad"), load.D, 0.1 * load.D);
+}
+
+// Kept back are the moments at which the load has come to rest behind its shaft.
+TEST(Placing, AShaftIsNotRefusedWhereNothingKeptBackMovesIt) {
+  const LooseLoad load{.J = 3.2e-3, .K = 250, .D = 0.08, .gap = 0};
+  LooseLoad soft = load;
+  soft.K = 60;
+  const RawLog raw = with_load(load);
+  std::vector<char> at_rest;
+  for (double t : raw.t) {
+    const double since = std::fmod(t, 1.7);  // external_load() jumps at 0 and 0.9
+    at_rest.push_back((since > 0.65 && since < 0.88) || since > 1.5);
+  }
+  const FittedDrive drive(raw, {}, at_rest);  // part of the noise is what rings
+  const Fitter fitter = drive.fitter();
+  const Fit nothing = fitter.start({}), shaft = fitter.start({behind_a_shaft(load)});
+  EXPECT_LT(plain_torque(fitter, shaft), 0.4 * plain_torque(fitter, nothing));
+  EXPECT_GT(shaft.rss_held_out, nothing.rss_held_out);
+  EXPECT_TRUE(acceptable(fitter, shaft, nothing));
+  EXPECT_FALSE(acceptable(fitter, fitter.start({behind_a_shaft(soft)}), nothing));
 }
 
 // What the shaft does follows the true angle, and so do the slopes along which it is fitted.

@@ -116,6 +116,39 @@ TEST(Selection, AStepIsMovedBeforeTheNewcomerIsRefused) {
   EXPECT_NEAR(get_key(*fit.members[1], "change_kgm2"), kChange, 0.01 * kChange);
 }
 
+// Trained where the rotor turns one way, kept back where it turns the other: there a load and a
+// friction cancel, and each alone, which did for both, is wrong.
+TEST(Selection, TwoThatAreRefusedAloneAreTakenTogether) {
+  constexpr double kLoad = 0.1, kFriction = 0.003;  // Nm, Nms/rad
+  const SyntheticDrive drive_of{.B = SyntheticDrive{}.B + kFriction,
+                                .duration_s = 4,
+                                .extra_load = [](double, double, double) { return kLoad; }};
+  const auto load = effect_with("constant_load", {{"torque_Nm", kLoad}});
+  const auto friction = effect_with("viscous_friction", {{"coefficient_Nms", kFriction}});
+  const RawLog raw = simulate_synthetic(drive_of);
+  std::vector<char> backwards;
+  for (double t : raw.t) backwards.push_back(wanted_speed(t) < 0);
+  const FittedDrive drive(raw, {load, friction}, backwards);
+  Fitter fitter = drive.fitter();
+  const double declared = fitter.start({}).rss_held_out;
+  std::vector<Candidate> candidates;
+  for (const auto& effect : {load, friction}) {
+    EXPECT_GT(fitter.refine({effect}).rss_held_out, declared) << effect->kind();
+    candidates.push_back({effect, drive.chain().columns(*effect)});
+    for (Sampled& x : candidates.back().columns) x = drive.chain().regressor(x);
+  }
+  RoundState state;
+  const Fit fit = select_one(fitter, candidates, {}, {}, state);
+  ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"constant_load", "viscous_friction"}));
+  for (const auto& member : fit.members)
+    EXPECT_NEAR(member->kind() == "constant_load" ? get_key(*member, "torque_Nm") / kLoad
+                                                  : get_key(*member, "coefficient_Nms") / kFriction,
+                1, 0.05);
+  // A margin that they do not exceed by far: nothing is taken.
+  fitter.set_margin(1e4);
+  EXPECT_TRUE(select_one(fitter, candidates, {}, {}, state).members.empty());
+}
+
 // Through the slope of a drop at small currents the readings' noise is most of what is left. Where
 // its size was taken from a residual that the drop was in, more of it is taken off than there is.
 TEST(Selection, WhatExplainsFarMoreThanNoiseIsNotRefusedForNoiseTakenTooLarge) {
