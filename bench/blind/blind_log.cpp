@@ -70,9 +70,11 @@ Log make_log(const Case& which, double duration_s) {
   Vec2 asked = Vec2::Zero(), before = Vec2::Zero();
   bool open = false;  // the row before waits for its voltage
   double theta_m_before = 0;
-  const bool repeats =
-      std::find(which.kinds.begin(), which.kinds.end(), "stale_samples") != which.kinds.end() &&
-      which.effects_toml.find("signal = \"current\"") == std::string::npos;
+  const bool repeats = std::any_of(log.truth.begin(), log.truth.end(), [](const auto& effect) {
+    SamplingFacts facts;
+    effect->describe_sampling(facts);
+    return facts.stale > 0;
+  });
   const std::int64_t steps = drive.steps();
   for (std::int64_t k = 0; k < steps; ++k) {
     const double t_k = static_cast<double>(k) * drive.T_s();
