@@ -1,5 +1,6 @@
-// Which effects are missing: forward by the best candidate, backward by what is no longer needed,
-// swaps; every accepted set is refined before the next look (trace/scores.hpp).
+// Which effects are missing: forward by the best candidate (by two where each alone is refused),
+// backward by what is no longer needed, swaps; every accepted set is refined before the next look
+// (trace/scores.hpp).
 //
 // A candidate must lower the score on the training blocks, lower the error on the held-out blocks,
 // and be large enough to matter (Effect::materiality). Lines that no cause of the catalogue makes
