@@ -15,9 +15,9 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "analysis/order_spectrum.hpp"
 #include "controller/make_controller.hpp"
 #include "core/config.hpp"
-#include "core/order_spectrum.hpp"
 #include "estimator/make_filter.hpp"
 #include "estimator/two_rate.hpp"
 #include "plant_sim/plant.hpp"

@@ -1,4 +1,4 @@
-// N drives side by side, one tick at a time, in the order of tools/run/closed_loop.hpp.
+// N drives side by side, one tick at a time, in the order of loop/closed_loop.hpp.
 //
 // Every member of LaneDrive is one row of lanes, so a drive is a column of it: that is how
 // lanes/runner.hpp puts a drive in and takes it out. What differs from lane to lane is

@@ -166,7 +166,7 @@ LaneConstants<double> lane_constants(const LaneSettings& s) {
   c.u_max_square = c.u_max * c.u_max;
   c.L = s.decoupling ? s.L : 0;
   c.psi_f = s.decoupling ? s.psi_f : 0;
-  // core/summary.cpp: 20 ms away from a reference that has stood for 0.1 s; half a tick of slack.
+  // analysis/summary.cpp: 20 ms away from a reference that has stood for 0.1 s; half a tick of slack.
   c.off_ticks_max = 0.02 / s.T_s - 0.5;
   c.constant_ticks_min = 0.1 / s.T_s - 0.5;
   return c;

@@ -8,7 +8,7 @@
 // flying, all gain policies but `scheduled` and `propagated` (lane_settings says what is not). The
 // noise is that of model/random.hpp, the filter kernel that of estimator/kernels/, the equations
 // those of plant_sim/drive_model.hpp and controller/foc.hpp; the plant is integrated by
-// lanes/plant.hpp. So a point runs like ClosedLoop's (tools/run/closed_loop.hpp) up to rounding: a
+// lanes/plant.hpp. So a point runs like ClosedLoop's (loop/closed_loop.hpp) up to rounding: a
 // count of the ADC may fall the other way now and then.
 //
 // A point's result depends on nothing but the point: not on the instruction set, nor on the points

@@ -8,10 +8,10 @@
 #include <optional>
 
 #include "controller/controller.hpp"
+#include "core/field_list.hpp"
 #include "estimator/make_filter.hpp"
 #include "estimator/registry.hpp"
-#include "tools/field_list.hpp"
-#include "tools/load_drive.hpp"
+#include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

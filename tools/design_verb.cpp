@@ -9,11 +9,11 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "analysis/order_spectrum.hpp"
+#include "analysis/tick_rows.hpp"
 #include "controller/lqr.hpp"
-#include "core/order_spectrum.hpp"
-#include "core/tick_rows.hpp"
 #include "estimator/ekf_harmonic.hpp"
-#include "tools/load_drive.hpp"
+#include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

@@ -6,8 +6,8 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "core/field_list.hpp"
 #include "model/effects/effect.hpp"
-#include "tools/field_list.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
+#include "core/percent_line.hpp"
 #include "core/process.hpp"
-#include "tools/export/export_log.hpp"
-#include "tools/percent_line.hpp"
+#include "export/export_log.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

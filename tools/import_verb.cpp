@@ -9,12 +9,12 @@
 
 #include "core/manifest.hpp"
 #include "core/paths.hpp"
+#include "core/percent_line.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
-#include "tools/import/drive_messages.hpp"
-#include "tools/import/whole_log.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/percent_line.hpp"
+#include "import/drive_messages.hpp"
+#include "import/whole_log.hpp"
+#include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

@@ -3,8 +3,8 @@
 
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/supervisor.hpp"
+#include "loop/load_drive.hpp"
+#include "run/supervisor.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

@@ -14,8 +14,8 @@
 #include "core/process.hpp"
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/lcm_replay.hpp"
+#include "loop/lcm_replay.hpp"
+#include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "core/config.hpp"
-#include "tools/report/report.hpp"
+#include "report/report.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

@@ -13,11 +13,11 @@
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "logger/tick_log.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
 #include "monitor/live_monitor.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/closed_loop.hpp"
-#include "tools/run/progress.hpp"
-#include "tools/run/run_result.hpp"
+#include "run/progress.hpp"
+#include "run/run_result.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

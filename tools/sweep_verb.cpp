@@ -5,11 +5,11 @@
 #include <filesystem>
 
 #include "core/process.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/sweep/cost.hpp"
-#include "tools/sweep/merge.hpp"
-#include "tools/sweep/run.hpp"
-#include "tools/sweep/store.hpp"
+#include "loop/load_drive.hpp"
+#include "sweep/cost.hpp"
+#include "sweep/merge.hpp"
+#include "sweep/run.hpp"
+#include "sweep/store.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {

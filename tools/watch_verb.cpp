@@ -9,7 +9,7 @@
 #include "core/bus.hpp"
 #include "core/config.hpp"
 #include "core/process.hpp"
-#include "tools/run/progress.hpp"
+#include "run/progress.hpp"
 #include "tools/verb.hpp"
 #include "tools/watch/view.hpp"
 

@@ -23,7 +23,7 @@
 
 namespace twinrate {
 
-// A measured file, or a piece of it: columns by canonical name, as tools/import reads them.
+// A measured file, or a piece of it: columns by canonical name, as import/ reads them.
 struct RawLog {
   std::string path;
   std::vector<double> t;

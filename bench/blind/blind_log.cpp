@@ -5,9 +5,9 @@
 #include <filesystem>
 #include <fstream>
 
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
 #include "model/random.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/closed_loop.hpp"
 
 namespace twinrate::blind {
 namespace {

@@ -30,8 +30,7 @@ class ClosedLoop {
     measurement_ = plant_.sample();
     truth_ = plant_.truth();
     estimate_ = fast_.tick(measurement_);
-    if (drive_.sends_gain(measurement_.k))
-      fast_.take_gain(background_.step(estimate_));
+    if (drive_.sends_gain(measurement_.k)) fast_.take_gain(background_.step(estimate_));
     reference_ = drive_.reference_at(measurement_.k);
     command_ = controller_->step({measurement_, estimate_, reference_, &truth_});
     event_ = controller_->take_event();

@@ -1,5 +1,5 @@
-// core/summary.hpp against the figures that closed_loop.hpp forms on its own, from docs/conventions.md.
-#include "core/summary.hpp"
+// analysis/summary.hpp against the figures that closed_loop.hpp forms on its own, from docs/conventions.md.
+#include "analysis/summary.hpp"
 
 #include <gtest/gtest.h>
 

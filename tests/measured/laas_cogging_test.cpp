@@ -8,11 +8,11 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "core/order_spectrum.hpp"
+#include "analysis/order_spectrum.hpp"
 #include "core/run_log.hpp"
 #include "estimator/make_filter.hpp"
 #include "estimator/two_rate.hpp"
-#include "tools/load_drive.hpp"
+#include "loop/load_drive.hpp"
 
 namespace twinrate {
 namespace {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
-#include "tools/trace/drive_logs.hpp"
+#include "drive_log/drive_logs.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {

@@ -13,7 +13,7 @@
 #include <set>
 
 #include "core/config.hpp"
-#include "tools/load_drive.hpp"
+#include "loop/load_drive.hpp"
 
 namespace twinrate {
 namespace {

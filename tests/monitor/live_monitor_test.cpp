@@ -6,8 +6,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "tools/load_drive.hpp"
-#include "tools/run/closed_loop.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {

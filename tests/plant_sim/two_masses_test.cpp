@@ -199,9 +199,7 @@ Residual residual_of(const Effects& effects) {
                       .T_load = T_load});
     x = integrator->advance_two_masses(
         x,
-        {.t_k = points.back().t,
-         .u_alphabeta = inverse_park({0, u_q}, 3 * x[3]),
-         .T_load = T_load},
+        {.t_k = points.back().t, .u_alphabeta = inverse_park({0, u_q}, 3 * x[3]), .T_load = T_load},
         kTs);
   }
   ShaftFacts shaft;

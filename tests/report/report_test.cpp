@@ -1,4 +1,4 @@
-#include "tools/report/report.hpp"
+#include "report/report.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -12,7 +12,7 @@
 #include <sstream>
 
 #include "core/config.hpp"
-#include "tools/report/figure.hpp"
+#include "report/figure.hpp"
 
 namespace twinrate {
 namespace {

@@ -1,4 +1,4 @@
-#include "tools/report/trace_page.hpp"
+#include "report/trace_page.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -11,7 +11,7 @@
 
 #include "model/frames.hpp"
 #include "model/random.hpp"
-#include "tools/report/trace_curves.hpp"
+#include "report/trace_curves.hpp"
 #include "trace/correction.hpp"
 #include "trace/keys.hpp"
 

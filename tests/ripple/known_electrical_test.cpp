@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "core/config.hpp"
-#include "tools/run/closed_loop.hpp"
+#include "loop/closed_loop.hpp"
 
 namespace twinrate::test {
 namespace {

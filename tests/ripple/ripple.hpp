@@ -2,9 +2,9 @@
 #pragma once
 #include <cmath>
 
-#include "core/order_spectrum.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/closed_loop.hpp"
+#include "analysis/order_spectrum.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
 
 namespace twinrate::test {
 

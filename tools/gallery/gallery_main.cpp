@@ -12,11 +12,11 @@
 #include <iostream>
 #include <set>
 
-#include "core/order_spectrum.hpp"
-#include "tools/field_list.hpp"
+#include "analysis/order_spectrum.hpp"
+#include "core/field_list.hpp"
+#include "loop/closed_loop.hpp"
+#include "report/svg.hpp"
 #include "tools/gallery/entries.hpp"
-#include "tools/gallery/svg.hpp"
-#include "tools/run/closed_loop.hpp"
 
 namespace twinrate::gallery {
 namespace {

@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "core/decode.hpp"
+#include "core/field_list.hpp"
 #include "core/reason.hpp"
 #include "model/signals.hpp"
-#include "tools/field_list.hpp"
 
 namespace twinrate {
 namespace {

@@ -1,0 +1,254 @@
+#include "drive_log/drive_logs.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "core/config.hpp"
+#include "drive_log/log_reader.hpp"
+#include "drive_log/measured_files.hpp"
+#include "import/drive_rows.hpp"
+#include "trace/blocks.hpp"
+#include "trace/health_scan.hpp"
+
+namespace twinrate {
+namespace {
+
+// Measured with /usr/bin/time -v, 2026-11: what the tracer takes of memory beside its program.
+constexpr double kBytesOfRow = 900, kBytesOfOutput = 9000;  // of an output: all candidates there
+constexpr double kOutputs_Hz = 1000;
+constexpr double kUsable = 0.47;  // of the memory allowed
+
+constexpr std::size_t kSlotRows = 256;
+constexpr std::size_t kBlocks = 24;  // as the tracer cuts a record to hold blocks out
+constexpr std::size_t kFewestSlots = 4;
+
+// A file after it was read once.
+struct Scanned {
+  std::string path;
+  bool held_out = false;
+  std::unique_ptr<LogReader> reader;
+  Health health;
+  std::vector<Slot> slots;
+  std::vector<LogReader::Place> places;  // of the slots
+  std::vector<double> angles;            // of their first rows
+  double lowest_angle = 1e300, highest_angle = -1e300;
+  RawLog raw;        // all rows, empty where they are too many
+  bool kept = true;  // all rows are in `raw`
+  double duration_s() const {
+    return slots.empty() ? 0 : slots.back().t_end - slots.front().t_begin;
+  }
+};
+
+Record record_of_rows(RawLog& raw, const Scanned& log, int n_p) {
+  if (log.reader->may_start_again() && log.highest_angle - log.lowest_angle <= kWithinOneTurn)
+    unwrap_turns(raw.theta_m);
+  return record_of(raw, n_p, log.health);
+}
+
+// Rows of slots [first, end), read again.
+Record slots_of(const Scanned& log, std::size_t first, std::size_t end, int n_p) {
+  RawLog raw;
+  log.reader->go_to(log.places[first]);
+  log.reader->next(raw, (end - first) * kSlotRows);
+  // An angle whose turns the reader counts goes on where it was.
+  const double turned = log.angles[first] - raw.theta_m.front();
+  for (double& theta_m : raw.theta_m) theta_m += turned;
+  return record_of_rows(raw, log, n_p);
+}
+
+Record stretch_of(const Scanned& log, int n_p, double begin_s, double end_s) {
+  const auto place = [&](double t) {
+    const auto after =
+        std::upper_bound(log.slots.begin(), log.slots.end(), t,
+                         [](double at, const Slot& slot) { return at < slot.t_begin; });
+    return static_cast<std::size_t>(after - log.slots.begin());
+  };
+  const std::size_t first = std::max<std::size_t>(1, place(begin_s)) - 1;
+  return slots_of(log, first, std::max(first + 1, place(end_s)), n_p);
+}
+
+class Reader {
+ public:
+  Reader(const LogRequest& asked, const DriveConfig& drive, const Reading& reading)
+      : asked_(asked), drive_(drive), reading_(reading) {}
+
+  DriveLogs read() {
+    for (const std::string& path : asked_.data) scan(path, false);
+    for (const std::string& path : asked_.held_out) scan(path, true);
+    share_out();
+    for (std::size_t i = 0; i < logs_.size(); ++i) add(logs_[i], shares_[i]);
+    const auto logs = std::make_shared<std::vector<Scanned>>(std::move(logs_));
+    result_.stretch = [logs, files = result_.files, n_p = drive_.machine.n_p](
+                          std::size_t file, double begin, double end) {
+      const double later = files[file].later_s;
+      Record record = stretch_of((*logs)[file], n_p, begin - later, end - later);
+      for (double& t : record.t) t += later;
+      return record;
+    };
+    return std::move(result_);
+  }
+
+ private:
+  void scan(const std::string& path, bool held_out);
+  void look_at(const RawLog& piece, const LogReader::Place& place, Scanned& log);
+  void check_signals(const RawLog& piece) const;
+  void share_out();
+  void add(Scanned& log, std::size_t most_rows);
+  void note_sensors(const Record& log);
+  Record blocks_of(Scanned& log, std::size_t most_rows);
+  void tell(const std::string& what, double share) const {
+    if (reading_) reading_(what, share);
+  }
+
+  const LogRequest& asked_;
+  const DriveConfig& drive_;
+  const Reading& reading_;
+  std::vector<Scanned> logs_;
+  std::vector<std::size_t> shares_;  // rows of each log that may be used
+  std::size_t rows_kept_ = 0;
+  DriveLogs result_;
+};
+
+void Reader::look_at(const RawLog& piece, const LogReader::Place& place, Scanned& log) {
+  log.slots.push_back(slot_of(piece, drive_.machine.n_p));
+  log.places.push_back(place);
+  log.angles.push_back(piece.theta_m.front());
+  const auto [lowest, highest] = std::minmax_element(piece.theta_m.begin(), piece.theta_m.end());
+  log.lowest_angle = std::min(log.lowest_angle, *lowest);
+  log.highest_angle = std::max(log.highest_angle, *highest);
+}
+
+void Reader::scan(const std::string& path, bool held_out) {
+  const std::optional<ImportMap> map = is_run_log(path) ? std::nullopt : map_for(path, asked_.maps);
+  Scanned log{.path = path, .held_out = held_out};
+  log.reader = open_log(path, map ? &*map : nullptr, asked_.repair, drive_.inverter.v_dc);
+  log.raw.path = path;
+  HealthScan health;
+  RawLog piece;
+  std::size_t rows = 0;
+  for (LogReader::Place place = log.reader->place(); log.reader->next(piece, kSlotRows);
+       place = log.reader->place()) {
+    if (rows == 0) check_signals(piece);
+    rows += piece.size();
+    health.add(piece);
+    look_at(piece, place, log);
+    if (log.kept) log.raw.append(piece);
+    if (log.kept && rows_kept_ + rows > rows_within(asked_.memory_MiB, health.T_s())) {
+      log.kept = false;
+      log.raw = {};
+    }
+    if (log.slots.size() % 64 == 0) tell("reading " + path, log.reader->share_read());
+  }
+  log.reader->expect_enough(rows);
+  log.health = health.health();
+  if (log.kept) rows_kept_ += rows;
+  for (const std::string& note : log.reader->notes()) result_.notes.push_back(note);
+  result_.health.combine(log.health);
+  logs_.push_back(std::move(log));
+}
+
+void Reader::check_signals(const RawLog& piece) const try {
+  expect_signals(piece);
+} catch (const std::runtime_error& error) {
+  throw BadInput(error.what());
+}
+
+// Equal parts; what a short log leaves of its part goes to the others.
+void Reader::share_out() {
+  std::vector<std::size_t> order(logs_.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const auto rows = [&](std::size_t i) { return logs_[i].health.rows; };
+  std::sort(order.begin(), order.end(), [&](auto a, auto b) { return rows(a) < rows(b); });
+  shares_.resize(logs_.size());
+  std::size_t left = rows_within(asked_.memory_MiB, logs_.front().health.T_s);
+  for (std::size_t n = 0; n < order.size(); ++n) {
+    shares_[order[n]] = std::min(rows(order[n]), left / (order.size() - n));
+    left -= shares_[order[n]];
+  }
+}
+
+Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
+  std::size_t length = 2 * std::max(kFewestSlots, most_rows / kBlocks / kSlotRows);
+  std::vector<Block> blocks;
+  while (blocks.empty() && length > 1) {  // shorter ones where gaps leave none
+    length /= 2;
+    const std::size_t count = std::max<std::size_t>(1, most_rows / (length * kSlotRows));
+    blocks = choose_blocks(log.slots, count, length, log.health.T_s);
+  }
+  if (blocks.empty())
+    throw BadInput(fmt::format(
+        "{}: {} rows are too many for {:.4g} MiB, and no {} of them are without a gap, which parts "
+        "of it would have to be; --memory allows more",
+        log.path, log.health.rows, asked_.memory_MiB, kSlotRows));
+  Record record;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    tell("reading the blocks of " + log.path,
+         static_cast<double>(b) / static_cast<double>(blocks.size()));
+    record.append(slots_of(log, blocks[b].first, blocks[b].end, drive_.machine.n_p));
+  }
+  record.source = log.path;
+  record.begin_s = log.slots.front().t_begin;
+  result_.notes.push_back(fmt::format(
+      "{}: {:.4g} s, {} rows; traced on {} blocks of {:.3g} s spread over them ({:.2g} % of the "
+      "rows), missing, repeated and clipped samples counted in all",
+      log.path, log.duration_s(), log.health.rows, blocks.size(),
+      static_cast<double>(length * kSlotRows) * log.health.T_s,
+      100 * static_cast<double>(record.size()) / static_cast<double>(log.health.rows)));
+  return record;
+}
+
+// The third current is then made up from the others, by the estimator as by the tracer.
+void Reader::note_sensors(const Record& log) {
+  if (log.current_sensors >= drive_.sensors.current_sensors) return;
+  result_.notes.push_back(fmt::format(
+      "{}: two currents are measured, i_c is -(i_a + i_b) or not there; the drive file has "
+      "sensors.current_sensors = {}, where 2 would fit",
+      log.source, drive_.sensors.current_sensors));
+}
+
+void Reader::add(Scanned& log, std::size_t most_rows) {
+  const std::size_t first = result_.record.size();
+  double later = 0;
+  try {
+    Record own;
+    if (most_rows < log.health.rows) {
+      own = blocks_of(log, most_rows);
+    } else {
+      if (!log.kept) log.reader->go_to(log.places.front()), log.reader->next(log.raw, SIZE_MAX);
+      own = record_of_rows(log.raw, log, drive_.machine.n_p);
+    }
+    log.raw = {};
+    note_sensors(own);
+    result_.record.append(own);
+    later = result_.record.t[first] - own.t.front();
+  } catch (const std::runtime_error& error) {
+    throw BadInput(error.what());
+  }
+  result_.files.push_back(
+      {log.path, log.held_out, log.health, first, result_.record.size(), later});
+}
+
+}  // namespace
+
+std::vector<char> DriveLogs::held_out() const {
+  std::vector<char> held(record.size(), 0);
+  for (const DriveLog& file : files)
+    for (std::size_t k = file.first; k < file.end; ++k) held[k] = file.held_out;
+  return held;
+}
+
+std::size_t rows_within(double memory_MiB, double T_s) {
+  const double outputs = std::min(1.0, T_s * kOutputs_Hz);  // of a row
+  return static_cast<std::size_t>(kUsable * memory_MiB * 1048576 /
+                                  (kBytesOfRow + kBytesOfOutput * outputs));
+}
+
+DriveLogs read_drive_logs(const LogRequest& asked, const DriveConfig& drive,
+                          const Reading& reading) {
+  return Reader(asked, drive, reading).read();
+}
+
+}  // namespace twinrate

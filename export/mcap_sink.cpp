@@ -1,0 +1,227 @@
+// The MCAP container, https://mcap.dev/spec: records of an opcode, a 64-bit length and contents,
+// all little-endian. Written here: Header, Schema, Channel, Message in chunks without compression,
+// a MessageIndex behind each chunk, and a summary (Schema, Channel, Statistics, ChunkIndex) that
+// lets a reader seek. CRCs are 0: not available.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "core/paths.hpp"
+#include "export/sink.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
+constexpr std::size_t kChunkBytes = 1 << 20;
+
+enum Opcode : std::uint8_t {
+  kHeader = 1,
+  kFooter = 2,
+  kSchema = 3,
+  kChannelRecord = 4,
+  kMessage = 5,
+  kChunk = 6,
+  kMessageIndex = 7,
+  kChunkIndex = 8,
+  kStatistics = 11,
+  kDataEnd = 15,
+};
+
+class Bytes {
+ public:
+  template <class Whole>
+  Bytes& number(Whole value) {
+    for (std::size_t i = 0; i < sizeof(Whole); ++i)
+      text_ += static_cast<char>(static_cast<std::uint64_t>(value) >> (8 * i));
+    return *this;
+  }
+  Bytes& u16(std::size_t value) { return number(static_cast<std::uint16_t>(value)); }
+  Bytes& u32(std::size_t value) { return number(static_cast<std::uint32_t>(value)); }
+  Bytes& u64(std::size_t value) { return number(static_cast<std::uint64_t>(value)); }
+  Bytes& raw(std::string_view text) {
+    text_ += text;
+    return *this;
+  }
+  Bytes& string(std::string_view text) { return u32(text.size()).raw(text); }
+  const std::string& text() const { return text_; }
+
+ private:
+  std::string text_;
+};
+
+std::string record(Opcode opcode, const std::string& contents) {
+  return Bytes().number(opcode).u64(contents.size()).raw(contents).text();
+}
+
+nlohmann::ordered_json schema_of(const Layout& layout) {
+  nlohmann::ordered_json properties = {{"seq", {{"type", "integer"}}}, {"t", {{"type", "number"}}}};
+  for (const Field& f : layout.numbers) {
+    properties[f.name] = {{"type", "number"}};
+    if (f.array) properties[f.name] = {{"type", "array"}, {"items", {{"type", "number"}}}};
+  }
+  for (const std::string& name : layout.texts) properties[name] = {{"type", "string"}};
+  return {{"type", "object"}, {"properties", properties}};
+}
+
+class McapSink final : public ExportSink {
+ public:
+  explicit McapSink(const std::string& path)
+      : part_(path), file_(std::fopen(part_.part_path().c_str(), "wb")) {
+    if (!file_) part_.fail();
+    put(kMagic);
+    put(record(kHeader, Bytes().string("").string("twinrate " + revision()).text()));
+  }
+  ~McapSink() override {
+    if (file_) std::fclose(file_);
+  }
+  void open(const std::string& stream, const Layout& layout) override {
+    layouts_.push_back(layout);
+    counts_.push_back(0);
+    const std::size_t id = layouts_.size();  // from 1: schema 0 is none
+    const std::string schema = record(kSchema, Bytes()
+                                                   .u16(id)
+                                                   .string("twinrate." + stream)
+                                                   .string("jsonschema")
+                                                   .string(schema_of(layout).dump())
+                                                   .text());
+    const std::string channel =
+        record(kChannelRecord, Bytes().u16(id).u16(id).string(stream).string("json").u32(0).text());
+    chunk_ += schema + channel;
+    summary_ += schema + channel;
+  }
+  void write(std::size_t stream, const Sample& sample) override {
+    const auto t = static_cast<std::uint64_t>(std::max<std::int64_t>(0, sample.t_ns));
+    index_[stream + 1].u64(t).u64(chunk_.size());
+    chunk_ += record(kMessage, Bytes()
+                                   .u16(stream + 1)
+                                   .u32(counts_[stream]++)
+                                   .number(t)
+                                   .number(t)
+                                   .raw(json(layouts_[stream], sample))
+                                   .text());
+    chunk_begin_ = std::min(chunk_begin_, t);
+    chunk_end_ = std::max(chunk_end_, t);
+    if (chunk_.size() > kChunkBytes) end_chunk();
+  }
+  void finish() override {
+    end_chunk();
+    put(record(kDataEnd, Bytes().u32(0).text()));
+    const std::uint64_t summary_begin = at_;
+    Bytes by_channel;
+    std::uint64_t messages = 0;
+    for (std::size_t i = 0; i < counts_.size(); messages += counts_[i++])
+      by_channel.u16(i + 1).u64(counts_[i]);
+    put(summary_);
+    put(record(kStatistics, Bytes()
+                                .number(messages)
+                                .u16(layouts_.size())
+                                .u32(layouts_.size())
+                                .u32(0)
+                                .u32(0)
+                                .u32(chunks_)
+                                .number(messages > 0 ? begin_ : 0)
+                                .number(end_)
+                                .string(by_channel.text())
+                                .text()));
+    put(chunk_indexes_);
+    put(record(kFooter, Bytes().number(summary_begin).u64(0).u32(0).text()));
+    put(kMagic);
+    const bool closed = std::fclose(file_) == 0;
+    file_ = nullptr;
+    if (!closed) part_.fail();
+    part_.finish();
+  }
+
+ private:
+  static std::string json(const Layout& layout, const Sample& sample) {
+    std::string text =
+        fmt::format("{{\"seq\":{},\"t\":{}", sample.k, static_cast<double>(sample.t_ns) / 1e9);
+    const auto number = [](double value) {
+      return std::isfinite(value) ? fmt::format("{}", value) : std::string("null");
+    };
+    const double* numbers = sample.numbers.data();
+    for (std::size_t f = 0; f < layout.numbers.size(); numbers += sample.counts[f++]) {
+      const Field& field = layout.numbers[f];
+      text += ",\"" + field.name + "\":";
+      if (!field.array) {
+        text += number(*numbers);
+        continue;
+      }
+      text += '[';
+      for (std::size_t i = 0; i < sample.counts[f]; ++i)
+        text += (i ? "," : "") + number(numbers[i]);
+      text += ']';
+    }
+    for (std::size_t f = 0; f < layout.texts.size(); ++f)
+      text += ",\"" + layout.texts[f] + "\":" +
+              nlohmann::json(sample.texts[f])
+                  .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    return text + '}';
+  }
+
+  void end_chunk() {
+    if (chunk_.empty()) return;
+    if (index_.empty()) chunk_begin_ = 0;
+    const std::uint64_t chunk_at = at_;
+    put(record(kChunk, Bytes()
+                           .number(chunk_begin_)
+                           .number(chunk_end_)
+                           .u64(chunk_.size())
+                           .u32(0)
+                           .string("")
+                           .u64(chunk_.size())
+                           .raw(chunk_)
+                           .text()));
+    const std::uint64_t chunk_length = at_ - chunk_at, index_at = at_;
+    Bytes offsets;
+    for (const auto& [id, entries] : index_) {
+      offsets.u16(id).number(at_);
+      put(record(kMessageIndex, Bytes().u16(id).string(entries.text()).text()));
+    }
+    chunk_indexes_ += record(kChunkIndex, Bytes()
+                                              .number(chunk_begin_)
+                                              .number(chunk_end_)
+                                              .number(chunk_at)
+                                              .number(chunk_length)
+                                              .string(offsets.text())
+                                              .number(at_ - index_at)
+                                              .string("")
+                                              .u64(chunk_.size())
+                                              .u64(chunk_.size())
+                                              .text());
+    begin_ = std::min(begin_, chunk_begin_);
+    end_ = std::max(end_, chunk_end_);
+    ++chunks_;
+    chunk_.clear();
+    index_.clear();
+    chunk_begin_ = UINT64_MAX;
+    chunk_end_ = 0;
+  }
+  void put(std::string_view text) {
+    if (std::fwrite(text.data(), 1, text.size(), file_) != text.size()) part_.fail();
+    at_ += text.size();
+  }
+
+  PartFile part_;
+  std::FILE* file_;
+  std::uint64_t at_ = 0;
+  std::vector<Layout> layouts_;
+  std::vector<std::uint32_t> counts_;  // messages, by stream
+  std::string chunk_, summary_, chunk_indexes_;
+  std::map<std::size_t, Bytes> index_;  // of the chunk, by channel: time and place of its messages
+  std::uint64_t chunk_begin_ = UINT64_MAX, chunk_end_ = 0, begin_ = UINT64_MAX, end_ = 0;
+  std::size_t chunks_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<ExportSink> make_mcap_sink(const std::string& path) {
+  return std::make_unique<McapSink>(path);
+}
+
+}  // namespace twinrate

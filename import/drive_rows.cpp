@@ -1,0 +1,76 @@
+#include "import/drive_rows.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/config.hpp"
+
+namespace twinrate {
+namespace {
+
+// Each step is taken the short way round one period.
+void unwrap(std::vector<double>& angle, double period) {
+  double turns = 0, before = angle.empty() ? 0 : angle.front();
+  for (double& value : angle) {
+    const double raw = value;
+    turns -= std::round((raw - before) / period);
+    before = raw;
+    value = raw + period * turns;
+  }
+}
+
+// `fewest`: rows that have to be there.
+DriveRows read_rows(RowReader& reader, std::size_t fewest, std::size_t most,
+                    const std::function<void(double)>& progress) {
+  DriveRows rows;
+  rows.path = reader.path();
+  rows.left_out = reader.left_out();
+  std::vector<std::vector<double>*> columns;
+  for (const std::string& name : reader.names()) columns.push_back(&rows.columns[name]);
+  while (rows.size() < most && reader.next()) {
+    if (reader.has_time()) rows.t.push_back(reader.t());
+    for (std::size_t i = 0; i < columns.size(); ++i) columns[i]->push_back(reader.values()[i]);
+    rows.line.push_back(reader.line());
+    if (progress && rows.line.size() % 16384 == 0) progress(reader.share_read());
+  }
+  rows.notes = reader.notes();
+  if (rows.size() < fewest) fail_too_few(reader, rows.size(), fewest);
+  if (rows.has("theta_m") && reader.map().columns.at("theta_m").wrap == 0)
+    unwrap_turns(rows.columns.at("theta_m"));
+  return rows;
+}
+
+}  // namespace
+
+void unwrap_turns(std::vector<double>& theta_m) {
+  const auto [lowest, highest] = std::minmax_element(theta_m.begin(), theta_m.end());
+  if (*highest - *lowest <= kWithinOneTurn) unwrap(theta_m, kTwoPi);
+}
+
+void fail_too_few(const RowReader& reader, std::size_t rows, std::size_t fewest) {
+  throw BadInput(fmt::format("{}:{}: {} rows, at least {} needed", reader.path(), reader.line(),
+                             rows, fewest));
+}
+
+DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
+                          const std::function<void(double)>& progress, std::size_t most_rows) {
+  RowReader reader(path, map, repair);
+  return read_rows(reader, kFewestRows, most_rows, progress);
+}
+
+DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair,
+                           const std::function<void(double)>& progress) {
+  RowReader reader(path, map, repair, RowKind::kWithoutTime);
+  return read_rows(reader, kFewestStaticRows, SIZE_MAX, progress);
+}
+
+bool holds_time(const std::string& path, const ImportMap* map) {
+  CsvReader csv(path, map ? map->format : CsvFormat{});
+  if (map && (map->time_given || csv.header().empty())) return true;
+  const std::string name = map ? map->columns.at("t").from : "t";
+  return std::find(csv.header().begin(), csv.header().end(), name) != csv.header().end();
+}
+
+}  // namespace twinrate

@@ -1,0 +1,44 @@
+#include "loop/load_drive.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "controller/controller.hpp"
+#include "estimator/registry.hpp"
+
+namespace twinrate {
+namespace {
+
+// `owner`: "estimator" or "controller"; `make_builder`: kind -> its keys.
+template <class MakeBuilder>
+void read_kinds(Config& config, const std::string& owner, const std::string& chosen,
+                const std::vector<std::string>& kinds, MakeBuilder make_builder) {
+  if (std::find(kinds.begin(), kinds.end(), chosen) == kinds.end())
+    throw BadInput(fmt::format("{}: {}.kind: one of {} allowed, found {}",
+                               config.where(owner + ".kind"), owner, fmt::join(kinds, ", "),
+                               chosen));
+  for (const std::string& kind : kinds) {
+    const std::string path = owner + "." + kind;
+    if (kind != chosen && !config.has_table(path)) continue;
+    const auto builder = make_builder(kind);
+    config.read_table(path, [&](FieldVisitor& f) { builder->fields(f); });
+  }
+}
+
+}  // namespace
+
+void read_all_tables(Config& config) {
+  const DriveConfig& drive = config.drive();
+  read_kinds(config, "estimator", drive.estimator.kind, filter_kinds(), filter_builder);
+  read_kinds(config, "controller", drive.controller.kind, controller_kinds(), controller_builder);
+  config.require_all_read();
+}
+
+Config load_drive(const std::string& file_or_preset, const std::vector<std::string>& overrides) {
+  Config config = Config::load(file_or_preset, overrides);
+  read_all_tables(config);
+  return config;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,71 @@
+#include "plan/outside.hpp"
+
+#include <algorithm>
+
+#include "trace/bus_ripple.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr const char* kShowsAGap[] = {"reversals"};  // the small ones alone do not
+constexpr double kShowsARipple_s = 1;
+
+bool shows_a_gap(const PlanBlock& block) {
+  return std::any_of(std::begin(kShowsAGap), std::end(kShowsAGap),
+                     [&](const char* name) { return block.name == name; });
+}
+
+OutsideKind backlash(const Plan& plan, const std::vector<PlanLog>& logs) {
+  OutsideKind k{.kind = "backlash",
+                .needs =
+                    "reversals without load: the load's mass has to leave one flank of the gap "
+                    "and meet the other, again and again",
+                .shown_by = {std::begin(kShowsAGap), std::end(kShowsAGap)}};
+  k.in_run = std::any_of(plan.order.begin(), plan.order.end(),
+                         [&](std::size_t b) { return shows_a_gap(plan.blocks[b]); });
+  if (!logs.empty()) k.log = "not judged: trace it";
+  return k;
+}
+
+OutsideKind dc_bus_ripple(const Plan& plan, const std::vector<PlanLog>& logs,
+                          const DriveConfig& drive) {
+  OutsideKind k{.kind = "dc_bus_ripple",
+                .needs = "v_dc logged row by row, for a second or longer, whatever the drive does",
+                .shown_by = {}};
+  k.in_run = plan.profile.duration_s >= kShowsARipple_s;
+  for (const PlanLog& log : logs) {
+    const BusRipple found = find_bus_ripple(
+        log.record, held_out_rows(log.record, TraceSettings().holdout, drive.machine.n_p),
+        drive.facts(), drive.model_effects());
+    k.log = found.blind.empty() ? "would show" : found.blind;
+    if (found.blind.empty()) break;
+  }
+  return k;
+}
+
+}  // namespace
+
+bool is_asked_for(const PlanRequest& request, const std::string& kind) {
+  return request.kinds.empty() ||
+         std::find(request.kinds.begin(), request.kinds.end(), kind) != request.kinds.end();
+}
+
+std::optional<std::size_t> block_for_backlash(const PlanRequest& request,
+                                              const std::vector<PlanBlock>& all,
+                                              const std::vector<std::size_t>& usable) {
+  if (request.kinds.empty() || !is_asked_for(request, "backlash")) return {};
+  for (std::size_t b : usable)
+    if (shows_a_gap(all[b]) && all[b].duration_s <= request.longest_s) return b;
+  return {};
+}
+
+std::vector<OutsideKind> outside_the_design(const Plan& plan, const std::vector<PlanLog>& logs,
+                                            const DriveConfig& drive) {
+  std::vector<OutsideKind> list;
+  if (is_asked_for(plan.request, "backlash")) list.push_back(backlash(plan, logs));
+  if (is_asked_for(plan.request, "dc_bus_ripple")) list.push_back(dc_bus_ripple(plan, logs, drive));
+  return list;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,183 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "report/parts.hpp"
+
+namespace twinrate::report {
+namespace {
+
+constexpr std::size_t kGridPoints = 2500;
+constexpr std::size_t kMostOverlaid = 4;
+constexpr double kLeastRange_deg = 0.2;  // of errors at which angle errors are worth a figure
+
+std::string rate_name(const RunView& view) {
+  const DriveConfig& config = view.run.config;
+  return fmt::format("f_b = {} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n),
+                     config.rates.n);
+}
+
+std::string policy_name(const RunView& view) {
+  return kGainPolicyNames[static_cast<int>(view.run.config.gain.policy)];
+}
+
+// "20 rpm" of a constant speed reference.
+std::string speed_name(const RunView& view) {
+  const ReferenceParameters& reference = view.run.config.reference;
+  if (!reference.from_bus && reference.in_rpm && reference.speed_rpm.is_constant())
+    return fmt::format("{:g} rpm", reference.speed_rpm.at(0));
+  if (!reference.from_bus && !reference.in_rpm && reference.omega_e_rad_s.is_constant())
+    return fmt::format("{:g} rad/s", reference.omega_e_rad_s.at(0));
+  return "";
+}
+
+// Names that tell the runs apart, of what differs: the rate, the policy, the speed; the path where
+// none of them does. Runs that differ in nothing but their paths are named by rate and path.
+std::vector<std::string> run_names(const std::vector<RunView>& views) {
+  std::vector<std::string> names(views.size());
+  const auto append = [](std::string& name, const std::string& part) {
+    name += (name.empty() || part.empty() ? "" : ", ") + part;
+  };
+  for (const auto& part_of : {rate_name, policy_name, speed_name}) {
+    const bool differs = std::any_of(views.begin(), views.end(), [&](const RunView& view) {
+      return part_of(view) != part_of(views.front());
+    });
+    if (!differs) continue;
+    for (std::size_t i = 0; i < views.size(); ++i) append(names[i], part_of(views[i]));
+  }
+  const std::vector<std::string> parts = names;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (parts[i].empty()) names[i] = rate_name(views[i]);
+    if (std::count(parts.begin(), parts.end(), parts[i]) > 1)
+      append(names[i], views[i].run.log.path);
+  }
+  return names;
+}
+
+// One range for every run that held, so that the small figures can be compared at a glance.
+std::pair<double, double> common_range(const std::vector<RunView>& views) {
+  double least = 0, greatest = 0;
+  for (const RunView& view : views) {
+    if (view.lost()) continue;
+    const auto error = quantity::angle_error_deg(view.reference, view.n_p());
+    for (const TickRow& row : view.rows) {
+      const double error_deg = row.t_s < view.settled_s() ? NAN : error(row);
+      if (std::isfinite(error_deg))
+        least = std::min(least, error_deg), greatest = std::max(greatest, error_deg);
+    }
+  }
+  const double margin = std::max(0.05 * (greatest - least), 0.05);
+  return {least - margin, greatest + margin};
+}
+
+Json error_grid(const std::vector<RunView>& views, const std::vector<std::string>& names) {
+  Json figures = Json::array();
+  const auto range = common_range(views);
+  const bool none_lost =
+      std::none_of(views.begin(), views.end(), [](const RunView& view) { return view.lost(); });
+  const bool nothing_to_see = none_lost && range.second - range.first < kLeastRange_deg;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const RunView& view = views[i];
+    Figure figure =
+        error_figure(view, view.lost() ? view.rows : view.between(view.settled_s(), view.end_s()));
+    if (figure.empty() || nothing_to_see) continue;
+    figure.title = fmt::format("({}) {}{}", static_cast<char>('a' + i % 26), names[i],
+                               view.lost() ? ", lost" : "");
+    figure.y_range = view.lost() ? std::pair(-180.0, 180.0) : range;
+    figure.series.front().role = view.lost() ? "lost" : "hat";
+    figure.group = view.lost() ? "" : "grid";
+    figures.push_back(to_json(figure, kGridPoints));
+  }
+  return {{"heading", "Angle errors"},
+          {"note", "From settle_s on, all on one scale; lost runs whole, on +/-180 deg."},
+          {"columns", 3},
+          {"figures", figures}};
+}
+
+// A quantity of several runs over electrical turns, each counted from its own crossing of theta_e =
+// 0.
+Figure overlay(const std::vector<RunView>& views, const std::vector<std::string>& names,
+               const Quantity& quantity) {
+  Figure figure{.x_label = "electrical turns"};
+  std::vector<std::pair<double, std::pair<std::size_t, double>>> points;
+  std::size_t shown = 0;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const RunView& view = views[i];
+    if (view.rows.empty() || view.lost() || !view.has_P44() || shown == kMostOverlaid) continue;
+    const std::vector<TickRow> window = view.short_window();
+    const auto turns_of = [&](const TickRow& row) {
+      return theta_e_reference(row, view.reference, view.n_p()) / kTwoPi;
+    };
+    const double direction = turns_of(window.back()) < turns_of(window.front()) ? -1 : 1;
+    const double start = std::floor(direction * turns_of(window.front()));
+    for (const TickRow& row : window) {
+      const double turns = direction * turns_of(row) - start;
+      if (std::isfinite(turns)) points.push_back({turns, {shown, quantity(row)}});
+    }
+    figure.series.push_back({names[i], fmt::format("run{}", shown), {}, true});
+    ++shown;
+  }
+  std::stable_sort(points.begin(), points.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (const auto& [turns, value] : points) {
+    figure.x.push_back(turns);
+    for (std::size_t s = 0; s < shown; ++s)
+      figure.series[s].values.push_back(s == value.first ? value.second : NAN);
+  }
+  return figure;
+}
+
+Json overlay_section(const std::vector<RunView>& views, const std::vector<std::string>& names) {
+  Json figures = Json::array();
+  const auto push = [&](const char* title, const char* y_label, const Quantity& quantity) {
+    Figure figure = overlay(views, names, quantity);
+    if (figure.x.empty() || figure.series.size() < 2) return;
+    figure.title = title;
+    figure.y_label = y_label;
+    figure.group = "overlay";
+    figures.push_back(to_json(figure, figure.x.size()));
+  };
+  push("Angle variance", "P44 (rad²)", quantity::P44);
+  push("Gain K41 as held", "K41 (rad/A)", quantity::K41);
+  push("Gain K42 as held", "K42 (rad/A)", quantity::K42);
+  return {{"heading", "Variance and gains over the last electrical turns"},
+          {"note", "Runs that held (the first four), each counted from theta_e = 0."},
+          {"columns", 1},
+          {"figures", figures}};
+}
+
+}  // namespace
+
+Json comparison_table(const std::vector<RunView>& views) {
+  Json rows = Json::array();
+  for (const RunView& view : views) {
+    const Summary& s = view.run.summary;
+    const DriveConfig& config = view.run.config;
+    rows.push_back(
+        {view.run.log.path, config.name, std::to_string(config.rates.n),
+         frequency(config.rates.f_s_Hz / config.rates.n),
+         kGainPolicyNames[static_cast<int>(config.gain.policy)],
+         view.lost() ? fmt::format("lost at {:.3g} s", s.lost_at_s.value_or(0))
+         : !s.locked ? "-"
+         : *s.locked ? "locked"
+                     : "uneven",
+         degrees(s.angle_error_rms), degrees(s.angle_error_max),
+         s.speed_error_rms ? fmt::format("{:.3g}", *s.speed_error_rms) : "-",
+         s.P44_min && s.P44_max ? fmt::format("{:.3g} .. {:.3g}", *s.P44_min, *s.P44_max) : "-"});
+  }
+  const Json head = {"run",     "drive",    "n",        "f_b",          "policy",
+                     "verdict", "rms, deg", "max, deg", "speed, rad/s", "P44, rad²"};
+  return {{"head", head}, {"rows", rows}};
+}
+
+Json comparison_sections(const std::vector<RunView>& views) {
+  const std::vector<std::string> names = run_names(views);
+  Json sections = Json::array();
+  for (Json section : {error_grid(views, names), overlay_section(views, names),
+                       shape_section(views, names), reduction_section(views, names)})
+    if (!section["figures"].empty()) sections.push_back(section);
+  return sections;
+}
+
+}  // namespace twinrate::report

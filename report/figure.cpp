@@ -1,0 +1,165 @@
+#include "report/figure.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+
+namespace twinrate::report {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+Json rounded(double value, int digits) {
+  if (!std::isfinite(value)) return nullptr;
+  char text[32];
+  std::snprintf(text, sizeof text, "%.*g", digits, value);
+  return std::strtod(text, nullptr);
+}
+
+Json rounded(const std::vector<double>& values, int digits) {
+  Json list = Json::array();
+  for (const double value : values) list.push_back(rounded(value, digits));
+  return list;
+}
+
+// Positions in [first, last) of the least and the greatest value; NaN only where all are.
+std::pair<double, double> extremes_in_order(const std::vector<double>& values, std::size_t first,
+                                            std::size_t last) {
+  std::size_t least = last, greatest = last;
+  for (std::size_t i = first; i < last; ++i) {
+    if (!std::isfinite(values[i])) continue;
+    if (least == last || values[i] < values[least]) least = i;
+    if (greatest == last || values[i] > values[greatest]) greatest = i;
+  }
+  if (least == last) return {kNaN, kNaN};
+  const auto [earlier, later] = std::minmax(least, greatest);
+  return {values[earlier], values[later]};
+}
+
+// Two points a stretch, each series with its own extremes in the order they came.
+void thin(Figure& figure, std::size_t max_points) {
+  const std::size_t count = figure.x.size(), stretches = max_points / 2;
+  if (count <= max_points) return;
+  std::vector<double> x;
+  std::vector<Series> series = figure.series;
+  for (Series& curve : series) curve.values.clear();
+  for (std::size_t s = 0; s < stretches; ++s) {
+    const std::size_t first = s * count / stretches, last = (s + 1) * count / stretches;
+    x.push_back(figure.x[first]);
+    x.push_back(figure.x[(first + last) / 2]);
+    for (std::size_t c = 0; c < series.size(); ++c) {
+      const auto [earlier, later] = extremes_in_order(figure.series[c].values, first, last);
+      series[c].values.push_back(earlier);
+      series[c].values.push_back(later);
+    }
+  }
+  figure.x = std::move(x);
+  figure.series = std::move(series);
+}
+
+double gain_element(const TickRow& row, int i, int j) {
+  return row.gain ? row.gain->K(i, j) : kNaN;
+}
+
+}  // namespace
+
+void Figure::add(Series curve) {
+  const bool any = std::any_of(curve.values.begin(), curve.values.end(),
+                               [](double v) { return std::isfinite(v); });
+  if (any) series.push_back(std::move(curve));
+}
+
+Json to_json(const Figure& whole, std::size_t max_points) {
+  Figure figure = whole;
+  thin(figure, max_points);
+  Json json;
+  json["title"] = figure.title;
+  json["x_label"] = figure.x_label;
+  json["y_label"] = figure.y_label;
+  json["group"] = figure.group;
+  json["note"] = figure.note;
+  json["bars"] = figure.bars;
+  if (figure.log_y) json["log_y"] = true;
+  for (const auto& [from, to] : figure.shaded)
+    json["shaded"].push_back({rounded(from, 6), rounded(to, 6)});
+  if (figure.y_range)
+    json["y_range"] = {rounded(figure.y_range->first, 5), rounded(figure.y_range->second, 5)};
+  for (const auto& [x, text] : figure.marks) json["marks"].push_back({{"x", x}, {"text", text}});
+  if (figure.level)
+    json["level"] = {{"y", rounded(figure.level->first, 5)}, {"text", figure.level->second}};
+  for (const auto& [x, text] : figure.bar_labels)
+    json["bar_labels"].push_back({{"x", x}, {"text", text}});
+  json["x"] = rounded(figure.x, 9);
+  json["series"] = Json::array();
+  for (const Series& curve : figure.series) {
+    Json one = {{"name", curve.name},
+                {"role", curve.role},
+                {"stepped", curve.stepped},
+                {"values", rounded(curve.values, 5)}};
+    if (!curve.errors.empty()) one["errors"] = rounded(curve.errors, 3);
+    json["series"].push_back(std::move(one));
+  }
+  return json;
+}
+
+std::vector<double> values_of(const std::vector<TickRow>& rows, const Quantity& quantity) {
+  std::vector<double> values(rows.size());
+  std::transform(rows.begin(), rows.end(), values.begin(), quantity);
+  return values;
+}
+
+std::vector<double> times_of(const std::vector<TickRow>& rows) {
+  return values_of(rows, [](const TickRow& row) { return row.t_s; });
+}
+
+namespace quantity {
+
+double omega_m_true(const TickRow& row) {
+  return row.truth ? row.truth->omega_m : kNaN;
+}
+double omega_m_measured(const TickRow& row) {
+  return row.measurement && (row.measurement->signals & kSpeed) ? row.measurement->omega_m : kNaN;
+}
+double omega_m_hat(const TickRow& row) {
+  return row.estimate ? row.estimate->omega_m : kNaN;
+}
+double omega_m_ref(const TickRow& row) {
+  return row.command ? row.command->omega_m_ref : kNaN;
+}
+double T_load_true(const TickRow& row) {
+  return row.truth ? row.truth->T_load : kNaN;
+}
+double T_load_hat(const TickRow& row) {
+  return row.estimate ? row.estimate->T_load : kNaN;
+}
+double P44(const TickRow& row) {
+  return row.gain ? row.gain->P_diagonal(3) : kNaN;
+}
+double K41(const TickRow& row) {
+  return gain_element(row, 3, 0);
+}
+double K42(const TickRow& row) {
+  return gain_element(row, 3, 1);
+}
+
+double theta_e_hat_deg(const TickRow& row) {
+  const double theta_e = row.estimate ? row.estimate->theta_e : kNaN;
+  return std::isfinite(theta_e) ? wrap_turn(theta_e) * kDegrees : kNaN;
+}
+
+Quantity theta_e_deg(AngleReference reference, int n_p) {
+  return [=](const TickRow& row) {
+    const double theta_e = theta_e_reference(row, reference, n_p);
+    return std::isfinite(theta_e) ? wrap_turn(theta_e) * kDegrees : kNaN;
+  };
+}
+
+Quantity angle_error_deg(AngleReference reference, int n_p) {
+  return [=](const TickRow& row) { return angle_error(row, reference, n_p) * kDegrees; };
+}
+
+}  // namespace quantity
+
+}  // namespace twinrate::report

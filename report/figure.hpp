@@ -1,0 +1,72 @@
+// Figures as report.js draws them: a time (or order) axis shared by named series. Built as JSON.
+//
+// Long series are thinned to kMaxPoints by the extremes of equal stretches of ticks, so that peaks
+// stay; every series of a figure keeps the same axis. Values carry five significant digits, NaN and
+// infinity become null (a gap).
+#pragma once
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "analysis/summary.hpp"
+
+namespace twinrate::report {
+
+using Json = nlohmann::ordered_json;
+inline constexpr std::size_t kMaxPoints = 9000;
+inline constexpr double kDegrees = 180 / kPi;
+
+// One curve. `role` chooses colour and stroke in report.js: true, hat, ref, true2, hat2, ref2, run0
+// .. run7; dots, dots2: points without a line.
+struct Series {
+  std::string name, role;
+  std::vector<double> values;
+  bool stepped = false;
+  std::vector<double> errors = {};  // half-length of each point's error bar; not thinned
+};
+
+struct Figure {
+  std::string title, x_label, y_label;
+  std::vector<double> x;
+  std::vector<Series> series;
+  std::string group;  // figures of one group share cursor and zoom
+  std::string note;   // one line under the figure
+  std::optional<std::pair<double, double>> y_range;
+  std::vector<std::pair<double, std::string>> marks;    // vertical lines, and what they mark
+  std::optional<std::pair<double, std::string>> level;  // a horizontal line, and what it is
+  std::vector<std::pair<double, double>> shaded = {};   // stretches of x with another ground
+  bool log_y = false;
+  bool bars = false;  // a spectrum; the largest bars are numbered ..
+  std::vector<std::pair<double, std::string>> bar_labels;  // .. or those given are labelled
+
+  // Adds the curve unless it is empty: all NaN.
+  void add(Series curve);
+  bool empty() const { return series.empty(); }
+};
+
+Json to_json(const Figure& figure, std::size_t max_points = kMaxPoints);
+
+// values[i] = quantity(rows[i]).
+using Quantity = std::function<double(const TickRow&)>;
+std::vector<double> values_of(const std::vector<TickRow>& rows, const Quantity& quantity);
+std::vector<double> times_of(const std::vector<TickRow>& rows);
+
+// The quantities of a tick, NaN where the log has them not. Angles wrapped into [0, 360) and errors
+// in degrees.
+namespace quantity {
+double omega_m_measured(const TickRow& row);
+double omega_m_hat(const TickRow& row);
+double omega_m_ref(const TickRow& row);
+double T_load_true(const TickRow& row);
+double T_load_hat(const TickRow& row);
+double P44(const TickRow& row);
+double K41(const TickRow& row);
+double K42(const TickRow& row);
+double theta_e_hat_deg(const TickRow& row);
+Quantity theta_e_deg(AngleReference reference, int n_p);
+Quantity angle_error_deg(AngleReference reference, int n_p);
+}  // namespace quantity
+
+}  // namespace twinrate::report

@@ -1,0 +1,121 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "core/config.hpp"
+#include "core/paths.hpp"
+#include "report/parts.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+using report::Json;
+using report::RunView;
+
+// A file that goes into every page: share/twinrate/report when installed, else its place in the
+// source tree.
+std::string asset(const std::string& name) {
+  const fs::path root = data_directory();
+  for (const fs::path& place : {root / "report", root / "third_party" / "uplot"}) {
+    std::ifstream file(place / name, std::ios::binary);
+    if (!file) continue;
+    std::ostringstream text;
+    text << file.rdbuf();
+    return text.str();
+  }
+  throw std::runtime_error(
+      fmt::format("{}: not found under {}: install twinrate again", name, root.string()));
+}
+
+void replace_all(std::string& text, const std::string& from, const std::string& to) {
+  for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size())
+    text.replace(at, from.size(), to);
+}
+
+std::string escape_html(std::string text) {
+  replace_all(text, "&", "&amp;");
+  replace_all(text, "<", "&lt;");
+  return text;
+}
+
+// JSON inside a script element must not end it.
+std::string embedded(const Json& json) {
+  std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  replace_all(text, "<", "\\u003c");
+  return text;
+}
+
+Json one_run(const RunView& view) {
+  Json page;
+  page["verdict"] = report::verdict(view);
+  page["summary"] = report::summary_table(view);
+  page["sections"] = report::run_sections(view);
+  page["events"] = report::event_table(view.run.log);
+  page["config"] = view.run.log.config_toml;
+  return page;
+}
+
+Json several_runs(const std::vector<RunView>& views) {
+  Json page;
+  page["comparison"] = report::comparison_table(views);
+  page["sections"] = report::comparison_sections(views);
+  return page;
+}
+
+// Placeholders of report.html stand once each, in this order, so that no text put in is searched
+// again.
+std::string fill(const std::string& page,
+                 const std::vector<std::pair<std::string, std::string>>& parts) {
+  std::string filled;
+  std::size_t at = 0;
+  for (const auto& [name, text] : parts) {
+    const std::size_t found = page.find("{{" + name + "}}", at);
+    if (found == std::string::npos)
+      throw std::runtime_error("report.html: {{" + name + "}} is missing");
+    filled += page.substr(at, found - at) + text;
+    at = found + name.size() + 4;
+  }
+  return filled + page.substr(at);
+}
+
+void write_whole(const std::string& text, const std::string& out_path) {
+  const std::string unfinished = out_path + ".part";
+  std::ofstream file(unfinished, std::ios::binary);
+  file << text;
+  file.close();
+  std::error_code error;
+  if (file) fs::rename(unfinished, out_path, error);
+  if (!file || error) throw std::runtime_error(fmt::format("{}: cannot be written", out_path));
+}
+
+}  // namespace
+
+void write_report(const std::vector<ReportRun>& runs, const ReportOptions& options,
+                  const std::string& out_path) {
+  if (runs.empty()) throw BadInput("report: no run given");
+  std::vector<RunView> views;
+  views.reserve(runs.size());
+  for (const ReportRun& run : runs) views.emplace_back(run, options.angle_reference);
+  Json page = views.size() == 1 ? one_run(views.front()) : several_runs(views);
+  const std::string title = options.title.empty() ? runs.front().config.name : options.title;
+  page["subtitle"] =
+      views.size() == 1 ? runs.front().log.path : fmt::format("{} runs", views.size());
+  page["revision"] = runs.front().log.revision;
+  report::write_page(std::move(page), title, out_path);
+}
+
+void report::write_page(Json page, const std::string& title, const std::string& out_path) {
+  page["title"] = title;
+  write_whole(fill(asset("report.html"), {{"TITLE", escape_html(title)},
+                                          {"UPLOT_STYLE", asset("uPlot.min.css")},
+                                          {"STYLE", asset("report.css")},
+                                          {"UPLOT", asset("uPlot.iife.min.js")},
+                                          {"PAGE", embedded(page)},
+                                          {"SCRIPT", asset("report.js")}}),
+              out_path);
+}
+
+}  // namespace twinrate

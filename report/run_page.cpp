@@ -1,0 +1,185 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "report/parts.hpp"
+
+namespace twinrate::report {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kTurnsShown = 4;
+
+// True rotor-frame currents, or the measured ones turned by the reference angle.
+Quantity current(const RunView& view, int axis) {
+  const AngleReference reference = view.reference;
+  const int n_p = view.n_p();
+  return [=](const TickRow& row) {
+    if (row.truth) return row.truth->i_dq[axis];
+    const double theta_e = theta_e_reference(row, reference, n_p);
+    const Measurement* m = row.measurement;
+    if (!m || std::isnan(theta_e) || !(m->signals & kPhaseCurrents)) return kNaN;
+    if (axis == 0 && (m->signals & kQCurrentOnly)) return kNaN;
+    return park(clarke(m->i_abc), theta_e)[axis];
+  };
+}
+
+Figure current_figure(const RunView& view) {
+  Figure figure{
+      .title = "Currents", .x_label = "t (s)", .y_label = "current (A)", .x = times_of(view.rows)};
+  figure.group = "run";
+  const std::string suffix = view.run.log.truth.empty() ? " measured" : "";
+  const char* names[] = {"i_d", "i_q"};
+  for (const int axis : {1, 0}) {
+    const std::string name = names[axis], set = axis == 1 ? "" : "2";
+    figure.add({name + suffix, "true" + set, values_of(view.rows, current(view, axis))});
+    figure.add({name + "_hat", "hat" + set, values_of(view.rows, [=](const TickRow& row) {
+                  return row.estimate ? row.estimate->i_dq[axis] : kNaN;
+                })});
+    figure.add({name + "_ref", "ref" + set, values_of(view.rows, [=](const TickRow& row) {
+                  return row.command ? row.command->i_dq_ref[axis] : kNaN;
+                })});
+  }
+  return figure;
+}
+
+Figure P44_figure(const std::vector<TickRow>& rows) {
+  Figure figure{
+      .title = "Angle variance", .x_label = "t (s)", .y_label = "P44 (rad²)", .x = times_of(rows)};
+  figure.add({"P44", "hat", values_of(rows, quantity::P44), true});
+  return figure;
+}
+
+Figure gain_figure(const std::vector<TickRow>& rows) {
+  Figure figure{.title = "Gains on the angle",
+                .x_label = "t (s)",
+                .y_label = "K (rad/A)",
+                .x = times_of(rows)};
+  figure.add({"K41", "hat", values_of(rows, quantity::K41), true});
+  figure.add({"K42", "hat2", values_of(rows, quantity::K42), true});
+  return figure;
+}
+
+void push(Json& figures, Figure figure, const std::string& group, const std::string& letter = "") {
+  if (figure.empty()) return;
+  figure.group = group;
+  if (!letter.empty()) figure.title = "(" + letter + ") " + figure.title;
+  figures.push_back(to_json(figure));
+}
+
+Json whole_run_section(const RunView& view) {
+  Json figures = Json::array();
+  // A lost run shows its speed with the loss.
+  if (!view.lost()) push(figures, speed_figure(view, view.rows), "run");
+  push(figures, error_figure(view, view.rows), "run");
+  push(figures, current_figure(view), "run");
+  if (view.has_P44()) {
+    push(figures, P44_figure(view.rows), "run");
+    push(figures, gain_figure(view.rows), "run");
+  }
+  return {{"heading", "Whole run"},
+          {"note", "Drag to zoom all of them, double-click to come back."},
+          {"columns", 1},
+          {"figures", figures}};
+}
+
+Json window_section(const RunView& view) {
+  const std::vector<TickRow> rows = view.short_window();
+  Json figures = Json::array();
+  push(figures, angles_figure(view, rows), "window", "a");
+  push(figures, error_figure(view, rows), "window", "b");
+  if (view.has_P44()) {
+    push(figures, P44_figure(rows), "window", "c");
+    push(figures, gain_figure(rows), "window", "d");
+  }
+  return {{"heading", fmt::format("The last turns at {}", rates(view.run.config))},
+          {"note", "About four electrical turns, every tick; gains as the fast loop held them."},
+          {"columns", 2},
+          {"figures", figures}};
+}
+
+}  // namespace
+
+double RunView::omega_m(const TickRow& row) const {
+  return row.truth ? row.truth->omega_m : quantity::omega_m_hat(row);
+}
+
+std::vector<TickRow> RunView::between(double from_s, double to_s) const {
+  std::vector<TickRow> part;
+  std::copy_if(rows.begin(), rows.end(), std::back_inserter(part),
+               [=](const TickRow& row) { return row.t_s >= from_s && row.t_s <= to_s; });
+  return part;
+}
+
+std::vector<TickRow> RunView::short_window() const {
+  const double T_s = run.config.T_s();
+  const std::size_t tail = std::min<std::size_t>(rows.size(), 50);
+  double sum = 0;
+  int count = 0;
+  for (std::size_t i = rows.size() - tail; i < rows.size(); ++i) {
+    const double speed = std::abs(omega_m(rows[i]));
+    if (std::isfinite(speed)) sum += speed, ++count;
+  }
+  const double omega_e = count > 0 ? n_p() * sum / count : 0;
+  const double turns_s = omega_e > 0 ? kTurnsShown * kTwoPi / omega_e : 0.1;
+  const double longest_s = std::max(end_s() - std::min(settled_s(), end_s() - 0.1), 20 * T_s);
+  return between(end_s() - std::clamp(turns_s, 20 * T_s, longest_s), end_s());
+}
+
+Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows) {
+  const std::string word = view.reference_word();
+  Figure figure{.title = "Rotor position, " + word + " and estimated",
+                .x_label = "t (s)",
+                .y_label = "electrical angle (deg)",
+                .x = times_of(rows)};
+  figure.add({"theta_e " + word, "true",
+              values_of(rows, quantity::theta_e_deg(view.reference, view.n_p()))});
+  figure.add({"theta_e_hat", "hat", values_of(rows, quantity::theta_e_hat_deg)});
+  figure.y_range = {{0, 360}};
+  return figure;
+}
+
+Figure error_figure(const RunView& view, const std::vector<TickRow>& rows) {
+  Figure figure{.title = "Angle error theta_e_hat - theta_e",
+                .x_label = "t (s)",
+                .y_label = "angle error (deg)",
+                .x = times_of(rows)};
+  figure.add({"angle error", "hat",
+              values_of(rows, quantity::angle_error_deg(view.reference, view.n_p()))});
+  // An error that is rounding only would otherwise fill the figure.
+  constexpr double kLeastRange_deg = 0.01;
+  const bool tiny =
+      !figure.empty() &&
+      std::all_of(figure.series.front().values.begin(), figure.series.front().values.end(),
+                  [](double e) { return !(std::abs(e) > kLeastRange_deg); });
+  if (tiny) figure.y_range = {{-kLeastRange_deg, kLeastRange_deg}};
+  return figure;
+}
+
+Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows) {
+  Figure figure{
+      .title = "Speed", .x_label = "t (s)", .y_label = "omega_m (rad/s)", .x = times_of(rows)};
+  const bool has_truth = !view.run.log.truth.empty();
+  figure.add({has_truth ? "omega_m" : "omega_m measured (slope over 10 ms)", "true",
+              reference_speed(rows, has_truth)});
+  if (figure.empty())
+    figure.add({"omega_m measured", "true", values_of(rows, quantity::omega_m_measured)});
+  figure.add({"omega_m_hat", "hat", values_of(rows, quantity::omega_m_hat)});
+  figure.add({"omega_m_ref", "ref", values_of(rows, quantity::omega_m_ref)});
+  return figure;
+}
+
+Json run_sections(const RunView& view) {
+  Json sections = Json::array();
+  std::vector<Json> all = {view.lost() ? loss_section(view) : Json(), whole_run_section(view),
+                           view.lost() ? Json() : window_section(view)};
+  const std::vector<Json> ripple = ripple_sections(view);
+  all.insert(all.end(), ripple.begin(), ripple.end());
+  for (Json& section : all)
+    if (section.is_object() && !section["figures"].empty()) sections.push_back(section);
+  return sections;
+}
+
+}  // namespace twinrate::report

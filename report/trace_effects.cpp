@@ -1,0 +1,177 @@
+// One effect drawn over the data that shows it, and over a stretch of time.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "report/trace_plots.hpp"
+
+namespace twinrate::report {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kExcerpt_s = 0.25;
+constexpr double kSlowRatio = 0.02;  // of its mean square: an effect that hardly changes
+constexpr double kStandsOut = 0.3;   // of the clearest channel
+constexpr double kShown = 0.5;       // of the effect's power, by an axis worth drawing
+constexpr double kMisfit = 0.25;     // of a residual that is the effect
+
+Figure figure_of(const Plot& plot) {
+  Figure figure = bins_figure(bin(plot.points, plot.lo, plot.hi, plot.bins));
+  figure.title = plot.title;
+  figure.x_label = plot.x_label;
+  figure.y_label = plot.y_label;
+  figure.note = plot.note;
+  return figure;
+}
+
+// First and last row + 1 of the stretch in which the effect changes most, held-out rows before
+// others; the whole record where it hardly changes in any.
+std::pair<std::size_t, std::size_t> liveliest(const Rows& rows) {
+  const std::size_t n = rows.size();
+  const auto length = static_cast<std::size_t>(kExcerpt_s * rows.s.rate_Hz);
+  if (n <= length || length < 8) return {0, n};
+  bool any_held = std::any_of(rows.s.held_out.begin(), rows.s.held_out.end(),
+                              [](char held) { return held != 0; });
+  double most = 0, square = 0;
+  std::pair<std::size_t, std::size_t> best{0, n};
+  for (std::size_t from = 0; from + length <= n; from += length / 8) {
+    const std::size_t to = from + length;
+    if (any_held && !(rows.s.held_out[from] && rows.s.held_out[to - 1])) continue;
+    if (rows.s.t[to - 1] - rows.s.t[from] > 1.2 * kExcerpt_s) continue;
+    double sum = 0, squares = 0;
+    for (std::size_t i = from; i < to; ++i) {
+      sum += rows.view.share[i];
+      squares += rows.view.share[i] * rows.view.share[i];
+    }
+    const double variance = squares - sum * sum / static_cast<double>(length);
+    if (variance > most) most = variance, square = squares, best = {from, to};
+  }
+  if (most < kSlowRatio * square) return {0, n};
+  return best;
+}
+
+Figure excerpt(const Rows& rows, std::size_t half) {
+  const auto [from, to] = liveliest(rows);
+  const bool whole = to - from == rows.size();
+  Figure figure{.title = whole ? "Over time" : "A stretch of time in which it acts",
+                .x_label = "t (s)",
+                .y_label = fmt::format("{} ({})", rows.words.name, rows.words.unit)};
+  const std::vector<double> e = smooth(rows.view.without, rows.s.t, rows.s.rate_Hz, half),
+                            share = smooth(rows.view.share, rows.s.t, rows.s.rate_Hz, half);
+  const auto part = [&, from = from, to = to](const std::vector<double>& y) {
+    return std::vector<double>(y.begin() + static_cast<std::ptrdiff_t>(from),
+                               y.begin() + static_cast<std::ptrdiff_t>(to));
+  };
+  figure.x = part(rows.s.t);
+  figure.add({"residual without the effect in the model", "true", part(e)});
+  figure.add({"the effect", "hat", part(share)});
+  if (whole) {
+    figure.shaded = stretches(rows.s.t, rows.s.held_out);
+    figure.note = "Shaded: kept back from the fit. ";
+  } else if (rows.s.held_out[from]) {
+    figure.note = "Kept back from the fit. ";
+  }
+  if (half > 0)
+    figure.note += fmt::format("Both as moving averages over {:.3g} ms.",
+                               1e3 * static_cast<double>(2 * half + 1) / rows.s.rate_Hz);
+  return figure;
+}
+
+double rms(const std::vector<double>& y) {
+  double sum = 0;
+  for (const double value : y) sum += value * value;
+  return y.empty() ? 0 : std::sqrt(sum / static_cast<double>(y.size()));
+}
+
+double standing(const TraceResult& r, const EffectView& view) {
+  return rms(view.share) / std::max(1e-300, rms(series_of(r, view.channel).after));
+}
+
+// The view in which the effect stands out most from what is left.
+const EffectView& clearest(const TraceResult& r, const TracedEffect& effect) {
+  return *std::max_element(
+      effect.views.begin(), effect.views.end(),
+      [&](const EffectView& a, const EffectView& b) { return standing(r, a) < standing(r, b); });
+}
+
+// Share of the effect's own power that is a function of the picture's axis.
+double explained(const Plot& plot) {
+  std::vector<double> sg(static_cast<std::size_t>(plot.bins), 0.0), gg = sg;
+  double whole = 0, part = 0;
+  const Points& p = plot.points;
+  for (std::size_t i = 0; i < p.x.size(); ++i) {
+    if (!(p.x[i] >= plot.lo && p.x[i] <= plot.hi)) continue;
+    const auto b =
+        std::min(sg.size() - 1,
+                 static_cast<std::size_t>((p.x[i] - plot.lo) / (plot.hi - plot.lo) * plot.bins));
+    sg[b] += p.share[i] * p.g[i], gg[b] += p.g[i] * p.g[i];
+    whole += p.share[i] * p.share[i];
+  }
+  for (std::size_t b = 0; b < sg.size(); ++b)
+    if (gg[b] > 0) part += sg[b] * sg[b] / gg[b];
+  return whole > 0 ? part / whole : 0;
+}
+
+// The picture on the axis that shows most of the effect, among the channels in which it stands out;
+// against its own prediction where no axis shows enough.
+Plot best_plot(const TraceResult& r, const TracedEffect& effect, int n_p, const Rows& clear,
+               std::size_t half) {
+  Plot best;
+  double most = 0;
+  for (const EffectView& view : effect.views) {
+    if (standing(r, view) < kStandsOut * standing(r, clear.view)) continue;
+    const Rows rows{series_of(r, view.channel), view, words_of(view.channel), n_p};
+    Plot plot = plot_of(r, effect, rows, widest_half(view.share, rows.s.t, rows.s.rate_Hz));
+    // The share itself is the last resort.
+    const double shown = plot.points.x == plot.points.share ? 0 : explained(plot);
+    if (shown > most) most = shown, best = std::move(plot);
+  }
+  return most > kShown ? best : over_share(clear, half);
+}
+
+// Least-squares factor of the residual over the effect on one kind of rows.
+double factor(const Rows& rows, std::size_t half, bool held_out) {
+  const std::vector<double> e = smooth(rows.view.without, rows.s.t, rows.s.rate_Hz, half),
+                            share = smooth(rows.view.share, rows.s.t, rows.s.rate_Hz, half);
+  double product = 0, square = 0;
+  for (std::size_t i = 0; i < e.size(); ++i) {
+    if ((rows.s.held_out[i] != 0) != held_out) continue;
+    product += e[i] * share[i], square += share[i] * share[i];
+  }
+  return square > 0 ? product / square : kNaN;
+}
+
+}  // namespace
+
+Figure bins_figure(const Bins& bins) {
+  Figure figure;
+  figure.x = bins.x;
+  figure.add({"data, fitted", "dots", bins.trained, false, bins.trained_error});
+  figure.add({"data, kept back", "dots2", bins.held_out, false, bins.held_out_error});
+  figure.add({"the effect", "fit", bins.share});
+  return figure;
+}
+
+Json effect_section(const TraceResult& result, const TracedEffect& effect, int n_p,
+                    const std::string& heading, const std::string& note) {
+  if (effect.views.empty()) return Json();
+  const EffectView& view = clearest(result, effect);
+  const Rows rows{series_of(result, view.channel), view, words_of(view.channel), n_p};
+  const std::size_t half = widest_half(view.share, rows.s.t, rows.s.rate_Hz);
+  const double unseen = factor(rows, half, true);
+  std::string text = note;
+  if (std::isfinite(unseen))
+    text += fmt::format(" On the data kept back the residual is {:.3f} times what the effect says.",
+                        unseen);
+  if (std::isfinite(unseen) && std::abs(unseen - 1) > kMisfit)
+    text += " That is not 1: the data do not carry this claim.";
+  Json figures = Json::array();
+  for (const Figure& figure :
+       {figure_of(best_plot(result, effect, n_p, rows, half)), excerpt(rows, half)})
+    if (!figure.empty()) figures.push_back(to_json(figure));
+  return {{"heading", heading}, {"note", text}, {"columns", 2}, {"figures", figures}};
+}
+
+}  // namespace twinrate::report

@@ -1,0 +1,128 @@
+#include "report/trace_page.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "report/parts.hpp"
+#include "report/trace_parts.hpp"
+
+namespace twinrate {
+namespace {
+
+using namespace report;
+
+// What the verdict asks of the reader.
+std::string advice(const TraceResult& r) {
+  if (r.verdict == "traced")
+    return "The effects below stand in extended.toml, which every program loads. Check each "
+           "against "
+           "its picture.";
+  if (r.verdict == "nothing_missing")
+    return "What is left is noise as far as this record can tell; see at the end what it cannot.";
+  if (r.verdict == "ambiguous")
+    return r.effects.empty() ? "The record does not allow a statement."
+                             : "Something is missing, and this record leaves more than one cause "
+                               "for it; see what would tell them apart.";
+  if (r.verdict == "unexplained")
+    return "Part of the error has a structure that no effect of the catalogue makes. It is shown "
+           "below.";
+  return "";
+}
+
+Json verdict_of(const TraceResult& r) {
+  const bool sure = !r.interrupted && (r.verdict == "traced" || r.verdict == "nothing_missing");
+  std::string name = r.verdict;
+  for (char& c : name)
+    if (c == '_') c = ' ';
+  return {{"state", sure ? "good" : "unsure"},
+          {"headline", r.sentence},
+          {"text", fmt::format("Verdict: {}. {}", name, advice(r))}};
+}
+
+Json summary_of(const TraceResult& r) {
+  Json rows = Json::array();
+  rows.push_back({"fitted to", fmt::format("{}", fmt::join(r.sources, ", "))});
+  rows.push_back({"kept back", r.held_out_sources.empty()
+                                   ? std::string(r.pictures.empty() || r.horizon_s > 0
+                                                     ? "blocks of the same record"
+                                                     : "points of the same set")
+                                   : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
+  if (r.horizon_s > 0)
+    rows.push_back({"compared every", fmt::format("{:.3g} ms", 1e3 * r.horizon_s)});
+  rows.push_back({"traced in", fmt::format("{:.1f} s", r.seconds)});
+  return rows;
+}
+
+Json claims(const TraceResult& r) {
+  Json section = {{"heading", "What the model lacks"},
+                  {"note",
+                   "+- is one standard deviation. BIC: change of the information criterion by "
+                   "having the effect, negative is better. p-value: of chance doing it."},
+                  {"columns", 1},
+                  {"figures", Json::array()},
+                  {"table", effects_table(r)}};
+  if (r.effects.empty()) {
+    section["note"] = "No effect of the catalogue.";
+    section.erase("table");
+  }
+  return section;
+}
+
+Json errors(const TraceResult& r) {
+  return {
+      {"heading", "Error before and after"},
+      {"note",
+       "One-step error of the equations, rms. Rows kept back were not fitted. Noise floor: what "
+       "the samples' own noise makes of it. If nothing changed: the size of what the equation "
+       "balances."},
+      {"columns", 1},
+      {"figures", Json::array()},
+      {"table", errors_table(r)}};
+}
+
+std::string heading_of(const TracedEffect& e) {
+  std::string heading = fmt::format("{}: {}", e.effect->kind(), parameters_text(e));
+  if (!e.aliases.empty()) heading += fmt::format(" (or {})", fmt::join(e.aliases, ", "));
+  return heading;
+}
+
+void append(Json& sections, std::vector<Json> more) {
+  for (Json& section : more) sections.push_back(std::move(section));
+}
+
+}  // namespace
+
+report::ChannelWords report::words_of(const std::string& channel) {
+  if (channel == "torque") return {"torque", "Nm"};
+  return {channel + " voltage", "V"};
+}
+
+const TraceSeries& report::series_of(const TraceResult& r, const std::string& channel) {
+  return channel == "d" ? r.series_d : channel == "q" ? r.series_q : r.series_torque;
+}
+
+void write_trace_page(const TraceResult& r, const TracePage& page, const std::string& out_path) {
+  Json sections = Json::array();
+  sections.push_back(claims(r));
+  if (r.electrical || r.mechanical) sections.push_back(errors(r));
+  for (const TracedEffect& e : r.effects) {
+    Json section =
+        effect_section(r, e, page.n_p, heading_of(e), fmt::format("{}.", e.effect->meaning()));
+    if (!section.is_null()) sections.push_back(std::move(section));
+  }
+  append(sections, picture_sections(r));
+  append(sections, unexplained_sections(r, page.n_p));
+  append(sections, residual_sections(r));
+  append(sections, closing_sections(r));
+  Json content;
+  content["subtitle"] = fmt::format("Trace of {}", fmt::join(r.sources, ", "));
+  content["revision"] = page.revision;
+  content["verdict"] = verdict_of(r);
+  content["summary"] = summary_of(r);
+  content["sections"] = std::move(sections);
+  content["config"] = page.extended_toml;
+  content["config_title"] = "The extended drive file, extended.toml";
+  write_page(std::move(content), fmt::format("What the model of {} lacks", page.drive), out_path);
+}
+
+}  // namespace twinrate

@@ -1,0 +1,207 @@
+// The tables of the page of a trace.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <map>
+
+#include "report/trace_parts.hpp"
+
+namespace twinrate::report {
+namespace {
+
+std::string percent(double share) {
+  return std::isfinite(share) ? fmt::format("{:.1f} %", 100 * share) : "-";
+}
+
+std::string number(double value) {
+  return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
+}
+
+// No line ends within it.
+std::string p_value(double p) {
+  if (!std::isfinite(p)) return "-";
+  std::string text = p < 1e-300 ? "<1e-300" : fmt::format("{:.2g}", p);
+  if (const auto minus = text.find('-'); minus != std::string::npos)
+    text.replace(minus, 1, "\u2011");
+  return text;
+}
+
+std::string spaced(std::string kind) {
+  std::replace(kind.begin(), kind.end(), '_', ' ');
+  return kind;
+}
+
+// A unit as it is written, of a key's suffix.
+std::string unit_words(const std::string& suffix) {
+  static const std::map<std::string, std::string> kWords = {
+      {"1", ""},          {"per_rev", "a turn"}, {"Nm_rad", "Nm/rad"}, {"Nms_rad", "Nms/rad"},
+      {"rad_s", "rad/s"}, {"kgm2", "kg m2"},     {"H_A", "H/A"},       {"H_A2", "H/A2"},
+      {"Nms2", "Nm s2"}};
+  const auto found = kWords.find(suffix);
+  return found == kWords.end() ? suffix : found->second;
+}
+
+Json row_of(const TracedEffect& e) {
+  const std::string aliases = e.aliases.empty()
+                                  ? (std::isfinite(e.delta_bic) || e.from_samples ? "none" : "-")
+                                  : fmt::format("{}", fmt::join(e.aliases, ", "));
+  const std::string kind(e.effect->kind());
+  if (e.from_samples)
+    return {kind,
+            e.equation,
+            parameters_text(e),
+            "seen in the raw samples",
+            "",
+            "",
+            fmt::format("{:.3g}", e.materiality),
+            aliases};
+  return {kind,
+          e.equation,
+          parameters_text(e),
+          std::isfinite(e.delta_bic) ? fmt::format("{:.0f}", e.delta_bic) : "not judged",
+          percent(e.held_out_gain),
+          p_value(e.p_value),
+          fmt::format("{:.3g}", e.materiality),
+          aliases};
+}
+
+Json section(const std::string& heading, const std::string& note, Json table) {
+  return {{"heading", heading},
+          {"note", note},
+          {"columns", 1},
+          {"figures", Json::array()},
+          {"table", std::move(table)}};
+}
+
+Json considered_section(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const Rejected& x : r.rejected)
+    rows.push_back({x.kind, x.why, fmt::format("{:.0f}", -x.score_gain),
+                    std::isfinite(x.held_out_gain) ? percent(x.held_out_gain) : "-"});
+  return section(
+      "Alternatives considered",
+      "Those with a held-out gain were fitted as well as they can be; of the others (-) the BIC is "
+      "an estimate from the training rows. A change of BIC above 0, or a held-out gain of 0 or "
+      "less, speaks against one; a good one that loses explains less than what was taken.",
+      {{"head", {"kind", "why it was not taken", "BIC", "held-out gain"}}, {"rows", rows}});
+}
+
+Json ambiguous_section(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const Ambiguity& a : r.ambiguous)
+    rows.push_back({fmt::format("{}", fmt::join(a.kinds, ", ")), a.why, a.would_separate});
+  return section("Not told apart", "Each of these explains this record as well as the others.",
+                 {{"head", {"kinds", "why", "what would tell them apart"}}, {"rows", rows}});
+}
+
+// Kinds, and sentences of what was measured (of sets without time), stand in one list.
+bool is_kind(const std::string& text) {
+  return text.find(' ') == std::string::npos;
+}
+
+Json blind_section(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const auto& [kind, why] : r.not_identifiable) rows.push_back({kind, why});
+  std::vector<std::string> kinds;
+  std::copy_if(r.identifiable.begin(), r.identifiable.end(), std::back_inserter(kinds), is_kind);
+  std::string note;
+  if (!kinds.empty())
+    note = fmt::format(
+        "These would have been seen at the smallest size worth reporting and are not there: {}. ",
+        fmt::join(kinds, ", "));
+  if (rows.empty() && kinds.empty())
+    note = "The record was not held against the catalogue.";
+  else
+    note +=
+        rows.empty() ? "No effect of the catalogue could hide." : "These could be there unseen:";
+  return section("What this record cannot tell", note, {{"head", {"kind", "why"}}, {"rows", rows}});
+}
+
+Json said_section(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const std::string& line : r.identifiable)
+    if (!is_kind(line)) rows.push_back({line});
+  return section("What the data say besides", "", {{"head", {"measured"}}, {"rows", rows}});
+}
+
+Json health_section(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const std::string& line : r.health) rows.push_back({line});
+  if (rows.empty()) rows.push_back({"nothing to remark: no gaps, clipping or repeated samples"});
+  return section("Data health", "",
+                 {{"head", {"what the samples themselves show"}}, {"rows", rows}});
+}
+
+}  // namespace
+
+std::string number_with_sigma(double value, const std::optional<double>& sigma) {
+  if (!sigma || !(*sigma > 0)) return fmt::format("{:.4g}", value);
+  const int digits =
+      value == 0
+          ? 4
+          : std::clamp(static_cast<int>(std::floor(std::log10(std::abs(value) / *sigma))) + 2, 2,
+                       8);
+  return fmt::format("{:.{}g} +- {:.2g}", value, digits, *sigma);
+}
+
+std::string parameters_text(const TracedEffect& effect) {
+  std::vector<std::string> parts;
+  for (const TracedParameter& p : effect.parameters) {
+    const std::string name = spaced(p.name);
+    if (!p.text.empty()) {
+      parts.push_back(name + " " + p.text);
+      continue;
+    }
+    const bool absent = p.value == 0 && !p.sigma && (p.name == "frequency" || p.name == "order");
+    if (absent) continue;
+    const std::string unit = unit_words(p.unit);
+    parts.push_back(fmt::format("{} {}{}{}", name, number_with_sigma(p.value, p.sigma),
+                                unit.empty() ? "" : " ", unit));
+  }
+  return fmt::format("{}", fmt::join(parts, ", "));
+}
+
+Json effects_table(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const TracedEffect& e : r.effects) rows.push_back(row_of(e));
+  return {{"head",
+           {"effect", "equation", "parameters", "BIC", "held-out error falls by", "p-value",
+            "size / smallest worth reporting", "explain the same"}},
+          {"rows", rows}};
+}
+
+Json errors_table(const TraceResult& r) {
+  Json rows = Json::array();
+  const auto add = [&](const char* name, const std::optional<EquationError>& e) {
+    if (!e) return;
+    rows.push_back({fmt::format("{} ({})", name, e->unit), number(e->before.train),
+                    number(e->after.train), number(e->before.held_out), number(e->after.held_out),
+                    number(e->noise_floor), number(e->no_change), p_value(e->whiteness_p_value),
+                    std::to_string(e->rows)});
+  };
+  // Of sets without time and of logs of angle and current the error is of what they hold.
+  add(r.electrical && r.electrical->unit == "V" ? "voltage, each axis" : "electrical",
+      r.electrical);
+  add(r.mechanical && r.mechanical->unit == "Nm" ? "torque" : "mechanical", r.mechanical);
+  add("bus voltage", r.bus);
+  return {{"head",
+           {"equation, rms error", "before, fitted rows", "after, fitted rows", "before, kept back",
+            "after, kept back", "noise floor", "if nothing changed", "rest is white (p)", "rows"}},
+          {"rows", rows}};
+}
+
+std::vector<Json> closing_sections(const TraceResult& r) {
+  std::vector<Json> sections;
+  if (!r.ambiguous.empty()) sections.push_back(ambiguous_section(r));
+  if (!r.rejected.empty()) sections.push_back(considered_section(r));
+  if (!std::all_of(r.identifiable.begin(), r.identifiable.end(), is_kind))
+    sections.push_back(said_section(r));
+  sections.push_back(blind_section(r));
+  sections.push_back(health_section(r));
+  return sections;
+}
+
+}  // namespace twinrate::report

@@ -1,0 +1,186 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/channels.hpp"
+#include "core/reason.hpp"
+#include "report/parts.hpp"
+
+namespace twinrate::report {
+namespace {
+
+std::string reading(const std::optional<double>& figure, const char* unit) {
+  return figure && std::isfinite(*figure) ? fmt::format("{:.4g} {}", *figure, unit) : "-";
+}
+
+// What the speed did after the loss.
+std::string aftermath(const RunView& view) {
+  const double lost_s = view.run.summary.lost_at_s.value_or(view.end_s());
+  double direction = 0;
+  for (const TickRow& row : view.rows) {
+    const double omega_m = view.omega_m(row);
+    if (!std::isfinite(omega_m)) continue;
+    if (row.t_s <= lost_s) {
+      if (row.command && row.command->omega_m_ref != 0)
+        direction = row.command->omega_m_ref > 0 ? 1 : -1;
+    } else if (direction * omega_m < 0) {
+      return fmt::format(" The speed crossed zero at t = {:.3f} s and ended at {:.4g} rad/s.",
+                         row.t_s, view.omega_m(view.rows.back()));
+    }
+  }
+  return "";
+}
+
+std::string losses(const Summary& summary) {
+  std::string lost;
+  for (const auto& [channel, count] : summary.lost_messages)
+    if (count > 0) lost += fmt::format("{}{} on {}", lost.empty() ? "" : ", ", count, channel);
+  return lost.empty() ? "No message was lost." : "Lost messages: " + lost + ".";
+}
+
+std::string errors(const RunView& view) {
+  const Summary& s = view.run.summary;
+  std::string text;
+  if (s.angle_error_rms)
+    text += fmt::format(
+        " From {:.4g} s to {:.4g} s the estimated electrical angle is {} deg rms and at most {} "
+        "deg "
+        "from the {} one.",
+        view.settled_s(), view.end_s(), degrees(s.angle_error_rms), degrees(s.angle_error_max),
+        view.reference_word());
+  if (s.speed_error_rms)
+    text += fmt::format(" The speed estimate is {:.3g} rad/s rms from the {} speed.",
+                        *s.speed_error_rms, view.run.log.truth.empty() ? "measured" : "true");
+  return text;
+}
+
+template <class Table, class Code>
+std::string name_in(const Table& table, Code code) {
+  return code >= 0 && code < static_cast<Code>(std::size(table)) ? table[code]
+                                                                 : fmt::format("{}", code);
+}
+
+std::string reason_name(int code) {
+  for (const ReasonText& reason : kReasons)
+    if (static_cast<int>(reason.reason) == code) return reason.name;
+  return fmt::format("{}", code);
+}
+
+}  // namespace
+
+std::string frequency(double f_Hz) {
+  return f_Hz >= 1000 ? fmt::format("{:.4g} kHz", f_Hz / 1000) : fmt::format("{:.4g} Hz", f_Hz);
+}
+
+std::string degrees(const std::optional<double>& angle_rad) {
+  if (!angle_rad || !std::isfinite(*angle_rad)) return "-";
+  const double angle_deg = *angle_rad * kDegrees;
+  return angle_deg < 1e-6 ? "0" : fmt::format("{:.3g}", angle_deg);
+}
+
+std::string rates(const DriveConfig& config) {
+  const double f_s = config.rates.f_s_Hz;
+  const int n = config.rates.n;
+  const char* policy = kGainPolicyNames[static_cast<int>(config.gain.policy)];
+  if (n == 1) return fmt::format("f_s = f_b = {}, gain policy {}", frequency(f_s), policy);
+  return fmt::format("f_s = {}, f_b = f_s/{} = {}, gain policy {}", frequency(f_s), n,
+                     frequency(f_s / n), policy);
+}
+
+Json verdict(const RunView& view) {
+  const Summary& s = view.run.summary;
+  std::string state = "unknown",
+              headline = "No verdict: nothing to hold the estimated angle against";
+  if (view.rows.empty()) headline = "No verdict: the log is empty";
+  if (!view.rows.empty() && view.end_s() < view.settled_s())
+    headline = fmt::format("No verdict: the run ended before settle_s = {:.4g} s",
+                           view.run.config.run.settle_s);
+  if (s.locked) {
+    state = view.lost() ? "lost" : *s.locked ? "locked" : "unknown";
+    headline =
+        *s.locked ? "Locked"
+        : view.lost()
+            ? fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)
+            : fmt::format("Uneven: at t = {:.4g} s {}; the angle is the sensor's and was kept",
+                          s.lost_at_s.value_or(0), s.lost_why);
+  }
+  std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
+  text += errors(view);
+  if (view.lost()) text += aftermath(view);
+  text += " " + losses(s);
+  if (s.gains_used > 0) text += fmt::format(" The fast loop ran on {} gains.", s.gains_used);
+  return {{"state", state}, {"headline", headline}, {"text", text}};
+}
+
+// What a salient machine saves against the same mean torque at i_d = 0, over the settled window;
+// empty where there is nothing to save or no torque to speak of.
+static std::string saved_against_no_i_d(const RunView& view) {
+  const MachineParameters& machine = view.run.config.machine;
+  double torque = 0, square = 0, ticks = 0;
+  for (const TickRow& row : view.rows) {
+    if (row.t_s < view.settled_s() || (!row.truth && !row.estimate)) continue;
+    const Vec2 i_dq = row.truth ? row.truth->i_dq : row.estimate->i_dq;
+    torque += machine.torque(i_dq[0], i_dq[1]);
+    square += i_dq.squaredNorm();
+    ++ticks;
+  }
+  const double i_q_alone = torque / ticks / machine.torque_constant();
+  const double ratio = std::sqrt(square / ticks) / std::abs(i_q_alone);
+  if (!(ratio < 0.999)) return "";
+  return fmt::format("current -{:.1f} %, copper loss -{:.1f} %", 100 * (1 - ratio),
+                     100 * (1 - ratio * ratio));
+}
+
+Json summary_table(const RunView& view) {
+  const Summary& s = view.run.summary;
+  const DriveConfig& config = view.run.config;
+  Json rows = Json::array();
+  const auto add = [&](const char* quantity, const std::string& value) {
+    rows.push_back({quantity, value});
+  };
+  add("locked", s.locked ? (*s.locked ? "yes" : "no") : "-");
+  if (s.lost_at_s) add("lost at", reading(s.lost_at_s, "s"));
+  add("angle error, rms", degrees(s.angle_error_rms) + " deg");
+  add("angle error, largest", degrees(s.angle_error_max) + " deg");
+  add("angle reference", kAngleReferenceNames[static_cast<int>(view.reference)]);
+  add("speed error, rms", reading(s.speed_error_rms, "rad/s"));
+  add("speed ripple, rms", reading(s.speed_ripple_rms, "rad/s"));
+  add("speed ripple, orders 1-60", reading(s.speed_ripple_harmonics_rms, "rad/s"));
+  if (s.P44_min && s.P44_max)
+    add("P44", fmt::format("{:.3g} .. {:.3g} rad²", *s.P44_min, *s.P44_max));
+  if (const std::string saved = saved_against_no_i_d(view); !saved.empty())
+    add("against i_d = 0", saved);
+  add("f_s", frequency(config.rates.f_s_Hz));
+  add("f_b",
+      fmt::format("{} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n), config.rates.n));
+  add("gain policy", kGainPolicyNames[static_cast<int>(config.gain.policy)]);
+  add("gains used", std::to_string(s.gains_used));
+  add("window", fmt::format("{:.4g} .. {:.4g} s", view.settled_s(), view.end_s()));
+  add("duration", fmt::format("{:.4g} s, {} steps", s.duration_s, s.steps));
+  if (s.wall_s > 0)
+    add("wall time",
+        fmt::format("{:.3g} s, {:.0f} steps/s", s.wall_s, static_cast<double>(s.steps) / s.wall_s));
+  std::int64_t lost = 0;
+  for (const auto& [channel, count] : s.lost_messages) lost += count;
+  add("lost messages", std::to_string(lost));
+  add("repeats", std::to_string(s.repeats));
+  add("late gains", std::to_string(s.late_gains));
+  add("late commands", std::to_string(s.late_commands));
+  add("deadline misses", std::to_string(s.deadline_misses));
+  return rows;
+}
+
+Json event_table(const RunLog& log) {
+  constexpr std::size_t kMostEvents = 500;
+  Json rows = Json::array();
+  for (const EventRecord& event : log.events) {
+    if (rows.size() == kMostEvents) break;
+    rows.push_back(
+        {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
+         name_in(kRoleNames, event.role), reason_name(event.reason), event.text});
+  }
+  return rows;
+}
+
+}  // namespace twinrate::report

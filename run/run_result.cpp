@@ -1,0 +1,224 @@
+#include "run/run_result.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/channels.hpp"
+#include "core/reason.hpp"
+#include "report/report.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr double kDegrees = 180 / kPi;
+
+void write_text(const fs::path& path, const std::string& text) {
+  std::ofstream out(path);
+  out << text;
+  out.flush();
+  if (!out) throw std::runtime_error(fmt::format("{}: cannot be written", path.string()));
+}
+
+Json read_json(const fs::path& path) {
+  std::ifstream in(path);
+  return in ? Json::parse(in, nullptr, false) : Json();
+}
+
+// The logger's account of what reached the log.
+std::map<std::string, std::int64_t> lost_messages(const Json& account) {
+  std::map<std::string, std::int64_t> lost;
+  if (account.is_object() && account.contains("channels"))
+    for (const auto& [channel, counts] : account["channels"].items())
+      lost[channel] = counts.value("lost", std::int64_t{0});
+  return lost;
+}
+
+std::string degrees(const std::optional<double>& angle_rad) {
+  return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
+}
+
+// Events may hold tables of a drive file.
+std::string one_line(std::string text) {
+  while (text.ends_with('\n')) text.pop_back();
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+// The loop's own events come tick after tick; their texts differ by the tick at most.
+bool comes_by_tick(Reason reason) {
+  return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
+}
+bool same_event(const EventRecord& a, const EventRecord& b) {
+  return a.reason == b.reason && a.role == b.role &&
+         (a.text == b.text || comes_by_tick(static_cast<Reason>(a.reason)));
+}
+
+// What a person should know of the run besides its figures: each event that is not routine, once,
+// with its first occurrence and how often it came.
+std::vector<std::string> notable_events(const RunLog& log) {
+  std::vector<std::pair<const EventRecord*, int>> seen;  // and how often
+  for (const EventRecord& event : log.events) {
+    const auto reason = static_cast<Reason>(event.reason);
+    if (reason == Reason::kModeChange || reason == Reason::kLogRotated || reason == Reason::kLearnt)
+      continue;
+    const auto known = std::find_if(seen.begin(), seen.end(),
+                                    [&](const auto& s) { return same_event(*s.first, event); });
+    if (known == seen.end())
+      seen.emplace_back(&event, 1);
+    else
+      ++known->second;
+  }
+  // An event of a tick to come is told ahead of it.
+  std::stable_sort(seen.begin(), seen.end(),
+                   [](const auto& a, const auto& b) { return a.first->t_ns < b.first->t_ns; });
+  std::vector<std::string> lines;
+  for (const auto& [event, count] : seen) {
+    const std::string often = count > 1 ? fmt::format("  ({} times)", count) : "";
+    lines.push_back(fmt::format("{:.4f} s, {}: {}{}", 1e-9 * static_cast<double>(event->t_ns),
+                                role_name(event->role), one_line(event->text), often));
+  }
+  return lines;
+}
+
+void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
+                 const RunFacts& facts, const std::vector<std::string>& events) {
+  const auto row = [](const std::string& name, const std::string& text) {
+    fmt::print("  {:<22} {}\n", name, text);
+  };
+  std::int64_t lost = 0;
+  for (const auto& [channel, count] : s.lost_messages) lost += count;
+  const char* verdict = !s.locked ? "no truth to judge by" : *s.locked ? "LOCKED" : "LOST";
+  fmt::print("\n{}: {}  ({})\n", d.name, verdict, facts.how);
+  if (!facts.ended.empty()) row("ended early", facts.ended);
+  if (!s.lost_why.empty())
+    row("lost", fmt::format("at {:.4f} s: {}", s.lost_at_s.value_or(0), s.lost_why));
+  row("drive time", fmt::format("{:.3f} s, {} steps; figures from {:.2f} s on", s.duration_s,
+                                s.steps, d.run.settle_s));
+  row("rates",
+      fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}", d.rates.f_s_Hz,
+                  d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]));
+  row("angle error rms, max",
+      fmt::format("{}, {}", degrees(s.angle_error_rms), degrees(s.angle_error_max)));
+  if (s.speed_error_rms)
+    row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
+  if (s.P44_max) row("P44", fmt::format("{:.3f} to {:.3f} rad^2", *s.P44_min, *s.P44_max));
+  row("gains used", std::to_string(s.gains_used));
+  row("messages lost", fmt::format("{}  (sent again: {})", lost, facts.repeats));
+  row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
+                          facts.deadline_misses));
+  for (const std::string& event : events) row("event", event);
+  row("speed of the run",
+      fmt::format("{:.0f} steps/s ({:.2f} s wall)",
+                  s.wall_s > 0 ? static_cast<double>(s.steps) / s.wall_s : 0, s.wall_s));
+  row("written to", directory + (facts.not_written.empty() ? "  (open report.html)" : ""));
+  if (!facts.not_written.empty()) row("could not be written", facts.not_written);
+}
+
+// The resolved drive file with the tables that the controller learnt in place of its own; empty
+// where it learnt nothing.
+std::string learnt_config(const RunLog& log, std::string resolved) {
+  for (const EventRecord& event : log.events) {
+    if (static_cast<Reason>(event.reason) != Reason::kLearnt) continue;
+    const std::string header = event.text.substr(0, event.text.find(']') + 1);  // "\n[table]"
+    const auto begin = resolved.find(header);
+    if (header.empty() || begin == std::string::npos) continue;
+    const auto end = resolved.find("\n[", begin + header.size());
+    resolved.replace(begin, end == std::string::npos ? end : end - begin, event.text);
+    return resolved;
+  }
+  return "";
+}
+
+// Empty where the run ended before anything was logged.
+RunLog read_what_there_is(const std::string& directory, const RunFacts& facts) {
+  try {
+    return read_run_log(directory);
+  } catch (const BadInput&) {
+    if (facts.ended.empty()) throw;
+    return {};
+  }
+}
+
+}  // namespace
+
+std::string make_run_directory(const std::string& wanted, const Config& config) {
+  fs::path path = wanted;
+  if (wanted.empty()) {
+    const std::time_t now = std::time(nullptr);
+    char stamp[32];
+    std::strftime(stamp, sizeof stamp, "%Y%m%d-%H%M%S", std::localtime(&now));
+    const std::string name = config.drive().name.empty() ? "drive" : config.drive().name;
+    for (int copy = 0; path.empty() || fs::exists(path); ++copy)
+      path = fs::path("runs") /
+             fmt::format("{}-{}{}", name, stamp, copy ? fmt::format("-{}", copy) : "");
+  }
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (error)
+    throw BadInput(fmt::format("{}: cannot be created: {}", path.string(), error.message()));
+  // Parts of an earlier run in the same directory would be read as parts of this one.
+  for (const auto& entry : fs::directory_iterator(path)) {
+    const std::string name = entry.path().filename().string();
+    if (name.rfind("log", 0) == 0 && entry.path().extension() == ".lcm") fs::remove(entry.path());
+  }
+  write_text(path / "config.toml", config.resolved());
+  return path.string();
+}
+
+int conclude_run(const std::string& directory, const Config& config, RunFacts facts) {
+  const fs::path dir = directory;
+  const RunLog log = read_what_there_is(directory, facts);
+  if (log.measurement.empty()) return 1;
+  Summary s = summarise(log, config.drive());
+  if (facts.ended.empty() && s.steps < config.drive().steps())
+    facts.ended = fmt::format("stopped at tick {} of {}", s.steps, config.drive().steps());
+  const Json account = read_json(dir / "logger.json");
+  s.wall_s = facts.wall_s;
+  s.repeats = facts.repeats;
+  s.deadline_misses = facts.deadline_misses;
+  s.late_gains = std::max(s.late_gains, facts.late_gains);
+  s.late_commands = facts.late_commands;
+  for (const auto& [channel, count] : lost_messages(account)) s.lost_messages[channel] = count;
+
+  Json manifest = Json::parse(log.manifest_json, nullptr, false);
+  if (!manifest.is_object()) manifest = Json::object();
+  manifest["how"] = facts.how;
+  if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
+  if (account.is_object()) manifest["log"] = account;
+  std::error_code ignored;
+  fs::remove(dir / "logger.json", ignored);
+
+  facts.not_written.clear();
+  const auto put = [&](const char* name, const auto& write) {
+    try {
+      write(dir / name);
+    } catch (const std::runtime_error&) {
+      fs::remove(dir / name, ignored);
+      facts.not_written += (facts.not_written.empty() ? "" : ", ") + std::string(name);
+    }
+  };
+  put("summary.json",
+      [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
+  put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
+  if (const std::string learnt = learnt_config(log, config.resolved()); !learnt.empty())
+    put("learnt.toml", [&](const fs::path& path) { write_text(path, learnt); });
+  put("report.html", [&](const fs::path& path) {
+    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
+  });
+  print_table(directory, config.drive(), s, facts, notable_events(log));
+  std::int64_t lost = 0;
+  for (const auto& [channel, count] : s.lost_messages) lost += count;
+  const bool well =
+      s.locked.value_or(true) && lost == 0 && facts.ended.empty() && facts.not_written.empty();
+  return well ? 0 : 1;
+}
+
+}  // namespace twinrate

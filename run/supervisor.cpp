@@ -1,0 +1,270 @@
+#include "run/supervisor.hpp"
+
+#include <fmt/format.h>
+#include <sched.h>
+
+#include <algorithm>
+
+#include "core/machine_error.hpp"
+#include "core/signals_io.hpp"
+
+namespace twinrate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr double kStartPatience_s = 10;
+
+struct Member {
+  Role role;
+  const char* program;
+  bool in_ring;
+};
+// In the order of their start: who listens comes before who speaks.
+constexpr Member kMembers[] = {
+    {Role::kLogger, "twinrate-logger", false},
+    {Role::kMonitor, "twinrate-monitor", false},
+    {Role::kGain, "twinrate-gain", false},
+    {Role::kEstimator, "twinrate-estimator", true},
+    {Role::kController, "twinrate-controller", true},
+    {Role::kPlant, "twinrate-plant", true},
+};
+
+// The two CPUs of a pinned set: the ring on the first, everything else on the second. -1: no
+// pinning.
+struct CpuPlan {
+  int ring = -1, rest = -1;
+};
+CpuPlan plan_cpus(bool pin) {
+  cpu_set_t allowed;
+  CpuPlan plan;
+  if (!pin || sched_getaffinity(0, sizeof allowed, &allowed) != 0) return plan;
+  for (int cpu = 0; cpu < CPU_SETSIZE && plan.rest < 0; ++cpu)
+    if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
+      (plan.ring < 0 ? plan.ring : plan.rest) = cpu;
+  return plan.rest < 0 ? CpuPlan{} : plan;
+}
+
+double seconds_since(Clock::time_point then) {
+  return std::chrono::duration<double>(Clock::now() - then).count();
+}
+
+}  // namespace
+
+Supervisor::Supervisor(const DriveConfig& drive, SuperviseOptions options)
+    : drive_(drive),
+      options_(std::move(options)),
+      session_(new_session_id()),
+      progress_(drive_, options_.json) {}
+
+std::vector<std::string> Supervisor::arguments(Role role) const {
+  std::vector<std::string> list = {"--config",  options_.directory + "/config.toml",
+                                   "--session", std::to_string(session_),
+                                   "--pace",    kPaceNames[static_cast<int>(options_.pace)],
+                                   "--run-dir", options_.directory};
+  if (!options_.url.empty()) list.insert(list.end(), {"--lcm-url", options_.url});
+  if (!options_.channel_suffix.empty())
+    list.insert(list.end(), {"--channel-suffix", options_.channel_suffix});
+  if (role == Role::kPlant) list.push_back("--wait-for-start");
+  return list;
+}
+
+void Supervisor::start_children() {
+  const CpuPlan cpus = plan_cpus(drive_.bus.pin);
+  for (const Member& member : kMembers) {
+    if (member.role == Role::kMonitor && !options_.monitor) continue;
+    std::vector<std::string> list = arguments(member.role);
+    const int cpu = member.in_ring ? cpus.ring : cpus.rest;
+    if (cpu >= 0) list.insert(list.end(), {"--cpu", std::to_string(cpu)});
+    set_.start(member.role, member.program, list);
+  }
+  if (cpus.rest >= 0) pin_to_cpu(cpus.rest);
+}
+
+void Supervisor::note_status(const status_t& status) {
+  latest_[status.role] = status;
+  for (const auto& [role, other] : latest_)
+    if (other.config_hash != 0 && status.config_hash != 0 &&
+        other.config_hash != status.config_hash)
+      end_early(fmt::format("{} and {} were started with different configs",
+                            kRoleNames[status.role], kRoleNames[role]));
+}
+
+void Supervisor::request(RequestKind kind) {
+  request_t r{};
+  r.seq = requests_++;
+  r.kind = static_cast<std::int32_t>(kind);
+  bus_->publish(r);
+}
+
+void Supervisor::note_dead_child() {
+  // Where one gave up the others may know more of the cause; a plant that is done needs no waiting.
+  const auto gave_up = [](const Child& c) { return c.exit_code > 0 && c.exit_code < 128; };
+  const auto begun = Clock::now();
+  if (std::any_of(set_.children().begin(), set_.children().end(), gave_up))
+    while (seconds_since(begun) < 0.3) bus_->handle(20);
+  for (const Child& child : set_.children()) {
+    if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
+    if (gain_death_told_ && child.role == Role::kGain) continue;
+    if (monitor_death_told_ && child.role == Role::kMonitor) continue;
+    const std::string cause = root_cause();
+    end_early(!cause.empty() && child.exit_code < 128
+                  ? cause
+                  : fmt::format("{} ended with {}", child.program, describe_end(child)));
+  }
+}
+
+// Realtime: the fast loop holds its gain and then reads the table, so the drive goes on; the log
+// and the exit code tell.
+bool Supervisor::survives_without_the_gain() {
+  const Child* gain = set_.child(Role::kGain);
+  if (options_.pace != Pace::kRealtime || !gain || !gain->ended) return false;
+  for (const Child& child : set_.children())
+    if (child.ended && child.role != Role::kGain) return false;
+  if (!gain_death_told_)
+    tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
+                                                   gain->program, describe_end(*gain)));
+  gain_death_told_ = true;
+  return true;
+}
+
+// The drive does not need it; the log and the exit code tell.
+bool Supervisor::survives_without_the_monitor() {
+  const Child* monitor = set_.child(Role::kMonitor);
+  if (!monitor || !monitor->ended) return false;
+  for (const Child& child : set_.children())
+    if (child.ended && child.role != Role::kMonitor) return false;
+  if (!monitor_death_told_)
+    tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
+                                                   monitor->program, describe_end(*monitor)));
+  monitor_death_told_ = true;
+  return true;
+}
+
+// When one process falls silent the others time out one after the other, each waiting for the next:
+// the cause is the one that is waited for and does not complain itself.
+std::string Supervisor::root_cause() const {
+  for (const auto& [role, text] : failures_)
+    for (const Member& member : kMembers) {
+      const int waited_for = static_cast<int>(member.role);
+      if (!failures_.count(waited_for) &&
+          text.ends_with(std::string("from ") + kRoleNames[waited_for]))
+        return fmt::format("{} stopped answering: {}", kRoleNames[waited_for], text);
+    }
+  return failures_.empty() ? "" : failures_.begin()->second;
+}
+
+bool Supervisor::end_early(const std::string& why) {
+  if (facts_.ended.empty()) facts_.ended = why;
+  return false;
+}
+
+bool Supervisor::wait_until_ready() {
+  const auto begun = Clock::now();
+  const auto ready = [&](Role role) {
+    const auto found = latest_.find(static_cast<int>(role));
+    return found != latest_.end() && found->second.state >= static_cast<int>(ProcessState::kReady);
+  };
+  while (true) {
+    bus_->handle(20);
+    if (!set_.all_running()) return note_dead_child(), false;
+    if (stop_signalled()) return end_early("interrupted");
+    if (!facts_.ended.empty()) return false;
+    std::string missing;
+    for (const Member& member : kMembers)
+      if (set_.child(member.role) && !ready(member.role))
+        missing += (missing.empty() ? "" : ", ") + std::string(member.program);
+    if (missing.empty()) return true;
+    if (seconds_since(begun) > std::max(drive_.bus.peer_timeout_s, kStartPatience_s))
+      return end_early(fmt::format("not ready after {:.1f} s: {}", seconds_since(begun), missing));
+  }
+}
+
+void Supervisor::watch() {
+  const auto running = [&] {
+    const auto plant = latest_.find(static_cast<int>(Role::kPlant));
+    return plant != latest_.end() &&
+           plant->second.state >= static_cast<int>(ProcessState::kRunning);
+  };
+  auto last_look = Clock::now() - std::chrono::seconds(1);
+  while (true) {
+    bus_->handle(20);
+    progress_.show(truth_, estimate_, {.losses = 0, .misses = facts_.deadline_misses});
+    if (seconds_since(last_look) < 0.02) continue;
+    last_look = Clock::now();
+    if (!running()) request(RequestKind::kStart);
+    if (!set_.all_running() && !survives_without_the_gain() && !survives_without_the_monitor()) {
+      note_dead_child();
+      return;
+    }
+    if (stop_signalled()) end_early("interrupted");
+    if (!facts_.ended.empty()) return;
+  }
+}
+
+void Supervisor::tell_the_log(Reason reason, const std::string& text) {
+  const status_t& plant = latest_[static_cast<int>(Role::kPlant)];
+  event_t e{};
+  e.seq = plant.seq;
+  e.t_ns = plant.t_ns;
+  e.role = static_cast<std::int32_t>(Role::kSupervisor);
+  e.reason = static_cast<std::int32_t>(reason);
+  e.text = text;
+  bus_->publish(e);
+}
+
+void Supervisor::stop_in_order() {
+  progress_.end();
+  if (!facts_.ended.empty())
+    tell_the_log(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied, facts_.ended);
+  set_.stop({Role::kPlant}, 3);
+  for (int i = 0; i < 20 && bus_->handle(1); ++i) {
+  }
+  set_.stop({Role::kEstimator, Role::kController, Role::kGain, Role::kMonitor}, 3);
+  set_.stop({Role::kLogger}, 10);
+  for (const Child& child : set_.children())
+    if (child.exit_code != 0)
+      end_early(fmt::format("{} ended with {}", child.program, describe_end(child)));
+  while (bus_->handle(5)) {  // the last heartbeats hold the final counts
+  }
+}
+
+RunFacts Supervisor::run() {
+  facts_.how = fmt::format("launch, {}, {} processes",
+                           options_.pace == Pace::kLockstep ? "lock-step" : "realtime",
+                           options_.monitor ? 6 : 5);
+  start_children();
+  bus_ = std::make_unique<Bus>(BusOptions{.url = options_.url,
+                                          .channel_suffix = options_.channel_suffix,
+                                          .session = session_,
+                                          .split_ports = drive_.bus.split_ports,
+                                          .filter = drive_.bus.filter,
+                                          .role = Role::kSupervisor});
+  bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
+  bus_->subscribe<event_t>([this](const event_t& e) {
+    const auto reason = static_cast<Reason>(e.reason);
+    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull ||
+        reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch)
+      failures_.emplace(e.role, e.text);
+  });
+  if (progress_.visible()) {
+    bus_->subscribe<truth_t>([this](const truth_t& w) { truth_ = from_wire(w); });
+    bus_->subscribe<estimate_t>([this](const estimate_t& w) { estimate_ = from_wire(w); });
+  }
+  auto begun = Clock::now();
+  if (wait_until_ready()) {
+    begun = Clock::now();
+    watch();
+  }
+  facts_.wall_s = seconds_since(begun);
+  stop_in_order();
+  for (const auto& [role, status] : latest_) {
+    facts_.repeats += status.repeats;
+    facts_.late_gains += status.late_gains;
+    facts_.late_commands += status.late_commands;
+    facts_.deadline_misses += status.deadline_misses;
+  }
+  return facts_;
+}
+
+}  // namespace twinrate

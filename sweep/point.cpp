@@ -1,0 +1,170 @@
+#include "sweep/point.hpp"
+
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "analysis/summary.hpp"
+#include "core/machine_error.hpp"
+#include "estimator/make_filter.hpp"
+#include "lanes/engine.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+
+namespace twinrate::sweep {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+void judge(const RunLog& log, const DriveConfig& drive, Point& point) {
+  const Summary summary = summarise(log, drive);
+  point.locked = summary.locked.value_or(false);
+  point.angle_error_rms = summary.angle_error_rms.value_or(kNaN);
+  point.angle_error_max = summary.angle_error_max.value_or(kNaN);
+}
+
+Config recorded_config(const RunLog& log, const std::vector<std::string>& overrides) {
+  if (log.config_toml.empty())
+    throw BadInput(log.path + ": holds no drive config (no DRIVE_MANIFEST)");
+  Config config = Config::parse(log.config_toml, log.path + " (DRIVE_MANIFEST)", overrides);
+  read_all_tables(config);
+  return config;
+}
+
+// The last snapshot 0.3 s before the window, less half a tick.
+double switch_before(double settle_s, int n, double T_s) {
+  return std::max(0.0, (std::floor((settle_s - 0.3) / T_s / n) * n - 0.5) * T_s);
+}
+
+int run_quietly(const std::vector<std::string>& arguments) {
+  std::vector<char*> argv;
+  for (const std::string& text : arguments) argv.push_back(const_cast<char*>(text.c_str()));
+  argv.push_back(nullptr);
+  const pid_t pid = fork();
+  if (pid < 0) throw MachineError("cannot start twinrate launch: fork failed");
+  if (pid == 0) {
+    if (!std::freopen("/dev/null", "w", stdout)) _exit(127);
+    execv("/proc/self/exe", argv.data());
+    _exit(127);
+  }
+  int status = 0;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
+}
+
+}  // namespace
+
+Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& search, int n) {
+  Config config = load_drive(plan.drive, point_overrides(plan, base, search, n));
+  const DriveConfig& drive = config.drive();
+  Point point{.search = search, .f_s_Hz = drive.rates.f_s_Hz, .n = n};
+  ClosedLoop loop(config);
+  RunLog log;
+  const auto steps = static_cast<std::size_t>(drive.steps());
+  log.measurement.reserve(steps);
+  log.truth.reserve(steps);
+  log.estimate.reserve(steps);
+  log.command.reserve(steps);
+  while (loop.k() < drive.steps()) {
+    const TickRecord& tick = loop.step();
+    log.measurement.push_back(tick.measurement);
+    log.truth.push_back(tick.truth);
+    log.estimate.push_back(tick.estimate);
+    log.command.push_back(tick.command);
+  }
+  judge(log, drive, point);
+  return point;
+}
+
+std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const Search& search,
+                                const std::vector<int>& n) {
+  lanes::LaneSettings settings;
+  std::vector<lanes::Point> asked;
+  for (int n_i : n) {
+    Config config = load_drive(plan.drive, point_overrides(plan, base, search, n_i));
+    if (!lanes::lane_settings(config, settings).empty()) return {};
+    asked.push_back(lanes::point_of(config.drive()));
+  }
+  std::vector<lanes::PointResult> results(asked.size());
+  lanes::run_points(settings, asked, results, 1);
+  std::vector<Point> points;
+  for (std::size_t i = 0; i < n.size(); ++i)
+    points.push_back({.search = search,
+                      .f_s_Hz = base.rates.f_s_Hz,
+                      .n = n[i],
+                      .locked = results[i].locked,
+                      .angle_error_rms = results[i].angle_error_rms_rad,
+                      .angle_error_max = results[i].angle_error_max_rad});
+  return points;
+}
+
+Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
+                   const std::string& scratch) {
+  std::vector<std::string> arguments = {"twinrate", "launch", plan.drive, "--run-dir", scratch};
+  for (const std::string& text : point_overrides(plan, base, search, n))
+    arguments.insert(arguments.end(), {"--set", text});
+  std::filesystem::remove_all(scratch);
+  const int code = run_quietly(arguments);
+  std::ifstream file(scratch + "/summary.json");
+  if (code > 1 || !file)
+    throw MachineError(fmt::format(
+        "twinrate launch ended with exit code {} (multicast? try twinrate doctor)", code));
+  const auto summary = nlohmann::json::parse(file);
+  const auto number = [&](const char* key) {
+    return summary[key].is_number() ? summary[key].get<double>() : kNaN;
+  };
+  Point point{.search = search, .f_s_Hz = base.rates.f_s_Hz, .n = n};
+  point.locked = summary["locked"].is_boolean() && summary["locked"].get<bool>();
+  point.angle_error_rms = number("angle_error_rms_rad");
+  point.angle_error_max = number("angle_error_max_rad");
+  std::filesystem::remove_all(scratch);
+  return point;
+}
+
+Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search, int n) {
+  std::vector<std::string> list = plan.overrides;
+  list.push_back("gain.policy=" + search.policy);
+  list.push_back("rates.f_b_Hz=0");  // before n: the later of the two counts
+  list.push_back(fmt::format("rates.n={}", n));
+  if (plan.start == "switched") {
+    const DriveConfig asked = recorded_config(recorded, plan.overrides).drive();
+    list.push_back(
+        fmt::format("rates.n_from_s={}", switch_before(asked.run.settle_s, n, asked.T_s())));
+  }
+  Config config = recorded_config(recorded, list);
+  const DriveConfig& drive = config.drive();
+  FastLoop fast = make_fast_loop(config, false);
+  BackgroundLoop background = make_background_loop(config);
+  RunLog log;  // no COMMAND: there is no loop whose speed could leave its reference
+  log.measurement = recorded.measurement;
+  log.truth = recorded.truth;
+  for (const Measurement& m : recorded.measurement) {
+    log.estimate.push_back(fast.tick(m));
+    if (drive.sends_gain(m.k)) fast.take_gain(background.step(log.estimate.back()));
+  }
+  Point point{.search = search, .f_s_Hz = drive.rates.f_s_Hz, .n = n};
+  judge(log, drive, point);
+  return point;
+}
+
+double recorded_f_e_Hz(const RunLog& log) {
+  const Config config = recorded_config(log, {});
+  const std::vector<TickError> ticks = tick_errors(log, config.drive());
+  double sum = 0;
+  int count = 0;
+  for (const TickError& tick : ticks)
+    if (std::isfinite(tick.omega_m) && tick.t_s >= config.drive().run.settle_s)
+      sum += std::abs(tick.omega_m), ++count;
+  if (count == 0) throw BadInput(log.path + ": no rotor angle to compare with");
+  return config.drive().machine.n_p * sum / count / kTwoPi;
+}
+
+}  // namespace twinrate::sweep

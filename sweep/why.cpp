@@ -1,0 +1,114 @@
+#include "sweep/why.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "estimator/gain_frame.hpp"
+#include "model/linear_algebra.hpp"
+
+namespace twinrate::sweep {
+namespace {
+
+using Square = Eigen::MatrixXd;
+
+constexpr double kStep = 1e-6;
+constexpr int kPeriods = 400;  // at most, until the gain repeats in rotor axes
+constexpr double kRepeats = 1e-9;
+
+// The rotor's place at tick k.
+Estimate at_tick(const Steady& s, std::int64_t k) {
+  Estimate e = s.filter->ahead(*s.filter->steady_state(s.omega_m), static_cast<double>(k));
+  e.k = k;
+  return e;
+}
+
+// d x_hat(k+1)/d x_hat(k) of the whole fast step with this gain, by central differences; the
+// samples do not matter, the step is affine in them.
+Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
+  const int n_x = at.n_x;
+  Square jacobian(n_x, n_x);
+  for (int col = 0; col < n_x; ++col) {
+    FastState up, down;
+    up.x_hat = down.x_hat = at.x_hat;
+    up.x_hat[col] += kStep;
+    down.x_hat[col] -= kStep;
+    const Measurement m{.signals = kPhaseCurrents | kVoltage};
+    s.filter->fast_step(up, m, gain);
+    s.filter->fast_step(down, m, gain);
+    Eigen::VectorXd change = (up.x_hat - down.x_hat).head(n_x);
+    for (double& c : change)  // an angle that was wrapped into its turn
+      if (std::abs(c) > kPi) c -= std::copysign(kTwoPi, c);
+    jacobian.col(col) = change / (2 * kStep);
+  }
+  return jacobian;
+}
+
+// T(angle) = diag(R(angle), .., I).
+Square turn(int n_x, int pairs, double angle) {
+  Square T = Square::Identity(n_x, n_x);
+  for (int pair = 0; pair < pairs; ++pair)
+    T.block<2, 2>(2 * pair, 2 * pair) << std::cos(angle), -std::sin(angle), std::sin(angle),
+        std::cos(angle);
+  return T;
+}
+
+// Runs the background along the steady turn until its gain repeats; the gain of a late snapshot.
+Gain periodic_gain(const Steady& s, int n) {
+  BackgroundLoop background(s.filter, s.policy, n, s.span_omega_m);
+  Gain before;
+  for (int period = 0; period < kPeriods; ++period) {
+    const Gain& gain = background.step(at_tick(s, static_cast<std::int64_t>(period) * n));
+    Gain rotor = gain;
+    GainFrame(s.filter->turning_pairs(), -gain.theta_e).turn_gain(rotor);
+    const bool repeats = (rotor.K - before.K).lpNorm<Eigen::Infinity>() <=
+                         kRepeats * rotor.K.lpNorm<Eigen::Infinity>();
+    before = rotor;
+    if (repeats && period > 10) break;
+  }
+  return background.last();
+}
+
+}  // namespace
+
+double critical_angle(const Steady& s, int n) {
+  if (s.filter->kind() != "ekf_sensorless") return std::numeric_limits<double>::quiet_NaN();
+  Gain gain = periodic_gain(s, n);
+  GainFrame(1, -gain.theta_e).turn_gain(gain);
+  const double k3d = gain.K(2, 0), k3q = gain.K(2, 1), k4d = gain.K(3, 0), k4q = gain.K(3, 1);
+  return std::atan2(s.omega_e * k4d - k3q, -(s.omega_e * k4q + k3d));
+}
+
+int n_max_by_formula(const Steady& s, int limit) {
+  const double share = s.policy == GainPolicy::kPaper       ? 2.0 / 3
+                       : s.policy == GainPolicy::kImmediate ? 2.0
+                                                            : 0;
+  if (share == 0 || std::isnan(critical_angle(s, 1))) return 0;
+  for (int n = 1; n <= limit; ++n)
+    if (n > 1 + share * critical_angle(s, n) / (s.omega_e * s.T_s)) return n - 1;
+  return limit;
+}
+
+double spectral_radius(const Steady& s, int n) {
+  const Gain gain = has_background(s.policy) ? periodic_gain(s, n) : Gain{};
+  const auto table =
+      has_background(s.policy) ? nullptr : GainSchedule::build(*s.filter, 2 * std::abs(s.omega_m));
+  const std::int64_t first = has_background(s.policy) ? first_use_of(s.policy, gain.k, n) : 1;
+  const int n_x = at_tick(s, 0).n_x, pairs = s.filter->turning_pairs();
+  Square monodromy = Square::Identity(n_x, n_x);
+  for (std::int64_t k = first; k < first + n; ++k) {
+    const Estimate before = at_tick(s, k - 1);
+    Gain used = table ? table->at(s.omega_m, before.theta_e) : gain;
+    if (!table) turn_for_use(s.policy, *s.filter, before, used);
+    monodromy = error_dynamics(s, before, used) * monodromy;
+  }
+  const double turned = at_tick(s, first + n).theta_e - at_tick(s, first).theta_e;
+  return linear::eigenvalues(turn(n_x, pairs, -turned) * monodromy).cwiseAbs().maxCoeff();
+}
+
+int n_max_by_floquet(const Steady& s, int limit) {
+  for (int n = 1; n <= limit; ++n)
+    if (spectral_radius(s, n) >= 1) return n - 1;
+  return limit;
+}
+
+}  // namespace twinrate::sweep

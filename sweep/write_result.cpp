@@ -1,0 +1,108 @@
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "analysis/summary.hpp"
+#include "estimator/make_filter.hpp"
+#include "loop/load_drive.hpp"
+#include "sweep/figure.hpp"
+#include "sweep/run.hpp"
+#include "sweep/store.hpp"
+#include "sweep/why.hpp"
+
+namespace twinrate::sweep {
+namespace {
+
+constexpr int kFloquetLimit = 400;
+
+// One row of why.csv.
+struct Reason {
+  double phi_c = NAN;
+  int formula = 0, floquet = 0;
+  double rho_held = NAN, rho_next = NAN;
+};
+
+// Two counts agree where they are within one step or 15 %.
+bool agree(int predicted, int measured) {
+  return std::abs(predicted - measured) <= std::max(1.0, 0.15 * measured);
+}
+
+std::string verdict(const Limit& l, const Reason& r) {
+  if (l.policy == "scheduled") return r.rho_held < 1 ? "stable" : "unstable";
+  if (l.capped) return r.floquet >= std::min(l.n_max, kFloquetLimit) ? "both: no limit" : "neither";
+  const bool by_formula = r.formula > 0 && agree(r.formula, l.n_max);
+  const bool by_floquet = agree(r.floquet, l.n_max);
+  if (by_formula && by_floquet) return "both";
+  if (by_formula) return "formula";
+  return by_floquet ? "Floquet" : "neither";
+}
+
+Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, const DriveConfig& d) {
+  GainPolicy policy{};
+  for (int i = 0; kGainPolicyNames[i] != l.policy; ++i) policy = static_cast<GainPolicy>(i + 1);
+  const double omega_e = kTwoPi * l.f_e_Hz;
+  const Steady steady{filter,  policy,  omega_e / d.machine.n_p,
+                      omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p};
+  Reason r;
+  const bool table = !has_background(policy);
+  const int limit = std::min(kFloquetLimit, 6 * l.n_max + 10);
+  r.phi_c = table ? NAN : critical_angle(steady, std::max(1, l.n_max));
+  r.formula = n_max_by_formula(steady, limit);
+  r.floquet = table ? 0 : n_max_by_floquet(steady, limit);
+  if (l.n_max > 0) r.rho_held = spectral_radius(steady, table ? 1 : l.n_max);
+  r.rho_next = table ? NAN : spectral_radius(steady, l.n_max + 1);
+  return r;
+}
+
+std::string text(int n) {
+  return n > 0 ? std::to_string(n) : "-";
+}
+
+void write_reasons(const std::string& path, const std::vector<Limit>& limits,
+                   const std::shared_ptr<const Filter>& filter, const DriveConfig& d, bool print) {
+  std::ofstream file(path);
+  file << "policy,f_e_Hz,n_max,phi_c_rad,n_max_formula,n_max_floquet,rho_at_n_max,rho_at_next,"
+          "agrees\n";
+  if (print)
+    fmt::print("{:<12} {:>7} {:>6} {:>9} {:>6} {:>6}..{:<6} {:>7} {:>8} {:>6} {:>6}  {}\n",
+               "policy", "f_e Hz", "n_max", "f_bmin Hz", "ratio", "lo", "hi", "phi_c", "formula",
+               "Floq.", "rho", "agrees");
+  for (const Limit& l : limits) {
+    const Reason r = explain(l, filter, d);
+    const std::string agrees = verdict(l, r);
+    file << fmt::format("{},{},{},{},{},{},{},{},{}\n", l.policy, l.f_e_Hz, l.n_max, r.phi_c,
+                        r.formula, r.floquet, r.rho_held, r.rho_next, agrees);
+    if (!print) continue;
+    const bool table = l.policy == "scheduled";
+    fmt::print(
+        "{:<12} {:>7.4g} {:>6} {:>9.5g} {:>6.3g} {:>6.3g}..{:<6.3g} {:>7.1f} {:>8} {:>6} {:>6.3f}  "
+        "{}{}\n",
+        l.policy, l.f_e_Hz, table ? "-" : text(l.n_max), table ? NAN : l.f_bmin_Hz(),
+        table ? NAN : l.ratio(l.n_max), table ? NAN : l.ratio(l.n_highest),
+        table ? NAN : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula), text(r.floquet),
+        r.rho_held, agrees,
+        !l.complete          ? " (not finished)"
+        : l.capped && !table ? " (n_max is the cap)"
+                             : "");
+  }
+}
+
+}  // namespace
+
+void write_result(const Plan& plan, const Config& config, const std::string& directory,
+                  std::vector<Point> points, bool json) {
+  sort_points(plan, points);
+  write_points(directory + "/points.csv", points);
+  const std::vector<Limit> limits = limits_of(plan, points);
+  write_limits(directory + "/fbmin.csv", limits);
+  write_figure(directory + "/figure.svg", limits);
+  const DriveConfig& d = config.drive();
+  Config again = load_drive(plan.drive, plan.overrides);
+  const auto filter = make_filter(again);
+  if (filter->steady_state(0)) write_reasons(directory + "/why.csv", limits, filter, d, !json);
+  if (!json)
+    fmt::print("\n{} points; {}/points.csv, fbmin.csv, figure.svg, why.csv\n", points.size(),
+               directory);
+}
+
+}  // namespace twinrate::sweep

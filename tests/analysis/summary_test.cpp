@@ -1,0 +1,338 @@
+#include "analysis/summary.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+namespace twinrate {
+namespace {
+
+constexpr double kOmegaM = 50;  // speed of the made-up runs, mechanical
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+DriveConfig drive() {
+  DriveConfig config;
+  config.machine.n_p = 4;
+  config.rates.f_s_Hz = 1000;
+  config.rates.n = 5;
+  config.rates.f_b_Hz = 200;
+  config.run.duration_s = 2;
+  config.run.settle_s = 0.5;
+  return config;
+}
+
+// A run at constant speed whose estimate is exact; the tests then spoil it.
+RunLog steady_run(const DriveConfig& config) {
+  RunLog log;
+  for (std::int64_t k = 0; k < config.steps(); ++k) {
+    const double t = static_cast<double>(k) * config.T_s();
+    Truth truth;
+    truth.k = k;
+    truth.t_ns = config.t_ns(k);
+    truth.theta_m = kOmegaM * t;
+    truth.omega_m = kOmegaM;
+    Measurement m;
+    m.k = k;
+    m.t_ns = truth.t_ns;
+    m.signals = kPhaseCurrents | kPosition | kSpeed;
+    m.theta_m = truth.theta_m;
+    m.omega_m = truth.omega_m;
+    Estimate e;
+    e.k = k;
+    e.t_ns = truth.t_ns;
+    e.gain_seq = k < config.rates.n ? -1 : k / config.rates.n * config.rates.n - config.rates.n;
+    e.theta_e = wrap_turn(config.machine.n_p * truth.theta_m);
+    e.omega_m = truth.omega_m;
+    Command c;
+    c.k = k;
+    c.t_ns = truth.t_ns;
+    c.omega_m_ref = kOmegaM;
+    log.truth.push_back(truth);
+    log.measurement.push_back(m);
+    log.estimate.push_back(e);
+    log.command.push_back(c);
+    if (k % config.rates.n != 0) continue;
+    Gain g;
+    g.k = k;
+    g.t_ns = truth.t_ns;
+    g.n_x = 4, g.n_y = 2;
+    g.P(3, 3) = k < 500 ? 9.0 : 0.4 + 1e-5 * static_cast<double>(k);
+    log.gain.push_back(g);
+  }
+  return log;
+}
+
+// theta_e_hat - theta_e of the ticks in [first, last).
+void put_angle_error(RunLog& log, std::size_t first, std::size_t last, double error_rad) {
+  for (std::size_t k = first; k < last; ++k)
+    log.estimate[k].theta_e = wrap_turn(4 * log.truth[k].theta_m + error_rad);
+}
+
+TEST(Summary, FiguresAreThoseOfTheWindow) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  put_angle_error(log, 0, 500, 1.0);
+  put_angle_error(log, 500, 1250, 0.1);
+  put_angle_error(log, 1250, 2000, -0.3);
+  for (std::size_t k = 500; k < 2000; ++k) log.estimate[k].omega_m += 2;
+  const Summary s = summarise(log, config);
+  EXPECT_NEAR(*s.angle_error_rms, std::sqrt((0.01 + 0.09) / 2), 1e-9);
+  EXPECT_NEAR(*s.angle_error_max, 0.3, 1e-9);
+  EXPECT_NEAR(*s.speed_error_rms, 2, 1e-9);
+  EXPECT_EQ(s.locked, true);
+  EXPECT_EQ(s.steps, 2000);
+  EXPECT_NEAR(s.duration_s, 2, 1e-12);
+  EXPECT_EQ(s.angle_reference, AngleReference::kTruth);
+}
+
+TEST(Summary, ErrorsAreEstimateLessTruthAndWrapIntoHalfATurn) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  put_angle_error(log, 0, 2000, 0.2);
+  for (Estimate& e : log.estimate) e.omega_m += 3;
+  for (const TickError& error : tick_errors(log, config)) {
+    EXPECT_NEAR(error.angle_error, 0.2, 1e-9);
+    EXPECT_NEAR(error.speed_error, 3, 1e-9);
+    EXPECT_EQ(error.omega_m, kOmegaM);
+  }
+  put_angle_error(log, 0, 2000, kTwoPi - 0.2);
+  for (const TickError& error : tick_errors(log, config))
+    EXPECT_NEAR(error.angle_error, -0.2, 1e-9);
+}
+
+TEST(Summary, IsLostByOneAngleErrorBeyondAQuarterTurnInTheWindow) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  put_angle_error(log, 1000, 1001, 1.56);
+  EXPECT_EQ(summarise(log, config).locked, true);
+  put_angle_error(log, 1000, 1001, -1.58);
+  const Summary s = summarise(log, config);
+  EXPECT_EQ(s.locked, false);
+  EXPECT_NEAR(*s.lost_at_s, 1.0, 1e-9);
+  EXPECT_NE(s.lost_why.find("angle"), std::string::npos);
+}
+
+TEST(Summary, StartUpDoesNotJudgeTheRunButDatesTheLoss) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  put_angle_error(log, 200, 210, 2.0);
+  EXPECT_EQ(summarise(log, config).locked, true);
+  EXPECT_FALSE(summarise(log, config).lost_at_s.has_value());
+  put_angle_error(log, 1500, 1600, 2.0);
+  EXPECT_NEAR(*summarise(log, config).lost_at_s, 0.2, 1e-9);
+  for (std::size_t k = 0; k < 400; ++k) log.measurement[k].mode = Mode::kIfRamp;
+  EXPECT_NEAR(*summarise(log, config).lost_at_s, 1.5, 1e-9) << "a forced angle is no loss";
+}
+
+// 20 % off for 19 ticks of 1 ms is allowed, for 20 is not, whether in one go or not.
+TEST(Summary, IsLostByTwentyMillisecondsAwayFromAConstantReference) {
+  const DriveConfig config = drive();
+  const auto locked_with = [&](int ticks, double share) {
+    RunLog log = steady_run(config);
+    for (int i = 0; i < ticks; ++i) {
+      const std::size_t k = static_cast<std::size_t>(700 + 7 * i);
+      log.truth[k].omega_m = kOmegaM * (1 + share);
+    }
+    return summarise(log, config).locked;
+  };
+  EXPECT_EQ(locked_with(19, -0.21), true);
+  EXPECT_EQ(locked_with(20, -0.21), false);
+  EXPECT_EQ(locked_with(20, 0.21), false);
+  EXPECT_EQ(locked_with(100, 0.19), true);
+}
+
+TEST(Summary, ForgivesTheSpeedForATenthOfASecondAfterTheReferenceMoved) {
+  const DriveConfig config = drive();
+  const auto locked_until = [&](std::size_t last) {
+    RunLog log = steady_run(config);
+    for (std::size_t k = 1000; k < log.command.size(); ++k) log.command[k].omega_m_ref = 100;
+    for (std::size_t k = last; k < log.truth.size(); ++k) log.truth[k].omega_m = 100;
+    return summarise(log, config).locked;
+  };
+  EXPECT_EQ(locked_until(1100), true);
+  EXPECT_EQ(locked_until(1119), true);
+  EXPECT_EQ(locked_until(1120), false);
+}
+
+TEST(Summary, AReferenceOfZeroHasNoTwentyPercent) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (Command& c : log.command) c.omega_m_ref = 0;
+  EXPECT_EQ(summarise(log, config).locked, true);
+}
+
+TEST(Summary, IsLostByWhatIsNotFinite) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  log.estimate[900].theta_e = kNaN;
+  EXPECT_EQ(summarise(log, config).locked, false);
+  EXPECT_TRUE(std::isfinite(*summarise(log, config).angle_error_rms));
+  log = steady_run(config);
+  log.estimate[900].x_hat[5] = 1e200;
+  EXPECT_EQ(summarise(log, config).locked, false);
+  log = steady_run(config);
+  log.truth[900].omega_m = kNaN;
+  EXPECT_EQ(summarise(log, config).locked, false);
+}
+
+// 1.5 s at 50 rad/s are 11 turns of 126 samples: orders 6 and 30 count as harmonics.
+TEST(Summary, RippleIsTheSpeedLessItsMeanAndHarmonicsItsOrders) {
+  DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (Truth& t : log.truth)
+    t.omega_m = kOmegaM + 0.3 * std::sin(6 * t.theta_m) + 0.4 * std::cos(30 * t.theta_m) +
+                (t.k % 2 == 0 ? 0.05 : -0.05);
+  const Summary s = summarise(log, config);
+  EXPECT_NEAR(*s.speed_ripple_harmonics_rms, std::sqrt((0.09 + 0.16) / 2), 2e-3);
+  EXPECT_NEAR(*s.speed_ripple_rms, std::sqrt((0.09 + 0.16) / 2 + 0.0025), 2e-3);
+}
+
+TEST(Summary, RippleLeavesOrdersAboveSixtyToTheTotalOnly) {
+  DriveConfig config = drive();
+  config.rates.f_s_Hz = 10000;
+  RunLog log = steady_run(config);
+  for (Truth& t : log.truth)
+    t.omega_m = kOmegaM + 0.3 * std::sin(60 * t.theta_m) + 0.4 * std::sin(61 * t.theta_m);
+  const Summary s = summarise(log, config);
+  EXPECT_NEAR(*s.speed_ripple_harmonics_rms, 0.3 / std::sqrt(2.0), 3e-3);
+  EXPECT_NEAR(*s.speed_ripple_rms, 0.5 / std::sqrt(2.0), 3e-3);
+}
+
+TEST(Summary, RippleNeedsThreeTurns) {
+  DriveConfig config = drive();
+  config.run.settle_s = 2 - 2.9 * kTwoPi / kOmegaM;
+  EXPECT_FALSE(summarise(steady_run(config), config).speed_ripple_rms.has_value());
+  config.run.settle_s = 2 - 3.1 * kTwoPi / kOmegaM;
+  EXPECT_TRUE(summarise(steady_run(config), config).speed_ripple_rms.has_value());
+}
+
+TEST(Summary, WithoutTruthTheMeasuredPositionIsTheReference) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (Measurement& m : log.measurement) m.theta_m += 0.025;  // 0.1 rad electrical
+  EXPECT_NEAR(*summarise(log, config).angle_error_rms, 0, 1e-9);
+  const Summary encoder = summarise(log, config, AngleReference::kEncoder);
+  EXPECT_NEAR(*encoder.angle_error_rms, 0.1, 1e-9);
+  log.truth.clear();
+  const Summary s = summarise(log, config);
+  EXPECT_EQ(s.angle_reference, AngleReference::kEncoder);
+  EXPECT_NEAR(*s.angle_error_rms, 0.1, 1e-9);
+  EXPECT_NEAR(*s.speed_error_rms, 0, 1e-9);
+  EXPECT_EQ(s.locked, true);
+  EXPECT_FALSE(s.speed_ripple_rms.has_value());
+}
+
+// 1440 counts at 1 kHz step the tick-to-tick speed by 4.4 rad/s; the slope over 10 ms does not.
+TEST(Summary, AnEncodersQuantisationIsNotTakenForSpeed) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  const double step = kTwoPi / 1440;
+  for (Measurement& m : log.measurement) m.theta_m = std::floor(m.theta_m / step) * step;
+  log.truth.clear();
+  EXPECT_LT(*summarise(log, config).speed_error_rms, 0.3);
+}
+
+TEST(Summary, WithNothingToCompareWithThereIsNoVerdict) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  log.truth.clear();
+  for (Measurement& m : log.measurement) m.signals = kPhaseCurrents;
+  const Summary s = summarise(log, config);
+  EXPECT_FALSE(s.locked.has_value());
+  EXPECT_FALSE(s.angle_error_rms.has_value());
+  EXPECT_EQ(s.angle_reference, AngleReference::kNone);
+  const Summary nothing = summarise(RunLog(), config);
+  EXPECT_FALSE(nothing.locked.has_value());
+  EXPECT_EQ(nothing.steps, 0);
+}
+
+TEST(Summary, CountsGainsAndTheirVariance) {
+  DriveConfig config = drive();
+  const RunLog log = steady_run(config);
+  const Summary s = summarise(log, config);
+  EXPECT_EQ(s.gains_used, 399);
+  // The window's first gain is the one of tick 495, computed in the start-up.
+  EXPECT_NEAR(*s.P44_max, 9.0, 1e-9);
+  EXPECT_NEAR(*s.P44_min, 0.405, 1e-9);
+  config.estimator.kind = "ekf_disturbance";
+  EXPECT_FALSE(summarise(log, config).P44_min.has_value());
+}
+
+TEST(Summary, CountsTicksTheLogMisses) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  log.estimate.erase(log.estimate.begin() + 700, log.estimate.begin() + 703);
+  log.gain.erase(log.gain.begin() + 10);
+  log.command.push_back(log.command.back());  // a repeat is no gap
+  Summary s = summarise(log, config);
+  EXPECT_EQ(s.lost_messages["DRIVE_ESTIMATE"], 3);
+  EXPECT_EQ(s.lost_messages["DRIVE_GAIN"], 1);
+  EXPECT_EQ(s.lost_messages["DRIVE_COMMAND"], 0);
+  EXPECT_EQ(s.lost_messages["DRIVE_MEASUREMENT"], 0);
+}
+
+TEST(Summary, JsonHoldsTheContractsKeys) {
+  const DriveConfig config = drive();
+  Summary s = summarise(steady_run(config), config);
+  s.wall_s = 4;
+  const auto json = nlohmann::json::parse(to_json(s, config));
+  for (const char* key : {"locked",
+                          "duration_s",
+                          "steps",
+                          "speed_error_rms_rad_s",
+                          "angle_error_rms_rad",
+                          "angle_error_max_rad",
+                          "speed_ripple_rms_rad_s",
+                          "speed_ripple_harmonics_rms_rad_s",
+                          "lost_messages",
+                          "repeats",
+                          "deadline_misses",
+                          "late_gains",
+                          "wall_s",
+                          "steps_per_s",
+                          "f_s_Hz",
+                          "f_b_Hz",
+                          "n",
+                          "policy",
+                          "gains_used",
+                          "P44_min",
+                          "P44_max",
+                          "late_commands",
+                          "angle_reference"})
+    EXPECT_TRUE(json.contains(key)) << key;
+  EXPECT_EQ(json["locked"], true);
+  EXPECT_EQ(json["f_b_Hz"], 200);
+  EXPECT_EQ(json["steps_per_s"], 500);
+  EXPECT_EQ(json["policy"], "paper");
+}
+
+TEST(Summary, JsonSaysNullForWhatCouldNotBeFormed) {
+  const DriveConfig config = drive();
+  Summary s;
+  s.angle_error_rms = kNaN;
+  const auto json = nlohmann::json::parse(to_json(s, config));
+  for (const char* key :
+       {"locked", "angle_error_rms_rad", "speed_ripple_rms_rad_s", "steps_per_s", "P44_min"})
+    EXPECT_TRUE(json[key].is_null()) << key;
+}
+
+TEST(Summary, TakesFiguresOfTheProcessesFromASummaryFile) {
+  const DriveConfig config = drive();
+  Summary written;
+  written.repeats = 3;
+  written.wall_s = 2.5;
+  written.lost_messages["DRIVE_GAIN"] = 7;
+  Summary read;
+  take_process_figures(to_json(written, config), read);
+  EXPECT_EQ(read.repeats, 3);
+  EXPECT_EQ(read.wall_s, 2.5);
+  EXPECT_EQ(read.lost_messages["DRIVE_GAIN"], 7);
+  take_process_figures("not json", read);
+  EXPECT_EQ(read.repeats, 3);
+}
+
+}  // namespace
+}  // namespace twinrate

@@ -1,0 +1,300 @@
+// A measured CSV becomes a log: what goes where, on which tick, and what is refused in one line.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "core/config.hpp"
+#include "import/drive_messages.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr int kRows = 300, kPolePairs = 4;
+constexpr double kBus_V = 24;
+constexpr double kRate_Hz = 5000, kTurnRate = 120;  // rad/s mechanical: one turn in 262 rows
+
+class Import : public testing::Test {
+ protected:
+  void SetUp() override {
+    directory_ = fs::temp_directory_path() / fmt::format("twinrate-import-{}", getpid());
+    fs::create_directories(directory_);
+  }
+  void TearDown() override { fs::remove_all(directory_); }
+
+  std::string write(const std::string& name, const std::string& text) const {
+    std::ofstream(directory_ / name) << text;
+    return (directory_ / name).string();
+  }
+  // Header on line 1, row k on line k + 2. `change` may rewrite a row.
+  template <class Row>
+  std::string csv(const std::string& header, Row row, int rows = kRows) const {
+    std::string text = header + "\n";
+    for (int k = 0; k < rows; ++k) text += row(k) + "\n";
+    return write("log.csv", text);
+  }
+  std::string refusal(const std::string& path, const ImportMap* map = nullptr,
+                      bool repair = false) const {
+    try {
+      read_drive_rows(path, map, repair);
+    } catch (const BadInput& error) {
+      std::string text = error.what();
+      return text.starts_with(directory_.string()) ? text.substr(directory_.string().size() + 1)
+                                                   : text;
+    }
+    return "";
+  }
+  fs::path directory_;
+};
+
+std::string plain_row(int k) {
+  return fmt::format("{},{},{}", k / kRate_Hz, 0.5, kTurnRate * k / kRate_Hz);
+}
+
+std::vector<Measurement> measurements(const DriveRows& rows) {
+  const TickGrid grid = place_on_grid(rows, kRate_Hz);
+  const DriveMessages messages(rows, kPolePairs, kBus_V);
+  std::vector<Measurement> list;
+  for (const TickGrid::Slot& slot : grid.slots) list.push_back(messages.measurement(slot));
+  return list;
+}
+
+TEST_F(Import, VoltageOfARowEndsUpInTheNextMeasurementInTheFrameOfItsOwnRow) {
+  const auto row = [](int k) {
+    return fmt::format("{},{},{},{},{}", k / kRate_Hz, 0.1, 0.01 * k, 1.0 + k,
+                       kTurnRate * k / kRate_Hz);
+  };
+  const auto list =
+      measurements(read_drive_rows(csv("t,i_d,i_q,u_q,theta_m", row), nullptr, false));
+  EXPECT_EQ(list[0].signals & kVoltage, 0) << "u_q alone is no voltage";
+
+  const auto with_u_d = [&](int k) { return row(k) + ",0.25"; };
+  const auto full =
+      measurements(read_drive_rows(csv("t,i_d,i_q,u_q,theta_m,u_d", with_u_d), nullptr, false));
+  ASSERT_EQ(full.size(), static_cast<std::size_t>(kRows));
+  EXPECT_EQ(full[7].signals, kPhaseCurrents | kVoltage | kPosition);
+  const double theta_e_before = kPolePairs * kTurnRate * 6 / kRate_Hz,
+               theta_e = kPolePairs * kTurnRate * 7 / kRate_Hz;
+  const Vec2 u_dq = park(full[7].u_alphabeta, theta_e_before),
+             i_dq = park(clarke(full[7].i_abc), theta_e);
+  EXPECT_NEAR(u_dq[0], 0.25, 1e-12);
+  EXPECT_NEAR(u_dq[1], 1.0 + 6, 1e-12);
+  EXPECT_NEAR(i_dq[0], 0.1, 1e-12);
+  EXPECT_NEAR(i_dq[1], 0.07, 1e-12);
+}
+
+TEST_F(Import, DutyAndBusVoltageGiveTheMeanVoltage) {
+  const auto row = [](int k) {
+    return fmt::format("{},0.9,0.5,0.1,{},1", k / kRate_Hz, 20 + 0.01 * k);
+  };
+  const auto list = measurements(
+      read_drive_rows(csv("t,duty_a,duty_b,duty_c,v_dc,omega_m", row), nullptr, false));
+  EXPECT_EQ(list[5].signals, kVoltage | kBusVoltage | kSpeed);
+  const double v_dc = 20.04;  // of row 4
+  EXPECT_NEAR(list[5].u_alphabeta[0], 2.0 / 3 * (0.9 - 0.3) * v_dc, 1e-12);
+  EXPECT_NEAR(list[5].u_alphabeta[1], 0.4 / std::sqrt(3.0) * v_dc, 1e-12);
+  EXPECT_NEAR(list[5].v_dc, 20.05, 1e-12);
+}
+
+TEST_F(Import, DutyWithoutABusVoltageStandsOnTheDrivesOwnAndNoneIsClaimed) {
+  const auto row = [](int k) { return fmt::format("{},0.9,0.5,0.1,1", k / kRate_Hz); };
+  const auto list =
+      measurements(read_drive_rows(csv("t,duty_a,duty_b,duty_c,omega_m", row), nullptr, false));
+  EXPECT_EQ(list[5].signals, kVoltage | kSpeed);
+  EXPECT_NEAR(list[5].u_alphabeta[0], 2.0 / 3 * (0.9 - 0.3) * kBus_V, 1e-12);
+  EXPECT_NEAR(list[5].u_alphabeta[1], 0.4 / std::sqrt(3.0) * kBus_V, 1e-12);
+}
+
+TEST_F(Import, QCurrentAloneIsMarkedAndHasNoDCurrent) {
+  const auto list = measurements(read_drive_rows(csv("t,i_q,theta_m", plain_row), nullptr, false));
+  EXPECT_EQ(list[9].signals, kPhaseCurrents | kQCurrentOnly | kPosition);
+  const Vec2 i_dq = park(clarke(list[9].i_abc), kPolePairs * list[9].theta_m);
+  EXPECT_NEAR(i_dq[0], 0, 1e-12);
+  EXPECT_NEAR(i_dq[1], 0.5, 1e-12);
+}
+
+TEST_F(Import, WrappedAnglesComeOutUnwrapped) {
+  const auto row = [](int k) {
+    return fmt::format("{},0.5,{}", k / kRate_Hz, std::fmod(kTurnRate * k / kRate_Hz, kTwoPi));
+  };
+  const auto wrapped = read_drive_rows(csv("t,i_q,theta_m", row), nullptr, false);
+  EXPECT_NEAR(wrapped.at("theta_m", kRows - 1), kTurnRate * (kRows - 1) / kRate_Hz, 1e-4);
+
+  const auto counts = [](int k) {
+    return fmt::format("{};{}", 1000 * k / kRate_Hz, (k * 700) % 65536);
+  };
+  const ImportMap map = read_import_map(write("map.toml",
+                                              "[columns]\ntheta_m = { from = \"enc\", wrap = "
+                                              "65536, scale = 0.001 }\n[time]\nfrom = \"ms\"\n"
+                                              "unit = \"ms\"\n[file]\nseparator = \";\"\n"));
+  const auto encoder = read_drive_rows(csv("ms;enc", counts), &map, false);
+  EXPECT_NEAR(encoder.at("theta_m", kRows - 1), 0.7 * (kRows - 1), 1e-9);
+  EXPECT_NEAR(encoder.t[10], 10 / kRate_Hz, 1e-12);
+}
+
+TEST_F(Import, GzippedFileReadsTheSame) {
+  const std::string plain = csv("t,i_q,theta_m", plain_row),
+                    packed = (directory_ / "log.csv.gz").string();
+  std::ifstream in(plain, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(in)), {});
+  gzFile out = gzopen(packed.c_str(), "wb");
+  gzwrite(out, text.data(), static_cast<unsigned>(text.size()));
+  gzclose(out);
+  EXPECT_EQ(read_drive_rows(packed, nullptr, false).columns,
+            read_drive_rows(plain, nullptr, false).columns);
+}
+
+TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
+  const auto change = [](int line, const char* text) {
+    return [=](int k) { return k + 2 == line ? std::string(text) : plain_row(k); };
+  };
+  const char* header = "t,i_q,theta_m";
+  EXPECT_EQ(refusal(csv(header, change(22, "0.004,abc,1"))),
+            "log.csv:22: i_q: a number needed, found \"abc\"");
+  EXPECT_EQ(refusal(csv(header, change(22, "0.004,nan,1"))),
+            "log.csv:22: i_q: a finite number needed, found \"nan\"");
+  EXPECT_EQ(refusal(csv(header, change(22, "0.001,1,1"))),
+            "log.csv:22: time goes back from 0.0038 s to 0.001 s; it must rise");
+  EXPECT_EQ(refusal(csv(header, change(22, "0.004,1"))),
+            "log.csv:22: 2 of 3 fields; every row needs all of them");
+  EXPECT_EQ(refusal(csv(header, plain_row, 199)), "log.csv:200: 199 rows, at least 200 needed");
+  EXPECT_EQ(refusal(csv(header, plain_row, 200)), "");
+  const auto percent = [](int k) { return fmt::format("{},0.5,50,0.5,1", k / kRate_Hz); };
+  EXPECT_EQ(refusal(csv("t,duty_a,duty_b,duty_c,omega_m", percent)),
+            "log.csv:2: duty_b: 0 to 1 allowed, found 50");
+  EXPECT_EQ(refusal(csv("time,i_q,theta_m", plain_row)),
+            "log.csv:1: missing column \"t\"; the file has time, i_q, theta_m");
+  EXPECT_EQ(refusal((directory_ / "none.csv").string()), "none.csv: no such file");
+}
+
+TEST_F(Import, SetsWithoutTimeAreReadAsTheyAre) {
+  const std::string set = csv(
+      "i_b,u_b", [](int k) { return fmt::format("{},{}", 0.01 * k, 0.02 * k); }, 30);
+  EXPECT_FALSE(holds_time(set, nullptr));
+  const DriveRows rows = read_static_rows(set, nullptr, false);
+  EXPECT_EQ(rows.size(), 30u);
+  EXPECT_TRUE(rows.t.empty());
+  EXPECT_DOUBLE_EQ(rows.at("u_b", 29), 0.58);
+  EXPECT_TRUE(holds_time(csv("t,i_q,theta_m", plain_row), nullptr));
+  const ImportMap map = read_import_map(write("map.toml", "[columns]\ni_b = \"i\"\nu_b = \"u\"\n"));
+  const std::string foreign = csv(
+      "i,u", [](int k) { return fmt::format("{},1", k); }, 25);
+  EXPECT_FALSE(holds_time(foreign, &map));
+  EXPECT_EQ(read_static_rows(foreign, &map, false).at("i_b", 3), 3);
+  try {
+    read_static_rows(csv(
+                         "i_b,u_b", [](int) { return std::string("0,0"); }, 19),
+                     nullptr, false);
+    ADD_FAILURE() << "19 rows are too few";
+  } catch (const BadInput& error) {
+    EXPECT_NE(std::string(error.what()).find("at least 20"), std::string::npos) << error.what();
+  }
+}
+
+TEST_F(Import, RepairLeavesATruncatedLastLineAndRepeatedSamplesOut) {
+  const auto cut = [](int k) { return k == kRows - 1 ? std::string("0.0598,0.") : plain_row(k); };
+  const std::string truncated = csv("t,i_q,theta_m", cut);
+  EXPECT_EQ(refusal(truncated),
+            "log.csv:301: truncated last line: 2 of 3 fields; --repair leaves it out");
+  const DriveRows repaired = read_drive_rows(truncated, nullptr, true);
+  EXPECT_EQ(repaired.size(), static_cast<std::size_t>(kRows - 1));
+  EXPECT_EQ(repaired.notes, std::vector<std::string>{"truncated last line 301 left out"});
+
+  const auto twice = [](int k) { return plain_row(k > 50 ? k - 1 : k); };
+  const std::string repeated = csv("t,i_q,theta_m", twice);
+  EXPECT_TRUE(refusal(repeated).starts_with("log.csv:53: time stands still at 0.01 s"));
+  EXPECT_EQ(read_drive_rows(repeated, nullptr, true).size(), static_cast<std::size_t>(kRows - 1));
+  const auto back = [](int k) { return plain_row(k > 50 ? k - 2 : k); };
+  EXPECT_NE(refusal(csv("t,i_q,theta_m", back), nullptr, true), "")
+      << "time going back is not repaired";
+}
+
+TEST_F(Import, ColumnsThatNothingIsTakenFromAreNamedAndWhatTheyAreWithoutCapitals) {
+  const auto row = [](int k) { return plain_row(k) + ",1,2,3"; };
+  const std::string path = csv("t,i_q,theta_m,T_Load,speed,note", row);
+  EXPECT_EQ(read_drive_rows(path, nullptr, false).notes,
+            (std::vector<std::string>{
+                "T_Load: not a column of a drive log; T_load is",
+                "speed, note: not columns of a drive log, nothing is taken from them"}));
+  const ImportMap map = read_import_map(write("map.toml", "[columns]\ni_q = \"i_q\"\n"));
+  EXPECT_TRUE(read_drive_rows(path, &map, false).notes.empty()) << "the map chose";
+}
+
+TEST_F(Import, MapMistakesNameTheMapsLine) {
+  const auto map_refusal = [&](const std::string& text) {
+    try {
+      read_import_map(write("map.toml", text));
+    } catch (const BadInput& error) {
+      return std::string(error.what()).substr(directory_.string().size() + 1);
+    }
+    return std::string();
+  };
+  EXPECT_TRUE(map_refusal("[columns]\ni_x = \"a\"\n")
+                  .starts_with("map.toml:2: columns.i_x: unknown column; known: t, i_a"));
+  EXPECT_EQ(map_refusal("[columns]\ni_q = { from = \"a\", scal = 2 }\n"),
+            "map.toml:2: columns.i_q.scal: unknown key; known here: from, scale, offset, wrap");
+  EXPECT_EQ(map_refusal("[columns]\ni_q = \"a\"\n[time]\nunit = \"h\"\n"),
+            "map.toml:4: time.unit: one of s, ms, us, ns allowed");
+  EXPECT_EQ(map_refusal("[columns]\ni_q = \"a\"\n[file]\nseparator = \",\"\ndecimal = \",\"\n"),
+            "map.toml:3: file: separator and decimal must differ");
+}
+
+DriveRows rows_at(const std::vector<double>& t) {
+  DriveRows rows;
+  rows.path = "log.csv";
+  rows.t = t;
+  for (std::size_t i = 0; i < t.size(); ++i) rows.line.push_back(static_cast<int>(i) + 2);
+  return rows;
+}
+
+std::vector<std::int64_t> ticks_of(const TickGrid& grid) {
+  std::vector<std::int64_t> k;
+  for (const TickGrid::Slot& slot : grid.slots) k.push_back(slot.k);
+  return k;
+}
+
+TEST(TickGridTest, JitterKeepsItsTicksAndGapsLeaveThemEmpty) {
+  const TickGrid grid = place_on_grid(rows_at({0, 0.0011, 0.0019, 0.0031, 0.0070, 0.0080}), 1000);
+  EXPECT_EQ(ticks_of(grid), (std::vector<std::int64_t>{0, 1, 2, 3, 7, 8}));
+  EXPECT_EQ(grid.gaps, 1);
+  EXPECT_EQ(grid.missing, 3);
+  EXPECT_EQ(grid.moved, 0);
+  EXPECT_NEAR(grid.dt_max_s, 0.0039, 1e-12);
+}
+
+TEST(TickGridTest, TwoRowsInATickUseTheFreeOneBesideAndNeverPushTheRestAlong) {
+  // The pair at 2.6 and 3.4: tick 2 is free for the first. The pair at 6.0 and 6.4: only tick 7 is
+  // free.
+  const TickGrid grid = place_on_grid(
+      rows_at({0, 0.001, 0.0026, 0.0034, 0.004, 0.005, 0.0060, 0.0064, 0.008, 0.009}), 1000);
+  EXPECT_EQ(ticks_of(grid), (std::vector<std::int64_t>{0, 1, 2, 3, 4, 5, 6, 7, 8, 9}));
+  EXPECT_EQ(grid.moved, 2);
+
+  // A burst after a stall: rows without a tick are left out, and the next row is on its own tick
+  // again.
+  std::vector<double> t;
+  for (int k = 0; k < 200; ++k) t.push_back(0.001 * k);
+  for (double late : {0.2045, 0.2047, 0.2049, 0.2051, 0.206, 0.207}) t.push_back(late);
+  const TickGrid burst = place_on_grid(rows_at(t), 1000);
+  EXPECT_EQ(ticks_of(burst).back(), 207);
+  EXPECT_EQ(burst.crowded_out, 2);
+}
+
+TEST(TickGridTest, RowsFasterThanTheDriveAreRefusedWithTheRateThatFits) {
+  std::vector<double> t;
+  for (int k = 0; k < 300; ++k) t.push_back(k / 2000.0);
+  try {
+    place_on_grid(rows_at(t), 1000);
+    FAIL() << "accepted";
+  } catch (const BadInput& error) {
+    EXPECT_NE(std::string(error.what()).find("--set rates.f_s_Hz=2000 would fit"),
+              std::string::npos)
+        << error.what();
+  }
+}
+
+}  // namespace
+}  // namespace twinrate

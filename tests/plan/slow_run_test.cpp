@@ -1,0 +1,67 @@
+// What a slow run without load tells: currents of tenths of an ampere, half of them noise and the
+// drive's answer to it.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "tests/plan/servo_log.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate::slow_run_test {
+
+TraceResult trace_with(const std::string& effects, const std::vector<std::string>& more = {}) {
+  std::vector<std::string> settings = {"run.duration_s=10"};
+  settings.insert(settings.end(), more.begin(), more.end());
+  const PlanLog slow = run(servo(effects, settings));
+  Config model = servo("", settings);
+  read_all_tables(model);
+  return trace_record(slow.record, model.drive(), slow.health, {});
+}
+
+// A gain of the voltage does the same at that speed, and not at the start; and the currents that
+// are fitted never leave the zone around zero.
+TEST(SlowRun, TellsADeadTimeByHowItStarts) {
+  const TraceResult r = trace_with("[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1e-6\n");
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  EXPECT_EQ(r.effects[0].effect->kind(), "dead_time") << r.sentence;
+  EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
+  EXPECT_NEAR(r.effects[0].parameters.at(0).value, 1e-6, 0.06e-6);
+}
+
+// Through its slope of 30 ohm the noise of i_d is most of what is left of d, and depends on i_d.
+TEST(SlowRun, TellsADeadTimeThatLooksLikeAResistance) {
+  const TraceResult r = trace_with(
+      "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1.46e-6\nlinear_current_A = 0.106\n",
+      {"machine.B_Nms=0.01", "reference.speed_rpm=[[0, 0], [0.2, 40], [5, -35]]"});
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  EXPECT_EQ(r.effects[0].effect->kind(), "dead_time") << r.sentence;
+  EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
+}
+
+// The fast noise is a hundred times what the winding drops; the slow noise is not.
+TEST(SlowRun, TellsAWindingThatWarmsUp) {
+  constexpr double kChange = 0.15;  // ohm
+  const TraceResult r = trace_with(fmt::format(
+      "[[effect]]\nkind = \"resistance\"\nchange_Ohm = {}\ntime_constant_s = 5\n", kChange));
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  ASSERT_EQ(r.effects[0].effect->kind(), "resistance") << r.sentence;
+  EXPECT_NEAR(r.effects[0].parameters.at(0).value, kChange, 0.15 * kChange);
+}
+
+// The external load is what moves the rotor, and half a row of it would be a lag of the angle.
+TEST(SlowRun, TellsAnInertiaByTheJumpsOfADeclaredLoad) {
+  constexpr double kChange = -1.6e-3;  // kgm2
+  const TraceResult r =
+      trace_with(fmt::format("[[effect]]\nkind = \"inertia\"\nchange_kgm2 = {}\n", kChange),
+                 {"load.T_load_Nm=[[0, 0], [3, 2], [4.5, -1], [7, 1.5]]"});
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  ASSERT_EQ(r.effects[0].effect->kind(), "inertia") << r.sentence;
+  EXPECT_NEAR(r.effects[0].parameters.at(0).value / kChange, 1, 0.002);
+}
+
+TEST(SlowRun, FindsNothingWhereNothingIsMissing) {
+  const TraceResult r = trace_with("");
+  EXPECT_TRUE(r.effects.empty()) << r.sentence;
+  EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
+}
+
+}  // namespace twinrate::slow_run_test

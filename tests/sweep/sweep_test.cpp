@@ -1,0 +1,285 @@
+// The sweep's own parts: the search, the files, the shards, and the reasons it gives.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "estimator/make_filter.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+#include "sweep/cost.hpp"
+#include "sweep/merge.hpp"
+#include "sweep/run.hpp"
+#include "sweep/store.hpp"
+#include "sweep/why.hpp"
+
+namespace twinrate::sweep {
+namespace {
+
+namespace fs = std::filesystem;
+
+Plan small_plan() {
+  return {.drive = "dilys2021",
+          .speeds_Hz = {150, 200},
+          .policies = {"paper"},
+          .seeds = 2,
+          .n_max = 50};
+}
+
+class SweepTest : public ::testing::Test {
+ protected:
+  SweepTest()
+      : directory_(fs::temp_directory_path() / ("twinrate-sweep-" + std::to_string(getpid()))) {
+    fs::remove_all(directory_);
+    fs::create_directories(directory_);
+  }
+  ~SweepTest() override { fs::remove_all(directory_); }
+  std::string path(const std::string& name) const { return (directory_ / name).string(); }
+  static std::string text(const std::string& file) {
+    std::ifstream stream(file);
+    return {std::istreambuf_iterator<char>(stream), {}};
+  }
+  void run(Plan plan, const std::string& name, int shard = 0, int shards = 1) const {
+    plan.shard = shard;
+    plan.shards = shards;
+    run_searches(plan, load_drive(plan.drive, plan.overrides),
+                 {.directory = path(name), .resume = true, .json = true});
+  }
+
+ private:
+  fs::path directory_;
+};
+
+// A drive that holds every n below `first_lost`.
+std::vector<int> tried(int first_lost, int n_max) {
+  const Search search{"paper", 50, 1};
+  std::vector<Point> points;
+  std::vector<int> order;
+  while (true) {
+    const auto n = next_to_try(of_search(points, search), search, n_max);
+    if (!n) return order;
+    order.push_back(*n);
+    points.push_back({.search = search, .f_s_Hz = 5000, .n = *n, .locked = *n < first_lost});
+  }
+}
+
+TEST(Search, GoesUpOneByOneAndStopsAtTheFirstLoss) {
+  EXPECT_EQ(tried(4, 100), (std::vector<int>{1, 2, 3, 4}));
+  EXPECT_EQ(tried(1, 100), (std::vector<int>{1}));
+  EXPECT_EQ(tried(100, 3), (std::vector<int>{1, 2, 3}));
+}
+
+TEST(Search, ClosesTheGapBelowALossThatItsStepsFound) {
+  for (int first_lost : {65, 70, 71, 99, 200, 483}) {
+    const std::vector<int> order = tried(first_lost, 5000);
+    for (int n : {first_lost - 1, first_lost})
+      EXPECT_EQ(std::count(order.begin(), order.end(), n), 1) << n;
+    EXPECT_LT(order.size(), 64u + 60u);
+  }
+}
+
+TEST(Shards, TakeEverySearchOnce) {
+  Plan plan = small_plan();
+  set_shard(plan, "2/5");
+  EXPECT_EQ(plan.shard, 2);
+  EXPECT_EQ(plan.shards, 5);
+  for (const char* bad : {"5/5", "-1/5", "1", "1/0", "a/b", "1/2x", ""})
+    EXPECT_THROW(set_shard(plan, bad), BadInput) << bad;
+}
+
+TEST(Shards, AreTheRanksOfALauncher) {
+  Plan plan;
+  setenv("PMI_RANK", "3", 1);
+  setenv("PMI_SIZE", "4", 1);
+  EXPECT_TRUE(set_shard_from_launcher(plan));
+  unsetenv("PMI_RANK");
+  unsetenv("PMI_SIZE");
+  EXPECT_EQ(plan.shard, 3);
+  EXPECT_EQ(plan.shards, 4);
+  Plan alone;
+  EXPECT_FALSE(set_shard_from_launcher(alone));
+}
+
+TEST_F(SweepTest, TwoShardsMergedAreTheSingleSweepBitForBit) {
+  const Plan plan = small_plan();
+  run(plan, "single");
+  merge({path("single")}, path("one"), true);
+  run(plan, "two/shard-0-of-2", 0, 2);
+  run(plan, "two/shard-1-of-2", 1, 2);
+  merge({path("two")}, "", true);
+  EXPECT_GT(text(path("one/points.csv")).size(), 500u);
+  for (const char* file : {"points.csv", "fbmin.csv", "why.csv", "figure.svg"})
+    EXPECT_EQ(text(path("one/") + file), text(path("two/") + file)) << file;
+}
+
+TEST_F(SweepTest, MergeRefusesAMissingADoubleAndAForeignPoint) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {200};
+  run(plan, "a", 0, 2);
+  run(plan, "b", 1, 2);
+  EXPECT_THROW(merge({path("a")}, path("out"), true), BadInput);                        // missing
+  EXPECT_THROW(merge({path("a"), path("b"), path("a")}, path("out"), true), BadInput);  // double
+  plan.load_pu = 0.5;
+  run(plan, "c", 1, 2);
+  EXPECT_THROW(merge({path("a"), path("c")}, path("out"), true), BadInput);  // another sweep
+  EXPECT_NO_THROW(merge({path("a"), path("b")}, path("out"), true));
+}
+
+TEST_F(SweepTest, AKilledSweepGoesOnBehindItsLastWholeLine) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {200};
+  run(plan, "whole");
+  merge({path("whole")}, path("expected"), true);
+  const std::string points = text(path("expected/points.csv"));
+  fs::create_directories(path("killed"));
+  fs::copy(path("whole/sweep.json"), path("killed/sweep.json"));
+  std::ofstream(path("killed/points.csv")) << points.substr(0, points.size() / 2);  // mid-line
+  run(plan, "killed");
+  merge({path("killed")}, path("resumed"), true);
+  EXPECT_EQ(text(path("resumed/points.csv")), points);
+}
+
+TEST_F(SweepTest, AResumedSweepMustBeTheSameSweep) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {200};
+  run(plan, "a");
+  plan.ramp_rad_s2 = 2000;
+  EXPECT_THROW(run(plan, "a"), BadInput);
+}
+
+// A drive on its way from standstill to 64 Hz, recorded with a gain every tick.
+RunLog recorded_start(double f_e_Hz) {
+  const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
+  const DriveConfig base = load_drive(plan.drive).drive();
+  Config config = load_drive(plan.drive, point_overrides(plan, base, {"paper", f_e_Hz, 1}, 1));
+  RunLog log;
+  log.path = "simulated";
+  log.config_toml = config.resolved();
+  ClosedLoop loop(config);
+  while (loop.k() < config.drive().steps()) {
+    const TickRecord& tick = loop.step();
+    log.measurement.push_back(tick.measurement);
+    log.truth.push_back(tick.truth);
+    log.estimate.push_back(tick.estimate);
+  }
+  return log;
+}
+
+// The last n before the first loss.
+template <class Run>
+int limit_of(Run run) {
+  for (int n = 1; n < 40; ++n)
+    if (!run(n).locked) return n - 1;
+  return 40;
+}
+
+// The filter alone on recorded samples: nothing it says comes back to it through the controller.
+TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
+  const double f_e_Hz = 64;
+  const RunLog log = recorded_start(f_e_Hz);
+  const Search search{"paper", f_e_Hz, 1};
+  EXPECT_NEAR(recorded_f_e_Hz(log), f_e_Hz, 0.5);
+  const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
+  const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
+  const DriveConfig base = load_drive(plan.drive).drive();
+  const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
+  EXPECT_NEAR(alone, closed, 1);
+  EXPECT_NEAR(closed, 12, 1);
+  // A turned gain is lost at another n: the policy asked for is the one that runs.
+  EXPECT_TRUE(run_on_log(log, plan, {"rotate", f_e_Hz, 1}, closed + 3).locked);
+}
+
+// At 30 Hz the start decides, and in the recording the controller started on a good angle. Switched
+// at speed both have the same task.
+TEST(RecordedDrive, SwitchedAtSpeedTheLimitIsTheClosedLoopsAtThirtyHertzToo) {
+  const double f_e_Hz = 30;
+  const RunLog log = recorded_start(f_e_Hz);
+  const Search search{"paper", f_e_Hz, 1};
+  const Plan plan{.drive = "dilys2021", .policies = {"paper"}, .start = "switched"};
+  const DriveConfig base = load_drive(plan.drive).drive();
+  const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
+  const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
+  EXPECT_NEAR(alone, closed, 1);
+  EXPECT_NEAR(closed, 25, 2);
+}
+
+// The limit at 400 rad/s from three sides: the formula by hand from the doc's logged gains, the
+// Floquet radius, and the closed loop.
+TEST(Why, FormulaFloquetAndTheDriveAgreeAtFourHundredRadPerSecond) {
+  Config config = load_drive("dilys2021");
+  const auto filter = make_filter(config);
+  const Steady steady{filter, GainPolicy::kPaper, 100, 400, config.drive().T_s()};
+  const double phi_c = critical_angle(steady, 12) * 180 / kPi;
+  EXPECT_GT(phi_c, 77);
+  EXPECT_LT(phi_c, 83);
+  EXPECT_EQ(n_max_by_formula(steady, 100), 12);
+  EXPECT_NEAR(n_max_by_floquet(steady, 100), 12, 1);
+  EXPECT_LT(spectral_radius(steady, 1), 0.98);
+  EXPECT_GT(spectral_radius(steady, 20), 1.05);
+}
+
+TEST(Why, APropagatedGainHasNoLimit) {
+  Config config = load_drive("dilys2021");
+  const auto filter = make_filter(config);
+  const Steady steady{filter, GainPolicy::kPropagated, 100, 400, config.drive().T_s(), 200};
+  EXPECT_EQ(n_max_by_formula(steady, 100), 0);
+  const double ordinary = spectral_radius({filter, GainPolicy::kPaper, 100, 400, 2e-4}, 1);
+  for (int n : {1, 13, 100}) {
+    EXPECT_LT(spectral_radius(steady, n), 1) << n;
+    EXPECT_NEAR(std::pow(spectral_radius(steady, n), 1.0 / n), ordinary, 0.02) << n;
+  }
+}
+
+// The lane engine does not have this policy: the sweep goes through the reference engine.
+TEST_F(SweepTest, SweepsAPropagatedGain) {
+  Plan plan = small_plan();
+  plan.policies = {"propagated"};
+  plan.speeds_Hz = {150};
+  plan.seeds = 1;
+  plan.n_max = 12;
+  run(plan, "a");
+  merge({path("a")}, path("whole"), true);
+  EXPECT_NE(text(path("whole/fbmin.csv")).find("propagated,150,12,"), std::string::npos);
+  EXPECT_NE(text(path("whole/why.csv")).find("both: no limit"), std::string::npos);
+}
+
+TEST(Why, ATurnedGainHasNoLimit) {
+  Config config = load_drive("dilys2021");
+  const auto filter = make_filter(config);
+  for (GainPolicy policy : {GainPolicy::kRotate, GainPolicy::kRotorFrame}) {
+    const Steady steady{filter, policy, 100, 400, config.drive().T_s()};
+    EXPECT_EQ(n_max_by_formula(steady, 100), 0);
+    for (int n : {1, 13, 100, 1000}) EXPECT_LT(spectral_radius(steady, n), 1) << n;
+  }
+}
+
+// Dilys 2021, Table 4, its 500 Hz row corrected: the printed 6.21 % is that of 1 kHz.
+TEST(Cost, GivesThePapersTable) {
+  const double expected[][2] = {
+      {5000, 18.85}, {2500, 10.95}, {1250, 7.00}, {1000, 6.21}, {500, 4.63}};
+  for (const auto& [f_b, percent] : expected)
+    EXPECT_NEAR(100 * processor_share(Halves{}, 5000, f_b), percent, 0.006) << f_b;
+  EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("4.63"), std::string::npos);
+  // propagated at n = 100, by hand: 5000 240/72e6 + 50 6 4157 (347/127)/72e6
+  EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("6.40"), std::string::npos);
+}
+
+// n = 1: the radius is the ordinary filter's, whatever the policy; it is the pole of its error.
+TEST(Why, WithAGainEveryTickEveryPolicyHasTheSameRadius) {
+  Config config = load_drive("dilys2021");
+  const auto filter = make_filter(config);
+  const auto rho = [&](GainPolicy policy) {
+    return spectral_radius({filter, policy, 100, 400, config.drive().T_s()}, 1);
+  };
+  const double ordinary = rho(GainPolicy::kPaper);
+  EXPECT_GT(ordinary, 0.5);
+  for (GainPolicy policy : {GainPolicy::kImmediate, GainPolicy::kExtrapolate, GainPolicy::kRotate,
+                            GainPolicy::kRotorFrame})
+    EXPECT_NEAR(rho(policy), ordinary, 1e-6);
+  EXPECT_NEAR(rho(GainPolicy::kScheduled), ordinary, 1e-3);
+}
+
+}  // namespace
+}  // namespace twinrate::sweep

@@ -1,0 +1,24 @@
+// The part of `twinrate trace` behind --plan: options, progress, files.
+#pragma once
+#include <CLI/CLI.hpp>
+#include <functional>
+
+#include "plan/plan.hpp"
+
+namespace twinrate {
+
+struct PlanOptions {
+  bool wanted = false, no_load_machine = false, one_direction = false;
+  std::string duration = "10s", kinds;
+  PlanRequest request;
+};
+
+// --plan itself is returned; the others need it.
+CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& options);
+
+// Writes plan.toml, plan.json and plan.svg to `out`, which is there, and says what they hold.
+// `logs` reads those of --data. Throws BadInput.
+int plan_measurement(const PlanOptions& options, const Config& drive, const std::string& out,
+                     bool json_lines, const std::function<std::vector<PlanLog>()>& logs);
+
+}  // namespace twinrate

@@ -1,0 +1,39 @@
+#include "trace/extended.hpp"
+
+#include <fmt/format.h>
+
+namespace twinrate {
+
+std::string extended_toml(const Config& config, const TraceResult& result, bool keep_plant) {
+  std::vector<ConfiguredEffect> effects;
+  std::size_t left_out = 0;
+  for (const ConfiguredEffect& e : config.drive().effects) {
+    if (e.used_in == UsedIn::kPlant && !keep_plant) {
+      ++left_out;
+      continue;
+    }
+    effects.push_back(e);
+  }
+  const UsedIn used_in = keep_plant ? UsedIn::kModel : UsedIn::kBoth;
+  for (const TracedEffect& e : result.effects)
+    if (!e.only_in_log) effects.push_back({e.effect, used_in});
+  for (const TracedEffect& e : result.stop_gaps) effects.push_back({e.effect, used_in});
+  std::string head = "# " + result.sentence + "\n";
+  for (const std::string& source : result.sources) head += "# traced from " + source + "\n";
+  for (const TracedEffect& e : result.effects)
+    if (e.only_in_log)
+      head +=
+          fmt::format("# left out: {}, which spoils what was logged, not what the drive runs on\n",
+                      e.effect->kind());
+  for (const TracedEffect& e : result.stop_gaps)
+    head += fmt::format("# {} is a stop-gap: it describes what the data show, not its cause\n",
+                        e.effect->kind());
+  if (left_out > 0)
+    head += fmt::format(
+        "# left out: {} effects that only the simulated plant had; what the data show stands in "
+        "their place\n",
+        left_out);
+  return head + config.resolved_with(std::move(effects));
+}
+
+}  // namespace twinrate
