@@ -13,8 +13,7 @@
 
 #include "bench/robustness_figure.hpp"
 #include "controller/make_controller.hpp"
-#include "estimator/make_filter.hpp"
-#include "estimator/two_rate.hpp"
+#include "loop/estimator_loop.hpp"
 #include "plant_sim/plant.hpp"
 
 namespace twinrate {
@@ -42,16 +41,14 @@ class Loop {
       : config_(Config::load("kim-ipmsm", belief)),
         drive_(config_.drive()),
         plant_(Config::load("kim-ipmsm", plant).drive()),
-        fast_(make_filter(config_), drive_.gain.policy, drive_.rates.n),
-        background_(make_filter(config_), drive_.gain.policy, drive_.rates.n),
+        estimator_(config_),
         controller_(make_controller(config_)) {}
   explicit Loop(const Overrides& both) : Loop(both, both) {}
 
   void tick() {
     const Measurement m = plant_.sample();
     truth = plant_.truth();
-    estimate = fast_.tick(m);
-    if (is_snapshot(m.k, drive_.rates.n)) fast_.take_gain(background_.step(estimate));
+    estimate = estimator_.tick(m);
     command = controller_->step({m, estimate, drive_.reference_at(m.k), &truth});
     plant_.take_command(command);
     plant_.advance();
@@ -72,8 +69,7 @@ class Loop {
   Config config_;
   DriveConfig drive_;
   Plant plant_;
-  FastLoop fast_;
-  BackgroundLoop background_;
+  EstimatorLoop estimator_;
   std::unique_ptr<Controller> controller_;
 };
 

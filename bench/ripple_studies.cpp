@@ -18,8 +18,7 @@
 #include "analysis/order_spectrum.hpp"
 #include "controller/make_controller.hpp"
 #include "core/config.hpp"
-#include "estimator/make_filter.hpp"
-#include "estimator/two_rate.hpp"
+#include "loop/estimator_loop.hpp"
 #include "plant_sim/plant.hpp"
 
 namespace twinrate {
@@ -39,23 +38,21 @@ class Loop {
       : config_(Config::load("niewiara2020", overrides)),
         drive_(config_.drive()),
         plant_(drive_),
-        fast_(make_filter(config_), drive_.gain.policy, drive_.rates.n),
-        background_(make_filter(config_), drive_.gain.policy, drive_.rates.n),
+        estimator_(config_),
         controller_(make_controller(config_)),
         sign_(feed_forward_sign) {}
 
   void tick() {
     const Measurement m = plant_.sample();
     truth = plant_.truth();
-    estimate = fast_.tick(m);
-    if (is_snapshot(m.k, drive_.rates.n)) fast_.take_gain(background_.step(estimate));
+    estimate = estimator_.tick(m);
     Estimate seen = estimate;
     seen.T_load *= sign_;
     plant_.take_command(controller_->step({m, seen, drive_.reference_at(m.k), &truth}));
     plant_.advance();
     t_s = static_cast<double>(m.k) * drive_.T_s();
   }
-  const Gain& gain() const { return background_.last(); }
+  const Gain& gain() const { return estimator_.gain(); }
 
   Truth truth;
   Estimate estimate;
@@ -65,8 +62,7 @@ class Loop {
   Config config_;
   DriveConfig drive_;
   Plant plant_;
-  FastLoop fast_;
-  BackgroundLoop background_;
+  EstimatorLoop estimator_;
   std::unique_ptr<Controller> controller_;
   double sign_;
 };

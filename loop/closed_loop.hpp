@@ -8,7 +8,7 @@
 
 #include "controller/controller.hpp"
 #include "core/config.hpp"
-#include "estimator/two_rate.hpp"
+#include "loop/estimator_loop.hpp"
 #include "plant_sim/plant.hpp"
 
 namespace twinrate {
@@ -40,8 +40,7 @@ class ClosedLoop {
  private:
   const DriveConfig drive_;
   Plant plant_;
-  FastLoop fast_;
-  BackgroundLoop background_;
+  EstimatorLoop estimator_;
   std::unique_ptr<Controller> controller_;
   TickRecord tick_;
 };

@@ -29,16 +29,17 @@ bool same_bits(const Estimate& a, const Estimate& b) {
   return bytes_of(a) == bytes_of(b);
 }
 
-OwnEstimator::OwnEstimator(const std::string& config_toml, const std::string& url,
-                           const std::string& channel_suffix, std::int64_t session) {
+OwnEstimator::OwnEstimator(const std::string& config_toml, const BusAddress& address,
+                           std::int64_t session) {
   char name[] = "/tmp/twinrate-replay-XXXXXX";
   if (!mkdtemp(name)) throw std::runtime_error("no temporary directory can be made");
   directory_ = name;
   std::ofstream(directory_ + "/config.toml") << config_toml;
   std::vector<std::string> list = {"--config", directory_ + "/config.toml", "--session",
                                    std::to_string(session)};
-  if (!url.empty()) list.insert(list.end(), {"--lcm-url", url});
-  if (!channel_suffix.empty()) list.insert(list.end(), {"--channel-suffix", channel_suffix});
+  if (!address.url.empty()) list.insert(list.end(), {"--lcm-url", address.url});
+  if (!address.channel_suffix.empty())
+    list.insert(list.end(), {"--channel-suffix", address.channel_suffix});
   set_.start(Role::kGain, "twinrate-gain", list);
   set_.start(Role::kEstimator, "twinrate-estimator", list);
 }
@@ -49,12 +50,12 @@ OwnEstimator::~OwnEstimator() {
   std::filesystem::remove_all(directory_, ignored);
 }
 
-LcmReplay::LcmReplay(const BusParameters& parameters, const std::string& url,
-                     const std::string& channel_suffix, std::int64_t session)
+LcmReplay::LcmReplay(const BusParameters& parameters, const BusAddress& address,
+                     std::int64_t session)
     : parameters_(parameters),
       session_(session),
-      bus_({.url = url,
-            .channel_suffix = channel_suffix,
+      bus_({.url = address.url,
+            .channel_suffix = address.channel_suffix,
             .session = session,
             .role = Role::kReplay}) {
   bus_.subscribe<estimate_t>([this](const estimate_t& w) {

@@ -11,12 +11,16 @@
 
 namespace twinrate {
 
+// Which bus, and what is appended to the name of every channel on it.
+struct BusAddress {
+  std::string url, channel_suffix;
+};
+
 // Estimator and gain of one config, on a bus where there are none.
 class OwnEstimator {
  public:
   // Throws std::runtime_error where no temporary directory can be made.
-  OwnEstimator(const std::string& config_toml, const std::string& url,
-               const std::string& channel_suffix, std::int64_t session);
+  OwnEstimator(const std::string& config_toml, const BusAddress& address, std::int64_t session);
   ~OwnEstimator();
 
  private:
@@ -26,8 +30,7 @@ class OwnEstimator {
 
 class LcmReplay {
  public:
-  LcmReplay(const BusParameters& parameters, const std::string& url,
-            const std::string& channel_suffix, std::int64_t session);
+  LcmReplay(const BusParameters& parameters, const BusAddress& address, std::int64_t session);
   // Empty where no estimator answered within bus.peer_timeout_s, or a stop signal came.
   std::optional<Estimate> play(const Measurement& m);
   std::int64_t repeats() const { return repeats_; }

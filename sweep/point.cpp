@@ -16,6 +16,7 @@
 #include "estimator/make_filter.hpp"
 #include "lanes/engine.hpp"
 #include "loop/closed_loop.hpp"
+#include "loop/estimator_loop.hpp"
 #include "loop/load_drive.hpp"
 
 namespace twinrate::sweep {
@@ -141,15 +142,11 @@ Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search,
   }
   Config config = recorded_config(recorded, list);
   const DriveConfig& drive = config.drive();
-  FastLoop fast = make_fast_loop(config, false);
-  BackgroundLoop background = make_background_loop(config);
+  EstimatorLoop estimator(config);
   RunLog log;  // no COMMAND: there is no loop whose speed could leave its reference
   log.measurement = recorded.measurement;
   log.truth = recorded.truth;
-  for (const Measurement& m : recorded.measurement) {
-    log.estimate.push_back(fast.tick(m));
-    if (drive.sends_gain(m.k)) fast.take_gain(background.step(log.estimate.back()));
-  }
+  for (const Measurement& m : recorded.measurement) log.estimate.push_back(estimator.tick(m));
   Point point{.search = search, .f_s_Hz = drive.rates.f_s_Hz, .n = n};
   judge(log, drive, point);
   return point;

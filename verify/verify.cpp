@@ -8,8 +8,8 @@
 #include "core/multicast.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
-#include "estimator/make_filter.hpp"
 #include "loop/closed_loop.hpp"
+#include "loop/estimator_loop.hpp"
 #include "loop/lcm_replay.hpp"
 #include "loop/load_drive.hpp"
 #include "verify/rms.hpp"
@@ -19,25 +19,6 @@ namespace {
 
 constexpr double kLoopSettle_s = 1.0;  // of the closed loop
 constexpr double kSettle_s = 0.3;      // of a replayed estimator, at the beginning of a log
-
-// The estimator of a config in this process, as the two processes run it in lock-step.
-class InProcess {
- public:
-  explicit InProcess(Config& config)
-      : drive_(config.drive()),
-        fast_(make_fast_loop(config, false)),
-        background_(make_background_loop(config)) {}
-  Estimate play(const Measurement& m) {
-    const Estimate e = fast_.tick(m);
-    if (drive_.sends_gain(e.k)) fast_.take_gain(background_.step(e));
-    return e;
-  }
-
- private:
-  const DriveConfig& drive_;
-  FastLoop fast_;
-  BackgroundLoop background_;
-};
 
 struct EstimateErrors {
   std::vector<Rms> innovation;
@@ -77,20 +58,21 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
   const int n_p = declared.drive().machine.n_p;
   result.over_lcm = settings.over_lcm;
   for (const VerifyLog& log : logs) {
-    InProcess plain(declared), full(extended);
+    EstimatorLoop plain(declared), full(extended);
     std::optional<OwnEstimator> processes;
     std::optional<LcmReplay> bus;
     if (settings.over_lcm) {
       const std::int64_t session = new_session_id();
-      processes.emplace(extended.resolved(), settings.url, "", session);
-      bus.emplace(extended.drive().bus, settings.url, "", session);
+      const BusAddress address{.url = settings.url};
+      processes.emplace(extended.resolved(), address, session);
+      bus.emplace(extended.drive().bus, address, session);
     }
     const std::vector<char> counts = counted(log);
     for (std::size_t n = 0; n < log.measurements.size(); ++n) {
       if (stop_signalled()) throw Stopped{};
       const Measurement& m = log.measurements[n];
-      const Estimate e_before = plain.play(m);
-      Estimate e_after = full.play(m);
+      const Estimate e_before = plain.tick(m);
+      Estimate e_after = full.tick(m);
       if (bus) {
         const std::optional<Estimate> answer = bus->play(m);
         if (!answer && stop_signalled()) throw Stopped{};

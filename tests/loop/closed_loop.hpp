@@ -1,16 +1,11 @@
-// The whole drive in one process, in the order of every tick:
-//
-//   plant.sample -> fast.tick -> (snapshot: background.step -> fast.take_gain) -> controller.step
-//   -> plant
-//
-// and the figures that docs/conventions.md defines over [settle_s, end].
+// The product's closed loop with what the tests ask of its last tick, and the figures that
+// docs/conventions.md defines over [settle_s, end].
 #pragma once
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "estimator/two_rate.hpp"
-#include "plant_sim/plant.hpp"
+#include "loop/closed_loop.hpp"
 #include "tests/support/angles.hpp"
 #include "tests/support/drives.hpp"
 
@@ -18,53 +13,28 @@ namespace twinrate::test {
 
 class ClosedLoop {
  public:
-  explicit ClosedLoop(Config config)
-      : drive_(config.drive()),
-        filter_(make_filter(config)),
-        plant_(drive_),
-        fast_(make_fast_loop(config, false)),
-        background_(make_background_loop(config)),
-        controller_(make_controller(config)) {}
+  explicit ClosedLoop(Config config) : drive_(config.drive()), loop_(config) {}
 
-  void tick() {
-    measurement_ = plant_.sample();
-    truth_ = plant_.truth();
-    estimate_ = fast_.tick(measurement_);
-    if (drive_.sends_gain(measurement_.k)) fast_.take_gain(background_.step(estimate_));
-    reference_ = drive_.reference_at(measurement_.k);
-    command_ = controller_->step({measurement_, estimate_, reference_, &truth_});
-    event_ = controller_->take_event();
-    plant_.take_command(command_);
-    plant_.advance();
-  }
+  void tick() { tick_ = &loop_.step(); }
 
-  // Of the last tick.
-  const Measurement& measurement() const { return measurement_; }
-  const Truth& truth() const { return truth_; }
-  const Estimate& estimate() const { return estimate_; }
-  const Reference& reference() const { return reference_; }
-  const Command& command() const { return command_; }
-  const ControllerEvent& event() const { return event_; }
-  const Gain& gain() const { return background_.last(); }
+  // Of the last tick; gain() of the last snapshot.
+  const Measurement& measurement() const { return tick_->measurement; }
+  const Truth& truth() const { return tick_->truth; }
+  const Estimate& estimate() const { return tick_->estimate; }
+  const Reference& reference() const { return tick_->reference; }
+  const Command& command() const { return tick_->command; }
+  const ControllerEvent& event() const { return tick_->event; }
+  const Gain& gain() const { return tick_->gain; }
   const DriveConfig& drive() const { return drive_; }
-  double t_s() const { return static_cast<double>(measurement_.k) * drive_.T_s(); }
+  double t_s() const { return static_cast<double>(measurement().k) * drive_.T_s(); }
   double angle_error() const {
-    return wrap_pi(estimate_.theta_e - drive_.machine.n_p * truth_.theta_m);
+    return wrap_pi(estimate().theta_e - drive_.machine.n_p * truth().theta_m);
   }
 
  private:
   DriveConfig drive_;
-  std::shared_ptr<const Filter> filter_;
-  Plant plant_;
-  FastLoop fast_;
-  BackgroundLoop background_;
-  std::unique_ptr<Controller> controller_;
-  Measurement measurement_;
-  Truth truth_;
-  Estimate estimate_;
-  Reference reference_;
-  Command command_;
-  ControllerEvent event_;
+  twinrate::ClosedLoop loop_;
+  const TickRecord* tick_ = nullptr;
 };
 
 struct Figures {

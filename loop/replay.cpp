@@ -1,0 +1,115 @@
+#include "loop/replay.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <thread>
+
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
+
+namespace twinrate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point then) {
+  return std::chrono::duration<double>(Clock::now() - then).count();
+}
+
+// The logged estimate of each tick, walked in step with the measurements.
+class LoggedEstimates {
+ public:
+  explicit LoggedEstimates(const std::vector<Estimate>& estimates) : estimates_(estimates) {}
+  const Estimate* at(std::int64_t k) {
+    while (next_ < estimates_.size() && estimates_[next_].k < k) ++next_;
+    return next_ < estimates_.size() && estimates_[next_].k == k ? &estimates_[next_] : nullptr;
+  }
+
+ private:
+  const std::vector<Estimate>& estimates_;
+  std::size_t next_ = 0;
+};
+
+void sleep_until(Clock::time_point begun, double offset_s) {
+  std::this_thread::sleep_until(
+      begun + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(offset_s)));
+}
+
+std::string without_suffix(const std::string& channel, const std::string& suffix) {
+  return channel.ends_with(suffix) ? channel.substr(0, channel.size() - suffix.size()) : channel;
+}
+
+}  // namespace
+
+bool estimator_heard(const BusAddress& address) {
+  bool heard = false;
+  Bus ears({.url = address.url,
+            .channel_suffix = address.channel_suffix,
+            .follow = true,
+            .role = Role::kReplay});
+  ears.subscribe<status_t>([&](const status_t& s) {
+    heard = heard || (s.role == static_cast<int>(Role::kEstimator) &&
+                      s.state < static_cast<int>(ProcessState::kDone));
+  });
+  const auto begun = Clock::now();
+  while (!heard && seconds_since(begun) < 0.5) ears.handle(20);
+  return heard;
+}
+
+LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameters,
+                               const BusAddress& address, std::int64_t session) {
+  LockstepResult result;
+  LcmReplay replay(parameters, address, session);
+  LoggedEstimates logged(log.estimate);
+  const auto begun = Clock::now();
+  for (const Measurement& m : log.measurement) {
+    const std::optional<Estimate> answer = replay.play(m);
+    if (stop_signalled()) break;
+    if (!answer) {
+      result.unanswered_k = m.k;
+      break;
+    }
+    ++result.played;
+    const Estimate* expected = logged.at(m.k);
+    if (!expected) continue;
+    if (same_bits(*expected, *answer)) {
+      ++result.equal;
+    } else if (result.different++ == 0) {
+      result.first_difference_k = m.k;
+    }
+  }
+  result.repeats = replay.repeats();
+  result.wall_s = seconds_since(begun);
+  return result;
+}
+
+PacedResult replay_paced(const std::string& log, const std::string& logged_suffix,
+                         const std::vector<std::string>& channels, const BusAddress& address,
+                         double speed) {
+  // Reports a machine without multicast before anything is played.
+  const Bus probe({.url = address.url, .role = Role::kReplay});
+  lcm::LCM out(probe.url());
+  const auto begun = Clock::now();
+  PacedResult result;
+  std::int64_t first_us = -1;
+  for (const std::string& part : log_parts(log)) {
+    lcm::LogFile file(part, "r");
+    if (!file.good() || !out.good()) throw BadInput(fmt::format("{}: cannot be played", part));
+    while (const lcm::LogEvent* event = file.readNextEvent()) {
+      if (stop_signalled()) break;
+      const std::string name = without_suffix(event->channel, logged_suffix);
+      if (std::find(channels.begin(), channels.end(), name) == channels.end()) continue;
+      if (first_us < 0) first_us = event->timestamp;
+      sleep_until(begun, static_cast<double>(event->timestamp - first_us) * 1e-6 / speed);
+      out.publish(name + address.channel_suffix, event->data,
+                  static_cast<unsigned>(event->datalen));
+      ++result.played;
+    }
+  }
+  result.wall_s = seconds_since(begun);
+  return result;
+}
+
+}  // namespace twinrate
