@@ -9,6 +9,7 @@
 
 #include "core/machine_error.hpp"
 #include "core/paths.hpp"
+#include "core/seconds_since.hpp"
 
 namespace twinrate {
 namespace {
@@ -21,10 +22,6 @@ void note_stop(int) {
 constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
 constexpr double kStartPatience_s = 10;  // before the first tick: the peers may still be starting
 constexpr double kRankPatience_s = 0.2;
-
-double seconds_since(std::chrono::steady_clock::time_point then) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
-}
 
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const DriveConfig& d) {
   return {.url = o.url,

@@ -14,6 +14,7 @@
 
 #include "core/machine_error.hpp"
 #include "core/paths.hpp"
+#include "core/seconds_since.hpp"
 
 namespace twinrate {
 namespace {
@@ -97,8 +98,7 @@ void ProcessSet::stop(const std::vector<Role>& roles, double patience_s) {
   while (true) {
     reap();
     if (std::none_of(children_.begin(), children_.end(), concerned)) return;
-    const double waited =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+    const double waited = seconds_since(begun);
     if (waited > patience_s && !killed) {
       killed = true;
       for (const Child& child : children_)

@@ -5,16 +5,13 @@
 #include <fstream>
 
 #include "core/process.hpp"
+#include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point then) {
-  return std::chrono::duration<double>(Clock::now() - then).count();
-}
 
 std::vector<std::uint8_t> bytes_of(const Estimate& e) {
   const estimate_t wire = to_wire(e, 0);

@@ -7,16 +7,13 @@
 #include <thread>
 
 #include "core/process.hpp"
+#include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point then) {
-  return std::chrono::duration<double>(Clock::now() - then).count();
-}
 
 // The logged estimate of each tick, walked in step with the measurements.
 class LoggedEstimates {

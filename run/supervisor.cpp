@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "core/machine_error.hpp"
+#include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
@@ -43,10 +44,6 @@ CpuPlan plan_cpus(bool pin) {
     if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
       (plan.ring < 0 ? plan.ring : plan.rest) = cpu;
   return plan.rest < 0 ? CpuPlan{} : plan;
-}
-
-double seconds_since(Clock::time_point then) {
-  return std::chrono::duration<double>(Clock::now() - then).count();
 }
 
 }  // namespace

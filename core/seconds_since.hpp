@@ -1,0 +1,11 @@
+// The wall time that has passed, s.
+#pragma once
+#include <chrono>
+
+namespace twinrate {
+
+inline double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+}  // namespace twinrate
