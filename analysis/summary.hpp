@@ -2,14 +2,13 @@
 //
 //   angle error    wrap(theta_e_hat - theta_e) at tick k, into (-pi, pi], electrical
 //   speed error    omega_m_hat - omega_m at tick k, mechanical
-//   locked         all of it finite, never |angle error| > pi/2, and the true speed away from a
-//   constant reference by
-//                  more than 20 % for less than 20 ms in total. The reference is the slewed one of
-//                  COMMAND; it is constant at a tick where it has not changed for the last 0.1 s. A
-//                  reference of 0 has no 20 %.
+//   locked         everything finite, never |angle error| > pi/2, and the true speed away from a
+//                  constant reference by more than 20 % for less than 20 ms in total. The reference
+//                  is the slewed one of COMMAND; it is constant at a tick where it has not changed
+//                  for the last 0.1 s. A reference of 0 has no 20 %.
 //   speed ripple   true omega_m less its mean, rms, over the last whole turns of the rotor (three
-//   or more);
-//                  harmonics: its orders 1 to 60 only
+//                  or more)
+//   harmonics      orders 1 to 60 of the speed ripple
 //
 // theta_e is the truth, or n_p times the measured position (AngleReference). Where a log has no
 // truth, omega_m is the slope of the measured position over 10 ms, because an encoder's

@@ -1,27 +1,33 @@
-// Adaptive feed-forward in the mechanical angle: learns the torque that smooths the speed, order by
-// order.
+// Adaptive feed-forward in the mechanical angle: it learns the torque that smooths the speed, order
+// by order.
 //
 //   T_ff(theta_m) = Re sum_N c_N e^{jN theta_m},  N = 1 .. 60        Nm, adds to T_em
-//   u_ff = Re sum_N g(jN omega_m) c_N e^{jN theta_m(t + T_d)},  T_d: when the voltage acts
-//   g(s) = (R_s + s L_q + K_pp K_iq e^{-s T_d})/(K_pp K_t)   the loop's own way from voltage to
-//   torque
+//   u_ff          = Re sum_N g(jN omega_m) c_N e^{jN theta_m(t + T_d)}
+//   g(s)          = Z(s)/(K_pp K_t)
+//   Z(s)          = R_s + s L_q + K_pp K_iq e^{-s T_d}
 //
-// Learning goes in blocks of whole turns at constant speed: settle one turn, measure
-//   E_N = 2/T integral (omega_m - omega_m_ref) e^{-jN theta_m} dt,  then  c_N -= k_N E_N/H(jN
-//   omega_m)
-// k_N is a Kalman gain: large while E_N stands out of the noise, 1/m once it does not.
+// T_d is the time from a sample to the middle of the interval in which its voltage acts. 1/g(s) is
+// the response of the current loop from voltage to torque.
 //
-//   H(s) = kappa(f) / (J s + B + K_t K_pp e^{-s T_d} (K_w + K_p/s)/(R_s + s L_q + K_pp K_iq e^{-s
-//   T_d}))
+// It learns in blocks of whole turns at constant speed. The first turn of a block settles; the next
+// one is measured:
 //
-// is the closed loop from T_ff to speed. kappa starts at 1 and is identified on line, from what the
-// last change of c_N really did to E_N, on a grid of frequencies, so that it holds at other speeds
-// too; a wrong inertia, or dead time acting as a resistance, ends up in it. A block whose mean
-// speed error says that a load stepped inside it is thrown away.
+//   E_N  = 2/T integral (omega_m - omega_m_ref) e^{-jN theta_m} dt
+//   c_N -= k_N E_N/H(jN omega_m)
 //
-// Source: the missing half of Niewiara 2020, whose observer takes the periodic torque for a random
-// constant. Speed and angle are the position sensor's: its own eccentricity is imprinted on the
-// shaft.
+// k_N is a Kalman gain: large while E_N exceeds the noise, then 1/m after m blocks. H is the
+// response of the closed loop from T_ff to the speed:
+//
+//   H(s) = kappa(f)/(J s + B + K_t K_pp e^{-s T_d} (K_omega + K_p/s)/Z(s))
+//
+// kappa starts at 1. It is identified on line, from the change of E_N that the last change of c_N
+// caused, on a grid of frequencies, so that it holds at other speeds, too. A wrong inertia, or a
+// dead time that acts as a resistance, shows in kappa. A block in which the load stepped, seen by
+// its mean speed error, is discarded.
+//
+// Source: own; the observer of Niewiara 2020 takes the periodic torque for a random constant
+// (docs/theory/angle-domain.md). Speed and angle are those of the position sensor: its eccentricity
+// is imprinted on the shaft.
 #pragma once
 #include <array>
 #include <complex>

@@ -1,7 +1,8 @@
-// What every controller offers: one pure step a tick.
+// The interface of every controller: one pure step per tick.
 //
-//   ESTIMATE(k), MEASUREMENT(k), REFERENCE(k) -> COMMAND(k), applied by the plant one computation
-//   delay later
+//   ESTIMATE(k), MEASUREMENT(k), REFERENCE(k) -> COMMAND(k)
+//
+// The plant applies COMMAND(k) one computation delay later.
 #pragma once
 #include <memory>
 #include <string_view>

@@ -1,5 +1,6 @@
-// twinrate-controller: MEASUREMENT(k), ESTIMATE(k), REFERENCE(k) -> [Controller::step] ->
-// COMMAND(k)
+// twinrate-controller: the control law.
+//
+//   MEASUREMENT(k), ESTIMATE(k), REFERENCE(k) -> [Controller::step] -> COMMAND(k)
 //
 // The reference comes from the config's profile and is published as DRIVE_REFERENCE, unless
 // reference.from_bus says that another process publishes it. A tick that arrives again is answered

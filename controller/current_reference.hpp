@@ -1,15 +1,24 @@
-// Which currents make a torque: maximum torque per ampere, the current limit, field weakening.
+// The currents for a torque: maximum torque per ampere, current limit, field weakening.
 //
-//   MTPA             i_d = [psi_f - sqrt(psi_f^2 + 8 dL^2 I_s^2)]/(4 dL),  dL = L_q - L_d,
-//                    i_q = sign(I_s) sqrt(I_s^2 - i_d^2);  i_d = 0 where dL = 0
-//   field weakening  i_d_fw' = -omega_fw/(max(|omega_e|, omega_0) L_d) (|u_ref| - margin u_max),
-//                    -i_max <= i_d_fw <= 0, added to i_d
-//   limit            |i_dq| <= i_max. i_d has precedence, because it holds the voltage: i_q gives
-//   way.
+// MTPA, with dL = L_q - L_d; I_s is the signed peak current:
 //
-// |u_ref| is the voltage the current loop asks for, before its limit; u_max = v_dc/sqrt3. I_s is
-// signed, peak. Source: Kim, Yoon, Kook, section 5 (MTPA); Kim, Sul, voltage feedback field
-// weakening.
+//   i_d     = [psi_f - sqrt(psi_f^2 + 8 dL^2 I_s^2)]/(4 dL)          0 where dL = 0
+//   i_q     = sign(I_s) sqrt(I_s^2 - i_d^2)
+//
+// Field weakening, with u_max = v_dc/sqrt3; |u_ref| is the voltage that the current loop asks for,
+// before its limit:
+//
+//   i_d_fw' = -omega_fw/(max(|omega_e|, omega_0) L_d) (|u_ref| - margin u_max)
+//   i_d     = i_d + i_d_fw                             -i_max <= i_d_fw <= 0
+//
+// Limit:
+//
+//   |i_dq| <= i_max                                    i_d has precedence, because it holds the
+//                                                      voltage: i_q is reduced
+//
+// omega_fw = 2 pi field_weakening_bandwidth_Hz. omega_0 = u_max/(2 psi_f): below this speed i_d
+// hardly lowers the voltage.
+// Source: Kim, Yoon, Kook, section 5 (MTPA); Kim, Sul, voltage feedback field weakening.
 #pragma once
 #include "model/fields.hpp"
 #include "model/frames.hpp"

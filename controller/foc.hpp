@@ -1,16 +1,19 @@
 // Field-oriented control on the estimates: speed PI -> current PI with decoupling -> voltage.
 //
-//   I_s = PI(omega_m_ref - omega_m) every speed_divider ticks, limited to i_max
-//   i_dq_ref = [i_d_ref; I_s], or the MTPA point of I_s plus i_d_ref; field weakening and limits:
-//              controller/current_reference.hpp
-//   u_d = PI(i_d_ref - i_d) - omega_e L_q i_q
-//   u_q = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
-//   + voltage loss of the model's effects, + their torque / K_t in I_s (compensate_effects)
-//   limited to the circle v_dc/sqrt3; turned back at the angle the rotor has when the voltage acts
+//   I_s      = PI(omega_m_ref - omega_m)               every speed_divider ticks, |I_s| <= i_max
+//   i_dq_ref = [i_d_ref; I_s]                          current_angle = "reference"
+//   i_dq_ref = MTPA point of I_s + [i_d_ref; 0]        current_angle = "mtpa"
+//   u_d      = PI(i_d_ref - i_d) - omega_e L_q i_q
+//   u_q      = PI(i_q_ref - i_q) + omega_e (L_d i_d + psi_f)
+//   |u_dq|  <= v_dc/sqrt3                              on the circle, the direction is kept
 //
-// A tick whose measurement or estimate is not finite repeats the last command and leaves every
-// state alone. Currents are the measured ones, turned with the estimated angle. Start "align_if":
+// Field weakening and current limit: controller/current_reference.hpp. compensate_effects adds the
+// torque of the model's effects, over K_t, to I_s, and their voltage loss to u_dq. The voltage is
+// turned to the stationary frame with the angle that the rotor has when the voltage acts.
+// The currents are the measured ones, turned with the estimated angle. start = "align_if":
 // controller/startup.hpp. Lost synchronism: controller/synchronism.hpp.
+// A tick with a measurement or an estimate that is not finite repeats the last command and changes
+// no state.
 #pragma once
 #include "controller/controller.hpp"
 #include "controller/current_reference.hpp"

@@ -1,24 +1,43 @@
-// State feedback with feed-forward of the estimated load (Niewiara 2020, section 6, corrected).
+// State feedback with feed-forward of the estimated load.
 //
-//   p_id += T_s (i_d - i_d_ref - k_awu u_d_awu),  p_omega += T_s (omega_m - omega_m_ref - k_awu
-//   u_q_awu)
-//                                                                          (35), (36), (39)
-//   u_d = -K_d [i_d, p_id]           - n_p omega_m L_q i_q/K_pp            (38), (33)
-//   u_q = -K_q [i_q, omega_m, p_omega] + n_p omega_m (L_d i_d + psi_f)/K_pp (38), (34)
-//         - K_ff (T_o_hat + tau dT_o_hat/dt)  compensation "paper" (41); tau = L_q/(R_s + K_pp
-//         K_iq)
-//                                    + T_d is the loop's lag; the paper's filter has no rate
-//         + known voltage loss / K_pp         effects with used_in = model or both, and the EMF
-//                                             of their flux
-//         + u_ff(theta_m)            compensation "angle_domain" (controller/angle_domain.hpp)
-//   MPAC: i_q one step ahead under u_q stays within i_max; where it would not, u_q is the one that
-//   lands there. Then +-1 a component and the circle v_dc/sqrt3, d first. u_awu is what was cut
-//   off.
+//   inputs   i_d, i_q, omega_m, theta_e of the filter; T_o, dT_o/dt of the estimate
+//   output   u = [u_d, u_q], normalised by K_pp = v_dc/2                                       (32)
 //
-// u is normalised by K_pp = v_dc/2. State and angle are the filter's; the prediction of MPAC runs
-// through the voltages that are still on their way (computation delay). The compensation may change
-// while running: p_omega takes over what the feed-forward gave or takes, so u_q does not jump. A
-// tick whose inputs are not finite repeats the last command and leaves every state alone.
+// Integrals, every T_s:
+//
+//   p_id    += T_s (i_d - i_d_ref - k_awu u_d_awu)                                       (35), (39)
+//   p_omega += T_s (omega_m - omega_m_ref - k_awu u_q_awu)                               (36), (39)
+//
+// Control law:
+//
+//   u_d = -K_d [i_d; p_id]                                                                     (38)
+//         - n_p omega_m L_q i_q/K_pp                                                           (33)
+//   u_q = -K_q [i_q; omega_m; p_omega]                                                         (38)
+//         + n_p omega_m (L_d i_d + psi_f)/K_pp                                                 (34)
+//         - K_ff (T_o + tau dT_o/dt)                   compensation = "paper"            (38), (41)
+//         + u_ff(theta_m)                              compensation = "angle_domain"
+//   u   = u + known voltage loss/K_pp                  effects with used_in = "model" or "both"
+//   tau = L_q/(R_s + K_pp K_iq) + T_d,  T_d = (delay_samples + 1/2) T_s
+//
+// tau is the lag of the current loop. The filter of the paper publishes no rate: dT_o/dt = 0. The
+// known voltage loss holds the EMF of known flux; T_o holds the torque of known flux.
+//
+// Current limit (MPAC), with i_d, i_q at the instant at which the voltage of this tick begins to
+// act, predicted through the voltages that are still on their way:
+//
+//   u_q(i)  = [(i - i_q) L_q/T_s + R_s i_q + n_p omega_m (L_d i_d + psi_f)]/K_pp
+//   u_q     within [u_q(-i_q_max), u_q(i_q_max)],  i_q_max = sqrt(i_max^2 - i_d^2)
+//
+// Voltage limit, then what the integrals take back:
+//
+//   |u_d| <= min(1, u_c),  |u_q| <= min(1, sqrt(u_c^2 - u_d^2)),  u_c = v_dc/(sqrt3 K_pp)
+//   u_awu  = u limited - u requested
+//
+// A change of the compensation while running does not make u_q jump: p_omega takes over the
+// difference of the feed-forward. A tick with an input that is not finite repeats the last command
+// and changes no state.
+// Source: Niewiara 2020, section 6, corrected (docs/theory/state-feedback.md, "Errata of the
+// paper").
 #pragma once
 #include <array>
 

@@ -1,14 +1,27 @@
-// State feedback of the drive after decoupling, axis by axis (Niewiara 2020, (31)-(41), corrected).
+// State feedback of the drive after decoupling, axis by axis: model and design of the gains.
 //
-//   d: x = [i_d, p_id],           L_d i_d' = -R_s i_d + K_pp u,            p_id' = i_d - i_d_ref
-//   q: x = [i_q, omega_m, p_omega],  L_q i_q' = -R_s i_q + K_pp u,  J omega_m' = K_t i_q - T_o,
-//                                 p_omega' = omega_m - omega_m_ref
-//   u normalised by K_pp (volts); u = -K x - K_ff T_o,  K_ff = -(R_s/K_pp + K_iq)/K_t
+// d axis, x = [i_d, p_id]:
 //
-// K_ff is negative: a positive load asks for more voltage ((41) prints +0.078 with (38)'s sign).
-// Gains are given, or come from weights by lqrd. Weights are numbers, largest deviations (Bryson:
-// Q = 1/deviation^2), or bandwidths: the closed-loop poles asked for, from which the weights follow
-// in closed form by the symmetric root locus (see weights_of_bandwidths).
+//   L_d i_d'   = -R_s i_d + K_pp u                                                       (31), (37)
+//   p_id'      = i_d - i_d_ref                                                                 (35)
+//
+// q axis, x = [i_q, omega_m, p_omega]:
+//
+//   L_q i_q'   = -R_s i_q + K_pp u                                                       (31), (37)
+//   J omega_m' = K_t i_q - T_o                                                           (31), (37)
+//   p_omega'   = omega_m - omega_m_ref                                                         (36)
+//
+// Control law, u normalised by K_pp (V):
+//
+//   u    = -K x - K_ff T_o                                                                     (38)
+//   K_ff = -(R_s/K_pp + K_iq)/K_t                                                             (41)*
+//
+// * K_ff is negative: a positive load asks for more voltage. The paper prints +0.078 with the sign
+// of (38).
+// The gains are given, or come from weights by lqrd. Weights are numbers, largest deviations
+// (Bryson: Q = 1/deviation^2), or bandwidths: the wanted closed-loop poles, from which the weights
+// follow in closed form by the symmetric root locus (see weights_of_bandwidths).
+// Source: Niewiara 2020, corrected.
 #pragma once
 #include <string>
 #include <vector>

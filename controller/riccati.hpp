@@ -1,12 +1,30 @@
 // Discrete linear-quadratic design from a continuous plant and a continuous cost.
 //
-//   x' = A x + B u,   J = integral (x' Q x + u' R u) dt,   u held over T_s
-//   discretise_cost   A_d, B_d and the cost sum x'Q_d x + 2 x'N_d u + u'R_d u          (Van Loan
-//   1978) solve_riccati     X = A'X A - (A'X B + N)(R + B'X B)^-1 (B'X A + N') + Q
-//                     by structured doubling (Chu, Fan, Lin, Wang 2004): quadratic convergence
-//   K = (R + B'X B)^-1 (B'X A + N'),  u = -K x
+//   x' = A x + B u                                     u held over T_s
+//   J  = integral (x' Q x + u' R u) dt
 //
-// Shapes: A n by n, B n by m, Q n by n symmetric, R m by m symmetric.
+// discretise_cost(), with F = [A B; 0 0] and W = diag(Q, R) (Van Loan 1978):
+//
+//   exp([-F' W; 0 F] T_s) = [. E; 0 Phi]
+//   [A_d B_d; 0 I]        = Phi
+//   [Q_d N_d; N_d' R_d]   = Phi' E
+//   J                     = sum (x' Q_d x + 2 x' N_d u + u' R_d u)
+//
+// solve_riccati(), of that discrete problem (index d left out):
+//
+//   X = A' X A - (A' X B + N) (R + B' X B)^-1 (B' X A + N') + Q
+//   K = (R + B' X B)^-1 (B' X A + N')
+//   u = -K x
+//
+// by structured doubling, which converges quadratically (Chu, Fan, Lin, Wang 2004):
+//
+//   A_0 = A - B R^-1 N',  G_0 = B R^-1 B',  H_0 = Q - N R^-1 N'
+//   W   = (I + G H)^-1
+//   G  <- G + A W G A'
+//   H  <- H + A' H W A                                 H -> X
+//   A  <- A W A
+//
+// Shapes: A n by n, B n by m, Q n by n symmetric, N n by m, R m by m symmetric.
 #pragma once
 #include <Eigen/Core>
 #include <complex>

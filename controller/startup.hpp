@@ -1,15 +1,13 @@
-// Start from an unknown angle: alignment, then an I/f ramp, then hand-over to the estimate
-// ("align_if").
+// Start from an unknown angle (start = "align_if"): alignment, then an I/f ramp, then the hand-over
+// to the estimate.
 //
-//   align  a constant voltage R_s i_start first at 90 deg, then at 0 deg electrical: the rotor
-//   turns onto it, damped by
-//          the currents its own EMF drives through R_s; the two steps leave no angle with zero
-//          torque
-//   I/f    a current vector i_start turns with a rising frequency; the rotor follows it
-//   check  from omega_handover on, the estimate must turn with the vector (speed within 30 %, angle
-//   within 75 deg) for
-//          t_agree_s; then the controller takes its angle over. No agreement within t_give_up_s:
-//          safe mode.
+//   align   A constant voltage R_s i_start, first at 90 deg, then at 0 deg electrical. The rotor
+//           turns onto it, damped by the currents that its own EMF drives through R_s. With two
+//           steps no initial angle has zero torque.
+//   I/f     A current vector i_start turns with a rising frequency; the rotor follows it.
+//   check   From omega_handover on, the estimate must turn with the vector for t_agree_s: speed
+//           within 30 %, angle within 75 deg. Then the controller takes over the estimated angle.
+//           Without agreement within t_give_up_s: safe mode.
 #pragma once
 #include "core/drive_config.hpp"
 #include "model/signals.hpp"

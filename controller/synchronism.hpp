@@ -1,13 +1,18 @@
-// Watches whether the estimate still turns with the rotor, from what the controller sees anyway.
+// Checks from the signals of the controller whether the estimate still turns with the rotor.
 //
-//   EMF consistency  e_d = u_d - R_s i_d + omega_e L_q i_q        must be 0
-//                    e_q = u_q - R_s i_q - omega_e L_d i_d        must be omega_e psi_f
-//                    r = |LP(e_dq - [0; omega_e psi_f])| / (psi_f max(|omega_e|, omega_min))
-//   innovation       nis = LP(|innov|^2)/(2 innovation_A^2), the first two outputs (currents)
+// EMF consistency, in the estimated rotor axes:
 //
-// All in the estimated rotor axes, LP a first-order low-pass. Lost where r > emf_limit or
-// nis > nis_limit for t_lost_s on end; the controller then reports lost_synchronism and goes to
-// safe mode. Near standstill r says little: there the innovation is what remains.
+//   e_d = u_d - R_s i_d + omega_e L_q i_q              0 in synchronism
+//   e_q = u_q - R_s i_q - omega_e L_d i_d              omega_e psi_f in synchronism
+//   r   = |LP(e_dq - [0; omega_e psi_f])|/(psi_f max(|omega_e|, omega_min))
+//
+// Innovation, of the first two outputs (currents):
+//
+//   nis = LP(|innov|^2)/(2 innovation_A^2)
+//
+// LP is a first-order low-pass. Synchronism is lost where r > emf_limit or nis > nis_limit without
+// interruption for t_lost_s; the controller then reports lost_synchronism and goes to safe mode.
+// Near standstill r contains little information; there nis decides.
 #pragma once
 #include "model/fields.hpp"
 #include "model/machine.hpp"

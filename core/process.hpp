@@ -2,9 +2,9 @@
 // with a limit.
 //
 //   int main(int argc, char** argv) {
-//     return twinrate::run_process({Role::kGain, "twinrate-gain", "ESTIMATE -> [background_step] ->
-//     GAIN"}, argc, argv,
-//                                  [](Process& p) { .. subscribe, p.ready(), p.run(); });
+//     return twinrate::run_process(
+//         {Role::kGain, "twinrate-gain", "ESTIMATE -> [background_step] -> GAIN"}, argc, argv,
+//         [](Process& p) { .. subscribe, p.ready(), p.run(); });
 //   }
 //
 // Exit codes: 0 done or stopped on request, 1 the run ended badly, 2 bad input, 3 the machine

@@ -1,14 +1,17 @@
-// Active-flux filter: L_q on both axes makes the rest of a salient machine's flux lie on the d
-// axis.
+// Active-flux filter: with L_q on both axes, the remaining flux of a salient machine lies on the
+// d axis.
 //
-//   psi_s = L_q i + psi_a [cos theta_e; sin theta_e],  psi_a = psi_f + (L_d - L_q) i_d
-//   u = R_s i + L_q i' + e,   e = d/dt (psi_a [cos; sin]) = omega_e psi_a [-sin; cos] where i_d is
-//   steady
+//   psi_s = L_q i + psi_a [cos theta_e; sin theta_e]     stator flux, stationary frame, Wb
+//   psi_a = psi_f + (L_d - L_q) i_d                      active flux, Wb
+//   u     = R_s i + L_q i' + e                           V
+//   e     = d/dt (psi_a [cos theta_e; sin theta_e])
+//         = omega_e psi_a [-sin theta_e; cos theta_e]    while i_d is constant
 //
-// So the model is exact for a salient rotor in steady state; while i_d moves, e has a part along d
-// that turns the estimated angle. Speed from the rate of the EMF's angle. Equations and shapes:
-// estimator/backemf_filter.hpp; angle and speed: estimator/emf_angle.hpp. Source: Boldea, Paicu,
-// Andreescu, active flux concept; physics of docs/theory/ipmsm-filters.md.
+// The model is exact for a salient rotor in steady state. While i_d changes, e has a component
+// along d, which turns the estimated angle. The speed is the rate of the angle of e.
+// State, input, output, prediction, correction, background: estimator/backemf_filter.hpp with
+// L_alpha = L_beta = L_q. Angle and speed: estimator/emf_angle.hpp.
+// Source: Boldea, Paicu, Andreescu, active flux concept; docs/theory/ipmsm-filters.md.
 #pragma once
 #include "estimator/backemf_filter.hpp"
 

@@ -1,15 +1,42 @@
-// Kalman filter of a back-EMF that turns with the rotor, stationary frame: the part that
-// backemf_printed and active_flux share. They differ in the two inductances.
+// Kalman filter of a back-EMF that turns with the rotor, in the stationary frame. It is the common
+// part of backemf_printed and active_flux, which differ in the two inductances.
 //
-//   x = [i_alpha, i_beta, e_alpha, e_beta],  u = u_alphabeta,  y = i_alphabeta,  H = [I 0]
-//   i_alpha' = (u_alpha - R_s i_alpha - e_alpha)/L_alpha     e_alpha' = -omega_e e_beta    (1),
-//   (3), i_beta'  = (u_beta  - R_s i_beta  - e_beta )/L_beta      e_beta'  =  omega_e e_alpha   (4)
-//   mended Phi = I + A T_s, the EMF's block exactly [cos -sin; sin cos](omega_e T_s) with rotation
-//   = exact P^- = Phi P Phi' + Q_0,  K = P^- H'(H P^- H' + R_0)^-1 (25)-(27)
+//   state    x = [i_alpha, i_beta, e_alpha, e_beta]    A, A, V, V                               (7)
+//   input    u = [u_alpha, u_beta]                     V, mean applied from t_{k-1} to t_k      (9)
+//   output   y = [i_alpha, i_beta]                     A;  y = H x, H = [I 0], 2 by 4     (8), (23)
 //
-// omega_e is no state: it is the low-passed speed of estimator/emf_angle.hpp, from which the angle
-// comes too; the background reads it from the snapshot. Q_0 and R_0 are discrete, per background
-// update. In the paper's axes: i_q^s = i_alpha, i_d^s = -i_beta, E_q^s = e_alpha, E_d^s = -e_beta.
+// Model, x' = A(omega_e) x + B u:
+//
+//   i_alpha' = (u_alpha - R_s i_alpha - e_alpha)/L_alpha                                  (1), (4)*
+//   i_beta'  = (u_beta  - R_s i_beta  - e_beta )/L_beta                                   (1), (4)*
+//   e_alpha' = -omega_e e_beta                                                           (3)*, (4)*
+//   e_beta'  =  omega_e e_alpha                                                          (3)*, (4)*
+//
+// omega_e is no state: it is the low-passed speed omega_f of estimator/emf_angle.hpp, which also
+// gives the angle. Fast step, every T_s, with a given K:
+//
+//   x^-   = Phi x + T_s B u            prediction = "euler"; also "rk4", "exact"         (10), (20)
+//   innov = y - H x^-
+//   x     = x^- + K innov                                                                      (24)
+//
+// Background step, every n T_s, at the speed of the snapshot, with c = cos(omega_e T_s) and
+// s = sin(omega_e T_s) (rotation = "exact"), or c = 1 and s = omega_e T_s (rotation = "euler"):
+//
+//         [1 - T_s R_s/L_alpha   0                    -T_s/L_alpha   0          ]
+//   Phi = [0                     1 - T_s R_s/L_beta    0            -T_s/L_beta ]             (22)*
+//         [0                     0                     c            -s          ]
+//         [0                     0                     s             c          ]
+//   P^- = Phi P Phi' + Q_0                                                                    (25)*
+//   K   = P^- H' (H P^- H' + R_0)^-1                                                           (27)
+//   P   = (I - K H) P^-                              covariance = "paper"                      (26)
+//   P   = (I - K H) P^- (I - K H)' + K R_0 K'        any other form
+//
+// Q_0 and R_0 are discrete covariances of one background update: Q_0 in A^2, A^2, V^2, V^2; R_0 in
+// A^2, A^2. A correction that is not finite is left out: the state keeps the prediction, status
+// kNotFinite.
+// The paper's axes: i_q^s = i_alpha, i_d^s = -i_beta, E_q^s = e_alpha, E_d^s = -e_beta.
+// Source: Kim, Yoon, Kook. An asterisk marks an equation whose printed form is wrong
+// (docs/theory/ipmsm-filters.md).
 #pragma once
 #include "estimator/covariance.hpp"
 #include "estimator/filter.hpp"

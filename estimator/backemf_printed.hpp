@@ -1,10 +1,13 @@
-// The filter that Kim et al. print, its signs mended: L_q on alpha, L_d on beta, whatever the
-// rotor's angle. Exact on their fixed-axes machine alone (plant.saliency = "fixed_axes"); on a
-// salient rotor its angle is 30 deg off under load, which docs/theory/ipmsm-filters.md explains.
+// The filter that Kim et al. print, with corrected signs: L_q on alpha and L_d on beta at every
+// angle of the rotor.
 //
-// Defaults are the printed Q_0, R_0, P_0. The printed Q_0 holds 80e3 and 10e3 for the two axes of a
-// vector that turns; Q_diag = [2e3, 2e3, 80e3, 80e3] is the sound form.
-// Equations and shapes: estimator/backemf_filter.hpp; angle and speed: estimator/emf_angle.hpp.
+// State, input, output, prediction, correction, background: estimator/backemf_filter.hpp with
+// L_alpha = L_q, L_beta = L_d. Angle and speed: estimator/emf_angle.hpp.
+//
+// The model is exact on the fixed-axes machine alone (plant.saliency = "fixed_axes"). On a salient
+// rotor its angle is wrong by 30 deg under load (docs/theory/ipmsm-filters.md).
+// The defaults are the printed Q_0, R_0, P_0. The printed Q_0 gives 80e3 and 10e3 to the two axes
+// of a vector that turns; Q_diag = [2e3, 2e3, 80e3, 80e3] is the sound form.
 #pragma once
 #include "estimator/backemf_filter.hpp"
 

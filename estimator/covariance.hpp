@@ -1,8 +1,11 @@
-// The measurement half of a background step, the same for every filter with a linear output y = H
-// x.
+// The measurement half of a background step, for every filter with a linear output y = H x.
 //
-//   K = P^- H' (H P^- H' + R)^-1;  P = (I - K H) P^- (I - K H)' + K R K'  (Joseph)  or  (I - K H)
-//   P^-  (paper)
+//   K = P^- H' (H P^- H' + R)^-1                                                         Dilys (17)
+//   P = (I - K H) P^- (I - K H)' + K R K'              covariance = "joseph"
+//   P = (I - K H) P^-                                  covariance = "paper", Dilys (15)
+//
+// Shapes: P^-, P NX by NX; H NY by NX; R NY by NY; K NX by NY.
+// A K or P that is not finite is not taken over: the gain keeps the previous values.
 #pragma once
 #include <Eigen/LU>
 

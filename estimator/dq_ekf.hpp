@@ -1,18 +1,43 @@
 // Extended Kalman filter of a salient machine in rotor axes; the angle enters through the output.
 //
-//   x = [i_d, i_q, omega_e, theta_e],  u = u_alphabeta,  y = i_alphabeta = R(theta_e) i_dq
-//   L_d i_d' = u_d - R_s i_d + omega_e L_q i_q                        u_dq = R(-theta_e)
-//   u_alphabeta L_q i_q' = u_q - R_s i_q - omega_e (L_d i_d + psi_f),  omega_e' = 0,  theta_e' =
-//   omega_e fast:       x = x^- + K innov,  innov = R(-theta_e^-) y - i_dq^- background: F = I +
-//   F_c T_s at the snapshot, P^- = F P F' + Q, x^- = one period on,
-//               H = [1 0 0 -i_q^-; 0 1 0 i_d^-],  K, P as ever
+//   state    x = [i_d, i_q, omega_e, theta_e]          A, A, rad/s, rad (electrical)
+//   input    u = [u_alpha, u_beta]                     V, mean applied from t_{k-1} to t_k
+//   output   y = [i_alpha, i_beta]                     A;  y = R(theta_e) [i_d; i_q]
 //
-// The innovation is turned into the predicted rotor axes. With R = r I that is the ordinary EKF
-// (its K is this one times R(-theta_e^-)), and the gain does not grow old by rotation: at n > 1 it
-// needs no turning, whatever the gain policy. F needs the voltage: x_hat[4..5] carry u_dq of the
-// last period, in the rotor axes of its middle. At standstill without current nothing is observable
-// but omega_e; with current the saliency shows the angle up to half a turn
-// (docs/theory/ipmsm-filters.md). Q and R are discrete, per background update.
+// Model, x' = f(x, u), with [u_d; u_q] = R(-theta_e) [u_alpha; u_beta]:
+//
+//   L_d i_d' = u_d - R_s i_d + omega_e L_q i_q                                        Niewiara (10)
+//   L_q i_q' = u_q - R_s i_q - omega_e (L_d i_d + psi_f)                                       (11)
+//   omega_e' = 0                                                                          Dilys (3)
+//   theta_e' = omega_e                                                                          (3)
+//
+// Fast step, every T_s, with a given K:
+//
+//   x^-   = x + T_s f(x, u)                            prediction = "euler"; also "rk4", "exact"
+//   innov = R(-theta_e^-) y - [i_d^-; i_q^-]           the innovation in the predicted rotor axes
+//   x     = x^- + K innov                              theta_e wrapped into [0, 2 pi)
+//
+// Background step, every n T_s, at the snapshot x; x^- is x one period later:
+//
+//         [1 - T_s R_s/L_d        T_s omega_e L_q/L_d   T_s L_q i_q/L_d             T_s u_q/L_d ]
+//   F   = [-T_s omega_e L_d/L_q   1 - T_s R_s/L_q      -T_s (L_d i_d + psi_f)/L_q  -T_s u_d/L_q ]
+//         [0                      0                     1                           0           ]
+//         [0                      0                     T_s                         1           ]
+//   H   = [1  0  0  -i_q^-]
+//         [0  1  0   i_d^-]
+//   P^- = F P F' + Q
+//   K   = P^- H' (H P^- H' + R)^-1,  R = r I
+//   P   = (I - K H) P^-                              covariance = "paper"
+//   P   = (I - K H) P^- (I - K H)' + K R K'          any other form
+//
+// With R = r I this is the ordinary EKF, whose gain is K R(-theta_e^-). K itself does not age by
+// rotation: at n > 1 no gain policy turns it. F needs the voltage: x_hat[4..5] carry u_dq of the
+// last period, in the rotor axes of its middle.
+// At standstill without current only omega_e is observable. With current the saliency shows the
+// angle up to half a turn (docs/theory/ipmsm-filters.md).
+// Q and R are discrete covariances of one background update: Q in A^2, A^2, (rad/s)^2, rad^2; r in
+// A^2. A correction that is not finite is left out: the state keeps the prediction, status
+// kNotFinite.
 #pragma once
 #include "estimator/backemf_filter.hpp"
 

@@ -1,16 +1,51 @@
-// Extended-EMF filter of a salient machine, stationary frame, speed as a state.
+// Extended-EMF filter of a salient machine in the stationary frame, with the speed as a state.
 //
-//   x = [i_alpha, i_beta, e_alpha, e_beta, omega_e],  u = u_alphabeta,  y = i_alphabeta,  H = [I 0]
+//   state    x = [i_alpha, i_beta, e_alpha, e_beta, omega_e]     A, A, V, V, rad/s (electrical)
+//   input    u = [u_alpha, u_beta]                     V, mean applied from t_{k-1} to t_k
+//   output   y = [i_alpha, i_beta]                     A;  y = H x, H = [I 0], 2 by 5
+//
+// Model, x' = f(x, u):
+//
 //   L_d i_alpha' = u_alpha - R_s i_alpha - omega_e (L_d - L_q) i_beta  - e_alpha
 //   L_d i_beta'  = u_beta  - R_s i_beta  + omega_e (L_d - L_q) i_alpha - e_beta
-//   e_alpha' = -omega_e e_beta,  e_beta' = omega_e e_alpha,  omega_e' = 0
-//   e = E_ex [-sin theta_e; cos theta_e],  E_ex = omega_e psi_f + (L_d - L_q)(omega_e i_d - i_q')
-//   theta_e = atan2(-e_alpha, e_beta), turned by pi where omega_e < 0
+//   e_alpha'     = -omega_e e_beta
+//   e_beta'      =  omega_e e_alpha
+//   omega_e'     = 0
 //
-// The model is exact for a salient rotor; e is taken to keep its length over one period. At
-// standstill e = 0 and the angle is nowhere in it: start with "align_if". prediction = euler has a
-// constant angle error of about omega_e T_s/2, rk4 and exact have none. Source: Chen, Tomita, Doki,
-// Okuma 2003, extended EMF; docs/theory/ipmsm-filters.md.
+// The extended EMF holds the angle; theta_e is no state:
+//
+//   e       = E_ex [-sin theta_e; cos theta_e]
+//   E_ex    = omega_e psi_f + (L_d - L_q) (omega_e i_d - i_q')
+//   theta_e = atan2(-e_alpha, e_beta)                  plus pi where omega_e < 0
+//
+// Fast step, every T_s, with a given K:
+//
+//   x^-   = x + T_s f(x, u)            prediction = "euler", e turned by R(omega_e T_s) where
+//                                      rotation = "exact"; also "rk4", "exact" at frozen omega_e
+//   innov = y - H x^-
+//   x     = x^- + K innov
+//
+// Background step, every n T_s, at the snapshot x, with a = T_s R_s/L_d, b = T_s/L_d,
+// s = T_s (L_d - L_q)/L_d. rotation = "exact": c = cos(omega_e T_s), d = sin(omega_e T_s) and
+// e^- = R(omega_e T_s) e. rotation = "euler": c = 1, d = omega_e T_s and e^- = e.
+//
+//         [1 - a       -s omega_e   -b    0   -s i_beta     ]
+//         [s omega_e    1 - a        0   -b    s i_alpha    ]
+//   F   = [0            0            c   -d   -T_s e_beta^- ]
+//         [0            0            d    c    T_s e_alpha^-]
+//         [0            0            0    0    1            ]
+//   P^- = F P F' + Q
+//   K   = P^- H' (H P^- H' + R)^-1
+//   P   = (I - K H) P^-                              covariance = "paper"
+//   P   = (I - K H) P^- (I - K H)' + K R K'          any other form
+//
+// The model is exact for a salient rotor; the length of e is taken to be constant over one period.
+// At standstill e = 0 and holds no angle: start with "align_if". prediction = "euler" has a
+// constant angle error of about omega_e T_s/2; "rk4" and "exact" have none.
+// Q and R are discrete covariances of one background update: Q in A^2, A^2, V^2, V^2, (rad/s)^2; R
+// in A^2, A^2. A correction that is not finite is left out: the state keeps the prediction, status
+// kNotFinite.
+// Source: Chen, Tomita, Doki, Okuma 2003, extended EMF; docs/theory/ipmsm-filters.md.
 #pragma once
 #include "estimator/backemf_filter.hpp"
 

@@ -1,17 +1,53 @@
-// Disturbance extended Kalman filter in rotor axes (Niewiara 2020, corrected): overall load torque
-// as a state.
+// Disturbance extended Kalman filter in rotor axes: the load torque is a state.
 //
-//   x = [i_d, i_q, omega_m, T_o],  u = u_dq,  y = [i_d, i_q, omega_m] (19), (22) L_d i_d' = u_d -
-//   R_s i_d + n_p omega_m L_q i_q                                                  (10) L_q i_q' =
-//   u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)                                        (11) J
-//   omega_m' = 3/2 n_p (psi_f + (L_d - L_q) i_d) i_q - T_o,  T_o' = 0 (12), (20) fast:       x^- =
-//   x + T f (Euler = (24)), Runge-Kutta 4 or exact at frozen omega_m;
-//               T_o^- = T_o + L T_s (omega_m - omega_m^-);  x = x^- + K (y - C x^-) (25), (23)
-//   background: P^- = F P F' + Q, K by (27), P by (28) or Joseph
+//   state    x = [i_d, i_q, omega_m, T_o]              A, A, rad/s (mechanical), Nm            (19)
+//   input    u = [u_d, u_q]                            V, mean applied from t_{k-1} to t_k
+//   output   y = [i_d, i_q, omega_m]                   A, A, rad/s; y = C x, C = [I 0], 3 by 4 (22)
 //
-// Where a log holds no voltages the measured currents are inputs and the filter reduces to
-//   x = [omega_m, T_o],  y = omega_m,  J omega_m' = T_em(mean of the two last i_dq) - T_o
-// Friction is part of T_o (as in the paper). Q and R are discrete, per background update.
+// Model, x' = f(x, u):
+//
+//   L_d i_d'   = u_d - R_s i_d + n_p omega_m L_q i_q                                           (10)
+//   L_q i_q'   = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)                                 (11)
+//   J omega_m' = 3/2 n_p (psi_f + (L_d - L_q) i_d) i_q - T_o                                   (12)
+//   T_o'       = 0                                                                             (20)
+//
+// Fast step, every T_s, with a given K:
+//
+//   x^-   = x + T_s f(x, u)            prediction = "euler"; "rk4"; "exact" at frozen omega_m  (24)
+//   T_o^- = T_o + L T_s (omega_m - omega_m^-)          omega_m: measured                       (25)
+//   innov = y - C x^-
+//   x     = x^- + K innov                                                                      (23)
+//
+// Background step, every n T_s, at the snapshot x, with omega_e = n_p omega_m,
+// k_R = 3/2 n_p (L_d - L_q) and k_T = 3/2 n_p (psi_f + (L_d - L_q) i_d):
+//
+//         [1 - T_s R_s/L_d         T_s omega_e L_q/L_d   T_s n_p L_q i_q/L_d              0     ]
+//   F   = [-T_s omega_e L_d/L_q    1 - T_s R_s/L_q      -T_s n_p (L_d i_d + psi_f)/L_q    0     ]
+//         [T_s k_R i_q/J           T_s k_T/J             1                               -T_s/J ]
+//         [0                       0                     0                                1     ]
+//   P^- = F P F' + Q                                                                           (26)
+//   K   = P^- C' (C P^- C' + R)^-1                                                             (27)
+//   P   = (I - K C) P^-                              covariance = "paper"                      (28)
+//   P   = (I - K C) P^- (I - K C)' + K R K'          covariance = "joseph"
+//
+// covariance = "sequential" corrects with one output after the other: kernels/ekf_dq_kernel.hpp.
+//
+// Reduced filter, for a log without voltages; its inputs are the measured currents:
+//
+//   state    x = [omega_m, T_o],  input u = [i_d, i_q],  output y = omega_m
+//   omega_m^- = omega_m + T_s/J (T_em(u) - T_o)        u: mean of the last two samples         (12)
+//   innov     = y - omega_m^-
+//   T_o^-     = T_o + L T_s innov                                                              (25)
+//   x         = x^- + K innov                                                                  (23)
+//   F         = [1 -T_s/J; 0 1],  C = [1 0]
+//
+// u_dq = R(-theta_e) u_alphabeta with theta_e in the middle of the interval. Friction is part of
+// T_o, as in the paper. The torque of known effects adds to T_o in the prediction and in T_load of
+// the estimate; the state T_o is the remaining load.
+// Q and R are discrete covariances of one background update: Q in A^2, A^2, (rad/s)^2, (Nm)^2; R in
+// A^2, A^2, (rad/s)^2. L in Nm/rad, negative.
+// A correction that is not finite is left out: the state keeps the prediction, status kNotFinite.
+// Source: Niewiara 2020, corrected (docs/theory/disturbance-ekf.md, "Errata of the paper").
 #pragma once
 #include "estimator/covariance.hpp"
 #include "estimator/filter.hpp"

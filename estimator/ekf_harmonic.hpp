@@ -1,19 +1,45 @@
-// Disturbance filter whose load is periodic in the mechanical angle: harmonic oscillators as
-// states.
+// Disturbance filter with a load that is periodic in the mechanical angle: each order is a harmonic
+// oscillator, a pair of states.
 //
-//   x = [i_d, i_q, omega_m, T_0, a_1, b_1, .., a_m, b_m],  u = u_dq,  y = [i_d, i_q, omega_m]
-//   T_o = T_0 + sum_j a_j + T_known(theta_m)                         the load that opposes the
-//   motion first three equations as in estimator/ekf_disturbance.hpp (10)-(12), T_0' = 0 with (25)
-//   [a_j; b_j]' = N_j omega_m [0 1; -1 0] [a_j; b_j]                 a_j = A sin(N_j theta_m +
-//   phase) fast:        oscillators turned by N_j times the measured change of angle, then
-//                x = x^- + K (y - C x^-)
-//   background:  P^- = F P F' + Q, K and P as in the other filters; n_x = 4 + 2 m, m <= 10
+//   state    x = [i_d, i_q, omega_m, T_0, a_1, b_1, .., a_m, b_m]     A, A, rad/s, Nm, Nm ..
+//   input    u = [u_d, u_q]                            V, mean applied from t_{k-1} to t_k
+//   output   y = [i_d, i_q, omega_m]                   A, A, rad/s;  y = C x, C = [I 0]
 //
-// In a turning frame the gain hardly depends on the angle, so the background may be slow. The rate
-// of the load is known, dT_o/dt = sum_j N_j omega_m b_j, and published: a controller that knows its
-// own lag can feed the load forward ahead of time. The paper's filter is the one with no orders.
-// Needs phase currents, voltages and a position sensor; a sample without one of them is predicted
-// over. Q and R are discrete, per background update.
+// n_x = 4 + 2 m with m <= 10 orders N_1 .. N_m (periods per mechanical turn). Model:
+//
+//   L_d i_d'   = u_d - R_s i_d + n_p omega_m L_q i_q                                  Niewiara (10)
+//   L_q i_q'   = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)                                 (11)
+//   J omega_m' = 3/2 n_p (psi_f + (L_d - L_q) i_d) i_q - T_o                                   (12)
+//   T_o        = T_0 + sum_j a_j + T_known(theta_m)    the load; positive opposes the motion
+//   T_0'       = 0                                                                             (20)
+//   a_j'       =  N_j omega_m b_j                      so a_j = A_j sin(N_j theta_m + phase_j)
+//   b_j'       = -N_j omega_m a_j
+//
+// Fast step, every T_s, with a given K; dtheta_m is the measured change of the angle:
+//
+//   [a_j; b_j]^- = R(-N_j dtheta_m) [a_j; b_j]         exact rotation
+//   x^-[0..3]    as estimator/ekf_disturbance.hpp predicts, T_o taken in mid-interval          (24)
+//   innov        = y - C x^-
+//   T_0^-        = T_0 + L T_s innov_omega_m                                                   (25)
+//   x            = x^- + K innov                                                               (23)
+//
+// Background step, every n T_s, at the snapshot x:
+//
+//         [F of estimator/ekf_disturbance.hpp   -T_s/J in row omega_m, column a_j, for each j]
+//   F   = [0                                     block diagonal, R(-N_j omega_m T_s) for each j ]
+//   P^- = F P F' + Q                                                                           (26)
+//   K   = P^- C' (C P^- C' + R)^-1                                                             (27)
+//   P   = (I - K C) P^- (I - K C)' + K R K'            covariance = "joseph"
+//   P   = P^- - K C P^-                                any other form                          (28)
+//   P   is then made symmetric: (P + P')/2
+//
+// The rate of the load is dT_o/dt = sum_j N_j omega_m b_j + the rate of T_known. It is published: a
+// controller with a known lag can feed the load forward that much ahead. The gain hardly depends on
+// the angle, because each oscillator turns in its own frame; so f_b may be low. With no orders this
+// is the filter of the paper.
+// Phase currents, voltages and a position sensor are needed. A sample without one of them is
+// predicted over. Q and R are discrete covariances of one background update, units as above.
+// Source: Niewiara 2020 for the first four states; docs/theory/disturbance-ekf.md for the rest.
 #pragma once
 #include "estimator/ekf_disturbance.hpp"
 

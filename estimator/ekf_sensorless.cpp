@@ -53,8 +53,9 @@ EkfSensorless::State EkfSensorless::f(const State& x, const Vec2& u_alphabeta) c
           -a_ * i_beta - b_ * omega_e * std::cos(theta_e) + inv_L_ * u_alphabeta[1], 0.0, omega_e};
 }
 
-// With omega_e constant over the interval: i' = -a i + u/L - j b omega_e exp(j (theta_e + omega_e
-// t)).
+// With omega_e constant over the interval, i = i_alpha + j i_beta and u likewise:
+//
+//   i' = -a i + u/L - j b omega_e exp(j (theta_e + omega_e t))
 static Vec2 exact_currents(const EkfSensorless::State& x, const Vec2& u_alphabeta, double a,
                            double b, double inv_L, double T) {
   using Complex = std::complex<double>;

@@ -1,18 +1,41 @@
-// Sensorless extended Kalman filter in the stationary frame (Dilys 2021, corrected), surface-magnet
-// machine.
+// Sensorless extended Kalman filter in the stationary frame, for a surface-magnet machine.
 //
-//   x = [i_alpha, i_beta, omega_e, theta_e],  u = u_alphabeta,  y = i_alphabeta,  H = [I 0] (5),
-//   (7) i_alpha' = -R_s/L i_alpha + psi_f/L omega_e sin theta_e + u_alpha/L (6) i_beta'  = -R_s/L
-//   i_beta  - psi_f/L omega_e cos theta_e + u_beta/L omega_e' = 0,  theta_e' = omega_e fast: x^- =
-//   x + T f(x) + B u (Euler), or Runge-Kutta 4, or exact;  x = x^- + K (y - H x^-)  (13), (16),
-//   (18) background: F = I + F_c T_s at the snapshot; P^- = F P F' + Q; K = P^- H'(H P^- H' +
-//   R)^-1;       (11), (14), (17)
-//               P = (I - K H) P^-  ("paper") or (I - K H) P^- (I - K H)' + K R K' ("joseph") (15)
-//               or one output after the other ("sequential"); written out by hand in
-//               kernels/ekf_sensorless_kernel.hpp
+//   state    x = [i_alpha, i_beta, omega_e, theta_e]   A, A, rad/s, rad (electrical)            (5)
+//   input    u = [u_alpha, u_beta]                     V, mean applied from t_{k-1} to t_k      (5)
+//   output   y = [i_alpha, i_beta]                     A;  y = H x, H = [I 0], 2 by 4      (5), (7)
 //
-// F holds the control period T_s also when the background runs every n-th tick only; Q and R are
-// discrete, per background update: A^2, (rad/s)^2, rad^2. L = L_d (the model has no saliency).
+// Model, x' = f(x, u), with L = L_d (the model has no saliency):
+//
+//   i_alpha' = -R_s/L i_alpha + psi_f/L omega_e sin theta_e + u_alpha/L                    (3), (6)
+//   i_beta'  = -R_s/L i_beta  - psi_f/L omega_e cos theta_e + u_beta/L                     (3), (6)
+//   omega_e' = 0                                                                           (3), (6)
+//   theta_e' = omega_e                                                                     (3), (6)
+//
+// Fast step, every T_s, with a given K:
+//
+//   x^-   = x + T_s f(x, u)            prediction = "euler"; "rk4" and "exact" likewise        (13)
+//   innov = y - H x^-
+//   x     = x^- + K innov              theta_e wrapped into [0, 2 pi)                    (16), (18)
+//
+// Background step, every n T_s, at the snapshot x:
+//
+//         [1 - T_s R_s/L  0              T_s psi_f/L sin theta_e   T_s psi_f/L omega_e cos theta_e]
+//   F   = [0              1 - T_s R_s/L -T_s psi_f/L cos theta_e   T_s psi_f/L omega_e sin theta_e]
+//         [0              0              1                         0                              ]
+//         [0              0              T_s                       1                              ]
+//       = I + F_c T_s                                                                     (9), (11)
+//   P^- = F P F' + Q                                                                           (14)
+//   K   = P^- H' (H P^- H' + R)^-1                                                             (17)
+//   P   = (I - K H) P^-                              covariance = "paper"                      (15)
+//   P   = (I - K H) P^- (I - K H)' + K R K'          covariance = "joseph"
+//
+// covariance = "sequential" corrects with one output after the other: the same K and P without the
+// inverse. kernels/ekf_sensorless_kernel.hpp holds all of it, written out by hand.
+//
+// F holds the control period T_s at every n. Q and R are discrete covariances of one background
+// update: Q in A^2, A^2, (rad/s)^2, rad^2; R in A^2, A^2. They do not scale with T_s or n.
+// A correction that is not finite is left out: the state keeps the prediction, status kNotFinite.
+// Source: Dilys 2021, corrected (docs/theory/two-rate-ekf.md, "Errata of the paper").
 #pragma once
 #include "estimator/covariance.hpp"
 #include "estimator/filter.hpp"

@@ -4,12 +4,12 @@
 //
 //   theta_emf = atan2(-e_alpha, e_beta)                                                  (28), (29)
 //   direction = -1 where theta_emf, unwrapped, went back since the last interval, else +1
-//   theta_hat = theta_emf, + pi where direction = -1                                     (30)
+//   theta_hat = theta_emf, + pi where direction = -1                                           (30)
 //   omega_e   = direction |e|/psi            (speed_from = emf)                          (31), (33)
-//             = (theta_emf change)/T_est     (speed_from = angle_rate)                   (32)
-//   omega_f   = first-order low-pass of omega_e, bilinear, cut-off a                     (34)
+//             = (theta_emf change)/T_est     (speed_from = angle_rate)                         (32)
+//   omega_f   = first-order low-pass of omega_e, bilinear, cut-off a                           (34)
 //   theta_e  += change towards theta_hat, at most max(2 |omega_f| T_est, floor)          (36)-(38)
-//   theta_e(k) = theta_e + j T_s omega_e,  j ticks after the interval's first            (39)
+//   theta_e(k) = theta_e + j T_s omega_e,  j ticks after the interval's first                  (39)
 //
 // psi is psi_f as printed, or psi_f + (L_d - L_q) i_d (saliency_in_speed). As printed, (30) adds pi
 // at standstill and (36) is zero there, so that the angle freezes: hence the strict sign and the

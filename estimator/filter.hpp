@@ -1,11 +1,12 @@
-// What every filter offers: a fast step at f_s and a background step at f_b, both pure.
+// The interface of every filter: a fast step at f_s and a background step at f_b, both pure.
 //
-//   fast step        x_hat(k), innov = predict x_hat(k-1) under the voltage really applied, correct
-//   with a given K background step  K, P = linearise at a snapshot of x_hat, propagate P once
+//   fast step         x_hat(k), innov <- predict x_hat(k-1) under the voltage that was applied,
+//                                        correct with a given K
+//   background step   K, P            <- linearise at a snapshot of x_hat, propagate P once
 //
-// A filter holds constant parameters only; all state travels through the arguments, so that one
-// process, five processes and a replay run the same code on the same numbers. No allocation, clock
-// or I/O on these paths.
+// A filter holds constant parameters only. All state travels through the arguments, so that one
+// process, five processes and a replay compute the same numbers. No allocation, no clock and no I/O
+// on these paths.
 #pragma once
 #include <memory>
 #include <optional>

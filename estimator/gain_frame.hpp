@@ -1,10 +1,13 @@
-// A gain and a covariance in the stationary frame, seen when the rotor has turned by an angle.
+// A gain and a covariance in the stationary frame, after the rotor has turned by an angle a.
 //
-//   K(theta + a) = T(a) K(theta) R(-a),  P(theta + a) = T(a) P(theta) T(-a),  T(a) = diag(R(a), ..,
-//   I)
+//   K(theta_e + a) = T(a) K(theta_e) R(-a)
+//   P(theta_e + a) = T(a) P(theta_e) T(-a)
+//   T(a)           = diag(R(a), .., R(a), I)           one R(a) for each of `pairs`
+//   R(a)           = [cos a, -sin a; sin a, cos a]
 //
-// `pairs`: how many leading (alpha, beta) pairs of states turn (Filter::turning_pairs). This is
-// exact for a model that looks the same in every rotor position; an angle of 0 changes no bit.
+// `pairs`: number of leading (alpha, beta) pairs of states that turn (Filter::turning_pairs). The
+// relations are exact for a model that is the same in every rotor position. An angle of 0 changes
+// no bit.
 #pragma once
 #include <cmath>
 

@@ -1,9 +1,10 @@
 // Rows of a measured file as MEASUREMENT and REFERENCE on the tick grid of a drive.
 //
-//   k     round((t - t_0) f_s), strictly rising: a row whose slot is taken goes to the next free
-//   one t_ns  t - t_0 as measured, so the jitter stays in the log MEASUREMENT(k) of row r:
-//   currents, angle, speed and v_dc of row r; voltage and duty of row r-1, which is what was
-//   applied up to t_r. Row 0 repeats its own voltage.
+//   k                round((t - t_0) f_s), strictly rising: a row whose slot is taken goes to the
+//                    next free one
+//   t_ns             t - t_0 as measured, so the jitter stays in the log
+//   MEASUREMENT(k)   of row r: currents, angle, speed and v_dc of row r; voltage and duty of row
+//                    r-1, which were applied up to t_r. Row 0 repeats its own voltage.
 //
 // u_d, u_q turn with theta_m of their own row. Where there is no voltage the duties make it, on
 // v_dc of their row or, without that column, on the drive's nominal one.

@@ -1,12 +1,19 @@
 // How a foreign file's columns become a drive log's: the map file of `twinrate import`.
 //
-//   [columns]  i_q = { from = "Iq", scale = 1.0, offset = 0.0 }    value = scale * raw + offset, SI
-//              theta_m = { from = "enc", wrap = 65536, scale = 9.587e-5 }   raw unit starts again
-//              at `wrap` omega_m = "Velocity"                                short form; from = 3
-//              is the third column
-//   [time]     from = "Time", unit = "s" | "ms" | "us" | "ns", scale, offset
-//   [file]     separator = "," (";" "\t" " "), decimal = ".", skip = 0, comment = "#", header =
-//   true [drive]    preset = "laas_mn4004"
+//   [columns]
+//   i_q     = { from = "Iq", scale = 1.0, offset = 0.0 }          value = scale * raw + offset, SI
+//   theta_m = { from = "enc", wrap = 65536, scale = 9.587e-5 }    the raw unit restarts at `wrap`
+//   omega_m = "Velocity"                                          short form
+//   v_dc    = { from = 3 }                                        the third column
+//
+//   [time]
+//   from = "Time", unit = "s" | "ms" | "us" | "ns", scale, offset
+//
+//   [file]
+//   separator = "," (";" "\t" " "), decimal = ".", skip = 0, comment = "#", header = true
+//
+//   [drive]
+//   preset = "laas_mn4004"
 #pragma once
 #include <map>
 #include <string>

@@ -1,8 +1,10 @@
-// The whole loop in one process, no bus: the same functions in the same order as the process set in
-// lock-step.
+// The whole loop in one process, without a bus: the same functions in the same order as the process
+// set in lock-step. One tick:
 //
-//   MEASUREMENT(k), TRUTH(k) -> ESTIMATE(k) -> GAIN(k) when k is a snapshot -> REFERENCE(k),
-//   COMMAND(k) -> next tick
+//   MEASUREMENT(k), TRUTH(k)
+//   -> ESTIMATE(k)
+//   -> GAIN(k)                    where k is a snapshot
+//   -> REFERENCE(k), COMMAND(k)
 #pragma once
 #include <memory>
 

@@ -1,8 +1,16 @@
 // Reference frames: phases a, b, c; stationary alpha, beta; rotor d, q.
 //
-// Clarke (amplitude-invariant): i_alpha = 2/3 (i_a - i_b/2 - i_c/2), i_beta = (i_b - i_c)/sqrt3
-// (Dilys (2)) Park: x_dq = R(-theta_e) x_alphabeta with R(a) = [cos a, -sin a; sin a, cos a]; d
-// lies on the magnet flux. Held by tests/model/frames_test.cpp, which fails when a sign is flipped.
+// Clarke, amplitude-invariant:
+//
+//   x_alpha = 2/3 (x_a - x_b/2 - x_c/2)                                                   Dilys (2)
+//   x_beta  = (x_b - x_c)/sqrt3                                                           Dilys (2)
+//
+// Park; d lies on the magnet flux:
+//
+//   x_dq = R(-theta_e) x_alphabeta
+//   R(a) = [cos a, -sin a; sin a, cos a]
+//
+// tests/model/frames_test.cpp fails when a sign is flipped.
 #pragma once
 #include <Eigen/Core>
 #include <cmath>

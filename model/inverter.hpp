@@ -1,8 +1,8 @@
 // Averaged two-level inverter with space-vector modulation (SVPWM).
 //
 // The reference is limited to the voltage hexagon (amplitude 2/3 v_dc at the corners, v_dc/sqrt3 at
-// the flats), keeping its angle; zero-sequence injection min-max/2 turns it into duty cycles; the
-// mean voltage that comes out is the Clarke transform of duty * v_dc.
+// the flats); its angle is kept. Zero-sequence injection min-max/2 gives the duty cycles. The mean
+// voltage applied is the Clarke transform of duty * v_dc.
 #pragma once
 #include "model/fields.hpp"
 #include "model/frames.hpp"

@@ -1,10 +1,11 @@
 // Sensors: phase-current noise and ADC steps, incremental encoder with finite-difference speed.
 //
-// Current: i_meas = round((i + noise)/lsb) lsb, one independent noise stream a phase; with two
-// sensors i_c_meas = -(i_a_meas + i_b_meas).
-// Encoder: theta_m_meas = floor(theta_m/step) step with step = 2 pi/encoder_counts; 0 counts: exact
-// angle. Speed: (theta_m_meas(k) - theta_m_meas(k-1)) / T_s, the true speed where the encoder is
-// exact.
+//   i_meas       = round((i + noise)/lsb) lsb          one independent noise stream per phase
+//   i_c_meas     = -(i_a_meas + i_b_meas)              with two current sensors
+//   theta_m_meas = floor(theta_m/step) step            step = 2 pi/encoder_counts
+//   omega_m_meas = (theta_m_meas(k) - theta_m_meas(k-1))/T_s
+//
+// encoder_counts = 0: exact angle and exact speed.
 #pragma once
 #include <cstdint>
 

@@ -95,8 +95,8 @@ Json error_grid(const std::vector<RunView>& views, const std::vector<std::string
           {"figures", figures}};
 }
 
-// A quantity of several runs over electrical turns, each counted from its own crossing of theta_e =
-// 0.
+// A quantity of several runs over electrical turns, each counted from its own crossing of
+// theta_e = 0.
 Figure overlay(const std::vector<RunView>& views, const std::vector<std::string>& names,
                const Quantity& quantity) {
   Figure figure{.x_label = "electrical turns"};

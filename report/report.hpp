@@ -2,11 +2,10 @@
 // file:// without a network: chart code, style and numbers are all inside.
 //
 //   one run       verdict in words, table, the loss if there is one (Dilys 2021, Fig. 11), whole
-//   run, a short window
-//                 of about four electrical turns (Figs 4, 5, 8, 9), load torque and its orders,
-//                 events, config
+//                 run, a short window of about four electrical turns (Figs 4, 5, 8, 9), load torque
+//                 and its orders, events, config
 //   several runs  table of n, f_b, errors and P44; angle errors side by side (Fig. 10); P44 and
-//   gains overlaid
+//                 gains overlaid
 //
 // Figures whose quantities a log does not hold are left out. Degrees are for display only.
 #pragma once

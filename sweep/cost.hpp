@@ -1,9 +1,8 @@
 // What an estimator costs a small processor, from the times of its two halves.
 //
 //   share of the processor = f_s t_fast + f_b t_background
-//   f_emax                 = f_b / gains an electrical turn; where the gain is turned with the
-//   rotor
-//                            or tabulated f_b sets no limit
+//   f_emax                 = f_b / gains per electrical turn; f_b sets no limit where the gain is
+//                            turned with the rotor or tabulated
 //
 // Dilys 2021, Tables 2 and 4: t_fast = 4.4 + 1.7 us, t_background = 13.4 + 5.4 + 9.6 + 3.2 us. The
 // printed 6.21 % of 500 Hz belongs to 1 kHz; by the paper's own times it is 4.63 %.

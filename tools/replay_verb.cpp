@@ -1,7 +1,7 @@
 // twinrate replay: a recorded log back to the processes.
 //
 //   --lockstep   plays MEASUREMENT(k), waits for ESTIMATE(k), compares it with the logged one bit
-//   for bit
+//                for bit
 //   --speed X    plays by the log's time stamps, X times as fast (1 by default)
 #include <fmt/format.h>
 

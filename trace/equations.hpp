@@ -5,13 +5,20 @@
 //            at mid-interval
 //   torque   e = T_em - T_load - B omega_m - J omega_m' - effects,   omega_m' = second difference
 //
-// Means are to the third order. What goes by the angle is a cubic between rows: the mean m_k of
-// both ends of an interval less (m_{k-1} - 2 m_k + m_{k+1})/12; a torque, over the triangle by
-// which a second difference weighs omega_m', x_k + (x_{k-1} - 2 x_k + x_{k+1})/12. A current is no
-// cubic: its voltage is held for T while the magnets turn, and it decays, L i'' = -R_s i' -
-// psi_m''. Its mean from one sample of the controller to the next is that of both ends
-//   - T^2 omega_e^2 psi_f/(12 L_d) along d + R_s T/(12 L) (i_{k+1} - i_k);
-// over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it. A load that is set,
+// Means are to the third order. What goes by the angle is a cubic between rows; its mean over an
+// interval, m_k the mean of both ends, and that of a torque, over the triangle by which a second
+// difference weighs omega_m':
+//
+//   angle    m_k - (m_{k-1} - 2 m_k + m_{k+1})/12
+//   torque   x_k + (x_{k-1} - 2 x_k + x_{k+1})/12
+//
+// A current is no cubic: its voltage is held for T while the magnets turn, and it decays. Its mean
+// from one sample of the controller to the next is that of both ends and a part along d and q:
+//
+//   L i''    = -R_s i' - psi_m''
+//   current  m_k - T^2 omega_e^2 psi_f/(12 L_d) along d + R_s T/(12 L) (i_{k+1} - i_k)
+//
+// Over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it. A load that is set,
 // and held for T, too, is taken at T/2 before its row; a load that was measured, as it is.
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler

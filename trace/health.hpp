@@ -7,7 +7,8 @@
 //   coarse ADC        the step between values, against the noise and the declared step
 //   speed             late behind the angle, or in another unit (trace/speed_against_angle.hpp)
 //   glitches          one to three rows of a signal far away from the rest
-//   (trace/health_faults.hpp) frozen signals    one stands while the others go on (there, too)
+//                     (trace/health_faults.hpp)
+//   frozen signals    one stands while the others go on (trace/health_faults.hpp)
 //   constant signals  one that never changes: of a current, no trace
 //   time stamps       that stray, or rows that stand unevenly (trace/health_clock.hpp)
 //

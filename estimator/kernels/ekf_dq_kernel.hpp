@@ -1,12 +1,26 @@
-// The disturbance filter in rotor axes written out by hand: ekf_disturbance.hpp's equations with
-// their zeros, their symmetry and H = [I 0] used.
+// The disturbance filter in rotor axes written out by hand: the equations of
+// estimator/ekf_disturbance.hpp with their zeros, their symmetry and C = [I 0] used.
 //
-//   predict    x^- = x + T_s f(x, u)  (Euler, (24)); T_o^- = T_o + L T_s (omega_m - omega_m^-) (25)
-//   correct    x = x^- + K (y - [I 0] x^-)                                                     (23)
-//   propagate  P^- = F P F' + Q;  F = [f00 f01 f02 0; f10 f11 f12 0; f20 f21 1 f23; 0 0 0 1]
-//   gain       three outputs one after the other (R is diagonal): three divisions, no inverse
+// Prediction (Euler):
 //
-// T: number or lanes (symmetric.hpp); S: the scalar of the constants. Niewiara 2020.
+//   x^-   = x + T_s f(x, u)                                                                    (24)
+//   T_o^- = T_o + L T_s (omega_m - omega_m^-)                                                  (25)
+//
+// Correction:
+//
+//   x = x^- + K (y - [I 0] x^-)                                                                (23)
+//
+// Background:
+//
+//         [f00  f01  f02  0  ]
+//   F   = [f10  f11  f12  0  ]
+//         [f20  f21  1    f23]
+//         [0    0    0    1  ]
+//   P^- = F P F' + Q                                                                           (26)
+//   K, P  one output after the other (R is diagonal): three divisions, no inverse        (27), (28)
+//
+// T: number or lanes (symmetric.hpp). S: the scalar of the constants.
+// Source: Niewiara 2020, equation numbers.
 #pragma once
 #include "estimator/kernels/symmetric.hpp"
 
@@ -111,8 +125,12 @@ struct DqGainAndCovariance {
   Symmetric4<T> P;
 };
 
-//   k_j = P e_j/(P_jj + R_j),  P <- P - k_j (P e_j)' for the states after j
-//   K = [(I - k_2 e_2')(I - k_1 e_1') k_0, (I - k_2 e_2') k_1, k_2];   P H' = K R
+// One output after the other, for diagonal R:
+//
+//   k_j  = P e_j/(P_jj + R_j)          for j = 0, 1, 2
+//   P   <- P - k_j (P e_j)'            for the states after j
+//   K    = [(I - k_2 e_2') (I - k_1 e_1') k_0,  (I - k_2 e_2') k_1,  k_2]
+//   P H' = K R
 template <class T, class S>
 [[gnu::always_inline]] inline DqGainAndCovariance<T> sequential(const Symmetric4<T>& P_prior,
                                                                 const S (&R)[3]) {

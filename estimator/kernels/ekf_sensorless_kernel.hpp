@@ -1,18 +1,33 @@
-// The sensorless filter written out by hand: ekf_sensorless.hpp's equations with their zeros, their
-// symmetry and H = [I 0] used.
+// The sensorless filter written out by hand: the equations of estimator/ekf_sensorless.hpp with
+// their zeros, their symmetry and H = [I 0] used.
 //
-//   predict     i^- = r i + g u + omega_e (e_0 h(theta_0) + e_m h(theta_m) + e_1 h(theta_1)),
-//               h(theta) = [sin theta, -cos theta];  theta_0, theta_m, theta_1 = the angle at the
-//               begin, middle and end of T_s;  omega_e^- = omega_e,  theta_e^- = theta_e + T_s
-//               omega_e Euler: e_m = e_1 = 0. Runge-Kutta 4 of the linear current equation has this
-//               form too.
-//   correct     x = x^- + K (y - [I 0] x^-)                                            (16)
-//   propagate   P^- = F P F' + Q;  F = [d 0 g02 g03; 0 d g12 g13; 0 0 1 0; 0 0 T_s 1]   (11), (14)
-//   gain        K = P^- H' S^-1,  S = P^-_(0..1)(0..1) + R                             (17)
-//   posterior   P H' = K R gives 7 of the 10 entries of P without a subtraction; the other three
-//               are P^-_ij - K_i0 P^-_0j - K_i1 P^-_1j                                 (15)
+// Prediction over T_s, with h(theta) = [sin theta; -cos theta] and the angle theta_0, theta_m,
+// theta_1 at the beginning, in the middle and at the end of T_s:
 //
-// T: number or lanes (symmetric.hpp); S: the scalar of the constants. Dilys 2021, equation numbers.
+//   i^-       = r i + g u + omega_e (e_0 h(theta_0) + e_m h(theta_m) + e_1 h(theta_1))         (13)
+//   omega_e^- = omega_e                                                                        (13)
+//   theta_e^- = theta_e + T_s omega_e                                                          (13)
+//
+// Euler: e_m = e_1 = 0. Runge-Kutta 4 of the linear current equation has this form, too.
+//
+// Correction:
+//
+//   x = x^- + K (y - [I 0] x^-)                                                                (16)
+//
+// Background:
+//
+//         [d   0   g02  g03]
+//   F   = [0   d   g12  g13]                                                                   (11)
+//         [0   0   1    0  ]
+//         [0   0   T_s  1  ]
+//   P^- = F P F' + Q                                                                           (14)
+//   S   = P^-_(0..1)(0..1) + R
+//   K   = P^- H' S^-1                                                                          (17)
+//   P_ij = K_ij R_j                           for j = 0, 1: 7 of the 10 entries, from P H' = K R
+//   P_ij = P^-_ij - K_i0 P^-_0j - K_i1 P^-_1j     the other three                              (15)
+//
+// T: number or lanes (symmetric.hpp). S (template parameter): the scalar of the constants.
+// Source: Dilys 2021, equation numbers.
 #pragma once
 #include "estimator/kernels/symmetric.hpp"
 
@@ -34,7 +49,9 @@ SensorlessConstants<S> sensorless_euler(S R_s, S L, S psi_f, S T_s) {
   return {T_s, d, b, d, T_s / L, b, 0, 0};
 }
 
-// Runge-Kutta 4 of i' = -a i + v(t) is r i + T_s (w_0 v(0) + w_m v(T_s/2) + w_1 v(T_s)).
+// Runge-Kutta 4 of i' = -a i + v(t):
+//
+//   i(T_s) = r i(0) + T_s (w_0 v(0) + w_m v(T_s/2) + w_1 v(T_s))
 template <class S>
 SensorlessConstants<S> sensorless_rk4(S R_s, S L, S psi_f, S T_s) {
   const S z = -T_s * R_s / L, b = T_s * psi_f / L;
@@ -154,8 +171,11 @@ Symmetric4<T> posterior(const Symmetric4<T>& P_prior, const Gain42<T>& K, const 
           p.m33 - (K.k30 * p.m03 + K.k31 * p.m13)};
 }
 
-// "joseph": (I - K H) P^- (I - K H)' + K R K'. With M = (I - K H) P^- it is
-// M_ij - (M_i0 - K_i0 R_0) K_j0 - (M_i1 - K_i1 R_1) K_j1; the brackets hold what rounding left.
+// "joseph": P = (I - K H) P^- (I - K H)' + K R K'. With M = (I - K H) P^-:
+//
+//   P_ij = M_ij - (M_i0 - K_i0 R_0) K_j0 - (M_i1 - K_i1 R_1) K_j1
+//
+// The brackets hold the rounding error of M.
 template <class T, class S>
 Symmetric4<T> posterior_joseph(const Symmetric4<T>& P_prior, const Gain42<T>& K, const S (&R)[2]) {
   const Symmetric4<T>& p = P_prior;
@@ -189,11 +209,13 @@ struct GainAndCovariance {
   Symmetric4<T> P;
 };
 
-// "sequential": one output after the other, each a division by a number instead of an inverse of S;
-// no determinant, so nothing cancels where R is small against P^-. R must be diagonal.
+// "sequential": one output after the other, each a division by a number instead of an inverse of S.
+// No determinant is formed, so nothing cancels where R is small against P^-. R must be diagonal.
 //
-//   k_j = P e_j/(P_jj + R_j),  P <- P - k_j (P e_j)',  row j by P e_j = k_j R_j
-//   K e_0 = (I - k_1 e_1') k_0,  K e_1 = k_1
+//   k_j   = P e_j/(P_jj + R_j)         for j = 0, 1
+//   P    <- P - k_j (P e_j)'           row j by P e_j = k_j R_j
+//   K e_0 = (I - k_1 e_1') k_0
+//   K e_1 = k_1
 template <class T, class S>
 GainAndCovariance<T> sequential(const Symmetric4<T>& P_prior, const S (&R)[2]) {
   const Symmetric4<T>& p = P_prior;

@@ -1,12 +1,20 @@
 // Many steps of a Riccati recursion with constant matrices in about log2 of as many.
 //
-//   one step     X <- A X (I + G X)^-1 A' + Q          X: covariance before the correction
-//                A = F, G = H' R^-1 H, Q: process noise
-//   two of them  A <- A W A,  Q <- Q + A W Q A',  G <- G + A' G W A,   W = (I + Q G)^-1
+// One step, with X the covariance before the correction, A = F, G = H' R^-1 H and Q the process
+// noise:
 //
-// so the maps of 1, 2, 4, 8 .. steps follow from each other, and X takes those that the binary
-// digits of `steps` name. Once A has died away X no longer depends on where it began and is Q of
-// that map. (Anderson and Moore, Optimal Filtering, 1979, section 6.7.)
+//   X <- A X (I + G X)^-1 A' + Q
+//
+// Two steps of a map are one step of the map
+//
+//   W  = (I + Q G)^-1
+//   Q <- Q + A W Q A'
+//   G <- G + A' G W A
+//   A <- A W A
+//
+// So the maps of 1, 2, 4, 8 .. steps follow from each other, and X takes those of the binary digits
+// of `steps`. When A has decayed to zero, X no longer depends on its first value and equals Q of
+// that map. Source: Anderson and Moore, Optimal Filtering, 1979, section 6.7.
 #pragma once
 #include <Eigen/Core>
 #include <Eigen/LU>

@@ -1,15 +1,23 @@
 // The covariance of the sensorless filter as P = U D U' (U unit upper triangular, D diagonal), for
 // arithmetic with few digits: P is never formed, so it cannot lose its symmetry or its sign.
 //
-//   time         W = [F U, I], D_W = diag(D, Q);  weighted Gram-Schmidt of the rows of W gives U, D
-//   measurement  one output after the other, y_j = x_j + noise of variance R_j:
-//                f = U' e_j, v = D f, alpha = R_j + f' v;  k = U v/alpha
+// Time update, P^- = F P F' + Q:
 //
-// At R = 1e-4 and 1e-8, P_0 = 1e2 in float, D stays positive and the angle within 1e-5 rad of the
-// filter in double. (I - K H) P^- in float gets a negative variance at 1e-8 and, with little process
-// noise (1e-8 of (22)), loses the rotor; Joseph's form does neither
+//   W      = [F U, I]                  4 by 8
+//   D_W    = diag(D, Q)
+//   U, D   <- weighted Gram-Schmidt of the rows of W with the weights D_W             Thornton 1976
+//
+// Measurement update, one output after the other, y_j = x_j + noise of variance R_j:
+//
+//   f      = U' e_j
+//   v      = D f
+//   alpha  = R_j + f' v
+//   k      = U v/alpha                                                     Bierman 1977, chapter V
+//
+// In float, at R = 1e-4 and 1e-8 and P_0 = 1e2, D stays positive and the angle stays within 1e-5
+// rad of the filter in double. In float, (I - K H) P^- gets a negative variance at R = 1e-8; with
+// little process noise (1e-8 of Dilys (22)) it loses the rotor. Joseph's form does neither
 // (tests/estimator/kernels_test.cpp).
-// Bierman 1977, chapter V (measurement) and Thornton 1976 (time).
 #pragma once
 #include "estimator/kernels/ekf_sensorless_kernel.hpp"
 
@@ -29,7 +37,7 @@ UdCovariance<T> ud_from_diagonal(const T (&P_diag)[4]) {
   return P;
 }
 
-// F U, row by row: F = [d 0 g02 g03; 0 d g12 g13; 0 0 1 0; 0 0 T_s 1].
+// F U, row by row; F as in kernels/ekf_sensorless_kernel.hpp.
 template <class T, class S>
 void weigh_rows(const SensorlessConstants<S>& c, const SensorlessJacobian<T>& F,
                 const UdCovariance<T>& P, T (&W)[4][8]) {
@@ -87,8 +95,10 @@ void ud_correct(UdCovariance<T>& P, int output, S R_output, T (&k)[4]) {
   for (T& k_i : k) k_i = k_i / alpha;
 }
 
-// Both outputs, and the gain that corrects with both at once: K e_0 = k_0 - k_1 (k_0)_1, K e_1 =
-// k_1.
+// Both outputs, and the gain that corrects with both at once:
+//
+//   K e_0 = k_0 - k_1 (k_0)_1
+//   K e_1 = k_1
 template <class T, class S>
 Gain42<T> ud_gain(UdCovariance<T>& P, const S (&R)[2]) {
   T a[4], b[4];

@@ -1,8 +1,11 @@
 // Backlash: part of the inertia sits behind a coupling or gear with free play.
 //
-//   (J - J_load) omega_m' = T_em - B omega_m - T_shaft,   J_load omega_load' = T_shaft - T_load
-//   T_shaft = max(0, K (delta - gap/2) + D delta') above the upper flank, mirrored below the lower
-//   one, 0 between them;   delta = theta_m - theta_load
+//   (J - J_load) omega_m' = T_em - B omega_m - T_shaft
+//   J_load omega_load'    = T_shaft - T_load
+//   delta                 = theta_m - theta_load
+//   T_shaft               = max(0, K (delta - gap/2) + D delta')    above the upper flank
+//                         = 0                                       between the flanks
+//                           mirrored below the lower flank
 //
 // A memory, so at() is zero: along() simulates the load in its gap behind the measured angle and
 // gives T_load += T_shaft - T_load, J += -J_load.

@@ -1,6 +1,8 @@
 // Saturation: iron that carries much flux carries less of the next ampere's.
 //
-//   psi_q = L_q i_q f(|i_q|/I_s),  psi_dq += [0, psi_q - L_q i_q]        likewise along d
+//   psi_q   = L_q i_q f(|i_q|/I_s)                     likewise along d
+//   psi_dq += [0, psi_q - L_q i_q]
+//
 //   form   rational   f(x) = 1/(1 + x)
 //          square     f(x) = 1/(1 + x^2) up to x = 0.8, on along the tangent beyond (the formula
 //                     falls from x = 1 on, which no iron does)
@@ -8,11 +10,16 @@
 //
 // share_q, share_d: of L, what saturates; the rest stays. May be above 1 where machine.L_q is not
 // the inductance at no current. I_s = 0: no saturation. The d axis saturates where current_d_A is
-// given, by its current alone. Regressors, one for each axis that saturates (q first): L i (f -
-// 1)/c with the coefficient c = 1/I_s of "rational", 1/I_s^2 of the others. At c = 0 they are -L i
-// |i|, -L i^3 and -L i^3/3, so a regression can start from no saturation at all; each further round
-// at the I_s found comes closer. set_coefficients takes c <= 0, more inductance at more current, as
-// no saturation.
+// given, by its current alone.
+//
+// Regressors, one for each axis that saturates (q first), and coefficient c:
+//
+//   rational   L i (f - 1)/c    c = 1/I_s       at c = 0: -L i |i|
+//   square     L i (f - 1)/c    c = 1/I_s^2     at c = 0: -L i^3
+//   tanh       L i (f - 1)/c    c = 1/I_s^2     at c = 0: -L i^3/3
+//
+// So a regression can start from no saturation at all; each further round at the I_s found comes
+// closer. set_coefficients takes c <= 0, more inductance at more current, as no saturation.
 #include <algorithm>
 
 #include "model/effects/registry.hpp"

@@ -1,12 +1,15 @@
 // Torsion: part of the inertia sits behind a shaft that twists (two masses).
 //
-//   (J - J_load) omega_m' = T_em - B omega_m - T_shaft,   J_load omega_load' = T_shaft - T_load
-//   T_shaft = K delta + D delta',   delta = theta_m - theta_load
+//   (J - J_load) omega_m' = T_em - B omega_m - T_shaft
+//   J_load omega_load'    = T_shaft - T_load
+//   T_shaft               = K delta + D delta',  delta = theta_m - theta_load
 //
-// Seen from the motor: antiresonance sqrt(K/J_load), resonance sqrt(K (1/J_load + 1/(J - J_load))).
-// A memory, so at() is zero: along() simulates the load behind the measured angle and gives T_load
-// += T_shaft - T_load, J += -J_load. At a given antiresonance and damping ratio that is linear in
-// J_load.
+//   antiresonance         sqrt(K/J_load)                            rad/s, seen from the motor
+//   resonance             sqrt(K (1/J_load + 1/(J - J_load)))       rad/s, seen from the motor
+//
+// The effect has a memory, so at() is zero. along() simulates the load behind the measured angle
+// and gives T_load += T_shaft - T_load, J += -J_load. At a given antiresonance and damping ratio
+// that is linear in J_load.
 
 #include "model/effects/registry.hpp"
 #include "model/effects/shaft.hpp"
