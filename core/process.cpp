@@ -242,18 +242,23 @@ int run_process(const ProcessInfo& info, int argc, char** argv,
   ProcessOptions o;
   bool realtime = false;
   std::string pace = "lockstep";
-  app.add_option("--config", o.config, "drive file or preset")->required();
-  app.add_option("--lcm-url", o.url, "LCM URL (default: LCM_DEFAULT_URL, else the standard one)");
-  app.add_option("--set", o.overrides, "key.path=value, overrides the drive file")
+  app.add_option("--config", o.config, "read this drive file or preset")->required();
+  app.add_option(
+      "--lcm-url", o.url,
+      "use this LCM URL (default: LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0)");
+  app.add_option("--set", o.overrides,
+                 "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false);
-  app.add_option("--channel-suffix", o.channel_suffix, "appended to every channel name");
-  app.add_option("--session", o.session, "session id to be bound to; 0: adopt the first one heard");
-  app.add_option("--pace", pace, "lockstep or realtime")
+  app.add_option("--channel-suffix", o.channel_suffix, "append this text to every channel name");
+  app.add_option("--session", o.session,
+                 "bind to this session id; 0: adopt the first session heard");
+  app.add_option("--pace", pace, "choose the pace: lockstep or realtime")
       ->check(CLI::IsMember({"lockstep", "realtime"}));
-  app.add_option("--cpu", o.cpu, "pin to this CPU");
-  app.add_option("--run-dir", o.run_dir, "where files are written");
-  app.add_flag("--follow", o.follow, "begin anew when the sequence or the session starts again");
-  app.add_flag("--wait-for-start", o.wait_for_start, "hold until a start request");
+  app.add_option("--cpu", o.cpu, "pin the process to this CPU");
+  app.add_option(info.role == Role::kLogger ? "--out,--run-dir" : "--run-dir", o.run_dir,
+                 "write files into this directory; the logger makes it");
+  app.add_flag("--follow", o.follow, "restart when the sequence or the session starts again");
+  app.add_flag("--wait-for-start", o.wait_for_start, "wait for a start request");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -13,6 +13,8 @@ namespace twinrate {
 
 LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes)
     : directory_(std::move(directory)), rotate_bytes_(rotate_bytes) {
+  std::error_code refused;  // open_next() then fails, too
+  std::filesystem::create_directories(directory_, refused);
   open_next();
   if (!log_)
     throw std::runtime_error(

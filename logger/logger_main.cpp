@@ -141,6 +141,7 @@ class LoggerProcess {
 
 int main(int argc, char** argv) {
   using namespace twinrate;
-  return run_process({Role::kLogger, "twinrate-logger", "every channel -> LCM log in --run-dir"},
-                     argc, argv, [](Process& p) { LoggerProcess(p).run(); });
+  return run_process(
+      {Role::kLogger, "twinrate-logger", "every channel -> LCM log and loss account in --out"},
+      argc, argv, [](Process& p) { LoggerProcess(p).run(); });
 }

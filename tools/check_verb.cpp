@@ -187,7 +187,7 @@ void print_reference() {
 void check(const CheckOptions& options) {
   if (options.reference) return print_reference();
   if (options.drive.empty())
-    throw BadInput("check: a drive file or the name of a preset is needed");
+    throw BadInput("check: a drive file or the name of a preset is required");
   Config config = load_drive(options.drive, options.overrides);
   make_fast_loop(config, false);  // refuses a gain policy that the filter cannot run
   if (options.resolved)
@@ -200,14 +200,16 @@ void check(const CheckOptions& options) {
 
 void add_check_verb(CLI::App& app, int&) {
   auto options = std::make_shared<CheckOptions>();
-  auto* verb = app.add_subcommand("check", "Validates a drive file and says what it amounts to");
-  verb->add_option("drive", options->drive, "drive file, or the name of a preset");
-  verb->add_option("--set", options->overrides, "override: key.path=value")
+  auto* verb = app.add_subcommand("check", "Validate a drive file and print its operating point");
+  verb->add_option("drive", options->drive, "read this drive file or preset");
+  verb->add_option("--set", options->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false)
       ->take_all();
   verb->add_flag("--resolved", options->resolved,
                  "print the whole config with every default, as TOML");
-  verb->add_flag("--reference", options->reference, "print the page of every key, as Markdown");
+  verb->add_flag("--reference", options->reference,
+                 "print the reference page of every key, as Markdown");
   verb->callback([options] { check(*options); });
 }
 

@@ -190,19 +190,23 @@ int find_orders(const OrdersOptions& o) {
 
 void add_design_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<DesignOptions>();
-  CLI::App* verb = app.add_subcommand("design", "designs a controller for a drive");
+  CLI::App* verb = app.add_subcommand("design", "Design a controller for a drive");
   verb->require_subcommand(1);
-  CLI::App* lqr = verb->add_subcommand("lqr", "state feedback: gains, poles, margins");
-  lqr->add_option("DRIVE", o->drive, "drive file or preset")->required();
-  lqr->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
-  lqr->add_flag("--json", o->json, "as JSON");
+  CLI::App* lqr =
+      verb->add_subcommand("lqr", "Design the state feedback: print gains, poles, margins");
+  lqr->add_option("DRIVE", o->drive, "read this drive file or preset")->required();
+  lqr->add_option("--set", o->overrides,
+                  "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
+  lqr->add_flag("--json", o->json, "print JSON");
   lqr->callback([o, &exit_code] { exit_code = design(*o); });
   auto find = std::make_shared<OrdersOptions>();
-  CLI::App* orders = verb->add_subcommand("orders", "orders that stand out in an estimated load");
-  orders->add_option("RUN", find->run, "run directory or log")->required();
-  orders->add_option("--most", find->most, "at most so many, the largest first")
+  CLI::App* orders =
+      verb->add_subcommand("orders", "List the orders of an estimated load that exceed the noise");
+  orders->add_option("RUN", find->run, "read this run directory or log")->required();
+  orders->add_option("--most", find->most, "list at most this many orders, the largest first")
       ->check(CLI::Range(1, 200));
-  orders->add_flag("--json", find->json, "as JSON");
+  orders->add_flag("--json", find->json, "print JSON");
   orders->callback([find, &exit_code] { exit_code = find_orders(*find); });
 }
 

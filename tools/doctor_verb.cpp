@@ -69,7 +69,7 @@ int run_doctor(const DoctorOptions& options) {
   if (options.json)
     std::cout << nlohmann::ordered_json{{"launch_can_run", runs}}.dump() << "\n";
   else
-    fmt::print("{}\n", runs ? "launch can run here" : "launch cannot run here as it is");
+    fmt::print("{}\n", runs ? "launch can run here" : "launch cannot run here");
   return runs ? 0 : 3;
 }
 
@@ -77,10 +77,11 @@ int run_doctor(const DoctorOptions& options) {
 
 void add_doctor_verb(CLI::App& app, int& exit_code) {
   auto options = std::make_shared<DoctorOptions>();
-  auto* verb = app.add_subcommand("doctor", "Says whether this machine can run a drive over LCM");
-  verb->add_option("--lcm-url", options->url, "LCM URL to check, instead of LCM_DEFAULT_URL");
-  verb->add_flag("--mend", options->mend, "bring loopback and multicast up first, where permitted");
-  verb->add_flag("--json", options->json, "one JSON line a check");
+  auto* verb = app.add_subcommand("doctor", "Check whether this machine can run a drive over LCM");
+  verb->add_option("--lcm-url", options->url, "check this LCM URL instead of LCM_DEFAULT_URL");
+  verb->add_flag("--mend", options->mend,
+                 "bring loopback and the multicast route up first, if permitted");
+  verb->add_flag("--json", options->json, "print one JSON line per check");
   verb->callback([options, &exit_code] { exit_code = run_doctor(*options); });
 }
 

@@ -80,11 +80,12 @@ void print_text() {
 
 void add_effects_verb(CLI::App& app, int&) {
   auto* effects =
-      app.add_subcommand("effects", "Lists the effects a drive may have beyond its equations");
+      app.add_subcommand("effects", "List the effects that a drive file can add to the equations");
   effects->require_subcommand(1);
-  auto* list = effects->add_subcommand("list", "Kinds, parameters with units, signals needed");
+  auto* list = effects->add_subcommand(
+      "list", "List kinds, parameters with units, and the signals that a trace needs");
   auto as_json = std::make_shared<bool>(false);
-  list->add_flag("--json", *as_json, "JSON instead of text");
+  list->add_flag("--json", *as_json, "print JSON instead of text");
   list->callback([as_json] { *as_json ? print_json() : print_text(); });
 }
 

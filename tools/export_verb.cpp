@@ -74,18 +74,20 @@ int run_export(ExportOptions o) {
 void add_export_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<ExportOptions>();
   ExportRequest& r = o->request;
-  CLI::App* verb = app.add_subcommand("export", "a log as CSV, MATLAB or MCAP file");
-  verb->add_option("LOG", r.log, "run directory, LCM log, or a drive log CSV")->required();
-  verb->add_option("--format", r.format, "csv, mat or mcap")->required();
-  verb->add_option("--out", r.out, "file to write (default beside the log); csv: .gz packs it");
-  verb->add_option("--from", r.from_s, "s, on the log's time");
-  verb->add_option("--to", r.to_s, "s, on the log's time");
-  verb->add_option("--channels", o->channels,
-                   "comma separated, e.g. ESTIMATE,TRUTH; csv: columns beside the drive log's "
-                   "own; mat, mcap: instead of all");
-  verb->add_option("--resample", r.rate_Hz, "Hz: all channels at the same times")
+  CLI::App* verb = app.add_subcommand("export", "Write a log as a CSV, MATLAB or MCAP file");
+  verb->add_option("LOG", r.log, "read this run directory, LCM log or drive log CSV")->required();
+  verb->add_option("--format", r.format, "choose the format: csv, mat or mcap")->required();
+  verb->add_option("--out", r.out,
+                   "write this file (default: beside the log); NAME.csv.gz is gzipped");
+  verb->add_option("--from", r.from_s, "begin at this time of the log, s");
+  verb->add_option("--to", r.to_s, "end at this time of the log, s");
+  verb->add_option(
+      "--channels", o->channels,
+      "select channels, separated by commas, e.g. ESTIMATE,TRUTH; csv: add their fields "
+      "as columns; mat, mcap: write these instead of all");
+  verb->add_option("--resample", r.rate_Hz, "resample all channels to this rate, Hz")
       ->check(CLI::Range(1e-3, 1e7));
-  verb->add_flag("--json", o->json, "progress and result as JSON lines");
+  verb->add_flag("--json", o->json, "print progress and result as JSON lines");
   verb->callback([o, &exit_code] {
     try {
       exit_code = run_export(*o);

@@ -153,18 +153,19 @@ void import(const ImportOptions& o) {
 
 void add_import_verb(CLI::App& app, int& exit_code) {
   auto options = std::make_shared<ImportOptions>();
-  auto* verb = app.add_subcommand("import", "Turns a measured CSV into an LCM log");
-  verb->add_option("file", options->file, "CSV file, plain or gzipped")->required();
+  auto* verb = app.add_subcommand("import", "Convert a measured CSV into an LCM log");
+  verb->add_option("file", options->file, "read this CSV file, plain or gzipped")->required();
   verb->add_option("--map", options->map,
-                   "map of its columns; without it the header holds canonical names");
-  verb->add_option("--out", options->out, "log to write")->required();
-  verb->add_option("--drive", options->drive, "drive file or preset, instead of the map's");
-  verb->add_option("--set", options->overrides, "override of the drive file: key.path=value")
+                   "read the columns through this map (default: the header has canonical names)");
+  verb->add_option("--out", options->out, "write this log")->required();
+  verb->add_option("--drive", options->drive,
+                   "use this drive file or preset instead of the one of the map");
+  verb->add_option("--set", options->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false)
       ->take_all();
-  verb->add_flag("--repair", options->repair,
-                 "leave a truncated last line and repeated samples out");
-  verb->add_flag("--json", options->json, "the result as one line of JSON");
+  verb->add_flag("--repair", options->repair, "skip a truncated last line and repeated samples");
+  verb->add_flag("--json", options->json, "print the result as one line of JSON");
   verb->callback([options, &exit_code] {
     try {
       import(*options);

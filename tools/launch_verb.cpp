@@ -55,18 +55,22 @@ int launch(const LaunchOptions& o) {
 
 void add_launch_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<LaunchOptions>();
-  CLI::App* verb = app.add_subcommand("launch", "start, supervise and stop the whole process set");
-  verb->add_option("DRIVE", o->drive, "drive file or preset")->required();
-  verb->add_option("--duration", o->duration, "drive time, e.g. 2s or 500ms");
-  verb->add_option("--pace", o->pace, "lockstep or realtime")
+  CLI::App* verb =
+      app.add_subcommand("launch", "Start, supervise and stop the process set of a drive over LCM");
+  verb->add_option("DRIVE", o->drive, "run this drive file or preset")->required();
+  verb->add_option("--duration", o->duration, "set the drive time, e.g. 2s or 500ms");
+  verb->add_option("--pace", o->pace, "choose the pace: lockstep or realtime")
       ->check(CLI::IsMember({"lockstep", "realtime"}));
-  verb->add_option("--run-dir", o->run_dir, "where the run is written (default runs/NAME-DATE)");
-  verb->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
-  verb->add_option("--lcm-url", o->url, "LCM URL");
-  verb->add_option("--channel-suffix", o->channel_suffix, "appended to every channel name");
+  verb->add_option("--run-dir", o->run_dir,
+                   "write the run into this directory (default runs/NAME-DATE)");
+  verb->add_option("--set", o->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
+  verb->add_option("--lcm-url", o->url, "use this LCM URL");
+  verb->add_option("--channel-suffix", o->channel_suffix, "append this text to every channel name");
   verb->add_flag("--monitor", o->monitor,
-                 "twinrate-monitor runs with the set (as monitor.enabled = true)");
-  verb->add_flag("--json", o->json, "progress as JSON lines");
+                 "start twinrate-monitor with the set (as monitor.enabled = true)");
+  verb->add_flag("--json", o->json, "print progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = launch(*o); });
 }
 

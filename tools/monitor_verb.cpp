@@ -94,16 +94,18 @@ int add(const MonitorOptions& o) {
 
 void add_monitor_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<MonitorOptions>();
-  CLI::App* verb = app.add_subcommand("monitor", "what a running drive's model is extended by");
+  CLI::App* verb = app.add_subcommand("monitor", "Extend the model of a running drive");
   verb->require_subcommand(1);
   CLI::App* sub = verb->add_subcommand(
       "add",
-      "adds what the monitor proposed, or the [[effect]] tables of FILE, to the running "
-      "estimator, gain and controller");
-  sub->add_option("FILE", o->file, "[[effect]] tables")->check(CLI::ExistingFile);
-  sub->add_option("--tick", o->tick, "with FILE: first tick (default the next one)");
-  sub->add_option("--lcm-url", o->url, "LCM URL");
-  sub->add_option("--channel-suffix", o->channel_suffix, "appended to every channel name");
+      "Add the effects that the monitor proposed, or those of FILE, to the running estimator, "
+      "gain and controller");
+  sub->add_option("FILE", o->file, "add the [[effect]] tables of this file")
+      ->check(CLI::ExistingFile);
+  sub->add_option("--tick", o->tick,
+                  "add the effects of FILE at this tick (default: the next one)");
+  sub->add_option("--lcm-url", o->url, "use this LCM URL");
+  sub->add_option("--channel-suffix", o->channel_suffix, "append this text to every channel name");
   sub->callback([o, &exit_code] { exit_code = add(*o); });
 }
 

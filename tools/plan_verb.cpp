@@ -71,21 +71,20 @@ class PlanProgress {
 CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& o) {
   CLI::Option* plan = verb.add_flag(
       "--plan", o.wanted,
-      "proposes a measurement that tells the candidates apart, before one or (--data) on "
-      "top of one: DIR/plan.toml, plan.json, plan.svg");
+      "propose a run that tells the candidates apart; with --data, a run that adds to those "
+      "logs; write plan.toml, plan.json, plan.svg");
   const auto option = [&](const char* name, auto& value, const char* what) {
     verb.add_option(name, value, what)->needs(plan);
   };
-  option("--duration", o.duration, "--plan: length of the run at most, e.g. 10s");
+  option("--duration", o.duration, "--plan: limit the length of the run, e.g. 10s");
   option("--kinds", o.kinds,
-         "--plan: only these kinds of effects, separated by commas (default: all)");
-  option("--max-speed", o.request.speed_max_rpm, "--plan: rpm the bench allows");
-  option("--max-current", o.request.i_max_A, "--plan: A, amplitude, the bench allows");
-  option("--max-load", o.request.T_load_max_Nm, "--plan: Nm the load machine gives");
-  verb.add_flag("--no-load-machine", o.no_load_machine,
-                "--plan: nothing drives or brakes the shaft")
+         "--plan: plan for these kinds of effects only, separated by commas (default: all)");
+  option("--max-speed", o.request.speed_max_rpm, "--plan: limit the speed, rpm");
+  option("--max-current", o.request.i_max_A, "--plan: limit the current amplitude, A");
+  option("--max-load", o.request.T_load_max_Nm, "--plan: limit the torque of the load machine, Nm");
+  verb.add_flag("--no-load-machine", o.no_load_machine, "--plan: plan without a load machine")
       ->needs(plan);
-  verb.add_flag("--one-direction", o.one_direction, "--plan: the shaft must not turn backwards")
+  verb.add_flag("--one-direction", o.one_direction, "--plan: turn the shaft forwards only")
       ->needs(plan);
   return plan;
 }

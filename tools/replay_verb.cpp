@@ -83,16 +83,17 @@ int replay(const ReplayOptions& o) {
 
 void add_replay_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<ReplayOptions>();
-  CLI::App* verb = app.add_subcommand("replay", "play a log to the running processes");
-  verb->add_option("LOG", o->log, "run directory or log file")->required();
-  auto* speed = verb->add_option("--speed", o->speed, "times as fast as recorded")
+  CLI::App* verb = app.add_subcommand("replay", "Play a log to the running processes");
+  verb->add_option("LOG", o->log, "play this run directory or log file")->required();
+  auto* speed = verb->add_option("--speed", o->speed, "play at this multiple of the recorded speed")
                     ->check(CLI::Range(0.001, 1000.0));
   verb->add_flag("--lockstep", o->lockstep, "wait for each estimate and compare it with the log")
       ->excludes(speed);
-  verb->add_option("--only", o->only,
-                   "channels to play, comma separated (default MEASUREMENT,REFERENCE,TRUTH)");
-  verb->add_option("--lcm-url", o->bus.url, "LCM URL");
-  verb->add_option("--channel-suffix", o->bus.channel_suffix, "appended to every channel name");
+  verb->add_option(
+      "--only", o->only,
+      "play these channels only, separated by commas (default MEASUREMENT,REFERENCE,TRUTH)");
+  verb->add_option("--lcm-url", o->bus.url, "use this LCM URL");
+  verb->add_option("--channel-suffix", o->bus.channel_suffix, "append this text to every channel name");
   verb->callback([o, &exit_code] { exit_code = replay(*o); });
 }
 

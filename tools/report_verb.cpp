@@ -93,18 +93,17 @@ void report(const ReportArguments& arguments) {
 void add_report_verb(CLI::App& app, int&) {
   auto arguments = std::make_shared<ReportArguments>();
   CLI::App* verb = app.add_subcommand(
-      "report", "one self-contained HTML page of figures; several logs: a comparison");
-  verb->add_option("LOG", arguments->paths, "run directories or log files")->required();
-  verb->add_option("--out", arguments->out, "page to write; default RUN_DIR/report.html");
-  verb->add_option("--title", arguments->title, "heading; default the drive's name");
+      "report", "Write one self-contained HTML page of figures; compare several runs");
+  verb->add_option("LOG", arguments->paths, "read these run directories or log files")->required();
+  verb->add_option("--out", arguments->out, "write this page (default RUN_DIR/report.html)");
+  verb->add_option("--title", arguments->title, "set the heading (default: the name of the drive)");
   verb->add_option("--angle-reference", arguments->angle_reference,
-                   "angle that errors are taken from: the truth, or the measured position "
-                   "(default: truth where the "
-                   "log has it)")
+                   "choose the reference of the angle error: truth, or encoder for the measured "
+                   "position (default: truth if the log has it)")
       ->check(CLI::IsMember({"auto", "truth", "encoder"}));
-  verb->add_option("--config", arguments->config,
-                   "drive file, for a log that does not hold its own");
-  verb->add_option("--channel-suffix", arguments->channel_suffix, "suffix of the drive's channels");
+  verb->add_option("--config", arguments->config, "read this drive file for a log without one");
+  verb->add_option("--channel-suffix", arguments->channel_suffix,
+                   "read the channels with this suffix");
   verb->callback([arguments] { report(*arguments); });
 }
 

@@ -181,14 +181,18 @@ int simulate(const SimulateOptions& o) {
 
 void add_simulate_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<SimulateOptions>();
-  CLI::App* verb = app.add_subcommand("simulate", "the whole loop in one process, no bus");
-  verb->add_option("DRIVE", o->drive, "drive file or preset")->required();
-  verb->add_option("--duration", o->duration, "drive time, e.g. 2s or 500ms");
-  verb->add_option("--run-dir", o->run_dir, "where the run is written (default runs/NAME-DATE)");
-  verb->add_option("--set", o->overrides, "key.path=value")->allow_extra_args(false);
+  CLI::App* verb =
+      app.add_subcommand("simulate", "Run the whole loop in one process, without a bus");
+  verb->add_option("DRIVE", o->drive, "run this drive file or preset")->required();
+  verb->add_option("--duration", o->duration, "set the drive time, e.g. 2s or 500ms");
+  verb->add_option("--run-dir", o->run_dir,
+                   "write the run into this directory (default runs/NAME-DATE)");
+  verb->add_option("--set", o->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
   verb->add_flag("--monitor", o->monitor,
-                 "watches, traces and proposes effects (as monitor.enabled = true)");
-  verb->add_flag("--json", o->json, "progress as JSON lines");
+                 "watch the run, trace and propose effects (as monitor.enabled = true)");
+  verb->add_flag("--json", o->json, "print progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = simulate(*o); });
 }
 

@@ -57,55 +57,74 @@ int sweep_fb(SweepOptions o) {
 
 void add_options(CLI::App& verb, SweepOptions& o) {
   Plan& p = o.plan;
-  verb.add_option("DRIVE", p.drive, "drive file or preset")->required();
-  verb.add_option("--speeds", p.speeds_Hz, "electrical frequencies, Hz")->delimiter(',');
-  verb.add_option("--policies", p.policies, "gain policies")
+  verb.add_option("DRIVE", p.drive, "sweep this drive file or preset")->required();
+  verb.add_option("--speeds", p.speeds_Hz,
+                  "set the electrical frequencies f_e, Hz, separated by commas")
+      ->delimiter(',');
+  verb.add_option("--policies", p.policies, "set the gain policies, separated by commas")
       ->delimiter(',')
       ->default_val(std::vector<std::string>{"paper"});
-  verb.add_option("--seeds", p.seeds, "runs of every point, each with its own noise (5)");
-  verb.add_option("--out", o.out, "directory of the result")->required();
-  verb.add_option("--start", p.start, "ramp: from standstill; switched: n = 1 at speed, then n");
-  verb.add_option("--ramp-rad-s2", p.ramp_rad_s2, "electrical acceleration of the start (16000)");
-  verb.add_option("--n-max", p.n_max, "cap of the search (200)");
-  verb.add_option("--load", p.load_pu, "load in rated torques (0)");
-  verb.add_option("--over", p.over, "inprocess, or lcm: through the real process set");
+  verb.add_option("--seeds", p.seeds, "run every point with this many noise seeds (default 5)");
+  verb.add_option("--out", o.out, "write the result into this directory")->required();
+  verb.add_option("--start", p.start,
+                  "choose the start: ramp, from standstill; switched, at speed with n = 1, then n "
+                  "(default ramp)");
+  verb.add_option("--ramp-rad-s2", p.ramp_rad_s2,
+                  "set the electrical acceleration of the start, rad/s2 (default 16000)");
+  verb.add_option("--n-max", p.n_max, "end the search at this n (default 200)");
+  verb.add_option("--load", p.load_pu, "set the load, per unit of the rated torque (default 0)");
+  verb.add_option(
+      "--over", p.over,
+      "choose the loop: inprocess, or lcm for the process set over the bus (default inprocess)");
   verb.add_option("--engine", p.engine,
-                  "lanes: many drives at once, where the drive allows it; reference: one by one");
+                  "choose the engine: lanes, many drives at once if the drive allows it; "
+                  "reference, one by one");
   verb.add_option("--shard", o.shard,
-                  "i/n: the i-th of n parts, from 0 (default: the rank of "
+                  "run part i of n, i/n with i from 0 (default: the rank of "
                   "mpirun or srun)");
-  verb.add_option("--log", p.log, "a recorded drive: the filter alone, against its angle");
-  verb.add_option("--set", p.overrides, "key.path=value")->allow_extra_args(false);
-  verb.add_flag("--resume", o.resume, "go on where an earlier sweep was stopped");
-  verb.add_flag("--json", o.json, "progress as JSON lines");
+  verb.add_option("--log", p.log,
+                  "run the filter alone on this recorded drive, against its measured angle");
+  verb.add_option("--set", p.overrides,
+                  "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
+  verb.add_flag("--resume", o.resume, "continue a sweep that was stopped");
+  verb.add_flag("--json", o.json, "print progress as JSON lines");
 }
 
 }  // namespace
 
 void add_sweep_verb(CLI::App& app, int& exit_code) {
-  CLI::App* verb = app.add_subcommand("sweep", "how slowly may the gain be computed?");
+  CLI::App* verb = app.add_subcommand(
+      "sweep", "Find the slowest gain update rate f_bmin that keeps synchronism");
   verb->require_subcommand(1);
   auto o = std::make_shared<SweepOptions>();
-  CLI::App* fb = verb->add_subcommand("fb", "f_bmin against f_e: points.csv, fbmin.csv, figure");
+  CLI::App* fb = verb->add_subcommand(
+      "fb", "Find f_bmin against f_e; write points.csv, fbmin.csv, why.csv, figure.svg");
   add_options(*fb, *o);
   fb->callback([o, &exit_code] { exit_code = sweep_fb(*o); });
-  CLI::App* merge_verb = verb->add_subcommand("merge", "one result out of shards");
+  CLI::App* merge_verb =
+      verb->add_subcommand("merge", "Merge the shards of one sweep into one result");
   auto directories = std::make_shared<std::vector<std::string>>();
   auto out = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
-  merge_verb->add_option("DIR", *directories, "directories of shards")->required();
-  merge_verb->add_option("--out", *out, "where the result is written (the first DIR)");
-  merge_verb->add_flag("--json", *json, "no table");
-  CLI::App* cost = verb->add_subcommand("cost", "processor load against f_b (Dilys 2021, Table 4)");
+  merge_verb->add_option("DIR", *directories, "read the shards of these directories")->required();
+  merge_verb->add_option("--out", *out,
+                         "write the result into this directory (default: the first DIR)");
+  merge_verb->add_flag("--json", *json, "print no table");
+  CLI::App* cost =
+      verb->add_subcommand("cost", "Print the processor load against f_b (Dilys 2021, Table 4)");
   auto halves = std::make_shared<Halves>();
   auto f_s_Hz = std::make_shared<double>(5000), a_turn = std::make_shared<double>(7);
   auto f_b_Hz =
       std::make_shared<std::vector<double>>(std::vector<double>{5000, 2500, 1250, 1000, 500, 50});
-  cost->add_option("--fast-s", halves->fast_s, "time of one fast step (6.1e-6)");
-  cost->add_option("--background-s", halves->background_s, "of one background step (31.6e-6)");
-  cost->add_option("--f-s-hz", *f_s_Hz, "control rate (5000)");
-  cost->add_option("--f-b-hz", *f_b_Hz, "background rates")->delimiter(',');
-  cost->add_option("--gains-a-turn", *a_turn, "gains an electrical turn that the policy needs (7)");
+  cost->add_option("--fast-s", halves->fast_s, "set the time of one fast step, s (default 6.1e-6)");
+  cost->add_option("--background-s", halves->background_s,
+                   "set the time of one background step, s (default 31.6e-6)");
+  cost->add_option("--f-s-hz", *f_s_Hz, "set the control rate f_s, Hz (default 5000)");
+  cost->add_option("--f-b-hz", *f_b_Hz, "set the background rates f_b, Hz, separated by commas")
+      ->delimiter(',');
+  cost->add_option("--gains-a-turn", *a_turn,
+                   "set the gain updates per electrical turn that the policy needs (default 7)");
   cost->callback([=] { fmt::print("{}", cost_table(*halves, *f_s_Hz, *f_b_Hz, *a_turn)); });
   merge_verb->callback([=] { merge(*directories, *out, *json); });
 }

@@ -48,7 +48,8 @@ std::optional<double> fraction(const std::string& text) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size()) return {};
   if (!(value > 0 && value <= 0.5))
-    throw BadInput(fmt::format("--holdout {}: a share of 0.5 or less, or files", text));
+    throw BadInput(
+        fmt::format("--holdout {}: a fraction above 0 and up to 0.5, or files, allowed", text));
   return value;
 }
 
@@ -67,8 +68,7 @@ class OutDirectory {
     if (!refused && access(path_.c_str(), W_OK) != 0)
       refused = std::error_code(errno, std::generic_category());
     if (refused)
-      throw BadInput(
-          fmt::format("--out {}: no directory to write to: {}", path_, refused.message()));
+      throw BadInput(fmt::format("--out {}: cannot be written: {}", path_, refused.message()));
   }
   ~OutDirectory() {
     std::error_code not_empty;
@@ -93,11 +93,12 @@ void expect_different(const std::vector<std::string>& data,
       const auto [before, first] =
           option_of.emplace(std::filesystem::weakly_canonical(path, missing), option);
       if (first || missing) continue;
-      throw BadInput(before->second == option
-                         ? fmt::format("{}: stands twice in {}; each file once", path, option)
-                         : fmt::format("{}: stands in --data and in --holdout; what is fitted is "
-                                       "not unseen",
-                                       path));
+      throw BadInput(
+          before->second == option
+              ? fmt::format("{}: is given twice in {}; give each file once", path, option)
+              : fmt::format("{}: is given in --data and in --holdout; a fitted file is "
+                            "no hold-out",
+                            path));
     }
 }
 
@@ -114,7 +115,7 @@ void print_result(const TraceResult& r, const std::string& out) {
                                          p.unit == "1" ? "" : " " + p.unit));
     fmt::print("  {} ({}): {}\n", e.effect->kind(), e.equation, fmt::join(parameters, ", "));
     if (e.from_samples)
-      fmt::print("      seen in the raw samples\n");
+      fmt::print("      found in the raw samples\n");
     else
       fmt::print("      {}{}\n",
                  std::isfinite(e.delta_bic) ? fmt::format("BIC {:.0f}", e.delta_bic) : "not judged",
@@ -237,20 +238,21 @@ int trace(const TraceOptions& o) {
     print_result(result, o.out);
   std::fflush(stdout);
   if (result.interrupted) {
-    fmt::print(stderr, "twinrate: trace interrupted; {} holds what was found until then{}\n", o.out,
+    fmt::print(stderr, "twinrate: trace interrupted; {} holds the effects found so far{}\n", o.out,
                o.verify ? ", not verified" : "");
     return 1;
   }
   if (o.verify && measured)
-    fmt::print(stderr,
-               "twinrate: --verify needs full drive logs; the error of each file is above\n");
+    fmt::print(
+        stderr,
+        "twinrate: --verify needs full drive logs; the table above has the error of each file\n");
   else if (o.verify)
     try {
       prove(o, config, replayed);
     } catch (const Stopped&) {
       fmt::print(stderr,
-                 "twinrate: interrupted while verifying; the trace in {} is whole, verify.json "
-                 "was not written\n",
+                 "twinrate: interrupted during --verify; the trace in {} is complete, verify.json "
+                 "is not written\n",
                  o.out);
       return 1;
     }
@@ -263,33 +265,39 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<TraceOptions>();
   auto* verb = app.add_subcommand(
       "trace",
-      "Finds what a model lacks: residual, named effect, extended model, error before and after");
-  verb->add_option("DRIVE", o->drive, "drive file or preset: the declared model")->required();
-  verb->add_option("--data", o->data, "drive logs: CSV (may be gzipped) or LCM log")
+      "Find the effects that a model lacks, from a recorded drive; write the extended model");
+  verb->add_option("DRIVE", o->drive, "use this drive file or preset as the declared model")
+      ->required();
+  verb->add_option("--data", o->data, "read these drive logs: CSV, gzipped CSV or LCM log")
       ->check(CLI::ExistingPath);
   CLI::Option* plan = add_plan_options(*verb, o->plan);
   verb->add_option("--holdout", o->holdout,
-                   "logs that are not fitted, or the share of the data kept back (default 0.25)")
+                   "hold these logs out of the fit, or this fraction of the rows (default 0.25)")
       ->excludes(plan);
   verb->add_option("--map", o->maps,
-                   "how foreign columns are read; of several each file takes the first that fits")
+                   "read foreign columns through this map; with several, each file takes the first "
+                   "that fits")
       ->check(CLI::ExistingFile);
-  verb->add_option("--out", o->out, "directory for trace.json, extended.toml, report.html");
+  verb->add_option(
+      "--out", o->out,
+      "write trace.json, extended.toml, report.html into this directory (default trace)");
   verb->add_option("--memory", o->memory_MiB,
-                   "MiB that the trace may take (default 1024); of longer logs it uses blocks "
-                   "spread over their length")
+                   "limit the memory, MiB (default 1024); trace longer logs on blocks spread over "
+                   "their length")
       ->check(CLI::Range(64.0, 1e6));
-  verb->add_option("--set", o->overrides, "key.path=value of the drive file");
-  verb->add_flag("--repair", o->repair, "leaves out a truncated last line and repeated samples");
+  verb->add_option("--set", o->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys");
+  verb->add_flag("--repair", o->repair, "skip a truncated last line and repeated samples");
   verb->add_flag("--keep-plant", o->keep_plant,
-                 "extended.toml keeps the effects that only the simulated plant has");
-  verb->add_flag("--verify", o->verify,
-                 "error before and after on the held-out data: one step, free run, estimator over "
-                 "LCM, closed loop; DIR/verify.json")
+                 "keep the effects of the simulated plant in extended.toml");
+  verb->add_flag(
+          "--verify", o->verify,
+          "compare the declared and the extended model on the hold-out: one-step prediction, "
+          "free run, estimator over LCM, closed loop; write verify.json")
       ->excludes(plan);
-  verb->add_option("--lcm-url", o->url, "LCM URL for --verify");
-  verb->add_flag("--json", o->json, "JSON lines instead of text");
-  verb->add_flag("--verbose", o->verbose, "says each step of the selection");
+  verb->add_option("--lcm-url", o->url, "use this LCM URL for --verify");
+  verb->add_flag("--json", o->json, "print JSON lines instead of text");
+  verb->add_flag("--verbose", o->verbose, "print each step of the selection");
   verb->callback([o, &exit_code] {
     const auto stopped = [&exit_code](const char* when) {
       fmt::print(stderr, "twinrate: trace interrupted {}, nothing written\n", when);

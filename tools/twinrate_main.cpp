@@ -10,8 +10,7 @@
 
 int main(int argc, char** argv) {
   using namespace twinrate;
-  CLI::App app{
-      "Twinrate: run, record and examine PMSM drives with a two-rate Kalman filter over LCM"};
+  CLI::App app{"Run, record and examine PMSM drives with a two-rate Kalman filter over LCM"};
   app.set_version_flag("--version", "twinrate " + revision());
   app.require_subcommand(0, 1);
   int exit_code = 0;
@@ -31,7 +30,7 @@ int main(int argc, char** argv) {
   add_trace_verb(app, exit_code);
   try {
     app.parse(argc, argv);
-    if (app.get_subcommands().empty()) throw BadInput("a verb is missing; try twinrate --help");
+    if (app.get_subcommands().empty()) throw BadInput("a verb is required; see twinrate --help");
     return exit_code;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);

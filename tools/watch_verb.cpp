@@ -168,15 +168,17 @@ int watch(const WatchOptions& options) {
 void add_watch_verb(CLI::App& app, int& exit_code) {
   auto options = std::make_shared<WatchOptions>();
   auto* verb = app.add_subcommand(
-      "watch", "shows the channels of a running drive: rates, gaps, latency, values");
-  verb->add_option("--lcm-url", options->url, "LCM URL");
-  verb->add_option("--channel-suffix", options->channel_suffix, "appended to every channel name");
+      "watch", "Show the channels of a running drive: rates, gaps, latency, values");
+  verb->add_option("--lcm-url", options->url, "use this LCM URL");
+  verb->add_option("--channel-suffix", options->channel_suffix,
+                   "append this text to every channel name");
   verb->add_option("--duration", options->duration, "stop after this time, e.g. 5s or 500ms");
   verb->add_option("--until-ready", options->until_ready,
-                   "wait for the heartbeats of these processes, e.g. estimator,gain (at most "
+                   "wait for the heartbeats of these processes, e.g. estimator,gain (at most for "
                    "--duration, 10 s)");
-  verb->add_flag("--once", options->once, "one look: a second from the first message on");
-  verb->add_flag("--json", options->json, "one JSON line a second");
+  verb->add_flag("--once", options->once,
+                 "show one table, a second after the first message, and exit");
+  verb->add_flag("--json", options->json, "print one JSON line per second");
   verb->callback([options, &exit_code] { exit_code = watch(*options); });
 }
 

@@ -195,9 +195,9 @@ TEST_F(Trace, WhatCannotBeDoneIsOneLineBeforeTheWorkStarts) {
     EXPECT_NE(line.find(what), std::string::npos) << line;
   };
   for (const std::string& out : {path("file"), path("file/x"), std::string("/proc/x")})
-    says(refused({"--data", data, "--out", out}), "no directory to write to");
+    says(refused({"--data", data, "--out", out}), "cannot be written");
   const std::string out = path("nothing");
-  says(refused({"--out", out, "--data", data, path(".") + "/log.csv"}), "stands twice in --data");
+  says(refused({"--out", out, "--data", data, path(".") + "/log.csv"}), "is given twice in --data");
   says(refused({"--out", out, "--data", data, "--holdout", data}), "in --data and in --holdout");
   says(refused({"--out", out, "--data", data, "--kinds", "cogging"}), "--kinds requires --plan");
   says(refused({"--out", out, "--data", data, "--duration", "5s"}), "--duration requires --plan");
