@@ -160,7 +160,7 @@ void LiveMonitor::watch(std::size_t first, std::size_t last) {
   episode.sign = judgement.text();
   restarts_ = 0;
   episodes_.push_back(episode);
-  say(Reason::kModelMisfit, "the model does not fit any more: " + episode.sign);
+  say(Reason::kModelMisfit, "the model no longer fits: " + episode.sign);
   gather_ticks_ = ticks(drive_.monitor.gather_s);
   phase_ = Phase::kGathering;
 }
@@ -170,7 +170,7 @@ void LiveMonitor::gather() {
   gather_from_ = std::max(gather_from_, last_k() - window_ticks_);
   const RawLog raw = raw_log_of(rows_, row_of(gather_from_), rows_.size());
   if (static_cast<std::int64_t>(raw.size()) < block_ticks_) {
-    nothing_traced("No currents and angle measured.");
+    nothing_traced("Currents and angle are not measured.");
     return;
   }
   TraceJob job;
@@ -183,7 +183,7 @@ void LiveMonitor::gather() {
 
 void LiveMonitor::nothing_traced(const std::string& why) {
   episodes_.back().sentence = why;
-  say(Reason::kNothingTraced, why + " What is there now counts as normal from here.");
+  say(Reason::kNothingTraced, why + " The present residuals are the new reference.");
   learn_anew();
 }
 
