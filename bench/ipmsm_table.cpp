@@ -113,14 +113,13 @@ void table() {
   const auto flying = [&](const char* name) { return join(kFlying, kind(name)); };
   const Overrides exact{"estimator.prediction=rk4"};
   fmt::print(
-      "## 0.6 of rated torque at 2000 rpm (flying start, load over 50 ms, noise 5 mA)\n\n"
+      "### 0.6 of rated torque at 2000 rpm (flying start, load over 50 ms, noise 5 mA)\n\n"
       "| estimator | angle error, deg | largest | in the load transient | speed error, rpm |\n"
       "|---|---|---|---|---|\n");
-  table_row("`backemf_printed`, riding along on the true angle",
-            join(flying("backemf_printed"), kTruth));
+  table_row("`backemf_printed`, parallel", join(flying("backemf_printed"), kTruth));
   table_row("`backemf_printed`, closed loop, J = 1e-3, 15 Hz",
             join(flying("backemf_printed"), kHeavy));
-  table_row("`backemf_printed`, equal Q_0 of 1e8, riding along",
+  table_row("`backemf_printed`, equal Q_0 of 1e8, parallel",
             join(join(flying("backemf_printed"), kTruth), kEqualQ));
   table_row("`active_flux`, J = 1e-3, 15 Hz", join(flying("active_flux"), kHeavy));
   table_row("`eemf`", flying("eemf"));
@@ -129,7 +128,7 @@ void table() {
   table_row("`dq_ekf`, rk4", join(flying("dq_ekf"), exact));
   const Overrides fixed{"plant.saliency=fixed_axes"};
   fmt::print(
-      "\nThe same on the paper's fixed-axes machine, riding along on the true angle:\n\n"
+      "\nThe same on the paper's fixed-axes machine, parallel:\n\n"
       "| estimator | angle error, deg | largest | in the load transient | speed error, rpm |\n"
       "|---|---|---|---|---|\n");
   for (const char* name : {"backemf_printed", "active_flux", "eemf", "dq_ekf"})
@@ -152,7 +151,7 @@ int starts(const Overrides& overrides) {
 
 void all_starts() {
   fmt::print(
-      "\n## Starts from 24 initial angles, 0 to 2000 rpm\n\n| estimator | start | of 24 "
+      "\n### Starts from 24 initial angles, 0 to 2000 rpm\n\n| estimator | start | of 24 "
       "|\n|---|---|---|\n");
   const auto row = [](const char* what, const char* start, const Overrides& overrides) {
     fmt::print("| {} | {} | {} |\n", what, start, starts(overrides));
@@ -192,8 +191,8 @@ double smallest_current(const MachineParameters& m, double T) {
 
 void mtpa_rows() {
   fmt::print(
-      "\n## Maximum torque per ampere at 1500 rpm\n\n"
-      "| load, of rated | current, A | optimum by scan, A | above it | with i_d = 0, A | "
+      "\n### Maximum torque per ampere at 1500 rpm\n\n"
+      "| load, of rated | current, A | optimum by scan, A | above the optimum | with i_d = 0, A | "
       "current saved | copper loss saved |\n|---|---|---|---|---|---|---|\n");
   for (double load : {0.1, 0.2, 0.4, 0.6, 0.8, 1.0}) {
     const Overrides at{"reference.speed_rpm=1500", "run.duration_s=1.2",
@@ -211,8 +210,8 @@ void mtpa_rows() {
 
 void through_zero() {
   fmt::print(
-      "\n## 2000 -> -2000 rpm through zero (1000 rad/s2 electrical, rk4)\n\n"
-      "| estimator | load, of rated | survives | largest angle error afterwards, deg |\n"
+      "\n### 2000 -> -2000 rpm through zero (1000 rad/s2 electrical, rk4)\n\n"
+      "| estimator | load, of rated | keeps synchronism | largest angle error afterwards, deg |\n"
       "|---|---|---|---|\n");
   for (const char* kind : {"backemf_printed", "active_flux", "eemf", "dq_ekf"})
     for (double load : {0.0, 0.3}) {
@@ -240,17 +239,16 @@ double riding_error_deg(const char* kind, const std::string& belief) {
 
 void robustness() {
   fmt::print(
-      "\n## Angle error in deg at 0.6 of rated torque, 2000 rpm, where the drive's parameters are "
-      "wrong\n\n"
-      "The drive runs on the true angle, the filters (rk4) ride along with the wrong machine.\n\n"
-      "| the filter's | `backemf_printed` | `active_flux` | `eemf` | `dq_ekf` "
+      "\n### Angle error in deg at 0.6 of rated torque, 2000 rpm, with wrong parameters\n\n"
+      "The filters (rk4) run parallel, with wrong parameters of the machine.\n\n"
+      "| parameters of the filter | `backemf_printed` | `active_flux` | `eemf` | `dq_ekf` "
       "|\n|---|---|---|---|---|\n");
   struct Case {
     const char* what;
     const char* override_text;
   };
   for (const Case& c :
-       {Case{"as the plant's", "machine.n_p=2"}, Case{"R_s -50 %", "machine.R_s_Ohm=5.5"},
+       {Case{"those of the plant", "machine.n_p=2"}, Case{"R_s -50 %", "machine.R_s_Ohm=5.5"},
         Case{"R_s +50 %", "machine.R_s_Ohm=16.5"}, Case{"L_q -20 %", "machine.L_q_H=0.1064"},
         Case{"L_q +20 %", "machine.L_q_H=0.1596"}, Case{"psi_f -10 %", "machine.psi_f_Wb=0.2565"},
         Case{"psi_f +10 %", "machine.psi_f_Wb=0.3135"}}) {

@@ -36,10 +36,10 @@ double local_noise2(const std::array<std::complex<double>, kCompensatedOrders>& 
 }  // namespace
 
 void AngleDomainParameters::fields(FieldVisitor& f) {
-  f.boolean("learn", learn, "go on learning; false: only play the table");
+  f.boolean("learn", learn, "learn during the run; false: use the table as it is");
   f.integer("highest_order", highest_order, 1, kCompensatedOrders,
-            "orders 1 to this one are compensated");
-  f.number("rate", rate, 0.01, 1, "largest share of an error taken away at once");
+            "highest order that is compensated, from 1 on");
+  f.number("rate", rate, 0.01, 1, "largest fraction of an error that one update removes");
   f.numbers("cos_Nm", cos_Nm, -1e4, 1e4, "table, orders 1 to 60: torque at theta_m = 0");
   f.numbers("sin_Nm", sin_Nm, -1e4, 1e4, "table, orders 1 to 60: torque a quarter period on");
 }

@@ -39,9 +39,11 @@ struct FieldWeakeningParameters {
   double bandwidth_Hz = 20;
   void fields(FieldVisitor& f) {
     f.boolean("field_weakening", active,
-              "hold the voltage inside its limit with a negative i_d, above base speed");
-    f.number("voltage_margin", margin, 0.5, 1, "share of v_dc/sqrt3 at which it begins");
-    f.number("field_weakening_bandwidth_Hz", bandwidth_Hz, 0.1, 500, "bandwidth of that loop");
+              "keep the voltage within its limit by a negative i_d, above base speed");
+    f.number("voltage_margin", margin, 0.5, 1,
+             "fraction of v_dc/sqrt3 at which field weakening begins");
+    f.number("field_weakening_bandwidth_Hz", bandwidth_Hz, 0.1, 500,
+             "bandwidth of the field-weakening loop");
   }
 };
 

@@ -44,7 +44,7 @@ struct FocParameters {
     field_weakening.fields(f);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
     f.boolean("compensate_effects", compensate_effects,
-              "feed forward torque and voltage loss that the model's effects (used_in) predict");
+              "feed forward torque and voltage loss of the effects in the model (used_in)");
     f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
     f.table("synchronism", [&](FieldVisitor& sub) { synchronism.fields(sub); });
   }

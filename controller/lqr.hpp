@@ -55,7 +55,7 @@ struct LqrParameters {
     design.fields(f);
     f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude (MPAC)", Presence::kRequired);
     f.number("k_awu_rad_s", k_awu, 0, 1e6,
-             "anti-windup gain of (39), a unit of normalised voltage");
+             "anti-windup gain of (39), per unit of normalised voltage");
     f.table("angle_domain", [&](FieldVisitor& sub) { angle_domain.fields(sub); });
   }
 };

@@ -22,14 +22,16 @@ struct StartupParameters {
   void fields(FieldVisitor& f) {
     f.number("i_start_A", i_start, 0, 1e4, "current of alignment and I/f ramp; 0: i_max_A");
     f.number("t_align_s", t_align, 0.01, 10, "duration of each of the two alignment steps");
-    f.number("acceleration_rad_s2", acceleration, 1, 1e6, "I/f ramp, electrical");
+    f.number("acceleration_rad_s2", acceleration, 1, 1e6,
+             "acceleration of the I/f ramp, electrical");
     f.number("omega_e_handover_rad_s", omega_e_handover, 1, 1e5,
              "electrical speed of the hand-over");
-    f.number("t_agree_s", t_agree, 1e-3, 10, "time the estimate must agree before the hand-over");
+    f.number("t_agree_s", t_agree, 1e-3, 10,
+             "time for which the estimate must agree before the hand-over");
     f.number("t_give_up_s", t_give_up, 0.01, 100,
-             "no agreement this long after the ramp: safe mode");
+             "time after the ramp at which a missing agreement leads to safe mode");
     f.number("t_fade_s", t_fade, 1e-3, 10,
-             "time in which the d current of the ramp fades after it");
+             "time in which the d current of the ramp fades after the hand-over");
   }
 };
 

@@ -25,18 +25,17 @@ struct SynchronismParameters {
   double emf_limit = 0.6, innovation = 0.02, nis_limit = 10;
   double lowpass_Hz = 30, t_lost = 0.02, t_find = 0.5, omega_e_min = 50;
   void fields(FieldVisitor& f) {
-    f.boolean("watch", watch, "watch for lost synchronism; where it is lost: event, safe mode");
-    f.number("emf_limit", emf_limit, 0.05, 10,
-             "EMF residual over the expected EMF that counts as lost");
+    f.boolean("watch", watch, "watch the synchronism; a loss leads to an event and safe mode");
+    f.number("emf_limit", emf_limit, 0.05, 10, "limit of the EMF residual over the expected EMF");
     f.number("innovation_A", innovation, 1e-6, 1e3,
-             "rms of one current innovation that counts as 1");
-    f.number("nis_limit", nis_limit, 0.1, 1e6, "normalised innovation squared that counts as lost");
-    f.number("lowpass_Hz", lowpass_Hz, 0.1, 5000, "cut-off of residual and innovation");
-    f.number("t_lost_s", t_lost, 0, 10, "time beyond a limit until it counts");
-    f.number("t_find_s", t_find, 0, 100,
-             "the same before the estimate has agreed for the first time");
+             "rms of a current innovation, for its normalisation");
+    f.number("nis_limit", nis_limit, 0.1, 1e6, "limit of the normalised innovation squared");
+    f.number("lowpass_Hz", lowpass_Hz, 0.1, 5000,
+             "cut-off of the low-pass of residual and innovation");
+    f.number("t_lost_s", t_lost, 0, 10, "time beyond a limit after which synchronism is lost");
+    f.number("t_find_s", t_find, 0, 100, "t_lost_s before the first agreement of the estimate");
     f.number("omega_e_min_rad_s", omega_e_min, 0.1, 1e5,
-             "electrical speed below which the EMF is not expected to tell more");
+             "smallest electrical speed in the expected EMF");
   }
 };
 

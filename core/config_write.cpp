@@ -237,7 +237,7 @@ std::vector<KeyRow> describe_drive_keys() {
       {"name", "text", "\"\"", "name of the drive, for titles"},
       {"preset", "name of a preset", "", "start from this preset; the keys of this file win"},
       {"start", fmt::format("{}", fmt::join(kStartNames, ", ")), "\"aligned\"",
-       "aligned: rotor angle known to be 0; align_if: alignment, I/f ramp, hand-over; flying: at "
+       "aligned: the rotor starts at angle 0; align_if: alignment, I/f ramp, hand-over; flying: at "
        "the "
        "reference speed on the true angle"}};
   const auto add = [&](const char* prefix, auto& section) {

@@ -21,30 +21,32 @@ void RateParameters::fields(FieldVisitor& f) {
            Presence::kRequired);
   f.integer("n", n, 1, 100000, "f_s/f_b: the background runs every n-th tick");
   f.number("f_b_Hz", f_b_Hz, 0, 200e3,
-           "background rate; instead of n, f_s/f_b must be a whole number; 0: use n");
-  f.number("n_from_s", n_from_s, 0, 1e5, "a gain every tick until then, every n-th from then on");
+           "background rate instead of n; f_s/f_b must be a whole number; 0: use n");
+  f.number("n_from_s", n_from_s, 0, 1e5,
+           "drive time from which on the background runs every n-th tick, and every tick before");
 }
 
 void GainParameters::fields(FieldVisitor& f) {
-  choice(f, "policy", policy, kGainPolicyNames, "when a new gain is used, and what becomes of it");
+  choice(f, "policy", policy, kGainPolicyNames,
+         "gain policy: the ticks in which a gain is used, and its rotation");
   f.integer("max_age_ticks", max_age_ticks, 0, 1000000000,
             "realtime: a gain whose snapshot is older gives way to the gain tabulated over speed; "
             "0: 4 n");
   f.number("speed_span_rad_s", speed_span, 1, 1e5,
-           "policy propagated: the electrical speed moves less than this while a gain is in use");
+           "policy propagated: largest change of the electrical speed while a gain is in use");
 }
 
 void EstimatorChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "filter of the fast loop and the background");
   f.choice("prediction", prediction, kPredictionNames, "discretisation of the state prediction");
   f.choice("covariance", covariance, kCovarianceFormNames,
-           "form of the covariance update; auto: sequential where R is small, else joseph");
+           "form of the covariance update; auto: sequential if R is small, else joseph");
 }
 
 void ControllerChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "controller");
   choice(f, "angle_source", angle_source, kAngleSourceNames,
-         "angle and speed the controller works on");
+         "source of angle and speed for the controller");
   f.choice_profile("compensation", compensation, kCompensationNames, "disturbance compensation");
 }
 
@@ -52,13 +54,13 @@ void PlantParameters::fields(FieldVisitor& f) {
   f.choice("engine", engine, kEngineChoice, "integrator of the simulated plant");
   f.choice("inverter", inverter, kInverterChoice, "inverter model: mean voltage, or edge by edge");
   f.choice("saliency", saliency, kSaliencyChoice,
-           "rotor: L_d and L_q turn with the rotor, as in every real machine; fixed_axes: the "
+           "rotor: L_d and L_q turn with the rotor; fixed_axes: the "
            "idealised machine of Kim et al., L_q on alpha and L_d on beta");
-  f.integer("erk_steps", erk_steps, 1, 1000, "fixed steps of the erk engine a sampling interval");
+  f.integer("erk_steps", erk_steps, 1, 1000, "fixed steps of the erk engine per tick");
   f.integer("delay_samples", delay_samples, 0, 4,
             "computation delay: COMMAND(k) acts from t_{k+delay}");
   f.integer("hold_ticks", hold_ticks, 1, 100000,
-            "realtime: ticks the last voltage is held without a new command");
+            "realtime: number of ticks without a command for which the last voltage is held");
   f.number("theta_e_start_rad", theta_e_start, -100, 100, "electrical rotor angle at t = 0");
 }
 
@@ -69,8 +71,7 @@ void ReferenceParameters::fields(FieldVisitor& f) {
   f.profile("i_d_A", i_d_A, -1e4, 1e4, "d-axis current reference");
   f.number("slew_rad_s2", slew_rate_rad_s2, 0, 1e9,
            "slew limit of the speed reference, electrical; 0: none");
-  f.boolean("from_bus", from_bus,
-            "another process publishes DRIVE_REFERENCE; the controller waits for it");
+  f.boolean("from_bus", from_bus, "wait for DRIVE_REFERENCE from another process");
 }
 
 void LoadParameters::fields(FieldVisitor& f) {
@@ -81,36 +82,38 @@ void LoadParameters::fields(FieldVisitor& f) {
 
 void RunParameters::fields(FieldVisitor& f) {
   f.number("duration_s", duration_s, 1e-3, 1e5, "drive time of a run");
-  f.number("settle_s", settle_s, 0, 1e5, "start of the window that the summary's figures use");
+  f.number("settle_s", settle_s, 0, 1e5, "start of the window for the figures of the summary");
   f.integer("seed", seed, 0, 2147483647, "seed of every noise stream");
 }
 
 void BusParameters::fields(FieldVisitor& f) {
   f.number("peer_timeout_s", peer_timeout_s, 0.05, 3600,
-           "a process that waits longer for another stops and says so");
+           "longest wait for another process; beyond it the process reports and stops");
   f.number("repeat_after_ms", repeat_after_ms, 0.1, 10000,
-           "lock-step: an unanswered message is sent again after this");
+           "lock-step: time after which an unanswered message is sent again");
   f.integer("window_ticks", window_ticks, 16, 8192,
-            "lock-step: ticks the plant may be ahead of the log");
+            "lock-step: number of ticks by which the plant can lead the log");
   f.number("drop_rate", drop_rate, 0, 0.5,
-           "share of datagrams each receiver throws away on purpose (testing)");
-  f.boolean("pin", pin, "pin plant, estimator, controller to one CPU and the rest to the others");
-  f.boolean("split_ports", split_ports, "one UDP port a link instead of one for all");
+           "fraction of the datagrams that each receiver drops (for tests)");
+  f.boolean("pin", pin,
+            "pin plant, estimator and controller to one CPU, the other processes to the others");
+  f.boolean("split_ports", split_ports, "use one UDP port per link instead of one for all");
   f.boolean("filter", filter,
-            "a filter in the kernel keeps unwanted channels from waking a process");
+            "filter channels without a subscription in the kernel, before they wake a process");
   f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6,
-           "size at which the logger begins the next log file");
+           "size of a log file at which the logger begins the next one");
 }
 
 void MonitorParameters::fields(FieldVisitor& f) {
-  f.boolean("enabled", enabled, "launch starts twinrate-monitor with the set");
-  f.boolean("auto_add", auto_add,
-            "what the monitor finds missing is added to the running estimator and controller");
+  f.boolean("enabled", enabled, "start twinrate-monitor with the set");
+  f.boolean("auto_add", auto_add, "add the traced effects to the running estimator and controller");
   f.number("learn_s", learn_s, 0.5, 1000,
-           "from run.settle_s on: what the residual is like while the model fits");
-  f.number("block_s", block_s, 0.05, 100, "length of drive time that is judged at once");
-  f.number("gather_s", gather_s, 0.5, 1000, "data after a misfit before it is first traced");
-  f.number("window_s", window_s, 0.5, 1000, "rolling window: the longest stretch that is traced");
+           "time from run.settle_s on in which the monitor learns the level of the residuals");
+  f.number("block_s", block_s, 0.05, 100, "length of one block");
+  f.number("gather_s", gather_s, 0.5, 1000,
+           "length of the data after a misfit before the first trace");
+  f.number("window_s", window_s, 0.5, 1000,
+           "length of the rolling window, the longest stretch for a trace");
 }
 
 std::int64_t DriveConfig::t_ns(std::int64_t k) const {

@@ -147,7 +147,7 @@ void Process::compare_config(const status_t& other) {
       status_.config_hash == 0 || other.config_hash == status_.config_hash)
     return;
   fail(Reason::kConfigMismatch, status_.seq,
-       fmt::format("{} and {} were started with different configs", kRoleNames[status_.role],
+       fmt::format("{} and {} have different drive files", kRoleNames[status_.role],
                    kRoleNames[other.role]));
 }
 

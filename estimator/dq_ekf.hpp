@@ -50,7 +50,7 @@ struct DqEkfParameters {
   double P0_diag[4] = {1e-2, 1e-2, 100, 3};
   void fields(FieldVisitor& f) {
     f.numbers("Q_diag", Q_diag, 0, 1e12,
-              "process noise a background update: A^2, A^2, (rad/s)^2, rad^2");
+              "process noise per background update: A^2, A^2, (rad/s)^2, rad^2");
     f.number("R", r, 1e-15, 1e12, "measurement noise of either current, A^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance: A^2, A^2, (rad/s)^2, rad^2");
   }

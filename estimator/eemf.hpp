@@ -59,11 +59,11 @@ struct EemfParameters {
   Rotation rotation = Rotation::kExact;
   void fields(FieldVisitor& f) {
     f.numbers("Q_diag", Q_diag, 0, 1e12,
-              "process noise a background update: A^2, A^2, V^2, V^2, (rad/s)^2");
+              "process noise per background update: A^2, A^2, V^2, V^2, (rad/s)^2");
     f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance: A^2, A^2, V^2, V^2, (rad/s)^2");
     choice(f, "rotation", rotation, kRotationNames,
-           "how the EMF turns over one period (prediction = euler)");
+           "rotation of the EMF over one period (prediction = euler)");
   }
 };
 

@@ -64,13 +64,13 @@ struct EkfDisturbanceParameters {
   bool speed_from_angle = false;
   void fields(FieldVisitor& f) {
     f.numbers("Q_diag", Q_diag, 0, 1e12,
-              "process noise a background update: A^2, A^2, (rad/s)^2, (Nm)^2");
+              "process noise per background update: A^2, A^2, (rad/s)^2, (Nm)^2");
     f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2, (rad/s)^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance, same units as Q_diag");
     f.number("L_Nm_rad", L, -1e6, 0, "gain of the integral of the speed tracking error, (25)");
-    f.boolean(
-        "speed_from_angle", speed_from_angle,
-        "measure speed as the difference of the angle over T_s, not as the sensor reports it");
+    f.boolean("speed_from_angle", speed_from_angle,
+              "compute the speed as the difference of the angle over T_s instead of the speed of "
+              "the sensor");
   }
 };
 

@@ -56,9 +56,10 @@ struct EkfHarmonicParameters {
   double P0_order = 1;
   double L = 0;
   void fields(FieldVisitor& f) {
-    f.integers("orders", orders, 1, 2000, kMostOrders, "periods a mechanical turn of the load");
+    f.integers("orders", orders, 1, 2000, kMostOrders,
+               "orders of the load, periods per mechanical turn");
     f.numbers("Q_diag", Q_diag, 0, 1e12,
-              "process noise a background update: A^2, A^2, (rad/s)^2, (Nm)^2");
+              "process noise per background update: A^2, A^2, (rad/s)^2, (Nm)^2");
     f.number("Q_order_Nm2", Q_order, 0, 1e12, "process noise of each oscillator state");
     f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2, (rad/s)^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance, same units as Q_diag");

@@ -37,11 +37,12 @@ struct EmfAngleParameters {
     choice(f, "speed_from", speed_from, kSpeedFromNames,
            "speed from the length of the EMF, (33), or from the rate of its angle, (32)");
     f.boolean("saliency_in_speed", saliency_in_speed,
-              "divide |E| by psi_f + (L_d - L_q) i_d, not by psi_f alone");
-    f.number("lowpass_Hz", lowpass_Hz, 0.1, 1e4, "cut-off of the speed's low-pass, (34)");
-    f.boolean("limit", limit, "limit the angle's change in an interval, (36)-(38)");
+              "divide the length of the EMF by psi_f + (L_d - L_q) i_d instead of psi_f");
+    f.number("lowpass_Hz", lowpass_Hz, 0.1, 1e4, "cut-off of the low-pass of the speed, (34)");
+    f.boolean("limit", limit, "limit the change of the angle per interval, (36)-(38)");
     f.number("limit_floor_rad", limit_floor, 0, 3.2,
-             "smallest limit of the angle's change; 0 freezes the angle at standstill, as printed");
+             "smallest limit of the change of the angle; 0: the angle freezes at standstill, as "
+             "printed");
   }
 };
 

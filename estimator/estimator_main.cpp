@@ -49,7 +49,7 @@ class EstimatorProcess {
     last_ = Estimate{};
     waiting_.clear();
     snapshots_ = {};
-    p_.event(Reason::kEstimatorReset, k, "the sequence started again: the filter began anew");
+    p_.event(Reason::kEstimatorReset, k, "the sequence started again: the filter restarted");
   }
   void take(const Measurement& m) {
     if (m.k == last_.k || (!waiting_.empty() && m.k == waiting_.back().k)) {
@@ -100,21 +100,23 @@ class EstimatorProcess {
     if (late) ++p_.status().late_gains;
     if (late && !was_late_)
       p_.event(Reason::kLateGain, e.k,
-               fmt::format("a gain was late: the one of tick {} is held", e.gain_seq));
+               fmt::format("a gain was late: the gain of tick {} is held", e.gain_seq));
     was_late_ = late;
     const bool fell_back =
         (e.status & kScheduledGain) != 0 && has_background(p_.drive().gain.policy);
     if (fell_back && !had_fallen_back_)
       p_.event(Reason::kGainScheduled, e.k,
-               "no new gain for too long: the table over speed took over");
+               "no new gain for longer than gain.max_age_ticks: the gain comes from the table over "
+               "speed");
     if (!fell_back && had_fallen_back_)
-      p_.event(Reason::kGainBack, e.k, fmt::format("gains come again: from tick {}", e.gain_seq));
+      p_.event(Reason::kGainBack, e.k,
+               fmt::format("new gains arrive: the gain of tick {} is used", e.gain_seq));
     had_fallen_back_ = fell_back;
     if ((e.status & kGapBridged) != 0)
       p_.event(Reason::kMeasurementGap, e.k,
                "samples were missing; the filter predicted over them");
     if ((e.status & kNotFinite) != 0)
-      p_.event(Reason::kEstimateNotFinite, e.k, "a correction was not finite and was left out");
+      p_.event(Reason::kEstimateNotFinite, e.k, "a correction was not finite and was not applied");
   }
   void repeat_what_is_waited_for() {
     if (waiting_.empty()) return;

@@ -45,14 +45,13 @@ void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
     if (!plant.advance()) {
       ++p.status().late_commands;
       if (!plant.tripped())
-        p.event(
-            Reason::kLateCommand, k,
-            fmt::format("COMMAND({}) was not there when its voltage was due: the last one is held",
-                        k - p.drive().plant.delay_samples));
+        p.event(Reason::kLateCommand, k,
+                fmt::format("COMMAND({}) was late: the last voltage is held",
+                            k - p.drive().plant.delay_samples));
     }
     if (plant.tripped() && !reported_trip) {
       reported_trip = true;
-      p.event(Reason::kCommandLost, k, "no command for too long: zero voltage");
+      p.event(Reason::kCommandLost, k, "no command for longer than plant.hold_ticks: zero voltage");
     }
     p.progress(k);
   }

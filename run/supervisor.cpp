@@ -83,8 +83,8 @@ void Supervisor::note_status(const status_t& status) {
   for (const auto& [role, other] : latest_)
     if (other.config_hash != 0 && status.config_hash != 0 &&
         other.config_hash != status.config_hash)
-      end_early(fmt::format("{} and {} were started with different configs",
-                            kRoleNames[status.role], kRoleNames[role]));
+      end_early(fmt::format("{} and {} have different drive files", kRoleNames[status.role],
+                            kRoleNames[role]));
 }
 
 void Supervisor::request(RequestKind kind) {

@@ -20,7 +20,8 @@
 // An HTML comment in front of a block changes this; the reader of the page does not see it:
 //
 //   <!-- test: skip, REASON -->      does not run here; the test prints the reason
-//   <!-- test: long, REASON -->      runs only where TWINRATE_DOCS=long is set
+//   <!-- test: long, REASON -->      runs only if TWINRATE_DOCS=long is set
+//   <!-- test: uncompared, REASON -->  runs; its output is not compared
 //   <!-- test: first, COMMANDS -->   runs COMMANDS before the block
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -55,7 +56,7 @@ struct Block {
   int line = 0;
   std::string language;
   std::vector<std::string> lines;
-  std::string first, skipped, long_reason;  // of the comments in front of it
+  std::string first, skipped, long_reason, uncompared;  // of the comments in front of it
 };
 
 std::vector<std::string> lines_of(const std::string& text) {
@@ -72,7 +73,7 @@ std::string trimmed(const std::string& text) {
 
 // The blocks of a page. Comments bind to the next block.
 std::vector<Block> blocks_of(const std::string& page) {
-  const std::regex comment(R"(^<!-- test: (skip|long|first), (.*) -->$)");
+  const std::regex comment(R"(^<!-- test: (skip|long|first|uncompared), (.*) -->$)");
   std::vector<Block> blocks;
   Block block;
   const auto end_block = [&] {
@@ -98,9 +99,10 @@ std::vector<Block> blocks_of(const std::string& page) {
     } else if (fenced) {
       block.lines.push_back(line);
     } else if (std::regex_match(line, found, comment)) {
-      (found[1] == "skip"   ? block.skipped
-       : found[1] == "long" ? block.long_reason
-                            : block.first) = found[2];
+      (found[1] == "skip"    ? block.skipped
+       : found[1] == "long"  ? block.long_reason
+       : found[1] == "first" ? block.first
+                             : block.uncompared) = found[2];
     } else if (indented || (after_blank && line.starts_with("    "))) {
       if (!indented) block.line = number;
       indented = true;
@@ -277,11 +279,12 @@ class Commands : public ProgramTest, public ::testing::WithParamInterface<std::s
     EXPECT_EQ(result.exit_code, command.exit_code) << where << "\n"
                                                    << command.text << "\n"
                                                    << result.out;
-    if (!command.shown.empty())
+    if (!command.shown.empty()) {
       EXPECT_EQ(difference(without_empty(command.shown), without_empty(lines_of(result.out))), "")
           << where << "\n"
           << command.text << "\n"
           << result.out;
+    }
     fmt::print("{}: {:.1f} s, {}\n", where, result.wall_s, lines_of(command.text).front());
   }
 };
@@ -305,7 +308,10 @@ TEST_P(Commands, RunAndPrintWhatThePageShows) {
       const ProgramResult made = run(block.first);
       ASSERT_EQ(made.exit_code, 0) << block.first << "\n" << made.out;
     }
-    for (const Command& command : commands) check(command);
+    for (Command command : commands) {
+      if (!block.uncompared.empty()) command.shown.clear();
+      check(command);
+    }
   }
 }
 

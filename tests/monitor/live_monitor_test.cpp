@@ -126,7 +126,7 @@ TEST(LiveMonitor, TracesTwiceAsMuchUpToTheWindowAndThenSaysThatNothingWasFound) 
   EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
   EXPECT_EQ(outcome.notices[1].reason, Reason::kNothingTraced);
   EXPECT_EQ(outcome.notices[1].text,
-            "Nothing that the catalogue holds. What is there now counts as normal from here.");
+            "Nothing that the catalogue holds. The present residuals are the new reference.");
 }
 
 // The innovations alone show that the model does not fit.
@@ -136,7 +136,7 @@ TEST(LiveMonitor, WithoutAnAngleItSaysThatNothingCanBeTraced) {
   EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
   EXPECT_EQ(outcome.notices[1].reason, Reason::kNothingTraced);
   EXPECT_EQ(outcome.notices[1].text,
-            "No currents and angle measured. What is there now counts as normal from here.");
+            "Currents and angle are not measured. The present residuals are the new reference.");
 }
 
 TEST(LiveMonitor, BeginsAnewWithTheTicksOfAnotherRun) {

@@ -82,8 +82,8 @@ TEST_F(Sessions, AProcessWithAnotherConfigEndsTheRun) {
                 *(session + 1), "--set", "gain.policy=immediate"});
   const ProgramResult of_run = run.wait(10), of_gain = gain.wait(10);
   EXPECT_EQ(of_run.exit_code, 1);
-  EXPECT_NE(of_run.err.find("different configs"), std::string::npos) << of_run.err;
-  EXPECT_NE(of_gain.err.find("different configs"), std::string::npos) << of_gain.err;
+  EXPECT_NE(of_run.err.find("different drive files"), std::string::npos) << of_run.err;
+  EXPECT_NE(of_gain.err.find("different drive files"), std::string::npos) << of_gain.err;
   EXPECT_EQ(of_gain.exit_code, 1);
 }
 
@@ -113,7 +113,7 @@ TEST_F(Sessions, ASetStartedByHandRunsAndRefusesAMemberWithAnotherConfig) {
       const ProgramResult of_gain = gain.wait(5);
       EXPECT_EQ(of_gain.exit_code, 1);
       EXPECT_NE(of_gain.err.find("gain and "), std::string::npos) << of_gain.err;
-      EXPECT_NE(of_gain.err.find("different configs"), std::string::npos) << of_gain.err;
+      EXPECT_NE(of_gain.err.find("different drive files"), std::string::npos) << of_gain.err;
       continue;
     }
     EXPECT_EQ(of_plant.exit_code, 0) << of_plant.err;
