@@ -115,7 +115,7 @@ static ControllerEvent mode_change(Mode mode) {
     case Mode::kIfRamp:
       return {Reason::kModeChange, "alignment done: I/f ramp"};
     case Mode::kSafe:
-      return {Reason::kStartupGaveUp, "the estimate never agreed with the I/f ramp: zero voltage"};
+      return {Reason::kStartupGaveUp, "the estimate did not agree with the I/f ramp: zero voltage"};
     case Mode::kAlign:
       break;
   }
@@ -180,7 +180,7 @@ Command Foc::step(const ControllerInput& in) {
     startup_.stop();
     drive.mode = Mode::kSafe;
     event_ = {Reason::kLostSynchronism,
-              synchronism_.by_emf() ? "the EMF is not where the estimate has it: zero voltage"
+              synchronism_.by_emf() ? "the EMF does not agree with the estimate: zero voltage"
                                     : "the innovations are too large: zero voltage"};
   }
 

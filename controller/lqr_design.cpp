@@ -50,13 +50,13 @@ void complain_about_weights(AxisDesign& axis) {
   for (Eigen::Index i = 0; i < n; ++i)
     if (axis.Q[i] < 0)
       axis.complaints.push_back(
-          fmt::format("weight of {} is negative ({:.3g}): the poles asked for are slower together "
+          fmt::format("weight of {} is negative ({:.3g}): the requested poles together are slower "
                       "than the open loop",
                       axis.states[static_cast<std::size_t>(i)], axis.Q[i]));
   if (!(axis.R > 0)) axis.complaints.push_back("the weight of the voltage must be positive");
   if (axis.Q[n - 1] == 0)
     axis.complaints.push_back(fmt::format(
-        "weight of {} is zero: the cost does not see the integral, and no gain on it follows",
+        "weight of {} is zero: the cost does not contain the integral, so it gets no gain",
         axis.states.back()));
 }
 

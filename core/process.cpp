@@ -103,7 +103,7 @@ void Process::handle_request(const request_t& request) {
       if (!add_proposed_) return;
       if (add_proposed_()) break;
       reply.accepted = 0;
-      reply.text = "nothing is proposed";
+      reply.text = "no effect is proposed";
       break;
     default:
       reply.accepted = 0;

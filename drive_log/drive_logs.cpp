@@ -179,10 +179,10 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
     blocks = choose_blocks(log.slots, count, length, log.health.T_s);
   }
   if (blocks.empty())
-    throw BadInput(fmt::format(
-        "{}: {} rows are too many for {:.4g} MiB, and no {} of them are without a gap, which parts "
-        "of it would have to be; --memory allows more",
-        log.path, log.health.rows, asked_.memory_MiB, kSlotRows));
+    throw BadInput(
+        fmt::format("{}: {} rows need more than {:.4g} MiB, and no {} successive rows are without "
+                    "a gap, as a block must be; increase --memory",
+                    log.path, log.health.rows, asked_.memory_MiB, kSlotRows));
   Record record;
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     tell("reading the blocks of " + log.path,
@@ -192,8 +192,8 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
   record.source = log.path;
   record.begin_s = log.slots.front().t_begin;
   result_.notes.push_back(fmt::format(
-      "{}: {:.4g} s, {} rows; traced on {} blocks of {:.3g} s spread over them ({:.2g} % of the "
-      "rows), missing, repeated and clipped samples counted in all",
+      "{}: {:.4g} s, {} rows; traced on {} blocks of {:.3g} s spread over the log ({:.2g} % of the "
+      "rows); missing, repeated and clipped samples are counted in all rows",
       log.path, log.duration_s(), log.health.rows, blocks.size(),
       static_cast<double>(length * kSlotRows) * log.health.T_s,
       100 * static_cast<double>(record.size()) / static_cast<double>(log.health.rows)));
@@ -203,10 +203,10 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
 // The third current is then made up from the others, by the estimator as by the tracer.
 void Reader::note_sensors(const Record& log) {
   if (log.current_sensors >= drive_.sensors.current_sensors) return;
-  result_.notes.push_back(fmt::format(
-      "{}: two currents are measured, i_c is -(i_a + i_b) or not there; the drive file has "
-      "sensors.current_sensors = {}, where 2 would fit",
-      log.source, drive_.sensors.current_sensors));
+  result_.notes.push_back(
+      fmt::format("{}: two currents are measured (i_c is -(i_a + i_b) or missing); the drive file "
+                  "has sensors.current_sensors = {}, set it to 2",
+                  log.source, drive_.sensors.current_sensors));
 }
 
 void Reader::add(Scanned& log, std::size_t most_rows) {

@@ -178,7 +178,7 @@ std::optional<TraceResult> trace_measured_files(const MeasuredFiles& asked,
   else
     throw BadInput(
         "--data, --holdout: the files are of different kinds (full drive logs, logs of angle and "
-        "current, sets without time); one kind at a time");
+        "current, sets without time); give one kind at a time");
   if (!result) return {};
   result->sources = asked.data;
   result->held_out_sources = asked.held_out;

@@ -57,7 +57,7 @@ CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
   if (!format_.header) return;
   std::vector<std::string_view> names;
   if (!next(names))
-    throw BadInput(fmt::format("{}:1: no header line; a row of column names is needed", path_));
+    throw BadInput(fmt::format("{}:1: no header line; a row of column names is required", path_));
   header_.assign(names.begin(), names.end());
   header_line_ = line_;
   expect_separated();
@@ -133,7 +133,7 @@ bool CsvReader::next(std::vector<std::string_view>& fields) {
 
 void CsvReader::go_to(const Place& place) {
   if (gzseek(file_.get(), static_cast<z_off_t>(place.byte), SEEK_SET) < 0)
-    throw BadInput(fmt::format("{}: cannot be read again; was it changed?", path_));
+    throw BadInput(fmt::format("{}: cannot be read again; the file has changed", path_));
   block_.clear();
   position_ = 0;
   block_begin_ = place.byte;

@@ -51,11 +51,11 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
   }
   note_spacing(rows, grid);
   if (static_cast<double>(grid.crowded_out) > kMostCrowdedOut * static_cast<double>(rows.size()))
-    throw BadInput(fmt::format(
-        "{}:{}: rows come faster than the drive's rates.f_s_Hz = {}: {} of {} find no tick; "
-        "--set rates.f_s_Hz={:.6g} would fit",
-        rows.path, rows.line.front(), f_s_Hz, grid.crowded_out, rows.size(),
-        static_cast<double>(rows.size() - 1) / (rows.t.back() - rows.t.front())));
+    throw BadInput(
+        fmt::format("{}:{}: the rows are faster than rates.f_s_Hz = {} of the drive: {} of {} rows "
+                    "have no tick; use --set rates.f_s_Hz={:.6g}",
+                    rows.path, rows.line.front(), f_s_Hz, grid.crowded_out, rows.size(),
+                    static_cast<double>(rows.size() - 1) / (rows.t.back() - rows.t.front())));
   return grid;
 }
 
@@ -157,12 +157,12 @@ Reference DriveMessages::reference(const TickGrid::Slot& slot) const {
 
 std::vector<std::string> DriveMessages::found() const {
   std::vector<std::string> list;
-  constexpr const char* kCurrentText[] = {
-      "", "phase currents", "phase currents (from i_alpha, i_beta)",
-      "phase currents (from i_d, i_q)", "i_q only (i_d taken as 0)"};
+  constexpr const char* kCurrentText[] = {"", "phase currents",
+                                          "phase currents (from i_alpha, i_beta)",
+                                          "phase currents (from i_d, i_q)", "i_q only (i_d = 0)"};
   constexpr const char* kVoltageText[] = {"", "voltage", "voltage (from u_d, u_q)",
                                           "voltage (from duty and v_dc)"};
-  constexpr const char* kOnNominal = "voltage (from duty and the drive's inverter.v_dc_V)";
+  constexpr const char* kOnNominal = "voltage (from duty and inverter.v_dc_V of the drive)";
   if (currents_ != Currents::kNone) list.emplace_back(kCurrentText[static_cast<int>(currents_)]);
   const bool on_nominal = voltages_ == Voltages::kDuty && !rows_.has("v_dc");
   if (voltages_ != Voltages::kNone)

@@ -141,19 +141,18 @@ bool RowReader::time_rises() {
     return true;
   }
   if (t_ < *before)
-    fail(fmt::format("time goes back from {} s to {} s; it must rise", *before, t_));
+    fail(fmt::format("time decreases from {} s to {} s; it must increase", *before, t_));
   if (!repair_)
-    fail(
-        fmt::format("time stands still at {} s (a repeated sample?); it must rise, --repair "
-                    "leaves such rows out",
-                    t_));
+    fail(fmt::format(
+        "time repeats at {} s (a repeated sample?); it must increase; --repair skips such rows",
+        t_));
   if (repeated_++ == 0) first_repeated_ = csv_.line();
   return false;
 }
 
 bool RowReader::leave_out_truncated(const std::string& what) {
-  if (!repair_) fail("truncated last line: " + what + "; --repair leaves it out");
-  truncated_note_ = fmt::format("truncated last line {} left out", csv_.line());
+  if (!repair_) fail("truncated last line: " + what + "; --repair skips it");
+  truncated_note_ = fmt::format("truncated last line {} skipped", csv_.line());
   return false;
 }
 
@@ -173,12 +172,12 @@ void RowReader::note_unknown_columns(std::vector<std::string>& notes) const {
     if (meant == known.end())
       unknown.push_back(name);
     else
-      notes.push_back(fmt::format("{}: not a column of a drive log; {} is", name, *meant));
+      notes.push_back(
+          fmt::format("{}: not a column of a drive log; did you mean {}?", name, *meant));
   }
   if (!unknown.empty())
-    notes.push_back(fmt::format(
-        "{}: not {} of a drive log, nothing is taken from {}", fmt::join(unknown, ", "),
-        unknown.size() == 1 ? "a column" : "columns", unknown.size() == 1 ? "it" : "them"));
+    notes.push_back(fmt::format("{}: not {} of a drive log, ignored", fmt::join(unknown, ", "),
+                                unknown.size() == 1 ? "a column" : "columns"));
 }
 
 std::vector<std::string> RowReader::notes() const {
@@ -186,7 +185,7 @@ std::vector<std::string> RowReader::notes() const {
   note_unknown_columns(notes);
   if (!truncated_note_.empty()) notes.push_back(truncated_note_);
   if (repeated_ > 0)
-    notes.push_back(fmt::format("{} repeated sample{} left out, the first at line {}", repeated_,
+    notes.push_back(fmt::format("{} repeated sample{} skipped, the first at line {}", repeated_,
                                 repeated_ == 1 ? "" : "s", first_repeated_));
   if (csv_.cut_off() && truncated_note_.empty())
     notes.push_back(fmt::format(

@@ -15,7 +15,7 @@ namespace twinrate {
 WholeLog::WholeLog(const std::string& path) : path_(path), part_path_(path + ".part") {
   // A rename would put the log in the place of a device or directory.
   if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
-    throw BadInput(fmt::format("{}: is no plain file; a file name is needed", path));
+    throw BadInput(fmt::format("{}: is not a plain file; give a file name", path));
   log_ = lcm_eventlog_create(part_path_.c_str(), "w");
   if (!log_) throw BadInput(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
 }

@@ -58,9 +58,9 @@ const ChannelLevel* BlockJudgement::worst() const {
 
 std::string BlockJudgement::text() const {
   const ChannelLevel* w = worst();
-  if (!w) return "nothing to judge";
+  if (!w) return "no data to test";
   return fmt::format(
-      "{} {:.3g}{}{} rms, {:.3g} times what it was (consistency p {:.1g}, whiteness "
+      "{} {:.3g}{}{} rms, {:.3g} times the learnt level (consistency p {:.1g}, whiteness "
       "p {:.1g})",
       w->name, w->rms, w->unit.empty() ? "" : " ", w->unit, std::sqrt(w->excess), w->consistency,
       w->whiteness);

@@ -18,20 +18,18 @@ bool shows_a_gap(const PlanBlock& block) {
 
 OutsideKind backlash(const Plan& plan, const std::vector<PlanLog>& logs) {
   OutsideKind k{.kind = "backlash",
-                .needs =
-                    "reversals without load: the load's mass has to leave one flank of the gap "
-                    "and meet the other, again and again",
+                .needs = "reversals without load: the load inertia must cross the gap repeatedly",
                 .shown_by = {std::begin(kShowsAGap), std::end(kShowsAGap)}};
   k.in_run = std::any_of(plan.order.begin(), plan.order.end(),
                          [&](std::size_t b) { return shows_a_gap(plan.blocks[b]); });
-  if (!logs.empty()) k.log = "not judged: trace it";
+  if (!logs.empty()) k.log = "not tested: trace the log";
   return k;
 }
 
 OutsideKind dc_bus_ripple(const Plan& plan, const std::vector<PlanLog>& logs,
                           const DriveConfig& drive) {
   OutsideKind k{.kind = "dc_bus_ripple",
-                .needs = "v_dc logged row by row, for a second or longer, whatever the drive does",
+                .needs = "v_dc logged in every row, for a second or longer, in any run",
                 .shown_by = {}};
   k.in_run = plan.profile.duration_s >= kShowsARipple_s;
   for (const PlanLog& log : logs) {

@@ -38,7 +38,7 @@ Bench bench_for(const DriveConfig& drive, const PlanRequest& r) {
   if (!(b.i_max > 0))
     throw BadInput(
         "--plan: the drive file has neither machine.i_rated_A nor machine.T_rated_Nm; "
-        "--max-current says what the bench may use");
+        "give --max-current");
   return b;
 }
 
@@ -59,13 +59,13 @@ std::vector<NotSeparated> never(const Information& all_blocks, double seconds,
     }
     for (std::size_t b = 0; b < reach.size(); ++b) {
       if (b == a || reach[a].clear[b] >= kEnoughSigmas) continue;
-      std::string why =
-          reach[a].sine[b] < kTheSame
-              ? fmt::format("{} can do the same at every operating point", candidates.kinds[b])
-              : fmt::format("{} leaves {:.2g} % of it, whatever the block", candidates.kinds[b],
-                            100 * reach[a].sine[b]);
+      std::string why = reach[a].sine[b] < kTheSame
+                            ? fmt::format("{} has the same residual at every operating point",
+                                          candidates.kinds[b])
+                            : fmt::format("{} explains all but {:.2g} % of it in every block",
+                                          candidates.kinds[b], 100 * reach[a].sine[b]);
       const std::string remedy = beyond_a_run({candidates.kinds[a], candidates.kinds[b]});
-      if (!remedy.empty()) why += "; what helps: " + remedy;
+      if (!remedy.empty()) why += "; remedy: " + remedy;
       list.push_back({candidates.kinds[a], candidates.kinds[b], why});
     }
   }
@@ -78,14 +78,14 @@ std::string sentence(const Plan& plan) {
   };
   if (plan.order.empty())
     return plan.log.empty() ? "No run of this bench and length shows any of these effects."
-                            : "No run of this bench and length adds to what the log shows already.";
+                            : "No run of this bench and length adds to the log.";
   std::string text = fmt::format(
       "A run of {:.4g} s shows {} of {} kinds of effects at the smallest size worth reporting and "
-      "tells {} of them from every other kind",
+      "separates {} of them from every other kind",
       plan.profile.duration_s, count(plan.after, &KindOutlook::identifiable), plan.kinds.size(),
       count(plan.after, &KindOutlook::separated));
   if (!plan.log.empty())
-    text += fmt::format("; the log alone shows {} and tells {}",
+    text += fmt::format("; the log alone shows {} and separates {}",
                         count(plan.log, &KindOutlook::identifiable),
                         count(plan.log, &KindOutlook::separated));
   return text + ".";
@@ -106,10 +106,10 @@ bool check_run(const Config& drive, Plan& plan, const std::set<std::string>& kin
            .pieces)
     sum += piece;
   if (run.filter_lost)
-    plan.notes.push_back(fmt::format(
-        "the filter {} loses the angle in this run; the controller is set to the measured one, and "
-        "a summary that says LOST speaks of the filter",
-        d.estimator.kind));
+    plan.notes.push_back(
+        fmt::format("the filter {} loses the angle in this run; the controller uses the measured "
+                    "angle, and LOST in the summary refers to the filter",
+                    d.estimator.kind));
   return true;
 }
 
@@ -119,7 +119,7 @@ void note_ideal_sensors(const SensorParameters& sensors, Plan& plan) {
   if (sensors.encoder_counts == 0) ideal.push_back("an angle without steps");
   if (!ideal.empty())
     plan.notes.push_back(fmt::format(
-        "the drive file declares {}: real sensors ([sensors]) show less than these figures",
+        "the drive file declares {}: real sensors ([sensors]) reach less than these figures",
         fmt::join(ideal, " and ")));
 }
 
@@ -136,7 +136,7 @@ void check_request(const PlanRequest& request, const Bench& bench) {
   }
   if (!request.kinds.empty() && to_tell_apart < 2)
     throw BadInput(fmt::format(
-        "--kinds: at least two, to be told apart ({} do not count); without it all kinds count",
+        "--kinds: at least two kinds to separate ({} do not count); the default is all kinds",
         fmt::join(outside, ", ")));
   double shortest_s = 1e300;
   for (const PlanBlock& b : building_blocks(bench)) shortest_s = std::min(shortest_s, b.duration_s);
@@ -150,8 +150,9 @@ void note_unfit(const Trial& trial, Plan& plan) {
   std::vector<std::string> names;
   for (std::size_t b : trial.unfit) names.push_back(trial.all[b].name);
   if (!names.empty())
-    plan.notes.push_back(fmt::format(
-        "left out, because the simulated drive does not keep to them: {}", fmt::join(names, ", ")));
+    plan.notes.push_back(
+        fmt::format("blocks left out, because the simulated drive does not follow them: {}",
+                    fmt::join(names, ", ")));
 }
 
 Information of_logs(const std::vector<PlanLog>& logs, const DriveConfig& d,

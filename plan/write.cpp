@@ -177,8 +177,8 @@ std::string plan_table(const Plan& plan) {
   if (!plan.never.empty()) text += "no run of this bench:\n";
   for (const NotSeparated& n : plan.never)
     text += n.b.empty() ? fmt::format("  shows {}: {}\n", n.a, n.why)
-                        : fmt::format("  tells {} from {}: {}\n", n.a, n.b, n.why);
-  if (!plan.outside.empty()) text += "not a matter of sigmas:\n";
+                        : fmt::format("  separates {} from {}: {}\n", n.a, n.b, n.why);
+  if (!plan.outside.empty()) text += "not in the information matrix:\n";
   for (const OutsideKind& k : plan.outside)
     text += fmt::format("  {:<20}{:<4} {}{}\n", k.kind, k.in_run ? "yes" : "no", k.needs,
                         k.log.empty() ? "" : fmt::format("; the log: {}", k.log));

@@ -73,8 +73,8 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
     list.push_back(fmt::format("{}: {}: {}", config.where(key), key, what));
   };
   if (demand.u_needed > demand.u_max)
-    warn(speed_key, fmt::format("needs {:.4g} V, v_dc allows {:.4g} V; without load that is at "
-                                "most {:.4g} rad/s electrical",
+    warn(speed_key, fmt::format("needs {:.4g} V, v_dc allows {:.4g} V; without load this allows "
+                                "{:.4g} rad/s electrical",
                                 demand.u_needed, demand.u_max, demand.u_max / m.psi_f));
   if (demand.i_max && demand.i_q > *demand.i_max)
     warn("load.T_load_Nm",
@@ -90,7 +90,7 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
   if (d.estimator.kind == "ekf_sensorless" && !turned && samples / d.rates.n < 7)
     warn("rates.n",
          fmt::format("only {:.3g} gain updates an electrical turn at the reference speed; "
-                     "below about 7 a held gain loses the angle",
+                     "below about 7 a held gain loses synchronism",
                      samples / d.rates.n));
   const double decay = d.T_s() * m.R_s / std::min(m.L_d, m.L_q);
   if (d.estimator.prediction == 0 && decay > 1)

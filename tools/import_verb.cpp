@@ -86,8 +86,8 @@ std::string tick_text(const Json& s) {
   std::string text =
       gaps == 0 ? "none empty"
                 : fmt::format("{} empty in {} gaps", s["missing_ticks"].get<std::int64_t>(), gaps);
-  if (moved > 0) text += fmt::format("; {} rows moved to the tick beside", moved);
-  if (left_out > 0) text += fmt::format("; {} rows left out, their tick was taken", left_out);
+  if (moved > 0) text += fmt::format("; {} rows moved to a neighbouring tick", moved);
+  if (left_out > 0) text += fmt::format("; {} rows left out, their tick has another row", left_out);
   return text;
 }
 
@@ -108,8 +108,8 @@ void print_result(const ImportOptions& o, const Json& s) {
   for (const auto& note : s["notes"]) fmt::print("  note      {}\n", note.get<std::string>());
   if (median * f_s > 1.5)
     fmt::print(
-        "warning: the samples come every {:.3g} ticks of {} Hz; --set rates.f_s_Hz={:.6g} would "
-        "leave no gaps\n",
+        "warning: the samples are {:.3g} ticks of {} Hz apart; use --set rates.f_s_Hz={:.6g} for a "
+        "log without gaps\n",
         median * f_s, f_s, 1 / median);
 }
 

@@ -73,7 +73,7 @@ int add(const MonitorOptions& o) {
     fmt::print("{}: {}\n", role_name(reply.role), o.file.empty() ? "will be added" : from);
   });
   if (!hear_session(bus)) {
-    fmt::print(stderr, "twinrate: no drive is heard on the bus\n");
+    fmt::print(stderr, "twinrate: no drive on the bus\n");
     return 1;
   }
   const std::size_t wanted = o.file.empty() ? 1 : 3;
@@ -83,7 +83,7 @@ int add(const MonitorOptions& o) {
     const auto sent = Clock::now();
     while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
   }
-  if (answered.empty()) fmt::print(stderr, "twinrate: nobody answered\n");
+  if (answered.empty()) fmt::print(stderr, "twinrate: no process answered\n");
   for (const auto& [why, roles] : refused_by)
     fmt::print(stderr, "twinrate: {} (refused by {})\n", why, roles);
   if (!refused_by.empty()) return o.file.empty() ? 1 : 2;

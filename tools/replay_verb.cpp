@@ -30,8 +30,8 @@ struct ReplayOptions {
 int print(const LockstepResult& r, const DriveConfig& drive) {
   if (r.unanswered_k >= 0) {
     fmt::print(stderr,
-               "twinrate: no ESTIMATE({}) from an estimator within {} s; one that runs already "
-               "must be unbound, and started with --follow to hear a second session\n",
+               "twinrate: no ESTIMATE({}) from an estimator within {} s; a running "
+               "estimator must be unbound, and started with --follow to hear a second session\n",
                r.unanswered_k, drive.bus.peer_timeout_s);
     return 1;
   }
@@ -73,7 +73,7 @@ int replay(const ReplayOptions& o) {
   std::unique_ptr<OwnEstimator> own;
   const std::int64_t session = new_session_id();
   if (!estimator_heard(o.bus)) {
-    fmt::print("no estimator on the bus: starting estimator and gain with the log's own config\n");
+    fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
     own = std::make_unique<OwnEstimator>(log.config_toml, o.bus, session);
   }
   return print(replay_lockstep(log, config.drive().bus, o.bus, session), config.drive());

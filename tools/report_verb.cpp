@@ -58,9 +58,10 @@ LoadedRun load(const std::string& path, const ReportArguments& arguments) {
   Config config = config_of(log, arguments.config);
   const AngleReference wanted = wanted_reference(arguments.angle_reference);
   if (wanted != AngleReference::kAuto && resolve(wanted, log) == AngleReference::kNone)
-    throw BadInput(fmt::format(
-        "{}: --angle-reference {}: the log has none; leave it out to take what there is", path,
-        arguments.angle_reference));
+    throw BadInput(
+        fmt::format("{}: --angle-reference {}: the log has no such angle; omit the option to use "
+                    "the available one",
+                    path, arguments.angle_reference));
   Summary summary = summarise(log, config.drive(), wanted);
   take_process_figures(text_of(beside(path, "summary.json")), summary);
   return {std::move(log), std::move(config), std::move(summary)};

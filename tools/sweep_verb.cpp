@@ -44,10 +44,10 @@ int sweep_fb(SweepOptions o) {
   const bool stopped =
       run_searches(o.plan, config, {.directory = directory, .resume = o.resume, .json = o.json});
   if (stopped) {
-    fmt::print(stderr,
-               "twinrate: interrupted; {}/points.csv keeps what is there, --resume goes "
-               "on\n",
-               directory);
+    fmt::print(
+        stderr,
+        "twinrate: interrupted; {}/points.csv keeps the finished points, --resume continues\n",
+        directory);
     return 1;
   }
   if (o.plan.shards > 1) return 0;  // sweep merge

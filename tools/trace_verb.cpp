@@ -127,7 +127,7 @@ void print_result(const TraceResult& r, const std::string& out) {
     fmt::print("  cannot tell apart: {}; {}\n", fmt::join(a.kinds, ", "), a.would_separate);
   for (const FileError& f : r.files)
     fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
-               f.held_out ? "unseen" : "trained", f.path, f.before, f.after, f.unit, f.no_change);
+               f.held_out ? "hold-out" : "fitted", f.path, f.before, f.after, f.unit, f.no_change);
   for (const std::string& line : r.identifiable)
     if (line.find(' ') != std::string::npos) fmt::print("  {}\n", line);  // not a kind
   for (const std::string& line : r.health) fmt::print("  data: {}\n", line);

@@ -183,7 +183,7 @@ std::string RippleSearch::refusal(std::size_t n) const {
       square += models_[n][k] * models_[n][k];
     }
   if (square > 0 && !(product > kUnseenLow * square && product < kUnseenHigh * square))
-    return fmt::format("the rows kept back have it {:.2f} times as large", product / square);
+    return fmt::format("on the hold-out it is {:.2f} times as large", product / square);
   if (!record_.has_voltage_equation()) return "";
   std::vector<double> power(x_.size(), 0.0);
   for (std::size_t k = 0; k < power.size(); ++k)
@@ -199,7 +199,8 @@ std::string RippleSearch::refusal(std::size_t n) const {
   }
   P = std::abs(sum) / rows / high_pass_gain(line.f, window_, record_.T_s);
   if (A > sag_bound() * P) return "";
-  return fmt::format("the drive's own power has {:.3g} W there, under which the bus may sag", P);
+  return fmt::format(
+      "the power of the drive has {:.3g} W at this frequency, which can make the bus sag", P);
 }
 
 TracedEffect RippleSearch::effect_of(std::size_t n) const {

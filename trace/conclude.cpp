@@ -115,7 +115,7 @@ void name_aliases(const Record& record, TraceResult& r) {
     if (e.aliases.empty()) continue;
     Ambiguity a{.kinds = {std::string(e.effect->kind())}};
     a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
-    a.why = loose ? "what the shaft leaves comes in bursts, as impacts in a gap do"
+    a.why = loose ? "the residual beside the shaft comes in bursts, like impacts in a gap"
                   : "they explain this record equally well";
     a.would_separate = what_separates(a.kinds);
     r.ambiguous.push_back(std::move(a));
@@ -137,13 +137,15 @@ std::string sentence(const TraceResult& r) {
   std::string fall;
   if (main && !r.effects.empty())
     fall = fmt::format(
-        "; with {} the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise {:.3g})",
-        too_much.empty() ? "it" : "that mended",
+        ". With {}, the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise floor {:.3g})",
+        !too_much.empty()     ? "this corrected"
+        : lacking.size() == 1 ? "it added"
+                              : "these added",
         bus_alone && r.bus                ? "bus voltage"
         : r.main_equation == "electrical" ? "voltage"
                                           : "torque",
         main->before.held_out, main->after.held_out, main->unit, main->noise_floor);
-  std::string text = "Nothing of the catalogue is missing in the model";
+  std::string text = "No effect of the catalogue is missing in the model";
   if (!r.effects.empty()) {
     text = "The model";
     if (!lacking.empty()) text += fmt::format(" lacks {}", fmt::join(lacking, ", "));
@@ -154,7 +156,7 @@ std::string sentence(const TraceResult& r) {
   if (!r.unexplained.empty()) {
     std::vector<std::string> what;
     for (const Structure& s : r.unexplained) what.push_back(s.text);
-    text += fmt::format("; outside the catalogue: {}", fmt::join(what, ", "));
+    text += fmt::format(". Outside the catalogue: {}", fmt::join(what, ", "));
   }
   return text + ".";
 }
@@ -167,9 +169,9 @@ std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
   const auto say = [](const char* equation, const char* unit, double square, double noise,
                       Eigen::Index count) {
     if (count == 0 || !(noise > 0) || square < kPlainly * kPlainly * noise) return std::string();
-    return fmt::format(
-        "the {} equation leaves {:.3g} {}, {:.3g} times what the sensors' noise makes", equation,
-        std::sqrt(square / static_cast<double>(count)), unit, std::sqrt(square / noise));
+    return fmt::format("the residual of the {} equation is {:.3g} {}, {:.3g} times the noise floor",
+                       equation, std::sqrt(square / static_cast<double>(count)), unit,
+                       std::sqrt(square / noise));
   };
   const std::string torque = say("torque", "Nm", left.torque.squaredNorm(),
                                  left.noise_torque.squaredNorm(), left.torque.size());
@@ -186,10 +188,13 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   if (4 * told < all) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(
-        "Cannot tell: of {} kinds of effects this record could show {}; a longer record with "
-        "several speeds in both directions, load and i_d is needed (twinrate trace --plan proposes "
+        "Cannot tell: of {} kinds of effects {} identifiable in this record. Record a longer run "
+        "with several speeds in both directions, load and i_d (twinrate trace --plan proposes "
         "one).",
-        all, told == 0 ? "none" : fmt::format("only {}", fmt::join(r.identifiable, ", ")));
+        all,
+        told == 0   ? "none is"
+        : told == 1 ? fmt::format("only {} is", r.identifiable[0])
+                    : fmt::format("only {} are", fmt::join(r.identifiable, ", ")));
     std::vector<std::string> blind;
     for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
     r.ambiguous.push_back({blind, "this record does not excite them",
@@ -198,8 +203,8 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   } else if (const std::string left = more_than_noise(fitter, fit); !left.empty()) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(
-        "Cannot tell: {}, and nothing in this record says of what; a longer one with several "
-        "speeds in both directions, load and i_d is needed (twinrate trace --plan proposes one).",
+        "Cannot tell: {}, and this record does not show the cause. Record a longer run with "
+        "several speeds in both directions, load and i_d (twinrate trace --plan proposes one).",
         left);
   }
 }
@@ -254,8 +259,8 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   if (selection.stopped_after > 0) {
     r.interrupted = true;
     r.sentence = fmt::format(
-        "Interrupted after {} round{} of the selection: more may be missing, and nothing found was "
-        "held against its alternatives. So far: {}",
+        "Interrupted after {} round{} of the selection: more effects may be missing, and those "
+        "found are not compared with their alternatives. So far: {}",
         selection.stopped_after, selection.stopped_after == 1 ? "" : "s", r.sentence);
     return r;
   }

@@ -23,15 +23,13 @@ std::string extended_toml(const Config& config, const TraceResult& result, bool 
   for (const TracedEffect& e : result.effects)
     if (e.only_in_log)
       head +=
-          fmt::format("# left out: {}, which spoils what was logged, not what the drive runs on\n",
-                      e.effect->kind());
+          fmt::format("# left out: {}, an error of the log, not of the drive\n", e.effect->kind());
   for (const TracedEffect& e : result.stop_gaps)
-    head += fmt::format("# {} is a stop-gap: it describes what the data show, not its cause\n",
+    head += fmt::format("# {} is a stop-gap: it describes the data without a cause\n",
                         e.effect->kind());
   if (left_out > 0)
     head += fmt::format(
-        "# left out: {} effects that only the simulated plant had; what the data show stands in "
-        "their place\n",
+        "# left out: {} effects of the simulated plant; the traced effects replace them\n",
         left_out);
   return head + config.resolved_with(std::move(effects));
 }

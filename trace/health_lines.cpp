@@ -27,43 +27,36 @@ std::string by_signal(const std::vector<SignalFault>& faults) {
 std::vector<std::string> Health::lines() const {
   std::vector<std::string> lines;
   if (no_angle)
-    lines.emplace_back("no angle in the log: the rotor is taken to stand still at theta_m = 0");
-  if (i_q_alone) lines.emplace_back("no i_d in the log: taken as 0");
+    lines.emplace_back("no angle in the log: the rotor is assumed at standstill at theta_m = 0");
+  if (i_q_alone) lines.emplace_back("no i_d in the log: assumed 0");
   if (!constant.empty()) {
     std::vector<std::string> names;
     for (std::size_t c : constant) names.emplace_back(raw_columns()[c].name);
     lines.push_back(fmt::format("the same value in every row: {}", fmt::join(names, ", ")));
   }
-  if (!glitches.empty())
-    lines.push_back(
-        fmt::format("glitches, far from the rows around: {}; bridged", by_signal(glitches)));
+  if (!glitches.empty()) lines.push_back(fmt::format("glitches: {}; bridged", by_signal(glitches)));
   if (!frozen.empty()) {
     double longest = 0;
     for (const SignalFault& fault : frozen)
       longest = std::max(longest, fault.t_end - fault.t_begin);
     lines.push_back(
-        fmt::format("signals that stand while the others go on: {}; up to {:.3g} s, "
-                    "left out",
-                    by_signal(frozen), longest));
+        fmt::format("frozen signals: {}; up to {:.3g} s, left out", by_signal(frozen), longest));
   }
   if (stray)
-    lines.push_back(
-        fmt::format("time stamps jitter by {:.3g} us rms; rows are taken as even, "
-                    "every {:.6g} us",
-                    1e6 * jitter * T_s, 1e6 * T_s));
+    lines.push_back(fmt::format(
+        "time stamps jitter by {:.3g} us rms; rows are treated as even, every {:.6g} us",
+        1e6 * jitter * T_s, 1e6 * T_s));
   if (uneven)
     lines.push_back(
-        fmt::format("rows stand unevenly, intervals differ by {:.3g} us rms; brought to "
-                    "every {:.6g} us: voltage as its mean, the rest between rows",
+        fmt::format("uneven sampling, intervals differ by {:.3g} us rms; resampled to every {:.6g} "
+                    "us: voltage as its mean, other signals interpolated",
                     1e6 * jitter * T_s, 1e6 * T_s));
   if (speed_lag > 0)
     lines.push_back(
-        fmt::format("omega_m runs {:.3g} ms behind theta_m; no equation uses it", 1e3 * speed_lag));
+        fmt::format("omega_m lags theta_m by {:.3g} ms; no equation uses it", 1e3 * speed_lag));
   if (speed_scale != 1)
-    lines.push_back(
-        fmt::format("omega_m reads {:.4g} times the speed of theta_m; no equation uses "
-                    "it",
-                    speed_scale));
+    lines.push_back(fmt::format("omega_m is {:.4g} times the speed of theta_m; no equation uses it",
+                                speed_scale));
   return lines;
 }
 

@@ -202,8 +202,8 @@ void HealthScan::look_for_dead_signals(Health& h) const {
   const bool turns = angle.highest - angle.lowest > kPi;
   if (dead == 0 || (dead < currents && !(phase_stands && turns))) return;
   h.blind = dead == currents && all_zero
-                ? "no current flows, 0 in every row of " + standing
-                : "the same current in every row of " + standing + "; a reading would change";
+                ? "no current flows: " + standing + " is 0 in every row"
+                : standing + " has the same value in every row; a measured current would vary";
   h.i_limit = h.i_lsb = h.clipped_share = 0;
 }
 

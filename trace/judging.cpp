@@ -39,8 +39,8 @@ class Judge {
     for (const Score& s : ranked(fitter_, candidates_, selection_.fit)) {
       if (selection_.refused.size() == kMostTried) break;
       selection_.refused.push_back({std::string(s.effect->kind()), s.gain, kNotRefined,
-                                    s.gain > 0 ? "did not hold when refined or held out"
-                                               : "does not pay for its parameters"});
+                                    s.gain > 0 ? "fails after refinement or on the hold-out"
+                                               : "does not justify its parameters"});
     }
     return std::move(selection_);
   }
@@ -153,7 +153,7 @@ class Judge {
           const Fit next = refined(look, other);
           a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);
           a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
-          if (!next.valid) a.why = "its parameters leave their physical range";
+          if (!next.valid) a.why = "its parameters are outside their physical range";
         }
         if (a.why.empty()) a.why = kExplainsLess;
         s.alternatives.push_back(std::move(a));

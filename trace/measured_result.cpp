@@ -127,18 +127,19 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
   for (const TracedEffect& e : r.effects) kinds.emplace_back(e.effect->kind());
   r.sentence =
       kinds.empty()
-          ? fmt::format("Nothing is missing: constants leave {:.3g} {} on held-out points",
+          ? fmt::format("No effect is missing: with constants the held-out error is {:.3g} {}",
                         r.electrical->after.held_out, r.electrical->unit)
           : fmt::format(
-                "The model lacks {}; with it the held-out error of {} falls from {:.3g} to {:.3g} "
-                "{} ({} of it)",
-                fmt::join(kinds, ", "), trace.problem.channels[static_cast<std::size_t>(channel)],
+                "The model lacks {}. With {} added, the held-out error of {} falls from {:.3g} to "
+                "{:.3g} {} ({} of the error before)",
+                fmt::join(kinds, ", "), kinds.size() == 1 ? "it" : "these",
+                trace.problem.channels[static_cast<std::size_t>(channel)],
                 r.electrical->before.held_out, r.electrical->after.held_out, r.electrical->unit,
                 percent(r.electrical->after.held_out / r.electrical->before.held_out));
   if (r.interrupted)
-    r.sentence =
-        fmt::format("Interrupted after {} step{} of the selection: more may be missing. So far: {}",
-                    s.steps.size(), s.steps.size() == 1 ? "" : "s", r.sentence);
+    r.sentence = fmt::format(
+        "Interrupted after {} step{} of the selection: more effects may be missing. So far: {}",
+        s.steps.size(), s.steps.size() == 1 ? "" : "s", r.sentence);
   return r;
 }
 

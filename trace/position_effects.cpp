@@ -107,8 +107,8 @@ void add_friction(const Found& found, const Judge& judge, const DriveFacts& fact
   if (!found.at_rest.empty() && !found.holding.both_directions)
     r.ambiguous.push_back(
         {{"coulomb_friction", "constant_load", "current_offset"},
-         "the position goes one way only: friction is a constant current, as an offset is",
-         "the same sweep the other way: friction turns its sign, an offset does not"});
+         "the rotor turns in one direction only: friction is a constant current, like an offset",
+         "the same sweep in the other direction: friction changes its sign, an offset does not"});
   const double drift = found.spin.T_C - T_C;
   if (found.holding.both_directions && found.spin.sigma_T_C > 0 &&
       std::abs(drift) > 5 * std::hypot(found.spin.sigma_T_C, sigma))
@@ -116,16 +116,16 @@ void add_friction(const Found& found, const Judge& judge, const DriveFacts& fact
         {{"viscous_friction", "stribeck_friction", "coulomb_friction"},
          fmt::format(
              "friction is {:.2f} mNm at rest and {:.2f} mNm + {:.3g} uNms omega_m in motion; "
-             "how it goes from the one to the other is not in the data",
+             "the data do not show the transition",
              1e3 * T_C, 1e3 * found.spin.T_C, 1e6 * found.spin.B),
-         "constant speeds from creeping to the fastest, both ways"});
+         "constant speeds from creeping to the fastest, in both directions"});
 }
 
 void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r) {
   if (found.spin.gain <= 0) return;
   const double J = found.J(), sigma = J * found.spin.sigma_gain / found.spin.gain;
   r.identifiable.push_back(fmt::format(
-      "K_t/J = {:.0f} +- {:.0f} rad/s^2 A; with the K_t declared J = {:.3g} kgm2 (declared {:.3g})",
+      "K_t/J = {:.0f} +- {:.0f} rad/s^2 A; with the declared K_t J = {:.3g} kgm2 (declared {:.3g})",
       found.gain(), found.spin.sigma_gain, J, facts.machine.J));
   r.constants.push_back({"J", "kgm2", J, sigma, ""});
   const double change = J - facts.machine.J;
@@ -182,7 +182,7 @@ void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r) {
     text += fmt::format(" (at rest {:.3f}, in motion {:.3f})", v.R_at_rest, v.R_in_motion);
   text += fmt::format(", declared {:.3f}", R_s);
   if (v.R_by_logged_speed > 0 && found.speed_lag.lag() > 0)
-    text += fmt::format("; the logged speed, {:.2f} ms late, would make {:.3f} of it",
+    text += fmt::format("; the logged speed, {:.2f} ms late, would give {:.3f}",
                         1e3 * found.speed_lag.lag(), v.R_by_logged_speed);
   r.identifiable.push_back(text);
   if (v.K_e > 0) r.constants.push_back({"psi_f", "Wb", v.K_e / facts.machine.n_p, {}, ""});

@@ -62,7 +62,7 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
       parts.push_back(
           e.only_in_log
               ? fmt::format("a filter of {:.0f} ms in the logged current", 1e3 * found.holding.lag)
-              : fmt::format("the logged speed {:.2f} ms late", 1e3 * found.speed_lag.lag()));
+              : fmt::format("a lag of {:.2f} ms in the logged speed", 1e3 * found.speed_lag.lag()));
     else
       parts.emplace_back(e.effect->kind());
   }
@@ -71,15 +71,15 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
   const double before = unseen ? e.before.held_out : e.before.train;
   const double after = unseen ? e.after.held_out : e.after.train;
   const std::string of =
-      judge.by_speed() ? fmt::format("of the speed's change over {:.3g} ms", 1e3 * judge.horizon())
+      judge.by_speed() ? fmt::format("of the speed change over {:.3g} ms", 1e3 * judge.horizon())
                        : std::string("of the holding current");
   const std::string what = parts.empty()
-                               ? "Nothing is missing"
+                               ? "No effect is missing"
                                : fmt::format("The model lacks {}", fmt::join(parts, ", "));
   if (!std::isfinite(after)) return what + ".";
   return fmt::format(
-      "{}; the error {} on {} data falls from {:.3g} to {:.3g} {} (no change: {:.3g}).", what, of,
-      unseen ? "unseen" : "training", before, after, e.unit, e.no_change);
+      "{}. The error {} on {} data falls from {:.3g} to {:.3g} {} (no change: {:.3g}).", what, of,
+      unseen ? "held-out" : "fitted", before, after, e.unit, e.no_change);
 }
 
 // Nothing was found, and what was to be explained is all there still, beyond the noise of the rows:
@@ -93,11 +93,11 @@ std::string nothing_explained(const TraceResult& r, const Judge& judge) {
   const bool explained = after < kAll * e.no_change;
   if (explained || (!judge.by_speed() && after < kNoise * noise)) return {};
   return fmt::format(
-      "Cannot tell: the model explains nothing of {} ({:.3g} {}, with it {:.3g}), and nothing in "
-      "these logs says what would; a log with i_d, i_q, u_d, u_q and theta_m at the rate of the "
-      "current controller would (twinrate trace --plan proposes a run).",
-      judge.by_speed() ? "how the speed changes" : "the current that holds the rotor", e.no_change,
-      e.unit, after);
+      "Cannot tell: the model does not explain {} ({:.3g} {} without a model, {:.3g} with it), and "
+      "these logs do not show the cause. Record i_d, i_q, u_d, u_q and theta_m at the rate of the "
+      "current controller (twinrate trace --plan proposes a run).",
+      judge.by_speed() ? "the change of the speed" : "the holding current", e.no_change, e.unit,
+      after);
 }
 
 // What in motion the current and the driver's speed say.
@@ -169,7 +169,8 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
     if (r.effects.empty()) throw TraceStopped{};
     r.verdict = r.ambiguous.empty() ? "traced" : "ambiguous";
     r.sentence =
-        "Interrupted: more may be missing, and what was found is judged only in part. So far: " +
+        "Interrupted: more effects may be missing, and those found are tested only in part. So "
+        "far: " +
         sentence(r, found, judge);
     return r;
   }
@@ -183,7 +184,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   if (!found.at_rest.empty() && turns < 0.9)
     r.not_identifiable.push_back(
         {"cogging",
-         fmt::format("the sweep covers {:.2f} of a turn; a whole one is needed", turns)});
+         fmt::format("the sweep covers {:.2f} of a turn; a whole turn is needed", turns)});
   for (const char* kind : {"saturation", "dead_time", "phase_asymmetry", "iron_loss"})
     r.not_identifiable.push_back({kind, "phase currents and both voltages are not in the data"});
   r.verdict = !r.effects.empty()     ? "traced"
@@ -198,7 +199,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(
-        "Cannot tell: the sweep covers {:.2f} of a turn; a whole one is needed.", turns);
+        "Cannot tell: the sweep covers {:.2f} of a turn; a whole turn is needed.", turns);
   }
   return r;
 }

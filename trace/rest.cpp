@@ -122,18 +122,17 @@ std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
                      .channel = "torque",
                      .bursts = true});
     found.back().text = fmt::format(
-        "the rest of the torque comes in bursts ({:.3g} Nm rms beside a noise of {:.3g} Nm)", rms,
-        noise);
+        "the torque residual comes in bursts ({:.3g} Nm rms, noise {:.3g} Nm)", rms, noise);
   };
   const DriveFacts& facts = chain.equations().facts();
   const double smallest_V = kSmallestVoltage * facts.v_dc;
   if (fit.y.d.size()) {
     const Runs& runs = chain.sampler().electrical();
-    look(fit.y.d, physical.d, runs, "electrical", "the rest of the d voltage", "d", smallest_V);
-    look(fit.y.q, physical.q, runs, "electrical", "the rest of the q voltage", "q", smallest_V);
+    look(fit.y.d, physical.d, runs, "electrical", "the residual of the d voltage", "d", smallest_V);
+    look(fit.y.q, physical.q, runs, "electrical", "the residual of the q voltage", "q", smallest_V);
   }
   look(fit.y.torque, physical.torque, chain.sampler().torque(), "mechanical",
-       "the rest of the torque", "torque", smallest_torque(facts, 6e-3));
+       "the residual of the torque", "torque", smallest_torque(facts, 6e-3));
   if (std::none_of(fit.members.begin(), fit.members.end(),
                    [](const auto& member) { return has_gap(*member); }))
     bursts_of_torque();
@@ -162,7 +161,7 @@ bool has(const std::vector<std::string>& kinds, const char* kind) {
 
 std::string run_that_separates(const std::vector<std::string>& kinds) {
   if (has(kinds, "current_offset") && has(kinds, "inverter_offset"))
-    return "a run at standstill without voltage: only the sensor's offset stays";
+    return "a run at standstill without voltage: only the offset of the sensor remains";
   if (has(kinds, "resistance") && has(kinds, "voltage_gain"))
     return "a faster run without load: there the voltage is mostly EMF";
   if (has(kinds, "flux_linkage") &&

@@ -136,7 +136,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   if (applied && !acted(raw, *applied, facts.machine)) {
     applied->u_alphabeta = raw.u_alphabeta;
     bus.notes.push_back(
-        "the voltage in the log follows the ripple of v_dc already, and is taken as it is");
+        "the logged voltage already contains the ripple of v_dc and is used unchanged");
   }
   const Record& whole = applied ? *applied : raw;
   lap("bus voltage");

@@ -116,7 +116,7 @@ std::vector<std::string> remarks(const Verification& v) {
     lines.push_back(fmt::format("worse with the extended model: {}", fmt::join(worse, ", ")));
   if (!nothing.empty())
     lines.push_back(
-        fmt::format("the extended model changes nothing (x 1.000): {}", fmt::join(nothing, ", ")));
+        fmt::format("no change with the extended model (x 1.000): {}", fmt::join(nothing, ", ")));
   return lines;
 }
 

@@ -212,7 +212,8 @@ TEST(Tracer, CannotTellWhereMoreIsLeftThanNoiseOfTheSensors) {
   const TraceResult r = trace_of(simulate_synthetic(drive));
   EXPECT_EQ(kinds(r), Names{}) << r.sentence;
   EXPECT_EQ(r.verdict, "ambiguous");
-  EXPECT_NE(r.sentence.find("Cannot tell: the torque equation leaves"), std::string::npos)
+  EXPECT_NE(r.sentence.find("Cannot tell: the residual of the torque equation is"),
+            std::string::npos)
       << r.sentence;
 }
 

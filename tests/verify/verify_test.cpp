@@ -154,7 +154,7 @@ TEST(Verify, WhatGetsWorseAndWhatChangesNothingIsSaid) {
   const std::vector<std::string> lines = remarks(v);
   ASSERT_EQ(lines.size(), 2u);
   EXPECT_EQ(lines[0], "worse with the extended model: one step omega_m over 5 ms x 4.300");
-  EXPECT_EQ(lines[1], "the extended model changes nothing (x 1.000): free run");
+  EXPECT_EQ(lines[1], "no change with the extended model (x 1.000): free run");
   EXPECT_NE(table(v).find(lines[0]), std::string::npos);
   EXPECT_EQ(nlohmann::json::parse(to_json(v))["remarks"][1], lines[1]);
   v.one_step = v.free_run = ModelError{{1, 0.9}, {1, 1.04}, {1, 1}};
