@@ -90,7 +90,7 @@ Json error_grid(const std::vector<RunView>& views, const std::vector<std::string
     figures.push_back(to_json(figure, kGridPoints));
   }
   return {{"heading", "Angle errors"},
-          {"note", "From settle_s on, all on one scale; lost runs whole, on +/-180 deg."},
+          {"note", "From settle_s on, all on one scale; lost runs are shown whole, on +/-180 deg."},
           {"columns", 3},
           {"figures", figures}};
 }
@@ -142,7 +142,7 @@ Json overlay_section(const std::vector<RunView>& views, const std::vector<std::s
   push("Gain K41 as held", "K41 (rad/A)", quantity::K41);
   push("Gain K42 as held", "K42 (rad/A)", quantity::K42);
   return {{"heading", "Variance and gains over the last electrical turns"},
-          {"note", "Runs that held (the first four), each counted from theta_e = 0."},
+          {"note", "Locked runs (the first four), each counted from theta_e = 0."},
           {"columns", 1},
           {"figures", figures}};
 }

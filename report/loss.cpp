@@ -44,7 +44,7 @@ Json loss_section(const RunView& view) {
   speed.title = "Speed after the loss";
   push(speed, "c", "run");
   return {{"heading", "The loss, at " + rates(view.run.config)},
-          {"note", "The line marks the first sign of it: " + view.run.summary.lost_why + "."},
+          {"note", "The line marks its first sign: " + view.run.summary.lost_why + "."},
           {"columns", 1},
           {"figures", figures}};
 }

@@ -79,8 +79,8 @@ Json shape_section(const std::vector<RunView>& views, const std::vector<std::str
   if (shapes.size() > 1) figures.push_back(to_json(shape_figure(shapes)));
   return {{"heading", "Estimated load over the angle"},
           {"note",
-           "What belongs to the motor keeps its shape over the angle at every speed: coefficients "
-           "near 1. The filter's lag turns the shape as the speed grows."},
+           "An effect of the motor keeps its shape over the angle at every speed: coefficients "
+           "near 1. The lag of the filter shifts the shape as the speed grows."},
           {"columns", 1},
           {"figures", figures},
           {"table", correlation_table(shapes)}};

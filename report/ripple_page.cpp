@@ -34,11 +34,10 @@ Json torque_section(const RunView& view) {
     figure.group = "run";
     figures.push_back(to_json(figure));
   }
-  return {
-      {"heading", "Load torque"},
-      {"note", "T_load opposes positive speed; in the estimate it holds friction and cogging too."},
-      {"columns", 1},
-      {"figures", figures}};
+  return {{"heading", "Load torque"},
+          {"note", "T_load opposes positive speed; the estimate includes friction and cogging."},
+          {"columns", 1},
+          {"figures", figures}};
 }
 
 // The last turn, each sample at its own angle.
@@ -108,7 +107,7 @@ Figure spectrum_figure(const RunView& view, const OrderSpectrum& spectrum, int s
   figure.note = fmt::format(
       "Over {} whole turns; mean {:.4g} Nm, orders 1 to {} together {:.3g} Nm rms. The line is "
       "{:g} "
-      "times the median order, {:.2g} Nm: above it stands what is not noise.",
+      "times the median order, {:.2g} Nm; orders above it are not noise.",
       spectrum.turns, spectrum.mean, shown, spectrum.rms(shown), kStandsOut, level);
   return figure;
 }
@@ -126,10 +125,10 @@ Json source_table(const RunView& view, const OrderSpectrum& spectrum, int shown)
     const std::string text = describe(sources);
     rows.push_back(
         {std::to_string(N), fmt::format("{:.3g}", 1e3 * amplitude_of(spectrum, N)),
-         text.empty() ? "none in motor and inverter: load, coupling, side band, or chance" : text,
+         text.empty() ? "none in motor or inverter: load, coupling, side band, or chance" : text,
          stands_out ? "yes" : "no"});
   }
-  return {{"head", {"order", "amplitude, mNm", "sources", "stands out of noise"}}, {"rows", rows}};
+  return {{"head", {"order", "amplitude, mNm", "sources", "above noise"}}, {"rows", rows}};
 }
 
 Json torque_angle_section(const RunView& view) {

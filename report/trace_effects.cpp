@@ -69,9 +69,9 @@ Figure excerpt(const Rows& rows, std::size_t half) {
   figure.add({"the effect", "hat", part(share)});
   if (whole) {
     figure.shaded = stretches(rows.s.t, rows.s.held_out);
-    figure.note = "Shaded: kept back from the fit. ";
+    figure.note = "Shaded: hold-out. ";
   } else if (rows.s.held_out[from]) {
-    figure.note = "Kept back from the fit. ";
+    figure.note = "Hold-out. ";
   }
   if (half > 0)
     figure.note += fmt::format("Both as moving averages over {:.3g} ms.",
@@ -149,7 +149,7 @@ Figure bins_figure(const Bins& bins) {
   Figure figure;
   figure.x = bins.x;
   figure.add({"data, fitted", "dots", bins.trained, false, bins.trained_error});
-  figure.add({"data, kept back", "dots2", bins.held_out, false, bins.held_out_error});
+  figure.add({"data, held out", "dots2", bins.held_out, false, bins.held_out_error});
   figure.add({"the effect", "fit", bins.share});
   return figure;
 }
@@ -163,10 +163,9 @@ Json effect_section(const TraceResult& result, const TracedEffect& effect, int n
   const double unseen = factor(rows, half, true);
   std::string text = note;
   if (std::isfinite(unseen))
-    text += fmt::format(" On the data kept back the residual is {:.3f} times what the effect says.",
-                        unseen);
+    text += fmt::format(" On the hold-out the residual is {:.3f} times the effect.", unseen);
   if (std::isfinite(unseen) && std::abs(unseen - 1) > kMisfit)
-    text += " That is not 1: the data do not carry this claim.";
+    text += " This is not 1: the data do not support this effect.";
   Json figures = Json::array();
   for (const Figure& figure :
        {figure_of(best_plot(result, effect, n_p, rows, half)), excerpt(rows, half)})

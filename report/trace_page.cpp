@@ -14,15 +14,16 @@ using namespace report;
 // What the verdict asks of the reader.
 std::string advice(const TraceResult& r) {
   if (r.verdict == "traced")
-    return "The effects below stand in extended.toml, which every program loads. Check each "
+    return "extended.toml holds the effects below; every program loads it. Check each "
            "against "
            "its picture.";
   if (r.verdict == "nothing_missing")
-    return "What is left is noise as far as this record can tell; see at the end what it cannot.";
+    return "The residual of this record is noise. The last section lists the effects that this "
+           "record cannot show.";
   if (r.verdict == "ambiguous")
     return r.effects.empty() ? "The record does not allow a statement."
-                             : "Something is missing, and this record leaves more than one cause "
-                               "for it; see what would tell them apart.";
+                             : "An effect is missing, and this record allows more than one cause; "
+                               "see the run that would separate them.";
   if (r.verdict == "unexplained")
     return "Part of the error has a structure that no effect of the catalogue makes. It is shown "
            "below.";
@@ -42,11 +43,11 @@ Json verdict_of(const TraceResult& r) {
 Json summary_of(const TraceResult& r) {
   Json rows = Json::array();
   rows.push_back({"fitted to", fmt::format("{}", fmt::join(r.sources, ", "))});
-  rows.push_back({"kept back", r.held_out_sources.empty()
-                                   ? std::string(r.pictures.empty() || r.horizon_s > 0
-                                                     ? "blocks of the same record"
-                                                     : "points of the same set")
-                                   : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
+  rows.push_back({"hold-out", r.held_out_sources.empty()
+                                  ? std::string(r.pictures.empty() || r.horizon_s > 0
+                                                    ? "blocks of the same record"
+                                                    : "points of the same set")
+                                  : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
   if (r.horizon_s > 0)
     rows.push_back({"compared every", fmt::format("{:.3g} ms", 1e3 * r.horizon_s)});
   rows.push_back({"traced in", fmt::format("{:.1f} s", r.seconds)});
@@ -56,8 +57,8 @@ Json summary_of(const TraceResult& r) {
 Json claims(const TraceResult& r) {
   Json section = {{"heading", "What the model lacks"},
                   {"note",
-                   "+- is one standard deviation. BIC: change of the information criterion by "
-                   "having the effect, negative is better. p-value: of chance doing it."},
+                   "+- is one standard deviation. BIC: change of the information criterion by the "
+                   "effect, negative is better. p-value: probability of this gain by chance."},
                   {"columns", 1},
                   {"figures", Json::array()},
                   {"table", effects_table(r)}};
@@ -72,9 +73,9 @@ Json errors(const TraceResult& r) {
   return {
       {"heading", "Error before and after"},
       {"note",
-       "One-step error of the equations, rms. Rows kept back were not fitted. Noise floor: what "
-       "the samples' own noise makes of it. If nothing changed: the size of what the equation "
-       "balances."},
+       "One-step error of the equations, rms. Held-out rows were not fitted. Noise floor: the "
+       "error that the noise of the samples causes. If nothing changed: the rms of the terms that "
+       "the equation balances."},
       {"columns", 1},
       {"figures", Json::array()},
       {"table", errors_table(r)}};

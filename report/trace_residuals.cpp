@@ -32,7 +32,7 @@ Figure over_time(const TraceSeries& s, const std::string& channel) {
   add_both(figure, s.before, s.after);
   figure.shaded = stretches(s.t, s.held_out);
   figure.group = "time";
-  figure.note = "Shaded: kept back from the fit.";
+  figure.note = "Shaded: hold-out.";
   return figure;
 }
 
@@ -51,7 +51,7 @@ Figure over_angle(const TraceSeries& s, const std::string& channel) {
                 .x = before.x};
   add_both(figure, before.trained, after.trained);
   figure.note =
-      fmt::format("Means over {:.3g} deg; noise alone makes them +- {:.2g} {}.", 360.0 / kAngleBins,
+      fmt::format("Means over {:.3g} deg; noise alone gives +- {:.2g} {}.", 360.0 / kAngleBins,
                   middle(after.trained_error, 0).first, words_of(channel).unit);
   return figure;
 }
@@ -76,8 +76,9 @@ Figure over_frequency(const TraceSeries& s, const std::string& channel) {
                 .x = before.f_Hz};
   add_both(figure, before.amplitude, line_spectrum(s.t, s.after, s.rate_Hz).amplitude);
   figure.log_y = true;
-  figure.note = fmt::format("A sine stands at its amplitude; resolution {:.2g} Hz. Drag to zoom.",
-                            before.resolution_Hz);
+  figure.note =
+      fmt::format("The spectrum shows amplitudes of sines; resolution {:.2g} Hz. Drag to zoom.",
+                  before.resolution_Hz);
   return figure;
 }
 
@@ -89,8 +90,8 @@ std::string fall(const TraceSeries& s, const std::string& unit) {
   }
   if (s.before == s.after) return "No traced effect acts on it.";
   if (rows == 0) return "";
-  return fmt::format("On the data kept back {:.3g} {} rms before, {:.3g} after.",
-                     std::sqrt(before / rows), unit, std::sqrt(after / rows));
+  return fmt::format("Hold-out: {:.3g} {} rms before, {:.3g} after.", std::sqrt(before / rows),
+                     unit, std::sqrt(after / rows));
 }
 
 Json figures_of(std::initializer_list<Figure> figures) {
@@ -146,8 +147,8 @@ Figure structure_figure(const TraceResult& r, const Structure& structure) {
 std::string correction_text(const CorrectionTable& c) {
   const std::string unit = words_of(c.channel).unit;
   return fmt::format(
-      "Stop-gap, not an explanation: a table of {} points over {} that describes the {} takes the "
-      "error on the data kept back from {:.4g} to {:.4g} {} rms.",
+      "Stop-gap without a cause: a table of {} points over {} describes the {}. It changes the "
+      "held-out error from {:.4g} to {:.4g} {} rms.",
       c.x.size(), c.regressor, words_of(c.channel).name, c.before.held_out, c.after.held_out, unit);
 }
 
@@ -179,15 +180,14 @@ std::vector<Json> picture_sections(const TraceResult& r) {
     for (std::size_t i = 0; i < p.x.size(); ++i) (p.held_out[i] ? unseen : fitted)[i] = p.after[i];
     figure.add({of_a_set ? "before: constants fitted" : "before", "dots0", p.before});
     figure.add({"after, fitted", "dots", fitted});
-    figure.add({"after, kept back", "dots2", unseen});
+    figure.add({"after, held out", "dots2", unseen});
     if (figure.empty()) continue;
-    const std::string heading = of_a_set ? "What is left, before and after" : p.heading;
+    const std::string heading = of_a_set ? "Residual, before and after" : p.heading;
     if (sections.empty() || sections.back()["heading"] != heading)
-      sections.push_back(
-          {{"heading", heading},
-           {"note", of_a_set ? "Every point of the set, less what the model says." : p.note},
-           {"columns", 2},
-           {"figures", Json::array()}});
+      sections.push_back({{"heading", heading},
+                          {"note", of_a_set ? "Every point of the set, less the model." : p.note},
+                          {"columns", 2},
+                          {"figures", Json::array()}});
     sections.back()["figures"].push_back(to_json(figure));
   }
   return sections;
@@ -199,7 +199,7 @@ std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
     Json section = effect_section(
         r, line, n_p,
         fmt::format("Outside the catalogue, a periodic torque: {}", parameters_text(line)),
-        fmt::format("No effect of the catalogue makes this line. It stands in extended.toml as a "
+        fmt::format("No effect of the catalogue makes this line. extended.toml holds it as a "
                     "stop-gap ({}) that describes it without a cause.",
                     line.effect->kind()));
     if (!section.is_null()) sections.push_back(std::move(section));
@@ -214,7 +214,7 @@ std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
   for (const CorrectionTable& c : r.corrections)
     note += (note.empty() ? "" : " ") + correction_text(c);
   if (!figures.empty())
-    sections.push_back({{"heading", "Unexplained structure of the rest"},
+    sections.push_back({{"heading", "Unexplained structure of the residual"},
                         {"note", note},
                         {"columns", 2},
                         {"figures", figures}});

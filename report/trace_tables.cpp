@@ -53,7 +53,7 @@ Json row_of(const TracedEffect& e) {
     return {kind,
             e.equation,
             parameters_text(e),
-            "seen in the raw samples",
+            "found in the raw samples",
             "",
             "",
             fmt::format("{:.3g}", e.materiality),
@@ -83,18 +83,19 @@ Json considered_section(const TraceResult& r) {
                     std::isfinite(x.held_out_gain) ? percent(x.held_out_gain) : "-"});
   return section(
       "Alternatives considered",
-      "Those with a held-out gain were fitted as well as they can be; of the others (-) the BIC is "
-      "an estimate from the training rows. A change of BIC above 0, or a held-out gain of 0 or "
-      "less, speaks against one; a good one that loses explains less than what was taken.",
-      {{"head", {"kind", "why it was not taken", "BIC", "held-out gain"}}, {"rows", rows}});
+      "Candidates with a held-out gain were fitted fully. For the others (-) the BIC is an "
+      "estimate from the fitted rows. A change of BIC above 0, or a held-out gain of 0 or less, "
+      "rejects a candidate. A good candidate is rejected if it explains less than the selected "
+      "one.",
+      {{"head", {"kind", "reason for the rejection", "BIC", "held-out gain"}}, {"rows", rows}});
 }
 
 Json ambiguous_section(const TraceResult& r) {
   Json rows = Json::array();
   for (const Ambiguity& a : r.ambiguous)
     rows.push_back({fmt::format("{}", fmt::join(a.kinds, ", ")), a.why, a.would_separate});
-  return section("Not told apart", "Each of these explains this record as well as the others.",
-                 {{"head", {"kinds", "why", "what would tell them apart"}}, {"rows", rows}});
+  return section("Aliases", "Each of these kinds explains this record equally well.",
+                 {{"head", {"kinds", "why", "run that would separate them"}}, {"rows", rows}});
 }
 
 // Kinds, and sentences of what was measured (of sets without time), stand in one list.
@@ -109,30 +110,28 @@ Json blind_section(const TraceResult& r) {
   std::copy_if(r.identifiable.begin(), r.identifiable.end(), std::back_inserter(kinds), is_kind);
   std::string note;
   if (!kinds.empty())
-    note = fmt::format(
-        "These would have been seen at the smallest size worth reporting and are not there: {}. ",
-        fmt::join(kinds, ", "));
+    note = fmt::format("Identifiable at the smallest size worth reporting, and absent: {}. ",
+                       fmt::join(kinds, ", "));
   if (rows.empty() && kinds.empty())
-    note = "The record was not held against the catalogue.";
+    note = "The record was not compared with the catalogue.";
   else
-    note +=
-        rows.empty() ? "No effect of the catalogue could hide." : "These could be there unseen:";
-  return section("What this record cannot tell", note, {{"head", {"kind", "why"}}, {"rows", rows}});
+    note += rows.empty() ? "Every effect of the catalogue is identifiable." : "Not identifiable:";
+  return section("Effects that this record cannot show", note,
+                 {{"head", {"kind", "why"}}, {"rows", rows}});
 }
 
 Json said_section(const TraceResult& r) {
   Json rows = Json::array();
   for (const std::string& line : r.identifiable)
     if (!is_kind(line)) rows.push_back({line});
-  return section("What the data say besides", "", {{"head", {"measured"}}, {"rows", rows}});
+  return section("Further results", "", {{"head", {"measured"}}, {"rows", rows}});
 }
 
 Json health_section(const TraceResult& r) {
   Json rows = Json::array();
   for (const std::string& line : r.health) rows.push_back({line});
-  if (rows.empty()) rows.push_back({"nothing to remark: no gaps, clipping or repeated samples"});
-  return section("Data health", "",
-                 {{"head", {"what the samples themselves show"}}, {"rows", rows}});
+  if (rows.empty()) rows.push_back({"no gaps, clipping or repeated samples"});
+  return section("Data health", "", {{"head", {"finding in the samples"}}, {"rows", rows}});
 }
 
 }  // namespace
@@ -169,7 +168,7 @@ Json effects_table(const TraceResult& r) {
   for (const TracedEffect& e : r.effects) rows.push_back(row_of(e));
   return {{"head",
            {"effect", "equation", "parameters", "BIC", "held-out error falls by", "p-value",
-            "size / smallest worth reporting", "explain the same"}},
+            "size / smallest worth reporting", "aliases"}},
           {"rows", rows}};
 }
 
@@ -188,8 +187,8 @@ Json errors_table(const TraceResult& r) {
   add(r.mechanical && r.mechanical->unit == "Nm" ? "torque" : "mechanical", r.mechanical);
   add("bus voltage", r.bus);
   return {{"head",
-           {"equation, rms error", "before, fitted rows", "after, fitted rows", "before, kept back",
-            "after, kept back", "noise floor", "if nothing changed", "rest is white (p)", "rows"}},
+           {"equation, rms error", "before, fitted rows", "after, fitted rows", "before, held out",
+            "after, held out", "noise floor", "if nothing changed", "whiteness (p)", "rows"}},
           {"rows", rows}};
 }
 

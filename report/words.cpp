@@ -90,20 +90,20 @@ std::string rates(const DriveConfig& config) {
 
 Json verdict(const RunView& view) {
   const Summary& s = view.run.summary;
-  std::string state = "unknown",
-              headline = "No verdict: nothing to hold the estimated angle against";
+  std::string state = "unknown", headline = "No verdict: no independent angle for comparison";
   if (view.rows.empty()) headline = "No verdict: the log is empty";
   if (!view.rows.empty() && view.end_s() < view.settled_s())
     headline = fmt::format("No verdict: the run ended before settle_s = {:.4g} s",
                            view.run.config.run.settle_s);
   if (s.locked) {
     state = view.lost() ? "lost" : *s.locked ? "locked" : "unknown";
-    headline =
-        *s.locked ? "Locked"
-        : view.lost()
-            ? fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)
-            : fmt::format("Uneven: at t = {:.4g} s {}; the angle is the sensor's and was kept",
-                          s.lost_at_s.value_or(0), s.lost_why);
+    headline = *s.locked ? "Locked"
+               : view.lost()
+                   ? fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)
+                   : fmt::format(
+                         "Uneven: at t = {:.4g} s {}; the angle is that of the sensor, synchronism "
+                         "is kept",
+                         s.lost_at_s.value_or(0), s.lost_why);
   }
   std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
   text += errors(view);

@@ -124,7 +124,7 @@ void print_result(const TraceResult& r, const std::string& out) {
                      : "");
   }
   for (const Ambiguity& a : r.ambiguous)
-    fmt::print("  cannot tell apart: {}; {}\n", fmt::join(a.kinds, ", "), a.would_separate);
+    fmt::print("  aliases: {}; to separate them: {}\n", fmt::join(a.kinds, ", "), a.would_separate);
   for (const FileError& f : r.files)
     fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
                f.held_out ? "hold-out" : "fitted", f.path, f.before, f.after, f.unit, f.no_change);

@@ -148,7 +148,7 @@ TEST(TracePage, HoldsWithoutAnySeries) {
   nothing.sentence = "The record is too short.";
   const Json content = content_of(page_of(nothing));
   EXPECT_EQ(content["verdict"]["headline"], "The record is too short.");
-  EXPECT_NE(section_with(content, "What this record cannot tell"), nullptr);
+  EXPECT_NE(section_with(content, "Effects that this record cannot show"), nullptr);
   EXPECT_EQ(section_with(content, "Residual of"), nullptr);
 }
 
