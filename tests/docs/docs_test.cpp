@@ -79,7 +79,7 @@ std::string anchor_of(const std::string& heading) {
 bool has_anchor(const fs::path& page, const std::string& anchor) {
   for (const std::string& heading : found(text_of(page), R"((?:^|\n)#+ ([^\n]*))"))
     if (anchor_of(heading) == anchor) return true;
-  return false;
+  return text_of(page).find("<a id=\"" + anchor + "\">") != std::string::npos;
 }
 
 TEST(Architecture, ListsEveryChannelAsTheCodeDoes) {
@@ -130,6 +130,16 @@ TEST(Links, LeadToAFileAndToAHeadingInIt) {
       EXPECT_TRUE(has_anchor(target, link.substr(hash + 1))) << page << " links to " << link;
     }
   }
+}
+
+TEST(Presets, AreTheOnesOfThePage) {
+  std::set<std::string> on_the_page, in_config;
+  for (const std::string& row :
+       table_rows(text_of(kRoot / "docs/run-a-drive.md"), "| preset | drive |"))
+    on_the_page.insert(found(row, "^\\| `([^`]*)` \\|").at(0));
+  for (const auto& entry : fs::directory_iterator(kRoot / "config"))
+    in_config.insert(entry.path().stem().string());
+  EXPECT_EQ(on_the_page, in_config);
 }
 
 // `core/rates.hpp`, `estimator/ekf_sensorless.*`, `tests/plant_sim/`; not NAME.cpp, nor the example
