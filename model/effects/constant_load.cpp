@@ -12,7 +12,7 @@ class ConstantLoad final : public Effect {
  public:
   std::string_view kind() const override { return "constant_load"; }
   std::string_view meaning() const override {
-    return "torque that is always there, as of a hanging weight";
+    return "constant torque, such as that of a hanging weight";
   }
   int acts_on() const override { return kOnTorque; }
   bool behind_shaft() const override { return true; }

@@ -21,7 +21,7 @@ class CrossSaturation final : public Effect {
  public:
   std::string_view kind() const override { return "cross_saturation"; }
   std::string_view meaning() const override {
-    return "flux of one axis that the current of the other takes away";
+    return "reduction of the flux of one axis by the current of the other";
   }
   int acts_on() const override { return kOnFlux; }
   std::vector<std::string> signals_needed() const override {

@@ -15,7 +15,7 @@ class CurrentGain final : public Effect {
  public:
   std::string_view kind() const override { return "current_gain"; }
   std::string_view meaning() const override {
-    return "error of a current sensor in proportion to the current";
+    return "error of a current sensor proportional to the current";
   }
   int acts_on() const override { return kOnCurrents; }
   std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }

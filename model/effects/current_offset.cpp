@@ -13,9 +13,7 @@ namespace {
 class CurrentOffset final : public Effect {
  public:
   std::string_view kind() const override { return "current_offset"; }
-  std::string_view meaning() const override {
-    return "error of a current sensor that is always there";
-  }
+  std::string_view meaning() const override { return "constant error of a current sensor"; }
   int acts_on() const override { return kOnCurrents; }
   std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }
   void fields(FieldVisitor& f) override {

@@ -12,7 +12,7 @@ class EccentricLoad final : public Effect {
  public:
   std::string_view kind() const override { return "eccentric_load"; }
   std::string_view meaning() const override {
-    return "torque once a turn: unbalance under gravity, misaligned shaft";
+    return "torque once per turn: unbalance under gravity, misaligned shaft";
   }
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"theta_m", "i_q"}; }

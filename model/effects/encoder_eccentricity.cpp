@@ -14,9 +14,7 @@ namespace {
 class EncoderEccentricity final : public Effect {
  public:
   std::string_view kind() const override { return "encoder_eccentricity"; }
-  std::string_view meaning() const override {
-    return "angle reading that runs ahead and behind once a turn";
-  }
+  std::string_view meaning() const override { return "error of the angle reading, once per turn"; }
   int acts_on() const override { return kOnAngle; }
   std::vector<std::string> signals_needed() const override { return {"theta_m", "omega_m"}; }
   void fields(FieldVisitor& f) override {

@@ -10,7 +10,7 @@ namespace {
 class EncoderOffset final : public Effect {
  public:
   std::string_view kind() const override { return "encoder_offset"; }
-  std::string_view meaning() const override { return "zero of the angle reading off the d axis"; }
+  std::string_view meaning() const override { return "error of the zero of the angle reading"; }
   int acts_on() const override { return kOnAngle; }
   std::vector<std::string> signals_needed() const override { return {"theta_m", "u_d", "u_q"}; }
   void fields(FieldVisitor& f) override {

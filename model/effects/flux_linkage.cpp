@@ -15,7 +15,7 @@ class FluxLinkage final : public Effect {
  public:
   std::string_view kind() const override { return "flux_linkage"; }
   std::string_view meaning() const override {
-    return "flux of the magnets other than machine.psi_f";
+    return "difference of the magnet flux from machine.psi_f";
   }
   int acts_on() const override { return kOnFlux; }
   std::vector<std::string> signals_needed() const override {

@@ -16,7 +16,7 @@ class Inductance final : public Effect {
  public:
   std::string_view kind() const override { return "inductance"; }
   std::string_view meaning() const override {
-    return "inductances other than machine.L_d and machine.L_q";
+    return "difference of the inductances from machine.L_d and machine.L_q";
   }
   int acts_on() const override { return kOnFlux; }
   std::vector<std::string> signals_needed() const override {

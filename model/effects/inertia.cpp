@@ -10,7 +10,7 @@ namespace {
 class Inertia final : public Effect {
  public:
   std::string_view kind() const override { return "inertia"; }
-  std::string_view meaning() const override { return "inertia beyond machine.J, or short of it"; }
+  std::string_view meaning() const override { return "difference of the inertia from machine.J"; }
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }
   void fields(FieldVisitor& f) override {

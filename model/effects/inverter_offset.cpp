@@ -14,9 +14,7 @@ namespace {
 class InverterOffset final : public Effect {
  public:
   std::string_view kind() const override { return "inverter_offset"; }
-  std::string_view meaning() const override {
-    return "error of a phase voltage that is always there";
-  }
+  std::string_view meaning() const override { return "constant error of a phase voltage"; }
   int acts_on() const override { return kOnVoltage; }
   std::vector<std::string> signals_needed() const override {
     return {"i_a", "i_b", "u_d", "u_q", "theta_m"};

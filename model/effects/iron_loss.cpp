@@ -18,7 +18,7 @@ class IronLoss final : public Effect {
  public:
   std::string_view kind() const override { return "iron_loss"; }
   std::string_view meaning() const override {
-    return "current into the losses of the iron, behind the terminals";
+    return "current that feeds the iron losses, behind the terminals";
   }
   int acts_on() const override { return kOnVoltage | kOnCurrents; }
   bool drops_by_angle() const override { return true; }

@@ -11,7 +11,7 @@ namespace {
 class LoadStep final : public Effect {
  public:
   std::string_view kind() const override { return "load_step"; }
-  std::string_view meaning() const override { return "torque from one moment on"; }
+  std::string_view meaning() const override { return "torque that begins at one time"; }
   int acts_on() const override { return kOnTorque; }
   bool behind_shaft() const override { return true; }
   std::vector<std::string> signals_needed() const override { return {"t", "i_q"}; }

@@ -13,7 +13,7 @@ namespace {
 class MissingSamples final : public Effect {
  public:
   std::string_view kind() const override { return "missing_samples"; }
-  std::string_view meaning() const override { return "rows that are lost"; }
+  std::string_view meaning() const override { return "lost rows"; }
   int acts_on() const override { return 0; }
   std::vector<std::string> signals_needed() const override { return {"t"}; }
   void fields(FieldVisitor& f) override {

@@ -16,7 +16,7 @@ class PeriodicTorque final : public Effect {
  public:
   std::string_view kind() const override { return "periodic_torque"; }
   std::string_view meaning() const override {
-    return "torque periodic in time or in the angle, whatever causes it";
+    return "torque periodic in time or in the angle, of any cause";
   }
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"t", "theta_m", "i_q"}; }

@@ -17,7 +17,9 @@ namespace {
 class PhaseAsymmetry final : public Effect {
  public:
   std::string_view kind() const override { return "phase_asymmetry"; }
-  std::string_view meaning() const override { return "resistance of one phase unlike the others"; }
+  std::string_view meaning() const override {
+    return "difference of the resistance of one phase from the others";
+  }
   int acts_on() const override { return kOnVoltage; }
   std::vector<std::string> signals_needed() const override {
     return {"i_a", "i_b", "u_d", "u_q", "theta_m"};

@@ -18,7 +18,7 @@ class Resistance final : public Effect {
  public:
   std::string_view kind() const override { return "resistance"; }
   std::string_view meaning() const override {
-    return "winding resistance other than machine.R_s, or drifting away from it";
+    return "difference of the winding resistance from machine.R_s, constant or drifting";
   }
   int acts_on() const override { return kOnVoltage; }
   std::vector<std::string> signals_needed() const override {

@@ -35,7 +35,7 @@ class SignalLag final : public Effect {
  public:
   std::string_view kind() const override { return "signal_lag"; }
   std::string_view meaning() const override {
-    return "a signal that arrives late, by a time or through a filter";
+    return "delay of a signal, or a first-order filter in it";
   }
   int acts_on() const override {
     constexpr int kActs[] = {kOnVoltage, kOnCurrents, kOnAngle, kOnSpeed};

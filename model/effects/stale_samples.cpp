@@ -14,7 +14,7 @@ namespace {
 class StaleSamples final : public Effect {
  public:
   std::string_view kind() const override { return "stale_samples"; }
-  std::string_view meaning() const override { return "rows that repeat the row before"; }
+  std::string_view meaning() const override { return "rows that repeat the previous row"; }
   int acts_on() const override { return 0; }
   std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }
   void fields(FieldVisitor& f) override {

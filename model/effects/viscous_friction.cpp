@@ -11,7 +11,7 @@ class ViscousFriction final : public Effect {
  public:
   std::string_view kind() const override { return "viscous_friction"; }
   std::string_view meaning() const override {
-    return "torque in proportion to the speed, beyond machine.B";
+    return "torque proportional to the speed, in addition to machine.B";
   }
   int acts_on() const override { return kOnTorque; }
   std::vector<std::string> signals_needed() const override { return {"omega_m", "i_q"}; }

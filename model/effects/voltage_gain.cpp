@@ -13,7 +13,7 @@ class VoltageGain final : public Effect {
  public:
   std::string_view kind() const override { return "voltage_gain"; }
   std::string_view meaning() const override {
-    return "error of the applied voltage in proportion to it";
+    return "error of the applied voltage proportional to the voltage";
   }
   int acts_on() const override { return kOnVoltage; }
   std::vector<std::string> signals_needed() const override {

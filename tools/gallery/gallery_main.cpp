@@ -234,7 +234,7 @@ std::string meaning(const Entry& entry) {
 std::string page(const Entry& entry) {
   std::string text = fmt::format(
       "# {}\n\n{}.\n\n```\n{}\n```\n\n![{} alone]({}.svg)\n\n**Where it shows.** {}\n\n"
-      "**Taken for.** {}\n\n",
+      "**Can be mistaken for.** {}\n\n",
       entry.kind, meaning(entry), entry.equation, entry.kind, entry.kind, entry.shows,
       entry.aliases);
   if (!entry.setting) text += parameter_table(*make_effect(entry.kind)) + "\n";
@@ -256,11 +256,13 @@ void write(const fs::path& path, const std::string& text) {
 void make(const fs::path& docs, const std::set<std::string>& only) {
   fs::create_directories(docs / "effects");
   std::string index =
-      "# Effects, one by one\n\nEach effect alone on one drive: what it looks like over a turn, "
-      "which "
-      "orders it makes, and in\nwhich signals it shows. The pages are made by the program: "
-      "`tools/effect-gallery`. Drive: niewiara2020 with\nexact sensors and its paper's controller, "
-      "compensation off, 60 rpm against 2 Nm; grey is the same without\nthe effect.\n\n"
+      "# Effects, one by one\n\nEach effect alone on one drive: its shape over a turn, its orders, "
+      "and "
+      "the signals that show it.\n`tools/effect-gallery` writes the pages. Drive: niewiara2020 "
+      "with "
+      "exact sensors and its paper's controller,\ncompensation off, 60 rpm against 2 Nm; grey is "
+      "the "
+      "same without the effect.\n\n"
       "| effect | what it is | equation |\n|---|---|---|\n";
   const Trace without = run(kSteady, kNone);
   for (const Entry& entry : entries()) {
