@@ -214,22 +214,24 @@ int merge(const std::vector<std::string>& paths) {
 int main(int argc, char** argv) {
   using namespace twinrate::blind;
   Options o;
-  CLI::App app{"How often the tracer names what is missing, on logs of the project's own plant"};
+  CLI::App app{
+      "Count how often the tracer names the missing effect, on logs of the project's own plant"};
   std::string shard;
-  app.add_option("--sets", o.sets, "of single, double, triple, poor, none")->delimiter(',');
+  app.add_option("--sets", o.sets, "run these sets: single, double, triple, poor, none")
+      ->delimiter(',');
   std::vector<std::string> kinds = drawable_kinds();
   kinds.emplace_back("dc_bus_ripple");
-  app.add_option("--kinds", o.kinds, "only these kinds")
+  app.add_option("--kinds", o.kinds, "draw these kinds only")
       ->delimiter(',')
       ->check(CLI::IsMember(kinds));
-  app.add_option("--first-seed", o.first_seed, "of the seeds");
-  app.add_option("--seeds", o.seeds, "logs of each sort");
-  app.add_option("--merge", o.merge, "only prints the tables of these --out files");
-  app.add_option("--cache", o.cache, "directory that keeps the simulated logs");
-  app.add_option("--only", o.only, "only cases whose name holds this");
-  app.add_option("--shard", shard, "i/n");
-  app.add_option("--out", o.out, "JSON of every case");
-  app.add_flag("--verbose", o.verbose, "each step of the selection");
+  app.add_option("--first-seed", o.first_seed, "begin at this seed");
+  app.add_option("--seeds", o.seeds, "draw this many logs of each kind");
+  app.add_option("--merge", o.merge, "print the tables of these --out files only");
+  app.add_option("--cache", o.cache, "keep the simulated logs in this directory");
+  app.add_option("--only", o.only, "run the cases with this text in their name only");
+  app.add_option("--shard", shard, "run part i of n, i/n");
+  app.add_option("--out", o.out, "write every case to this JSON file");
+  app.add_flag("--verbose", o.verbose, "print each step of the selection");
   CLI11_PARSE(app, argc, argv);
   if (!shard.empty() && std::sscanf(shard.c_str(), "%d/%d", &o.shard, &o.shards) != 2) return 2;
   return o.merge.empty() ? run(o) : merge(o.merge);

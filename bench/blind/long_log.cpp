@@ -55,12 +55,12 @@ int run(const Options& o) {
 
 int main(int argc, char** argv) {
   twinrate::blind::Options o;
-  CLI::App app{"A long drive log of the project's own plant, with effects that nobody declared"};
-  app.add_option("--out", o.out, "CSV to write, gzipped where it ends in .gz");
-  app.add_option("--drive", o.drive, "drive file of the plant to write");
-  app.add_option("--seconds", o.seconds, "length");
-  app.add_option("--kinds", o.kinds, "effects that are there")->delimiter(',');
-  app.add_option("--seed", o.seed, "of effects, profile and noise");
+  CLI::App app{"Write a long drive log of the project's own plant, with undeclared effects"};
+  app.add_option("--out", o.out, "write this CSV; NAME.csv.gz is gzipped");
+  app.add_option("--drive", o.drive, "write the drive file of the plant to this file");
+  app.add_option("--seconds", o.seconds, "set the length, s");
+  app.add_option("--kinds", o.kinds, "add these effects")->delimiter(',');
+  app.add_option("--seed", o.seed, "set the seed of effects, profile and noise");
   CLI11_PARSE(app, argc, argv);
   try {
     return twinrate::blind::run(o);
