@@ -25,7 +25,7 @@ struct MeasuredFiles {
 std::optional<ImportMap> map_for(const std::string& path, const std::vector<std::string>& maps);
 
 // Empty where the files are full drive logs, or such but for i_d. Throws BadInput; Stopped
-// (tools/percent_line.hpp) where `hooks` stop it while reading, TraceStopped before anything was
+// (core/percent_line.hpp) where `hooks` stop it while reading, TraceStopped before anything was
 // found.
 std::optional<TraceResult> trace_measured_files(const MeasuredFiles& files,
                                                 const DriveConfig& drive,

@@ -35,7 +35,7 @@ struct Exported {
   bool interrupted = false;   // the file holds what came before
 };
 
-// `progress`: share read, now and then; where it throws Stopped (tools/percent_line.hpp) the file
+// `progress`: share read, now and then; where it throws Stopped (core/percent_line.hpp) the file
 // is ended there; Stopped comes out where nothing was written yet. Throws BadInput: no such log,
 // none of those channels, nothing between from and to.
 Exported export_log(const ExportRequest& request, const std::function<void(double)>& progress);

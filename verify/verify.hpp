@@ -79,7 +79,7 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
                                Config& extended, const VerifySettings& settings);
 LoopError closed_loop_error(const Config& declared, const Config& extended, double loop_s);
 
-// Throws Stopped (tools/percent_line.hpp) after Ctrl-C.
+// Throws Stopped (core/percent_line.hpp) after Ctrl-C.
 Verification verify(const std::vector<VerifyLog>& logs, const Config& declared,
                     const Config& extended, const VerifySettings& settings);
 // One line each: figures that get plainly worse and by how much; levels at which nothing changes.
