@@ -1,6 +1,6 @@
 #include "trace/taps.hpp"
 
-#include "core/four.hpp"
+#include "model/four.hpp"
 
 namespace twinrate {
 namespace {

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/four.hpp"
 #include "model/effects/load_mass.hpp"
+#include "model/four.hpp"
 
 namespace twinrate {
 namespace {
