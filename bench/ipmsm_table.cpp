@@ -40,7 +40,7 @@ class Loop {
   Loop(const Overrides& plant, const Overrides& belief)
       : config_(Config::load("kim-ipmsm", belief)),
         drive_(config_.drive()),
-        plant_(Config::load("kim-ipmsm", plant).drive()),
+        plant_(plant_of(plant)),
         estimator_(config_),
         controller_(make_controller(config_)) {}
   explicit Loop(const Overrides& both) : Loop(both, both) {}
@@ -66,6 +66,10 @@ class Loop {
   double t_s = 0;
 
  private:
+  static Plant plant_of(const Overrides& overrides) {
+    Config config = Config::load("kim-ipmsm", overrides);
+    return Plant(config);
+  }
   Config config_;
   DriveConfig drive_;
   Plant plant_;

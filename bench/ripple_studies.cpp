@@ -37,7 +37,7 @@ class Loop {
   explicit Loop(const Overrides& overrides, double feed_forward_sign = 1)
       : config_(Config::load("niewiara2020", overrides)),
         drive_(config_.drive()),
-        plant_(drive_),
+        plant_(config_),
         estimator_(config_),
         controller_(make_controller(config_)),
         sign_(feed_forward_sign) {}

@@ -25,8 +25,8 @@ struct Box {
   double y(double deg) const { return top + (hi - deg) / (hi - lo) * height; }
 };
 
-Box box_of(int parameter, bool below) {
-  const double left = 62 + 272 * parameter, span = kParameterSpan_pct[parameter];
+Box box_of(int column, bool below) {
+  const double left = 62 + 272 * column, span = kParameterSpan_pct[column];
   return below ? Box{left, 298, 240, 130, span, -20, 60} : Box{left, 62, 240, 190, span, -10, 10};
 }
 
@@ -55,7 +55,7 @@ const Style& style_of(const std::string& estimator) {
 
 std::string line(const RobustnessCurve& curve) {
   const Style& style = style_of(curve.estimator);
-  const Box b = box_of(curve.parameter, style.below);
+  const Box b = box_of(curve.column, style.below);
   std::string points, crosses;
   for (std::size_t i = 0; i < curve.x_pct.size(); ++i)
     if (std::isnan(curve.e_deg[i]))
@@ -92,9 +92,9 @@ std::string robustness_svg(const std::vector<RobustnessCurve>& curves) {
       "Angle error where the filter's machine is wrong: 2000 rpm, 0.6 of rated torque</text>\n"
       "<text x='14' y='40'>mean angle error, deg; crosses: lost</text>\n";
   s += legend();
-  for (int parameter = 0; parameter < 3; ++parameter) {
-    s += axes(box_of(parameter, false), kParameters[parameter], 5);
-    s += axes(box_of(parameter, true), kParameters[parameter], 20);
+  for (int column = 0; column < 3; ++column) {
+    s += axes(box_of(column, false), kParameters[column], 5);
+    s += axes(box_of(column, true), kParameters[column], 20);
   }
   for (const RobustnessCurve& curve : curves) s += line(curve);
   return s + "</svg>\n";

@@ -9,7 +9,7 @@ namespace twinrate {
 
 struct RobustnessCurve {
   std::string estimator;
-  int parameter = 0;  // 0 R_s, 1 L_q, 2 psi_f
+  int column = 0;  // of the figure: R_s, L_q, psi_f
   std::vector<double> x_pct,
       e_deg;  // the filter's parameter less the plant's; mean angle error, NaN: lost
 };

@@ -38,8 +38,8 @@ struct FocParameters {
     f.number("speed_bandwidth_Hz", speed_bandwidth, 0.01, 1000, "bandwidth of the speed loop");
     f.integer("speed_divider", speed_divider, 1, 1000,
               "control ticks of one step of the speed loop");
-    choice(f, "current_angle", current_angle, kCurrentAngleNames,
-           "i_d = reference.i_d_A, or maximum torque per ampere (plus reference.i_d_A)");
+    f.choice("current_angle", current_angle, kCurrentAngleNames,
+             "i_d = reference.i_d_A, or maximum torque per ampere (plus reference.i_d_A)");
     f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
     field_weakening.fields(f);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");

@@ -112,7 +112,7 @@ MatrixXd gain_error_jacobian(const AxisDesign& axis, const VectorXd& log_Q, doub
 }  // namespace
 
 void LqrDesignParameters::fields(FieldVisitor& f) {
-  choice(f, "gains", gains, kGainSourceNames, "source of the gains");
+  f.choice("gains", gains, kGainSourceNames, "source of the gains");
   f.numbers("K_d", K_d, -1e6, 1e6, "given: gains on i_d (1/A), p_id (1/(A s)) (40)");
   f.numbers("K_q", K_q, -1e6, 1e6,
             "given: gains on i_q (1/A), omega_m (s/rad), p_omega (1/rad) (40)");

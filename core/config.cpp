@@ -24,7 +24,8 @@ void check_effect(const Config::Impl& file, const std::string& path, const Drive
     file.fail(path, kind + ": " + lacking);
   if (const std::string why = why_not_delayed(effect); from_s > 0 && !why.empty())
     file.fail(path + ".from_s", fmt::format("{}: {}, 0 allowed", kind, why));
-  if (LegFacts legs; from_s > 0 && drive.plant.inverter == 1 && effect.describe_legs(legs))
+  if (LegFacts legs;
+      from_s > 0 && drive.plant.inverter == InverterModel::kSwitched && effect.describe_legs(legs))
     file.fail(path + ".from_s", kind + ": the switched inverter has it throughout a run");
 }
 
@@ -49,7 +50,8 @@ std::vector<ConfiguredEffect> read_effects(const Config::Impl& file, const Drive
     TomlReader reader(file, table, path);
     reader.accept("kind");
     UsedIn used_in = UsedIn::kPlant;
-    choice(reader, "used_in", used_in, kUsedInNames, "");
+    FieldVisitor& f = reader;
+    f.choice("used_in", used_in, kUsedInNames, "");
     double from_s = 0;
     reader.number("from_s", from_s, 0, 1e6, "", Presence::kOptional);
     effect->fields(reader);
@@ -66,7 +68,7 @@ void check_flux(const Config::Impl& file, const DriveConfig& drive) {
   for (const Effects& effects : {drive.plant_effects(), drive.model_effects()}) {
     const Effects on_flux = acting_on(effects, kOnFlux);
     if (on_flux.empty()) continue;
-    if (drive.plant.saliency != 0)
+    if (drive.plant.saliency != Saliency::kRotor)
       file.fail("plant.saliency", "fixed_axes has no place for effects on the flux, found " +
                                       std::string(on_flux[0]->kind()));
     for (const double d : {-1, 0, 1})
@@ -131,7 +133,7 @@ void check_across(const Config::Impl& file, DriveConfig& drive) {
     rates.n = static_cast<int>(n);
   }
   rates.f_b_Hz = rates.f_s_Hz / rates.n;
-  if (drive.plant.inverter == 1) {
+  if (drive.plant.inverter == InverterModel::kSwitched) {
     const double f_pwm = drive.facts().f_pwm, periods = f_pwm / rates.f_s_Hz;
     if (std::round(periods) < 1 || std::abs(periods - std::round(periods)) > 1e-9 * periods)
       file.fail("plant.inverter",
@@ -147,38 +149,47 @@ void read_section(TomlReader& root, const char* key, Section& section) {
   root.table(key, [&](FieldVisitor& f) { section.fields(f); });
 }
 
+// Its sub-tables belong to the kinds of filter or controller.
+template <class Section>
+void read_choice_of_kind(const Config::Impl& file, TomlReader& root, const char* key,
+                         Section& section) {
+  root.accept(key);
+  const auto* table = file.root[key].as_table();
+  if (file.root.contains(key) && !table) file.fail(key, "a table allowed");
+  TomlReader reader(file, table, key);
+  section.fields(reader);
+  reader.require_known(true);
+}
+
+void read_reference(const Config::Impl& file, TomlReader& root, ReferenceParameters& reference) {
+  read_section(root, "reference", reference);
+  const auto* table = file.root["reference"].as_table();
+  if (!table) return;
+  reference.in_rpm = table->contains("speed_rpm");
+  if (reference.in_rpm && table->contains("omega_e_rad_s"))
+    file.fail("reference.speed_rpm", "give either speed_rpm or omega_e_rad_s, not both");
+}
+
 void read_drive(Config::Impl& file) {
   DriveConfig& d = file.drive;
   TomlReader root(file, &file.root, "");
-  root.text("name", d.name, "");
-  choice(root, "start", d.start, kStartNames, "");
+  FieldVisitor& f = root;
+  f.text("name", d.name, "");
+  f.choice("start", d.start, kStartNames, "");
   read_section(root, "machine", d.machine);
   read_section(root, "inverter", d.inverter);
   read_section(root, "sensors", d.sensors);
   read_section(root, "rates", d.rates);
   read_section(root, "gain", d.gain);
-  read_section(root, "plant", d.plant);
+  TomlReader plant(file, root.unread_table("plant"), "plant");
+  d.plant.fields(plant);
   read_section(root, "load", d.load);
   read_section(root, "run", d.run);
-  read_section(root, "bus", d.bus);
-  read_section(root, "monitor", d.monitor);
-  read_section(root, "reference", d.reference);
-  if (const auto* table = file.root["reference"].as_table()) {
-    d.reference.in_rpm = table->contains("speed_rpm");
-    if (d.reference.in_rpm && table->contains("omega_e_rad_s"))
-      file.fail("reference.speed_rpm", "give either speed_rpm or omega_e_rad_s, not both");
-  }
-  for (const char* key : {"estimator", "controller"}) {
-    root.accept(key);
-    const auto* table = file.root[key].as_table();
-    if (file.root.contains(key) && !table) file.fail(key, "a table allowed");
-    TomlReader reader(file, table, key);
-    if (std::string_view(key) == "estimator")
-      d.estimator.fields(reader);
-    else
-      d.controller.fields(reader);
-    reader.require_known(true);
-  }
+  root.unread_table("bus");
+  root.unread_table("monitor");
+  read_reference(file, root, d.reference);
+  read_choice_of_kind(file, root, "estimator", d.estimator);
+  read_choice_of_kind(file, root, "controller", d.controller);
   root.accept("effect");
   root.accept("preset");
   root.require_known();
@@ -313,16 +324,12 @@ bool Config::has_table(const std::string& path) const {
 }
 
 void Config::require_all_read() const {
-  for (const char* key : {"estimator", "controller"}) {
-    const auto* table = impl_->root[key].as_table();
-    if (!table) continue;
-    for (const auto& [sub, node] : *table) {
-      const std::string path = join(key, sub.str());
-      if (!node.is_table() || impl_->read_tables.count(path)) continue;
-      std::vector<std::string> known(impl_->read_tables.begin(), impl_->read_tables.end());
-      impl_->fail(path, "unknown table; known: " + list_names(known));
-    }
-  }
+  for (const char* table : kOwnedTables)
+    if (has_table(table)) impl_->require_read(table);
+  for (const char* owner : {"estimator", "controller"})
+    if (const auto* table = impl_->root[owner].as_table())
+      for (const auto& [sub, node] : *table)
+        if (node.is_table()) impl_->require_read(join(owner, sub.str()));
 }
 
 std::string Config::resolved() const {
@@ -332,8 +339,10 @@ std::string Config::resolved() const {
 std::string Config::resolved_with(std::vector<ConfiguredEffect> effects) const {
   DriveConfig drive = impl_->drive;
   drive.effects = std::move(effects);
-  std::string text = write_drive(drive);
-  for (const auto& [path, table_text] : impl_->owned_text) text += table_text;
+  std::string text =
+      write_drive(drive, [this](const char* path) { return impl_->owned_table_text(path); });
+  for (const auto& [path, table_text] : impl_->owned_text)
+    if (path.find('.') != std::string::npos) text += table_text;
   return text + write_effects(drive);
 }
 

@@ -36,10 +36,18 @@ class Config {
   // which may belong to a process folder. Unknown keys in it are errors. Reading it again replaces
   // what resolved() shows of it.
   void read_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
+  // A table that a folder keeps as a struct: T::kTable is its name, T::fields lists its keys.
+  template <class T>
+  T read() {
+    T table;
+    read_table(T::kTable, [&](FieldVisitor& f) { table.fields(f); });
+    return table;
+  }
   bool has_table(const std::string& path) const;  // written in the file, its preset or an override
   // After every owner has read its tables: a table nobody read is an unknown key.
   void require_all_read() const;
-  // The whole config with every default written out; parse() of it gives the same config.
+  // The whole config with every default written out; parse() of it gives the same config. A table
+  // that its owner has not read is written as it was given.
   std::string resolved() const;
   // The same with other effects.
   std::string resolved_with(std::vector<ConfiguredEffect> effects) const;
@@ -74,6 +82,16 @@ struct KeyRow {
 };
 std::vector<KeyRow> describe_keys(const std::string& prefix,
                                   const std::function<void(FieldVisitor&)>& fields);
-std::vector<KeyRow> describe_drive_keys();
+// A table of a drive file that another folder owns.
+struct OwnedTable {
+  std::string path;
+  std::function<void(FieldVisitor&)> fields;
+};
+template <class T>
+OwnedTable owned_table() {
+  return {T::kTable, [table = T{}](FieldVisitor& f) mutable { table.fields(f); }};
+}
+// The keys of DriveConfig and of `owned`, in the order of the resolved file.
+std::vector<KeyRow> describe_drive_keys(const std::vector<OwnedTable>& owned);
 
 }  // namespace twinrate

@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <iterator>
+
 #include "core/config.hpp"
 
 namespace twinrate {
@@ -193,18 +196,19 @@ std::string write_table(const std::string& path, const std::function<void(FieldV
   return fmt::format("\n[{}]\n{}", path, writer.text());
 }
 
-std::string write_drive(const DriveConfig& d) {
+std::string write_drive(const DriveConfig& d,
+                        const std::function<std::string(const char*)>& owned) {
   std::string text = fmt::format("name = {}\nstart = \"{}\"\n", text_text(d.name),
                                  kStartNames[static_cast<int>(d.start)]);
   text += section_text("machine", d.machine) + section_text("inverter", d.inverter) +
           section_text("sensors", d.sensors);
   text += without_line(section_text("rates", d.rates), "f_b_Hz");
-  text += section_text("gain", d.gain) + section_text("plant", d.plant);
+  text += section_text("gain", d.gain) + owned("plant");
   text += without_line(section_text("reference", d.reference),
                        d.reference.in_rpm ? "omega_e_rad_s" : "speed_rpm");
-  return text + section_text("load", d.load) + section_text("run", d.run) +
-         section_text("bus", d.bus) + section_text("monitor", d.monitor) +
-         section_text("estimator", d.estimator) + section_text("controller", d.controller);
+  return text + section_text("load", d.load) + section_text("run", d.run) + owned("bus") +
+         owned("monitor") + section_text("estimator", d.estimator) +
+         section_text("controller", d.controller);
 }
 
 std::string write_effects(const DriveConfig& drive) {
@@ -231,7 +235,7 @@ std::vector<KeyRow> describe_keys(const std::string& prefix,
   return rows;
 }
 
-std::vector<KeyRow> describe_drive_keys() {
+std::vector<KeyRow> describe_drive_keys(const std::vector<OwnedTable>& owned) {
   DriveConfig d;
   std::vector<KeyRow> rows{
       {"name", "text", "\"\"", "name of the drive, for titles"},
@@ -240,21 +244,27 @@ std::vector<KeyRow> describe_drive_keys() {
        "aligned: the rotor starts at angle 0; align_if: alignment, I/f ramp, hand-over; flying: at "
        "the "
        "reference speed on the true angle"}};
+  const auto append = [&](std::vector<KeyRow> more) {
+    std::move(more.begin(), more.end(), std::back_inserter(rows));
+  };
   const auto add = [&](const char* prefix, auto& section) {
-    for (KeyRow& row : describe_keys(prefix, [&](FieldVisitor& f) { section.fields(f); }))
-      rows.push_back(std::move(row));
+    append(describe_keys(prefix, [&](FieldVisitor& f) { section.fields(f); }));
+  };
+  const auto add_owned = [&](std::string_view path) {
+    for (const OwnedTable& table : owned)
+      if (table.path == path) append(describe_keys(table.path, table.fields));
   };
   add("machine", d.machine);
   add("inverter", d.inverter);
   add("sensors", d.sensors);
   add("rates", d.rates);
   add("gain", d.gain);
-  add("plant", d.plant);
+  add_owned("plant");
   add("reference", d.reference);
   add("load", d.load);
   add("run", d.run);
-  add("bus", d.bus);
-  add("monitor", d.monitor);
+  add_owned("bus");
+  add_owned("monitor");
   add("estimator", d.estimator);
   add("controller", d.controller);
   return rows;

@@ -9,7 +9,9 @@
 namespace twinrate {
 
 std::string write_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
-std::string write_drive(const DriveConfig& drive);
+// `owned`: the text of a table that belongs to another folder, by its name.
+std::string write_drive(const DriveConfig& drive,
+                        const std::function<std::string(const char*)>& owned);
 std::string write_effects(const DriveConfig& drive);
 
 }  // namespace twinrate

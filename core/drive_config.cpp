@@ -3,19 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/discretise.hpp"
 #include "model/effects/delayed.hpp"
 
 namespace twinrate {
-namespace {
-
-constexpr const char* kCovarianceFormNames[] = {"joseph", "paper", "sequential", "auto"};
-constexpr const char* kEngineChoice[] = {"erk", "cvode"};
-constexpr const char* kSaliencyChoice[] = {"rotor", "fixed_axes"};
-constexpr const char* kInverterChoice[] = {"averaged", "switched"};
-
-}  // namespace
-
 void RateParameters::fields(FieldVisitor& f) {
   f.number("f_s_Hz", f_s_Hz, 100, 200e3, "control rate: fast loop, controller, plant",
            Presence::kRequired);
@@ -27,8 +17,8 @@ void RateParameters::fields(FieldVisitor& f) {
 }
 
 void GainParameters::fields(FieldVisitor& f) {
-  choice(f, "policy", policy, kGainPolicyNames,
-         "gain policy: the ticks in which a gain is used, and its rotation");
+  f.choice("policy", policy, kGainPolicyNames,
+           "gain policy: the ticks in which a gain is used, and its rotation");
   f.integer("max_age_ticks", max_age_ticks, 0, 1000000000,
             "realtime: a gain whose snapshot is older gives way to the gain tabulated over speed; "
             "0: 4 n");
@@ -45,23 +35,9 @@ void EstimatorChoice::fields(FieldVisitor& f) {
 
 void ControllerChoice::fields(FieldVisitor& f) {
   f.text("kind", kind, "controller");
-  choice(f, "angle_source", angle_source, kAngleSourceNames,
-         "source of angle and speed for the controller");
+  f.choice("angle_source", angle_source, kAngleSourceNames,
+           "source of angle and speed for the controller");
   f.choice_profile("compensation", compensation, kCompensationNames, "disturbance compensation");
-}
-
-void PlantParameters::fields(FieldVisitor& f) {
-  f.choice("engine", engine, kEngineChoice, "integrator of the simulated plant");
-  f.choice("inverter", inverter, kInverterChoice, "inverter model: mean voltage, or edge by edge");
-  f.choice("saliency", saliency, kSaliencyChoice,
-           "rotor: L_d and L_q turn with the rotor; fixed_axes: the "
-           "idealised machine of Kim et al., L_q on alpha and L_d on beta");
-  f.integer("erk_steps", erk_steps, 1, 1000, "fixed steps of the erk engine per tick");
-  f.integer("delay_samples", delay_samples, 0, 4,
-            "computation delay: COMMAND(k) acts from t_{k+delay}");
-  f.integer("hold_ticks", hold_ticks, 1, 100000,
-            "realtime: number of ticks without a command for which the last voltage is held");
-  f.number("theta_e_start_rad", theta_e_start, -100, 100, "electrical rotor angle at t = 0");
 }
 
 void ReferenceParameters::fields(FieldVisitor& f) {
@@ -84,36 +60,6 @@ void RunParameters::fields(FieldVisitor& f) {
   f.number("duration_s", duration_s, 1e-3, 1e5, "drive time of a run");
   f.number("settle_s", settle_s, 0, 1e5, "start of the window for the figures of the summary");
   f.integer("seed", seed, 0, 2147483647, "seed of every noise stream");
-}
-
-void BusParameters::fields(FieldVisitor& f) {
-  f.number("peer_timeout_s", peer_timeout_s, 0.05, 3600,
-           "longest wait for another process; beyond it the process reports and stops");
-  f.number("repeat_after_ms", repeat_after_ms, 0.1, 10000,
-           "lock-step: time after which an unanswered message is sent again");
-  f.integer("window_ticks", window_ticks, 16, 8192,
-            "lock-step: number of ticks by which the plant can lead the log");
-  f.number("drop_rate", drop_rate, 0, 0.5,
-           "fraction of the datagrams that each receiver drops (for tests)");
-  f.boolean("pin", pin,
-            "pin plant, estimator and controller to one CPU, the other processes to the others");
-  f.boolean("split_ports", split_ports, "use one UDP port per link instead of one for all");
-  f.boolean("filter", filter,
-            "filter channels without a subscription in the kernel, before they wake a process");
-  f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6,
-           "size of a log file at which the logger begins the next one");
-}
-
-void MonitorParameters::fields(FieldVisitor& f) {
-  f.boolean("enabled", enabled, "start twinrate-monitor with the set");
-  f.boolean("auto_add", auto_add, "add the traced effects to the running estimator and controller");
-  f.number("learn_s", learn_s, 0.5, 1000,
-           "time from run.settle_s on in which the monitor learns the level of the residuals");
-  f.number("block_s", block_s, 0.05, 100, "length of one block");
-  f.number("gather_s", gather_s, 0.5, 1000,
-           "length of the data after a misfit before the first trace");
-  f.number("window_s", window_s, 0.5, 1000,
-           "length of the rolling window, the longest stretch for a trace");
 }
 
 std::int64_t DriveConfig::t_ns(std::int64_t k) const {

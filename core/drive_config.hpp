@@ -1,16 +1,20 @@
 // One drive file: everything the processes of one drive share. docs/config-reference.md lists every
 // key.
 //
-// The tables of the filter and controller kinds ([estimator.ekf_sensorless], [controller.foc], ..)
-// belong to their own folders and are read there, from the same Config.
+// A table that one folder alone needs belongs to that folder and is read there, from the same
+// Config: [bus], [monitor], of [plant] how it is simulated, and the tables of the filter and
+// controller kinds ([estimator.ekf_sensorless], [controller.foc], ..).
 #pragma once
 #include <cstdint>
 #include <string>
 
+#include "core/covariance_form.hpp"
 #include "core/rates.hpp"
+#include "model/discretise.hpp"
 #include "model/effects/effect.hpp"
 #include "model/inverter.hpp"
 #include "model/machine.hpp"
+#include "model/plant_facts.hpp"
 #include "model/sensors.hpp"
 #include "model/signals.hpp"
 
@@ -49,8 +53,8 @@ struct GainParameters {
 
 struct EstimatorChoice {
   std::string kind = "ekf_sensorless";
-  int prediction = 0;  // index into kPredictionNames (model/discretise.hpp)
-  int covariance = 3;  // 0 joseph, 1 paper, 2 sequential, 3 auto
+  Prediction prediction = Prediction::kEuler;
+  CovarianceForm covariance = CovarianceForm::kAuto;
   void fields(FieldVisitor& f);
 };
 
@@ -61,17 +65,6 @@ struct ControllerChoice {
   Compensation compensation_at(double t_s) const {
     return static_cast<Compensation>(static_cast<int>(compensation.at(t_s)));
   }
-  void fields(FieldVisitor& f);
-};
-
-struct PlantParameters {
-  int engine = 0;    // 0 erk, 1 cvode
-  int inverter = 0;  // 0 averaged, 1 switched
-  int saliency = 0;  // 0 rotor, 1 fixed axes
-  int erk_steps = 1;
-  int delay_samples = 1;
-  int hold_ticks = 20;
-  double theta_e_start = 0;
   void fields(FieldVisitor& f);
 };
 
@@ -97,24 +90,6 @@ struct RunParameters {
   void fields(FieldVisitor& f);
 };
 
-struct BusParameters {
-  double peer_timeout_s = 10, repeat_after_ms = 10;
-  int window_ticks = 512;
-  double drop_rate = 0;
-  bool pin = true;
-  bool split_ports = false;
-  bool filter = true;
-  double log_rotate_MB = 2000;
-  void fields(FieldVisitor& f);
-};
-
-// twinrate-monitor (monitor/live_monitor.hpp).
-struct MonitorParameters {
-  bool enabled = false, auto_add = false;
-  double learn_s = 2, block_s = 0.25, gather_s = 2, window_s = 10;
-  void fields(FieldVisitor& f);
-};
-
 struct ConfiguredEffect {
   std::shared_ptr<const Effect> effect;
   UsedIn used_in = UsedIn::kPlant;
@@ -130,13 +105,11 @@ struct DriveConfig {
   GainParameters gain;
   EstimatorChoice estimator;
   ControllerChoice controller;
-  PlantParameters plant;
+  PlantFacts plant;
   Start start = Start::kAligned;
   ReferenceParameters reference;
   LoadParameters load;
   RunParameters run;
-  BusParameters bus;
-  MonitorParameters monitor;
   std::vector<ConfiguredEffect> effects;  // [[effect]]
 
   double T_s() const { return 1 / rates.f_s_Hz; }

@@ -23,18 +23,19 @@ constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
 constexpr double kStartPatience_s = 10;  // before the first tick: the peers may still be starting
 constexpr double kRankPatience_s = 0.2;
 
-BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const DriveConfig& d) {
+BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
+                       const DriveConfig& d) {
   return {.url = o.url,
           .channel_suffix = o.channel_suffix,
           .session = o.session,
           .follow = o.follow,
-          .drop_rate = d.bus.drop_rate,
-          .split_ports = d.bus.split_ports,
-          .filter = d.bus.filter,
+          .drop_rate = p.drop_rate,
+          .split_ports = p.split_ports,
+          .filter = p.filter,
           .role = info.role,
           .gains_between = [d](std::int64_t first,
                                std::int64_t last) { return d.gains_between(first, last); },
-          .history = static_cast<std::size_t>(d.bus.window_ticks) + 1024};
+          .history = static_cast<std::size_t>(p.window_ticks) + 1024};
 }
 
 }  // namespace
@@ -60,9 +61,10 @@ void pin_to_cpu(int cpu) {
 Process::Process(const ProcessInfo& info, ProcessOptions options)
     : info_(info),
       options_(std::move(options)),
-      config_(Config::load(options_.config, options_.overrides)) {
+      config_(Config::load(options_.config, options_.overrides)),
+      bus_parameters_(config_.read<BusParameters>()) {
   if (options_.cpu >= 0) pin_to_cpu(options_.cpu);  // before the bus starts its reader thread
-  bus_ = std::make_unique<Bus>(bus_options(info_, options_, drive()));
+  bus_ = std::make_unique<Bus>(bus_options(info_, options_, bus_parameters_, drive()));
   status_.seq = -1;
   status_.role = static_cast<std::int32_t>(info_.role);
   status_.state = static_cast<std::int32_t>(ProcessState::kStarting);
@@ -178,7 +180,7 @@ void Process::progress(std::int64_t k) {
 
 void Process::check_patience() {
   if (!bus_->bound() || options_.wait_for_start) return;
-  const double waited = seconds_since(last_progress_), patience = drive().bus.peer_timeout_s;
+  const double waited = seconds_since(last_progress_), patience = bus_parameters_.peer_timeout_s;
   if (waited <= (status_.steps > 0 ? patience : std::max(patience, kStartPatience_s))) return;
   const Waiting waiting = waiting_for_ ? waiting_for_() : Waiting{"a message"};
   if (waited <= patience + kRankPatience_s * waiting.rank) return;

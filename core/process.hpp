@@ -17,6 +17,7 @@
 #include <string>
 
 #include "core/bus.hpp"
+#include "core/bus_parameters.hpp"
 #include "core/config.hpp"
 #include "core/reason.hpp"
 
@@ -91,7 +92,8 @@ class Process {
   void fail(Reason reason, std::int64_t k, const std::string& text);
   bool stopping() const;
   int exit_code() const { return status_.state == static_cast<int>(ProcessState::kFailed) ? 1 : 0; }
-  double repeat_after_ms() const { return drive().bus.repeat_after_ms; }
+  const BusParameters& bus_parameters() const { return bus_parameters_; }
+  double repeat_after_ms() const { return bus_parameters_.repeat_after_ms; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -105,6 +107,7 @@ class Process {
   ProcessInfo info_;
   ProcessOptions options_;
   Config config_;
+  BusParameters bus_parameters_;
   std::unique_ptr<Bus> bus_;
   status_t status_{};
   Clock::time_point last_beat_{}, last_progress_{};

@@ -21,6 +21,9 @@ inline std::string list_names(const std::vector<std::string>& names) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
+// The tables that other folders own whole; DriveConfig reads of [plant] what all have to know.
+inline constexpr const char* kOwnedTables[] = {"plant", "bus", "monitor"};
+
 // The parsed file and, for each key, where it was written (a preset, the file itself, or --set).
 struct Config::Impl {
   toml::table root;
@@ -42,6 +45,24 @@ struct Config::Impl {
     std::string line = fmt::format("{}: {}: {}", where(path), path, what);
     std::replace(line.begin(), line.end(), '\n', ' ');  // a quoted key may hold one
     throw BadInput(line);
+  }
+  // A table that is there must have been read by its owner.
+  void require_read(const std::string& path) const {
+    if (read_tables.count(path)) return;
+    std::vector<std::string> known;
+    for (const std::string& table : read_tables)
+      if (table.find('.') != std::string::npos) known.push_back(table);
+    fail(path, "unknown table; known: " + list_names(known));
+  }
+  // As its owner resolved it; as it was given where the owner has not read it.
+  std::string owned_table_text(const std::string& path) const {
+    for (const auto& [owned, text] : owned_text)
+      if (owned == path) return text;
+    const auto* table = root[path].as_table();
+    if (!table) return "";
+    std::ostringstream text;
+    text << "\n[" << path << "]\n" << *table << "\n";
+    return text.str();
   }
   void note_origins(const toml::table& table, const std::string& file, const std::string& prefix) {
     for (const auto& [key, node] : table) {
@@ -174,11 +195,15 @@ class TomlReader final : public FieldVisitor {
     });
   }
   void table(const char* key, const std::function<void(FieldVisitor&)>& fields) override {
-    const toml::node* node = find(key, Presence::kOptional);
-    if (node && !node->is_table()) fail(key, "a table allowed, found {}", shown(*node));
-    TomlReader sub(file_, node ? node->as_table() : nullptr, join(prefix_, key));
+    TomlReader sub(file_, unread_table(key), join(prefix_, key));
     fields(sub);
     sub.require_known();
+  }
+  // A table whose keys this reader leaves alone; null where there is none.
+  const toml::table* unread_table(const char* key) {
+    const toml::node* node = find(key, Presence::kOptional);
+    if (node && !node->is_table()) fail(key, "a table allowed, found {}", shown(*node));
+    return node ? node->as_table() : nullptr;
   }
 
   void accept(const std::string& key) { seen_.insert(key); }

@@ -58,7 +58,7 @@ struct BackEmfParameters {
     f.numbers("Q_diag", Q_diag, 0, 1e12, "process noise per background update: A^2, A^2, V^2, V^2");
     f.numbers("R_diag", R_diag, 1e-15, 1e12, "measurement noise: A^2, A^2");
     f.numbers("P0_diag", P0_diag, 0, 1e12, "initial covariance: A^2, A^2, V^2, V^2");
-    choice(f, "rotation", rotation, kRotationNames, "rotation of the EMF over one period");
+    f.choice("rotation", rotation, kRotationNames, "rotation of the EMF over one period");
     angle.fields(f);
   }
 };

@@ -9,7 +9,7 @@
 #pragma once
 #include <Eigen/LU>
 
-#include "estimator/covariance_form.hpp"
+#include "core/covariance_form.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {

@@ -34,8 +34,8 @@ struct EmfAngleParameters {
   bool limit = true;
   void fields(FieldVisitor& f) {
     f.integer("divider", divider, 1, 100, "control ticks of one speed interval");
-    choice(f, "speed_from", speed_from, kSpeedFromNames,
-           "speed from the length of the EMF, (33), or from the rate of its angle, (32)");
+    f.choice("speed_from", speed_from, kSpeedFromNames,
+             "speed from the length of the EMF, (33), or from the rate of its angle, (32)");
     f.boolean("saliency_in_speed", saliency_in_speed,
               "divide the length of the EMF by psi_f + (L_d - L_q) i_d instead of psi_f");
     f.number("lowpass_Hz", lowpass_Hz, 0.1, 1e4, "cut-off of the low-pass of the speed, (34)");

@@ -15,10 +15,9 @@ class EkfSensorlessBuilder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
   std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    return std::make_shared<EkfSensorless>(
-        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
-        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s(),
-        config.machine.n_p * config.omega_m_start());
+    return std::make_shared<EkfSensorless>(config.machine, tuning_, config.estimator.prediction,
+                                           config.estimator.covariance, config.T_s(),
+                                           config.machine.n_p * config.omega_m_start());
   }
 
  private:
@@ -29,9 +28,8 @@ class EkfDisturbanceBuilder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
   std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    return std::make_shared<EkfDisturbance>(
-        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
-        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s());
+    return std::make_shared<EkfDisturbance>(config.machine, tuning_, config.estimator.prediction,
+                                            config.estimator.covariance, config.T_s());
   }
 
  private:
@@ -47,9 +45,8 @@ class SalientBuilder final : public FilterBuilder {
     KnownStart start;
     if (config.start == Start::kFlying)
       start = {config.plant.theta_e_start, config.machine.n_p * config.omega_m_start()};
-    return std::make_shared<Kind>(
-        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
-        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s(), start);
+    return std::make_shared<Kind>(config.machine, tuning_, config.estimator.prediction,
+                                  config.estimator.covariance, config.T_s(), start);
   }
 
  private:
@@ -60,9 +57,8 @@ class EkfHarmonicBuilder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
   std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    return std::make_shared<EkfHarmonic>(
-        config.machine, tuning_, static_cast<Prediction>(config.estimator.prediction),
-        static_cast<CovarianceForm>(config.estimator.covariance), config.T_s());
+    return std::make_shared<EkfHarmonic>(config.machine, tuning_, config.estimator.prediction,
+                                         config.estimator.covariance, config.T_s());
   }
 
  private:

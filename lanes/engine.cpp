@@ -25,11 +25,10 @@ std::string not_covered(const DriveConfig& d) {
   if (d.controller.kind != "foc") return "controller.kind is not foc";
   if (d.controller.angle_source != AngleSource::kEstimate)
     return "controller.angle_source is not estimate";
-  if (static_cast<Prediction>(d.estimator.prediction) == Prediction::kExact)
-    return "estimator.prediction is exact";
+  if (d.estimator.prediction == Prediction::kExact) return "estimator.prediction is exact";
   if (d.machine.L_d != d.machine.L_q) return "the machine is salient";
   if (!d.effects.empty()) return "the drive has effects";
-  if (d.plant.inverter != 0) return "plant.inverter is not averaged";
+  if (d.plant.inverter != InverterModel::kAveraged) return "plant.inverter is not averaged";
   if (d.plant.delay_samples != 1) return "plant.delay_samples is not 1";
   if (d.start == Start::kAlignIf) return "start is align_if";
   if (!d.reference.omega_e_rad_s.is_constant() || !d.reference.speed_rpm.is_constant() ||
@@ -62,9 +61,9 @@ std::string lane_settings(Config& config, LaneSettings& s) {
   std::copy_n(tuning.Q_diag, 4, s.Q);
   std::copy_n(tuning.R_diag, 2, s.R);
   std::copy_n(tuning.P0_diag, 4, s.P0);
-  s.rk4 = static_cast<Prediction>(d.estimator.prediction) == Prediction::kRk4;
-  s.covariance = resolve(static_cast<CovarianceForm>(d.estimator.covariance),
-                         std::min(s.R[0], s.R[1]), std::max({s.Q[0], s.Q[1], s.P0[0], s.P0[1]}));
+  s.rk4 = d.estimator.prediction == Prediction::kRk4;
+  s.covariance = resolve(d.estimator.covariance, std::min(s.R[0], s.R[1]),
+                         std::max({s.Q[0], s.Q[1], s.P0[0], s.P0[1]}));
   s.current_bandwidth_Hz = foc.current_bandwidth;
   s.speed_bandwidth_Hz = foc.speed_bandwidth;
   s.i_max = foc.i_max;

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "estimator/covariance_form.hpp"
+#include "core/covariance_form.hpp"
 
 namespace twinrate::lanes {
 

@@ -28,11 +28,11 @@ class LoggerProcess {
   explicit LoggerProcess(Process& p)
       : p_(p),
         directory_(p.options().run_dir.empty() ? "." : p.options().run_dir),
-        writer_(directory_, static_cast<std::int64_t>(p.drive().bus.log_rotate_MB * 1e6)),
+        writer_(directory_, static_cast<std::int64_t>(p.bus_parameters().log_rotate_MB * 1e6)),
         log_(writer_,
              p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
              p.drive(), p.options().channel_suffix, t0_us_),
-        ack_every_(std::max(1, p.drive().bus.window_ticks / 8)) {
+        ack_every_(std::max(1, p.bus_parameters().window_ticks / 8)) {
     write_manifest();
     p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
                                  std::int64_t seq,

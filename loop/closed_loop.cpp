@@ -6,7 +6,7 @@ namespace twinrate {
 
 ClosedLoop::ClosedLoop(Config& config)
     : drive_(config.drive()),
-      plant_(drive_),
+      plant_(config),
       estimator_(config),
       controller_(make_controller(config)) {}
 

@@ -6,8 +6,9 @@
 #include <string>
 
 #include "core/bus.hpp"
-#include "core/drive_config.hpp"
+#include "core/bus_parameters.hpp"
 #include "core/process_set.hpp"
+#include "model/signals.hpp"
 
 namespace twinrate {
 

@@ -5,7 +5,10 @@
 #include <algorithm>
 
 #include "controller/controller.hpp"
+#include "core/bus_parameters.hpp"
 #include "estimator/registry.hpp"
+#include "monitor/monitor_parameters.hpp"
+#include "plant_sim/plant_parameters.hpp"
 
 namespace twinrate {
 namespace {
@@ -28,7 +31,13 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
 
 }  // namespace
 
+std::vector<OwnedTable> owned_tables() {
+  return {owned_table<PlantParameters>(), owned_table<BusParameters>(),
+          owned_table<MonitorParameters>()};
+}
+
 void read_all_tables(Config& config) {
+  for (const OwnedTable& table : owned_tables()) config.read_table(table.path, table.fields);
   const DriveConfig& drive = config.drive();
   read_kinds(config, "estimator", drive.estimator.kind, filter_kinds(), filter_builder);
   read_kinds(config, "controller", drive.controller.kind, controller_kinds(), controller_builder);

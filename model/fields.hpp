@@ -8,6 +8,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "model/profile.hpp"
@@ -15,6 +16,9 @@
 namespace twinrate {
 
 enum class Presence { kRequired, kOptional };
+
+template <class T>
+concept Enumeration = std::is_enum_v<T>;
 
 class FieldVisitor {
  public:
@@ -43,16 +47,16 @@ class FieldVisitor {
                               const char* meaning) = 0;
   // A nested table.
   virtual void table(const char* key, const std::function<void(FieldVisitor&)>& fields) = 0;
-};
 
-// An enum class seen as a choice: the names stand in the order of the enumerators.
-template <class Enum>
-void choice(FieldVisitor& f, const char* key, Enum& value, std::span<const char* const> names,
-            const char* meaning) {
-  int index = static_cast<int>(value);
-  f.choice(key, index, names, meaning);
-  value = static_cast<Enum>(index);
-}
+  // An enumeration that counts from 0; `names` in the order of its enumerators.
+  template <Enumeration Enum>
+  void choice(const char* key, Enum& value, std::span<const char* const> names,
+              const char* meaning) {
+    int index = static_cast<int>(value);
+    choice(key, index, names, meaning);
+    value = static_cast<Enum>(index);
+  }
+};
 
 // "amplitude_Nm" -> {"amplitude", "Nm"}; unit "1" where the key has none ("order": "per_rev").
 struct NameAndUnit {

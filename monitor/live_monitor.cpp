@@ -39,15 +39,17 @@ TraceResult run(const TraceJob& job, std::function<bool()> stop) {
   return trace_record(job.record, job.drive, job.health, {.stop = std::move(stop)});
 }
 
-LiveMonitor::LiveMonitor(const DriveConfig& drive)
+LiveMonitor::LiveMonitor(const DriveConfig& drive, const MonitorParameters& parameters)
     : drive_(drive),
+      parameters_(parameters),
       watch_(drive_),
       load_(drive_),
-      block_ticks_(ticks(drive_.monitor.block_s)),
-      window_ticks_(ticks(drive_.monitor.window_s)) {}
+      block_ticks_(ticks(parameters_.block_s)),
+      window_ticks_(ticks(parameters_.window_s)) {}
 
-LiveMonitor::LiveMonitor(const Config& config) : LiveMonitor(config.drive()) {
-  const MonitorParameters& p = drive_.monitor;
+LiveMonitor::LiveMonitor(Config& config)
+    : LiveMonitor(config.drive(), config.read<MonitorParameters>()) {
+  const MonitorParameters& p = parameters_;
   const auto need = [&](bool good, const char* key, const std::string& allowed) {
     if (!good) throw BadInput(fmt::format("{}: {}: {}", config.where(key), key, allowed));
   };
@@ -57,7 +59,7 @@ LiveMonitor::LiveMonitor(const Config& config) : LiveMonitor(config.drive()) {
 }
 
 void LiveMonitor::begin_anew() {
-  *this = LiveMonitor(DriveConfig(drive_));
+  *this = LiveMonitor(DriveConfig(drive_), MonitorParameters(parameters_));
 }
 
 std::int64_t LiveMonitor::ticks(double seconds) const {
@@ -133,7 +135,7 @@ void LiveMonitor::learn(std::size_t first, std::size_t last) {
   const std::int64_t k = rows_.back().m.k;
   watch_.learn(rows_, first, last, between(estimates_, rows_[first].m.k, k),
                drive_.model_effects());
-  if (learn_until_ < 0) learn_until_ = rows_[first].m.k + ticks(drive_.monitor.learn_s);
+  if (learn_until_ < 0) learn_until_ = rows_[first].m.k + ticks(parameters_.learn_s);
   if (k < learn_until_) return;
   if (watch_.learnt())
     phase_ = Phase::kWatching;
@@ -161,7 +163,7 @@ void LiveMonitor::watch(std::size_t first, std::size_t last) {
   restarts_ = 0;
   episodes_.push_back(episode);
   say(Reason::kModelMisfit, "the model no longer fits: " + episode.sign);
-  gather_ticks_ = ticks(drive_.monitor.gather_s);
+  gather_ticks_ = ticks(parameters_.gather_s);
   phase_ = Phase::kGathering;
 }
 
@@ -208,7 +210,7 @@ void LiveMonitor::traced(const TraceResult& result) {
     ++restarts_;
     proposed_.clear();
     gather_from_ = last_k();
-    gather_ticks_ = ticks(drive_.monitor.gather_s);
+    gather_ticks_ = ticks(parameters_.gather_s);
     phase_ = Phase::kGathering;
     return;
   }
@@ -218,7 +220,7 @@ void LiveMonitor::traced(const TraceResult& result) {
   episode.proposed_s = t_s(last_k());
   say(Reason::kEffectProposed, episode.toml);
   phase_ = Phase::kProposed;
-  if (drive_.monitor.auto_add) add_proposed();
+  if (parameters_.auto_add) add_proposed();
 }
 
 bool LiveMonitor::fits_throughout() const {

@@ -18,6 +18,7 @@
 #include "core/config.hpp"
 #include "core/reason.hpp"
 #include "monitor/misfit_watch.hpp"
+#include "monitor/monitor_parameters.hpp"
 #include "trace/result.hpp"
 
 namespace twinrate {
@@ -49,7 +50,7 @@ TraceResult run(const TraceJob& job, std::function<bool()> stop = {});
 class LiveMonitor {
  public:
   // Throws BadInput where monitor.* do not go together.
-  explicit LiveMonitor(const Config& config);
+  explicit LiveMonitor(Config& config);
 
   // Another run of the drive: all is forgotten but the effects added, which the processes keep.
   void begin_anew();
@@ -78,7 +79,7 @@ class LiveMonitor {
   std::string to_json() const;
 
  private:
-  explicit LiveMonitor(const DriveConfig& drive);
+  LiveMonitor(const DriveConfig& drive, const MonitorParameters& parameters);
   enum class Phase {
     kLearning,
     kWatching,
@@ -104,6 +105,7 @@ class LiveMonitor {
   std::vector<double> innovation_rms(std::int64_t from, std::int64_t to) const;
 
   DriveConfig drive_;  // effects: the declared ones and those added
+  MonitorParameters parameters_;
   MisfitWatch watch_;
   DeclaredLoad load_;
   std::int64_t block_ticks_, window_ticks_;

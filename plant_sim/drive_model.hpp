@@ -23,6 +23,7 @@
 #include "model/effects/effect.hpp"
 #include "model/effects/shaft.hpp"
 #include "model/machine.hpp"
+#include "model/plant_facts.hpp"
 #include "plant_sim/switched_inverter.hpp"
 
 namespace twinrate {
@@ -38,10 +39,6 @@ struct PlantInput {
   // Of a switched inverter: the legs' states in this segment, instead of u_alphabeta.
   std::optional<LegStates> legs;
 };
-
-// Where the machine's saliency sits: in the rotor, as in every real machine, or on the stator's
-// axes (plant_sim/fixed_axes.hpp).
-enum class Saliency : int { kRotor = 0, kFixedAxes = 1 };
 
 class DriveModel {
  public:

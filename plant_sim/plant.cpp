@@ -16,7 +16,7 @@ struct PlantEffects {
 };
 PlantEffects effects_of(const DriveConfig& config) {
   PlantEffects split;
-  const bool switched = config.plant.inverter == 1;
+  const bool switched = config.plant.inverter == InverterModel::kSwitched;
   for (const auto& effect : config.plant_effects()) {
     if (effect->describe_sampling(split.sampling))
       split.spoils_samples = true;
@@ -32,14 +32,15 @@ std::optional<SampleErrors> sample_errors(const DriveConfig& config) {
   return SampleErrors(effects.sampling, config.T_s(), static_cast<std::uint64_t>(config.run.seed));
 }
 
-std::optional<LateState> late_state(const DriveConfig& config, int signal, const PlantState& x) {
+std::optional<LateState> late_state(const DriveConfig& config, SamplingFacts::Signal signal,
+                                    const PlantState& x) {
   const double delay = effects_of(config).sampling.delay[signal];
   if (delay <= 0) return {};
   return LateState(delay, config.T_s(), x);
 }
 
 std::optional<SwitchedInverter> switched_inverter(const DriveConfig& config) {
-  if (config.plant.inverter != 1) return {};
+  if (config.plant.inverter != InverterModel::kSwitched) return {};
   const double t_d = effects_of(config).legs.dead_time;
   const double L = std::min(config.machine.L_d, config.machine.L_q);
   const double i_zero = std::max(1e-9, 0.5 * config.inverter.v_dc * t_d / L);
@@ -48,15 +49,17 @@ std::optional<SwitchedInverter> switched_inverter(const DriveConfig& config) {
 
 }  // namespace
 
-Plant::Plant(const DriveConfig& config)
+Plant::Plant(Config& config) : Plant(config.drive(), config.read<PlantParameters>()) {}
+
+Plant::Plant(const DriveConfig& config, const PlantParameters& parameters)
     : config_(config),
+      parameters_(parameters),
       model_(config.machine, effects_of(config).in_equations, config.inverter.v_dc,
-             static_cast<Saliency>(config.plant.saliency)),
-      integrator_(make_integrator(static_cast<Engine>(config.plant.engine), model_,
-                                  config.plant.erk_steps)),
+             parameters.saliency),
+      integrator_(make_integrator(parameters.engine, model_, parameters.erk_steps)),
       switched_(switched_inverter(config)),
       errors_(sample_errors(config)),
-      x_(0, 0, config.omega_m_start(), config.plant.theta_e_start / config.machine.n_p),
+      x_(0, 0, config.omega_m_start(), parameters.theta_e_start / config.machine.n_p),
       T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
   input_.T_load = T_load_;
   v_dc_ = model_.bus_voltage(x_, input_, 0);
@@ -110,14 +113,14 @@ void Plant::take_command(const Command& command) {
 }
 
 bool Plant::apply_due_command() {
-  const std::int64_t due = k_ - config_.plant.delay_samples;
+  const std::int64_t due = k_ - parameters_.delay_samples;
   bool in_time = true;
   if (due >= 0) {
     const Command& command = commands_[static_cast<std::size_t>(due) % commands_.size()];
     in_time = command.k == due;
     if (in_time) applied_command_ = command;
     held_ticks_ = in_time ? 0 : held_ticks_ + 1;
-    if (held_ticks_ > config_.plant.hold_ticks) tripped_ = true;
+    if (held_ticks_ > parameters_.hold_ticks) tripped_ = true;
   }
   if (tripped_) applied_command_ = Command{.mode = Mode::kSafe};
   applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);

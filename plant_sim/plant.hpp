@@ -22,15 +22,16 @@
 #include <array>
 #include <memory>
 
-#include "core/drive_config.hpp"
-#include "plant_sim/integrator.hpp"
+#include "core/config.hpp"
+#include "plant_sim/plant_parameters.hpp"
 #include "plant_sim/sample_errors.hpp"
 
 namespace twinrate {
 
 class Plant {
  public:
-  explicit Plant(const DriveConfig& config);
+  // Reads its table of the drive file. Throws BadInput.
+  explicit Plant(Config& config);
 
   Measurement sample() const;
   Truth truth() const;
@@ -45,6 +46,7 @@ class Plant {
   std::int64_t k() const { return k_; }
 
  private:
+  Plant(const DriveConfig& drive, const PlantParameters& parameters);
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
   void integrate();
@@ -56,6 +58,7 @@ class Plant {
   void sense_currents();
 
   DriveConfig config_;
+  PlantParameters parameters_;
   DriveModel model_;
   std::unique_ptr<Integrator> integrator_;
   std::optional<SwitchedInverter> switched_;  // none: the averaged inverter

@@ -17,7 +17,7 @@ namespace {
 
 class PlantProcess {
  public:
-  explicit PlantProcess(Process& p) : p_(p), plant_(p.drive()), steps_(p.drive().steps()) {
+  explicit PlantProcess(Process& p) : p_(p), plant_(p.config()), steps_(p.drive().steps()) {
     p.bus().subscribe<command_t>([this](const command_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { take_ack(ack); });
     p.on_emergency_stop([this] { plant_.trip(); });
@@ -66,7 +66,7 @@ class PlantProcess {
   // The next tick, or the end, as soon as the log has caught up.
   void go_on() {
     const bool ended = k() >= steps_;
-    const std::int64_t may_reach = acknowledged_ + p_.drive().bus.window_ticks;
+    const std::int64_t may_reach = acknowledged_ + p_.bus_parameters().window_ticks;
     if (ended ? (logged_ && acknowledged_ < steps_) : (logged_ && k() >= may_reach)) return;
     if (ended)
       p_.finish();

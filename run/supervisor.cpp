@@ -67,7 +67,7 @@ std::vector<std::string> Supervisor::arguments(Role role) const {
 }
 
 void Supervisor::start_children() {
-  const CpuPlan cpus = plan_cpus(drive_.bus.pin);
+  const CpuPlan cpus = plan_cpus(options_.bus.pin);
   for (const Member& member : kMembers) {
     if (member.role == Role::kMonitor && !options_.monitor) continue;
     std::vector<std::string> list = arguments(member.role);
@@ -172,7 +172,7 @@ bool Supervisor::wait_until_ready() {
       if (set_.child(member.role) && !ready(member.role))
         missing += (missing.empty() ? "" : ", ") + std::string(member.program);
     if (missing.empty()) return true;
-    if (seconds_since(begun) > std::max(drive_.bus.peer_timeout_s, kStartPatience_s))
+    if (seconds_since(begun) > std::max(options_.bus.peer_timeout_s, kStartPatience_s))
       return end_early(fmt::format("not ready after {:.1f} s: {}", seconds_since(begun), missing));
   }
 }
@@ -234,8 +234,8 @@ RunFacts Supervisor::run() {
   bus_ = std::make_unique<Bus>(BusOptions{.url = options_.url,
                                           .channel_suffix = options_.channel_suffix,
                                           .session = session_,
-                                          .split_ports = drive_.bus.split_ports,
-                                          .filter = drive_.bus.filter,
+                                          .split_ports = options_.bus.split_ports,
+                                          .filter = options_.bus.filter,
                                           .role = Role::kSupervisor});
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
   bus_->subscribe<event_t>([this](const event_t& e) {

@@ -17,6 +17,7 @@ struct SuperviseOptions {
   Pace pace = Pace::kLockstep;
   bool json = false;
   bool monitor = false;  // twinrate-monitor runs with the set
+  BusParameters bus;
 };
 
 class Supervisor {

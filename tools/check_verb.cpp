@@ -93,7 +93,7 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
                      "below about 7 a held gain loses synchronism",
                      samples / d.rates.n));
   const double decay = d.T_s() * m.R_s / std::min(m.L_d, m.L_q);
-  if (d.estimator.prediction == 0 && decay > 1)
+  if (d.estimator.prediction == Prediction::kEuler && decay > 1)
     warn("estimator.prediction",
          fmt::format("Euler on currents: R_s/(L f_s) = {:.3g} {}, use exact or rk4", decay,
                      decay > 2 ? "is unstable" : "overshoots"));
@@ -166,7 +166,7 @@ void print_reference() {
     const auto dot = row.key.rfind('.');
     return dot == std::string::npos ? std::string() : row.key.substr(0, dot);
   };
-  const std::vector<KeyRow> rows = describe_drive_keys();
+  const std::vector<KeyRow> rows = describe_drive_keys(owned_tables());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     section.push_back(rows[i]);
     if (section.back().key == "preset") section.back().default_value = "none";

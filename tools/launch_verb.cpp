@@ -4,6 +4,7 @@
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "loop/load_drive.hpp"
+#include "monitor/monitor_parameters.hpp"
 #include "run/supervisor.hpp"
 #include "tools/verb.hpp"
 
@@ -45,7 +46,8 @@ int launch(const LaunchOptions& o) {
                                          .channel_suffix = o.channel_suffix,
                                          .pace = pace,
                                          .json = o.json,
-                                         .monitor = config.drive().monitor.enabled});
+                                         .monitor = config.read<MonitorParameters>().enabled,
+                                         .bus = config.read<BusParameters>()});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   return conclude_run(directory, config, facts);

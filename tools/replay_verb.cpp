@@ -27,12 +27,12 @@ struct ReplayOptions {
   bool lockstep = false;
 };
 
-int print(const LockstepResult& r, const DriveConfig& drive) {
+int print(const LockstepResult& r, const BusParameters& parameters) {
   if (r.unanswered_k >= 0) {
     fmt::print(stderr,
                "twinrate: no ESTIMATE({}) from an estimator within {} s; a running "
                "estimator must be unbound, and started with --follow to hear a second session\n",
-               r.unanswered_k, drive.bus.peer_timeout_s);
+               r.unanswered_k, parameters.peer_timeout_s);
     return 1;
   }
   fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", r.played, r.wall_s, r.repeats);
@@ -70,13 +70,14 @@ int replay(const ReplayOptions& o) {
     throw BadInput(fmt::format("{}: no DRIVE_MANIFEST in this log; play it with --speed", o.log));
   Config config = Config::parse(log.config_toml, o.log + " (DRIVE_MANIFEST)");
   read_all_tables(config);
+  const BusParameters parameters = config.read<BusParameters>();
   std::unique_ptr<OwnEstimator> own;
   const std::int64_t session = new_session_id();
   if (!estimator_heard(o.bus)) {
     fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
     own = std::make_unique<OwnEstimator>(log.config_toml, o.bus, session);
   }
-  return print(replay_lockstep(log, config.drive().bus, o.bus, session), config.drive());
+  return print(replay_lockstep(log, parameters, o.bus, session), parameters);
 }
 
 }  // namespace
@@ -93,7 +94,8 @@ void add_replay_verb(CLI::App& app, int& exit_code) {
       "--only", o->only,
       "play these channels only, separated by commas (default MEASUREMENT,REFERENCE,TRUTH)");
   verb->add_option("--lcm-url", o->bus.url, "use this LCM URL");
-  verb->add_option("--channel-suffix", o->bus.channel_suffix, "append this text to every channel name");
+  verb->add_option("--channel-suffix", o->bus.channel_suffix,
+                   "append this text to every channel name");
   verb->callback([o, &exit_code] { exit_code = replay(*o); });
 }
 

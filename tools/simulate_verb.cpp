@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/bus.hpp"
+#include "core/bus_parameters.hpp"
 #include "core/manifest.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
@@ -131,7 +132,8 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
   const DriveConfig& d = config.drive();
   const std::int64_t session = new_session_id();
   const std::int64_t t0_us = wall_us();
-  LogWriter writer(directory, static_cast<std::int64_t>(d.bus.log_rotate_MB * 1e6));
+  LogWriter writer(directory,
+                   static_cast<std::int64_t>(config.read<BusParameters>().log_rotate_MB * 1e6));
   writer.set_manifest(
       info(Channel::kManifest).name,
       encode(make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed))),
@@ -140,7 +142,7 @@ std::string run_loop(Config& config, const std::string& directory, bool json) {
   SimulatedBus bus(log, session);
   ClosedLoop loop(config);
   std::optional<OwnMonitor> monitor;
-  if (d.monitor.enabled) monitor.emplace(config, bus, loop, directory);
+  if (config.read<MonitorParameters>().enabled) monitor.emplace(config, bus, loop, directory);
   Progress progress(d, json);
   std::string ended;
   while (loop.k() < d.steps() && ended.empty()) {

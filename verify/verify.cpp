@@ -65,7 +65,7 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
       const std::int64_t session = new_session_id();
       const BusAddress address{.url = settings.url};
       processes.emplace(extended.resolved(), address, session);
-      bus.emplace(extended.drive().bus, address, session);
+      bus.emplace(extended.read<BusParameters>(), address, session);
     }
     const std::vector<char> counts = counted(log);
     for (std::size_t n = 0; n < log.measurements.size(); ++n) {
@@ -160,9 +160,8 @@ Verification verify(const std::vector<VerifyLog>& logs, const Config& declared,
     return log.record.has_voltage_equation();
   });
   if (voltage) {
-    v.one_step = model_error(logs, before.drive(), after.drive(), 0, settings.speed_horizon_s);
-    v.free_run = model_error(logs, before.drive(), after.drive(), settings.window_s,
-                             settings.speed_horizon_s);
+    v.one_step = model_error(logs, before, after, 0, settings.speed_horizon_s);
+    v.free_run = model_error(logs, before, after, settings.window_s, settings.speed_horizon_s);
     for (auto* level : {&v.one_step, &v.free_run})
       if ((*level)->runs == 0) level->reset();
     if (!v.free_run) v.notes.push_back("no held-out stretch is long enough for a free run");

@@ -73,8 +73,8 @@ struct VerifySettings {
 };
 
 // `declared` and `extended` differ in their model effects only.
-ModelError model_error(const std::vector<VerifyLog>& logs, const DriveConfig& declared,
-                       const DriveConfig& extended, double window_s, double speed_horizon_s);
+ModelError model_error(const std::vector<VerifyLog>& logs, Config& declared, Config& extended,
+                       double window_s, double speed_horizon_s);
 EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& declared,
                                Config& extended, const VerifySettings& settings);
 LoopError closed_loop_error(const Config& declared, const Config& extended, double loop_s);

@@ -8,7 +8,7 @@
 #include "core/process.hpp"
 #include "drive_log/followed_log.hpp"
 #include "model/effects/lag.hpp"
-#include "plant_sim/integrator.hpp"
+#include "plant_sim/plant_parameters.hpp"
 #include "verify/rms.hpp"
 #include "verify/verify.hpp"
 
@@ -42,14 +42,13 @@ struct LateSignals {
 // One model of the drive: what it makes of a stretch of log.
 class FreeRun {
  public:
-  FreeRun(const DriveConfig& drive, const Record& record)
+  FreeRun(const DriveConfig& drive, const PlantParameters& plant, const Record& record)
       : drive_(drive),
         record_(record),
         log_(followed(record, drive)),
         sensors_(current_sensors(record, drive)),
-        model_(drive.machine, drive.model_effects(), drive.inverter.v_dc,
-               static_cast<Saliency>(drive.plant.saliency)),
-        integrator_(make_integrator(Engine::kErk, model_, drive.plant.erk_steps)) {
+        model_(drive.machine, drive.model_effects(), drive.inverter.v_dc, plant.saliency),
+        integrator_(make_integrator(Engine::kErk, model_, plant.erk_steps)) {
     for (const auto& effect : drive.model_effects()) effect->describe_sampling(late_);
   }
 
@@ -160,17 +159,19 @@ bool one_step_only(double window_s) {
 }
 }  // namespace
 
-ModelError model_error(const std::vector<VerifyLog>& logs, const DriveConfig& declared,
-                       const DriveConfig& extended, double window_s, double speed_horizon_s) {
+ModelError model_error(const std::vector<VerifyLog>& logs, Config& declared, Config& extended,
+                       double window_s, double speed_horizon_s) {
   ModelError result;
   for (const bool after : {false, true}) {
-    const DriveConfig& drive = after ? extended : declared;
+    Config& config = after ? extended : declared;
+    const DriveConfig& drive = config.drive();
+    const PlantParameters plant = config.read<PlantParameters>();
     const int n_p = drive.machine.n_p;
     RunErrors errors;
     result.runs = 0;
     for (const VerifyLog& log : logs) {
       if (!log.record.has_voltage_equation()) continue;
-      const FreeRun run(drive, log.record);
+      const FreeRun run(drive, plant, log.record);
       const double T_s = log.record.T_s;
       const auto horizon = static_cast<std::size_t>(std::lround(speed_horizon_s / T_s));
       const std::size_t count = one_step_only(window_s)

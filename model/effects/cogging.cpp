@@ -72,7 +72,7 @@ class Cogging final : public Effect {
   enum Origin : int { kOrder = 0, kNative = 1, kSlots = 2, kPoles = 3 };
 
   int order_ = 1;
-  int origin_ = kOrder;
+  Origin origin_ = kOrder;
   double amplitude_ = 0;
   double phase_ = 0;
   int unit_ = 1;

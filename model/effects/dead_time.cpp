@@ -27,7 +27,7 @@ class DeadTime final : public Effect {
   void fields(FieldVisitor& f) override {
     f.number("dead_time_s", t_d_, -1e-4, 1e-4, "from switch off to switch on", Presence::kRequired);
     f.number("linear_current_A", i_linear_, 1e-6, 1e3, "current below which the loss shrinks");
-    choice(f, "shape", shape_, kCurrentShapeNames, "how the loss grows with the current");
+    f.choice("shape", shape_, kCurrentShapeNames, "how the loss grows with the current");
   }
   std::string prepare(const DriveFacts& facts) override {
     f_pwm_ = facts.f_pwm;

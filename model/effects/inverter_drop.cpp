@@ -29,8 +29,7 @@ class InverterDrop final : public Effect {
     f.number("resistance_Ohm", R_on_, 0, 100, "slope of the forward voltage");
     f.number("linear_current_A", i_linear_, 1e-6, 1e3,
              "current below which the forward voltage shrinks");
-    choice(f, "shape", shape_, kCurrentShapeNames,
-           "how the forward voltage grows with the current");
+    f.choice("shape", shape_, kCurrentShapeNames, "how the forward voltage grows with the current");
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterDrop>(*this); }
   Contribution at(const OperatingPoint& point) const override {

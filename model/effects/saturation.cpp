@@ -32,7 +32,7 @@ constexpr const char* kFormNames[] = {"rational", "square", "tanh"};
 enum Form : int { kRational = 0, kSquare = 1, kTanh = 2 };
 
 // psi/(L I_s) less x = |i|/I_s: what saturation takes, as a positive number.
-double lost(int form, double x) {
+double lost(Form form, double x) {
   constexpr double kEnd = 0.8, kTop = kEnd / (1 + kEnd * kEnd);
   constexpr double kSlope = (1 - kEnd * kEnd) / ((1 + kEnd * kEnd) * (1 + kEnd * kEnd));
   if (form == kRational) return x * x / (1 + x);
@@ -46,20 +46,20 @@ struct Axis {
   double share = 1;
   double L = 0;  // H, what saturates
 
-  double coefficient(int form) const {
+  double coefficient(Form form) const {
     if (I_s == 0) return 0;
     return form == kRational ? 1 / I_s : 1 / (I_s * I_s);
   }
-  void set_coefficient(int form, double c) {
+  void set_coefficient(Form form, double c) {
     I_s = c <= 0 ? 0 : form == kRational ? 1 / c : 1 / std::sqrt(c);
   }
-  double regressor(int form, double i) const {
+  double regressor(Form form, double i) const {
     const double a = std::abs(i);
     if (I_s == 0) return -L * i * (form == kRational ? a : form == kSquare ? a * a : a * a / 3);
     const double psi = -L * I_s * lost(form, a / I_s) / coefficient(form);
     return i < 0 ? -psi : psi;
   }
-  double psi(int form, double i) const { return coefficient(form) * regressor(form, i); }
+  double psi(Form form, double i) const { return coefficient(form) * regressor(form, i); }
 };
 
 class Saturation final : public Effect {
@@ -110,7 +110,7 @@ class Saturation final : public Effect {
   }
 
  private:
-  int form_ = kRational;
+  Form form_ = kRational;
   Axis d_, q_;
 };
 

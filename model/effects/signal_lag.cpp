@@ -90,9 +90,10 @@ class SignalLag final : public Effect {
 
  private:
   static constexpr const char* kSignalNames[] = {"voltage", "current", "angle", "speed"};
+  enum Form : int { kDelay, kFirstOrder };
   static constexpr const char* kFormNames[] = {"delay", "first_order"};
 
-  double delay() const { return form_ == 0 ? lag_ : delay_share_ * lag_; }
+  double delay() const { return form_ == kDelay ? lag_ : delay_share_ * lag_; }
   double tau() const { return lag_ - delay(); }
 
   void voltage(Record record, double T_s, Sums sums) const {
@@ -125,8 +126,8 @@ class SignalLag final : public Effect {
       sums[k] = {.omega_m = late.pass(record[k].omega_m) - record[k].omega_m};
   }
 
-  int signal_ = SamplingFacts::kVoltage;
-  int form_ = 0;
+  SamplingFacts::Signal signal_ = SamplingFacts::kVoltage;
+  Form form_ = kDelay;
   double lag_ = 0;
   double delay_share_ = 0;
 };

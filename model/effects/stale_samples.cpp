@@ -35,10 +35,10 @@ class StaleSamples final : public Effect {
   double materiality(const DriveFacts&) const override { return share_ / 1e-3; }
 
  private:
-  enum : int { kAll, kCurrent };
+  enum Repeated : int { kAll, kCurrent };
   static constexpr const char* kSignalNames[] = {"all", "current"};
 
-  int signal_ = kAll;
+  Repeated signal_ = kAll;
   double share_ = 0;
 };
 

@@ -116,7 +116,7 @@ TEST(Foc, WithTheTrueAngleHoldsTheSpeedExactlyUnderLoad) {
         test::load("dilys2021",
                    {"controller.angle_source=truth", "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0",
                     "load.T_load_Nm=0.03", fmt::format("reference.omega_e_rad_s={}", omega_e)});
-    Plant plant(config.drive());
+    Plant plant(config);
     const auto controller = make_controller(config);
     Command c;
     for (int k = 0; k < 15000; ++k) {

@@ -3,6 +3,7 @@
 
 #include <fstream>
 
+#include "loop/load_drive.hpp"
 #include "tests/core/drive_text.hpp"
 #include "tests/support/drives.hpp"
 
@@ -25,6 +26,7 @@ std::string refusal(const Load& load) {
 std::string refusal_of(const std::string& text, const std::vector<std::string>& overrides = {}) {
   return refusal([&] {
     Config config = test::parse(text, overrides);
+    for (const OwnedTable& table : owned_tables()) config.read_table(table.path, table.fields);
     make_filter(config);
     make_controller(config);
     config.require_all_read();
@@ -125,6 +127,21 @@ const Mistake kMistakes[] = {
     {"TableOfAnotherKind",
      drive_text() + kFoc + "[estimator.sliding_mode]\nx = 1\n",
      {"drive.toml:17", "estimator.sliding_mode", "unknown"}},
+    {"UnknownKeyOfThePlant",
+     drive_text() + "[plant]\nsteps = 1\n",
+     {"drive.toml:16", "plant.steps", "unknown key", "delay_samples, engine, erk_steps"}},
+    {"UnknownEngine",
+     drive_text() + "[plant]\nengine = 'euler'\n",
+     {"drive.toml:16", "plant.engine", "one of erk, cvode allowed", "euler"}},
+    {"UnknownKeyOfTheBus",
+     drive_text() + "[bus]\ntimeout_s = 1\n",
+     {"drive.toml:16", "bus.timeout_s", "unknown key", "peer_timeout_s"}},
+    {"UnknownKeyOfTheMonitor",
+     drive_text() + "[monitor]\nauto = true\n",
+     {"drive.toml:16", "monitor.auto", "unknown key", "auto_add, block_s, enabled"}},
+    {"NumberForTheBus",
+     "bus = 5\n" + drive_text(),
+     {"drive.toml:1", "bus", "a table allowed, found 5"}},
     {"UnknownPreset", "preset = 'dilys1999'\n", {"drive.toml", "dilys1999", "dilys2021"}},
     {"PresetThatIsNoText", "preset = 5\n" + drive_text(), {"drive.toml:1", "preset"}},
     {"UnknownEffect",

@@ -8,7 +8,9 @@
 #include <fstream>
 
 #include "controller/controller.hpp"
+#include "core/bus_parameters.hpp"
 #include "estimator/registry.hpp"
+#include "loop/load_drive.hpp"
 #include "tests/core/drive_text.hpp"
 #include "tests/support/drives.hpp"
 
@@ -30,6 +32,7 @@ void read_every_table(Config& config) {
       config.read_table(owner + "." + kind, [&](FieldVisitor& f) { builder->fields(f); });
     }
   };
+  for (const OwnedTable& table : owned_tables()) config.read_table(table.path, table.fields);
   const DriveConfig& drive = config.drive();
   read_others("estimator", drive.estimator.kind, filter_kinds(), filter_builder);
   read_others("controller", drive.controller.kind, controller_kinds(), controller_builder);
@@ -145,12 +148,11 @@ TEST(Overrides, WinOverFileAndPreset) {
 }
 
 TEST(Overrides, TakeABareWordAsTextAndTomlAsToml) {
-  const Config config =
-      parse(drive_text(), {"start=align_if", "controller.angle_source=\"truth\"", "bus.pin=false",
-                           "load.T_load_Nm=[[0, 0.5], [1, 0.25]]"});
+  Config config = parse(drive_text(), {"start=align_if", "controller.angle_source=\"truth\"",
+                                       "bus.pin=false", "load.T_load_Nm=[[0, 0.5], [1, 0.25]]"});
   EXPECT_EQ(config.drive().start, Start::kAlignIf);
   EXPECT_EQ(config.drive().controller.angle_source, AngleSource::kTruth);
-  EXPECT_FALSE(config.drive().bus.pin);
+  EXPECT_FALSE(config.read<BusParameters>().pin);
   EXPECT_EQ(config.drive().load.T_load_Nm.at(1), 0.25);
 }
 
@@ -220,7 +222,7 @@ TEST(DescribeKeys, NamesEveryKeyOnce) {
   }
   EXPECT_EQ(keys.count("controller.foc.startup.t_align_s"), 1u);
   keys.clear();
-  for (const KeyRow& row : describe_drive_keys())
+  for (const KeyRow& row : describe_drive_keys(owned_tables()))
     EXPECT_TRUE(keys.insert(row.key).second) << row.key;
 }
 

@@ -50,16 +50,13 @@ TEST(FilterRegistry, TheChoicesOfTheConfigMeanTheEnumeratorsOfTheCode) {
   const auto index = [](const char* override_text) {
     return test::drive_of("dilys2021", {override_text}).estimator;
   };
-  EXPECT_EQ(index("estimator.prediction=euler").prediction, static_cast<int>(Prediction::kEuler));
-  EXPECT_EQ(index("estimator.prediction=rk4").prediction, static_cast<int>(Prediction::kRk4));
-  EXPECT_EQ(index("estimator.prediction=exact").prediction, static_cast<int>(Prediction::kExact));
-  EXPECT_EQ(index("estimator.covariance=joseph").covariance,
-            static_cast<int>(CovarianceForm::kJoseph));
-  EXPECT_EQ(index("estimator.covariance=paper").covariance,
-            static_cast<int>(CovarianceForm::kPaper));
-  EXPECT_EQ(index("estimator.covariance=sequential").covariance,
-            static_cast<int>(CovarianceForm::kSequential));
-  EXPECT_EQ(index("estimator.covariance=auto").covariance, static_cast<int>(CovarianceForm::kAuto));
+  EXPECT_EQ(index("estimator.prediction=euler").prediction, Prediction::kEuler);
+  EXPECT_EQ(index("estimator.prediction=rk4").prediction, Prediction::kRk4);
+  EXPECT_EQ(index("estimator.prediction=exact").prediction, Prediction::kExact);
+  EXPECT_EQ(index("estimator.covariance=joseph").covariance, CovarianceForm::kJoseph);
+  EXPECT_EQ(index("estimator.covariance=paper").covariance, CovarianceForm::kPaper);
+  EXPECT_EQ(index("estimator.covariance=sequential").covariance, CovarianceForm::kSequential);
+  EXPECT_EQ(index("estimator.covariance=auto").covariance, CovarianceForm::kAuto);
 }
 
 TEST(CovarianceForm, AutoTakesTheSequentialFormWhereRIsSmall) {

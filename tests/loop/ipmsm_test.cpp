@@ -119,7 +119,7 @@ double standstill_angle_error_deg(double theta_e) {
   Config config = load("kim-ipmsm", {"machine.J_kgm2=1000", "run.duration_s=0.3",
                                      fmt::format("plant.theta_e_start_rad={}", theta_e)});
   const auto filter = make_filter(config);
-  Plant plant(config.drive());
+  Plant plant(config);
   FastLoop fast(filter, config.drive().gain.policy, 1);
   BackgroundLoop background(filter, config.drive().gain.policy, 1);
   Estimate e;

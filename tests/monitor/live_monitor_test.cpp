@@ -140,7 +140,8 @@ TEST(LiveMonitor, WithoutAnAngleItSaysThatNothingCanBeTraced) {
 }
 
 TEST(LiveMonitor, BeginsAnewWithTheTicksOfAnotherRun) {
-  LiveMonitor monitor(Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live"));
+  Config config = Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live");
+  LiveMonitor monitor(config);
   monitor.take(Measurement{.k = 100});
   monitor.begin_anew();
   EXPECT_EQ(monitor.last_k(), -1);

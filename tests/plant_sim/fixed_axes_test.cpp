@@ -6,6 +6,7 @@
 #include "plant_sim/integrator.hpp"
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
+#include "tests/support/plant_of.hpp"
 
 namespace twinrate::fixed_axes_test {
 namespace {
@@ -64,8 +65,9 @@ TEST(FixedAxes, IsTheSameMachineWhereNothingIsSalient) {
 
 TEST(FixedAxes, IsWhatThePlantSimulatesOnlyWhereItIsAskedFor) {
   const auto torque_after_a_step = [](const char* saliency) {
-    Plant plant(test::drive_of("dilys2021", {"machine.L_q_H=1e-3", "plant.theta_e_start_rad=1.0",
-                                             fmt::format("plant.saliency={}", saliency)}));
+    Plant plant =
+        test::plant_of(test::load("dilys2021", {"machine.L_q_H=1e-3", "plant.theta_e_start_rad=1.0",
+                                                fmt::format("plant.saliency={}", saliency)}));
     for (int k = 0; k < 10; ++k) {
       plant.take_command({.k = k, .u_alphabeta_ref = {1, 3}});
       plant.advance();

@@ -4,6 +4,7 @@
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 #include "tests/support/effects.hpp"
+#include "tests/support/plant_of.hpp"
 
 namespace twinrate::plant_effects_test {
 namespace {
@@ -12,12 +13,12 @@ constexpr double kTs = 2e-4;
 
 Plant plant_with(const std::string& effects, const std::string& more = "") {
   // Locked rotor, exact sensors, commands act at once.
-  return Plant(Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\n[sensors]\n"
-                             "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\nerk_steps = 8\n"
-                             "delay_samples = 0\n" +
-                                 more + effects,
-                             "drive.toml")
-                   .drive());
+  return test::plant_of(
+      Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\n[sensors]\n"
+                    "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\nerk_steps = 8\n"
+                    "delay_samples = 0\n" +
+                        more + effects,
+                    "drive.toml"));
 }
 
 void tick(Plant& plant, const Vec2& u) {
@@ -121,7 +122,8 @@ TEST(PlantEffects, SensorEffectsShowInTheMeasurementAndNotInTheTruth) {
 }
 
 TEST(PlantEffects, TwoCurrentSensorsMakeUpTheThirdPhase) {
-  Plant two(Config::parse("preset = \"dilys2021\"\n[sensors]\ncurrent_sensors = 2\n", "d").drive());
+  Plant two = test::plant_of(
+      Config::parse("preset = \"dilys2021\"\n[sensors]\ncurrent_sensors = 2\n", "d"));
   for (int k = 0; k < 20; ++k) {
     two.take_command({.k = k, .u_alphabeta_ref = {3, 1}});
     two.advance();
@@ -136,11 +138,11 @@ TEST(PlantEffects, AnEccentricDiscBendsAngleAndSpeedAlsoOfAnExactEncoder) {
       "[[effect]]\nkind = \"encoder_offset\"\noffset_rad = 0.2\n",
       "[load]\nT_load_Nm = 0.0\n");
   EXPECT_NEAR(plant.sample().theta_m, 0.2, 1e-12);
-  Plant turning(Config::parse("preset = \"dilys2021\"\nstart = \"flying\"\n[machine]\n"
-                              "psi_f_Wb = 1e-6\nB_Nms = 0.0\nJ_kgm2 = 1.0\n[[effect]]\n"
-                              "kind = \"encoder_eccentricity\"\namplitude_rad = 0.01\n",
-                              "d")
-                    .drive());
+  Plant turning =
+      test::plant_of(Config::parse("preset = \"dilys2021\"\nstart = \"flying\"\n[machine]\n"
+                                   "psi_f_Wb = 1e-6\nB_Nms = 0.0\nJ_kgm2 = 1.0\n[[effect]]\n"
+                                   "kind = \"encoder_eccentricity\"\namplitude_rad = 0.01\n",
+                                   "d"));
   for (int k = 0; k < 300; ++k) {
     tick(turning, {0, 0});
     const double theta_m = turning.truth().theta_m;

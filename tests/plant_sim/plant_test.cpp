@@ -4,16 +4,17 @@
 
 #include "tests/support/allocation_count.hpp"
 #include "tests/support/drives.hpp"
+#include "tests/support/plant_of.hpp"
 
 namespace twinrate::plant_test {
 namespace {
 
 using test::Overrides;
 
-DriveConfig ideal(Overrides overrides = {}) {
+Plant ideal(Overrides overrides = {}) {
   overrides.insert(overrides.begin(),
                    {"sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0", "plant.erk_steps=4"});
-  return test::drive_of("dilys2021", overrides);
+  return test::plant_of(test::load("dilys2021", overrides));
 }
 
 Command voltage(std::int64_t k, const Vec2& u) {
@@ -26,7 +27,7 @@ void tick(Plant& plant, const Vec2& u) {
 }
 
 TEST(Plant, ALockedRotorAnswersAVoltageStepAsAnRlCircuit) {
-  Plant plant(ideal({"machine.J_kgm2=1e4"}));
+  Plant plant = ideal({"machine.J_kgm2=1e4"});
   for (int k = 0; k < 30; ++k) tick(plant, {6, 0});
   // One interval of the thirty went by before the command acted.
   const double i_alpha = 6 / 1.2 * (1 - std::exp(-1.2 / 5e-4 * 29 * 2e-4));
@@ -36,7 +37,7 @@ TEST(Plant, ALockedRotorAnswersAVoltageStepAsAnRlCircuit) {
 
 TEST(Plant, CoastsDownExponentiallyOnViscousFriction) {
   // A magnet of 1 uWb: no EMF, no torque.
-  Plant plant(ideal({"machine.psi_f_Wb=1e-6", "machine.B_Nms=1e-4", "start=flying"}));
+  Plant plant = ideal({"machine.psi_f_Wb=1e-6", "machine.B_Nms=1e-4", "start=flying"});
   for (int k = 0; k < 500; ++k) tick(plant, {0, 0});
   EXPECT_NEAR(plant.truth().omega_m, 100 * std::exp(-1e-4 / 1e-5 * 0.1), 1e-4);
   // theta = omega_0 J/B (1 - exp)
@@ -44,8 +45,8 @@ TEST(Plant, CoastsDownExponentiallyOnViscousFriction) {
 }
 
 TEST(Plant, AConstantLoadSlowsItDownLinearly) {
-  Plant plant(ideal({"machine.psi_f_Wb=1e-6", "machine.B_Nms=0", "start=flying",
-                     "load.T_load_Nm=0.005", "load.slew_Nm_s=0"}));
+  Plant plant = ideal({"machine.psi_f_Wb=1e-6", "machine.B_Nms=0", "start=flying",
+                       "load.T_load_Nm=0.005", "load.slew_Nm_s=0"});
   for (int k = 0; k < 500; ++k) tick(plant, {0, 0});
   EXPECT_NEAR(plant.truth().omega_m, 100 - 0.005 / 1e-5 * 0.1, 1e-4);
   EXPECT_NEAR(plant.truth().T_load, 0.005, 1e-12);
@@ -56,14 +57,14 @@ TEST(Plant, CoulombFrictionSlowsItDownLinearly) {
       "preset = \"dilys2021\"\nstart = \"flying\"\n[machine]\npsi_f_Wb = 1e-6\nB_Nms = 0.0\n"
       "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.005\n",
       "drive.toml");
-  Plant plant(config.drive());
+  Plant plant(config);
   for (int k = 0; k < 500; ++k) tick(plant, {0, 0});
   EXPECT_NEAR(plant.truth().omega_m, 50, 1e-4);
   EXPECT_NEAR(plant.truth().T_load, 0.005, 1e-9);
 }
 
 TEST(Plant, TheLoadComesInAtItsSlewFromZero) {
-  Plant plant(ideal({"load.T_load_Nm=0.05", "load.slew_Nm_s=1"}));
+  Plant plant = ideal({"load.T_load_Nm=0.05", "load.slew_Nm_s=1"});
   EXPECT_EQ(plant.truth().T_load, 0);
   for (int k = 0; k < 100; ++k) tick(plant, {0, 0});  // 0.02 s at 1 Nm/s
   EXPECT_NEAR(plant.truth().T_load, 0.02, 1e-12);
@@ -75,7 +76,7 @@ class Delay : public testing::TestWithParam<int> {};
 
 TEST_P(Delay, ACommandActsExactlyThatManySamplesLaterAndTheMeasurementSaysSo) {
   const int delay = GetParam();
-  Plant plant(ideal({fmt::format("plant.delay_samples={}", delay), "machine.J_kgm2=1e4"}));
+  Plant plant = ideal({fmt::format("plant.delay_samples={}", delay), "machine.J_kgm2=1e4"});
   for (std::int64_t k = 0; k < 20; ++k) {
     // MEASUREMENT(k) carries what acted from t_{k-1} to t_k: COMMAND(k - 1 - delay).
     const Measurement m = plant.sample();
@@ -101,14 +102,14 @@ TEST_P(Delay, ACommandActsExactlyThatManySamplesLaterAndTheMeasurementSaysSo) {
 INSTANTIATE_TEST_SUITE_P(Samples, Delay, testing::Range(0, 5));
 
 TEST(Plant, TheMeasurementCarriesTheLimitedVoltageNotTheOneAskedFor) {
-  Plant plant(ideal());
+  Plant plant = ideal();
   tick(plant, {100, 0});
   tick(plant, {0, 0});
   EXPECT_NEAR(plant.sample().u_alphabeta[0], 16, 1e-12);  // 2/3 of 24 V
 }
 
 TEST(Plant, HoldsTheLastVoltageWhereACommandIsMissingAndTripsAfterHoldTicks) {
-  Plant plant(ideal({"plant.hold_ticks=5", "machine.J_kgm2=1e4"}));
+  Plant plant = ideal({"plant.hold_ticks=5", "machine.J_kgm2=1e4"});
   tick(plant, {3, 0});
   EXPECT_TRUE(plant.advance());  // command 0 acts in interval 1
   for (int missed = 1; missed <= 5; ++missed) {
@@ -129,7 +130,7 @@ TEST(Plant, HoldsTheLastVoltageWhereACommandIsMissingAndTripsAfterHoldTicks) {
 }
 
 TEST(Plant, ACommandThatArrivesTwiceOrOutOfOrderActsOnceAtItsTime) {
-  Plant plant(ideal({"plant.delay_samples=4"})), twin(ideal({"plant.delay_samples=4"}));
+  Plant plant = ideal({"plant.delay_samples=4"}), twin = ideal({"plant.delay_samples=4"});
   for (std::int64_t k = 0; k < 40; ++k) {
     const double u = std::sin(0.3 * static_cast<double>(k));
     plant.take_command(voltage(k, {u, 0}));
@@ -142,7 +143,7 @@ TEST(Plant, ACommandThatArrivesTwiceOrOutOfOrderActsOnceAtItsTime) {
 }
 
 TEST(Plant, ATripMeansZeroVoltageFromTheNextInterval) {
-  Plant plant(ideal());
+  Plant plant = ideal();
   for (int k = 0; k < 5; ++k) tick(plant, {3, 0});
   plant.trip();
   tick(plant, {3, 0});
@@ -151,7 +152,7 @@ TEST(Plant, ATripMeansZeroVoltageFromTheNextInterval) {
 }
 
 TEST(Plant, AnEncoderGivesSpeedAsTheDifferenceOfItsCounts) {
-  Plant plant(ideal({"sensors.encoder_counts=1000", "start=flying", "machine.psi_f_Wb=1e-6"}));
+  Plant plant = ideal({"sensors.encoder_counts=1000", "start=flying", "machine.psi_f_Wb=1e-6"});
   double theta_m_before = plant.sample().theta_m;
   for (int k = 0; k < 50; ++k) {
     tick(plant, {0, 0});
@@ -163,13 +164,13 @@ TEST(Plant, AnEncoderGivesSpeedAsTheDifferenceOfItsCounts) {
 }
 
 TEST(Plant, StartsWhereTheConfigSays) {
-  EXPECT_NEAR(Plant(ideal({"plant.theta_e_start_rad=2"})).truth().theta_m, 0.5, 1e-15);
-  EXPECT_EQ(Plant(ideal()).truth().omega_m, 0);
-  EXPECT_NEAR(Plant(ideal({"start=flying"})).truth().omega_m, 100, 1e-12);
+  EXPECT_NEAR(ideal({"plant.theta_e_start_rad=2"}).truth().theta_m, 0.5, 1e-15);
+  EXPECT_EQ(ideal().truth().omega_m, 0);
+  EXPECT_NEAR(ideal({"start=flying"}).truth().omega_m, 100, 1e-12);
 }
 
 TEST(Plant, TruthBalancesItsTorques) {
-  Plant plant(ideal({"load.T_load_Nm=0.01", "load.slew_Nm_s=0", "start=flying"}));
+  Plant plant = ideal({"load.T_load_Nm=0.01", "load.slew_Nm_s=0", "start=flying"});
   for (int k = 0; k < 20; ++k) tick(plant, {2, 1});
   const Truth t = plant.truth();
   EXPECT_NEAR(t.T_em, 0.042 * t.i_dq[1], 1e-12);  // no saliency
@@ -178,7 +179,7 @@ TEST(Plant, TruthBalancesItsTorques) {
 
 TEST(Plant, DoesNotAllocateOnItsTickPath) {
   for (const char* engine : {"erk", "cvode"}) {
-    Plant plant(test::drive_of("dilys2021", {fmt::format("plant.engine={}", engine)}));
+    Plant plant = test::plant_of(test::load("dilys2021", {fmt::format("plant.engine={}", engine)}));
     for (int k = 0; k < 20; ++k) tick(plant, {1, 0});
     const std::int64_t before = test::allocation_count();
     for (int k = 0; k < 500; ++k) {

@@ -7,6 +7,7 @@
 #include "tests/support/allocation_count.hpp"
 #include "tests/support/drives.hpp"
 #include "tests/support/effects.hpp"
+#include "tests/support/plant_of.hpp"
 
 namespace twinrate::sample_errors_test {
 namespace {
@@ -15,12 +16,12 @@ constexpr double kTs = 2e-4, kR = 1.2, kL = 5e-4;
 
 Plant plant_with(const std::string& effect, const std::string& more = "") {
   // Locked rotor, exact sensors, commands act at once: phase a is an RL circuit.
-  return Plant(Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\n[plant]\n"
-                             "delay_samples = 0\nerk_steps = 8\n[sensors]\n"
-                             "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n" +
-                                 more + "[[effect]]\n" + effect,
-                             "d")
-                   .drive());
+  return test::plant_of(
+      Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\n[plant]\n"
+                    "delay_samples = 0\nerk_steps = 8\n[sensors]\n"
+                    "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n" +
+                        more + "[[effect]]\n" + effect,
+                    "d"));
 }
 std::string lag(const char* signal, const char* form, double lag_s) {
   return fmt::format("kind = \"signal_lag\"\nsignal = \"{}\"\nform = \"{}\"\nlag_s = {}\n", signal,
@@ -98,12 +99,12 @@ TEST(SignalLag, OfTheVoltageActsLaterThanTheDriveBelieves) {
 }
 
 Plant turning(const std::string& effect) {
-  return Plant(Config::parse("preset = \"dilys2021\"\nstart = \"flying\"\n[machine]\n"
-                             "psi_f_Wb = 1e-6\nB_Nms = 1e-5\nJ_kgm2 = 1e-5\n[sensors]\n"
-                             "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[[effect]]\n" +
-                                 effect,
-                             "d")
-                   .drive());
+  return test::plant_of(
+      Config::parse("preset = \"dilys2021\"\nstart = \"flying\"\n[machine]\n"
+                    "psi_f_Wb = 1e-6\nB_Nms = 1e-5\nJ_kgm2 = 1e-5\n[sensors]\n"
+                    "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[[effect]]\n" +
+                        effect,
+                    "d"));
 }
 
 TEST(SignalLag, OfTheAngleIsTheAngleOfThenAndTheSpeedFollows) {

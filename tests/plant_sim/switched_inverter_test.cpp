@@ -4,6 +4,7 @@
 
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
+#include "tests/support/plant_of.hpp"
 
 namespace twinrate::switched_inverter_test {
 namespace {
@@ -75,15 +76,14 @@ TEST(SwitchedInverter, APulseShorterThanTheDeadTimeNeverTurnsOnItsSwitch) {
     EXPECT_NE(s.states.legs[0], Leg::kLow) << s.t_start;
 }
 
-DriveConfig locked(const std::string& inverter, const std::string& more = "",
-                   const test::Overrides& overrides = {}) {
-  return Config::parse(
-             "preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\nL_d_H = 20e-3\n"
-             "L_q_H = 20e-3\n[sensors]\ni_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\n"
-             "delay_samples = 0\nerk_steps = 1\ninverter = \"" +
-                 inverter + "\"\n" + more,
-             "drive.toml", overrides)
-      .drive();
+Plant locked(const std::string& inverter, const std::string& more = "",
+             const test::Overrides& overrides = {}) {
+  return test::plant_of(
+      Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\nL_d_H = 20e-3\n"
+                    "L_q_H = 20e-3\n[sensors]\ni_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\n"
+                    "delay_samples = 0\nerk_steps = 1\ninverter = \"" +
+                        inverter + "\"\n" + more,
+                    "drive.toml", overrides));
 }
 
 void tick(Plant& plant, const Vec2& u) {
@@ -92,7 +92,7 @@ void tick(Plant& plant, const Vec2& u) {
 }
 
 TEST(SwitchedPlant, WithoutDeadTimeEqualsTheAveragedOneAtTheSamplingInstants) {
-  Plant switched(locked("switched")), averaged(locked("averaged"));
+  Plant switched = locked("switched"), averaged = locked("averaged");
   double worst = 0;
   for (int k = 0; k < 400; ++k) {
     const Vec2 u(6 * std::sin(0.05 * k), 4 * std::cos(0.11 * k));
@@ -107,7 +107,7 @@ TEST(SwitchedPlant, WithoutDeadTimeEqualsTheAveragedOneAtTheSamplingInstants) {
 
 TEST(SwitchedPlant, TheSwitchedTurningDriveEqualsTheAveragedOne) {
   const auto drive = [](const char* inverter) {
-    return Plant(test::drive_of(
+    return test::plant_of(test::load(
         "dilys2021", {"start=flying", "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0",
                       "inverter.f_pwm_Hz=20000", fmt::format("plant.inverter={}", inverter)}));
   };
@@ -124,7 +124,7 @@ TEST(SwitchedPlant, TheSwitchedTurningDriveEqualsTheAveragedOne) {
 
 // Voltage of phase a that the dead time takes in the steady state of a locked rotor.
 double steady_loss(double u_a) {
-  Plant plant(locked("switched", "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 4e-6\n"));
+  Plant plant = locked("switched", "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 4e-6\n");
   for (int k = 0; k < 1200; ++k) tick(plant, {u_a, 0});
   return u_a - 1.2 * plant.truth().i_dq[0];
 }
@@ -143,8 +143,8 @@ TEST(SwitchedPlant, DeadTimeCostsItsFullVoltageAtLargeCurrentAndLittleNearZero) 
 
 TEST(SwitchedPlant, OneStepASegmentIsWithinATenthOfAMilliampereOfTheReferee) {
   const auto drive = [](const char* engine) {
-    return Plant(locked("switched", "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\n",
-                        {fmt::format("plant.engine={}", engine)}));
+    return locked("switched", "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\n",
+                  {fmt::format("plant.engine={}", engine)});
   };
   Plant erk = drive("erk"), cvode = drive("cvode");
   double worst = 0;

@@ -5,6 +5,7 @@
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 #include "tests/support/effects.hpp"
+#include "tests/support/plant_of.hpp"
 
 namespace twinrate::two_masses_test {
 namespace {
@@ -263,12 +264,12 @@ TEST(Along, AWrappedAngleIsAsGoodAsAnUnwrapped) {
 
 TEST(Plant, WithAShaftStandsStillUnderTheLoadThatItHolds) {
   // No torque, no friction: the load falls, motor and load together, as one mass would.
-  Plant plant(Config::parse("preset = \"dilys2021\"\n[machine]\npsi_f_Wb = 1e-6\nB_Nms = 0.0\n"
-                            "J_kgm2 = 1e-3\n[load]\nT_load_Nm = 0.005\nslew_Nm_s = 0.0\n"
-                            "[[effect]]\nkind = \"torsion\"\nJ_load_kgm2 = 4e-4\n"
-                            "stiffness_Nm_rad = 20.0\ndamping_Nms_rad = 0.02\n",
-                            "d")
-                  .drive());
+  Plant plant = test::plant_of(
+      Config::parse("preset = \"dilys2021\"\n[machine]\npsi_f_Wb = 1e-6\nB_Nms = 0.0\n"
+                    "J_kgm2 = 1e-3\n[load]\nT_load_Nm = 0.005\nslew_Nm_s = 0.0\n"
+                    "[[effect]]\nkind = \"torsion\"\nJ_load_kgm2 = 4e-4\n"
+                    "stiffness_Nm_rad = 20.0\ndamping_Nms_rad = 0.02\n",
+                    "d"));
   for (int k = 0; k < 1000; ++k) {
     plant.take_command({.k = k});
     plant.advance();

@@ -18,7 +18,7 @@ double ripple_rms(const char* compensation, double sign) {
       {"reference.speed_rpm=20", std::string("controller.compensation=") + compensation});
   const DriveConfig& drive = config.drive();
   const std::shared_ptr<const Filter> filter = make_filter(config);
-  Plant plant(drive);
+  Plant plant(config);
   FastLoop fast(filter, drive.gain.policy, drive.rates.n);
   BackgroundLoop background(filter, drive.gain.policy, drive.rates.n);
   const std::unique_ptr<Controller> controller = make_controller(config);

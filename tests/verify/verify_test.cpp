@@ -53,9 +53,8 @@ VerifyLog log_of(const std::string& effects, int current_sensors = 3) {
 }
 
 TEST(Verify, CoggingIsInTheSpeedOfTheFreeRunAndGoesWithTheModelThatHasIt) {
-  const Config declared = drive_with(""), extended = drive_with(kCogging);
-  const ModelError e =
-      model_error({log_of(kCogging)}, declared.drive(), extended.drive(), 0.2, 5e-3);
+  Config declared = drive_with(""), extended = drive_with(kCogging);
+  const ModelError e = model_error({log_of(kCogging)}, declared, extended, 0.2, 5e-3);
   EXPECT_GE(e.runs, 5u);
   EXPECT_GT(e.omega_m.before, 0.1);
   EXPECT_LT(e.omega_m.after, 0.2 * e.omega_m.before);
@@ -63,9 +62,8 @@ TEST(Verify, CoggingIsInTheSpeedOfTheFreeRunAndGoesWithTheModelThatHasIt) {
 }
 
 TEST(Verify, DeadTimeIsInTheCurrentsOfOneStep) {
-  const Config declared = drive_with(""), extended = drive_with(kDeadTime);
-  const ModelError e =
-      model_error({log_of(kDeadTime)}, declared.drive(), extended.drive(), 0, 5e-3);
+  Config declared = drive_with(""), extended = drive_with(kDeadTime);
+  const ModelError e = model_error({log_of(kDeadTime)}, declared, extended, 0, 5e-3);
   EXPECT_GT(e.runs, 100u);
   // About 4/pi 7 V of lost voltage over 100 us and 12.7 mH, against noise of 0.008 A a sample.
   EXPECT_GT(e.i_q.before, 0.03);
@@ -74,8 +72,8 @@ TEST(Verify, DeadTimeIsInTheCurrentsOfOneStep) {
 }
 
 TEST(Verify, AModelThatLacksNothingGainsNothing) {
-  const Config declared = drive_with("");
-  const ModelError e = model_error({log_of("")}, declared.drive(), declared.drive(), 0.2, 5e-3);
+  Config declared = drive_with("");
+  const ModelError e = model_error({log_of("")}, declared, declared, 0.2, 5e-3);
   EXPECT_EQ(e.i_d.before, e.i_d.after);
   EXPECT_EQ(e.omega_m.before, e.omega_m.after);
   EXPECT_LT(e.omega_m.after, 0.1);
@@ -86,8 +84,8 @@ TEST(Verify, AShaftIsInTheSpeedOfOneStepWhereTheLoadIsFollowedUpToIt) {
   const std::string torsion =
       "{kind=\"torsion\", J_load_kgm2=2.8e-3, stiffness_Nm_rad=60, damping_Nms_rad=0.03, "
       "used_in=\"both\"}";
-  const Config declared = drive_with(""), extended = drive_with(torsion);
-  const ModelError e = model_error({log_of(torsion)}, declared.drive(), extended.drive(), 0, 5e-3);
+  Config declared = drive_with(""), extended = drive_with(torsion);
+  const ModelError e = model_error({log_of(torsion)}, declared, extended, 0, 5e-3);
   EXPECT_LT(e.omega_m.after, 0.5 * e.omega_m.before);
   EXPECT_GT(e.omega_m.after, 0);
 }
@@ -101,10 +99,10 @@ std::string late_by(const char* signal, const char* form, double lag_s) {
 TEST(Verify, AVoltageThatActsLateIsInTheCurrents) {
   for (const char* form : {"delay", "first_order"}) {
     const std::string late = late_by("voltage", form, 250e-6);
-    const Config declared = drive_with(""), extended = drive_with(late);
+    Config declared = drive_with(""), extended = drive_with(late);
     const VerifyLog log = log_of(late);
-    const ModelError step = model_error({log}, declared.drive(), extended.drive(), 0, 5e-3);
-    const ModelError run = model_error({log}, declared.drive(), extended.drive(), 0.2, 5e-3);
+    const ModelError step = model_error({log}, declared, extended, 0, 5e-3);
+    const ModelError run = model_error({log}, declared, extended, 0.2, 5e-3);
     EXPECT_LT(step.i_d.after, 0.99 * step.i_d.before) << form;
     EXPECT_LT(run.i_d.after, 0.5 * run.i_d.before) << form;
     EXPECT_GT(run.i_d.after, 0.003) << form;
@@ -115,10 +113,10 @@ TEST(Verify, ALateReadingIsCarriedOnAsLate) {
   for (const char* signal : {"current", "angle"})
     for (const double lag_s : {50e-6, 830e-6}) {
       const std::string late = late_by(signal, "delay", lag_s);
-      const Config declared = drive_with(""), extended = drive_with(late);
+      Config declared = drive_with(""), extended = drive_with(late);
       const VerifyLog log = log_of(late);
-      const ModelError step = model_error({log}, declared.drive(), extended.drive(), 0, 5e-3);
-      const ModelError run = model_error({log}, declared.drive(), extended.drive(), 0.2, 5e-3);
+      const ModelError step = model_error({log}, declared, extended, 0, 5e-3);
+      const ModelError run = model_error({log}, declared, extended, 0.2, 5e-3);
       for (const ModelError& e : {step, run}) {
         EXPECT_LT(e.i_d.after, 1.02 * e.i_d.before) << signal << lag_s;
         EXPECT_LT(e.i_q.after, 1.02 * e.i_q.before) << signal << lag_s;
@@ -135,10 +133,10 @@ TEST(Verify, WithTwoSensorsTheOffsetOfTheThirdCurrentIsThatOfTheOthers) {
   const VerifyLog log = log_of(offset, 2);
   ASSERT_EQ(log.record.current_sensors, 2);
   for (const int in_the_drive_file : {2, 3}) {
-    const Config declared = drive_with("", in_the_drive_file),
-                 extended = drive_with(offset, in_the_drive_file);
-    const ModelError step = model_error({log}, declared.drive(), extended.drive(), 0, 5e-3);
-    const ModelError run = model_error({log}, declared.drive(), extended.drive(), 0.2, 5e-3);
+    Config declared = drive_with("", in_the_drive_file),
+           extended = drive_with(offset, in_the_drive_file);
+    const ModelError step = model_error({log}, declared, extended, 0, 5e-3);
+    const ModelError run = model_error({log}, declared, extended, 0.2, 5e-3);
     EXPECT_LT(step.i_d.after, 1.02 * step.i_d.before);
     EXPECT_LT(run.i_d.after, 0.2 * run.i_d.before);
     EXPECT_LT(run.i_q.after, 0.2 * run.i_q.before);
@@ -164,12 +162,12 @@ TEST(Verify, WhatGetsWorseAndWhatChangesNothingIsSaid) {
 TEST(Verify, RowsThatTrainAreNotLookedAt) {
   VerifyLog log = log_of("");
   std::fill(log.held_out.begin(), log.held_out.begin() + 12000, 0);
-  const Config declared = drive_with("");
-  EXPECT_LE(model_error({log}, declared.drive(), declared.drive(), 0.2, 5e-3).runs, 2u);
+  Config declared = drive_with("");
+  EXPECT_LE(model_error({log}, declared, declared, 0.2, 5e-3).runs, 2u);
 }
 
 TEST(Verify, TheExtendedEstimatorHasSmallerInnovationsAndTheLoopLessRipple) {
-  const Config declared = drive_with(""), extended = drive_with(kCogging);
+  Config declared = drive_with(""), extended = drive_with(kCogging);
   VerifySettings settings;
   settings.over_lcm = false;
   const Verification v = verify({log_of(kCogging)}, declared, extended, settings);

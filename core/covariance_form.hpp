@@ -1,4 +1,4 @@
-// The forms of the covariance update (15); the equations stand in estimator/covariance.hpp.
+// The forms of the covariance update (15); the equations are in estimator/covariance.hpp.
 //
 // "sequential" takes one output after the other, for diagonal R: the same in exact arithmetic, and
 // sound where R is far smaller than P^-, because it needs no determinant. "auto" takes it there,
@@ -8,6 +8,7 @@
 namespace twinrate {
 
 enum class CovarianceForm : int { kJoseph = 0, kPaper = 1, kSequential = 2, kAuto = 3 };
+inline constexpr const char* kCovarianceFormNames[] = {"joseph", "paper", "sequential", "auto"};
 
 // R_min: smallest diagonal entry of R; P_max: largest variance of a measured state.
 inline CovarianceForm resolve(CovarianceForm form, double R_min, double P_max) {
