@@ -7,6 +7,7 @@
 #include "core/config_write.hpp"
 #include "model/effects/flux_map.hpp"
 #include "model/effects/undo.hpp"
+#include "model/point_of.hpp"
 
 namespace twinrate {
 namespace {
@@ -103,13 +104,10 @@ Vec2 Lqr::control_law(const State& x, double T_o) {
 
 Vec2 Lqr::with_known_voltage_loss(const Vec2& u, const State& x, const Measurement& m) const {
   if (known_voltage_.empty()) return u;
-  OperatingPoint point{.t = 1e-9 * static_cast<double>(m.t_ns),
-                       .i_dq = x.i_dq,
-                       .u_dq = K_pp_ * u,
-                       .v_dc = m.v_dc,
-                       .omega_m = x.omega_m,
-                       .theta_m = x.theta_m,
-                       .theta_e = x.theta_e};
+  OperatingPoint point =
+      point_of(m, {.omega_m = x.omega_m, .theta_m = x.theta_m, .theta_e = x.theta_e});
+  point.i_dq = x.i_dq;
+  point.u_dq = K_pp_ * u;
   const auto loss = [&] { return predicted_drop_and_emf(known_voltage_, point, machine_.n_p); };
   point.u_dq += loss();  // a loss in proportion to what is asked for takes of the addition, too
   return u + loss() / K_pp_;

@@ -6,6 +6,7 @@
 #include "model/effects/motor_side.hpp"
 #include "model/effects/undo.hpp"
 #include "trace/along.hpp"
+#include "trace/row_point.hpp"
 
 namespace twinrate {
 namespace {
@@ -59,14 +60,9 @@ std::vector<OperatingPoint> points_of(const Record& record, const DriveConfig& d
                                       const FollowedLog& log) {
   std::vector<OperatingPoint> points(record.size());
   for (std::size_t k = 0; k < points.size(); ++k) {
-    OperatingPoint& p = points[k];
-    p.t = record.t[k];
-    p.v_dc = at_or(record.v_dc, k, drive.inverter.v_dc);
-    p.omega_m = log.omega_m[k];
-    p.theta_m = log.theta_m[k];
-    p.theta_e = drive.machine.n_p * p.theta_m;
+    const RotorFrame frame = frame_at(log.theta_m[k], log.omega_m[k], drive.machine.n_p);
+    OperatingPoint& p = points[k] = point_of(record, k, frame, drive.inverter.v_dc);
     p.i_dq = p.rotor_axes(log.i_alphabeta[k]);
-    p.u_dq = p.rotor_axes(record.u_alphabeta[k]);
     p.T_load = log.T_load[k];
   }
   return points;

@@ -4,6 +4,7 @@
 
 #include "estimator/kernels/ekf_dq_kernel.hpp"
 #include "model/discretise_exact.hpp"
+#include "model/point_of.hpp"
 
 namespace twinrate {
 
@@ -74,11 +75,7 @@ double EkfDisturbance::measured_speed(const FastState& state, const Measurement&
 
 OperatingPoint EkfDisturbance::point(const Vec2& i_dq, double omega_m, double theta_m,
                                      std::int64_t t_ns) const {
-  return {.t = 1e-9 * static_cast<double>(t_ns),
-          .i_dq = i_dq,
-          .omega_m = omega_m,
-          .theta_m = theta_m,
-          .theta_e = machine_.n_p * theta_m};
+  return point_of(1e-9 * static_cast<double>(t_ns), frame_at(theta_m, omega_m, machine_.n_p), i_dq);
 }
 
 // T_o of the state is what is left of the load beside the known part.

@@ -2,6 +2,8 @@
 
 #include <Eigen/LU>
 
+#include "model/point_of.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -22,11 +24,7 @@ EkfHarmonic::EkfHarmonic(const MachineParameters& machine, const EkfHarmonicPara
       T_s_(T_s) {}
 
 OperatingPoint EkfHarmonic::point(const State& x, double theta_m, double t) const {
-  return {.t = t,
-          .i_dq = x.head<2>(),
-          .omega_m = x[2],
-          .theta_m = theta_m,
-          .theta_e = machine_.n_p * theta_m};
+  return point_of(t, frame_at(theta_m, x[2], machine_.n_p), x.head<2>());
 }
 
 EkfHarmonic::State EkfHarmonic::predict(const State& x, const Vec2& u_dq, double dtheta_m,

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "model/effects/flux_map.hpp"
+#include "model/point_of.hpp"
 
 namespace twinrate {
 namespace {
@@ -55,13 +56,9 @@ Measurement KnownEffects::seen(const Measurement& m, const Estimate& last,
   // Middle of the interval in which the voltage acted.
   const double theta_m = s.theta_m - 0.5 * T_s_ * last.omega_m;
   const double theta_e = last.theta_e + 0.5 * T_s_ * last.omega_m * machine_.n_p;
-  const OperatingPoint point{.t = 1e-9 * static_cast<double>(m.t_ns),
-                             .i_dq = last.i_dq,
-                             .u_dq = park(s.u_alphabeta, theta_e),
-                             .v_dc = m.v_dc,
-                             .omega_m = last.omega_m,
-                             .theta_m = theta_m,
-                             .theta_e = theta_e};
+  OperatingPoint point =
+      point_of(s, {.omega_m = last.omega_m, .theta_m = theta_m, .theta_e = theta_e});
+  point.i_dq = last.i_dq;
   Vec2 lost = predicted_drop(voltage_, point);
   if (!flux_.empty()) lost += flux_voltage(point, point.u_dq - lost);
   s.u_alphabeta -= inverse_park(lost, theta_e);

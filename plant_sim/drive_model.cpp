@@ -1,6 +1,7 @@
 #include "plant_sim/drive_model.hpp"
 
 #include "model/effects/flux_map.hpp"
+#include "model/point_of.hpp"
 #include "plant_sim/fixed_axes.hpp"
 
 namespace twinrate {
@@ -39,13 +40,10 @@ DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects,
 
 OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                                  double t_in_interval) const {
-  OperatingPoint p{.t = input.t_k + t_in_interval,
-                   .i_dq = x.head<2>(),
-                   .v_dc = v_dc_,
-                   .omega_m = x[2],
-                   .theta_m = x[3],
-                   .theta_e = machine_.n_p * x[3],
-                   .T_load = input.T_load};
+  OperatingPoint p =
+      point_of(input.t_k + t_in_interval, frame_at(x[3], x[2], machine_.n_p), x.head<2>());
+  p.v_dc = v_dc_;
+  p.T_load = input.T_load;
   if (input.legs) {
     const Vec3 i_abc = with_terminals(on_equations_, p).i_abc();
     p.u_dq = park(input.legs->u_alphabeta(i_abc, v_dc_), p.theta_e);

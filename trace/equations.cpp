@@ -6,6 +6,7 @@
 #include "model/effects/losses.hpp"
 #include "trace/along.hpp"
 #include "trace/keys.hpp"
+#include "trace/row_point.hpp"
 #include "trace/signals.hpp"
 
 namespace twinrate {
@@ -71,15 +72,10 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
   points_.resize(record.size());
   const std::vector<Vec2> i_dq = smoothed(measured_.i_dq, record.rows_each);
   for (std::size_t k = 0; k < points_.size(); ++k) {
-    OperatingPoint& p = points_[k];
-    p.t = record.t[k];
-    p.theta_m = record.theta_m[k];
-    p.theta_e = facts.machine.n_p * p.theta_m;
-    p.d_axis = measured_.axes->at[k];
-    p.omega_m = omega_m_[k];
+    RotorFrame frame = frame_at(record.theta_m[k], omega_m_[k], facts.machine.n_p);
+    frame.d_axis = measured_.axes->at[k];
+    OperatingPoint& p = points_[k] = point_of(record, k, frame, facts.v_dc);
     if (!i_dq.empty()) p.i_dq = i_dq[k];
-    if (!record.u_alphabeta.empty()) p.u_dq = p.rotor_axes(record.u_alphabeta[k]);
-    p.v_dc = record.v_dc.empty() ? facts.v_dc : record.v_dc[k];
     if (!record.T_load.empty())  // in the middle of what it is held for
       p.T_load =
           record.T_load[k] -

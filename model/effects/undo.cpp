@@ -1,5 +1,7 @@
 #include "model/effects/undo.hpp"
 
+#include "model/point_of.hpp"
+
 namespace twinrate {
 
 namespace {
@@ -33,8 +35,9 @@ double SensingUndo::true_angle(double theta_m_meas, OperatingPoint& point) const
 
 Measurement SensingUndo::operator()(const Measurement& m, double omega_m) const {
   Measurement corrected = m;
-  OperatingPoint point{
-      .t = 1e-9 * static_cast<double>(m.t_ns), .v_dc = m.v_dc, .omega_m = m.omega_m};
+  OperatingPoint point =
+      point_of(1e-9 * static_cast<double>(m.t_ns), {.omega_m = m.omega_m});  // the angle follows
+  point.v_dc = m.v_dc;
   if (m.signals & kPosition && !on_angle_.empty()) {
     corrected.theta_m = true_angle(m.theta_m, point);
     if (m.signals & kSpeed) {
@@ -44,12 +47,9 @@ Measurement SensingUndo::operator()(const Measurement& m, double omega_m) const 
     corrected.theta_m += angle_lag_ * omega_m;
   }
   if (!(m.signals & kPhaseCurrents) || on_currents_.empty()) return corrected;
-  point.omega_m = corrected.omega_m;
-  point.theta_m = corrected.theta_m;
-  point.theta_e = n_p_ * corrected.theta_m;
+  const RotorFrame frame = frame_at(corrected.theta_m, corrected.omega_m, n_p_);
   for (int round = 0; round < kRounds; ++round) {
-    point.i_dq = park(clarke(corrected.i_abc), point.theta_e);
-    corrected.i_abc = m.i_abc - sum_at(on_currents_, point).i_abc;
+    corrected.i_abc = m.i_abc - sum_at(on_currents_, point_of(corrected, frame)).i_abc;
     if (current_sensors_ == 2) corrected.i_abc[2] = -(corrected.i_abc[0] + corrected.i_abc[1]);
   }
   if (current_lag_ > 0)
