@@ -1,0 +1,199 @@
+// The tree: which folder may include which, and ARCHITECTURE.md's picture of it.
+//
+// kRooms lists the folders from the bottom up. A folder includes itself and what its line names;
+// a line names only folders above it in the list, so the includes have no circle.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+const fs::path kRoot = TWINRATE_SOURCE_DIR;
+
+struct Room {
+  std::string folder;
+  std::vector<std::string> may_include;
+};
+
+const std::vector<Room> kRooms = {
+    {"model", {}},
+    {"core", {"model"}},
+    {"plant_sim", {"model", "core"}},
+    {"estimator", {"model", "core"}},
+    {"controller", {"model", "core"}},
+    {"logger", {"core"}},
+    {"analysis", {"model", "core"}},
+    {"trace", {"model", "core"}},
+    {"monitor", {"model", "core", "trace"}},
+    {"loop", {"model", "core", "plant_sim", "estimator", "controller", "monitor"}},
+    {"lanes", {"model", "core", "estimator", "controller"}},
+    {"import", {"model", "core"}},
+    {"drive_log", {"model", "core", "trace", "loop", "import"}},
+    {"export", {"model", "core", "trace", "import", "drive_log"}},
+    {"verify", {"model", "core", "plant_sim", "trace", "loop", "import", "drive_log"}},
+    {"report", {"model", "core", "analysis", "trace"}},
+    {"plan", {"core", "trace", "loop", "report"}},
+    {"sweep", {"model", "core", "estimator", "analysis", "loop", "lanes"}},
+    {"run", {"core", "analysis", "report"}},
+    {"tools",
+     {"model", "core", "estimator", "controller", "logger", "analysis", "trace", "monitor", "loop",
+      "import", "drive_log", "export", "verify", "report", "plan", "sweep", "run"}},
+    {"tests",
+     {"model", "core", "plant_sim", "estimator", "controller", "analysis", "trace", "monitor",
+      "loop", "lanes", "import", "drive_log", "export", "verify", "report", "plan", "sweep",
+      "tools"}},
+    {"bench",
+     {"model", "core", "plant_sim", "estimator", "controller", "analysis", "trace", "loop", "lanes",
+      "tests"}},
+};
+
+// Messages, data and scripts: nothing in them is compiled here.
+const std::set<std::string> kWithoutSources = {"lcmtypes", "config", "docs", "cmake",
+                                               "third_party"};
+
+const Room* room_of(const std::vector<Room>& rooms, const std::string& folder) {
+  for (const Room& room : rooms)
+    if (room.folder == folder) return &room;
+  return nullptr;
+}
+
+std::string text_of(const fs::path& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+// The quoted includes of a source, in order.
+std::vector<std::string> includes(const std::string& text) {
+  std::vector<std::string> list;
+  std::istringstream in(text);
+  for (std::string line; std::getline(in, line);) {
+    line.erase(std::remove(line.begin(), line.end(), ' '), line.end());
+    if (!line.starts_with("#include\"")) continue;
+    const auto begin = line.find('"') + 1;
+    list.push_back(line.substr(begin, line.find('"', begin) - begin));
+  }
+  return list;
+}
+
+// The includes of `text`, a source in `folder`, that the rooms do not allow.
+std::vector<std::string> wrong_includes(const std::vector<Room>& rooms, const std::string& folder,
+                                        const std::string& text) {
+  const Room* room = room_of(rooms, folder);
+  std::vector<std::string> wrong;
+  for (const std::string& include : includes(text)) {
+    const std::string target = include.substr(0, include.find('/'));
+    const bool allowed =
+        room && (target == folder ||
+                 std::count(room->may_include.begin(), room->may_include.end(), target) > 0);
+    if (!allowed) wrong.push_back(include);
+  }
+  return wrong;
+}
+
+std::set<std::string> top_folders() {
+  std::set<std::string> folders;
+  for (const auto& entry : fs::directory_iterator(kRoot)) {
+    const std::string name = entry.path().filename().string();
+    const bool of_the_tree = entry.is_directory() && !name.starts_with(".") &&
+                             !name.starts_with("build") && name != "runs";
+    if (of_the_tree) folders.insert(name);
+  }
+  return folders;
+}
+
+std::vector<fs::path> sources_in(const std::string& folder) {
+  std::vector<fs::path> list;
+  for (const auto& entry : fs::recursive_directory_iterator(kRoot / folder)) {
+    const std::string kind = entry.path().extension().string();
+    if (kind == ".cpp" || kind == ".hpp" || kind == ".h") list.push_back(entry.path());
+  }
+  return list;
+}
+
+TEST(Rooms, AreTheFoldersWithSources) {
+  std::set<std::string> rooms;
+  for (const Room& room : kRooms) rooms.insert(room.folder);
+  std::set<std::string> folders = top_folders();
+  for (const std::string& folder : kWithoutSources) {
+    EXPECT_EQ(folders.erase(folder), 1u) << folder << " is not there";
+    EXPECT_TRUE(sources_in(folder).empty() || folder == "third_party") << folder;
+  }
+  EXPECT_EQ(rooms, folders);
+}
+
+TEST(Rooms, NameOnlyRoomsBelowThem) {
+  std::set<std::string> below;
+  for (const Room& room : kRooms) {
+    for (const std::string& name : room.may_include)
+      EXPECT_TRUE(below.count(name))
+          << room.folder << " may include " << name << ", which is not below it";
+    below.insert(room.folder);
+  }
+}
+
+TEST(Rooms, OfTheProcessesDoNotNameEachOther) {
+  const std::set<std::string> processes = {"plant_sim", "estimator", "controller", "logger",
+                                           "monitor"};
+  for (const Room& room : kRooms)
+    for (const std::string& name : room.may_include)
+      EXPECT_FALSE(processes.count(room.folder) && processes.count(name))
+          << room.folder << " may include " << name;
+}
+
+TEST(Includes, GoWhereTheRoomsAllow) {
+  std::size_t seen = 0;
+  for (const Room& room : kRooms)
+    for (const fs::path& source : sources_in(room.folder)) {
+      const std::string text = text_of(source);
+      seen += includes(text).size();
+      for (const std::string& include : wrong_includes(kRooms, room.folder, text))
+        ADD_FAILURE() << fs::relative(source, kRoot).string() << " includes " << include << ", "
+                      << room.folder << "/ may not";
+    }
+  EXPECT_GT(seen, 800u);
+}
+
+TEST(Includes, AWrongOneIsFound) {
+  const std::string text =
+      "#include \"model/frames.hpp\"\n#include <vector>\n  #  include \"core/bus.hpp\"\n";
+  EXPECT_EQ(wrong_includes(kRooms, "model", text), std::vector<std::string>{"core/bus.hpp"});
+  EXPECT_TRUE(wrong_includes(kRooms, "core", text).empty());
+  EXPECT_EQ(wrong_includes(kRooms, "plant_sim", "#include \"estimator/filter.hpp\"\n").size(), 1u);
+  EXPECT_EQ(wrong_includes(kRooms, "core", "#include \"frames.hpp\"\n").size(), 1u);
+  EXPECT_EQ(wrong_includes(kRooms, "attic", "#include \"model/frames.hpp\"\n").size(), 1u);
+}
+
+// | `core/` | what it holds |
+TEST(Architecture, ListsTheFoldersThereAre) {
+  const std::string text = text_of(kRoot / "ARCHITECTURE.md");
+  const auto begin = text.find("| folder | what it holds |");
+  ASSERT_NE(begin, std::string::npos);
+  std::istringstream table(text.substr(begin));
+  std::string line;
+  std::getline(table, line);
+  std::getline(table, line);
+  std::set<std::string> listed;
+  while (std::getline(table, line) && line.starts_with("|")) {
+    const auto open = line.find('`'), close = line.find('`', open + 1);
+    ASSERT_NE(close, std::string::npos) << line;
+    const std::string folder = line.substr(open + 1, close - open - 1);
+    EXPECT_TRUE(folder.ends_with("/") && fs::is_directory(kRoot / folder)) << line;
+    const std::string name = folder.substr(0, folder.size() - 1);
+    if (name.find('/') != std::string::npos) continue;  // model/effects/
+    EXPECT_TRUE(listed.insert(name).second) << name << " is listed twice";
+  }
+  EXPECT_EQ(listed, top_folders());
+}
+
+}  // namespace
+}  // namespace twinrate
