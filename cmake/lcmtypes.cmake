@@ -1,6 +1,7 @@
 # lcm-gen turns each lcmtypes/NAME.lcm into build/lcmtypes/twinrate/NAME.hpp.
 set(lcm_types measurement_t estimate_t gain_t command_t reference_t truth_t status_t event_t
-              manifest_t request_t reply_t ack_t)
+              manifest_t request_t reply_t ack_t
+              event_v2_t)
 set(lcm_out ${CMAKE_CURRENT_BINARY_DIR}/lcmtypes)
 set(lcm_headers)
 foreach(type ${lcm_types})

@@ -52,10 +52,12 @@ class ControllerProcess {
  private:
   Waiting missing() const {
     const std::int64_t k = last_.k + 1;
-    if (!m_.at(k)) return {fmt::format("MEASUREMENT({}) from plant", k), 3};
-    if (e_.k < k) return {fmt::format("ESTIMATE({}) from estimator", k), 1};
-    if (needs_truth_ && !truth_.at(k)) return {fmt::format("TRUTH({}) from plant", k), 1};
-    return {fmt::format("REFERENCE({}) from its generator", k), 1};
+    if (!m_.at(k))
+      return {fmt::format("MEASUREMENT({})", k), Patience::kForMeasurement, Role::kPlant};
+    if (e_.k < k) return {fmt::format("ESTIMATE({})", k), Patience::kForEstimate, Role::kEstimator};
+    if (needs_truth_ && !truth_.at(k))
+      return {fmt::format("TRUTH({})", k), Patience::kForEstimate, Role::kPlant};
+    return {fmt::format("REFERENCE({}) from its generator", k), Patience::kForEstimate};
   }
   void take(const Estimate& e) {
     if (e.k == last_.k && last_.k >= 0) {

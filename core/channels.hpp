@@ -19,8 +19,10 @@
 
 namespace twinrate {
 
-// Version of the message layouts; a log of another one is refused.
-inline constexpr int kWireSchema = 2;
+// Version of the message layouts; logs from the oldest one on are read (core/decode.hpp), another
+// one is refused.
+inline constexpr int kWireSchema = 3;
+inline constexpr int kOldestWireSchema = 2;
 
 enum class Channel : int {
   kMeasurement,

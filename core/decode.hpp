@@ -1,8 +1,15 @@
 // Decoding a message whose arrays carry their own length: the lengths are looked at first, because
 // the generated code would reserve whatever a damaged message asks for.
+//
+// A message of an earlier wire schema is read as one of today's. When a message gains a field, its
+// type as it was is kept in lcmtypes/ as NAME_vSCHEMA_t, and decode_earlier() says what the field
+// is where nobody wrote it:
+//
+//   event_t     schema 2 has no waited_for: -1, none
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <twinrate/event_v2_t.hpp>
 
 #include "core/channels.hpp"
 
@@ -15,11 +22,29 @@ inline bool sizes_fit(const void*, const std::uint8_t*, std::size_t) {
   return true;
 }
 
+inline bool decode_earlier(event_t& event, const void* bytes, std::size_t size) {
+  event_v2_t earlier;
+  if (earlier.decode(bytes, 0, static_cast<int>(size)) < 0) return false;
+  event.seq = earlier.seq;
+  event.t_ns = earlier.t_ns;
+  event.session = earlier.session;
+  event.role = earlier.role;
+  event.reason = earlier.reason;
+  event.waited_for = -1;
+  event.text = earlier.text;
+  return true;
+}
+template <class Message>
+bool decode_earlier(Message&, const void*, std::size_t) {
+  return false;
+}
+
 // False where the bytes are not such a message.
 template <class Message>
 bool decode(Message& message, const void* bytes, std::size_t size) {
   return sizes_fit(&message, static_cast<const std::uint8_t*>(bytes), size) &&
-         message.decode(bytes, 0, static_cast<int>(size)) >= 0;
+         (message.decode(bytes, 0, static_cast<int>(size)) >= 0 ||
+          decode_earlier(message, bytes, size));
 }
 
 }  // namespace twinrate

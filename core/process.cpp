@@ -8,6 +8,7 @@
 #include <cstdio>
 
 #include "core/machine_error.hpp"
+#include "core/make_event.hpp"
 #include "core/paths.hpp"
 #include "core/seconds_since.hpp"
 
@@ -21,7 +22,7 @@ void note_stop(int) {
 
 constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
 constexpr double kStartPatience_s = 10;  // before the first tick: the peers may still be starting
-constexpr double kRankPatience_s = 0.2;
+constexpr double kPatienceStep_s = 0.2;
 
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
                        const DriveConfig& d) {
@@ -80,38 +81,41 @@ void Process::handle_request(const request_t& request) {
   reply.role = status_.role;
   reply.accepted = 1;
   reply.applied_seq = status_.seq;
+  if (answer(request, reply)) bus_->publish(reply);
+}
+
+bool Process::answer(const request_t& request, reply_t& reply) {
+  const auto refuse = [&reply](const std::string& why) {
+    reply.accepted = 0;
+    reply.text = why;
+  };
   switch (static_cast<RequestKind>(request.kind)) {
     case RequestKind::kStart:
-      if (info_.role != Role::kPlant) return;
-      if (options_.wait_for_start) {
-        options_.wait_for_start = false;
+      if (info_.role != Role::kPlant) return false;
+      if (options_.wait_for_start)
         status_.state = static_cast<std::int32_t>(ProcessState::kRunning);
-      }
-      break;
+      options_.wait_for_start = false;
+      return true;
     case RequestKind::kStop:
       if (!finished_) finish();
-      break;
+      return true;
     case RequestKind::kEmergencyStop:
-      if (!emergency_stop_) return;  // not this process's business
+      if (!emergency_stop_) return false;
       emergency_stop_();
       event(Reason::kEmergencyStop, status_.seq,
             "emergency stop: zero voltage from the next tick on");
-      break;
+      return true;
     case RequestKind::kAddEffect:
-      if (!add_effects_) return;
+      if (!add_effects_) return false;
       add_effects(request, reply);
-      break;
+      return true;
     case RequestKind::kAddProposed:
-      if (!add_proposed_) return;
-      if (add_proposed_()) break;
-      reply.accepted = 0;
-      reply.text = "no effect is proposed";
-      break;
-    default:
-      reply.accepted = 0;
-      reply.text = fmt::format("unknown request kind {}", request.kind);
+      if (!add_proposed_) return false;
+      if (!add_proposed_()) refuse("no effect is proposed");
+      return true;
   }
-  bus_->publish(reply);
+  refuse(fmt::format("unknown request kind {}", request.kind));
+  return true;
 }
 
 void Process::add_effects(const request_t& request, reply_t& reply) {
@@ -183,9 +187,10 @@ void Process::check_patience() {
   const double waited = seconds_since(last_progress_), patience = bus_parameters_.peer_timeout_s;
   if (waited <= (status_.steps > 0 ? patience : std::max(patience, kStartPatience_s))) return;
   const Waiting waiting = waiting_for_ ? waiting_for_() : Waiting{"a message"};
-  if (waited <= patience + kRankPatience_s * waiting.rank) return;
+  if (waited <= patience + kPatienceStep_s * static_cast<int>(waiting.patience)) return;
   fail(Reason::kPeerTimeout, status_.seq,
-       fmt::format("{} waited {:.1f} s for {}", kRoleNames[status_.role], waited, waiting.text));
+       fmt::format("{} waited {:.1f} s for {}", kRoleNames[status_.role], waited, waiting.text()),
+       waiting.from);
 }
 
 bool Process::turn(double timeout_ms) {
@@ -211,14 +216,14 @@ void Process::run(const std::function<void()>& on_quiet) {
   }
 }
 
-void Process::event(Reason reason, std::int64_t k, const std::string& text) {
-  event_t e{};
-  e.seq = k;
-  e.t_ns = k >= 0 ? drive().t_ns(k) : 0;
-  e.role = status_.role;
-  e.reason = static_cast<std::int32_t>(reason);
-  e.text = text;
-  bus_->publish(e);
+void Process::event(Reason reason, std::int64_t k, const std::string& text,
+                    std::optional<Role> waited_for) {
+  bus_->publish(make_event({.role = info_.role,
+                            .reason = reason,
+                            .k = k,
+                            .t_ns = k >= 0 ? drive().t_ns(k) : 0,
+                            .text = text,
+                            .waited_for = waited_for}));
 }
 
 void Process::finish(ProcessState state) {
@@ -228,9 +233,10 @@ void Process::finish(ProcessState state) {
   beat();
 }
 
-void Process::fail(Reason reason, std::int64_t k, const std::string& text) {
+void Process::fail(Reason reason, std::int64_t k, const std::string& text,
+                   std::optional<Role> waited_for) {
   fmt::print(stderr, "{}: {}\n", info_.program, text);
-  event(reason, k, text);
+  event(reason, k, text, waited_for);
   finish(ProcessState::kFailed);
 }
 
@@ -238,11 +244,13 @@ bool Process::stopping() const {
   return finished_ || stop_signalled();
 }
 
-int run_process(const ProcessInfo& info, int argc, char** argv,
-                const std::function<void(Process&)>& body) {
+namespace {
+
+// Empty where the program ends at once, with `exit_code`.
+std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, char** argv,
+                                            int& exit_code) {
   CLI::App app{fmt::format("{}\n  {}", info.program, info.purpose)};
   ProcessOptions o;
-  bool realtime = false;
   std::string pace = "lockstep";
   app.add_option("--config", o.config, "read this drive file or preset")->required();
   app.add_option(
@@ -264,26 +272,39 @@ int run_process(const ProcessInfo& info, int argc, char** argv,
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    fmt::print(stderr, "{}: {}\n", info.program, error.what());
-    return 2;
+    const bool asked_for = error.get_exit_code() == 0;  // --help
+    if (!asked_for) fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    exit_code = asked_for ? app.exit(error) : 2;
+    return {};
   }
-  realtime = pace == "realtime";
-  o.pace = realtime ? Pace::kRealtime : Pace::kLockstep;
+  o.pace = pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
+  return o;
+}
+
+}  // namespace
+
+int run_process(const ProcessInfo& info, int argc, char** argv,
+                const std::function<void(Process&)>& body) {
+  int exit_code = 0;
+  std::optional<ProcessOptions> options = parse_options(info, argc, argv, exit_code);
+  if (!options) return exit_code;
   catch_stop_signals();
+  const auto say = [&info](const std::exception& error) {
+    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+  };
   try {
-    Process process(info, std::move(o));
+    Process process(info, std::move(*options));
     body(process);
     if (!process.stopping() || stop_signalled()) process.finish();
     return process.exit_code();
   } catch (const BadInput& error) {
-    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    say(error);
     return 2;
   } catch (const MachineError& error) {
-    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    say(error);
     return 3;
   } catch (const std::exception& error) {
-    fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    say(error);
     return 1;
   }
 }

@@ -43,13 +43,26 @@ struct ProcessInfo {
   const char* purpose;
 };
 
-// What a process waits for. When one process of a ring stands still all the others wait, each for
-// its neighbour: the lower the rank the nearer the culprit, and the sooner the process gives up, so
-// that the right one is named. The order fits every case: GAIN 0, ESTIMATE 1, COMMAND and the log
-// 2, MEASUREMENT 3, snapshots 4, the logger 5.
+// How long a process waits beyond bus.peer_timeout_s, by what it waits for, the least patient
+// first. When one process of a ring is silent, all the others wait, each for its neighbour. The one
+// next to the silent process gives up first, so that the right one is named, whichever it is.
+enum class Patience : int {
+  kForGain,
+  kForEstimate,  // TRUTH and REFERENCE likewise
+  kForCommand,   // the acknowledgement of the log likewise
+  kForMeasurement,
+  kForSnapshot,
+  kForWholeTicks,
+};
+
+// What a process waits for, and from whom; nobody where the sender is not a process of the set.
 struct Waiting {
-  std::string text;
-  int rank = 0;
+  std::string message;
+  Patience patience = Patience::kForGain;
+  std::optional<Role> from = {};
+  std::string text() const {
+    return from ? message + " from " + kRoleNames[static_cast<int>(*from)] : message;
+  }
 };
 
 class Process {
@@ -87,9 +100,11 @@ class Process {
   // The monitor: has what it proposed added; false where it proposed nothing.
   void on_add_proposed(std::function<bool()> action) { add_proposed_ = std::move(action); }
 
-  void event(Reason reason, std::int64_t k, const std::string& text);
+  void event(Reason reason, std::int64_t k, const std::string& text,
+             std::optional<Role> waited_for = {});
   void finish(ProcessState state = ProcessState::kDone);
-  void fail(Reason reason, std::int64_t k, const std::string& text);
+  void fail(Reason reason, std::int64_t k, const std::string& text,
+            std::optional<Role> waited_for = {});
   bool stopping() const;
   int exit_code() const { return status_.state == static_cast<int>(ProcessState::kFailed) ? 1 : 0; }
   const BusParameters& bus_parameters() const { return bus_parameters_; }
@@ -97,6 +112,8 @@ class Process {
 
  private:
   using Clock = std::chrono::steady_clock;
+  // False where the request is no business of this process.
+  bool answer(const request_t& request, reply_t& reply);
   void handle_request(const request_t& request);
   // Fills in what became of it; a request that comes again gets the same answer.
   void add_effects(const request_t& request, reply_t& reply);

@@ -16,7 +16,12 @@ namespace {
 namespace fs = std::filesystem;
 
 EventRecord from_wire(const event_t& w) {
-  return {.k = w.seq, .t_ns = w.t_ns, .role = w.role, .reason = w.reason, .text = w.text};
+  return {.k = w.seq,
+          .t_ns = w.t_ns,
+          .role = w.role,
+          .reason = w.reason,
+          .text = w.text,
+          .waited_for = w.waited_for};
 }
 
 // Decodes one event into `messages` when it is on that channel.
@@ -99,10 +104,10 @@ std::string channel_suffix_of(const std::string& part) {
 std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path) {
   manifest_t manifest;
   if (manifest.decode(bytes, 0, count) < 0) return {};
-  if (manifest.schema != kWireSchema)
+  if (manifest.schema < kOldestWireSchema || manifest.schema > kWireSchema)
     throw BadInput(
-        fmt::format("{}: written with message types of version {}, this program reads {}", path,
-                    manifest.schema, kWireSchema));
+        fmt::format("{}: written with message types of version {}, this program reads {} to {}",
+                    path, manifest.schema, kOldestWireSchema, kWireSchema));
   return manifest;
 }
 

@@ -16,6 +16,7 @@ struct EventRecord {
   int role = 0;
   int reason = 0;
   std::string text;
+  int waited_for = -1;  // Role of the process that did not answer
 };
 
 // A gain with its matrices at their own size: in a Gain there is room for the largest filter, 6 kB.

@@ -41,8 +41,9 @@ class EstimatorProcess {
       4096;  // samples; beyond it the gain process is taken for gone
 
   Waiting missing() const {
-    if (waiting_.empty()) return {fmt::format("MEASUREMENT({}) from plant", last_.k + 1), 3};
-    return {fmt::format("GAIN for tick {} from gain", waiting_.front().k), 0};
+    if (waiting_.empty())
+      return {fmt::format("MEASUREMENT({})", last_.k + 1), Patience::kForMeasurement, Role::kPlant};
+    return {fmt::format("GAIN for tick {}", waiting_.front().k), Patience::kForGain, Role::kGain};
   }
   void reset(std::int64_t k) {
     fast_.reset();

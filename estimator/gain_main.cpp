@@ -26,9 +26,9 @@ class GainProcess {
     });
     p.waiting_for([this] {
       return Waiting{
-          fmt::format("snapshot ESTIMATE({}) from estimator",
+          fmt::format("snapshot ESTIMATE({})",
                       last_k() < 0 ? 0 : last_k() + p_.drive().background_rate().n_at(last_k())),
-          4};
+          Patience::kForSnapshot, Role::kEstimator};
     });
   }
   void run() {

@@ -134,6 +134,7 @@ void fields(const status_t& m, Taker& f) {
 void fields(const event_t& m, Taker& f) {
   TWINRATE_FIELD(role);
   TWINRATE_FIELD(reason);
+  TWINRATE_FIELD(waited_for);
   TWINRATE_FIELD(text);
 }
 void fields(const manifest_t& m, Taker& f) {

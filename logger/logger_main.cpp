@@ -38,7 +38,8 @@ class LoggerProcess {
                                  std::int64_t seq,
                                  std::int64_t t_ns) { take(channel, bytes, size, seq, t_ns); });
     p.waiting_for([this] {
-      return Waiting{fmt::format("messages of tick {}", log_.complete_below()), 5};
+      return Waiting{fmt::format("messages of tick {}", log_.complete_below()),
+                     Patience::kForWholeTicks};
     });
   }
   void run() {

@@ -32,7 +32,8 @@ class MonitorProcess {
     p.bus().on_new_session([this] { begin_anew(); });
     p.on_add_proposed([this] { return monitor_.add_proposed(); });
     p.waiting_for([this] {
-      return Waiting{fmt::format("MEASUREMENT({}) from plant", monitor_.last_k() + 1), 5};
+      return Waiting{fmt::format("MEASUREMENT({})", monitor_.last_k() + 1),
+                     Patience::kForWholeTicks, Role::kPlant};
     });
   }
   void run() {

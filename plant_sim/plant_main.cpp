@@ -40,10 +40,11 @@ class PlantProcess {
 
  private:
   Waiting missing() const {
-    if (k() < steps_ && sent_ == k()) return {fmt::format("COMMAND({}) from controller", k()), 2};
-    return {fmt::format("an acknowledgement of tick {} (the log stands at {}) from logger",
+    if (k() < steps_ && sent_ == k())
+      return {fmt::format("COMMAND({})", k()), Patience::kForCommand, Role::kController};
+    return {fmt::format("an acknowledgement of tick {} (the log stands at {})",
                         std::min(k(), steps_), acknowledged_),
-            2};
+            Patience::kForCommand, Role::kLogger};
   }
   std::int64_t k() const { return plant_.k(); }
   void publish_tick() {

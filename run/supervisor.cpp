@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "core/machine_error.hpp"
+#include "core/make_event.hpp"
 #include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 
@@ -141,14 +142,10 @@ bool Supervisor::survives_without_the_monitor() {
 // When one process falls silent the others time out one after the other, each waiting for the next:
 // the cause is the one that is waited for and does not complain itself.
 std::string Supervisor::root_cause() const {
-  for (const auto& [role, text] : failures_)
-    for (const Member& member : kMembers) {
-      const int waited_for = static_cast<int>(member.role);
-      if (!failures_.count(waited_for) &&
-          text.ends_with(std::string("from ") + kRoleNames[waited_for]))
-        return fmt::format("{} stopped answering: {}", kRoleNames[waited_for], text);
-    }
-  return failures_.empty() ? "" : failures_.begin()->second;
+  for (const auto& [role, failure] : failures_)
+    if (failure.waited_for >= 0 && !failures_.count(failure.waited_for))
+      return fmt::format("{} stopped answering: {}", role_name(failure.waited_for), failure.text);
+  return failures_.empty() ? "" : failures_.begin()->second.text;
 }
 
 bool Supervisor::end_early(const std::string& why) {
@@ -201,13 +198,11 @@ void Supervisor::watch() {
 
 void Supervisor::tell_the_log(Reason reason, const std::string& text) {
   const status_t& plant = latest_[static_cast<int>(Role::kPlant)];
-  event_t e{};
-  e.seq = plant.seq;
-  e.t_ns = plant.t_ns;
-  e.role = static_cast<std::int32_t>(Role::kSupervisor);
-  e.reason = static_cast<std::int32_t>(reason);
-  e.text = text;
-  bus_->publish(e);
+  bus_->publish(make_event({.role = Role::kSupervisor,
+                            .reason = reason,
+                            .k = plant.seq,
+                            .t_ns = plant.t_ns,
+                            .text = text}));
 }
 
 void Supervisor::stop_in_order() {
@@ -242,7 +237,7 @@ RunFacts Supervisor::run() {
     const auto reason = static_cast<Reason>(e.reason);
     if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull ||
         reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch)
-      failures_.emplace(e.role, e.text);
+      failures_.emplace(e.role, e);
   });
   if (progress_.visible()) {
     bus_->subscribe<truth_t>([this](const truth_t& w) { truth_ = from_wire(w); });

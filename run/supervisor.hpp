@@ -54,7 +54,7 @@ class Supervisor {
   Estimate estimate_;
   RunFacts facts_;
   bool gain_death_told_ = false, monitor_death_told_ = false;
-  std::map<int, std::string> failures_;  // by role: the failure event of each process
+  std::map<int, event_t> failures_;  // by role: the first failure of each process
 };
 
 }  // namespace twinrate

@@ -10,6 +10,7 @@
 
 #include "core/bus.hpp"
 #include "core/bus_parameters.hpp"
+#include "core/make_event.hpp"
 #include "core/manifest.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
@@ -43,14 +44,8 @@ class SimulatedBus {
   }
   void publish_event(Reason reason, const std::string& text, std::int64_t k, std::int64_t t_ns,
                      Role role = Role::kController) {
-    event_t e{};
-    e.seq = k;
-    e.t_ns = t_ns;
-    e.session = session_;
-    e.role = static_cast<std::int32_t>(role);
-    e.reason = static_cast<std::int32_t>(reason);
-    e.text = text;
-    send(e);
+    send(
+        make_event({.role = role, .reason = reason, .k = k, .t_ns = t_ns, .text = text}, session_));
   }
 
  private:

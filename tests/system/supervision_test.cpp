@@ -89,7 +89,8 @@ TEST_P(SilentChild, IsNamedByTheOneThatWaitsForIt) {
   bool said = false;
   for (const EventRecord& event : expect_readable_log().events)
     said = said || (event.reason == static_cast<int>(Reason::kPeerTimeout) &&
-                    event.text.find("from " + role) != std::string::npos);
+                    event.text.find("from " + role) != std::string::npos &&
+                    role_name(event.waited_for) == role);
   EXPECT_TRUE(said || program == "twinrate-logger");
 }
 

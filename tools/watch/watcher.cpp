@@ -5,6 +5,7 @@
 #include <chrono>
 #include <iterator>
 
+#include "core/decode.hpp"
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "core/reason.hpp"
@@ -98,7 +99,7 @@ bool Watcher::admit(std::int64_t session) {
 
 void Watcher::keep_event(const std::uint8_t* bytes, int size) {
   event_t event{};
-  if (event.decode(bytes, 0, size) < 0) {
+  if (!decode(event, bytes, static_cast<std::size_t>(size))) {
     ++undecodable_;
     return;
   }
