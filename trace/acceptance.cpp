@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
+#include <map>
 
 #include "trace/keys.hpp"
 #include "trace/lines.hpp"
@@ -111,11 +111,23 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
   const std::vector<Candidate> lines = strongest_lines(fitter.chain(), fit);
   for (Score& s : score_all(fitter, fit, lines)) scores.push_back(std::move(s));
   std::erase_if(scores, [](const Score& s) { return !s.effect || !s.valid; });
-  std::sort(scores.begin(), scores.end(),
-            [](const Score& a, const Score& b) { return a.gain > b.gain; });
-  std::set<std::string> seen;
-  std::erase_if(scores, [&](const Score& s) { return !seen.insert(sort_of(*s.effect)).second; });
-  return scores;
+  // One place of each sort. A later one must be better by more than rounding: zones that hold all
+  // currents have the same gain.
+  constexpr double kRounding = 1e-6;
+  std::vector<Score> best;
+  std::map<std::string, std::size_t> place;
+  for (Score& s : scores) {
+    const auto [at, first] = place.emplace(sort_of(*s.effect), best.size());
+    if (first) {
+      best.push_back(std::move(s));
+    } else if (Score& held = best[at->second];
+               s.gain > held.gain + kRounding * std::abs(held.gain)) {
+      held = std::move(s);
+    }
+  }
+  std::stable_sort(best.begin(), best.end(),
+                   [](const Score& a, const Score& b) { return a.gain > b.gain; });
+  return best;
 }
 
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {

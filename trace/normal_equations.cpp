@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <cmath>
+
 #include "model/linear_algebra.hpp"
 #include "trace/dictionary.hpp"
 
@@ -29,13 +32,17 @@ std::vector<char> NormalEquations::usable(double rows) const {
 
 Eigen::Index NormalEquations::made_up(const std::vector<char>& use) const {
   constexpr double kOwn = 1e-5;  // of its energy: what the others leave of it
+  constexpr double kSame = 0.1;  // of the least: such shares differ by rounding
   const Eigen::VectorXd inverse = this->inverse(use).diagonal();
+  const auto own = [&](Eigen::Index i) { return 1 / (inverse[i] * A(i, i)); };
   Eigen::Index found = -1;
   double least = kOwn;
-  for (Eigen::Index i = 0; i < b.size(); ++i) {
-    const double own = 1 / (inverse[i] * A(i, i));
-    if (use[static_cast<std::size_t>(i)] && own < least) least = own, found = i;
-  }
+  for (Eigen::Index i = 0; i < b.size(); ++i)
+    if (use[static_cast<std::size_t>(i)] && own(i) < least) least = own(i), found = i;
+  // Two columns that are proportional have one share. A candidate comes after the members.
+  const double same = std::min(kOwn, least + kSame * std::abs(least));
+  for (Eigen::Index i = found + 1; found >= 0 && i < b.size(); ++i)
+    if (use[static_cast<std::size_t>(i)] && own(i) < same) found = i;
   return found;
 }
 

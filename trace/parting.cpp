@@ -72,8 +72,10 @@ std::vector<TracedEffect> part_drop(TracedEffect whole, const DriveFacts& facts)
                   facts);
   if (time.materiality < 1) return {std::move(whole)};
   time.aliases = {"inverter_drop"};
-  if (slope < kKnown * sigmas["resistance_Ohm"]) return {std::move(time)};
-  return {std::move(time), resistance(whole, slope, sigmas["resistance_Ohm"], facts)};
+  // A slope without a sigma was not fitted: the record does not separate it from the threshold.
+  const auto sigma = sigmas.find("resistance_Ohm");
+  if (sigma == sigmas.end() || slope < kKnown * sigma->second) return {std::move(time)};
+  return {std::move(time), resistance(whole, slope, sigma->second, facts)};
 }
 
 }  // namespace

@@ -48,6 +48,7 @@ double explained_everywhere(const Fitter& fitter, const Fit& now, const std::vec
 // which it is.
 std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const Effect& effect) {
   constexpr const char* kZone = "linear_current_A";
+  constexpr double kRounding = 1e-6;  // zones that hold all currents explain the same
   std::shared_ptr<Effect> best;
   double most = 0;
   const auto look = [&](double zone_A) {
@@ -59,7 +60,8 @@ std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const
     Eigen::VectorXd c;
     const double explained = explained_everywhere(fitter, now, columns, c);
     there->set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
-    if (!(explained > most) || !fitter.chain().equations().possible(*there)) return;
+    if (!(explained > (1 + kRounding) * most) || !fitter.chain().equations().possible(*there))
+      return;
     most = explained;
     best = there;
   };

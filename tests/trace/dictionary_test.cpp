@@ -90,6 +90,29 @@ TEST(Candidates, DriftWithTheRecordNotWithItsClock) {
   EXPECT_EQ(drifting, 5u);
 }
 
+// Rounding makes the share of its own of either column the smaller.
+TEST(NormalEquations, OfTwoColumnsThatAreOneTheLaterIsTheSpuriousOne) {
+  constexpr double kShare = 4e-6;  // of its own, of the last two columns beside one another
+  const auto equations = [](double rounding) {
+    NormalEquations normal{Eigen::MatrixXd::Zero(4, 4), Eigen::VectorXd::Zero(4),
+                           Eigen::VectorXd::Zero(4)};
+    normal.A.diagonal() << 4, 9, 1, 1;  // the second is 1.5 times the first
+    normal.A(0, 1) = normal.A(1, 0) = 6;
+    normal.A(2, 3) = normal.A(3, 2) = std::sqrt(1 - kShare);
+    for (int c : {2, 3}) {
+      normal.A(0, c) = normal.A(c, 0) = 0.2 * (1 + rounding);
+      normal.A(1, c) = normal.A(c, 1) = 0.3;
+    }
+    return normal;
+  };
+  for (double rounding : {-1e-13, 0.0, 1e-13}) {
+    const NormalEquations normal = equations(rounding);
+    EXPECT_EQ(normal.made_up({1, 1, 1, 1}), 1);
+    EXPECT_EQ(normal.made_up({1, 0, 1, 1}), 3);
+    EXPECT_EQ(normal.made_up({1, 0, 1, 0}), -1);
+  }
+}
+
 TEST(TracedParameters, DoNotHoldTheClockOfTheLog) {
   const auto effect = effect_with("resistance", {{"change_Ohm", 0.1}, {"start_s", 3600}});
   std::vector<std::string> names;

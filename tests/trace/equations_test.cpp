@@ -373,9 +373,15 @@ TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
   TracedEffect unsure = drop(1.02 * limit);
   for (TracedParameter& p : unsure.parameters)
     if (p.name == "resistance") p.sigma = 0.5 * p.value;
-  const std::vector<TracedEffect> alone = parted(unsure, facts);
-  ASSERT_EQ(alone.size(), 1u);
-  EXPECT_EQ(alone[0].effect->kind(), "dead_time");
+  // Nor is one that was not fitted, which has no sigma.
+  TracedEffect not_fitted = unsure;
+  for (TracedParameter& p : not_fitted.parameters)
+    if (p.name == "resistance") p.sigma.reset();
+  for (const TracedEffect& effect : {unsure, not_fitted}) {
+    const std::vector<TracedEffect> alone = parted(effect, facts);
+    ASSERT_EQ(alone.size(), 1u);
+    EXPECT_EQ(alone[0].effect->kind(), "dead_time");
+  }
 }
 
 }  // namespace

@@ -103,4 +103,23 @@ TEST(Placing, AShaftBesideAnErrorOfTheAngleArrivesInAFewSteps) {
   EXPECT_NEAR(get_key(*fit.members[0], "stiffness_Nm_rad"), load.K, 1.5e-3 * load.K);
 }
 
+// The zones of the grid that hold all currents explain the same but for rounding.
+TEST(Placing, OfZonesThatNoCurrentLeavesTheNarrowestIsTaken) {
+  const auto dead_time = effect_with("dead_time", {{"dead_time_s", 1e-6}, {"linear_current_A", 1}});
+  const SyntheticDrive small_currents{
+      .psi = 25, .duration_s = 2, .slow = true, .loss_V = 1, .i_noise = 1e-4, .lsb = 1e-6};
+  const auto flux =
+      effect_with("flux_linkage", {{"change_Wb", small_currents.psi - servo().machine.psi_f}});
+  const RawLog raw = simulate_synthetic(small_currents);
+  const auto largest = [](const std::vector<double>& i) {
+    return std::abs(*std::max_element(
+        i.begin(), i.end(), [](double a, double b) { return std::abs(a) < std::abs(b); }));
+  };
+  ASSERT_LT(std::max({largest(raw.i_a), largest(raw.i_b), largest(raw.i_c)}), 0.03);
+  const FittedDrive drive(raw, {flux});
+  const Fitter fitter = drive.fitter();
+  const auto there = placed(fitter, fitter.start({flux}), dead_time);
+  EXPECT_EQ(get_key(*there, "linear_current_A"), 0.03);
+}
+
 }  // namespace twinrate::placing_test

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "trace/acceptance.hpp"
 
 namespace twinrate::selection_test {
 
@@ -65,6 +66,38 @@ TEST(Selection, ADeadTimeMayFallALittleShortOfADropWithASlope) {
   EXPECT_DOUBLE_EQ(credit(*dead_time, *drop, 1e6), 500);
   EXPECT_EQ(credit(*drop, *dead_time, 1e6), 0);
   EXPECT_EQ(credit(*dead_time, *resistance, 1e6), 0);
+}
+
+// Where no current leaves the zones of a grid they explain the same, and rounding makes the one or
+// the other better.
+TEST(Selection, OfTwoPlacesThatExplainTheSameTheFirstIsTaken) {
+  constexpr double kRounding = 1e-12;
+  const auto cogging = [](double order) {
+    return effect_with("cogging", {{"order", order}, {"amplitude_Nm", 0.1}});
+  };
+  const FittedDrive drive(
+      simulate_synthetic(
+          {.duration_s = 2,
+           .extra_load = [](double, double theta, double) { return 0.1 * std::sin(17 * theta); }}),
+      {cogging(17)});
+  const Fitter fitter = drive.fitter();
+  const Fit fit = fitter.start({});
+  std::vector<Sampled> same = drive.chain().columns(*cogging(17));
+  for (Sampled& x : same) x = drive.chain().regressor(x);
+  std::vector<Sampled> better = same;
+  for (Sampled& x : better) add(x, fit.y, kRounding);
+  // Another order for a name: the columns are what is compared.
+  for (bool first_is_better : {false, true}) {
+    const std::vector<Score> scores = ranked(fitter,
+                                             {{cogging(17), first_is_better ? better : same},
+                                              {cogging(18), first_is_better ? same : better}},
+                                             fit);
+    const auto found = std::find_if(scores.begin(), scores.end(),
+                                    [](const Score& s) { return s.effect->kind() == "cogging"; });
+    ASSERT_NE(found, scores.end());
+    EXPECT_GT(found->gain, 100);
+    EXPECT_EQ(get_key(*found->effect, "order"), 17);
+  }
 }
 
 // Placed before the friction was known, a step stands a tenth of a second off; what would be a
