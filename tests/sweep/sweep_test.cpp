@@ -245,6 +245,18 @@ TEST_F(SweepTest, SweepsAPropagatedGain) {
   EXPECT_NE(text(path("whole/why.csv")).find("both: no limit"), std::string::npos);
 }
 
+// Not in lanes, whose sine is their own: with that of the machine's library.
+TEST_F(SweepTest, TheReferenceEngineHasTheSameLimitsOnEveryMachine) {
+  Plan plan = small_plan();
+  plan.engine = "reference";
+  plan.seeds = 1;
+  run(plan, "a");
+  merge({path("a")}, path("whole"), true);
+  const std::string limits = text(path("whole/fbmin.csv"));
+  EXPECT_NE(limits.find("\npaper,150,6,"), std::string::npos) << limits;
+  EXPECT_NE(limits.find("\npaper,200,4,"), std::string::npos) << limits;
+}
+
 TEST(Why, ATurnedGainHasNoLimit) {
   Config config = load_drive("dilys2021");
   const auto filter = make_filter(config);
