@@ -7,11 +7,12 @@ namespace twinrate {
 BackEmfFilter::BackEmfFilter(const MachineParameters& machine, const Vec2& L,
                              const BackEmfParameters& tuning, Prediction prediction,
                              CovarianceForm covariance, double T_s, KnownStart start)
-    : machine_(machine),
+    : Ekf({tuning.Q_diag, tuning.R_diag, tuning.P0_diag, covariance}),
+      machine_(machine),
       L_(L),
-      tuning_(tuning),
+      rotation_(tuning.rotation),
+      angle_(tuning.angle),
       prediction_(prediction),
-      covariance_(covariance),
       T_s_(T_s),
       start_(start) {}
 
@@ -24,9 +25,9 @@ Eigen::Matrix4d BackEmfFilter::A(double omega_e) const {
   return A;
 }
 
-Eigen::Matrix4d BackEmfFilter::transition(double omega_e) const {
+BackEmfFilter::Covariance BackEmfFilter::transition(double omega_e) const {
   Eigen::Matrix4d Phi = Eigen::Matrix4d::Identity() + T_s_ * A(omega_e);
-  if (tuning_.rotation == Rotation::kExact) {
+  if (rotation_ == Rotation::kExact) {
     const double c = std::cos(omega_e * T_s_), s = std::sin(omega_e * T_s_);
     Phi.bottomRightCorner<2, 2>() << c, -s, s, c;
   }
@@ -63,37 +64,22 @@ FastState BackEmfFilter::start(const Measurement& first) const {
   return state;
 }
 
-void BackEmfFilter::process_angle(FastState& state) const {
+void BackEmfFilter::remember(FastState& state, const State&, const Measurement&, bool) const {
   const Vec2 i = state.x_hat.head<2>(), e = state.x_hat.segment<2>(2);
   double psi = machine_.psi_f;
-  if (tuning_.angle.saliency_in_speed) {
+  if (angle_.saliency_in_speed) {
     const double i_d = park(i, state.emf_angle.theta_now(T_s_))[0];
     psi = std::max(0.1 * psi, psi + (machine_.L_d - machine_.L_q) * i_d);
   }
-  state.emf_angle = emf_angle_step(state.emf_angle, tuning_.angle, e, psi, T_s_);
+  state.emf_angle = emf_angle_step(state.emf_angle, angle_, e, psi, T_s_);
 }
 
-Correction BackEmfFilter::fast_step(FastState& state, const Measurement& m,
-                                    const Gain& gain) const {
-  const State x_prior = predict(state.x_hat.head<4>(), m.u_alphabeta, state.emf_angle.omega_f);
-  const Vec2 innov = clarke(m.i_abc) - x_prior.head<2>();
-  const State x = x_prior + gain.K.topLeftCorner<4, 2>() * innov;
-  Correction correction;
-  if (!x.allFinite()) {
-    predict_over_gap(state, m);
-    correction.status = kNotFinite;
-    return correction;
-  }
-  state.x_hat.head<4>() = x;
-  process_angle(state);
-  correction.innov.head<2>() = innov;
-  return correction;
+BackEmfFilter::State BackEmfFilter::prior(const FastState& state, const Measurement& m) const {
+  return predict(state.x_hat.head<4>(), m.u_alphabeta, state.emf_angle.omega_f);
 }
 
-void BackEmfFilter::predict_over_gap(FastState& state, const Measurement& last) const {
-  const State x = predict(state.x_hat.head<4>(), last.u_alphabeta, state.emf_angle.omega_f);
-  if (x.allFinite()) state.x_hat.head<4>() = x;
-  process_angle(state);
+BackEmfFilter::Output BackEmfFilter::innovation(const State& x_prior, const Measurement& m) const {
+  return clarke(m.i_abc) - x_prior.head<2>();
 }
 
 void BackEmfFilter::align(FastState& state, double theta_e) const {
@@ -101,49 +87,27 @@ void BackEmfFilter::align(FastState& state, double theta_e) const {
   state.emf_angle = emf_angle_at(theta_e, 0);
 }
 
-Estimate BackEmfFilter::output(const FastState& state, const Measurement&) const {
-  Estimate e;
-  e.n_x = 4;
-  e.n_y = 2;
+void BackEmfFilter::describe(const FastState& state, const Measurement&, Estimate& e) const {
   e.theta_e = state.emf_angle.theta_now(T_s_);
   e.omega_m = state.emf_angle.omega_f / machine_.n_p;
   e.i_dq = park(state.x_hat.head<2>(), e.theta_e);
-  return e;
-}
-
-Gain BackEmfFilter::initial_gain() const {
-  Gain gain;
-  gain.n_x = 4;
-  gain.n_y = 2;
-  gain.P.topLeftCorner<4, 4>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
-  return gain;
 }
 
 Gain BackEmfFilter::background_step(const Gain& previous, const Estimate& snapshot) const {
-  const Eigen::Matrix4d Phi = transition(machine_.n_p * snapshot.omega_m);
-  const Eigen::Matrix4d Q = Eigen::Map<const State>(tuning_.Q_diag).asDiagonal();
-  const Eigen::Matrix4d P_prior = Phi * previous.P.topLeftCorner<4, 4>() * Phi.transpose() + Q;
-  const Eigen::Matrix<double, 2, 4> H = Eigen::Matrix<double, 2, 4>::Identity();
-  const Eigen::Matrix2d R = Eigen::Map<const Vec2>(tuning_.R_diag).asDiagonal();
-  return gain_from_prior<4, 2>(previous, snapshot, P_prior, H, R,
-                               covariance_ != CovarianceForm::kPaper);
+  const Covariance Phi = transition(machine_.n_p * snapshot.omega_m);
+  const OutputMatrix H = OutputMatrix::Identity();
+  return covariance_step(previous, snapshot, Phi, H, tuning());
 }
 
 Estimate BackEmfFilter::ahead(const Estimate& snapshot, double ticks) const {
-  const double turned = ticks * T_s_ * machine_.n_p * snapshot.omega_m;
-  Estimate e = snapshot;
-  e.x_hat.head<2>() = rotate(Vec2(snapshot.x_hat.head<2>()), turned);
-  e.x_hat.segment<2>(2) = rotate(Vec2(snapshot.x_hat.segment<2>(2)), turned);
-  e.theta_e = snapshot.theta_e + turned;
-  return e;
+  return turned(snapshot, 2, ticks * T_s_ * machine_.n_p * snapshot.omega_m);
 }
 
 std::optional<Estimate> BackEmfFilter::steady_state(double omega_m) const {
-  Estimate e;
-  e.n_x = 4;
-  e.n_y = 2;
+  FastState state;
+  state.x_hat[3] = machine_.n_p * omega_m * machine_.psi_f;
+  Estimate e = estimate_of(state, {});
   e.omega_m = omega_m;
-  e.x_hat[3] = machine_.n_p * omega_m * machine_.psi_f;
   return e;
 }
 

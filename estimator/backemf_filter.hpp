@@ -38,8 +38,7 @@
 // Source: Kim, Yoon, Kook. An asterisk marks an equation whose printed form is wrong
 // (docs/theory/ipmsm-filters.md).
 #pragma once
-#include "estimator/covariance.hpp"
-#include "estimator/filter.hpp"
+#include "estimator/ekf.hpp"
 #include "model/discretise.hpp"
 #include "model/machine.hpp"
 
@@ -63,43 +62,43 @@ struct BackEmfParameters {
   }
 };
 
-// Where a filter begins: the rotor's angle and speed where they are known (flying start), else 0.
+// Angle and speed of the rotor at the start where they are known (flying start), else 0.
 struct KnownStart {
   double theta_e = 0, omega_e = 0;
 };
 
-class BackEmfFilter : public Filter {
+class BackEmfFilter : public Ekf<4, 2> {
  public:
-  using State = Eigen::Vector4d;
   // L = [L_alpha, L_beta].
   BackEmfFilter(const MachineParameters& machine, const Vec2& L, const BackEmfParameters& tuning,
                 Prediction prediction, CovarianceForm covariance, double T_s, KnownStart start);
 
   FastState start(const Measurement& first) const override;
-  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
-  void predict_over_gap(FastState& state, const Measurement& last) const override;
   void align(FastState& state, double theta_e) const override;
-  Estimate output(const FastState& state, const Measurement& m) const override;
-  Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
-  // None turns: Phi, H, Q and R stand on alpha and beta and depend on the speed alone, so the gain
-  // is steady in the stationary frame, whatever the two inductances and noises are.
+  // None turns: Phi, H, Q and R are constant in the stationary frame at constant speed, and so is
+  // the gain, for any two inductances and noises.
   int turning_pairs() const override { return 0; }
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
 
   State predict(const State& x, const Vec2& u_alphabeta, double omega_e) const;
-  Eigen::Matrix4d transition(double omega_e) const;  // Phi
+  Covariance transition(double omega_e) const;  // Phi
 
  private:
+  State prior(const FastState& state, const Measurement& m) const override;
+  Output innovation(const State& x_prior, const Measurement& m) const override;
+  void describe(const FastState& state, const Measurement& m, Estimate& e) const override;
+  // Angle and speed, one tick of estimator/emf_angle.hpp.
+  void remember(FastState& state, const State& x_prior, const Measurement& m,
+                bool corrected) const override;
   Eigen::Matrix4d A(double omega_e) const;
-  void process_angle(FastState& state) const;
 
   MachineParameters machine_;
   Vec2 L_;
-  BackEmfParameters tuning_;
+  Rotation rotation_;
+  EmfAngleParameters angle_;
   Prediction prediction_;
-  CovarianceForm covariance_;
   double T_s_;
   KnownStart start_;
 };

@@ -6,10 +6,9 @@ namespace twinrate {
 
 DqEkf::DqEkf(const MachineParameters& machine, const DqEkfParameters& tuning, Prediction prediction,
              CovarianceForm covariance, double T_s, KnownStart start)
-    : machine_(machine),
-      tuning_(tuning),
+    : Ekf({tuning.Q_diag, {tuning.r, tuning.r}, tuning.P0_diag, covariance}),
+      machine_(machine),
       prediction_(prediction),
-      covariance_(covariance),
       T_s_(T_s),
       start_(start) {}
 
@@ -54,7 +53,7 @@ DqEkf::State DqEkf::predict(const State& x, const Vec2& u_alphabeta) const {
   return x;
 }
 
-Eigen::Matrix4d DqEkf::jacobian(const State& x, const Vec2& u_dq) const {
+DqEkf::Covariance DqEkf::jacobian(const State& x, const Vec2& u_dq) const {
   const MachineParameters& m = machine_;
   const double omega_e = x[2];
   Eigen::Matrix4d F_c = Eigen::Matrix4d::Zero();
@@ -65,8 +64,8 @@ Eigen::Matrix4d DqEkf::jacobian(const State& x, const Vec2& u_dq) const {
   return Eigen::Matrix4d::Identity() + T_s_ * F_c;
 }
 
-Eigen::Matrix<double, 2, 4> DqEkf::output_jacobian(const State& x) {
-  Eigen::Matrix<double, 2, 4> H;
+DqEkf::OutputMatrix DqEkf::output_jacobian(const State& x) {
+  OutputMatrix H;
   H << 1, 0, 0, -x[1],  //
       0, 1, 0, x[0];
   return H;
@@ -80,72 +79,43 @@ FastState DqEkf::start(const Measurement& first) const {
   return state;
 }
 
-// The voltage of the last period in the rotor axes of its middle.
-static Vec2 voltage_in_rotor_axes(const Vec2& u_alphabeta, double theta_e_prior, double omega_e,
-                                  double T_s) {
-  return park(u_alphabeta, theta_e_prior - 0.5 * T_s * omega_e);
+DqEkf::State DqEkf::prior(const FastState& state, const Measurement& m) const {
+  return predict(state.x_hat.head<4>(), m.u_alphabeta);
 }
 
-Correction DqEkf::fast_step(FastState& state, const Measurement& m, const Gain& gain) const {
-  const State x_prior = predict(state.x_hat.head<4>(), m.u_alphabeta);
-  const Vec2 innov = park(clarke(m.i_abc), x_prior[3]) - x_prior.head<2>();
-  State x = x_prior + gain.K.topLeftCorner<4, 2>() * innov;
-  Correction correction;
-  if (!x.allFinite()) {
-    predict_over_gap(state, m);
-    correction.status = kNotFinite;
-    return correction;
-  }
-  x[3] = wrap_turn(x[3]);
-  state.x_hat.head<4>() = x;
-  state.x_hat.segment<2>(4) = voltage_in_rotor_axes(m.u_alphabeta, x_prior[3], x_prior[2], T_s_);
-  correction.innov.head<2>() = innov;
-  return correction;
+DqEkf::Output DqEkf::innovation(const State& x_prior, const Measurement& m) const {
+  return park(clarke(m.i_abc), x_prior[3]) - x_prior.head<2>();
 }
 
-void DqEkf::predict_over_gap(FastState& state, const Measurement& last) const {
-  State x = predict(state.x_hat.head<4>(), last.u_alphabeta);
-  if (!x.allFinite()) return;
-  x[3] = wrap_turn(x[3]);
-  state.x_hat.head<4>() = x;
+DqEkf::State DqEkf::wrapped(const State& x) const {
+  return {x[0], x[1], x[2], wrap_turn(x[3])};
+}
+
+void DqEkf::remember(FastState& state, const State& x_prior, const Measurement& m,
+                     bool corrected) const {
+  if (!corrected) return;
+  state.x_hat.segment<2>(4) = park(m.u_alphabeta, x_prior[3] - 0.5 * T_s_ * x_prior[2]);
 }
 
 void DqEkf::align(FastState& state, double theta_e) const {
-  // The same current vector, seen from the rotor that stands there.
+  // The same current vector, in the axes of a rotor at that angle.
   state.x_hat.head<2>() = rotate(state.x_hat.head<2>(), state.x_hat[3] - theta_e);
   state.x_hat[2] = 0;
   state.x_hat[3] = wrap_turn(theta_e);
 }
 
-Estimate DqEkf::output(const FastState& state, const Measurement&) const {
-  Estimate e;
-  e.n_x = 6;  // the state, and the voltage that the background needs: both travel
-  e.n_y = 2;
+void DqEkf::describe(const FastState& state, const Measurement&, Estimate& e) const {
   e.theta_e = state.x_hat[3];
   e.omega_m = state.x_hat[2] / machine_.n_p;
   e.i_dq = state.x_hat.head<2>();
-  return e;
-}
-
-Gain DqEkf::initial_gain() const {
-  Gain gain;
-  gain.n_x = 4;
-  gain.n_y = 2;
-  gain.P.topLeftCorner<4, 4>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
-  return gain;
 }
 
 Gain DqEkf::background_step(const Gain& previous, const Estimate& snapshot) const {
   const State x = snapshot.x_hat.head<4>();
   const Vec2 u_dq = snapshot.x_hat.segment<2>(4);
-  const Eigen::Matrix4d F = jacobian(x, u_dq);
-  const Eigen::Matrix4d Q = Eigen::Map<const State>(tuning_.Q_diag).asDiagonal();
-  const Eigen::Matrix4d P_prior = F * previous.P.topLeftCorner<4, 4>() * F.transpose() + Q;
-  // The voltage of the next period is not known yet: in rotor axes it is taken to stay.
+  // The voltage of the next period is not known yet: in rotor axes it is taken to be constant.
   const State x_prior = predict(x, inverse_park(u_dq, x[3] + 0.5 * T_s_ * x[2]));
-  const Eigen::Matrix2d R = tuning_.r * Eigen::Matrix2d::Identity();
-  return gain_from_prior<4, 2>(previous, snapshot, P_prior, output_jacobian(x_prior), R,
-                               covariance_ != CovarianceForm::kPaper);
+  return covariance_step(previous, snapshot, jacobian(x, u_dq), output_jacobian(x_prior), tuning());
 }
 
 Estimate DqEkf::ahead(const Estimate& snapshot, double ticks) const {
@@ -158,9 +128,7 @@ std::optional<Estimate> DqEkf::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[2] = machine_.n_p * omega_m;
   state.x_hat[5] = state.x_hat[2] * machine_.psi_f;  // u_q
-  Estimate e = output(state, {});
-  e.x_hat = state.x_hat;
-  return e;
+  return estimate_of(state, {});
 }
 
 }  // namespace twinrate

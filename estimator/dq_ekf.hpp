@@ -56,34 +56,34 @@ struct DqEkfParameters {
   }
 };
 
-class DqEkf final : public Filter {
+class DqEkf final : public Ekf<4, 2, 2> {
  public:
-  using State = Eigen::Vector4d;
-
   DqEkf(const MachineParameters& machine, const DqEkfParameters& tuning, Prediction prediction,
         CovarianceForm covariance, double T_s, KnownStart start);
 
   std::string_view kind() const override { return "dq_ekf"; }
   FastState start(const Measurement& first) const override;
-  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
-  void predict_over_gap(FastState& state, const Measurement& last) const override;
   void align(FastState& state, double theta_e) const override;
-  Estimate output(const FastState& state, const Measurement& m) const override;
-  Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
 
   State f(const State& x, const Vec2& u_alphabeta) const;
   State predict(const State& x, const Vec2& u_alphabeta) const;
-  Eigen::Matrix4d jacobian(const State& x, const Vec2& u_dq) const;    // I + F_c T_s
-  static Eigen::Matrix<double, 2, 4> output_jacobian(const State& x);  // in rotor axes
+  Covariance jacobian(const State& x, const Vec2& u_dq) const;  // I + F_c T_s
+  static OutputMatrix output_jacobian(const State& x);          // in rotor axes
 
  private:
+  State prior(const FastState& state, const Measurement& m) const override;
+  Output innovation(const State& x_prior, const Measurement& m) const override;
+  State wrapped(const State& x) const override;
+  void describe(const FastState& state, const Measurement& m, Estimate& e) const override;
+  // The voltage of the last period in the rotor axes of its middle.
+  void remember(FastState& state, const State& x_prior, const Measurement& m,
+                bool corrected) const override;
+
   MachineParameters machine_;
-  DqEkfParameters tuning_;
   Prediction prediction_;
-  CovarianceForm covariance_;
   double T_s_;
   KnownStart start_;
 };

@@ -6,10 +6,10 @@ namespace twinrate {
 
 Eemf::Eemf(const MachineParameters& machine, const EemfParameters& tuning, Prediction prediction,
            CovarianceForm covariance, double T_s, KnownStart start)
-    : machine_(machine),
-      tuning_(tuning),
+    : Ekf({tuning.Q_diag, tuning.R_diag, tuning.P0_diag, covariance}),
+      machine_(machine),
+      rotation_(tuning.rotation),
       prediction_(prediction),
-      covariance_(covariance),
       T_s_(T_s),
       start_(start) {}
 
@@ -44,8 +44,7 @@ Eemf::State Eemf::predict(const State& x, const Vec2& u_alphabeta) const {
   switch (prediction_) {
     case Prediction::kEuler: {
       State next = euler_step<State>(rate, x, T_s_);
-      if (tuning_.rotation == Rotation::kExact)
-        next.segment<2>(2) = rotate(x.segment<2>(2), x[4] * T_s_);
+      if (rotation_ == Rotation::kExact) next.segment<2>(2) = rotate(x.segment<2>(2), x[4] * T_s_);
       return next;
     }
     case Prediction::kRk4:
@@ -67,7 +66,7 @@ Eemf::Covariance Eemf::jacobian(const State& x) const {
   Covariance F = Covariance::Identity();
   F.row(0) << 1 - a, -s * omega_e, -b, 0, -s * x[1];
   F.row(1) << s * omega_e, 1 - a, 0, -b, s * x[0];
-  if (tuning_.rotation == Rotation::kExact) {
+  if (rotation_ == Rotation::kExact) {
     const double cosine = std::cos(omega_e * T_s_), sine = std::sin(omega_e * T_s_);
     const Vec2 e = rotate(x.segment<2>(2), omega_e * T_s_);
     F.row(2) << 0, 0, cosine, -sine, -T_s_ * e[1];
@@ -87,76 +86,41 @@ FastState Eemf::start(const Measurement& first) const {
   return state;
 }
 
-Correction Eemf::fast_step(FastState& state, const Measurement& m, const Gain& gain) const {
-  const State x_prior = predict(state.x_hat.head<5>(), m.u_alphabeta);
-  const Vec2 innov = clarke(m.i_abc) - x_prior.head<2>();
-  const State x = x_prior + gain.K.topLeftCorner<5, 2>() * innov;
-  Correction correction;
-  if (!x.allFinite()) {
-    predict_over_gap(state, m);
-    correction.status = kNotFinite;
-    return correction;
-  }
-  state.x_hat.head<5>() = x;
-  correction.innov.head<2>() = innov;
-  return correction;
+Eemf::State Eemf::prior(const FastState& state, const Measurement& m) const {
+  return predict(state.x_hat.head<5>(), m.u_alphabeta);
 }
 
-void Eemf::predict_over_gap(FastState& state, const Measurement& last) const {
-  const State x = predict(state.x_hat.head<5>(), last.u_alphabeta);
-  if (x.allFinite()) state.x_hat.head<5>() = x;
+Eemf::Output Eemf::innovation(const State& x_prior, const Measurement& m) const {
+  return clarke(m.i_abc) - x_prior.head<2>();
 }
 
 void Eemf::align(FastState& state, double) const {
   state.x_hat.segment<3>(2).setZero();
 }
 
-Estimate Eemf::output(const FastState& state, const Measurement&) const {
+void Eemf::describe(const FastState& state, const Measurement&, Estimate& e) const {
   const Vec2 e_ex = state.x_hat.segment<2>(2);
   const double direction = state.x_hat[4] < 0 ? -1 : 1;
-  Estimate e;
-  e.n_x = 5;
-  e.n_y = 2;
   e.theta_e = wrap_turn(std::atan2(-direction * e_ex[0], direction * e_ex[1]));
   e.omega_m = state.x_hat[4] / machine_.n_p;
   e.i_dq = park(state.x_hat.head<2>(), e.theta_e);
-  return e;
-}
-
-Gain Eemf::initial_gain() const {
-  Gain gain;
-  gain.n_x = 5;
-  gain.n_y = 2;
-  gain.P.topLeftCorner<5, 5>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
-  return gain;
 }
 
 Gain Eemf::background_step(const Gain& previous, const Estimate& snapshot) const {
   const Covariance F = jacobian(snapshot.x_hat.head<5>());
-  const Covariance Q = Eigen::Map<const State>(tuning_.Q_diag).asDiagonal();
-  const Covariance P_prior = F * previous.P.topLeftCorner<5, 5>() * F.transpose() + Q;
-  const Eigen::Matrix<double, 2, 5> H = Eigen::Matrix<double, 2, 5>::Identity();
-  const Eigen::Matrix2d R = Eigen::Map<const Vec2>(tuning_.R_diag).asDiagonal();
-  return gain_from_prior<5, 2>(previous, snapshot, P_prior, H, R,
-                               covariance_ != CovarianceForm::kPaper);
+  const OutputMatrix H = OutputMatrix::Identity();
+  return covariance_step(previous, snapshot, F, H, tuning());
 }
 
 Estimate Eemf::ahead(const Estimate& snapshot, double ticks) const {
-  const double turned = ticks * T_s_ * snapshot.x_hat[4];
-  Estimate e = snapshot;
-  e.x_hat.head<2>() = rotate(Vec2(snapshot.x_hat.head<2>()), turned);
-  e.x_hat.segment<2>(2) = rotate(Vec2(snapshot.x_hat.segment<2>(2)), turned);
-  e.theta_e = snapshot.theta_e + turned;
-  return e;
+  return turned(snapshot, turning_pairs(), ticks * T_s_ * snapshot.x_hat[4]);
 }
 
 std::optional<Estimate> Eemf::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[4] = machine_.n_p * omega_m;
   state.x_hat[3] = state.x_hat[4] * machine_.psi_f;
-  Estimate e = output(state, {});
-  e.x_hat = state.x_hat;
-  return e;
+  return estimate_of(state, {});
 }
 
 }  // namespace twinrate

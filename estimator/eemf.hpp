@@ -67,21 +67,14 @@ struct EemfParameters {
   }
 };
 
-class Eemf final : public Filter {
+class Eemf final : public Ekf<5, 2> {
  public:
-  using State = Eigen::Matrix<double, 5, 1>;
-  using Covariance = Eigen::Matrix<double, 5, 5>;
-
   Eemf(const MachineParameters& machine, const EemfParameters& tuning, Prediction prediction,
        CovarianceForm covariance, double T_s, KnownStart start);
 
   std::string_view kind() const override { return "eemf"; }
   FastState start(const Measurement& first) const override;
-  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
-  void predict_over_gap(FastState& state, const Measurement& last) const override;
   void align(FastState& state, double theta_e) const override;
-  Estimate output(const FastState& state, const Measurement& m) const override;
-  Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
   int turning_pairs() const override { return 2; }  // i and e
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
@@ -92,10 +85,13 @@ class Eemf final : public Filter {
   Covariance jacobian(const State& x) const;  // of the Euler prediction, with its rotation
 
  private:
+  State prior(const FastState& state, const Measurement& m) const override;
+  Output innovation(const State& x_prior, const Measurement& m) const override;
+  void describe(const FastState& state, const Measurement& m, Estimate& e) const override;
+
   MachineParameters machine_;
-  EemfParameters tuning_;
+  Rotation rotation_;
   Prediction prediction_;
-  CovarianceForm covariance_;
   double T_s_;
   KnownStart start_;
 };

@@ -1,7 +1,5 @@
 #include "estimator/ekf_disturbance.hpp"
 
-#include <algorithm>
-
 #include "estimator/kernels/ekf_dq_kernel.hpp"
 #include "model/discretise_exact.hpp"
 #include "model/point_of.hpp"
@@ -12,11 +10,13 @@ EkfDisturbance::EkfDisturbance(const MachineParameters& machine,
                                const EkfDisturbanceParameters& tuning, Prediction prediction,
                                CovarianceForm covariance, double T_s)
     : machine_(machine),
-      tuning_(tuning),
+      full_(tuning.Q_diag, tuning.R_diag, tuning.P0_diag,
+            resolve(covariance, tuning.Q_diag, tuning.R_diag, tuning.P0_diag)),
+      reduced_({tuning.Q_diag[2], tuning.Q_diag[3]}, {tuning.R_diag[2]},
+               {tuning.P0_diag[2], tuning.P0_diag[3]}, full_.form),
+      L_(tuning.L),
+      speed_from_angle_(tuning.speed_from_angle),
       prediction_(prediction),
-      covariance_(resolve(covariance, *std::min_element(tuning.R_diag, tuning.R_diag + 3),
-                          std::max(*std::max_element(tuning.Q_diag, tuning.Q_diag + 3),
-                                   *std::max_element(tuning.P0_diag, tuning.P0_diag + 3)))),
       T_s_(T_s) {}
 
 EkfDisturbance::State EkfDisturbance::f(const State& x, const Vec2& u_dq) const {
@@ -70,7 +70,7 @@ Vec2 EkfDisturbance::currents(const Measurement& m) const {
 }
 
 double EkfDisturbance::measured_speed(const FastState& state, const Measurement& m) const {
-  return tuning_.speed_from_angle ? (m.theta_m - state.theta_m_prev) / T_s_ : m.omega_m;
+  return speed_from_angle_ ? (m.theta_m - state.theta_m_prev) / T_s_ : m.omega_m;
 }
 
 OperatingPoint EkfDisturbance::point(const Vec2& i_dq, double omega_m, double theta_m,
@@ -78,7 +78,7 @@ OperatingPoint EkfDisturbance::point(const Vec2& i_dq, double omega_m, double th
   return point_of(1e-9 * static_cast<double>(t_ns), frame_at(theta_m, omega_m, machine_.n_p), i_dq);
 }
 
-// T_o of the state is what is left of the load beside the known part.
+// T_o of the state is the load without its known part.
 EkfDisturbance::State EkfDisturbance::predict_known(const State& x, const Vec2& u_dq,
                                                     double theta_m, std::int64_t t_ns) const {
   const double T_known = known().torque(point(x.head<2>(), x[2], theta_m, t_ns));
@@ -96,7 +96,7 @@ FastState EkfDisturbance::start(const Measurement& first) const {
   state.reduced = !has_voltage(first);
   state.theta_m_prev = first.theta_m;
   state.i_dq_prev = currents(first);
-  const double omega_m = tuning_.speed_from_angle ? 0 : first.omega_m;
+  const double omega_m = speed_from_angle_ ? 0 : first.omega_m;
   if (has_voltage(first))
     state.x_hat.head<3>() << state.i_dq_prev, omega_m;
   else
@@ -125,19 +125,11 @@ Correction EkfDisturbance::full_step(FastState& state, const Measurement& m,
   const State x_predicted = predict_known(state.x_hat.head<4>(), park(m.u_alphabeta, theta_e_mid),
                                           theta_e_mid / machine_.n_p, m.t_ns);
   State x_prior = x_predicted;
-  x_prior[3] += tuning_.L * T_s_ * (y[2] - x_prior[2]);
+  x_prior[3] += L_ * T_s_ * (y[2] - x_prior[2]);
   const Eigen::Vector3d innov = y - x_prior.head<3>();
   State x = x_prior;  // a gain of the other form is no gain
   if (gain.n_x == 4) x += gain.K.topLeftCorner<4, 3>() * innov;
-  Correction correction;
-  if (!x.allFinite()) {
-    if (x_predicted.allFinite()) state.x_hat.head<4>() = x_predicted;
-    correction.status = kNotFinite;
-    return correction;
-  }
-  state.x_hat.head<4>() = x;
-  correction.innov.head<3>() = innov;
-  return correction;
+  return take_over(state, x, x_predicted, innov);
 }
 
 Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
@@ -148,19 +140,11 @@ Correction EkfDisturbance::reduced_step(FastState& state, const Measurement& m,
   const double omega_prior =
       state.x_hat[0] +
       T_s_ / machine_.J * (machine_.torque(i_dq[0], i_dq[1]) - state.x_hat[1] - T_known);
-  const double innov = measured_speed(state, m) - omega_prior;
-  const Vec2 x_prior(omega_prior, state.x_hat[1] + tuning_.L * T_s_ * innov);
-  Vec2 x = x_prior;
+  const Vec2 x_predicted(omega_prior, state.x_hat[1]);
+  const Eigen::Matrix<double, 1, 1> innov(measured_speed(state, m) - omega_prior);
+  Vec2 x(omega_prior, state.x_hat[1] + L_ * T_s_ * innov[0]);
   if (gain.n_x == 2) x += gain.K.topLeftCorner<2, 1>() * innov;
-  Correction correction;
-  if (!x.allFinite()) {
-    if (std::isfinite(omega_prior)) state.x_hat[0] = omega_prior;
-    correction.status = kNotFinite;
-    return correction;
-  }
-  state.x_hat.head<2>() = x;
-  correction.innov[0] = innov;
-  return correction;
+  return take_over(state, x, x_predicted, innov);
 }
 
 void EkfDisturbance::predict_over_gap(FastState& state, const Measurement& last) const {
@@ -206,23 +190,18 @@ Estimate EkfDisturbance::output(const FastState& state, const Measurement& m) co
 }
 
 Gain EkfDisturbance::initial_gain() const {
-  Gain gain;
-  gain.n_x = 4;
-  gain.n_y = 3;
-  gain.P.topLeftCorner<4, 4>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
-  return gain;
+  return first_gain(full_.P0_diag, 3);
 }
 
-Gain EkfDisturbance::sequential_step(const Gain& previous, const Estimate& snapshot,
-                                     const Eigen::Matrix4d& P) const {
+Gain EkfDisturbance::sequential_step(const Gain& previous, const Estimate& snapshot) const {
   const MachineParameters& m = machine_;
   const auto c = kernel::dq_constants<double>(m.R_s, m.L_d, m.L_q, m.psi_f, m.J, m.n_p, 0, T_s_);
   const auto& x = snapshot.x_hat;
+  const Eigen::Matrix4d P = covariance_before(previous, full_);
   const kernel::Symmetric4<double> p{P(0, 0), P(0, 1), P(0, 2), P(0, 3), P(1, 1),
                                      P(1, 2), P(1, 3), P(2, 2), P(2, 3), P(3, 3)};
   const auto [K, p_new] = kernel::sequential(
-      propagate(c, kernel::DqState<double>{x[0], x[1], x[2], x[3]}, p, tuning_.Q_diag),
-      tuning_.R_diag);
+      propagate(c, kernel::DqState<double>{x[0], x[1], x[2], x[3]}, p, full_.Q_diag), full_.R_diag);
   Eigen::Matrix<double, 4, 3> K_new;
   K_new << K.k00, K.k01, K.k02, K.k10, K.k11, K.k12, K.k20, K.k21, K.k22, K.k30, K.k31, K.k32;
   Eigen::Matrix4d P_new;
@@ -230,44 +209,25 @@ Gain EkfDisturbance::sequential_step(const Gain& previous, const Estimate& snaps
       p_new.m01, p_new.m11, p_new.m12, p_new.m13,       //
       p_new.m02, p_new.m12, p_new.m22, p_new.m23,       //
       p_new.m03, p_new.m13, p_new.m23, p_new.m33;
-  return gain_of_snapshot<4, 3>(previous, snapshot, K_new, P_new);
+  return gain_of_snapshot(previous, snapshot, K_new, P_new);
 }
 
 Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snapshot) const {
-  const bool joseph = covariance_ != CovarianceForm::kPaper;
-  const Eigen::Map<const State> q(tuning_.Q_diag);
-  if (snapshot.n_x == 4) {
-    const Eigen::Matrix4d P = previous.n_x == 4 ? previous.P.topLeftCorner<4, 4>().eval()
-                                                : initial_gain().P.topLeftCorner<4, 4>().eval();
-    if (covariance_ == CovarianceForm::kSequential) return sequential_step(previous, snapshot, P);
-    const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
-    const Eigen::Matrix4d Q = q.asDiagonal();
-    const Eigen::Matrix4d P_prior = F * P * F.transpose() + Q;
-    const Eigen::Matrix3d R = Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
-    const Eigen::Matrix<double, 3, 4> H = Eigen::Matrix<double, 3, 4>::Identity();
-    return gain_from_prior<4, 3>(previous, snapshot, P_prior, H, R, joseph);
+  if (snapshot.n_x == 2) {  // the [omega_m, T_o] block alone
+    Eigen::Matrix2d F = Eigen::Matrix2d::Identity();
+    F(0, 1) = -T_s_ / machine_.J;
+    return covariance_step(previous, snapshot, F, {1, 0}, reduced_);
   }
-  // Reduced: the [omega_m, T_o] block alone.
-  Gain start = previous;
-  if (previous.n_x != 2) {
-    start.P.setZero();
-    start.P.topLeftCorner<2, 2>() = Vec2(tuning_.P0_diag[2], tuning_.P0_diag[3]).asDiagonal();
-  }
-  Eigen::Matrix2d F = Eigen::Matrix2d::Identity();
-  F(0, 1) = -T_s_ / machine_.J;
-  const Eigen::Matrix2d Q = Vec2(q[2], q[3]).asDiagonal();
-  const Eigen::Matrix2d P_prior = F * start.P.topLeftCorner<2, 2>() * F.transpose() + Q;
-  const Eigen::Matrix<double, 1, 2> H(1, 0);
-  const Eigen::Matrix<double, 1, 1> R(tuning_.R_diag[2]);
-  return gain_from_prior<2, 1>(start, snapshot, P_prior, H, R, joseph);
+  if (full_.form == CovarianceForm::kSequential) return sequential_step(previous, snapshot);
+  const Eigen::Matrix4d F = jacobian(snapshot.x_hat.head<4>());
+  const Eigen::Matrix<double, 3, 4> C = Eigen::Matrix<double, 3, 4>::Identity();
+  return covariance_step(previous, snapshot, F, C, full_);
 }
 
 std::optional<Estimate> EkfDisturbance::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[2] = omega_m;
-  Estimate e = output(state, {.signals = kVoltage});
-  e.x_hat = state.x_hat;
-  return e;
+  return estimate_of(state, {.signals = kVoltage});
 }
 
 }  // namespace twinrate

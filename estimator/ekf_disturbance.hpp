@@ -49,8 +49,7 @@
 // A correction that is not finite is left out: the state keeps the prediction, status kNotFinite.
 // Source: Niewiara 2020, corrected (docs/theory/disturbance-ekf.md, "Errata of the paper").
 #pragma once
-#include "estimator/covariance.hpp"
-#include "estimator/filter.hpp"
+#include "estimator/ekf.hpp"
 #include "model/discretise.hpp"
 #include "model/machine.hpp"
 
@@ -101,14 +100,15 @@ class EkfDisturbance final : public Filter {
   double measured_speed(const FastState& state, const Measurement& m) const;
   Correction full_step(FastState& state, const Measurement& m, const Gain& gain) const;
   // covariance = "sequential": kernels/ekf_dq_kernel.hpp.
-  Gain sequential_step(const Gain& previous, const Estimate& snapshot,
-                       const Eigen::Matrix4d& P) const;
+  Gain sequential_step(const Gain& previous, const Estimate& snapshot) const;
   Correction reduced_step(FastState& state, const Measurement& m, const Gain& gain) const;
 
   MachineParameters machine_;
-  EkfDisturbanceParameters tuning_;
+  EkfTuning<4, 3> full_;
+  EkfTuning<2, 1> reduced_;
+  double L_;
+  bool speed_from_angle_;
   Prediction prediction_;
-  CovarianceForm covariance_;
   double T_s_;
 };
 

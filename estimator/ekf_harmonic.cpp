@@ -13,12 +13,23 @@ bool complete(const Measurement& m) {
   return (m.signals & kNeeds) == kNeeds;
 }
 
+// Of the four states of the drive, then of every oscillator state.
+EkfHarmonic::State diagonal(const double (&of_drive)[4], double of_order, int n_x) {
+  EkfHarmonic::State d = EkfHarmonic::State::Constant(n_x, of_order);
+  d.head<4>() = Eigen::Map<const Eigen::Vector4d>(of_drive);
+  return d;
+}
+
 }  // namespace
 
 EkfHarmonic::EkfHarmonic(const MachineParameters& machine, const EkfHarmonicParameters& tuning,
                          Prediction prediction, CovarianceForm covariance, double T_s)
     : machine_(machine),
-      tuning_(tuning),
+      orders_(tuning.orders),
+      Q_diag_(diagonal(tuning.Q_diag, tuning.Q_order, n_x())),
+      P0_diag_(diagonal(tuning.P0_diag, tuning.P0_order, n_x())),
+      R_diag_(tuning.R_diag),
+      L_(tuning.L),
       drive_(machine, {}, prediction, covariance, T_s),
       covariance_(covariance),
       T_s_(T_s) {}
@@ -31,12 +42,12 @@ EkfHarmonic::State EkfHarmonic::predict(const State& x, const Vec2& u_dq, double
                                         double T_known) const {
   State next(n_x());
   double T_o = x[3] + T_known;
-  for (std::size_t j = 0; j < tuning_.orders.size(); ++j) {
+  for (std::size_t j = 0; j < orders_.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(4 + 2 * j);
     // The load of this step is the one in mid-interval.
-    const Vec2 mid = rotate(x.segment<2>(i), -0.5 * tuning_.orders[j] * dtheta_m);
+    const Vec2 mid = rotate(x.segment<2>(i), -0.5 * orders_[j] * dtheta_m);
     T_o += mid[0];
-    next.segment<2>(i) = rotate(mid, -0.5 * tuning_.orders[j] * dtheta_m);
+    next.segment<2>(i) = rotate(mid, -0.5 * orders_[j] * dtheta_m);
   }
   next.head<4>() = drive_.predict({x[0], x[1], x[2], T_o}, u_dq);
   next[3] = x[3];
@@ -46,9 +57,9 @@ EkfHarmonic::State EkfHarmonic::predict(const State& x, const Vec2& u_dq, double
 EkfHarmonic::Covariance EkfHarmonic::jacobian(const State& x) const {
   Covariance F = Covariance::Identity(n_x(), n_x());
   F.topLeftCorner<4, 4>() = drive_.jacobian(x.head<4>());
-  for (std::size_t j = 0; j < tuning_.orders.size(); ++j) {
+  for (std::size_t j = 0; j < orders_.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(4 + 2 * j);
-    const double N = tuning_.orders[j];
+    const double N = orders_[j];
     const double angle = N * T_s_ * x[2], c = std::cos(angle), s = std::sin(angle);
     F(2, i) = -T_s_ / machine_.J;
     F.block<2, 2>(i, i) << c, s, -s, c;  // turned by the measured angle: no d/d omega_m
@@ -66,10 +77,9 @@ FastState EkfHarmonic::start(const Measurement& first) const {
 }
 
 Correction EkfHarmonic::fast_step(FastState& state, const Measurement& m, const Gain& gain) const {
-  Correction correction;
   if (!complete(m)) {
     predict_over_gap(state, m);
-    return correction;
+    return {};
   }
   const double theta_m_mid = 0.5 * (state.theta_m_prev + m.theta_m);
   const double dtheta_m = m.theta_m - state.theta_m_prev;
@@ -82,17 +92,10 @@ Correction EkfHarmonic::fast_step(FastState& state, const Measurement& m, const 
   y << park(clarke(m.i_abc), machine_.n_p * m.theta_m), omega_m;
   const Eigen::Vector3d innov = y - x_prior.head<3>();
   State x_hat = x_prior;
-  x_hat[3] += tuning_.L * T_s_ * innov[2];
+  x_hat[3] += L_ * T_s_ * innov[2];
   if (gain.n_x == n_x()) x_hat += gain.K.topLeftCorner(n_x(), 3) * innov;
   state.theta_m_prev = m.theta_m;
-  if (!x_hat.allFinite()) {
-    if (x_prior.allFinite()) state.x_hat.head(n_x()) = x_prior;
-    correction.status = kNotFinite;
-    return correction;
-  }
-  state.x_hat.head(n_x()) = x_hat;
-  correction.innov.head<3>() = innov;
-  return correction;
+  return take_over(state, x_hat, x_prior, innov);
 }
 
 void EkfHarmonic::predict_over_gap(FastState& state, const Measurement& last) const {
@@ -118,28 +121,22 @@ Estimate EkfHarmonic::output(const FastState& state, const Measurement& m) const
   const double T_known = known().load(point(x, m.theta_m, t));
   e.T_load = x[3] + T_known;
   e.dT_load_dt = (known().load(point(x, m.theta_m + T_s_ * x[2], t)) - T_known) / T_s_;
-  for (std::size_t j = 0; j < tuning_.orders.size(); ++j) {
+  for (std::size_t j = 0; j < orders_.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(4 + 2 * j);
     e.T_load += x[i];
-    e.dT_load_dt += tuning_.orders[j] * x[2] * x[i + 1];
+    e.dT_load_dt += orders_[j] * x[2] * x[i + 1];
   }
   return e;
 }
 
 Gain EkfHarmonic::initial_gain() const {
-  Gain gain;
-  gain.n_x = n_x();
-  gain.n_y = 3;
-  for (int i = 0; i < n_x(); ++i) gain.P(i, i) = i < 4 ? tuning_.P0_diag[i] : tuning_.P0_order;
-  return gain;
+  return first_gain({P0_diag_.data(), static_cast<std::size_t>(n_x())}, 3);
 }
 
 std::optional<Estimate> EkfHarmonic::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[2] = omega_m;
-  Estimate e = output(state, {});
-  e.x_hat = state.x_hat;
-  return e;
+  return estimate_of(state, {});
 }
 
 Gain EkfHarmonic::background_step(const Gain& previous, const Estimate& snapshot) const {
@@ -147,10 +144,10 @@ Gain EkfHarmonic::background_step(const Gain& previous, const Estimate& snapshot
   const Covariance F = jacobian(snapshot.x_hat.head(n));
   Covariance P = F * previous.P.topLeftCorner(n, n);
   P = (P * F.transpose()).eval();
-  for (int i = 0; i < n; ++i) P(i, i) += i < 4 ? tuning_.Q_diag[i] : tuning_.Q_order;
+  P.diagonal() += Q_diag_;
   // y = the first three states: S is a corner of P, and P H' its first columns.
   Eigen::Matrix3d S = P.topLeftCorner<3, 3>();
-  S += Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
+  S += R_diag_.asDiagonal();
   using GainMatrix = Eigen::Matrix<double, Eigen::Dynamic, 3, 0, kMaxStates, 3>;
   const GainMatrix K = P.leftCols<3>() * S.inverse();
   Covariance P_post = P;
@@ -159,21 +156,12 @@ Gain EkfHarmonic::background_step(const Gain& previous, const Estimate& snapshot
     I_KH.leftCols<3>() -= K;
     P_post = I_KH * P;
     P_post = (P_post * I_KH.transpose()).eval();
-    const GainMatrix KR = K * Eigen::Map<const Eigen::Vector3d>(tuning_.R_diag).asDiagonal();
+    const GainMatrix KR = K * R_diag_.asDiagonal();
     P_post += KR * K.transpose();
   } else {
     P_post -= K * P.topRows<3>();
   }
-  Gain gain = previous;
-  gain.k = snapshot.k;
-  gain.t_ns = snapshot.t_ns;
-  gain.n_x = n;
-  gain.n_y = 3;
-  if (K.allFinite() && P_post.allFinite()) {
-    gain.K.topLeftCorner(n, 3) = K;
-    gain.P.topLeftCorner(n, n) = 0.5 * (P_post + P_post.transpose());
-  }
-  return gain;
+  return gain_of_snapshot(previous, snapshot, K, 0.5 * (P_post + P_post.transpose()));
 }
 
 }  // namespace twinrate

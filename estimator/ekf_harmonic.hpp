@@ -92,13 +92,16 @@ class EkfHarmonic final : public Filter {
   // is no state.
   State predict(const State& x, const Vec2& u_dq, double dtheta_m, double T_known) const;
   Covariance jacobian(const State& x) const;
-  int n_x() const { return 4 + 2 * static_cast<int>(tuning_.orders.size()); }
+  int n_x() const { return 4 + 2 * static_cast<int>(orders_.size()); }
 
  private:
   OperatingPoint point(const State& x, double theta_m, double t) const;
 
   MachineParameters machine_;
-  EkfHarmonicParameters tuning_;
+  std::vector<int> orders_;
+  State Q_diag_, P0_diag_;
+  Eigen::Vector3d R_diag_;
+  double L_;
   EkfDisturbance drive_;  // the equations of currents and speed
   CovarianceForm covariance_;
   double T_s_;

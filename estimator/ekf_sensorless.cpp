@@ -1,6 +1,5 @@
 #include "estimator/ekf_sensorless.hpp"
 
-#include <algorithm>
 #include <complex>
 
 #include "estimator/kernels/riccati_doubling.hpp"
@@ -10,17 +9,15 @@ namespace twinrate {
 EkfSensorless::EkfSensorless(const MachineParameters& machine,
                              const EkfSensorlessParameters& tuning, Prediction prediction,
                              CovarianceForm covariance, double T_s, double omega_e_start)
-    : a_(machine.R_s / machine.L_d),
+    : Ekf({tuning.Q_diag, tuning.R_diag, tuning.P0_diag,
+           resolve(covariance, tuning.Q_diag, tuning.R_diag, tuning.P0_diag)}),
+      a_(machine.R_s / machine.L_d),
       b_(machine.psi_f / machine.L_d),
       inv_L_(1 / machine.L_d),
       n_p_(machine.n_p),
       T_s_(T_s),
       omega_e_start_(omega_e_start),
       prediction_(prediction),
-      covariance_(resolve(
-          covariance, std::min(tuning.R_diag[0], tuning.R_diag[1]),
-          std::max({tuning.Q_diag[0], tuning.Q_diag[1], tuning.P0_diag[0], tuning.P0_diag[1]}))),
-      tuning_(tuning),
       constants_(prediction == Prediction::kRk4
                      ? kernel::sensorless_rk4(machine.R_s, machine.L_d, machine.psi_f, T_s)
                      : kernel::sensorless_euler(machine.R_s, machine.L_d, machine.psi_f, T_s)) {}
@@ -35,10 +32,6 @@ EkfSensorless::State eigen_state(const kernel::SensorlessState<double>& x) {
 }
 kernel::UnitVector<double> unit_vector(double theta_e) {
   return {std::sin(theta_e), std::cos(theta_e)};
-}
-kernel::Gain42<double> kernel_gain(const Gain& gain) {
-  const auto& K = gain.K;
-  return {K(0, 0), K(0, 1), K(1, 0), K(1, 1), K(2, 0), K(2, 1), K(3, 0), K(3, 1)};
 }
 kernel::Symmetric4<double> kernel_covariance(const Gain& gain) {
   const auto& P = gain.P;
@@ -102,28 +95,16 @@ FastState EkfSensorless::start(const Measurement& first) const {
   return state;
 }
 
-Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
-                                    const Gain& gain) const {
-  const auto x_prior = kernel_state(predict(state.x_hat.head<4>(), m.u_alphabeta));
-  Correction correction;
-  const Vec2 y = clarke(m.i_abc);
-  const auto innov = kernel::innovation(x_prior, {y[0], y[1]});
-  State x = eigen_state(correct(x_prior, kernel_gain(gain), innov));
-  x[3] = wrap_turn(x[3]);
-  if (!x.allFinite()) {
-    predict_over_gap(state, m);
-    correction.status = kNotFinite;
-    return correction;
-  }
-  state.x_hat.head<4>() = x;
-  correction.innov.head<2>() << innov.alpha, innov.beta;
-  return correction;
+EkfSensorless::State EkfSensorless::prior(const FastState& state, const Measurement& m) const {
+  return predict(state.x_hat.head<4>(), m.u_alphabeta);
 }
 
-void EkfSensorless::predict_over_gap(FastState& state, const Measurement& last) const {
-  State x = predict(state.x_hat.head<4>(), last.u_alphabeta);
-  x[3] = wrap_turn(x[3]);
-  if (x.allFinite()) state.x_hat.head<4>() = x;
+EkfSensorless::Output EkfSensorless::innovation(const State& x_prior, const Measurement& m) const {
+  return clarke(m.i_abc) - x_prior.head<2>();
+}
+
+EkfSensorless::State EkfSensorless::wrapped(const State& x) const {
+  return {x[0], x[1], x[2], wrap_turn(x[3])};
 }
 
 void EkfSensorless::align(FastState& state, double theta_e) const {
@@ -131,22 +112,10 @@ void EkfSensorless::align(FastState& state, double theta_e) const {
   state.x_hat[3] = wrap_turn(theta_e);
 }
 
-Estimate EkfSensorless::output(const FastState& state, const Measurement&) const {
-  Estimate e;
-  e.n_x = 4;
-  e.n_y = 2;
+void EkfSensorless::describe(const FastState& state, const Measurement&, Estimate& e) const {
   e.theta_e = state.x_hat[3];
   e.omega_m = state.x_hat[2] / n_p_;
   e.i_dq = park(state.x_hat.head<2>(), e.theta_e);
-  return e;
-}
-
-Gain EkfSensorless::initial_gain() const {
-  Gain gain;
-  gain.n_x = 4;
-  gain.n_y = 2;
-  gain.P.topLeftCorner<4, 4>() = Eigen::Map<const State>(tuning_.P0_diag).asDiagonal();
-  return gain;
 }
 
 static kernel::GainAndCovariance<double> correct_covariance(
@@ -166,21 +135,20 @@ static Gain gain_of(const Gain& previous, const Estimate& snapshot, const kernel
       P.m01, P.m11, P.m12, P.m13,       //
       P.m02, P.m12, P.m22, P.m23,       //
       P.m03, P.m13, P.m23, P.m33;
-  return gain_of_snapshot<4, 2>(previous, snapshot, K_new, P_new);
+  return gain_of_snapshot(previous, snapshot, K_new, P_new);
 }
 
 Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapshot) const {
   const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
-  const auto P_prior = propagate(constants_, F, kernel_covariance(previous), tuning_.Q_diag);
-  const auto [K, P] = correct_covariance(covariance_, P_prior, tuning_.R_diag);
+  const auto P_prior = propagate(constants_, F, kernel_covariance(previous), tuning().Q_diag);
+  const auto [K, P] = correct_covariance(tuning().form, P_prior, tuning().R_diag);
   return gain_of(previous, snapshot, K, P);
 }
 
 Estimate EkfSensorless::ahead(const Estimate& snapshot, double ticks) const {
-  const double turned = ticks * T_s_ * snapshot.x_hat[2];
-  Estimate e = snapshot;
-  e.x_hat.head<2>() = rotate(Vec2(snapshot.x_hat.head<2>()), turned);
-  e.x_hat[3] = e.theta_e = snapshot.x_hat[3] + turned;
+  const double angle = ticks * T_s_ * snapshot.x_hat[2];
+  Estimate e = turned(snapshot, turning_pairs(), angle);
+  e.x_hat[3] = e.theta_e = snapshot.x_hat[3] + angle;
   return e;
 }
 
@@ -188,9 +156,7 @@ Estimate EkfSensorless::ahead(const Estimate& snapshot, double ticks) const {
 std::optional<Estimate> EkfSensorless::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[2] = n_p_ * omega_m;
-  Estimate e = output(state, {});
-  e.x_hat = state.x_hat;
-  return e;
+  return estimate_of(state, {});
 }
 
 // In rotor axes P is turned back by omega_e T_s before each step, so F becomes F T(-omega_e T_s).
@@ -201,15 +167,15 @@ Gain EkfSensorless::background_steps(const Gain& gain, double omega_m, int ticks
   back.topLeftCorner<2, 2>() << std::cos(turned), std::sin(turned), -std::sin(turned),
       std::cos(turned);
   kernel::RiccatiMap<4> map{jacobian(at.x_hat.head<4>()) * back, Covariance::Zero(),
-                            Eigen::Map<const State>(tuning_.Q_diag).asDiagonal()};
-  map.G.diagonal().head<2>() << 1 / tuning_.R_diag[0], 1 / tuning_.R_diag[1];
+                            Eigen::Map<const State>(tuning().Q_diag).asDiagonal()};
+  map.G.diagonal().head<2>() << 1 / tuning().R_diag[0], 1 / tuning().R_diag[1];
   const Covariance P = gain.P.topLeftCorner<4, 4>();
   const Covariance P_prior =
       kernel::riccati_steps<4>(map, map.A * P * map.A.transpose() + map.Q, ticks - 1);
   Gain later = gain;
   later.P.topLeftCorner<4, 4>() = P_prior;
   const auto [K, P_posterior] =
-      correct_covariance(covariance_, kernel_covariance(later), tuning_.R_diag);
+      correct_covariance(tuning().form, kernel_covariance(later), tuning().R_diag);
   return gain_of(gain, at, K, P_posterior);
 }
 

@@ -37,8 +37,7 @@
 // A correction that is not finite is left out: the state keeps the prediction, status kNotFinite.
 // Source: Dilys 2021, corrected (docs/theory/two-rate-ekf.md, "Errata of the paper").
 #pragma once
-#include "estimator/covariance.hpp"
-#include "estimator/filter.hpp"
+#include "estimator/ekf.hpp"
 #include "estimator/kernels/ekf_sensorless_kernel.hpp"
 #include "model/discretise.hpp"
 #include "model/machine.hpp"
@@ -57,23 +56,15 @@ struct EkfSensorlessParameters {
   }
 };
 
-class EkfSensorless final : public Filter {
+class EkfSensorless final : public Ekf<4, 2> {
  public:
-  using State = Eigen::Vector4d;
-  using Covariance = Eigen::Matrix4d;
-  using GainMatrix = Eigen::Matrix<double, 4, 2>;
-
   EkfSensorless(const MachineParameters& machine, const EkfSensorlessParameters& tuning,
                 Prediction prediction, CovarianceForm covariance, double T_s,
                 double omega_e_start = 0);
 
   std::string_view kind() const override { return "ekf_sensorless"; }
   FastState start(const Measurement& first) const override;
-  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
-  void predict_over_gap(FastState& state, const Measurement& last) const override;
   void align(FastState& state, double theta_e) const override;
-  Estimate output(const FastState& state, const Measurement& m) const override;
-  Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
   int turning_pairs() const override { return 1; }
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
@@ -87,6 +78,11 @@ class EkfSensorless final : public Filter {
   Covariance jacobian(const State& x) const;  // I + F_c T_s
 
  private:
+  State prior(const FastState& state, const Measurement& m) const override;
+  Output innovation(const State& x_prior, const Measurement& m) const override;
+  State wrapped(const State& x) const override;
+  void describe(const FastState& state, const Measurement& m, Estimate& e) const override;
+
   double a_;  // R_s/L
   double b_;  // psi_f/L
   double inv_L_;
@@ -94,8 +90,6 @@ class EkfSensorless final : public Filter {
   double T_s_;
   double omega_e_start_;  // 0 from standstill, the known speed for a flying start
   Prediction prediction_;
-  CovarianceForm covariance_;
-  EkfSensorlessParameters tuning_;
   kernel::SensorlessConstants<double> constants_;
 };
 

@@ -27,7 +27,7 @@ struct FastState {
   EmfAngle emf_angle;             // filters of a back-EMF: angle and speed processing
 };
 
-// What a fast step leaves behind besides the state.
+// Result of a fast step besides the state.
 struct Correction {
   Eigen::Matrix<double, kMaxOutputs, 1> innov = Eigen::Matrix<double, kMaxOutputs, 1>::Zero();
   int status = 0;  // kNotFinite: the correction was left out, the prediction kept
@@ -38,20 +38,26 @@ class Filter {
   virtual ~Filter() = default;
   virtual std::string_view kind() const = 0;
 
-  // First sample of a session: take over what is measured, correct nothing.
+  // State after the first sample of a session: the measured quantities, without a correction.
   virtual FastState start(const Measurement& first) const = 0;
   // Prediction from t_{k-1} to t_k with the inputs of `m`, then correction with the K of `gain`.
   virtual Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const = 0;
   // A sample is missing: prediction alone, with the inputs of the last sample seen.
   virtual void predict_over_gap(FastState& state, const Measurement& last) const = 0;
-  // Alignment: the rotor stands at this electrical angle. Filters with a position sensor need no
-  // telling.
+  // Alignment: the rotor is held at this electrical angle. Filters with a position sensor ignore
+  // it.
   virtual void align(FastState&, double /*theta_e*/) const {}
   // Output equation: n_x, n_y, the named quantities. `m` is the sample the state belongs to.
   virtual Estimate output(const FastState& state, const Measurement& m) const = 0;
+  // The same with the state itself.
+  Estimate estimate_of(const FastState& state, const Measurement& m) const {
+    Estimate e = output(state, m);
+    e.x_hat = state.x_hat;
+    return e;
+  }
 
-  // The sample as this filter's equations see it: what is known of the drive beyond them is undone.
-  // `last` and `before`: estimate and measurement of the tick before.
+  // The sample as this filter's equations see it: known effects beyond them are undone. `last` and
+  // `before`: estimate and measurement of the tick before.
   Measurement seen(const Measurement& m, const Estimate& last, const Measurement& before) const {
     return known_.none() ? m : known_.seen(m, last, before);
   }
@@ -61,19 +67,19 @@ class Filter {
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
 
-  // What the gain policies need to know. The defaults are those of a filter in rotor axes whose
-  // gain does not depend on the angle.
+  // Properties of the filter for the gain policies. The defaults are those of a filter in rotor
+  // axes whose gain does not depend on the angle.
   //
-  // How many leading pairs of states (alpha, beta) turn with the rotor in the filter's frame; the
-  // first two outputs then turn, too. K at another angle is diag(R(a), .., I) K R(-a).
+  // Number of leading pairs of states (alpha, beta) that turn with the rotor in the filter's frame;
+  // the first two outputs then turn, too. K at another angle: estimator/gain_frame.hpp.
   virtual int turning_pairs() const { return 0; }
-  // The snapshot as it is expected `ticks` later at constant speed.
+  // The snapshot, predicted `ticks` ahead at constant speed.
   virtual Estimate ahead(const Estimate& snapshot, double /*ticks*/) const { return snapshot; }
-  // Steady state without load at this speed, theta_e = 0: where the table of policy `scheduled` is
-  // computed. Empty: no table for this filter.
+  // Steady state without load at this speed, theta_e = 0: the operating point of a row of the table
+  // of policy `scheduled`. Empty: no table for this filter.
   virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
   // `ticks` background steps at this speed from the P of `gain`, one a tick, all in rotor axes
-  // (theta_e = 0). Needs a steady state. Here one after the other.
+  // (theta_e = 0). Requires a steady state. This default runs one step after the other.
   virtual Gain background_steps(const Gain& gain, double omega_m, int ticks) const;
 
  protected:

@@ -11,63 +11,42 @@
 namespace twinrate {
 namespace {
 
-class EkfSensorlessBuilder final : public FilterBuilder {
- public:
-  void fields(FieldVisitor& f) override { tuning_.fields(f); }
-  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    return std::make_shared<EkfSensorless>(config.machine, tuning_, config.estimator.prediction,
-                                           config.estimator.covariance, config.T_s(),
-                                           config.machine.n_p * config.omega_m_start());
-  }
+// Angle and speed at the start: known for a flying start, else 0.
+KnownStart known_start(const DriveConfig& config) {
+  if (config.start != Start::kFlying) return {};
+  return {config.plant.theta_e_start, config.machine.n_p * config.omega_m_start()};
+}
 
- private:
-  EkfSensorlessParameters tuning_;
-};
-
-class EkfDisturbanceBuilder final : public FilterBuilder {
- public:
-  void fields(FieldVisitor& f) override { tuning_.fields(f); }
-  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    return std::make_shared<EkfDisturbance>(config.machine, tuning_, config.estimator.prediction,
-                                            config.estimator.covariance, config.T_s());
-  }
-
- private:
-  EkfDisturbanceParameters tuning_;
-};
-
-// Filters of the salient machine: parameters, and where a flying start begins.
+// Parameters of a kind, and the start that it takes: none, the speed, or angle and speed.
 template <class Kind, class Parameters>
-class SalientBuilder final : public FilterBuilder {
+class Builder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
   std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    KnownStart start;
-    if (config.start == Start::kFlying)
-      start = {config.plant.theta_e_start, config.machine.n_p * config.omega_m_start()};
-    return std::make_shared<Kind>(config.machine, tuning_, config.estimator.prediction,
-                                  config.estimator.covariance, config.T_s(), start);
+    const auto make = [&](auto... start) {
+      return std::make_shared<Kind>(config.machine, tuning_, config.estimator.prediction,
+                                    config.estimator.covariance, config.T_s(), start...);
+    };
+    const KnownStart start = known_start(config);
+    if constexpr (takes<KnownStart>)
+      return make(start);
+    else if constexpr (takes<double>)
+      return make(start.omega_e);
+    else
+      return make();
   }
 
  private:
+  template <class StartOf>
+  static constexpr bool takes =
+      std::is_constructible_v<Kind, MachineParameters, Parameters, Prediction, CovarianceForm,
+                              double, StartOf>;
   Parameters tuning_;
 };
 
-class EkfHarmonicBuilder final : public FilterBuilder {
- public:
-  void fields(FieldVisitor& f) override { tuning_.fields(f); }
-  std::shared_ptr<Filter> build(const DriveConfig& config) const override {
-    return std::make_shared<EkfHarmonic>(config.machine, tuning_, config.estimator.prediction,
-                                         config.estimator.covariance, config.T_s());
-  }
-
- private:
-  EkfHarmonicParameters tuning_;
-};
-
-template <class Builder>
+template <class Kind, class Parameters>
 std::unique_ptr<FilterBuilder> make() {
-  return std::make_unique<Builder>();
+  return std::make_unique<Builder<Kind, Parameters>>();
 }
 
 struct Entry {
@@ -75,13 +54,13 @@ struct Entry {
   std::unique_ptr<FilterBuilder> (*make_builder)();
 };
 constexpr Entry kEntries[] = {
-    {"ekf_sensorless", make<EkfSensorlessBuilder>},
-    {"ekf_disturbance", make<EkfDisturbanceBuilder>},
-    {"ekf_harmonic", make<EkfHarmonicBuilder>},
-    {"backemf_printed", make<SalientBuilder<BackEmfPrinted, BackEmfParameters>>},
-    {"active_flux", make<SalientBuilder<ActiveFlux, ActiveFluxParameters>>},
-    {"eemf", make<SalientBuilder<Eemf, EemfParameters>>},
-    {"dq_ekf", make<SalientBuilder<DqEkf, DqEkfParameters>>},
+    {"ekf_sensorless", make<EkfSensorless, EkfSensorlessParameters>},
+    {"ekf_disturbance", make<EkfDisturbance, EkfDisturbanceParameters>},
+    {"ekf_harmonic", make<EkfHarmonic, EkfHarmonicParameters>},
+    {"backemf_printed", make<BackEmfPrinted, BackEmfParameters>},
+    {"active_flux", make<ActiveFlux, ActiveFluxParameters>},
+    {"eemf", make<Eemf, EemfParameters>},
+    {"dq_ekf", make<DqEkf, DqEkfParameters>},
 };
 
 }  // namespace

@@ -62,8 +62,7 @@ std::string lane_settings(Config& config, LaneSettings& s) {
   std::copy_n(tuning.R_diag, 2, s.R);
   std::copy_n(tuning.P0_diag, 4, s.P0);
   s.rk4 = d.estimator.prediction == Prediction::kRk4;
-  s.covariance = resolve(d.estimator.covariance, std::min(s.R[0], s.R[1]),
-                         std::max({s.Q[0], s.Q[1], s.P0[0], s.P0[1]}));
+  s.covariance = resolve(d.estimator.covariance, tuning.Q_diag, tuning.R_diag, tuning.P0_diag);
   s.current_bandwidth_Hz = foc.current_bandwidth;
   s.speed_bandwidth_Hz = foc.speed_bandwidth;
   s.i_max = foc.i_max;
@@ -90,7 +89,7 @@ Point point_of(const DriveConfig& d) {
 }
 
 // Share of a node in tau^-1 int_0^end e^(-a (end - x)) N(x) dx, N its basis polynomial, by
-// Simpson's rule on a fine grid; times a b: what the flux of the magnet leaves in the current.
+// Simpson's rule on a fine grid; times a b: the part of the magnets' flux in the current.
 template <class Basis>
 static double node_share(double a, double b, double end, Basis N) {
   constexpr int kPanels = 400;
