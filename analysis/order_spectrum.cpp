@@ -61,6 +61,26 @@ std::vector<double> weights(std::span<const double> theta) {
   return w;
 }
 
+// The last whole turns of a stretch in one direction; turns = 0 where it covers less than one.
+struct WholeTurns {
+  Range range{};
+  int turns = 0;
+};
+WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch) {
+  if (stretch.last - stretch.first < 3) return {};
+  const double end = theta[stretch.last - 1];
+  const auto covered = [&](std::size_t i) { return std::abs(end - theta[i]); };
+  // Half a step of slack: m turns sampled at uniform angles span one step less than m turns.
+  const double mean_step =
+      covered(stretch.first) / static_cast<double>(stretch.last - stretch.first - 1);
+  const int turns =
+      static_cast<int>(std::floor((covered(stretch.first) + 1.5 * mean_step) / kTwoPi));
+  if (turns < 1) return {};
+  std::size_t first = stretch.first;
+  while (covered(first) > kTwoPi * turns - mean_step / 2) ++first;
+  return {{first, stretch.last}, turns};
+}
+
 // Coefficients c_{-N} .. c_N of sum c_M e^{jM theta} by least squares.
 Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, int N) {
   const std::vector<double> w = weights(theta);
@@ -140,20 +160,10 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
     index.push_back(i);
   }
   OrderSpectrum spectrum;
-  const Range stretch = longest_stretch(theta);
-  if (stretch.last - stretch.first < 3) return spectrum;
-  const double end = theta[stretch.last - 1];
-  const auto covered = [&](std::size_t i) { return std::abs(end - theta[i]); };
-  // Half a step of slack: m turns sampled at uniform angles span one step less than m turns.
-  const double mean_step =
-      covered(stretch.first) / static_cast<double>(stretch.last - stretch.first - 1);
-  const int turns =
-      static_cast<int>(std::floor((covered(stretch.first) + 1.5 * mean_step) / kTwoPi));
+  const auto [range, turns] = last_whole_turns(theta, longest_stretch(theta));
   if (turns < 1) return spectrum;
-  std::size_t first = stretch.first;
-  while (covered(first) > kTwoPi * turns - mean_step / 2) ++first;
-
-  const std::size_t count = stretch.last - first;
+  const auto [first, last] = range;
+  const std::size_t count = last - first;
   const int resolved = static_cast<int>(static_cast<double>(count) / turns / kSamplesPerPeriod);
   const int N = std::min(N_max, resolved);
   if (N < 1) return spectrum;
@@ -161,7 +171,7 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
       fit(std::span(theta).subspan(first, count), std::span(y).subspan(first, count), N);
   spectrum.turns = turns;
   spectrum.first = index[first];
-  spectrum.last = index[stretch.last - 1] + 1;
+  spectrum.last = index[last - 1] + 1;
   spectrum.mean = c[N].real();
   for (int order = 1; order <= N; ++order) {
     spectrum.amplitude.push_back(2 * std::abs(c[N + order]));

@@ -53,7 +53,7 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
                     machine_.n_p);
 }
 
-// What the inverter must be asked for besides `u_dq`, so that `u_dq` is what reaches the machine.
+// Voltage that the inverter is asked for in addition, so that `u_dq` reaches the machine.
 Vec2 Foc::predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                                  const Vec2& u_dq) const {
   if (!p_.compensate_effects || on_voltage_.empty()) return Vec2::Zero();
@@ -157,6 +157,46 @@ bool Foc::synchronism_lost(const ControllerInput& in, const Frame& frame) {
                            park(m.u_alphabeta, frame.theta_e - 0.5 * T_s_ * omega_e), omega_e);
 }
 
+Mode Foc::advance_mode(const ControllerInput& in, Frame& frame) {
+  const Mode mode_before = startup_.mode();
+  const Startup::Drive drive = startup_.step(in.estimate, machine_.n_p * in.estimate.omega_m,
+                                             in.reference.omega_m_ref < 0 ? -1.0 : 1.0);
+  if (drive.mode != mode_before) event_ = mode_change(drive.mode);
+  if (drive.handed_over) {
+    hand_over(in, frame, drive.theta_e);
+  } else if (drive.mode == Mode::kAlign || drive.mode == Mode::kIfRamp) {
+    frame = {drive.theta_e, drive.omega_e / machine_.n_p};
+  }
+  if (drive.mode != Mode::kRun || !synchronism_lost(in, frame)) return drive.mode;
+  startup_.stop();
+  event_ = {Reason::kLostSynchronism, synchronism_.by_emf()
+                                          ? "the EMF does not agree with the estimate: zero voltage"
+                                          : "the innovations are too large: zero voltage"};
+  return Mode::kSafe;
+}
+
+Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {
+  const double i_start = p_.startup.i_start > 0 ? p_.startup.i_start : p_.i_max;
+  const double omega_e = machine_.n_p * frame.omega_m, v_dc = in.measurement.v_dc;
+  switch (c.mode) {
+    case Mode::kRun: {
+      c.i_dq_ref = closed_loop_reference(in, frame);
+      const Vec2 u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, v_dc);
+      return u_dq + predicted_voltage_loss(in, frame, u_dq);
+    }
+    case Mode::kAlign:
+      c.i_dq_ref = {i_start, 0};
+      current_d_.preset(machine_.R_s * i_start);
+      return {machine_.R_s * i_start, 0};
+    case Mode::kIfRamp:
+      c.i_dq_ref = {i_start, 0};
+      return current_loop(c.i_dq_ref, c.i_dq, omega_e, v_dc);
+    case Mode::kSafe:
+      break;  // zero voltage: the motor brakes on its own resistance
+  }
+  return Vec2::Zero();
+}
+
 Command Foc::step(const ControllerInput& in) {
   const Measurement& m = in.measurement;
   if (!finite(in)) {
@@ -164,54 +204,16 @@ Command Foc::step(const ControllerInput& in) {
     command_.t_ns = m.t_ns;
     return command_;
   }
-  const double i_start = p_.startup.i_start > 0 ? p_.startup.i_start : p_.i_max;
-  const Mode mode_before = startup_.mode();
   Frame frame = rotor_frame(in);
-  Startup::Drive drive = startup_.step(in.estimate, machine_.n_p * in.estimate.omega_m,
-                                       in.reference.omega_m_ref < 0 ? -1.0 : 1.0);
-  if (drive.mode != mode_before) event_ = mode_change(drive.mode);
-  if (drive.handed_over) {
-    hand_over(in, frame, drive.theta_e);
-  } else if (drive.mode == Mode::kAlign || drive.mode == Mode::kIfRamp) {
-    frame = {drive.theta_e, drive.omega_e / machine_.n_p};
-  }
-
-  if (drive.mode == Mode::kRun && synchronism_lost(in, frame)) {
-    startup_.stop();
-    drive.mode = Mode::kSafe;
-    event_ = {Reason::kLostSynchronism,
-              synchronism_.by_emf() ? "the EMF does not agree with the estimate: zero voltage"
-                                    : "the innovations are too large: zero voltage"};
-  }
-
   Command c;
   c.k = m.k;
   c.t_ns = m.t_ns;
-  c.mode = drive.mode;
+  c.mode = advance_mode(in, frame);
   c.theta_ctrl = frame.theta_e;
   c.i_dq = park(clarke(m.i_abc), frame.theta_e);
+  u_dq_ = voltage(in, frame, c);
   const double omega_e = machine_.n_p * frame.omega_m;
-  Vec2 u_dq = Vec2::Zero();
-  switch (drive.mode) {
-    case Mode::kRun:
-      c.i_dq_ref = closed_loop_reference(in, frame);
-      u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, m.v_dc);
-      u_dq += predicted_voltage_loss(in, frame, u_dq);
-      break;
-    case Mode::kAlign:
-      c.i_dq_ref = {i_start, 0};
-      u_dq = {machine_.R_s * i_start, 0};
-      current_d_.preset(u_dq[0]);
-      break;
-    case Mode::kIfRamp:
-      c.i_dq_ref = {i_start, 0};
-      u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, m.v_dc);
-      break;
-    case Mode::kSafe:
-      break;  // zero voltage: the motor brakes on its own resistance
-  }
-  u_dq_ = u_dq;
-  c.u_alphabeta_ref = inverse_park(u_dq, frame.theta_e + advance_s_ * omega_e);
+  c.u_alphabeta_ref = inverse_park(u_dq_, frame.theta_e + advance_s_ * omega_e);
   c.omega_m_ref = c.mode == Mode::kRun ? omega_m_ref_ : frame.omega_m;
   command_ = c;
   return c;

@@ -64,6 +64,10 @@ class Foc final : public Controller {
   };
   bool finite(const ControllerInput& in) const;
   Frame rotor_frame(const ControllerInput& in) const;
+  // The mode of this tick; `frame` becomes the forced one during alignment and I/f ramp.
+  Mode advance_mode(const ControllerInput& in, Frame& frame);
+  // Voltage of mode c.mode in the frame of c; fills in c.i_dq_ref.
+  Vec2 voltage(const ControllerInput& in, const Frame& frame, Command& c);
   void hand_over(const ControllerInput& in, const Frame& frame, double theta_e_forced);
   bool synchronism_lost(const ControllerInput& in, const Frame& frame);
   void speed_loop(const ControllerInput& in, const Frame& frame);
@@ -85,7 +89,7 @@ class Foc final : public Controller {
   Synchronism synchronism_;
   double omega_m_ref_ = 0;
   int speed_ticks_ = 0;              // since the speed loop's last step
-  Vec2 i_dq_wanted_ = Vec2::Zero();  // what it asked for, before field weakening
+  Vec2 i_dq_wanted_ = Vec2::Zero();  // of the speed loop, before field weakening
   ControllerEvent event_;
   Command command_;           // the last one: repeated where an input is not finite
   Vec2 u_dq_ = Vec2::Zero();  // of the last step, in the frame it was made in

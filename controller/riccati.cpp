@@ -81,6 +81,21 @@ std::vector<std::complex<double>> closed_loop_poles(const MatrixXd& A, const Mat
   return {z.data(), z.data() + z.size()};
 }
 
+// K (z I - A_d)^-1 B_d z^-delay at z = e^{jwT_s}; B_0 = [B_d; 0].
+static std::complex<double> loop_gain(const MatrixXd& A_d, const MatrixXd& B_0, const MatrixXd& K,
+                                      int delay, double w_T_s) {
+  const Eigen::Index n = A_d.rows();
+  const std::complex<double> z = std::polar(1.0, w_T_s);
+  // In real numbers: [Re; Im].
+  const MatrixXd im = z.imag() * MatrixXd::Identity(n, n),
+                 re = z.real() * MatrixXd::Identity(n, n) - A_d;
+  MatrixXd zI_A(2 * n, 2 * n);
+  zI_A << re, -im, im, re;
+  const MatrixXd x = linear::solve(zI_A, B_0);
+  return std::complex(K.row(0).dot(x.col(0).head(n)), K.row(0).dot(x.col(0).tail(n))) *
+         std::pow(z, -delay);
+}
+
 Margins margins(const MatrixXd& A_d, const MatrixXd& B_d, const MatrixXd& K, int delay,
                 double T_s) {
   constexpr int kPoints = 20000;
@@ -88,24 +103,13 @@ Margins margins(const MatrixXd& A_d, const MatrixXd& B_d, const MatrixXd& K, int
   const double w_hi = std::numbers::pi / T_s, w_lo = 1e-6 * w_hi;
   MatrixXd B_0 = MatrixXd::Zero(2 * n, 1);
   B_0.topRows(n) = B_d;
-  const auto loop = [&](double w) {
-    const std::complex<double> z = std::polar(1.0, w * T_s);
-    // (z I - A_d)^-1 B_d in real numbers: [Re; Im].
-    const MatrixXd im = z.imag() * MatrixXd::Identity(n, n),
-                   re = z.real() * MatrixXd::Identity(n, n) - A_d;
-    MatrixXd zI_A(2 * n, 2 * n);
-    zI_A << re, -im, im, re;
-    const MatrixXd x = linear::solve(zI_A, B_0);
-    return std::complex(K.row(0).dot(x.col(0).head(n)), K.row(0).dot(x.col(0).tail(n))) *
-           std::pow(z, -delay);
-  };
   Margins found{.gain_up = std::numeric_limits<double>::infinity(),
                 .gain_down = 0,
                 .phase_rad = std::numeric_limits<double>::infinity()};
-  std::complex<double> before = loop(w_lo);
+  std::complex<double> before = loop_gain(A_d, B_0, K, delay, w_lo * T_s);
   for (int i = 1; i <= kPoints; ++i) {
     const double w = w_lo * std::pow(w_hi / w_lo, static_cast<double>(i) / kPoints);
-    const std::complex<double> L = loop(w);
+    const std::complex<double> L = loop_gain(A_d, B_0, K, delay, w * T_s);
     // Through the negative real axis.
     if (L.real() < 0 && before.real() < 0 && L.imag() * before.imag() <= 0) {
       const double share = before.imag() / (before.imag() - L.imag());

@@ -57,39 +57,43 @@ const Gain& FastLoop::choose_gain(std::int64_t k, int& status) {
   return made_;
 }
 
-// A lost row still says the voltage, which the drive knows without a sensor.
+// A lost row still holds the voltage, which the drive knows without a sensor.
 static bool is_lost_row(const Measurement& m) {
   return (m.signals & ~kBusVoltage) == kVoltage;
 }
 
-Estimate FastLoop::tick(const Measurement& measured) {
-  Measurement m = filter_->seen(measured, last_estimate_, last_measured_);
+bool FastLoop::begin_tick(const Measurement& m, int& status) {
   const std::int64_t missing = last_.k < 0 ? 0 : m.k - last_.k - 1;
-  int status = missing > 0 ? kGapBridged : 0;
+  if (missing > 0) status |= kGapBridged;
   if (missing > kMaxGap) reset();
-  const bool first = last_.k < 0;
-  if (first) {
-    k0_ = m.k;
-    state_ = filter_->start(m);
-    if (!state_.x_hat.allFinite()) {  // nothing measured to start from: zero, as at standstill
-      state_ = filter_->start({.signals = m.signals});
-      status |= kNotFinite;
-    }
-  } else {
+  if (last_.k >= 0) {
     for (std::int64_t i = 0; i < missing; ++i) filter_->predict_over_gap(state_, last_);
     if (missing > 0) last_estimate_ = filter_->output(state_, last_);
+    return false;
   }
+  k0_ = m.k;
+  state_ = filter_->start(m);
+  if (!state_.x_hat.allFinite()) {  // nothing measured to start from: zero, as at standstill
+    state_ = filter_->start({.signals = m.signals});
+    status |= kNotFinite;
+  }
+  return true;
+}
 
+Correction FastLoop::correct(Measurement& m, const Gain& gain, int& status) {
+  if (!is_lost_row(m)) return filter_->fast_step(state_, m, gain);
+  filter_->predict_over_gap(state_, m);
+  m.theta_m = state_.theta_m_prev;
+  status |= kGapBridged;
+  return {};
+}
+
+Estimate FastLoop::tick(const Measurement& measured) {
+  Measurement m = filter_->seen(measured, last_estimate_, last_measured_);
+  int status = 0;
+  const bool first = begin_tick(m, status);
   const Gain& gain = choose_gain(m.k, status);
-
-  Correction correction;
-  if (!first && !is_lost_row(m)) {
-    correction = filter_->fast_step(state_, m, gain);
-  } else if (!first) {
-    filter_->predict_over_gap(state_, m);
-    m.theta_m = state_.theta_m_prev;
-    status |= kGapBridged;
-  }
+  const Correction correction = first ? Correction{} : correct(m, gain, status);
   if (m.mode == Mode::kAlign) {
     filter_->align(state_, m.theta_forced);
     status |= kAngleForced;
@@ -97,11 +101,10 @@ Estimate FastLoop::tick(const Measurement& measured) {
   last_ = m;
   last_measured_ = measured;
 
-  Estimate e = filter_->output(state_, m);
+  Estimate e = filter_->estimate_of(state_, m);
   e.k = m.k;
   e.t_ns = m.t_ns;
   e.gain_seq = gain.k;
-  e.x_hat = state_.x_hat;
   e.innov = correction.innov;
   e.status |= status | correction.status;
   last_estimate_ = e;

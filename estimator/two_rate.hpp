@@ -3,17 +3,18 @@
 //   FastLoop        MEASUREMENT(k), gains so far -> ESTIMATE(k)      at f_s
 //   BackgroundLoop  ESTIMATE(s), s = 0, n, 2n .. -> GAIN(s)          at f_b = f_s/n
 //
-// The gain policies (core/rates.hpp says when a gain is used, this what becomes of it until then):
+// The gain policies; core/rates.hpp defines when a gain is used:
 //
-//   paper        the gain of snapshot s as it is
-//   immediate    the same, at once
-//   extrapolate  linearised at the angle expected in the middle of its use, 1.5 (n - 1) ticks ahead
-//   rotate       K_use = T(a) K R(-a), a = theta_e of tick k-1 less that of the snapshot
+//   paper        K of the snapshot s, unchanged
+//   immediate    the same, used at the next tick
+//   extrapolate  K linearised at the angle in the middle of its use, 1.5 (n - 1) ticks ahead
+//   rotate       K_use = T(a) K R(-a),  a = theta_e of tick k-1 less that of the snapshot
 //   rotor_frame  the same, and P is turned by (n - 1) omega_e T_s before each background step
 //   scheduled    no background: K from a table over speed, turned to theta_e of tick k-1
 //   propagated   P stepped through every tick, K for several speeds: estimator/propagated_gain.hpp
 //
-// With n = 1 the first five are the ordinary extended Kalman filter, bit for bit.
+// T(a), R(a): estimator/gain_frame.hpp. With n = 1 the first five are the ordinary extended Kalman
+// filter, bit for bit.
 #pragma once
 #include <limits>
 #include <memory>
@@ -25,16 +26,15 @@
 
 namespace twinrate {
 
-// What the fast loop does without the background.
+// Operation of the fast loop without the background.
 struct ScheduleUse {
-  std::shared_ptr<const GainSchedule> schedule;  // policy `scheduled` needs it
-  // A gain whose snapshot is older than this is not held on; the table takes over, if there is one.
+  std::shared_ptr<const GainSchedule> schedule;  // required by policy `scheduled`
+  // A gain whose snapshot is older than this is replaced by the table, if there is one.
   std::int64_t max_age_ticks = std::numeric_limits<std::int64_t>::max();
 };
 
-// What `gain` is in tick k; `last` is the estimate of tick k-1, angle and speed as the ordinary
-// filter has them when it computes its gain. Nothing is done to a gain of before the first
-// snapshot.
+// Turns `gain` to its form in tick k; `last` is the estimate of tick k-1, whose angle and speed the
+// ordinary filter uses to compute its gain. A gain from before the first snapshot is not changed.
 void turn_for_use(GainPolicy policy, const Filter& filter, const Estimate& last, Gain& gain);
 
 class FastLoop {
@@ -42,18 +42,17 @@ class FastLoop {
   FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
            ScheduleUse schedule_use = {});
 
-  // Forgets everything: the next sample starts a session.
+  // Clears all state: the next sample starts a session.
   void reset();
   void take_gain(const Gain& gain) { gains_.push(gain); }
-  // The same filter with other knowledge of the drive, from the next tick on; estimates and gains
-  // stay as they are.
+  // The same filter with other known effects, from the next tick on; estimates and gains are kept.
   void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
   // True when the gain that tick k plans to use is here (or none is planned yet).
   bool gain_ready(std::int64_t k) const;
   // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
-  // filter starts again from this sample). A gain that is late is replaced by the newest older one,
-  // one that is too old by the table, and both are said in status. A sample in which no sensor
-  // delivered anything (signals) is predicted over in the same way, under its own voltage.
+  // filter starts again from this sample). A late gain is replaced by the newest older one, a gain
+  // that is too old by the table; status reports both. A sample without any sensor's reading
+  // (signals) is predicted over in the same way, under its own voltage.
   Estimate tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }
@@ -63,6 +62,11 @@ class FastLoop {
   // The gain of tick k; adds to `status`.
   const Gain& choose_gain(std::int64_t k, int& status);
   bool too_old(const Gain& gain, std::int64_t k) const;
+  // Starts a session with `m`, or predicts over the samples missing before it; adds to `status`.
+  // True for the first sample of a session.
+  bool begin_tick(const Measurement& m, int& status);
+  // Prediction to t_k and correction; a sample without a sensor's reading is predicted over.
+  Correction correct(Measurement& m, const Gain& gain, int& status);
 
   std::shared_ptr<const Filter> filter_;
   GainPolicy policy_;
@@ -78,7 +82,7 @@ class FastLoop {
 
 class BackgroundLoop {
  public:
-  // `span_omega_m`: policy propagated, how far the speed may move while a gain is in use.
+  // `span_omega_m`: policy propagated, largest change of speed while a gain is in use.
   BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
                  double span_omega_m = 0);
 
