@@ -12,7 +12,7 @@ constexpr double kShortestBlock_s = 0.2;  // settling and measuring each take th
 constexpr double kSlowest_rad_s = 1e-2;   // below it nothing is learnt: a turn takes ten minutes
 constexpr double kLoadStep_rad = 0.02;    // change of the mean error, in angle: a load stepped
 constexpr double kPriorVariance = 0.25;   // of kappa about 1
-constexpr double kFirstTorque2 = 0.01;    // Nm^2: what an order may hold before anything is learnt
+constexpr double kFirstTorque2 = 0.01;    // Nm^2: variance of c_N before anything is learnt
 constexpr double kDrift = 1e-4;           // share of P kept alive, so that learning never ends
 constexpr double kLowest_Hz = 0.05;
 
@@ -158,7 +158,7 @@ void AngleDomain::end_block() {
   ++blocks_;
 }
 
-// kappa from the last change of c and what it did: Delta E = kappa H_model Delta c.
+// kappa from the last change of c and its response: Delta E = kappa H_model Delta c.
 void AngleDomain::identify(const Orders& E, const std::array<double, kCompensatedOrders>& noise2) {
   for (int N = 1; N <= p_.highest_order; ++N) {
     const auto i = static_cast<std::size_t>(N - 1);

@@ -91,7 +91,7 @@ class AngleDomain {
   Orders c_{}, c_change_{}, E_last_{};
   Orders sum_{};
   double sum_error_ = 0, time_ = 0, mean_last_ = 0;
-  std::array<double, kCompensatedOrders> P_{};  // variance of what c_N still lacks, Nm^2
+  std::array<double, kCompensatedOrders> P_{};  // variance of the error of c_N, Nm^2
   std::array<double, kCompensatedOrders> noise2_{};
   std::array<Complex, kBins> kappa_{};
   std::array<double, kBins> kappa_variance_{};

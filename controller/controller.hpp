@@ -32,12 +32,11 @@ class Controller {
   virtual ~Controller() = default;
   virtual std::string_view kind() const = 0;
   virtual Command step(const ControllerInput& in) = 0;
-  // Other knowledge of the drive (effects with used_in = model or both), from the next step on; all
-  // that was controlled so far stays as it is.
+  // Other known effects (used_in = "model" or "both"), from the next step on; the state is kept.
   virtual void know(const Effects& /*model_effects*/) {}
   // The mode change of the last step, if there was one.
   virtual ControllerEvent take_event() { return {}; }
-  // What it learnt while running, as TOML tables that a drive file can hold; "" for nothing.
+  // Parameters learnt while running, as TOML tables for a drive file; "" where there are none.
   virtual std::string learnt() const { return ""; }
 };
 

@@ -109,7 +109,7 @@ Vec2 Lqr::with_known_voltage_loss(const Vec2& u, const State& x, const Measureme
   point.i_dq = x.i_dq;
   point.u_dq = K_pp_ * u;
   const auto loss = [&] { return predicted_drop_and_emf(known_voltage_, point, machine_.n_p); };
-  point.u_dq += loss();  // a loss in proportion to what is asked for takes of the addition, too
+  point.u_dq += loss();  // a loss proportional to the request reduces the addition, too
   return u + loss() / K_pp_;
 }
 

@@ -28,7 +28,7 @@
 //   u_q(i)  = [(i - i_q) L_q/T_s + R_s i_q + n_p omega_m (L_d i_d + psi_f)]/K_pp
 //   u_q     within [u_q(-i_q_max), u_q(i_q_max)],  i_q_max = sqrt(i_max^2 - i_d^2)
 //
-// Voltage limit, then what the integrals take back:
+// Voltage limit, and the anti-windup of the integrals:
 //
 //   |u_d| <= min(1, u_c),  |u_q| <= min(1, sqrt(u_c^2 - u_d^2)),  u_c = v_dc/(sqrt3 K_pp)
 //   u_awu  = u limited - u requested

@@ -59,7 +59,7 @@ struct AxisDesign {
   int iterations = 0;
   std::vector<std::complex<double>> poles;  // of z
   Margins margins, margins_delayed;         // without, and with the drive's computation delay
-  std::vector<std::string> complaints;      // what is inconsistent; empty where all is well
+  std::vector<std::string> complaints;      // inconsistencies; empty where there are none
 };
 
 struct LqrDesign {
@@ -67,8 +67,7 @@ struct LqrDesign {
   double K_pp = 0, K_ff = 0;
 };
 
-// Never throws: what cannot be designed stands in `complaints`, and the gains of that axis are
-// zero.
+// Never throws: `complaints` reports an axis that cannot be designed; its gains are then zero.
 LqrDesign design_lqr(const MachineParameters& machine, double v_dc, double T_s, int delay_samples,
                      const LqrDesignParameters& p);
 
@@ -76,7 +75,7 @@ LqrDesign design_lqr(const MachineParameters& machine, double v_dc, double T_s, 
 // the inverse question, which has no exact answer for most gains.
 struct NearestWeights {
   Eigen::VectorXd Q;
-  Eigen::RowVectorXd K;      // what they give
+  Eigen::RowVectorXd K;      // of these weights
   double largest_error = 0;  // relative
 };
 NearestWeights nearest_weights(const AxisDesign& axis, double T_s);

@@ -33,7 +33,7 @@ class Pi {
   explicit Pi(const PiGains& gains) : gains_(gains) {}
 
   double output(double error) const { return gains_.K_p * error + integral_; }
-  // After the limit: `u` is what output() gave, `u_saturated` what was really passed on.
+  // After the limit: `u` of output(), `u_saturated` as it was passed on.
   void update(double error, double u, double u_saturated, double T_s) {
     integral_ += T_s * (gains_.K_i * error + gains_.k_awu * (u_saturated - u));
   }

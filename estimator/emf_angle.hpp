@@ -1,19 +1,29 @@
-// Angle and speed from an estimated back-EMF, the processing that Kim et al. put around their
-// filter. It runs every `divider` ticks (T_est = divider T_s, the paper's speed loop) and
-// extrapolates between.
+// Angle and speed from an estimated back-EMF, as Kim et al. process the output of their filter. It
+// runs every `divider` ticks (T_est = divider T_s, the speed loop of the paper) and extrapolates in
+// between.
 //
-//   theta_emf = atan2(-e_alpha, e_beta)                                                  (28), (29)
-//   direction = -1 where theta_emf, unwrapped, went back since the last interval, else +1
-//   theta_hat = theta_emf, + pi where direction = -1                                           (30)
-//   omega_e   = direction |e|/psi            (speed_from = emf)                          (31), (33)
-//             = (theta_emf change)/T_est     (speed_from = angle_rate)                         (32)
-//   omega_f   = first-order low-pass of omega_e, bilinear, cut-off a                           (34)
-//   theta_e  += change towards theta_hat, at most max(2 |omega_f| T_est, floor)          (36)-(38)
-//   theta_e(k) = theta_e + j T_s omega_e,  j ticks after the interval's first                  (39)
+// Interval n:
 //
-// psi is psi_f as printed, or psi_f + (L_d - L_q) i_d (saliency_in_speed). As printed, (30) adds pi
-// at standstill and (36) is zero there, so that the angle freezes: hence the strict sign and the
-// floor. Pure: state in, state out. Source: Kim, Yoon, Kook, section 4.
+//   theta_emf(n) = atan2(-e_alpha, e_beta)                                               (28), (29)
+//   change       = wrap(theta_emf(n) - theta_emf(n-1))           in (-pi, pi]
+//   direction    = -1 where change < 0, else +1
+//   theta_hat    = theta_emf(n) + pi where direction = -1, else theta_emf(n)                  (30)*
+//   omega_e(n)   = direction |e|/psi                             speed_from = "emf"    (31)*, (33)*
+//                = change/T_est                                  speed_from = "angle_rate"    (32)*
+//   omega_f(n)   = (2 - a T_est)/(2 + a T_est) omega_f(n-1)
+//                  + a T_est/(2 + a T_est) [omega_e(n) + omega_e(n-1)]                         (34)
+//   limit        = max(2 |omega_f(n)| T_est, limit_floor)                               (36)*, (37)
+//   theta_e(n)   = theta_e(n-1) + wrap(theta_hat - theta_e(n-1)) within +-limit                (38)
+//
+// Tick j of interval n:
+//
+//   theta_e      = theta_e(n) + j T_s omega_e(n)                                               (39)
+//
+// a = 2 pi lowpass_Hz. psi = psi_f as printed, or psi_f + (L_d - L_q) i_d (saliency_in_speed).
+// An asterisk marks an equation whose printed form is wrong: (30) adds pi at standstill, too; (31)
+// and (33) divide by psi_f alone; (32) divides by T_s; (36) is zero at standstill and freezes the
+// angle, hence limit_floor.
+// Pure: state in, state out. Source: Kim, Yoon, Kook, section 4.
 #pragma once
 #include <algorithm>
 
@@ -46,7 +56,7 @@ struct EmfAngleParameters {
   }
 };
 
-// What it remembers from interval to interval; part of FastState.
+// The memory from interval to interval; part of FastState.
 struct EmfAngle {
   int ticks = 0;         // since the interval's first tick
   double theta_emf = 0;  // (29) at that tick

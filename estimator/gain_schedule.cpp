@@ -11,7 +11,7 @@ constexpr int kRows = 257;
 constexpr int kIterations = 20000;
 constexpr double kConverged = 1e-12;
 
-// Iterates the filter's own background step in rotor coordinates until K stands still. `gain` holds
+// Iterates the filter's own background step in rotor coordinates until K converges. `gain` holds
 // P to start from, and the result.
 void converge(const Filter& filter, double omega_m, Gain& gain) {
   const Estimate e = *filter.steady_state(omega_m);

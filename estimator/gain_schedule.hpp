@@ -1,12 +1,14 @@
-// The steady gain of the full filter (n = 1), tabulated over speed: policy `scheduled`, and what
-// the fast loop falls back to when the background falls silent.
+// The steady gain of the full filter (n = 1), tabulated over speed: policy `scheduled`, and the
+// fall-back of the fast loop when the background is silent.
 //
-//   in rotor coordinates:  K(omega) = lim background_step(T(-omega T_s) P, steady state at omega)
-//   between two rows K is linear; an element is even or odd in omega, whichever the filter shows
+// In rotor coordinates:
 //
-// The table is computed from the filter by itself when a program starts, and never from a file.
-// At standstill the angle cannot be observed and P44 grows without bound, so the iteration has an
-// end (kIterations); K itself is finite there.
+//   K(omega)  = lim background_step(T(-omega T_s) P T(omega T_s), steady state at omega)
+//   K(-omega) = +-K(omega)                             element by element: even or odd
+//
+// K is linear between two rows. The table is computed from the filter when a program starts, never
+// read from a file. At standstill the angle is not observable and P44 grows without bound, so the
+// number of iterations is limited (kIterations); K itself is finite there.
 #pragma once
 #include <memory>
 #include <vector>

@@ -1,4 +1,4 @@
-// The gains a fast loop keeps: the one in use and the next ones that wait for their tick.
+// The gains of a fast loop: the one in use and the next ones that wait for their tick.
 #pragma once
 #include <array>
 

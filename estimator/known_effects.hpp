@@ -1,21 +1,24 @@
-// What the model knows beyond the machine's equations (effects with used_in = model or both), as a
-// filter uses it.
+// The effects that the estimator compensates (used_in = "model" or "both"), in addition to the
+// equations of the machine.
 //
-//   seen      a measurement with the sensors' known errors undone and the known voltage loss taken
-//             off, so that every filter's equations hold for it
-//   load      known part of the load at a state
-//   torque    that, less the torque of known flux: filters that have a load state predict with it
+//   seen      a measurement without the known errors of the sensors and without the known voltage
+//             loss, so that the equations of every filter hold for it
+//   load      known part of the load at a state, Nm
+//   torque    load less the torque of known flux, Nm: the prediction of a filter with a load state
+//             uses it
 //
-// A known flux psi_k(i_dq) beyond L i + psi_f costs the voltage
-//   omega_e [-psi_k_q, psi_k_d] + d psi_k/d i_dq i_dq'
-// in mid-interval, with i_dq' as the whole machine has it: a filter that predicts with L alone then
-// predicts as if it knew psi_k. Its torque counts as load in the prediction, not in the estimated
+// A known flux psi_k(i_dq) beyond L i + psi_f takes the voltage, in mid-interval:
+//
+//   u_k = omega_e [-psi_k_q; psi_k_d] + d psi_k/d i_dq i_dq'
+//
+// with i_dq' of the whole machine. A filter that predicts with L alone then predicts as if psi_k
+// were in its equations. The torque of psi_k counts as load in the prediction, not in the estimated
 // load.
 //
-// Late currents come turned to t_k from SensingUndo; over the lag, one sample at most, they also
-// move in rotor axes, at the rate that the machine has under the voltage of this sample. A voltage
-// that acts late (signal_lag) is the mix of this sample's with the one before, up to one sample. A
-// shaft (torsion, backlash) is not predicted: it stays in the load that filters estimate.
+// SensingUndo turns late currents to t_k. Over the lag, one sample at most, they also change in
+// rotor axes, at the rate of the machine under the voltage of this sample. A voltage that acts late
+// (signal_lag) is a weighted mean of this sample's and the one before, up to a lag of one sample.
+// A shaft (torsion, backlash) is not predicted: it remains in the estimated load.
 #pragma once
 #include "model/effects/undo.hpp"
 
@@ -23,7 +26,7 @@ namespace twinrate {
 
 class KnownEffects {
  public:
-  // Knows nothing.
+  // Without effects.
   KnownEffects() : KnownEffects({}, {.n_p = 1}, 3, 0) {}
   // `current_sensors`: 2 or 3, as sensors.current_sensors.
   KnownEffects(const Effects& effects, const MachineParameters& machine, int current_sensors,
@@ -39,7 +42,7 @@ class KnownEffects {
   }
 
  private:
-  // Of late currents: what they move in rotor axes over the lag under the voltage of `s`.
+  // Adds the change of late currents in rotor axes over the lag, under the voltage of `s`.
   void carry_currents(Measurement& s, const Estimate& last) const;
   Vec2 flux_voltage(OperatingPoint point, const Vec2& u_dq) const;
 

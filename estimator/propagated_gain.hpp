@@ -1,16 +1,20 @@
-// Policy `propagated`: the covariance stepped through every tick, and a gain for every speed that
-// the rotor may have while it is in use.
+// Policy `propagated`: the covariance stepped through every tick, and gains for N speeds, so that
+// one fits while the speed changes.
 //
-//   P(s)   all steps since the last snapshot in rotor axes, at the mean speed of the two snapshots
-//   K_i    the gain after n more steps from P(s) at the speeds
-//          omega_i = omega_low + (omega_top - omega_low) (i/(N - 1))^2,  i = 0 .. N-1,
-//          omega_low, omega_top = abs(omega) -+ span, omega_low at least kSlowest
-//   K_use  = T(theta_e) K(abs(omega)) R(-theta_e), K linear between the K_i, elements odd in speed
-//          with the sign of omega; theta_e and omega of tick k-1
+//   P(s)       all steps since the last snapshot in rotor axes, at the mean speed of both snapshots
+//   omega_low  = max(|omega| - span, kSlowest span)
+//   omega_top  = |omega| + span
+//   omega_i    = omega_low + (omega_top - omega_low) (i/(N - 1))^2,  i = 0 .. N-1
+//   K_i        the gain after n more steps from P(s) at the speed omega_i
+//   K(|omega|) linear between the K_i
+//   K_use      = T(theta_e) K(|omega|) R(-theta_e)     theta_e and omega of tick k-1
 //
-// A drive seen from behind has the same filter with beta, speeds and angles negative, which gives
-// the other direction of rotation: K(-omega) = S K(omega) S_y, S = diag(1, -1, .. , -1, -1).
-// Needs a filter whose first states are (alpha, beta) pairs and that has a steady state.
+// The other direction of rotation: a drive seen from behind has the same filter with beta, speeds
+// and angles negative.
+//
+//   K(-omega)  = S K(omega) S_y,  S = diag(1, -1, .., -1, -1),  S_y = diag(1, -1)
+//
+// Requires a filter whose first states are (alpha, beta) pairs and that has a steady state.
 #pragma once
 #include "estimator/filter.hpp"
 

@@ -1,4 +1,4 @@
-// Filters by their kind; a new filter is one file and one line in registry.cpp.
+// Filters by their kind. A new filter is a header, a source file and one line in registry.cpp.
 #pragma once
 #include <memory>
 #include <string>

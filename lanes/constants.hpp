@@ -34,7 +34,7 @@ struct LaneConstants {
   S off_ticks_max, constant_ticks_min;
 };
 
-// What is decided for all lanes.
+// Choices that are the same for all lanes.
 struct LaneSwitches {
   int plant_steps;
   bool noise, adc, rk4;

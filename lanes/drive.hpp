@@ -1,7 +1,7 @@
 // N drives side by side, one tick at a time, in the order of loop/closed_loop.hpp.
 //
 // Every member of LaneDrive is one row of lanes, so a drive is a column of it: that is how
-// lanes/runner.hpp puts a drive in and takes it out. What differs from lane to lane is
+// lanes/runner.hpp puts a drive in and takes it out. Values that differ from lane to lane are
 // blended, not branched; the gain policy, the same for all lanes, is a template parameter.
 #pragma once
 #include <numbers>
@@ -177,7 +177,7 @@ void background_step(const LaneConstants<T>& c, const LaneSwitches& on, LaneDriv
   if constexpr (policy == Policy::kImmediate) blend_rows<T>(snapshot, d.next_gain, d.gain);
 }
 
-// Onto the circle, and what is cut off into the integrals; most ticks nobody is beyond it.
+// Limits the voltage to the circle and passes the excess to the integrals; rare in most ticks.
 template <class T>
 void limit_voltage(const LaneConstants<T>& c, LaneDrive<T>& d, T& u_d, T& u_q) {
   const T square = u_d * u_d + u_q * u_q;
@@ -220,7 +220,7 @@ kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
 }
 
 // docs/conventions.md: angle error and lock, over [k_settle, k_end). Returns which lanes have
-// ended; a lane ends at its loss. What is no longer a number, or runs away, leaves no angle in
+// ended; a lane ends at its loss. A value that is not a number, or diverges, leaves no angle in
 // [-pi, pi].
 template <class T>
 typename T::Mask judge(const LaneConstants<T>& c, LaneDrive<T>& d) {

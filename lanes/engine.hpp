@@ -5,7 +5,7 @@
 //
 // Covered: surface-magnet machine without effects, averaged inverter, computation delay of one
 // sample, filter ekf_sensorless (euler, rk4), controller foc on the estimate, start aligned or
-// flying, all gain policies but `scheduled` and `propagated` (lane_settings says what is not). The
+// flying, all gain policies but `scheduled` and `propagated` (lane_settings names the rest). The
 // noise is that of model/random.hpp, the filter kernel that of estimator/kernels/, the equations
 // those of plant_sim/drive_model.hpp and controller/foc.hpp; the plant is integrated by
 // lanes/plant.hpp. So a point runs like ClosedLoop's (loop/closed_loop.hpp) up to rounding: a
@@ -23,7 +23,7 @@
 
 namespace twinrate::lanes {
 
-// Empty text where the drive is covered, else what is not; `settings` is filled.
+// Fills `settings`. Empty text where the drive is covered, else the key that is not.
 std::string lane_settings(Config& config, LaneSettings& settings);
 // The point that the config itself describes.
 Point point_of(const DriveConfig& config);

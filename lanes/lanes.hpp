@@ -1,7 +1,7 @@
 // A row of N numbers in a vector register: one number of each of N drives.
 //
 // Everything written for a type T with + - * / runs on Lanes too. Each operation acts on every lane
-// alone and is the same IEEE operation whatever N is (no contraction, no reciprocal estimates), so
+// alone and is the same IEEE operation for every N (no contraction, no reciprocal estimates), so
 // a lane's result does not depend on its neighbours nor on N: bit for bit that of N = 1.
 //
 // `Isa` keeps the code of translation units with different instruction sets apart for the linker.

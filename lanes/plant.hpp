@@ -42,7 +42,7 @@ SinCos<T> turn(const SinCos<T>& at, T angle) {
   return {at.sin * c + at.cos * s, at.cos * c - at.sin * s};
 }
 
-// What turns the rotor at one moment: A and its rate.
+// Acceleration of the rotor at one moment: A and its rate.
 template <class T>
 struct Acceleration {
   T A, A_d;
@@ -76,7 +76,7 @@ T plant_step(const LaneConstants<T>& c, LanePlant<T>& x, const kernel::Stationar
   const T turned = W_0 * 2.0 + a_0.A * 1.2 + a_1.A * 0.8 + (a_0.A_d + a_1.A_d) * (4.0 / 15);
   const SinCos<T> at_2 = turn(at_1, turned - to_mid);
 
-  // W at the middle by the cubic, and what the angle there is off by.
+  // W at the middle by the cubic, and the error of the angle there.
   const T rate_1 = W_0 * c.end_d1 + a_0.A * c.late_0 + a_0.A_d * c.late_d0 + a_1.A * c.late_1 +
                    a_1.A_d * c.late_d1;
   x.i_alpha = x.i_alpha * c.end_decay + u.alpha * c.end_u + at_0.cos * c.end_0 + cos_d0 * c.end_d0 +

@@ -1,4 +1,4 @@
-// What the lane engine is asked and what it answers. No Eigen here: this header is read with the
+// Inputs and results of the lane engine. No Eigen here: this header is read with the
 // flags of every instruction set.
 #pragma once
 #include <cstddef>
@@ -37,7 +37,7 @@ struct PointResult {
   double lost_at_s = -1;  // -1: not lost
 };
 
-// What all points share.
+// Settings that all points share.
 struct LaneSettings {
   double T_s = 0, R_s = 0, L = 0, psi_f = 0, J = 0, B = 0, n_p = 0, theta_e_start = 0;
   double i_noise_rms = 0, i_lsb = 0, v_dc = 0;

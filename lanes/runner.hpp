@@ -6,7 +6,7 @@
 
 namespace twinrate::lanes {
 
-// What one call of run_lanes works on; `next` is shared by the threads.
+// The work of one call of run_lanes; `next` is shared by the threads.
 struct LaneQueue {
   const Point* points;
   PointResult* results;

@@ -85,7 +85,7 @@ bool LogWriter::flush() {
     return true;
   }
   full_ = true;
-  // The log must end with a whole event: forget what stdio still holds and cut a half-written one
+  // The log must end with a whole event: drop the buffer of stdio and cut a half-written one
   // off.
   __fpurge(log_->f);
   if (ftruncate(fileno(log_->f), on_disk_) != 0)

@@ -1,4 +1,4 @@
-// Writes an LCM log that stays readable whatever happens.
+// Writes an LCM log that stays readable after a crash or on a full disk.
 //
 // Events go through liblcm's event log; every flush() is checked. Where the disk is full the file
 // is cut back to the last whole event that reached it, and the writer refuses to go on. At

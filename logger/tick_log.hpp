@@ -1,11 +1,12 @@
-// Puts the messages of a run into the log, and knows what is missing.
+// Writes the messages of a run to the log and keeps account of the missing ones.
 //
-// Ordered (lock-step): a tick is written once all its messages are there, in the order of
-// core/channels; what is missing can be asked for again, so the log of a run does not depend on
+// Ordered (lock-step): a tick is written when all its messages are there, in the order of
+// core/channels. Missing messages can be requested again, so the log of a run does not depend on
 // scheduling or on lost datagrams. Time stamps are drive time, so lcm-logplayer at x1 plays at the
-// speed of the real drive. As it comes (realtime, foreign sessions): written at once; sequence
-// numbers tell what was lost. A session that begins with its first number again (a log played
-// twice) is written again.
+// speed of the real drive.
+// In order of arrival (realtime, foreign sessions): written at once; gaps of the sequence numbers
+// count as losses. A session that begins with its first number again (a log played twice) is
+// written again.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -35,14 +36,14 @@ class TickLog {
             std::size_t size);
   // Every tick below this one is handed to the writer, whole.
   std::int64_t complete_below() const { return next_; }
-  // What is missing of ticks that later messages have overtaken, at most `limit` entries.
+  // Missing messages of ticks that later messages have overtaken, at most `limit` entries.
   struct Missing {
     Channel channel;
     std::int64_t seq;
   };
   std::vector<Missing> missing(std::size_t limit) const;
-  // End of the run: writes what is there of incomplete ticks and counts the gaps in them as lost.
-  // What a run that was stopped had not said yet is not lost.
+  // End of the run: writes the messages of incomplete ticks and counts their gaps as lost. Messages
+  // that a stopped run had not sent yet are not lost.
   void close();
 
   const ChannelAccount& account(Channel channel) const {

@@ -1,22 +1,28 @@
-// The drive's differential equations in rotor axes, with every effect of the config added.
+// The differential equations of the drive in rotor axes, with every effect of the config.
 //
-//   x = [i_d, i_q, omega_m, theta_m]
-//   u_dq = R(-n_p theta_m) u_alphabeta v_dc(t)/v_dc,   v_dc(t) = v_dc + effects on the bus
-//   L_d i_d' = u_d - R_s i_d + n_p omega_m L_q i_q             - effects on the voltage
-//   L_q i_q' = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)   - effects on the voltage
-//   J omega_m' = T_em - B omega_m - T_load                     - effects on the torque
-//   theta_m' = omega_m
+//   state   x = [i_d, i_q, omega_m, theta_m]           A, A, rad/s, rad (mechanical)
+//   input   u_alphabeta                                V, constant over one sampling interval
 //
-// Effects on the flux add psi_k(i_dq) to [L_d i_d + psi_f, L_q i_q]: L becomes L + d psi_k/d i_dq,
-// EMF and torque have the whole flux (model/effects/flux_map.hpp).
+//   v_dc(t)    = v_dc + effects on the bus
+//   u_dq       = R(-n_p theta_m) u_alphabeta v_dc(t)/v_dc
+//   L_d i_d'   = u_d - R_s i_d + n_p omega_m L_q i_q               - effects on the voltage
+//   L_q i_q'   = u_q - R_s i_q - n_p omega_m (L_d i_d + psi_f)     - effects on the voltage
+//   T_em       = 3/2 n_p (psi_f + (L_d - L_q) i_d) i_q
+//   J omega_m' = T_em - B omega_m - T_load                         - effects on the torque
+//   theta_m'   = omega_m
 //
-// With an elastic shaft (effects torsion, backlash) two states more: delta = theta_m - theta_load
-// and omega_load. The motor then has J - J_load and feels T_shaft instead of the external load,
-// which acts on the load's side, as do effects that are part of it (model/effects/shaft.hpp):
+// Effects on the flux add psi_k(i_dq) to [L_d i_d + psi_f, L_q i_q]: L becomes L + d psi_k/d i_dq;
+// EMF and torque contain the whole flux (model/effects/flux_map.hpp).
 //
-//   delta' = omega_m - omega_load,   J_load omega_load' = T_shaft - T_load
+// An elastic shaft (effects torsion, backlash) adds two states. The motor then has the inertia
+// J - J_load, and T_shaft takes the place of the external load, which acts on the load's side with
+// the effects that belong to it (model/effects/shaft.hpp):
 //
-// Effects on sensors do not enter here: sensing_at() is for who samples.
+//   delta              = theta_m - theta_load
+//   delta'             = omega_m - omega_load
+//   J_load omega_load' = T_shaft - T_load
+//
+// Effects on sensors are not part of these equations: sensing_at().
 #pragma once
 #include <optional>
 
@@ -31,7 +37,7 @@ namespace twinrate {
 using PlantState = Eigen::Vector4d;
 using TwoMassState = Eigen::Matrix<double, 6, 1>;  // PlantState, delta, omega_load
 
-// What is held constant over one sampling interval.
+// Inputs, constant over one sampling interval.
 struct PlantInput {
   double t_k = 0;                   // start of the interval
   Vec2 u_alphabeta = Vec2::Zero();  // applied voltage, where the bus is at its nominal voltage
@@ -57,7 +63,7 @@ class DriveModel {
   double total_load(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   double torque(const Vec2& i_dq) const;
   double bus_voltage(const PlantState& x, const PlantInput& input, double t_in_interval) const;
-  // What sensors read beyond the true currents and angle: i_abc and theta_m.
+  // Error of the readings of currents and angle: i_abc and theta_m.
   Contribution sensing_at(const PlantState& x, const PlantInput& input, double t_in_interval) const;
   // No effect acts on the reading of the currents; of the angle.
   bool currents_are_read_true() const { return !acts_on_currents_; }
@@ -65,7 +71,7 @@ class DriveModel {
   const MachineParameters& machine() const { return machine_; }
 
  private:
-  // `T_external`: the external load, or the shaft's torque; `J`: what turns with the rotor.
+  // `T_external`: the external load, or the shaft's torque; `J`: inertia on the rotor's side.
   PlantState motor_rate(const PlantState& x, const PlantInput& input, double t_in_interval,
                         double T_external, double J) const;
   double load_behind_shaft(const OperatingPoint& point) const;

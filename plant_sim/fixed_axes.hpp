@@ -1,13 +1,14 @@
-// The idealised machine that Kim et al. print: its two inductances stand on the stator's axes and
-// do not turn with the rotor (plant.saliency = "fixed_axes").
+// The idealised machine that Kim et al. print: its two inductances are fixed to the axes of the
+// stator and do not turn with the rotor (plant.saliency = "fixed_axes").
 //
-//   u_alpha = R_s i_alpha + L_q i_alpha' - omega_e psi_f sin theta_e        (1), q^s = alpha
-//   u_beta  = R_s i_beta  + L_d i_beta'  + omega_e psi_f cos theta_e            d^s = -beta
-//   T_em = 3/2 n_p psi_f i_q
+//   u_alpha = R_s i_alpha + L_q i_alpha' - omega_e psi_f sin theta_e       q^s = alpha          (1)
+//   u_beta  = R_s i_beta  + L_d i_beta'  + omega_e psi_f cos theta_e       d^s = -beta          (1)
+//   T_em    = 3/2 n_p psi_f i_q
 //
-// It is no real interior-magnet machine: the inductances of a salient rotor turn with it. It is
-// here because the paper's filter is exact on it. The paper gives no torque; with inductances that
-// do not depend on the angle, the power into the EMF leaves the magnets' torque alone.
+// No real interior-magnet machine is like this: the inductances of a salient rotor turn with it.
+// The model serves as the machine on which the paper's filter is exact. The paper gives no torque;
+// with inductances that do not depend on the angle, the power into the EMF is the power of the
+// magnets' torque alone.
 #pragma once
 #include "model/frames.hpp"
 #include "model/machine.hpp"

@@ -27,7 +27,7 @@ struct FreeVector {
 };
 using Vector = std::unique_ptr<std::remove_pointer_t<N_Vector>, FreeVector>;
 
-// What the right-hand side needs; SUNDIALS hands it back by pointer.
+// Arguments of the right-hand side; SUNDIALS passes them back by pointer.
 struct Problem {
   const DriveModel& model;
   PlantInput input;

@@ -7,7 +7,7 @@ namespace {
 
 constexpr double kShortestStep = 1e-9;  // of an interval: an integrator has nothing to do in less
 
-// What of the effects a switched inverter does itself, what samples suffer, and the others.
+// The effects, split: those that a switched inverter makes itself, those on samples, the others.
 struct PlantEffects {
   Effects in_equations;
   LegFacts legs;

@@ -8,12 +8,12 @@
 // to edge (plant_sim/switched_inverter.hpp); t_k is the start of a carrier period, in the middle of
 // the zero vector, where the current has its mean.
 //
-// Readings are truth plus what effects add, then noise, ADC and encoder steps. The modulator scales
-// by the bus voltage measured at t_k; MEASUREMENT's voltage is duty times that, so it knows nothing
-// of what happens to the voltage on its way (dead time, drops, a bus that moves inside the
-// interval).
+// A reading is the truth plus the errors by effects, then noise, ADC and encoder steps. The
+// modulator scales by the bus voltage measured at t_k. The voltage in MEASUREMENT is duty times
+// that: it does not contain the losses on its way (dead time, drops, a bus voltage that changes
+// inside the interval).
 //
-// Effects that spoil samples (late signals, lost rows, ..) act here: plant_sim/sample_errors.hpp.
+// Effects on the samples (late signals, lost rows, ..) act here: plant_sim/sample_errors.hpp.
 //
 // Before the first command is due the voltage is zero. A command that is not there when it is due
 // leaves the last voltage on; after plant.hold_ticks intervals of that the drive trips: zero
@@ -39,7 +39,7 @@ class Plant {
   // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS
   // fails.
   bool advance();
-  // Zero voltage from now on, whatever is commanded (safe state).
+  // Zero voltage from now on, for every command (safe state).
   void trip() { tripped_ = true; }
   bool tripped() const { return tripped_; }
 
@@ -68,10 +68,10 @@ class Plant {
   std::optional<LateState> late_currents_, late_angle_;
   PlantInput input_;
   InverterOutput applied_;     // as the drive believes: duty times the v_dc measured before
-  Contribution reading_;       // what the sensors read beyond the truth, at t_k
+  Contribution reading_;       // error of the readings by effects, at t_k
   double v_dc_ = 0;            // bus voltage at t_k
   Vec3 i_abc_ = Vec3::Zero();  // as the current sensors see them, before noise and ADC
-  Vec3 acting_duty_;           // what the legs do: applied_'s, unless they are late
+  Vec3 acting_duty_;           // of the legs: that of applied_, unless it acts late
   Measurement before_;         // MEASUREMENT(k-1), where rows may repeat it
   Command applied_command_;
   int held_ticks_ = 0;

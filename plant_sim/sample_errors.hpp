@@ -1,8 +1,7 @@
-// What effects do to the samples on their way, beyond adding to a reading (SamplingFacts of
-// model/effects/effect.hpp): signals that are late, currents that are coarse or clipped, rows that
-// are lost or repeated.
+// Effects on the samples that do not merely add to a reading (SamplingFacts of
+// model/effects/effect.hpp): late signals, coarse or clipped currents, lost or repeated rows.
 //
-//   voltage         what acts in an interval is what was asked for earlier (duty cycles, averaged)
+//   voltage         an earlier request acts in an interval (duty cycles, averaged)
 //   current, angle  a delay: the sensor sees the plant's own state at t_k - delay. LateState names
 //                   the moment in each interval that the plant has to catch for it. A filter: exact
 //                   for a signal that is linear between ticks
@@ -25,10 +24,10 @@ class LateState {
  public:
   LateState(double delay, double T_s, const PlantState& start);
 
-  // In every interval, s from its start, in (0, T_s]: the state there is what caught() takes.
+  // In every interval, s from its start, in (0, T_s]: the state there is the argument of caught().
   double moment() const { return moment_; }
   PlantState& caught() { return caught_; }
-  // At the end of an interval: what the sensor sees at its end.
+  // At the end of an interval: the state that the sensor sees then.
   const PlantState& seen() {
     seen_ = line_.pass(caught_);
     return seen_;

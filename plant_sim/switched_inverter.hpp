@@ -1,19 +1,21 @@
 // Two-level inverter switched event by event: one symmetric carrier period after the other.
 //
-// A leg with duty d is to be high from T_pwm (1 - d)/2 to T_pwm (1 + d)/2 of its period. What is
-// switched off goes off at once, what is switched on follows the dead time t_d later; in between
-// both switches are off and the diodes carry the current:
+// A leg with duty d is requested high from T_pwm (1 - d)/2 to T_pwm (1 + d)/2 of its period. A
+// switch turns off at once and turns on after the dead time t_d. In between both switches are off
+// and the diodes carry the current:
 //
-//   low    v = 0          high   v = v_dc
-//   dead   v = v_dc/2 (1 - sat(i/i_zero))     lower diode for a positive current, upper for a
-//                                             negative one
+//   low    v = 0
+//   high   v = v_dc
+//   dead   v = v_dc/2 (1 - sat(i/i_zero))              lower diode for a positive current, upper
+//                                                      diode for a negative one
+//   i_zero = v_dc t_d/(2 L)
 //
 // All edges are known as soon as the duties are, 4 a leg: 13 segments of constant state a period (7
 // without dead time), one more for each leg whose last fall reaches over the end of its period, and
 // nothing to search for. A leg in dead time whose current reaches zero stays there: a
 // leg that blocks has the voltage that keeps its current at zero. i_zero = v_dc t_d/(2 L) makes
 // this a decay within about t_d, which a real leg's output capacitance also takes. Pulses shorter
-// than the dead time vanish; a leg at duty 0 or 1 does not switch, whatever it did before.
+// than the dead time vanish; a leg at duty 0 or 1 does not switch, whatever the period before.
 #pragma once
 #include <array>
 #include <span>

@@ -93,7 +93,7 @@ template <class T, class S>
   const T f01 = x.omega_m * c.cross_dq, f02 = x.i_q * c.cross_dq;
   const T f10 = -(x.omega_m * c.cross_qd), f12 = -(x.i_d * c.cross_qd + c.emf);
   const T f20 = x.i_q * c.reluctance, f21 = x.i_d * c.reluctance + c.torque;
-  // Row by row: (F P), then what of (F P) F' + Q it gives. Few numbers are in use at a time.
+  // Row by row: (F P), then its entries of (F P) F' + Q. Few numbers are in use at a time.
   Symmetric4<T> out;
   const T fp00 = P.m00 * c.d_d + f01 * P.m01 + f02 * P.m02;
   const T fp01 = P.m01 * c.d_d + f01 * P.m11 + f02 * P.m12;

@@ -33,7 +33,7 @@
 
 namespace twinrate::kernel {
 
-// What the machine and T_s give, the same for all lanes.
+// Constants of the machine and T_s, the same for all lanes.
 template <class S>
 struct SensorlessConstants {
   S T_s;

@@ -1,5 +1,5 @@
-// The matrices of the hand-written filter kernels, entry by entry: what is symmetric is held once,
-// what is zero not at all.
+// The matrices of the hand-written filter kernels, entry by entry: symmetric entries are held once,
+// zero entries not at all.
 //
 // T is a number (double, float) or a row of numbers, one of each filter (lanes/lanes.hpp);
 // it needs + - * / only. Row and column count from 0, as in Eigen.

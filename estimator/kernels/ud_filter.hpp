@@ -25,7 +25,7 @@ namespace twinrate::kernel {
 
 template <class T>
 struct UdCovariance {
-  T U[4][4];  // the diagonal is 1 and is not read, nor is what stands below it
+  T U[4][4];  // the diagonal is 1; it and the entries below it are not read
   T D[4];
 };
 
