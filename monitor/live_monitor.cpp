@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/config_write.hpp"
+#include "model/effects/tracing.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -194,7 +195,7 @@ void LiveMonitor::traced(const TraceResult& result) {
   episode.sentence = result.sentence;
   proposed_.clear();
   for (const TracedEffect& e : result.effects) {
-    if (e.effect->traced_keys().empty()) continue;
+    if (e.effect->tracing().traced_keys().empty()) continue;
     proposed_.push_back({e.effect, UsedIn::kModel});
   }
   if (proposed_.empty()) {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/field_list.hpp"
-#include "model/effects/effect.hpp"
+#include "model/effects/tracing.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -52,7 +52,7 @@ void print_json() {
     effects.push_back({{"kind", kind},
                        {"meaning", effect->meaning()},
                        {"acts_on", acts_on(*effect)},
-                       {"signals_needed", effect->signals_needed()},
+                       {"signals_needed", effect->tracing().signals_needed()},
                        {"parameters", parameters}});
   }
   std::cout << json{{"signs", kSigns}, {"effects", effects}}.dump(2) << "\n";
@@ -67,7 +67,7 @@ void print_text() {
   for (const std::string& kind : effect_kinds()) {
     const auto effect = make_effect(kind);
     fmt::print("{}: {}\n  acts on {}; to trace it a log needs {}\n", kind, effect->meaning(),
-               acts_on(*effect), fmt::join(effect->signals_needed(), ", "));
+               acts_on(*effect), fmt::join(effect->tracing().signals_needed(), ", "));
     for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect->fields(f); }))
       fmt::print("  {:<16} {:<8} {:<18} {:<10} {}\n", row.key, "[" + split_unit(row.key).unit + "]",
                  range_text(row), row.required ? "required" : "= " + row.value_text, row.meaning);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/lines.hpp"
 #include "trace/placing.hpp"
@@ -60,7 +61,7 @@ bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kOfShaft = 0.02, kOfRest = 0.1, kOfNoise = 0.03, kOfHeldOut = 0.02;
   if (!has_shaft(now.members)) return false;
   const Effect& newcomer = *next.members.back();
-  if (newcomer.kind() == "periodic_torque" &&
+  if (is_placed(newcomer, Traits::Place::kLine) &&
       now.raw_held_out - next.raw_held_out < kOfShaft * (fitter.raw_held_out() - now.raw_held_out))
     return true;
   const bool gap = std::any_of(now.members.begin(), now.members.end(),
@@ -77,12 +78,10 @@ bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
 
 // Larger, it is not what a running drive lacks, but something else told in its words.
 bool plausible(const Effect& effect, const DriveFacts& facts) {
-  constexpr double kMostGain = 0.3, kMostResistance = 5;  // of one; of machine.R_s
-  for (const NumericKey& k : numeric_keys(effect)) {
-    if (k.key.rfind("gain", 0) == 0 && std::abs(k.value) > kMostGain) return false;
-    if (k.key.rfind("change", 0) == 0 && k.key.find("_Ohm") != std::string::npos &&
-        std::abs(k.value) > kMostResistance * facts.machine.R_s)
-      return false;
+  const Stated<Traits::Bound> bounds = effect.tracing().traits().bounds;
+  for (const Traits::Bound& bound : bounds) {
+    const double unit = bound.of == Traits::Bound::kStatorResistance ? facts.machine.R_s : 1;
+    if (std::abs(get_key(effect, bound.key)) > bound.most * unit) return false;
   }
   return true;
 }
@@ -101,7 +100,7 @@ bool clearly_needed(const Fitter& fitter, const Fit& fit, std::size_t m) {
 std::string sort_of(const Effect& effect) {
   std::string sort(effect.kind());
   for (const NumericKey& k : numeric_keys(effect))
-    if (!k.text.empty() && effect.kind() == "signal_lag") sort += " " + k.text;
+    if (!k.text.empty() && effect.tracing().regressor_count() == 0) sort += " " + k.text;
   return sort;
 }
 
@@ -135,23 +134,24 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
   const DriveFacts& facts = fitter.chain().equations().facts();
   return next.valid &&
          (gain > least_gain(fitter, next, now) || rings_at_other_moments(fitter, next, now)) &&
-         next.members.back()->materiality(facts) >= 1 && plausible(*next.members.back(), facts) &&
-         !crumb(fitter, next, now) &&
+         next.members.back()->tracing().materiality(facts) >= 1 &&
+         plausible(*next.members.back(), facts) && !crumb(fitter, next, now) &&
          std::none_of(now.members.begin(), now.members.end(),
-                      [&](const auto& m) { return repeats_step(*m, *next.members.back()); }) &&
+                      [&](const auto& m) { return repeats_nearby(*m, *next.members.back()); }) &&
          rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 
 double credit(const Effect& effect, const Effect& other, double gain) {
   constexpr double kShare = 0.01, kMost = 500;
-  const bool simpler = effect.kind() == "dead_time" && other.kind() == "inverter_drop";
+  const Traits::Reading* part = reading_of(other, Traits::Reading::kItsThreshold);
+  const bool simpler = part && part->kind == effect.kind();
   return simpler ? std::min(kShare * gain, kMost) : 0;
 }
 
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kGoodPart = 0.4;
   return next.valid && next.rss_held_out < (1 - kGoodPart) * now.rss_held_out &&
-         next.members.back()->materiality(fitter.chain().equations().facts()) >= 1;
+         next.members.back()->tracing().materiality(fitter.chain().equations().facts()) >= 1;
 }
 
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say) {

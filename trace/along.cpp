@@ -2,14 +2,14 @@
 
 #include <algorithm>
 
+#include "model/effects/memory.hpp"
 #include "model/effects/shaft.hpp"
+#include "model/effects/tracing.hpp"
 
 namespace twinrate {
 
 bool acts_on_command(const Effect& effect) {
-  SamplingFacts late;
-  return effect.acts_on() & kOnVoltage &&
-         (effect.describe_sampling(late) || effect.kind() == "voltage_gain");
+  return effect.tracing().traits().on_command == Traits::Answer::kYes;
 }
 
 Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
@@ -24,7 +24,7 @@ Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
       J_ -= std::max(0.0, shaft.J_load);
     } else if (effect->describe_sampling(sampling)) {
       with_memory_.emplace_back(points.size());
-      effect->along(points, record.T_s, with_memory_.back());
+      contributions(*effect, points, record.T_s, with_memory_.back());
       late_ |= acts_on_command(*effect);
     } else if (acts_on_command(*effect)) {
       of_the_command_.push_back(effect.get());

@@ -8,6 +8,7 @@
 #include <limits>
 #include <numbers>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/bus_lines.hpp"
 #include "trace/bus_pictures.hpp"
 #include "trace/bus_pieces.hpp"
@@ -48,9 +49,9 @@ class RippleSearch {
     training_ = runs_of(pieces_, held_out_, false);
     unseen_ = runs_of(pieces_, held_out_, true);
     fitted_ = training_;
-    auto unit = make_effect("dc_bus_ripple");
+    auto unit = make_placed(Traits::Place::kBusLine);
     set_key(*unit, "amplitude_V", 1);
-    smallest_ = 1 / unit->materiality(facts_);
+    smallest_ = 1 / unit->tracing().materiality(facts_);
   }
   BusRipple find();
 
@@ -205,7 +206,7 @@ std::string RippleSearch::refusal(std::size_t n) const {
 
 TracedEffect RippleSearch::effect_of(std::size_t n) const {
   const BusLine& line = lines_[n];
-  const std::shared_ptr<Effect> effect = make_effect("dc_bus_ripple");
+  const std::shared_ptr<Effect> effect = make_placed(Traits::Place::kBusLine);
   set_key(*effect, "amplitude_V", line.amplitude());
   set_key(*effect, "frequency_Hz", line.f);
   set_key(*effect, "phase_rad", line.phase());
@@ -225,7 +226,7 @@ TracedEffect RippleSearch::effect_of(std::size_t n) const {
       with += rest_[k] * rest_[k];
     }
   e.held_out_gain = without > 0 ? 1 - with / without : kUnknown;
-  e.materiality = effect->materiality(facts_);
+  e.materiality = effect->tracing().materiality(facts_);
   return e;
 }
 

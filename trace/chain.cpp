@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/along.hpp"
 #include "trace/keys.hpp"
 
@@ -47,21 +48,16 @@ bool is_of_shaft(const Effect& effect) {
 }
 
 bool turns_with_angle(const Effect& effect) {
-  for (std::string_view kind :
-       {"cogging", "friction_ripple", "eccentric_load", "flux_harmonics", "periodic_torque"})
-    if (effect.kind() == kind) return true;
-  return false;
+  return effect.tracing().traits().period.of_angle() &&
+         !(effect.acts_on() & (kOnCurrents | kOnAngle));
 }
 
 bool turns_at_zero(const Effect& effect) {
-  return effect.kind() == "dead_time" || effect.kind() == "inverter_drop";
+  return is_placed(effect, Traits::Place::kZone);
 }
 
 bool holds_noise(const Effect& effect) {
-  for (std::string_view kind : {"flux_harmonics", "inverter_offset"})
-    if (effect.kind() == kind) return false;
-  if (effect.acts_on() & (kOnFlux | kOnCurrents | kOnAngle | kOnVoltage)) return true;
-  return effect.regressor_count() == 0 || effect.kind() == "inertia";
+  return effect.tracing().traits().noise != Traits::Noise::kNone;
 }
 
 Sampled Chain::sampled(const Channels& clean) const {
@@ -87,12 +83,12 @@ Sampled Chain::sampled(const Channels& clean, const Channels& read,
 
 bool Chain::is_linear(const Effect& effect) const {
   constexpr std::size_t kLooks = 24;
-  if (effect.regressor_count() == 0) return false;
-  std::vector<double> coefficients(static_cast<std::size_t>(effect.regressor_count()));
-  effect.coefficients(coefficients);
+  if (effect.tracing().regressor_count() == 0) return false;
+  std::vector<double> coefficients(static_cast<std::size_t>(effect.tracing().regressor_count()));
+  effect.tracing().coefficients(coefficients);
   for (double& c : coefficients) c *= 2;
   const std::shared_ptr<Effect> twice = effect.clone();
-  twice->set_coefficients(coefficients);
+  twice->tracing().set_coefficients(coefficients);
   const std::vector<OperatingPoint>& points = equations_.points();
   for (std::size_t look = 0; look < kLooks; ++look) {
     const OperatingPoint& point = points[look * (points.size() - 1) / kLooks];
@@ -128,8 +124,8 @@ const std::vector<Sampled>& Chain::recall(Remembered wanted,
 Chain::Remembered Chain::shape_of(const char* what, const Effect& effect) const {
   const std::shared_ptr<Effect> shape = effect.clone();
   if (is_linear(effect))
-    shape->set_coefficients(
-        std::vector<double>(static_cast<std::size_t>(effect.regressor_count()), 0.0));
+    shape->tracing().set_coefficients(
+        std::vector<double>(static_cast<std::size_t>(effect.tracing().regressor_count()), 0.0));
   return {what + std::string(effect.kind()), key_values(*shape), {}};
 }
 
@@ -187,8 +183,8 @@ Sampled Chain::residual(const Effects& effects) const {
           -1);
       continue;
     }
-    std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()));
-    effect->coefficients(coefficients);
+    std::vector<double> coefficients(static_cast<std::size_t>(effect->tracing().regressor_count()));
+    effect->tracing().coefficients(coefficients);
     const std::vector<Sampled>& columns = remembered_columns(*effect);
     for (std::size_t r = 0; r < columns.size(); ++r) add(s, columns[r], -coefficients[r]);
   }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <map>
 
+#include "model/effects/catalogue.hpp"
 #include "model/effects/losses.hpp"
 #include "trace/correction.hpp"
 #include "trace/effect_view.hpp"
@@ -21,32 +22,44 @@ namespace {
 constexpr double kFewRows = 5e-4;  // of all rows, not worth a word
 constexpr double kBlind = 4;       // sigmas a smallest effect must have to be seen
 
-std::shared_ptr<const Effect> with_key(const char* kind, const char* key, double value) {
-  const auto effect = make_effect(kind);
-  set_key(*effect, key, value);
-  return effect;
+using Fault = Traits::FromFault;
+
+// Its size, as a key of the effect has it; 0: not there.
+double size_of(Fault::Fault fault, const DriveFacts& facts, const Health& health) {
+  const auto more_than_few = [](double share) { return share > kFewRows ? share : 0; };
+  switch (fault) {
+    case Fault::kCoarseCurrents:
+      return health.coarse(facts.machine.i_rated) ? health.i_lsb : 0;
+    case Fault::kLimitedCurrents:
+      return std::max(0.0, health.i_limit);
+    case Fault::kMissingRows:
+      return more_than_few(health.missing_share);
+    case Fault::kStaleRows:
+      return more_than_few(health.stale_share);
+    case Fault::kHeldCurrents:
+      return more_than_few(health.held_share);
+  }
+  return 0;
 }
 
 void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r) {
   const auto add = [&](std::shared_ptr<const Effect> effect) {
     TracedEffect e{.effect = effect, .equation = "sensing"};
     e.parameters = traced_parameters(*effect, {});
-    e.materiality = e.effect->materiality(facts);
+    e.materiality = e.effect->tracing().materiality(facts);
     e.from_samples = true;
     r.effects.push_back(std::move(e));
   };
-  if (health.coarse(facts.machine.i_rated))
-    add(with_key("adc_quantisation", "lsb_A", health.i_lsb));
-  if (health.i_limit > 0) add(with_key("adc_clipping", "limit_A", health.i_limit));
-  if (health.missing_share > kFewRows)
-    add(with_key("missing_samples", "share", health.missing_share));
-  if (health.stale_share > kFewRows) add(with_key("stale_samples", "share", health.stale_share));
-  if (health.held_share > kFewRows) {
-    constexpr double kCurrent = 1;  // of its signals, which are all and current
-    const auto held = make_effect("stale_samples");
-    set_key(*held, "share", health.held_share);
-    set_key(*held, "signal", kCurrent);
-    add(held);
+  for (const std::string& kind : kinds_of(Traits::Family::kSamples)) {
+    const Stated<Fault> faults = make_effect(kind)->tracing().traits().faults;
+    for (const Fault& of : faults) {
+      const double size = size_of(of.fault, facts, health);
+      if (size == 0) continue;
+      const auto effect = make_effect(kind);
+      set_key(*effect, of.size_key, size);
+      if (*of.choice_key) set_key(*effect, of.choice_key, of.position);
+      add(effect);
+    }
   }
   r.health = health.lines();
 }
@@ -75,7 +88,7 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
     for (const std::string& alias : e.aliases) best.erase(alias);  // it may be what is there
   }
   for (const auto& [kind, sigma] : best) {
-    if (make_effect(kind)->regressor_count() == 0) continue;
+    if (make_effect(kind)->tracing().regressor_count() == 0) continue;
     if (kBlind * sigma < 1) {
       r.identifiable.push_back(kind);
     } else {
@@ -102,16 +115,17 @@ bool one_bus_voltage(const Record& record) {
 void name_aliases(const Record& record, TraceResult& r) {
   constexpr std::size_t kMostAliases = 2;
   for (TracedEffect& e : r.effects) {
-    if (e.effect->kind() == "dead_time" && e.aliases.size() < kMostAliases &&
-        std::count(e.aliases.begin(), e.aliases.end(), "inverter_drop") == 0 &&
-        one_bus_voltage(record))
-      e.aliases.push_back("inverter_drop");
+    const auto lacks = [&](const Traits::Reading* reading) {
+      return std::count(e.aliases.begin(), e.aliases.end(), reading->kind) == 0;
+    };
+    const auto* drop = reading_of(*e.effect, Traits::Reading::kAtOneBusVoltage);
+    if (drop && e.aliases.size() < kMostAliases && lacks(drop) && one_bus_voltage(record))
+      e.aliases.emplace_back(drop->kind);
     // A torsion that leaves bursts may be a gap, which then is what they are.
+    const auto* gap = reading_of(*e.effect, Traits::Reading::kWhereBurstsRemain);
     const bool loose =
-        e.effect->kind() == "torsion" &&
-        std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
-    if (loose && std::count(e.aliases.begin(), e.aliases.end(), "backlash") == 0)
-      e.aliases.insert(e.aliases.begin(), "backlash");
+        gap && std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
+    if (loose && lacks(gap)) e.aliases.insert(e.aliases.begin(), gap->kind);
     if (e.aliases.empty()) continue;
     Ambiguity a{.kinds = {std::string(e.effect->kind())}};
     a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
@@ -218,7 +232,7 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   const DriveFacts& facts = fitter.chain().equations().facts();
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     TracedEffect e = traced_effect(fitter, fit, selection.members[m], m);
-    if (fit.members[m]->kind() == "periodic_torque") {
+    if (is_placed(*fit.members[m], Traits::Place::kLine)) {
       r.unexplained.push_back(line_structure(*fit.members[m], selection.members[m]));
       r.stop_gaps.push_back(std::move(e));
       continue;
@@ -247,9 +261,10 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   r.corrections = corrections_of(r);
   if (whole) {
     identifiability(fitter, dictionary, fit, r);
-    if (bus.effects.empty() && bus.blind.empty()) r.identifiable.emplace_back("dc_bus_ripple");
+    const std::string ripple(make_placed(Traits::Place::kBusLine)->kind());
+    if (bus.effects.empty() && bus.blind.empty()) r.identifiable.push_back(ripple);
     if (bus.effects.empty() && !bus.blind.empty())
-      r.not_identifiable.emplace_back("dc_bus_ripple", bus.blind);
+      r.not_identifiable.emplace_back(ripple, bus.blind);
   }
   r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
               : r.structured     ? "unexplained"

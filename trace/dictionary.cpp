@@ -4,6 +4,7 @@
 #include <functional>
 #include <utility>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -73,7 +74,7 @@ void start_with(const Record& record, Effect& effect) {
 }
 
 bool adds_to_sensor(const Effect& effect) {
-  return effect.regressor_count() > 0 && (effect.acts_on() & (kOnCurrents | kOnAngle));
+  return effect.tracing().regressor_count() > 0 && (effect.acts_on() & (kOnCurrents | kOnAngle));
 }
 
 bool is_renewed(const Effect& effect) {
@@ -93,7 +94,7 @@ void renew_sensors(const Chain& chain, const Effects& effects, std::vector<Candi
       std::vector<double> coefficients(candidate.columns.size(), 0.0);
       coefficients[r] = kProbe;
       const std::shared_ptr<Effect> probe = candidate.effect->clone();
-      probe->set_coefficients(coefficients);
+      probe->tracing().set_coefficients(coefficients);
       Effects all = effects;
       all.push_back(probe);
       const Sampled there = chain.noiseless(all);
@@ -132,7 +133,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   for (const std::string& kind : effect_kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
-    std::vector<TracedKey> keys = effect->traced_keys();
+    std::vector<TracedKey> keys = effect->tracing().traced_keys();
     if (keys.empty() || searched_elsewhere(keys)) continue;
     if (effect->acts_on() == kOnBus) continue;  // stands in v_dc (trace/bus_ripple.hpp)
     const bool electrical_only = !(effect->acts_on() & ~kOnVoltage);
@@ -145,10 +146,10 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
       if (!at_grid->prepare(equations.facts()).empty()) return;
       const int acts = at_grid->acts_on();
       if (acts == kOnSpeed) return;  // stands in no equation
-      if (kind == "signal_lag" && acts == kOnVoltage && !u_moves) return;
-      if (kind == "signal_lag" && acts == kOnCurrents && !i_moves) return;
+      if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnVoltage && !u_moves) return;
+      if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnCurrents && !i_moves) return;
       Candidate candidate{.effect = at_grid, .columns = {}};
-      if (at_grid->regressor_count() == 0) {
+      if (at_grid->tracing().regressor_count() == 0) {
         candidate.columns.push_back(chain.contribution(*at_grid));
       } else {
         candidate.columns = chain.columns(*at_grid);
@@ -171,9 +172,10 @@ bool Dictionary::renew(const Chain& chain, const Effects& effects) {
   // small part of the fastest period, nothing else.
   const auto turns = [](const Effect& effect) {
     constexpr double kHighestOrder = 60, kSmallPart = 0.4;  // rad of it
-    if (effect.kind() == "encoder_eccentricity")
+    if (!(effect.acts_on() & kOnAngle)) return false;
+    if (effect.tracing().traits().period.of_angle())
       return get_key(effect, "amplitude_rad") * kHighestOrder > kSmallPart;
-    return effect.acts_on() & kOnAngle && effect.kind() != "encoder_offset";
+    return is_of(effect, Traits::Family::kLag);
   };
   Beside now{.sensors = kinds([](const Effect& effect) {
                return effect.acts_on() != kOnTorque || turns_with_angle(effect);

@@ -305,14 +305,15 @@ inline void Equations::explain(std::size_t k, const Contribution& c, Mean how, C
 }
 
 std::vector<Channels> Equations::columns(const Effect& effect) const {
-  const auto count = static_cast<std::size_t>(effect.regressor_count());
+  const EffectTracing& tracing = effect.tracing();
+  const auto count = static_cast<std::size_t>(tracing.regressor_count());
   std::vector<Channels> x(count);
   if (effect.acts_on() & kSensing) {
     for (std::size_t r = 0; r < count; ++r) {
       const std::shared_ptr<Effect> probe = effect.clone();
       std::vector<double> coefficients(count, 0.0);
       coefficients[r] = kProbe;
-      probe->set_coefficients(coefficients);
+      probe->tracing().set_coefficients(coefficients);
       x[r] = contribution(*probe);
       for (std::vector<double>* v : {&x[r].d, &x[r].q, &x[r].torque})
         for (double& value : *v) value /= kProbe;
@@ -324,7 +325,7 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
   std::vector<Before> before(count);
   const Mean how = mean_of(effect);
   for (std::size_t k = 0; k < points_.size(); ++k) {
-    effect.regressors(points_[k], all);
+    tracing.regressors(points_[k], all);
     for (std::size_t r = 0; r < count; ++r) explain(k, all[r], how, x[r], before[r]);
   }
   return x;
@@ -332,12 +333,13 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
 
 std::vector<std::vector<double>> Equations::load_columns(const Effect& effect, std::size_t first,
                                                          std::size_t stride) const {
-  const auto count = static_cast<std::size_t>(effect.regressor_count());
+  const EffectTracing& tracing = effect.tracing();
+  const auto count = static_cast<std::size_t>(tracing.regressor_count());
   std::vector<std::vector<double>> x(count);
   for (std::vector<double>& one : x) one.reserve(points_.size() / stride + 1);
   std::vector<Contribution> all(count);
   for (std::size_t k = first; k < points_.size(); k += stride) {
-    effect.regressors(points_[k], all);
+    tracing.regressors(points_[k], all);
     for (std::size_t r = 0; r < count; ++r) x[r].push_back(all[r].T_load);
   }
   const double of_row = kOfRow / static_cast<double>(stride * stride);

@@ -18,11 +18,14 @@ constexpr double kFaint = 2000, kAliasShareFaint = 0.15;  // is not all noise
 constexpr double kWeak = 60;  // score: with less, the price of a parameter or two decides nothing
 
 std::string equation_of(const Effect& effect) {
-  const int acts = effect.acts_on();
-  if (acts & (kOnCurrents | kOnAngle | kOnSpeed))
-    return effect.kind() == "iron_loss" ? "electrical" : "sensing";
-  if (acts == 0) return "sensing";
-  return acts & (kOnVoltage | kOnFlux | kOnBus) ? "electrical" : "mechanical";
+  switch (effect.tracing().traits().equation) {
+    case Traits::Equation::kElectrical:
+      return "electrical";
+    case Traits::Equation::kMechanical:
+      return "mechanical";
+    default:
+      return "sensing";
+  }
 }
 
 // The larger of the covariances of a white rest and of one that is not.
@@ -55,9 +58,9 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
     if (fit.free[p].member == m) free.push_back(static_cast<Eigen::Index>(p));
   std::map<std::string, double> out;
   const Effect& effect = *fit.members[m];
-  const auto regressors = static_cast<std::size_t>(effect.regressor_count());
+  const auto regressors = static_cast<std::size_t>(effect.tracing().regressor_count());
   std::vector<double> c(regressors);
-  effect.coefficients(c);
+  effect.tracing().coefficients(c);
   for (const NumericKey& key : numeric_keys(effect)) {
     Eigen::VectorXd slope = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
     for (std::size_t i = 0; i < free.size(); ++i) {
@@ -73,7 +76,7 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
       if (h == 0) continue;
       std::vector<double> shifted = c;
       shifted[static_cast<std::size_t>(p.coefficient)] += h;
-      moved->set_coefficients(shifted);
+      moved->tracing().set_coefficients(shifted);
       double change = get_key(*moved, key.key) - key.value;
       if (key.key.ends_with("_rad") && std::abs(change) > kPi)
         change -= std::copysign(kTwoPi, change);
@@ -104,10 +107,10 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
       effect, sigmas(fit, covariance(fitter, fit), m, fitter.chain().equations().record().T_s));
   e.held_out_gain = s.held_out_gain;
   e.delta_bic = -s.score_gain;
-  const double k = std::max(1, effect.regressor_count());
+  const double k = std::max(1, effect.tracing().regressor_count());
   const double ratio = s.without.rss / fit.rss;
   e.p_value = std::isnan(ratio) ? ratio : chi_square_tail(N * (ratio - 1), k);
-  e.materiality = effect.materiality(fitter.chain().equations().facts());
+  e.materiality = effect.tracing().materiality(fitter.chain().equations().facts());
   const auto explains = [&](const Alternative& a) {
     if (s.score_gain > kWeak) return a.score_gain;
     return a.score_gain + std::log(N) * (a.parameters - s.parameters);

@@ -15,17 +15,17 @@ std::vector<FreeParameter> free_parameters(const Members& members) {
   std::vector<FreeParameter> free;
   for (std::size_t m = 0; m < members.size(); ++m) {
     const Effect& effect = *members[m];
-    for (int c = 0; c < effect.regressor_count(); ++c) free.push_back({m, c, ""});
-    for (const TracedKey& key : effect.traced_keys())
-      if (key.refine && (effect.regressor_count() == 0 || !key.linear))
+    for (int c = 0; c < effect.tracing().regressor_count(); ++c) free.push_back({m, c, ""});
+    for (const TracedKey& key : effect.tracing().traced_keys())
+      if (key.refine && (effect.tracing().regressor_count() == 0 || !key.linear))
         free.push_back({m, -1, key.key});
   }
   return free;
 }
 
 std::vector<double> coefficients_of(const Effect& effect) {
-  std::vector<double> c(static_cast<std::size_t>(effect.regressor_count()));
-  effect.coefficients(c);
+  std::vector<double> c(static_cast<std::size_t>(effect.tracing().regressor_count()));
+  effect.tracing().coefficients(c);
   return c;
 }
 
@@ -34,7 +34,7 @@ double move(Effect& effect, const FreeParameter& p, double change) {
   if (p.coefficient >= 0) {
     std::vector<double> c = coefficients_of(effect);
     c[static_cast<std::size_t>(p.coefficient)] += change;
-    effect.set_coefficients(c);
+    effect.tracing().set_coefficients(c);
     return change;
   }
   const double before = get_key(effect, p.key);
@@ -55,10 +55,10 @@ void take_noise(Sampled& x, const Sampled& from) {
 double smallest_coefficient(const Effect& effect, int coefficient, const DriveFacts& facts) {
   constexpr double kProbe = 1e-3;
   const std::shared_ptr<Effect> one = effect.clone();
-  std::vector<double> c(static_cast<std::size_t>(effect.regressor_count()), 0.0);
+  std::vector<double> c(static_cast<std::size_t>(effect.tracing().regressor_count()), 0.0);
   c[static_cast<std::size_t>(coefficient)] = kProbe;
-  one->set_coefficients(c);
-  const double sizes = one->materiality(facts);
+  one->tracing().set_coefficients(c);
+  const double sizes = one->tracing().materiality(facts);
   return sizes > 0 && std::isfinite(sizes) ? kProbe / sizes : kProbe;
 }
 
@@ -81,7 +81,7 @@ bool has_shaft(const Members& members) {
 
 bool tells(const Effect& effect, std::size_t coefficient, double energy, const DriveFacts& facts) {
   constexpr double kMostSizes = 10;
-  if (effect.regressor_count() == 0) return true;
+  if (effect.tracing().regressor_count() == 0) return true;
   if (!(energy > 0)) return false;
   return 1 / std::sqrt(energy) <
          kMostSizes * smallest_coefficient(effect, static_cast<int>(coefficient), facts);

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/static_sets.hpp"
 
@@ -71,11 +72,9 @@ StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
 std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFacts& facts) {
   const double threshold_V = get_key(drop, "threshold_V");
   if (threshold_V < 0 || facts.v_dc <= 0 || facts.f_pwm <= 0) return nullptr;
-  auto dead_time = make_effect("dead_time");
-  for (const char* key : {"linear_current_A", "shape"})
-    set_key(*dead_time, key, get_key(drop, key));
-  const bool fits = set_key(*dead_time, "dead_time_s", threshold_V / (facts.v_dc * facts.f_pwm));
-  return fits && dead_time->prepare(facts).empty() ? dead_time : nullptr;
+  const OtherName dead_time =
+      read_as(drop, *reading_of(drop, Traits::Reading::kItsThreshold), facts);
+  return dead_time.fits && dead_time.effect->prepare(facts).empty() ? dead_time.effect : nullptr;
 }
 
 }  // namespace twinrate

@@ -4,6 +4,7 @@
 #include <limits>
 #include <string_view>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/selection.hpp"
 #include "trace/settling.hpp"
@@ -46,7 +47,11 @@ class Judge {
   }
 
  private:
-  static constexpr const char* kSlope = "resistance_Ohm";
+  // The key of its slope; null for an effect without one.
+  static const char* slope_of(const Effect& effect) {
+    const Traits::Reading* slope = reading_of(effect, Traits::Reading::kItsSlope);
+    return slope ? slope->keys.begin()->from : nullptr;
+  }
 
   // The others of the set without one, and what could stand in its place.
   struct WithoutOne {
@@ -67,19 +72,21 @@ class Judge {
     const auto until =
         s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
     Fit fit = fitter_.refine(with(look.without.members, s.effect), until);
-    if (!fit.valid && s.effect->kind() == "inverter_drop") fit = with_flat_drop(fit);
+    if (!fit.valid && slope_of(*s.effect)) fit = with_flat_drop(fit);
     look.refined.emplace_back(s.effect.get(), std::move(fit));
     return look.refined.back().second;
   }
   // Noise may tilt a device's drop below zero: a flat one is what there can be of it.
   Fit with_flat_drop(const Fit& fit) const {
     Members members = with(fit.members, nullptr);
-    if (get_key(*members.back(), kSlope) >= 0) return fit;
-    set_key(*members.back(), kSlope, 0);
+    const char* slope = slope_of(*members.back());
+    if (get_key(*members.back(), slope) >= 0) return fit;
+    set_key(*members.back(), slope, 0);
     return fitter_.start(std::move(members));
   }
   static bool is_flat_drop(const Effect& effect) {
-    return effect.kind() == "inverter_drop" && get_key(effect, kSlope) == 0;
+    const char* slope = slope_of(effect);
+    return slope && get_key(effect, slope) == 0;
   }
 
   // Puts one other kind in the place of a member where that is better, and no worse where nothing
@@ -95,7 +102,7 @@ class Judge {
         if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
         // Another form of what has coefficients is tried when all else has settled.
         const bool settled_later = s.effect->kind() == selection_.fit.members[m]->kind() &&
-                                   s.effect->regressor_count() > 0;
+                                   s.effect->tracing().regressor_count() > 0;
         if (settled_later || same_form(*s.effect, *selection_.fit.members[m])) continue;
         ++tried;
         Fit next = refined(looks_.back(), s);

@@ -83,6 +83,11 @@ std::vector<double> key_values(const Effect& effect) {
   return values;
 }
 
+bool has_key(const Effect& effect, const std::string& key) {
+  const std::vector<NumericKey> keys = numeric_keys(effect);
+  return std::any_of(keys.begin(), keys.end(), [&](const NumericKey& k) { return k.key == key; });
+}
+
 double get_key(const Effect& effect, const std::string& key) {
   for (const NumericKey& k : numeric_keys(effect))
     if (k.key == key) return k.value;
@@ -95,6 +100,16 @@ bool set_key(Effect& effect, const std::string& key, double value) {
   if (!setter.found)
     throw std::logic_error(std::string(effect.kind()) + " has no numeric key " + key);
   return setter.inside;
+}
+
+OtherName read_as(const Effect& effect, const Traits::Reading& reading, const DriveFacts& facts) {
+  OtherName other{.effect = make_effect(reading.kind)};
+  for (const Traits::KeyPair& pair : reading.keys) {
+    const double volts =
+        pair.scale == Traits::KeyPair::kPerSwitchedVolt ? facts.v_dc * facts.f_pwm : 1;
+    other.fits = set_key(*other.effect, pair.to, get_key(effect, pair.from) / volts) && other.fits;
+  }
+  return other;
 }
 
 bool within_ranges(const Effect& effect) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <unsupported/Eigen/FFT>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -69,7 +70,7 @@ std::size_t strongest(const std::vector<double>& power, Allowed&& allowed) {
 }
 
 Candidate line(const Chain& chain, const char* key, double value) {
-  Candidate candidate{.effect = make_effect("periodic_torque"), .columns = {}};
+  Candidate candidate{.effect = make_placed(Traits::Place::kLine), .columns = {}};
   set_key(*candidate.effect, key, value);
   for (const Sampled& x : chain.columns(*candidate.effect))
     candidate.columns.push_back(chain.regressor(x));

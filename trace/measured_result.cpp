@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/static_picture.hpp"
 
@@ -54,7 +55,7 @@ TracedEffect traced_effect(const StaticTrace& trace, std::size_t i, bool& interr
   // Of the fall of the training cost, as a likelihood ratio.
   e.p_value =
       std::isfinite(own.delta_bic) ? std::exp(std::min(0.0, 0.5 * own.delta_bic)) : kNotJudged;
-  e.materiality = e.effect->materiality(trace.problem.facts);
+  e.materiality = e.effect->tracing().materiality(trace.problem.facts);
   return e;
 }
 
@@ -72,23 +73,29 @@ EquationError channel_error(const StaticTrace& trace, Eigen::Index channel, cons
 }
 
 void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
-  const StaticTerm* drop = trace.selection.after.find("inverter_drop");
-  if (!drop) return;
+  const std::vector<StaticTerm>& terms = trace.selection.after.terms;
+  const auto drop = std::find_if(terms.begin(), terms.end(), [](const StaticTerm& term) {
+    return reading_of(*term.effect, Traits::Reading::kItsThreshold);
+  });
+  if (drop == terms.end()) return;
+  const std::string kind(drop->effect->kind()),
+      threshold = reading_of(*drop->effect, Traits::Reading::kItsThreshold)->kind,
+      slope = reading_of(*drop->effect, Traits::Reading::kItsSlope)->kind;
   const auto dead_time = equivalent_dead_time(*drop->effect, trace.problem.facts);
   for (TracedEffect& e : r.effects)
-    if (e.effect->kind() == "inverter_drop") e.aliases = {"dead_time"};
+    if (e.effect->kind() == kind) e.aliases = {threshold};
   std::string same = "a dead time of that shape is the same curve at one bus voltage";
   if (dead_time)
     same = fmt::format("a dead time of {:.2f} us at {} V and {} Hz is the same curve",
                        1e6 * get_key(*dead_time, "dead_time_s"), trace.problem.facts.v_dc,
                        trace.problem.facts.f_pwm);
   r.ambiguous.push_back(
-      {{"inverter_drop", "dead_time"},
+      {{kind, threshold},
        same,
        "the same curve at another bus voltage: the loss of a dead time grows with "
        "it, that of a device does not"});
   r.ambiguous.push_back(
-      {{"resistance", "inverter_drop"},
+      {{slope, kind},
        "the slope of the switches' forward voltage is part of the resistance found",
        "the resistance of the winding measured without the inverter"});
 }

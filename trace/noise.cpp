@@ -4,6 +4,7 @@
 #include <cmath>
 #include <deque>
 
+#include "model/effects/catalogue.hpp"
 #include "model/random.hpp"
 #include "trace/loop_response.hpp"
 
@@ -81,26 +82,6 @@ double noise_scale(const Whitener& whitener, const Eigen::VectorXd& own,
   return std::sqrt(std::clamp(ratio, 0.5, 2.0));
 }
 
-// Effects whose columns together hold the residual's own noise, however large they are beside it.
-bool may_mimic_noise(const Effect& effect) {
-  for (std::string_view kind :
-       {"inductance", "saturation", "cross_saturation", "inertia", "voltage_gain", "current_gain",
-        "iron_loss", "encoder_eccentricity"})
-    if (effect.kind() == kind) return true;
-  // A late angle turns the voltage by far more than noise; what tells it from a late voltage, and a
-  // filter from a delay, is noise again.
-  SamplingFacts late;
-  const bool late_angle = effect.kind() == "signal_lag" && effect.describe_sampling(late) &&
-                          late.delay[SamplingFacts::kAngle] > 0;
-  return effect.regressor_count() == 0 && !late_angle;
-}
-
-// Each of the columns is clean where current flows along q, and what all phases share is i_d: where
-// none flows, nothing but noise.
-bool may_sum_to_noise(const Effect& effect) {
-  return effect.kind() == "phase_asymmetry";
-}
-
 // A column that does not hold that noise, to estimate it from.
 bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise,
               const Eigen::VectorXd& answer) {
@@ -168,11 +149,12 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   };
   std::deque<Sampled> differences;  // pushing leaves the others where they are
   for (const Candidate& c : dictionary.sampled) {
-    if (c.effect->kind() == "torsion" &&
+    if (is_placed(*c.effect, Traits::Place::kShaft) &&
         is_clean(c.columns[0].torque, c.columns[0].noise_torque, c.columns[0].answer_torque))
       shafts.push_back(&c.columns[0].torque);
-    if (may_mimic_noise(*c.effect)) continue;
-    if (!may_sum_to_noise(*c.effect)) {
+    const Traits::Noise noise = c.effect->tracing().traits().noise;
+    if (noise == Traits::Noise::kMimics) continue;
+    if (noise != Traits::Noise::kInSum) {
       for (const Sampled& x : c.columns) take(x);
       continue;
     }

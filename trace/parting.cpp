@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/static_sets.hpp"
 
@@ -26,24 +27,28 @@ TracedEffect in_place_of(const TracedEffect& whole, std::shared_ptr<Effect> part
   TracedEffect traced = whole;
   traced.aliases.clear();
   traced.parameters = traced_parameters(*part, sigmas);
-  traced.materiality = part->materiality(facts);
+  traced.materiality = part->tracing().materiality(facts);
   traced.effect = std::move(part);
   return traced;
 }
 
-TracedEffect resistance(const TracedEffect& whole, double change, double sigma,
-                        const DriveFacts& facts) {
-  std::shared_ptr<Effect> part = make_effect("resistance");
-  set_key(*part, "change_Ohm", change);
-  return in_place_of(whole, std::move(part), {{"change_Ohm", sigma}}, facts);
+// The part of a reading whose keys all stand for one of the other effect.
+TracedEffect part_of(const TracedEffect& whole, const Traits::Reading& reading, double value,
+                     double sigma, const DriveFacts& facts) {
+  std::shared_ptr<Effect> part = make_effect(reading.kind);
+  const char* key = reading.keys.begin()->to;
+  set_key(*part, key, value);
+  return in_place_of(whole, std::move(part), {{key, sigma}}, facts);
 }
 
-std::vector<TracedEffect> part_asymmetry(TracedEffect whole, const DriveFacts& facts) {
-  static const char* const kKeys[] = {"change_a_Ohm", "change_b_Ohm", "change_c_Ohm"};
+std::vector<TracedEffect> part_asymmetry(TracedEffect whole, const Traits::Reading& reading,
+                                         const DriveFacts& facts) {
+  std::vector<const char*> keys;
+  for (const Traits::KeyPair& pair : reading.keys) keys.push_back(pair.from);
   // Of one sign: the smallest of them; else nothing.
-  const char* least = kKeys[0];
+  const char* least = keys[0];
   bool positive = true, negative = true;
-  for (const char* key : kKeys) {
+  for (const char* key : keys) {
     const double change = get_key(*whole.effect, key);
     positive = positive && change > 0;
     negative = negative && change < 0;
@@ -52,16 +57,18 @@ std::vector<TracedEffect> part_asymmetry(TracedEffect whole, const DriveFacts& f
   if (!positive && !negative) return {std::move(whole)};
   const double common = get_key(*whole.effect, least);
   auto sigmas = sigmas_of(whole);
-  TracedEffect same = resistance(whole, common, sigmas[least], facts);
+  TracedEffect same = part_of(whole, reading, common, sigmas[least], facts);
   if (same.materiality < 1) return {std::move(whole)};
   sigmas.erase(least);
   const std::shared_ptr<Effect> rest = whole.effect->clone();
-  for (const char* key : kKeys) set_key(*rest, key, get_key(*rest, key) - common);
+  for (const char* key : keys) set_key(*rest, key, get_key(*rest, key) - common);
   return {in_place_of(whole, rest, sigmas, facts), std::move(same)};
 }
 
-std::vector<TracedEffect> part_drop(TracedEffect whole, const DriveFacts& facts) {
-  const double slope = get_key(*whole.effect, "resistance_Ohm");
+std::vector<TracedEffect> part_drop(TracedEffect whole, const Traits::Reading& reading,
+                                    const DriveFacts& facts) {
+  const char* slope_key = reading.keys.begin()->from;
+  const double slope = get_key(*whole.effect, slope_key);
   const auto dead_time = equivalent_dead_time(*whole.effect, facts);
   if (slope < kSlope * facts.machine.R_s || !dead_time) return {std::move(whole)};
   auto sigmas = sigmas_of(whole);
@@ -71,18 +78,20 @@ std::vector<TracedEffect> part_drop(TracedEffect whole, const DriveFacts& facts)
                    {"linear_current_A", sigmas["linear_current_A"]}},
                   facts);
   if (time.materiality < 1) return {std::move(whole)};
-  time.aliases = {"inverter_drop"};
+  time.aliases = {std::string(whole.effect->kind())};
   // A slope without a sigma was not fitted: the record does not separate it from the threshold.
-  const auto sigma = sigmas.find("resistance_Ohm");
+  const auto sigma = sigmas.find(slope_key);
   if (sigma == sigmas.end() || slope < kKnown * sigma->second) return {std::move(time)};
-  return {std::move(time), resistance(whole, slope, sigma->second, facts)};
+  return {std::move(time), part_of(whole, reading, slope, sigma->second, facts)};
 }
 
 }  // namespace
 
 std::vector<TracedEffect> parted(TracedEffect effect, const DriveFacts& facts) {
-  if (effect.effect->kind() == "phase_asymmetry") return part_asymmetry(std::move(effect), facts);
-  if (effect.effect->kind() == "inverter_drop") return part_drop(std::move(effect), facts);
+  if (const auto* reading = reading_of(*effect.effect, Traits::Reading::kItsCommonPart))
+    return part_asymmetry(std::move(effect), *reading, facts);
+  if (const auto* reading = reading_of(*effect.effect, Traits::Reading::kItsSlope))
+    return part_drop(std::move(effect), *reading, facts);
   return {std::move(effect)};
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/shaft_search.hpp"
 
@@ -59,13 +60,13 @@ std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const
       columns.push_back(fitter.chain().regressor(x));
     Eigen::VectorXd c;
     const double explained = explained_everywhere(fitter, now, columns, c);
-    there->set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
+    there->tracing().set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
     if (!(explained > (1 + kRounding) * most) || !fitter.chain().equations().possible(*there))
       return;
     most = explained;
     best = there;
   };
-  for (const TracedKey& key : effect.traced_keys())
+  for (const TracedKey& key : effect.tracing().traced_keys())
     if (std::string_view(key.key) == kZone)
       for (double zone_A : key.grid) look(zone_A);
   for (double factor : {1.3, 1.14, 1.07, 1.03}) {
@@ -82,7 +83,7 @@ std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect) {
   const Chain& chain = fitter.chain();
-  if (effect->kind() == "torsion") {
+  if (is_placed(*effect, Traits::Place::kShaft)) {
     const ShaftSearch search(chain, now.members, ShaftSearch::Inertia::kKnown);
     const ShaftSearch::Point found = search.descend(search.at(effect), kTriedTorsion, kFirstStep);
     const Fit there = fitter.start(with(now.members, found.shaft));
@@ -93,7 +94,7 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
     const std::shared_ptr<Effect> best = in_best_zone(fitter, now, *effect);
     return best ? best : effect;
   }
-  if (effect->kind() != "load_step") return effect;
+  if (!is_placed(*effect, Traits::Place::kMoment)) return effect;
   // Over all blocks: where it stands in a held-out one only that shows the moment. Behind a shaft a
   // step does more than step.
   const double T = get_key(*effect, "torque_Nm");
@@ -130,7 +131,7 @@ std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
   constexpr std::size_t kStarts = 4;
   std::vector<std::shared_ptr<Effect>> grid;
   for (const Candidate& c : candidates)
-    if (c.effect->kind() == "torsion") grid.push_back(c.effect->clone());
+    if (is_placed(*c.effect, Traits::Place::kShaft)) grid.push_back(c.effect->clone());
   if (grid.empty()) return nullptr;
   const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kKnown);
   ShaftSearch::Points starts = search.at(std::move(grid));
@@ -142,9 +143,10 @@ std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
 
 std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
-  const std::vector<double> gaps = make_effect("backlash")->traced_keys().at(0).grid;
+  const std::vector<double> gaps =
+      make_placed(Traits::Place::kGap)->tracing().traced_keys().at(0).grid;
   const auto start = [&](double gap_rad, double J_load, double stiffness, double damping) {
-    const std::shared_ptr<Effect> gap = make_effect("backlash");
+    const std::shared_ptr<Effect> gap = make_placed(Traits::Place::kGap);
     set_key(*gap, "gap_rad", gap_rad);
     set_key(*gap, "J_load_kgm2", J_load);
     set_key(*gap, "stiffness_Nm_rad", stiffness);
@@ -206,11 +208,11 @@ Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft) {
       search.descend(search.along_keys(search.at(shaft.clone())), kTriedCloser, 0.2 * kFirstStep);
   Fit gap = fitter.refine(with(now.members, best.shaft));
   const bool known = std::any_of(now.members.begin(), now.members.end(),
-                                 [](const auto& m) { return m->kind() == "inertia"; });
+                                 [](const auto& m) { return is_of(*m, Traits::Family::kInertia); });
   if (known ||
       std::abs(best.inertia) < kWrongInertia * fitter.chain().equations().facts().machine.J)
     return gap;
-  const std::shared_ptr<Effect> inertia = make_effect("inertia");
+  const std::shared_ptr<Effect> inertia = make_of(Traits::Family::kInertia);
   set_key(*inertia, "change_kgm2", best.inertia);
   Fit both = fitter.refine(with(with(now.members, inertia), best.shaft));
   const bool better = both.valid && score_of(fitter, both) < score_of(fitter, gap) &&

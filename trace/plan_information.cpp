@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/noise.hpp"
 #include "trace/tracer.hpp"
@@ -41,8 +42,9 @@ bool is_of_a_moment(const std::vector<TracedKey>& keys) {
 bool may_plan(const std::string& kind) {
   const std::vector<std::string>& outside = kinds_outside_the_design();
   if (std::find(outside.begin(), outside.end(), kind) != outside.end()) return false;
-  const std::vector<TracedKey> keys = make_effect(kind)->traced_keys();
-  return !keys.empty() && (!is_of_a_moment(keys) || kind == "load_step");
+  const std::shared_ptr<Effect> effect = make_effect(kind);
+  const std::vector<TracedKey> keys = effect->tracing().traced_keys();
+  return !keys.empty() && (!is_of_a_moment(keys) || is_placed(*effect, Traits::Place::kMoment));
 }
 
 // A torque from the beginning on becomes a step at any moment that halves the rows: each has it as
@@ -60,9 +62,10 @@ std::vector<std::shared_ptr<Effect>> thinned_effects(const DriveFacts& facts,
   for (const std::string& kind : plannable_kinds()) {
     if (!kinds.empty() && !kinds.count(kind)) continue;
     const std::shared_ptr<Effect> effect = make_effect(kind);
-    effect->prepare(facts);                                  // a grid may depend on the drive
-    if (kind == "load_step") set_key(*effect, "time_s", 0);  // halved below
-    over_thinned(*effect, effect->traced_keys(), 0, facts.machine.n_p, [&] {
+    effect->prepare(facts);  // a grid may depend on the drive
+    const Traits traits = effect->tracing().traits();
+    if (traits.place == Traits::Place::kMoment) set_key(*effect, traits.repeats.key, 0);  // halved
+    over_thinned(*effect, effect->tracing().traced_keys(), 0, facts.machine.n_p, [&] {
       const std::shared_ptr<Effect> at_grid = effect->clone();
       if (at_grid->prepare(facts).empty()) all.push_back(at_grid);
     });
@@ -72,16 +75,16 @@ std::vector<std::shared_ptr<Effect>> thinned_effects(const DriveFacts& facts,
 
 PlanGroup group_of(const std::shared_ptr<Effect>& effect, const DriveFacts& facts) {
   PlanGroup group;
-  if (effect->regressor_count() > 0) {
-    group.count = effect->regressor_count();
+  if (effect->tracing().regressor_count() > 0) {
+    group.count = effect->tracing().regressor_count();
     group.size = [effect, facts](const Eigen::VectorXd& c) {
       const std::shared_ptr<Effect> sized = effect->clone();
-      sized->set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
-      return sized->materiality(facts);
+      sized->tracing().set_coefficients(std::vector<double>(c.data(), c.data() + c.size()));
+      return sized->tracing().materiality(facts);
     };
   } else {
     group.count = 1;
-    group.size = [size = effect->materiality(facts)](const Eigen::VectorXd& c) {
+    group.size = [size = effect->tracing().materiality(facts)](const Eigen::VectorXd& c) {
       return size * c[0];
     };
   }
@@ -161,7 +164,9 @@ Record excerpt(const Record& record, double longest_s, double& part) {
 }
 
 const std::vector<std::string>& kinds_outside_the_design() {
-  static const std::vector<std::string> kKinds{"backlash", "dc_bus_ripple"};
+  static const std::vector<std::string> kKinds = kinds_with([](const Traits& traits) {
+    return traits.place == Traits::Place::kGap || traits.place == Traits::Place::kBusLine;
+  });
   return kKinds;
 }
 
@@ -203,7 +208,7 @@ PlanInformation plan_information(const Record& record, const Health& health,
 
   Dictionary dictionary;
   for (const auto& effect : thinned_effects(facts, kinds))
-    dictionary.sampled.push_back({effect, effect->regressor_count() > 0
+    dictionary.sampled.push_back({effect, effect->tracing().regressor_count() > 0
                                               ? chain.columns(*effect)
                                               : std::vector<Sampled>{chain.contribution(*effect)}});
   chain.set_noise(NoiseFit()(chain, chain.residual({}), dictionary));
@@ -229,7 +234,7 @@ PlanInformation plan_information(const Record& record, const Health& health,
     add_channel(columns, &Sampled::torque, &Sampled::noise_torque, &Sampled::answer_torque,
                 outputs(sampler.torque(), span), sum);
     for (const PlanGroup& g : all.groups)
-      if (all.kinds[g.kind] == "load_step") halve(g, sum);
+      if (is_placed(*make_effect(all.kinds[g.kind]), Traits::Place::kMoment)) halve(g, sum);
     out.pieces.push_back(std::move(sum));
   }
   return out;

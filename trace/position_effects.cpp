@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/measured_result.hpp"
 
@@ -31,7 +32,7 @@ TracedEffect traced(std::shared_ptr<Effect> effect, std::string equation,
   e.delta_bic =
       -z2 + evidence.freedom * std::log(std::max<double>(2, static_cast<double>(evidence.rows)));
   e.p_value = evidence.freedom > 1 ? std::exp(-z2 / 2) : std::erfc(evidence.z / std::sqrt(2.0));
-  e.materiality = effect->materiality(facts);
+  e.materiality = effect->tracing().materiality(facts);
   e.effect = std::move(effect);
   return e;
 }
@@ -45,14 +46,14 @@ std::shared_ptr<Effect> sine_effect(const char* kind, const Harmonic& h) {
 }
 
 // What stands still in stator axes, or comes with the poles, shows at the same orders.
-std::vector<std::string> aliases_of_order(int order, int n_p) {
-  if (order == n_p) return {"current_offset"};
-  if (order == 2 * n_p) return {"current_gain"};
+std::vector<std::string> aliases_of_order(const Effect& effect, int order, int n_p) {
+  if (order == n_p) return kinds_read(effect, Traits::Reading::kAtOrderOfPolePairs);
+  if (order == 2 * n_p) return kinds_read(effect, Traits::Reading::kAtTwiceThatOrder);
   return {};
 }
 
 std::shared_ptr<Effect> lag_effect(int signal, double lag, double delay_share) {
-  auto effect = make_effect("signal_lag");
+  auto effect = make_of(Traits::Family::kLag);
   set_key(*effect, "signal", signal);
   set_key(*effect, "form", delay_share >= 1 ? 0 : 1);
   set_key(*effect, "lag_s", lag);
@@ -80,7 +81,8 @@ void add_periodic(const Found& found, const Judge& judge, const DriveFacts& fact
                   .without = judge.error(found, model),
                   .with = with},
                  facts));
-      r.effects.back().aliases = aliases_of_order(h.order, facts.machine.n_p);
+      TracedEffect& e = r.effects.back();
+      e.aliases = aliases_of_order(*e.effect, h.order, facts.machine.n_p);
     }
   };
   add("cogging", &HoldingTorque::cogging);
@@ -130,7 +132,7 @@ void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts
   r.constants.push_back({"J", "kgm2", J, sigma, ""});
   const double change = J - facts.machine.J;
   if (std::abs(change) < 0.03 * facts.machine.J || std::abs(change) < 5 * sigma) return;
-  auto effect = make_effect("inertia");
+  auto effect = make_of(Traits::Family::kInertia);
   const std::string key = numeric_keys(*effect).front().key;
   if (!set_key(*effect, key, change)) return;
   MotionModel declared = found.model();
@@ -141,7 +143,8 @@ void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts
                               .without = judge.error(found, declared),
                               .with = judge.error(found, found.model())},
                              facts));
-  r.effects.back().aliases = {"flux_linkage", "current_gain"};
+  TracedEffect& e = r.effects.back();
+  e.aliases = kinds_read(*e.effect, Traits::Reading::kWithoutVoltage);
 }
 
 void add_lags(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r) {
@@ -189,7 +192,7 @@ void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r) {
   if (v.K_e > 0)
     r.identifiable.push_back(fmt::format("psi_f = {:.4g} Wb from the EMF, declared {:.4g}",
                                          v.K_e / facts.machine.n_p, facts.machine.psi_f));
-  auto effect = make_effect("resistance");
+  auto effect = make_of(Traits::Family::kResistance);
   const double change = v.R - R_s;
   set_key(*effect, "change_Ohm", change);
   r.constants.push_back({"R_s", "Ohm", v.R, v.sigma_R, ""});

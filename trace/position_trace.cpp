@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "model/frames.hpp"
 #include "trace/measured_result.hpp"
 #include "trace/position_effects.hpp"
@@ -58,7 +59,7 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
     if (e.effect->kind() == "cogging") continue;
     if (e.effect->kind() == "coulomb_friction")
       parts.push_back(fmt::format("Coulomb friction {:.2f} mNm", 1e3 * found.T_C()));
-    else if (e.effect->kind() == "signal_lag")
+    else if (is_of(*e.effect, Traits::Family::kLag))
       parts.push_back(
           e.only_in_log
               ? fmt::format("a filter of {:.0f} ms in the logged current", 1e3 * found.holding.lag)

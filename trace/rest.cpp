@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "model/effects/materiality.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
@@ -155,48 +156,65 @@ Structure line_structure(const Effect& effect, const Selected& selected) {
 
 namespace {
 
-bool has(const std::vector<std::string>& kinds, const char* kind) {
-  return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
+using Run = Traits::Run;
+
+const char* text_of(Run run) {
+  switch (run) {
+    case Run::kTwoBusVoltages:
+      return "runs at two bus voltages: dead time's loss is in proportion to v_dc, a device's drop "
+             "is not";
+    case Run::kUncoupled:
+      return "the same run with the load taken off the shaft";
+    case Run::kWindingAlone:
+      return "the winding's resistance measured at its terminals";
+    case Run::kStandstillWithoutVoltage:
+      return "a run at standstill without voltage: only the offset of the sensor remains";
+    case Run::kFastWithoutLoad:
+      return "a faster run without load: there the voltage is mostly EMF";
+    case Run::kLoadStepsAndCurrents:
+      return "a run with load steps at several speeds and with i_d of both signs";
+    case Run::kReversals:
+      return "a run with fast speed reversals and one with a slow ramp";
+    case Run::kSlowBothWays:
+      return "slow runs in both directions, with and without load";
+    case Run::kConstantSpeeds:
+      return "constant speeds from standstill to rated speed in both directions";
+    default:
+      return "a run that varies speed, load and i_d independently";
+  }
 }
 
-std::string run_that_separates(const std::vector<std::string>& kinds) {
-  if (has(kinds, "current_offset") && has(kinds, "inverter_offset"))
-    return "a run at standstill without voltage: only the offset of the sensor remains";
-  if (has(kinds, "resistance") && has(kinds, "voltage_gain"))
-    return "a faster run without load: there the voltage is mostly EMF";
-  if (has(kinds, "flux_linkage") &&
-      (has(kinds, "current_gain") || has(kinds, "encoder_offset") || has(kinds, "voltage_gain")))
-    return "a run with load steps at several speeds and with i_d of both signs";
-  if (has(kinds, "inertia") || has(kinds, "torsion") || has(kinds, "backlash"))
-    return "a run with fast speed reversals and one with a slow ramp";
-  if (has(kinds, "cogging") || has(kinds, "current_gain") || has(kinds, "friction_ripple") ||
-      has(kinds, "eccentric_load") || has(kinds, "flux_harmonics") ||
-      has(kinds, "encoder_eccentricity"))
-    return "slow runs in both directions, with and without load";
-  if (has(kinds, "viscous_friction") || has(kinds, "coulomb_friction") ||
-      has(kinds, "stribeck_friction") || has(kinds, "fan_load") || has(kinds, "constant_load") ||
-      has(kinds, "iron_loss"))
-    return "constant speeds from standstill to rated speed in both directions";
-  return "a run that varies speed, load and i_d independently";
+// The first of the runs that the kinds themselves and, two by two, their relatives name.
+Run run_that_separates(const std::vector<std::string>& kinds) {
+  Run first = Run::kVaried;
+  const auto may = [&](Run run) {
+    const bool of_two_alone = run == Run::kUncoupled || run == Run::kWindingAlone;
+    if (!of_two_alone || kinds.size() == 2) first = std::min(first, run);
+  };
+  for (const std::string& kind : kinds) {
+    const Traits traits = make_effect(kind)->tracing().traits();
+    may(traits.told_by);
+    for (const Traits::Relative& relative : traits.relatives)
+      if (std::count(kinds.begin(), kinds.end(), relative.kind)) may(relative.run);
+  }
+  return first;
+}
+
+bool is_beyond_a_run(Run run) {
+  return run <= Run::kWindingAlone;
 }
 
 }  // namespace
 
 std::string beyond_a_run(const std::vector<std::string>& kinds) {
-  if (has(kinds, "dead_time") && has(kinds, "inverter_drop"))
-    return "runs at two bus voltages: dead time's loss is in proportion to v_dc, a device's drop "
-           "is not";
-  if (kinds.size() != 2) return "";
-  if (has(kinds, "eccentric_load") && has(kinds, "cogging"))
-    return "the same run with the load taken off the shaft";
-  if (has(kinds, "resistance") && has(kinds, "inverter_drop"))
-    return "the winding's resistance measured at its terminals";
-  return "";
+  const Run run = run_that_separates(kinds);
+  return is_beyond_a_run(run) ? text_of(run) : "";
 }
 
 std::string what_separates(const std::vector<std::string>& kinds) {
-  if (const std::string other = beyond_a_run(kinds); !other.empty()) return other;
-  return run_that_separates(kinds) + " (twinrate trace --plan proposes one)";
+  const Run run = run_that_separates(kinds);
+  const char* proposal = is_beyond_a_run(run) ? "" : " (twinrate trace --plan proposes one)";
+  return std::string(text_of(run)) + proposal;
 }
 
 }  // namespace twinrate

@@ -8,11 +8,11 @@
 namespace twinrate {
 namespace {
 
-bool may_repeat(std::string_view kind) {
-  for (std::string_view k :
-       {"cogging", "flux_harmonics", "load_step", "signal_lag", "periodic_torque"})
-    if (kind == k) return true;
-  return false;
+// The key to which the effect is in proportion; null where there is none.
+const char* linear_key_of(const Effect& effect) {
+  for (const TracedKey& key : effect.tracing().traced_keys())
+    if (key.linear) return key.key;
+  return nullptr;
 }
 
 // The same effect at the same place, or another form of one that is there only once.
@@ -21,27 +21,27 @@ bool taken(const Fit& fit, const Effect& effect) {
   if (effect.describe_shaft(shaft) && has_shaft(fit.members)) return true;
   for (const auto& m : fit.members) {
     if (m->kind() != effect.kind()) continue;
-    if (!may_repeat(effect.kind())) return true;
-    if (repeats_step(*m, effect)) return true;
-    if (effect.kind() == "load_step" || effect.kind() == "periodic_torque") continue;
-    const char* key = effect.kind() == "signal_lag" ? "signal" : "order";
-    if (get_key(*m, key) == get_key(effect, key)) return true;
+    const Traits::Repeats repeats = effect.tracing().traits().repeats;
+    if (repeats.how == Traits::Repeats::kOnce || repeats_nearby(*m, effect)) return true;
+    if (repeats.how == Traits::Repeats::kByKey &&
+        get_key(*m, repeats.key) == get_key(effect, repeats.key))
+      return true;
   }
   return false;
 }
 
 }  // namespace
 
-bool repeats_step(const Effect& member, const Effect& newcomer) {
-  constexpr double kOneStep_s = 0.25;
-  return member.kind() == "load_step" && newcomer.kind() == "load_step" &&
-         std::abs(get_key(member, "time_s") - get_key(newcomer, "time_s")) < kOneStep_s;
+bool repeats_nearby(const Effect& member, const Effect& newcomer) {
+  const Traits::Repeats repeats = newcomer.tracing().traits().repeats;
+  return member.kind() == newcomer.kind() && repeats.distance > 0 &&
+         std::abs(get_key(member, repeats.key) - get_key(newcomer, repeats.key)) < repeats.distance;
 }
 
 std::size_t parameters_of(const Effect& effect) {
-  auto count = static_cast<std::size_t>(effect.regressor_count());
-  for (const TracedKey& key : effect.traced_keys())
-    if (!key.linear || effect.regressor_count() == 0) ++count;
+  auto count = static_cast<std::size_t>(effect.tracing().regressor_count());
+  for (const TracedKey& key : effect.tracing().traced_keys())
+    if (!key.linear || effect.tracing().regressor_count() == 0) ++count;
   return count;
 }
 
@@ -109,18 +109,18 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     if (!(rss > 0)) continue;
     Score& score = scores[i];
     score.effect = candidate.effect->clone();
-    if (candidate.effect->regressor_count() > 0) {
+    if (candidate.effect->tracing().regressor_count() > 0) {
       const Eigen::VectorXd sigma = normal.inverse(use).diagonal().tail(g).cwiseMax(0).cwiseSqrt();
-      score.effect->set_coefficients(std::vector<double>(sigma.data(), sigma.data() + g));
-      score.sigma_in_sizes = score.effect->materiality(facts);
-      score.effect->set_coefficients(std::vector<double>(x.data() + P, x.data() + P + g));
-    } else if (score.effect->kind() == "signal_lag") {
-      set_key(*score.effect, "lag_s", x[P] * get_key(*score.effect, "lag_s"));
+      score.effect->tracing().set_coefficients(std::vector<double>(sigma.data(), sigma.data() + g));
+      score.sigma_in_sizes = score.effect->tracing().materiality(facts);
+      score.effect->tracing().set_coefficients(std::vector<double>(x.data() + P, x.data() + P + g));
+    } else if (const char* key = linear_key_of(*score.effect)) {
+      set_key(*score.effect, key, x[P] * get_key(*score.effect, key));
       if (x[P] <= 0) continue;
     } else if (x[P] < 0.1 || x[P] > 8) {
       continue;  // far from this point of the grid
     }
-    score.valid = score.effect->materiality(facts) >= 0.5 &&
+    score.valid = score.effect->tracing().materiality(facts) >= 0.5 &&
                   fitter.chain().equations().possible(*score.effect);
     const auto k = static_cast<double>(parameters_of(*candidate.effect));
     score.gain = N * std::log(fit.rss / rss) - k * std::log(N) - fitter.margin();

@@ -18,8 +18,9 @@ struct Score {
 std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
                              const std::vector<Candidate>& candidates);
 double score_of(const Fitter& fitter, const Fit& fit);
-// Two load steps so close together are one, of which a shaft shows more than a step.
-bool repeats_step(const Effect& member, const Effect& newcomer);
+// Two of one kind nearer than the distance of its repeats are one: of a load step so close to
+// another a shaft shows more than a step.
+bool repeats_nearby(const Effect& member, const Effect& newcomer);
 // Those that are fitted: coefficients, and keys that are searched.
 std::size_t parameters_of(const Effect& effect);
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/placing.hpp"
 #include "trace/static_sets.hpp"
@@ -41,7 +42,15 @@ std::string in_words(const std::vector<Score>& ranking) {
 
 bool has_step(const Members& members) {
   return std::any_of(members.begin(), members.end(),
-                     [](const auto& m) { return m->kind() == "load_step"; });
+                     [](const auto& m) { return is_placed(*m, Traits::Place::kMoment); });
+}
+
+// The effect is another name for the slope of one of the members.
+bool names_a_slope(const Members& members, const Effect& effect) {
+  return std::any_of(members.begin(), members.end(), [&](const auto& m) {
+    const Traits::Reading* slope = reading_of(*m, Traits::Reading::kItsSlope);
+    return slope && slope->kind == effect.kind();
+  });
 }
 
 class Selector {
@@ -110,11 +119,11 @@ class Selector {
       const bool as_good = best.members.empty() || s.gain > kAsGood * first_gain;
       if (s.gain <= 0 || tried >= (as_good ? kMostAsGood : kMostTried)) break;
       // Far from its best point on a grid, an effect without regressors scores too low.
-      const double near = s.effect->regressor_count() == 0 ? kNearRough : kNear;
+      const double near = s.effect->tracing().regressor_count() == 0 ? kNearRough : kNear;
       if (!best.members.empty() && s.gain < near * first_gain) continue;
       ++tried;
       // A shaft has far to go, and is compared with one that has a gap.
-      const bool shaft = s.effect->kind() == "torsion";
+      const bool shaft = is_placed(*s.effect, Traits::Place::kShaft);
       const std::shared_ptr<Effect> newcomer =
           s.effect == searched ? searched : placed(fitter_, now, s.effect);
       if (step_moved(*newcomer)) return true;
@@ -123,7 +132,8 @@ class Selector {
           fitter_.refine(there, shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
       if (shaft) next = unless_astray(there, std::move(next));
       if (shaft && s.effect != searched) look_for_gap(now, next);
-      if (s.effect->kind() == "resistance" || !next.valid) next = without_slope(std::move(next));
+      if (names_a_slope(next.members, *s.effect) || !next.valid)
+        next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
       double gain = score_now - score_of(fitter_, next);
       bool good = acceptable(fitter_, next, now);
@@ -179,13 +189,14 @@ class Selector {
   // A load that rings whenever the drive moves stands in the spectrum as lines.
   std::shared_ptr<Effect> look_for_shaft(std::vector<Score>& ranking) {
     if (lines_left_ <= 0 || ranking.empty() || ranking.front().gain <= 0 ||
-        has_shaft(fit_.members) || ranking.front().effect->kind() != "periodic_torque" ||
+        has_shaft(fit_.members) || !is_placed(*ranking.front().effect, Traits::Place::kLine) ||
         get_key(*ranking.front().effect, "frequency_Hz") == 0)
       return nullptr;
     const std::shared_ptr<Effect> torsion = search_torsion(fitter_, fit_, candidates_);
     if (!torsion) return nullptr;
     --lines_left_;
-    std::erase_if(ranking, [](const Score& s) { return s.effect->kind() == "torsion"; });
+    std::erase_if(ranking,
+                  [](const Score& s) { return is_placed(*s.effect, Traits::Place::kShaft); });
     Score tried = ranking.front();
     tried.effect = torsion;
     ranking.insert(ranking.begin() + 1, tried);
@@ -208,7 +219,7 @@ class Selector {
   // A step beside one that is there already: that one stands at the wrong moment.
   bool step_moved(const Effect& newcomer) {
     for (std::size_t m = 0; m < fit_.members.size(); ++m) {
-      if (!repeats_step(*fit_.members[m], newcomer)) continue;
+      if (!repeats_nearby(*fit_.members[m], newcomer)) continue;
       const Fit without = fitter_.refine(with(fit_.members, nullptr, m));
       Fit moved = fitter_.refine(with(without.members, placed(fitter_, without, newcomer.clone())));
       if (!moved.valid || moved.rss_held_out > fit_.rss_held_out ||
@@ -225,7 +236,7 @@ class Selector {
   // what remains of it is a dead time.
   Fit without_slope(Fit fit) const {
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
-      if (fit.members[m]->kind() != "inverter_drop") continue;
+      if (!reading_of(*fit.members[m], Traits::Reading::kItsSlope)) continue;
       const auto dead_time =
           equivalent_dead_time(*fit.members[m], fitter_.chain().equations().facts());
       if (!dead_time) continue;
@@ -241,15 +252,13 @@ class Selector {
   // Beside the newcomer a threshold below zero: what is left of an inverter's drop is a resistance.
   Fit without_threshold(Fit fit) const {
     Members members = with(fit.members, nullptr);
-    const bool other = std::any_of(members.begin(), members.end(),
-                                   [](const auto& m) { return m->kind() == "resistance"; });
     for (std::size_t m = 0; m + 1 < members.size(); ++m) {
-      if (members[m]->kind() != "inverter_drop" || get_key(*members[m], "threshold_V") >= 0)
-        continue;
-      if (other) return fitter_.refine(with(members, nullptr, m));
-      const std::shared_ptr<Effect> resistance = make_effect("resistance");
-      set_key(*resistance, "change_Ohm", get_key(*members[m], "resistance_Ohm"));
-      members[m] = resistance;
+      const Traits::Reading* slope = reading_of(*members[m], Traits::Reading::kItsSlope);
+      if (!slope || get_key(*members[m], "threshold_V") >= 0) continue;
+      if (std::any_of(members.begin(), members.end(),
+                      [&](const auto& other) { return other->kind() == slope->kind; }))
+        return fitter_.refine(with(members, nullptr, m));
+      members[m] = read_as(*members[m], *slope, fitter_.chain().equations().facts()).effect;
       return fitter_.refine(std::move(members));
     }
     return fit;
@@ -272,7 +281,7 @@ class Selector {
   // beside which it is the same.
   Fit with_step(const Fit& without, const std::shared_ptr<Effect>& step) const {
     for (std::size_t m = 0; m + 1 < without.members.size(); ++m) {
-      if (!repeats_step(*without.members[m], *step)) continue;
+      if (!repeats_nearby(*without.members[m], *step)) continue;
       const Fit alone = fitter_.refine(with(without.members, nullptr, m));
       return with_step(alone, placed(fitter_, alone, step));
     }
@@ -285,12 +294,12 @@ class Selector {
   Fit moments_anew(Fit fit) const {
     for (std::size_t m = 0; m + 1 < fit.members.size(); ++m) {
       const std::shared_ptr<Effect> member = fit.members[m];
-      if (member->kind() != "load_step") continue;
+      if (!is_placed(*member, Traits::Place::kMoment)) continue;
       const Fit without = fitter_.refine(with(fit.members, nullptr, m));
       const std::shared_ptr<Effect> elsewhere = best_moment(without);
       const std::size_t count = fit.members.size();
       for (const auto& start : {member, elsewhere}) {
-        if (!start || (start == elsewhere && repeats_step(*member, *start))) continue;
+        if (!start || (start == elsewhere && repeats_nearby(*member, *start))) continue;
         const std::shared_ptr<Effect> there = placed(fitter_, without, start);
         if (std::abs(get_key(*there, "time_s") - get_key(*member, "time_s")) < kSameMoment_s)
           continue;
@@ -307,7 +316,7 @@ class Selector {
   std::shared_ptr<Effect> best_moment(const Fit& without) const {
     std::vector<Candidate> steps;
     for (const Candidate& c : candidates_)
-      if (c.effect->kind() == "load_step") steps.push_back(c);
+      if (is_placed(*c.effect, Traits::Place::kMoment)) steps.push_back(c);
     const std::vector<Score> scores = score_all(fitter_, without, steps);
     const auto best =
         std::max_element(scores.begin(), scores.end(),
@@ -319,7 +328,7 @@ class Selector {
   // shows where the other is.
   Fit with_steps(Fit gap) const {
     for (std::size_t m = 0; m < gap.members.size(); ++m) {
-      if (gap.members[m]->kind() != "load_step") continue;
+      if (!is_placed(*gap.members[m], Traits::Place::kMoment)) continue;
       Members members = with(gap.members, nullptr);
       members[m] = placed(fitter_, fitter_.start(with(gap.members, nullptr, m)), members[m]);
       const std::size_t last = members.size() - 1;

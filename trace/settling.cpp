@@ -6,6 +6,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/placing.hpp"
 
@@ -40,7 +41,7 @@ class Settler {
     const Members found = fit_.members;
     compose_friction(with(found, nullptr));
     for (std::size_t m = 0; m < found.size(); ++m) {
-      if (found[m]->kind() != "stribeck_friction") continue;
+      if (!is_of(*found[m], Traits::Family::kFriction) || !has_key(*found[m], "exponent")) continue;
       Members members = with(found, nullptr);
       set_key(*members[m], "exponent", 1);
       compose_friction(std::move(members));
@@ -48,21 +49,20 @@ class Settler {
   }
 
   void compose_friction(Members members) {
-    constexpr std::string_view kSorts[] = {"viscous_friction", "coulomb_friction",
-                                           "stribeck_friction", "fan_load"};
-    const auto has = [&](std::string_view sort) {
+    const std::vector<std::string> sorts = kinds_of(Traits::Family::kFriction);
+    const auto has = [&](const std::string& sort) {
       return std::any_of(members.begin(), members.end(),
                          [&](const auto& m) { return m->kind() == sort; });
     };
-    if (std::count_if(std::begin(kSorts), std::end(kSorts), has) < 2) return;
-    for (std::string_view sort : kSorts)
+    if (std::count_if(sorts.begin(), sorts.end(), has) < 2) return;
+    for (const std::string& sort : sorts)
       if (!has(sort)) members = with(members, make_effect(sort));
     // Where it is not there, a sort of friction is found on either side of zero.
     members = fitter_.refine(members, Fitter::Until::kArrived).members;
     const Equations& equations = fitter_.chain().equations();
     std::erase_if(members, [&](const auto& m) {
-      return std::count(std::begin(kSorts), std::end(kSorts), m->kind()) &&
-             (!equations.possible(*m) || m->materiality(equations.facts()) < 1);
+      return is_of(*m, Traits::Family::kFriction) &&
+             (!equations.possible(*m) || m->tracing().materiality(equations.facts()) < 1);
     });
     Fit composed = without_superfluous(fitter_, fitter_.refine(members), {});
     if (!composed.valid ||
@@ -83,7 +83,7 @@ class Settler {
     Members others = with(fit_.members, nullptr);
     const auto take = [&](double signal) {
       const auto late = std::find_if(others.begin(), others.end(), [&](const auto& m) {
-        return m->kind() == "signal_lag" && get_key(*m, "signal") == signal;
+        return is_of(*m, Traits::Family::kLag) && get_key(*m, "signal") == signal;
       });
       if (late == others.end()) return 0.0;
       const double lag = get_key(**late, "lag_s");
@@ -97,7 +97,7 @@ class Settler {
     const double later = voltage_before + (angle + current) / 2;
     const Fit before = fit_;
     for (double form : {0., 1.}) {
-      const std::shared_ptr<Effect> voltage = make_effect("signal_lag");
+      const std::shared_ptr<Effect> voltage = make_of(Traits::Family::kLag);
       set_key(*voltage, "signal", SamplingFacts::kVoltage);
       set_key(*voltage, "form", form);
       set_key(*voltage, "lag_s", later);
@@ -116,8 +116,8 @@ class Settler {
   void settle_forms() {
     for (std::size_t m = 0; m < fit_.members.size(); ++m) {
       const Effect& member = *fit_.members[m];
-      if (member.regressor_count() == 0) continue;  // swapped like another kind
-      for (const TracedKey& key : member.traced_keys()) {
+      if (member.tracing().regressor_count() == 0) continue;  // swapped like another kind
+      for (const TracedKey& key : member.tracing().traced_keys()) {
         if (std::string_view(key.key) != "form") continue;
         for (double form : key.grid) {
           Members others = with(fit_.members, nullptr);
@@ -135,7 +135,7 @@ class Settler {
   void restart_slow(std::size_t m, const char* key) {
     const Record& record = fitter_.chain().equations().record();
     if (get_key(*fit_.members[m], key) < record.t.back() - record.t.front()) return;
-    for (const TracedKey& traced : fit_.members[m]->traced_keys()) {
+    for (const TracedKey& traced : fit_.members[m]->tracing().traced_keys()) {
       if (std::string_view(traced.key) != key) continue;
       for (double start : traced.grid) {
         Members others = with(fit_.members, nullptr);
@@ -174,13 +174,12 @@ class Settler {
     const double begin = fitter_.chain().equations().record().t.front();
     Members members = with(fit_.members, nullptr);
     for (auto& m : members) {
-      if (m->kind() != "load_step" || get_key(*m, "time_s") > begin + kBeginning_s) continue;
+      const Traits::Reading* reading = reading_of(*m, Traits::Reading::kFromTheBeginning);
+      if (!reading || get_key(*m, "time_s") > begin + kBeginning_s) continue;
       if (std::any_of(members.begin(), members.end(),
-                      [](const auto& other) { return other->kind() == "constant_load"; }))
+                      [&](const auto& other) { return other->kind() == reading->kind; }))
         return;
-      const std::shared_ptr<Effect> load = make_effect("constant_load");
-      set_key(*load, "torque_Nm", get_key(*m, "torque_Nm"));
-      m = load;
+      m = read_as(*m, *reading, fitter_.chain().equations().facts()).effect;
       Fit always = fitter_.refine(std::move(members));
       if (!always.valid) return;
       fit_ = std::move(always);
@@ -211,7 +210,8 @@ class Settler {
         least = left;
         best = std::move(near);
       }
-      look = std::erase_if(others, [](const auto& m) { return m->kind() == "inertia"; }) > 0;
+      look = std::erase_if(others,
+                           [](const auto& m) { return is_of(*m, Traits::Family::kInertia); }) > 0;
       if (look && best.members.empty()) least = kSimpler * before;
     }
     if (best.members.empty()) return;
@@ -221,10 +221,9 @@ class Settler {
 
   void close_gap(std::size_t m) {
     Members members = with(fit_.members, nullptr);
-    const std::shared_ptr<Effect> torsion = make_effect("torsion");
-    for (const char* key : {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"})
-      set_key(*torsion, key, get_key(*members[m], key));
-    members[m] = torsion;
+    members[m] = read_as(*members[m], *reading_of(*members[m], Traits::Reading::kWithoutGap),
+                         fitter_.chain().equations().facts())
+                     .effect;
     Fit closed = fitter_.refine(std::move(members), Fitter::Until::kArrived);
     if (!closed.valid) return;
     if (say_) say_("  a shaft without a gap");
@@ -239,7 +238,8 @@ class Settler {
     ShaftFacts shaft;
     for (std::size_t m = 0; m < fit_.members.size();) {
       const Effect& member = *fit_.members[m];
-      const bool small = member.materiality(facts) < 1, is_shaft = member.describe_shaft(shaft);
+      const bool small = member.tracing().materiality(facts) < 1,
+                 is_shaft = member.describe_shaft(shaft);
       if (small && has_gap(member)) close_gap(m);  // which takes the member away
       if (!small || is_shaft) {
         ++m;
@@ -292,11 +292,12 @@ class Settler {
   void drop_inertia_of_impacts() {
     constexpr double kMends = 2;  // times what is left with it
     const Fit& fit = fit_;
-    const bool torsion = std::any_of(fit.members.begin(), fit.members.end(),
-                                     [](const auto& m) { return m->kind() == "torsion"; });
+    const bool torsion = std::any_of(fit.members.begin(), fit.members.end(), [](const auto& m) {
+      return is_placed(*m, Traits::Place::kShaft);
+    });
     if (!torsion || !leaves_more_than_noise(fitter_, fit)) return;
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
-      if (fit.members[m]->kind() != "inertia") continue;
+      if (!is_of(*fit.members[m], Traits::Family::kInertia)) continue;
       Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
       const double left = plain_torque(fitter_, without) / plain_torque(fitter_, fit);
       if (say_) say_(fmt::format("  without inertia {:.3g} of the torque is left", left));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -14,7 +15,7 @@ constexpr double kLeastInertia = -0.4, kMostInertia = 0.8;  // of machine.J, whe
 
 std::vector<std::string> keys(const Effect& shaft) {
   std::vector<std::string> names = {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"};
-  if (shaft.kind() == "backlash") names.push_back("gap_rad");
+  if (is_placed(shaft, Traits::Place::kGap)) names.push_back("gap_rad");
   return names;
 }
 Eigen::VectorXd logs(const ShaftSearch::Point& p) {
@@ -69,7 +70,7 @@ ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia
   now_ = left.torque(outputs);
   if (left.noise_torque.size() > 0)
     noise_ = chain.noise().scale_torque * left.noise_torque(outputs);
-  acceleration_ = chain.remembered_columns(*make_effect("inertia"))[0].torque(outputs);
+  acceleration_ = chain.remembered_columns(*make_of(Traits::Family::kInertia))[0].torque(outputs);
 }
 
 ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
@@ -84,7 +85,8 @@ ShaftSearch::Points ShaftSearch::at(std::vector<std::shared_ptr<Effect>> shafts)
   std::vector<ShaftFacts> these;
   for (std::size_t s = 0; s < shafts.size(); ++s) {
     points[s].shaft = std::move(shafts[s]);
-    if (!points[s].shaft->prepare(facts).empty() || points[s].shaft->materiality(facts) < 1)
+    if (!points[s].shaft->prepare(facts).empty() ||
+        points[s].shaft->tracing().materiality(facts) < 1)
       continue;
     possible.push_back(s);
     points[s].shaft->describe_shaft(these.emplace_back());

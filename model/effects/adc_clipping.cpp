@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-class AdcClipping final : public Effect {
+class AdcClipping final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "adc_clipping"; }
   std::string_view meaning() const override { return "range of the current ADC"; }
@@ -33,6 +33,37 @@ class AdcClipping final : public Effect {
   void coefficients(std::span<double>) const override {}
   // Any reading that stands at the limit is one too many.
   double materiality(const DriveFacts&) const override { return limit_ > 0 ? 1 : 0; }
+
+  Traits traits() const override {
+    static constexpr FromFault kFaults[] = {{FromFault::kLimitedCurrents, "limit_A"}};
+    return {.equation = Equation::kSensing,
+            .family = {Family::kSamples, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kSamples,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = kFaults};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "limit_A = 1.5\n",
+        .signal = Portrait::kIq,
+        .over = Portrait::kOverTurns,
+        .equation = "i_meas = max(-limit, min(limit, i)), after noise",
+        .shows =
+            "Flat tops of the measured phase currents; in rotor axes orders 6 n_p (18) and "
+            "multiples, as soon as the current's peak passes the limit. The controller believes "
+            "them, so true currents and torque are bent, too.",
+        .taken_for = "`current_gain` (a smaller mean); `saturation`, which is smooth."};
+    return kPortrait;
+  }
 
  private:
   double limit_ = 0;

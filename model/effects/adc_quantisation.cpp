@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-class AdcQuantisation final : public Effect {
+class AdcQuantisation final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "adc_quantisation"; }
   std::string_view meaning() const override {
@@ -37,6 +37,38 @@ class AdcQuantisation final : public Effect {
   // A step of half a per cent of the rated current.
   double materiality(const DriveFacts& facts) const override {
     return facts.machine.i_rated > 0 ? lsb_ / (5e-3 * facts.machine.i_rated) : lsb_ / 0.05;
+  }
+
+  Traits traits() const override {
+    static constexpr FromFault kFaults[] = {{FromFault::kCoarseCurrents, "lsb_A"}};
+    return {.equation = Equation::kSensing,
+            .family = {Family::kSamples, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kSamples,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = kFaults};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "lsb_A = 0.2\n",
+        .signal = Portrait::kIq,
+        .over = Portrait::kOverTurns,
+        .equation = "i_meas = round(i/lsb) lsb, after noise and the steps of [sensors]",
+        .shows =
+            "Steps in the measured currents, half of one at most away from the truth. What order "
+            "they make depends on the current; a histogram of the raw samples shows them at once.",
+        .taken_for =
+            "`backlash` and `coulomb_friction` at small current: steps of current excite the "
+            "same events."};
+    return kPortrait;
   }
 
  private:

@@ -9,13 +9,14 @@
 //
 // A memory, so at() is zero: along() simulates the load in its gap behind the measured angle and
 // gives T_load += T_shaft - T_load, J += -J_load.
+#include "model/effects/memory.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shaft.hpp"
 
 namespace twinrate {
 namespace {
 
-class Backlash final : public Effect {
+class Backlash final : public TraceableEffect, public EffectMemory {
  public:
   std::string_view kind() const override { return "backlash"; }
   std::string_view meaning() const override {
@@ -40,6 +41,7 @@ class Backlash final : public Effect {
     return true;
   }
   Contribution at(const OperatingPoint&) const override { return {}; }
+  const EffectMemory* memory() const override { return this; }
   void along(std::span<const OperatingPoint> record, double T_s,
              std::span<Contribution> sums) const override {
     along_shaft(shaft_, record, T_s, sums);
@@ -55,6 +57,50 @@ class Backlash final : public Effect {
             {"damping_Nms_rad"}};
   }
   double materiality(const DriveFacts&) const override { return shaft_.gap / 2.5e-3; }
+
+  Traits traits() const override {
+    static constexpr KeyPair kShaft[] = {{"J_load_kgm2", "J_load_kgm2"},
+                                         {"stiffness_Nm_rad", "stiffness_Nm_rad"},
+                                         {"damping_Nms_rad", "damping_Nms_rad"}};
+    static constexpr Reading kReadings[] = {{Reading::kWithoutGap, "torsion", kShaft}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kShaft, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kGap,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kReversals,
+            .relatives = none,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters =
+            "J_load_kgm2 = 2.8e-3\ngap_rad = 0.02\nstiffness_Nm_rad = 300.0\n"
+            "damping_Nms_rad = 0.1\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTime,
+        .equation =
+            "T_shaft = K (delta -+ gap/2) + D delta' beyond the flanks, 0 between them; J_load "
+            "omega_load' = T_shaft - T_load",
+        .shows =
+            "Where the shaft's torque changes its sign the motor runs alone for the moment that "
+            "the load needs to cross the gap, with its own smaller inertia, and is hit when it "
+            "arrives; light loads bounce. Under a load that holds one flank there is nothing to "
+            "see but the stiffness.",
+        .taken_for =
+            "`torsion`, which rings at one frequency whatever the amplitude; a coarse current "
+            "ADC.",
+        .from_s = 3.49,
+        .to_s = 3.62,
+        .drive = Portrait::kReversal};
+    return kPortrait;
+  }
 
  private:
   ShaftFacts shaft_{.stiffness = 1, .gap = 0.01};

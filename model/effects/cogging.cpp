@@ -18,7 +18,7 @@
 namespace twinrate {
 namespace {
 
-class Cogging final : public Effect {
+class Cogging final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "cogging"; }
   std::string_view meaning() const override { return "torque periodic in the mechanical angle"; }
@@ -63,6 +63,47 @@ class Cogging final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(amplitude_) / smallest_torque(facts, 4e-3);
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"eccentric_load", Run::kUncoupled}};
+    static constexpr Reading kReadings[] = {{Reading::kAtOrderOfPolePairs, "current_offset"},
+                                            {Reading::kAtTwiceThatOrder, "current_gain"}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kTorqueRipple, 0},
+            .period = {.in = Period::kAngle, .order_key = "order"},
+            .repeats = {.how = Repeats::kByKey, .key = "order"},
+            .place = Place::kGrid,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kTorqueOverPeriod,
+            .told_by = Run::kSlowBothWays,
+            .relatives = kRelatives,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters =
+            "origin = \"poles\"\norder = 1\namplitude_Nm = 0.03\nphase_rad = 0.4\n[[effect]]\n"
+            "kind = \"cogging\"\norigin = \"slots\"\norder = 1\namplitude_Nm = 0.04\n[[effect]]\n"
+            "kind = \"cogging\"\norigin = \"native\"\norder = 1\namplitude_Nm = 0.06\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTurns,
+        .equation =
+            "T_load += A sin(N theta_m + phase), with N = order x {1, lcm(n_slots, 2 n_p), "
+            "n_slots, 2 n_p} for origin = order, native, slots, poles",
+        .shows =
+            "Speed, i_q and the estimated load torque at order N, at every load and in either "
+            "direction with the same angle. The example has one term of each origin: 6 poles, 27 "
+            "slots, 54 native; the observer, too slow for them at one turn a second, shows 23 of "
+            "40 and 19 of 60 mNm.",
+        .taken_for =
+            "`flux_harmonics` at constant current (it grows with i_q, cogging does not); "
+            "`friction_ripple` in one direction."};
+    return kPortrait;
   }
 
  private:

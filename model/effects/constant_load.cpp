@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-class ConstantLoad final : public Effect {
+class ConstantLoad final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "constant_load"; }
   std::string_view meaning() const override {
@@ -33,6 +33,35 @@ class ConstantLoad final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(T_) / smallest_torque(facts, 10e-3);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kLoad, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kTorqueOverSpeed,
+            .told_by = Run::kConstantSpeeds,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "torque_Nm = 0.5\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverSpeed,
+        .equation = "T_load += T, behind a shaft where there is one",
+        .shows =
+            "A shift of the estimated load torque and of i_q that does not ask for the direction.",
+        .taken_for =
+            "`coulomb_friction` in one direction; the offset of a torque or q-current sensor."};
+    return kPortrait;
   }
 
  private:

@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-class CoulombFriction final : public Effect {
+class CoulombFriction final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "coulomb_friction"; }
   std::string_view meaning() const override { return "constant torque against the motion"; }
@@ -26,7 +26,6 @@ class CoulombFriction final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = T_C_ * smooth_sign(point.omega_m, omega_smooth_)};
   }
-  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = smooth_sign(point.omega_m, omega_smooth_)};
@@ -38,6 +37,35 @@ class CoulombFriction final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(T_C_) / smallest_torque(facts, 10e-3);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kFriction, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kYes,
+            .view = View::kTorqueOverSpeed,
+            .told_by = Run::kConstantSpeeds,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "torque_Nm = 0.25\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverSpeed,
+        .equation = "T_load += T_C tanh(omega_m/omega_smooth)",
+        .shows =
+            "A step of the estimated load torque where the speed changes its sign, and the bump "
+            "in the speed there; nothing that turns at constant speed.",
+        .taken_for = "`constant_load` in one direction; `viscous_friction` at one speed."};
+    return kPortrait;
   }
 
  private:

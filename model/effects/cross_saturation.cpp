@@ -17,7 +17,7 @@
 namespace twinrate {
 namespace {
 
-class CrossSaturation final : public Effect {
+class CrossSaturation final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "cross_saturation"; }
   std::string_view meaning() const override {
@@ -56,6 +56,36 @@ class CrossSaturation final : public Effect {
   double materiality(const DriveFacts& facts) const override {
     // At rated current along q.
     return 0.5 * std::abs(c_) * rated_current(facts) / (0.015 * facts.machine.L_q);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kFlux, 3},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kFluxOverOtherCurrent,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "coefficient_H_A = 1e-3\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTime,
+        .equation = "psi_d -= c/2 i_q^2, psi_q -= c i_d i_q",
+        .shows =
+            "Less torque an ampere at load: the estimated load torque, which believes the "
+            "magnets, is too large by 0.6 % here, and the EMF along q too small; both with the "
+            "square of i_q, so a light load shows nothing. Where i_d flows, L_q changes with it.",
+        .taken_for = "`flux_linkage` at one load; `saturation` of the d axis."};
+    return kPortrait;
   }
 
  private:

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-class CurrentGain final : public Effect {
+class CurrentGain final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "current_gain"; }
   std::string_view meaning() const override {
@@ -41,6 +41,41 @@ class CurrentGain final : public Effect {
   }
   double materiality(const DriveFacts&) const override {
     return gain_.cwiseAbs().maxCoeff() / 0.003;
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"flux_linkage", Run::kLoadStepsAndCurrents}};
+    static constexpr Bound kBounds[] = {{"gain_a", 0.3}, {"gain_b", 0.3}, {"gain_c", 0.3}};
+    return {.equation = Equation::kSensing,
+            .family = {Family::kCurrentSensor, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kSlowBothWays,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = kBounds,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "gain_a = 0.05\ngain_b = 0.0\n",
+        .signal = Portrait::kIq,
+        .over = Portrait::kOverTurns,
+        .equation = "i_meas = (1 + gain) i, a gain a phase",
+        .shows =
+            "Order 2 n_p (here 6) in the measured currents, and a constant part, both in "
+            "proportion to the current. How much of it becomes true current, torque and speed is "
+            "up to the loop: here the d integrator makes the measured i_d smooth and the true "
+            "one rough, while i_q keeps most of it in the reading.",
+        .taken_for =
+            "`cogging` of the same order at one load; a wrong torque constant (the constant "
+            "part)."};
+    return kPortrait;
   }
 
  private:

@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-class CurrentOffset final : public Effect {
+class CurrentOffset final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "current_offset"; }
   std::string_view meaning() const override { return "constant error of a current sensor"; }
@@ -36,6 +36,38 @@ class CurrentOffset final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return offset_.cwiseAbs().maxCoeff() / (8e-3 / 7 * rated_current(facts));
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"inverter_offset", Run::kStandstillWithoutVoltage}};
+    return {.equation = Equation::kSensing,
+            .family = {Family::kCurrentSensor, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kSome,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "offset_a_A = 0.05\noffset_b_A = -0.02\n",
+        .signal = Portrait::kIq,
+        .over = Portrait::kOverTurns,
+        .equation = "i_meas = i + offset, an offset a phase",
+        .shows =
+            "Order n_p (here 3) in the measured currents, the same at every load; from there, as "
+            "far as the loop follows it, in true currents, torque and speed, and in the "
+            "estimated load torque, which believes the currents.",
+        .taken_for =
+            "`cogging` of order n_p; an offset of the voltages, where no voltage is measured."};
+    return kPortrait;
   }
 
  private:

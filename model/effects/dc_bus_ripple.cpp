@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-class DcBusRipple final : public Effect {
+class DcBusRipple final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "dc_bus_ripple"; }
   std::string_view meaning() const override {
@@ -49,6 +49,41 @@ class DcBusRipple final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return amplitude_ / (3e-3 * facts.v_dc);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kBus, 0},
+            .period = {.in = Period::kTime, .frequency_key = "frequency_Hz"},
+            .repeats = {.how = Repeats::kByKey, .key = "frequency_Hz"},
+            .place = Place::kBusLine,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "amplitude_V = 12.0\nfrequency_Hz = 300.0\n",
+        .signal = Portrait::kIqTrue,
+        .over = Portrait::kOverTime,
+        .equation =
+            "v_dc += A sin(2 pi f t + phase); the applied voltage is duty v_dc(t), the duty was "
+            "chosen for v_dc(t_k)",
+        .shows =
+            "The measured bus voltage, and a little in u and i: the modulator corrects with the "
+            "sample of the start of the interval. A frequency, not an order: here 300 Hz at one "
+            "turn a second. A trace reads it off v_dc.",
+        .taken_for =
+            "A mechanical effect of the same frequency at one speed; it moves in the order "
+            "spectrum when the speed changes.",
+        .orders = 360};
+    return kPortrait;
   }
 
  private:

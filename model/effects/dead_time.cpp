@@ -14,7 +14,7 @@
 namespace twinrate {
 namespace {
 
-class DeadTime final : public Effect {
+class DeadTime final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "dead_time"; }
   std::string_view meaning() const override {
@@ -41,7 +41,6 @@ class DeadTime final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.u_dq_drop = t_d_ * drop_a_second(point)};
   }
-  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.u_dq_drop = drop_a_second(point)};
@@ -52,6 +51,45 @@ class DeadTime final : public Effect {
     return {linear_key("dead_time_s"), {"linear_current_A", {0.03, 0.05, 0.1, 0.17, 0.3, 1}}};
   }
   double materiality(const DriveFacts&) const override { return std::abs(t_d_) / 1e-7; }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"inverter_drop", Run::kTwoBusVoltages}};
+    static constexpr Reading kReadings[] = {{Reading::kAtOneBusVoltage, "inverter_drop"}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kInverter, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kZone,
+            .noise = Noise::kSome,
+            .on_command = Answer::kNo,
+            .loss = Loss::kYes,
+            .view = View::kPhaseVoltageOverCurrent,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "dead_time_s = 3e-6\n",
+        .signal = Portrait::kUd,
+        .over = Portrait::kOverTurns,
+        .equation =
+            "drop of a phase = t_d f_pwm v_dc sat(i/i_linear); edge by edge with plant.inverter "
+            "= switched",
+        .shows =
+            "Orders 6 n_p and its multiples (18, 36) in the voltages and, as far as the current "
+            "loop lets them through, in currents and torque; strongest across the current, here "
+            "in u_d. A shift of u_q that looks like resistance at small current. The switched "
+            "inverter has the sharper corners: its current ripple at this speed is far less than "
+            "the 0.3 A in which the averaged effect fades.",
+        .taken_for =
+            "`inverter_drop` (same shape; only the bus voltage or the switching frequency tells "
+            "them apart); `resistance` at small current.",
+        .switched = true};
+    return kPortrait;
+  }
 
  private:
   Vec2 drop_a_second(const OperatingPoint& point) const {

@@ -2,17 +2,21 @@
 
 #include <algorithm>
 
+#include "model/effects/tracing.hpp"
+
 namespace twinrate {
 namespace {
 
-class Delayed final : public Effect {
+class Delayed final : public TraceableEffect {
  public:
   Delayed(std::shared_ptr<const Effect> effect, double from_s)
       : effect_(std::move(effect)), from_s_(from_s) {}
   std::string_view kind() const override { return effect_->kind(); }
   std::string_view meaning() const override { return effect_->meaning(); }
   int acts_on() const override { return effect_->acts_on(); }
-  std::vector<std::string> signals_needed() const override { return effect_->signals_needed(); }
+  std::vector<std::string> signals_needed() const override {
+    return effect_->tracing().signals_needed();
+  }
   bool drops_by_angle() const override { return effect_->drops_by_angle(); }
   void fields(FieldVisitor& f) override {
     const std::shared_ptr<Effect> own = effect_->clone();
@@ -29,15 +33,27 @@ class Delayed final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return point.t < from_s_ ? Contribution{} : effect_->at(point);
   }
-  int regressor_count() const override { return effect_->regressor_count(); }
+  int regressor_count() const override { return effect_->tracing().regressor_count(); }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     if (point.t < from_s_)
       std::fill(columns.begin(), columns.end(), Contribution{});
     else
-      effect_->regressors(point, columns);
+      effect_->tracing().regressors(point, columns);
   }
-  void coefficients(std::span<double> values) const override { effect_->coefficients(values); }
-  double materiality(const DriveFacts& facts) const override { return effect_->materiality(facts); }
+  void coefficients(std::span<double> values) const override {
+    effect_->tracing().coefficients(values);
+  }
+  double materiality(const DriveFacts& facts) const override {
+    return effect_->tracing().materiality(facts);
+  }
+
+  // Whether it is a loss is asked of the effects that are there from the start.
+  Traits traits() const override {
+    Traits of_effect = effect_->tracing().traits();
+    of_effect.loss = Loss::kNo;
+    return of_effect;
+  }
+  const Portrait& portrait() const override { return effect_->portrait(); }
 
  private:
   std::shared_ptr<const Effect> effect_;

@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-class EccentricLoad final : public Effect {
+class EccentricLoad final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "eccentric_load"; }
   std::string_view meaning() const override {
@@ -40,6 +40,36 @@ class EccentricLoad final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(amplitude_) / smallest_torque(facts, 8e-3);
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"cogging", Run::kUncoupled}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kTorqueRipple, 2},
+            .period = {.in = Period::kAngle, .order = 1},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kTorqueOverPeriod,
+            .told_by = Run::kSlowBothWays,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "amplitude_Nm = 0.2\nphase_rad = 0.5\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTurns,
+        .equation = "T_load += A sin(theta_m + phase)",
+        .shows = "Order 1 in load torque and speed, at every speed with the same angle.",
+        .taken_for =
+            "`cogging` of order 1; `friction_ripple` of order 1 in one direction; "
+            "`encoder_eccentricity`, which grows with the speed."};
+    return kPortrait;
   }
 
  private:

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-class EncoderEccentricity final : public Effect {
+class EncoderEccentricity final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "encoder_eccentricity"; }
   std::string_view meaning() const override { return "error of the angle reading, once per turn"; }
@@ -42,6 +42,35 @@ class EncoderEccentricity final : public Effect {
     return {linear_key("amplitude_rad"), linear_key("phase_rad")};
   }
   double materiality(const DriveFacts&) const override { return amplitude_ / 2e-4; }
+
+  Traits traits() const override {
+    return {.equation = Equation::kSensing,
+            .family = {Family::kAngleSensor, 1},
+            .period = {.in = Period::kAngle, .order = 1},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kSlowBothWays,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "amplitude_rad = 2e-3\n",
+        .signal = Portrait::kSpeed,
+        .over = Portrait::kOverTurns,
+        .equation = "theta_meas = theta_m + A sin(theta_m + phase)",
+        .shows =
+            "Order 1 in the true speed: the loop makes the measured one smooth. The estimated "
+            "load torque holds the inertia torque of that, so it grows with the speed squared.",
+        .taken_for = "`eccentric_load` at one speed."};
+    return kPortrait;
+  }
 
  private:
   double amplitude_ = 0;

@@ -7,7 +7,7 @@
 namespace twinrate {
 namespace {
 
-class EncoderOffset final : public Effect {
+class EncoderOffset final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "encoder_offset"; }
   std::string_view meaning() const override { return "error of the zero of the angle reading"; }
@@ -27,6 +27,36 @@ class EncoderOffset final : public Effect {
   void set_coefficients(std::span<const double> values) override { offset_ = values[0]; }
   std::vector<TracedKey> traced_keys() const override { return {linear_key("offset_rad")}; }
   double materiality(const DriveFacts&) const override { return std::abs(offset_) / 2e-3; }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"flux_linkage", Run::kLoadStepsAndCurrents}};
+    return {.equation = Equation::kSensing,
+            .family = {Family::kAngleSensor, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kSome,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "offset_rad = 0.05\n",
+        .signal = Portrait::kUd,
+        .over = Portrait::kOverTurns,
+        .equation = "theta_meas = theta_m + offset",
+        .shows =
+            "No order at all: the current vector is turned, a true i_d appears, torque a ampere "
+            "falls by cos(n_p offset), u_d shifts.",
+        .taken_for = "`flux_linkage` (less torque); an inductance error (u_d)."};
+    return kPortrait;
+  }
 
  private:
   double offset_ = 0;

@@ -7,7 +7,7 @@
 namespace twinrate {
 namespace {
 
-class FanLoad final : public Effect {
+class FanLoad final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "fan_load"; }
   std::string_view meaning() const override {
@@ -22,7 +22,6 @@ class FanLoad final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = c_ * point.omega_m * std::abs(point.omega_m)};
   }
-  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = point.omega_m * std::abs(point.omega_m)};
@@ -34,6 +33,33 @@ class FanLoad final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(c_) * std::pow(rated_speed(facts), 2) / smallest_torque(facts, 15e-3);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kFriction, 3},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kYes,
+            .view = View::kTorqueOverSpeed,
+            .told_by = Run::kConstantSpeeds,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "coefficient_Nms2 = 0.01\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverSpeed,
+        .equation = "T_load += c omega_m |omega_m|",
+        .shows = "The estimated load torque is a parabola over the speed, odd in the direction.",
+        .taken_for = "`viscous_friction` over a narrow range of speed."};
+    return kPortrait;
   }
 
  private:

@@ -17,7 +17,7 @@
 namespace twinrate {
 namespace {
 
-class FluxHarmonics final : public Effect {
+class FluxHarmonics final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "flux_harmonics"; }
   std::string_view meaning() const override {
@@ -64,6 +64,39 @@ class FluxHarmonics final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return amplitude_ / (1e-3 * facts.machine.psi_f);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kFlux, 4},
+            .period = {.in = Period::kAngle, .order_key = "order"},
+            .repeats = {.how = Repeats::kByKey, .key = "order"},
+            .place = Place::kGrid,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kSlowBothWays,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "order = 18\namplitude_Wb = 2.5e-3\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTurns,
+        .equation =
+            "delta_psi_d = A cos(N theta_m + phase); u_dq_drop = [d delta_psi/dt, omega_e "
+            "delta_psi]; T_load -= 3/2 n_p (delta_psi i_q + d delta_psi/d theta_e i_d)",
+        .shows =
+            "Order N in the torque in proportion to i_q, and in u_d, u_q in proportion to the "
+            "speed.",
+        .taken_for =
+            "`cogging` of the same order at one load; `dead_time`, which has 6 n_p too but in "
+            "the voltage whatever the speed."};
+    return kPortrait;
   }
 
  private:

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-class FluxLinkage final : public Effect {
+class FluxLinkage final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "flux_linkage"; }
   std::string_view meaning() const override {
@@ -38,6 +38,41 @@ class FluxLinkage final : public Effect {
   std::vector<TracedKey> traced_keys() const override { return {linear_key("change_Wb")}; }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(change_) / (0.006 * facts.machine.psi_f);
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"current_gain", Run::kLoadStepsAndCurrents},
+                                              {"encoder_offset", Run::kLoadStepsAndCurrents},
+                                              {"voltage_gain", Run::kLoadStepsAndCurrents}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kFlux, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kSome,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kVoltageOverSpeed,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "change_Wb = -0.02\n",
+        .signal = Portrait::kUq,
+        .over = Portrait::kOverSpeed,
+        .equation = "psi_d += change",
+        .shows =
+            "Voltage along q in proportion to the speed, and torque in proportion to i_q: more "
+            "current for the same load, and an estimated load torque that is wrong by as much. "
+            "Nothing that turns.",
+        .taken_for =
+            "An error of the torque constant or of a current gain (torque alone), `voltage_gain` "
+            "(voltage alone): the two equations together tell them apart."};
+    return kPortrait;
   }
 
  private:

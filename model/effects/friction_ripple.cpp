@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-class FrictionRipple final : public Effect {
+class FrictionRipple final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "friction_ripple"; }
   std::string_view meaning() const override { return "friction that varies over a turn"; }
@@ -47,6 +47,35 @@ class FrictionRipple final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(amplitude_) / smallest_torque(facts, 8e-3);
+  }
+
+  Traits traits() const override {
+    static constexpr Reading kReadings[] = {{Reading::kAtOrderOfPolePairs, "current_offset"},
+                                            {Reading::kAtTwiceThatOrder, "current_gain"}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kTorqueRipple, 1},
+            .period = {.in = Period::kAngle, .order_key = "order"},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kGrid,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kTorqueOverPeriodByMotion,
+            .told_by = Run::kSlowBothWays,
+            .relatives = none,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "order = 1\namplitude_Nm = 0.05\nphase_rad = 0.5\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTurns,
+        .equation = "T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)",
+        .shows = "Like cogging of order N, but its sign changes with the direction.",
+        .taken_for = "`cogging` and `eccentric_load` where the drive turns in one direction only."};
+    return kPortrait;
   }
 
  private:

@@ -12,7 +12,7 @@
 namespace twinrate {
 namespace {
 
-class Inductance final : public Effect {
+class Inductance final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "inductance"; }
   std::string_view meaning() const override {
@@ -52,6 +52,36 @@ class Inductance final : public Effect {
   double materiality(const DriveFacts& facts) const override {
     const MachineParameters& m = facts.machine;
     return std::max(std::abs(change_[0]) / m.L_d, std::abs(change_[1]) / m.L_q) / 0.015;
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kFlux, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kFluxOverItsCurrent,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "change_d_H = 4e-3\nchange_q_H = 4e-3\n",
+        .signal = Portrait::kUd,
+        .over = Portrait::kOverTime,
+        .equation = "psi_d += change_d i_d, psi_q += change_q i_q",
+        .shows =
+            "Voltage across the current at speed, here along d, omega_e change_q i_q, and the "
+            "answer of the currents to a step of voltage. Where the changes differ, a little "
+            "reluctance torque.",
+        .taken_for = "`encoder_offset` (u_d at one load and speed); `saturation` at one load."};
+    return kPortrait;
   }
 
  private:

@@ -7,7 +7,7 @@
 namespace twinrate {
 namespace {
 
-class Inertia final : public Effect {
+class Inertia final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "inertia"; }
   std::string_view meaning() const override { return "difference of the inertia from machine.J"; }
@@ -32,6 +32,38 @@ class Inertia final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(change_) / (0.02 * facts.machine.J);
+  }
+
+  Traits traits() const override {
+    static constexpr Reading kReadings[] = {{Reading::kWithoutVoltage, "flux_linkage"},
+                                            {Reading::kWithoutVoltage, "current_gain"}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kInertia, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kReversals,
+            .relatives = none,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "change_kgm2 = 0.0088\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverSpeed,
+        .equation = "(J + change) omega_m' = T_em - B omega_m - T_load",
+        .shows =
+            "An estimated load torque of change times the acceleration: one sign on the way up, "
+            "the other on the way down, nothing at constant speed. The answer to a load step is "
+            "slower.",
+        .taken_for = "`constant_load` in a record that only accelerates; a wrong torque constant."};
+    return kPortrait;
   }
 
  private:

@@ -14,7 +14,7 @@
 namespace twinrate {
 namespace {
 
-class InverterDrop final : public Effect {
+class InverterDrop final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "inverter_drop"; }
   std::string_view meaning() const override {
@@ -35,7 +35,6 @@ class InverterDrop final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_terminal()};
   }
-  bool is_loss() const override { return true; }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.u_dq_drop = signs(point)};
@@ -58,6 +57,44 @@ class InverterDrop final : public Effect {
     // 1e-3 of the bus is 0.1 us of dead time at 10 kHz.
     return std::max(std::abs(V_0_) / (1e-3 * facts.v_dc),
                     std::abs(R_on_) / (0.02 * facts.machine.R_s));
+  }
+
+  Traits traits() const override {
+    static constexpr KeyPair kThreshold[] = {
+        {"threshold_V", "dead_time_s", KeyPair::kPerSwitchedVolt},
+        {"linear_current_A", "linear_current_A"},
+        {"shape", "shape"}};
+    static constexpr KeyPair kSlope[] = {{"resistance_Ohm", "change_Ohm"}};
+    static constexpr Relative kRelatives[] = {{"dead_time", Run::kTwoBusVoltages},
+                                              {"resistance", Run::kWindingAlone}};
+    static constexpr Reading kReadings[] = {{Reading::kItsThreshold, "dead_time", kThreshold},
+                                            {Reading::kItsSlope, "resistance", kSlope}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kInverter, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kZone,
+            .noise = Noise::kSome,
+            .on_command = Answer::kNo,
+            .loss = Loss::kYes,
+            .view = View::kPhaseVoltageOverCurrent,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "threshold_V = 3.0\nresistance_Ohm = 0.2\n",
+        .signal = Portrait::kUd,
+        .over = Portrait::kOverTurns,
+        .equation = "drop of a phase = V_0 sat(i/i_linear) + R_on i",
+        .shows =
+            "As dead time: orders 6 n_p and multiples in the voltages from V_0, and a resistance "
+            "from R_on.",
+        .taken_for = "`dead_time` (V_0) and `resistance` (R_on)."};
+    return kPortrait;
   }
 
  private:

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-class InverterOffset final : public Effect {
+class InverterOffset final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "inverter_offset"; }
   std::string_view meaning() const override { return "constant error of a phase voltage"; }
@@ -46,6 +46,39 @@ class InverterOffset final : public Effect {
   double materiality(const DriveFacts& facts) const override {
     // 0.05 V of a bus of 235 V: it comes from the duties.
     return offset_.cwiseAbs().maxCoeff() / (0.05 / 235 * facts.v_dc);
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"current_offset", Run::kStandstillWithoutVoltage}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kInverter, 2},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "offset_a_V = 1.0\noffset_b_V = -0.4\n",
+        .signal = Portrait::kIq,
+        .over = Portrait::kOverTurns,
+        .equation = "u_phase = asked + offset, an offset a phase against c",
+        .shows =
+            "Order n_p (here 3) in currents, torque and speed, as far as the loop lets it "
+            "through, and in the voltages that the loop asks for against it; the same at every "
+            "load and speed.",
+        .taken_for =
+            "`current_offset`, where the current loop is stiff: it turns at the same order. The "
+            "voltage equation tells them apart at different speeds."};
+    return kPortrait;
   }
 
  private:

@@ -14,7 +14,7 @@
 namespace twinrate {
 namespace {
 
-class IronLoss final : public Effect {
+class IronLoss final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "iron_loss"; }
   std::string_view meaning() const override {
@@ -56,6 +56,40 @@ class IronLoss final : public Effect {
     return emf_rated > 0 && m.i_rated > 0
                ? std::abs(conductance()) * emf_rated / (0.0075 * m.i_rated)
                : std::abs(conductance()) * 1500;
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kIron, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kConstantSpeeds,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "resistance_Ohm = 100.0\n",
+        .signal = Portrait::kIq,
+        .over = Portrait::kOverSpeed,
+        .equation =
+            "i_fe = omega_e [-psi_q, psi_d]/R_c adds to the current at the terminals; u_dq_drop "
+            "= R_s i_fe",
+        .shows =
+            "Measured q current in proportion to the speed that makes no torque, and so an "
+            "estimated load torque that rises like friction. Voltage hardly shows it. The "
+            "currents of TRUTH are those behind R_c.",
+        .taken_for =
+            "`viscous_friction`: the same torque at every load; only the copper loss of i_fe and "
+            "its d part, in proportion to load and speed, differ."};
+    return kPortrait;
   }
 
  private:

@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-class LoadStep final : public Effect {
+class LoadStep final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "load_step"; }
   std::string_view meaning() const override { return "torque that begins at one time"; }
@@ -34,6 +34,39 @@ class LoadStep final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(T_) / smallest_torque(facts, 20e-3);
+  }
+
+  Traits traits() const override {
+    static constexpr KeyPair kTorque[] = {{"torque_Nm", "torque_Nm"}};
+    static constexpr Reading kReadings[] = {{Reading::kFromTheBeginning, "constant_load", kTorque}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kLoad, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kByKey, .key = "time_s", .distance = 0.25},
+            .place = Place::kMoment,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kTorqueOverTime,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "torque_Nm = 1.0\ntime_s = 3.5\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTime,
+        .equation = "T_load += T for t >= t_step, behind a shaft where there is one",
+        .shows =
+            "One dip of the speed, and a step of the estimated load torque with the observer's "
+            "own rise.",
+        .taken_for = "`constant_load`, where the step is not in the record.",
+        .from_s = 3.45,
+        .to_s = 3.7};
+    return kPortrait;
   }
 
  private:

@@ -6,7 +6,7 @@
 #pragma once
 #include <numbers>
 
-#include "model/effects/effect.hpp"
+#include "model/effects/physics.hpp"
 
 namespace twinrate {
 

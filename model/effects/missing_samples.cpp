@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-class MissingSamples final : public Effect {
+class MissingSamples final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "missing_samples"; }
   std::string_view meaning() const override { return "lost rows"; }
@@ -30,6 +30,39 @@ class MissingSamples final : public Effect {
   void coefficients(std::span<double>) const override {}
   // One row in a thousand.
   double materiality(const DriveFacts&) const override { return share_ / 1e-3; }
+
+  Traits traits() const override {
+    static constexpr FromFault kFaults[] = {{FromFault::kMissingRows, "share"}};
+    return {.equation = Equation::kSensing,
+            .family = {Family::kSamples, 2},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kSamples,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = kFaults};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "share = 0.02\n",
+        .signal = Portrait::kAngle,
+        .over = Portrait::kOverTime,
+        .equation =
+            "MEASUREMENT(k) without currents, angle, speed and bus voltage, with probability "
+            "share",
+        .shows =
+            "Rows without signals: their fields repeat the row before, here an angle of 0.63 "
+            "mrad too little. Filters predict over such a row (status bit 4), controllers hold "
+            "what they had.",
+        .taken_for = "`stale_samples`, which do not say so."};
+    return kPortrait;
+  }
 
  private:
   double share_ = 0;

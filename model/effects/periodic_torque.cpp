@@ -12,7 +12,7 @@
 namespace twinrate {
 namespace {
 
-class PeriodicTorque final : public Effect {
+class PeriodicTorque final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "periodic_torque"; }
   std::string_view meaning() const override {
@@ -52,6 +52,37 @@ class PeriodicTorque final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return amplitude_ / smallest_torque(facts, 5e-3);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kTorqueRipple, 3},
+            .period = {.in = Period::kAngleOrTime,
+                       .order_key = "order",
+                       .frequency_key = "frequency_Hz"},
+            .repeats = {.how = Repeats::kFreely},
+            .place = Place::kLine,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kTorqueOverPeriod,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "frequency_Hz = 3\namplitude_Nm = 0.1\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTime,
+        .equation = "T_load += A sin(2 pi f t + nu theta_m + phase)",
+        .shows =
+            "A line in the load torque that keeps its frequency when the speed changes, or one "
+            "of an order that is not whole. It describes what the data show, not its cause.",
+        .taken_for = "`cogging`, where the order is whole."};
+    return kPortrait;
   }
 
  private:

@@ -14,7 +14,7 @@
 namespace twinrate {
 namespace {
 
-class PhaseAsymmetry final : public Effect {
+class PhaseAsymmetry final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "phase_asymmetry"; }
   std::string_view meaning() const override {
@@ -52,6 +52,43 @@ class PhaseAsymmetry final : public Effect {
   double materiality(const DriveFacts& facts) const override {
     // What it is beyond a common change of all three.
     return (change_.maxCoeff() - change_.minCoeff()) / (0.02 * facts.machine.R_s);
+  }
+
+  Traits traits() const override {
+    static constexpr KeyPair kPhases[] = {{"change_a_Ohm", "change_Ohm"},
+                                          {"change_b_Ohm", "change_Ohm"},
+                                          {"change_c_Ohm", "change_Ohm"}};
+    static constexpr Reading kReadings[] = {{Reading::kItsCommonPart, "resistance", kPhases}};
+    static constexpr Bound kBounds[] = {{"change_a_Ohm", 5, Bound::kStatorResistance},
+                                        {"change_b_Ohm", 5, Bound::kStatorResistance},
+                                        {"change_c_Ohm", 5, Bound::kStatorResistance}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kResistance, 1},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kInSum,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = kReadings,
+            .bounds = kBounds,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "change_a_Ohm = 0.5\n",
+        .signal = Portrait::kUd,
+        .over = Portrait::kOverTurns,
+        .equation = "drop of a phase = change i, a change a phase",
+        .shows =
+            "Order 2 n_p (here 6) in both voltages in proportion to the current, a third of the "
+            "change each, and the mean of the three changes as a resistance.",
+        .taken_for =
+            "`resistance` (the mean); `current_gain`, which has order 2 n_p in the currents."};
+    return kPortrait;
   }
 
  private:

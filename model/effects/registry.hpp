@@ -1,6 +1,7 @@
 // Every effect's maker, one line an effect; its table stands in registry.cpp.
 #pragma once
-#include "model/effects/effect.hpp"
+#include "model/effects/portrait.hpp"
+#include "model/effects/tracing.hpp"
 
 namespace twinrate {
 

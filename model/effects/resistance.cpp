@@ -14,7 +14,7 @@
 namespace twinrate {
 namespace {
 
-class Resistance final : public Effect {
+class Resistance final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "resistance"; }
   std::string_view meaning() const override {
@@ -48,6 +48,42 @@ class Resistance final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(change_) / (0.02 * facts.machine.R_s);
+  }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"voltage_gain", Run::kFastWithoutLoad},
+                                              {"inverter_drop", Run::kWindingAlone}};
+    static constexpr Bound kBounds[] = {{"change_Ohm", 5, Bound::kStatorResistance}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kResistance, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kGrid,
+            .noise = Noise::kSome,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kResistanceOverTime,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = kBounds,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "change_Ohm = 0.5\ntime_constant_s = 2.0\n",
+        .signal = Portrait::kUq,
+        .over = Portrait::kOverTime,
+        .equation = "u_dq_drop = change (1 - exp(-(t - start)/tau)) i_dq",
+        .shows =
+            "Voltage along the current in proportion to it, that creeps where the winding warms "
+            "up. At low speed it is most of the voltage.",
+        .taken_for =
+            "`inverter_drop` (resistance), `dead_time` at small current; `phase_asymmetry` but "
+            "for its order 2 n_p.",
+        .from_s = 0.5,
+        .to_s = 8.0};
+    return kPortrait;
   }
 
  private:

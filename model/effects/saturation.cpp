@@ -62,7 +62,7 @@ struct Axis {
   double psi(Form form, double i) const { return coefficient(form) * regressor(form, i); }
 };
 
-class Saturation final : public Effect {
+class Saturation final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "saturation"; }
   std::string_view meaning() const override { return "inductance that falls with its current"; }
@@ -107,6 +107,38 @@ class Saturation final : public Effect {
     return std::max(std::abs(d_.psi(form_, i)) / facts.machine.L_d,
                     std::abs(q_.psi(form_, i)) / facts.machine.L_q) /
            (0.015 * i);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kFlux, 2},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kGrid,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kFluxOverItsCurrent,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "form = \"rational\"\ncurrent_q_A = 8.0\n",
+        .signal = Portrait::kUd,
+        .over = Portrait::kOverTime,
+        .equation =
+            "psi_q = L_q i_q f(|i_q|/I_s); f(x) = 1/(1 + x) rational, 1/(1 + x^2) square (along "
+            "its tangent beyond x = 0.8), tanh(x)/x tanh; likewise along d where current_d_A is "
+            "given",
+        .shows =
+            "Voltage across the current at speed, here along d, that grows less than the "
+            "current; currents that answer faster at load.",
+        .taken_for = "`inductance` at one load; `cross_saturation`."};
+    return kPortrait;
   }
 
  private:

@@ -11,6 +11,7 @@
 // A memory, so at() is zero: along() gives u_dq_drop (asked less acting) or reading less truth,
 // linear between samples.
 #include "model/effects/lag.hpp"
+#include "model/effects/memory.hpp"
 #include "model/effects/registry.hpp"
 
 namespace twinrate {
@@ -31,7 +32,7 @@ class Late {
   Filter filter_;
 };
 
-class SignalLag final : public Effect {
+class SignalLag final : public TraceableEffect, public EffectMemory {
  public:
   std::string_view kind() const override { return "signal_lag"; }
   std::string_view meaning() const override {
@@ -66,6 +67,7 @@ class SignalLag final : public Effect {
     return true;
   }
   Contribution at(const OperatingPoint&) const override { return {}; }
+  const EffectMemory* memory() const override { return this; }
   void along(Record record, double T_s, Sums sums) const override {
     switch (signal_) {
       case SamplingFacts::kVoltage:
@@ -82,10 +84,50 @@ class SignalLag final : public Effect {
   void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
   void coefficients(std::span<double>) const override {}
   std::vector<TracedKey> traced_keys() const override {
-    return {{"signal", {0, 1, 2, 3}, false}, {"form", {0, 1}, false}, {"lag_s", {50e-6}}};
+    return {{"signal", {0, 1, 2, 3}, false},
+            {"form", {0, 1}, false},
+            {.key = "lag_s", .grid = {50e-6}, .linear = true}};
   }
   double materiality(const DriveFacts&) const override {
     return lag_ / (signal_ == SamplingFacts::kSpeed ? 50e-6 : 12e-6);
+  }
+
+  Traits traits() const override {
+    const bool late_voltage = signal_ == SamplingFacts::kVoltage;
+    // A late angle turns the voltage by far more than noise. Only noise tells it from a late
+    // voltage, and a filter from a delay.
+    const bool late_angle = signal_ == SamplingFacts::kAngle && delay() > 0;
+    return {.equation = late_voltage ? Equation::kElectrical : Equation::kSensing,
+            .family = {Family::kLag, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kByKey, .key = "signal"},
+            .place = Place::kGrid,
+            .noise = late_angle ? Noise::kSome : Noise::kMimics,
+            .on_command = late_voltage ? Answer::kYes : Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "signal = \"angle\"\nform = \"delay\"\nlag_s = 3e-4\n",
+        .signal = Portrait::kAngle,
+        .over = Portrait::kOverSpeed,
+        .equation =
+            "reading(t) = true(t - lag), or lag reading' = true - reading; a late voltage acts "
+            "later than the log has it",
+        .shows =
+            "No order: of the angle an error of speed times lag; of the current a vector turned "
+            "back by omega_e lag; of the voltage the difference of two samples, which shows "
+            "where the voltage changes; of the speed its slope times lag.",
+        .taken_for =
+            "`encoder_offset` at one speed (angle); `resistance` and `inductance` (a filter in "
+            "the current path)."};
+    return kPortrait;
   }
 
  private:

@@ -12,7 +12,7 @@
 namespace twinrate {
 namespace {
 
-class StribeckFriction final : public Effect {
+class StribeckFriction final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "stribeck_friction"; }
   std::string_view meaning() const override {
@@ -34,7 +34,6 @@ class StribeckFriction final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = T_S_ * shape(point.omega_m)};
   }
-  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = shape(point.omega_m)};
@@ -46,6 +45,35 @@ class StribeckFriction final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(T_S_) / smallest_torque(facts, 20e-3);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kFriction, 2},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kGrid,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kYes,
+            .view = View::kTorqueOverSpeed,
+            .told_by = Run::kConstantSpeeds,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "torque_Nm = 0.1\nspeed_rad_s = 3.0\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverSpeed,
+        .equation = "T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)",
+        .shows =
+            "Load torque that falls with rising speed: two humps beside standstill. Negative "
+            "damping there, which makes slow drives stick and slip.",
+        .taken_for = "`coulomb_friction` at low speed only."};
+    return kPortrait;
   }
 
  private:

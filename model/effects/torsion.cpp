@@ -11,13 +11,14 @@
 // and gives T_load += T_shaft - T_load, J += -J_load. At a given antiresonance and damping ratio
 // that is linear in J_load.
 
+#include "model/effects/memory.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shaft.hpp"
 
 namespace twinrate {
 namespace {
 
-class Torsion final : public Effect {
+class Torsion final : public TraceableEffect, public EffectMemory {
  public:
   std::string_view kind() const override { return "torsion"; }
   std::string_view meaning() const override {
@@ -42,6 +43,7 @@ class Torsion final : public Effect {
     return true;
   }
   Contribution at(const OperatingPoint&) const override { return {}; }
+  const EffectMemory* memory() const override { return this; }
   void along(std::span<const OperatingPoint> record, double T_s,
              std::span<Contribution> sums) const override {
     along_shaft(shaft_, record, T_s, sums);
@@ -62,6 +64,46 @@ class Torsion final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return shaft_.J_load / (0.05 * facts.machine.J);
+  }
+
+  Traits traits() const override {
+    static constexpr KeyPair kShaft[] = {{"J_load_kgm2", "J_load_kgm2"},
+                                         {"stiffness_Nm_rad", "stiffness_Nm_rad"},
+                                         {"damping_Nms_rad", "damping_Nms_rad"}};
+    static constexpr Reading kReadings[] = {{Reading::kWhereBurstsRemain, "backlash", kShaft}};
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kShaft, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kShaft,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kNo,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kReversals,
+            .relatives = none,
+            .readings = kReadings,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "J_load_kgm2 = 2.8e-3\nstiffness_Nm_rad = 61.8\ndamping_Nms_rad = 0.0317\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverTime,
+        .equation =
+            "T_shaft = K delta + D delta', delta = theta_m - theta_load; J_load omega_load' = "
+            "T_shaft - T_load",
+        .shows =
+            "Ringing after every step of torque, at sqrt(K (1/J_load + 1/(J - J_load)))/2 pi (29 "
+            "Hz here) where the current is held, and lower under a speed controller, which holds "
+            "the motor while the load swings at sqrt(K/J_load)/2 pi (24 Hz). Nothing at constant "
+            "speed.",
+        .taken_for = "`inertia` in slow manoeuvres; a speed controller that is tuned too hard.",
+        .from_s = 3.49,
+        .to_s = 3.75,
+        .drive = Portrait::kReversal};
+    return kPortrait;
   }
 
  private:

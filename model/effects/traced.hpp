@@ -1,6 +1,6 @@
 // Helpers of what effects tell the tracer: traced_keys() and materiality().
 #pragma once
-#include "model/effects/effect.hpp"
+#include "model/effects/tracing.hpp"
 
 namespace twinrate {
 

@@ -7,7 +7,7 @@
 namespace twinrate {
 namespace {
 
-class ViscousFriction final : public Effect {
+class ViscousFriction final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "viscous_friction"; }
   std::string_view meaning() const override {
@@ -24,7 +24,6 @@ class ViscousFriction final : public Effect {
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = b_ * point.omega_m};
   }
-  bool is_loss() const override { return true; }
   int regressor_count() const override { return 1; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.T_load = point.omega_m};
@@ -36,6 +35,34 @@ class ViscousFriction final : public Effect {
   }
   double materiality(const DriveFacts& facts) const override {
     return std::abs(b_) * rated_speed(facts) / smallest_torque(facts, 15e-3);
+  }
+
+  Traits traits() const override {
+    return {.equation = Equation::kMechanical,
+            .family = {Family::kFriction, 0},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kNone,
+            .on_command = Answer::kNo,
+            .loss = Loss::kBeyondViscosity,
+            .view = View::kTorqueOverSpeed,
+            .told_by = Run::kConstantSpeeds,
+            .relatives = none,
+            .readings = none,
+            .bounds = none,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "coefficient_Nms = 0.05\n",
+        .signal = Portrait::kTo,
+        .over = Portrait::kOverSpeed,
+        .equation = "T_load += b omega_m",
+        .shows = "A straight line of the estimated load torque over the speed.",
+        .taken_for =
+            "`machine.B_Nms`: only the sum can be identified; `coulomb_friction` at one speed."};
+    return kPortrait;
   }
 
  private:

@@ -9,7 +9,7 @@
 namespace twinrate {
 namespace {
 
-class VoltageGain final : public Effect {
+class VoltageGain final : public TraceableEffect {
  public:
   std::string_view kind() const override { return "voltage_gain"; }
   std::string_view meaning() const override {
@@ -34,6 +34,38 @@ class VoltageGain final : public Effect {
   void set_coefficients(std::span<const double> values) override { gain_ = values[0]; }
   std::vector<TracedKey> traced_keys() const override { return {linear_key("gain")}; }
   double materiality(const DriveFacts&) const override { return std::abs(gain_) / 0.006; }
+
+  Traits traits() const override {
+    static constexpr Relative kRelatives[] = {{"resistance", Run::kFastWithoutLoad},
+                                              {"flux_linkage", Run::kLoadStepsAndCurrents}};
+    static constexpr Bound kBounds[] = {{"gain", 0.3}};
+    return {.equation = Equation::kElectrical,
+            .family = {Family::kInverter, 3},
+            .period = {.in = Period::kNothing},
+            .repeats = {.how = Repeats::kOnce},
+            .place = Place::kLinear,
+            .noise = Noise::kMimics,
+            .on_command = Answer::kYes,
+            .loss = Loss::kNo,
+            .view = View::kShare,
+            .told_by = Run::kVaried,
+            .relatives = kRelatives,
+            .readings = none,
+            .bounds = kBounds,
+            .faults = none};
+  }
+  const Portrait& portrait() const override {
+    static constexpr Portrait kPortrait{
+        .parameters = "gain = 0.05\n",
+        .signal = Portrait::kUq,
+        .over = Portrait::kOverSpeed,
+        .equation = "u = (1 + gain) asked",
+        .shows =
+            "Every voltage that the drive asks for is smaller by the gain; currents, torque and "
+            "speed stay.",
+        .taken_for = "`flux_linkage` and `resistance` together, in the voltage alone."};
+    return kPortrait;
+  }
 
  private:
   double gain_ = 0;

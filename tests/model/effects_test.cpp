@@ -2,7 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include "model/effects/effect.hpp"
+#include "model/effects/memory.hpp"
+#include "model/effects/tracing.hpp"
 #include "model/random.hpp"
 
 namespace twinrate {
@@ -56,7 +57,7 @@ std::vector<OperatingPoint> random_record(std::uint64_t index) {
 Contribution contribution(const Effect& effect, std::uint64_t index) {
   const auto record = random_record(index);
   std::vector<Contribution> sums(record.size());
-  effect.along(record, 1e-4, sums);
+  contributions(effect, record, 1e-4, sums);
   return sums.back();
 }
 
@@ -70,15 +71,15 @@ class EveryEffect : public testing::TestWithParam<std::string> {};
 
 TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
   const auto effect = plausible(GetParam());
-  const auto count = static_cast<std::size_t>(effect->regressor_count());
+  const auto count = static_cast<std::size_t>(effect->tracing().regressor_count());
   if (count == 0) GTEST_SKIP() << "no regressors: it has a memory, or shows in the raw samples";
   std::vector<double> coefficients(count);
-  effect->coefficients(coefficients);
+  effect->tracing().coefficients(coefficients);
   double size = 0;
   for (std::uint64_t i = 0; i < 500; ++i) {
     const OperatingPoint point = random_point(i);
     std::vector<Contribution> columns(count);
-    effect->regressors(point, columns);
+    effect->tracing().regressors(point, columns);
     test::Flat sum = test::Flat::Zero();
     for (std::size_t c = 0; c < count; ++c) sum += coefficients[c] * test::flat(columns[c]);
     const auto whole = test::flat(effect->at(point));
@@ -95,8 +96,8 @@ TEST_P(EveryEffect, IsTheSameWhereTheAxisOfThePointIsAtHand) {
   for (OperatingPoint& point : with_axis)
     point.d_axis = Vec2(std::cos(point.theta_e), std::sin(point.theta_e));
   std::vector<Contribution> sums(record.size()), sums_with_axis(record.size());
-  effect->along(record, 1e-4, sums);
-  effect->along(with_axis, 1e-4, sums_with_axis);
+  contributions(*effect, record, 1e-4, sums);
+  contributions(*effect, with_axis, 1e-4, sums_with_axis);
   for (std::size_t k = 0; k < record.size(); ++k) {
     const auto whole = test::flat(sums[k]);
     EXPECT_NEAR((test::flat(sums_with_axis[k]) - whole).norm(), 0, 1e-12 * (1 + whole.norm()));
@@ -105,32 +106,33 @@ TEST_P(EveryEffect, IsTheSameWhereTheAxisOfThePointIsAtHand) {
 
 TEST_P(EveryEffect, TakesItsCoefficientsBack) {
   const auto effect = plausible(GetParam());
-  if (effect->traced_keys().empty()) GTEST_SKIP() << "the tracer has no fit for it";
-  const auto count = static_cast<std::size_t>(effect->regressor_count());
+  if (effect->tracing().traced_keys().empty()) GTEST_SKIP() << "the tracer has no fit for it";
+  const auto count = static_cast<std::size_t>(effect->tracing().regressor_count());
   std::vector<double> given(count), kept(count);
-  effect->coefficients(given);
+  effect->tracing().coefficients(given);
   for (double& coefficient : given) coefficient *= 0.7;
   const auto copy = effect->clone();
-  copy->set_coefficients(given);
-  copy->coefficients(kept);
+  copy->tracing().set_coefficients(given);
+  copy->tracing().coefficients(kept);
   for (std::size_t i = 0; i < count; ++i)
     EXPECT_NEAR(kept[i], given[i], 1e-12 * (1 + std::abs(given[i])));
 }
 
 TEST_P(EveryEffect, TwiceItsSizeMattersMore) {
   const auto effect = plausible(GetParam());
-  if (effect->traced_keys().empty() || effect->regressor_count() == 0)
+  if (effect->tracing().traced_keys().empty() || effect->tracing().regressor_count() == 0)
     GTEST_SKIP() << "the tracer has no fit for it";
   const auto facts = test::drive_facts();
-  std::vector<double> c(static_cast<std::size_t>(effect->regressor_count()));
-  effect->coefficients(c);
-  const double size = effect->materiality(facts);
+  std::vector<double> c(static_cast<std::size_t>(effect->tracing().regressor_count()));
+  effect->tracing().coefficients(c);
+  const double size = effect->tracing().materiality(facts);
   EXPECT_GT(size, 0);
   for (double& coefficient : c) coefficient *= 2;
-  effect->set_coefficients(c);
-  EXPECT_LT(effect->materiality(facts), 2.000001 * size);
+  effect->tracing().set_coefficients(c);
+  EXPECT_LT(effect->tracing().materiality(facts), 2.000001 * size);
   // Saturation beyond all measure saturates.
-  EXPECT_GT(effect->materiality(facts), (GetParam() == "saturation" ? 1.01 : 1.999999) * size);
+  EXPECT_GT(effect->tracing().materiality(facts),
+            (GetParam() == "saturation" ? 1.01 : 1.999999) * size);
 }
 
 TEST_P(EveryEffect, TouchesWhatItSaysItActsOnAndNothingElse) {
@@ -147,7 +149,7 @@ TEST_P(EveryEffect, DeclaresItsFieldsAndItsNeeds) {
   const auto effect = make_effect(GetParam());
   EXPECT_EQ(effect->kind(), GetParam());
   EXPECT_FALSE(effect->meaning().empty());
-  EXPECT_FALSE(effect->signals_needed().empty());
+  EXPECT_FALSE(effect->tracing().signals_needed().empty());
   test::FieldSetter look;
   effect->fields(look);
   EXPECT_FALSE(look.required().empty()) << "an effect without a size says nothing";
@@ -191,7 +193,7 @@ class Meet final : public test::FieldSetter {
 TEST_P(EveryEffect, TracesKeysThatItHasOnGridsInsideTheirRange) {
   const auto effect = plausible(GetParam());
   int linear = 0;
-  for (const TracedKey& traced : effect->traced_keys()) {
+  for (const TracedKey& traced : effect->tracing().traced_keys()) {
     Meet meet(traced.key);
     effect->fields(meet);
     EXPECT_TRUE(meet.met) << traced.key;
@@ -206,13 +208,13 @@ TEST_P(EveryEffect, TracesKeysThatItHasOnGridsInsideTheirRange) {
 
 TEST_P(EveryEffect, MattersWhereItIsAndNotAtAllWhereThereIsNone) {
   const auto effect = plausible(GetParam());
-  if (effect->traced_keys().empty()) return;
+  if (effect->tracing().traced_keys().empty()) return;
   const DriveFacts facts = test::drive_facts();
-  EXPECT_GT(effect->materiality(facts), 0.4);  // the plausible values are large
+  EXPECT_GT(effect->tracing().materiality(facts), 0.4);  // the plausible values are large
   test::Silence silence;
   effect->fields(silence);
   EXPECT_EQ(effect->prepare(facts), "");
-  EXPECT_EQ(effect->materiality(facts), 0);
+  EXPECT_EQ(effect->tracing().materiality(facts), 0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Registry, EveryEffect, testing::ValuesIn(effect_kinds()),
@@ -228,7 +230,7 @@ TEST(Materiality, IsOneAtTheSmallestSizeOfAServoMotor) {
   facts.machine.T_rated = 8.1;
   facts.machine.omega_m_rated = 100;
   const auto of = [&](const char* kind, std::map<std::string, double> values) {
-    return test::effect_of(kind, std::move(values), facts)->materiality(facts);
+    return test::effect_of(kind, std::move(values), facts)->tracing().materiality(facts);
   };
   EXPECT_NEAR(of("cogging", {{"order", 6}, {"amplitude_Nm", 4e-3}}), 1, 1e-12);
   EXPECT_NEAR(of("constant_load", {{"torque_Nm", -10e-3}}), 1, 1e-12);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "model/effects/flux_map.hpp"
+#include "model/effects/tracing.hpp"
 #include "model/random.hpp"
 #include "tests/support/effects.hpp"
 
@@ -88,8 +89,8 @@ TEST(Saturation, OfNoneHasTheColumnThatSmallSaturationHas) {
   const auto little = effect_of("saturation", {{"current_q_A", 1e6}});
   for (const double i_q : {-5.0, 0.4, 3.0}) {
     Contribution start, later;
-    none->regressors({.i_dq = Vec2(1, i_q)}, {&start, 1});
-    little->regressors({.i_dq = Vec2(1, i_q)}, {&later, 1});
+    none->tracing().regressors({.i_dq = Vec2(1, i_q)}, {&start, 1});
+    little->tracing().regressors({.i_dq = Vec2(1, i_q)}, {&later, 1});
     EXPECT_NEAR(start.psi_dq[1], -0.0127 * i_q * std::abs(i_q), 1e-15);
     EXPECT_NEAR(later.psi_dq[1], start.psi_dq[1], 1e-5 * std::abs(start.psi_dq[1]));
     EXPECT_EQ(none->at({.i_dq = Vec2(1, i_q)}).psi_dq, Vec2(0, 0));
@@ -104,15 +105,15 @@ TEST(Saturation, IsFoundByRegressingOnItsOwnColumnAgainAndAgain) {
     double xy = 0, xx = 0;
     for (double i_q = -5; i_q <= 5; i_q += 0.25) {
       Contribution column;
-      fit->regressors({.i_dq = Vec2(0, i_q)}, {&column, 1});
+      fit->tracing().regressors({.i_dq = Vec2(0, i_q)}, {&column, 1});
       xy += column.psi_dq[1] * truth->at({.i_dq = Vec2(0, i_q)}).psi_dq[1];
       xx += column.psi_dq[1] * column.psi_dq[1];
     }
     const double c = xy / xx;
-    fit->set_coefficients({&c, 1});
+    fit->tracing().set_coefficients({&c, 1});
   }
   double c = 0;
-  fit->coefficients({&c, 1});
+  fit->tracing().coefficients({&c, 1});
   EXPECT_NEAR(1 / c, 15.1, 1e-4);
 }
 
@@ -186,7 +187,7 @@ TEST(Materiality, IsOneAtTheSmallestElectricalSizesOfAServoMotor) {
   facts.machine.i_rated = 7;
   facts.machine.omega_m_rated = 104.72;
   const auto of = [&](const char* kind, std::map<std::string, double> values) {
-    return effect_of(kind, std::move(values), facts)->materiality(facts);
+    return effect_of(kind, std::move(values), facts)->tracing().materiality(facts);
   };
   EXPECT_NEAR(of("resistance", {{"change_Ohm", -0.021}}), 1, 1e-12);
   EXPECT_NEAR(of("flux_linkage", {{"change_Wb", -0.006 * 0.2533}}), 1, 1e-12);

@@ -4,6 +4,7 @@
 
 #include <complex>
 
+#include "model/effects/memory.hpp"
 #include "model/random.hpp"
 #include "tests/support/effects.hpp"
 
@@ -90,7 +91,7 @@ std::vector<Contribution> along(int signal, int form, double lag,
   const auto effect =
       test::effect_of("signal_lag", {{"signal", signal}, {"form", form}, {"lag_s", lag}});
   std::vector<Contribution> sums(points.size());
-  effect->along(points, kTs, sums);
+  contributions(*effect, points, kTs, sums);
   return sums;
 }
 

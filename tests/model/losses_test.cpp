@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "model/effects/tracing.hpp"
 #include "tests/support/effects.hpp"
 
 namespace twinrate::losses_test {
@@ -13,9 +14,10 @@ std::string wrong_in(const std::vector<std::pair<const char*, double>>& losses, 
   Effects effects;
   for (const auto& [kind, size] : losses) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
-    std::vector<double> coefficients(static_cast<std::size_t>(effect->regressor_count()), 0.0);
+    std::vector<double> coefficients(static_cast<std::size_t>(effect->tracing().regressor_count()),
+                                     0.0);
     coefficients[0] = size;
-    effect->set_coefficients(coefficients);
+    effect->tracing().set_coefficients(coefficients);
     effects.push_back(effect);
   }
   return negative_loss(effects, machine);

@@ -1,6 +1,7 @@
 // An elastic shaft in the plant, and the same shaft simulated along a record.
 #include <gtest/gtest.h>
 
+#include "model/effects/memory.hpp"
 #include "model/random.hpp"
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
@@ -251,9 +252,9 @@ TEST(Along, AWrappedAngleIsAsGoodAsAnUnwrapped) {
   for (int k = 0; k < 1000; ++k)
     points.push_back({.theta_m = 20 * kTs * k + 0.02 * std::sin(0.015 * k), .T_load = 0.2});
   std::vector<Contribution> unwrapped(points.size()), wrapped(points.size());
-  effect->along(points, kTs, unwrapped);
+  contributions(*effect, points, kTs, unwrapped);
   for (OperatingPoint& p : points) p.theta_m = wrap_turn(p.theta_m);
-  effect->along(points, kTs, wrapped);
+  contributions(*effect, points, kTs, wrapped);
   double size = 0;
   for (std::size_t k = 0; k < points.size(); ++k) {
     EXPECT_NEAR(wrapped[k].T_load, unwrapped[k].T_load, 1e-8);

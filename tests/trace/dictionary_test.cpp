@@ -127,7 +127,7 @@ TEST(Candidates, HoldTheSixthHarmonicOfTheFlux) {
     facts.machine.n_p = n_p;
     const auto effect = make_effect("flux_harmonics");
     effect->prepare(facts);
-    for (const TracedKey& key : effect->traced_keys()) {
+    for (const TracedKey& key : effect->tracing().traced_keys()) {
       if (std::string_view(key.key) != "order") continue;
       EXPECT_EQ(std::count(key.grid.begin(), key.grid.end(), 6.0 * n_p), 1) << n_p;
       EXPECT_EQ(std::count(key.grid.begin(), key.grid.end(), 12.0 * n_p), 1) << n_p;

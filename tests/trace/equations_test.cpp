@@ -47,12 +47,12 @@ TEST(Equations, AColumnIsWhatItsEffectTakesOffTheResidual) {
   for (const std::string& kind : effect_kinds()) {
     const auto effect = make_effect(kind);
     effect->prepare(facts);
-    const auto count = static_cast<std::size_t>(effect->regressor_count());
+    const auto count = static_cast<std::size_t>(effect->tracing().regressor_count());
     for (std::size_t r = 0; r < count; ++r) {
       std::vector<double> c(count, 0.0);
       c[r] = 1e-6;
       const auto one = effect->clone();
-      one->set_coefficients(c);
+      one->tracing().set_coefficients(c);
       const std::vector<Channels> columns = equations.columns(*one);
       const Channels after = equations.residual({one});
       // The torque of a flux is made with the measured current there, with the smoothed one here.
@@ -287,15 +287,15 @@ TEST(Chain, WhatItRemembersOfOneSizeIsNotTakenForAnother) {
   for (const std::string& kind : effect_kinds()) {
     const auto effect = make_effect(kind);
     effect->prepare(facts);
-    const auto count = static_cast<std::size_t>(effect->regressor_count());
+    const auto count = static_cast<std::size_t>(effect->tracing().regressor_count());
     if (count == 0 || kind == "iron_loss") continue;  // its columns are those of the whole residual
     const std::vector<double> one(count, 1e-3);
-    effect->set_coefficients(one);
-    const double sizes = effect->materiality(facts);
+    effect->tracing().set_coefficients(one);
+    const double sizes = effect->tracing().materiality(facts);
     for (double size : {2.0, 20.0, 5.0}) {
       std::vector<double> c = one;
       for (double& x : c) x *= size / std::max(1e-9, sizes);
-      effect->set_coefficients(c);
+      effect->tracing().set_coefficients(c);
       ASSERT_EQ(effect->prepare(facts), "") << kind;
       const Sampled kept = chain.residual({effect}), whole = chain.noiseless({effect});
       double wrong = 0, change = 0;
