@@ -4,8 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
+#include "model/effects/tracing.hpp"
 #include "model/frames.hpp"
 
 namespace twinrate::report {
@@ -132,14 +132,28 @@ Plot over_phase_current(const TraceResult& r, const TracedEffect& effect, int n_
   return plot;
 }
 
-double key_of(const TracedEffect& e, const char* name) {
+double value_of(const TracedEffect& e, const char* key) {
+  const std::string name = split_unit(key).name;
   for (const TracedParameter& p : e.parameters)
     if (p.name == name) return p.value;
   return 0;
 }
 
-bool one_of(const std::set<std::string_view>& kinds, std::string_view kind) {
-  return kinds.contains(kind);
+Plot over_period_of(const TracedEffect& effect, const Rows& rows, std::size_t half) {
+  const Traits::Period period = effect.effect->tracing().traits().period;
+  const double order = *period.order_key ? value_of(effect, period.order_key) : period.order;
+  if (order > 0) return over_period(rows, order);
+  return *period.frequency_key ? over_cycle(rows, value_of(effect, period.frequency_key))
+                               : over_share(rows, half);
+}
+
+// Times the sign of the speed.
+Plot over_period_by_motion(const TracedEffect& effect, const Rows& rows, std::size_t half) {
+  Plot plot = over_period_of(effect, rows, half);
+  plot.note = "Against the motion: torque times the sign of the speed.";
+  plot.points.g =
+      each(rows.size(), [&](std::size_t i) { return rows.s.omega_m[i] < 0 ? -1.0 : 1.0; });
+  return plot;
 }
 
 }  // namespace
@@ -155,34 +169,32 @@ Plot over_share(const Rows& rows, std::size_t half) {
 }
 
 Plot plot_of(const TraceResult& r, const TracedEffect& effect, const Rows& rows, std::size_t half) {
-  const std::string_view kind = effect.effect->kind();
+  using View = Traits::View;
+  const View view = effect.effect->tracing().traits().view;
+  const TraceSeries& s = rows.s;
   const bool torque = rows.view.channel == "torque", d = rows.view.channel == "d";
-  if (one_of({"dead_time", "inverter_drop"}, kind) && !torque)
-    return over_phase_current(r, effect, rows.n_p);
-  if (kind == "resistance" && !torque) return resistance_over_time(rows);
-  if (one_of({"inductance", "saturation"}, kind) && !torque)
-    return d ? flux_over(rows, "i_q (A)", rows.s.i_q) : flux_over(rows, "i_d (A)", rows.s.i_d);
-  if (kind == "cross_saturation" && !torque)
-    return d ? flux_over(rows, "i_d (A)", rows.s.i_d) : flux_over(rows, "i_q (A)", rows.s.i_q);
-  if (kind == "flux_linkage" && !torque) return over_speed(rows);
-  if (!torque) return over_share(rows, half);
-  const double order = kind == "eccentric_load" ? 1 : key_of(effect, "order");
-  if (one_of({"cogging", "eccentric_load", "periodic_torque"}, kind) && order > 0)
-    return over_period(rows, order);
-  if (kind == "periodic_torque") return over_cycle(rows, key_of(effect, "frequency"));
-  if (kind == "friction_ripple" && order > 0) {
-    Plot plot = over_period(rows, order);
-    plot.note = "Against the motion: torque times the sign of the speed.";
-    plot.points.g =
-        each(rows.size(), [&](std::size_t i) { return rows.s.omega_m[i] < 0 ? -1.0 : 1.0; });
-    return plot;
+  if (torque != (view >= View::kTorqueOverPeriod)) return over_share(rows, half);
+  switch (view) {
+    case View::kPhaseVoltageOverCurrent:
+      return over_phase_current(r, effect, rows.n_p);
+    case View::kResistanceOverTime:
+      return resistance_over_time(rows);
+    case View::kFluxOverItsCurrent:
+      return d ? flux_over(rows, "i_q (A)", s.i_q) : flux_over(rows, "i_d (A)", s.i_d);
+    case View::kFluxOverOtherCurrent:
+      return d ? flux_over(rows, "i_d (A)", s.i_d) : flux_over(rows, "i_q (A)", s.i_q);
+    case View::kVoltageOverSpeed:
+    case View::kTorqueOverSpeed:
+      return over_speed(rows);
+    case View::kTorqueOverPeriod:
+      return over_period_of(effect, rows, half);
+    case View::kTorqueOverPeriodByMotion:
+      return over_period_by_motion(effect, rows, half);
+    case View::kTorqueOverTime:
+      return over(rows, "Over time", "t (s)", s.t);
+    default:
+      return over_share(rows, half);
   }
-  if (one_of({"viscous_friction", "coulomb_friction", "stribeck_friction", "fan_load",
-              "constant_load"},
-             kind))
-    return over_speed(rows);
-  if (kind == "load_step") return over(rows, "Over time", "t (s)", rows.s.t);
-  return over_share(rows, half);
 }
 
 }  // namespace twinrate::report
