@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/equations.hpp"
 #include "trace/keys.hpp"
 
@@ -90,7 +91,7 @@ class StepSearch {
 
 void find_moments(const DriveLogs& logs, const DriveConfig& drive, TraceResult& result) {
   for (TracedEffect& e : result.effects) {
-    if (e.effect->kind() != "load_step") continue;
+    if (!is_placed(*e.effect, Traits::Place::kMoment)) continue;
     const std::optional<Gap> gap = gap_at(logs, get_key(*e.effect, "time_s"));
     if (!gap) continue;
     const auto found = StepSearch(logs, drive, result, *e.effect).moment(*gap);

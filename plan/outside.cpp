@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/bus_ripple.hpp"
 #include "trace/tracer.hpp"
 
@@ -16,8 +17,12 @@ bool shows_a_gap(const PlanBlock& block) {
                      [&](const char* name) { return block.name == name; });
 }
 
-OutsideKind backlash(const Plan& plan, const std::vector<PlanLog>& logs) {
-  OutsideKind k{.kind = "backlash",
+std::string kind_placed(Traits::Place place) {
+  return std::string(make_placed(place)->kind());
+}
+
+OutsideKind gap(const Plan& plan, const std::vector<PlanLog>& logs) {
+  OutsideKind k{.kind = kind_placed(Traits::Place::kGap),
                 .needs = "reversals without load: the load inertia must cross the gap repeatedly",
                 .shown_by = {std::begin(kShowsAGap), std::end(kShowsAGap)}};
   k.in_run = std::any_of(plan.order.begin(), plan.order.end(),
@@ -26,9 +31,8 @@ OutsideKind backlash(const Plan& plan, const std::vector<PlanLog>& logs) {
   return k;
 }
 
-OutsideKind dc_bus_ripple(const Plan& plan, const std::vector<PlanLog>& logs,
-                          const DriveConfig& drive) {
-  OutsideKind k{.kind = "dc_bus_ripple",
+OutsideKind bus_line(const Plan& plan, const std::vector<PlanLog>& logs, const DriveConfig& drive) {
+  OutsideKind k{.kind = kind_placed(Traits::Place::kBusLine),
                 .needs = "v_dc logged in every row, for a second or longer, in any run",
                 .shown_by = {}};
   k.in_run = plan.profile.duration_s >= kShowsARipple_s;
@@ -52,7 +56,7 @@ bool is_asked_for(const PlanRequest& request, const std::string& kind) {
 std::optional<std::size_t> block_for_backlash(const PlanRequest& request,
                                               const std::vector<PlanBlock>& all,
                                               const std::vector<std::size_t>& usable) {
-  if (request.kinds.empty() || !is_asked_for(request, "backlash")) return {};
+  if (request.kinds.empty() || !is_asked_for(request, kind_placed(Traits::Place::kGap))) return {};
   for (std::size_t b : usable)
     if (shows_a_gap(all[b]) && all[b].duration_s <= request.longest_s) return b;
   return {};
@@ -61,8 +65,8 @@ std::optional<std::size_t> block_for_backlash(const PlanRequest& request,
 std::vector<OutsideKind> outside_the_design(const Plan& plan, const std::vector<PlanLog>& logs,
                                             const DriveConfig& drive) {
   std::vector<OutsideKind> list;
-  if (is_asked_for(plan.request, "backlash")) list.push_back(backlash(plan, logs));
-  if (is_asked_for(plan.request, "dc_bus_ripple")) list.push_back(dc_bus_ripple(plan, logs, drive));
+  for (OutsideKind& k : std::vector{gap(plan, logs), bus_line(plan, logs, drive)})
+    if (is_asked_for(plan.request, k.kind)) list.push_back(std::move(k));
   return list;
 }
 
