@@ -59,8 +59,8 @@ class AdcClipping final : public TraceableEffect {
         .equation = "i_meas = max(-limit, min(limit, i)), after noise",
         .shows =
             "Flat tops of the measured phase currents; in rotor axes orders 6 n_p (18) and "
-            "multiples, as soon as the current's peak passes the limit. The controller believes "
-            "them, so true currents and torque are bent, too.",
+            "multiples, if the peak of the current exceeds the limit. The controller uses the "
+            "clipped currents, so true currents and torque are distorted, too.",
         .taken_for = "`current_gain` (a smaller mean); `saturation`, which is smooth."};
     return kPortrait;
   }

@@ -63,8 +63,8 @@ class AdcQuantisation final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "i_meas = round(i/lsb) lsb, after noise and the steps of [sensors]",
         .shows =
-            "Steps in the measured currents, half of one at most away from the truth. What order "
-            "they make depends on the current; a histogram of the raw samples shows them at once.",
+            "Steps in the measured currents, with an error of at most half a step. Their orders "
+            "depend on the current; a histogram of the raw samples shows them.",
         .taken_for =
             "`backlash` and `coulomb_friction` at small current: steps of current excite the "
             "same events."};

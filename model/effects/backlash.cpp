@@ -89,13 +89,11 @@ class Backlash final : public TraceableEffect, public EffectMemory {
             "T_shaft = K (delta -+ gap/2) + D delta' beyond the flanks, 0 between them; J_load "
             "omega_load' = T_shaft - T_load",
         .shows =
-            "Where the shaft's torque changes its sign the motor runs alone for the moment that "
-            "the load needs to cross the gap, with its own smaller inertia, and is hit when it "
-            "arrives; light loads bounce. Under a load that holds one flank there is nothing to "
-            "see but the stiffness.",
+            "At a change of sign of the shaft torque the load crosses the gap. Until then the "
+            "motor runs alone, with its own smaller inertia; an impact follows. Light loads "
+            "bounce. Under a load that holds one flank only the stiffness is visible.",
         .taken_for =
-            "`torsion`, which rings at one frequency whatever the amplitude; a coarse current "
-            "ADC.",
+            "`torsion`, which rings at one frequency at any amplitude; a coarse current ADC.",
         .from_s = 3.49,
         .to_s = 3.62,
         .drive = Portrait::kReversal};

@@ -98,7 +98,7 @@ class Cogging final : public TraceableEffect {
         .shows =
             "Speed, i_q and the estimated load torque at order N, at every load and in either "
             "direction with the same angle. The example has one term of each origin: 6 poles, 27 "
-            "slots, 54 native; the observer, too slow for them at one turn a second, shows 23 of "
+            "slots, 54 native; the observer, too slow for them at one turn per second, shows 23 of "
             "40 and 19 of 60 mNm.",
         .taken_for =
             "`flux_harmonics` at constant current (it grows with i_q, cogging does not); "

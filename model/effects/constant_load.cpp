@@ -57,8 +57,7 @@ class ConstantLoad final : public TraceableEffect {
         .signal = Portrait::kTo,
         .over = Portrait::kOverSpeed,
         .equation = "T_load += T, behind a shaft where there is one",
-        .shows =
-            "A shift of the estimated load torque and of i_q that does not ask for the direction.",
+        .shows = "A shift of the estimated load torque and of i_q, the same in both directions.",
         .taken_for =
             "`coulomb_friction` in one direction; the offset of a torque or q-current sensor."};
     return kPortrait;

@@ -62,8 +62,8 @@ class CoulombFriction final : public TraceableEffect {
         .over = Portrait::kOverSpeed,
         .equation = "T_load += T_C tanh(omega_m/omega_smooth)",
         .shows =
-            "A step of the estimated load torque where the speed changes its sign, and the bump "
-            "in the speed there; nothing that turns at constant speed.",
+            "A step of the estimated load torque at a change of sign of the speed, with a bump in "
+            "the speed; no order at constant speed.",
         .taken_for = "`constant_load` in one direction; `viscous_friction` at one speed."};
     return kPortrait;
   }

@@ -81,9 +81,10 @@ class CrossSaturation final : public TraceableEffect {
         .over = Portrait::kOverTime,
         .equation = "psi_d -= c/2 i_q^2, psi_q -= c i_d i_q",
         .shows =
-            "Less torque an ampere at load: the estimated load torque, which believes the "
-            "magnets, is too large by 0.6 % here, and the EMF along q too small; both with the "
-            "square of i_q, so a light load shows nothing. Where i_d flows, L_q changes with it.",
+            "Less torque per ampere under load: the estimated load torque, computed with the "
+            "declared flux, is 0.6 % too large here, and the EMF along q is too small. Both grow "
+            "with the square of i_q, so a light load does not show the effect. L_q changes with "
+            "i_d.",
         .taken_for = "`flux_linkage` at one load; `saturation` of the d axis."};
     return kPortrait;
   }

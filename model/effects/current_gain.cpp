@@ -68,10 +68,10 @@ class CurrentGain final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "i_meas = (1 + gain) i, a gain a phase",
         .shows =
-            "Order 2 n_p (here 6) in the measured currents, and a constant part, both in "
-            "proportion to the current. How much of it becomes true current, torque and speed is "
-            "up to the loop: here the d integrator makes the measured i_d smooth and the true "
-            "one rough, while i_q keeps most of it in the reading.",
+            "Order 2 n_p (here 6) in the measured currents, and a constant part, both proportional "
+            "to the current. The loop determines the share that becomes true current, torque and "
+            "speed: here the d integrator makes the measured i_d smooth and the true one rough, "
+            "while most of the error of i_q stays in the reading.",
         .taken_for =
             "`cogging` of the same order at one load; a wrong torque constant (the constant "
             "part)."};

@@ -62,11 +62,11 @@ class CurrentOffset final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "i_meas = i + offset, an offset a phase",
         .shows =
-            "Order n_p (here 3) in the measured currents, the same at every load; from there, as "
-            "far as the loop follows it, in true currents, torque and speed, and in the "
-            "estimated load torque, which believes the currents.",
+            "Order n_p (here 3) in the measured currents, the same at every load. The loop follows "
+            "them, so the order appears in true currents, torque and speed, and in the estimated "
+            "load torque, which uses the measured currents.",
         .taken_for =
-            "`cogging` of order n_p; an offset of the voltages, where no voltage is measured."};
+            "`cogging` of order n_p; an offset of the voltages, if no voltage is measured."};
     return kPortrait;
   }
 

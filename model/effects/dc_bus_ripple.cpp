@@ -77,8 +77,8 @@ class DcBusRipple final : public TraceableEffect {
             "chosen for v_dc(t_k)",
         .shows =
             "The measured bus voltage, and a little in u and i: the modulator corrects with the "
-            "sample of the start of the interval. A frequency, not an order: here 300 Hz at one "
-            "turn a second. A trace reads it off v_dc.",
+            "sample at the start of the interval. The effect has a frequency, not an order: here "
+            "300 Hz at one turn per second. A trace finds it in v_dc.",
         .taken_for =
             "A mechanical effect of the same frequency at one speed; it moves in the order "
             "spectrum when the speed changes.",

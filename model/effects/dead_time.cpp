@@ -80,13 +80,13 @@ class DeadTime final : public TraceableEffect {
             "= switched",
         .shows =
             "Orders 6 n_p and its multiples (18, 36) in the voltages and, as far as the current "
-            "loop lets them through, in currents and torque; strongest across the current, here "
-            "in u_d. A shift of u_q that looks like resistance at small current. The switched "
-            "inverter has the sharper corners: its current ripple at this speed is far less than "
-            "the 0.3 A in which the averaged effect fades.",
+            "loop lets them through, in currents and torque; strongest across the current, here in "
+            "u_d. A shift of u_q that is similar to a resistance at small current. The switched "
+            "inverter has sharper corners: its current ripple at this speed is far below the 0.3 A "
+            "of the linear zone of the averaged effect.",
         .taken_for =
-            "`inverter_drop` (same shape; only the bus voltage or the switching frequency tells "
-            "them apart); `resistance` at small current.",
+            "`inverter_drop` (same shape; only another bus voltage or switching frequency "
+            "separates them); `resistance` at small current.",
         .switched = true};
     return kPortrait;
   }

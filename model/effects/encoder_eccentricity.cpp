@@ -66,8 +66,9 @@ class EncoderEccentricity final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "theta_meas = theta_m + A sin(theta_m + phase)",
         .shows =
-            "Order 1 in the true speed: the loop makes the measured one smooth. The estimated "
-            "load torque holds the inertia torque of that, so it grows with the speed squared.",
+            "Order 1 in the true speed; the loop makes the measured speed smooth. The estimated "
+            "load torque contains the inertia torque of this ripple, so it grows with the square "
+            "of the speed.",
         .taken_for = "`eccentric_load` at one speed."};
     return kPortrait;
   }

@@ -52,7 +52,7 @@ class EncoderOffset final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "theta_meas = theta_m + offset",
         .shows =
-            "No order at all: the current vector is turned, a true i_d appears, torque a ampere "
+            "No order: the current vector is rotated, a true i_d appears, the torque per ampere "
             "falls by cos(n_p offset), u_d shifts.",
         .taken_for = "`flux_linkage` (less torque); an inductance error (u_d)."};
     return kPortrait;

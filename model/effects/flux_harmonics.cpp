@@ -91,11 +91,11 @@ class FluxHarmonics final : public TraceableEffect {
             "delta_psi_d = A cos(N theta_m + phase); u_dq_drop = [d delta_psi/dt, omega_e "
             "delta_psi]; T_load -= 3/2 n_p (delta_psi i_q + d delta_psi/d theta_e i_d)",
         .shows =
-            "Order N in the torque in proportion to i_q, and in u_d, u_q in proportion to the "
+            "Order N in the torque, proportional to i_q, and in u_d, u_q, proportional to the "
             "speed.",
         .taken_for =
-            "`cogging` of the same order at one load; `dead_time`, which has 6 n_p too but in "
-            "the voltage whatever the speed."};
+            "`cogging` of the same order at one load; `dead_time`, which also has 6 n_p, but in "
+            "the voltage at any speed."};
     return kPortrait;
   }
 

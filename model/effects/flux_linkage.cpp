@@ -66,12 +66,12 @@ class FluxLinkage final : public TraceableEffect {
         .over = Portrait::kOverSpeed,
         .equation = "psi_d += change",
         .shows =
-            "Voltage along q in proportion to the speed, and torque in proportion to i_q: more "
-            "current for the same load, and an estimated load torque that is wrong by as much. "
-            "Nothing that turns.",
+            "Voltage along q proportional to the speed, and torque proportional to i_q: more "
+            "current for the same load, and an error of the estimated load torque of the same "
+            "ratio. No order.",
         .taken_for =
             "An error of the torque constant or of a current gain (torque alone), `voltage_gain` "
-            "(voltage alone): the two equations together tell them apart."};
+            "(voltage alone): the two equations together separate them."};
     return kPortrait;
   }
 

@@ -74,7 +74,7 @@ class FrictionRipple final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)",
         .shows = "Like cogging of order N, but its sign changes with the direction.",
-        .taken_for = "`cogging` and `eccentric_load` where the drive turns in one direction only."};
+        .taken_for = "`cogging` and `eccentric_load` if the drive turns in one direction only."};
     return kPortrait;
   }
 

@@ -78,8 +78,8 @@ class Inductance final : public TraceableEffect {
         .equation = "psi_d += change_d i_d, psi_q += change_q i_q",
         .shows =
             "Voltage across the current at speed, here along d, omega_e change_q i_q, and the "
-            "answer of the currents to a step of voltage. Where the changes differ, a little "
-            "reluctance torque.",
+            "response of the currents to a voltage step. If the changes differ, a small reluctance "
+            "torque.",
         .taken_for = "`encoder_offset` (u_d at one load and speed); `saturation` at one load."};
     return kPortrait;
   }

@@ -59,9 +59,8 @@ class Inertia final : public TraceableEffect {
         .over = Portrait::kOverSpeed,
         .equation = "(J + change) omega_m' = T_em - B omega_m - T_load",
         .shows =
-            "An estimated load torque of change times the acceleration: one sign on the way up, "
-            "the other on the way down, nothing at constant speed. The answer to a load step is "
-            "slower.",
+            "An estimated load torque of change times acceleration: opposite signs at rising and "
+            "falling speed, zero at constant speed. The response to a load step is slower.",
         .taken_for = "`constant_load` in a record that only accelerates; a wrong torque constant."};
     return kPortrait;
   }

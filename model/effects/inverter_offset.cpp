@@ -72,12 +72,11 @@ class InverterOffset final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "u_phase = asked + offset, an offset a phase against c",
         .shows =
-            "Order n_p (here 3) in currents, torque and speed, as far as the loop lets it "
-            "through, and in the voltages that the loop asks for against it; the same at every "
-            "load and speed.",
+            "Order n_p (here 3) in currents, torque and speed, as far as the loop passes it, and "
+            "in the commanded voltages that oppose it; the same at every load and speed.",
         .taken_for =
-            "`current_offset`, where the current loop is stiff: it turns at the same order. The "
-            "voltage equation tells them apart at different speeds."};
+            "`current_offset` with a stiff current loop: it has the same order. The voltage "
+            "equation separates them at different speeds."};
     return kPortrait;
   }
 

@@ -83,9 +83,9 @@ class IronLoss final : public TraceableEffect {
             "i_fe = omega_e [-psi_q, psi_d]/R_c adds to the current at the terminals; u_dq_drop "
             "= R_s i_fe",
         .shows =
-            "Measured q current in proportion to the speed that makes no torque, and so an "
-            "estimated load torque that rises like friction. Voltage hardly shows it. The "
-            "currents of TRUTH are those behind R_c.",
+            "A measured q current proportional to the speed that makes no torque, so the estimated "
+            "load torque rises like friction. The voltage hardly shows it. The currents of TRUTH "
+            "are those behind R_c.",
         .taken_for =
             "`viscous_friction`: the same torque at every load; only the copper loss of i_fe and "
             "its d part, in proportion to load and speed, differ."};

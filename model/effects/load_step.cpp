@@ -61,9 +61,9 @@ class LoadStep final : public TraceableEffect {
         .over = Portrait::kOverTime,
         .equation = "T_load += T for t >= t_step, behind a shaft where there is one",
         .shows =
-            "One dip of the speed, and a step of the estimated load torque with the observer's "
-            "own rise.",
-        .taken_for = "`constant_load`, where the step is not in the record.",
+            "One dip of the speed, and a step of the estimated load torque with the rise time of "
+            "the observer.",
+        .taken_for = "`constant_load`, if the step is not in the record.",
         .from_s = 3.45,
         .to_s = 3.7};
     return kPortrait;

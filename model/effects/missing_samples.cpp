@@ -57,10 +57,10 @@ class MissingSamples final : public TraceableEffect {
             "MEASUREMENT(k) without currents, angle, speed and bus voltage, with probability "
             "share",
         .shows =
-            "Rows without signals: their fields repeat the row before, here an angle of 0.63 "
-            "mrad too little. Filters predict over such a row (status bit 4), controllers hold "
-            "what they had.",
-        .taken_for = "`stale_samples`, which do not say so."};
+            "Rows without signals: their fields repeat the previous row, here an angle 0.63 mrad "
+            "too small. Filters predict over such a row (status bit 4); controllers hold their "
+            "output.",
+        .taken_for = "`stale_samples`, which have no flag."};
     return kPortrait;
   }
 

@@ -79,9 +79,9 @@ class PeriodicTorque final : public TraceableEffect {
         .over = Portrait::kOverTime,
         .equation = "T_load += A sin(2 pi f t + nu theta_m + phase)",
         .shows =
-            "A line in the load torque that keeps its frequency when the speed changes, or one "
-            "of an order that is not whole. It describes what the data show, not its cause.",
-        .taken_for = "`cogging`, where the order is whole."};
+            "A line in the load torque that keeps its frequency when the speed changes, or one of "
+            "an order that is not whole. It describes the data without a cause.",
+        .taken_for = "`cogging`, if the order is whole."};
     return kPortrait;
   }
 

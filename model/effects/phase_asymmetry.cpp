@@ -84,7 +84,7 @@ class PhaseAsymmetry final : public TraceableEffect {
         .over = Portrait::kOverTurns,
         .equation = "drop of a phase = change i, a change a phase",
         .shows =
-            "Order 2 n_p (here 6) in both voltages in proportion to the current, a third of the "
+            "Order 2 n_p (here 6) in both voltages, proportional to the current, a third of the "
             "change each, and the mean of the three changes as a resistance.",
         .taken_for =
             "`resistance` (the mean); `current_gain`, which has order 2 n_p in the currents."};

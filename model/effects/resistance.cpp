@@ -76,8 +76,8 @@ class Resistance final : public TraceableEffect {
         .over = Portrait::kOverTime,
         .equation = "u_dq_drop = change (1 - exp(-(t - start)/tau)) i_dq",
         .shows =
-            "Voltage along the current in proportion to it, that creeps where the winding warms "
-            "up. At low speed it is most of the voltage.",
+            "Voltage along the current, proportional to it, with a drift if the winding warms up. "
+            "At low speed it is most of the voltage.",
         .taken_for =
             "`inverter_drop` (resistance), `dead_time` at small current; `phase_asymmetry` but "
             "for its order 2 n_p.",

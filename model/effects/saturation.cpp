@@ -135,8 +135,8 @@ class Saturation final : public TraceableEffect {
             "its tangent beyond x = 0.8), tanh(x)/x tanh; likewise along d where current_d_A is "
             "given",
         .shows =
-            "Voltage across the current at speed, here along d, that grows less than the "
-            "current; currents that answer faster at load.",
+            "Voltage across the current at speed, here along d, that grows less than the current; "
+            "currents that respond faster under load.",
         .taken_for = "`inductance` at one load; `cross_saturation`."};
     return kPortrait;
   }

@@ -121,9 +121,9 @@ class SignalLag final : public TraceableEffect, public EffectMemory {
             "reading(t) = true(t - lag), or lag reading' = true - reading; a late voltage acts "
             "later than the log has it",
         .shows =
-            "No order: of the angle an error of speed times lag; of the current a vector turned "
-            "back by omega_e lag; of the voltage the difference of two samples, which shows "
-            "where the voltage changes; of the speed its slope times lag.",
+            "No order. Late angle: an error of speed times lag. Late current: a vector turned back "
+            "by omega_e lag. Late voltage: the difference of two samples, visible when the voltage "
+            "changes. Late speed: its slope times lag.",
         .taken_for =
             "`encoder_offset` at one speed (angle); `resistance` and `inductance` (a filter in "
             "the current path)."};

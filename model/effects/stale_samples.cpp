@@ -62,11 +62,11 @@ class StaleSamples final : public TraceableEffect {
             "currents, angle, speed and v_dc of MEASUREMENT(k) are those of k-1, with "
             "probability share; of signal current the currents alone",
         .shows =
-            "Rows equal to the row before to the last bit, in every measured signal at once: "
-            "here an angle of 0.63 mrad too little, 2 % of the time. Where the currents alone "
-            "repeat, more rows than chance explains stay behind the line through the rows around.",
+            "Rows equal to the previous row to the last bit, in every measured signal at once: "
+            "here an angle 0.63 mrad too small, in 2 % of the rows. If the currents alone repeat, "
+            "more rows than chance explains lie behind the line through the neighbouring rows.",
         .taken_for =
-            "noise of the speed; `adc_quantisation`, where only the currents repeat and change "
+            "noise of the speed; `adc_quantisation`, if only the currents repeat and change "
             "little."};
     return kPortrait;
   }

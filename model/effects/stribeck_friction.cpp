@@ -70,8 +70,8 @@ class StribeckFriction final : public TraceableEffect {
         .over = Portrait::kOverSpeed,
         .equation = "T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)",
         .shows =
-            "Load torque that falls with rising speed: two humps beside standstill. Negative "
-            "damping there, which makes slow drives stick and slip.",
+            "Load torque that falls with rising speed: two humps beside standstill. The negative "
+            "damping there causes stick-slip of slow drives.",
         .taken_for = "`coulomb_friction` at low speed only."};
     return kPortrait;
   }

@@ -96,10 +96,10 @@ class Torsion final : public TraceableEffect, public EffectMemory {
             "T_shaft - T_load",
         .shows =
             "Ringing after every step of torque, at sqrt(K (1/J_load + 1/(J - J_load)))/2 pi (29 "
-            "Hz here) where the current is held, and lower under a speed controller, which holds "
-            "the motor while the load swings at sqrt(K/J_load)/2 pi (24 Hz). Nothing at constant "
+            "Hz here) at constant current, and lower under a speed controller, which holds the "
+            "motor while the load oscillates at sqrt(K/J_load)/2 pi (24 Hz). No effect at constant "
             "speed.",
-        .taken_for = "`inertia` in slow manoeuvres; a speed controller that is tuned too hard.",
+        .taken_for = "`inertia` in slow manoeuvres; a speed controller with too high a gain.",
         .from_s = 3.49,
         .to_s = 3.75,
         .drive = Portrait::kReversal};

@@ -60,9 +60,7 @@ class VoltageGain final : public TraceableEffect {
         .signal = Portrait::kUq,
         .over = Portrait::kOverSpeed,
         .equation = "u = (1 + gain) asked",
-        .shows =
-            "Every voltage that the drive asks for is smaller by the gain; currents, torque and "
-            "speed stay.",
+        .shows = "Every commanded voltage is smaller by the gain; currents, torque and speed stay.",
         .taken_for = "`flux_linkage` and `resistance` together, in the voltage alone."};
     return kPortrait;
   }

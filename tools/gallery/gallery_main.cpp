@@ -4,7 +4,7 @@
 //   for each effect: [closed loop with it, and without] -> signal, order spectrum, where it shows
 //
 // The drive is niewiara2020 with exact sensors, its paper's controller without compensation, 2 Nm,
-// 60 rpm; the effect alone. Over::kSpeed: a ramp from -60 to 60 rpm without the 2 Nm.
+// 60 rpm; the effect alone. kOverSpeed: a ramp from -60 to 60 rpm without the 2 Nm.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -15,6 +15,7 @@
 #include "analysis/order_spectrum.hpp"
 #include "core/field_list.hpp"
 #include "loop/closed_loop.hpp"
+#include "model/effects/catalogue.hpp"
 #include "report/svg.hpp"
 #include "tools/gallery/entries.hpp"
 
@@ -31,6 +32,9 @@ constexpr const char* kSteady =
     "[reference]\nspeed_rpm = 60.0\n[load]\nT_load_Nm = 2.0\n[run]\nduration_s = 8.2\n";
 constexpr const char* kRamp =
     "[reference]\nspeed_rpm = [[0, -60], [4, 60]]\nslew_rad_s2 = 6.3\n[run]\nduration_s = 10.5\n";
+constexpr const char* kReversal =
+    "[reference]\nspeed_rpm = [[0, 60], [3.5, -60]]\n[load]\nT_load_Nm = 0.0\n"
+    "[run]\nduration_s = 8.2\n";
 constexpr double kSettle = 4;  // s, of kSteady
 
 // Relative to `rated`, for the bars.
@@ -94,15 +98,15 @@ std::size_t index_at(const Trace& trace, double t) {
 }
 
 // At most 700 points of [from, to).
-Curve curve(const Trace& trace, Signal signal, Over over, const std::string& name,
-            const std::string& colour, double from_s, double to_s) {
+Curve curve(const Trace& trace, Portrait::Signal signal, Portrait::Over over,
+            const std::string& name, const std::string& colour, double from_s, double to_s) {
   Curve c{name, colour, {}, {}};
   const std::size_t first = index_at(trace, from_s), last = index_at(trace, to_s);
   const std::size_t step = std::max<std::size_t>(1, (last - first) / 700);
   for (std::size_t i = first; i < last; i += step) {
-    c.x.push_back(over == Over::kTurns   ? (trace.theta_m[i] - trace.theta_m[first]) / kTwoPi
-                  : over == Over::kSpeed ? trace.omega_m[i]
-                                         : trace.t[i]);
+    c.x.push_back(over == Portrait::kOverTurns ? (trace.theta_m[i] - trace.theta_m[first]) / kTwoPi
+                  : over == Portrait::kOverSpeed ? trace.omega_m[i]
+                                                 : trace.t[i]);
     c.y.push_back(trace.signals[static_cast<int>(signal)][i]);
   }
   return c;
@@ -155,39 +159,55 @@ std::vector<Line> where_it_shows(const Trace& with, const Trace& without, int or
   return lines;
 }
 
+std::string effect_text(std::string_view kind, const std::string& parameters) {
+  return fmt::format("[[effect]]\nkind = \"{}\"\n{}", kind, parameters);
+}
+
 // An effect of no size: an empty list would leave the preset's own effects in.
-constexpr const char* kNone = "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.0\n";
+std::string nothing() {
+  const std::shared_ptr<Effect> load = make_of(Traits::Family::kLoad);
+  std::string zeros;
+  for (const FieldRow& row : list_fields([&](FieldVisitor& f) { load->fields(f); }))
+    zeros += fmt::format("{} = 0.0\n", row.key);
+  return effect_text(load->kind(), zeros);
+}
 
 std::string effect_text(const Entry& entry) {
-  if (entry.setting) return kNone;
-  return fmt::format("[[effect]]\nkind = \"{}\"\n{}", entry.kind, entry.parameters);
+  return entry.setting ? nothing() : effect_text(entry.name, entry.portrait.parameters);
+}
+
+std::string drive_text(const Entry& entry) {
+  return entry.portrait.drive == Portrait::kReversal ? kReversal : kSteady;
 }
 
 // The signal with and without the effect, over what the entry says.
 Panel signal_panel(const Entry& entry, const Trace& with, const Trace& without) {
-  const SignalInfo& info = kSignals[static_cast<int>(entry.signal)];
+  const Portrait& portrait = entry.portrait;
+  const SignalInfo& info = kSignals[static_cast<int>(entry.portrait.signal)];
   const auto panel = [&](const Trace& a, const Trace& b, double from, double to,
                          const char* x_label) {
     Panel p{fmt::format("{}, {}", info.meaning, info.unit), x_label, {}, false};
-    p.curves.push_back(curve(b, entry.signal, entry.over, "without", "#999", from, to));
-    p.curves.push_back(curve(a, entry.signal, entry.over, "with", "#1f6feb", from, to));
+    p.curves.push_back(curve(b, portrait.signal, portrait.over, "without", "#999", from, to));
+    p.curves.push_back(curve(a, portrait.signal, portrait.over, "with", "#1f6feb", from, to));
     return p;
   };
   const std::string effect = effect_text(entry);
-  if (entry.over == Over::kSpeed)
-    return panel(run(kRamp, effect), run(kRamp, kNone), 4.05, 10, "true speed, rad/s");
-  if (entry.over == Over::kTime) return panel(with, without, entry.from_s, entry.to_s, "time, s");
+  if (portrait.over == Portrait::kOverSpeed)
+    return panel(run(kRamp, effect), run(kRamp, nothing()), 4.05, 10, "true speed, rad/s");
+  if (portrait.over == Portrait::kOverTime)
+    return panel(with, without, portrait.from_s, portrait.to_s, "time, s");
   Panel turns = panel(with, without, kSettle, kSettle + 1, "turns");
-  if (entry.switched)
-    turns.curves.push_back(
-        curve(run(std::string("[plant]\ninverter = \"switched\"\n") + kSteady, effect),
-              entry.signal, entry.over, "switched inverter", "#d9480f", kSettle, kSettle + 1));
+  if (portrait.switched)
+    turns.curves.push_back(curve(
+        run(fmt::format("[plant]\ninverter = \"switched\"\n{}", kSteady), effect), portrait.signal,
+        portrait.over, "switched inverter", "#d9480f", kSettle, kSettle + 1));
   return turns;
 }
 
 Panel spectrum_panel(const Entry& entry, const Trace& with) {
-  const SignalInfo& info = kSignals[static_cast<int>(entry.signal)];
-  const Part part = part_of(with, static_cast<std::size_t>(entry.signal), entry.orders);
+  const SignalInfo& info = kSignals[static_cast<int>(entry.portrait.signal)];
+  const Part part =
+      part_of(with, static_cast<std::size_t>(entry.portrait.signal), entry.portrait.orders);
   Panel panel{fmt::format("amplitude over mechanical orders, {}", info.unit),
               "periods a turn",
               {{"", "#1f6feb", {}, {}}},
@@ -206,13 +226,14 @@ Panel spectrum_panel(const Entry& entry, const Trace& with) {
 std::string figure(const Entry& entry, const Trace& without_at_60_rpm) {
   std::vector<std::string> settings;
   if (entry.setting) settings.push_back(entry.setting);
-  const std::string drive = entry.drive ? entry.drive : kSteady;
+  const std::string drive = drive_text(entry);
   const Trace with = run(drive, effect_text(entry), settings);
-  const Trace without = entry.drive ? run(drive, kNone) : without_at_60_rpm;
-  return svg(entry.kind, {signal_panel(entry, with, without), spectrum_panel(entry, with)},
+  const bool steady = entry.portrait.drive == Portrait::kSteady;
+  const Trace without = steady ? without_at_60_rpm : run(drive, nothing());
+  return svg(entry.name, {signal_panel(entry, with, without), spectrum_panel(entry, with)},
              fmt::format("where it shows at {} (bar: share of the rated value, five decades)",
-                         entry.drive ? "-60 rpm" : "60 rpm and 2 Nm"),
-             where_it_shows(with, without, entry.orders));
+                         steady ? "60 rpm and 2 Nm" : "-60 rpm"),
+             where_it_shows(with, without, entry.portrait.orders));
 }
 
 std::string parameter_table(Effect& effect) {
@@ -226,22 +247,18 @@ std::string parameter_table(Effect& effect) {
   return text;
 }
 
-std::string meaning(const Entry& entry) {
-  if (entry.setting) return "a sensor's own steps, no [[effect]]";
-  return std::string(make_effect(entry.kind)->meaning());
-}
-
 std::string page(const Entry& entry) {
   std::string text = fmt::format(
       "# {}\n\n{}.\n\n```\n{}\n```\n\n![{} alone]({}.svg)\n\n**Where it shows.** {}\n\n"
       "**Can be mistaken for.** {}\n\n",
-      entry.kind, meaning(entry), entry.equation, entry.kind, entry.kind, entry.shows,
-      entry.aliases);
-  if (!entry.setting) text += parameter_table(*make_effect(entry.kind)) + "\n";
+      entry.name, entry.meaning, entry.portrait.equation, entry.name, entry.name,
+      entry.portrait.shows, entry.portrait.taken_for);
+  if (!entry.setting) text += parameter_table(*make_effect(entry.name)) + "\n";
   const std::string how = entry.setting ? fmt::format("`--set {}`", entry.setting)
                                         : "\n\n```toml\n" + effect_text(entry) + "```";
-  const std::string drive =
-      entry.drive ? fmt::format("\n\nrun by\n\n```toml\n{}```", entry.drive) : std::string();
+  const std::string drive = entry.portrait.drive == Portrait::kSteady
+                                ? std::string()
+                                : fmt::format("\n\nrun by\n\n```toml\n{}```", drive_text(entry));
   return text + "The figure: the niewiara2020 drive without its own effects, with " + how + drive +
          "\n\n[All effects](../effects-gallery.md)\n";
 }
@@ -264,18 +281,18 @@ void make(const fs::path& docs, const std::set<std::string>& only) {
       "the "
       "same without the effect.\n\n"
       "| effect | what it is | equation |\n|---|---|---|\n";
-  const Trace without = run(kSteady, kNone);
+  const Trace without = run(kSteady, nothing());
   for (const Entry& entry : entries()) {
-    if (only.empty() || only.contains(entry.kind)) {
-      std::cout << entry.kind << std::endl;
-      write(docs / "effects" / fmt::format("{}.svg", entry.kind), figure(entry, without));
-      write(docs / "effects" / fmt::format("{}.md", entry.kind), page(entry));
+    if (only.empty() || only.contains(entry.name)) {
+      std::cout << entry.name << std::endl;
+      write(docs / "effects" / fmt::format("{}.svg", entry.name), figure(entry, without));
+      write(docs / "effects" / fmt::format("{}.md", entry.name), page(entry));
     }
-    std::string equation = entry.equation;
+    std::string equation = entry.portrait.equation;
     for (std::size_t at = 0; (at = equation.find('|', at)) != std::string::npos; at += 2)
       equation.insert(at, "\\");
-    index += fmt::format("| [{0}](effects/{0}.md) | {1} | {2} |\n", entry.kind, meaning(entry),
-                         equation);
+    index +=
+        fmt::format("| [{0}](effects/{0}.md) | {1} | {2} |\n", entry.name, entry.meaning, equation);
   }
   write(docs / "effects-gallery.md", index);
 }
