@@ -118,6 +118,56 @@ TEST(EffectsGallery, HasAPageWithASmallFigureOfEveryEffect) {
   }
 }
 
+TEST(AddingAnEffect, ShowsTheFileAsItStandsInTheTree) {
+  const std::string file = text_of(kRoot / "model/effects/fan_load.cpp");
+  ASSERT_FALSE(file.empty());
+  EXPECT_NE(text_of(kRoot / "docs/adding-an-effect.md").find("```cpp\n" + file + "```\n"),
+            std::string::npos);
+}
+
+// Everybody else asks for traits. The exceptions are the traces of static sets and of logs of angle
+// and current, which fit a fixed list of effects.
+TEST(KindsOfEffects, StandInQuotesInTheirOwnFilesAlone) {
+  const std::set<std::string> other = {"tests", "bench", "docs", "config", "third_party", "cmake"};
+  const std::set<std::string> exceptions = {"flux_map.cpp", "inverter_curve.cpp",
+                                            "position_effects.cpp", "position_trace.cpp"};
+  int files = 0;
+  for (const fs::directory_entry& folder : fs::directory_iterator(kRoot)) {
+    const std::string name = folder.path().filename().string();
+    if (!folder.is_directory() || other.contains(name) || name.starts_with("build") ||
+        name.starts_with("."))
+      continue;
+    for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
+      const fs::path& path = entry.path();
+      if ((path.extension() != ".cpp" && path.extension() != ".hpp") ||
+          path.parent_path() == kRoot / "model/effects" ||
+          (name == "trace" && exceptions.contains(path.filename().string())))
+        continue;
+      ++files;
+      const std::string text = text_of(path);
+      for (const std::string& kind : effect_kinds()) {
+        EXPECT_EQ(text.find("\"" + kind + "\""), std::string::npos) << path << ": " << kind;
+        EXPECT_EQ(text.find("\\\"" + kind + "\\\""), std::string::npos) << path << ": " << kind;
+      }
+    }
+  }
+  EXPECT_GT(files, 300);
+}
+
+TEST(PhysicsOfEffects, IsAllThatPlantEstimatorAndControllerInclude) {
+  const std::regex other(
+      R"(#include "model/effects/(tracing|traits|portrait|catalogue|registry)\.hpp")");
+  std::vector<fs::path> files = {
+      kRoot / "model/effects/effect.hpp", kRoot / "model/effects/physics.hpp",
+      kRoot / "model/effects/undo.hpp", kRoot / "model/effects/flux_map.hpp",
+      kRoot / "model/effects/shaft.hpp"};
+  for (const char* folder : {"plant_sim", "estimator", "controller"})
+    for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kRoot / folder))
+      if (entry.is_regular_file()) files.push_back(entry.path());
+  for (const fs::path& path : files) EXPECT_FALSE(std::regex_search(text_of(path), other)) << path;
+  EXPECT_GT(files.size(), 60u);
+}
+
 TEST(Links, LeadToAFileAndToAHeadingInIt) {
   for (const fs::path& page : pages()) {
     for (const std::string& link : found(text_of(page), R"(\]\(([^)\s]+)\))")) {
