@@ -48,8 +48,8 @@ Range longest_stretch(std::span<const double> theta) {
   return best;
 }
 
-// The angle each sample stands for, kept within bounds so that neither a gap nor a quantised angle
-// upsets the fit.
+// The angle that each sample represents, within bounds, so that neither a gap nor a quantised angle
+// distorts the fit.
 std::vector<double> weights(std::span<const double> theta) {
   const std::size_t count = theta.size();
   const double mean = std::abs(theta[count - 1] - theta[0]) / static_cast<double>(count - 1);

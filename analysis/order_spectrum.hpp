@@ -3,7 +3,7 @@
 //
 //   signal(theta_m) = mean + sum_N amplitude_N sin(N theta_m + phase_N),  N = 1 .. N_max
 //
-// fitted by least squares, each sample weighted with the angle it stands for. Unlike a Fourier
+// fitted by least squares, each sample weighted with the angle that it represents. Unlike a Fourier
 // transform over time it does not smear where the speed varies, and unlike a sum over samples it
 // does not leak where angles are jittered, missing or quantised: a signal that is made of these
 // orders comes back exactly. The sum over samples of e^{j(N-M) theta} makes the normal equations

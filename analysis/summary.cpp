@@ -74,7 +74,7 @@ Rows rows_of(const RunLog& log, const DriveConfig& config) {
   return rows;
 }
 
-// What speaks against lock at one tick, "" for nothing.
+// The reason against lock at one tick, "" for none.
 const char* slip(const TickRow& row, double error) {
   if (row.estimate && !finite(*row.estimate)) return "the estimate is not finite";
   if (row.truth && !finite(*row.truth)) return "the plant's state is not finite";

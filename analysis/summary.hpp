@@ -12,8 +12,8 @@
 //
 // theta_e is the truth, or n_p times the measured position (AngleReference). Where a log has no
 // truth, omega_m is the slope of the measured position over 10 ms, because an encoder's
-// tick-to-tick speed is mostly quantisation. What cannot be formed (no truth, no position, no tick
-// in the window) is empty.
+// tick-to-tick speed is mostly quantisation. A figure that cannot be formed (no truth, no position,
+// no tick in the window) is empty.
 #pragma once
 #include <map>
 #include <optional>
@@ -26,7 +26,7 @@
 
 namespace twinrate {
 
-// What counts as the rotor's angle. kAuto: the truth where the log has it, else the measured
+// The reference of the rotor's angle. kAuto: the truth where the log has it, else the measured
 // position.
 enum class AngleReference : int { kAuto, kTruth, kEncoder, kNone };
 inline constexpr const char* kAngleReferenceNames[] = {"auto", "truth", "encoder", "none"};
@@ -35,7 +35,7 @@ struct Summary {
   // From the trajectories.
   std::optional<bool> locked;
   std::optional<double> lost_at_s;  // first sign of the loss in the whole run, where not locked ..
-  std::string lost_why;             // .. and what it was
+  std::string lost_why;             // .. and its reason
   std::optional<double> speed_error_rms, angle_error_rms, angle_error_max;
   std::optional<double> speed_ripple_rms, speed_ripple_harmonics_rms;
   double duration_s = 0;
@@ -44,8 +44,8 @@ struct Summary {
   std::optional<double> P44_min,
       P44_max;  // angle variance of ekf_sensorless, rad^2, of the gains used
   AngleReference angle_reference = AngleReference::kNone;
-  // Ticks missing in the log between the first and the last of a channel; a supervisor adds what
-  // the wire lost.
+  // Ticks missing in the log between the first and the last of a channel; a supervisor adds the
+  // losses on the wire.
   std::map<std::string, std::int64_t> lost_messages;
   std::int64_t late_gains = 0;
   // From the processes.

@@ -1,4 +1,4 @@
-// A RunLog read across its channels: one row a tick, with what each of them says at t_k.
+// A RunLog read across its channels: one row per tick, with the message of each at t_k.
 //
 // Pointers are into the log and live as long as it does; null where the log has nothing at that
 // tick. A tick that a log holds twice counts once.

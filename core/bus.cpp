@@ -39,8 +39,8 @@ std::string with_receive_buffer(const std::string& url) {
 constexpr const char* kUdpmUrl = "^(udpm://[^:/?]+):([0-9]+)(.*)$";
 constexpr int kPortsSplit = 6;
 
-// What a pattern and its groups match; empty where it does not. POSIX's, since std::regex is slow
-// to compile.
+// The matches of a pattern and its groups; empty where it does not match. POSIX, because std::regex
+// is slow to compile.
 std::vector<std::string> match(const std::string& text, const char* pattern) {
   regex_t regex;
   const int compiled = regcomp(&regex, pattern, REG_EXTENDED);
@@ -215,7 +215,7 @@ bool Bus::admit(std::int64_t session) {
   return false;
 }
 
-// What is sent again carries an older number: only where an unbound bus hears the first one again
+// A repeated message has an older number. Only where an unbound bus receives the first number again
 // has a log been started anew.
 void Bus::count_gap(Channel channel, std::int64_t seq) {
   std::int64_t& first = first_seq_[static_cast<std::size_t>(channel)];

@@ -1,10 +1,10 @@
-// The bus: LCM with sessions, sequence numbers, a loss that is noticed, and messages that can be
-// sent again.
+// The bus: LCM with sessions, sequence numbers, an account of losses, and messages that can be sent
+// again.
 //
 // A Bus belongs to one thread. It is bound to a session (the supervisor's) or unbound; an unbound
 // one adopts the first session it hears. Messages of another session are refused and counted. Every
-// receiver counts gaps. What was published lately is kept, so that a receiver who missed it can ask
-// for it (DRIVE_ACK). Not on the tick path of the mathematics: LCM itself allocates.
+// receiver counts gaps. Messages published lately are kept, so that a receiver can request one
+// (DRIVE_ACK). Not on the tick path of the mathematics: LCM itself allocates.
 #pragma once
 #include <array>
 #include <exception>
@@ -48,8 +48,8 @@ struct BusCounters {
 
 class Bus {
  public:
-  // Throws std::runtime_error where the machine has no multicast route (message says how to mend
-  // it) and BadInput where the URL or suffix is malformed.
+  // Throws std::runtime_error where the machine has no multicast route (the message names the
+  // remedy) and BadInput where the URL or suffix is malformed.
   explicit Bus(const BusOptions& options);
   ~Bus();
   Bus(const Bus&) = delete;
@@ -77,8 +77,8 @@ class Bus {
   // kept.
   bool send_again(Channel channel, std::int64_t seq);
 
-  // Handles what arrives within `timeout_ms`; false where nothing came. What a handler throws comes
-  // out here: it must not cross LCM's own frames.
+  // Handles what arrives within `timeout_ms`; false where nothing arrived. An exception of a
+  // handler is thrown here: it must not cross LCM's own frames.
   bool handle(double timeout_ms);
   // Called when a message of a new session arrives at a bus that follows.
   void on_new_session(std::function<void()> handler) { new_session_ = std::move(handler); }

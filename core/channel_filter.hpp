@@ -2,9 +2,9 @@
 //
 // Every LCM message on a port wakes every process on that port, wanted or not, and a wake-up costs
 // more than the whole tick's arithmetic. A classic BPF program on the receiving socket
-// (SO_ATTACH_FILTER, no privilege needed) drops the others before the wake-up. liblcm does not tell
-// its socket, so it is found by what it is bound to; where it is not found everything still works,
-// only slower (bench/results says how much).
+// (SO_ATTACH_FILTER, no privilege needed) drops the others before the wake-up. liblcm does not
+// expose its socket, so it is found by its bound port. Where it is not found everything works,
+// only slower (bench/results).
 #pragma once
 #include <cstdint>
 #include <set>

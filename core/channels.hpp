@@ -128,7 +128,7 @@ enum class RequestKind : int {
   kStop = 2,
   kEmergencyStop = 3,
   kAddEffect = 4,    // text: [[effect]] tables; value: tick from which on, or the next one
-  kAddProposed = 5,  // to the monitor: have what it proposed added
+  kAddProposed = 5,  // to the monitor: add the effects that it proposed
 };
 
 }  // namespace twinrate

@@ -1,9 +1,9 @@
-// Decoding a message whose arrays carry their own length: the lengths are looked at first, because
-// the generated code would reserve whatever a damaged message asks for.
+// Decoding a message whose arrays carry their own length. The lengths are checked first, because
+// the generated code would allocate any size that a damaged message contains.
 //
-// A message of an earlier wire schema is read as one of today's. When a message gains a field, its
-// type as it was is kept in lcmtypes/ as NAME_vSCHEMA_t, and decode_earlier() says what the field
-// is where nobody wrote it:
+// A message of an earlier wire schema is read as a message of today. When a message gains a field,
+// lcmtypes/ keeps the earlier type as NAME_vSCHEMA_t, and decode_earlier() gives the new field its
+// value for logs without it:
 //
 //   event_t     schema 2 has no waited_for: -1, none
 #pragma once

@@ -1,5 +1,5 @@
 // The MEASUREMENTs of a recorded run, one after the other in tick order: a log of any length in
-// little memory. What else the log holds is passed by.
+// little memory. Other messages of the log are skipped.
 #pragma once
 #include <cstdint>
 #include <deque>
@@ -29,7 +29,7 @@ class MeasurementReader {
   bool imported() const { return imported_; }
   double share_read() const;
 
-  // Where the measurement that comes next stands, and back to it.
+  // The position of the next measurement, and the way back to it.
   struct Place {
     std::size_t part = 0;
     std::int64_t byte = 0;

@@ -1,12 +1,14 @@
 // Rates counted in ticks: f_s/f_b = n, and when a new gain is first used.
 //
-// The background takes a snapshot of x_hat every n ticks. K from snapshot s is
-//   immediate  first used at the next tick, s + 1, and held n ticks
-//   scheduled  not there at all: every tick reads its gain from a table over speed
-//   all others first used one full T_b later, at tick s + n, and held n ticks (n = 1: the ordinary
-//              EKF); with policy propagated the gain of tick 0 is used from tick 1 on
-// What the others do with the gain in between stands in estimator/two_rate.hpp.
-// (docs/theory/two-rate-ekf.md; Dilys 2021, Fig. 3)
+// The background takes a snapshot of x_hat every n ticks. K from snapshot s:
+//
+//   immediate    first used at the next tick, s + 1, and held n ticks
+//   scheduled    none: every tick reads its gain from a table over speed
+//   all others   first used one full T_b later, at tick s + n, and held n ticks (n = 1: the
+//                ordinary EKF); with policy propagated the gain of tick 0 is used from tick 1 on
+//
+// estimator/two_rate.hpp defines how a policy changes the gain before its use.
+// Source: docs/theory/two-rate-ekf.md; Dilys 2021, Fig. 3.
 #pragma once
 #include <cstdint>
 

@@ -1,5 +1,5 @@
-// A recorded run in memory: what log.lcm (and its rotated parts log-001.lcm ..) holds, decoded and
-// in tick order.
+// A recorded run in memory: the messages of log.lcm (and its rotated parts log-001.lcm ..), decoded
+// and in tick order.
 #pragma once
 #include <optional>
 #include <string>
@@ -64,7 +64,7 @@ struct RunLog {
 // BadInput.
 std::vector<std::string> log_parts(const std::string& path);
 
-// What stands behind DRIVE_MANIFEST at the head of the log.
+// The suffix of the channel DRIVE_MANIFEST at the head of the log.
 std::string channel_suffix_of(const std::string& part);
 
 // The manifest in an event of the log `path`; empty where it is none. Throws BadInput where the log

@@ -1,6 +1,11 @@
-// Discretisations of x' = f(x) over one period T: explicit Euler and classical Runge-Kutta 4. The
-// exact solution of a linear system stands in model/discretise_exact.hpp, because the matrix
-// exponential is slow to compile.
+// Discretisations of x' = f(x) over one period T: explicit Euler and classical Runge-Kutta 4.
+//
+//   euler   x(T) = x + T f(x)
+//   rk4     x(T) = x + T/6 (k1 + 2 k2 + 2 k3 + k4)
+//           k1 = f(x),  k2 = f(x + T/2 k1),  k3 = f(x + T/2 k2),  k4 = f(x + T k3)
+//
+// model/discretise_exact.hpp holds the exact solution of a linear system; it is apart, because the
+// matrix exponential is slow to compile.
 #pragma once
 #include <Eigen/Core>
 

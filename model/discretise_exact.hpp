@@ -1,4 +1,7 @@
 // Exact solution of x' = A x + B u over one period T with u held, by the matrix exponential.
+//
+//   x(T)           = A_d x + B_d u
+//   [A_d B_d; 0 I] = exp([A B; 0 0] T)
 #pragma once
 #include <Eigen/Core>
 
@@ -12,7 +15,6 @@ struct DiscreteModel {
   Eigen::Matrix<double, N, M> B;
 };
 
-// [A_d B_d; 0 I] = exp([A B; 0 0] T)
 template <int N, int M>
 DiscreteModel<N, M> discretise_exact(const Eigen::Matrix<double, N, N>& A,
                                      const Eigen::Matrix<double, N, M>& B, double T) {

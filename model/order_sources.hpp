@@ -1,5 +1,5 @@
-// What can cause a torque or speed ripple of a mechanical order N (periods a turn) in a
-// permanent-magnet drive of n_p pole pairs and n_slots slots:
+// Causes of a torque or speed ripple of a mechanical order N (periods per turn) in a
+// permanent-magnet drive with n_p pole pairs and n_slots slots:
 //
 //   shaft            N = 1            friction over a turn, misalignment, eccentric load
 //   current offset   N = n_p          once an electrical turn
