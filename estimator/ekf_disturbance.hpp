@@ -31,6 +31,7 @@
 //   P   = (I - K C) P^- (I - K C)' + K R K'          covariance = "joseph"
 //
 // covariance = "sequential" corrects with one output after the other: kernels/ekf_dq_kernel.hpp.
+// "auto" chooses between it and "joseph" (estimator/covariance_form.hpp).
 //
 // Reduced filter, for a log without voltages; its inputs are the measured currents:
 //

@@ -30,7 +30,8 @@
 //   P   = (I - K H) P^- (I - K H)' + K R K'          covariance = "joseph"
 //
 // covariance = "sequential" corrects with one output after the other: the same K and P without the
-// inverse. kernels/ekf_sensorless_kernel.hpp holds all of it, written out by hand.
+// inverse. "auto" chooses between it and "joseph" (estimator/covariance_form.hpp).
+// kernels/ekf_sensorless_kernel.hpp holds all of it, written out by hand.
 //
 // F holds the control period T_s at every n. Q and R are discrete covariances of one background
 // update: Q in A^2, A^2, (rad/s)^2, rad^2; R in A^2, A^2. They do not scale with T_s or n.
