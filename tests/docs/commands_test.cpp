@@ -15,7 +15,7 @@
 // Output is compared line by line. "..." in the page, alone in a line, stands for any number of
 // lines, and so it does at the end of a line for the rest of it. Numbers may differ by one in their
 // last shown digit (kernels and libm differ between processors); wall time, steps/s, messages sent
-// again and names of run directories are not compared.
+// again, the BIC of a trace and names of run directories are not compared.
 //
 // An HTML comment in front of a block changes this; the reader of the page does not see it:
 //
@@ -160,6 +160,8 @@ std::string without_machine(std::string line) {
       {std::regex(R"(sent again: [0-9]+)"), "sent again"},
       {std::regex(R"([0-9]+ sent again)"), "sent again"},
       {std::regex(R"(ticks in [0-9.]+ s)"), "ticks"},
+      {std::regex(R"(report\.html \([0-9.]+ s\))"), "report.html"},
+      {std::regex(R"(BIC -?[0-9]+)"), "BIC"},
       {std::regex(R"(runs/[a-z0-9_-]*[0-9]{8}-[0-9]{6})"), "RUN"},
       {std::regex(R"([ \t]+)"), " "},
       {std::regex(R"( $)"), ""}};
