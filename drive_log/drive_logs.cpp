@@ -16,16 +16,17 @@
 namespace twinrate {
 namespace {
 
-// Measured with /usr/bin/time -v, 2026-11: what the tracer takes of memory beside its program.
-constexpr double kBytesOfRow = 900, kBytesOfOutput = 9000;  // of an output: all candidates there
+// Memory of the tracer without its program, measured with /usr/bin/time -v, 2026-11. An output is a
+// sample at kOutputs_Hz with the regressors of all candidates.
+constexpr double kBytesOfRow = 900, kBytesOfOutput = 9000;
 constexpr double kOutputs_Hz = 1000;
-constexpr double kUsable = 0.47;  // of the memory allowed
+constexpr double kUsableShare = 0.47;  // of the allowed memory
 
 constexpr std::size_t kSlotRows = 256;
-constexpr std::size_t kBlocks = 24;  // as the tracer cuts a record to hold blocks out
-constexpr std::size_t kFewestSlots = 4;
+constexpr std::size_t kBlocks = 24;  // equal to the number of hold-out blocks of the tracer
+constexpr std::size_t kMinBlockSlots = 4;
 
-// A file after it was read once.
+// A file after the first pass.
 struct Scanned {
   std::string path;
   bool held_out = false;
@@ -35,7 +36,7 @@ struct Scanned {
   std::vector<LogReader::Place> places;  // of the slots
   std::vector<double> angles;            // of their first rows
   double lowest_angle = 1e300, highest_angle = -1e300;
-  RawLog raw;        // all rows, empty where they are too many
+  RawLog raw;        // all rows; empty if they exceed the memory
   bool kept = true;  // all rows are in `raw`
   double duration_s() const {
     return slots.empty() ? 0 : slots.back().t_end - slots.front().t_begin;
@@ -43,17 +44,17 @@ struct Scanned {
 };
 
 Record record_of_rows(RawLog& raw, const Scanned& log, int n_p) {
-  if (log.reader->may_start_again() && log.highest_angle - log.lowest_angle <= kWithinOneTurn)
+  if (log.reader->may_wrap() && log.highest_angle - log.lowest_angle <= kOneTurnRange_rad)
     unwrap_turns(raw.theta_m);
   return record_of(raw, n_p, log.health);
 }
 
-// Rows of slots [first, end), read again.
+// Reads the rows of slots [first, end) again.
 Record slots_of(const Scanned& log, std::size_t first, std::size_t end, int n_p) {
   RawLog raw;
   log.reader->go_to(log.places[first]);
   log.reader->next(raw, (end - first) * kSlotRows);
-  // An angle whose turns the reader counts goes on where it was.
+  // go_to() restarted the reader's count of turns: adds the turns before this place.
   const double turned = log.angles[first] - raw.theta_m.front();
   for (double& theta_m : raw.theta_m) theta_m += turned;
   return record_of_rows(raw, log, n_p);
@@ -72,8 +73,8 @@ Record stretch_of(const Scanned& log, int n_p, double begin_s, double end_s) {
 
 class Reader {
  public:
-  Reader(const LogRequest& asked, const DriveConfig& drive, const Reading& reading)
-      : asked_(asked), drive_(drive), reading_(reading) {}
+  Reader(const LogRequest& asked, const DriveConfig& drive, const ReadProgress& progress)
+      : asked_(asked), drive_(drive), progress_(progress) {}
 
   DriveLogs read() {
     for (const std::string& path : asked_.data) scan(path, false);
@@ -83,9 +84,9 @@ class Reader {
     const auto logs = std::make_shared<std::vector<Scanned>>(std::move(logs_));
     result_.stretch = [logs, files = result_.files, n_p = drive_.machine.n_p](
                           std::size_t file, double begin, double end) {
-      const double later = files[file].later_s;
-      Record record = stretch_of((*logs)[file], n_p, begin - later, end - later);
-      for (double& t : record.t) t += later;
+      const double offset = files[file].time_offset_s;
+      Record record = stretch_of((*logs)[file], n_p, begin - offset, end - offset);
+      for (double& t : record.t) t += offset;
       return record;
     };
     return std::move(result_);
@@ -93,26 +94,26 @@ class Reader {
 
  private:
   void scan(const std::string& path, bool held_out);
-  void look_at(const RawLog& piece, const LogReader::Place& place, Scanned& log);
+  void add_slot(const RawLog& piece, const LogReader::Place& place, Scanned& log);
   void check_signals(const RawLog& piece) const;
   void share_out();
-  void add(Scanned& log, std::size_t most_rows);
+  void add(Scanned& log, std::size_t max_rows);
   void note_sensors(const Record& log);
-  Record blocks_of(Scanned& log, std::size_t most_rows);
-  void tell(const std::string& what, double share) const {
-    if (reading_) reading_(what, share);
+  Record blocks_of(Scanned& log, std::size_t max_rows);
+  void report_progress(const std::string& what, double share) const {
+    if (progress_) progress_(what, share);
   }
 
   const LogRequest& asked_;
   const DriveConfig& drive_;
-  const Reading& reading_;
+  const ReadProgress& progress_;
   std::vector<Scanned> logs_;
-  std::vector<std::size_t> shares_;  // rows of each log that may be used
+  std::vector<std::size_t> shares_;  // allowed rows of each log
   std::size_t rows_kept_ = 0;
   DriveLogs result_;
 };
 
-void Reader::look_at(const RawLog& piece, const LogReader::Place& place, Scanned& log) {
+void Reader::add_slot(const RawLog& piece, const LogReader::Place& place, Scanned& log) {
   log.slots.push_back(slot_of(piece, drive_.machine.n_p));
   log.places.push_back(place);
   log.angles.push_back(piece.theta_m.front());
@@ -134,13 +135,13 @@ void Reader::scan(const std::string& path, bool held_out) {
     if (rows == 0) check_signals(piece);
     rows += piece.size();
     health.add(piece);
-    look_at(piece, place, log);
+    add_slot(piece, place, log);
     if (log.kept) log.raw.append(piece);
     if (log.kept && rows_kept_ + rows > rows_within(asked_.memory_MiB, health.T_s())) {
       log.kept = false;
       log.raw = {};
     }
-    if (log.slots.size() % 64 == 0) tell("reading " + path, log.reader->share_read());
+    if (log.slots.size() % 64 == 0) report_progress("reading " + path, log.reader->share_read());
   }
   log.reader->expect_enough(rows);
   log.health = health.health();
@@ -156,7 +157,7 @@ void Reader::check_signals(const RawLog& piece) const try {
   throw BadInput(error.what());
 }
 
-// Equal parts; what a short log leaves of its part goes to the others.
+// Equal shares; a short log passes the unused part of its share to the longer ones.
 void Reader::share_out() {
   std::vector<std::size_t> order(logs_.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -170,12 +171,12 @@ void Reader::share_out() {
   }
 }
 
-Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
-  std::size_t length = 2 * std::max(kFewestSlots, most_rows / kBlocks / kSlotRows);
+Record Reader::blocks_of(Scanned& log, std::size_t max_rows) {
+  std::size_t length = 2 * std::max(kMinBlockSlots, max_rows / kBlocks / kSlotRows);
   std::vector<Block> blocks;
-  while (blocks.empty() && length > 1) {  // shorter ones where gaps leave none
+  while (blocks.empty() && length > 1) {  // halves the blocks until they fit between gaps
     length /= 2;
-    const std::size_t count = std::max<std::size_t>(1, most_rows / (length * kSlotRows));
+    const std::size_t count = std::max<std::size_t>(1, max_rows / (length * kSlotRows));
     blocks = choose_blocks(log.slots, count, length, log.health.T_s);
   }
   if (blocks.empty())
@@ -185,8 +186,8 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
                     log.path, log.health.rows, asked_.memory_MiB, kSlotRows));
   Record record;
   for (std::size_t b = 0; b < blocks.size(); ++b) {
-    tell("reading the blocks of " + log.path,
-         static_cast<double>(b) / static_cast<double>(blocks.size()));
+    report_progress("reading the blocks of " + log.path,
+                    static_cast<double>(b) / static_cast<double>(blocks.size()));
     record.append(slots_of(log, blocks[b].first, blocks[b].end, drive_.machine.n_p));
   }
   record.source = log.path;
@@ -200,7 +201,7 @@ Record Reader::blocks_of(Scanned& log, std::size_t most_rows) {
   return record;
 }
 
-// The third current is then made up from the others, by the estimator as by the tracer.
+// With two measured currents, estimator and tracer compute i_c = -(i_a + i_b).
 void Reader::note_sensors(const Record& log) {
   if (log.current_sensors >= drive_.sensors.current_sensors) return;
   result_.notes.push_back(
@@ -209,13 +210,13 @@ void Reader::note_sensors(const Record& log) {
                   log.source, drive_.sensors.current_sensors));
 }
 
-void Reader::add(Scanned& log, std::size_t most_rows) {
+void Reader::add(Scanned& log, std::size_t max_rows) {
   const std::size_t first = result_.record.size();
-  double later = 0;
+  double offset = 0;
   try {
     Record own;
-    if (most_rows < log.health.rows) {
-      own = blocks_of(log, most_rows);
+    if (max_rows < log.health.rows) {
+      own = blocks_of(log, max_rows);
     } else {
       if (!log.kept) log.reader->go_to(log.places.front()), log.reader->next(log.raw, SIZE_MAX);
       own = record_of_rows(log.raw, log, drive_.machine.n_p);
@@ -223,12 +224,12 @@ void Reader::add(Scanned& log, std::size_t most_rows) {
     log.raw = {};
     note_sensors(own);
     result_.record.append(own);
-    later = result_.record.t[first] - own.t.front();
+    offset = result_.record.t[first] - own.t.front();
   } catch (const std::runtime_error& error) {
     throw BadInput(error.what());
   }
   result_.files.push_back(
-      {log.path, log.held_out, log.health, first, result_.record.size(), later});
+      {log.path, log.held_out, log.health, first, result_.record.size(), offset});
 }
 
 }  // namespace
@@ -241,14 +242,14 @@ std::vector<char> DriveLogs::held_out() const {
 }
 
 std::size_t rows_within(double memory_MiB, double T_s) {
-  const double outputs = std::min(1.0, T_s * kOutputs_Hz);  // of a row
-  return static_cast<std::size_t>(kUsable * memory_MiB * 1048576 /
+  const double outputs = std::min(1.0, T_s * kOutputs_Hz);  // per row
+  return static_cast<std::size_t>(kUsableShare * memory_MiB * 1048576 /
                                   (kBytesOfRow + kBytesOfOutput * outputs));
 }
 
 DriveLogs read_drive_logs(const LogRequest& asked, const DriveConfig& drive,
-                          const Reading& reading) {
-  return Reader(asked, drive, reading).read();
+                          const ReadProgress& progress) {
+  return Reader(asked, drive, progress).read();
 }
 
 }  // namespace twinrate

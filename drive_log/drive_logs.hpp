@@ -1,9 +1,10 @@
-// Full drive logs, one after the other in one record that fits into memory.
+// Reads full drive logs into one record of limited memory.
 //
-// Every row of every file is read once: health, and of each slot of rows its place in the file and
-// means (trace/blocks.hpp). Where all rows together need more memory than is allowed, each file
-// gets an equal share of what is, less where it needs less, and of the longer ones blocks spread
-// over their length are read again. Rows not in a block are not used. Time stays the log's own.
+// The first pass reads every row of every file: data health, and the means and the place of each
+// slot of rows (trace/blocks.hpp). If the rows exceed the allowed memory, each file gets an equal
+// share of it; a short file passes the unused part of its share to the others. Of a file longer
+// than its share, blocks spread over its length are read again and the other rows are not used.
+// Times are those of the log.
 #pragma once
 #include <functional>
 #include <string>
@@ -18,16 +19,16 @@ struct LogRequest {
   std::vector<std::string> data, held_out;  // files
   std::vector<std::string> maps = {};
   bool repair = false;
-  double memory_MiB = 1024;  // that the trace may take
+  double memory_MiB = 1024;  // limit of the whole trace
 };
 
-// A file, and the rows of the record that are its.
+// A file and its rows [first, end) in the record.
 struct DriveLog {
   std::string path;
   bool held_out = false;
   Health health;
   std::size_t first = 0, end = 0;
-  double later_s = 0;  // by which the record's time is ahead of the file's (Record::append)
+  double time_offset_s = 0;  // time in the record less time in the file (Record::append)
 };
 
 struct DriveLogs {
@@ -35,20 +36,20 @@ struct DriveLogs {
   std::vector<DriveLog> files;
   Health health;
   std::vector<std::string> notes;  // one line each
-  // Rows of one file between two times of the record, whether traced or not. Throws BadInput.
+  // Rows of one file between two times of the record, in a block or not. Throws BadInput.
   std::function<Record(std::size_t file, double begin_s, double end_s)> stretch;
-  // Of each row of the record: whether its file is held out.
+  // For each row of the record: 1 if its file is held out.
   std::vector<char> held_out() const;
 };
 
-// Share read of what; may throw.
-using Reading = std::function<void(const std::string& what, double share)>;
+// Receives the share read of `what`; may throw.
+using ReadProgress = std::function<void(const std::string& what, double share)>;
 
-// Rows of a log with that sampling interval which the tracer can hold in so much memory.
+// Number of rows with sampling interval T_s that the tracer can hold in memory.
 std::size_t rows_within(double memory_MiB, double T_s);
 
 // Throws BadInput.
 DriveLogs read_drive_logs(const LogRequest& asked, const DriveConfig& drive,
-                          const Reading& reading = {});
+                          const ReadProgress& progress = {});
 
 }  // namespace twinrate

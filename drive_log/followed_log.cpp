@@ -37,8 +37,8 @@ void undo_sensors(const Record& record, const DriveConfig& drive, FollowedLog& l
   }
 }
 
-// Late readings go back by whole rows; what is left of the lag they are turned on, as in steady
-// state. A filter counts as a delay.
+// Moves late readings back by whole rows and by a rotation for the remaining fraction of a row
+// (exact in steady state). The time constant of a filter counts as a delay.
 void undo_lags(const SamplingFacts& late, double T_s, int n_p, FollowedLog& log) {
   const std::size_t last = log.theta_m.size() - 1;
   const auto back = [&](auto& signal, SamplingFacts::Signal which, auto turn) {
@@ -81,7 +81,7 @@ FollowedLog followed(const Record& record, const DriveConfig& drive) {
   for (const auto& effect : drive.model_effects()) effect->describe_sampling(spoilt);
   undo_lags(spoilt, record.T_s, drive.machine.n_p, log);
   const std::vector<OperatingPoint> points = points_of(record, drive, log);
-  Effects late;  // a wrong gain of the voltage is the model's own business
+  Effects late;  // voltage delays only: the model itself applies a wrong voltage gain
   ShaftFacts shaft;
   for (const auto& effect : drive.model_effects()) {
     SamplingFacts lag;

@@ -1,5 +1,5 @@
-// A log as one model of the drive takes it, row by row: what every stretch of it starts from and
-// what acts along it.
+// A log corrected with one model of the drive, row by row: the start of every model run, and its
+// inputs.
 #pragma once
 #include <vector>
 
@@ -10,22 +10,23 @@
 namespace twinrate {
 
 struct FollowedLog {
-  // Readings less what the model's sensors add. A late one stands where it was true.
+  // Readings without the model's sensing effects; a delayed reading is moved back to its instant.
   std::vector<Vec2> i_alphabeta;
-  std::vector<double> theta_m, omega_m;  // the latter the angle's slope
-  std::size_t rows_late = 0;             // of the latest one, whole rows
-  std::vector<Vec2> u_alphabeta;         // the logged voltage as it acts, which may be late, too
-  std::vector<double> T_load;            // declared, 0 where the log has none
-  std::vector<ShaftState> load_mass;     // followed behind the angle; empty without a shaft
+  std::vector<double> theta_m, omega_m;  // omega_m: slope of theta_m
+  std::size_t rows_late = 0;             // largest delay of a reading, whole rows
+  std::vector<Vec2> u_alphabeta;         // logged voltage with the model's voltage delay
+  std::vector<double> T_load;            // declared; 0 without one in the log
+  std::vector<ShaftState> load_mass;     // computed from theta_m; empty without a shaft
 };
 
-// Currents that are measured one by one: with two the third is -(i_a + i_b). The log may show two
-// where the drive file says three.
+// Number of measured currents; with 2, i_c = -(i_a + i_b). The smaller number of log and drive
+// file.
 int current_sensors(const Record& record, const DriveConfig& drive);
 FollowedLog followed(const Record& record, const DriveConfig& drive);
 
-// Of a straight line through the rows around k; fewer near the ends.
-inline constexpr int kSlopeRows = 10;  // its half-width, rows
+// Slope of the least-squares line through the rows k - h .. k + h; h <= kSlopeRows, smaller near
+// the ends.
+inline constexpr int kSlopeRows = 10;
 double slope(const std::vector<double>& x, std::size_t k, double T_s);
 
 }  // namespace twinrate

@@ -36,7 +36,7 @@ class CsvLog final : public LogReader {
     if (has({"u_alpha", "u_beta"}) || has({"u_d", "u_q"}) || !has({"duty_a", "duty_b", "duty_c"}))
       return;
     duty_ = {index_of("duty_a"), index_of("duty_b"), index_of("duty_c")};
-    std::erase_if(columns_, [](const Column& c) {  // half a voltage
+    std::erase_if(columns_, [](const Column& c) {  // one component alone is no voltage
       return c.values == &RawLog::u_alpha || c.values == &RawLog::u_beta;
     });
   }
@@ -50,15 +50,15 @@ class CsvLog final : public LogReader {
     }
     piece.no_angle = no_angle_;
     piece.load_measured = load_measured_;
-    if (no_angle_) piece.theta_m.assign(piece.size(), 0);  // stands still
+    if (no_angle_) piece.theta_m.assign(piece.size(), 0);  // standstill
     return piece.size() > 0;
   }
   double share_read() const override { return rows_.share_read(); }
   std::vector<std::string> notes() const override { return rows_.notes(); }
   void expect_enough(std::size_t rows) const override {
-    if (rows < kFewestRows) fail_too_few(rows_, rows, kFewestRows);
+    if (rows < kMinRows) fail_too_few(rows_, rows, kMinRows);
   }
-  bool may_start_again() const override {
+  bool may_wrap() const override {
     const auto angle = rows_.map().columns.find("theta_m");
     return angle != rows_.map().columns.end() && angle->second.wrap == 0;
   }
@@ -88,12 +88,12 @@ class CsvLog final : public LogReader {
   std::vector<Column> columns_;
   double v_dc_nominal_;
   std::size_t v_dc_;
-  bool no_angle_ = false, load_measured_ = false;   // by a sensor on the shaft
-  std::optional<std::array<std::size_t, 3>> duty_;  // columns, where they make the voltage
+  bool no_angle_ = false, load_measured_ = false;   // load_measured_: by a shaft sensor
+  std::optional<std::array<std::size_t, 3>> duty_;  // columns, if the voltage comes from duties
 };
 
-// The voltage is moved to the row it begins at; the external load is that of the config in the log
-// of a run.
+// A voltage is moved to the row at which it starts to act; the load is that of the config in the
+// log.
 class RecordedRun final : public LogReader {
  public:
   explicit RecordedRun(const std::string& path) : path_(path), measurements_(path) {
@@ -115,9 +115,8 @@ class RecordedRun final : public LogReader {
   }
   double share_read() const override { return measurements_.share_read(); }
   void expect_enough(std::size_t rows) const override {
-    if (rows < kFewestRows)
-      throw BadInput(
-          fmt::format("{}: {} measurements, at least {} needed", path_, rows, kFewestRows));
+    if (rows < kMinRows)
+      throw BadInput(fmt::format("{}: {} measurements, at least {} needed", path_, rows, kMinRows));
   }
   Place place() override { return RunPlace{measurements_.place(), load_ ? load_->now() : 0}; }
   void go_to(const Place& place) override {

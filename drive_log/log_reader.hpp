@@ -1,4 +1,4 @@
-// A drive log, whatever its format, as pieces of neighbouring rows.
+// Reads a drive log of any format in pieces of consecutive rows.
 #pragma once
 #include <memory>
 #include <string>
@@ -14,18 +14,18 @@ namespace twinrate {
 class LogReader {
  public:
   virtual ~LogReader() = default;
-  // The next rows, at most `rows`, in place of what `piece` held; false where none are left. An
-  // angle stands as the log has it (see may_start_again). Throws BadInput.
+  // Replaces `piece` by the next rows, at most `rows`; false at the end. Angles are as logged (see
+  // may_wrap). Throws BadInput.
   virtual bool next(RawLog& piece, std::size_t rows) = 0;
   virtual double share_read() const = 0;
-  // What was repaired or looks odd, one line each; complete at the end.
+  // Repairs and suspect values, one line each; complete at the end.
   virtual std::vector<std::string> notes() const { return {}; }
-  // Throws BadInput where `rows`, all that the log has, are too few.
+  // Throws BadInput if `rows`, the rows of the whole log, are too few.
   virtual void expect_enough(std::size_t rows) const = 0;
-  // A column of angles in which a jump may be the start of a new turn.
-  virtual bool may_start_again() const { return false; }
+  // True if a jump of the logged angle may be the start of a new turn.
+  virtual bool may_wrap() const { return false; }
 
-  // Where the next row stands, and back to it.
+  // Place of the next row, for go_to().
   struct RunPlace {
     MeasurementReader::Place place;
     double T_load = 0;
@@ -36,9 +36,8 @@ class LogReader {
 };
 
 bool is_run_log(const std::string& path);
-// A CSV (through `map`, or with canonical names where it is null), or an LCM log. Duties of a CSV
-// without a voltage become one; `v_dc_nominal`: of the drive, where the CSV has no v_dc. Throws
-// BadInput.
+// Opens a CSV (`map` null: canonical names) or an LCM log. In a CSV without voltages, the voltage
+// is duty times v_dc; `v_dc_nominal`: of the drive, for a CSV without v_dc. Throws BadInput.
 std::unique_ptr<LogReader> open_log(const std::string& path, const ImportMap* map, bool repair,
                                     double v_dc_nominal);
 

@@ -124,7 +124,7 @@ TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& 
   return static_result(set, trace, map ? StaticKind::kFluxMap : StaticKind::kInverterCurve);
 }
 
-// Empty where all are drive logs but for i_d.
+// Empty if all files are drive logs without i_d.
 std::optional<TraceResult> trace_position_files(const std::vector<Opened>& files,
                                                 const MeasuredFiles& asked,
                                                 const DriveConfig& drive, const TraceHooks& hooks,

@@ -14,7 +14,7 @@
 namespace twinrate {
 
 PartFile::PartFile(const std::string& path) : path_(path), part_path_(path + ".part") {
-  // A rename would put the file in the place of a device or directory.
+  // A rename would replace a device or directory.
   if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
     throw BadInput(fmt::format("{}: is not a plain file; give a file name", path));
   std::FILE* file = std::fopen(part_path_.c_str(), "wb");

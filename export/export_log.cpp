@@ -23,10 +23,10 @@
 namespace twinrate {
 namespace {
 
-constexpr std::int64_t kLate_ns = 1'000'000'000;  // by which messages may be out of order
+constexpr std::int64_t kMaxDisorder_ns = 1'000'000'000;  // of the messages in a log
 constexpr int kProgressEvery = 4096;
 
-// One message a tick, or a gain every n: what can stand in a table and on a time base.
+// Channels with one message a tick, and GAIN: these can be tabulated and resampled.
 bool of_ticks(Channel channel) {
   return channel <= Channel::kCommand;
 }
@@ -41,7 +41,7 @@ std::unique_ptr<ExportSink> make_sink(const ExportRequest& request) {
   return make_mcap_sink(request.out);
 }
 
-// Streams on their way to the file: resampled where that is asked for, cut to the time asked for.
+// Passes streams to the file, resampled if requested and cut to the requested time.
 class Outlet {
  public:
   explicit Outlet(const ExportRequest& request) : request_(request), sink_(make_sink(request)) {}
@@ -82,7 +82,7 @@ class Outlet {
   struct Stream {
     ExportedStream done;
     Layout layout;
-    std::size_t place = 0;  // in the file
+    std::size_t place = 0;  // number of the stream in the file
   };
   void put(std::size_t id, const Sample& sample) {
     first_ns_ = std::min(first_ns_, sample.t_ns);
@@ -107,7 +107,7 @@ class Outlet {
   std::int64_t first_ns_ = INT64_MAX, last_ns_ = INT64_MIN;
 };
 
-// The messages of a run, part after part.
+// The messages of a run, over all parts of its log.
 class RunEvents {
  public:
   explicit RunEvents(const std::string& path) : parts_(log_parts(path)) {
@@ -116,7 +116,7 @@ class RunEvents {
     for (const std::string& part : parts_)
       bytes_ += static_cast<double>(std::filesystem::file_size(part));
   }
-  // Null at the end. Other messages than this project's are passed by.
+  // Null at the end. Messages of unknown channels are skipped.
   const lcm::LogEvent* next(Channel& channel) {
     for (;;) {
       if (!file_ && !open_next()) return nullptr;
@@ -152,10 +152,10 @@ class RunEvents {
 };
 
 std::int64_t end_of_reading(double to_s) {
-  return to_s < 9e9 ? static_cast<std::int64_t>(1e9 * to_s) + kLate_ns : INT64_MAX;
+  return to_s < 9e9 ? static_cast<std::int64_t>(1e9 * to_s) + kMaxDisorder_ns : INT64_MAX;
 }
 
-// t_ns of the header that all messages share.
+// t_ns of the common message header.
 std::int64_t time_of(const lcm::LogEvent& event) {
   std::uint64_t t_ns = 0;
   if (event.datalen < 24) return 0;
@@ -163,8 +163,7 @@ std::int64_t time_of(const lcm::LogEvent& event) {
   return static_cast<std::int64_t>(t_ns);
 }
 
-// Calls `take` with each message until its time is over or `progress` throws Stopped, which is
-// returned as true.
+// Calls `take` with each message up to the requested end. Returns true if `progress` threw Stopped.
 template <class Take>
 bool each_event(RunEvents& events, const ExportRequest& request,
                 const std::function<void(double)>& progress, Take&& take) {

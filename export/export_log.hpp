@@ -1,8 +1,8 @@
-// A log as a file that other tools read.
+// Exports a log to a file format of other tools.
 //
-// An LCM log gives a stream a channel (mat, mcap) or one table (csv, tick_table.hpp); a drive log
-// CSV gives its canonical columns as the one stream DRIVE_LOG. A log of any length passes through
-// in little memory, but for mat.
+// LCM log: one stream for each channel (mat, mcap) or one table (csv, tick_table.hpp). Drive log
+// CSV: its canonical columns as the stream DRIVE_LOG. Memory does not grow with the length of the
+// log, except for mat.
 #pragma once
 #include <functional>
 #include <limits>
@@ -17,8 +17,8 @@ struct ExportRequest {
   std::string log;     // run directory, LCM log or drive log CSV
   std::string format;  // csv, mat, mcap
   std::string out;
-  std::vector<Channel> channels;  // empty: csv none beside the table, else all but ACK
-  double from_s = -std::numeric_limits<double>::infinity();  // on the log's time
+  std::vector<Channel> channels;  // empty: csv the table alone, else all except ACK
+  double from_s = -std::numeric_limits<double>::infinity();  // time of the log
   double to_s = std::numeric_limits<double>::infinity();
   double rate_Hz = 0;  // 0: as logged
 };
@@ -31,13 +31,13 @@ struct ExportedStream {
 
 struct Exported {
   std::vector<ExportedStream> streams;
-  std::int64_t left_out = 0;  // ticks of a table
-  bool interrupted = false;   // the file holds what came before
+  std::int64_t left_out = 0;  // ticks omitted from the table
+  bool interrupted = false;   // the file is valid up to the interruption
 };
 
-// `progress`: share read, now and then; where it throws Stopped (core/percent_line.hpp) the file
-// is ended there; Stopped comes out where nothing was written yet. Throws BadInput: no such log,
-// none of those channels, nothing between from and to.
+// `progress` gets the share read. If it throws Stopped (core/percent_line.hpp), the file ends
+// there; Stopped is passed on if nothing was written yet. Throws BadInput: no such log, none of the
+// channels, no message between from and to.
 Exported export_log(const ExportRequest& request, const std::function<void(double)>& progress);
 
 // "MEASUREMENT,DRIVE_ESTIMATE" as channels. Throws BadInput.

@@ -1,8 +1,7 @@
-// Messages as named numbers and texts, in the order of lcmtypes/; what every format of an export is
-// made of.
+// Messages as named numbers and texts, in the order of lcmtypes/, for every export format.
 //
-// The header (seq, t_ns, session) stands apart. A field's unit is the end of its name. Arrays keep
-// their length.
+// The header (seq, t_ns, session) is not among the fields. The suffix of a name is its unit. Arrays
+// keep their length.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -12,19 +11,19 @@
 
 namespace twinrate {
 
-// What a number is between two samples.
+// Interpolation of a number between two samples.
 enum class FieldKind {
-  kLinear,  // a straight line
-  kAngle,   // the same, the short way round
-  kHeld,    // the earlier one: whole numbers, flags, arrays of a filter
-  kMean,    // a mean from its sample to the next
+  kLinear,  // linear
+  kAngle,   // linear along the shorter arc
+  kHeld,    // the earlier sample: whole numbers, flags, arrays of a filter
+  kMean,    // the sample is the mean up to the next sample
 };
 
 struct Field {
   std::string name;
   FieldKind kind = FieldKind::kLinear;
   bool array = false;
-  std::size_t count = 1;  // of the sample that the layout was made from
+  std::size_t count = 1;  // in the sample that defined the layout
 };
 
 struct Layout {
@@ -40,7 +39,7 @@ struct Sample {
   std::vector<std::string> texts;
 };
 
-// False where the bytes are no message of that channel. `layout` may be null.
+// False if the bytes are no message of that channel. `layout` may be null.
 bool read_sample(Channel channel, const void* bytes, std::size_t size, Sample& sample,
                  Layout* layout);
 

@@ -11,9 +11,9 @@ namespace twinrate {
 namespace {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t kMostBytes = std::numeric_limits<std::int32_t>::max();  // of a MAT 5 variable
+constexpr std::size_t kMaxVariableBytes = std::numeric_limits<std::int32_t>::max();  // MAT 5
 
-// All samples of one field, row by row; rows grow with the longest.
+// All samples of one field, row by row; the row width is that of the longest array.
 struct Rows {
   std::size_t width = 0, rows = 0;
   std::vector<double> values = {};
@@ -94,7 +94,7 @@ class MatSink final : public ExportSink {
   }
   void finish() override {
     for (const Stream& s : streams_)
-      if (s.bytes() > kMostBytes)
+      if (s.bytes() > kMaxVariableBytes)
         throw BadInput(fmt::format(
             "{}: {} takes {} MB, a MAT 5 file holds 2147 MB of a struct; fewer --channels, --from "
             "and --to, --resample or --format mcap",

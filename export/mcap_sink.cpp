@@ -1,7 +1,7 @@
 // The MCAP container, https://mcap.dev/spec: records of an opcode, a 64-bit length and contents,
-// all little-endian. Written here: Header, Schema, Channel, Message in chunks without compression,
-// a MessageIndex behind each chunk, and a summary (Schema, Channel, Statistics, ChunkIndex) that
-// lets a reader seek. CRCs are 0: not available.
+// all little-endian. Written here: Header; Schema, Channel, Message in chunks without compression;
+// a MessageIndex after each chunk; a summary (Schema, Channel, Statistics, ChunkIndex) for seeking.
+// CRCs are 0: not available.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -211,7 +211,7 @@ class McapSink final : public ExportSink {
   std::FILE* file_;
   std::uint64_t at_ = 0;
   std::vector<Layout> layouts_;
-  std::vector<std::uint32_t> counts_;  // messages, by stream
+  std::vector<std::uint32_t> counts_;  // messages of each stream
   std::string chunk_, summary_, chunk_indexes_;
   std::map<std::size_t, Bytes> index_;  // of the chunk, by channel: time and place of its messages
   std::uint64_t chunk_begin_ = UINT64_MAX, chunk_end_ = 0, begin_ = UINT64_MAX, end_ = 0;

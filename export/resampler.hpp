@@ -1,7 +1,7 @@
-// Samples of one stream at the times j/rate, j whole: all streams of a log on one time base.
+// Resamples a stream at the times j/rate, j whole: one time base for all streams of a log.
 //
-// Between two samples: FieldKind. A mean from sample to sample becomes the mean from j/rate to
-// (j+1)/rate. A number that is missing (not a number) keeps its last value.
+// Interpolation: FieldKind. A kMean field becomes the mean from j/rate to (j+1)/rate. A missing
+// number (NaN) keeps its last value.
 #pragma once
 #include <functional>
 #include <optional>
@@ -15,9 +15,9 @@ class Resampler {
   using Put = std::function<void(const Sample&)>;
   Resampler(double rate_Hz, Layout layout, Put put);
 
-  void take(Sample sample);  // times rise; others are passed by
-  // The last one, where a time of the grid meets it. The stretch behind it has no mean: with such
-  // fields the last whole one was the last.
+  void take(Sample sample);  // a sample whose time does not rise is ignored
+  // Writes the last sample if its time is on the grid. Not with kMean fields: the mean after the
+  // last sample is unknown.
   void finish();
 
  private:
@@ -32,7 +32,7 @@ class Resampler {
   Put put_;
   bool has_means_ = false;
   std::optional<Sample> before_;
-  std::optional<Sample> pending_;  // whose means are not whole yet
+  std::optional<Sample> pending_;  // its means are incomplete
   std::vector<double> integral_;   // of the numbers of `pending_`
   std::int64_t next_ = 0;          // j
 };

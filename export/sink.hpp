@@ -1,8 +1,7 @@
-// Where an export goes: streams (a channel each, or one table), sample after sample.
+// Writes the streams of an export (one for each channel, or one table) sample by sample.
 //
-// A file is written as PATH.part and stands under its name once finish() was called; without it the
-// part file goes. Throws BadInput where it cannot be created, std::runtime_error where the disk is
-// full.
+// The file is written as PATH.part and renamed in finish(); the destructor removes an unfinished
+// part file. Throws BadInput if it cannot be created, std::runtime_error if the disk is full.
 #pragma once
 #include <memory>
 #include <string>
@@ -14,13 +13,13 @@ namespace twinrate {
 class ExportSink {
  public:
   virtual ~ExportSink() = default;
-  // Before the first sample of the stream; its place is the number of streams opened before.
+  // Call before the first sample of a stream. Its place is the number of streams opened before.
   virtual void open(const std::string& stream, const Layout& layout) = 0;
   virtual void write(std::size_t stream, const Sample& sample) = 0;
   virtual void finish() = 0;
 };
 
-// The part file of `path`, renamed by finish().
+// The part file of `path`; finish() renames it.
 class PartFile {
  public:
   explicit PartFile(const std::string& path);
@@ -29,18 +28,18 @@ class PartFile {
   PartFile& operator=(const PartFile&) = delete;
   const std::string& part_path() const { return part_path_; }
   void finish();
-  [[noreturn]] void fail() const;  // to write, by errno
+  [[noreturn]] void fail() const;  // throws the write error in errno
 
  private:
   std::string path_, part_path_;
   bool done_ = false;
 };
 
-// One table: t and the fields of the one stream. Missing numbers (not a number) are empty cells.
-// Gzipped where the name ends in .gz.
+// One table: t and the fields of the one stream. A missing number (NaN) is an empty cell. Gzipped
+// if the name ends in .gz.
 std::unique_ptr<ExportSink> make_csv_sink(const std::string& path);
-// MATLAB 5 (libmatio): a struct a stream with t (s), seq, and a column vector a field, a matrix
-// with a row a sample where the field is an array, a cell array for texts. Holds everything in
+// MATLAB 5 (libmatio): one struct for each stream with t (s), seq and its fields: a column vector,
+// for an array field a matrix with one row a sample, for texts a cell array. The whole log is in
 // memory.
 std::unique_ptr<ExportSink> make_mat_sink(const std::string& path);
 // MCAP (mcap.dev), uncompressed chunks with an index, messages as JSON with a JSON schema.

@@ -14,10 +14,10 @@
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kAhead = 64;  // ticks by which a message may come late
+constexpr std::size_t kMaxLateTicks = 64;  // delay of a message
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-// Without DRIVE_.
+// The channel's name without DRIVE_.
 std::string short_name(Channel channel) {
   return std::string(info(channel).name).substr(6);
 }
@@ -71,7 +71,7 @@ void TickTable::take(Channel channel, const void* bytes, std::size_t size) {
     layouts_.try_emplace(channel, std::move(layout));
     tick.beside.try_emplace(channel, std::move(sample));
   }
-  while (ticks_.size() > kAhead && put_first(false)) {
+  while (ticks_.size() > kMaxLateTicks && put_first(false)) {
   }
 }
 
@@ -113,7 +113,8 @@ void TickTable::choose_columns() {
     i_d_ref_ = i_d_ref_ || (tick.reference && may_have("i_d reference"));
   }
   i_d_ref_ = i_d_ref_ && !i_dq_ref_;
-  if (!n_p_) signals_ &= ~kQCurrentOnly;  // i_q needs the pole pairs
+  if (!n_p_) signals_ &= ~kQCurrentOnly;  // i_q needs n_p
+
   duty_ = (signals_ & kVoltage) && may_have("duty");
   const auto linear = FieldKind::kLinear;
   if (signals_ & kQCurrentOnly)

@@ -1,14 +1,15 @@
-// The messages of a run as the rows of one table: a drive log in the contract's canonical columns,
-// and the fields of further channels beside them as CHANNEL.field.
+// The messages of a run as one table: a drive log in canonical columns, and the fields of further
+// channels as CHANNEL.field.
 //
-//   row k: currents, angle, speed, v_dc of MEASUREMENT(k); voltage and duties of the MEASUREMENT
-//   behind it, which is what was applied from t_k on; i_d_ref, i_q_ref of COMMAND(k), the speed
-//   reference of REFERENCE(k), and where there is none the last one; T_load as the drive file in
-//   the log declares it for a simulated run.
+//   row k   currents, angle, speed, v_dc   MEASUREMENT(k)
+//           voltage, duties                the next MEASUREMENT: applied from t_k on
+//           i_d_ref, i_q_ref               COMMAND(k)
+//           speed reference                REFERENCE(k), else the last one
+//           T_load                         drive file in the log, simulated runs only
 //
-// A tick whose measurement is missing or lacks a signal that the log has is left out; the last tick
-// too where there are voltages: nothing says what was applied after it. A channel that has no
-// message at a tick leaves its cells empty (not a number).
+// A tick is omitted if its measurement is missing or lacks a signal of the log. With voltages the
+// last tick is omitted too: the voltage applied after it is unknown. The cells of a channel without
+// a message at a tick are empty (NaN).
 #pragma once
 #include <functional>
 #include <map>
@@ -30,11 +31,11 @@ class TickTable {
   };
   TickTable(std::string path, std::vector<Channel> beside, Put put);
 
-  // Channels whose messages it wants, MANIFEST among them.
+  // True for a channel whose messages the table needs, MANIFEST included.
   bool wants(Channel channel) const;
-  // Messages may come out of tick order by a few ticks. Throws BadInput: another type version.
+  // Messages may be out of tick order by a few ticks. Throws BadInput: another type version.
   void take(Channel channel, const void* bytes, std::size_t size);
-  // Throws BadInput where a channel of `beside` is not in the log.
+  // Throws BadInput if a channel of `beside` is not in the log.
   void finish();
   std::int64_t left_out() const { return left_out_; }
 
@@ -47,9 +48,9 @@ class TickTable {
   };
   void take_manifest(const manifest_t& manifest);
   void choose_columns();
-  bool may_have(const char* signal) const;  // by the manifest of an import
+  bool may_have(const char* signal) const;  // according to the manifest of an import
   void add_columns(std::initializer_list<const char*> names, FieldKind kind);
-  // Writes the first tick; false where more has to come before.
+  // Writes the first tick; false while its row is incomplete.
   bool put_first(bool at_end);
   void put_row(const Tick& tick, const Measurement* following);
 
@@ -58,7 +59,7 @@ class TickTable {
   Put put_;
   std::map<std::int64_t, Tick> ticks_;
   std::map<Channel, Layout> layouts_;
-  std::optional<std::vector<std::string>> imported_;  // signals that an import found
+  std::optional<std::vector<std::string>> imported_;  // signals found by an import
   bool chosen_ = false;
   std::optional<int> n_p_;
   std::optional<DeclaredLoad> load_;
@@ -67,7 +68,7 @@ class TickTable {
   int signals_ = 0;
   bool duty_ = false, omega_m_ref_ = false, i_dq_ref_ = false, i_d_ref_ = false;
   Layout layout_;
-  std::vector<double> canonical_;  // of the row before: what a reference still is
+  std::vector<double> canonical_;  // previous row: a reference keeps its value
 };
 
 }  // namespace twinrate

@@ -23,13 +23,13 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-constexpr unsigned kBlock = 1 << 18;  // bytes
+constexpr unsigned kBlockBytes = 1 << 18;
 
-std::string said(char separator) {
+std::string quoted(char separator) {
   return separator == '\t' ? "\\t" : std::string(1, separator);
 }
 
-// Throws BadInput where there is no such file.
+// Throws BadInput if the file does not exist.
 std::int64_t size_of_file(const std::string& path) {
   struct stat info {};
   if (stat(path.c_str(), &info) != 0 || !S_ISREG(info.st_mode))
@@ -48,7 +48,7 @@ CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
   bytes_stored_ = size_of_file(path_);
   file_.reset(gzopen(path_.c_str(), "rb"));
   if (!file_) throw BadInput(fmt::format("{}: cannot be read", path_));
-  gzbuffer(file_.get(), kBlock);
+  gzbuffer(file_.get(), kBlockBytes);
   fill();
   if (block_.starts_with("\xEF\xBB\xBF")) position_ = 3;
   std::string_view skipped;
@@ -63,7 +63,7 @@ CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
   expect_separated();
 }
 
-// A header of one column that holds another separator is no header of one column.
+// Throws BadInput if a header of one column holds another separator.
 void CsvReader::expect_separated() const {
   if (header_.size() != 1) return;
   for (const char other : {';', '\t', '|'})
@@ -71,7 +71,7 @@ void CsvReader::expect_separated() const {
       throw BadInput(fmt::format(
           "{}:{}: the columns are separated by \"{}\", \"{}\" is expected; a map (--map) with "
           "[file] separator = \"{}\" reads such a file (decimal = \",\" where numbers have that)",
-          path_, header_line_, said(other), said(format_.separator), said(other)));
+          path_, header_line_, quoted(other), quoted(format_.separator), quoted(other)));
 }
 
 bool CsvReader::fill() {
@@ -80,8 +80,8 @@ bool CsvReader::fill() {
   block_.erase(0, position_);
   position_ = 0;
   const std::size_t kept = block_.size();
-  block_.resize(kept + kBlock);
-  const int got = gzread(file_.get(), block_.data() + kept, kBlock);
+  block_.resize(kept + kBlockBytes);
+  const int got = gzread(file_.get(), block_.data() + kept, kBlockBytes);
   block_.resize(kept + static_cast<std::size_t>(std::max(got, 0)));
   if (got > 0) return true;
   ended_ = true;

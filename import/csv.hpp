@@ -1,5 +1,5 @@
-// A CSV file (plain or gzipped) as a header and records of text fields, with line numbers for
-// messages. It is read block by block: a file of any length takes the memory of one block.
+// Reads a CSV file (plain or gzipped) as a header and records of text fields, with line numbers for
+// messages. Memory: one block, for a file of any length.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -15,31 +15,31 @@ struct CsvFormat {
   char separator = ',';  // ' ' means any run of blanks
   char decimal = '.';
   int skip = 0;               // lines before the header
-  std::string comment = "#";  // lines that start so are left out; "" for none
+  std::string comment = "#";  // lines with this prefix are skipped; "": none
   bool header = true;         // false: columns have numbers only
 };
 
 class CsvReader {
  public:
-  // Throws BadInput: no such file, not readable, no header line, another separator. A corrupt gzip
-  // stream is found where it is corrupt, by next().
+  // Throws BadInput: no such file, not readable, no header line, another separator. next() throws
+  // at the corrupt place of a gzip stream.
   CsvReader(const std::string& path, const CsvFormat& format);
 
-  // Names of the columns; empty where format.header is false.
+  // Names of the columns; empty if format.header is false.
   const std::vector<std::string>& header() const { return header_; }
   int header_line() const { return header_line_; }
-  // The fields of the next record, valid until the next call; false at the end. Fields are trimmed,
-  // quotes taken off; nothing is converted.
+  // The fields of the next record, valid until the next call; false at the end. Fields are trimmed
+  // and unquoted text.
   bool next(std::vector<std::string_view>& fields);
   int line() const { return line_; }  // of the record last returned, from 1
-  // True where no other record follows the one last returned.
+  // True if no record follows the one last returned.
   bool at_end() const { return !has_next_; }
-  // At the end: the file does not end with a line end (or its gzip stream was cut off).
+  // At the end: the last line has no line end (or the gzip stream is truncated).
   bool cut_off() const { return cut_off_; }
   double share_read() const;
   const std::string& path() const { return path_; }
 
-  // Where the next record begins; go_to() a place of the same file and it is read again.
+  // Start of the next record. go_to() a place of the same file reads from there again.
   struct Place {
     std::int64_t byte = 0;  // of the text, unpacked
     int lines_before = 0;
@@ -49,7 +49,7 @@ class CsvReader {
 
  private:
   void expect_separated() const;
-  bool fill();  // reads on where the block holds no whole line; false at the end of the file
+  bool fill();  // reads on if the block holds no whole line; false at the end of the file
   bool take_line(std::string_view& line);
   void find_next();  // the next line that is neither empty nor a comment
   void split(std::string_view line, std::vector<std::string_view>& fields) const;
@@ -61,9 +61,9 @@ class CsvReader {
   CsvFormat format_;
   std::unique_ptr<gzFile_s, CloseFile> file_;
   std::int64_t bytes_stored_ = 0;  // size of the file
-  std::string block_;              // of the text; a line that is cut at its end is read on
+  std::string block_;              // part of the text; its last line may be incomplete
   std::size_t position_ = 0;       // in the block
-  std::int64_t block_begin_ = 0;   // byte of the text at which the block begins
+  std::int64_t block_begin_ = 0;   // byte of the text at the start of the block
   bool ended_ = false, cut_off_ = false;
   std::vector<std::string> header_;
   int header_line_ = 0, line_ = 0, lines_taken_ = 0, next_line_ = 0;
@@ -72,7 +72,7 @@ class CsvReader {
   bool has_next_ = false;
 };
 
-// 64-bit FNV-1a of a file's bytes as stored, 16 hex digits: names a source in a manifest.
+// 64-bit FNV-1a hash of a file's stored bytes, 16 hex digits; identifies a source in a manifest.
 std::string file_hash(const std::string& path);
 
 }  // namespace twinrate

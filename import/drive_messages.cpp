@@ -50,7 +50,7 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
     last = k;
   }
   note_spacing(rows, grid);
-  if (static_cast<double>(grid.crowded_out) > kMostCrowdedOut * static_cast<double>(rows.size()))
+  if (static_cast<double>(grid.crowded_out) > kMaxCrowdedOut * static_cast<double>(rows.size()))
     throw BadInput(
         fmt::format("{}:{}: the rows are faster than rates.f_s_Hz = {} of the drive: {} of {} rows "
                     "have no tick; use --set rates.f_s_Hz={:.6g}",
@@ -187,10 +187,10 @@ std::vector<std::string> DriveMessages::no_place() const {
   use(by_current[static_cast<int>(currents_)]);
   use(by_voltage[static_cast<int>(voltages_)]);
   if (duty_) use({"duty_a", "duty_b", "duty_c"});
-  std::vector<std::string> rest;
+  std::vector<std::string> unused;
   for (const auto& [name, values] : rows_.columns)
-    if (std::find(used.begin(), used.end(), name) == used.end()) rest.push_back(name);
-  return rest;
+    if (std::find(used.begin(), used.end(), name) == used.end()) unused.push_back(name);
+  return unused;
 }
 
 }  // namespace twinrate

@@ -1,13 +1,13 @@
 // Rows of a measured file as MEASUREMENT and REFERENCE on the tick grid of a drive.
 //
-//   k                round((t - t_0) f_s), strictly rising: a row whose slot is taken goes to the
-//                    next free one
-//   t_ns             t - t_0 as measured, so the jitter stays in the log
-//   MEASUREMENT(k)   of row r: currents, angle, speed and v_dc of row r; voltage and duty of row
-//                    r-1, which were applied up to t_r. Row 0 repeats its own voltage.
+//   k      round((t - t_0) f_s), strictly rising: if the slot is occupied, the next free slot
+//   t_ns   t - t_0 as measured: the jitter stays in the log
+//   MEASUREMENT(k) of row r
+//          currents, angle, speed and v_dc of row r; voltage and duty of row r-1, applied from
+//          t_{r-1} to t_r. Row 0 repeats its own voltage.
 //
-// u_d, u_q turn with theta_m of their own row. Where there is no voltage the duties make it, on
-// v_dc of their row or, without that column, on the drive's nominal one.
+// u_d, u_q are in the axes of theta_m of their own row. Without a voltage column the voltage is
+// duty times v_dc of the row or, without that column, times the drive's nominal v_dc.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -23,21 +23,22 @@ struct TickGrid {
     std::size_t row;
     std::int64_t k;
   };
-  std::vector<Slot> slots;  // one a MEASUREMENT
+  std::vector<Slot> slots;  // one for each MEASUREMENT
   double dt_min_s = 0, dt_median_s = 0, dt_max_s = 0;
-  std::int64_t gaps = 0, missing = 0;       // runs of empty ticks, and ticks in them
-  std::int64_t moved = 0, crowded_out = 0;  // rows not on their nearest tick; rows left out
+  std::int64_t gaps = 0, missing = 0;       // runs of empty ticks; number of empty ticks
+  std::int64_t moved = 0, crowded_out = 0;  // rows not on their nearest tick; rows without a slot
 };
 
-inline constexpr double kMostCrowdedOut = 0.05;  // share of the rows
+inline constexpr double kMaxCrowdedOut = 0.05;  // share of the rows
 
-// Throws BadInput where more rows than kMostCrowdedOut find no slot: they come faster than f_s.
+// Throws BadInput if the share of rows without a slot exceeds kMaxCrowdedOut: the rows are faster
+// than f_s.
 TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz);
 
 class DriveMessages {
  public:
-  // Decides once where currents and voltages come from. Throws BadInput where no signal of a
-  // MEASUREMENT is there.
+  // Chooses the columns of currents and voltages. Throws BadInput if the rows hold no signal of a
+  // MEASUREMENT.
   DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal);
 
   Measurement measurement(const TickGrid::Slot& slot) const;
@@ -45,7 +46,7 @@ class DriveMessages {
   Reference reference(const TickGrid::Slot& slot) const;
 
   int signals() const { return signals_; }
-  // For the summary: what was found, in words; and canonical columns a log has no place for.
+  // For the summary: names of the signals found; canonical columns without a field in the log.
   std::vector<std::string> found() const;
   std::vector<std::string> no_place() const;
 

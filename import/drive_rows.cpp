@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-// Each step is taken the short way round one period.
+// Each step becomes the shortest one modulo the period.
 void unwrap(std::vector<double>& angle, double period) {
   double turns = 0, before = angle.empty() ? 0 : angle.front();
   for (double& value : angle) {
@@ -21,22 +21,21 @@ void unwrap(std::vector<double>& angle, double period) {
   }
 }
 
-// `fewest`: rows that have to be there.
-DriveRows read_rows(RowReader& reader, std::size_t fewest, std::size_t most,
+DriveRows read_rows(RowReader& reader, std::size_t min_rows, std::size_t max_rows,
                     const std::function<void(double)>& progress) {
   DriveRows rows;
   rows.path = reader.path();
   rows.left_out = reader.left_out();
   std::vector<std::vector<double>*> columns;
   for (const std::string& name : reader.names()) columns.push_back(&rows.columns[name]);
-  while (rows.size() < most && reader.next()) {
+  while (rows.size() < max_rows && reader.next()) {
     if (reader.has_time()) rows.t.push_back(reader.t());
     for (std::size_t i = 0; i < columns.size(); ++i) columns[i]->push_back(reader.values()[i]);
     rows.line.push_back(reader.line());
     if (progress && rows.line.size() % 16384 == 0) progress(reader.share_read());
   }
   rows.notes = reader.notes();
-  if (rows.size() < fewest) fail_too_few(reader, rows.size(), fewest);
+  if (rows.size() < min_rows) fail_too_few(reader, rows.size(), min_rows);
   if (rows.has("theta_m") && reader.map().columns.at("theta_m").wrap == 0)
     unwrap_turns(rows.columns.at("theta_m"));
   return rows;
@@ -46,24 +45,24 @@ DriveRows read_rows(RowReader& reader, std::size_t fewest, std::size_t most,
 
 void unwrap_turns(std::vector<double>& theta_m) {
   const auto [lowest, highest] = std::minmax_element(theta_m.begin(), theta_m.end());
-  if (*highest - *lowest <= kWithinOneTurn) unwrap(theta_m, kTwoPi);
+  if (*highest - *lowest <= kOneTurnRange_rad) unwrap(theta_m, kTwoPi);
 }
 
-void fail_too_few(const RowReader& reader, std::size_t rows, std::size_t fewest) {
+void fail_too_few(const RowReader& reader, std::size_t rows, std::size_t min_rows) {
   throw BadInput(fmt::format("{}:{}: {} rows, at least {} needed", reader.path(), reader.line(),
-                             rows, fewest));
+                             rows, min_rows));
 }
 
 DriveRows read_drive_rows(const std::string& path, const ImportMap* map, bool repair,
-                          const std::function<void(double)>& progress, std::size_t most_rows) {
+                          const std::function<void(double)>& progress, std::size_t max_rows) {
   RowReader reader(path, map, repair);
-  return read_rows(reader, kFewestRows, most_rows, progress);
+  return read_rows(reader, kMinRows, max_rows, progress);
 }
 
 DriveRows read_static_rows(const std::string& path, const ImportMap* map, bool repair,
                            const std::function<void(double)>& progress) {
   RowReader reader(path, map, repair, RowKind::kWithoutTime);
-  return read_rows(reader, kFewestStaticRows, SIZE_MAX, progress);
+  return read_rows(reader, kMinStaticRows, SIZE_MAX, progress);
 }
 
 bool holds_time(const std::string& path, const ImportMap* map) {

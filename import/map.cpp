@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-// One table of the map file: takes its keys one by one, then refuses what is left.
+// One table of the map file. Keys are taken one by one; require_known() refuses the remaining keys.
 class MapTable {
  public:
   MapTable(const std::string& file, std::string path, const toml::table& table)

@@ -1,4 +1,4 @@
-// How a foreign file's columns become a drive log's: the map file of `twinrate import`.
+// The map file of `twinrate import`: columns of a foreign file -> columns of a drive log.
 //
 //   [columns]
 //   i_q     = { from = "Iq", scale = 1.0, offset = 0.0 }          value = scale * raw + offset, SI
@@ -25,29 +25,29 @@
 namespace twinrate {
 
 struct ColumnMap {
-  std::string from;  // column name; empty where `number` is given
+  std::string from;  // column name; empty if `number` is given
   int number = 0;    // column number, from 1
   double scale = 1, offset = 0;
-  double wrap = 0;    // raw period of an angle, 0: none
-  std::string where;  // file:line of the map, empty without one
+  double wrap = 0;    // period of a raw angle; 0: none
+  std::string where;  // file:line of the map; empty without a map
 };
 
 struct ImportMap {
   CsvFormat format;
-  std::map<std::string, ColumnMap> columns;  // by canonical name, "t" among them
-  std::string preset, preset_where;          // empty: not given; file:line of it
-  std::string toml;                          // the map's own text, empty where there is none
+  std::map<std::string, ColumnMap> columns;  // by canonical name, "t" included
+  std::string preset, preset_where;          // name and file:line; empty: not given
+  std::string toml;                          // text of the map file; empty without one
   bool time_given = false;                   // by [time] or columns.t
 };
 
 // Every canonical column name of a drive log, in the order of the contracts.
 const std::vector<std::string>& canonical_columns();
-// Further names that only static sets have.
+// Additional column names of static sets.
 const std::vector<std::string>& static_columns();
 
 // Throws BadInput: no such file, not TOML, unknown key or column, wrong value.
 ImportMap read_import_map(const std::string& path);
-// For a file whose header holds canonical names; columns that are not canonical are left out.
+// The map of a header with canonical names; other columns are ignored.
 ImportMap canonical_map(const std::vector<std::string>& header);
 
 }  // namespace twinrate

@@ -13,9 +13,9 @@
 namespace twinrate {
 namespace {
 
-constexpr double kDutyRounding = 1e-3;  // a duty may stand that far beyond 0 to 1
+constexpr double kDutyTolerance = 1e-3;  // beyond 0 to 1
 
-// False where the text is not one whole number.
+// False if the text is not exactly one number.
 bool parse_number(std::string_view text, char decimal, double& number) {
   char copy[64];
   if (decimal == ',' && text.size() < sizeof copy) {
@@ -123,7 +123,7 @@ double RowReader::number(const Source& source, bool& cut) {
     fail(fmt::format("{}: a finite number needed, found \"{}\"", source.label(), text));
   if (source.map.wrap > 0) raw = unwrapped(source.map, raw);
   const double value = source.map.scale * raw + source.map.offset;
-  if (source.is_duty && std::abs(value - 0.5) > 0.5 + kDutyRounding)
+  if (source.is_duty && std::abs(value - 0.5) > 0.5 + kDutyTolerance)
     fail(fmt::format("{}: 0 to 1 allowed, found {:.6g}", source.label(), value));
   return value;
 }
@@ -156,7 +156,7 @@ bool RowReader::leave_out_truncated(const std::string& what) {
   return false;
 }
 
-// A map says itself which columns it wants.
+// Only for files without a map: a map names its columns.
 void RowReader::note_unknown_columns(std::vector<std::string>& notes) const {
   if (!map_.toml.empty()) return;
   std::vector<std::string> unknown;

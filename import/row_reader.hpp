@@ -1,7 +1,7 @@
-// The rows of a measured file, one after the other: canonical names, SI units, time rising.
+// Reads a measured file row by row: canonical names, SI units, rising time.
 //
-// Throws BadInput, one line with file:line: missing column, text in a number, not finite, a duty
-// beyond 0 to 1, time not rising, truncated last line.
+// Throws BadInput, one line with file:line: missing column, text in a number, number not finite,
+// duty outside 0 to 1, time not rising, truncated last line.
 #pragma once
 #include <optional>
 #include <string>
@@ -15,33 +15,32 @@ enum class RowKind { kWithTime, kWithoutTime };
 
 class RowReader {
  public:
-  // `map` null: the header holds canonical names. `repair`: a truncated last line and repeated
-  // samples are left out and noted.
+  // `map` null: the header holds canonical names. `repair`: drops a truncated last line and
+  // repeated samples, with a note.
   RowReader(const std::string& path, const ImportMap* map, bool repair,
             RowKind kind = RowKind::kWithTime);
 
-  // Columns in the order of values(), "t" left out.
+  // Columns in the order of values(), without "t".
   const std::vector<std::string>& names() const { return names_; }
-  // Columns of the file that nothing is taken from.
+  // Unused columns of the file.
   const std::vector<std::string>& left_out() const { return left_out_; }
 
   bool has_time() const { return has_time_; }
 
   bool next();  // false at the end
   double t() const { return t_; }
-  // An angle that starts again at `wrap` of the map comes unwrapped, other angles as they are.
+  // An angle with `wrap` in the map is unwrapped; other angles are unchanged.
   const std::vector<double>& values() const { return values_; }
   int line() const { return csv_.line(); }
 
-  // What was repaired or looks odd, one line each; complete at the end.
+  // Repairs and suspect values, one line each; complete at the end.
   std::vector<std::string> notes() const;
   double share_read() const { return csv_.share_read(); }
   const std::string& path() const { return csv_.path(); }
   int header_line() const { return csv_.header_line(); }
   const ImportMap& map() const { return map_; }
 
-  // The place of the row that comes next, and back to one: turns of an angle that were counted up
-  // to there start again at 0.
+  // Place of the next row. go_to() restarts the count of turns of an unwrapped angle at 0.
   using Place = CsvReader::Place;
   Place place() const { return csv_.place(); }
   void go_to(const Place& place);
@@ -55,9 +54,9 @@ class RowReader {
     std::string label() const;
   };
   std::size_t index_of(const Source& source) const;
-  bool take();  // false where the record is left out
+  bool take();  // false if the record is dropped
   double number(const Source& source, bool& cut);
-  bool time_rises();  // false where the row is left out
+  bool time_rises();  // false if the row is dropped
   bool leave_out_truncated(const std::string& what);
   double unwrapped(const ColumnMap& map, double raw);
   void note_unknown_columns(std::vector<std::string>& notes) const;
@@ -69,7 +68,7 @@ class RowReader {
   std::vector<Source> sources_;
   bool has_time_ = false;
   std::vector<std::string> names_, left_out_;
-  std::size_t width_ = 0;  // fields that a record needs
+  std::size_t width_ = 0;  // fields needed in a record
   std::vector<std::string_view> fields_;
   std::vector<double> values_;
   double t_ = 0;

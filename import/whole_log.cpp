@@ -13,7 +13,7 @@
 namespace twinrate {
 
 WholeLog::WholeLog(const std::string& path) : path_(path), part_path_(path + ".part") {
-  // A rename would put the log in the place of a device or directory.
+  // A rename would replace a device or directory.
   if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
     throw BadInput(fmt::format("{}: is not a plain file; give a file name", path));
   log_ = lcm_eventlog_create(part_path_.c_str(), "w");

@@ -1,4 +1,4 @@
-// An LCM log that appears whole or not at all.
+// Writes an LCM log atomically: the file exists only after finish().
 #pragma once
 #include <cstdint>
 #include <string>
@@ -10,8 +10,8 @@ struct _lcm_eventlog_t;
 
 namespace twinrate {
 
-// Writes PATH.part and renames it on finish(); without finish() the part file goes. Throws BadInput
-// where the file cannot be created and std::runtime_error where the disk is full.
+// Writes PATH.part and renames it in finish(). The destructor removes an unfinished part file.
+// Throws BadInput if the file cannot be created, std::runtime_error if the disk is full.
 class WholeLog {
  public:
   explicit WholeLog(const std::string& path);
@@ -19,7 +19,7 @@ class WholeLog {
   WholeLog(const WholeLog&) = delete;
   WholeLog& operator=(const WholeLog&) = delete;
 
-  // `timestamp_us` of the event: above 0, not falling.
+  // `timestamp_us` of the event: above 0, never decreasing.
   template <class Message>
   void write(const Message& message, std::int64_t timestamp_us) {
     bytes_.resize(static_cast<std::size_t>(message.getEncodedSize()));

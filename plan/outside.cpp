@@ -9,11 +9,11 @@
 namespace twinrate {
 namespace {
 
-constexpr const char* kShowsAGap[] = {"reversals"};  // the small ones alone do not
-constexpr double kShowsARipple_s = 1;
+constexpr const char* kBacklashBlocks[] = {"reversals"};  // small reversals do not show it
+constexpr double kMinRippleRun_s = 1;
 
-bool shows_a_gap(const PlanBlock& block) {
-  return std::any_of(std::begin(kShowsAGap), std::end(kShowsAGap),
+bool shows_backlash(const PlanBlock& block) {
+  return std::any_of(std::begin(kBacklashBlocks), std::end(kBacklashBlocks),
                      [&](const char* name) { return block.name == name; });
 }
 
@@ -24,9 +24,9 @@ std::string kind_placed(Traits::Place place) {
 OutsideKind gap(const Plan& plan, const std::vector<PlanLog>& logs) {
   OutsideKind k{.kind = kind_placed(Traits::Place::kGap),
                 .needs = "reversals without load: the load inertia must cross the gap repeatedly",
-                .shown_by = {std::begin(kShowsAGap), std::end(kShowsAGap)}};
+                .shown_by = {std::begin(kBacklashBlocks), std::end(kBacklashBlocks)}};
   k.in_run = std::any_of(plan.order.begin(), plan.order.end(),
-                         [&](std::size_t b) { return shows_a_gap(plan.blocks[b]); });
+                         [&](std::size_t b) { return shows_backlash(plan.blocks[b]); });
   if (!logs.empty()) k.log = "not tested: trace the log";
   return k;
 }
@@ -35,7 +35,7 @@ OutsideKind bus_line(const Plan& plan, const std::vector<PlanLog>& logs, const D
   OutsideKind k{.kind = kind_placed(Traits::Place::kBusLine),
                 .needs = "v_dc logged in every row, for a second or longer, in any run",
                 .shown_by = {}};
-  k.in_run = plan.profile.duration_s >= kShowsARipple_s;
+  k.in_run = plan.profile.duration_s >= kMinRippleRun_s;
   for (const PlanLog& log : logs) {
     const BusRipple found = find_bus_ripple(
         log.record, held_out_rows(log.record, TraceSettings().holdout, drive.machine.n_p),
@@ -58,7 +58,7 @@ std::optional<std::size_t> block_for_backlash(const PlanRequest& request,
                                               const std::vector<std::size_t>& usable) {
   if (request.kinds.empty() || !is_asked_for(request, kind_placed(Traits::Place::kGap))) return {};
   for (std::size_t b : usable)
-    if (shows_a_gap(all[b]) && all[b].duration_s <= request.longest_s) return b;
+    if (shows_backlash(all[b]) && all[b].duration_s <= request.longest_s) return b;
   return {};
 }
 

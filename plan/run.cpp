@@ -12,14 +12,14 @@
 namespace twinrate {
 namespace {
 
-constexpr double kReach_s = 600;  // what no run of this length shows, no run shows
+constexpr double kMaxRun_s = 600;  // an effect not identifiable in this time is reported as such
 constexpr double kHoldout = 0.25;
-// What a shorter run shows by its information the tracer does not name: its blocks of rows held out
-// and not are too short for its noise model (loads of 50 and 150 mNm on the example of
-// docs/plan-a-measurement.md, 2026-11: none named in 1 s, all in 1.8 s).
-constexpr double kShortest_s = 2;
-constexpr double kLongestLog_s = 60;  // of a longer one an excerpt speaks
-constexpr double kTheSame = 0.01;     // of an effect, left by another that imitates it
+// In a shorter run the blocks of training and held-out rows are too short for the tracer's noise
+// model, even if the information is sufficient (loads of 50 and 150 mNm on the example of
+// docs/plan-a-measurement.md, 2026-11: none found in 1 s, all in 1.8 s).
+constexpr double kMinRun_s = 2;
+constexpr double kMaxLog_s = 60;     // an excerpt of a longer log is used
+constexpr double kAliasSine = 0.01;  // below: the other effect is an alias at every operating point
 
 Information total(const std::vector<Information>& pieces, Eigen::Index P) {
   Information sum = Information::none(P);
@@ -42,28 +42,28 @@ Bench bench_for(const DriveConfig& drive, const PlanRequest& r) {
   return b;
 }
 
-// Kinds and pairs that all blocks together, for ten minutes, do not show.
+// Kinds that are not identifiable and pairs that are not separated in kMaxRun_s of all blocks.
 std::vector<NotSeparated> never(const Information& all_blocks, double seconds,
                                 const PlanCandidates& candidates) {
-  const auto reach = outlook(kReach_s / seconds * all_blocks, candidates);
+  const auto longest = outlook(kMaxRun_s / seconds * all_blocks, candidates);
   std::vector<NotSeparated> list;
-  for (std::size_t a = 0; a < reach.size(); ++a) {
-    if (!reach[a].identifiable()) {
+  for (std::size_t a = 0; a < longest.size(); ++a) {
+    if (!longest[a].identifiable()) {
       list.push_back({candidates.kinds[a], "",
-                      reach[a].alone > 0
+                      longest[a].alone > 0
                           ? fmt::format("ten minutes of every block give {:.2g} sigmas of the "
                                         "smallest size worth reporting",
-                                        reach[a].alone)
+                                        longest[a].alone)
                           : "no block of this bench excites it"});
       continue;
     }
-    for (std::size_t b = 0; b < reach.size(); ++b) {
-      if (b == a || reach[a].clear[b] >= kEnoughSigmas) continue;
-      std::string why = reach[a].sine[b] < kTheSame
+    for (std::size_t b = 0; b < longest.size(); ++b) {
+      if (b == a || longest[a].clear[b] >= kEnoughSigmas) continue;
+      std::string why = longest[a].sine[b] < kAliasSine
                             ? fmt::format("{} has the same residual at every operating point",
                                           candidates.kinds[b])
                             : fmt::format("{} explains all but {:.2g} % of it in every block",
-                                          candidates.kinds[b], 100 * reach[a].sine[b]);
+                                          candidates.kinds[b], 100 * longest[a].sine[b]);
       const std::string remedy = beyond_a_run({candidates.kinds[a], candidates.kinds[b]});
       if (!remedy.empty()) why += "; remedy: " + remedy;
       list.push_back({candidates.kinds[a], candidates.kinds[b], why});
@@ -91,7 +91,7 @@ std::string sentence(const Plan& plan) {
   return text + ".";
 }
 
-// The whole run, as the tracer would see it; false where it was stopped.
+// Simulates the whole run and adds its information to `sum`; false if stopped.
 bool check_run(const Config& drive, Plan& plan, const std::set<std::string>& kinds,
                const PlanHooks& hooks, Information& sum) {
   const DriveConfig& d = drive.drive();
@@ -162,7 +162,7 @@ Information of_logs(const std::vector<PlanLog>& logs, const DriveConfig& d,
   for (const PlanLog& log : logs) {
     if (hooks.progress) hooks.progress("information of the log", 0);
     double part = 1;
-    const Record some = excerpt(log.record, kLongestLog_s, part);
+    const Record some = excerpt(log.record, kMaxLog_s, part);
     sum += 1 / part *
            total(plan_information(some, log.health, d, kinds,
                                   training_spans(some, kHoldout, d.machine.n_p))
@@ -172,14 +172,15 @@ Information of_logs(const std::vector<PlanLog>& logs, const DriveConfig& d,
   return sum;
 }
 
-// Fills in the order of blocks; what they add up to with `start`.
+// Sets plan.order; returns the information of `start` and the chosen blocks.
 Information choose_blocks(const Trial& trial, const PlanInformation& blocks,
                           const Information& start, const PlanHooks& hooks, Plan& plan) {
   std::vector<PlanPiece> pieces;
-  for (std::size_t j = 0; j < trial.blocks.size(); ++j)  // a part of every run is held out
+  for (std::size_t j = 0; j < trial.blocks.size(); ++j)  // a share of every run is held out
     pieces.push_back({(1 - kHoldout) * blocks.pieces[j], plan.blocks[trial.blocks[j]].duration_s});
   PlanSettings settings{.longest_s = plan.request.longest_s};
-  if (!(hooks.stop && hooks.stop())) settings.stop = hooks.stop;  // else choose from what is there
+  // A stop before the choice ended the trial early: the choice is then completed.
+  if (!(hooks.stop && hooks.stop())) settings.stop = hooks.stop;
   double chosen_s = 0;
   settings.say = [&](std::size_t j, double) {
     chosen_s += pieces[j].duration_s;
@@ -199,8 +200,8 @@ Information choose_blocks(const Trial& trial, const PlanInformation& blocks,
   }
   const Information before = sum;
   for (std::size_t j : choose(pieces, before, blocks.candidates, settings)) take(j);
-  // Once more from the beginning, where that is too short for the tracer.
-  for (std::size_t n = 0; n < plan.order.size() && length_s < kShortest_s; ++n) {
+  // Repeats the chosen blocks up to the minimum length for the tracer.
+  for (std::size_t n = 0; n < plan.order.size() && length_s < kMinRun_s; ++n) {
     const auto place = std::find(trial.blocks.begin(), trial.blocks.end(), plan.order[n]);
     const auto j = static_cast<std::size_t>(place - trial.blocks.begin());
     if (length_s + pieces[j].duration_s <= plan.request.longest_s) take(j);
@@ -208,8 +209,9 @@ Information choose_blocks(const Trial& trial, const PlanInformation& blocks,
   return sum;
 }
 
-// What noise hid in the short blocks may show in the whole run.
-void keep_to_the_run(Plan& plan) {
+// Removes from plan.never the effects that the whole run does show: the short blocks hid them in
+// noise.
+void correct_by_run(Plan& plan) {
   const auto index = [&](const std::string& kind) {
     return static_cast<std::size_t>(std::find(plan.kinds.begin(), plan.kinds.end(), kind) -
                                     plan.kinds.begin());
@@ -251,7 +253,7 @@ Plan make_plan(const Config& drive, const PlanRequest& request, const std::vecto
     plan.checked = check_run(drive, plan, kinds, hooks, after);
   }
   plan.after = outlook(plan.checked ? after : estimate, candidates);
-  keep_to_the_run(plan);
+  correct_by_run(plan);
   plan.outside = outside_the_design(plan, logs, d);
   note_ideal_sensors(d.sensors, plan);
   plan.sentence = sentence(plan);

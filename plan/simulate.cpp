@@ -10,9 +10,11 @@
 namespace twinrate {
 namespace {
 
-constexpr double kAway = 0.2, kConstantFor_s = 0.1, kTooMuch = 1.3;
+constexpr double kSpeedTolerance = 0.2;    // relative to the reference
+constexpr double kConstantFor_s = 0.1;     // hold time after which a reference is constant
+constexpr double kCurrentTolerance = 1.3;  // relative to the limit of the bench
 
-// Whether a tick is off the plan; ticks in order.
+// True for a tick that does not follow the plan. Call with every tick in order.
 class OffPlan {
  public:
   OffPlan(double i_max, double T_s) : i_max_(i_max), T_s_(T_s) {}
@@ -21,10 +23,10 @@ class OffPlan {
     if (ref != ref_) ref_ = ref, constant_ = 0;
     constant_ += T_s_;
     const double i = tick.truth.i_dq.norm();
-    if (!std::isfinite(i * i) || !std::isfinite(omega_m * omega_m) || i > kTooMuch * i_max_)
-      return true;
+    if (!std::isfinite(i * i) || !std::isfinite(omega_m * omega_m)) return true;
+    if (i > kCurrentTolerance * i_max_) return true;
     return ref != 0 && constant_ > kConstantFor_s &&
-           std::abs(omega_m - ref) > kAway * std::abs(ref);
+           std::abs(omega_m - ref) > kSpeedTolerance * std::abs(ref);
   }
 
  private:
@@ -35,10 +37,10 @@ class OffPlan {
 
 PlannedRun simulate_planned(const Config& drive, const std::vector<std::string>& overrides,
                             double i_max, const std::string& what, const PlanHooks& hooks) {
-  std::vector<ConfiguredEffect> known;
+  std::vector<ConfiguredEffect> model_effects;
   for (const ConfiguredEffect& e : drive.drive().effects)
-    if (e.used_in != UsedIn::kPlant) known.push_back({e.effect, UsedIn::kBoth, e.from_s});
-  Config config = Config::parse(drive.resolved_with(std::move(known)), "plan", overrides);
+    if (e.used_in != UsedIn::kPlant) model_effects.push_back({e.effect, UsedIn::kBoth, e.from_s});
+  Config config = Config::parse(drive.resolved_with(std::move(model_effects)), "plan", overrides);
   read_all_tables(config);
   const DriveConfig& d = config.drive();
   ClosedLoop loop(config);
@@ -52,7 +54,7 @@ PlannedRun simulate_planned(const Config& drive, const std::vector<std::string>&
     const TickRecord* tick = nullptr;
     try {
       tick = &loop.step();
-    } catch (const std::runtime_error&) {  // of the integrator
+    } catch (const std::runtime_error&) {  // from the integrator
       break;
     }
     const Measurement m = tick->measurement;

@@ -1,5 +1,5 @@
-// A planned run in one process, with nothing missing: the plant has what the model knows, and the
-// sensors the noise that the drive file declares.
+// Simulates a planned run in one process. The plant has the effects of the model, the sensors the
+// noise of the drive file.
 #pragma once
 #include "plan/plan.hpp"
 
@@ -7,15 +7,15 @@ namespace twinrate {
 
 struct PlannedRun {
   RawLog raw;
-  // Of each tick: not what was planned. The speed is off a constant reference by more than 20 % (as
-  // analysis/summary.hpp has it), or the current is 1.3 times what the bench allows.
+  // For each tick: the speed is off a constant reference by more than 20 % (analysis/summary.hpp),
+  // or the current exceeds 1.3 times the limit of the bench.
   std::vector<char> off_plan;
-  // The estimate of the angle, 90 deg off; the controller does not use it.
+  // The angle error passed 90 deg. The controller uses the measured angle.
   bool filter_lost = false;
 };
 
-// `overrides`: of the drive file. Ends early where `hooks.stop` says so, or where the drive leaves
-// what can be computed.
+// `overrides`: keys of the drive file. Ends early if `hooks.stop` returns true or the integrator
+// fails.
 PlannedRun simulate_planned(const Config& drive, const std::vector<std::string>& overrides,
                             double i_max, const std::string& what, const PlanHooks& hooks);
 

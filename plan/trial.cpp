@@ -9,7 +9,7 @@
 namespace twinrate {
 namespace {
 
-constexpr int kSofter = 2;  // times the bench is made slower
+constexpr int kMaxSlowDowns = 2;  // of the bench
 
 std::string steps_text(const std::vector<ProfileStep>& steps, double factor) {
   std::string text;
@@ -20,7 +20,7 @@ std::string steps_text(const std::vector<ProfileStep>& steps, double factor) {
 }
 
 Trial try_once(const Config& drive, const Bench& bench, const PlanHooks& hooks) {
-  constexpr double kOffPlan_s = 2e-3;
+  constexpr double kMaxOffPlan_s = 2e-3;  // in a block
   const DriveConfig& d = drive.drive();
   Trial trial{.log = {}, .all = building_blocks(bench)};
   std::vector<std::size_t> every(trial.all.size());
@@ -34,7 +34,7 @@ Trial try_once(const Config& drive, const Bench& bench, const PlanHooks& hooks) 
     if (span.last + 1 > run.raw.t.size()) break;  // stopped
     const auto off = std::count(run.off_plan.begin() + static_cast<std::ptrdiff_t>(span.first),
                                 run.off_plan.begin() + static_cast<std::ptrdiff_t>(span.last), 1);
-    if (static_cast<double>(off) * d.T_s() > kOffPlan_s) {
+    if (static_cast<double>(off) * d.T_s() > kMaxOffPlan_s) {
       trial.unfit.push_back(b);
       continue;
     }
@@ -45,9 +45,9 @@ Trial try_once(const Config& drive, const Bench& bench, const PlanHooks& hooks) 
   return trial;
 }
 
-// Slower ramps where more than a third of the blocks were too quick for the controller, a smaller
-// and slower load where that was so of those with a load; false: neither.
-bool soften(Bench& bench, const Trial& trial) {
+// Halves the speed ramps if more than a third of the blocks without load is unfit; makes the load
+// smaller and slower if more than a third of the blocks with load is. False: no change.
+bool slow_down(Bench& bench, const Trial& trial) {
   const auto loaded = [&](std::size_t b) { return trial.all[b].T_load.size() > 1; };
   std::size_t all[2] = {0, 0}, bad[2] = {0, 0};
   for (std::size_t b = 0; b < trial.all.size(); ++b) ++all[loaded(b)];
@@ -91,7 +91,7 @@ PlanLog record_of(const RawLog& raw, int n_p) {
 Trial try_blocks(const Config& drive, Bench& bench, const PlanHooks& hooks) {
   const auto stopped = [&] { return hooks.stop && hooks.stop(); };
   Trial trial = try_once(drive, bench, hooks);
-  for (int again = 0; again < kSofter && !stopped() && soften(bench, trial); ++again)
+  for (int n = 0; n < kMaxSlowDowns && !stopped() && slow_down(bench, trial); ++n)
     trial = try_once(drive, bench, hooks);
   if (trial.blocks.empty())
     throw BadInput(stopped() ? "--plan: interrupted before the first block was tried"

@@ -39,7 +39,7 @@ json steps_json(const std::vector<ProfileStep>& steps, double factor) {
   return list;
 }
 
-// A reference behind its slew limit, for the eye.
+// A reference behind its slew limit, for the figure.
 gallery::Curve curve(const std::vector<ProfileStep>& steps, double slew_limit, double duration_s,
                      double factor) {
   constexpr int kPoints = 2000;
@@ -74,14 +74,19 @@ std::string plan_toml(const Config& drive, const Plan& plan) {
   return head + "\n\n" + with.resolved();
 }
 
-std::string plan_json(const Plan& plan) {
-  json kinds = json::array(), blocks = json::array(), never = json::array();
+static json kinds_json(const Plan& plan) {
+  json kinds = json::array();
   for (std::size_t a = 0; a < plan.kinds.size(); ++a) {
     json kind{{"kind", plan.kinds[a]}};
     if (!plan.log.empty()) kind["log"] = to_json(plan.log[a], plan.kinds, a);
     kind["after"] = to_json(plan.after[a], plan.kinds, a);
     kinds.push_back(std::move(kind));
   }
+  return kinds;
+}
+
+static json blocks_json(const Plan& plan) {
+  json blocks = json::array();
   for (std::size_t j = 0; j < plan.order.size(); ++j) {
     const PlanBlock& b = plan.blocks[plan.order[j]];
     blocks.push_back({{"name", b.name},
@@ -89,12 +94,21 @@ std::string plan_json(const Plan& plan) {
                       {"start_s", plan.profile.start_s[j]},
                       {"duration_s", b.duration_s}});
   }
+  return blocks;
+}
+
+static json never_json(const Plan& plan) {
+  json never = json::array();
   for (const NotSeparated& n : plan.never) {
     json pair{{"kind", n.a}};
     if (!n.b.empty()) pair["other"] = n.b;
     pair["why"] = n.why;
     never.push_back(std::move(pair));
   }
+  return never;
+}
+
+static json outside_json(const Plan& plan) {
   json outside = json::array();
   for (const OutsideKind& k : plan.outside) {
     json kind{{"kind", k.kind}, {"needs", k.needs}, {"in_run", k.in_run}};
@@ -102,6 +116,10 @@ std::string plan_json(const Plan& plan) {
     if (!k.log.empty()) kind["log"] = k.log;
     outside.push_back(std::move(kind));
   }
+  return outside;
+}
+
+std::string plan_json(const Plan& plan) {
   const json out{{"sentence", plan.sentence},
                  {"duration_s", plan.profile.duration_s},
                  {"checked_by_simulation", plan.checked},
@@ -111,10 +129,11 @@ std::string plan_json(const Plan& plan) {
                    {"T_load_max_Nm", plan.bench.T_load_max},
                    {"reverses", plan.bench.reverse}}},
                  {"notes", plan.notes},
-                 {"blocks", blocks},
-                 {"kinds", kinds},
-                 {"outside_the_design", outside},
-                 {"no_run_of_this_bench", never},
+                 {"blocks", blocks_json(plan)},
+                 {"kinds", kinds_json(plan)},
+                 {"outside_the_design", outside_json(plan)},
+                 {"no_run_of_this_bench", never_json(plan)},
+
                  {"profile",
                   {{"speed_rpm", steps_json(plan.profile.omega_m, kRpm)},
                    {"T_load_Nm", steps_json(plan.profile.T_load, 1)},

@@ -1,4 +1,4 @@
-// Root mean square of a series of errors, and where it goes.
+// Root mean square of a series of errors.
 #pragma once
 #include <cmath>
 #include <cstddef>

@@ -17,8 +17,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kLoopSettle_s = 1.0;  // of the closed loop
-constexpr double kSettle_s = 0.3;      // of a replayed estimator, at the beginning of a log
+constexpr double kLoopSettle_s = 1.0;       // of the closed loop
+constexpr double kEstimatorSettle_s = 0.3;  // of a replayed estimator
 
 struct EstimateErrors {
   std::vector<Rms> innovation;
@@ -33,7 +33,7 @@ struct EstimateErrors {
   }
 };
 
-// Which measurements count: held out, and the estimator has been running for a while.
+// For each measurement: true if it is held out and the estimator has settled.
 std::vector<char> counted(const VerifyLog& log) {
   std::vector<char> counts(log.measurements.size(), 0);
   if (log.measurements.empty()) return counts;
@@ -43,7 +43,7 @@ std::vector<char> counted(const VerifyLog& log) {
     const double t = 1e-9 * static_cast<double>(log.measurements[n].t_ns - begin);
     const auto row =
         std::lower_bound(rows_t.begin(), rows_t.end(), rows_t.front() + t - 0.5 * log.record.T_s);
-    counts[n] = t > kSettle_s && row != rows_t.end() &&
+    counts[n] = t > kEstimatorSettle_s && row != rows_t.end() &&
                 log.held_out[static_cast<std::size_t>(row - rows_t.begin())];
   }
   return counts;
@@ -58,7 +58,7 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
   const int n_p = declared.drive().machine.n_p;
   result.over_lcm = settings.over_lcm;
   for (const VerifyLog& log : logs) {
-    EstimatorLoop plain(declared), full(extended);
+    EstimatorLoop loop_before(declared), loop_after(extended);
     std::optional<OwnEstimator> processes;
     std::optional<LcmReplay> bus;
     if (settings.over_lcm) {
@@ -71,8 +71,8 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
     for (std::size_t n = 0; n < log.measurements.size(); ++n) {
       if (stop_signalled()) throw Stopped{};
       const Measurement& m = log.measurements[n];
-      const Estimate e_before = plain.tick(m);
-      Estimate e_after = full.tick(m);
+      const Estimate e_before = loop_before.tick(m);
+      Estimate e_after = loop_after.tick(m);
       if (bus) {
         const std::optional<Estimate> answer = bus->play(m);
         if (!answer && stop_signalled()) throw Stopped{};
@@ -94,8 +94,8 @@ EstimatorError estimator_error(const std::vector<VerifyLog>& logs, Config& decla
   return result;
 }
 
-// Speed and load stand still, as they are at settle_s: what moves then is ripple.
-static std::vector<std::string> held_still(const DriveConfig& drive) {
+// Overrides for constant speed and load, with their values at settle_s.
+static std::vector<std::string> constant_profile(const DriveConfig& drive) {
   const double t = drive.run.settle_s;
   return {drive.reference.in_rpm
               ? fmt::format("reference.speed_rpm={}", drive.reference.speed_rpm.at(t))
@@ -103,44 +103,55 @@ static std::vector<std::string> held_still(const DriveConfig& drive) {
           fmt::format("load.T_load_Nm={}", drive.load.T_load_Nm.at(t))};
 }
 
+// The drive of the closed loop. The plant has all effects of the extended model; estimator and
+// controller compensate all of them (`after`) or the first `n_declared`.
+static Config loop_config(const Config& extended, std::size_t n_declared, bool after) {
+  std::vector<ConfiguredEffect> effects;
+  for (ConfiguredEffect e : extended.drive().effects) {
+    if (e.used_in == UsedIn::kPlant) continue;
+    e.used_in = after || effects.size() < n_declared ? UsedIn::kBoth : UsedIn::kPlant;
+    effects.push_back(e);
+  }
+  Config config = Config::parse(extended.resolved_with(std::move(effects)), "closed loop",
+                                constant_profile(extended.drive()));
+  read_all_tables(config);
+  return config;
+}
+
+// Runs the loop and sets one side of `result`.
+static void run_loop(Config& config, double loop_s, bool after, LoopError& result) {
+  const DriveConfig& drive = config.drive();
+  const auto settle =
+      static_cast<std::int64_t>(std::max(kLoopSettle_s, drive.run.settle_s) / drive.T_s());
+  const auto end = settle + static_cast<std::int64_t>(loop_s / drive.T_s());
+  ClosedLoop loop(config);
+  Rms theta_e, speed, T_load;
+  double sum = 0;
+  std::vector<double> speed_error;
+  while (loop.k() < end) {
+    if (stop_signalled()) throw Stopped{};
+    const TickRecord& tick = loop.step();
+    if (tick.truth.k < settle) continue;
+    theta_e.add(wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m));
+    T_load.add(tick.estimate.T_load - tick.truth.T_load);
+    result.has_load = result.has_load || tick.estimate.T_load != 0;
+    speed_error.push_back(tick.truth.omega_m - tick.command.omega_m_ref);
+    sum += speed_error.back();
+  }
+  const auto count = static_cast<double>(speed_error.size());
+  for (const double error : speed_error) speed.add(error - sum / count);
+  set(result.theta_e, after, theta_e.value());
+  set(result.speed_ripple, after, speed.value());
+  set(result.T_load, after, T_load.value());
+  result.duration_s = static_cast<double>(end - settle) * drive.T_s();
+}
+
 LoopError closed_loop_error(const Config& declared, const Config& extended, double loop_s) {
   LoopError result;
-  const std::size_t known = declared.drive().model_effects().size();
+  const std::size_t n_declared = declared.drive().model_effects().size();
   for (const bool after : {false, true}) {
-    // What the extended model holds is the plant; beyond what was declared it is known only
-    // `after`.
-    std::vector<ConfiguredEffect> effects;
-    for (ConfiguredEffect e : extended.drive().effects) {
-      if (e.used_in == UsedIn::kPlant) continue;
-      e.used_in = after || effects.size() < known ? UsedIn::kBoth : UsedIn::kPlant;
-      effects.push_back(e);
-    }
-    Config config = Config::parse(extended.resolved_with(std::move(effects)), "closed loop",
-                                  held_still(extended.drive()));
-    read_all_tables(config);
-    const DriveConfig& drive = config.drive();
-    const auto settle =
-        static_cast<std::int64_t>(std::max(kLoopSettle_s, drive.run.settle_s) / drive.T_s());
-    const auto end = settle + static_cast<std::int64_t>(loop_s / drive.T_s());
-    ClosedLoop loop(config);
-    Rms theta_e, speed, T_load;
-    double mean = 0;
-    std::vector<double> off;
-    while (loop.k() < end) {
-      if (stop_signalled()) throw Stopped{};
-      const TickRecord& tick = loop.step();
-      if (tick.truth.k < settle) continue;
-      theta_e.add(wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m));
-      T_load.add(tick.estimate.T_load - tick.truth.T_load);
-      result.has_load = result.has_load || tick.estimate.T_load != 0;
-      off.push_back(tick.truth.omega_m - tick.command.omega_m_ref);
-      mean += off.back();
-    }
-    for (const double value : off) speed.add(value - mean / static_cast<double>(off.size()));
-    set(result.theta_e, after, theta_e.value());
-    set(result.speed_ripple, after, speed.value());
-    set(result.T_load, after, T_load.value());
-    result.duration_s = static_cast<double>(end - settle) * drive.T_s();
+    Config config = loop_config(extended, n_declared, after);
+    run_loop(config, loop_s, after, result);
   }
   return result;
 }

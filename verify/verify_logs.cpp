@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-// The first rows of a log as an estimator gets them.
+// The first rows of a log as MEASUREMENTs for an estimator.
 std::vector<Measurement> measurements_of(const std::string& path, const ImportMap* map, bool repair,
                                          const DriveConfig& drive, std::size_t rows) {
   std::vector<Measurement> list;
@@ -27,15 +27,14 @@ std::vector<Measurement> measurements_of(const std::string& path, const ImportMa
   return list;
 }
 
-// Whether each row of `log` stands where `traced`, of which these are the rows of the same file,
-// has no row that trains.
+// For each row of `log`: true if no row of the same file in `traced` trained at its time.
 std::vector<char> unseen_rows(const Record& log, const Record& traced, const DriveLog& file,
                               const std::vector<char>& held_out) {
   std::vector<char> unseen(log.size(), 1);
   const auto begin = traced.t.begin() + static_cast<std::ptrdiff_t>(file.first),
              end = traced.t.begin() + static_cast<std::ptrdiff_t>(file.end);
   for (std::size_t k = 0; k < log.size(); ++k) {
-    const double t = log.t[k] + file.later_s;
+    const double t = log.t[k] + file.time_offset_s;
     const auto row = std::lower_bound(begin, end, t - 0.5 * log.T_s);
     if (row == end || *row > t + 0.5 * log.T_s) continue;
     unseen[k] = held_out[static_cast<std::size_t>(row - traced.t.begin())];
@@ -59,7 +58,7 @@ std::vector<VerifyLog> verify_logs(const LogRequest& asked, const DriveConfig& d
         open_log(file.path, columns, asked.repair, drive.inverter.v_dc);
     RawLog raw;
     reader->next(raw, rows);
-    if (reader->may_start_again()) unwrap_turns(raw.theta_m);
+    if (reader->may_wrap()) unwrap_turns(raw.theta_m);
     VerifyLog log{.path = file.path};
     log.record = record_of(raw, drive.machine.n_p, file.health);
     log.held_out = unseen_rows(log.record, logs.record, file, held_out);

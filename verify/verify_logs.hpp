@@ -1,4 +1,4 @@
-// What --verify replays: each log from its beginning, as far as the tracer held rows of it.
+// Reads the logs for --verify: each log from its start, as many rows as the tracer can hold.
 #pragma once
 #include <vector>
 
@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// `held_out`: of each row of logs.record; of a log that was traced in blocks the rows between them
-// are held out, too. Files that train are left out where others do not. Throws BadInput.
+// `held_out`: for each row of logs.record. The rows between the blocks of a long log are held out
+// too. If files are held out, the training files are omitted. Throws BadInput.
 std::vector<VerifyLog> verify_logs(const LogRequest& asked, const DriveConfig& drive,
                                    const DriveLogs& logs, const std::vector<char>& held_out);
 

@@ -1,4 +1,4 @@
-// The plant model against a log: one step and free run.
+// Errors of the plant model on a log: one-step prediction and free run.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -17,13 +17,13 @@ namespace {
 
 constexpr std::size_t kOneStepStride = 23;  // rows between the starts of one-step runs
 
-// What the sensors of one model read, row by row, along a run of the model.
+// Sensor readings along a run of one model, row by row.
 struct Readings {
   std::vector<Vec2> i_dq;  // in the axes of the read angle
   std::vector<double> theta_m;
 };
 
-// Currents and angle on their way to where they are read.
+// Delays and filters of the current and angle readings.
 struct LateSignals {
   LateSignals(const SamplingFacts& late, double T_s)
       : i_delay(late.delay[SamplingFacts::kCurrent], T_s),
@@ -39,7 +39,7 @@ struct LateSignals {
   LowPass<double> theta_filter;
 };
 
-// One model of the drive: what it makes of a stretch of log.
+// Free run of one model over a stretch of the log.
 class FreeRun {
  public:
   FreeRun(const DriveConfig& drive, const PlantParameters& plant, const Record& record)
@@ -52,7 +52,8 @@ class FreeRun {
     for (const auto& effect : drive.model_effects()) effect->describe_sampling(late_);
   }
 
-  // Rows `first` to first + count. It starts with what was read at `first`, where that was true.
+  // Readings of the rows first .. first + count. The run starts rows_late earlier, at the instant
+  // to which the delayed readings of row `first` belong.
   Readings operator()(std::size_t first, std::size_t count) const {
     const std::size_t begin = first - std::min(first, log_.rows_late);
     const Vec2 i_dq = park(log_.i_alphabeta[begin], drive_.machine.n_p * log_.theta_m[begin]);
@@ -71,12 +72,12 @@ class FreeRun {
   }
 
  private:
-  // Filled with the rows before `first`.
+  // The delays and filters in the state after the rows before `first`.
   LateSignals late_before(std::size_t first) const {
-    constexpr double kForgotten = 5;  // time constants
+    constexpr double kSettled = 5;  // time constants
     double memory = 0;
     for (const int signal : {SamplingFacts::kCurrent, SamplingFacts::kAngle})
-      memory = std::max(memory, late_.delay[signal] + kForgotten * late_.lowpass[signal]);
+      memory = std::max(memory, late_.delay[signal] + kSettled * late_.lowpass[signal]);
     LateSignals late(late_, record_.T_s);
     const auto rows = static_cast<std::size_t>(std::ceil(memory / record_.T_s));
     for (std::size_t k = first - std::min(first, rows); k < first; ++k) {
@@ -131,7 +132,7 @@ bool usable(const VerifyLog& log, std::size_t first, std::size_t count) {
   return true;
 }
 
-// Every row of a window against the log; the speed where its slope is a whole one.
+// Errors of every row of a window; of the speed only where the slope has kSlopeRows on both sides.
 void compare_window(const VerifyLog& log, std::size_t first, const Readings& r, int n_p,
                     RunErrors& errors) {
   for (std::size_t n = 1; n < r.theta_m.size(); ++n) {
@@ -144,7 +145,7 @@ void compare_window(const VerifyLog& log, std::size_t first, const Readings& r, 
   }
 }
 
-// Currents after one row, speed after `horizon` rows.
+// Errors of the currents after one row and of the speed after `horizon` rows.
 void compare_step(const VerifyLog& log, std::size_t first, std::size_t horizon, const Readings& r,
                   int n_p, RunErrors& errors) {
   const Vec2 off = r.i_dq[1] - logged_i_dq(log.record, first + 1, n_p);

@@ -97,18 +97,19 @@ std::string to_json(const Verification& v) {
 }
 
 std::vector<std::string> remarks(const Verification& v) {
-  // An rms over 200 independent errors scatters by 5 %; both have the same noise.
-  constexpr double kPlainly = 0.05, kNothing = 5e-4;  // of the error: printed as x 1.000
+  // An rms of 200 independent errors scatters by 5 %; both models have the same noise.
+  constexpr double kWorseFrom = 0.05;   // relative rise of an error that is reported
+  constexpr double kEqualBelow = 5e-4;  // relative change that is printed as x 1.000
   const std::vector<Compared> all = compared(v);
   std::vector<std::string> worse, nothing;
   for (const Compared& f : all)
-    if (f.ratio() > 1 + kPlainly)
+    if (f.ratio() > 1 + kWorseFrom)
       worse.push_back(fmt::format("{} {} x {:.3f}", f.level, f.what, f.ratio()));
   for (std::size_t first = 0, end = 0; first < all.size(); first = end) {
     while (end < all.size() && all[end].level == all[first].level) ++end;
     if (std::all_of(all.begin() + static_cast<std::ptrdiff_t>(first),
                     all.begin() + static_cast<std::ptrdiff_t>(end),
-                    [](const Compared& f) { return std::abs(f.ratio() - 1) < kNothing; }))
+                    [](const Compared& f) { return std::abs(f.ratio() - 1) < kEqualBelow; }))
       nothing.push_back(all[first].level);
   }
   std::vector<std::string> lines;
