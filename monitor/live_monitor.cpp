@@ -14,11 +14,11 @@
 namespace twinrate {
 namespace {
 
-constexpr int kFailuresToNotice = 2;
-constexpr int kMostRestarts = 2;
-constexpr double kAhead_s = 0.1;      // from deciding to the tick at which an effect is added
-constexpr double kSettling_s = 0.25;  // after an addition, before anything is compared
-constexpr double kCompared_s = 1.0;
+constexpr int kMisfitBlocksToNotice = 2;  // consecutive
+constexpr int kMaxRestarts = 2;
+constexpr double kRequestLead_s = 0.1;  // from the request to the tick at which an effect is added
+constexpr double kSettling_s = 0.25;    // from an addition to the comparison
+constexpr double kComparison_s = 1.0;
 
 const char* const kPhaseNames[] = {"learning", "watching", "gathering", "tracing",
                                    "proposed", "adding",   "comparing"};
@@ -59,7 +59,7 @@ LiveMonitor::LiveMonitor(Config& config)
   need(block_ticks_ >= 200, "monitor.block_s", "at least 200 ticks");
 }
 
-void LiveMonitor::begin_anew() {
+void LiveMonitor::restart() {
   *this = LiveMonitor(DriveConfig(drive_), MonitorParameters(parameters_));
 }
 
@@ -71,7 +71,7 @@ const char* LiveMonitor::phase() const {
   return kPhaseNames[static_cast<int>(phase_)];
 }
 
-void LiveMonitor::say(Reason reason, const std::string& text) {
+void LiveMonitor::notify(Reason reason, const std::string& text) {
   notices_.push_back({reason, last_k(), text});
 }
 
@@ -85,7 +85,7 @@ std::optional<std::string> LiveMonitor::take_addition() {
   return std::exchange(addition_, {});
 }
 
-// First row at or behind tick k.
+// First row at or after tick k.
 std::size_t LiveMonitor::row_of(std::int64_t k) const {
   return static_cast<std::size_t>(
       std::lower_bound(rows_.begin(), rows_.end(), k,
@@ -94,7 +94,7 @@ std::size_t LiveMonitor::row_of(std::int64_t k) const {
 }
 
 void LiveMonitor::take(const Measurement& m) {
-  if (m.k <= last_k()) return;  // sent again
+  if (m.k <= last_k()) return;  // repeated message
   rows_.push_back({m, load_.at(t_s(m.k))});
   const std::int64_t keep = window_ticks_ + 4 * block_ticks_;
   while (m.k - rows_.front().m.k > keep) rows_.pop_front();
@@ -110,7 +110,7 @@ void LiveMonitor::take(const Estimate& e) {
   if (e.k == last_k() && (estimates_.empty() || e.k > estimates_.back().k)) estimates_.push_back(e);
 }
 
-// A block ends a few rows late, so that its last voltage is there.
+// A block is judged a few rows after its end: its last voltage comes with the next row.
 void LiveMonitor::block_done() {
   const std::size_t first = row_of(block_begin_), last = rows_.size();
   block_begin_ = rows_.back().m.k;
@@ -141,10 +141,10 @@ void LiveMonitor::learn(std::size_t first, std::size_t last) {
   if (watch_.learnt())
     phase_ = Phase::kWatching;
   else
-    learn_anew();
+    relearn();
 }
 
-void LiveMonitor::learn_anew() {
+void LiveMonitor::relearn() {
   watch_ = MisfitWatch(drive_);
   learn_until_ = -1;
   phase_ = Phase::kLearning;
@@ -152,18 +152,18 @@ void LiveMonitor::learn_anew() {
 
 void LiveMonitor::watch(std::size_t first, std::size_t last) {
   const std::int64_t k = rows_.back().m.k;
-  const BlockJudgement judgement = watch_.judge(
+  const BlockVerdict verdict = watch_.test(
       rows_, first, last, between(estimates_, rows_[first].m.k, k), drive_.model_effects());
-  failed_in_a_row_ = judgement.fits ? 0 : failed_in_a_row_ + 1;
-  if (failed_in_a_row_ == 1) gather_from_ = k;
-  if (failed_in_a_row_ < kFailuresToNotice) return;
-  failed_in_a_row_ = 0;
+  misfit_blocks_ = verdict.fits ? 0 : misfit_blocks_ + 1;
+  if (misfit_blocks_ == 1) gather_from_ = k;
+  if (misfit_blocks_ < kMisfitBlocksToNotice) return;
+  misfit_blocks_ = 0;
   Episode episode;
   episode.noticed_s = t_s(k);
-  episode.sign = judgement.text();
+  episode.sign = verdict.text();
   restarts_ = 0;
   episodes_.push_back(episode);
-  say(Reason::kModelMisfit, "the model no longer fits: " + episode.sign);
+  notify(Reason::kModelMisfit, "the model no longer fits: " + episode.sign);
   gather_ticks_ = ticks(parameters_.gather_s);
   phase_ = Phase::kGathering;
 }
@@ -173,7 +173,7 @@ void LiveMonitor::gather() {
   gather_from_ = std::max(gather_from_, last_k() - window_ticks_);
   const RawLog raw = raw_log_of(rows_, row_of(gather_from_), rows_.size());
   if (static_cast<std::int64_t>(raw.size()) < block_ticks_) {
-    nothing_traced("Currents and angle are not measured.");
+    report_no_result("Currents and angle are not measured.");
     return;
   }
   TraceJob job;
@@ -184,10 +184,10 @@ void LiveMonitor::gather() {
   phase_ = Phase::kTracing;
 }
 
-void LiveMonitor::nothing_traced(const std::string& why) {
+void LiveMonitor::report_no_result(const std::string& why) {
   episodes_.back().sentence = why;
-  say(Reason::kNothingTraced, why + " The present residuals are the new reference.");
-  learn_anew();
+  notify(Reason::kNothingTraced, why + " The present residuals are the new reference.");
+  relearn();
 }
 
 void LiveMonitor::traced(const TraceResult& result) {
@@ -200,14 +200,14 @@ void LiveMonitor::traced(const TraceResult& result) {
   }
   if (proposed_.empty()) {
     if (gather_ticks_ == window_ticks_) {
-      nothing_traced(result.sentence);
+      report_no_result(result.sentence);
       return;
     }
     gather_ticks_ = std::min(2 * gather_ticks_, window_ticks_);
     phase_ = Phase::kGathering;
     return;
   }
-  if (restarts_ < kMostRestarts && !fits_throughout()) {
+  if (restarts_ < kMaxRestarts && !fits_throughout()) {
     ++restarts_;
     proposed_.clear();
     gather_from_ = last_k();
@@ -219,7 +219,7 @@ void LiveMonitor::traced(const TraceResult& result) {
   for (const ConfiguredEffect& e : proposed_) episode.kinds.emplace_back(e.effect->kind());
   episode.toml = toml_of(proposed_);
   episode.proposed_s = t_s(last_k());
-  say(Reason::kEffectProposed, episode.toml);
+  notify(Reason::kEffectProposed, episode.toml);
   phase_ = Phase::kProposed;
   if (parameters_.auto_add) add_proposed();
 }
@@ -227,15 +227,16 @@ void LiveMonitor::traced(const TraceResult& result) {
 bool LiveMonitor::fits_throughout() const {
   DriveConfig extended = drive_;
   extended.effects.insert(extended.effects.end(), proposed_.begin(), proposed_.end());
-  const Effects known = extended.model_effects();
+  const Effects model_effects = extended.model_effects();
   const std::int64_t first =
-      std::max(gather_from_, rows_.front().m.k);  // a long trace outlives rows
+      std::max(gather_from_, rows_.front().m.k);  // rows are dropped during a long trace
+
   for (std::int64_t k = first; k + block_ticks_ <= gather_from_ + gather_ticks_;
        k += block_ticks_) {
-    const BlockJudgement block =
-        watch_.judge(rows_, row_of(k), row_of(k + block_ticks_), {}, known);
+    const BlockVerdict block =
+        watch_.test(rows_, row_of(k), row_of(k + block_ticks_), {}, model_effects);
     for (const ChannelLevel& channel : block.channels)
-      if (channel.excess > MisfitWatch::kRestless) return false;
+      if (channel.excess > MisfitWatch::kMaxRise) return false;
   }
   return true;
 }
@@ -248,7 +249,7 @@ bool LiveMonitor::add_proposed() {
 }
 
 std::int64_t LiveMonitor::tick_for_addition() const {
-  return last_k() + ticks(kAhead_s);
+  return last_k() + ticks(kRequestLead_s);
 }
 
 void LiveMonitor::added(std::int64_t k) {
@@ -259,8 +260,8 @@ void LiveMonitor::added(std::int64_t k) {
 }
 
 void LiveMonitor::refused(const std::string& why) {
-  say(Reason::kNothingTraced, "the effect was not added: " + why);
-  learn_anew();
+  notify(Reason::kNothingTraced, "the effect was not added: " + why);
+  relearn();
 }
 
 std::vector<double> LiveMonitor::innovation_rms(std::int64_t from, std::int64_t to) const {
@@ -276,10 +277,10 @@ std::vector<double> LiveMonitor::innovation_rms(std::int64_t from, std::int64_t 
   return sums;
 }
 
-// Residuals: the same rows with and without. Innovations: the stretch before the addition against
-// the stretch after it.
+// Residuals: the same rows without and with the effects. Innovations: before and after the
+// addition.
 void LiveMonitor::compare() {
-  const std::int64_t from = added_k_ + ticks(kSettling_s), to = from + ticks(kCompared_s);
+  const std::int64_t from = added_k_ + ticks(kSettling_s), to = from + ticks(kComparison_s);
   if (rows_.back().m.k < to) return;
   Episode& episode = episodes_.back();
   const std::size_t first = row_of(from), last = row_of(to);
@@ -287,7 +288,7 @@ void LiveMonitor::compare() {
   without.effects.resize(without.effects.size() - proposed_.size());
   episode.before = residual_rms(drive_, rows_, first, last, without.model_effects());
   episode.after = residual_rms(drive_, rows_, first, last, drive_.model_effects());
-  episode.innovation_before = innovation_rms(added_k_ - ticks(kCompared_s), added_k_);
+  episode.innovation_before = innovation_rms(added_k_ - ticks(kComparison_s), added_k_);
   episode.innovation_after = innovation_rms(from, to);
   episode.compared_s = t_s(last_k());
   std::vector<std::string> innovations;
@@ -295,12 +296,12 @@ void LiveMonitor::compare() {
        i < std::min(episode.innovation_before.size(), episode.innovation_after.size()); ++i)
     innovations.push_back(
         side_by_side(episode.innovation_before[i], episode.innovation_after[i], ""));
-  say(Reason::kEffectCompared,
-      fmt::format("{} added at tick {}: voltage residual {}, torque residual {}, innovations {}",
-                  fmt::join(episode.kinds, " + "), added_k_,
-                  side_by_side(episode.before.voltage, episode.after.voltage, " V"),
-                  side_by_side(episode.before.torque, episode.after.torque, " Nm"),
-                  fmt::join(innovations, ", ")));
+  notify(Reason::kEffectCompared,
+         fmt::format("{} added at tick {}: voltage residual {}, torque residual {}, innovations {}",
+                     fmt::join(episode.kinds, " + "), added_k_,
+                     side_by_side(episode.before.voltage, episode.after.voltage, " V"),
+                     side_by_side(episode.before.torque, episode.after.torque, " Nm"),
+                     fmt::join(innovations, ", ")));
   for (std::int64_t k = from; k + block_ticks_ <= to; k += block_ticks_)
     watch_.accept(rows_, row_of(k), row_of(k + block_ticks_),
                   between(estimates_, k, k + block_ticks_), drive_.model_effects());

@@ -1,16 +1,15 @@
-// Watches a running drive, and says what its model lacks. Pure: messages in, notices and requests
-// out; twinrate-monitor puts it on the bus, `twinrate simulate` into its own loop.
+// Monitors a running drive and reports effects missing in its model. Pure: messages in, notices and
+// requests out. twinrate-monitor connects it to the bus, `twinrate simulate` to its own loop.
 //
-//   learning -> watching -> (two blocks in a row do not fit) gathering -> tracing -> proposed
+//   learning -> watching -> (two consecutive misfit blocks) gathering -> tracing -> proposed
 //            -> adding -> comparing -> watching ..
 //
-// Traced is what came after the first block that did not fit, gather_s of it at first; where that
-// does not tell, twice as much, up to window_s. Where the whole window does not tell either, that
-// is said, and the monitor learns anew what is normal. Where what was traced fits a part of the
-// data only, another effect began meanwhile: gathering starts again, up to kMostRestarts times, so
-// that all of them are there all the time. After an effect was added, the residual of
-// the same following data is formed with and without it, and the filter's innovations before and
-// after are put side by side.
+// Traced data: gather_s from the first misfit block on; without a result twice as much, up to
+// window_s. Without a result for window_s the monitor reports it and learns the present data as
+// normal. If the extended model fits only a part of the data, another effect started meanwhile:
+// gathering restarts, up to kMaxRestarts times, so that all effects act during the whole data.
+// After an addition the residual of the following data is computed with and without the effect, and
+// the filter's innovations before and after are compared.
 #pragma once
 #include <functional>
 #include <optional>
@@ -29,14 +28,14 @@ struct MonitorNotice {
   std::string text;
 };
 
-// One misfit, from the first sign to the figures afterwards.
+// One misfit, from its detection to the comparison.
 struct Episode {
   double noticed_s = 0, proposed_s = 0, added_s = 0, compared_s = 0;  // drive time; 0: not yet
-  double traced_s = 0;                                                // length of data
+  double traced_s = 0;                                                // length of the traced data
   std::string sign, sentence, toml;
   std::vector<std::string> kinds;
-  ResidualRms before, after;                                // of the data after it was added
-  std::vector<double> innovation_before, innovation_after;  // rms by output
+  ResidualRms before, after;                                // without and with it, after addition
+  std::vector<double> innovation_before, innovation_after;  // rms of each output
 };
 
 struct TraceJob {
@@ -44,7 +43,7 @@ struct TraceJob {
   Health health;
   DriveConfig drive;  // with the effects added so far
 };
-// Runs anywhere; takes a second or so. `stop` as in TraceSettings.
+// Traces a job; takes about a second. Thread-safe. `stop` as in TraceSettings.
 TraceResult run(const TraceJob& job, std::function<bool()> stop = {});
 
 class LiveMonitor {
@@ -52,27 +51,27 @@ class LiveMonitor {
   // Throws BadInput where monitor.* do not go together.
   explicit LiveMonitor(Config& config);
 
-  // Another run of the drive: all is forgotten but the effects added, which the processes keep.
-  void begin_anew();
+  // Restarts for another run of the drive. Keeps only the added effects, as the processes do.
+  void restart();
 
-  // In this order each tick; an estimate of a tick that was not measured here is left out.
+  // In this order each tick. An estimate without its measurement is ignored.
   void take(const Measurement& m);
   void take(const Estimate& e);
 
   std::vector<MonitorNotice> take_notices();
-  // A stretch to be traced, once; its result comes back by traced().
+  // Data to be traced, once. Pass the result to traced().
   std::optional<TraceJob> take_job();
   void traced(const TraceResult& result);
-  // [[effect]] tables to be added to the running processes, once: by monitor.auto_add, or because
-  // somebody asked. The answer comes back by added() or refused().
+  // [[effect]] tables to be added to the running processes, once: by monitor.auto_add or after
+  // add_proposed(). Pass the answer to added() or refused().
   std::optional<std::string> take_addition();
-  // Asks for what was proposed to be added; false where nothing is proposed.
+  // Requests the addition of the proposed effects; false without a proposal.
   bool add_proposed();
   void added(std::int64_t k);
   void refused(const std::string& why);
 
   std::int64_t last_k() const { return rows_.empty() ? -1 : rows_.back().m.k; }
-  // A tick far enough ahead for every process to hear of it in time.
+  // A tick far enough ahead for the request to reach every process before it.
   std::int64_t tick_for_addition() const;
   const std::vector<Episode>& episodes() const { return episodes_; }
   const char* phase() const;
@@ -94,11 +93,11 @@ class LiveMonitor {
   void watch(std::size_t first, std::size_t last);
   void gather();
   void compare();
-  void nothing_traced(const std::string& why);
-  // The gathered blocks under the model with what is proposed.
+  void report_no_result(const std::string& why);
+  // True if every gathered block fits the model with the proposed effects.
   bool fits_throughout() const;
-  void learn_anew();
-  void say(Reason reason, const std::string& text);
+  void relearn();
+  void notify(Reason reason, const std::string& text);
   std::size_t row_of(std::int64_t k) const;
   double t_s(std::int64_t k) const { return static_cast<double>(k) * drive_.T_s(); }
   std::int64_t ticks(double seconds) const;
@@ -113,8 +112,8 @@ class LiveMonitor {
   std::deque<Estimate> estimates_;
   Phase phase_ = Phase::kLearning;
   std::int64_t block_begin_ = -1, learn_until_ = -1;
-  int failed_in_a_row_ = 0, restarts_ = 0;
-  std::int64_t gather_from_ = -1, gather_ticks_ = 0;  // gather_ticks_: that are to be traced
+  int misfit_blocks_ = 0, restarts_ = 0;
+  std::int64_t gather_from_ = -1, gather_ticks_ = 0;  // gather_ticks_: length to be traced
   std::int64_t added_k_ = -1;
   std::vector<ConfiguredEffect> proposed_;
   std::vector<Episode> episodes_;

@@ -11,20 +11,20 @@
 namespace twinrate {
 namespace {
 
-constexpr double kUnlikely = 1e-9;
+constexpr double kMisfitP = 1e-9;  // p-value
 
-// The residuals of a stretch of rows under a model.
+// The residuals of rows [first, last) with a model.
 struct Residuals {
   Eigen::VectorXd d, q, torque;
   Runs electrical, mechanical;
 };
 Residuals residuals_of(const DriveConfig& drive, const std::deque<MeasuredRow>& rows,
-                       std::size_t first, std::size_t last, const Effects& known) {
+                       std::size_t first, std::size_t last, const Effects& model_effects) {
   Health health;
   const RawLog raw = raw_log_of(rows, first, last);
   if (raw.t.size() < 50) return {};
   const Record record = make_record(raw, drive.machine.n_p, health);
-  const Equations equations(record, drive.facts(), known);
+  const Equations equations(record, drive.facts(), model_effects);
   const Sampler sampler(record, moving_rows(record), std::vector<char>(record.size(), 0));
   const Channels left = equations.residual({});
   return {sampler(left.d, sampler.electrical()), sampler(left.q, sampler.electrical()),
@@ -49,14 +49,14 @@ void append(Eigen::VectorXd& y, Runs& runs, const Eigen::VectorXd& more, const R
 
 }  // namespace
 
-const ChannelLevel* BlockJudgement::worst() const {
+const ChannelLevel* BlockVerdict::worst() const {
   const ChannelLevel* worst = nullptr;
   for (const ChannelLevel& c : channels)
     if (!worst || c.excess > worst->excess) worst = &c;
   return worst;
 }
 
-std::string BlockJudgement::text() const {
+std::string BlockVerdict::text() const {
   const ChannelLevel* w = worst();
   if (!w) return "no data to test";
   return fmt::format(
@@ -70,8 +70,8 @@ MisfitWatch::MisfitWatch(const DriveConfig& drive) : drive_(drive) {}
 
 std::map<std::string, MisfitWatch::Series> MisfitWatch::series_of(
     const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
-    const std::vector<Estimate>& estimates, const Effects& known) const {
-  Residuals r = residuals_of(drive_, rows, first, last, known);
+    const std::vector<Estimate>& estimates, const Effects& model_effects) const {
+  Residuals r = residuals_of(drive_, rows, first, last, model_effects);
   std::map<std::string, Series> series;
   if (r.d.size() > 0) {
     series["voltage residual d"] = {std::move(r.d), r.electrical};
@@ -93,8 +93,8 @@ std::map<std::string, MisfitWatch::Series> MisfitWatch::series_of(
 }
 
 void MisfitWatch::learn(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
-                        const std::vector<Estimate>& estimates, const Effects& known) {
-  for (auto& [name, series] : series_of(rows, first, last, estimates, known)) {
+                        const std::vector<Estimate>& estimates, const Effects& model_effects) {
+  for (auto& [name, series] : series_of(rows, first, last, estimates, model_effects)) {
     Level& level = levels_[name];
     append(level.all.y, level.all.runs, series.y, series.runs);
     level.blocks.push_back(std::move(series));
@@ -117,21 +117,21 @@ bool MisfitWatch::learnt() {
 }
 
 void MisfitWatch::accept(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
-                         const std::vector<Estimate>& estimates, const Effects& known) {
-  for (const auto& [name, series] : series_of(rows, first, last, estimates, known)) {
+                         const std::vector<Estimate>& estimates, const Effects& model_effects) {
+  for (const auto& [name, series] : series_of(rows, first, last, estimates, model_effects)) {
     const auto found = levels_.find(name);
     if (found == levels_.end() || series.y.size() == 0) continue;
     const double size = rms(found->second.whitener(series.y, series.runs));
-    if (size * size < kRestless * found->second.largest)
+    if (size * size < kMaxRise * found->second.largest)
       found->second.largest = std::max(found->second.largest, size * size);
   }
 }
 
-BlockJudgement MisfitWatch::judge(const std::deque<MeasuredRow>& rows, std::size_t first,
-                                  std::size_t last, const std::vector<Estimate>& estimates,
-                                  const Effects& known) const {
-  BlockJudgement judgement;
-  for (const auto& [name, series] : series_of(rows, first, last, estimates, known)) {
+BlockVerdict MisfitWatch::test(const std::deque<MeasuredRow>& rows, std::size_t first,
+                               std::size_t last, const std::vector<Estimate>& estimates,
+                               const Effects& model_effects) const {
+  BlockVerdict verdict;
+  for (const auto& [name, series] : series_of(rows, first, last, estimates, model_effects)) {
     const auto found = levels_.find(name);
     if (found == levels_.end() || series.y.size() == 0) continue;
     const Level& level = found->second;
@@ -144,15 +144,15 @@ BlockJudgement MisfitWatch::judge(const std::deque<MeasuredRow>& rows, std::size
                    .excess = power / N,
                    .consistency = chi_square_tail(power, N),
                    .whiteness = whiteness_p_value(e, series.runs)};
-    if (c.consistency < kUnlikely && c.excess > kMargin) judgement.fits = false;
-    judgement.channels.push_back(std::move(c));
+    if (c.consistency < kMisfitP && c.excess > kMargin) verdict.fits = false;
+    verdict.channels.push_back(std::move(c));
   }
-  return judgement;
+  return verdict;
 }
 
 ResidualRms residual_rms(const DriveConfig& drive, const std::deque<MeasuredRow>& rows,
-                         std::size_t first, std::size_t last, const Effects& known) {
-  const Residuals r = residuals_of(drive, rows, first, last, known);
+                         std::size_t first, std::size_t last, const Effects& model_effects) {
+  const Residuals r = residuals_of(drive, rows, first, last, model_effects);
   return {std::sqrt(0.5 * (std::pow(rms(r.d), 2) + std::pow(rms(r.q), 2))), rms(r.torque)};
 }
 

@@ -1,15 +1,15 @@
-// Does the model still fit? Blocks of drive data against what they were like while it did.
+// Detects a misfit of the model: compares blocks of drive data with learnt blocks.
 //
-//   channels   residual of the voltage equation (d, q) and of the torque equation, at 1 kHz
-//              (trace/equations.hpp), and the innovations of the running filter, at f_s
-//   learning   an autoregressive model of each channel's noise (trace/whitening.hpp) from the first
-//              blocks, and the largest mean square that a whitened block of them had
-//   judging    e whitened by that model. Consistency: N mean(e^2) is chi-square with N degrees of
-//              freedom. Whiteness: Ljung-Box over 20 lags.
+//   channels   residuals of the voltage equation (d, q) and of the torque equation, at 1 kHz
+//              (trace/equations.hpp), and innovations of the running filter, at f_s
+//   learning   from the first blocks: an autoregressive model of each channel's noise
+//              (trace/whitening.hpp) and the largest mean square of a whitened block
+//   testing    e: the block whitened by that model. Consistency: N mean(e^2) is chi-square with N
+//              degrees of freedom. Whiteness: Ljung-Box over 20 lags.
 //
-// A block fails where a channel is less consistent than 1e-9 allows and its mean square is beyond
-// kMargin times the largest learnt (speed and load may move while it learns, and then the learnt
-// blocks are not equal either). A model that fits badly from the start is the level itself.
+// A block is a misfit if the consistency of a channel is below 1e-9 and its mean square exceeds
+// kMargin times the largest learnt one (speed and load may vary during learning, so that the learnt
+// blocks differ, too). A misfit that exists from the start is learnt as normal.
 #pragma once
 #include <map>
 #include <string>
@@ -25,16 +25,16 @@ namespace twinrate {
 struct ChannelLevel {
   std::string name, unit;
   double rms = 0;          // in `unit`
-  double excess = 1;       // mean square of the whitened, over the largest learnt
+  double excess = 1;       // mean square of the whitened block over the largest learnt one
   double consistency = 1;  // p-value
   double whiteness = 1;    // p-value
 };
 
-struct BlockJudgement {
+struct BlockVerdict {
   bool fits = true;
   std::vector<ChannelLevel> channels;
   const ChannelLevel* worst() const;
-  std::string text() const;  // one line: the worst channel
+  std::string text() const;  // the worst channel, one line
 };
 
 class MisfitWatch {
@@ -43,17 +43,17 @@ class MisfitWatch {
   static constexpr double kMargin = 2;
 
   void learn(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
-             const std::vector<Estimate>& estimates, const Effects& known);
-  // Ends learning. False where there was nothing to learn from.
+             const std::vector<Estimate>& estimates, const Effects& model_effects);
+  // Ends learning. False if no channel has data.
   bool learnt();
-  // A block of an extended model: a channel that is a little noisier than learnt (an effect
-  // computed from noisy currents is noisy itself) is normal from now on; one with a mean square
-  // more than kRestless times as large is not.
-  static constexpr double kRestless = 9;
+  // A block with the extended model. Raises the learnt level of a channel that is noisier than
+  // learnt: an effect computed from noisy currents adds noise. A mean square of more than
+  // kMaxRise times the learnt one is not accepted.
+  static constexpr double kMaxRise = 9;
   void accept(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
-              const std::vector<Estimate>& estimates, const Effects& known);
-  BlockJudgement judge(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
-                       const std::vector<Estimate>& estimates, const Effects& known) const;
+              const std::vector<Estimate>& estimates, const Effects& model_effects);
+  BlockVerdict test(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
+                    const std::vector<Estimate>& estimates, const Effects& model_effects) const;
 
  private:
   struct Series {
@@ -68,7 +68,7 @@ class MisfitWatch {
   };
   std::map<std::string, Series> series_of(const std::deque<MeasuredRow>& rows, std::size_t first,
                                           std::size_t last, const std::vector<Estimate>& estimates,
-                                          const Effects& known) const;
+                                          const Effects& model_effects) const;
 
   DriveConfig drive_;
   std::map<std::string, Level> levels_;
@@ -79,6 +79,6 @@ struct ResidualRms {
   double voltage = 0, torque = 0;
 };
 ResidualRms residual_rms(const DriveConfig& drive, const std::deque<MeasuredRow>& rows,
-                         std::size_t first, std::size_t last, const Effects& known);
+                         std::size_t first, std::size_t last, const Effects& model_effects);
 
 }  // namespace twinrate

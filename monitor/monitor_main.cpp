@@ -1,11 +1,12 @@
-// twinrate-monitor: watches innovations and residuals on the bus, traces and proposes effects live.
+// twinrate-monitor: monitors innovations and residuals on the bus, traces and proposes effects.
 //
-//   MEASUREMENT(k), ESTIMATE(k) -> [LiveMonitor] -> EVENT; with monitor.auto_add, or on request,
-//   REQUEST {add effect} to estimator, gain and controller
+//   MEASUREMENT(k), ESTIMATE(k) -> [LiveMonitor] -> EVENT
+//                                                -> REQUEST {add effect} to estimator, gain and
+//                                                   controller: monitor.auto_add, or on request
 //
-// Tracing runs in a thread of its own; nobody in the loop waits for it. RUN_DIR/monitor.json holds
-// what was seen so far. With --follow the monitor begins anew where the session or the sequence
-// does, as the filter does.
+// Tracing runs in a separate thread; the loop does not wait for it. RUN_DIR/monitor.json holds the
+// results so far. With --follow the monitor restarts with the session or the sequence, as the
+// filter does.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -29,7 +30,7 @@ class MonitorProcess {
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { monitor_.take(from_wire(w)); });
     p.bus().subscribe<reply_t>([this](const reply_t& reply) { take_reply(reply); });
-    p.bus().on_new_session([this] { begin_anew(); });
+    p.bus().on_new_session([this] { restart(); });
     p.on_add_proposed([this] { return monitor_.add_proposed(); });
     p.waiting_for([this] {
       return Waiting{fmt::format("MEASUREMENT({})", monitor_.last_k() + 1),
@@ -45,25 +46,25 @@ class MonitorProcess {
   }
 
  private:
-  static constexpr double kRepeat_s = 0.05, kPatience_s = 3;
+  static constexpr double kRepeat_s = 0.05, kTimeout_s = 3;
   static constexpr std::int64_t kFirstRequest = 1'000'000;  // the supervisor counts from 0
 
   void take(const Measurement& m) {
-    if (m.k < monitor_.last_k() && p_.options().follow) begin_anew();
+    if (m.k < monitor_.last_k() && p_.options().follow) restart();
     monitor_.take(m);
     p_.progress(monitor_.last_k());
   }
-  void begin_anew() {
+  void restart() {
     stop_.request_stop();
     asking_ = false;
-    monitor_.begin_anew();
+    monitor_.restart();
   }
   void look() {
     if (trace_.valid() && trace_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
       std::future<TraceResult> done = std::move(trace_);
       if (!stop_.stop_requested()) monitor_.traced(done.get());
     }
-    // What was stopped ends first.
+    // A stopped trace must end before the next one starts.
     if (!trace_.valid()) begin_trace();
     if (const auto toml = monitor_.take_addition()) begin_request(*toml);
     if (asking_) repeat_request();
@@ -99,9 +100,9 @@ class MonitorProcess {
     const auto since = [now](Clock::time_point then) {
       return std::chrono::duration<double>(now - then).count();
     };
-    // In a replay there is no controller: the estimator alone decides.
+    // A replay has no controller: the answer of the estimator is enough.
     const bool complete = answered_.size() >= 3;
-    if (complete || since(asked_at_) > kPatience_s) {
+    if (complete || since(asked_at_) > kTimeout_s) {
       asking_ = false;
       if (applied_ >= 0)
         monitor_.added(applied_);
@@ -136,7 +137,7 @@ class MonitorProcess {
   Process& p_;
   LiveMonitor monitor_;
   std::future<TraceResult> trace_;
-  std::stop_source stop_;  // of the trace that runs
+  std::stop_source stop_;  // of the running trace
   bool asking_ = false;
   request_t request_{};
   std::int64_t requests_ = 0, applied_ = -1;

@@ -1,4 +1,4 @@
-// The monitor in one process with a simulated drive whose plant changes while it runs.
+// The monitor in one process with a simulated drive whose plant changes during the run.
 #include "monitor/live_monitor.hpp"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-// Speed and load that move, so that causes can be told apart.
+// Varying speed and load, so that the effects are identifiable.
 const char* const kDrive = R"(
 [controller]
 kind = "foc"
@@ -49,7 +49,7 @@ struct Circumstances {
   bool angle = true;  // measured
 };
 
-// Runs the drive with its monitor; what is to be added is added.
+// Runs the drive with its monitor and adds the proposed effects.
 Outcome watch(const std::string& effects, const Circumstances& with = {}) {
   const std::string none = effects.empty() ? "effect = []\n" : "";
   Config config = Config::parse("preset = \"niewiara2020\"\n" + none + kDrive + effects, "live",
@@ -82,11 +82,11 @@ Outcome watch(const std::string& effects, const Circumstances& with = {}) {
   return outcome;
 }
 
-TEST(LiveMonitor, SaysNothingWhereTheModelFits) {
+TEST(LiveMonitor, ReportsNothingIfTheModelFits) {
   EXPECT_TRUE(watch("").notices.empty());
 }
 
-TEST(LiveMonitor, NamesDeadTimeThatBeginsWhileTheDriveRuns) {
+TEST(LiveMonitor, ProposesADeadTimeThatStartsDuringTheRun) {
   const Outcome outcome = watch(kDeadTime);
   ASSERT_EQ(outcome.episodes.size(), 1u);
   const Episode& e = outcome.episodes[0];
@@ -104,8 +104,8 @@ TEST(LiveMonitor, NamesDeadTimeThatBeginsWhileTheDriveRuns) {
     EXPECT_EQ(outcome.notices[2].text.find(untidy), std::string::npos) << outcome.notices[2].text;
 }
 
-// Blocks of 0.3 s do not end where the window does.
-TEST(LiveMonitor, TracesTwiceAsMuchUpToTheWindowAndThenSaysThatNothingWasFound) {
+// Blocks of 0.3 s do not end with the window.
+TEST(LiveMonitor, DoublesTheTracedDataUpToTheWindowAndThenReportsNoResult) {
   std::vector<double> lengths_s;
   const Outcome outcome =
       watch(kDeadTime,
@@ -130,7 +130,7 @@ TEST(LiveMonitor, TracesTwiceAsMuchUpToTheWindowAndThenSaysThatNothingWasFound) 
 }
 
 // The innovations alone show that the model does not fit.
-TEST(LiveMonitor, WithoutAnAngleItSaysThatNothingCanBeTraced) {
+TEST(LiveMonitor, WithoutAnAngleReportsThatNothingCanBeTraced) {
   const Outcome outcome = watch(kDeadTime, {.overrides = {}, .angle = false});
   ASSERT_EQ(outcome.notices.size(), 2u);
   EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
@@ -139,19 +139,19 @@ TEST(LiveMonitor, WithoutAnAngleItSaysThatNothingCanBeTraced) {
             "Currents and angle are not measured. The present residuals are the new reference.");
 }
 
-TEST(LiveMonitor, BeginsAnewWithTheTicksOfAnotherRun) {
+TEST(LiveMonitor, RestartsWithTheTicksOfAnotherRun) {
   Config config = Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live");
   LiveMonitor monitor(config);
   monitor.take(Measurement{.k = 100});
-  monitor.begin_anew();
+  monitor.restart();
   EXPECT_EQ(monitor.last_k(), -1);
   monitor.take(Measurement{.k = 3});
   EXPECT_EQ(monitor.last_k(), 3);
 }
 
-// What is traced first has both, but one of them in a part of the data only: a resistance that
-// drifts, for one that is there from 3.3 s on.
-TEST(LiveMonitor, WaitsForDataThatHoldTwoEffectsAllTheTime) {
+// The first traced data contain one of the two effects only in part: the tracer finds a resistance
+// that drifts instead of one that is present from 3.3 s on.
+TEST(LiveMonitor, GathersAgainUntilTwoEffectsActInAllData) {
   const Outcome outcome = watch(
       "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\nfrom_s = 2.6\n"
       "[[effect]]\nkind = \"resistance\"\nchange_Ohm = 0.42\nfrom_s = 3.3\n");

@@ -8,8 +8,8 @@
 namespace twinrate {
 namespace {
 
-// A turning machine without voltage and current noise but for what is given here: theta_m at
-// constant speed, currents of noise, the voltage that goes with no current, and `u_off` on top.
+// A machine at constant speed with currents of pure noise, the voltage of zero current, and an
+// additional voltage `u_off`.
 std::deque<MeasuredRow> rows_of(const DriveConfig& drive, double u_off, std::uint64_t seed) {
   std::deque<MeasuredRow> rows;
   const double omega_m = 20;
@@ -41,37 +41,38 @@ class Misfit : public testing::Test {
     }
     ASSERT_TRUE(watch_.learnt());
   }
-  BlockJudgement judge(double u_off, std::uint64_t seed, const Effects& known = {}) const {
+  BlockVerdict verdict_of(double u_off, std::uint64_t seed,
+                          const Effects& model_effects = {}) const {
     const auto rows = rows_of(drive_, u_off, seed);
-    return watch_.judge(rows, 0, rows.size(), {}, known);
+    return watch_.test(rows, 0, rows.size(), {}, model_effects);
   }
   DriveConfig drive_ = Config::load("niewiara2020").drive();
   MisfitWatch watch_{drive_};
 };
 
-TEST_F(Misfit, BlocksLikeTheLearntFit) {
-  for (std::uint64_t seed = 100; seed < 140; ++seed) EXPECT_TRUE(judge(0, seed).fits) << seed;
+TEST_F(Misfit, BlocksLikeTheLearntOnesFit) {
+  for (std::uint64_t seed = 100; seed < 140; ++seed) EXPECT_TRUE(verdict_of(0, seed).fits) << seed;
 }
 
-TEST_F(Misfit, AVoltageThatIsNotInTheModelDoesNotFit) {
-  const BlockJudgement judgement = judge(0.5, 200);
-  EXPECT_FALSE(judgement.fits);
-  ASSERT_TRUE(judgement.worst());
-  EXPECT_EQ(judgement.worst()->name, "voltage residual q");
-  EXPECT_GT(judgement.worst()->rms, 0.45);
-  EXPECT_LT(judgement.worst()->rms, 0.65);
-  EXPECT_LT(judgement.worst()->consistency, 1e-9);
+TEST_F(Misfit, AVoltageMissingInTheModelIsAMisfit) {
+  const BlockVerdict verdict = verdict_of(0.5, 200);
+  EXPECT_FALSE(verdict.fits);
+  ASSERT_TRUE(verdict.worst());
+  EXPECT_EQ(verdict.worst()->name, "voltage residual q");
+  EXPECT_GT(verdict.worst()->rms, 0.45);
+  EXPECT_LT(verdict.worst()->rms, 0.65);
+  EXPECT_LT(verdict.worst()->consistency, 1e-9);
 }
 
-TEST_F(Misfit, ItFitsAgainOnceTheModelHasIt) {
+TEST_F(Misfit, TheExtendedModelFits) {
   const Config extended = Config::load("niewiara2020", {"effect=[]"})
                               .with_effects(
                                   "[[effect]]\nkind = \"flux_linkage\"\nused_in = "
                                   "\"model\"\nchange_Wb = 0.008333333333333333\n",
                                   "test");  // 0.5 V at 60 rad/s
-  EXPECT_FALSE(judge(0.5, 201).fits);
-  EXPECT_TRUE(judge(0.5, 201, extended.drive().model_effects()).fits)
-      << judge(0.5, 201, extended.drive().model_effects()).text();
+  EXPECT_FALSE(verdict_of(0.5, 201).fits);
+  EXPECT_TRUE(verdict_of(0.5, 201, extended.drive().model_effects()).fits)
+      << verdict_of(0.5, 201, extended.drive().model_effects()).text();
 }
 
 }  // namespace
