@@ -1,7 +1,7 @@
-// The numbers that a tick needs, the same for every lane, worked out once from LaneSettings.
+// Constants of a tick, equal for all lanes, computed once from LaneSettings.
 //
-// S: double, or a row of lanes that all hold the same number: a row can be an operand of an
-// instruction as it lies in memory, a number has to be spread first.
+// S: double, or a row of lanes with equal numbers. A row is a memory operand of an instruction; a
+// number needs a broadcast first.
 #pragma once
 #include "estimator/kernels/ekf_sensorless_kernel.hpp"
 #include "lanes/points.hpp"
@@ -17,7 +17,7 @@ struct LaneConstants {
   S g;             // tau/L
   // Currents at the middle: shares of i_0, of tau u/L, of [cos, sin] and their rates at 0 and 1.
   S mid_decay, mid_u, mid_0, mid_d0, mid_1, mid_d1;
-  // At the end: of [cos, sin] at 2 too; of A and A_d at 0 and 1 by way of W and the angle at 1.
+  // At the end: also of [cos, sin] at 2; of A and A_d at 0 and 1 through W and the angle at 1.
   S end_decay, end_u, end_0, end_d0, end_1, end_d1, end_2;
   S late_0, late_d0, late_1, late_d1;
   // Sensors.
@@ -34,7 +34,7 @@ struct LaneConstants {
   S off_ticks_max, constant_ticks_min;
 };
 
-// Choices that are the same for all lanes.
+// Switches common to all lanes.
 struct LaneSwitches {
   int plant_steps;
   bool noise, adc, rk4;

@@ -1,8 +1,8 @@
-// N drives side by side, one tick at a time, in the order of loop/closed_loop.hpp.
+// One tick of N drives in parallel, in the order of loop/closed_loop.hpp.
 //
-// Every member of LaneDrive is one row of lanes, so a drive is a column of it: that is how
-// lanes/runner.hpp puts a drive in and takes it out. Values that differ from lane to lane are
-// blended, not branched; the gain policy, the same for all lanes, is a template parameter.
+// Each member of LaneDrive is one row of lanes; a drive is a column, which lanes/runner.hpp inserts
+// and extracts. Differences between lanes are blended, not branched. The gain policy is common to
+// all lanes and a template parameter.
 #pragma once
 #include <numbers>
 #include <utility>
@@ -11,7 +11,7 @@
 
 namespace twinrate::lanes {
 
-// A gain and the angle it was linearised at.
+// A gain and its linearisation angle.
 template <class T>
 struct PlannedGain {
   kernel::Gain42<T> K;
@@ -24,11 +24,11 @@ struct LaneDrive {
   T omega_m_target, slew_step, T_load_target, load_step;
   T n, k_full, k_settle, k_end;
   T noise_seed[3][2];  // hashed, as bits: two uniform streams a phase
-  // Plant: state, load, voltage of the last interval, command that waits for its interval.
+  // Plant: state, load, voltage of the last interval, pending command.
   LanePlant<T> plant;
   T T_load;
   kernel::Stationary<T> u_applied, u_command;
-  // Filter: state, sin and cos of its angle, covariance, gain in use, gain that waits for its tick.
+  // Filter: state, sin and cos of its angle, covariance, gain in use, pending gain.
   kernel::SensorlessState<T> x;
   kernel::UnitVector<T> at;
   kernel::Symmetric4<T> P;
@@ -38,10 +38,10 @@ struct LaneDrive {
   T omega_m_ref, speed_integral, d_integral, q_integral;
   // Figures.
   T k, constant_ticks, off_ticks, error_square_sum, error_max;
-  T lost;  // 1 where so
+  T lost;  // 1: lost
 };
 
-// Row by row, for structs of rows, in place: a copy would go through memory.
+// Blends structs of rows in place, row by row: a copy would go through memory.
 template <class T, class Rows>
 void blend_rows(typename T::Mask mask, const Rows& from, Rows& to) {
   const T* const source = reinterpret_cast<const T*>(&from);
@@ -82,7 +82,7 @@ kernel::Gain42<T> turn_gain(const kernel::Gain42<T>& K, const kernel::UnitVector
   const T c = to.cos * from.cos + to.sin * from.sin, s = to.sin * from.cos - to.cos * from.sin;
   const T r00 = c * K.k00 - s * K.k10, r01 = c * K.k01 - s * K.k11;
   const T r10 = s * K.k00 + c * K.k10, r11 = s * K.k01 + c * K.k11;
-  return {c * r00 - s * r01,     s * r00 + c * r01,      // columns turn as the rows did
+  return {c * r00 - s * r01,     s * r00 + c * r01,      // rotation of the columns
           c * r10 - s * r11,     s * r10 + c * r11,      //
           c * K.k20 - s * K.k21, s * K.k20 + c * K.k21,  //
           c * K.k30 - s * K.k31, s * K.k30 + c * K.k31};
@@ -106,8 +106,8 @@ kernel::Symmetric4<T> turn_covariance(const kernel::Symmetric4<T>& P, const SinC
           P.m33};
 }
 
-// sin and cos of the filter's angle plus `angle`: turned where that is small, as it nearly always
-// is.
+// sin and cos of the filter's angle plus `angle`: by rotation if `angle` is small, which is the
+// usual case.
 template <class T>
 SinCos<T> ahead(const LaneDrive<T>& d, T angle) {
   SinCos<T> at = turn(SinCos<T>{d.at.sin, d.at.cos}, angle);
@@ -128,7 +128,7 @@ kernel::SensorlessState<T> predict(const LaneConstants<T>& c, const LaneDrive<T>
   }
 }
 
-// FastLoop::tick: the first sample is taken over, every other predicted and corrected.
+// FastLoop::tick: initialises with the first sample, predicts and corrects with every other one.
 template <Policy policy, bool rk4, class T>
 void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Stationary<T>& i_meas,
                bool any_snapshot) {
@@ -137,7 +137,7 @@ void fast_step(const LaneConstants<T>& c, LaneDrive<T>& d, const kernel::Station
     K = turn_gain(K, d.gain.at, d.at);
   const auto x_prior = predict<rk4>(c, d);
   auto x = correct(x_prior, K, innovation(x_prior, i_meas));
-  if (any_snapshot) {  // as the first tick is
+  if (any_snapshot) {  // the first tick is a snapshot
     const kernel::SensorlessState<T> first{i_meas.alpha, i_meas.beta, d.x.omega_e, d.x.theta_e};
     blend_rows<T>(d.k == T(0), first, x);
   }
@@ -177,7 +177,8 @@ void background_step(const LaneConstants<T>& c, const LaneSwitches& on, LaneDriv
   if constexpr (policy == Policy::kImmediate) blend_rows<T>(snapshot, d.next_gain, d.gain);
 }
 
-// Limits the voltage to the circle and passes the excess to the integrals; rare in most ticks.
+// Limits the voltage to the circle and corrects the integrals (anti-windup). In most ticks no lane
+// is limited.
 template <class T>
 void limit_voltage(const LaneConstants<T>& c, LaneDrive<T>& d, T& u_d, T& u_q) {
   const T square = u_d * u_d + u_q * u_q;
@@ -219,11 +220,10 @@ kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
   return {acts.cos * u_d - acts.sin * u_q, acts.sin * u_d + acts.cos * u_q};
 }
 
-// docs/conventions.md: angle error and lock, over [k_settle, k_end). Returns which lanes have
-// ended; a lane ends at its loss. A value that is not a number, or diverges, leaves no angle in
-// [-pi, pi].
+// docs/conventions.md: angle error and lock, over [k_settle, k_end). Returns the mask of ended
+// lanes; a lane ends at its loss. A diverged or not finite state has no angle in [-pi, pi].
 template <class T>
-typename T::Mask judge(const LaneConstants<T>& c, LaneDrive<T>& d) {
+typename T::Mask update_figures(const LaneConstants<T>& c, LaneDrive<T>& d) {
   const T error = wrap_pi<T>(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
   const auto in_window = d.k >= d.k_settle;
   const T off = abs<T>(d.plant.omega_e * c.inv_n_p - d.omega_m_ref);
@@ -240,7 +240,7 @@ typename T::Mask judge(const LaneConstants<T>& c, LaneDrive<T>& d) {
   return (d.k >= d.k_end) | lost;
 }
 
-// k -> k + 1. Returns which lanes have ended.
+// k -> k + 1. Returns the mask of ended lanes.
 template <Policy policy, bool rk4, class T>
 [[gnu::flatten]] typename T::Mask tick(const LaneConstants<T>& c, const LaneSwitches& on,
                                        LaneDrive<T>& d) {
@@ -260,7 +260,7 @@ template <Policy policy, bool rk4, class T>
   d.T_load = slew_by(d.T_load, d.T_load_target, d.load_step);
   LanePlant<T> next = d.plant;
   advance(c, on.plant_steps, next, d.u_command, d.T_load);
-  const auto ended = judge(c, d);
+  const auto ended = update_figures(c, d);
   d.plant = next;
   d.u_applied = d.u_command;
   d.u_command = u_new;

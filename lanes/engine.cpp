@@ -17,7 +17,7 @@
 namespace twinrate::lanes {
 namespace {
 
-// The keys that the engine takes from the drive's tables.
+// The first key whose value the engine does not cover; "" if none.
 std::string not_covered(const DriveConfig& d) {
   if (static_cast<int>(d.gain.policy) > static_cast<int>(Policy::kRotorFrame))
     return fmt::format("gain.policy is {}", kGainPolicyNames[static_cast<int>(d.gain.policy)]);
@@ -68,7 +68,7 @@ std::string lane_settings(Config& config, LaneSettings& s) {
   s.i_max = foc.i_max;
   s.decoupling = foc.decoupling;
   s.i_d_ref = std::clamp(d.reference.i_d_A.at(0), -foc.i_max, foc.i_max);
-  // In a step the currents may decay by exp(-1/2) and the rated speed turn the rotor by 0.4 rad.
+  // Limits of one step: decay of the currents by exp(-1/2), rotation by 0.4 rad at rated speed.
   s.plant_steps = static_cast<int>(std::ceil(
       s.T_s * std::max({s.R_s / s.L / 0.5, m.omega_m_rated * s.n_p / 0.4, 1e-9 / s.T_s})));
   return "";
@@ -88,8 +88,8 @@ Point point_of(const DriveConfig& d) {
           .settle_s = d.run.settle_s};
 }
 
-// Share of a node in tau^-1 int_0^end e^(-a (end - x)) N(x) dx, N its basis polynomial, by
-// Simpson's rule on a fine grid; times a b: the part of the magnets' flux in the current.
+// tau^-1 int_0^end e^(-a (end - x)) N(x) dx by Simpson's rule on a fine grid, N the basis
+// polynomial of a node. Times a b: share of the node in the current due to the flux of the magnet.
 template <class Basis>
 static double node_share(double a, double b, double end, Basis N) {
   constexpr int kPanels = 400;
@@ -102,8 +102,8 @@ static double node_share(double a, double b, double end, Basis N) {
   return a * b * sum * end / (3 * kPanels);
 }
 
-// lanes/plant.hpp: the polynomials through value and rate at 0 and 1, and through value and rate at
-// 0 and 1 and the value at 2.
+// Coefficients of lanes/plant.hpp: polynomials through value and rate at 0 and 1, without and with
+// the value at 2.
 static void set_plant(LaneConstants<double>& c, const LaneSettings& s) {
   c.tau = 0.5 * s.T_s / s.plant_steps;
   c.inv_tau = 1 / c.tau;
@@ -130,7 +130,7 @@ static void set_plant(LaneConstants<double>& c, const LaneSettings& s) {
   c.end_1 = end([&](double x) { return sq(x) * sq(2 - x); });
   c.end_d1 = end([&](double x) { return sq(x) * (x - 1) * (2 - x); });
   c.end_2 = end([&](double x) { return 0.25 * sq(x) * sq(x - 1); }) - c.b;
-  // Cubic through A and its rate at 0 and 1: W_1 and the angle there, less the Taylor of
+  // Cubic through A and its rate at 0 and 1: W_1 and the angle at 1, less the Taylor polynomial of
   // plant_step.
   c.late_0 = 0.5 * c.end_d1 - 0.15 * c.end_1;
   c.late_d0 = c.end_d1 / 12 - 7.0 / 60 * c.end_1;
@@ -164,7 +164,7 @@ LaneConstants<double> lane_constants(const LaneSettings& s) {
   c.u_max_square = c.u_max * c.u_max;
   c.L = s.decoupling ? s.L : 0;
   c.psi_f = s.decoupling ? s.psi_f : 0;
-  // analysis/summary.cpp: 20 ms away from a reference that has stood for 0.1 s; half a tick of slack.
+  // analysis/summary.cpp: 20 ms off a reference constant for 0.1 s; tolerance of half a tick.
   c.off_ticks_max = 0.02 / s.T_s - 0.5;
   c.constant_ticks_min = 0.1 / s.T_s - 0.5;
   return c;
@@ -228,8 +228,7 @@ static RunLanes* lanes_of(Isa isa) {
   return all[static_cast<int>(isa)];
 }
 
-// Neighbours in the row should take their snapshots together, so points go by n, and longest first
-// within a thread's reach.
+// Order by n: the drives of a row then take their snapshots together.
 static std::vector<std::size_t> order_of(std::span<const Point> points, Policy policy) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < points.size(); ++i)

@@ -1,4 +1,4 @@
-// The engine's translation units, one an instruction set.
+// The engine's translation units, one for each instruction set.
 #pragma once
 #include "lanes/runner.hpp"
 

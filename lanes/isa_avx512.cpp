@@ -2,7 +2,7 @@
 
 namespace twinrate::lanes {
 
-struct Avx512;  // keeps this unit's code apart: lanes/lanes.hpp
+struct Avx512;  // separates this unit's symbols: lanes/lanes.hpp
 
 void run_avx512(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                 const LaneQueue& queue) {

@@ -2,7 +2,7 @@
 
 namespace twinrate::lanes {
 
-struct Portable;  // keeps this unit's code apart: lanes/lanes.hpp
+struct Portable;  // separates this unit's symbols: lanes/lanes.hpp
 
 void run_portable(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                   const LaneQueue& queue) {

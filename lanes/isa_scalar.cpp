@@ -2,7 +2,7 @@
 
 namespace twinrate::lanes {
 
-struct Scalar;  // keeps this unit's code apart: lanes/lanes.hpp
+struct Scalar;  // separates this unit's symbols: lanes/lanes.hpp
 
 void run_scalar(const LaneSettings& settings, const LaneConstants<double>& c, Policy policy,
                 const LaneQueue& queue) {

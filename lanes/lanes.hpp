@@ -1,10 +1,10 @@
 // A row of N numbers in a vector register: one number of each of N drives.
 //
-// Everything written for a type T with + - * / runs on Lanes too. Each operation acts on every lane
-// alone and is the same IEEE operation for every N (no contraction, no reciprocal estimates), so
-// a lane's result does not depend on its neighbours nor on N: bit for bit that of N = 1.
+// Code for a type T with + - * / also runs on Lanes. Each operation acts on every lane separately
+// and is the same IEEE operation for every N (no contraction, no reciprocal estimates). The result
+// of a lane is therefore equal to that of N = 1, bit for bit.
 //
-// `Isa` keeps the code of translation units with different instruction sets apart for the linker.
+// `Isa` gives the translation units of different instruction sets different symbols.
 #pragma once
 #include <immintrin.h>
 
@@ -26,7 +26,7 @@ struct Register<1> {
   using Truths = bool;
 };
 
-// x y + z with one rounding. Without the instruction the library computes the same, slowly.
+// x y + z with one rounding. Without the instruction the library computes the same result slowly.
 template <int N>
 typename Register<N>::Numbers fused(typename Register<N>::Numbers x,
                                     typename Register<N>::Numbers y,
@@ -74,7 +74,7 @@ struct Lanes {
     return b;
   }
 
-  // A product that has not been rounded yet: added to something, it becomes one fused operation.
+  // A product before rounding: its sum with a number is one fused operation.
   struct Product {
     Numbers x, y;
     operator Lanes() const { return of(x * y); }

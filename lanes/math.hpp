@@ -52,7 +52,7 @@ SinCos<T> sincos(T x) {
 
 template <class T>
 T log(T x) {
-  // The top of the mantissa decides between m and m/2: both lie round 1.
+  // The upper bits of the mantissa select m or m/2, so that the result is near 1.
   const auto bits = x.bits() + (0x3ff0000000000000u - 0x3fe6a09e667f3bcdu);
   const T e = T::of_bits((bits >> 52) | 0x4330000000000000u) - (0x1p52 + 1023);
   const T m = T::of_bits((bits & 0x000fffffffffffffu) + 0x3fe6a09e667f3bcdu);
@@ -90,7 +90,7 @@ T uniform_of(typename T::Bits b) {
   return upper + last;
 }
 
-// cos(2 pi u) = sin(2 pi w) of the same u, but for its last bit: w = |u - 1/2| - 1/4.
+// cos(2 pi u) = sin(2 pi w), w = |u - 1/2| - 1/4, up to the last bit.
 template <class T>
 T cos_of_turn(typename T::Bits b) {
   const T w = abs(one_to_two<T>(b) - 1.5) - T(0.25), z = w * w;

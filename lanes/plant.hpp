@@ -1,4 +1,4 @@
-// The machine in the stationary frame: exact for L_d = L_q, and no frame to turn.
+// The machine in the stationary frame: exact for L_d = L_q, without rotations.
 //
 //   i'       = (u - R_s i)/L - b c',   c = [cos theta_e, sin theta_e],  b = psi_f/L
 //   omega_e' = k_T i_q - B/J omega_e - n_p/J T_load,   i_q = i_beta cos - i_alpha sin
@@ -18,8 +18,8 @@
 // with A = k_T i_q - B W - load and the rate of i_q in rotor axes,
 // tau u_q/L - a i_q - W (i_d + b).
 //
-// sin and cos of the angle are states that are turned by the angle of half a step, so they stay on
-// the circle. tests/lanes/engine_test.cpp holds an interval against CVODE.
+// sin and cos of the angle are states, rotated by the angle of half a step, and stay on the circle.
+// tests/lanes/engine_test.cpp compares an interval with CVODE.
 #pragma once
 #include "lanes/constants.hpp"
 #include "lanes/math.hpp"
@@ -32,7 +32,7 @@ struct LanePlant {
   SinCos<T> at;  // of theta_e
 };
 
-// The unit vector turned by a small angle (below 0.2 rad: 1e-13, below 0.5 rad: 3e-10).
+// Rotates a unit vector by a small angle (error below 0.2 rad: 1e-13, below 0.5 rad: 3e-10).
 template <class T>
 SinCos<T> turn(const SinCos<T>& at, T angle) {
   const T z = angle * angle;
@@ -42,7 +42,7 @@ SinCos<T> turn(const SinCos<T>& at, T angle) {
   return {at.sin * c + at.cos * s, at.cos * c - at.sin * s};
 }
 
-// Acceleration of the rotor at one moment: A and its rate.
+// A and its rate at one moment.
 template <class T>
 struct Acceleration {
   T A, A_d;
@@ -76,7 +76,7 @@ T plant_step(const LaneConstants<T>& c, LanePlant<T>& x, const kernel::Stationar
   const T turned = W_0 * 2.0 + a_0.A * 1.2 + a_1.A * 0.8 + (a_0.A_d + a_1.A_d) * (4.0 / 15);
   const SinCos<T> at_2 = turn(at_1, turned - to_mid);
 
-  // W at the middle by the cubic, and the error of the angle there.
+  // W in the middle by the cubic, and the correction of the angle there.
   const T rate_1 = W_0 * c.end_d1 + a_0.A * c.late_0 + a_0.A_d * c.late_d0 + a_1.A * c.late_1 +
                    a_1.A_d * c.late_d1;
   x.i_alpha = x.i_alpha * c.end_decay + u.alpha * c.end_u + at_0.cos * c.end_0 + cos_d0 * c.end_d0 +

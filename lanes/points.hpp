@@ -1,5 +1,5 @@
-// Inputs and results of the lane engine. No Eigen here: this header is read with the
-// flags of every instruction set.
+// Points and results of the lane engine. Without Eigen: this header is compiled with the flags of
+// every instruction set.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace twinrate::lanes {
 
-// The policies of core/rates.hpp, by the same numbers.
+// The policies of core/rates.hpp, with equal numbers.
 enum class Policy : int {
   kPaper = 0,
   kImmediate = 1,
@@ -19,25 +19,25 @@ enum class Policy : int {
 
 // One run of one drive.
 struct Point {
-  double omega_e_ref_rad_s = 400;  // where the reference goes, at `slew_rad_s2` (0: at once)
+  double omega_e_ref_rad_s = 400;  // final reference, slewed at `slew_rad_s2` (0: a step)
   double slew_rad_s2 = 16000;
   int n = 5;
   Policy policy = Policy::kPaper;
   std::uint64_t seed = 1;
-  bool flying = false;      // starts at the reference speed, known to the filter
-  double full_until_s = 0;  // a gain every tick until then, as with n = 1; every n-th afterwards
+  bool flying = false;                       // plant and filter start at the reference speed
+  double full_until_s = 0;                   // n = 1 before this time
   double T_load_Nm = 0, load_slew_Nm_s = 0;  // with a slew the load starts from 0
-  double duration_s = 2, settle_s = 0.5;     // the figures are over [settle_s, duration_s]
+  double duration_s = 2, settle_s = 0.5;     // window of the figures: [settle_s, duration_s]
 };
 
-// As docs/conventions.md defines them. A run stops at its loss, and its figures there.
+// Figures as defined in docs/conventions.md. Run and figures end at the loss.
 struct PointResult {
   bool locked = false;
   double angle_error_rms_rad = 0, angle_error_max_rad = 0;
   double lost_at_s = -1;  // -1: not lost
 };
 
-// Settings that all points share.
+// Settings common to all points.
 struct LaneSettings {
   double T_s = 0, R_s = 0, L = 0, psi_f = 0, J = 0, B = 0, n_p = 0, theta_e_start = 0;
   double i_noise_rms = 0, i_lsb = 0, v_dc = 0;

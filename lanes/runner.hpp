@@ -1,4 +1,4 @@
-// Keeps the lanes full: a drive that has ended makes room for the next point.
+// Keeps the lanes busy: the next point replaces a drive that has ended.
 #pragma once
 #include <atomic>
 
@@ -6,7 +6,7 @@
 
 namespace twinrate::lanes {
 
-// The work of one call of run_lanes; `next` is shared by the threads.
+// The points of one call of run_lanes; the threads share `next`.
 struct LaneQueue {
   const Point* points;
   PointResult* results;
@@ -19,7 +19,7 @@ struct LaneQueue {
   static constexpr std::size_t npos = static_cast<std::size_t>(-1);
 };
 
-// Index of the next point, or npos.
+// Index of the next point; npos at the end.
 template <class T>
 std::size_t take(const LaneQueue& q) {
   if (q.stop && q.stop->load(std::memory_order_relaxed)) return LaneQueue::npos;
@@ -58,7 +58,7 @@ class LaneRunner {
   }
 
  private:
-  // A lane without a point idles: a drive that never ends.
+  // A lane without a point gets a drive that never ends.
   bool fill(int lane) {
     index_[lane] = take<T>(queue_);
     const bool has_point = index_[lane] != LaneQueue::npos;
@@ -80,7 +80,8 @@ class LaneRunner {
     result.lost_at_s = result.locked ? -1 : (drive.k - 1) * settings_.T_s;
     if (queue_.done) queue_.done->fetch_add(1, std::memory_order_relaxed);
   }
-  // A drive is a column of LaneDrive<T>, a set of constants one of LaneConstants<T>.
+  // A drive is a column of LaneDrive<T>, a set of constants a column of LaneConstants<T>.
+
   static_assert(sizeof(LaneDrive<T>) == sizeof(LaneDrive<double>) * T::N);
   static_assert(sizeof(LaneConstants<T>) == sizeof(LaneConstants<double>) * T::N);
   template <template <class> class Rows>

@@ -85,8 +85,7 @@ bool LogWriter::flush() {
     return true;
   }
   full_ = true;
-  // The log must end with a whole event: drop the buffer of stdio and cut a half-written one
-  // off.
+  // The log must end with a whole event: discards the buffer of stdio and a partial event.
   __fpurge(log_->f);
   if (ftruncate(fileno(log_->f), on_disk_) != 0)
     fmt::print(stderr, "{}: cannot be cut back to its last whole event\n", files_.back());

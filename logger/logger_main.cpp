@@ -1,8 +1,8 @@
-// twinrate-logger: every channel -> LCM log, lossless, with a loss account.
+// twinrate-logger: every channel -> LCM log, lossless, with an account of losses.
 //
-// Lock-step, bound to a session: acknowledges whole ticks, asks for what is missing; the plant
-// stays within a window of it. Otherwise it writes as messages come and counts gaps. The account
-// goes to RUN_DIR/logger.json.
+// Lock-step, bound to a session: acknowledges whole ticks and requests missing messages; the plant
+// waits if it is a window ahead. Otherwise: writes messages in the order of arrival and counts
+// gaps. The account is written to RUN_DIR/logger.json.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -65,7 +65,7 @@ class LoggerProcess {
   }
   void take(Channel channel, const std::uint8_t* bytes, std::size_t size, std::int64_t seq,
             std::int64_t t_ns) {
-    if (channel == Channel::kManifest && p_.bus().bound()) return;  // its own stands first already
+    if (channel == Channel::kManifest && p_.bus().bound()) return;  // already written at the start
     const std::int64_t before = log_.complete_below();
     log_.take(channel, seq, t_ns, bytes, size);
     if (log_.complete_below() != before) p_.progress(log_.complete_below() - 1);
@@ -75,15 +75,14 @@ class LoggerProcess {
                "log continues in " + writer_.files().back());
     if (writer_.full()) disk_full();
   }
-  // Stopped: what has arrived already belongs in the log. A bus that never falls silent does not
-  // hold it up.
+  // After a stop: logs the messages that have arrived, for at most 2 s.
   void drain() {
     const auto begun = std::chrono::steady_clock::now();
     while (!writer_.full() && p_.bus().handle(5) &&
            std::chrono::steady_clock::now() - begun < std::chrono::seconds(2)) {
     }
   }
-  // What is written is written: flush first, then say so.
+  // Flushes before it acknowledges.
   void acknowledge() {
     if (!writer_.flush()) {
       disk_full();
@@ -93,11 +92,10 @@ class LoggerProcess {
     ack_t ack = missing_;
     ack.seq = acknowledged_;
     missing_ = ack_t{};
-    // A logger that only listens in has no say in how far the plant of that session may go.
+    // A logger that is not bound to the session must not release its plant.
     if (p_.bus().bound()) p_.bus().publish(ack);
   }
-  // Only when nothing comes any more: what is missing of the newest ticks is usually still on its
-  // way.
+  // Only when the bus is silent: missing messages of the newest ticks are usually in transit.
   void ask_for_missing() {
     for (const TickLog::Missing& missing : log_.missing(32)) {
       missing_.missing_channel[missing_.n_missing] = static_cast<std::int32_t>(missing.channel);
@@ -132,7 +130,7 @@ class LoggerProcess {
   std::string directory_;
   LogWriter writer_;
   TickLog log_;
-  ack_t missing_{};  // to be asked for with the next acknowledgement
+  ack_t missing_{};  // requested with the next acknowledgement
   std::int64_t ack_every_, acknowledged_ = 0;
   bool full_said_ = false;
 };

@@ -62,8 +62,7 @@ void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const s
   if (order_ == Order::kAsItComes || !of_a_tick) {
     if (of_a_tick && !new_as_it_comes(channel, seq)) return;
     ++account.received;
-    // Events and heartbeats carry the drive time of what they tell; the log's clock never runs
-    // back.
+    // Events and heartbeats may carry an earlier drive time; the time of the log never decreases.
     write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
     return;
   }

@@ -1,12 +1,11 @@
-// Writes the messages of a run to the log and keeps account of the missing ones.
+// Writes the messages of a run to the log and counts missing ones.
 //
-// Ordered (lock-step): a tick is written when all its messages are there, in the order of
-// core/channels. Missing messages can be requested again, so the log of a run does not depend on
-// scheduling or on lost datagrams. Time stamps are drive time, so lcm-logplayer at x1 plays at the
-// speed of the real drive.
-// In order of arrival (realtime, foreign sessions): written at once; gaps of the sequence numbers
-// count as losses. A session that begins with its first number again (a log played twice) is
-// written again.
+// Ordered (lock-step): a tick is written when all its messages have arrived, in the order of
+// core/channels. Missing messages can be requested again, so the log does not depend on scheduling
+// or lost datagrams. As it comes (realtime, foreign sessions): messages are written at once; losses
+// follow from the sequence numbers; a session that restarts at its first number (a log replayed
+// twice) is written again. Time stamps are drive time, so lcm-logplayer at speed 1 plays at the
+// speed of the drive.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -27,23 +26,23 @@ struct ChannelAccount {
 class TickLog {
  public:
   enum class Order { kByTick, kAsItComes };
-  // `drive` says which ticks have a GAIN; it must outlive this. `t0_us`: wall time of drive time
-  // 0.
+  // `drive` defines the ticks with a GAIN and must outlive this object. `t0_us`: wall time of drive
+  // time 0.
   TickLog(LogWriter& writer, Order order, const DriveConfig& drive, std::string channel_suffix,
           std::int64_t t0_us);
 
   void take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
             std::size_t size);
-  // Every tick below this one is handed to the writer, whole.
+  // All ticks below this one are complete and passed to the writer.
   std::int64_t complete_below() const { return next_; }
-  // Missing messages of ticks that later messages have overtaken, at most `limit` entries.
+  // Missing messages of ticks for which later messages have arrived, at most `limit` entries.
   struct Missing {
     Channel channel;
     std::int64_t seq;
   };
   std::vector<Missing> missing(std::size_t limit) const;
-  // End of the run: writes the messages of incomplete ticks and counts their gaps as lost. Messages
-  // that a stopped run had not sent yet are not lost.
+  // End of the run: writes incomplete ticks and counts their missing messages as lost, up to the
+  // last message received on each channel.
   void close();
 
   const ChannelAccount& account(Channel channel) const {
