@@ -1,5 +1,5 @@
-// STEPS steps of one part of a filter, for callgrind: bench/count_instructions takes the difference
-// of two runs.
+// Runs STEPS steps of one part of a filter under callgrind; bench/count_instructions takes the
+// difference of two runs.
 //
 //   count_steps PART STEPS      PART: fast background full dq doubled_20 doubled_100 doubled_1000
 #include <cstdio>
@@ -39,7 +39,8 @@ struct DqFilter {
   f.P = P;
 }
 
-// A gain as many background steps later at constant speed: policy propagated takes seven a run.
+// The gain after that many background steps at constant speed, by doubling; policy propagated needs
+// seven in a run.
 struct DoubledFilter {
   KernelFilter<double> filter;
   kernel::RiccatiMap<4> map;

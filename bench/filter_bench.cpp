@@ -1,7 +1,7 @@
-// Filter steps: hand-written against Eigen, and filters side by side in lanes.
+// Times of filter steps: hand-written, with Eigen, and in lanes.
 //
 //   bench/run_all runs this with repetitions in random order and takes the best of each, so that
-//   both sides of a ratio meet the same neighbours on a shared machine.
+//   other load on the machine affects both sides of a ratio equally.
 #include <benchmark/benchmark.h>
 
 #include "bench/opponents.hpp"
@@ -26,7 +26,7 @@ BENCHMARK(filter_step<KernelFilter<float>>)->Name("step/hand_written_float");
 BENCHMARK(filter_step<EigenFilter<4, 2>>)->Name("step/eigen_fixed");
 BENCHMARK(filter_step<EigenFilter<Eigen::Dynamic, Eigen::Dynamic>>)->Name("step/eigen_dynamic");
 
-// The halves, without sine and cosine.
+// The two parts of a step, without sine and cosine.
 void fast_part(benchmark::State& state) {
   KernelFilter<double> filter;
   kernel::UnitVector<double> at{0.6, 0.8};
@@ -88,7 +88,7 @@ void covariance_ud(benchmark::State& state) {
 }
 BENCHMARK(covariance_ud)->Name("covariance/ud");
 
-// Background steps in lanes; time is per row of N filters.
+// Background steps in lanes; the time is that of one row of N filters.
 template <int N>
 void background_lanes(benchmark::State& state) {
   using T = lanes::Lanes<N, struct FilterBench>;

@@ -3,7 +3,7 @@
 //   ipmsm_table [table|starts|mtpa|zero|robustness|figure]...      default: all of them
 //
 // `figure` writes docs/ipmsm-robustness.svg (run it in the source tree). Output is Markdown. Each
-// row says what it overrides in the preset.
+// row lists its overrides of the preset.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -34,7 +34,7 @@ const Overrides kHeavy{"machine.J_kgm2=1e-3", "controller.foc.speed_bandwidth_Hz
 const Overrides kTruth{"controller.angle_source=truth"};
 const Overrides kEqualQ{"estimator.backemf_printed.Q_diag=[2e3, 2e3, 1e8, 1e8]"};
 
-// Plant from one config, filter and controller from another: what the drive believes may be wrong.
+// Plant from one config, filter and controller from another: a mismatch of parameters.
 class Loop {
  public:
   Loop(const Overrides& plant, const Overrides& belief)
@@ -83,7 +83,7 @@ struct Figures {
   double T_em = 0;
 };
 
-// Over [from, to] seconds.
+// Figures over [from, to] seconds.
 Figures run(Loop& loop, double from, double to) {
   Figures f;
   int count = 0;
@@ -141,7 +141,8 @@ void table() {
             join(join(flying("backemf_printed"), kHeavy), fixed));
 }
 
-// In how many of 24 initial angles the drive is at 2000 rpm, on its angle, over the last 0.2 s.
+// Number of successful starts from 24 initial angles: 2000 rpm and a small angle error over the
+// last 0.2 s.
 int starts(const Overrides& overrides) {
   int locked = 0;
   for (int i = 0; i < 24; ++i) {
@@ -185,7 +186,7 @@ void all_starts() {
             "estimator.backemf_printed.lowpass_Hz=30"}));
 }
 
-// Smallest current for a torque, by walking along i_d: knows nothing of the closed form.
+// Smallest current for a torque by a search over i_d, independent of the closed form.
 double smallest_current(const MachineParameters& m, double T) {
   double best = 1e9;
   for (double i_d = -3; i_d <= 1; i_d += 1e-5)
@@ -231,8 +232,8 @@ void through_zero() {
     }
 }
 
-// The drive runs on the true angle of the preset's plant, the filter rides along with its belief.
-// Not a number where the angle slips.
+// Angle error of a filter with wrong parameters `belief`; the controller uses the true angle. NaN
+// if synchronism is lost.
 double riding_error_deg(const char* kind, const std::string& belief) {
   const Overrides base =
       join(join(kNoWatch, kTruth), {"start=flying", fmt::format("estimator.kind={}", kind)});

@@ -1,7 +1,7 @@
-// The whole closed loop: the lane engine on each instruction set against one drive at a time and
-// against the ordinary closed loop, and the whole figure of the paper.
+// Speed of the closed loop: the lane engine on each instruction set, one drive at a time, the
+// ordinary closed loop, and the whole figure of the paper.
 //
-// `drive_s_per_cpu_s`: seconds of drive time in a second of processor time.
+// `drive_s_per_cpu_s`: seconds of drive time for each second of CPU time.
 #include <benchmark/benchmark.h>
 
 #include "core/paths.hpp"
@@ -25,7 +25,7 @@ const Drive& drive() {
   return one;
 }
 
-// 64 drives that hold, noise on.
+// 64 drives that keep synchronism, with noise.
 void closed_loop(benchmark::State& state, lanes::Isa isa) {
   if (!lanes::available(isa)) return state.SkipWithError("not on this machine");
   std::vector<lanes::Point> points(64, drive().point);

@@ -1,5 +1,5 @@
-// A filter step, three ways, on the same samples: hand-written, and as a textbook with Eigen
-// matrices of fixed size and of any size.
+// Three implementations of a filter step on the same samples: hand-written, textbook form with
+// Eigen matrices of fixed size and of dynamic size.
 #pragma once
 #include <cmath>
 #include <vector>
@@ -22,7 +22,7 @@ struct Sample {
   double u_alpha, u_beta, i_alpha, i_beta;
 };
 
-// A machine at 400 rad/s with noise; 512 samples, over and over.
+// A machine at 400 rad/s with noise: 512 samples, used cyclically.
 inline const std::vector<Sample>& samples() {
   static const std::vector<Sample> all = [] {
     std::vector<Sample> s;

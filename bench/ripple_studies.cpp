@@ -5,7 +5,7 @@
 //   reference  speed ripple off, L = -700, L = -3000 at four speeds
 //   rate       ripple and load-step error against f_b/f_s, for every gain policy the filter takes
 //   noise      the filter against R of the speed
-//   sign       the feed-forward with its sign turned round
+//   sign       the feed-forward with inverted sign
 //
 // Output is one JSON object; progress goes to stderr.
 #include <fmt/format.h>
@@ -30,8 +30,8 @@ using Overrides = std::vector<std::string>;
 constexpr int kOrders = 60;
 constexpr double kLoadStep_Nm = 4, kLoadStepAt_s = 4;
 
-// `feed_forward_sign` = -1 turns the estimated load round on its way to the controller, which uses
-// it for the feed-forward alone.
+// `feed_forward_sign` = -1 inverts the estimated load for the controller, which uses it only in the
+// feed-forward.
 class Loop {
  public:
   explicit Loop(const Overrides& overrides, double feed_forward_sign = 1)
@@ -93,7 +93,7 @@ struct Ripple {
   double T_o_noise = 0;            // rms of T_o_hat less its mean and orders 1 to 60, Nm
 };
 
-// Over `turns` whole turns from 3 s on.
+// Ripple over `turns` whole turns from 3 s on.
 Ripple ripple(const Overrides& overrides, double speed_rpm, int turns, double sign = 1) {
   constexpr double kFrom_s = 3;
   Loop loop(join(at_speed(speed_rpm), overrides), sign);
@@ -113,17 +113,17 @@ Ripple ripple(const Overrides& overrides, double speed_rpm, int turns, double si
   found.rms = rms_about(omega_m, mean_of(omega_m));
   found.orders_rms = order_spectrum(theta_m, omega_m, kOrders).rms(kOrders);
   const OrderSpectrum torque = order_spectrum(theta_m, T_o_hat, kOrders);
-  std::vector<double> rest;
+  std::vector<double> noise;
   for (std::size_t i = torque.first; i < torque.last; ++i)
-    rest.push_back(T_o_hat[i] - torque.mean - torque.at(theta_m[i], kOrders));
-  found.T_o_noise = rest.empty() ? NAN : rms_about(rest, 0);
+    noise.push_back(T_o_hat[i] - torque.mean - torque.at(theta_m[i], kOrders));
+  found.T_o_noise = noise.empty() ? NAN : rms_about(noise, 0);
   return found;
 }
 
 struct LoadStep {
   double dip_rad_s = 0;       // largest fall of the speed below its reference within 1 s
   double overshoot = 0;       // of T_o_hat beyond its mean of 0.5 to 1 s after, share of the step
-  double gain_settled_s = 0;  // when K of T_o was last away from its end by more than 1 %
+  double gain_settled_s = 0;  // last time at which K of T_o is off its final value by over 1 %
 };
 
 LoadStep load_step(const Overrides& overrides, double speed_rpm) {
@@ -179,8 +179,8 @@ Json reference_table() {
   return rows;
 }
 
-// P0_diag as the covariance is after a second at f_b = f_s: a slow background needs hundreds of
-// updates to come there from P0 = 1.
+// P0_diag from the covariance after 1 s at f_b = f_s: from P0 = 1 a slow background needs hundreds
+// of updates to settle.
 std::string settled_P0() {
   Loop loop({});
   while (loop.t_s < 1) loop.tick();
@@ -195,8 +195,7 @@ Json rate_study() {
   const int turns = 4;
   const double off = ripple(kOff, speed_rpm, turns).rms;
   for (const char* policy : kGainPolicyNames) {
-    if (std::string(policy) == "scheduled")
-      continue;  // has no background whose rate could be varied
+    if (std::string(policy) == "scheduled") continue;  // has no background rate
     for (const int n : {1, 2, 5, 10, 20, 50, 100, 200, 500, 1000}) {
       fmt::print(stderr, "rate {} n = {}\n", policy, n);
       const Overrides set =

@@ -1,5 +1,5 @@
-// Policy propagated (estimator/propagated_gain.hpp) in the closed loop, beside the full filter
-// (n = 1): the dynamic profile, and starts from standstill. Runge-Kutta prediction.
+// Policy propagated (estimator/propagated_gain.hpp) in closed loop, compared with n = 1: dynamic
+// profile and starts from standstill. Runge-Kutta prediction.
 //
 //   build/bench/step_beyond [N ..]        default 20 50 100 200 1000
 #include <fmt/format.h>
@@ -31,7 +31,7 @@ Overrides standstill(double f_e_Hz, double ramp_rad_s2) {
           fmt::format("run.settle_s={}", ready_s), fmt::format("run.duration_s={}", ready_s + 1)};
 }
 
-// The worst over the seeds of the angle error, deg.
+// Largest angle error over the seeds, deg.
 struct Worst {
   double rms = 0, max = 0;
 };

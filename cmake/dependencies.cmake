@@ -7,7 +7,7 @@ find_package(SUNDIALS 6.4 REQUIRED COMPONENTS arkode cvode nvecserial)
 find_package(Threads REQUIRED)
 find_package(ZLIB REQUIRED)
 
-# LCM 1.3.1 ships no CMake package, and its pkg-config file wants GLib's development files.
+# LCM 1.3.1 has no CMake package, and its pkg-config file needs GLib's development files.
 find_path(LCM_INCLUDE_DIR lcm/lcm-cpp.hpp REQUIRED)
 find_library(LCM_LIBRARY lcm REQUIRED)
 find_program(LCM_GEN lcm-gen REQUIRED)
@@ -15,7 +15,7 @@ add_library(lcm::lcm INTERFACE IMPORTED)
 target_include_directories(lcm::lcm SYSTEM INTERFACE ${LCM_INCLUDE_DIR})
 target_link_libraries(lcm::lcm INTERFACE ${LCM_LIBRARY})
 
-# Its own CMake package asks for development files of every solver that it could use.
+# Ceres's CMake package needs the development files of every optional solver.
 find_path(CERES_INCLUDE_DIR ceres/ceres.h REQUIRED)
 find_library(CERES_LIBRARY ceres REQUIRED)
 find_library(GLOG_LIBRARY glog REQUIRED)

@@ -1,14 +1,14 @@
-# What makes a full build short. The flags of every object stay what they are without it.
+# Precompiled headers and unity builds, for a short build. They do not change the flags of an object.
 #
 # The headers of the libraries used are parsed once instead of once a source file. Three sets: Eigen and std, with
 # text and JSON above them, with the test libraries above those. Sources with flags of their own
-# (instruction sets, benchmarks) have SKIP_PRECOMPILE_HEADERS. Nothing of this tree is in the sets, and every source
-# compiles with TWINRATE_PCH=OFF and TWINRATE_UNITY=OFF too.
+# (instruction sets, benchmarks) have SKIP_PRECOMPILE_HEADERS. The sets hold no header of this tree, and every source
+# also compiles with TWINRATE_PCH=OFF and TWINRATE_UNITY=OFF.
 #
-# Several files a translation unit: what the templates of GoogleTest, Eigen and fmt make is made once for them. Two
-# tests that want the same name in their unnamed namespaces take a namespace of their own (twinrate::NAME_test).
+# Unity builds: several files form a translation unit, which instantiates the templates of GoogleTest, Eigen and fmt
+# once. Tests with equal names in their unnamed namespaces have namespaces of their own (twinrate::NAME_test).
 #
-# Off by default under ccache, which keeps nothing that was compiled with a precompiled header.
+# Off by default with ccache, which does not cache objects compiled with a precompiled header.
 set(twinrate_short_build ON)
 if(CMAKE_CXX_COMPILER_LAUNCHER MATCHES "ccache")
   set(twinrate_short_build OFF)
@@ -16,13 +16,13 @@ endif()
 option(TWINRATE_PCH "precompile the headers of the libraries used" ${twinrate_short_build})
 option(TWINRATE_UNITY "compile several files at a time" ${twinrate_short_build})
 
-# GCC 12 sees overflows in std::string that are none, and says so once the header that they are
-# in is a precompiled one. Builds without precompiled headers have these four as errors, builds with them as warnings.
+# GCC 12 reports false overflows in std::string if its header is precompiled. These four are warnings in builds with
+# precompiled headers and errors in builds without.
 if(TWINRATE_PCH AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_compile_options(twinrate_options INTERFACE
                          -Wno-error=array-bounds -Wno-error=restrict -Wno-error=stringop-overflow
                          -Wno-error=stringop-overread)
-  # A twentieth of a unit's time was the collector's.
+  # The garbage collector took 5 % of the time of a translation unit.
   target_compile_options(twinrate_options INTERFACE --param=ggc-min-heapsize=1000000)
 endif()
 
@@ -54,7 +54,7 @@ function(twinrate_precompiled set)
   endforeach()
 endfunction()
 
-# twinrate_unity(TARGET BATCH): BATCH files a translation unit, but for those of other folders (../).
+# twinrate_unity(TARGET BATCH): BATCH files in a translation unit; files of other folders (../) stay alone.
 function(twinrate_unity target batch)
   if(NOT TWINRATE_UNITY)
     return()
@@ -68,7 +68,7 @@ function(twinrate_unity target batch)
   endforeach()
 endfunction()
 
-# twinrate_unity_group(TARGET GROUP SOURCES ..): these files one translation unit; files of no group stay alone.
+# twinrate_unity_group(TARGET GROUP SOURCES ..): the files form one translation unit; files without a group stay alone.
 function(twinrate_unity_group target group)
   if(NOT TWINRATE_UNITY)
     return()

@@ -1,5 +1,5 @@
-# cmake -DSOURCE_DIR=.. -DOUT=FILE -P revision.cmake: writes the revision that the tree stands at as a C++ source. The
-# file stays untouched where it says so already, so that nothing is compiled again.
+# cmake -DSOURCE_DIR=.. -DOUT=FILE -P revision.cmake: writes the revision of the tree as a C++ source. A file with this
+# revision is not rewritten, so that nothing is compiled again.
 set(revision "unknown")
 find_package(Git QUIET)
 if(GIT_FOUND)

@@ -13,7 +13,7 @@
 namespace twinrate::blind {
 namespace {
 
-// Numbers drawn one after another.
+// A sequence of random numbers.
 class Draw {
  public:
   explicit Draw(std::uint64_t seed) : seed_(seed) {}
@@ -39,7 +39,7 @@ std::string one_phase(Draw& d, const char* a, const char* b, double lo, double h
   return fmt::format("{} = {:.9g}\n{} = {:.9g}\n", a, x, b, y);
 }
 
-// The table of one effect, without its head.
+// The keys of one effect, without [[effect]] and kind.
 const std::map<std::string, std::function<std::string(Draw&)>>& makers() {
   const auto keys = [](const Keys& list) {
     std::string text;
@@ -202,7 +202,7 @@ const std::map<std::string, std::function<std::string(Draw&)>>& makers() {
   return kMakers;
 }
 
-// Came after figures had been published: the draws of the others stay as they were.
+// Added after the publication of figures: it must not change the draws of the other kinds.
 constexpr const char* kLaterKind = "dc_bus_ripple";
 
 struct Step {
@@ -247,9 +247,9 @@ void slow(Draw& d, double T, std::vector<Step>& rpm, std::vector<Step>& load,
 
 void moves(Draw& d, double T, std::vector<Step>& rpm, std::vector<Step>& load,
            std::vector<Step>& i_d) {
-  const double speed = d.between(60, 250), move = d.between(0.3, 0.6), rest = d.between(0.1, 0.3);
+  const double speed = d.between(60, 250), move = d.between(0.3, 0.6), pause = d.between(0.1, 0.3);
   double sign = 1;
-  for (double t = 0; t < T; t += move + rest, sign = -sign) {
+  for (double t = 0; t < T; t += move + pause, sign = -sign) {
     rpm.push_back({t, sign * speed});
     rpm.push_back({t + move, 0});
   }

@@ -12,8 +12,8 @@
 namespace twinrate::blind {
 namespace {
 
-constexpr double kCount = kTwoPi / (1 << 20);  // of the encoder
-constexpr double kLsb = 0.009765625;           // A, of the current sensors
+constexpr double kCount_rad = kTwoPi / (1 << 20);  // encoder
+constexpr double kLsb_A = 0.009765625;             // current sensors
 
 std::vector<std::vector<double>*> columns_of(RawLog& raw) {
   return {&raw.t,      &raw.i_a,     &raw.i_b,  &raw.i_c,   &raw.u_alpha,
@@ -24,7 +24,7 @@ void leave_out_unreached(Log& log) {
   double largest = 0;
   for (const std::vector<double>* i : {&log.raw.i_a, &log.raw.i_b})
     for (double x : *i) largest = std::max(largest, std::abs(x));
-  double coarsest = kLsb;
+  double coarsest = kLsb_A;
   for (const auto& effect : log.truth) {
     SamplingFacts facts;
     effect->describe_sampling(facts);
@@ -101,7 +101,8 @@ Log make_log(const Case& which, double duration_s) {
     const auto noise = [&](std::uint64_t stream) {
       return normal(which.seed, stream, static_cast<std::uint64_t>(k));
     };
-    raw.theta_m.push_back(stale ? raw.theta_m.back() : m.theta_m + kCount * std::round(noise(98)));
+    raw.theta_m.push_back(stale ? raw.theta_m.back()
+                                : m.theta_m + kCount_rad * std::round(noise(98)));
     raw.v_dc.push_back(stale ? raw.v_dc.back() : m.v_dc + 0.2 * noise(99));
     raw.T_load.push_back(T_load);
     open = true;

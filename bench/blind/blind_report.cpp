@@ -93,7 +93,7 @@ void write_rows(const std::string& path, const std::vector<Row>& rows) {
 }
 
 std::string tables(const std::vector<Row>& rows) {
-  constexpr double kWorse = 1.15;
+  constexpr double kMaxErrorRatio = 1.15;
   std::vector<double> sigmas, ratios;
   for (const Row& r : rows) {
     sigmas.insert(sigmas.end(), r.sigmas.begin(), r.sigmas.end());
@@ -110,7 +110,7 @@ std::string tables(const std::vector<Row>& rows) {
         "Held-out error after, over that of the true model ({} equations): median {:.3f}, 95 % "
         "below {:.3f}; {:.1f} % at most {}.\n",
         ratios.size(), quantile(ratios, 0.5), quantile(ratios, 0.95),
-        share(ratios, [](double r) { return r <= kWorse; }), kWorse);
+        share(ratios, [](double r) { return r <= kMaxErrorRatio; }), kMaxErrorRatio);
   return text + "\n" + confusion(rows);
 }
 

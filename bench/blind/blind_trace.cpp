@@ -1,11 +1,11 @@
-// How often the tracer names what is missing: single effects, pairs, triples, poor excitation, and
-// logs with nothing missing. Prints a table and the confusion matrix as Markdown.
+// Success rate of the tracer on blind logs: single effects, pairs, triples, poor excitation, and
+// logs without a missing effect. Prints a table and the confusion matrix as Markdown.
 //
 //   blind_trace [--sets single,double,triple,poor,none] [--first-seed K] [--seeds N] [--kinds LIST]
 //               [--cache DIR] [--shard i/n] [--out FILE.json] [--verbose]
 //   blind_trace --merge FILE.json ...       the tables of several shards
 //
-// --out keeps every log as it is done; what a file holds already is not done again.
+// --out stores each result at once; a log with a result in the file is skipped.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -58,7 +58,7 @@ std::vector<Case> cases_of(const Options& o) {
           for (std::uint64_t i = 0; static_cast<int>(chosen.size()) < members; ++i)
             if (const std::string kind = pick(seed, i);
                 !(kind == "backlash" && chosen.count("torsion")) &&
-                !(kind == "torsion" && chosen.count("backlash")))  // a drive has one shaft
+                !(kind == "torsion" && chosen.count("backlash")))  // one shaft per drive
               chosen.insert(kind);
           cases.push_back(make_case("rich", {chosen.begin(), chosen.end()}, seed));
         }
@@ -67,7 +67,7 @@ std::vector<Case> cases_of(const Options& o) {
           cases.push_back(make_case(s % 2 ? "slow" : "moves", {kind},
                                     static_cast<std::uint64_t>(40000 + 100 * s) + cases.size()));
     }
-  // Behind the others, whose seeds count the cases before them.
+  // After the others: a seed is the number of cases before it.
   if (o.kinds.empty() && std::count(o.sets.begin(), o.sets.end(), "single") > 0)
     for (int s = o.first_seed; s < o.first_seed + o.seeds; ++s)
       cases.push_back(
@@ -88,7 +88,7 @@ std::string set_of(const Case& which) {
                                    : "triple";
 }
 
-// Parameter errors of the effects that were found, in sigmas.
+// Parameter errors of the true effects found, in sigmas.
 std::vector<double> errors_in_sigmas(const TraceResult& r, const Effects& truth, bool print) {
   std::vector<double> sigmas;
   for (const TracedEffect& e : r.effects)
@@ -118,7 +118,7 @@ double held_out_rms(const std::vector<const Eigen::VectorXd*>& channels, const R
   return count > 0 ? std::sqrt(sum / count) : 0;
 }
 
-// Held-out errors after, over those of the model that has the true effects.
+// Held-out errors of the extended model over those of the model with the true effects.
 void compare_with_truth(const TraceResult& r, const Record& whole, const DriveConfig& model,
                         const Effects& truth, Row& row) {
   const int n_p = model.machine.n_p;
@@ -141,7 +141,7 @@ void compare_with_truth(const TraceResult& r, const Record& whole, const DriveCo
   }
 }
 
-Row judge(const Case& which, const Log& log, const Options& o) {
+Row trace_case(const Case& which, const Log& log, const Options& o) {
   static const Config model = declared();
   Health health;
   const Record record = make_record(log.raw, model.drive().machine.n_p, health);
@@ -184,7 +184,7 @@ int run(const Options& o) {
     if (std::any_of(rows.begin(), rows.end(), [&](const Row& r) { return r.name == which.name; }))
       continue;
     try {
-      rows.push_back(judge(which, cached_log(which, o.cache), o));
+      rows.push_back(trace_case(which, cached_log(which, o.cache), o));
     } catch (const std::exception& error) {
       fmt::print("{}: {}\n", which.name, error.what());
       continue;

@@ -1,10 +1,10 @@
-// A drive log of any length with effects that nobody declared, as a CSV (gzipped where the name
-// ends in .gz): what `twinrate trace` reads of long logs (docs/trace-a-log.md, "Long logs").
+// Writes a drive log of any length with undeclared effects, as a CSV (gzipped if the name ends in
+// .gz), for docs/trace-a-log.md, "Long logs".
 //
 //   long_log --out FILE.csv[.gz] [--seconds 600] [--kinds LIST] [--seed N] [--drive FILE.toml]
 //
 // The drive of bench/blind/blind_log.hpp, rich profile. Prints the true effects. --drive: writes
-// the plant's drive file, of which `twinrate simulate` makes the LCM log of the same run.
+// the plant's drive file; `twinrate simulate` of it gives the LCM log of the same run.
 #include <fmt/format.h>
 #include <zlib.h>
 
