@@ -13,20 +13,18 @@ namespace {
 
 using Complex = std::complex<double>;
 
-// Turning back by less than this is jitter of the sensor, not a reversal.
-constexpr double kReversal_rad = 0.1;
-constexpr double kSamplesPerPeriod = 2.2;
+constexpr double kReversal_rad = 0.1;  // a smaller step back is sensor jitter
+constexpr double kSamplesPerPeriod_min = 2.2;
 
 struct Range {
   std::size_t first = 0, last = 0;
 };
 
-// Longest stretch, by angle, over which the rotor does not turn back. The extremes of the angle
-// part the stretches.
+// Longest stretch, by angle, without a reversal. The stretches end at the extremes of the angle.
 Range longest_stretch(std::span<const double> theta) {
   Range best;
   double best_angle = -1;
-  std::size_t start = 0, top = 0;  // of the present stretch: its first sample, its furthest
+  std::size_t start = 0, top = 0;  // first and furthest sample of the present stretch
   double direction = 0;
   const auto close = [&](std::size_t end) {
     const double angle = std::abs(theta[end] - theta[start]);
@@ -48,8 +46,8 @@ Range longest_stretch(std::span<const double> theta) {
   return best;
 }
 
-// The angle that each sample represents, within bounds, so that neither a gap nor a quantised angle
-// distorts the fit.
+// Half the angle between the neighbours of each sample over its mean, limited against gaps and
+// quantised angles.
 std::vector<double> weights(std::span<const double> theta) {
   const std::size_t count = theta.size();
   const double mean = std::abs(theta[count - 1] - theta[0]) / static_cast<double>(count - 1);
@@ -164,7 +162,7 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
   if (turns < 1) return spectrum;
   const auto [first, last] = range;
   const std::size_t count = last - first;
-  const int resolved = static_cast<int>(static_cast<double>(count) / turns / kSamplesPerPeriod);
+  const int resolved = static_cast<int>(static_cast<double>(count) / turns / kSamplesPerPeriod_min);
   const int N = std::min(N_max, resolved);
   if (N < 1) return spectrum;
   const Eigen::VectorXcd c =

@@ -11,14 +11,14 @@ namespace twinrate {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kConstantFor_s = 0.1;
-constexpr double kAwayShare = 0.2;
-constexpr double kAwayLimit_s = 0.02;
+constexpr double kConstantFor_s = 0.1;   // hold time after which a reference is constant
+constexpr double kSpeedTolerance = 0.2;  // relative to the reference
+constexpr double kOffReferenceMax_s = 0.02;
 constexpr double kSlopeSpan_s = 0.01;
-constexpr int kRippleTurns = 3;
+constexpr int kRippleTurnsMin = 3;
 constexpr int kRippleOrders = 60;
 
-// A diverged state is told by its square, before the numbers themselves overflow.
+// The square overflows first: a diverged state is detected before its numbers are infinite.
 bool finite(double value) {
   return std::isfinite(value * value);
 }
@@ -31,10 +31,10 @@ bool finite(const Truth& t) {
   return finite(t.i_dq.norm()) && finite(t.omega_m) && finite(t.theta_m);
 }
 
-// Time spent away from a constant speed reference, tick by tick.
-class AwayTime {
+// Total time off a constant speed reference.
+class OffReferenceTime {
  public:
-  explicit AwayTime(double T_s) : T_s_(T_s) {}
+  explicit OffReferenceTime(double T_s) : T_s_(T_s) {}
   void note_reference(const TickRow& row) {
     if (!row.command) return;
     if (!known_ || row.command->omega_m_ref != omega_m_ref_) changed_s_ = row.t_s;
@@ -43,12 +43,14 @@ class AwayTime {
   }
   void add(const TickRow& row, double omega_m) {
     const bool constant = known_ && row.t_s - changed_s_ >= kConstantFor_s - T_s_ / 2;
-    if (!constant || std::abs(omega_m - omega_m_ref_) <= kAwayShare * std::abs(omega_m_ref_))
+    if (!constant || std::abs(omega_m - omega_m_ref_) <= kSpeedTolerance * std::abs(omega_m_ref_))
       return;
     if (omega_m_ref_ != 0 && !std::isnan(omega_m)) ++ticks_;
   }
-  // Half a tick of slack: a time that is 20 ms up to rounding counts.
-  bool exceeded() const { return static_cast<double>(ticks_) * T_s_ > kAwayLimit_s - T_s_ / 2; }
+  // Tolerance of half a tick: 20 ms up to rounding count as exceeded.
+  bool exceeded() const {
+    return static_cast<double>(ticks_) * T_s_ > kOffReferenceMax_s - T_s_ / 2;
+  }
 
  private:
   double T_s_;
@@ -60,7 +62,7 @@ class AwayTime {
 struct Rows {
   std::vector<TickRow> all;
   std::vector<double> omega_m;
-  double settled_s = 0;  // begin of the window
+  double settled_s = 0;  // start of the window
 
   bool in_window(const TickRow& row) const { return row.t_s >= settled_s; }
 };
@@ -69,36 +71,36 @@ Rows rows_of(const RunLog& log, const DriveConfig& config) {
   Rows rows;
   rows.all = tick_rows(log);
   rows.omega_m = reference_speed(rows.all, !log.truth.empty());
-  // A nanosecond of slack: t_ns is rounded.
+  // Tolerance of 1 ns: t_ns is rounded.
   if (!rows.all.empty()) rows.settled_s = rows.all.front().t_s + config.run.settle_s - 1e-9;
   return rows;
 }
 
-// The reason against lock at one tick, "" for none.
-const char* slip(const TickRow& row, double error) {
+// The lock criterion that fails at one tick; "" if none fails.
+const char* failed_criterion(const TickRow& row, double error) {
   if (row.estimate && !finite(*row.estimate)) return "the estimate is not finite";
   if (row.truth && !finite(*row.truth)) return "the plant's state is not finite";
   return std::abs(error) > kPi / 2 ? "the angle error passed 90 deg" : "";
 }
 
-// The verdict is the window's; where it is bad, the time of the loss is looked for in the whole
-// run, because most losses come with the start-up ramp.
+// The window decides the verdict. The time of a loss is searched in the whole run, because most
+// losses happen on the start-up ramp.
 void set_lock(const Rows& rows, const DriveConfig& config, Summary& summary) {
-  AwayTime away(config.T_s());
+  OffReferenceTime off_reference(config.T_s());
   bool any = false, lost = false;
   for (std::size_t i = 0; i < rows.all.size(); ++i) {
     const TickRow& row = rows.all[i];
-    away.note_reference(row);
+    off_reference.note_reference(row);
     const double error = angle_error(row, summary.angle_reference, config.machine.n_p);
-    std::string why = slip(row, error);
+    std::string why = failed_criterion(row, error);
     const bool in_window = rows.in_window(row);
     if (in_window) {
       any = any || !std::isnan(error) || !why.empty();
-      away.add(row, rows.omega_m[i]);
-      if (why.empty() && away.exceeded()) why = kLeftReference;
+      off_reference.add(row, rows.omega_m[i]);
+      if (why.empty() && off_reference.exceeded()) why = kLeftReference;
       lost = lost || !why.empty();
     }
-    // Before the controller runs on the estimate, its angle may be anything.
+    // The estimated angle is not judged until the controller uses it.
     const bool forced = row.measurement && row.measurement->mode != Mode::kRun;
     if (why.empty() || summary.lost_at_s || (forced && !in_window)) continue;
     summary.lost_at_s = row.t_s;
@@ -138,7 +140,7 @@ void set_ripple(const Rows& rows, Summary& summary) {
     omega_m.push_back(row.truth->omega_m);
   }
   const OrderSpectrum spectrum = order_spectrum(theta_m, omega_m, kRippleOrders);
-  if (spectrum.turns < kRippleTurns) return;
+  if (spectrum.turns < kRippleTurnsMin) return;
   double sum = 0, sum2 = 0;
   for (std::size_t i = spectrum.first; i < spectrum.last; ++i) sum += omega_m[i];
   const double count = static_cast<double>(spectrum.last - spectrum.first), mean = sum / count;
@@ -165,15 +167,16 @@ void set_gains(const Rows& rows, const DriveConfig& config, Summary& summary) {
   }
 }
 
-// Distinct k of one channel against `promised`, the number its first and last tick promise.
-template <class Item, class Promised>
-void count_lost(const std::vector<Item>& items, Promised promised, Channel channel,
+// Messages of one channel lost between its first and last tick. `intervals`: (first, last) ->
+// number of messages expected after the first.
+template <class Item, class Intervals>
+void count_lost(const std::vector<Item>& items, Intervals intervals, Channel channel,
                 Summary& summary) {
   if (items.empty()) return;
   std::int64_t distinct = 1;
   for (std::size_t i = 1; i < items.size(); ++i) distinct += items[i].k != items[i - 1].k;
   summary.lost_messages[info(channel).name] =
-      std::max<std::int64_t>(0, promised(items.front().k, items.back().k) + 1 - distinct);
+      std::max<std::int64_t>(0, intervals(items.front().k, items.back().k) + 1 - distinct);
 }
 
 }  // namespace
@@ -184,7 +187,7 @@ AngleReference resolve(AngleReference wanted, const RunLog& log) {
                                    [](const Measurement& m) { return m.signals & kPosition; });
   if (truth && (wanted == AngleReference::kAuto || wanted == AngleReference::kTruth))
     return AngleReference::kTruth;
-  // A filter that takes its angle from the sensor cannot be judged by that sensor.
+  // A filter that uses the sensor's angle is not judged by that sensor.
   const bool independent =
       std::none_of(log.estimate.begin(), log.estimate.end(),
                    [](const Estimate& e) { return e.status & kMeasuredAngle; });
@@ -202,7 +205,7 @@ double theta_e_reference(const TickRow& row, AngleReference reference, int n_p) 
   return kNaN;
 }
 
-// wrap_pi would make 0 of NaN.
+// wrap_pi(NaN) is 0.
 double angle_error(const TickRow& row, AngleReference reference, int n_p) {
   if (!row.estimate) return kNaN;
   const double difference = row.estimate->theta_e - theta_e_reference(row, reference, n_p);

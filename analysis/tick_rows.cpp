@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::int64_t kNoTick = std::numeric_limits<std::int64_t>::max();
 
-// Walks one channel in tick order.
+// Iterates over one channel in tick order.
 template <class Item>
 struct Cursor {
   const std::vector<Item>& items;

@@ -1,7 +1,7 @@
-// A RunLog read across its channels: one row per tick, with the message of each at t_k.
+// The channels of a RunLog as one table: one row a tick with the messages of that tick.
 //
-// Pointers are into the log and live as long as it does; null where the log has nothing at that
-// tick. A tick that a log holds twice counts once.
+// Pointers refer to the log and are valid as long as it exists; null: no message at that tick. Of a
+// repeated tick the first message is used.
 #pragma once
 #include <vector>
 
@@ -16,10 +16,10 @@ struct TickRow {
   const Truth* truth = nullptr;
   const Estimate* estimate = nullptr;
   const Command* command = nullptr;
-  const GainRecord* gain = nullptr;  // the one the fast loop used at this tick (Estimate::gain_seq)
+  const GainRecord* gain = nullptr;  // used by the fast loop at this tick (Estimate::gain_seq)
 };
 
-// In tick order: every tick that MEASUREMENT, TRUTH, ESTIMATE or COMMAND mentions.
+// Every tick of MEASUREMENT, TRUTH, ESTIMATE or COMMAND, in order.
 std::vector<TickRow> tick_rows(const RunLog& log);
 
 }  // namespace twinrate

@@ -1,9 +1,9 @@
-// The whole loop in one process, without a bus: the same functions in the same order as the process
-// set in lock-step. One tick:
+// The closed loop in one process without a bus: the functions of the lock-step process set, in the
+// same order. One tick:
 //
 //   MEASUREMENT(k), TRUTH(k)
 //   -> ESTIMATE(k)
-//   -> GAIN(k)                    where k is a snapshot
+//   -> GAIN(k)                    if k is a snapshot
 //   -> REFERENCE(k), COMMAND(k)
 #pragma once
 #include <memory>
@@ -15,7 +15,7 @@
 
 namespace twinrate {
 
-// Everything one tick said. `gain` is new only where has_gain.
+// The messages of one tick. `gain` is new only if has_gain.
 struct TickRecord {
   Measurement measurement;
   Truth truth;
@@ -29,13 +29,13 @@ struct TickRecord {
 
 class ClosedLoop {
  public:
-  // Throws BadInput where the config names an unknown filter or controller.
+  // Throws BadInput if the config names an unknown filter or controller.
   explicit ClosedLoop(Config& config);
-  // Runs tick k; the reference stays valid until the next step.
+  // Runs tick k. The returned reference is valid until the next step.
   const TickRecord& step();
   std::int64_t k() const { return plant_.k(); }
-  // Estimator, gain and controller know the effects of `extended` from the next step on; the plant
-  // stays as it is.
+  // Estimator, gain and controller compensate the effects of `extended` from the next step on; the
+  // plant does not change.
   void know(Config& extended);
   const Controller& controller() const { return *controller_; }
 

@@ -1,6 +1,6 @@
-// Estimator and background gain in one process, as the two processes run in lock-step.
+// Estimator and background gain in one process, equal to the two processes in lock-step.
 //
-//   MEASUREMENT(k) -> ESTIMATE(k) -> GAIN(k) where k is a snapshot
+//   MEASUREMENT(k) -> ESTIMATE(k) -> GAIN(k) if k is a snapshot
 #pragma once
 #include "core/config.hpp"
 #include "estimator/two_rate.hpp"
@@ -9,14 +9,14 @@ namespace twinrate {
 
 class EstimatorLoop {
  public:
-  // Throws BadInput where the config names an unknown filter.
+  // Throws BadInput if the config names an unknown filter.
   explicit EstimatorLoop(Config& config);
-  // Runs tick m.k; the estimate is valid until the next tick.
+  // Runs tick m.k. The returned estimate is valid until the next tick.
   const Estimate& tick(const Measurement& m);
-  // The gain of the last snapshot; has_gain() is true where the last tick was one.
+  // The gain of the last snapshot; has_gain(): the last tick was a snapshot.
   const Gain& gain() const { return background_.last(); }
   bool has_gain() const { return has_gain_; }
-  // The filter knows the effects of `extended` from the next tick on; states and gains stay.
+  // The filter compensates the effects of `extended` from the next tick on; states and gains stay.
   void know(Config& extended);
 
  private:

@@ -1,5 +1,5 @@
-// Measurements played to estimator and gain processes in lock-step: MEASUREMENT(k) goes out again
-// until ESTIMATE(k) is there.
+// Lock-step replay of measurements to estimator and gain processes: MEASUREMENT(k) is repeated
+// until ESTIMATE(k) arrives.
 #pragma once
 #include <memory>
 #include <optional>
@@ -12,15 +12,15 @@
 
 namespace twinrate {
 
-// Which bus, and what is appended to the name of every channel on it.
+// A bus, and the suffix of every channel name on it.
 struct BusAddress {
   std::string url, channel_suffix;
 };
 
-// Estimator and gain of one config, on a bus where there are none.
+// Estimator and gain processes of one config, started for a replay.
 class OwnEstimator {
  public:
-  // Throws std::runtime_error where no temporary directory can be made.
+  // Throws std::runtime_error if no temporary directory can be created.
   OwnEstimator(const std::string& config_toml, const BusAddress& address, std::int64_t session);
   ~OwnEstimator();
 
@@ -32,7 +32,7 @@ class OwnEstimator {
 class LcmReplay {
  public:
   LcmReplay(const BusParameters& parameters, const BusAddress& address, std::int64_t session);
-  // Empty where no estimator answered within bus.peer_timeout_s, or a stop signal came.
+  // Empty after bus.peer_timeout_s without an answer, or after a stop signal.
   std::optional<Estimate> play(const Measurement& m);
   std::int64_t repeats() const { return repeats_; }
 
@@ -44,7 +44,7 @@ class LcmReplay {
   std::optional<Estimate> answer_;
 };
 
-// Bit for bit, NaN included.
+// Equal bit for bit, NaN included.
 bool same_bits(const Estimate& a, const Estimate& b);
 
 }  // namespace twinrate

@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-// `owner`: "estimator" or "controller"; `make_builder`: kind -> its keys.
+// `owner`: "estimator" or "controller"; `make_builder`: kind -> builder with its keys.
 template <class MakeBuilder>
 void read_kinds(Config& config, const std::string& owner, const std::string& chosen,
                 const std::vector<std::string>& kinds, MakeBuilder make_builder) {

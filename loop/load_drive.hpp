@@ -1,5 +1,4 @@
-// A drive file with every owner's tables read: what `check`, `launch`, `simulate` and `replay`
-// start from.
+// Loads a drive file and reads the tables of every owner.
 #pragma once
 #include <string>
 #include <vector>
@@ -8,16 +7,14 @@
 
 namespace twinrate {
 
-// The tables of a drive file that folders above core own, but for those of the kinds of filter and
-// controller.
+// The tables of a drive file owned by folders above core, without those of filters and controllers.
 std::vector<OwnedTable> owned_tables();
 
-// Reads owned_tables(), the tables of the chosen filter and controller, and those of other kinds
-// that the file holds, so that resolved() is complete and every unknown table or key is found.
-// Throws BadInput.
+// Reads owned_tables(), the tables of the chosen filter and controller, and the tables of other
+// kinds in the file: resolved() is then complete. Throws BadInput, also for an unknown table or key.
 Config load_drive(const std::string& file_or_preset,
                   const std::vector<std::string>& overrides = {});
-// The same for a config that is already parsed (the one inside a log).
+// The same for a parsed config (the one in a log).
 void read_all_tables(Config& config);
 
 }  // namespace twinrate

@@ -15,7 +15,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// The logged estimate of each tick, walked in step with the measurements.
+// Finds the logged estimate of a tick. Ticks must not decrease from call to call.
 class LoggedEstimates {
  public:
   explicit LoggedEstimates(const std::vector<Estimate>& estimates) : estimates_(estimates) {}
@@ -40,19 +40,19 @@ std::string without_suffix(const std::string& channel, const std::string& suffix
 
 }  // namespace
 
-bool estimator_heard(const BusAddress& address) {
-  bool heard = false;
-  Bus ears({.url = address.url,
-            .channel_suffix = address.channel_suffix,
-            .follow = true,
-            .role = Role::kReplay});
-  ears.subscribe<status_t>([&](const status_t& s) {
-    heard = heard || (s.role == static_cast<int>(Role::kEstimator) &&
+bool estimator_on_bus(const BusAddress& address) {
+  bool found = false;
+  Bus bus({.url = address.url,
+           .channel_suffix = address.channel_suffix,
+           .follow = true,
+           .role = Role::kReplay});
+  bus.subscribe<status_t>([&](const status_t& s) {
+    found = found || (s.role == static_cast<int>(Role::kEstimator) &&
                       s.state < static_cast<int>(ProcessState::kDone));
   });
   const auto begun = Clock::now();
-  while (!heard && seconds_since(begun) < 0.5) ears.handle(20);
-  return heard;
+  while (!found && seconds_since(begun) < 0.5) bus.handle(20);
+  return found;
 }
 
 LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameters,
@@ -85,7 +85,7 @@ LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameter
 PacedResult replay_paced(const std::string& log, const std::string& logged_suffix,
                          const std::vector<std::string>& channels, const BusAddress& address,
                          double speed) {
-  // Reports a machine without multicast before anything is played.
+  // Fails on a machine without multicast before the first message is sent.
   const Bus probe({.url = address.url, .role = Role::kReplay});
   lcm::LCM out(probe.url());
   const auto begun = Clock::now();

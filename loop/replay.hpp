@@ -1,8 +1,8 @@
-// A recorded log played back to the processes on a bus.
+// Replay of a recorded log to the processes on a bus.
 //
-//   lock-step   MEASUREMENT(k) goes out, ESTIMATE(k) comes back and is compared with the logged one
-//               bit for bit
-//   paced       the recorded bytes go out at their time stamps, session included
+//   lock-step   sends MEASUREMENT(k), receives ESTIMATE(k) and compares it bit for bit with the
+//               logged one
+//   paced       sends the recorded bytes at their time stamps, session included
 #pragma once
 #include <cstdint>
 #include <string>
@@ -15,9 +15,9 @@ namespace twinrate {
 
 struct LockstepResult {
   std::int64_t played = 0;
-  std::int64_t equal = 0, different = 0;  // of the estimates that the log holds
+  std::int64_t equal = 0, different = 0;  // compared with the logged estimates
   std::int64_t first_difference_k = -1;
-  std::int64_t unanswered_k = -1;  // the tick at which no estimate came: the replay ended there
+  std::int64_t unanswered_k = -1;  // tick without an estimate, at which the replay ended
   std::int64_t repeats = 0;        // measurements sent again
   double wall_s = 0;
 };
@@ -27,15 +27,15 @@ struct PacedResult {
   double wall_s = 0;
 };
 
-// True where an estimator of any session beats its heart on the bus within half a second.
-bool estimator_heard(const BusAddress& address);
+// True if an estimator of any session sends a heartbeat within 0.5 s.
+bool estimator_on_bus(const BusAddress& address);
 
 // Ends early after SIGINT.
 LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameters,
                                const BusAddress& address, std::int64_t session);
 
-// `channels` without the suffix that the log's channels have; `speed` times as fast as recorded.
-// Throws BadInput where a part of the log cannot be read.
+// `channels`: names without the log's suffix. `speed`: ratio to the recorded speed. Throws BadInput
+// if a part of the log cannot be read.
 PacedResult replay_paced(const std::string& log, const std::string& logged_suffix,
                          const std::vector<std::string>& channels, const BusAddress& address,
                          double speed);

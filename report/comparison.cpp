@@ -9,8 +9,8 @@ namespace twinrate::report {
 namespace {
 
 constexpr std::size_t kGridPoints = 2500;
-constexpr std::size_t kMostOverlaid = 4;
-constexpr double kLeastRange_deg = 0.2;  // of errors at which angle errors are worth a figure
+constexpr std::size_t kMaxOverlaid = 4;
+constexpr double kMinRange_deg = 0.2;  // of the y axis of angle errors
 
 std::string rate_name(const RunView& view) {
   const DriveConfig& config = view.run.config;
@@ -22,7 +22,7 @@ std::string policy_name(const RunView& view) {
   return kGainPolicyNames[static_cast<int>(view.run.config.gain.policy)];
 }
 
-// "20 rpm" of a constant speed reference.
+// Text of a constant speed reference, such as "20 rpm".
 std::string speed_name(const RunView& view) {
   const ReferenceParameters& reference = view.run.config.reference;
   if (!reference.from_bus && reference.in_rpm && reference.speed_rpm.is_constant())
@@ -32,8 +32,8 @@ std::string speed_name(const RunView& view) {
   return "";
 }
 
-// Names that tell the runs apart, of what differs: the rate, the policy, the speed; the path where
-// none of them does. Runs that differ in nothing but their paths are named by rate and path.
+// Names of runs: the parts of rate, policy and speed that differ, else the path. Runs that differ
+// only in their paths are named by rate and path.
 std::vector<std::string> run_names(const std::vector<RunView>& views) {
   std::vector<std::string> names(views.size());
   const auto append = [](std::string& name, const std::string& part) {
@@ -55,7 +55,7 @@ std::vector<std::string> run_names(const std::vector<RunView>& views) {
   return names;
 }
 
-// One range for every run that held, so that the small figures can be compared at a glance.
+// One y range for all runs that kept synchronism, for comparison.
 std::pair<double, double> common_range(const std::vector<RunView>& views) {
   double least = 0, greatest = 0;
   for (const RunView& view : views) {
@@ -76,7 +76,7 @@ Json error_grid(const std::vector<RunView>& views, const std::vector<std::string
   const auto range = common_range(views);
   const bool none_lost =
       std::none_of(views.begin(), views.end(), [](const RunView& view) { return view.lost(); });
-  const bool nothing_to_see = none_lost && range.second - range.first < kLeastRange_deg;
+  const bool nothing_to_see = none_lost && range.second - range.first < kMinRange_deg;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const RunView& view = views[i];
     Figure figure =
@@ -95,8 +95,8 @@ Json error_grid(const std::vector<RunView>& views, const std::vector<std::string
           {"figures", figures}};
 }
 
-// A quantity of several runs over electrical turns, each counted from its own crossing of
-// theta_e = 0.
+// A quantity of several runs over electrical turns, counted from the crossing of theta_e = 0 in
+// each run.
 Figure overlay(const std::vector<RunView>& views, const std::vector<std::string>& names,
                const Quantity& quantity) {
   Figure figure{.x_label = "electrical turns"};
@@ -104,7 +104,7 @@ Figure overlay(const std::vector<RunView>& views, const std::vector<std::string>
   std::size_t shown = 0;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const RunView& view = views[i];
-    if (view.rows.empty() || view.lost() || !view.has_P44() || shown == kMostOverlaid) continue;
+    if (view.rows.empty() || view.lost() || !view.has_P44() || shown == kMaxOverlaid) continue;
     const std::vector<TickRow> window = view.short_window();
     const auto turns_of = [&](const TickRow& row) {
       return theta_e_reference(row, view.reference, view.n_p()) / kTwoPi;

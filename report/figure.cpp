@@ -24,7 +24,7 @@ Json rounded(const std::vector<double>& values, int digits) {
   return list;
 }
 
-// Positions in [first, last) of the least and the greatest value; NaN only where all are.
+// Positions in [first, last) of the smallest and the largest value; NaN only if all values are NaN.
 std::pair<double, double> extremes_in_order(const std::vector<double>& values, std::size_t first,
                                             std::size_t last) {
   std::size_t least = last, greatest = last;
@@ -38,7 +38,7 @@ std::pair<double, double> extremes_in_order(const std::vector<double>& values, s
   return {values[earlier], values[later]};
 }
 
-// Two points a stretch, each series with its own extremes in the order they came.
+// Two points a stretch: the extremes of each series, in their order.
 void thin(Figure& figure, std::size_t max_points) {
   const std::size_t count = figure.x.size(), stretches = max_points / 2;
   if (count <= max_points) return;

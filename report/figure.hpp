@@ -1,8 +1,8 @@
-// Figures as report.js draws them: a time (or order) axis shared by named series. Built as JSON.
+// Figures for report.js, as JSON: named series over one time (or order) axis.
 //
-// Long series are thinned to kMaxPoints by the extremes of equal stretches of ticks, so that peaks
-// stay; every series of a figure keeps the same axis. Values carry five significant digits, NaN and
-// infinity become null (a gap).
+// Long series are thinned to kMaxPoints: the extremes of equal stretches of ticks, so that peaks
+// stay. All series of a figure have the same axis. Values have five significant digits; NaN and
+// infinity are null (a gap).
 #pragma once
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -34,14 +34,14 @@ struct Figure {
   std::string group;  // figures of one group share cursor and zoom
   std::string note;   // one line under the figure
   std::optional<std::pair<double, double>> y_range;
-  std::vector<std::pair<double, std::string>> marks;    // vertical lines, and what they mark
-  std::optional<std::pair<double, std::string>> level;  // a horizontal line, and what it is
-  std::vector<std::pair<double, double>> shaded = {};   // stretches of x with another ground
+  std::vector<std::pair<double, std::string>> marks;    // vertical lines with labels
+  std::optional<std::pair<double, std::string>> level;  // a horizontal line with its label
+  std::vector<std::pair<double, double>> shaded = {};   // shaded intervals of x
   bool log_y = false;
-  bool bars = false;  // a spectrum; the largest bars are numbered ..
-  std::vector<std::pair<double, std::string>> bar_labels;  // .. or those given are labelled
+  bool bars = false;  // a spectrum; without bar_labels the largest bars show their x
+  std::vector<std::pair<double, std::string>> bar_labels;
 
-  // Adds the curve unless it is empty: all NaN.
+  // Adds the curve if a value is finite.
   void add(Series curve);
   bool empty() const { return series.empty(); }
 };
@@ -53,8 +53,8 @@ using Quantity = std::function<double(const TickRow&)>;
 std::vector<double> values_of(const std::vector<TickRow>& rows, const Quantity& quantity);
 std::vector<double> times_of(const std::vector<TickRow>& rows);
 
-// The quantities of a tick, NaN where the log has them not. Angles wrapped into [0, 360) and errors
-// in degrees.
+// The quantities of a tick; NaN if the log does not hold them. Angles are wrapped into [0, 360);
+// angles and angle errors in degrees.
 namespace quantity {
 double omega_m_measured(const TickRow& row);
 double omega_m_hat(const TickRow& row);

@@ -8,7 +8,7 @@ namespace {
 
 constexpr double kTurnsBefore = 5, kTurnsAfter = 8;
 
-// Electrical period just before the loss, from the reference or the speed there.
+// Electrical period just before the loss, from the speed reference, else from the speed.
 double period_s(const RunView& view, double lost_s) {
   double omega_m = 0;
   for (const TickRow& row : view.rows) {
@@ -22,7 +22,7 @@ double period_s(const RunView& view, double lost_s) {
 
 }  // namespace
 
-// Dilys 2021, Fig. 11: the angles slide apart, the speed falls and turns over.
+// Dilys 2021, Fig. 11: the angle error grows, the speed falls and reverses.
 Json loss_section(const RunView& view) {
   const double lost_s = view.run.summary.lost_at_s.value_or(view.end_s());
   const double period = period_s(view, lost_s);

@@ -15,8 +15,7 @@ namespace fs = std::filesystem;
 using report::Json;
 using report::RunView;
 
-// A file that goes into every page: share/twinrate/report when installed, else its place in the
-// source tree.
+// An asset of every page, from share/twinrate/report if installed, else from the source tree.
 std::string asset(const std::string& name) {
   const fs::path root = data_directory();
   for (const fs::path& place : {root / "report", root / "third_party" / "uplot"}) {
@@ -65,8 +64,7 @@ Json several_runs(const std::vector<RunView>& views) {
   return page;
 }
 
-// Placeholders of report.html stand once each, in this order, so that no text put in is searched
-// again.
+// Each placeholder occurs once in report.html, in this order: inserted text is not searched.
 std::string fill(const std::string& page,
                  const std::vector<std::pair<std::string, std::string>>& parts) {
   std::string filled;

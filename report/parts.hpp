@@ -1,5 +1,5 @@
-// The parts of a page, as JSON for report.js. A section is {heading, note, columns, figures} and
-// may have a table {head, rows} under its figures.
+// The parts of a page, as JSON for report.js. A section is {heading, note, columns, figures},
+// optionally with a table {head, rows} under its figures.
 #pragma once
 #include <vector>
 
@@ -8,7 +8,7 @@
 
 namespace twinrate::report {
 
-// A run with its log read across, as every part wants it.
+// A run and its log as one table of ticks.
 struct RunView {
   const ReportRun& run;
   AngleReference reference;
@@ -17,22 +17,23 @@ struct RunView {
   RunView(const ReportRun& r, AngleReference wanted)
       : run(r), reference(resolve(wanted, r.log)), rows(tick_rows(r.log)) {}
   int n_p() const { return run.config.machine.n_p; }
-  // Not locked, and not merely by the speed of a drive that has a position sensor.
+  // Synchronism lost: not locked, and not only by the speed ripple of a drive with a position
+  // sensor.
   bool lost() const { return run.summary.locked && !*run.summary.locked && !only_left_reference(); }
-  // Not locked by a speed ripple, while the angle is the sensor's.
+  // Not locked because of a speed ripple; the angle is that of the sensor.
   bool only_left_reference() const {
     return run.summary.lost_why == kLeftReference && !run.log.estimate.empty() &&
            (run.log.estimate.back().status & kMeasuredAngle);
   }
   bool has_P44() const { return run.config.estimator.kind == "ekf_sensorless"; }
-  // "the true" or "the measured", of the angle errors are taken from.
+  // Word for the reference of the angle errors.
   std::string reference_word() const {
     return reference == AngleReference::kEncoder ? "measured" : "true";
   }
   double begin_s() const { return rows.empty() ? 0 : rows.front().t_s; }
   double end_s() const { return rows.empty() ? 0 : rows.back().t_s; }
   double settled_s() const { return begin_s() + run.config.run.settle_s; }
-  // True speed, or the estimate where there is no truth; NaN where there is neither.
+  // True speed, else the estimate, else NaN.
   double omega_m(const TickRow& row) const;
   // Rows of [from_s, to_s].
   std::vector<TickRow> between(double from_s, double to_s) const;
@@ -40,13 +41,13 @@ struct RunView {
   std::vector<TickRow> short_window() const;
 };
 
-// page.cpp: the page with everything it needs inside; replaces `out_path` whole. Throws
-// std::runtime_error where it cannot be written or the page's own assets are not found.
+// page.cpp: writes the page and its assets into one file. Throws std::runtime_error if it cannot be
+// written or an asset is missing.
 void write_page(Json page, const std::string& title, const std::string& out_path);
 
 // words.cpp
 std::string frequency(double f_Hz);
-std::string degrees(const std::optional<double>& angle_rad);  // "2.51", or "-" where empty
+std::string degrees(const std::optional<double>& angle_rad);  // "2.51"; "-" if empty
 std::string rates(const DriveConfig& config);                 // f_s, f_b, n, policy
 Json verdict(const RunView& view);                            // {state, headline, text}
 Json summary_table(const RunView& view);                      // [[quantity, value], ..]
@@ -58,7 +59,7 @@ std::vector<Json> ripple_sections(const RunView& view);
 Json shape_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
 Json reduction_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
 
-// run_page.cpp: the sections of one run. loss.cpp: the one about losing synchronism.
+// run_page.cpp: the sections of one run. loss.cpp: the section on the loss of synchronism.
 Json run_sections(const RunView& view);
 Json loss_section(const RunView& view);
 Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows);

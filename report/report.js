@@ -40,7 +40,7 @@ function tickLabels(chart, splits) {
   return splits.map((v) => (Math.abs(v) < step / 1e6 ? '0' : String(Number(v.toPrecision(5)))));
 }
 
-// Of a logarithmic axis only the powers of ten are named.
+// Only powers of ten are labelled on a logarithmic axis.
 function decadeLabels(chart, splits) {
   const decade = (v) => Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6;
   return splits.map((v) => (v > 0 && decade(v) ? String(Number(v.toPrecision(2))) : ''));
@@ -50,7 +50,7 @@ function axis(label, size) {
   return { label, values: tickLabels, labelFont: FONT, font: FONT, grid: GRID, ticks: GRID, stroke: '#3c454d', labelSize: 20, size };
 }
 
-// Zoom of one figure of a group is the zoom of all of them.
+// All figures of a group have the same zoom.
 function shareZoom(group) {
   let passing = false;
   return (chart, scale) => {
@@ -87,7 +87,7 @@ function drawLine(line) {
   };
 }
 
-// Another ground under stretches of x.
+// Shades intervals of x.
 function shade(stretches) {
   return (chart) => {
     const { ctx, bbox } = chart;
@@ -123,7 +123,7 @@ function errorBars(figure, curve) {
   };
 }
 
-// The given labels, standing upright; without any, the numbers of the largest bars.
+// The given labels, upright; without any, the x of the largest bars.
 function barLabels(figure) {
   const amplitude = figure.series[0].values;
   if (figure.bar_labels) return figure.bar_labels.map(({ x, text }) => ({ i: figure.x.indexOf(x), text }));
@@ -133,7 +133,8 @@ function barLabels(figure) {
     .map((i) => ({ i, text: figure.x[i] }));
 }
 
-// A long label is parted at the '+' nearest to its middle.
+// Splits a long label at the '+' nearest to its middle.
+
 function inTwoLines(text) {
   const parts = [...text.matchAll(/\+/g)].map((match) => match.index);
   if (text.length < 22 || !parts.length) return [text];

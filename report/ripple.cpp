@@ -9,7 +9,7 @@
 namespace twinrate::report {
 namespace {
 
-constexpr std::size_t kMostSamples = 400000;  // the fit is O(samples orders)
+constexpr std::size_t kMaxSamples = 400000;  // the fit costs O(samples orders)
 
 double position(const RunView& view, const TickRow& row) {
   return theta_e_reference(row, view.reference, view.n_p()) / view.n_p();
@@ -19,7 +19,7 @@ struct Window {
   double begin_s, from_s, to_s;
 };
 
-// Where the reference last changed before `to_s`, or `from_s`.
+// Time of the last change of the reference in (from_s, to_s); from_s without one.
 double last_reference_change_s(const RunView& view, double from_s, double to_s) {
   double changed_s = from_s;
   const Command* before = nullptr;
@@ -42,16 +42,16 @@ std::vector<Window> windows(const RunView& view) {
   std::vector<Window> found;
   for (std::size_t i = 0; i + 1 < bounds_s.size(); ++i) {
     const double to_s = bounds_s[i + 1];
-    double quiet_s = last_reference_change_s(view, bounds_s[i], to_s);
+    double constant_s = last_reference_change_s(view, bounds_s[i], to_s);
     for (const ProfileStep& step : config.load.T_load_Nm.steps())
-      if (step.t_s < to_s) quiet_s = std::max(quiet_s, step.t_s);
-    const double settle_s = std::min(config.run.settle_s, (to_s - quiet_s) / 2);
-    found.push_back({bounds_s[i], quiet_s + settle_s, to_s});
+      if (step.t_s < to_s) constant_s = std::max(constant_s, step.t_s);
+    const double settle_s = std::min(config.run.settle_s, (to_s - constant_s) / 2);
+    found.push_back({bounds_s[i], constant_s + settle_s, to_s});
   }
   return found;
 }
 
-// Half a tick of slack at both ends; a switch belongs to what follows it.
+// Tolerance of half a tick at both ends; the tick of a switch belongs to the next window.
 bool inside(const RunView& view, const Window& window, double t_s) {
   const double half_s = view.run.config.T_s() / 2;
   return t_s > window.from_s - half_s && t_s < window.to_s - half_s;
@@ -101,8 +101,8 @@ TorqueOverAngle torque_over_angle(const RunView& view, int N_max) {
     torque.T_load.push_back(quantity::T_load_true(row));
   }
   for (std::vector<double>* column : {&torque.theta_m, &torque.T_load_hat, &torque.T_load})
-    if (column->size() > kMostSamples)
-      column->erase(column->begin(), column->end() - static_cast<std::ptrdiff_t>(kMostSamples));
+    if (column->size() > kMaxSamples)
+      column->erase(column->begin(), column->end() - static_cast<std::ptrdiff_t>(kMaxSamples));
   torque.spectrum = order_spectrum(torque.theta_m, torque.T_load_hat, N_max);
   return torque;
 }

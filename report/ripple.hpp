@@ -1,5 +1,4 @@
-// Load torque and speed over the angle of the rotor, in stretches of a run in which nothing else
-// changes.
+// Load torque and speed over the angle of the rotor, in stretches of constant conditions.
 #pragma once
 #include <string>
 #include <vector>
@@ -11,18 +10,19 @@ namespace twinrate::report {
 
 inline constexpr int kRippleOrders = 60;
 
-// A stretch of constant compensation, from where reference and load are constant, too, and
-// settle_s (or half of the stretch, if that is less) later; then its last whole turns.
+// The last whole turns of a stretch with constant compensation, reference and load. The first
+// settle_s of the stretch (at most half of it) are not used.
 struct Stretch {
-  double begin_s = 0;           // where the compensation was switched
+  double begin_s = 0;           // switching of the compensation
   double from_s = 0, to_s = 0;  // of the whole turns
-  std::string compensation;     // its name; empty where the controller has none
+  std::string compensation;     // its name; empty if the controller has none
   OrderSpectrum spectrum;       // of omega_m, orders 1 to kRippleOrders
   double rms = 0;               // of omega_m less its mean
   double mean = 0;
 };
 
-// True speed, or the slope of the measured position, of every stretch with a whole turn in it.
+// All stretches with at least one whole turn; from the true speed or the slope of the measured
+// position.
 std::vector<Stretch> ripple_stretches(const RunView& view);
 
 // theta_m and T_load_hat of the last stretch, and their spectrum up to `N_max`.
@@ -32,7 +32,7 @@ struct TorqueOverAngle {
 };
 TorqueOverAngle torque_over_angle(const RunView& view, int N_max);
 
-// rms falls from `before` to `after`: 20 log10(before/after), as text with sign: "-5.1 dB".
+// 20 log10(after/before) as text with sign, such as "-5.1 dB".
 std::string change_dB(double before, double after);
 
 }  // namespace twinrate::report

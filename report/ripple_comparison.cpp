@@ -1,5 +1,5 @@
-// Of several runs: does the estimated load keep its shape over the angle, and what the compensation
-// did at each of them.
+// Comparison of runs: the shape of the estimated load over the angle, and the ripple before and
+// after a change of the compensation.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 namespace twinrate::report {
 namespace {
 
-constexpr std::size_t kMostOverlaid = 4;
+constexpr std::size_t kMaxOverlaid = 4;
 constexpr int kGridPoints = 1440;
 
 struct Shape {
@@ -18,7 +18,7 @@ struct Shape {
   OrderSpectrum spectrum;
 };
 
-// Runs whose filter estimates a load torque that varies.
+// Shapes of the runs with a varying load estimate.
 std::vector<Shape> shapes_of(const std::vector<RunView>& views,
                              const std::vector<std::string>& names) {
   std::vector<Shape> shapes;
@@ -35,7 +35,7 @@ Figure shape_figure(const std::vector<Shape>& shapes) {
                 .x_label = "angle of the rotor (deg)",
                 .y_label = "T_load_hat (Nm)"};
   for (int i = 0; i <= kGridPoints; ++i) figure.x.push_back(360.0 * i / kGridPoints);
-  for (std::size_t s = 0; s < std::min(shapes.size(), kMostOverlaid); ++s) {
+  for (std::size_t s = 0; s < std::min(shapes.size(), kMaxOverlaid); ++s) {
     Series curve{shapes[s].name, fmt::format("run{}", s), {}};
     for (const double angle_deg : figure.x)
       curve.values.push_back(shapes[s].spectrum.at(angle_deg / kDegrees, kRippleOrders));
@@ -45,13 +45,13 @@ Figure shape_figure(const std::vector<Shape>& shapes) {
   return figure;
 }
 
-// The correlation as it is, and where turning one against the other raises it by more than 0.01,
-// that one, too: a filter of a few milliseconds lags by an angle that grows with the speed.
+// The correlation, and the largest correlation over a shift of the angle if it is larger by more
+// than 0.01: the lag of a filter is an angle that grows with the speed.
 std::string correlation_cell(const Shape& a, const Shape& b) {
   const double plain = shape_correlation(a.spectrum, b.spectrum, kRippleOrders);
-  constexpr double kStep_deg = 0.05, kFarthest_deg = 10;
+  constexpr double kStep_deg = 0.05, kMaxShift_deg = 10;
   double best = plain, best_deg = 0;
-  for (double turned_deg = -kFarthest_deg; turned_deg <= kFarthest_deg; turned_deg += kStep_deg) {
+  for (double turned_deg = -kMaxShift_deg; turned_deg <= kMaxShift_deg; turned_deg += kStep_deg) {
     const double turned =
         shape_correlation(a.spectrum, b.spectrum, kRippleOrders, turned_deg / kDegrees);
     if (turned > best) best = turned, best_deg = turned_deg;

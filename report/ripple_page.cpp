@@ -1,5 +1,5 @@
-// Of one run: the estimated load over the angle (Niewiara 2020, Fig. 6) and the speed with its
-// ripple before and after a change of the compensation (Fig. 7).
+// One run: the estimated load over the angle (Niewiara 2020, Fig. 6), and the speed and its ripple
+// before and after a change of the compensation (Fig. 7).
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -12,9 +12,9 @@
 namespace twinrate::report {
 namespace {
 
-constexpr int kMostOrders = 200;
-constexpr std::size_t kMostLabels = 12;
-constexpr double kLeastRipple_rad_s = 1e-9;  // below it is rounding
+constexpr int kMaxOrders = 200;
+constexpr std::size_t kMaxLabels = 12;
+constexpr double kMinRipple_rad_s = 1e-9;  // smaller: rounding
 
 bool any_torque(const std::vector<double>& T_load_hat) {
   return std::any_of(T_load_hat.begin(), T_load_hat.end(),
@@ -40,7 +40,7 @@ Json torque_section(const RunView& view) {
           {"figures", figures}};
 }
 
-// The last turn, each sample at its own angle.
+// The samples of the last turn over their angles.
 Figure angle_figure(const TorqueOverAngle& torque) {
   Figure figure{.title = "(a) Load torque over the last turn",
                 .x_label = "angle of the rotor (deg)",
@@ -66,7 +66,7 @@ Figure angle_figure(const TorqueOverAngle& torque) {
   return figure;
 }
 
-// Orders to show: 60, or as far as anything has a twentieth of the largest.
+// Number of orders to show: 60, or up to the last order of at least 5 % of the largest.
 int shown_orders(const OrderSpectrum& spectrum) {
   const auto& amplitude = spectrum.amplitude;
   const double largest = *std::max_element(amplitude.begin(), amplitude.end());
@@ -92,30 +92,30 @@ Figure spectrum_figure(const RunView& view, const OrderSpectrum& spectrum, int s
   for (int N = 1; N <= shown; ++N) figure.x.push_back(N);
   figure.add(
       {"T_load_hat", "hat", {spectrum.amplitude.begin(), spectrum.amplitude.begin() + shown}});
-  const double level = kStandsOut * spectrum.noise(shown);
+  const double level = kDetectionRatio * spectrum.noise(shown);
   const double largest = *std::max_element(spectrum.amplitude.begin(), spectrum.amplitude.end());
   figure.level = {{level, ""}};
-  std::vector<int> loud;
+  std::vector<int> largest_orders;
   for (int N = 1; N <= shown; ++N)
-    if (amplitude_of(spectrum, N) > std::max(level, 0.05 * largest)) loud.push_back(N);
-  std::stable_sort(loud.begin(), loud.end(), [&](int N, int M) {
+    if (amplitude_of(spectrum, N) > std::max(level, 0.05 * largest)) largest_orders.push_back(N);
+  std::stable_sort(largest_orders.begin(), largest_orders.end(), [&](int N, int M) {
     return amplitude_of(spectrum, N) > amplitude_of(spectrum, M);
   });
-  if (loud.size() > kMostLabels) loud.resize(kMostLabels);
-  for (const int N : loud)
+  if (largest_orders.size() > kMaxLabels) largest_orders.resize(kMaxLabels);
+  for (const int N : largest_orders)
     figure.bar_labels.push_back({N, fmt::format("{} {}", N, label(sources_of(view, N)))});
   figure.note = fmt::format(
       "Over {} whole turns; mean {:.4g} Nm, orders 1 to {} together {:.3g} Nm rms. The line is "
       "{:g} "
       "times the median order, {:.2g} Nm; orders above it are not noise.",
-      spectrum.turns, spectrum.mean, shown, spectrum.rms(shown), kStandsOut, level);
+      spectrum.turns, spectrum.mean, shown, spectrum.rms(shown), kDetectionRatio, level);
   return figure;
 }
 
-// Every order that stands out, and every fundamental of a source whether it does or not.
+// Every detected order, and the fundamental of every source.
 Json source_table(const RunView& view, const OrderSpectrum& spectrum, int shown) {
   Json rows = Json::array();
-  const double level = kStandsOut * spectrum.noise(shown);
+  const double level = kDetectionRatio * spectrum.noise(shown);
   for (int N = 1; N <= shown; ++N) {
     const std::vector<OrderSource> sources = sources_of(view, N);
     const bool stands_out = amplitude_of(spectrum, N) > level;
@@ -132,7 +132,7 @@ Json source_table(const RunView& view, const OrderSpectrum& spectrum, int shown)
 }
 
 Json torque_angle_section(const RunView& view) {
-  const TorqueOverAngle torque = torque_over_angle(view, kMostOrders);
+  const TorqueOverAngle torque = torque_over_angle(view, kMaxOrders);
   if (torque.spectrum.turns == 0 || !any_torque(torque.T_load_hat)) return Json();
   const int shown = shown_orders(torque.spectrum);
   return {{"heading", "Load torque over the angle, and its sources"},
@@ -212,7 +212,7 @@ std::vector<Json> ripple_sections(const RunView& view) {
   if (view.lost() || view.rows.empty()) return sections;
   const std::vector<Stretch> stretches = ripple_stretches(view);
   const bool any_ripple = std::any_of(stretches.begin(), stretches.end(),
-                                      [](const Stretch& s) { return s.rms > kLeastRipple_rad_s; });
+                                      [](const Stretch& s) { return s.rms > kMinRipple_rad_s; });
   if (!any_ripple) return sections;
   sections.push_back(ripple_section(view, stretches));
   sections.push_back(speed_orders_section(stretches));

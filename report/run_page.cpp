@@ -12,7 +12,7 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kTurnsShown = 4;
 
-// True rotor-frame currents, or the measured ones turned by the reference angle.
+// True currents in rotor axes, else the measured ones rotated by the reference angle.
 Quantity current(const RunView& view, int axis) {
   const AngleReference reference = view.reference;
   const int n_p = view.n_p();
@@ -71,7 +71,7 @@ void push(Json& figures, Figure figure, const std::string& group, const std::str
 
 Json whole_run_section(const RunView& view) {
   Json figures = Json::array();
-  // A lost run shows its speed with the loss.
+  // The loss section shows the speed of a lost run.
   if (!view.lost()) push(figures, speed_figure(view, view.rows), "run");
   push(figures, error_figure(view, view.rows), "run");
   push(figures, current_figure(view), "run");
@@ -148,13 +148,12 @@ Figure error_figure(const RunView& view, const std::vector<TickRow>& rows) {
                 .x = times_of(rows)};
   figure.add({"angle error", "hat",
               values_of(rows, quantity::angle_error_deg(view.reference, view.n_p()))});
-  // An error that is rounding only would otherwise fill the figure.
-  constexpr double kLeastRange_deg = 0.01;
+  constexpr double kMinRange_deg = 0.01;  // a rounding error must not fill the figure
   const bool tiny =
       !figure.empty() &&
       std::all_of(figure.series.front().values.begin(), figure.series.front().values.end(),
-                  [](double e) { return !(std::abs(e) > kLeastRange_deg); });
-  if (tiny) figure.y_range = {{-kLeastRange_deg, kLeastRange_deg}};
+                  [](double e) { return !(std::abs(e) > kMinRange_deg); });
+  if (tiny) figure.y_range = {{-kMinRange_deg, kMinRange_deg}};
   return figure;
 }
 

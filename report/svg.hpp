@@ -1,5 +1,4 @@
-// A figure of stacked panels as an SVG text: curves, bars over orders, and a list of bars with
-// words.
+// A figure of stacked panels as SVG text: curves, bars over orders, and a list of labelled bars.
 #pragma once
 #include <string>
 #include <vector>
@@ -7,7 +6,7 @@
 namespace twinrate::gallery {
 
 struct Curve {
-  std::string name;  // "" leaves it out of the legend
+  std::string name;  // "": not in the legend
   std::string colour;
   std::vector<double> x, y;
 };
@@ -15,11 +14,11 @@ struct Curve {
 struct Panel {
   std::string title, x_label;
   std::vector<Curve> curves;
-  bool bars = false;            // each point a bar from zero; the largest are labelled with their x
-  std::string empty_note = "";  // stands instead of the curves
+  bool bars = false;            // a bar for each point; the largest are labelled with their x
+  std::string empty_note = "";  // shown instead of the curves
 };
 
-// One line of the last panel: a bar of relative length 0 .. 1, and what it stands for.
+// One line of the last panel: a bar of relative length 0 .. 1 and its label.
 struct Line {
   std::string name, text;
   double length = 0;

@@ -12,24 +12,24 @@ namespace twinrate::report {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kFewest = 5;            // rows that make a point
-constexpr double kKept = 0.9;            // of a signal's power by its smoothing
-constexpr int kRowsPerBin = 8;           // at least, on average, over a turn
-constexpr double kCovered = 0.999;       // of the turn's bins
-constexpr double kMostlyGaps = 8;        // rows of time for each row there is
-constexpr std::size_t kLong = 1u << 17;  // rows: padded less, for memory
-constexpr double kGap = 1.5;             // rows apart by more do not follow each other
+constexpr double kMinRows = 5;               // in a bin
+constexpr double kMinPowerKept = 0.9;        // of a signal, by smoothing
+constexpr int kMinRowsPerBin = 8;            // mean over the bins of a turn
+constexpr double kMinBinsFilled = 0.999;     // share of the bins of a turn
+constexpr double kMaxSpacing = 8;            // mean spacing of rows times rate; more: not uniform
+constexpr std::size_t kLongRows = 1u << 17;  // longer signals are padded less, to save memory
+constexpr double kMaxStep = 1.5;             // spacing of consecutive rows times rate
 
 // Sums of one bin and one kind of rows.
 struct Sums {
-  double eg = 0, gg = 0, ee = 0, sg = 0, x = 0, rows = 0;  // e: less the share
+  double eg = 0, gg = 0, ee = 0, sg = 0, x = 0, rows = 0;  // e: residual less the share
 
   void add(const Points& p, std::size_t i) {
     const double e = p.e[i] - p.share[i];
     eg += e * p.g[i], gg += p.g[i] * p.g[i], ee += e * e;
     sg += p.share[i] * p.g[i], x += p.x[i], ++rows;
   }
-  bool enough() const { return rows >= kFewest && gg > 0; }
+  bool enough() const { return rows >= kMinRows && gg > 0; }
   double left() const { return enough() ? eg / gg : kNaN; }
   double share() const { return sg / gg; }
   double error() const {
@@ -38,7 +38,7 @@ struct Sums {
 };
 
 bool follows(const std::vector<double>& t, std::size_t i, double rate_Hz) {
-  return t[i] > t[i - 1] && (t[i] - t[i - 1]) * rate_Hz < kGap;
+  return t[i] > t[i - 1] && (t[i] - t[i - 1]) * rate_Hz < kMaxStep;
 }
 
 double power(const std::vector<double>& y) {
@@ -47,7 +47,7 @@ double power(const std::vector<double>& y) {
   return sum;
 }
 
-// Means over `count` bins of one turn, less their mean; empty where a bin has no rows.
+// Means over `count` bins of one turn, less their mean; empty if too few bins have rows.
 std::vector<double> means_over_turn(const std::vector<double>& theta_m,
                                     const std::vector<double>& y, std::size_t count) {
   std::vector<double> mean(count, 0.0), rows(count, 0.0);
@@ -62,7 +62,7 @@ std::vector<double> means_over_turn(const std::vector<double>& theta_m,
     mean[b] /= rows[b];
     whole += mean[b], ++filled;
   }
-  if (filled < kCovered * static_cast<double>(count)) return {};
+  if (filled < kMinBinsFilled * static_cast<double>(count)) return {};
   for (std::size_t b = 0; b < count; ++b) mean[b] = rows[b] > 0 ? mean[b] - whole / filled : 0;
   return mean;
 }
@@ -121,7 +121,7 @@ std::size_t widest_half(const std::vector<double>& y, const std::vector<double>&
   const double whole = power(y);
   std::size_t widest = 0;
   for (std::size_t half = 1; half <= 64; half *= 2) {
-    if (power(smooth(y, t, rate_Hz, half)) < kKept * whole) break;
+    if (power(smooth(y, t, rate_Hz, half)) < kMinPowerKept * whole) break;
     widest = half;
   }
   return widest;
@@ -129,10 +129,10 @@ std::size_t widest_half(const std::vector<double>& y, const std::vector<double>&
 
 std::vector<double> order_amplitudes(const std::vector<double>& theta_m,
                                      const std::vector<double>& y, int highest) {
-  const auto fewest = static_cast<std::size_t>(4 * highest);
+  const auto min_bins = static_cast<std::size_t>(4 * highest);
   std::vector<double> mean;
-  for (std::size_t count = 3 * fewest; count >= fewest && mean.empty(); count -= fewest)
-    if (y.size() >= kRowsPerBin * count) mean = means_over_turn(theta_m, y, count);
+  for (std::size_t count = 3 * min_bins; count >= min_bins && mean.empty(); count -= min_bins)
+    if (y.size() >= kMinRowsPerBin * count) mean = means_over_turn(theta_m, y, count);
   if (mean.empty()) return {};
   std::vector<double> amplitude;
   const auto count = static_cast<double>(mean.size());
@@ -140,7 +140,7 @@ std::vector<double> order_amplitudes(const std::vector<double>& theta_m,
     std::complex<double> sum = 0;
     for (std::size_t b = 0; b < mean.size(); ++b)
       sum += mean[b] * std::polar(1.0, -N * kTwoPi * (static_cast<double>(b) + 0.5) / count);
-    // What averaging inside a bin has taken.
+    // Corrects the attenuation by averaging within a bin.
     const double half = 0.5 * N * kTwoPi / count;
     amplitude.push_back(2 * std::abs(sum) / count * half / std::sin(half));
   }
@@ -151,16 +151,16 @@ Spectrum line_spectrum(const std::vector<double>& t, const std::vector<double>& 
                        std::size_t points) {
   Spectrum spectrum;
   if (y.size() < 64) return spectrum;
-  // Where time goes back, or stands still for most of the record, rows follow each other.
+  // If time falls or most of the record is missing, the rows are taken as uniform.
   const double span = (t.back() - t.front()) * rate_Hz;
   const bool timed =
-      std::is_sorted(t.begin(), t.end()) && span < kMostlyGaps * static_cast<double>(y.size());
+      std::is_sorted(t.begin(), t.end()) && span < kMaxSpacing * static_cast<double>(y.size());
   const auto place = [&](std::size_t i) {
     return timed ? static_cast<std::size_t>(std::lround((t[i] - t.front()) * rate_Hz)) : i;
   };
   const std::size_t rows = place(y.size() - 1) + 1;
   std::size_t n = 64;
-  const std::size_t padded = rows < kLong ? 4 * rows : 2 * rows;  // else lines fall between two
+  const std::size_t padded = rows < kLongRows ? 4 * rows : 2 * rows;  // for lines between two bins
   while (n < padded) n *= 2;
   double mean = 0;
   for (const double value : y) mean += value / static_cast<double>(y.size());

@@ -1,4 +1,4 @@
-// One effect drawn over the data that shows it, and over a stretch of time.
+// The pictures of one effect: over the axis that shows it best, and over a stretch of time.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -12,10 +12,10 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kExcerpt_s = 0.25;
-constexpr double kSlowRatio = 0.02;  // of its mean square: an effect that hardly changes
-constexpr double kStandsOut = 0.3;   // of the clearest channel
-constexpr double kShown = 0.5;       // of the effect's power, by an axis worth drawing
-constexpr double kMisfit = 0.25;     // of a residual that is the effect
+constexpr double kMinVariance = 0.02;   // over the mean square, of an effect drawn by an excerpt
+constexpr double kMinVisibility = 0.3;  // of a channel, relative to the clearest channel
+constexpr double kMinExplained = 0.5;   // share of the effect's power shown by an axis
+constexpr double kMaxMisfit = 0.25;     // of the held-out factor from 1
 
 Figure figure_of(const Plot& plot) {
   Figure figure = bins_figure(bin(plot.points, plot.lo, plot.hi, plot.bins));
@@ -26,8 +26,8 @@ Figure figure_of(const Plot& plot) {
   return figure;
 }
 
-// First and last row + 1 of the stretch in which the effect changes most, held-out rows before
-// others; the whole record where it hardly changes in any.
+// Rows [first, last) of the stretch with the largest variance of the effect, among held-out rows if
+// there are any; the whole record if the variance is small.
 std::pair<std::size_t, std::size_t> liveliest(const Rows& rows) {
   const std::size_t n = rows.size();
   const auto length = static_cast<std::size_t>(kExcerpt_s * rows.s.rate_Hz);
@@ -48,7 +48,7 @@ std::pair<std::size_t, std::size_t> liveliest(const Rows& rows) {
     const double variance = squares - sum * sum / static_cast<double>(length);
     if (variance > most) most = variance, square = squares, best = {from, to};
   }
-  if (most < kSlowRatio * square) return {0, n};
+  if (most < kMinVariance * square) return {0, n};
   return best;
 }
 
@@ -85,18 +85,20 @@ double rms(const std::vector<double>& y) {
   return y.empty() ? 0 : std::sqrt(sum / static_cast<double>(y.size()));
 }
 
-double standing(const TraceResult& r, const EffectView& view) {
+// Ratio of the effect to the residual of its channel, rms.
+double visibility(const TraceResult& r, const EffectView& view) {
   return rms(view.share) / std::max(1e-300, rms(series_of(r, view.channel).after));
 }
 
-// The view in which the effect stands out most from what is left.
+// The view of the effect with the largest visibility.
 const EffectView& clearest(const TraceResult& r, const TracedEffect& effect) {
-  return *std::max_element(
-      effect.views.begin(), effect.views.end(),
-      [&](const EffectView& a, const EffectView& b) { return standing(r, a) < standing(r, b); });
+  return *std::max_element(effect.views.begin(), effect.views.end(),
+                           [&](const EffectView& a, const EffectView& b) {
+                             return visibility(r, a) < visibility(r, b);
+                           });
 }
 
-// Share of the effect's own power that is a function of the picture's axis.
+// Share of the effect's power that is a function of the picture's axis.
 double explained(const Plot& plot) {
   std::vector<double> sg(static_cast<std::size_t>(plot.bins), 0.0), gg = sg;
   double whole = 0, part = 0;
@@ -114,24 +116,24 @@ double explained(const Plot& plot) {
   return whole > 0 ? part / whole : 0;
 }
 
-// The picture on the axis that shows most of the effect, among the channels in which it stands out;
-// against its own prediction where no axis shows enough.
+// The picture on the axis that shows most of the effect, among the channels with enough visibility;
+// over the effect's own prediction if no axis shows enough.
 Plot best_plot(const TraceResult& r, const TracedEffect& effect, int n_p, const Rows& clear,
                std::size_t half) {
   Plot best;
   double most = 0;
   for (const EffectView& view : effect.views) {
-    if (standing(r, view) < kStandsOut * standing(r, clear.view)) continue;
+    if (visibility(r, view) < kMinVisibility * visibility(r, clear.view)) continue;
     const Rows rows{series_of(r, view.channel), view, words_of(view.channel), n_p};
     Plot plot = plot_of(r, effect, rows, widest_half(view.share, rows.s.t, rows.s.rate_Hz));
-    // The share itself is the last resort.
+    // The picture over the share itself has the lowest rank.
     const double shown = plot.points.x == plot.points.share ? 0 : explained(plot);
     if (shown > most) most = shown, best = std::move(plot);
   }
-  return most > kShown ? best : over_share(clear, half);
+  return most > kMinExplained ? best : over_share(clear, half);
 }
 
-// Least-squares factor of the residual over the effect on one kind of rows.
+// Least-squares factor c of residual = c effect, on held-out or on training rows.
 double factor(const Rows& rows, std::size_t half, bool held_out) {
   const std::vector<double> e = smooth(rows.view.without, rows.s.t, rows.s.rate_Hz, half),
                             share = smooth(rows.view.share, rows.s.t, rows.s.rate_Hz, half);
@@ -164,7 +166,7 @@ Json effect_section(const TraceResult& result, const TracedEffect& effect, int n
   std::string text = note;
   if (std::isfinite(unseen))
     text += fmt::format(" On the hold-out the residual is {:.3f} times the effect.", unseen);
-  if (std::isfinite(unseen) && std::abs(unseen - 1) > kMisfit)
+  if (std::isfinite(unseen) && std::abs(unseen - 1) > kMaxMisfit)
     text += " This is not 1: the data do not support this effect.";
   Json figures = Json::array();
   for (const Figure& figure :

@@ -11,7 +11,7 @@ namespace {
 
 using namespace report;
 
-// What the verdict asks of the reader.
+// Advice for each verdict.
 std::string advice(const TraceResult& r) {
   if (r.verdict == "traced")
     return "extended.toml holds the effects below; every program loads it. Check each "

@@ -1,9 +1,10 @@
-// The page of `twinrate trace`: what the model lacks, and the pictures by which a drive engineer
-// checks the claim. One self-contained HTML file, like the report of a run (report.hpp).
+// The page of `twinrate trace`: the effects missing in the model, and the pictures with which a
+// drive engineer checks the claim. One self-contained HTML file, like the report of a run
+// (report.hpp).
 //
 //   verdict; effects with parameters and evidence; errors before and after; each effect over the
-//   data that shows it; residuals over time, angle and as spectra; unexplained structure; what
-//   was considered, what cannot be told, data health; the extended drive file
+//   data that shows it; residuals over time, angle and as spectra; unexplained structure;
+//   candidates, aliases and effects that are not identifiable, data health; extended drive file
 #pragma once
 #include <string>
 
@@ -18,7 +19,7 @@ struct TracePage {
   std::string revision;
 };
 
-// Throws std::runtime_error where the page cannot be written or its assets are not found.
+// Throws std::runtime_error if the page cannot be written or its assets are missing.
 void write_trace_page(const TraceResult& result, const TracePage& page,
                       const std::string& out_path);
 

@@ -6,20 +6,20 @@
 
 namespace twinrate::report {
 
-// "d voltage" and its unit, of the channels d, q, torque.
+// Name ("d voltage") and unit of the channels d, q, torque.
 struct ChannelWords {
   std::string name, unit;
 };
 ChannelWords words_of(const std::string& channel);
 const TraceSeries& series_of(const TraceResult& result, const std::string& channel);
 
-// trace_effects.cpp: one effect over the data that shows it, and a stretch of time. `heading` names
-// it. Null where the effect has no views (found in the raw samples).
+// trace_effects.cpp: the pictures of one effect. Null if the effect has no views (detected in the
+// raw samples).
 Json effect_section(const TraceResult& result, const TracedEffect& effect, int n_p,
                     const std::string& heading, const std::string& note);
 
-// trace_residuals.cpp: residuals before and after over time and angle and as spectra; the structure
-// that is left, with its correction.
+// trace_residuals.cpp: residuals before and after, over time and angle and as spectra; the
+// remaining structure and its correction.
 std::vector<Json> residual_sections(const TraceResult& result);
 std::vector<Json> picture_sections(const TraceResult& result);
 std::vector<Json> unexplained_sections(const TraceResult& result, int n_p);
@@ -31,7 +31,7 @@ Json effects_table(const TraceResult& result);
 Json errors_table(const TraceResult& result);
 std::vector<Json> closing_sections(const TraceResult& result);
 
-// Points with error bars, trained and held-out rows apart, under the effect's own curve.
+// Points with error bars, separately for training and held-out rows, and the effect's curve.
 Figure bins_figure(const Bins& bins);
 
 }  // namespace twinrate::report

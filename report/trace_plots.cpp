@@ -11,8 +11,8 @@
 namespace twinrate::report {
 namespace {
 
-constexpr double kMiddle = 0.99;  // of the rows: the axis is not stretched by few
-constexpr double kBase = 0.15;    // of the largest speed, current: below it no division
+constexpr double kMiddle = 0.99;      // share of the rows on the axis: outliers do not stretch it
+constexpr double kMinDivisor = 0.15;  // of the largest speed or current
 constexpr int kPeriodBins = 60;
 
 Points points_of(const Rows& rows) {
@@ -31,13 +31,13 @@ std::vector<double> each(std::size_t count, Of&& of) {
   return values;
 }
 
-// Rows where the divisor is small say little and are left out.
+// Drops rows with a small divisor.
 void keep_large(Points& p) {
   double largest = 0;
   for (const double g : p.g) largest = std::max(largest, std::abs(g));
   Points kept;
   for (std::size_t i = 0; i < p.x.size(); ++i) {
-    if (std::abs(p.g[i]) < kBase * largest) continue;
+    if (std::abs(p.g[i]) < kMinDivisor * largest) continue;
     kept.x.push_back(p.x[i]), kept.e.push_back(p.e[i]), kept.share.push_back(p.share[i]);
     kept.g.push_back(p.g[i]), kept.held_out.push_back(p.held_out[i]);
   }
@@ -75,7 +75,7 @@ Plot over_speed(const Rows& rows) {
   return over(rows, "Over the speed", "omega_m (rad/s)", rows.s.omega_m);
 }
 
-// Flux linkage that the voltage of rotation shows: e_d = -omega_e psi_q, e_q = omega_e psi_d.
+// Missing flux linkage from the rotational voltage: e_d = -omega_e psi_q, e_q = omega_e psi_d.
 Plot flux_over(const Rows& rows, std::string x_label, std::vector<double> x) {
   const bool d = rows.view.channel == "d";
   const std::string flux = d ? "psi_q" : "psi_d";
@@ -101,7 +101,7 @@ Plot resistance_over_time(const Rows& rows) {
   return plot;
 }
 
-// Voltage error of the phases over their own currents, the three of them pooled.
+// Voltage error of each phase over its current, the three phases pooled.
 Plot over_phase_current(const TraceResult& r, const TracedEffect& effect, int n_p) {
   const EffectView *d = nullptr, *q = nullptr;
   for (const EffectView& view : effect.views) {

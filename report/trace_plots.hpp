@@ -1,10 +1,10 @@
-// What an effect is drawn against, chosen by its kind.
+// The picture of an effect, chosen by its kind.
 #pragma once
 #include "report/trace_parts.hpp"
 
 namespace twinrate::report {
 
-// A picture in the making.
+// A picture before it is a Figure.
 struct Plot {
   Points points;
   std::string title, x_label, y_label, note;
@@ -23,11 +23,11 @@ struct Rows {
   double theta_e(std::size_t i) const { return n_p * s.theta_m[i]; }
 };
 
-// The picture on the axis on which this kind can be seen by eye; over_share() where it has none.
+// The picture on the axis that shows this kind best; over_share() if there is none.
 Plot plot_of(const TraceResult& result, const TracedEffect& effect, const Rows& rows,
              std::size_t half);
-// The picture that every kind has: the residual against the effect's own share, both smoothed over
-// 2 half + 1 rows; a line of slope one.
+// The default picture: the residual over the effect's share, both smoothed over 2 half + 1 rows,
+// and a line of slope one.
 Plot over_share(const Rows& rows, std::size_t half);
 
 }  // namespace twinrate::report

@@ -1,4 +1,4 @@
-// Residuals before and after, and what structure is left.
+// Residuals before and after, and their remaining structure.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ std::string unit_label(const std::string& channel) {
   return fmt::format("{} ({})", words.name, words.unit);
 }
 
-// Both curves, or one where no effect acts on the channel.
+// Both curves, or one if no effect acts on the channel.
 void add_both(Figure& figure, std::vector<double> before, std::vector<double> after) {
   const bool same = before == after;
   if (!same) figure.add({"before", "true", std::move(before)});
@@ -101,7 +101,7 @@ Json figures_of(std::initializer_list<Figure> figures) {
   return list;
 }
 
-// x of a regressor's picture and its label.
+// Label and values of the x axis of a regressor's picture.
 std::pair<std::string, std::vector<double>> axis_of(const TraceSeries& s,
                                                     const std::string& regressor) {
   std::vector<double> x = s.t;

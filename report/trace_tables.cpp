@@ -20,7 +20,7 @@ std::string number(double value) {
   return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
 }
 
-// No line ends within it.
+// Without a line break in the page.
 std::string p_value(double p) {
   if (!std::isfinite(p)) return "-";
   std::string text = p < 1e-300 ? "<1e-300" : fmt::format("{:.2g}", p);
@@ -34,7 +34,7 @@ std::string spaced(std::string kind) {
   return kind;
 }
 
-// A unit as it is written, of a key's suffix.
+// The unit of a key's suffix.
 std::string unit_words(const std::string& suffix) {
   static const std::map<std::string, std::string> kWords = {
       {"1", ""},          {"per_rev", "a turn"}, {"Nm_rad", "Nm/rad"}, {"Nms_rad", "Nms/rad"},
@@ -98,7 +98,7 @@ Json ambiguous_section(const TraceResult& r) {
                  {{"head", {"kinds", "why", "run that would separate them"}}, {"rows", rows}});
 }
 
-// Kinds, and sentences of what was measured (of sets without time), stand in one list.
+// TraceResult::identifiable holds kinds and, for sets without time, sentences.
 bool is_kind(const std::string& text) {
   return text.find(' ') == std::string::npos;
 }
@@ -181,7 +181,7 @@ Json errors_table(const TraceResult& r) {
                     number(e->noise_floor), number(e->no_change), p_value(e->whiteness_p_value),
                     std::to_string(e->rows)});
   };
-  // Of sets without time and of logs of angle and current the error is of what they hold.
+  // Sets without time and logs of angle and current have errors of their own quantities.
   add(r.electrical && r.electrical->unit == "V" ? "voltage, each axis" : "electrical",
       r.electrical);
   add(r.mechanical && r.mechanical->unit == "Nm" ? "torque" : "mechanical", r.mechanical);

@@ -14,7 +14,7 @@ std::string reading(const std::optional<double>& figure, const char* unit) {
   return figure && std::isfinite(*figure) ? fmt::format("{:.4g} {}", *figure, unit) : "-";
 }
 
-// What the speed did after the loss.
+// The speed after the loss.
 std::string aftermath(const RunView& view) {
   const double lost_s = view.run.summary.lost_at_s.value_or(view.end_s());
   double direction = 0;
@@ -113,8 +113,8 @@ Json verdict(const RunView& view) {
   return {{"state", state}, {"headline", headline}, {"text", text}};
 }
 
-// What a salient machine saves against the same mean torque at i_d = 0, over the settled window;
-// empty where there is nothing to save or no torque to speak of.
+// Saving of a salient machine against i_d = 0 at the same mean torque, over the settled window;
+// empty without saliency or torque.
 static std::string saved_against_no_i_d(const RunView& view) {
   const MachineParameters& machine = view.run.config.machine;
   double torque = 0, square = 0, ticks = 0;
@@ -172,10 +172,10 @@ Json summary_table(const RunView& view) {
 }
 
 Json event_table(const RunLog& log) {
-  constexpr std::size_t kMostEvents = 500;
+  constexpr std::size_t kMaxEvents = 500;
   Json rows = Json::array();
   for (const EventRecord& event : log.events) {
-    if (rows.size() == kMostEvents) break;
+    if (rows.size() == kMaxEvents) break;
     rows.push_back(
         {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
          name_in(kRoleNames, event.role), reason_name(event.reason), event.text});

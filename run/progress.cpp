@@ -19,7 +19,7 @@ Progress::Progress(const DriveConfig& drive, bool json)
 
 void Progress::show(const Truth& truth, const Estimate& estimate, const LiveCounters& counters) {
   if (!visible()) return;
-  if ((++calls_ & 255) != 0) return;  // look at the clock only now and then
+  if ((++calls_ & 255) != 0) return;  // reads the clock once in 256 calls
   const double since = std::chrono::duration<double>(Clock::now() - last_).count();
   if (since < 0.2) return;
   print(truth, estimate, counters);

@@ -1,4 +1,4 @@
-// The live line of a long job: on a terminal it redraws in place, with --json it prints JSON lines.
+// Progress of a run: a line redrawn in place on a terminal, JSON lines with --json.
 #pragma once
 #include <chrono>
 #include <string>
@@ -14,7 +14,7 @@ struct LiveCounters {
 class Progress {
  public:
   Progress(const DriveConfig& drive, bool json);
-  // Cheap when it is not yet time for the next line.
+  // Cheap until the next line is due.
   void show(const Truth& truth, const Estimate& estimate, const LiveCounters& counters);
   void end();
   bool visible() const { return json_ || terminal_; }
@@ -30,8 +30,8 @@ class Progress {
   Clock::time_point last_;
 };
 
-// "2s", "500ms", "2" -> "2", "0.5", "2"; anything else is returned as it is and refused by the
-// config reader.
+// "2s", "500ms", "2" -> "2", "0.5", "2". Other text is returned unchanged; the config reader
+// refuses it.
 std::string seconds_text(const std::string& text);
 
 }  // namespace twinrate

@@ -32,7 +32,7 @@ Json read_json(const fs::path& path) {
   return in ? Json::parse(in, nullptr, false) : Json();
 }
 
-// The logger's account of what reached the log.
+// Messages lost by channel, from the logger's account.
 std::map<std::string, std::int64_t> lost_messages(const Json& account) {
   std::map<std::string, std::int64_t> lost;
   if (account.is_object() && account.contains("channels"))
@@ -45,38 +45,37 @@ std::string degrees(const std::optional<double>& angle_rad) {
   return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
 }
 
-// Events may hold tables of a drive file.
+// The text of an event may hold tables of a drive file.
 std::string one_line(std::string text) {
   while (text.ends_with('\n')) text.pop_back();
   std::replace(text.begin(), text.end(), '\n', ' ');
   return text;
 }
 
-// The loop's own events come tick after tick; their texts differ by the tick at most.
-bool comes_by_tick(Reason reason) {
+// Events of the loop can occur at every tick; their texts differ at most by the tick.
+bool is_tick_event(Reason reason) {
   return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
 }
 bool same_event(const EventRecord& a, const EventRecord& b) {
   return a.reason == b.reason && a.role == b.role &&
-         (a.text == b.text || comes_by_tick(static_cast<Reason>(a.reason)));
+         (a.text == b.text || is_tick_event(static_cast<Reason>(a.reason)));
 }
 
-// What a person should know of the run besides its figures: each event that is not routine, once,
-// with its first occurrence and how often it came.
+// One line for each event that is not routine: time of the first occurrence, number of occurrences.
 std::vector<std::string> notable_events(const RunLog& log) {
-  std::vector<std::pair<const EventRecord*, int>> seen;  // and how often
+  std::vector<std::pair<const EventRecord*, int>> seen;  // first occurrence, count
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
     if (reason == Reason::kModeChange || reason == Reason::kLogRotated || reason == Reason::kLearnt)
       continue;
-    const auto known = std::find_if(seen.begin(), seen.end(),
-                                    [&](const auto& s) { return same_event(*s.first, event); });
-    if (known == seen.end())
+    const auto earlier = std::find_if(seen.begin(), seen.end(),
+                                      [&](const auto& s) { return same_event(*s.first, event); });
+    if (earlier == seen.end())
       seen.emplace_back(&event, 1);
     else
-      ++known->second;
+      ++earlier->second;
   }
-  // An event of a tick to come is told ahead of it.
+  // An event can be logged before the tick it belongs to.
   std::stable_sort(seen.begin(), seen.end(),
                    [](const auto& a, const auto& b) { return a.first->t_ns < b.first->t_ns; });
   std::vector<std::string> lines;
@@ -122,8 +121,7 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   if (!facts.not_written.empty()) row("could not be written", facts.not_written);
 }
 
-// The resolved drive file with the tables that the controller learnt in place of its own; empty
-// where it learnt nothing.
+// The resolved drive file with the first table that the controller learnt; empty without one.
 std::string learnt_config(const RunLog& log, std::string resolved) {
   for (const EventRecord& event : log.events) {
     if (static_cast<Reason>(event.reason) != Reason::kLearnt) continue;
@@ -137,8 +135,8 @@ std::string learnt_config(const RunLog& log, std::string resolved) {
   return "";
 }
 
-// Empty where the run ended before anything was logged.
-RunLog read_what_there_is(const std::string& directory, const RunFacts& facts) {
+// Empty if the run ended early and left no readable log.
+RunLog read_log(const std::string& directory, const RunFacts& facts) {
   try {
     return read_run_log(directory);
   } catch (const BadInput&) {
@@ -164,7 +162,7 @@ std::string make_run_directory(const std::string& wanted, const Config& config) 
   fs::create_directories(path, error);
   if (error)
     throw BadInput(fmt::format("{}: cannot be created: {}", path.string(), error.message()));
-  // Parts of an earlier run in the same directory would be read as parts of this one.
+  // Log files of an earlier run in this directory would be read as parts of this run.
   for (const auto& entry : fs::directory_iterator(path)) {
     const std::string name = entry.path().filename().string();
     if (name.rfind("log", 0) == 0 && entry.path().extension() == ".lcm") fs::remove(entry.path());
@@ -175,7 +173,7 @@ std::string make_run_directory(const std::string& wanted, const Config& config) 
 
 int conclude_run(const std::string& directory, const Config& config, RunFacts facts) {
   const fs::path dir = directory;
-  const RunLog log = read_what_there_is(directory, facts);
+  const RunLog log = read_log(directory, facts);
   if (log.measurement.empty()) return 1;
   Summary s = summarise(log, config.drive());
   if (facts.ended.empty() && s.steps < config.drive().steps())

@@ -1,4 +1,4 @@
-// What every run leaves behind: the run directory and one clear table.
+// The result of a run: its directory and the table on the terminal.
 #pragma once
 #include <string>
 
@@ -7,20 +7,20 @@
 
 namespace twinrate {
 
-// Facts the log does not hold.
+// Facts of a run that are not in its log.
 struct RunFacts {
   double wall_s = 0;
   std::int64_t repeats = 0, deadline_misses = 0, late_gains = 0, late_commands = 0;
   std::string how;          // "launch, lock-step, 5 processes" or "simulate"
-  std::string ended;        // "" for a run to its end, otherwise what stopped it
-  std::string not_written;  // files that could not be written, for the table
+  std::string ended;        // cause of an early end; "" for a complete run
+  std::string not_written;  // names of files that could not be written
 };
 
-// Creates DIR (default runs/NAME-DATE-TIME) and writes config.toml; returns its path.
+// Creates DIR (default runs/NAME-DATE-TIME), writes config.toml and returns the path.
 std::string make_run_directory(const std::string& wanted, const Config& config);
-// Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. Files
-// that cannot be written (the disk is full) are named in the table. Returns the exit code: 0, or 1
-// where the drive lost synchronism, messages were lost, or the run ended early by itself.
+// Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. The
+// table names the files that could not be written (disk full). Returns the exit code: 1 if
+// synchronism or messages were lost, the run ended early or a file could not be written; else 0.
 int conclude_run(const std::string& directory, const Config& config, RunFacts facts);
 
 }  // namespace twinrate

@@ -22,7 +22,7 @@ struct Member {
   const char* program;
   bool in_ring;
 };
-// In the order of their start: who listens comes before who speaks.
+// In the order of their start: a receiver starts before its sender.
 constexpr Member kMembers[] = {
     {Role::kLogger, "twinrate-logger", false},
     {Role::kMonitor, "twinrate-monitor", false},
@@ -32,19 +32,18 @@ constexpr Member kMembers[] = {
     {Role::kPlant, "twinrate-plant", true},
 };
 
-// The two CPUs of a pinned set: the ring on the first, everything else on the second. -1: no
-// pinning.
+// CPUs of a pinned set: one for the ring, one for the other processes. -1: not pinned.
 struct CpuPlan {
-  int ring = -1, rest = -1;
+  int ring = -1, others = -1;
 };
 CpuPlan plan_cpus(bool pin) {
   cpu_set_t allowed;
   CpuPlan plan;
   if (!pin || sched_getaffinity(0, sizeof allowed, &allowed) != 0) return plan;
-  for (int cpu = 0; cpu < CPU_SETSIZE && plan.rest < 0; ++cpu)
+  for (int cpu = 0; cpu < CPU_SETSIZE && plan.others < 0; ++cpu)
     if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
-      (plan.ring < 0 ? plan.ring : plan.rest) = cpu;
-  return plan.rest < 0 ? CpuPlan{} : plan;
+      (plan.ring < 0 ? plan.ring : plan.others) = cpu;
+  return plan.others < 0 ? CpuPlan{} : plan;
 }
 
 }  // namespace
@@ -72,11 +71,11 @@ void Supervisor::start_children() {
   for (const Member& member : kMembers) {
     if (member.role == Role::kMonitor && !options_.monitor) continue;
     std::vector<std::string> list = arguments(member.role);
-    const int cpu = member.in_ring ? cpus.ring : cpus.rest;
+    const int cpu = member.in_ring ? cpus.ring : cpus.others;
     if (cpu >= 0) list.insert(list.end(), {"--cpu", std::to_string(cpu)});
     set_.start(member.role, member.program, list);
   }
-  if (cpus.rest >= 0) pin_to_cpu(cpus.rest);
+  if (cpus.others >= 0) pin_to_cpu(cpus.others);
 }
 
 void Supervisor::note_status(const status_t& status) {
@@ -96,15 +95,16 @@ void Supervisor::request(RequestKind kind) {
 }
 
 void Supervisor::note_dead_child() {
-  // Where one gave up the others may know more of the cause; a plant that is done needs no waiting.
+  // After a failure exit, waits for the failure events of the other processes: they may name the
+  // cause. A plant that has finished is no failure.
   const auto gave_up = [](const Child& c) { return c.exit_code > 0 && c.exit_code < 128; };
   const auto begun = Clock::now();
   if (std::any_of(set_.children().begin(), set_.children().end(), gave_up))
     while (seconds_since(begun) < 0.3) bus_->handle(20);
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
-    if (gain_death_told_ && child.role == Role::kGain) continue;
-    if (monitor_death_told_ && child.role == Role::kMonitor) continue;
+    if (gain_end_reported_ && child.role == Role::kGain) continue;
+    if (monitor_end_reported_ && child.role == Role::kMonitor) continue;
     const std::string cause = root_cause();
     end_early(!cause.empty() && child.exit_code < 128
                   ? cause
@@ -112,35 +112,35 @@ void Supervisor::note_dead_child() {
   }
 }
 
-// Realtime: the fast loop holds its gain and then reads the table, so the drive goes on; the log
-// and the exit code tell.
-bool Supervisor::survives_without_the_gain() {
+// In realtime the fast loop holds its gain and then reads the gain table: the drive continues. An
+// event and the exit code report the end of the process.
+bool Supervisor::continues_without_gain() {
   const Child* gain = set_.child(Role::kGain);
   if (options_.pace != Pace::kRealtime || !gain || !gain->ended) return false;
   for (const Child& child : set_.children())
     if (child.ended && child.role != Role::kGain) return false;
-  if (!gain_death_told_)
-    tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
-                                                   gain->program, describe_end(*gain)));
-  gain_death_told_ = true;
+  if (!gain_end_reported_)
+    publish_event(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
+                                                    gain->program, describe_end(*gain)));
+  gain_end_reported_ = true;
   return true;
 }
 
-// The drive does not need it; the log and the exit code tell.
-bool Supervisor::survives_without_the_monitor() {
+// The loop does not need the monitor. An event and the exit code report the end of the process.
+bool Supervisor::continues_without_monitor() {
   const Child* monitor = set_.child(Role::kMonitor);
   if (!monitor || !monitor->ended) return false;
   for (const Child& child : set_.children())
     if (child.ended && child.role != Role::kMonitor) return false;
-  if (!monitor_death_told_)
-    tell_the_log(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
-                                                   monitor->program, describe_end(*monitor)));
-  monitor_death_told_ = true;
+  if (!monitor_end_reported_)
+    publish_event(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
+                                                    monitor->program, describe_end(*monitor)));
+  monitor_end_reported_ = true;
   return true;
 }
 
-// When one process falls silent the others time out one after the other, each waiting for the next:
-// the cause is the one that is waited for and does not complain itself.
+// If one process stops answering, the others time out in turn, each waiting for its predecessor.
+// The cause is the process that another one waited for and that reported no failure itself.
 std::string Supervisor::root_cause() const {
   for (const auto& [role, failure] : failures_)
     if (failure.waited_for >= 0 && !failures_.count(failure.waited_for))
@@ -187,7 +187,7 @@ void Supervisor::watch() {
     if (seconds_since(last_look) < 0.02) continue;
     last_look = Clock::now();
     if (!running()) request(RequestKind::kStart);
-    if (!set_.all_running() && !survives_without_the_gain() && !survives_without_the_monitor()) {
+    if (!set_.all_running() && !continues_without_gain() && !continues_without_monitor()) {
       note_dead_child();
       return;
     }
@@ -196,7 +196,7 @@ void Supervisor::watch() {
   }
 }
 
-void Supervisor::tell_the_log(Reason reason, const std::string& text) {
+void Supervisor::publish_event(Reason reason, const std::string& text) {
   const status_t& plant = latest_[static_cast<int>(Role::kPlant)];
   bus_->publish(make_event({.role = Role::kSupervisor,
                             .reason = reason,
@@ -208,7 +208,7 @@ void Supervisor::tell_the_log(Reason reason, const std::string& text) {
 void Supervisor::stop_in_order() {
   progress_.end();
   if (!facts_.ended.empty())
-    tell_the_log(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied, facts_.ended);
+    publish_event(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied, facts_.ended);
   set_.stop({Role::kPlant}, 3);
   for (int i = 0; i < 20 && bus_->handle(1); ++i) {
   }

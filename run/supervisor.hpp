@@ -1,4 +1,4 @@
-// Runs one process set from start to end and gathers what it said.
+// Runs one process set from start to end and collects its counts.
 #pragma once
 #include <map>
 #include <string>
@@ -23,17 +23,17 @@ struct SuperviseOptions {
 class Supervisor {
  public:
   Supervisor(const DriveConfig& drive, SuperviseOptions options);
-  // Starts the set, waits until every process is ready, starts the plant, watches until its end,
-  // stops the rest.
+  // Starts the set, waits until every process is ready, starts the plant, waits for its end and
+  // stops the other processes.
   RunFacts run();
 
  private:
   void start_children();
   bool wait_until_ready();
   void watch();
-  bool survives_without_the_gain();
-  bool survives_without_the_monitor();
-  void tell_the_log(Reason reason, const std::string& text);
+  bool continues_without_gain();
+  bool continues_without_monitor();
+  void publish_event(Reason reason, const std::string& text);
   void stop_in_order();
   void note_status(const status_t& status);
   void note_dead_child();
@@ -53,8 +53,8 @@ class Supervisor {
   Truth truth_;
   Estimate estimate_;
   RunFacts facts_;
-  bool gain_death_told_ = false, monitor_death_told_ = false;
-  std::map<int, event_t> failures_;  // by role: the first failure of each process
+  bool gain_end_reported_ = false, monitor_end_reported_ = false;
+  std::map<int, event_t> failures_;  // first failure of each process, by role
 };
 
 }  // namespace twinrate

@@ -6,12 +6,12 @@ namespace twinrate::sweep {
 namespace {
 
 // Instructions of one step on a Cortex-M3 in Q16.16 (qemu mps2-an385, -O2): fast part, background,
-// and a whole step with the gain read from the table; one instruction a clock at 72 MHz.
+// and a whole step with the gain read from the table. One instruction a clock at 72 MHz.
 constexpr double kFast = 139, kBackground = 347, kScheduled = 240, kClock_Hz = 72e6;
 
-// Policy propagated: six times n steps by doubling a background run, counted on x86-64-v3
-// (bench/count_instructions, where a plain background step is kBackgroundX86) and scaled to the
-// Cortex-M3 by the plain step; its fast part is that of the tabulated gain.
+// Policy propagated: a background run computes n steps by doubling, six times. Counted on x86-64-v3
+// (bench/count_instructions) and scaled to the Cortex-M3 with the ratio of a plain background step
+// (kBackground/kBackgroundX86). The fast part is that of the gain read from the table.
 struct Doubled {
   int n;
   double instructions_x86;

@@ -1,11 +1,11 @@
-// What an estimator costs a small processor, from the times of its two halves.
+// Load of a small processor by an estimator, from the times of its two parts.
 //
 //   share of the processor = f_s t_fast + f_b t_background
-//   f_emax                 = f_b / gains per electrical turn; f_b sets no limit where the gain is
-//                            turned with the rotor or tabulated
+//   f_emax                 = f_b / gains an electrical turn; no limit by f_b if the gain is turned
+//                            with the rotor or read from a table
 //
 // Dilys 2021, Tables 2 and 4: t_fast = 4.4 + 1.7 us, t_background = 13.4 + 5.4 + 9.6 + 3.2 us. The
-// printed 6.21 % of 500 Hz belongs to 1 kHz; by the paper's own times it is 4.63 %.
+// paper prints 6.21 % for 500 Hz, which is the value of 1 kHz; its own times give 4.63 %.
 #pragma once
 #include <string>
 #include <vector>

@@ -23,7 +23,7 @@ double nice_step(double span) {
   return 10 * power;
 }
 
-// One panel: axes, grid, curves; everything is clipped to the box.
+// One panel: axes, grid and curves, clipped to the box.
 class Panel {
  public:
   Panel(double x0, double x_max, double y_max) : x0_(x0), x_max_(x_max), y_max_(y_max) {}
@@ -55,7 +55,7 @@ class Panel {
     return fmt::format("<line class='r' x1='{:.1f}' y1='{:.1f}' x2='{:.1f}' y2='{:.1f}'/>\n", x(f0),
                        y(v0), x(f1), y(v1));
   }
-  // The paper's measured points: a ring where it held, a cross where it was lost.
+  // Points measured in the paper: a ring if held, a cross if lost.
   std::string paper_points(double held, double lost) const {
     const double px = x(kPaper_f_e_Hz), h = y(held), l = y(lost);
     return fmt::format(
@@ -89,7 +89,7 @@ std::map<std::string, Curve> curves_of(const std::vector<Limit>& limits) {
   return curves;
 }
 
-// `scale`: what a ratio is multiplied by to give the ordinate.
+// `scale`: ordinate of a ratio of 1.
 template <class Scale>
 std::string draw(const Panel& panel, const Curve& curve, Scale scale) {
   std::string path, marks;

@@ -1,6 +1,6 @@
-// figure.svg: f_bmin against f_e, and f_bmin/f_e against f_e, in the layout of Dilys 2021, Figs 6
-// and 12, with the rule of seven gains a turn and the measured points of the paper's text (400
-// rad/s: 416 Hz held, 384 Hz lost).
+// Writes figure.svg: f_bmin and f_bmin/f_e over f_e in the layout of Dilys 2021, Figs 6 and 12,
+// with the rule of seven gains a turn and the points measured in the paper (400 rad/s: 416 Hz held,
+// 384 Hz lost).
 #pragma once
 #include "sweep/result.hpp"
 

@@ -12,7 +12,7 @@ namespace twinrate::sweep {
 namespace {
 
 constexpr double kSwitch_s = 0.2;
-constexpr int kEveryUpTo = 64;
+constexpr int kSingleStepsUpTo = 64;
 
 int environment_number(const char* name, int otherwise) {
   const char* text = std::getenv(name);
@@ -73,8 +73,8 @@ bool set_shard_from_launcher(Plan& plan) {
   return false;
 }
 
-// Window of the verdict: from half a second after the reference stands still (after the switch:
-// 0.3 s; a load takes another half second), one second, five electrical turns or three gains long.
+// Window of the verdict: starts 0.5 s after the end of the ramp (0.3 s after the switch), another
+// 0.5 s later with a load. Length: 1 s, five electrical turns or three gains, the longest of these.
 std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& base,
                                          const Search& search, int n) {
   const double omega_e = kTwoPi * search.f_e_Hz, T_s = base.T_s();
@@ -108,7 +108,7 @@ std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& ba
 }
 
 int next_n(int held) {
-  return held < kEveryUpTo ? held + 1 : held + std::max(1, held / 20);
+  return held < kSingleStepsUpTo ? held + 1 : held + std::max(1, held / 20);
 }
 
 std::string identity(const Plan& p, const Config& config) {

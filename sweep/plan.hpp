@@ -1,8 +1,7 @@
-// What a sweep is asked for, and the searches it consists of.
+// The request of a sweep and its searches.
 //
-// One search is (policy, speed, seed): n goes up from 1 until the first loss or the cap. Points are
-// independent of each other, so a sweep splits over threads, processes and machines without
-// changing a bit.
+// One search is (policy, speed, seed): n rises from 1 to the first loss of synchronism or to n_max.
+// Points are independent: threads, processes and machines give equal results, bit for bit.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -18,14 +17,13 @@ struct Plan {
   std::vector<double> speeds_Hz;
   std::vector<std::string> policies;
   int seeds = 5;
-  std::string start = "ramp";  // or "switched": n = 1 at speed for 0.2 s, then n
+  std::string start = "ramp";  // or "switched": 0.2 s at speed with n = 1, then n
   double ramp_rad_s2 = 16000;
   int n_max = 200;
   double load_pu = 0;
   std::string over = "inprocess";  // or "lcm"
-  std::string engine =
-      "lanes";      // in process: lanes/engine.hpp where it covers the drive; "reference"
-  std::string log;  // a recorded drive instead of simulated ones
+  std::string engine = "lanes";  // in process: lanes/engine.hpp if it covers the drive; "reference"
+  std::string log;               // a recorded drive instead of simulated ones
   int shard = 0, shards = 1;
 };
 
@@ -37,19 +35,19 @@ struct Search {
 
 // Throws BadInput: an unknown policy, a speed out of range, no seeds.
 void check(const Plan& plan);
-std::vector<Search> searches(const Plan& plan);  // of every shard, in the order of the result
+std::vector<Search> searches(const Plan& plan);  // of all shards, in the order of the result
 // "i/n", i from 0. Throws BadInput.
 void set_shard(Plan& plan, const std::string& text);
-// Rank and size of mpirun or srun, where one of them started this process.
+// Takes rank and size of mpirun or srun; false if neither started this process.
 bool set_shard_from_launcher(Plan& plan);
 
-// The drive of one point: the plan's file with everything set that the point fixes.
+// The overrides of one point: those of the plan, and the keys that the point sets.
 std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& base,
                                          const Search& search, int n);
-// Next n to try above `held`: every one up to 64, then steps of 5 %.
+// Next n above `held`: steps of 1 up to 64, then of 5 %.
 int next_n(int held);
 
-// What results must have in common to be one sweep, as JSON text: everything but the shard.
+// The plan without its shard, as JSON text. Results of one sweep have the same identity.
 std::string identity(const Plan& plan, const Config& config);
 Plan plan_of(const std::string& sweep_json);
 

@@ -24,7 +24,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-void judge(const RunLog& log, const DriveConfig& drive, Point& point) {
+void set_verdict(const RunLog& log, const DriveConfig& drive, Point& point) {
   const Summary summary = summarise(log, drive);
   point.locked = summary.locked.value_or(false);
   point.angle_error_rms = summary.angle_error_rms.value_or(kNaN);
@@ -39,7 +39,7 @@ Config recorded_config(const RunLog& log, const std::vector<std::string>& overri
   return config;
 }
 
-// The last snapshot 0.3 s before the window, less half a tick.
+// Half a tick before the last snapshot that is at least 0.3 s before the window.
 double switch_before(double settle_s, int n, double T_s) {
   return std::max(0.0, (std::floor((settle_s - 0.3) / T_s / n) * n - 0.5) * T_s);
 }
@@ -81,7 +81,7 @@ Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& se
     log.estimate.push_back(tick.estimate);
     log.command.push_back(tick.command);
   }
-  judge(log, drive, point);
+  set_verdict(log, drive, point);
   return point;
 }
 
@@ -133,7 +133,7 @@ Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& sear
 Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search, int n) {
   std::vector<std::string> list = plan.overrides;
   list.push_back("gain.policy=" + search.policy);
-  list.push_back("rates.f_b_Hz=0");  // before n: the later of the two counts
+  list.push_back("rates.f_b_Hz=0");  // before n: the later of both keys is used
   list.push_back(fmt::format("rates.n={}", n));
   if (plan.start == "switched") {
     const DriveConfig asked = recorded_config(recorded, plan.overrides).drive();
@@ -143,12 +143,12 @@ Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search,
   Config config = recorded_config(recorded, list);
   const DriveConfig& drive = config.drive();
   EstimatorLoop estimator(config);
-  RunLog log;  // no COMMAND: there is no loop whose speed could leave its reference
+  RunLog log;  // without COMMAND: the speed is not judged in open loop
   log.measurement = recorded.measurement;
   log.truth = recorded.truth;
   for (const Measurement& m : recorded.measurement) log.estimate.push_back(estimator.tick(m));
   Point point{.search = search, .f_s_Hz = drive.rates.f_s_Hz, .n = n};
-  judge(log, drive, point);
+  set_verdict(log, drive, point);
   return point;
 }
 

@@ -9,7 +9,7 @@
 namespace twinrate::sweep {
 namespace {
 
-// What one search says: the last n held before the first loss.
+// Result of one search: the last n before the first loss.
 struct Outcome {
   int n_max = 0;
   bool capped = false, complete = false;

@@ -17,14 +17,14 @@ namespace twinrate::sweep {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr std::size_t kAhead = 8;  // points of one search in one row of lanes
+constexpr std::size_t kPointsAtOnce = 8;  // points of one search in one row of lanes
 
 std::string read_whole(const std::string& path) {
   std::ifstream file(path);
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-// A directory belongs to one sweep.
+// Assigns the directory to one sweep. Throws BadInput if it belongs to another one.
 void claim(const std::string& directory, const std::string& identity, bool resume) {
   std::filesystem::create_directories(directory);
   const std::string path = directory + "/sweep.json";
@@ -35,7 +35,7 @@ void claim(const std::string& directory, const std::string& identity, bool resum
   if (!file.flush()) throw BadInput(path + ": cannot be written");
 }
 
-// The live line, and --json.
+// The progress line and the lines of --json.
 class Live {
  public:
   Live(bool json, std::size_t searches) : json_(json), searches_(searches) {}
@@ -81,7 +81,7 @@ class Engine {
     live_.emplace(options.json, searches_.size());
   }
 
-  // Over LCM one process set at a time: it wants the cores for itself.
+  // Over LCM, one process set at a time: a set needs all cores.
   void run() {
     const unsigned wanted = plan_.over == "lcm" ? 1 : std::thread::hardware_concurrency();
     std::vector<std::thread> threads;
@@ -113,19 +113,19 @@ class Engine {
       const auto n = next_to_try(of_search(points, search), search, plan_.n_max);
       if (!n) break;
       const Point point = run_point(search, *n, ahead);
-      if (stop_signalled()) return;  // launch was interrupted, too
+      if (stop_signalled()) return;  // the signal also interrupted launch
       file_.append(point);
       points.push_back(point);
       const bool last = !next_to_try(of_search(points, search), search, plan_.n_max);
       live_->show(point, done_ += last ? 1 : 0, last);
     }
   }
-  // `ahead`: points that the lane engine has run together with an earlier one of this search.
+  // `ahead`: points of this search that the lane engine has already run.
   Point run_point(const Search& search, int n, std::deque<Point>& ahead) const {
     if (plan_.engine == "lanes" && plan_.over == "inprocess" && plan_.log.empty()) {
       if (ahead.empty() || ahead.front().n != n) {
         std::vector<int> row;
-        for (int n_i = n; n_i <= plan_.n_max && row.size() < kAhead; n_i = next_n(n_i))
+        for (int n_i = n; n_i <= plan_.n_max && row.size() < kPointsAtOnce; n_i = next_n(n_i))
           row.push_back(n_i);
         const auto points = run_in_lanes(plan_, base_, search, row);
         ahead.assign(points.begin(), points.end());

@@ -1,4 +1,4 @@
-// Runs the searches of one shard on every core, and writes what came out.
+// Runs the searches of one shard on all cores and writes the result.
 #pragma once
 #include <string>
 
@@ -12,10 +12,10 @@ struct RunOptions {
   bool json = false;
 };
 
-// Appends to points.csv until every search is done or the user stops it. Returns whether it was
-// stopped. Throws BadInput where --resume finds another sweep.
+// Appends to points.csv until all searches are complete or the user stops the sweep. Returns true
+// if stopped. Throws BadInput if --resume finds another sweep.
 bool run_searches(const Plan& plan, const Config& config, const RunOptions& options);
-// points.csv in order, fbmin.csv, figure.svg, why.csv, and the printed table.
+// Writes points.csv in order, fbmin.csv, figure.svg and why.csv; prints the table.
 void write_result(const Plan& plan, const Config& config, const std::string& directory,
                   std::vector<Point> points, bool json);
 

@@ -1,5 +1,4 @@
-// points.csv of a sweep: appended as the points come, so that a killed sweep continues where it
-// was.
+// points.csv of a sweep. Points are appended one by one, so that a killed sweep can be resumed.
 #pragma once
 #include <fstream>
 #include <mutex>
@@ -8,22 +7,21 @@
 
 namespace twinrate::sweep {
 
-// Text of one row; a double is written so that it reads back as the same bits.
+// Text of one row. A double reads back bit for bit.
 std::string row_of(const Point& point);
 extern const char* const kPointsHeader;
 
-// Throws BadInput with file:line. A last line without its end (the sweep was killed while it wrote)
-// is left out.
+// Throws BadInput with file:line. Ignores a last line without a line end (a killed sweep).
 std::vector<Point> read_points(const std::string& path);
-// In the order of the plan, then n. Throws BadInput where a point is there twice or is not the
-// plan's.
+// Sorts by the plan's searches, then n. Throws BadInput for a repeated point or a point that is not
+// in the plan.
 void sort_points(const Plan& plan, std::vector<Point>& points);
 void write_points(const std::string& path, const std::vector<Point>& points);
 
-// Appends whole lines, flushed one by one.
+// Appends lines, each flushed.
 class PointFile {
  public:
-  // `resume`: keeps what is there; else the file begins anew.
+  // `resume`: keeps the points of the file; else starts an empty file.
   PointFile(const std::string& path, bool resume);
   const std::vector<Point>& found() const { return found_; }
   void append(const Point& point);

@@ -11,34 +11,34 @@ namespace {
 
 using Square = Eigen::MatrixXd;
 
-constexpr double kStep = 1e-6;
-constexpr int kPeriods = 400;  // at most, until the gain repeats in rotor axes
-constexpr double kRepeats = 1e-9;
+constexpr double kDifference = 1e-6;     // of a state, for central differences
+constexpr int kMaxPeriods = 400;         // until the gain is periodic in rotor axes
+constexpr double kGainTolerance = 1e-9;  // relative change of a periodic gain
 
-// The rotor's place at tick k.
+// The steady state at tick k.
 Estimate at_tick(const Steady& s, std::int64_t k) {
   Estimate e = s.filter->ahead(*s.filter->steady_state(s.omega_m), static_cast<double>(k));
   e.k = k;
   return e;
 }
 
-// d x_hat(k+1)/d x_hat(k) of the whole fast step with this gain, by central differences; the
-// samples do not matter, the step is affine in them.
+// d x_hat(k+1)/d x_hat(k) of the fast step with this gain, by central differences. It does not
+// depend on the samples: the step is affine in them.
 Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
   const int n_x = at.n_x;
   Square jacobian(n_x, n_x);
   for (int col = 0; col < n_x; ++col) {
     FastState up, down;
     up.x_hat = down.x_hat = at.x_hat;
-    up.x_hat[col] += kStep;
-    down.x_hat[col] -= kStep;
+    up.x_hat[col] += kDifference;
+    down.x_hat[col] -= kDifference;
     const Measurement m{.signals = kPhaseCurrents | kVoltage};
     s.filter->fast_step(up, m, gain);
     s.filter->fast_step(down, m, gain);
     Eigen::VectorXd change = (up.x_hat - down.x_hat).head(n_x);
-    for (double& c : change)  // an angle that was wrapped into its turn
+    for (double& c : change)  // unwraps an angle
       if (std::abs(c) > kPi) c -= std::copysign(kTwoPi, c);
-    jacobian.col(col) = change / (2 * kStep);
+    jacobian.col(col) = change / (2 * kDifference);
   }
   return jacobian;
 }
@@ -52,16 +52,16 @@ Square turn(int n_x, int pairs, double angle) {
   return T;
 }
 
-// Runs the background along the steady turn until its gain repeats; the gain of a late snapshot.
+// Runs the background in steady state until its gain is periodic; returns the last gain.
 Gain periodic_gain(const Steady& s, int n) {
   BackgroundLoop background(s.filter, s.policy, n, s.span_omega_m);
   Gain before;
-  for (int period = 0; period < kPeriods; ++period) {
+  for (int period = 0; period < kMaxPeriods; ++period) {
     const Gain& gain = background.step(at_tick(s, static_cast<std::int64_t>(period) * n));
     Gain rotor = gain;
     GainFrame(s.filter->turning_pairs(), -gain.theta_e).turn_gain(rotor);
     const bool repeats = (rotor.K - before.K).lpNorm<Eigen::Infinity>() <=
-                         kRepeats * rotor.K.lpNorm<Eigen::Infinity>();
+                         kGainTolerance * rotor.K.lpNorm<Eigen::Infinity>();
     before = rotor;
     if (repeats && period > 10) break;
   }

@@ -1,13 +1,14 @@
-// Why a speed has the f_bmin it has: two predictions beside what the drive did.
+// Two predictions of f_bmin, for comparison with the simulated drive. Both omit the controller.
 //
-//   formula   a gain stale by phi acts on a turned innovation; it stops converging at
-//             phi_c = atan2(omega_e k4d - k3q, -(omega_e k4q + k3d)),  k: rows speed and angle of K
-//             in rotor axes. Mean age beyond the ordinary filter's: `paper` (3n - 3)/2 ticks,
-//             `immediate` (n - 1)/2; so n_max = floor(1 + m phi_c/(omega_e T_s)), m = 2/3 and 2.
-//             For the other policies the mean age is zero: no limit from it.
+//   formula   a gain stale by the angle phi acts on a rotated innovation and converges up to
+//               phi_c = atan2(omega_e k4d - k3q, -(omega_e k4q + k3d))
+//             with k3, k4 the speed and angle rows of K in rotor axes. Mean age of the gain beyond
+//             that with n = 1: `paper` (3n - 3)/2 ticks, `immediate` (n - 1)/2 ticks. Hence
+//               n_max = floor(1 + m phi_c/(omega_e T_s)),  m = 2/3 (`paper`), 2 (`immediate`)
+//             The other policies have mean age zero: no limit.
 //   Floquet   e_{k+1} = (I - K_k H) F_k e_k in rotor axes over one background period, K_k as the
-//             policy uses it in steady state: stable while the spectral radius rho < 1. It takes
-//             every stale angle within the hold, not their mean; neither knows the controller.
+//             policy uses it in steady state: stable if the spectral radius rho < 1. Uses every
+//             stale angle of the period instead of the mean.
 #pragma once
 #include <memory>
 
@@ -22,14 +23,14 @@ struct Steady {
   double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
 };
 
-// NaN where the filter has no angle and speed in the third and fourth state (`ekf_sensorless` has).
-// The gain is the one that the policy's background settles to with a snapshot every n ticks.
+// phi_c with the steady-state gain of the policy's background, a snapshot every n ticks. NaN for
+// filters other than `ekf_sensorless`.
 double critical_angle(const Steady& steady, int n);
-// Last n that is not beyond its own limit, up to `limit`; 0: no limit from the formula.
+// Largest n that satisfies the formula, up to `limit`; 0: the formula gives no limit.
 int n_max_by_formula(const Steady& steady, int limit);
 // Spectral radius over one period of n ticks.
 double spectral_radius(const Steady& steady, int n);
-// Last n before the first with rho >= 1, up to `limit` (then `limit` itself).
+// Last n before the first with rho >= 1; at most `limit`.
 int n_max_by_floquet(const Steady& steady, int limit);
 
 }  // namespace twinrate::sweep

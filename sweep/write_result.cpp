@@ -13,7 +13,7 @@
 namespace twinrate::sweep {
 namespace {
 
-constexpr int kFloquetLimit = 400;
+constexpr int kMaxFloquet_n = 400;
 
 // One row of why.csv.
 struct Reason {
@@ -22,14 +22,14 @@ struct Reason {
   double rho_held = NAN, rho_next = NAN;
 };
 
-// Two counts agree where they are within one step or 15 %.
+// Two values of n agree within one step or 15 %.
 bool agree(int predicted, int measured) {
   return std::abs(predicted - measured) <= std::max(1.0, 0.15 * measured);
 }
 
 std::string verdict(const Limit& l, const Reason& r) {
   if (l.policy == "scheduled") return r.rho_held < 1 ? "stable" : "unstable";
-  if (l.capped) return r.floquet >= std::min(l.n_max, kFloquetLimit) ? "both: no limit" : "neither";
+  if (l.capped) return r.floquet >= std::min(l.n_max, kMaxFloquet_n) ? "both: no limit" : "neither";
   const bool by_formula = r.formula > 0 && agree(r.formula, l.n_max);
   const bool by_floquet = agree(r.floquet, l.n_max);
   if (by_formula && by_floquet) return "both";
@@ -45,7 +45,7 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, cons
                       omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p};
   Reason r;
   const bool table = !has_background(policy);
-  const int limit = std::min(kFloquetLimit, 6 * l.n_max + 10);
+  const int limit = std::min(kMaxFloquet_n, 6 * l.n_max + 10);
   r.phi_c = table ? NAN : critical_angle(steady, std::max(1, l.n_max));
   r.formula = n_max_by_formula(steady, limit);
   r.floquet = table ? 0 : n_max_by_floquet(steady, limit);

@@ -1,4 +1,4 @@
-// twinrate check DRIVE.toml: is the drive file right, and does what it asks for fit the machine?
+// twinrate check DRIVE.toml: validates a drive file and compares its demands with the machine.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 

@@ -1,5 +1,5 @@
 // twinrate design lqr DRIVE.toml: gains, closed-loop poles and margins of the state feedback.
-// twinrate design orders RUN: the orders that stand out in the load a run estimated.
+// twinrate design orders RUN: the orders detected in the estimated load of a run.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -21,7 +21,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 constexpr double kDegrees = 180 / kPi;
-constexpr double kSameGain = 1e-3;  // relative: weights that come this near do give the gains
+constexpr double kGainTolerance = 1e-3;  // relative error of gains from weights
 
 struct DesignOptions {
   std::string drive;
@@ -29,7 +29,7 @@ struct DesignOptions {
   bool json = false;
 };
 
-// A pole of z as the continuous one it samples, rad/s.
+// The continuous pole of a discrete pole z, rad/s.
 std::complex<double> continuous(std::complex<double> z, double T_s) {
   return std::log(z) / T_s;
 }
@@ -56,9 +56,9 @@ Json margins_json(const Margins& m) {
           {"crossover_rad_s", m.crossover_rad_s}};
 }
 
-// What the weights nearest to given gains give, where they do not give the gains themselves.
+// The weights whose gains are nearest to the given ones, and the error of their gains.
 std::string inverse_verdict(const NearestWeights& nearest) {
-  if (nearest.largest_error < kSameGain)
+  if (nearest.largest_error < kGainTolerance)
     return fmt::format("optimal for Q = diag({:.4g}), R = 1", fmt::join(nearest.Q, ", "));
   return fmt::format(
       "not optimal for any non-negative diagonal weights: the nearest, Q = diag({:.4g}), R = 1, "
@@ -166,7 +166,7 @@ int find_orders(const OrdersOptions& o) {
   const double noise = spectrum.noise(kHighest);
   std::vector<int> orders;
   for (int N = 1; N <= static_cast<int>(spectrum.amplitude.size()); ++N)
-    if (spectrum.amplitude[static_cast<std::size_t>(N - 1)] > kStandsOut * noise)
+    if (spectrum.amplitude[static_cast<std::size_t>(N - 1)] > kDetectionRatio * noise)
       orders.push_back(N);
   const auto amplitude = [&](int N) { return spectrum.amplitude[static_cast<std::size_t>(N - 1)]; };
   std::sort(orders.begin(), orders.end(),

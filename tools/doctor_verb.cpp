@@ -1,4 +1,5 @@
-// twinrate doctor: can this machine run the process set, and what mends it where it cannot?
+// twinrate doctor: checks that this machine can run the process set; prints the commands that mend
+// it.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -39,7 +40,7 @@ std::vector<Finding> examine(const DoctorOptions& options) {
   const std::string address = multicast_address_of(url);
   std::vector<Finding> findings{
       {"url", Severity::kOk, url, ""}, check_loopback(), check_multicast_route(address)};
-  // Without a route LCM only repeats what the route check said, after a long wait.
+  // Without a route, LCM reports the same failure after a long wait.
   if (findings.back().severity == Severity::kOk) {
     findings.push_back(check_lcm_loopback(address));
     // Loopback is not needed where multicast works over another interface.

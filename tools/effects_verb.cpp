@@ -1,5 +1,5 @@
-// twinrate effects list [--json]: every effect known, its parameters with units and ranges, the
-// signals it needs.
+// twinrate effects list [--json]: all effects, their parameters with units and ranges, and the
+// signals that they need.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -20,7 +20,7 @@ constexpr const char* kSigns =
     "omega_m; voltages subtract from the applied phase voltage in rotor axes. Measured current = "
     "(1 + gain) true + offset.";
 
-// Which equations and readings an effect enters.
+// The equations and readings that an effect changes.
 std::string acts_on(const Effect& effect) {
   constexpr std::pair<int, const char*> kNames[] = {
       {kOnTorque, "T_load"},          {kOnVoltage, "u_dq"},          {kOnBus, "v_dc"},

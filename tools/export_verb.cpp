@@ -1,4 +1,4 @@
-// twinrate export LOG --format csv|mat|mcap: a log for other tools.
+// twinrate export LOG --format csv|mat|mcap: writes a log in a format of other tools.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -19,7 +19,7 @@ struct ExportOptions {
   bool json = false;
 };
 
-// Beside the log, with the format's ending.
+// Default path: that of the log with the suffix of the format.
 std::string beside(const std::string& log, const std::string& format) {
   std::filesystem::path path(log);
   if (std::filesystem::is_directory(path)) path /= "log.lcm";

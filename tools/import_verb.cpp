@@ -1,4 +1,4 @@
-// twinrate import FILE --map MAP.toml --out LOG: a measured CSV as an LCM log of this project.
+// twinrate import FILE --map MAP.toml --out LOG: converts a measured CSV to an LCM log.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -169,7 +169,7 @@ void add_import_verb(CLI::App& app, int& exit_code) {
   verb->callback([options, &exit_code] {
     try {
       import(*options);
-    } catch (const Stopped&) {  // half an import is not the recording
+    } catch (const Stopped&) {  // a partial log is not written
       fmt::print(stderr, "twinrate: import stopped, nothing written\n");
       exit_code = 1;
     }

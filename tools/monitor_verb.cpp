@@ -1,7 +1,7 @@
-// twinrate monitor add: effects into the model of a running drive.
+// twinrate monitor add: adds effects to the model of a running drive.
 //
-//   no file   what twinrate-monitor proposed is added
-//   FILE      [[effect]] tables of one's own, straight to estimator, gain and controller
+//   no file   the effects proposed by twinrate-monitor
+//   FILE      the [[effect]] tables of a file, sent to estimator, gain and controller
 #include <fmt/format.h>
 
 #include <fstream>
@@ -10,6 +10,7 @@
 #include <set>
 
 #include "core/process.hpp"
+#include "core/seconds_since.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -22,15 +23,11 @@ struct MonitorOptions {
   std::int64_t tick = 0;
 };
 
-constexpr double kPatience_s = 3, kRepeat_s = 0.1;
-
-double seconds_since(Clock::time_point then) {
-  return std::chrono::duration<double>(Clock::now() - then).count();
-}
+constexpr double kTimeout_s = 3, kRepeat_s = 0.1;
 
 request_t request_of(const MonitorOptions& o) {
   request_t request{};
-  request.seq = new_session_id();  // another one each time
+  request.seq = new_session_id();  // unique
   request.kind = static_cast<std::int32_t>(o.file.empty() ? RequestKind::kAddProposed
                                                           : RequestKind::kAddEffect);
   if (o.file.empty()) return request;
@@ -43,43 +40,43 @@ request_t request_of(const MonitorOptions& o) {
 }
 
 // Waits for a heartbeat: the request must carry the session of the drive.
-bool hear_session(Bus& bus) {
-  bool heard = false;
-  bus.subscribe<status_t>([&](const status_t&) { heard = true; });
+bool wait_for_heartbeat(Bus& bus) {
+  bool received = false;
+  bus.subscribe<status_t>([&](const status_t&) { received = true; });
   const auto begun = Clock::now();
-  while (!heard && seconds_since(begun) < kPatience_s) bus.handle(20);
-  return heard;
+  while (!received && seconds_since(begun) < kTimeout_s) bus.handle(20);
+  return received;
 }
 
-// The processes know the file's text as DRIVE_REQUEST.
-std::string in_users_words(const std::string& refusal, const std::string& file) {
-  const std::string theirs = std::string(kEffectsSource) + ":";
-  return refusal.starts_with(theirs) ? file + refusal.substr(theirs.size() - 1) : refusal;
+// The processes name the source of the text DRIVE_REQUEST; replaced by the file's name.
+std::string with_file_name(const std::string& refusal, const std::string& file) {
+  const std::string source = std::string(kEffectsSource) + ":";
+  return refusal.starts_with(source) ? file + refusal.substr(source.size() - 1) : refusal;
 }
 
 int add(const MonitorOptions& o) {
   const request_t request = request_of(o);
   Bus bus({.url = o.url, .channel_suffix = o.channel_suffix, .role = Role::kSupervisor});
   std::set<int> answered;
-  std::map<std::string, std::string> refused_by;  // by what was said
+  std::map<std::string, std::string> refused_by;  // refusal -> process
   bus.subscribe<reply_t>([&](const reply_t& reply) {
     if (reply.seq != request.seq || !answered.insert(reply.role).second) return;
     if (reply.accepted == 0) {
-      std::string& roles = refused_by[in_users_words(reply.text, o.file)];
+      std::string& roles = refused_by[with_file_name(reply.text, o.file)];
       roles += (roles.empty() ? "" : ", ") + std::string(role_name(reply.role));
       return;
     }
     const std::string from = fmt::format("from tick {} on", reply.applied_seq);
     fmt::print("{}: {}\n", role_name(reply.role), o.file.empty() ? "will be added" : from);
   });
-  if (!hear_session(bus)) {
+  if (!wait_for_heartbeat(bus)) {
     fmt::print(stderr, "twinrate: no drive on the bus\n");
     return 1;
   }
   const std::size_t wanted = o.file.empty() ? 1 : 3;
   const auto begun = Clock::now();
-  while (answered.size() < wanted && seconds_since(begun) < kPatience_s) {
-    bus.publish(request);  // whoever has it already gives the same answer
+  while (answered.size() < wanted && seconds_since(begun) < kTimeout_s) {
+    bus.publish(request);  // a process that has it repeats its answer
     const auto sent = Clock::now();
     while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
   }

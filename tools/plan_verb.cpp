@@ -38,7 +38,7 @@ std::vector<std::string> names_of(const std::string& list) {
   return names;
 }
 
-// Says on a terminal, or as JSON lines, how far it is.
+// Progress on a terminal or as JSON lines.
 class PlanProgress {
  public:
   explicit PlanProgress(bool json_lines)

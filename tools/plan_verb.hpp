@@ -1,4 +1,4 @@
-// The part of `twinrate trace` behind --plan: options, progress, files.
+// twinrate trace --plan: options, progress, files.
 #pragma once
 #include <CLI/CLI.hpp>
 #include <functional>
@@ -13,11 +13,11 @@ struct PlanOptions {
   PlanRequest request;
 };
 
-// --plan itself is returned; the others need it.
+// Returns the option --plan, which the other options need.
 CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& options);
 
-// Writes plan.toml, plan.json and plan.svg to `out`, which is there, and says what they hold.
-// `logs` reads those of --data. Throws BadInput.
+// Writes plan.toml, plan.json and plan.svg to the existing directory `out` and prints the plan.
+// `logs` reads the logs of --data. Throws BadInput.
 int plan_measurement(const PlanOptions& options, const Config& drive, const std::string& out,
                      bool json_lines, const std::function<std::vector<PlanLog>()>& logs);
 

@@ -1,8 +1,8 @@
-// twinrate replay: a recorded log back to the processes.
+// twinrate replay: replays a recorded log to the processes.
 //
-//   --lockstep   plays MEASUREMENT(k), waits for ESTIMATE(k), compares it with the logged one bit
-//                for bit
-//   --speed X    plays by the log's time stamps, X times as fast (1 by default)
+//   --lockstep   sends MEASUREMENT(k), waits for ESTIMATE(k), compares it bit for bit with the
+//                logged one
+//   --speed X    sends the messages at the log's time stamps, X times as fast (default 1)
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -73,7 +73,7 @@ int replay(const ReplayOptions& o) {
   const BusParameters parameters = config.read<BusParameters>();
   std::unique_ptr<OwnEstimator> own;
   const std::int64_t session = new_session_id();
-  if (!estimator_heard(o.bus)) {
+  if (!estimator_on_bus(o.bus)) {
     fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
     own = std::make_unique<OwnEstimator>(log.config_toml, o.bus, session);
   }

@@ -1,4 +1,4 @@
-// twinrate report RUN_DIR|LOG.. -> one HTML page
+// twinrate report RUN_DIR|LOG..: writes one HTML page.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -32,13 +32,13 @@ std::string text_of(const fs::path& path) {
   return text.str();
 }
 
-// Where the run's other files are: the directory itself, or the one that log.lcm is in.
+// A file of the run: in the run directory, or in the directory of log.lcm.
 fs::path beside(const fs::path& path, const char* name) {
   if (fs::is_directory(path)) return path / name;
   return path.filename() == "log.lcm" ? path.parent_path() / name : fs::path();
 }
 
-// The config travels in the log; a foreign log may have it beside itself or be given one.
+// The config in the log; for a log without one, the given file or the one beside the log.
 Config config_of(const RunLog& log, const std::string& given) {
   if (!given.empty()) return Config::load(given);
   if (!log.config_toml.empty()) return Config::parse(log.config_toml, log.path + " (config)");
@@ -67,7 +67,7 @@ LoadedRun load(const std::string& path, const ReportArguments& arguments) {
   return {std::move(log), std::move(config), std::move(summary)};
 }
 
-// RUN_DIR/report.html, or LOG.html beside a log file; a comparison goes to the current directory.
+// RUN_DIR/report.html, LOG.html beside a log file, or the current directory for a comparison.
 std::string default_out(const std::vector<std::string>& paths) {
   if (paths.size() > 1) return "comparison.html";
   const fs::path path = paths.front();

@@ -1,4 +1,4 @@
-# Sourced by tools/demo and tools/test: installs what is missing, or says what to install.
+# Sourced by tools/demo and tools/test: installs missing packages, or prints the command to install them.
 
 # The packages of a group in tools/packages.txt.
 packages_of() {
@@ -8,7 +8,7 @@ packages_of() {
 
 installed() { dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'install ok installed'; }
 
-# ensure_packages GROUP...: leaves with exit code 3 where something is missing and may not be installed.
+# ensure_packages GROUP...: exits with code 3 if a package is missing and cannot be installed.
 ensure_packages() {
   local missing=() package group sudo=()
   for group in "$@"; do
@@ -30,7 +30,7 @@ ensure_packages() {
     "${missing[@]}" >/dev/null
 }
 
-# build PRESET [TARGET..]: configure and build, quietly unless something goes wrong.
+# build PRESET [TARGET..]: configures and builds; prints the output only after a failure.
 build() {
   local log preset=$1
   shift

@@ -1,5 +1,5 @@
-// twinrate sweep fb: how slowly may the gain be computed? And sweep merge: one result out of
-// shards.
+// twinrate sweep fb: the slowest gain update rate f_bmin that keeps synchronism. sweep merge:
+// merges shards.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -50,7 +50,7 @@ int sweep_fb(SweepOptions o) {
         directory);
     return 1;
   }
-  if (o.plan.shards > 1) return 0;  // sweep merge
+  if (o.plan.shards > 1) return 0;  // the result is written by sweep merge
   write_result(o.plan, config, directory, read_points(directory + "/points.csv"), o.json);
   return 0;
 }

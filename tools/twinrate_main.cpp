@@ -1,4 +1,4 @@
-// twinrate: the user's front end. Each verb stands in its own file.
+// twinrate: the command line. Each verb has its own file.
 #include <fmt/format.h>
 
 #include <cstdio>

@@ -1,8 +1,6 @@
-// The verbs of `twinrate`, one file each: every add_*_verb() hangs its sub-command and callback
-// into the program.
+// The verbs of `twinrate`, one in each file: add_*_verb() adds its sub-command and callback.
 //
-// A callback returns normally for exit code 0, throws BadInput for 2, and sets `exit_code` for
-// anything else.
+// A callback returns for exit code 0, throws BadInput for 2, and sets `exit_code` for other codes.
 #pragma once
 #include <CLI/CLI.hpp>
 

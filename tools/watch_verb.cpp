@@ -21,7 +21,7 @@ struct WatchOptions {
   bool once = false, json = false;
 };
 
-// Shows the view: in place on a terminal, one block or JSON line a second otherwise.
+// Prints the view: in place on a terminal, else one block or JSON line a second.
 class Screen {
  public:
   explicit Screen(const WatchOptions& options)
@@ -46,7 +46,7 @@ class Screen {
     const bool known = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 20;
     return known ? size.ws_col - 1u : 0u;
   }
-  // Nothing new is not shown again; a silence is said once.
+  // Prints only after new messages; reports a silence once.
   void print_plain(const Watcher& watcher, const std::string& url) {
     const std::string silence = silence_text(watcher, url);
     if (!silence.empty() && !said_silence_)
@@ -67,7 +67,7 @@ class Screen {
   std::ptrdiff_t lines_ = 0;
 };
 
-// 0: until Ctrl-C.
+// Duration in s; 0: until Ctrl-C.
 double duration_of(const WatchOptions& options) {
   if (options.duration.empty()) return options.once ? 1.0 : 0.0;
   const std::string text = seconds_text(options.duration);
@@ -88,7 +88,7 @@ void begin_interval(Watcher& watcher) {
   for (WatchedChannel& account : watcher.channels()) account.begin_interval(now_us);
 }
 
-// One look: from the first message on, if one comes within three seconds.
+// One view: `duration_s` from the first message on; waits at most 3 s for it.
 void watch_once(Watcher& watcher, Screen& screen, const std::string& url, double duration_s) {
   const std::int64_t waiting_since_us = wall_clock_us();
   while (!stop_signalled() && watcher.heard() == 0 && since_s(waiting_since_us) < 3)
@@ -114,7 +114,7 @@ void watch_on(Watcher& watcher, Screen& screen, const std::string& url, double d
   }
 }
 
-// Which of the wanted roles has not yet said that it is ready, "" where all have.
+// The wanted roles that are not ready; "" if all are.
 std::string not_ready(const Watcher& watcher, const std::vector<std::string>& wanted) {
   std::string missing;
   for (const std::string& role : wanted) {
@@ -128,7 +128,8 @@ std::string not_ready(const Watcher& watcher, const std::vector<std::string>& wa
   return missing;
 }
 
-// For scripts: instead of sleeping, wait for the heartbeats of what was started.
+// For scripts: waits for the heartbeats of the wanted processes.
+
 int wait_until_ready(Watcher& watcher, const WatchOptions& options) {
   const std::vector<std::string> wanted = CLI::detail::split(options.until_ready, ',');
   for (const std::string& role : wanted)

@@ -20,7 +20,7 @@ double two_orders(double theta_m) {
   return 0.7 + 0.05 * std::sin(12 * theta_m + 0.4) + 0.02 * std::sin(72 * theta_m - 1.1);
 }
 
-// theta_m(t) = omega t plus a speed that swings by `swing` twice and a bit a second.
+// theta_m(t) = omega t plus an oscillation of the speed by `swing` at just over 2 Hz.
 Samples sample(double omega_m, double swing, double duration_s, double rate_Hz,
                const std::function<double(double)>& signal = two_orders) {
   Samples s;
@@ -33,7 +33,7 @@ Samples sample(double omega_m, double swing, double duration_s, double rate_Hz,
   return s;
 }
 
-// Orders 12 and 72 as put in, nothing anywhere else.
+// Orders 12 and 72 as generated, all others zero.
 void expect_two_orders(const OrderSpectrum& spectrum, double tolerance) {
   ASSERT_GE(spectrum.amplitude.size(), 72u);
   EXPECT_NEAR(spectrum.mean, 0.7, tolerance);
@@ -60,7 +60,7 @@ TEST(OrderSpectrum, GivesTheSamePhasesInEitherDirection) {
   expect_two_orders(spectrum, 1e-9);
 }
 
-TEST(OrderSpectrum, StandsJitterAndGaps) {
+TEST(OrderSpectrum, IsExactWithJitterAndGaps) {
   std::mt19937_64 random(7);
   std::uniform_real_distribution<double> uniform(-1, 1);
   Samples s;
@@ -121,7 +121,7 @@ TEST(OrderSpectrum, OfAReversalUsesTheLongerDirection) {
   EXPECT_NEAR(spectrum.amplitude[2], 1, 1e-9);
 }
 
-TEST(OrderSpectrum, LeavesOutWhatIsNotFiniteAndWhatCannotBeResolved) {
+TEST(OrderSpectrum, IgnoresSamplesNotFiniteAndOrdersNotResolved) {
   Samples s = sample(12.0, 0, 3.0, 200);  // 105 samples a turn
   s.signal[50] = std::numeric_limits<double>::quiet_NaN();
   s.theta_m[90] = std::numeric_limits<double>::infinity();
@@ -134,19 +134,19 @@ TEST(OrderSpectrum, LeavesOutWhatIsNotFiniteAndWhatCannotBeResolved) {
   EXPECT_NEAR(spectrum.amplitude[4], 1, 1e-9);
 }
 
-TEST(OrderSpectrum, RmsIsThatOfTheOrdersAskedFor) {
+TEST(OrderSpectrum, RmsIsThatOfTheRequestedOrders) {
   OrderSpectrum spectrum;
   spectrum.amplitude = {3, 4, 100};
   EXPECT_NEAR(spectrum.rms(2), 5 / std::sqrt(2.0), 1e-12);
 }
 
-TEST(OrderSpectrum, OfNothingIsEmpty) {
+TEST(OrderSpectrum, WithoutSamplesIsEmpty) {
   EXPECT_EQ(order_spectrum({}, {}, 5).turns, 0);
   const std::vector<double> still(100, 1.0);
   EXPECT_EQ(order_spectrum(still, still, 5).turns, 0);
 }
 
-// Two shapes that share one of two orders.
+// Two shapes with one of two orders in common.
 TEST(OrderSpectrum, ShapeCorrelationIsThatOfTheSignals) {
   const std::size_t count = 5000;
   std::vector<double> theta_m(count), first(count), second(count);
@@ -171,7 +171,7 @@ TEST(OrderSpectrum, ShapeCorrelationIsThatOfTheSignals) {
   EXPECT_NEAR(a.at(0.5, 20), 3 * std::sin(1.0) + std::sin(3.8), 1e-9);
 }
 
-// Of white noise of variance 1 the amplitudes are Rayleigh distributed with sigma = sqrt(2/count).
+// The amplitudes of white noise of variance 1 are Rayleigh distributed with sigma = sqrt(2/count).
 TEST(OrderSpectrum, NoiseIsTheMedianAmplitude) {
   const std::size_t count = 20000;
   std::vector<double> theta_m(count), signal(count);
@@ -186,7 +186,7 @@ TEST(OrderSpectrum, NoiseIsTheMedianAmplitude) {
   EXPECT_GT(spectrum.noise(200), 0.85 * expected);
   EXPECT_LT(spectrum.noise(200), 1.15 * expected);
   for (std::size_t N = 1; N <= 200; ++N)
-    EXPECT_EQ(spectrum.amplitude[N - 1] > kStandsOut * spectrum.noise(200), N == 11) << N;
+    EXPECT_EQ(spectrum.amplitude[N - 1] > kDetectionRatio * spectrum.noise(200), N == 11) << N;
 }
 
 }  // namespace

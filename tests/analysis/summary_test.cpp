@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-constexpr double kOmegaM = 50;  // speed of the made-up runs, mechanical
+constexpr double kOmegaM = 50;  // speed of the synthetic runs, mechanical
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 DriveConfig drive() {
@@ -24,7 +24,7 @@ DriveConfig drive() {
   return config;
 }
 
-// A run at constant speed whose estimate is exact; the tests then spoil it.
+// A run at constant speed with an exact estimate; the tests modify it.
 RunLog steady_run(const DriveConfig& config) {
   RunLog log;
   for (std::int64_t k = 0; k < config.steps(); ++k) {
@@ -71,7 +71,7 @@ void put_angle_error(RunLog& log, std::size_t first, std::size_t last, double er
     log.estimate[k].theta_e = wrap_turn(4 * log.truth[k].theta_m + error_rad);
 }
 
-TEST(Summary, FiguresAreThoseOfTheWindow) {
+TEST(Summary, FiguresUseOnlyTheWindow) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 0, 500, 1.0);
@@ -115,7 +115,7 @@ TEST(Summary, IsLostByOneAngleErrorBeyondAQuarterTurnInTheWindow) {
   EXPECT_NE(s.lost_why.find("angle"), std::string::npos);
 }
 
-TEST(Summary, StartUpDoesNotJudgeTheRunButDatesTheLoss) {
+TEST(Summary, StartUpDoesNotDecideTheVerdictButTheTimeOfTheLoss) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 200, 210, 2.0);
@@ -127,8 +127,8 @@ TEST(Summary, StartUpDoesNotJudgeTheRunButDatesTheLoss) {
   EXPECT_NEAR(*summarise(log, config).lost_at_s, 1.5, 1e-9) << "a forced angle is no loss";
 }
 
-// 20 % off for 19 ticks of 1 ms is allowed, for 20 is not, whether in one go or not.
-TEST(Summary, IsLostByTwentyMillisecondsAwayFromAConstantReference) {
+// 20 % off for 19 ticks of 1 ms is allowed, for 20 ticks it is not, consecutive or not.
+TEST(Summary, IsLostByTwentyMillisecondsOffAConstantReference) {
   const DriveConfig config = drive();
   const auto locked_with = [&](int ticks, double share) {
     RunLog log = steady_run(config);
@@ -144,7 +144,7 @@ TEST(Summary, IsLostByTwentyMillisecondsAwayFromAConstantReference) {
   EXPECT_EQ(locked_with(100, 0.19), true);
 }
 
-TEST(Summary, ForgivesTheSpeedForATenthOfASecondAfterTheReferenceMoved) {
+TEST(Summary, DoesNotJudgeTheSpeedForATenthOfASecondAfterAChangeOfTheReference) {
   const DriveConfig config = drive();
   const auto locked_until = [&](std::size_t last) {
     RunLog log = steady_run(config);
@@ -157,14 +157,14 @@ TEST(Summary, ForgivesTheSpeedForATenthOfASecondAfterTheReferenceMoved) {
   EXPECT_EQ(locked_until(1120), false);
 }
 
-TEST(Summary, AReferenceOfZeroHasNoTwentyPercent) {
+TEST(Summary, DoesNotJudgeTheSpeedAtAReferenceOfZero) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   for (Command& c : log.command) c.omega_m_ref = 0;
   EXPECT_EQ(summarise(log, config).locked, true);
 }
 
-TEST(Summary, IsLostByWhatIsNotFinite) {
+TEST(Summary, IsLostByAStateThatIsNotFinite) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   log.estimate[900].theta_e = kNaN;
@@ -226,7 +226,7 @@ TEST(Summary, WithoutTruthTheMeasuredPositionIsTheReference) {
 }
 
 // 1440 counts at 1 kHz step the tick-to-tick speed by 4.4 rad/s; the slope over 10 ms does not.
-TEST(Summary, AnEncodersQuantisationIsNotTakenForSpeed) {
+TEST(Summary, TheReferenceSpeedAveragesTheQuantisationOfAnEncoder) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   const double step = kTwoPi / 1440;
@@ -235,7 +235,7 @@ TEST(Summary, AnEncodersQuantisationIsNotTakenForSpeed) {
   EXPECT_LT(*summarise(log, config).speed_error_rms, 0.3);
 }
 
-TEST(Summary, WithNothingToCompareWithThereIsNoVerdict) {
+TEST(Summary, WithoutAReferenceAngleThereIsNoVerdict) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   log.truth.clear();
@@ -254,14 +254,14 @@ TEST(Summary, CountsGainsAndTheirVariance) {
   const RunLog log = steady_run(config);
   const Summary s = summarise(log, config);
   EXPECT_EQ(s.gains_used, 399);
-  // The window's first gain is the one of tick 495, computed in the start-up.
+  // The first gain in the window is that of tick 495, computed before the window.
   EXPECT_NEAR(*s.P44_max, 9.0, 1e-9);
   EXPECT_NEAR(*s.P44_min, 0.405, 1e-9);
   config.estimator.kind = "ekf_disturbance";
   EXPECT_FALSE(summarise(log, config).P44_min.has_value());
 }
 
-TEST(Summary, CountsTicksTheLogMisses) {
+TEST(Summary, CountsTicksMissingInTheLog) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   log.estimate.erase(log.estimate.begin() + 700, log.estimate.begin() + 703);
@@ -309,7 +309,7 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
   EXPECT_EQ(json["policy"], "paper");
 }
 
-TEST(Summary, JsonSaysNullForWhatCouldNotBeFormed) {
+TEST(Summary, JsonHasNullForAnEmptyFigure) {
   const DriveConfig config = drive();
   Summary s;
   s.angle_error_rms = kNaN;

@@ -169,8 +169,8 @@ Finding check_disk() {
 std::string multicast_address_of(const std::string& url) {
   constexpr std::string_view kScheme = "udpm://";
   if (!url.starts_with(kScheme)) return kDefaultMulticastAddress;
-  const std::string rest = url.substr(kScheme.size());
-  const std::string address = rest.substr(0, rest.find_first_of(":?/"));
+  const std::string address_and_port = url.substr(kScheme.size());
+  const std::string address = address_and_port.substr(0, address_and_port.find_first_of(":?/"));
   return address.empty() ? kDefaultMulticastAddress : address;
 }
 

@@ -1,5 +1,5 @@
-// What `twinrate doctor` looks at: each check is one finding, and a finding that is not ok names
-// its mend.
+// The checks of `twinrate doctor`. Each returns one finding; a finding that is not ok has the
+// command that mends it.
 #pragma once
 #include <string>
 #include <vector>
@@ -12,16 +12,16 @@ struct Finding {
   std::string check;
   Severity severity = Severity::kOk;
   std::string text;
-  std::string mend;  // a command; empty where ok
+  std::string mend;  // a command; empty if ok
 };
 
-// Receive buffer the logger asks for (recv_buf_size of its URL), bytes.
+// Receive buffer requested by the logger (recv_buf_size of its URL), bytes.
 inline constexpr long kWantedReceiveBuffer = 4194304;
 
 Finding check_loopback();
 Finding check_multicast_route(const std::string& address);
-// Publishes to itself through LCM on a private random port of `address`, in a child process (an LCM
-// object whose own self-test failed aborts when used). Takes up to 5 s where nothing comes back.
+// Sends messages to itself over LCM on a random port of `address`, in a child process (an LCM
+// object aborts when used after its failed self-test). Takes up to 5 s if no message arrives.
 Finding check_lcm_loopback(const std::string& address);
 Finding check_receive_buffer();
 Finding check_cpus();
@@ -31,7 +31,7 @@ Finding check_governor();
 Finding check_stock_tools();
 Finding check_disk();
 
-// The group of an LCM URL "udpm://ADDRESS:PORT?..."; that of the default where it names none.
+// The multicast address of an LCM URL "udpm://ADDRESS:PORT?..."; the default one if it has none.
 std::string multicast_address_of(const std::string& url);
 
 }  // namespace twinrate

@@ -20,9 +20,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr int kMessages = 100;
-constexpr int kPatience_ms = 5000;
+constexpr int kTimeout_ms = 5000;
 
-// What the child hands back through the pipe.
+// Result of the child, sent through the pipe.
 struct Outcome {
   int heard = 0;
   double worst_us = 0, mean_us = 0;
@@ -45,7 +45,7 @@ Outcome talk_to_itself(const std::string& url) {
   Ear ear;
   lcm::LCM bus(url);
   if (!bus.good() || !bus.subscribe("TWINRATE_DOCTOR", &Ear::hear, &ear)) return outcome;
-  if (bus.getFileno() < 0) return outcome;  // LCM's own self-test failed: handling would abort
+  if (bus.getFileno() < 0) return outcome;  // LCM's self-test failed: handle() would abort
   const char text[] = "hello";
   for (int i = 0; i < kMessages; ++i) {
     const auto sent = Clock::now();
@@ -63,17 +63,17 @@ Outcome talk_to_itself(const std::string& url) {
 
 [[noreturn]] void be_the_child(const std::string& url, int pipe_out) {
   const int nowhere = open("/dev/null", O_WRONLY | O_CLOEXEC);
-  dup2(nowhere, STDERR_FILENO);  // LCM prints its own advice, which is not this machine's
+  dup2(nowhere, STDERR_FILENO);  // hides LCM's general advice
   const Outcome outcome = talk_to_itself(url);
   const bool told = write(pipe_out, &outcome, sizeof outcome) == sizeof outcome;
   _exit(told ? 0 : 1);
 }
 
-// Waits for the child's answer; nothing where it does not come in time.
+// Waits for the result of the child; empty after the time-out.
 Outcome answer_of(pid_t child, int pipe_in) {
   Outcome outcome;
   pollfd waiting{.fd = pipe_in, .events = POLLIN, .revents = 0};
-  const bool answered = poll(&waiting, 1, kPatience_ms) == 1 &&
+  const bool answered = poll(&waiting, 1, kTimeout_ms) == 1 &&
                         read(pipe_in, &outcome, sizeof outcome) == sizeof outcome;
   if (!answered) kill(child, SIGKILL);
   waitpid(child, nullptr, 0);

@@ -99,7 +99,7 @@ KeyValues show(const reply_t& r) {
 KeyValues show(const ack_t& a) {
   return {{{"missing", static_cast<double>(a.n_missing)}}, ""};
 }
-// The processes' own table shows these.
+// Shown in the table of processes.
 KeyValues show(const status_t&) {
   return {};
 }

@@ -1,4 +1,4 @@
-// The few fields of a message that a person wants to see, by the names of lcmtypes/.
+// The main fields of a message, with the names of lcmtypes/.
 #pragma once
 #include <cstdint>
 #include <string>

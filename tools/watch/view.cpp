@@ -11,14 +11,14 @@ namespace twinrate {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double kSilence_s = 3;
+constexpr double kMaxSilence_s = 3;
 
 std::string state_name(int state) {
   const bool known = state >= 0 && state < static_cast<int>(std::size(kProcessStateNames));
   return known ? kProcessStateNames[state] : fmt::format("state {}", state);
 }
 
-// Cut to the terminal's width, so that a redraw finds its lines again.
+// Lines are cut to the width of the terminal: a redraw relies on the number of lines.
 void add_line(std::string& text, std::string line, std::size_t width) {
   if (width > 0 && line.size() > width) line.resize(width);
   text += line + "\n";
@@ -72,7 +72,7 @@ Json process_json(const status_t& s) {
 }  // namespace
 
 std::string silence_text(const Watcher& watcher, const std::string& url) {
-  if (watcher.silent_s() < kSilence_s) return "";
+  if (watcher.silent_s() < kMaxSilence_s) return "";
   return fmt::format("nothing heard on {} for {:.0f} s: is a drive running? try twinrate doctor",
                      url, watcher.silent_s());
 }

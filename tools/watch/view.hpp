@@ -1,4 +1,4 @@
-// What `twinrate watch` shows, as text for people and as one JSON line.
+// The view of `twinrate watch`, as text and as one JSON line.
 #pragma once
 #include <string>
 
@@ -6,7 +6,7 @@
 
 namespace twinrate {
 
-// Several lines, each ended; `width` 0: unlimited. Says so where nothing was heard lately.
+// Lines with line ends; `width` 0: unlimited. Reports a silent bus.
 std::string view_text(const Watcher& watcher, const std::string& url, std::size_t width);
 std::string view_json(const Watcher& watcher, const std::string& url);
 

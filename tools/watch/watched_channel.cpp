@@ -11,7 +11,7 @@ std::int64_t big_endian_64(const std::uint8_t* bytes) {
   return static_cast<std::int64_t>(value);
 }
 
-// One message a tick.
+// True for channels with one message a tick.
 bool ticks(Channel channel) {
   return channel == Channel::kMeasurement || channel == Channel::kTruth ||
          channel == Channel::kEstimate || channel == Channel::kReference ||

@@ -1,9 +1,9 @@
-// What came on one channel: how many, how fast, what is missing, how late after the MEASUREMENT
-// that caused it.
+// Statistics of one channel: count, rate, gaps, latency after the MEASUREMENT that caused a
+// message.
 //
-// Only the common header of a message is read here (fingerprint, seq, t_ns, session; big-endian, 8
-// bytes each), so that a watcher keeps up with a lock-step run at full speed; the newest message is
-// kept whole.
+// Only the common header of a message is decoded (fingerprint, seq, t_ns, session; big-endian, 8
+// bytes each), which is fast enough for a lock-step run at full speed. The newest message is
+// stored.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -17,14 +17,14 @@ namespace twinrate {
 struct MessageHeader {
   std::int64_t seq, t_ns, session;
 };
-// Empty where the message is too short to have a header.
+// Empty if the message is shorter than the header.
 std::optional<MessageHeader> read_header(const std::uint8_t* bytes, std::size_t size);
 
-// Arrival times of the last ticks' MEASUREMENT, microseconds.
+// Arrival times of MEASUREMENT for the last ticks, microseconds.
 class TickTimes {
  public:
   void note(std::int64_t seq, std::int64_t arrival_us);
-  // Empty where that tick's MEASUREMENT was not seen lately.
+  // Empty if MEASUREMENT(seq) is not among the last ticks.
   std::optional<std::int64_t> find(std::int64_t seq) const;
 
  private:
@@ -46,8 +46,8 @@ class WatchedChannel {
 
   Channel channel() const { return channel_; }
   std::int64_t messages() const { return messages_; }
-  std::int64_t gaps() const { return gaps_; }        // sequence numbers left out
-  std::int64_t repeats() const { return repeats_; }  // a number that was already heard
+  std::int64_t gaps() const { return gaps_; }        // missing sequence numbers
+  std::int64_t repeats() const { return repeats_; }  // repeated sequence numbers
   std::int64_t last_seq() const { return last_seq_; }
   std::int64_t last_t_ns() const { return last_t_ns_; }
   double rate_Hz(std::int64_t now_us) const;  // over the present interval
@@ -62,7 +62,7 @@ class WatchedChannel {
   Channel channel_;
   std::int64_t messages_ = 0, gaps_ = 0, repeats_ = 0;
   std::int64_t last_seq_ = -1, last_t_ns_ = 0, last_arrival_us_ = 0;
-  std::int64_t stride_ = 0;  // of GAIN: the smallest step seen
+  std::int64_t stride_ = 0;  // smallest step of GAIN's sequence numbers
   std::int64_t interval_start_us_ = 0, interval_messages_ = 0;
   double latency_sum_us_ = 0, latency_max_us_ = 0;
   std::int64_t latency_count_ = 0;

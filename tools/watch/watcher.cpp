@@ -44,7 +44,7 @@ Watcher::Watcher(const std::string& url, const std::string& channel_suffix)
     ears_.push_back(std::make_unique<Ear>(Ear{this, channel.channel}));
     lcm::Subscription* subscription =
         lcm_.subscribe(channel.name + channel_suffix, &Ear::hear, ears_.back().get());
-    // The first subscription runs LCM's self-test; where it fails the instance must not be used.
+    // The first subscription runs LCM's self-test. The instance must not be used after a failure.
     if (!subscription || lcm_.getFileno() < 0)
       throw MachineError("the LCM self-test failed; try twinrate doctor");
     subscription->setQueueCapacity(0);
@@ -52,7 +52,7 @@ Watcher::Watcher(const std::string& url, const std::string& channel_suffix)
 }
 
 void Watcher::listen(int timeout_ms) {
-  // A signal ends the wait early; the caller looks at it.
+  // A signal ends the wait early; the caller handles it.
   if (lcm_.handleTimeout(timeout_ms) <= 0) return;
   const std::int64_t enough_us = wall_clock_us() + 50'000;
   while (wall_clock_us() < enough_us && lcm_.handleTimeout(0) > 0) {

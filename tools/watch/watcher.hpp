@@ -1,8 +1,8 @@
-// Hears every channel of a drive and keeps account; `twinrate watch` shows it.
+// Subscribes to all channels of a drive and keeps their statistics, for `twinrate watch`.
 //
-// Follows one session: the first one heard, and the next one when that falls silent for a second;
-// messages of other sessions are only counted. Never loses a message by itself: the queue is
-// unbounded and the socket's buffer large.
+// Follows one session: the first one received, and another one after 1 s of silence. Messages of
+// other sessions are counted. The queue is unbounded and the socket buffer large, so that the
+// watcher loses no message.
 #pragma once
 #include <deque>
 #include <lcm/lcm-cpp.hpp>
@@ -22,10 +22,10 @@ struct WatchedEvent {
 
 class Watcher {
  public:
-  // `url` as resolve_url() gives it. Throws MachineError where LCM cannot work here.
+  // `url`: from resolve_url(). Throws MachineError if LCM does not work on this machine.
   Watcher(const std::string& url, const std::string& channel_suffix);
 
-  // Handles what arrives within `timeout_ms`, and everything that waits behind it.
+  // Handles the messages that arrive within `timeout_ms`, and all that are queued.
   void listen(int timeout_ms);
 
   std::vector<WatchedChannel>& channels() { return channels_; }
