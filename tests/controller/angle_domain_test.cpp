@@ -24,7 +24,7 @@ LoopModel loop() {
           .T_d = 1.5e-4};
 }
 
-// That loop in time, with a disturbance torque over the angle; its voltage acts T_d late.
+// The loop in time domain with a disturbance torque over the angle; its voltage acts T_d late.
 struct Drive {
   LoopModel m = loop();
   double i_q = 0, omega_m = 0, p = 0, theta_m = 0, u_applied = 0, u_next = 0;
@@ -75,7 +75,7 @@ TEST(AngleDomain, VoltageForAConstantTorqueIsTheStaticFeedForward) {
   EXPECT_NEAR(loop().voltage_for_torque(0).real(), (1.05 / 117.7 + 0.08) / 1.14, 1e-12);
 }
 
-// H against the loop in time: the speed that a torque of one order really makes.
+// H against the loop in time domain: the speed caused by a torque of one order.
 TEST(AngleDomain, ModelOfTheLoopIsTheLoop) {
   for (const double omega : {20.0, 80.0, 300.0}) {
     Drive drive;

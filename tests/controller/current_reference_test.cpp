@@ -9,12 +9,12 @@ MachineParameters ipmsm() {
   return {.R_s = 11, .L_d = 0.05635, .L_q = 0.133, .psi_f = 0.285, .J = 1e-4, .B = 2e-4, .n_p = 2};
 }
 
-// Torque by the flux linkages, written out once more.
+// Torque from the flux linkages, independent of the product.
 double torque(const MachineParameters& m, const Vec2& i) {
   return 1.5 * m.n_p * ((m.psi_f + m.L_d * i[0]) * i[1] - m.L_q * i[1] * i[0]);
 }
 
-// Smallest current that makes a torque, by walking along i_d.
+// Smallest current for a torque, by a scan over i_d.
 double smallest_current(const MachineParameters& m, double T) {
   double best = 1e9;
   for (double i_d = -3; i_d <= 3; i_d += 1e-5) {

@@ -39,7 +39,7 @@ struct Bench {
   Reference r;
 };
 
-TEST(Foc, ItsCurrentReferenceStaysOnTheCurrentLimitWhateverIsAsked) {
+TEST(Foc, CurrentReferenceStaysWithinTheLimitForEveryDemand) {
   for (double i_d_ref : {0.0, -1.8, 2.4, -99.0}) {
     for (double omega_m_ref : {1e5, -1e5}) {
       Bench bench({"reference.slew_rad_s2=0"});
@@ -55,7 +55,7 @@ TEST(Foc, ItsCurrentReferenceStaysOnTheCurrentLimitWhateverIsAsked) {
   }
 }
 
-TEST(Foc, ItsVoltageStaysInTheCircleThatTheBusAllows) {
+TEST(Foc, VoltageStaysInTheCircleOfTheBus) {
   Bench bench({"reference.slew_rad_s2=0"});
   bench.r.omega_m_ref = 1e4;
   for (int k = 0; k < 100; ++k) {
@@ -88,7 +88,7 @@ TEST(Foc, FeedsTheCouplingAndTheEmfForwardWithTheirSigns) {
   }
 }
 
-TEST(Foc, TurnsTheVoltageToWhereTheRotorIsWhenItActs) {
+TEST(Foc, AdvancesTheVoltageToTheAngleAtWhichItActs) {
   // Computation delay and half the hold: 1.5 samples; with no delay, half a sample.
   for (int delay : {0, 1, 2}) {
     Bench bench({fmt::format("plant.delay_samples={}", delay)});
@@ -156,7 +156,7 @@ TEST(Foc, CompensationFeedsTheEffectsTorqueForward) {
   }
 }
 
-TEST(Foc, RepeatsItsLastCommandOnInputsThatAreNotFiniteAndGoesOnAfterwards) {
+TEST(Foc, RepeatsItsLastCommandOnInputsThatAreNotFiniteAndContinuesAfterwards) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   Bench broken, sound;
   for (Bench* bench : {&broken, &sound}) {

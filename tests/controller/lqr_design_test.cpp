@@ -55,7 +55,7 @@ TEST(LqrDesign, FeedForwardHoldsTheSpeedUnderLoadByItself) {
   EXPECT_NEAR(d.K_pp * u, m.R_s * i_q, 1e-9);
 }
 
-TEST(LqrDesign, BandwidthsComeOutAsPoles) {
+TEST(LqrDesign, PolesAreTheGivenBandwidths) {
   LqrDesignParameters p{.gains = GainSource::kBandwidths};
   p.bandwidth_q_Hz[0] = 150, p.bandwidth_q_Hz[1] = 12, p.bandwidth_q_Hz[2] = 4;
   const LqrDesign d = design(p);
@@ -68,7 +68,7 @@ TEST(LqrDesign, BandwidthsComeOutAsPoles) {
   EXPECT_NEAR(f_Hz[2], 150, 2);
 }
 
-TEST(LqrDesign, SaysThatBandwidthsBelowTheOpenLoopAreInconsistent) {
+TEST(LqrDesign, ReportsBandwidthsBelowTheOpenLoop) {
   LqrDesignParameters p{.gains = GainSource::kBandwidths};
   for (double& f : p.bandwidth_q_Hz) f = 2;  // R_s/L_q alone is 13 Hz
   const LqrDesign d = design(p);
@@ -76,7 +76,7 @@ TEST(LqrDesign, SaysThatBandwidthsBelowTheOpenLoopAreInconsistent) {
   EXPECT_NE(d.q.complaints[0].find("i_q"), std::string::npos);
 }
 
-TEST(LqrDesign, SaysThatAWeightOfZeroOnTheIntegralIsInconsistent) {
+TEST(LqrDesign, ReportsAWeightOfZeroOnTheIntegral) {
   LqrDesignParameters p{.gains = GainSource::kNumbers};
   p.Q_q[2] = 0;
   EXPECT_FALSE(design(p).q.complaints.empty());
@@ -92,7 +92,7 @@ TEST(LqrDesign, DeviationsAreTheirInverseSquaresAsWeights) {
   EXPECT_LT((design(deviations).q.K - design(weights).q.K).norm(), 1e-12);
 }
 
-TEST(LqrDesign, GivenGainsThatDoNotStabiliseAreSaid) {
+TEST(LqrDesign, ReportsGivenGainsThatDoNotStabilise) {
   LqrDesignParameters p;
   p.K_q[2] = -4.05;
   EXPECT_FALSE(design(p).q.complaints.empty());

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kKpp = 117.7;
 
-// One tick at a chosen state; K_ff and p start at nothing.
+// One tick at a chosen state; K_ff and p start at zero.
 struct Bench {
   explicit Bench(const test::Overrides& overrides = {})
       : config(test::load("niewiara2020", overrides)), controller(make_controller(config)) {
@@ -65,11 +65,11 @@ TEST(Lqr, SwitchingTheCompensationDoesNotMoveTheVoltage) {
   EXPECT_EQ(switched, 1);
 }
 
-// MPAC: the voltage that lands i_q on the limit, seen through the voltage already on its way.
+// MPAC: the voltage that brings i_q to the limit, including the pending voltage.
 TEST(Lqr, LandsTheCurrentOnItsLimit) {
   Bench bench({"controller.compensation=off", "plant.delay_samples=0", "controller.lqr.i_max_A=3"});
   bench.e.i_dq = {0, 2.5};
-  bench.r.omega_m_ref = 1e5;  // wants far too much
+  bench.r.omega_m_ref = 1e5;  // far beyond the limits
   double u_q = 0;
   for (int k = 0; k < 40; ++k) u_q = bench.u_dq()[1];
   EXPECT_NEAR(2.5 + 1e-4 / 12.7e-3 * (u_q - 1.05 * 2.5), 3.0, 1e-6);
@@ -100,7 +100,7 @@ TEST(Lqr, RepeatsItsLastCommandOnInputsThatAreNotFinite) {
   EXPECT_EQ(after.u_alphabeta_ref, before.u_alphabeta_ref);
 }
 
-TEST(Lqr, RefusesAStartItCannotMake) {
+TEST(Lqr, RefusesAnUnsupportedStart) {
   Config config = test::load("niewiara2020", {"start=align_if"});
   EXPECT_THROW(make_controller(config), BadInput);
 }

@@ -17,7 +17,7 @@ TEST(Pi, AConstantErrorGivesAStepAndARamp) {
   }
 }
 
-TEST(Pi, APositiveErrorPushesUp) {
+TEST(Pi, APositiveErrorRaisesTheOutput) {
   Pi pi({.K_p = 1, .K_i = 1, .k_awu = 1});
   EXPECT_GT(pi.output(1), 0);
   pi.update(1, 1, 1, 0.1);
@@ -72,7 +72,7 @@ TEST(AntiWindup, LeavesTheLimitOnceTheErrorTurns) {
     return ticks;
   };
   EXPECT_LT(ticks_at_the_limit(50), 5);
-  EXPECT_GT(ticks_at_the_limit(0), 5000);  // what it is good for
+  EXPECT_GT(ticks_at_the_limit(0), 5000);  // without anti-windup
 }
 
 TEST(Pi, PresetIsTheOutputAtZeroError) {

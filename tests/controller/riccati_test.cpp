@@ -51,7 +51,7 @@ TEST(Riccati, DoublingAgreesWithValueIteration) {
   const DiscreteLqrProblem p = niewiara_problem();
   const RiccatiSolution s = solve_riccati(p);
   ASSERT_TRUE(s.converged);
-  MatrixXd X = MatrixXd::Zero(3, 3);  // the independent solver: run the horizon backwards
+  MatrixXd X = MatrixXd::Zero(3, 3);  // oracle: value iteration backwards over the horizon
   for (int i = 0; i < 20000; ++i) {
     const MatrixXd S = p.A.transpose() * X * p.B + p.N;
     X = (p.Q + p.A.transpose() * X * p.A -
@@ -72,9 +72,9 @@ TEST(Riccati, ResidualIsRoundingAndTheLoopIsStable) {
   }
 }
 
-TEST(Riccati, SaysSoWhereTheCostDoesNotSeeAnUnstableState) {
+TEST(Riccati, ReportsAnUnstableStateThatIsNotObservableInTheCost) {
   DiscreteLqrProblem p;
-  p.A = MatrixXd::Constant(1, 1, 1.0);  // an integrator nobody pays for
+  p.A = MatrixXd::Constant(1, 1, 1.0);  // an integrator without cost
   p.B = MatrixXd::Constant(1, 1, 0.1);
   p.Q = p.N = MatrixXd::Zero(1, 1);
   p.R = MatrixXd::Identity(1, 1);

@@ -18,7 +18,7 @@ StartupParameters parameters() {
           .t_give_up = 0.3};
 }
 
-// An estimate that turns with the forced vector, `lag` behind it.
+// An estimate that rotates with the forced vector, with a lag of `lag`.
 struct Follower {
   double lag = 0, speed_factor = 1;
   Estimate e;
@@ -26,7 +26,7 @@ struct Follower {
   Startup::Drive step(Startup& startup, double direction = 1) {
     const Startup::Drive drive = startup.step(e, omega_e_hat, direction);
     omega_e_hat = speed_factor * drive.omega_e;
-    // Where the vector will stand at the next tick.
+    // Angle of the vector at the next tick.
     e.theta_e = wrap_turn(drive.theta_e + drive.omega_e * kTs - lag);
     return drive;
   }
@@ -93,7 +93,7 @@ TEST(Startup, RampsBackwardsToo) {
   EXPECT_EQ(outcome_of({.lag = 0.3}, -1).mode, Mode::kRun);
 }
 
-TEST(Startup, TakesAnAngleWithinSeventyFiveDegreesAndNoOther) {
+TEST(Startup, AcceptsOnlyAnAngleWithinSeventyFiveDegrees) {
   const double deg = kPi / 180;
   EXPECT_EQ(outcome_of({.lag = 73 * deg}).mode, Mode::kRun);
   EXPECT_EQ(outcome_of({.lag = -73 * deg}).mode, Mode::kRun);
@@ -101,7 +101,7 @@ TEST(Startup, TakesAnAngleWithinSeventyFiveDegreesAndNoOther) {
   EXPECT_EQ(outcome_of({.lag = 180 * deg}).mode, Mode::kSafe);
 }
 
-TEST(Startup, TakesASpeedWithinThirtyPercentAndNoOther) {
+TEST(Startup, AcceptsOnlyASpeedWithinThirtyPercent) {
   EXPECT_EQ(outcome_of({.speed_factor = 0.72}).mode, Mode::kRun);
   EXPECT_EQ(outcome_of({.speed_factor = 1.28}).mode, Mode::kRun);
   EXPECT_EQ(outcome_of({.speed_factor = 0.68}).mode, Mode::kSafe);
@@ -116,7 +116,7 @@ TEST(Startup, GivesUpForGoodWhenItsTimeAtSpeedIsOver) {
 }
 
 TEST(StartupEvents, SafeModeIsZeroVoltageAndOneEventWithItsReason) {
-  // The estimate never moves; only the command and the event tell.
+  // The estimate is constant; the command and the event show the safe mode.
   Config config = test::load("dilys2021", {"start=align_if"});
   const auto controller = make_controller(config);
   Measurement m;

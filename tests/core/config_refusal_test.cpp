@@ -1,4 +1,4 @@
-// Every mistake is a BadInput of one line: where, which key, what is allowed.
+// Every mistake is a BadInput of one line: place, key, allowed values.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -47,7 +47,7 @@ std::string with_line(int line, const std::string& replacement) {
   return text;
 }
 
-// The filter and controller need i_max; everything else of the text stands as it is.
+// The filter and controller need i_max; the text has no other change.
 const std::string kFoc = "[controller.foc]\ni_max_A = 3.0\n";
 
 TEST(Refusal, TheTextItselfIsAccepted) {
@@ -188,19 +188,19 @@ const Mistake kMistakes[] = {
 
 class Mistakes : public testing::TestWithParam<Mistake> {};
 
-TEST_P(Mistakes, AreSaidInOneLineWithPlaceKeyAndWhatIsAllowed) {
+TEST_P(Mistakes, AreOneLineWithPlaceKeyAndAllowedValues) {
   expect_one_line_with(refusal_of(GetParam().text), GetParam().says);
 }
 
 INSTANTIATE_TEST_SUITE_P(Refusal, Mistakes, testing::ValuesIn(kMistakes),
                          [](const auto& i) { return i.param.name; });
 
-TEST(Refusal, AFileThatIsNotThereNamesThePresetsThereAre) {
+TEST(Refusal, AMissingFileListsThePresets) {
   expect_one_line_with(refusal([] { Config::load("no/such/drive.toml"); }),
                        {"no/such/drive.toml", "dilys2021"});
 }
 
-TEST(Refusal, ASecondShaftOrFilterOnASignalFindsNoPlace) {
+TEST(Refusal, RefusesASecondShaftOrFilterOnASignal) {
   const std::string drive = drive_text() + "[controller.foc]\ni_max_A = 5.0\n";
   const std::string shaft =
       "[[effect]]\nkind = 'torsion'\nJ_load_kgm2 = 4e-6\nstiffness_Nm_rad = 2\n";
@@ -219,7 +219,7 @@ TEST(Refusal, ASecondShaftOrFilterOnASignalFindsNoPlace) {
                        {"effect[0]", "J_load_kgm2", "no inertia"});
 }
 
-TEST(Refusal, AMistakeInAnOverrideIsPlacedAtSet) {
+TEST(Refusal, AMistakeInAnOverrideIsReportedAtSet) {
   expect_one_line_with(refusal_of(drive_text(), {"machine.R_s_Ohm=-1"}),
                        {"--set", "machine.R_s_Ohm", "0.0001 to 1000"});
   expect_one_line_with(refusal_of(drive_text(), {"rates.m=4"}),
@@ -237,7 +237,7 @@ TEST(Refusal, AnOverrideOfATableThatIsMissingOrNoTableIsStillOneLine) {
   expect_one_line_with(refusal_of(drive_text(), {"machine=4"}), {"--set", "machine", "a table"});
 }
 
-TEST(Refusal, AMistakeInAPresetsKeyIsPlacedInTheFileThatWroteIt) {
+TEST(Refusal, AMistakeInAPresetsKeyIsReportedInTheFileThatHasIt) {
   const std::string message =
       refusal_of("preset = 'dilys2021'\n[machine]\nR_s_Ohm = -3\n[rates]\nn = 2\n");
   expect_one_line_with(message, {"drive.toml:3", "machine.R_s_Ohm"});

@@ -1,4 +1,4 @@
-// What a drive file may say, and what comes of it. What it may not say: config_refusal_test.cpp.
+// Valid drive files and their configs. Invalid ones: config_refusal_test.cpp.
 #include "core/config.hpp"
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ namespace {
 using test::drive_text;
 using test::parse;
 
-// The parts of the drive, and the tables a file holds for kinds that it does not choose.
+// The parts of the drive, and the tables of kinds that are not chosen.
 void read_every_table(Config& config) {
   make_filter(config);
   make_controller(config);
@@ -162,7 +162,7 @@ TEST(Overrides, OneSpeedOrRateReplacesTheOther) {
   EXPECT_EQ(parse(drive_text(), {"rates.f_b_Hz=500"}).drive().rates.n, 10);
 }
 
-// Neither order lets one of two contradicting overrides vanish.
+// Contradicting overrides are refused in either order.
 TEST(Overrides, ThatContradictEachOtherAreRefusedAndBothAreNamed) {
   const auto refusal = [](const std::vector<std::string>& overrides) -> std::string {
     try {
@@ -229,7 +229,7 @@ TEST(DescribeKeys, NamesEveryKeyOnce) {
 const std::string kLateCogging =
     "[[effect]]\nkind = \"cogging\"\norder = 24\namplitude_Nm = 0.01\nfrom_s = 1.5\n";
 
-TEST(Effects, BeginWhenTheFileSays) {
+TEST(Effects, StartAtTheTimeInTheFile) {
   const Config config = parse(drive_text() + kLateCogging);
   ASSERT_EQ(config.drive().effects.size(), 1u);
   EXPECT_EQ(config.drive().effects[0].from_s, 1.5);
@@ -242,7 +242,7 @@ TEST(Effects, BeginWhenTheFileSays) {
   EXPECT_DOUBLE_EQ(plant[0]->at(point).T_load, 0.01 * std::sin(24 * 0.03));
 }
 
-TEST(Effects, ThatAreThereFromTheStartAreTheEffectsThemselves) {
+TEST(Effects, WithoutAStartTimeAreNotWrapped) {
   const Config config =
       parse(drive_text() + "[[effect]]\nkind = \"constant_load\"\ntorque_Nm = 0.1\n");
   EXPECT_EQ(config.drive().plant_effects()[0], config.drive().effects[0].effect);

@@ -8,7 +8,7 @@ namespace {
 
 class Rates : public testing::TestWithParam<int> {};
 
-// The rules themselves, by search: the newest multiple of n whose window of use holds k.
+// Oracle by search: the newest multiple of n whose window of use contains k.
 std::int64_t by_search(std::int64_t k, int n, std::int64_t first, std::int64_t last) {
   for (std::int64_t s = 0; s <= k; s += n)
     if (k >= s + first && k <= s + last) return s;

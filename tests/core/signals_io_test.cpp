@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::int64_t kSession = 0x1234567890abcdefLL;
 
-// A different awkward double at every call: 1/3, denormals, negative zero, huge.
+// A different critical double at every call: 1/3, denormals, negative zero, huge.
 double awkward() {
   static int call = 0;
   const double values[] = {1.0 / 3, -0.0, 5e-324, -1.7976931348623157e308, 2.5e-7, -kPi};
@@ -208,7 +208,7 @@ TEST(SignalsIo, GainsForSeveralSpeedsComeBackBitForBit) {
   EXPECT_EQ(from_wire(lying).n_speeds, 0);
 }
 
-TEST(SignalsIo, SizesOffTheWireAreHeldToTheArraysTheyIndex) {
+TEST(SignalsIo, SizesFromTheWireAreLimitedToTheirArrays) {
   for (int wrong : {-1, -2147483647, 9, 1000000}) {
     estimate_t e{};
     e.n_x = wrong;

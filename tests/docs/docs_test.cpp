@@ -1,5 +1,5 @@
-// The pages say what the program does: tables equal the code's, links and paths lead somewhere,
-// verbs and keys exist.
+// The pages agree with the program: tables equal those of the code; links, paths, verbs and keys
+// exist.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -221,7 +221,7 @@ TEST(Verbs, NamedInThePagesExist) {
       EXPECT_TRUE(verbs.count(verb)) << page << " names twinrate " << verb;
 }
 
-// The unknown key that docs/run-a-drive.md shows the message of.
+// The unknown key in the example of docs/run-a-drive.md.
 const std::string kMistake = "rates.m";
 
 TEST(Keys, NamedInThePagesExist) {

@@ -1,5 +1,5 @@
-// Drive logs of any length as one record: short ones whole, of long ones blocks that are the same
-// rows, whether the file is plain, gzipped or wrapped.
+// Drive logs of any length as one record: short ones whole, long ones in blocks; equal rows from a
+// plain, gzipped or wrapped file.
 #include "drive_log/drive_logs.hpp"
 
 #include <fmt/format.h>
@@ -31,7 +31,7 @@ class DriveLogsTest : public testing::Test {
     raw_ = kLog;
   }
   void TearDown() override { fs::remove_all(directory_); }
-  // The synthetic drive as a CSV, its angle changed by `angle`.
+  // The synthetic drive as a CSV; `angle` modifies its angle.
   template <class Angle>
   std::string write(const std::string& name, Angle&& angle) const {
     std::string text = "t,i_a,i_b,u_alpha,u_beta,v_dc,torque,theta_m\n";
@@ -50,11 +50,11 @@ class DriveLogsTest : public testing::Test {
     asked.memory_MiB = memory_of(seconds_allowed);
     return read_drive_logs(asked, drive_.drive());
   }
-  // MiB that so long a log needs.
+  // MiB needed for a log of that length.
   static double memory_of(double seconds) {
     return 1000 * seconds / kT_s / static_cast<double>(rows_within(1000, kT_s));
   }
-  // The row of the file that stands at time t.
+  // The row of the file at time t.
   std::size_t row_at(double t) const { return static_cast<std::size_t>(std::lround(t / kT_s)); }
 
   static constexpr double kSeconds = 10, kAllowed = 2.5, kT_s = 1e-4;
@@ -74,13 +74,13 @@ TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   EXPECT_NEAR(logs.record.T_load[1000], raw_.T_load[1000], 1e-9) << "a torque sensor is a load";
 }
 
-TEST_F(DriveLogsTest, BlocksKnowWhereTheirLogBegan) {
+TEST_F(DriveLogsTest, BlocksKeepTheStartOfTheirLog) {
   for (double& t : raw_.t) t += 50;
   const DriveLogs logs = read({.data = {write("late.csv", as_it_is)}}, kAllowed);
   EXPECT_NEAR(logs.record.begin_s.value(), 50, 1e-6);
 }
 
-// Bursts of 900 rows, 0.2 s apart, too many for the memory: shorter blocks, none across a gap.
+// Bursts of 900 rows, 0.2 s apart, beyond the memory: shorter blocks, none across a gap.
 TEST_F(DriveLogsTest, ALongLogInShortBurstsIsTracedInShorterBlocks) {
   for (std::size_t k = 0; k < raw_.size(); ++k) raw_.t[k] += 0.2 * static_cast<double>(k / 900);
   const DriveLogs logs = read({.data = {write("bursts.csv", as_it_is)}}, kAllowed);
@@ -136,7 +136,7 @@ TEST_F(DriveLogsTest, CurrentAndVoltageWithoutAnAngleAreALogAtStandstill) {
   EXPECT_EQ(r.health[0].find("no angle in the log"), 0u);
 }
 
-// The synthetic drive with duties in place of its voltage, v_dc beside them or not.
+// The synthetic drive with duties instead of voltages, with or without v_dc.
 std::string duty_log(const RawLog& raw, double v_dc_nominal, bool with_v_dc) {
   std::string text = "t,i_a,i_b,i_c,theta_m,duty_a,duty_b,duty_c";
   text += with_v_dc ? ",v_dc\n" : "\n";
@@ -170,7 +170,7 @@ TEST_F(DriveLogsTest, DutiesGiveTheRecordOfTheVoltagesTheyMake) {
   }
 }
 
-TEST_F(DriveLogsTest, OfALongOneBlocksAreReadThatStandWhereTheyStood) {
+TEST_F(DriveLogsTest, ALongLogIsReadInBlocksAtTheirOwnTimes) {
   const auto wrapped = [](double theta_m) { return wrap_turn(theta_m); };
   for (const std::string& path :
        {write("a.csv", as_it_is), write("a.csv.gz", as_it_is), write("w.csv.gz", wrapped)}) {
@@ -187,7 +187,7 @@ TEST_F(DriveLogsTest, OfALongOneBlocksAreReadThatStandWhereTheyStood) {
       const std::size_t row = row_at(r.t[k]);
       ASSERT_NEAR(r.u_alphabeta[k][0], raw_.u_alpha[row], 1e-6);
       ASSERT_NEAR(r.i_alphabeta[k][0], raw_.i_a[row], 1e-6);
-      // Modulo a turn: a wrapped angle has no more to say.
+      // Modulo a turn: a wrapped angle has no count of turns.
       ASSERT_NEAR(wrap_pi(r.theta_m[k] - raw_.theta_m[row]), 0, 1e-8);
       if (k == 0) continue;
       if (r.t[k] - r.t[k - 1] < 1.5 * kT_s) {
@@ -223,7 +223,7 @@ TEST_F(DriveLogsTest, TheSpeedsOfTheWholeLogAreInItsBlocks) {
   EXPECT_NEAR(used.second, all.second, 8);
 }
 
-TEST_F(DriveLogsTest, FilesShareWhatIsAllowedAndShortOnesStayWhole) {
+TEST_F(DriveLogsTest, FilesShareTheMemoryAndShortOnesAreWhole) {
   const std::string path = write("long.csv", as_it_is);
   raw_ = simulate_synthetic({.duration_s = 1, .seed = 2});
   const std::string brief = write("short.csv", as_it_is);
@@ -237,7 +237,7 @@ TEST_F(DriveLogsTest, FilesShareWhatIsAllowedAndShortOnesStayWhole) {
   EXPECT_TRUE(held_out.back());
 }
 
-TEST_F(DriveLogsTest, VerifyReplaysTheBeginningAndHoldsOutWhatIsNotInABlockThatTrains) {
+TEST_F(DriveLogsTest, VerifyReplaysTheStartAndHoldsOutRowsOutsideTrainingBlocks) {
   const LogRequest asked{.data = {write("a.csv", as_it_is)}};
   const DriveLogs logs = read(asked, kAllowed);
   std::vector<char> held_out(logs.record.size(), 0);

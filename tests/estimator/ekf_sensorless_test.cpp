@@ -18,7 +18,7 @@ EkfSensorless filter(Prediction prediction, CovarianceForm form = CovarianceForm
   return EkfSensorless(machine(), {}, prediction, form, kTs);
 }
 
-// [i_alpha, i_beta, omega_e, theta_e] somewhere on the drive's map.
+// [i_alpha, i_beta, omega_e, theta_e] within the drive's operating range.
 Eigen::Vector4d random_state(std::uint64_t i) {
   return {2 * normal(1, 0, i), 2 * normal(1, 1, i), 600 * normal(1, 2, i),
           kTwoPi * uniform(1, 6, i)};
@@ -27,7 +27,7 @@ Vec2 random_voltage(std::uint64_t i) {
   return {6 * normal(2, 0, i), 6 * normal(2, 1, i)};
 }
 
-// The machine's own equations, solved finely: rotor turning at constant speed.
+// Oracle: the machine's equations with fine steps, at constant speed.
 Eigen::Vector4d fine(const Eigen::Vector4d& x, const Vec2& u) {
   const MachineParameters m = machine();
   constexpr int kSteps = 2000;

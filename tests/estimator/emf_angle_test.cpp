@@ -7,7 +7,7 @@ namespace {
 
 constexpr double kTs = 1e-4, kPsi = 0.285;
 
-// The EMF of a rotor that turns at omega_e, fed tick by tick.
+// The EMF of a rotor at omega_e, tick by tick.
 struct Rotor {
   double theta_e = 0, omega_e = 0;
   EmfAngle s;
@@ -34,7 +34,7 @@ TEST(EmfAngle, FollowsARotorThatTurnsEitherWayWithBothSpeeds) {
 
 TEST(EmfAngle, WithThePiOfEquation30TheAngleOfABackwardRotorIsTheRotorsNotTheEmfs) {
   EmfAngleParameters p;
-  Rotor rotor{.theta_e = 2, .omega_e = -300, .s = emf_angle_at(0, 0)};  // knows nothing
+  Rotor rotor{.theta_e = 2, .omega_e = -300, .s = emf_angle_at(0, 0)};  // wrong initial state
   for (int k = 0; k < 2000; ++k) rotor.tick(p);
   EXPECT_NEAR(wrap_pi(rotor.s.theta_now(kTs) - rotor.theta_e), 0, 1e-6);
   EXPECT_NEAR(std::abs(wrap_pi(rotor.s.theta_emf - rotor.s.theta_e)), kPi, 1e-6);
@@ -53,7 +53,7 @@ TEST(EmfAngle, ExtrapolatesBetweenItsIntervals) {
 TEST(EmfAngle, LimitsItsChangeToTwiceWhatTheSpeedExplains) {
   EmfAngleParameters p;
   p.divider = 1;
-  p.lowpass_Hz = 0.1;  // the filtered speed stays where it is
+  p.lowpass_Hz = 0.1;  // the filtered speed is nearly constant
   p.limit_floor = 0;
   EmfAngle s = emf_angle_at(0, 200);
   // A rotor seen 1 rad away: 2 * 200 rad/s * 100 us is allowed.

@@ -1,4 +1,4 @@
-// What the gain policies do to a gain between its snapshot and its use.
+// The gain policies between snapshot and use of a gain.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -28,8 +28,8 @@ Gain some_gain() {
   return gain;
 }
 
-// Oracle: the filter itself. A machine looks the same in every rotor position, so a background step
-// from a turned start gives the turned gain.
+// Oracle: the filter itself. The machine is symmetric in the rotor position: a background step from
+// a rotated start gives the rotated gain.
 TEST(GainFrame, ABackgroundStepFromATurnedStartGivesTheTurnedGain) {
   const auto filter = sensorless();
   Estimate at = *filter->steady_state(100);
@@ -82,7 +82,7 @@ TEST(EkfSensorless, AheadOfASnapshotTheRotorHasTurnedAndTheSpeedIsKept) {
   EXPECT_NEAR(later.x_hat[1], std::sin(turned), 1e-12);
 }
 
-// Oracle: the ordinary filter run along a steady turn in the stationary frame until it has settled.
+// Oracle: the filter with n = 1 in the stationary frame at constant speed, after settling.
 TEST(GainSchedule, HoldsTheGainThatTheOrdinaryFilterSettlesTo) {
   const auto filter = sensorless();
   const auto schedule = GainSchedule::build(*filter, 800);
@@ -132,7 +132,7 @@ Measurement sample(std::int64_t k) {
   return m;
 }
 
-TEST(FallBack, AGainThatIsTooOldGivesWayToTheTableUntilOneComesAgain) {
+TEST(FallBack, TheTableReplacesAGainThatIsTooOldUntilTheNextGain) {
   const auto filter = sensorless();
   const int n = 4, max_age = 20;
   FastLoop fast(filter, GainPolicy::kPaper, n, {GainSchedule::build(*filter, 800), max_age});
@@ -165,7 +165,7 @@ TEST(FallBack, WithoutATableTheOldGainIsHeldForEver) {
   EXPECT_EQ(e.status, kLateGain);
 }
 
-TEST(Scheduled, WaitsForNoGainAndSaysSo) {
+TEST(Scheduled, WaitsForNoGainAndReportsIt) {
   const auto filter = sensorless();
   FastLoop fast(filter, GainPolicy::kScheduled, 5, {GainSchedule::build(*filter, 800)});
   for (std::int64_t k = 0; k < 30; ++k) {

@@ -1,5 +1,5 @@
 // The filters of the salient machine: Jacobians against central differences, predictions against
-// the plant's own equations, how they start and what a sample that is not finite does to them.
+// the plant's equations, start, and samples that are not finite.
 #include "tests/estimator/ipmsm_filters.hpp"
 
 #include <gtest/gtest.h>
@@ -74,7 +74,7 @@ TEST(BackEmf, EulerRotationMakesTheEmfGrowAndTheExactOneDoesNot) {
   EXPECT_NEAR(growth(Rotation::kEuler), 1 + 0.0419 * 0.0419, 1e-6);
 }
 
-// One period of the plant at a speed that stays, from random operating points.
+// One period of the plant at constant speed, from random operating points.
 struct Period {
   PlantState before, after;
   Vec2 u_alphabeta;
@@ -82,7 +82,7 @@ struct Period {
 
 Period period_of(std::uint64_t k, Saliency saliency, double omega_m) {
   MachineParameters m = ipmsm();
-  m.J = 1e6;  // the speed stays
+  m.J = 1e6;  // constant speed
   const DriveModel model(m, {}, 311, saliency);
   const auto integrator = make_integrator(Engine::kErk, model, 4);
   Period p;
@@ -172,7 +172,7 @@ TEST(Alignment, LeavesTheFilterAtTheForcedAngleAndAtRest) {
   }
 }
 
-TEST(AllFourFilters, KeepTheirPredictionAndSaySoWhenASampleIsNotFinite) {
+TEST(AllFourFilters, KeepTheirPredictionAndReportASampleThatIsNotFinite) {
   const DqEkf dq = dq_ekf(Prediction::kRk4);
   const Eemf ex = eemf(Prediction::kRk4);
   const BackEmfPrinted pr = printed(Prediction::kEuler);

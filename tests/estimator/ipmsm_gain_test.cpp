@@ -1,4 +1,4 @@
-// In which frame the gains of the salient machine's filters turn: what the gain policies build on.
+// The frame in which the gains of the salient machine's filters rotate, used by the gain policies.
 #include <gtest/gtest.h>
 
 #include "estimator/gain_frame.hpp"
@@ -21,7 +21,7 @@ struct Settled {
   double turned = 0;
 };
 
-// The background step run tick by tick along a steady turn, under current.
+// The background step at every tick at constant speed and current.
 Settled settle(const Filter& filter, double omega_m) {
   Estimate at = *filter.steady_state(omega_m);
   at.x_hat.head<2>() = Vec2(-0.8, 1.4);
@@ -75,11 +75,11 @@ INSTANTIATE_TEST_SUITE_P(Kinds, SalientFilter,
                          [](const auto& i) { return std::string(i.param); });
 
 TEST(SalientGains, InTheOtherFrameTheyWouldBeWrong) {
-  // With the speed as a state the gain turns; with two inductances fixed on the stator it does not.
+  // With the speed as a state the gain rotates; with two inductances fixed on the stator it does
   EXPECT_GT(turned_by(0, settle(*filter_of("eemf"), kOmegaM)), 0.05);
   EXPECT_GT(turned_by(2, settle(*filter_of("backemf_printed"), kOmegaM)), 0.05);
   EXPECT_GT(turned_by(1, settle(*filter_of("dq_ekf"), kOmegaM)), 0.05);
-  // Symmetric on both axes: it makes no difference.
+  // not. With equal axes both are the same.
   EXPECT_LT(turned_by(2, settle(*filter_of("active_flux"), kOmegaM)), 1e-6);
 }
 

@@ -1,5 +1,5 @@
-// The filters of the salient machine with n = 1: each is the textbook filter, whose equations are
-// written out here once more.
+// The filters of the salient machine with n = 1 equal the textbook filter, implemented here
+// independently.
 #include <gtest/gtest.h>
 
 #include "estimator/two_rate.hpp"
@@ -12,7 +12,7 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// The filter as a textbook writes it: F, H and the predicted state are given.
+// The textbook filter with given F, H and predicted state.
 struct TextbookEkf {
   VectorXd x;
   MatrixXd P, Q, R;
@@ -68,7 +68,7 @@ TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheExtendedEmfModel) {
     const VectorXd x_prior = x + kTs * f;
     oracle.step(x_prior, MatrixXd::Identity(5, 5) + kTs * A, H, clarke(s.i_abc) - x_prior.head(2));
   });
-  EXPECT_GT(std::abs(oracle.x[4]), 50);  // a speed was found: the run was one
+  EXPECT_GT(std::abs(oracle.x[4]), 50);  // the run has a speed
 }
 
 TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheRotorModelWithItsOutputInTheStator) {
@@ -80,7 +80,7 @@ TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheRotorModelWithItsOutputInTheStator)
   Vec2 u_dq_before = Vec2::Zero();
   run_against_textbook(filter, oracle, 1e-9, [&](const Measurement& s) {
     const VectorXd x = oracle.x;
-    // The background's voltage is the last period's, held in rotor axes.
+    // The background uses the voltage of the last period, constant in rotor axes.
     const Vec2 u_b = u_dq_before;
     const auto predict = [&](const Vec2& u_dq) {
       VectorXd f(4);
@@ -94,7 +94,7 @@ TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheRotorModelWithItsOutputInTheStator)
     A.row(0) /= m.L_d;
     A.row(1) /= m.L_q;
     A(3, 2) = 1;
-    // Euler takes the voltage at the period's start; the background knows it at the middle.
+    // Euler needs the voltage at the start of the period; the background has it at the middle.
     const VectorXd linearised_at = predict(rotate(u_b, 0.5 * kTs * x[2]));
     const VectorXd x_prior = predict(park(s.u_alphabeta, x[3]));
     // y = R(theta) i_dq in the stator, its Jacobian by the product rule.
@@ -116,7 +116,7 @@ TEST(TwoRateAtNOne, EqualsTheTextbookFilterOfThePaperInThePapersOwnAxes) {
       std::make_shared<BackEmfPrinted>(printed(Prediction::kEuler, Rotation::kEuler));
   FastLoop fast(filter, GainPolicy::kPaper, 1);
   BackgroundLoop background(filter, GainPolicy::kPaper, 1);
-  // x = [i_q^s, i_d^s, E_q^s, E_d^s], q^s = alpha, d^s = -beta; (22) with its signs mended.
+  // x = [i_q^s, i_d^s, E_q^s, E_d^s], q^s = alpha, d^s = -beta; (22) with corrected signs.
   TextbookEkf oracle{VectorXd::Zero(4), MatrixXd::Zero(4, 4), MatrixXd::Zero(4, 4),
                      0.5 * MatrixXd::Identity(2, 2)};
   oracle.P.diagonal() << 0.1, 0.1, 200, 10;

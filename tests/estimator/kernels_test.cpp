@@ -182,7 +182,7 @@ struct FloatTuning {
   double i_noise = 0.01;
   std::array<float, 4> Q() const { return {Q_share, Q_share, 500 * Q_share, 0.1F * Q_share}; }
 };
-// Little process noise and clean currents: nothing makes up for what rounding takes from P.
+// Small process noise and low current noise: nothing compensates the rounding errors of P.
 constexpr FloatTuning kSlow = {.Q_share = 1e-8F, .i_noise = 0.001};
 
 UnitVector<float> unit(const SensorlessState<float>& x) {
@@ -204,8 +204,8 @@ struct UdInFloat {
   float smallest() const { return *std::min_element(P.D, P.D + 4); }
 };
 
-// The matrices as a textbook writes them. `joseph`: (I - K H) P^- (I - K H)' + K R K', else
-// (I - K H) P^-, which nothing keeps symmetric; K' = S^-1 (H P^-).
+// The textbook matrices. `joseph`: (I - K H) P^- (I - K H)' + K R K', else (I - K H) P^-, which
+// does not stay symmetric; K' = S^-1 (H P^-).
 template <bool joseph>
 struct MatricesInFloat {
   explicit MatricesInFloat(const FloatTuning& tuning)
@@ -282,7 +282,7 @@ FloatRun run_in_float(const FloatTuning& tuning) {
   return run;
 }
 
-// The variances are looked at in double: a solver in float makes negative ones of its own.
+// The variances are computed in double: a solver in float makes negative ones.
 TEST(UdFilter, InFloatKeepsPositiveVariancesWhereThePaperFormInFloatDoesNot) {
   const FloatTuning exact{.R = 1e-8F};
   EXPECT_GT(run_in_float<UdInFloat>(exact).smallest, 0);

@@ -24,7 +24,7 @@ Gain unsettled() {
   return gain;
 }
 
-// Oracle: the filter's own background step, one after the other.
+// Oracle: consecutive background steps of the filter.
 TEST(BackgroundSteps, ByDoublingAreTheSameStepsOneAfterTheOther) {
   for (const char* form : {"joseph", "sequential"}) {
     const auto filter = sensorless({std::string("estimator.covariance=") + form});
@@ -34,7 +34,7 @@ TEST(BackgroundSteps, ByDoublingAreTheSameStepsOneAfterTheOther) {
         const Gain slow = filter->Filter::background_steps(unsettled(), omega_m, ticks);
         EXPECT_LT((fast.K - slow.K).norm(), 1e-8 * slow.K.norm()) << omega_m << " " << ticks;
         EXPECT_LT((fast.P - slow.P).norm(), 1e-8 * slow.P.norm()) << omega_m << " " << ticks;
-        if (ticks > 8) continue;  // not settled: another count of steps is another covariance
+        if (ticks > 8) continue;  // not settled: the covariance depends on the number of steps
         EXPECT_GT((filter->background_steps(unsettled(), omega_m, ticks + 1).P - slow.P).norm(),
                   1e-4 * slow.P.norm());
       }
@@ -48,8 +48,8 @@ Estimate turning_at(const Filter& filter, double omega_m) {
   return e;
 }
 
-// Oracle: the settled gain, which GainSchedule finds for each direction by itself. At the speeds of
-// the table nothing is interpolated.
+// Oracle: the settled gain of GainSchedule for each direction, at the speeds of the table, without
+// interpolation.
 TEST(PropagatedGain, AfterManyTicksIsTheSettledGainInBothDirections) {
   const auto filter = sensorless();
   const auto schedule = GainSchedule::build(*filter, 600);
@@ -64,7 +64,7 @@ TEST(PropagatedGain, AfterManyTicksIsTheSettledGainInBothDirections) {
         use_at_speed(1, speed, 1.3, used);
         const Gain settled = schedule->at(speed, 1.3);
         EXPECT_LT((used.K - settled.K).norm(), 2e-3 * settled.K.norm()) << speed;
-        GainFrame(1, 0.2).turn_gain(used);  // a rotor elsewhere has another gain
+        GainFrame(1, 0.2).turn_gain(used);  // the gain of another rotor position differs
         EXPECT_GT((used.K - settled.K).norm(), 0.1 * settled.K.norm()) << speed;
       }
   }
@@ -81,7 +81,7 @@ TEST(PropagatedGain, TheSpeedsReachTheSpanOnBothSides) {
   }
 }
 
-// The next run takes P up where this one left it, whatever the angle has become.
+// The next run continues with the covariance of this one, for any change of the angle.
 TEST(PropagatedGain, TwoRunsOfFiftyAreOneOfAHundredAtConstantSpeed) {
   const auto filter = sensorless();
   const double omega_m = 100;

@@ -1,6 +1,5 @@
-// With n = 1 the two-rate filter is the ordinary extended Kalman filter. The oracle is that filter
-// as a textbook writes it, with matrices of any size and equations written out here once more, from
-// docs/theory/two-rate-ekf.md.
+// With n = 1 the two-rate filter is the ordinary extended Kalman filter. Oracle: the textbook form
+// with matrices of any size and the equations of docs/theory/two-rate-ekf.md.
 #include <gtest/gtest.h>
 
 #include "estimator/ekf_disturbance.hpp"
@@ -81,7 +80,7 @@ TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheSensorlessModel) {
     ASSERT_NEAR(wrap_pi(e.x_hat[3] - oracle.x[3]), 0, 1e-9) << "tick " << k;
     ASSERT_EQ(e.gain_seq, k - 1);
   }
-  // The run must have been one, not 400 ticks of nothing.
+  // The run must not be 400 ticks of zeros.
   EXPECT_GT(oracle.x[2], 100);
 }
 
@@ -89,7 +88,7 @@ TEST(TwoRateAtNOne, EqualsTheTextbookEkfOfTheDisturbanceModel) {
   const MachineParameters m{
       .R_s = 1.0, .L_d = 8e-3, .L_q = 14e-3, .psi_f = 0.25, .J = 8.8e-3, .B = 0.003, .n_p = 3};
   EkfDisturbanceParameters tuning;
-  tuning.L = 0;  // (25) apart, it is an ordinary EKF
+  tuning.L = 0;  // without (25) it is an ordinary EKF
   const auto filter =
       std::make_shared<EkfDisturbance>(m, tuning, Prediction::kEuler, CovarianceForm::kJoseph, kTs);
   FastLoop fast(filter, GainPolicy::kPaper, 1);

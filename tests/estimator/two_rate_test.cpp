@@ -66,7 +66,7 @@ TEST(KnownLag, OfTheCurrentIsCarriedToTheCurrentOfNowUnderTheVoltageOfTheSample)
   EXPECT_LT((clarke(known.seen(m, last, {}).i_abc) - now).norm(), 0.02 * (now - then).norm());
 }
 
-// Nothing but the voltage: the filter predicts under it, and says so.
+// Voltage only: the filter predicts with it and reports it in the status.
 TEST(LostRow, IsPredictedOverUnderItsOwnVoltage) {
   const MachineParameters machine{
       .R_s = 1.2, .L_d = 5e-4, .L_q = 5e-4, .psi_f = 0.007, .J = 1e-5, .B = 1e-5, .n_p = 4};
@@ -84,7 +84,7 @@ TEST(LostRow, IsPredictedOverUnderItsOwnVoltage) {
   Measurement lost = sample(1);
   lost.signals = kVoltage;
   lost.u_alphabeta = {3, -1};
-  lost.i_abc = {100, -50, -50};  // nobody may look at it
+  lost.i_abc = {100, -50, -50};  // must not be used
   filter->predict_over_gap(expected, lost);
   const Estimate e = fast.tick(lost);
   EXPECT_EQ(e.x_hat, expected.x_hat);
@@ -138,7 +138,7 @@ TEST_P(Timing, ImmediateUsesItFromTheNextTickForOnePeriod) {
   }
 }
 
-TEST_P(Timing, EveryGainSaysWhenItIsFirstUsed) {
+TEST_P(Timing, EveryGainHasTheTickOfItsFirstUse) {
   const int n = GetParam();
   const auto probe = std::make_shared<ProbeFilter>();
   BackgroundLoop paper(probe, GainPolicy::kPaper, n), immediate(probe, GainPolicy::kImmediate, n);
@@ -148,7 +148,7 @@ TEST_P(Timing, EveryGainSaysWhenItIsFirstUsed) {
 
 INSTANTIATE_TEST_SUITE_P(N, Timing, testing::Range(1, 14));
 
-TEST(FastLoop, HoldsTheOldGainAndSaysSoWhereTheNewOneIsLate) {
+TEST(FastLoop, HoldsTheOldGainAndReportsALateOne) {
   const auto probe = std::make_shared<ProbeFilter>();
   FastLoop fast(probe, GainPolicy::kPaper, 4);
   BackgroundLoop background(probe, GainPolicy::kPaper, 4);
@@ -181,7 +181,7 @@ TEST(FastLoop, ARepeatedGainChangesNothing) {
   }
 }
 
-TEST(FastLoop, PredictsOverAGapOnceForEachMissingSampleAndSaysSo) {
+TEST(FastLoop, PredictsOnceForEachMissingSampleAndReportsTheGap) {
   const auto probe = std::make_shared<ProbeFilter>();
   FastLoop fast(probe, GainPolicy::kPaper, 1);
   fast.tick(sample(0));
@@ -247,11 +247,11 @@ TEST(FastLoop, AlignmentForcesTheAngleAndTheBackgroundStartsFromP0) {
   EXPECT_EQ(background.step(e).P(0, 0), 1);
   EXPECT_EQ(background.step(fast.tick(sample(6))).P(0, 0), 2);
   forced.k = 7;
-  forced.mode = Mode::kIfRamp;  // the ramp turns the rotor but proves nothing about its angle
+  forced.mode = Mode::kIfRamp;  // the ramp rotates the rotor, but its angle is unknown
   EXPECT_EQ(fast.tick(forced).status & kAngleForced, 0);
 }
 
-// Every real filter: a sample that is not finite is said, and forgotten.
+// Every filter reports and ignores a sample that is not finite.
 class EveryFilter : public testing::TestWithParam<bool> {
  protected:
   static std::shared_ptr<const Filter> make() {
@@ -271,7 +271,7 @@ class EveryFilter : public testing::TestWithParam<bool> {
   }
 };
 
-TEST_P(EveryFilter, ANonFiniteSampleLeavesTheStateFiniteAndIsSaid) {
+TEST_P(EveryFilter, ANonFiniteSampleLeavesTheStateFiniteAndIsReported) {
   const auto filter = make();
   FastLoop fast(filter, GainPolicy::kPaper, 1);
   BackgroundLoop background(filter, GainPolicy::kPaper, 1);

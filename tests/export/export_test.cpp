@@ -1,4 +1,4 @@
-// A run log as CSV, MATLAB and MCAP file: every field arrives, at the time it belongs to.
+// A run log as CSV, MATLAB and MCAP file: every field has its value at its time.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <matio.h>
@@ -186,7 +186,7 @@ void expect_all_fields() {
   EXPECT_EQ(layout.texts, texts) << info(channel).type;
 }
 
-TEST(ExportFields, EveryFieldOfEveryMessageIsThereInItsOrder) {
+TEST(ExportFields, EveryFieldOfEveryMessageIsExportedInOrder) {
   expect_all_fields<measurement_t>();
   expect_all_fields<truth_t>();
   expect_all_fields<estimate_t>();
@@ -201,7 +201,7 @@ TEST(ExportFields, EveryFieldOfEveryMessageIsThereInItsOrder) {
   expect_all_fields<ack_t>();
 }
 
-TEST_F(Export, TheTableIsADriveLogWhoseVoltageBeginsAtItsRow) {
+TEST_F(Export, TheTableIsADriveLogWithTheVoltageAppliedFromItsRowOn) {
   const Exported done = export_log(request("csv", "ESTIMATE,DRIVE_GAIN"), {});
   EXPECT_EQ(done.streams.at(0).samples, kTicks - 1) << "after the last tick nobody knows";
   const Table table = read_table(path("out.csv"));
@@ -269,7 +269,7 @@ TEST_F(Export, FromAndToCutOnTheLogsTime) {
   EXPECT_EQ(table.rows.back()[0], "0.0203");
 }
 
-// As a reader of the format sees it; nothing of the writer is used.
+// A reader of the format, independent of the writer.
 class McapFile {
  public:
   explicit McapFile(const std::string& path) {
@@ -429,7 +429,7 @@ Sample sample_at(double t, std::vector<double> numbers) {
   return s;
 }
 
-TEST(ExportResampling, EachKindOfNumberGoesItsWayBetweenSamples) {
+TEST(ExportResampling, EachKindOfNumberIsInterpolatedInItsWay) {
   const Layout layout{.numbers = {{"line", FieldKind::kLinear},
                                   {"angle", FieldKind::kAngle},
                                   {"held", FieldKind::kHeld},
@@ -465,12 +465,12 @@ TEST_F(Export, ResampledChannelsShareOneTimeBase) {
   EXPECT_EQ(measurement.size(), 180u) << "0 to 59.9 ms";
   for (std::size_t j = 0; j < gain.size(); ++j)
     ASSERT_EQ(gain[j].log_time, measurement[j].log_time);
-  // Sample 8 stands at 2.6667 ms.
+  // Sample 8 is at 2.6667 ms.
   EXPECT_NEAR(measurement[8].body["theta_m_rad"].get<double>(), 0.002 * 80 / 3.0, 1e-8);
   EXPECT_EQ(gain[8].body["K"][7].get<double>(), wave(25, 30)) << "held";
 }
 
-TEST_F(Export, MistakesAreOneLineAndLeaveNothingBehind) {
+TEST_F(Export, MistakesAreOneLineAndLeaveNoFile) {
   EXPECT_NE(refusal(request("csv", "EVENT")).find("--format mat or mcap"), std::string::npos);
   EXPECT_NE(refusal(request("mcap", "TRUTH")).find("no TRUTH in"), std::string::npos);
   EXPECT_NE(refusal(request("csv", "TRUTH")).find("no DRIVE_TRUTH"), std::string::npos);

@@ -1,4 +1,4 @@
-// A CSV is read block by block (256 KiB); what stands across the border of two blocks is whole.
+// A CSV is read block by block (256 KiB); records across the border of two blocks are complete.
 #include "import/csv.hpp"
 
 #include <fmt/format.h>
@@ -53,7 +53,7 @@ std::string long_text() {
   return text;
 }
 
-TEST_F(Csv, AnotherSeparatorIsNamedAndHowAMapGivesIt) {
+TEST_F(Csv, AnotherSeparatorIsReportedWithItsMapEntry) {
   for (const std::string other : {";", "\t"}) {
     const std::string path = write("# a\nt" + other + "i_q\n0" + other + "1\n");
     try {
@@ -73,7 +73,7 @@ struct Read {
   std::vector<std::string> fields;
 };
 
-// The same by lines of the whole text.
+// Oracle: the lines of the whole text.
 std::vector<Read> by_lines(const std::string& text) {
   std::vector<Read> rows;
   std::istringstream in(text);
@@ -101,7 +101,7 @@ void expect_rows(CsvReader& csv, const std::vector<Read>& rows, std::size_t firs
   EXPECT_FALSE(csv.next(fields));
 }
 
-TEST_F(Csv, RecordsAcrossTheBordersOfBlocksAreWhole) {
+TEST_F(Csv, RecordsAcrossBlockBordersAreWhole) {
   const std::string text = long_text();
   const std::vector<Read> rows = by_lines(text);
   ASSERT_GT(rows.size(), 20000u);
@@ -133,7 +133,7 @@ TEST_F(Csv, APlaceIsReadAgainFromThereOnWithItsLineNumbers) {
   }
 }
 
-TEST_F(Csv, AFileWithoutALastLineEndIsCutOff) {
+TEST_F(Csv, AFileWithoutALastLineEndIsReportedAsCutOff) {
   std::vector<std::string_view> fields;
   for (const std::size_t left_out : {0, 1, 2}) {
     const std::string text = "a,b\n1,2\n3,4\n";

@@ -1,4 +1,4 @@
-// A measured CSV becomes a log: what goes where, on which tick, and what is refused in one line.
+// Import of a measured CSV: fields, ticks, and one-line refusals.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <zlib.h>
@@ -62,7 +62,7 @@ std::vector<Measurement> measurements(const DriveRows& rows) {
   return list;
 }
 
-TEST_F(Import, VoltageOfARowEndsUpInTheNextMeasurementInTheFrameOfItsOwnRow) {
+TEST_F(Import, VoltageOfARowIsInTheNextMeasurementInTheAxesOfItsOwnRow) {
   const auto row = [](int k) {
     return fmt::format("{},{},{},{},{}", k / kRate_Hz, 0.1, 0.01 * k, 1.0 + k,
                        kTurnRate * k / kRate_Hz);
@@ -99,7 +99,7 @@ TEST_F(Import, DutyAndBusVoltageGiveTheMeanVoltage) {
   EXPECT_NEAR(list[5].v_dc, 20.05, 1e-12);
 }
 
-TEST_F(Import, DutyWithoutABusVoltageStandsOnTheDrivesOwnAndNoneIsClaimed) {
+TEST_F(Import, DutyWithoutABusVoltageUsesTheNominalOneWithoutASignal) {
   const auto row = [](int k) { return fmt::format("{},0.9,0.5,0.1,1", k / kRate_Hz); };
   const auto list =
       measurements(read_drive_rows(csv("t,duty_a,duty_b,duty_c,omega_m", row), nullptr, false));
@@ -116,7 +116,7 @@ TEST_F(Import, QCurrentAloneIsMarkedAndHasNoDCurrent) {
   EXPECT_NEAR(i_dq[1], 0.5, 1e-12);
 }
 
-TEST_F(Import, WrappedAnglesComeOutUnwrapped) {
+TEST_F(Import, WrappedAnglesAreUnwrapped) {
   const auto row = [](int k) {
     return fmt::format("{},0.5,{}", k / kRate_Hz, std::fmod(kTurnRate * k / kRate_Hz, kTwoPi));
   };
@@ -212,7 +212,7 @@ TEST_F(Import, RepairLeavesATruncatedLastLineAndRepeatedSamplesOut) {
       << "time going back is not repaired";
 }
 
-TEST_F(Import, ColumnsThatNothingIsTakenFromAreNamedAndWhatTheyAreWithoutCapitals) {
+TEST_F(Import, UnusedColumnsAreNotedWithTheCanonicalNameInLowerCase) {
   const auto row = [](int k) { return plain_row(k) + ",1,2,3"; };
   const std::string path = csv("t,i_q,theta_m,T_Load,speed,note", row);
   EXPECT_EQ(read_drive_rows(path, nullptr, false).notes,
@@ -264,7 +264,7 @@ TEST(TickGridTest, JitterKeepsItsTicksAndGapsLeaveThemEmpty) {
   EXPECT_NEAR(grid.dt_max_s, 0.0039, 1e-12);
 }
 
-TEST(TickGridTest, TwoRowsInATickUseTheFreeOneBesideAndNeverPushTheRestAlong) {
+TEST(TickGridTest, TwoRowsInATickUseTheFreeNeighbourAndMoveNoOtherRow) {
   // The pair at 2.6 and 3.4: tick 2 is free for the first. The pair at 6.0 and 6.4: only tick 7 is
   // free.
   const TickGrid grid = place_on_grid(
@@ -272,8 +272,7 @@ TEST(TickGridTest, TwoRowsInATickUseTheFreeOneBesideAndNeverPushTheRestAlong) {
   EXPECT_EQ(ticks_of(grid), (std::vector<std::int64_t>{0, 1, 2, 3, 4, 5, 6, 7, 8, 9}));
   EXPECT_EQ(grid.moved, 2);
 
-  // A burst after a stall: rows without a tick are left out, and the next row is on its own tick
-  // again.
+  // A burst after a stall: rows without a tick are dropped, and the next row is on its own tick.
   std::vector<double> t;
   for (int k = 0; k < 200; ++k) t.push_back(0.001 * k);
   for (double late : {0.2045, 0.2047, 0.2049, 0.2051, 0.206, 0.207}) t.push_back(late);

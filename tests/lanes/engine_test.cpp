@@ -1,5 +1,5 @@
-// The lane engine against CVODE (its plant), against the ordinary closed loop (its figures), and
-// against itself on other instruction sets (its bits).
+// The lane engine against CVODE (plant), against the ordinary closed loop (figures), and on all
+// instruction sets (equal bits).
 #include "lanes/engine.hpp"
 
 #include <gtest/gtest.h>
@@ -89,7 +89,7 @@ TEST(LaneEngine, APointDependsNeitherOnItsNeighboursNorOnThreads) {
 }
 
 TEST(LaneEngine, TheFiguresAreThoseOfTheClosedLoop) {
-  // Not bit for bit: a count of the ADC may fall the other way.
+  // Not bit for bit: a sample can differ by one count of the ADC.
   for (const char* prediction : {"euler", "rk4"})
     for (const char* policy : {"paper", "immediate"})
       for (int n : {1, 5, 11, 14}) {
@@ -118,7 +118,7 @@ TEST(LaneEngine, WithoutNoiseAndAdcItIsTheClosedLoopToRounding) {
     const test::Figures loop = test::run("dilys2021", overrides);
     const auto lane = results_of(settings_of("dilys2021", overrides), {point_of_preset(overrides)},
                                  Isa::kScalar)[0];
-    // What is left is the plant's 3e-8 A an interval.
+    // The difference is the plant's 3e-8 A an interval.
     EXPECT_NEAR(lane.angle_error_rms_rad, loop.angle_error_rms, 1e-7);
     EXPECT_NEAR(lane.angle_error_max_rad, loop.angle_error_max, 1e-6);
   }
@@ -159,7 +159,7 @@ TEST(LaneEngine, ThePlantIsWithinTenMicroampereOfCvodeAnInterval) {
   EXPECT_LT(worst_interval_A({"rates.f_s_Hz=1500", "rates.n=1"}), 2e-6);  // several steps
 }
 
-TEST(LaneEngine, LosesAtThirteenAndHoldsAtTwelveAsThePaper) {
+TEST(LaneEngine, LosesSynchronismAtThirteenAndKeepsItAtTwelve) {
   const LaneSettings settings = settings_of("dilys2021");
   std::vector<Point> points;
   for (int n : {12, 13})
@@ -176,7 +176,7 @@ TEST(LaneEngine, LosesAtThirteenAndHoldsAtTwelveAsThePaper) {
   }
 }
 
-TEST(LaneEngine, SaysWhatItDoesNotCover) {
+TEST(LaneEngine, NamesWhatItDoesNotCover) {
   const auto why = [](const test::Overrides& overrides) {
     Config config = test::load("dilys2021", overrides);
     LaneSettings settings;

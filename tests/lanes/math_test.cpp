@@ -23,10 +23,10 @@ TEST(LaneMath, SineAndCosineAreTheLibrarysToAnUlp) {
     worst = std::max({worst, std::abs(at.sin.v - std::sin(x)), std::abs(at.cos.v - std::cos(x))});
   }
   EXPECT_LT(worst, 2.3e-16);
-  EXPECT_GT(worst, 0);  // a sum of nothing would be 0
+  EXPECT_GT(worst, 0);  // 0 if nothing were compared
 }
 
-TEST(LaneMath, SineKnowsItsQuadrants) {
+TEST(LaneMath, SineIsRightInEveryQuadrant) {
   for (int k = -8; k <= 8; ++k) {
     const auto at = sincos(Row(k * kPi / 2));
     EXPECT_NEAR(at.sin.v, k % 2 == 0 ? 0 : (k % 4 == 1 || k % 4 == -3 ? 1 : -1), 1e-15) << k;
@@ -52,7 +52,7 @@ TEST(LaneMath, UniformIsThatOfTheModelToTheLastBit) {
     }
 }
 
-TEST(LaneMath, RoundingAndWrapping) {
+TEST(LaneMath, RoundsToEvenAndWrapsToPi) {
   for (double x : {-2.5, -1.5, -0.5, 0.5, 1.5, 2.5}) {
     EXPECT_EQ(round_to_even(Row(x)).v, std::nearbyint(x));
   }

@@ -1,5 +1,5 @@
-// The product's closed loop with what the tests ask of its last tick, and the figures that
-// docs/conventions.md defines over [settle_s, end].
+// The product's closed loop with access to its last tick, and the figures of docs/conventions.md
+// over [settle_s, end].
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -57,7 +57,7 @@ inline Figures run(ClosedLoop& loop) {
   for (std::int64_t k = 0; k < drive.steps(); ++k) {
     loop.tick();
     const double omega_m = loop.truth().omega_m, omega_m_ref = loop.reference().omega_m_ref;
-    // The first tenth of a second is the start itself, where the rotor may still swing back.
+    // In the first 0.1 s the rotor may oscillate backwards.
     if (loop.t_s() > 0.1 && omega_m * omega_m_ref < 0)
       figures.reversed_at_s = std::min(figures.reversed_at_s, loop.t_s());
     if (k < settle) continue;

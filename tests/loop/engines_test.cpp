@@ -1,4 +1,4 @@
-// The default engine (ERK, fixed steps) against the referee (CVODE) round the closed loop.
+// The default engine (ERK, fixed steps) against the reference (CVODE) in closed loop.
 #include <gtest/gtest.h>
 
 #include "tests/loop/closed_loop.hpp"
@@ -34,8 +34,8 @@ TEST(Engines, AgreeToFiftyMicroampereWithIdealSensors) {
 }
 
 TEST(Engines, AgreeToFiftyMicroampereWithThePresetAsItIs) {
-  // With one step the engines' 5 uA decide, now and then, which way the ADC rounds: one count (4
-  // mA) is then the difference, and it is the converter's, not the engine's.
+  // With one step the 5 uA between the engines sometimes change the rounding of the ADC: the
+  // difference is then one count (4 mA).
   const double difference = current_difference({kDuration}, "4");
   EXPECT_LT(difference, 5e-5);
   EXPECT_GT(difference, 1e-10);

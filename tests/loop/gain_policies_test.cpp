@@ -1,5 +1,5 @@
-// What each gain policy buys, beside an independent implementation of the same drive (its figures
-// stand beside each claim).
+// f_bmin of each gain policy, compared with an independent implementation of the same drive (its
+// figures are given at each claim).
 #include <gtest/gtest.h>
 
 #include "tests/loop/closed_loop.hpp"
@@ -61,7 +61,7 @@ TEST(TurnedGain, FromStandstillTheFirstGainComesTooLateBeyondNinety) {
   }
 }
 
-// The first loss going up is at n = 17 to 19 over seeds (ratio 4.3 to 4.9), the paper's at 13.
+// The first loss with rising n is at 17 to 19 over seeds (ratio 4.3 to 4.9), with `paper` at 13.
 TEST(Extrapolate, FromStandstillNeedsFewerGainsThanThePaper) {
   EXPECT_TRUE(from_standstill("extrapolate", 63.66, 15, 16000).locked);
   EXPECT_FALSE(from_standstill("extrapolate", 63.66, 36, 16000).locked);
@@ -94,8 +94,8 @@ Figures dynamic_profile(const std::string& policy, int n) {
               "load.slew_Nm_s=0", "run.settle_s=0.6", "run.duration_s=3.2"});
 }
 
-// One gain in 20 ms, from the covariance of the run: not above the full filter, and not so far
-// below that it would be another filter. `rotate` and `rotor_frame` are lost there.
+// One gain in 20 ms, from the covariance of the run: the error is not above that of the full filter
+// and not far below it. `rotate` and `rotor_frame` lose synchronism there.
 TEST(Propagated, HoldsTheDynamicProfileWithAGainEveryHundredTicks) {
   const double full = degrees(dynamic_profile("paper", 1).angle_error_rms);
   const Figures figures = dynamic_profile("propagated", 100);
@@ -113,12 +113,12 @@ TEST(Propagated, StartsFromStandstillWithAGainEveryHundredTicks) {
       const Figures figures = from_standstill("propagated", f_e, 100, ramp_rad_s2, "rk4");
       EXPECT_TRUE(figures.locked) << f_e;
       EXPECT_NEAR(figures.angle_error_rms / full.angle_error_rms, 1, 0.01) << f_e;
-      if (f_e > 100) continue;  // there `rotate` may be held by chance
+      if (f_e > 100) continue;  // there `rotate` may keep synchronism by chance
       EXPECT_FALSE(from_standstill("rotate", f_e, 100, ramp_rad_s2, "rk4").locked) << f_e;
     }
 }
 
-// Both directions of rotation are one drive.
+// Both directions of rotation have the same limit.
 TEST(Propagated, HoldsTheOtherDirectionAndAReversal) {
   const std::vector<std::string> common = {"gain.policy=propagated",   "rates.n=50",
                                            "estimator.prediction=rk4", "reference.slew_rad_s2=4000",

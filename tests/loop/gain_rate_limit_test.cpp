@@ -38,11 +38,11 @@ Tally ninety_runs(int n) {
   return tally;
 }
 
-TEST(GainRateLimit, TwelveIsHeldInNinetyOfNinetyRuns) {
+TEST(GainRateLimit, TwelveKeepsSynchronismInNinetyOfNinetyRuns) {
   const Tally tally = ninety_runs(12);
   EXPECT_EQ(tally.locked, tally.runs);
   EXPECT_EQ(tally.runs, kSanitized ? 9 : 90);
-  // Held with room: the worst sample of all runs.
+  // Margin of the angle error: the largest of all runs.
   EXPECT_LT(degrees(tally.angle_error_max), 20);
   EXPECT_GT(degrees(tally.angle_error_max), 5);
 }
@@ -55,8 +55,8 @@ TEST(GainRateLimit, ThirteenIsLostInNinetyOfNinetyRuns) {
 
 TEST(GainRateLimit, LostAtSpeedTheMotorSpinsBackwardsAboutHalfASecondAfterTheLoss) {
   // Started at 400 rad/s on the true angle with n = 13: the gain is too old from the first tick.
-  // The way from the first slip to the reversal is chaotic (0.2 to 1.1 s over seeds), its middle is
-  // the paper's half second.
+  // The time from the loss to the reversal is chaotic (0.2 to 1.1 s over seeds); its median is the
+  // 0.5 s of the paper.
   std::vector<double> from_loss_to_reversal_s;
   for (int seed : {1, 2, 3, 4, 5}) {
     ClosedLoop loop(
@@ -80,7 +80,7 @@ TEST(GainRateLimit, LostAtSpeedTheMotorSpinsBackwardsAboutHalfASecondAfterTheLos
   EXPECT_LT(from_loss_to_reversal_s[2], 0.8);
 }
 
-TEST(GainRateLimit, AFlyingStartHoldsWithTwelve) {
+TEST(GainRateLimit, AFlyingStartKeepsSynchronismWithTwelve) {
   const Figures figures = run("dilys2021", {"rates.n=12", "start=flying", "run.settle_s=0.1"});
   EXPECT_TRUE(figures.locked);
   EXPECT_LT(degrees(figures.angle_error_max), 15);

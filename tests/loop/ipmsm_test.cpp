@@ -7,8 +7,7 @@
 namespace twinrate::test {
 namespace {
 
-// The preset's events end its run in safe mode; where a filter's errors are the subject they are
-// off.
+// The preset's events end a run in safe mode; tests of filter errors switch them off.
 const Overrides kFlying{"start=flying", "estimator.prediction=euler", "run.duration_s=0.95",
                         "controller.foc.synchronism.watch=false"};
 const Overrides kHeavy{"machine.J_kgm2=1e-3", "controller.foc.speed_bandwidth_Hz=15"};
@@ -90,7 +89,7 @@ TEST(GainPolicies, TheRotorModelsGainDoesNotGrowOldAndTheExtendedEmfsMustTurn) {
   EXPECT_GT(with_background_twenty_times_slower("eemf", "paper").largest_deg, 90);
 }
 
-// Its gain stands still on the stator: as with a gain every tick, whatever the policy.
+// Its gain is constant in stator axes: every policy equals a gain every tick.
 TEST(GainPolicies, ThePrintedFiltersGainStandsStillOnTheStator) {
   for (const char* policy : {"paper", "rotate", "rotor_frame", "scheduled"}) {
     const AtLoad figures = at_load(
@@ -114,7 +113,7 @@ TEST(GainPolicies, WithAGainEveryTickTheTurnedOneIsTheOrdinaryFilterBitForBit) {
     }
 }
 
-// The rotor is locked, a voltage of 20 V turns at 100 Hz.
+// Locked rotor, a voltage of 20 V rotating at 100 Hz.
 double standstill_angle_error_deg(double theta_e) {
   Config config = load("kim-ipmsm", {"machine.J_kgm2=1000", "run.duration_s=0.3",
                                      fmt::format("plant.theta_e_start_rad={}", theta_e)});
@@ -227,7 +226,7 @@ TEST(FieldWeakening, GoesBeyondBaseSpeedInsideTheVoltageAndNotWithoutIt) {
 }
 
 TEST(Synchronism, ALostDriveIsReportedAndGoesToZeroVoltage) {
-  // Three times the torque that the rated current makes: the rotor is pulled backwards.
+  // Three times the rated torque: the load turns the rotor backwards.
   ClosedLoop loop(load("kim-ipmsm", {"load.T_load_Nm=[[0, 0], [0.3, 7]]", "load.slew_Nm_s=0",
                                      "run.duration_s=0.6"}));
   int reported = 0;

@@ -1,4 +1,4 @@
-// One way to load a drive file: every owner's tables read, unknown kinds and tables refused.
+// load_drive() reads the tables of every owner and refuses unknown kinds and tables.
 #include "loop/load_drive.hpp"
 
 #include <gtest/gtest.h>

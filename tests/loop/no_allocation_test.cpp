@@ -1,4 +1,4 @@
-// The tick path of a drive never touches the heap once it runs.
+// The tick path of a running drive does not allocate.
 #include <gtest/gtest.h>
 
 #include <cstdlib>

@@ -25,7 +25,7 @@ TEST_P(EveryPreset, StatesItsRatesOnce) {
 INSTANTIATE_TEST_SUITE_P(Config, EveryPreset, testing::ValuesIn(preset_names()),
                          [](const auto& i) { return gtest_name(i.param); });
 
-TEST(Locked, IsNotSaidOfARunThatNeverComesToSpeed) {
+TEST(Locked, IsFalseForARunBelowItsReferenceSpeed) {
   // The current limit of 0.05 A cannot hold half load: the angle is known, the speed is far off.
   const Figures figures = run("dilys2021", {"controller.foc.i_max_A=0.05", "load.T_load_Nm=0.0315",
                                             "controller.angle_source=truth"});

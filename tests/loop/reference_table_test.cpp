@@ -40,8 +40,7 @@ INSTANTIATE_TEST_SUITE_P(Dilys2021, ReferenceTable, testing::ValuesIn(kTable), [
 });
 
 TEST(ReferenceRun, EulerLagsByHalfASamplingPeriodOfRotation) {
-  // The bias of explicit Euler: omega_e T_s/2 = 400 * 200e-6/2 rad = 2.29 deg, and nothing else is
-  // large.
+  // The bias of explicit Euler: omega_e T_s/2 = 400 * 200e-6/2 rad = 2.29 deg dominates the error.
   ClosedLoop loop(load("dilys2021", {"rates.n=1", "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0"}));
   const Figures figures = run(loop);
   EXPECT_NEAR(degrees(figures.angle_error_rms), 2.29, 0.30);
@@ -79,7 +78,7 @@ TEST(AngleVariance, GrowsTo045AtTwelveTicksAGain) {
 }
 
 TEST(CovarianceForm, JosephAndPaperGiveTheSameRun) {
-  // Without the ADC, whose rounding would make a whole count of the last bit of a double.
+  // Without the ADC, which can round a difference in the last bit to a whole count.
   const double joseph =
       run("dilys2021", {"estimator.covariance=joseph", "sensors.i_lsb_A=0"}).angle_error_rms;
   const double paper =

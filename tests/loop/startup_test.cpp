@@ -30,7 +30,7 @@ struct Handover {
   double bump = 0;  // the step if the last voltage of the ramp were read in the estimated axes
 };
 
-// The voltage step at the hand-over, in axes that turn with the ramp: what a bump would be made of.
+// The voltage step at the hand-over, in axes that rotate with the ramp.
 // `turn_a_tick`: omega_e of the hand-over times T_s.
 Handover handover_of(const std::string& preset, double turn_a_tick, double ramp_ends_s,
                      const Overrides& overrides) {
@@ -62,19 +62,19 @@ Handover handover_under(double T_load) {
                       "sensors.i_lsb_A=0", fmt::format("load.T_load_Nm={}", T_load)});
 }
 
-TEST(Handover, ComesWhenTheRampHasBeenFollowedForTwentyMilliseconds) {
+TEST(Handover, HappensAfterTwentyMillisecondsOfAgreement) {
   // Two alignments of 0.3 s, 150 rad/s at 1000 rad/s2, agreement for 0.02 s.
   EXPECT_NEAR(handover_under(0).t_s, 0.6 + 0.15 + 0.02, 0.002);
 }
 
-TEST(Handover, IsBumplessWhateverTheRotorLagsBehindTheForcedVector) {
+TEST(Handover, IsBumplessForEveryLagBehindTheForcedVector) {
   for (double T_load : {0.0, 0.02, 0.04}) {
     const Handover handover = handover_under(T_load);
     ASSERT_TRUE(handover.happened) << T_load << " Nm";
     // The vector is about 2 V long; without the hand-over's presets the step is 0.69 V at 0.04 Nm.
     EXPECT_LT(handover.voltage_step, 0.03) << T_load << " Nm";
   }
-  // The loads do turn the estimated frame away from the forced one, or the test would show nothing.
+  // The loads must rotate the estimated frame against the forced one for the test to be valid.
   EXPECT_GT(degrees(handover_under(0.04).shift), 25);
 }
 
@@ -86,9 +86,8 @@ Handover salient_handover(const char* kind, double T_load, const Overrides& more
   return handover_of("kim-ipmsm", 104.7 * 1e-4, 1.26, overrides);
 }
 
-// The vector is 57 V long. With neither an acceleration to start nor a current to fade the step is
-// that of any tick; read in axes that a load has turned by 36 deg the old voltage would jump by 35
-// V.
+// The vector is 57 V long. Without an acceleration to start and a current to fade out, the step is
+// that of any tick; in axes rotated by a load by 36 deg the old voltage would jump by 35 V.
 TEST(Handover, OfTheSalientMotorKeepsItsVoltageVectorThoughItsAxesTurn) {
   for (const char* kind : {"eemf", "active_flux", "dq_ekf"}) {
     for (double T_load : {0.0, 0.3, 0.6}) {
@@ -102,14 +101,14 @@ TEST(Handover, OfTheSalientMotorKeepsItsVoltageVectorThoughItsAxesTurn) {
   }
 }
 
-// What the preset asks for at once is an acceleration, 1.05 V, and a fading i_d, 0.46 V.
+// The preset demands an acceleration at once, 1.05 V, and fades i_d out, 0.46 V.
 TEST(Handover, OfTheSalientMotorStepsByWhatTheSpeedRampAndTheFadeAskFor) {
   EXPECT_NEAR(salient_handover("eemf", 0.6, {}).voltage_step, 1.53, 0.15);
   EXPECT_NEAR(salient_handover("eemf", 0.6, {"reference.slew_rad_s2=1"}).voltage_step, 0.49, 0.07);
 }
 
 TEST(AlignIf, GivesUpInSafeModeWithAnEventWhereTheLoadHoldsTheRotor) {
-  // Twice what the alignment current can pull.
+  // Twice the torque of the alignment current.
   ClosedLoop loop(load("dilys2021", {"start=align_if", "run.duration_s=3.0", "load.T_load_Nm=0.13",
                                      "load.slew_Nm_s=0"}));
   int gave_up = 0;

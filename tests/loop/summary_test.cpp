@@ -1,4 +1,4 @@
-// analysis/summary.hpp against the figures that closed_loop.hpp forms on its own, from docs/conventions.md.
+// analysis/summary.hpp against the independent figures of closed_loop.hpp.
 #include "analysis/summary.hpp"
 
 #include <gtest/gtest.h>

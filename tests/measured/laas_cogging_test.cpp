@@ -1,6 +1,6 @@
-// A recorded real motor through the import and the disturbance filter. The data are not part of the
-// repository: they are looked for in TWINRATE_MEASURED, then in ../shared/measured; without them
-// the test is skipped, saying so.
+// Import of a recorded real motor, replayed through the disturbance filter. The data are not in the
+// repository: TWINRATE_MEASURED, else ../shared/measured; without them the test is skipped with a
+// message.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -24,7 +24,7 @@ std::string measured_directory() {
   return given && *given ? given : std::string(TWINRATE_SOURCE_DIR) + "/../shared/measured";
 }
 
-// Imports through the real program and returns the log.
+// Imports with the program and returns the log.
 RunLog import_speed_test(const std::string& csv) {
   const fs::path out =
       fs::temp_directory_path() / ("twinrate-laas-" + std::to_string(getpid()) + ".lcm");

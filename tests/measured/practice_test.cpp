@@ -1,5 +1,5 @@
-// The practice logs: a generator that shares no code with the product put effects into them and
-// wrote down which. Skipped where they are not on this machine.
+// Practice logs of an independent generator with known effects. Skipped if they are not on this
+// machine.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -46,7 +46,7 @@ std::vector<std::string> true_kinds(const std::string& path) {
 
 class Practice : public testing::TestWithParam<int> {};
 
-TEST_P(Practice, TheMissingEffectsAreNamed) {
+TEST_P(Practice, TheMissingEffectsAreFound) {
   const std::string stem =
       practice_directory() + "/p" + (GetParam() < 10 ? "0" : "") + std::to_string(GetParam());
   if (!fs::exists(stem + ".csv.gz"))

@@ -1,6 +1,6 @@
-// The trace of recorded machines through the real program. The data are not part of the repository:
-// they are looked for in TWINRATE_MEASURED, then in ../shared/measured; without them a test is
-// skipped, saying so. tools/measured-report prints the same as tables.
+// Traces of recorded machines with the program. The data are not in the repository:
+// TWINRATE_MEASURED, else ../shared/measured; without them a test is skipped with a message.
+// tools/measured-report prints the results as tables.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -126,7 +126,7 @@ TEST_F(Laas, FindsTheResistanceThatALateSpeedHides) {
   EXPECT_LT(double(R["value"]), 0.56);
 }
 
-TEST_F(Laas, DoesNotGuessAtTheRippleOfTheVoltage) {
+TEST_F(Laas, NamesNoEffectForTheRippleOfTheVoltage) {
   const json& ambiguous = traced_->trace["ambiguous"];
   EXPECT_TRUE(std::any_of(ambiguous.begin(), ambiguous.end(), [](const json& a) {
     const std::string why = a["why"];

@@ -26,7 +26,7 @@ Vec2 integrate(const std::function<Vec2(const Vec2&, double)>& step, int steps) 
 
 // Slope of log(error) over log(step) between two step counts.
 double order_of(const std::function<Vec2(const Vec2&, double)>& step, int coarse, int fine) {
-  // The referee: the midpoint rule, extrapolated twice from 2^11, 2^12 and 2^13 steps.
+  // Oracle: the midpoint rule, extrapolated twice from 2^11, 2^12 and 2^13 steps.
   const auto midpoint = [](const Vec2& x, double T) -> Vec2 {
     return x + T * field(x + 0.5 * T * field(x));
   };

@@ -37,7 +37,7 @@ std::shared_ptr<Effect> plausible(const std::string& kind) {
   return effect;
 }
 
-// Some milliseconds of motion, the last of them at random_point(index) but for the angle.
+// Some milliseconds of motion that end at random_point(index), except for the angle.
 std::vector<OperatingPoint> random_record(std::uint64_t index) {
   std::vector<OperatingPoint> record;
   double theta_m = normal(1, 4, index);
@@ -53,7 +53,7 @@ std::vector<OperatingPoint> random_record(std::uint64_t index) {
   return record;
 }
 
-// What an effect adds at the end of that record.
+// Contribution of an effect at the end of that record.
 Contribution contribution(const Effect& effect, std::uint64_t index) {
   const auto record = random_record(index);
   std::vector<Contribution> sums(record.size());
@@ -61,12 +61,12 @@ Contribution contribution(const Effect& effect, std::uint64_t index) {
   return sums.back();
 }
 
-// Rows that come late, twice or not at all add to no equation.
+// Late, repeated and lost rows contribute to no equation.
 bool adds_something(const Effect& effect) {
   return effect.acts_on() != 0;
 }
 
-// What every effect of the registry owes, whatever it is.
+// Requirements on every effect of the registry.
 class EveryEffect : public testing::TestWithParam<std::string> {};
 
 TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
@@ -89,8 +89,8 @@ TEST_P(EveryEffect, IsTheSumOfItsCoefficientsTimesItsRegressors) {
   EXPECT_GT(size, 1e-3);
 }
 
-// What the tracer hands over with every row is what a point without it makes itself.
-TEST_P(EveryEffect, IsTheSameWhereTheAxisOfThePointIsAtHand) {
+// A point with the axis precomputed by the tracer equals a point without it.
+TEST_P(EveryEffect, IsTheSameWithAPrecomputedAxis) {
   const auto effect = plausible(GetParam());
   std::vector<OperatingPoint> record = random_record(3), with_axis = record;
   for (OperatingPoint& point : with_axis)
@@ -118,7 +118,7 @@ TEST_P(EveryEffect, TakesItsCoefficientsBack) {
     EXPECT_NEAR(kept[i], given[i], 1e-12 * (1 + std::abs(given[i])));
 }
 
-TEST_P(EveryEffect, TwiceItsSizeMattersMore) {
+TEST_P(EveryEffect, TwiceItsSizeHasMoreMateriality) {
   const auto effect = plausible(GetParam());
   if (effect->tracing().traced_keys().empty() || effect->tracing().regressor_count() == 0)
     GTEST_SKIP() << "the tracer has no fit for it";
@@ -130,12 +130,12 @@ TEST_P(EveryEffect, TwiceItsSizeMattersMore) {
   for (double& coefficient : c) coefficient *= 2;
   effect->tracing().set_coefficients(c);
   EXPECT_LT(effect->tracing().materiality(facts), 2.000001 * size);
-  // Saturation beyond all measure saturates.
+  // The materiality of extreme saturation is limited.
   EXPECT_GT(effect->tracing().materiality(facts),
             (GetParam() == "saturation" ? 1.01 : 1.999999) * size);
 }
 
-TEST_P(EveryEffect, TouchesWhatItSaysItActsOnAndNothingElse) {
+TEST_P(EveryEffect, ChangesOnlyTheSignalsThatItDeclares) {
   const auto effect = plausible(GetParam());
   int touched = 0;
   for (std::uint64_t i = 0; i < 50; ++i) {
@@ -168,7 +168,7 @@ TEST_P(EveryEffect, ACloneIsItsOwnObjectWithTheSameValues) {
   }
 }
 
-// A visitor that meets a number or a choice of a name, and what it holds and may hold.
+// A visitor that finds a number or a choice by name, with its value and range.
 class Meet final : public test::FieldSetter {
  public:
   explicit Meet(std::string key) : key_(std::move(key)) {}
@@ -206,7 +206,7 @@ TEST_P(EveryEffect, TracesKeysThatItHasOnGridsInsideTheirRange) {
   EXPECT_LE(linear, 3);
 }
 
-TEST_P(EveryEffect, MattersWhereItIsAndNotAtAllWhereThereIsNone) {
+TEST_P(EveryEffect, HasMaterialityOnlyIfItsSizeIsNotZero) {
   const auto effect = plausible(GetParam());
   if (effect->tracing().traced_keys().empty()) return;
   const DriveFacts facts = test::drive_facts();
@@ -224,7 +224,7 @@ TEST(EffectRegistry, AnUnknownKindIsNull) {
   EXPECT_EQ(make_effect("perpetuum_mobile"), nullptr);
 }
 
-// Sizes worth reporting on the drive that the figures belong to, and on one of a tenth the torque.
+// Smallest sizes to report on the reference drive, and on a drive with a tenth of its torque.
 TEST(Materiality, IsOneAtTheSmallestSizeOfAServoMotor) {
   DriveFacts facts = test::drive_facts();
   facts.machine.T_rated = 8.1;

@@ -1,4 +1,4 @@
-// The electrical kinds against their closed forms; the older ones in effect_signatures_test.cpp.
+// Electrical kinds against their closed forms; more in effect_signatures_test.cpp.
 #include <gtest/gtest.h>
 
 #include "model/effects/flux_map.hpp"
@@ -16,7 +16,7 @@ OperatingPoint at_angle(double theta_m, const Vec2& i_dq, double omega_m = 1) {
       .i_dq = i_dq, .v_dc = 235.4, .omega_m = omega_m, .theta_m = theta_m, .theta_e = 3 * theta_m};
 }
 
-// Psi_q in units of L_q I_s, the machine's own part included.
+// Psi_q in units of L_q I_s, with the linear part of the machine.
 double psi_q(int form, double x) {
   const auto effect = make_effect("saturation");
   class Set final : public test::FieldSetter {
@@ -97,7 +97,7 @@ TEST(Saturation, OfNoneHasTheColumnThatSmallSaturationHas) {
   }
 }
 
-// A regression from no saturation, again at what it found, ends at the truth.
+// Iterated regression from zero saturation converges to the truth.
 TEST(Saturation, IsFoundByRegressingOnItsOwnColumnAgainAndAgain) {
   const auto truth = effect_of("saturation", {{"current_q_A", 15.1}});
   const auto fit = effect_of("saturation", {{"current_q_A", 0}});

@@ -1,4 +1,4 @@
-// Losses below zero: a part of a larger one, never all there is.
+// Negative losses: a part of a larger declared loss.
 #include "model/effects/losses.hpp"
 
 #include <gtest/gtest.h>

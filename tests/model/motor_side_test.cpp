@@ -9,7 +9,7 @@ namespace twinrate::motor_side_test {
 
 constexpr double kStep_s = 2e-4;
 
-// Swings with the load changing sides, and a seam half-way.
+// Oscillations with a load that changes flanks, and the seam of two logs in the middle.
 std::vector<OperatingPoint> swings(std::size_t rows) {
   std::vector<OperatingPoint> record(rows);
   for (std::size_t k = 0; k < rows; ++k) {
@@ -34,8 +34,8 @@ std::vector<ShaftFacts> random_gaps(std::size_t count) {
   return shafts;
 }
 
-// What a shaft does does not depend on what stands beside it in the registers.
-TEST(MotorSide, SeveralAtOnceAreWhatEachIsAlone) {
+// A shaft does not depend on the shafts computed in the same register.
+TEST(MotorSide, SeveralShaftsAtOnceEqualEachAlone) {
   const std::vector<OperatingPoint> record = swings(6000);
   const MotorSide motor(record, load_behind_shaft({}, record), kStep_s);
   for (std::size_t count : {1, 2, 3, 4, 5, 11}) {
@@ -55,7 +55,7 @@ TEST(MotorSide, SeveralAtOnceAreWhatEachIsAlone) {
 }
 
 // The shafts of the test above lift off and land.
-TEST(MotorSide, FlanksOnlyPush) {
+TEST(MotorSide, FlanksNeverPull) {
   const std::vector<OperatingPoint> record = swings(6000);
   const MotorSide motor(record, std::vector<double>(record.size()), kStep_s);
   for (const ShaftFacts& shaft : random_gaps(4)) {
@@ -69,9 +69,9 @@ TEST(MotorSide, FlanksOnlyPush) {
   }
 }
 
-// An even speed read from an encoder of 20 bits turns the load evenly, too. Its last digit between
-// the first two rows is 0.06 rad/s, from which a shaft of 59 Hz rang by 0.01 Nm for 0.1 s.
-TEST(MotorSide, NoRingingComesOfTheEncodersLastDigit) {
+// A constant speed from a 20-bit encoder gives a constant load speed. The last digit between the
+// first two rows is 0.06 rad/s; a shaft of 59 Hz rang with 0.01 Nm for 0.1 s because of it.
+TEST(MotorSide, TheEncodersLastDigitCausesNoRinging) {
   constexpr double kDigit = kTwoPi / 1048576, kTs_s = 1e-4;
   const ShaftFacts shaft{.J_load = 0.0014, .stiffness = 190, .damping = 0.02};
   for (double omega_m : {0.1, 0.3, 1.0, 3.0}) {

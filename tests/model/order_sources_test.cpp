@@ -43,7 +43,7 @@ TEST(OrderSources, FollowTheNumbersOfPolesAndSlots) {
   EXPECT_EQ(order_sources(3, 12, 18), Sources{});
 }
 
-// One pole pair: the shaft and the current offset share order 1.
+// One pole pair: shaft and current offset both have order 1.
 TEST(OrderSources, MayFallTogetherWithTheShaft) {
   EXPECT_EQ(order_sources(1, 1, 0), (Sources{{kShaft, 1}, {kCurrentOffset, 1}}));
 }

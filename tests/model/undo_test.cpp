@@ -23,7 +23,7 @@ double angle_reading(const Effects& effects, double theta_m) {
   return theta_m + sum_at(effects, {.theta_m = theta_m, .theta_e = 3 * theta_m}).theta_m;
 }
 
-// What the sensors read there, as model and plant define it.
+// The sensor readings there, as in model and plant.
 Measurement reading(const Effects& effects, const Truth3& truth, int current_sensors) {
   Measurement m;
   m.signals = kPhaseCurrents | kPosition | kSpeed;
@@ -67,7 +67,7 @@ INSTANTIATE_TEST_SUITE_P(CurrentSensors, UndoWith, testing::Values(2, 3));
 TEST(Undo, CorrectsTheSpeedOfAnEccentricDisc) {
   const Effects effects{test::effect_of("encoder_eccentricity", {{"amplitude_rad", 2e-3}})};
   const Measurement m = reading(effects, {Vec3::Zero(), 0, 10}, 3);
-  EXPECT_NEAR(m.omega_m, 10 * 1.002, 1e-4);  // cos(theta_m) = 1: the reading runs ahead
+  EXPECT_NEAR(m.omega_m, 10 * 1.002, 1e-4);  // cos(theta_m) = 1: the reading is too fast
   EXPECT_NEAR(SensingUndo(effects, 3, 3, kTs)(m).omega_m, 10, 1e-6);
 }
 
@@ -87,7 +87,7 @@ TEST(Undo, CarriesLateAnglesAndCurrentsForwardAtTheSpeed) {
   EXPECT_NEAR(undo(m, 40).theta_m, 1 + 20 * 3e-4, 1e-12) << "the better speed";
 }
 
-TEST(Undo, LeavesAloneWhatWasNotMeasuredAndWhatNoEffectTouches) {
+TEST(Undo, ChangesOnlyMeasuredSignalsWithAnEffect) {
   const Effects effects = sensing_effects();
   const SensingUndo undo(effects, 3, 3, kTs);
   Measurement m = reading(effects, random_truth(1), 3);
@@ -100,7 +100,7 @@ TEST(Undo, LeavesAloneWhatWasNotMeasuredAndWhatNoEffectTouches) {
   EXPECT_TRUE(SensingUndo(torque, 3, 3, kTs).nothing_to_do());
 }
 
-TEST(Undo, PredictsTheVoltageThatGetsLost) {
+TEST(Undo, PredictsTheLostVoltage) {
   const Effects effects{
       test::effect_of("dead_time", {{"dead_time_s", 1e-6}}),
       test::effect_of("inverter_drop", {{"threshold_V", 0.7}, {"resistance_Ohm", 0.05}})};

@@ -1,5 +1,5 @@
-// A slow run leaves friction, fan and a constant load aliases of each other; the run that is
-// planned on top of it names the one that is there.
+// In a slow run friction, fan and constant load are aliases of each other; a trace with the planned
+// run finds the true one.
 #include "plan/plan.hpp"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ PlanRequest friction_kinds() {
           .longest_s = 5};
 }
 
-TEST(PlanMeasurement, NamesWhatASlowRunLeavesAmbiguous) {
+TEST(PlanMeasurement, SeparatesTheAliasesOfASlowRun) {
   const PlanLog slow = run(servo(kFriction));
   const TraceResult before = trace_record(slow.record, declared().drive(), slow.health, {});
   ASSERT_EQ(before.verdict, "ambiguous") << before.sentence;
@@ -54,7 +54,7 @@ TEST(PlanMeasurement, NamesWhatASlowRunLeavesAmbiguous) {
     EXPECT_TRUE(plan.after[a].separated()) << plan.kinds[a];
   }
 
-  // The file as it stands, with the friction that nobody told it of.
+  // The planned drive file with an undeclared friction.
   const TraceResult after = [&] {
     const PlanLog log = run(Config::parse(plan_toml(declared(), plan) + kFriction, "plan.toml"));
     return trace_record(log.record, declared().drive(), log.health, {});
@@ -90,7 +90,7 @@ TEST(PlanMeasurement, ShowsAStepAtAnUnknownMomentAndAGap) {
             "backlash");
 }
 
-TEST(PlanMeasurement, SaysOfTheBusWhatTheLogShows) {
+TEST(PlanMeasurement, ReportsTheBusRippleOfTheLog) {
   PlanLog slow = run(servo(""));
   const PlanRequest request{.kinds = {"constant_load", "coulomb_friction", "dc_bus_ripple"},
                             .longest_s = 2};
@@ -104,7 +104,7 @@ TEST(PlanMeasurement, SaysOfTheBusWhatTheLogShows) {
   EXPECT_EQ(outside_the_design(plan, {slow}, declared().drive())[0].log, "v_dc is not in the log");
 }
 
-TEST(PlanMeasurement, StopsWhereItIsToldAndKeepsWhatItHas) {
+TEST(PlanMeasurement, KeepsItsResultsWhenStopped) {
   int calls = 0;
   const PlanHooks hooks{.progress = {}, .stop = [&] { return ++calls > 60; }};
   const Plan plan = make_plan(declared(), friction_kinds(), {}, hooks);

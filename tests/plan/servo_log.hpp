@@ -1,4 +1,4 @@
-// Logs of the servo at a slow speed without load, made by the plant in its own loop.
+// Simulated logs of the servo at a slow speed without load.
 #pragma once
 #include <string>
 #include <vector>
@@ -10,7 +10,7 @@
 
 namespace twinrate {
 
-// `settings` go before those of the log.
+// The overrides `settings` come before those of the log.
 inline Config servo(const std::string& effects, const std::vector<std::string>& settings = {
                                                     "rates.f_s_Hz=5000", "run.duration_s=3"}) {
   std::vector<std::string> all = {"controller.kind=foc",

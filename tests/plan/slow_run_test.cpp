@@ -1,5 +1,5 @@
-// What a slow run without load tells: currents of tenths of an ampere, half of them noise and the
-// drive's answer to it.
+// Slow runs without load: currents of tenths of an ampere, half of them noise and the response of
+// the drive to it.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -17,9 +17,9 @@ TraceResult trace_with(const std::string& effects, const std::vector<std::string
   return trace_record(slow.record, model.drive(), slow.health, {});
 }
 
-// A gain of the voltage does the same at that speed, and not at the start; and the currents that
-// are fitted never leave the zone around zero.
-TEST(SlowRun, TellsADeadTimeByHowItStarts) {
+// A voltage gain is an alias at that speed, but not during the start; and the fitted currents never
+// leave the zone around zero.
+TEST(SlowRun, SeparatesADeadTimeByItsStart) {
   const TraceResult r = trace_with("[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1e-6\n");
   ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
   EXPECT_EQ(r.effects[0].effect->kind(), "dead_time") << r.sentence;
@@ -27,7 +27,7 @@ TEST(SlowRun, TellsADeadTimeByHowItStarts) {
   EXPECT_NEAR(r.effects[0].parameters.at(0).value, 1e-6, 0.06e-6);
 }
 
-// Through its slope of 30 ohm the noise of i_d is most of what is left of d, and depends on i_d.
+// With its slope of 30 ohm, the noise of i_d dominates the d residual and depends on i_d.
 TEST(SlowRun, TellsADeadTimeThatLooksLikeAResistance) {
   const TraceResult r = trace_with(
       "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 1.46e-6\nlinear_current_A = 0.106\n",
@@ -37,8 +37,8 @@ TEST(SlowRun, TellsADeadTimeThatLooksLikeAResistance) {
   EXPECT_TRUE(r.unexplained.empty()) << r.sentence;
 }
 
-// The fast noise is a hundred times what the winding drops; the slow noise is not.
-TEST(SlowRun, TellsAWindingThatWarmsUp) {
+// The fast noise is a hundred times the voltage of the resistance change; the slow noise is not.
+TEST(SlowRun, FindsAWindingThatWarmsUp) {
   constexpr double kChange = 0.15;  // ohm
   const TraceResult r = trace_with(fmt::format(
       "[[effect]]\nkind = \"resistance\"\nchange_Ohm = {}\ntime_constant_s = 5\n", kChange));
@@ -47,8 +47,8 @@ TEST(SlowRun, TellsAWindingThatWarmsUp) {
   EXPECT_NEAR(r.effects[0].parameters.at(0).value, kChange, 0.15 * kChange);
 }
 
-// The external load is what moves the rotor, and half a row of it would be a lag of the angle.
-TEST(SlowRun, TellsAnInertiaByTheJumpsOfADeclaredLoad) {
+// The declared load moves the rotor; half a row of it acts like a delay of the angle.
+TEST(SlowRun, FindsAnInertiaFromTheStepsOfADeclaredLoad) {
   constexpr double kChange = -1.6e-3;  // kgm2
   const TraceResult r =
       trace_with(fmt::format("[[effect]]\nkind = \"inertia\"\nchange_kgm2 = {}\n", kChange),

@@ -15,7 +15,7 @@ MachineParameters salient() {
   return {.R_s = 11, .L_d = 0.05635, .L_q = 0.133, .psi_f = 0.285, .J = 1e-4, .B = 2e-4, .n_p = 2};
 }
 
-// The paper's (1) in its own axes, q^s along phase a and d^s along -beta, solved for the currents.
+// (1) of the paper in its axes, q^s along phase a and d^s along -beta, solved for the currents.
 Vec2 currents_rate_as_printed(const MachineParameters& m, const Vec2& i_alphabeta,
                               const Vec2& u_alphabeta, double omega_e, double theta_e) {
   const double i_q = i_alphabeta[0], i_d = -i_alphabeta[1];

@@ -1,5 +1,5 @@
-// Effects on the flux in the plant: against the same machine with other parameters, in steady state
-// and by their energy. Iron loss by its power.
+// Flux effects in the plant against a machine with changed parameters, in steady state and by
+// energy. Iron loss by its power.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -28,7 +28,7 @@ struct Pair {
   void (*change)(MachineParameters&);
 };
 
-// What an effect adds, a machine with the other parameter has.
+// A machine with an effect equals a machine with the changed parameter.
 TEST(FluxEffects, EqualAMachineWithTheChangedParameter) {
   const Pair pairs[] = {
       {"flux_linkage", {{"change_Wb", -0.01}}, [](MachineParameters& m) { m.psi_f -= 0.01; }},
@@ -78,7 +78,7 @@ TEST(FluxEffects, ALittleVoltageMovesASaturatedAxisFaster) {
   EXPECT_NEAR(rate[1], 1 / (7e-3 / (1.5 * 1.5)), 1e-4);
 }
 
-// Stored: 3/2 (i psi - integral of psi over the way to i), which needs no closed form of the law.
+// Stored energy: 3/2 (i psi - integral of psi along the path to i), without a closed form.
 double field_energy(const MachineParameters& m, const Effects& effects, const Vec2& i_dq) {
   const auto flux = [&](double share) {
     const Vec2 i = share * i_dq;

@@ -1,4 +1,4 @@
-// What effects do inside the plant: energy, what the drive measures, and what it cannot know.
+// Effects in the plant: energy, measured signals, and signals that the drive does not measure.
 #include <gtest/gtest.h>
 
 #include "plant_sim/plant.hpp"
@@ -67,7 +67,7 @@ TEST(PlantEffects, EnergyInIsCopperInverterStoredFrictionAndLoadWithFluxHarmonic
     }
   }
   const double out = copper + lost + friction + load + stored(x) - stored_before;
-  EXPECT_NEAR(in, out, 1e-6 * in);  // the corners of sat() cost the Simpson rule its order
+  EXPECT_NEAR(in, out, 1e-6 * in);  // the corners of sat() reduce the order of the Simpson rule
   EXPECT_GT(lost, 0.01 * in);
   EXPECT_GT(std::abs(flux_work), 1e-3 * in) << "the flux harmonics took no part";
   EXPECT_LT(std::abs(flux_work), in);
@@ -94,7 +94,7 @@ TEST(PlantEffects, TheModulatorScalesByTheBusVoltageItMeasuredAndTheBusMovesOn) 
     EXPECT_NEAR(plant.sample().v_dc, v_dc(t_k), 1e-9);
     tick(plant, {3, 0});
     EXPECT_NEAR(plant.sample().u_alphabeta[0], 3,
-                1e-9);  // duty x v_dc(t_k): what the drive believes
+                1e-9);  // duty x v_dc(t_k): as the drive computes it
     EXPECT_NEAR(clarke(plant.sample().duty_abc * v_before)[0], 3, 1e-9);
     v_before = v_dc(t_k + kTs);
     // Oracle: the RL circuit by midpoint steps.

@@ -29,7 +29,7 @@ void tick(Plant& plant, const Vec2& u) {
 TEST(Plant, ALockedRotorAnswersAVoltageStepAsAnRlCircuit) {
   Plant plant = ideal({"machine.J_kgm2=1e4"});
   for (int k = 0; k < 30; ++k) tick(plant, {6, 0});
-  // One interval of the thirty went by before the command acted.
+  // The command acts after the first of the thirty intervals.
   const double i_alpha = 6 / 1.2 * (1 - std::exp(-1.2 / 5e-4 * 29 * 2e-4));
   EXPECT_NEAR(clarke(plant.sample().i_abc)[0], i_alpha, 1e-6);
   EXPECT_NEAR(plant.truth().i_dq[0], i_alpha, 1e-6);
@@ -121,7 +121,7 @@ TEST(Plant, HoldsTheLastVoltageWhereACommandIsMissingAndTripsAfterHoldTicks) {
   EXPECT_TRUE(plant.tripped());
   EXPECT_EQ(plant.sample().u_alphabeta, Vec2(0, 0));
   EXPECT_EQ(plant.sample().mode, Mode::kSafe);
-  // For good: a command that comes now is not obeyed.
+  // The trip latches: a later command has no effect.
   for (int k = 0; k < 3; ++k) {
     plant.take_command(voltage(plant.k(), {3, 0}));
     plant.advance();

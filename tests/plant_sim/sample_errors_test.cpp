@@ -39,7 +39,7 @@ void coast(Plant& plant) {
   plant.take_command({.k = plant.k()});
   ASSERT_TRUE(plant.advance());
 }
-// The RL circuit `T` later under u.
+// The RL circuit after `T` with voltage u.
 double circuit(double i, double u, double T) {
   return u / kR + (i - u / kR) * std::exp(-kR / kL * T);
 }
@@ -89,8 +89,8 @@ TEST(SignalLag, OfTheVoltageActsLaterThanTheDriveBelieves) {
     for (std::int64_t k = 0; k < 60; ++k) {
       tick(plant);
       EXPECT_NEAR(plant.sample().u_alphabeta[0], voltage(k), 1e-9);
-      // Before the first command the legs stand at half, which is no voltage; the line begins with
-      // the first command.
+      // Before the first command the duties are 1/2, zero voltage; the delay line starts with the
+      // first command.
       const auto asked = [](std::int64_t j) { return voltage(std::max<std::int64_t>(j, 0)); };
       i = circuit(i, (1 - part) * asked(k - whole) + part * asked(k - whole - 1), kTs);
       ASSERT_NEAR(plant.truth().i_dq[0], i, 2e-6) << delay << " " << k;

@@ -122,7 +122,7 @@ TEST(SwitchedPlant, TheSwitchedTurningDriveEqualsTheAveragedOne) {
   EXPECT_GT(averaged.truth().i_dq.norm(), 0.05);
 }
 
-// Voltage of phase a that the dead time takes in the steady state of a locked rotor.
+// Voltage loss of phase a by the dead time, locked rotor in steady state.
 double steady_loss(double u_a) {
   Plant plant = locked("switched", "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 4e-6\n");
   for (int k = 0; k < 1200; ++k) tick(plant, {u_a, 0});
@@ -133,7 +133,7 @@ TEST(SwitchedPlant, DeadTimeCostsItsFullVoltageAtLargeCurrentAndLittleNearZero) 
   const double full = 4.0 / 3 * 4e-6 * 5000 * 24;  // 0.64 V
   EXPECT_NEAR(steady_loss(5), full, 0.01 * full);
   EXPECT_NEAR(steady_loss(-5), -full, 0.01 * full);
-  // Below the loss itself hardly any current gets through: the loss is nearly all of the voltage.
+  // Below the loss the current is nearly zero: the loss is nearly the whole voltage.
   const double small = steady_loss(0.2);
   EXPECT_GT(small, 0);
   EXPECT_LT(small, 0.2);

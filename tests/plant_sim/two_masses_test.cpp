@@ -176,8 +176,8 @@ TEST(Backlash, AFlankPushesAndNeverPulls) {
   EXPECT_EQ(shaft_torque(gap, 0.0099, 5), 0);
 }
 
-// What is left of the rigid machine's torque balance along a run of the plant, rms, without and
-// with what along() says of the shaft. Steps of voltage and load as a drive sees them.
+// Torque residual of the rigid machine along a run of the plant, rms, without and with the
+// projection of the shaft. Steps of voltage and load.
 struct Residual {
   double rigid = 0, with_shaft = 0;
 };

@@ -94,7 +94,7 @@ class Report : public ::testing::Test {
     });
   }
 
-  // Every figure that is on the page has something to draw on an axis of the same length.
+  // Every figure on the page has values on an axis of the same length.
   static void expect_whole_figures(const Json& content) {
     for (const Json& section : content["sections"])
       for (const Json& figure : section["figures"]) {
@@ -111,7 +111,7 @@ class Report : public ::testing::Test {
   fs::path directory_;
 };
 
-TEST_F(Report, StandsAlone) {
+TEST_F(Report, NeedsNoOtherFile) {
   const std::string page = page_of({made_up_run()});
   EXPECT_EQ(page.find("src="), std::string::npos);
   EXPECT_EQ(page.find("<link"), std::string::npos);
@@ -171,7 +171,7 @@ TEST_F(Report, NamesTheOrdersOfTheLoadAndTheirSources) {
 }
 
 // Ripple of 2 rad/s (order 3) that a change of the compensation at 0.6 s cuts to a tenth.
-TEST_F(Report, TellsTheRippleBeforeAndAfterAChangeOfTheCompensation) {
+TEST_F(Report, ReportsTheRippleBeforeAndAfterAChangeOfTheCompensation) {
   config_.controller.kind = "lqr";
   config_.controller.compensation = Profile({{0, 0}, {0.6, 1}});
   RunLog log = made_up_run();
@@ -212,7 +212,7 @@ TEST_F(Report, ComparesTheShapeOfTheLoadOverTheAngle) {
       << rows[0][2];
 }
 
-// A ripple beyond 20 % is no loss of synchronism where the angle is the sensor's.
+// A ripple beyond 20 % is no loss of synchronism if the angle is that of a sensor.
 TEST_F(Report, ALargeRippleWithAPositionSensorIsNoLoss) {
   RunLog log = made_up_run();
   for (Truth& truth : log.truth) truth.omega_m += 30 * std::sin(3 * truth.theta_m);
@@ -237,7 +237,7 @@ TEST_F(Report, OfALostRunShowsTheLoss) {
   expect_whole_figures(content);
 }
 
-TEST_F(Report, LeavesOutWhatALogDoesNotHold) {
+TEST_F(Report, OmitsFiguresWithoutData) {
   RunLog measured = made_up_run();
   measured.truth.clear(), measured.gain.clear(), measured.command.clear();
   Json content = content_of(page_of({measured}));
@@ -260,7 +260,7 @@ TEST_F(Report, LeavesOutWhatALogDoesNotHold) {
   expect_whole_figures(content_of(page_of({RunLog(), blind, made_up_run()})));
 }
 
-TEST_F(Report, TakesTheEncoderForTheAngleWhenAsked) {
+TEST_F(Report, UsesTheEncoderAsReferenceOnRequest) {
   RunLog log = made_up_run();
   for (Measurement& m : log.measurement) m.theta_m += 0.0125;  // 0.05 rad electrical
   const Json content =
@@ -293,7 +293,7 @@ TEST_F(Report, NoTextEndsTheScript) {
   EXPECT_NE(content["events"][0][3].get<std::string>().find("</script><b>"), std::string::npos);
 }
 
-TEST_F(Report, RefusesNoRunsAndAPlaceItCannotWrite) {
+TEST_F(Report, RefusesAnEmptyListAndAnUnwritablePath) {
   EXPECT_THROW(write_report({}, {}, (directory_ / "page.html").string()), BadInput);
   const RunLog log = made_up_run();
   const Summary summary = summarise(log, config_);

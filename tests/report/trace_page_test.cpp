@@ -77,7 +77,7 @@ const Json* section_with(const Json& content, const std::string& part) {
   return nullptr;
 }
 
-TEST(TracePage, StandsAloneAndEscapesNames) {
+TEST(TracePage, NeedsNoOtherFileAndEscapesNames) {
   const std::string page = page_of(made_up_trace());
   for (const char* foreign : {"src=", "<link", "@import", "{{PAGE}}", "<b>log", "<title></script>"})
     EXPECT_EQ(page.find(foreign), std::string::npos) << foreign;
@@ -85,7 +85,7 @@ TEST(TracePage, StandsAloneAndEscapesNames) {
   EXPECT_EQ(content_of(page)["subtitle"], "Trace of <b>log</b> & more.csv");
 }
 
-TEST(TracePage, SaysTheVerdictFirst) {
+TEST(TracePage, ShowsTheVerdictFirst) {
   TraceResult result = made_up_trace();
   Json content = content_of(page_of(result));
   EXPECT_EQ(content["verdict"]["headline"], "The model lacks cogging.");
@@ -130,8 +130,8 @@ TEST(TracePage, DrawsTheEffectOverTheDataThatShowsIt) {
         EXPECT_EQ(curve["values"].size(), drawn["x"].size()) << drawn["title"];
 }
 
-// An effect that the residual does not follow: the page says so.
-TEST(TracePage, SaysWhereTheDataDoNotCarryTheClaim) {
+// The page reports an effect that the residual does not follow.
+TEST(TracePage, ReportsAnEffectThatTheResidualDoesNotFollow) {
   TraceResult r = made_up_trace();
   const auto note = [&] {
     const Json content = content_of(page_of(r));
@@ -142,7 +142,7 @@ TEST(TracePage, SaysWhereTheDataDoNotCarryTheClaim) {
   EXPECT_NE(note().find("do not carry"), std::string::npos) << note();
 }
 
-TEST(TracePage, HoldsWithoutAnySeries) {
+TEST(TracePage, IsCompleteWithoutSeries) {
   TraceResult nothing;
   nothing.verdict = "ambiguous";
   nothing.sentence = "The record is too short.";
@@ -152,7 +152,7 @@ TEST(TracePage, HoldsWithoutAnySeries) {
   EXPECT_EQ(section_with(content, "Residual of"), nullptr);
 }
 
-TEST(TraceCurves, ASineStandsAtItsAmplitudeInBothSpectra) {
+TEST(TraceCurves, BothSpectraShowTheAmplitudeOfASine) {
   const TraceResult r = made_up_trace();
   const TraceSeries& s = r.series_torque;
   const std::vector<double> orders = report::order_amplitudes(s.theta_m, s.before, 60);
@@ -190,8 +190,8 @@ TEST(TraceCurves, AnOrderSpectrumNeedsTheWholeTurn) {
   EXPECT_TRUE(report::order_amplitudes(theta_m, y, 60).empty());
 }
 
-// 0.02 Nm |i_q| with noise of 0.01 Nm: the table takes it away on rows it has not seen, and does
-// next to nothing where there is nothing.
+// 0.02 Nm |i_q| with noise of 0.01 Nm: the table removes it on held-out rows, and changes almost
+// nothing without structure.
 TEST(CorrectionTable, HelpsOnUnseenRowsOnlyWhereThereIsStructure) {
   for (const double size : {0.02, 0.0}) {
     TraceResult r = made_up_trace();

@@ -13,20 +13,20 @@ Ripple off(double speed_rpm) {
   return ripple(speed_rpm, 2, 3, {"controller.compensation=off"});
 }
 
-// 30 turns to learn, then 4 to look at.
+// Learns for 30 turns; the figures are over the next 4.
 Ripple learnt(double speed_rpm, std::vector<std::string> overrides = {}) {
   overrides.push_back(kLearn);
   return ripple(speed_rpm, 30 * 60 / speed_rpm, 4, overrides);
 }
 
-TEST(AngleDomainDrive, TakesTheRippleAwayAt50Rpm) {
+TEST(AngleDomainDrive, RemovesTheRippleAt50Rpm) {
   const Ripple before = off(50), after = learnt(50);
   EXPECT_LT(dB(after.rms / before.rms), -33);
   EXPECT_GT(dB(after.rms / before.rms), -60);
   EXPECT_LT(dB(after.harmonics / before.harmonics), -45);
 }
 
-TEST(AngleDomainDrive, TakesTheRippleAwayAt50RpmWithA17BitEncoder) {
+TEST(AngleDomainDrive, RemovesTheRippleAt50RpmWithA17BitEncoder) {
   const Ripple after = learnt(50, {"sensors.encoder_counts=131072"});
   EXPECT_LT(dB(after.harmonics / off(50).harmonics), -45);
 }
@@ -46,9 +46,9 @@ TEST(AngleDomainDrive, LearnsWithAnInertiaOffByThirtyPercent) {
   }
 }
 
-// Harmonic states in the filter see what enters as torque; on mechanical disturbances alone that is
-// nearly everything.
-TEST(HarmonicFilter, TakesMechanicalRippleAway) {
+// Harmonic states of the filter estimate torque disturbances: nearly all of the ripple if all
+// disturbances are mechanical.
+TEST(HarmonicFilter, RemovesMechanicalRipple) {
   const std::string mechanical =
       "effect=[{kind=\"cogging\",order=6,amplitude_Nm=0.03},"
       "{kind=\"cogging\",order=18,amplitude_Nm=0.05,phase_rad=2.0},"

@@ -1,4 +1,5 @@
-// What the disturbance filter makes of niewiara2020's reference set: the paper's Fig. 6.
+// The estimated torque of the disturbance filter for niewiara2020's reference set: Fig. 6 of the
+// paper.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -29,7 +30,7 @@ OrderSpectrum estimated_torque_spectrum(double speed_rpm, int turns) {
   return order_spectrum(theta_m, T_o_hat, kOrders);
 }
 
-// The reference orders far above the noise, and no others: a filter that invents orders fails too.
+// The reference orders are far above the noise, and no others.
 void expect_the_reference_orders(double speed_rpm, int turns) {
   constexpr int kReferenceOrders[] = {1, 3, 6, 12, 18, 27, 36, 54};
   const OrderSpectrum spectrum = estimated_torque_spectrum(speed_rpm, turns);
@@ -54,8 +55,8 @@ TEST(EstimatedTorque, ShowsTheOrdersOfTheReferenceSetAboveTheNoiseAt20Rpm) {
   expect_the_reference_orders(20, 2);
 }
 
-// The filter lags by more degrees at the higher speed, and weakens order 54 there: 0.915 as it is,
-// 0.956 with the shape of 50 rpm turned back by 0.8 deg.
+// At the higher speed the lag of the filter is a larger angle and order 54 is attenuated: 0.915
+// unshifted, 0.956 with the shape of 50 rpm shifted back by 0.8 deg.
 TEST(EstimatedTorque, KeepsItsShapeOverTheAngleFrom20To50Rpm) {
   const OrderSpectrum slow = estimated_torque_spectrum(20, 1);
   const OrderSpectrum fast = estimated_torque_spectrum(50, 2);

@@ -1,4 +1,4 @@
-// The sign of the feed-forward (41): turned round, it makes the ripple worse instead of better.
+// The sign of the feed-forward (41): inverted, it increases the ripple.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,8 +10,8 @@
 namespace twinrate {
 namespace {
 
-// Speed ripple, rms over a turn at 20 rpm. The controller uses the estimated load for its
-// feed-forward alone, so `sign` = -1 is K_ff with the wrong sign.
+// Speed ripple, rms over a turn at 20 rpm. The controller uses the estimated load only in its
+// feed-forward, so `sign` = -1 is K_ff with the wrong sign.
 double ripple_rms(const char* compensation, double sign) {
   Config config = test::load(
       "niewiara2020",

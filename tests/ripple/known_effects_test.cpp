@@ -1,4 +1,4 @@
-// An effect added to the model: the filter sees through it and the controller compensates it.
+// An effect in the model: the filter corrects it and the controller compensates it.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -12,7 +12,7 @@
 namespace twinrate::test {
 namespace {
 
-// niewiara2020 with every effect of its plant known to the model as well.
+// niewiara2020 with every effect of its plant also in the model.
 std::string all_known() {
   std::ifstream in(preset_directory() + "/niewiara2020.toml");
   std::stringstream text;
@@ -21,7 +21,7 @@ std::string all_known() {
                             "[[effect]]\nused_in = \"both\"");
 }
 
-TEST(KnownEffects, OfTheWholeReferenceSetLeaveNoRippleWorthSpeakingOf) {
+TEST(KnownEffects, OfTheWholeReferenceSetRemoveNearlyAllRipple) {
   const std::string path =
       testing::TempDir() + "twinrate-known-" + std::to_string(getpid()) + ".toml";
   std::ofstream(path) << all_known();

@@ -1,5 +1,5 @@
-// An electrical effect added to the model: the filter predicts the currents as well as if the drive
-// did not have it, and the estimated load is right again.
+// An electrical effect in the model: the one-step prediction of the currents is as good as without
+// the effect in the drive, and the estimated load is correct.
 #include <gtest/gtest.h>
 
 #include "core/config.hpp"
@@ -43,8 +43,8 @@ Errors errors_with(const std::string& effect, const std::string& used_in) {
 struct Case {
   const char* kind;
   const char* parameters;
-  double currents;  // how many times worse the prediction at least is where nobody knows
-  double load;      // Nm, by which the estimated load at least is wrong then
+  double currents;  // smallest ratio of the prediction error without the effect in the model
+  double load;      // Nm, smallest error of the estimated load without the effect in the model
 };
 
 class KnownElectrical : public testing::TestWithParam<Case> {};

@@ -63,13 +63,13 @@ TEST(Limits, AStepTo50RpmAndOneOf4NmSettleWithoutWindup) {
     // Back within the ripple a quarter of a second after each step.
     for (const double end_s : {1.0, 1.75, 2.5})
       EXPECT_LT(trace.rms_about(k50Rpm, end_s - 0.4, end_s), 0.1) << i_max_A << " at " << end_s;
-    // 4 Nm need 3.5 A: it really was loaded.
+    // 4 Nm need 3.5 A: the drive was loaded.
     EXPECT_GT(trace.range(trace.i_q, 1.5, 1.7).first, 3.0) << i_max_A;
   }
 }
 
-// The limit is reached and held: a step of 300 rpm at 3 A. A weak anti-windup shows.
-TEST(Limits, CurrentStandsAtItsLimitAndTheIntegralDoesNotRunAway) {
+// A step of 300 rpm at a limit of 3 A, which a weak anti-windup does not pass.
+TEST(Limits, CurrentReachesItsLimitWithoutWindup) {
   const double omega_m_ref = 300 * kTwoPi / 60;
   const auto step = [](const char* k_awu_rad_s) {
     return run(1.5, {"reference.speed_rpm=300", "controller.lqr.i_max_A=3", "effect=[]",
@@ -112,7 +112,7 @@ TEST(AngleDomainDrive, IsStableThroughASweepOfSpeeds) {
                 0.5 * off.rms_about(omega_m_ref, from_s, to_s))
           << rpm << " rpm, J " << change_kgm2;
     }
-    // Back at 50 rpm it knows what it learnt there.
+    // Back at 50 rpm it still has the table learnt there.
     EXPECT_LT(on.rms_about(k50Rpm, 45, 49), 0.1 * off.rms_about(k50Rpm, 45, 49)) << change_kgm2;
   }
 }
@@ -126,7 +126,7 @@ TEST(AngleDomainDrive, SurvivesALoadStepOfHalfTheRatedTorque) {
   const Trace off = at_50("off"), on = at_50("angle_domain");
   EXPECT_LT(on.rms_about(k50Rpm, 16, 20), 0.1 * off.rms_about(k50Rpm, 16, 20));
   EXPECT_LT(on.rms_about(k50Rpm, 50, 56), 0.1 * off.rms_about(k50Rpm, 50, 56));
-  // The dip itself is the loop's, not made worse by more than the ripple.
+  // The speed dip of the loop rises by no more than the ripple.
   EXPECT_GT(on.range(on.omega_m, 20, 21).first, off.range(off.omega_m, 20, 21).first - 0.3);
 }
 

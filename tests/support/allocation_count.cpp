@@ -1,5 +1,5 @@
 // operator new of libstdc++ calls malloc, so the malloc family is enough. In a plain build these
-// definitions stand before glibc's; under AddressSanitizer its own hook counts instead.
+// definitions override those of glibc; with AddressSanitizer its hook counts.
 #include "tests/support/allocation_count.hpp"
 
 #include <atomic>
@@ -18,7 +18,7 @@ std::int64_t allocation_count() {
 
 #if defined(__SANITIZE_ADDRESS__)
 
-// Of <sanitizer/allocator_interface.h>, which Debian's g++ leaves out.
+// From <sanitizer/allocator_interface.h>, which Debian's g++ does not install.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*,
                                                                            std::size_t),
                                                          void (*on_free)(const volatile void*));

@@ -1,5 +1,5 @@
-// Counts heap allocations of the whole program: operator new, malloc and its kin, so Eigen's and
-// SUNDIALS' too.
+// Counts heap allocations of the whole program: operator new and the malloc family, also by Eigen
+// and SUNDIALS.
 #pragma once
 #include <cstdint>
 

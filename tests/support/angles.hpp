@@ -1,4 +1,4 @@
-// Angles to try something at.
+// Test angles.
 #pragma once
 #include <vector>
 
@@ -6,7 +6,7 @@
 
 namespace twinrate::test {
 
-// `count` angles from 0 on, evenly over one turn.
+// `count` angles from 0 on, uniform over one turn.
 inline std::vector<double> angles_over_a_turn(int count) {
   std::vector<double> angles;
   for (int i = 0; i < count; ++i) angles.push_back(i * kTwoPi / count);

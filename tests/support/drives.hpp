@@ -1,4 +1,4 @@
-// What most tests start from: a drive file with overrides, and the parts made from it.
+// A drive file with overrides, and the parts of its drive.
 #pragma once
 #include <fmt/format.h>
 

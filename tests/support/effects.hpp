@@ -1,4 +1,4 @@
-// Effects made as a drive file makes them, and values for those a test knows nothing about.
+// Effects as from a drive file, with generated values for unknown parameters.
 #pragma once
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 
 namespace twinrate::test {
 
-// A machine with slots and poles, so that every prepare() finds what it needs.
+// A machine with slots and poles, as needed by every prepare().
 inline DriveFacts drive_facts() {
   return {.machine = {.R_s = 1.05,
                       .L_d = 0.0127,
@@ -33,7 +33,7 @@ inline std::shared_ptr<Effect> effect_of(const char* kind, std::map<std::string,
   return effect;
 }
 
-// Sets every number it meets, each to another value of its range.
+// Sets every number to a different value of its range.
 class PlausibleValues final : public FieldSetter {
  public:
   void number(const char* key, double& value, double lo, double hi, const char*,

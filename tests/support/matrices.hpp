@@ -1,4 +1,4 @@
-// Judging matrices: numerical Jacobians and covariances.
+// Checks of matrices: numerical Jacobians and covariances.
 #pragma once
 #include <Eigen/Core>
 

@@ -1,4 +1,4 @@
-// A filter that does nothing but remember what it was asked to do.
+// A filter that only records its calls.
 #pragma once
 #include <vector>
 

@@ -1,5 +1,5 @@
-// The two filters as a textbook writes them, with Eigen matrices: oracle of the hand-written
-// kernels and their opponent in bench/. NX, NY fixed, or Eigen::Dynamic for matrices of any size.
+// The two filters in textbook form with Eigen matrices: oracle of the hand-written kernels, and
+// reference of the benchmarks. NX, NY fixed, or Eigen::Dynamic for matrices of any size.
 //
 //   x^- = f(x, u);  P^- = F P F' + Q;  K = P^- H' (H P^- H' + R)^-1
 //   x = x^- + K (y - H x^-);  P = (I - K H) P^- (I - K H)' + K R K'

@@ -1,4 +1,4 @@
-// The sweep's own parts: the search, the files, the shards, and the reasons it gives.
+// The parts of a sweep: searches, files, shards, and predictions of f_bmin.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -52,7 +52,7 @@ class SweepTest : public ::testing::Test {
   fs::path directory_;
 };
 
-// A drive that holds every n below `first_lost`.
+// A drive that keeps synchronism for every n below `first_lost`.
 std::vector<int> tried(int first_lost, int n_max) {
   const Search search{"paper", 50, 1};
   std::vector<Point> points;
@@ -65,13 +65,13 @@ std::vector<int> tried(int first_lost, int n_max) {
   }
 }
 
-TEST(Search, GoesUpOneByOneAndStopsAtTheFirstLoss) {
+TEST(Search, RisesByOneAndStopsAtTheFirstLoss) {
   EXPECT_EQ(tried(4, 100), (std::vector<int>{1, 2, 3, 4}));
   EXPECT_EQ(tried(1, 100), (std::vector<int>{1}));
   EXPECT_EQ(tried(100, 3), (std::vector<int>{1, 2, 3}));
 }
 
-TEST(Search, ClosesTheGapBelowALossThatItsStepsFound) {
+TEST(Search, TriesEveryRatioBelowALoss) {
   for (int first_lost : {65, 70, 71, 99, 200, 483}) {
     const std::vector<int> order = tried(first_lost, 5000);
     for (int n : {first_lost - 1, first_lost})
@@ -127,7 +127,7 @@ TEST_F(SweepTest, MergeRefusesAMissingADoubleAndAForeignPoint) {
   EXPECT_NO_THROW(merge({path("a"), path("b")}, path("out"), true));
 }
 
-TEST_F(SweepTest, AKilledSweepGoesOnBehindItsLastWholeLine) {
+TEST_F(SweepTest, AKilledSweepResumesAfterItsLastWholeLine) {
   Plan plan = small_plan();
   plan.speeds_Hz = {200};
   run(plan, "whole");
@@ -149,7 +149,7 @@ TEST_F(SweepTest, AResumedSweepMustBeTheSameSweep) {
   EXPECT_THROW(run(plan, "a"), BadInput);
 }
 
-// A drive on its way from standstill to 64 Hz, recorded with a gain every tick.
+// A recorded start from standstill to 64 Hz with a gain every tick.
 RunLog recorded_start(double f_e_Hz) {
   const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
   const DriveConfig base = load_drive(plan.drive).drive();
@@ -175,7 +175,7 @@ int limit_of(Run run) {
   return 40;
 }
 
-// The filter alone on recorded samples: nothing it says comes back to it through the controller.
+// The filter alone on recorded samples, without feedback through the controller.
 TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   const double f_e_Hz = 64;
   const RunLog log = recorded_start(f_e_Hz);
@@ -187,12 +187,12 @@ TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
   EXPECT_NEAR(alone, closed, 1);
   EXPECT_NEAR(closed, 12, 1);
-  // A turned gain is lost at another n: the policy asked for is the one that runs.
+  // Another policy has another limit: the requested policy is used.
   EXPECT_TRUE(run_on_log(log, plan, {"rotate", f_e_Hz, 1}, closed + 3).locked);
 }
 
-// At 30 Hz the start decides, and in the recording the controller started on a good angle. Switched
-// at speed both have the same task.
+// At 30 Hz the start decides the limit, and the recording has a start on a good angle. Switched at
+// speed, both are equal.
 TEST(RecordedDrive, SwitchedAtSpeedTheLimitIsTheClosedLoopsAtThirtyHertzToo) {
   const double f_e_Hz = 30;
   const RunLog log = recorded_start(f_e_Hz);
@@ -205,8 +205,8 @@ TEST(RecordedDrive, SwitchedAtSpeedTheLimitIsTheClosedLoopsAtThirtyHertzToo) {
   EXPECT_NEAR(closed, 25, 2);
 }
 
-// The limit at 400 rad/s from three sides: the formula by hand from the doc's logged gains, the
-// Floquet radius, and the closed loop.
+// The limit at 400 rad/s by three methods: the formula by hand from the gains logged in the docs,
+// the Floquet radius, and the closed loop.
 TEST(Why, FormulaFloquetAndTheDriveAgreeAtFourHundredRadPerSecond) {
   Config config = load_drive("dilys2021");
   const auto filter = make_filter(config);
@@ -232,7 +232,7 @@ TEST(Why, APropagatedGainHasNoLimit) {
   }
 }
 
-// The lane engine does not have this policy: the sweep goes through the reference engine.
+// The lane engine does not cover this policy: the sweep uses the reference engine.
 TEST_F(SweepTest, SweepsAPropagatedGain) {
   Plan plan = small_plan();
   plan.policies = {"propagated"};
@@ -278,7 +278,7 @@ TEST(Cost, GivesThePapersTable) {
   EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("6.40"), std::string::npos);
 }
 
-// n = 1: the radius is the ordinary filter's, whatever the policy; it is the pole of its error.
+// n = 1: the radius is the largest pole of the filter's error, for every policy.
 TEST(Why, WithAGainEveryTickEveryPolicyHasTheSameRadius) {
   Config config = load_drive("dilys2021");
   const auto filter = make_filter(config);

@@ -1,5 +1,5 @@
-// Bad input: one line that says what, where and what is allowed, and exit code 2. Nothing is
-// started or written.
+// Bad input: one line with place, key and allowed values, and exit code 2. No process is started,
+// no file written.
 #include <filesystem>
 #include <lcm/lcm-cpp.hpp>
 

@@ -1,4 +1,4 @@
-// twinrate export as a user runs it: back from an import, out of a simulated run, stopped.
+// twinrate export: of an imported log, of a simulated run, interrupted.
 #include <fmt/format.h>
 
 #include <cmath>
@@ -18,7 +18,7 @@ std::string without_last_line(std::string text) {
   return text.erase(text.rfind('\n', text.size() - 2) + 1);
 }
 
-TEST_F(ExportProgram, ImportedRowsComeBackAsTheyWere) {
+TEST_F(ExportProgram, ImportedRowsAreExportedUnchanged) {
   std::string log = "t,i_a,i_b,i_c,u_alpha,u_beta,duty_a,duty_b,duty_c,v_dc,theta_m,omega_m\n";
   std::string q_log = "t,i_q,theta_m\n";
   for (int k = 0; k < 300; ++k) {
@@ -69,7 +69,7 @@ TEST_F(ExportProgram, ARunGoesIntoEveryFormatAndBackIntoTheTracersInput) {
   EXPECT_EQ(again.exit_code, 0) << again.err;
 }
 
-TEST_F(ExportProgram, InterruptedItKeepsWholeRowsAndSaysSo) {
+TEST_F(ExportProgram, AnInterruptedExportKeepsWholeRowsAndReportsIt) {
   std::string text = "t,i_a,i_b,u_alpha,u_beta,theta_m\n";
   for (int k = 0; k < 1'500'000; ++k) {  // seconds of work
     text += std::to_string(k);
@@ -92,7 +92,7 @@ TEST_F(ExportProgram, InterruptedItKeepsWholeRowsAndSaysSo) {
   EXPECT_FALSE(fs::exists(path("part.csv.part")));
 }
 
-TEST_F(ExportProgram, MistakesAreSaidInOneLine) {
+TEST_F(ExportProgram, MistakesAreOneLine) {
   write_text(path("log.csv"), "t,i_q,theta_m\n0,1,2\n");
   for (const std::vector<std::string>& more :
        {std::vector<std::string>{"--format", "xlsx"},

@@ -11,8 +11,7 @@ namespace twinrate::test {
 struct LoggedMessage {
   std::string channel;  // without the channel suffix
   std::int64_t seq;
-  std::vector<std::uint8_t>
-      bytes;  // session set to 0: it is the one thing in which two runs differ
+  std::vector<std::uint8_t> bytes;  // session set to 0: two runs differ in it
   bool operator==(const LoggedMessage&) const = default;
 };
 

@@ -1,4 +1,4 @@
-// The log of a run stays readable whatever happens to its writer or its disk.
+// The log of a run is readable after the end of its writer or a full disk.
 #include <csignal>
 #include <filesystem>
 #include <lcm/lcm-cpp.hpp>

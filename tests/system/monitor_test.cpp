@@ -1,4 +1,4 @@
-// twinrate-monitor beside a running process set whose plant changes.
+// twinrate-monitor with a process set whose plant changes during the run.
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -54,7 +54,7 @@ class Monitor : public ProgramTest {
   }
 };
 
-TEST_F(Monitor, NoticesNamesAndAddsWhatBeganWhileTheDriveRan) {
+TEST_F(Monitor, ReportsProposesAndAddsAnEffectThatStartsDuringTheRun) {
   const ProgramResult result = twinrate(
       {"launch", drive(), "--monitor", "--set", "monitor.auto_add=true", "--run-dir", path("run")},
       100);
@@ -81,7 +81,7 @@ TEST_F(Monitor, NoticesNamesAndAddsWhatBeganWhileTheDriveRan) {
     EXPECT_NE(result.out.find(event), std::string::npos) << result.out;
 }
 
-TEST_F(Monitor, ThatFollowsBeginsAnewWithANewSession) {
+TEST_F(Monitor, FollowingRestartsWithANewSession) {
   for (const char* duration : {"0.6s", "0.3s"})
     ASSERT_EQ(
         twinrate({"simulate", "dilys2021", "--duration", duration, "--run-dir", path(duration)})
@@ -112,7 +112,7 @@ TEST_F(Monitor, ThatFollowsBeginsAnewWithANewSession) {
   EXPECT_EQ(monitor.wait(5).exit_code, 0);
 }
 
-TEST_F(Monitor, ThatCannotWriteWhatItSawSaysSo) {
+TEST_F(Monitor, ReportsThatItCannotWriteItsFile) {
   const std::string file = path("monitor.json");
   Program monitor({"twinrate-monitor", "--config", "dilys2021", "--run-dir", path(".")});
   ASSERT_TRUE(wait_until([&] { return read_text(file).ends_with("}\n"); }));
@@ -139,7 +139,7 @@ TEST_F(Monitor, ARequestThatIsNoEffectIsRefusedByAll) {
     EXPECT_NE(result.err.find(part), std::string::npos) << result.err;
 }
 
-TEST_F(Monitor, AFileThatNoDriveCouldTakeIsSentToNobody) {
+TEST_F(Monitor, AnInvalidFileIsNotSent) {
   const auto refusal = [&](const std::string& text) {
     write_text(path("bad.toml"), text);
     const ProgramResult result = twinrate({"monitor", "add", path("bad.toml")});
@@ -160,7 +160,7 @@ TEST_F(Monitor, AFileThatNoDriveCouldTakeIsSentToNobody) {
     EXPECT_NE(refusal(text).find(says), std::string::npos) << refusal(text);
 }
 
-TEST_F(Monitor, AnEffectOfOnesOwnIsAddedFromTheNextTickOn) {
+TEST_F(Monitor, AnEffectOfAFileIsAddedFromTheNextTickOn) {
   std::ofstream(path("own.toml")) << "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n"
                                      "change_Ohm = 0.1\n";
   Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});

@@ -1,5 +1,5 @@
-// What the programs do on a machine that cannot carry multicast: exit code 3 with the mend, or they
-// mend it themselves.
+// The programs on a machine without multicast: they add a route, or end with exit code 3 and the
+// command.
 #include "core/multicast.hpp"
 
 #include <sys/stat.h>
@@ -11,7 +11,7 @@ namespace {
 
 class Multicast : public ProgramTest {
  protected:
-  // A namespace without loopback, where nothing may be changed: CAP_NET_ADMIN is out of reach.
+  // A namespace without loopback and without CAP_NET_ADMIN.
   std::vector<std::string> without_rights(std::vector<std::string> arguments) {
     std::vector<std::string> list = {"setpriv", "--bounding-set=-net_admin",
                                      "--inh-caps=-net_admin"};
@@ -24,7 +24,7 @@ class Multicast : public ProgramTest {
   }
 };
 
-TEST_F(Multicast, LaunchBringsItUpWhereItMay) {
+TEST_F(Multicast, LaunchAddsARouteIfPermitted) {
   ASSERT_FALSE(multicast_route_exists(kDefaultMulticastAddress));
   const ProgramResult result =
       twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"});
@@ -34,7 +34,7 @@ TEST_F(Multicast, LaunchBringsItUpWhereItMay) {
   EXPECT_TRUE(multicast_route_exists(kDefaultMulticastAddress));
 }
 
-TEST_F(Multicast, WithoutTheRightsLaunchSaysTheTwoCommands) {
+TEST_F(Multicast, WithoutThePermissionLaunchPrintsTheTwoCommands) {
   if (run_program({"setpriv", "--bounding-set=-net_admin", "true"}).exit_code != 0)
     GTEST_SKIP() << "setpriv cannot drop CAP_NET_ADMIN here";
   const ProgramResult result =
@@ -46,7 +46,7 @@ TEST_F(Multicast, WithoutTheRightsLaunchSaysTheTwoCommands) {
   EXPECT_NE(result.err.find(multicast_mend()), std::string::npos) << result.err;
 }
 
-TEST_F(Multicast, AProcessAloneSaysTheTwoCommands) {
+TEST_F(Multicast, AProcessAlonePrintsTheTwoCommands) {
   for (const char* program : {"twinrate-plant", "twinrate-estimator", "twinrate-logger"}) {
     const ProgramResult result =
         run_program({program, "--config", "dilys2021", "--run-dir", path("")}, 20);
@@ -56,7 +56,7 @@ TEST_F(Multicast, AProcessAloneSaysTheTwoCommands) {
   }
 }
 
-TEST_F(Multicast, SimulateNeedsNone) {
+TEST_F(Multicast, SimulateNeedsNoMulticast) {
   EXPECT_EQ(
       twinrate({"simulate", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"}).exit_code,
       0);

@@ -1,4 +1,4 @@
-// The reference runs of docs/theory/two-rate-ekf.md through `twinrate launch`, and what a run leaves behind.
+// The reference runs of docs/theory/two-rate-ekf.md with `twinrate launch`, and their files.
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -20,7 +20,7 @@ class NominalRun : public ProgramTest {
   Json json(const char* file) const { return Json::parse(read_text(path("run") + "/" + file)); }
 };
 
-TEST_F(NominalRun, FiveStepsABackgroundUpdateHoldTheDrive) {
+TEST_F(NominalRun, FiveStepsABackgroundUpdateKeepSynchronism) {
   const ProgramResult result = launch(5, "2s");
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_NE(result.out.find("LOCKED"), std::string::npos) << result.out;
@@ -62,12 +62,12 @@ TEST_F(NominalRun, FiveStepsABackgroundUpdateHoldTheDrive) {
   EXPECT_EQ(twinrate({"check", path("run") + "/config.toml"}).exit_code, 0);
 }
 
-TEST_F(NominalRun, TwelveStepsStillHold) {
+TEST_F(NominalRun, TwelveStepsKeepSynchronism) {
   EXPECT_EQ(launch(12, "1s").exit_code, 0);
   EXPECT_EQ(json("summary.json")["locked"], true);
 }
 
-TEST_F(NominalRun, ThirteenStepsLoseTheDriveAndItSpinsBackwards) {
+TEST_F(NominalRun, ThirteenStepsLoseSynchronismAndTheMotorReverses) {
   const ProgramResult result = launch(13, "2s");
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_NE(result.out.find("LOST"), std::string::npos) << result.out;

@@ -1,5 +1,4 @@
-// A recorded run is played back into processes that run already, by the stock lcm-logplayer and by
-// twinrate replay.
+// Replay of a recorded run to running processes, by lcm-logplayer and by twinrate replay.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -22,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Heartbeats heard on the bus, by role.
+// Heartbeats received, by role.
 class Heartbeats {
  public:
   Heartbeats() : bus_({.follow = true}) {
@@ -56,7 +55,7 @@ class Playback : public ProgramTest {
         0);
     original_ = read_run_log(path("run"));
   }
-  // Unbound: they adopt the session of what is played.
+  // Unbound: they adopt the session of the replayed log.
   void start_estimator_and_gain(const std::vector<std::string>& more) {
     const auto start = [&](const char* program) {
       std::vector<std::string> list = {program, "--config", "dilys2021"};
@@ -72,10 +71,10 @@ class Playback : public ProgramTest {
         return s.state >= static_cast<int>(ProcessState::kReady);
       }));
   }
-  // Plays with `player` while a logger records; returns what was recorded.
+  // Replays with `player` while a logger records; returns the recorded log.
   RunLog record(const std::vector<std::string>& player, const std::string& name) {
     fs::create_directory(path(name));
-    heartbeats_ = std::make_unique<Heartbeats>();  // what an earlier logger said last is no news
+    heartbeats_ = std::make_unique<Heartbeats>();  // without those of an earlier logger
     Program logger({"twinrate-logger", "--config", "dilys2021", "--run-dir", path(name)});
     EXPECT_TRUE(heartbeats_->wait(Role::kLogger, [](const status_t&) { return true; }));
     const ProgramResult played = run_program(player, 20);
@@ -95,7 +94,7 @@ class Playback : public ProgramTest {
     double rms = 0, max = 0;
     int count = 0;
   };
-  // Against the truth of the original run, tick by tick.
+  // Compared with the truth of the original run, tick by tick.
   AngleError angle_error(const std::vector<Estimate>& estimates) const {
     AngleError error;
     for (const Estimate& e : estimates) {
@@ -116,7 +115,7 @@ class Playback : public ProgramTest {
     EXPECT_EQ(played.estimate.size(), original_.estimate.size());
     const AngleError now = angle_error(played.estimate), then = angle_error(original_.estimate);
     EXPECT_LT(now.max, kPi / 2) << "locked";
-    // On a machine with other things to do a realtime filter runs on old gains, which it says.
+    // On a loaded machine a realtime filter uses old gains and reports it.
     const auto late = std::count_if(played.estimate.begin(), played.estimate.end(),
                                     [](const Estimate& e) { return e.status & kLateGain; });
     if (late > kTicks / 100)
@@ -196,7 +195,7 @@ TEST_F(Playback, LockstepReplayReproducesTheEstimatesOfRunningProcesses) {
   }
 }
 
-TEST_F(Playback, LockstepReplayTellsADoctoredMeasurement) {
+TEST_F(Playback, LockstepReplayDetectsAChangedMeasurement) {
   {
     lcm::LogFile from(path("run") + "/log.lcm", "r"), to(path("doctored.lcm"), "w");
     while (const lcm::LogEvent* event = from.readNextEvent()) {

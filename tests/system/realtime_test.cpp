@@ -1,5 +1,5 @@
-// Realtime pace: nobody waits, and what was late is counted and said with its tick. Whether the
-// drive stays locked is not held here: it depends on what else the machine does.
+// Realtime pace: no process waits; late messages are counted and reported with their tick. Lock is
+// not tested: it depends on other load on the machine.
 #include <csignal>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -54,8 +54,7 @@ TEST_F(Realtime, ARunTakesItsTimeAndItsCountsAgreeWithItsLog) {
   for (const Estimate& e : log.estimate)
     if (e.status & kLateGain) ++late_estimates;
   EXPECT_EQ(s["late_gains"], late_estimates);
-  // Each is an event, but for those from a trip on: a machine that stalls for long has one, and it
-  // lasts to the end.
+  // Each one is an event, up to a trip: a long stall of the machine trips the drive to the end.
   const std::vector<EventRecord> late = events(log, Reason::kLateCommand),
                                  lost = events(log, Reason::kCommandLost);
   const std::int64_t after_trip = lost.empty() ? 0 : 5000 - lost[0].k;
@@ -84,7 +83,7 @@ TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
   EXPECT_TRUE(log.estimate.at(static_cast<std::size_t>(k)).status & kLateGain);
 }
 
-TEST_F(Realtime, AKilledGainProcessGivesWayToTheTableAndTheDriveGoesOn) {
+TEST_F(Realtime, AfterTheEndOfTheGainProcessTheDriveUsesTheGainTable) {
   Program run(launch("2s"));
   ASSERT_TRUE(wait_for_log(300'000));
   kill(processes_with(path("run"), "twinrate-gain").at(0), SIGKILL);

@@ -49,8 +49,7 @@ std::string new_file(const char* what) {
   return name;
 }
 
-// Whoever is not root gets the rights over its own namespaces from a user namespace. Once a
-// process.
+// Without root, a user namespace gives the permissions over the own namespaces. Once a process.
 bool get_namespace_rights() {
   static const bool granted = [] {
     if (geteuid() == 0) return true;

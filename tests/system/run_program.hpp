@@ -1,9 +1,8 @@
-// Runs the programs as a user would, in a network namespace of the test's own, and says what they
-// did.
+// Runs the programs in a network namespace of the test and returns their results.
 //
-// A fixture derived from ProgramTest gives each test a fresh namespace with a multicast route and
-// an empty directory; where namespaces are not permitted the test is skipped and says so. Every
-// program dies with the test.
+// A fixture derived from ProgramTest gives each test a new namespace with a multicast route and an
+// empty directory. If namespaces are not permitted, the test is skipped with a message. All
+// programs end with the test.
 #pragma once
 #include <gtest/gtest.h>
 #include <sys/types.h>
@@ -16,13 +15,12 @@ namespace twinrate::test {
 
 struct ProgramResult {
   bool timed_out = false;
-  int exit_code = -1;  // 128 + signal where one ended it
+  int exit_code = -1;  // 128 + signal if a signal ended it
   std::string out, err;
   double wall_s = 0;
 };
 
-// One running program with its own process group; killed with everything it started when it goes
-// out of scope.
+// A running program in its own process group; the destructor kills the group.
 class Program {
  public:
   // The first argument is a program of this project ("twinrate-gain"), or one found on PATH.
@@ -51,15 +49,15 @@ class Program {
 ProgramResult run_program(const std::vector<std::string>& arguments, double limit_s = 60);
 ProgramResult twinrate(std::vector<std::string> arguments, double limit_s = 60);
 
-// Polls until `condition` holds; false where it still does not after `limit_s`.
+// Polls until `condition` is true; false after `limit_s`.
 bool wait_until(const std::function<bool()>& condition, double limit_s = 20);
 
 int count_lines(const std::string& text);
 std::string read_text(const std::string& path);
 void write_text(const std::string& path, const std::string& text);
 
-// Living processes (zombies left out) one of whose arguments contains `text`, and, where given,
-// whose program name is `program`.
+// Running processes (without zombies) with `text` in one of their arguments and, if given, the
+// program name `program`.
 std::vector<pid_t> processes_with(const std::string& text, const std::string& program = "");
 std::vector<std::string> arguments_of(pid_t pid);
 

@@ -31,7 +31,7 @@ class Sessions : public ProgramTest {
               0);
     EXPECT_TRUE(same_messages(path(run), simulated, kTicks));
   }
-  // The highest count of refused messages that any process of the run reported.
+  // The largest count of refused messages among the processes of the run.
   std::int64_t refused(const std::string& run) {
     std::int64_t most = 0;
     lcm::LogFile file(path(run) + "/log.lcm", "r");
@@ -108,7 +108,7 @@ TEST_F(Sessions, ASetStartedByHandRunsAndRefusesAMemberWithAnotherConfig) {
     Program plant(with("twinrate-plant"));
     const ProgramResult of_plant = plant.wait(30);
     if (mismatch) {
-      // Whoever hears of it leaves; who came too late to hear of it waits for the one that left.
+      // A process that receives the mismatch ends; a later one waits for the process that ended.
       EXPECT_EQ(of_plant.exit_code, 1) << of_plant.err;
       const ProgramResult of_gain = gain.wait(5);
       EXPECT_EQ(of_gain.exit_code, 1);

@@ -1,5 +1,5 @@
-// A dead or silent process ends the set with its name and the reason; nothing is left behind,
-// whatever dies.
+// A process that ends or stops answering ends the set, with its name and the reason; no process is
+// left.
 #include <csignal>
 #include <filesystem>
 #include <memory>
@@ -14,7 +14,7 @@ namespace {
 
 class Supervision : public ProgramTest {
  protected:
-  // A run that would take minutes; returns once its log grows.
+  // A run of several minutes; returns once its log grows.
   std::unique_ptr<Program> start_long_run(std::vector<std::string> more = {}) {
     more.insert(more.begin(), {"twinrate", "launch", "dilys2021", "--run-dir", path("run"),
                                "--duration", "600s"});
@@ -127,7 +127,7 @@ TEST_F(Supervision, KilledSupervisorTakesItsChildrenAlong) {
   expect_readable_log();
 }
 
-TEST_F(Supervision, APlantStoppedFromOutsideIsNoRunToItsEnd) {
+TEST_F(Supervision, AStoppedPlantIsAnEarlyEnd) {
   const auto launch = start_long_run();
   kill(child("twinrate-plant"), SIGTERM);
   const ProgramResult result = launch->wait(8);
@@ -137,7 +137,7 @@ TEST_F(Supervision, APlantStoppedFromOutsideIsNoRunToItsEnd) {
 }
 
 TEST_F(Supervision, AChildThatNeverGetsReadyIsNamedAndLeavesNoSecondMessage) {
-  // Killed before the first tick: there is no log to speak of.
+  // Killed before the first tick: the log has no tick.
   Program launch(
       {"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
   ASSERT_TRUE(wait_until([&] { return !processes_with(path("run"), "twinrate-gain").empty(); }));

@@ -1,4 +1,4 @@
-// The sweep as a user runs it: over the bus, under mpirun, as a Slurm array, stopped and resumed.
+// The sweep program: over the bus, with mpirun, as a Slurm array, interrupted and resumed.
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -72,8 +72,8 @@ TEST_F(Sweep, TwoRanksOfMpirunGiveTheSingleSweepBitForBit) {
   expect_same_result("single", "mpi");
 }
 
-TEST_F(Sweep, InterruptedItKeepsWhatIsThereAndGoesOn) {
-  // One by one: the lane engine would be done before the signal.
+TEST_F(Sweep, AnInterruptedSweepKeepsItsPointsAndResumes) {
+  // The reference engine: the lane engine would finish before the signal.
   const std::vector<std::string> slowly = {"--engine", "reference"};
   ASSERT_EQ(twinrate(sweep("whole", slowly)).exit_code, 0);
   std::vector<std::string> list = sweep("stopped", slowly);
@@ -93,7 +93,7 @@ TEST_F(Sweep, InterruptedItKeepsWhatIsThereAndGoesOn) {
 }
 
 TEST_F(Sweep, TheLaneEngineFindsTheLimitsOfTheReferenceAndSaysWhenItIsAnotherSweep) {
-  // Speeds whose limit lies clear of a whole n: on the edge a count of the ADC decides.
+  // Speeds whose limit is not close to a whole n: there one count of the ADC would decide.
   const auto clear = [](std::vector<std::string> list) {
     list[4] = "64,100";
     return list;
@@ -115,7 +115,7 @@ TEST_F(Sweep, TheLaneEngineFindsTheLimitsOfTheReferenceAndSaysWhenItIsAnotherSwe
   EXPECT_EQ(twinrate(clear(sweep("lanes", {"--engine", "reference", "--resume"}))).exit_code, 2);
 }
 
-TEST_F(Sweep, MistakesAreSaidInOneLine) {
+TEST_F(Sweep, MistakesAreOneLine) {
   for (const std::vector<std::string>& more : {std::vector<std::string>{"--policies", "late"},
                                                {"--shard", "2/2"},
                                                {"--start", "cold"},
@@ -127,11 +127,11 @@ TEST_F(Sweep, MistakesAreSaidInOneLine) {
   EXPECT_EQ(twinrate({"sweep", "merge", path("nothing")}).exit_code, 2);
 }
 
-// A Slurm of one node in a directory, for as long as the object lives.
+// A Slurm of one node in a directory, for the lifetime of the object.
 class OneNodeSlurm {
  public:
   explicit OneNodeSlurm(std::string directory) : directory_(std::move(directory)) {
-    // The test's own namespace has 127.0.0.1 alone, and with that Slurm finds no address at all.
+    // The namespace of the test has only 127.0.0.1, with which Slurm finds no address.
     run_program({"ip", "addr", "add", "192.0.2.1/32", "dev", "lo"}, 10);
     const ProgramResult started = run_program({TWINRATE_SLURM_NODE, "start", directory_}, 60);
     if (started.exit_code != 0) why_not_ = started.err.empty() ? "no answer" : started.err;
@@ -147,7 +147,7 @@ class OneNodeSlurm {
   std::string directory_, why_not_;
 };
 
-// The array script under a Slurm of one node, where its daemons can be started.
+// The array script with a Slurm of one node, if its daemons can be started.
 TEST_F(Sweep, ASlurmArrayGivesTheSingleSweepBitForBit) {
   const OneNodeSlurm slurm(path("node"));
   if (!slurm.why_not().empty()) GTEST_SKIP() << slurm.why_not();

@@ -1,4 +1,4 @@
-// The tracer as a user runs it: duties in place of voltages, and Ctrl-C at each stage.
+// The trace program: duties instead of voltages, and Ctrl-C at each stage.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -19,7 +19,7 @@ using Json = nlohmann::json;
 
 class Trace : public ProgramTest {
  protected:
-  // The synthetic drive with 0.4 Ohm more than its drive file says. `duties`: in place of voltages.
+  // The synthetic drive with 0.4 Ohm more than in its drive file. `duties`: instead of voltages.
   std::string log(const std::string& name, double seconds, bool duties) const {
     const RawLog raw = simulate_synthetic({.duration_s = seconds, .seed = 11, .R_extra = 0.4});
     std::string text = "t,i_a,i_b,i_c,theta_m,T_load,v_dc,";
@@ -37,7 +37,7 @@ class Trace : public ProgramTest {
     write_text(path(name), text);
     return path(name);
   }
-  // `times`: so many files of its content are given.
+  // `times`: number of equal files.
   std::vector<std::string> trace(const std::string& data, int times = 1) const {
     std::vector<std::string> list = {"twinrate",  "trace",  plain_drive(), "--out",
                                      path("out"), "--json", "--data",      data};
@@ -47,13 +47,13 @@ class Trace : public ProgramTest {
     }
     return list;
   }
-  // The preset without its effects: what the synthetic drive is, but for its resistance.
+  // The preset without its effects: the synthetic drive except for its resistance.
   std::string plain_drive() const {
     const std::string preset = read_text(TWINRATE_CONFIG "/niewiara2020.toml");
     write_text(path("drive.toml"), preset.substr(0, preset.find("[[effect]]")));
     return path("drive.toml");
   }
-  // Ctrl-C once the program has said `progress`; `took_s`: until it had ended.
+  // Sends Ctrl-C once the program has printed `progress`; `took_s`: time to its end.
   ProgramResult interrupted_at(const std::string& data, const std::string& progress, double& took_s,
                                int times = 1) const {
     Program run(trace(data, times));
@@ -65,7 +65,7 @@ class Trace : public ProgramTest {
     took_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - then).count();
     return result;
   }
-  // What an interrupted trace leaves when it had begun to select.
+  // The files of a trace interrupted during the selection.
   Json kept(const ProgramResult& result, double took_s) const {
     EXPECT_EQ(result.exit_code, 1);
     EXPECT_EQ(count_lines(result.err), 1) << result.err;
@@ -102,7 +102,7 @@ TEST_F(Trace, DutiesAndTheVoltagesTheyMakeAreTracedAlike) {
   EXPECT_EQ(results[1]["interrupted"], false);
 }
 
-TEST_F(Trace, InterruptedWhileReadingItWritesNothingAndSaysSo) {
+TEST_F(Trace, InterruptedWhileReadingWritesNothingAndReportsIt) {
   std::string text = "t,i_a,i_b,u_alpha,u_beta,theta_m\n";
   for (int k = 0; k < 600'000; ++k) {
     text += std::to_string(k);
@@ -119,7 +119,7 @@ TEST_F(Trace, InterruptedWhileReadingItWritesNothingAndSaysSo) {
   EXPECT_LT(took_s, 20) << "0.3 s on a machine of its own";
 }
 
-TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
+TEST_F(Trace, InterruptedBeforeTheFirstEffectWritesNothingAndReportsIt) {
   double took_s = 0;
   const ProgramResult result = interrupted_at(log("log.csv", 5, false), "equations:", took_s);
   EXPECT_EQ(result.exit_code, 1);
@@ -128,7 +128,7 @@ TEST_F(Trace, InterruptedBeforeTheFirstEffectItWritesNothingAndSaysSo) {
   EXPECT_LT(took_s, 20) << "0.3 s on a machine of its own";
 }
 
-TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
+TEST_F(Trace, InterruptedLaterKeepsItsResultsAndReportsThatTheyAreNotJudged) {
   double took_s = 0;
   const ProgramResult result = interrupted_at(log("log.csv", 3, false), "selection:", took_s);
   const Json there = kept(result, took_s);
@@ -140,7 +140,7 @@ TEST_F(Trace, InterruptedLaterItKeepsWhatWasFoundAndSaysThatItIsNotJudged) {
   EXPECT_EQ(twinrate({"check", path("out/extended.toml")}).exit_code, 0);
 }
 
-TEST_F(Trace, ARippleOfTheBusIsNamedAndThenKnown) {
+TEST_F(Trace, ARippleOfTheBusIsFoundAndThenCompensated) {
   const std::string effect =
       "effect=[{kind=\"dc_bus_ripple\",amplitude_V=6,frequency_Hz=287.3,phase_rad=0.8}]";
   ASSERT_EQ(twinrate({"simulate", plain_drive(), "--set", effect, "--set", "run.duration_s=4",
@@ -180,7 +180,7 @@ TEST_F(Trace, ARippleOfTheBusIsNamedAndThenKnown) {
   EXPECT_EQ(Json::parse(last)["verdict"], "nothing_missing") << last;
 }
 
-TEST_F(Trace, WhatCannotBeDoneIsOneLineBeforeTheWorkStarts) {
+TEST_F(Trace, BadOptionsAreOneLineBeforeTheWorkStarts) {
   const std::string data = log("log.csv", 1, false), drive = plain_drive();
   write_text(path("file"), "");
   const auto refused = [&](std::vector<std::string> more) {
@@ -222,7 +222,7 @@ std::string saturated_map() {
   return text;
 }
 
-TEST_F(Trace, AFluxMapInterruptedKeepsWhatWasFoundOrSaysThatNothingWas) {
+TEST_F(Trace, AnInterruptedFluxMapKeepsItsResultsOrReportsThatThereAreNone) {
   write_text(path("map.csv"), saturated_map());
   double took_s = 0;
   ProgramResult result = interrupted_at(path("map.csv"), "points", took_s);

@@ -1,4 +1,4 @@
-// The account of a channel: gaps, repeats, rates and latencies from headers alone.
+// Statistics of a channel from headers alone: gaps, repeats, rates and latencies.
 #include <gtest/gtest.h>
 
 #include "tools/watch/key_values.hpp"
@@ -21,7 +21,7 @@ void take(WatchedChannel& account, std::int64_t seq, std::int64_t arrival_us,
                ticks);
 }
 
-TEST(MessageHeaderTest, IsReadWithoutTheMessagesType) {
+TEST(MessageHeaderTest, IsReadWithoutTheTypeOfTheMessage) {
   estimate_t estimate{};
   estimate.seq = 0x0102030405060708;
   estimate.t_ns = -5;
@@ -35,7 +35,7 @@ TEST(MessageHeaderTest, IsReadWithoutTheMessagesType) {
   EXPECT_FALSE(read_header(bytes.data(), 31));
 }
 
-TEST(WatchedChannelTest, CountsWhatIsMissingAndWhatCameAgain) {
+TEST(WatchedChannelTest, CountsGapsAndRepeats) {
   WatchedChannel account(Channel::kMeasurement);
   account.begin_interval(0);
   for (const int seq : {10, 11, 14, 14, 15}) take(account, seq, 1000 * seq);
@@ -47,7 +47,7 @@ TEST(WatchedChannelTest, CountsWhatIsMissingAndWhatCameAgain) {
   EXPECT_DOUBLE_EQ(account.age_s(16'000), 1e-3);
 }
 
-TEST(WatchedChannelTest, GainsComeEveryNthTickAndThatIsNoGap) {
+TEST(WatchedChannelTest, AGainEveryNthTickIsNoGap) {
   WatchedChannel account(Channel::kGain);
   for (const int seq : {0, 5, 10, 25, 30}) take(account, seq, seq);
   EXPECT_EQ(account.gaps(), 2);
@@ -67,7 +67,7 @@ TEST(WatchedChannelTest, LatencyRunsFromTheMeasurementThatCausedIt) {
   EXPECT_DOUBLE_EQ(account.latency_max_us(), 50);
 }
 
-TEST(KeyValuesTest, ShowUnitsAndSayWhatDoesNotDecode) {
+TEST(KeyValuesTest, ShowUnitsAndReportBytesThatDoNotDecode) {
   command_t command{};
   command.i_q_ref_A = 0.5;
   command.mode = 1;

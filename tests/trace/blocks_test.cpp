@@ -1,4 +1,4 @@
-// The blocks of a long log hold what the whole of it does; its health is that of every row.
+// The blocks of a long log represent its whole; its health is that of every row.
 #include "trace/blocks.hpp"
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@ namespace {
 constexpr double kStep_s = 1e-4;
 constexpr std::size_t kRecordRows = 256, kSlots = 6000, kBlocks = 24, kLength = 48;
 
-// A drive that runs at one speed, but for three short visits to other places.
+// A drive at one speed, with three short changes of the operating point.
 std::vector<Slot> dull_log() {
   std::vector<Slot> slots(kSlots);
   for (std::size_t k = 0; k < kSlots; ++k) {
@@ -60,7 +60,7 @@ TEST(Blocks, HoldTheRareStatesOfTheLogAndAllOfItsTime) {
   EXPECT_EQ(range(slots, blocks, [](const Slot& s) { return s.omega_m; }).first, -60);
   EXPECT_EQ(range(slots, blocks, [](const Slot& s) { return s.i_q; }).second, 9);
   EXPECT_EQ(range(slots, blocks, [](const Slot& s) { return s.i_d; }).first, -3);
-  // Blocks at fixed places would have missed them.
+  // Blocks at fixed places would not contain them.
   std::vector<Block> fixed;
   for (std::size_t b = 0; b < kBlocks; ++b)
     fixed.push_back({kSlots * b / kBlocks, kSlots * b / kBlocks + kLength});

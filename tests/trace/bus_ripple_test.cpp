@@ -1,4 +1,4 @@
-// Ripple of the bus voltage, on columns of v_dc written out here.
+// Ripple of the bus voltage, on synthetic columns of v_dc.
 #include "trace/bus_ripple.hpp"
 
 #include <gtest/gtest.h>
@@ -160,7 +160,7 @@ TEST(BusRipple, HarmonicsAreAnEffectEach) {
   EXPECT_GT(found.effects[1].held_out_gain, 0.8) << "of what the first leaves";
 }
 
-// The power swings at 90 Hz and the bus sags under it.
+// The power oscillates at 90 Hz and the bus sags with it.
 TEST(BusRipple, OfTheDrivesOwnPowerIsNotNamed) {
   const auto bus = [](double slope) {
     Record record = bus_record([](double, std::size_t) { return kBus; });
@@ -181,7 +181,7 @@ TEST(BusRipple, OfTheDrivesOwnPowerIsNotNamed) {
     for (const std::string& note : found.notes)
       EXPECT_NE(note.find("own power"), std::string::npos) << note;
   }
-  // A far larger one beside it is the rectifier's.
+  // A far larger ripple in addition comes from the rectifier.
   Record record = bus(0.01);
   for (std::size_t k = 0; k < record.size(); ++k)
     record.v_dc[k] += 25 * sine_at(300, record.t[k], 2);
@@ -227,7 +227,7 @@ TEST(BusRipple, OfTwoFilesHasAPhaseInEach) {
   Record both = file(0.2, 17);
   Record second = file(0, 18);
   both.append(second);
-  // Far from where the first one's clock would have it.
+  // Far from the phase by the clock of the first file.
   const double begin = both.t[both.size() - second.size()];
   both = file(0.2, 17);
   both.append(file(0.2 + kTwoPi * 299.6 * begin + 2.5, 18));
@@ -265,8 +265,8 @@ TEST(BusRipple, LeavesOfTheVoltageItsMeanOverTheInterval) {
   EXPECT_GT(largest, 0.01);
 }
 
-// The drive's logged voltage is what acted. With a ripple, that is what a meter would have logged;
-// what the drive asked for is less by the ripple's change in the interval.
+// The logged voltage is the one that acts. With a ripple it equals the reading of a meter; the
+// voltage reference differs by the change of the ripple in the interval.
 TEST(BusRipple, ActsOnTheMachineUnlessTheVoltageWasMeasured) {
   const auto ripple = make_effect("dc_bus_ripple");
   set_key(*ripple, "amplitude_V", 8);

@@ -33,7 +33,7 @@ TEST(Whitener, FindsTheCoefficientsOfAnAutoregression) {
   EXPECT_LT(whiteness_p_value(y, runs), 1e-12);
 }
 
-TEST(Whitener, ItsOwnNoiseIsWhiteAndWhatComesBackEveryTurnIsNot) {
+TEST(Whitener, ItsOwnNoiseIsWhiteAndAPeriodicSignalIsNot) {
   constexpr Eigen::Index n = 10000;
   Eigen::VectorXd noise(n), both(n);
   for (Eigen::Index k = 0; k < n; ++k) {

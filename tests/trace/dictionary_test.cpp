@@ -1,4 +1,4 @@
-// Which columns are made anew beside what has been found.
+// Candidates whose columns are recomputed after a selection.
 #include "trace/dictionary.hpp"
 
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@ namespace twinrate::dictionary_test {
 
 class Renewed : public testing::Test {
  protected:
-  // Which of the candidates have other columns than before, but for 1 in 1000.
+  // The candidates whose columns have changed by more than 1 in 1000.
   std::vector<std::string> beside(const Effects& effects) {
     const std::vector<Candidate> before = dictionary_.sampled;
     dictionary_.renew(drive_.chain(), effects);
@@ -42,22 +42,22 @@ class Renewed : public testing::Test {
 
 using Names = std::vector<std::string>;
 
-TEST_F(Renewed, NothingBesideALoad) {
+TEST_F(Renewed, NoCandidateChangesBesideALoad) {
   EXPECT_EQ(beside({effect_with("coulomb_friction", {{"torque_Nm", 0.2}})}), Names{});
 }
 
-TEST_F(Renewed, WhatAddsToASensorBesideAnInductance) {
+TEST_F(Renewed, ASensorEffectChangesBesideAnInductance) {
   EXPECT_EQ(beside({effect_with("inductance", {{"change_d_H", 2e-3}, {"change_q_H", 2e-3}})}),
             (Names{"current_gain", "encoder_offset"}));
 }
 
-TEST_F(Renewed, WhatTurnsAtZeroBesideACurrentsOffset) {
+TEST_F(Renewed, AnEffectWithAKinkAtZeroChangesBesideACurrentOffset) {
   const Names changed = beside({effect_with("current_offset", {{"offset_a_A", 0.2}})});
   EXPECT_EQ(std::count(changed.begin(), changed.end(), "dead_time"), 1);
   EXPECT_EQ(std::count(changed.begin(), changed.end(), "cogging"), 0);
 }
 
-TEST_F(Renewed, WhatTurnsWithTheAngleBesideOneThatIsLateOrFarOff) {
+TEST_F(Renewed, AnEffectOfTheAngleChangesBesideALateOrWrongAngle) {
   const auto cogging_changed = [&](const std::shared_ptr<Effect>& effect) {
     const Names changed = beside({effect});
     return std::count(changed.begin(), changed.end(), "cogging") > 0;
@@ -69,13 +69,13 @@ TEST_F(Renewed, WhatTurnsWithTheAngleBesideOneThatIsLateOrFarOff) {
       "signal_lag", {{"signal", SamplingFacts::kAngle}, {"form", 0}, {"lag_s", 2e-4}})));
 }
 
-// Its own column is of no use beside it.
-TEST_F(Renewed, NotWhatIsInTheModelAlready) {
+// An effect in the model does not need its own column.
+TEST_F(Renewed, AnEffectInTheModelIsNotRenewed) {
   const Names changed = beside({effect_with("current_gain", {{"gain_a", 0.03}})});
   EXPECT_EQ(std::count(changed.begin(), changed.end(), "current_gain"), 0);
 }
 
-// An hour of the drive's clock is not an hour of warming.
+// The drift counts from the start of the record, not of the drive's clock.
 TEST(Candidates, DriftWithTheRecordNotWithItsClock) {
   RawLog raw = simulate_synthetic({.duration_s = 2});
   for (double& t : raw.t) t += 3600;

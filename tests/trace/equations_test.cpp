@@ -1,5 +1,5 @@
-// Columns against what the residual itself says, the sparse sampling against the full one, and an
-// effect told as two against the one that was fitted.
+// Columns against differences of the residual, sparse sampling against full sampling, and an effect
+// split into two equivalents against the fitted one.
 #include "trace/equations.hpp"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ const Record& record() {
   return kRecord;
 }
 
-// Over several channels: before - after less what the columns say, over the size of what they say.
+// Over several channels: relative difference between (before - after) and the columns.
 double disagreement(const std::vector<const std::vector<double>*>& before,
                     const std::vector<const std::vector<double>*>& after,
                     const std::vector<const std::vector<double>*>& column, double coefficient) {
@@ -55,7 +55,7 @@ TEST(Equations, AColumnIsWhatItsEffectTakesOffTheResidual) {
       one->tracing().set_coefficients(c);
       const std::vector<Channels> columns = equations.columns(*one);
       const Channels after = equations.residual({one});
-      // The torque of a flux is made with the measured current there, with the smoothed one here.
+      // The torque of a flux uses the measured current there, the smoothed one here.
       const Channels& x = columns[r];
       EXPECT_LT(disagreement({&before.torque}, {&after.torque}, {&x.torque}, c[r]), 0.02)
           << kind << " " << r;
@@ -69,7 +69,7 @@ TEST(Equations, AColumnIsWhatItsEffectTakesOffTheResidual) {
 }
 
 TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
-  // Behind R_s: the terminals carry more current than makes torque, and drop no voltage for it.
+  // Behind R_s: a part of the terminal current makes no torque and causes no voltage drop.
   const DriveFacts facts = servo().facts();
   const Equations equations(record(), facts);
   const auto loss = make_effect("iron_loss");
@@ -86,8 +86,8 @@ TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
   }
 }
 
-// A rotor under a load that jumps at a row, without current: its parabolas are exact.
-TEST(Equations, ALoadThatIsSetStandsFromItsRowOn) {
+// A rotor without current under a load that steps at a row: its parabolas are exact.
+TEST(Equations, ADeclaredLoadActsFromItsRowOn) {
   constexpr double kJump = 2;  // Nm
   constexpr std::size_t kRows = 400, kAt = 200;
   DriveFacts facts = servo().facts();
@@ -115,15 +115,15 @@ TEST(Equations, ALoadThatIsSetStandsFromItsRowOn) {
   double impulse = 0;  // of all rows, of what half a row of the jump is
   for (double e : left(thinned(r, 2, facts.machine.n_p))) impulse += e;
   EXPECT_NEAR(impulse / (0.5 * kJump), 0, 0.01);
-  r.load_measured = true;  // as if it had begun to rise a row before
+  r.load_measured = true;  // the load then rises from the row before
   double largest = 0;
   for (double e : left(r)) largest = std::max(largest, std::abs(e));
   EXPECT_NEAR(largest, 0.5 * kJump * (1 - 1.0 / 6), 0.1);
 }
 
-// At constant speed what turns with the rotor has a closed mean: of a drop over an interval, and of
-// a torque over the triangle of a second difference.
-TEST(Equations, WhatTurnsIsMeantOverItsInterval) {
+// At constant speed a periodic effect has a closed-form mean: a voltage over an interval, a torque
+// over the triangle of a second difference.
+TEST(Equations, AnEffectOfTheAngleIsAveragedOverItsInterval) {
   const DriveFacts facts = servo().facts();
   constexpr double kOmega = 12;
   Record r = record();
@@ -169,9 +169,8 @@ TEST(Equations, WhatTurnsIsMeantOverItsInterval) {
   EXPECT_NEAR(peak(d) / (2 * std::sin(x / 2) / T_s), 1, 1e-4);
 }
 
-// A current that turns at one frequency is read smaller and later behind a filter, later behind a
-// delay, by closed forms.
-TEST(Equations, ALateCurrentIsReadAheadAgain) {
+// A current of one frequency after a filter and after a delay, in closed form.
+TEST(Equations, ALateCurrentIsAdvanced) {
   const DriveFacts facts = servo().facts();
   constexpr double kOmega = kTwoPi * 37, kLag = 230e-6;
   const auto turning = [&](double gain, double late) {
@@ -204,8 +203,8 @@ TEST(Equations, ALateCurrentIsReadAheadAgain) {
   }
 }
 
-// Asked for is v; what acts is (1 + g) times v as it was a delay ago. A record that has what acted
-// in it leaves the same.
+// The reference is v; the acting voltage is (1 + g) v, delayed. A record with the acting voltage
+// has the same residual.
 TEST(Equations, AGainActsOnTheVoltageThatCameLate) {
   const DriveFacts facts = servo().facts();
   constexpr double kGain_V = 0.06, kSteps = 1.3;
@@ -232,7 +231,7 @@ TEST(Equations, AGainActsOnTheVoltageThatCameLate) {
     EXPECT_LT(wrong, 1e-9);
     EXPECT_GT(off, 1);
   }
-  // One by one they would be (1 + g)(1 - lag) short of the product.
+  // Applied separately they would differ from the product (1 + g)(1 - lag).
   const std::vector<char> all(record().size(), 1), none(record().size(), 0);
   const Sampler sampler(record(), all, none);
   const Chain chain(asked, asked, asked, sampler), chain_truly(truly, truly, truly, sampler);
@@ -240,7 +239,7 @@ TEST(Equations, AGainActsOnTheVoltageThatCameLate) {
   EXPECT_LT((left.q - sampled.q).norm(), 1e-9 * sampled.q.norm());
 }
 
-TEST(Equations, AStiffShaftIsNone) {
+TEST(Equations, AStiffShaftIsARigidOne) {
   // The load mass follows the motor: its shaft carries J_load omega_m', which the motor no longer
   // has to.
   const DriveFacts facts = servo().facts();
@@ -275,8 +274,8 @@ TEST(Sampler, SeesTheSameInEverySecondRow) {
   }
 }
 
-// What the chain adds up from columns it has kept, against the equations' own word.
-TEST(Chain, WhatItRemembersOfOneSizeIsNotTakenForAnother) {
+// Sums of kept columns in the chain against the equations.
+TEST(Chain, ColumnsKeptForOneSizeAreNotUsedForAnother) {
   const DriveFacts facts = servo().facts();
   const Equations equations(record(), facts);
   const std::vector<char> all(record().size(), 1), none(record().size(), 0);
@@ -345,7 +344,7 @@ TEST(Parting, WhatAllPhasesShareIsAResistance) {
   EXPECT_NEAR(*parts[1].parameters[0].sigma, 0.0015, 1e-12);
   EXPECT_NEAR(get_key(*parts[0].effect, "change_a_Ohm"), 0.29, 1e-12);
   expect_same(*both.effect, parts);
-  // One phase alone, and a share of all that is too small to report, stay what they are.
+  // One phase alone, or a common part below the smallest size to report, is not split.
   for (double c : {-0.002, 0.002})
     EXPECT_EQ(parted(traced("phase_asymmetry",
                             {{"change_a_Ohm", 0.3}, {"change_b_Ohm", 0.003}, {"change_c_Ohm", c}}),
@@ -369,7 +368,7 @@ TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
   EXPECT_EQ(parts[0].aliases, std::vector<std::string>{"inverter_drop"});
   EXPECT_NEAR(get_key(*parts[0].effect, "dead_time_s"), 2.9 / (facts.v_dc * facts.f_pwm), 1e-15);
   expect_same(*both.effect, parts);
-  // A slope of which no more is known than that is none.
+  // A slope within its uncertainty is none.
   TracedEffect unsure = drop(1.02 * limit);
   for (TracedParameter& p : unsure.parameters)
     if (p.name == "resistance") p.sigma = 0.5 * p.value;

@@ -1,4 +1,4 @@
-// Which equation's error stands for the whole: one that the effects act on.
+// The quoted error is that of the equation on which the effects act.
 #include "trace/errors.hpp"
 
 #include <gtest/gtest.h>
@@ -15,8 +15,7 @@ std::string main_equation(const Members& members) {
   return r.main_equation;
 }
 
-// Effects that the drive does not have: they raise the error of their equation, and leave the
-// other.
+// Effects that the drive does not have: they raise the error of their equation only.
 TEST(Errors, AreQuotedOfTheEquationThatTheEffectsActOn) {
   EXPECT_EQ(main_equation({effect_with("resistance", {{"change_Ohm", 0.2}})}), "electrical");
   EXPECT_EQ(main_equation({effect_with("coulomb_friction", {{"torque_Nm", 0.2}})}), "mechanical");

@@ -1,5 +1,4 @@
-// A record with all that a fit of chosen effects to it needs: for the tests of what becomes of a
-// set of effects.
+// A record and the objects for a fit of chosen effects to it.
 #pragma once
 #include <algorithm>
 #include <map>
@@ -25,7 +24,7 @@ inline std::vector<std::string> kinds_of(const Members& members) {
 
 class FittedDrive {
  public:
-  // What `truth` leaves is noise. `held_out`: of each row; empty: blocks, as the tracer takes them.
+  // The residual with `truth` is noise. `held_out`: for each row; empty: the blocks of the tracer.
   FittedDrive(const RawLog& raw, const Members& truth, const std::vector<char>& held_out = {})
       : record_(make_record(raw, servo().machine.n_p, health_)),
         equations_(record_, servo().facts()),
@@ -38,10 +37,10 @@ class FittedDrive {
         chain_(equations_, answered_, readings_, sampler_) {
     chain_.set_noise(NoiseFit()(chain_, chain_.residual({truth.begin(), truth.end()}), {}));
   }
-  FittedDrive(const FittedDrive&) = delete;  // its parts know one another
+  FittedDrive(const FittedDrive&) = delete;  // its members refer to each other
 
   const Chain& chain() const { return chain_; }
-  // As if the record's own noise were so many times as large.
+  // Scales the noise of the record.
   void scale_noise(double times) {
     NoiseModel noise = chain_.noise();
     for (double* scale : {&noise.scale_d, &noise.scale_q, &noise.scale_torque}) *scale *= times;

@@ -1,4 +1,4 @@
-// Rows that repeat the row before: a fault where the rotor turns, chance where all stands still.
+// Repeated rows: a fault if the rotor moves, chance at standstill.
 // Faults of one signal, and of the clock.
 #include "trace/health.hpp"
 
@@ -74,8 +74,7 @@ Vec2 phase_current(const RawLog& raw, std::size_t k) {
   return clarke({raw.i_a[k], raw.i_b[k], -(raw.i_a[k] + raw.i_b[k])});
 }
 
-// The currents of a motor that runs up, by a coarse converter; of every `every` rows one is not
-// read.
+// Currents of an accelerating motor with a coarse ADC; one of `every` rows is not read.
 RawLog coarse_currents(std::size_t every) {
   RawLog raw = quantised_log(0);
   for (std::size_t k = 0; k < raw.size(); ++k) {
@@ -91,7 +90,7 @@ RawLog coarse_currents(std::size_t every) {
   return raw;
 }
 
-TEST(Health, TellsHeldCurrentsFromCoarseOnesThatRepeatByChance) {
+TEST(Health, SeparatesHeldCurrentsFromCoarseOnesThatRepeatByChance) {
   const RawLog good = coarse_currents(0), raw = coarse_currents(50);
   std::size_t repeated = 0;
   for (std::size_t k = 1; k < good.size(); ++k)
@@ -103,7 +102,7 @@ TEST(Health, TellsHeldCurrentsFromCoarseOnesThatRepeatByChance) {
   const Record record = make_record(raw, 3, health);
   EXPECT_NEAR(health.held_share, 0.02, 0.004);
   EXPECT_EQ(health.stale_share, 0);
-  // What was not read is filled in.
+  // Rows that were not read are interpolated.
   double held = 0, filled = 0;
   for (std::size_t k = 1; k + 1 < raw.size(); ++k) {
     const Vec2 read = phase_current(good, k);
@@ -113,7 +112,7 @@ TEST(Health, TellsHeldCurrentsFromCoarseOnesThatRepeatByChance) {
   EXPECT_LT(filled, 0.5 * held) << filled << " " << held;
 }
 
-// Two currents that hardly change from row to row. `alike`: of their noise, what both have.
+// Two currents with small changes from row to row. `alike`: common share of their noise.
 RawLog slow_currents(double noise_A, double alike, std::size_t every, double peak_A = 2) {
   RawLog raw;
   raw.path = "slow";
@@ -153,7 +152,7 @@ TEST(Health, CurrentsThatHardlyChangeRepeatTogetherWhereTheyAreHeld) {
   EXPECT_EQ(held_share(at_rest), 0);
 }
 
-// What a row holds is what was read before the row before it, where both are repeated.
+// After two repeated rows, a row holds a reading older than that of the row before.
 TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
   const RawLog good = quantised_log(40);
   RawLog raw = good;
@@ -168,7 +167,7 @@ TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
     ASSERT_NEAR(record.theta_m[k], good.theta_m[k], 1e-9) << k;
 }
 
-// A load behind a shaft sees in the time that another log has begun.
+// The time shows the start of another log to a load behind a shaft.
 TEST(Record, TimeShowsWhereALogIsAppended) {
   Health health;
   const Record one = make_record(quantised_log(2), 3, health);
@@ -223,7 +222,7 @@ TEST(Health, AMissingRowIsBridgedWhereTheRotorIs) {
   ASSERT_EQ(record.size(), whole.size());
   EXPECT_TRUE(record.electrical_ok[500]);
   EXPECT_LT((record.i_alphabeta[500] - whole.i_alphabeta[500]).norm(), 1e-3);
-  // By the row before alone: the one behind it is 30 V off.
+  // From the row before only: the row after it is 30 V off.
   EXPECT_LT((record.u_alphabeta[500] - whole.u_alphabeta[500]).norm(), 1e-6);
 }
 
@@ -256,9 +255,9 @@ TEST(Health, GlitchesAreCountedAndBridged) {
       << health.lines()[0];
 }
 
-// A winding under steps of voltage and pulses of one row, which the current answers; a bus that
-// steps; an angle that counts.
-TEST(Health, WhatActsIsNoGlitch) {
+// A winding with steps of voltage and pulses of one row, to which the current responds; a bus
+// voltage with steps; a quantised angle.
+TEST(Health, AnAppliedPulseIsNoGlitch) {
   RawLog raw;
   raw.path = "pulses";
   double i = 0;
@@ -282,7 +281,7 @@ TEST(Health, WhatActsIsNoGlitch) {
   EXPECT_EQ(faults_of(health.glitches, "u_alpha"), 1);
 }
 
-// The same reading twice, which differs by rounding alone, is no step of the converter.
+// Two readings that differ by rounding are no step of the ADC.
 TEST(Health, ACurrentThatIsNearlyAlwaysZeroIsCoarseAndHasNoGlitches) {
   RawLog raw;
   raw.path = "coarse";
@@ -300,7 +299,7 @@ TEST(Health, ACurrentThatIsNearlyAlwaysZeroIsCoarseAndHasNoGlitches) {
   EXPECT_NEAR(health.i_lsb, 0.2, 1e-9);
 }
 
-// A controller answers each step of a coarse converter by a row of voltage.
+// A controller responds to each step of a coarse ADC with one row of voltage.
 TEST(Health, VoltageThatAnswersAReadingIsNoGlitch) {
   RawLog raw;
   raw.path = "coarse";
@@ -342,7 +341,7 @@ TEST(Health, ASignalThatFreezesIsLeftOutWhileItStands) {
   }
 }
 
-// A sine of 2 A on steps of 0.08 A; in the topmost stand 2.4 times as many as below at most.
+// A sine of 2 A with steps of 0.08 A; the topmost step has at most 2.4 times the samples of others.
 TEST(Health, ACoarseScaleHasALimitWhereItIsCutAlone) {
   const auto limit = [](double amplitude, double cut) {
     RawLog raw = turning_log();
@@ -365,7 +364,7 @@ TEST(Health, ACoarseScaleHasALimitWhereItIsCutAlone) {
   EXPECT_NEAR(limit(2, 1.7), 1.68, 1e-9);
 }
 
-TEST(Health, CurrentsThatNeverChangeTellNothing) {
+TEST(Health, ConstantCurrentsGiveNoScale) {
   RawLog raw = turning_log();
   const auto verdict = [&] {
     Health health;
@@ -382,7 +381,7 @@ TEST(Health, CurrentsThatNeverChangeTellNothing) {
   EXPECT_EQ(verdict().find("Cannot tell: no current flows"), 0u) << verdict();
 }
 
-TEST(Health, StampsThatStrayLeaveTheRowsEven) {
+TEST(Health, JitteredTimeStampsLeaveTheRowsUniform) {
   RawLog raw = turning_log();
   for (std::size_t k = 0; k < raw.size(); ++k) raw.t[k] += 3e-5 * (2 * uniform(31, 0, k) - 1);
   Health clean, health;
@@ -402,7 +401,7 @@ TEST(Health, StampsThatStrayLeaveTheRowsEven) {
 }
 
 // Signals in closed form at intervals of one to three times 50 us.
-TEST(Health, RowsThatStandUnevenlyAreBroughtToEvenTimes) {
+TEST(Health, UnevenRowsAreResampledUniformly) {
   const auto theta_m = [](double t) { return 30 * t + 0.2 * std::sin(9 * t); };
   const auto current = [&](double t) { return 4 * std::cos(3 * theta_m(t)); };
   const auto flux = [&](double t) { return 0.5 * std::sin(100 * t); };  // integral of the voltage

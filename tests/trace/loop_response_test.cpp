@@ -34,8 +34,8 @@ std::vector<Vec2> noise(std::uint64_t seed) {
   return n;
 }
 
-// A drive that holds zero current, or moves it by `swing_A`, with a proportional controller, one
-// sample late, and sees noise.
+// A drive with a proportional current controller, one sample of delay and noise; reference zero or
+// an oscillation of `swing_A`.
 Record noisy_drive(double gain, double R_more = 0, double swing_A = 0) {
   const MachineParameters m = winding();
   const double R = m.R_s + R_more, kept = std::exp(-kT_s * R / m.L_d);
@@ -59,7 +59,7 @@ Record noisy_drive(double gain, double R_more = 0, double swing_A = 0) {
   return r;
 }
 
-// Of means over kMean rows: what is left below the controller's bandwidth.
+// Rms of means over kMean rows: the part below the controller's bandwidth.
 double slow_rms(const std::vector<Vec2>& x) {
   double sum = 0, count = 0;
   for (std::size_t first = 100; first + kMean < x.size(); first += kMean) {
@@ -90,13 +90,13 @@ TEST(LoopResponse, MakesNoiseAsQuietAsTheControllerDoes) {
 
 TEST(LoopResponse, LeavesNoiseAloneInAnOpenLoop) {
   Record r = noisy_drive(0);
-  for (std::size_t k = 0; k < kRows; ++k)  // a voltage that knows nothing of the currents
+  for (std::size_t k = 0; k < kRows; ++k)  // a voltage independent of the currents
     r.u_alphabeta[k] = {normal(9, 0, k), normal(9, 1, k)};
   const SensorNoise n{.i_alphabeta = noise(8), .theta_m = std::vector<double>(kRows, 0.0)};
   EXPECT_NEAR(slow_rms(added(r, n)), slow_rms(n.i_alphabeta), 0.05 * slow_rms(n.i_alphabeta));
 }
 
-// A gain beyond the stable one cannot be what the drive did: the noise alone is added.
+// A gain beyond the stability limit cannot be that of the drive: only the noise is added.
 TEST(LoopResponse, FallsBackToTheNoiseWhereTheLoopIsNotStable) {
   Record r = noisy_drive(kGain);
   for (std::size_t k = 1; k < kRows; ++k) r.u_alphabeta[k] = -3000 * r.i_alphabeta[k - 1];
@@ -106,10 +106,10 @@ TEST(LoopResponse, FallsBackToTheNoiseWhereTheLoopIsNotStable) {
     ASSERT_NEAR((x[k] - n.i_alphabeta[k]).norm(), 0, 1e-12) << k;
 }
 
-// A record of that drive with what the tracer's chain stands on.
+// A record of that drive with the inputs of the tracer's chain.
 struct NoisyEquations {
   explicit NoisyEquations(Record r) : record(std::move(r)) {}
-  NoisyEquations(const NoisyEquations&) = delete;  // its parts know one another
+  NoisyEquations(const NoisyEquations&) = delete;  // its members refer to each other
 
   Record record;
   DriveFacts facts{.machine = winding(), .v_dc = 300, .f_pwm = 1 / kT_s};
@@ -120,8 +120,8 @@ struct NoisyEquations {
   Equations answered{noisier.answered, facts}, readings{noisier.readings, facts};
 };
 
-// As a dead time has it around a current of zero: the answer of the drive knows the 30 Ohm, the
-// model that noise is sent through does not.
+// As with a dead time around zero current: the response of the drive contains the 30 Ohm, the model
+// for the noise does not.
 TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
   const NoisyEquations e(noisy_drive(kGain, 30));
   const Chain chain(e.equations, e.answered, e.readings, e.sampler);
@@ -129,7 +129,7 @@ TEST(LoopResponse, IsNotInTheResidualOfAModelThatIsRight) {
   EXPECT_NEAR(y.noise_d.norm() / y.d.norm(), 1, 0.05);
 }
 
-// Through 30 Ohm the rest is the currents' noise, and depends on the currents that hold it.
+// With 30 Ohm the residual is the noise of the currents and depends on the noisy currents.
 TEST(Rest, DependsOnNoCurrentForItsNoise) {
   constexpr double kMore = 30, kSwing = 0.1;  // ohm, A
   const NoisyEquations e(noisy_drive(kGain, kMore, kSwing));
@@ -144,8 +144,8 @@ TEST(Rest, DependsOnNoCurrentForItsNoise) {
   EXPECT_FALSE(structure_of_rest(fitter, fitter.start({with(0.7 * kMore)})).empty());
 }
 
-// A good part of the current is the drive's answer to the noise that the residual holds: that it
-// comes of it must not bend what is found.
+// A large part of the current is the response of the drive to the noise in the residual: this
+// correlation must not bias the result.
 TEST(LoopResponse, DoesNotBendAResistance) {
   constexpr double kMore = 1, kSwing = 0.002;  // ohm, A
   const NoisyEquations e(noisy_drive(kGain, kMore, kSwing));
@@ -157,7 +157,7 @@ TEST(LoopResponse, DoesNotBendAResistance) {
     const Sampled x = chain.whitened(chain.columns(*resistance)[0]),
                   y = chain.whitened(chain.residual({}));
     const double b = rows.against(x, y), A = rows.dot(x, x), change = b / A;
-    // A fit of it leaves less by what the products promise, but for the doubt.
+    // A fit reduces the residual as predicted by the products, up to the uncertainty.
     const Fitter fitter(chain, rows, held_out);
     const auto fitted = test::effect_of("resistance", {{"change_Ohm", change}}, e.facts);
     const double doubt = 0.1 * std::abs(change * change * rows.noise(x, x).sum() -
@@ -170,8 +170,8 @@ TEST(LoopResponse, DoesNotBendAResistance) {
   EXPECT_LT(found(e.readings), 0.5 * kMore);
 }
 
-// The motor moves by what the drive answers, and a lightly damped shaft rings with it: no error of
-// a reading, and no noise of what the shaft does.
+// The response of the drive moves the motor, and a lightly damped shaft rings: this is neither an
+// error of a reading nor noise of the shaft's regressor.
 TEST(LoopResponse, SetsAShaftRingingTruly) {
   Record r = noisy_drive(kGain);
   Record moved = r;

@@ -1,4 +1,4 @@
-// The noise model: what the sensors make of it, whatever the columns could explain.
+// The noise model is that of the sensors, independent of the columns.
 #include "trace/noise.hpp"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ Eigen::VectorXd white(std::uint64_t stream, Eigen::Index n) {
   return x;
 }
 
-TEST(Unexplained, LeavesWhatNoColumnHolds) {
+TEST(Unexplained, KeepsTheResidualThatNoColumnExplains) {
   constexpr Eigen::Index n = 6000;
   const Eigen::VectorXd a = white(1, n), b = white(2, n), noise = white(3, n);
   Unexplained by;
@@ -37,8 +37,8 @@ TEST(Unexplained, KeepsNoProductOfAColumnThatChanged) {
   EXPECT_LT((kept(y, 3) - fresh(y, 3)).norm(), 1e-9 * y.norm());
 }
 
-// Sixty slow columns, each with a little that is fast, beside a noise with next to nothing slow in
-// it: fitted as if it were white, what is fast would rule, and slow rests be left.
+// Sixty slow columns with a small fast part, and a noise with almost no slow part: a fit for white
+// noise would follow the fast part and leave a slow residual.
 TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {
   constexpr Eigen::Index n = 8000, kWaves = 60, kTogether = 50;
   constexpr double kRipple = 0.5;
@@ -69,8 +69,8 @@ TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {
   EXPECT_GT(slow_power(unweighed(y, kWaves)), 5 * slow_power(noise));
 }
 
-// Nothing is missing, so the residual is noise, all of it. In a slow run i_d is noise alone, a
-// controller answers it, and what the columns of an asymmetry have in common is i_d again.
+// Nothing is missing: the residual is noise. In a slow run i_d is pure noise, the controller
+// responds to it, and the columns of an asymmetry have i_d in common.
 TEST(NoiseFit, IsThatOfTheSensorsInASlowRunToo) {
   for (const bool slow : {false, true}) {
     Health health;

@@ -15,7 +15,7 @@ std::shared_ptr<Effect> behind_a_shaft(const LooseLoad& load) {
   return effect;
 }
 
-// What the load began with has died away.
+// The initial oscillation of the load has decayed.
 RawLog with_load(LooseLoad load) {
   SyntheticDrive drive{.J = SyntheticDrive{}.J - load.J, .duration_s = 3};
   drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
@@ -67,7 +67,7 @@ TEST(Placing, ATorsionIsSearchedFromTheBestOfItsGrid) {
   EXPECT_NEAR(get_key(*found, "damping_Nms_rad"), load.D, 0.1 * load.D);
 }
 
-// Kept back are the moments at which the load has come to rest behind its shaft.
+// Held out are the times at which the load is at rest behind its shaft.
 TEST(Placing, AShaftIsNotRefusedWhereNothingKeptBackMovesIt) {
   const LooseLoad load{.J = 3.2e-3, .K = 250, .D = 0.08, .gap = 0};
   LooseLoad soft = load;
@@ -78,7 +78,7 @@ TEST(Placing, AShaftIsNotRefusedWhereNothingKeptBackMovesIt) {
     const double since = std::fmod(t, 1.7);  // external_load() jumps at 0 and 0.9
     at_rest.push_back((since > 0.65 && since < 0.88) || since > 1.5);
   }
-  const FittedDrive drive(raw, {}, at_rest);  // part of the noise is what rings
+  const FittedDrive drive(raw, {}, at_rest);  // the ringing is part of the noise
   const Fitter fitter = drive.fitter();
   const Fit nothing = fitter.start({}), shaft = fitter.start({behind_a_shaft(load)});
   EXPECT_LT(plain_torque(fitter, shaft), 0.4 * plain_torque(fitter, nothing));
@@ -87,7 +87,7 @@ TEST(Placing, AShaftIsNotRefusedWhereNothingKeptBackMovesIt) {
   EXPECT_FALSE(acceptable(fitter, fitter.start({behind_a_shaft(soft)}), nothing));
 }
 
-// What the shaft does follows the true angle, and so do the slopes along which it is fitted.
+// The torque of the shaft follows the true angle, and so do its derivatives for the fit.
 TEST(Placing, AShaftBesideAnErrorOfTheAngleArrivesInAFewSteps) {
   constexpr double kError = 0.03;  // rad, more than the twist
   const LooseLoad load{.J = 2e-3, .K = 60, .D = 0.02, .gap = 0};
@@ -99,7 +99,7 @@ TEST(Placing, AShaftBesideAnErrorOfTheAngleArrivesInAFewSteps) {
   LooseLoad start = load;
   start.K *= 1.02;
   const Fit fit = drive.fitter().refine({behind_a_shaft(start), eccentric});
-  // With slopes of the angle that was read: 60.12 Nm/rad, and no nearer after twelve steps.
+  // With derivatives at the measured angle: 60.12 Nm/rad, without improvement after twelve steps.
   EXPECT_NEAR(get_key(*fit.members[0], "stiffness_Nm_rad"), load.K, 1.5e-3 * load.K);
 }
 

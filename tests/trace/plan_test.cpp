@@ -1,4 +1,4 @@
-// The design mathematics against geometry and least squares; building blocks inside their bench.
+// The design mathematics against geometry and least squares; building blocks within the bench.
 #include "trace/plan.hpp"
 
 #include <gtest/gtest.h>
@@ -44,7 +44,7 @@ Information at_angle(double phi) {
   return information_of(X);
 }
 
-TEST(Plan, TwoColumnsAtAKnownAngle) {
+TEST(Plan, GivesTheAngleOfTwoColumns) {
   const PlanCandidates two{{"a", "b"}, {group(0, 0, 1), group(1, 1, 1)}, 2};
   for (double phi : {0.05, 0.4, 1.2}) {
     const auto k = outlook(at_angle(phi), two);
@@ -64,7 +64,7 @@ TEST(Plan, ApartIsFourSigmasOrTwoPerCentOfTheGain) {
   const double four = std::sqrt(1000 * std::expm1(16.0 / 1000));
   EXPECT_TRUE(outlook(at_angle(std::asin(1.01 * four / 30)), two)[0].separated());
   EXPECT_FALSE(outlook(at_angle(std::asin(0.99 * four / 30)), two)[0].separated());
-  // Of a large effect 2 % of the gain count.
+  // For a large effect 2 % of the gain are the limit.
   Information large = at_angle(0.1);
   large.M *= 1e4;
   large.rows *= 1e4;
@@ -74,7 +74,7 @@ TEST(Plan, ApartIsFourSigmasOrTwoPerCentOfTheGain) {
   EXPECT_NEAR(outlook(large, two)[0].clear[1], 4 / std::sqrt(share), 1e-3);
 }
 
-TEST(Plan, WhatAnotherCannotImitateIsTheRestOfLeastSquares) {
+TEST(Plan, TheClearPartIsTheLeastSquaresResidual) {
   Eigen::MatrixXd X = noise_matrix(400, 5, 3);
   X.col(3) += 0.8 * X.col(0);
   X.col(4) += 0.5 * X.col(1) - X.col(0);
@@ -104,7 +104,7 @@ TEST(Plan, ColumnsThatDoNothingTogetherDoNotHideTheRest) {
   const double alone = outlook(information_of(X), one)[0].alone;
   EXPECT_GT(alone, 15);
   EXPECT_LT(alone, 60);
-  // And one that is all noise counts for nothing.
+  // A column of pure noise has no weight.
   Information noisy = information_of(X);
   noisy.noise.setConstant(1e6);
   EXPECT_EQ(outlook(noisy, one)[0].alone, 0);
@@ -115,7 +115,7 @@ TEST(Plan, TheSmallestEffectHasSizeOne) {
   EXPECT_NEAR(smallest_of(amplitude, 2)[1], 0.004, 1e-9);
   const auto square = [](const Eigen::VectorXd& c) { return std::sqrt(std::abs(c[0])) / 3; };
   EXPECT_NEAR(smallest_of(square, 1)[0], 9, 1e-6);
-  // Only differences count.
+  // Only differences matter.
   const auto uneven = [](const Eigen::VectorXd& c) {
     return (c.array() - c.mean()).abs().maxCoeff();
   };
@@ -136,14 +136,14 @@ TEST(Plan, ChoosesWhatSeparatesBeforeWhatRepeats) {
   EXPECT_LE(seconds, 5);
   settings.longest_s = 0.5;
   EXPECT_TRUE(choose(pieces, aliased, two, settings).empty());
-  // What is known well already needs no run.
+  // An effect that is already separated needs no run.
   settings.longest_s = 5;
   EXPECT_TRUE(choose(pieces, 1e4 * apart, two, settings).empty());
   settings.stop = [] { return true; };
   EXPECT_TRUE(choose(pieces, aliased, two, settings).empty());
 }
 
-TEST(Plan, AnExcerptSpeaksForALongRecord) {
+TEST(Plan, AnExcerptHasTheInformationOfALongRecord) {
   const Config config = Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
   SyntheticDrive drive;
   drive.duration_s = 16;

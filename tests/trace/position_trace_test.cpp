@@ -1,5 +1,4 @@
-// Logs of angle and current, made by a motor written out here: it shares no code with the product's
-// plant.
+// Logs of angle and current from an independent motor model, without code of the product's plant.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -32,13 +31,13 @@ struct Truth {
   double J = 5e-6, T_C = 1.5e-3, R = 0.50;
   double A_72 = 5e-3, phase_72 = 0.7, A_18 = 1.2e-3, phase_18 = -1.1;
   double ripple = 0.02;                // V, once an electrical turn
-  double delay = 8e-4, filter = 1e-3;  // s, of the speed that is shown
+  double delay = 8e-4, filter = 1e-3;  // s, of the logged speed
   double cogging(double theta_m) const {
     return A_72 * std::sin(72 * theta_m + phase_72) + A_18 * std::sin(18 * theta_m + phase_18);
   }
 };
 
-// There and back over one turn, held at rest at every row.
+// Forward and back over one turn, at rest at every row.
 PositionLog sweep(const Truth& truth, bool back = true, double current_lag = 0) {
   PositionLog log{.path = "sweep"};
   const int rows = 6000;
@@ -61,7 +60,7 @@ PositionLog sweep(const Truth& truth, bool back = true, double current_lag = 0) 
   return log;
 }
 
-// The rotor under a current, in steps of 20 us; rows near 1 ms, time stamps of 0.1 ms.
+// The rotor with a current, in steps of 20 us; rows at about 1 ms, time stamps of 0.1 ms.
 template <class Current>
 PositionLog run(const Truth& truth, double duration, double angle_offset, std::uint64_t seed,
                 Current current) {
@@ -123,7 +122,7 @@ TEST(HoldingTorque, FindsCoggingAndFrictionOfASweep) {
   EXPECT_TRUE(found.friction_ripple.empty());
 }
 
-// At a steady speed nothing accelerates, and yet the current holds nothing.
+// At constant speed there is no acceleration, but the current is no holding current.
 TEST(Positions, ASteadySpeedIsNoHolding) {
   PositionLog log{.path = "steady"};
   for (int k = 0; k < 40000; ++k) {
@@ -140,7 +139,7 @@ TEST(Positions, ASteadySpeedIsNoHolding) {
   EXPECT_FALSE(is_drive_log(sparse, machine())) << "1 kHz";
 }
 
-TEST(Positions, WhatNothingExplainsIsNotNothingMissing) {
+TEST(Positions, AnUnexplainedResidualIsNotNothingMissing) {
   PositionLog log{.path = "drifts"};
   PositionLog quiet{.path = "quiet"};
   for (std::uint64_t k = 0; k < 6000; ++k) {
@@ -179,7 +178,7 @@ TEST(HoldingTorque, OneWayLeavesFrictionUnnamed) {
   EXPECT_EQ(result.ambiguous[0].kinds[0], "coulomb_friction");
 }
 
-// The map at rest says what the current should be; the run that follows it late shows the filter.
+// The map at rest gives the current; its delay in a run shows the filter.
 TEST(HoldingTorque, FindsTheFilterOfALoggedCurrent) {
   const Truth truth;
   PositionLog map = sweep(truth, false);
@@ -210,7 +209,7 @@ TEST(Motion, FindsHowLateTheShownSpeedIs) {
   EXPECT_LT(lag.rest, 0.3 * lag.rest_without);
 }
 
-TEST(WindingVoltage, IsNotFooledByALateSpeed) {
+TEST(WindingVoltage, IsUnbiasedByALateSpeed) {
   const Truth truth;
   const PositionLog rest = sweep(truth), motion = swing(truth);
   const std::vector<const PositionLog*> at_rest{&rest}, in_motion{&motion};
@@ -255,7 +254,7 @@ TEST(Positions, PredictARunThatWasNotFitted) {
   ASSERT_EQ(r.files.size(), 2u);  // the two runs
 }
 
-// Without the current's slow filter in a run that moves, a lag at rest is no filter of the log.
+// If a moving run shows no slow filter of the current, a lag at rest is no filter of the log.
 TEST(Positions, ALagThatTheMovingRotorDoesNotShowIsNoFilter) {
   const Truth truth;
   PositionLog map = sweep(truth, false);
@@ -268,7 +267,7 @@ TEST(Positions, ALagThatTheMovingRotorDoesNotShowIsNoFilter) {
   }
 }
 
-// Asked to stop from its n-th question on; counts them.
+// Requests a stop from the n-th call on; counts the calls.
 struct StopAt {
   int after = 1 << 30;
   std::shared_ptr<int> asked = std::make_shared<int>(0);
@@ -282,7 +281,7 @@ TEST(Positions, StoppedBeforeTheHoldingTorqueNothingIsKept) {
                TraceStopped);
 }
 
-TEST(Positions, StoppedLaterWhatWasFoundIsKeptAndSaidToBeHalfJudged) {
+TEST(Positions, StoppedLaterItsResultsAreKeptAndReportedAsNotFullyJudged) {
   const Truth truth;
   const std::vector<PositionLog> logs = hold_out({sweep(truth)}, 0.25);
   const DriveFacts drive{.machine = machine(), .v_dc = 24};
@@ -305,7 +304,7 @@ TEST(Positions, StoppedLaterWhatWasFoundIsKeptAndSaidToBeHalfJudged) {
   EXPECT_TRUE(std::isnan(early.effects[0].held_out_gain));
   EXPECT_TRUE(early.files.empty());
 
-  // Among the last of its questions: the first effect is judged, the errors are not there.
+  // Among the last calls: the first effect is judged, the errors are not computed.
   const TraceResult late =
       trace_positions(logs, drive, {.hooks = {.say = {}, .stop = StopAt{*whole.asked - 4}}});
   EXPECT_TRUE(late.interrupted);

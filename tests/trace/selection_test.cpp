@@ -1,4 +1,4 @@
-// One round of the selection, with the candidates chosen here.
+// One round of the forward selection with given candidates.
 #include "trace/selection.hpp"
 
 #include <gtest/gtest.h>
@@ -8,9 +8,9 @@
 
 namespace twinrate::selection_test {
 
-// An offset bends the current's voltage as a threshold does; beside it what is left of the drop is
-// the slope, and by a dead time that was made good a little too well the threshold is below zero.
-TEST(Selection, ADropThatFallsBelowZeroBesideTheNewcomerIsAResistance) {
+// An offset acts on the voltage like a threshold. With it, only the slope of the drop remains; an
+// overcompensated dead time makes the threshold negative.
+TEST(Selection, ADropThatFallsBelowZeroBesideTheNewCandidateIsAResistance) {
   constexpr double kChange = 0.3, kOffset = 0.1;  // ohm, A
   const auto offset = effect_with("current_offset", {{"offset_a_A", kOffset}}),
              resistance = effect_with("resistance", {{"change_Ohm", kChange}}),
@@ -33,9 +33,9 @@ TEST(Selection, ADropThatFallsBelowZeroBesideTheNewcomerIsAResistance) {
   EXPECT_NEAR(get_key(*fit.members[1], "offset_a_A"), kOffset, 0.01 * kOffset);
 }
 
-// The slope of a drop takes what an inductance leaves; beside it what is left is below zero, and
-// the rest a dead time.
-TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewcomerIsADeadTime) {
+// The slope of a drop absorbs the effect of an inductance; with the inductance it becomes negative,
+// and the drop is a dead time.
+TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewCandidateIsADeadTime) {
   constexpr double kChange = 0.18 * 12.7e-3;   // H
   constexpr double kLoss = 3.8, kZone = 0.18;  // V, A
   const auto inductance =
@@ -57,7 +57,7 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewcomerIsADeadTime) {
   ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
 }
 
-// Of the two only the simpler one is trusted so far, and no further than a few hundred.
+// Only the simpler of the two may be worse, by no more than a few hundred.
 TEST(Selection, ADeadTimeMayFallALittleShortOfADropWithASlope) {
   const auto dead_time = effect_with("dead_time", {{"dead_time_s", 1e-6}}),
              drop = effect_with("inverter_drop", {{"threshold_V", 1}, {"resistance_Ohm", 0.1}}),
@@ -100,9 +100,8 @@ TEST(Selection, OfTwoPlacesThatExplainTheSameTheFirstIsTaken) {
   }
 }
 
-// Placed before the friction was known, a step stands a tenth of a second off; what would be a
-// second one beside it is the same.
-TEST(Selection, AStepBesideAStepIsThatOneMoved) {
+// A step that was placed before the friction is 0.1 s off; a second step beside it is the same one.
+TEST(Selection, AStepBesideAStepMovesTheFirstOne) {
   const double kTorque = 0.3, kTime = 1.2;  // Nm, s
   const auto step_at = [kTorque](double time_s) {
     return effect_with("load_step", {{"torque_Nm", kTorque}, {"time_s", time_s}});
@@ -123,9 +122,9 @@ TEST(Selection, AStepBesideAStepIsThatOneMoved) {
   EXPECT_NEAR(get_key(*fit.members[0], "torque_Nm"), kTorque, 0.01 * kTorque);
 }
 
-// Placed before the inertia was known, a step stands where nothing is fitted (between 1.33 and
-// 1.50 s); the inertia alone makes things worse there.
-TEST(Selection, AStepIsMovedBeforeTheNewcomerIsRefused) {
+// A step that was placed before the inertia is in a held-out stretch (1.33 to 1.50 s); there the
+// inertia alone raises the error.
+TEST(Selection, AStepIsMovedBeforeTheNewCandidateIsRejected) {
   const double kTorque = 0.75, kTime = 1.467, kChange = 0.13 * SyntheticDrive{}.J;  // Nm, s, kgm2
   const auto inertia = effect_with("inertia", {{"change_kgm2", kChange}});
   const auto step_at = [kTorque](double time_s) {
@@ -149,9 +148,9 @@ TEST(Selection, AStepIsMovedBeforeTheNewcomerIsRefused) {
   EXPECT_NEAR(get_key(*fit.members[1], "change_kgm2"), kChange, 0.01 * kChange);
 }
 
-// Trained where the rotor turns one way, kept back where it turns the other: there a load and a
-// friction cancel, and each alone, which did for both, is wrong.
-TEST(Selection, TwoThatAreRefusedAloneAreTakenTogether) {
+// Training rows have one direction, held-out rows the other: there load and friction cancel, and
+// each of them alone, which absorbs both, is wrong.
+TEST(Selection, TwoCandidatesRejectedAloneAreAcceptedTogether) {
   constexpr double kLoad = 0.1, kFriction = 0.003;  // Nm, Nms/rad
   const SyntheticDrive drive_of{.B = SyntheticDrive{}.B + kFriction,
                                 .duration_s = 4,
@@ -177,14 +176,14 @@ TEST(Selection, TwoThatAreRefusedAloneAreTakenTogether) {
     EXPECT_NEAR(member->kind() == "constant_load" ? get_key(*member, "torque_Nm") / kLoad
                                                   : get_key(*member, "coefficient_Nms") / kFriction,
                 1, 0.05);
-  // A margin that they do not exceed by far: nothing is taken.
+  // A margin that they do not clearly exceed: neither is accepted.
   fitter.set_margin(1e4);
   EXPECT_TRUE(select_one(fitter, candidates, {}, {}, state).members.empty());
 }
 
-// Through the slope of a drop at small currents the readings' noise is most of what is left. Where
-// its size was taken from a residual that the drop was in, more of it is taken off than there is.
-TEST(Selection, WhatExplainsFarMoreThanNoiseIsNotRefusedForNoiseTakenTooLarge) {
+// With the slope of a drop at small currents, the sensor noise dominates the residual. If its size
+// was estimated from a residual that contained the drop, the correction is too large.
+TEST(Selection, AnEffectFarAboveTheNoiseIsAcceptedDespiteAnOverestimatedNoise) {
   constexpr double kLoss = 20, kZone = 1;  // V, A
   const auto drop =
       effect_with("inverter_drop",

@@ -1,5 +1,4 @@
-// Each rule that settles a chosen set, on a set that this rule alone brings to what is in the
-// drive.
+// Each rule of the settling, on a set that only this rule corrects.
 #include "trace/settling.hpp"
 
 #include <gtest/gtest.h>
@@ -10,7 +9,7 @@ namespace twinrate::settling_test {
 
 using Names = std::vector<std::string>;
 
-// `truth`: what is in the drive; `chosen`: what it was taken for.
+// `truth`: effects of the drive; `chosen`: effects selected.
 Members settled(const RawLog& raw, const Members& truth, const Members& chosen) {
   const FittedDrive drive(raw, truth);
   const Fitter fitter = drive.fitter();
@@ -52,12 +51,12 @@ TEST(Settling, BesideALateVoltageTheyAreOneThatIsLater) {
   expect_key(*members[0], "lag_s", 2 * drive.T_s, 0.02);
 }
 
-// Drawn there by what was missing beside it, no refinement leads back: change and time constant do
-// the same where the record has seen but a hundredth of it.
-TEST(Settling, ADriftMuchSlowerThanTheRecordIsStartedAnew) {
+// A fit biased by another missing effect is not corrected by refinement: change and time constant
+// are aliases if the record covers a hundredth of the drift.
+TEST(Settling, ADriftMuchSlowerThanTheRecordIsRefitted) {
   constexpr double kChange = 0.3, kTau = 1;  // ohm, s
   RawLog raw = simulate_synthetic({.duration_s = 4});
-  for (std::size_t k = 0; k < raw.size(); ++k) {  // with what it drops asked for
+  for (std::size_t k = 0; k < raw.size(); ++k) {  // with the drop added to the reference
     const Vec2 u =
         -kChange * std::expm1(-raw.t[k] / kTau) * clarke({raw.i_a[k], raw.i_b[k], raw.i_c[k]});
     raw.u_alpha[k] += u[0];
@@ -72,7 +71,7 @@ TEST(Settling, ADriftMuchSlowerThanTheRecordIsStartedAnew) {
   expect_key(*members[0], "change_Ohm", kChange, 0.01);
 }
 
-TEST(Settling, AStepAtTheBeginningIsALoadThatWasAlwaysThere) {
+TEST(Settling, AStepAtTheStartIsAConstantLoad) {
   constexpr double kTorque = 0.3;  // Nm
   SyntheticDrive drive{.duration_s = 2};
   drive.extra_load = [](double, double, double) { return kTorque; };
@@ -83,7 +82,7 @@ TEST(Settling, AStepAtTheBeginningIsALoadThatWasAlwaysThere) {
   expect_key(*members[0], "torque_Nm", kTorque, 0.01);
 }
 
-TEST(Settling, WhatIsCertainButTooSmallToReportGoes) {
+TEST(Settling, ASignificantButImmaterialEffectIsDropped) {
   constexpr double kChange = 0.015;  // ohm, 0.7 of the smallest that is reported
   SyntheticDrive drive{.duration_s = 2, .R_extra = kChange};
   drive.extra_load = [](double, double, double omega) { return 0.3 * std::tanh(omega / 0.02); };
@@ -119,7 +118,7 @@ RawLog simulate_behind(LooseLoad load) {
   return simulate_synthetic(drive);
 }
 
-TEST(Settling, AShaftWithNextToNoGapIsOneWithout) {
+TEST(Settling, AShaftWithATinyGapIsATorsion) {
   const LooseLoad load{.gap = 0};
   const auto shaft = [&](const char* kind) {
     return effect_with(
@@ -128,15 +127,15 @@ TEST(Settling, AShaftWithNextToNoGapIsOneWithout) {
   const auto loose = shaft("backlash");
   set_key(*loose, "gap_rad", 1e-4);
   RawLog raw = simulate_behind(load);
-  raw.drop_first(3000);  // what the load began with has died away
+  raw.drop_first(3000);  // the initial oscillation of the load has decayed
   const Members members = settled(raw, {shaft("torsion")}, {loose});
   ASSERT_EQ(kinds_of(members), Names{"torsion"});
   expect_key(*members[0], "J_load_kgm2", load.J, 0.02);
   expect_key(*members[0], "stiffness_Nm_rad", load.K, 0.02);
 }
 
-// What is left of the torque (here a ripple that nobody chose) makes no less of the inertia.
-TEST(Settling, AnInertiaThatAShaftNeedsStaysWhateverElseIsLeft) {
+// A remaining torque residual (here a ripple that was not selected) does not drop the inertia.
+TEST(Settling, AnInertiaThatAShaftNeedsStaysDespiteARemainingRipple) {
   constexpr double kLess = -1.7e-3;  // kgm2
   const LooseLoad load{.gap = 0};
   SyntheticDrive drive{.J = SyntheticDrive{}.J + kLess - load.J, .duration_s = 2};
@@ -155,8 +154,8 @@ TEST(Settling, AnInertiaThatAShaftNeedsStaysWhateverElseIsLeft) {
   EXPECT_EQ(kinds_of(members), (Names{"inertia", "torsion"}));
 }
 
-// With two fifths more mass behind seven tenths of the gap it rings alike.
-TEST(Settling, AGapIsFollowedOutOfTheHollowBesideTheTrueOne) {
+// 40 % more mass behind 70 % of the gap is a local minimum.
+TEST(Settling, AGapLeavesTheLocalMinimumBesideTheTrueOne) {
   const LooseLoad load;
   const auto gap = [&](double J_load, double gap_rad) {
     return effect_with("backlash", {{"J_load_kgm2", J_load},

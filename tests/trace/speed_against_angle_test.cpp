@@ -18,7 +18,7 @@ struct Reading {
   double noise = 0;   // rad/s, before the filter
 };
 
-// Ten seconds of a speed that swings about another, read through a filter.
+// 10 s of a speed that oscillates about a mean, read through a filter.
 SpeedAgainstAngle::Difference compared(const Reading& reading) {
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
@@ -36,7 +36,7 @@ SpeedAgainstAngle::Difference compared(const Reading& reading) {
   return compare.difference();
 }
 
-TEST(SpeedAgainstAngle, NothingWhereTheyAgree) {
+TEST(SpeedAgainstAngle, FindsNothingIfTheyAgree) {
   for (const double noise : {0.0, 0.5}) {
     const auto d = compared({.noise = noise});
     EXPECT_EQ(d.lag_s, 0);
@@ -46,7 +46,7 @@ TEST(SpeedAgainstAngle, NothingWhereTheyAgree) {
 
 TEST(SpeedAgainstAngle, FindsAFilter) {
   for (const double filter_s : {0.5e-3, 2e-3}) {
-    // Of a filter stepped so, half a sample less.
+    // A filter in these steps lags by half a sample less.
     const auto d = compared({.filter_s = filter_s, .noise = 0.2});
     EXPECT_NEAR(d.lag_s, filter_s - 0.5 * kSampling_s, 0.02 * filter_s);
     EXPECT_EQ(d.scale, 1);
@@ -60,7 +60,7 @@ TEST(SpeedAgainstAngle, FindsAnotherUnit) {
   EXPECT_NEAR(d.lag_s, 0.95e-3, 0.02e-3);
 }
 
-TEST(SpeedAgainstAngle, SaysNothingOfALagThatDoesNotShow) {
+TEST(SpeedAgainstAngle, ReportsNoLagThatIsNotIdentifiable) {
   EXPECT_EQ(compared({.filter_s = 1e-3, .swing = 0, .noise = 0.5}).lag_s, 0);
 }
 

@@ -1,4 +1,4 @@
-// Sets without time, made by the laws themselves with noise on top.
+// Static sets from the laws with additional noise.
 #include "trace/static_sets.hpp"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ std::shared_ptr<Effect> made(const char* kind, const std::map<std::string, doubl
   return effect;
 }
 
-// Phase b, its current from -1 to 1 A; the other phases carry half of it back.
+// Phase b, current from -1 to 1 A; the other phases carry half of it each.
 StaticSet inverter_curve(const Effects& effects, double R, double noise) {
   StaticSet set{.path = "made"};
   for (int k = 0; k < 240; ++k) {
@@ -60,7 +60,7 @@ TEST(InverterCurve, FindsTheDropAndItsShape) {
   }
 }
 
-TEST(InverterCurve, CallsDeadTimeItsOtherName) {
+TEST(InverterCurve, ReportsDeadTimeAsItsAlias) {
   const Effects drop{made("dead_time", {{"dead_time_s", 2.5e-6}, {"linear_current_A", 0.05}})};
   const StaticSet set = inverter_curve(drop, 1.4, 0.01);
   const StaticTrace trace = trace_inverter_curve(set, facts());
@@ -75,7 +75,7 @@ TEST(InverterCurve, CallsDeadTimeItsOtherName) {
   EXPECT_EQ(result.ambiguous[0].kinds, (std::vector<std::string>{"inverter_drop", "dead_time"}));
 }
 
-TEST(InverterCurve, OfAPureResistanceNamesNothingElse) {
+TEST(InverterCurve, OfAPureResistanceFindsNothingElse) {
   const StaticSet set = inverter_curve({}, 1.01, 0.01);
   const StaticTrace trace = trace_inverter_curve(set, facts());
   EXPECT_EQ(trace.selection.after.find("inverter_drop"), nullptr);
@@ -142,7 +142,7 @@ TEST(FluxMap, StoppedAfterAStepKeepsItAndBeforeKeepsNothing) {
                TraceStopped);
 }
 
-TEST(FluxMap, OfConstantInductancesNamesNothing) {
+TEST(FluxMap, OfConstantInductancesFindsNothing) {
   const StaticTrace trace = trace_flux_map(flux_map({}, 1e-3), facts());
   EXPECT_TRUE(trace.selection.steps.empty());
   EXPECT_NEAR(trace.selection.after.held_out[1], 1e-3, 2e-4);

@@ -1,5 +1,5 @@
-// A drive written out here, for the tracer's tests: it shares no code with the product's plant.
-// Isotropic machine, RK4 in stator axes, speed and load that wander, ideal current control.
+// An independent drive model for the tests of the tracer, without code of the product's plant.
+// Isotropic machine, RK4 in stator axes, varying speed and load, ideal current control.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -17,17 +17,17 @@ struct SyntheticDrive {
   int n_p = 3;
   double T_s = 1e-4, duration_s = 6;
   std::uint64_t seed = 1;
-  bool quiet = false;  // stands still
+  bool quiet = false;  // standstill
   bool slow = false;   // a twentieth of the speed, no i_d
   std::function<double(double t, double theta, double omega)> extra_load =
       [](double, double, double) { return 0.0; };
-  double R_extra = 0, offset_a = 0;  // ohm; A, of what sensor a reads
-  double offset_theta = 0;           // rad, of what the encoder reads
+  double R_extra = 0, offset_a = 0;  // ohm; A, of sensor a
+  double offset_theta = 0;           // rad, of the encoder
   double loss_V = 0, loss_A = 0.12;  // a leg loses loss_V sign(i), less below loss_A
   double i_noise = 0.008, lsb = 0.009765625;
 };
 
-// The model that is declared for it.
+// Its declared model.
 inline const DriveConfig& servo() {
   static const Config config =
       Config::parse(Config::load("niewiara2020").resolved_with({}), "test");
@@ -41,7 +41,7 @@ inline double external_load(double t) {
   return std::fmod(t, 1.7) > 0.9 ? 1.8 : -0.4;
 }
 
-// The second mass behind a gap, in forty steps a sample. Without a gap it never lets go.
+// The second mass behind a gap, in forty steps a sample. Without a gap the shaft never separates.
 struct LooseLoad {
   double J = 3.2e-3, K = 600, D = 0.45, gap = 0.02;
   double t = 0, theta = 0.3, omega = wanted_speed(0), torque = 0;
@@ -57,7 +57,7 @@ struct LooseLoad {
       theta += h * omega;
     }
     t = time;
-    return torque - external_load(time);  // what stands at the motor besides the load
+    return torque - external_load(time);  // torque at the motor without the load
   }
 };
 
@@ -85,7 +85,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
     raw.theta_m.push_back(std::floor((theta + d.offset_theta) / step) * step);
     raw.v_dc.push_back(235.4 + 0.2 * normal(d.seed, 2, k));
     raw.T_load.push_back(T_load);
-    // The voltage that a controller with a model of its own asks for, constant in stator axes.
+    // The voltage reference of a controller with its own model, constant in stator axes.
     const double K_t = 1.5 * d.n_p * d.psi;
     const double accel = share * (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
     const double i_q_ref =

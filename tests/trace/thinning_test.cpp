@@ -1,4 +1,4 @@
-// Several rows as one: what the equations say of a record stays what it was.
+// Thinning of rows keeps the residuals of the equations.
 #include "trace/thinning.hpp"
 
 #include <gtest/gtest.h>
@@ -8,9 +8,9 @@
 
 namespace twinrate::thinning_test {
 
-// The declared machine at 2000 rad/s electrical and speeding up, without noise, rows T_s apart. The
-// voltage is that of the declared equations, held over each row: the flux goes straight on, the
-// magnets turn, and the current between is what is between them.
+// The declared machine, accelerating at 2000 rad/s electrical, without noise, rows T_s apart. The
+// voltage is that of the declared equations, constant over each row: the flux is linear in time,
+// the magnets rotate, and the current follows from both.
 Record fast_record(double T_s, std::size_t rows) {
   const MachineParameters& m = servo().machine;
   Record r;
@@ -47,7 +47,7 @@ Record fast_record(double T_s, std::size_t rows) {
   return r;
 }
 
-TEST(Thinning, TheVoltageEquationHoldsAsBefore) {
+TEST(Thinning, KeepsTheVoltageEquation) {
   const Record whole = fast_record(5e-5, 8000);
   for (const std::size_t rows : {1u, 2u, 4u}) {
     const Record thin = thinned(whole, rows, servo().machine.n_p);
@@ -57,8 +57,8 @@ TEST(Thinning, TheVoltageEquationHoldsAsBefore) {
     double most = 0;
     for (std::size_t k = 20; k + 20 < thin.size(); ++k)
       most = std::max({most, std::abs(left.d[k]), std::abs(left.q[k])});
-    // Without the turn 1.3 V and more of the 507 V of the magnets would be left; with R_s i as the
-    // mean of both ends, its bow left out, 17 mV, or no cubic 10 mV and more.
+    // Without the rotation at least 1.3 V of the 507 V of the magnets would remain; with R_s i as
+    // the mean of both ends, without its curvature, 17 mV; without the cubic at least 10 mV.
     EXPECT_LT(most, 0.001 * static_cast<double>(rows)) << rows;
     EXPECT_NEAR(thin.T_load[100], 0.7, 1e-12);
     EXPECT_NEAR(thin.v_dc[100], 235.4, 1e-9);
@@ -66,7 +66,7 @@ TEST(Thinning, TheVoltageEquationHoldsAsBefore) {
 }
 
 // The weights -1, 0, 9, 16, 9, 0, -1 of 32.
-TEST(Thinning, ARowIsMadeOfThoseAroundIt) {
+TEST(Thinning, UsesTheWeightsOfTheFilter) {
   const Record whole = fast_record(1e-4, 1000);
   const Record thin = thinned(whole, 2, servo().machine.n_p);
   const std::size_t K = 100, k = 2 * K + 3;
@@ -80,7 +80,7 @@ TEST(Thinning, ARowIsMadeOfThoseAroundIt) {
   EXPECT_EQ(thinned(whole, 1, 3).size(), whole.size());
 }
 
-TEST(Thinning, ACubicStaysWhatItIs) {
+TEST(Thinning, KeepsACubic) {
   Record whole = fast_record(1e-4, 1000);
   for (std::size_t rows : {2u, 3u, 4u}) {
     for (std::size_t k = 0; k < whole.size(); ++k) whole.T_load[k] = std::pow(whole.t[k] - 0.04, 3);
@@ -90,10 +90,10 @@ TEST(Thinning, ACubicStaysWhatItIs) {
   }
 }
 
-TEST(Thinning, ARowThatCannotBeUsedSpoilsThoseItIsIn) {
+TEST(Thinning, AnUnusableRowExcludesTheRowsThatContainIt) {
   Record whole = fast_record(1e-4, 1000);
-  whole.motion_ok[200] = 0;      // rows 97 to 100 reach it, which stand at 197 to 203
-  whole.electrical_ok[601] = 0;  // at 597 to 603, and, as a voltage, of those
+  whole.motion_ok[200] = 0;      // in rows 97 to 100, which use 197 to 203
+  whole.electrical_ok[601] = 0;  // in rows that use 597 to 603, and in their voltages
   const Record thin = thinned(whole, 2, servo().machine.n_p);
   for (std::size_t K = 0; K < thin.size(); ++K) {
     EXPECT_EQ(thin.motion_ok[K] != 0, K < 97 || K > 100) << K;
@@ -105,7 +105,7 @@ TEST(Thinning, ARowThatCannotBeUsedSpoilsThoseItIsIn) {
   EXPECT_EQ(thinned(held, whole, 2).size(), thin.size());
 }
 
-TEST(Thinning, NothingIsMadeOfWhatIsApartInTime) {
+TEST(Thinning, DoesNotMixRowsAcrossAGap) {
   Record both = fast_record(1e-4, 1000);
   Record second = fast_record(1e-4, 1000);
   for (double& theta_m : second.theta_m) theta_m += 1e3;
@@ -116,7 +116,7 @@ TEST(Thinning, NothingIsMadeOfWhatIsApartInTime) {
   EXPECT_EQ(thinned(both.motion_ok, both, 2).size(), thin.size());
 }
 
-TEST(Thinning, NoSlowerThan5kHz) {
+TEST(Thinning, IsNotSlowerThan5kHz) {
   EXPECT_EQ(rows_as_one(1e-4), 2u);
   EXPECT_EQ(rows_as_one(1.0 / 8000), 1u);
   EXPECT_EQ(rows_as_one(2e-4), 1u);

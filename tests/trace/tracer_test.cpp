@@ -1,5 +1,5 @@
-// The tracer against a drive that shares no code with the product: what is missing is named, with
-// its size; what is not missing is not.
+// The tracer on an independent drive model: it finds the missing effects with their sizes, and no
+// others.
 #include "trace/tracer.hpp"
 
 #include <gtest/gtest.h>
@@ -45,8 +45,8 @@ TEST(Tracer, FindsNothingWhereNothingIsMissing) {
     EXPECT_EQ(r.verdict, "nothing_missing") << r.sentence;
     EXPECT_TRUE(r.effects.empty());
     ASSERT_TRUE(r.electrical && r.mechanical);
-    // The error is noise: white once it is its own autoregression, as large as the floor, and far
-    // below what changes.
+    // The error is noise: white after whitening, equal to the noise floor, and far below the
+    // changes of the signals.
     EXPECT_GT(r.electrical->whiteness_p_value, 1e-4);
     EXPECT_GT(r.mechanical->whiteness_p_value, 1e-4);
     EXPECT_NEAR(r.electrical->after.held_out / r.electrical->noise_floor, 1, 0.15);
@@ -69,8 +69,9 @@ TEST(Tracer, NamesCoggingAndFrictionWithTheirSizes) {
   EXPECT_LT(r.mechanical->after.held_out, 0.5 * r.mechanical->before.held_out);
 }
 
-// Viscous and Stribeck friction can stand in for the three so well that no third adds much.
-TEST(Tracer, TellsThreeSortsOfFrictionApart) {
+// Viscous and Stribeck friction together approximate the three so well that a third one adds
+// little.
+TEST(Tracer, SeparatesThreeKindsOfFriction) {
   SyntheticDrive drive;
   drive.extra_load = [](double, double, double omega) {
     const double sign = std::tanh(omega / 0.02);
@@ -95,7 +96,7 @@ TEST(Tracer, NamesALoadStepBesideFrictionThatIsLarger) {
   EXPECT_NEAR(parameter(r, "load_step", "torque").value, 0.25, 0.005);
 }
 
-TEST(Tracer, TellsAResistanceFromAnOffset) {
+TEST(Tracer, SeparatesAResistanceFromAnOffset) {
   SyntheticDrive warm{.duration_s = 3};
   warm.R_extra = 0.3;
   const TraceResult hot = trace_of(simulate_synthetic(warm));
@@ -108,8 +109,8 @@ TEST(Tracer, TellsAResistanceFromAnOffset) {
   EXPECT_NEAR(parameter(off, "current_offset", "offset_a").value, 0.09, 0.002);
 }
 
-// Two that bend each other: what a leg loses goes by the true current, and in the true axes.
-TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
+// Two effects that bias each other: the dead time depends on the true current, in the true axes.
+TEST(Tracer, SeparatesADeadTimeFromTheErrorOfASensor) {
   const double seconds = 2.4 / (servo().facts().v_dc * servo().facts().f_pwm);
   const TraceResult shifted = trace_of(simulate_synthetic({.offset_a = 0.1, .loss_V = 2.4}));
   EXPECT_EQ(kinds(shifted), (Names{"current_offset", "dead_time"})) << shifted.sentence;
@@ -120,7 +121,7 @@ TEST(Tracer, TellsADeadTimeFromTheErrorOfASensorBesideIt) {
   EXPECT_NEAR(parameter(turned, "encoder_offset", "offset").value, 0.04, 0.0005);
 }
 
-// Where a current crosses zero such a loss makes 30 V of an ampere's noise.
+// At a zero crossing of the current, such a loss turns 1 A of noise into 30 V.
 TEST(Tracer, NamesFrictionBesideASteepDeadTime) {
   SyntheticDrive drive{.loss_V = 5.1, .loss_A = 0.16};
   drive.extra_load = [](double, double theta, double omega) {
@@ -134,8 +135,8 @@ TEST(Tracer, NamesFrictionBesideASteepDeadTime) {
   EXPECT_NEAR(parameter(r, "dead_time", "dead_time").value, seconds, 0.02 * seconds);
 }
 
-// A voltage that acts a row after it was asked for: the same as angle and currents read a row late,
-// and one thing, not two.
+// A voltage that acts one row late is an alias of angle and currents read one row late: one effect
+// instead of two.
 TEST(Tracer, NamesOneLateVoltageNotALateAngleAndLateCurrents) {
   SyntheticDrive drive{.R_extra = 0.24};
   drive.extra_load = [](double, double theta, double) { return 0.1 * std::sin(14 * theta + 0.4); };
@@ -148,7 +149,7 @@ TEST(Tracer, NamesOneLateVoltageNotALateAngleAndLateCurrents) {
   EXPECT_NEAR(parameter(r, "resistance", "change").value, 0.24, 0.005);
 }
 
-TEST(Tracer, SaysAtOneBusVoltageThatADeadTimeMayBeADevicesDrop) {
+TEST(Tracer, ReportsADropAsAliasOfADeadTimeAtOneBusVoltage) {
   for (std::uint64_t seed : {1, 2, 3, 4}) {
     SyntheticDrive drive{.loss_V = 2.4};
     drive.seed = seed;
@@ -165,7 +166,7 @@ TEST(Tracer, SaysAtOneBusVoltageThatADeadTimeMayBeADevicesDrop) {
   }
 }
 
-// In the coarser three a load would be found if fewer steps did not ask for more.
+// With the coarser three, a load would be found if the threshold did not rise for fewer steps.
 TEST(Tracer, FewStepsOfACoarseConverterAreNoEffect) {
   const auto expect_steps = [](std::uint64_t seed, double lsb) {
     const TraceResult r = trace_of(simulate_synthetic({.seed = seed, .slow = true, .lsb = lsb}));
@@ -175,9 +176,9 @@ TEST(Tracer, FewStepsOfACoarseConverterAreNoEffect) {
   for (const double lsb : {0.35, 0.4, 0.5}) expect_steps(1, lsb);
 }
 
-TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
-  // 1.3 rad of the order's period: what it does in the angle as read it does not do in the true
-  // one.
+TEST(Tracer, FindsCoggingOfAHighOrderWithAnEncoderOffset) {
+  // 1.3 rad of the period of the order: its phase in the measured angle differs from that in the
+  // true angle.
   SyntheticDrive drive{.offset_theta = 0.031};
   drive.extra_load = [](double, double theta, double) { return 0.06 * std::sin(41 * theta + 0.4); };
   const TraceResult r = trace_of(simulate_synthetic(drive));
@@ -188,8 +189,8 @@ TEST(Tracer, FindsCoggingOfAHighOrderBehindATurnedEncoder) {
   EXPECT_NEAR(parameter(r, "encoder_offset", "offset").value, 0.031, 0.0003);
 }
 
-// A slow run without load, whose currents hardly leave the zone around zero: before the loss is in
-// the model the d axis is quiet, and with it the currents' noise is most of what is left there.
+// A slow run without load with currents near zero: without the loss in the model the d residual is
+// small, with the loss the noise of the currents dominates it.
 TEST(Tracer, FindsADeadTimeThroughWhichTheSensorsAreLouder) {
   SyntheticDrive drive{.slow = true, .loss_V = 3.5, .loss_A = 0.07};
   drive.extra_load = [](double t, double, double) { return -external_load(t); };
@@ -203,8 +204,8 @@ TEST(Tracer, FindsADeadTimeThroughWhichTheSensorsAreLouder) {
   EXPECT_NEAR(r.electrical->after.held_out / r.electrical->noise_floor, 1, 0.15);
 }
 
-// A load that comes and goes at random: no cause of it is in the record, but something is.
-TEST(Tracer, CannotTellWhereMoreIsLeftThanNoiseOfTheSensors) {
+// A random load: its cause is not in the record, but the residual is not noise.
+TEST(Tracer, CannotTellIfTheResidualIsAboveTheSensorNoise) {
   SyntheticDrive drive{.duration_s = 4};
   drive.extra_load = [](double t, double, double) {
     return 0.15 * normal(5, 1, static_cast<std::uint64_t>(1000 * t));
@@ -228,7 +229,7 @@ TEST(Tracer, FindsTheGapOfAStiffContact) {
   EXPECT_NEAR(parameter(r, "backlash", "stiffness").value, load.K, 0.2 * load.K);
 }
 
-// Where a log ends and another begins no load rings.
+// The seam of two logs causes no ringing of the load.
 TEST(Tracer, FindsAShaftInTwoLogs) {
   const auto log = [](std::uint64_t seed) {
     LooseLoad load{.J = 2.5e-3, .K = 60, .D = 0.006, .gap = 0};
@@ -246,7 +247,7 @@ TEST(Tracer, FindsAShaftInTwoLogs) {
   EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 60, 5);
 }
 
-TEST(Tracer, TakesBackWhatWasDeclaredTooLarge) {
+TEST(Tracer, CorrectsADeclaredEffectThatIsTooLarge) {
   SyntheticDrive drive;
   drive.extra_load = [](double, double, double omega) { return 0.06 * std::tanh(omega / 0.02); };
   Health health;
@@ -264,7 +265,7 @@ TEST(Tracer, TakesBackWhatWasDeclaredTooLarge) {
   EXPECT_EQ(r.sentence.find("lacks"), std::string::npos) << r.sentence;
 }
 
-// With the inertia that is declared no gap fits.
+// No gap fits with the declared inertia.
 TEST(Tracer, FindsAGapBesideAWrongInertia) {
   LooseLoad load;
   constexpr double kMore = 2.5e-3;  // kgm2 at the motor
@@ -277,7 +278,8 @@ TEST(Tracer, FindsAGapBesideAWrongInertia) {
   EXPECT_NEAR(parameter(r, "inertia", "change").value, kMore, 0.12 * kMore);
 }
 
-// Of the true shaft the inertia that leaves least is the one that is there.
+// With the true shaft, the true inertia has the smallest residual.
+
 TEST(ShaftSearch, FindsTheInertiaThatIsMissingBesideAShaft) {
   for (const double more : {2e-3, -2e-3}) {  // kgm2 at the motor
     LooseLoad load;
@@ -344,7 +346,7 @@ TEST(Tracer, AMotorAtRestCannotTell) {
   EXPECT_NE(r.sentence.find("annot tell"), std::string::npos) << r.sentence;
 }
 
-TEST(Tracer, LostAndRepeatedRowsAreSeenInTheSamples) {
+TEST(Tracer, FindsLostAndRepeatedRowsInTheSamples) {
   RawLog raw = simulate_synthetic({});
   RawLog lossy;
   lossy.path = raw.path;

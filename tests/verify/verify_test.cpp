@@ -1,4 +1,4 @@
-// Error before and after, on logs made by a plant whose effects are known here.
+// Errors before and after, on simulated logs with known effects.
 #include "verify/verify.hpp"
 
 #include <fmt/format.h>
@@ -35,7 +35,7 @@ const std::string kCogging =
     "{kind=\"cogging\", order=12, amplitude_Nm=0.15, phase_rad=0.4, used_in=\"both\"}";
 const std::string kDeadTime = "{kind=\"dead_time\", dead_time_s=3e-6, used_in=\"both\"}";
 
-// What the plant of a drive logs; every row is held out.
+// A simulated log of a drive; every row is held out.
 VerifyLog log_of(const std::string& effects, int current_sensors = 3) {
   Config config = drive_with(effects, current_sensors);
   ClosedLoop loop(config);
@@ -52,7 +52,7 @@ VerifyLog log_of(const std::string& effects, int current_sensors = 3) {
   return log;
 }
 
-TEST(Verify, CoggingIsInTheSpeedOfTheFreeRunAndGoesWithTheModelThatHasIt) {
+TEST(Verify, TheFreeRunShowsCoggingUntilTheModelHasIt) {
   Config declared = drive_with(""), extended = drive_with(kCogging);
   const ModelError e = model_error({log_of(kCogging)}, declared, extended, 0.2, 5e-3);
   EXPECT_GE(e.runs, 5u);
@@ -61,7 +61,7 @@ TEST(Verify, CoggingIsInTheSpeedOfTheFreeRunAndGoesWithTheModelThatHasIt) {
   EXPECT_GT(e.omega_m.after, 0);
 }
 
-TEST(Verify, DeadTimeIsInTheCurrentsOfOneStep) {
+TEST(Verify, OneStepShowsDeadTimeInTheCurrents) {
   Config declared = drive_with(""), extended = drive_with(kDeadTime);
   const ModelError e = model_error({log_of(kDeadTime)}, declared, extended, 0, 5e-3);
   EXPECT_GT(e.runs, 100u);
@@ -71,7 +71,7 @@ TEST(Verify, DeadTimeIsInTheCurrentsOfOneStep) {
   EXPECT_GT(e.i_q.after, 0.005);
 }
 
-TEST(Verify, AModelThatLacksNothingGainsNothing) {
+TEST(Verify, ACompleteModelDoesNotImprove) {
   Config declared = drive_with("");
   const ModelError e = model_error({log_of("")}, declared, declared, 0.2, 5e-3);
   EXPECT_EQ(e.i_d.before, e.i_d.after);
@@ -79,8 +79,8 @@ TEST(Verify, AModelThatLacksNothingGainsNothing) {
   EXPECT_LT(e.omega_m.after, 0.1);
 }
 
-TEST(Verify, AShaftIsInTheSpeedOfOneStepWhereTheLoadIsFollowedUpToIt) {
-  // 28 Hz, damped by 4 %: the load swings on long after each change of speed.
+TEST(Verify, OneStepShowsAShaftInTheSpeed) {
+  // 28 Hz, damped by 4 %: the load oscillates long after each change of speed.
   const std::string torsion =
       "{kind=\"torsion\", J_load_kgm2=2.8e-3, stiffness_Nm_rad=60, damping_Nms_rad=0.03, "
       "used_in=\"both\"}";
@@ -96,7 +96,7 @@ std::string late_by(const char* signal, const char* form, double lag_s) {
       form, lag_s);
 }
 
-TEST(Verify, AVoltageThatActsLateIsInTheCurrents) {
+TEST(Verify, OneStepShowsAVoltageDelayInTheCurrents) {
   for (const char* form : {"delay", "first_order"}) {
     const std::string late = late_by("voltage", form, 250e-6);
     Config declared = drive_with(""), extended = drive_with(late);
@@ -109,7 +109,7 @@ TEST(Verify, AVoltageThatActsLateIsInTheCurrents) {
   }
 }
 
-TEST(Verify, ALateReadingIsCarriedOnAsLate) {
+TEST(Verify, AFreeRunKeepsTheDelayOfAReading) {
   for (const char* signal : {"current", "angle"})
     for (const double lag_s : {50e-6, 830e-6}) {
       const std::string late = late_by(signal, "delay", lag_s);
@@ -143,7 +143,7 @@ TEST(Verify, WithTwoSensorsTheOffsetOfTheThirdCurrentIsThatOfTheOthers) {
   }
 }
 
-TEST(Verify, WhatGetsWorseAndWhatChangesNothingIsSaid) {
+TEST(Verify, ReportsErrorsThatRiseAndLevelsWithoutChange) {
   Verification v;
   v.speed_horizon_s = 5e-3;
   v.window_s = 0.2;
@@ -159,7 +159,7 @@ TEST(Verify, WhatGetsWorseAndWhatChangesNothingIsSaid) {
   EXPECT_TRUE(remarks(v).empty());
 }
 
-TEST(Verify, RowsThatTrainAreNotLookedAt) {
+TEST(Verify, TrainingRowsAreNotUsed) {
   VerifyLog log = log_of("");
   std::fill(log.held_out.begin(), log.held_out.begin() + 12000, 0);
   Config declared = drive_with("");

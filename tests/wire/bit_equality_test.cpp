@@ -1,5 +1,5 @@
 // The logs of `twinrate launch` (five processes over LCM) and of `twinrate simulate` (one process,
-// no bus) hold the same messages, bit for bit, whatever happens on the wire.
+// no bus) hold the same messages, bit for bit, also with lost datagrams.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -27,7 +27,7 @@ std::vector<std::string> command(const std::string& verb, const std::string& dri
 
 class WireTest : public ProgramTest {
  protected:
-  // `bus`: overrides that change the transport alone, so that simulate need not know them.
+  // `bus`: overrides that change only the transport; simulate does not need them.
   void expect_launch_equals_simulate(const std::string& drive, const Overrides& drive_overrides,
                                      const Overrides& bus = {}, int ticks = kTicks) {
     Overrides all = drive_overrides;
@@ -116,19 +116,20 @@ TEST_F(WireTest, TwoLaunchesGiveTheSameBits) {
   EXPECT_TRUE(same_messages(path("a"), path("b"), kTicks));
 }
 
-TEST_F(WireTest, DroppedDatagramsAreSentAgainAndChangeNothing) {
+TEST_F(WireTest, DroppedDatagramsAreRepeatedAndChangeNoBit) {
   expect_launch_equals_simulate("dilys2021", {}, {"bus.drop_rate=0.01"});
   EXPECT_GT(summary("launch")["repeats"], 10);
   for (const auto& [channel, lost] : summary("launch")["lost_messages"].items())
     EXPECT_EQ(lost, 0) << channel;
 }
 
-TEST_F(WireTest, DroppedTruthIsSentAgainToAControllerThatWorksOnIt) {
+TEST_F(WireTest, DroppedTruthIsRepeatedForAControllerThatUsesIt) {
   expect_launch_equals_simulate("dilys2021", {"controller.angle_source=truth"},
                                 {"bus.drop_rate=0.05"}, 300);
 }
 
-// Short runs end often: the last messages have nobody behind them to ask for them.
+// Short runs: no later message makes a lost last message visible.
+
 TEST_F(WireTest, NeitherTheFirstNorTheLastMessagesAreMissedWhenMuchIsDropped) {
   for (int ticks = 36; ticks <= 42; ++ticks) {
     SCOPED_TRACE(ticks);
