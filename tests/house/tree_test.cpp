@@ -40,7 +40,7 @@ const std::vector<Room> kRooms = {
     {"export", {"model", "core", "trace", "import", "drive_log"}},
     {"verify", {"model", "core", "plant_sim", "trace", "loop", "import", "drive_log"}},
     {"report", {"model", "core", "analysis", "trace"}},
-    {"plan", {"core", "trace", "loop", "report"}},
+    {"plan", {"model", "core", "trace", "loop", "report"}},
     {"sweep", {"model", "core", "estimator", "analysis", "loop", "lanes"}},
     {"run", {"core", "analysis", "report"}},
     {"tools",

@@ -164,7 +164,7 @@ TEST_F(Report, NamesTheOrdersOfTheLoadAndTheirSources) {
             "speed and load");
   EXPECT_EQ(rows.at("24")[3], "yes");
   EXPECT_EQ(rows.at("6")[3], "yes");
-  EXPECT_NE(rows.at("6")[2].get<std::string>().find("none in motor and inverter"),
+  EXPECT_NE(rows.at("6")[2].get<std::string>().find("none in motor or inverter"),
             std::string::npos);
   EXPECT_EQ(rows.at("18")[3], "no") << "a source without a ripple";
   EXPECT_EQ(spectrum["bar_labels"][1]["text"], "24 dead time/flux+poles");

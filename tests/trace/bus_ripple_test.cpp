@@ -179,7 +179,7 @@ TEST(BusRipple, OfTheDrivesOwnPowerIsNotNamed) {
     EXPECT_TRUE(found.effects.empty()) << slope;
     EXPECT_FALSE(found.notes.empty()) << slope;
     for (const std::string& note : found.notes)
-      EXPECT_NE(note.find("own power"), std::string::npos) << note;
+      EXPECT_NE(note.find("the power of the drive"), std::string::npos) << note;
   }
   // A far larger ripple in addition comes from the rectifier.
   Record record = bus(0.01);
