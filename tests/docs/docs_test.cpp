@@ -196,8 +196,8 @@ TEST(Presets, AreTheOnesOfThePage) {
 // that does not exist.
 TEST(Paths, NamedInThePagesExist) {
   const std::string folders =
-      "lcmtypes|model|core|plant_sim|estimator|controller|trace|monitor|logger|tools|config|tests|"
-      "bench|docs";
+      "lcmtypes|model|core|plant_sim|estimator|controller|logger|loop|lanes|analysis|trace|import|"
+      "drive_log|export|verify|plan|sweep|report|run|monitor|tools|config|tests|bench|docs";
   for (const fs::path& page : pages()) {
     for (std::string path : found(text_of(page), "`((?:" + folders + ")/[a-z0-9_./*-]*)`")) {
       if (path.find("fan_load") != std::string::npos) continue;
