@@ -17,6 +17,8 @@
 // last shown digit (kernels and libm differ between processors); wall time, steps/s, messages sent
 // again, the BIC of a trace and names of run directories are not compared.
 //
+// Commands inside a sentence are names and patterns; docs_test.cpp checks their verbs and keys.
+//
 // An HTML comment in front of a block changes this; the reader of the page does not see it:
 //
 //   <!-- test: skip, REASON -->      does not run here; the test prints the reason
