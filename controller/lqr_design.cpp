@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "model/fields.hpp"
 #include "model/frames.hpp"
 #include "model/linear_algebra.hpp"
 

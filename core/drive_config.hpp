@@ -11,6 +11,7 @@
 #include "core/covariance_form.hpp"
 #include "core/rates.hpp"
 #include "model/discretise.hpp"
+#include "model/drive_facts.hpp"
 #include "model/effects/effect.hpp"
 #include "model/inverter.hpp"
 #include "model/machine.hpp"

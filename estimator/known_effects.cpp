@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "model/effects/flux_map.hpp"
+#include "model/machine.hpp"
 #include "model/point_of.hpp"
 
 namespace twinrate {

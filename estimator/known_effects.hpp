@@ -21,6 +21,7 @@
 // A shaft (torsion, backlash) is not predicted: it remains in the estimated load.
 #pragma once
 #include "model/effects/undo.hpp"
+#include "model/machine.hpp"
 
 namespace twinrate {
 

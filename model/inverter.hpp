@@ -4,18 +4,16 @@
 // the flats); its angle is kept. Zero-sequence injection min-max/2 gives the duty cycles. The mean
 // voltage applied is the Clarke transform of duty * v_dc.
 #pragma once
-#include "model/fields.hpp"
 #include "model/frames.hpp"
 
 namespace twinrate {
 
+class FieldVisitor;
+
 struct InverterParameters {
   double v_dc = 0;
   double f_pwm = 0;
-  void fields(FieldVisitor& f) {
-    f.number("v_dc_V", v_dc, 1, 2000, "DC-bus voltage", Presence::kRequired);
-    f.number("f_pwm_Hz", f_pwm, 0, 1e6, "switching frequency; 0: the control rate");
-  }
+  void fields(FieldVisitor& f);
   // Largest amplitude the modulator gives at every angle.
   double u_max_linear() const { return v_dc * std::numbers::inv_sqrt3; }
 };

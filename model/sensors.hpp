@@ -9,10 +9,11 @@
 #pragma once
 #include <cstdint>
 
-#include "model/fields.hpp"
 #include "model/frames.hpp"
 
 namespace twinrate {
+
+class FieldVisitor;
 
 struct SensorParameters {
   double i_noise_rms = 0;
@@ -20,14 +21,7 @@ struct SensorParameters {
   int current_sensors = 3;
   int encoder_counts = 0;
 
-  void fields(FieldVisitor& f) {
-    f.number("i_noise_rms_A", i_noise_rms, 0, 100, "noise of each phase-current sample, rms");
-    f.number("i_lsb_A", i_lsb, 0, 10, "ADC step of a phase current; 0: none");
-    f.integer("current_sensors", current_sensors, 2, 3,
-              "phase currents really measured; 2: i_c is -(i_a + i_b) of the readings");
-    f.integer("encoder_counts", encoder_counts, 0, 1 << 26,
-              "encoder counts a turn (four times the lines); 0: exact angle");
-  }
+  void fields(FieldVisitor& f);
 };
 
 Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/machine.hpp"
+
 namespace twinrate {
 namespace {
 

@@ -6,6 +6,8 @@
 
 namespace twinrate {
 
+struct MachineParameters;
+
 // The record with the voltage that ripples of `effects` (those on the bus) leave of what the drive
 // asked for, u mean(v_dc over the interval)/v_dc(t_k), and with v_dc as other effects take it:
 // without the ripple.

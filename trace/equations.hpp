@@ -31,6 +31,7 @@
 #include <utility>
 #include <vector>
 
+#include "model/drive_facts.hpp"
 #include "model/effects/motor_side.hpp"
 #include "trace/record.hpp"
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "model/fields.hpp"
+
 namespace twinrate {
 namespace {
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "model/fields.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "model/drive_facts.hpp"
 #include "model/effects/effect.hpp"
 #include "trace/hooks.hpp"
 

@@ -19,12 +19,13 @@
 #include <vector>
 
 #include "model/effects/physics.hpp"
-#include "model/fields.hpp"
 
 namespace twinrate {
 
 class EffectMemory;
 class EffectTracing;
+class FieldVisitor;
+struct DriveFacts;
 struct Portrait;
 
 class Effect : public EffectPhysics {

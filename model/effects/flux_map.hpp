@@ -9,6 +9,7 @@
 #include <Eigen/LU>
 
 #include "model/effects/effect.hpp"
+#include "model/machine.hpp"
 
 namespace twinrate {
 

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "model/effects/tracing.hpp"
+#include "model/machine.hpp"
 
 namespace twinrate {
 namespace {

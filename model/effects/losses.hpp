@@ -8,6 +8,8 @@
 
 namespace twinrate {
 
+struct MachineParameters;
+
 // A loss below zero.
 bool takes_back(const Effect& effect);
 // "" or which of them is below zero in all.

@@ -6,6 +6,7 @@
 #pragma once
 #include <numbers>
 
+#include "model/drive_facts.hpp"
 #include "model/effects/physics.hpp"
 
 namespace twinrate {

@@ -2,18 +2,9 @@
 // controller predict and undo. It runs at every stage of the integrator and on every tick: no
 // clock, no allocation, no state.
 #pragma once
-#include "model/machine.hpp"
 #include "model/operating_point.hpp"
 
 namespace twinrate {
-
-// Data of the drive that an effect may need besides the point.
-struct DriveFacts {
-  MachineParameters machine;
-  double v_dc = 0;   // V, nominal
-  double f_pwm = 0;  // Hz
-  double T_s = 0;    // s, for which the controller holds a voltage; 0: not known
-};
 
 // Properties of the inverter's legs, for a plant that switches them one by one.
 struct LegFacts {

@@ -1,7 +1,9 @@
 // Every effect's maker, one line an effect; its table stands in registry.cpp.
 #pragma once
+#include "model/drive_facts.hpp"
 #include "model/effects/portrait.hpp"
 #include "model/effects/tracing.hpp"
+#include "model/fields.hpp"
 
 namespace twinrate {
 

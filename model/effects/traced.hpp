@@ -1,5 +1,6 @@
 // Helpers of what effects tell the tracer: traced_keys() and materiality().
 #pragma once
+#include "model/drive_facts.hpp"
 #include "model/effects/tracing.hpp"
 
 namespace twinrate {

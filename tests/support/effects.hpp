@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "model/drive_facts.hpp"
 #include "model/effects/effect.hpp"
 #include "tests/support/field_setter.hpp"
 
