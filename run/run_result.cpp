@@ -87,13 +87,17 @@ std::vector<std::string> notable_events(const RunLog& log) {
   return lines;
 }
 
+std::int64_t lost_in_total(const Summary& s) {
+  std::int64_t lost = 0;
+  for (const auto& [channel, count] : s.lost_messages) lost += count;
+  return lost;
+}
+
 void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
                  const RunFacts& facts, const std::vector<std::string>& events) {
   const auto row = [](const std::string& name, const std::string& text) {
     fmt::print("  {:<22} {}\n", name, text);
   };
-  std::int64_t lost = 0;
-  for (const auto& [channel, count] : s.lost_messages) lost += count;
   const char* verdict = !s.locked ? "no truth to judge by" : *s.locked ? "LOCKED" : "LOST";
   fmt::print("\n{}: {}  ({})\n", d.name, verdict, facts.how);
   if (!facts.ended.empty()) row("ended early", facts.ended);
@@ -110,7 +114,7 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
     row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
   if (s.P44_max) row("P44", fmt::format("{:.3f} to {:.3f} rad^2", *s.P44_min, *s.P44_max));
   row("gains used", std::to_string(s.gains_used));
-  row("messages lost", fmt::format("{}  (sent again: {})", lost, facts.repeats));
+  row("messages lost", fmt::format("{}  (sent again: {})", lost_in_total(s), facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
   for (const std::string& event : events) row("event", event);
@@ -143,6 +147,50 @@ RunLog read_log(const std::string& directory, const RunFacts& facts) {
     if (facts.ended.empty()) throw;
     return {};
   }
+}
+
+// Adds the counts of the processes and of the logger to the summary.
+void add_process_counts(const RunFacts& facts, const Json& account, Summary& s) {
+  s.wall_s = facts.wall_s;
+  s.repeats = facts.repeats;
+  s.deadline_misses = facts.deadline_misses;
+  s.late_gains = std::max(s.late_gains, facts.late_gains);
+  s.late_commands = facts.late_commands;
+  for (const auto& [channel, count] : lost_messages(account)) s.lost_messages[channel] = count;
+}
+
+// The manifest of the log with the facts of the run.
+Json manifest_of(const RunLog& log, const RunFacts& facts, const Json& account) {
+  Json manifest = Json::parse(log.manifest_json, nullptr, false);
+  if (!manifest.is_object()) manifest = Json::object();
+  manifest["how"] = facts.how;
+  if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
+  if (account.is_object()) manifest["log"] = account;
+  return manifest;
+}
+
+// Writes the files of the result; returns the names of those that cannot be written.
+std::string write_results(const fs::path& dir, const RunLog& log, const Config& config,
+                          const Summary& s, const Json& manifest) {
+  std::string not_written;
+  const auto put = [&](const char* name, const auto& write) {
+    try {
+      write(dir / name);
+    } catch (const std::runtime_error&) {
+      std::error_code ignored;
+      fs::remove(dir / name, ignored);
+      not_written += (not_written.empty() ? "" : ", ") + std::string(name);
+    }
+  };
+  put("summary.json",
+      [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
+  put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
+  if (const std::string learnt = learnt_config(log, config.resolved()); !learnt.empty())
+    put("learnt.toml", [&](const fs::path& path) { write_text(path, learnt); });
+  put("report.html", [&](const fs::path& path) {
+    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
+  });
+  return not_written;
 }
 
 }  // namespace
@@ -179,43 +227,13 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   if (facts.ended.empty() && s.steps < config.drive().steps())
     facts.ended = fmt::format("stopped at tick {} of {}", s.steps, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
-  s.wall_s = facts.wall_s;
-  s.repeats = facts.repeats;
-  s.deadline_misses = facts.deadline_misses;
-  s.late_gains = std::max(s.late_gains, facts.late_gains);
-  s.late_commands = facts.late_commands;
-  for (const auto& [channel, count] : lost_messages(account)) s.lost_messages[channel] = count;
-
-  Json manifest = Json::parse(log.manifest_json, nullptr, false);
-  if (!manifest.is_object()) manifest = Json::object();
-  manifest["how"] = facts.how;
-  if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
-  if (account.is_object()) manifest["log"] = account;
+  add_process_counts(facts, account, s);
   std::error_code ignored;
   fs::remove(dir / "logger.json", ignored);
-
-  facts.not_written.clear();
-  const auto put = [&](const char* name, const auto& write) {
-    try {
-      write(dir / name);
-    } catch (const std::runtime_error&) {
-      fs::remove(dir / name, ignored);
-      facts.not_written += (facts.not_written.empty() ? "" : ", ") + std::string(name);
-    }
-  };
-  put("summary.json",
-      [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
-  put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
-  if (const std::string learnt = learnt_config(log, config.resolved()); !learnt.empty())
-    put("learnt.toml", [&](const fs::path& path) { write_text(path, learnt); });
-  put("report.html", [&](const fs::path& path) {
-    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
-  });
+  facts.not_written = write_results(dir, log, config, s, manifest_of(log, facts, account));
   print_table(directory, config.drive(), s, facts, notable_events(log));
-  std::int64_t lost = 0;
-  for (const auto& [channel, count] : s.lost_messages) lost += count;
-  const bool well =
-      s.locked.value_or(true) && lost == 0 && facts.ended.empty() && facts.not_written.empty();
+  const bool well = s.locked.value_or(true) && lost_in_total(s) == 0 && facts.ended.empty() &&
+                    facts.not_written.empty();
   return well ? 0 : 1;
 }
 

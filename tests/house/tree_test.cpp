@@ -42,7 +42,7 @@ const std::vector<Room> kRooms = {
     {"report", {"model", "core", "analysis", "trace"}},
     {"plan", {"model", "core", "trace", "loop", "report"}},
     {"sweep", {"model", "core", "estimator", "analysis", "loop", "lanes"}},
-    {"run", {"core", "analysis", "report"}},
+    {"run", {"core", "logger", "analysis", "monitor", "loop", "report"}},
     {"tools",
      {"model", "core", "estimator", "controller", "logger", "analysis", "trace", "monitor", "loop",
       "import", "drive_log", "export", "verify", "report", "plan", "sweep", "run"}},
