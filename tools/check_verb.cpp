@@ -2,15 +2,13 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <algorithm>
-#include <cmath>
 #include <iostream>
-#include <optional>
 
 #include "controller/controller.hpp"
 #include "core/field_list.hpp"
 #include "estimator/make_filter.hpp"
 #include "estimator/registry.hpp"
+#include "loop/demand.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
@@ -22,83 +20,6 @@ struct CheckOptions {
   std::vector<std::string> overrides;
   bool resolved = false, reference = false;
 };
-
-double largest(const Profile& profile) {
-  double amplitude = 0;
-  for (const ProfileStep& step : profile.steps())
-    amplitude = std::max(amplitude, std::abs(step.value));
-  return amplitude;
-}
-
-// What the drive is asked for, against what it has. All electrical speeds in rad/s, peak phase
-// values.
-struct Demand {
-  double omega_e = 0, emf = 0, u_needed = 0, u_max = 0, T_load = 0, i_q = 0;
-  std::optional<double> i_max;
-};
-
-std::optional<double> current_limit(Config& config) {
-  const std::string kind = config.drive().controller.kind;
-  const auto builder = controller_builder(kind);
-  const auto fields = [&](FieldVisitor& f) { builder->fields(f); };
-  config.read_table("controller." + kind, fields);
-  for (const FieldRow& row : list_fields(fields))
-    if (row.key == "i_max_A") return row.value;
-  return {};
-}
-
-Demand demand_of(Config& config) {
-  const DriveConfig& d = config.drive();
-  const MachineParameters& m = d.machine;
-  Demand demand;
-  demand.omega_e = d.reference.in_rpm ? largest(d.reference.speed_rpm) * kTwoPi / 60 * m.n_p
-                                      : largest(d.reference.omega_e_rad_s);
-  demand.u_max = d.inverter.u_max_linear();
-  demand.emf = demand.omega_e * m.psi_f;
-  demand.T_load = largest(d.load.T_load_Nm);
-  demand.i_q = (demand.T_load + m.B * demand.omega_e / m.n_p) / m.torque_constant();
-  demand.u_needed =
-      std::hypot(demand.omega_e * m.L_q * demand.i_q, demand.emf + m.R_s * demand.i_q);
-  demand.i_max = current_limit(config);
-  return demand;
-}
-
-std::vector<std::string> warnings_of(const Config& config, const Demand& demand) {
-  const DriveConfig& d = config.drive();
-  const MachineParameters& m = d.machine;
-  std::vector<std::string> list;
-  const std::string speed_key =
-      d.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s";
-  const auto warn = [&](const std::string& key, const std::string& what) {
-    list.push_back(fmt::format("{}: {}: {}", config.where(key), key, what));
-  };
-  if (demand.u_needed > demand.u_max)
-    warn(speed_key, fmt::format("needs {:.4g} V, v_dc allows {:.4g} V; without load this allows "
-                                "{:.4g} rad/s electrical",
-                                demand.u_needed, demand.u_max, demand.u_max / m.psi_f));
-  if (demand.i_max && demand.i_q > *demand.i_max)
-    warn("load.T_load_Nm",
-         fmt::format("needs i_q = {:.4g} A, i_max_A is {:.4g} A", demand.i_q, *demand.i_max));
-  if (m.omega_m_rated > 0 && demand.omega_e > m.n_p * m.omega_m_rated)
-    warn(speed_key,
-         fmt::format("above the rated speed, {:.4g} rad/s electrical", m.n_p * m.omega_m_rated));
-  const double samples = d.rates.f_s_Hz / (demand.omega_e / kTwoPi);
-  if (samples < 10)
-    warn("rates.f_s_Hz",
-         fmt::format("only {:.3g} samples an electrical turn at the reference speed", samples));
-  const bool turned = is_made_for_use(d.gain.policy) || !has_background(d.gain.policy);
-  if (d.estimator.kind == "ekf_sensorless" && !turned && samples / d.rates.n < 7)
-    warn("rates.n",
-         fmt::format("only {:.3g} gain updates an electrical turn at the reference speed; "
-                     "below about 7 a held gain loses synchronism",
-                     samples / d.rates.n));
-  const double decay = d.T_s() * m.R_s / std::min(m.L_d, m.L_q);
-  if (d.estimator.prediction == Prediction::kEuler && decay > 1)
-    warn("estimator.prediction",
-         fmt::format("Euler on currents: R_s/(L f_s) = {:.3g} {}, use exact or rk4", decay,
-                     decay > 2 ? "is unstable" : "overshoots"));
-  return list;
-}
 
 void print_summary(Config& config) {
   const DriveConfig& d = config.drive();
