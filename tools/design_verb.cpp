@@ -3,14 +3,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <algorithm>
 #include <cmath>
 #include <iostream>
 #include <nlohmann/json.hpp>
-#include <optional>
 
-#include "analysis/order_spectrum.hpp"
-#include "analysis/tick_rows.hpp"
+#include "analysis/load_orders.hpp"
 #include "controller/lqr.hpp"
 #include "estimator/ekf_harmonic.hpp"
 #include "loop/load_drive.hpp"
@@ -147,42 +144,27 @@ struct OrdersOptions {
   bool json = false;
 };
 
-// The largest orders of T_o_hat that stand out of the noise as in the report, in
-// rising order, over the whole turns after settle_s.
 int find_orders(const OrdersOptions& o) {
-  constexpr int kHighest = 200;
   const RunLog log = read_run_log(o.run);
   const Config config = Config::parse(log.config_toml, o.run);
-  std::vector<double> theta_m, T_o_hat;
-  for (const TickRow& row : tick_rows(log)) {
-    if (row.t_s < config.drive().run.settle_s || !row.measurement || !row.estimate) continue;
-    if (!(row.measurement->signals & kPosition)) continue;
-    theta_m.push_back(row.measurement->theta_m);
-    T_o_hat.push_back(row.estimate->T_load);
-  }
-  const OrderSpectrum spectrum = order_spectrum(theta_m, T_o_hat, kHighest);
-  if (spectrum.turns == 0)
+  const LoadOrders found = load_orders(log, config.drive().run.settle_s, o.most);
+  if (found.turns == 0)
     throw BadInput(o.run + ": no whole turn with a position and an estimated load after settle_s");
-  const double noise = spectrum.noise(kHighest);
-  std::vector<int> orders;
-  for (int N = 1; N <= static_cast<int>(spectrum.amplitude.size()); ++N)
-    if (spectrum.amplitude[static_cast<std::size_t>(N - 1)] > kDetectionRatio * noise)
-      orders.push_back(N);
-  const auto amplitude = [&](int N) { return spectrum.amplitude[static_cast<std::size_t>(N - 1)]; };
-  std::sort(orders.begin(), orders.end(),
-            [&](int a, int b) { return amplitude(a) > amplitude(b); });
-  if (static_cast<int>(orders.size()) > o.most) orders.resize(static_cast<std::size_t>(o.most));
-  std::sort(orders.begin(), orders.end());
   if (o.json) {
     Json list = Json::array();
-    for (const int N : orders) list.push_back({{"order", N}, {"amplitude_Nm", amplitude(N)}});
-    std::cout << Json{{"turns", spectrum.turns}, {"noise_Nm", noise}, {"orders", list}}.dump(2)
+    for (const auto& [N, amplitude] : found.orders)
+      list.push_back({{"order", N}, {"amplitude_Nm", amplitude}});
+    std::cout << Json{{"turns", found.turns}, {"noise_Nm", found.noise}, {"orders", list}}.dump(2)
               << "\n";
-  } else {
-    fmt::print("{} whole turns, noise {:.2g} Nm an order\n", spectrum.turns, noise);
-    for (const int N : orders) fmt::print("  order {:3}   {:.4f} Nm\n", N, amplitude(N));
-    fmt::print("\n[estimator.ekf_harmonic]\norders = [{}]\n", fmt::join(orders, ", "));
+    return 0;
   }
+  fmt::print("{} whole turns, noise {:.2g} Nm an order\n", found.turns, found.noise);
+  std::vector<int> orders;
+  for (const auto& [N, amplitude] : found.orders) {
+    fmt::print("  order {:3}   {:.4f} Nm\n", N, amplitude);
+    orders.push_back(N);
+  }
+  fmt::print("\n[estimator.ekf_harmonic]\norders = [{}]\n", fmt::join(orders, ", "));
   return 0;
 }
 
