@@ -2,18 +2,12 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <algorithm>
-#include <filesystem>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
-#include "core/manifest.hpp"
-#include "core/paths.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
-#include "core/signals_io.hpp"
-#include "import/drive_messages.hpp"
-#include "import/whole_log.hpp"
+#include "import/import_log.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
@@ -27,59 +21,6 @@ struct ImportOptions {
   std::vector<std::string> overrides;
   bool repair = false, json = false;
 };
-
-Json describe(const ImportOptions& o, const DriveRows& rows, const TickGrid& grid,
-              const DriveMessages& messages, double f_s_Hz) {
-  std::vector<std::string> left_out = rows.left_out;
-  for (const std::string& name : messages.no_place()) left_out.push_back(name);
-  const auto path = std::filesystem::path(o.file);
-  return {{"file", path.filename().string()},
-          {"bytes", std::filesystem::file_size(path)},
-          {"fnv1a64", file_hash(o.file)},
-          {"map", o.map.empty() ? "" : std::filesystem::path(o.map).filename().string()},
-          {"rows", rows.size()},
-          {"t_0_s", rows.t.front()},
-          {"duration_s", rows.t.back() - rows.t.front()},
-          {"f_s_Hz", f_s_Hz},
-          {"dt_min_s", grid.dt_min_s},
-          {"dt_median_s", grid.dt_median_s},
-          {"dt_max_s", grid.dt_max_s},
-          {"gaps", grid.gaps},
-          {"missing_ticks", grid.missing},
-          {"moved_rows", grid.moved},
-          {"crowded_out_rows", grid.crowded_out},
-          {"signals", messages.found()},
-          {"left_out", left_out},
-          {"notes", rows.notes}};
-}
-
-std::string manifest_json(std::int64_t session, const Json& source, const std::string& map_toml) {
-  const Json json = {{"program", "twinrate import"},
-                     {"revision", revision()},
-                     {"session", session},
-                     {"source", source},
-                     {"map_toml", map_toml}};
-  return json.dump(2);
-}
-
-void write_log(const ImportOptions& o, const TickGrid& grid, const DriveMessages& messages,
-               manifest_t manifest, PercentLine& line) {
-  constexpr std::int64_t kFirst_us =
-      1'000'000;  // event times start at 1 s: 0 would mean "not known"
-  const std::int64_t session = manifest.session;
-  WholeLog log(o.out);
-  log.write(manifest, kFirst_us);
-  for (std::size_t i = 0; i < grid.slots.size(); ++i) {
-    const Measurement m = messages.measurement(grid.slots[i]);
-    const std::int64_t t_us = kFirst_us + m.t_ns / 1000;
-    log.write(to_wire(m, session), t_us);
-    if (messages.has_reference())
-      log.write(to_wire(messages.reference(grid.slots[i]), session), t_us);
-    if (i % 16384 == 0)
-      line.show("writing", static_cast<double>(i) / static_cast<double>(grid.slots.size()));
-  }
-  log.finish();
-}
 
 std::string tick_text(const Json& s) {
   const std::int64_t gaps = s["gaps"], moved = s["moved_rows"], left_out = s["crowded_out_rows"];
@@ -130,18 +71,10 @@ void import(const ImportOptions& o) {
   catch_stop_signals();
   const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
   const Config config = drive_of(o, map);
-  const DriveConfig& drive = config.drive();
   PercentLine line(o.json ? PercentLine::Form::kNone : PercentLine::Form::kTerminal);
-  const DriveRows rows = read_drive_rows(o.file, o.map.empty() ? nullptr : &map, o.repair,
-                                         [&](double share) { line.show("reading", share); });
-  const TickGrid grid = place_on_grid(rows, drive.rates.f_s_Hz);
-  const DriveMessages messages(rows, drive.machine.n_p, drive.inverter.v_dc);
-  const Json source = describe(o, rows, grid, messages, drive.rates.f_s_Hz);
-  const std::string hash = source["fnv1a64"];
-  const auto session = static_cast<std::int64_t>(std::stoull(hash, nullptr, 16) >> 1 | 1);
-  write_log(o, grid, messages,
-            make_manifest(session, config.resolved(), manifest_json(session, source, map.toml)),
-            line);
+  const Json source =
+      import_log({.file = o.file, .map = o.map, .out = o.out, .repair = o.repair}, map, config,
+                 [&](const std::string& what, double share) { line.show(what, share); });
   line.clear();
   if (o.json)
     std::cout << source.dump() << "\n";
