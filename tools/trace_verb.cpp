@@ -17,9 +17,10 @@
 #include "core/paths.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
+#include "core/seconds_since.hpp"
 #include "drive_log/drive_logs.hpp"
 #include "drive_log/measured_files.hpp"
-#include "drive_log/moments.hpp"
+#include "drive_log/trace_drive_logs.hpp"
 #include "loop/load_drive.hpp"
 #include "report/trace_page.hpp"
 #include "tools/plan_verb.hpp"
@@ -32,7 +33,7 @@
 namespace twinrate {
 namespace {
 
-constexpr std::chrono::seconds kSilent{1};  // a log that is read faster shows no progress
+constexpr std::chrono::seconds kSilentReading{1};  // no progress line before
 
 struct TraceOptions {
   std::string drive, out = "trace", url;
@@ -42,7 +43,7 @@ struct TraceOptions {
   PlanOptions plan;
 };
 
-// A share of the rows, or empty where `text` is not a number.
+// A share of the rows; empty if `text` is not a number.
 std::optional<double> fraction(const std::string& text) {
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -59,7 +60,7 @@ void write(const std::string& path, const std::string& text) {
   if (!file.flush()) throw BadInput(path + ": cannot be written");
 }
 
-// DIR of --out. It is made before the work starts, and goes again where nothing came of that.
+// DIR of --out. The constructor creates it; the destructor removes it if it is empty.
 class OutDirectory {
  public:
   explicit OutDirectory(std::string path) : path_(std::move(path)) {
@@ -82,14 +83,14 @@ class OutDirectory {
   bool made_ = false;
 };
 
-// No file counts twice, and none both ways.
+// Throws BadInput for a file given twice.
 void expect_different(const std::vector<std::string>& data,
                       const std::vector<std::string>& held_out) {
   std::map<std::filesystem::path, const char*> option_of;
   for (const bool held : {false, true})
     for (const std::string& path : held ? held_out : data) {
       const char* option = held ? "--holdout" : "--data";
-      std::error_code missing;  // which is said where it is read
+      std::error_code missing;  // reported by the reader
       const auto [before, first] =
           option_of.emplace(std::filesystem::weakly_canonical(path, missing), option);
       if (first || missing) continue;
@@ -129,13 +130,14 @@ void print_result(const TraceResult& r, const std::string& out) {
     fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
                f.held_out ? "hold-out" : "fitted", f.path, f.before, f.after, f.unit, f.no_change);
   for (const std::string& line : r.identifiable)
-    if (line.find(' ') != std::string::npos) fmt::print("  {}\n", line);  // not a kind
+    if (line.find(' ') != std::string::npos) fmt::print("  {}\n", line);  // a sentence
   for (const std::string& line : r.health) fmt::print("  data: {}\n", line);
   fmt::print("{}/trace.json, extended.toml, report.html ({:.1f} s)\n", out, r.seconds);
 }
 
-// DIR/verify.json and the table. Throws Stopped.
-void prove(const TraceOptions& o, const Config& declared, const std::vector<VerifyLog>& logs) {
+// Writes DIR/verify.json and prints the table. Throws Stopped.
+void verify_extended(const TraceOptions& o, const Config& declared,
+                     const std::vector<VerifyLog>& logs) {
   Config extended = Config::load(o.out + "/extended.toml");
   read_all_tables(extended);
   VerifySettings settings;
@@ -145,30 +147,24 @@ void prove(const TraceOptions& o, const Config& declared, const std::vector<Veri
   if (!o.json) fmt::print("on held-out data:\n{}{}/verify.json\n", table(v), o.out);
 }
 
-// The files of `asked`, full drive logs. `replayed`: filled for --verify.
-TraceResult trace_drive_logs(const TraceOptions& o, const LogRequest& asked,
-                             const DriveConfig& drive, const TraceSettings& settings,
-                             std::vector<VerifyLog>& replayed) {
+// Full drive logs. With --verify fills `replayed`.
+TraceResult trace_full_logs(const TraceOptions& o, const LogRequest& asked,
+                            const DriveConfig& drive, const TraceSettings& settings,
+                            std::vector<VerifyLog>& replayed) {
   PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
   const auto start = std::chrono::steady_clock::now();
   const DriveLogs logs = read_drive_logs(asked, drive, [&](const std::string& what, double share) {
     if (stop_signalled()) throw Stopped{};
-    if (std::chrono::steady_clock::now() - start > kSilent) line.show(what, share);
+    if (std::chrono::steady_clock::now() - start > kSilentReading) line.show(what, share);
   });
   line.clear();
-  const std::vector<char> held_out =
-      asked.held_out.empty() ? held_out_rows(logs.record, settings.holdout, drive.machine.n_p)
-                             : logs.held_out();
-  TraceResult result = trace_record(logs.record, drive, logs.health, settings, held_out);
-  find_moments(logs, drive, result);
+  const std::vector<char> held_out = held_out_rows(logs, settings.holdout, drive.machine.n_p);
+  TraceResult result = trace_drive_logs(logs, held_out, drive, settings);
   if (o.verify) replayed = verify_logs(asked, drive, logs, held_out);
-  result.sources = asked.data;
-  result.held_out_sources = asked.held_out;
-  result.health.insert(result.health.end(), logs.notes.begin(), logs.notes.end());
   return result;
 }
 
-// What the logs of --data hold, for --plan.
+// The logs of --data, for --plan.
 std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) {
   std::vector<PlanLog> logs;
   for (const std::string& path : o.data) {
@@ -183,23 +179,21 @@ std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) 
   return logs;
 }
 
-int trace(const TraceOptions& o) {
-  const Config config = load_drive(o.drive, o.overrides);
-  const OutDirectory out(o.out);
-  if (o.plan.wanted)
-    return plan_measurement(o.plan, config, o.out, o.json,
-                            [&] { return plan_logs(o, config.drive()); });
-  if (o.data.empty()) throw BadInput("trace: --data is required (without a log: --plan)");
+TraceSettings settings_of(const TraceOptions& o) {
   TraceSettings settings;
+  settings.stop = stop_signalled;
   if (o.verbose || o.json)
-    settings.say = [&](const std::string& line) {
-      if (o.json)
+    settings.say = [json = o.json](const std::string& line) {
+      if (json)
         fmt::print("{{\"progress\": \"{}\"}}\n", line), std::fflush(stdout);
       else
         fmt::print(stderr, "{}\n", line);
     };
-  settings.stop = stop_signalled;
-  catch_stop_signals();
+  return settings;
+}
+
+// The files of --data and --holdout. Sets settings.holdout if --holdout is a share.
+MeasuredFiles files_of(const TraceOptions& o, TraceSettings& settings) {
   MeasuredFiles files{.data = o.data, .held_out = o.holdout, .maps = o.maps, .repair = o.repair};
   if (o.holdout.size() == 1)
     if (const auto share = fraction(o.holdout[0])) {
@@ -207,22 +201,12 @@ int trace(const TraceOptions& o) {
       files.held_out.clear();
     }
   expect_different(files.data, files.held_out);
-  if (o.verify) resolve_url(o.url);
-  const LogRequest asked{.data = files.data,
-                         .held_out = files.held_out,
-                         .maps = files.maps,
-                         .repair = files.repair,
-                         .memory_MiB = o.memory_MiB};
-  std::vector<VerifyLog> replayed;
-  const auto start = std::chrono::steady_clock::now();
-  std::optional<TraceResult> measured =
-      trace_measured_files(files, config.drive(), {settings.say, settings.stop});
-  TraceResult result = measured ? std::move(*measured)
-                                : trace_drive_logs(o, asked, config.drive(), settings, replayed);
-  if (measured)
-    result.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  std::filesystem::remove(o.out + "/verify.json");  // of a trace before this one
+  return files;
+}
+
+// Writes DIR/trace.json, extended.toml and report.html and prints the result.
+void write_result(const TraceOptions& o, const Config& config, const TraceResult& result) {
+  std::filesystem::remove(o.out + "/verify.json");  // of an earlier trace
   write(o.out + "/trace.json", to_json(result));
   const std::string extended = extended_toml(config, result, o.keep_plant);
   write(o.out + "/extended.toml", extended);
@@ -237,35 +221,66 @@ int trace(const TraceOptions& o) {
   else
     print_result(result, o.out);
   std::fflush(stdout);
+}
+
+// Exit code of --verify.
+int verify_step(const TraceOptions& o, const Config& config, const std::vector<VerifyLog>& logs) {
+  try {
+    verify_extended(o, config, logs);
+    return 0;
+  } catch (const Stopped&) {
+    fmt::print(stderr,
+               "twinrate: interrupted during --verify; the trace in {} is complete, verify.json "
+               "is not written\n",
+               o.out);
+    return 1;
+  }
+}
+
+int trace_files(const TraceOptions& o, const Config& config) {
+  TraceSettings settings = settings_of(o);
+  catch_stop_signals();
+  const MeasuredFiles files = files_of(o, settings);
+  if (o.verify) resolve_url(o.url);
+  std::vector<VerifyLog> replayed;
+  const auto start = std::chrono::steady_clock::now();
+  std::optional<TraceResult> measured =
+      trace_measured_files(files, config.drive(), {settings.say, settings.stop});
+  if (measured) measured->seconds = seconds_since(start);
+  const LogRequest asked{.data = files.data,
+                         .held_out = files.held_out,
+                         .maps = files.maps,
+                         .repair = files.repair,
+                         .memory_MiB = o.memory_MiB};
+  const TraceResult result = measured
+                                 ? std::move(*measured)
+                                 : trace_full_logs(o, asked, config.drive(), settings, replayed);
+  write_result(o, config, result);
   if (result.interrupted) {
     fmt::print(stderr, "twinrate: trace interrupted; {} holds the effects found so far{}\n", o.out,
                o.verify ? ", not verified" : "");
     return 1;
   }
-  if (o.verify && measured)
+  if (o.verify && !measured) return verify_step(o, config, replayed);
+  if (o.verify)
     fmt::print(
         stderr,
         "twinrate: --verify needs full drive logs; the table above has the error of each file\n");
-  else if (o.verify)
-    try {
-      prove(o, config, replayed);
-    } catch (const Stopped&) {
-      fmt::print(stderr,
-                 "twinrate: interrupted during --verify; the trace in {} is complete, verify.json "
-                 "is not written\n",
-                 o.out);
-      return 1;
-    }
   return 0;
 }
 
-}  // namespace
+int trace(const TraceOptions& o) {
+  const Config config = load_drive(o.drive, o.overrides);
+  const OutDirectory out(o.out);
+  if (o.plan.wanted)
+    return plan_measurement(o.plan, config, o.out, o.json,
+                            [&] { return plan_logs(o, config.drive()); });
+  if (o.data.empty()) throw BadInput("trace: --data is required (without a log: --plan)");
+  return trace_files(o, config);
+}
 
-void add_trace_verb(CLI::App& app, int& exit_code) {
-  auto o = std::make_shared<TraceOptions>();
-  auto* verb = app.add_subcommand(
-      "trace",
-      "Find the effects that a model lacks, from a recorded drive; write the extended model");
+// Options of the input.
+CLI::Option* add_input_options(CLI::App* verb, TraceOptions* o) {
   verb->add_option("DRIVE", o->drive, "use this drive file or preset as the declared model")
       ->required();
   verb->add_option("--data", o->data, "read these drive logs: CSV, gzipped CSV or LCM log")
@@ -278,6 +293,11 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
                    "read foreign columns through this map; with several, each file takes the first "
                    "that fits")
       ->check(CLI::ExistingFile);
+  return plan;
+}
+
+// Options of the trace and its output.
+void add_output_options(CLI::App* verb, TraceOptions* o, CLI::Option* plan) {
   verb->add_option(
       "--out", o->out,
       "write trace.json, extended.toml, report.html into this directory (default trace)");
@@ -298,6 +318,16 @@ void add_trace_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--lcm-url", o->url, "use this LCM URL for --verify");
   verb->add_flag("--json", o->json, "print JSON lines instead of text");
   verb->add_flag("--verbose", o->verbose, "print each step of the selection");
+}
+
+}  // namespace
+
+void add_trace_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<TraceOptions>();
+  auto* verb = app.add_subcommand(
+      "trace",
+      "Find the effects that a model lacks, from a recorded drive; write the extended model");
+  add_output_options(verb, o.get(), add_input_options(verb, o.get()));
   verb->callback([o, &exit_code] {
     const auto stopped = [&exit_code](const char* when) {
       fmt::print(stderr, "twinrate: trace interrupted {}, nothing written\n", when);

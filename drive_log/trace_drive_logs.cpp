@@ -1,0 +1,25 @@
+#include "drive_log/trace_drive_logs.hpp"
+
+#include <algorithm>
+
+#include "drive_log/moments.hpp"
+
+namespace twinrate {
+
+std::vector<char> held_out_rows(const DriveLogs& logs, double share, int n_p) {
+  const bool held_out_file = std::any_of(logs.files.begin(), logs.files.end(),
+                                         [](const DriveLog& file) { return file.held_out; });
+  return held_out_file ? logs.held_out() : held_out_rows(logs.record, share, n_p);
+}
+
+TraceResult trace_drive_logs(const DriveLogs& logs, const std::vector<char>& held_out,
+                             const DriveConfig& drive, const TraceSettings& settings) {
+  TraceResult result = trace_record(logs.record, drive, logs.health, settings, held_out);
+  find_moments(logs, drive, result);
+  for (const DriveLog& file : logs.files)
+    (file.held_out ? result.held_out_sources : result.sources).push_back(file.path);
+  result.health.insert(result.health.end(), logs.notes.begin(), logs.notes.end());
+  return result;
+}
+
+}  // namespace twinrate
