@@ -59,58 +59,85 @@ std::string plant_toml(const Case& which, double duration_s) {
   return config.resolved();
 }
 
+namespace {
+
+bool repeats_samples(const Effects& effects) {
+  return std::any_of(effects.begin(), effects.end(), [](const auto& effect) {
+    SamplingFacts facts;
+    effect->describe_sampling(facts);
+    return facts.stale > 0;
+  });
+}
+
+// Writes the measurements of a run as rows of a raw log. The voltage of a row is that of the next
+// measurement, or the command if that measurement is lost.
+class RowWriter {
+ public:
+  RowWriter(std::uint64_t seed, bool repeats, RawLog& raw)
+      : seed_(seed), repeats_(repeats), raw_(raw) {}
+
+  void take(const TickRecord& tick, std::int64_t k, double t, double T_load) {
+    const Measurement& m = tick.measurement;
+    if (pending_) append_voltage(m.signals & kVoltage ? m.u_alphabeta : u_applied_);
+    u_applied_ = u_next_;
+    u_next_ = tick.command.u_alphabeta_ref;
+    if (m.signals & kPhaseCurrents) append(m, k, t, T_load);
+  }
+  void finish() {
+    if (pending_) append_voltage(Vec2::Zero());
+  }
+
+ private:
+  void append_voltage(const Vec2& u) {
+    raw_.u_alpha.push_back(u[0]);
+    raw_.u_beta.push_back(u[1]);
+    pending_ = false;
+  }
+  void append(const Measurement& m, std::int64_t k, double t, double T_load) {
+    raw_.t.push_back(t);
+    raw_.i_a.push_back(m.i_abc[0]);
+    raw_.i_b.push_back(m.i_abc[1]);
+    raw_.i_c.push_back(m.i_abc[2]);
+    const std::size_t row = raw_.i_a.size() - 1;
+    const bool stale = repeats_ && row > 0 && raw_.i_a[row] == raw_.i_a[row - 1] &&
+                       raw_.i_b[row] == raw_.i_b[row - 1] && m.theta_m == theta_m_before_;
+    theta_m_before_ = m.theta_m;
+    const auto noise = [&](std::uint64_t stream) {
+      return normal(seed_, stream, static_cast<std::uint64_t>(k));
+    };
+    raw_.theta_m.push_back(stale ? raw_.theta_m.back()
+                                 : m.theta_m + kCount_rad * std::round(noise(98)));
+    raw_.v_dc.push_back(stale ? raw_.v_dc.back() : m.v_dc + 0.2 * noise(99));
+    raw_.T_load.push_back(T_load);
+    pending_ = true;
+  }
+
+  std::uint64_t seed_;
+  bool repeats_;
+  RawLog& raw_;
+  bool pending_ = false;  // the last row has no voltage yet
+  Vec2 u_applied_ = Vec2::Zero(), u_next_ = Vec2::Zero();
+  double theta_m_before_ = 0;
+};
+
+}  // namespace
+
 Log make_log(const Case& which, double duration_s) {
   Config config = plant(which, duration_s);
   ClosedLoop loop(config);
   const DriveConfig& drive = config.drive();
   Log log{.raw = {}, .truth = drive.plant_effects()};
-  RawLog& raw = log.raw;
-  raw.path = which.name;
+  log.raw.path = which.name;
+  RowWriter rows(which.seed, repeats_samples(log.truth), log.raw);
   double T_load = drive.load.T_load_Nm.at(0);
-  Vec2 asked = Vec2::Zero(), before = Vec2::Zero();
-  bool open = false;  // the row before waits for its voltage
-  double theta_m_before = 0;
-  const bool repeats = std::any_of(log.truth.begin(), log.truth.end(), [](const auto& effect) {
-    SamplingFacts facts;
-    effect->describe_sampling(facts);
-    return facts.stale > 0;
-  });
   const std::int64_t steps = drive.steps();
   for (std::int64_t k = 0; k < steps; ++k) {
     const double t_k = static_cast<double>(k) * drive.T_s();
     const TickRecord& tick = loop.step();
-    const Measurement& m = tick.measurement;
-    if (open) {  // what the row before was followed by; the command itself where the row is lost
-      const Vec2 u = m.signals & kVoltage ? m.u_alphabeta : asked;
-      raw.u_alpha.push_back(u[0]);
-      raw.u_beta.push_back(u[1]);
-      open = false;
-    }
-    asked = before;
-    before = tick.command.u_alphabeta_ref;
     T_load = slew(T_load, drive.load.T_load_Nm.at(t_k), drive.load.slew_Nm_s, drive.T_s());
-    if (!(m.signals & kPhaseCurrents)) continue;
-    raw.t.push_back(t_k);
-    raw.i_a.push_back(m.i_abc[0]);
-    raw.i_b.push_back(m.i_abc[1]);
-    raw.i_c.push_back(m.i_abc[2]);
-    const bool stale = repeats && raw.i_a.size() > 1 &&
-                       raw.i_a.back() == raw.i_a[raw.i_a.size() - 2] &&
-                       raw.i_b.back() == raw.i_b[raw.i_b.size() - 2] && m.theta_m == theta_m_before;
-    theta_m_before = m.theta_m;
-    const auto noise = [&](std::uint64_t stream) {
-      return normal(which.seed, stream, static_cast<std::uint64_t>(k));
-    };
-    raw.theta_m.push_back(stale ? raw.theta_m.back()
-                                : m.theta_m + kCount_rad * std::round(noise(98)));
-    raw.v_dc.push_back(stale ? raw.v_dc.back() : m.v_dc + 0.2 * noise(99));
-    raw.T_load.push_back(T_load);
-    open = true;
+    rows.take(tick, k, t_k, T_load);
   }
-  if (open) {
-    raw.u_alpha.push_back(0);
-    raw.u_beta.push_back(0);
-  }
+  rows.finish();
   leave_out_unreached(log);
   return log;
 }
