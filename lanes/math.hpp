@@ -1,5 +1,5 @@
 // sine and cosine, logarithm, rounding and noise for lanes: branch-free, the same operations in
-// every lane (fused as lanes/lanes.hpp says), accurate to about one unit in the last place.
+// every lane (fused as in lanes/lanes.hpp), accurate to about one unit in the last place.
 //
 //   sincos   x - k pi/2 in three parts (Cody and Waite), fdlibm's polynomials; |x| < 1e6
 //   log      m 2^e with m in [sqrt(1/2), sqrt 2), fdlibm's polynomial in s = f/(2 + f); 0 < x < inf

@@ -12,7 +12,7 @@
 //             the integral being that of the polynomial through c and its rate W [-sin, cos] at
 //             0 and 1 (for the end also c at 2), exactly under the exponential: mid_*, end_*
 //   angle     to 1 by Taylor with W, A, A_d; to 2 by the cubic through A and A_d at 0 and 1; with
-//             A_1 the cubic also says what W and the angle at 1 should have been: late_*
+//             A_1 the cubic also gives the corrected W and angle at 1: late_*
 //   speed     integral of the polynomial through A, A_d at 0 and 1 and A at 2
 //
 // with A = k_T i_q - B W - load and the rate of i_q in rotor axes,

@@ -66,7 +66,7 @@ TEST(EkfDisturbance, Rk4AndExactPredictionsFollowFineIntegration) {
   EXPECT_LT(worst_exact, 0.2 * worst_euler);
 }
 
-// A measurement of a machine that stands in steady state at i_dq, omega_m, with the voltage that
+// A measurement of a machine in steady state at i_dq, omega_m, with the voltage that
 // holds it.
 Measurement steady(std::int64_t k, const MachineParameters& m, const Vec2& i_dq, double omega_m,
                    int signals) {

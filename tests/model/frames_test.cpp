@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-// Balanced phases of amplitude I whose vector stands at angle phi: a leads, then b, then c.
+// Balanced phases of amplitude I with the vector at angle phi: a leads, then b, then c.
 Vec3 balanced_phases(double amplitude, double phi) {
   return {amplitude * std::cos(phi), amplitude * std::cos(phi - kTwoPi / 3),
           amplitude * std::cos(phi + kTwoPi / 3)};
@@ -53,7 +53,7 @@ RC_GTEST_PROP(Clarke, RoundTripKeepsAnyVector, (int alpha, int beta)) {
 }
 
 TEST(Park, ARisingAngleTurnsTheFrameForward) {
-  // A vector at 30 deg seen from a rotor at 20 deg stands 10 deg ahead of d.
+  // A vector at 30 deg is 10 deg ahead of d for a rotor at 20 deg.
   const double deg = kPi / 180;
   const Vec2 dq = park({std::cos(30 * deg), std::sin(30 * deg)}, 20 * deg);
   EXPECT_NEAR(std::atan2(dq[1], dq[0]), 10 * deg, 1e-15);

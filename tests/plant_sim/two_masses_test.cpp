@@ -155,7 +155,7 @@ TEST(TwoMasses, ErkAndCvodeAgreeOnAShaftAndAboutAGap) {
 TEST(Backlash, TheLoadCoastsInsideTheGapAndIsTakenAlongBeyondIt) {
   const DriveModel model(without_torque(), backlash(0.02, 200, 0.05), 235);
   const auto integrator = make_integrator(Engine::kErk, model, 1);
-  // The motor turns at 2 rad/s, the load stands in mid-gap: 5 ms to the flank.
+  // The motor turns at 2 rad/s, the load is at rest in mid-gap: 5 ms to the flank.
   TwoMassState x = state(2, 0, 0);
   for (int k = 0; k < 49; ++k) x = integrator->advance_two_masses(x, {}, kTs);
   EXPECT_EQ(x[5], 0);

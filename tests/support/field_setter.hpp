@@ -1,4 +1,4 @@
-// A FieldVisitor that sets named values and remembers what was declared.
+// A FieldVisitor that sets named values and records the declared keys.
 #pragma once
 #include <map>
 #include <set>

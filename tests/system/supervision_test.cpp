@@ -36,7 +36,7 @@ class Supervision : public ProgramTest {
   void expect_nothing_left(double limit_s = 2) {
     EXPECT_TRUE(wait_until([&] { return processes_with(path("run")).empty(); }, limit_s));
   }
-  // The log is whole up to a tick, and the summary says that the run ended early.
+  // The log is whole up to a tick, and the summary reports the early end.
   RunLog expect_readable_log() {
     RunLog log = read_run_log(path("run"));
     EXPECT_GT(log.measurement.size(), 100u);
