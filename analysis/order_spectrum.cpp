@@ -68,7 +68,7 @@ WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch)
   if (stretch.last - stretch.first < 3) return {};
   const double end = theta[stretch.last - 1];
   const auto covered = [&](std::size_t i) { return std::abs(end - theta[i]); };
-  // Half a step of slack: m turns sampled at uniform angles span one step less than m turns.
+  // Tolerance of half a step: m turns sampled at uniform angles span one step less than m turns.
   const double mean_step =
       covered(stretch.first) / static_cast<double>(stretch.last - stretch.first - 1);
   const int turns =

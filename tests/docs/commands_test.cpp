@@ -211,7 +211,8 @@ bool same_line(const std::string& page, const std::string& program) {
   return open || at + text.size() == printed.size();
 }
 
-// "" where `printed` is what the page shows, else what differs.
+// "" if `printed` equals the output in the page, else the difference.
+
 std::string difference(const std::vector<std::string>& shown,
                        const std::vector<std::string>& printed) {
   std::size_t at = 0;

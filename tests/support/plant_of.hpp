@@ -3,7 +3,7 @@
 
 namespace twinrate::test {
 
-// The plant of a drive file that nobody else needs.
+// The plant of a drive file.
 inline Plant plant_of(Config config) {
   return Plant(config);
 }

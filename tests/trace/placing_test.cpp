@@ -103,7 +103,7 @@ TEST(Placing, AShaftBesideAnErrorOfTheAngleArrivesInAFewSteps) {
   EXPECT_NEAR(get_key(*fit.members[0], "stiffness_Nm_rad"), load.K, 1.5e-3 * load.K);
 }
 
-// The zones of the grid that hold all currents explain the same but for rounding.
+// The zones of the grid that contain all currents have equal columns up to rounding.
 TEST(Placing, OfZonesThatNoCurrentLeavesTheNarrowestIsTaken) {
   const auto dead_time = effect_with("dead_time", {{"dead_time_s", 1e-6}, {"linear_current_A", 1}});
   const SyntheticDrive small_currents{

@@ -68,8 +68,8 @@ TEST(Selection, ADeadTimeMayFallALittleShortOfADropWithASlope) {
   EXPECT_EQ(credit(*dead_time, *resistance, 1e6), 0);
 }
 
-// Where no current leaves the zones of a grid they explain the same, and rounding makes the one or
-// the other better.
+// If no current leaves the zones of a grid, its places have equal columns, and rounding decides
+// which one is better.
 TEST(Selection, OfTwoPlacesThatExplainTheSameTheFirstIsTaken) {
   constexpr double kRounding = 1e-12;
   const auto cogging = [](double order) {
@@ -86,7 +86,7 @@ TEST(Selection, OfTwoPlacesThatExplainTheSameTheFirstIsTaken) {
   for (Sampled& x : same) x = drive.chain().regressor(x);
   std::vector<Sampled> better = same;
   for (Sampled& x : better) add(x, fit.y, kRounding);
-  // Another order for a name: the columns are what is compared.
+  // The second one has another order as its name; the columns are compared.
   for (bool first_is_better : {false, true}) {
     const std::vector<Score> scores = ranked(fitter,
                                              {{cogging(17), first_is_better ? better : same},

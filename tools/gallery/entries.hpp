@@ -1,4 +1,4 @@
-// What the gallery shows: every effect of the registry, and what a sensor's own settings look like.
+// The entries of the gallery: every effect of the registry, and settings of the sensors.
 #pragma once
 #include <string>
 #include <vector>

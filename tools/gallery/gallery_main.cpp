@@ -163,7 +163,7 @@ std::string effect_text(std::string_view kind, const std::string& parameters) {
   return fmt::format("[[effect]]\nkind = \"{}\"\n{}", kind, parameters);
 }
 
-// An effect of no size: an empty list would leave the preset's own effects in.
+// An effect of size zero; an empty list would keep the effects of the preset.
 std::string nothing() {
   const std::shared_ptr<Effect> load = make_of(Traits::Family::kLoad);
   std::string zeros;
@@ -180,7 +180,7 @@ std::string drive_text(const Entry& entry) {
   return entry.portrait.drive == Portrait::kReversal ? kReversal : kSteady;
 }
 
-// The signal with and without the effect, over what the entry says.
+// The signal with and without the effect, over the axis of the entry.
 Panel signal_panel(const Entry& entry, const Trace& with, const Trace& without) {
   const Portrait& portrait = entry.portrait;
   const SignalInfo& info = kSignals[static_cast<int>(entry.portrait.signal)];
