@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "model/drive_facts.hpp"
 #include "model/fields.hpp"
 
 namespace twinrate {
