@@ -1,0 +1,225 @@
+// The account of a log, counted by hand: what was received, what was lost, what came twice. And the
+// files themselves: whole events, a manifest at the head of each.
+#include "logger/tick_log.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <filesystem>
+#include <lcm/lcm-cpp.hpp>
+
+#include "core/run_log.hpp"
+#include "core/signals_io.hpp"
+
+namespace twinrate::tick_log_test {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kGainEvery = 5;
+
+class LogFiles : public testing::Test {
+ protected:
+  LogFiles()
+      : directory_(fs::temp_directory_path() / ("twinrate-logger-" + std::to_string(getpid()))) {
+    fs::remove_all(directory_);
+    fs::create_directories(directory_);
+    drive_.rates.n = kGainEvery;
+  }
+  ~LogFiles() override { fs::remove_all(directory_); }
+
+  struct Event {
+    std::string channel;
+    std::int64_t t_us;
+  };
+  std::vector<Event> events(const std::string& name = "log.lcm") const {
+    std::vector<Event> list;
+    lcm::LogFile file(path(name), "r");
+    while (const lcm::LogEvent* event = file.readNextEvent())
+      list.push_back({event->channel, event->timestamp});
+    return list;
+  }
+  std::string path(const std::string& name) const { return (directory_ / name).string(); }
+
+  fs::path directory_;
+  DriveConfig drive_;
+};
+
+// A log that takes messages of eight bytes.
+class Account : public LogFiles {
+ protected:
+  TickLog& log(TickLog::Order order) { return log_.emplace(writer_, order, drive_, "", 0); }
+  void take(Channel channel, std::int64_t k) { take_at(channel, k, 200'000 * k); }
+  void take_at(Channel channel, std::int64_t k, std::int64_t t_ns) {
+    constexpr std::uint8_t kBytes[8] = {};
+    log_->take(channel, k, t_ns, kBytes, sizeof kBytes);
+  }
+  void take_tick(std::int64_t k) {
+    for (const Channel channel : {Channel::kMeasurement, Channel::kTruth, Channel::kEstimate,
+                                  Channel::kReference, Channel::kCommand})
+      take(channel, k);
+    if (k % kGainEvery == 0) take(Channel::kGain, k);
+  }
+  const ChannelAccount& of(Channel channel) const { return log_->account(channel); }
+
+  LogWriter writer_{directory_.string(), 100'000'000};
+  std::optional<TickLog> log_;
+};
+
+TEST_F(Account, ARealtimeRunWithoutGapsHasLostNothing) {
+  log(TickLog::Order::kAsItComes);
+  for (std::int64_t k = 0; k < 40; ++k) take_tick(k);
+  log_->close();
+  for (const ChannelInfo& channel : kChannels) {
+    EXPECT_EQ(of(channel.channel).lost, 0) << channel.name;
+    EXPECT_EQ(of(channel.channel).duplicates, 0) << channel.name;
+  }
+  EXPECT_EQ(of(Channel::kMeasurement).received, 40);
+  EXPECT_EQ(of(Channel::kGain).received, 8);
+}
+
+TEST_F(Account, ARealtimeRunCountsTheMessagesOfAGapAndTheGainsAmongThem) {
+  log(TickLog::Order::kAsItComes);
+  for (std::int64_t k = 0; k < 40; ++k)
+    if (k < 13 || k >= 27) take_tick(k);  // without the gains of 15, 20 and 25
+  log_->close();
+  EXPECT_EQ(of(Channel::kMeasurement).lost, 14);
+  EXPECT_EQ(of(Channel::kCommand).lost, 14);
+  EXPECT_EQ(of(Channel::kGain).lost, 3);
+}
+
+TEST_F(Account, AMessageThatComesAgainIsADuplicateAndNoGap) {
+  log(TickLog::Order::kAsItComes);
+  for (std::int64_t k = 0; k < 10; ++k) {
+    take_tick(k);
+    if (k == 6) take(Channel::kMeasurement, 4);
+  }
+  EXPECT_EQ(of(Channel::kMeasurement).duplicates, 1);
+  EXPECT_EQ(of(Channel::kMeasurement).lost, 0);
+  EXPECT_EQ(of(Channel::kMeasurement).received, 10);
+}
+
+TEST_F(Account, ATickIsWholeWithAGainAtSnapshotsOnly) {
+  log(TickLog::Order::kByTick);
+  for (std::int64_t k = 0; k < 8; ++k) {
+    take_tick(k);
+    EXPECT_EQ(log_->complete_below(), k + 1);
+  }
+  for (const Channel channel : {Channel::kTruth, Channel::kEstimate, Channel::kReference,
+                                Channel::kCommand, Channel::kMeasurement})
+    for (std::int64_t k = 8; k < 12; ++k) take(channel, k);
+  EXPECT_EQ(log_->complete_below(), 10) << "tick 10 lacks its gain";
+  const auto missing = log_->missing(10);
+  ASSERT_EQ(missing.size(), 1u);
+  EXPECT_EQ(missing[0].channel, Channel::kGain);
+  EXPECT_EQ(missing[0].seq, 10);
+  take(Channel::kGain, 10);
+  EXPECT_EQ(log_->complete_below(), 12);
+}
+
+TEST_F(Account, AStoppedRunHasLostGapsButNotWhatItHadNotSaidYet) {
+  log(TickLog::Order::kByTick);
+  for (std::int64_t k = 0; k < 4; ++k) take_tick(k);
+  take(Channel::kMeasurement, 4);  // the run stops within this tick
+  log_->close();
+  for (const Channel channel : {Channel::kMeasurement, Channel::kEstimate, Channel::kCommand})
+    EXPECT_EQ(of(channel).lost, 0);
+
+  log(TickLog::Order::kByTick);
+  for (std::int64_t k = 0; k < 9; ++k)
+    if (k != 3 && k != 5) take_tick(k);
+  log_->close();
+  EXPECT_EQ(of(Channel::kEstimate).lost, 2);
+  EXPECT_EQ(of(Channel::kGain).lost, 0) << "the gain of tick 5 has no later one behind it";
+}
+
+TEST_F(Account, TimeStampsNeverRunBack) {
+  log(TickLog::Order::kAsItComes);
+  take(Channel::kMeasurement, 10);
+  take(Channel::kEstimate, 9);  // of the tick before
+  take(Channel::kEvent, 3);
+  take(Channel::kMeasurement, 11);
+  writer_.flush();
+  const std::vector<Event> list = events();
+  ASSERT_EQ(list.size(), 4u);
+  EXPECT_EQ(list[0].t_us, 2000);
+  EXPECT_EQ(list[1].t_us, 2000);
+  EXPECT_EQ(list[2].t_us, 2000);
+  EXPECT_EQ(list[3].t_us, 2200);
+}
+
+TEST_F(LogFiles, EveryRotatedPartBeginsWithTheManifest) {
+  const std::vector<std::uint8_t> bytes(100);
+  {
+    LogWriter writer(directory_.string(), 1000);
+    writer.set_manifest("DRIVE_MANIFEST", bytes, 0);
+    for (int k = 0; k < 20; ++k) writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), k);
+    EXPECT_EQ(writer.files().size(), 3u);
+  }
+  int commands = 0;
+  for (const char* part : {"log.lcm", "log-001.lcm", "log-002.lcm"}) {
+    const std::vector<Event> list = events(part);
+    ASSERT_GT(list.size(), 1u) << part;
+    for (std::size_t i = 0; i < list.size(); ++i)
+      EXPECT_EQ(list[i].channel, i == 0 ? "DRIVE_MANIFEST" : "DRIVE_COMMAND") << part << " " << i;
+    commands += static_cast<int>(list.size()) - 1;
+  }
+  EXPECT_EQ(commands, 20);
+}
+
+// A file that may not grow beyond a limit is a full disk.
+TEST_F(LogFiles, WhereTheDiskIsFullTheLogEndsWithAWholeEvent) {
+  rlimit before{};
+  getrlimit(RLIMIT_FSIZE, &before);
+  const auto ignored = std::signal(SIGXFSZ, SIG_IGN);
+  const std::vector<std::uint8_t> bytes(1000);
+  std::int64_t written = 0;
+  {
+    LogWriter writer(directory_.string(), 100'000'000);
+    const rlimit small{.rlim_cur = 150'000, .rlim_max = before.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &small);
+    while (written < 1000 && writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), written))
+      ++written;
+    EXPECT_TRUE(writer.full());
+    setrlimit(RLIMIT_FSIZE, &before);
+  }
+  std::signal(SIGXFSZ, ignored);
+  const std::size_t one = 28 + std::string("DRIVE_COMMAND").size() + bytes.size();
+  const std::size_t size = fs::file_size(path("log.lcm"));
+  EXPECT_EQ(size % one, 0u);
+  EXPECT_EQ(events().size(), size / one);
+  EXPECT_GT(size, 50'000u);
+  EXPECT_LE(size, 150'000u);
+}
+
+// A realtime log holds messages as they came; who reads it finds them by tick.
+TEST_F(LogFiles, AReaderFindsMessagesThatCameOutOfOrderByTheirTick) {
+  {
+    LogWriter writer(directory_.string(), 100'000'000);
+    const auto write = [&](const auto& wire) {
+      std::vector<std::uint8_t> bytes(static_cast<std::size_t>(wire.getEncodedSize()));
+      wire.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+      writer.write(info(kChannelOf<std::decay_t<decltype(wire)>>).name, bytes.data(), bytes.size(),
+                   0);
+    };
+    for (std::int64_t k : {0, 2, 1, 3}) {
+      write(to_wire(Measurement{.k = k}, 1));
+      write(to_wire(Estimate{.k = k}, 1));
+      write(to_wire(Gain{.k = 5 * k, .n_x = 4, .n_y = 2}, 1));
+      write(to_wire(Command{.k = k}, 1));
+    }
+  }
+  const RunLog log = read_run_log(directory_.string());
+  for (std::size_t i = 0; i < 4; ++i) {
+    const auto k = static_cast<std::int64_t>(i);
+    EXPECT_EQ(log.measurement.at(i).k, k);
+    EXPECT_EQ(log.estimate.at(i).k, k);
+    EXPECT_EQ(log.gain.at(i).k, 5 * k);
+    EXPECT_EQ(log.command.at(i).k, k);
+  }
+}
+
+}  // namespace
+}  // namespace twinrate::tick_log_test
