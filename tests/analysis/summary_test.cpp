@@ -261,6 +261,19 @@ TEST(Summary, CountsGainsAndTheirVariance) {
   EXPECT_FALSE(summarise(log, config).P44_min.has_value());
 }
 
+TEST(Summary, TheVarianceOfTheStartUpDoesNotCount) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (GainRecord& g : log.gain) {
+    Gain gain{.k = g.k, .n_x = 4, .n_y = 2};
+    gain.P(3, 3) = g.k < 495 ? (g.k < 200 ? 0.01 : 100) : 0.7;
+    g = gain;
+  }
+  const Summary s = summarise(log, config);
+  EXPECT_NEAR(*s.P44_max, 0.7, 1e-12);
+  EXPECT_NEAR(*s.P44_min, 0.7, 1e-12);
+}
+
 TEST(Summary, CountsTicksMissingInTheLog) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
@@ -332,6 +345,38 @@ TEST(Summary, TakesFiguresOfTheProcessesFromASummaryFile) {
   EXPECT_EQ(read.lost_messages["DRIVE_GAIN"], 7);
   take_process_figures("not json", read);
   EXPECT_EQ(read.repeats, 3);
+}
+
+// A recorder may be started late: settle_s counts from the log's first tick.
+TEST(Summary, TheSettleTimeCountsFromTheFirstTickOfTheLog) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  put_angle_error(log, 0, 500, 1.6);
+  put_angle_error(log, 500, 2000, 0.1);
+  const Summary early = summarise(log, config);
+  constexpr std::int64_t kLate = 10'000;  // ticks
+  for (Measurement& m : log.measurement) m.k += kLate, m.t_ns += config.t_ns(kLate);
+  for (Truth& t : log.truth) t.k += kLate, t.t_ns += config.t_ns(kLate);
+  for (Estimate& e : log.estimate) e.k += kLate, e.t_ns += config.t_ns(kLate);
+  for (Command& c : log.command) c.k += kLate, c.t_ns += config.t_ns(kLate);
+  const Summary late = summarise(log, config);
+  EXPECT_EQ(late.locked, true);
+  EXPECT_NEAR(*late.angle_error_max, 0.1, 1e-9);
+  EXPECT_NEAR(*late.angle_error_rms, *early.angle_error_rms, 1e-12);
+}
+
+TEST(Summary, FiguresOfTheProcessesComeBackEachToItsOwn) {
+  Summary written;
+  written.repeats = 1;
+  written.deadline_misses = 2;
+  written.late_gains = 3;
+  written.late_commands = 4;
+  Summary read;
+  take_process_figures(to_json(written, drive()), read);
+  EXPECT_EQ(read.repeats, 1);
+  EXPECT_EQ(read.deadline_misses, 2);
+  EXPECT_EQ(read.late_gains, 3);
+  EXPECT_EQ(read.late_commands, 4);
 }
 
 }  // namespace

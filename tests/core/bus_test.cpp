@@ -1,0 +1,112 @@
+// The bus in one process (memq://): what counts as a gap, and a request that comes too late.
+#include "core/bus.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/process.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate::bus_test {
+namespace {
+
+constexpr std::int64_t kSession = 7;
+
+// Hears what it publishes itself.
+class Echo {
+ public:
+  explicit Echo(const DriveConfig& drive)
+      : bus_({.url = "memq://", .session = kSession, .gains_between = [drive](auto a, auto b) {
+                return drive.gains_between(a, b);
+              }}) {
+    bus_.subscribe<measurement_t>([](const measurement_t&) {});
+    bus_.subscribe<gain_t>([](const gain_t&) {});
+  }
+  template <class Wire>
+  void publish(std::int64_t k) {
+    Wire wire{};
+    wire.seq = k;
+    bus_.publish(wire);
+    while (bus_.handle(0)) {
+    }
+  }
+  std::int64_t gaps() const { return bus_.counters().gaps; }
+
+ private:
+  Bus bus_;
+};
+
+TEST(BusGaps, MessagesOneAfterTheOtherAreNone) {
+  Echo echo(test::drive_of("dilys2021", {"rates.n=5"}));
+  for (std::int64_t k = 3; k < 40; ++k) {
+    echo.publish<measurement_t>(k);
+    if (k % 5 == 0) echo.publish<gain_t>(k);
+  }
+  EXPECT_EQ(echo.gaps(), 0);
+}
+
+TEST(BusGaps, AreTheMessagesThatAreMissing) {
+  Echo echo(test::drive_of("dilys2021", {"rates.n=5"}));
+  for (std::int64_t k : {0, 1, 5, 6}) echo.publish<measurement_t>(k);
+  EXPECT_EQ(echo.gaps(), 3);
+  for (std::int64_t k : {0, 5, 20}) echo.publish<gain_t>(k);  // without 10 and 15
+  EXPECT_EQ(echo.gaps(), 5);
+}
+
+TEST(BusGaps, ChangeNotWhereAMessageIsSentAgain) {
+  Echo echo(test::drive_of("dilys2021"));
+  for (std::int64_t k : {0, 1, 2, 3, 1, 2, 3, 4}) echo.publish<measurement_t>(k);
+  EXPECT_EQ(echo.gaps(), 0);
+}
+
+TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
+  Process process({Role::kEstimator, "test", ""},
+                  {.config = "dilys2021", .url = "memq://", .session = kSession});
+  std::vector<std::int64_t> applied, replied;
+  process.on_add_effects([&](Config&, std::int64_t k) { applied.push_back(k); });
+  process.bus().subscribe<reply_t>([&](const reply_t& r) { replied.push_back(r.applied_seq); });
+  process.ready();
+  process.progress(100);
+  for (const double wanted : {40.0, 250.0}) {
+    request_t request{};
+    request.seq = static_cast<std::int64_t>(wanted);
+    request.kind = static_cast<std::int32_t>(RequestKind::kAddEffect);
+    request.value = wanted;
+    request.text =
+        "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.01\nused_in = \"model\"\n";
+    process.bus().publish(request);
+    while (process.bus().handle(0)) {
+    }
+  }
+  EXPECT_EQ(applied, (std::vector<std::int64_t>{101, 250}));
+  EXPECT_EQ(replied, applied);
+}
+
+// When one process of the ring falls silent all wait: who waits for the silent one says so first.
+TEST(Patience, OfAProcessFurtherFromTheSilentOneIsLonger) {
+  const auto make = [](int rank) {
+    auto process =
+        std::make_unique<Process>(ProcessInfo{Role::kEstimator, "test", ""},
+                                  ProcessOptions{.config = "dilys2021",
+                                                 .url = "memq://",
+                                                 .overrides = {"bus.peer_timeout_s=0.05"},
+                                                 .session = kSession});
+    process->waiting_for([rank] { return Waiting{"a message", rank}; });
+    process->ready();
+    process->progress(0);
+    return process;
+  };
+  const auto near = make(0), far = make(50);  // 0.05 s; ten seconds more
+  const auto begun = std::chrono::steady_clock::now();
+  const auto elapsed = [&] { return std::chrono::steady_clock::now() - begun; };
+  while (elapsed() < std::chrono::milliseconds(250) ||
+         (!near->stopping() && elapsed() < std::chrono::seconds(8))) {
+    near->turn(5);
+    far->turn(5);  // looks at its patience every tenth of a second
+  }
+  EXPECT_TRUE(near->stopping());
+  EXPECT_EQ(near->exit_code(), 1);
+  EXPECT_FALSE(far->stopping());
+}
+
+}  // namespace
+}  // namespace twinrate::bus_test
