@@ -72,6 +72,31 @@ TEST(Plant, TheLoadComesInAtItsSlewFromZero) {
   EXPECT_NEAR(plant.truth().T_load, 0.05, 1e-12);
 }
 
+// TRUTH(k) and the speed at t_k know of a load that varies up to t_k.
+TEST(Plant, TheTrueLoadIsThatOfItsOwnTick) {
+  Config config = Config::parse(
+      "preset = \"dilys2021\"\nstart = \"flying\"\n[machine]\npsi_f_Wb = 1e-6\nB_Nms = 0.0\n"
+      "[[effect]]\nkind = \"periodic_torque\"\namplitude_Nm = 0.01\nfrequency_Hz = 40\n"
+      "phase_rad = 0.3\n",
+      "drive.toml");
+  Plant plant(config.drive());
+  for (int k = 1; k <= 200; ++k) {
+    tick(plant, {0, 0});
+    const double t = 2e-4 * k;
+    EXPECT_NEAR(plant.truth().T_load, 0.01 * std::sin(kTwoPi * 40 * t + 0.3), 1e-9) << k;
+  }
+}
+
+TEST(Plant, AStepOfTheLoadActsFromItsTick) {
+  Plant plant(ideal({"machine.psi_f_Wb=1e-6", "machine.B_Nms=0", "start=flying",
+                     "load.T_load_Nm=[[0, 0], [0.01, 0.02]]", "load.slew_Nm_s=0"}));
+  for (int k = 0; k < 50; ++k) tick(plant, {0, 0});
+  EXPECT_NEAR(plant.truth().omega_m, 100, 1e-4);
+  for (int k = 0; k < 25; ++k) tick(plant, {0, 0});
+  EXPECT_NEAR(plant.truth().omega_m, 100 - 0.02 / 1e-5 * 25 * 2e-4, 1e-4);
+  EXPECT_NEAR(plant.truth().T_load, 0.02, 1e-12);
+}
+
 class Delay : public testing::TestWithParam<int> {};
 
 TEST_P(Delay, ACommandActsExactlyThatManySamplesLaterAndTheMeasurementSaysSo) {

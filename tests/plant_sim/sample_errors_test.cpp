@@ -153,6 +153,31 @@ TEST(AdcEffects, CurrentsComeInStepsAndStopAtTheLimit) {
   EXPECT_LT(clipped, 90);
 }
 
+// A sensor's error is in what it reads: the current of then, times its gain.
+TEST(SignalLag, OfACurrentSensorWithAGainShowsTheCurrentOfThenTimesIt) {
+  const double delay = 3.3e-4;
+  Plant plant = plant_with(lag("current", "delay", delay) +
+                           "[[effect]]\nkind = \"current_gain\"\ngain_a = 0.25\ngain_b = 0.0\n");
+  std::vector<double> i{0};
+  for (std::int64_t k = 0; k < 40; ++k) {
+    tick(plant);
+    i.push_back(circuit(i.back(), voltage(k), kTs));
+    const double then =
+        k < 1 ? 0
+              : circuit(i[static_cast<std::size_t>(k - 1)], voltage(k - 1), kTs - (delay - kTs));
+    EXPECT_NEAR(plant.sample().i_abc[0], 1.25 * then, 1e-5) << k;
+    EXPECT_NEAR(plant.sample().i_abc[1], -0.5 * then, 1e-5) << k;
+  }
+}
+
+TEST(SignalLag, OfFirstOrderIsADelayAndATimeConstantThatAddUpToTheLag) {
+  SamplingFacts facts;
+  test::effect_of("signal_lag", {{"signal", 1}, {"form", 1}, {"lag_s", 1e-3}, {"delay_share", 0.3}})
+      ->describe_sampling(facts);
+  EXPECT_NEAR(facts.delay[SamplingFacts::kCurrent], 0.3e-3, 1e-15);
+  EXPECT_NEAR(facts.lowpass[SamplingFacts::kCurrent], 0.7e-3, 1e-15);
+}
+
 struct Rows {
   int missing = 0, repeated = 0;
   std::vector<std::int64_t> which;

@@ -35,6 +35,18 @@ TEST(SwitchedInverter, HasThirteenSegmentsThatFillThePeriodAndSevenWithoutDeadTi
   EXPECT_EQ(ideal.next_period(duty).size(), 7u);
 }
 
+// The upper switch opens at 0.99 T; 2 % of T dead then end at 0.01 T of the next period.
+TEST(SwitchedInverter, ADeadTimeRunsOnIntoTheNextPeriod) {
+  SwitchedInverter inverter(kTpwm, 0.02 * kTpwm, 0.01);
+  inverter.next_period(Vec3(0.98, 0.5, 0.5));
+  double dead = 0;
+  for (const Segment& s : inverter.next_period(Vec3(0.2, 0.5, 0.5))) {
+    if (s.t_start >= 0.3 * kTpwm) break;
+    if (s.states.legs[0] == Leg::kDead) dead += s.T;
+  }
+  EXPECT_NEAR(dead, 0.01 * kTpwm, 1e-9 * kTpwm);
+}
+
 TEST(SwitchedInverter, LosesDeadTimeTimesSignOfTheCurrentInEachLeg) {
   SwitchedInverter inverter(kTpwm, kDead, 0.01);
   const Vec3 duty(0.3, 0.5, 0.62);

@@ -112,6 +112,19 @@ TEST(TwoMasses, StandWithTheTwistOfTheUndeclaredLoadToo) {
   EXPECT_NEAR(model.shaft_at_rest(0, 0, 0.3).delta, 0.8 / 61.8, 1e-12);
 }
 
+// Behind a gap the load rests on the flank that carries it; in the middle where there is none.
+TEST(TwoMasses, StandOnTheFlankThatHoldsTheLoad) {
+  const DriveModel model(without_torque(), backlash(0.02, 200, 0.05), 235);
+  for (double T_load : {0.4, -0.4}) {
+    const ShaftState start = model.shaft_at_rest(0, 3, T_load);
+    EXPECT_NEAR(start.delta, std::copysign(0.01, T_load) + T_load / 200, 1e-12);
+    EXPECT_EQ(start.omega_load, 3);
+    const TwoMassState rate = model.two_mass_rate(state(3, start.delta, 3), {.T_load = T_load}, 0);
+    EXPECT_NEAR(rate[5], 0, 1e-9) << "the shaft holds the load";
+  }
+  EXPECT_EQ(model.shaft_at_rest(0, 3, 0).delta, 0);
+}
+
 TEST(TwoMasses, OnAStiffShaftAreOne) {
   MachineParameters m = without_torque();
   m.psi_f = 0.2533;
