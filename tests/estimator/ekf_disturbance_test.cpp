@@ -215,5 +215,18 @@ TEST(EkfDisturbance, TheReducedGainSettlesOnTheRiccatiEquationsSolution) {
   EXPECT_NEAR(gain.K(0, 0), P(0, 0) / 150, 1e-12);  // K = P H' R^-1
 }
 
+// From one tick to the next without a voltage: the torque is that of the mean current.
+TEST(EkfDisturbance, TheReducedPredictionTakesTheMeanOfTheCurrentsAtBothEnds) {
+  const auto f = filter(Prediction::kEuler);
+  const MachineParameters m = salient_machine();
+  FastState state = f.start(steady(0, m, {0, 1}, 30, kNoVoltageSignals));
+  Gain none = f.initial_gain();
+  none.n_x = 2, none.n_y = 1;
+  const Correction correction =
+      f.fast_step(state, steady(1, m, {0, 3}, 30, kNoVoltageSignals), none);
+  // 3/2 n_p psi_f 2 A = 2.25 Nm
+  EXPECT_NEAR(correction.innov[0], -kTs / 8.8e-3 * 2.25, 1e-12);
+}
+
 }  // namespace
 }  // namespace twinrate

@@ -154,6 +154,44 @@ TEST(FallBack, TheTableReplacesAGainThatIsTooOldUntilTheNextGain) {
   }
 }
 
+// No gain is older than the estimator itself.
+TEST(FallBack, AnEstimatorThatJoinsARunningDriveWaitsForItsFirstGain) {
+  const auto filter = sensorless();
+  FastLoop fast(filter, GainPolicy::kPaper, 5, {GainSchedule::build(*filter, 800), 20});
+  for (std::int64_t k = 1003; k < 1040; ++k) {
+    const Estimate e = fast.tick(sample(k));
+    EXPECT_EQ((e.status & kScheduledGain) != 0, k > 1003 + 20) << k;
+  }
+}
+
+// In rotor axes P is turned on by n - 1 ticks and the step itself makes the n-th: with any n it
+// settles where the ordinary filter does.
+TEST(RotorFrame, SettlesToTheGainOfTheOrdinaryFilter) {
+  const auto filter = sensorless();
+  const auto schedule = GainSchedule::build(*filter, 800);
+  for (int n : {1, 3, 8}) {
+    BackgroundLoop background(filter, GainPolicy::kRotorFrame, n);
+    Estimate at;
+    for (int i = 0; i < 4000; ++i) {
+      at = filter->ahead(*filter->steady_state(100), static_cast<double>(i) * n);
+      at.k = static_cast<std::int64_t>(i) * n;
+      background.step(at);
+    }
+    const Gain settled = schedule->at(100, at.theta_e);
+    EXPECT_LT((background.last().K - settled.K).norm(), 2e-3 * settled.K.norm()) << n;
+  }
+}
+
+// A gain of policy extrapolate is used from n to 2n - 1 ticks after its snapshot: 3/2 (n - 1) + 1/2
+// on the average, of which half a tick lies in the step.
+TEST(Extrapolate, LinearisesInTheMiddleOfTheTicksThatUseTheGain) {
+  const auto filter = sensorless();
+  Estimate at = *filter->steady_state(100);
+  at.k = 0;
+  BackgroundLoop background(filter, GainPolicy::kExtrapolate, 8);
+  EXPECT_NEAR(background.step(at).theta_e - at.theta_e, 1.5 * 7 * 400 * 2e-4, 1e-9);
+}
+
 TEST(FallBack, WithoutATableTheOldGainIsHeldForEver) {
   const auto filter = sensorless();
   FastLoop fast(filter, GainPolicy::kPaper, 4);

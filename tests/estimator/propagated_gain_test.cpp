@@ -70,6 +70,32 @@ TEST(PropagatedGain, AfterManyTicksIsTheSettledGainInBothDirections) {
   }
 }
 
+// Oracle: the filter's own background step. The gain of snapshot s is first used at s + n, so its
+// covariance has gone n steps on from that of the snapshot.
+TEST(PropagatedGain, IsThatOfTheTickAtWhichItIsFirstUsed) {
+  const auto filter = sensorless();
+  for (int n : {1, 5, 13}) {
+    const Gain sent =
+        propagated_background(*filter, unsettled(), 0, turning_at(*filter, 100), n, 150);
+    Gain snapshot = sent;
+    GainFrame(1, -sent.theta_e).turn_covariance(snapshot);
+    for (std::size_t i : {0u, 2u, 4u}) {
+      const GainAtSpeed& node = sent.at_speed[i];
+      const auto after = [&](int steps) {
+        return Eigen::Matrix<double, 4, 2>(
+            filter->Filter::background_steps(snapshot, node.omega_m, steps)
+                .K.topLeftCorner<4, 2>());
+      };
+      const Eigen::Matrix<double, 4, 2> K = node.K.topLeftCorner<4, 2>();
+      EXPECT_LT((K - after(n)).norm(), 1e-8 * K.norm()) << n;
+      for (int other : {n - 1, n + 1})
+        if (other > 0) {
+          EXPECT_GT((K - after(other)).norm(), 1e-5 * K.norm()) << n;
+        }
+    }
+  }
+}
+
 TEST(PropagatedGain, TheSpeedsReachTheSpanOnBothSides) {
   const auto filter = sensorless();
   for (const auto& [omega_m, low, top] :

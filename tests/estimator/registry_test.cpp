@@ -75,5 +75,26 @@ TEST(FilterRegistry, AnUnknownTuningKeyIsBadInput) {
   EXPECT_THROW(make_filter(config), BadInput);
 }
 
+// The load of its oscillators turns on with the rotor: its rate is the slope of that.
+TEST(EkfHarmonic, TheRateOfTheLoadIsItsSlopeAlongTheTurn) {
+  Config config = test::load("niewiara2020", {"estimator.kind=ekf_harmonic"});
+  const auto filter = make_filter(config);
+  const double T_s = config.drive().T_s();
+  Measurement m{.k = 0, .signals = kPhaseCurrents | kVoltage | kPosition | kSpeed};
+  m.theta_m = 0.4;
+  m.omega_m = 5;
+  FastState state = filter->start(m);
+  const int n_x = filter->initial_gain().n_x;
+  ASSERT_GT(n_x, 4);
+  for (int i = 4; i < n_x; ++i) state.x_hat[i] = 0.3 * std::sin(1.7 * i);
+  const Estimate now = filter->output(state, m);
+  filter->predict_over_gap(state, m);
+  m.theta_m = state.theta_m_prev;
+  const Estimate then = filter->output(state, m);
+  const double slope = (then.T_load - now.T_load) / T_s;
+  EXPECT_GT(std::abs(slope), 1);
+  EXPECT_NEAR(0.5 * (now.dT_load_dt + then.dT_load_dt), slope, 0.02 * std::abs(slope));
+}
+
 }  // namespace
 }  // namespace twinrate
