@@ -84,5 +84,13 @@ TEST(FieldWeakening, ActsOnlyAboveTheMarginAndStaysWithinTheCurrent) {
   EXPECT_EQ(on.i_d(), 0);
 }
 
+TEST(FieldWeakening, BeginsAtItsShareOfTheVoltageNotAtTheLimit) {
+  FieldWeakening weakening({.active = true, .margin = 0.9}, ipmsm(), 2.4, 1e-4);
+  for (int k = 0; k < 10000; ++k) weakening.update(0.89 * 180, 180, 600);
+  EXPECT_EQ(weakening.i_d(), 0);
+  for (int k = 0; k < 10000; ++k) weakening.update(0.95 * 180, 180, 600);
+  EXPECT_EQ(weakening.i_d(), -2.4);
+}
+
 }  // namespace
 }  // namespace twinrate

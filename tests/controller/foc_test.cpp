@@ -110,6 +110,21 @@ TEST(Foc, PositiveSpeedErrorAsksForPositiveQCurrent) {
   EXPECT_NEAR(c.omega_m_ref, 20 * 16000.0 / 4 * 2e-4, 1e-9);  // the slew limit
 }
 
+// The integral of a constant error grows with time, however seldom the loop runs.
+TEST(Foc, TheSpeedLoopIntegratesTheSameWithAnyDivider) {
+  std::vector<double> grown;
+  for (int divider : {1, 10}) {
+    Bench bench({"reference.slew_rad_s2=0", "controller.foc.speed_bandwidth_Hz=5",
+                 fmt::format("controller.foc.speed_divider={}", divider)});
+    bench.r.omega_m_ref = 3;
+    const double begin = bench.step().i_dq_ref[1];
+    for (int k = 0; k < 1000; ++k) bench.step();
+    grown.push_back(bench.step().i_dq_ref[1] - begin);
+  }
+  EXPECT_GT(grown[0], 0.01);
+  EXPECT_NEAR(grown[1], grown[0], 0.02 * grown[0]);
+}
+
 TEST(Foc, WithTheTrueAngleHoldsTheSpeedExactlyUnderLoad) {
   for (double omega_e : {400.0, -250.0}) {
     Config config =

@@ -79,6 +79,28 @@ TEST(Lqr, LandsTheCurrentOnItsLimit) {
   EXPECT_NEAR(-2.5 + 1e-4 / 12.7e-3 * (u_q + 1.05 * 2.5), -3.0, 1e-6);
 }
 
+// Two voltages are on their way: the older acts first. A step of each is i + T_s/L (u - R i).
+TEST(Lqr, LandsTheCurrentOnItsLimitThroughTheVoltagesInTheirOrder) {
+  Bench bench({"controller.compensation=off", "plant.delay_samples=2", "controller.lqr.i_max_A=3"});
+  bench.r.omega_m_ref = 1e5;  // wants far too much
+  const auto step = [](double i, double u) { return i + 1e-4 / 12.7e-3 * (u - 1.05 * i); };
+  std::array<double, 2> on_the_way{};  // the older first
+  int landed = 0;
+  for (int k = 0; k < 60; ++k) {
+    const double i_q = k % 3 == 0 ? 2.9 : k % 3 == 1 ? 2.2 : 2.6;
+    bench.e.i_dq = {0, i_q};
+    const Command c = bench.controller->step({bench.m, bench.e, bench.r, nullptr});
+    ++bench.m.k;
+    const double u_q = c.u_alphabeta_ref[1];  // at rest, at the angle 0
+    const double then = step(step(step(i_q, on_the_way[0]), on_the_way[1]), u_q);
+    on_the_way = {on_the_way[1], u_q};
+    if (k < 10 || std::abs(u_q) > 117) continue;  // limited by the modulator
+    EXPECT_NEAR(then, 3, 1e-6) << k;
+    ++landed;
+  }
+  EXPECT_GT(landed, 10);
+}
+
 TEST(Lqr, StaysInsideTheLinearRangeOfTheModulator) {
   Bench bench({"controller.compensation=off", "controller.lqr.i_max_A=1000"});
   bench.r.omega_m_ref = 1e5;
@@ -87,6 +109,29 @@ TEST(Lqr, StaysInsideTheLinearRangeOfTheModulator) {
     EXPECT_LE(u.cwiseAbs().maxCoeff(), kKpp * (1 + 1e-12));
     EXPECT_LE(u.norm(), 235.4 / std::sqrt(3) * (1 + 1e-12));
   }
+}
+
+// With all of u_d taken (1 of 2/sqrt 3) the circle leaves sqrt(4/3 - 1) of the half bus for u_q.
+TEST(Lqr, UsesTheWholeVoltageCircle) {
+  Bench bench({"controller.compensation=off", "controller.lqr.i_max_A=1000"});
+  bench.e.i_dq = {-50, 0};
+  bench.r.omega_m_ref = 1e5;
+  Vec2 u;
+  for (int k = 0; k < 200; ++k) u = bench.u_dq();
+  EXPECT_NEAR(u[0], kKpp, 1e-9);
+  EXPECT_NEAR(u[1], kKpp * std::sqrt(1.0 / 3), 1e-6);
+}
+
+// A second at the limit leaves nothing behind: the integral is where the limit is.
+TEST(Lqr, DoesNotWindUpAtTheVoltageLimit) {
+  Bench bench({"controller.compensation=off", "controller.lqr.i_max_A=1000"});
+  bench.r.omega_m_ref = 100;
+  for (int k = 0; k < 10000; ++k) bench.u_dq();
+  EXPECT_NEAR(bench.u_dq()[1], kKpp, 1e-6);
+  bench.r.omega_m_ref = -100;
+  int ticks = 0;
+  while (bench.u_dq()[1] > 0 && ticks < 20000) ++ticks;
+  EXPECT_LT(ticks, 2000);
 }
 
 TEST(Lqr, RepeatsItsLastCommandOnInputsThatAreNotFinite) {

@@ -97,5 +97,31 @@ TEST(Margins, OfAnIntegratorWithDelayAreTheClosedForm) {
   EXPECT_EQ(m.gain_down, 0);
 }
 
+// Three integrators one behind the other are stable in a range of gains: at its lower end a
+// closed-loop pole is on the unit circle.
+TEST(Margins, OfThreeIntegratorsHaveALowerGainToo) {
+  DiscreteLqrProblem p;
+  constexpr double T = 0.01;
+  p.A = MatrixXd::Identity(3, 3);
+  p.A(0, 1) = p.A(1, 2) = T;
+  p.A(0, 2) = T * T / 2;
+  p.B = MatrixXd::Zero(3, 1);
+  p.B << T * T * T / 6, T * T / 2, T;
+  p.Q = MatrixXd::Identity(3, 3);
+  p.N = MatrixXd::Zero(3, 1);
+  p.R = MatrixXd::Identity(1, 1);
+  const MatrixXd K = solve_riccati(p).K;
+  const Margins m = margins(p.A, p.B, K, 0, T);
+  EXPECT_GT(m.gain_down, 0.05);
+  EXPECT_LT(m.gain_down, 0.5);
+  const auto stable = [&](double gain) {
+    for (const auto& z : closed_loop_poles(p.A, p.B, gain * K))
+      if (std::abs(z) >= 1) return false;
+    return true;
+  };
+  EXPECT_TRUE(stable(1.02 * m.gain_down));
+  EXPECT_FALSE(stable(0.98 * m.gain_down));
+}
+
 }  // namespace
 }  // namespace twinrate

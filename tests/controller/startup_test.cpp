@@ -89,6 +89,20 @@ TEST(Startup, HandsOverOnceTheEstimateHasAgreedForItsTime) {
   EXPECT_NEAR(outcome.t_s, 0.1 + 0.1 + 0.02, 0.004);
 }
 
+// Fifteen ticks of agreement and one without, over and over: never twenty on end.
+TEST(Startup, AnAgreementThatIsInterruptedBeginsAnew) {
+  for (const int on_end : {15, 25}) {
+    Startup startup(parameters(), true, kTs);
+    Follower follower;
+    Mode mode = Mode::kAlign;
+    for (int k = 0; k < 1000; ++k) {
+      follower.lag = k % (on_end + 1) == 0 ? kPi : 0;
+      mode = follower.step(startup).mode;
+    }
+    EXPECT_EQ(mode, on_end < 20 ? Mode::kSafe : Mode::kRun) << on_end;
+  }
+}
+
 TEST(Startup, RampsBackwardsToo) {
   EXPECT_EQ(outcome_of({.lag = 0.3}, -1).mode, Mode::kRun);
 }
