@@ -135,6 +135,32 @@ TEST_F(Import, WrappedAnglesAreUnwrapped) {
   EXPECT_NEAR(encoder.t[10], 10 / kRate_Hz, 1e-12);
 }
 
+TEST_F(Import, AValueIsScaledFirstAndTheOffsetIsInTheUnitOfTheResult) {
+  const ImportMap map = read_import_map(
+      write("map.toml",
+            "[columns]\ni_q = { from = \"i\", scale = 2.0, offset = 3.0 }\n"
+            "theta_m = { from = \"enc\", wrap = 100, scale = 0.01, offset = -1.0 }\n"
+            "[time]\nfrom = \"ns\"\nunit = \"ns\"\nscale = 0.5\noffset = 7.0\n"));
+  const DriveRows rows = read_drive_rows(
+      csv("ns,i,enc",
+          [](int k) { return fmt::format("{},{},{}", 4e5 * k, 0.25 * k, (k * 30) % 100); }),
+      &map, false);
+  for (std::size_t k : {0u, 1u, 200u}) {
+    const auto row = static_cast<double>(k);
+    EXPECT_NEAR(rows.at("i_q", k), 2 * 0.25 * row + 3, 1e-12);
+    EXPECT_NEAR(rows.at("theta_m", k), 0.3 * row - 1, 1e-9);
+    EXPECT_NEAR(rows.t[k], 0.5 * 4e-4 * row + 7, 1e-12);
+  }
+}
+
+// An encoder that counts turns is taken as it is, however far it moves in a row.
+TEST_F(Import, AnAngleThatCountsItsTurnsIsNotFolded) {
+  const auto rows = read_drive_rows(
+      csv("t,i_q,theta_m", [](int k) { return fmt::format("{},0.5,{}", k / kRate_Hz, 4.0 * k); }),
+      nullptr, false);
+  EXPECT_NEAR(rows.at("theta_m", kRows - 1), 4.0 * (kRows - 1), 1e-9);
+}
+
 TEST_F(Import, GzippedFileReadsTheSame) {
   const std::string plain = csv("t,i_q,theta_m", plain_row),
                     packed = (directory_ / "log.csv.gz").string();
