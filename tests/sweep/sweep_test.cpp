@@ -293,5 +293,105 @@ TEST(Why, WithAGainEveryTickEveryPolicyHasTheSameRadius) {
   EXPECT_NEAR(rho(GainPolicy::kScheduled), ordinary, 1e-3);
 }
 
+// Searches of one policy at 50 Hz that held up to these n, one a seed.
+std::vector<Point> held_up_to(const std::vector<int>& n_max) {
+  std::vector<Point> points;
+  for (std::size_t i = 0; i < n_max.size(); ++i)
+    for (int n = 1; n <= n_max[i] + 1; ++n)
+      points.push_back({.search = {"paper", 50, static_cast<int>(i) + 1},
+                        .f_s_Hz = 5000,
+                        .n = n,
+                        .locked = n <= n_max[i],
+                        .angle_error_rms = 0.01 * n});
+  return points;
+}
+
+// By hand: f_bmin = 5000/8 Hz, ratio = f_bmin/50; the seed that held longest needs the fewest gains
+// a turn, 5000/12/50, the one that was lost first the most, 5000/5/50.
+TEST_F(SweepTest, TheLimitIsTheMiddleSeedsAndTheBoundsAreThoseOfTheOthers) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {50};
+  plan.seeds = 3;
+  write_limits(path("fbmin.csv"), limits_of(plan, held_up_to({12, 5, 8})));
+  std::istringstream rows(text(path("fbmin.csv")));
+  std::string row;
+  std::getline(rows, row);
+  std::getline(rows, row);
+  std::vector<std::string> cells;
+  std::istringstream in(row);
+  for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
+  ASSERT_EQ(cells.size(), 9u) << row;
+  EXPECT_EQ(cells[0], "paper");
+  const double expected[] = {50, 8, 625, 12.5, 5000.0 / 12 / 50, 20, 0, 0.08};
+  for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(std::stod(cells[i + 1]), expected[i], 1e-9) << i;
+}
+
+TEST(Limits, OfAnEvenNumberOfSeedsTheLowerOfTheMiddleTwoCounts) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {50};
+  plan.seeds = 4;
+  const Limit limit = limits_of(plan, held_up_to({9, 3, 7, 6})).at(0);
+  EXPECT_EQ(limit.n_max, 6);
+  EXPECT_EQ(limit.n_lowest, 3);
+  EXPECT_EQ(limit.n_highest, 9);
+  EXPECT_NEAR(limit.angle_error_rms, 0.06, 1e-12) << "of n_max alone, where it held";
+}
+
+DriveConfig point_of(const Plan& plan, const Search& search, int n) {
+  return load_drive(plan.drive, point_overrides(plan, load_drive(plan.drive).drive(), search, n))
+      .drive();
+}
+
+// By hand: a ramp to 2 pi 64 rad/s at 16000 rad/s^2 takes 25.1 ms.
+TEST(PointOfASweep, IsJudgedOnceTheSpeedHasStoodForHalfASecond) {
+  Plan plan = small_plan();
+  const double ramp_s = kTwoPi * 64 / 16000;
+  const DriveConfig drive = point_of(plan, {"rotate", 64, 3}, 7);
+  EXPECT_NEAR(drive.run.settle_s, ramp_s + 0.5, 1e-9);
+  EXPECT_NEAR(drive.run.duration_s, ramp_s + 1.5, 1e-9);
+  EXPECT_EQ(drive.run.seed, 3);
+  EXPECT_EQ(drive.rates.n, 7);
+  EXPECT_EQ(drive.gain.policy, GainPolicy::kRotate);
+  EXPECT_NEAR(drive.reference_at(0).omega_m_ref * drive.machine.n_p, kTwoPi * 64, 1e-9);
+  // Five turns of 2 Hz; three gains of 0.5 s.
+  EXPECT_NEAR(point_of(plan, {"paper", 2, 1}, 7).run.duration_s, kTwoPi * 2 / 16000 + 0.5 + 2.5,
+              1e-9);
+  EXPECT_NEAR(point_of(plan, {"paper", 64, 1}, 2500).run.duration_s, ramp_s + 0.5 + 1.5, 1e-9);
+}
+
+TEST(PointOfASweep, HasTheLoadAskedForAndHalfASecondMoreForIt) {
+  Plan plan = small_plan();
+  const DriveConfig idle = point_of(plan, {"paper", 64, 1}, 5);
+  plan.load_pu = 0.4;
+  const DriveConfig drive = point_of(plan, {"paper", 64, 1}, 5);
+  ASSERT_GT(drive.machine.T_rated, 0);
+  EXPECT_NEAR(drive.load.T_load_Nm.at(1), 0.4 * drive.machine.T_rated, 1e-12);
+  EXPECT_NEAR(drive.run.settle_s - idle.run.settle_s, 0.5, 1e-9);
+}
+
+// n = 1 up to the first whole gain behind 0.2 s: ticks of 0.2 ms, 1000 of them and 1001 = 7 143.
+TEST(PointOfASweep, SwitchedAtSpeedIsJudgedThreeTenthsBehindTheSwitch) {
+  Plan plan = small_plan();
+  plan.start = "switched";
+  const DriveConfig drive = point_of(plan, {"paper", 64, 1}, 7);
+  EXPECT_EQ(drive.start, Start::kFlying);
+  EXPECT_EQ(drive.background_rate().from, 1001);
+  EXPECT_NEAR(drive.run.settle_s, 1001 * 2e-4 + 0.3, 1e-9);
+}
+
+// The two engines are one drive: the same point gives the same figures, to a count of the ADC.
+TEST(PointOfASweep, HasTheSameFiguresInBothEngines) {
+  Plan plan = small_plan();
+  plan.load_pu = 0.4;
+  const DriveConfig base = load_drive(plan.drive).drive();
+  const Search search{"extrapolate", 64, 1};
+  const Point reference = run_in_process(plan, base, search, 8);
+  const Point lane = run_in_lanes(plan, base, search, {8}).at(0);
+  ASSERT_TRUE(reference.locked && lane.locked);
+  EXPECT_NEAR(lane.angle_error_rms, reference.angle_error_rms, 0.03 * reference.angle_error_rms);
+  EXPECT_NEAR(lane.angle_error_max, reference.angle_error_max, 0.2 * reference.angle_error_max);
+  EXPECT_GT(lane.angle_error_max, 1.2 * lane.angle_error_rms);
+}
+
 }  // namespace
 }  // namespace twinrate::sweep
