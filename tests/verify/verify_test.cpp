@@ -166,6 +166,38 @@ TEST(Verify, TrainingRowsAreNotUsed) {
   EXPECT_LE(model_error({log}, declared, declared, 0.2, 5e-3).runs, 2u);
 }
 
+// Held out: 0.5 s to 0.9 s. What is read later is training; what was read before it made the state.
+TEST(Verify, TheEstimatorIsJudgedOnHeldOutRowsAlone) {
+  VerifyLog log = log_of("");
+  const auto row = [&](double t) { return static_cast<std::size_t>(t / log.record.T_s); };
+  std::fill(log.held_out.begin(), log.held_out.end(), 0);
+  std::fill(log.held_out.begin() + static_cast<std::ptrdiff_t>(row(0.5)),
+            log.held_out.begin() + static_cast<std::ptrdiff_t>(row(0.9)), 1);
+  Config declared = drive_with(""), extended = drive_with(kCogging);
+  const VerifySettings here{.over_lcm = false};
+  const EstimatorError plain = estimator_error({log}, declared, extended, here);
+  EXPECT_NEAR(static_cast<double>(plain.ticks), 0.4 / log.record.T_s, 2);
+  const auto shaken = [&](double from, double to) {
+    VerifyLog other = log;
+    for (std::size_t n = row(from); n < row(to); ++n)
+      other.measurements[n].omega_m += n % 2 == 0 ? 0.5 : -0.5;
+    return estimator_error({other}, declared, extended, here).innovation[2];
+  };
+  const BeforeAfter after_it = shaken(0.95, 1.5), in_it = shaken(0.5, 0.9);
+  EXPECT_EQ(after_it.before, plain.innovation[2].before);
+  EXPECT_EQ(after_it.after, plain.innovation[2].after);
+  EXPECT_GT(in_it.before, plain.innovation[2].before + 0.1);
+  EXPECT_GT(in_it.after, plain.innovation[2].after + 0.1);
+}
+
+// A start of the estimator that is held out does not count: it finds its state first.
+TEST(Verify, TheEstimatorsFirstThirdOfASecondDoesNotCount) {
+  const VerifyLog log = log_of("");
+  Config declared = drive_with("");
+  const EstimatorError all = estimator_error({log}, declared, declared, {.over_lcm = false});
+  EXPECT_NEAR(static_cast<double>(all.ticks), 1.3 / log.record.T_s, 3);
+}
+
 TEST(Verify, TheExtendedEstimatorHasSmallerInnovationsAndTheLoopLessRipple) {
   Config declared = drive_with(""), extended = drive_with(kCogging);
   VerifySettings settings;
