@@ -138,6 +138,24 @@ TEST_F(Report, OfARunHasEveryFigure) {
   expect_whole_figures(content);
 }
 
+TEST_F(Report, DrawsEachReferenceOfTheCurrentBesideItsCurrent) {
+  RunLog log = made_up_run();
+  for (Truth& truth : log.truth) truth.i_dq = {-1, 2};
+  for (Command& command : log.command) command.i_dq_ref = {-1.25, 2.5};
+  const Json content = content_of(page_of({log}));
+  std::map<std::string, double> drawn;
+  for (const Json& section : content["sections"])
+    for (const Json& figure : section["figures"])
+      for (const Json& curve : figure["series"])
+        drawn.emplace(curve["name"].get<std::string>(), curve["values"].back().is_number()
+                                                            ? curve["values"].back().get<double>()
+                                                            : 0);
+  EXPECT_EQ(drawn.at("i_d"), -1);
+  EXPECT_EQ(drawn.at("i_q"), 2);
+  EXPECT_EQ(drawn.at("i_d_ref"), -1.25);
+  EXPECT_EQ(drawn.at("i_q_ref"), 2.5);
+}
+
 const Json& section_of(const Json& content, const std::string& heading) {
   for (const Json& section : content["sections"])
     if (section["heading"].get<std::string>().find(heading) != std::string::npos) return section;
@@ -177,6 +195,11 @@ TEST_F(Report, ReportsTheRippleBeforeAndAfterAChangeOfTheCompensation) {
   RunLog log = made_up_run();
   for (Truth& truth : log.truth)
     truth.omega_m += (truth.t_ns < 600000000 ? 2 : 0.2) * std::sin(3 * truth.theta_m);
+  // A load that steps makes a dip, not a ripple: the figures begin behind it.
+  config_.load.T_load_Nm = Profile({{0, 0}, {0.3, 0.5}});
+  for (Truth& truth : log.truth)
+    if (truth.t_ns >= 300000000)
+      truth.omega_m -= 20 * std::exp(-100 * (1e-9 * static_cast<double>(truth.t_ns) - 0.3));
   const Json content = content_of(page_of({log}));
   const Json& section = section_of(content, "Speed ripple");
   EXPECT_EQ(section["figures"][0]["marks"][0]["x"], 0.6);
@@ -234,6 +257,10 @@ TEST_F(Report, OfALostRunShowsTheLoss) {
             std::string::npos);
   EXPECT_NEAR(content["sections"][0]["figures"][0]["marks"][0]["x"].get<double>(), 0.5, 1e-9);
   EXPECT_TRUE(any_has(titles_of(content), "(c) Speed after the loss"));
+  // Five electrical turns before it and eight after, at 100 rad/s and four pole pairs.
+  const Json& t = content["sections"][0]["figures"][0]["x"];
+  EXPECT_NEAR(t.front().get<double>(), 0.5 - 5 * kTwoPi / 400, 1e-3);
+  EXPECT_NEAR(t.back().get<double>(), 0.5 + 8 * kTwoPi / 400, 1e-3);
   expect_whole_figures(content);
 }
 
@@ -276,6 +303,12 @@ TEST_F(Report, ComparesRuns) {
   const Json content = content_of(page_of({made_up_run(), made_up_run(), lost}));
   ASSERT_EQ(content["comparison"]["rows"].size(), 3u);
   EXPECT_EQ(content["comparison"]["rows"][0].size(), content["comparison"]["head"].size());
+  std::map<std::string, std::string> cells;
+  for (std::size_t i = 0; i < content["comparison"]["head"].size(); ++i)
+    cells[content["comparison"]["head"][i]] = content["comparison"]["rows"][2][i];
+  EXPECT_NEAR(std::stod(cells.at("rms, deg")),
+              std::sqrt((0.3 * 0.05 * 0.05 + 0.5 * 3 * 3) / 0.8) * 180 / kPi, 0.2);
+  EXPECT_NEAR(std::stod(cells.at("max, deg")), 3 * 180 / kPi, 0.2);
   EXPECT_EQ(content["sections"][0]["columns"], 3);
   EXPECT_EQ(content["sections"][0]["figures"].size(), 3u);
   EXPECT_EQ(content["sections"][0]["figures"][2]["y_range"], Json::parse("[-180, 180]"));

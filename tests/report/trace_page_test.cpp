@@ -48,7 +48,7 @@ TraceResult made_up_trace() {
   s.rate_Hz = kRate_Hz;
   cogging.views = {view};
   r.effects = {cogging};
-  r.mechanical = EquationError{.unit = "Nm", .before = {0.037, 0.037}, .after = {0.01, 0.01}};
+  r.mechanical = EquationError{.unit = "Nm", .before = {0.037, 0.039}, .after = {0.01, 0.012}};
   r.rejected = {{"eccentric_load", 3, 0.001, "explains less"}};
   r.not_identifiable = {{"iron_loss", "this record does not excite it"}};
   return r;
@@ -83,6 +83,23 @@ TEST(TracePage, NeedsNoOtherFileAndEscapesNames) {
     EXPECT_EQ(page.find(foreign), std::string::npos) << foreign;
   EXPECT_NE(page.find("<title>What the model of &lt;/script> drive lacks"), std::string::npos);
   EXPECT_EQ(content_of(page)["subtitle"], "Trace of <b>log</b> & more.csv");
+}
+
+// The row that begins with `first`, anywhere in the page.
+const Json* row_of(const Json& json, const std::string& first) {
+  if (json.is_array() && !json.empty() && json[0] == first) return &json;
+  if (json.is_structured())
+    for (const auto& item : json.items())
+      if (const Json* found = row_of(item.value(), first)) return found;
+  return nullptr;
+}
+
+TEST(TracePage, TheErrorsStandBeforeAndAfterOfTrainingAndOfHeldOutRows) {
+  const Json content = content_of(page_of(made_up_trace()));
+  const Json* row = row_of(content, "torque (Nm)");
+  ASSERT_NE(row, nullptr);
+  const char* const expected[] = {"0.037", "0.01", "0.039", "0.012"};
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ((*row)[i + 1], expected[i]) << i;
 }
 
 TEST(TracePage, ShowsTheVerdictFirst) {
@@ -213,6 +230,26 @@ TEST(CorrectionTable, HelpsOnUnseenRowsOnlyWhereThereIsStructure) {
     EXPECT_NEAR(c.after.held_out, 0.01, 0.0006);
     EXPECT_NEAR(c.before.held_out / c.after.held_out, size > 0 ? 3.1 : 1, size > 0 ? 0.4 : 0.01);
   }
+}
+
+// Rows kept back say something else: the table does not know it.
+TEST(CorrectionTable, IsFittedToTrainingRowsAlone) {
+  TraceResult r = made_up_trace();
+  TraceSeries& s = r.series_torque;
+  for (std::size_t i = 0; i < s.t.size(); ++i) {
+    s.i_q[i] = 3 * std::sin(1.7 * s.t[i]);
+    s.after[i] = (s.held_out[i] ? -0.05 : 0.02) * std::abs(s.i_q[i]);
+  }
+  r.unexplained = {{.regressor = "i_q",
+                    .share = 0.5,
+                    .equation = "mechanical",
+                    .channel = "torque",
+                    .text = "depends on i_q"}};
+  const std::vector<CorrectionTable> tables = corrections_of(r);
+  ASSERT_EQ(tables.size(), 1u);
+  EXPECT_NEAR(tables[0].at(2), 0.04, 0.002);
+  EXPECT_LT(tables[0].after.train, 0.1 * tables[0].before.train);
+  EXPECT_GT(tables[0].after.held_out, 1.2 * tables[0].before.held_out);
 }
 
 }  // namespace
