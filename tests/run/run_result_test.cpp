@@ -1,5 +1,5 @@
 // What becomes of a run: its verdict, its exit code, and what the loop knows of an added effect.
-#include "tools/run/run_result.hpp"
+#include "run/run_result.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -11,9 +11,9 @@
 #include "core/manifest.hpp"
 #include "core/signals_io.hpp"
 #include "logger/tick_log.hpp"
-#include "tools/load_drive.hpp"
-#include "tools/run/closed_loop.hpp"
-#include "tools/run/progress.hpp"
+#include "loop/load_drive.hpp"
+#include "loop/closed_loop.hpp"
+#include "run/progress.hpp"
 
 namespace twinrate::run_result_test {
 namespace {

@@ -274,6 +274,22 @@ TEST(Sampler, SeesTheSameInEverySecondRow) {
   }
 }
 
+// A window that touched both kinds would mix what trains with what is held out.
+TEST(Sampler, NoOutputMixesTrainingWithHeldOutRows) {
+  std::vector<char> all(record().size(), 1), held(record().size(), 0);
+  std::vector<double> kind;
+  for (std::size_t k = 0; k < held.size(); ++k) {
+    held[k] = k / 3000 % 3 == 1;
+    kind.push_back(held[k]);
+  }
+  const Sampler sampler(record(), all, held);
+  const Runs& runs = sampler.torque();
+  const Eigen::VectorXd y = sampler(kind, runs);
+  ASSERT_GT(y.size(), 1000);
+  for (Eigen::Index n = 0; n < y.size(); ++n)
+    ASSERT_NEAR(y[n], runs.held_out[static_cast<std::size_t>(n)], 1e-12) << n;
+}
+
 // Sums of kept columns in the chain against the equations.
 TEST(Chain, ColumnsKeptForOneSizeAreNotUsedForAnother) {
   const DriveFacts facts = servo().facts();

@@ -176,6 +176,12 @@ TEST(Record, TimeShowsWhereALogIsAppended) {
   ASSERT_EQ(two.size(), 2 * one.size());
   for (std::size_t k = 1; k < two.size(); ++k)
     ASSERT_NEAR(two.t[k] - two.t[k - 1], k == one.size() ? 24e-4 : 1e-4, 1e-9) << k;
+  // A speed or a change of current across the seam would mix both logs.
+  for (std::size_t k = one.size() - 6; k < one.size() + 6; ++k) {
+    EXPECT_FALSE(two.motion_ok[k]) << k;
+    EXPECT_FALSE(two.electrical_ok[k]) << k;
+  }
+  EXPECT_TRUE(two.motion_ok[one.size() + 40]);
   Record later = one;
   for (double& t : later.t) t += 100;
   Record kept = one;
@@ -224,6 +230,45 @@ TEST(Health, AMissingRowIsBridgedWhereTheRotorIs) {
   EXPECT_LT((record.i_alphabeta[500] - whole.i_alphabeta[500]).norm(), 1e-3);
   // From the row before only: the row after it is 30 V off.
   EXPECT_LT((record.u_alphabeta[500] - whole.u_alphabeta[500]).norm(), 1e-6);
+}
+
+TEST(Health, AGapTooLongForAStraightLineIsNotUsed) {
+  RawLog raw = turning_log();
+  const auto cut = [](std::vector<double>& x) {
+    if (!x.empty()) x.erase(x.begin() + 8000, x.begin() + 8040);
+  };
+  cut(raw.t);
+  for (const RawColumn& c : raw_columns()) cut(raw.*c.values);
+  Health health;
+  const Record record = make_record(raw, 3, health);
+  ASSERT_EQ(record.size(), turning_log().size());
+  for (std::size_t k = 8000; k < 8040; ++k) {
+    ASSERT_FALSE(record.electrical_ok[k]) << k;
+    ASSERT_FALSE(record.motion_ok[k]) << k;
+  }
+  EXPECT_TRUE(record.electrical_ok[7990] && record.electrical_ok[8050]);
+}
+
+// Cut off in any of the phases that are measured, a row says nothing of the voltage.
+TEST(Health, ARowThatIsClippedInOnePhaseIsNotUsed) {
+  for (std::vector<double> RawLog::*phase : {&RawLog::i_a, &RawLog::i_b}) {
+    RawLog raw = turning_log();
+    std::vector<char> clipped(raw.size(), 0);
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      double& i = (raw.*phase)[k];
+      clipped[k] = std::abs(i) > 0.9;
+      i = std::clamp(i, -0.9, 0.9);
+    }
+    raw.i_c.clear();
+    Health health;
+    const Record record = make_record(raw, 3, health);
+    ASSERT_NEAR(health.i_limit, 0.9, 1e-9);
+    ASSERT_EQ(record.size(), clipped.size());
+    std::size_t used = 0;
+    for (std::size_t k = 0; k < record.size(); ++k) used += clipped[k] && record.electrical_ok[k];
+    EXPECT_GT(std::count(clipped.begin(), clipped.end(), 1), 1000);
+    EXPECT_EQ(used, 0u);
+  }
 }
 
 TEST(Health, GlitchesAreCountedAndBridged) {

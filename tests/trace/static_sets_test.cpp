@@ -166,5 +166,18 @@ TEST(KindOfSet, FollowsTheColumns) {
   EXPECT_EQ(with({"i_c", "u_b"}), StaticKind::kNone);
 }
 
+// Points held out that say something else: the fit does not know them.
+TEST(HeldOut, ItsErrorIsThatOfThePointsHeldOut) {
+  StaticSet set = inverter_curve({}, 1.4, 0.01);
+  const std::vector<char> held = every_other(set.columns["i_b"]);
+  const StaticTrace plain = trace_inverter_curve(set, facts(), held);
+  for (std::size_t k = 0; k < held.size(); ++k)
+    if (held[k]) set.columns["u_b"][k] += k % 4 < 2 ? 0.3 : -0.3;
+  const StaticTrace spoilt = trace_inverter_curve(set, facts(), held);
+  EXPECT_NEAR(plain.selection.after.held_out[0], 0.01, 0.003);
+  EXPECT_NEAR(spoilt.selection.after.held_out[0], 0.3, 0.03);
+  EXPECT_NEAR(spoilt.selection.after.train[0], 0.01, 0.003);
+}
+
 }  // namespace
 }  // namespace twinrate

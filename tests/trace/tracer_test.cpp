@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/keys.hpp"
@@ -67,6 +68,67 @@ TEST(Tracer, NamesCoggingAndFrictionWithTheirSizes) {
   EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, 0.15, 0.0015);
   ASSERT_TRUE(r.mechanical);
   EXPECT_LT(r.mechanical->after.held_out, 0.5 * r.mechanical->before.held_out);
+  // What is left is noise: as large as the floor, and white once it is its own autoregression.
+  EXPECT_NEAR(r.mechanical->after.held_out / r.mechanical->noise_floor, 1, 0.15);
+  EXPECT_GT(r.mechanical->whiteness_p_value, 1e-4);
+}
+
+// Held out: from 1 s to 1.5 s of 2 s.
+bool is_held(double t) {
+  return t >= 1 && t < 1.5;
+}
+TraceResult trace_held_out(const SyntheticDrive& drive) {
+  Health health;
+  const Record record = make_record(simulate_synthetic(drive), 3, health);
+  std::vector<char> held;
+  for (double t : record.t) held.push_back(is_held(t));
+  return trace_record(record, servo(), health, {}, held);
+}
+
+// Cogging of 0.3 Nm in the rows that train and of 0.21 Nm in those held out: there the fitted
+// 0.3 Nm leave 0.09 Nm, 3/7 of it, and 9/49 of its square.
+TEST(TracerHoldOut, ErrorsAndGainsAreThoseOfTheHeldOutRows) {
+  SyntheticDrive drive{.duration_s = 2};
+  drive.extra_load = [](double t, double theta, double) {
+    return (is_held(t) ? 0.21 : 0.3) * std::sin(17 * theta + 0.8);
+  };
+  const TraceResult r = trace_held_out(drive);
+  ASSERT_EQ(kinds(r), Names{"cogging"}) << r.sentence;
+  EXPECT_NEAR(parameter(r, "cogging", "amplitude").value, 0.3, 0.003);
+  const auto json = nlohmann::json::parse(to_json(r));
+  const auto& error = json["error"];
+  EXPECT_EQ(error["equation"], "mechanical");
+  EXPECT_NEAR(error["before"]["train"].get<double>(), 0.3 / std::sqrt(2), 0.03);
+  EXPECT_NEAR(error["before"]["holdout"].get<double>(), 0.21 / std::sqrt(2), 0.02);
+  EXPECT_NEAR(error["after"]["holdout"].get<double>() / error["before"]["holdout"].get<double>(),
+              3.0 / 7, 0.04);
+  EXPECT_LT(error["after"]["train"].get<double>(), 0.1 * error["before"]["train"].get<double>());
+  const auto& evidence = json["effects"][0]["evidence"];
+  EXPECT_NEAR(evidence["holdout_gain"].get<double>(), 1 - 9.0 / 49, 0.04);
+  EXPECT_LT(evidence["delta_bic"].get<double>(), -1000);
+  EXPECT_LT(evidence["f_p_value"].get<double>(), 1e-9);
+}
+
+TEST(TracerHoldOut, AnEffectThatTheHeldOutRowsDoNotHaveIsNotNamed) {
+  SyntheticDrive drive{.duration_s = 2};
+  drive.extra_load = [](double t, double theta, double) {
+    return is_held(t) ? 0.0 : 0.06 * std::sin(17 * theta + 0.8);
+  };
+  const TraceResult r = trace_held_out(drive);
+  for (const TracedEffect& e : r.effects) EXPECT_NE(e.effect->kind(), "cogging") << r.sentence;
+}
+
+// Structure beside an effect: what was found is named, and the verdict says that it is not all.
+TEST(Tracer, AnEffectBesideStructureOutsideTheCatalogueLeavesTheTraceUnexplained) {
+  SyntheticDrive drive{.duration_s = 3};
+  drive.extra_load = [](double t, double theta, double) {
+    return 0.08 * std::sin(2 * kPi * 13.7 * t) + 0.06 * std::sin(17 * theta + 0.8);
+  };
+  const auto json = nlohmann::json::parse(to_json(trace_of(simulate_synthetic(drive))));
+  EXPECT_EQ(json["verdict"], "unexplained") << json["sentence"];
+  ASSERT_EQ(json["effects"].size(), 1u);
+  EXPECT_EQ(json["effects"][0]["kind"], "cogging");
+  EXPECT_EQ(json["unexplained"]["structured"], true);
 }
 
 // Viscous and Stribeck friction together approximate the three so well that a third one adds
