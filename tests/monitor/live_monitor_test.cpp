@@ -46,7 +46,8 @@ const char* const kDeadTime =
 struct Circumstances {
   std::vector<std::string> overrides;
   std::function<TraceResult(const TraceJob&)> tracer = [](const TraceJob& job) { return run(job); };
-  bool angle = true;  // measured
+  bool angle = true;     // measured
+  double outlier_V = 0;  // in the voltage read from 2.1 to 2.2 s and from 4.1 to 4.2 s
 };
 
 // Runs the drive with its monitor and adds the proposed effects.
@@ -64,6 +65,8 @@ Outcome watch(const std::string& effects, const Circumstances& with = {}) {
     const TickRecord& tick = loop.step();
     Measurement m = tick.measurement;
     if (!with.angle) m.signals &= ~kPosition;
+    const double t_s = 1e-9 * static_cast<double>(m.t_ns);
+    if ((t_s > 2.1 && t_s < 2.2) || (t_s > 4.1 && t_s < 4.2)) m.u_alphabeta[0] += with.outlier_V;
     monitor.take(m);
     monitor.take(tick.estimate);
     while (const auto job = monitor.take_job()) monitor.traced(with.tracer(*job));
@@ -82,8 +85,9 @@ Outcome watch(const std::string& effects, const Circumstances& with = {}) {
   return outcome;
 }
 
-TEST(LiveMonitor, ReportsNothingIfTheModelFits) {
-  EXPECT_TRUE(watch("").notices.empty());
+// A single block above the level is no misfit of the model, and neither are two that are apart.
+TEST(LiveMonitor, ReportsNothingIfTheModelFitsInAllButSingleBlocks) {
+  EXPECT_TRUE(watch("", {.overrides = {}, .outlier_V = 20}).notices.empty());
 }
 
 TEST(LiveMonitor, ProposesADeadTimeThatStartsDuringTheRun) {
@@ -96,6 +100,8 @@ TEST(LiveMonitor, ProposesADeadTimeThatStartsDuringTheRun) {
   EXPECT_GT(e.added_s, e.noticed_s);
   EXPECT_LT(e.after.voltage, 0.3 * e.before.voltage);
   EXPECT_GT(e.before.voltage, 0.5);  // 2 us of 100 us at 235 V, in stator axes
+  ASSERT_FALSE(e.innovation_before.empty());
+  EXPECT_GT(e.innovation_before[1], 1.2 * e.innovation_after.at(1));
   ASSERT_EQ(outcome.notices.size(), 3u);
   EXPECT_EQ(outcome.notices[0].reason, Reason::kModelMisfit);
   EXPECT_EQ(outcome.notices[1].reason, Reason::kEffectProposed);
@@ -147,6 +153,13 @@ TEST(LiveMonitor, RestartsWithTheTicksOfAnotherRun) {
   EXPECT_EQ(monitor.last_k(), -1);
   monitor.take(Measurement{.k = 3});
   EXPECT_EQ(monitor.last_k(), 3);
+}
+
+TEST(LiveMonitor, AnAdditionIsAnnouncedATenthOfASecondAhead) {
+  Config config = Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live");
+  LiveMonitor monitor(config);
+  monitor.take(Measurement{.k = 100});
+  EXPECT_EQ(monitor.tick_for_addition(), 100 + 1000);  // at 10 kHz
 }
 
 // The first traced data contain one of the two effects only in part: the tracer finds a resistance

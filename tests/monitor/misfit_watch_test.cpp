@@ -75,5 +75,19 @@ TEST_F(Misfit, TheExtendedModelFits) {
       << verdict_of(0.5, 201, extended.drive().model_effects()).text();
 }
 
+// So many rows prove a change that is far below what the level itself moves by.
+TEST_F(Misfit, AChangeThatIsCertainButSmallStillFits) {
+  int certain_and_small = 0;
+  for (double u_off = 0.003; u_off < 0.006; u_off += 0.0005) {
+    const BlockJudgement judgement = judge(u_off, 202);
+    ASSERT_TRUE(judgement.worst());
+    const ChannelLevel& worst = *judgement.worst();
+    if (worst.consistency >= 1e-9 || worst.excess >= MisfitWatch::kMargin) continue;
+    EXPECT_TRUE(judgement.fits) << u_off << " V: " << judgement.text();
+    ++certain_and_small;
+  }
+  EXPECT_GT(certain_and_small, 0);
+}
+
 }  // namespace
 }  // namespace twinrate

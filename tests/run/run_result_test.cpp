@@ -11,8 +11,8 @@
 #include "core/manifest.hpp"
 #include "core/signals_io.hpp"
 #include "logger/tick_log.hpp"
-#include "loop/load_drive.hpp"
 #include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
 #include "run/progress.hpp"
 
 namespace twinrate::run_result_test {
