@@ -81,21 +81,22 @@ TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   EXPECT_EQ(replied, applied);
 }
 
-// When one process of the ring falls silent all wait: who waits for the silent one says so first.
+// If one process of the ring is silent, all others wait. Its neighbour reports first.
 TEST(Patience, OfAProcessFurtherFromTheSilentOneIsLonger) {
-  const auto make = [](int rank) {
+  const auto make = [](Patience patience) {
     auto process =
         std::make_unique<Process>(ProcessInfo{Role::kEstimator, "test", ""},
                                   ProcessOptions{.config = "dilys2021",
                                                  .url = "memq://",
                                                  .overrides = {"bus.peer_timeout_s=0.05"},
                                                  .session = kSession});
-    process->waiting_for([rank] { return Waiting{"a message", rank}; });
+    process->waiting_for([patience] { return Waiting{"a message", patience}; });
     process->ready();
     process->progress(0);
     return process;
   };
-  const auto near = make(0), far = make(50);  // 0.05 s; ten seconds more
+  const auto near = make(Patience::kForGain);        // 0.05 s
+  const auto far = make(static_cast<Patience>(50));  // ten seconds more
   const auto begun = std::chrono::steady_clock::now();
   const auto elapsed = [&] { return std::chrono::steady_clock::now() - begun; };
   while (elapsed() < std::chrono::milliseconds(250) ||

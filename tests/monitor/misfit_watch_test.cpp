@@ -79,11 +79,11 @@ TEST_F(Misfit, TheExtendedModelFits) {
 TEST_F(Misfit, AChangeThatIsCertainButSmallStillFits) {
   int certain_and_small = 0;
   for (double u_off = 0.003; u_off < 0.006; u_off += 0.0005) {
-    const BlockJudgement judgement = judge(u_off, 202);
-    ASSERT_TRUE(judgement.worst());
-    const ChannelLevel& worst = *judgement.worst();
+    const BlockVerdict verdict = verdict_of(u_off, 202);
+    ASSERT_TRUE(verdict.worst());
+    const ChannelLevel& worst = *verdict.worst();
     if (worst.consistency >= 1e-9 || worst.excess >= MisfitWatch::kMargin) continue;
-    EXPECT_TRUE(judgement.fits) << u_off << " V: " << judgement.text();
+    EXPECT_TRUE(verdict.fits) << u_off << " V: " << verdict.text();
     ++certain_and_small;
   }
   EXPECT_GT(certain_and_small, 0);

@@ -79,7 +79,7 @@ TEST(Plant, TheTrueLoadIsThatOfItsOwnTick) {
       "[[effect]]\nkind = \"periodic_torque\"\namplitude_Nm = 0.01\nfrequency_Hz = 40\n"
       "phase_rad = 0.3\n",
       "drive.toml");
-  Plant plant(config.drive());
+  Plant plant(config);
   for (int k = 1; k <= 200; ++k) {
     tick(plant, {0, 0});
     const double t = 2e-4 * k;
