@@ -195,7 +195,7 @@ void Bus::subscribe_raw(Channel channel, RawHandler handler) {
   if (options_.filter && port != 0) owner.filter_by_channel(port, options_.channel_suffix);
 }
 
-void Bus::subscribe_all(RawHandler handler) {
+void Bus::subscribe_all(const RawHandler& handler) {
   for (const ChannelInfo& channel : kChannels)
     if (channel.channel != Channel::kAck) subscribe_raw(channel.channel, handler);
 }

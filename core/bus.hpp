@@ -68,7 +68,7 @@ class Bus {
   // Every message of every channel, raw: for the logger. Session and loss rules as above.
   using RawHandler = std::function<void(Channel, const std::uint8_t* bytes, std::size_t size,
                                         std::int64_t seq, std::int64_t t_ns)>;
-  void subscribe_all(RawHandler handler);
+  void subscribe_all(const RawHandler& handler);
 
   // Stamps the session and sends; kept for sending again where seq >= 0.
   template <class Message>

@@ -24,8 +24,7 @@
 namespace twinrate {
 
 struct ProcessOptions {
-  std::string config = "";
-  std::string url, channel_suffix, run_dir;
+  std::string config, url, channel_suffix, run_dir;
   std::vector<std::string> overrides;
   std::int64_t session = 0;
   Pace pace = Pace::kLockstep;
