@@ -252,6 +252,11 @@ TEST(Positions, PredictARunThatWasNotFitted) {
   EXPECT_GT(r.effects[0].held_out_gain, 0.5);
   for (const TracedEffect& e : r.effects) EXPECT_LT(e.delta_bic, 0) << e.effect->kind();
   ASSERT_EQ(r.files.size(), 2u);  // the two runs
+  // One file is held out: its errors are those of the held-out rows.
+  const FileError& file = r.files[0].held_out ? r.files[0] : r.files[1];
+  EXPECT_TRUE(file.held_out);
+  EXPECT_NEAR(file.before, r.mechanical->before.held_out, 1e-9);
+  EXPECT_NEAR(file.after, r.mechanical->after.held_out, 1e-9);
 }
 
 // If a moving run shows no slow filter of the current, a lag at rest is no filter of the log.

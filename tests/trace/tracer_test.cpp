@@ -399,6 +399,34 @@ TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
   EXPECT_NEAR(r.unexplained[0].frequency_Hz, 13.7, 0.02);
 }
 
+// At a twentieth of the speed what grows with its square is far below the noise.
+TEST(Tracer, ASlowRunDoesNotShowWindage) {
+  const TraceResult r = trace_of(simulate_synthetic({.duration_s = 2, .slow = true}));
+  const auto shown = [&](const char* kind) {
+    return std::count(r.identifiable.begin(), r.identifiable.end(), kind) == 1;
+  };
+  EXPECT_TRUE(shown("coulomb_friction"));
+  EXPECT_FALSE(shown("fan_load"));
+  EXPECT_EQ(std::count_if(r.not_identifiable.begin(), r.not_identifiable.end(),
+                          [](const auto& blind) { return blind.first == "fan_load"; }),
+            1);
+}
+
+// What is found is off by about its sigma: of eight logs the rms of error over sigma.
+TEST(Tracer, SigmasAreTheSizeOfTheErrors) {
+  double square = 0;
+  constexpr int kLogs = 8;
+  for (std::uint64_t seed = 1; seed <= kLogs; ++seed) {
+    SyntheticDrive drive{.duration_s = 1, .seed = seed, .R_extra = 0.2};
+    const TraceResult r = trace_of(simulate_synthetic(drive));
+    ASSERT_EQ(kinds(r), Names{"resistance"}) << r.sentence;
+    const TracedParameter& change = parameter(r, "resistance", "change");
+    square += std::pow((change.value - 0.2) / *change.sigma, 2) / kLogs;
+  }
+  EXPECT_GT(std::sqrt(square), 0.4);
+  EXPECT_LT(std::sqrt(square), 1.5);
+}
+
 TEST(Tracer, AMotorAtRestCannotTell) {
   SyntheticDrive drive;
   drive.quiet = true;
