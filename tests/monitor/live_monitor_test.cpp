@@ -47,7 +47,7 @@ struct Circumstances {
   std::vector<std::string> overrides;
   std::function<TraceResult(const TraceJob&)> tracer = [](const TraceJob& job) { return run(job); };
   bool angle = true;     // measured
-  double outlier_V = 0;  // in the voltage read from 2.1 to 2.2 s and from 4.1 to 4.2 s
+  double outlier_V = 0;  // in the voltage read from 3.1 to 3.2 s and from 5.1 to 5.2 s
 };
 
 // Runs the drive with its monitor and adds the proposed effects.
@@ -66,7 +66,7 @@ Outcome watch(const std::string& effects, const Circumstances& with = {}) {
     Measurement m = tick.measurement;
     if (!with.angle) m.signals &= ~kPosition;
     const double t_s = 1e-9 * static_cast<double>(m.t_ns);
-    if ((t_s > 2.1 && t_s < 2.2) || (t_s > 4.1 && t_s < 4.2)) m.u_alphabeta[0] += with.outlier_V;
+    if ((t_s > 3.1 && t_s < 3.2) || (t_s > 5.1 && t_s < 5.2)) m.u_alphabeta[0] += with.outlier_V;
     monitor.take(m);
     monitor.take(tick.estimate);
     while (const auto job = monitor.take_job()) monitor.traced(with.tracer(*job));
