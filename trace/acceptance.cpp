@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
@@ -110,23 +111,21 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
   const std::vector<Candidate> lines = strongest_lines(fitter.chain(), fit);
   for (Score& s : score_all(fitter, fit, lines)) scores.push_back(std::move(s));
   std::erase_if(scores, [](const Score& s) { return !s.effect || !s.valid; });
-  // One place of each sort. A later one must be better by more than rounding: zones that hold all
+  // Of places of one sort a later one must be better by more than rounding: zones that hold all
   // currents have the same gain.
   constexpr double kRounding = 1e-6;
-  std::vector<Score> best;
-  std::map<std::string, std::size_t> place;
-  for (Score& s : scores) {
-    const auto [at, first] = place.emplace(sort_of(*s.effect), best.size());
-    if (first) {
-      best.push_back(std::move(s));
-    } else if (Score& held = best[at->second];
-               s.gain > held.gain + kRounding * std::abs(held.gain)) {
-      held = std::move(s);
-    }
+  std::map<std::string, Score> best;
+  for (const Score& s : scores) {
+    const auto [place, first] = best.try_emplace(sort_of(*s.effect), s);
+    const double gain = place->second.gain;
+    if (!first && s.gain > gain + kRounding * std::abs(gain)) place->second = s;
   }
-  std::stable_sort(best.begin(), best.end(),
-                   [](const Score& a, const Score& b) { return a.gain > b.gain; });
-  return best;
+  std::sort(scores.begin(), scores.end(),
+            [](const Score& a, const Score& b) { return a.gain > b.gain; });
+  std::set<std::string> seen;
+  std::erase_if(scores, [&](const Score& s) { return !seen.insert(sort_of(*s.effect)).second; });
+  for (Score& s : scores) s = best.at(sort_of(*s.effect));
+  return scores;
 }
 
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
