@@ -1,4 +1,5 @@
-// An operating point of the drive, and what an effect adds to the equations and readings there.
+// An operating point of the drive, and the contribution of an effect to the equations and readings
+// there.
 #pragma once
 #include "model/frames.hpp"
 

@@ -1,4 +1,5 @@
-// What the tracer and the planner need of an effect: a regression and a search for its parameters.
+// The interface of tracer and planner: the regression on an effect, and the search for its
+// parameters.
 //
 //   at(point) = sum over r of coefficients()[r] regressors(point)[r]
 #pragma once

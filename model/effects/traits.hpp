@@ -59,8 +59,8 @@ struct Traits {
     int rank = -1;
   };
 
-  // What its contribution is periodic in, at constant currents and speed. The order counts
-  // mechanical turns: `order` where it is fixed, else the value of the key.
+  // Its contribution is periodic in the angle or in time, at constant currents and speed. An order
+  // counts periods a mechanical turn: `order` where it is fixed, else the value of the key.
   struct Period {
     enum In { kUnstated, kNothing, kAngle, kTime, kAngleOrTime };
     In in = kUnstated;
@@ -122,7 +122,7 @@ struct Traits {
   enum class Run {
     kUnstated,
     kTwoBusVoltages,  // those down to kWindingAlone need more than another profile
-    kUncoupled,       // says something of two effects alone
+    kUncoupled,       // only between two effects
     kWindingAlone,    // likewise
     kStandstillWithoutVoltage,
     kFastWithoutLoad,

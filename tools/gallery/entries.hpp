@@ -1,4 +1,4 @@
-// The entries of the gallery: every effect of the registry, and settings of the sensors.
+// The pages of the gallery: every effect of the registry, and settings of a sensor.
 #pragma once
 #include <string>
 #include <vector>

@@ -301,7 +301,7 @@ void make(const fs::path& docs, const std::set<std::string>& only) {
 }  // namespace twinrate::gallery
 
 int main(int argc, char** argv) {
-  if (argc < 2) {
+  if (argc < 2 || argv[1][0] == '-') {
     std::cerr << "usage: effect_gallery DIR [KIND ...]   (writes DIR/effects-gallery.md and "
                  "DIR/effects/)\n";
     return 2;
