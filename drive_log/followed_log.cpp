@@ -5,7 +5,7 @@
 
 #include "model/effects/motor_side.hpp"
 #include "model/effects/undo.hpp"
-#include "trace/along.hpp"
+#include "trace/record_contributions.hpp"
 #include "trace/row_point.hpp"
 
 namespace twinrate {
@@ -89,7 +89,7 @@ FollowedLog followed(const Record& record, const DriveConfig& drive) {
     effect->describe_shaft(shaft);
   }
   log.u_alphabeta = record.u_alphabeta;
-  const Along along(late, points, record);
+  const RecordContributions along(late, points, record);
   for (std::size_t k = 0; !late.empty() && k < points.size(); ++k)
     log.u_alphabeta[k] -= points[k].stator_axes(along.of_command(k));
   if (shaft.J_load > 0)

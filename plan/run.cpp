@@ -7,7 +7,7 @@
 
 #include "plan/outside.hpp"
 #include "plan/trial.hpp"
-#include "trace/rest.hpp"
+#include "trace/residual_structure.hpp"
 
 namespace twinrate {
 namespace {

@@ -58,7 +58,7 @@ bool rings_at_other_moments(const Fitter& fitter, const Fit& next, const Fit& no
 
 // Beside a shaft whose impacts are not met to the last bit: a line that explains next to nothing of
 // what the shaft does; or anything that mends, by chance, a little of what the shaft leaves.
-bool crumb(const Fitter& fitter, const Fit& next, const Fit& now) {
+bool is_chance_improvement(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kOfShaft = 0.02, kOfRest = 0.1, kOfNoise = 0.03, kOfHeldOut = 0.02;
   if (!has_shaft(now.members)) return false;
   const Effect& newcomer = *next.members.back();
@@ -134,7 +134,7 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
   return next.valid &&
          (gain > least_gain(fitter, next, now) || rings_at_other_moments(fitter, next, now)) &&
          next.members.back()->tracing().materiality(facts) >= 1 &&
-         plausible(*next.members.back(), facts) && !crumb(fitter, next, now) &&
+         plausible(*next.members.back(), facts) && !is_chance_improvement(fitter, next, now) &&
          std::none_of(now.members.begin(), now.members.end(),
                       [&](const auto& m) { return repeats_nearby(*m, *next.members.back()); }) &&
          rings(*next.members.back()) && everywhere(fitter, next, now);

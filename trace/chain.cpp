@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "model/effects/catalogue.hpp"
-#include "trace/along.hpp"
 #include "trace/keys.hpp"
+#include "trace/record_contributions.hpp"
 
 namespace twinrate {
 namespace {

@@ -13,8 +13,8 @@
 #include "trace/errors.hpp"
 #include "trace/evidence.hpp"
 #include "trace/keys.hpp"
-#include "trace/parting.hpp"
-#include "trace/rest.hpp"
+#include "trace/residual_structure.hpp"
+#include "trace/split_equivalents.hpp"
 
 namespace twinrate {
 namespace {
@@ -105,11 +105,11 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
 // that hardly changes they are two names of one loss, whichever the other effects leave a better
 // fit.
 bool one_bus_voltage(const Record& record) {
-  constexpr double kHardly = 0.02;
+  constexpr double kConstantVoltage = 0.02;
   if (record.v_dc.empty()) return true;
   const Eigen::Map<const Eigen::ArrayXd> v(record.v_dc.data(),
                                            static_cast<Eigen::Index>(record.v_dc.size()));
-  return (v - v.mean()).square().mean() < kHardly * kHardly * v.mean() * v.mean();
+  return (v - v.mean()).square().mean() < kConstantVoltage * kConstantVoltage * v.mean() * v.mean();
 }
 
 void name_aliases(const Record& record, TraceResult& r) {
@@ -178,11 +178,12 @@ std::string sentence(const TraceResult& r) {
 // Which equation leaves plainly more than noise of the sensors makes; empty: none. Of 60 simulated
 // logs with nothing missing the worst left 1.07 of it.
 std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
-  constexpr double kPlainly = 1.25;
+  constexpr double kOverNoiseFloor = 1.25;
   const Sampled left = fitter.chain().residual(fit.effects());
   const auto say = [](const char* equation, const char* unit, double square, double noise,
                       Eigen::Index count) {
-    if (count == 0 || !(noise > 0) || square < kPlainly * kPlainly * noise) return std::string();
+    if (count == 0 || !(noise > 0) || square < kOverNoiseFloor * kOverNoiseFloor * noise)
+      return std::string();
     return fmt::format("the residual of the {} equation is {:.3g} {}, {:.3g} times the noise floor",
                        equation, std::sqrt(square / static_cast<double>(count)), unit,
                        std::sqrt(square / noise));
@@ -250,12 +251,13 @@ TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const S
   add_effect_views(fitter.chain(), fit, r);
   std::vector<TracedEffect> parts;
   for (TracedEffect& e : r.effects)
-    for (TracedEffect& part : parted(std::move(e), facts)) parts.push_back(std::move(part));
+    for (TracedEffect& part : split_equivalents(std::move(e), facts))
+      parts.push_back(std::move(part));
   r.effects = std::move(parts);
   const bool whole = selection.stopped_after == 0;  // else effects to come are in the rest, too
   if (whole &&
       !health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
-    for (Structure& s : structure_of_rest(fitter, fit)) r.unexplained.push_back(std::move(s));
+    for (Structure& s : residual_structure(fitter, fit)) r.unexplained.push_back(std::move(s));
   name_aliases(fitter.chain().equations().record(), r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);

@@ -91,7 +91,7 @@ struct NormalEquations {
   // Of those in use the one that the others explain, or -1; of several that explain one another the
   // last. A change of all three phases is the slope of an inverter's drop: beside one another they
   // may be anything.
-  Eigen::Index made_up(const std::vector<char>& use) const;
+  Eigen::Index spurious(const std::vector<char>& use) const;
   Eigen::VectorXd solve(const std::vector<char>& use) const;
   Eigen::MatrixXd inverse(const std::vector<char>& use) const;  // zero where left out
 };

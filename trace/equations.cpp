@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "model/effects/losses.hpp"
-#include "trace/along.hpp"
 #include "trace/keys.hpp"
+#include "trace/record_contributions.hpp"
 #include "trace/row_point.hpp"
 #include "trace/signals.hpp"
 
@@ -140,7 +140,7 @@ Equations::Signals Equations::undo_sensing(const Effects& effects,
   };
   undo(s.i_alphabeta, SamplingFacts::kCurrent);
   undo(s.theta_m, SamplingFacts::kAngle);
-  const Along added(adding, points, record_);
+  const RecordContributions added(adding, points, record_);
   const bool currents = moved & kOnCurrents && !s.i_alphabeta.empty();
   for (std::size_t k = 0; !adding.empty() && k < points.size(); ++k) {
     const Contribution c = added[k];
@@ -164,7 +164,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
   const MachineParameters& m = facts_.machine;
   const std::size_t n = record_.size();
   const double T_s = record_.T_s;
-  const Along added(effects, points, record_);
+  const RecordContributions added(effects, points, record_);
   Channels e = empty(kOnTorque | kOnVoltage);
   const double bow = T_held_ * T_held_ * m.psi_f / (12 * m.L_d);
   const auto decay = [&](double L) { return std::pow(m.R_s * T_held_, 2) / (12 * L); };
@@ -222,7 +222,7 @@ Channels Equations::residual_of(const Effects& effects, Undone undone) const {
   std::vector<std::pair<std::string_view, std::vector<double>>> errors;
   for (const auto& effect : sensing) errors.emplace_back(effect->kind(), key_values(*effect));
   if (errors != undone_.errors) {
-    True there = true_signals(sensing);
+    UndoneSensing there = true_signals(sensing);
     there.errors = std::move(errors);
     if (undone == Undone::kForgotten) return assemble(there.signals, others, there.points);
     undone_ = std::move(there);
@@ -230,10 +230,10 @@ Channels Equations::residual_of(const Effects& effects, Undone undone) const {
   return assemble(undone_.signals, others, undone_.points);
 }
 
-Equations::True Equations::true_signals(const Effects& sensing) const {
+Equations::UndoneSensing Equations::true_signals(const Effects& sensing) const {
   // What a sensor adds depends on what is there, not on what it reads.
   const bool angle = !acting_on(sensing, kOnAngle).empty();
-  True there{.errors = {}, .signals = {}, .points = points_};
+  UndoneSensing there{.errors = {}, .signals = {}, .points = points_};
   there.signals = undo_sensing(sensing, points_);
   move_points(there.signals, angle, there.points);
   SamplingFacts late;
@@ -369,8 +369,8 @@ Channels Equations::contribution(const Effect& effect) const {
       x.torque.front() = x.torque.back() = 0;
       return x;
     }
-    const Effects alone{effect.clone()};  // which Along does not keep
-    const Along added(alone, points_, record_);
+    const Effects alone{effect.clone()};  // which RecordContributions does not keep
+    const RecordContributions added(alone, points_, record_);
     const Mean how = mean_of(effect);
     Before before;
     for (std::size_t k = 0; k < points_.size(); ++k) {

@@ -105,12 +105,12 @@ class Equations {
   // The record less what the sensing effects among `effects` added to it, seen at `points`.
   Signals undo_sensing(const Effects& effects, const std::vector<OperatingPoint>& points) const;
   // The same seen where the record then stands, and those points.
-  struct True {
+  struct UndoneSensing {
     std::vector<std::pair<std::string_view, std::vector<double>>> errors;  // kinds and keys
     Signals signals;
     std::vector<OperatingPoint> points;
   };
-  True true_signals(const Effects& sensing) const;
+  UndoneSensing true_signals(const Effects& sensing) const;
   double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
   Channels assemble(const Signals& s, const Effects& effects,
                     const std::vector<OperatingPoint>& points) const;
@@ -139,7 +139,7 @@ class Equations {
   std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;
   Channels base_;
-  mutable True undone_;                     // kept
+  mutable UndoneSensing undone_;            // kept
   mutable std::optional<MotorSide> motor_;  // of the record as it is, made for the first shaft
 };
 

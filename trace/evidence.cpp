@@ -14,8 +14,9 @@ constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain
 constexpr std::size_t kMostAliases = 2;
 constexpr double kAliasShare =
     0.02;  // or of the gain itself; of a faint one more, for what is left
-constexpr double kFaint = 2000, kAliasShareFaint = 0.15;  // is not all noise
-constexpr double kWeak = 60;  // score: with less, the price of a parameter or two decides nothing
+constexpr double kNoisyGain = 2000, kAliasShareNoisy = 0.15;  // is not all noise
+constexpr double kParameterPrice =
+    60;  // score: with less, the price of a parameter or two decides nothing
 
 std::string equation_of(const Effect& effect) {
   switch (effect.tracing().traits().equation) {
@@ -93,7 +94,7 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
 }
 
 bool near(double a, double b) {
-  return a > b - std::max(kAliasGain, (b < kFaint ? kAliasShareFaint : kAliasShare) * b);
+  return a > b - std::max(kAliasGain, (b < kNoisyGain ? kAliasShareNoisy : kAliasShare) * b);
 }
 
 }  // namespace
@@ -112,7 +113,7 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   e.p_value = std::isnan(ratio) ? ratio : chi_square_tail(N * (ratio - 1), k);
   e.materiality = effect.tracing().materiality(fitter.chain().equations().facts());
   const auto explains = [&](const Alternative& a) {
-    if (s.score_gain > kWeak) return a.score_gain;
+    if (s.score_gain > kParameterPrice) return a.score_gain;
     return a.score_gain + std::log(N) * (a.parameters - s.parameters);
   };
   for (const Alternative& a : s.alternatives)

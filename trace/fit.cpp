@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "trace/along.hpp"
 #include "trace/keys.hpp"
+#include "trace/record_contributions.hpp"
 
 namespace twinrate {
 namespace {
@@ -228,9 +228,9 @@ Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
                chain_.equations().facts()))
       use[static_cast<std::size_t>(a)] = 0;
   }
-  const Eigen::Index made_up = normal.made_up(use);
-  if (made_up >= 0 && fit.free[static_cast<std::size_t>(made_up)].coefficient >= 0)
-    use[static_cast<std::size_t>(made_up)] = 0;  // stays where it is
+  const Eigen::Index spurious = normal.spurious(use);
+  if (spurious >= 0 && fit.free[static_cast<std::size_t>(spurious)].coefficient >= 0)
+    use[static_cast<std::size_t>(spurious)] = 0;  // stays where it is
   // A moment, or the edge of a zone, that the blocks kept back show better stays where it was
   // placed, by all blocks.
   std::vector<std::pair<Eigen::Index, double>> placed;

@@ -111,7 +111,7 @@ class Judge {
         const Effect &newer = *next.members.back(), &older = *selection_.fit.members[m];
         if (gain + credit(newer, older, gain) <= gain_now + credit(older, newer, gain_now) + 1 ||
             !acceptable(fitter_, next, without) ||
-            next.rss_held_out > kPlainlyWorse * selection_.fit.rss_held_out)
+            next.rss_held_out > kWorseRatio * selection_.fit.rss_held_out)
           continue;
         if (say_)
           say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", s.effect->kind(),

@@ -30,7 +30,7 @@ std::vector<char> NormalEquations::usable(double rows) const {
   return use;
 }
 
-Eigen::Index NormalEquations::made_up(const std::vector<char>& use) const {
+Eigen::Index NormalEquations::spurious(const std::vector<char>& use) const {
   constexpr double kOwn = 1e-5;  // of its energy: what the others leave of it
   constexpr double kSame = 0.1;  // of the least: such shares differ by rounding
   const Eigen::VectorXd inverse = this->inverse(use).diagonal();

@@ -89,7 +89,7 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
     for (Eigen::Index c = 0; c < g; ++c)
       if (!tells(*candidate.effect, static_cast<std::size_t>(c), normal.A(P + c, P + c), facts))
         use[static_cast<std::size_t>(P + c)] = 0;
-    for (Eigen::Index c = normal.made_up(use); c >= 0; c = normal.made_up(use))
+    for (Eigen::Index c = normal.spurious(use); c >= 0; c = normal.spurious(use))
       use[static_cast<std::size_t>(c)] = 0;
     if (std::none_of(use.begin() + P, use.end(), [](char u) { return u != 0; })) continue;
     const Eigen::VectorXd x = normal.solve(use);

@@ -20,11 +20,11 @@ constexpr std::size_t kMostAsGood = 5;  // where none was good or the next is as
 constexpr double kAsGood = 0.98;        // in gain
 constexpr double kTwoMissing = 20;      // margins that each of two must explain to be taken at once
 constexpr double kGap = 0.1;            // of a shaft's gain: what a gap in it must bring besides
-constexpr double kPlainly = 0.75;       // of the plain error: a gap that leaves less is one
-constexpr double kFollowed = 0.85;      // of the error by pieces: such a gap is one, too
+constexpr double kGapErrorRatio = 0.75;  // of the plain error: a gap that leaves less is one
+constexpr double kFollowed = 0.85;       // of the error by pieces: such a gap is one, too
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
-constexpr double kAstray = 1.1;                   // times the error of a shaft where it was placed
+constexpr double kWorseThanPlaced = 1.1;          // times the error of a shaft where it was placed
 
 std::string describe(const Effect& effect) {
   std::string text(effect.kind());
@@ -93,7 +93,7 @@ class Selector {
     // Squares count the few impacts that were not met for more than all that were.
     const bool followed = gap->rss_held_out < shaft.rss_held_out &&
                           plain_pieces(fitter_, *gap) < kFollowed * plain_pieces(fitter_, shaft);
-    if (acceptable(fitter_, *gap, now) && (better || plain < kPlainly || followed))
+    if (acceptable(fitter_, *gap, now) && (better || plain < kGapErrorRatio || followed))
       shaft = std::move(*gap);
   }
 
@@ -101,7 +101,8 @@ class Selector {
   // leaves least: from there the next round goes on.
   Fit unless_astray(const Members& placed, Fit refined) const {
     Fit there = fitter_.start(placed);
-    return there.valid && kAstray * plain_torque(fitter_, there) < plain_torque(fitter_, refined)
+    return there.valid &&
+                   kWorseThanPlaced * plain_torque(fitter_, there) < plain_torque(fitter_, refined)
                ? there
                : refined;
   }
@@ -210,8 +211,8 @@ class Selector {
     gain += credit(newer, older, gain);
     best_gain += credit(older, newer, best_gain);
     if (std::min(gain, best_gain) > kNear * std::max(gain, best_gain)) {
-      if (kPlainlyWorse * next.rss_held_out < best.rss_held_out) return true;
-      if (kPlainlyWorse * best.rss_held_out < next.rss_held_out) return false;
+      if (kWorseRatio * next.rss_held_out < best.rss_held_out) return true;
+      if (kWorseRatio * best.rss_held_out < next.rss_held_out) return false;
     }
     return gain > best_gain;
   }
@@ -350,7 +351,7 @@ class Selector {
       say_(fmt::format("  anew: {} {:+.0f}, {:.3g} of the rest", describe(*anew.members.back()),
                        better, plain));
     if (anew.valid && rings(*anew.members.back()) &&
-        ((better > 0 && plain < 1) || plain < kPlainly))
+        ((better > 0 && plain < 1) || plain < kGapErrorRatio))
       fit_ = std::move(anew);
   }
 

@@ -11,7 +11,7 @@
 namespace twinrate {
 
 // Times the held-out error of two sets that explain nearly the same where they were fitted.
-inline constexpr double kPlainlyWorse = 1.2;
+inline constexpr double kWorseRatio = 1.2;
 inline constexpr const char* kExplainsLess = "explains less";  // or no more
 
 struct Alternative {

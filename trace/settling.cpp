@@ -192,7 +192,7 @@ class Settler {
   // one, in which an inertia helps: near it again, with all others known, without that inertia,
   // too.
   void follow_impacts() {
-    constexpr double kPlainly = 0.8, kSimpler = 0.98;  // of what was left of the torque
+    constexpr double kErrorRatio = 0.8, kSimpler = 0.98;  // of what was left of the torque
     const Members& now = fit_.members;
     const auto gap =
         std::find_if(now.begin(), now.end(), [](const auto& m) { return has_gap(*m); });
@@ -201,7 +201,7 @@ class Settler {
     const std::shared_ptr<Effect> shaft = (*gap)->clone();
     Fit best;
     const double before = plain_torque(fitter_, fit_);
-    double least = kPlainly * before;
+    double least = kErrorRatio * before;
     for (bool look = true; look;) {
       Fit near = search_closer(fitter_, fitter_.start(others), *shaft);
       const double left = plain_torque(fitter_, near);

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "trace/taps.hpp"
+#include "trace/fir.hpp"
 
 namespace twinrate {
 namespace {

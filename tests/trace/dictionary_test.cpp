@@ -107,9 +107,9 @@ TEST(NormalEquations, OfTwoColumnsThatAreOneTheLaterIsTheSpuriousOne) {
   };
   for (double rounding : {-1e-13, 0.0, 1e-13}) {
     const NormalEquations normal = equations(rounding);
-    EXPECT_EQ(normal.made_up({1, 1, 1, 1}), 1);
-    EXPECT_EQ(normal.made_up({1, 0, 1, 1}), 3);
-    EXPECT_EQ(normal.made_up({1, 0, 1, 0}), -1);
+    EXPECT_EQ(normal.spurious({1, 1, 1, 1}), 1);
+    EXPECT_EQ(normal.spurious({1, 0, 1, 1}), 3);
+    EXPECT_EQ(normal.spurious({1, 0, 1, 0}), -1);
   }
 }
 

@@ -9,8 +9,8 @@
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/dictionary.hpp"
 #include "trace/keys.hpp"
-#include "trace/parting.hpp"
 #include "trace/sampler.hpp"
+#include "trace/split_equivalents.hpp"
 #include "trace/static_sets.hpp"
 #include "trace/thinning.hpp"
 
@@ -353,7 +353,7 @@ TEST(Parting, WhatAllPhasesShareIsAResistance) {
   const DriveFacts facts = servo().facts();
   const TracedEffect both = traced(
       "phase_asymmetry", {{"change_a_Ohm", 0.44}, {"change_b_Ohm", 0.16}, {"change_c_Ohm", 0.15}});
-  const std::vector<TracedEffect> parts = parted(both, facts);
+  const std::vector<TracedEffect> parts = split_equivalents(both, facts);
   ASSERT_EQ(parts.size(), 2u);
   EXPECT_EQ(parts[1].effect->kind(), "resistance");
   EXPECT_NEAR(get_key(*parts[1].effect, "change_Ohm"), 0.15, 1e-12);
@@ -362,9 +362,10 @@ TEST(Parting, WhatAllPhasesShareIsAResistance) {
   expect_same(*both.effect, parts);
   // One phase alone, or a common part below the smallest size to report, is not split.
   for (double c : {-0.002, 0.002})
-    EXPECT_EQ(parted(traced("phase_asymmetry",
-                            {{"change_a_Ohm", 0.3}, {"change_b_Ohm", 0.003}, {"change_c_Ohm", c}}),
-                     facts)
+    EXPECT_EQ(split_equivalents(
+                  traced("phase_asymmetry",
+                         {{"change_a_Ohm", 0.3}, {"change_b_Ohm", 0.003}, {"change_c_Ohm", c}}),
+                  facts)
                   .size(),
               1u);
 }
@@ -376,9 +377,9 @@ TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
                   {{"threshold_V", 2.9}, {"resistance_Ohm", slope}, {"linear_current_A", 0.1}});
   };
   const double limit = 0.05 * facts.machine.R_s;
-  EXPECT_EQ(parted(drop(0.98 * limit), facts).size(), 1u);
+  EXPECT_EQ(split_equivalents(drop(0.98 * limit), facts).size(), 1u);
   const TracedEffect both = drop(1.02 * limit);
-  const std::vector<TracedEffect> parts = parted(both, facts);
+  const std::vector<TracedEffect> parts = split_equivalents(both, facts);
   ASSERT_EQ(parts.size(), 2u);
   EXPECT_EQ(parts[0].effect->kind(), "dead_time");
   EXPECT_EQ(parts[0].aliases, std::vector<std::string>{"inverter_drop"});
@@ -393,7 +394,7 @@ TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
   for (TracedParameter& p : not_fitted.parameters)
     if (p.name == "resistance") p.sigma.reset();
   for (const TracedEffect& effect : {unsure, not_fitted}) {
-    const std::vector<TracedEffect> alone = parted(effect, facts);
+    const std::vector<TracedEffect> alone = split_equivalents(effect, facts);
     ASSERT_EQ(alone.size(), 1u);
     EXPECT_EQ(alone[0].effect->kind(), "dead_time");
   }

@@ -8,7 +8,7 @@
 #include "model/random.hpp"
 #include "tests/support/effects.hpp"
 #include "trace/noise.hpp"
-#include "trace/rest.hpp"
+#include "trace/residual_structure.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -140,8 +140,8 @@ TEST(Rest, DependsOnNoCurrentForItsNoise) {
   chain.set_noise(NoiseFit()(chain, chain.residual({with(kMore)}), {}));
   const Rows rows(e.sampler, false), held_out(e.sampler, true);
   const Fitter fitter(chain, rows, held_out);
-  EXPECT_TRUE(structure_of_rest(fitter, fitter.start({with(kMore)})).empty());
-  EXPECT_FALSE(structure_of_rest(fitter, fitter.start({with(0.7 * kMore)})).empty());
+  EXPECT_TRUE(residual_structure(fitter, fitter.start({with(kMore)})).empty());
+  EXPECT_FALSE(residual_structure(fitter, fitter.start({with(0.7 * kMore)})).empty());
 }
 
 // A large part of the current is the response of the drive to the noise in the residual: this

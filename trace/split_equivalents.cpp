@@ -1,4 +1,4 @@
-#include "trace/parting.hpp"
+#include "trace/split_equivalents.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -41,8 +41,8 @@ TracedEffect part_of(const TracedEffect& whole, const Traits::Reading& reading, 
   return in_place_of(whole, std::move(part), {{key, sigma}}, facts);
 }
 
-std::vector<TracedEffect> part_asymmetry(TracedEffect whole, const Traits::Reading& reading,
-                                         const DriveFacts& facts) {
+std::vector<TracedEffect> split_asymmetry(TracedEffect whole, const Traits::Reading& reading,
+                                          const DriveFacts& facts) {
   std::vector<const char*> keys;
   for (const Traits::KeyPair& pair : reading.keys) keys.push_back(pair.from);
   // Of one sign: the smallest of them; else nothing.
@@ -65,8 +65,8 @@ std::vector<TracedEffect> part_asymmetry(TracedEffect whole, const Traits::Readi
   return {in_place_of(whole, rest, sigmas, facts), std::move(same)};
 }
 
-std::vector<TracedEffect> part_drop(TracedEffect whole, const Traits::Reading& reading,
-                                    const DriveFacts& facts) {
+std::vector<TracedEffect> split_drop(TracedEffect whole, const Traits::Reading& reading,
+                                     const DriveFacts& facts) {
   const char* slope_key = reading.keys.begin()->from;
   const double slope = get_key(*whole.effect, slope_key);
   const auto dead_time = equivalent_dead_time(*whole.effect, facts);
@@ -87,11 +87,11 @@ std::vector<TracedEffect> part_drop(TracedEffect whole, const Traits::Reading& r
 
 }  // namespace
 
-std::vector<TracedEffect> parted(TracedEffect effect, const DriveFacts& facts) {
+std::vector<TracedEffect> split_equivalents(TracedEffect effect, const DriveFacts& facts) {
   if (const auto* reading = reading_of(*effect.effect, Traits::Reading::kItsCommonPart))
-    return part_asymmetry(std::move(effect), *reading, facts);
+    return split_asymmetry(std::move(effect), *reading, facts);
   if (const auto* reading = reading_of(*effect.effect, Traits::Reading::kItsSlope))
-    return part_drop(std::move(effect), *reading, facts);
+    return split_drop(std::move(effect), *reading, facts);
   return {std::move(effect)};
 }
 

@@ -1,4 +1,4 @@
-// Sums of products with a few taps, as low-pass and whitening make them by the thousand.
+// FIR filters with a few taps, for the low-pass and the whitening.
 #pragma once
 #include <cstddef>
 #include <span>

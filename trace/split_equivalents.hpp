@@ -1,5 +1,5 @@
-// A fitted effect that says what two of the catalogue say together, told as these two: nature warms
-// a winding more often than it makes such a device.
+// Splits a fitted effect that is equivalent to two of the catalogue into these two, which are more
+// common in drives.
 #pragma once
 #include "trace/result.hpp"
 
@@ -10,6 +10,6 @@ namespace twinrate {
 //                  switches a resistance; inverter_drop then stays as their alias.
 // Any other effect, and these two without such a part, come back as they are. Evidence and pictures
 // are those of the two together; the sum of both is the effect that was fitted.
-std::vector<TracedEffect> parted(TracedEffect effect, const DriveFacts& facts);
+std::vector<TracedEffect> split_equivalents(TracedEffect effect, const DriveFacts& facts);
 
 }  // namespace twinrate

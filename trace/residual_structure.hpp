@@ -1,13 +1,13 @@
-// After the selection: does what is left depend on anything? And what would tell two causes apart.
+// The structure of the residual after the selection, and the run that separates two causes.
 #pragma once
 #include "trace/result.hpp"
 #include "trace/selection.hpp"
 
 namespace twinrate {
 
-// Binned means of the whitened residual over current, speed, angle, time and direction; those that
-// noise does not make.
-std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit);
+// Binned means of the whitened residual over current, speed, angle, time and direction that are
+// larger than noise.
+std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit);
 // A line (periodic_torque) that the selection needed.
 Structure line_structure(const Effect& effect, const Selected& selected);
 // The run that separates the kinds, in words.

@@ -1,4 +1,4 @@
-#include "trace/rest.hpp"
+#include "trace/residual_structure.hpp"
 
 #include <fmt/format.h>
 
@@ -74,7 +74,7 @@ double explained_share(const Eigen::VectorXd& e, const Eigen::VectorXd& physical
 
 }  // namespace
 
-std::vector<Structure> structure_of_rest(const Fitter& fitter, const Fit& fit) {
+std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) {
   std::vector<Structure> found;
   const Chain& chain = fitter.chain();
   const auto& points = chain.equations().points();

@@ -1,4 +1,4 @@
-#include "trace/taps.hpp"
+#include "trace/fir.hpp"
 
 #include "model/four.hpp"
 

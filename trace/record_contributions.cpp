@@ -1,4 +1,4 @@
-#include "trace/along.hpp"
+#include "trace/record_contributions.hpp"
 
 #include <algorithm>
 
@@ -12,8 +12,9 @@ bool acts_on_command(const Effect& effect) {
   return effect.tracing().traits().on_command == Traits::Answer::kYes;
 }
 
-Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
-             const Record& record)
+RecordContributions::RecordContributions(const Effects& effects,
+                                         const std::vector<OperatingPoint>& points,
+                                         const Record& record)
     : points_(points) {
   for (const auto& effect : effects) {
     ShaftFacts shaft;
@@ -37,18 +38,18 @@ Along::Along(const Effects& effects, const std::vector<OperatingPoint>& points,
   }
 }
 
-Contribution Along::operator[](std::size_t k) const {
+Contribution RecordContributions::operator[](std::size_t k) const {
   if (around_winding_.empty()) return at(points_[k], k);
   return at(with_terminals(around_winding_, points_[k]), k);
 }
 
-Vec2 Along::drop_by_angle(std::size_t k) const {
+Vec2 RecordContributions::drop_by_angle(std::size_t k) const {
   Vec2 drop = Vec2::Zero();
   for (const Effect* effect : of_the_angle_) drop += effect->at(points_[k]).u_dq_drop;
   return drop;
 }
 
-Vec2 Along::of_command(std::size_t k) const {
+Vec2 RecordContributions::of_command(std::size_t k) const {
   Vec2 drop = Vec2::Zero();
   if (late_)
     for (const auto& of_one : with_memory_) drop += of_one[k].u_dq_drop;
@@ -59,7 +60,7 @@ Vec2 Along::of_command(std::size_t k) const {
   return drop;
 }
 
-Contribution Along::at(const OperatingPoint& point, std::size_t k) const {
+Contribution RecordContributions::at(const OperatingPoint& point, std::size_t k) const {
   Contribution sum = of_the_point_.empty() ? Contribution{} : of_the_point_[0]->at(point);
   sum.J += J_;
   for (std::size_t e = 1; e < of_the_point_.size(); ++e) sum += of_the_point_[e]->at(point);

@@ -1,5 +1,5 @@
-// What effects add along a record, row by row: at the point where it stands, by their memory, and
-// to the command.
+// The contributions of effects to each row of a record: of the operating point, of their memory, and
+// of the commanded voltage.
 #pragma once
 #include <vector>
 
@@ -12,9 +12,10 @@ namespace twinrate {
 // follow one another: the gain is that of the late voltage.
 bool acts_on_command(const Effect& effect);
 
-class Along {
+class RecordContributions {
  public:
-  Along(const Effects& effects, const std::vector<OperatingPoint>& points, const Record& record);
+  RecordContributions(const Effects& effects, const std::vector<OperatingPoint>& points,
+                      const Record& record);
   // All but what acts on the command.
   Contribution operator[](std::size_t k) const;
   bool any_of_command() const { return late_ || !of_the_command_.empty(); }
