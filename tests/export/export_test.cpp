@@ -222,6 +222,33 @@ TEST_F(Export, TheTableIsADriveLogWithTheVoltageAppliedFromItsRowOn) {
   EXPECT_EQ(table.number(40, "GAIN.K_7"), wave(40, 30)) << "row-major: K(3, 1) of 4 x 2";
 }
 
+// Ticks 100 to 102 without an angle, tick 200 without a MEASUREMENT: no rows, and four are told of.
+TEST_F(Export, TicksThatTheTableCannotHoldAreCounted) {
+  WholeLog log(path("holes.lcm"));
+  log.write(make_manifest(kSession, load_drive("niewiara2020").resolved(), "{}"), 1);
+  for (std::int64_t k = 0; k < kTicks; ++k) {
+    const std::int64_t t_us = 2 + k * kTick_ns / 1000;
+    Measurement m = measurement_at(k);
+    if (k >= 100 && k <= 102) m.signals &= ~kPosition;
+    if (k != 200) log.write(to_wire(m, kSession), t_us);
+    log.write(
+        to_wire(Reference{.k = k, .t_ns = k * kTick_ns, .omega_m_ref = 21, .i_d_ref = 0}, kSession),
+        t_us);
+  }
+  log.finish();
+  ExportRequest asked = request("csv");
+  asked.log = path("holes.lcm");
+  const Exported done = export_log(asked, {});
+  EXPECT_EQ(done.left_out, 4);
+  const Table table = read_table(path("out.csv"));
+  ASSERT_EQ(table.rows.size(), static_cast<std::size_t>(kTicks - 1 - 4)) << "and the last tick";
+  EXPECT_EQ(table.at(99, "t"), "0.0099");
+  EXPECT_EQ(table.at(100, "t"), "0.0103");
+  EXPECT_EQ(table.at(196, "t"), "0.0199");
+  EXPECT_EQ(table.at(197, "t"), "0.0201");
+  EXPECT_EQ(export_log(request("csv"), {}).left_out, 0);
+}
+
 TEST_F(Export, TheTracerReadsTheSameRecordFromTheTableAndFromTheLog) {
   export_log(request("csv"), {});
   const Config config = load_drive("niewiara2020", {"load.T_load_Nm=0.5"});
