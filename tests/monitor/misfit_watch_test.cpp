@@ -10,7 +10,8 @@ namespace {
 
 // A machine at constant speed with currents of pure noise, the voltage of zero current, and an
 // additional voltage `u_off`.
-std::deque<MeasuredRow> rows_of(const DriveConfig& drive, double u_off, std::uint64_t seed) {
+std::deque<MeasuredRow> rows_of(const DriveConfig& drive, double u_off, std::uint64_t seed,
+                                double i_noise_A = 0.008) {
   std::deque<MeasuredRow> rows;
   const double omega_m = 20;
   for (std::int64_t k = 0; k < 2500; ++k) {
@@ -20,7 +21,7 @@ std::deque<MeasuredRow> rows_of(const DriveConfig& drive, double u_off, std::uin
     m.t_ns = drive.t_ns(k);
     m.signals = kPhaseCurrents | kPosition | kVoltage | kBusVoltage;
     m.theta_m = omega_m * 1e-9 * static_cast<double>(m.t_ns);
-    m.i_abc = 0.008 * Vec3(normal(seed, 1, n), normal(seed, 2, n), normal(seed, 3, n));
+    m.i_abc = i_noise_A * Vec3(normal(seed, 1, n), normal(seed, 2, n), normal(seed, 3, n));
     m.v_dc = 235.4;
     // Applied from t_{k-1} to t_k: the EMF in mid-interval.
     const double theta_mid = drive.machine.n_p * (m.theta_m - 0.5 * omega_m * drive.T_s());
@@ -73,6 +74,30 @@ TEST_F(Misfit, TheExtendedModelFits) {
   EXPECT_FALSE(verdict_of(0.5, 201).fits);
   EXPECT_TRUE(verdict_of(0.5, 201, extended.drive().model_effects()).fits)
       << verdict_of(0.5, 201, extended.drive().model_effects()).text();
+}
+
+// The residuals are linear in the currents: a block of half the noise has a quarter of the power.
+TEST_F(Misfit, TheLevelIsThatOfTheNoisiestLearntBlock) {
+  MisfitWatch watch(drive_);
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    const auto rows = rows_of(drive_, 0, seed, seed == 5 ? 0.016 : 0.008);
+    watch.learn(rows, 0, rows.size(), {}, {});
+  }
+  ASSERT_TRUE(watch.learnt());
+  const auto verdict_at = [&](double i_noise_A, std::uint64_t seed) {
+    const auto rows = rows_of(drive_, 0, seed, i_noise_A);
+    return watch.test(rows, 0, rows.size(), {}, {});
+  };
+  for (std::uint64_t seed = 300; seed < 310; ++seed) {
+    const BlockVerdict loud = verdict_at(0.016, seed), quiet = verdict_at(0.008, seed);
+    EXPECT_TRUE(loud.fits) << loud.text();
+    EXPECT_TRUE(quiet.fits) << quiet.text();
+    ASSERT_TRUE(loud.worst() && quiet.worst());
+    EXPECT_GT(loud.worst()->excess, 0.6) << loud.text();
+    EXPECT_LT(loud.worst()->excess, 1.6) << loud.text();
+    EXPECT_GT(quiet.worst()->excess, 0.15) << quiet.text();
+    EXPECT_LT(quiet.worst()->excess, 0.4) << quiet.text();
+  }
 }
 
 // So many rows prove a change that is far below what the level itself moves by.
