@@ -124,6 +124,48 @@ TEST(LaneEngine, WithoutNoiseAndAdcItIsTheClosedLoopToRounding) {
   }
 }
 
+// A gain is used for 7 ticks, so the angle of its linearisation shows in the error.
+TEST(LaneEngine, WithoutNoiseEachGainPolicyIsThatOfTheClosedLoop) {
+  for (const char* policy : {"immediate", "extrapolate", "rotate", "rotor_frame"}) {
+    SCOPED_TRACE(policy);
+    const test::Overrides overrides{
+        "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0", "run.duration_s=0.5",
+        "run.settle_s=0.1",        "rates.n=7",         fmt::format("gain.policy={}", policy)};
+    const test::Figures loop = test::run("dilys2021", overrides);
+    const auto lane = results_of(settings_of("dilys2021", overrides), {point_of_preset(overrides)},
+                                 Isa::kScalar)[0];
+    EXPECT_TRUE(loop.locked && lane.locked);
+    EXPECT_NEAR(lane.angle_error_rms_rad, loop.angle_error_rms, 1e-7);
+    EXPECT_NEAR(lane.angle_error_max_rad, loop.angle_error_max, 1e-6);
+  }
+}
+
+// A step of the reference at 1 A: the current limit holds for 30 ms. A speed loop that winds up
+// overshoots, and the bias of the Euler prediction follows the speed.
+TEST(LaneEngine, AtTheCurrentLimitTheSpeedLoopIsThatOfTheClosedLoop) {
+  const test::Overrides overrides{
+      "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0", "run.duration_s=0.3",
+      "run.settle_s=0.02",       "rates.n=1",         "reference.slew_rad_s2=0",
+      "controller.foc.i_max_A=1"};
+  const test::Figures loop = test::run("dilys2021", overrides);
+  const auto lane = results_of(settings_of("dilys2021", overrides), {point_of_preset(overrides)},
+                               Isa::kScalar)[0];
+  EXPECT_TRUE(loop.locked && lane.locked);
+  EXPECT_NEAR(lane.angle_error_rms_rad, loop.angle_error_rms, 1e-6);
+  EXPECT_NEAR(lane.angle_error_max_rad, loop.angle_error_max, 1e-5);
+}
+
+// Friction that takes the torque of 3 A, 0.126 Nm, at 50 rad/s: half the reference, though the
+// filter follows. 20 ms of it in the window are a loss.
+TEST(LaneEngine, ADriveAtHalfItsSpeedIsLostTwentyMillisecondsIntoTheWindow) {
+  const test::Overrides overrides{"machine.B_Nms=2.52e-3", "run.duration_s=1", "run.settle_s=0.5"};
+  const auto lane = results_of(settings_of("dilys2021", overrides), {point_of_preset(overrides)},
+                               Isa::kScalar)[0];
+  EXPECT_FALSE(lane.locked);
+  EXPECT_NEAR(lane.lost_at_s, 0.52, 3e-4);
+  EXPECT_LT(lane.angle_error_max_rad, 0.5);
+}
+
 // The largest difference of an interval's currents to CVODE's, along a start to this speed.
 double worst_interval_A(const test::Overrides& overrides) {
   const LaneSettings settings = settings_of("dilys2021", overrides);
