@@ -259,6 +259,45 @@ TEST_F(DriveLogsTest, VerifyReplaysTheStartAndHoldsOutRowsOutsideTrainingBlocks)
   EXPECT_LT(unseen, 23000u);
 }
 
+// 0.3 s to 0.5 s of the second file are held out: its rows, at its own times.
+TEST_F(DriveLogsTest, VerifyHoldsOutTheRowsOfTheSecondFileAtItsOwnTimes) {
+  raw_ = simulate_synthetic({.duration_s = 1, .seed = 4});
+  const LogRequest asked{.data = {write("a.csv", as_it_is), write("b.csv", as_it_is)}};
+  const DriveLogs logs = read(asked, 4);
+  ASSERT_EQ(logs.files.size(), 2u);
+  ASSERT_EQ(logs.record.size(), 2 * raw_.size());
+  std::vector<char> held_out(logs.record.size(), 0);
+  for (std::size_t k = 3000; k < 5000; ++k) held_out[raw_.size() + k] = 1;
+  const auto list = verify_logs(asked, drive_.drive(), logs, held_out);
+  ASSERT_EQ(list.size(), 2u);
+  EXPECT_EQ(std::count(list[0].held_out.begin(), list[0].held_out.end(), 1), 0);
+  ASSERT_EQ(list[1].held_out.size(), raw_.size());
+  for (std::size_t k = 0; k < raw_.size(); ++k)
+    ASSERT_EQ(list[1].held_out[k] != 0, k >= 3000 && k < 5000) << k;
+}
+
+// Stretches are whole slots of 256 rows.
+TEST_F(DriveLogsTest, AStretchOfTheSecondFileIsThatOfTheRecordsTime) {
+  raw_ = simulate_synthetic({.duration_s = 1, .seed = 5});
+  const DriveLogs logs =
+      read({.data = {write("a.csv", as_it_is), write("b.csv", as_it_is)}, .held_out = {}}, 4);
+  ASSERT_EQ(logs.record.size(), 2 * raw_.size());
+  const std::size_t second = raw_.size();
+  const double begin = logs.record.t[second + 4000], end = logs.record.t[second + 6000];
+  const Record r = logs.stretch(1, begin, end);
+  constexpr double kSlot_s = 256 * kT_s;
+  ASSERT_FALSE(r.t.empty());
+  ASSERT_LE(r.t.front(), begin + 1e-9);
+  ASSERT_GT(r.t.front(), begin - kSlot_s - 1e-9);
+  ASSERT_GE(r.t.back(), end - 1.5 * kT_s);
+  ASSERT_LT(r.t.back(), end + kSlot_s);
+  for (std::size_t k = 0; k < r.size(); ++k) {
+    const std::size_t row = row_at(r.t[k] - logs.record.t[second]);
+    ASSERT_NEAR(r.i_alphabeta[k][0], raw_.i_a[row], 1e-6) << k;
+    ASSERT_NEAR(r.theta_m[k], raw_.theta_m[row], 1e-8) << k;
+  }
+}
+
 TEST_F(DriveLogsTest, AMistakeInTheFileIsOneLineWithItsPlace) {
   const std::string path = write("a.csv", as_it_is);
   std::fstream file(path, std::ios::in | std::ios::out);
