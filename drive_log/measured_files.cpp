@@ -130,6 +130,7 @@ std::optional<TraceResult> trace_position_files(const std::vector<Opened>& files
                                                 const DriveConfig& drive, const TraceHooks& hooks,
                                                 std::vector<std::string>& notes) {
   std::vector<PositionLog> logs;
+  logs.reserve(files.size());
   for (const Opened& file : files)
     logs.push_back(position_log(rows_of(file, asked.repair, hooks, notes), file.held_out));
   if (std::all_of(logs.begin(), logs.end(),

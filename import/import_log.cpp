@@ -49,7 +49,7 @@ std::string manifest_json(std::int64_t session, const Json& source, const std::s
 }
 
 void write_log(const ImportRequest& request, const TickGrid& grid, const DriveMessages& messages,
-               manifest_t manifest, const ImportProgress& progress) {
+               const manifest_t& manifest, const ImportProgress& progress) {
   constexpr std::int64_t kFirst_us = 1'000'000;  // event time 0 means "not known"
   const std::int64_t session = manifest.session;
   WholeLog log(request.out);

@@ -1,7 +1,6 @@
 #include "import/whole_log.hpp"
 
 #include <fmt/format.h>
-#include <lcm/eventlog.h>
 
 #include <cerrno>
 #include <cstdio>

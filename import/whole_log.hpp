@@ -1,12 +1,12 @@
 // Writes an LCM log atomically: the file exists only after finish().
 #pragma once
+#include <lcm/eventlog.h>
+
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "core/channels.hpp"
-
-struct _lcm_eventlog_t;
 
 namespace twinrate {
 
@@ -33,7 +33,7 @@ class WholeLog {
   [[noreturn]] void fail_to_write() const;
 
   std::string path_, part_path_;
-  _lcm_eventlog_t* log_ = nullptr;
+  lcm_eventlog_t* log_ = nullptr;
   std::vector<std::uint8_t> bytes_;
 };
 

@@ -22,7 +22,7 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
                                config.where(owner + ".kind"), owner, fmt::join(kinds, ", "),
                                chosen));
   for (const std::string& kind : kinds) {
-    const std::string path = owner + "." + kind;
+    const std::string path = fmt::format("{}.{}", owner, kind);
     if (kind != chosen && !config.has_table(path)) continue;
     const auto builder = make_builder(kind);
     config.read_table(path, [&](FieldVisitor& f) { builder->fields(f); });
