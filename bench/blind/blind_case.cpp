@@ -7,25 +7,10 @@
 #include <functional>
 #include <map>
 
-#include "model/frames.hpp"
-#include "model/random.hpp"
+#include "bench/blind/draw.hpp"
 
 namespace twinrate::blind {
 namespace {
-
-// A sequence of random numbers.
-class Draw {
- public:
-  explicit Draw(std::uint64_t seed) : seed_(seed) {}
-  double between(double lo, double hi) { return lo + (hi - lo) * uniform(seed_, 7, index_++); }
-  double either(double a, double b) { return uniform(seed_, 7, index_++) < 0.5 ? a : b; }
-  double signed_between(double lo, double hi) { return either(-1, 1) * between(lo, hi); }
-  int whole(int lo, int hi) { return lo + static_cast<int>(between(0, hi - lo + 1 - 1e-9)); }
-  double phase() { return between(-kPi, kPi); }
-
- private:
-  std::uint64_t seed_, index_ = 0;
-};
 
 using Keys = std::vector<std::pair<const char*, std::string>>;
 std::string number(double value) {

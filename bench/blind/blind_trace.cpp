@@ -4,6 +4,7 @@
 //   blind_trace [--sets single,double,triple,poor,none] [--first-seed K] [--seeds N] [--kinds LIST]
 //               [--cache DIR] [--shard i/n] [--out FILE.json] [--verbose]
 //   blind_trace --merge FILE.json ...       the tables of several shards
+//   blind_trace --drawn [--set A|B|C] [--logs N] [--threads N] [--keep DIR]   drawn machines
 //
 // --out stores each result at once; a log with a result in the file is skipped.
 #include <fmt/format.h>
@@ -13,10 +14,12 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <filesystem>
 #include <set>
 
 #include "bench/blind/blind_log.hpp"
 #include "bench/blind/blind_report.hpp"
+#include "bench/blind/drawn_trace.hpp"
 #include "model/random.hpp"
 #include "trace/keys.hpp"
 #include "trace/thinning.hpp"
@@ -208,6 +211,25 @@ int merge(const std::vector<std::string>& paths) {
   return 0;
 }
 
+// The program twinrate beside this one in the build tree.
+std::string tracer_beside() {
+  const std::filesystem::path own = std::filesystem::read_symlink("/proc/self/exe");
+  return (own.parent_path().parent_path() / "tools" / "twinrate").string();
+}
+
+void add_drawn_options(CLI::App& app, bool& on_drawn, DrawnOptions& drawn) {
+  drawn.tracer = tracer_beside();
+  app.add_flag("--drawn", on_drawn, "run drawn machines through the program twinrate");
+  app.add_option("--set", drawn.set, "draw this set (with --drawn)")
+      ->check(CLI::IsMember({"A", "B", "C"}));
+  app.add_option("--logs", drawn.logs, "draw this many logs (with --drawn)");
+  app.add_option("--threads", drawn.threads, "trace this many logs at once (with --drawn)");
+  app.add_option("--keep", drawn.keep,
+                 "keep drive files, logs and truths in this directory (with --drawn)");
+  app.add_option("--tracer", drawn.tracer, "run this program (with --drawn)")
+      ->check(CLI::ExistingFile);
+}
+
 }  // namespace
 }  // namespace twinrate::blind
 
@@ -232,7 +254,15 @@ int main(int argc, char** argv) {
   app.add_option("--shard", shard, "run part i of n, i/n");
   app.add_option("--out", o.out, "write every case to this JSON file");
   app.add_flag("--verbose", o.verbose, "print each step of the selection");
+  bool on_drawn = false;
+  DrawnOptions drawn;
+  add_drawn_options(app, on_drawn, drawn);
   CLI11_PARSE(app, argc, argv);
+  if (on_drawn) {
+    drawn.first_seed = static_cast<std::uint64_t>(o.first_seed);
+    drawn.only = o.only, drawn.out = o.out;
+    return run_drawn(drawn);
+  }
   if (!shard.empty() && std::sscanf(shard.c_str(), "%d/%d", &o.shard, &o.shards) != 2) return 2;
   return o.merge.empty() ? run(o) : merge(o.merge);
 }

@@ -1,0 +1,168 @@
+#include "bench/blind/drawn_report.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <functional>
+#include <map>
+#include <regex>
+
+namespace twinrate::blind {
+namespace {
+
+using json = nlohmann::json;
+
+std::string encoder_class(int counts) {
+  if (counts == 0) return "sine and cosine";
+  if (counts <= 1024) return "512 to 1024";
+  if (counts <= 4096) return "1440 to 4096";
+  return counts <= 16384 ? "8192 to 16384" : "2^17 and 2^20";
+}
+
+// True where a sentence says that an error falls and gives a larger or equal one.
+bool falls_upwards(const std::string& sentence) {
+  static const std::regex kFall(R"(falls[^.;]*? from ([-+0-9.eE]+)[^0-9]*? to ([-+0-9.eE]+))");
+  for (std::sregex_iterator m(sentence.begin(), sentence.end(), kFall), end; m != end; ++m)
+    if (std::stod((*m)[2]) >= std::stod((*m)[1])) return true;
+  return false;
+}
+
+void match_effects(const json& effects, DrawnRow& row) {
+  constexpr std::size_t kLargestGroup = 3;
+  bool vague = false;
+  for (const json& e : effects) {
+    std::vector<std::string> names = {e.at("kind")};
+    for (const json& alias : e.at("aliases")) names.push_back(alias);
+    row.found.push_back(fmt::format("{}", fmt::join(names, " or ")));
+    const auto hit =
+        std::find_first_of(row.missed.begin(), row.missed.end(), names.begin(), names.end());
+    const auto known =
+        std::find_first_of(row.truth.begin(), row.truth.end(), names.begin(), names.end());
+    if (hit != row.missed.end())
+      row.missed.erase(hit), vague |= names.size() > kLargestGroup;
+    else if (known == row.truth.end() || names.size() == 1)
+      row.wrong.push_back(names[0]);
+  }
+  row.exact = row.missed.empty() && row.wrong.empty() && !vague;
+}
+
+struct Tally {
+  int logs = 0, exact = 0, missed = 0, false_claims = 0, false_logs = 0, wrong_else = 0, flawed = 0;
+  std::map<std::string, int> verdicts;
+  void take(const DrawnRow& r) {
+    ++logs, ++verdicts[r.verdict];
+    exact += r.exact, missed += !r.missed.empty(), flawed += r.flawed_sentence;
+    if (r.false_claim()) ++false_logs, false_claims += static_cast<int>(r.wrong.size());
+    wrong_else += r.verdict != "traced" && !r.wrong.empty();
+  }
+  std::string line(const std::string& name) const {
+    const auto part = [&](int count) {
+      return fmt::format("{} ({:.1f} %)", count, 100.0 * count / std::max(1, logs));
+    };
+    return fmt::format("| {} | {} | {} | {} | {} | {} |\n", name, logs, part(exact), part(missed),
+                       part(false_logs), part(wrong_else));
+  }
+};
+
+constexpr const char* kHead =
+    "| logs | exact | an effect missed | false claim | wrong kind, other verdict |\n"
+    "|---|---|---|---|---|---|\n";
+
+using Key = std::function<std::string(const DrawnRow&)>;
+
+std::string by_class(const std::vector<DrawnRow>& rows, const char* title, const Key& key) {
+  std::map<std::string, Tally> classes;
+  for (const DrawnRow& r : rows) classes[key(r)].take(r);
+  std::string text = fmt::format("| {} {}", title, kHead);
+  for (const auto& [name, tally] : classes) text += tally.line(name);
+  return text + "\n";
+}
+
+std::string rate_class(const DrawnRow& r) {
+  if (r.rate_Hz > 5000) return r.mode + ", every tick";
+  const double rates[] = {200, 500, 1000, 2000};
+  for (double rate : rates)
+    if (r.rate_Hz < 1.3 * rate) return fmt::format("{}, {} Hz", r.mode, rate);
+  return r.mode;
+}
+
+}  // namespace
+
+DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth, const json& trace) {
+  DrawnRow row{.name = c.name,
+               .profile = c.profile,
+               .mode = c.mode,
+               .encoder = encoder_class(c.drawn.encoder_counts),
+               .counts_declared = c.drawn.counts_declared,
+               .rate_Hz = c.drawn.f_s / c.every,
+               .truth = truth,
+               .found = {},
+               .verdict = trace.at("verdict"),
+               .sentence = trace.at("sentence"),
+               .wrong = {},
+               .missed = truth};
+  match_effects(trace.at("effects"), row);
+  for (const json& s : trace.at("unexplained").at("where")) {
+    row.found.push_back("unexplained: " + s.at("regressor").get<std::string>());
+    row.exact = false;
+  }
+  row.flawed_sentence = falls_upwards(row.sentence);
+  row.seconds = trace.value("seconds", 0.0);
+  return row;
+}
+
+nlohmann::ordered_json to_json(const DrawnRow& r) {
+  return {{"name", r.name},
+          {"profile", r.profile},
+          {"mode", r.mode},
+          {"rate_Hz", r.rate_Hz},
+          {"encoder", r.encoder},
+          {"counts_declared", r.counts_declared},
+          {"truth", r.truth},
+          {"found", r.found},
+          {"verdict", r.verdict},
+          {"exact", r.exact},
+          {"false_claim", r.false_claim()},
+          {"wrong", r.wrong},
+          {"missed", r.missed},
+          {"flawed_sentence", r.flawed_sentence},
+          {"sentence", r.sentence},
+          {"seconds", r.seconds}};
+}
+
+std::string tables(const std::vector<DrawnRow>& rows) {
+  Tally all;
+  std::vector<double> seconds;
+  std::map<std::string, int> wrong_kinds;
+  for (const DrawnRow& r : rows) {
+    all.take(r), seconds.push_back(r.seconds);
+    if (r.false_claim())
+      for (const std::string& kind : r.wrong) ++wrong_kinds[kind];
+  }
+  std::string text = fmt::format("| all {}{}\n", kHead, all.line("all"));
+  text += by_class(rows, "true effects",
+                   [](const DrawnRow& r) { return fmt::format("{}", r.truth.size()); });
+  text += by_class(rows, "profile", [](const DrawnRow& r) { return r.profile; });
+  text += by_class(rows, "mode, rate", rate_class);
+  text += by_class(rows, "encoder", [](const DrawnRow& r) { return r.encoder; });
+  text += by_class(rows, "counts declared", [](const DrawnRow& r) {
+    return r.encoder == "sine and cosine" ? "no counts" : r.counts_declared ? "yes" : "no";
+  });
+  text += by_class(rows, "verdict", [](const DrawnRow& r) { return r.verdict; });
+  text += "False claims by kind:";
+  for (const auto& [kind, count] : wrong_kinds) text += fmt::format(" {} {},", kind, count);
+  text.back() = wrong_kinds.empty() ? ' ' : '.';
+  std::sort(seconds.begin(), seconds.end());
+  const auto quantile = [&](double q) {
+    return seconds[static_cast<std::size_t>(q * static_cast<double>(seconds.size() - 1))];
+  };
+  if (!seconds.empty())
+    text += fmt::format(
+        "\nSentences that say \"falls\" of an error that does not: {}.\n"
+        "Time of a trace: median {:.2f} s, 95 % below {:.2f} s, longest {:.2f} s.\n",
+        all.flawed, quantile(0.5), quantile(0.95), quantile(1));
+  return text;
+}
+
+}  // namespace twinrate::blind

@@ -1,0 +1,161 @@
+#include "bench/blind/drawn_trace.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <thread>
+
+#include "bench/blind/drawn_report.hpp"
+#include "core/config.hpp"
+
+namespace twinrate::blind {
+namespace {
+
+using json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+// The seeds of the sets. Neither thresholds nor ranges of the draws were chosen on C.
+DrawnOptions with_set(DrawnOptions o) {
+  if (o.set.empty()) return o;
+  const int index = o.set[0] - 'A';
+  o.first_seed = 1000000 * static_cast<std::uint64_t>(index + 1) + 1;
+  if (o.logs == 0) o.logs = o.set == "C" ? 1000 : 300;
+  return o;
+}
+
+void write(const std::string& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (!file.flush()) throw BadInput(path + ": cannot be written");
+}
+
+std::string first_line(const std::string& path) {
+  std::ifstream file(path);
+  std::string line;
+  std::getline(file, line);
+  return line;
+}
+
+json truth_of(const DrawnCase& c, const DrawnLog& log) {
+  return {{"name", c.name},
+          {"seed", c.seed},
+          {"attempt", c.attempt},
+          {"profile", c.profile},
+          {"mode", c.mode},
+          {"voltage", c.mean_voltage ? "mean up to the next row" : "of the tick"},
+          {"rate_Hz", c.drawn.f_s / c.every},
+          {"f_s_Hz", c.drawn.f_s},
+          {"encoder_counts", c.drawn.encoder_counts},
+          {"angle_noise_rad", c.drawn.encoder_counts ? 0 : c.drawn.angle_noise},
+          {"counts_declared", c.drawn.counts_declared},
+          {"current_sensors", c.drawn.current_sensors},
+          {"largest_current_A", log.largest_current},
+          {"largest_speed_rad_s", log.largest_speed},
+          {"kinds", log.truth},
+          {"effects_toml", c.effects_toml}};
+}
+
+// Draws the case of `seed`; another one where the loop does not hold the drive.
+std::pair<DrawnCase, DrawnLog> held_case(std::uint64_t seed) {
+  for (int attempt = 0;; ++attempt) {
+    DrawnCase c = draw_case(seed, attempt);
+    DrawnLog log = make_log(c);
+    if (!log.ran_away || attempt == 50) return {std::move(c), std::move(log)};
+  }
+}
+
+DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uint64_t seed) {
+  const auto [c, log] = held_case(seed);
+  const std::string base = directory + "/" + c.name, out = base + ".trace";
+  const int counts = c.drawn.counts_declared ? c.drawn.encoder_counts : 0;
+  write(base + ".toml", drive_toml(c.drawn, c.name, counts));
+  write(base + ".plant.toml", plant_toml(c));
+  write(base + ".truth.json", truth_of(c, log).dump(1) + "\n");
+  write_csv(log, base + ".csv.gz");
+  const std::string command =
+      fmt::format("'{}' trace '{}.toml' --data '{}.csv.gz' --out '{}' > '{}.txt' 2>&1", o.tracer,
+                  base, base, out, base);
+  fs::remove_all(out);
+  const int status = std::system(command.c_str());
+  DrawnRow row;
+  if (std::ifstream file(out + "/trace.json"); status == 0 && file)
+    row = compare(c, log.truth, nlohmann::json::parse(file));
+  else
+    row = compare(c, log.truth,
+                  {{"verdict", "error"},
+                   {"sentence", first_line(base + ".txt")},
+                   {"effects", json::array()},
+                   {"unexplained", {{"where", json::array()}}}});
+  row.exact = row.exact && row.verdict != "error";
+  fs::remove(out + "/report.html");
+  if (o.keep.empty())
+    for (const auto& file : fs::directory_iterator(directory))
+      if (file.path().filename().string().starts_with(c.name + ".")) fs::remove_all(file.path());
+  return row;
+}
+
+void print(const DrawnRow& r) {
+  const char* mark = r.false_claim() ? "FALSE" : !r.wrong.empty() ? "wrong" : r.exact ? "ok" : "-";
+  fmt::print("{:<5} {} {} {} {:.0f} Hz {} | {} | true: {} | found: {}{}\n", mark, r.name, r.profile,
+             r.mode, r.rate_Hz, r.encoder, r.verdict, fmt::join(r.truth, " + "),
+             fmt::join(r.found, " + "), r.flawed_sentence ? " | FALLS UPWARDS" : "");
+  std::fflush(stdout);
+}
+
+// Rows in the order of the seeds.
+std::vector<DrawnRow> trace_all(const DrawnOptions& o, const std::string& directory) {
+  std::vector<std::uint64_t> seeds;
+  for (int j = 0; j < o.logs; ++j) {
+    const std::uint64_t seed = o.first_seed + static_cast<std::uint64_t>(j);
+    if (fmt::format("drawn{}", seed).find(o.only) != std::string::npos) seeds.push_back(seed);
+  }
+  std::vector<DrawnRow> rows(seeds.size());
+  std::atomic<std::size_t> next = 0;
+  std::mutex printing;
+  const auto work = [&] {
+    for (std::size_t j = next++; j < seeds.size(); j = next++) {
+      try {
+        rows[j] = trace_one(o, directory, seeds[j]);
+      } catch (const std::exception& error) {
+        rows[j].name = fmt::format("drawn{}", seeds[j]);
+        rows[j].verdict = "error", rows[j].sentence = error.what();
+      }
+      const std::lock_guard lock(printing);
+      print(rows[j]);
+    }
+  };
+  std::vector<std::jthread> threads;
+  for (int j = 1; j < o.threads; ++j) threads.emplace_back(work);
+  work();
+  threads.clear();
+  return rows;
+}
+
+}  // namespace
+
+int run_drawn(const DrawnOptions& asked) {
+  const DrawnOptions o = with_set(asked);
+  const bool keep = !o.keep.empty();
+  const std::string directory =
+      keep ? o.keep
+           : fs::temp_directory_path().string() + fmt::format("/twinrate-drawn-{}", getpid());
+  fs::create_directories(directory);
+  const std::vector<DrawnRow> rows = trace_all(o, directory);
+  if (!keep) fs::remove_all(directory);
+  const std::string text = tables(rows);
+  fmt::print("\n{}", text);
+  if (o.out.empty()) return 0;
+  json list = json::array();
+  for (const DrawnRow& row : rows) list.push_back(to_json(row));
+  write(o.out, json{{"set", o.set}, {"first_seed", o.first_seed}, {"logs", list}}.dump(1) + "\n");
+  return 0;
+}
+
+}  // namespace twinrate::blind
