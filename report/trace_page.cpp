@@ -27,6 +27,9 @@ std::string advice(const TraceResult& r) {
   if (r.verdict == "unexplained")
     return "Part of the error has a structure that no effect of the catalogue makes. It is shown "
            "below.";
+  if (r.verdict == "inconsistent")
+    return "The signals do not belong to this drive file. Check the units and scales of the map, "
+           "K_t and the machine, then trace again.";
   return "";
 }
 

@@ -126,6 +126,8 @@ void print_result(const TraceResult& r, const std::string& out) {
   }
   for (const Ambiguity& a : r.ambiguous)
     fmt::print("  aliases: {}; to separate them: {}\n", fmt::join(a.kinds, ", "), a.would_separate);
+  for (const Inconsistency& x : r.inconsistent)
+    fmt::print("  {}: expected {}, found {}; {}\n", x.quantity, x.expected, x.found, x.hint);
   for (const FileError& f : r.files)
     fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
                f.held_out ? "hold-out" : "fitted", f.path, f.before, f.after, f.unit, f.no_change);
@@ -256,6 +258,7 @@ int trace_files(const TraceOptions& o, const Config& config) {
                                  ? std::move(*measured)
                                  : trace_full_logs(o, asked, config.drive(), settings, replayed);
   write_result(o, config, result);
+  if (result.verdict == "inconsistent") return 2;
   if (result.interrupted) {
     fmt::print(stderr, "twinrate: trace interrupted; {} holds the effects found so far{}\n", o.out,
                o.verify ? ", not verified" : "");

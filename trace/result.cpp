@@ -112,6 +112,29 @@ std::vector<TracedParameter> traced_parameters(const Effect& effect,
   return list;
 }
 
+namespace {
+
+json refused_json(const std::vector<Refused>& refused) {
+  json list = json::array();
+  for (const Refused& x : refused)
+    list.push_back({{"kind", x.kind},
+                    {"rule", x.rule},
+                    {"file", x.file},
+                    {"number", number(x.number)},
+                    {"why", x.text}});
+  return list;
+}
+
+json inconsistent_json(const std::vector<Inconsistency>& inconsistent) {
+  json list = json::array();
+  for (const Inconsistency& x : inconsistent)
+    list.push_back(
+        {{"quantity", x.quantity}, {"expected", x.expected}, {"found", x.found}, {"hint", x.hint}});
+  return list;
+}
+
+}  // namespace
+
 std::string to_json(const TraceResult& r) {
   json effects = json::array(), ambiguous = json::array(), where = json::array(),
        not_identifiable = json::array(), rejected = json::array();
@@ -146,6 +169,8 @@ std::string to_json(const TraceResult& r) {
               {"stop_gap", stop_gap_json(r)},
               {"error", error_json(r)},
               {"constants", constants},
+              {"refused", refused_json(r.refused)},
+              {"inconsistent", inconsistent_json(r.inconsistent)},
               {"identifiable", r.identifiable},
               {"not_identifiable", not_identifiable},
               {"considered", rejected},

@@ -49,6 +49,22 @@ struct Ambiguity {
   std::string why, would_separate;
 };
 
+// What of the log and the drive file do not belong together: a unit, a scale, another machine.
+struct Inconsistency {
+  std::string quantity;         // a column, or a parameter of the machine
+  std::string expected, found;  // ranges in words, with units
+  std::string hint;             // what it may be, as a question
+};
+
+// A claim that did not pass the gate (trace/gate.hpp).
+struct Refused {
+  std::string kind;
+  std::string rule;   // sensors, transfer, agreement, size, physical, whole
+  std::string file;   // where it failed; empty: on all of them together
+  double number = 0;  // of the rule
+  std::string text;   // in words
+};
+
 // Structure that no effect of the catalogue explains.
 struct Structure {
   std::string regressor;               // t, theta_m, i_q, i_d, omega_m, direction
@@ -106,7 +122,7 @@ struct TracePicture {
 };
 
 struct TraceResult {
-  std::string verdict;       // traced, nothing_missing, unexplained, ambiguous
+  std::string verdict;       // traced, nothing_missing, unexplained, ambiguous, inconsistent
   std::string sentence;      // the verdict for people
   bool interrupted = false;  // what was found until then, not judged
   std::vector<std::string> sources, held_out_sources;
@@ -114,6 +130,8 @@ struct TraceResult {
   std::vector<TracedEffect> effects;
   std::vector<TracedEffect> stop_gaps;  // describe a structure outside the catalogue
   std::vector<Rejected> rejected;
+  std::vector<Refused> refused;
+  std::vector<Inconsistency> inconsistent;
   std::vector<Ambiguity> ambiguous;
   std::vector<Structure> unexplained;
   std::vector<CorrectionTable> corrections;  // of the unexplained, as stop-gaps
