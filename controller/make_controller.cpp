@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include "controller/guarded.hpp"
+
 namespace twinrate {
 
 std::unique_ptr<Controller> make_controller(Config& config) {
@@ -12,7 +14,7 @@ std::unique_ptr<Controller> make_controller(Config& config) {
                                config.where("controller.kind"), fmt::join(controller_kinds(), ", "),
                                kind));
   config.read_table("controller." + kind, [&](FieldVisitor& f) { builder->fields(f); });
-  return builder->build(config.drive());
+  return std::make_unique<Guarded>(builder->build(config.drive()));
 }
 
 }  // namespace twinrate

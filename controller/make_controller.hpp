@@ -1,4 +1,5 @@
-// The controller that a drive file asks for, with its own table read.
+// The controller that a drive file asks for, with its own table read, behind the guard of
+// controller/guarded.hpp.
 #pragma once
 #include "controller/controller.hpp"
 #include "core/config.hpp"

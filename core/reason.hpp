@@ -10,6 +10,8 @@ enum class Reason : int {
   kStartupGaveUp = 2,
   kLearnt = 3,
   kLostSynchronism = 4,
+  kCommandNotFinite = 5,
+  kInputNotFinite = 6,
   kEstimateNotFinite = 10,
   kMeasurementGap = 11,
   kEstimatorReset = 12,
@@ -49,6 +51,10 @@ inline constexpr std::array kReasons = {
         "sent at the last tick: the learnt table of the controller, as a table of the drive file"},
     ReasonText{Reason::kLostSynchronism, "lost_synchronism",
                "the estimate lost synchronism with the rotor: zero voltage, safe mode"},
+    ReasonText{Reason::kCommandNotFinite, "command_not_finite",
+               "a command was not finite: zero voltage, safe mode"},
+    ReasonText{Reason::kInputNotFinite, "input_not_finite",
+               "measurement or estimate were not finite for 20 ticks: zero voltage, safe mode"},
     ReasonText{Reason::kEstimateNotFinite, "estimate_not_finite",
                "a correction was not finite and was not applied"},
     ReasonText{Reason::kMeasurementGap, "measurement_gap",
@@ -89,5 +95,32 @@ inline constexpr std::array kReasons = {
     ReasonText{Reason::kNothingTraced, "nothing_traced",
                "the model does not fit, and no effect of the catalogue explains it"},
 };
+
+// Events after which nobody controls the motor: the drive stands at zero voltage, or its run ended.
+constexpr bool is_trip(Reason reason) {
+  switch (reason) {
+    case Reason::kStartupGaveUp:
+    case Reason::kLostSynchronism:
+    case Reason::kCommandNotFinite:
+    case Reason::kInputNotFinite:
+    case Reason::kCommandLost:
+    case Reason::kPlantFailed:
+    case Reason::kPeerTimeout:
+    case Reason::kConfigMismatch:
+    case Reason::kProcessDied:
+    case Reason::kEmergencyStop:
+    case Reason::kDiskFull:
+      return true;
+    default:
+      return false;
+  }
+}
+
+// The name of a code in kReasons; nullptr for a code that is not there.
+constexpr const char* reason_name(int code) {
+  for (const ReasonText& text : kReasons)
+    if (static_cast<int>(text.reason) == code) return text.name;
+  return nullptr;
+}
 
 }  // namespace twinrate
