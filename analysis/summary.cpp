@@ -1,11 +1,14 @@
 #include "analysis/summary.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "analysis/order_spectrum.hpp"
 #include "core/channels.hpp"
+#include "core/reason.hpp"
 
 namespace twinrate {
 namespace {
@@ -31,10 +34,10 @@ bool finite(const Truth& t) {
   return finite(t.i_dq.norm()) && finite(t.omega_m) && finite(t.theta_m);
 }
 
-// Total time off a constant speed reference.
-class OffReferenceTime {
+// The true speed against a constant reference: time off it, largest deviations, unevenness a turn.
+class SpeedFigures {
  public:
-  explicit OffReferenceTime(double T_s) : T_s_(T_s) {}
+  explicit SpeedFigures(double T_s) : T_s_(T_s) {}
   void note_reference(const TickRow& row) {
     if (!row.command) return;
     if (!known_ || row.command->omega_m_ref != omega_m_ref_) changed_s_ = row.t_s;
@@ -43,36 +46,91 @@ class OffReferenceTime {
   }
   void add(const TickRow& row, double omega_m) {
     const bool constant = known_ && row.t_s - changed_s_ >= kConstantFor_s - T_s_ / 2;
-    if (!constant || std::abs(omega_m - omega_m_ref_) <= kSpeedTolerance * std::abs(omega_m_ref_))
+    if (!constant || omega_m_ref_ == 0 || std::isnan(omega_m)) {
+      turn_ = {};
       return;
-    if (omega_m_ref_ != 0 && !std::isnan(omega_m)) ++ticks_;
+    }
+    judged_ = true;
+    const double deviation = omega_m / omega_m_ref_ - 1;
+    if (std::abs(deviation) > kSpeedTolerance) ++ticks_;
+    below_ = std::max(below_, -deviation);
+    above_ = std::max(above_, deviation);
+    if (row.truth)
+      add_to_turn(omega_m_ref_ < 0 ? -row.truth->theta_m : row.truth->theta_m,
+                  std::abs(omega_m_ref_) * (1 + deviation));
   }
   // Tolerance of half a tick: 20 ms up to rounding count as exceeded.
-  bool exceeded() const {
-    return static_cast<double>(ticks_) * T_s_ > kOffReferenceMax_s - T_s_ / 2;
+  bool held() const { return static_cast<double>(ticks_) * T_s_ <= kOffReferenceMax_s - T_s_ / 2; }
+  void write(Summary& summary) {
+    if (!judged_) return;
+    summary.speed_held = held();
+    summary.speed_dip_percent = 100 * below_;
+    const bool some_turns = static_cast<int>(unevenness_.size()) >= kRippleTurnsMin;
+    if (some_turns) {
+      const auto middle = unevenness_.begin() + static_cast<std::ptrdiff_t>(unevenness_.size() / 2);
+      std::nth_element(unevenness_.begin(), middle, unevenness_.end());
+      summary.speed_unevenness_percent = 100 * *middle;
+    }
+    // Below three turns: on both sides of the reference.
+    summary.uneven =
+        !held() && (some_turns ? *summary.speed_unevenness_percent > 200 * kSpeedTolerance
+                               : std::min(below_, above_) > kSpeedTolerance);
   }
 
  private:
+  struct Turn {
+    double begin = 0, least = 0, greatest = 0, sum = 0;
+    std::int64_t count = 0;
+  };
+  // `theta_m` and `omega_m` in the direction of the reference.
+  void add_to_turn(double theta_m, double omega_m) {
+    if (turn_.count == 0) turn_ = {theta_m, omega_m, omega_m};
+    turn_.least = std::min(turn_.least, omega_m);
+    turn_.greatest = std::max(turn_.greatest, omega_m);
+    turn_.sum += omega_m;
+    ++turn_.count;
+    if (theta_m - turn_.begin < kTwoPi) return;
+    unevenness_.push_back((turn_.greatest - turn_.least) * static_cast<double>(turn_.count) /
+                          turn_.sum);
+    turn_ = {};
+  }
+
   double T_s_;
-  bool known_ = false;
+  bool known_ = false, judged_ = false;
   double omega_m_ref_ = 0, changed_s_ = 0;
   std::int64_t ticks_ = 0;
+  double below_ = 0, above_ = 0;
+  Turn turn_;
+  std::vector<double> unevenness_;
 };
+
+bool is_forced(const TickRow& row) {
+  return row.measurement &&
+         (row.measurement->mode == Mode::kAlign || row.measurement->mode == Mode::kIfRamp);
+}
 
 struct Rows {
   std::vector<TickRow> all;
   std::vector<double> omega_m;
   double settled_s = 0;  // start of the window
 
-  bool in_window(const TickRow& row) const { return row.t_s >= settled_s; }
+  bool in_window(const TickRow& row) const { return row.t_s >= settled_s && !is_forced(row); }
 };
 
 Rows rows_of(const RunLog& log, const DriveConfig& config) {
   Rows rows;
   rows.all = tick_rows(log);
   rows.omega_m = reference_speed(rows.all, !log.truth.empty());
+  if (rows.all.empty()) return rows;
   // Tolerance of 1 ns: t_ns is rounded.
-  if (!rows.all.empty()) rows.settled_s = rows.all.front().t_s + config.run.settle_s - 1e-9;
+  rows.settled_s = rows.all.front().t_s + config.run.settle_s - 1e-9;
+  auto row = rows.all.begin();
+  if (std::find_if(row, rows.all.end(), is_forced) == rows.all.end()) return rows;
+  // The first command needs plant.delay_samples ticks to act.
+  while (!is_forced(*row)) ++row;
+  while (row != rows.all.end() && is_forced(*row)) ++row;
+  const bool handed_over = row != rows.all.end();
+  rows.settled_s = std::max(rows.settled_s, (handed_over ? *row : rows.all.back()).t_s);
   return rows;
 }
 
@@ -83,34 +141,63 @@ const char* failed_criterion(const TickRow& row, double error) {
   return std::abs(error) > kPi / 2 ? "the angle error passed 90 deg" : "";
 }
 
-// The window decides the verdict. The time of a loss is searched in the whole run, because most
-// losses happen on the start-up ramp.
+// The earliest; an event can be logged before the tick it belongs to.
+void set_trip(const RunLog& log, double begin_s, Summary& summary) {
+  const EventRecord* first = nullptr;
+  for (const EventRecord& event : log.events)
+    if (is_trip(static_cast<Reason>(event.reason)) && (!first || event.t_ns < first->t_ns))
+      first = &event;
+  if (!first) return;
+  summary.trip = Trip{.reason = first->reason,
+                      .role = first->role,
+                      .k = first->k,
+                      .t_s = std::max(0.0, 1e-9 * static_cast<double>(first->t_ns) - begin_s),
+                      .text = first->text};
+}
+
+void set_no_hand_over(const Rows& rows, Summary& summary) {
+  if (summary.trip || summary.locked || summary.angle_reference == AngleReference::kNone) return;
+  if (!rows.all.empty() && is_forced(rows.all.back()))
+    summary.lost_why = "no hand-over to the estimate before the end";
+}
+
+// The window decides the verdict. The time of a loss is searched in the whole run up to a trip,
+// because most losses happen on the start-up ramp.
 void set_lock(const Rows& rows, const DriveConfig& config, Summary& summary) {
-  OffReferenceTime off_reference(config.T_s());
   bool any = false, lost = false;
-  for (std::size_t i = 0; i < rows.all.size(); ++i) {
-    const TickRow& row = rows.all[i];
-    off_reference.note_reference(row);
+  for (const TickRow& row : rows.all) {
+    if (summary.trip && row.t_s > rows.all.front().t_s + summary.trip->t_s) break;
     const double error = angle_error(row, summary.angle_reference, config.machine.n_p);
-    std::string why = failed_criterion(row, error);
+    const std::string why = failed_criterion(row, error);
     const bool in_window = rows.in_window(row);
-    if (in_window) {
-      any = any || !std::isnan(error) || !why.empty();
-      off_reference.add(row, rows.omega_m[i]);
-      if (why.empty() && off_reference.exceeded()) why = kLeftReference;
-      lost = lost || !why.empty();
-    }
+    any = any || (in_window && (!std::isnan(error) || !why.empty()));
+    lost = lost || (in_window && !why.empty());
     // The estimated angle is not judged until the controller uses it.
     const bool forced = row.measurement && row.measurement->mode != Mode::kRun;
     if (why.empty() || summary.lost_at_s || (forced && !in_window)) continue;
     summary.lost_at_s = row.t_s;
     summary.lost_why = why;
   }
-  if (any) summary.locked = !lost;
-  if (!lost) {
+  if (any || summary.trip) summary.locked = !lost && !summary.trip;
+  if (summary.trip && !summary.lost_at_s) {
+    summary.lost_at_s = summary.trip->t_s;
+    summary.lost_why = "the drive tripped";
+  }
+  if (summary.locked.value_or(true)) {
     summary.lost_at_s.reset();
     summary.lost_why.clear();
   }
+  set_no_hand_over(rows, summary);
+}
+
+void set_speed(const Rows& rows, const DriveConfig& config, Summary& summary) {
+  SpeedFigures speed(config.T_s());
+  for (std::size_t i = 0; i < rows.all.size(); ++i) {
+    speed.note_reference(rows.all[i]);
+    if (rows.in_window(rows.all[i])) speed.add(rows.all[i], rows.omega_m[i]);
+  }
+  speed.write(summary);
+  if (summary.trip) summary.speed_held = false;
 }
 
 void set_errors(const Rows& rows, const DriveConfig& config, Summary& summary) {
@@ -180,6 +267,19 @@ void count_lost(const std::vector<Item>& items, Intervals intervals, Channel cha
 }
 
 }  // namespace
+
+std::string speed_word(const Summary& summary) {
+  if (!summary.locked.value_or(true) || summary.speed_held.value_or(true)) return "";
+  const bool dipped = summary.speed_dip_percent.value_or(0) > 100 * kSpeedTolerance;
+  return summary.uneven ? "uneven" : dipped ? "dipped" : "overshot";
+}
+
+std::string trip_text(const Trip& trip) {
+  const char* name = reason_name(trip.reason);
+  return fmt::format("{} at {:.4f} s{}, {}: {}", name ? name : fmt::format("{}", trip.reason),
+                     trip.t_s, trip.k >= 0 ? fmt::format(", tick {}", trip.k) : "",
+                     role_name(trip.role), trip.text);
+}
 
 AngleReference resolve(AngleReference wanted, const RunLog& log) {
   const bool truth = !log.truth.empty();
@@ -254,7 +354,13 @@ Summary summarise(const RunLog& log, const DriveConfig& config, AngleReference a
   summary.steps =
       static_cast<std::int64_t>(log.measurement.empty() ? rows.all.size() : log.measurement.size());
   summary.duration_s = static_cast<double>(summary.steps) * config.T_s();
+  if (!rows.all.empty()) {
+    const double begin_s = rows.all.front().t_s;
+    summary.window_from_s = std::max(config.run.settle_s, rows.settled_s - begin_s);
+    set_trip(log, begin_s, summary);
+  }
   set_lock(rows, config, summary);
+  set_speed(rows, config, summary);
   set_errors(rows, config, summary);
   set_ripple(rows, summary);
   set_gains(rows, config, summary);

@@ -1,11 +1,18 @@
-// The figures of a run, over [settle_s, end]; time counts from the first tick of the log.
+// The figures of a run, over [settle_s, end]; time counts from the first tick of the log. After a
+// start that forces the angle (alignment, I/f ramp) the window begins at the hand-over at the
+// earliest: before it the controller does not use the estimate.
 //
 //   angle error    wrap(theta_e_hat - theta_e) at tick k, into (-pi, pi], electrical
 //   speed error    omega_m_hat - omega_m at tick k, mechanical
-//   locked         every number finite, |angle error| <= pi/2, and the true speed off a constant
-//                  reference by more than 20 % for less than 20 ms in total. The reference is the
-//                  slewed one of COMMAND; it is constant at a tick if unchanged for 0.1 s. The
-//                  speed is not judged at a reference of 0.
+//   locked         every number finite and |angle error| <= pi/2: synchronism. False after a trip.
+//   speed_held     the true speed off a constant reference by more than 20 % for less than 20 ms in
+//                  total. The reference is the slewed one of COMMAND; it is constant at a tick if
+//                  unchanged for 0.1 s. The speed is not judged at a reference of 0. False after a
+//                  trip.
+//   speed dip      largest shortfall of the true speed from that reference, of the reference
+//   unevenness     (max - min)/|mean| of the true speed over a turn of the rotor, the median of the
+//                  whole turns (at least three): a dip in one turn does not count
+//   trip           the first event that ends the control of the motor (is_trip in core/reason.hpp)
 //   speed ripple   rms of the true omega_m less its mean, over the last whole turns of the rotor
 //                  (at least three); harmonics: orders 1 to 60 only
 //
@@ -29,9 +36,22 @@ namespace twinrate {
 enum class AngleReference : int { kAuto, kTruth, kEncoder, kNone };
 inline constexpr const char* kAngleReferenceNames[] = {"auto", "truth", "encoder", "none"};
 
+// The first cause of a run that ended badly.
+struct Trip {
+  int reason = 0, role = 0;
+  std::int64_t k = -1;
+  double t_s = 0;
+  std::string text;
+};
+
 struct Summary {
   // From the trajectories.
   std::optional<bool> locked;
+  std::optional<bool> speed_held;  // empty without truth or a constant reference
+  std::optional<double> speed_dip_percent, speed_unevenness_percent;
+  bool uneven = false;  // speed not held, by its unevenness
+  std::optional<Trip> trip;
+  double window_from_s = 0;         // from the first tick of the log
   std::optional<double> lost_at_s;  // first sign of the loss in the whole run, if not locked
   std::string lost_why;             // criterion that failed first
   std::optional<double> speed_error_rms, angle_error_rms, angle_error_max;
@@ -57,9 +77,11 @@ std::string to_json(const Summary& summary, const DriveConfig& config);
 // Copies the counts of the processes (last block of Summary, lost_messages) from a summary.json.
 void take_process_figures(const std::string& summary_json, Summary& summary);
 
-// Summary::lost_why if only the speed criterion failed. With a position sensor this is no loss of
-// synchronism but a large ripple.
-inline constexpr const char* kLeftReference = "the speed left its reference by more than 20 %";
+// "uneven", "dipped" or "overshot" if a locked drive did not hold its speed, else "". Uneven: the median turn leaves
+// the band of +/-20 %; below three turns, the speed left it on both sides.
+std::string speed_word(const Summary& summary);
+// "lost_synchronism at 0.5312 s, tick 5312, controller: TEXT"; reason codes by their names.
+std::string trip_text(const Trip& trip);
 
 // Resolves kAuto; kNone if the log does not hold the wanted reference.
 AngleReference resolve(AngleReference wanted, const RunLog& log);

@@ -2,6 +2,8 @@
 #include <nlohmann/json.hpp>
 
 #include "analysis/summary.hpp"
+#include "core/channels.hpp"
+#include "core/reason.hpp"
 
 namespace twinrate {
 namespace {
@@ -12,14 +14,27 @@ Json number(const std::optional<double>& figure) {
   return figure && std::isfinite(*figure) ? Json(*figure) : Json(nullptr);
 }
 
+Json trip_json(const std::optional<Trip>& trip) {
+  if (!trip) return nullptr;
+  const char* name = reason_name(trip->reason);
+  return {
+      {"reason", trip->reason}, {"name", name ? Json(name) : Json(nullptr)}, {"tick", trip->k},
+      {"t_s", trip->t_s},       {"process", role_name(trip->role)},          {"text", trip->text}};
+}
+
 }  // namespace
 
 std::string to_json(const Summary& summary, const DriveConfig& config) {
   const int n = config.rates.n;
   Json json;
   json["locked"] = summary.locked ? Json(*summary.locked) : Json(nullptr);
+  json["trip"] = trip_json(summary.trip);
   json["lost_at_s"] = number(summary.lost_at_s);
   json["lost_why"] = summary.lost_why.empty() ? Json(nullptr) : Json(summary.lost_why);
+  json["speed_held"] = summary.speed_held ? Json(*summary.speed_held) : Json(nullptr);
+  json["speed_dip_percent"] = number(summary.speed_dip_percent);
+  json["speed_unevenness_percent"] = number(summary.speed_unevenness_percent);
+  json["window_from_s"] = summary.window_from_s;
   json["duration_s"] = summary.duration_s;
   json["steps"] = summary.steps;
   json["speed_error_rms_rad_s"] = number(summary.speed_error_rms);

@@ -30,8 +30,6 @@ struct LaneConstants {
   // Controller.
   S K_p_speed, K_i_speed, k_awu_speed, K_p, K_i, k_awu;  // K_i, k_awu: times T_s
   S i_d_ref, i_q_max, advance_s, u_max, u_max_square, L, psi_f;
-  // Figures.
-  S off_ticks_max, constant_ticks_min;
 };
 
 // Switches common to all lanes.

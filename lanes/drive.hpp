@@ -37,7 +37,7 @@ struct LaneDrive {
   // Controller: slewed reference, integrals.
   T omega_m_ref, speed_integral, d_integral, q_integral;
   // Figures.
-  T k, constant_ticks, off_ticks, error_square_sum, error_max;
+  T k, error_square_sum, error_max;
   T lost;  // 1: lost
 };
 
@@ -199,9 +199,7 @@ kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
   const T i_d = d.at.cos * i_meas.alpha + d.at.sin * i_meas.beta;
   const T i_q = d.at.cos * i_meas.beta - d.at.sin * i_meas.alpha;
   const T omega_m = d.x.omega_e * c.inv_n_p;
-  const T ref_before = d.omega_m_ref;
   d.omega_m_ref = slew_by(d.omega_m_ref, d.omega_m_target, d.slew_step);
-  d.constant_ticks = select(d.omega_m_ref == ref_before, d.constant_ticks + T(1), T(0));
 
   const T speed_error = d.omega_m_ref - omega_m;
   const T i_q_wanted = speed_error * c.K_p_speed + d.speed_integral;
@@ -223,18 +221,13 @@ kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
 // docs/conventions.md: angle error and lock, over [k_settle, k_end). Returns the mask of ended
 // lanes; a lane ends at its loss. A diverged or not finite state has no angle in [-pi, pi].
 template <class T>
-typename T::Mask update_figures(const LaneConstants<T>& c, LaneDrive<T>& d) {
+typename T::Mask update_figures(LaneDrive<T>& d) {
   const T error = wrap_pi<T>(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
   const auto in_window = d.k >= d.k_settle;
-  const T off = abs<T>(d.plant.omega_e * c.inv_n_p - d.omega_m_ref);
-  const auto away =
-      (off > abs(d.omega_m_ref) * 0.2) & in_window & (d.constant_ticks >= c.constant_ticks_min);
-  d.off_ticks = select<T>(away, d.off_ticks + T(1), d.off_ticks);
   d.error_square_sum = select<T>(in_window, d.error_square_sum + error * error, d.error_square_sum);
   d.error_max = select(in_window, max(magnitude, d.error_max), d.error_max);
   const T limit = select(in_window, T(0.5 * std::numbers::pi), T(4));
-  const auto held = (magnitude <= limit) & (d.off_ticks <= c.off_ticks_max);
-  const auto lost = !held;
+  const auto lost = !(magnitude <= limit);  // also where the error is not a number
   d.lost = select(lost, T(1), T(0));
   d.k += T(1);
   return (d.k >= d.k_end) | lost;
@@ -260,7 +253,7 @@ template <Policy policy, bool rk4, class T>
   d.T_load = slew_by(d.T_load, d.T_load_target, d.load_step);
   LanePlant<T> next = d.plant;
   advance(c, on.plant_steps, next, d.u_command, d.T_load);
-  const auto ended = update_figures(c, d);
+  const auto ended = update_figures(d);
   d.plant = next;
   d.u_applied = d.u_command;
   d.u_command = u_new;

@@ -164,9 +164,6 @@ LaneConstants<double> lane_constants(const LaneSettings& s) {
   c.u_max_square = c.u_max * c.u_max;
   c.L = s.decoupling ? s.L : 0;
   c.psi_f = s.decoupling ? s.psi_f : 0;
-  // analysis/summary.cpp: 20 ms off a reference constant for 0.1 s; tolerance of half a tick.
-  c.off_ticks_max = 0.02 / s.T_s - 0.5;
-  c.constant_ticks_min = 0.1 / s.T_s - 0.5;
   return c;
 }
 

@@ -147,6 +147,14 @@ Json overlay_section(const std::vector<RunView>& views, const std::vector<std::s
           {"figures", figures}};
 }
 
+std::string verdict_word(const Summary& s) {
+  if (s.trip) return fmt::format("tripped at {:.3g} s", s.trip->t_s);
+  if (!s.locked) return "-";
+  if (!*s.locked) return fmt::format("lost at {:.3g} s", s.lost_at_s.value_or(0));
+  const std::string word = speed_word(s);
+  return word.empty() ? "locked" : "locked, " + word;
+}
+
 }  // namespace
 
 Json comparison_table(const std::vector<RunView>& views) {
@@ -157,11 +165,7 @@ Json comparison_table(const std::vector<RunView>& views) {
     rows.push_back(
         {view.run.log.path, config.name, std::to_string(config.rates.n),
          frequency(config.rates.f_s_Hz / config.rates.n),
-         kGainPolicyNames[static_cast<int>(config.gain.policy)],
-         view.lost() ? fmt::format("lost at {:.3g} s", s.lost_at_s.value_or(0))
-         : !s.locked ? "-"
-         : *s.locked ? "locked"
-                     : "uneven",
+         kGainPolicyNames[static_cast<int>(config.gain.policy)], verdict_word(s),
          degrees(s.angle_error_rms), degrees(s.angle_error_max),
          s.speed_error_rms ? fmt::format("{:.3g}", *s.speed_error_rms) : "-",
          s.P44_min && s.P44_max ? fmt::format("{:.3g} .. {:.3g}", *s.P44_min, *s.P44_max) : "-"});

@@ -1,6 +1,7 @@
 // The parts of a page, as JSON for report.js. A section is {heading, note, columns, figures},
 // optionally with a table {head, rows} under its figures.
 #pragma once
+#include <algorithm>
 #include <vector>
 
 #include "report/figure.hpp"
@@ -17,14 +18,8 @@ struct RunView {
   RunView(const ReportRun& r, AngleReference wanted)
       : run(r), reference(resolve(wanted, r.log)), rows(tick_rows(r.log)) {}
   int n_p() const { return run.config.machine.n_p; }
-  // Synchronism lost: not locked, and not only by the speed ripple of a drive with a position
-  // sensor.
-  bool lost() const { return run.summary.locked && !*run.summary.locked && !only_left_reference(); }
-  // Not locked because of a speed ripple; the angle is that of the sensor.
-  bool only_left_reference() const {
-    return run.summary.lost_why == kLeftReference && !run.log.estimate.empty() &&
-           (run.log.estimate.back().status & kMeasuredAngle);
-  }
+  // Synchronism lost or the drive tripped.
+  bool lost() const { return run.summary.locked && !*run.summary.locked; }
   bool has_P44() const { return run.config.estimator.kind == "ekf_sensorless"; }
   // Word for the reference of the angle errors.
   std::string reference_word() const {
@@ -32,7 +27,9 @@ struct RunView {
   }
   double begin_s() const { return rows.empty() ? 0 : rows.front().t_s; }
   double end_s() const { return rows.empty() ? 0 : rows.back().t_s; }
-  double settled_s() const { return begin_s() + run.config.run.settle_s; }
+  double settled_s() const {
+    return begin_s() + std::max(run.config.run.settle_s, run.summary.window_from_s);
+  }
   // True speed, else the estimate, else NaN.
   double omega_m(const TickRow& row) const;
   // Rows of [from_s, to_s].

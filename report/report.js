@@ -235,7 +235,7 @@ function sectionNode(section) {
 
 function tableNode(head, rows) {
   const cell = (text) => {
-    const verdict = /^(locked|lost)\b/.exec(text);
+    const verdict = /^(locked|lost|tripped)\b/.exec(text);
     return element('td', { textContent: text, className: verdict ? verdict[1] : '' });
   };
   return element('div', { className: 'table' }, [element('table', { className: 'plain' }, [

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "core/channels.hpp"
 #include "core/reason.hpp"
@@ -61,10 +62,25 @@ std::string name_in(const Table& table, Code code) {
                                                                  : fmt::format("{}", code);
 }
 
-std::string reason_name(int code) {
-  for (const ReasonText& reason : kReasons)
-    if (static_cast<int>(reason.reason) == code) return reason.name;
-  return fmt::format("{}", code);
+std::string name_of_reason(int code) {
+  const char* name = reason_name(code);
+  return name ? name : fmt::format("{}", code);
+}
+
+// {state, headline} of a run with a verdict.
+std::pair<std::string, std::string> judged(const RunView& view) {
+  const Summary& s = view.run.summary;
+  if (s.trip) return {"lost", "Tripped: " + trip_text(*s.trip)};
+  if (!*s.locked)
+    return {"lost", fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)};
+  const std::string word = speed_word(s);
+  if (word.empty()) return {"locked", "Locked"};
+  std::string text = fmt::format("Locked, {}: the speed was up to {:.3g} % below its reference",
+                                 word, s.speed_dip_percent.value_or(0));
+  if (s.speed_unevenness_percent)
+    text += fmt::format(", {:.3g} % between least and greatest within a turn",
+                        *s.speed_unevenness_percent);
+  return {"locked", text + "; synchronism is kept"};
 }
 
 }  // namespace
@@ -95,16 +111,8 @@ Json verdict(const RunView& view) {
   if (!view.rows.empty() && view.end_s() < view.settled_s())
     headline = fmt::format("No verdict: the run ended before settle_s = {:.4g} s",
                            view.run.config.run.settle_s);
-  if (s.locked) {
-    state = view.lost() ? "lost" : *s.locked ? "locked" : "unknown";
-    headline = *s.locked ? "Locked"
-               : view.lost()
-                   ? fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)
-                   : fmt::format(
-                         "Uneven: at t = {:.4g} s {}; the angle is that of the sensor, synchronism "
-                         "is kept",
-                         s.lost_at_s.value_or(0), s.lost_why);
-  }
+  if (!s.locked && !s.lost_why.empty()) headline = "No verdict: " + s.lost_why;
+  if (s.locked) std::tie(state, headline) = judged(view);
   std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
   text += errors(view);
   if (view.lost()) text += aftermath(view);
@@ -140,11 +148,16 @@ Json summary_table(const RunView& view) {
     rows.push_back({quantity, value});
   };
   add("locked", s.locked ? (*s.locked ? "yes" : "no") : "-");
+  if (s.trip) add("trip", trip_text(*s.trip));
+  if (s.speed_held)
+    add("speed held", *s.speed_held ? "yes" : "no, " + (s.trip ? "tripped" : speed_word(s)));
   if (s.lost_at_s) add("lost at", reading(s.lost_at_s, "s"));
   add("angle error, rms", degrees(s.angle_error_rms) + " deg");
   add("angle error, largest", degrees(s.angle_error_max) + " deg");
   add("angle reference", kAngleReferenceNames[static_cast<int>(view.reference)]);
   add("speed error, rms", reading(s.speed_error_rms, "rad/s"));
+  if (s.speed_dip_percent) add("speed below its reference", reading(s.speed_dip_percent, "%"));
+  if (s.speed_unevenness_percent) add("speed unevenness", reading(s.speed_unevenness_percent, "%"));
   add("speed ripple, rms", reading(s.speed_ripple_rms, "rad/s"));
   add("speed ripple, orders 1-60", reading(s.speed_ripple_harmonics_rms, "rad/s"));
   if (s.P44_min && s.P44_max)
@@ -178,7 +191,7 @@ Json event_table(const RunLog& log) {
     if (rows.size() == kMaxEvents) break;
     rows.push_back(
         {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
-         name_in(kRoleNames, event.role), reason_name(event.reason), event.text});
+         name_in(kRoleNames, event.role), name_of_reason(event.reason), event.text});
   }
   return rows;
 }

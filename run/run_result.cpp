@@ -93,18 +93,34 @@ std::int64_t lost_in_total(const Summary& s) {
   return lost;
 }
 
+// The first cause of a bad end comes before any figure.
+std::string verdict_of(const Summary& s) {
+  if (s.trip) return "TRIPPED";
+  if (!s.locked) return s.lost_why.empty() ? "no truth to judge by" : "NO VERDICT: " + s.lost_why;
+  const std::string word = speed_word(s);
+  return (*s.locked ? "LOCKED" : "LOST") + (word.empty() ? "" : ", " + word);
+}
+
+std::string speed_text(const Summary& s) {
+  const std::string dip =
+      fmt::format("up to {:.1f} % below a constant reference", s.speed_dip_percent.value_or(0));
+  if (!s.speed_unevenness_percent) return dip;
+  return fmt::format("{}; {:.1f} % between least and greatest within a turn", dip,
+                     *s.speed_unevenness_percent);
+}
+
 void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
                  const RunFacts& facts, const std::vector<std::string>& events) {
   const auto row = [](const std::string& name, const std::string& text) {
     fmt::print("  {:<22} {}\n", name, text);
   };
-  const char* verdict = !s.locked ? "no truth to judge by" : *s.locked ? "LOCKED" : "LOST";
-  fmt::print("\n{}: {}  ({})\n", d.name, verdict, facts.how);
+  fmt::print("\n{}: {}  ({})\n", d.name, verdict_of(s), facts.how);
+  if (s.trip) row("trip", trip_text(*s.trip));
   if (!facts.ended.empty()) row("ended early", facts.ended);
-  if (!s.lost_why.empty())
-    row("lost", fmt::format("at {:.4f} s: {}", s.lost_at_s.value_or(0), s.lost_why));
+  if (s.lost_at_s) row("lost", fmt::format("at {:.4f} s: {}", *s.lost_at_s, s.lost_why));
+  if (const std::string word = speed_word(s); !word.empty()) row("speed", speed_text(s));
   row("drive time", fmt::format("{:.3f} s, {} steps; figures from {:.2f} s on", s.duration_s,
-                                s.steps, d.run.settle_s));
+                                s.steps, s.window_from_s));
   row("rates",
       fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}", d.rates.f_s_Hz,
                   d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]));
@@ -232,8 +248,8 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   fs::remove(dir / "logger.json", ignored);
   facts.not_written = write_results(dir, log, config, s, manifest_of(log, facts, account));
   print_table(directory, config.drive(), s, facts, notable_events(log));
-  const bool well = s.locked.value_or(true) && lost_in_total(s) == 0 && facts.ended.empty() &&
-                    facts.not_written.empty();
+  const bool well = s.locked.value_or(s.lost_why.empty()) && lost_in_total(s) == 0 &&
+                    facts.ended.empty() && facts.not_written.empty();
   return well ? 0 : 1;
 }
 

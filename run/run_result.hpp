@@ -20,7 +20,8 @@ struct RunFacts {
 std::string make_run_directory(const std::string& wanted, const Config& config);
 // Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. The
 // table names the files that could not be written (disk full). Returns the exit code: 1 if
-// synchronism or messages were lost, the run ended early or a file could not be written; else 0.
+// the drive tripped, synchronism or messages were lost, the estimate never took over, the run ended
+// early or a file could not be written; else 0.
 int conclude_run(const std::string& directory, const Config& config, RunFacts facts);
 
 }  // namespace twinrate

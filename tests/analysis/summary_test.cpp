@@ -7,6 +7,9 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "core/channels.hpp"
+#include "core/reason.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -127,41 +130,102 @@ TEST(Summary, StartUpDoesNotDecideTheVerdictButTheTimeOfTheLoss) {
   EXPECT_NEAR(*summarise(log, config).lost_at_s, 1.5, 1e-9) << "a forced angle is no loss";
 }
 
-// 20 % off for 19 ticks of 1 ms is allowed, for 20 ticks it is not, consecutive or not.
-TEST(Summary, IsLostByTwentyMillisecondsOffAConstantReference) {
+// 20 % off for 19 ticks of 1 ms is allowed, for 20 ticks it is not, consecutive or not. Synchronism
+// is another matter.
+TEST(Summary, TheSpeedIsNotHeldAfterTwentyMillisecondsOffAConstantReference) {
   const DriveConfig config = drive();
-  const auto locked_with = [&](int ticks, double share) {
+  const auto held_with = [&](int ticks, double share) {
     RunLog log = steady_run(config);
     for (int i = 0; i < ticks; ++i) {
       const std::size_t k = static_cast<std::size_t>(700 + 7 * i);
       log.truth[k].omega_m = kOmegaM * (1 + share);
     }
-    return summarise(log, config).locked;
+    const Summary s = summarise(log, config);
+    EXPECT_EQ(s.locked, true);
+    return s.speed_held;
   };
-  EXPECT_EQ(locked_with(19, -0.21), true);
-  EXPECT_EQ(locked_with(20, -0.21), false);
-  EXPECT_EQ(locked_with(20, 0.21), false);
-  EXPECT_EQ(locked_with(100, 0.19), true);
+  EXPECT_EQ(held_with(19, -0.21), true);
+  EXPECT_EQ(held_with(20, -0.21), false);
+  EXPECT_EQ(held_with(20, 0.21), false);
+  EXPECT_EQ(held_with(100, 0.19), true);
 }
 
 TEST(Summary, DoesNotJudgeTheSpeedForATenthOfASecondAfterAChangeOfTheReference) {
   const DriveConfig config = drive();
-  const auto locked_until = [&](std::size_t last) {
+  const auto held_until = [&](std::size_t last) {
     RunLog log = steady_run(config);
     for (std::size_t k = 1000; k < log.command.size(); ++k) log.command[k].omega_m_ref = 100;
     for (std::size_t k = last; k < log.truth.size(); ++k) log.truth[k].omega_m = 100;
-    return summarise(log, config).locked;
+    return summarise(log, config).speed_held;
   };
-  EXPECT_EQ(locked_until(1100), true);
-  EXPECT_EQ(locked_until(1119), true);
-  EXPECT_EQ(locked_until(1120), false);
+  EXPECT_EQ(held_until(1100), true);
+  EXPECT_EQ(held_until(1119), true);
+  EXPECT_EQ(held_until(1120), false);
 }
 
 TEST(Summary, DoesNotJudgeTheSpeedAtAReferenceOfZero) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   for (Command& c : log.command) c.omega_m_ref = 0;
-  EXPECT_EQ(summarise(log, config).locked, true);
+  const Summary s = summarise(log, config);
+  EXPECT_EQ(s.locked, true);
+  EXPECT_FALSE(s.speed_held || s.speed_dip_percent || s.speed_unevenness_percent);
+}
+
+TEST(Summary, ADipInOneTurnIsADipAndARippleInEveryTurnUnevenness) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (std::size_t k = 1000; k < 1050; ++k) log.truth[k].omega_m = 0.65 * kOmegaM;
+  Summary s = summarise(log, config);
+  EXPECT_EQ(speed_word(s), "dipped");
+  EXPECT_NEAR(*s.speed_dip_percent, 35, 1e-9);
+  EXPECT_NEAR(*s.speed_unevenness_percent, 0, 1e-9);
+  log = steady_run(config);
+  for (Truth& t : log.truth) t.omega_m = kOmegaM * (1 + 0.3 * std::sin(3 * t.theta_m));
+  s = summarise(log, config);
+  EXPECT_EQ(s.locked, true);
+  EXPECT_EQ(speed_word(s), "uneven");
+  EXPECT_NEAR(*s.speed_unevenness_percent, 60, 2);
+  EXPECT_EQ(speed_word(summarise(steady_run(config), config)), "");
+}
+
+TEST(Summary, ATripIsNeverLockedAndTheFirstIsNamed) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  const auto event = [](std::int64_t k, Reason reason) {
+    return EventRecord{.k = k,
+                       .t_ns = k * 1'000'000,
+                       .role = static_cast<int>(Role::kController),
+                       .reason = static_cast<int>(reason),
+                       .text = "zero voltage"};
+  };
+  log.events = {event(100, Reason::kModeChange), event(900, Reason::kCommandLost),
+                event(300, Reason::kLostSynchronism)};
+  const Summary s = summarise(log, config);
+  EXPECT_EQ(s.locked, false);
+  EXPECT_EQ(s.speed_held, false);
+  ASSERT_TRUE(s.trip);
+  EXPECT_EQ(s.trip->k, 300);
+  EXPECT_EQ(trip_text(*s.trip), "lost_synchronism at 0.3000 s, tick 300, controller: zero voltage");
+  EXPECT_NEAR(*s.lost_at_s, 0.3, 1e-9);
+  EXPECT_EQ(nlohmann::json::parse(to_json(s, config))["trip"]["reason"], 4);
+}
+
+// The figures and the verdict begin when the controller uses the estimate.
+TEST(Summary, TheWindowBeginsAtTheHandOverAtTheEarliest) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  put_angle_error(log, 0, 1200, 2.0);
+  for (std::size_t k = 1; k < 1200; ++k)
+    log.measurement[k].mode = k < 300 ? Mode::kAlign : Mode::kIfRamp;
+  Summary s = summarise(log, config);
+  EXPECT_EQ(s.locked, true);
+  EXPECT_NEAR(s.window_from_s, 1.2, 1e-9);
+  EXPECT_NEAR(*s.angle_error_max, 0, 1e-9);
+  for (Measurement& m : log.measurement) m.mode = Mode::kIfRamp;
+  s = summarise(log, config);
+  EXPECT_FALSE(s.locked);
+  EXPECT_NE(s.lost_why.find("hand-over"), std::string::npos);
 }
 
 TEST(Summary, IsLostByAStateThatIsNotFinite) {
@@ -293,6 +357,10 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
   s.wall_s = 4;
   const auto json = nlohmann::json::parse(to_json(s, config));
   for (const char* key : {"locked",
+                          "speed_held",
+                          "speed_dip_percent",
+                          "speed_unevenness_percent",
+                          "trip",
                           "duration_s",
                           "steps",
                           "speed_error_rms_rad_s",

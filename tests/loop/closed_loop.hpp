@@ -38,7 +38,9 @@ class ClosedLoop {
 };
 
 struct Figures {
-  bool locked = true;
+  bool locked = true;      // synchronism
+  bool speed_held = true;  // off its reference by more than 20 % for less than 20 ms in total
+  bool held() const { return locked && speed_held; }
   double angle_error_rms = 0, angle_error_max = 0;
   double speed_mean = 0;  // true, mechanical
   double P44_min = std::numeric_limits<double>::infinity(), P44_max = 0;
@@ -74,7 +76,8 @@ inline Figures run(ClosedLoop& loop) {
   figures.speed_end = loop.truth().omega_m;
   figures.angle_error_rms = std::sqrt(square_sum / static_cast<double>(count));
   figures.speed_mean = speed_sum / static_cast<double>(count);
-  if (!(figures.angle_error_max <= kPi / 2) || !(off_speed_s < 0.020)) figures.locked = false;
+  if (!(figures.angle_error_max <= kPi / 2)) figures.locked = false;
+  figures.speed_held = off_speed_s < 0.020;
   return figures;
 }
 

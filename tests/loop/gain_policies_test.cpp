@@ -48,7 +48,7 @@ TEST(TurnedGain, SwitchedOnAtSpeedHoldsOneGainForASecond) {
   const double full = switched_at_speed("paper", 63.66, 1).angle_error_rms;
   for (const char* policy : {"rotate", "rotor_frame"}) {
     const Figures figures = switched_at_speed(policy, 63.66, 5000, 3.5);
-    EXPECT_TRUE(figures.locked) << policy;
+    EXPECT_TRUE(figures.held()) << policy;
     EXPECT_NEAR(degrees(figures.angle_error_rms), degrees(full), 0.05) << policy;
   }
 }
@@ -56,21 +56,21 @@ TEST(TurnedGain, SwitchedOnAtSpeedHoldsOneGainForASecond) {
 // Reference: start-up f_bmin 55..125 Hz at 2000 rad/s2, i.e. n = 40 is held and n = 91 lost.
 TEST(TurnedGain, FromStandstillTheFirstGainComesTooLateBeyondNinety) {
   for (double f_e : {50.0, 150.0}) {
-    EXPECT_TRUE(from_standstill("rotate", f_e, 40, 2000).locked) << f_e;
-    EXPECT_FALSE(from_standstill("rotate", f_e, 100, 2000).locked) << f_e;
+    EXPECT_TRUE(from_standstill("rotate", f_e, 40, 2000).held()) << f_e;
+    EXPECT_FALSE(from_standstill("rotate", f_e, 100, 2000).held()) << f_e;
   }
 }
 
 // The first loss with rising n is at 17 to 19 over seeds (ratio 4.3 to 4.9), with `paper` at 13.
 TEST(Extrapolate, FromStandstillNeedsFewerGainsThanThePaper) {
-  EXPECT_TRUE(from_standstill("extrapolate", 63.66, 15, 16000).locked);
-  EXPECT_FALSE(from_standstill("extrapolate", 63.66, 36, 16000).locked);
+  EXPECT_TRUE(from_standstill("extrapolate", 63.66, 15, 16000).held());
+  EXPECT_FALSE(from_standstill("extrapolate", 63.66, 36, 16000).held());
 }
 
 // Reference: switched on at speed f_bmin/f_e 2.0-2.6 at 20-80 Hz.
 TEST(Immediate, SwitchedOnAtSpeedNeedsBetweenTwoAndThreeGainsATurn) {
-  EXPECT_TRUE(switched_at_speed("immediate", 63.66, 29).locked);   // 2.7
-  EXPECT_FALSE(switched_at_speed("immediate", 63.66, 41).locked);  // 1.9
+  EXPECT_TRUE(switched_at_speed("immediate", 63.66, 29).held());   // 2.7
+  EXPECT_FALSE(switched_at_speed("immediate", 63.66, 41).held());  // 1.9
 }
 
 // Reference: rms within 0.005 deg of the full filter, 5 to 250 Hz.
@@ -78,7 +78,7 @@ TEST(Scheduled, EqualsTheFullFilterWithinFiveThousandthsOfADegree) {
   for (double f_e : {5.0, 20.0, 63.66, 250.0}) {
     const Figures full = from_standstill("paper", f_e, 1, 16000);
     const Figures scheduled = from_standstill("scheduled", f_e, 1, 16000);
-    EXPECT_TRUE(scheduled.locked) << f_e;
+    EXPECT_TRUE(scheduled.held()) << f_e;
     EXPECT_NEAR(degrees(scheduled.angle_error_rms), degrees(full.angle_error_rms), 0.005) << f_e;
   }
 }
@@ -111,10 +111,10 @@ TEST(Propagated, StartsFromStandstillWithAGainEveryHundredTicks) {
     for (double f_e : {10.0, 63.66, 150.0}) {
       const Figures full = from_standstill("paper", f_e, 1, ramp_rad_s2, "rk4");
       const Figures figures = from_standstill("propagated", f_e, 100, ramp_rad_s2, "rk4");
-      EXPECT_TRUE(figures.locked) << f_e;
+      EXPECT_TRUE(figures.held()) << f_e;
       EXPECT_NEAR(figures.angle_error_rms / full.angle_error_rms, 1, 0.01) << f_e;
       if (f_e > 100) continue;  // there `rotate` may keep synchronism by chance
-      EXPECT_FALSE(from_standstill("rotate", f_e, 100, ramp_rad_s2, "rk4").locked) << f_e;
+      EXPECT_FALSE(from_standstill("rotate", f_e, 100, ramp_rad_s2, "rk4").held()) << f_e;
     }
 }
 

@@ -30,7 +30,7 @@ Tally ninety_runs(int n) {
                               fmt::format("load.T_load_Nm={}", T_load), "run.settle_s=1.0",
                               fmt::format("sensors.i_noise_rms_A={}", noise * std::sqrt(1.5))});
         ++tally.runs;
-        tally.locked += figures.locked;
+        tally.locked += figures.held();
         tally.angle_error_max = std::max(tally.angle_error_max, figures.angle_error_max);
       }
     }
@@ -82,16 +82,16 @@ TEST(GainRateLimit, LostAtSpeedTheMotorSpinsBackwardsAboutHalfASecondAfterTheLos
 
 TEST(GainRateLimit, AFlyingStartKeepsSynchronismWithTwelve) {
   const Figures figures = run("dilys2021", {"rates.n=12", "start=flying", "run.settle_s=0.1"});
-  EXPECT_TRUE(figures.locked);
+  EXPECT_TRUE(figures.held());
   EXPECT_LT(degrees(figures.angle_error_max), 15);
 }
 
 TEST(GainRateLimit, AGainUsedAtTheNextTickHoldsFarBeyondThirteen) {
   // policy "immediate" switched on at speed: f_bmin/f_e 2.0-2.6 at 20-80 Hz, i.e. n of 30 and more
   // at 64 Hz.
-  EXPECT_TRUE(run("dilys2021", {"rates.n=13", "gain.policy=immediate"}).locked);
-  EXPECT_TRUE(run("dilys2021", {"rates.n=20", "gain.policy=immediate", "start=flying"}).locked);
-  EXPECT_FALSE(run("dilys2021", {"rates.n=60", "gain.policy=immediate", "start=flying"}).locked);
+  EXPECT_TRUE(run("dilys2021", {"rates.n=13", "gain.policy=immediate"}).held());
+  EXPECT_TRUE(run("dilys2021", {"rates.n=20", "gain.policy=immediate", "start=flying"}).held());
+  EXPECT_FALSE(run("dilys2021", {"rates.n=60", "gain.policy=immediate", "start=flying"}).held());
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ TEST_P(ReferenceTable, AngleErrorRmsIsWithinFifteenPercent) {
   const Figures figures = run(
       "dilys2021",
       {fmt::format("rates.n={}", row.n), fmt::format("estimator.prediction={}", row.prediction)});
-  EXPECT_TRUE(figures.locked);
+  EXPECT_TRUE(figures.held());
   EXPECT_NEAR(degrees(figures.angle_error_rms), row.angle_error_rms_deg,
               0.15 * row.angle_error_rms_deg);
   EXPECT_NEAR(figures.speed_mean, 100, 0.5);
@@ -57,7 +57,7 @@ TEST(ReferenceRun, ThirteenIsLostWithEitherPrediction) {
   for (const char* prediction : {"euler", "rk4"}) {
     const Figures figures = run("dilys2021", {"rates.n=13", "run.settle_s=0.5",
                                               fmt::format("estimator.prediction={}", prediction)});
-    EXPECT_FALSE(figures.locked) << prediction;
+    EXPECT_FALSE(figures.held()) << prediction;
     EXPECT_GT(degrees(figures.angle_error_max), 150) << prediction;
   }
 }

@@ -11,7 +11,7 @@ TEST(AlignIf, LocksFromTwentyFourOfTwentyFourAngles) {
     const Figures figures =
         run("dilys2021", {"start=align_if", "run.duration_s=3.0", "run.settle_s=2.0",
                           fmt::format("plant.theta_e_start_rad={}", theta_e)});
-    locked += figures.locked;
+    locked += figures.held();
     EXPECT_NEAR(degrees(figures.angle_error_rms), 2.51, 0.38) << "from " << degrees(theta_e);
   }
   EXPECT_EQ(locked, 24);
@@ -20,7 +20,7 @@ TEST(AlignIf, LocksFromTwentyFourOfTwentyFourAngles) {
 TEST(AlignIf, TurnsBackwardsOnANegativeReference) {
   const Figures figures = run("dilys2021", {"start=align_if", "reference.omega_e_rad_s=-400",
                                             "run.duration_s=3.0", "run.settle_s=2.0"});
-  EXPECT_TRUE(figures.locked);
+  EXPECT_TRUE(figures.held());
   EXPECT_NEAR(figures.speed_mean, -100, 0.5);
 }
 

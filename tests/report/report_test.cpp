@@ -11,7 +11,9 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "core/channels.hpp"
 #include "core/config.hpp"
+#include "core/reason.hpp"
 #include "report/figure.hpp"
 
 namespace twinrate {
@@ -236,12 +238,25 @@ TEST_F(Report, ComparesTheShapeOfTheLoadOverTheAngle) {
 }
 
 // A ripple beyond 20 % is no loss of synchronism if the angle is that of a sensor.
-TEST_F(Report, ALargeRippleWithAPositionSensorIsNoLoss) {
+TEST_F(Report, ALargeRippleIsUnevenAndNoLoss) {
   RunLog log = made_up_run();
   for (Truth& truth : log.truth) truth.omega_m += 30 * std::sin(3 * truth.theta_m);
-  EXPECT_EQ(content_of(page_of({log}))["verdict"]["state"], "lost");
-  for (Estimate& e : log.estimate) e.status |= kMeasuredAngle;
-  EXPECT_EQ(content_of(page_of({log}))["verdict"]["state"], "unknown");
+  const Json verdict = content_of(page_of({log}))["verdict"];
+  EXPECT_EQ(verdict["state"], "locked");
+  EXPECT_NE(verdict["headline"].get<std::string>().find("uneven"), std::string::npos);
+}
+
+TEST_F(Report, NamesATripBeforeAnyFigure) {
+  RunLog log = made_up_run();
+  log.events.push_back({.k = 2500,
+                        .t_ns = 500'000'000,
+                        .role = static_cast<int>(Role::kController),
+                        .reason = static_cast<int>(Reason::kLostSynchronism),
+                        .text = "zero voltage"});
+  const Json verdict = content_of(page_of({log}))["verdict"];
+  EXPECT_EQ(verdict["state"], "lost");
+  EXPECT_EQ(verdict["headline"],
+            "Tripped: lost_synchronism at 0.5000 s, tick 2500, controller: zero voltage");
 }
 
 TEST_F(Report, OfALostRunShowsTheLoss) {
