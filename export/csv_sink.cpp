@@ -1,39 +1,13 @@
 #include <fmt/format.h>
 #include <zlib.h>
 
-#include <cerrno>
 #include <cmath>
-#include <cstdio>
-#include <cstring>
-#include <filesystem>
 #include <iterator>
 
-#include "core/config.hpp"
+#include "core/output_file.hpp"
 #include "export/sink.hpp"
 
 namespace twinrate {
-
-PartFile::PartFile(const std::string& path) : path_(path), part_path_(path + ".part") {
-  // A rename would replace a device or directory.
-  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
-    throw BadInput(fmt::format("{}: is not a plain file; give a file name", path));
-  std::FILE* file = std::fopen(part_path_.c_str(), "wb");
-  if (!file) throw BadInput(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
-  std::fclose(file);
-}
-
-PartFile::~PartFile() {
-  if (!done_) std::remove(part_path_.c_str());
-}
-
-void PartFile::finish() {
-  if (std::rename(part_path_.c_str(), path_.c_str()) != 0) fail();
-  done_ = true;
-}
-
-void PartFile::fail() const {
-  throw std::runtime_error(fmt::format("{}: cannot be written: {}", path_, std::strerror(errno)));
-}
 
 namespace {
 

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/config.hpp"
+#include "core/output_file.hpp"
 #include "export/sink.hpp"
 
 namespace twinrate {

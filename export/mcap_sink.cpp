@@ -10,6 +10,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "core/output_file.hpp"
 #include "core/paths.hpp"
 #include "export/sink.hpp"
 

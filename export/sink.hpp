@@ -1,7 +1,7 @@
 // Writes the streams of an export (one for each channel, or one table) sample by sample.
 //
-// The file is written as PATH.part and renamed in finish(); the destructor removes an unfinished
-// part file. Throws BadInput if it cannot be created, std::runtime_error if the disk is full.
+// The file is a PartFile until finish(). Throws BadInput if it cannot be created,
+// std::runtime_error if the disk is full.
 #pragma once
 #include <memory>
 #include <string>
@@ -17,22 +17,6 @@ class ExportSink {
   virtual void open(const std::string& stream, const Layout& layout) = 0;
   virtual void write(std::size_t stream, const Sample& sample) = 0;
   virtual void finish() = 0;
-};
-
-// The part file of `path`; finish() renames it.
-class PartFile {
- public:
-  explicit PartFile(const std::string& path);
-  ~PartFile();
-  PartFile(const PartFile&) = delete;
-  PartFile& operator=(const PartFile&) = delete;
-  const std::string& part_path() const { return part_path_; }
-  void finish();
-  [[noreturn]] void fail() const;  // throws the write error in errno
-
- private:
-  std::string path_, part_path_;
-  bool done_ = false;
 };
 
 // One table: t and the fields of the one stream. A missing number (NaN) is an empty cell. Gzipped

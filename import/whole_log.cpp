@@ -1,28 +1,18 @@
 #include "import/whole_log.hpp"
 
-#include <fmt/format.h>
 
-#include <cerrno>
 #include <cstdio>
 #include <cstring>
-#include <filesystem>
-
-#include "core/config.hpp"
 
 namespace twinrate {
 
-WholeLog::WholeLog(const std::string& path) : path_(path), part_path_(path + ".part") {
-  // A rename would replace a device or directory.
-  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
-    throw BadInput(fmt::format("{}: is not a plain file; give a file name", path));
-  log_ = lcm_eventlog_create(part_path_.c_str(), "w");
-  if (!log_) throw BadInput(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
+WholeLog::WholeLog(const std::string& path)
+    : part_(path), log_(lcm_eventlog_create(part_.part_path().c_str(), "w")) {
+  if (!log_) part_.fail();
 }
 
 WholeLog::~WholeLog() {
-  if (!log_) return;
-  lcm_eventlog_destroy(log_);
-  std::remove(part_path_.c_str());
+  if (log_) lcm_eventlog_destroy(log_);
 }
 
 void WholeLog::write_bytes(const char* channel, std::int64_t timestamp_us) {
@@ -32,21 +22,14 @@ void WholeLog::write_bytes(const char* channel, std::int64_t timestamp_us) {
   event.channellen = static_cast<std::int32_t>(std::strlen(channel));
   event.data = bytes_.data();
   event.datalen = static_cast<std::int32_t>(bytes_.size());
-  if (lcm_eventlog_write_event(log_, &event) != 0) fail_to_write();
+  if (lcm_eventlog_write_event(log_, &event) != 0) part_.fail();
 }
 
 void WholeLog::finish() {
-  if (std::fflush(log_->f) != 0 || std::ferror(log_->f)) fail_to_write();
+  if (std::fflush(log_->f) != 0 || std::ferror(log_->f)) part_.fail();
   lcm_eventlog_destroy(log_);
   log_ = nullptr;
-  if (std::rename(part_path_.c_str(), path_.c_str()) == 0) return;
-  const int error = errno;
-  std::remove(part_path_.c_str());
-  throw BadInput(fmt::format("{}: cannot be written: {}", path_, std::strerror(error)));
-}
-
-void WholeLog::fail_to_write() const {
-  throw std::runtime_error(fmt::format("{}: cannot be written: {}", path_, std::strerror(errno)));
+  part_.finish();
 }
 
 }  // namespace twinrate

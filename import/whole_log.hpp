@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "core/channels.hpp"
+#include "core/output_file.hpp"
 
 namespace twinrate {
 
-// Writes PATH.part and renames it in finish(). The destructor removes an unfinished part file.
 // Throws BadInput if the file cannot be created, std::runtime_error if the disk is full.
 class WholeLog {
  public:
@@ -30,9 +30,8 @@ class WholeLog {
 
  private:
   void write_bytes(const char* channel, std::int64_t timestamp_us);
-  [[noreturn]] void fail_to_write() const;
 
-  std::string path_, part_path_;
+  PartFile part_;
   lcm_eventlog_t* log_ = nullptr;
   std::vector<std::uint8_t> bytes_;
 };

@@ -9,6 +9,8 @@
 #include <filesystem>
 #include <stdexcept>
 
+#include "core/output_file.hpp"
+
 namespace twinrate {
 
 LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes)
@@ -16,9 +18,6 @@ LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes)
   std::error_code refused;  // open_next() then fails, too
   std::filesystem::create_directories(directory_, refused);
   open_next();
-  if (!log_)
-    throw std::runtime_error(
-        fmt::format("{}: cannot be written: {}", files_.back(), std::strerror(errno)));
 }
 
 LogWriter::~LogWriter() {
@@ -28,10 +27,18 @@ LogWriter::~LogWriter() {
 
 void LogWriter::open_next() {
   const std::string name = files_.empty() ? "log.lcm" : fmt::format("log-{:03}.lcm", files_.size());
-  files_.push_back((std::filesystem::path(directory_) / name).string());
-  log_ = lcm_eventlog_create(files_.back().c_str(), "w");
+  const std::string path = (std::filesystem::path(directory_) / name).string();
+  create_new(path);
+  log_ = lcm_eventlog_create(path.c_str(), "w");
+  if (!log_)
+    throw std::runtime_error(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
+  files_.push_back(path);
   written_ = on_disk_ = 0;
-  if (!log_) full_ = true;
+}
+
+void LogWriter::fail(const std::string& why) {
+  full_ = true;
+  if (failure_.empty()) failure_ = why;
 }
 
 void LogWriter::close() {
@@ -56,7 +63,7 @@ bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::
   event.datalen = static_cast<int>(size);
   event.data = const_cast<std::uint8_t*>(bytes);
   if (lcm_eventlog_write_event(log_, &event) != 0) {
-    full_ = true;
+    fail(files_.back() + ": the disk is full");
     flush();
     return false;
   }
@@ -69,8 +76,12 @@ bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std
   if (written_ > rotate_bytes_) {
     if (!flush()) return false;
     close();
-    open_next();
-    if (full_) return false;
+    try {
+      open_next();
+    } catch (const std::runtime_error& refused) {
+      fail(refused.what());
+      return false;
+    }
     rotated_ = true;
     if (!manifest_.empty()) put(manifest_channel_, manifest_.data(), manifest_.size(), t_us);
   }
@@ -82,9 +93,10 @@ bool LogWriter::flush() {
   const bool written = !full_ && std::fflush(log_->f) == 0;
   if (written) {
     on_disk_ = written_;
+    marked_on_disk_ = marked_;
     return true;
   }
-  full_ = true;
+  fail(files_.back() + ": the disk is full");
   // The log must end with a whole event: discards the buffer of stdio and a partial event.
   __fpurge(log_->f);
   if (ftruncate(fileno(log_->f), on_disk_) != 0)

@@ -1,7 +1,8 @@
 // Writes an LCM log that is readable after a full disk.
 //
 // Events are written with liblcm's event log; every flush() is checked. If the disk is full, the
-// file is truncated to its last whole event and the writer accepts no more events. At
+// file is truncated to its last whole event and the writer accepts no more events. A file that
+// exists is not overwritten. At
 // `rotate_bytes` the next file is started: log.lcm, log-001.lcm, .. each with the manifest first.
 #pragma once
 #include <lcm/eventlog.h>
@@ -15,7 +16,7 @@ namespace twinrate {
 
 class LogWriter {
  public:
-  // Throws std::runtime_error if the first file cannot be created.
+  // Throws BadInput if the first file exists, std::runtime_error if it cannot be created.
   LogWriter(std::string directory, std::int64_t rotate_bytes);
   ~LogWriter();
   LogWriter(const LogWriter&) = delete;
@@ -24,19 +25,26 @@ class LogWriter {
   // Event written at the start of this file and of every later one.
   void set_manifest(const std::string& channel, const std::vector<std::uint8_t>& bytes,
                     std::int64_t t_us);
-  // False once the disk is full.
+  // False once the disk is full, or if the next file exists.
   bool write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
              std::int64_t t_us);
   // Flushes all events to the file; false once the disk is full.
   bool flush();
   bool full() const { return full_; }
+  // Why the writer accepts no more events; "" while it does.
+  const std::string& failure() const { return failure_; }
+  // The events so far are those of the ticks below k.
+  void mark(std::int64_t k) { marked_ = k; }
+  // The last mark whose events are all in the files.
+  std::int64_t marked_on_disk() const { return marked_on_disk_; }
   const std::vector<std::string>& files() const { return files_; }
   // True once after a new file was started.
   bool take_rotated() { return std::exchange(rotated_, false); }
 
  private:
-  void open_next();
+  void open_next();  // throws as the constructor
   void close();
+  void fail(const std::string& why);
   bool put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
            std::int64_t t_us);
 
@@ -45,11 +53,13 @@ class LogWriter {
   lcm_eventlog_t* log_ = nullptr;
   std::int64_t written_ = 0;  // bytes passed to the present file
   std::int64_t on_disk_ = 0;  // bytes of whole events flushed; at most kFlushBytes behind
+  std::int64_t marked_ = 0, marked_on_disk_ = 0;
   static constexpr std::int64_t kFlushBytes = 65536;
   std::vector<std::string> files_;
   std::string manifest_channel_;
   std::vector<std::uint8_t> manifest_;
   bool full_ = false, rotated_ = false;
+  std::string failure_;
 };
 
 }  // namespace twinrate

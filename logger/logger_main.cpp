@@ -7,10 +7,10 @@
 
 #include <chrono>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "core/manifest.hpp"
+#include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "logger/tick_log.hpp"
 
@@ -23,11 +23,23 @@ std::int64_t wall_us() {
       .count();
 }
 
+std::string account_in(const std::string& directory) {
+  return (std::filesystem::path(directory) / "logger.json").string();
+}
+
+// Throws BadInput if the directory holds the account of another logger.
+std::string directory_of(const ProcessOptions& options) {
+  const std::string directory = options.run_dir.empty() ? "." : options.run_dir;
+  if (name_is_taken(account_in(directory)))
+    throw BadInput(account_in(directory) + ": exists and is not overwritten; give another --out");
+  return directory;
+}
+
 class LoggerProcess {
  public:
   explicit LoggerProcess(Process& p)
       : p_(p),
-        directory_(p.options().run_dir.empty() ? "." : p.options().run_dir),
+        directory_(directory_of(p.options())),
         writer_(directory_, static_cast<std::int64_t>(p.bus_parameters().log_rotate_MB * 1e6)),
         log_(writer_,
              p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
@@ -107,8 +119,8 @@ class LoggerProcess {
     if (p_.stopping() && full_said_) return;
     full_said_ = true;
     p_.fail(Reason::kDiskFull, log_.complete_below(),
-            fmt::format("{}: the disk is full; the log holds {} whole ticks",
-                        writer_.files().back(), log_.complete_below()));
+            fmt::format("{}; the log holds {} whole ticks", writer_.failure(),
+                        writer_.marked_on_disk()));
   }
   void write_account() {
     nlohmann::ordered_json channels;
@@ -121,8 +133,12 @@ class LoggerProcess {
     std::vector<std::string> files;
     for (const std::string& file : writer_.files())
       files.push_back(std::filesystem::path(file).filename().string());
-    std::ofstream out(std::filesystem::path(directory_) / "logger.json");
-    out << nlohmann::ordered_json{{"files", files}, {"channels", channels}}.dump(2) << "\n";
+    try {
+      write_new(account_in(directory_),
+                nlohmann::ordered_json{{"files", files}, {"channels", channels}}.dump(2) + "\n");
+    } catch (const std::runtime_error& error) {
+      fmt::print(stderr, "twinrate-logger: {}\n", error.what());
+    }
   }
 
   Process& p_;

@@ -82,8 +82,10 @@ void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const s
   slot.assign(bytes, bytes + size);
   for (auto first = pending_.begin();
        first != pending_.end() && first->first == next_ && complete(next_, first->second);
-       first = pending_.erase(first), ++next_)
+       first = pending_.erase(first), ++next_) {
     write_tick(first->second);
+    writer_.mark(next_ + 1);
+  }
 }
 
 std::vector<TickLog::Missing> TickLog::missing(std::size_t limit) const {

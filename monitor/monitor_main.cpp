@@ -15,6 +15,7 @@
 #include <set>
 #include <stop_token>
 
+#include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "monitor/live_monitor.hpp"
@@ -128,6 +129,7 @@ class MonitorProcess {
     const std::filesystem::path directory =
         p_.options().run_dir.empty() ? "." : p_.options().run_dir;
     const std::filesystem::path path = directory / "monitor.json";
+    if (!std::exchange(made_file_, true)) create_new(path.string());
     std::ofstream file(path);
     file << monitor_.to_json();
     if (file.flush() || p_.exit_code() != 0) return;
@@ -136,6 +138,7 @@ class MonitorProcess {
 
   Process& p_;
   LiveMonitor monitor_;
+  bool made_file_ = false;  // monitor.json
   std::future<TraceResult> trace_;
   std::stop_source stop_;  // of the running trace
   bool asking_ = false;

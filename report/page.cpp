@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "core/config.hpp"
+#include "core/output_file.hpp"
 #include "core/paths.hpp"
 #include "report/parts.hpp"
 
@@ -80,13 +81,12 @@ std::string fill(const std::string& page,
 }
 
 void write_whole(const std::string& text, const std::string& out_path) {
-  const std::string unfinished = out_path + ".part";
-  std::ofstream file(unfinished, std::ios::binary);
+  PartFile part(out_path);
+  std::ofstream file(part.part_path(), std::ios::binary);
   file << text;
   file.close();
-  std::error_code error;
-  if (file) fs::rename(unfinished, out_path, error);
-  if (!file || error) throw std::runtime_error(fmt::format("{}: cannot be written", out_path));
+  if (!file) part.fail();
+  part.finish();
 }
 
 }  // namespace

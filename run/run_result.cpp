@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/channels.hpp"
+#include "core/output_file.hpp"
 #include "core/reason.hpp"
 #include "report/report.hpp"
 
@@ -19,13 +20,6 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr double kDegrees = 180 / kPi;
-
-void write_text(const fs::path& path, const std::string& text) {
-  std::ofstream out(path);
-  out << text;
-  out.flush();
-  if (!out) throw std::runtime_error(fmt::format("{}: cannot be written", path.string()));
-}
 
 Json read_json(const fs::path& path) {
   std::ifstream in(path);
@@ -191,27 +185,26 @@ std::string write_results(const fs::path& dir, const RunLog& log, const Config& 
   std::string not_written;
   const auto put = [&](const char* name, const auto& write) {
     try {
-      write(dir / name);
+      write((dir / name).string());
     } catch (const std::runtime_error&) {
-      std::error_code ignored;
-      fs::remove(dir / name, ignored);
       not_written += (not_written.empty() ? "" : ", ") + std::string(name);
     }
   };
   put("summary.json",
-      [&](const fs::path& path) { write_text(path, to_json(s, config.drive()) + "\n"); });
-  put("manifest.json", [&](const fs::path& path) { write_text(path, manifest.dump(2) + "\n"); });
+      [&](const std::string& path) { write_new(path, to_json(s, config.drive()) + "\n"); });
+  put("manifest.json", [&](const std::string& path) { write_new(path, manifest.dump(2) + "\n"); });
   if (const std::string learnt = learnt_config(log, config.resolved()); !learnt.empty())
-    put("learnt.toml", [&](const fs::path& path) { write_text(path, learnt); });
-  put("report.html", [&](const fs::path& path) {
-    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path.string());
+    put("learnt.toml", [&](const std::string& path) { write_new(path, learnt); });
+  put("report.html", [&](const std::string& path) {
+    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path);
   });
   return not_written;
 }
 
 }  // namespace
 
-std::string make_run_directory(const std::string& wanted, const Config& config) {
+std::unique_ptr<ResultDirectory> make_run_directory(const std::string& wanted, const Config& config,
+                                                    bool force) {
   fs::path path = wanted;
   if (wanted.empty()) {
     const std::time_t now = std::time(nullptr);
@@ -222,17 +215,10 @@ std::string make_run_directory(const std::string& wanted, const Config& config) 
       path = fs::path("runs") /
              fmt::format("{}-{}{}", name, stamp, copy ? fmt::format("-{}", copy) : "");
   }
-  std::error_code error;
-  fs::create_directories(path, error);
-  if (error)
-    throw BadInput(fmt::format("{}: cannot be created: {}", path.string(), error.message()));
-  // Log files of an earlier run in this directory would be read as parts of this run.
-  for (const auto& entry : fs::directory_iterator(path)) {
-    const std::string name = entry.path().filename().string();
-    if (name.rfind("log", 0) == 0 && entry.path().extension() == ".lcm") fs::remove(entry.path());
-  }
-  write_text(path / "config.toml", config.resolved());
-  return path.string();
+  auto directory = std::make_unique<ResultDirectory>(path.string(), ResultKind::kRun, force);
+  directory->begin();
+  write_new((path / "config.toml").string(), config.resolved());
+  return directory;
 }
 
 int conclude_run(const std::string& directory, const Config& config, RunFacts facts) {

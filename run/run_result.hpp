@@ -1,9 +1,11 @@
 // The result of a run: its directory and the table on the terminal.
 #pragma once
+#include <memory>
 #include <string>
 
 #include "analysis/summary.hpp"
 #include "core/config.hpp"
+#include "core/result_directory.hpp"
 
 namespace twinrate {
 
@@ -16,8 +18,10 @@ struct RunFacts {
   std::string not_written;  // names of files that could not be written
 };
 
-// Creates DIR (default runs/NAME-DATE-TIME), writes config.toml and returns the path.
-std::string make_run_directory(const std::string& wanted, const Config& config);
+// Begins a run in DIR (default runs/NAME-DATE-TIME) and writes config.toml. `force`: replaces the
+// run that DIR holds. Throws BadInput as ResultDirectory.
+std::unique_ptr<ResultDirectory> make_run_directory(const std::string& wanted, const Config& config,
+                                                    bool force);
 // Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. The
 // table names the files that could not be written (disk full). Returns the exit code: 1 if
 // the drive tripped, synchronism or messages were lost, the estimate never took over, the run ended

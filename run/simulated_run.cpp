@@ -1,7 +1,8 @@
 #include "run/simulated_run.hpp"
 
+#include <fmt/format.h>
+
 #include <chrono>
-#include <fstream>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "core/bus_parameters.hpp"
 #include "core/make_event.hpp"
 #include "core/manifest.hpp"
+#include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "logger/tick_log.hpp"
@@ -69,9 +71,12 @@ class OwnMonitor {
         monitor_(config) {}
   // False if the disk is full.
   bool write() const {
-    std::ofstream file(directory_ + "/monitor.json");
-    file << monitor_.to_json();
-    return static_cast<bool>(file.flush());
+    try {
+      write_new(directory_ + "/monitor.json", monitor_.to_json());
+    } catch (const std::runtime_error&) {
+      return false;
+    }
+    return true;
   }
 
   void take(const TickRecord& tick) {
@@ -101,6 +106,10 @@ class OwnMonitor {
   std::optional<Config> extended_, coming_;
   std::int64_t from_k_ = 0;
 };
+
+std::string disk_full(const LogWriter& writer) {
+  return fmt::format("{}; the log holds {} whole ticks", writer.failure(), writer.marked_on_disk());
+}
 
 std::int64_t wall_us() {
   return std::chrono::duration_cast<std::chrono::microseconds>(
@@ -132,14 +141,14 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
     publish_tick(bus, tick);
     if (monitor) monitor->take(tick);
     progress.show(tick.truth, tick.estimate, {});
-    if (writer.full()) ended = writer.files().back() + ": the disk is full";
+    if (writer.full()) ended = disk_full(writer);
     if (stop_signalled()) ended = "interrupted";
   }
   progress.end();
   if (const std::string learnt = loop.controller().learnt(); !learnt.empty())
     bus.publish_event(Reason::kLearnt, learnt, loop.k() - 1, d.t_ns(loop.k() - 1));
   log.close();
-  if (!writer.flush() && ended.empty()) ended = writer.files().back() + ": the disk is full";
+  if (!writer.flush() && ended.empty()) ended = disk_full(writer);
   if (monitor && !monitor->write() && ended.empty())
     ended = directory + "/monitor.json: the disk is full";
   return ended;

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/output_file.hpp"
 #include "loop/load_drive.hpp"
 #include "sweep/run.hpp"
 #include "sweep/store.hpp"
@@ -44,7 +45,8 @@ void refuse_missing(const Plan& plan, const std::vector<Point>& points) {
 
 }  // namespace
 
-void merge(const std::vector<std::string>& directories, const std::string& out, bool json) {
+void merge(const std::vector<std::string>& directories, const std::string& out, bool json,
+           bool force) {
   const std::vector<std::string> shards = shard_directories(directories);
   const std::string identity = identity_in(shards.front());
   std::vector<Point> points;
@@ -61,10 +63,12 @@ void merge(const std::vector<std::string>& directories, const std::string& out, 
   sort_points(plan, points);
   refuse_missing(plan, points);
   const std::string directory = out.empty() ? directories.front() : out;
-  fs::create_directories(directory);
-  if (directory != shards.front()) std::ofstream(directory + "/sweep.json") << identity;
   const Config config = load_drive(plan.drive, plan.overrides);
+  ResultDirectory result(directory, ResultKind::kSweep, force);
+  result.begin();
+  write_new(directory + "/sweep.json", identity);
   write_result(plan, config, directory, points, json);
+  result.finish();
 }
 
 }  // namespace twinrate::sweep

@@ -44,6 +44,24 @@ double switch_before(double settle_s, int n, double T_s) {
   return std::max(0.0, (std::floor((settle_s - 0.3) / T_s / n) * n - 0.5) * T_s);
 }
 
+// A new directory within `directory`; removed with what it holds.
+class Scratch {
+ public:
+  explicit Scratch(const std::string& directory) : path_(directory + "/run-XXXXXX") {
+    if (!mkdtemp(path_.data())) throw BadInput(directory + ": cannot be written");
+  }
+  ~Scratch() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
 int run_quietly(const std::vector<std::string>& arguments) {
   std::vector<char*> argv;
   for (const std::string& text : arguments) argv.push_back(const_cast<char*>(text.c_str()));
@@ -108,13 +126,14 @@ std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const
 }
 
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
-                   const std::string& scratch) {
-  std::vector<std::string> arguments = {"twinrate", "launch", plan.drive, "--run-dir", scratch};
+                   const std::string& directory) {
+  const Scratch scratch(directory);
+  std::vector<std::string> arguments = {"twinrate", "launch", plan.drive, "--run-dir",
+                                        scratch.path()};
   for (const std::string& text : point_overrides(plan, base, search, n))
     arguments.insert(arguments.end(), {"--set", text});
-  std::filesystem::remove_all(scratch);
   const int code = run_quietly(arguments);
-  std::ifstream file(scratch + "/summary.json");
+  std::ifstream file(scratch.path() + "/summary.json");
   if (code > 1 || !file)
     throw MachineError(fmt::format(
         "twinrate launch ended with exit code {} (multicast? try twinrate doctor)", code));
@@ -126,7 +145,6 @@ Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& sear
   point.locked = summary["locked"].is_boolean() && summary["locked"].get<bool>();
   point.angle_error_rms = number("angle_error_rms_rad");
   point.angle_error_max = number("angle_error_max_rad");
-  std::filesystem::remove_all(scratch);
   return point;
 }
 

@@ -22,9 +22,10 @@ Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& se
 // drive.
 std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const Search& search,
                                 const std::vector<int>& n);
-// The same point with `twinrate launch`, five processes over LCM. Removes `scratch`.
+// The same point with `twinrate launch`, five processes over LCM, in a temporary directory within
+// `directory`.
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
-                   const std::string& scratch);
+                   const std::string& directory);
 // The filter alone on the samples of a recorded drive, compared with its measured (or true) angle.
 // `plan.start` "switched": a gain every tick until 0.3 s before the window of the recording.
 Point run_on_log(const RunLog& log, const Plan& plan, const Search& search, int n);

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "sweep/store.hpp"
 
@@ -25,14 +26,13 @@ std::string read_whole(const std::string& path) {
 }
 
 // Assigns the directory to one sweep. Throws BadInput if it belongs to another one.
-void claim(const std::string& directory, const std::string& identity, bool resume) {
-  std::filesystem::create_directories(directory);
-  const std::string path = directory + "/sweep.json";
-  if (resume && std::filesystem::exists(path) && read_whole(path) != identity)
+void claim(ResultDirectory& directory, const std::string& identity, bool resume) {
+  const std::string path = directory.path() + "/sweep.json";
+  const bool resumed = resume && std::filesystem::exists(path);
+  if (resumed && read_whole(path) != identity)
     throw BadInput(path + ": --resume: another sweep (drive, keys, speeds, policies or seeds)");
-  std::ofstream file(path);
-  file << identity;
-  if (!file.flush()) throw BadInput(path + ": cannot be written");
+  directory.begin();
+  if (!resumed) write_new(path, identity);
 }
 
 // The progress line and the lines of --json.
@@ -71,8 +71,9 @@ class Live {
 
 class Engine {
  public:
-  Engine(const Plan& plan, const DriveConfig& base, PointFile& file, const RunOptions& options)
-      : plan_(plan), base_(base), file_(file), options_(options) {
+  Engine(const Plan& plan, const DriveConfig& base, PointFile& file, std::string directory,
+         const RunOptions& options)
+      : plan_(plan), base_(base), file_(file), directory_(std::move(directory)), options_(options) {
     const auto all = searches(plan);
     for (std::size_t i = 0; i < all.size(); ++i)
       if (static_cast<int>(i % static_cast<std::size_t>(plan.shards)) == plan.shard)
@@ -140,14 +141,14 @@ class Engine {
   }
   Point run_point(const Search& search, int n) const {
     if (!plan_.log.empty()) return run_on_log(log_, plan_, search, n);
-    if (plan_.over == "lcm")
-      return run_over_lcm(plan_, base_, search, n, options_.directory + "/run");
+    if (plan_.over == "lcm") return run_over_lcm(plan_, base_, search, n, directory_);
     return run_in_process(plan_, base_, search, n);
   }
 
   const Plan& plan_;
   const DriveConfig& base_;
   PointFile& file_;
+  std::string directory_;
   const RunOptions& options_;
   std::vector<Search> searches_;
   RunLog log_;
@@ -159,10 +160,11 @@ class Engine {
 
 }  // namespace
 
-bool run_searches(const Plan& plan, const Config& config, const RunOptions& options) {
-  claim(options.directory, identity(plan, config), options.resume);
-  PointFile file(options.directory + "/points.csv", options.resume);
-  Engine(plan, config.drive(), file, options).run();
+bool run_searches(const Plan& plan, const Config& config, ResultDirectory& directory,
+                  const RunOptions& options) {
+  claim(directory, identity(plan, config), options.resume);
+  PointFile file(directory.path() + "/points.csv", options.resume);
+  Engine(plan, config.drive(), file, directory.path(), options).run();
   return stop_signalled();
 }
 

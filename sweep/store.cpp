@@ -3,10 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <sstream>
 #include <tuple>
+
+#include "core/output_file.hpp"
 
 namespace twinrate::sweep {
 namespace {
@@ -39,14 +40,13 @@ Point parse_row(const std::string& line, const std::string& where) {
 }
 
 void write_whole(const std::string& path, const std::vector<Point>& points) {
-  const std::string beside = path + ".part";
-  {
-    std::ofstream file(beside);
-    file << kPointsHeader << '\n';
-    for (const Point& point : points) file << row_of(point) << '\n';
-    if (!file.flush()) throw BadInput(beside + ": cannot be written");
-  }
-  std::filesystem::rename(beside, path);
+  PartFile part(path);
+  std::ofstream file(part.part_path());
+  file << kPointsHeader << '\n';
+  for (const Point& point : points) file << row_of(point) << '\n';
+  file.close();
+  if (!file) part.fail();
+  part.finish();
 }
 
 }  // namespace

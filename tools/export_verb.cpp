@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
+#include "core/output_file.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
 #include "export/export_log.hpp"
@@ -16,7 +17,7 @@ namespace {
 struct ExportOptions {
   ExportRequest request;
   std::string channels;
-  bool json = false;
+  bool json = false, force = false;
 };
 
 // Default path: that of the log with the suffix of the format.
@@ -59,6 +60,7 @@ int run_export(ExportOptions o) {
   std::error_code error;
   if (std::filesystem::equivalent(r.out, r.log, error))
     throw BadInput(fmt::format("{}: is the log itself; --out takes another name", r.out));
+  expect_free(r.out, o.force);
   catch_stop_signals();
   PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
   const Exported e = export_log(r, [&](double share) { line.show("exporting", share); });
@@ -87,6 +89,7 @@ void add_export_verb(CLI::App& app, int& exit_code) {
       "as columns; mat, mcap: write these instead of all");
   verb->add_option("--resample", r.rate_Hz, "resample all channels to this rate, Hz")
       ->check(CLI::Range(1e-3, 1e7));
+  verb->add_flag("--force", o->force, "replace the file of --out");
   verb->add_flag("--json", o->json, "print progress and result as JSON lines");
   verb->callback([o, &exit_code] {
     try {

@@ -2,9 +2,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <filesystem>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "core/output_file.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
 #include "import/import_log.hpp"
@@ -19,7 +21,7 @@ using Json = nlohmann::ordered_json;
 struct ImportOptions {
   std::string file, map, out, drive;
   std::vector<std::string> overrides;
-  bool repair = false, json = false;
+  bool repair = false, json = false, force = false;
 };
 
 std::string tick_text(const Json& s) {
@@ -67,8 +69,17 @@ Config drive_of(const ImportOptions& o, const ImportMap& map) {
   }
 }
 
+void expect_other_file(const std::string& out, const std::string& input) {
+  std::error_code error;
+  if (std::filesystem::equivalent(out, input, error))
+    throw BadInput(fmt::format("{}: is an input; --out takes another name", out));
+}
+
 void import(const ImportOptions& o) {
   catch_stop_signals();
+  expect_other_file(o.out, o.file);
+  if (!o.map.empty()) expect_other_file(o.out, o.map);
+  expect_free(o.out, o.force);
   const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
   const Config config = drive_of(o, map);
   PercentLine line(o.json ? PercentLine::Form::kNone : PercentLine::Form::kTerminal);
@@ -98,6 +109,7 @@ void add_import_verb(CLI::App& app, int& exit_code) {
       ->allow_extra_args(false)
       ->take_all();
   verb->add_flag("--repair", options->repair, "skip a truncated last line and repeated samples");
+  verb->add_flag("--force", options->force, "replace the log of --out");
   verb->add_flag("--json", options->json, "print the result as one line of JSON");
   verb->callback([options, &exit_code] {
     try {

@@ -15,7 +15,7 @@ struct LaunchOptions {
   std::string drive, run_dir, duration, url, channel_suffix;
   std::string pace = "lockstep";
   std::vector<std::string> overrides;
-  bool json = false, monitor = false;
+  bool json = false, monitor = false, force = false;
 };
 
 void need_multicast() {
@@ -39,7 +39,8 @@ int launch(const LaunchOptions& o) {
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
   need_multicast();
-  const std::string directory = make_run_directory(o.run_dir, config);
+  const auto result = make_run_directory(o.run_dir, config, o.force);
+  const std::string& directory = result->path();
   catch_stop_signals();
   Supervisor supervisor(config.drive(), {.directory = directory,
                                          .url = o.url,
@@ -50,7 +51,9 @@ int launch(const LaunchOptions& o) {
                                          .bus = config.read<BusParameters>()});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
-  return conclude_run(directory, config, facts);
+  const int code = conclude_run(directory, config, facts);
+  result->finish();
+  return code;
 }
 
 }  // namespace
@@ -72,6 +75,7 @@ void add_launch_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--channel-suffix", o->channel_suffix, "append this text to every channel name");
   verb->add_flag("--monitor", o->monitor,
                  "start twinrate-monitor with the set (as monitor.enabled = true)");
+  verb->add_flag("--force", o->force, "replace the run that the directory holds");
   verb->add_flag("--json", o->json, "print progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = launch(*o); });
 }

@@ -5,21 +5,16 @@
 
 #include <chrono>
 #include <cstdlib>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "core/output_file.hpp"
 #include "core/process.hpp"
+#include "core/result_directory.hpp"
 #include "run/progress.hpp"
 
 namespace twinrate {
 namespace {
-
-void write_file(const std::string& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  if (!file.flush()) throw BadInput(path + ": cannot be written");
-}
 
 double seconds_of(const std::string& text) {
   const std::string number = seconds_text(text);
@@ -89,8 +84,10 @@ CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& o) {
   return plan;
 }
 
-int plan_measurement(const PlanOptions& o, const Config& drive, const std::string& out,
-                     bool json_lines, const std::function<std::vector<PlanLog>()>& logs) {
+int plan_measurement(const PlanOptions& o, const Config& drive, const PlanOutput& output,
+                     const std::function<std::vector<PlanLog>()>& logs) {
+  const std::string& out = output.directory;
+  ResultDirectory directory(out, ResultKind::kPlan, output.force);
   PlanRequest request = o.request;
   request.kinds = names_of(o.kinds);
   request.longest_s = seconds_of(o.duration);
@@ -99,19 +96,21 @@ int plan_measurement(const PlanOptions& o, const Config& drive, const std::strin
   catch_stop_signals();
   Plan plan;
   {
-    PlanProgress progress(json_lines);
+    PlanProgress progress(output.json_lines);
     plan = make_plan(drive, request, logs(),
                      {[&](const std::string& what, double share) { progress.show(what, share); },
                       stop_signalled});
   }
-  write_file(out + "/plan.json", plan_json(plan));
+  directory.begin();
+  write_new(out + "/plan.json", plan_json(plan));
   std::string files = "plan.json";
   if (!plan.order.empty()) {
-    write_file(out + "/plan.toml", plan_toml(drive, plan));
-    write_file(out + "/plan.svg", plan_svg(plan));
+    write_new(out + "/plan.toml", plan_toml(drive, plan));
+    write_new(out + "/plan.svg", plan_svg(plan));
     files = "plan.toml, plan.json, plan.svg";
   }
-  if (json_lines) {
+  directory.finish();
+  if (output.json_lines) {
     fmt::print("{}\n", nlohmann::json{{"sentence", plan.sentence}, {"out", out}}.dump());
     return 0;
   }

@@ -16,9 +16,14 @@ struct PlanOptions {
 // Returns the option --plan, which the other options need.
 CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& options);
 
-// Writes plan.toml, plan.json and plan.svg to the existing directory `out` and prints the plan.
-// `logs` reads the logs of --data. Throws BadInput.
-int plan_measurement(const PlanOptions& options, const Config& drive, const std::string& out,
-                     bool json_lines, const std::function<std::vector<PlanLog>()>& logs);
+struct PlanOutput {
+  std::string directory;
+  bool force = false, json_lines = false;
+};
+
+// Writes plan.toml, plan.json and plan.svg and prints the plan. `logs` reads the logs of --data.
+// Throws BadInput.
+int plan_measurement(const PlanOptions& options, const Config& drive, const PlanOutput& output,
+                     const std::function<std::vector<PlanLog>()>& logs);
 
 }  // namespace twinrate

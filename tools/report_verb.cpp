@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "core/config.hpp"
+#include "core/output_file.hpp"
 #include "report/report.hpp"
 #include "tools/verb.hpp"
 
@@ -17,6 +18,7 @@ namespace fs = std::filesystem;
 struct ReportArguments {
   std::vector<std::string> paths;
   std::string out, title, config, angle_reference = "auto", channel_suffix;
+  bool force = false;
 };
 
 struct LoadedRun {
@@ -75,12 +77,20 @@ std::string default_out(const std::vector<std::string>& paths) {
                                 : fs::path(path).replace_extension(".html").string();
 }
 
+void expect_other_file(const std::string& out, const std::string& log) {
+  std::error_code error;
+  if (fs::equivalent(out, log, error))
+    throw BadInput(fmt::format("{}: is the log itself; --out takes another name", out));
+}
+
 void report(const ReportArguments& arguments) {
+  const std::string out = arguments.out.empty() ? default_out(arguments.paths) : arguments.out;
+  for (const std::string& path : arguments.paths) expect_other_file(out, path);
+  expect_free(out, arguments.force);
   std::vector<LoadedRun> loaded;
   for (const std::string& path : arguments.paths) loaded.push_back(load(path, arguments));
   std::vector<ReportRun> runs;
   for (const LoadedRun& run : loaded) runs.push_back({run.log, run.config.drive(), run.summary});
-  const std::string out = arguments.out.empty() ? default_out(arguments.paths) : arguments.out;
   try {
     write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
   } catch (const std::runtime_error& error) {
@@ -105,6 +115,7 @@ void add_report_verb(CLI::App& app, int&) {
   verb->add_option("--config", arguments->config, "read this drive file for a log without one");
   verb->add_option("--channel-suffix", arguments->channel_suffix,
                    "read the channels with this suffix");
+  verb->add_flag("--force", arguments->force, "replace the page of --out");
   verb->callback([arguments] { report(*arguments); });
 }
 

@@ -19,7 +19,7 @@ struct SimulateOptions {
   std::string drive, run_dir;
   std::vector<std::string> overrides;
   std::string duration;
-  bool json = false, monitor = false;
+  bool json = false, monitor = false, force = false;
 };
 
 int simulate(const SimulateOptions& o) {
@@ -27,7 +27,8 @@ int simulate(const SimulateOptions& o) {
   if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
-  const std::string directory = make_run_directory(o.run_dir, config);
+  const auto result = make_run_directory(o.run_dir, config, o.force);
+  const std::string& directory = result->path();
   catch_stop_signals();
   const auto begun = std::chrono::steady_clock::now();
   RunFacts facts;
@@ -35,7 +36,9 @@ int simulate(const SimulateOptions& o) {
   facts.ended = run_simulated(config, directory, o.json);
   facts.wall_s = seconds_since(begun);
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
-  return conclude_run(directory, config, facts);
+  const int code = conclude_run(directory, config, facts);
+  result->finish();
+  return code;
 }
 
 }  // namespace
@@ -53,6 +56,7 @@ void add_simulate_verb(CLI::App& app, int& exit_code) {
       ->allow_extra_args(false);
   verb->add_flag("--monitor", o->monitor,
                  "watch the run, trace and propose effects (as monitor.enabled = true)");
+  verb->add_flag("--force", o->force, "replace the run that the directory holds");
   verb->add_flag("--json", o->json, "print progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = simulate(*o); });
 }

@@ -20,7 +20,7 @@ using namespace sweep;
 struct SweepOptions {
   Plan plan;
   std::string out, shard;
-  bool resume = false, json = false;
+  bool resume = false, json = false, force = false;
 };
 
 std::string shard_directory(const SweepOptions& o) {
@@ -40,9 +40,9 @@ int sweep_fb(SweepOptions o) {
   }
   const Config config = load_drive(o.plan.drive, o.plan.overrides);
   const std::string directory = shard_directory(o);
+  ResultDirectory result(directory, ResultKind::kSweep, o.force, o.resume);
   catch_stop_signals();
-  const bool stopped =
-      run_searches(o.plan, config, {.directory = directory, .resume = o.resume, .json = o.json});
+  const bool stopped = run_searches(o.plan, config, result, {.resume = o.resume, .json = o.json});
   if (stopped) {
     fmt::print(
         stderr,
@@ -50,8 +50,9 @@ int sweep_fb(SweepOptions o) {
         directory);
     return 1;
   }
-  if (o.plan.shards > 1) return 0;  // the result is written by sweep merge
-  write_result(o.plan, config, directory, read_points(directory + "/points.csv"), o.json);
+  if (o.plan.shards == 1)  // sweep merge writes the result of shards
+    write_result(o.plan, config, directory, read_points(directory + "/points.csv"), o.json);
+  result.finish();
   return 0;
 }
 
@@ -87,7 +88,8 @@ void add_options(CLI::App& verb, SweepOptions& o) {
   verb.add_option("--set", p.overrides,
                   "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false);
-  verb.add_flag("--resume", o.resume, "continue a sweep that was stopped");
+  CLI::Option* resume = verb.add_flag("--resume", o.resume, "continue a sweep that was stopped");
+  verb.add_flag("--force", o.force, "replace the sweep that --out holds")->excludes(resume);
   verb.add_flag("--json", o.json, "print progress as JSON lines");
 }
 
@@ -111,6 +113,8 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
   merge_verb->add_option("--out", *out,
                          "write the result into this directory (default: the first DIR)");
   merge_verb->add_flag("--json", *json, "print no table");
+  auto force = std::make_shared<bool>(false);
+  merge_verb->add_flag("--force", *force, "replace the sweep that --out holds");
   CLI::App* cost =
       verb->add_subcommand("cost", "Print the processor load against f_b (Dilys 2021, Table 4)");
   auto halves = std::make_shared<Halves>();
@@ -126,7 +130,7 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
   cost->add_option("--gains-a-turn", *a_turn,
                    "set the gain updates per electrical turn that the policy needs (default 7)");
   cost->callback([=] { fmt::print("{}", cost_table(*halves, *f_s_Hz, *f_b_Hz, *a_turn)); });
-  merge_verb->callback([=] { merge(*directories, *out, *json); });
+  merge_verb->callback([=] { merge(*directories, *out, *json, *force); });
 }
 
 }  // namespace twinrate

@@ -1,22 +1,21 @@
 // twinrate trace: residual -> named effect -> extended model -> error before and after.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "core/bus.hpp"
+#include "core/output_file.hpp"
 #include "core/paths.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
+#include "core/result_directory.hpp"
 #include "core/seconds_since.hpp"
 #include "drive_log/drive_logs.hpp"
 #include "drive_log/measured_files.hpp"
@@ -39,7 +38,8 @@ struct TraceOptions {
   std::string drive, out = "trace", url;
   std::vector<std::string> data, holdout, overrides, maps;
   double memory_MiB = 1024;
-  bool repair = false, json = false, verbose = false, keep_plant = false, verify = false;
+  bool repair = false, json = false, verbose = false, keep_plant = false, verify = false,
+       force = false;
   PlanOptions plan;
 };
 
@@ -53,35 +53,6 @@ std::optional<double> fraction(const std::string& text) {
         fmt::format("--holdout {}: a fraction above 0 and up to 0.5, or files, allowed", text));
   return value;
 }
-
-void write(const std::string& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  if (!file.flush()) throw BadInput(path + ": cannot be written");
-}
-
-// DIR of --out. The constructor creates it; the destructor removes it if it is empty.
-class OutDirectory {
- public:
-  explicit OutDirectory(std::string path) : path_(std::move(path)) {
-    std::error_code refused;
-    made_ = std::filesystem::create_directories(path_, refused);
-    if (!refused && access(path_.c_str(), W_OK) != 0)
-      refused = std::error_code(errno, std::generic_category());
-    if (refused)
-      throw BadInput(fmt::format("--out {}: cannot be written: {}", path_, refused.message()));
-  }
-  ~OutDirectory() {
-    std::error_code not_empty;
-    if (made_) std::filesystem::remove(path_, not_empty);
-  }
-  OutDirectory(const OutDirectory&) = delete;
-  OutDirectory& operator=(const OutDirectory&) = delete;
-
- private:
-  std::string path_;
-  bool made_ = false;
-};
 
 // Throws BadInput for a file given twice.
 void expect_different(const std::vector<std::string>& data,
@@ -145,7 +116,7 @@ void verify_extended(const TraceOptions& o, const Config& declared,
   VerifySettings settings;
   settings.url = o.url;
   const Verification v = verify(logs, declared, extended, settings);
-  write(o.out + "/verify.json", to_json(v));
+  write_new(o.out + "/verify.json", to_json(v));
   if (!o.json) fmt::print("on held-out data:\n{}{}/verify.json\n", table(v), o.out);
 }
 
@@ -208,10 +179,9 @@ MeasuredFiles files_of(const TraceOptions& o, TraceSettings& settings) {
 
 // Writes DIR/trace.json, extended.toml and report.html and prints the result.
 void write_result(const TraceOptions& o, const Config& config, const TraceResult& result) {
-  std::filesystem::remove(o.out + "/verify.json");  // of an earlier trace
-  write(o.out + "/trace.json", to_json(result));
+  write_new(o.out + "/trace.json", to_json(result));
   const std::string extended = extended_toml(config, result, o.keep_plant);
-  write(o.out + "/extended.toml", extended);
+  write_new(o.out + "/extended.toml", extended);
   write_trace_page(
       result, {config.drive().name, extended, config.drive().machine.n_p, twinrate::revision()},
       o.out + "/report.html");
@@ -240,6 +210,7 @@ int verify_step(const TraceOptions& o, const Config& config, const std::vector<V
 }
 
 int trace_files(const TraceOptions& o, const Config& config) {
+  ResultDirectory directory(o.out, ResultKind::kTrace, o.force);
   TraceSettings settings = settings_of(o);
   catch_stop_signals();
   const MeasuredFiles files = files_of(o, settings);
@@ -257,14 +228,20 @@ int trace_files(const TraceOptions& o, const Config& config) {
   const TraceResult result = measured
                                  ? std::move(*measured)
                                  : trace_full_logs(o, asked, config.drive(), settings, replayed);
+  directory.begin();
   write_result(o, config, result);
+  directory.finish();
   if (result.verdict == "inconsistent") return 2;
   if (result.interrupted) {
     fmt::print(stderr, "twinrate: trace interrupted; {} holds the effects found so far{}\n", o.out,
                o.verify ? ", not verified" : "");
     return 1;
   }
-  if (o.verify && !measured) return verify_step(o, config, replayed);
+  if (o.verify && !measured) {
+    const int code = verify_step(o, config, replayed);
+    directory.finish();
+    return code;
+  }
   if (o.verify)
     fmt::print(
         stderr,
@@ -274,9 +251,8 @@ int trace_files(const TraceOptions& o, const Config& config) {
 
 int trace(const TraceOptions& o) {
   const Config config = load_drive(o.drive, o.overrides);
-  const OutDirectory out(o.out);
   if (o.plan.wanted)
-    return plan_measurement(o.plan, config, o.out, o.json,
+    return plan_measurement(o.plan, config, {o.out, o.force, o.json},
                             [&] { return plan_logs(o, config.drive()); });
   if (o.data.empty()) throw BadInput("trace: --data is required (without a log: --plan)");
   return trace_files(o, config);
@@ -319,6 +295,7 @@ void add_output_options(CLI::App* verb, TraceOptions* o, CLI::Option* plan) {
           "free run, estimator over LCM, closed loop; write verify.json")
       ->excludes(plan);
   verb->add_option("--lcm-url", o->url, "use this LCM URL for --verify");
+  verb->add_flag("--force", o->force, "replace the trace (with --plan: the plan) that --out holds");
   verb->add_flag("--json", o->json, "print JSON lines instead of text");
   verb->add_flag("--verbose", o->verbose, "print each step of the selection");
 }

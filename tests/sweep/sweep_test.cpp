@@ -44,8 +44,9 @@ class SweepTest : public ::testing::Test {
   void run(Plan plan, const std::string& name, int shard = 0, int shards = 1) const {
     plan.shard = shard;
     plan.shards = shards;
-    run_searches(plan, load_drive(plan.drive, plan.overrides),
-                 {.directory = path(name), .resume = true, .json = true});
+    ResultDirectory directory(path(name), ResultKind::kSweep, false, true);
+    run_searches(plan, load_drive(plan.drive, plan.overrides), directory,
+                 {.resume = true, .json = true});
   }
 
  private:

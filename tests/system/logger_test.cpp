@@ -1,5 +1,7 @@
 // The log of a run is readable after the end of its writer or a full disk.
 #include <csignal>
+#include <fmt/format.h>
+
 #include <filesystem>
 #include <lcm/lcm-cpp.hpp>
 #include <nlohmann/json.hpp>
@@ -68,10 +70,13 @@ TEST_F(Logger, RotatedPartsEachBeginWithTheManifestAndJoinToTheWholeRun) {
             parts.size());
   EXPECT_EQ(twinrate({"replay", path("run"), "--lockstep"}).exit_code, 0);
 
-  // A shorter run into the same directory leaves no part of the longer one behind.
-  ASSERT_EQ(
-      twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"}).exit_code,
-      0);
+  // A finished run is replaced only with --force. No part of the longer one is left behind.
+  std::vector<std::string> again = {"launch",    "dilys2021",  "--run-dir",
+                                    path("run"), "--duration", "0.1s"};
+  EXPECT_EQ(twinrate(again).exit_code, 2);
+  EXPECT_EQ(log_parts(path("run")).size(), parts.size());
+  again.push_back("--force");
+  ASSERT_EQ(twinrate(again).exit_code, 0);
   EXPECT_EQ(log_parts(path("run")).size(), 1u);
 }
 
@@ -97,6 +102,9 @@ TEST_P(FullDisk, EndsTheRunWithOneClearLineAndAReadableLog) {
   const RunLog log = read_run_log(run);
   EXPECT_GT(log.measurement.size(), 50u);
   EXPECT_LT(log.measurement.size(), 2000u);
+  EXPECT_NE(result.err.find(fmt::format("the log holds {} whole ticks", log.command.size())),
+            std::string::npos)
+      << result.err << log.command.size();
   lcm::LogFile file(run + "/log.lcm", "r");
   std::int64_t whole_bytes = 0;
   while (const lcm::LogEvent* event = file.readNextEvent())

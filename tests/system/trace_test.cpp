@@ -39,8 +39,8 @@ class Trace : public ProgramTest {
   }
   // `times`: number of equal files.
   std::vector<std::string> trace(const std::string& data, int times = 1) const {
-    std::vector<std::string> list = {"twinrate",  "trace",  plain_drive(), "--out",
-                                     path("out"), "--json", "--data",      data};
+    std::vector<std::string> list = {"twinrate", "trace",   plain_drive(), "--out", path("out"),
+                                     "--json",   "--force", "--data",      data};
     for (int copy = 1; copy < times; ++copy) {
       list.push_back(fmt::format("{}-{}.csv", data, copy));
       fs::create_hard_link(data, list.back());
@@ -170,12 +170,16 @@ TEST_F(Trace, ARippleOfTheBusIsFoundAndThenCompensated) {
   EXPECT_NE(read_text(path("out/report.html")).find("The bus voltage"), std::string::npos);
 
   fs::copy_file(path("out/extended.toml"), path("extended.toml"));
-  std::ofstream(path("out/verify.json")) << "{}";  // of the trace before
-  result = twinrate(
-      {"trace", path("extended.toml"), "--data", path("log.csv"), "--out", path("out"), "--json"});
+  const std::vector<std::string> again = {
+      "trace", path("extended.toml"), "--data",  path("log.csv"),
+      "--out", path("out"),           "--force", "--json"};
+  std::ofstream(path("out/verify.json")) << "mine";  // the trace before made none
+  EXPECT_EQ(twinrate(again).exit_code, 2);
+  EXPECT_EQ(read_text(path("out/verify.json")), "mine");
+  fs::remove(path("out/verify.json"));
+  result = twinrate(again);
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(Json::parse(read_text(path("out/trace.json")))["verdict"], "nothing_missing");
-  EXPECT_FALSE(fs::exists(path("out/verify.json")));
   const std::string last = result.out.substr(result.out.rfind('\n', result.out.size() - 2) + 1);
   EXPECT_EQ(Json::parse(last)["verdict"], "nothing_missing") << last;
 }
