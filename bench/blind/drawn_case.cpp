@@ -26,7 +26,7 @@ void varied(Draw& d, DrawnCase& c, Steps& s, double lo, double hi, bool both) {
     if (c.with_load) s.load.push_back({t + 0.5 * span, 0});
     if (c.with_load && d.happens(0.6))
       s.load.back().value = std::copysign(d.between(0.1, 0.6) * m.T_rated, speed);
-    if (both && d.happens(0.5)) {
+    if (both && c.mode != "angle_current" && d.happens(0.5)) {
       s.i_d.push_back({t + 0.6 * span, d.signed_between(0.1, 0.4) * m.i_rated});
       s.i_d.push_back({t + 0.9 * span, 0});
     }
@@ -47,7 +47,9 @@ void draw_profile(Draw& d, DrawnCase& c) {
   const double omega = c.drawn.machine.omega_m_rated;
   const double one_speed = d.signed_between(0.2, 0.85) * omega;
   c.slew_rad_s2 = omega / (c.drawn.t_accelerate * d.between(1.2, 3));
-  c.with_load = c.profile == "rich" || (c.profile == "one_direction" && d.happens(0.5));
+  // A log of angle and i_q does not hold a load or an i_d.
+  const bool logged = c.mode != "angle_current";
+  c.with_load = logged && (c.profile == "rich" || (c.profile == "one_direction" && d.happens(0.5)));
   Steps s;
   if (c.profile == "rich") varied(d, c, s, 0.05, 0.85, true);
   if (c.profile == "slow") varied(d, c, s, 0.02, 0.06, false);
@@ -106,8 +108,8 @@ DrawnCase draw_case(std::uint64_t seed, int attempt) {
   static const char* const kOthers[] = {"slow", "one_direction", "one_start", "p2p", "steady"};
   const int other = d.whole(0, 4);
   c.profile = share < 0.4 ? "rich" : kOthers[other];
-  draw_profile(d, c);
   draw_mode(d, c);
+  draw_profile(d, c);
   const int count = d.whole(1, 3);
   draw_effects(d, c, seed % 2 ? count : 0);
   return c;

@@ -10,7 +10,7 @@
 // Modes:
 //   full           every tick
 //   decimated      samples of single ticks at 2000, 1000, 500 or 200 Hz
-//   angle_current  t, theta_m and i_q at such a rate
+//   angle_current  t, theta_m and i_q at such a rate, without load and i_d
 //   novolt         phase currents and angle, any rate
 #pragma once
 #include <string>
@@ -37,7 +37,7 @@ struct DrawnCase {
   double duration_s = 6;
 };
 
-// Half of the cases have no effect, the others one to three, 3 to 20 times (torques: 4 to 40 times)
+// Half of the cases have no effect, the others one to three, 3 to 20 times (torques: 5 to 60 times)
 // their smallest size worth reporting.
 // `attempt`: another one for the same seed.
 DrawnCase draw_case(std::uint64_t seed, int attempt = 0);

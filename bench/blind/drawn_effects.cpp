@@ -31,7 +31,7 @@ class Maker {
   double sign() { return d_.either(-1, 1); }
   // Nm; `at_8_Nm`: the smallest size worth reporting of a motor of 8.1 Nm.
   double torque(double at_8_Nm) {
-    return d_.log_between(4, 40) * at_8_Nm * machine().T_rated / 8.1;
+    return d_.log_between(5, 60) * at_8_Nm * machine().T_rated / 8.1;
   }
   // Phases a, b and, of three sensors, c: one of them has the size.
   void phases(const char* a, const char* b, const char* c, double size) {

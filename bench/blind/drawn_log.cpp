@@ -76,11 +76,12 @@ struct Tick {
 // The readings of the angle and the bus that the plant does not spoil itself.
 class Readings {
  public:
-  explicit Readings(const DrawnCase& c) : c_(c) {}
+  explicit Readings(const DrawnCase& c)
+      : c_(c), repeats_(std::count(c.kinds.begin(), c.kinds.end(), "stale_samples") > 0) {}
   void take(const Measurement& m, Tick& tick) {
     // Where a row is repeated so is its noise.
-    const bool again = m.k > 0 && m.theta_m == before_.theta_m && m.v_dc == before_.v_dc &&
-                       m.i_abc == before_.i_abc;
+    const bool again = repeats_ && m.k > 0 && m.theta_m == before_.theta_m &&
+                       m.v_dc == before_.v_dc && m.i_abc == before_.i_abc;
     const auto k = static_cast<std::uint64_t>(m.k);
     if (!again) noise_ = {normal(c_.seed, 98, k), normal(c_.seed, 99, k)};
     before_ = m;
@@ -93,6 +94,7 @@ class Readings {
 
  private:
   const DrawnCase& c_;
+  bool repeats_;
   Measurement before_;
   Vec2 noise_ = Vec2::Zero();
 };
