@@ -9,6 +9,7 @@
 
 #include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
+#include "trace/consistency.hpp"
 #include "trace/noise.hpp"
 #include "trace/signals.hpp"
 #include "trace/thinning.hpp"
@@ -119,6 +120,9 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     r.health = health.lines();
     return r;
   }
+  if (auto found = inconsistencies(raw, health, drive.facts(), drive.sensors.encoder_counts);
+      !found.empty())
+    return inconsistent_result(std::move(found), health);
   if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();

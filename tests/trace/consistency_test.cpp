@@ -1,0 +1,176 @@
+// A log whose units or conventions are not those of the drive file is told from a drive that lacks
+// an effect. The logs are those of an independent drive model.
+#include "trace/consistency.hpp"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+SyntheticDrive short_run() {
+  return {.duration_s = 1.5};
+}
+
+const RawLog& plain_log() {
+  static const RawLog kLog = simulate_synthetic(short_run());
+  return kLog;
+}
+
+using Columns = std::vector<std::vector<double> RawLog::*>;
+void scale(RawLog& raw, const Columns& columns, double factor) {
+  for (const auto column : columns)
+    for (double& x : raw.*column) x *= factor;
+}
+const Columns kCurrents = {&RawLog::i_a, &RawLog::i_b, &RawLog::i_c};
+const Columns kVoltages = {&RawLog::u_alpha, &RawLog::u_beta};
+
+// The same log with d, q columns.
+RawLog in_rotor_axes(const RawLog& raw) {
+  RawLog out = raw;
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    const double theta_e = servo().machine.n_p * raw.theta_m[k];
+    const double i_c = raw.i_c.empty() ? -(raw.i_a[k] + raw.i_b[k]) : raw.i_c[k];
+    const Vec2 i_dq = park(clarke({raw.i_a[k], raw.i_b[k], i_c}), theta_e);
+    const Vec2 u_dq = park({raw.u_alpha[k], raw.u_beta[k]}, theta_e);
+    out.i_d.push_back(i_dq[0]), out.i_q.push_back(i_dq[1]);
+    out.u_d.push_back(u_dq[0]), out.u_q.push_back(u_dq[1]);
+  }
+  out.i_a = out.i_b = out.i_c = out.u_alpha = out.u_beta = {};
+  return out;
+}
+
+std::vector<Inconsistency> found_in(const RawLog& raw, const DriveConfig& drive = servo()) {
+  Health health;
+  const Record record = make_record(raw, drive.machine.n_p, health);
+  return inconsistencies(record, health, drive.facts(), drive.sensors.encoder_counts);
+}
+
+struct Mistake {
+  const char* name;
+  const char* quantity;
+  const char* hint;
+  std::function<void(RawLog&)> make;
+  bool rotor_axes = false;
+};
+
+std::ostream& operator<<(std::ostream& out, const Mistake& mistake) {
+  return out << mistake.name;
+}
+
+class Units : public testing::TestWithParam<Mistake> {};
+
+TEST_P(Units, AreToldByQuantityAndFactor) {
+  RawLog raw = GetParam().rotor_axes ? in_rotor_axes(plain_log()) : plain_log();
+  GetParam().make(raw);
+  const std::vector<Inconsistency> found = found_in(raw);
+  ASSERT_FALSE(found.empty());
+  EXPECT_EQ(found.front().quantity, GetParam().quantity) << found.front().hint;
+  EXPECT_NE(found.front().hint.find(GetParam().hint), std::string::npos) << found.front().hint;
+}
+
+constexpr double kDegree = kTwoPi / 360;
+INSTANTIATE_TEST_SUITE_P(
+    Of, Units,
+    testing::Values(
+        Mistake{"milliamperes", "i", "milliamperes", [](RawLog& r) { scale(r, kCurrents, 1e3); }},
+        Mistake{"rms_currents", "i", "rms", [](RawLog& r) { scale(r, kCurrents, std::sqrt(0.5)); }},
+        Mistake{"currents_out_of_the_motor", "i", "positive out of the motor",
+                [](RawLog& r) { scale(r, kCurrents, -1); }},
+        Mistake{"swapped_current_sensors", "i", "i_a and i_b swapped",
+                [](RawLog& r) { std::swap(r.i_a, r.i_b); }},
+        Mistake{"line_to_line_voltages", "u", "line-to-line",
+                [](RawLog& r) { scale(r, kVoltages, std::sqrt(3.0)); }},
+        Mistake{"rms_voltages", "u", "rms", [](RawLog& r) { scale(r, kVoltages, std::sqrt(0.5)); }},
+        Mistake{"degrees", "theta_m", "degrees",
+                [](RawLog& r) { scale(r, {&RawLog::theta_m}, 1 / kDegree); }},
+        Mistake{"degrees_in_rotor_axes", "theta_m", "degrees",
+                [](RawLog& r) { scale(r, {&RawLog::theta_m}, 1 / kDegree); }, true},
+        Mistake{"degrees_beside_phase_currents", "theta_m", "degrees",
+                [](RawLog& r) {
+                  const RawLog d_q = in_rotor_axes(r);
+                  r.u_alpha = r.u_beta = {}, r.u_d = d_q.u_d, r.u_q = d_q.u_q;
+                  for (double& x : r.theta_m) x = std::fmod(x + 20 * kTwoPi, kTwoPi) / kDegree;
+                }},
+        Mistake{"electrical_angle", "theta_m", "electrical angle",
+                [](RawLog& r) { scale(r, {&RawLog::theta_m}, 3); }},
+        Mistake{"reversed_angle", "theta_m", "reversed",
+                [](RawLog& r) { scale(r, {&RawLog::theta_m}, -1); }},
+        Mistake{"reversed_angle_in_rotor_axes", "theta_m", "reversed",
+                [](RawLog& r) { scale(r, {&RawLog::theta_m}, -1); }, true},
+        Mistake{"milliseconds", "t", "milliseconds",
+                [](RawLog& r) { scale(r, {&RawLog::t}, 1e3); }},
+        Mistake{"microseconds", "t", "microseconds",
+                [](RawLog& r) { scale(r, {&RawLog::t}, 1e6); }},
+        Mistake{"negative_bus", "v_dc", "sign", [](RawLog& r) { scale(r, {&RawLog::v_dc}, -1); }}),
+    [](const auto& test) { return std::string(test.param.name); });
+
+// K_t as a data sheet gives it: rms amperes, without 3/2, by poles instead of pole pairs.
+TEST(Units, OfTheTorqueConstantAreToldByTheirFactor) {
+  for (const auto& [factor, hint] :
+       {std::pair(std::sqrt(2.0), "rms"), {std::sqrt(3.0), "line"}, {1.5, "3/2"}, {0.5, "poles"}}) {
+    DriveConfig drive = servo();
+    drive.machine.psi_f /= factor;
+    const auto found = found_in(plain_log(), drive);
+    ASSERT_EQ(found.size(), 1u) << factor;
+    EXPECT_EQ(found.front().quantity, "psi_f") << factor;
+    EXPECT_NE(found.front().hint.find(hint), std::string::npos) << found.front().hint;
+  }
+}
+
+TEST(Units, OfAngleAndCurrentAloneAreToldByTheTorque) {
+  const RawLog plain = in_rotor_axes(plain_log());
+  RawLog raw;
+  raw.t = plain.t, raw.theta_m = plain.theta_m, raw.i_q = plain.i_q, raw.T_load = plain.T_load;
+  EXPECT_TRUE(found_in(raw).empty());
+  scale(raw, {&RawLog::i_q}, 1e3);
+  const auto found = found_in(raw);
+  ASSERT_FALSE(found.empty());
+  EXPECT_EQ(found.front().quantity, "i");
+}
+
+// Far larger than a working drive's, and no factor of a convention: another machine.
+TEST(Units, AnotherMachineIsNoEffect) {
+  DriveConfig drive = servo();
+  drive.machine.psi_f *= 3.3, drive.machine.R_s *= 4, drive.machine.J *= 60;
+  const auto found = found_in(plain_log(), drive);
+  ASSERT_FALSE(found.empty());
+  EXPECT_NE(found.front().hint.find("another machine"), std::string::npos);
+}
+
+// As large as effects of a working drive get, one and all together.
+TEST(Units, EffectsOfAWorkingDriveAreConsistent) {
+  const auto consistent = [](SyntheticDrive d) {
+    const auto found = found_in(simulate_synthetic(d));
+    return testing::AssertionResult(found.empty())
+           << (found.empty() ? "" : found.front().quantity + " " + found.front().found);
+  };
+  EXPECT_TRUE(consistent(short_run()));
+  SyntheticDrive d = short_run();
+  d.R_extra = 0.6, d.psi *= 0.85, d.L *= 0.6, d.J *= 1.8;
+  EXPECT_TRUE(consistent(d));
+  d.loss_V = 4, d.offset_a = 0.3, d.offset_theta = 0.05;
+  EXPECT_TRUE(consistent(d));
+  d.slow = true;
+  EXPECT_TRUE(consistent(d));
+  d.quiet = true;
+  EXPECT_TRUE(consistent(d));
+}
+
+TEST(Units, AreAskedForBeforeAnyEffect) {
+  RawLog raw = plain_log();
+  scale(raw, kCurrents, 1e3);
+  Health health;
+  const Record record = make_record(raw, servo().machine.n_p, health);
+  const TraceResult r = trace_record(record, servo(), health, {});
+  EXPECT_EQ(r.verdict, "inconsistent");
+  EXPECT_TRUE(r.effects.empty());
+  EXPECT_NE(r.sentence.find("milliamperes"), std::string::npos) << r.sentence;
+}
+
+}  // namespace
+}  // namespace twinrate

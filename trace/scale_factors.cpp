@@ -1,0 +1,269 @@
+#include "trace/scale_factors.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <vector>
+
+namespace twinrate {
+namespace {
+
+constexpr double kCell_s = 4e-3;  // of a voltage cell; at least one interval
+constexpr std::size_t kMostCells = 800;
+constexpr std::size_t kBlocks = 20;   // for the standard deviations
+constexpr double kSameColumn = 1e-6;  // of the power: columns that differ by less are one
+constexpr double kSameR = 0.3;        // with a dead time and without
+constexpr double kNegligible = 0.05;  // a term below this share (amplitude) has no scale
+
+double sign(double x) {
+  return static_cast<double>((x > 0) - (x < 0));
+}
+
+// Least squares with standard deviations from blocks.
+template <int N>
+class BlockLeastSquares {
+ public:
+  using Row = Eigen::Matrix<double, N, 1>;
+  using Matrix = Eigen::Matrix<double, N, N>;
+  explicit BlockLeastSquares(std::size_t rows) : rows_(std::max<std::size_t>(1, rows)) {}
+  void add(std::size_t at, const Row& x, double y) {
+    Block& b = blocks_[std::min(kBlocks - 1, kBlocks * at / rows_)];
+    b.A += x * x.transpose();
+    b.b += x * y;
+    power_ += y * y;
+    ++count_;
+  }
+  void solve() {
+    Matrix A = Matrix::Zero();
+    Row b = Row::Zero();
+    for (const Block& block : blocks_) A += block.A, b += block.b;
+    scale_ = A.diagonal().cwiseSqrt();
+    Row inverse = scale_;
+    for (double& s : inverse) s = s > 0 ? 1 / s : 0;
+    const Matrix D = inverse.asDiagonal();
+    const Eigen::SelfAdjointEigenSolver<Matrix> parts(Matrix(D * A * D));
+    Matrix inverted = Matrix::Zero();
+    for (int j = 0; j < N; ++j) {
+      const Row direction = parts.eigenvectors().col(j);
+      if (parts.eigenvalues()[j] > kSameColumn)
+        inverted += direction * direction.transpose() / parts.eigenvalues()[j];
+      else
+        hidden_ += direction.cwiseAbs2();
+    }
+    inverted = D * inverted * D;
+    beta_ = inverted * b;
+    Matrix spread = Matrix::Zero();
+    for (const Block& block : blocks_) {
+      const Row g = block.b - block.A * beta_;
+      spread += g * g.transpose();
+    }
+    rest_ = std::max(0.0, power_ - b.dot(beta_));
+    const double left = std::max(1.0, static_cast<double>(count_) - N);
+    const Row plain = (rest_ / left * inverted).diagonal();
+    const Row robust = (inverted * spread * inverted).diagonal();
+    sigma_ = plain.cwiseMax(robust).cwiseMax(0).cwiseSqrt();
+    alone_ = inverted.diagonal();
+  }
+  ScaleRatio ratio(int j) const {
+    // The term as declared, and as fitted: one of them must be a part of the sum.
+    const double term = scale_[j] * std::max(1.0, std::abs(beta_[j]));
+    if (hidden_[j] > kSameColumn || !(power_ > 0) || term < kNegligible * std::sqrt(power_))
+      return {};
+    return {beta_[j], sigma_[j]};
+  }
+  double beta(int j) const { return beta_[j]; }
+  double sigma(int j) const { return sigma_[j]; }
+  // Power that column j explains beside the others, and what is left of all.
+  double gain(int j) const { return alone_[j] > 0 ? beta_[j] * beta_[j] / alone_[j] : 0; }
+  double rest() const { return rest_; }
+  double power() const { return power_; }
+  std::size_t count() const { return count_; }
+
+ private:
+  struct Block {
+    Matrix A = Matrix::Zero();
+    Row b = Row::Zero();
+  };
+  std::size_t rows_, count_ = 0;
+  std::array<Block, kBlocks> blocks_;
+  Row hidden_ = Row::Zero();  // share of a column that others repeat
+  Row beta_ = Row::Zero(), sigma_ = Row::Zero(), scale_ = Row::Zero(), alone_ = Row::Zero();
+  double power_ = 0, rest_ = 0;
+};
+
+// The log as it is read: angle from row to row, currents and voltages in rotor axes.
+class ReadLog {
+ public:
+  ReadLog(const Record& record, const DriveFacts& facts, const Reading& as)
+      : record_(record), n_p_(facts.machine.n_p), as_(as), theta_m_(record.theta_m) {
+    if (as.angle_factor == 1) return;
+    for (std::size_t k = 0; k < theta_m_.size(); ++k) {
+      const double step = k == 0 ? 0 : record.theta_m[k] - record.theta_m[k - 1];
+      theta_m_[k] = k == 0 ? as.angle_factor * record.theta_m[0]
+                           : theta_m_[k - 1] + wrap_pi(as.angle_factor * step);
+    }
+  }
+  double theta_m(std::size_t k) const { return theta_m_[k]; }
+  Vec2 i_dq(std::size_t k) const {
+    Vec2 i = record_.i_alphabeta[k];
+    if (as_.mirrored) i[1] = -i[1];
+    return park(i, frame(k, as_.current_stands) - as_.current_turn);
+  }
+  // Of the interval from row k on.
+  Vec2 u_dq(std::size_t k) const {
+    return park(record_.u_alphabeta[k],
+                frame(k, as_.voltage_stands) + 0.5 * n_p_ * (theta_m_[k + 1] - theta_m_[k]));
+  }
+  bool neighbours(std::size_t k) const {
+    return record_.t[k + 1] - record_.t[k] < 1.5 * record_.T_s;
+  }
+
+ private:
+  double frame(std::size_t k, bool stands) const {
+    return n_p_ * (stands ? record_.theta_m[k] : theta_m_[k]);
+  }
+  const Record& record_;
+  int n_p_;
+  Reading as_;
+  std::vector<double> theta_m_;
+};
+
+// Clarke of the phases' signs, in rotor axes: the shape of a dead time.
+Vec2 dead_time_shape(const Vec2& i_alphabeta_in_axes, double theta_e, double soft) {
+  Vec3 i_abc = inverse_clarke(inverse_park(i_alphabeta_in_axes, theta_e));
+  for (double& i : i_abc) i = i / (std::abs(i) + soft);
+  return park(clarke(i_abc), theta_e);
+}
+
+void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& log,
+                 ScaleFactors& out) {
+  const MachineParameters& m = facts.machine;
+  const std::size_t n = record.size();
+  const auto cell = static_cast<std::size_t>(std::max(1.0, std::floor(kCell_s / record.T_s)));
+  const std::size_t stride = std::max(cell, n / kMostCells);
+  const double soft = 0.02 * (m.i_rated > 0 ? m.i_rated : 1);
+  BlockLeastSquares<5> fit(n);
+  BlockLeastSquares<4> without_shape(n);
+  double rows_power = 0, cells_power = 0, turned = 0;
+  std::size_t rows = 0;
+  for (std::size_t first = 0; first + cell < n; first += stride) {
+    bool ok = true;
+    Vec2 u = Vec2::Zero(), i = Vec2::Zero(), shape = Vec2::Zero();
+    double power = 0;
+    for (std::size_t k = first; k < first + cell && ok; ++k) {
+      ok = record.electrical_ok[k] && record.electrical_ok[k + 1] && log.neighbours(k);
+      if (!ok) break;
+      const Vec2 mean = 0.5 * (log.i_dq(k) + log.i_dq(k + 1));
+      u += log.u_dq(k);
+      i += mean;
+      shape += dead_time_shape(mean, 0.5 * m.n_p * (log.theta_m(k) + log.theta_m(k + 1)), soft);
+      power += record.u_alphabeta[k].squaredNorm();
+    }
+    if (!ok) continue;
+    const double N = static_cast<double>(cell), W = N * record.T_s;
+    u /= N, i /= N, shape /= N;
+    const double turn_e = m.n_p * (log.theta_m(first + cell) - log.theta_m(first));
+    const double omega_e = turn_e / W;
+    const Vec2 rate = (log.i_dq(first + cell) - log.i_dq(first)) / W;
+    const Vec2 flux(m.L_d * rate[0] - omega_e * m.L_q * i[1],
+                    m.L_q * rate[1] + omega_e * m.L_d * i[0]);
+    const double emf = omega_e * m.psi_f;
+    fit.add(first, {m.R_s * i[0], flux[0], 0, -emf, shape[0]}, u[0]);
+    fit.add(first, {m.R_s * i[1], flux[1], emf, 0, shape[1]}, u[1]);
+    without_shape.add(first, {m.R_s * i[0], flux[0], 0, -emf}, u[0]);
+    without_shape.add(first, {m.R_s * i[1], flux[1], emf, 0}, u[1]);
+    rows_power += power;
+    cells_power += N * u.squaredNorm();
+    turned += std::pow(turn_e / N, 2);
+    ++rows;
+  }
+  if (rows < 50 || !(rows_power > 0)) return;
+  fit.solve();
+  out.mean_interval_e = std::sqrt(turned / static_cast<double>(rows));
+  without_shape.solve();
+  // A voltage that bends with the current is taken for a resistance, or the other way round.
+  if (std::abs(without_shape.beta(0) - fit.beta(0)) < kSameR * std::abs(fit.beta(0)))
+    out.R_s = fit.ratio(0);
+  out.L = fit.ratio(1);
+  const ScaleRatio along_d = fit.ratio(2), along_q = fit.ratio(3);
+  const double psi = std::hypot(along_d.value, along_q.value);
+  if (psi > 0) {
+    out.psi_f = {psi, std::hypot(fit.sigma(2), fit.sigma(3))};
+    out.zero_e = std::atan2(fit.beta(3), fit.beta(2));
+  }
+  out.voltage_share = cells_power * (1 - fit.rest() / std::max(fit.power(), 1e-300)) / rows_power;
+}
+
+// Rows of half a torque cell: its acceleration stands well above the steps of the angle.
+std::size_t torque_reach(const Record& record, const ReadLog& log) {
+  constexpr double kAbove = 20, kLeast_s = 5e-3, kMost_s = 0.1;
+  constexpr std::size_t kFewestCells = 400;  // but for a log that lasts that long
+  const auto most = std::max({static_cast<std::size_t>(kMost_s / record.T_s),
+                              record.size() / kFewestCells, std::size_t{2}});
+  auto h = static_cast<std::size_t>(std::max(1.0, std::ceil(kLeast_s / record.T_s)));
+  const auto rms = [&](std::size_t reach, int differences) {
+    double sum = 0, count = 0;
+    for (std::size_t k = 2 * reach; k + 2 * reach < record.size(); k += reach) {
+      const double second = log.theta_m(k + reach) - 2 * log.theta_m(k) + log.theta_m(k - reach);
+      const double third = log.theta_m(k + 2 * reach) - 2 * log.theta_m(k + reach) +
+                           2 * log.theta_m(k - reach) - log.theta_m(k - 2 * reach);
+      sum += std::pow(differences == 2 ? second : third, 2);
+      ++count;
+    }
+    return std::sqrt(sum / std::max(1.0, count));
+  };
+  const double row_noise = rms(1, 3);  // of the angle, and more: the motion within rows
+  while (h < most && rms(h, 2) < kAbove * row_noise) h *= 2;
+  return h;
+}
+
+void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& log,
+                ScaleFactors& out) {
+  const MachineParameters& m = facts.machine;
+  const std::size_t n = record.size(), h = torque_reach(record, log);
+  if (n < 8 * h) return;
+  constexpr double kFits = 0.9, kSlowTurn = 0.5;  // the voltage's zero of the angle holds
+  const bool zero_known = out.voltage_share > kFits && out.mean_interval_e < kSlowTurn;
+  const double zero_e = zero_known ? out.zero_e : 0;
+  std::vector<double> i_q(n);
+  for (std::size_t k = 0; k < n; ++k) i_q[k] = park(log.i_dq(k), zero_e)[1];
+  const bool load = !record.T_load.empty();
+  BlockLeastSquares<5> fit(n);
+  const double W = static_cast<double>(h) * record.T_s;
+  for (std::size_t k = h; k + h < n; k += h) {
+    double current = 0, T_load = 0;
+    bool ok = true;
+    for (std::size_t j = k - h; j <= k + h && ok; ++j) {
+      ok = record.motion_ok[j] && (j == k + h || log.neighbours(j));
+      const double w =
+          (static_cast<double>(h) - std::abs(static_cast<double>(j) - static_cast<double>(k))) /
+          static_cast<double>(h * h);
+      current += w * i_q[j];
+      if (load) T_load += w * record.T_load[j];
+    }
+    if (!ok) continue;
+    const double before = log.theta_m(k) - log.theta_m(k - h),
+                 behind = log.theta_m(k + h) - log.theta_m(k);
+    const double omega_m = (before + behind) / (2 * W), rate = (behind - before) / (W * W);
+    fit.add(k, {m.torque_constant() * current, -T_load, -sign(omega_m), -omega_m, -1},
+            m.J * rate + m.B * omega_m);
+  }
+  if (fit.count() < 50) return;
+  fit.solve();
+  out.K_t_J = fit.ratio(0);
+  if (load) out.T_load = fit.ratio(1);
+  out.torque_share = fit.gain(0) / std::max(fit.gain(0) + fit.rest(), 1e-300);
+}
+
+}  // namespace
+
+ScaleFactors scale_factors(const Record& record, const DriveFacts& facts, const Reading& as) {
+  ScaleFactors out;
+  if (record.size() < 200 || record.i_alphabeta.empty()) return out;
+  const ReadLog log(record, facts, as);
+  if (record.has_voltage_equation()) fit_voltage(record, facts, log, out);
+  fit_torque(record, facts, log, out);
+  return out;
+}
+
+}  // namespace twinrate

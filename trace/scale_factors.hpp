@@ -1,0 +1,49 @@
+// Scale of a log against its drive file, before any effect: least squares of the raw equations over
+// short cells of rows, in rotor axes.
+//
+//   voltage  u_dq = r_R R_s i_dq + r_L (L i_dq' + J omega_e L i_dq) + omega_e psi + c sat(i_abc)
+//   torque   J omega_m' + B omega_m = r_K K_t i_q - r_T T_load - T_C sign(omega_m) - b omega_m - T_0
+//
+// psi has both axes: an angle with another zero does not change |psi|. sat(i) is the shape of a
+// dead time; it, the frictions and T_0 are fitted so that they do not pass for a scale. omega_m' is
+// a second difference over a cell, under the same triangle as i_q. Standard deviations are those of
+// blocks of the log, so structure in time is in them.
+#pragma once
+#include <cmath>
+#include <limits>
+
+#include "model/drive_facts.hpp"
+#include "trace/record.hpp"
+
+namespace twinrate {
+
+// A value of the log over the declared one.
+struct ScaleRatio {
+  double value = 0, sigma = std::numeric_limits<double>::infinity();
+  // Within 20 %, and part of what the equation is made of.
+  bool known() const { return std::isfinite(value) && value != 0 && log_sigma() < 0.2; }
+  double log() const { return std::log(std::abs(value)); }
+  double log_sigma() const { return sigma / std::abs(value); }
+};
+
+struct ScaleFactors {
+  ScaleRatio R_s, L, psi_f;    // of the voltage
+  ScaleRatio K_t_J, T_load;    // of the torque: K_t/J, and the load beside J
+  double zero_e = 0;           // rad, direction of psi
+  double voltage_share = 0;    // of the voltage's power that the fit explains
+  double torque_share = 0;     // of the torque's power that i_q explains beside the frictions
+  double mean_interval_e = 0;  // rad, electrical, between rows (rms)
+};
+
+// The signals of a log read in another way.
+struct Reading {
+  double angle_factor = 1;  // of theta_m
+  bool mirrored = false;    // currents: two phases swapped
+  double current_turn = 0;  // rad, currents turned (phases in another order)
+  // The log holds them as d, q: they do not turn with another angle.
+  bool current_stands = false, voltage_stands = false;
+};
+
+ScaleFactors scale_factors(const Record& record, const DriveFacts& facts, const Reading& as = {});
+
+}  // namespace twinrate
