@@ -128,6 +128,7 @@ void Health::combine(const Health& other) {
   clipped_share = mean(clipped_share, other.clipped_share);
   jitter = mean(jitter, other.jitter);
   i_lsb = std::max(i_lsb, other.i_lsb);
+  if (other.angle.lsb > angle.lsb) angle = other.angle;
   i_limit = std::max(i_limit, other.i_limit);
   i_sum_max = std::max(i_sum_max, other.i_sum_max);
   speed_lag = std::max(speed_lag, other.speed_lag);
@@ -241,6 +242,7 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
   Record record;
   record.source = raw.path;
   record.T_s = health.T_s;
+  record.angle = health.angle;
 
   RepeatedRows repeated = repeated_rows(raw);
   std::vector<char>& stale = repeated.stale;
@@ -292,7 +294,7 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
       return share > 0 ? inverse_park(x, n_p * (theta_m - raw.theta_m[from])) : x;
     };
     record.t.push_back(t);
-    record.theta_m.push_back(theta_m);
+    record.theta_m.push_back(theta_m + health.angle.centre);
     record.i_alphabeta.push_back((1 - share) * turned(i[a], a) + share * turned(i[b], b));
     // The voltage behind a lost sample may be what a controller does without one.
     if (has_u) record.u_alphabeta.push_back(turned(u[a], a));

@@ -72,6 +72,7 @@ struct Health {
   double missing_share = 0, stale_share = 0;
   double held_share = 0;  // rows whose currents alone repeat
   double i_lsb = 0;       // A, step between values of the phase currents; 0: none seen
+  Sensor angle;           // steps of theta_m
   double i_limit = 0;     // A, where they are clipped; 0: nowhere
   double clipped_share = 0;
   double jitter = 0;     // of the time stamps (uneven: of the intervals), rms over T_s

@@ -34,6 +34,12 @@ std::vector<std::string> Health::lines() const {
     for (std::size_t c : constant) names.emplace_back(raw_columns()[c].name);
     lines.push_back(fmt::format("the same value in every row: {}", fmt::join(names, ", ")));
   }
+  if (angle.lsb > 0)
+    lines.push_back(fmt::format("theta_m has {} counts a turn{}", angle.counts(),
+                                angle.centre > 0
+                                    ? "; a reading is taken for the centre of its count, half a "
+                                      "count above where a counter leaves it"
+                                    : ", read at their centres"));
   if (!glitches.empty()) lines.push_back(fmt::format("glitches: {}; bridged", by_signal(glitches)));
   if (!frozen.empty()) {
     double longest = 0;

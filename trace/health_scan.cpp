@@ -145,6 +145,7 @@ void HealthScan::take(std::size_t end) {
       ++stale_;
       continue;
     }
+    if (!ahead_.theta_m.empty() && !bad[k]) angle_.add(ahead_.theta_m[k]);
     frozen_.add(ahead_, k);
     clock_.add(ahead_.t[k], ahead_.theta_m.empty() ? nullptr : &ahead_.theta_m[k], T_s);
     for (std::size_t c = 0; c < ranges_.size(); ++c)
@@ -215,6 +216,7 @@ Health HealthScan::result() const {
   h.missing_share = share(missing_, rows_ + missing_);
   h.stale_share = is_chance(stale_, by_chance_) ? 0 : share(stale_, rows_);
   h.i_lsb = values_a_.step();
+  h.angle = angle_.sensor();
   h.held_share = held_.share(h.i_lsb);
   h.i_limit = std::max(a_.limit(), b_.limit());
   // On a coarse scale the step below holds many, too. A sine has 2.4 times as many in its topmost

@@ -72,6 +72,7 @@ class HealthScan {
   SamplingInterval interval_;
   CurrentLevels a_, b_, any_;
   CurrentValues values_a_;
+  AngleSteps angle_;
   HeldCurrents held_;
   SpeedAgainstAngle speed_;
   ClockScan clock_;

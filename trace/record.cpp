@@ -41,6 +41,7 @@ void Record::append(const Record& other) {
     throw std::runtime_error(other.source + ": sampled every " + std::to_string(other.T_s) +
                              " s, " + source + " every " + std::to_string(T_s) +
                              " s; all logs need the same rate");
+  if (other.angle.lsb > angle.lsb) angle = other.angle;
   const std::size_t seam = size();
   const bool goes_on = other.t.front() > t.back() + 0.5 * T_s;
   const double later = goes_on ? 0 : t.back() + kApart * T_s - other.t.front();

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "model/frames.hpp"
+#include "trace/sensors.hpp"
 
 namespace twinrate {
 
@@ -25,6 +26,7 @@ struct Record {
   std::vector<char> electrical_ok;             // voltage and current of the row can be used
   std::vector<char> motion_ok;                 // angle (and current) can be used
   int current_sensors = 3;                     // 2: i_c is -(i_a + i_b)
+  Sensor angle;                                // theta_m stands at the centres of its cells
 
   std::size_t size() const { return t.size(); }
   // Adds another record behind this one, its time moved on where it begins before this one ends;

@@ -85,6 +85,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   out.rows_each = record.rows_each * static_cast<int>(rows);
   out.current_sensors = record.current_sensors;
   out.load_measured = record.load_measured;
+  out.angle = record.angle;
   out.t = taken(record.t, at);
   std::vector<Vec2> u_mean = record.u_alphabeta;
   for (std::size_t k = 0; k + rows <= u_mean.size(); ++k) {

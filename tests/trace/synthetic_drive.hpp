@@ -25,6 +25,8 @@ struct SyntheticDrive {
   double offset_theta = 0;           // rad, of the encoder
   double loss_V = 0, loss_A = 0.12;  // a leg loses loss_V sign(i), less below loss_A
   double i_noise = 0.008, lsb = 0.009765625;
+  int counts = 1048576;                   // of the encoder, which rounds down
+  double speeds = 1, loads = 1, i_d = 1;  // of those of the servo
 };
 
 // Its declared model.
@@ -64,12 +66,12 @@ struct LooseLoad {
 inline RawLog simulate_synthetic(const SyntheticDrive& d) {
   RawLog raw;
   raw.path = "synthetic";
-  const double share = d.quiet ? 0 : d.slow ? 0.05 : 1;  // of the speed
+  const double share = d.speeds * (d.quiet ? 0 : d.slow ? 0.05 : 1);  // of the speed
   double i_d = 0, i_q = 0, omega = share * wanted_speed(0), theta = 0.3;
   const auto n = static_cast<std::size_t>(d.duration_s / d.T_s);
   for (std::size_t k = 0; k < n; ++k) {
     const double t = static_cast<double>(k) * d.T_s;
-    const double T_load = d.quiet ? 0 : external_load(t);
+    const double T_load = d.quiet ? 0 : d.loads * external_load(t);
     // Readings.
     const double a = d.n_p * theta;
     const double i_al = std::cos(a) * i_d - std::sin(a) * i_q,
@@ -81,7 +83,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
     raw.i_a.push_back(read(i_al + d.offset_a, 0));
     raw.i_b.push_back(read(-0.5 * i_al + 0.5 * std::sqrt(3.0) * i_be, 1));
     raw.i_c.push_back(-raw.i_a.back() - raw.i_b.back());
-    const double step = 2 * 3.14159265358979323846 / 1048576;
+    const double step = 2 * 3.14159265358979323846 / d.counts;
     raw.theta_m.push_back(std::floor((theta + d.offset_theta) / step) * step);
     raw.v_dc.push_back(235.4 + 0.2 * normal(d.seed, 2, k));
     raw.T_load.push_back(T_load);
@@ -92,7 +94,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
         d.quiet
             ? 0
             : (d.J * (accel + 30 * (share * wanted_speed(t) - omega)) + T_load + d.B * omega) / K_t;
-    const double i_d_ref = d.quiet || d.slow ? 0 : (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
+    const double i_d_ref = d.quiet || d.slow ? 0 : d.i_d * (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
     const double omega_e = d.n_p * omega, k_p = 2 * 3.14159 * 250 * d.L;
     const double u_d = k_p * (i_d_ref - i_d) + d.R * i_d - omega_e * d.L * i_q;
     const double u_q = k_p * (i_q_ref - i_q) + d.R * i_q + omega_e * (d.L * i_d + d.psi);

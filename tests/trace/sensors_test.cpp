@@ -1,0 +1,135 @@
+// The steps of an encoder are found, a reading stands at the centre of its cell, and what half a
+// count would make is not taken for an effect.
+#include "trace/sensors.hpp"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/tracer.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kRows = 20000, kT_s = 1e-4;
+
+double swing(double t) {
+  return 3 * std::sin(2.1 * t) + 0.7 * std::sin(13 * t + 1);
+}
+
+// Readings of an encoder that rounds down, whose zero is `zero` of a count off the first cell's.
+Sensor steps_of(int counts, double zero = 0, double digit = 0) {
+  AngleSteps steps;
+  const double lsb = kTwoPi / counts;
+  for (double k = 0; k < kRows; ++k) {
+    double reading = (std::floor(swing(kT_s * k) / lsb) + zero) * lsb;
+    if (digit > 0) reading = digit * std::round(reading / digit);
+    steps.add(reading);
+  }
+  return steps.sensor();
+}
+
+TEST(AngleSteps, AreFoundFromCoarseToFine) {
+  for (const int counts : {512, 1440, 4096, 20000, 65536}) {
+    const Sensor found = steps_of(counts);
+    EXPECT_EQ(found.counts(), counts);
+    EXPECT_DOUBLE_EQ(found.centre, found.lsb / 2);
+  }
+}
+
+TEST(AngleSteps, AreFoundWhereverTheZeroIsAndWithSixDigits) {
+  EXPECT_EQ(steps_of(4096, 0.3).counts(), 4096);
+  EXPECT_EQ(steps_of(8192, 0, 1e-6).counts(), 8192);
+}
+
+TEST(AngleSteps, OfReadingsThatStandAtCentresMoveNothing) {
+  const Sensor found = steps_of(4096, 0.5);
+  EXPECT_EQ(found.counts(), 4096);
+  EXPECT_EQ(found.centre, 0);
+}
+
+TEST(AngleSteps, AreNoneWhereTheAngleIsExactOrTurnsLikeAClock) {
+  AngleSteps exact, clock, fine;
+  for (double k = 0; k < kRows; ++k) {
+    exact.add(swing(kT_s * k));
+    clock.add(kTwoPi / 1000 * k);
+    fine.add(kTwoPi / (1 << 20) * std::floor(swing(kT_s * k) / kTwoPi * (1 << 20)));
+  }
+  EXPECT_EQ(exact.sensor().lsb, 0);
+  EXPECT_EQ(clock.sensor().lsb, 0);
+  EXPECT_EQ(fine.sensor().lsb, 0);
+}
+
+// The drive file of a synthetic drive.
+DriveConfig declared(const SyntheticDrive& d, bool with_counts) {
+  std::vector<std::string> keys = {
+      fmt::format("machine.R_s_Ohm={:.9g}", d.R),
+      fmt::format("machine.L_d_H={:.9g}", d.L),
+      fmt::format("machine.L_q_H={:.9g}", d.L),
+      fmt::format("machine.psi_f_Wb={:.9g}", d.psi),
+      fmt::format("machine.J_kgm2={:.9g}", d.J),
+      fmt::format("machine.B_Nms={:.9g}", d.B),
+      fmt::format("machine.n_p={}", d.n_p),
+      "machine.T_rated_Nm=0.063",
+      "machine.i_rated_A=2",
+      "inverter.v_dc_V=24",
+      fmt::format("sensors.encoder_counts={}", with_counts ? d.counts : 0)};
+  return Config::parse(Config::load("niewiara2020").resolved_with({}), "test", keys).drive();
+}
+
+std::string found_in(const SyntheticDrive& d, bool with_counts) {
+  const DriveConfig drive = declared(d, with_counts);
+  Health health;
+  const Record record = make_record(simulate_synthetic(d), d.n_p, health);
+  EXPECT_EQ(health.angle.counts(), d.counts);
+  std::string found;
+  for (const TracedEffect& e : trace_record(record, drive, health, {}).effects)
+    found += std::string(e.effect->kind()) + " ";
+  return found;
+}
+
+// The motor of dilys2021.
+SyntheticDrive small_servo(int counts) {
+  return {.R = 1.2,
+          .L = 0.5e-3,
+          .psi = 0.007,
+          .J = 1e-5,
+          .B = 1e-5,
+          .n_p = 4,
+          .T_s = 2e-4,
+          .duration_s = 3,
+          .i_noise = 0.0245,
+          .lsb = 0.004,
+          .counts = counts,
+          .speeds = 1.5,
+          .loads = 0.01,
+          .i_d = 0.3};
+}
+
+// A flat motor of low inductance.
+SyntheticDrive flat_motor(int counts) {
+  return {.R = 0.9,
+          .L = 0.26e-3,
+          .psi = 0.0052,
+          .J = 1.05e-5,
+          .B = 2e-6,
+          .n_p = 7,
+          .duration_s = 3,
+          .i_noise = 0.008,
+          .lsb = 0.004,
+          .counts = counts,
+          .speeds = 2,
+          .loads = 0.03,
+          .i_d = 1};
+}
+
+TEST(Encoder, HalfACountIsNoOffset) {
+  EXPECT_EQ(found_in(small_servo(1440), true), "");
+}
+
+TEST(Encoder, HalfACountIsNoInductanceNorSaturation) {
+  for (const int counts : {16384, 4096}) EXPECT_EQ(found_in(flat_motor(counts), true), "");
+}
+
+}  // namespace
+}  // namespace twinrate

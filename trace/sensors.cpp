@@ -1,0 +1,79 @@
+#include "trace/sensors.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+
+#include "model/frames.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kUnit = 1e-7;          // rad, nearer readings are one
+constexpr double kSame = 2e-6;          // rad, what digits of a file do to one reading
+constexpr double kFinest = 2.3e-5;      // rad, step of 2^18 counts
+constexpr std::size_t kMost = 1 << 18;  // readings of a counter within a turn, with kSame
+constexpr std::size_t kFewest = 24;
+constexpr double kOnGrid = 0.95;  // of 1, mean of the unit vectors of readings over the step
+constexpr double kBends = 0.1;    // share of the rows that move: by another way than the row before
+
+std::complex<double> mean_phase(const std::vector<double>& readings, double step) {
+  std::complex<double> sum = 0;
+  for (double x : readings) sum += std::polar(1.0, kTwoPi * x / step);
+  return sum / static_cast<double>(readings.size());
+}
+
+// The step that all readings keep to, from the smallest way between two of them: each longer way
+// makes it more exact.
+double common_step(const std::vector<double>& sorted) {
+  double step = kTwoPi;
+  for (std::size_t k = 1; k < sorted.size(); ++k) step = std::min(step, sorted[k] - sorted[k - 1]);
+  for (double x : sorted)
+    if (const double steps = std::round((x - sorted.front()) / step); steps > 0)
+      step = (x - sorted.front()) / steps;
+  return step;
+}
+
+}  // namespace
+
+int Sensor::counts() const {
+  return lsb > 0 ? static_cast<int>(std::lround(kTwoPi / lsb)) : 0;
+}
+
+void AngleSteps::add(double theta_m) {
+  if (last_ && before_ && theta_m != *last_) {
+    ++moves_;
+    bends_ += std::abs(theta_m - 2 * *last_ + *before_) > kFinest / 2;
+  }
+  before_ = last_;
+  last_ = theta_m;
+  if (!few_) return;
+  const double within = theta_m - kTwoPi * std::floor(theta_m / kTwoPi);
+  readings_.insert(std::llround(within / kUnit));
+  few_ = readings_.size() <= kMost;
+  if (!few_) readings_.clear();
+}
+
+Sensor AngleSteps::sensor() const {
+  // What turns as a clock does has equal ways without any steps.
+  if (!few_ || static_cast<double>(bends_) < kBends * static_cast<double>(moves_)) return {};
+  std::vector<long long> keys(readings_.begin(), readings_.end());
+  std::sort(keys.begin(), keys.end());
+  std::vector<double> readings;
+  for (long long key : keys)
+    if (const double x = kUnit * static_cast<double>(key);
+        readings.empty() || x - readings.back() > kSame)
+      readings.push_back(x);
+  if (readings.size() < kFewest) return {};
+  const double counts = kTwoPi / common_step(readings), whole = std::round(counts);
+  const double step = kTwoPi / whole;
+  if (step < kFinest) return {};
+  const std::complex<double> phase = mean_phase(readings, step);
+  if (std::abs(phase) < kOnGrid) return {};
+  // Readings at half a step are a driver's that has put them there.
+  constexpr double kNear = 0.02;
+  const double low = std::arg(phase) / kTwoPi;
+  return {.lsb = step, .centre = std::abs(std::abs(low) - 0.5) < kNear ? 0 : step / 2};
+}
+
+}  // namespace twinrate

@@ -1,0 +1,36 @@
+// The steps of a sensor, found in its readings.
+//
+// An encoder is a counter: it rounds down, and a reading stands at the low end of its cell, as the
+// simulated encoder's does (model/sensors.hpp). The tracer takes every reading for the centre of
+// its cell; left at the low end it would lag by half a count, and an offset, an inductance or a
+// saturation would explain that.
+#pragma once
+#include <cstddef>
+#include <optional>
+#include <unordered_set>
+#include <vector>
+
+namespace twinrate {
+
+struct Sensor {
+  double lsb = 0;     // step between readings; 0: none that matters
+  double centre = 0;  // of a cell, less its reading
+
+  int counts() const;  // a turn, of an angle; 0: no steps
+};
+
+// The steps of an angle, in rad, from its readings in the order of time. Encoders of 2^18 counts
+// and more have none that matter: half a count is 12 urad there.
+class AngleSteps {
+ public:
+  void add(double theta_m);
+  Sensor sensor() const;
+
+ private:
+  std::unordered_set<long long> readings_;  // within a turn, by tenths of a urad
+  bool few_ = true;                         // enough to be a counter's
+  std::optional<double> last_, before_;
+  std::size_t moves_ = 0, bends_ = 0;  // rows
+};
+
+}  // namespace twinrate
