@@ -1,6 +1,5 @@
 #include "import/whole_log.hpp"
 
-
 #include <cstdio>
 #include <cstring>
 
