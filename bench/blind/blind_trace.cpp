@@ -226,6 +226,7 @@ void add_drawn_options(CLI::App& app, bool& on_drawn, DrawnOptions& drawn) {
   app.add_option("--threads", drawn.threads, "trace this many logs at once (with --drawn)");
   app.add_option("--keep", drawn.keep,
                  "keep drive files, logs and truths in this directory (with --drawn)");
+  app.add_flag("--traced", drawn.traced, "take the traces that --keep holds (with --drawn)");
   app.add_option("--tracer", drawn.tracer, "run this program (with --drawn)")
       ->check(CLI::ExistingFile);
 }

@@ -87,7 +87,10 @@ void draw_effects(Draw& d, DrawnCase& c, int count) {
     if (!has(kind.c_str()) && !second_shaft) c.kinds.push_back(kind);
   }
   const DrawnLogFacts facts{c.drawn, c.drawn.f_s / c.every, c.duration_s};
-  for (const std::string& kind : c.kinds) c.effects_toml += draw_effect(kind, d, facts);
+  for (const std::string& kind : c.kinds) {
+    c.effect_tables.push_back(draw_effect(kind, d, facts));
+    c.effects_toml += c.effect_tables.back();
+  }
 }
 
 std::string profile_toml(const Profile& profile) {

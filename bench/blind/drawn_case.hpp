@@ -32,8 +32,9 @@ struct DrawnCase {
   bool with_load = false;     // column T_load
   double slew_rad_s2 = 0;     // of the speed reference
   Profile speed_rad_s, load_Nm, i_d_A;
-  std::vector<std::string> kinds;  // true effects
-  std::string effects_toml;        // [[effect]] tables
+  std::vector<std::string> kinds;          // true effects
+  std::vector<std::string> effect_tables;  // [[effect]], one of each
+  std::string effects_toml;                // all of them
   double duration_s = 6;
 };
 

@@ -65,14 +65,6 @@ class DrawnControl {
   Vec2 i_dq_ = Vec2::Zero(), current_sum_ = Vec2::Zero();
 };
 
-// One tick as the logger sees it.
-struct Tick {
-  Vec3 i_abc = Vec3::Zero();
-  Vec2 u_alphabeta = Vec2::Zero();  // from this tick to the next
-  double t = 0, theta_m = 0, omega_m = 0, omega_ref = 0, v_dc = 0, T_load = 0, i_d_ref = 0;
-  bool there = true;
-};
-
 // The readings of the angle and the bus that the plant does not spoil itself.
 class Readings {
  public:
@@ -99,7 +91,55 @@ class Readings {
   Vec2 noise_ = Vec2::Zero();
 };
 
-std::vector<Tick> simulate(const DrawnCase& c, const DriveConfig& drive, Plant& plant) {
+std::vector<std::string> columns_of(const DrawnCase& c) {
+  std::vector<std::string> names = {"t"};
+  if (c.mode == "angle_current") return {"t", "theta_m", "i_q"};
+  if (c.mode == "novolt")
+    names.insert(names.end(), {"i_a", "i_b"});
+  else
+    names.insert(names.end(), {"u_d", "u_q", "v_dc", "i_a", "i_b"});
+  if (c.drawn.current_sensors == 3 || c.mode != "novolt") names.emplace_back("i_c");
+  names.emplace_back("theta_m");
+  if (c.mode != "novolt") names.insert(names.end(), {"omega_m", "omega_m_ref", "i_d_ref"});
+  if (c.with_load) names.emplace_back("T_load");
+  return names;
+}
+
+std::vector<double> row_of(const DrawnCase& c, const std::vector<Tick>& ticks, std::size_t k) {
+  const Tick& x = ticks[k];
+  const double theta_e = c.drawn.machine.n_p * x.theta_m;
+  if (c.mode == "angle_current") return {x.t, x.theta_m, park(clarke(x.i_abc), theta_e)[1]};
+  std::vector<double> row = {x.t};
+  if (c.mode != "novolt") {
+    const Vec2 u_dq = park(row_voltage(c, ticks, k), theta_e);
+    row.insert(row.end(), {u_dq[0], u_dq[1], x.v_dc});
+  }
+  row.insert(row.end(), {x.i_abc[0], x.i_abc[1]});
+  if (c.drawn.current_sensors == 3 || c.mode != "novolt") row.push_back(x.i_abc[2]);
+  row.push_back(x.theta_m);
+  if (c.mode != "novolt") row.insert(row.end(), {x.omega_m, x.omega_ref, x.i_d_ref});
+  if (c.with_load) row.push_back(x.T_load);
+  return row;
+}
+
+// A limit of the converter that no row reaches does not change the log.
+std::vector<std::string> shown(const DrawnCase& c, double largest) {
+  const Config config = Config::parse(plant_toml(c), c.name);
+  SamplingFacts facts;
+  for (const auto& effect : config.drive().plant_effects()) effect->describe_sampling(facts);
+  const double coarsest = std::max(c.drawn.i_lsb, facts.i_lsb);
+  std::vector<std::string> kinds;
+  for (const std::string& kind : c.kinds)
+    if (kind != "adc_clipping" || largest >= facts.i_limit - coarsest / 2) kinds.push_back(kind);
+  return kinds;
+}
+
+}  // namespace
+
+std::vector<Tick> simulate(const DrawnCase& c) {
+  Config config = Config::parse(plant_toml(c), c.name);
+  const DriveConfig& drive = config.drive();
+  Plant plant(config);
   std::vector<Tick> ticks(static_cast<std::size_t>(drive.steps()));
   DrawnControl control(c);
   Readings readings(c);
@@ -129,21 +169,6 @@ std::vector<Tick> simulate(const DrawnCase& c, const DriveConfig& drive, Plant& 
   return ticks;
 }
 
-std::vector<std::string> columns_of(const DrawnCase& c) {
-  std::vector<std::string> names = {"t"};
-  if (c.mode == "angle_current") return {"t", "theta_m", "i_q"};
-  if (c.mode == "novolt")
-    names.insert(names.end(), {"i_a", "i_b"});
-  else
-    names.insert(names.end(), {"u_d", "u_q", "v_dc", "i_a", "i_b"});
-  if (c.drawn.current_sensors == 3 || c.mode != "novolt") names.emplace_back("i_c");
-  names.emplace_back("theta_m");
-  if (c.mode != "novolt") names.insert(names.end(), {"omega_m", "omega_m_ref", "i_d_ref"});
-  if (c.with_load) names.emplace_back("T_load");
-  return names;
-}
-
-// Of the rows of a log: the ticks from one to the next.
 Vec2 row_voltage(const DrawnCase& c, const std::vector<Tick>& ticks, std::size_t k) {
   if (!c.mean_voltage) return ticks[k].u_alphabeta;
   Vec2 sum = Vec2::Zero();
@@ -152,40 +177,8 @@ Vec2 row_voltage(const DrawnCase& c, const std::vector<Tick>& ticks, std::size_t
   return sum / static_cast<double>(end - k);
 }
 
-std::vector<double> row_of(const DrawnCase& c, const std::vector<Tick>& ticks, std::size_t k) {
-  const Tick& x = ticks[k];
-  const double theta_e = c.drawn.machine.n_p * x.theta_m;
-  if (c.mode == "angle_current") return {x.t, x.theta_m, park(clarke(x.i_abc), theta_e)[1]};
-  std::vector<double> row = {x.t};
-  if (c.mode != "novolt") {
-    const Vec2 u_dq = park(row_voltage(c, ticks, k), theta_e);
-    row.insert(row.end(), {u_dq[0], u_dq[1], x.v_dc});
-  }
-  row.insert(row.end(), {x.i_abc[0], x.i_abc[1]});
-  if (c.drawn.current_sensors == 3 || c.mode != "novolt") row.push_back(x.i_abc[2]);
-  row.push_back(x.theta_m);
-  if (c.mode != "novolt") row.insert(row.end(), {x.omega_m, x.omega_ref, x.i_d_ref});
-  if (c.with_load) row.push_back(x.T_load);
-  return row;
-}
-
-// A limit of the converter that no row reaches does not change the log.
-std::vector<std::string> shown(const DrawnCase& c, const Effects& effects, double largest) {
-  SamplingFacts facts;
-  for (const auto& effect : effects) effect->describe_sampling(facts);
-  const double coarsest = std::max(c.drawn.i_lsb, facts.i_lsb);
-  std::vector<std::string> kinds;
-  for (const std::string& kind : c.kinds)
-    if (kind != "adc_clipping" || largest >= facts.i_limit - coarsest / 2) kinds.push_back(kind);
-  return kinds;
-}
-
-}  // namespace
-
 DrawnLog make_log(const DrawnCase& c) {
-  Config config = Config::parse(plant_toml(c), c.name);
-  Plant plant(config);
-  const std::vector<Tick> ticks = simulate(c, config.drive(), plant);
+  const std::vector<Tick> ticks = simulate(c);
   DrawnLog log;
   log.columns = columns_of(c);
   for (const Tick& x : ticks) {
@@ -194,7 +187,7 @@ DrawnLog make_log(const DrawnCase& c) {
   }
   for (std::size_t k = 0; k < ticks.size(); k += static_cast<std::size_t>(c.every))
     if (ticks[k].there) log.rows.push_back(row_of(c, ticks, k));
-  log.truth = shown(c, config.drive().plant_effects(), log.largest_current);
+  log.truth = shown(c, log.largest_current);
   log.ran_away = !(log.largest_current < 0.99 * c.drawn.i_range &&
                    log.largest_speed < 1.5 * c.drawn.machine.omega_m_rated);
   return log;

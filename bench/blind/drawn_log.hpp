@@ -9,6 +9,17 @@
 
 namespace twinrate::blind {
 
+// One tick as the logger sees it.
+struct Tick {
+  Vec3 i_abc = Vec3::Zero();
+  Vec2 u_alphabeta = Vec2::Zero();  // from this tick to the next
+  double t = 0, theta_m = 0, omega_m = 0, omega_ref = 0, v_dc = 0, T_load = 0, i_d_ref = 0;
+  bool there = true;
+};
+std::vector<Tick> simulate(const DrawnCase& which);
+// The voltage of the row that begins at tick k.
+Vec2 row_voltage(const DrawnCase& which, const std::vector<Tick>& ticks, std::size_t k);
+
 struct DrawnLog {
   std::vector<std::string> columns;
   std::vector<std::vector<double>> rows;

@@ -29,8 +29,7 @@ bool falls_upwards(const std::string& sentence) {
 }
 
 void match_effects(const json& effects, DrawnRow& row) {
-  constexpr std::size_t kLargestGroup = 3;
-  bool vague = false;
+  constexpr std::size_t kLargeGroup = 3;
   for (const json& e : effects) {
     std::vector<std::string> names = {e.at("kind")};
     for (const json& alias : e.at("aliases")) names.push_back(alias);
@@ -40,34 +39,41 @@ void match_effects(const json& effects, DrawnRow& row) {
     const auto known =
         std::find_first_of(row.truth.begin(), row.truth.end(), names.begin(), names.end());
     if (hit != row.missed.end())
-      row.missed.erase(hit), vague |= names.size() > kLargestGroup;
+      row.missed.erase(hit), row.large_group |= names.size() > kLargeGroup;
     else if (known == row.truth.end() || names.size() == 1)
       row.wrong.push_back(names[0]);
   }
-  row.exact = row.missed.empty() && row.wrong.empty() && !vague;
+  const auto not_shown = [&](const std::string& kind) {
+    return std::find(row.visible.begin(), row.visible.end(), kind) == row.visible.end();
+  };
+  row.exact = row.missed.empty() && row.wrong.empty();
+  row.right = row.wrong.empty() && std::all_of(row.missed.begin(), row.missed.end(), not_shown);
 }
 
 struct Tally {
-  int logs = 0, exact = 0, missed = 0, false_claims = 0, false_logs = 0, wrong_else = 0, flawed = 0;
+  int logs = 0, exact = 0, right = 0, missed = 0, false_claims = 0, false_logs = 0, wrong_else = 0,
+      flawed = 0, blind = 0;
   std::map<std::string, int> verdicts;
   void take(const DrawnRow& r) {
     ++logs, ++verdicts[r.verdict];
-    exact += r.exact, missed += !r.missed.empty(), flawed += r.flawed_sentence;
+    exact += r.exact, right += r.right, missed += !r.missed.empty(), flawed += r.flawed_sentence;
     if (r.false_claim()) ++false_logs, false_claims += static_cast<int>(r.wrong.size());
+    blind += r.verdict == "nothing_missing" && !r.visible.empty();
     wrong_else += r.verdict != "traced" && !r.wrong.empty();
   }
   std::string line(const std::string& name) const {
     const auto part = [&](int count) {
       return fmt::format("{} ({:.1f} %)", count, 100.0 * count / std::max(1, logs));
     };
-    return fmt::format("| {} | {} | {} | {} | {} | {} |\n", name, logs, part(exact), part(missed),
-                       part(false_logs), part(wrong_else));
+    return fmt::format("| {} | {} | {} | {} | {} | {} | {} |\n", name, logs, part(exact),
+                       part(right), part(missed), part(false_logs), part(wrong_else));
   }
 };
 
 constexpr const char* kHead =
-    "| logs | exact | an effect missed | false claim | wrong kind, other verdict |\n"
-    "|---|---|---|---|---|---|\n";
+    "| logs | exact | right as far as it shows | an effect missed | false claim | wrong kind, "
+    "other verdict |\n"
+    "|---|---|---|---|---|---|---|\n";
 
 using Key = std::function<std::string(const DrawnRow&)>;
 
@@ -89,7 +95,8 @@ std::string rate_class(const DrawnRow& r) {
 
 }  // namespace
 
-DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth, const json& trace) {
+DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth,
+                 const std::vector<std::string>& visible, const json& trace) {
   DrawnRow row{.name = c.name,
                .profile = c.profile,
                .mode = c.mode,
@@ -97,6 +104,7 @@ DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth, cons
                .counts_declared = c.drawn.counts_declared,
                .rate_Hz = c.drawn.f_s / c.every,
                .truth = truth,
+               .visible = visible,
                .found = {},
                .verdict = trace.at("verdict"),
                .sentence = trace.at("sentence"),
@@ -105,7 +113,7 @@ DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth, cons
   match_effects(trace.at("effects"), row);
   for (const json& s : trace.at("unexplained").at("where")) {
     row.found.push_back("unexplained: " + s.at("regressor").get<std::string>());
-    row.exact = false;
+    row.exact = row.right = false;
   }
   row.flawed_sentence = falls_upwards(row.sentence);
   row.seconds = trace.value("seconds", 0.0);
@@ -120,9 +128,12 @@ nlohmann::ordered_json to_json(const DrawnRow& r) {
           {"encoder", r.encoder},
           {"counts_declared", r.counts_declared},
           {"truth", r.truth},
+          {"visible", r.visible},
           {"found", r.found},
           {"verdict", r.verdict},
           {"exact", r.exact},
+          {"right", r.right},
+          {"large_group", r.large_group},
           {"false_claim", r.false_claim()},
           {"wrong", r.wrong},
           {"missed", r.missed},
@@ -143,6 +154,12 @@ std::string tables(const std::vector<DrawnRow>& rows) {
   std::string text = fmt::format("| all {}{}\n", kHead, all.line("all"));
   text += by_class(rows, "true effects",
                    [](const DrawnRow& r) { return fmt::format("{}", r.truth.size()); });
+  std::vector<DrawnRow> all_show;
+  for (const DrawnRow& r : rows)
+    if (!r.truth.empty() && r.visible.size() == r.truth.size()) all_show.push_back(r);
+  text += "Logs that can show all their effects:\n\n";
+  text += by_class(all_show, "true effects",
+                   [](const DrawnRow& r) { return fmt::format("{}", r.truth.size()); });
   text += by_class(rows, "profile", [](const DrawnRow& r) { return r.profile; });
   text += by_class(rows, "mode, rate", rate_class);
   text += by_class(rows, "encoder", [](const DrawnRow& r) { return r.encoder; });
@@ -159,9 +176,11 @@ std::string tables(const std::vector<DrawnRow>& rows) {
   };
   if (!seconds.empty())
     text += fmt::format(
-        "\nSentences that say \"falls\" of an error that does not: {}.\n"
+        "\n\"Nothing missing\" of a log that shows an effect: {} of {}.\n"
+        "Sentences that say \"falls\" of an error that does not: {}.\n"
         "Time of a trace: median {:.2f} s, 95 % below {:.2f} s, longest {:.2f} s.\n",
-        all.flawed, quantile(0.5), quantile(0.95), quantile(1));
+        all.blind, all.verdicts["nothing_missing"], all.flawed, quantile(0.5), quantile(0.95),
+        quantile(1));
   return text;
 }
 

@@ -12,19 +12,22 @@ struct DrawnRow {
   std::string name, profile, mode, encoder;  // encoder: class of counts
   bool counts_declared = false;
   double rate_Hz = 0;
-  std::vector<std::string> truth, found;  // found: kinds, with their aliases
-  std::string verdict, sentence;          // verdict "error": the program failed
-  std::vector<std::string> wrong;         // kinds named that are not in the truth
-  std::vector<std::string> missed;        // true kinds not named
-  bool exact = false;                     // the true kinds, up to alias groups of at most three
-  bool flawed_sentence = false;           // "falls from A to B", B >= A
+  std::vector<std::string> truth, visible;  // visible: those that the log can show
+  std::vector<std::string> found;           // kinds, with their aliases
+  std::string verdict, sentence;            // verdict "error": the program failed
+  std::vector<std::string> wrong;           // kinds named that are not in the truth
+  std::vector<std::string> missed;          // true kinds not named
+  bool exact = false;                       // the true kinds, up to alias groups, and nothing else
+  bool right = false;                       // the same, but for true kinds that the log cannot show
+  bool large_group = false;      // an alias group of more than three kinds counted as right
+  bool flawed_sentence = false;  // "falls from A to B", B >= A
   double seconds = 0;
   bool false_claim() const { return verdict == "traced" && !wrong.empty(); }
 };
 
 // Compares a trace.json with the truth.
 DrawnRow compare(const DrawnCase& which, const std::vector<std::string>& truth,
-                 const nlohmann::json& trace);
+                 const std::vector<std::string>& visible, const nlohmann::json& trace);
 nlohmann::ordered_json to_json(const DrawnRow& row);
 // By profile, mode, encoder and number of effects, as Markdown.
 std::string tables(const std::vector<DrawnRow>& rows);

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "bench/blind/drawn_report.hpp"
+#include "bench/blind/drawn_visible.hpp"
 #include "core/config.hpp"
 
 namespace twinrate::blind {
@@ -71,30 +72,40 @@ std::pair<DrawnCase, DrawnLog> held_case(std::uint64_t seed) {
   }
 }
 
-DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uint64_t seed) {
-  const auto [c, log] = held_case(seed);
-  const std::string base = directory + "/" + c.name, out = base + ".trace";
+// Writes the files of a log and traces them; the trace goes into BASE.trace.
+void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase& c,
+                 const DrawnLog& log, json truth) {
   const int counts = c.drawn.counts_declared ? c.drawn.encoder_counts : 0;
   write(base + ".toml", drive_toml(c.drawn, c.name, counts));
   write(base + ".plant.toml", plant_toml(c));
-  write(base + ".truth.json", truth_of(c, log).dump(1) + "\n");
+  write(base + ".truth.json", truth.dump(1) + "\n");
+  if (o.traced && fs::exists(base + ".trace/trace.json")) return;
   write_csv(log, base + ".csv.gz");
+  fs::remove_all(base + ".trace");
   const std::string command =
-      fmt::format("'{}' trace '{}.toml' --data '{}.csv.gz' --out '{}' > '{}.txt' 2>&1", o.tracer,
-                  base, base, out, base);
-  fs::remove_all(out);
-  const int status = std::system(command.c_str());
-  DrawnRow row;
-  if (std::ifstream file(out + "/trace.json"); status == 0 && file)
-    row = compare(c, log.truth, nlohmann::json::parse(file));
-  else
-    row = compare(c, log.truth,
-                  {{"verdict", "error"},
-                   {"sentence", first_line(base + ".txt")},
-                   {"effects", json::array()},
-                   {"unexplained", {{"where", json::array()}}}});
-  row.exact = row.exact && row.verdict != "error";
-  fs::remove(out + "/report.html");
+      fmt::format("'{}' trace '{}.toml' --data '{}.csv.gz' --out '{}.trace' > '{}.txt' 2>&1",
+                  o.tracer, base, base, base, base);
+  if (std::system(command.c_str()) != 0) fs::remove(base + ".trace/trace.json");
+  fs::remove(base + ".trace/report.html");
+}
+
+nlohmann::json result_of(const std::string& base) {
+  if (std::ifstream file(base + ".trace/trace.json"); file) return nlohmann::json::parse(file);
+  return {{"verdict", "error"},
+          {"sentence", first_line(base + ".txt")},
+          {"effects", json::array()},
+          {"unexplained", {{"where", json::array()}}}};
+}
+
+DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uint64_t seed) {
+  const auto [c, log] = held_case(seed);
+  const std::vector<std::string> visible = visible_kinds(c, log.truth);
+  const std::string base = directory + "/" + c.name;
+  json truth = truth_of(c, log);
+  truth["visible"] = visible;
+  trace_files(o, base, c, log, truth);
+  DrawnRow row = compare(c, log.truth, visible, result_of(base));
+  if (row.verdict == "error") row.exact = row.right = false;
   if (o.keep.empty())
     for (const auto& file : fs::directory_iterator(directory))
       if (file.path().filename().string().starts_with(c.name + ".")) fs::remove_all(file.path());
@@ -102,10 +113,11 @@ DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uin
 }
 
 void print(const DrawnRow& r) {
-  const char* mark = r.false_claim() ? "FALSE" : !r.wrong.empty() ? "wrong" : r.exact ? "ok" : "-";
-  fmt::print("{:<5} {} {} {} {:.0f} Hz {} | {} | true: {} | found: {}{}\n", mark, r.name, r.profile,
-             r.mode, r.rate_Hz, r.encoder, r.verdict, fmt::join(r.truth, " + "),
-             fmt::join(r.found, " + "), r.flawed_sentence ? " | FALLS UPWARDS" : "");
+  const char* mark = r.false_claim() ? "FALSE" : !r.wrong.empty() ? "wrong" : r.right ? "ok" : "-";
+  fmt::print("{:<5} {} {} {} {:.0f} Hz {} | {} | true: {} | shows: {} | found: {}{}\n", mark,
+             r.name, r.profile, r.mode, r.rate_Hz, r.encoder, r.verdict, fmt::join(r.truth, " + "),
+             fmt::join(r.visible, " + "), fmt::join(r.found, " + "),
+             r.flawed_sentence ? " | FALLS UPWARDS" : "");
   std::fflush(stdout);
 }
 
