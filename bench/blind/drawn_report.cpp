@@ -93,6 +93,37 @@ std::string rate_class(const DrawnRow& r) {
   return r.mode;
 }
 
+std::string effect_count(const DrawnRow& r) {
+  return fmt::format("{}", r.truth.size());
+}
+
+std::string class_tables(const std::vector<DrawnRow>& rows) {
+  std::vector<DrawnRow> all_show;
+  for (const DrawnRow& r : rows)
+    if (!r.truth.empty() && r.visible.size() == r.truth.size()) all_show.push_back(r);
+  std::string text = by_class(rows, "true effects", effect_count);
+  text += "Logs that can show all their effects:\n\n";
+  text += by_class(all_show, "true effects", effect_count);
+  text += by_class(rows, "profile", [](const DrawnRow& r) { return r.profile; });
+  text += by_class(rows, "mode, rate", rate_class);
+  text += by_class(rows, "encoder", [](const DrawnRow& r) { return r.encoder; });
+  text += by_class(rows, "counts declared", [](const DrawnRow& r) {
+    return r.encoder == "sine and cosine" ? "no counts" : r.counts_declared ? "yes" : "no";
+  });
+  return text + by_class(rows, "verdict", [](const DrawnRow& r) { return r.verdict; });
+}
+
+std::string false_kinds(const std::vector<DrawnRow>& rows) {
+  std::map<std::string, int> counts;
+  for (const DrawnRow& r : rows)
+    if (r.false_claim())
+      for (const std::string& kind : r.wrong) ++counts[kind];
+  std::vector<std::string> list;
+  for (const auto& [kind, count] : counts) list.push_back(fmt::format("{} {}", kind, count));
+  return fmt::format("False claims by kind: {}.\n",
+                     list.empty() ? "none" : fmt::format("{}", fmt::join(list, ", ")));
+}
+
 }  // namespace
 
 DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth,
@@ -143,45 +174,22 @@ nlohmann::ordered_json to_json(const DrawnRow& r) {
 }
 
 std::string tables(const std::vector<DrawnRow>& rows) {
+  if (rows.empty()) return "no logs\n";
   Tally all;
   std::vector<double> seconds;
-  std::map<std::string, int> wrong_kinds;
-  for (const DrawnRow& r : rows) {
-    all.take(r), seconds.push_back(r.seconds);
-    if (r.false_claim())
-      for (const std::string& kind : r.wrong) ++wrong_kinds[kind];
-  }
-  std::string text = fmt::format("| all {}{}\n", kHead, all.line("all"));
-  text += by_class(rows, "true effects",
-                   [](const DrawnRow& r) { return fmt::format("{}", r.truth.size()); });
-  std::vector<DrawnRow> all_show;
-  for (const DrawnRow& r : rows)
-    if (!r.truth.empty() && r.visible.size() == r.truth.size()) all_show.push_back(r);
-  text += "Logs that can show all their effects:\n\n";
-  text += by_class(all_show, "true effects",
-                   [](const DrawnRow& r) { return fmt::format("{}", r.truth.size()); });
-  text += by_class(rows, "profile", [](const DrawnRow& r) { return r.profile; });
-  text += by_class(rows, "mode, rate", rate_class);
-  text += by_class(rows, "encoder", [](const DrawnRow& r) { return r.encoder; });
-  text += by_class(rows, "counts declared", [](const DrawnRow& r) {
-    return r.encoder == "sine and cosine" ? "no counts" : r.counts_declared ? "yes" : "no";
-  });
-  text += by_class(rows, "verdict", [](const DrawnRow& r) { return r.verdict; });
-  text += "False claims by kind:";
-  for (const auto& [kind, count] : wrong_kinds) text += fmt::format(" {} {},", kind, count);
-  text.back() = wrong_kinds.empty() ? ' ' : '.';
+  for (const DrawnRow& r : rows) all.take(r), seconds.push_back(r.seconds);
   std::sort(seconds.begin(), seconds.end());
   const auto quantile = [&](double q) {
     return seconds[static_cast<std::size_t>(q * static_cast<double>(seconds.size() - 1))];
   };
-  if (!seconds.empty())
-    text += fmt::format(
-        "\n\"Nothing missing\" of a log that shows an effect: {} of {}.\n"
-        "Sentences that say \"falls\" of an error that does not: {}.\n"
-        "Time of a trace: median {:.2f} s, 95 % below {:.2f} s, longest {:.2f} s.\n",
-        all.blind, all.verdicts["nothing_missing"], all.flawed, quantile(0.5), quantile(0.95),
-        quantile(1));
-  return text;
+  return fmt::format("| all {}{}\n", kHead, all.line("all")) + class_tables(rows) +
+         false_kinds(rows) +
+         fmt::format(
+             "\"Nothing missing\" of a log that shows an effect: {} of {}.\n"
+             "Sentences that say \"falls\" of an error that does not: {}.\n"
+             "Time of a trace: median {:.2f} s, 95 % below {:.2f} s, longest {:.2f} s.\n",
+             all.blind, all.verdicts["nothing_missing"], all.flawed, quantile(0.5), quantile(0.95),
+             quantile(1));
 }
 
 }  // namespace twinrate::blind

@@ -21,7 +21,7 @@ struct DrawnRow {
   bool right = false;                       // the same, but for true kinds that the log cannot show
   bool large_group = false;      // an alias group of more than three kinds counted as right
   bool flawed_sentence = false;  // "falls from A to B", B >= A
-  double seconds = 0;
+  double seconds = 0;            // of CPU time; of a trace taken from an earlier run, its own time
   bool false_claim() const { return verdict == "traced" && !wrong.empty(); }
 };
 

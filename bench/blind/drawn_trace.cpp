@@ -2,11 +2,12 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <mutex>
@@ -72,6 +73,25 @@ std::pair<DrawnCase, DrawnLog> held_case(std::uint64_t seed) {
   }
 }
 
+struct Ran {
+  int status;
+  double cpu_s;
+};
+Ran run(const std::string& command) {
+  const pid_t child = fork();
+  if (child == 0) {
+    execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+    _exit(127);
+  }
+  int status = -1;
+  rusage used{};
+  if (child < 0 || wait4(child, &status, 0, &used) != child) return {-1, 0};
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  return {status, seconds(used.ru_utime) + seconds(used.ru_stime)};
+}
+
 // Writes the files of a log and traces them; the trace goes into BASE.trace.
 void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase& c,
                  const DrawnLog& log, json truth) {
@@ -85,7 +105,9 @@ void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase
   const std::string command =
       fmt::format("'{}' trace '{}.toml' --data '{}.csv.gz' --out '{}.trace' > '{}.txt' 2>&1",
                   o.tracer, base, base, base, base);
-  if (std::system(command.c_str()) != 0) fs::remove(base + ".trace/trace.json");
+  const auto [status, cpu_s] = run(command);
+  if (status != 0) fs::remove(base + ".trace/trace.json");
+  write(base + ".cpu_s", fmt::format("{:.3f}\n", cpu_s));
   fs::remove(base + ".trace/report.html");
 }
 
@@ -105,6 +127,8 @@ DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uin
   truth["visible"] = visible;
   trace_files(o, base, c, log, truth);
   DrawnRow row = compare(c, log.truth, visible, result_of(base));
+  if (const std::string cpu_s = first_line(base + ".cpu_s"); !cpu_s.empty())
+    row.seconds = std::stod(cpu_s);
   if (row.verdict == "error") row.exact = row.right = false;
   if (o.keep.empty())
     for (const auto& file : fs::directory_iterator(directory))
