@@ -183,6 +183,7 @@ bool each_event(RunEvents& events, const ExportRequest& request,
 
 void expect_found(const ExportRequest& request, const std::set<Channel>& found) {
   std::vector<std::string> there;
+  there.reserve(found.size());
   for (const Channel channel : found) there.push_back(short_name(channel));
   if (there.empty())
     throw BadInput(fmt::format("{}: holds no message of this project", request.log));
@@ -306,6 +307,7 @@ std::vector<Channel> channels_of(const std::string& list) {
     });
     if (found == kChannels.end()) {
       std::vector<std::string> known;
+      known.reserve(kChannels.size());
       for (const ChannelInfo& c : kChannels) known.push_back(short_name(c.channel));
       throw BadInput(fmt::format("--channels {}: no such channel; there are {}", name,
                                  fmt::join(known, ", ")));

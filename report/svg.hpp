@@ -14,8 +14,8 @@ struct Curve {
 struct Panel {
   std::string title, x_label;
   std::vector<Curve> curves;
-  bool bars = false;            // a bar for each point; the largest are labelled with their x
-  std::string empty_note = "";  // shown instead of the curves
+  bool bars = false;       // a bar for each point; the largest are labelled with their x
+  std::string empty_note;  // shown instead of the curves
 };
 
 // One line of the last panel: a bar of relative length 0 .. 1 and its label.

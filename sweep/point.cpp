@@ -64,6 +64,7 @@ class Scratch {
 
 int run_quietly(const std::vector<std::string>& arguments) {
   std::vector<char*> argv;
+  argv.reserve(arguments.size() + 1);
   for (const std::string& text : arguments) argv.push_back(const_cast<char*>(text.c_str()));
   argv.push_back(nullptr);
   const pid_t pid = fork();

@@ -69,7 +69,7 @@ template <class Kinds, class MakeBuilder>
 void print_kinds(const std::string& owner, const Kinds& kinds, MakeBuilder make_builder) {
   for (const std::string& kind : kinds) {
     const auto builder = make_builder(kind);
-    const std::string path = owner + "." + kind;
+    const std::string path = fmt::format("{}.{}", owner, kind);
     print_rows("[" + path + "]", fmt::format("Read where `{}.kind = \"{}\"`.", owner, kind),
                describe_keys(path, [&](FieldVisitor& f) { builder->fields(f); }));
   }

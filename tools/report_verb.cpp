@@ -88,8 +88,10 @@ void report(const ReportArguments& arguments) {
   for (const std::string& path : arguments.paths) expect_other_file(out, path);
   expect_free(out, arguments.force);
   std::vector<LoadedRun> loaded;
+  loaded.reserve(arguments.paths.size());
   for (const std::string& path : arguments.paths) loaded.push_back(load(path, arguments));
   std::vector<ReportRun> runs;
+  runs.reserve(loaded.size());
   for (const LoadedRun& run : loaded) runs.push_back({run.log, run.config.drive(), run.summary});
   try {
     write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);

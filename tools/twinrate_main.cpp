@@ -8,6 +8,8 @@
 #include "core/paths.hpp"
 #include "tools/verb.hpp"
 
+// What throws before parse() is a mistake in the verbs, and ends the program.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   using namespace twinrate;
   CLI::App app{"Run, record and examine PMSM drives with a two-rate Kalman filter over LCM"};

@@ -52,6 +52,7 @@ std::string confusion(const std::vector<Row>& rows) {
   std::string text = "| missing in the model | found (logs) |\n|---|---|\n";
   for (const auto& [kind, found] : cells) {
     std::vector<std::string> list;
+    list.reserve(found.size());
     for (const auto& [name, count] : found) list.push_back(fmt::format("{} ({})", name, count));
     text += fmt::format("| {} | {} |\n", kind, fmt::join(list, ", "));
   }

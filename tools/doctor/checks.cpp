@@ -33,7 +33,7 @@ bool on_path(const std::string& program) {
   const char* path = std::getenv("PATH");
   std::istringstream directories(path ? path : "");
   for (std::string directory; std::getline(directories, directory, ':');)
-    if (access((directory + "/" + program).c_str(), X_OK) == 0) return true;
+    if (access((std::filesystem::path(directory) / program).c_str(), X_OK) == 0) return true;
   return false;
 }
 
