@@ -42,6 +42,7 @@ std::vector<Cells> cells_of(const std::vector<Slot>& slots) {
       i_d(slots, [](const Slot&s) { return s.i_d; }),
       i_q(slots, [](const Slot&s) { return s.i_q; });
   std::vector<Cells> cells;
+  cells.reserve(slots.size());
   for (const Slot& s : slots)
     cells.push_back({kCells * omega_m(s.omega_m) + i_q(s.i_q),
                      kCells * omega_m(s.omega_m) + rate(s.omega_rate),

@@ -185,6 +185,7 @@ void refine(const std::vector<double>& t, const std::vector<double>& x,
     Eigen::VectorXd right = Eigen::VectorXd::Zero(P), row(P);
     std::vector<Pointer> pointers;
     std::vector<double> gains;
+    gains.reserve(lines.size());
     for (const BusLine& line : lines) gains.push_back(high_pass_gain(line.f, window, T_s));
     for (const BusPiece& run : runs) {
       pointers.clear();

@@ -43,7 +43,7 @@ double size_of(Fault::Fault fault, const DriveFacts& facts, const Health& health
 }
 
 void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r) {
-  const auto add = [&](std::shared_ptr<const Effect> effect) {
+  const auto add = [&](const std::shared_ptr<const Effect>& effect) {
     TracedEffect e{.effect = effect, .equation = "sensing"};
     e.parameters = traced_parameters(*effect, {});
     e.materiality = e.effect->tracing().materiality(facts);

@@ -119,7 +119,8 @@ void find_lag(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets,
       (cost(terms.lag + step) - 2 * best_cost + cost(terms.lag - step)) / (step * step);
   double rows = 0, spread = 1;
   for (const Prepared& p : fixed) {
-    rows += static_cast<double>(p.log->size() / block_length(*p.log));
+    const auto blocks = p.log->size() / block_length(*p.log);
+    rows += static_cast<double>(blocks);
     spread = std::max(spread, p.spread);
   }
   if (curvature > 0) torque.sigma_lag = std::sqrt(2 * best_cost * spread / (rows * curvature));

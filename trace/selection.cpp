@@ -101,10 +101,9 @@ class Selector {
   // leaves least: from there the next round goes on.
   Fit unless_astray(const Members& placed, Fit refined) const {
     Fit there = fitter_.start(placed);
-    return there.valid &&
-                   kWorseThanPlaced * plain_torque(fitter_, there) < plain_torque(fitter_, refined)
-               ? there
-               : refined;
+    const bool astray = there.valid && kWorseThanPlaced * plain_torque(fitter_, there) <
+                                           plain_torque(fitter_, refined);
+    return astray ? std::move(there) : std::move(refined);
   }
 
   bool add_one() {

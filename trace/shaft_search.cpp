@@ -227,6 +227,7 @@ class Simplex {
 
 ShaftSearch::Points ShaftSearch::descend(Points starts, int most, double first_step) const {
   std::vector<Simplex> simplices;
+  simplices.reserve(starts.size());
   for (const Point& start : starts) simplices.emplace_back(start, first_step);
   while (true) {
     std::vector<std::shared_ptr<Effect>> wanted;
