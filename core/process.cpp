@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 #include <sched.h>
 
-#include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdio>
 
-#include "core/machine_error.hpp"
 #include "core/make_event.hpp"
 #include "core/paths.hpp"
 #include "core/seconds_since.hpp"
@@ -242,71 +240,6 @@ void Process::fail(Reason reason, std::int64_t k, const std::string& text,
 
 bool Process::stopping() const {
   return finished_ || stop_signalled();
-}
-
-namespace {
-
-// Empty where the program ends at once, with `exit_code`.
-std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, char** argv,
-                                            int& exit_code) {
-  CLI::App app{fmt::format("{}\n  {}", info.program, info.purpose)};
-  ProcessOptions o;
-  std::string pace = "lockstep";
-  app.add_option("--config", o.config, "read this drive file or preset")->required();
-  app.add_option(
-      "--lcm-url", o.url,
-      "use this LCM URL (default: LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0)");
-  app.add_option("--set", o.overrides,
-                 "override a key of the drive file: key.path=value; repeat for more keys")
-      ->allow_extra_args(false);
-  app.add_option("--channel-suffix", o.channel_suffix, "append this text to every channel name");
-  app.add_option("--session", o.session,
-                 "bind to this session id; 0: adopt the first session heard");
-  app.add_option("--pace", pace, "choose the pace: lockstep or realtime")
-      ->check(CLI::IsMember({"lockstep", "realtime"}));
-  app.add_option("--cpu", o.cpu, "pin the process to this CPU");
-  app.add_option(info.role == Role::kLogger ? "--out,--run-dir" : "--run-dir", o.run_dir,
-                 "write files into this directory; the logger makes it");
-  app.add_flag("--follow", o.follow, "restart when the sequence or the session starts again");
-  app.add_flag("--wait-for-start", o.wait_for_start, "wait for a start request");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    const bool asked_for = error.get_exit_code() == 0;  // --help
-    if (!asked_for) fmt::print(stderr, "{}: {}\n", info.program, error.what());
-    exit_code = asked_for ? app.exit(error) : 2;
-    return {};
-  }
-  o.pace = pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
-  return o;
-}
-
-}  // namespace
-
-int run_process(const ProcessInfo& info, int argc, char** argv,
-                const std::function<void(Process&)>& body) {
-  int exit_code = 0;
-  std::optional<ProcessOptions> options = parse_options(info, argc, argv, exit_code);
-  if (!options) return exit_code;
-  catch_stop_signals();
-  const auto say = [&info](const std::exception& error) {
-    fmt::print(stderr, "{}: {}\n", info.program, error.what());
-  };
-  try {
-    Process process(info, std::move(*options));
-    body(process);
-    if (!process.stopping() || stop_signalled()) process.finish();
-    return process.exit_code();
-  } catch (const BadInput& error) {
-    say(error);
-    return 2;
-  } catch (const MachineError& error) {
-    say(error);
-    return 3;
-  } catch (const std::exception& error) {
-    say(error);
-    return 1;
-  }
 }
 
 }  // namespace twinrate
