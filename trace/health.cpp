@@ -192,21 +192,27 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
 RepeatedRows repeated_rows(const RawLog& raw) {
   std::vector<const Column*> noisy;
   for (const Column* c :
-       {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc, &raw.theta_m})
+       {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc})
     if (!c->empty()) noisy.push_back(c);
+  const Column& theta_m = raw.theta_m;
   RepeatedRows rows;
   rows.stale.resize(raw.size(), 0);
   rows.by_chance.resize(raw.size(), 0);
-  if (noisy.size() < 2) return rows;
+  if (noisy.size() + !theta_m.empty() < 2) return rows;
   const auto same = [&](std::size_t k, std::size_t as) {
     return std::all_of(noisy.begin(), noisy.end(),
                        [&](const Column* c) { return (*c)[k] == (*c)[as]; });
   };
+  // Of chance, the angle repeats either: a count that lasts two rows does not last three.
   for (std::size_t k = 1; k < raw.size(); ++k) {
-    rows.stale[k] = same(k, k - 1);
-    rows.by_chance[k] = k > 1 && !rows.stale[k] && same(k, k - 2);
+    const auto stands = [&](std::size_t as) {
+      return theta_m.empty() || theta_m[k] == theta_m[as];
+    };
+    rows.stale[k] = stands(k - 1) && same(k, k - 1);
+    rows.by_chance[k] =
+        k > 1 && !rows.stale[k] && same(k, k - 2) && (stands(k - 1) || stands(k - 2));
   }
-  if (raw.theta_m.empty()) return rows;
+  if (theta_m.empty()) return rows;
   forgive_at_rest(rows.stale, raw.theta_m);
   forgive_at_rest(rows.by_chance, raw.theta_m);
   mark_late(raw, rows.stale);

@@ -49,7 +49,8 @@ struct RawColumn {
 std::span<const RawColumn> raw_columns();
 
 // Of each row, but where all stands still: whether every signal that has noise repeats the row
-// before; whether it repeats the one before that and not the row before, as chance does as often.
+// before; whether they repeat the one before that and not the row before (the angle either), as
+// chance does as often.
 struct RepeatedRows {
   std::vector<char> stale, by_chance;
 };

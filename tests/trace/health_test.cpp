@@ -57,6 +57,16 @@ TEST(Health, ACoarseConverterRepeatsRowsByChanceThoughTheEncoderCounts) {
   EXPECT_GT(stale_share(raw), 0.4);
 }
 
+// Every other count lasts two rows, none three.
+TEST(Health, ACountThatLastsTwoRowsRepeatsNoRow) {
+  RawLog raw = quantised_log(0);
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    raw.theta_m[k] = 1e-3 * std::floor(0.7 * static_cast<double>(k));
+    for (std::vector<double>* i : {&raw.i_a, &raw.i_b}) (*i)[k] = 0.02 * std::round((*i)[k] / 0.02);
+  }
+  EXPECT_EQ(stale_share(raw), 0);
+}
+
 TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   const auto freeze = [](RawLog raw, std::size_t every, std::size_t count) {
     for (std::size_t k = every; k + count < raw.t.size(); k += every)
