@@ -7,6 +7,7 @@
 #include "model/effects/catalogue.hpp"
 #include "model/random.hpp"
 #include "trace/loop_response.hpp"
+#include "trace/rounding.hpp"
 
 namespace twinrate {
 namespace {
@@ -109,15 +110,26 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
   return std::sqrt(sum / count / 70);
 }
 
+// Rounding, and beside it what the fourth difference shows more than rounding makes.
+std::vector<double> angle_errors(const Record& record, const std::vector<char>& moving) {
+  constexpr double kMore = 1.2;  // where a count lasts a few rows, rounding alone makes 1.1
+  const double lsb = record.angle.lsb, of_rounding = lsb / std::sqrt(12.0);
+  const double all = white_noise(
+      record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
+  const double white =
+      all > kMore * of_rounding ? std::sqrt(all * all - of_rounding * of_rounding) : 0;
+  std::vector<double> errors =
+      lsb > 0 ? drawn_rounding(record.theta_m, lsb) : std::vector<double>(record.size(), 0.0);
+  for (std::size_t k = 0; k < errors.size(); ++k) errors[k] += white * normal(1, 0, k);
+  return errors;
+}
+
 }  // namespace
 
 NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
                          const std::vector<char>& moving, double i_lsb) {
-  const double sigma_theta = white_noise(
-      record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
   SensorNoise noise;
-  for (std::size_t k = 0; k < record.size(); ++k)
-    noise.theta_m.push_back(sigma_theta * normal(1, 0, k));
+  noise.theta_m = angle_errors(record, moving);
   if (!record.i_alphabeta.empty()) {
     const auto axis = [&](int x) {
       return white_noise(

@@ -5,8 +5,9 @@
 
 namespace twinrate {
 
-// The record with as much noise again on currents and angle as its samples have: white, of the size
-// that the fourth difference shows.
+// The record with as much noise again on currents and angle as its samples have: the rounding of an
+// encoder's counts as rounding (trace/rounding.hpp), the rest white, of the size that the fourth
+// difference shows.
 struct NoisierRecords {
   Record answered;  // with what the controller makes of it
   Record readings;  // the readings alone

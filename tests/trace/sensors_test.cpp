@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/rounding.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -58,6 +59,37 @@ TEST(AngleSteps, AreNoneWhereTheAngleIsExactOrTurnsLikeAClock) {
   EXPECT_EQ(exact.sensor().lsb, 0);
   EXPECT_EQ(clock.sensor().lsb, 0);
   EXPECT_EQ(fine.sensor().lsb, 0);
+}
+
+// Drawn errors against those of an encoder on the motion `speed` swings, at most so many counts a row.
+struct Drawn {
+  double size = 0, correlation = 0, true_lag = 0,
+         drawn_lag = 0;  // lag: product with the row before
+};
+Drawn drawn_for(double counts_a_row) {
+  const double lsb = kTwoPi / 4096, step = counts_a_row * lsb / kT_s / 15;
+  std::vector<double> readings, errors;
+  for (double k = 0; k < kRows; ++k) {
+    const double angle = step * swing(kT_s * k);
+    readings.push_back((std::floor(angle / lsb) + 0.5) * lsb);
+    errors.push_back(readings.back() - angle);
+  }
+  const std::vector<double> drawn = drawn_rounding(readings, lsb);
+  double ee = 0, dd = 0, ed = 0, e1 = 0, d1 = 0;
+  for (std::size_t k = 1; k < errors.size(); ++k) {
+    ee += errors[k] * errors[k], dd += drawn[k] * drawn[k], ed += errors[k] * drawn[k];
+    e1 += errors[k] * errors[k - 1], d1 += drawn[k] * drawn[k - 1];
+  }
+  return {std::sqrt(dd / ee), ed / std::sqrt(dd * ee), e1 / ee, d1 / dd};
+}
+
+TEST(DrawnRounding, HasTheSizeAndTheColourOfTheEncodersErrorsAndIsNotThem) {
+  for (const double counts_a_row : {0.03, 0.3, 1.0, 4.0}) {
+    const Drawn drawn = drawn_for(counts_a_row);
+    EXPECT_NEAR(drawn.size, 1, 0.05) << counts_a_row;
+    EXPECT_NEAR(drawn.correlation, 0, 0.1) << counts_a_row;
+    EXPECT_NEAR(drawn.drawn_lag, drawn.true_lag, 0.1) << counts_a_row;
+  }
 }
 
 // The drive file of a synthetic drive.
@@ -129,6 +161,12 @@ TEST(Encoder, HalfACountIsNoOffset) {
 
 TEST(Encoder, HalfACountIsNoInductanceNorSaturation) {
   for (const int counts : {16384, 4096}) EXPECT_EQ(found_in(flat_motor(counts), true), "");
+}
+
+TEST(Encoder, AnOffsetOfSeveralCountsIsFound) {
+  SyntheticDrive drive = small_servo(1440);
+  drive.offset_theta = 3.3 * kTwoPi / 1440;
+  EXPECT_EQ(found_in(drive, true), "encoder_offset ");
 }
 
 }  // namespace
