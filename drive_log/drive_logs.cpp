@@ -204,7 +204,7 @@ Record Reader::blocks_of(Scanned& log, std::size_t max_rows) {
 // With two measured currents, estimator and tracer compute i_c = -(i_a + i_b).
 void Reader::note_sensors(const Record& log) {
   if (const int counts = log.angle.counts(), declared = drive_.sensors.encoder_counts;
-      counts > 0 && counts != declared)
+      declared > 0 && counts > 0 && counts != declared)
     result_.notes.push_back(
         fmt::format("{}: theta_m has {} counts a turn; the drive file has sensors.encoder_counts = "
                     "{}; those of the log are used",

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <optional>
 
+#include "trace/angle_zero.hpp"
 #include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
 #include "trace/consistency.hpp"
@@ -127,6 +128,15 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();
   const DriveFacts facts = drive.facts();
+  const bool rounding_unknown = drive.sensors.encoder_counts == 0 && raw.angle.centre > 0;
+  const auto from_zero = [&](double by, const char* why) {
+    TraceResult r = trace_record(moved(raw, by), drive, health, settings, held_out);
+    r.health.emplace_back(why);
+    return r;
+  };
+  if (rounding_unknown)
+    if (const double back = rounding_to_nearest(raw, facts, known); back != 0)
+      return from_zero(back, "theta_m was rounded to the nearest count, and is used as it stands");
   const auto lap = [&](const char* what) {
     if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
     t0 = std::chrono::steady_clock::now();
@@ -211,6 +221,8 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     selection = not_judged(std::move(fit), rounds);
   }
   TraceResult result = conclude(fitter(), dictionary, selection, health, bus);
+  if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
+    return from_zero(by, "the zero of theta_m was moved within half a count");
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;

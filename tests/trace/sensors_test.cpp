@@ -163,10 +163,24 @@ TEST(Encoder, HalfACountIsNoInductanceNorSaturation) {
   for (const int counts : {16384, 4096}) EXPECT_EQ(found_in(flat_motor(counts), true), "");
 }
 
+TEST(Encoder, ItsRoundingIsFoundWhereItIsNotDeclared) {
+  SyntheticDrive down = flat_motor(4096), nearest = down;
+  nearest.offset_theta = kPi / 4096;
+  EXPECT_EQ(found_in(down, false), "");
+  EXPECT_EQ(found_in(nearest, false), "");
+}
+
+TEST(Encoder, AZeroWithinACountIsNoClaimWhereTheCountsAreNotDeclared) {
+  SyntheticDrive drive = small_servo(1440);
+  drive.offset_theta = -0.45 * kTwoPi / 1440;
+  EXPECT_EQ(found_in(drive, false), "");
+}
+
 TEST(Encoder, AnOffsetOfSeveralCountsIsFound) {
   SyntheticDrive drive = small_servo(1440);
   drive.offset_theta = 3.3 * kTwoPi / 1440;
-  EXPECT_EQ(found_in(drive, true), "encoder_offset ");
+  for (const bool with_counts : {true, false})
+    EXPECT_EQ(found_in(drive, with_counts), "encoder_offset ");
 }
 
 }  // namespace
