@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-using json = nlohmann::ordered_json;
+using Json = nlohmann::ordered_json;
 
 constexpr const char* kSigns =
     "theta_e = n_p theta_m, d axis at theta_m = 0. Torques add to T_load, which opposes positive "
@@ -32,9 +32,9 @@ std::string acts_on(const Effect& effect) {
   return list.empty() ? "whole rows" : list;
 }
 
-json parameter_json(const FieldRow& row) {
+Json parameter_json(const FieldRow& row) {
   const NameAndUnit split = split_unit(row.key);
-  json parameter = {{"key", row.key},   {"name", split.name},       {"unit", split.unit},
+  Json parameter = {{"key", row.key},   {"name", split.name},       {"unit", split.unit},
                     {"type", row.type}, {"required", row.required}, {"meaning", row.meaning}};
   if (row.lo != row.hi) parameter["range"] = {row.lo, row.hi};
   if (!row.choices.empty()) parameter["choices"] = row.choices;
@@ -43,10 +43,10 @@ json parameter_json(const FieldRow& row) {
 }
 
 void print_json() {
-  json effects = json::array();
+  Json effects = Json::array();
   for (const std::string& kind : effect_kinds()) {
     const auto effect = make_effect(kind);
-    json parameters = json::array();
+    Json parameters = Json::array();
     for (const FieldRow& row : list_fields([&](FieldVisitor& f) { effect->fields(f); }))
       parameters.push_back(parameter_json(row));
     effects.push_back({{"kind", kind},
@@ -55,7 +55,7 @@ void print_json() {
                        {"signals_needed", effect->tracing().signals_needed()},
                        {"parameters", parameters}});
   }
-  std::cout << json{{"signs", kSigns}, {"effects", effects}}.dump(2) << "\n";
+  std::cout << Json{{"signs", kSigns}, {"effects", effects}}.dump(2) << "\n";
 }
 
 std::string range_text(const FieldRow& row) {
