@@ -45,11 +45,16 @@ class ControllerBuilder {
  public:
   virtual ~ControllerBuilder() = default;
   virtual void fields(FieldVisitor& f) = 0;
+  // Defaults for the machine of the drive file, before fields() reads.
+  virtual void scale(const DriveConfig& /*config*/) {}
   virtual std::unique_ptr<Controller> build(const DriveConfig& config) const = 0;
 };
 
 // Null where there is no such kind.
 std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind);
+// With the defaults of this drive.
+std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind,
+                                                      const DriveConfig& drive);
 std::vector<std::string> controller_kinds();
 
 }  // namespace twinrate

@@ -176,7 +176,7 @@ Mode Foc::advance_mode(const ControllerInput& in, Frame& frame) {
 }
 
 Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {
-  const double i_start = p_.startup.i_start > 0 ? p_.startup.i_start : p_.i_max;
+  const double i_start = p_.startup.i_start > 0 ? std::min(p_.startup.i_start, p_.i_max) : p_.i_max;
   const double omega_e = machine_.n_p * frame.omega_m, v_dc = in.measurement.v_dc;
   switch (c.mode) {
     case Mode::kRun: {

@@ -40,7 +40,8 @@ struct FocParameters {
               "control ticks of one step of the speed loop");
     f.choice("current_angle", current_angle, kCurrentAngleNames,
              "i_d = reference.i_d_A, or maximum torque per ampere (plus reference.i_d_A)");
-    f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude", Presence::kRequired);
+    f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude",
+             i_max > 0 ? Presence::kOptional : Presence::kRequired);
     field_weakening.fields(f);
     f.boolean("decoupling", decoupling, "feed back-EMF and cross coupling forward");
     f.boolean("compensate_effects", compensate_effects,

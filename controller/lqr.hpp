@@ -53,7 +53,8 @@ struct LqrParameters {
   AngleDomainParameters angle_domain;
   void fields(FieldVisitor& f) {
     design.fields(f);
-    f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude (MPAC)", Presence::kRequired);
+    f.number("i_max_A", i_max, 1e-3, 1e4, "largest current amplitude (MPAC)",
+             i_max > 0 ? Presence::kOptional : Presence::kRequired);
     f.number("k_awu_rad_s", k_awu, 0, 1e6,
              "anti-windup gain of (39), per unit of normalised voltage");
     f.table("angle_domain", [&](FieldVisitor& sub) { angle_domain.fields(sub); });

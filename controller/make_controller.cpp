@@ -8,7 +8,7 @@ namespace twinrate {
 
 std::unique_ptr<Controller> make_controller(Config& config) {
   const std::string& kind = config.drive().controller.kind;
-  const auto builder = controller_builder(kind);
+  const auto builder = controller_builder(kind, config.drive());
   if (!builder)
     throw BadInput(fmt::format("{}: controller.kind: one of {} allowed, found {}",
                                config.where("controller.kind"), fmt::join(controller_kinds(), ", "),

@@ -3,6 +3,7 @@
 
 #include "controller/foc.hpp"
 #include "controller/lqr.hpp"
+#include "controller/scaled_tuning.hpp"
 #include "core/config.hpp"
 
 namespace twinrate {
@@ -11,6 +12,7 @@ namespace {
 class FocBuilder final : public ControllerBuilder {
  public:
   void fields(FieldVisitor& f) override { parameters_.fields(f); }
+  void scale(const DriveConfig& config) override { twinrate::scale(parameters_, config); }
   std::unique_ptr<Controller> build(const DriveConfig& config) const override {
     return std::make_unique<Foc>(config, parameters_);
   }
@@ -22,6 +24,7 @@ class FocBuilder final : public ControllerBuilder {
 class LqrBuilder final : public ControllerBuilder {
  public:
   void fields(FieldVisitor& f) override { parameters_.fields(f); }
+  void scale(const DriveConfig& config) override { twinrate::scale(parameters_, config); }
   std::unique_ptr<Controller> build(const DriveConfig& config) const override {
     const LqrDesign design = design_lqr(config.machine, config.inverter.v_dc, config.T_s(),
                                         config.plant.delay_samples, parameters_.design);
@@ -58,6 +61,13 @@ std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind) {
   for (const Entry& entry : kEntries)
     if (entry.kind == kind) return entry.make_builder();
   return nullptr;
+}
+
+std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind,
+                                                      const DriveConfig& drive) {
+  auto builder = controller_builder(kind);
+  if (builder) builder->scale(drive);
+  return builder;
 }
 
 std::vector<std::string> controller_kinds() {

@@ -8,7 +8,7 @@ namespace twinrate {
 
 std::shared_ptr<const Filter> make_filter(Config& config) {
   const std::string& kind = config.drive().estimator.kind;
-  const auto builder = filter_builder(kind);
+  const auto builder = filter_builder(kind, config.drive());
   if (!builder)
     throw BadInput(fmt::format("{}: estimator.kind: one of {} allowed, found {}",
                                config.where("estimator.kind"), fmt::join(filter_kinds(), ", "),

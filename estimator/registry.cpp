@@ -1,12 +1,7 @@
 #include "estimator/registry.hpp"
 
-#include "estimator/active_flux.hpp"
 #include "estimator/backemf_printed.hpp"
-#include "estimator/dq_ekf.hpp"
-#include "estimator/eemf.hpp"
-#include "estimator/ekf_disturbance.hpp"
-#include "estimator/ekf_harmonic.hpp"
-#include "estimator/ekf_sensorless.hpp"
+#include "estimator/scaled_tuning.hpp"
 
 namespace twinrate {
 namespace {
@@ -22,6 +17,9 @@ template <class Kind, class Parameters>
 class Builder final : public FilterBuilder {
  public:
   void fields(FieldVisitor& f) override { tuning_.fields(f); }
+  void scale(const DriveConfig& c) override {
+    twinrate::scale(tuning_, per_unit(c.machine, c.inverter.v_dc, c.T_s()), c.machine.J, c.T_s());
+  }
   std::shared_ptr<Filter> build(const DriveConfig& config) const override {
     const auto make = [&](auto... start) {
       return std::make_shared<Kind>(config.machine, tuning_, config.estimator.prediction,
@@ -69,6 +67,12 @@ std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind) {
   for (const Entry& entry : kEntries)
     if (entry.kind == kind) return entry.make_builder();
   return nullptr;
+}
+
+std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind, const DriveConfig& drive) {
+  auto builder = filter_builder(kind);
+  if (builder) builder->scale(drive);
+  return builder;
 }
 
 std::vector<std::string> filter_kinds() {

@@ -14,11 +14,15 @@ class FilterBuilder {
  public:
   virtual ~FilterBuilder() = default;
   virtual void fields(FieldVisitor& f) = 0;
+  // Defaults for the machine of the drive file (estimator/scaled_tuning.hpp), before fields() reads.
+  virtual void scale(const DriveConfig& config) = 0;
   virtual std::shared_ptr<Filter> build(const DriveConfig& config) const = 0;
 };
 
 // Null where there is no such kind.
 std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind);
+// With the defaults of this drive.
+std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind, const DriveConfig& drive);
 std::vector<std::string> filter_kinds();
 
 }  // namespace twinrate

@@ -9,8 +9,8 @@
 #include <thread>
 #include <vector>
 
-#include "controller/foc.hpp"
-#include "estimator/ekf_sensorless.hpp"
+#include "controller/scaled_tuning.hpp"
+#include "estimator/scaled_tuning.hpp"
 #include "lanes/isa.hpp"
 #include "model/random.hpp"
 
@@ -44,6 +44,8 @@ std::string lane_settings(Config& config, LaneSettings& s) {
   if (std::string why = not_covered(d); !why.empty()) return why;
   EkfSensorlessParameters tuning;
   FocParameters foc;
+  scale(tuning, per_unit(d.machine, d.inverter.v_dc, d.T_s()), d.machine.J, d.T_s());
+  scale(foc, d);
   config.read_table("estimator.ekf_sensorless", [&](FieldVisitor& f) { tuning.fields(f); });
   config.read_table("controller.foc", [&](FieldVisitor& f) { foc.fields(f); });
   const MachineParameters& m = d.machine;

@@ -20,7 +20,7 @@ double largest(const Profile& profile) {
 
 std::optional<double> current_limit(Config& config) {
   const std::string kind = config.drive().controller.kind;
-  const auto builder = controller_builder(kind);
+  const auto builder = controller_builder(kind, config.drive());
   const auto fields = [&](FieldVisitor& f) { builder->fields(f); };
   config.read_table("controller." + kind, fields);
   for (const FieldRow& row : list_fields(fields))

@@ -24,7 +24,7 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
   for (const std::string& kind : kinds) {
     const std::string path = fmt::format("{}.{}", owner, kind);
     if (kind != chosen && !config.has_table(path)) continue;
-    const auto builder = make_builder(kind);
+    const auto builder = make_builder(kind, config.drive());
     config.read_table(path, [&](FieldVisitor& f) { builder->fields(f); });
   }
 }
@@ -39,8 +39,14 @@ std::vector<OwnedTable> owned_tables() {
 void read_all_tables(Config& config) {
   for (const OwnedTable& table : owned_tables()) config.read_table(table.path, table.fields);
   const DriveConfig& drive = config.drive();
-  read_kinds(config, "estimator", drive.estimator.kind, filter_kinds(), filter_builder);
-  read_kinds(config, "controller", drive.controller.kind, controller_kinds(), controller_builder);
+  const auto filter = [](const std::string& kind, const DriveConfig& d) {
+    return filter_builder(kind, d);
+  };
+  const auto controller = [](const std::string& kind, const DriveConfig& d) {
+    return controller_builder(kind, d);
+  };
+  read_kinds(config, "estimator", drive.estimator.kind, filter_kinds(), filter);
+  read_kinds(config, "controller", drive.controller.kind, controller_kinds(), controller);
   config.require_all_read();
 }
 

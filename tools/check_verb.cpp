@@ -70,8 +70,13 @@ void print_kinds(const std::string& owner, const Kinds& kinds, MakeBuilder make_
   for (const std::string& kind : kinds) {
     const auto builder = make_builder(kind);
     const std::string path = fmt::format("{}.{}", owner, kind);
-    print_rows("[" + path + "]", fmt::format("Read where `{}.kind = \"{}\"`.", owner, kind),
-               describe_keys(path, [&](FieldVisitor& f) { builder->fields(f); }));
+    print_rows(
+        "[" + path + "]",
+        fmt::format(
+            "Read where `{}.kind = \"{}\"`. Defaults in physical units scale with the machine "
+            "of the drive file (`check --resolved` prints them).",
+            owner, kind),
+        describe_keys(path, [&](FieldVisitor& f) { builder->fields(f); }));
   }
 }
 
@@ -96,8 +101,10 @@ void print_reference() {
     print_rows(table.empty() ? "Top level" : "[" + table + "]", "", section);
     section.clear();
   }
-  print_kinds("estimator", filter_kinds(), filter_builder);
-  print_kinds("controller", controller_kinds(), controller_builder);
+  print_kinds("estimator", filter_kinds(),
+              [](const std::string& kind) { return filter_builder(kind); });
+  print_kinds("controller", controller_kinds(),
+              [](const std::string& kind) { return controller_builder(kind); });
   for (const std::string& kind : effect_kinds()) {
     const auto effect = make_effect(kind);
     print_rows(fmt::format("[[effect]] kind = \"{}\"", kind), fmt::format("{}.", effect->meaning()),

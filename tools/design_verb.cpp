@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "analysis/load_orders.hpp"
-#include "controller/lqr.hpp"
+#include "controller/scaled_tuning.hpp"
 #include "estimator/ekf_harmonic.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
@@ -112,6 +112,7 @@ int design(const DesignOptions& o) {
   Config config = load_drive(o.drive, o.overrides);
   const DriveConfig& d = config.drive();
   LqrParameters p;
+  scale(p, config.drive());
   p.i_max = d.machine.i_rated > 0 ? d.machine.i_rated : 1;  // the design does not depend on it
   if (config.has_table("controller.lqr"))
     config.read_table("controller.lqr", [&](FieldVisitor& f) { p.fields(f); });

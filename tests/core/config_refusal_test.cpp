@@ -180,7 +180,6 @@ const Mistake kMistakes[] = {
     {"DiagonalTooShort",
      drive_text() + kFoc + "[estimator.ekf_sensorless]\nQ_diag = [1, 2, 3]\n",
      {"drive.toml:18", "estimator.ekf_sensorless.Q_diag", "4 numbers"}},
-    {"MissingControllerKey", drive_text(), {"drive.toml", "controller.foc.i_max_A", "missing key"}},
     {"NestedUnknownKey",
      drive_text() + kFoc + "[controller.foc.startup]\nt_aling_s = 1\n",
      {"drive.toml:18", "controller.foc.startup.t_aling_s", "unknown key", "t_align_s"}},

@@ -1,0 +1,69 @@
+#include "controller/scaled_tuning.hpp"
+
+#include <algorithm>
+
+#include "model/per_unit.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kOverload = 1.5;  // i_max over the rated current
+
+PerUnit base_of(const DriveConfig& c) {
+  return per_unit(c.machine, c.inverter.v_dc, c.T_s());
+}
+
+double speed_bandwidth(const DriveConfig& c, double current_bandwidth) {
+  const double slowest = 2 / (kTwoPi * base_of(c).t_m);
+  return std::clamp(std::max(c.rates.f_s_Hz / 625, slowest), 0.01, current_bandwidth / 5);
+}
+
+// i_start 0 stands for i_max.
+void scale(StartupParameters& p, const DriveConfig& c, double i_max) {
+  const MachineParameters& m = c.machine;
+  if (m.L_q > m.L_d) p.i_start = 0.9 * m.psi_f / (m.L_q - m.L_d);
+  const double i_start = p.i_start > 0 ? std::min(p.i_start, i_max) : i_max;
+  p.omega_e_handover = 0.1 * base_of(c).omega_e;
+  p.acceleration = 0.02 * m.n_p * m.torque_constant() * i_start / m.J;
+}
+
+// The paper's largest deviations in the sizes of its motor, and the weights that follow from them.
+void scale_deviations(LqrDesignParameters& p, const PerUnit& base, int n_p) {
+  const double omega_m = base.omega_e / n_p;
+  p.deviation_d[0] = 0.566 * base.i;
+  p.deviation_d[1] = 0.0156 * base.i;
+  p.deviation_q[0] = 1.9 * base.i;
+  p.deviation_q[1] = 0.82 * omega_m;
+  p.deviation_q[2] = 2.3e-3 * omega_m;
+  for (int i = 0; i < 2; ++i) p.Q_d[i] = 1 / (p.deviation_d[i] * p.deviation_d[i]);
+  for (int i = 0; i < 3; ++i) p.Q_q[i] = 1 / (p.deviation_q[i] * p.deviation_q[i]);
+}
+
+}  // namespace
+
+void scale(FocParameters& p, const DriveConfig& c) {
+  const PerUnit base = base_of(c);
+  p.current_bandwidth = std::clamp(c.rates.f_s_Hz / 25, 1.0, 5000.0);
+  p.speed_bandwidth = speed_bandwidth(c, p.current_bandwidth);
+  p.i_max = kOverload * base.i;
+  scale(p.startup, c, p.i_max);
+  p.synchronism.innovation = 8.2e-3 * base.i;
+  p.synchronism.omega_e_min = 0.12 * base.omega_e;
+}
+
+void scale(LqrParameters& p, const DriveConfig& c) {
+  const MachineParameters& m = c.machine;
+  const double f_s = c.rates.f_s_Hz, decay = 1.1 * m.R_s / (kTwoPi * std::min(m.L_d, m.L_q));
+  const double current = std::min(std::max(f_s / 40, decay), f_s / 10);
+  const double speed = speed_bandwidth(c, current);
+  scale_deviations(p.design, base_of(c), m.n_p);
+  p.design.gains = GainSource::kBandwidths;
+  p.design.bandwidth_d_Hz[0] = current;
+  p.design.bandwidth_d_Hz[1] = speed / 2;
+  p.design.bandwidth_q_Hz[0] = current;
+  p.design.bandwidth_q_Hz[1] = speed;
+  p.design.bandwidth_q_Hz[2] = speed / 2;
+  p.i_max = kOverload * base_of(c).i;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,23 @@
+// Defaults of the controllers for the machine and rates of the drive file (model/per_unit.hpp). Keys
+// that the drive file gives win.
+//
+//   current loop     f_s/25 (FOC); max(f_s/40, 1.1 R_s/(2 pi L_q)) at most f_s/10 (state feedback)
+//   speed loop       f_s/625, at least 2/(2 pi t_m), at most a fifth of the current loop: with less,
+//                    rated torque stops the motor before the loop answers
+//   i_max            1.5 times the rated current
+//   start            current below psi_f/(L_q - L_d), where the reluctance torque takes over; a ramp
+//                    with 2 % of the acceleration that this current gives, up to a tenth of the
+//                    rated speed
+//   innovation_A     0.8 % of the rated current
+//   omega_e_min      12 % of the rated speed
+//   gains of lqr     from bandwidths
+#pragma once
+#include "controller/foc.hpp"
+#include "controller/lqr.hpp"
+
+namespace twinrate {
+
+void scale(FocParameters& p, const DriveConfig& config);
+void scale(LqrParameters& p, const DriveConfig& config);
+
+}  // namespace twinrate
