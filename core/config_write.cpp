@@ -198,8 +198,8 @@ std::string write_table(const std::string& path, const std::function<void(FieldV
 
 std::string write_drive(const DriveConfig& d,
                         const std::function<std::string(const char*)>& owned) {
-  std::string text = fmt::format("name = {}\nstart = \"{}\"\n", text_text(d.name),
-                                 kStartNames[static_cast<int>(d.start)]);
+  std::string text = fmt::format("{}\nname = {}\nstart = \"{}\"\n", kResolvedMark,
+                                 text_text(d.name), kStartNames[static_cast<int>(d.start)]);
   text += section_text("machine", d.machine) + section_text("inverter", d.inverter) +
           section_text("sensors", d.sensors);
   text += without_line(section_text("rates", d.rates), "f_b_Hz");

@@ -8,6 +8,9 @@
 
 namespace twinrate {
 
+// A line of every resolved file: it holds all keys, also those that no part of its drive reads.
+inline constexpr const char* kResolvedMark = "# resolved by twinrate: every key, in use or not";
+
 std::string write_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
 // `owned`: the text of a table that belongs to another folder, by its name.
 std::string write_drive(const DriveConfig& drive,

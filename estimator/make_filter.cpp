@@ -20,24 +20,29 @@ std::shared_ptr<const Filter> make_filter(Config& config) {
   return filter;
 }
 
+void require_policy(const Config& config, const Filter& filter) {
+  const GainPolicy policy = config.drive().gain.policy;
+  if (!has_background(policy) && !filter.steady_state(0))
+    throw BadInput(
+        fmt::format("{}: gain.policy: scheduled needs a filter with a steady state, {} "
+                    "has none",
+                    config.where("gain.policy"), filter.kind()));
+  if (policy == GainPolicy::kPropagated && !offers_propagated(filter))
+    throw BadInput(
+        fmt::format("{}: gain.policy: propagated needs a filter in the stationary frame with a "
+                    "steady state, {} has none",
+                    config.where("gain.policy"), filter.kind()));
+}
+
 FastLoop make_fast_loop(Config& config, bool fall_back) {
   const DriveConfig& drive = config.drive();
   const auto filter = make_filter(config);
+  require_policy(config, *filter);
   ScheduleUse use;
   if (fall_back)
     use.max_age_ticks = drive.gain.max_age_ticks > 0 ? drive.gain.max_age_ticks : 4 * drive.rates.n;
   const bool scheduled = !has_background(drive.gain.policy);
   if (fall_back || scheduled) use.schedule = GainSchedule::build(*filter, drive.omega_m_limit());
-  if (scheduled && !use.schedule)
-    throw BadInput(
-        fmt::format("{}: gain.policy: scheduled needs a filter with a steady state, {} "
-                    "has none",
-                    config.where("gain.policy"), filter->kind()));
-  if (drive.gain.policy == GainPolicy::kPropagated && !offers_propagated(*filter))
-    throw BadInput(
-        fmt::format("{}: gain.policy: propagated needs a filter in the stationary frame with a "
-                    "steady state, {} has none",
-                    config.where("gain.policy"), filter->kind()));
   return {filter, drive.gain.policy, drive.background_rate(), std::move(use)};
 }
 

@@ -9,6 +9,9 @@ namespace twinrate {
 // Throws BadInput where the kind or a key of its table is unknown.
 std::shared_ptr<const Filter> make_filter(Config& config);
 
+// Throws BadInput where the filter cannot run the drive's gain policy.
+void require_policy(const Config& config, const Filter& filter);
+
 // `fall_back`: a background that falls silent is replaced by the table over speed (realtime). The
 // table is computed here. Throws BadInput where policy `scheduled` is asked for and the filter has
 // no table.

@@ -69,12 +69,6 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
   if (samples < 10)
     warn("rates.f_s_Hz",
          fmt::format("only {:.3g} samples an electrical turn at the reference speed", samples));
-  const bool turned = is_made_for_use(d.gain.policy) || !has_background(d.gain.policy);
-  if (d.estimator.kind == "ekf_sensorless" && !turned && samples / d.rates.n < 7)
-    warn("rates.n",
-         fmt::format("only {:.3g} gain updates an electrical turn at the reference speed; "
-                     "below about 7 a held gain loses synchronism",
-                     samples / d.rates.n));
   const double decay = d.T_s() * m.R_s / std::min(m.L_d, m.L_q);
   if (d.estimator.prediction == Prediction::kEuler && decay > 1)
     warn("estimator.prediction",

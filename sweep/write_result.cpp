@@ -8,7 +8,7 @@
 #include "sweep/figure.hpp"
 #include "sweep/run.hpp"
 #include "sweep/store.hpp"
-#include "sweep/why.hpp"
+#include "loop/stale_gain.hpp"
 
 namespace twinrate::sweep {
 namespace {

@@ -6,10 +6,10 @@
 
 #include "controller/controller.hpp"
 #include "core/field_list.hpp"
-#include "estimator/make_filter.hpp"
 #include "estimator/registry.hpp"
 #include "loop/demand.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -21,7 +21,7 @@ struct CheckOptions {
   bool resolved = false, reference = false;
 };
 
-void print_summary(Config& config) {
+void print_summary(Config& config, const std::vector<std::string>& warnings) {
   const DriveConfig& d = config.drive();
   const MachineParameters& m = d.machine;
   const Demand demand = demand_of(config);
@@ -49,7 +49,6 @@ void print_summary(Config& config) {
   for (const auto& [effect, used_in, from_s] : d.effects)
     fmt::print("  effect      {} ({}{})\n", effect->kind(), kUsedInNames[static_cast<int>(used_in)],
                from_s > 0 ? fmt::format(", from {:g} s", from_s) : "");
-  const auto warnings = warnings_of(config, demand);
   for (const std::string& warning : warnings) fmt::print("warning: {}\n", warning);
   fmt::print("{}\n", warnings.empty() ? "ok"
                                       : fmt::format("ok, {} warning{}", warnings.size(),
@@ -117,11 +116,11 @@ void check(const CheckOptions& options) {
   if (options.drive.empty())
     throw BadInput("check: a drive file or the name of a preset is required");
   Config config = load_drive(options.drive, options.overrides);
-  make_fast_loop(config, false);  // refuses a gain policy that the filter cannot run
+  const std::vector<std::string> warnings = check_runnable(config);
   if (options.resolved)
     std::cout << config.resolved();
   else
-    print_summary(config);
+    print_summary(config, warnings);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "monitor/monitor_parameters.hpp"
 #include "run/supervisor.hpp"
 #include "tools/verb.hpp"
@@ -31,6 +32,8 @@ int launch(const LaunchOptions& o) {
   if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
+  for (const std::string& warning : check_runnable(config))
+    fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
   if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)
     throw BadInput(

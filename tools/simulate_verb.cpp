@@ -7,6 +7,7 @@
 #include "core/process.hpp"
 #include "core/seconds_since.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "run/progress.hpp"
 #include "run/run_result.hpp"
 #include "run/simulated_run.hpp"
@@ -27,6 +28,8 @@ int simulate(const SimulateOptions& o) {
   if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
+  for (const std::string& warning : check_runnable(config))
+    fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const auto result = make_run_directory(o.run_dir, config, o.force);
   const std::string& directory = result->path();
   catch_stop_signals();

@@ -13,7 +13,7 @@
 #include "sweep/merge.hpp"
 #include "sweep/run.hpp"
 #include "sweep/store.hpp"
-#include "sweep/why.hpp"
+#include "loop/stale_gain.hpp"
 
 namespace twinrate::sweep {
 namespace {

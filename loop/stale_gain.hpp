@@ -14,7 +14,7 @@
 
 #include "estimator/two_rate.hpp"
 
-namespace twinrate::sweep {
+namespace twinrate {
 
 struct Steady {
   std::shared_ptr<const Filter> filter;
@@ -33,4 +33,4 @@ double spectral_radius(const Steady& steady, int n);
 // Last n before the first with rho >= 1; at most `limit`.
 int n_max_by_floquet(const Steady& steady, int limit);
 
-}  // namespace twinrate::sweep
+}  // namespace twinrate

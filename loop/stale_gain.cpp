@@ -1,4 +1,4 @@
-#include "sweep/why.hpp"
+#include "loop/stale_gain.hpp"
 
 #include <cmath>
 #include <limits>
@@ -6,7 +6,7 @@
 #include "estimator/gain_frame.hpp"
 #include "model/linear_algebra.hpp"
 
-namespace twinrate::sweep {
+namespace twinrate {
 namespace {
 
 using Square = Eigen::MatrixXd;
@@ -111,4 +111,4 @@ int n_max_by_floquet(const Steady& s, int limit) {
   return limit;
 }
 
-}  // namespace twinrate::sweep
+}  // namespace twinrate

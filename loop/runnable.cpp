@@ -1,0 +1,230 @@
+#include "loop/runnable.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "controller/make_controller.hpp"
+#include "core/field_list.hpp"
+#include "estimator/make_filter.hpp"
+#include "loop/demand.hpp"
+#include "loop/stale_gain.hpp"
+#include "loop/unused_keys.hpp"
+#include "model/effects/undo.hpp"
+#include "model/per_unit.hpp"
+#include "plant_sim/plant.hpp"
+
+namespace twinrate {
+namespace {
+
+// Voltage error of R_s at 50 K above the temperature of the drive file, relative to R_s i.
+constexpr double kResistanceError = 0.2;
+// Angle error of a filter without saliency, rad: (L_q - L_d) i/psi_f. 10 deg are no matter.
+constexpr double kSaliencyMax = 0.17;
+// State feedback held this share of the formula's n or more (n = 11 of 19 at 20 Hz, 7 of 8 at 100).
+constexpr double kShareOfFeedback = 0.58;
+// docs/ipmsm-drive.md: active_flux runs with a speed loop of 15 Hz behind its low-pass of 10 Hz.
+constexpr double kSpeedLoopOverLowpass = 1.5;
+
+// docs/theory/start-up.md: from a start angle beyond this the filter can settle on the mirrored state.
+constexpr double kStartAngleMax_deg = 75;
+// Largest n that the search for the first loss tries; it takes some 0.1 s.
+constexpr int kSearchedMax = 200;
+
+bool is_sensorless(const std::string& kind) {
+  return kind != "ekf_disturbance" && kind != "ekf_harmonic";
+}
+
+// What theory says about one drive.
+class Theory {
+ public:
+  Theory(Config& config, std::shared_ptr<const Filter> filter)
+      : config_(config),
+        d_(config.drive()),
+        base_(per_unit(d_.machine, d_.inverter.v_dc, d_.T_s())),
+        filter_(std::move(filter)) {
+    read("estimator." + d_.estimator.kind, filter_builder(d_.estimator.kind, d_));
+    read("controller." + d_.controller.kind, controller_builder(d_.controller.kind, d_));
+    const Profile& profile =
+        d_.reference.in_rpm ? d_.reference.speed_rpm : d_.reference.omega_e_rad_s;
+    const double to_omega_e = d_.reference.in_rpm ? kTwoPi / 60 * d_.machine.n_p : 1;
+    for (const ProfileStep& step : profile.steps())
+      if (step.value != 0) speeds_.push_back(std::abs(step.value) * to_omega_e);
+  }
+
+  // A gain that does not belong to this motor.
+  void refuse_integral() const {
+    if (is_sensorless(d_.estimator.kind)) return;
+    const std::string key = "estimator." + d_.estimator.kind + ".L_Nm_rad";
+    const double most = d_.machine.J / (d_.T_s() * d_.T_s());
+    if (-value(key) <= most) return;
+    throw BadInput(
+        fmt::format("{}: {}: {:.4g} is unstable on this rotor, -J f_s^2 = {:.4g} to 0 allowed",
+                    config_.where(key), key, value(key), -most));
+  }
+
+  std::vector<std::string> warnings() const {
+    std::vector<std::string> list;
+    const auto add = [&](const std::string& key, const std::string& what) {
+      if (!what.empty()) list.push_back(fmt::format("{}: {}: {}", config_.where(key), key, what));
+    };
+    if (!feeds_back_an_estimate()) return list;
+    add(d_.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s", too_slow());
+    add("estimator.kind", beyond_the_model());
+    add("estimator.kind", speed_loop_too_fast());
+    add("plant.theta_e_start_rad", starts_elsewhere());
+    add("start", cannot_start());
+    add("rates.n", too_few_gains());
+    return list;
+  }
+
+ private:
+  template <class Builder>
+  void read(const std::string& path, const Builder& builder) {
+    const auto fields = [&](FieldVisitor& f) { builder->fields(f); };
+    config_.read_table(path, fields);
+    for (const FieldRow& row : list_fields(fields)) rows_[path + "." + row.key] = row;
+  }
+  double value(const std::string& key) const {
+    const auto row = rows_.find(key);
+    return row == rows_.end() ? 0 : row->second.value;
+  }
+  bool feeds_back_an_estimate() const {
+    return is_sensorless(d_.estimator.kind) && !speeds_.empty();
+  }
+
+  // Largest voltage that the inverter loses and the model does not know, at rated current.
+  double unknown_drop(double omega_e) const {
+    Effects unknown;
+    for (const ConfiguredEffect& e : d_.effects)
+      if (e.used_in == UsedIn::kPlant) unknown.push_back(e.effect);
+    unknown = acting_on(unknown, kOnVoltage);
+    double sum = 0;
+    constexpr int kAngles = 12;
+    for (int i = 0; i < kAngles && !unknown.empty(); ++i) {
+      const double theta_e = kTwoPi * (i + 0.5) / kAngles;
+      sum += predicted_drop(unknown, {.i_dq = {0, base_.i},
+                                      .v_dc = d_.inverter.v_dc,
+                                      .omega_m = omega_e / d_.machine.n_p,
+                                      .theta_m = theta_e / d_.machine.n_p,
+                                      .theta_e = theta_e})
+                 .norm();
+    }
+    return sum / kAngles;
+  }
+
+  std::string too_slow() const {
+    const double omega_e = *std::min_element(speeds_.begin(), speeds_.end());
+    const double hidden = kResistanceError * d_.machine.R_s * base_.i + unknown_drop(omega_e);
+    const double emf = omega_e * d_.machine.psi_f;
+    if (emf >= hidden) return "";
+    return fmt::format(
+        "{} may lose synchronism: the EMF at {:.4g} rad/s electrical is {:.3g} V, and "
+        "{:.3g} V are uncertain at rated current (20 % of R_s, unknown inverter "
+        "losses); it needs {:.4g} rad/s",
+        d_.estimator.kind, omega_e, emf, hidden, hidden / d_.machine.psi_f);
+  }
+
+  std::string beyond_the_model() const {
+    const MachineParameters& m = d_.machine;
+    const bool on_stator = d_.plant.saliency == Saliency::kFixedAxes;
+    const bool without_saliency = d_.estimator.kind == "ekf_sensorless" ||
+                                  (d_.estimator.kind == "backemf_printed" && !on_stator);
+    const double angle = std::abs(m.L_q - m.L_d) * base_.i / m.psi_f;
+    if (!without_saliency || angle <= kSaliencyMax) return "";
+    return fmt::format(
+        "{} may lose synchronism: its model does not have this rotor's saliency, its "
+        "angle is wrong by about {:.0f} deg at rated current",
+        d_.estimator.kind, std::atan(angle) * 180 / kPi);
+  }
+
+  // Of FOC, or of a state feedback from bandwidths; 0 where it is not known.
+  double speed_bandwidth() const {
+    if (d_.controller.kind == "foc") return value("controller.foc.speed_bandwidth_Hz");
+    const auto gains = rows_.find("controller.lqr.gains"),
+               row = rows_.find("controller.lqr.bandwidth_q_Hz");
+    if (gains == rows_.end() || row == rows_.end() || gains->second.value_text != "bandwidths")
+      return 0;
+    const std::string& list = row->second.value_text;  // "[current, speed, integral]"
+    return std::strtod(list.c_str() + list.find(',') + 1, nullptr);
+  }
+  std::string speed_loop_too_fast() const {
+    const std::string table = "estimator." + d_.estimator.kind + ".";
+    const auto from = rows_.find(table + "speed_from");
+    if (from == rows_.end() || from->second.value_text != "angle_rate") return "";
+    const double most = kSpeedLoopOverLowpass * value(table + "lowpass_Hz");
+    if (speed_bandwidth() <= most) return "";
+    return fmt::format(
+        "{} may lose synchronism: its speed is low-passed at {:.3g} Hz, the speed loop "
+        "has {:.3g} Hz, up to {:.3g} Hz allowed",
+        d_.estimator.kind, value(table + "lowpass_Hz"), speed_bandwidth(), most);
+  }
+
+  std::string starts_elsewhere() const {
+    if (d_.start != Start::kAligned) return "";
+    const double from = std::abs(wrap_pi(d_.plant.theta_e_start)) * 180 / kPi;
+    if (d_.estimator.kind != "dq_ekf" && from > kStartAngleMax_deg)
+      return fmt::format(
+          "{} may lose synchronism: it starts at 0, the rotor {:.0f} deg away; start = "
+          "align_if finds it",
+          d_.estimator.kind, from);
+    return "";
+  }
+  std::string cannot_start() const {
+    if (d_.start != Start::kAligned) return "";
+    if (d_.estimator.kind == "eemf" || d_.estimator.kind == "active_flux")
+      return d_.estimator.kind +
+             " may lose synchronism: there is no EMF at standstill; start = align_if starts it";
+    if (d_.estimator.kind == "dq_ekf" && d_.rates.n > 1 && d_.background_rate().from == 0)
+      return fmt::format(
+          "dq_ekf may lose synchronism: with a gain every {} ticks a direct start fails "
+          "from some angles; rates.n_from_s = 0.5 computes it every tick until then",
+          d_.rates.n);
+    return "";
+  }
+
+  std::string too_few_gains() const {
+    const int n = d_.rates.n;
+    if (n == 1 || !has_background(d_.gain.policy) || !filter_->steady_state(0)) return "";
+    const double omega_e = *std::max_element(speeds_.begin(), speeds_.end());
+    const Steady steady{filter_, d_.gain.policy, omega_e / d_.machine.n_p,
+                        omega_e, d_.T_s(),       d_.gain.speed_span / d_.machine.n_p};
+    const double share = d_.controller.kind == "foc" ? 1 : kShareOfFeedback;
+    const int limit = std::min(kSearchedMax, static_cast<int>(std::ceil(n / share)));
+    // Upward from 1: beyond the first loss there are islands of stability.
+    int held = n_max_by_formula(steady, limit);
+    if (held == 0) held = n_max_by_floquet(steady, limit);
+    if (held >= limit) return "";
+    return fmt::format(
+        "{} may lose synchronism: at {:.4g} rad/s electrical a gain of policy {} holds up "
+        "to n = {:.0f}",
+        d_.estimator.kind, omega_e, kGainPolicyNames[static_cast<int>(d_.gain.policy)],
+        std::floor(held * share));
+  }
+
+  Config& config_;
+  const DriveConfig& d_;
+  const PerUnit base_;
+  const std::shared_ptr<const Filter> filter_;
+  std::map<std::string, FieldRow> rows_;
+  std::vector<double> speeds_;  // electrical, of the profile, without 0
+};
+
+}  // namespace
+
+std::vector<std::string> check_runnable(Config& config) {
+  refuse_unused_keys(config);
+  const auto filter = make_filter(config);
+  require_policy(config, *filter);
+  make_controller(config);
+  const Plant plant(config);
+  const Theory theory(config, filter);
+  theory.refuse_integral();
+  std::vector<std::string> list = warnings_of(config, demand_of(config));
+  for (std::string& warning : theory.warnings()) list.push_back(std::move(warning));
+  return list;
+}
+
+}  // namespace twinrate

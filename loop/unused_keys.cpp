@@ -1,0 +1,233 @@
+#include "loop/unused_keys.hpp"
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+
+#include "controller/controller.hpp"
+#include "core/config_write.hpp"
+#include "core/field_list.hpp"
+#include "estimator/registry.hpp"
+#include "plant_sim/plant_parameters.hpp"
+
+namespace twinrate {
+namespace {
+
+// The drive with the tables of its chosen parts, for the conditions of the rules.
+class Settings {
+ public:
+  explicit Settings(Config& config) : drive(config.drive()) {
+    take(config, "estimator." + drive.estimator.kind, filter_builder(drive.estimator.kind, drive));
+    take(config, "controller." + drive.controller.kind,
+         controller_builder(drive.controller.kind, drive));
+    PlantParameters plant;
+    take(config, "plant", &plant);
+  }
+  // Of a key of the chosen parts, as text.
+  std::string operator[](const std::string& key) const {
+    const auto found = values_.find(key);
+    return found == values_.end() ? "" : found->second;
+  }
+  bool uses(Compensation wanted) const {
+    const auto& steps = drive.controller.compensation.steps();
+    return std::any_of(steps.begin(), steps.end(), [&](const ProfileStep& step) {
+      return step.value == static_cast<double>(wanted);
+    });
+  }
+
+  const DriveConfig& drive;
+
+ private:
+  template <class Owner>
+  void take(Config& config, const std::string& path, const Owner& owner) {
+    const auto fields = [&](FieldVisitor& f) { owner->fields(f); };
+    config.read_table(path, fields);
+    for (const FieldRow& row : list_fields(fields)) values_[path + "." + row.key] = row.value_text;
+  }
+  std::map<std::string, std::string> values_;
+};
+
+// One key, or all keys of a table (it ends with a dot), and the settings with which they are read.
+struct Rule {
+  std::string key;
+  std::function<bool(const Settings&)> is_read;
+  std::string read_with;
+};
+
+Rule with(const std::string& key, const std::string& other, const std::string& value) {
+  return {key, [=](const Settings& s) { return s[other] == value; }, other + " = " + value};
+}
+
+std::vector<Rule> rules_of_gains() {
+  const auto background = [](const Settings& s) { return has_background(s.drive.gain.policy); };
+  const std::string held = "a gain.policy other than scheduled";
+  return {{"rates.n", background, held},
+          {"rates.f_b_Hz", background, held},
+          {"rates.n_from_s", background, held},
+          {"gain.speed_span_rad_s",
+           [](const Settings& s) { return s.drive.gain.policy == GainPolicy::kPropagated; },
+           "gain.policy = propagated"},
+          with("plant.erk_steps", "plant.engine", "erk"),
+          {"inverter.f_pwm_Hz",
+           [](const Settings& s) {
+             return s.drive.plant.inverter == InverterModel::kSwitched || !s.drive.effects.empty();
+           },
+           "plant.inverter = switched, or an [[effect]]"}};
+}
+
+std::vector<Rule> rules_of_filters() {
+  std::vector<Rule> rules;
+  for (const char* kind : {"backemf_printed", "active_flux"}) {
+    const std::string table = std::string("estimator.") + kind + ".";
+    rules.push_back(with(table + "limit_floor_rad", table + "limit", "true"));
+    rules.push_back(with(table + "saliency_in_speed", table + "speed_from", "emf"));
+  }
+  rules.push_back(
+      {"estimator.eemf.rotation",
+       [](const Settings& s) { return s.drive.estimator.prediction == Prediction::kEuler; },
+       "estimator.prediction = euler"});
+  return rules;
+}
+
+std::vector<Rule> rules_of_foc() {
+  const std::string foc = "controller.foc.";
+  return {
+      {foc + "startup.", [](const Settings& s) { return s.drive.start == Start::kAlignIf; },
+       "start = align_if"},
+      with(foc + "voltage_margin", foc + "field_weakening", "true"),
+      with(foc + "field_weakening_bandwidth_Hz", foc + "field_weakening", "true"),
+      {foc + "synchronism.watch",
+       [](const Settings& s) { return s.drive.controller.angle_source == AngleSource::kEstimate; },
+       "controller.angle_source = estimate"},
+      with(foc + "synchronism.", foc + "synchronism.watch", "true")};
+}
+
+std::vector<Rule> rules_of_lqr() {
+  const std::string lqr = "controller.lqr.", gains = lqr + "gains";
+  std::vector<Rule> rules;
+  for (const char* key : {"K_d", "K_q"}) rules.push_back(with(lqr + key, gains, "given"));
+  for (const char* key : {"Q_d", "R_d", "Q_q", "R_q"})
+    rules.push_back(with(lqr + key, gains, "weights"));
+  for (const char* key : {"deviation_d", "deviation_q"})
+    rules.push_back(with(lqr + key, gains, "deviations"));
+  for (const char* key : {"bandwidth_d_Hz", "bandwidth_q_Hz"})
+    rules.push_back(with(lqr + key, gains, "bandwidths"));
+  rules.push_back({lqr + "angle_domain.",
+                   [](const Settings& s) { return s.uses(Compensation::kAngleDomain); },
+                   "controller.compensation = angle_domain"});
+  rules.push_back({"controller.compensation",
+                   [](const Settings& s) {
+                     return s.drive.controller.kind == "lqr" ||
+                            !(s.uses(Compensation::kPaper) || s.uses(Compensation::kAngleDomain));
+                   },
+                   "controller.kind = lqr"});
+  return rules;
+}
+
+// The first rule that fits a key decides; a table of another kind is never read.
+std::vector<Rule> all_rules() {
+  std::vector<Rule> rules;
+  for (const auto& some : {rules_of_gains(), rules_of_filters(), rules_of_foc(), rules_of_lqr()})
+    rules.insert(rules.end(), some.begin(), some.end());
+  return rules;
+}
+
+bool fits(const Rule& rule, const std::string& key) {
+  return rule.key.ends_with('.') ? key.starts_with(rule.key) : key == rule.key;
+}
+
+// "" if a chosen part reads the key, else the settings with which one does.
+std::string read_only_with(const std::string& key, const Settings& settings,
+                           const std::vector<Rule>& rules) {
+  for (const auto& [owner, kind] : {std::pair("estimator", settings.drive.estimator.kind),
+                                    std::pair("controller", settings.drive.controller.kind)}) {
+    const std::string table = std::string(owner) + ".";
+    const auto dot = key.find('.', table.size());
+    if (!key.starts_with(table) || dot == std::string::npos) continue;
+    const std::string own = key.substr(table.size(), dot - table.size());
+    if (own != kind) return fmt::format("{}.kind = {}", owner, own);
+  }
+  const auto rule =
+      std::find_if(rules.begin(), rules.end(), [&](const Rule& r) { return fits(r, key); });
+  return rule == rules.end() || rule->is_read(settings) ? "" : rule->read_with;
+}
+
+// Other headers may stand before the mark (extended.toml).
+bool is_resolved(const std::string& file) {
+  constexpr int kHeaderLines = 30;
+  std::ifstream in(file);
+  std::string line;
+  for (int i = 0; i < kHeaderLines && std::getline(in, line); ++i)
+    if (line == kResolvedMark) return true;
+  return false;
+}
+
+// Of --set, and of files that are neither a preset nor resolved by this program.
+class Authors {
+ public:
+  bool is_user(const std::string& where) {
+    if (where == "--set") return true;
+    const std::string file = where.substr(0, where.rfind(':'));
+    const auto known = is_user_.find(file);
+    if (known != is_user_.end()) return known->second;
+    std::error_code error;
+    const bool preset = std::filesystem::equivalent(std::filesystem::path(file).parent_path(),
+                                                    preset_directory(), error);
+    return is_user_[file] = !preset && !is_resolved(file);
+  }
+
+ private:
+  std::map<std::string, bool> is_user_;
+};
+
+void collect_keys(const toml::table& table, const std::string& prefix,
+                  std::vector<std::string>& keys) {
+  for (const auto& [key, node] : table) {
+    const std::string path = prefix + std::string(key.str());
+    if (const auto* sub = node.as_table())
+      collect_keys(*sub, path + ".", keys);
+    else if (path != "effect")
+      keys.push_back(path);
+  }
+}
+
+std::vector<std::string> keys_of_the_user(const Config& config) {
+  std::vector<std::string> keys;
+  collect_keys(toml::parse(config.merged()), "", keys);
+  Authors authors;
+  std::erase_if(keys, [&](const std::string& key) { return !authors.is_user(config.where(key)); });
+  return keys;
+}
+
+// covariance = "sequential" is a form of two filters; the others would silently take another.
+void refuse_covariance(const Config& config) {
+  const DriveConfig& drive = config.drive();
+  const bool written_out =
+      drive.estimator.kind == "ekf_sensorless" || drive.estimator.kind == "ekf_disturbance";
+  if (drive.estimator.covariance != CovarianceForm::kSequential || written_out) return;
+  throw BadInput(fmt::format(
+      "{}: estimator.covariance: joseph, paper, auto allowed with estimator.kind = {}, found "
+      "sequential",
+      config.where("estimator.covariance"), drive.estimator.kind));
+}
+
+}  // namespace
+
+void refuse_unused_keys(Config& config) {
+  refuse_covariance(config);
+  const Settings settings(config);
+  const std::vector<Rule> rules = all_rules();
+  for (const std::string& key : keys_of_the_user(config)) {
+    const std::string with_what = read_only_with(key, settings, rules);
+    if (!with_what.empty())
+      throw BadInput(fmt::format("{}: {}: has no effect here; it is read with {}",
+                                 config.where(key), key, with_what));
+  }
+}
+
+}  // namespace twinrate

@@ -1,0 +1,15 @@
+// Keys that a user set and no chosen part reads.
+//
+// A key of --set or of the user's own file that has no effect with the filter, controller and
+// policies of the drive is refused by name. The keys of a preset and of a resolved file
+// (config.toml of a run) are not: a preset holds what its alternatives need.
+#pragma once
+#include "core/config.hpp"
+
+namespace twinrate {
+
+// Throws BadInput at the first such key: where, what, and with which setting it is read. Requires
+// read_all_tables().
+void refuse_unused_keys(Config& config);
+
+}  // namespace twinrate
