@@ -1,0 +1,148 @@
+// Every filter with every controller, on every paper's drive, at n = 1, 5, 20, from every start:
+// locked, warned, refused, lost, tripped or error, one line each, and the counts. A pairing must run
+// locked, or be refused, or be warned of: exit code 1 if one is lost without a warning, or ends in
+// an error.
+//
+//   pairings [--preset P] [--estimator K] [--controller K] [--start S] [--n N] [--only STATUS]
+//
+// 2.4 s of drive time with the last third judged.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <map>
+#include <mutex>
+#include <thread>
+
+#include "analysis/summary.hpp"
+#include "controller/controller.hpp"
+#include "estimator/registry.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
+
+namespace twinrate {
+namespace {
+
+struct Pairing {
+  std::string preset, estimator, controller, start;
+  int n = 1;
+  std::string status, why;
+};
+
+constexpr double kDuration_s = 2.4;
+
+std::vector<std::string> overrides_of(const Pairing& p) {
+  return {"estimator.kind=" + p.estimator,
+          "controller.kind=" + p.controller,
+          "start=" + p.start,
+          fmt::format("rates.n={}", p.n),
+          fmt::format("run.duration_s={}", kDuration_s),
+          fmt::format("run.settle_s={}", kDuration_s * 2 / 3)};
+}
+
+// The loop of `simulate`, judged by the same criteria without a log.
+void run(Config& config, Pairing& p) {
+  const DriveConfig drive = config.drive();
+  ClosedLoop loop(config);
+  const auto settle = static_cast<std::int64_t>(drive.run.settle_s * drive.rates.f_s_Hz);
+  bool handed_over = drive.start != Start::kAlignIf;
+  while (loop.k() < drive.steps()) {
+    const TickRecord& tick = loop.step();
+    if (is_trip(tick.event.reason)) {
+      p.status = "tripped";
+      p.why = fmt::format("{:.3f} s: {}", drive.T_s() * static_cast<double>(loop.k() - 1),
+                          tick.event.text);
+      return;
+    }
+    handed_over = handed_over || (loop.k() > 10 && tick.measurement.mode == Mode::kRun);
+    if (!handed_over || loop.k() <= settle) continue;
+    const double error = wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m);
+    if (std::abs(error) <= kPi / 2 && std::isfinite(tick.truth.omega_m)) continue;
+    p.status = "lost";
+    return;
+  }
+  p.status = handed_over ? "locked" : "tripped";
+}
+
+void judge(Pairing& p) {
+  try {
+    std::optional<Config> config;
+    std::vector<std::string> warnings;
+    try {
+      config = load_drive(p.preset, overrides_of(p));
+      warnings = check_runnable(*config);
+    } catch (const BadInput& refusal) {
+      p.status = "refused";
+      p.why = refusal.what();
+      return;
+    }
+    run(*config, p);
+    if (warnings.empty() || p.status == "locked") return;
+    p.why = p.status + "; " + warnings.front();
+    p.status = "warned";
+  } catch (const std::exception& error) {
+    p.status = "error";
+    p.why = error.what();
+  }
+}
+
+void judge_all(std::vector<Pairing>& all) {
+  std::atomic<std::size_t> next = 0;
+  std::vector<std::jthread> threads;
+  for (unsigned i = 0; i < std::max(1u, std::thread::hardware_concurrency()); ++i)
+    threads.emplace_back([&] {
+      for (std::size_t at = next++; at < all.size(); at = next++) judge(all[at]);
+    });
+}
+
+struct Selection {
+  std::string preset, estimator, controller, start, only;
+  int n = 0;
+  bool takes(const Pairing& p) const {
+    const auto fits = [](const std::string& wanted, const std::string& is) {
+      return wanted.empty() || wanted == is;
+    };
+    return fits(preset, p.preset) && fits(estimator, p.estimator) &&
+           fits(controller, p.controller) && fits(start, p.start) && (n == 0 || n == p.n);
+  }
+};
+
+std::vector<Pairing> pairings(const Selection& filter) {
+  std::vector<Pairing> all;
+  for (const char* preset : {"dilys2021", "niewiara2020", "kim-ipmsm"})
+    for (const std::string& estimator : filter_kinds())
+      for (const std::string& controller : controller_kinds())
+        for (const char* start : kStartNames)
+          for (const int n : {1, 5, 20})
+            if (const Pairing p{preset, estimator, controller, start, n, "", ""}; filter.takes(p))
+              all.push_back(p);
+  return all;
+}
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  CLI::App app("Run every filter with every controller, drive, rate ratio and start");
+  Selection filter;
+  app.add_option("--preset", filter.preset, "only this preset");
+  app.add_option("--estimator", filter.estimator, "only this filter");
+  app.add_option("--controller", filter.controller, "only this controller");
+  app.add_option("--start", filter.start, "only this start");
+  app.add_option("--n", filter.n, "only this n");
+  app.add_option("--only", filter.only, "print only pairings of this status");
+  CLI11_PARSE(app, argc, argv);
+  std::vector<Pairing> all = pairings(filter);
+  judge_all(all);
+  std::map<std::string, int> counts;
+  for (const Pairing& p : all) {
+    ++counts[p.status];
+    if (filter.only.empty() || filter.only == p.status)
+      fmt::print("{:<12} {:<15} {:<4} {:<8} {:>2}  {:<8} {}\n", p.preset, p.estimator, p.controller,
+                 p.start, p.n, p.status, p.why);
+  }
+  for (const auto& [status, count] : counts) fmt::print("{} {}\n", count, status);
+  return counts["lost"] + counts["tripped"] + counts["error"] > 0 ? 1 : 0;
+}
