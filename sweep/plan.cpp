@@ -98,10 +98,8 @@ std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& ba
     set("rates.n_from_s", switch_s - 0.5 * T_s);
     settle_s = switch_s + 0.3;
   }
-  if (plan.load_pu != 0) {
-    set("load.T_load_Nm", plan.load_pu * base.machine.T_rated);
-    settle_s += 0.5;
-  }
+  if (plan.load_pu) set("load.T_load_Nm", *plan.load_pu * base.machine.T_rated);
+  if (plan.load_pu.value_or(0) != 0) settle_s += 0.5;
   set("run.settle_s", settle_s);
   set("run.duration_s", settle_s + std::max({1.0, 5 / search.f_e_Hz, 3 * n * T_s}));
   return list;
@@ -112,19 +110,20 @@ int next_n(int held) {
 }
 
 std::string identity(const Plan& p, const Config& config) {
-  const nlohmann::ordered_json json = {{"drive", p.drive},
-                                       {"overrides", p.overrides},
-                                       {"config", config.resolved()},
-                                       {"speeds_Hz", p.speeds_Hz},
-                                       {"policies", p.policies},
-                                       {"seeds", p.seeds},
-                                       {"start", p.start},
-                                       {"ramp_rad_s2", p.ramp_rad_s2},
-                                       {"n_max", p.n_max},
-                                       {"load_pu", p.load_pu},
-                                       {"over", p.over},
-                                       {"engine", p.engine},
-                                       {"log", p.log}};
+  const nlohmann::ordered_json json = {
+      {"drive", p.drive},
+      {"overrides", p.overrides},
+      {"config", config.resolved()},
+      {"speeds_Hz", p.speeds_Hz},
+      {"policies", p.policies},
+      {"seeds", p.seeds},
+      {"start", p.start},
+      {"ramp_rad_s2", p.ramp_rad_s2},
+      {"n_max", p.n_max},
+      {"load_pu", p.load_pu ? nlohmann::ordered_json(*p.load_pu) : nlohmann::ordered_json(nullptr)},
+      {"over", p.over},
+      {"engine", p.engine},
+      {"log", p.log}};
   return json.dump(1);
 }
 
@@ -139,7 +138,7 @@ Plan plan_of(const std::string& sweep_json) {
   json.at("start").get_to(p.start);
   json.at("ramp_rad_s2").get_to(p.ramp_rad_s2);
   json.at("n_max").get_to(p.n_max);
-  json.at("load_pu").get_to(p.load_pu);
+  if (json.at("load_pu").is_number()) p.load_pu = json.at("load_pu").get<double>();
   json.at("over").get_to(p.over);
   p.engine = json.value("engine", "reference");
   json.at("log").get_to(p.log);

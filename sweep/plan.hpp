@@ -4,6 +4,7 @@
 // Points are independent: threads, processes and machines give equal results, bit for bit.
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,7 +21,7 @@ struct Plan {
   std::string start = "ramp";  // or "switched": 0.2 s at speed with n = 1, then n
   double ramp_rad_s2 = 16000;
   int n_max = 200;
-  double load_pu = 0;
+  std::optional<double> load_pu;   // empty: the load of the drive file
   std::string over = "inprocess";  // or "lcm"
   std::string engine = "lanes";  // in process: lanes/engine.hpp if it covers the drive; "reference"
   std::string log;               // a recorded drive instead of simulated ones

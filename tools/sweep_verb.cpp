@@ -73,7 +73,9 @@ void add_options(CLI::App& verb, SweepOptions& o) {
   verb.add_option("--ramp-rad-s2", p.ramp_rad_s2,
                   "set the electrical acceleration of the start, rad/s2 (default 16000)");
   verb.add_option("--n-max", p.n_max, "end the search at this n (default 200)");
-  verb.add_option("--load", p.load_pu, "set the load, per unit of the rated torque (default 0)");
+  verb.add_option(
+      "--load", p.load_pu,
+      "set the load, per unit of the rated torque (default: the load of the drive file)");
   verb.add_option(
       "--over", p.over,
       "choose the loop: inprocess, or lcm for the process set over the bus (default inprocess)");

@@ -9,11 +9,11 @@
 #include "estimator/make_filter.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/stale_gain.hpp"
 #include "sweep/cost.hpp"
 #include "sweep/merge.hpp"
 #include "sweep/run.hpp"
 #include "sweep/store.hpp"
-#include "loop/stale_gain.hpp"
 
 namespace twinrate::sweep {
 namespace {
@@ -368,6 +368,14 @@ TEST(PointOfASweep, HasTheLoadAskedForAndHalfASecondMoreForIt) {
   ASSERT_GT(drive.machine.T_rated, 0);
   EXPECT_NEAR(drive.load.T_load_Nm.at(1), 0.4 * drive.machine.T_rated, 1e-12);
   EXPECT_NEAR(drive.run.settle_s - idle.run.settle_s, 0.5, 1e-9);
+}
+
+TEST(PointOfASweep, ALoadOfZeroRemovesThatOfTheDriveFile) {
+  Plan plan = small_plan();
+  plan.overrides.push_back("load.T_load_Nm=[[0, 0], [0.6, 0.03]]");
+  EXPECT_EQ(point_of(plan, {"paper", 64, 1}, 5).load.T_load_Nm.at(1), 0.03);
+  plan.load_pu = 0;
+  EXPECT_EQ(point_of(plan, {"paper", 64, 1}, 5).load.T_load_Nm.at(1), 0);
 }
 
 // n = 1 up to the first whole gain behind 0.2 s: ticks of 0.2 ms, 1000 of them and 1001 = 7 143.
