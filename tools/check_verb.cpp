@@ -69,13 +69,15 @@ void print_kinds(const std::string& owner, const Kinds& kinds, MakeBuilder make_
   for (const std::string& kind : kinds) {
     const auto builder = make_builder(kind);
     const std::string path = fmt::format("{}.{}", owner, kind);
+    std::vector<KeyRow> rows = describe_keys(path, [&](FieldVisitor& f) { builder->fields(f); });
+    for (KeyRow& row : rows)  // required of a builder without a drive alone
+      if (row.key.ends_with(".i_max_A")) row.default_value = "1.5 machine.i_rated_A";
     print_rows(
         "[" + path + "]",
-        fmt::format(
-            "Read where `{}.kind = \"{}\"`. Defaults in physical units scale with the machine "
-            "of the drive file (`check --resolved` prints them).",
-            owner, kind),
-        describe_keys(path, [&](FieldVisitor& f) { builder->fields(f); }));
+        fmt::format("Read where `{}.kind = \"{}\"`. Defaults in physical units scale with the "
+                    "machine of the drive file (`check --resolved` prints them).",
+                    owner, kind),
+        rows);
   }
 }
 
