@@ -3,11 +3,9 @@
 #pragma once
 #include <cstdint>
 #include <deque>
-#include <lcm/lcm-cpp.hpp>
-#include <memory>
 #include <string>
-#include <vector>
 
+#include "core/event_log.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -15,11 +13,11 @@ namespace twinrate {
 class MeasurementReader {
  public:
   // `path`: a run directory or a log file, of the drive the manifest was written for. Throws
-  // BadInput: no such log, not an LCM log, messages of another type version.
-  explicit MeasurementReader(const std::string& path);
+  // BadInput if there is no such log.
+  explicit MeasurementReader(const std::string& path, OnDamage on_damage = OnDamage::kRefuse);
 
-  // False at the end. Throws BadInput at a message of another type version, and at the end of a log
-  // that holds no message of this project.
+  // False at the end. Throws BadInput at damage (core/event_log.hpp), and at the end of a log that
+  // holds no message of this project. With kSkip, a measurement of an earlier tick is left out.
   bool next(Measurement& m);
   // The one that comes next; null at the end.
   const Measurement* peek();
@@ -27,13 +25,11 @@ class MeasurementReader {
   const std::string& config_toml() const { return config_toml_; }
   // True where the log was imported: its drive file's load was not applied.
   bool imported() const { return imported_; }
-  double share_read() const;
+  double share_read() const { return log_.share_read(); }
+  std::string damage() const { return log_.damage(); }
 
   // The position of the next measurement, and the way back to it.
-  struct Place {
-    std::size_t part = 0;
-    std::int64_t byte = 0;
-  };
+  using Place = EventLog::Place;
   Place place();
   void go_to(const Place& place);
 
@@ -42,16 +38,14 @@ class MeasurementReader {
     Measurement m;
     Place place;
   };
-  void open(std::size_t part, std::int64_t byte);
   void fill();  // a few measurements ahead: they may come out of order
-  void take(const lcm::LogEvent& event, const Place& place);
+  void take(const lcm::LogEvent& event);
 
-  std::string path_, suffix_, channel_, manifest_channel_;
-  std::vector<std::string> parts_;
-  std::vector<std::int64_t> bytes_before_;  // of each part; the last entry is their sum
-  std::unique_ptr<lcm::LogFile> file_;
-  std::size_t part_ = 0;
+  std::string path_;
+  OnDamage on_damage_;
+  EventLog log_;
   std::deque<Entry> ahead_;
+  std::int64_t last_k_ = -1;
   bool found_message_ = false, imported_ = false;
   std::string config_toml_;
 };

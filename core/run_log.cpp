@@ -3,8 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <filesystem>
-#include <lcm/lcm-cpp.hpp>
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
@@ -12,8 +10,6 @@
 
 namespace twinrate {
 namespace {
-
-namespace fs = std::filesystem;
 
 EventRecord from_wire(const event_t& w) {
   return {.k = w.seq,
@@ -24,46 +20,42 @@ EventRecord from_wire(const event_t& w) {
           .waited_for = w.waited_for};
 }
 
-// Decodes one event into `messages` when it is on that channel.
 template <class Wire, class Item>
-bool take(const lcm::LogEvent& event, const std::string& suffix, std::vector<Item>& messages,
-          RunLog& log) {
-  if (event.channel != info(kChannelOf<Wire>).name + suffix) return false;
+void take(const lcm::LogEvent& event, std::vector<Item>& messages) {
   Wire wire{};
-  if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen)))
-    ++log.undecodable;
-  else
+  if (decode(wire, event.data, static_cast<std::size_t>(event.datalen)))
     messages.push_back(from_wire(wire));
-  return true;
 }
 
 void take_manifest(const lcm::LogEvent& event, RunLog& log) {
   const auto manifest = decode_manifest(event.data, event.datalen, log.path);
-  if (!manifest) {
-    ++log.undecodable;
-    return;
-  }
+  if (!manifest) return;
   log.session = manifest->session;
   log.revision = manifest->revision;
   log.config_toml = manifest->config_toml;
   log.manifest_json = manifest->manifest_json;
 }
 
-void read_part(const std::string& part, const std::string& suffix, RunLog& log) {
-  lcm::LogFile file(part, "r");
-  if (!file.good()) throw BadInput(fmt::format("{}: cannot be read", part));
-  const std::string manifest_channel = info(Channel::kManifest).name + suffix;
-  while (const lcm::LogEvent* event = file.readNextEvent()) {
-    if (event->channel == manifest_channel)
-      take_manifest(*event, log);
-    else
-      take<measurement_t>(*event, suffix, log.measurement, log) ||
-          take<truth_t>(*event, suffix, log.truth, log) ||
-          take<estimate_t>(*event, suffix, log.estimate, log) ||
-          take<gain_t>(*event, suffix, log.gain, log) ||
-          take<reference_t>(*event, suffix, log.reference, log) ||
-          take<command_t>(*event, suffix, log.command, log) ||
-          take<event_t>(*event, suffix, log.events, log);
+void take(Channel channel, const lcm::LogEvent& event, RunLog& log) {
+  switch (channel) {
+    case Channel::kManifest:
+      return take_manifest(event, log);
+    case Channel::kMeasurement:
+      return take<measurement_t>(event, log.measurement);
+    case Channel::kTruth:
+      return take<truth_t>(event, log.truth);
+    case Channel::kEstimate:
+      return take<estimate_t>(event, log.estimate);
+    case Channel::kGain:
+      return take<gain_t>(event, log.gain);
+    case Channel::kReference:
+      return take<reference_t>(event, log.reference);
+    case Channel::kCommand:
+      return take<command_t>(event, log.command);
+    case Channel::kEvent:
+      return take<event_t>(event, log.events);
+    default:
+      return;
   }
 }
 
@@ -76,31 +68,6 @@ void order_by_tick(std::vector<Item>& items) {
 
 }  // namespace
 
-std::vector<std::string> log_parts(const std::string& path) {
-  if (!fs::is_directory(path)) {
-    if (!fs::is_regular_file(path)) throw BadInput(fmt::format("{}: no such log", path));
-    return {path};
-  }
-  std::vector<std::string> parts;
-  const fs::path first = fs::path(path) / "log.lcm";
-  if (!fs::is_regular_file(first))
-    throw BadInput(fmt::format("{}: no log.lcm in this directory", path));
-  parts.push_back(first.string());
-  for (int part = 1;; ++part) {
-    const fs::path next = fs::path(path) / fmt::format("log-{:03}.lcm", part);
-    if (!fs::is_regular_file(next)) break;
-    parts.push_back(next.string());
-  }
-  return parts;
-}
-
-std::string channel_suffix_of(const std::string& part) {
-  lcm::LogFile file(part, "r");
-  const lcm::LogEvent* event = file.good() ? file.readNextEvent() : nullptr;
-  const std::string name = info(Channel::kManifest).name;
-  return event && event->channel.rfind(name, 0) == 0 ? event->channel.substr(name.size()) : "";
-}
-
 std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path) {
   manifest_t manifest;
   if (manifest.decode(bytes, 0, count) < 0) return {};
@@ -111,15 +78,17 @@ std::optional<manifest_t> decode_manifest(const void* bytes, int count, const st
   return manifest;
 }
 
-RunLog read_run_log(const std::string& path, const std::string& channel_suffix) {
+RunLog read_run_log(const std::string& path, const std::string& channel_suffix,
+                    OnDamage on_damage) {
   RunLog log;
   log.path = path;
-  const std::vector<std::string> parts = log_parts(path);
-  log.channel_suffix = channel_suffix.empty() ? channel_suffix_of(parts.front()) : channel_suffix;
-  for (const std::string& part : parts) read_part(part, log.channel_suffix, log);
-  if (log.undecodable > 0)
-    throw BadInput(fmt::format("{}: {} messages have another type version than this program", path,
-                               log.undecodable));
+  EventLog events(path, on_damage, channel_suffix);
+  log.channel_suffix = events.suffix();
+  while (const lcm::LogEvent* event = events.next())
+    if (events.channel()) take(*events.channel(), *event, log);
+  log.counts = events.counts();
+  log.counted = events.counted();
+  log.damage = events.damage();
   if (log.measurement.empty() && log.estimate.empty() && log.command.empty())
     throw BadInput(fmt::format("{}: holds no message of this project (channels DRIVE_..{})", path,
                                log.channel_suffix));

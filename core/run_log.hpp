@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/channels.hpp"
+#include "core/event_log.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -57,23 +58,19 @@ struct RunLog {
   std::vector<Reference> reference;
   std::vector<Command> command;
   std::vector<EventRecord> events;
-  std::int64_t undecodable = 0;  // DRIVE_ messages of another layout
+  std::array<std::int64_t, kChannelCount> counts{};  // messages of each channel
+  bool counted = false;  // manifest.json beside the log has the counts of the whole log
+  std::string damage;    // what was skipped; empty if the log is whole
 };
-
-// The parts of a log in order: log.lcm, log-001.lcm .. of a run directory, or the one file. Throws
-// BadInput.
-std::vector<std::string> log_parts(const std::string& path);
-
-// The suffix of the channel DRIVE_MANIFEST at the head of the log.
-std::string channel_suffix_of(const std::string& part);
 
 // The manifest in an event of the log `path`; empty where it is none. Throws BadInput where the log
 // was written with another version of the message types.
 std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path);
 
 // `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one; empty:
-// the one the manifest was written with. Throws BadInput: no such log, not an LCM log, messages of
-// another type version, no message of this project.
-RunLog read_run_log(const std::string& path, const std::string& channel_suffix = "");
+// the one the manifest was written with. Throws BadInput: no such log, no message of this project,
+// damage (core/event_log.hpp).
+RunLog read_run_log(const std::string& path, const std::string& channel_suffix = "",
+                    OnDamage on_damage = OnDamage::kRefuse);
 
 }  // namespace twinrate

@@ -96,7 +96,8 @@ class CsvLog final : public LogReader {
 // log.
 class RecordedRun final : public LogReader {
  public:
-  explicit RecordedRun(const std::string& path) : path_(path), measurements_(path) {
+  RecordedRun(const std::string& path, OnDamage on_damage)
+      : path_(path), measurements_(path, on_damage) {
     measurements_.peek();
     if (measurements_.config_toml().empty() || measurements_.imported()) return;
     load_.emplace(Config::parse(measurements_.config_toml(), path).drive());
@@ -114,6 +115,10 @@ class RecordedRun final : public LogReader {
     return piece.size() > 0;
   }
   double share_read() const override { return measurements_.share_read(); }
+  std::vector<std::string> notes() const override {
+    if (measurements_.damage().empty()) return {};
+    return {measurements_.damage()};
+  }
   void expect_enough(std::size_t rows) const override {
     if (rows < kMinRows)
       throw BadInput(fmt::format("{}: {} measurements, at least {} needed", path_, rows, kMinRows));
@@ -139,7 +144,8 @@ bool is_run_log(const std::string& path) {
 
 std::unique_ptr<LogReader> open_log(const std::string& path, const ImportMap* map, bool repair,
                                     double v_dc_nominal) {
-  if (is_run_log(path)) return std::make_unique<RecordedRun>(path);
+  if (is_run_log(path))
+    return std::make_unique<RecordedRun>(path, repair ? OnDamage::kSkip : OnDamage::kRefuse);
   return std::make_unique<CsvLog>(path, map, repair, v_dc_nominal);
 }
 

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <set>
 #include <sstream>
@@ -107,50 +106,6 @@ class Outlet {
   std::int64_t first_ns_ = INT64_MAX, last_ns_ = INT64_MIN;
 };
 
-// The messages of a run, over all parts of its log.
-class RunEvents {
- public:
-  explicit RunEvents(const std::string& path) : parts_(log_parts(path)) {
-    const std::string suffix = channel_suffix_of(parts_.front());
-    for (const ChannelInfo& c : kChannels) channels_[c.name + suffix] = c.channel;
-    for (const std::string& part : parts_)
-      bytes_ += static_cast<double>(std::filesystem::file_size(part));
-  }
-  // Null at the end. Messages of unknown channels are skipped.
-  const lcm::LogEvent* next(Channel& channel) {
-    for (;;) {
-      if (!file_ && !open_next()) return nullptr;
-      const lcm::LogEvent* event = file_->readNextEvent();
-      if (!event) {
-        bytes_before_ += static_cast<double>(ftello(file_->getFilePtr()));
-        file_.reset();
-        continue;
-      }
-      const auto found = channels_.find(event->channel);
-      if (found == channels_.end()) continue;
-      channel = found->second;
-      return event;
-    }
-  }
-  double share_read() const {
-    const double here = file_ ? static_cast<double>(ftello(file_->getFilePtr())) : 0;
-    return (bytes_before_ + here) / std::max(1.0, bytes_);
-  }
-
- private:
-  bool open_next() {
-    if (part_ == parts_.size()) return false;
-    file_ = std::make_unique<lcm::LogFile>(parts_[part_++], "r");
-    if (!file_->good()) throw BadInput(fmt::format("{}: cannot be read", parts_[part_ - 1]));
-    return true;
-  }
-  std::vector<std::string> parts_;
-  std::size_t part_ = 0;
-  std::unique_ptr<lcm::LogFile> file_;
-  std::map<std::string, Channel> channels_;
-  double bytes_ = 0, bytes_before_ = 0;
-};
-
 std::int64_t end_of_reading(double to_s) {
   return to_s < 9e9 ? static_cast<std::int64_t>(1e9 * to_s) + kMaxDisorder_ns : INT64_MAX;
 }
@@ -165,14 +120,14 @@ std::int64_t time_of(const lcm::LogEvent& event) {
 
 // Calls `take` with each message up to the requested end. Returns true if `progress` threw Stopped.
 template <class Take>
-bool each_event(RunEvents& events, const ExportRequest& request,
+bool each_event(EventLog& events, const ExportRequest& request,
                 const std::function<void(double)>& progress, Take&& take) {
   const std::int64_t end_ns = end_of_reading(request.to_s);
-  Channel channel{};
   try {
-    for (int n = 0; const lcm::LogEvent* event = events.next(channel); ++n) {
-      if (of_ticks(channel) && time_of(*event) > end_ns) break;
-      take(channel, *event);
+    for (int n = 0; const lcm::LogEvent* event = events.next(); ++n) {
+      if (!events.channel()) continue;
+      if (of_ticks(*events.channel()) && time_of(*event) > end_ns) break;
+      take(*events.channel(), *event);
       if (progress && n % kProgressEvery == 0) progress(events.share_read());
     }
   } catch (const Stopped&) {
@@ -200,7 +155,7 @@ Exported export_table(const ExportRequest& request, const std::function<void(dou
           "--channels: {} has no message a tick, so no column in a csv; --format mat or mcap take "
           "it",
           short_name(channel)));
-  RunEvents events(request.log);
+  EventLog events(request.log, request.on_damage);
   Outlet outlet(request);
   std::size_t id = 0;
   TickTable table(request.log, request.channels,
@@ -214,13 +169,14 @@ Exported export_table(const ExportRequest& request, const std::function<void(dou
       });
   table.finish();
   result.left_out = table.left_out();
+  result.damage = events.damage();
   result.streams = outlet.finish(request.log, result.interrupted);
   return result;
 }
 
 Exported export_channels(const ExportRequest& request,
                          const std::function<void(double)>& progress) {
-  RunEvents events(request.log);
+  EventLog events(request.log, request.on_damage);
   Outlet outlet(request);
   std::map<Channel, std::size_t> ids;
   std::set<Channel> found;
@@ -244,6 +200,7 @@ Exported export_channels(const ExportRequest& request,
         if (!known) ids[channel] = outlet.add(short_name(channel), layout, of_ticks(channel));
         outlet.take(ids[channel], sample);
       });
+  result.damage = events.damage();
   if (!result.interrupted) expect_found(request, found);
   result.streams = outlet.finish(request.log, result.interrupted);
   return result;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/channels.hpp"
+#include "core/event_log.hpp"
 
 namespace twinrate {
 
@@ -21,6 +22,7 @@ struct ExportRequest {
   double from_s = -std::numeric_limits<double>::infinity();  // time of the log
   double to_s = std::numeric_limits<double>::infinity();
   double rate_Hz = 0;  // 0: as logged
+  OnDamage on_damage = OnDamage::kRefuse;
 };
 
 struct ExportedStream {
@@ -32,6 +34,7 @@ struct ExportedStream {
 struct Exported {
   std::vector<ExportedStream> streams;
   std::int64_t left_out = 0;  // ticks omitted from the table
+  std::string damage;         // of the log, with OnDamage::kSkip; "" if it is whole
   bool interrupted = false;   // the file is valid up to the interruption
 };
 

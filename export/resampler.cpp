@@ -1,12 +1,17 @@
 #include "export/resampler.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
+#include "core/config.hpp"
 #include "model/frames.hpp"
 
 namespace twinrate {
 namespace {
+
+constexpr double kMaxRowsOfJump = 1e5;  // a gap of 1000 mean intervals may have so many rows
 
 double angle_between(double a, double b, double share) {
   const double angle = a + share * wrap_pi(b - a);
@@ -37,6 +42,7 @@ void Resampler::take(Sample sample) {
     return;
   }
   if (sample.t_ns <= before_->t_ns) return;
+  expect_no_jump(sample.t_ns);
   if (sample.numbers.size() == before_->numbers.size())
     for (std::size_t i = 0; i < sample.numbers.size(); ++i)
       if (std::isnan(sample.numbers[i])) sample.numbers[i] = before_->numbers[i];
@@ -52,6 +58,17 @@ void Resampler::take(Sample sample) {
     ++next_;
   }
   before_ = std::move(sample);
+}
+
+// The rows written follow from the samples: one wild time stamp must not fill the disk.
+void Resampler::expect_no_jump(std::int64_t t_ns) {
+  const double gap_s = 1e-9 * static_cast<double>(t_ns - before_->t_ns);
+  if (gap_s * rate_Hz_ > kMaxRowsOfJump && gap_s * static_cast<double>(intervals_) >= 1000 * sum_s_)
+    throw BadInput(fmt::format(
+        "--resample: no sample between {:.6g} and {:.6g} s; leave the gap out with --from and --to",
+        1e-9 * static_cast<double>(before_->t_ns), 1e-9 * static_cast<double>(t_ns)));
+  ++intervals_;
+  sum_s_ += gap_s;
 }
 
 void Resampler::finish() {

@@ -15,7 +15,9 @@ class Resampler {
   using Put = std::function<void(const Sample&)>;
   Resampler(double rate_Hz, Layout layout, Put put);
 
-  void take(Sample sample);  // a sample whose time does not rise is ignored
+  // A sample whose time does not rise is ignored. Throws BadInput if it comes 1000 mean intervals
+  // and 100,000 rows after the one before.
+  void take(Sample sample);
   // Writes the last sample if its time is on the grid. Not with kMean fields: the mean after the
   // last sample is unknown.
   void finish();
@@ -23,6 +25,7 @@ class Resampler {
  private:
   std::int64_t grid_ns(std::int64_t j) const;
   void start(const Sample& first);
+  void expect_no_jump(std::int64_t t_ns);
   Sample between(const Sample& a, const Sample& b, std::int64_t t_ns) const;
   void put_pending();
   void add_to_means(double seconds);
@@ -35,6 +38,8 @@ class Resampler {
   std::optional<Sample> pending_;  // its means are incomplete
   std::vector<double> integral_;   // of the numbers of `pending_`
   std::int64_t next_ = 0;          // j
+  std::int64_t intervals_ = 0;     // so far, and their sum
+  double sum_s_ = 0;
 };
 
 }  // namespace twinrate

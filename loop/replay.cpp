@@ -34,10 +34,6 @@ void sleep_until(Clock::time_point begun, double offset_s) {
       begun + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(offset_s)));
 }
 
-std::string without_suffix(const std::string& channel, const std::string& suffix) {
-  return channel.ends_with(suffix) ? channel.substr(0, channel.size() - suffix.size()) : channel;
-}
-
 }  // namespace
 
 bool estimator_on_bus(const BusAddress& address) {
@@ -84,26 +80,24 @@ LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameter
 
 PacedResult replay_paced(const std::string& log, const std::string& logged_suffix,
                          const std::vector<std::string>& channels, const BusAddress& address,
-                         double speed) {
+                         double speed, OnDamage on_damage) {
   // Fails on a machine without multicast before the first message is sent.
   const Bus probe({.url = address.url, .role = Role::kReplay});
   lcm::LCM out(probe.url());
   const auto begun = Clock::now();
   PacedResult result;
   std::int64_t first_us = -1;
-  for (const std::string& part : log_parts(log)) {
-    lcm::LogFile file(part, "r");
-    if (!file.good() || !out.good()) throw BadInput(fmt::format("{}: cannot be played", part));
-    while (const lcm::LogEvent* event = file.readNextEvent()) {
-      if (stop_signalled()) break;
-      const std::string name = without_suffix(event->channel, logged_suffix);
-      if (std::find(channels.begin(), channels.end(), name) == channels.end()) continue;
-      if (first_us < 0) first_us = event->timestamp;
-      sleep_until(begun, static_cast<double>(event->timestamp - first_us) * 1e-6 / speed);
-      out.publish(name + address.channel_suffix, event->data,
-                  static_cast<unsigned>(event->datalen));
-      ++result.played;
-    }
+  EventLog events(log, on_damage, logged_suffix);
+  if (!out.good()) throw BadInput(fmt::format("{}: cannot be played", log));
+  while (const lcm::LogEvent* event = events.next()) {
+    if (stop_signalled()) break;
+    if (!events.channel()) continue;
+    const std::string name = info(*events.channel()).name;
+    if (std::find(channels.begin(), channels.end(), name) == channels.end()) continue;
+    if (first_us < 0) first_us = event->timestamp;
+    sleep_until(begun, static_cast<double>(event->timestamp - first_us) * 1e-6 / speed);
+    out.publish(name + address.channel_suffix, event->data, static_cast<unsigned>(event->datalen));
+    ++result.played;
   }
   result.wall_s = seconds_since(begun);
   return result;

@@ -35,9 +35,9 @@ LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameter
                                const BusAddress& address, std::int64_t session);
 
 // `channels`: names without the log's suffix. `speed`: ratio to the recorded speed. Throws BadInput
-// if a part of the log cannot be read.
+// at damage of the log.
 PacedResult replay_paced(const std::string& log, const std::string& logged_suffix,
                          const std::vector<std::string>& channels, const BusAddress& address,
-                         double speed);
+                         double speed, OnDamage on_damage);
 
 }  // namespace twinrate

@@ -152,7 +152,7 @@ std::string learnt_config(const RunLog& log, std::string resolved) {
 // Empty if the run ended early and left no readable log.
 RunLog read_log(const std::string& directory, const RunFacts& facts) {
   try {
-    return read_run_log(directory);
+    return read_run_log(directory, "", facts.ended.empty() ? OnDamage::kRefuse : OnDamage::kSkip);
   } catch (const BadInput&) {
     if (facts.ended.empty()) throw;
     return {};
@@ -176,6 +176,9 @@ Json manifest_of(const RunLog& log, const RunFacts& facts, const Json& account) 
   manifest["how"] = facts.how;
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
   if (account.is_object()) manifest["log"] = account;
+  if (!log.damage.empty()) manifest["log_damage"] = log.damage;
+  for (const ChannelInfo& c : kChannels)
+    manifest["logged"][c.name] = log.counts[static_cast<std::size_t>(c.channel)];
   return manifest;
 }
 

@@ -17,7 +17,7 @@ namespace {
 struct ExportOptions {
   ExportRequest request;
   std::string channels;
-  bool json = false, force = false;
+  bool json = false, force = false, repair = false;
 };
 
 // Default path: that of the log with the suffix of the format.
@@ -61,10 +61,12 @@ int run_export(ExportOptions o) {
   if (std::filesystem::equivalent(r.out, r.log, error))
     throw BadInput(fmt::format("{}: is the log itself; --out takes another name", r.out));
   expect_free(r.out, o.force);
+  if (o.repair) r.on_damage = OnDamage::kSkip;
   catch_stop_signals();
   PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
   const Exported e = export_log(r, [&](double share) { line.show("exporting", share); });
   line.clear();
+  if (!e.damage.empty()) fmt::print(stderr, "twinrate: {}\n", e.damage);
   print_export(o, e);
   if (!e.interrupted) return 0;
   fmt::print(stderr, "twinrate: export interrupted; {} holds the log up to there\n", r.out);
@@ -89,6 +91,7 @@ void add_export_verb(CLI::App& app, int& exit_code) {
       "as columns; mat, mcap: write these instead of all");
   verb->add_option("--resample", r.rate_Hz, "resample all channels to this rate, Hz")
       ->check(CLI::Range(1e-3, 1e7));
+  verb->add_flag("--repair", o->repair, "export what is whole of a damaged log");
   verb->add_flag("--force", o->force, "replace the file of --out");
   verb->add_flag("--json", o->json, "print progress and result as JSON lines");
   verb->callback([o, &exit_code] {

@@ -24,10 +24,26 @@ struct ReplayOptions {
   std::string log, only = "MEASUREMENT,REFERENCE,TRUTH";
   BusAddress bus;
   double speed = 1;
-  bool lockstep = false;
+  bool lockstep = false, repair = false;
 };
 
-int print(const LockstepResult& r, const BusParameters& parameters) {
+// Why the logged estimates are not those of a whole run; empty if they are, or if there are none.
+std::string incomplete(const RunLog& log, const DriveConfig& drive) {
+  if (log.estimate.empty()) return "";
+  if (!log.damage.empty()) return "the log is damaged";
+  const auto ticks = std::ssize(log.measurement);
+  if (ticks == 0) return "the log holds no MEASUREMENT";
+  const std::int64_t first = log.measurement.front().k, last = log.measurement.back().k;
+  if (first != 0 || last - first + 1 != ticks)
+    return fmt::format("the log holds {} of the ticks 0 to {}", ticks, last);
+  if (std::ssize(log.estimate) != ticks)
+    return fmt::format("the log holds {} estimates for {} ticks", log.estimate.size(), ticks);
+  if (!log.counted && ticks != drive.steps())
+    return fmt::format("the log holds {} of {} ticks", ticks, drive.steps());
+  return "";
+}
+
+int print(const LockstepResult& r, const BusParameters& parameters, const std::string& incomplete) {
   if (r.unanswered_k >= 0) {
     fmt::print(stderr,
                "twinrate: no ESTIMATE({}) from an estimator within {} s; a running "
@@ -36,10 +52,12 @@ int print(const LockstepResult& r, const BusParameters& parameters) {
     return 1;
   }
   fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", r.played, r.wall_s, r.repeats);
-  fmt::print("estimates: {} equal to the log bit for bit, {} different, {} not in the log\n",
-             r.equal, r.different, r.played - r.equal - r.different);
+  fmt::print("estimates: {} {}, {} different, {} not in the log\n", r.equal,
+             incomplete.empty() ? "equal to the log bit for bit" : "equal", r.different,
+             r.played - r.equal - r.different);
+  if (!incomplete.empty()) fmt::print("not a whole run: {}\n", incomplete);
   if (r.different > 0) fmt::print("first difference at tick {}\n", r.first_difference_k);
-  return r.different > 0 ? 1 : 0;
+  return r.different > 0 || !incomplete.empty() ? 1 : 0;
 }
 
 std::vector<std::string> channel_list(const std::string& text) {
@@ -59,12 +77,14 @@ int replay(const ReplayOptions& o) {
   catch_stop_signals();
   resolve_url(o.bus.url);
   check_channel_suffix(o.bus.channel_suffix);
-  const RunLog log = read_run_log(o.log);
+  const OnDamage on_damage = o.repair ? OnDamage::kSkip : OnDamage::kRefuse;
+  const RunLog log = read_run_log(o.log, "", on_damage);
+  if (!log.damage.empty()) fmt::print(stderr, "twinrate: {}\n", log.damage);
   if (!o.lockstep) {
     const PacedResult r =
-        replay_paced(o.log, log.channel_suffix, channel_list(o.only), o.bus, o.speed);
+        replay_paced(o.log, log.channel_suffix, channel_list(o.only), o.bus, o.speed, on_damage);
     fmt::print("played {} messages of {} in {:.2f} s\n", r.played, o.only, r.wall_s);
-    return 0;
+    return log.damage.empty() ? 0 : 1;
   }
   if (log.config_toml.empty())
     throw BadInput(fmt::format("{}: no DRIVE_MANIFEST in this log; play it with --speed", o.log));
@@ -77,7 +97,8 @@ int replay(const ReplayOptions& o) {
     fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
     own = std::make_unique<OwnEstimator>(log.config_toml, o.bus, session);
   }
-  return print(replay_lockstep(log, parameters, o.bus, session), parameters);
+  return print(replay_lockstep(log, parameters, o.bus, session), parameters,
+               incomplete(log, config.drive()));
 }
 
 }  // namespace
@@ -93,6 +114,7 @@ void add_replay_verb(CLI::App& app, int& exit_code) {
   verb->add_option(
       "--only", o->only,
       "play these channels only, separated by commas (default MEASUREMENT,REFERENCE,TRUTH)");
+  verb->add_flag("--repair", o->repair, "play what is whole of a damaged log; exit code 1");
   verb->add_option("--lcm-url", o->bus.url, "use this LCM URL");
   verb->add_option("--channel-suffix", o->bus.channel_suffix,
                    "append this text to every channel name");

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 struct ReportArguments {
   std::vector<std::string> paths;
   std::string out, title, config, angle_reference = "auto", channel_suffix;
-  bool force = false;
+  bool force = false, repair = false;
 };
 
 struct LoadedRun {
@@ -56,7 +56,9 @@ AngleReference wanted_reference(const std::string& name) {
 }
 
 LoadedRun load(const std::string& path, const ReportArguments& arguments) {
-  RunLog log = read_run_log(path, arguments.channel_suffix);
+  RunLog log = read_run_log(path, arguments.channel_suffix,
+                            arguments.repair ? OnDamage::kSkip : OnDamage::kRefuse);
+  if (!log.damage.empty()) fmt::print(stderr, "twinrate: {}\n", log.damage);
   Config config = config_of(log, arguments.config);
   const AngleReference wanted = wanted_reference(arguments.angle_reference);
   if (wanted != AngleReference::kAuto && resolve(wanted, log) == AngleReference::kNone)
@@ -117,6 +119,7 @@ void add_report_verb(CLI::App& app, int&) {
   verb->add_option("--config", arguments->config, "read this drive file for a log without one");
   verb->add_option("--channel-suffix", arguments->channel_suffix,
                    "read the channels with this suffix");
+  verb->add_flag("--repair", arguments->repair, "use what is whole of a damaged log");
   verb->add_flag("--force", arguments->force, "replace the page of --out");
   verb->callback([arguments] { report(*arguments); });
 }

@@ -16,7 +16,7 @@ std::vector<Measurement> measurements_of(const std::string& path, const ImportMa
                                          const DriveConfig& drive, std::size_t rows) {
   std::vector<Measurement> list;
   if (is_run_log(path)) {
-    MeasurementReader reader(path);
+    MeasurementReader reader(path, repair ? OnDamage::kSkip : OnDamage::kRefuse);
     for (Measurement m; list.size() < rows && reader.next(m);) list.push_back(m);
     return list;
   }

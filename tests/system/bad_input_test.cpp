@@ -167,7 +167,7 @@ TEST_F(BadInput, LogWithMessagesOfAnotherLayout) {
     append_bytes(file, Channel::kMeasurement, bytes);
   }
   expect_refused(twinrate({"replay", path("log.lcm")}),
-                 {"log.lcm", "1 messages", "another type version"});
+                 {"log.lcm", "event ", "byte ", "another type version"});
 }
 
 TEST_F(BadInput, ReplayOptionsThatContradict) {

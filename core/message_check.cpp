@@ -1,0 +1,191 @@
+#include "core/message_check.hpp"
+
+#include <iterator>
+
+#include "core/decode.hpp"
+#include "model/signals.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::int64_t kMaxSeq = std::int64_t{1} << 53;          // exact as a double
+constexpr std::int64_t kMaxTime_ns = 3'000'000'000'000'000'000;  // 95 years
+
+std::uint64_t big_endian(const std::uint8_t* bytes, int count) {
+  std::uint64_t value = 0;
+  for (int i = 0; i < count; ++i) value = value << 8 | bytes[i];
+  return value;
+}
+
+std::int64_t fingerprint_of(const void* bytes, std::size_t size) {
+  return size < 8
+             ? 0
+             : static_cast<std::int64_t>(big_endian(static_cast<const std::uint8_t*>(bytes), 8));
+}
+
+// The length of a UTF-8 sequence by its first byte; 0 for a byte that begins none.
+std::size_t sequence_length(std::uint8_t first) {
+  if (first < 0x80) return 1;
+  if (first >= 0xc2 && first < 0xe0) return 2;
+  if (first >= 0xe0 && first < 0xf0) return 3;
+  return first >= 0xf0 && first < 0xf5 ? 4 : 0;
+}
+
+bool is_text(const std::uint8_t* bytes, std::size_t size) {
+  for (std::size_t i = 0; i < size;) {
+    const std::size_t length = sequence_length(bytes[i]);
+    if (bytes[i] == 0 || length == 0 || i + length > size) return false;
+    for (std::size_t j = 1; j < length; ++j)
+      if ((bytes[i + j] & 0xc0) != 0x80) return false;
+    i += length;
+  }
+  return true;
+}
+
+// Whether `count` texts from `at` on fill the message: length with the final zero byte, then bytes.
+bool fill(int count, const std::uint8_t* bytes, std::size_t size, std::size_t at) {
+  for (; count > 0; --count) {
+    if (at + 4 > size) return false;
+    const auto length = static_cast<std::int32_t>(big_endian(bytes + at, 4));
+    at += 4;
+    if (length < 1 || static_cast<std::size_t>(length) > size - at) return false;
+    const auto end = at + static_cast<std::size_t>(length) - 1;
+    if (bytes[end] != 0 || !is_text(bytes + at, end - at)) return false;
+    at = end + 1;
+  }
+  return at == size;
+}
+
+template <class Message>
+bool header_fits(const Message& m, std::int64_t first_seq) {
+  return m.seq >= first_seq && m.seq <= kMaxSeq && m.t_ns >= -kMaxTime_ns && m.t_ns <= kMaxTime_ns;
+}
+
+bool role_fits(int role) {
+  return role >= 0 && role < static_cast<int>(std::size(kRoleNames));
+}
+
+bool mode_fits(int mode) {
+  return mode >= static_cast<int>(Mode::kRun) && mode <= static_cast<int>(Mode::kSafe);
+}
+
+// Offsets of the first text: fingerprint, seq, t_ns, session, then the fields of the .lcm file.
+bool texts_fit(const void*, const std::uint8_t*, std::size_t) {
+  return true;
+}
+bool texts_fit(const event_t*, const std::uint8_t* bytes, std::size_t size) {
+  const bool earlier = fingerprint_of(bytes, size) == event_v2_t::getHash();
+  return fill(1, bytes, size, earlier ? 40 : 44);
+}
+bool texts_fit(const manifest_t*, const std::uint8_t* bytes, std::size_t size) {
+  return fill(3, bytes, size, 36);
+}
+bool texts_fit(const request_t*, const std::uint8_t* bytes, std::size_t size) {
+  return fill(1, bytes, size, 44);
+}
+bool texts_fit(const reply_t*, const std::uint8_t* bytes, std::size_t size) {
+  return fill(1, bytes, size, 48);
+}
+
+bool values_fit(const measurement_t& m) {
+  return header_fits(m, 0) && m.signals >= 0 && mode_fits(m.mode);
+}
+bool values_fit(const truth_t& m) {
+  return header_fits(m, 0);
+}
+bool values_fit(const estimate_t& m) {
+  return header_fits(m, 0) && m.status >= 0 && m.gain_seq >= -1 && m.gain_seq <= kMaxSeq;
+}
+bool values_fit(const gain_t& m) {
+  return header_fits(m, 0) && m.first_use_seq >= 0 && m.first_use_seq <= kMaxSeq;
+}
+bool values_fit(const reference_t& m) {
+  return header_fits(m, 0);
+}
+bool values_fit(const command_t& m) {
+  return header_fits(m, 0) && mode_fits(m.mode);
+}
+bool values_fit(const status_t& m) {
+  return header_fits(m, -1) && role_fits(m.role) && m.state >= 0 &&
+         m.state <= static_cast<int>(ProcessState::kFailed);
+}
+bool values_fit(const event_t& m) {
+  return header_fits(m, -1) && role_fits(m.role) && m.reason >= 0 &&
+         (m.waited_for == -1 || role_fits(m.waited_for));
+}
+bool values_fit(const manifest_t& m) {
+  return header_fits(m, -1);
+}
+bool values_fit(const request_t& m) {
+  return header_fits(m, INT64_MIN);
+}
+bool values_fit(const reply_t& m) {
+  return header_fits(m, INT64_MIN) && role_fits(m.role);
+}
+bool values_fit(const ack_t& m) {
+  return header_fits(m, -1) && m.n_missing >= 0 && m.n_missing <= 32;
+}
+
+template <class Message>
+bool decodes(const void* bytes, std::size_t size, std::int64_t& seq, std::int64_t& t_ns) {
+  Message message{};
+  const auto* own = static_cast<const std::uint8_t*>(bytes);
+  if (!texts_fit(static_cast<const Message*>(nullptr), own, size)) return false;
+  if (!decode(message, bytes, size) || !values_fit(message)) return false;
+  const bool earlier = fingerprint_of(bytes, size) != Message::getHash();
+  if (!earlier && message.getEncodedSize() != static_cast<int>(size)) return false;
+  seq = message.seq;
+  t_ns = message.t_ns;
+  return true;
+}
+
+// Calls `use` with a null pointer to the message type of the channel.
+template <class Use>
+bool with_type(Channel channel, Use use) {
+  switch (channel) {
+    case Channel::kMeasurement:
+      return use(static_cast<measurement_t*>(nullptr));
+    case Channel::kTruth:
+      return use(static_cast<truth_t*>(nullptr));
+    case Channel::kEstimate:
+      return use(static_cast<estimate_t*>(nullptr));
+    case Channel::kGain:
+      return use(static_cast<gain_t*>(nullptr));
+    case Channel::kReference:
+      return use(static_cast<reference_t*>(nullptr));
+    case Channel::kCommand:
+      return use(static_cast<command_t*>(nullptr));
+    case Channel::kStatus:
+      return use(static_cast<status_t*>(nullptr));
+    case Channel::kEvent:
+      return use(static_cast<event_t*>(nullptr));
+    case Channel::kManifest:
+      return use(static_cast<manifest_t*>(nullptr));
+    case Channel::kRequest:
+      return use(static_cast<request_t*>(nullptr));
+    case Channel::kReply:
+      return use(static_cast<reply_t*>(nullptr));
+    case Channel::kAck:
+      return use(static_cast<ack_t*>(nullptr));
+  }
+  return false;
+}
+
+}  // namespace
+
+bool has_fingerprint_of(Channel channel, const void* bytes, std::size_t size) {
+  const std::int64_t found = fingerprint_of(bytes, size);
+  if (channel == Channel::kEvent && found == event_v2_t::getHash()) return true;
+  return with_type(channel,
+                   [&](auto* type) { return found == std::decay_t<decltype(*type)>::getHash(); });
+}
+
+bool is_whole_message(Channel channel, const void* bytes, std::size_t size, std::int64_t& seq,
+                      std::int64_t& t_ns) {
+  if (size > kMaxMessageBytes) return false;
+  return with_type(channel, [&](auto* type) {
+    return decodes<std::decay_t<decltype(*type)>>(bytes, size, seq, t_ns);
+  });
+}
+
+}  // namespace twinrate

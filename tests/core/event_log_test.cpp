@@ -1,0 +1,108 @@
+// Damage of a log is found, said with its event and byte, and costs no memory.
+#include "core/event_log.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "core/measurement_reader.hpp"
+#include "core/run_log.hpp"
+#include "tests/support/damaged_log.hpp"
+
+namespace twinrate::event_log_test {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Damage, test::RawEvent;
+
+class DamagedLog : public testing::Test {
+ protected:
+  DamagedLog()
+      : root_(fs::temp_directory_path() / ("twinrate-damaged-" + std::to_string(getpid()))) {
+    fs::remove_all(root_);
+    fs::create_directories(root_);
+  }
+  ~DamagedLog() override { fs::remove_all(root_); }
+  std::string put(const std::string& bytes) const {
+    std::ofstream(log(), std::ios::binary) << bytes;
+    return log();
+  }
+  std::string log() const { return (root_ / "log.lcm").string(); }
+  void put_counts(int measurements) const {
+    std::ofstream(root_ / "manifest.json")
+        << R"({"logged": {"DRIVE_MEASUREMENT": )" << measurements << "}}";
+  }
+  static std::string refusal(const std::string& path) {
+    try {
+      read_run_log(path);
+    } catch (const BadInput& refused) {
+      return refused.what();
+    }
+    return "";
+  }
+  std::vector<RawEvent> whole_ = test::small_log(Config::load("dilys2021"), 60);
+
+ private:
+  fs::path root_;
+};
+
+TEST_F(DamagedLog, AWholeLogIsReadWithoutADamage) {
+  const RunLog read = read_run_log(put(test::file_of(whole_)), "", OnDamage::kSkip);
+  EXPECT_EQ(read.measurement.size(), 60u);
+  EXPECT_EQ(read.events.size(), 6u);
+  EXPECT_EQ(read.damage, "");
+}
+
+TEST_F(DamagedLog, EventAndByteAreSaid) {
+  const std::size_t before = test::file_of({whole_.begin(), whole_.begin() + 7}).size();
+  whole_[7].data_length = INT32_MAX;
+  const std::string said = refusal(put(test::file_of(whole_)));
+  EXPECT_NE(said.find("event 7, byte " + std::to_string(before) + ":"), std::string::npos) << said;
+  EXPECT_NE(said.find("2147483647 bytes"), std::string::npos) << said;
+  const RunLog rest = read_run_log(log(), "", OnDamage::kSkip);
+  EXPECT_NE(rest.damage.find("event 7"), std::string::npos) << rest.damage;
+  EXPECT_GE(rest.measurement.size() + rest.estimate.size() + rest.reference.size(), 178u);
+}
+
+TEST_F(DamagedLog, OneThatEndsWithAWholeEventIsFoundByTheCountsOfItsManifest) {
+  put_counts(60);
+  EXPECT_EQ(refusal(put(test::file_of(whole_))), "");
+  whole_.resize(100);
+  const std::string said = refusal(put(test::file_of(whole_)));
+  EXPECT_NE(said.find("of 60 messages of DRIVE_MEASUREMENT"), std::string::npos) << said;
+}
+
+// Every reading in a process that may use little more memory than it has.
+TEST_F(DamagedLog, NoneOfManyIsTakenForWholeAndNoneEndsTheReader) {
+  const pid_t child = fork();
+  if (child == 0) {
+    const rlimit limit{.rlim_cur = 400 << 20, .rlim_max = 400 << 20};
+    setrlimit(RLIMIT_DATA, &limit);
+    alarm(60);
+    int kind = 0, wrong = 0;
+    for (std::uint64_t seed = 1; seed <= 300; ++seed, kind = (kind + 1) % Damage::kKinds) {
+      put(Damage(whole_, seed).apply(kind));
+      if (refusal(log()).empty())
+        std::fprintf(stderr, "kind %d, seed %d taken\n", kind, static_cast<int>(seed)), ++wrong;
+      try {
+        if (read_run_log(log(), "", OnDamage::kSkip).damage.empty()) ++wrong;
+        MeasurementReader reader(log(), OnDamage::kSkip);
+        std::int64_t last = -1;
+        for (Measurement m; reader.next(m); last = m.k)
+          if (m.k <= last) ++wrong;
+      } catch (const BadInput&) {  // nothing is left
+      }
+    }
+    _exit(wrong == 0 ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status)) << "signal " << WTERMSIG(status);
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+}
+
+}  // namespace
+}  // namespace twinrate::event_log_test
