@@ -97,7 +97,7 @@ bool values_fit(const estimate_t& m) {
   return header_fits(m, 0) && m.status >= 0 && m.gain_seq >= -1 && m.gain_seq <= kMaxSeq;
 }
 bool values_fit(const gain_t& m) {
-  return header_fits(m, 0) && m.first_use_seq >= 0 && m.first_use_seq <= kMaxSeq;
+  return header_fits(m, 0) && m.first_use_seq >= -1 && m.first_use_seq <= kMaxSeq;
 }
 bool values_fit(const reference_t& m) {
   return header_fits(m, 0);
