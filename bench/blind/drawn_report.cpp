@@ -119,6 +119,7 @@ std::string false_kinds(const std::vector<DrawnRow>& rows) {
     if (r.false_claim())
       for (const std::string& kind : r.wrong) ++counts[kind];
   std::vector<std::string> list;
+  list.reserve(counts.size());
   for (const auto& [kind, count] : counts) list.push_back(fmt::format("{} {}", kind, count));
   return fmt::format("False claims by kind: {}.\n",
                      list.empty() ? "none" : fmt::format("{}", fmt::join(list, ", ")));

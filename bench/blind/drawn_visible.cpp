@@ -51,6 +51,7 @@ Equations3 equations(const DrawnCase& c, const std::vector<Row>& rows, double T)
   const bool voltage = c.mode == "full" || c.mode == "decimated";
   Equations3 e;
   std::vector<double> inner;  // torque that accelerates, of a row
+  inner.reserve(rows.size());
   for (const Row& r : rows) inner.push_back(m.torque(r.i_dq[0], r.i_dq[1]) - r.T_load);
   for (std::size_t k = 1; k + 1 < rows.size(); ++k) {
     const double before = rows[k - 1].theta_m, here = rows[k].theta_m, after = rows[k + 1].theta_m;
