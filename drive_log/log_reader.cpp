@@ -99,8 +99,10 @@ class RecordedRun final : public LogReader {
   RecordedRun(const std::string& path, OnDamage on_damage)
       : path_(path), measurements_(path, on_damage) {
     measurements_.peek();
-    if (measurements_.config_toml().empty() || measurements_.imported()) return;
-    load_.emplace(Config::parse(measurements_.config_toml(), path).drive());
+    if (measurements_.config_toml().empty()) return;
+    const Config config = Config::parse(measurements_.config_toml(), path);
+    n_p_ = config.drive().machine.n_p;
+    if (!measurements_.imported()) load_.emplace(config.drive());
   }
   bool next(RawLog& piece, std::size_t rows) override {
     piece.clear();
@@ -110,7 +112,10 @@ class RecordedRun final : public LogReader {
       const Measurement* following = measurements_.peek();
       if (!following) break;
       const double T_load = load_ ? load_->at(1e-9 * static_cast<double>(m.t_ns)) : 0;
-      append_row(piece, m, following->u_alphabeta, load_ ? &T_load : nullptr);
+      if (!columns_) choose_columns(m, *following);
+      if (!columns_) continue;
+      if (*columns_ & ~following->signals & kVoltage) continue;
+      append_row(piece, m, following->u_alphabeta, load_ ? &T_load : nullptr, *columns_, n_p_);
     }
     return piece.size() > 0;
   }
@@ -131,9 +136,19 @@ class RecordedRun final : public LogReader {
   }
 
  private:
+  // Of the first row that has currents and an angle: what a drive did not log stays absent.
+  void choose_columns(const Measurement& m, const Measurement& following) {
+    constexpr int kNeeded = kPhaseCurrents | kPosition;
+    if ((m.signals & kNeeded) != kNeeded) return columns_.reset();
+    columns_ =
+        (m.signals & (kBusVoltage | kSpeed | kQCurrentOnly)) | (following.signals & kVoltage);
+  }
+
   std::string path_;
   MeasurementReader measurements_;
   std::optional<DeclaredLoad> load_;
+  std::optional<int> columns_;
+  int n_p_ = 0;
 };
 
 }  // namespace

@@ -61,7 +61,7 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
 
 DriveMessages::DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal)
     : rows_(rows), n_p_(n_p), v_dc_nominal_(v_dc_nominal) {
-  if (has_all({"i_a", "i_b", "i_c"}))
+  if (has_all({"i_a", "i_b"}))
     currents_ = Currents::kAbc;
   else if (has_all({"i_alpha", "i_beta"}))
     currents_ = Currents::kAlphaBeta;
@@ -84,10 +84,10 @@ DriveMessages::DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal
   if (rows.has("theta_m")) signals_ |= kPosition;
   if (rows.has("omega_m")) signals_ |= kSpeed;
   if ((signals_ & (kPhaseCurrents | kPosition | kSpeed)) == 0)
-    throw BadInput(fmt::format(
-        "{}:1: no current (i_a,i_b,i_c; i_alpha,i_beta; i_d,i_q; i_q), angle (theta_m) or "
-        "speed (omega_m) in the file",
-        rows.path));
+    throw BadInput(
+        fmt::format("{}:1: no current (i_a,i_b; i_alpha,i_beta; i_d,i_q; i_q), angle (theta_m) or "
+                    "speed (omega_m) in the file",
+                    rows.path));
 }
 
 bool DriveMessages::has_all(std::initializer_list<const char*> names) const {
@@ -101,7 +101,8 @@ std::int64_t DriveMessages::t_ns(std::size_t row) const {
 Vec3 DriveMessages::currents(std::size_t row) const {
   switch (currents_) {
     case Currents::kAbc:
-      return {value("i_a", row), value("i_b", row), value("i_c", row)};
+      return {value("i_a", row), value("i_b", row),
+              rows_.has("i_c") ? value("i_c", row) : -(value("i_a", row) + value("i_b", row))};
     case Currents::kAlphaBeta:
       return inverse_clarke({value("i_alpha", row), value("i_beta", row)});
     case Currents::kDq:
@@ -163,7 +164,11 @@ std::vector<std::string> DriveMessages::found() const {
   constexpr const char* kVoltageText[] = {"", "voltage", "voltage (from u_d, u_q)",
                                           "voltage (from duty and v_dc)"};
   constexpr const char* kOnNominal = "voltage (from duty and inverter.v_dc_V of the drive)";
-  if (currents_ != Currents::kNone) list.emplace_back(kCurrentText[static_cast<int>(currents_)]);
+  const bool two = currents_ == Currents::kAbc && !rows_.has("i_c");
+  if (two)
+    list.emplace_back("phase currents (i_a, i_b; i_c = -(i_a + i_b))");
+  else if (currents_ != Currents::kNone)
+    list.emplace_back(kCurrentText[static_cast<int>(currents_)]);
   const bool on_nominal = voltages_ == Voltages::kDuty && !rows_.has("v_dc");
   if (voltages_ != Voltages::kNone)
     list.emplace_back(on_nominal ? kOnNominal : kVoltageText[static_cast<int>(voltages_)]);

@@ -2,18 +2,25 @@
 
 namespace twinrate {
 
-void append_row(RawLog& raw, const Measurement& m, const Vec2& u_next, const double* T_load) {
-  constexpr int kNeeded = kPhaseCurrents | kPosition;
-  if ((m.signals & kNeeded) != kNeeded) return;  // a lost row
+void append_row(RawLog& raw, const Measurement& m, const Vec2& u_next, const double* T_load,
+                int columns, int n_p) {
+  const int needed = kPhaseCurrents | kPosition | (columns & kEveryColumn & ~kVoltage);
+  if ((m.signals & needed) != needed) return;  // a lost row
   raw.t.push_back(1e-9 * static_cast<double>(m.t_ns));
-  raw.i_a.push_back(m.i_abc[0]);
-  raw.i_b.push_back(m.i_abc[1]);
-  raw.i_c.push_back(m.i_abc[2]);
-  raw.u_alpha.push_back(u_next[0]);
-  raw.u_beta.push_back(u_next[1]);
-  raw.v_dc.push_back(m.v_dc);
+  if (columns & kQCurrentOnly) {
+    raw.i_q.push_back(park(clarke(m.i_abc), n_p * m.theta_m)[1]);
+  } else {
+    raw.i_a.push_back(m.i_abc[0]);
+    raw.i_b.push_back(m.i_abc[1]);
+    raw.i_c.push_back(m.i_abc[2]);
+  }
+  if (columns & kVoltage) {
+    raw.u_alpha.push_back(u_next[0]);
+    raw.u_beta.push_back(u_next[1]);
+  }
+  if (columns & kBusVoltage) raw.v_dc.push_back(m.v_dc);
   raw.theta_m.push_back(m.theta_m);
-  raw.omega_m.push_back(m.omega_m);
+  if (columns & kSpeed) raw.omega_m.push_back(m.omega_m);
   if (T_load) raw.T_load.push_back(*T_load);
 }
 

@@ -13,6 +13,7 @@
 
 #include "core/config.hpp"
 #include "drive_log/measured_files.hpp"
+#include "import/import_log.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/tracer.hpp"
 #include "verify/verify_logs.hpp"
@@ -62,6 +63,25 @@ class DriveLogsTest : public testing::Test {
   RawLog raw_;
   Config drive_ = Config::load("niewiara2020");
 };
+
+TEST_F(DriveLogsTest, AnImportedLogHasNoSignalThatTheFileHasNot) {
+  std::string text = "t,i_a,i_b,theta_m\n";
+  for (std::size_t k = 0; k < 3000; ++k)
+    text += fmt::format("{:.9g},{:.9g},{:.9g},{:.12g}\n", raw_.t[k], raw_.i_a[k], raw_.i_b[k],
+                        raw_.theta_m[k]);
+  const std::string csv = (directory_ / "two.csv").string(),
+                    log = (directory_ / "two.lcm").string();
+  std::ofstream(csv) << text;
+  import_log({.file = csv, .out = log}, {}, drive_, [](const std::string&, double) {});
+  const DriveLogs logs = read({.data = {log}}, kSeconds);
+  EXPECT_TRUE(logs.record.u_alphabeta.empty());
+  EXPECT_TRUE(logs.record.v_dc.empty());
+  EXPECT_EQ(logs.record.current_sensors, 2);
+  EXPECT_NEAR((logs.record.i_alphabeta[1000] -
+               clarke({raw_.i_a[1000], raw_.i_b[1000], -(raw_.i_a[1000] + raw_.i_b[1000])}))
+                  .norm(),
+              0, 1e-9);
+}
 
 TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   const DriveLogs logs = read({.data = {write("a.csv", as_it_is)}}, 1.2 * kSeconds);

@@ -116,6 +116,16 @@ TEST_F(Import, QCurrentAloneIsMarkedAndHasNoDCurrent) {
   EXPECT_NEAR(i_dq[1], 0.5, 1e-12);
 }
 
+TEST_F(Import, TwoPhaseCurrentsAreKeptAndGiveTheThird) {
+  const DriveRows rows = read_drive_rows(
+      csv("t,i_a,i_b,theta_m",
+          [](int k) { return fmt::format("{},1.5,{},0.2", k / kRate_Hz, -0.25 * k); }),
+      nullptr, false);
+  const std::vector<Measurement> m = measurements(rows);
+  EXPECT_EQ(m[8].signals, kPhaseCurrents | kPosition);
+  EXPECT_EQ(m[8].i_abc, Vec3(1.5, -2, 0.5));
+}
+
 TEST_F(Import, WrappedAnglesAreUnwrapped) {
   const auto row = [](int k) {
     return fmt::format("{},0.5,{}", k / kRate_Hz, std::fmod(kTurnRate * k / kRate_Hz, kTwoPi));
