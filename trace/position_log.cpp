@@ -159,8 +159,7 @@ bool is_quasi_static(const PositionLog& log, const MachineParameters& machine) {
 }
 
 bool is_drive_log(const PositionLog& log, const MachineParameters& machine) {
-  constexpr double kControlRate_s = 0.55e-3;  // 2 kHz, and what jitter makes of the median
-  return log.has_time() && sample_interval(log) < kControlRate_s && !is_quasi_static(log, machine);
+  return log.has_time() && !is_quasi_static(log, machine);
 }
 
 std::vector<char> holding_rows(const PositionLog& log, double memory) {

@@ -48,8 +48,8 @@ struct Acceleration {
 Acceleration second_difference(const PositionLog& log, double half);
 
 bool is_quasi_static(const PositionLog& log, const MachineParameters& machine);
-// A dynamic log at the rate of a current controller: the torque equation of a full drive log says
-// more of it than the means that the logs here are made for.
+// A dynamic log, at any rate: the torque equation of a drive log says more of it than the means
+// that the logs here are made for. Beside a log that holds, it is one of angle and current.
 bool is_drive_log(const PositionLog& log, const MachineParameters& machine);
 
 // Rows of a quasi-static log that stand for holding: away from jumps (speed over five times the

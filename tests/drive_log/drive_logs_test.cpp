@@ -83,6 +83,20 @@ TEST_F(DriveLogsTest, AnImportedLogHasNoSignalThatTheFileHasNot) {
               0, 1e-9);
 }
 
+TEST_F(DriveLogsTest, AngleAndCurrentOfAMovingRotorAreADriveLogAtAnyRate) {
+  for (const std::size_t every : {2, 10, 50}) {
+    std::string text = "t,theta_m,i_q\n";
+    for (std::size_t k = 0; k < raw_.size(); k += every) {
+      const Vec2 i = clarke({raw_.i_a[k], raw_.i_b[k], -(raw_.i_a[k] + raw_.i_b[k])});
+      text += fmt::format("{:.9g},{:.12g},{:.9g}\n", raw_.t[k], raw_.theta_m[k],
+                          park(i, 3 * raw_.theta_m[k])[1]);
+    }
+    const std::string path = (directory_ / "angle.csv").string();
+    std::ofstream(path) << text;
+    EXPECT_FALSE(trace_measured_files({.data = {path}}, drive_.drive(), {})) << every;
+  }
+}
+
 TEST_F(DriveLogsTest, AShortLogIsReadWhole) {
   const DriveLogs logs = read({.data = {write("a.csv", as_it_is)}}, 1.2 * kSeconds);
   ASSERT_EQ(logs.record.size(), raw_.size());
