@@ -422,6 +422,29 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
   return found;
 }
 
+std::string voltage_doubt(const Record& record, const DriveFacts& facts) {
+  constexpr double kEveryTick = 1.5, kHalf = 0.5, kAsGood = 1.1, kStill = 0.02;  // rad
+  if (!record.has_voltage_equation() || facts.T_s <= 0 || record.T_s < kEveryTick * facts.T_s)
+    return {};
+  const ScaleFactors mean = scale_factors(record, facts),
+                     tick = scale_factors(record, facts, {.voltage_of_tick = true});
+  if (mean.mean_interval_e == 0) return {};  // too few rows to say
+  // Share of the power that the equation leaves, a turned magnet's included.
+  const auto left = [](const ScaleFactors& f) {
+    return 1 - f.voltage_share + (f.psi_f.known() ? f.zero_e * f.zero_e : 0);
+  };
+  const bool still = mean.mean_interval_e < kStill && left(mean) < kAsGood * left(tick);
+  if (still || left(mean) < kHalf * left(tick)) return {};
+  return fmt::format(
+      "the log has one row for {:.3g} ticks of the controller, and its voltage is {} (the mean of "
+      "the interval leaves {:.2g} % of the voltage's power, the tick's value {:.2g} %): no "
+      "electrical effect is traced. Log every tick, or the mean voltage from row to row in stator "
+      "axes",
+      record.T_s / facts.T_s,
+      left(tick) < kHalf * left(mean) ? "that of a tick" : "not clearly the mean of the interval",
+      100 * left(mean), 100 * left(tick));
+}
+
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health) {
   TraceResult r;
   r.verdict = "inconsistent";

@@ -17,6 +17,10 @@ namespace twinrate {
 // `encoder_counts`: of the drive file; 0: not known. Empty: nothing speaks against the log.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);
+// Of a log that has not every tick of the controller: why its voltage is not the mean from row to
+// row, which the voltage equation needs; empty: it is, or every tick is there. Taken for the mean, a
+// tick's voltage has the frame of half an interval later: an angle with another zero.
+std::string voltage_doubt(const Record& record, const DriveFacts& facts);
 // The result of a trace that ends there: verdict and sentence, no effect.
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health);
 

@@ -109,10 +109,11 @@ class ReadLog {
     if (as_.mirrored) i[1] = -i[1];
     return park(i, frame(k, as_.current_stands) - as_.current_turn);
   }
-  // Of the interval from row k on.
+  // Of the interval from row k on, or of its beginning.
   Vec2 u_dq(std::size_t k) const {
-    return park(record_.u_alphabeta[k],
-                frame(k, as_.voltage_stands) + 0.5 * n_p_ * (theta_m_[k + 1] - theta_m_[k]));
+    const double half_turn_e =
+        as_.voltage_of_tick ? 0 : 0.5 * n_p_ * (theta_m_[k + 1] - theta_m_[k]);
+    return park(record_.u_alphabeta[k], frame(k, as_.voltage_stands) + half_turn_e);
   }
   bool neighbours(std::size_t k) const {
     return record_.t[k + 1] - record_.t[k] < 1.5 * record_.T_s;

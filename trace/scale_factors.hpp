@@ -42,6 +42,7 @@ struct Reading {
   double current_turn = 0;  // rad, currents turned (phases in another order)
   // The log holds them as d, q: they do not turn with another angle.
   bool current_stands = false, voltage_stands = false;
+  bool voltage_of_tick = false;  // at its row, not the mean up to the next one
 };
 
 ScaleFactors scale_factors(const Record& record, const DriveFacts& facts, const Reading& as = {});

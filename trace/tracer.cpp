@@ -124,6 +124,13 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   if (auto found = inconsistencies(raw, health, drive.facts(), drive.sensors.encoder_counts);
       !found.empty())
     return inconsistent_result(std::move(found), health);
+  if (const std::string why = voltage_doubt(raw, drive.facts()); !why.empty()) {
+    Record without_voltage = raw;
+    without_voltage.u_alphabeta.clear();
+    TraceResult r = trace_record(without_voltage, drive, health, settings, std::move(held_out));
+    r.health.push_back(why);
+    return r;
+  }
   if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();

@@ -161,6 +161,33 @@ TEST(Units, EffectsOfAWorkingDriveAreConsistent) {
   EXPECT_TRUE(consistent(d));
 }
 
+// Every tenth row: its voltage the mean of the ten, or that of its own tick.
+Record decimated(bool mean) {
+  constexpr std::size_t kEach = 10;
+  const RawLog& raw = plain_log();
+  RawLog out;
+  for (std::size_t k = 0; k + kEach <= raw.size(); k += kEach) {
+    for (const auto column : {&RawLog::t, &RawLog::i_a, &RawLog::i_b, &RawLog::theta_m})
+      (out.*column).push_back((raw.*column)[k]);
+    for (const auto column : kVoltages) {
+      double sum = 0;
+      for (std::size_t j = 0; j < kEach; ++j) sum += (raw.*column)[k + j] / kEach;
+      (out.*column).push_back(mean ? sum : (raw.*column)[k]);
+    }
+  }
+  Health health;
+  return make_record(out, servo().machine.n_p, health);
+}
+
+TEST(Units, TheVoltageOfATickIsNotTheMeanOfTenAndNothingElectricalIsTraced) {
+  EXPECT_EQ(voltage_doubt(decimated(true), servo().facts()), "");
+  const Record of_tick = decimated(false);
+  EXPECT_NE(voltage_doubt(of_tick, servo().facts()).find("that of a tick"), std::string::npos);
+  const TraceResult r = trace_record(of_tick, servo(), {}, {});
+  EXPECT_FALSE(r.electrical);
+  for (const TracedEffect& e : r.effects) EXPECT_NE(e.equation, "electrical") << e.effect->kind();
+}
+
 TEST(Units, AreAskedForBeforeAnyEffect) {
   RawLog raw = plain_log();
   scale(raw, kCurrents, 1e3);
