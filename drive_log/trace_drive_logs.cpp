@@ -14,7 +14,12 @@ std::vector<char> held_out_rows(const DriveLogs& logs, double share, int n_p) {
 
 TraceResult trace_drive_logs(const DriveLogs& logs, const std::vector<char>& held_out,
                              const DriveConfig& drive, const TraceSettings& settings) {
-  TraceResult result = trace_record(logs.record, drive, logs.health, settings, held_out);
+  TraceSettings of_files = settings;
+  for (const DriveLog& file : logs.files) {
+    of_files.files.push_back({file.path, file.first, file.end, file.held_out});
+    if (file.held_out) of_files.fit_judging_rows = false;
+  }
+  TraceResult result = trace_record(logs.record, drive, logs.health, of_files, held_out);
   find_moments(logs, drive, result);
   for (const DriveLog& file : logs.files)
     (file.held_out ? result.held_out_sources : result.sources).push_back(file.path);

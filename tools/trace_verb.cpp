@@ -155,6 +155,7 @@ std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) 
 TraceSettings settings_of(const TraceOptions& o) {
   TraceSettings settings;
   settings.stop = stop_signalled;
+  settings.fit_judging_rows = !o.verify;
   if (o.verbose || o.json)
     settings.say = [json = o.json](const std::string& line) {
       if (json)

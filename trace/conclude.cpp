@@ -12,6 +12,7 @@
 #include "trace/effect_view.hpp"
 #include "trace/errors.hpp"
 #include "trace/evidence.hpp"
+#include "trace/fall.hpp"
 #include "trace/keys.hpp"
 #include "trace/residual_structure.hpp"
 #include "trace/split_equivalents.hpp"
@@ -136,43 +137,65 @@ void name_aliases(const Record& record, TraceResult& r) {
   }
 }
 
-std::string sentence(const TraceResult& r) {
+// The error that the rows that judge show to fall; empty where none does.
+std::string fall_of(const TraceResult& r, bool one, bool corrected) {
+  const bool bus_alone = std::all_of(r.effects.begin(), r.effects.end(),
+                                     [](const auto& e) { return e.effect->acts_on() == kOnBus; });
+  const bool of_bus = bus_alone && r.bus, of_voltage = r.main_equation == "electrical";
+  const auto& main = of_bus ? r.bus : of_voltage ? r.electrical : r.mechanical;
+  if (!main) return "";
+  const auto falls = fall_in_words(main->before.held_out, main->after.held_out, main->unit);
+  if (!falls) return "";
+  return fmt::format(". With {}, the held-out {} error {} rms (noise floor {:.3g})",
+                     corrected ? "this corrected"
+                     : one     ? "it added"
+                               : "these added",
+                     of_bus       ? "bus voltage"
+                     : of_voltage ? "voltage"
+                                  : "torque",
+                     *falls, main->noise_floor);
+}
+
+std::string what_the_model_lacks(const TraceResult& r) {
   std::vector<std::string> lacking, too_much;
   for (const TracedEffect& e : r.effects) {
     std::string name(e.effect->kind());
     if (!e.aliases.empty()) name += fmt::format(" (or {})", fmt::join(e.aliases, ", "));
     (takes_back(*e.effect) ? too_much : lacking).push_back(name);
   }
-  const bool bus_alone = std::all_of(r.effects.begin(), r.effects.end(),
-                                     [](const auto& e) { return e.effect->acts_on() == kOnBus; });
-  const auto& main = bus_alone && r.bus                ? r.bus
-                     : r.main_equation == "electrical" ? r.electrical
-                                                       : r.mechanical;
-  std::string fall;
-  if (main && !r.effects.empty())
-    fall = fmt::format(
-        ". With {}, the held-out {} error falls from {:.3g} to {:.3g} {} rms (noise floor {:.3g})",
-        !too_much.empty()     ? "this corrected"
-        : lacking.size() == 1 ? "it added"
-                              : "these added",
-        bus_alone && r.bus                ? "bus voltage"
-        : r.main_equation == "electrical" ? "voltage"
-                                          : "torque",
-        main->before.held_out, main->after.held_out, main->unit, main->noise_floor);
-  std::string text = "No effect of the catalogue is missing in the model";
-  if (!r.effects.empty()) {
-    text = "The model";
-    if (!lacking.empty()) text += fmt::format(" lacks {}", fmt::join(lacking, ", "));
-    if (!lacking.empty() && !too_much.empty()) text += " and";
-    if (!too_much.empty()) text += fmt::format(" has too much {}", fmt::join(too_much, ", "));
-    text += fall;
+  std::string text = "The model";
+  if (!lacking.empty()) text += fmt::format(" lacks {}", fmt::join(lacking, ", "));
+  if (!lacking.empty() && !too_much.empty()) text += " and";
+  if (!too_much.empty()) text += fmt::format(" has too much {}", fmt::join(too_much, ", "));
+  return text + fall_of(r, lacking.size() == 1, !too_much.empty());
+}
+
+// Which rule refused what was found, and where; not what it was.
+std::string refusal_in_words(const Refused& refused) {
+  return fmt::format("what would explain more did not pass the rule of {}{}: {}", refused.rule,
+                     refused.file.empty() ? "" : " on " + refused.file, refused.text);
+}
+
+std::string sentence(const TraceResult& r) {
+  if (r.verdict == "nothing_missing") return "No effect of the catalogue is missing in the model.";
+  std::vector<std::string> parts;
+  if (r.verdict == "inconsistent") {
+    const Inconsistency& x = r.inconsistent.front();
+    parts.push_back(fmt::format("Inconsistent: of {} {} was expected, {} found; {}", x.quantity,
+                                x.expected, x.found, x.hint));
   }
-  if (!r.unexplained.empty()) {
+  if (r.verdict == "unexplained") {
     std::vector<std::string> what;
     for (const Structure& s : r.unexplained) what.push_back(s.text);
-    text += fmt::format(". Outside the catalogue: {}", fmt::join(what, ", "));
+    parts.push_back(what.empty() ? "Unexplained: " + refusal_in_words(r.refused.front())
+                                 : fmt::format("Unexplained: {}, outside the catalogue",
+                                               fmt::join(what, ", ")));
+    if (!what.empty() && !r.refused.empty()) parts.back() += "; " + refusal_in_words(r.refused[0]);
   }
-  return text + ".";
+  if (!r.effects.empty())
+    parts.push_back((r.verdict == "ambiguous" ? "Ambiguous, see the aliases. " : "") +
+                    what_the_model_lacks(r));
+  return fmt::format("{}.", fmt::join(parts, ". "));
 }
 
 // Which equation leaves plainly more than noise of the sensors makes; empty: none. Of 60 simulated
@@ -224,64 +247,90 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   }
 }
 
-}  // namespace
-
-TraceResult conclude(const Fitter& fitter, const Dictionary& dictionary, const Selection& selection,
-                     const Health& health, const BusRipple& bus) {
-  TraceResult r;
-  const Fit& fit = selection.fit;
-  const DriveFacts& facts = fitter.chain().equations().facts();
+// Effects and stop-gaps: those that passed, with the parameters of the last fit.
+void add_members(const Conclusion& c, TraceResult& r) {
+  const Fit& fit = c.selection.fit;
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
-    TracedEffect e = traced_effect(fitter, fit, selection.members[m], m);
+    const Selected& selected = c.selection.members[m];
+    TracedEffect e = traced_effect(c.rounds, fit, selected, m);
+    take_parameters(c.last, c.fitted, m, e);
+    e.held_out_gain = c.passed.judgements[m].held_out_gain;
     if (is_placed(*fit.members[m], Traits::Place::kLine)) {
-      r.unexplained.push_back(line_structure(*fit.members[m], selection.members[m]));
+      r.unexplained.push_back(line_structure(*c.fitted.members[m], selected));
       r.stop_gaps.push_back(std::move(e));
       continue;
     }
-    for (const Alternative& a : selection.members[m].alternatives)
+    for (const Alternative& a : selected.alternatives)
       r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain,
                             fmt::format("in place of {}: {}", e.effect->kind(), a.why)});
     r.effects.push_back(std::move(e));
   }
-  for (const Alternative& a : selection.refused)
+  for (const Alternative& a : c.selection.refused)
     r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain, a.why});
-  from_samples(facts, health, r);
-  from_bus(bus, r);
-  compare_errors(fitter, fit, r);
-  add_effect_views(fitter.chain(), fit, r);
+  r.refused = c.passed.refused;
+  r.inconsistent = c.passed.inconsistent;
+}
+
+void split_parts(const DriveFacts& facts, TraceResult& r) {
   std::vector<TracedEffect> parts;
   for (TracedEffect& e : r.effects)
     for (TracedEffect& part : split_equivalents(std::move(e), facts))
       parts.push_back(std::move(part));
   r.effects = std::move(parts);
-  const bool whole = selection.stopped_after == 0;  // else effects to come are in the rest, too
+}
+
+// What lowered the raw error on rows that judge, and was refused all the same, is there under some
+// other name.
+bool something_is_left(const TraceResult& r) {
+  return std::any_of(r.refused.begin(), r.refused.end(), [](const Refused& x) { return x.left; });
+}
+
+const char* verdict_of(const TraceResult& r) {
+  if (!r.inconsistent.empty()) return "inconsistent";
+  if (r.structured) return "unexplained";
+  if (!r.effects.empty()) return r.ambiguous.empty() ? "traced" : "ambiguous";
+  return something_is_left(r) ? "unexplained" : "nothing_missing";
+}
+
+}  // namespace
+
+TraceResult conclude(const Conclusion& c) {
+  TraceResult r;
+  const Chain& chain = c.last.chain();
+  const DriveFacts& facts = chain.equations().facts();
+  add_members(c, r);
+  from_samples(facts, c.health, r);
+  from_bus(c.bus, r);
+  compare_errors(chain, c.passed.fit.effects(), r);
+  compare_files(chain, c.passed.fit.effects(), c.files, r);
+  add_effect_views(chain, c.fitted, r);
+  split_parts(facts, r);
+  const bool whole = c.selection.stopped_after == 0;  // else effects to come are in the rest, too
   if (whole &&
-      !health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
-    for (Structure& s : residual_structure(fitter, fit)) r.unexplained.push_back(std::move(s));
-  name_aliases(fitter.chain().equations().record(), r);
+      !c.health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
+    for (Structure& s : residual_structure(c.last, c.fitted)) r.unexplained.push_back(std::move(s));
+  name_aliases(chain.equations().record(), r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
   if (whole) {
-    identifiability(fitter, dictionary, fit, r);
+    identifiability(c.seen, c.dictionary, c.passed.fit, r);
     const std::string ripple(make_placed(Traits::Place::kBusLine)->kind());
-    if (bus.effects.empty() && bus.blind.empty()) r.identifiable.push_back(ripple);
-    if (bus.effects.empty() && !bus.blind.empty())
-      r.not_identifiable.emplace_back(ripple, bus.blind);
+    if (c.bus.effects.empty() && c.bus.blind.empty()) r.identifiable.push_back(ripple);
+    if (c.bus.effects.empty() && !c.bus.blind.empty())
+      r.not_identifiable.emplace_back(ripple, c.bus.blind);
   }
-  r.verdict = !r.effects.empty() ? (r.ambiguous.empty() ? "traced" : "ambiguous")
-              : r.structured     ? "unexplained"
-                                 : "nothing_missing";
-  if (!r.effects.empty() && r.structured) r.verdict = "unexplained";
+  r.verdict = verdict_of(r);
   r.sentence = sentence(r);
-  if (selection.stopped_after > 0) {
+  if (!whole) {
+    const int rounds = c.selection.stopped_after;
     r.interrupted = true;
     r.sentence = fmt::format(
         "Interrupted after {} round{} of the selection: more effects may be missing, and those "
         "found are not compared with their alternatives. So far: {}",
-        selection.stopped_after, selection.stopped_after == 1 ? "" : "s", r.sentence);
+        rounds, rounds == 1 ? "" : "s", r.sentence);
     return r;
   }
-  if (r.verdict == "nothing_missing") doubt_nothing(fitter, fit, r);
+  if (r.verdict == "nothing_missing") doubt_nothing(c.last, c.fitted, r);
   return r;
 }
 

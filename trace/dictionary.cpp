@@ -208,7 +208,7 @@ void Dictionary::whiten(const Chain& chain, bool renewed_only) {
 }
 
 Rows::Rows(const Sampler& sampler, bool held_out) {
-  const auto pieces = [&](const Runs& runs, auto& list, std::size_t& count) {
+  const auto pieces = [&](const Runs& runs, Stretches& list, std::size_t& count) {
     for (std::size_t r = 0; r < runs.start.size(); ++r) {
       const std::size_t first = runs.start[r];
       const std::size_t end = r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size();
@@ -221,8 +221,27 @@ Rows::Rows(const Sampler& sampler, bool held_out) {
   pieces(sampler.torque(), torque_pieces_, torque_);
 }
 
+Rows Rows::where(const Sampler& sampler, const std::function<bool(std::size_t)>& in) {
+  Rows rows;
+  const auto pieces = [&](const Runs& runs, Stretches& list, std::size_t& count) {
+    for (std::size_t r = 0; r < runs.start.size(); ++r) {
+      const std::size_t end = r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size();
+      bool before = false;
+      for (std::size_t n = runs.start[r]; n < end; ++n) {
+        const bool here = in(runs.row[n]);
+        if (here && !before) list.emplace_back(static_cast<Eigen::Index>(n), 0);
+        if (here) ++list.back().second, ++count;
+        before = here;
+      }
+    }
+  };
+  pieces(sampler.electrical(), rows.electrical_pieces_, rows.electrical_);
+  pieces(sampler.torque(), rows.torque_pieces_, rows.torque_);
+  return rows;
+}
+
 double Rows::dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
-                 const std::vector<std::pair<Eigen::Index, Eigen::Index>>& pieces) const {
+                 const Stretches& pieces) const {
   if (!a.size() || !b.size()) return 0;
   double sum = 0;
   for (const auto& [first, count] : pieces)

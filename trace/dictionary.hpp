@@ -4,6 +4,7 @@
 // what one unit of each coefficient would explain in all channels.
 #pragma once
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 
 #include "trace/chain.hpp"
@@ -48,10 +49,13 @@ struct EquationEnergy {
   }
 };
 
-// Inner products over the training or the held-out outputs, less the share of noise (see Chain).
+// Inner products over some of the outputs, less the share of noise (see Chain).
 class Rows {
  public:
-  Rows(const Sampler& sampler, bool held_out);
+  Rows() = default;                             // none
+  Rows(const Sampler& sampler, bool held_out);  // the training or the held-out ones
+  // Those whose row of the record is `in`.
+  static Rows where(const Sampler& sampler, const std::function<bool(std::size_t row)>& in);
   double dot(const Sampled& a, const Sampled& b) const;  // of two columns
   double against(const Sampled& column, const Sampled& residual) const;
   EquationEnergy energy(const Sampled& a, const Sampled& b) const;  // with noise
@@ -61,6 +65,10 @@ class Rows {
   // What of it the answer in the first makes.
   EquationEnergy answer(const Sampled& answered, const Sampled& read) const;
   std::size_t count(const Sampled& like) const;
+  // First output and count of each stretch.
+  using Stretches = std::vector<std::pair<Eigen::Index, Eigen::Index>>;
+  const Stretches& electrical_pieces() const { return electrical_pieces_; }
+  const Stretches& torque_pieces() const { return torque_pieces_; }
   std::size_t electrical() const { return electrical_; }
   std::size_t torque() const { return torque_; }
 
@@ -75,9 +83,8 @@ class Rows {
       kAnswer{&Sampled::answer_d, &Sampled::answer_q, &Sampled::answer_torque};
   EquationEnergy product(const Part& of_a, const Sampled& a, const Part& of_b,
                          const Sampled& b) const;
-  double dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
-             const std::vector<std::pair<Eigen::Index, Eigen::Index>>& pieces) const;
-  std::vector<std::pair<Eigen::Index, Eigen::Index>> electrical_pieces_, torque_pieces_;
+  double dot(const Eigen::VectorXd& a, const Eigen::VectorXd& b, const Stretches& pieces) const;
+  Stretches electrical_pieces_, torque_pieces_;
   std::size_t electrical_ = 0, torque_ = 0;
 };
 

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "trace/no_change.hpp"
 #include "trace/statistics.hpp"
 
 namespace twinrate {
@@ -25,6 +27,12 @@ ErrorPair both_axes(const Sampled& y, const Runs& runs) {
           std::sqrt(0.5 * (d.held_out * d.held_out + q.held_out * q.held_out))};
 }
 
+// On the rows that judge, where there are any.
+double shown(const ErrorPair& e, const Runs& runs) {
+  const bool held = std::find(runs.held_out.begin(), runs.held_out.end(), 1) != runs.held_out.end();
+  return held ? e.held_out : e.train;
+}
+
 // P-value of a rest that nothing but noise is in: noise is an autoregression of its own, which a
 // structure in the angle, the current or time does not fit.
 double whiteness(const Eigen::VectorXd& rest, const Runs& runs) {
@@ -32,39 +40,10 @@ double whiteness(const Eigen::VectorXd& rest, const Runs& runs) {
   return whiteness_p_value(Whitener(rest, runs, kOrder)(rest, runs), runs, kLags, kOrder);
 }
 
-// What the equation balances: J omega_m', and L di/dt in rotor axes, as the tracer samples them.
-double no_change_torque(const Fitter& fitter) {
-  const Equations& e = fitter.chain().equations();
-  const Record& r = e.record();
-  std::vector<double> x(r.size(), 0.0);
-  for (std::size_t k = 1; k + 1 < r.size(); ++k)
-    x[k] = e.facts().machine.J * (r.theta_m[k + 1] - 2 * r.theta_m[k] + r.theta_m[k - 1]) /
-           (r.T_s * r.T_s);
-  const Runs& runs = fitter.chain().sampler().torque();
-  const Eigen::VectorXd y = fitter.chain().sampler()(x, runs);
-  return std::sqrt(y.squaredNorm() / std::max<double>(1, static_cast<double>(y.size())));
-}
-
-double no_change_voltage(const Fitter& fitter) {
-  const Equations& e = fitter.chain().equations();
-  const Record& r = e.record();
-  std::vector<double> d(r.size(), 0.0), q(r.size(), 0.0);
-  const auto& p = e.points();
-  for (std::size_t k = 0; k + 1 < r.size(); ++k) {
-    d[k] = e.facts().machine.L_d * (p[k + 1].i_dq[0] - p[k].i_dq[0]) / r.T_s;
-    q[k] = e.facts().machine.L_q * (p[k + 1].i_dq[1] - p[k].i_dq[1]) / r.T_s;
-  }
-  const Sampler& sampler = fitter.chain().sampler();
-  const Eigen::VectorXd y_d = sampler(d, sampler.electrical()),
-                        y_q = sampler(q, sampler.electrical());
-  return std::sqrt(0.5 * (y_d.squaredNorm() + y_q.squaredNorm()) /
-                   std::max<double>(1, static_cast<double>(y_d.size())));
-}
-
-TraceSeries series(const Fitter& fitter, const Runs& runs, const Eigen::VectorXd& before,
+TraceSeries series(const Chain& chain, const Runs& runs, const Eigen::VectorXd& before,
                    const Eigen::VectorXd& after) {
   TraceSeries s;
-  const Equations& e = fitter.chain().equations();
+  const Equations& e = chain.equations();
   for (std::size_t n = 0; n < runs.row.size(); ++n) {
     const OperatingPoint& p = e.points()[runs.row[n]];
     s.t.push_back(p.t);
@@ -76,51 +55,106 @@ TraceSeries series(const Fitter& fitter, const Runs& runs, const Eigen::VectorXd
     s.after.push_back(after[static_cast<Eigen::Index>(n)]);
     s.held_out.push_back(runs.held_out[n]);
   }
-  s.rate_Hz = 1 / (e.record().T_s * fitter.chain().sampler().decimation());
+  s.rate_Hz = 1 / (e.record().T_s * chain.sampler().decimation());
   return s;
 }
 
 }  // namespace
 
-void compare_errors(const Fitter& fitter, const Fit& fit, TraceResult& r) {
-  const Chain& chain = fitter.chain();
+void compare_errors(const Chain& chain, const Effects& found, TraceResult& r) {
   const Sampler& sampler = chain.sampler();
-  const Sampled before = chain.residual({}), after = chain.residual(fit.effects());
+  const Sampled before = chain.residual({}), after = chain.residual(found),
+                nothing = no_change(chain);
   r.horizon_s = chain.equations().record().T_s * sampler.decimation();
   if (before.d.size()) {
     EquationError e{.unit = "V",
                     .before = both_axes(before, sampler.electrical()),
                     .after = both_axes(after, sampler.electrical())};
-    e.no_change = no_change_voltage(fitter);
+    e.no_change = shown(both_axes(nothing, sampler.electrical()), sampler.electrical());
     e.noise_floor = std::hypot(chain.noise().d.rms(), chain.noise().q.rms()) / std::sqrt(2.0);
     e.whiteness_p_value = std::min(1.0, 2 * std::min(whiteness(after.d, sampler.electrical()),
                                                      whiteness(after.q, sampler.electrical())));
     e.rows = static_cast<std::size_t>(before.d.size());
     r.electrical = e;
-    r.series_d = series(fitter, sampler.electrical(), before.d, after.d);
-    r.series_q = series(fitter, sampler.electrical(), before.q, after.q);
+    r.series_d = series(chain, sampler.electrical(), before.d, after.d);
+    r.series_q = series(chain, sampler.electrical(), before.q, after.q);
   }
   if (before.torque.size()) {
     EquationError e{.unit = "Nm",
                     .before = rms_pair(before.torque, sampler.torque()),
                     .after = rms_pair(after.torque, sampler.torque())};
-    e.no_change = no_change_torque(fitter);
+    e.no_change = shown(rms_pair(nothing.torque, sampler.torque()), sampler.torque());
     e.noise_floor = chain.noise().torque.rms();
     e.whiteness_p_value = whiteness(after.torque, sampler.torque());
     e.rows = static_cast<std::size_t>(before.torque.size());
     r.mechanical = e;
-    r.series_torque = series(fitter, sampler.torque(), before.torque, after.torque);
+    r.series_torque = series(chain, sampler.torque(), before.torque, after.torque);
   }
   const auto fall = [](const std::optional<EquationError>& e) {
     return e && e->after.train > 0 ? e->before.train / e->after.train : 0;
   };
   // Where what was found acts; of both equations the one whose error fell further.
-  const Effects found = fit.effects();
   const bool of_voltage = acting_on(found, ~kOnVoltage).empty(),
              of_torque = acting_on(found, ~kOnTorque).empty();
   const bool electrical = of_voltage != of_torque ? of_voltage && r.electrical
                                                   : fall(r.electrical) > fall(r.mechanical);
   r.main_equation = electrical ? "electrical" : "mechanical";
+}
+
+namespace {
+
+std::vector<std::string> signals_of(const Record& record, bool electrical) {
+  std::vector<std::string> signals = {"theta_m"};
+  if (!record.i_alphabeta.empty()) signals.emplace_back("currents");
+  if (electrical && !record.u_alphabeta.empty()) signals.emplace_back("voltages");
+  if (electrical && !record.v_dc.empty()) signals.emplace_back("v_dc");
+  if (!electrical && !record.T_load.empty()) signals.emplace_back("T_load");
+  return signals;
+}
+
+// Root mean square over outputs of a file; `judging`: those that judge alone.
+double rms_of_file(const Sampled& y, const Sampler& sampler, bool electrical,
+                   const JudgedFiles& files, int file, bool judging) {
+  const Runs& runs = electrical ? sampler.electrical() : sampler.torque();
+  double sum = 0, count = 0;
+  for (const Eigen::VectorXd* x : electrical ? std::vector{&y.d, &y.q} : std::vector{&y.torque})
+    for (Eigen::Index n = 0; n < x->size(); ++n) {
+      const auto at = static_cast<std::size_t>(n);
+      if (judging && !runs.held_out[at]) continue;
+      if (!files.of_row.empty() && files.of_row[runs.row[at]] != file) continue;
+      sum += (*x)[n] * (*x)[n];
+      ++count;
+    }
+  return count > 0 ? std::sqrt(sum / count) : std::numeric_limits<double>::quiet_NaN();
+}
+
+}  // namespace
+
+void compare_files(const Chain& chain, const Effects& found, const JudgedFiles& files,
+                   TraceResult& r) {
+  const bool electrical = r.main_equation == "electrical";
+  const Sampled before = chain.residual({}), after = chain.residual(found),
+                nothing = no_change(chain);
+  const auto& main = electrical ? r.electrical : r.mechanical;
+  for (std::size_t f = 0; f < files.files.size(); ++f) {
+    const auto rms = [&](const Sampled& y) {
+      const auto over = [&](bool judging) {
+        return rms_of_file(y, chain.sampler(), electrical, files, static_cast<int>(f), judging);
+      };
+      const double judged = over(true);
+      return std::isfinite(judged) ? judged : over(false);
+    };
+    const JudgedFile& file = files.files[f];
+    r.files.push_back({.path = file.path,
+                       .held_out = file.held_out,
+                       .unit = electrical ? "V" : "Nm",
+                       .rows = file.rows,
+                       .no_change = rms(nothing),
+                       .before = rms(before),
+                       .after = rms(after),
+                       .noise = main ? main->noise_floor : 0,
+                       .signals = signals_of(chain.equations().record(), electrical)});
+  }
 }
 
 }  // namespace twinrate

@@ -1,12 +1,18 @@
 // The errors of the equations before and after, on training and held-out rows, and the residuals
 // themselves for pictures.
 #pragma once
-#include "trace/fit.hpp"
+#include "trace/chain.hpp"
 #include "trace/result.hpp"
+#include "trace/split.hpp"
 
 namespace twinrate {
 
 // Fills `r`: electrical, mechanical, their series and which of the two is the main one.
-void compare_errors(const Fitter& fitter, const Fit& fit, TraceResult& r);
+void compare_errors(const Chain& chain, const Effects& found, TraceResult& r);
+
+// Fills `r.files`, one line a file: the error of the main equation over its rows that judge, or over
+// all of it where none does.
+void compare_files(const Chain& chain, const Effects& found, const JudgedFiles& files,
+                   TraceResult& r);
 
 }  // namespace twinrate

@@ -99,19 +99,24 @@ bool near(double a, double b) {
 
 }  // namespace
 
+void take_parameters(const Fitter& fitter, const Fit& fit, std::size_t m, TracedEffect& e) {
+  e.effect = fit.members[m];
+  e.parameters = traced_parameters(
+      *e.effect, sigmas(fit, covariance(fitter, fit), m, fitter.chain().equations().record().T_s));
+  e.materiality = e.effect->tracing().materiality(fitter.chain().equations().facts());
+}
+
 TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected& s, std::size_t m) {
   const Rows& rows = fitter.training();
   const double N = static_cast<double>(rows.count(fit.y));
   const Effect& effect = *fit.members[m];
   TracedEffect e{.effect = fit.members[m], .equation = equation_of(effect)};
-  e.parameters = traced_parameters(
-      effect, sigmas(fit, covariance(fitter, fit), m, fitter.chain().equations().record().T_s));
   e.held_out_gain = s.held_out_gain;
   e.delta_bic = -s.score_gain;
   const double k = std::max(1, effect.tracing().regressor_count());
   const double ratio = s.without.rss / fit.rss;
   e.p_value = std::isnan(ratio) ? ratio : chi_square_tail(N * (ratio - 1), k);
-  e.materiality = effect.tracing().materiality(fitter.chain().equations().facts());
+  take_parameters(fitter, fit, m, e);
   const auto explains = [&](const Alternative& a) {
     if (s.score_gain > kParameterPrice) return a.score_gain;
     return a.score_gain + std::log(N) * (a.parameters - s.parameters);

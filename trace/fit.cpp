@@ -258,11 +258,13 @@ Eigen::MatrixXd Fitter::robust_covariance(const Fit& fit) const {
   const auto gather = [&](const Runs& runs, Eigen::Index p, const Eigen::VectorXd& x,
                           const Eigen::VectorXd& y, double sign) {
     if (!x.size() || !y.size()) return;
-    for (std::size_t n = 0; n < runs.row.size(); ++n) {
-      const auto at = static_cast<Eigen::Index>(n);
-      if (!runs.held_out[n])
-        scores(static_cast<Eigen::Index>(kPieces * runs.row[n] / rows), p) += sign * x[at] * y[at];
-    }
+    const bool of_torque = &runs == &chain_.sampler().torque();
+    for (const auto& [first, count] :
+         of_torque ? training_.torque_pieces() : training_.electrical_pieces())
+      for (Eigen::Index at = first; at < first + count; ++at) {
+        const std::size_t row = runs.row[static_cast<std::size_t>(at)];
+        scores(static_cast<Eigen::Index>(kPieces * row / rows), p) += sign * x[at] * y[at];
+      }
   };
   const Runs &electrical = chain_.sampler().electrical(), &torque = chain_.sampler().torque();
   for (Eigen::Index p = 0; p < P; ++p) {

@@ -76,10 +76,56 @@ Errors Judge::over(const Found& found, const MotionModel& model, bool held_out) 
   return errors;
 }
 
+bool Judge::unseen() const {
+  return std::any_of(logs_.begin(), logs_.end(), [](auto* l) { return l->held_out; });
+}
+
 double Judge::error(const Found& found, const MotionModel& model) const {
-  const bool unseen = std::any_of(logs_.begin(), logs_.end(), [](auto* l) { return l->held_out; });
-  const Errors e = over(found, model, unseen);
+  const Errors e = over(found, model, unseen());
   return Errors::rms(e.after, e.rows);
+}
+
+std::vector<double> Judge::rest(const PositionLog& log, const Found& found,
+                                const MotionModel& model) const {
+  std::vector<double> rest;
+  if (by_speed_) {
+    MotionModel used = model;
+    if (std::find(other_zero_.begin(), other_zero_.end(), &log) != other_zero_.end())
+      used.holding = nullptr;
+    const SpeedChangeRows rows = speed_change_rows(log, used, horizon_);
+    for (std::size_t k = 0; k < rows.t.size(); ++k)
+      rest.push_back(rows.measured[k] - rows.predicted[k]);
+  } else {
+    const HoldingTorque none;
+    const std::vector<char> ok = holding_rows(log, 5 * found.holding.lag);
+    const std::vector<double> held =
+        holding_current(log, model.holding ? *model.holding : none, found.machine);
+    for (std::size_t k = 0; k < log.size(); ++k)
+      if (ok[k]) rest.push_back(log.i_q[k] - held[k]);
+  }
+  double mean = 0;
+  for (double x : rest) mean += x / static_cast<double>(rest.size());
+  for (double& x : rest) x -= mean;
+  return rest;
+}
+
+std::vector<double> Judge::votes(const Found& found, const MotionModel& with,
+                                 const MotionModel& without, double silent) const {
+  constexpr std::size_t kPieces = 24;
+  std::vector<double> votes;
+  for (const PositionLog* log : logs_) {
+    if (log->held_out != unseen() || hooks_.stopped()) continue;
+    const std::vector<double> a = rest(*log, found, with), b = rest(*log, found, without);
+    if (a.size() != b.size()) continue;
+    for (std::size_t piece = 0; piece < kPieces; ++piece) {
+      double E_with = 0, E_without = 0;
+      for (std::size_t k = piece * a.size() / kPieces; k < (piece + 1) * a.size() / kPieces; ++k)
+        E_with += a[k] * a[k], E_without += b[k] * b[k];
+      if (E_with > 0 && E_without > 0 && std::abs(E_with - E_without) > silent * E_without)
+        votes.push_back(0.5 * std::log(E_without / E_with));
+    }
+  }
+  return votes;
 }
 
 }  // namespace twinrate

@@ -73,8 +73,16 @@ class Judge {
   Errors over(const Found& found, const MotionModel& model, bool held_out) const;
   // Held-out rest, or that of the training logs where none is held out.
   double error(const Found& found, const MotionModel& model) const;
+  // By the same logs, 1/2 ln(E without / E with) of each piece that the two models see differently
+  // (trace/gate.hpp); 24 pieces a log.
+  std::vector<double> votes(const Found& found, const MotionModel& with, const MotionModel& without,
+                            double silent) const;
 
  private:
+  bool unseen() const;
+  // What the model leaves of each row, in order.
+  std::vector<double> rest(const PositionLog& log, const Found& found,
+                           const MotionModel& model) const;
   const TraceHooks& hooks_;
   double horizon_;
   bool by_speed_ = false;

@@ -6,8 +6,10 @@
 
 #include "model/effects/catalogue.hpp"
 #include "model/frames.hpp"
+#include "trace/fall.hpp"
 #include "trace/measured_result.hpp"
 #include "trace/position_effects.hpp"
+#include "trace/position_gate.hpp"
 
 namespace twinrate {
 namespace {
@@ -78,9 +80,17 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
                                ? "No effect is missing"
                                : fmt::format("The model lacks {}", fmt::join(parts, ", "));
   if (!std::isfinite(after)) return what + ".";
-  return fmt::format(
-      "{}. The error {} on {} data falls from {:.3g} to {:.3g} {} (no change: {:.3g}).", what, of,
-      unseen ? "held-out" : "fitted", before, after, e.unit, e.no_change);
+  if (const auto falls = fall_in_words(before, after, e.unit))
+    return fmt::format("{}. The error {} on {} data {} (no change: {:.3g}).", what, of,
+                       unseen ? "held-out" : "fitted", *falls, e.no_change);
+  return fmt::format("{}. The error {} on {} data is {:.3g} {} (no change: {:.3g}).", what, of,
+                     unseen ? "held-out" : "fitted", after, e.unit, e.no_change);
+}
+
+// Why nothing is told of what was found; not what it was.
+std::string refused_in_words(const Refused& first) {
+  return fmt::format("Unexplained: what was found in these logs did not pass the rule of {}{}: {}.",
+                     first.rule, first.file.empty() ? "" : " on " + first.file, first.text);
 }
 
 // Nothing was found, and what was to be explained is all there still, beyond the noise of the rows:
@@ -159,6 +169,10 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
     r.health.push_back(log->path +
                        ": its angle has another zero than the logs that show the cogging; judged "
                        "without it");
+  if (!hooks.stopped()) {
+    refuse_claims(found, judge, r);
+    refuse_whole(found, judge, r);
+  }
   add_periodic(found, judge, facts, r);
   add_friction(found, judge, facts, r);
   add_inertia(found, judge, facts, r);
@@ -197,6 +211,13 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
       r.verdict = "ambiguous";
       r.sentence = why;
     }
+  // What does not transfer was chance. What does, and yet does not hold as a whole, is something.
+  const auto held_back = std::find_if(r.refused.begin(), r.refused.end(),
+                                      [](const Refused& x) { return x.rule == "whole"; });
+  if (r.effects.empty() && r.ambiguous.empty() && held_back != r.refused.end()) {
+    r.verdict = "unexplained";
+    r.sentence = refused_in_words(*held_back);
+  }
   if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(

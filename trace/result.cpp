@@ -62,13 +62,15 @@ json error_json(const TraceResult& r) {
   if (main) error.update(equation_json(main));
   error["equation"] = r.main_equation;
   for (const FileError& f : r.files)
-    error["by_file"].push_back({{"file", f.path},
-                                {"held_out", f.held_out},
-                                {"unit", f.unit},
-                                {"rows", f.rows},
-                                {"no_change", number(f.no_change)},
-                                {"before", number(f.before)},
-                                {"after", number(f.after)}});
+    error["files"].push_back({{"file", f.path},
+                              {"role", f.held_out ? "holdout" : "train"},
+                              {"unit", f.unit},
+                              {"rows", f.rows},
+                              {"signals", f.signals},
+                              {"before", number(f.before)},
+                              {"after", number(f.after)},
+                              {"no_change", number(f.no_change)},
+                              {"noise", number(f.noise)}});
   error["by_equation"] = {{"electrical", equation_json(r.electrical)},
                           {"mechanical", equation_json(r.mechanical)}};
   if (r.bus) error["by_equation"]["bus"] = equation_json(r.bus);

@@ -1,5 +1,6 @@
 // What a trace says: the contract's trace.json, and what the report page draws.
 #pragma once
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -62,6 +63,7 @@ struct Refused {
   std::string rule;   // sensors, transfer, agreement, size, physical, whole
   std::string file;   // where it failed; empty: on all of them together
   double number = 0;  // of the rule
+  bool left = false;  // it lowers the error of rows that judge: something is there
   std::string text;   // in words
 };
 
@@ -96,13 +98,15 @@ struct EquationError {
   std::size_t rows = 0;
 };
 
-// Errors over one file, nothing but its mean fitted on it.
+// Errors over one file: over its rows that judge, where it has some.
 struct FileError {
   std::string path;
   bool held_out = false;
   std::string unit;
   std::size_t rows = 0;
   double no_change = 0, before = 0, after = 0;
+  double noise = std::numeric_limits<double>::quiet_NaN();  // not a number: not known
+  std::vector<std::string> signals = {};                    // that the error is made of
 };
 
 // A series for the pictures, at the tracer's rate.

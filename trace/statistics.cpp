@@ -1,6 +1,8 @@
 #include "trace/statistics.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace twinrate {
 namespace {
@@ -31,6 +33,30 @@ double gamma_tail(double a, double x) {
 
 double chi_square_tail(double x, double k) {
   return gamma_tail(k / 2, x / 2);
+}
+
+double signed_rank_tail(const std::vector<double>& votes) {
+  constexpr std::size_t kExact = 100;  // votes: beyond, the sum of ranks is normal
+  const std::size_t n = votes.size();
+  std::vector<std::size_t> order(n);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return std::abs(votes[a]) < std::abs(votes[b]); });
+  std::size_t sum = 0;
+  for (std::size_t i = 0; i < n; ++i)
+    if (votes[order[i]] > 0) sum += i + 1;
+  const std::size_t all = n * (n + 1) / 2;
+  if (n > kExact) {
+    const double mean = 0.5 * static_cast<double>(all),
+                 variance = static_cast<double>(all) * static_cast<double>(2 * n + 1) / 12;
+    return 0.5 * std::erfc((static_cast<double>(sum) - 0.5 - mean) / std::sqrt(2 * variance));
+  }
+  std::vector<double> chance(all + 1, 0.0);  // of each sum of ranks
+  chance[0] = 1;
+  for (std::size_t rank = 1; rank <= n; ++rank)
+    for (std::size_t s = rank * (rank + 1) / 2 + 1; s-- > 0;)
+      chance[s] = 0.5 * (chance[s] + (s >= rank ? chance[s - rank] : 0));
+  return std::accumulate(chance.begin() + static_cast<std::ptrdiff_t>(sum), chance.end(), 0.0);
 }
 
 double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs, int lags, int fitted) {

@@ -121,4 +121,8 @@ std::vector<char> thinned(const std::vector<char>& of_rows, const Record& record
   return rows <= 1 ? of_rows : taken(of_rows, centres(record, rows));
 }
 
+std::vector<int> thinned(const std::vector<int>& of_rows, const Record& record, std::size_t rows) {
+  return rows <= 1 ? of_rows : taken(of_rows, centres(record, rows));
+}
+
 }  // namespace twinrate

@@ -25,5 +25,6 @@ std::size_t rows_as_one(double T_s);
 Record thinned(const Record& record, std::size_t rows, int n_p);
 // Of something else that the record has by the row.
 std::vector<char> thinned(const std::vector<char>& of_rows, const Record& record, std::size_t rows);
+std::vector<int> thinned(const std::vector<int>& of_rows, const Record& record, std::size_t rows);
 
 }  // namespace twinrate

@@ -4,13 +4,13 @@
 
 #include <chrono>
 #include <cmath>
-#include <numeric>
 #include <optional>
 
 #include "trace/angle_zero.hpp"
 #include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
 #include "trace/consistency.hpp"
+#include "trace/gate.hpp"
 #include "trace/noise.hpp"
 #include "trace/signals.hpp"
 #include "trace/thinning.hpp"
@@ -18,7 +18,6 @@
 namespace twinrate {
 namespace {
 
-constexpr int kBlocks = 24;
 constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
 constexpr double kMargin = 40, kCoarseMargin = 650;
 constexpr double kLost = 0.01;  // share of lost rows that doubles the margin
@@ -73,43 +72,57 @@ std::vector<char> moving_rows(const Record& record) {
   return ok;
 }
 
-std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
-  std::vector<char> held(record.size(), 0);
-  if (share <= 0) return held;
-  const int every = std::max(2, static_cast<int>(std::lround(1 / share)));
-  const auto set_of = [&](std::size_t k) {
-    return static_cast<std::size_t>(kBlocks * k / held.size()) % static_cast<std::size_t>(every);
-  };
-  // Of the ways to take every n-th block, the one that sees the most even part of what the drive
-  // does: of its acceleration and of its current.
-  std::vector<double> motion(static_cast<std::size_t>(every), 1e-12), current = motion,
-                                                                      i_d = motion;
-  constexpr std::size_t kReach = 20;  // rows
-  for (std::size_t k = kReach; k + kReach < held.size(); ++k) {
-    const double bend =
-        record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
-    // Not across a seam.
-    if (record.motion_ok[k - kReach] && record.motion_ok[k] && record.motion_ok[k + kReach])
-      motion[set_of(k)] += bend * bend;
-    if (!record.electrical_ok[k] || record.i_alphabeta.empty()) continue;
-    const double along_d = park(record.i_alphabeta[k], n_p * record.theta_m[k])[0];
-    current[set_of(k)] += record.i_alphabeta[k].squaredNorm();
-    i_d[set_of(k)] += along_d * along_d;
+namespace {
+
+JudgedFiles judged_files(const std::vector<SourceRows>& sources, const Record& whole,
+                         std::size_t rows) {
+  JudgedFiles files;
+  if (sources.empty()) {
+    files.files.push_back({whole.source, false, whole.size()});
+    return files;
   }
-  const auto share_of = [&](const std::vector<double>& x, std::size_t set) {
-    return std::log(every * x[set] / std::accumulate(x.begin(), x.end(), 0.0));
-  };
-  // A little i_d is enough there; but if all of it is, nothing of it is fitted.
-  const auto uneven = [&](std::size_t set) {
-    return std::abs(share_of(motion, set)) + std::abs(share_of(current, set)) +
-           std::max(0.0, share_of(i_d, set));
-  };
-  std::size_t best = 0;
-  for (std::size_t set = 1; set < motion.size(); ++set)
-    if (uneven(set) < uneven(best)) best = set;
-  for (std::size_t k = 0; k < held.size(); ++k) held[k] = set_of(k) == best;
-  return held;
+  std::vector<int> of_row(whole.size(), 0);
+  for (const SourceRows& source : sources) {
+    std::fill(of_row.begin() + static_cast<std::ptrdiff_t>(source.first),
+              of_row.begin() + static_cast<std::ptrdiff_t>(source.end),
+              static_cast<int>(files.files.size()));
+    files.files.push_back({source.path, source.held_out, source.end - source.first});
+  }
+  files.of_row = thinned(of_row, whole, rows);
+  return files;
 }
+
+// What passed, as the selection judged it: fitted anew where others were refused beside it.
+Selection what_passed(const Fitter& fitter, Selection selection, const Passed& passed) {
+  if (passed.kept.size() == selection.members.size()) return selection;
+  Members members;
+  std::vector<Selected> selected;
+  for (std::size_t m : passed.kept) {
+    members.push_back(selection.fit.members[m]->clone());
+    selected.push_back(std::move(selection.members[m]));
+  }
+  selection.fit = fitter.refine(std::move(members), Fitter::Until::kArrived);
+  selection.members = std::move(selected);
+  for (std::size_t m = 0; m < selection.members.size(); ++m) {
+    Selected& s = selection.members[m];
+    s.without = fitter.refine(with(selection.fit.members, nullptr, m));
+    s.score_gain = score_of(fitter, s.without) - score_of(fitter, selection.fit);
+  }
+  return selection;
+}
+
+// Every member passes, as where nobody judged.
+Passed not_asked(const Selection& selection) {
+  Passed passed{
+      .fit = selection.fit, .kept = {}, .judgements = {}, .refused = {}, .inconsistent = {}};
+  for (std::size_t m = 0; m < selection.members.size(); ++m) {
+    passed.kept.push_back(m);
+    passed.judgements.push_back({.held_out_gain = selection.members[m].held_out_gain});
+  }
+  return passed;
+}
+
+}  // namespace
 
 TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out) {
@@ -131,13 +144,16 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     r.health.push_back(why);
     return r;
   }
+  const bool fit_judging_rows = settings.fit_judging_rows || held_out.empty();
   if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
   const Effects known = drive.model_effects();
   const DriveFacts facts = drive.facts();
   const bool rounding_unknown = drive.sensors.encoder_counts == 0 && raw.angle.centre > 0;
   const auto from_zero = [&](double by, const char* why) {
-    TraceResult r = trace_record(moved(raw, by), drive, health, settings, held_out);
+    TraceSettings same = settings;
+    same.fit_judging_rows = fit_judging_rows;
+    TraceResult r = trace_record(moved(raw, by), drive, health, same, held_out);
     r.health.emplace_back(why);
     return r;
   };
@@ -161,14 +177,17 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   }
   const Record& whole = applied ? *applied : raw;
   lap("bus voltage");
-  const NoisierRecords noisier = add_noise(whole, facts, moving_rows(whole), health.i_lsb);
+  const std::vector<char> choosing = choosing_rows(whole, held_out, facts.machine.n_p);
+  Record seen = whole;  // without the rows that judge
+  hide(held_out, seen);
+  const NoisierRecords noisier = add_noise(seen, facts, moving_rows(seen), health.i_lsb);
   const std::size_t rows = rows_as_one(whole.T_s);
   const auto thin = [&](const Record& r) { return thinned(r, rows, facts.machine.n_p); };
-  const Record record = thin(whole), record_answered = thin(noisier.answered),
+  const Record record = thin(seen), record_answered = thin(noisier.answered),
                record_readings = thin(noisier.readings);
   const Equations equations(record, facts, known), answered(record_answered, facts, known),
       readings(record_readings, facts, known);
-  const Sampler sampler(record, moving_rows(record), thinned(held_out, whole, rows));
+  const Sampler sampler(record, moving_rows(record), thinned(choosing, whole, rows));
   Chain chain(equations, answered, readings, sampler);
   chain.stop_when(settings.stop);
   lap("equations");
@@ -227,7 +246,57 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     chain.set_noise(std::move(noise_of_fit));
     selection = not_judged(std::move(fit), rounds);
   }
-  TraceResult result = conclude(fitter(), dictionary, selection, health, bus);
+  const Record all_rows = thin(whole);
+  const Sampler sampler_of_all(all_rows, moving_rows(all_rows), thinned(held_out, whole, rows));
+  Chain chain_of_all(equations, answered, readings, sampler_of_all);
+  chain_of_all.stop_when(settings.stop);
+  chain_of_all.set_noise(chain.noise());
+  const auto any = [](std::size_t) { return true; };
+  const Rows none, not_judging = Rows::where(sampler, any),
+                   judged_too = Rows::where(sampler_of_all, any), judging(sampler_of_all, true),
+                   without_judging(sampler_of_all, false);
+  const Fitter seen_fitter(chain, not_judging, none);
+  const JudgedFiles files = judged_files(settings.files, whole, rows);
+  Passed passed = not_asked(selection);
+  if (!selection.stopped_after && judging.electrical() + judging.torque() > 0) {
+    Gate gate(seen_fitter, chain_of_all, files);
+    std::optional<HalfRate> half;
+    gate.set_half_rate([&]() -> const HalfRate& {
+      if (!half)
+        half.emplace(whole, noisier, 2 * rows, facts, known, passed.fit.effects(), chain.noise());
+      return *half;
+    });
+    try {
+      passed = gate(selection.fit.members);
+    } catch (const TraceStopped&) {
+      chain.stop_when({});
+      chain_of_all.stop_when({});
+      selection = not_judged(std::move(selection.fit), rounds);
+      passed = not_asked(selection);
+    }
+    if (settings.say)
+      for (const Refused& r : passed.refused)
+        settings.say(fmt::format("  {} refused: {}{}{}, {}", r.kind, r.rule,
+                                 r.file.empty() ? "" : ", ", r.file, r.text));
+    selection = what_passed(fitter(), std::move(selection), passed);
+  }
+  lap("gate");
+  const Fitter last(chain_of_all, fit_judging_rows ? judged_too : without_judging, none);
+  Fit fitted = passed.fit;
+  if (!passed.fit.members.empty())
+    if (Fit again = last.refine(passed.fit.members, Fitter::Until::kArrived); again.valid)
+      fitted = std::move(again);
+  if (fitted.members.empty()) fitted = last.start({});
+  TraceResult result = conclude({.rounds = fitter(),
+                                 .seen = seen_fitter,
+                                 .last = last,
+                                 .dictionary = dictionary,
+                                 .selection = selection,
+                                 .passed = passed,
+                                 .fitted = fitted,
+                                 .files = files,
+                                 .health = health,
+                                 .bus = bus});
   if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
     return from_zero(by, "the zero of theta_m was moved within half a count");
   lap("conclusions");

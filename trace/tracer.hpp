@@ -4,23 +4,33 @@
 #include "trace/health.hpp"
 #include "trace/result.hpp"
 #include "trace/selection.hpp"
+#include "trace/split.hpp"
 
 namespace twinrate {
 
+// Rows [first, end) of the record are those of one file.
+struct SourceRows {
+  std::string path;
+  std::size_t first = 0, end = 0;
+  bool held_out = false;
+};
+
 struct TraceSettings {
-  double holdout = 0.25;       // share of the time that does not train
-  Say say;                     // progress, one line each; may be empty
-  std::function<bool()> stop;  // asked at every step: true ends the trace; may be empty
+  double holdout = 0.25;          // share of the time that does not train
+  Say say;                        // progress, one line each; may be empty
+  std::function<bool()> stop;     // asked at every step: true ends the trace; may be empty
+  std::vector<SourceRows> files;  // that make the record; empty: one
+  // What passed is fitted once more to the rows that judged it, too, if those are given; if they
+  // are blocks of the record it always is.
+  bool fit_judging_rows = false;
 };
 
 // Of each row: whether the rotor moves there, so that friction is what the speed says.
 std::vector<char> moving_rows(const Record& record);
-// Of each row: whether it stands in a block that does not train.
-std::vector<char> held_out_rows(const Record& record, double share, int n_p);
 
 // Where it is stopped after at least one round of the selection the result holds what was found
-// until then; before that TraceStopped is thrown. `held_out`: of each row of the record; empty:
-// blocks by settings.holdout.
+// until then; before that TraceStopped is thrown. `held_out`: of each row of the record, whether it
+// judges; empty: blocks by settings.holdout.
 TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out = {});
 

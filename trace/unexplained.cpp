@@ -65,7 +65,7 @@ void Unexplained::look_at(const Columns& x) {
 
 Eigen::VectorXd Unexplained::operator()(const Eigen::VectorXd& y, Eigen::Index count) const {
   const Eigen::Index n = X_.rows();
-  if (!y.size() || count == 0 || y.size() < 4 * count || n < 4 * count) return y;
+  if (!y.size() || count == 0 || y.size() < 3 * count || n < 3 * count) return y;
   Eigen::MatrixXd G = G_.topLeftCorner(count, count);
   G.diagonal().array() += kRidge;
   const Eigen::VectorXd c =

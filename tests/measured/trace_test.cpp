@@ -139,8 +139,8 @@ TEST_F(Laas, PredictsASpeedThatWasNotFitted) {
   const json& error = traced_->trace["error"];
   EXPECT_NEAR(double(error["horizon_s"]), 5e-3, 1e-6);
   int unseen = 0;
-  for (const json& file : error["by_file"]) {
-    if (!file["held_out"]) continue;
+  for (const json& file : error["files"]) {
+    if (file["role"] != "holdout") continue;
     ++unseen;
     EXPECT_LT(double(file["after"]), 0.25 * double(file["no_change"])) << file["file"];
     EXPECT_GT(double(file["before"]), double(file["no_change"])) << "i_q and friction alone";

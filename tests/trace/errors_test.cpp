@@ -11,7 +11,7 @@ std::string main_equation(const Members& members) {
   static const FittedDrive drive(simulate_synthetic({.duration_s = 2}), {});
   const Fitter fitter = drive.fitter();
   TraceResult r;
-  compare_errors(fitter, fitter.start(members), r);
+  compare_errors(fitter.chain(), {members.begin(), members.end()}, r);
   return r.main_equation;
 }
 

@@ -1,0 +1,140 @@
+// What the gate refuses, rule by rule, and that rows which judge are read by nothing else.
+#include "trace/gate.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "tests/trace/fitted_drive.hpp"
+#include "trace/fall.hpp"
+#include "trace/statistics.hpp"
+
+namespace twinrate::gate_test {
+
+using ExtraLoad = std::function<double(double t, double theta, double omega)>;
+
+RawLog log_with(ExtraLoad extra, double duration_s = 3) {
+  SyntheticDrive drive{.duration_s = duration_s};
+  drive.extra_load = std::move(extra);
+  return simulate_synthetic(drive);
+}
+
+Members cogging_17() {
+  return {effect_with("cogging", {{"order", 17.}, {"amplitude_Nm", 0.1}, {"phase_rad", 0.8}})};
+}
+
+double cogging(double amplitude_Nm, double theta) {
+  return amplitude_Nm * std::sin(17 * theta + 0.8);
+}
+
+// The one claim of `members`, put to the gate; kind empty: it passed.
+Refused refusal(const FittedDrive& drive, const Members& members,
+                const std::function<void(Gate&)>& set = {}) {
+  const Fitter fitter = drive.fitter();
+  Gate gate(fitter, drive.chain(), {});
+  if (set) set(gate);
+  const Passed passed = gate(members);
+  EXPECT_EQ(passed.refused.size() + passed.kept.size(), members.size());
+  return passed.refused.empty() ? Refused{} : passed.refused.front();
+}
+
+TEST(Gate, LetsPassWhatIsThere) {
+  const FittedDrive drive(
+      log_with([](double, double theta, double) { return cogging(0.1, theta); }), cogging_17());
+  const Fitter fitter = drive.fitter();
+  const Passed passed = Gate(fitter, drive.chain(), {})(cogging_17());
+  ASSERT_EQ(passed.kept.size(), 1u) << passed.refused.front().text;
+  EXPECT_GT(passed.judgements[0].held_out_gain, 0.3);
+  EXPECT_LT(passed.judgements[0].p_value, 1e-4);
+  EXPECT_GE(passed.judgements[0].votes, 12);
+  // What the sensors could make as well, or more.
+  const auto resolution = [](Gate& gate) {
+    gate.set_resolution([](const Effect&) { return 1e3; });
+  };
+  EXPECT_EQ(refusal(drive, cogging_17(), resolution).rule, "sensors");
+}
+
+TEST(Gate, RefusesWhatTheJudgingRowsDoNotShow) {
+  const FittedDrive drive(log_with([](double, double, double) { return 0.0; }), {});
+  EXPECT_EQ(refusal(drive, cogging_17()).rule, "size");  // fitted, next to nothing is left of it
+  const Members big = {effect_with("constant_load", {{"torque_Nm", 0.2}})};
+  EXPECT_NE(refusal(drive, big).rule, "");
+}
+
+// In the second half 0.12 Nm are left of 0.3: what the first half says makes the second one worse.
+TEST(Gate, RefusesWhatTheHalvesDisagreeOn) {
+  const FittedDrive drive(
+      log_with([](double t, double theta, double) { return cogging(t < 1.5 ? 0.3 : 0.12, theta); }),
+      cogging_17());
+  const Refused refused = refusal(drive, cogging_17());
+  EXPECT_EQ(refused.rule, "agreement") << refused.text;
+  EXPECT_LT(refused.number, 0.5);
+}
+
+// A tenth of the inertia is another machine.
+TEST(Gate, RefusesAnotherMachine) {
+  const FittedDrive drive(simulate_synthetic({.J = 0.05 * 8.8e-3, .duration_s = 2}), {});
+  const Members inertia = {effect_with("inertia", {{"change_kgm2", -1e-4}})};
+  const Fitter fitter = drive.fitter();
+  const Passed passed = Gate(fitter, drive.chain(), {})(inertia);
+  ASSERT_EQ(passed.refused.size(), 1u);
+  EXPECT_EQ(passed.refused[0].rule, "physical") << passed.refused[0].text;
+  ASSERT_EQ(passed.inconsistent.size(), 1u);
+  EXPECT_EQ(passed.inconsistent[0].quantity, "J");
+}
+
+// Beside 3 Nm that nobody explains the model predicts worse than "nothing changes".
+TEST(Gate, RefusesWhatPredictsWorseThanNoChange) {
+  const FittedDrive drive(
+      log_with([](double, double theta, double) { return 3 + cogging(0.3, theta); }), {});
+  const Refused refused = refusal(drive, cogging_17());
+  EXPECT_EQ(refused.rule, "whole") << refused.text;
+  EXPECT_GT(refused.number, 1);
+}
+
+// Rows that judge may hold anything: no parameter, no noise model and no choice changes by a bit.
+TEST(Split, RowsThatJudgeEnterNothingButTheJudgement) {
+  RawLog raw = log_with([](double, double theta, double) { return cogging(0.1, theta); }, 2);
+  const auto judges = [](double t) { return t >= 1 && t < 1.5; };
+  Health health;  // of the samples, by detectors: the same for both
+  make_record(raw, servo().machine.n_p, health);
+  const auto traced = [&](const RawLog& log) {
+    const Record record = record_of(log, servo().machine.n_p, health);
+    std::vector<char> held;
+    for (double t : record.t) held.push_back(judges(t));
+    return trace_record(record, servo(), health, {}, held);
+  };
+  const TraceResult before = traced(raw);
+  for (std::size_t k = 0; k < raw.size(); ++k)
+    if (raw.t[k] > 1.01 && raw.t[k] < 1.49) raw.i_a[k] += 0.06 * std::sin(300 * raw.t[k]);
+  const TraceResult after = traced(raw);
+  ASSERT_EQ(before.effects.size(), 1u);
+  ASSERT_EQ(after.effects.size(), 1u);
+  for (std::size_t p = 0; p < before.effects[0].parameters.size(); ++p)
+    EXPECT_EQ(before.effects[0].parameters[p].value, after.effects[0].parameters[p].value);
+  EXPECT_EQ(before.effects[0].delta_bic, after.effects[0].delta_bic);
+  EXPECT_EQ(before.mechanical->after.train, after.mechanical->after.train);
+  EXPECT_EQ(before.mechanical->noise_floor, after.mechanical->noise_floor);
+  EXPECT_GT(after.mechanical->after.held_out, 1.2 * before.mechanical->after.held_out);
+  EXPECT_LT(after.effects[0].held_out_gain, before.effects[0].held_out_gain - 0.05);
+  EXPECT_LT(before.effects[0].delta_bic, -500);  // negative is better
+}
+
+TEST(SignedRank, OfVotesAgainstTables) {
+  EXPECT_DOUBLE_EQ(signed_rank_tail({}), 1);
+  EXPECT_DOUBLE_EQ(signed_rank_tail(std::vector<double>{1, 2, 3, 4, 5, 6, 7, 8}), 1. / 256);
+  // n = 10, sum of positive ranks 45 or more: 0.0420 (one-sided; Wilcoxon 1945).
+  EXPECT_NEAR(signed_rank_tail({-10, 1, 2, 3, 4, 5, 6, 7, 8, 9}), 0.0420, 0.0005 + 0.0005);
+  std::vector<double> many;
+  for (int k = 0; k < 150; ++k) many.push_back(k % 2 ? 1.0 + k : -1.0 - k);
+  EXPECT_NEAR(signed_rank_tail(many), 0.5, 0.15);
+}
+
+TEST(Fall, IsSaidOfWhatFallsOnly) {
+  EXPECT_EQ(fall_in_words(0.147, 0.026, "V"), "falls from 0.147 to 0.026 V");
+  EXPECT_FALSE(fall_in_words(1.54, 2.56, "V"));
+  EXPECT_FALSE(fall_in_words(1.5401, 1.5399, "V"));  // the same as printed
+}
+
+}  // namespace twinrate::gate_test

@@ -1,0 +1,194 @@
+#include "trace/agreement.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/effects/tracing.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::size_t kBlocks = 24;
+
+std::vector<double> sizes_of(const Effect& effect) {
+  std::vector<double> c(static_cast<std::size_t>(effect.tracing().regressor_count()));
+  effect.tracing().coefficients(c);
+  return c;
+}
+
+// d(explained)/d(coefficient) at the fit, whatever the effect depends on.
+std::vector<Sampled> columns_beside(const Chain& chain, const Members& members, std::size_t m,
+                                    const Sampled& residual) {
+  const Effect& effect = *members[m];
+  const bool senses = !acting_on({members.begin(), members.end()}, kOnCurrents | kOnAngle).empty();
+  if (!(effect.acts_on() & (kOnCurrents | kOnAngle)) && !senses) return chain.columns(effect);
+  constexpr double kStep = 0.05;  // of a coefficient, or of the largest where it is 0
+  const std::vector<double> c = sizes_of(effect);
+  double largest = 0;
+  for (double value : c) largest = std::max(largest, std::abs(value));
+  std::vector<Sampled> own = chain.columns(effect);
+  for (std::size_t r = 0; r < c.size(); ++r) {
+    const double h = kStep * std::max(largest, 1e-9);
+    std::vector<double> there = c;
+    there[r] -= h;
+    Effects moved{members.begin(), members.end()};
+    moved[m] = effect.clone();
+    std::const_pointer_cast<Effect>(moved[m])->tracing().set_coefficients(there);
+    const Sampled changed = chain.noiseless(moved);
+    own[r].d = own[r].q = own[r].torque = {};
+    if (changed.d.size()) {
+      own[r].d = (changed.d - residual.d) / h;
+      own[r].q = (changed.q - residual.q) / h;
+    }
+    if (changed.torque.size()) own[r].torque = (changed.torque - residual.torque) / h;
+  }
+  return own;
+}
+
+struct Solved {
+  Eigen::VectorXd beta;
+  double energy = 0;  // raw
+};
+
+// The best answer of a part, nothing taken off for noise, with the coefficients of `held` given.
+Solved solve(const PartSums& part, const std::vector<char>& held, const Eigen::VectorXd& given) {
+  const Eigen::Index P = part.b.size();
+  std::vector<Eigen::Index> free;
+  Eigen::VectorXd beta = Eigen::VectorXd::Zero(P);
+  for (Eigen::Index p = 0; p < P; ++p)
+    if (held[static_cast<std::size_t>(p)])
+      beta[p] = given[p];
+    else
+      free.push_back(p);
+  const auto n = static_cast<Eigen::Index>(free.size());
+  const Eigen::VectorXd left = part.b - part.A * beta;
+  NormalEquations normal{Eigen::MatrixXd(n, n), Eigen::VectorXd(n), Eigen::VectorXd::Zero(n)};
+  for (Eigen::Index a = 0; a < n; ++a) {
+    for (Eigen::Index b = 0; b < n; ++b) normal.A(a, b) = part.A(free[a], free[b]);
+    normal.b[a] = left[free[a]];
+  }
+  if (n > 0) {
+    const Eigen::VectorXd x = normal.solve(normal.usable(part.count));
+    for (Eigen::Index a = 0; a < n; ++a) beta[free[a]] = x[a];
+  }
+  return {beta, part.energy - 2 * beta.dot(part.b) + beta.dot(part.A * beta)};
+}
+
+void compare(const PartSums& from, const PartSums& on, const std::vector<char>& own, double least,
+             const char* between, Agreement& out) {
+  const std::vector<char> none(own.size(), 0);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(on.b.size());
+  const Solved there = solve(from, none, zero), here = solve(on, none, zero),
+               without = solve(on, own, zero), foreign = solve(on, own, there.beta);
+  const Solved from_without = solve(from, own, zero);
+  const double unit = here.energy / std::max(1.0, on.count),
+               unit_from = there.energy / std::max(1.0, from.count);
+  const bool moved_from = from_without.energy - there.energy > least * unit_from;
+  if (!moved_from) return;
+  const double own_gain = without.energy - here.energy,
+               foreign_gain = without.energy - foreign.energy;
+  // What moves the part, but not for the better; or what does not move it, and should have.
+  if (own_gain <= least * unit && foreign_gain > -least * unit) return;
+  ++out.compared;
+  const double kept = foreign_gain / std::max(own_gain, least * unit);
+  if (kept < out.kept) out.kept = kept, out.between = between;
+}
+
+}  // namespace
+
+MemberColumns member_columns(const Chain& chain, const Members& members) {
+  MemberColumns out;
+  const Effects all{members.begin(), members.end()};
+  const Sampled residual = chain.residual(all);
+  out.declared = chain.whitened(residual);
+  std::vector<double> values;
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const Effect& effect = *members[m];
+    const std::vector<double> c = sizes_of(effect);
+    const auto take = [&](const Sampled& column, double value) {
+      out.x.push_back(chain.regressor(column));
+      out.member.push_back(m);
+      values.push_back(value);
+      add(out.declared, out.x.back(), value);
+    };
+    if (c.empty()) {
+      Effects others = all;
+      others.erase(others.begin() + static_cast<std::ptrdiff_t>(m));
+      Sampled change = chain.residual(others);
+      add(change, residual, -1);
+      take(change, 1);
+      continue;
+    }
+    const std::vector<Sampled> columns = columns_beside(chain, members, m, residual);
+    for (std::size_t r = 0; r < c.size(); ++r) take(columns[r], c[r]);
+  }
+  out.value = Eigen::Map<Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+  return out;
+}
+
+PartSums::PartSums(const MemberColumns& columns, const Rows& rows) {
+  const auto P = static_cast<Eigen::Index>(columns.x.size());
+  A.resize(P, P);
+  b.resize(P);
+  for (Eigen::Index a = 0; a < P; ++a) {
+    const Sampled& x = columns.x[static_cast<std::size_t>(a)];
+    for (Eigen::Index c = 0; c <= a; ++c)
+      A(a, c) = A(c, a) = rows.energy(x, columns.x[static_cast<std::size_t>(c)]).sum();
+    b[a] = rows.energy(x, columns.declared).sum();
+  }
+  energy = rows.energy(columns.declared, columns.declared).sum();
+  count = static_cast<double>(rows.count(columns.declared));
+}
+
+PartSums PartSums::operator+(const PartSums& other) const {
+  PartSums sum = *this;
+  sum.A += other.A;
+  sum.b += other.b;
+  sum.energy += other.energy;
+  sum.count += other.count;
+  return sum;
+}
+
+Parts::Parts(const Chain& whole, const Members& members, const Chain* half_rate)
+    : columns_(member_columns(whole, members)) {
+  for (const auto& member : members) by_noise_ = by_noise_ || turns_at_zero(*member);
+  const std::size_t n = whole.equations().record().size();
+  const auto part = [&](auto&& in) { return PartSums(columns_, Rows::where(whole.sampler(), in)); };
+  for (std::size_t half : {0, 1})
+    halves_.push_back(part([=](std::size_t row) { return 2 * row / n == half; }));
+  for (std::size_t odd : {0, 1})
+    turns_.push_back(part([=](std::size_t row) { return kBlocks * row / n % 2 == odd; }));
+  if (!half_rate || by_noise_) return;
+  half_columns_ = member_columns(*half_rate, members);
+  rates_ = {
+      halves_[0] + halves_[1],
+      PartSums(half_columns_, Rows::where(half_rate->sampler(), [](std::size_t) { return true; }))};
+}
+
+Agreement Parts::of(std::size_t member, double sigmas) const {
+  std::vector<char> own;
+  for (std::size_t m : columns_.member) own.push_back(m == member);
+  const double least =
+      sigmas * sigmas + static_cast<double>(std::count(own.begin(), own.end(), char{1}));
+  Agreement out;
+  const auto both_ways = [&](const std::vector<PartSums>& pair, const char* between) {
+    compare(pair[0], pair[1], own, least, between, out);
+    compare(pair[1], pair[0], own, least, between, out);
+  };
+  both_ways(halves_, "the two halves");
+  both_ways(turns_, "odd and even blocks");
+  if (rates_.empty()) return out;
+  both_ways(rates_, "the record's rate and half of it");
+  const std::vector<char> none(own.size(), 0);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(columns_.value.size());
+  const Eigen::VectorXd at_rate = solve(rates_[0], none, zero).beta,
+                        at_half = solve(rates_[1], none, zero).beta;
+  double product = 0, square = 0;
+  for (Eigen::Index p = 0; p < at_rate.size(); ++p)
+    if (own[static_cast<std::size_t>(p)])
+      product += at_rate[p] * at_half[p], square += at_rate[p] * at_rate[p];
+  if (square > 0) out.size_ratio = product / square;
+  return out;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,53 @@
+// Whether parts of the data agree in what a claim predicts.
+//
+// The residual is taken as linear in the members' coefficients, its columns those at the fit. With
+// the sums of their products over a part all that is asked of it is algebra: its own best answer,
+// and what the answer of another part leaves there, the other members free in both.
+#pragma once
+#include "trace/fit.hpp"
+
+namespace twinrate {
+
+// The members' columns; of one without coefficients its whole contribution, with coefficient 1.
+struct MemberColumns {
+  std::vector<Sampled> x;
+  std::vector<std::size_t> member;
+  Eigen::VectorXd value;  // in the fit
+  Sampled declared;       // residual with all coefficients 0
+};
+MemberColumns member_columns(const Chain& chain, const Members& members);
+
+// Sums over the rows of a part, nothing taken off for noise: columns with columns, and with the
+// declared model's residual.
+struct PartSums {
+  Eigen::MatrixXd A;
+  Eigen::VectorXd b;
+  double energy = 0, count = 0;
+
+  PartSums(const MemberColumns& columns, const Rows& rows);
+  PartSums operator+(const PartSums& other) const;
+};
+
+struct Agreement {
+  double kept = 1;           // least share of a part's own gain
+  int compared = 0;          // parts on which another's answer was tried
+  const char* between = "";  // where the least was
+  double size_ratio = 1;     // at half the rate over that at the record's: of the coefficients
+};
+
+class Parts {
+ public:
+  // `half_rate`: null where there is none.
+  Parts(const Chain& whole, const Members& members, const Chain* half_rate);
+  // `sigmas`: a part that gains less than a chance of so many deviations is not moved.
+  Agreement of(std::size_t member, double sigmas) const;
+
+ private:
+  MemberColumns columns_, half_columns_;
+  std::vector<PartSums> halves_, turns_, rates_;
+  // Columns of a member depend on the noise of a row's current, which is less at half the rate (a
+  // dead time around a current of zero): no member is asked there.
+  bool by_noise_ = false;
+};
+
+}  // namespace twinrate

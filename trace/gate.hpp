@@ -1,0 +1,84 @@
+// What a claim must pass before anybody is told of it.
+//
+// A claim is a member of the fit. It passes where
+//   sensors    it is larger than what the sensors can make (set_resolution)
+//   transfer   it lowers the error on rows that judge (trace/split.hpp): per piece b of them, four a
+//              block, r_b = 1/2 ln(E_b without / E_b with), E the whitened energy of the channels
+//              that it moves, nothing taken off for noise. Both sides are fitted to all rows that do
+//              not judge. Signed-rank test over the pieces that move, by Holm over the claims; no
+//              file may be worse by the same test
+//   agreement  its size from one part of the data keeps half the gain of another part's own: halves
+//              in time, odd and even blocks, the record's rate and half of it
+//   size       it is worth reporting, and twice its deviation, that between the rates included
+//   physical   the machine that it leaves is this machine
+//   whole      all accepted together lower the error in each file and equation that they act on, and
+//              predict better than that nothing changes
+// One that fails is dropped, the weakest first, and the others are fitted and asked again.
+#pragma once
+#include <functional>
+
+#include "trace/half_rate.hpp"
+#include "trace/result.hpp"
+#include "trace/selection.hpp"
+#include "trace/split.hpp"
+
+namespace twinrate {
+
+// Thresholds of the gate. Measured: on logs of drawn machines, half of them with nothing missing
+// (1 kHz outputs, 6 s, 512 to 2^20 counts).
+struct Criterion {
+  double chance = 1e-3;  // of a false claim in a log, by the signed-rank test
+  int votes = 8;         // pieces that must move: with fewer no result is that unlikely by chance
+  double silent = 1e-3;  // share of a piece's energy: one that changes by less does not vote
+  double kept = 0.5;     // of a part's own gain, that another part's answer must keep; true claims
+                         // kept 0.67 or more, false ones nothing
+  double sigmas = 4;     // deviations from which a part is moved by a claim
+  double size_sigmas = 2;   // deviations, in all, that a claim must be large
+  double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q: with less it is another machine
+  double over_nothing = 1.05;  // times the error of "nothing changes": noise alone makes 1.02
+};
+
+// What the rows that judge say of one member.
+struct Judgement {
+  double held_out_gain = 0;  // share of the error without it, raw
+  double p_value = 1;        // of the signed-rank test
+  int votes = 0;
+  double kept = 1;  // least share of a part's own gain
+};
+
+struct Passed {
+  Fit fit;                        // of the members that passed, on all rows that do not judge
+  std::vector<std::size_t> kept;  // their places among the members asked
+  std::vector<Judgement> judgements;
+  std::vector<Refused> refused;
+  std::vector<Inconsistency> inconsistent;
+};
+
+class Gate {
+ public:
+  // `seen`: fits rows that do not judge. `whole`: the chain of all rows, under the same noise.
+  Gate(const Fitter& seen, const Chain& whole, JudgedFiles files, const Criterion& criterion = {})
+      : seen_(seen), whole_(whole), files_(std::move(files)), criterion_(criterion) {}
+  // Made when a claim first needs it.
+  void set_half_rate(std::function<const HalfRate&()> make) { half_rate_ = std::move(make); }
+  // Smallest claim beyond what the sensors make of nothing, in sizes worth reporting.
+  void set_resolution(std::function<double(const Effect&)> resolution) {
+    resolution_ = std::move(resolution);
+  }
+  Passed operator()(const Members& members) const;
+
+ private:
+  struct Asked;  // the members together, and each left out
+  Asked ask(const Fit& fit) const;
+  std::vector<Refused> refusals(const Asked& asked) const;
+  std::optional<Refused> whole_refusal(const Asked& asked, std::size_t& weakest) const;
+
+  const Fitter& seen_;
+  const Chain& whole_;
+  JudgedFiles files_;
+  Criterion criterion_;
+  std::function<const HalfRate&()> half_rate_;
+  std::function<double(const Effect&)> resolution_;
+};
+
+}  // namespace twinrate

@@ -1,0 +1,10 @@
+// What the equations balance: the error of predicting that nothing changes.
+#pragma once
+#include "trace/chain.hpp"
+
+namespace twinrate {
+
+// J omega_m' (Nm) and L di/dt in rotor axes (V), sampled, not whitened.
+Sampled no_change(const Chain& chain);
+
+}  // namespace twinrate

@@ -1,0 +1,113 @@
+#include "trace/split.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numeric>
+
+namespace twinrate {
+namespace {
+
+constexpr int kBlocks = 24;
+constexpr double kChoosing = 4.0 / 18;  // of the blocks that do not judge
+constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+
+// Squares of what the drive does, by set of rows: of its acceleration and of its currents.
+struct Activity {
+  std::vector<double> motion, current, i_d, rows;
+  explicit Activity(std::size_t sets)
+      : motion(sets, 1e-12), current(motion), i_d(motion), rows(sets, 1e-12) {}
+
+  static double uneven_share(const std::vector<double>& x, const std::vector<double>& rows,
+                             std::size_t set) {
+    const double all = std::accumulate(x.begin(), x.end(), 0.0),
+                 all_rows = std::accumulate(rows.begin(), rows.end(), 0.0);
+    return std::log(x[set] / all * all_rows / rows[set]);
+  }
+  // A little i_d is enough in a set; but if all of it is, nothing of it is fitted.
+  double uneven(std::size_t set) const {
+    return std::abs(uneven_share(motion, rows, set)) + std::abs(uneven_share(current, rows, set)) +
+           std::max(0.0, uneven_share(i_d, rows, set));
+  }
+};
+
+using SetOf = std::function<std::size_t(std::size_t row)>;  // kNone: of no set
+
+// The set that sees the most even part of what the drive does.
+std::size_t most_even(const Record& record, int n_p, std::size_t sets, const SetOf& set_of) {
+  constexpr std::size_t kReach = 20;  // rows
+  Activity sum(sets + 1);             // the last one: of no set
+  for (std::size_t k = kReach; k + kReach < record.size(); ++k) {
+    const std::size_t set = std::min(set_of(k), sets);
+    ++sum.rows[set];
+    const double bend =
+        record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
+    // Not across a seam.
+    if (record.motion_ok[k - kReach] && record.motion_ok[k] && record.motion_ok[k + kReach])
+      sum.motion[set] += bend * bend;
+    if (!record.electrical_ok[k] || record.i_alphabeta.empty()) continue;
+    const double along_d = park(record.i_alphabeta[k], n_p * record.theta_m[k])[0];
+    sum.current[set] += record.i_alphabeta[k].squaredNorm();
+    sum.i_d[set] += along_d * along_d;
+  }
+  std::size_t best = 0;
+  for (std::size_t set = 1; set < sets; ++set)
+    if (sum.uneven(set) < sum.uneven(best)) best = set;
+  return best;
+}
+
+// Blocks into which the rows that do not judge fall: those of the record where blocks judge, else
+// where whole files do as many as a record has.
+int blocks_left(const std::vector<char>& judging, std::size_t left) {
+  constexpr int kFewStretches = 2;
+  int stretches = 0;
+  for (std::size_t k = 0; k < judging.size(); ++k)
+    stretches += judging[k] && (k == 0 || !judging[k - 1]);
+  if (stretches <= kFewStretches) return kBlocks;
+  const auto judged = static_cast<double>(judging.size() - left);
+  return std::max(2, static_cast<int>(std::lround(stretches * static_cast<double>(left) / judged)));
+}
+
+}  // namespace
+
+std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
+  std::vector<char> held(record.size(), 0);
+  if (share <= 0) return held;
+  const auto every = static_cast<std::size_t>(std::max(2L, std::lround(1 / share)));
+  const auto set_of = [&](std::size_t k) { return kBlocks * k / held.size() % every; };
+  const std::size_t best = most_even(record, n_p, every, set_of);
+  for (std::size_t k = 0; k < held.size(); ++k) held[k] = set_of(k) == best;
+  return held;
+}
+
+std::vector<char> choosing_rows(const Record& record, const std::vector<char>& judging, int n_p) {
+  std::vector<std::size_t> rank(record.size(), kNone);  // among the rows that do not judge
+  std::size_t left = 0;
+  for (std::size_t k = 0; k < rank.size(); ++k)
+    if (!judging[k]) rank[k] = left++;
+  std::vector<char> chosen(record.size(), 0);
+  if (left == 0) return chosen;
+  const int blocks = blocks_left(judging, left);
+  // Set c: blocks c + 1, c + 5.5, c + 10 .. The first one, in which a drive may start, always fits.
+  const auto sets = static_cast<std::size_t>(std::floor(1 / kChoosing)) - 1;
+  std::vector<std::size_t> set_of_block(static_cast<std::size_t>(blocks), kNone);
+  for (std::size_t set = 0; set < sets; ++set)
+    for (double at = static_cast<double>(set + 1); std::lround(at) < blocks; at += 1 / kChoosing)
+      if (std::size_t& own = set_of_block[static_cast<std::size_t>(std::lround(at))]; own == kNone)
+        own = set;
+  const auto set_of = [&](std::size_t k) {
+    return rank[k] == kNone ? kNone
+                            : set_of_block[static_cast<std::size_t>(blocks) * rank[k] / left];
+  };
+  const std::size_t best = most_even(record, n_p, sets, set_of);
+  for (std::size_t k = 0; k < chosen.size(); ++k) chosen[k] = set_of(k) == best;
+  return chosen;
+}
+
+void hide(const std::vector<char>& rows, Record& record) {
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    if (rows[k]) record.electrical_ok[k] = record.motion_ok[k] = 0;
+}
+
+}  // namespace twinrate

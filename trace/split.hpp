@@ -1,0 +1,32 @@
+// Which rows a claim is fitted to, which choose it, and which judge it.
+//
+// Of 24 blocks of a record about 14 fit, 4 choose (they refuse what lowers the error only where it
+// was fitted) and 6 judge. Rows that judge enter no fit, no placing, no choice and no noise model:
+// only the gate (trace/gate.hpp) and the reported errors read them.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "trace/record.hpp"
+
+namespace twinrate {
+
+// Rows of one file in the record of the chain.
+struct JudgedFile {
+  std::string path;
+  bool held_out = false;
+  std::size_t rows = 0;
+};
+struct JudgedFiles {
+  std::vector<JudgedFile> files;
+  std::vector<int> of_row;  // of each row of the chain's record: which file
+};
+
+// Of each row: 1 where it judges. `share`: of the time; 0: none.
+std::vector<char> held_out_rows(const Record& record, double share, int n_p);
+// Of each row: 1 where it chooses, out of those that do not judge.
+std::vector<char> choosing_rows(const Record& record, const std::vector<char>& judging, int n_p);
+// Marks the rows as ones that cannot be used.
+void hide(const std::vector<char>& rows, Record& record);
+
+}  // namespace twinrate
