@@ -164,7 +164,8 @@ std::vector<Tick> run_with(DrawnCase c, const std::string& effects_toml, bool ex
   return simulate(c);
 }
 
-Equations3 by_effect(DrawnCase c, const std::string& effect_toml) {
+// What the run without noise leaves, averaged over rows.
+Equations3 left_in_run(DrawnCase c, const std::string& effect_toml) {
   const std::vector<Tick> ticks = run_with(c, effect_toml, true);
   c.drawn.encoder_counts = 0;
   Equations3 e = equations(c, rows_of(c, ticks, 1), 1 / c.drawn.f_s);
@@ -173,15 +174,24 @@ Equations3 by_effect(DrawnCase c, const std::string& effect_toml) {
   return e;
 }
 
+Equations3 less(Equations3 a, const Equations3& b) {
+  for (std::size_t channel = 0; channel < 3; ++channel)
+    for (std::size_t k = 0; k < a[channel].size(); ++k) a[channel][k] -= b[channel][k];
+  return a;
+}
+
 }  // namespace
 
 std::vector<std::string> visible_kinds(const DrawnCase& c, const std::vector<std::string>& truth) {
   if (truth.empty()) return {};
   std::vector<std::string> asked;
   std::vector<Equations3> effects;
-  for (std::size_t j = 0; j < c.kinds.size(); ++j)
-    if (!on_samples(c.kinds[j]))
-      asked.push_back(c.kinds[j]), effects.push_back(by_effect(c, c.effect_tables[j]));
+  const Equations3 of_equations = left_in_run(c, "");  // which are not exact
+  for (std::size_t j = 0; j < c.kinds.size(); ++j) {
+    if (on_samples(c.kinds[j])) continue;
+    asked.push_back(c.kinds[j]);
+    effects.push_back(less(left_in_run(c, c.effect_tables[j]), of_equations));
+  }
   const Equations3 noise =
       equations(c, rows_of(c, run_with(c, "", false), c.every), c.every / c.drawn.f_s);
   std::vector<double> best(asked.size(), 0);

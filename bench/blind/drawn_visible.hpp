@@ -7,7 +7,7 @@
 //   e_T = T_em - T_load - B omega_m - J domega_m/dt
 //
 // n: what the readings of the log leave of them when nothing is missing. c: what an effect alone
-// leaves of them in the same run without noise, averaged over a row. Both are averaged over
+// adds to them in the same run without noise, averaged over a row. Both are averaged over
 // windows of h rows and whitened by the autocorrelation of n. With n white and of size one the
 // error of the true model without the effect is |n + c|^2, that of the true model |n|^2; the
 // difference has the mean |c|^2 and the standard deviation 2 |c|. The effect can be seen where
