@@ -15,7 +15,7 @@ void filter_step(benchmark::State& state) {
   Filter filter;
   const auto& input = samples();
   std::size_t k = 0;
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     filter.step(input[k]);
     k = (k + 1) % input.size();
     benchmark::DoNotOptimize(filter.x);
@@ -30,7 +30,7 @@ BENCHMARK(filter_step<EigenFilter<Eigen::Dynamic, Eigen::Dynamic>>)->Name("step/
 void fast_part(benchmark::State& state) {
   KernelFilter<double> filter;
   kernel::UnitVector<double> at{0.6, 0.8};
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     benchmark::DoNotOptimize(at);
     filter.fast(at, samples()[0]);
     benchmark::DoNotOptimize(filter.x);
@@ -40,7 +40,7 @@ BENCHMARK(fast_part)->Name("part/fast");
 void background_part(benchmark::State& state) {
   KernelFilter<double> filter;
   kernel::UnitVector<double> at{0.6, 0.8};
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     benchmark::DoNotOptimize(at);
     filter.background(at);
     benchmark::DoNotOptimize(filter.P);
@@ -52,7 +52,7 @@ template <class Update>
 void covariance_form(benchmark::State& state, Update update) {
   KernelFilter<double> filter;
   kernel::UnitVector<double> at{0.6, 0.8};
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     benchmark::DoNotOptimize(at);
     const auto P_prior =
         propagate(filter.c, jacobian(filter.c, filter.x.omega_e, at), filter.P, filter.Q);
@@ -79,7 +79,7 @@ void covariance_ud(benchmark::State& state) {
   const double P0[4] = {1, 1, 1, 1};
   auto P = kernel::ud_from_diagonal(P0);
   kernel::UnitVector<double> at{0.6, 0.8};
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     benchmark::DoNotOptimize(at);
     P = ud_propagate(filter.c, jacobian(filter.c, filter.x.omega_e, at), P, filter.Q);
     filter.K = ud_gain(P, filter.R);
@@ -96,7 +96,7 @@ void background_lanes(benchmark::State& state) {
   const kernel::UnitVector<T> at{0.6, 0.8};
   kernel::Symmetric4<T> P{1, 0, 0, 0, 1, 0, 0, 1, 0, 1};
   kernel::Gain42<T> K;
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     const auto P_prior = propagate(f.c, jacobian(f.c, T(400), at), P, f.Q);
     K = kernel::gain(P_prior, f.R);
     P = posterior(P_prior, K, f.R);

@@ -35,7 +35,8 @@ void closed_loop(benchmark::State& state, lanes::Isa isa) {
     points[i].settle_s = 0.2;
   }
   std::vector<lanes::PointResult> results(points.size());
-  for (auto _ : state) lanes::run_points(drive().settings, points, results, 1, isa);
+  for ([[maybe_unused]] auto _ : state)
+    lanes::run_points(drive().settings, points, results, 1, isa);
   state.counters["drive_s_per_cpu_s"] = benchmark::Counter(
       32.0 * static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
 }
@@ -46,7 +47,7 @@ BENCHMARK_CAPTURE(closed_loop, avx512, lanes::Isa::kAvx512)->Name("closed_loop/a
 // loop/closed_loop.hpp: Runge-Kutta by SUNDIALS, virtual filters and controllers.
 void ordinary_closed_loop(benchmark::State& state) {
   Config config = Config::load("dilys2021", {});
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     ClosedLoop loop(config);
     for (int k = 0; k < 2500; ++k) loop.step();
   }
@@ -69,7 +70,8 @@ void whole_figure(benchmark::State& state, lanes::Isa isa, int threads) {
       points.push_back(p);
     }
   std::vector<lanes::PointResult> results(points.size());
-  for (auto _ : state) lanes::run_points(drive().settings, points, results, threads, isa);
+  for ([[maybe_unused]] auto _ : state)
+    lanes::run_points(drive().settings, points, results, threads, isa);
   state.counters["points"] = static_cast<double>(points.size());
 }
 BENCHMARK_CAPTURE(whole_figure, avx2, lanes::Isa::kAvx2, 2)

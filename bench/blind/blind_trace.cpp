@@ -234,6 +234,8 @@ void add_drawn_options(CLI::App& app, bool& on_drawn, DrawnOptions& drawn) {
 }  // namespace
 }  // namespace twinrate::blind
 
+// An exception of CLI11 outside parsing is a mistake in the options above.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   using namespace twinrate::blind;
   Options o;

@@ -94,7 +94,7 @@ Ran run(const std::string& command) {
 
 // Writes the files of a log and traces them; the trace goes into BASE.trace.
 void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase& c,
-                 const DrawnLog& log, json truth) {
+                 const DrawnLog& log, const json& truth) {
   const int counts = c.drawn.counts_declared ? c.drawn.encoder_counts : 0;
   write(base + ".toml", drive_toml(c.drawn, c.name, counts));
   write(base + ".plant.toml", plant_toml(c));

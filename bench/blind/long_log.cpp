@@ -53,6 +53,8 @@ int run(const Options& o) {
 }  // namespace
 }  // namespace twinrate::blind
 
+// An exception of CLI11 outside parsing is a mistake in the options above.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   twinrate::blind::Options o;
   CLI::App app{"Write a long drive log of the project's own plant, with undeclared effects"};
