@@ -234,7 +234,9 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
 std::vector<Sampled> Chain::columns_of(const Equations& equations, const Effect& effect) const {
   checkpoint();
   std::vector<Sampled> out;
-  if (effect.acts_on() == kOnTorque && !holds_noise(effect)) {
+  const std::string order_key = effect.tracing().traits().period.order_key;
+  const bool slow = order_key.empty() || sampler_.slow_enough(get_key(effect, order_key));
+  if (effect.acts_on() == kOnTorque && !holds_noise(effect) && slow) {
     for (const auto& x : equations.load_columns(effect, sampler_.first(), sampler_.stride())) {
       out.emplace_back();
       out.back().torque = sampler_.sparsely(x, sampler_.torque());

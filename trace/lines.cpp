@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 #include <unsupported/Eigen/FFT>
+#include <utility>
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
@@ -12,7 +14,9 @@ namespace {
 
 constexpr double kFalse = 1e-6;   // chance that noise alone makes such a line
 constexpr double kLowest_Hz = 1;  // slower is drift
-constexpr double kHighestOrder = 60, kLowestOrder = 0.3;
+constexpr double kHighestOrder = 60, kLowestOrder = 0.3;  // of fractional orders
+constexpr double kMostWhole = 2000;                       // the highest that an effect takes
+constexpr std::size_t kTurnCells = 8192;                  // of one turn: four a period at least
 constexpr double kWhole = 0.06;  // of an order: nearer is a whole order, cogging's
 constexpr double kFewestTurns = 4;
 constexpr double kLongest_s = 2000;  // of a record with gaps
@@ -69,12 +73,93 @@ std::size_t strongest(const std::vector<double>& power, Allowed&& allowed) {
   return chance < kFalse ? at : 0;
 }
 
-Candidate line(const Chain& chain, const char* key, double value) {
-  Candidate candidate{.effect = make_placed(Traits::Place::kLine), .columns = {}};
-  set_key(*candidate.effect, key, value);
+Candidate with_columns(const Chain& chain, std::shared_ptr<Effect> effect) {
+  Candidate candidate{.effect = std::move(effect), .columns = {}};
   for (const Sampled& x : chain.columns(*candidate.effect))
     candidate.columns.push_back(chain.regressor(x));
   return candidate;
+}
+
+Candidate line(const Chain& chain, const char* key, double value) {
+  const std::shared_ptr<Effect> effect = make_placed(Traits::Place::kLine);
+  set_key(*effect, key, value);
+  return with_columns(chain, effect);
+}
+
+// The first whole order above the grid of `effect`, and its step there; {0, 0}: has none. A grid in
+// multiples of n_p goes on in them.
+std::pair<double, double> beyond_grid(const Effect& effect) {
+  const Traits traits = effect.tracing().traits();
+  if (std::string_view(traits.period.order_key).empty() || traits.place != Traits::Place::kGrid ||
+      traits.repeats.how != Traits::Repeats::kByKey)
+    return {};
+  for (const TracedKey& key : effect.tracing().traced_keys()) {
+    if (std::string_view(key.key) != traits.period.order_key || key.grid.size() < 2) continue;
+    const double last = key.grid.back(), step = last - key.grid[key.grid.size() - 2];
+    return {last + step, step};
+  }
+  return {};
+}
+
+// Power of y at the whole orders, forwards and backwards summed: the whitening turns the phase of a
+// line with the direction.
+std::vector<double> order_power(const Eigen::VectorXd& y, const Runs& runs, const Record& record) {
+  std::vector<double> power(kTurnCells / 2, 0.0);
+  for (const bool forwards : {true, false}) {
+    std::vector<double> position;
+    std::vector<double> values;
+    for (std::size_t n = 0; n < runs.row.size(); ++n) {
+      const std::size_t row = runs.row[n];
+      if (row + 1 >= record.size() || row == 0) continue;
+      if ((record.theta_m[row + 1] > record.theta_m[row - 1]) != forwards) continue;
+      const double turns = record.theta_m[row] / kTwoPi;
+      position.push_back((turns - std::floor(turns)) * static_cast<double>(kTurnCells));
+      values.push_back(y[static_cast<Eigen::Index>(n)]);
+    }
+    if (values.empty()) continue;
+    const auto one_way = spectrum(
+        Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())),
+        position, kTurnCells);
+    for (std::size_t b = 0; b < power.size(); ++b) power[b] += one_way[b];
+  }
+  return power;
+}
+
+// The highest order that passes the sampler's low-pass in a twentieth of the rows at least, and of
+// which these see more than two samples a period.
+double highest_passed(const Chain& chain) {
+  constexpr double kBand = 0.4;  // of the outputs' rate
+  const Record& record = chain.equations().record();
+  std::vector<double> step;  // turns from row to row
+  for (std::size_t row : chain.sampler().torque().row)
+    if (row > 0 && row + 1 < record.size())
+      step.push_back(std::abs(record.theta_m[row + 1] - record.theta_m[row - 1]) / (2 * kTwoPi));
+  if (step.empty()) return 0;
+  const auto slow = step.begin() + static_cast<std::ptrdiff_t>(step.size() / 20);
+  std::nth_element(step.begin(), slow, step.end());
+  const double rate = kBand / chain.sampler().decimation();  // of a row's
+  return std::min(kMostWhole, rate / std::max(*slow, 1e-12));
+}
+
+// Effects at the strongest whole order above their grids.
+void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>& lines) {
+  const double highest = highest_passed(chain);
+  std::vector<double> power;
+  for (const std::string& kind : effect_kinds()) {
+    const std::shared_ptr<Effect> effect = make_effect(kind);
+    effect->prepare(chain.equations().facts());
+    const auto [lowest, step] = beyond_grid(*effect);
+    if (step <= 0 || highest < lowest) continue;
+    if (power.empty())
+      power = order_power(fit.y.torque, chain.sampler().torque(), chain.equations().record());
+    const std::size_t order = strongest(power, [&, first = lowest, by = step](std::size_t b) {
+      const auto N = static_cast<double>(b);
+      return N >= first && N <= highest && std::fmod(N - first, by) == 0;
+    });
+    if (order == 0) continue;
+    set_key(*effect, effect->tracing().traits().period.order_key, static_cast<double>(order));
+    lines.push_back(with_columns(chain, effect));
+  }
 }
 
 }  // namespace
@@ -119,6 +204,7 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
     });
     if (bin > 0) lines.push_back(line(chain, "order", d_order * static_cast<double>(bin)));
   }
+  add_whole_orders(chain, fit, lines);
   return lines;
 }
 

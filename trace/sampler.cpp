@@ -44,6 +44,10 @@ Sampler::Sampler(const Record& record, const std::vector<char>& torque_ok,
   for (double& h : sparse_) h /= sparse_sum;
   if (record.has_voltage_equation()) electrical_ = runs_of(record.electrical_ok, held_out);
   torque_ = runs_of(torque_ok, held_out);
+  for (std::size_t row : torque_.row)
+    if (row > 0 && row + 1 < record.size())
+      most_turned_ =
+          std::max(most_turned_, std::abs(record.theta_m[row + 1] - record.theta_m[row - 1]) / 2);
 }
 
 Runs Sampler::runs_of(const std::vector<char>& ok, const std::vector<char>& held_out) const {

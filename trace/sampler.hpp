@@ -35,10 +35,13 @@ class Sampler {
   std::size_t stride() const { return static_cast<std::size_t>(stride_); }
   std::size_t first() const { return static_cast<std::size_t>(M_ + 1) % stride(); }
   Eigen::VectorXd sparsely(const std::vector<double>& channel, const Runs& runs) const;
+  // What has `order` periods a turn stays below half the rate of those rows.
+  bool slow_enough(double order) const { return order * most_turned_ * stride_ < kPi; }
 
  private:
   Runs runs_of(const std::vector<char>& ok, const std::vector<char>& held_out) const;
   int D_, M_, stride_ = 1;
+  double most_turned_ = 0;          // rad from row to row
   std::vector<double> h_, sparse_;  // taps; those of every stride-th row
   Runs electrical_, torque_;
 };

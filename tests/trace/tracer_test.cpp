@@ -251,6 +251,17 @@ TEST(Tracer, FindsCoggingOfAHighOrderWithAnEncoderOffset) {
   EXPECT_NEAR(parameter(r, "encoder_offset", "offset").value, 0.031, 0.0003);
 }
 
+// Above the grids (60) the spectrum over a turn proposes the order.
+TEST(Tracer, FindsCoggingOfAnyOrder) {
+  SyntheticDrive drive;
+  drive.extra_load = [](double, double theta, double) { return 0.06 * std::sin(84 * theta + 0.4); };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(r), Names{"cogging"}) << r.sentence;
+  EXPECT_EQ(parameter(r, "cogging", "order").value, 84);
+  EXPECT_NEAR(parameter(r, "cogging", "amplitude").value, 0.06, 0.001);
+  EXPECT_NEAR(parameter(r, "cogging", "phase").value, 0.4, 0.02);
+}
+
 // A slow run without load with currents near zero: without the loss in the model the d residual is
 // small, with the loss the noise of the currents dominates it.
 TEST(Tracer, FindsADeadTimeThroughWhichTheSensorsAreLouder) {
