@@ -102,15 +102,16 @@ void LoopResponse::add(const SensorNoise& noise, Record& record) const {
   bool stable = record.has_voltage_equation();
   if (stable) x = in_rotor_axes(x, record, machine_.n_p);
   Vec2 i = Vec2::Zero();
-  double omega_m = 0, theta_m = 0;
+  double omega_m = 0, theta_m = 0, omega_e = 0;
   for (std::size_t k = 0; stable && k < n; ++k) {
     x[k] += i;
     y[k] += theta_m;
     if (k >= kOrder)
       for (int axis = 0; axis < 2; ++axis)
         u[k][axis] = controller_[static_cast<std::size_t>(axis)].dot(inputs(k, axis, u, x, y));
-    const double omega_e =
-        k + 1 < n ? machine_.n_p * (record.theta_m[k + 1] - record.theta_m[k]) / T_s : 0;
+    // Across a seam the angle jumps, and the rotor does not.
+    if (k + 1 < n && record.motion_ok[k] && record.motion_ok[k + 1])
+      omega_e = machine_.n_p * (record.theta_m[k + 1] - record.theta_m[k]) / T_s;
     omega_m += T_s * (K_t / J * i[1] - omega_m / kForget_s);
     theta_m += T_s * (omega_m - theta_m / kForget_s);
     const Vec2 rate((u[k][0] - machine_.R_s * i[0] + omega_e * L_q * i[1]) / L_d,

@@ -88,6 +88,16 @@ TEST(LoopResponse, MakesNoiseAsQuietAsTheControllerDoes) {
   EXPECT_NEAR(slow_rms(added(r, n)), recorded, 0.06 * recorded);
 }
 
+// Blocks of a long log stand one behind the other: the angle jumps between them, the rotor does not.
+TEST(LoopResponse, DoesNotTakeASeamForAFastTurn) {
+  Record r = noisy_drive(kGain);
+  const SensorNoise n{.i_alphabeta = noise(8), .theta_m = std::vector<double>(kRows, 0.0)};
+  const double without = slow_rms(added(r, n));
+  for (std::size_t k = kRows / 2; k < kRows; ++k) r.theta_m[k] += 400 * kTwoPi;  // whole turns
+  r.electrical_ok[kRows / 2] = r.motion_ok[kRows / 2] = 0;
+  EXPECT_NEAR(slow_rms(added(r, n)), without, 0.01 * without);
+}
+
 TEST(LoopResponse, LeavesNoiseAloneInAnOpenLoop) {
   Record r = noisy_drive(0);
   for (std::size_t k = 0; k < kRows; ++k)  // a voltage independent of the currents
