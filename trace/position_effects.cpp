@@ -63,6 +63,22 @@ std::shared_ptr<Effect> lag_effect(int signal, double lag, double delay_share) {
 
 }  // namespace
 
+const std::vector<PositionClaim>& position_claims() {
+  static const std::vector<PositionClaim> claims = {
+      {"cogging", [](const Found& f) { return !f.holding.cogging.empty(); },
+       [](Found& f) { f.holding.cogging.clear(); }},
+      {"friction_ripple", [](const Found& f) { return !f.holding.friction_ripple.empty(); },
+       [](Found& f) { f.holding.friction_ripple.clear(); }},
+      {"coulomb_friction", [](const Found& f) { return f.T_C() != 0; },
+       [](Found& f) { f.holding.T_C = f.spin.T_C = 0; }},
+      {"inertia", [](const Found& f) { return f.spin.gain > 0; },
+       [](Found& f) { f.spin.gain = 0; }},
+      {std::string(make_of(Traits::Family::kLag)->kind()),
+       [](const Found& f) { return f.speed_lag.lag() > 0; }, [](Found& f) { f.speed_lag = {}; }},
+  };
+  return claims;
+}
+
 void add_periodic(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r) {
   const double with = judge.error(found, found.model());
   const auto add = [&](const char* kind, std::vector<Harmonic> HoldingTorque::*list) {

@@ -1,9 +1,20 @@
 // The effects that position logs show, each with what speaks for it, put into a result.
 #pragma once
+#include <functional>
+
 #include "trace/position_judge.hpp"
 #include "trace/result.hpp"
 
 namespace twinrate {
+
+// A claim that these logs can make, all orders of a kind together: whether it was found, and how it
+// is taken away.
+struct PositionClaim {
+  std::string kind;
+  std::function<bool(const Found&)> found;
+  std::function<void(Found&)> drop;
+};
+const std::vector<PositionClaim>& position_claims();
 
 // Cogging and friction that ripples, by order.
 void add_periodic(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
