@@ -137,6 +137,15 @@ void name_aliases(const Record& record, TraceResult& r) {
   }
 }
 
+// That the model beats no change is no condition of a claim; where it does not, it is told.
+std::string against_no_change(const EquationError& e, double horizon_s) {
+  if (e.after.held_out <= e.no_change) return "";
+  return fmt::format(
+      ". Predicting no change over {:.3g} ms leaves {:.3g} {}: so little changes in this log that "
+      "it does not show how well the model predicts",
+      1e3 * horizon_s, e.no_change, e.unit);
+}
+
 // The error that the rows that judge show to fall; empty where none does.
 std::string fall_of(const TraceResult& r, bool one, bool corrected) {
   const bool bus_alone = std::all_of(r.effects.begin(), r.effects.end(),
@@ -153,7 +162,8 @@ std::string fall_of(const TraceResult& r, bool one, bool corrected) {
                      of_bus       ? "bus voltage"
                      : of_voltage ? "voltage"
                                   : "torque",
-                     *falls, main->noise_floor);
+                     *falls, main->noise_floor) +
+         (of_bus ? "" : against_no_change(*main, r.horizon_s));
 }
 
 std::string what_the_model_lacks(const TraceResult& r) {

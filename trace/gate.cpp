@@ -10,7 +10,6 @@
 #include "model/effects/tracing.hpp"
 #include "trace/agreement.hpp"
 #include "trace/keys.hpp"
-#include "trace/no_change.hpp"
 #include "trace/statistics.hpp"
 
 namespace twinrate {
@@ -252,12 +251,11 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
   return out;
 }
 
-// All accepted together against none of them, and against the error of "nothing changes".
+// All accepted together against none of them.
 std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weakest) const {
   if (asked.fit.members.empty()) return std::nullopt;
   const Judging judging(whole_, files_);
   const Sampled declared = whole_.whitened(whole_.residual({}));
-  const Sampled after = whole_.residual(asked.fit.effects()), nothing = no_change(whole_);
   const auto file_sums = [&](const Sampled& y, bool torque) {
     Pieces pieces;
     for (Channel channel : kChannels)
@@ -267,37 +265,22 @@ std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weak
     return sums;
   };
   for (const bool torque : {false, true}) {
-    const auto was = file_sums(declared, torque), is = file_sums(asked.with, torque),
-               rest = file_sums(after, torque), still = file_sums(nothing, torque);
-    for (const auto& [file, before] : was) {
-      const std::string path =
-          files_.files.empty() ? "" : files_.files[static_cast<std::size_t>(file)].path;
-      const double now = is.at(file), change = now / before - 1;
-      const char* equation = torque ? "torque" : "voltage";
-      weakest = kNobody;
-      for (std::size_t m = 0; m < asked.votes.size(); ++m)
-        if ((torque ? asked.votes[m].of_torque : asked.votes[m].of_voltage) &&
-            (weakest == kNobody || asked.votes[m].mean < asked.votes[weakest].mean))
-          weakest = m;
-      if (weakest == kNobody) continue;
-      const std::string kind(asked.fit.members[weakest]->kind());
-      if (change > criterion_.silent)
+    weakest = kNobody;
+    for (std::size_t m = 0; m < asked.votes.size(); ++m)
+      if ((torque ? asked.votes[m].of_torque : asked.votes[m].of_voltage) &&
+          (weakest == kNobody || asked.votes[m].mean < asked.votes[weakest].mean))
+        weakest = m;
+    if (weakest == kNobody) continue;
+    const auto was = file_sums(declared, torque), is = file_sums(asked.with, torque);
+    for (const auto& [file, before] : was)
+      if (const double change = is.at(file) / before - 1; change > criterion_.silent)
         return Refused{
-            .kind = kind,
+            .kind = std::string(asked.fit.members[weakest]->kind()),
             .rule = "whole",
-            .file = path,
+            .file = files_.files.empty() ? "" : files_.files[static_cast<std::size_t>(file)].path,
             .number = change,
-            .text = fmt::format("all together raise the error of the {} equation", equation)};
-      const double over = std::sqrt(rest.at(file) / still.at(file));
-      if (over > criterion_.over_nothing)
-        return Refused{.kind = kind,
-                       .rule = "whole",
-                       .file = path,
-                       .number = over,
-                       .text = fmt::format(
-                           "the error of the {} equation is {:.3g} of that of predicting no change",
-                           equation, over)};
-    }
+            .text = fmt::format("all together raise the error of the {} equation",
+                                torque ? "torque" : "voltage")};
   }
   return std::nullopt;
 }

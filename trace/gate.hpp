@@ -11,8 +11,9 @@
 //              in time, odd and even blocks, the record's rate and half of it
 //   size       it is worth reporting, and twice its deviation, that between the rates included
 //   physical   the machine that it leaves is this machine
-//   whole      all accepted together lower the error in each file and equation that they act on, and
-//              predict better than that nothing changes
+//   whole      all accepted together lower the error in each file and equation that they act on
+// That they also predict better than "nothing changes" is no rule but is told: at constant speed
+// and current nothing does change from row to row, and the best model predicts no better.
 // One that fails is dropped, the weakest first, and the others are fitted and asked again.
 #pragma once
 #include <functional>
@@ -35,7 +36,6 @@ struct Criterion {
   double sigmas = 4;     // deviations from which a part is moved by a claim
   double size_sigmas = 2;   // deviations, in all, that a claim must be large
   double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q: with less it is another machine
-  double over_nothing = 1.05;  // times the error of "nothing changes": noise alone makes 1.02
 };
 
 // What the rows that judge say of one member.

@@ -12,6 +12,9 @@
 namespace twinrate {
 namespace {
 
+// Of the squared error of "nothing changes", for noise that both have; chosen, not measured.
+constexpr double kOverNothing = 1.05;
+
 struct Weakest {
   const PositionClaim* claim = nullptr;
   double p = 0;
@@ -47,7 +50,6 @@ void refuse_claims(Found& found, const Judge& judge, TraceResult& r) {
 }
 
 void refuse_whole(Found& found, const Judge& judge, TraceResult& r) {
-  const Criterion criterion;
   const bool unseen =
       std::any_of(judge.logs().begin(), judge.logs().end(), [](auto* l) { return l->held_out; });
   for (const PositionLog* log : judge.logs()) {
@@ -55,7 +57,7 @@ void refuse_whole(Found& found, const Judge& judge, TraceResult& r) {
     Errors e;
     judge.add(*log, found, found.model(), e);
     const bool rises = e.after > e.before,
-               worse = judge.by_speed() && e.after > e.no_change * criterion.over_nothing;
+               worse = judge.by_speed() && e.after > e.no_change * kOverNothing;
     if (!rises && !worse) continue;
     const double against = rises ? e.before : e.no_change;
     for (const PositionClaim& claim : position_claims()) {
