@@ -11,6 +11,7 @@
 
 #include "core/machine_error.hpp"
 #include "core/process.hpp"
+#include "core/reason.hpp"
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
 #include "loop/load_drive.hpp"
@@ -27,6 +28,14 @@ struct ReplayOptions {
   bool lockstep = false, repair = false;
 };
 
+// manifest.json counts what the log holds, also of a log whose writer was killed. Only an event in
+// the log itself shows that nothing came after.
+bool ends_with_a_stop(const RunLog& log) {
+  return std::any_of(log.events.begin(), log.events.end(), [](const EventRecord& event) {
+    return event.reason == static_cast<int>(Reason::kStopRequested);
+  });
+}
+
 // Why the logged estimates are not those of a whole run; empty if they are, or if there are none.
 std::string incomplete(const RunLog& log, const DriveConfig& drive) {
   if (log.estimate.empty()) return "";
@@ -38,8 +47,9 @@ std::string incomplete(const RunLog& log, const DriveConfig& drive) {
     return fmt::format("the log holds {} of the ticks 0 to {}", ticks, last);
   if (std::ssize(log.estimate) != ticks)
     return fmt::format("the log holds {} estimates for {} ticks", log.estimate.size(), ticks);
-  if (!log.counted && ticks != drive.steps())
-    return fmt::format("the log holds {} of {} ticks", ticks, drive.steps());
+  if (ticks != drive.steps() && !ends_with_a_stop(log))
+    return fmt::format("the log holds {} of {} ticks and no event that says the run was stopped",
+                       ticks, drive.steps());
   return "";
 }
 
