@@ -25,6 +25,12 @@ std::vector<std::string> command(const std::string& verb, const std::string& dri
   return list;
 }
 
+// One test compares several runs of one directory.
+std::vector<std::string> replacing(std::vector<std::string> command) {
+  command.push_back("--force");
+  return command;
+}
+
 class WireTest : public ProgramTest {
  protected:
   // `bus`: overrides that change only the transport; simulate does not need them.
@@ -33,9 +39,9 @@ class WireTest : public ProgramTest {
     Overrides all = drive_overrides;
     all.insert(all.end(), bus.begin(), bus.end());
     const ProgramResult launched =
-        twinrate(command("launch", drive, path("launch"), all, ticks), 60);
+        twinrate(replacing(command("launch", drive, path("launch"), all, ticks)), 60);
     const ProgramResult simulated =
-        twinrate(command("simulate", drive, path("simulate"), drive_overrides, ticks));
+        twinrate(replacing(command("simulate", drive, path("simulate"), drive_overrides, ticks)));
     ASSERT_FALSE(launched.timed_out) << launched.err;
     EXPECT_EQ(launched.err, simulated.err);  // the warnings of the check, and nothing else
     EXPECT_EQ(launched.exit_code, simulated.exit_code) << launched.out;
