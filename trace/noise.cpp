@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kResonance = 0.7;  // of the noise: what shafts must leave of it to be believed
 constexpr double kLeast = 0.6, kLeastBesideShafts = 0.85;  // of what the sensors make
+constexpr std::uint64_t kSeed = 0x7261772d6e6f6973;  // not of a simulated drive: noise of its own
 constexpr double kQuiet = 0.75;  // share of the record that counts as noise alone
 
 Runs first_runs(const Runs& runs, Eigen::Index n) {
@@ -120,7 +121,7 @@ std::vector<double> angle_errors(const Record& record, const std::vector<char>& 
       all > kMore * of_rounding ? std::sqrt(all * all - of_rounding * of_rounding) : 0;
   std::vector<double> errors =
       lsb > 0 ? drawn_rounding(record.theta_m, lsb) : std::vector<double>(record.size(), 0.0);
-  for (std::size_t k = 0; k < errors.size(); ++k) errors[k] += white * normal(1, 0, k);
+  for (std::size_t k = 0; k < errors.size(); ++k) errors[k] += white * normal(kSeed, 0, k);
   return errors;
 }
 
@@ -141,7 +142,7 @@ NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
     const double sigma_i = std::max(std::hypot(axis(0), axis(1)) / std::sqrt(two ? 8.0 / 3 : 2.0),
                                     i_lsb / std::sqrt(12.0));
     for (std::size_t k = 0; k < record.size(); ++k) {
-      const Vec2 n = sigma_i * Vec2(normal(1, 1, k), normal(1, 2, k));
+      const Vec2 n = sigma_i * Vec2(normal(kSeed, 1, k), normal(kSeed, 2, k));
       noise.i_alphabeta.push_back(two ? clarke({n[0], n[1], -n[0] - n[1]}) : n);
     }
   }
