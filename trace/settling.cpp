@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <string_view>
 
@@ -13,6 +14,9 @@
 namespace twinrate {
 namespace {
 
+// Of the curve of a friction.
+constexpr const char *kExponent = "exponent", *kSmoothing = "smooth_rad_s";
+
 class Settler {
  public:
   Settler(const Fitter& fitter, Fit fit, const Say& say)
@@ -20,6 +24,7 @@ class Settler {
 
   Settled operator()() {
     compose_friction();
+    take_one_friction_law();
     join_lags();
     settle_forms();
     forget_time_constants();
@@ -72,6 +77,75 @@ class Settler {
     if (say_) say_("  friction composed anew");
     fit_ = std::move(composed);
     changed_ = true;
+  }
+
+  // One law of friction whose curve has another exponent or another smoothing reads as two or three
+  // sorts, or as one that leaves a rest: a single sort with its shape fitted, where that is better.
+  void take_one_friction_law() {
+    const auto is_friction = [](const auto& m) { return is_of(*m, Traits::Family::kFriction); };
+    const auto count = std::count_if(fit_.members.begin(), fit_.members.end(), is_friction);
+    if (count == 0 || (count == 1 && !has_another_shape())) return;
+    Members others = with(fit_.members, nullptr);
+    std::erase_if(others, is_friction);
+    for (const std::string& sort : kinds_of(Traits::Family::kFriction)) {
+      const auto member = std::find_if(fit_.members.begin(), fit_.members.end(),
+                                       [&](const auto& m) { return m->kind() == sort; });
+      const std::shared_ptr<Effect> law =
+          member == fit_.members.end() ? make_effect(sort) : (*member)->clone();
+      if (!has_key(*law, kSmoothing)) continue;
+      Fit one = with_shape(others, law);
+      // Each key of the shape is a parameter more.
+      const double price = 2 * std::log(static_cast<double>(fitter_.training().count(fit_.y)));
+      if (!one.valid || score_of(fitter_, one) + price > score_of(fitter_, fit_) ||
+          one.rss_held_out > fit_.rss_held_out)
+        continue;
+      if (say_) say_(fmt::format("  one friction: {}", sort));
+      fit_ = std::move(one);
+      changed_ = true;
+    }
+  }
+
+  // The only friction leaves more than noise, or is better with a smoothing far from its own.
+  bool has_another_shape() const {
+    constexpr double kOther_rad_s = 0.2;
+    if (leaves_more_than_noise(fitter_, fit_)) return true;
+    Members members = with(fit_.members, nullptr);
+    for (auto& m : members)
+      if (is_of(*m, Traits::Family::kFriction) && has_key(*m, kSmoothing))
+        set_key(*m, kSmoothing, kOther_rad_s);
+    const Fit other = fitter_.refine(std::move(members));
+    return other.valid && other.rss < fit_.rss;
+  }
+
+  // `others` and the law, which comes last, with the exponent and the smoothing that explain most:
+  // on grids first, one after the other, then in ever smaller factors.
+  Fit with_shape(const Members& others, const std::shared_ptr<Effect>& law) const {
+    constexpr int kMostPasses = 3;
+    Fit best = fitter_.refine(with(others, law));
+    const auto look = [&](const char* key, double value) {
+      const Effect& now = *best.members.back();
+      const std::shared_ptr<Effect> there = now.clone();
+      set_key(*there, key, value);
+      if (get_key(*there, key) == get_key(now, key)) return;
+      Fit other = fitter_.refine(with(others, there));
+      if (other.valid && (!best.valid || other.rss < best.rss)) best = std::move(other);
+    };
+    const bool has_exponent = has_key(*law, kExponent);
+    double before = 0;
+    for (int pass = 0; pass < kMostPasses && (pass == 0 || best.rss < before); ++pass) {
+      before = best.rss;
+      if (has_exponent)
+        for (double exponent : {0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0}) look(kExponent, exponent);
+      for (double smooth_rad_s : {0.02, 0.06, 0.2, 0.6, 2.0}) look(kSmoothing, smooth_rad_s);
+    }
+    for (double factor : {1.5, 1.2, 1.1, 1.05, 1.02})
+      for (const char* key : {kExponent, kSmoothing}) {
+        if (key == kExponent && !has_exponent) continue;
+        const double from = get_key(*best.members.back(), key);
+        look(key, from * factor);
+        look(key, from / factor);
+      }
+    return best;
   }
 
   // Angle and currents that are late by the same time are a voltage that is. Beside a late voltage

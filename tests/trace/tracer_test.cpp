@@ -147,6 +147,21 @@ TEST(Tracer, SeparatesThreeKindsOfFriction) {
   EXPECT_NEAR(parameter(r, "stribeck_friction", "torque").value, 0.145, 0.01);
 }
 
+// Another exponent or another smoothing is not a second sort of friction.
+TEST(Tracer, TellsOneLawOfFrictionOnce) {
+  SyntheticDrive drive{.duration_s = 3};
+  drive.extra_load = [](double, double, double omega) {
+    return 0.2 * std::exp(-std::pow(std::abs(omega) / 6, 0.7)) * std::tanh(omega / 0.02);
+  };
+  const TraceResult stribeck = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(stribeck), Names{"stribeck_friction"}) << stribeck.sentence;
+  EXPECT_NEAR(parameter(stribeck, "stribeck_friction", "torque").value, 0.2, 0.01);
+  drive.extra_load = [](double, double, double omega) { return 0.15 * std::tanh(omega); };
+  const TraceResult coulomb = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(coulomb), Names{"coulomb_friction"}) << coulomb.sentence;
+  EXPECT_NEAR(parameter(coulomb, "coulomb_friction", "torque").value, 0.15, 0.003);
+}
+
 TEST(Tracer, NamesALoadStepBesideFrictionThatIsLarger) {
   SyntheticDrive drive;
   drive.extra_load = [](double t, double theta, double omega) {
