@@ -189,11 +189,6 @@ std::string refusal_in_words(const Refused& refused) {
 std::string sentence(const TraceResult& r) {
   if (r.verdict == "nothing_missing") return "No effect of the catalogue is missing in the model.";
   std::vector<std::string> parts;
-  if (r.verdict == "inconsistent") {
-    const Inconsistency& x = r.inconsistent.front();
-    parts.push_back(fmt::format("Inconsistent: of {} {} was expected, {} found; {}", x.quantity,
-                                x.expected, x.found, x.hint));
-  }
   if (r.verdict == "unexplained") {
     std::vector<std::string> what;
     for (const Structure& s : r.unexplained) what.push_back(s.text);
@@ -278,7 +273,6 @@ void add_members(const Conclusion& c, TraceResult& r) {
   for (const Alternative& a : c.selection.refused)
     r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain, a.why});
   r.refused = c.passed.refused;
-  r.inconsistent = c.passed.inconsistent;
 }
 
 void split_parts(const DriveFacts& facts, TraceResult& r) {
@@ -296,7 +290,6 @@ bool something_is_left(const TraceResult& r) {
 }
 
 const char* verdict_of(const TraceResult& r) {
-  if (!r.inconsistent.empty()) return "inconsistent";
   if (r.structured) return "unexplained";
   if (!r.effects.empty()) return r.ambiguous.empty() ? "traced" : "ambiguous";
   return something_is_left(r) ? "unexplained" : "nothing_missing";

@@ -219,11 +219,6 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
       refuse(by_chance[i], "transfer", "", p,
              fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
   }
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    const auto [left, name] = least_left(*members[m], facts.machine);
-    if (left < criterion_.least_left)
-      refuse(m, "physical", "", left, fmt::format("it leaves {:.2g} of {}", left, name));
-  }
   if (std::all_of(out.begin(), out.end(), [](const Refused& r) { return !r.rule.empty(); }))
     return out;
   const Chain* half = half_rate_ ? &half_rate_().chain() : nullptr;
@@ -247,6 +242,12 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     const double sigmas = 1 / std::hypot(1 / std::sqrt(wald), between);
     if (sigmas < criterion_.size_sigmas)
       refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
+  }
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const auto [left, name] = least_left(*members[m], facts.machine);
+    if (left < criterion_.least_left)
+      refuse(m, "physical", "", left,
+             fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", left, name));
   }
   return out;
 }
@@ -309,13 +310,6 @@ Passed Gate::operator()(const Members& members) const {
     if (why.rule.empty()) {
       for (const Vote& v : asked.votes) out.judgements.push_back(v.judgement);
       return out;
-    }
-    if (why.rule == "physical") {
-      const auto [left, name] =
-          least_left(*out.fit.members[drop], whole_.equations().facts().machine);
-      out.inconsistent.push_back(
-          {name, "the machine of the drive file", fmt::format("{:.2g} of it", std::max(0.0, left)),
-           "these signals do not belong to this machine: check units, scale, K_t"});
     }
     out.refused.push_back(why);
     out.kept.erase(out.kept.begin() + static_cast<std::ptrdiff_t>(drop));

@@ -10,7 +10,9 @@
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves
 //              in time, odd and even blocks, the record's rate and half of it
 //   size       it is worth reporting, and twice its deviation, that between the rates included
-//   physical   the machine that it leaves is this machine
+//   physical   the machine that it leaves is this machine. A claim beyond that is refused and no
+//              more is said: that log and drive file do not belong together is decided before any
+//              effect (trace/consistency.hpp)
 //   whole      all accepted together lower the error in each file and equation that they act on
 // That they also predict better than "nothing changes" is no rule but is told: at constant speed
 // and current nothing does change from row to row, and the best model predicts no better.
@@ -51,7 +53,6 @@ struct Passed {
   std::vector<std::size_t> kept;  // their places among the members asked
   std::vector<Judgement> judgements;
   std::vector<Refused> refused;
-  std::vector<Inconsistency> inconsistent;
 };
 
 class Gate {

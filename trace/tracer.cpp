@@ -113,8 +113,7 @@ Selection what_passed(const Fitter& fitter, Selection selection, const Passed& p
 
 // Every member passes, as where nobody judged.
 Passed not_asked(const Selection& selection) {
-  Passed passed{
-      .fit = selection.fit, .kept = {}, .judgements = {}, .refused = {}, .inconsistent = {}};
+  Passed passed{.fit = selection.fit, .kept = {}, .judgements = {}, .refused = {}};
   for (std::size_t m = 0; m < selection.members.size(); ++m) {
     passed.kept.push_back(m);
     passed.judgements.push_back({.held_out_gain = selection.members[m].held_out_gain});
