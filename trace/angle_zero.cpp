@@ -32,7 +32,7 @@ double zero_within_count(const TraceResult& result, const Sensor& angle) {
   for (const TracedEffect& e : result.effects) {
     if (e.effect->kind() != zero->kind() || e.parameters.empty()) continue;
     const TracedParameter& offset = e.parameters.front();
-    if (std::abs(offset.value) < angle.lsb / 2 + kSigmas * offset.sigma.value_or(0))
+    if (std::abs(offset.value) < angle.lsb + kSigmas * offset.sigma.value_or(0))
       return -offset.value;
   }
   return 0;

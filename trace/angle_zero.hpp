@@ -7,8 +7,8 @@
 //   offset = sum_k c_k e_k / sum_k c_k^2,   e the residual along d, c the column of encoder_offset
 //
 // A quarter of a count to either side of half a count it was the nearest. Anything else is no
-// rounding. Where counts are not declared, an encoder_offset of half a count or less is the zero of
-// the reading, and no claim.
+// rounding. Where counts are not declared, an encoder_offset of a count or less is the zero of the
+// reading, and no claim: one that rounds up stands a whole count from where it is taken to.
 #pragma once
 #include "model/drive_facts.hpp"
 #include "model/effects/effect.hpp"

@@ -297,7 +297,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
                                  .health = health,
                                  .bus = bus});
   if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
-    return from_zero(by, "the zero of theta_m was moved within half a count");
+    return from_zero(by, "the zero of theta_m was moved within a count");
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;
