@@ -186,16 +186,27 @@ std::string refusal_in_words(const Refused& refused) {
                      refused.file.empty() ? "" : " on " + refused.file, refused.text);
 }
 
+// The refusal that counts most: of what is left, else the first that is no matter of size; null
+// where there is none.
+const Refused* refusal_to_tell(const TraceResult& r) {
+  const Refused* told = nullptr;
+  for (const Refused& x : r.refused)
+    if (x.leaves_doubt() && (!told || (x.left && !told->left))) told = &x;
+  return told;
+}
+
 std::string sentence(const TraceResult& r) {
   if (r.verdict == "nothing_missing") return "No effect of the catalogue is missing in the model.";
   std::vector<std::string> parts;
   if (r.verdict == "unexplained") {
     std::vector<std::string> what;
     for (const Structure& s : r.unexplained) what.push_back(s.text);
-    parts.push_back(what.empty() ? "Unexplained: " + refusal_in_words(r.refused.front())
-                                 : fmt::format("Unexplained: {}, outside the catalogue",
-                                               fmt::join(what, ", ")));
-    if (!what.empty() && !r.refused.empty()) parts.back() += "; " + refusal_in_words(r.refused[0]);
+    const Refused* refused = refusal_to_tell(r);
+    if (!what.empty())
+      parts.push_back(fmt::format("Unexplained: {}, outside the catalogue", fmt::join(what, ", ")));
+    else
+      parts.emplace_back("Unexplained");
+    if (refused) parts.back() += (what.empty() ? ": " : "; ") + refusal_in_words(*refused);
   }
   if (!r.effects.empty())
     parts.push_back((r.verdict == "ambiguous" ? "Ambiguous, see the aliases. " : "") +
@@ -334,6 +345,11 @@ TraceResult conclude(const Conclusion& c) {
     return r;
   }
   if (r.verdict == "nothing_missing") doubt_nothing(c.last, c.fitted, r);
+  // What was found and refused is more than "nothing".
+  if (r.verdict == "nothing_missing" && refusal_to_tell(r)) {
+    r.verdict = "unexplained";
+    r.sentence = sentence(r);
+  }
   return r;
 }
 

@@ -61,20 +61,33 @@ std::shared_ptr<Effect> lag_effect(int signal, double lag, double delay_share) {
   return effect;
 }
 
+bool tells_friction(const Found& f) {
+  return f.sigma_T_C() > 0 && f.T_C() > 5 * f.sigma_T_C();
+}
+bool tells_inertia(const Found& f) {
+  if (f.spin.gain <= 0) return false;
+  const double change = std::abs(f.J() - f.machine.J);
+  return change >= 0.03 * f.machine.J && change >= 5 * f.J() * f.spin.sigma_gain / f.spin.gain;
+}
+bool tells_speed_lag(const Found& f) {
+  return f.speed_lag.lag() > 0 && f.speed_lag.lag() > 5 * f.speed_lag.sigma;
+}
+
 }  // namespace
 
 const std::vector<PositionClaim>& position_claims() {
+  const auto cogs = [](const Found& f) { return !f.holding.cogging.empty(); };
+  const auto ripples = [](const Found& f) { return !f.holding.friction_ripple.empty(); };
   static const std::vector<PositionClaim> claims = {
-      {"cogging", [](const Found& f) { return !f.holding.cogging.empty(); },
-       [](Found& f) { f.holding.cogging.clear(); }},
-      {"friction_ripple", [](const Found& f) { return !f.holding.friction_ripple.empty(); },
-       [](Found& f) { f.holding.friction_ripple.clear(); }},
-      {"coulomb_friction", [](const Found& f) { return f.T_C() != 0; },
+      {"cogging", cogs, cogs, [](Found& f) { f.holding.cogging.clear(); }},
+      {"friction_ripple", ripples, ripples, [](Found& f) { f.holding.friction_ripple.clear(); }},
+      {"coulomb_friction", [](const Found& f) { return f.T_C() != 0; }, tells_friction,
        [](Found& f) { f.holding.T_C = f.spin.T_C = 0; }},
-      {"inertia", [](const Found& f) { return f.spin.gain > 0; },
+      {"inertia", [](const Found& f) { return f.spin.gain > 0; }, tells_inertia,
        [](Found& f) { f.spin.gain = 0; }},
       {std::string(make_of(Traits::Family::kLag)->kind()),
-       [](const Found& f) { return f.speed_lag.lag() > 0; }, [](Found& f) { f.speed_lag = {}; }},
+       [](const Found& f) { return f.speed_lag.lag() > 0; }, tells_speed_lag,
+       [](Found& f) { f.speed_lag = {}; }},
   };
   return claims;
 }
@@ -107,7 +120,7 @@ void add_periodic(const Found& found, const Judge& judge, const DriveFacts& fact
 
 void add_friction(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r) {
   const double T_C = found.T_C(), sigma = found.sigma_T_C();
-  if (sigma > 0 && T_C > 5 * sigma) {
+  if (tells_friction(found)) {
     auto effect = make_effect("coulomb_friction");
     set_key(*effect, "torque_Nm", T_C);
     HoldingTorque less = found.holding;
@@ -147,7 +160,7 @@ void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts
       found.gain(), found.spin.sigma_gain, J, facts.machine.J));
   r.constants.push_back({"J", "kgm2", J, sigma, ""});
   const double change = J - facts.machine.J;
-  if (std::abs(change) < 0.03 * facts.machine.J || std::abs(change) < 5 * sigma) return;
+  if (!tells_inertia(found)) return;
   auto effect = make_of(Traits::Family::kInertia);
   const std::string key = numeric_keys(*effect).front().key;
   if (!set_key(*effect, key, change)) return;
@@ -165,7 +178,7 @@ void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts
 
 void add_lags(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r) {
   const SpeedLag& s = found.speed_lag;
-  if (s.lag() > 5 * s.sigma && s.lag() > 0) {
+  if (tells_speed_lag(found)) {
     MotionModel model = found.model();
     model.speed_lag = {};
     r.effects.push_back(traced(lag_effect(SamplingFacts::kSpeed, s.lag(), s.delay / s.lag()),

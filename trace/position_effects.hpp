@@ -7,11 +7,11 @@
 
 namespace twinrate {
 
-// A claim that these logs can make, all orders of a kind together: whether it was found, and how it
-// is taken away.
+// A claim that these logs can make, all orders of a kind together: whether a fit has some of it,
+// whether that is large enough to be told, and how it is taken away.
 struct PositionClaim {
   std::string kind;
-  std::function<bool(const Found&)> found;
+  std::function<bool(const Found&)> found, told;
   std::function<void(Found&)> drop;
 };
 const std::vector<PositionClaim>& position_claims();

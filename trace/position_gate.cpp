@@ -39,7 +39,9 @@ void refuse_claims(Found& found, const Judge& judge, TraceResult& r) {
         weakest = {&claim, p, static_cast<int>(votes.size())};
     }
     if (!weakest.claim) return;
+    const bool told = weakest.claim->told(found);
     weakest.claim->drop(found);
+    if (!told) continue;
     r.refused.push_back(
         {.kind = weakest.claim->kind,
          .rule = "transfer",
@@ -62,7 +64,9 @@ void refuse_whole(Found& found, const Judge& judge, TraceResult& r) {
     const double against = rises ? e.before : e.no_change;
     for (const PositionClaim& claim : position_claims()) {
       if (!claim.found(found)) continue;
+      const bool told = claim.told(found);
       claim.drop(found);
+      if (!told) continue;
       r.refused.push_back({.kind = claim.kind,
                            .rule = "whole",
                            .file = log->path,

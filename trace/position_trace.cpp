@@ -211,9 +211,12 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
       r.verdict = "ambiguous";
       r.sentence = why;
     }
-  // What does not transfer was chance. What does, and yet does not hold as a whole, is something.
-  const auto held_back = std::find_if(r.refused.begin(), r.refused.end(),
-                                      [](const Refused& x) { return x.rule == "whole"; });
+  // What transfers, and yet does not hold as a whole, is something. What does not transfer may be
+  // chance, which is not to say that nothing is missing.
+  const bool nothing = r.verdict == "nothing_missing";
+  const auto held_back = std::find_if(r.refused.begin(), r.refused.end(), [&](const Refused& x) {
+    return x.rule == "whole" || (nothing && x.leaves_doubt());
+  });
   if (r.effects.empty() && r.ambiguous.empty() && held_back != r.refused.end()) {
     r.verdict = "unexplained";
     r.sentence = refused_in_words(*held_back);

@@ -65,6 +65,9 @@ struct Refused {
   double number = 0;  // of the rule
   bool left = false;  // it lowers the error of rows that judge: something is there
   std::string text;   // in words
+
+  // Not for its size or what the sensors resolve: whether anything is missing is then open.
+  bool leaves_doubt() const { return rule != "size" && rule != "sensors"; }
 };
 
 // Structure that no effect of the catalogue explains.
