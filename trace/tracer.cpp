@@ -248,7 +248,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   const Record all_rows = thin(whole);
   const Sampler sampler_of_all(all_rows, moving_rows(all_rows), thinned(held_out, whole, rows));
   Chain chain_of_all(equations, answered, readings, sampler_of_all);
-  chain_of_all.stop_when(settings.stop);
+  if (!selection.stopped_after) chain_of_all.stop_when(settings.stop);
   chain_of_all.set_noise(chain.noise());
   const auto any = [](std::size_t) { return true; };
   const Rows none, not_judging = Rows::where(sampler, any),
@@ -280,6 +280,8 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     selection = what_passed(fitter(), std::move(selection), passed);
   }
   lap("gate");
+  chain.stop_when({});  // what is left is short, and what has been found is written
+  chain_of_all.stop_when({});
   const Fitter last(chain_of_all, fit_judging_rows ? judged_too : without_judging, none);
   Fit fitted = passed.fit;
   if (!passed.fit.members.empty())
