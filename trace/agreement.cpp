@@ -151,14 +151,13 @@ PartSums PartSums::operator+(const PartSums& other) const {
 
 Parts::Parts(const Chain& whole, const Members& members, const Chain* half_rate)
     : columns_(member_columns(whole, members)) {
-  for (const auto& member : members) by_noise_ = by_noise_ || turns_at_zero(*member);
   const std::size_t n = whole.equations().record().size();
   const auto part = [&](auto&& in) { return PartSums(columns_, Rows::where(whole.sampler(), in)); };
   for (std::size_t half : {0, 1})
     halves_.push_back(part([=](std::size_t row) { return 2 * row / n == half; }));
   for (std::size_t odd : {0, 1})
     turns_.push_back(part([=](std::size_t row) { return kBlocks * row / n % 2 == odd; }));
-  if (!half_rate || by_noise_) return;
+  if (!half_rate) return;
   half_columns_ = member_columns(*half_rate, members);
   rates_ = {
       halves_[0] + halves_[1],

@@ -45,9 +45,6 @@ class Parts {
  private:
   MemberColumns columns_, half_columns_;
   std::vector<PartSums> halves_, turns_, rates_;
-  // Columns of a member depend on the noise of a row's current, which is less at half the rate (a
-  // dead time around a current of zero): no member is asked there.
-  bool by_noise_ = false;
 };
 
 }  // namespace twinrate
