@@ -15,6 +15,7 @@
 #include "core/channel_filter.hpp"
 #include "core/config.hpp"
 #include "core/machine_error.hpp"
+#include "core/message_check.hpp"
 #include "core/multicast.hpp"
 #include "model/random.hpp"
 
@@ -200,7 +201,11 @@ void Bus::subscribe_all(const RawHandler& handler) {
     if (channel.channel != Channel::kAck) subscribe_raw(channel.channel, handler);
 }
 
-bool Bus::admit(std::int64_t session) {
+bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
+  if (channel < Channel::kStatus && seq >= options_.ticks) {
+    ++counters_.refused;
+    return false;
+  }
   if (session == session_) return true;
   // Session 0 is a speaker that has no session yet: nothing to take over.
   if (!bound_ && session != 0 && (session_ == 0 || options_.follow)) {
@@ -244,8 +249,14 @@ void Bus::received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawH
     ++counters_.dropped_on_purpose;
     return;
   }
-  const std::int64_t seq = big_endian_64(bytes + 8), t_ns = big_endian_64(bytes + 16);
-  if (!admit(big_endian_64(bytes + 24))) return;
+  std::int64_t seq = 0, t_ns = 0;
+  const std::int64_t session = big_endian_64(bytes + 24);
+  const bool foreign = bound_ && session != session_;  // refused whatever it is
+  if (!foreign && !is_whole_message(channel, bytes, size, seq, t_ns)) {
+    ++counters_.undecodable;
+    return;
+  }
+  if (!admit(channel, seq, session)) return;
   if (channel < Channel::kStatus) count_gap(channel, seq);
   try {
     handler(channel, bytes, size, seq, t_ns);

@@ -2,11 +2,13 @@
 // again.
 //
 // A Bus belongs to one thread. It is bound to a session (the supervisor's) or unbound; an unbound
-// one adopts the first session it hears. Messages of another session are refused and counted. Every
-// receiver counts gaps. Messages published lately are kept, so that a receiver can request one
+// one adopts the first session it hears. Messages of another session are refused and counted. A
+// message is checked whole (core/message_check) before anything decodes it; one that fails is
+// counted as undecodable and goes no further. Every receiver counts gaps. Messages published lately are kept, so that a receiver can request one
 // (DRIVE_ACK). Not on the tick path of the mathematics: LCM itself allocates.
 #pragma once
 #include <array>
+#include <cstdint>
 #include <exception>
 #include <functional>
 #include <lcm/lcm-cpp.hpp>
@@ -39,6 +41,8 @@ struct BusOptions {
   Role role = Role::kSupervisor;
   // GAIN messages after one tick up to another, so that gaps can be counted. Empty: not counted.
   std::function<std::int64_t(std::int64_t first, std::int64_t last)> gains_between;
+  // Messages of a tick from this one on are refused. The default allows every tick.
+  std::int64_t ticks = INT64_MAX;
   std::size_t history = 2048;  // messages a channel kept for sending again
 };
 
@@ -60,9 +64,12 @@ class Bus {
   // Begins a session of its own (the process that sets the pace, run without a supervisor).
   void adopt(std::int64_t session) { session_ = session; }
   const BusCounters& counters() const { return counters_; }
+  // Counts a message of this session that its receiver did not use: of a tick that cannot be yet,
+  // or not plausible.
+  void refuse() { ++counters_.refused; }
   const std::string& url() const { return options_.url; }
 
-  // Handler gets every decodable message of the session, in the order of arrival.
+  // Handler gets every whole message of the session, in the order of arrival.
   template <class Message>
   void subscribe(std::function<void(const Message&)> handler);
   // Every message of every channel, raw: for the logger. Session and loss rules as above.
@@ -98,7 +105,7 @@ class Bus {
   std::string name_of(Channel channel) const;
   void subscribe_raw(Channel channel, RawHandler handler);
   void received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawHandler& handler);
-  bool admit(std::int64_t session);
+  bool admit(Channel channel, std::int64_t seq, std::int64_t session);
   void count_gap(Channel channel, std::int64_t seq);
   void send(Channel channel, std::int64_t seq, const std::uint8_t* bytes, std::size_t size);
   void serve_missing(const ack_t& ack);

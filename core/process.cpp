@@ -34,7 +34,8 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const B
           .role = info.role,
           .gains_between = [d](std::int64_t first,
                                std::int64_t last) { return d.gains_between(first, last); },
-          .history = static_cast<std::size_t>(p.window_ticks) + 1024};
+          .ticks = o.session != 0 && !o.follow ? d.steps() : INT64_MAX,
+          .history = static_cast<std::size_t>(p.window_ticks) + kKeptBeyondWindow};
 }
 
 }  // namespace
@@ -143,13 +144,15 @@ void Process::add_effects(const request_t& request, reply_t& reply) {
   effects_answered_.emplace_back(identity, reply);
 }
 
-// The five processes of a session must have been started with one config.
+// The five processes of a session must have been started with one config. Each hears the others
+// before its first tick; what another config hash says later is not believed.
 void Process::compare_config(const status_t& other) {
   const bool of_the_set =
       other.role >= static_cast<int>(Role::kPlant) && other.role <= static_cast<int>(Role::kLogger);
   if (!bus_->bound() || finished_ || !of_the_set || other.config_hash == 0 ||
       status_.config_hash == 0 || other.config_hash == status_.config_hash)
     return;
+  if (status_.steps > 0) return bus_->refuse();
   fail(Reason::kConfigMismatch, status_.seq,
        fmt::format("{} and {} have different drive files", kRoleNames[status_.role],
                    kRoleNames[other.role]));

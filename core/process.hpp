@@ -33,6 +33,9 @@ struct ProcessOptions {
   int cpu = -1;                 // pin to this CPU
 };
 
+// Messages of a channel that every process keeps for sending again, beyond bus.window_ticks.
+inline constexpr int kKeptBeyondWindow = 1024;
+
 // What a refusal calls the text of a request for more effects.
 inline constexpr const char* kEffectsSource = "DRIVE_REQUEST";
 
@@ -74,6 +77,9 @@ class Process {
   Bus& bus() { return *bus_; }
   status_t& status() { return status_; }
   bool lockstep() const { return options_.pace == Pace::kLockstep; }
+  // In a launched lock-step set every message answers the one before: one of a later tick cannot be
+  // genuine. A log player may leave ticks out; its peers follow.
+  bool in_turn() const { return lockstep() && bus_->bound() && !options_.follow; }
 
   // Everything is subscribed: say so on the bus.
   void ready();

@@ -80,6 +80,7 @@ void Supervisor::start_children() {
 
 void Supervisor::note_status(const status_t& status) {
   latest_[status.role] = status;
+  if (all_ready_) return;
   for (const auto& [role, other] : latest_)
     if (other.config_hash != 0 && status.config_hash != 0 &&
         other.config_hash != status.config_hash)
@@ -168,7 +169,7 @@ bool Supervisor::wait_until_ready() {
     for (const Member& member : kMembers)
       if (set_.child(member.role) && !ready(member.role))
         missing += (missing.empty() ? "" : ", ") + std::string(member.program);
-    if (missing.empty()) return true;
+    if (missing.empty()) return all_ready_ = true;
     if (seconds_since(begun) > std::max(options_.bus.peer_timeout_s, kStartPatience_s))
       return end_early(fmt::format("not ready after {:.1f} s: {}", seconds_since(begun), missing));
   }

@@ -53,6 +53,7 @@ class Supervisor {
   Truth truth_;
   Estimate estimate_;
   RunFacts facts_;
+  bool all_ready_ = false;  // the drive files were compared
   bool gain_end_reported_ = false, monitor_end_reported_ = false;
   std::map<int, event_t> failures_;  // first failure of each process, by role
 };

@@ -58,6 +58,39 @@ TEST(BusGaps, ChangeNotWhereAMessageIsSentAgain) {
   EXPECT_EQ(echo.gaps(), 0);
 }
 
+TEST(BusMalformed, IsCountedAndNeverHeard) {
+  Bus bus({.url = "memq://", .session = kSession, .ticks = 100});
+  int heard = 0;
+  bus.subscribe<status_t>([&](const status_t&) { ++heard; });
+  bus.subscribe<event_t>([&](const event_t&) { ++heard; });
+  bus.subscribe<gain_t>([&](const gain_t&) { ++heard; });
+  const auto send = [&](const auto& wire) {
+    bus.publish(wire);
+    while (bus.handle(0)) {
+    }
+  };
+  status_t unknown_role{};
+  unknown_role.role = 99;
+  send(unknown_role);
+  event_t not_utf8{};
+  not_utf8.waited_for = -1;
+  not_utf8.text = "\xff\xfe";
+  send(not_utf8);
+  gain_t wrong_size{};
+  wrong_size.n_x = 3;
+  wrong_size.n_y = 2;
+  send(wrong_size);
+  EXPECT_EQ(bus.counters().undecodable, 3);
+  gain_t beyond_the_run{};
+  beyond_the_run.seq = 100;
+  send(beyond_the_run);
+  EXPECT_EQ(bus.counters().refused, 1);
+  EXPECT_EQ(heard, 0);
+  beyond_the_run.seq = 99;
+  send(beyond_the_run);
+  EXPECT_EQ(heard, 1);
+}
+
 TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   Process process({Role::kEstimator, "test", ""},
                   {.config = "dilys2021", .url = "memq://", .session = kSession});
