@@ -45,6 +45,8 @@ class LoggerProcess {
              p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
              p.drive(), p.options().channel_suffix, t0_us_),
         ack_every_(std::max(1, p.bus_parameters().window_ticks / 8)) {
+    log_.admit_ahead(p.bus_parameters().window_ticks + kKeptBeyondWindow);
+    if (p.bus_parameters().split_ports) log_.expect_no_order();
     write_manifest();
     p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
                                  std::int64_t seq,
@@ -75,11 +77,16 @@ class LoggerProcess {
                          encode(manifest), t0_us_);
     if (p_.bus().bound()) p_.bus().publish(manifest);
   }
+  // Readers of the log refuse such a message (core/event_log.hpp).
+  bool at_a_wrong_time(Channel channel, std::int64_t seq, std::int64_t t_ns) const {
+    return channel < Channel::kStatus && p_.in_turn() && t_ns != p_.drive().t_ns(seq);
+  }
   void take(Channel channel, const std::uint8_t* bytes, std::size_t size, std::int64_t seq,
             std::int64_t t_ns) {
     if (channel == Channel::kManifest && p_.bus().bound()) return;  // already written at the start
     const std::int64_t before = log_.complete_below();
-    log_.take(channel, seq, t_ns, bytes, size);
+    if (at_a_wrong_time(channel, seq, t_ns)) return p_.bus().refuse();
+    if (!log_.take(channel, seq, t_ns, bytes, size)) return p_.bus().refuse();
     if (log_.complete_below() != before) p_.progress(log_.complete_below() - 1);
     if (log_.complete_below() >= acknowledged_ + ack_every_) acknowledge();
     if (writer_.take_rotated())

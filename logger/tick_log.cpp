@@ -55,33 +55,64 @@ bool TickLog::new_as_it_comes(Channel channel, std::int64_t seq) {
   return true;
 }
 
-void TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
+bool TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
                    std::size_t size) {
-  ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
   const bool of_a_tick = channel < Channel::kStatus;
-  if (order_ == Order::kAsItComes || !of_a_tick) {
-    if (of_a_tick && !new_as_it_comes(channel, seq)) return;
-    ++account.received;
-    // Events and heartbeats may carry an earlier drive time; the time of the log never decreases.
-    write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
-    return;
-  }
+  if (order_ == Order::kByTick && of_a_tick) return take_by_tick(channel, seq, t_ns, bytes, size);
+  if (of_a_tick && !new_as_it_comes(channel, seq)) return true;
+  ++accounts_[static_cast<std::size_t>(channel)].received;
+  // Events and heartbeats may carry an earlier drive time; the time of the log never decreases.
+  write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
+  return true;
+}
+
+bool TickLog::take_by_tick(Channel channel, std::int64_t seq, std::int64_t t_ns,
+                           const std::uint8_t* bytes, std::size_t size) {
+  if (seq >= next_ + ahead_) return false;
+  ChannelAccount& account = accounts_[static_cast<std::size_t>(channel)];
   if (seq < next_ || !expected(static_cast<int>(channel), seq)) {
     ++account.duplicates;
-    return;
+    return true;
   }
   Tick& tick = pending_[seq];
-  auto& slot = tick.bytes[static_cast<std::size_t>(channel)];
-  if (!slot.empty()) {
+  const auto& held = tick.bytes[static_cast<std::size_t>(channel)];
+  const bool same = std::equal(held.begin(), held.end(), bytes, bytes + size);
+  if (!ordered_) tick.in_turn = true;
+  const bool begins = channel == Channel::kMeasurement && !tick.in_turn;
+  if (!held.empty() && (same || !begins)) {
     ++account.duplicates;
-    return;
+    if (begins) tick.in_turn = in_turn(seq);
+    write_complete();
+    return true;
+  }
+  if (begins) {
+    begin(seq);
+    tick.in_turn = in_turn(seq);
   }
   ++account.received;
   account.last_seq = std::max(account.last_seq, seq);
   tick.t_ns = t_ns;
-  slot.assign(bytes, bytes + size);
-  for (auto first = pending_.begin();
-       first != pending_.end() && first->first == next_ && complete(next_, first->second);
+  tick.bytes[static_cast<std::size_t>(channel)].assign(bytes, bytes + size);
+  write_complete();
+  return true;
+}
+
+void TickLog::begin(std::int64_t seq) {
+  pending_[seq] = {};
+  const auto after = pending_.find(seq + 1);
+  if (after != pending_.end()) after->second.in_turn = false;
+}
+
+bool TickLog::in_turn(std::int64_t seq) const {
+  const auto before = pending_.find(seq - 1);
+  return seq == next_ ||
+         (before != pending_.end() &&
+          !before->second.bytes[static_cast<std::size_t>(Channel::kCommand)].empty());
+}
+
+void TickLog::write_complete() {
+  for (auto first = pending_.begin(); first != pending_.end() && first->first == next_ &&
+                                      first->second.in_turn && complete(next_, first->second);
        first = pending_.erase(first), ++next_) {
     write_tick(first->second);
     writer_.mark(next_ + 1);
@@ -97,7 +128,10 @@ std::vector<TickLog::Missing> TickLog::missing(std::size_t limit) const {
     const auto found = pending_.find(k);
     const Tick& tick = found == pending_.end() ? kNothing : found->second;
     for (int c = 0; c < kTickChannels; ++c) {
-      if (!expected(c, k) || !tick.bytes[static_cast<std::size_t>(c)].empty()) continue;
+      const bool too_early =
+          k == next_ && c == static_cast<int>(Channel::kMeasurement) && !tick.in_turn;
+      if (!expected(c, k) || (!tick.bytes[static_cast<std::size_t>(c)].empty() && !too_early))
+        continue;
       if (list.size() == limit) return list;
       list.push_back({static_cast<Channel>(c), k});
     }

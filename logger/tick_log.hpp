@@ -31,8 +31,17 @@ class TickLog {
   TickLog(LogWriter& writer, Order order, const DriveConfig& drive, std::string channel_suffix,
           std::int64_t t0_us);
 
-  void take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
+  // False for a message of a tick that is too far ahead: nobody can send the ticks between again.
+  // By tick, the first message of a tick and channel counts. A MEASUREMENT begins its tick: what
+  // came before it had no cause and must be sent again. So had a MEASUREMENT before the COMMAND of
+  // the tick before: it counts if it comes again, and another one replaces it.
+  bool take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
             std::size_t size);
+  // The messages come over several ports and in no certain order: the first of a tick and channel
+  // counts whenever it comes.
+  void expect_no_order() { ordered_ = false; }
+  // Largest number of ticks above complete_below() that take() admits by tick.
+  void admit_ahead(std::int64_t ticks) { ahead_ = ticks; }
   // All ticks below this one are complete and passed to the writer.
   std::int64_t complete_below() const { return next_; }
   // Missing messages of ticks for which later messages have arrived, at most `limit` entries.
@@ -53,9 +62,17 @@ class TickLog {
   static constexpr int kTickChannels = static_cast<int>(Channel::kStatus);
   struct Tick {
     std::int64_t t_ns = 0;
+    bool in_turn = false;  // its MEASUREMENT came after the COMMAND of the tick before
     std::array<std::vector<std::uint8_t>, kTickChannels> bytes;
   };
 
+  bool take_by_tick(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
+                    std::size_t size);
+  // Empties the tick for its MEASUREMENT; that of the next tick came too early.
+  void begin(std::int64_t seq);
+  // Whether the COMMAND that causes the tick is there.
+  bool in_turn(std::int64_t seq) const;
+  void write_complete();
   bool expected(int channel, std::int64_t k) const;
   bool complete(std::int64_t k, const Tick& tick) const;
   void write_tick(const Tick& tick);
@@ -66,7 +83,8 @@ class TickLog {
   Order order_;
   const DriveConfig& drive_;
   std::array<std::string, kChannelCount> names_;
-  std::int64_t t0_us_, next_ = 0, t_ns_ = 0;
+  std::int64_t t0_us_, next_ = 0, t_ns_ = 0, ahead_ = std::int64_t{1} << 20;
+  bool ordered_ = true;
   std::map<std::int64_t, Tick> pending_;
   std::array<ChannelAccount, kChannelCount> accounts_{};
 };

@@ -107,9 +107,10 @@ TEST_F(Account, ATickIsWholeWithAGainAtSnapshotsOnly) {
     take_tick(k);
     EXPECT_EQ(log_->complete_below(), k + 1);
   }
-  for (const Channel channel : {Channel::kTruth, Channel::kEstimate, Channel::kReference,
-                                Channel::kCommand, Channel::kMeasurement})
-    for (std::int64_t k = 8; k < 12; ++k) take(channel, k);
+  for (std::int64_t k = 8; k < 12; ++k)
+    for (const Channel channel : {Channel::kMeasurement, Channel::kTruth, Channel::kEstimate,
+                                  Channel::kReference, Channel::kCommand})
+      take(channel, k);
   EXPECT_EQ(log_->complete_below(), 10) << "tick 10 lacks its gain";
   const auto missing = log_->missing(10);
   ASSERT_EQ(missing.size(), 1u);
@@ -117,6 +118,38 @@ TEST_F(Account, ATickIsWholeWithAGainAtSnapshotsOnly) {
   EXPECT_EQ(missing[0].seq, 10);
   take(Channel::kGain, 10);
   EXPECT_EQ(log_->complete_below(), 12);
+}
+
+TEST_F(Account, WhatCameBeforeTheMeasurementOfItsTickIsAskedForAgain) {
+  log(TickLog::Order::kByTick);
+  take(Channel::kCommand, 0);
+  take_at(Channel::kMeasurement, 1, 0);
+  for (const Channel channel : {Channel::kMeasurement, Channel::kTruth, Channel::kEstimate,
+                                Channel::kGain, Channel::kReference})
+    take(channel, 0);
+  EXPECT_EQ(log_->complete_below(), 0);
+  const auto missing = log_->missing(1);
+  ASSERT_EQ(missing.size(), 1u);
+  EXPECT_EQ(missing[0].channel, Channel::kCommand);
+  EXPECT_EQ(missing[0].seq, 0);
+  take(Channel::kCommand, 0);
+  EXPECT_EQ(log_->complete_below(), 1);
+  for (const Channel channel :
+       {Channel::kTruth, Channel::kEstimate, Channel::kReference, Channel::kCommand})
+    take(channel, 1);
+  EXPECT_EQ(log_->complete_below(), 1) << "MEASUREMENT(1) came before COMMAND(0)";
+  ASSERT_EQ(log_->missing(10).size(), 1u);
+  EXPECT_EQ(log_->missing(10)[0].channel, Channel::kMeasurement);
+  take(Channel::kMeasurement, 1);
+  EXPECT_EQ(log_->complete_below(), 2);
+}
+
+TEST_F(Account, ATickTooFarAheadIsRefused) {
+  log(TickLog::Order::kByTick).admit_ahead(3);
+  constexpr std::uint8_t kBytes[8] = {};
+  EXPECT_TRUE(log_->take(Channel::kTruth, 2, 0, kBytes, sizeof kBytes));
+  EXPECT_FALSE(log_->take(Channel::kTruth, 3, 0, kBytes, sizeof kBytes));
+  EXPECT_LE(log_->missing(100).size(), 18u);
 }
 
 TEST_F(Account, AStoppedRunHasLostGapsButNotWhatItHadNotSaidYet) {
