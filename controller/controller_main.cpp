@@ -25,17 +25,21 @@ class ControllerProcess {
         own_reference_(!p.drive().reference.from_bus),
         needs_truth_(p.drive().controller.angle_source == AngleSource::kTruth) {
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) {
+      if (cannot_be(w.seq)) return p_.bus().refuse();
       m_.put(from_wire(w));
       step_when_complete();
     });
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     if (!own_reference_)
       p.bus().subscribe<reference_t>([this](const reference_t& w) {
+        if (cannot_be(w.seq)) return p_.bus().refuse();
+        if (p_.in_turn() && w.seq <= last_.k) return;
         r_ = from_wire(w);
         step_when_complete();
       });
     if (needs_truth_)
       p.bus().subscribe<truth_t>([this](const truth_t& w) {
+        if (cannot_be(w.seq)) return p_.bus().refuse();
         truth_.put(from_wire(w));
         step_when_complete();
       });
@@ -62,11 +66,15 @@ class ControllerProcess {
   void take(const Estimate& e) {
     if (e.k == last_.k && last_.k >= 0) {
       answer_again();
+    } else if (cannot_be(e.k)) {
+      p_.bus().refuse();
     } else if (e.k > last_.k) {
       e_ = e;
       step_when_complete();
     }
   }
+  // A tick that only the next COMMAND can cause.
+  bool cannot_be(std::int64_t k) const { return p_.in_turn() && k > last_.k + 1; }
   void answer_again() {
     ++p_.status().duplicates;
     p_.bus().publish(to_wire(last_, p_.bus().session()));

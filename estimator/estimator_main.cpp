@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <deque>
+#include <utility>
 
 #include "core/process.hpp"
 #include "core/recent.hpp"
@@ -21,7 +22,10 @@ namespace {
 
 class EstimatorProcess {
  public:
-  explicit EstimatorProcess(Process& p) : p_(p), fast_(make_fast_loop(p.config(), !p.lockstep())) {
+  explicit EstimatorProcess(Process& p)
+      : p_(p),
+        fast_(make_fast_loop(p.config(), !p.lockstep())),
+        first_gain_(make_filter(p.config())->initial_gain()) {
     p.bus().subscribe<gain_t>([this](const gain_t& w) { take_gain(from_wire(w)); });
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
@@ -62,11 +66,23 @@ class EstimatorProcess {
       if (!p_.options().follow) return;
       reset(m.k);
     }
+    if (p_.in_turn() && m.k > (waiting_.empty() ? last_.k : waiting_.back().k) + 1)
+      return p_.bus().refuse();
     waiting_.push_back(m);
     tick_while_ready();
   }
+  // A gain answers a snapshot of this process. One that is not plausible is asked for again, and at
+  // the second time the older gain is held.
   void take_gain(const Gain& gain) {
-    fast_.take_gain(gain);
+    const bool later = p_.bus().bound() && !p_.options().follow && gain.k > last_.k;
+    const bool answers = gain.k >= 0 && is_snapshot(gain.k, p_.drive().background_rate());
+    if (later || !answers) return p_.bus().refuse();
+    if (fits(gain, first_gain_)) {
+      fast_.take_gain(gain);
+    } else {
+      p_.bus().refuse();
+      if (std::exchange(not_plausible_k_, gain.k) == gain.k) given_up_k_ = gain.k;
+    }
     tick_while_ready();
   }
   void tick_while_ready() {
@@ -79,7 +95,9 @@ class EstimatorProcess {
   // A gain whose snapshot was never taken, because its sample was lost on the way, is not waited
   // for.
   bool must_wait(std::int64_t k) const {
-    return p_.lockstep() && !fast_.gain_ready(k) && planned_snapshot(k) != nullptr;
+    if (!p_.lockstep() || fast_.gain_ready(k)) return false;
+    const Estimate* snapshot = planned_snapshot(k);
+    return snapshot && snapshot->k != given_up_k_;
   }
   const Estimate* planned_snapshot(std::int64_t k) const {
     return snapshots_.at(
@@ -136,10 +154,12 @@ class EstimatorProcess {
 
   Process& p_;
   FastLoop fast_;
+  Gain first_gain_;
   Estimate last_;
   Recent<Estimate> snapshots_;
   std::deque<Measurement> waiting_;
   std::deque<std::pair<std::int64_t, std::shared_ptr<const Filter>>> coming_;  // by first tick
+  std::int64_t not_plausible_k_ = -1, given_up_k_ = -1;                        // snapshots
   bool was_late_ = false, had_fallen_back_ = false;
 };
 

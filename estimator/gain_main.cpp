@@ -25,10 +25,8 @@ class GainProcess {
       coming_.emplace_back(k, make_filter(extended));
     });
     p.waiting_for([this] {
-      return Waiting{
-          fmt::format("snapshot ESTIMATE({})",
-                      last_k() < 0 ? 0 : last_k() + p_.drive().background_rate().n_at(last_k())),
-          Patience::kForSnapshot, Role::kEstimator};
+      return Waiting{fmt::format("snapshot ESTIMATE({})", next_k()), Patience::kForSnapshot,
+                     Role::kEstimator};
     });
   }
   void run() {
@@ -38,6 +36,9 @@ class GainProcess {
 
  private:
   std::int64_t last_k() const { return background_.last().k; }
+  std::int64_t next_k() const {
+    return last_k() < 0 ? 0 : last_k() + p_.drive().background_rate().n_at(last_k());
+  }
   void take(const Estimate& e) {
     if (!is_snapshot(e.k, p_.drive().background_rate())) return;
     if (!has_background(p_.drive().gain.policy)) return p_.progress(e.k);
@@ -46,6 +47,8 @@ class GainProcess {
       p_.bus().publish(to_wire(background_.last(), p_.bus().session()));
       return;
     }
+    if (e.n_x != background_.last().n_x) return p_.bus().refuse();
+    if (p_.in_turn() && e.k > next_k()) return p_.bus().refuse();
     if (e.k < last_k()) {
       if (!p_.options().follow) return;
       background_.reset();

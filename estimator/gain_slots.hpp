@@ -6,18 +6,29 @@
 
 namespace twinrate {
 
+// Whether a gain has the sizes of the filter's `first` one, is finite, and has a covariance with a
+// positive diagonal (zero only where the first one is zero).
+inline bool fits(const Gain& gain, const Gain& first) {
+  if (gain.n_x != first.n_x || gain.n_y != first.n_y) return false;
+  if (!gain.K.topLeftCorner(gain.n_x, gain.n_y).allFinite()) return false;
+  if (!gain.P.topLeftCorner(gain.n_x, gain.n_x).allFinite()) return false;
+  for (int i = 0; i < gain.n_x; ++i)
+    if (gain.P(i, i) < 0 || (gain.P(i, i) == 0 && first.P(i, i) > 0)) return false;
+  return true;
+}
+
 // A gain set is taken over whole, at a tick boundary.
 class GainSlots {
  public:
-  void reset(const Gain& initial) {
-    slots_.fill(initial);
-    next_ = 0;
-  }
+  void reset(const Gain& initial) { slots_.fill(initial); }
+  // Replaces the oldest gain. A repeat, or one older than all that are held, changes nothing.
   void push(const Gain& gain) {
-    for (const Gain& slot : slots_)
-      if (slot.k == gain.k) return;  // a repeat
-    slots_[next_] = gain;
-    next_ = (next_ + 1) % slots_.size();
+    Gain* oldest = &slots_.front();
+    for (Gain& slot : slots_) {
+      if (slot.k == gain.k) return;
+      if (slot.k < oldest->k) oldest = &slot;
+    }
+    if (gain.k > oldest->k) *oldest = gain;
   }
   bool has(std::int64_t snapshot) const {
     for (const Gain& slot : slots_)
@@ -34,7 +45,6 @@ class GainSlots {
 
  private:
   std::array<Gain, 4> slots_{};
-  std::size_t next_ = 0;
 };
 
 }  // namespace twinrate

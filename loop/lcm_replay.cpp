@@ -33,7 +33,7 @@ OwnEstimator::OwnEstimator(const std::string& config_toml, const BusAddress& add
   directory_ = name;
   std::ofstream(directory_ + "/config.toml") << config_toml;
   std::vector<std::string> list = {"--config", directory_ + "/config.toml", "--session",
-                                   std::to_string(session)};
+                                   std::to_string(session), "--follow"};
   if (!address.url.empty()) list.insert(list.end(), {"--lcm-url", address.url});
   if (!address.channel_suffix.empty())
     list.insert(list.end(), {"--channel-suffix", address.channel_suffix});

@@ -1,6 +1,7 @@
 #include "plant_sim/plant.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace twinrate {
 namespace {
@@ -48,6 +49,10 @@ std::optional<SwitchedInverter> switched_inverter(const DriveConfig& config) {
 }
 
 }  // namespace
+
+bool is_finite(const Command& command) {
+  return command.u_alphabeta_ref.allFinite() && std::isfinite(command.theta_ctrl);
+}
 
 Plant::Plant(Config& config) : Plant(config.drive(), config.read<PlantParameters>()) {}
 
@@ -106,7 +111,7 @@ Truth Plant::truth() const {
 }
 
 void Plant::take_command(const Command& command) {
-  if (command.k < 0) return;
+  if (command.k < 0 || !is_finite(command)) return;
   Command& slot = commands_[static_cast<std::size_t>(command.k) % commands_.size()];
   if (command.k > slot.k)
     slot = command;  // an old one may arrive again: it must not displace a newer one

@@ -28,6 +28,10 @@
 
 namespace twinrate {
 
+// Whether what the drive applies of a command is finite. Another command is not taken: the last one
+// is held.
+bool is_finite(const Command& command);
+
 class Plant {
  public:
   // Reads its table of the drive file. Throws BadInput.

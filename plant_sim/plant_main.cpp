@@ -7,6 +7,8 @@
 // clock, nobody waits.
 #include <fmt/format.h>
 
+#include <utility>
+
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "plant_sim/plant.hpp"
@@ -52,7 +54,15 @@ class PlantProcess {
     p_.bus().publish(to_wire(plant_.truth(), p_.bus().session()));
     sent_ = k();
   }
+  // A command that is not finite is asked for again, and at the second time the last one is held.
+  bool must_ask_again(const Command& command) {
+    if (is_finite(command)) return false;
+    p_.bus().refuse();
+    return std::exchange(not_finite_k_, command.k) != command.k;
+  }
   void take(const Command& command) {
+    if (command.k > k()) return p_.bus().refuse();
+    if (must_ask_again(command)) return;
     plant_.take_command(command);
     if (!p_.lockstep() || command.k != k() || sent_ != k()) return;
     try {  // no exception crosses an LCM callback
@@ -75,6 +85,7 @@ class PlantProcess {
       publish_tick();
   }
   void take_ack(const ack_t& ack) {
+    if (ack.seq > k() + 1) return p_.bus().refuse();
     logged_ = true;
     acknowledged_ = std::max(acknowledged_, ack.seq);
     if (p_.lockstep() && !p_.stopping() && sent_ >= 0 && sent_ < k()) go_on();
@@ -95,7 +106,7 @@ class PlantProcess {
 
   Process& p_;
   Plant plant_;
-  std::int64_t steps_, sent_ = -1, acknowledged_ = 0;
+  std::int64_t steps_, sent_ = -1, acknowledged_ = 0, not_finite_k_ = -1;
   bool logged_ = false;  // a logger of this session has spoken
 };
 
