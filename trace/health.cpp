@@ -192,7 +192,7 @@ Record make_record(const RawLog& raw, int n_p, Health& health) {
 RepeatedRows repeated_rows(const RawLog& raw) {
   std::vector<const Column*> noisy;
   for (const Column* c :
-       {&raw.i_a, &raw.i_b, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc})
+       {&raw.i_a, &raw.i_b, &raw.i_c, &raw.i_alpha, &raw.i_beta, &raw.i_d, &raw.i_q, &raw.v_dc})
     if (!c->empty()) noisy.push_back(c);
   const Column& theta_m = raw.theta_m;
   RepeatedRows rows;

@@ -20,8 +20,13 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s) {
   if (std::abs(raw.t[k + kSide] - raw.t[k - kSide - 1] - kRows * T_s) > T_s / 2) return pair;
   const auto row = [&](std::size_t j) { return Vec2(x[j], y[j]); };
   pair.known = true;
-  pair.x_repeats = x[k] == x[k - 1];
-  pair.y_repeats = y[k] == y[k - 1];
+  const bool third = !raw.i_a.empty() && !raw.i_c.empty();
+  pair.third = third && std::abs(x[k] + y[k] + raw.i_c[k]) > Health::kSumOfPhases;
+  const auto same = [&](std::size_t as) -> Repeated {
+    return {x[k] == x[as], y[k] == y[as], !third || raw.i_c[k] == raw.i_c[as]};
+  };
+  pair.repeated = same(k - 1);
+  pair.over_one = same(k - 2);
   pair.step = row(k) - row(k - 1);
   // Least squares of a parabola about the middle of the two rows: its slope, its value.
   constexpr double kSlope[kSide] = {1.5 / 41.5, 2.5 / 41.5, 3.5 / 41.5};
@@ -40,31 +45,43 @@ void HeldCurrents::add(const CurrentPair& pair, bool turning) {
   ++seen_;
   if (seen_ - few_.begin > 2 * kFew) few_ = {.begin = seen_};
   if (!pair.known) return;
+  third_ |= pair.third;
   squares_ += pair.way.squaredNorm();
-  if (pair.repeats()) {
-    const double behind = -pair.ahead.dot(pair.way);
-    behind_ += behind;
-    scatter_ += behind * behind;
-  }
+  const auto [x, y, z] = pair.repeated;
+  const Vec2 behind = -pair.ahead.cwiseProduct(pair.way);
+  if (pair.repeats()) together_.add(behind.sum());
+  if (x && !y) x_alone_.add(behind[0]);
+  if (y && !x) y_alone_.add(behind[1]);
   for (double step : pair.step.cwiseAbs())
     if (step > kSameCurrent) least_step_ = std::min(least_step_, step);
   if (!turning || pair.way.norm() > least_step_) return;
   ++few_.rows;
-  few_.x += pair.x_repeats;
-  few_.y += pair.y_repeats;
-  few_.both += pair.repeats();
+  few_.next.add(pair.repeated, third_);
+  few_.over_one.add(pair.over_one, third_);
   const Vec2 noise = pair.step - pair.way;
   steps_ += noise * noise.transpose();
   ++rows_;
   if (few_.rows == kFew) close_few();
 }
 
+void HeldCurrents::Counts::add(const Repeated& repeated, bool third) {
+  x += repeated.x;
+  y += repeated.y;
+  z += repeated.z || !third;
+  all += repeated.all();
+}
+
 void HeldCurrents::close_few() {
-  const double n = few_.rows, x = few_.x / n, y = few_.y / n;
-  both_ += few_.both;
-  by_chance_ += n * x * y;
-  variance_ += n * x * (1 - x) * y * (1 - y);
-  others_ += n * (1 - x) * (1 - y);
+  const double n = few_.rows;
+  const auto chance = [n](const Counts& of) { return n * (of.x / n) * (of.y / n) * (of.z / n); };
+  const double x = few_.next.x / n, y = few_.next.y / n, z = few_.next.z / n;
+  const double left = 1 - x * y - y * z - z * x + 2 * x * y * z;  // of what is held
+  all_ += few_.next.all;
+  by_chance_ += chance(few_.next);
+  variance_ += chance(few_.next) * left;
+  others_ += n * left;
+  all_over_one_ += few_.over_one.all;
+  by_chance_over_one_ += chance(few_.over_one);
   few_ = {.begin = seen_};
 }
 
@@ -76,13 +93,28 @@ double HeldCurrents::beyond_chance(double i_lsb) const {
       (steps_.diagonal().array() < kReach * i_lsb * i_lsb * rows_).any())
     return 0;
   const double rho2 = std::pow(steps_(0, 1), 2) / (steps_(0, 0) * steps_(1, 1));
-  const double more = both_ - by_chance_ / std::sqrt(std::max(1e-6, 1 - rho2));
-  return more > kSurer * std::sqrt(variance_) ? more / others_ : 0;
+  const double alike = std::max(1 / std::sqrt(std::max(1e-6, 1 - rho2)),
+                                all_over_one_ / std::max(1.0, by_chance_over_one_));
+  const double more = all_ - by_chance_ * alike;
+  return more > kSurer * std::sqrt(variance_ * (1 + alike * alike)) ? more / others_ : 0;
+}
+
+double HeldCurrents::behind_beyond_chance() const {
+  const double n = together_.rows;
+  double more = together_.sum, variance = together_.squares;
+  for (const Behind& alone : {x_alone_, y_alone_}) {
+    if (alone.rows == 0) continue;
+    more -= n / alone.rows * alone.sum;
+    variance += std::pow(n / alone.rows, 2) * alone.squares;
+  }
+  const bool one_way = std::abs(x_alone_.sum + y_alone_.sum) >
+                       kSure * std::sqrt(x_alone_.squares + y_alone_.squares);
+  return !one_way && more > kSure * std::sqrt(variance) && squares_ > 0 ? more / squares_ : 0;
 }
 
 double HeldCurrents::share(double i_lsb) const {
-  return behind_ > kSure * std::sqrt(scatter_) && squares_ > 0 ? behind_ / squares_
-                                                               : beyond_chance(i_lsb);
+  const double behind = behind_beyond_chance();
+  return behind > 0 ? behind : beyond_chance(i_lsb);
 }
 
 }  // namespace twinrate

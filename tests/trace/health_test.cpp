@@ -162,6 +162,36 @@ TEST(Health, CurrentsThatHardlyChangeRepeatTogetherWhereTheyAreHeld) {
   EXPECT_EQ(held_share(at_rest), 0);
 }
 
+// A controller that sees the counts of a coarse encoder makes the currents leap at each and decay.
+// `sensors` of the three phases.
+RawLog leaping_currents(int sensors) {
+  RawLog raw;
+  raw.path = "leaping";
+  double leap = 0;
+  for (std::size_t k = 0; k < 60000; ++k) {
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.theta_m.push_back(kTwoPi / 512 * std::floor(0.09 * static_cast<double>(k)));
+    leap *= 0.85;
+    if (k > 0 && raw.theta_m[k] != raw.theta_m[k - 1]) leap = 0.05;
+    const auto read = [&](std::uint64_t stream, double share) {
+      return 0.01 * std::round((share * leap + 0.006 * normal(15, stream, k)) / 0.01);
+    };
+    raw.i_a.push_back(read(1, 1));
+    raw.i_b.push_back(read(2, -0.7));
+    raw.i_c.push_back(sensors == 3 ? read(3, -0.3) : -(raw.i_a[k] + raw.i_b[k]));
+    raw.v_dc.push_back(235.4 + 0.2 * normal(15, 4, k));
+  }
+  return raw;
+}
+
+TEST(Health, CurrentsThatLeapAtEachCountOfAnEncoderAreNotHeld) {
+  for (int sensors : {2, 3}) {
+    Health health;
+    make_record(leaping_currents(sensors), 3, health);
+    EXPECT_EQ(health.held_share, 0) << sensors;
+  }
+}
+
 // After two repeated rows, a row holds a reading older than that of the row before.
 TEST(Health, ARowThatComesLateBehindARepeatedOneIsLeftOut) {
   const RawLog good = quantised_log(40);
