@@ -116,11 +116,12 @@ bool values_fit(const event_t& m) {
 bool values_fit(const manifest_t& m) {
   return header_fits(m, -1);
 }
+// The sender of a request draws its number: any.
 bool values_fit(const request_t& m) {
-  return header_fits(m, INT64_MIN);
+  return m.t_ns >= -kMaxTime_ns && m.t_ns <= kMaxTime_ns;
 }
 bool values_fit(const reply_t& m) {
-  return header_fits(m, INT64_MIN) && role_fits(m.role);
+  return m.t_ns >= -kMaxTime_ns && m.t_ns <= kMaxTime_ns && role_fits(m.role);
 }
 bool values_fit(const ack_t& m) {
   return header_fits(m, -1) && m.n_missing >= 0 && m.n_missing <= 32;
