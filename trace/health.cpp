@@ -63,6 +63,38 @@ void mark_late(const RawLog& raw, std::vector<char>& stale) {
   }
 }
 
+// The slower of the sides of rows [first, end), in rad a row, from their own rows on: what is
+// repeated is of an earlier time. 0 where one is not there.
+double slowest_way(const Column& theta_m, std::size_t first, std::size_t end) {
+  constexpr std::size_t kRows = 4;
+  if (first <= kRows || end + kRows >= theta_m.size()) return 0;
+  const auto way = [&](std::size_t from) {
+    return std::abs(theta_m[from + kRows] - theta_m[from]) / static_cast<double>(kRows);
+  };
+  return std::min(way(first - 1 - kRows), way(end));
+}
+
+// Of each run of stale rows, how far the angle would have gone. At rest a long run that ends on
+// both sides is one whatever the angle; what stands from the first row on may be a drive that is
+// off.
+std::vector<double> missed_ways(const RawLog& raw, const std::vector<char>& stale) {
+  constexpr std::size_t kByChance = 3;  // rows
+  std::vector<double> missed(stale.size(), 0);
+  for (std::size_t k = 0, end = 0; k < stale.size(); k = end + 1) {
+    for (end = k; end < stale.size() && stale[end];) ++end;
+    if (end == k) continue;
+    const std::size_t rows = end - k;
+    const double way = raw.theta_m.empty() ? 0 : slowest_way(raw.theta_m, k, end);
+    const bool inside = end < stale.size();
+    const bool sure =
+        raw.theta_m.empty() || (way == 0 && rows > kByChance && k > kByChance && inside);
+    std::fill(missed.begin() + static_cast<std::ptrdiff_t>(k),
+              missed.begin() + static_cast<std::ptrdiff_t>(end),
+              sure ? kSureWay : way * static_cast<double>(rows));
+  }
+  return missed;
+}
+
 bool has_phases(const RawLog& raw) {
   return !raw.i_a.empty() && !raw.i_b.empty();
 }
@@ -212,11 +244,22 @@ RepeatedRows repeated_rows(const RawLog& raw) {
     rows.by_chance[k] =
         k > 1 && !rows.stale[k] && same(k, k - 2) && (stands(k - 1) || stands(k - 2));
   }
+  if (!theta_m.empty()) {
+    forgive_at_rest(rows.stale, raw.theta_m);
+    forgive_at_rest(rows.by_chance, raw.theta_m);
+  }
+  rows.missed_way = missed_ways(raw, rows.stale);
   if (theta_m.empty()) return rows;
-  forgive_at_rest(rows.stale, raw.theta_m);
-  forgive_at_rest(rows.by_chance, raw.theta_m);
   mark_late(raw, rows.stale);
+  // What is late is so by the run before it.
+  for (std::size_t k = 1; k < raw.size(); ++k)
+    if (rows.stale[k] && rows.missed_way[k] == 0) rows.missed_way[k] = rows.missed_way[k - 1];
   return rows;
+}
+
+bool beyond_counts(double missed_way, double lsb) {
+  constexpr double kCounts = 1.5;  // a way of 1.25 and more over four rows; no count lasts longer
+  return missed_way > kCounts * lsb;
 }
 
 bool is_chance(std::size_t stale, std::size_t by_chance) {
@@ -255,6 +298,8 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
   const auto count = [](const std::vector<char>& x) {
     return static_cast<std::size_t>(std::count(x.begin(), x.end(), 1));
   };
+  for (std::size_t k = 0; k < rows; ++k)
+    stale[k] = stale[k] && beyond_counts(repeated.missed_way[k], health.angle.lsb);
   if (!health.blind.empty() || is_chance(count(stale), count(repeated.by_chance)))
     std::fill(stale.begin(), stale.end(), 0);
   // Current and voltage in stator axes, row by row of the file.

@@ -1,7 +1,7 @@
 // Data health, before anything is fitted: what the samples themselves show.
 //
 //   missing rows      steps of time that are whole multiples of the sampling interval
-//   stale rows        every noisy signal repeats the row before
+//   stale rows        every noisy signal repeats the row before, and the angle misses its way
 //   held currents     the currents alone repeat the row before (trace/held_currents.hpp)
 //   clipped currents  the largest value stands in many neighbouring rows
 //   coarse ADC        the step between values, against the noise and the declared step
@@ -50,10 +50,15 @@ std::span<const RawColumn> raw_columns();
 
 // Of each row, but where all stands still: whether every signal that has noise repeats the row
 // before; whether they repeat the one before that and not the row before (the angle either), as
-// chance does as often.
+// chance does as often. A counter that stands for a row repeats by itself as long as the rotor goes
+// by less than a count: such rows are stale by what the angle misses over their run.
 struct RepeatedRows {
   std::vector<char> stale, by_chance;
+  std::vector<double> missed_way;  // rad, of a stale row's run; kSureWay: whatever the angle
 };
+inline constexpr double kSureWay = 1e9;  // rad
+// True where the angle misses more than the counts of its sensor would hide.
+bool beyond_counts(double missed_way, double lsb);
 RepeatedRows repeated_rows(const RawLog& raw);
 // True where so many rows of either sort are chance.
 bool is_chance(std::size_t stale, std::size_t by_chance);

@@ -16,6 +16,12 @@ double tolerance(double level) {
   return 1e-6 * level + 1e-9;
 }
 
+constexpr double kWayBin = 0.02;  // of the logarithm of a way
+
+int missed_bin(double way) {
+  return static_cast<int>(std::floor(std::log(way) / kWayBin));
+}
+
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -133,7 +139,7 @@ void HealthScan::add(const RawLog& piece) {
 void HealthScan::take(std::size_t end) {
   const double T_s = interval_.mean();
   const bool phases = !ahead_.i_a.empty() && !ahead_.i_b.empty();
-  const auto [stale, by_chance] = repeated_rows(ahead_);
+  const auto [stale, by_chance, missed_way] = repeated_rows(ahead_);
   std::vector<char> bad(ahead_.size(), 0);
   glitches_.look(ahead_, stale, taken_, end, T_s, bad);
   for (std::size_t k = taken_; k < end; ++k) {
@@ -142,7 +148,7 @@ void HealthScan::take(std::size_t end) {
     if (phases && !bad[k]) look_at_currents(k);
     by_chance_ += by_chance[k] != 0;
     if (stale[k]) {
-      ++stale_;
+      if (missed_way[k] > 0) ++stale_[missed_bin(missed_way[k])];
       continue;
     }
     if (!ahead_.theta_m.empty() && !bad[k]) angle_.add(ahead_.theta_m[k]);
@@ -214,9 +220,12 @@ Health HealthScan::result() const {
     return static_cast<double>(part) / static_cast<double>(std::max<std::size_t>(1, whole));
   };
   h.missing_share = share(missing_, rows_ + missing_);
-  h.stale_share = is_chance(stale_, by_chance_) ? 0 : share(stale_, rows_);
   h.i_lsb = values_a_.step();
   h.angle = angle_.sensor();
+  std::size_t stale = 0;
+  for (const auto& [bin, count] : stale_)
+    if (beyond_counts(std::exp((bin + 0.5) * kWayBin), h.angle.lsb)) stale += count;
+  h.stale_share = is_chance(stale, by_chance_) ? 0 : share(stale, rows_);
   h.held_share = held_.share(h.i_lsb);
   h.i_limit = std::max(a_.limit(), b_.limit());
   // On a coarse scale the step below holds many, too. A sine has 2.4 times as many in its topmost

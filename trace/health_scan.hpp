@@ -87,7 +87,8 @@ class HealthScan {
   std::size_t taken_ = 0;  // of them
   std::optional<double> t_before_, t_kept_;
   std::int64_t rows_since_kept_ = 0;
-  std::size_t rows_ = 0, kept_ = 0, missing_ = 0, stale_ = 0, by_chance_ = 0;
+  std::size_t rows_ = 0, kept_ = 0, missing_ = 0, by_chance_ = 0;
+  std::map<int, std::size_t> stale_;  // rows, by logarithm of what the angle misses
   double jitter_ = 0, i_sum_max_ = 0;
 };
 

@@ -67,6 +67,22 @@ TEST(Health, ACountThatLastsTwoRowsRepeatsNoRow) {
   EXPECT_EQ(stale_share(raw), 0);
 }
 
+// Before it starts, all stands.
+TEST(Health, ADriveThatIsOffRepeatsNoRow) {
+  RawLog raw;
+  raw.path = "start";
+  for (std::size_t k = 0; k < 4000; ++k) {
+    const bool on = k >= 150;
+    raw.t.push_back(1e-3 * static_cast<double>(k));
+    raw.theta_m.push_back(on ? 0.05 * static_cast<double>(k - 150) : 0);
+    raw.i_q.push_back(on ? normal(17, 0, k) : 0);
+  }
+  EXPECT_EQ(stale_share(raw), 0);
+  for (std::size_t k = 200; k < raw.size(); k += 100)
+    for (std::vector<double>* column : {&raw.i_q, &raw.theta_m}) (*column)[k] = (*column)[k - 1];
+  EXPECT_NEAR(stale_share(raw), 0.0095, 5e-4);
+}
+
 TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   const auto freeze = [](RawLog raw, std::size_t every, std::size_t count) {
     for (std::size_t k = every; k + count < raw.t.size(); k += every)
