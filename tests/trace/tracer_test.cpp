@@ -149,7 +149,7 @@ TEST(Tracer, SeparatesThreeKindsOfFriction) {
 
 // Another exponent or another smoothing is not a second sort of friction.
 TEST(Tracer, TellsOneLawOfFrictionOnce) {
-  SyntheticDrive drive{.duration_s = 3};
+  SyntheticDrive drive{.duration_s = 6};
   drive.extra_load = [](double, double, double omega) {
     return 0.2 * std::exp(-std::pow(std::abs(omega) / 6, 0.7)) * std::tanh(omega / 0.02);
   };
@@ -321,7 +321,7 @@ TEST(Tracer, FindsTheGapOfAStiffContact) {
 TEST(Tracer, FindsAShaftInTwoLogs) {
   const auto log = [](std::uint64_t seed) {
     LooseLoad load{.J = 2.5e-3, .K = 60, .D = 0.006, .gap = 0};
-    SyntheticDrive drive{.J = 8.8e-3 - load.J, .duration_s = 4, .seed = seed};
+    SyntheticDrive drive{.J = 8.8e-3 - load.J, .duration_s = 8, .seed = seed};
     drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
     Health health;
     return make_record(simulate_synthetic(drive), 3, health);
@@ -333,7 +333,7 @@ TEST(Tracer, FindsAShaftInTwoLogs) {
   const TraceResult r = trace_record(both, servo(), {}, {});
   ASSERT_EQ(kinds(r), (Names{"torsion"})) << r.sentence;
   // Both logs begin with a ring of the load that no row before them shows; it stands in rows that fit.
-  EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 60, 7);
+  EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 60, 5);
 }
 
 TEST(Tracer, CorrectsADeclaredEffectThatIsTooLarge) {
