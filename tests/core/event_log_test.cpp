@@ -75,12 +75,15 @@ TEST_F(DamagedLog, OneThatEndsWithAWholeEventIsFoundByTheCountsOfItsManifest) {
   EXPECT_NE(said.find("of 60 messages of DRIVE_MEASUREMENT"), std::string::npos) << said;
 }
 
-// Every reading in a process that may use little more memory than it has.
+// Every reading in a process that may use little more memory than it has. The shadow memory of
+// AddressSanitizer is larger than any such limit; it finds what is read out of bounds instead.
 TEST_F(DamagedLog, NoneOfManyIsTakenForWholeAndNoneEndsTheReader) {
   const pid_t child = fork();
   if (child == 0) {
+#ifndef __SANITIZE_ADDRESS__
     const rlimit limit{.rlim_cur = 400 << 20, .rlim_max = 400 << 20};
     setrlimit(RLIMIT_DATA, &limit);
+#endif
     alarm(60);
     int kind = 0, wrong = 0;
     for (std::uint64_t seed = 1; seed <= 300; ++seed, kind = (kind + 1) % Damage::kKinds) {
