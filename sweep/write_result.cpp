@@ -5,10 +5,10 @@
 #include "analysis/summary.hpp"
 #include "estimator/make_filter.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/stale_gain.hpp"
 #include "sweep/figure.hpp"
 #include "sweep/run.hpp"
 #include "sweep/store.hpp"
-#include "loop/stale_gain.hpp"
 
 namespace twinrate::sweep {
 namespace {

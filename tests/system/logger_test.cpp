@@ -1,7 +1,7 @@
 // The log of a run is readable after the end of its writer or a full disk.
-#include <csignal>
 #include <fmt/format.h>
 
+#include <csignal>
 #include <filesystem>
 #include <lcm/lcm-cpp.hpp>
 #include <nlohmann/json.hpp>
