@@ -7,6 +7,7 @@
 
 #include "controller/controller.hpp"
 #include "core/field_list.hpp"
+#include "loop/slips.hpp"
 
 namespace twinrate {
 namespace {
@@ -18,14 +19,16 @@ double largest(const Profile& profile) {
   return amplitude;
 }
 
-std::optional<double> current_limit(Config& config) {
+void read_controller(Config& config, Demand& demand) {
   const std::string kind = config.drive().controller.kind;
   const auto builder = controller_builder(kind, config.drive());
   const auto fields = [&](FieldVisitor& f) { builder->fields(f); };
   config.read_table("controller." + kind, fields);
-  for (const FieldRow& row : list_fields(fields))
-    if (row.key == "i_max_A") return row.value;
-  return {};
+  for (const FieldRow& row : list_fields(fields)) {
+    if (row.key == "i_max_A") demand.i_max = row.value;
+    if (row.key == "current_bandwidth_Hz") demand.current_Hz = row.value;
+    if (row.key == "speed_bandwidth_Hz") demand.speed_Hz = row.value;
+  }
 }
 
 }  // namespace
@@ -42,7 +45,7 @@ Demand demand_of(Config& config) {
   demand.i_q = (demand.T_load + m.B * demand.omega_e / m.n_p) / m.torque_constant();
   demand.u_needed =
       std::hypot(demand.omega_e * m.L_q * demand.i_q, demand.emf + m.R_s * demand.i_q);
-  demand.i_max = current_limit(config);
+  read_controller(config, demand);
   return demand;
 }
 
@@ -74,6 +77,8 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
     warn("estimator.prediction",
          fmt::format("Euler on currents: R_s/(L f_s) = {:.3g} {}, use exact or rk4", decay,
                      decay > 2 ? "is unstable" : "overshoots"));
+  for (const Slip& slip : slips_of(d, demand.current_Hz, demand.speed_Hz))
+    warn(slip.key, slip.what);
   return list;
 }
 

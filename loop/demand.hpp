@@ -13,7 +13,7 @@ namespace twinrate {
 //   u_needed = |[omega_e L_q i_q, omega_e psi_f + R_s i_q]|
 struct Demand {
   double omega_e = 0, emf = 0, u_needed = 0, u_max = 0, T_load = 0, i_q = 0;
-  std::optional<double> i_max;  // of the controller, if it has one
+  std::optional<double> i_max, current_Hz, speed_Hz;  // of the controller, if it has them
 };
 Demand demand_of(Config& config);
 

@@ -8,6 +8,7 @@
 #include "core/field_list.hpp"
 #include "estimator/registry.hpp"
 #include "loop/demand.hpp"
+#include "loop/drive_schema.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
 #include "tools/verb.hpp"
@@ -18,7 +19,7 @@ namespace {
 struct CheckOptions {
   std::string drive;
   std::vector<std::string> overrides;
-  bool resolved = false, reference = false;
+  bool resolved = false, reference = false, schema = false;
 };
 
 void print_summary(Config& config, const std::vector<std::string>& warnings) {
@@ -115,6 +116,10 @@ void print_reference() {
 
 void check(const CheckOptions& options) {
   if (options.reference) return print_reference();
+  if (options.schema) {
+    std::cout << drive_schema();
+    return;
+  }
   if (options.drive.empty())
     throw BadInput("check: a drive file or the name of a preset is required");
   Config config = load_drive(options.drive, options.overrides);
@@ -139,6 +144,7 @@ void add_check_verb(CLI::App& app, int&) {
                  "print the whole config with every default, as TOML");
   verb->add_flag("--reference", options->reference,
                  "print the reference page of every key, as Markdown");
+  verb->add_flag("--schema", options->schema, "print the JSON Schema of drive files");
   verb->callback([options] { check(*options); });
 }
 

@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(0, 1);
   int exit_code = 0;
   add_launch_verb(app, exit_code);
+  add_machine_verb(app, exit_code);
   add_monitor_verb(app, exit_code);
   add_simulate_verb(app, exit_code);
   add_check_verb(app, exit_code);

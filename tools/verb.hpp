@@ -7,6 +7,7 @@
 namespace twinrate {
 
 void add_launch_verb(CLI::App& app, int& exit_code);
+void add_machine_verb(CLI::App& app, int& exit_code);
 void add_monitor_verb(CLI::App& app, int& exit_code);
 void add_simulate_verb(CLI::App& app, int& exit_code);
 void add_check_verb(CLI::App& app, int& exit_code);

@@ -105,6 +105,32 @@ TEST(ConfigReference, IsWhatTheProgramPrints) {
       << "run: twinrate check --reference > docs/config-reference.md";
 }
 
+TEST(DriveSchema, IsWhatTheProgramPrints) {
+  const std::string program = output_of("check --schema");
+  ASSERT_FALSE(program.empty());
+  EXPECT_TRUE(text_of(kRoot / "config/drive.schema.json") == program)
+      << "run: twinrate check --schema > config/drive.schema.json";
+}
+
+// Of the presets, each with one line changed by `change`: what check refuses for key, type or range
+// fails in an editor with the schema, too.
+TEST(DriveSchema, AnEditorRefusesWhatCheckRefuses) {
+  if (std::system("command -v taplo >/dev/null") != 0)
+    GTEST_SKIP() << "taplo is not installed: npm install --global @taplo/cli";
+  const auto lint = [](const std::string& change) {
+    const std::string text = "sed '" + change + "' '" + (kRoot / "config/dilys2021.toml").string();
+    return std::system((text + "' | taplo lint --schema file://" +
+                        (kRoot / "config/drive.schema.json").string() + " - >/dev/null 2>&1")
+                           .c_str());
+  };
+  EXPECT_EQ(lint("s/x/x/"), 0);
+  for (const char* change :
+       {"s/^n_p = .*/n_p = 0/", "s/^n_p = .*/n_p = 4.5/", "s/^f_s_Hz/f_s_Hzz/",
+        "s/^psi_f_Wb = .*/psi_f_Wb = \"x\"/", "s/^kind = .*/kind = \"none\"/",
+        "s/^v_dc_V.*/v_dc_V = -3/", "s/^seed.*/seed = 1.5/", "s/^.rates./[ratez]/"})
+    EXPECT_NE(lint(change), 0) << change;
+}
+
 // tools/effect-gallery makes them.
 TEST(EffectsGallery, HasAPageWithASmallFigureOfEveryEffect) {
   const std::string index = text_of(kRoot / "docs/effects-gallery.md");

@@ -1,0 +1,20 @@
+// A drive file from data-sheet values: the machine, and rates and a first run that fit it.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "datasheet/machine_of_sheet.hpp"
+
+namespace twinrate {
+
+struct DriveOfSheet {
+  std::string toml;  // the drive file, with every conversion as a comment
+  std::vector<std::string> conversions, assumed, doubts;  // of MachineOfSheet
+  std::vector<std::string> derived;   // time constants, speeds and rates, one line each
+  std::vector<std::string> warnings;  // of check_runnable()
+};
+
+// Throws BadInput as machine_of_sheet(), and where the drive file would not run.
+DriveOfSheet drive_of_sheet(const std::string& name, const Sheet& sheet);
+
+}  // namespace twinrate

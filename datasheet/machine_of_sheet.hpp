@@ -1,0 +1,35 @@
+// Data-sheet values -> machine parameters in the units of a drive file.
+//
+// Star connection, sinusoidal EMF. Electrical speed omega_e = n_p omega_m, psi_f the peak flux
+// linkage of a phase:
+//
+//   phase EMF, peak        e   = psi_f omega_e
+//   line to line, peak     sqrt(3) e                    rms values: divided by sqrt(2)
+//   K_v, rpm/V             E   = 1 V at K_v rpm         K_e, V/krpm: E = K_e at 1000 rpm
+//   torque                 T   = 3/2 n_p psi_f i_q      i_q peak; K_t(rms) = sqrt(2) K_t(peak)
+//   R, L between lines     two phases in series: R_s = R_ll/2, L = L_ll/2
+#pragma once
+#include <string>
+#include <vector>
+
+#include "datasheet/sheet.hpp"
+#include "model/frames.hpp"
+#include "model/machine.hpp"
+
+namespace twinrate {
+
+inline constexpr double kRadPerRpm = kTwoPi / 60;
+
+struct MachineOfSheet {
+  MachineParameters machine;
+  double v_dc = 0;                       // V
+  int encoder_counts = 0;                // 0: no encoder
+  std::vector<std::string> conversions;  // one line each
+  std::vector<std::string> assumed;      // what the sheet does not say
+  std::vector<std::string> doubts;       // values of the sheet that contradict each other
+};
+
+// Throws BadInput where the sheet lacks a value or gives two that exclude each other.
+MachineOfSheet machine_of_sheet(const Sheet& sheet);
+
+}  // namespace twinrate

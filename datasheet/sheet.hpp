@@ -1,0 +1,53 @@
+// The values of a motor's data sheet, in the units and conventions of the sheet.
+#pragma once
+#include <iosfwd>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace twinrate {
+
+// One value that a sheet can give. Without `choices` it is a number from `lo` to `hi`.
+struct SheetKey {
+  const char* key;  // unit included
+  const char* meaning;
+  double lo = 0, hi = 0;
+  bool whole = false;
+  std::span<const char* const> choices = {};
+};
+
+// Of an EMF constant: the voltage between two lines or of one phase, its peak or its rms value.
+enum class EmfConvention : int { kLinePeak = 0, kLineRms, kPhasePeak, kPhaseRms };
+inline constexpr const char* kEmfConventionNames[] = {"line_peak", "line_rms", "phase_peak",
+                                                      "phase_rms"};
+// Of a torque constant: Nm per ampere of the peak or of the rms phase current.
+enum class CurrentConvention : int { kPeak = 0, kRms };
+inline constexpr const char* kCurrentConventionNames[] = {"peak", "rms"};
+
+class Sheet {
+ public:
+  // All keys, in the order in which ask() asks for them.
+  static const std::vector<SheetKey>& keys();
+
+  // Throws BadInput: unknown key, not a number, out of range, no such choice, given twice.
+  void set(const std::string& key, const std::string& value);
+
+  bool has(const std::string& key) const { return values_.count(key) > 0; }
+  // The number, or the index of the choice; none if the sheet does not give it.
+  std::optional<double> operator[](const std::string& key) const;
+
+ private:
+  std::map<std::string, double> values_;
+};
+
+// Of "key=value" texts. Throws BadInput.
+Sheet read_sheet(const std::vector<std::string>& pairs);
+
+// Asks for each key on `out`; an empty answer leaves it out, a bad one is told and asked again. The
+// convention of a constant is asked only where the constant was given. Throws BadInput at the end
+// of `in`.
+Sheet ask_for_sheet(std::istream& in, std::ostream& out);
+
+}  // namespace twinrate

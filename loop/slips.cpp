@@ -1,0 +1,114 @@
+#include "loop/slips.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace twinrate {
+namespace {
+
+// A factor is named if the ratio is this near, relative: half the way from sqrt(2) to 1.5.
+constexpr double kNear = 0.03;
+// Losses and saturation: the rated torque of a right data sheet lies within this of K_t i_rated.
+constexpr double kTorqueTolerance = 1.3;
+// A drive may weaken its field; its rated speed stays near the voltage limit.
+constexpr double kEmfTolerance = 1.15;
+// Rotors run up in milliseconds to seconds, with a heavy load in some ten seconds.
+constexpr double kLongestRunUp_s = 100;
+// A current loop with 1.5 T_s of dead time keeps 30 deg of phase margin up to f_s/9:
+// 90 deg - 360 deg 1.5 f/f_s = 30 deg.
+constexpr double kSamplesABandwidth = 9;
+// The speed loop sees the current loop as a lag: 27 deg at half its bandwidth.
+constexpr double kSpeedOverCurrent = 0.5;
+
+struct Factor {
+  double value;
+  const char* name;
+};
+constexpr Factor kFactors[] = {
+    {std::numbers::sqrt3, "sqrt(3), line to line or phase?"},
+    {std::numbers::sqrt2, "sqrt(2), rms or peak?"},
+    {2, "2, poles or pole pairs?"},
+    {1.5, "1.5, the 3/2 of the torque?"},
+    {1.5 * std::numbers::sqrt2, "1.5 sqrt(2), the 3/2 of the torque and rms or peak?"},
+    {std::numbers::sqrt3 * std::numbers::sqrt2, "sqrt(6), line to line rms or phase peak?"},
+    {2 * std::numbers::sqrt3, "2 sqrt(3), line to line or phase, and poles or pole pairs?"},
+    {60 / (2 * std::numbers::pi), "60/(2 pi), rpm or rad/s?"},
+    {1000, "1000, the prefix milli?"}};
+
+void of_torque(const DriveConfig& d, std::vector<Slip>& slips) {
+  const MachineParameters& m = d.machine;
+  if (m.T_rated <= 0 || m.i_rated <= 0) return;
+  const double torque = largest_torque(m, m.i_rated);
+  const double ratio = m.T_rated / torque;
+  if (ratio < kTorqueTolerance && ratio > 1 / kTorqueTolerance) return;
+  slips.push_back({"machine.T_rated_Nm", fmt::format("{:.4g} Nm, but i_rated_A gives {:.4g} Nm: {}",
+                                                     m.T_rated, torque, factor_text(ratio))});
+}
+
+void of_emf(const DriveConfig& d, std::vector<Slip>& slips) {
+  const MachineParameters& m = d.machine;
+  const double emf = m.psi_f * m.n_p * m.omega_m_rated, u_max = d.inverter.u_max_linear();
+  if (emf <= kEmfTolerance * u_max) return;
+  slips.push_back(
+      {"machine.psi_f_Wb",
+       fmt::format("the EMF at the rated speed is {:.4g} V, v_dc allows {:.4g} V; line to "
+                   "line or phase, rms or peak, poles or pole pairs?",
+                   emf, u_max)});
+}
+
+void of_inertia(const DriveConfig& d, std::vector<Slip>& slips) {
+  const MachineParameters& m = d.machine;
+  if (m.T_rated <= 0 || m.omega_m_rated <= 0) return;
+  const double run_up = m.J * m.omega_m_rated / m.T_rated;
+  if (run_up <= kLongestRunUp_s) return;
+  const char* unit = run_up * 1e-4 > 1 ? "g cm2 (1e-7 kg m2)?" : "kg cm2 (1e-4 kg m2)?";
+  slips.push_back(
+      {"machine.J_kgm2",
+       fmt::format("{:.4g} kg m2: the rated torque needs {:.3g} s to the rated speed; {}", m.J,
+                   run_up, unit)});
+}
+
+}  // namespace
+
+std::string factor_text(double ratio) {
+  const double size = std::max(ratio, 1 / ratio);
+  std::string text = fmt::format("off by a factor {:.3g}", size);
+  for (const Factor& factor : kFactors)
+    if (std::abs(std::log(size / factor.value)) < kNear) return text + ": " + factor.name;
+  return text;
+}
+
+double largest_torque(const MachineParameters& m, double i) {
+  constexpr int kAngles = 90;  // a degree each: the torque is flat around its maximum
+  double largest = 0;
+  for (int degree = 0; degree < kAngles; ++degree) {
+    const double beta = degree * std::numbers::pi / 180;
+    const double i_d = (m.L_q >= m.L_d ? -1 : 1) * i * std::sin(beta);
+    largest = std::max(largest, m.torque(i_d, i * std::cos(beta)));
+  }
+  return largest;
+}
+
+std::vector<Slip> slips_of(const DriveConfig& d, std::optional<double> current_Hz,
+                           std::optional<double> speed_Hz) {
+  std::vector<Slip> slips;
+  of_torque(d, slips);
+  of_emf(d, slips);
+  of_inertia(d, slips);
+  const double most = d.rates.f_s_Hz / kSamplesABandwidth;
+  const std::string table = "controller." + d.controller.kind + ".";
+  if (current_Hz && *current_Hz > most)
+    slips.push_back({table + "current_bandwidth_Hz",
+                     fmt::format("{:.4g} Hz: f_s allows {:.4g} Hz (30 deg of phase margin)",
+                                 *current_Hz, most)});
+  if (current_Hz && speed_Hz && *speed_Hz > kSpeedOverCurrent * *current_Hz)
+    slips.push_back(
+        {table + "speed_bandwidth_Hz", fmt::format("{:.4g} Hz: the current loop allows {:.4g} Hz",
+                                                   *speed_Hz, kSpeedOverCurrent * *current_Hz)});
+  return slips;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,32 @@
+// Slips of a drive file: values that a data sheet gives in another unit or convention. Each is a
+// guess from two values that belong together.
+//
+//   T_rated    against the largest torque at i_rated      sqrt(3), sqrt(2), 2, 1.5 .. off
+//   psi_f      against rated speed and v_dc               the EMF alone exceeds what v_dc gives
+//   J          against T_rated and rated speed            a run-up of minutes: g cm2, kg cm2
+//   bandwidths against the rates                          the loops have no phase margin left
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/drive_config.hpp"
+
+namespace twinrate {
+
+struct Slip {
+  std::string key;   // of the drive file
+  std::string what;  // one line
+};
+
+// "off by a factor 1.73: sqrt(3), line to line or phase?"; without a name where none is near.
+std::string factor_text(double ratio);
+
+// Nm; at the best current angle, peak current `i`.
+double largest_torque(const MachineParameters& m, double i);
+
+// `current_Hz`, `speed_Hz`: bandwidths of the controller, where it has them.
+std::vector<Slip> slips_of(const DriveConfig& drive, std::optional<double> current_Hz,
+                           std::optional<double> speed_Hz);
+
+}  // namespace twinrate

@@ -1,0 +1,160 @@
+// A drive file from data-sheet values: each convention against the physics that defines it.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <sstream>
+
+#include "core/config.hpp"
+#include "datasheet/drive_of_sheet.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+
+namespace twinrate::test {
+namespace {
+
+using Pairs = std::vector<std::string>;
+
+const Pairs kServo = {"poles=8",
+                      "ke_V_krpm=28",
+                      "ke_convention=line_rms",
+                      "r_ll_Ohm=1.2",
+                      "l_ll_H=4.2e-3",
+                      "inertia_kgm2=3e-5",
+                      "rated_torque_Nm=1.27",
+                      "rated_current_A_rms=2.7",
+                      "rated_speed_rpm=3000",
+                      "v_dc_V=310"};
+
+Pairs with(Pairs pairs, const Pairs& more) {
+  for (const std::string& pair : more) {
+    const std::string key = pair.substr(0, pair.find('='));
+    std::erase_if(pairs, [&](const std::string& p) { return p.starts_with(key + "="); });
+    if (!pair.ends_with("=")) pairs.push_back(pair);  // "key=" only takes the key away
+  }
+  return pairs;
+}
+
+MachineOfSheet machine(const Pairs& more) {
+  return machine_of_sheet(read_sheet(with(kServo, more)));
+}
+
+std::string refusal(const Pairs& more) {
+  try {
+    machine(more);
+  } catch (const BadInput& error) {
+    return error.what();
+  }
+  return "";
+}
+
+// The voltage that an instrument would show at this speed, from the flux linkage.
+double shown_voltage(const MachineParameters& m, double rpm, bool line, bool rms) {
+  const double phase_peak = m.psi_f * m.n_p * rpm * kTwoPi / 60;
+  return phase_peak * (line ? std::sqrt(3.0) : 1) / (rms ? std::sqrt(2.0) : 1);
+}
+
+TEST(Datasheet, AnEmfConstantInAnyConventionIsTheVoltageThatAnInstrumentShows) {
+  for (const auto& [name, line, rms] :
+       {std::tuple("line_peak", true, false), std::tuple("line_rms", true, true),
+        std::tuple("phase_peak", false, false), std::tuple("phase_rms", false, true)}) {
+    const auto by_ke = machine({"ke_convention=" + std::string(name)}).machine;
+    EXPECT_NEAR(shown_voltage(by_ke, 1000, line, rms), 28, 1e-9) << name;
+    const auto by_kv = machine({"ke_V_krpm=", "ke_convention=", "kv_rpm_V=150",
+                                "kv_convention=" + std::string(name)})
+                           .machine;
+    EXPECT_NEAR(shown_voltage(by_kv, 150, line, rms), 1, 1e-12) << name;
+  }
+}
+
+TEST(Datasheet, ATorqueConstantIsTheTorqueOfAnAmpere) {
+  for (const auto& [name, peak] : {std::pair("peak", 1.0), std::pair("rms", std::sqrt(2.0))}) {
+    const auto m = machine({"ke_V_krpm=", "ke_convention=", "kt_Nm_A=0.47",
+                            "kt_convention=" + std::string(name)})
+                       .machine;
+    EXPECT_NEAR(m.torque(0, peak), 0.47, 1e-12) << name;
+  }
+}
+
+TEST(Datasheet, TheElectricalPowerOfTheEmfIsTheMechanicalOne) {
+  const auto m = machine({}).machine;  // a servo motor whose sheet gives K_t = 0.46 Nm/A rms
+  const double omega_m = 100, i = 2;
+  EXPECT_NEAR(1.5 * m.psi_f * m.n_p * omega_m * i, m.torque(0, i) * omega_m, 1e-9);
+  EXPECT_NEAR(m.torque_constant() * std::sqrt(2.0), 0.463, 0.001);
+}
+
+TEST(Datasheet, PhaseLineAndCommonUnitsAreConverted) {
+  const auto m = machine({"inertia_kgm2=", "inertia_gcm2=300"}).machine;
+  EXPECT_EQ(m.n_p, 4);
+  EXPECT_DOUBLE_EQ(m.R_s, 0.6);
+  EXPECT_DOUBLE_EQ(m.L_q, 2.1e-3);
+  EXPECT_DOUBLE_EQ(m.J, 3e-5);
+  EXPECT_NEAR(m.i_rated, 2.7 * std::sqrt(2.0), 1e-12);
+  EXPECT_NEAR(m.omega_m_rated, 100 * M_PI, 1e-9);
+}
+
+TEST(Datasheet, EveryConversionAndEveryAssumptionIsSaid) {
+  const MachineOfSheet s = machine({"ke_convention="});
+  EXPECT_EQ(s.conversions.size(), 6u);  // n_p, R_s, L, i_rated, psi_f, speed
+  bool said = false;
+  for (const std::string& line : s.assumed)
+    said = said || line.find("ke_convention = line_rms") != std::string::npos;
+  EXPECT_TRUE(said);
+}
+
+TEST(Datasheet, ConstantsThatContradictEachOtherAreDoubtedWithTheFactor) {
+  // K_t per ampere rms of the same motor, taken for one per ampere peak.
+  const MachineOfSheet s = machine({"kt_Nm_A=0.463", "kt_convention=peak"});
+  ASSERT_EQ(s.doubts.size(), 1u);
+  EXPECT_NE(s.doubts[0].find("sqrt(2)"), std::string::npos) << s.doubts[0];
+  EXPECT_TRUE(machine({"kt_Nm_A=0.463", "kt_convention=rms"}).doubts.empty());
+}
+
+TEST(Datasheet, ASlipIsOneLineWithWhatIsAllowed) {
+  EXPECT_EQ(refusal({"poles=7"}), "data sheet: poles: an even number allowed, found 7");
+  EXPECT_EQ(refusal({"v_dc_V=48V"}),
+            "data sheet: v_dc_V: a number from 1 to 10000 allowed, found 48V");
+  EXPECT_EQ(refusal({"v_dc_V="}), "data sheet: v_dc_V is required");
+  EXPECT_EQ(refusal({"n_p=5"}),
+            "data sheet: n_p = 5 and poles = 8 contradict each other; one of them allowed");
+  EXPECT_EQ(refusal({"ke_convention=rms"}),
+            "data sheet: ke_convention: one of line_peak, line_rms, phase_peak, phase_rms allowed, "
+            "found rms");
+  EXPECT_NE(refusal({"colour=3"}).find("unknown key; known: poles, n_p"), std::string::npos);
+  EXPECT_NE(refusal({"v_dc_V=nan"}), "");
+}
+
+TEST(Datasheet, AskedOnATerminalItIsTheSameSheet) {
+  // poles, n_p, kv, ke, ke_convention, kt, R, L ..: a wrong answer is asked again.
+  std::istringstream in(
+      "8\n\n\n28\nrms\nline_rms\n\n1.2\n\n4.2e-3\n\n\n\n\n3e-5\n2.7\n\n1.27\n3000\n"
+      "310\n\n\n");
+  std::ostringstream out;
+  const MachineParameters asked = machine_of_sheet(ask_for_sheet(in, out)).machine;
+  const MachineParameters given = machine({}).machine;
+  EXPECT_EQ(asked.psi_f, given.psi_f);
+  EXPECT_EQ(asked.J, given.J);
+  EXPECT_NE(out.str().find("found rms"), std::string::npos);
+  EXPECT_EQ(out.str().find("kv_convention"), std::string::npos) << "asked without a kv";
+}
+
+TEST(Datasheet, TheDriveFileHoldsItsMotorInStep) {
+  for (const Pairs& more : {Pairs{}, Pairs{"encoder_counts=4096"}}) {
+    const DriveOfSheet drive = drive_of_sheet("servo", read_sheet(with(kServo, more)));
+    EXPECT_TRUE(drive.warnings.empty());
+    Config config = Config::parse(drive.toml, "servo.toml");
+    read_all_tables(config);
+    EXPECT_NEAR(config.drive().machine.psi_f, machine({}).machine.psi_f, 1e-6);
+    ClosedLoop loop(config);
+    const TickRecord* tick = nullptr;
+    for (std::int64_t k = 0; k < config.drive().steps(); ++k) tick = &loop.step();
+    const double omega_m = config.drive().reference.speed_rpm.at(0) * kTwoPi / 60;
+    EXPECT_NEAR(tick->truth.omega_m, omega_m, 0.02 * omega_m);
+    EXPECT_LT(std::abs(wrap_pi(tick->estimate.theta_e -
+                               config.drive().machine.n_p * tick->truth.theta_m)),
+              0.1);
+    EXPECT_GT(tick->truth.T_load, 0.3);
+  }
+}
+
+}  // namespace
+}  // namespace twinrate::test

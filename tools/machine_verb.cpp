@@ -1,0 +1,87 @@
+// twinrate machine new NAME: writes a drive file from the values of a data sheet.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <iostream>
+
+#include "core/config.hpp"
+#include "core/output_file.hpp"
+#include "datasheet/drive_of_sheet.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+struct MachineOptions {
+  std::string name, out;
+  std::vector<std::string> from;
+  bool force = false;
+};
+
+std::string known_keys() {
+  std::string text = "Keys of --from:\n";
+  for (const SheetKey& key : Sheet::keys()) {
+    text += fmt::format("  {:<22} {}", key.key, key.meaning);
+    if (!key.choices.empty()) text += fmt::format(" ({})", fmt::join(key.choices, ", "));
+    text += "\n";
+  }
+  return text;
+}
+
+Sheet sheet_of(const MachineOptions& o) {
+  if (!o.from.empty()) return read_sheet(o.from);
+  if (!isatty(STDIN_FILENO))
+    throw BadInput(
+        "machine new: --from key=value .. is required where nobody can be asked; see "
+        "twinrate machine new --help");
+  return ask_for_sheet(std::cin, std::cout);
+}
+
+// A name becomes the file NAME.toml and a line of it.
+void check_name(const std::string& name) {
+  const bool plain = !name.empty() && name.find_first_not_of(
+                                          "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                          "0123456789_-.") == std::string::npos;
+  if (!plain || name[0] == '.' || name[0] == '-')
+    throw BadInput(fmt::format("machine new: {}: letters, digits, _ - . allowed in a name",
+                               name.empty() ? "\"\"" : name));
+}
+
+void print(const char* title, const std::vector<std::string>& lines) {
+  if (lines.empty()) return;
+  fmt::print("{}\n", title);
+  for (const std::string& line : lines) fmt::print("  {}\n", line);
+}
+
+void make(const MachineOptions& o) {
+  check_name(o.name);
+  const std::string path = o.out.empty() ? o.name + ".toml" : o.out;
+  expect_free(path, o.force);
+  const DriveOfSheet drive = drive_of_sheet(o.name, sheet_of(o));
+  print("converted", drive.conversions);
+  print("assumed, not on the sheet", drive.assumed);
+  print("derived", drive.derived);
+  for (const std::string& doubt : drive.doubts) fmt::print("doubtful: {}\n", doubt);
+  for (const std::string& warning : drive.warnings) fmt::print("warning: {}\n", warning);
+  if (o.force) std::remove(path.c_str());
+  write_new(path, drive.toml);
+  fmt::print("written to {}; next: twinrate simulate {}\n", path, path);
+}
+
+}  // namespace
+
+void add_machine_verb(CLI::App& app, int&) {
+  auto o = std::make_shared<MachineOptions>();
+  CLI::App* machine = app.add_subcommand("machine", "Make the drive file of a motor");
+  machine->require_subcommand(1);
+  CLI::App* verb = machine->add_subcommand("new", "Write a drive file from data-sheet values");
+  verb->add_option("NAME", o->name, "name of the drive")->required();
+  verb->add_option("--from", o->from,
+                   "give values of the data sheet, key=value ..; without it they are asked for");
+  verb->add_option("--out", o->out, "write this file (default NAME.toml)");
+  verb->add_flag("--force", o->force, "replace the file");
+  verb->footer(known_keys());
+  verb->callback([o] { make(*o); });
+}
+
+}  // namespace twinrate
