@@ -49,8 +49,10 @@ struct Figures {
   double speed_end = 0;
 };
 
+enum class Until { kEnd, kLost };  // kLost: a run ends at the tick by which it is lost
+
 // Runs duration_s and forms the figures over [settle_s, end].
-inline Figures run(ClosedLoop& loop) {
+inline Figures run(ClosedLoop& loop, Until until = Until::kEnd) {
   const DriveConfig& drive = loop.drive();
   const auto settle = static_cast<std::int64_t>(std::llround(drive.run.settle_s / drive.T_s()));
   Figures figures;
@@ -72,6 +74,7 @@ inline Figures run(ClosedLoop& loop) {
     if (!loop.estimate().x_hat.allFinite() || !std::isfinite(omega_m)) figures.locked = false;
     figures.P44_min = std::min(figures.P44_min, loop.gain().P(3, 3));
     figures.P44_max = std::max(figures.P44_max, loop.gain().P(3, 3));
+    if (until == Until::kLost && !(std::abs(error) <= kPi / 2)) break;
   }
   figures.speed_end = loop.truth().omega_m;
   figures.angle_error_rms = std::sqrt(square_sum / static_cast<double>(count));
@@ -81,9 +84,10 @@ inline Figures run(ClosedLoop& loop) {
   return figures;
 }
 
-inline Figures run(const std::string& preset, const Overrides& overrides = {}) {
+inline Figures run(const std::string& preset, const Overrides& overrides = {},
+                   Until until = Until::kEnd) {
   ClosedLoop loop(load(preset, overrides));
-  return run(loop);
+  return run(loop, until);
 }
 
 }  // namespace twinrate::test
