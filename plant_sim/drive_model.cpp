@@ -1,5 +1,7 @@
 #include "plant_sim/drive_model.hpp"
 
+#include <algorithm>
+
 #include "model/effects/flux_map.hpp"
 #include "model/point_of.hpp"
 #include "plant_sim/fixed_axes.hpp"
@@ -38,17 +40,37 @@ DriveModel::DriveModel(const MachineParameters& machine, const Effects& effects,
   if (has_shaft()) on_equations_ = of_load_side(on_equations_, false);
 }
 
+bool DriveModel::is_plain() const {
+  return saliency_ == Saliency::kRotor && !has_shaft() && on_equations_.empty() &&
+         on_flux_.empty() && on_bus_.empty();
+}
+
+std::optional<Vec2> DriveModel::constant_voltage(const PlantInput& input) const {
+  if (!input.legs) return input.u_alphabeta;
+  for (const Leg leg : input.legs->legs)
+    if (leg == Leg::kDead) return {};
+  return input.legs->u_alphabeta(Vec3::Zero(), v_dc_);
+}
+
+double DriveModel::fastest_rate() const {
+  const double electrical = machine_.R_s / std::min(machine_.L_d, machine_.L_q);
+  if (!has_shaft()) return electrical;
+  const double J = std::min(shaft_.J_load, machine_.J - shaft_.J_load);
+  return std::max({electrical, std::sqrt(shaft_.stiffness / J), shaft_.damping / J});
+}
+
 OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                                  double t_in_interval) const {
   OperatingPoint p =
       point_of(input.t_k + t_in_interval, frame_at(x[3], x[2], machine_.n_p), x.head<2>());
+  p.d_axis = {std::cos(p.theta_e), std::sin(p.theta_e)};
   p.v_dc = v_dc_;
   p.T_load = input.T_load;
   if (input.legs) {
     const Vec3 i_abc = with_terminals(on_equations_, p).i_abc();
-    p.u_dq = park(input.legs->u_alphabeta(i_abc, v_dc_), p.theta_e);
+    p.u_dq = p.rotor_axes(input.legs->u_alphabeta(i_abc, v_dc_));
   } else {
-    p.u_dq = park(input.u_alphabeta, p.theta_e);
+    p.u_dq = p.rotor_axes(input.u_alphabeta);
   }
   if (!on_bus_.empty()) p.u_dq *= (v_dc_ + sum_at(on_bus_, p).v_dc) / v_dc_;
   return p;

@@ -69,6 +69,13 @@ class DriveModel {
   bool currents_are_read_true() const { return !acts_on_currents_; }
   bool angle_is_read_true() const { return !acts_on_angle_; }
   const MachineParameters& machine() const { return machine_; }
+  // The machine's own equations and no effect in them: plant_sim/plain_machine.hpp.
+  bool is_plain() const;
+  // The applied voltage, where it is constant over the interval (before effects): none of the legs
+  // is in dead time.
+  std::optional<Vec2> constant_voltage(const PlantInput& input) const;
+  // The fastest rate of the equations, 1/s: decay of the currents, shaft.
+  double fastest_rate() const;
 
  private:
   // `T_external`: the external load, or the shaft's torque; `J`: inertia on the rotor's side.

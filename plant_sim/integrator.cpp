@@ -10,8 +10,12 @@
 #include <stdexcept>
 #include <sundials/sundials_context.hpp>
 
+#include "plant_sim/rk_integrator.hpp"
+
 namespace twinrate {
 namespace {
+
+constexpr double kRelativeTolerance = 1e-8;  // of engine cvode
 
 void check(int code, const char* call) {
   if (code < 0) throw std::runtime_error(fmt::format("{} failed with code {}", call, code));
@@ -118,11 +122,12 @@ class ErkIntegrator final : public SundialsIntegrator {
 
 class CvodeIntegrator final : public SundialsIntegrator {
  public:
-  explicit CvodeIntegrator(const DriveModel& model)
+  CvodeIntegrator(const DriveModel& model, double relative_tolerance)
       : SundialsIntegrator(model),
         cvode_(check_made(CVodeCreate(CV_ADAMS, context_), "CVodeCreate")) {
     check(CVodeInit(cvode_, right_hand_side_of_model(), 0, y_.get()), "CVodeInit");
-    check(CVodeSStolerances(cvode_, 1e-8, 1e-10), "CVodeSStolerances");
+    check(CVodeSStolerances(cvode_, relative_tolerance, 0.01 * relative_tolerance),
+          "CVodeSStolerances");
     check(CVodeSetUserData(cvode_, &problem_), "CVodeSetUserData");
     solver_ = check_made(SUNNonlinSol_FixedPoint(y_.get(), 0, context_), "SUNNonlinSol_FixedPoint");
     check(CVodeSetNonlinearSolver(cvode_, solver_), "CVodeSetNonlinearSolver");
@@ -150,8 +155,13 @@ class CvodeIntegrator final : public SundialsIntegrator {
 }  // namespace
 
 std::unique_ptr<Integrator> make_integrator(Engine engine, const DriveModel& model, int steps) {
-  if (engine == Engine::kCvode) return std::make_unique<CvodeIntegrator>(model);
+  if (engine == Engine::kRk) return std::make_unique<RkIntegrator>(model);
+  if (engine == Engine::kCvode) return make_referee(model, kRelativeTolerance);
   return std::make_unique<ErkIntegrator>(model, steps);
+}
+
+std::unique_ptr<Integrator> make_referee(const DriveModel& model, double relative_tolerance) {
+  return std::make_unique<CvodeIntegrator>(model, relative_tolerance);
 }
 
 }  // namespace twinrate

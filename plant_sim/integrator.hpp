@@ -1,10 +1,12 @@
-// One sampling interval of the drive by SUNDIALS; voltage and load are constant inside it.
+// One sampling interval of the drive; voltage and load are constant inside it.
 //
-//   erk    ERKStep, fixed steps of the 7(4,5) Dormand-Prince table: the default
-//   cvode  CVODE, Adams with fixed-point iteration, rtol 1e-8: the referee
+//   rk     Runge-Kutta on states of fixed size with step control: plant_sim/rk_integrator.hpp, the
+//          default
+//   erk    SUNDIALS ERKStep, fixed steps of the 7(4,5) Dormand-Prince table
+//   cvode  SUNDIALS CVODE, Adams with fixed-point iteration, rtol 1e-8: the referee
 //
-// Both are created once and re-initialised at every voltage jump. A SUNDIALS call that fails throws
-// std::runtime_error with the function's name and code.
+// The solvers of SUNDIALS are created once and re-initialised at every voltage jump. A call that
+// fails throws std::runtime_error with the function's name and code.
 #pragma once
 #include <memory>
 
@@ -12,8 +14,8 @@
 
 namespace twinrate {
 
-enum class Engine : int { kErk = 0, kCvode = 1 };
-inline constexpr const char* kEngineNames[] = {"erk", "cvode"};
+enum class Engine : int { kRk = 0, kErk = 1, kCvode = 2 };
+inline constexpr const char* kEngineNames[] = {"rk", "erk", "cvode"};
 
 class Integrator {
  public:
@@ -26,6 +28,8 @@ class Integrator {
 };
 
 // `steps`: fixed steps an interval (erk only). `model` must outlive the integrator.
-std::unique_ptr<Integrator> make_integrator(Engine engine, const DriveModel& model, int steps);
+std::unique_ptr<Integrator> make_integrator(Engine engine, const DriveModel& model, int steps = 1);
+// CVODE with another relative tolerance; the absolute one is a hundredth of it.
+std::unique_ptr<Integrator> make_referee(const DriveModel& model, double relative_tolerance);
 
 }  // namespace twinrate

@@ -7,7 +7,7 @@ namespace twinrate {
 
 struct PlantParameters : PlantFacts {
   static constexpr const char* kTable = "plant";
-  Engine engine = Engine::kErk;
+  Engine engine = Engine::kRk;
   int erk_steps = 1;
   int hold_ticks = 20;
   void fields(FieldVisitor& f);

@@ -48,7 +48,7 @@ class FreeRun {
         log_(followed(record, drive)),
         sensors_(current_sensors(record, drive)),
         model_(drive.machine, drive.model_effects(), drive.inverter.v_dc, plant.saliency),
-        integrator_(make_integrator(Engine::kErk, model_, plant.erk_steps)) {
+        integrator_(make_integrator(Engine::kRk, model_)) {
     for (const auto& effect : drive.model_effects()) effect->describe_sampling(late_);
   }
 

@@ -132,7 +132,7 @@ const Mistake kMistakes[] = {
      {"drive.toml:16", "plant.steps", "unknown key", "delay_samples, engine, erk_steps"}},
     {"UnknownEngine",
      drive_text() + "[plant]\nengine = 'euler'\n",
-     {"drive.toml:16", "plant.engine", "one of erk, cvode allowed", "euler"}},
+     {"drive.toml:16", "plant.engine", "one of rk, erk, cvode allowed", "euler"}},
     {"UnknownKeyOfTheBus",
      drive_text() + "[bus]\ntimeout_s = 1\n",
      {"drive.toml:16", "bus.timeout_s", "unknown key", "peer_timeout_s"}},

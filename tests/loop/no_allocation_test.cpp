@@ -35,7 +35,7 @@ TEST(AllocationCount, SeesNewMallocAndEigensAlignedMemory) {
 
 TEST(TickPath, DoesNotAllocateWithAnyPredictionOrEngine) {
   for (const char* prediction : {"euler", "rk4", "exact"}) {
-    for (const char* engine : {"erk", "cvode"}) {
+    for (const char* engine : {"rk", "erk", "cvode"}) {
       EXPECT_EQ(
           allocations_in_ticks("dilys2021", {fmt::format("estimator.prediction={}", prediction),
                                              fmt::format("plant.engine={}", engine)}),

@@ -65,7 +65,7 @@ TEST(Cvode, IsWithinItsToleranceOfManySmallSteps) {
 
 TEST(Integrators, RememberNothingBetweenIntervals) {
   const DriveModel model(dilys(), {}, 24);
-  for (Engine engine : {Engine::kErk, Engine::kCvode}) {
+  for (Engine engine : {Engine::kRk, Engine::kErk, Engine::kCvode}) {
     const auto used = make_integrator(engine, model, 1), fresh = make_integrator(engine, model, 1);
     for (std::uint64_t i = 0; i < 20; ++i) used->advance(random_state(i), random_input(i), kTs);
     EXPECT_EQ(used->advance(random_state(50), random_input(50), kTs),
@@ -77,7 +77,7 @@ TEST(Integrators, FollowTheLockedRotorsExponential) {
   MachineParameters m = dilys();
   m.J = 1e4;
   const DriveModel model(m, {}, 24);
-  for (Engine engine : {Engine::kErk, Engine::kCvode}) {
+  for (Engine engine : {Engine::kRk, Engine::kErk, Engine::kCvode}) {
     const auto integrator = make_integrator(engine, model, 4);
     PlantState x = PlantState::Zero();
     for (int k = 1; k <= 20; ++k) {
@@ -90,7 +90,7 @@ TEST(Integrators, FollowTheLockedRotorsExponential) {
 
 TEST(Integrators, ReportAStateThatIsNotFinite) {
   const DriveModel model(dilys(), {}, 24);
-  for (Engine engine : {Engine::kErk, Engine::kCvode}) {
+  for (Engine engine : {Engine::kRk, Engine::kErk, Engine::kCvode}) {
     const auto integrator = make_integrator(engine, model, 1);
     PlantState x = PlantState::Zero();
     x[0] = std::nan("");

@@ -15,7 +15,7 @@ Plant plant_with(const std::string& effects, const std::string& more = "") {
   // Locked rotor, exact sensors, commands act at once.
   return test::plant_of(
       Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\n[sensors]\n"
-                    "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\nerk_steps = 8\n"
+                    "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\n"
                     "delay_samples = 0\n" +
                         more + effects,
                     "drive.toml"));

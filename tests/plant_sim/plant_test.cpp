@@ -13,7 +13,7 @@ using test::Overrides;
 
 Plant ideal(Overrides overrides = {}) {
   overrides.insert(overrides.begin(),
-                   {"sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0", "plant.erk_steps=4"});
+                   {"sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0"});
   return test::plant_of(test::load("dilys2021", overrides));
 }
 
@@ -203,7 +203,7 @@ TEST(Plant, TruthBalancesItsTorques) {
 }
 
 TEST(Plant, DoesNotAllocateOnItsTickPath) {
-  for (const char* engine : {"erk", "cvode"}) {
+  for (const char* engine : {"rk", "erk", "cvode"}) {
     Plant plant = test::plant_of(test::load("dilys2021", {fmt::format("plant.engine={}", engine)}));
     for (int k = 0; k < 20; ++k) tick(plant, {1, 0});
     const std::int64_t before = test::allocation_count();

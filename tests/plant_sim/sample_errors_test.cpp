@@ -18,7 +18,7 @@ Plant plant_with(const std::string& effect, const std::string& more = "") {
   // Locked rotor, exact sensors, commands act at once: phase a is an RL circuit.
   return test::plant_of(
       Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\n[plant]\n"
-                    "delay_samples = 0\nerk_steps = 8\n[sensors]\n"
+                    "delay_samples = 0\n[sensors]\n"
                     "i_noise_rms_A = 0.0\ni_lsb_A = 0.0\n" +
                         more + "[[effect]]\n" + effect,
                     "d"));

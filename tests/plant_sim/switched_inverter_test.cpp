@@ -93,7 +93,7 @@ Plant locked(const std::string& inverter, const std::string& more = "",
   return test::plant_of(
       Config::parse("preset = \"dilys2021\"\n[machine]\nJ_kgm2 = 1e4\nL_d_H = 20e-3\n"
                     "L_q_H = 20e-3\n[sensors]\ni_noise_rms_A = 0.0\ni_lsb_A = 0.0\n[plant]\n"
-                    "delay_samples = 0\nerk_steps = 1\ninverter = \"" +
+                    "delay_samples = 0\ninverter = \"" +
                         inverter + "\"\n" + more,
                     "drive.toml", overrides));
 }

@@ -44,7 +44,7 @@ double kinetic_and_twist_energy(const TwoMassState& x, double stiffness) {
 TEST(TwoMasses, SwingFreelyAtTheFrequencyOfBothInertias) {
   const DriveModel model(without_torque(), torsion(61.8, 0), 235);
   const double omega = std::sqrt(61.8 * (1 / (kJ - kJLoad) + 1 / kJLoad));
-  for (Engine engine : {Engine::kErk, Engine::kCvode}) {
+  for (Engine engine : {Engine::kRk, Engine::kErk, Engine::kCvode}) {
     const auto integrator = make_integrator(engine, model, 1);
     TwoMassState x = state(3, 0.01, 3);
     for (int k = 1; k <= 2000; ++k) {

@@ -84,6 +84,7 @@ INSTANTIATE_TEST_SUITE_P(
         Drive{"scheduled", "dilys2021", {"gain.policy=scheduled"}},
         Drive{"propagated", "dilys2021", {"gain.policy=propagated", "rates.n=50"}},
         Drive{"align_if", "dilys2021", {"start=align_if", "plant.theta_e_start_rad=2"}, 5000},
+        Drive{"erk", "dilys2021", {"plant.engine=erk"}},
         Drive{"cvode", "dilys2021", {"plant.engine=cvode"}},
         Drive{"rk4_with_load", "dilys2021", {"estimator.prediction=rk4", "load.T_load_Nm=0.02"}},
         Drive{"truth_angle", "dilys2021", {"controller.angle_source=truth"}},

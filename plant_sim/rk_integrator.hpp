@@ -1,0 +1,41 @@
+// The default engine: embedded Runge-Kutta pairs on states of fixed size (plant_sim/runge_kutta.hpp)
+// with step control inside the interval.
+//
+//   step     the whole interval at first, or parts of it where T (fastest rate) exceeds 0.6; a step
+//            is accepted where its estimated error is at most the tolerance
+//   pair     order 5 where T (fastest rate) is below 0.05, else order 8
+//   plain    a machine without effects: order 8 on plant_sim/plain_machine.hpp
+//
+// The tolerance is absolute: A, rad/s and 100 times rad, as a root of squares. Where the equations
+// are smooth the true error is 10 to 100 times smaller than the estimate. At a corner (a clamped
+// dead time, the flank of a gap) the steps become small; the estimate can miss one.
+//
+// Nothing is remembered between intervals. Throws std::runtime_error where an interval takes more
+// than 1000 steps (stiff equations) and where the state is not finite.
+#pragma once
+#include "plant_sim/integrator.hpp"
+
+namespace twinrate {
+
+class RkIntegrator final : public Integrator {
+ public:
+  // `model` must outlive the integrator.
+  explicit RkIntegrator(const DriveModel& model)
+      : model_(model), fastest_rate_(model.fastest_rate()), is_plain_(model.is_plain()) {}
+
+  PlantState advance(const PlantState& x, const PlantInput& input, double T) override;
+  TwoMassState advance_two_masses(const TwoMassState& x, const PlantInput& input,
+                                  double T) override;
+
+ private:
+  PlantState advance_plain(const PlantState& x, const Vec2& u_alphabeta, const PlantInput& input,
+                           double T) const;
+  // T times the fastest rate of the equations at this speed.
+  double hardness(double omega_m, double T) const;
+
+  const DriveModel& model_;
+  double fastest_rate_;
+  bool is_plain_;
+};
+
+}  // namespace twinrate
