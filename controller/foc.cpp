@@ -150,7 +150,7 @@ void Foc::hand_over(const ControllerInput& in, const Frame& frame, double theta_
 }
 
 bool Foc::synchronism_lost(const ControllerInput& in, const Frame& frame) {
-  if (angle_source_ != AngleSource::kEstimate) return false;
+  if (angle_source_ != AngleSource::kEstimate || !p_.synchronism.watch) return false;
   const Measurement& m = in.measurement;
   const double omega_e = machine_.n_p * frame.omega_m;
   return synchronism_.lost(in.estimate, park(clarke(m.i_abc), frame.theta_e),

@@ -1,5 +1,6 @@
 // The gains of a fast loop: the one in use and the next ones that wait for their tick.
 #pragma once
+#include <algorithm>
 #include <array>
 
 #include "model/signals.hpp"
@@ -17,6 +18,23 @@ inline bool fits(const Gain& gain, const Gain& first) {
   return true;
 }
 
+// Copies a gain: of gains of equal size the used blocks alone, since a gain has room for the largest
+// filter.
+inline void copy_gain(Gain& to, const Gain& from) {
+  if (from.n_x == 0 || to.n_x != from.n_x || to.n_y != from.n_y) {
+    to = from;
+    return;
+  }
+  to.k = from.k;
+  to.t_ns = from.t_ns;
+  to.first_use = from.first_use;
+  to.theta_e = from.theta_e;
+  to.K.topLeftCorner(from.n_x, from.n_y) = from.K.topLeftCorner(from.n_x, from.n_y);
+  to.P.topLeftCorner(from.n_x, from.n_x) = from.P.topLeftCorner(from.n_x, from.n_x);
+  to.n_speeds = from.n_speeds;
+  std::copy_n(from.at_speed.begin(), from.n_speeds, to.at_speed.begin());
+}
+
 // A gain set is taken over whole, at a tick boundary.
 class GainSlots {
  public:
@@ -28,7 +46,7 @@ class GainSlots {
       if (slot.k == gain.k) return;
       if (slot.k < oldest->k) oldest = &slot;
     }
-    if (gain.k > oldest->k) *oldest = gain;
+    if (gain.k > oldest->k) copy_gain(*oldest, gain);
   }
   bool has(std::int64_t snapshot) const {
     for (const Gain& slot : slots_)

@@ -138,7 +138,7 @@ const Gain& BackgroundLoop::step(const Estimate& snapshot) {
         filter_->ahead(snapshot, rate_.n_at(gain_.k) - 1).theta_e - snapshot.theta_e;
     GainFrame(filter_->turning_pairs(), turned).turn_covariance(gain_);
   }
-  gain_ = filter_->background_step(gain_, at);
+  copy_gain(gain_, filter_->background_step(gain_, at));
   gain_.theta_e = at.theta_e;
   gain_.first_use = first_use_of(policy_, snapshot.k, rate_);
   return gain_;

@@ -20,7 +20,7 @@ const TickRecord& ClosedLoop::step() {
   tick_.truth = plant_.truth();
   tick_.estimate = estimator_.tick(tick_.measurement);
   tick_.has_gain = estimator_.has_gain();
-  if (tick_.has_gain) tick_.gain = estimator_.gain();
+  if (tick_.has_gain) copy_gain(tick_.gain, estimator_.gain());
   tick_.reference = drive_.reference_at(tick_.measurement.k);
   tick_.command =
       controller_->step({tick_.measurement, tick_.estimate, tick_.reference, &tick_.truth});

@@ -78,17 +78,20 @@ OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
 
 double DriveModel::total_load(const PlantState& x, const PlantInput& input,
                               double t_in_interval) const {
+  if (on_equations_.empty() && on_load_.empty()) return input.T_load;
   const OperatingPoint p = point(x, input, t_in_interval);
   return input.T_load + sum_at(on_equations_, p).T_load + sum_at(on_load_, p).T_load;
 }
 
 double DriveModel::bus_voltage(const PlantState& x, const PlantInput& input,
                                double t_in_interval) const {
+  if (on_bus_.empty()) return v_dc_;
   return v_dc_ + sum_at(on_bus_, point(x, input, t_in_interval)).v_dc;
 }
 
 Contribution DriveModel::sensing_at(const PlantState& x, const PlantInput& input,
                                     double t_in_interval) const {
+  if (on_sensors_.empty()) return {};
   return sum_at(on_sensors_, point(x, input, t_in_interval));
 }
 
