@@ -23,6 +23,8 @@ enum class Reason : int {
   kPlantFailed = 22,
   kPeerTimeout = 30,
   kConfigMismatch = 31,
+  kProcessFrozen = 32,
+  kLogLost = 33,
   kProcessDied = 34,
   kStopRequested = 40,
   kEmergencyStop = 41,
@@ -33,6 +35,20 @@ enum class Reason : int {
   kEffectAdded = 62,
   kEffectCompared = 63,
   kNothingTraced = 64,
+  kStateChange = 70,
+  kVoltageClamped = 71,
+  kOverCurrent = 72,
+  kOverVoltage = 73,
+  kUnderVoltage = 74,
+  kOverSpeed = 75,
+  kDerated = 76,
+  kOverTemperature = 77,
+  kSensorFault = 78,
+  kSensorLost = 79,
+  kSafeRequested = 80,
+  kReset = 81,
+  kSecondSender = 82,
+  kSupervisorLost = 83,
 };
 
 struct ReasonText {
@@ -76,6 +92,10 @@ inline constexpr std::array kReasons = {
                "a process waited longer than bus.peer_timeout_s for another"},
     ReasonText{Reason::kConfigMismatch, "config_mismatch",
                "two processes have different drive files"},
+    ReasonText{Reason::kProcessFrozen, "process_frozen",
+               "realtime: a process of the set sent no heartbeat"},
+    ReasonText{Reason::kLogLost, "log_lost",
+               "realtime: the logger ended or stopped; the drive goes on without a log"},
     ReasonText{Reason::kProcessDied, "process_died", "a process of the set ended unexpectedly"},
     ReasonText{Reason::kStopRequested, "stop_requested", "the run was stopped on request"},
     ReasonText{Reason::kEmergencyStop, "emergency_stop", "emergency stop on request: zero voltage"},
@@ -94,6 +114,33 @@ inline constexpr std::array kReasons = {
                "error with and without an added effect, on the data after it"},
     ReasonText{Reason::kNothingTraced, "nothing_traced",
                "the model does not fit, and no effect of the catalogue explains it"},
+    ReasonText{Reason::kStateChange, "state_change",
+               "the drive changed its state between IDLE, ALIGN, RUN and DERATE"},
+    ReasonText{Reason::kVoltageClamped, "voltage_clamped",
+               "a command asked for more voltage than the bus gives: applied up to the limit"},
+    ReasonText{Reason::kOverCurrent, "over_current",
+               "the current was above machine.i_trip_A: off, state SAFE"},
+    ReasonText{Reason::kOverVoltage, "over_voltage",
+               "the bus voltage was above safety.v_dc_max_V: off, state SAFE"},
+    ReasonText{Reason::kUnderVoltage, "under_voltage",
+               "the bus voltage was below safety.v_dc_min_V: off, state SAFE"},
+    ReasonText{Reason::kOverSpeed, "over_speed",
+               "the speed was above safety.omega_m_max_rad_s: off, state SAFE"},
+    ReasonText{Reason::kDerated, "derated",
+               "the temperature reduces the current limit: state DERATE"},
+    ReasonText{Reason::kOverTemperature, "over_temperature",
+               "the temperature was above its limit: off, state SAFE"},
+    ReasonText{Reason::kSensorFault, "sensor_fault",
+               "a reading was not finite, stuck or jumped: it is predicted"},
+    ReasonText{Reason::kSensorLost, "sensor_lost",
+               "readings were faulty for longer than safety.sensor_ticks: off, state SAFE"},
+    ReasonText{Reason::kSafeRequested, "safe_requested",
+               "a command asked for safe mode: off, state SAFE"},
+    ReasonText{Reason::kReset, "reset", "a request took the drive from SAFE to IDLE"},
+    ReasonText{Reason::kSecondSender, "second_sender",
+               "two different commands of one tick arrived: the later one was refused"},
+    ReasonText{Reason::kSupervisorLost, "supervisor_lost",
+               "realtime: the supervisor sent no heartbeat: off, state SAFE"},
 };
 
 // Events after which nobody controls the motor: the drive stands at zero voltage, or its run ended.
@@ -110,6 +157,14 @@ constexpr bool is_trip(Reason reason) {
     case Reason::kProcessDied:
     case Reason::kEmergencyStop:
     case Reason::kDiskFull:
+    case Reason::kOverCurrent:
+    case Reason::kOverVoltage:
+    case Reason::kUnderVoltage:
+    case Reason::kOverSpeed:
+    case Reason::kOverTemperature:
+    case Reason::kSensorLost:
+    case Reason::kSafeRequested:
+    case Reason::kSupervisorLost:
       return true;
     default:
       return false;
