@@ -55,6 +55,13 @@ void run(Config& config, Pairing& p) {
                           tick.event.text);
       return;
     }
+    for (const PlantEvent& event : tick.plant_events) {
+      if (!is_trip(event.reason)) continue;
+      p.status = "tripped";
+      p.why =
+          fmt::format("{:.3f} s: {}", drive.T_s() * static_cast<double>(loop.k() - 1), event.text);
+      return;
+    }
     handed_over = handed_over || (loop.k() > 10 && tick.measurement.mode == Mode::kRun);
     if (!handed_over || loop.k() <= settle) continue;
     const double error = wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m);

@@ -129,6 +129,7 @@ enum class RequestKind : int {
   kEmergencyStop = 3,
   kAddEffect = 4,    // text: [[effect]] tables; value: tick from which on, or the next one
   kAddProposed = 5,  // to the monitor: add the effects that it proposed
+  kReset = 6,        // to the plant: from SAFE to IDLE
 };
 
 }  // namespace twinrate

@@ -187,6 +187,7 @@ void read_drive(Config::Impl& file) {
   read_section(root, "run", d.run);
   root.unread_table("bus");
   root.unread_table("monitor");
+  root.unread_table("safety");
   read_reference(file, root, d.reference);
   read_choice_of_kind(file, root, "estimator", d.estimator);
   read_choice_of_kind(file, root, "controller", d.controller);
@@ -317,6 +318,10 @@ void Config::read_table(const std::string& path, const std::function<void(FieldV
     known->second = text;  // read again: it keeps its place
   else
     owned.emplace_back(path, text);
+}
+
+std::optional<double> Config::given_number(const std::string& key_path) const {
+  return impl_->root.at_path(key_path).value<double>();
 }
 
 bool Config::has_table(const std::string& path) const {

@@ -6,6 +6,7 @@
 #pragma once
 #include <functional>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -43,6 +44,8 @@ class Config {
     read_table(T::kTable, [&](FieldVisitor& f) { table.fields(f); });
     return table;
   }
+  // A number as it was given, whoever owns its table; empty where none was.
+  std::optional<double> given_number(const std::string& key_path) const;
   bool has_table(const std::string& path) const;  // written in the file, its preset or an override
   // After every owner has read its tables: a table nobody read is an unknown key.
   void require_all_read() const;

@@ -206,8 +206,8 @@ std::string write_drive(const DriveConfig& d,
   text += section_text("gain", d.gain) + owned("plant");
   text += without_line(section_text("reference", d.reference),
                        d.reference.in_rpm ? "omega_e_rad_s" : "speed_rpm");
-  return text + section_text("load", d.load) + section_text("run", d.run) + owned("bus") +
-         owned("monitor") + section_text("estimator", d.estimator) +
+  return text + section_text("load", d.load) + section_text("run", d.run) + owned("safety") +
+         owned("bus") + owned("monitor") + section_text("estimator", d.estimator) +
          section_text("controller", d.controller);
 }
 
@@ -263,6 +263,7 @@ std::vector<KeyRow> describe_drive_keys(const std::vector<OwnedTable>& owned) {
   add("reference", d.reference);
   add("load", d.load);
   add("run", d.run);
+  add_owned("safety");
   add_owned("bus");
   add_owned("monitor");
   add("estimator", d.estimator);

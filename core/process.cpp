@@ -21,6 +21,9 @@ void note_stop(int) {
 constexpr auto kBeatPeriod = std::chrono::milliseconds(100);
 constexpr double kStartPatience_s = 10;  // before the first tick: the peers may still be starting
 constexpr double kPatienceStep_s = 0.2;
+// Realtime: a set whose supervisor is silent for so long ends. The plant is off by then.
+constexpr double kOrphanAfter_s = 1;
+constexpr double kLoggerLater_s = 0.3;  // the last events of the others are in the log
 
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
                        const DriveConfig& d) {
@@ -69,7 +72,10 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
   status_.role = static_cast<std::int32_t>(info_.role);
   status_.state = static_cast<std::int32_t>(ProcessState::kStarting);
   bus_->subscribe<request_t>([this](const request_t& request) { handle_request(request); });
-  bus_->subscribe<status_t>([this](const status_t& other) { compare_config(other); });
+  bus_->subscribe<status_t>([this](const status_t& other) {
+    if (other.role == static_cast<int>(Role::kSupervisor)) supervisor_heard_ = Clock::now();
+    compare_config(other);
+  });
   last_progress_ = Clock::now();
 }
 
@@ -103,6 +109,10 @@ bool Process::answer(const request_t& request, reply_t& reply) {
       emergency_stop_();
       event(Reason::kEmergencyStop, status_.seq,
             "emergency stop: zero voltage from the next tick on");
+      return true;
+    case RequestKind::kReset:
+      if (!reset_) return false;
+      if (const std::string why = reset_(); !why.empty()) refuse(why);
       return true;
     case RequestKind::kAddEffect:
       if (!add_effects_) return false;
@@ -194,11 +204,29 @@ void Process::check_patience() {
        waiting.from);
 }
 
+std::optional<double> Process::supervisor_silent_s() const {
+  if (!supervisor_heard_) return {};
+  return seconds_since(*supervisor_heard_);
+}
+
+// A stopped supervisor can neither watch the set nor end it.
+void Process::check_supervisor() {
+  const double patience_s = kOrphanAfter_s + (info_.role == Role::kLogger ? kLoggerLater_s : 0);
+  if (lockstep() || !bus_->bound() || supervisor_silent_s().value_or(0) <= patience_s) return;
+  fail(Reason::kSupervisorLost, status_.seq,
+       fmt::format("the supervisor was silent for {:.1f} s: {} ends", *supervisor_silent_s(),
+                   info_.program));
+}
+
 bool Process::turn(double timeout_ms) {
   bus_->handle(timeout_ms);
   if (Clock::now() - last_beat_ >= kBeatPeriod) {
+    // A process that was stopped itself has heard nobody.
+    if (supervisor_heard_ && seconds_since(last_beat_) > kOrphanAfter_s / 2)
+      supervisor_heard_ = Clock::now();
     beat();
     if (!finished_) check_patience();
+    if (!finished_) check_supervisor();
   }
   return !stopping();
 }

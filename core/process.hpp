@@ -96,6 +96,12 @@ class Process {
   // What an emergency stop does in this process (the plant: zero voltage).
   void on_emergency_stop(std::function<void()> action) { emergency_stop_ = std::move(action); }
 
+  // The plant: leaves SAFE. Returns "" where it did, else why not.
+  void on_reset(std::function<std::string()> action) { reset_ = std::move(action); }
+
+  // Seconds since the supervisor's last heartbeat; empty before the first (no supervisor).
+  std::optional<double> supervisor_silent_s() const;
+
   // What happens to a request for more effects in the model: `extended` is this drive with all
   // asked for so far, to be used from tick `k` on. May throw BadInput, which refuses the request.
   // A process that has no model leaves it out.
@@ -125,6 +131,7 @@ class Process {
   void compare_config(const status_t& other);
   void beat();
   void check_patience();
+  void check_supervisor();
 
   ProcessInfo info_;
   ProcessOptions options_;
@@ -135,6 +142,8 @@ class Process {
   Clock::time_point last_beat_{}, last_progress_{};
   std::function<Waiting()> waiting_for_;
   std::function<void()> emergency_stop_;
+  std::function<std::string()> reset_;
+  std::optional<Clock::time_point> supervisor_heard_;
   AddEffects add_effects_;
   std::function<bool()> add_proposed_;
   std::optional<Config> extended_;  // with the effects that requests added

@@ -22,7 +22,7 @@ inline std::string list_names(const std::vector<std::string>& names) {
 }
 
 // The tables that other folders own whole; DriveConfig reads of [plant] what all have to know.
-inline constexpr const char* kOwnedTables[] = {"plant", "bus", "monitor"};
+inline constexpr const char* kOwnedTables[] = {"plant", "safety", "bus", "monitor"};
 
 // The parsed file and, for each key, where it was written (a preset, the file itself, or --set).
 struct Config::Impl {
@@ -59,10 +59,21 @@ struct Config::Impl {
     for (const auto& [owned, text] : owned_text)
       if (owned == path) return text;
     const auto* table = root[path].as_table();
-    if (!table) return "";
+    return table ? given_text(path, *table) : "";
+  }
+  // With the headers of its own tables at their whole path.
+  static std::string given_text(const std::string& path, const toml::table& table) {
+    toml::table keys;
+    std::string nested;
+    for (const auto& [key, node] : table) {
+      if (const auto* sub = node.as_table())
+        nested += given_text(join(path, key.str()), *sub);
+      else
+        keys.insert(key, node);
+    }
     std::ostringstream text;
-    text << "\n[" << path << "]\n" << *table << "\n";
-    return text.str();
+    text << "\n[" << path << "]\n" << keys << "\n";
+    return text.str() + nested;
   }
   void note_origins(const toml::table& table, const std::string& file, const std::string& prefix) {
     for (const auto& [key, node] : table) {

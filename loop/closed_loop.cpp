@@ -27,6 +27,11 @@ const TickRecord& ClosedLoop::step() {
   tick_.event = controller_->take_event();
   plant_.take_command(tick_.command);
   plant_.advance();
+  tick_.plant_events.clear();
+  for (int i = 0; i < plant_.safety().event_count(); ++i) {
+    const SafetyEvent& event = plant_.safety().event(i);
+    tick_.plant_events.push_back({event.reason, text_of(event, plant_.safety())});
+  }
   return tick_;
 }
 

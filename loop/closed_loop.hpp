@@ -7,6 +7,8 @@
 //   -> REFERENCE(k), COMMAND(k)
 #pragma once
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "controller/controller.hpp"
 #include "core/config.hpp"
@@ -14,6 +16,11 @@
 #include "plant_sim/plant.hpp"
 
 namespace twinrate {
+
+struct PlantEvent {
+  Reason reason = Reason::kNone;
+  std::string text;
+};
 
 // The messages of one tick. `gain` is new only if has_gain.
 struct TickRecord {
@@ -25,6 +32,7 @@ struct TickRecord {
   Reference reference;
   Command command;
   ControllerEvent event;
+  std::vector<PlantEvent> plant_events;  // of tick measurement.k
 };
 
 class ClosedLoop {
@@ -38,6 +46,7 @@ class ClosedLoop {
   // plant does not change.
   void know(Config& extended);
   const Controller& controller() const { return *controller_; }
+  const Plant& plant() const { return plant_; }
 
  private:
   const DriveConfig drive_;

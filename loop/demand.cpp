@@ -65,6 +65,9 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
   if (demand.i_max && demand.i_q > *demand.i_max)
     warn("load.T_load_Nm",
          fmt::format("needs i_q = {:.4g} A, i_max_A is {:.4g} A", demand.i_q, *demand.i_max));
+  if (demand.i_max && m.i_trip > 0 && m.i_trip < *demand.i_max)
+    warn("machine.i_trip_A", fmt::format("{:.4g} A, the drive switches off below i_max_A, {:.4g} A",
+                                         m.i_trip, *demand.i_max));
   if (m.omega_m_rated > 0 && demand.omega_e > m.n_p * m.omega_m_rated)
     warn(speed_key,
          fmt::format("above the rated speed, {:.4g} rad/s electrical", m.n_p * m.omega_m_rated));

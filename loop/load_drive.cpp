@@ -9,6 +9,7 @@
 #include "estimator/registry.hpp"
 #include "monitor/monitor_parameters.hpp"
 #include "plant_sim/plant_parameters.hpp"
+#include "plant_sim/safety_parameters.hpp"
 
 namespace twinrate {
 namespace {
@@ -32,7 +33,8 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
 }  // namespace
 
 std::vector<OwnedTable> owned_tables() {
-  return {owned_table<PlantParameters>(), owned_table<BusParameters>(),
+  return {owned_table<PlantParameters>(), owned_table<SafetyParameters>(),
+          owned_table<BusParameters>(),
           owned_table<MonitorParameters>()};
 }
 

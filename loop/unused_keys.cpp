@@ -66,6 +66,8 @@ Rule with(const std::string& key, const std::string& other, const std::string& v
 std::vector<Rule> rules_of_gains() {
   const auto background = [](const Settings& s) { return has_background(s.drive.gain.policy); };
   const std::string held = "a gain.policy other than scheduled";
+  const auto makes_fault = [](const Settings& s) { return s["plant.fault.kind"] != "none"; };
+  const std::string fault = "a plant.fault.kind other than none";
   return {{"rates.n", background, held},
           {"rates.f_b_Hz", background, held},
           {"rates.n_from_s", background, held},
@@ -73,6 +75,9 @@ std::vector<Rule> rules_of_gains() {
            [](const Settings& s) { return s.drive.gain.policy == GainPolicy::kPropagated; },
            "gain.policy = propagated"},
           with("plant.erk_steps", "plant.engine", "erk"),
+          {"plant.fault.at_s", makes_fault, fault},
+          {"plant.fault.for_s", makes_fault, fault},
+          {"plant.fault.value", makes_fault, fault},
           {"inverter.f_pwm_Hz",
            [](const Settings& s) {
              return s.drive.plant.inverter == InverterModel::kSwitched || !s.drive.effects.empty();

@@ -13,6 +13,7 @@ struct MachineParameters {
   int n_p = 0;
   int n_slots = 0;  // 0: not known
   double i_rated = 0, T_rated = 0, omega_m_rated = 0;
+  double i_trip = 0;  // amplitude at which the drive switches off; 0: not given
 
   void fields(FieldVisitor& f);
 

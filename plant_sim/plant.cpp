@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 
 namespace twinrate {
 namespace {
@@ -40,6 +42,13 @@ std::optional<LateState> late_state(const DriveConfig& config, SamplingFacts::Si
   return LateState(delay, config.T_s(), x);
 }
 
+// Filters whose angle is that of the position sensor, and controllers that use it.
+bool needs_position(const DriveConfig& config) {
+  const std::string& kind = config.estimator.kind;
+  return config.controller.angle_source == AngleSource::kMeasured || kind == "ekf_disturbance" ||
+         kind == "ekf_harmonic";
+}
+
 std::optional<SwitchedInverter> switched_inverter(const DriveConfig& config) {
   if (config.plant.inverter != InverterModel::kSwitched) return {};
   const double t_d = effects_of(config).legs.dead_time;
@@ -54,32 +63,91 @@ bool is_finite(const Command& command) {
   return command.u_alphabeta_ref.allFinite() && std::isfinite(command.theta_ctrl);
 }
 
-Plant::Plant(Config& config) : Plant(config.drive(), config.read<PlantParameters>()) {}
+Plant::Plant(Config& config)
+    : Plant(config, config.read<PlantParameters>(), config.read<SafetyParameters>()) {}
 
-Plant::Plant(const DriveConfig& config, const PlantParameters& parameters)
-    : config_(config),
+Plant::Plant(const Config& file, const PlantParameters& parameters, const SafetyParameters& safety)
+    : config_(file.drive()),
       parameters_(parameters),
-      model_(config.machine, effects_of(config).in_equations, config.inverter.v_dc,
+      model_(config_.machine, effects_of(config_).in_equations, config_.inverter.v_dc,
              parameters.saliency),
       integrator_(make_integrator(parameters.engine, model_, parameters.erk_steps)),
-      switched_(switched_inverter(config)),
-      errors_(sample_errors(config)),
-      x_(0, 0, config.omega_m_start(), parameters.theta_e_start / config.machine.n_p),
-      T_load_(config.load.slew_Nm_s > 0 ? 0 : config.load.T_load_Nm.at(0)) {
+      switched_(switched_inverter(config_)),
+      errors_(sample_errors(config_)),
+      x_(0, 0, config_.omega_m_start(), parameters.theta_e_start / config_.machine.n_p),
+      safety_(safety_limits(file, safety, parameters.hold_ticks)),
+      watch_(sensor_limits(config_, safety_.limits())),
+      watches_(safety.watch_sensors),
+      needs_position_(needs_position(config_)),
+      T_load_(config_.load.slew_Nm_s > 0 ? 0 : config_.load.T_load_Nm.at(0)) {
+  if (switched_ && parameters.fault.kind == MadeFault::kBusVoltage)
+    throw BadInput(file.where("plant.fault.kind") +
+                   ": plant.fault.kind: bus_voltage allowed with plant.inverter = averaged");
+  const auto& off = safety_.limits().off;
+  if (parameters.fault.kind == MadeFault::kBusVoltage &&
+      std::find(off.begin(), off.end(), Off::kOpen) != off.end())
+    throw BadInput(file.where("plant.fault.kind") +
+                   ": plant.fault.kind: bus_voltage allowed with safety.off = short: the diodes of "
+                   "open gates are at the nominal bus voltage");
   input_.T_load = T_load_;
   v_dc_ = model_.bus_voltage(x_, input_, 0);
   shaft_ = model_.shaft_at_rest(0, x_[2], T_load_);
-  late_currents_ = late_state(config, SamplingFacts::kCurrent, x_);
-  late_angle_ = late_state(config, SamplingFacts::kAngle, x_);
+  late_currents_ = late_state(config_, SamplingFacts::kCurrent, x_);
+  late_angle_ = late_state(config_, SamplingFacts::kAngle, x_);
   applied_ = svpwm(Vec2::Zero(), v_dc_);
   acting_duty_ = applied_.duty_abc;
   reading_ = model_.sensing_at(x_, input_, 0);
   sense_currents();
-  theta_m_meas_ = sample_angle(config.sensors, sensed_angle());
+  theta_m_meas_ = sample_angle(config_.sensors, sensed_angle());
   omega_m_meas_ = x_[2];
+  take_row();
 }
 
-Measurement Plant::sample() const {
+bool Plant::makes(MadeFault kind) const {
+  const FaultParameters& fault = parameters_.fault;
+  const double t = static_cast<double>(k_) * config_.T_s() + 1e-9 - fault.at_s;
+  return fault.kind == kind && t >= 0 && t < fault.for_s;
+}
+
+void Plant::spoil_reading(Measurement& m) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  if (makes(MadeFault::kCurrentNan)) m.i_abc[0] = kNan;
+  if (makes(MadeFault::kCurrentStuck) && k_ > 0) m.i_abc[0] = row_.i_abc[0];
+  if (makes(MadeFault::kCurrentJump)) m.i_abc[0] += parameters_.fault.value;
+  if (makes(MadeFault::kPositionNan)) m.theta_m = kNan;
+  if (makes(MadeFault::kPositionJump)) m.theta_m += parameters_.fault.value;
+}
+
+// SensorReadings that are predicted count as not measured.
+void Plant::mark_faults(Measurement& m) const {
+  if (faults_ & kBusNotFinite) m.signals &= ~kBusVoltage;
+  if (faults_ & kAnyPositionFault) m.signals &= ~(kPosition | kSpeed);
+  const bool row_lost =
+      (faults_ & kAnyCurrentFault) || (needs_position_ && (faults_ & kAnyPositionFault));
+  if (row_lost) m.signals &= kVoltage | kBusVoltage;
+  if (is_open()) m.signals &= ~kVoltage;
+}
+
+// Reads the row at t_k, and what the drive makes of it.
+void Plant::take_row() {
+  Measurement m = row();
+  spoil_reading(m);
+  row_ = m;
+  faults_ = 0;
+  if (watches_) {
+    SensorReadings r{{m.i_abc[0], m.i_abc[1], m.i_abc[2]}, m.v_dc, m.theta_m, m.omega_m};
+    const bool measured = (m.signals & kPhaseCurrents) != 0;
+    faults_ = watch_.check(r, {applied_.u_alphabeta.norm(), applied_command_.theta_ctrl}, measured);
+    if (measured) {
+      m.i_abc = {r.i_abc[0], r.i_abc[1], r.i_abc[2]};
+      m.v_dc = r.v_dc, m.theta_m = r.theta_m, m.omega_m = r.omega_m;
+    }
+  }
+  mark_faults(m);
+  sample_ = m;
+}
+
+Measurement Plant::row() const {
   Measurement m;
   m.k = k_;
   m.t_ns = config_.t_ns(k_);
@@ -110,40 +178,85 @@ Truth Plant::truth() const {
   return t;
 }
 
-void Plant::take_command(const Command& command) {
-  if (command.k < 0 || !is_finite(command)) return;
+void Plant::take_command(const Command& received) {
+  if (received.k < 0 || makes(MadeFault::kCommandMissing)) return;
+  Command command = received;
+  if (makes(MadeFault::kCommandTooLarge)) command.u_alphabeta_ref *= parameters_.fault.value;
+  if (!is_finite(command) || makes(MadeFault::kCommandNan)) {
+    not_finite_k_[static_cast<std::size_t>(command.k) % not_finite_k_.size()] = command.k;
+    return;
+  }
   Command& slot = commands_[static_cast<std::size_t>(command.k) % commands_.size()];
   if (command.k > slot.k)
     slot = command;  // an old one may arrive again: it must not displace a newer one
 }
 
+bool Plant::contradicts(const Command& command) const {
+  if (command.k < 0) return false;
+  const Command& there = commands_[static_cast<std::size_t>(command.k) % commands_.size()];
+  return there.k == command.k &&
+         (there.u_alphabeta_ref != command.u_alphabeta_ref || there.mode != command.mode ||
+          there.theta_ctrl != command.theta_ctrl);
+}
+
+std::string Plant::reset() {
+  emergency_stop_ = supervisor_silent_ = false;
+  if (!safety_.is_off()) return "the drive is not off";
+  if (!safety_.reset()) return "the cause is still there";
+  applied_command_ = Command{};
+  return "";
+}
+
+Arrival Plant::arrival_of(const Command& command, std::int64_t due) const {
+  if (due < 0) return Arrival::kNotDue;
+  if (command.k == due) return Arrival::kInTime;
+  const bool came = not_finite_k_[static_cast<std::size_t>(due) % not_finite_k_.size()] == due;
+  return came ? Arrival::kNotFinite : Arrival::kMissing;
+}
+
+// One step of the state machine with the readings of t_k and the command in force.
+void Plant::protect(Arrival arrival) {
+  SafetyInput in;
+  in.arrival = arrival;
+  in.asked = applied_command_.mode == Mode::kSafe  ? Asked::kSafe
+             : applied_command_.mode == Mode::kRun ? Asked::kRun
+                                                   : Asked::kForcedAngle;
+  in.clamped = svpwm(applied_command_.u_alphabeta_ref, v_dc_).limited;
+  in.faulty = needs_position_ ? faults_ : faults_ & ~kAnyPositionFault;
+  in.i = clarke(sample_.i_abc).norm();
+  in.v_dc = sample_.v_dc;
+  in.omega_m = sample_.omega_m;
+  in.emergency_stop = emergency_stop_;
+  in.supervisor_silent = supervisor_silent_;
+  safety_.step(in);
+}
+
 bool Plant::apply_due_command() {
   const std::int64_t due = k_ - parameters_.delay_samples;
-  bool in_time = true;
-  if (due >= 0) {
-    const Command& command = commands_[static_cast<std::size_t>(due) % commands_.size()];
-    in_time = command.k == due;
-    if (in_time) applied_command_ = command;
-    held_ticks_ = in_time ? 0 : held_ticks_ + 1;
-    if (held_ticks_ > parameters_.hold_ticks) tripped_ = true;
-  }
-  if (tripped_) applied_command_ = Command{.mode = Mode::kSafe};
+  const auto slot = static_cast<std::size_t>(std::max<std::int64_t>(due, 0)) % commands_.size();
+  const Arrival arrival = arrival_of(commands_[slot], due);
+  if (arrival == Arrival::kInTime) applied_command_ = commands_[slot];
+  protect(arrival);
+  if (safety_.is_off()) applied_command_ = Command{.mode = Mode::kSafe};
   applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);
-  return in_time;
+  return arrival == Arrival::kNotDue || arrival == Arrival::kInTime;
 }
 
 bool Plant::advance() {
-  if (errors_) before_ = sample();
+  before_ = row_;
+  bus_share_ = makes(MadeFault::kBusVoltage) ? parameters_.fault.value / config_.inverter.v_dc : 1;
   const bool in_time = apply_due_command();
   const double T_s = config_.T_s();
   const double t_k = static_cast<double>(k_) * T_s;
   T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s);
   acting_duty_ = errors_ ? errors_->acting_duty(applied_.duty_abc) : applied_.duty_abc;
-  input_ = {
-      .t_k = t_k, .u_alphabeta = clarke(acting_duty_ * config_.inverter.v_dc), .T_load = T_load_};
-  integrate();
+  input_ = {.t_k = t_k,
+            .u_alphabeta = clarke(acting_duty_ * (bus_share_ * config_.inverter.v_dc)),
+            .T_load = T_load_};
+  is_open() ? integrate_open() : integrate();
   ++k_;
   read_sensors();
+  take_row();
   return in_time;
 }
 
@@ -189,9 +302,38 @@ void Plant::integrate() {
   }
 }
 
+// All switches off. Legs in dead time are their diodes: i_zero makes a leg that blocks settle within
+// one part of the interval. Once the current is zero it stays so where the EMF is below the bus
+// voltage: the terminals follow the EMF.
+void Plant::integrate_open() {
+  constexpr double kConducting = 0.01, kBlocking = 0.1;  // parts of an interval
+  const MachineParameters& m = config_.machine;
+  const double T_s = config_.T_s(), v_dc = config_.inverter.v_dc * bus_share_;
+  LegStates diodes{.legs = {Leg::kDead, Leg::kDead, Leg::kDead}};
+  diodes.i_zero = v_dc * kConducting * T_s / (2 * std::min(m.L_d, m.L_q));
+  for (double done = 0; done < 1 - 1e-9;) {
+    PlantInput input = input_;
+    input.t_k = input_.t_k + done * T_s;
+    const double omega_e = m.n_p * x_[2];
+    const bool blocks = std::numbers::sqrt3 * m.psi_f * std::abs(omega_e) < v_dc &&
+                        x_.head<2>().norm() < 2 * diodes.i_zero;
+    const double part = std::min(blocks ? kBlocking : kConducting, 1 - done);
+    if (blocks) {
+      x_.head<2>().setZero();
+      input.u_alphabeta =
+          inverse_park(Vec2(0, omega_e * m.psi_f), m.n_p * x_[3] + 0.5 * part * T_s * omega_e);
+    } else {
+      input.legs = diodes;
+    }
+    advance_part(input, done * T_s, part * T_s);
+    if (blocks) x_.head<2>().setZero();
+    done += part;
+  }
+}
+
 void Plant::read_sensors() {
   const double T_s = config_.T_s();
-  v_dc_ = model_.bus_voltage(x_, input_, T_s);
+  v_dc_ = model_.bus_voltage(x_, input_, T_s) * bus_share_;
   reading_ = model_.sensing_at(x_, input_, T_s);
   sense_currents();
   const double theta_m_meas = sample_angle(config_.sensors, sensed_angle());

@@ -15,15 +15,24 @@
 //
 // Effects on the samples (late signals, lost rows, ..) act here: plant_sim/sample_errors.hpp.
 //
-// Before the first command is due the voltage is zero. A command that is not there when it is due
-// leaves the last voltage on; after plant.hold_ticks intervals of that the drive trips: zero
-// voltage from then on.
+// The drive protects itself like a real one (safety/state_machine.hpp): readings are checked before
+// they are published, and each tick passes the state machine before its voltage is applied. Before
+// the first command is due the voltage is zero. In state SAFE the phases are shorted (the zero
+// voltage vector) or the gates are open:
+//
+//   gates open   the diodes carry the current until it is zero. Then no current flows as long as
+//                the EMF between two phases, sqrt3 psi_f |omega_e|, is below the bus voltage;
+//                above it the diodes rectify into the bus. The drive does not know the voltage at
+//                its terminals then: MEASUREMENT has none.
+//
+// [plant.fault] makes a fault at a given time: of a sensor, of the bus, of the commands.
 #pragma once
 #include <array>
 #include <memory>
 
 #include "core/config.hpp"
 #include "plant_sim/plant_parameters.hpp"
+#include "plant_sim/safety_parameters.hpp"
 #include "plant_sim/sample_errors.hpp"
 
 namespace twinrate {
@@ -37,26 +46,42 @@ class Plant {
   // Reads its table of the drive file. Throws BadInput.
   explicit Plant(Config& config);
 
-  Measurement sample() const;
+  const Measurement& sample() const { return sample_; }
   Truth truth() const;
   void take_command(const Command& command);
   // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS
   // fails.
   bool advance();
-  // Zero voltage from now on, for every command (safe state).
-  void trip() { tripped_ = true; }
-  bool tripped() const { return tripped_; }
+  // Another command of the same tick is there already.
+  bool contradicts(const Command& command) const;
+  // Off from the next advance() on, for every command.
+  void emergency_stop() { emergency_stop_ = true; }
+  void supervisor_is_silent() { supervisor_silent_ = true; }
+  // SAFE -> IDLE. "" where it did, else why not.
+  std::string reset();
+  bool tripped() const { return safety_.is_off(); }
+  // With the events of the last advance(), of tick k() - 1, or of a reset().
+  const SafetyMachine& safety() const { return safety_; }
 
   std::int64_t k() const { return k_; }
 
  private:
-  Plant(const DriveConfig& drive, const PlantParameters& parameters);
+  Plant(const Config& config, const PlantParameters& parameters, const SafetyParameters& safety);
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
+  Arrival arrival_of(const Command& command, std::int64_t due) const;
+  void protect(Arrival arrival);
   void integrate();
+  void integrate_open();
   // x and shaft over T; integrate()'s part from one moment of the interval on.
   void step(PlantState& x, ShaftState& shaft, const PlantInput& input, double T);
   void advance_part(const PlantInput& input, double from, double T);
+  bool is_open() const { return safety_.is_off() && safety_.off() == Off::kOpen; }
+  bool makes(MadeFault kind) const;
+  Measurement row() const;
+  void spoil_reading(Measurement& m);
+  void take_row();
+  void mark_faults(Measurement& m) const;
   void read_sensors();
   double sensed_angle();
   void sense_currents();
@@ -76,14 +101,20 @@ class Plant {
   double v_dc_ = 0;            // bus voltage at t_k
   Vec3 i_abc_ = Vec3::Zero();  // as the current sensors see them, before noise and ADC
   Vec3 acting_duty_;           // of the legs: that of applied_, unless it acts late
-  Measurement before_;         // MEASUREMENT(k-1), where rows may repeat it
+  Measurement row_, before_;   // readings at t_k and t_{k-1}, before the watch
+  Measurement sample_;         // MEASUREMENT(k)
   Command applied_command_;
-  int held_ticks_ = 0;
+  SafetyMachine safety_;
+  SensorWatch watch_;
+  bool watches_, needs_position_;
+  int faults_ = 0;  // ReadingFault of sample_
+  std::array<std::int64_t, 8> not_finite_k_{-1, -1, -1, -1, -1, -1, -1, -1};  // as commands_
+  double bus_share_ = 1;  // of the nominal bus voltage
+  bool emergency_stop_ = false, supervisor_silent_ = false;
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8
   double theta_m_meas_ = 0, omega_m_meas_ = 0;
   double T_load_ = 0;
   std::int64_t k_ = 0;
-  bool tripped_ = false;
 };
 
 }  // namespace twinrate

@@ -7,9 +7,11 @@
 // clock, nobody waits.
 #include <fmt/format.h>
 
+#include <chrono>
 #include <utility>
 
 #include "core/process.hpp"
+#include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 #include "plant_sim/plant.hpp"
 #include "plant_sim/realtime.hpp"
@@ -22,7 +24,8 @@ class PlantProcess {
   explicit PlantProcess(Process& p) : p_(p), plant_(p.config()), steps_(p.drive().steps()) {
     p.bus().subscribe<command_t>([this](const command_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { take_ack(ack); });
-    p.on_emergency_stop([this] { plant_.trip(); });
+    p.on_emergency_stop([this] { plant_.emergency_stop(); });
+    p.on_reset([this] { return reset(); });
     p.waiting_for([this] { return missing(); });
     if (!p.bus().bound()) p.bus().adopt(new_session_id());
   }
@@ -60,8 +63,22 @@ class PlantProcess {
     p_.bus().refuse();
     return std::exchange(not_finite_k_, command.k) != command.k;
   }
+  std::string reset() {
+    const std::string why = plant_.reset();
+    if (why.empty()) publish_safety_events(p_, plant_, k());
+    return why;
+  }
+  // LCM messages have no sender: two commands of one tick that differ are those of two senders.
+  void refuse_second(const Command& command) {
+    p_.bus().refuse();
+    if (command.k < second_k_ + static_cast<std::int64_t>(p_.drive().rates.f_s_Hz)) return;
+    second_k_ = command.k;
+    p_.event(Reason::kSecondSender, command.k,
+             fmt::format("a second, different COMMAND({}) was refused", command.k));
+  }
   void take(const Command& command) {
     if (command.k > k()) return p_.bus().refuse();
+    if (plant_.contradicts(command)) return refuse_second(command);
     if (must_ask_again(command)) return;
     plant_.take_command(command);
     if (!p_.lockstep() || command.k != k() || sent_ != k()) return;
@@ -71,6 +88,7 @@ class PlantProcess {
       p_.fail(Reason::kPlantFailed, k(), error.what());
       return;
     }
+    publish_safety_events(p_, plant_, command.k);
     p_.progress(command.k);
     go_on();
   }
@@ -97,9 +115,14 @@ class PlantProcess {
     p_.bus().send_again(Channel::kMeasurement, sent_);
     p_.bus().send_again(Channel::kTruth, sent_);
   }
-  // Realtime: the loop has ended; the logger may still be writing.
+  // Realtime: the loop has ended; the logger may still be writing. One that writes nothing for a
+  // second is gone.
   void drain_log() {
-    while (logged_ && acknowledged_ < k() && p_.turn(20)) {
+    auto last = std::chrono::steady_clock::now();
+    for (std::int64_t seen = acknowledged_; logged_ && acknowledged_ < k() && p_.turn(20);) {
+      if (acknowledged_ != seen) last = std::chrono::steady_clock::now();
+      seen = acknowledged_;
+      if (seconds_since(last) > 1) break;
     }
     if (!p_.stopping()) p_.finish();
   }
@@ -107,7 +130,8 @@ class PlantProcess {
   Process& p_;
   Plant plant_;
   std::int64_t steps_, sent_ = -1, acknowledged_ = 0, not_finite_k_ = -1;
-  bool logged_ = false;  // a logger of this session has spoken
+  std::int64_t second_k_ = INT64_MIN / 2;  // of the last report
+  bool logged_ = false;                    // a logger of this session has spoken
 };
 
 }  // namespace

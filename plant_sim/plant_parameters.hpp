@@ -5,11 +5,35 @@
 
 namespace twinrate {
 
+// A fault that the simulated plant makes, to see what the drive does about it.
+enum class MadeFault : int {
+  kNone,
+  kCurrentNan,
+  kCurrentStuck,
+  kCurrentJump,
+  kPositionNan,
+  kPositionJump,
+  kBusVoltage,
+  kCommandMissing,
+  kCommandNan,
+  kCommandTooLarge,
+};
+inline constexpr const char* kMadeFaultNames[] = {
+    "none",          "current_nan", "current_stuck",   "current_jump", "position_nan",
+    "position_jump", "bus_voltage", "command_missing", "command_nan",  "command_too_large"};
+
+struct FaultParameters {
+  MadeFault kind = MadeFault::kNone;
+  double at_s = 0, for_s = 1e5, value = 0;
+  void fields(FieldVisitor& f);
+};
+
 struct PlantParameters : PlantFacts {
   static constexpr const char* kTable = "plant";
   Engine engine = Engine::kRk;
   int erk_steps = 1;
   int hold_ticks = 20;
+  FaultParameters fault;
   void fields(FieldVisitor& f);
 };
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <time.h>
 
+#include <algorithm>
 #include <cerrno>
 
 #include "core/signals_io.hpp"
@@ -21,8 +22,9 @@ std::int64_t now_ns() {
 // Handles messages until `deadline`, then returns; the last stretch sleeps on the absolute clock.
 void work_until(Process& p, std::int64_t deadline) {
   constexpr std::int64_t kSleepMargin = 60'000;  // poll() may oversleep by about this much
-  while (now_ns() < deadline - kSleepMargin && !p.stopping())
-    p.turn(static_cast<double>(deadline - kSleepMargin - now_ns()) * 1e-6);
+  do {                                           // once even where it is late: the heart beats
+    p.turn(std::max(0.0, static_cast<double>(deadline - kSleepMargin - now_ns()) * 1e-6));
+  } while (now_ns() < deadline - kSleepMargin && !p.stopping());
   const timespec t{.tv_sec = deadline / kSecond, .tv_nsec = deadline % kSecond};
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
   }
@@ -32,16 +34,25 @@ void work_until(Process& p, std::int64_t deadline) {
 
 }  // namespace
 
+void publish_safety_events(Process& p, const Plant& plant, std::int64_t k) {
+  for (int i = 0; i < plant.safety().event_count(); ++i) {
+    const SafetyEvent& event = plant.safety().event(i);
+    if (event.reason != Reason::kEmergencyStop)  // the request was answered with one
+      p.event(event.reason, k, text_of(event, plant.safety()));
+  }
+}
+
 void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
   const std::int64_t period = p.drive().t_ns(1);
   const std::int64_t start = now_ns() + 20 * period;
-  bool reported_trip = false;
+  const double supervisor_s = 1e-3 * p.config().read<SafetyParameters>().supervisor_ms;
   for (std::int64_t k = 0; k < steps && !p.stopping(); ++k) {
     const std::int64_t due = start + p.drive().t_ns(k);
     work_until(p, due);
     if (now_ns() - due > period / 2) ++p.status().deadline_misses;
     p.bus().publish(to_wire(plant.sample(), p.bus().session()));
     p.bus().publish(to_wire(plant.truth(), p.bus().session()));
+    if (p.supervisor_silent_s().value_or(0) > supervisor_s) plant.supervisor_is_silent();
     if (!plant.advance()) {
       ++p.status().late_commands;
       if (!plant.tripped())
@@ -49,10 +60,7 @@ void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
                 fmt::format("COMMAND({}) was late: the last voltage is held",
                             k - p.drive().plant.delay_samples));
     }
-    if (plant.tripped() && !reported_trip) {
-      reported_trip = true;
-      p.event(Reason::kCommandLost, k, "no command for longer than plant.hold_ticks: zero voltage");
-    }
+    publish_safety_events(p, plant, k);
     p.progress(k);
   }
 }

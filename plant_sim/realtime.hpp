@@ -3,7 +3,8 @@
 // At t_k: publish MEASUREMENT(k); the voltage of [t_k, t_{k+1}] is COMMAND(k - delay_samples) if it
 // has arrived by t_k, otherwise the last one is held and the miss is counted with its k. A tick
 // begun more than half a period late is a deadline miss; the clock is never moved, late ticks
-// follow each other at once.
+// follow each other at once. A supervisor that was heard and is silent for safety.supervisor_ms
+// switches the drive off.
 #pragma once
 #include "core/process.hpp"
 #include "plant_sim/plant.hpp"
@@ -11,5 +12,8 @@
 namespace twinrate {
 
 void run_realtime(Process& p, Plant& plant, std::int64_t steps);
+
+// The events of the plant's state machine at tick k, on the bus.
+void publish_safety_events(Process& p, const Plant& plant, std::int64_t k);
 
 }  // namespace twinrate

@@ -60,7 +60,8 @@ std::vector<std::string> notable_events(const RunLog& log) {
   std::vector<std::pair<const EventRecord*, int>> seen;  // first occurrence, count
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
-    if (reason == Reason::kModeChange || reason == Reason::kLogRotated || reason == Reason::kLearnt)
+    if (reason == Reason::kModeChange || reason == Reason::kLogRotated ||
+        reason == Reason::kLearnt || reason == Reason::kStateChange)
       continue;
     const auto earlier = std::find_if(seen.begin(), seen.end(),
                                       [&](const auto& s) { return same_event(*s.first, event); });

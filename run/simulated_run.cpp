@@ -58,6 +58,8 @@ void publish_tick(SimulatedBus& bus, const TickRecord& tick) {
   bus.publish(tick.command);
   if (tick.event.reason != Reason::kNone)
     bus.publish_event(tick.event.reason, tick.event.text, tick.command.k, tick.command.t_ns);
+  for (const PlantEvent& event : tick.plant_events)
+    bus.publish_event(event.reason, event.text, tick.command.k, tick.command.t_ns, Role::kPlant);
 }
 
 // The monitor in this process. Tracing takes no drive time.

@@ -31,6 +31,20 @@ void set_verdict(const RunLog& log, const DriveConfig& drive, Point& point) {
   point.angle_error_max = summary.angle_error_max.value_or(kNaN);
 }
 
+// A drive that switched off is not locked, whatever its estimate does afterwards.
+void note_trip(const TickRecord& tick, RunLog& log) {
+  const auto note = [&](Reason reason, const std::string& text, Role role) {
+    if (is_trip(reason))
+      log.events.push_back({.k = tick.measurement.k,
+                            .t_ns = tick.measurement.t_ns,
+                            .role = static_cast<int>(role),
+                            .reason = static_cast<int>(reason),
+                            .text = text});
+  };
+  note(tick.event.reason, tick.event.text, Role::kController);
+  for (const PlantEvent& event : tick.plant_events) note(event.reason, event.text, Role::kPlant);
+}
+
 Config recorded_config(const RunLog& log, const std::vector<std::string>& overrides) {
   if (log.config_toml.empty())
     throw BadInput(log.path + ": holds no drive config (no DRIVE_MANIFEST)");
@@ -99,6 +113,7 @@ Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& se
     log.truth.push_back(tick.truth);
     log.estimate.push_back(tick.estimate);
     log.command.push_back(tick.command);
+    note_trip(tick, log);
   }
   set_verdict(log, drive, point);
   return point;

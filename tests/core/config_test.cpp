@@ -111,6 +111,17 @@ TEST(Config, ResolvedTextKeepsWhatOverridesEffectsAndProfilesSay) {
   EXPECT_NE(once.find("[1.0, 2.0, 3.0, 4.0]"), std::string::npos);
 }
 
+// A process that does not read [safety] passes it on, sub-tables at their place.
+TEST(Config, ResolvedTextKeepsTablesThatNobodyReadHere) {
+  const Config config = Config::load(
+      "dilys2021", {"safety.hold_ms=2", "safety.off_at.over_current=open", "plant.fault.at_s=1"});
+  const Config again = Config::parse(config.resolved(), "resolved.toml");
+  EXPECT_EQ(again.given_number("safety.hold_ms"), 2);
+  EXPECT_EQ(again.given_number("plant.fault.at_s"), 1);
+  EXPECT_TRUE(again.has_table("safety.off_at"));
+  EXPECT_EQ(again.resolved(), config.resolved());
+}
+
 TEST(Config, ResolvedTextSurvivesANameWithQuotesAndBackslashes) {
   const Config config = parse("name = 'a \"quoted\" C:\\\\name'\n" + drive_text());
   const Config again = Config::parse(config.resolved(), "resolved.toml");

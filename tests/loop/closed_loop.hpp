@@ -27,6 +27,7 @@ class ClosedLoop {
   const Gain& gain() const { return tick_->gain; }
   const DriveConfig& drive() const { return drive_; }
   double t_s() const { return static_cast<double>(measurement().k) * drive_.T_s(); }
+  bool tripped() const { return loop_.plant().tripped(); }
   double angle_error() const {
     return wrap_pi(estimate().theta_e - drive_.machine.n_p * truth().theta_m);
   }
@@ -79,7 +80,7 @@ inline Figures run(ClosedLoop& loop, Until until = Until::kEnd) {
   figures.speed_end = loop.truth().omega_m;
   figures.angle_error_rms = std::sqrt(square_sum / static_cast<double>(count));
   figures.speed_mean = speed_sum / static_cast<double>(count);
-  if (!(figures.angle_error_max <= kPi / 2)) figures.locked = false;
+  if (!(figures.angle_error_max <= kPi / 2) || loop.tripped()) figures.locked = false;
   figures.speed_held = off_speed_s < 0.020;
   return figures;
 }

@@ -25,7 +25,10 @@ RunLog record(ClosedLoop& loop) {
 class SummaryFigures : public testing::TestWithParam<int> {};
 
 TEST_P(SummaryFigures, AreThoseOfTheRun) {
-  const Overrides overrides{fmt::format("rates.n={}", GetParam())};
+  // A drive that loses synchronism switches off before the window, and its estimate agrees with the
+  // rotor at rest. Here it runs on.
+  const Overrides overrides{fmt::format("rates.n={}", GetParam()), "machine.i_trip_A=1000",
+                            "safety.watch_sensors=false"};
   ClosedLoop recorded(load("dilys2021", overrides)), again(load("dilys2021", overrides));
   const Summary summary = summarise(record(recorded), recorded.drive());
   const Figures figures = run(again);

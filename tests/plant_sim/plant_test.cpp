@@ -170,7 +170,7 @@ TEST(Plant, ACommandThatArrivesTwiceOrOutOfOrderActsOnceAtItsTime) {
 TEST(Plant, ATripMeansZeroVoltageFromTheNextInterval) {
   Plant plant = ideal();
   for (int k = 0; k < 5; ++k) tick(plant, {3, 0});
-  plant.trip();
+  plant.emergency_stop();
   tick(plant, {3, 0});
   EXPECT_EQ(plant.sample().u_alphabeta, Vec2(0, 0));
   EXPECT_EQ(plant.sample().duty_abc, Vec3::Constant(0.5));

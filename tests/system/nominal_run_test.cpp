@@ -17,6 +17,12 @@ class NominalRun : public ProgramTest {
     return twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", duration,
                      "--set", "rates.n=" + std::to_string(n)});
   }
+  // Without the trip by over-current, as the paper's drive.
+  ProgramResult launch_untripped(int n, const char* duration) {
+    return twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", duration,
+                     "--set", "rates.n=" + std::to_string(n), "--set", "machine.i_trip_A=1000",
+                     "--set", "safety.watch_sensors=false"});
+  }
   Json json(const char* file) const { return Json::parse(read_text(path("run") + "/" + file)); }
 };
 
@@ -68,7 +74,7 @@ TEST_F(NominalRun, TwelveStepsKeepSynchronism) {
 }
 
 TEST_F(NominalRun, ThirteenStepsLoseSynchronismAndTheMotorReverses) {
-  const ProgramResult result = launch(13, "2s");
+  const ProgramResult result = launch_untripped(13, "2s");
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_NE(result.out.find("LOST"), std::string::npos) << result.out;
   EXPECT_EQ(json("summary.json")["locked"], false);
@@ -77,6 +83,16 @@ TEST_F(NominalRun, ThirteenStepsLoseSynchronismAndTheMotorReverses) {
       std::min_element(log.truth.begin(), log.truth.end(),
                        [](const Truth& a, const Truth& b) { return a.omega_m < b.omega_m; });
   EXPECT_LT(slowest->omega_m, -50);
+}
+
+TEST_F(NominalRun, ADriveThatLostSynchronismSwitchesOffAtItsTripCurrent) {
+  const ProgramResult result = launch(13, "1s");
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.out.find("TRIPPED"), std::string::npos) << result.out;
+  const Json summary = json("summary.json");
+  EXPECT_EQ(summary["locked"], false);
+  EXPECT_EQ(summary["trip"]["name"], "over_current");
+  EXPECT_EQ(summary["trip"]["process"], "plant");
 }
 
 TEST_F(NominalRun, ProgressComesAsJsonLines) {
