@@ -188,6 +188,7 @@ void read_drive(Config::Impl& file) {
   root.unread_table("bus");
   root.unread_table("monitor");
   root.unread_table("safety");
+  root.unread_table("logger");
   read_reference(file, root, d.reference);
   read_choice_of_kind(file, root, "estimator", d.estimator);
   read_choice_of_kind(file, root, "controller", d.controller);

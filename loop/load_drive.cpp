@@ -6,6 +6,7 @@
 
 #include "controller/controller.hpp"
 #include "core/bus_parameters.hpp"
+#include "core/logger_parameters.hpp"
 #include "estimator/registry.hpp"
 #include "monitor/monitor_parameters.hpp"
 #include "plant_sim/plant_parameters.hpp"
@@ -34,7 +35,7 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
 
 std::vector<OwnedTable> owned_tables() {
   return {owned_table<PlantParameters>(), owned_table<SafetyParameters>(),
-          owned_table<BusParameters>(),
+          owned_table<BusParameters>(), owned_table<LoggerParameters>(),
           owned_table<MonitorParameters>()};
 }
 

@@ -16,6 +16,10 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr double kStartPatience_s = 10;
+constexpr double kBeatPeriod_s = 0.025;  // a quarter of safety.supervisor_ms
+// Three and a half heartbeats of a process; the run ends half a second after the last one.
+constexpr double kFrozenAfter_s = 0.35;
+constexpr double kStall_s = 0.1;
 
 struct Member {
   Role role;
@@ -79,7 +83,9 @@ void Supervisor::start_children() {
 }
 
 void Supervisor::note_status(const status_t& status) {
+  if (status.role == static_cast<int>(Role::kSupervisor)) return;
   latest_[status.role] = status;
+  heard_[status.role] = Clock::now();
   if (all_ready_) return;
   for (const auto& [role, other] : latest_)
     if (other.config_hash != 0 && status.config_hash != 0 &&
@@ -104,8 +110,7 @@ void Supervisor::note_dead_child() {
     while (seconds_since(begun) < 0.3) bus_->handle(20);
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
-    if (gain_end_reported_ && child.role == Role::kGain) continue;
-    if (monitor_end_reported_ && child.role == Role::kMonitor) continue;
+    if (ended_.count(child.role)) continue;
     const std::string cause = root_cause();
     end_early(!cause.empty() && child.exit_code < 128
                   ? cause
@@ -113,30 +118,22 @@ void Supervisor::note_dead_child() {
   }
 }
 
-// In realtime the fast loop holds its gain and then reads the gain table: the drive continues. An
-// event and the exit code report the end of the process.
-bool Supervisor::continues_without_gain() {
-  const Child* gain = set_.child(Role::kGain);
-  if (options_.pace != Pace::kRealtime || !gain || !gain->ended) return false;
-  for (const Child& child : set_.children())
-    if (child.ended && child.role != Role::kGain) return false;
-  if (!gain_end_reported_)
-    publish_event(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
-                                                    gain->program, describe_end(*gain)));
-  gain_end_reported_ = true;
-  return true;
+// The loop does not need the monitor. In realtime it can do without two more: the fast loop holds
+// its gain and then reads the gain table, and the log is what logger.on_loss says.
+bool Supervisor::can_spare(Role role) const {
+  const bool realtime = options_.pace == Pace::kRealtime;
+  return role == Role::kMonitor || (realtime && role == Role::kGain) ||
+         (realtime && role == Role::kLogger && options_.on_log_loss == OnLoss::kGoOn);
 }
 
-// The loop does not need the monitor. An event and the exit code report the end of the process.
-bool Supervisor::continues_without_monitor() {
-  const Child* monitor = set_.child(Role::kMonitor);
-  if (!monitor || !monitor->ended) return false;
-  for (const Child& child : set_.children())
-    if (child.ended && child.role != Role::kMonitor) return false;
-  if (!monitor_end_reported_)
-    publish_event(Reason::kProcessDied, fmt::format("{} ended with {}; the drive goes on",
-                                                    monitor->program, describe_end(*monitor)));
-  monitor_end_reported_ = true;
+// An event and the exit code report the end of a process that the drive can spare.
+bool Supervisor::continues_without(Role role) {
+  const Child* child = set_.child(role);
+  if (!child || !child->ended || !can_spare(role)) return false;
+  if (ended_.insert(role).second)
+    publish_event(
+        role == Role::kLogger ? Reason::kLogLost : Reason::kProcessDied,
+        fmt::format("{} ended with {}; the drive goes on", child->program, describe_end(*child)));
   return true;
 }
 
@@ -147,6 +144,48 @@ std::string Supervisor::root_cause() const {
     if (failure.waited_for >= 0 && !failures_.count(failure.waited_for))
       return fmt::format("{} stopped answering: {}", role_name(failure.waited_for), failure.text);
   return failures_.empty() ? "" : failures_.begin()->second.text;
+}
+
+// Realtime: the plant switches off where the supervisor is silent for safety.supervisor_ms.
+void Supervisor::beat() {
+  if (options_.pace != Pace::kRealtime || seconds_since(last_beat_) < kBeatPeriod_s) return;
+  last_beat_ = Clock::now();
+  status_t status{};
+  status.seq = -1;
+  status.role = static_cast<std::int32_t>(Role::kSupervisor);
+  status.state = static_cast<std::int32_t>(ProcessState::kRunning);
+  bus_->publish(status);
+}
+
+// Realtime: a process that hangs beats no more. A machine that stalled, this process with it, proves
+// nothing: the wait begins anew.
+void Supervisor::look_for_silence() {
+  if (options_.pace != Pace::kRealtime) return;
+  const bool stalled = seconds_since(last_turn_) > kStall_s;
+  last_turn_ = Clock::now();
+  for (const Child& child : set_.children()) {
+    const auto heard = heard_.find(static_cast<int>(child.role));
+    if (child.ended || heard == heard_.end()) continue;
+    if (stalled) heard->second = Clock::now();
+    const double silent_s = seconds_since(heard->second);
+    if (silent_s > kFrozenAfter_s)
+      note_silence(child.role, silent_s);
+    else
+      silent_.erase(child.role);
+  }
+}
+
+void Supervisor::note_silence(Role role, double silent_s) {
+  if (!silent_.insert(role).second) return;
+  const std::string what = fmt::format("{} stopped answering: no heartbeat for {:.2f} s",
+                                       kRoleNames[static_cast<int>(role)], silent_s);
+  if (!can_spare(role)) {
+    frozen_ = true;
+    end_early(what);
+    return;
+  }
+  publish_event(role == Role::kLogger ? Reason::kLogLost : Reason::kProcessFrozen,
+                what + "; the drive goes on");
 }
 
 bool Supervisor::end_early(const std::string& why) {
@@ -182,16 +221,22 @@ void Supervisor::watch() {
            plant->second.state >= static_cast<int>(ProcessState::kRunning);
   };
   auto last_look = Clock::now() - std::chrono::seconds(1);
+  last_turn_ = Clock::now();
   while (true) {
+    beat();
     bus_->handle(20);
     progress_.show(truth_, estimate_, {.losses = 0, .misses = facts_.deadline_misses});
     if (seconds_since(last_look) < 0.02) continue;
     last_look = Clock::now();
     if (!running()) request(RequestKind::kStart);
-    if (!set_.all_running() && !continues_without_gain() && !continues_without_monitor()) {
+    if (!set_.all_running() &&
+        !std::all_of(set_.children().begin(), set_.children().end(), [this](const Child& child) {
+          return !child.ended || continues_without(child.role);
+        })) {
       note_dead_child();
       return;
     }
+    if (running()) look_for_silence();
     if (stop_signalled()) end_early("interrupted");
     if (!facts_.ended.empty()) return;
   }
@@ -209,7 +254,10 @@ void Supervisor::publish_event(Reason reason, const std::string& text) {
 void Supervisor::stop_in_order() {
   progress_.end();
   if (!facts_.ended.empty())
-    publish_event(stop_signalled() ? Reason::kStopRequested : Reason::kProcessDied, facts_.ended);
+    publish_event(stop_signalled() ? Reason::kStopRequested
+                  : frozen_        ? Reason::kProcessFrozen
+                                   : Reason::kProcessDied,
+                  facts_.ended);
   set_.stop({Role::kPlant}, 3);
   for (int i = 0; i < 20 && bus_->handle(1); ++i) {
   }
@@ -237,7 +285,8 @@ RunFacts Supervisor::run() {
   bus_->subscribe<event_t>([this](const event_t& e) {
     const auto reason = static_cast<Reason>(e.reason);
     if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull ||
-        reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch)
+        reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch ||
+        reason == Reason::kSupervisorLost)
       failures_.emplace(e.role, e);
   });
   if (progress_.visible()) {

@@ -1,9 +1,12 @@
 // Runs one process set from start to end and collects its counts.
 #pragma once
+#include <chrono>
 #include <map>
+#include <set>
 #include <string>
 
 #include "core/bus.hpp"
+#include "core/logger_parameters.hpp"
 #include "core/process.hpp"
 #include "core/process_set.hpp"
 #include "run/progress.hpp"
@@ -18,6 +21,7 @@ struct SuperviseOptions {
   bool json = false;
   bool monitor = false;  // twinrate-monitor runs with the set
   BusParameters bus;
+  OnLoss on_log_loss = OnLoss::kStop;
 };
 
 class Supervisor {
@@ -31,8 +35,11 @@ class Supervisor {
   void start_children();
   bool wait_until_ready();
   void watch();
-  bool continues_without_gain();
-  bool continues_without_monitor();
+  bool continues_without(Role role);
+  bool can_spare(Role role) const;
+  void beat();
+  void look_for_silence();
+  void note_silence(Role role, double silent_s);
   void publish_event(Reason reason, const std::string& text);
   void stop_in_order();
   void note_status(const status_t& status);
@@ -53,8 +60,13 @@ class Supervisor {
   Truth truth_;
   Estimate estimate_;
   RunFacts facts_;
+  bool frozen_ = false;     // the run ended because a process beat no more
   bool all_ready_ = false;  // the drive files were compared
-  bool gain_end_reported_ = false, monitor_end_reported_ = false;
+  std::set<Role> ended_;    // whose end was reported while the drive goes on
+  // Realtime: the last heartbeat of each process, and whose silence was reported.
+  std::map<int, std::chrono::steady_clock::time_point> heard_;
+  std::set<Role> silent_;
+  std::chrono::steady_clock::time_point last_beat_{}, last_turn_{};
   std::map<int, event_t> failures_;  // first failure of each process, by role
 };
 

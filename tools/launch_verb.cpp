@@ -51,7 +51,8 @@ int launch(const LaunchOptions& o) {
                                          .pace = pace,
                                          .json = o.json,
                                          .monitor = config.read<MonitorParameters>().enabled,
-                                         .bus = config.read<BusParameters>()});
+                                         .bus = config.read<BusParameters>(),
+                                         .on_log_loss = config.read<LoggerParameters>().on_loss});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   const int code = conclude_run(directory, config, facts);
