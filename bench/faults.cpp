@@ -1,0 +1,492 @@
+// What a drive does about faults, as a table: fault, trials, detected after, what it did, what was
+// lost.
+//
+//   faults [--drive NAME] [--trials 20] [--seed 1] [--only TEXT] [--set TWINRATE]
+//
+// Each row has its trials at random ticks of a drive that runs. Without --set: in lock-step in this
+// process, with the faults of [plant.fault] and of the load. With --set the processes of
+// `TWINRATE launch` are killed and stopped, in lock-step and in realtime.
+//
+//   detected after   from the fault to the event that names it: worst (median) of the trials
+//   off after        lock-step: from the fault to the first interval in mode safe. A set in
+//                    realtime: from the last COMMAND to it, in drive time
+//   end after        from the signal to the end of the programs, in wall time
+//   as expected      trials whose reaction is the one of the row
+//
+// Exit code 1 if a trial is not as expected.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <map>
+
+#include "core/reason.hpp"
+#include "core/run_log.hpp"
+#include "core/seconds_since.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+#include "model/random.hpp"
+
+namespace twinrate {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+struct Options {
+  std::string drive = "dilys2021", only, twinrate;
+  int trials = 20, seed = 1;
+};
+
+// One of `count` numbers, by row and trial.
+std::int64_t draw(const Options& o, std::size_t row, int trial, std::int64_t count) {
+  const auto index = static_cast<std::uint64_t>(1000 * row) + static_cast<std::uint64_t>(trial);
+  const double u = uniform(static_cast<std::uint64_t>(o.seed), 7, index);
+  return std::min(count - 1, static_cast<std::int64_t>(u * static_cast<double>(count)));
+}
+
+std::string spread(std::vector<double> values, const char* unit) {
+  if (values.empty()) return "-";
+  std::sort(values.begin(), values.end());
+  return fmt::format("{:.3g} ({:.3g}) {}", values.back(), values[values.size() / 2], unit);
+}
+
+struct Trial {
+  bool detected = false, as_expected = false;
+  double detected_after = 0, off_after = -1, end_after = -1;
+  std::string did, lost;
+};
+
+void print_row(const std::string& fault, const std::vector<Trial>& trials, const char* unit) {
+  std::vector<double> detected, off, end;
+  std::map<std::string, int> did, lost;
+  int expected = 0;
+  for (const Trial& t : trials) {
+    if (t.detected) detected.push_back(t.detected_after);
+    if (t.off_after >= 0) off.push_back(t.off_after);
+    if (t.end_after >= 0) end.push_back(t.end_after);
+    ++did[t.did];
+    ++lost[t.lost];
+    expected += t.as_expected;
+  }
+  const auto counted = [&](const std::map<std::string, int>& texts) {
+    std::vector<std::string> list;
+    for (const auto& [text, count] : texts)
+      list.push_back(texts.size() > 1 ? fmt::format("{} ({})", text, count) : text);
+    return fmt::format("{}", fmt::join(list, "; "));
+  };
+  fmt::print("| {} | {} of {} | {} | {} | {} | {} | {} |\n", fault, expected, trials.size(),
+             spread(detected, unit), spread(off, unit), spread(end, "s"), counted(did),
+             counted(lost));
+  std::fflush(stdout);
+}
+
+void print_header() {
+  fmt::print(
+      "| fault | as expected | detected after | off after | end after | what the drive did | what "
+      "was lost |\n|---|---|---|---|---|---|---|\n");
+}
+
+// -- in this process ------------------------------------------------------------------------------
+
+struct LoopRow {
+  const char* fault;
+  // {t}: the time of the fault.
+  std::vector<std::string> overrides;
+  Reason names_it;      // the event that names the fault
+  Reason switches_off;  // kNone: the drive goes on, locked
+  int within;           // ticks from the fault to the event; 0: any
+};
+
+const std::vector<LoopRow> kLoopRows = {
+    {"COMMAND missing for good",
+     {"plant.fault.kind=command_missing"},
+     Reason::kCommandLost,
+     Reason::kCommandLost,
+     22},
+    {"COMMAND missing for 10 ticks",
+     {"plant.fault.kind=command_missing", "plant.fault.for_s=0.002"},
+     Reason::kNone,
+     Reason::kNone,
+     0},
+    {"COMMAND not finite",
+     {"plant.fault.kind=command_nan"},
+     Reason::kCommandNotFinite,
+     Reason::kCommandNotFinite,
+     3},
+    {"COMMAND beyond the bus, 1 tick",
+     {"plant.fault.kind=command_too_large", "plant.fault.value=50", "plant.fault.for_s=0.0002"},
+     Reason::kVoltageClamped,
+     Reason::kNone,
+     2},
+    {"COMMAND beyond the bus for good",
+     {"plant.fault.kind=command_too_large", "plant.fault.value=50"},
+     Reason::kVoltageClamped,
+     Reason::kOverCurrent,
+     2},
+    {"rotor stalled by ten times the rated load",
+     {"load.T_load_Nm=[[0, 0], [{t}, 0.63]]"},
+     Reason::kNone,
+     Reason::kOverCurrent,
+     0},
+    {"bus at 35 V",
+     {"plant.fault.kind=bus_voltage", "plant.fault.value=35"},
+     Reason::kOverVoltage,
+     Reason::kOverVoltage,
+     2},
+    {"bus at 8 V",
+     {"plant.fault.kind=bus_voltage", "plant.fault.value=8"},
+     Reason::kUnderVoltage,
+     Reason::kUnderVoltage,
+     2},
+    {"load drives it to over-speed",
+     {"load.T_load_Nm=[[0, 0], [{t}, -0.15]]", "safety.omega_m_max_rad_s=250"},
+     Reason::kOverSpeed,
+     Reason::kOverSpeed,
+     0},
+    {"current NaN for 30 ticks",
+     {"plant.fault.kind=current_nan", "plant.fault.for_s=0.006"},
+     Reason::kSensorFault,
+     Reason::kNone,
+     1},
+    {"current NaN for good",
+     {"plant.fault.kind=current_nan"},
+     Reason::kSensorFault,
+     Reason::kSensorLost,
+     1},
+    {"current 10 A off for 30 ticks",
+     {"plant.fault.kind=current_jump", "plant.fault.value=10", "plant.fault.for_s=0.006"},
+     Reason::kSensorFault,
+     Reason::kNone,
+     1},
+    {"current 10 A off for good",
+     {"plant.fault.kind=current_jump", "plant.fault.value=10"},
+     Reason::kSensorFault,
+     Reason::kSensorLost,
+     1},
+    {"phase current stuck, under rated load",
+     {"plant.fault.kind=current_stuck", "load.T_load_Nm=0.063"},
+     Reason::kSensorFault,
+     Reason::kSensorLost,
+     0},
+    {"angle NaN, of a sensor that nobody uses",
+     {"plant.fault.kind=position_nan"},
+     Reason::kNone,
+     Reason::kNone,
+     0},
+    {"synchronism lost under a stalling load, watch on, i_trip 30 A",
+     {"load.T_load_Nm=[[0, 0], [{t}, 0.2]]", "controller.foc.synchronism.watch=true",
+      "machine.i_trip_A=30"},
+     Reason::kLostSynchronism,
+     Reason::kLostSynchronism,
+     0},
+};
+
+// What a trial saw of its run.
+struct Seen {
+  std::int64_t named = -1, off = -1, safe = -1;
+  Reason why = Reason::kNone;
+  bool lost_sync = false;
+  double i_max = 0;
+};
+
+void note(const TickRecord& tick, Reason reason, const LoopRow& row, Seen& seen) {
+  if (seen.named < 0 && reason == row.names_it) seen.named = tick.measurement.k;
+  if (seen.off < 0 && is_trip(reason)) seen.off = tick.measurement.k, seen.why = reason;
+}
+
+Seen watch(Config& config, std::int64_t k_fault, const LoopRow& row) {
+  const DriveConfig drive = config.drive();
+  ClosedLoop loop(config);
+  Seen seen;
+  while (loop.k() < drive.steps()) {
+    const TickRecord& tick = loop.step();
+    if (loop.k() <= k_fault) continue;
+    if (tick.event.reason != Reason::kNone) note(tick, tick.event.reason, row, seen);
+    for (const PlantEvent& event : tick.plant_events) note(tick, event.reason, row, seen);
+    if (seen.safe < 0 && tick.measurement.mode == Mode::kSafe) seen.safe = tick.measurement.k - 1;
+    seen.i_max = std::max(seen.i_max, tick.truth.i_dq.norm());
+    const double error = wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m);
+    seen.lost_sync = seen.lost_sync || !(std::abs(error) <= kPi / 2);
+  }
+  return seen;
+}
+
+Trial try_loop(const Options& o, const LoopRow& row, std::size_t index, int trial) {
+  constexpr std::int64_t kFrom = 3000, kTicks = 2000, kAfter = 3000;
+  const std::int64_t k_fault = kFrom + draw(o, index, trial, kTicks);
+  const double f_s = Config::load(o.drive).drive().rates.f_s_Hz;
+  const double t = static_cast<double>(k_fault) / f_s;
+  std::vector<std::string> list = {
+      fmt::format("run.duration_s={}", static_cast<double>(k_fault + kAfter) / f_s),
+      fmt::format("run.seed={}", 1 + trial)};
+  for (const std::string& text : row.overrides)
+    list.push_back(fmt::format(fmt::runtime(text), fmt::arg("t", t)));
+  if (row.overrides.front().starts_with("plant.fault"))
+    list.push_back(fmt::format("plant.fault.at_s={}", t));
+  else
+    list.push_back("load.slew_Nm_s=0");
+  Config config = load_drive(o.drive, list);
+  const Seen seen = watch(config, k_fault, row);
+  Trial result;
+  result.detected = seen.named >= 0;
+  result.detected_after = static_cast<double>(seen.named - k_fault);
+  if (seen.safe >= 0) result.off_after = static_cast<double>(seen.safe - k_fault);
+  const bool named = row.names_it == Reason::kNone || seen.named >= 0;
+  const bool in_time = row.within == 0 || seen.named - k_fault <= row.within;
+  const bool went_on = row.switches_off == Reason::kNone && seen.off < 0 && !seen.lost_sync;
+  result.as_expected = named && in_time &&
+                       (row.switches_off == Reason::kNone ? went_on : seen.why == row.switches_off);
+  result.did =
+      seen.off >= 0 ? fmt::format("off: {}", reason_name(static_cast<int>(seen.why))) : "ran on";
+  result.lost = seen.off >= 0 ? "the run" : seen.lost_sync ? "synchronism" : "nothing";
+  return result;
+}
+
+bool run_loop_rows(const Options& o) {
+  bool well = true;
+  print_header();
+  for (std::size_t row = 0; row < kLoopRows.size(); ++row) {
+    if (std::string(kLoopRows[row].fault).find(o.only) == std::string::npos) continue;
+    std::vector<Trial> trials;
+    for (int trial = 0; trial < o.trials; ++trial) {
+      trials.push_back(try_loop(o, kLoopRows[row], row, trial));
+      well = well && trials.back().as_expected;
+    }
+    print_row(kLoopRows[row].fault, trials, "ticks");
+  }
+  return well;
+}
+
+// -- processes of a set ---------------------------------------------------------------------------
+
+struct SetRow {
+  const char* program;  // twinrate: the supervisor
+  int signal;
+  bool realtime;
+  const char* says;  // in the standard error or the log's events
+  bool ends;         // the run ends early
+};
+
+const std::vector<SetRow> kSetRows = {
+    {"twinrate-estimator", SIGKILL, false, "twinrate-estimator ended with signal 9", true},
+    {"twinrate-controller", SIGKILL, false, "twinrate-controller ended with signal 9", true},
+    {"twinrate-gain", SIGKILL, false, "twinrate-gain ended with signal 9", true},
+    {"twinrate-logger", SIGKILL, false, "twinrate-logger ended with signal 9", true},
+    {"twinrate-plant", SIGKILL, false, "twinrate-plant ended with signal 9", true},
+    {"twinrate-estimator", SIGSTOP, false, "estimator stopped answering", true},
+    {"twinrate-controller", SIGSTOP, false, "controller stopped answering", true},
+    {"twinrate-gain", SIGSTOP, false, "gain stopped answering", true},
+    {"twinrate-logger", SIGSTOP, false, "logger stopped answering", true},
+    {"twinrate-plant", SIGSTOP, false, "plant stopped answering", true},
+    {"twinrate", SIGKILL, false, "", true},
+    {"twinrate-estimator", SIGKILL, true, "twinrate-estimator ended with signal 9", true},
+    {"twinrate-controller", SIGKILL, true, "twinrate-controller ended with signal 9", true},
+    {"twinrate-gain", SIGKILL, true, "twinrate-gain ended with signal 9", false},
+    {"twinrate-logger", SIGKILL, true, "twinrate-logger ended with signal 9", true},
+    {"twinrate-plant", SIGKILL, true, "twinrate-plant ended with signal 9", true},
+    {"twinrate-estimator", SIGSTOP, true, "estimator stopped answering", true},
+    {"twinrate-controller", SIGSTOP, true, "controller stopped answering", true},
+    {"twinrate-gain", SIGSTOP, true, "gain stopped answering", false},
+    {"twinrate-logger", SIGSTOP, true, "logger stopped answering", true},
+    {"twinrate-plant", SIGSTOP, true, "plant stopped answering", true},
+    {"twinrate", SIGKILL, true, "", true},
+    {"twinrate", SIGSTOP, true, "the supervisor is silent", true},
+};
+
+// Processes with `run_dir` in an argument; of `program` where that is given.
+std::vector<pid_t> processes_of(const std::string& run_dir, const std::string& program = "") {
+  std::vector<pid_t> found;
+  for (const auto& entry : fs::directory_iterator("/proc")) {
+    const pid_t pid = std::atoi(entry.path().filename().c_str());
+    if (pid <= 0) continue;
+    std::ifstream file(entry.path() / "cmdline", std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(file), {}};
+    if (text.find(run_dir) == std::string::npos) continue;
+    const std::string first = fs::path(text.c_str()).filename().string();
+    if (program.empty() || first == program) found.push_back(pid);
+  }
+  return found;
+}
+
+class Launch {
+ public:
+  Launch(const Options& o, const SetRow& row, const fs::path& dir, const std::string& duration)
+      : dir_(dir), err_(dir.string() + ".err") {
+    const std::string url = fmt::format("udpm://239.255.76.67:{}?ttl=0", 20000 + getpid() % 20000);
+    std::vector<std::string> list = {o.twinrate,
+                                     "launch",
+                                     o.drive,
+                                     "--run-dir",
+                                     dir.string(),
+                                     "--duration",
+                                     duration,
+                                     "--pace",
+                                     row.realtime ? "realtime" : "lockstep",
+                                     "--lcm-url",
+                                     url,
+                                     "--set",
+                                     "bus.peer_timeout_s=1"};
+    std::vector<char*> argv;
+    for (std::string& text : list) argv.push_back(text.data());
+    argv.push_back(nullptr);
+    pid_ = fork();
+    if (pid_ != 0) return;
+    if (!std::freopen("/dev/null", "w", stdout) || !std::freopen(err_.c_str(), "w", stderr))
+      _exit(127);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  ~Launch() {
+    for (const pid_t pid : processes_of(dir_.string())) kill(pid, SIGKILL);
+    wait_for_end(5);
+    std::error_code ignored;
+    fs::remove_all(dir_, ignored);
+    fs::remove(err_, ignored);
+  }
+  Launch(const Launch&) = delete;
+  Launch& operator=(const Launch&) = delete;
+
+  bool wait_for_log(std::uintmax_t bytes) const {
+    const auto begun = Clock::now();
+    while (seconds_since(begun) < 30) {
+      std::error_code error;
+      const auto size = fs::file_size(dir_ / "log.lcm", error);
+      if (!error && size > bytes) return true;
+      usleep(2000);
+    }
+    return false;
+  }
+  pid_t pid_of(const std::string& program) const {
+    if (program == "twinrate") return pid_;
+    const auto found = processes_of(dir_.string(), program);
+    return found.empty() ? -1 : found.front();
+  }
+  // Seconds until the processes are gone; negative where one is left at the limit.
+  double wait_for_end(double limit_s, bool children_only = false) {
+    const auto begun = Clock::now();
+    while (seconds_since(begun) < limit_s) {
+      if (!ended_ && waitpid(pid_, nullptr, WNOHANG) == pid_) ended_ = true;
+      auto left = processes_of(dir_.string());
+      if (children_only) std::erase(left, pid_);
+      if ((ended_ || children_only) && left.empty()) return seconds_since(begun);
+      usleep(2000);
+    }
+    return -1;
+  }
+  std::string err() const {
+    std::ifstream file(err_);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+  pid_t pid() const { return pid_; }
+
+ private:
+  fs::path dir_;
+  std::string err_;
+  pid_t pid_ = -1;
+  bool ended_ = false;
+};
+
+// Ticks of the log, the tick of the last COMMAND, and the first interval that was off.
+struct Logged {
+  std::int64_t ticks = 0, last_command = -1, off = -1;
+  std::string events;
+};
+Logged read_log(const fs::path& dir) {
+  Logged logged;
+  try {
+    const RunLog log = read_run_log(dir.string(), "", OnDamage::kSkip);
+    logged.ticks = static_cast<std::int64_t>(log.measurement.size());
+    for (const Command& c : log.command)
+      if (c.mode != Mode::kSafe) logged.last_command = std::max(logged.last_command, c.k);
+    for (const Measurement& m : log.measurement)
+      if (m.mode == Mode::kSafe && logged.off < 0) logged.off = m.k - 1;
+    for (const EventRecord& e : log.events) logged.events += e.text + "\n";
+  } catch (const BadInput& problem) {
+    logged.events = problem.what();
+  }
+  return logged;
+}
+
+Trial try_set(const Options& o, const SetRow& row, std::size_t index, int trial,
+              const fs::path& scratch) {
+  const fs::path dir = scratch / fmt::format("run-{}-{}", index, trial);
+  const double f_s = Config::load(o.drive).drive().rates.f_s_Hz;
+  const auto k_from = 2000 + draw(o, 100 + index, trial, 2000);
+  Launch launch(o, row, dir, row.ends ? "600s" : "3s");
+  Trial result;
+  result.did = "did not start";
+  if (!launch.wait_for_log(static_cast<std::uintmax_t>(k_from) * 900)) return result;
+  const pid_t pid = launch.pid_of(row.program);
+  if (pid <= 0) return result;
+  const auto begun = Clock::now();
+  kill(pid, row.signal);
+  const bool frozen_supervisor = pid == launch.pid() && row.signal == SIGSTOP;
+  result.end_after = launch.wait_for_end(row.ends ? 10 : 20, frozen_supervisor);
+  const bool no_orphan = result.end_after >= 0;
+  if (!row.ends) result.end_after = -1;
+  if (frozen_supervisor) kill(pid, SIGCONT), launch.wait_for_end(10);
+  const Logged log = read_log(dir);
+  const std::string said = launch.err() + log.events;
+  result.detected = said.find(row.says) != std::string::npos;
+  result.detected_after = seconds_since(begun);
+  if (row.realtime && log.off >= 0)
+    result.off_after = 1e3 * static_cast<double>(log.off - log.last_command) / f_s;
+  const bool to_its_end = log.ticks == static_cast<std::int64_t>(3 * f_s);
+  result.as_expected = result.detected && no_orphan && (row.ends || to_its_end);
+  result.did = !no_orphan ? "a process was left"
+               : row.ends ? "ended"
+                          : fmt::format("ran on{}", to_its_end ? "" : ", log short");
+  result.lost = row.ends ? "the rest of the run" : "exactness of the gain";
+  return result;
+}
+
+std::string name_of(const SetRow& row) {
+  const std::string program = row.program;
+  return fmt::format(
+      "{} {}, {}", program == "twinrate" ? "supervisor" : program.substr(sizeof "twinrate"),
+      row.signal == SIGKILL ? "killed" : "frozen", row.realtime ? "realtime" : "lock-step");
+}
+
+bool run_set_rows(const Options& o) {
+  char pattern[] = "/tmp/faults-XXXXXX";
+  const fs::path scratch = mkdtemp(pattern);
+  bool well = true;
+  print_header();
+  for (std::size_t row = 0; row < kSetRows.size(); ++row) {
+    if (name_of(kSetRows[row]).find(o.only) == std::string::npos) continue;
+    std::vector<Trial> trials;
+    for (int trial = 0; trial < o.trials; ++trial) {
+      trials.push_back(try_set(o, kSetRows[row], row, trial, scratch));
+      trials.back().detected = false;  // wall times of a poll; the end is what counts
+      well = well && trials.back().as_expected;
+    }
+    print_row(name_of(kSetRows[row]), trials, "ms");
+  }
+  std::error_code ignored;
+  fs::remove_all(scratch, ignored);
+  return well;
+}
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  CLI::App app("What a drive does about faults, as a table");
+  Options o;
+  app.add_option("--drive", o.drive, "run this drive file or preset");
+  app.add_option("--trials", o.trials, "trials of each row");
+  app.add_option("--seed", o.seed, "draw the ticks from this seed");
+  app.add_option("--only", o.only, "only rows whose name contains this text");
+  app.add_option("--set", o.twinrate, "kill and stop processes of this twinrate's launch");
+  CLI11_PARSE(app, argc, argv);
+  return (o.twinrate.empty() ? run_loop_rows(o) : run_set_rows(o)) ? 0 : 1;
+}
