@@ -243,6 +243,11 @@ void set_gains(const Rows& rows, const DriveConfig& config, Summary& summary) {
   for (const TickRow& row : rows.all) {
     if (!row.estimate) continue;
     if (row.estimate->status & kLateGain) ++summary.late_gains;
+    const bool every_tick =
+        row.estimate->status & kGainEveryTick || row.k < config.background_rate().from;
+    if (every_tick) summary.n_from_tick.reset();
+    if (!every_tick && !summary.n_from_tick && has_background(config.gain.policy))
+      summary.n_from_tick = row.k;
     if (row.estimate->gain_seq >= 0 && row.estimate->gain_seq != last_gain) {
       ++summary.gains_used;
       last_gain = row.estimate->gain_seq;
@@ -252,6 +257,19 @@ void set_gains(const Rows& rows, const DriveConfig& config, Summary& summary) {
     summary.P44_min = std::min(summary.P44_min.value_or(P44), P44);
     summary.P44_max = std::max(summary.P44_max.value_or(P44), P44);
   }
+}
+
+// Gains sent after tick `first` up to `last`, as the estimates of these ticks tell.
+std::int64_t gains_between(const RunLog& log, const DriveConfig& config, std::int64_t first,
+                           std::int64_t last) {
+  if (!config.locks_first()) return config.gains_between(first, last);
+  std::int64_t count = 0, seen = first;
+  for (const Estimate& e : log.estimate) {
+    if (e.k <= seen || e.k > last) continue;
+    seen = e.k;
+    count += config.sends_gain(e);
+  }
+  return count;
 }
 
 // Messages of one channel lost between its first and last tick. `intervals`: (first, last) ->
@@ -370,7 +388,7 @@ Summary summarise(const RunLog& log, const DriveConfig& config, AngleReference a
   count_lost(log.estimate, every_tick, Channel::kEstimate, summary);
   count_lost(log.command, every_tick, Channel::kCommand, summary);
   count_lost(
-      log.gain, [&](auto first, auto last) { return config.gains_between(first, last); },
+      log.gain, [&](auto first, auto last) { return gains_between(log, config, first, last); },
       Channel::kGain, summary);
   return summary;
 }

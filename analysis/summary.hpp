@@ -59,6 +59,8 @@ struct Summary {
   double duration_s = 0;
   std::int64_t steps = 0;                  // ticks in the log
   std::int64_t gains_used = 0;             // distinct gains the fast loop ran on, in the whole run
+  // First tick whose gain is computed every n ticks only (rates.n_from); empty: none.
+  std::optional<std::int64_t> n_from_tick;
   std::optional<double> P44_min, P44_max;  // ekf_sensorless: angle variance, gains used, rad^2
   AngleReference angle_reference = AngleReference::kNone;
   // Ticks missing in the log between the first and the last tick of a channel; the supervisor adds

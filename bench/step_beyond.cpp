@@ -21,6 +21,7 @@ Overrides dynamic_profile() {
           "load.slew_Nm_s=0",
           "run.settle_s=0.6",
           "run.duration_s=3.2",
+          "rates.n_from=start",
           "rates.n_from_s=0.5"};
 }
 

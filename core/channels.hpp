@@ -19,9 +19,9 @@
 
 namespace twinrate {
 
-// Version of the message layouts; logs from the oldest one on are read (core/decode.hpp), another
+// Version of the messages, 4: an estimate may ask for a gain every tick (kGainEveryTick). Logs from the oldest one on are read (core/decode.hpp), another
 // one is refused.
-inline constexpr int kWireSchema = 3;
+inline constexpr int kWireSchema = 4;
 inline constexpr int kOldestWireSchema = 2;
 
 enum class Channel : int {

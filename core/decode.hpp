@@ -22,6 +22,9 @@ inline bool sizes_fit(const void*, const std::uint8_t*, std::size_t) {
   return true;
 }
 
+// Estimate::status of an encoded estimate_t; 0 where the message is too short for one.
+int estimate_status(const std::uint8_t* bytes, std::size_t size);
+
 inline bool decode_earlier(event_t& event, const void* bytes, std::size_t size) {
   event_v2_t earlier;
   if (earlier.decode(bytes, 0, static_cast<int>(size)) < 0) return false;

@@ -12,8 +12,13 @@ void RateParameters::fields(FieldVisitor& f) {
   f.integer("n", n, 1, 100000, "f_s/f_b: the background runs every n-th tick");
   f.number("f_b_Hz", f_b_Hz, 0, 200e3,
            "background rate instead of n; f_s/f_b must be a whole number; 0: use n");
-  f.number("n_from_s", n_from_s, 0, 1e5,
-           "drive time from which on the background runs every n-th tick, and every tick before");
+  f.choice("n_from", n_from, kNFromNames,
+           "locked: the background runs every tick until the filter agrees with itself, then every "
+           "n-th; start: every n-th from n_from_s on");
+  f.number(
+      "n_from_s", n_from_s, 0, 1e5,
+      "n_from = start: drive time from which on the background runs every n-th tick, and every "
+      "tick before");
 }
 
 void GainParameters::fields(FieldVisitor& f) {
@@ -81,17 +86,23 @@ Reference DriveConfig::reference_at(std::int64_t k) const {
   return r;
 }
 
+bool DriveConfig::locks_first() const {
+  return rates.n_from == NFrom::kLocked && rates.n > 1 && has_background(gain.policy);
+}
+
 BackgroundRate DriveConfig::background_rate() const {
+  if (rates.n_from == NFrom::kLocked) return {rates.n};
   const auto from = static_cast<std::int64_t>(std::ceil(rates.n_from_s * rates.f_s_Hz / rates.n));
   return {rates.n, from * rates.n};
 }
 
-bool DriveConfig::sends_gain(std::int64_t k) const {
-  return has_background(gain.policy) && is_snapshot(k, background_rate());
+bool DriveConfig::sends_gain(std::int64_t k, int estimate_status) const {
+  return has_background(gain.policy) &&
+         (estimate_status & kGainEveryTick || is_snapshot(k, background_rate()));
 }
 
-std::int64_t DriveConfig::gains_between(std::int64_t first, std::int64_t last) const {
-  const BackgroundRate rate = background_rate();
+std::int64_t DriveConfig::gains_between(std::int64_t first, std::int64_t last,
+                                        BackgroundRate rate) const {
   return has_background(gain.policy) ? snapshots_up_to(last, rate) - snapshots_up_to(first, rate)
                                      : 0;
 }

@@ -41,7 +41,8 @@ struct RateParameters {
   double f_s_Hz = 0;
   int n = 1;
   double f_b_Hz = 0;
-  double n_from_s = 0;
+  NFrom n_from = NFrom::kLocked;
+  double n_from_s = 0;  // n_from = "start"
   void fields(FieldVisitor& f);
 };
 
@@ -116,10 +117,18 @@ struct DriveConfig {
   double T_s() const { return 1 / rates.f_s_Hz; }
   std::int64_t t_ns(std::int64_t k) const;
   std::int64_t steps() const;
-  BackgroundRate background_rate() const;  // switched at a multiple of n
-  // Whether tick k sends a gain, and how many the ticks after `first` up to `last` send.
-  bool sends_gain(std::int64_t k) const;
-  std::int64_t gains_between(std::int64_t first, std::int64_t last) const;
+  // The background waits for the filter's agreement before it computes a gain every n ticks.
+  bool locks_first() const;
+  // Switched at a multiple of n; with locks_first() the rate after the agreement. The estimate says
+  // which ticks before it send a gain, too (kGainEveryTick).
+  BackgroundRate background_rate() const;
+  bool sends_gain(const Estimate& e) const { return sends_gain(e.k, e.status); }
+  bool sends_gain(std::int64_t k, int estimate_status) const;
+  // Gains of the ticks after `first` up to `last`.
+  std::int64_t gains_between(std::int64_t first, std::int64_t last, BackgroundRate rate) const;
+  std::int64_t gains_between(std::int64_t first, std::int64_t last) const {
+    return gains_between(first, last, background_rate());
+  }
   Reference reference_at(std::int64_t k) const;
   double omega_m_limit() const;   // twice the fastest of rated speed and references
   double omega_m_start() const;   // 0 unless start = "flying"

@@ -26,7 +26,7 @@ constexpr double kOrphanAfter_s = 1;
 constexpr double kLoggerLater_s = 0.3;  // the last events of the others are in the log
 
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
-                       const DriveConfig& d) {
+                       const DriveConfig& d, const BackgroundRate& gain_rate) {
   return {.url = o.url,
           .channel_suffix = o.channel_suffix,
           .session = o.session,
@@ -35,8 +35,10 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const B
           .split_ports = p.split_ports,
           .filter = p.filter,
           .role = info.role,
-          .gains_between = [d](std::int64_t first,
-                               std::int64_t last) { return d.gains_between(first, last); },
+          .gains_between =
+              [d, &gain_rate](std::int64_t first, std::int64_t last) {
+                return d.gains_between(first, last, gain_rate);
+              },
           .ticks = o.session != 0 && !o.follow ? d.steps() : INT64_MAX,
           .history = static_cast<std::size_t>(p.window_ticks) + kKeptBeyondWindow};
 }
@@ -65,9 +67,11 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
     : info_(info),
       options_(std::move(options)),
       config_(Config::load(options_.config, options_.overrides)),
-      bus_parameters_(config_.read<BusParameters>()) {
+      bus_parameters_(config_.read<BusParameters>()),
+      gain_rate_(drive().background_rate()) {
+  if (drive().locks_first()) gain_rate_.from = BackgroundRate::kNotYet;
   if (options_.cpu >= 0) pin_to_cpu(options_.cpu);  // before the bus starts its reader thread
-  bus_ = std::make_unique<Bus>(bus_options(info_, options_, bus_parameters_, drive()));
+  bus_ = std::make_unique<Bus>(bus_options(info_, options_, bus_parameters_, drive(), gain_rate_));
   status_.seq = -1;
   status_.role = static_cast<std::int32_t>(info_.role);
   status_.state = static_cast<std::int32_t>(ProcessState::kStarting);

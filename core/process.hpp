@@ -111,6 +111,9 @@ class Process {
   // The monitor: has what it proposed added; false where it proposed nothing.
   void on_add_proposed(std::function<bool()> action) { add_proposed_ = std::move(action); }
 
+  // At this rate gains are expected, so that missing ones can be counted.
+  void gains_every_nth(BackgroundRate rate) { gain_rate_ = rate; }
+
   void event(Reason reason, std::int64_t k, const std::string& text,
              std::optional<Role> waited_for = {});
   void finish(ProcessState state = ProcessState::kDone);
@@ -137,6 +140,7 @@ class Process {
   ProcessOptions options_;
   Config config_;
   BusParameters bus_parameters_;
+  BackgroundRate gain_rate_;  // for the count of missing gains
   std::unique_ptr<Bus> bus_;
   status_t status_{};
   Clock::time_point last_beat_{}, last_progress_{};

@@ -26,8 +26,14 @@ enum class GainPolicy : int {
 inline constexpr const char* kGainPolicyNames[] = {
     "paper", "immediate", "extrapolate", "rotate", "rotor_frame", "scheduled", "propagated"};
 
+// When a gain every n ticks begins: at rates.n_from_s (0: with the run), or once the filter agrees
+// with itself (estimator/agreement.hpp). Before it a gain is computed every tick.
+enum class NFrom : int { kStart = 0, kLocked = 1 };
+inline constexpr const char* kNFromNames[] = {"start", "locked"};
+
 // One gain every n ticks; before tick `from` (a multiple of n) one every tick.
 struct BackgroundRate {
+  static constexpr std::int64_t kNotYet = INT64_MAX;  // `from` while it is not known
   constexpr BackgroundRate(int ticks, std::int64_t from_tick = 0) : n(ticks), from(from_tick) {}
   int n;
   std::int64_t from;
@@ -61,6 +67,10 @@ inline std::int64_t first_use_of(GainPolicy policy, std::int64_t snapshot, Backg
   const bool at_once =
       policy == GainPolicy::kImmediate || (policy == GainPolicy::kPropagated && snapshot == 0);
   return at_once ? snapshot + 1 : snapshot + rate.n_at(snapshot);
+}
+// The first multiple of n that is not before tick k.
+inline std::int64_t next_multiple(std::int64_t k, int n) {
+  return (k + n - 1) / n * n;
 }
 
 // Snapshot whose gain tick k uses; negative: none (yet), K = 0 unless there is a table.

@@ -27,12 +27,22 @@ void take(const lcm::LogEvent& event, std::vector<Item>& messages) {
     messages.push_back(from_wire(wire));
 }
 
+// Before schema 4 no filter waited for its agreement: a replay computes what the log holds.
+std::string config_of(const manifest_t& manifest) {
+  constexpr int kWithNFrom = 4;
+  std::string text = manifest.config_toml;
+  const std::string table = "[rates]\n";
+  const auto at = text.find(table);
+  if (manifest.schema >= kWithNFrom || at == std::string::npos) return text;
+  return text.insert(at + table.size(), "n_from = \"start\"\n");
+}
+
 void take_manifest(const lcm::LogEvent& event, RunLog& log) {
   const auto manifest = decode_manifest(event.data, event.datalen, log.path);
   if (!manifest) return;
   log.session = manifest->session;
   log.revision = manifest->revision;
-  log.config_toml = manifest->config_toml;
+  log.config_toml = config_of(*manifest);
   log.manifest_json = manifest->manifest_json;
 }
 

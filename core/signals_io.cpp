@@ -147,6 +147,10 @@ Own decoded(const Wire& w, Own own) {
 }  // namespace
 
 // Offsets: fingerprint, seq, t_ns, session, a further int64, then the fields of the .lcm file.
+int estimate_status(const std::uint8_t* bytes, std::size_t size) {
+  return static_cast<int>(std::max<std::int64_t>(0, int32_at(bytes, size, 40)));
+}
+
 bool sizes_fit(const estimate_t*, const std::uint8_t* bytes, std::size_t size) {
   const std::int64_t n_x = int32_at(bytes, size, 44), n_y = int32_at(bytes, size, 48);
   return n_x >= 0 && n_x <= kMaxStates && n_y >= 0 && n_y <= kMaxOutputs;

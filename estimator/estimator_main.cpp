@@ -75,7 +75,7 @@ class EstimatorProcess {
   // the second time the older gain is held.
   void take_gain(const Gain& gain) {
     const bool later = p_.bus().bound() && !p_.options().follow && gain.k > last_.k;
-    const bool answers = gain.k >= 0 && is_snapshot(gain.k, p_.drive().background_rate());
+    const bool answers = gain.k >= 0 && is_snapshot(gain.k, fast_.rate());
     if (later || !answers) return p_.bus().refuse();
     if (fits(gain, first_gain_)) {
       fast_.take_gain(gain);
@@ -100,8 +100,7 @@ class EstimatorProcess {
     return snapshot && snapshot->k != given_up_k_;
   }
   const Estimate* planned_snapshot(std::int64_t k) const {
-    return snapshots_.at(
-        snapshot_for_tick(p_.drive().gain.policy, k, p_.drive().background_rate()));
+    return snapshots_.at(snapshot_for_tick(p_.drive().gain.policy, k, fast_.rate()));
   }
   void tick(const Measurement& m) {
     while (!coming_.empty() && m.k >= coming_.front().first) {
@@ -110,11 +109,17 @@ class EstimatorProcess {
     }
     last_ = fast_.tick(m);
     p_.bus().publish(to_wire(last_, p_.bus().session()));
-    if (is_snapshot(m.k, p_.drive().background_rate())) snapshots_.put(last_);
+    if (is_snapshot(m.k, fast_.rate())) snapshots_.put(last_);
     report(last_);
     p_.progress(m.k);
   }
   void report(const Estimate& e) {
+    const bool every_tick = (e.status & kGainEveryTick) != 0;
+    if (gain_every_tick_ && !every_tick) {
+      p_.gains_every_nth(fast_.rate());
+      p_.event(Reason::kGainEveryNth, e.k, kAgreedText);
+    }
+    gain_every_tick_ = every_tick;
     const bool late = (e.status & kLateGain) != 0;
     if (late) ++p_.status().late_gains;
     if (late && !was_late_)
@@ -160,7 +165,7 @@ class EstimatorProcess {
   std::deque<Measurement> waiting_;
   std::deque<std::pair<std::int64_t, std::shared_ptr<const Filter>>> coming_;  // by first tick
   std::int64_t not_plausible_k_ = -1, given_up_k_ = -1;                        // snapshots
-  bool was_late_ = false, had_fallen_back_ = false;
+  bool was_late_ = false, had_fallen_back_ = false, gain_every_tick_ = false;
 };
 
 }  // namespace

@@ -36,12 +36,10 @@ class GainProcess {
 
  private:
   std::int64_t last_k() const { return background_.last().k; }
-  std::int64_t next_k() const {
-    return last_k() < 0 ? 0 : last_k() + p_.drive().background_rate().n_at(last_k());
-  }
+  std::int64_t next_k() const { return background_.next_k(); }
   void take(const Estimate& e) {
-    if (!is_snapshot(e.k, p_.drive().background_rate())) return;
     if (!has_background(p_.drive().gain.policy)) return p_.progress(e.k);
+    if (!p_.drive().sends_gain(e)) return;
     if (e.k == last_k()) {
       ++p_.status().duplicates;
       p_.bus().publish(to_wire(background_.last(), p_.bus().session()));

@@ -43,7 +43,10 @@ FastLoop make_fast_loop(Config& config, bool fall_back) {
     use.max_age_ticks = drive.gain.max_age_ticks > 0 ? drive.gain.max_age_ticks : 4 * drive.rates.n;
   const bool scheduled = !has_background(drive.gain.policy);
   if (fall_back || scheduled) use.schedule = GainSchedule::build(*filter, drive.omega_m_limit());
-  return {filter, drive.gain.policy, drive.background_rate(), std::move(use)};
+  std::optional<Agreement> agreement;
+  if (drive.locks_first())
+    agreement.emplace(drive.machine, filter->turning_pairs() > 0, drive.T_s());
+  return {filter, drive.gain.policy, drive.background_rate(), std::move(use), agreement};
 }
 
 BackgroundLoop make_background_loop(Config& config) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <utility>
 
 #include "estimator/gain_frame.hpp"
 #include "estimator/propagated_gain.hpp"
@@ -9,11 +10,12 @@
 namespace twinrate {
 
 FastLoop::FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
-                   ScheduleUse schedule_use)
+                   ScheduleUse schedule_use, std::optional<Agreement> agreement)
     : filter_(std::move(filter)),
       policy_(policy),
       rate_(rate),
-      schedule_use_(std::move(schedule_use)) {
+      schedule_use_(std::move(schedule_use)),
+      agreement_(std::move(agreement)) {
   assert(has_background(policy_) || schedule_use_.schedule);
   reset();
 }
@@ -22,6 +24,9 @@ void FastLoop::reset() {
   gains_.reset(filter_->initial_gain());
   last_ = last_measured_ = Measurement{};
   last_estimate_ = Estimate{};
+  if (!agreement_) return;
+  agreement_->reset();
+  rate_.from = BackgroundRate::kNotYet;
 }
 
 bool FastLoop::gain_ready(std::int64_t k) const {
@@ -107,8 +112,15 @@ Estimate FastLoop::tick(const Measurement& measured) {
   e.gain_seq = gain.k;
   e.innov = correction.innov;
   e.status |= status | correction.status;
+  if (agreement_) watch_agreement(e, m);
   last_estimate_ = e;
   return e;
+}
+
+void FastLoop::watch_agreement(Estimate& e, const Measurement& m) {
+  if (rate_.from == BackgroundRate::kNotYet && agreement_->step(e, m))
+    rate_.from = next_multiple(e.k, rate_.n);
+  if (e.k < rate_.from) e.status |= kGainEveryTick;
 }
 
 BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy policy,
@@ -119,28 +131,28 @@ BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy 
 
 void BackgroundLoop::reset() {
   gain_ = filter_->initial_gain();
+  n_last_ = 1;
 }
 
 const Gain& BackgroundLoop::step(const Estimate& snapshot) {
   if (snapshot.status & kAngleForced) gain_.P = filter_->initial_gain().P;
+  const int n = snapshot.status & kGainEveryTick ? 1 : rate_.n_at(snapshot.k);
+  const int n_before = std::exchange(n_last_, n);
   Estimate at = snapshot;
   if (policy_ == GainPolicy::kPropagated) {
-    gain_ = propagated_background(*filter_, gain_, omega_m_before_, snapshot,
-                                  rate_.n_at(snapshot.k), span_omega_m_);
+    gain_ = propagated_background(*filter_, gain_, omega_m_before_, snapshot, n, span_omega_m_);
     omega_m_before_ = snapshot.omega_m;
-    gain_.first_use = first_use_of(policy_, snapshot.k, rate_);
+    gain_.first_use = first_use_of(policy_, snapshot.k, n);
     return gain_;
   }
-  if (policy_ == GainPolicy::kExtrapolate)
-    at = filter_->ahead(snapshot, 1.5 * (rate_.n_at(snapshot.k) - 1));
+  if (policy_ == GainPolicy::kExtrapolate) at = filter_->ahead(snapshot, 1.5 * (n - 1));
   if (policy_ == GainPolicy::kRotorFrame && gain_.k >= 0) {
-    const double turned =
-        filter_->ahead(snapshot, rate_.n_at(gain_.k) - 1).theta_e - snapshot.theta_e;
+    const double turned = filter_->ahead(snapshot, n_before - 1).theta_e - snapshot.theta_e;
     GainFrame(filter_->turning_pairs(), turned).turn_covariance(gain_);
   }
   copy_gain(gain_, filter_->background_step(gain_, at));
   gain_.theta_e = at.theta_e;
-  gain_.first_use = first_use_of(policy_, snapshot.k, rate_);
+  gain_.first_use = first_use_of(policy_, snapshot.k, n);
   return gain_;
 }
 

@@ -20,6 +20,7 @@
 #include <memory>
 
 #include "core/rates.hpp"
+#include "estimator/agreement.hpp"
 #include "estimator/filter.hpp"
 #include "estimator/gain_schedule.hpp"
 #include "estimator/gain_slots.hpp"
@@ -39,8 +40,10 @@ void turn_for_use(GainPolicy policy, const Filter& filter, const Estimate& last,
 
 class FastLoop {
  public:
+  // With `agreement` a gain is due every tick until the filter agrees with itself, then every
+  // rate.n ticks; the status bit kGainEveryTick says so.
   FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
-           ScheduleUse schedule_use = {});
+           ScheduleUse schedule_use = {}, std::optional<Agreement> agreement = {});
 
   // Clears all state: the next sample starts a session.
   void reset();
@@ -56,6 +59,8 @@ class FastLoop {
   Estimate tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }
+  // As it is known after the last tick.
+  BackgroundRate rate() const { return rate_; }
   static constexpr std::int64_t kMaxGap = 50;
 
  private:
@@ -67,11 +72,14 @@ class FastLoop {
   bool begin_tick(const Measurement& m, int& status);
   // Prediction to t_k and correction; a sample without a sensor's reading is predicted over.
   Correction correct(Measurement& m, const Gain& gain, int& status);
+  // Adds kGainEveryTick; after an agreement the next multiple of n begins the slow rate.
+  void watch_agreement(Estimate& e, const Measurement& m);
 
   std::shared_ptr<const Filter> filter_;
   GainPolicy policy_;
   BackgroundRate rate_;
   ScheduleUse schedule_use_;
+  std::optional<Agreement> agreement_;
   FastState state_;
   GainSlots gains_;
   Gain made_;                         // turned, or from the table
@@ -89,6 +97,8 @@ class BackgroundLoop {
   void reset();
   // Computes K from the snapshot and propagates P with it.
   const Gain& step(const Estimate& snapshot);
+  // The snapshot after the last one.
+  std::int64_t next_k() const { return gain_.k < 0 ? 0 : gain_.k + n_last_; }
   // As FastLoop::exchange, from the next snapshot on.
   void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
   const Gain& last() const { return gain_; }
@@ -99,6 +109,7 @@ class BackgroundLoop {
   BackgroundRate rate_;
   double span_omega_m_;
   Gain gain_;
+  int n_last_ = 1;             // ticks from the last snapshot to the next
   double omega_m_before_ = 0;  // of the last snapshot
 };
 

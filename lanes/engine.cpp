@@ -30,6 +30,7 @@ std::string not_covered(const DriveConfig& d) {
   if (!d.effects.empty()) return "the drive has effects";
   if (d.plant.inverter != InverterModel::kAveraged) return "plant.inverter is not averaged";
   if (d.plant.delay_samples != 1) return "plant.delay_samples is not 1";
+  if (d.locks_first()) return "rates.n_from is locked";
   if (d.start == Start::kAlignIf) return "start is align_if";
   if (!d.reference.omega_e_rad_s.is_constant() || !d.reference.speed_rpm.is_constant() ||
       !d.reference.i_d_A.is_constant() || !d.load.T_load_Nm.is_constant())

@@ -87,6 +87,7 @@ class LoggerProcess {
     const std::int64_t before = log_.complete_below();
     if (at_a_wrong_time(channel, seq, t_ns)) return p_.bus().refuse();
     if (!log_.take(channel, seq, t_ns, bytes, size)) return p_.bus().refuse();
+    if (channel == Channel::kEstimate) p_.gains_every_nth(log_.gain_rate());
     if (log_.complete_below() != before) p_.progress(log_.complete_below() - 1);
     if (log_.complete_below() >= acknowledged_ + ack_every_) acknowledge();
     if (writer_.take_rotated())

@@ -10,6 +10,7 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,6 +43,8 @@ class TickLog {
   void expect_no_order() { ordered_ = false; }
   // Largest number of ticks above complete_below() that take() admits by tick.
   void admit_ahead(std::int64_t ticks) { ahead_ = ticks; }
+  // When GAIN is due, as the estimates received so far tell it.
+  BackgroundRate gain_rate() const { return gain_rate_; }
   // All ticks below this one are complete and passed to the writer.
   std::int64_t complete_below() const { return next_; }
   // Missing messages of ticks for which later messages have arrived, at most `limit` entries.
@@ -63,6 +66,8 @@ class TickLog {
   struct Tick {
     std::int64_t t_ns = 0;
     bool in_turn = false;  // its MEASUREMENT came after the COMMAND of the tick before
+    // Whether a GAIN belongs to it; empty until its ESTIMATE tells it.
+    std::optional<bool> sends_gain;
     std::array<std::vector<std::uint8_t>, kTickChannels> bytes;
   };
 
@@ -73,8 +78,10 @@ class TickLog {
   // Whether the COMMAND that causes the tick is there.
   bool in_turn(std::int64_t seq) const;
   void write_complete();
-  bool expected(int channel, std::int64_t k) const;
-  bool complete(std::int64_t k, const Tick& tick) const;
+  bool expected(int channel, const Tick& tick, bool while_unknown) const;
+  Tick new_tick(std::int64_t k) const;
+  void note_rate(std::int64_t k, const std::uint8_t* bytes, std::size_t size);
+  bool complete(const Tick& tick) const;
   void write_tick(const Tick& tick);
   void write(Channel channel, std::int64_t t_ns, const std::uint8_t* bytes, std::size_t size);
   bool new_as_it_comes(Channel channel, std::int64_t seq);
@@ -85,6 +92,7 @@ class TickLog {
   std::array<std::string, kChannelCount> names_;
   std::int64_t t0_us_, next_ = 0, t_ns_ = 0, ahead_ = std::int64_t{1} << 20;
   bool ordered_ = true;
+  BackgroundRate gain_rate_;
   std::map<std::int64_t, Tick> pending_;
   std::array<ChannelAccount, kChannelCount> accounts_{};
 };

@@ -18,7 +18,9 @@ void ClosedLoop::know(Config& extended) {
 const TickRecord& ClosedLoop::step() {
   tick_.measurement = plant_.sample();
   tick_.truth = plant_.truth();
+  const bool every_tick = tick_.estimate.status & kGainEveryTick;
   tick_.estimate = estimator_.tick(tick_.measurement);
+  tick_.gain_every_nth = every_tick && !(tick_.estimate.status & kGainEveryTick);
   tick_.has_gain = estimator_.has_gain();
   if (tick_.has_gain) copy_gain(tick_.gain, estimator_.gain());
   tick_.reference = drive_.reference_at(tick_.measurement.k);

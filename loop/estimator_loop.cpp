@@ -11,7 +11,7 @@ EstimatorLoop::EstimatorLoop(Config& config)
 
 const Estimate& EstimatorLoop::tick(const Measurement& m) {
   estimate_ = fast_.tick(m);
-  has_gain_ = drive_.sends_gain(m.k);
+  has_gain_ = drive_.sends_gain(estimate_);
   if (has_gain_) fast_.take_gain(background_.step(estimate_));
   return estimate_;
 }

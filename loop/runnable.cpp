@@ -177,10 +177,12 @@ class Theory {
     if (d_.estimator.kind == "eemf" || d_.estimator.kind == "active_flux")
       return d_.estimator.kind +
              " may lose synchronism: there is no EMF at standstill; start = align_if starts it";
-    if (d_.estimator.kind == "dq_ekf" && d_.rates.n > 1 && d_.background_rate().from == 0)
+    if (d_.estimator.kind == "dq_ekf" && d_.rates.n > 1 && has_background(d_.gain.policy) &&
+        !d_.locks_first() && d_.background_rate().from == 0)
       return fmt::format(
           "dq_ekf may lose synchronism: with a gain every {} ticks a direct start fails "
-          "from some angles; rates.n_from_s = 0.5 computes it every tick until then",
+          "from some angles; rates.n_from = locked computes it every tick until the filter agrees "
+          "with itself",
           d_.rates.n);
     return "";
   }

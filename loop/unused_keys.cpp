@@ -70,7 +70,12 @@ std::vector<Rule> rules_of_gains() {
   const std::string fault = "a plant.fault.kind other than none";
   return {{"rates.n", background, held},
           {"rates.f_b_Hz", background, held},
-          {"rates.n_from_s", background, held},
+          {"rates.n_from", background, held},
+          {"rates.n_from_s",
+           [](const Settings& s) {
+             return has_background(s.drive.gain.policy) && s.drive.rates.n_from == NFrom::kStart;
+           },
+           "rates.n_from = start and " + held},
           {"gain.speed_span_rad_s",
            [](const Settings& s) { return s.drive.gain.policy == GainPolicy::kPropagated; },
            "gain.policy = propagated"},

@@ -52,6 +52,7 @@ enum EstimateStatus : int {
       32,  // alignment: the rotor stands where it was forced to, and the filter takes that over
   kMeasuredAngle = 64,   // theta_e is the position sensor's, not an estimate of it
   kScheduledGain = 128,  // ran on the gain tabulated over speed, not on one of the background
+  kGainEveryTick = 256,  // the filter has not agreed with itself yet: a gain is due at each tick
 };
 
 struct Estimate {

@@ -61,7 +61,8 @@ std::vector<std::string> notable_events(const RunLog& log) {
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
     if (reason == Reason::kModeChange || reason == Reason::kLogRotated ||
-        reason == Reason::kLearnt || reason == Reason::kStateChange)
+        reason == Reason::kLearnt || reason == Reason::kStateChange ||
+        reason == Reason::kGainEveryNth)
       continue;
     const auto earlier = std::find_if(seen.begin(), seen.end(),
                                       [&](const auto& s) { return same_event(*s.first, event); });
@@ -119,6 +120,11 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   row("rates",
       fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}", d.rates.f_s_Hz,
                   d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)]));
+  if (d.locks_first())
+    row("gain every tick",
+        s.n_from_tick ? fmt::format("up to {:.4f} s, tick {}: the filter agrees with itself",
+                                    static_cast<double>(*s.n_from_tick) * d.T_s(), *s.n_from_tick)
+                      : "to the end: the filter did not agree with itself");
   row("angle error rms, max",
       fmt::format("{}, {}", degrees(s.angle_error_rms), degrees(s.angle_error_max)));
   if (s.speed_error_rms)

@@ -56,6 +56,9 @@ void publish_tick(SimulatedBus& bus, const TickRecord& tick) {
   if (tick.has_gain) bus.publish(tick.gain);
   bus.publish(tick.reference);
   bus.publish(tick.command);
+  if (tick.gain_every_nth)
+    bus.publish_event(Reason::kGainEveryNth, kAgreedText, tick.estimate.k, tick.estimate.t_ns,
+                      Role::kEstimator);
   if (tick.event.reason != Reason::kNone)
     bus.publish_event(tick.event.reason, tick.event.text, tick.command.k, tick.command.t_ns);
   for (const PlantEvent& event : tick.plant_events)

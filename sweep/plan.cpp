@@ -85,6 +85,7 @@ std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& ba
   set("gain.policy", search.policy);
   set("rates.f_b_Hz", 0);
   set("rates.n", n);
+  set("rates.n_from", "start");  // the limit is that of n from the first tick on
   set("run.seed", search.seed);
   if (base.reference.in_rpm)
     set("reference.speed_rpm", 60 * search.f_e_Hz / base.machine.n_p);

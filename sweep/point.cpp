@@ -169,6 +169,7 @@ Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search,
   list.push_back("gain.policy=" + search.policy);
   list.push_back("rates.f_b_Hz=0");  // before n: the later of both keys is used
   list.push_back(fmt::format("rates.n={}", n));
+  list.emplace_back("rates.n_from=start");
   if (plan.start == "switched") {
     const DriveConfig asked = recorded_config(recorded, plan.overrides).drive();
     list.push_back(

@@ -379,6 +379,7 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
                           "n",
                           "policy",
                           "gains_used",
+                          "n_from_tick",
                           "P44_min",
                           "P44_max",
                           "late_commands",

@@ -34,7 +34,7 @@ event_v2_t event_of_schema_2() {
 
 // One MEASUREMENT and one event as the schema has it.
 template <class Event>
-RunLog log_of(int schema, const Event& event) {
+RunLog log_of(int schema, const Event& event, const std::string& config = "") {
   const std::filesystem::path path =
       std::filesystem::temp_directory_path() / ("twinrate-schema-" + std::to_string(getpid()));
   {
@@ -46,7 +46,7 @@ RunLog log_of(int schema, const Event& event) {
       entry.datalen = static_cast<int>(bytes.size());
       file.writeEvent(&entry);
     };
-    manifest_t manifest = make_manifest(9, "", "{}");
+    manifest_t manifest = make_manifest(9, config, "{}");
     manifest.schema = schema;
     append(Channel::kManifest, bytes_of(manifest));
     append(Channel::kMeasurement, bytes_of(measurement_t{}));
@@ -78,6 +78,13 @@ TEST(EarlierLogs, OfThisSchemaSayWhoWasWaitedFor) {
   ASSERT_EQ(log.events.size(), 1u);
   EXPECT_EQ(log.events[0].role, static_cast<int>(Role::kController));
   EXPECT_EQ(log.events[0].waited_for, static_cast<int>(Role::kEstimator));
+}
+
+TEST(EarlierLogs, BeforeSchema4NoFilterWaitedForItsAgreement) {
+  const std::string config = "name = \"d\"\n\n[rates]\nn = 5\n";
+  EXPECT_EQ(log_of(2, event_of_schema_2(), config).config_toml,
+            "name = \"d\"\n\n[rates]\nn_from = \"start\"\nn = 5\n");
+  EXPECT_EQ(log_of(4, event_t{}, config).config_toml, config);
 }
 
 TEST(EarlierLogs, OfSchemasThatNobodyHereKnowsAreRefused) {

@@ -120,6 +120,49 @@ TEST_F(Account, ATickIsWholeWithAGainAtSnapshotsOnly) {
   EXPECT_EQ(log_->complete_below(), 12);
 }
 
+class LocksFirst : public Account {
+ protected:
+  // A tick whose estimate has this status.
+  void take_tick(std::int64_t k, int status, bool gain) {
+    Estimate e;
+    e.k = k;
+    e.status = status;
+    const estimate_t wire = to_wire(e, 1);
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(wire.getEncodedSize()));
+    wire.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+    take(Channel::kMeasurement, k);
+    take(Channel::kTruth, k);
+    log_->take(Channel::kEstimate, k, 200'000 * k, bytes.data(), bytes.size());
+    if (gain) take(Channel::kGain, k);
+    take(Channel::kReference, k);
+    take(Channel::kCommand, k);
+  }
+};
+
+TEST_F(LocksFirst, ATickIsWholeWithAGainWhereItsEstimateAsksForOne) {
+  log(TickLog::Order::kByTick);
+  for (std::int64_t k = 0; k < 10; ++k) take_tick(k, kGainEveryTick, k != 7);
+  EXPECT_EQ(log_->complete_below(), 7);
+  const auto missing = log_->missing(10);
+  ASSERT_EQ(missing.size(), 1u);
+  EXPECT_EQ(missing[0].channel, Channel::kGain);
+  EXPECT_EQ(missing[0].seq, 7);
+  take(Channel::kGain, 7);
+  for (std::int64_t k = 10; k < 30; ++k) take_tick(k, 0, k % kGainEvery == 0);
+  EXPECT_EQ(log_->complete_below(), 30);
+  EXPECT_EQ(of(Channel::kGain).received, 14);
+}
+
+TEST_F(LocksFirst, ARealtimeRunCountsTheGainsThatEachTickOwes) {
+  log(TickLog::Order::kAsItComes);
+  for (std::int64_t k = 0; k < 10; ++k)
+    if (k != 4) take_tick(k, kGainEveryTick, k != 5 && k != 6);
+  for (std::int64_t k = 10; k < 30; ++k) take_tick(k, 0, k % kGainEvery == 0 && k != 20);
+  log_->close();
+  EXPECT_EQ(of(Channel::kGain).lost, 4);
+  EXPECT_EQ(log_->gain_rate().from, 10);
+}
+
 TEST_F(Account, WhatCameBeforeTheMeasurementOfItsTickIsAskedForAgain) {
   log(TickLog::Order::kByTick);
   take(Channel::kCommand, 0);

@@ -26,6 +26,30 @@ TEST(AlignIf, TurnsBackwardsOnANegativeReference) {
   EXPECT_NEAR(figures.speed_mean, -100, 0.5);
 }
 
+// bench/direct_starts has all angles and n.
+TEST(LocksFirst, TheSalientMotorStartsDirectlyAtAGainEveryTwentyTicks) {
+  for (double theta_e : angles_over_a_turn(6)) {
+    ClosedLoop loop(load(
+        "kim-ipmsm", {"rates.n=20", "run.duration_s=0.4", "run.settle_s=0.3", "load.T_load_Nm=0",
+                      fmt::format("plant.theta_e_start_rad={}", theta_e)}));
+    const Figures figures = run(loop);
+    EXPECT_TRUE(figures.held()) << degrees(theta_e);
+    EXPECT_LT(degrees(figures.angle_error_max), 2) << degrees(theta_e);
+    EXPECT_FALSE(loop.estimate().status & kGainEveryTick) << degrees(theta_e);
+  }
+}
+
+// bench/direct_starts: 5 of 24 are lost.
+TEST(LocksFirst, AnEvenGainFromTheFirstTickOnLosesSomeStarts) {
+  int held = 0;
+  for (double theta_e : angles_over_a_turn(6))
+    held += run("kim-ipmsm",
+                {"rates.n=20", "rates.n_from=start", "run.duration_s=0.4", "run.settle_s=0.3",
+                 "load.T_load_Nm=0", fmt::format("plant.theta_e_start_rad={}", theta_e)})
+                .held();
+  EXPECT_LT(held, 6);
+}
+
 struct Handover {
   bool happened = false;
   double t_s = 0, voltage_step = 0, largest_step_before = 0, shift = 0;

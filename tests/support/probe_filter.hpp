@@ -6,7 +6,7 @@
 
 namespace twinrate::test {
 
-class ProbeFilter final : public Filter {
+class ProbeFilter : public Filter {
  public:
   std::string_view kind() const override { return "probe"; }
   FastState start(const Measurement&) const override {

@@ -98,6 +98,19 @@ INSTANTIATE_TEST_SUITE_P(
               "kim-ipmsm",
               {"rates.f_s_Hz=5000", "start=flying", "estimator.kind=backemf_printed"},
               1500},
+        Drive{"salient_start_locks_first", "kim-ipmsm", {"rates.f_s_Hz=5000", "rates.n=10"}, 1500},
+        Drive{"immediate_locks_first",
+              "dilys2021",
+              {"rates.n_from=locked", "gain.policy=immediate"},
+              1000},
+        Drive{"propagated_locks_first",
+              "dilys2021",
+              {"rates.n_from=locked", "gain.policy=propagated", "rates.n=20"},
+              1000},
+        Drive{"rotor_frame_locks_first",
+              "dilys2021",
+              {"rates.n_from=locked", "gain.policy=rotor_frame", "rates.n=7"},
+              1000},
         Drive{"lost_at_n13", "dilys2021", {"rates.n=13"}},
         Drive{"switched_with_every_reference_effect",
               "niewiara2020",
@@ -115,6 +128,14 @@ kind = "ekf_disturbance"
 angle_source = "measured"
 )");
   expect_launch_equals_simulate(path("drive.toml"), {});
+}
+
+TEST_F(WireTest, DroppedDatagramsChangeNoBitOfAStartThatLocksFirst) {
+  expect_launch_equals_simulate("dilys2021", {"rates.n_from=locked"}, {"bus.drop_rate=0.01"}, 1000);
+  EXPECT_EQ(summary("launch")["n_from_tick"], summary("simulate")["n_from_tick"]);
+  EXPECT_GT(summary("launch")["n_from_tick"], 50);
+  for (const auto& [channel, lost] : summary("launch")["lost_messages"].items())
+    EXPECT_EQ(lost, 0) << channel;
 }
 
 TEST_F(WireTest, TwoLaunchesGiveTheSameBits) {

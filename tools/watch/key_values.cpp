@@ -24,7 +24,8 @@ std::string status_text(int status) {
                                                    {kGapBridged, "gap bridged"},
                                                    {kNotFinite, "not finite"},
                                                    {kNoVoltage, "no voltage"},
-                                                   {kAngleForced, "angle forced"}};
+                                                   {kAngleForced, "angle forced"},
+                                                   {kGainEveryTick, "gain every tick"}};
   std::string text;
   for (const auto& [bit, name] : kBits)
     if (status & bit) text += (text.empty() ? "" : ", ") + std::string(name);
