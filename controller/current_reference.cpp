@@ -18,6 +18,21 @@ double mtpa_amplitude(const MachineParameters& machine, double i_q) {
   return std::copysign(std::hypot(i_d, i_q), i_q);
 }
 
+// Newton's rule; the torque grows with I_s, and at least as fast as the magnets' share of it.
+double mtpa_for_torque(const MachineParameters& machine, double T) {
+  const double K_t = machine.torque_constant(), dL = machine.L_q - machine.L_d;
+  const auto torque = [&](double I_s) {
+    const Vec2 i = mtpa(machine, I_s);
+    return K_t / machine.psi_f * (machine.psi_f - dL * i[0]) * i[1];
+  };
+  double I_s = T / K_t;
+  for (int i = 0; i < 6; ++i) {
+    const double h = 1e-3 * std::max(std::abs(I_s), 1e-3);
+    I_s -= (torque(I_s) - T) * 2 * h / (torque(I_s + h) - torque(I_s - h));
+  }
+  return I_s;
+}
+
 FieldWeakening::FieldWeakening(const FieldWeakeningParameters& p, const MachineParameters& machine,
                                double i_max, double T_s)
     : p_(p), L_d_(machine.L_d), psi_f_(machine.psi_f), i_max_(i_max), T_s_(T_s) {}

@@ -30,6 +30,9 @@ Vec2 mtpa(const MachineParameters& machine, double I_s);
 // The I_s whose MTPA point has this i_q.
 double mtpa_amplitude(const MachineParameters& machine, double i_q);
 
+// The I_s whose MTPA point has this torque.
+double mtpa_for_torque(const MachineParameters& machine, double T);
+
 enum class CurrentAngle : int { kReference = 0, kMtpa = 1 };
 inline constexpr const char* kCurrentAngleNames[] = {"reference", "mtpa"};
 

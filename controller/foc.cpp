@@ -11,9 +11,13 @@ Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
     : machine_(config.machine),
       p_(parameters),
       angle_source_(config.controller.angle_source),
+      choice_(config.controller),
       T_s_(config.T_s()),
       advance_s_((config.plant.delay_samples + 0.5) * config.T_s()),
       slew_rate_(config.reference.slew_rate_rad_s2 / config.machine.n_p),
+      lead_s_(1 / (kTwoPi * parameters.current_bandwidth) + advance_s_),
+      mechanical_angle_(config.controller.angle_source, config.machine.n_p),
+      compensation_(config.controller.compensation_at(0)),
       speed_(speed_pi(kTwoPi * parameters.speed_bandwidth, machine_.J, machine_.torque_constant())),
       current_d_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_d)),
       current_q_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_q)),
@@ -47,8 +51,7 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
                     {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
                      .i_dq = in.estimate.i_dq,
                      .omega_m = frame.omega_m,
-                     .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
-                                                                   : frame.theta_e / machine_.n_p,
+                     .theta_m = frame.theta_m,
                      .theta_e = frame.theta_e},
                     machine_.n_p);
 }
@@ -57,15 +60,30 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
 Vec2 Foc::predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                                  const Vec2& u_dq) const {
   if (!p_.compensate_effects || on_voltage_.empty()) return Vec2::Zero();
-  return predicted_drop(
-      on_voltage_, {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
-                    .i_dq = park(clarke(in.measurement.i_abc), frame.theta_e),
-                    .u_dq = u_dq,
-                    .v_dc = in.measurement.v_dc,
-                    .omega_m = frame.omega_m,
-                    .theta_m = in.measurement.signals & kPosition ? in.measurement.theta_m
-                                                                  : frame.theta_e / machine_.n_p,
-                    .theta_e = frame.theta_e});
+  return predicted_drop(on_voltage_, {.t = 1e-9 * static_cast<double>(in.measurement.t_ns),
+                                      .i_dq = park(clarke(in.measurement.i_abc), frame.theta_e),
+                                      .u_dq = u_dq,
+                                      .v_dc = in.measurement.v_dc,
+                                      .omega_m = frame.omega_m,
+                                      .theta_m = frame.theta_m,
+                                      .theta_e = frame.theta_e});
+}
+
+double Foc::load_current(const ControllerInput& in, const Frame& frame) {
+  const bool at_mtpa = p_.current_angle == CurrentAngle::kMtpa;
+  const double T_load = in.estimate.T_load + lead_s_ * in.estimate.dT_load_dt;
+  const auto fed = [&](Compensation c) {
+    if (!feeds_load(c)) return predicted_load(in, frame) / machine_.torque_constant();
+    return at_mtpa ? mtpa_for_torque(machine_, T_load) : T_load / machine_.torque_constant();
+  };
+  const auto wanted = choice_.compensation_at(1e-9 * static_cast<double>(in.measurement.t_ns));
+  if (wanted != compensation_) {
+    speed_.preset(speed_.integral() + fed(compensation_) - fed(wanted));
+    compensation_ = wanted;
+    event_ = {Reason::kModeChange,
+              feeds_load(wanted) ? "compensation: estimated load fed forward" : "compensation off"};
+  }
+  return fed(compensation_);
 }
 
 // Leaves i_dq_wanted_; every speed_divider ticks.
@@ -74,8 +92,8 @@ void Foc::speed_loop(const ControllerInput& in, const Frame& frame) {
   speed_ticks_ = (speed_ticks_ + 1) % p_.speed_divider;
   if (!due) return;
   const bool at_mtpa = p_.current_angle == CurrentAngle::kMtpa;
-  const double error = omega_m_ref_ - frame.omega_m;
-  const double I_s = speed_.output(error) + predicted_load(in, frame) / machine_.torque_constant();
+  const double error = omega_m_ref_ - frame.omega_m, fed = load_current(in, frame);
+  const double I_s = speed_.output(error) + fed;
   const double I_s_limited = std::clamp(I_s, -p_.i_max, p_.i_max);
   i_dq_wanted_ = at_mtpa ? mtpa(machine_, I_s_limited) : Vec2(0, I_s);
   i_dq_wanted_[0] += in.reference.i_d_ref;
@@ -108,20 +126,6 @@ Vec2 Foc::current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, d
   return u_limited;
 }
 
-static ControllerEvent mode_change(Mode mode) {
-  switch (mode) {
-    case Mode::kRun:
-      return {Reason::kModeChange, "hand-over: running on the estimate"};
-    case Mode::kIfRamp:
-      return {Reason::kModeChange, "alignment done: I/f ramp"};
-    case Mode::kSafe:
-      return {Reason::kStartupGaveUp, "the estimate did not agree with the I/f ramp: zero voltage"};
-    case Mode::kAlign:
-      break;
-  }
-  return {};
-}
-
 ControllerEvent Foc::take_event() {
   return std::exchange(event_, {});
 }
@@ -130,7 +134,8 @@ bool Foc::finite(const ControllerInput& in) const {
   const Frame frame = rotor_frame(in);
   return in.measurement.i_abc.allFinite() && std::isfinite(in.measurement.v_dc) &&
          std::isfinite(frame.theta_e) && std::isfinite(frame.omega_m) &&
-         std::isfinite(in.estimate.theta_e) && std::isfinite(in.estimate.omega_m);
+         std::isfinite(in.estimate.theta_e) && std::isfinite(in.estimate.omega_m) &&
+         (!feeds_load(compensation_) || std::isfinite(in.estimate.T_load));
 }
 
 // Bumpless: the same voltage and current vectors, seen from the estimated rotor frame.
@@ -144,7 +149,7 @@ void Foc::hand_over(const ControllerInput& in, const Frame& frame, double theta_
   const double I_s = at_mtpa ? mtpa_amplitude(machine_, i_dq[1]) : i_dq[1];
   i_d_handover_ = i_dq[0] - in.reference.i_d_ref - (at_mtpa ? mtpa(machine_, I_s)[0] : 0);
   omega_m_ref_ = frame.omega_m;
-  speed_.preset(I_s);
+  speed_.preset(I_s - load_current(in, frame));
   speed_ticks_ = 0;
   synchronism_.reset();
 }
@@ -165,7 +170,7 @@ Mode Foc::advance_mode(const ControllerInput& in, Frame& frame) {
   if (drive.handed_over) {
     hand_over(in, frame, drive.theta_e);
   } else if (drive.mode == Mode::kAlign || drive.mode == Mode::kIfRamp) {
-    frame = {drive.theta_e, drive.omega_e / machine_.n_p};
+    frame = {drive.theta_e, drive.omega_e / machine_.n_p, frame.theta_m};
   }
   if (drive.mode != Mode::kRun || !synchronism_lost(in, frame)) return drive.mode;
   startup_.stop();
@@ -205,6 +210,7 @@ Command Foc::step(const ControllerInput& in) {
     return command_;
   }
   Frame frame = rotor_frame(in);
+  frame.theta_m = mechanical_angle_.step(in, frame.theta_e);
   Command c;
   c.k = m.k;
   c.t_ns = m.t_ns;

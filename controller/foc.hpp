@@ -8,7 +8,13 @@
 //   |u_dq|  <= v_dc/sqrt3                              on the circle, the direction is kept
 //
 // Field weakening and current limit: controller/current_reference.hpp. compensate_effects adds the
-// torque of the model's effects, over K_t, to I_s, and their voltage loss to u_dq. The voltage is
+// torque of the model's effects, over K_t, to I_s, and their voltage loss to u_dq. compensation =
+// "load" adds instead the current of the estimated load, which holds the torque of known effects:
+//
+//   T_ff     = T_load + tau dT_load/dt,  tau = 1/(2 pi current_bandwidth) + (delay_samples + 1/2) T_s
+//
+// A change of the compensation while running does not make I_s jump: the integral of the speed loop
+// takes over the difference. The voltage is
 // turned to the stationary frame with the angle that the rotor has when the voltage acts.
 // The currents are the measured ones, turned with the estimated angle. start = "align_if":
 // controller/startup.hpp. Lost synchronism: controller/synchronism.hpp.
@@ -17,6 +23,7 @@
 #pragma once
 #include "controller/controller.hpp"
 #include "controller/current_reference.hpp"
+#include "controller/mechanical_angle.hpp"
 #include "controller/pi.hpp"
 #include "controller/startup.hpp"
 #include "controller/synchronism.hpp"
@@ -61,10 +68,10 @@ class Foc final : public Controller {
 
  private:
   struct Frame {
-    double theta_e, omega_m;
+    double theta_e, omega_m, theta_m = 0;
   };
   bool finite(const ControllerInput& in) const;
-  Frame rotor_frame(const ControllerInput& in) const;
+  Frame rotor_frame(const ControllerInput& in) const;  // without theta_m
   // The mode of this tick; `frame` becomes the forced one during alignment and I/f ramp.
   Mode advance_mode(const ControllerInput& in, Frame& frame);
   // Voltage of mode c.mode in the frame of c; fills in c.i_dq_ref.
@@ -75,6 +82,8 @@ class Foc final : public Controller {
   Vec2 predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                               const Vec2& u_dq) const;
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
+  // Current that is fed forward to the speed loop, and takes over a change of what is fed.
+  double load_current(const ControllerInput& in, const Frame& frame);
   double predicted_load(const ControllerInput& in, const Frame& frame) const;
   Vec2 feed_forward(const Vec2& i_dq, double omega_e) const;
   Vec2 current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc);
@@ -83,7 +92,10 @@ class Foc final : public Controller {
   const FocParameters p_;
   Effects effects_, on_voltage_;
   const AngleSource angle_source_;
-  const double T_s_, advance_s_, slew_rate_;
+  const ControllerChoice choice_;
+  const double T_s_, advance_s_, slew_rate_, lead_s_;
+  MechanicalAngle mechanical_angle_;
+  Compensation compensation_;
   Pi speed_, current_d_, current_q_;
   FieldWeakening field_weakening_;
   Startup startup_;

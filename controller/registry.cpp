@@ -32,8 +32,6 @@ class LqrBuilder final : public ControllerBuilder {
       if (!axis->complaints.empty())
         throw BadInput(fmt::format("controller.lqr: {} axis: {}", axis == &design.d ? "d" : "q",
                                    fmt::join(axis->complaints, "; ")));
-    if (config.start == Start::kAlignIf)
-      throw BadInput("start: aligned or flying allowed with controller.kind lqr, found align_if");
     return std::make_unique<Lqr>(config, parameters_, design);
   }
 

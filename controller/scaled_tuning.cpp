@@ -64,6 +64,7 @@ void scale(LqrParameters& p, const DriveConfig& c) {
   p.design.bandwidth_q_Hz[1] = speed;
   p.design.bandwidth_q_Hz[2] = speed / 2;
   p.i_max = kOverload * base_of(c).i;
+  scale(p.startup, c, p.i_max);
 }
 
 }  // namespace twinrate

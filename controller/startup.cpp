@@ -36,4 +36,40 @@ Startup::Drive Startup::step(const Estimate& e, double omega_e_hat, double direc
   return drive;
 }
 
+ControllerEvent mode_change(Mode mode) {
+  switch (mode) {
+    case Mode::kRun:
+      return {Reason::kModeChange, "hand-over: running on the estimate"};
+    case Mode::kIfRamp:
+      return {Reason::kModeChange, "alignment done: I/f ramp"};
+    case Mode::kSafe:
+      return {Reason::kStartupGaveUp, "the estimate did not agree with the I/f ramp: zero voltage"};
+    case Mode::kAlign:
+      break;
+  }
+  return {};
+}
+
+ForcedCurrent::ForcedCurrent(const MachineParameters& machine, double i_start, double bandwidth_Hz,
+                             double T_s)
+    : machine_(machine),
+      i_start_(i_start),
+      T_s_(T_s),
+      d_(current_pi(kTwoPi * bandwidth_Hz, machine.R_s, machine.L_d)),
+      q_(current_pi(kTwoPi * bandwidth_Hz, machine.R_s, machine.L_q)) {}
+
+Vec2 ForcedCurrent::step(Mode mode, const Vec2& i_dq, double omega_e, double u_max) {
+  if (mode == Mode::kAlign) {
+    d_.preset(machine_.R_s * i_start_);
+    return {machine_.R_s * i_start_, 0};
+  }
+  const Vec2 error = i_dq_ref() - i_dq;
+  const Vec2 cross(-omega_e * machine_.L_q * i_dq[1], omega_e * machine_.L_d * i_dq[0]);
+  const Vec2 u = Vec2(d_.output(error[0]), q_.output(error[1])) + cross;
+  const Vec2 limited = u.norm() > u_max ? Vec2(u * (u_max / u.norm())) : u;
+  d_.update(error[0], u[0], limited[0], T_s_);
+  q_.update(error[1], u[1], limited[1], T_s_);
+  return limited;
+}
+
 }  // namespace twinrate

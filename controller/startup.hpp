@@ -9,8 +9,8 @@
 //           within 30 %, angle within 75 deg. Then the controller takes over the estimated angle.
 //           Without agreement within t_give_up_s: safe mode.
 #pragma once
-#include "core/drive_config.hpp"
-#include "model/signals.hpp"
+#include "controller/controller.hpp"
+#include "controller/pi.hpp"
 
 namespace twinrate {
 
@@ -56,6 +56,25 @@ class Startup {
   Mode mode_;
   double t_in_mode_ = 0, t_agreed_ = 0, t_at_speed_ = 0;
   double theta_e_ = 0, omega_e_ = 0;
+};
+
+// The event of a change to this mode.
+ControllerEvent mode_change(Mode mode);
+
+// The current of alignment and I/f ramp, for a controller without a current loop of its own.
+//
+//   align   u = [R_s i_start; 0]
+//   I/f     PI with pole cancellation on [i_start; 0] in the forced axes, |u| <= u_max
+class ForcedCurrent {
+ public:
+  ForcedCurrent(const MachineParameters& machine, double i_start, double bandwidth_Hz, double T_s);
+  Vec2 step(Mode mode, const Vec2& i_dq, double omega_e, double u_max);
+  Vec2 i_dq_ref() const { return {i_start_, 0}; }
+
+ private:
+  MachineParameters machine_;
+  double i_start_, T_s_;
+  Pi d_, q_;
 };
 
 }  // namespace twinrate

@@ -28,9 +28,9 @@ enum class AngleSource : int { kEstimate = 0, kMeasured = 1, kTruth = 2 };
 // Who knows an effect: the simulated plant has it, the model of estimator and controller has it.
 enum class UsedIn : int { kPlant = 0, kModel = 1, kBoth = 2 };
 
-enum class Compensation : int { kOff = 0, kPaper = 1, kAngleDomain = 2 };
+enum class Compensation : int { kOff = 0, kPaper = 1, kAngleDomain = 2, kLoad = 3 };
 
-inline constexpr const char* kCompensationNames[] = {"off", "paper", "angle_domain"};
+inline constexpr const char* kCompensationNames[] = {"off", "paper", "angle_domain", "load"};
 inline constexpr const char* kUsedInNames[] = {"plant", "model", "both"};
 inline constexpr const char* kStartNames[] = {"aligned", "align_if", "flying"};
 inline constexpr const char* kPaceNames[] = {"lockstep", "realtime"};

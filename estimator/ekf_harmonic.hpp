@@ -83,6 +83,7 @@ class EkfHarmonic final : public Filter {
   Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
   void predict_over_gap(FastState& state, const Measurement& last) const override;
   Estimate output(const FastState& state, const Measurement& m) const override;
+  bool estimates_load() const override { return true; }
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
 

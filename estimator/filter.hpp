@@ -63,6 +63,9 @@ class Filter {
   }
   void know(const KnownEffects& known) { known_ = known; }
 
+  // T_load of the output is an estimate, not 0.
+  virtual bool estimates_load() const { return false; }
+
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;

@@ -12,7 +12,7 @@
 #include "controller/controller.hpp"
 #include "core/config_write.hpp"
 #include "core/field_list.hpp"
-#include "estimator/registry.hpp"
+#include "estimator/make_filter.hpp"
 #include "plant_sim/plant_parameters.hpp"
 
 namespace twinrate {
@@ -127,15 +127,14 @@ std::vector<Rule> rules_of_lqr() {
     rules.push_back(with(lqr + key, gains, "deviations"));
   for (const char* key : {"bandwidth_d_Hz", "bandwidth_q_Hz"})
     rules.push_back(with(lqr + key, gains, "bandwidths"));
+  rules.push_back({lqr + "startup.",
+                   [](const Settings& s) { return s.drive.start == Start::kAlignIf; },
+                   "start = align_if"});
+  rules.push_back(with(lqr + "voltage_margin", lqr + "field_weakening", "true"));
+  rules.push_back(with(lqr + "field_weakening_bandwidth_Hz", lqr + "field_weakening", "true"));
   rules.push_back({lqr + "angle_domain.",
                    [](const Settings& s) { return s.uses(Compensation::kAngleDomain); },
                    "controller.compensation = angle_domain"});
-  rules.push_back({"controller.compensation",
-                   [](const Settings& s) {
-                     return s.drive.controller.kind == "lqr" ||
-                            !(s.uses(Compensation::kPaper) || s.uses(Compensation::kAngleDomain));
-                   },
-                   "controller.kind = lqr"});
   return rules;
 }
 
@@ -226,11 +225,39 @@ void refuse_covariance(const Config& config) {
       config.where("estimator.covariance"), drive.estimator.kind));
 }
 
+// "" if the parts of the drive can do what controller.compensation asks for, else what it needs.
+std::string compensation_needs(Config& config, const Settings& settings) {
+  const auto filter = make_filter(config);
+  const bool measured = settings.drive.controller.angle_source != AngleSource::kEstimate ||
+                        filter->output({}, {}).status & kMeasuredAngle;
+  const bool feeds = settings.uses(Compensation::kLoad) || settings.uses(Compensation::kPaper);
+  if (feeds && !filter->estimates_load())
+    return fmt::format("an estimator.kind that estimates the load, {} does not",
+                       settings.drive.estimator.kind);
+  if (!settings.uses(Compensation::kAngleDomain)) return "";
+  if (settings.drive.controller.kind != "lqr") return "controller.kind = lqr";
+  return measured ? "" : "a measured angle: estimator.kind = ekf_disturbance or ekf_harmonic";
+}
+
+// A preset's compensation stays without effect where its alternatives cannot do it, but no
+// controller takes an angle that the drive does not give it.
+void refuse_compensation(Config& config, const Settings& settings) {
+  const std::string key = "controller.compensation", needs = compensation_needs(config, settings);
+  const std::vector<std::string> mine = keys_of_the_user(config);
+  const bool of_the_user = std::find(mine.begin(), mine.end(), key) != mine.end();
+  const bool must =
+      settings.uses(Compensation::kAngleDomain) && settings.drive.controller.kind == "lqr";
+  if (needs.empty() || !(of_the_user || must)) return;
+  throw BadInput(
+      fmt::format("{}: {}: has no effect here; it is read with {}", config.where(key), key, needs));
+}
+
 }  // namespace
 
 void refuse_unused_keys(Config& config) {
   refuse_covariance(config);
   const Settings settings(config);
+  refuse_compensation(config, settings);
   const std::vector<Rule> rules = all_rules();
   for (const std::string& key : keys_of_the_user(config)) {
     const std::string with_what = read_only_with(key, settings, rules);

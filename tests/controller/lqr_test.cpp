@@ -145,9 +145,18 @@ TEST(Lqr, RepeatsItsLastCommandOnInputsThatAreNotFinite) {
   EXPECT_EQ(after.u_alphabeta_ref, before.u_alphabeta_ref);
 }
 
-TEST(Lqr, RefusesAnUnsupportedStart) {
-  Config config = test::load("niewiara2020", {"start=align_if"});
-  EXPECT_THROW(make_controller(config), BadInput);
+TEST(Lqr, AlignsBeforeItRuns) {
+  Bench bench({"start=align_if", "controller.lqr.startup.i_start_A=5"});
+  const Command c = bench.controller->step({bench.m, bench.e, bench.r, nullptr});
+  EXPECT_EQ(c.mode, Mode::kAlign);
+  EXPECT_NEAR((c.u_alphabeta_ref - Vec2(0, 1.05 * 5)).norm(), 0, 1e-12);  // at 90 deg
+}
+
+// A step of i_d_ref moves u_d by (K_id + R_s/K_pp) K_pp, and the integral follows by itself.
+TEST(Lqr, FeedsAReferenceOfTheDCurrentForward) {
+  Bench bench({"controller.compensation=off"});
+  bench.r.i_d_ref = -2;
+  EXPECT_NEAR(bench.u_dq()[0], -2 * (kKpp * 0.22 + 1.05) - kKpp * 8.14 * 1e-4 * 2, 1e-9);
 }
 
 }  // namespace

@@ -40,9 +40,9 @@ TEST(Runnable, ThePresetsRunWithoutAWarning) {
 }
 
 TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
-  EXPECT_EQ(refusal("dilys2021", {"controller.compensation=paper"}),
-            "--set: controller.compensation: has no effect here; it is read with controller.kind = "
-            "lqr");
+  EXPECT_EQ(refusal("dilys2021", {"controller.compensation=load"}),
+            "--set: controller.compensation: has no effect here; it is read with an estimator.kind "
+            "that estimates the load, ekf_sensorless does not");
   for (const auto& [preset, key] :
        {std::pair("kim-ipmsm", "estimator.covariance=sequential"),
         std::pair("dilys2021", "controller.foc.startup.t_align_s=0.2"),
@@ -55,6 +55,18 @@ TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
     EXPECT_NE(refusal(preset, {key}).find(name), std::string::npos) << key;
   }
   EXPECT_EQ(refusal("dilys2021", {"start=align_if", "controller.foc.startup.t_align_s=0.2"}), "");
+}
+
+TEST(Runnable, CompensationIsRefusedWhereNoPartCanDoIt) {
+  EXPECT_EQ(refusal("niewiara2020", {"controller.kind=foc", "controller.compensation=load"}), "");
+  EXPECT_NE(refusal("niewiara2020", {"controller.kind=foc", "controller.compensation=angle_domain"})
+                .find("controller.kind = lqr"),
+            std::string::npos);
+  EXPECT_EQ(refusal("niewiara2020", {"controller.compensation=angle_domain"}), "");
+  EXPECT_NE(refusal("niewiara2020",
+                    {"controller.compensation=angle_domain", "estimator.kind=ekf_sensorless"})
+                .find("a measured angle"),
+            std::string::npos);
 }
 
 TEST(Runnable, AResolvedFileRunsThoughItHoldsEveryKey) {
