@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "controller/controller.hpp"
+#include "controller/current_reference.hpp"
 #include "core/field_list.hpp"
 #include "loop/slips.hpp"
 
@@ -19,6 +20,7 @@ double largest(const Profile& profile) {
   return amplitude;
 }
 
+// What the demand needs of the controller: current limit, current angle, bandwidths.
 void read_controller(Config& config, Demand& demand) {
   const std::string kind = config.drive().controller.kind;
   const auto builder = controller_builder(kind, config.drive());
@@ -26,9 +28,14 @@ void read_controller(Config& config, Demand& demand) {
   config.read_table("controller." + kind, fields);
   for (const FieldRow& row : list_fields(fields)) {
     if (row.key == "i_max_A") demand.i_max = row.value;
+    if (row.key == "current_angle") demand.at_mtpa = row.value_text == "mtpa";
     if (row.key == "current_bandwidth_Hz") demand.current_Hz = row.value;
     if (row.key == "speed_bandwidth_Hz") demand.speed_Hz = row.value;
   }
+}
+
+double torque(const MachineParameters& m, const Vec2& i_dq) {
+  return 1.5 * m.n_p * (m.psi_f + (m.L_d - m.L_q) * i_dq[0]) * i_dq[1];
 }
 
 }  // namespace
@@ -42,10 +49,13 @@ Demand demand_of(Config& config) {
   demand.u_max = d.inverter.u_max_linear();
   demand.emf = demand.omega_e * m.psi_f;
   demand.T_load = largest(d.load.T_load_Nm);
-  demand.i_q = (demand.T_load + m.B * demand.omega_e / m.n_p) / m.torque_constant();
-  demand.u_needed =
-      std::hypot(demand.omega_e * m.L_q * demand.i_q, demand.emf + m.R_s * demand.i_q);
   read_controller(config, demand);
+  const double T = demand.T_load + m.B * demand.omega_e / m.n_p;
+  demand.i_dq = demand.at_mtpa ? mtpa(m, mtpa_for_torque(m, T)) : Vec2(0, T / m.torque_constant());
+  const Vec2 &i = demand.i_dq, flux(-m.L_q * i[1], m.L_d * i[0] + m.psi_f);
+  demand.u_needed = (m.R_s * i + demand.omega_e * flux).norm();
+  if (demand.i_max)
+    demand.T_max = torque(m, demand.at_mtpa ? mtpa(m, *demand.i_max) : Vec2(0, *demand.i_max));
   return demand;
 }
 
@@ -62,9 +72,9 @@ std::vector<std::string> warnings_of(const Config& config, const Demand& demand)
     warn(speed_key, fmt::format("needs {:.4g} V, v_dc allows {:.4g} V; without load this allows "
                                 "{:.4g} rad/s electrical",
                                 demand.u_needed, demand.u_max, demand.u_max / m.psi_f));
-  if (demand.i_max && demand.i_q > *demand.i_max)
+  if (demand.i_max && demand.i_dq.norm() > *demand.i_max)
     warn("load.T_load_Nm",
-         fmt::format("needs i_q = {:.4g} A, i_max_A is {:.4g} A", demand.i_q, *demand.i_max));
+         fmt::format("needs {:.4g} A, i_max_A is {:.4g} A", demand.i_dq.norm(), *demand.i_max));
   if (demand.i_max && m.i_trip > 0 && m.i_trip < *demand.i_max)
     warn("machine.i_trip_A", fmt::format("{:.4g} A, the drive switches off below i_max_A, {:.4g} A",
                                          m.i_trip, *demand.i_max));

@@ -37,14 +37,15 @@ void print_summary(Config& config, const std::vector<std::string>& warnings) {
              d.controller.kind, kAngleSourceNames[static_cast<int>(d.controller.angle_source)],
              kStartNames[static_cast<int>(d.start)]);
   fmt::print("  limits      {} V bus: {:.4g} V a phase", d.inverter.v_dc, demand.u_max);
-  if (demand.i_max)
-    fmt::print("; {} A: {:.4g} Nm", *demand.i_max, *demand.i_max * m.torque_constant());
+  if (demand.i_max) fmt::print("; {} A: {:.4g} Nm", *demand.i_max, *demand.T_max);
   fmt::print(
       "\n  reference   {:.5g} rad/s electrical ({:.5g} Hz, {:.5g} rpm), EMF {:.4g} V = {:.3g} % of "
       "the voltage limit\n",
       demand.omega_e, demand.omega_e / kTwoPi, demand.omega_e / m.n_p * 60 / kTwoPi, demand.emf,
       100 * demand.emf / demand.u_max);
-  fmt::print("  load        {:.4g} Nm: i_q {:.4g} A\n", demand.T_load, demand.i_q);
+  fmt::print("  load        {:.4g} Nm: ", demand.T_load);
+  if (demand.at_mtpa) fmt::print("i_d {:.4g} A, ", demand.i_dq[0]);
+  fmt::print("i_q {:.4g} A\n", demand.i_dq[1]);
   fmt::print("  run         {} s = {} ticks, figures from {} s, seed {}\n", d.run.duration_s,
              d.steps(), d.run.settle_s, d.run.seed);
   for (const auto& [effect, used_in, from_s] : d.effects)
