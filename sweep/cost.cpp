@@ -2,45 +2,63 @@
 
 #include <fmt/format.h>
 
+#include <fstream>
+#include <nlohmann/json.hpp>
+
 namespace twinrate::sweep {
 namespace {
 
-// Instructions of one step on a Cortex-M3 in Q16.16 (qemu mps2-an385, -O2): fast part, background,
-// and a whole step with the gain read from the table. One instruction a clock at 72 MHz.
-constexpr double kFast = 139, kBackground = 347, kScheduled = 240, kClock_Hz = 72e6;
+constexpr double kRunsOfDoubling = 6;  // of a background run with policy propagated
+constexpr int kDoubledSteps[] = {20, 100, 1000};
 
-// Policy propagated: a background run computes n steps by doubling, six times. Counted on x86-64-v3
-// (bench/count_instructions) and scaled to the Cortex-M3 with the ratio of a plain background step
-// (kBackground/kBackgroundX86). The fast part is that of the gain read from the table.
-struct Doubled {
-  int n;
-  double instructions_x86;
-};
-constexpr Doubled kDoubled[] = {{20, 2956}, {100, 4157}, {1000, 6369}};
-constexpr double kBackgroundX86 = 127, kRunsOfDoubling = 6;
+std::string how_counted(const Counts& c) {
+  return fmt::format("{}\n({}, revision {}): fast {:.0f}, background {:.0f} a step\n", c.what,
+                     c.compiler, c.revision, c.fast, c.background);
+}
+
+std::string propagated_rows(const Counts& c, double f_s_Hz) {
+  std::string text = "\nbackground of policy propagated, six propagations by doubling:\n";
+  for (const auto& [n, instructions] : c.doubled)
+    text += fmt::format("{:>8g} {:>5} {:>14} {:>12} {:>16.3f}\n", f_s_Hz / n, n, "-", "no limit",
+                        1e-6 * f_s_Hz / n * kRunsOfDoubling * instructions);
+  return text;
+}
 
 }  // namespace
 
-std::string cost_table(const Halves& paper, double f_s_Hz, const std::vector<double>& f_b_Hz,
-                       double gains_a_turn) {
-  const Halves ours{kFast / kClock_Hz, kBackground / kClock_Hz};
-  std::string text = fmt::format("{:>8} {:>5} {:>14} {:>12} {:>16}\n", "f_b Hz", "n",
-                                 "paper's code %", "f_emax Hz", "counted code %");
-  for (double f_b : f_b_Hz)
-    text += fmt::format("{:>8g} {:>5g} {:>14.2f} {:>12.0f} {:>16.2f}\n", f_b, f_s_Hz / f_b,
-                        100 * processor_share(paper, f_s_Hz, f_b), f_b / gains_a_turn,
-                        100 * processor_share(ours, f_s_Hz, f_b));
-  text += fmt::format("{:>8} {:>5} {:>14} {:>12} {:>16.2f}\n", "table", "-", "-", "no limit",
-                      100 * f_s_Hz * kScheduled / kClock_Hz);
-  text += "\npropagated, scaled from x86-64:\n";
-  for (const Doubled& d : kDoubled) {
-    const double background =
-        kRunsOfDoubling * d.instructions_x86 * kBackground / kBackgroundX86 / kClock_Hz;
-    const double f_b = f_s_Hz / d.n;
-    text += fmt::format("{:>8g} {:>5} {:>14} {:>12} {:>16.2f}\n", f_b, d.n, "-", "no limit",
-                        100 * processor_share({kScheduled / kClock_Hz, background}, f_s_Hz, f_b));
+std::optional<Counts> read_counts(const std::string& path) {
+  std::ifstream file(path);
+  const auto json = nlohmann::json::parse(file, nullptr, false);
+  if (!json.is_object()) return {};
+  Counts c;
+  try {
+    json.at("what").get_to(c.what);
+    json.at("compiler").get_to(c.compiler);
+    json.at("revision").get_to(c.revision);
+    json.at("fast").get_to(c.fast);
+    json.at("background").get_to(c.background);
+    for (const int n : kDoubledSteps)
+      c.doubled.emplace_back(n, json.at(fmt::format("doubled_{}", n)).get<double>());
+  } catch (const nlohmann::json::exception&) {
+    return {};
   }
-  return text;
+  return c;
+}
+
+std::string cost_table(const Halves& paper, const std::optional<Counts>& counts, double f_s_Hz,
+                       const std::vector<double>& f_b_Hz, double gains_a_turn) {
+  std::string text = fmt::format("{:>8} {:>5} {:>14} {:>12} {:>16}\n", "f_b Hz", "n",
+                                 "paper's code %", "f_emax Hz", "counted, 1e6/s");
+  for (double f_b : f_b_Hz) {
+    const std::string counted =
+        counts ? fmt::format("{:.3f}", 1e-6 * (f_s_Hz * counts->fast + f_b * counts->background))
+               : "-";
+    text += fmt::format("{:>8g} {:>5g} {:>14.2f} {:>12.0f} {:>16}\n", f_b, f_s_Hz / f_b,
+                        100 * processor_share(paper, f_s_Hz, f_b), f_b / gains_a_turn, counted);
+  }
+  if (!counts)
+    return text + "\nnothing is counted here: bench/count_instructions in the source tree counts\n";
+  return text + propagated_rows(*counts, f_s_Hz) + "\ncounted: " + how_counted(*counts);
 }
 
 }  // namespace twinrate::sweep

@@ -106,9 +106,27 @@ std::string draw(const Panel& panel, const Curve& curve, Scale scale) {
                      curve.colour, marks);
 }
 
+std::string escaped(const std::string& text) {
+  std::string out;
+  for (const char c : text)
+    out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : std::string(1, c);
+  return out;
+}
+
+std::string caption_text(const Caption& caption, double x) {
+  const std::string ring =
+      caption.paper_points ? "ring: 416 Hz held, cross: 384 Hz lost (paper, measured); " : "";
+  return fmt::format(
+      "<text x='{:.1f}' y='{}'>dashed: 7 a turn; {}hollow: no loss found; bars: seeds</text>\n"
+      "<text x='{:.1f}' y='{}'>{}: {}</text>\n",
+      x + 8, kHeight + 14, ring, kLeft, kHeight + 36, escaped(caption.drive),
+      escaped(caption.command));
+}
+
 }  // namespace
 
-void write_figure(const std::string& path, const std::vector<Limit>& limits) {
+void write_figure(const std::string& path, const std::vector<Limit>& limits,
+                  const Caption& caption) {
   const auto curves = curves_of(limits);
   double f_e_max = 80, f_b_max = 100, ratio_max = 14;
   for (const auto& [policy, curve] : curves)
@@ -124,7 +142,7 @@ void write_figure(const std::string& path, const std::vector<Limit>& limits) {
       ".m{{text-anchor:middle}}.e{{text-anchor:end}}.g{{stroke:#ddd}}"
       ".r{{stroke:#000;stroke-dasharray:6 4}}</style>\n<rect width='100%' height='100%' "
       "fill='#fff'/>\n",
-      2 * kWidth, kHeight + 28);
+      2 * kWidth, kHeight + 48);
   svg += left.axes("(a) lowest background rate", "f_bmin, Hz");
   svg += right.axes("(b) gains an electrical turn", "f_bmin / f_e");
   const double rule_f_e = std::min(f_e_max, std::max(f_b_max, 520.0) / 7);
@@ -138,13 +156,11 @@ void write_figure(const std::string& path, const std::vector<Limit>& limits) {
         kHeight + 10, curve.colour, x + 8, kHeight + 14, policy);
     x += 34 + 7.0 * static_cast<double>(policy.size());
   }
-  svg += left.paper_points(416.7, 384.6);
-  svg += right.paper_points(416.7 / kPaper_f_e_Hz, 384.6 / kPaper_f_e_Hz);
-  svg += fmt::format(
-      "<text x='{:.1f}' y='{}'>dashed: 7 a turn; ring: 416 Hz held, cross: 384 Hz lost (paper, "
-      "measured); hollow: no loss found; bars: seeds</text>\n</svg>\n",
-      x + 8, kHeight + 14);
-  std::ofstream(path) << svg;
+  if (caption.paper_points) {
+    svg += left.paper_points(416.7, 384.6);
+    svg += right.paper_points(416.7 / kPaper_f_e_Hz, 384.6 / kPaper_f_e_Hz);
+  }
+  std::ofstream(path) << svg + caption_text(caption, x) + "</svg>\n";
 }
 
 }  // namespace twinrate::sweep

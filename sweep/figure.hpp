@@ -1,11 +1,17 @@
 // Writes figure.svg: f_bmin and f_bmin/f_e over f_e in the layout of Dilys 2021, Figs 6 and 12,
-// with the rule of seven gains a turn and the points measured in the paper (400 rad/s: 416 Hz held,
-// 384 Hz lost).
+// with the rule of seven gains a turn, the drive's name and the command. On the paper's motor also
+// the points measured in the paper (400 rad/s: 416 Hz held, 384 Hz lost).
 #pragma once
 #include "sweep/result.hpp"
 
 namespace twinrate::sweep {
 
-void write_figure(const std::string& path, const std::vector<Limit>& limits);
+struct Caption {
+  std::string drive, command;
+  bool paper_points = false;
+};
+
+void write_figure(const std::string& path, const std::vector<Limit>& limits,
+                  const Caption& caption);
 
 }  // namespace twinrate::sweep

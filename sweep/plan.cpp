@@ -1,6 +1,7 @@
 #include "sweep/plan.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -104,6 +105,25 @@ std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& ba
   set("run.settle_s", settle_s);
   set("run.duration_s", settle_s + std::max({1.0, 5 / search.f_e_Hz, 3 * n * T_s}));
   return list;
+}
+
+std::string command_of(const Plan& p) {
+  const Plan usual;
+  std::string text =
+      fmt::format("twinrate sweep fb {} --speeds {} --policies {} --seeds {}", p.drive,
+                  fmt::join(p.speeds_Hz, ","), fmt::join(p.policies, ","), p.seeds);
+  const auto add = [&](const char* option, const auto& value, const auto& other) {
+    if (value != other) text += fmt::format(" {} {}", option, value);
+  };
+  add("--start", p.start, usual.start);
+  add("--ramp-rad-s2", p.ramp_rad_s2, usual.ramp_rad_s2);
+  add("--n-max", p.n_max, usual.n_max);
+  if (p.load_pu) text += fmt::format(" --load {}", *p.load_pu);
+  add("--over", p.over, usual.over);
+  add("--engine", p.engine, usual.engine);
+  add("--log", p.log, usual.log);
+  for (const std::string& set : p.overrides) text += " --set " + set;
+  return text;
 }
 
 int next_n(int held) {

@@ -48,6 +48,9 @@ std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& ba
 // Next n above `held`: steps of 1 up to 64, then of 5 %.
 int next_n(int held);
 
+// `twinrate sweep fb ..` with the options of the plan, without its shard.
+std::string command_of(const Plan& plan);
+
 // The plan without its shard, as JSON text. Results of one sweep have the same identity.
 std::string identity(const Plan& plan, const Config& config);
 Plan plan_of(const std::string& sweep_json);

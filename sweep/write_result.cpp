@@ -87,6 +87,13 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
   }
 }
 
+// The points measured in the paper belong to its motor.
+bool is_motor_of_the_paper(const MachineParameters& m) {
+  const MachineParameters paper = Config::load("dilys2021").drive().machine;
+  return m.R_s == paper.R_s && m.L_d == paper.L_d && m.L_q == paper.L_q && m.psi_f == paper.psi_f &&
+         m.n_p == paper.n_p;
+}
+
 }  // namespace
 
 void write_result(const Plan& plan, const Config& config, const std::string& directory,
@@ -95,8 +102,9 @@ void write_result(const Plan& plan, const Config& config, const std::string& dir
   write_points(directory + "/points.csv", points);
   const std::vector<Limit> limits = limits_of(plan, points);
   write_limits(directory + "/fbmin.csv", limits);
-  write_figure(directory + "/figure.svg", limits);
   const DriveConfig& d = config.drive();
+  write_figure(directory + "/figure.svg", limits,
+               {d.name, command_of(plan), is_motor_of_the_paper(d.machine)});
   Config again = load_drive(plan.drive, plan.overrides);
   const auto filter = make_filter(again);
   if (filter->steady_state(0)) write_reasons(directory + "/why.csv", limits, filter, d, !json);

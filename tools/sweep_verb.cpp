@@ -4,6 +4,7 @@
 
 #include <filesystem>
 
+#include "core/paths.hpp"
 #include "core/process.hpp"
 #include "loop/load_drive.hpp"
 #include "sweep/cost.hpp"
@@ -131,7 +132,10 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
       ->delimiter(',');
   cost->add_option("--gains-a-turn", *a_turn,
                    "set the gain updates per electrical turn that the policy needs (default 7)");
-  cost->callback([=] { fmt::print("{}", cost_table(*halves, *f_s_Hz, *f_b_Hz, *a_turn)); });
+  cost->callback([=] {
+    const auto counts = read_counts(data_directory() + "/bench/results/instructions.json");
+    fmt::print("{}", cost_table(*halves, counts, *f_s_Hz, *f_b_Hz, *a_turn));
+  });
   merge_verb->callback([=] { merge(*directories, *out, *json, *force); });
 }
 

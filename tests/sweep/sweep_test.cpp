@@ -274,9 +274,20 @@ TEST(Cost, GivesThePapersTable) {
       {5000, 18.85}, {2500, 10.95}, {1250, 7.00}, {1000, 6.21}, {500, 4.63}};
   for (const auto& [f_b, percent] : expected)
     EXPECT_NEAR(100 * processor_share(Halves{}, 5000, f_b), percent, 0.006) << f_b;
-  EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("4.63"), std::string::npos);
-  // propagated at n = 100, by hand: 5000 240/72e6 + 50 6 4157 (347/127)/72e6
-  EXPECT_NE(cost_table(Halves{}, 5000, {500}, 7).find("6.40"), std::string::npos);
+  const std::string table = cost_table(Halves{}, {}, 5000, {500}, 7);
+  EXPECT_NE(table.find("4.63"), std::string::npos);
+  EXPECT_NE(table.find("nothing is counted here"), std::string::npos);
+}
+
+TEST(Cost, PrintsTheCountsOfTheFileAndHowTheyWereCounted) {
+  const Counts counts{"by hand", "g++ 0", "abc", 30, 100, {{20, 2000}}};
+  const std::string table = cost_table(Halves{}, counts, 5000, {500}, 7);
+  EXPECT_NE(table.find(" 0.200\n"), std::string::npos) << table;  // 5000 x 30 + 500 x 100
+  EXPECT_NE(table.find(" 3.000\n"), std::string::npos) << table;  // 250 x 6 x 2000
+  EXPECT_NE(table.find("by hand\n(g++ 0, revision abc): fast 30, background 100"),
+            std::string::npos);
+  EXPECT_TRUE(read_counts(TWINRATE_SOURCE_DIR "/bench/results/instructions.json"));
+  EXPECT_FALSE(read_counts(TWINRATE_SOURCE_DIR "/README.md"));
 }
 
 // n = 1: the radius is the largest pole of the filter's error, for every policy.
