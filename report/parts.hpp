@@ -63,6 +63,9 @@ Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows);
 Figure error_figure(const RunView& view, const std::vector<TickRow>& rows);
 Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows);
 
+// transient_page.cpp: start and load steps of a salient machine.
+std::vector<Json> transient_sections(const RunView& view);
+
 // comparison.cpp: {table, sections} of several runs.
 Json comparison_table(const std::vector<RunView>& views);
 Json comparison_sections(const std::vector<RunView>& views);

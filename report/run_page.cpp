@@ -174,6 +174,8 @@ Json run_sections(const RunView& view) {
   Json sections = Json::array();
   std::vector<Json> all = {view.lost() ? loss_section(view) : Json(), whole_run_section(view),
                            view.lost() ? Json() : window_section(view)};
+  const std::vector<Json> transients = transient_sections(view);
+  all.insert(all.end(), transients.begin(), transients.end());
   const std::vector<Json> ripple = ripple_sections(view);
   all.insert(all.end(), ripple.begin(), ripple.end());
   for (Json& section : all)

@@ -113,6 +113,21 @@ class Report : public ::testing::Test {
   fs::path directory_;
 };
 
+TEST_F(Report, ASalientMachineHasItsStartAndItsLoadSteps) {
+  EXPECT_FALSE(any_has(titles_of(content_of(page_of({made_up_run()}))), "Locus"));
+  config_.machine.L_d = 1e-3;
+  config_.machine.L_q = 2e-3;
+  config_.load.T_load_Nm = Profile(std::vector<ProfileStep>{{0.0, 0.0}, {0.5, 0.1}});
+  const Json content = content_of(page_of({made_up_run()}));
+  std::vector<std::string> headings;
+  for (const Json& section : content["sections"]) headings.push_back(section["heading"]);
+  EXPECT_TRUE(any_has(headings, "Start"));
+  EXPECT_TRUE(any_has(headings, "Load to 0.1 Nm at 0.5 s"));
+  for (const char* title : {"Rotor position", "Speed", "Torque", "Locus of the current"})
+    EXPECT_TRUE(any_has(titles_of(content), title)) << title;
+  expect_whole_figures(content);
+}
+
 TEST_F(Report, NeedsNoOtherFile) {
   const std::string page = page_of({made_up_run()});
   EXPECT_EQ(page.find("src="), std::string::npos);
