@@ -22,8 +22,17 @@ Estimate at_tick(const Steady& s, std::int64_t k) {
   return e;
 }
 
-// d x_hat(k+1)/d x_hat(k) of the fast step with this gain, by central differences. It does not
-// depend on the samples: the step is affine in them.
+// The sample after `at`, without load. Only dq_ekf needs it: it turns voltages with its own angle;
+// its state carries them. The steps of the others are affine in their samples.
+Measurement sample_after(const Steady& s, const Estimate& at) {
+  Measurement m{.signals = kPhaseCurrents | kVoltage};
+  if (s.filter->kind() == "dq_ekf")
+    m.u_alphabeta =
+        inverse_park(Vec2(at.x_hat.segment<2>(4)), at.theta_e + 0.5 * s.omega_e * s.T_s);
+  return m;
+}
+
+// d x_hat(k+1)/d x_hat(k) of the fast step with this gain, by central differences.
 Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
   const int n_x = at.n_x;
   Square jacobian(n_x, n_x);
@@ -32,7 +41,7 @@ Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
     up.x_hat = down.x_hat = at.x_hat;
     up.x_hat[col] += kDifference;
     down.x_hat[col] -= kDifference;
-    const Measurement m{.signals = kPhaseCurrents | kVoltage};
+    const Measurement m = sample_after(s, at);
     s.filter->fast_step(up, m, gain);
     s.filter->fast_step(down, m, gain);
     Eigen::VectorXd change = (up.x_hat - down.x_hat).head(n_x);
