@@ -1,13 +1,16 @@
 #include "controller/scaled_tuning.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "model/per_unit.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr double kOverload = 1.5;  // i_max over the rated current
+constexpr double kOverload = 1.5;       // i_max over the rated current
+constexpr double kSettled = 5;          // of 90 deg, exp(-5) leaves 0.6 deg
+constexpr double kLongestAlign_s = 10;  // the largest value of the key
 
 PerUnit base_of(const DriveConfig& c) {
   return per_unit(c.machine, c.inverter.v_dc, c.T_s());
@@ -18,11 +21,27 @@ double speed_bandwidth(const DriveConfig& c, double current_bandwidth) {
   return std::clamp(std::max(c.rates.f_s_Hz / 625, slowest), 0.01, current_bandwidth / 5);
 }
 
+// Rate at which the rotor settles on the vector of an alignment, 1/s: the slower root of
+//
+//   J s^2 + D s + k,  k = n_p K_t i,  D = 3/2 n_p^2 psi_f^2 R_s/(R_s^2 + omega_n^2 L_q^2)
+//
+// D is the damping by the currents that the rotor's EMF drives through R_s and L_q, at
+// omega_n^2 = k/J, or at rest where it is overdamped.
+double settling_rate(const MachineParameters& m, double i) {
+  const double k = m.n_p * m.torque_constant() * i, flux = m.n_p * m.psi_f;
+  const double X2 = k / m.J * m.L_q * m.L_q;
+  const double D_rest = 1.5 * flux * flux / m.R_s;
+  const double D = D_rest / (1 + X2 / (m.R_s * m.R_s));
+  if (D * D < 4 * m.J * k) return D / (2 * m.J);
+  return (D_rest - std::sqrt(D_rest * D_rest - 4 * m.J * k)) / (2 * m.J);
+}
+
 // i_start 0 stands for i_max.
 void scale(StartupParameters& p, const DriveConfig& c, double i_max) {
   const MachineParameters& m = c.machine;
   if (m.L_q > m.L_d) p.i_start = 0.9 * m.psi_f / (m.L_q - m.L_d);
   const double i_start = p.i_start > 0 ? std::min(p.i_start, i_max) : i_max;
+  p.t_align = std::clamp(kSettled / settling_rate(m, i_start), p.t_align, kLongestAlign_s);
   p.omega_e_handover = 0.1 * base_of(c).omega_e;
   p.acceleration = 0.02 * m.n_p * m.torque_constant() * i_start / m.J;
 }

@@ -7,7 +7,8 @@
 //   i_max            1.5 times the rated current
 //   start            current below psi_f/(L_q - L_d), where the reluctance torque takes over; a ramp
 //                    with 2 % of the acceleration that this current gives, up to a tenth of the
-//                    rated speed
+//                    rated speed; each alignment lasts five times the rotor's settling time, at
+//                    least 0.3 s
 //   innovation_A     0.8 % of the rated current
 //   omega_e_min      12 % of the rated speed
 //   gains of lqr     from bandwidths

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "controller/make_controller.hpp"
 #include "core/field_list.hpp"
@@ -27,6 +28,12 @@ constexpr double kSaliencyMax = 0.17;
 constexpr double kShareOfFeedback = 0.58;
 // docs/ipmsm-drive.md: active_flux runs with a speed loop of 15 Hz behind its low-pass of 10 Hz.
 constexpr double kSpeedLoopOverLowpass = 1.5;
+
+// A loop around a filter of this bandwidth, a lag of first order, keeps a phase margin of 45 deg.
+constexpr double kSpeedLoopOverFilter = 1;
+
+// What other swings of the ramp may take.
+constexpr double kSwingMargin = 0.7;
 
 // docs/theory/start-up.md: from a start angle beyond this the filter can settle on the mirrored state.
 constexpr double kStartAngleMax_deg = 75;
@@ -70,10 +77,14 @@ class Theory {
     const auto add = [&](const std::string& key, const std::string& what) {
       if (!what.empty()) list.push_back(fmt::format("{}: {}: {}", config_.where(key), key, what));
     };
+    add("start", start_too_long());
+    add("load.T_load_Nm", load_during_the_ramp());
     if (!feeds_back_an_estimate()) return list;
     add(d_.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s", too_slow());
     add("estimator.kind", beyond_the_model());
     add("estimator.kind", speed_loop_too_fast());
+    add("estimator.kind", filter_too_slow());
+    add("start", hand_over_too_slow());
     add("plant.theta_e_start_rad", starts_elsewhere());
     add("start", cannot_start());
     add("rates.n", too_few_gains());
@@ -162,6 +173,40 @@ class Theory {
         d_.estimator.kind, value(table + "lowpass_Hz"), speed_bandwidth(), most);
   }
 
+  // The slowest pole of the filter's error at the slowest speed, a gain every tick.
+  std::string filter_too_slow() const {
+    if (!filter_->steady_state(0)) return "";
+    const double omega_e = *std::min_element(speeds_.begin(), speeds_.end());
+    const Steady steady{filter_, GainPolicy::kPaper, omega_e / d_.machine.n_p,
+                        omega_e, d_.T_s(),           d_.gain.speed_span / d_.machine.n_p};
+    const double rho = spectral_radius(steady, 1);
+    if (!(rho < 1)) return "";
+    const double bandwidth = -std::log(rho) / (kTwoPi * d_.T_s());
+    if (speed_bandwidth() <= kSpeedLoopOverFilter * bandwidth) return "";
+    return fmt::format(
+        "{} may lose synchronism: at {:.4g} rad/s electrical it follows the speed at {:.3g} Hz, "
+        "the "
+        "speed loop has {:.3g} Hz",
+        d_.estimator.kind, omega_e, bandwidth, speed_bandwidth());
+  }
+
+  // Below its low-pass the speed is not smoothed within a turn.
+  std::string hand_over_too_slow() const {
+    const std::string table = "estimator." + d_.estimator.kind + ".";
+    const auto from = rows_.find(table + "speed_from");
+    if (d_.start != Start::kAlignIf || from == rows_.end() ||
+        from->second.value_text != "angle_rate")
+      return "";
+    const double omega_e =
+        value("controller." + d_.controller.kind + ".startup.omega_e_handover_rad_s");
+    const double lowpass = value(table + "lowpass_Hz");
+    if (omega_e >= kTwoPi * lowpass) return "";
+    return fmt::format(
+        "{} may lose synchronism: its speed is low-passed at {:.3g} Hz, and the hand-over comes at "
+        "{:.3g} Hz",
+        d_.estimator.kind, lowpass, omega_e / kTwoPi);
+  }
+
   std::string starts_elsewhere() const {
     if (d_.start != Start::kAligned) return "";
     const double from = std::abs(wrap_pi(d_.plant.theta_e_start)) * 180 / kPi;
@@ -172,6 +217,52 @@ class Theory {
           d_.estimator.kind, from);
     return "";
   }
+  // Alignment, ramp and agreement, of either controller.
+  double start_takes_s() const {
+    const std::string startup = "controller." + d_.controller.kind + ".startup.";
+    return 2 * value(startup + "t_align_s") +
+           value(startup + "omega_e_handover_rad_s") / value(startup + "acceleration_rad_s2") +
+           value(startup + "t_agree_s");
+  }
+  std::string start_too_long() const {
+    if (d_.start != Start::kAlignIf || start_takes_s() < d_.run.duration_s) return "";
+    return fmt::format("alignment and ramp take {:.3g} s, the run ends at {:.3g} s",
+                       start_takes_s(), d_.run.duration_s);
+  }
+
+  // A load step during the I/f ramp starts a swing that nothing damps:
+  //
+  //   delta   = asin(T/(K_t i_start)), omega_n^2 = n_p K_t i_start/J       about the vector
+  //   A       = delta omega_n 2 sin(omega_n t_r/2)/(omega_n t_r)           speed, load within t_r
+  //
+  // The agreement asks for a speed within 30 % for t_agree_s: A up to
+  // 0.3 omega_handover/sin(omega_n t_agree/2).
+  std::string load_during_the_ramp() const {
+    if (d_.start != Start::kAlignIf) return "";
+    const MachineParameters& m = d_.machine;
+    const std::string own = "controller." + d_.controller.kind + ".", up = own + "startup.";
+    const double i_max = value(own + "i_max_A"), asked = value(up + "i_start_A");
+    const double T_max = m.torque_constant() * (asked > 0 ? std::min(asked, i_max) : i_max);
+    const double omega_n = std::sqrt(m.n_p * T_max / m.J);
+    const double half = std::min(kPi / 2, 0.5 * omega_n * value(up + "t_agree_s"));
+    const double most = 0.3 * value(up + "omega_e_handover_rad_s") / std::sin(half);
+    double before = 0;
+    for (const ProfileStep& step : d_.load.T_load_Nm.steps()) {
+      const double T = std::abs(step.value - std::exchange(before, step.value));
+      if (step.t_s < 2 * value(up + "t_align_s") || step.t_s > start_takes_s()) continue;
+      const double t_r = d_.load.slew_Nm_s > 0 ? T / d_.load.slew_Nm_s : 0;
+      const double x = std::max(1e-3, 0.5 * omega_n * t_r);
+      const double swing =
+          std::asin(std::min(1.0, T / T_max)) * omega_n * (x < kPi / 2 ? std::sin(x) : 1) / x;
+      if (swing > kSwingMargin * most)
+        return fmt::format(
+            "the load step at {:.3g} s acts during the I/f ramp, which lasts until {:.3g} s: the "
+            "rotor's swing of {:.3g} rad/s may prevent the hand-over, up to {:.3g} rad/s allowed",
+            step.t_s, start_takes_s(), swing, kSwingMargin * most);
+    }
+    return "";
+  }
+
   std::string cannot_start() const {
     if (d_.start != Start::kAligned) return "";
     if (d_.estimator.kind == "eemf" || d_.estimator.kind == "active_flux")
@@ -187,6 +278,25 @@ class Theory {
     return "";
   }
 
+  // State feedback works on the filter's currents: its loop closes through the gains, and cannot be
+  // faster than half their rate.
+  std::string gains_slower_than_the_feedback() const {
+    const double half_f_b = 0.5 * d_.rates.f_s_Hz / d_.rates.n, bandwidth = current_bandwidth();
+    if (bandwidth < half_f_b) return "";
+    return fmt::format(
+        "{} may lose synchronism: the current loop of the state feedback has {:.3g} Hz, the gains "
+        "come at {:.3g} Hz, less than half of that allowed",
+        d_.estimator.kind, bandwidth, 2 * half_f_b);
+  }
+  // Of a state feedback from bandwidths, q axis; 0 for others.
+  double current_bandwidth() const {
+    const auto gains = rows_.find("controller.lqr.gains"),
+               row = rows_.find("controller.lqr.bandwidth_q_Hz");
+    if (gains == rows_.end() || row == rows_.end() || gains->second.value_text != "bandwidths")
+      return 0;
+    return std::strtod(row->second.value_text.c_str() + 1, nullptr);
+  }
+
   std::string too_few_gains() const {
     const int n = d_.rates.n;
     if (n == 1 || !has_background(d_.gain.policy) || !filter_->steady_state(0)) return "";
@@ -198,7 +308,7 @@ class Theory {
     // Upward from 1: beyond the first loss there are islands of stability.
     int held = n_max_by_formula(steady, limit);
     if (held == 0) held = n_max_by_floquet(steady, limit);
-    if (held >= limit) return "";
+    if (held >= limit) return gains_slower_than_the_feedback();
     return fmt::format(
         "{} may lose synchronism: at {:.4g} rad/s electrical a gain of policy {} holds up "
         "to n = {:.0f}",

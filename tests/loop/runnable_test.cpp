@@ -6,6 +6,8 @@
 
 #include <chrono>
 
+#include "controller/controller.hpp"
+#include "core/field_list.hpp"
 #include "loop/load_drive.hpp"
 #include "tests/support/drives.hpp"
 
@@ -93,6 +95,7 @@ TEST(Runnable, WarnsBeyondTheLargestNThatTheoryHolds) {
   EXPECT_FALSE(warns("kim-ipmsm", eemf, "rates.n"));
   EXPECT_TRUE(warns("kim-ipmsm", {eemf[0], eemf[1], "rates.n=5"}, "n = 4"));
   EXPECT_FALSE(warns("dilys2021", {"rates.n=100", "gain.policy=rotate"}, "rates.n"));
+  EXPECT_FALSE(warns("kim-ipmsm", {"rates.n=20"}, "rates.n")) << "dq_ekf works in rotor axes";
 }
 
 TEST(Runnable, WarnsOfASpeedAtWhichASensorlessFilterSeesNothing) {
@@ -109,6 +112,84 @@ TEST(Runnable, WarnsOfAFilterOutsideItsStatedLimits) {
                        "controller.foc.speed_bandwidth_Hz=15"};
   EXPECT_FALSE(warns("kim-ipmsm", slow, "speed loop"));
   EXPECT_TRUE(warns("kim-ipmsm", {slow[0], slow[1]}, "speed loop"));
+}
+
+// dq_ekf under state feedback of f_s/40 = 250 Hz holds n = 10 and loses n = 20 at 10 kHz.
+TEST(Runnable, WarnsOfStateFeedbackFasterThanHalfTheRateOfTheGains) {
+  const Overrides lqr{"controller.kind=lqr", "start=flying", "rates.n=20"};
+  EXPECT_TRUE(warns("kim-ipmsm", lqr, "the gains come at 500 Hz"));
+  EXPECT_FALSE(warns("kim-ipmsm", {lqr[0], lqr[1], "rates.n=10"}, "the gains come at"));
+}
+
+// bench/pairings --random 60, machine 8: lost with a speed loop of 15 Hz, also at n = 1.
+TEST(Runnable, WarnsOfASpeedLoopFasterThanItsFilter) {
+  const Overrides machine = {"machine.R_s_Ohm=0.026",
+                             "machine.L_d_H=317e-6",
+                             "machine.L_q_H=317e-6",
+                             "machine.psi_f_Wb=0.041",
+                             "machine.n_p=3",
+                             "machine.J_kgm2=1.82e-3",
+                             "machine.B_Nms=3.5e-4",
+                             "machine.i_rated_A=24.3",
+                             "machine.T_rated_Nm=4.47",
+                             "machine.omega_m_rated_rad_s=50.4",
+                             "inverter.v_dc_V=15.05",
+                             "rates.f_s_Hz=8979",
+                             "reference.speed_rpm=233.5",
+                             "start=flying",
+                             "load.T_load_Nm=0.5",
+                             "estimator.kind=eemf",
+                             "estimator.eemf.Q_diag=[9.9e-3, 9.9e-3, 1.3e-3, 1.3e-3, 0.115]",
+                             "estimator.eemf.R_diag=[0.098, 0.098]"};
+  Overrides fast = machine, slow = machine;
+  fast.emplace_back("controller.foc.speed_bandwidth_Hz=15.5");
+  slow.emplace_back("controller.foc.speed_bandwidth_Hz=0.5");
+  EXPECT_TRUE(warns("kim-ipmsm", fast, "follows the speed at"));
+  EXPECT_FALSE(warns("kim-ipmsm", slow, "follows the speed at"));
+}
+
+bool says(const std::string& preset, const Overrides& overrides, const std::string& of) {
+  for (const std::string& warning : checked(preset, overrides))
+    if (warning.find(of) != std::string::npos) return true;
+  return false;
+}
+
+// dilys2021: alignment and ramp take 0.77 s.
+TEST(Runnable, SaysWhatDisturbsAStartByAlignment) {
+  const Overrides start{"start=align_if", "run.duration_s=2"};
+  EXPECT_TRUE(checked("dilys2021", start).empty());
+  EXPECT_TRUE(says("dilys2021", {start[0], "run.duration_s=0.7"}, "alignment and ramp take"));
+  const std::string key = "load.T_load_Nm=[[0.0, 0.0], [";
+  for (const auto& [t, disturbs] : {std::pair("0.65", true), std::pair("1.0", false)})
+    EXPECT_EQ(says("dilys2021", {start[0], start[1], "load.slew_Nm_s=0", key + t + ", 0.05]]"},
+                   "during the I/f ramp"),
+              disturbs)
+        << t;
+}
+
+TEST(Runnable, WarnsOfAHandOverBelowTheLowPassOfTheSpeed) {
+  const Overrides slow{"estimator.kind=active_flux", "start=align_if",
+                       "controller.foc.speed_bandwidth_Hz=15",
+                       "controller.foc.startup.omega_e_handover_rad_s=40"};
+  EXPECT_TRUE(warns("kim-ipmsm", slow, "hand-over comes at 6.37 Hz"));
+  EXPECT_FALSE(warns("kim-ipmsm", {slow[0], slow[1], slow[2]}, "hand-over"));
+}
+
+double t_align_of(const Overrides& overrides) {
+  const auto builder = controller_builder("foc", drive_of("dilys2021", overrides));
+  for (const FieldRow& row : list_fields([&](FieldVisitor& f) { builder->fields(f); }))
+    if (row.key == "startup.t_align_s") return row.value;
+  return 0;
+}
+
+// By hand: k 32.25 Nm/rad, at rest D 3.516 Nms, overdamped, slower root 9.67 1/s.
+TEST(ScaledStart, AlignsUntilTheRotorHasSettled) {
+  EXPECT_EQ(t_align_of({}), 0.3);
+  EXPECT_NEAR(
+      t_align_of({"machine.R_s_Ohm=0.326508", "machine.L_d_H=6.57448e-3",
+                  "machine.L_q_H=6.57448e-3", "machine.psi_f_Wb=6.72909e-2", "machine.n_p=13",
+                  "machine.J_kgm2=1.85093e-2", "machine.i_rated_A=1.26055"}),
+      5 / 9.67, 0.002);
 }
 
 TEST(Runnable, TakesNoTableOverSpeed) {
