@@ -4,6 +4,8 @@
 // an error.
 //
 //   pairings [--preset P] [--estimator K] [--controller K] [--start S] [--n N] [--only STATUS]
+//   pairings --random COUNT [--seed S]     machines drawn at random (bench/random_drive.hpp)
+//   pairings --show INDEX [--seed S]       the drive file of one of them
 //
 // 2.4 s of drive time with the last third judged.
 #include <fmt/format.h>
@@ -15,6 +17,7 @@
 #include <thread>
 
 #include "analysis/summary.hpp"
+#include "bench/random_drive.hpp"
 #include "controller/controller.hpp"
 #include "estimator/registry.hpp"
 #include "loop/closed_loop.hpp"
@@ -28,6 +31,7 @@ struct Pairing {
   std::string preset, estimator, controller, start;
   int n = 1;
   std::string status, why;
+  std::string text;  // the drive file, where no preset
 };
 
 constexpr double kDuration_s = 2.4;
@@ -77,7 +81,12 @@ void judge(Pairing& p) {
     std::optional<Config> config;
     std::vector<std::string> warnings;
     try {
-      config = load_drive(p.preset, overrides_of(p));
+      if (p.text.empty()) {
+        config = load_drive(p.preset, overrides_of(p));
+      } else {
+        config = Config::parse(p.text, p.preset);
+        read_all_tables(*config);
+      }
       warnings = check_runnable(*config);
     } catch (const BadInput& refusal) {
       p.status = "refused";
@@ -122,8 +131,27 @@ std::vector<Pairing> pairings(const Selection& filter) {
       for (const std::string& controller : controller_kinds())
         for (const char* start : kStartNames)
           for (const int n : {1, 5, 20})
-            if (const Pairing p{preset, estimator, controller, start, n, "", ""}; filter.takes(p))
+            if (const Pairing p{preset, estimator, controller, start, n, "", "", ""};
+                filter.takes(p))
               all.push_back(p);
+  return all;
+}
+
+std::vector<Pairing> random_pairings(const Selection& filter, int count, int seed) {
+  std::vector<Pairing> all;
+  for (int i = 0; i < count; ++i) {
+    const bench::RandomDrive d =
+        bench::draw_drive(static_cast<std::uint64_t>(seed), static_cast<std::uint64_t>(i));
+    const Pairing p{fmt::format("{:>4} {} {}", i, d.machine, d.policy),
+                    d.estimator,
+                    d.controller,
+                    d.start,
+                    d.n,
+                    "",
+                    "",
+                    d.text};
+    if (filter.takes(p)) all.push_back(p);
+  }
   return all;
 }
 
@@ -140,8 +168,18 @@ int main(int argc, char** argv) {
   app.add_option("--start", filter.start, "only this start");
   app.add_option("--n", filter.n, "only this n");
   app.add_option("--only", filter.only, "print only pairings of this status");
+  int random = 0, show = -1, seed = 1;
+  app.add_option("--random", random, "this many machines drawn at random instead of the presets");
+  app.add_option("--seed", seed, "of the draw");
+  app.add_option("--show", show, "print the drive file of this one of them");
   CLI11_PARSE(app, argc, argv);
-  std::vector<Pairing> all = pairings(filter);
+  if (show >= 0) {
+    fmt::print(
+        "{}",
+        bench::draw_drive(static_cast<std::uint64_t>(seed), static_cast<std::uint64_t>(show)).text);
+    return 0;
+  }
+  std::vector<Pairing> all = random > 0 ? random_pairings(filter, random, seed) : pairings(filter);
   judge_all(all);
   std::map<std::string, int> counts;
   for (const Pairing& p : all) {
