@@ -26,7 +26,10 @@ class Builder final : public FilterBuilder {
                                     config.estimator.covariance, config.T_s(), start...);
     };
     const KnownStart start = known_start(config);
-    if constexpr (takes<KnownStart>)
+    if constexpr (std::is_same_v<Kind, EkfJointKind>)
+      return Kind::make(config.machine, tuning_, config.estimator.prediction,
+                        config.estimator.covariance, config.T_s(), start);
+    else if constexpr (takes<KnownStart>)
       return make(start);
     else if constexpr (takes<double>)
       return make(start.omega_e);
@@ -59,6 +62,7 @@ constexpr Entry kEntries[] = {
     {"active_flux", make<ActiveFlux, ActiveFluxParameters>},
     {"eemf", make<Eemf, EemfParameters>},
     {"dq_ekf", make<DqEkf, DqEkfParameters>},
+    {"ekf_joint", make<EkfJointKind, EkfJointParameters>},
 };
 
 }  // namespace

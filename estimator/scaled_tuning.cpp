@@ -86,4 +86,17 @@ void scale(DqEkfParameters& p, const PerUnit& base, double, double) {
   set(p.P0_diag, {sq(0.0409 * base.i), sq(0.0409 * base.i), sq(0.0239 * base.omega_e), 3});
 }
 
+// Noise of the currents as for dq_ekf. The load walks by a twentieth of the rated torque in a tick; it
+// holds the surprise in the speed. The variance of the angle makes its correction strong against that of
+// the speed: joint_speed_min().
+void scale(EkfJointParameters& p, const PerUnit& base, double, double) {
+  const double current = sq(kKimCurrent * base.i);
+  set(p.Q_diag, {current, current, sq(0.05 * base.step), 1e-4, sq(0.05 * base.T)});
+  set(p.R_diag, {sq(kKimNoise * base.i), sq(kKimNoise * base.i)});
+  set(p.P0_diag,
+      {sq(0.0409 * base.i), sq(0.0409 * base.i), sq(0.0239 * base.omega_e), 1, sq(0.123 * base.T)});
+  p.Q_order = 0.01 * p.Q_diag[4];
+  p.P0_order = p.P0_diag[4];
+}
+
 }  // namespace twinrate

@@ -7,6 +7,7 @@
 #include "estimator/eemf.hpp"
 #include "estimator/ekf_disturbance.hpp"
 #include "estimator/ekf_harmonic.hpp"
+#include "estimator/ekf_joint.hpp"
 #include "estimator/ekf_sensorless.hpp"
 #include "model/per_unit.hpp"
 
@@ -19,5 +20,6 @@ void scale(BackEmfParameters& p, const PerUnit& base, double J, double T_s);
 void scale(ActiveFluxParameters& p, const PerUnit& base, double J, double T_s);
 void scale(EemfParameters& p, const PerUnit& base, double J, double T_s);
 void scale(DqEkfParameters& p, const PerUnit& base, double J, double T_s);
+void scale(EkfJointParameters& p, const PerUnit& base, double J, double T_s);
 
 }  // namespace twinrate

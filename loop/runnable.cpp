@@ -9,6 +9,7 @@
 
 #include "controller/make_controller.hpp"
 #include "core/field_list.hpp"
+#include "estimator/ekf_joint.hpp"
 #include "estimator/make_filter.hpp"
 #include "loop/demand.hpp"
 #include "loop/stale_gain.hpp"
@@ -130,12 +131,24 @@ class Theory {
     const double omega_e = *std::min_element(speeds_.begin(), speeds_.end());
     const double hidden = kResistanceError * d_.machine.R_s * base_.i + unknown_drop(omega_e);
     const double emf = omega_e * d_.machine.psi_f;
+    if (d_.estimator.kind == "ekf_joint") return load_hidden(omega_e, hidden);
     if (emf >= hidden) return "";
     return fmt::format(
         "{} may lose synchronism: the EMF at {:.4g} rad/s electrical is {:.3g} V, and "
         "{:.3g} V are uncertain at rated current (20 % of R_s, unknown inverter "
         "losses); it needs {:.4g} rad/s",
         d_.estimator.kind, omega_e, emf, hidden, hidden / d_.machine.psi_f);
+  }
+
+  // estimator/ekf_joint.hpp: below its limit angle and load follow the unknown voltage.
+  std::string load_hidden(double omega_e, double hidden) const {
+    const double least = joint_speed_min(*filter_, d_.machine, d_.T_s(), hidden);
+    if (omega_e >= least) return "";
+    return fmt::format(
+        "ekf_joint may lose synchronism: below {:.4g} rad/s electrical the load is not observable "
+        "with {:.3g} V uncertain at rated current (20 % of R_s, unknown inverter losses); the "
+        "slowest speed is {:.4g} rad/s",
+        least, hidden, omega_e);
   }
 
   std::string beyond_the_model() const {

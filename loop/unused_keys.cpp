@@ -97,6 +97,10 @@ std::vector<Rule> rules_of_filters() {
     rules.push_back(with(table + "limit_floor_rad", table + "limit", "true"));
     rules.push_back(with(table + "saliency_in_speed", table + "speed_from", "emf"));
   }
+  for (const char* key : {"Q_order_Nm2", "P0_order_Nm2"})
+    rules.push_back({std::string("estimator.ekf_joint.") + key,
+                     [](const Settings& s) { return s["estimator.ekf_joint.order"] != "0"; },
+                     "estimator.ekf_joint.order above 0"});
   rules.push_back(
       {"estimator.eemf.rotation",
        [](const Settings& s) { return s.drive.estimator.prediction == Prediction::kEuler; },

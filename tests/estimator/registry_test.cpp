@@ -11,10 +11,10 @@
 namespace twinrate {
 namespace {
 
-// The kinds of the contract, and the one with oscillators.
+// The kinds of the contract.
 const std::vector<std::string> kContractKinds{
     "ekf_sensorless", "ekf_disturbance", "backemf_printed", "active_flux",
-    "eemf",           "dq_ekf",          "ekf_harmonic"};
+    "eemf",           "dq_ekf",          "ekf_harmonic",    "ekf_joint"};
 
 TEST(FilterRegistry, EveryKindIsOneOfTheContract) {
   ASSERT_GE(filter_kinds().size(), 2u);

@@ -64,7 +64,7 @@ TEST(TickPath, DoesNotAllocateWithStateFeedbackOscillatorsOrLearning) {
 }
 
 TEST(TickPath, DoesNotAllocateWithTheFiltersOfTheSalientMachine) {
-  for (const char* kind : {"backemf_printed", "active_flux", "eemf", "dq_ekf"})
+  for (const char* kind : {"backemf_printed", "active_flux", "eemf", "dq_ekf", "ekf_joint"})
     for (const char* prediction : {"euler", "rk4", "exact"})
       EXPECT_EQ(
           allocations_in_ticks("kim-ipmsm", {fmt::format("estimator.kind={}", kind),

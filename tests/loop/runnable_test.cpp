@@ -57,6 +57,9 @@ TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
     EXPECT_NE(refusal(preset, {key}).find(name), std::string::npos) << key;
   }
   EXPECT_EQ(refusal("dilys2021", {"start=align_if", "controller.foc.startup.t_align_s=0.2"}), "");
+  const Overrides pair{"estimator.kind=ekf_joint", "estimator.ekf_joint.Q_order_Nm2=1"};
+  EXPECT_NE(refusal("dilys2021", pair).find("order above 0"), std::string::npos);
+  EXPECT_EQ(refusal("dilys2021", {pair[0], pair[1], "estimator.ekf_joint.order=6"}), "");
 }
 
 TEST(Runnable, CompensationIsRefusedWhereNoPartCanDoIt) {
@@ -102,6 +105,13 @@ TEST(Runnable, WarnsOfASpeedAtWhichASensorlessFilterSeesNothing) {
   EXPECT_TRUE(warns("niewiara2020", {"estimator.kind=dq_ekf"}, "EMF"));
   EXPECT_FALSE(warns("niewiara2020", {"estimator.kind=dq_ekf", "reference.speed_rpm=500"}, "EMF"));
   EXPECT_FALSE(warns("niewiara2020", {}, "EMF")) << "it has a position sensor";
+}
+
+// 4.6 V are uncertain: 1.5 V by R_s, the rest by a dead time that the filter does not know.
+TEST(Runnable, WarnsOfASpeedAtWhichTheLoadIsNotObservable) {
+  const std::string joint = "estimator.kind=ekf_joint";
+  EXPECT_TRUE(warns("niewiara2020", {joint, "reference.speed_rpm=60"}, "load is not observable"));
+  EXPECT_FALSE(warns("niewiara2020", {joint, "reference.speed_rpm=100"}, "load is not observable"));
 }
 
 TEST(Runnable, WarnsOfAFilterOutsideItsStatedLimits) {
