@@ -33,7 +33,7 @@ Vec2 exact_currents(const Vec2& i_now, double omega_e, double theta_e, double ps
 
 double joint_speed_min(const Filter& filter, const MachineParameters& m, double T_s,
                        double u_unknown) {
-  constexpr int kSettle = 4000, kIterations = 3;  // ticks; beta hardly depends on the speed
+  constexpr int kSettle = 4000, kIterations = 2;  // ticks; beta hardly depends on the speed
   const double a = T_s * m.R_s / m.L_q, b = T_s / m.L_q;
   double omega_e = u_unknown / m.psi_f;
   for (int i = 0; i < kIterations; ++i) {

@@ -11,6 +11,7 @@
 #include "core/field_list.hpp"
 #include "estimator/ekf_joint.hpp"
 #include "estimator/make_filter.hpp"
+#include "loop/closed_floquet.hpp"
 #include "loop/demand.hpp"
 #include "loop/stale_gain.hpp"
 #include "loop/unused_keys.hpp"
@@ -25,8 +26,6 @@ namespace {
 constexpr double kResistanceError = 0.2;
 // Angle error of a filter without saliency, rad: (L_q - L_d) i/psi_f. 10 deg are no matter.
 constexpr double kSaliencyMax = 0.17;
-// State feedback held this share of the formula's n or more (n = 11 of 19 at 20 Hz, 7 of 8 at 100).
-constexpr double kShareOfFeedback = 0.58;
 // docs/ipmsm-drive.md: active_flux runs with a speed loop of 15 Hz behind its low-pass of 10 Hz.
 constexpr double kSpeedLoopOverLowpass = 1.5;
 
@@ -316,17 +315,17 @@ class Theory {
     const double omega_e = *std::max_element(speeds_.begin(), speeds_.end());
     const Steady steady{filter_, d_.gain.policy, omega_e / d_.machine.n_p,
                         omega_e, d_.T_s(),       d_.gain.speed_span / d_.machine.n_p};
-    const double share = d_.controller.kind == "foc" ? 1 : kShareOfFeedback;
-    const int limit = std::min(kSearchedMax, static_cast<int>(std::ceil(n / share)));
+    const int limit = std::min(kSearchedMax, n);
+    const auto closed = ClosedFloquet::of(config_, omega_e);
     // Upward from 1: beyond the first loss there are islands of stability.
-    int held = n_max_by_formula(steady, limit);
+    int held = closed ? closed->n_max(limit) : n_max_by_formula(steady, limit);
     if (held == 0) held = n_max_by_floquet(steady, limit);
     if (held >= limit) return gains_slower_than_the_feedback();
     return fmt::format(
         "{} may lose synchronism: at {:.4g} rad/s electrical a gain of policy {} holds up "
         "to n = {:.0f}",
         d_.estimator.kind, omega_e, kGainPolicyNames[static_cast<int>(d_.gain.policy)],
-        std::floor(held * share));
+        static_cast<double>(held));
   }
 
   Config& config_;

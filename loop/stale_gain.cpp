@@ -97,19 +97,38 @@ int n_max_by_formula(const Steady& s, int limit) {
   return limit;
 }
 
-double spectral_radius(const Steady& s, int n) {
-  const Gain gain = has_background(s.policy) ? periodic_gain(s, n) : Gain{};
-  const auto table =
-      has_background(s.policy) ? nullptr : GainSchedule::build(*s.filter, 2 * std::abs(s.omega_m));
-  const std::int64_t first = has_background(s.policy) ? first_use_of(s.policy, gain.k, n) : 1;
-  const int n_x = at_tick(s, 0).n_x, pairs = s.filter->turning_pairs();
-  Square monodromy = Square::Identity(n_x, n_x);
+// The gains of one period as they are used, in the stator; `first`: the tick of the first one.
+static std::vector<Gain> gains_of_period(const Steady& s, int n, std::int64_t& first) {
+  const bool background = has_background(s.policy);
+  const Gain gain = background ? periodic_gain(s, n) : Gain{};
+  const auto table = background ? nullptr : GainSchedule::build(*s.filter, 2 * std::abs(s.omega_m));
+  first = background ? first_use_of(s.policy, gain.k, n) : 1;
+  std::vector<Gain> gains;
   for (std::int64_t k = first; k < first + n; ++k) {
     const Estimate before = at_tick(s, k - 1);
     Gain used = table ? table->at(s.omega_m, before.theta_e) : gain;
     if (!table) turn_for_use(s.policy, *s.filter, before, used);
-    monodromy = error_dynamics(s, before, used) * monodromy;
+    gains.push_back(used);
   }
+  return gains;
+}
+
+std::vector<Gain> rotor_gains_of_period(const Steady& s, int n) {
+  std::int64_t k = 0;
+  std::vector<Gain> gains = gains_of_period(s, n, k);
+  for (Gain& gain : gains)
+    GainFrame(s.filter->turning_pairs(), -at_tick(s, k++ - 1).theta_e).turn_gain(gain);
+  return gains;
+}
+
+double spectral_radius(const Steady& s, int n) {
+  std::int64_t first = 0;
+  const std::vector<Gain> gains = gains_of_period(s, n, first);
+  const int n_x = at_tick(s, 0).n_x, pairs = s.filter->turning_pairs();
+  Square monodromy = Square::Identity(n_x, n_x);
+  for (int i = 0; i < n; ++i)
+    monodromy = error_dynamics(s, at_tick(s, first + i - 1), gains[static_cast<std::size_t>(i)]) *
+                monodromy;
   const double turned = at_tick(s, first + n).theta_e - at_tick(s, first).theta_e;
   return linear::eigenvalues(turn(n_x, pairs, -turned) * monodromy).cwiseAbs().maxCoeff();
 }

@@ -11,6 +11,7 @@
 //             stale angle of the period instead of the mean.
 #pragma once
 #include <memory>
+#include <vector>
 
 #include "estimator/two_rate.hpp"
 
@@ -22,6 +23,10 @@ struct Steady {
   double omega_m = 0, omega_e = 0, T_s = 0;
   double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
 };
+
+// The gains of one background period of n ticks in steady state, tick by tick, as the policy uses them,
+// each in the axes of the rotor at the tick before: for the closed loop (loop/closed_floquet.hpp).
+std::vector<Gain> rotor_gains_of_period(const Steady& steady, int n);
 
 // phi_c with the steady-state gain of the policy's background, a snapshot every n ticks. NaN for
 // filters other than `ekf_sensorless`.

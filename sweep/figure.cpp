@@ -8,6 +8,9 @@
 #include <iterator>
 #include <map>
 
+#include "loop/load_drive.hpp"
+#include "sweep/store.hpp"
+
 namespace twinrate::sweep {
 namespace {
 
@@ -83,6 +86,10 @@ std::map<std::string, Curve> curves_of(const std::vector<Limit>& limits) {
     curves[l.policy].colour = kColours[static_cast<std::size_t>(place) % std::size(kColours)];
     curves[l.policy].limits.push_back(&l);
   }
+  std::size_t next = 0;  // curves that are no policy alone take the colours in turn
+  for (auto& [policy, curve] : curves)
+    if (policy.find(' ') != std::string::npos)
+      curve.colour = kColours[next++ % std::size(kColours)];
   for (auto& [policy, curve] : curves)
     std::sort(curve.limits.begin(), curve.limits.end(),
               [](const Limit* a, const Limit* b) { return a->f_e_Hz < b->f_e_Hz; });
@@ -125,6 +132,12 @@ std::string caption_text(const Caption& caption, double x) {
 
 }  // namespace
 
+bool is_motor_of_the_paper(const MachineParameters& m) {
+  const MachineParameters paper = Config::load("dilys2021").drive().machine;
+  return m.R_s == paper.R_s && m.L_d == paper.L_d && m.L_q == paper.L_q && m.psi_f == paper.psi_f &&
+         m.n_p == paper.n_p;
+}
+
 void write_figure(const std::string& path, const std::vector<Limit>& limits,
                   const Caption& caption) {
   const auto curves = curves_of(limits);
@@ -161,6 +174,30 @@ void write_figure(const std::string& path, const std::vector<Limit>& limits,
     svg += right.paper_points(416.7 / kPaper_f_e_Hz, 384.6 / kPaper_f_e_Hz);
   }
   std::ofstream(path) << svg + caption_text(caption, x) + "</svg>\n";
+}
+
+void write_figure_of(const std::vector<std::string>& directories, const std::string& path) {
+  std::vector<Limit> all;
+  Caption caption;
+  for (const std::string& directory : directories) {
+    const std::string sweep_json = directory + "/sweep.json";
+    std::ifstream file(sweep_json);
+    if (!file) throw BadInput(sweep_json + ": no such file; a directory of sweep fb is needed");
+    const std::string text{std::istreambuf_iterator<char>(file), {}};
+    const Plan plan = plan_of(text);
+    const Config config = load_drive(plan.drive, plan.overrides);
+    if (!caption.drive.empty() && caption.drive != config.drive().name)
+      throw BadInput(fmt::format("{}: a sweep of {}, the others are of {}", directory,
+                                 config.drive().name, caption.drive));
+    caption.drive = config.drive().name;
+    caption.command += (caption.command.empty() ? "" : "; ") + command_of(plan);
+    caption.paper_points = is_motor_of_the_paper(config.drive().machine);
+    for (Limit& l : limits_of(plan, read_points(directory + "/points.csv"))) {
+      l.policy = config.drive().estimator.kind + " " + l.policy;
+      all.push_back(l);
+    }
+  }
+  write_figure(path, all, caption);
 }
 
 }  // namespace twinrate::sweep

@@ -4,6 +4,7 @@
 
 #include "analysis/summary.hpp"
 #include "estimator/make_filter.hpp"
+#include "loop/closed_floquet.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/stale_gain.hpp"
 #include "sweep/figure.hpp"
@@ -13,12 +14,13 @@
 namespace twinrate::sweep {
 namespace {
 
-constexpr int kMaxFloquet_n = 400;
+constexpr int kMaxFloquet_n = 400, kMaxClosed_n = 100;
 
 // One row of why.csv.
 struct Reason {
   double phi_c = NAN;
   int formula = 0, floquet = 0;
+  int closed = 0;  // 0: not predicted
   double rho_held = NAN, rho_next = NAN;
 };
 
@@ -37,7 +39,15 @@ std::string verdict(const Limit& l, const Reason& r) {
   return by_floquet ? "Floquet" : "neither";
 }
 
-Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, const DriveConfig& d) {
+// The part that limits n by the two Floquet analyses: the controller, where the closed loop holds less than
+// the filter alone by more than a step or 10 %.
+std::string limited_by(const Reason& r) {
+  if (r.closed == 0 || r.floquet == 0 || r.closed >= kMaxClosed_n) return "-";
+  return r.closed < r.floquet - std::max(1.0, 0.1 * r.floquet) ? "controller" : "filter";
+}
+
+Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Config& config) {
+  const DriveConfig& d = config.drive();
   GainPolicy policy{};
   for (int i = 0; kGainPolicyNames[i] != l.policy; ++i) policy = static_cast<GainPolicy>(i + 1);
   const double omega_e = kTwoPi * l.f_e_Hz;
@@ -49,6 +59,8 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, cons
   r.phi_c = table ? NAN : critical_angle(steady, std::max(1, l.n_max));
   r.formula = n_max_by_formula(steady, limit);
   r.floquet = table ? 0 : n_max_by_floquet(steady, limit);
+  if (const auto closed = table ? std::nullopt : ClosedFloquet::of(config, omega_e, policy))
+    r.closed = closed->n_max(std::min(limit, kMaxClosed_n));
   if (l.n_max > 0) r.rho_held = spectral_radius(steady, table ? 1 : l.n_max);
   r.rho_next = table ? NAN : spectral_radius(steady, l.n_max + 1);
   return r;
@@ -59,39 +71,34 @@ std::string text(int n) {
 }
 
 void write_reasons(const std::string& path, const std::vector<Limit>& limits,
-                   const std::shared_ptr<const Filter>& filter, const DriveConfig& d, bool print) {
+                   const std::shared_ptr<const Filter>& filter, Config& config, bool print) {
   std::ofstream file(path);
   file << "policy,f_e_Hz,n_max,phi_c_rad,n_max_formula,n_max_floquet,rho_at_n_max,rho_at_next,"
-          "agrees\n";
+          "agrees,n_max_closed,limited_by\n";
   if (print)
-    fmt::print("{:<12} {:>7} {:>6} {:>9} {:>6} {:>6}..{:<6} {:>7} {:>8} {:>6} {:>6}  {}\n",
+    fmt::print("{:<12} {:>7} {:>6} {:>9} {:>6} {:>6}..{:<6} {:>7} {:>8} {:>6} {:>6} {:>6}  {}\n",
                "policy", "f_e Hz", "n_max", "f_bmin Hz", "ratio", "lo", "hi", "phi_c", "formula",
-               "Floq.", "rho", "agrees");
+               "Floq.", "closed", "rho", "agrees");
   for (const Limit& l : limits) {
-    const Reason r = explain(l, filter, d);
+    const Reason r = explain(l, filter, config);
     const std::string agrees = verdict(l, r);
-    file << fmt::format("{},{},{},{},{},{},{},{},{}\n", l.policy, l.f_e_Hz, l.n_max, r.phi_c,
-                        r.formula, r.floquet, r.rho_held, r.rho_next, agrees);
+    file << fmt::format("{},{},{},{},{},{},{},{},{},{},{}\n", l.policy, l.f_e_Hz, l.n_max, r.phi_c,
+                        r.formula, r.floquet, r.rho_held, r.rho_next, agrees, text(r.closed),
+                        limited_by(r));
     if (!print) continue;
     const bool table = l.policy == "scheduled";
     fmt::print(
-        "{:<12} {:>7.4g} {:>6} {:>9.5g} {:>6.3g} {:>6.3g}..{:<6.3g} {:>7.1f} {:>8} {:>6} {:>6.3f}  "
+        "{:<12} {:>7.4g} {:>6} {:>9.5g} {:>6.3g} {:>6.3g}..{:<6.3g} {:>7.1f} {:>8} {:>6} {:>6} "
+        "{:>6.3f}  "
         "{}{}\n",
         l.policy, l.f_e_Hz, table ? "-" : text(l.n_max), table ? NAN : l.f_bmin_Hz(),
         table ? NAN : l.ratio(l.n_max), table ? NAN : l.ratio(l.n_highest),
         table ? NAN : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula), text(r.floquet),
-        r.rho_held, agrees,
+        text(r.closed), r.rho_held, agrees,
         !l.complete          ? " (not finished)"
         : l.capped && !table ? " (n_max is the cap)"
                              : "");
   }
-}
-
-// The points measured in the paper belong to its motor.
-bool is_motor_of_the_paper(const MachineParameters& m) {
-  const MachineParameters paper = Config::load("dilys2021").drive().machine;
-  return m.R_s == paper.R_s && m.L_d == paper.L_d && m.L_q == paper.L_q && m.psi_f == paper.psi_f &&
-         m.n_p == paper.n_p;
 }
 
 }  // namespace
@@ -107,7 +114,7 @@ void write_result(const Plan& plan, const Config& config, const std::string& dir
                {d.name, command_of(plan), is_motor_of_the_paper(d.machine)});
   Config again = load_drive(plan.drive, plan.overrides);
   const auto filter = make_filter(again);
-  if (filter->steady_state(0)) write_reasons(directory + "/why.csv", limits, filter, d, !json);
+  if (filter->steady_state(0)) write_reasons(directory + "/why.csv", limits, filter, again, !json);
   if (!json)
     fmt::print("\n{} points; {}/points.csv, fbmin.csv, figure.svg, why.csv\n", points.size(),
                directory);

@@ -10,6 +10,8 @@
 #include "analysis/load_orders.hpp"
 #include "controller/scaled_tuning.hpp"
 #include "estimator/ekf_harmonic.hpp"
+#include "estimator/make_filter.hpp"
+#include "loop/closed_floquet.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
@@ -24,6 +26,7 @@ struct DesignOptions {
   std::string drive;
   std::vector<std::string> overrides;
   bool json = false;
+  int for_n = 0;  // 0: the gains of the drive file
 };
 
 // The continuous pole of a discrete pole z, rad/s.
@@ -139,6 +142,103 @@ int design(const DesignOptions& o) {
   return design.d.complaints.empty() && design.q.complaints.empty() ? 0 : 2;
 }
 
+double fastest_omega_e(const DriveConfig& d) {
+  const Profile& profile = d.reference.in_rpm ? d.reference.speed_rpm : d.reference.omega_e_rad_s;
+  double fastest = 0;
+  for (const ProfileStep& step : profile.steps()) fastest = std::max(fastest, std::abs(step.value));
+  return fastest * (d.reference.in_rpm ? kTwoPi / 60 * d.machine.n_p : 1);
+}
+
+// Bandwidths of the state feedback, and the largest n that the closed loop holds with them.
+struct Candidate {
+  double current_Hz = 0, speed_Hz = 0;
+  int n_max = 0;
+  bool covered = false;
+  std::vector<std::string> overrides() const {
+    return {"controller.kind=lqr", "controller.lqr.gains=bandwidths",
+            fmt::format("controller.lqr.bandwidth_d_Hz=[{}, {}]", current_Hz, speed_Hz / 2),
+            fmt::format("controller.lqr.bandwidth_q_Hz=[{}, {}, {}]", current_Hz, speed_Hz,
+                        speed_Hz / 2)};
+  }
+};
+
+std::vector<std::string> joined(std::vector<std::string> list,
+                                const std::vector<std::string>& more) {
+  list.insert(list.end(), more.begin(), more.end());
+  return list;
+}
+
+// The bandwidths nearest to the defaults of this machine that hold n. Throws BadInput where none does.
+Candidate bandwidths_for(const DesignOptions& o, double omega_e, int n_of_filter) {
+  LqrParameters p;
+  scale(p, load_drive(o.drive, o.overrides).drive());
+  const double current = p.design.bandwidth_q_Hz[0], speed = p.design.bandwidth_q_Hz[1];
+  Candidate best;
+  for (const auto& [by_current, by_speed] : {std::pair(1.0, 1.0),
+                                             {1.0, 0.5},
+                                             {2.0, 1.0},
+                                             {0.5, 0.5},
+                                             {1.0, 0.25},
+                                             {2.0, 0.5},
+                                             {0.5, 0.25},
+                                             {2.0, 0.25},
+                                             {1.0, 0.125},
+                                             {0.5, 0.125},
+                                             {2.0, 0.125}}) {
+    Candidate c{by_current * current, by_speed * speed};
+    Config config = load_drive(o.drive, joined(o.overrides, c.overrides()));
+    const auto floquet = ClosedFloquet::of(config, omega_e);
+    if (!floquet) continue;
+    c.covered = true;
+    c.n_max = floquet->n_max(o.for_n);
+    if (c.n_max >= o.for_n) return c;
+    if (!best.covered || c.n_max > best.n_max) best = c;
+  }
+  if (!best.covered)
+    throw BadInput(o.drive +
+                   ": --for-n: the closed loop of this filter and controller is not predicted");
+  throw BadInput(fmt::format(
+      "{}: --for-n: no bandwidths found that hold n = {}: the best hold {}, the filter alone {}",
+      o.drive, o.for_n, best.n_max, n_of_filter));
+}
+
+void print_for_n(const DesignOptions& o, const Candidate& c, double omega_e, int n_of_filter) {
+  Config config = load_drive(o.drive, joined(o.overrides, c.overrides()));
+  const DriveConfig& d = config.drive();
+  LqrParameters p;
+  config.read_table("controller.lqr", [&](FieldVisitor& f) { scale(p, d), p.fields(f); });
+  const LqrDesign design =
+      design_lqr(d.machine, d.inverter.v_dc, d.T_s(), d.plant.delay_samples, p.design);
+  fmt::print("{}: weights that hold n = {} at {:.4g} rad/s electrical, gain policy {}\n",
+             d.name.empty() ? o.drive : d.name, o.for_n, omega_e,
+             kGainPolicyNames[static_cast<int>(d.gain.policy)]);
+  fmt::print("  closed loop stable for n = 1 to {}; the filter alone for n up to {}\n", o.for_n,
+             n_of_filter);
+  fmt::print("  of bandwidths   current {:.4g} Hz, speed {:.4g} Hz, integral {:.4g} Hz\n",
+             c.current_Hz, c.speed_Hz, c.speed_Hz / 2);
+  fmt::print(
+      "\n[controller.lqr]\ngains = \"weights\"\nQ_d = [{:.6g}]\nR_d = 1.0\nQ_q = [{:.6g}]\nR_q = "
+      "1.0\n",
+      fmt::join(design.d.Q, ", "), fmt::join(design.q.Q, ", "));
+}
+
+// Weights of the state feedback that hold a wanted n at the fastest speed of the profile.
+int design_for_n(const DesignOptions& o) {
+  Config config = load_drive(o.drive, o.overrides);
+  const DriveConfig& d = config.drive();
+  const double omega_e = fastest_omega_e(d);
+  if (omega_e == 0) throw BadInput(o.drive + ": --for-n: needs a reference speed other than 0");
+  const auto filter = make_filter(config);
+  if (!filter->steady_state(0))
+    throw BadInput(o.drive + ": --for-n: the closed loop of this filter is not predicted");
+  const Steady steady{filter,  d.gain.policy, omega_e / d.machine.n_p,
+                      omega_e, d.T_s(),       d.gain.speed_span / d.machine.n_p};
+  const int n_of_filter = n_max_by_floquet(steady, 4 * o.for_n);
+  const Candidate found = bandwidths_for(o, omega_e, n_of_filter);
+  print_for_n(o, found, omega_e, n_of_filter);
+  return 0;
+}
+
 struct OrdersOptions {
   std::string run;
   int most = kMostOrders;
@@ -181,8 +281,12 @@ void add_design_verb(CLI::App& app, int& exit_code) {
   lqr->add_option("--set", o->overrides,
                   "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false);
-  lqr->add_flag("--json", o->json, "print JSON");
-  lqr->callback([o, &exit_code] { exit_code = design(*o); });
+  CLI::Option* json = lqr->add_flag("--json", o->json, "print JSON");
+  lqr->add_option("--for-n", o->for_n,
+                  "print weights that hold a gain every N ticks at the fastest reference speed")
+      ->check(CLI::Range(1, 500))
+      ->excludes(json);
+  lqr->callback([o, &exit_code] { exit_code = o->for_n > 0 ? design_for_n(*o) : design(*o); });
   auto find = std::make_shared<OrdersOptions>();
   CLI::App* orders =
       verb->add_subcommand("orders", "List the orders of an estimated load that exceed the noise");

@@ -8,6 +8,7 @@
 #include "core/process.hpp"
 #include "loop/load_drive.hpp"
 #include "sweep/cost.hpp"
+#include "sweep/figure.hpp"
 #include "sweep/merge.hpp"
 #include "sweep/run.hpp"
 #include "sweep/store.hpp"
@@ -118,6 +119,14 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
   merge_verb->add_flag("--json", *json, "print no table");
   auto force = std::make_shared<bool>(false);
   merge_verb->add_flag("--force", *force, "replace the sweep that --out holds");
+  CLI::App* figure = verb->add_subcommand(
+      "figure", "Draw the sweeps of several filters of one drive into one figure");
+  auto sweeps = std::make_shared<std::vector<std::string>>();
+  auto svg = std::make_shared<std::string>();
+  figure->add_option("DIR", *sweeps, "read the results of sweep fb in these directories")
+      ->required();
+  figure->add_option("--out", *svg, "write this SVG file")->required();
+  figure->callback([=] { write_figure_of(*sweeps, *svg); });
   CLI::App* cost =
       verb->add_subcommand("cost", "Print the processor load against f_b (Dilys 2021, Table 4)");
   auto halves = std::make_shared<Halves>();

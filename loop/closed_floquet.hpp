@@ -1,0 +1,72 @@
+// Floquet multipliers of the closed loop: plant, computation delay, filter with its stale gain, and
+// controller. The analysis of loop/stale_gain.hpp is that of the filter alone.
+//
+//   z        = [i_d, i_q, omega_m | u(k-1) .. u(k-delay) | x_hat | integrators of the controller
+//               | angle errors of the snapshots whose gains are in use and waiting]
+//   z(k+1)   = f_k(z(k))            one tick, in the axes of the true rotor
+//   Phi      = J_{n-1} .. J_1 J_0   J_k = df_k/dz along the periodic orbit, by central differences
+//   rho      = largest |eigenvalue of Phi|, over one background period of n ticks
+//
+// One tick: controller on x_hat(k) and the currents of t_k -> voltage, which acts `delay_samples` later;
+// the machine over T_s (Runge-Kutta); fast step of the filter with the gain of tick k+1. The gain is the
+// periodic one of the policy in steady state (loop/stale_gain.hpp), turned by the angle error of its
+// snapshot, because the background linearises at the estimate. The loop is the same at every rotor
+// angle, so the angle of the rotor is no state. Noise, limits of voltage and current, effects and the
+// start are not part of it.
+//
+// Covered: filters whose memory is x_hat (ekf_sensorless, ekf_joint, eemf, dq_ekf, ekf_disturbance) under
+// `foc` and `lqr` with angle_source = "estimate". Not covered: active_flux and backemf_printed
+// (processing of the angle), ekf_harmonic (measured turn of its oscillators).
+// Operating point: the reference speed, constant load, the fixed point of f with a gain every tick.
+#pragma once
+#include <optional>
+
+#include "core/config.hpp"
+#include "loop/stale_gain.hpp"
+
+namespace twinrate {
+
+// What the controllers compute while nothing is limited.
+struct ControlLaw;
+
+class ClosedFloquet {
+ public:
+  // Empty if the drive is not covered, or has no stable operating point with a gain every tick.
+  // `policy`: instead of that of the drive file.
+  static std::optional<ClosedFloquet> of(Config& config, double omega_e,
+                                         std::optional<GainPolicy> policy = {});
+
+  // rho over one background period.
+  double spectral_radius(int n) const;
+  // Frequency of the largest multiplier, Hz, folded into f_b/2: of the oscillation that grows.
+  double frequency_Hz(int n) const;
+  // Last n before the first with rho >= 1; at most `limit`. With a policy that turns the gain: `limit` if
+  // it is stable there, without a search.
+  int n_max(int limit) const;
+  // The limit of the filter alone, as loop/stale_gain.hpp.
+  int n_max_of_filter(int limit) const { return n_max_by_floquet(steady_, limit); }
+
+ private:
+  ClosedFloquet() = default;
+  Eigen::MatrixXd period(int n) const;
+  // One tick from t_k to t_{k+1}; `gain` in the axes of the rotor at t_k, of a period of n ticks.
+  Eigen::VectorXd tick(const Eigen::VectorXd& z, Gain gain, std::int64_t k, int n) const;
+  Eigen::MatrixXd derivative(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k,
+                             int n) const;
+  double angle_error(const Eigen::VectorXd& z, double ticks_ahead) const;
+  double gain_error(const Eigen::VectorXd& z) const;
+  void take_snapshot(int i, int n, double turned, Eigen::VectorXd& z) const;
+  bool settle();
+  Eigen::Index x_at() const { return 3 + 2 * delay_; }
+  Eigen::Index memory_at() const { return x_at() + n_x_; }
+  Eigen::Index gain_at() const;
+
+  Steady steady_;
+  MachineParameters machine_;
+  std::shared_ptr<const ControlLaw> law_;
+  double T_load_ = 0;
+  int delay_ = 1, n_x_ = 0;
+  Eigen::VectorXd at_;  // the operating point
+};
+
+}  // namespace twinrate

@@ -1,0 +1,78 @@
+// Floquet multipliers of the closed loop against the simulated drive without noise.
+#include "loop/closed_floquet.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/loop/closed_loop.hpp"
+
+namespace twinrate::test {
+namespace {
+
+Overrides drive_at(double omega_e, const Overrides& more = {}) {
+  Overrides list{"start=flying", "sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0",
+                 fmt::format("reference.omega_e_rad_s={}", omega_e)};
+  list.insert(list.end(), more.begin(), more.end());
+  return list;
+}
+
+std::optional<ClosedFloquet> floquet(double omega_e, const Overrides& more) {
+  Config config = load("dilys2021", drive_at(omega_e, more));
+  return ClosedFloquet::of(config, omega_e);
+}
+
+// Difference of the estimates of two drives, one of which felt a pulse of load at 0.2 s: how it grows or
+// decays over each period of n ticks, by its largest values in two windows.
+double growth(double omega_e, const Overrides& more, int n) {
+  Overrides quiet = drive_at(omega_e, more);
+  quiet.push_back(fmt::format("rates.n={}", n));
+  quiet.push_back("load.slew_Nm_s=0");
+  Overrides pulsed = quiet;
+  pulsed.push_back("load.T_load_Nm=[[0,0],[0.2,1e-6],[0.21,0]]");
+  ClosedLoop a(load("dilys2021", quiet)), b(load("dilys2021", pulsed));
+  const double T_s = a.drive().T_s();
+  double early = 0, late = 0;
+  constexpr double kEarly_s = 0.3, kLate_s = 0.4, kWindow_s = 0.05;
+  for (double t_s = 0; t_s < kLate_s + kWindow_s; t_s += T_s) {
+    a.tick(), b.tick();
+    const double off = std::abs(wrap_pi(a.angle_error() - b.angle_error()));
+    if (t_s >= kEarly_s && t_s < kEarly_s + kWindow_s) early = std::max(early, off);
+    if (t_s >= kLate_s) late = std::max(late, off);
+  }
+  return std::pow(late / early, n * T_s / (kLate_s - kEarly_s));
+}
+
+// Oracle: the parts that run in the drive. The start at speed settles before the pulse.
+TEST(ClosedFloquet, ItsLargestMultiplierIsTheGrowthOfASmallDifference) {
+  for (const char* controller : {"foc", "lqr"}) {
+    const Overrides kind{fmt::format("controller.kind={}", controller)};
+    const auto f = floquet(400, kind);
+    ASSERT_TRUE(f);
+    EXPECT_GT(f->spectral_radius(13), 1.05) << controller;
+    EXPECT_NEAR(growth(400, kind, 13), f->spectral_radius(13), 0.03) << controller;
+    EXPECT_LT(f->spectral_radius(12), 1) << controller;
+    EXPECT_LT(growth(400, kind, 12), 1) << controller;
+  }
+}
+
+// 400 rad/s: the paper's 12 (docs/find-fbmin.md); the filter alone has 12, too.
+TEST(ClosedFloquet, PredictsTheLargestNOfBothControllers) {
+  EXPECT_EQ(floquet(400, {})->n_max(20), 12);
+  EXPECT_EQ(floquet(400, {"controller.kind=lqr"})->n_max(20), 12);
+}
+
+TEST(ClosedFloquet, TheControllerLimitsTheJointFilterWhereTheFilterAloneWouldHold) {
+  const auto f = floquet(kTwoPi * 100, {"estimator.kind=ekf_joint"});
+  ASSERT_TRUE(f);
+  EXPECT_LT(f->n_max(20), f->n_max_of_filter(20));
+}
+
+TEST(ClosedFloquet, ATurnedGainHasNoLimit) {
+  EXPECT_EQ(floquet(400, {"gain.policy=rotate"})->n_max(60), 60);
+}
+
+TEST(ClosedFloquet, DoesNotCoverAFilterWithMemoryBesideItsState) {
+  EXPECT_FALSE(floquet(400, {"estimator.kind=active_flux"}));
+}
+
+}  // namespace
+}  // namespace twinrate::test
