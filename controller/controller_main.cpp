@@ -44,7 +44,7 @@ class ControllerProcess {
         step_when_complete();
       });
     p.waiting_for([this] { return missing(); });
-    p.on_add_effects([this](Config& extended, std::int64_t k) {
+    p.on_new_model([this](Config& extended, std::int64_t k) {
       coming_.emplace_back(k, extended.drive().model_effects());
     });
   }

@@ -127,9 +127,10 @@ enum class RequestKind : int {
   kStart = 1,
   kStop = 2,
   kEmergencyStop = 3,
-  kAddEffect = 4,    // text: [[effect]] tables; value: tick from which on, or the next one
-  kAddProposed = 5,  // to the monitor: add the effects that it proposed
-  kReset = 6,        // to the plant: from SAFE to IDLE
+  kAddEffect = 4,     // text: [[effect]] tables; value: tick from which on, or the next one
+  kAddProposed = 5,   // to the monitor: add the effects that it proposed
+  kReset = 6,         // to the plant: from SAFE to IDLE
+  kRemoveEffect = 7,  // text: [[effect]] tables as they were added; value: as for kAddEffect
 };
 
 }  // namespace twinrate

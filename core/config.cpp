@@ -239,15 +239,28 @@ toml::table parse_override(const std::string& text) {
   }
 }
 
-// What a model may be extended by. `drive` as in read_effects.
-void check_addition_to(const DriveConfig* drive, const std::string& effects_toml,
-                       const std::string& source) {
-  Config::Impl file;
+// A text of [[effect]] tables and nothing else.
+void read_effects_only(const std::string& effects_toml, const std::string& source,
+                       Config::Impl& file) {
   file.source = source;
   file.root = parse_text(effects_toml, source);
   file.note_origins(file.root, source, "");
   for (const auto& [key, node] : file.root)
     if (key.str() != "effect") file.fail(std::string(key.str()), "only [[effect]] tables allowed");
+}
+
+std::vector<ConfiguredEffect> effects_in(const std::string& effects_toml,
+                                         const std::string& source) {
+  Config::Impl file;
+  read_effects_only(effects_toml, source, file);
+  return read_effects(file, nullptr);
+}
+
+// What a model may be extended by. `drive` as in read_effects.
+void check_addition_to(const DriveConfig* drive, const std::string& effects_toml,
+                       const std::string& source) {
+  Config::Impl file;
+  read_effects_only(effects_toml, source, file);
   const std::vector<ConfiguredEffect> effects = read_effects(file, drive);
   if (std::all_of(effects.begin(), effects.end(),
                   [](const auto& e) { return e.used_in == UsedIn::kPlant; }))
@@ -355,6 +368,29 @@ std::string Config::resolved_with(std::vector<ConfiguredEffect> effects) const {
 Config Config::with_effects(const std::string& effects_toml, const std::string& source) const {
   check_addition_to(&impl_->drive, effects_toml, source);
   return parse(resolved() + "\n" + effects_toml, source);
+}
+
+Config Config::without_effects(const std::string& effects_toml, const std::string& source,
+                               std::size_t declared) const {
+  const auto written = [](const ConfiguredEffect& effect) {
+    DriveConfig only;
+    only.effects = {effect};
+    return write_effects(only);
+  };
+  std::vector<ConfiguredEffect> left = impl_->drive.effects;
+  for (const ConfiguredEffect& effect : effects_in(effects_toml, source)) {
+    const auto begin = left.begin() + static_cast<std::ptrdiff_t>(std::min(declared, left.size()));
+    const auto found = std::find_if(begin, left.end(), [&](const ConfiguredEffect& added) {
+      return written(added) == written(effect);
+    });
+    if (found == left.end())
+      throw BadInput(
+          fmt::format("{}: no {} with these values was added; only what a request added can be "
+                      "removed",
+                      source, effect.effect->kind()));
+    left.erase(found);
+  }
+  return parse(resolved_with(std::move(left)), source);
 }
 
 void Config::check_addition(const std::string& effects_toml, const std::string& source) {

@@ -58,6 +58,10 @@ class Config {
   // for the model at least. Tables of filters and controllers have to be read again. Throws
   // BadInput, naming `source`.
   Config with_effects(const std::string& effects_toml, const std::string& source) const;
+  // The same drive without those effects of its model beyond the first `declared` that are written
+  // as in the text. Throws BadInput where one of them is not there.
+  Config without_effects(const std::string& effects_toml, const std::string& source,
+                         std::size_t declared) const;
   // Throws BadInput where with_effects would with any drive.
   static void check_addition(const std::string& effects_toml, const std::string& source);
   // The keys as given, preset and overrides merged in.

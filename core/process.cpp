@@ -119,8 +119,9 @@ bool Process::answer(const request_t& request, reply_t& reply) {
       if (const std::string why = reset_(); !why.empty()) refuse(why);
       return true;
     case RequestKind::kAddEffect:
-      if (!add_effects_) return false;
-      add_effects(request, reply);
+    case RequestKind::kRemoveEffect:
+      if (!new_model_) return false;
+      change_model(request, reply);
       return true;
     case RequestKind::kAddProposed:
       if (!add_proposed_) return false;
@@ -131,8 +132,9 @@ bool Process::answer(const request_t& request, reply_t& reply) {
   return true;
 }
 
-void Process::add_effects(const request_t& request, reply_t& reply) {
-  const std::string identity = fmt::format("{} {}", request.seq, request.text);
+void Process::change_model(const request_t& request, reply_t& reply) {
+  const bool add = request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
+  const std::string identity = fmt::format("{} {} {}", request.seq, request.kind, request.text);
   for (const auto& [text, answer] : effects_answered_)
     if (text == identity) {
       reply = answer;
@@ -144,12 +146,14 @@ void Process::add_effects(const request_t& request, reply_t& reply) {
   reply.applied_seq = std::max(wanted, status_.seq + 1);
   try {
     const Config& present = extended_ ? *extended_ : config_;
-    Config extended = present.with_effects(request.text, kEffectsSource);
-    add_effects_(extended, reply.applied_seq);
-    extended_ = std::move(extended);
-    event(
-        Reason::kEffectAdded, reply.applied_seq,
-        fmt::format("{}: from tick {} on with {}", info_.program, reply.applied_seq, request.text));
+    Config changed =
+        add ? present.with_effects(request.text, kEffectsSource)
+            : present.without_effects(request.text, kEffectsSource, config_.drive().effects.size());
+    new_model_(changed, reply.applied_seq);
+    extended_ = std::move(changed);
+    event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, reply.applied_seq,
+          fmt::format("{}: from tick {} on with{} {}", info_.program, reply.applied_seq,
+                      add ? "" : "out", request.text));
   } catch (const BadInput& refused) {
     reply.accepted = 0;
     reply.applied_seq = -1;

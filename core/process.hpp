@@ -102,11 +102,11 @@ class Process {
   // Seconds since the supervisor's last heartbeat; empty before the first (no supervisor).
   std::optional<double> supervisor_silent_s() const;
 
-  // What happens to a request for more effects in the model: `extended` is this drive with all
-  // asked for so far, to be used from tick `k` on. May throw BadInput, which refuses the request.
-  // A process that has no model leaves it out.
-  using AddEffects = std::function<void(Config& extended, std::int64_t k)>;
-  void on_add_effects(AddEffects action) { add_effects_ = std::move(action); }
+  // What happens to a request for more or fewer effects in the model: `extended` is this drive with
+  // all that were added and not removed, to be used from tick `k` on. May throw BadInput, which
+  // refuses the request. A process that has no model leaves it out.
+  using NewModel = std::function<void(Config& extended, std::int64_t k)>;
+  void on_new_model(NewModel action) { new_model_ = std::move(action); }
 
   // The monitor: has what it proposed added; false where it proposed nothing.
   void on_add_proposed(std::function<bool()> action) { add_proposed_ = std::move(action); }
@@ -130,7 +130,7 @@ class Process {
   bool answer(const request_t& request, reply_t& reply);
   void handle_request(const request_t& request);
   // Fills in what became of it; a request that comes again gets the same answer.
-  void add_effects(const request_t& request, reply_t& reply);
+  void change_model(const request_t& request, reply_t& reply);
   void compare_config(const status_t& other);
   void beat();
   void check_patience();
@@ -148,9 +148,9 @@ class Process {
   std::function<void()> emergency_stop_;
   std::function<std::string()> reset_;
   std::optional<Clock::time_point> supervisor_heard_;
-  AddEffects add_effects_;
+  NewModel new_model_;
   std::function<bool()> add_proposed_;
-  std::optional<Config> extended_;  // with the effects that requests added
+  std::optional<Config> extended_;  // with the effects that requests added and did not remove
   std::vector<std::pair<std::string, reply_t>> effects_answered_;  // by the request's text
   bool finished_ = false;
 };

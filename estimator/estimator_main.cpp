@@ -31,7 +31,7 @@ class EstimatorProcess {
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
     p.bus().on_new_session([this] { reset(-1); });
     p.waiting_for([this] { return missing(); });
-    p.on_add_effects([this](Config& extended, std::int64_t k) {
+    p.on_new_model([this](Config& extended, std::int64_t k) {
       coming_.emplace_back(k, make_filter(extended));
     });
   }

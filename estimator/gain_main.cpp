@@ -21,7 +21,7 @@ class GainProcess {
   explicit GainProcess(Process& p) : p_(p), background_(make_background_loop(p.config())) {
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
-    p.on_add_effects([this](Config& extended, std::int64_t k) {
+    p.on_new_model([this](Config& extended, std::int64_t k) {
       coming_.emplace_back(k, make_filter(extended));
     });
     p.waiting_for([this] {

@@ -95,7 +95,7 @@ TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   Process process({Role::kEstimator, "test", ""},
                   {.config = "dilys2021", .url = "memq://", .session = kSession});
   std::vector<std::int64_t> applied, replied;
-  process.on_add_effects([&](Config&, std::int64_t k) { applied.push_back(k); });
+  process.on_new_model([&](Config&, std::int64_t k) { applied.push_back(k); });
   process.bus().subscribe<reply_t>([&](const reply_t& r) { replied.push_back(r.applied_seq); });
   process.ready();
   process.progress(100);
@@ -112,6 +112,42 @@ TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   }
   EXPECT_EQ(applied, (std::vector<std::int64_t>{101, 250}));
   EXPECT_EQ(replied, applied);
+}
+
+TEST(RemoveEffect, TakesOutWhatWasAddedAndNothingElse) {
+  Process process({Role::kEstimator, "test", ""},
+                  {.config = "dilys2021", .url = "memq://", .session = kSession});
+  const std::size_t declared = process.config().drive().effects.size();
+  std::vector<std::size_t> effects;  // of the model, at each change
+  std::vector<reply_t> replies;
+  process.on_new_model([&](Config& model, std::int64_t) {
+    effects.push_back(model.drive().effects.size() - declared);
+  });
+  process.bus().subscribe<reply_t>([&](const reply_t& r) { replies.push_back(r); });
+  process.ready();
+  const std::string friction =
+      "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.01\nused_in = \"model\"\n";
+  std::int64_t number = 1;
+  for (const RequestKind kind : {RequestKind::kRemoveEffect, RequestKind::kAddEffect,
+                                 RequestKind::kRemoveEffect, RequestKind::kRemoveEffect}) {
+    request_t request{};
+    request.seq = number++;
+    request.kind = static_cast<std::int32_t>(kind);
+    request.value = 250;
+    request.text = friction;
+    process.bus().publish(request);
+    while (process.bus().handle(0)) {
+    }
+  }
+  EXPECT_EQ(effects, (std::vector<std::size_t>{1, 0}));
+  ASSERT_EQ(replies.size(), 4u);
+  for (const std::size_t refused : {0u, 3u}) {
+    EXPECT_EQ(replies[refused].accepted, 0);
+    EXPECT_NE(replies[refused].text.find("no coulomb_friction with these values was added"),
+              std::string::npos)
+        << replies[refused].text;
+  }
+  EXPECT_EQ(replies[2].applied_seq, 250);
 }
 
 // If one process of the ring is silent, all others wait. Its neighbour reports first.
