@@ -16,12 +16,14 @@ namespace {
 
 constexpr int kMisfitBlocksToNotice = 2;  // consecutive
 constexpr int kMaxRestarts = 2;
-constexpr double kRequestLead_s = 0.1;  // from the request to the tick at which an effect is added
+constexpr double kRequestLead_s = 0.1;  // from a request to the tick at which it holds
 constexpr double kSettling_s = 0.25;    // from an addition to the comparison
 constexpr double kComparison_s = 1.0;
+constexpr double kJudgingShare = 1.0 / 3;  // of the traced data, their last rows
+constexpr double kUsableShare = 0.5;       // of the rows that judge, so that they can
 
 const char* const kPhaseNames[] = {"learning", "watching", "gathering", "tracing",
-                                   "proposed", "adding",   "comparing"};
+                                   "proposed", "adding",   "comparing", "removing"};
 
 std::string toml_of(const std::vector<ConfiguredEffect>& effects) {
   DriveConfig only;
@@ -37,7 +39,20 @@ std::string side_by_side(double before, double after, const char* unit) {
 }  // namespace
 
 TraceResult run(const TraceJob& job, std::function<bool()> stop) {
-  return trace_record(job.record, job.drive, job.health, {.stop = std::move(stop)});
+  std::size_t judging = 0, usable = 0;
+  for (std::size_t k = 0; k < job.judging.size(); ++k) {
+    judging += job.judging[k] != 0;
+    usable += job.judging[k] && job.record.electrical_ok[k];
+  }
+  if (static_cast<double>(usable) < kUsableShare * static_cast<double>(judging)) {
+    TraceResult nothing;
+    nothing.verdict = "ambiguous";
+    nothing.sentence = "Cannot tell: most rows that were to judge cannot be used.";
+    return nothing;
+  }
+  TraceSettings settings{.stop = std::move(stop)};
+  settings.fit_judging_rows = true;  // what passed is fitted to all rows
+  return trace_record(job.record, job.drive, job.health, settings, job.judging);
 }
 
 LiveMonitor::LiveMonitor(const DriveConfig& drive, const MonitorParameters& parameters)
@@ -60,7 +75,10 @@ LiveMonitor::LiveMonitor(Config& config)
 }
 
 void LiveMonitor::restart() {
+  AddedEffects added = std::move(added_);
   *this = LiveMonitor(DriveConfig(drive_), MonitorParameters(parameters_));
+  added_ = std::move(added);
+  added_.restart();
 }
 
 std::int64_t LiveMonitor::ticks(double seconds) const {
@@ -83,6 +101,9 @@ std::optional<TraceJob> LiveMonitor::take_job() {
 }
 std::optional<std::string> LiveMonitor::take_addition() {
   return std::exchange(addition_, {});
+}
+std::optional<std::string> LiveMonitor::take_removal() {
+  return std::exchange(removal_, {});
 }
 
 // First row at or after tick k.
@@ -114,6 +135,10 @@ void LiveMonitor::take(const Estimate& e) {
 void LiveMonitor::block_done() {
   const std::size_t first = row_of(block_begin_), last = rows_.size();
   block_begin_ = rows_.back().m.k;
+  const bool judged = phase_ == Phase::kWatching || phase_ == Phase::kGathering ||
+                      phase_ == Phase::kProposed || phase_ == Phase::kComparing;
+  if (judged) added_.judge(watch_, drive_, rows_, first, last);
+  if (judged && phase_ != Phase::kComparing && take_back_worse()) return;
   if (phase_ == Phase::kLearning)
     learn(first, last);
   else if (phase_ == Phase::kWatching)
@@ -179,6 +204,10 @@ void LiveMonitor::gather() {
   TraceJob job;
   job.drive = drive_;
   job.record = make_record(raw, drive_.machine.n_p, job.health);
+  job.judging.assign(job.record.size(), 0);
+  const auto judging = static_cast<std::ptrdiff_t>(
+      std::llround(kJudgingShare * static_cast<double>(job.record.size())));
+  std::fill(job.judging.end() - judging, job.judging.end(), 1);
   episodes_.back().traced_s = t_s(last_k() - gather_from_);
   job_ = std::move(job);
   phase_ = Phase::kTracing;
@@ -193,9 +222,10 @@ void LiveMonitor::report_no_result(const std::string& why) {
 void LiveMonitor::traced(const TraceResult& result) {
   Episode& episode = episodes_.back();
   episode.sentence = result.sentence;
+  episode.verdict = result.verdict;
   proposed_.clear();
   for (const TracedEffect& e : result.effects) {
-    if (e.effect->tracing().traced_keys().empty()) continue;
+    if (result.interrupted || e.effect->tracing().traced_keys().empty()) continue;
     proposed_.push_back({e.effect, UsedIn::kModel});
   }
   if (proposed_.empty()) {
@@ -219,7 +249,7 @@ void LiveMonitor::traced(const TraceResult& result) {
   for (const ConfiguredEffect& e : proposed_) episode.kinds.emplace_back(e.effect->kind());
   episode.toml = toml_of(proposed_);
   episode.proposed_s = t_s(last_k());
-  notify(Reason::kEffectProposed, episode.toml);
+  notify(Reason::kEffectProposed, "# " + episode.sentence + "\n" + episode.toml);
   phase_ = Phase::kProposed;
   if (parameters_.auto_add) add_proposed();
 }
@@ -248,19 +278,64 @@ bool LiveMonitor::add_proposed() {
   return true;
 }
 
-std::int64_t LiveMonitor::tick_for_addition() const {
+std::int64_t LiveMonitor::tick_for_request() const {
   return last_k() + ticks(kRequestLead_s);
 }
 
 void LiveMonitor::added(std::int64_t k) {
   drive_.effects.insert(drive_.effects.end(), proposed_.begin(), proposed_.end());
+  added_.add(proposed_, episodes_.size() - 1, k + ticks(kSettling_s));
   added_k_ = k;
   episodes_.back().added_s = t_s(k);
   phase_ = Phase::kComparing;
 }
 
 void LiveMonitor::refused(const std::string& why) {
-  notify(Reason::kNothingTraced, "the effect was not added: " + why);
+  notify(Reason::kNothingTraced,
+         fmt::format("the effect was not {}: {}", phase_ == Phase::kRemoving ? "removed" : "added",
+                     why));
+  removing_.clear();
+  relearn();
+}
+
+bool LiveMonitor::take_back_worse() {
+  const std::optional<Worse> worse = added_.worst();
+  if (!worse) return false;
+  take_back(
+      {worse->place},
+      fmt::format("the residual error of the rows since is larger with it, by {:.2g} % in the "
+                  "median of {} pieces (signed-rank p {:.1g})",
+                  100 * worse->rise, worse->votes, worse->p_value));
+  return true;
+}
+
+void LiveMonitor::take_back(std::vector<std::size_t> places, const std::string& why) {
+  std::vector<ConfiguredEffect> effects;
+  std::vector<std::string> kinds;
+  for (const std::size_t place : places) {
+    const AddedEffect& a = added_[place];
+    effects.push_back(a.effect);
+    kinds.emplace_back(a.effect.effect->kind());
+    if (!a.episode) continue;
+    Episode& episode = episodes_[*a.episode];
+    episode.taken_back_s = t_s(last_k());
+    episode.taken_back += (episode.taken_back.empty() ? "" : "; ") + kinds.back() + ": " + why;
+  }
+  notify(Reason::kEffectTakenBack,
+         fmt::format("{} is taken back: {}", fmt::join(kinds, " + "), why));
+  removing_ = std::move(places);
+  proposed_.clear();  // was traced beside what is taken back
+  addition_.reset();
+  removal_ = toml_of(effects);
+  phase_ = Phase::kRemoving;
+}
+
+void LiveMonitor::removed(std::int64_t) {
+  for (; !removing_.empty(); removing_.pop_back()) {
+    const auto from_end = static_cast<std::ptrdiff_t>(added_.size() - removing_.back());
+    drive_.effects.erase(drive_.effects.end() - from_end);
+    added_.remove(removing_.back());
+  }
   relearn();
 }
 
@@ -282,6 +357,23 @@ std::vector<double> LiveMonitor::innovation_rms(std::int64_t from, std::int64_t 
 void LiveMonitor::compare() {
   const std::int64_t from = added_k_ + ticks(kSettling_s), to = from + ticks(kComparison_s);
   if (rows_.back().m.k < to) return;
+  report_comparison(from, to);
+  const std::size_t added = std::exchange(proposed_, {}).size();
+  phase_ = Phase::kWatching;
+  if (take_back_worse()) return;
+  if (const std::string worse = worse_innovation(from, to); !worse.empty()) {
+    std::vector<std::size_t> places;
+    for (std::size_t place = added_.size() - added; place < added_.size(); ++place)
+      places.push_back(place);
+    take_back(std::move(places), worse);
+    return;
+  }
+  for (std::int64_t k = from; k + block_ticks_ <= to; k += block_ticks_)
+    watch_.accept(rows_, row_of(k), row_of(k + block_ticks_),
+                  between(estimates_, k, k + block_ticks_), drive_.model_effects());
+}
+
+void LiveMonitor::report_comparison(std::int64_t from, std::int64_t to) {
   Episode& episode = episodes_.back();
   const std::size_t first = row_of(from), last = row_of(to);
   DriveConfig without = drive_;
@@ -302,11 +394,34 @@ void LiveMonitor::compare() {
                      side_by_side(episode.before.voltage, episode.after.voltage, " V"),
                      side_by_side(episode.before.torque, episode.after.torque, " Nm"),
                      fmt::join(innovations, ", ")));
-  for (std::int64_t k = from; k + block_ticks_ <= to; k += block_ticks_)
-    watch_.accept(rows_, row_of(k), row_of(k + block_ticks_),
-                  between(estimates_, k, k + block_ticks_), drive_.model_effects());
-  proposed_.clear();
-  phase_ = Phase::kWatching;
+}
+
+// Blocks of the second before the addition and of the compared one: of a channel, the quietest
+// after against the loudest before.
+std::string LiveMonitor::worse_innovation(std::int64_t from, std::int64_t to) const {
+  std::map<std::string, double> loudest_before, quietest_after;
+  const auto look = [&](std::int64_t begin, std::int64_t end, bool after) {
+    for (std::int64_t k = std::max(begin, rows_.front().m.k); k + block_ticks_ <= end;
+         k += block_ticks_)
+      for (const ChannelLevel& c :
+           watch_
+               .test(rows_, row_of(k), row_of(k + block_ticks_),
+                     between(estimates_, k, k + block_ticks_), drive_.model_effects())
+               .channels) {
+        if (!c.of_filter()) continue;
+        double& level =
+            (after ? quietest_after : loudest_before).try_emplace(c.name, c.excess).first->second;
+        level = after ? std::min(level, c.excess) : std::max(level, c.excess);
+      }
+  };
+  look(added_k_ - ticks(kComparison_s), added_k_, false);
+  look(from, to, true);
+  for (const auto& [name, after] : quietest_after)
+    if (const auto before = loudest_before.find(name);
+        before != loudest_before.end() && after > MisfitWatch::kMargin * before->second)
+      return fmt::format("{} of the running filter is at least {:.2g} times that before (rms)",
+                         name, std::sqrt(after / before->second));
+  return "";
 }
 
 std::string LiveMonitor::to_json() const {
@@ -317,12 +432,15 @@ std::string LiveMonitor::to_json() const {
     list.push_back({{"noticed_s", e.noticed_s},
                     {"sign", e.sign},
                     {"traced_s", e.traced_s},
-                    {"verdict", e.sentence},
+                    {"verdict", e.verdict},
+                    {"sentence", e.sentence},
                     {"kinds", e.kinds},
                     {"effect_toml", e.toml},
                     {"proposed_s", moment(e.proposed_s)},
                     {"added_s", moment(e.added_s)},
                     {"compared_s", moment(e.compared_s)},
+                    {"taken_back_s", moment(e.taken_back_s)},
+                    {"taken_back", e.taken_back},
                     {"voltage_residual_rms_V", {e.before.voltage, e.after.voltage}},
                     {"torque_residual_rms_Nm", {e.before.torque, e.after.torque}},
                     {"innovation_rms_before", e.innovation_before},

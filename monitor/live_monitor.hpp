@@ -3,19 +3,27 @@
 //
 //   learning -> watching -> (two consecutive misfit blocks) gathering -> tracing -> proposed
 //            -> adding -> comparing -> watching ..
+//   an added effect that is worse than none -> removing -> learning ..
 //
 // Traced data: gather_s from the first misfit block on; without a result twice as much, up to
-// window_s. Without a result for window_s the monitor reports it and learns the present data as
-// normal. If the extended model fits only a part of the data, another effect started meanwhile:
-// gathering restarts, up to kMaxRestarts times, so that all effects act during the whole data.
+// window_s. The effects are fitted to and chosen on the first two thirds of them; the gate
+// (trace/gate.hpp) judges on the last third, rows after the fit window that nothing else has read.
+// What does not pass is not proposed. Without a result for window_s the monitor reports it and
+// learns the present data as normal. If the extended model fits only a part of the data, another
+// effect started meanwhile: gathering restarts, up to kMaxRestarts times, so that all effects act
+// during the whole data.
 // After an addition the residual of the following data is computed with and without the effect, and
-// the filter's innovations before and after are compared.
+// the filter's innovations before and after are compared. From then on every block judges the added
+// effects (monitor/added_effects.hpp). One that makes the error larger is taken back, and so are
+// all effects of an addition after which every block's innovation is kMargin (in power) above every
+// block's before.
 #pragma once
 #include <functional>
 #include <optional>
 
 #include "core/config.hpp"
 #include "core/reason.hpp"
+#include "monitor/added_effects.hpp"
 #include "monitor/misfit_watch.hpp"
 #include "monitor/monitor_parameters.hpp"
 #include "trace/result.hpp"
@@ -30,9 +38,11 @@ struct MonitorNotice {
 
 // One misfit, from its detection to the comparison.
 struct Episode {
-  double noticed_s = 0, proposed_s = 0, added_s = 0, compared_s = 0;  // drive time; 0: not yet
-  double traced_s = 0;                                                // length of the traced data
-  std::string sign, sentence, toml;
+  // Drive time; 0: not yet.
+  double noticed_s = 0, proposed_s = 0, added_s = 0, compared_s = 0, taken_back_s = 0;
+  double traced_s = 0;  // length of the traced data
+  std::string sign, verdict, sentence, toml;
+  std::string taken_back;  // why, one line for each effect that was
   std::vector<std::string> kinds;
   ResidualRms before, after;                                // without and with it, after addition
   std::vector<double> innovation_before, innovation_after;  // rms of each output
@@ -41,9 +51,11 @@ struct Episode {
 struct TraceJob {
   Record record;
   Health health;
-  DriveConfig drive;  // with the effects added so far
+  DriveConfig drive;          // with the effects added so far
+  std::vector<char> judging;  // of each row of the record: the last third
 };
-// Traces a job; takes about a second. Thread-safe. `stop` as in TraceSettings.
+// Traces a job; takes about a second. Thread-safe. `stop` as in TraceSettings. Names no effect where
+// too few rows are left to judge it.
 TraceResult run(const TraceJob& job, std::function<bool()> stop = {});
 
 class LiveMonitor {
@@ -68,11 +80,15 @@ class LiveMonitor {
   // Requests the addition of the proposed effects; false without a proposal.
   bool add_proposed();
   void added(std::int64_t k);
+  // [[effect]] tables to be taken out of the running processes again, once. Pass the answer to
+  // removed() or refused().
+  std::optional<std::string> take_removal();
+  void removed(std::int64_t k);
   void refused(const std::string& why);
 
   std::int64_t last_k() const { return rows_.empty() ? -1 : rows_.back().m.k; }
   // A tick far enough ahead for the request to reach every process before it.
-  std::int64_t tick_for_addition() const;
+  std::int64_t tick_for_request() const;
   const std::vector<Episode>& episodes() const { return episodes_; }
   const char* phase() const;
   std::string to_json() const;
@@ -87,12 +103,19 @@ class LiveMonitor {
     kProposed,
     kAdding,
     kComparing,
+    kRemoving,
   };
   void block_done();
   void learn(std::size_t first, std::size_t last);
   void watch(std::size_t first, std::size_t last);
   void gather();
   void compare();
+  void report_comparison(std::int64_t from, std::int64_t to);
+  // Takes back what is worse than none; true if something is.
+  bool take_back_worse();
+  void take_back(std::vector<std::size_t> places, const std::string& why);
+  // The innovation that is worse after the last addition, in words; empty: none.
+  std::string worse_innovation(std::int64_t from, std::int64_t to) const;
   void report_no_result(const std::string& why);
   // True if every gathered block fits the model with the proposed effects.
   bool fits_throughout() const;
@@ -119,7 +142,9 @@ class LiveMonitor {
   std::vector<Episode> episodes_;
   std::vector<MonitorNotice> notices_;
   std::optional<TraceJob> job_;
-  std::optional<std::string> addition_;
+  std::optional<std::string> addition_, removal_;
+  AddedEffects added_;                 // the last effects of drive_
+  std::vector<std::size_t> removing_;  // their places, ascending
 };
 
 }  // namespace twinrate

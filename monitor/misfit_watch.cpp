@@ -150,6 +150,18 @@ BlockVerdict MisfitWatch::test(const std::deque<MeasuredRow>& rows, std::size_t 
   return verdict;
 }
 
+std::vector<Eigen::VectorXd> MisfitWatch::whitened(const std::deque<MeasuredRow>& rows,
+                                                   std::size_t first, std::size_t last,
+                                                   const Effects& model_effects) const {
+  std::vector<Eigen::VectorXd> channels;
+  for (const auto& [name, series] : series_of(rows, first, last, {}, model_effects)) {
+    const auto found = levels_.find(name);
+    if (found == levels_.end() || series.y.size() == 0) continue;
+    channels.push_back(found->second.whitener(series.y, series.runs));
+  }
+  return channels;
+}
+
 ResidualRms residual_rms(const DriveConfig& drive, const std::deque<MeasuredRow>& rows,
                          std::size_t first, std::size_t last, const Effects& model_effects) {
   const Residuals r = residuals_of(drive, rows, first, last, model_effects);

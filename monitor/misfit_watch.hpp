@@ -28,6 +28,7 @@ struct ChannelLevel {
   double excess = 1;       // mean square of the whitened block over the largest learnt one
   double consistency = 1;  // p-value
   double whiteness = 1;    // p-value
+  bool of_filter() const { return unit.empty(); }  // an innovation
 };
 
 struct BlockVerdict {
@@ -54,6 +55,10 @@ class MisfitWatch {
               const std::vector<Estimate>& estimates, const Effects& model_effects);
   BlockVerdict test(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
                     const std::vector<Estimate>& estimates, const Effects& model_effects) const;
+  // The residuals of rows [first, last) under a model, each whitened as learnt; channels that were
+  // not learnt are left out.
+  std::vector<Eigen::VectorXd> whitened(const std::deque<MeasuredRow>& rows, std::size_t first,
+                                        std::size_t last, const Effects& model_effects) const;
 
  private:
   struct Series {

@@ -3,6 +3,8 @@
 //   MEASUREMENT(k), ESTIMATE(k) -> [LiveMonitor] -> EVENT
 //                                                -> REQUEST {add effect} to estimator, gain and
 //                                                   controller: monitor.auto_add, or on request
+//                                                -> REQUEST {remove effect} to the same: what
+//                                                   makes the error larger is taken back
 //
 // Tracing runs in a separate thread; the loop does not wait for it. RUN_DIR/monitor.json holds the
 // results so far. With --follow the monitor restarts with the session or the sequence, as the
@@ -67,7 +69,8 @@ class MonitorProcess {
     }
     // A stopped trace must end before the next one starts.
     if (!trace_.valid()) begin_trace();
-    if (const auto toml = monitor_.take_addition()) begin_request(*toml);
+    if (const auto toml = monitor_.take_addition()) begin_request(RequestKind::kAddEffect, *toml);
+    if (const auto toml = monitor_.take_removal()) begin_request(RequestKind::kRemoveEffect, *toml);
     if (asking_) repeat_request();
     bool news = false;
     for (const MonitorNotice& notice : monitor_.take_notices()) {
@@ -84,11 +87,11 @@ class MonitorProcess {
       return twinrate::run(job, [stop] { return stop.stop_requested(); });
     });
   }
-  void begin_request(const std::string& toml) {
+  void begin_request(RequestKind kind, const std::string& toml) {
     request_ = {};
     request_.seq = kFirstRequest + requests_++;
-    request_.kind = static_cast<std::int32_t>(RequestKind::kAddEffect);
-    request_.value = static_cast<double>(monitor_.tick_for_addition());
+    request_.kind = static_cast<std::int32_t>(kind);
+    request_.value = static_cast<double>(monitor_.tick_for_request());
     request_.text = toml;
     answered_.clear();
     applied_ = -1;
@@ -105,10 +108,13 @@ class MonitorProcess {
     const bool complete = answered_.size() >= 3;
     if (complete || since(asked_at_) > kTimeout_s) {
       asking_ = false;
-      if (applied_ >= 0)
+      const bool adding = request_.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
+      if (applied_ < 0)
+        monitor_.refused("no estimator answered");
+      else if (adding)
         monitor_.added(applied_);
       else
-        monitor_.refused("no estimator answered");
+        monitor_.removed(applied_);
       return;
     }
     if (since(sent_at_) < kRepeat_s) return;

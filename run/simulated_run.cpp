@@ -88,27 +88,38 @@ class OwnMonitor {
     monitor_.take(tick.measurement);
     monitor_.take(tick.estimate);
     while (const auto job = monitor_.take_job()) monitor_.traced(run(*job));
-    if (const auto toml = monitor_.take_addition()) {
-      coming_ = (extended_ ? *extended_ : config_).with_effects(*toml, "monitor");
-      from_k_ = monitor_.tick_for_addition();
-    }
+    if (const auto toml = monitor_.take_addition())
+      come(present().with_effects(*toml, "monitor"), true);
+    if (const auto toml = monitor_.take_removal())
+      come(present().without_effects(*toml, "monitor", config_.drive().effects.size()), false);
     for (const MonitorNotice& notice : monitor_.take_notices())
       bus_.publish_event(notice.reason, notice.text, notice.k, tick.measurement.t_ns,
                          Role::kMonitor);
     if (coming_ && loop_.k() >= from_k_) {
       loop_.know(*coming_);
       extended_ = std::exchange(coming_, {});
-      monitor_.added(loop_.k());
+      if (adding_)
+        monitor_.added(loop_.k());
+      else
+        monitor_.removed(loop_.k());
     }
   }
 
  private:
+  const Config& present() const { return extended_ ? *extended_ : config_; }
+  void come(Config changed, bool adding) {
+    coming_ = std::move(changed);
+    adding_ = adding;
+    from_k_ = monitor_.tick_for_request();
+  }
+
   Config& config_;
   SimulatedBus& bus_;
   ClosedLoop& loop_;
   std::string directory_;
   LiveMonitor monitor_;
   std::optional<Config> extended_, coming_;
+  bool adding_ = true;
   std::int64_t from_k_ = 0;
 };
 

@@ -1,6 +1,6 @@
-// twinrate monitor add: adds effects to the model of a running drive.
+// twinrate monitor add: adds effects to the model of a running drive; remove: takes them out again.
 //
-//   no file   the effects proposed by twinrate-monitor
+//   no file   the effects proposed by twinrate-monitor (add)
 //   FILE      the [[effect]] tables of a file, sent to estimator, gain and controller
 #include <fmt/format.h>
 
@@ -21,6 +21,7 @@ using Clock = std::chrono::steady_clock;
 struct MonitorOptions {
   std::string file, url, channel_suffix;
   std::int64_t tick = 0;
+  bool remove = false;
 };
 
 constexpr double kTimeout_s = 3, kRepeat_s = 0.1;
@@ -29,6 +30,7 @@ request_t request_of(const MonitorOptions& o) {
   request_t request{};
   request.seq = new_session_id();  // unique
   request.kind = static_cast<std::int32_t>(o.file.empty() ? RequestKind::kAddProposed
+                                           : o.remove     ? RequestKind::kRemoveEffect
                                                           : RequestKind::kAddEffect);
   if (o.file.empty()) return request;
   std::ifstream in(o.file);
@@ -54,7 +56,7 @@ std::string with_file_name(const std::string& refusal, const std::string& file) 
   return refusal.starts_with(source) ? file + refusal.substr(source.size() - 1) : refusal;
 }
 
-int add(const MonitorOptions& o) {
+int change(const MonitorOptions& o) {
   const request_t request = request_of(o);
   Bus bus({.url = o.url, .channel_suffix = o.channel_suffix, .role = Role::kSupervisor});
   std::set<int> answered;
@@ -90,20 +92,29 @@ int add(const MonitorOptions& o) {
 }  // namespace
 
 void add_monitor_verb(CLI::App& app, int& exit_code) {
-  auto o = std::make_shared<MonitorOptions>();
-  CLI::App* verb = app.add_subcommand("monitor", "Extend the model of a running drive");
+  CLI::App* verb =
+      app.add_subcommand("monitor", "Extend the model of a running drive, or take that back");
   verb->require_subcommand(1);
-  CLI::App* sub = verb->add_subcommand(
-      "add",
-      "Add the effects that the monitor proposed, or those of FILE, to the running estimator, "
-      "gain and controller");
-  sub->add_option("FILE", o->file, "add the [[effect]] tables of this file")
-      ->check(CLI::ExistingFile);
-  sub->add_option("--tick", o->tick,
-                  "add the effects of FILE at this tick (default: the next one)");
-  sub->add_option("--lcm-url", o->url, "use this LCM URL");
-  sub->add_option("--channel-suffix", o->channel_suffix, "append this text to every channel name");
-  sub->callback([o, &exit_code] { exit_code = add(*o); });
+  const auto add_one = [&](const char* name, const char* help, bool remove) {
+    auto o = std::make_shared<MonitorOptions>();
+    o->remove = remove;
+    CLI::App* sub = verb->add_subcommand(name, help);
+    CLI::Option* file = sub->add_option("FILE", o->file, "the [[effect]] tables of this file");
+    file->check(CLI::ExistingFile)->required(remove);
+    sub->add_option("--tick", o->tick, "the tick from which on FILE holds (default: the next one)");
+    sub->add_option("--lcm-url", o->url, "use this LCM URL");
+    sub->add_option("--channel-suffix", o->channel_suffix,
+                    "append this text to every channel name");
+    sub->callback([o, &exit_code] { exit_code = change(*o); });
+  };
+  add_one("add",
+          "Add the effects that the monitor proposed, or those of FILE, to the running estimator, "
+          "gain and controller",
+          false);
+  add_one("remove",
+          "Take the effects of FILE, as they were added, out of the running estimator, gain and "
+          "controller",
+          true);
 }
 
 }  // namespace twinrate

@@ -35,9 +35,17 @@ auto_add = true
 gather_s = 1.5
 )";
 
+std::shared_ptr<const Effect> effect_of(const std::string& kind) {
+  Config config = Config::parse("preset = \"niewiara2020\"\n[[effect]]\nkind = \"" + kind +
+                                    "\"\nused_in = \"model\"\ntorque_Nm = 0.2\n",
+                                "one");
+  return config.drive().effects.back().effect;
+}
+
 struct Outcome {
   std::vector<MonitorNotice> notices;
   std::vector<Episode> episodes;
+  std::size_t model_effects = 0;  // at the end
 };
 
 const char* const kDeadTime =
@@ -60,6 +68,7 @@ Outcome watch(const std::string& effects, const Circumstances& with = {}) {
   LiveMonitor monitor(config);
   std::optional<Config> extended, coming;
   std::int64_t from = 0;
+  bool adding = true;
   Outcome outcome;
   while (loop.k() < config.drive().steps()) {
     const TickRecord& tick = loop.step();
@@ -70,18 +79,26 @@ Outcome watch(const std::string& effects, const Circumstances& with = {}) {
     monitor.take(m);
     monitor.take(tick.estimate);
     while (const auto job = monitor.take_job()) monitor.traced(with.tracer(*job));
+    const Config& present = extended ? *extended : config;
     if (const auto toml = monitor.take_addition()) {
-      coming = (extended ? *extended : config).with_effects(*toml, "test");
-      from = monitor.tick_for_addition();
+      coming = present.with_effects(*toml, "test");
+      adding = true;
+      from = monitor.tick_for_request();
+    }
+    if (const auto toml = monitor.take_removal()) {
+      coming = present.without_effects(*toml, "test", config.drive().effects.size());
+      adding = false;
+      from = monitor.tick_for_request();
     }
     for (MonitorNotice& notice : monitor.take_notices()) outcome.notices.push_back(notice);
     if (coming && loop.k() >= from) {
       loop.know(*coming);
       extended = std::exchange(coming, {});
-      monitor.added(loop.k());
+      adding ? monitor.added(loop.k()) : monitor.removed(loop.k());
     }
   }
   outcome.episodes = monitor.episodes();
+  outcome.model_effects = (extended ? *extended : config).drive().model_effects().size();
   return outcome;
 }
 
@@ -159,7 +176,7 @@ TEST(LiveMonitor, AnAdditionIsAnnouncedATenthOfASecondAhead) {
   Config config = Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live");
   LiveMonitor monitor(config);
   monitor.take(Measurement{.k = 100});
-  EXPECT_EQ(monitor.tick_for_addition(), 100 + 1000);  // at 10 kHz
+  EXPECT_EQ(monitor.tick_for_request(), 100 + 1000);  // at 10 kHz
 }
 
 // The first traced data contain one of the two effects only in part: the tracer finds a resistance
@@ -177,6 +194,67 @@ TEST(LiveMonitor, GathersAgainUntilTwoEffectsActInAllData) {
   EXPECT_NEAR(get_key(*effects[0], "dead_time_s"), 2e-6, 2e-8);
   EXPECT_NEAR(get_key(*effects[1], "change_Ohm"), 0.42, 0.02);
   EXPECT_GT(e.proposed_s, 5.5);
+}
+
+// A misfit of the voltage is "explained" by a friction that the drive does not have.
+TEST(LiveMonitor, TakesBackAnEffectThatMakesTheErrorLarger) {
+  const Outcome outcome =
+      watch(kDeadTime, {.overrides = {"monitor.gather_s=0.5"}, .tracer = [](const TraceJob&) {
+                          TraceResult wrong;
+                          wrong.verdict = "traced";
+                          wrong.sentence = "The model lacks friction.";
+                          TracedEffect friction;
+                          friction.effect = effect_of("coulomb_friction");
+                          wrong.effects.push_back(friction);
+                          return wrong;
+                        }});
+  ASSERT_FALSE(outcome.episodes.empty());
+  const Episode& e = outcome.episodes[0];
+  EXPECT_GT(e.added_s, 0);
+  EXPECT_GT(e.taken_back_s, e.added_s);
+  EXPECT_LT(e.taken_back_s, e.added_s + 2);
+  EXPECT_NE(e.taken_back.find("coulomb_friction: "), std::string::npos) << e.taken_back;
+  EXPECT_EQ(outcome.model_effects, 0u);
+  EXPECT_TRUE(std::any_of(outcome.notices.begin(), outcome.notices.end(),
+                          [](const auto& n) { return n.reason == Reason::kEffectTakenBack; }));
+}
+
+// Of a drive with and without a dead time, with one profile.
+RawLog rows_of(const std::string& effects, double from_s, double to_s) {
+  const std::string none = effects.empty() ? "effect = []\n" : "";
+  Config config =
+      Config::parse("preset = \"niewiara2020\"\n" + none + kDrive + effects, "live", {});
+  read_all_tables(config);
+  ClosedLoop loop(config);
+  std::deque<MeasuredRow> rows;
+  const DriveConfig& drive = config.drive();
+  DeclaredLoad load(drive);
+  while (static_cast<double>(loop.k()) * drive.T_s() < to_s) {
+    const Measurement m = loop.step().measurement;
+    const double t_s = static_cast<double>(m.k) * drive.T_s(), T_load = load.at(t_s);
+    if (t_s >= from_s) rows.push_back({m, T_load});
+  }
+  return raw_log_of(rows, 0, rows.size());
+}
+
+TEST(LiveMonitor, NamesNothingThatTheRowsAfterTheFitWindowDoNotShow) {
+  const auto traced = [](const RawLog& fitted, const RawLog& after) {
+    const Config config =
+        Config::parse(std::string("preset = \"niewiara2020\"\neffect = []\n") + kDrive, "live", {});
+    TraceJob job{.drive = config.drive()};
+    job.record = make_record(fitted, job.drive.machine.n_p, job.health);
+    job.judging.assign(job.record.size(), 0);
+    job.record.append(make_record(after, job.drive.machine.n_p, job.health));
+    job.judging.resize(job.record.size(), 1);
+    return run(job);
+  };
+  const std::string dead_time = "[[effect]]\nkind = \"dead_time\"\ndead_time_s = 2e-6\n";
+  const RawLog with = rows_of(dead_time, 0.5, 2), with_after = rows_of(dead_time, 2, 2.75);
+  const TraceResult stays = traced(with, with_after);
+  ASSERT_EQ(stays.effects.size(), 1u) << stays.sentence;
+  EXPECT_EQ(stays.effects[0].effect->kind(), "dead_time");
+  const TraceResult ends = traced(with, rows_of("", 2, 2.75));
+  EXPECT_TRUE(ends.effects.empty()) << ends.sentence;
 }
 
 }  // namespace

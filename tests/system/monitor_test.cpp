@@ -16,6 +16,8 @@ using Json = nlohmann::json;
 
 const char* const kDrive = R"(
 preset = "niewiara2020"
+[rates]
+f_s_Hz = 5000.0
 [controller]
 kind = "foc"
 angle_source = "measured"
@@ -29,15 +31,15 @@ slew_rad_s2 = 300.0
 T_load_Nm = [[0, 1], [0.25, 1], [0.75, 2.5], [1.25, 1.5], [1.75, 3], [2.25, 1], [2.75, 2.5], [3.25, 1.5], [3.75, 3], [4.25, 1], [4.75, 2.5]]
 slew_Nm_s = 15.0
 [run]
-duration_s = 5.0
+duration_s = 4.6
 settle_s = 0.3
 [monitor]
 learn_s = 1.0
-gather_s = 1.0
+gather_s = 1.5
 [[effect]]
 kind = "resistance"
 change_Ohm = 0.42
-from_s = 2.0
+from_s = 1.6
 )";
 
 class Monitor : public ProgramTest {
@@ -62,8 +64,8 @@ TEST_F(Monitor, ReportsProposesAndAddsAnEffectThatStartsDuringTheRun) {
   const RunLog log = read_run_log(path("run"));
   const auto misfit = events(log, Reason::kModelMisfit);
   ASSERT_FALSE(misfit.empty());
-  EXPECT_GT(misfit[0].k, 20000);
-  EXPECT_LT(misfit[0].k, 28000);
+  EXPECT_GT(misfit[0].k, 8000);
+  EXPECT_LT(misfit[0].k, 12000);
   const auto proposed = events(log, Reason::kEffectProposed);
   ASSERT_FALSE(proposed.empty());
   EXPECT_NE(proposed[0].text.find("kind = \"resistance\""), std::string::npos) << proposed[0].text;
