@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "drive_log/moments.hpp"
+#include "trace/change_points.hpp"
 
 namespace twinrate {
 
@@ -16,10 +17,10 @@ TraceResult trace_drive_logs(const DriveLogs& logs, const std::vector<char>& hel
                              const DriveConfig& drive, const TraceSettings& settings) {
   TraceSettings of_files = settings;
   for (const DriveLog& file : logs.files) {
-    of_files.files.push_back({file.path, file.first, file.end, file.held_out});
+    of_files.files.push_back({file.path, file.first, file.end, file.held_out, file.time_offset_s});
     if (file.held_out) of_files.fit_judging_rows = false;
   }
-  TraceResult result = trace_record(logs.record, drive, logs.health, of_files, held_out);
+  TraceResult result = trace_with_changes(logs.record, drive, logs.health, of_files, held_out);
   find_moments(logs, drive, result);
   for (const DriveLog& file : logs.files)
     (file.held_out ? result.held_out_sources : result.sources).push_back(file.path);

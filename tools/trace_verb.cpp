@@ -74,6 +74,16 @@ void expect_different(const std::vector<std::string>& data,
     }
 }
 
+// "; from 4.3 s", "; in a.csv only": the part of the data that an effect acts in.
+std::string part_of(const TracedEffect& e) {
+  if (!e.only_in_part) return "";
+  std::string text;
+  if (e.from_s) text += fmt::format("; from {:.4g} s", *e.from_s);
+  if (e.to_s) text += fmt::format("; until {:.4g} s", *e.to_s);
+  if (!e.files.empty() && text.empty()) text = fmt::format("; in {}", fmt::join(e.files, ", "));
+  return text;
+}
+
 void print_result(const TraceResult& r, const std::string& out) {
   fmt::print("{}\n", r.sentence);
   for (const TracedEffect& e : r.effects) {
@@ -85,7 +95,8 @@ void print_result(const TraceResult& r, const std::string& out) {
         parameters.push_back(fmt::format("{} {:.4g}{}{}", p.name, p.value,
                                          p.sigma ? fmt::format(" +- {:.2g}", *p.sigma) : "",
                                          p.unit == "1" ? "" : " " + p.unit));
-    fmt::print("  {} ({}): {}\n", e.effect->kind(), e.equation, fmt::join(parameters, ", "));
+    fmt::print("  {} ({}): {}{}\n", e.effect->kind(), e.equation, fmt::join(parameters, ", "),
+               part_of(e));
     if (e.from_samples)
       fmt::print("      found in the raw samples\n");
     else

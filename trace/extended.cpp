@@ -16,17 +16,21 @@ std::string extended_toml(const Config& config, const TraceResult& result, bool 
   }
   const UsedIn used_in = keep_plant ? UsedIn::kModel : UsedIn::kBoth;
   for (const TracedEffect& e : result.effects)
-    if (!e.only_in_log) effects.push_back({e.effect, used_in});
-  for (const TracedEffect& e : result.stop_gaps) effects.push_back({e.effect, used_in});
+    if (!e.only_in_log && !e.only_in_part) effects.push_back({e.effect, used_in});
+  for (const TracedEffect& e : result.stop_gaps)
+    if (!e.only_in_part) effects.push_back({e.effect, used_in});
   std::string head = "# " + result.sentence + "\n";
   for (const std::string& source : result.sources) head += "# traced from " + source + "\n";
   for (const TracedEffect& e : result.effects)
-    if (e.only_in_log)
+    if (e.only_in_part)
+      head += fmt::format("# left out: {}, found in a part of the data only\n", e.effect->kind());
+    else if (e.only_in_log)
       head +=
           fmt::format("# left out: {}, an error of the log, not of the drive\n", e.effect->kind());
   for (const TracedEffect& e : result.stop_gaps)
-    head += fmt::format("# {} is a stop-gap: it describes the data without a cause\n",
-                        e.effect->kind());
+    if (!e.only_in_part)
+      head += fmt::format("# {} is a stop-gap: it describes the data without a cause\n",
+                          e.effect->kind());
   if (left_out > 0)
     head += fmt::format(
         "# left out: {} effects of the simulated plant; the traced effects replace them\n",

@@ -39,7 +39,23 @@ json effect_json(const TracedEffect& e) {
           {"equation", e.equation},
           {"parameters", parameters},
           {"evidence", evidence},
-          {"aliases", e.aliases}};
+          {"aliases", e.aliases},
+          {"from_s", e.from_s ? number(*e.from_s) : json(nullptr)},
+          {"to_s", e.to_s ? number(*e.to_s) : json(nullptr)},
+          {"files", e.files}};
+}
+
+json changes_json(const TraceResult& r) {
+  json list = json::array();
+  for (const DriveChange& c : r.changes)
+    list.push_back({{"t_s", c.between.empty() ? number(c.t_s) : json(nullptr)},
+                    {"earliest_s", c.between.empty() ? number(c.from_s) : json(nullptr)},
+                    {"latest_s", c.between.empty() ? number(c.to_s) : json(nullptr)},
+                    {"file", c.file},
+                    {"between", c.between},
+                    {"before", c.before},
+                    {"behind", c.behind}});
+  return list;
 }
 
 json pair_json(const ErrorPair& e) {
@@ -81,7 +97,7 @@ json stop_gap_json(const TraceResult& r) {
   json list = json::array();
   for (const TracedEffect& e : r.stop_gaps) {
     json row = effect_json(e);
-    row["in_extended_toml"] = true;
+    row["in_extended_toml"] = !e.only_in_part;
     list.push_back(row);
   }
   for (const CorrectionTable& c : r.corrections)
@@ -167,6 +183,7 @@ std::string to_json(const TraceResult& r) {
               {"health", r.health},
               {"effects", effects},
               {"ambiguous", ambiguous},
+              {"changes", changes_json(r)},
               {"unexplained", {{"structured", r.structured}, {"where", where}}},
               {"stop_gap", stop_gap_json(r)},
               {"error", error_json(r)},

@@ -34,6 +34,11 @@ struct TracedEffect {
   double materiality = 0;            // size over the smallest worth reporting
   std::vector<std::string> aliases;  // kinds that explain the same as well
   bool only_in_log = false;          // spoils what is logged, not what the drive runs on
+  // Of a part of the record (trace/change_points.hpp): when it begins and ends, where that is inside
+  // a file, and the files of the part.
+  bool only_in_part = false;
+  std::optional<double> from_s, to_s;
+  std::vector<std::string> files;
   bool from_samples = false;      // found in the raw samples (clipping, missing rows), not fitted
   std::vector<EffectView> views;  // for the pictures: the channels that it shows in
 };
@@ -78,6 +83,14 @@ struct Structure {
   double frequency_Hz = 0, order = 0;  // of a line
   bool bursts = false;                 // now and then, whatever the regressor
   std::string text;
+};
+
+// A moment at which the drive changes.
+struct DriveChange {
+  double t_s = 0, from_s = 0, to_s = 0;  // of the file's time, and the range that it may lie in
+  std::string file;                      // where there are several
+  std::string between;                   // two files, where it is their border: no time then
+  std::string before, behind;            // kinds named before and behind it
 };
 
 struct ErrorPair {
@@ -141,6 +154,7 @@ struct TraceResult {
   std::vector<Inconsistency> inconsistent;
   std::vector<Ambiguity> ambiguous;
   std::vector<Structure> unexplained;
+  std::vector<DriveChange> changes;
   std::vector<CorrectionTable> corrections;  // of the unexplained, as stop-gaps
   bool structured = false;
   std::optional<EquationError> electrical, mechanical;

@@ -13,6 +13,7 @@ struct SourceRows {
   std::string path;
   std::size_t first = 0, end = 0;
   bool held_out = false;
+  double time_offset_s = 0;  // time in the record less time in the file
 };
 
 struct TraceSettings {

@@ -1,0 +1,114 @@
+// Something begins, ends or changes within a log: it is dated, and nothing is told of the whole log
+// that holds in a part of it.
+#include "trace/change_points.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/synthetic_drive.hpp"
+#include "trace/keys.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kFriction_Nm = 0.3, kCogging_Nm = 0.25;
+
+Record record_of(const RawLog& raw) {
+  Health health;
+  return make_record(raw, servo().machine.n_p, health);
+}
+TraceResult traced(const Record& record, std::vector<SourceRows> files = {}) {
+  TraceSettings settings;
+  settings.files = std::move(files);
+  return trace_with_changes(record, servo(), {}, settings, {});
+}
+double friction(double omega) {
+  return kFriction_Nm * std::tanh(omega / 0.02);
+}
+double cogging(double theta) {
+  return kCogging_Nm * std::sin(12 * theta + 0.5);
+}
+const TracedEffect* find(const TraceResult& r, const std::string& kind) {
+  for (const TracedEffect& e : r.effects)
+    if (e.effect->kind() == kind) return &e;
+  return nullptr;
+}
+
+TEST(ChangePoints, FrictionThatBeginsIsDatedAndActsFromThenOn) {
+  constexpr double kBegin_s = 2.845;
+  const TraceResult r = traced(record_of(simulate_synthetic(
+      {.T_s = 2e-4, .duration_s = 6, .extra_load = [](double t, double, double omega) {
+         return t < kBegin_s ? 0 : friction(omega);
+       }})));
+  ASSERT_EQ(r.changes.size(), 1u) << r.sentence;
+  EXPECT_LT(r.changes[0].from_s, kBegin_s);
+  EXPECT_GT(r.changes[0].to_s, kBegin_s);
+  EXPECT_LT(r.changes[0].to_s - r.changes[0].from_s, 0.1);
+  const TracedEffect* e = find(r, "coulomb_friction");
+  ASSERT_TRUE(e) << r.sentence;
+  EXPECT_NEAR(get_key(*e->effect, "torque_Nm"), kFriction_Nm, 0.02);
+  EXPECT_TRUE(e->only_in_part);
+  ASSERT_TRUE(e->from_s);
+  EXPECT_NEAR(*e->from_s, kBegin_s, 0.02);
+  EXPECT_FALSE(e->to_s);
+}
+
+TEST(ChangePoints, WhatActsThroughoutHasNoDate) {
+  const TraceResult r = traced(record_of(simulate_synthetic(
+      {.T_s = 2e-4, .duration_s = 6, .extra_load = [](double, double, double omega) {
+         return friction(omega);
+       }})));
+  EXPECT_TRUE(r.changes.empty()) << r.sentence;
+  ASSERT_TRUE(find(r, "coulomb_friction")) << r.sentence;
+  EXPECT_FALSE(find(r, "coulomb_friction")->only_in_part);
+}
+
+// The cogging stays where it is; its angle is read from another zero.
+TEST(ChangePoints, AZeroOfTheAngleThatJumpsIsAnOffsetFromThenOn) {
+  constexpr double kJump_s = 3.1, kJump_rad = 0.02;
+  RawLog raw = simulate_synthetic(
+      {.T_s = 2e-4, .duration_s = 6, .extra_load = [](double, double theta, double) {
+         return cogging(theta);
+       }});
+  for (std::size_t k = 0; k < raw.size(); ++k)
+    if (raw.t[k] >= kJump_s) raw.theta_m[k] += kJump_rad;
+  const TraceResult r = traced(record_of(raw));
+  ASSERT_EQ(r.changes.size(), 1u) << r.sentence;
+  EXPECT_TRUE(r.sentence.starts_with("The zero of theta_m changes at ")) << r.sentence;
+  EXPECT_LT(r.changes[0].from_s, kJump_s);
+  EXPECT_GT(r.changes[0].to_s, kJump_s);
+  const TracedEffect *zero = find(r, "encoder_offset"), *torque = find(r, "cogging");
+  ASSERT_TRUE(zero && torque) << r.sentence;
+  EXPECT_NEAR(get_key(*zero->effect, "offset_rad"), kJump_rad, 2e-4);
+  EXPECT_TRUE(zero->only_in_part);
+  EXPECT_NEAR(get_key(*torque->effect, "phase_rad"), 0.5, 0.03);
+  EXPECT_FALSE(torque->only_in_part);
+}
+
+TEST(ChangePoints, AFileWithAnotherZeroIsThatFilesOffset) {
+  Record all;
+  std::vector<SourceRows> files;
+  for (const char* name : {"a.csv", "b.csv", "c.csv"}) {
+    const bool other = name[0] == 'b';
+    RawLog raw = simulate_synthetic(
+        {.T_s = 2e-4,
+         .duration_s = 2.5,
+         .extra_load = [](double, double theta, double) { return cogging(theta); },
+         .offset_theta = other ? 0.03 : 0});
+    const std::size_t first = all.size();
+    all.append(record_of(raw));
+    files.push_back({.path = name, .first = first, .end = all.size()});
+  }
+  const TraceResult r = traced(all, files);
+  ASSERT_EQ(r.changes.size(), 2u) << r.sentence;
+  EXPECT_EQ(r.changes[0].between, "a.csv and b.csv");
+  EXPECT_EQ(r.changes[1].between, "b.csv and c.csv");
+  const TracedEffect* zero = find(r, "encoder_offset");
+  ASSERT_TRUE(zero) << r.sentence;
+  EXPECT_NEAR(get_key(*zero->effect, "offset_rad"), 0.03, 2e-4);
+  EXPECT_EQ(zero->files, std::vector<std::string>{"b.csv"});
+  EXPECT_FALSE(zero->from_s);
+  EXPECT_EQ(r.files.size(), 3u);
+}
+
+}  // namespace
+}  // namespace twinrate

@@ -1,0 +1,457 @@
+#include "trace/change_points.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "model/effects/catalogue.hpp"
+#include "trace/gate.hpp"
+#include "trace/statistics.hpp"
+#include "trace/suspicion.hpp"
+#include "trace/thinning.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kShortest_s = 1;    // part that is traced for itself
+constexpr double kLikely = 55;       // of the sum of squares, not whitened: a likelihood ratio of
+                                     // 0.001 of noise whose four neighbours are alike
+constexpr double kReach_s = 8e-3;    // of the low-pass and of what follows a step of the angle
+constexpr std::size_t kPieces = 96;  // of a side, that vote
+constexpr int kDepth = 2;            // halvings: four parts at most
+
+template <class T>
+std::vector<T> part(const std::vector<T>& x, std::size_t first, std::size_t end) {
+  if (x.empty()) return {};
+  return {x.begin() + static_cast<std::ptrdiff_t>(first),
+          x.begin() + static_cast<std::ptrdiff_t>(end)};
+}
+
+Record part(const Record& whole, std::size_t first, std::size_t end) {
+  Record r = whole;
+  r.t = part(whole.t, first, end);
+  r.u_alphabeta = part(whole.u_alphabeta, first, end);
+  r.i_alphabeta = part(whole.i_alphabeta, first, end);
+  r.theta_m = part(whole.theta_m, first, end);
+  r.v_dc = part(whole.v_dc, first, end);
+  r.T_load = part(whole.T_load, first, end);
+  r.electrical_ok = part(whole.electrical_ok, first, end);
+  r.motion_ok = part(whole.motion_ok, first, end);
+  return r;
+}
+
+// Rows [first, end) of the record, traced for themselves.
+struct Part {
+  std::size_t first = 0, end = 0;
+  TraceResult result;
+  Effects effects() const {
+    Effects some;
+    for (const TracedEffect& e : result.effects)
+      if (!e.from_samples) some.push_back(e.effect);
+    return some;
+  }
+};
+
+// e_1 and e_2 over the whole record, whitened alike.
+class Contest {
+ public:
+  // `border`: row from which on the second holds.
+  Contest(const Record& whole, const DriveConfig& drive, const Effects& before,
+          const Effects& behind, std::size_t border)
+      : rows_(rows_as_one(whole.T_s)),
+        record_(thinned(whole, rows_, drive.machine.n_p)),
+        equations_(record_, drive.facts(), drive.model_effects()),
+        sampler_(record_, moving_rows(record_), std::vector<char>(record_.size(), 0)) {
+    const Channels e_1 = equations_.residual(before), e_2 = equations_.residual(behind);
+    const auto row_of = [&](const Runs& runs, Eigen::Index i) {
+      return runs.row[static_cast<std::size_t>(i)] * whole.size() / record_.size();
+    };
+    const auto add = [&](auto member, const Runs& runs) {
+      if ((e_1.*member).empty()) return;
+      const Eigen::VectorXd y_1 = sampler_(e_1.*member, runs), y_2 = sampler_(e_2.*member, runs);
+      if (!y_1.size() || (y_2 - y_1).squaredNorm() <= Criterion{}.silent * y_1.squaredNorm())
+        return;
+      Eigen::VectorXd left = y_1;  // of the two in turn: the noise
+      for (Eigen::Index i = 0; i < left.size(); ++i)
+        if (row_of(runs, i) >= border) left[i] = y_2[i];
+      const double noise = left.squaredNorm() / static_cast<double>(left.size());
+      const Whitener white(left, runs);
+      const Eigen::VectorXd w_1 = white(y_1, runs), w_2 = white(y_2, runs);
+      for (Eigen::Index i = 0; i < w_1.size(); ++i)
+        terms_.push_back({.row = row_of(runs, i),
+                          .e_1 = w_1[i] * w_1[i],
+                          .e_2 = w_2[i] * w_2[i],
+                          .fall = (y_1[i] * y_1[i] - y_2[i] * y_2[i]) / noise});
+    };
+    add(&Channels::d, sampler_.electrical());
+    add(&Channels::q, sampler_.electrical());
+    add(&Channels::torque, sampler_.torque());
+    std::sort(terms_.begin(), terms_.end(),
+              [](const Term& a, const Term& b) { return a.row < b.row; });
+  }
+  // Chance that the second (or first) looks better on rows [first, end) of those that judge; 1: it
+  // does not.
+  double p_better(bool second, std::size_t first, std::size_t end,
+                  const std::vector<char>& judging) const {
+    std::vector<double> one(kPieces, 0), two(kPieces, 0), votes;
+    for (const Term& term : terms_) {
+      if (term.row < first || term.row >= end || !judging[term.row]) continue;
+      const std::size_t b = kPieces * (term.row - first) / (end - first);
+      one[b] += second ? term.e_1 : term.e_2;
+      two[b] += second ? term.e_2 : term.e_1;
+    }
+    double sum_1 = 0, sum_2 = 0;
+    for (std::size_t b = 0; b < kPieces; ++b) {
+      sum_1 += one[b], sum_2 += two[b];
+      if (one[b] > 0 && two[b] > 0 && std::abs(one[b] - two[b]) > Criterion{}.silent * one[b])
+        votes.push_back(0.5 * std::log(one[b] / two[b]));
+    }
+    return sum_2 < sum_1 ? signed_rank_tail(votes) : 1;
+  }
+  // Rows between which the change lies, and the likeliest: {least, likeliest, most}.
+  std::array<std::size_t, 3> moment(std::size_t first, std::size_t end) const {
+    double sum = 0, least = 0;
+    std::size_t best = first;
+    std::vector<std::pair<std::size_t, double>> sums;  // of e_1^2 - e_2^2 up to a row
+    for (const Term& term : terms_) {
+      if (term.row < first || term.row >= end) continue;
+      sum += term.fall;
+      sums.emplace_back(term.row, sum);
+      if (sum < least) least = sum, best = term.row;
+    }
+    std::size_t from = best, to = best;
+    for (const auto& [row, value] : sums)
+      if (value < least + kLikely) from = std::min(from, row), to = std::max(to, row);
+    const auto reach = static_cast<std::size_t>(kReach_s / record_.T_s) * rows_;  // of the low-pass
+    return {from - std::min(from - first, reach), best, std::min(end - 1, to + reach)};
+  }
+
+ private:
+  struct Term {
+    std::size_t row;
+    double e_1, e_2;  // squares, whitened
+    double fall;      // from the first to the second, not whitened, in units of the noise
+  };
+  std::size_t rows_;
+  Record record_;
+  Equations equations_;
+  Sampler sampler_;
+  std::vector<Term> terms_;
+};
+
+class Search {
+ public:
+  Search(const Record& record, const DriveConfig& drive, const Health& health,
+         const TraceSettings& settings, const std::vector<char>& held_out)
+      : record_(record), drive_(drive), health_(health), settings_(settings), held_out_(held_out) {}
+
+  // Splits `whole` where the drive changes; parts in the order of time.
+  std::vector<Part> split(Part whole, int depth) {
+    if (depth == 0 || whole.result.interrupted || !whole.result.inconsistent.empty())
+      return one(whole);
+    const std::vector<std::size_t> files = seams(whole);
+    const auto row =
+        suspicious_row(part(record_, whole.first, whole.end), drive_, whole.effects(), files);
+    if (!row) return one(whole);
+    if (!files.empty()) {
+      std::vector<Part> parts = by_files(whole, files);
+      if (parts.size() > 1) return split_each(std::move(parts), depth - 1);
+      if (std::count(files.begin(), files.end(), *row)) return one(whole);
+    }
+    std::vector<Part> sides = at_moment(whole, whole.first + *row);
+    return sides.empty() ? one(whole) : split_each(std::move(sides), depth - 1);
+  }
+  std::vector<Change> changes() {
+    std::sort(changes_.begin(), changes_.end(),
+              [](const Change& a, const Change& b) { return a.first < b.first; });
+    return changes_;
+  }
+  std::vector<std::string> files_of(const Part& p) const {
+    std::vector<std::string> some;
+    for (const SourceRows& file : settings_.files)
+      if (file.first < p.end && file.end > p.first) some.push_back(file.path);
+    return some;
+  }
+
+  // "part from 0 to 4.3 s", "part a.csv".
+  std::string part_in_words(const Part& p) const {
+    const std::vector<std::string> files = files_of(p);
+    if (settings_.files.size() > 1) return fmt::format("part {}", fmt::join(files, ", "));
+    return fmt::format("part from {:.4g} to {:.4g} s", record_.t[p.first], record_.t[p.end - 1]);
+  }
+
+ private:
+  // The two sides of a proven change near a row, without the rows of its range; empty: none is.
+  std::vector<Part> at_moment(const Part& whole, std::size_t row) {
+    const auto least = static_cast<std::size_t>(kShortest_s / record_.T_s);
+    std::size_t end = row, first = row;
+    std::optional<Change> change;
+    std::vector<Part> sides;
+    for (int round = 0; round < 2; ++round) {
+      sides.clear();
+      if (end < whole.first + least || first + least > whole.end) return {};
+      sides.push_back(traced(whole.first, end));
+      sides.push_back(traced(first, whole.end));
+      change = proven(sides.front(), sides.back(), whole);
+      if (!change) return {};
+      end = change->first, first = change->end;
+    }
+    changes_.push_back(*change);
+    return sides;
+  }
+  // Files that differ from the one before; one part where none does.
+  std::vector<Part> by_files(const Part& whole, std::vector<std::size_t> seams) {
+    const auto least = static_cast<std::size_t>(kShortest_s / record_.T_s);
+    seams.push_back(whole.end - whole.first);
+    std::vector<Part> parts;
+    std::vector<Change> changes;
+    std::size_t first = whole.first;
+    for (const std::size_t seam : seams) {
+      const std::size_t end = whole.first + seam;
+      if (end < first + least) return {};
+      Part file = traced(first, end);
+      first = end;
+      std::optional<Change> change;
+      if (!parts.empty()) change = proven(parts.back(), file, whole);
+      if (!parts.empty() && !change) {
+        parts.back() = traced(parts.back().first, end);
+        continue;
+      }
+      if (change) {
+        change->between = border(file.first);
+        change->t_s = change->from_s = change->to_s = 0;
+        change->first = change->end = file.first;
+        changes.push_back(*change);
+      }
+      parts.push_back(std::move(file));
+    }
+    changes_.insert(changes_.end(), changes.begin(), changes.end());
+    return parts;
+  }
+  std::vector<Part> split_each(std::vector<Part> parts, int depth) {
+    std::vector<Part> all;
+    for (Part& p : parts) {
+      std::vector<Part> some = split(std::move(p), depth);
+      std::move(some.begin(), some.end(), std::back_inserter(all));
+    }
+    return all;
+  }
+  const SourceRows* file_at(std::size_t row) const {
+    for (const SourceRows& file : settings_.files)
+      if (row >= file.first && row < file.end) return &file;
+    return nullptr;
+  }
+  // "a.csv and b.csv" where a file begins at this row.
+  std::string border(std::size_t row) const {
+    for (std::size_t f = 1; f < settings_.files.size(); ++f)
+      if (settings_.files[f].first == row)
+        return settings_.files[f - 1].path + " and " + settings_.files[f].path;
+    return "";
+  }
+  static std::vector<Part> one(Part& whole) {
+    std::vector<Part> parts;
+    parts.push_back(std::move(whole));
+    return parts;
+  }
+  std::vector<std::size_t> seams(const Part& p) const {
+    std::vector<std::size_t> rows;
+    for (const SourceRows& file : settings_.files)
+      if (file.first > p.first && file.first < p.end) rows.push_back(file.first - p.first);
+    return rows;
+  }
+  Part traced(std::size_t first, std::size_t end) const {
+    TraceSettings settings = settings_;
+    settings.fit_judging_rows = false;  // they have to prove the change
+    settings.files.clear();
+    for (SourceRows file : settings_.files) {
+      file.first = std::max(file.first, first), file.end = std::min(file.end, end);
+      if (file.first >= file.end) continue;
+      file.first -= first, file.end -= first;
+      settings.files.push_back(file);
+    }
+    return {first, end,
+            trace_record(part(record_, first, end), drive_, health_, settings,
+                         part(held_out_, first, end))};
+  }
+  std::optional<Change> proven(const Part& before, const Part& behind, const Part& whole) const {
+    if (!before.result.inconsistent.empty() || !behind.result.inconsistent.empty())
+      return std::nullopt;
+    const Effects one = before.effects(), two = behind.effects();
+    if (one.empty() && two.empty()) return std::nullopt;
+    const double chance = Criterion{}.chance;
+    const Contest contest(record_, drive_, one, two, behind.first);
+    if (contest.p_better(false, before.first, before.end, held_out_) > chance ||
+        contest.p_better(true, behind.first, behind.end, held_out_) > chance)
+      return std::nullopt;
+    const auto [from, at, to] = contest.moment(whole.first, whole.end);
+    const SourceRows* file = file_at(at);
+    const double offset = file ? file->time_offset_s : 0;
+    Change change{.t_s = record_.t[at] - offset,
+                  .from_s = record_.t[from] - offset,
+                  .to_s = record_.t[to] - offset,
+                  .between = {},
+                  .file = file && settings_.files.size() > 1 ? file->path : "",
+                  .first = from,
+                  .end = to + 1};
+    return change;
+  }
+
+  const Record& record_;
+  const DriveConfig& drive_;
+  const Health& health_;
+  const TraceSettings& settings_;
+  const std::vector<char>& held_out_;
+  std::vector<Change> changes_;
+};
+
+// "cogging" or "cogging of order 12", with its aliases.
+std::string name_of(const TracedEffect& e) {
+  std::string name(e.effect->kind());
+  for (const TracedParameter& p : e.parameters)
+    if (p.name == "order") name += fmt::format(" of order {:.4g}", p.value);
+  return e.aliases.empty() ? name : fmt::format("{} (or {})", name, fmt::join(e.aliases, ", "));
+}
+
+// "cogging, dead_time", or "nothing named".
+std::string kinds_of(const TraceResult& r) {
+  std::vector<std::string> kinds;
+  for (const TracedEffect& e : r.effects)
+    if (!e.from_samples) kinds.push_back(name_of(e));
+  return kinds.empty() ? "nothing named" : fmt::format("{}", fmt::join(kinds, ", "));
+}
+
+std::string when(const Change& c) {
+  if (!c.between.empty()) return "between " + c.between;
+  return fmt::format("at {:.4g} s{} (between {:.4g} and {:.4g} s)", c.t_s,
+                     c.file.empty() ? "" : " of " + c.file, c.from_s, c.to_s);
+}
+
+// The same effect, as well as both parts tell it.
+bool same(const TracedEffect& a, const TracedEffect& b) {
+  constexpr double kSigmas = 4, kShare = 0.05;
+  if (a.effect->kind() != b.effect->kind() || a.parameters.size() != b.parameters.size())
+    return false;
+  for (std::size_t k = 0; k < a.parameters.size(); ++k) {
+    const TracedParameter &x = a.parameters[k], &y = b.parameters[k];
+    const double sigma = std::hypot(x.sigma.value_or(0), y.sigma.value_or(0));
+    const double allowed = std::max(kSigmas * sigma, kShare * std::abs(x.value));
+    if (x.text != y.text || std::abs(x.value - y.value) > allowed) return false;
+  }
+  return true;
+}
+
+// Of the effects of a part, those that all other parts have, too.
+std::vector<char> throughout(const std::vector<Part>& parts, std::size_t main) {
+  std::vector<char> all;
+  for (const TracedEffect& e : parts[main].result.effects)
+    all.push_back(std::all_of(parts.begin(), parts.end(), [&](const Part& p) {
+      return std::any_of(p.result.effects.begin(), p.result.effects.end(),
+                         [&](const TracedEffect& other) { return same(e, other); });
+    }));
+  return all;
+}
+
+// Effects of a part carry its borders.
+void bound(const std::vector<Change>& changes, std::size_t n, const std::vector<std::string>& files,
+           TraceResult& r) {
+  for (TracedEffect& e : r.stop_gaps) e.only_in_part = true;
+  for (TracedEffect& e : r.effects) {
+    if (e.from_samples) continue;
+    e.only_in_part = true;
+    if (n > 0 && changes[n - 1].between.empty()) e.from_s = changes[n - 1].t_s;
+    if (n < changes.size() && changes[n].between.empty()) e.to_s = changes[n].t_s;
+    e.files = files;
+  }
+}
+
+// All that differs between the parts is the zero of the angle: of the reading, not of the drive.
+bool only_the_zero(const TraceResult& r) {
+  const std::string_view zero = make_of(Traits::Family::kAngleSensor)->kind();
+  return std::all_of(r.effects.begin(), r.effects.end(), [&](const TracedEffect& e) {
+    return !e.only_in_part || e.effect->kind() == zero;
+  });
+}
+
+// Of several parts the most doubtful one is the verdict.
+std::size_t rank(const std::string& verdict) {
+  const char* const kVerdicts[] = {"nothing_missing", "traced", "ambiguous", "unexplained"};
+  return static_cast<std::size_t>(std::find(std::begin(kVerdicts), std::end(kVerdicts), verdict) -
+                                  std::begin(kVerdicts));
+}
+
+TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes,
+                     const Search& search) {
+  std::size_t longest = 0;
+  std::vector<std::string> told;
+  for (std::size_t n = 0; n < parts.size(); ++n) {
+    if (parts[n].end - parts[n].first > parts[longest].end - parts[longest].first) longest = n;
+    bound(changes, n, search.files_of(parts[n]), parts[n].result);
+    told.push_back(kinds_of(parts[n].result));
+  }
+  const Part& main = parts[longest];
+  TraceResult r = main.result;
+  const std::vector<char> stays = throughout(parts, longest);
+  for (std::size_t m = 0; m < stays.size(); ++m)
+    if (stays[m] && !r.effects[m].from_samples) {
+      r.effects[m].only_in_part = false;
+      r.effects[m].from_s.reset(), r.effects[m].to_s.reset();
+      r.effects[m].files.clear();
+    }
+  std::vector<std::string> moments;
+  for (std::size_t n = 0; n < changes.size(); ++n) {
+    moments.push_back(when(changes[n]));
+    r.changes.push_back({changes[n].t_s, changes[n].from_s, changes[n].to_s, changes[n].file,
+                         changes[n].between, told[n], told[n + 1]});
+  }
+  std::string steps = told.front();
+  for (std::size_t n = 1; n < told.size(); ++n) steps += ", then " + told[n];
+  for (std::size_t n = 0; n < parts.size(); ++n) {
+    if (n == longest) continue;
+    for (TracedEffect& e : parts[n].result.effects) {
+      const auto of_all = [&](const TracedEffect& x) { return !x.only_in_part && same(x, e); };
+      if (e.from_samples || std::any_of(r.effects.begin(), r.effects.end(), of_all)) continue;
+      e.views.clear();
+      r.effects.push_back(std::move(e));
+    }
+    const TraceResult& other = parts[n].result;
+    for (const FileError& file : other.files)
+      if (std::none_of(r.files.begin(), r.files.end(),
+                       [&](const FileError& f) { return f.path == file.path; }))
+        r.files.push_back(file);
+    r.ambiguous.insert(r.ambiguous.end(), other.ambiguous.begin(), other.ambiguous.end());
+    if (rank(other.verdict) > rank(r.verdict)) r.verdict = other.verdict;
+  }
+  r.sentence = fmt::format("{} {}: {}. Errors and pictures are of the {}: {}",
+                           only_the_zero(r) ? "The zero of theta_m changes" : "The drive changes",
+                           fmt::join(moments, " and "), steps, search.part_in_words(main),
+                           main.result.sentence);
+  return r;
+}
+
+}  // namespace
+
+TraceResult trace_with_changes(const Record& record, const DriveConfig& drive, const Health& health,
+                               const TraceSettings& settings, std::vector<char> held_out) {
+  TraceResult whole = trace_record(record, drive, health, settings, held_out);
+  if (settings.stop && settings.stop()) return whole;
+  // A file that judges has no rows that could name what is other in it.
+  if (std::any_of(settings.files.begin(), settings.files.end(),
+                  [](const SourceRows& file) { return file.held_out; }))
+    return whole;
+  if (held_out.empty()) held_out = held_out_rows(record, settings.holdout, drive.machine.n_p);
+  Search search(record, drive, health, settings, held_out);
+  Part all{0, record.size(), whole};
+  std::vector<Part> parts;
+  try {
+    parts = search.split(std::move(all), kDepth);
+  } catch (const TraceStopped&) {
+    return whole;
+  }
+  if (parts.size() < 2) return whole;
+  return together(std::move(parts), search.changes(), search);
+}
+
+}  // namespace twinrate
