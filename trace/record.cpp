@@ -26,7 +26,7 @@ void Record::append(const Record& other) {
     if (here != there)
       throw std::runtime_error((there ? source : other.source) + ": no " + what + ", which " +
                                (there ? other.source : source) +
-                               " has; all logs need the same signals");
+                               " has; all logs need the same signals, or trace each for itself");
   };
   need(!u_alphabeta.empty(), !other.u_alphabeta.empty(), "voltage");
   need(!i_alphabeta.empty(), !other.i_alphabeta.empty(), "current");
@@ -36,11 +36,12 @@ void Record::append(const Record& other) {
   if (current_sensors != other.current_sensors)
     throw std::runtime_error(other.source + ": " + std::to_string(other.current_sensors) +
                              " currents measured, in " + source + " " +
-                             std::to_string(current_sensors) + "; all logs need the same signals");
+                             std::to_string(current_sensors) +
+                             "; all logs need the same signals, or trace each for itself");
   if (std::abs(other.T_s / T_s - 1) > 0.01)
     throw std::runtime_error(other.source + ": sampled every " + std::to_string(other.T_s) +
                              " s, " + source + " every " + std::to_string(T_s) +
-                             " s; all logs need the same rate");
+                             " s; all logs need the same rate, or trace each for itself");
   if (other.angle.lsb > angle.lsb) angle = other.angle;
   const std::size_t seam = size();
   const bool goes_on = other.t.front() > t.back() + 0.5 * T_s;
