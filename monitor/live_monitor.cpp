@@ -237,7 +237,13 @@ void LiveMonitor::traced(const TraceResult& result) {
     phase_ = Phase::kGathering;
     return;
   }
-  if (restarts_ < kMaxRestarts && !fits_throughout()) {
+  const bool unexplained = result.verdict == "unexplained";
+  if (unexplained && restarts_ == kMaxRestarts) {
+    proposed_.clear();
+    report_no_result("Not added, for a part is unexplained beside it. " + result.sentence);
+    return;
+  }
+  if (restarts_ < kMaxRestarts && (unexplained || !fits_throughout())) {
     ++restarts_;
     proposed_.clear();
     gather_from_ = last_k();

@@ -9,9 +9,10 @@
 // window_s. The effects are fitted to and chosen on the first two thirds of them; the gate
 // (trace/gate.hpp) judges on the last third, rows after the fit window that nothing else has read.
 // What does not pass is not proposed. Without a result for window_s the monitor reports it and
-// learns the present data as normal. If the extended model fits only a part of the data, another
-// effect started meanwhile: gathering restarts, up to kMaxRestarts times, so that all effects act
-// during the whole data.
+// learns the present data as normal. If the extended model fits only a part of the data, or leaves a
+// part unexplained, another effect may have started meanwhile: gathering restarts, up to
+// kMaxRestarts times, so that all effects act during the whole data. An effect beside which a part
+// stays unexplained is then reported and not proposed: it may be a part of something else.
 // After an addition the residual of the following data is computed with and without the effect, and
 // the filter's innovations before and after are compared. From then on every block judges the added
 // effects (monitor/added_effects.hpp). One that makes the error larger is taken back, and so are
