@@ -162,16 +162,25 @@ TEST_F(Monitor, AnInvalidFileIsNotSent) {
     EXPECT_NE(refusal(text).find(says), std::string::npos) << refusal(text);
 }
 
-TEST_F(Monitor, AnEffectOfAFileIsAddedFromTheNextTickOn) {
+TEST_F(Monitor, AnEffectOfAFileIsAddedFromTheNextTickOnAndRemovedAgain) {
   std::ofstream(path("own.toml")) << "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n"
                                      "change_Ohm = 0.1\n";
   Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
-  const ProgramResult result = twinrate({"monitor", "add", path("own.toml")});
+  const ProgramResult added = twinrate({"monitor", "add", path("own.toml")}),
+                      removed = twinrate({"monitor", "remove", path("own.toml")}),
+                      again = twinrate({"monitor", "remove", path("own.toml")});
   launch.signal(SIGINT);
   launch.wait(20);
-  EXPECT_EQ(result.exit_code, 0) << result.err;
-  for (const char* role : {"estimator: from tick", "gain: from tick", "controller: from tick"})
-    EXPECT_NE(result.out.find(role), std::string::npos) << result.out;
+  for (const ProgramResult& result : {added, removed}) {
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    for (const char* role : {"estimator: from tick", "gain: from tick", "controller: from tick"})
+      EXPECT_NE(result.out.find(role), std::string::npos) << result.out;
+  }
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_NE(again.err.find("own.toml: no resistance with these values was added"),
+            std::string::npos)
+      << again.err;
+  EXPECT_EQ(events(read_run_log(path("run")), Reason::kEffectRemoved).size(), 3u);
 }
 
 }  // namespace
