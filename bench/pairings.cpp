@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <map>
 #include <mutex>
@@ -94,9 +95,9 @@ void judge(Pairing& p) {
       return;
     }
     run(*config, p);
-    if (warnings.empty() || p.status == "locked") return;
+    if (warnings.empty()) return;
     p.why = p.status + "; " + warnings.front();
-    p.status = "warned";
+    if (p.status != "locked") p.status = "warned";
   } catch (const std::exception& error) {
     p.status = "error";
     p.why = error.what();
@@ -189,5 +190,8 @@ int main(int argc, char** argv) {
                  p.start, p.n, p.status, p.why);
   }
   for (const auto& [status, count] : counts) fmt::print("{} {}\n", count, status);
+  fmt::print("{} locked though check warned\n", std::count_if(all.begin(), all.end(), [](auto& p) {
+               return p.status == "locked" && !p.why.empty();
+             }));
   return counts["lost"] + counts["tripped"] + counts["error"] > 0 ? 1 : 0;
 }
