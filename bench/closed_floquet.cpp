@@ -58,7 +58,7 @@ void print_row(const std::string& preset, double f_e_Hz, int limit, Overrides ov
   const auto floquet = ClosedFloquet::of(config, kTwoPi * f_e_Hz);
   fmt::print("{:<12} {:<15} {:<4} {:>5} ", preset, d.estimator.kind, d.controller.kind, f_e_Hz);
   if (!floquet) {
-    fmt::print("no prediction: not covered, or unstable at n = 1\n");
+    fmt::print("no prediction: not covered, or no operating point\n");
     return;
   }
   const int predicted = floquet->n_max(limit);
@@ -100,7 +100,7 @@ void print_table() {
       for (const double f_e_Hz : {50, 100})
         print_row("dilys2021", f_e_Hz, 50, {kind, fmt::format("estimator.kind={}", filter)});
   }
-  print_row("dilys2021", 20, 50, kOtherWeights);
+  for (const double f_e_Hz : {20, 50, 64, 100}) print_row("dilys2021", f_e_Hz, 50, kOtherWeights);
   for (const char* filter : {"eemf", "ekf_joint", "dq_ekf"})
     print_row("kim-ipmsm", 50, 50, {fmt::format("estimator.kind={}", filter)});
   print_row("niewiara2020", 10, 50, {});

@@ -27,8 +27,8 @@ struct ControlLaw {
 namespace {
 
 constexpr double kDifference = 1e-6;
-constexpr int kSettlePasses = 60;  // of 500 ticks, towards the operating point
-constexpr double kSettled = 1e-9;  // relative change over a pass
+constexpr int kSettleSteps = 30;
+constexpr double kSettled = 1e-9;  // relative change over a tick
 constexpr int kPlantSteps = 2;     // Runge-Kutta steps in T_s
 constexpr int kNewtonSteps = 3;
 constexpr double kPeriodic = 1e-6;  // relative change over a period
@@ -252,7 +252,8 @@ VectorXd ClosedFloquet::tick(const VectorXd& z, Gain gain, std::int64_t k, int n
   return next;
 }
 
-// The fixed point with a gain every tick, from the machine at its load.
+// The fixed point with a gain every tick, by Newton's method from the machine at its load. The
+// integrators of the controller enter the equations linearly: they may start at zero.
 bool ClosedFloquet::settle() {
   const Filter& filter = *steady_.filter;
   const Gain gain = rotor_gains_of_period(steady_, 1).front();
@@ -263,14 +264,15 @@ bool ClosedFloquet::settle() {
                machine_.R_s * i_q + steady_.omega_e * machine_.psi_f);
   for (int i = 0; i < delay_; ++i) at_.segment<2>(3 + 2 * i) = u;
   at_.segment(x_at(), n_x_) = filter.steady_state(steady_.omega_m)->x_hat.head(n_x_);
-  std::int64_t k = 0;
-  for (int pass = 0; pass < kSettlePasses; ++pass) {
-    const VectorXd before = at_;
-    for (int i = 0; i < 500; ++i) at_ = tick(at_, gain, k++, 1);
-    if (!at_.allFinite()) return false;
-    if ((at_ - before).norm() <= kSettled * at_.norm()) break;
+  const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(at_.size(), at_.size());
+  for (int step = 0; step < kSettleSteps; ++step) {
+    const VectorXd off = tick(at_, gain, 0, 1) - at_;
+    if (!off.allFinite()) return false;
+    if (off.norm() <= kSettled * at_.norm()) break;
+    at_ += linear::solve(I - derivative(at_, gain, 0, 1), off);
   }
-  return std::abs(at_[2] - steady_.omega_m) < 0.01 * std::abs(steady_.omega_m);
+  return std::abs(at_[2] - steady_.omega_m) < 0.01 * std::abs(steady_.omega_m) &&
+         std::abs(angle_error(at_, 0)) < kPi / 4;
 }
 
 Eigen::MatrixXd ClosedFloquet::derivative(const VectorXd& z, const Gain& gain, std::int64_t k,

@@ -31,7 +31,7 @@ struct ControlLaw;
 
 class ClosedFloquet {
  public:
-  // Empty if the drive is not covered, or has no stable operating point with a gain every tick.
+  // Empty if the drive is not covered, or no operating point is found.
   // `policy`: instead of that of the drive file.
   static std::optional<ClosedFloquet> of(Config& config, double omega_e,
                                          std::optional<GainPolicy> policy = {});

@@ -319,7 +319,7 @@ class Theory {
     const auto closed = ClosedFloquet::of(config_, omega_e);
     // Upward from 1: beyond the first loss there are islands of stability.
     int held = closed ? closed->n_max(limit) : n_max_by_formula(steady, limit);
-    if (held == 0) held = n_max_by_floquet(steady, limit);
+    if (!closed && held == 0) held = n_max_by_floquet(steady, limit);
     if (held >= limit) return gains_slower_than_the_feedback();
     return fmt::format(
         "{} may lose synchronism: at {:.4g} rad/s electrical a gain of policy {} holds up "
