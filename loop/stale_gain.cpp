@@ -62,19 +62,26 @@ Square turn(int n_x, int pairs, double angle) {
 }
 
 // Runs the background in steady state until its gain is periodic; returns the last gain.
-Gain periodic_gain(const Steady& s, int n) {
+Gain find_periodic_gain(const Steady& s, int n) {
   BackgroundLoop background(s.filter, s.policy, n, s.span_omega_m);
-  Gain before;
+  Gain rotor;
+  auto K_before = rotor.K;
   for (int period = 0; period < kMaxPeriods; ++period) {
-    const Gain& gain = background.step(at_tick(s, static_cast<std::int64_t>(period) * n));
-    Gain rotor = gain;
-    GainFrame(s.filter->turning_pairs(), -gain.theta_e).turn_gain(rotor);
-    const bool repeats = (rotor.K - before.K).lpNorm<Eigen::Infinity>() <=
+    copy_gain(rotor, background.step(at_tick(s, static_cast<std::int64_t>(period) * n)));
+    GainFrame(s.filter->turning_pairs(), -rotor.theta_e).turn_gain(rotor);
+    const bool repeats = (rotor.K - K_before).lpNorm<Eigen::Infinity>() <=
                          kGainTolerance * rotor.K.lpNorm<Eigen::Infinity>();
-    before = rotor;
+    K_before = rotor.K;
     if (repeats && period > 10) break;
   }
   return background.last();
+}
+
+Gain periodic_gain(const Steady& s, int n) {
+  if (!s.found) return find_periodic_gain(s, n);
+  const auto known = s.found->find(n);
+  if (known != s.found->end()) return known->second;
+  return s.found->emplace(n, find_periodic_gain(s, n)).first->second;
 }
 
 }  // namespace

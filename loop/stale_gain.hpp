@@ -10,6 +10,7 @@
 //             policy uses it in steady state: stable if the spectral radius rho < 1. Uses every
 //             stale angle of the period instead of the mean.
 #pragma once
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -22,6 +23,8 @@ struct Steady {
   GainPolicy policy;
   double omega_m = 0, omega_e = 0, T_s = 0;
   double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
+  // Periodic gains by n that the functions below have found for this steady state; may be null.
+  std::shared_ptr<std::map<int, Gain>> found = nullptr;
 };
 
 // The gains of one background period of n ticks in steady state, tick by tick, as the policy uses them,

@@ -1,6 +1,10 @@
 #include <fmt/format.h>
 
+#include <atomic>
 #include <cmath>
+#include <exception>
+#include <mutex>
+#include <thread>
 
 #include "analysis/summary.hpp"
 #include "estimator/make_filter.hpp"
@@ -46,24 +50,58 @@ std::string limited_by(const Reason& r) {
   return r.closed < r.floquet - std::max(1.0, 0.1 * r.floquet) ? "controller" : "filter";
 }
 
-Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Config& config) {
+// `config_mutex`: the closed loop reads tables of `config`, which keeps account of what was read.
+Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Config& config,
+               std::mutex& config_mutex) {
   const DriveConfig& d = config.drive();
   GainPolicy policy{};
   for (int i = 0; kGainPolicyNames[i] != l.policy; ++i) policy = static_cast<GainPolicy>(i + 1);
   const double omega_e = kTwoPi * l.f_e_Hz;
-  const Steady steady{filter,  policy,  omega_e / d.machine.n_p,
-                      omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p};
+  const Steady steady{filter,
+                      policy,
+                      omega_e / d.machine.n_p,
+                      omega_e,
+                      d.T_s(),
+                      d.gain.speed_span / d.machine.n_p,
+                      std::make_shared<std::map<int, Gain>>()};
   Reason r;
   const bool table = !has_background(policy);
   const int limit = std::min(kMaxFloquet_n, 6 * l.n_max + 10);
   r.phi_c = table ? NAN : critical_angle(steady, std::max(1, l.n_max));
   r.formula = n_max_by_formula(steady, limit);
   r.floquet = table ? 0 : n_max_by_floquet(steady, limit);
-  if (const auto closed = table ? std::nullopt : ClosedFloquet::of(config, omega_e, policy))
-    r.closed = closed->n_max(std::min(limit, kMaxClosed_n));
+  const auto closed = [&] {
+    const std::lock_guard<std::mutex> lock(config_mutex);
+    return table ? std::nullopt : ClosedFloquet::of(config, omega_e, policy);
+  }();
+  if (closed) r.closed = closed->n_max(std::min(limit, kMaxClosed_n));
   if (l.n_max > 0) r.rho_held = spectral_radius(steady, table ? 1 : l.n_max);
   r.rho_next = table ? NAN : spectral_radius(steady, l.n_max + 1);
   return r;
+}
+
+// One a limit, on all cores.
+std::vector<Reason> explain_all(const std::vector<Limit>& limits,
+                                const std::shared_ptr<const Filter>& filter, Config& config) {
+  std::vector<Reason> reasons(limits.size());
+  std::atomic<std::size_t> next = 0;
+  std::exception_ptr failure;
+  std::mutex failure_mutex, config_mutex;
+  const auto work = [&] {
+    try {
+      for (std::size_t i = next++; i < limits.size(); i = next++)
+        reasons[i] = explain(limits[i], filter, config, config_mutex);
+    } catch (...) {
+      const std::lock_guard<std::mutex> lock(failure_mutex);
+      failure = std::current_exception();
+    }
+  };
+  std::vector<std::thread> threads;
+  for (unsigned i = 1; i < std::thread::hardware_concurrency(); ++i) threads.emplace_back(work);
+  work();
+  for (std::thread& thread : threads) thread.join();
+  if (failure) std::rethrow_exception(failure);
+  return reasons;
 }
 
 std::string text(int n) {
@@ -79,8 +117,10 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
     fmt::print("{:<12} {:>7} {:>6} {:>9} {:>6} {:>6}..{:<6} {:>7} {:>8} {:>6} {:>6} {:>6}  {}\n",
                "policy", "f_e Hz", "n_max", "f_bmin Hz", "ratio", "lo", "hi", "phi_c", "formula",
                "Floq.", "closed", "rho", "agrees");
-  for (const Limit& l : limits) {
-    const Reason r = explain(l, filter, config);
+  const std::vector<Reason> reasons = explain_all(limits, filter, config);
+  for (std::size_t i = 0; i < limits.size(); ++i) {
+    const Limit& l = limits[i];
+    const Reason& r = reasons[i];
     const std::string agrees = verdict(l, r);
     file << fmt::format("{},{},{},{},{},{},{},{},{},{},{}\n", l.policy, l.f_e_Hz, l.n_max, r.phi_c,
                         r.formula, r.floquet, r.rho_held, r.rho_next, agrees, text(r.closed),
