@@ -148,12 +148,13 @@ class Settler {
     return best;
   }
 
-  // Angle and currents that are late by the same time are a voltage that is. Beside a late voltage
-  // no record tells how much of it is theirs.
+  // Angle and currents that are late by the same time are a voltage that is, and so are those of
+  // nearly the same where the late voltage explains more. Beside a late voltage no record tells how
+  // much of it is theirs.
   void join_lags() {
     // Of the time; of the held-out error, which late readings lower: between two rows they are
     // means.
-    constexpr double kSame = 0.05, kAsGood = 1.15;
+    constexpr double kSame = 0.05, kNearlySame = 0.5, kAsGood = 1.15;
     Members others = with(fit_.members, nullptr);
     const auto take = [&](double signal) {
       const auto late = std::find_if(others.begin(), others.end(), [&](const auto& m) {
@@ -167,7 +168,8 @@ class Settler {
     const double angle = take(SamplingFacts::kAngle), current = take(SamplingFacts::kCurrent),
                  voltage_before = take(SamplingFacts::kVoltage);
     if (angle == 0 || current == 0) return;
-    if (voltage_before == 0 && std::abs(current / angle - 1) > kSame) return;
+    const bool same = voltage_before != 0 || std::abs(current / angle - 1) <= kSame;
+    if (!same && std::abs(current / angle - 1) > kNearlySame) return;
     const double later = voltage_before + (angle + current) / 2;
     const Fit before = fit_;
     for (double form : {0., 1.}) {
@@ -176,8 +178,9 @@ class Settler {
       set_key(*voltage, "form", form);
       set_key(*voltage, "lag_s", later);
       Fit joined = fitter_.refine(with(others, voltage), Fitter::Until::kArrived);
-      if (!joined.valid || joined.rss_held_out > kAsGood * before.rss_held_out ||
-          (form > 0 && joined.rss > fit_.rss))
+      const double most = same ? kAsGood : 1;  // of the held-out error
+      if (!joined.valid || joined.rss_held_out > most * before.rss_held_out ||
+          (!same && joined.rss > before.rss) || (form > 0 && joined.rss > fit_.rss))
         continue;
       if (say_) say_("  late angle and currents: a late voltage");
       fit_ = std::move(joined);
