@@ -1,5 +1,7 @@
 #include "trace/half_rate.hpp"
 
+#include <cmath>
+
 #include "trace/thinning.hpp"
 #include "trace/tracer.hpp"
 
@@ -25,7 +27,13 @@ HalfRate::HalfRate(const Record& whole, const NoisierRecords& noisier, std::size
                    .scale_torque = scales.scale_torque};
   if (left.d.size()) noise.d = Whitener(left.d, sampler_.electrical());
   if (left.q.size()) noise.q = Whitener(left.q, sampler_.electrical());
-  if (left.torque.size()) noise.torque = Whitener(left.torque, sampler_.torque());
+  if (left.torque.size()) {
+    const Runs& runs = sampler_.torque();
+    const AngleNoise angle = AngleNoise::of(left.torque, runs, sampler_.decimation() * record_.T_s);
+    const double count = static_cast<double>(left.torque.size());
+    noise.torque = Whitener(angle(left.torque, runs), runs, angle,
+                            std::sqrt(left.torque.squaredNorm() / count));
+  }
   chain_.set_noise(std::move(noise));
 }
 

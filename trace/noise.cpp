@@ -186,31 +186,39 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   const std::size_t without_shafts = torque.size();
   torque.insert(torque.end(), shafts.begin(), shafts.end());
   const auto look = [](Unexplained& by, const Unexplained::Columns& columns,
-                       const Eigen::VectorXd& sensors, const Runs& runs) {
+                       const Eigen::VectorXd& sensors, const Runs& runs, const AngleNoise& angle) {
     if (!by.expects() && sensors.size() > 0 && sensors.norm() > 0)
-      by.expect(Whitener(sensors, runs));
+      by.expect(Whitener(angle(sensors, runs), runs, angle, 0));
     by.look_at(columns);
   };
-  look(d_, d, y.noise_d, chain.sampler().electrical());
-  look(q_, q, y.noise_q, chain.sampler().electrical());
-  look(torque_, torque, y.noise_torque, chain.sampler().torque());
+  const Sampler& sampler = chain.sampler();
+  const double T_out = sampler.decimation() * chain.equations().record().T_s;
+  const AngleNoise of_sensors = AngleNoise::of(y.noise_torque, sampler.torque(), T_out);
+  look(d_, d, y.noise_d, sampler.electrical(), {});
+  look(q_, q, y.noise_q, sampler.electrical(), {});
+  look(torque_, torque, y.noise_torque, sampler.torque(), of_sensors);
   const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d),
                         noise_q = rest(q_, q.size(), y.q, y.noise_q),
                         less_shafts = rest(torque_, torque.size(), y.torque, y.noise_torque,
                                            kLeastBesideShafts);
   Eigen::VectorXd noise_torque = rest(torque_, without_shafts, y.torque, y.noise_torque);
   if (less_shafts.norm() < kResonance * noise_torque.norm()) noise_torque = less_shafts;
-  const Sampler& sampler = chain.sampler();
   NoiseModel noise;
-  const auto whitener = [](const Eigen::VectorXd& x, const Runs& runs) {
+  const auto whitener = [](const Eigen::VectorXd& x, const Runs& runs, const AngleNoise& angle) {
     if (!x.size()) return Whitener();
-    Eigen::VectorXd kept;
-    const Runs quiet = quiet_runs(x, runs, kept);
-    return Whitener(kept, quiet);
+    Eigen::VectorXd kept, innovations;
+    quiet_runs(x, runs, kept);
+    const double rms = std::sqrt(kept.squaredNorm() / static_cast<double>(kept.size()));
+    const Runs quiet = quiet_runs(angle(x, runs), runs, innovations);
+    return Whitener(innovations, quiet, angle, rms);
   };
-  noise.d = whitener(noise_d, sampler.electrical());
-  noise.q = whitener(noise_q, sampler.electrical());
-  noise.torque = whitener(noise_torque, sampler.torque());
+  noise.d = whitener(noise_d, sampler.electrical(), {});
+  noise.q = whitener(noise_q, sampler.electrical(), {});
+  // The noisier one: what was fitted takes noise of low frequencies with it.
+  AngleNoise angle = AngleNoise::of(noise_torque, sampler.torque(), T_out);
+  if (!angle.none() && (of_sensors.none() || of_sensors.w_over_s() > angle.w_over_s()))
+    angle = of_sensors;
+  noise.torque = whitener(noise_torque, sampler.torque(), angle);
   noise.scale_d = noise_scale(noise.d, noise_d, y.noise_d, sampler.electrical());
   noise.scale_q = noise_scale(noise.q, noise_q, y.noise_q, sampler.electrical());
   noise.scale_torque = noise_scale(noise.torque, noise_torque, y.noise_torque, sampler.torque());

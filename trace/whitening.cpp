@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/frames.hpp"
 #include "trace/fir.hpp"
 
 namespace twinrate {
@@ -16,7 +17,83 @@ void for_each_run(const Runs& runs, F&& f) {
       static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size()));
 }
 
+constexpr double kSlowest_Hz = 3;  // below it no angle is asked to be quieter than the drive is
+constexpr double kHalfSteps = 2;   // of a decade, between the shares that are tried
+
 }  // namespace
+
+AngleNoise::AngleNoise(double w_over_s) : w_over_s_(w_over_s) {
+  constexpr std::size_t kLongest = 4096;
+  constexpr double kSettled = 1e-10;
+  const double c[] = {6 + w_over_s, -4, 1};  // autocovariance
+  double before = c[0], last = c[0];         // powers of the innovations before
+  Step step;
+  std::vector<double> power = {c[0]};
+  after_.push_back(step);
+  while (after_.size() < kLongest) {
+    const std::size_t n = after_.size();
+    step.two = n < 2 ? 0 : c[2] / before;
+    step.one = (c[1] - (n < 2 ? 0 : after_.back().one * step.two * before)) / last;
+    const double now =
+        c[0] - step.one * step.one * last - (n < 2 ? 0 : step.two * step.two * before);
+    before = last;
+    last = now;
+    after_.push_back(step);
+    power.push_back(now);
+    if (std::abs(last - before) < kSettled * last) break;
+  }
+  for (std::size_t n = 0; n < after_.size(); ++n) after_[n].size = std::sqrt(power[n] / last);
+}
+
+AngleNoise AngleNoise::of(const Eigen::VectorXd& noise, const Runs& runs, double T_s) {
+  AngleNoise best;
+  if (!(noise.squaredNorm() > 0)) return best;
+  const double n = static_cast<double>(noise.size());
+  // Twice the negative logarithm of the likelihood, less what all have.
+  const auto unlikely = [&](const AngleNoise& angle) {
+    const Whitener left(angle(noise, runs), runs, angle, 0);
+    return 2 * (n * std::log(left.sigma()) + angle.log_deviations(runs));
+  };
+  double least = unlikely(best) - std::log(n);
+  const double slowest = std::pow(kTwoPi * kSlowest_Hz * T_s, 4);
+  for (double share = 1; share > slowest; share /= std::pow(10, 1 / kHalfSteps)) {
+    const AngleNoise angle(share);
+    if (const double now = unlikely(angle); now < least) least = now, best = angle;
+  }
+  return best;
+}
+
+double AngleNoise::log_deviations(const Runs& runs) const {
+  double sum = 0;
+  for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
+    const auto settling = std::min(static_cast<std::size_t>(end - first), after_.size());
+    for (std::size_t n = 0; n < settling; ++n) sum += std::log(after_[n].size);
+  });
+  return sum;
+}
+
+Eigen::VectorXd AngleNoise::operator()(const Eigen::VectorXd& y, const Runs& runs) const {
+  if (none()) return y;
+  Eigen::VectorXd e(y.size());
+  for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {
+    double before = 0, last = 0;  // innovations
+    for (Eigen::Index n = first; n < end; ++n) {
+      const Step& step = after_[std::min(static_cast<std::size_t>(n - first), after_.size() - 1)];
+      const double now = y[n] - step.one * last - step.two * before;
+      before = last;
+      last = now;
+      e[n] = now / step.size;
+    }
+  });
+  return e;
+}
+
+Whitener::Whitener(const Eigen::VectorXd& innovations, const Runs& runs, AngleNoise angle,
+                   double rms)
+    : Whitener(innovations, runs) {
+  angle_ = std::move(angle);
+  rms_ = rms;
+}
 
 Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs, int most) {
   Eigen::VectorXd c = Eigen::VectorXd::Zero(most + 1);
@@ -37,6 +114,7 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs, int most) {
     taps_.back() /= sigma_.back();
   };
   keep();
+  rms_ = sigma_.front();
   for (int order = 1; order <= most; ++order) {
     double reflection = c[order];
     for (int j = 0; j < order - 1; ++j) reflection -= a[j] * c[order - 1 - j];
@@ -50,7 +128,8 @@ Whitener::Whitener(const Eigen::VectorXd& noise, const Runs& runs, int most) {
   }
 }
 
-Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& y, const Runs& runs) const {
+Eigen::VectorXd Whitener::operator()(const Eigen::VectorXd& x, const Runs& runs) const {
+  const Eigen::VectorXd y = angle_(x, runs);
   Eigen::VectorXd e(y.size());
   const auto p = static_cast<Eigen::Index>(taps_.size()) - 1;
   for_each_run(runs, [&](Eigen::Index first, Eigen::Index end) {

@@ -4,6 +4,14 @@
 //   e[n] = (y[n] - sum_{j=1..p} a_j y[n-j]) / sigma,   p the order, less at the start of a run
 //
 // Coefficients of all orders by Levinson's recursion from the autocovariance over the runs.
+//
+// An autoregression of that order does not know that an angle's noise, differenced twice, all but
+// vanishes at low frequencies, where friction, loads and inertia act. That noise, s of the angle
+// and w beside it,
+//   y[n] = n[n] - 2 n[n-1] + n[n-2] + m[n],   n of power s, m of power w, both white,
+// is taken to its innovations first, which are exact from the first value of a run on (the
+// innovations algorithm: Brockwell and Davis, Time Series, 1991, 5.2); the autoregression has what
+// is left to say.
 #pragma once
 #include <Eigen/Core>
 
@@ -11,20 +19,46 @@
 
 namespace twinrate {
 
+class AngleNoise {
+ public:
+  AngleNoise() = default;  // none: leaves what it is given
+  explicit AngleNoise(double w_over_s);
+  // The most likely one, none where that is as likely, of noise with so many seconds between values.
+  static AngleNoise of(const Eigen::VectorXd& noise, const Runs& runs, double T_s);
+
+  // Innovations, all of the deviation that they have far from a run's beginning.
+  Eigen::VectorXd operator()(const Eigen::VectorXd& y, const Runs& runs) const;
+  double w_over_s() const { return w_over_s_; }
+  bool none() const { return after_.empty(); }
+
+ private:
+  double log_deviations(const Runs& runs) const;  // what operator() divides by, summed
+  struct Step {
+    double one = 0, two = 0;  // weights of the innovations before
+    double size = 1;          // the innovation's deviation over that far from the beginning
+  };
+  double w_over_s_ = 0;
+  std::vector<Step> after_;  // so many values of a run; the last one from there on
+};
+
 class Whitener {
  public:
   static constexpr int kOrder = 16;
   Whitener() = default;
   // `noise`: what is left when everything that could be missing has been fitted.
   Whitener(const Eigen::VectorXd& noise, const Runs& runs, int order = kOrder);
+  // `innovations`: what `angle` makes of the noise; `rms`: of the noise.
+  Whitener(const Eigen::VectorXd& innovations, const Runs& runs, AngleNoise angle, double rms);
 
   Eigen::VectorXd operator()(const Eigen::VectorXd& y, const Runs& runs) const;
   double sigma() const { return sigma_.empty() ? 0 : sigma_.back(); }  // of the innovation
-  double rms() const { return sigma_.empty() ? 0 : sigma_.front(); }   // of the noise itself
+  double rms() const { return rms_; }                                  // of the noise itself
 
  private:
   std::vector<Eigen::VectorXd> taps_;  // of e, by order, the latest last
   std::vector<double> sigma_;
+  AngleNoise angle_;
+  double rms_ = 0;
 };
 
 }  // namespace twinrate

@@ -50,6 +50,53 @@ TEST(Whitener, ItsOwnNoiseIsWhiteAndAPeriodicSignalIsNot) {
   EXPECT_LT(p_value(both), 1e-6);
 }
 
+// An angle's noise, differenced twice, beside `share` of its power of other noise.
+Eigen::VectorXd noise_of_angle(Eigen::Index n, double share) {
+  Eigen::VectorXd y(n);
+  const auto angle = [](Eigen::Index k) { return normal(5, 0, static_cast<std::uint64_t>(k)); };
+  for (Eigen::Index k = 0; k < n; ++k)
+    y[k] = angle(k + 2) - 2 * angle(k + 1) + angle(k) +
+           std::sqrt(share) * normal(5, 1, static_cast<std::uint64_t>(k));
+  return y;
+}
+
+TEST(AngleNoise, IsFoundAndMadeWhite) {
+  constexpr Eigen::Index n = 20000;
+  const Eigen::VectorXd y = noise_of_angle(n, 1e-3);
+  Runs runs = one_run(n);
+  runs.start = {0, 40, 300};
+  const AngleNoise angle = AngleNoise::of(y, runs, 1e-3);
+  ASSERT_FALSE(angle.none());
+  EXPECT_NEAR(std::log10(angle.w_over_s()), -3, 0.6);
+  const Eigen::VectorXd e = AngleNoise(1e-3)(y, runs);
+  EXPECT_GT(whiteness_p_value(e, runs), 1e-3);
+  // From the first value of a run on the innovations are as large.
+  for (const auto& [first, count] : {std::pair<Eigen::Index, Eigen::Index>{0, 300}, {300, 19700}})
+    EXPECT_NEAR(
+        e.segment(first, count).squaredNorm() / static_cast<double>(count) / (e.squaredNorm() / n),
+        1, count < 1000 ? 0.35 : 0.05);
+  // White noise is left to the autoregression.
+  Eigen::VectorXd white(n);
+  for (Eigen::Index k = 0; k < n; ++k) white[k] = normal(6, 0, static_cast<std::uint64_t>(k));
+  EXPECT_TRUE(AngleNoise::of(white, runs, 1e-3).none());
+}
+
+// What a constant torque is worth against such noise: an autoregression alone takes the noise for
+// louder at low frequencies than it is.
+TEST(AngleNoise, LetsALoadBeSeen) {
+  constexpr Eigen::Index n = 20000;
+  constexpr double kShare = 1e-5;
+  const Eigen::VectorXd y = noise_of_angle(n, kShare), load = Eigen::VectorXd::Ones(n);
+  const Runs runs = one_run(n);
+  const AngleNoise angle = AngleNoise::of(y, runs, 1e-3);
+  const Whitener plain(y, runs), better(angle(y, runs), runs, angle, 0);
+  // In the limit 1 / w a value.
+  EXPECT_GT(better(load, runs).norm(), 0.8 * std::sqrt(n / kShare));
+  EXPECT_LT(plain(load, runs).norm(), 0.4 * better(load, runs).norm());
+  const double t = better(load, runs).dot(better(y, runs)) / better(load, runs).norm();
+  EXPECT_LT(std::abs(t), 4);
+}
+
 TEST(Statistics, ChiSquareTailAgainstTables) {
   EXPECT_NEAR(chi_square_tail(3.841, 1), 0.05, 1e-4);
   EXPECT_NEAR(chi_square_tail(18.307, 10), 0.05, 1e-4);
