@@ -106,7 +106,7 @@ MemberColumns member_columns(const Chain& chain, const Members& members) {
     const Effect& effect = *members[m];
     const std::vector<double> c = sizes_of(effect);
     const auto take = [&](const Sampled& column, double value) {
-      out.x.push_back(chain.regressor(column));
+      out.x.push_back(chain.whitened(column));
       out.member.push_back(m);
       values.push_back(value);
       add(out.declared, out.x.back(), value);
