@@ -15,7 +15,7 @@
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kPieces = 96;  // of a file: four of each of its 24 blocks
+constexpr double kPieces = 192;  // of a file: eight of each of its 24 blocks
 
 using Channel = Eigen::VectorXd Sampled::*;
 constexpr std::array<Channel, 3> kChannels = {&Sampled::d, &Sampled::q, &Sampled::torque};
@@ -24,55 +24,93 @@ const Runs& runs_with(const Sampler& sampler, Channel channel) {
   return channel == &Sampled::torque ? sampler.torque() : sampler.electrical();
 }
 
-// Pieces of the rows that judge, by file: the energy in each.
-using Pieces = std::map<std::pair<int, std::size_t>, double>;
+// Energies of the rows that judge, with a claim and without, and of what it changes.
+struct RowEnergy {
+  double with = 0, without = 0, change = 0;
+};
+// Of a piece: which file it is of.
+struct Piece {
+  int file = 0;
+  RowEnergy energy;
+};
 
 class Judging {
  public:
-  Judging(const Chain& whole, const JudgedFiles& files) : sampler_(whole.sampler()) {
-    const std::size_t n = whole.equations().record().size();
-    std::vector<std::size_t> first(files.files.size() + 1, n), count(files.files.size() + 1, 0);
-    for (std::size_t k = 0; k < n; ++k) {
-      const auto file = file_of(files, k);
-      first[file] = std::min(first[file], k);
-      ++count[file];
-    }
-    for (Channel channel : {&Sampled::d, &Sampled::torque}) {
-      const Runs& runs = runs_with(sampler_, channel);
-      auto& ids = channel == &Sampled::torque ? torque_ : electrical_;
-      for (std::size_t i = 0; i < runs.row.size(); ++i) {
-        const std::size_t row = runs.row[i], file = file_of(files, row);
-        ids.emplace_back(static_cast<int>(file), kPieces * (row - first[file]) / count[file]);
-      }
-    }
-  }
-  // Of one channel: f(piece, output) for the outputs that judge.
-  template <class F>
-  void each(Channel channel, F&& f) const {
-    const Runs& runs = runs_with(sampler_, channel);
-    const auto& ids = channel == &Sampled::torque ? torque_ : electrical_;
-    for (std::size_t i = 0; i < runs.row.size(); ++i)
-      if (runs.held_out[i]) f(ids[i], static_cast<Eigen::Index>(i));
-  }
-  void add(const Sampled& y, Channel channel, Pieces& energy) const {
-    if ((y.*channel).size())
-      each(channel, [&](const auto& piece, Eigen::Index i) {
-        energy[piece] += (y.*channel)[i] * (y.*channel)[i];
-      });
-  }
+  Judging(const Chain& whole, const JudgedFiles& files)
+      : sampler_(whole.sampler()), files_(files), rows_(whole.equations().record().size()) {}
+
   double energy(const Sampled& y, Channel channel) const {
     double sum = 0;
     if ((y.*channel).size())
-      each(channel, [&](const auto&, Eigen::Index i) { sum += (y.*channel)[i] * (y.*channel)[i]; });
+      each(channel, [&](std::size_t, Eigen::Index i) { sum += (y.*channel)[i] * (y.*channel)[i]; });
     return sum;
   }
 
- private:
-  static std::size_t file_of(const JudgedFiles& files, std::size_t row) {
-    return files.of_row.empty() ? 0 : static_cast<std::size_t>(files.of_row[row]);
+  void add(const Sampled& y, Channel channel, std::map<int, double>& of_file) const {
+    if ((y.*channel).size())
+      each(channel, [&](std::size_t row, Eigen::Index i) {
+        of_file[static_cast<int>(file_of(row))] += (y.*channel)[i] * (y.*channel)[i];
+      });
   }
+
+  // Of each file as many as eight a block: each has as much of its time and of what the claim
+  // changes, half and half. One that acts at a few moments speaks there.
+  std::vector<Piece> pieces(const Sampled& with, const Sampled& without,
+                            const std::vector<Channel>& moved) const {
+    std::vector<RowEnergy> rows(rows_);
+    std::vector<char> judges(rows_, 0);
+    for (Channel channel : moved)
+      each(channel, [&](std::size_t row, Eigen::Index i) {
+        const double a = (with.*channel)[i], b = (without.*channel)[i];
+        rows[row].with += a * a;
+        rows[row].without += b * b;
+        rows[row].change += (a - b) * (a - b);
+        judges[row] = 1;
+      });
+    std::vector<Piece> all;
+    const std::size_t count = std::max<std::size_t>(1, files_.files.size());
+    for (std::size_t file = 0; file < count; ++file) add_pieces(file, rows, judges, all);
+    return all;
+  }
+
+ private:
+  template <class F>
+  void each(Channel channel, F&& f) const {
+    const Runs& runs = runs_with(sampler_, channel);
+    for (std::size_t i = 0; i < runs.row.size(); ++i)
+      if (runs.held_out[i]) f(runs.row[i], static_cast<Eigen::Index>(i));
+  }
+  std::size_t file_of(std::size_t row) const {
+    return files_.of_row.empty() ? 0 : static_cast<std::size_t>(files_.of_row[row]);
+  }
+  void add_pieces(std::size_t file, const std::vector<RowEnergy>& rows,
+                  const std::vector<char>& judges, std::vector<Piece>& all) const {
+    std::vector<std::size_t> judged;
+    double of_file = 0, change = 0;
+    for (std::size_t row = 0; row < rows_; ++row) {
+      if (file_of(row) != file) continue;
+      ++of_file;
+      if (judges[row]) judged.push_back(row), change += rows[row].change;
+    }
+    if (judged.empty() || !(change > 0)) return;
+    // Outputs are fewer than rows where a channel is decimated, and wanting at each seam.
+    const double count = static_cast<double>(judged.size()),
+                 covered = std::min(1.0, count * sampler_.decimation() / of_file),
+                 pieces = std::max(1.0, std::round(kPieces * covered));
+    double so_far = 0, last = -1;
+    for (std::size_t row : judged) {
+      const double piece = std::min(pieces - 1, std::floor(pieces * so_far));
+      so_far += 0.5 * (rows[row].change / change + 1 / count);
+      if (piece > last) all.push_back({.file = static_cast<int>(file), .energy = {}});
+      last = piece;
+      all.back().energy.with += rows[row].with;
+      all.back().energy.without += rows[row].without;
+    }
+  }
+
   const Sampler& sampler_;
-  std::vector<std::pair<int, std::size_t>> electrical_, torque_;
+  const JudgedFiles& files_;
+  std::size_t rows_;
 };
 
 // Channels in which the two differ by more than a silent share.
@@ -91,30 +129,61 @@ std::vector<Channel> moved_channels(const Judging& judging, const Sampled& with,
 
 struct Vote {
   Judgement judgement;
+  double quieter = 0;  // of the mean, for noise of the sensors that the claim makes smaller
   bool of_voltage = false, of_torque = false;  // equations that it moves
   double mean = 0;                             // of r_b, over all pieces that vote
   std::map<int, double> worse;                 // by file: chance of pieces so much worse
   std::map<int, double> of_file;               // mean of r_b
 };
 
-Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, double silent) {
-  Vote out;
-  Pieces left, before;
-  for (Channel channel : moved_channels(judging, with, without, silent)) {
-    (channel == &Sampled::torque ? out.of_torque : out.of_voltage) = true;
-    judging.add(with, channel, left);
-    judging.add(without, channel, before);
+// What the sensors' own errors make of those channels.
+Sampled noise_of(const Sampled& y) {
+  Sampled noise;
+  noise.d = y.noise_d;
+  noise.q = y.noise_q;
+  noise.torque = y.noise_torque;
+  return noise;
+}
+
+// Inertia at the motor, whose acceleration turns an angle's error into a torque, as a share of J.
+double motor_share(const Members& members, const MachineParameters& m) {
+  double J = m.J;
+  for (const auto& member : members) {
+    if (has_key(*member, "change_kgm2")) J += get_key(*member, "change_kgm2");
+    if (has_key(*member, "J_load_kgm2")) J -= get_key(*member, "J_load_kgm2");
   }
+  return m.J > 0 ? J / m.J : 1;
+}
+
+// `motor`: share of the inertia at the motor, with the claim over that without.
+Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, double motor,
+          double silent) {
+  Vote out;
+  const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
+  double noise_with = 0, noise_without = 0;
+  for (Channel channel : moved) {
+    (channel == &Sampled::torque ? out.of_torque : out.of_voltage) = true;
+    noise_with += judging.energy(noise_of(with), channel);
+    noise_without += judging.energy(noise_of(without), channel);
+  }
+  if (noise_with > 0 && noise_without > noise_with)
+    out.quieter = 0.5 * std::log(noise_without / noise_with);
+  // Where most of what is left is noise, what else is left may be the angle's as well.
+  const double left = judging.energy(without, &Sampled::torque),
+               noise = judging.energy(noise_of(without), &Sampled::torque);
+  if (out.of_torque && motor > 0 && motor < 1 && noise > left / 2)
+    out.quieter = std::max(out.quieter, -std::log(motor));
   std::vector<double> all;
   std::map<int, std::vector<double>> by_file;
   double energy = 0, energy_before = 0;
-  for (const auto& [piece, E] : before) {
-    const double E_with = left[piece];
-    energy += E_with;
-    energy_before += E;
-    if (!(E > 0) || !(E_with > 0) || std::abs(E - E_with) < silent * E) continue;
-    all.push_back(0.5 * std::log(E / E_with));
-    by_file[piece.first].push_back(all.back());
+  for (const auto& [file, E] : judging.pieces(with, without, moved)) {
+    energy += E.with;
+    energy_before += E.without;
+    if (!(E.without > 0) || !(E.with > 0) || std::abs(E.without - E.with) < silent * E.without)
+      continue;
+    const double fall = 0.5 * std::log(E.without / E.with);
+    all.push_back(fall - out.quieter);
+    by_file[file].push_back(fall);
   }
   out.judgement.votes = static_cast<int>(all.size());
   out.judgement.p_value = signed_rank_tail(all);
@@ -161,9 +230,11 @@ Gate::Asked Gate::ask(const Fit& fit) const {
   const auto left_by = [&](const Fit& f) { return whole_.whitened(whole_.residual(f.effects())); };
   asked.with = left_by(fit);
   const Judging judging(whole_, files_);
+  const MachineParameters& machine = whole_.equations().facts().machine;
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     Fit without = seen_.refine(with(fit.members, nullptr, m));
-    asked.votes.push_back(vote(judging, asked.with, left_by(without), criterion_.silent));
+    const double motor = motor_share(fit.members, machine) / motor_share(without.members, machine);
+    asked.votes.push_back(vote(judging, asked.with, left_by(without), motor, criterion_.silent));
     asked.without_fit.push_back(std::move(without));
   }
   return asked;
@@ -183,6 +254,12 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
                 .number = number,
                 .text = std::move(text)};
   };
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const auto [left, name] = least_left(*members[m], facts.machine);
+    if (left < criterion_.least_left)
+      refuse(m, "physical", "", left,
+             fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", left, name));
+  }
   std::vector<std::size_t> by_chance(members.size());
   for (std::size_t m = 0; m < members.size(); ++m) {
     by_chance[m] = m;
@@ -215,9 +292,15 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
   for (std::size_t i = 0; i < by_chance.size(); ++i) {
     const double p = asked.votes[by_chance[i]].judgement.p_value;
     chance = chance || p > criterion_.chance / static_cast<double>(by_chance.size() - i);
-    if (chance)
-      refuse(by_chance[i], "transfer", "", p,
-             fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
+    if (!chance) continue;
+    const double quieter = asked.votes[by_chance[i]].quieter;
+    if (quieter > criterion_.silent)
+      refuse(by_chance[i], "sensors", "", p,
+             fmt::format("it makes the sensors' noise {:.2g} times as large, and rows that judge "
+                         "fall further by chance in {:.2g} of logs",
+                         std::exp(-quieter), p));
+    refuse(by_chance[i], "transfer", "", p,
+           fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
   }
   if (std::all_of(out.begin(), out.end(), [](const Refused& r) { return !r.rule.empty(); }))
     return out;
@@ -243,12 +326,6 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (sigmas < criterion_.size_sigmas)
       refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
   }
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    const auto [left, name] = least_left(*members[m], facts.machine);
-    if (left < criterion_.least_left)
-      refuse(m, "physical", "", left,
-             fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", left, name));
-  }
   return out;
 }
 
@@ -258,11 +335,9 @@ std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weak
   const Judging judging(whole_, files_);
   const Sampled declared = whole_.whitened(whole_.residual({}));
   const auto file_sums = [&](const Sampled& y, bool torque) {
-    Pieces pieces;
-    for (Channel channel : kChannels)
-      if ((channel == &Sampled::torque) == torque) judging.add(y, channel, pieces);
     std::map<int, double> sums;
-    for (const auto& [piece, E] : pieces) sums[piece.first] += E;
+    for (Channel channel : kChannels)
+      if ((channel == &Sampled::torque) == torque) judging.add(y, channel, sums);
     return sums;
   };
   for (const bool torque : {false, true}) {

@@ -2,11 +2,15 @@
 //
 // A claim is a member of the fit. It passes where
 //   sensors    it is larger than what the sensors can make (set_resolution)
-//   transfer   it lowers the error on rows that judge (trace/split.hpp): per piece b of them, four a
-//              block, r_b = 1/2 ln(E_b without / E_b with), E the whitened energy of the channels
-//              that it moves, nothing taken off for noise. Both sides are fitted to all rows that do
-//              not judge. Signed-rank test over the pieces that move, by Holm over the claims; no
-//              file may be worse by the same test
+//   transfer   it lowers the error on rows that judge (trace/split.hpp): per piece b of them,
+//              r_b = 1/2 ln(E_b without / E_b with), E the whitened energy of the channels that it
+//              moves, nothing taken off for noise. As many pieces as eight a block, each with as
+//              much of the time and of what the claim changes, half and half: one that acts at a
+//              few moments speaks there. Less what falls because the claim makes the sensors' noise
+//              smaller: of less inertia at the motor an angle's counts make less torque, and the
+//              likelihood is one of readings, not of residuals. Both sides are fitted to all rows that do not judge.
+//              Signed-rank test over the pieces that move, by Holm over the claims; no file may be
+//              worse by the same test
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves
 //              in time, odd and even blocks, the record's rate and half of it
 //   size       it is worth reporting, and twice its deviation, that between the rates included

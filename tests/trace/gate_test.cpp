@@ -55,6 +55,26 @@ TEST(Gate, LetsPassWhatIsThere) {
   EXPECT_EQ(refusal(drive, cogging_17(), resolution).rule, "sensors");
 }
 
+// Friction that rises near standstill acts for a few hundredths of the time: its pieces are cut
+// there, and enough of them vote.
+TEST(Gate, LetsPassWhatActsAtAFewMoments) {
+  const auto stribeck = [](double torque_Nm) {
+    return Members{effect_with("stribeck_friction",
+                               {{"torque_Nm", torque_Nm}, {"speed_rad_s", 1.5}, {"exponent", 2.}})};
+  };
+  const FittedDrive drive(log_with(
+                              [](double, double, double omega) {
+                                return 0.3 * std::exp(-omega * omega / 2.25) *
+                                       std::tanh(omega / 0.1);
+                              },
+                              8),
+                          stribeck(0.3));
+  const Fitter fitter = drive.fitter();
+  const Passed passed = Gate(fitter, drive.chain(), {})(stribeck(0.3));
+  ASSERT_EQ(passed.kept.size(), 1u) << passed.refused.front().text;
+  EXPECT_GE(passed.judgements[0].votes, 12);
+}
+
 TEST(Gate, RefusesWhatTheJudgingRowsDoNotShow) {
   const FittedDrive drive(log_with([](double, double, double) { return 0.0; }), {});
   EXPECT_EQ(refusal(drive, cogging_17()).rule, "size");  // fitted, next to nothing is left of it
@@ -80,6 +100,20 @@ TEST(Gate, RefusesAnotherMachine) {
   const Passed passed = Gate(fitter, drive.chain(), {})(inertia);
   ASSERT_EQ(passed.refused.size(), 1u);
   EXPECT_EQ(passed.refused[0].rule, "physical") << passed.refused[0].text;
+}
+
+// Of less inertia at the motor an angle's counts make less torque. The error falls with it by as
+// much, and that says nothing of a shaft.
+TEST(Gate, RefusesAShaftThatOnlyMakesTheCountsSmaller) {
+  const FittedDrive drive(simulate_synthetic({.duration_s = 3, .counts = 1024}), {});
+  const Members shaft = {effect_with(
+      "torsion",
+      {{"J_load_kgm2", 0.8 * 8.8e-3}, {"stiffness_Nm_rad", 30.}, {"damping_Nms_rad", 0.5}})};
+  const Fitter fitter = drive.fitter();
+  const double left = fitter.start(shaft).y.torque.squaredNorm(),
+               before = fitter.start({}).y.torque.squaredNorm();
+  EXPECT_LT(left, 0.3 * before);
+  EXPECT_EQ(refusal(drive, shaft).rule, "sensors");
 }
 
 // Beside 3 Nm that nobody explains the model predicts worse than "nothing changes": so it did
