@@ -46,6 +46,13 @@ class Judge {
     return std::move(selection_);
   }
 
+  // Each member against its alternatives; none goes.
+  Selection compare(const Members& members) {
+    selection_.fit = fitter_.refine(members, Fitter::Until::kArrived);
+    judge_members();
+    return std::move(selection_);
+  }
+
  private:
   // The key of its slope; null for an effect without one.
   static const char* slope_of(const Effect& effect) {
@@ -181,6 +188,11 @@ class Judge {
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
                 const Members& members, const Say& say) {
   return Judge(fitter, candidates, say).finish(members);
+}
+
+Selection compare_alternatives(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                               const Members& members) {
+  return Judge(fitter, candidates, {}).compare(members);
 }
 
 }  // namespace twinrate

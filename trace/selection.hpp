@@ -49,6 +49,9 @@ Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
 // Swaps members for better ones, and says of each what speaks for it.
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
                 const Members& members, const Say& say);
+// The members as they are, with what could stand in the place of each.
+Selection compare_alternatives(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                               const Members& members);
 // The fit as it stands, of a trace that was stopped: nothing speaks for its members (not a number).
 Selection not_judged(Fit fit, int rounds);
 

@@ -92,23 +92,16 @@ JudgedFiles judged_files(const std::vector<SourceRows>& sources, const Record& w
   return files;
 }
 
-// What passed, as the selection judged it: fitted anew where others were refused beside it.
-Selection what_passed(const Fitter& fitter, Selection selection, const Passed& passed) {
+// What passed, as the selection judged it: judged anew where others were refused beside it, for
+// what could stand in their places is another then.
+Selection what_passed(const Fitter& fitter, const std::vector<Candidate>& candidates,
+                      Selection selection, const Passed& passed) {
   if (passed.kept.size() == selection.members.size()) return selection;
   Members members;
-  std::vector<Selected> selected;
-  for (std::size_t m : passed.kept) {
-    members.push_back(selection.fit.members[m]->clone());
-    selected.push_back(std::move(selection.members[m]));
-  }
-  selection.fit = fitter.refine(std::move(members), Fitter::Until::kArrived);
-  selection.members = std::move(selected);
-  for (std::size_t m = 0; m < selection.members.size(); ++m) {
-    Selected& s = selection.members[m];
-    s.without = fitter.refine(with(selection.fit.members, nullptr, m));
-    s.score_gain = score_of(fitter, s.without) - score_of(fitter, selection.fit);
-  }
-  return selection;
+  for (std::size_t m : passed.kept) members.push_back(selection.fit.members[m]->clone());
+  Selection anew = compare_alternatives(fitter, candidates, members);
+  anew.refused = std::move(selection.refused);
+  return anew;
 }
 
 // Every member passes, as where nobody judged.
@@ -277,7 +270,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
       for (const Refused& r : passed.refused)
         settings.say(fmt::format("  {} refused: {}{}{}, {}", r.kind, r.rule,
                                  r.file.empty() ? "" : ", ", r.file, r.text));
-    selection = what_passed(fitter(), std::move(selection), passed);
+    selection = what_passed(fitter(), dictionary.whitened, std::move(selection), passed);
   }
   lap("gate");
   chain.stop_when({});  // what is left is short, and what has been found is written
