@@ -113,9 +113,23 @@ bool one_bus_voltage(const Record& record) {
   return (v - v.mean()).square().mean() < kConstantVoltage * kConstantVoltage * v.mean() * v.mean();
 }
 
+// Kinds that a record without voltage shows by one number alone, K_t/J.
+std::vector<std::string> kinds_of_ratio() {
+  const auto inertia = make_of(Traits::Family::kInertia);
+  std::vector<std::string> kinds = kinds_read(*inertia, Traits::Reading::kWithoutVoltage);
+  kinds.insert(kinds.begin(), std::string(inertia->kind()));
+  return kinds;
+}
+
 void name_aliases(const Record& record, TraceResult& r) {
   constexpr std::size_t kMostAliases = 2;
+  const std::vector<std::string> ratio =
+      record.has_voltage_equation() ? std::vector<std::string>() : kinds_of_ratio();
   for (TracedEffect& e : r.effects) {
+    if (std::count(ratio.begin(), ratio.end(), e.effect->kind()))
+      for (const std::string& kind : ratio)
+        if (kind != e.effect->kind() && !std::count(e.aliases.begin(), e.aliases.end(), kind))
+          e.aliases.push_back(kind);
     const auto lacks = [&](const Traits::Reading* reading) {
       return std::count(e.aliases.begin(), e.aliases.end(), reading->kind) == 0;
     };

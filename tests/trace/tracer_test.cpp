@@ -214,6 +214,20 @@ TEST(Tracer, NamesFrictionBesideASteepDeadTime) {
 
 // A voltage that acts one row late is an alias of angle and currents read one row late: one effect
 // instead of two.
+// Without voltage inertia, flux linkage and the sensors' gains are one number, K_t/J.
+TEST(Tracer, WithoutVoltageTellsOfAnInertiaThatItMayBeTheTorqueConstant) {
+  RawLog raw = simulate_synthetic({.J = 1.1 * 8.8e-3, .duration_s = 3});
+  raw.u_alpha.clear();
+  raw.u_beta.clear();
+  const TraceResult r = trace_of(raw);
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  EXPECT_EQ(r.verdict, "ambiguous");
+  Names group = r.effects[0].aliases;
+  group.emplace_back(r.effects[0].effect->kind());
+  for (const char* kind : {"inertia", "flux_linkage", "current_gain"})
+    EXPECT_EQ(std::count(group.begin(), group.end(), kind), 1) << kind;
+}
+
 TEST(Tracer, NamesOneLateVoltageNotALateAngleAndLateCurrents) {
   SyntheticDrive drive{.R_extra = 0.24};
   drive.extra_load = [](double, double theta, double) { return 0.1 * std::sin(14 * theta + 0.4); };
