@@ -77,16 +77,6 @@ bool is_chance_improvement(const Fitter& fitter, const Fit& next, const Fit& now
          next.y.torque.squaredNorm() > (1 - share) * now.y.torque.squaredNorm();
 }
 
-// Larger, it is not what a running drive lacks, but something else told in its words.
-bool plausible(const Effect& effect, const DriveFacts& facts) {
-  const Stated<Traits::Bound> bounds = effect.tracing().traits().bounds;
-  for (const Traits::Bound& bound : bounds) {
-    const double unit = bound.of == Traits::Bound::kStatorResistance ? facts.machine.R_s : 1;
-    if (std::abs(get_key(effect, bound.key)) > bound.most * unit) return false;
-  }
-  return true;
-}
-
 // Its coefficients are so many sigmas from zero that no fit without it need be tried.
 bool clearly_needed(const Fitter& fitter, const Fit& fit, std::size_t m) {
   constexpr double kTimes = 20;  // what it costs
@@ -126,6 +116,15 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
   std::erase_if(scores, [&](const Score& s) { return !seen.insert(sort_of(*s.effect)).second; });
   for (Score& s : scores) s = best.at(sort_of(*s.effect));
   return scores;
+}
+
+bool plausible(const Effect& effect, const DriveFacts& facts) {
+  const Stated<Traits::Bound> bounds = effect.tracing().traits().bounds;
+  for (const Traits::Bound& bound : bounds) {
+    const double unit = bound.of == Traits::Bound::kStatorResistance ? facts.machine.R_s : 1;
+    if (std::abs(get_key(effect, bound.key)) > bound.most * unit) return false;
+  }
+  return true;
 }
 
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {

@@ -21,6 +21,9 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
 // record.
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
 
+// False where it is larger than what a running drive lacks: something else, told in its words.
+bool plausible(const Effect& effect, const DriveFacts& facts);
+
 // Whether a shaft that was refused takes so much of the held-out error that it stands for a gap
 // whose impacts cannot be followed: an overdamped shaft does, and nothing else.
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);

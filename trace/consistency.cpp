@@ -14,10 +14,8 @@ namespace {
 
 constexpr double kDegree = kTwoPi / 360, kSqrt2 = 1.41421356237309505, kSqrt3 = 1.73205080756887729;
 
-// Beyond these a scale is no effect of a working drive: magnets lose a fifth when hot, copper gains
-// two thirds from cold to hot, iron saturates to a half, a load adds to the inertia. What a voltage
-// bends with a small current passes for several times a small R_s.
-constexpr double kMostPsi = 1.33, kMostR = 30, kMostL = 3, kLightest = 3, kHeaviest = 30;
+constexpr double kMostPsi = kThisMachine.psi_f, kMostR = kThisMachine.R_s, kMostL = kThisMachine.L,
+                 kLightest = kThisMachine.lightest, kHeaviest = kThisMachine.heaviest;
 constexpr double kSigmas = 4;
 // Of the voltage's power: a frame that explains less is another's, one that explains more is right.
 constexpr double kFrameFails = 0.7, kFrameFits = 0.9;

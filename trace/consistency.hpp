@@ -14,6 +14,15 @@
 
 namespace twinrate {
 
+// Beyond these a scale is no effect of a working drive: magnets lose a fifth when hot, copper gains
+// two thirds from cold to hot, iron saturates to a half, a load adds to the inertia. What a voltage
+// bends with a small current passes for several times a small R_s. As factors, or their inverses.
+struct ScaleBounds {
+  double psi_f = 1.33, R_s = 30, L = 3;
+  double lightest = 3, heaviest = 30;  // of K_t/J: times as much, or as little
+};
+inline constexpr ScaleBounds kThisMachine;
+
 // `encoder_counts`: of the drive file; 0: not known. Empty: nothing speaks against the log.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);

@@ -9,6 +9,7 @@
 
 #include "model/effects/tracing.hpp"
 #include "trace/agreement.hpp"
+#include "trace/consistency.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
 
@@ -197,23 +198,28 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
   return out;
 }
 
-// The least that an effect leaves of a parameter of the machine, as a share, and of which.
-std::pair<double, const char*> least_left(const Effect& effect, const MachineParameters& m) {
+// Why an effect leaves another machine; empty: it does not.
+std::string another_machine(const Effect& effect, const DriveFacts& facts, double least_left,
+                            double& share) {
+  const MachineParameters& m = facts.machine;
+  const ScaleBounds& most = kThisMachine;
   struct Key {
     const char *change, *name;
-    double whole;
+    double whole, least, most;
   };
-  const Key keys[] = {{"change_kgm2", "J", m.J},
-                      {"change_Wb", "psi_f", m.psi_f},
-                      {"change_Ohm", "R_s", m.R_s},
-                      {"change_d_H", "L_d", m.L_d},
-                      {"change_q_H", "L_q", m.L_q}};
-  std::pair<double, const char*> least{1, ""};
-  for (const Key& key : keys)
-    if (has_key(effect, key.change) && key.whole > 0)
-      if (const double left = 1 + get_key(effect, key.change) / key.whole; left < least.first)
-        least = {left, key.name};
-  return least;
+  const Key keys[] = {{"change_kgm2", "J", m.J, 1 / most.lightest, most.heaviest},
+                      {"change_Wb", "psi_f", m.psi_f, 1 / most.psi_f, most.psi_f},
+                      {"change_Ohm", "R_s", m.R_s, 1 / most.R_s, most.R_s},
+                      {"change_d_H", "L_d", m.L_d, 1 / most.L, most.L},
+                      {"change_q_H", "L_q", m.L_q, 1 / most.L, most.L}};
+  for (const Key& key : keys) {
+    if (!has_key(effect, key.change) || !(key.whole > 0)) continue;
+    share = 1 + get_key(effect, key.change) / key.whole;
+    if (share < std::max(least_left, key.least) || share > key.most)
+      return fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", share, key.name);
+  }
+  share = 0;
+  return plausible(effect, facts) ? "" : "it is larger than a running drive can lack";
 }
 
 }  // namespace
@@ -255,10 +261,10 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
                 .text = std::move(text)};
   };
   for (std::size_t m = 0; m < members.size(); ++m) {
-    const auto [left, name] = least_left(*members[m], facts.machine);
-    if (left < criterion_.least_left)
-      refuse(m, "physical", "", left,
-             fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", left, name));
+    double share = 0;
+    if (std::string why = another_machine(*members[m], facts, criterion_.least_left, share);
+        !why.empty())
+      refuse(m, "physical", "", share, std::move(why));
   }
   std::vector<std::size_t> by_chance(members.size());
   for (std::size_t m = 0; m < members.size(); ++m) {

@@ -14,9 +14,9 @@
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves
 //              in time, odd and even blocks, the record's rate and half of it
 //   size       it is worth reporting, and twice its deviation, that between the rates included
-//   physical   the machine that it leaves is this machine. A claim beyond that is refused and no
-//              more is said: that log and drive file do not belong together is decided before any
-//              effect (trace/consistency.hpp)
+//   physical   the machine that it leaves is this machine, within the bounds by which log and drive
+//              file belong together (trace/consistency.hpp), and it is as large as its kind can be.
+//              A claim beyond that is refused and no more is said
 //   whole      all accepted together lower the error in each file and equation that they act on
 // That they also predict better than "nothing changes" is no rule but is told: at constant speed
 // and current nothing does change from row to row, and the best model predicts no better.
@@ -39,7 +39,7 @@ struct Criterion {
   double kept = 0.5;        // of a part's own gain, that another part's answer must keep
   double sigmas = 4;        // deviations from which a part is moved by a claim
   double size_sigmas = 2;   // deviations, in all, that a claim must be large
-  double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q: with less it is another machine
+  double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q, beside kThisMachine's bounds
 };
 
 // What the rows that judge say of one member.
