@@ -106,6 +106,8 @@ TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& 
       auto& all = set.columns[name];
       all.insert(all.end(), values.begin(), values.end());
     }
+    set.file.resize(held_out.size() + rows.size(), static_cast<int>(set.files.size()));
+    set.files.push_back(file.path);
     held_out.resize(held_out.size() + rows.size(), file.held_out);
   }
   for (const auto& [name, values] : set.columns)
@@ -118,9 +120,8 @@ TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& 
   }
   const bool map = files.front().kind == FileKind::kFluxMap;
   hooks.tell(fmt::format("{} points", set.size()));
-  const StaticTrace trace =
-      map ? trace_flux_map(set, drive.facts(), std::move(held_out), hooks)
-          : trace_inverter_curve(set, drive.facts(), std::move(held_out), hooks);
+  const StaticTrace trace = map ? trace_flux_map(set, drive.facts(), held_out, hooks)
+                                : trace_inverter_curve(set, drive.facts(), held_out, hooks);
   return static_result(set, trace, map ? StaticKind::kFluxMap : StaticKind::kInverterCurve);
 }
 

@@ -111,8 +111,11 @@ void print_result(const TraceResult& r, const std::string& out) {
   for (const Inconsistency& x : r.inconsistent)
     fmt::print("  {}: expected {}, found {}; {}\n", x.quantity, x.expected, x.found, x.hint);
   for (const FileError& f : r.files)
-    fmt::print("  {} {}: {:.4g} -> {:.4g} {} (no change: {:.4g})\n",
-               f.held_out ? "hold-out" : "fitted", f.path, f.before, f.after, f.unit, f.no_change);
+    fmt::print("  {} {}: {:.4g} -> {:.4g} {}{}\n", f.held_out ? "hold-out" : "fitted", f.path,
+               f.before, f.after, f.unit,
+               std::isfinite(f.no_change) ? fmt::format(" (no change: {:.4g})", f.no_change)
+               : f.signals.empty()        ? ""
+                                          : fmt::format(" of {}", fmt::join(f.signals, ", ")));
   for (const std::string& line : r.identifiable)
     if (line.find(' ') != std::string::npos) fmt::print("  {}\n", line);  // a sentence
   for (const std::string& line : r.health) fmt::print("  data: {}\n", line);

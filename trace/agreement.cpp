@@ -45,13 +45,10 @@ std::vector<Sampled> columns_beside(const Chain& chain, const Members& members, 
   return own;
 }
 
-struct Solved {
-  Eigen::VectorXd beta;
-  double energy = 0;  // raw
-};
+}  // namespace
 
-// The best answer of a part, nothing taken off for noise, with the coefficients of `held` given.
-Solved solve(const PartSums& part, const std::vector<char>& held, const Eigen::VectorXd& given) {
+PartAnswer best_answer(const PartSums& part, const std::vector<char>& held,
+                       const Eigen::VectorXd& given) {
   const Eigen::Index P = part.b.size();
   std::vector<Eigen::Index> free;
   Eigen::VectorXd beta = Eigen::VectorXd::Zero(P);
@@ -74,13 +71,13 @@ Solved solve(const PartSums& part, const std::vector<char>& held, const Eigen::V
   return {beta, part.energy - 2 * beta.dot(part.b) + beta.dot(part.A * beta)};
 }
 
-void compare(const PartSums& from, const PartSums& on, const std::vector<char>& own, double least,
-             const char* between, Agreement& out) {
+void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
+                   double least, const char* between, Agreement& out) {
   const std::vector<char> none(own.size(), 0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(on.b.size());
-  const Solved there = solve(from, none, zero), here = solve(on, none, zero),
-               without = solve(on, own, zero), foreign = solve(on, own, there.beta);
-  const Solved from_without = solve(from, own, zero);
+  const PartAnswer there = best_answer(from, none, zero), here = best_answer(on, none, zero),
+                   without = best_answer(on, own, zero), foreign = best_answer(on, own, there.beta);
+  const PartAnswer from_without = best_answer(from, own, zero);
   const double unit = here.energy / std::max(1.0, on.count),
                unit_from = there.energy / std::max(1.0, from.count);
   const bool moved_from = from_without.energy - there.energy > least * unit_from;
@@ -93,8 +90,6 @@ void compare(const PartSums& from, const PartSums& on, const std::vector<char>& 
   const double kept = foreign_gain / std::max(own_gain, least * unit);
   if (kept < out.kept) out.kept = kept, out.between = between;
 }
-
-}  // namespace
 
 MemberColumns member_columns(const Chain& chain, const Members& members) {
   MemberColumns out;
@@ -140,6 +135,12 @@ PartSums::PartSums(const MemberColumns& columns, const Rows& rows) {
   count = static_cast<double>(rows.count(columns.declared));
 }
 
+PartSums::PartSums(const Eigen::MatrixXd& x, const Eigen::VectorXd& y)
+    : A(x.transpose() * x),
+      b(x.transpose() * y),
+      energy(y.squaredNorm()),
+      count(static_cast<double>(y.size())) {}
+
 PartSums PartSums::operator+(const PartSums& other) const {
   PartSums sum = *this;
   sum.A += other.A;
@@ -171,8 +172,8 @@ Agreement Parts::of(std::size_t member, double sigmas) const {
       sigmas * sigmas + static_cast<double>(std::count(own.begin(), own.end(), char{1}));
   Agreement out;
   const auto both_ways = [&](const std::vector<PartSums>& pair, const char* between) {
-    compare(pair[0], pair[1], own, least, between, out);
-    compare(pair[1], pair[0], own, least, between, out);
+    compare_parts(pair[0], pair[1], own, least, between, out);
+    compare_parts(pair[1], pair[0], own, least, between, out);
   };
   both_ways(halves_, "the two halves");
   both_ways(turns_, "odd and even blocks");
@@ -180,8 +181,8 @@ Agreement Parts::of(std::size_t member, double sigmas) const {
   both_ways(rates_, "the record's rate and half of it");
   const std::vector<char> none(own.size(), 0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(columns_.value.size());
-  const Eigen::VectorXd at_rate = solve(rates_[0], none, zero).beta,
-                        at_half = solve(rates_[1], none, zero).beta;
+  const Eigen::VectorXd at_rate = best_answer(rates_[0], none, zero).beta,
+                        at_half = best_answer(rates_[1], none, zero).beta;
   double product = 0, square = 0;
   for (Eigen::Index p = 0; p < at_rate.size(); ++p)
     if (own[static_cast<std::size_t>(p)])

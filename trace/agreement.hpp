@@ -25,6 +25,8 @@ struct PartSums {
   double energy = 0, count = 0;
 
   PartSums(const MemberColumns& columns, const Rows& rows);
+  // Of rows as they stand: y = x beta + rest.
+  PartSums(const Eigen::MatrixXd& x, const Eigen::VectorXd& y);
   PartSums operator+(const PartSums& other) const;
 };
 
@@ -34,6 +36,18 @@ struct Agreement {
   const char* between = "";  // where the least was
   double size_ratio = 1;     // at half the rate over that at the record's: of the coefficients
 };
+
+// The best answer of a part, nothing taken off for noise, with the coefficients of `held` given.
+struct PartAnswer {
+  Eigen::VectorXd beta;
+  double energy = 0;  // raw
+};
+PartAnswer best_answer(const PartSums& part, const std::vector<char>& held,
+                       const Eigen::VectorXd& given);
+// Adds to `out` how much of its gain on `on` the answer of `from` keeps. `own`: the coefficients of
+// the claim; `least`: a gain below so many mean squares of the rest moves no part.
+void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
+                   double least, const char* between, Agreement& out);
 
 class Parts {
  public:

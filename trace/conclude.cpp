@@ -16,6 +16,7 @@
 #include "trace/keys.hpp"
 #include "trace/residual_structure.hpp"
 #include "trace/split_equivalents.hpp"
+#include "trace/verdict.hpp"
 
 namespace twinrate {
 namespace {
@@ -194,38 +195,11 @@ std::string what_the_model_lacks(const TraceResult& r) {
   return text + fall_of(r, lacking.size() == 1, !too_much.empty());
 }
 
-// Which rule refused what was found, and where; not what it was.
-std::string refusal_in_words(const Refused& refused) {
-  return fmt::format("what would explain more did not pass the rule of {}{}: {}", refused.rule,
-                     refused.file.empty() ? "" : " on " + refused.file, refused.text);
-}
-
-// The refusal that counts most: of what is left, else the first that is no matter of size; null
-// where there is none.
-const Refused* refusal_to_tell(const TraceResult& r) {
-  const Refused* told = nullptr;
-  for (const Refused& x : r.refused)
-    if (x.leaves_doubt() && (!told || (x.left && !told->left))) told = &x;
-  return told;
-}
-
 std::string sentence(const TraceResult& r) {
   if (r.verdict == "nothing_missing") return "No effect of the catalogue is missing in the model.";
-  std::vector<std::string> parts;
-  if (r.verdict == "unexplained") {
-    std::vector<std::string> what;
-    for (const Structure& s : r.unexplained) what.push_back(s.text);
-    const Refused* refused = refusal_to_tell(r);
-    if (!what.empty())
-      parts.push_back(fmt::format("Unexplained: {}, outside the catalogue", fmt::join(what, ", ")));
-    else
-      parts.emplace_back("Unexplained");
-    if (refused) parts.back() += (what.empty() ? ": " : "; ") + refusal_in_words(*refused);
-  }
-  if (!r.effects.empty())
-    parts.push_back((r.verdict == "ambiguous" ? "Ambiguous, see the aliases. " : "") +
-                    what_the_model_lacks(r));
-  return fmt::format("{}.", fmt::join(parts, ". "));
+  std::string text = headline_begins(r);
+  if (!r.effects.empty()) return text + what_the_model_lacks(r) + ".";
+  return text.substr(0, text.size() - 1);
 }
 
 // Which equation leaves plainly more than noise of the sensors makes; empty: none. Of 60 simulated
@@ -306,18 +280,6 @@ void split_parts(const DriveFacts& facts, TraceResult& r) {
     for (TracedEffect& part : split_equivalents(std::move(e), facts))
       parts.push_back(std::move(part));
   r.effects = std::move(parts);
-}
-
-// What lowered the raw error on rows that judge, and was refused all the same, is there under some
-// other name.
-bool something_is_left(const TraceResult& r) {
-  return std::any_of(r.refused.begin(), r.refused.end(), [](const Refused& x) { return x.left; });
-}
-
-const char* verdict_of(const TraceResult& r) {
-  if (r.structured) return "unexplained";
-  if (!r.effects.empty()) return r.ambiguous.empty() ? "traced" : "ambiguous";
-  return something_is_left(r) ? "unexplained" : "nothing_missing";
 }
 
 }  // namespace

@@ -1,10 +1,15 @@
 #include <algorithm>
+#include <cmath>
 
+#include "model/effects/traced.hpp"
 #include "trace/keys.hpp"
 #include "trace/static_sets.hpp"
+#include "trace/static_split.hpp"
 
 namespace twinrate {
 namespace {
+
+constexpr double kSmallestFlux = 0.006;  // of the rated flux: as of flux_linkage
 
 double largest(const std::vector<double>& values) {
   double most = 0;
@@ -60,7 +65,7 @@ bool flux_rises(const Effects& effects, const MachineParameters& m, double i_d_m
 }  // namespace
 
 StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
-                           std::vector<char> held_out, const TraceHooks& hooks) {
+                           const std::vector<char>& held_out, const TraceHooks& hooks) {
   const auto &i_d = set.at("i_d"), &i_q = set.at("i_q");
   const auto &psi_d = set.at("psi_d"), &psi_q = set.at("psi_q");
   StaticTrace trace;
@@ -78,12 +83,11 @@ StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
   p.observe = [](const Contribution& c, const OperatingPoint&) {
     return Eigen::RowVectorXd(c.psi_dq.transpose());
   };
-  trace.held_out_rule = "the points given";
-  if (held_out.empty()) {
-    held_out = chess_board(i_d, i_q);
-    trace.held_out_rule = "every other point of the grid of i_d and i_q, like a chess board";
-  }
-  p.held_out = std::move(held_out);
+  p.readings = {psi_d, psi_q};
+  trace.held_out_rule = split_points(
+      set, i_d, i_q, held_out,
+      "every fourth point of the grid of i_d and i_q, as on a chess board; another fourth chose",
+      p);
   const double i_d_max = largest(i_d), i_q_max = largest(i_q);
   p.possible = [m, i_d_max, i_q_max](const Effects& effects) {
     return flux_rises(effects, m, i_d_max, i_q_max);
@@ -94,6 +98,8 @@ StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
       {make_effect("inductance"), {"change_d_H", "change_q_H"}, {}}};
   const StaticFit constant = fit_static(p, constants);
   p.scale = constant.train.cwiseMax(1e-12);
+  const double smallest = kSmallestFlux * std::hypot(m.psi_f, m.L_q * rated_current(facts));
+  p.smallest = {smallest, smallest};
   trace.selection = select_static(p, constants, saturations(i_d_max, i_q_max));
   return trace;
 }

@@ -11,7 +11,7 @@
 #include "trace/agreement.hpp"
 #include "trace/consistency.hpp"
 #include "trace/keys.hpp"
-#include "trace/statistics.hpp"
+#include "trace/transfer.hpp"
 
 namespace twinrate {
 namespace {
@@ -128,13 +128,8 @@ std::vector<Channel> moved_channels(const Judging& judging, const Sampled& with,
   return moved;
 }
 
-struct Vote {
-  Judgement judgement;
-  double quieter = 0;  // of the mean, for noise of the sensors that the claim makes smaller
+struct Vote : Votes {
   bool of_voltage = false, of_torque = false;  // equations that it moves
-  double mean = 0;                             // of r_b, over all pieces that vote
-  std::map<int, double> worse;                 // by file: chance of pieces so much worse
-  std::map<int, double> of_file;               // mean of r_b
 };
 
 // What the sensors' own errors make of those channels.
@@ -159,49 +154,36 @@ double motor_share(const Members& members, const MachineParameters& m) {
 // `motor`: share of the inertia at the motor, with the claim over that without.
 Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, double motor,
           double silent) {
-  Vote out;
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
-  double noise_with = 0, noise_without = 0;
+  bool of_voltage = false, of_torque = false;
+  double noise_with = 0, noise_without = 0, quieter = 0;
   for (Channel channel : moved) {
-    (channel == &Sampled::torque ? out.of_torque : out.of_voltage) = true;
+    (channel == &Sampled::torque ? of_torque : of_voltage) = true;
     noise_with += judging.energy(noise_of(with), channel);
     noise_without += judging.energy(noise_of(without), channel);
   }
   if (noise_with > 0 && noise_without > noise_with)
-    out.quieter = 0.5 * std::log(noise_without / noise_with);
+    quieter = 0.5 * std::log(noise_without / noise_with);
   // Where most of what is left is noise, what else is left may be the angle's as well.
   const double left = judging.energy(without, &Sampled::torque),
                noise = judging.energy(noise_of(without), &Sampled::torque);
-  if (out.of_torque && motor > 0 && motor < 1 && noise > left / 2)
-    out.quieter = std::max(out.quieter, -std::log(motor));
-  std::vector<double> all;
-  std::map<int, std::vector<double>> by_file;
-  double energy = 0, energy_before = 0;
-  for (const auto& [file, E] : judging.pieces(with, without, moved)) {
-    energy += E.with;
-    energy_before += E.without;
-    if (!(E.without > 0) || !(E.with > 0) || std::abs(E.without - E.with) < silent * E.without)
-      continue;
-    const double fall = 0.5 * std::log(E.without / E.with);
-    all.push_back(fall - out.quieter);
-    by_file[file].push_back(fall);
+  if (of_torque && motor > 0 && motor < 1 && noise > left / 2)
+    quieter = std::max(quieter, -std::log(motor));
+  Pieces is, was;
+  std::size_t index = 0;
+  for (const auto& [file, energy] : judging.pieces(with, without, moved)) {
+    is[{file, index}] = energy.with;
+    was[{file, index++}] = energy.without;
   }
-  out.judgement.votes = static_cast<int>(all.size());
-  out.judgement.p_value = signed_rank_tail(all);
-  out.judgement.held_out_gain = energy_before > 0 ? 1 - energy / energy_before : 0;
-  for (double r : all) out.mean += r / static_cast<double>(all.size());
-  for (auto& [file, votes] : by_file) {
-    for (double r : votes) out.of_file[file] += r / static_cast<double>(votes.size());
-    for (double& r : votes) r = -r;
-    out.worse[file] = signed_rank_tail(votes);
-  }
-  return out;
+  return {votes_of(was, is, silent, quieter), of_voltage, of_torque};
 }
 
-// Why an effect leaves another machine; empty: it does not.
-std::string another_machine(const Effect& effect, const DriveFacts& facts, double least_left,
-                            double& share) {
-  const MachineParameters& m = facts.machine;
+// What an effect leaves of a parameter of the machine, and the bounds of this machine.
+struct Left {
+  const char* name;
+  double share, least, most;
+};
+std::vector<Left> left_of(const Effect& effect, const MachineParameters& m) {
   const ScaleBounds& most = kThisMachine;
   struct Key {
     const char *change, *name;
@@ -212,17 +194,33 @@ std::string another_machine(const Effect& effect, const DriveFacts& facts, doubl
                       {"change_Ohm", "R_s", m.R_s, 1 / most.R_s, most.R_s},
                       {"change_d_H", "L_d", m.L_d, 1 / most.L, most.L},
                       {"change_q_H", "L_q", m.L_q, 1 / most.L, most.L}};
-  for (const Key& key : keys) {
-    if (!has_key(effect, key.change) || !(key.whole > 0)) continue;
-    share = 1 + get_key(effect, key.change) / key.whole;
-    if (share < std::max(least_left, key.least) || share > key.most)
-      return fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", share, key.name);
+  std::vector<Left> list;
+  for (const Key& key : keys)
+    if (has_key(effect, key.change) && key.whole > 0)
+      list.push_back({key.name, 1 + get_key(effect, key.change) / key.whole, key.least, key.most});
+  return list;
+}
+
+// Why an effect leaves another machine; empty: it does not.
+std::string another_machine(const Effect& effect, const DriveFacts& facts, double least_left,
+                            double& share) {
+  for (const Left& left : left_of(effect, facts.machine)) {
+    share = left.share;
+    if (share < std::max(least_left, left.least) || share > left.most)
+      return fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", share, left.name);
   }
   share = 0;
   return plausible(effect, facts) ? "" : "it is larger than a running drive can lack";
 }
 
 }  // namespace
+
+std::pair<double, const char*> least_left(const Effect& effect, const MachineParameters& m) {
+  std::pair<double, const char*> least{1, ""};
+  for (const Left& left : left_of(effect, m))
+    if (left.share < least.first) least = {left.share, left.name};
+  return least;
+}
 
 struct Gate::Asked {
   Fit fit;
@@ -266,9 +264,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
         !why.empty())
       refuse(m, "physical", "", share, std::move(why));
   }
-  std::vector<std::size_t> by_chance(members.size());
   for (std::size_t m = 0; m < members.size(); ++m) {
-    by_chance[m] = m;
     const double size = members[m]->tracing().materiality(facts);
     if (size < 1)
       refuse(m, "size", "", size, fmt::format("{:.2g} of the smallest size worth reporting", size));
@@ -276,38 +272,16 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
       if (const double least = resolution_(*members[m]); size < least)
         refuse(m, "sensors", "", size / least,
                fmt::format("{:.2g} of what the sensors alone can make", size / least));
-    const Vote& v = asked.votes[m];
-    if (v.judgement.votes < criterion_.votes)
-      refuse(m, "transfer", "", v.judgement.votes,
-             fmt::format("only {} pieces of the rows that judge show it, {} are needed",
-                         v.judgement.votes, criterion_.votes));
-    for (const auto& [file, worse] : v.worse)
-      if (worse < criterion_.chance)
-        refuse(m, "transfer",
-               files_.files.empty() ? "" : files_.files[static_cast<std::size_t>(file)].path,
-               v.of_file.at(file), "the error there rises with it");
-    if (v.judgement.held_out_gain <= 0)
-      refuse(m, "transfer", "", v.judgement.held_out_gain,
-             "the error on rows that judge does not fall with it");
   }
-  // Holm: the most certain of n has to be n times as certain.
-  std::sort(by_chance.begin(), by_chance.end(), [&](std::size_t a, std::size_t b) {
-    return asked.votes[a].judgement.p_value < asked.votes[b].judgement.p_value;
-  });
-  bool chance = false;
-  for (std::size_t i = 0; i < by_chance.size(); ++i) {
-    const double p = asked.votes[by_chance[i]].judgement.p_value;
-    chance = chance || p > criterion_.chance / static_cast<double>(by_chance.size() - i);
-    if (!chance) continue;
-    const double quieter = asked.votes[by_chance[i]].quieter;
-    if (quieter > criterion_.silent)
-      refuse(by_chance[i], "sensors", "", p,
-             fmt::format("it makes the sensors' noise {:.2g} times as large, and rows that judge "
-                         "fall further by chance in {:.2g} of logs",
-                         std::exp(-quieter), p));
-    refuse(by_chance[i], "transfer", "", p,
-           fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
-  }
+  std::vector<std::string> paths;
+  for (const JudgedFile& file : files_.files) paths.push_back(file.path);
+  std::vector<Refused> transfer =
+      refused_by_transfer({asked.votes.begin(), asked.votes.end()}, paths, criterion_);
+  for (std::size_t m = 0; m < members.size(); ++m)
+    if (out[m].rule.empty() && !transfer[m].rule.empty()) {
+      out[m] = std::move(transfer[m]);
+      out[m].kind = std::string(members[m]->kind());
+    }
   if (std::all_of(out.begin(), out.end(), [](const Refused& r) { return !r.rule.empty(); }))
     return out;
   const Chain* half = half_rate_ ? &half_rate_().chain() : nullptr;

@@ -39,16 +39,22 @@ struct Criterion {
   double kept = 0.5;        // of a part's own gain, that another part's answer must keep
   double sigmas = 4;        // deviations from which a part is moved by a claim
   double size_sigmas = 2;   // deviations, in all, that a claim must be large
+  double times_left = 4;    // power that claims on points take, over what none explains
   double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q, beside kThisMachine's bounds
 };
 
 // What the rows that judge say of one member.
 struct Judgement {
   double held_out_gain = 0;  // share of the error without it, raw
+  double fitted_gain = 0;    // the same on rows that do not judge; of points alone
   double p_value = 1;        // of the signed-rank test
   int votes = 0;
   double kept = 1;  // least share of a part's own gain
 };
+
+// The least that an effect leaves of a parameter of the machine, as a share, and of which; 1, "":
+// it changes none.
+std::pair<double, const char*> least_left(const Effect& effect, const MachineParameters& machine);
 
 struct Passed {
   Fit fit;                        // of the members that passed, on all rows that do not judge

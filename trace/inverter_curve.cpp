@@ -5,6 +5,7 @@
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/static_sets.hpp"
+#include "trace/static_split.hpp"
 
 namespace twinrate {
 namespace {
@@ -30,7 +31,7 @@ StaticKind kind_of(const StaticSet& set) {
 }
 
 StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
-                                 std::vector<char> held_out, const TraceHooks& hooks) {
+                                 const std::vector<char>& held_out, const TraceHooks& hooks) {
   const int phase = phase_of(set);
   const auto& i = set.at(kCurrents[static_cast<std::size_t>(phase)]);
   const auto& u = set.at(kVoltages[static_cast<std::size_t>(phase)]);
@@ -50,14 +51,14 @@ StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
     return Eigen::RowVectorXd::Constant(1, c.u_dq_drop[0]);
   };
   p.scale = Eigen::RowVectorXd::Ones(1);
-  trace.held_out_rule = "the points given";
-  if (held_out.empty()) {
-    held_out = every_other(i);
-    trace.held_out_rule = "every other point in the order of the current";
-  }
-  p.held_out = std::move(held_out);
+  p.readings = {u};
+  trace.held_out_rule =
+      split_points(set, i, {}, held_out,
+                   "every fourth point in the order of the current; another fourth chose", p);
   double i_max = 0;
   for (const double value : i) i_max = std::max(i_max, std::abs(value));
+  // As of inverter_drop and of resistance.
+  p.smallest = {std::max(1e-3 * facts.v_dc, 0.02 * facts.machine.R_s * i_max)};
   std::vector<StaticTerm> drops;
   for (int shape = 0; shape < 4; ++shape) {
     StaticTerm drop{

@@ -8,68 +8,112 @@
 #include <limits>
 
 #include "model/effects/catalogue.hpp"
+#include "trace/fall.hpp"
 #include "trace/keys.hpp"
 #include "trace/static_picture.hpp"
+#include "trace/verdict.hpp"
 
 namespace twinrate {
 namespace {
 
-std::string percent(double part) {
-  return fmt::format("{:.1f} %", 100 * part);
+constexpr double kNotKnown = std::numeric_limits<double>::quiet_NaN();
+
+Eigen::Index points_of(const StaticProblem& p, PointRole role) {
+  return std::count(p.role.begin(), p.role.end(), role);
 }
 
-constexpr double kNotJudged = std::numeric_limits<double>::quiet_NaN();
-
-// What the model would lose without the effect.
-struct Worth {
-  double held_out_gain = kNotJudged, delta_bic = kNotJudged;
-};
-
-Worth worth(const StaticTrace& trace, std::size_t term) {
-  const StaticProblem& p = trace.problem;
-  const StaticFit& with = trace.selection.after;
-  std::vector<StaticTerm> others = with.terms;
-  const auto keys = others[term].linear.size() + others[term].searched.size();
-  others.erase(others.begin() + static_cast<std::ptrdiff_t>(term));
-  const StaticFit without = fit_static(p, others);
-  const double N = static_cast<double>(p.y.cols()) *
-                   static_cast<double>(std::count(p.held_out.begin(), p.held_out.end(), 0));
-  return {1 - with.held_out_cost / std::max(without.held_out_cost, 1e-300),
-          N * std::log(with.cost / without.cost) + static_cast<double>(keys) * std::log(N)};
-}
-
-TracedEffect traced_effect(const StaticTrace& trace, std::size_t i, bool& interrupted) {
-  const StaticFit& after = trace.selection.after;
-  TracedEffect e;
-  e.effect = after.terms[i].effect;
-  e.equation = "electrical";
-  e.parameters = traced_parameters(*e.effect, after.sigma[i]);
-  Worth own;
-  try {
-    own = worth(trace, i);
-  } catch (const TraceStopped&) {
-    interrupted = true;
-  }
-  e.held_out_gain = own.held_out_gain;
-  e.delta_bic = own.delta_bic;
-  // Of the fall of the training cost, as a likelihood ratio.
-  e.p_value =
-      std::isfinite(own.delta_bic) ? std::exp(std::min(0.0, 0.5 * own.delta_bic)) : kNotJudged;
+TracedEffect traced_effect(const StaticTrace& trace, std::size_t i) {
+  const StaticSelection& s = trace.selection;
+  TracedEffect e{.effect = s.after.terms[i].effect, .equation = "electrical"};
+  e.parameters = traced_parameters(*e.effect, s.after.sigma[i]);
+  const Judgement& judged = s.judgements[i];
+  e.held_out_gain = judged.held_out_gain;
+  const StaticTerm& term = s.after.terms[i];
+  const double N =
+      static_cast<double>(trace.problem.y.cols() * (points_of(trace.problem, PointRole::kFits) +
+                                                    points_of(trace.problem, PointRole::kChooses)));
+  const auto keys = static_cast<double>(term.linear.size() + term.searched.size());
+  e.delta_bic = N * std::log(1 - judged.fitted_gain) + keys * std::log(N);
+  e.p_value = judged.p_value;
   e.materiality = e.effect->tracing().materiality(trace.problem.facts);
   return e;
 }
 
 EquationError channel_error(const StaticTrace& trace, Eigen::Index channel, const char* unit) {
   const StaticFit &before = trace.selection.before, &after = trace.selection.after;
-  const StaticProblem& p = trace.problem;
   EquationError e{.unit = unit,
                   .before = {before.train[channel], before.held_out[channel]},
                   .after = {after.train[channel], after.held_out[channel]}};
-  e.no_change = std::numeric_limits<double>::quiet_NaN();  // nothing changes with time here
-  e.noise_floor = std::numeric_limits<double>::quiet_NaN();
-  e.whiteness_p_value = std::numeric_limits<double>::quiet_NaN();
-  e.rows = static_cast<std::size_t>(p.y.rows());
+  // Nothing changes with time here.
+  e.no_change = e.noise_floor = e.whiteness_p_value = kNotKnown;
+  e.rows = static_cast<std::size_t>(trace.problem.y.rows());
   return e;
+}
+
+// The channel whose error falls furthest.
+Eigen::Index main_channel(const StaticSelection& s) {
+  Eigen::Index main = 0;
+  (s.before.held_out.array() / s.after.held_out.array().max(1e-300)).maxCoeff(&main);
+  return main;
+}
+
+// Half the mean square of the difference of neighbours: noise, and hardly anything else.
+double noise_of(const StaticProblem& p, const Eigen::MatrixXd& rest, Eigen::Index channel,
+                int file) {
+  double sum = 0, pairs = 0;
+  for (std::size_t k = 0; k + 1 < p.order.size(); ++k) {
+    if (p.ends_line[k] || p.file[p.order[k]] != file) continue;
+    const double step = rest(static_cast<Eigen::Index>(p.order[k + 1]), channel) -
+                        rest(static_cast<Eigen::Index>(p.order[k]), channel);
+    sum += 0.5 * step * step, ++pairs;
+  }
+  return pairs > 0 ? std::sqrt(sum / pairs) : kNotKnown;
+}
+
+// A line a file and channel: over its points that judge, or over all where none does.
+void add_files(const StaticTrace& trace, const char* unit, TraceResult& r) {
+  const StaticProblem& p = trace.problem;
+  for (std::size_t f = 0; f < p.files.size(); ++f)
+    for (Eigen::Index c = 0; c < p.y.cols(); ++c) {
+      double rows = 0, all = 0, before[2] = {}, after[2] = {}, judging = 0;
+      for (std::size_t k = 0; k < p.role.size(); ++k) {
+        if (p.file[k] != static_cast<int>(f)) continue;
+        const bool judges = p.role[k] == PointRole::kJudges;
+        const auto row = static_cast<Eigen::Index>(k);
+        ++all, judging += judges;
+        before[judges] += std::pow(trace.selection.before.rest(row, c), 2);
+        after[judges] += std::pow(trace.selection.after.rest(row, c), 2);
+      }
+      const bool judged = judging > 0;
+      rows = judged ? judging : all;
+      r.files.push_back({.path = p.files[f],
+                         .held_out = judging == all,
+                         .unit = unit,
+                         .rows = static_cast<std::size_t>(all),
+                         .no_change = kNotKnown,
+                         .before = std::sqrt(before[judged] / rows),
+                         .after = std::sqrt(after[judged] / rows),
+                         .noise = noise_of(p, trace.selection.after.rest, c, static_cast<int>(f)),
+                         .signals = {p.channels[static_cast<std::size_t>(c)]}});
+    }
+}
+
+// Which constants these points would have shown, at the smallest size worth reporting.
+void identifiability(const StaticTrace& trace, TraceResult& r) {
+  constexpr double kBlind = 4;  // deviations that a smallest effect must have to be seen
+  const StaticFit& fit = trace.selection.constants;
+  for (std::size_t i = 0; i < fit.terms.size(); ++i) {
+    const auto effect = fit.terms[i].effect->clone();
+    for (const auto& [key, sigma] : fit.sigma[i]) set_key(*effect, key, sigma);
+    const std::string kind(effect->kind());
+    const double size = effect->tracing().materiality(trace.problem.facts);
+    const bool named = trace.selection.after.find(kind) != nullptr;
+    if (kBlind * size < 1 && !named)
+      r.identifiable.push_back(kind);
+    else if (!named)
+      r.not_identifiable.emplace_back(
+          kind, fmt::format("one sigma is {:.2g} of the smallest size worth reporting", size));
+  }
 }
 
 void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
@@ -100,49 +144,82 @@ void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
        "the resistance of the winding measured without the inverter"});
 }
 
+// What no effect explains of a channel.
+void add_rest(const StaticTrace& trace, const char* unit, TraceResult& r) {
+  for (const StaticRest& left : trace.selection.left)
+    r.unexplained.push_back({.regressor = trace.problem.channels.size() > 1 ? "i_d, i_q" : "i_q",
+                             .share = left.share,
+                             .equation = "electrical",
+                             .text = fmt::format("{:.3g} {} of {} that depend on the current",
+                                                 left.size, unit, left.channel)});
+  r.structured = !r.unexplained.empty();
+}
+
+std::string sentence_of(const StaticTrace& trace, const TraceResult& r) {
+  const StaticSelection& s = trace.selection;
+  const Eigen::Index main = main_channel(s);
+  const std::string& channel = trace.problem.channels[static_cast<std::size_t>(main)];
+  if (r.verdict == "nothing_missing")
+    return fmt::format("No effect is missing: the held-out error of {} is {:.3g} {}.", channel,
+                       s.after.held_out[main], r.electrical->unit);
+  std::string text = headline_begins(r);
+  if (r.effects.empty()) return text.substr(0, text.size() - 1);
+  std::vector<std::string> kinds;
+  for (const TracedEffect& e : r.effects)
+    kinds.push_back(e.aliases.empty()
+                        ? std::string(e.effect->kind())
+                        : fmt::format("{} (or {})", e.effect->kind(), fmt::join(e.aliases, ", ")));
+  text += fmt::format("The model lacks {}", fmt::join(kinds, ", "));
+  if (const auto falls =
+          fall_in_words(s.before.held_out[main], s.after.held_out[main], r.electrical->unit))
+    text += fmt::format(". With {} added, the held-out error of {} {} (constants alone: {:.3g})",
+                        kinds.size() == 1 ? "it" : "these", channel, *falls,
+                        s.constants.held_out[main]);
+  return text + ".";
+}
+
+// Nothing was found; whether anything is missing these points need not show.
+void doubt_nothing(TraceResult& r) {
+  if (r.verdict != "nothing_missing" || r.not_identifiable.empty()) return;
+  std::vector<std::string> blind;
+  for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
+  r.verdict = "ambiguous";
+  r.sentence =
+      fmt::format("Cannot tell: the noise of these points hides {}. Average more readings a point.",
+                  fmt::join(blind, ", "));
+}
+
 }  // namespace
 
 TraceResult static_result(const StaticSet& set, const StaticTrace& trace, StaticKind kind) {
   TraceResult r;
   r.sources = {set.path};
   const StaticSelection& s = trace.selection;
-  const bool found = !s.steps.empty();
   r.interrupted = s.interrupted;
-  r.health.push_back(fmt::format("{} points; held out: {}", set.size(), trace.held_out_rule));
-  // Constants are effects where they are off by more than matters; where a law stands on them, also
-  // by less, but not by next to nothing.
-  const double least = found ? 0.1 : 1;
-  for (std::size_t i = 0; i < s.after.terms.size(); ++i) {
-    TracedEffect e = traced_effect(trace, i, r.interrupted);
-    const bool constant = s.before.find(e.effect->kind()) != nullptr;
-    if (!constant || e.materiality > least) r.effects.push_back(std::move(e));
-  }
-  const bool map = kind == StaticKind::kFluxMap;
-  const Eigen::Index channel = map ? 1 : 0;
-  r.electrical = channel_error(trace, channel, map ? "Wb" : "V");
+  r.health.push_back(
+      fmt::format("{} points; those that judge: {}", set.size(), trace.held_out_rule));
+  for (std::size_t i = 0; i < s.after.terms.size(); ++i)
+    r.effects.push_back(traced_effect(trace, i));
+  r.refused = s.refused;
+  const char* unit = kind == StaticKind::kFluxMap ? "Wb" : "V";
+  r.electrical = channel_error(trace, main_channel(s), unit);
   r.main_equation = "electrical";
+  add_files(trace, unit, r);
+  identifiability(trace, r);
   for (Eigen::Index c = 0; c < s.before.held_out.size(); ++c)
-    r.identifiable.push_back(
-        fmt::format("held-out error of {}: {:.4g} before (constants fitted), {:.4g} after: {:.1f} "
-                    "times smaller",
-                    trace.problem.channels[static_cast<std::size_t>(c)], s.before.held_out[c],
-                    s.after.held_out[c], s.before.held_out[c] / s.after.held_out[c]));
+    if (s.after.held_out[c] < s.constants.held_out[c])
+      r.identifiable.push_back(fmt::format(
+          "held-out error of {}: {:.4g} before (constants fitted), {:.4g} after: {:.1f} times "
+          "smaller",
+          trace.problem.channels[static_cast<std::size_t>(c)], s.constants.held_out[c],
+          s.after.held_out[c], s.constants.held_out[c] / s.after.held_out[c]));
   r.pictures = static_pictures(trace, kind);
   add_inverter_alias(trace, r);
-  r.verdict = found ? "traced" : r.effects.empty() ? "nothing_missing" : "traced";
-  std::vector<std::string> kinds;
-  for (const TracedEffect& e : r.effects) kinds.emplace_back(e.effect->kind());
-  r.sentence =
-      kinds.empty()
-          ? fmt::format("No effect is missing: with constants the held-out error is {:.3g} {}",
-                        r.electrical->after.held_out, r.electrical->unit)
-          : fmt::format(
-                "The model lacks {}. With {} added, the held-out error of {} falls from {:.3g} to "
-                "{:.3g} {} ({} of the error before)",
-                fmt::join(kinds, ", "), kinds.size() == 1 ? "it" : "these",
-                trace.problem.channels[static_cast<std::size_t>(channel)],
-                r.electrical->before.held_out, r.electrical->after.held_out, r.electrical->unit,
-                percent(r.electrical->after.held_out / r.electrical->before.held_out));
+  add_rest(trace, unit, r);
+  r.verdict = verdict_of(r);
+  if (r.verdict == std::string("nothing_missing") && refusal_to_tell(r)) r.verdict = "unexplained";
+  r.sentence = sentence_of(trace, r);
+  doubt_nothing(r);
   if (r.interrupted)
     r.sentence = fmt::format(
         "Interrupted after {} step{} of the selection: more effects may be missing. So far: {}",

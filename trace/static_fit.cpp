@@ -41,7 +41,8 @@ double small_step(const Effect& effect, const std::string& key) {
   return 1;
 }
 
-// One column for each linear key of each term, at the searched keys as they stand.
+}  // namespace
+
 MatrixXd columns_of(const StaticProblem& p, const std::vector<StaticTerm>& terms) {
   std::vector<VectorXd> columns;
   for (const StaticTerm& term : terms) {
@@ -65,13 +66,23 @@ VectorXd weighed_residual(const StaticProblem& p) {
   return Eigen::Map<const VectorXd>(scaled.data(), scaled.size());
 }
 
-struct Rows {
+namespace {
+
+struct RowsOfRoles {
   VectorXd y;
   std::vector<Index> training, held_out;
-  explicit Rows(const StaticProblem& p) : y(weighed_residual(p)) {
+  RowsOfRoles(const StaticProblem& p, PointRole last) : y(weighed_residual(p)) {
     const Index n = p.y.rows();
-    for (Index k = 0; k < y.size(); ++k)
-      (p.held_out[static_cast<std::size_t>(k % n)] ? held_out : training).push_back(k);
+    for (Index k = 0; k < y.size(); ++k) {
+      const PointRole role = p.role[static_cast<std::size_t>(k % n)];
+      if (role <= last)
+        training.push_back(k);
+      else if (role == next(last))
+        held_out.push_back(k);
+    }
+  }
+  static PointRole next(PointRole role) {
+    return role == PointRole::kFits ? PointRole::kChooses : PointRole::kJudges;
   }
 };
 
@@ -85,7 +96,7 @@ struct Solved {
   double cost = 0;
 };
 
-Solved solve(const Rows& rows, const MatrixXd& A) {
+Solved solve(const RowsOfRoles& rows, const MatrixXd& A) {
   const VectorXd y = rows.y(rows.training);
   if (A.cols() == 0) return {VectorXd(), y.squaredNorm()};
   const MatrixXd A_train = A(rows.training, Eigen::all);
@@ -95,14 +106,14 @@ Solved solve(const Rows& rows, const MatrixXd& A) {
 }
 
 // Cost with one searched key at `value`.
-double cost_at(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>& terms,
+double cost_at(const StaticProblem& p, const RowsOfRoles& rows, std::vector<StaticTerm>& terms,
                StaticTerm& term, const std::string& key, double value) {
   p.hooks.checkpoint();
   set_key(*term.effect, key, value);
   return solve(rows, columns_of(p, terms)).cost;
 }
 
-void search(const StaticProblem& p, const Rows& rows, std::vector<StaticTerm>& terms) {
+void search(const StaticProblem& p, const RowsOfRoles& rows, std::vector<StaticTerm>& terms) {
   constexpr int kGrid = 12;
   for (StaticTerm& term : terms)
     for (const SearchedKey& s : term.searched) {
@@ -129,7 +140,7 @@ struct FreeKey {
 
 struct Misfit {
   const StaticProblem* p;
-  const Rows* rows;
+  const RowsOfRoles* rows;
   const std::vector<FreeKey>* keys;
   mutable std::vector<StaticTerm> terms;
 
@@ -146,7 +157,7 @@ struct Misfit {
 
 // All keys at once from where the search left them, with their standard deviations.
 // fit.in_range: false where one would have to leave its range.
-void refine(const StaticProblem& p, const Rows& rows, StaticFit& fit) {
+void refine(const StaticProblem& p, const RowsOfRoles& rows, StaticFit& fit) {
   constexpr int kMostIterations = 60;
   std::vector<FreeKey> keys;
   std::vector<double> x, lo, hi;
@@ -209,38 +220,17 @@ void refine(const StaticProblem& p, const Rows& rows, StaticFit& fit) {
   }
 }
 
-Eigen::RowVectorXd channel_rms(const StaticProblem& p, const MatrixXd& rest, bool held_out) {
+// Of `rows`, which are counted through all channels.
+Eigen::RowVectorXd channel_rms(const MatrixXd& rest, const std::vector<Index>& rows) {
   Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(rest.cols());
-  int count = 0;
-  for (Index k = 0; k < rest.rows(); ++k)
-    if (static_cast<bool>(p.held_out[static_cast<std::size_t>(k)]) == held_out) {
-      sum += rest.row(k).cwiseAbs2();
-      ++count;
-    }
-  return (sum / std::max(count, 1)).cwiseSqrt();
+  const Index n = rest.rows();
+  for (const Index row : rows) sum[row / n] += std::pow(rest(row % n, row / n), 2);
+  const double count = static_cast<double>(rows.size()) / static_cast<double>(rest.cols());
+  return (sum / std::max(count, 1.0)).cwiseSqrt();
 }
 
-}  // namespace
-
-const StaticTerm* StaticFit::find(std::string_view kind) const {
-  for (const StaticTerm& term : terms)
-    if (term.effect->kind() == kind) return &term;
-  return nullptr;
-}
-
-StaticFit fit_static(const StaticProblem& p, const std::vector<StaticTerm>& terms) {
-  p.hooks.checkpoint();
-  const Rows rows(p);
-  StaticFit fit;
-  fit.terms = copies(terms);
-  search(p, rows, fit.terms);
-  const VectorXd start = solve(rows, columns_of(p, fit.terms)).x;
-  Index j = 0;
-  for (StaticTerm& term : fit.terms) {
-    for (const auto& key : term.linear) set_key(*term.effect, key, start[j++]);
-    fit.parameters += static_cast<int>(term.linear.size() + term.searched.size());
-  }
-  refine(p, rows, fit);
+// What the terms leave, and the errors of it.
+void compare(const StaticProblem& p, const RowsOfRoles& rows, StaticFit& fit) {
   VectorXd rest = rows.y;
   Effects effects;
   for (const StaticTerm& term : fit.terms) {
@@ -253,8 +243,39 @@ StaticFit fit_static(const StaticProblem& p, const std::vector<StaticTerm>& term
   fit.held_out_cost = mean_square(rest, rows.held_out);
   fit.rest = Eigen::Map<const MatrixXd>(rest.data(), p.y.rows(), p.y.cols());
   fit.rest = (fit.rest.array().rowwise() * p.scale.array()).matrix();
-  fit.train = channel_rms(p, fit.rest, false);
-  fit.held_out = channel_rms(p, fit.rest, true);
+  fit.train = channel_rms(fit.rest, rows.training);
+  fit.held_out = channel_rms(fit.rest, rows.held_out);
+}
+
+}  // namespace
+
+const StaticTerm* StaticFit::find(std::string_view kind) const {
+  for (const StaticTerm& term : terms)
+    if (term.effect->kind() == kind) return &term;
+  return nullptr;
+}
+
+StaticFit fit_static(const StaticProblem& p, const std::vector<StaticTerm>& terms, PointRole last) {
+  p.hooks.checkpoint();
+  const RowsOfRoles rows(p, last);
+  StaticFit fit;
+  fit.terms = copies(terms);
+  search(p, rows, fit.terms);
+  const VectorXd start = solve(rows, columns_of(p, fit.terms)).x;
+  Index j = 0;
+  for (StaticTerm& term : fit.terms) {
+    for (const auto& key : term.linear) set_key(*term.effect, key, start[j++]);
+    fit.parameters += static_cast<int>(term.linear.size() + term.searched.size());
+  }
+  refine(p, rows, fit);
+  compare(p, rows, fit);
+  return fit;
+}
+
+StaticFit first_terms(const StaticProblem& p, StaticFit fit, std::size_t count, PointRole last) {
+  fit.terms.resize(count);
+  fit.sigma.resize(count);
+  compare(p, RowsOfRoles(p, last), fit);
   return fit;
 }
 

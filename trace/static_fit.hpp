@@ -4,7 +4,8 @@
 //
 // y is what the declared model leaves. The keys in which an effect is not linear (a saturation
 // current, a corner) are searched on a grid, with the others by least squares; from its best point
-// all are refined together (Ceres). Held-out points never enter a fit.
+// all are refined together (Ceres). Points that judge enter no fit and no choice, only the gate
+// (trace/point_gate.hpp) and the reported errors.
 #pragma once
 #include <Eigen/Core>
 #include <functional>
@@ -31,6 +32,9 @@ struct StaticTerm {
   std::vector<SearchedKey> searched;
 };
 
+// What a point is for, in the order in which the roles read the set.
+enum class PointRole : char { kFits, kChooses, kJudges };
+
 struct StaticProblem {
   DriveFacts facts;
   std::vector<OperatingPoint> points;
@@ -38,8 +42,16 @@ struct StaticProblem {
   Eigen::MatrixXd y;                  // point x channel
   // What a contribution explains, one number a channel.
   std::function<Eigen::RowVectorXd(const Contribution&, const OperatingPoint&)> observe;
-  Eigen::RowVectorXd scale;  // of each channel: errors are weighed by 1/scale
-  std::vector<char> held_out;
+  Eigen::RowVectorXd scale;                   // of each channel: errors are weighed by 1/scale
+  std::vector<std::vector<double>> readings;  // of each channel
+  std::vector<double> smallest;  // of each channel: what is left below it is not worth a word
+  std::vector<PointRole> role;
+  std::vector<int> file;  // of each point; of `files`
+  std::vector<std::string> files;
+  // Points in the order of the set's coordinates, in lines: the last of a line has no neighbour.
+  std::vector<std::size_t> order;
+  std::vector<char> ends_line;     // by place in `order`
+  std::vector<double> coordinate;  // of which both signs should agree
   // False: physically impossible beyond the points, not taken. May be empty.
   std::function<bool(const Effects&)> possible;
   TraceHooks hooks = {};
@@ -48,7 +60,7 @@ struct StaticProblem {
 struct StaticFit {
   std::vector<StaticTerm> terms;                     // with the keys set
   std::vector<std::map<std::string, double>> sigma;  // of each term, by key
-  Eigen::RowVectorXd train, held_out;                // rms of the rest by channel
+  Eigen::RowVectorXd train, held_out;  // rms of the rest by channel; held out: the next role
   Eigen::MatrixXd rest;
   double cost = 0, held_out_cost = 0;  // mean square of the weighed rest
   int parameters = 0;
@@ -57,7 +69,18 @@ struct StaticFit {
   const StaticTerm* find(std::string_view kind) const;
 };
 
-// Deep copies of the effects; `terms` stays as it is. Throws TraceStopped.
-StaticFit fit_static(const StaticProblem& problem, const std::vector<StaticTerm>& terms);
+// Deep copies of the effects; `terms` stays as it is. Fitted to the points up to role `last`.
+// Throws TraceStopped.
+StaticFit fit_static(const StaticProblem& problem, const std::vector<StaticTerm>& terms,
+                     PointRole last = PointRole::kFits);
+
+// The same without the terms after the first `count`: nothing is fitted anew.
+StaticFit first_terms(const StaticProblem& problem, StaticFit fit, std::size_t count,
+                      PointRole last);
+
+// One column for each linear key of each term, at the searched keys as they stand; channels below
+// one another, in units of `scale`.
+Eigen::MatrixXd columns_of(const StaticProblem& problem, const std::vector<StaticTerm>& terms);
+Eigen::VectorXd weighed_residual(const StaticProblem& problem);
 
 }  // namespace twinrate

@@ -35,7 +35,7 @@ TracePicture picture(const StaticTrace& trace, const Axis& axis, Eigen::Index ch
     picture.x.push_back(axis.x[i]);
     picture.before.push_back(s.before.rest(row, channel));
     picture.after.push_back(s.after.rest(row, channel));
-    picture.held_out.push_back(trace.problem.held_out[i]);
+    picture.held_out.push_back(trace.problem.role[i] == PointRole::kJudges);
   }
   picture.x_label = axis.label;
   return picture;

@@ -4,7 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+
+#include "trace/static_gate.hpp"
 
 namespace twinrate {
 namespace {
@@ -49,7 +50,7 @@ StaticSelection select_static(const StaticProblem& p, const std::vector<StaticTe
   selection.before = fit_static(p, always);
   selection.after = selection.before;
   const double N = static_cast<double>(p.y.cols()) *
-                   static_cast<double>(std::count(p.held_out.begin(), p.held_out.end(), 0));
+                   static_cast<double>(std::count(p.role.begin(), p.role.end(), PointRole::kFits));
   try {
     for (std::size_t round = 0; round < 2 * candidates.size(); ++round)
       if (!add_best(p, candidates, least_gain, N, selection)) break;
@@ -57,35 +58,10 @@ StaticSelection select_static(const StaticProblem& p, const std::vector<StaticTe
     if (selection.steps.empty()) throw;
     selection.interrupted = true;
   }
+  StaticProblem unstopped = p;  // what is left is short, and nothing is told that did not pass
+  unstopped.hooks.stop = {};
+  pass_gate(unstopped, selection);
   return selection;
-}
-
-std::vector<char> chess_board(const std::vector<double>& x, const std::vector<double>& y) {
-  const auto ranks = [](const std::vector<double>& values) {
-    std::vector<double> levels(values);
-    std::sort(levels.begin(), levels.end());
-    levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
-    std::vector<std::size_t> rank(values.size());
-    for (std::size_t k = 0; k < values.size(); ++k)
-      rank[k] = static_cast<std::size_t>(std::lower_bound(levels.begin(), levels.end(), values[k]) -
-                                         levels.begin());
-    return std::pair(rank, levels.size());
-  };
-  const auto [row, rows] = ranks(x);
-  const auto [column, columns] = ranks(y);
-  if (rows * columns > 2 * x.size()) return every_other(x);  // scattered points
-  std::vector<char> held_out(x.size());
-  for (std::size_t k = 0; k < x.size(); ++k) held_out[k] = (row[k] + column[k]) % 2 == 1;
-  return held_out;
-}
-
-std::vector<char> every_other(const std::vector<double>& x) {
-  std::vector<std::size_t> order(x.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return x[a] < x[b]; });
-  std::vector<char> held_out(x.size());
-  for (std::size_t k = 0; k < order.size(); ++k) held_out[order[k]] = k % 2 == 1;
-  return held_out;
 }
 
 }  // namespace twinrate

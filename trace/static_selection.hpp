@@ -1,6 +1,7 @@
-// Which effects a static set lacks: forward by the best candidate that also helps the points kept
-// back, and which points those are.
+// Which effects a static set lacks: forward by the best candidate that also helps the points that
+// choose.
 #pragma once
+#include "trace/point_gate.hpp"
 #include "trace/static_fit.hpp"
 
 namespace twinrate {
@@ -10,22 +11,28 @@ struct StaticStep {
   double delta_bic = 0, holdout_gain = 0;  // of the error that was left before this one
 };
 
+// Of one channel: what neighbouring points share and no effect explains.
+struct StaticRest {
+  std::string channel;
+  double share = 0, size = 0;  // of the power of the rest; rms in the channel's unit
+};
+
 struct StaticSelection {
-  StaticFit before;  // with `always` alone: constants are free on both sides
-  StaticFit after;
+  StaticFit before;     // the declared model
+  StaticFit constants;  // with the constants alone
+  StaticFit after;      // with what passed the gate
   std::vector<StaticStep> steps;
+  std::vector<Judgement> judgements;  // of after.terms
+  std::vector<Refused> refused;
+  std::vector<StaticRest> left;
   bool interrupted = false;  // after the last step: more may be missing
 };
 
 // Forward: of all candidates the one with the best criterion N log(cost) + k log(N), as long as it
-// takes `least_gain` of the mean square of the held-out rest with it. A candidate of a kind that is
-// already there replaces it. Stopped before the first step: throws TraceStopped.
+// takes `least_gain` of the mean square that is left of the points that choose. A candidate of a
+// kind that is already there replaces it. Then the gate. Stopped before the first step: throws
+// TraceStopped.
 StaticSelection select_static(const StaticProblem& problem, const std::vector<StaticTerm>& always,
                               const std::vector<StaticTerm>& candidates, double least_gain = 0.1);
-
-// Every other point of a grid, like the fields of one colour of a chess board; of points that form
-// no grid every other one in the order of the first coordinate.
-std::vector<char> chess_board(const std::vector<double>& x, const std::vector<double>& y);
-std::vector<char> every_other(const std::vector<double>& x);
 
 }  // namespace twinrate

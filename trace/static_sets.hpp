@@ -16,6 +16,8 @@ namespace twinrate {
 struct StaticSet {
   std::string path;
   std::map<std::string, std::vector<double>> columns;
+  std::vector<std::string> files;  // of several: their paths, and of each row which
+  std::vector<int> file;
 
   std::size_t size() const { return columns.empty() ? 0 : columns.begin()->second.size(); }
   bool has(const std::string& name) const { return columns.count(name) != 0; }
@@ -31,17 +33,17 @@ struct StaticTrace {
   std::string held_out_rule;  // which points were held out, for people
 };
 
-// `held_out`: of each point; empty: the rule of the set (chess board, every other point).
+// `held_out`: of each point, those that judge; empty: the rule of trace/static_split.hpp.
 //
-// Flux map: constants (flux_linkage, inductance) are free in both models, then saturation and
-// cross_saturation. Errors are weighed by those of the constant model, so that both axes count.
+// Flux map: constants (flux_linkage, inductance), then saturation and cross_saturation. Errors are weighed by those of the constant model, so that both axes count.
 StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
-                           std::vector<char> held_out = {}, const TraceHooks& hooks = {});
-// Inverter curve: the resistance is free in both models, then the drop of the switches in each of
+                           const std::vector<char>& held_out = {}, const TraceHooks& hooks = {});
+// Inverter curve: the resistance, then the drop of the switches in each of
 // its shapes. Half the current returns through each of the other two phases of the star. Dead time
 // of the same shape is the same curve at one bus voltage: equivalent_dead_time() is the other name.
 StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
-                                 std::vector<char> held_out = {}, const TraceHooks& hooks = {});
+                                 const std::vector<char>& held_out = {},
+                                 const TraceHooks& hooks = {});
 // The dead_time that loses at every current what `drop` does, resistance aside. Null where the
 // drive has no bus voltage or switching frequency.
 std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFacts& facts);

@@ -34,12 +34,14 @@ void count(const PointCase& c, std::uint64_t seed, bool verbose, Counts& n) {
   const bool missed = std::any_of(c.truth.begin(), c.truth.end(),
                                   [&](const std::string& kind) { return !named.count(kind); });
   const bool traced = c.result.verdict == "traced";
+  // An alias group that holds the truth is right.
+  const bool told = traced || (c.result.verdict == "ambiguous" && !c.aliases.empty());
   const bool silent = c.truth.empty() && c.result.verdict == "nothing_missing";
   ++n.cases, ++n.verdicts[c.result.verdict];
   n.wrong += wrong;
   n.false_claims += wrong && traced;
   n.missed += missed;
-  n.exact += silent || (traced && !wrong && !missed && !c.truth.empty());
+  n.exact += silent || (told && !wrong && !missed && !c.truth.empty());
   if (verbose && (wrong || missed))
     fmt::print("  {} {}, {}: {}, truth {}, named {}: {}\n", seed,
                kPointSets[static_cast<int>(c.set)], kSpoilt[static_cast<int>(c.spoilt)],

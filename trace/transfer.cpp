@@ -1,0 +1,98 @@
+#include "trace/transfer.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "trace/statistics.hpp"
+
+namespace twinrate {
+namespace {
+
+Refused refused(double number, std::string text, std::string file = "") {
+  return {.kind = "",
+          .rule = "transfer",
+          .file = std::move(file),
+          .number = number,
+          .text = std::move(text)};
+}
+
+Refused alone(const Votes& v, const std::vector<std::string>& files, const Criterion& criterion) {
+  if (v.judgement.votes < criterion.votes)
+    return refused(v.judgement.votes,
+                   fmt::format("only {} pieces of the rows that judge show it, {} are needed",
+                               v.judgement.votes, criterion.votes));
+  for (const auto& [file, worse] : v.worse)
+    if (worse < criterion.chance)
+      return refused(v.of_file.at(file), "the error there rises with it",
+                     files.empty() ? "" : files[static_cast<std::size_t>(file)]);
+  if (v.judgement.held_out_gain <= 0)
+    return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
+  return {};
+}
+
+Refused by_chance_refused(double p, double quieter, const Criterion& criterion) {
+  Refused out =
+      refused(p, fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
+  if (quieter <= criterion.silent) return out;
+  out.rule = "sensors";
+  out.text = fmt::format(
+      "it makes the sensors' noise {:.2g} times as large, and rows that judge "
+      "fall further by chance in {:.2g} of logs",
+      std::exp(-quieter), p);
+  return out;
+}
+
+}  // namespace
+
+Votes votes_of(const Pieces& without, const Pieces& with, double silent, double quieter) {
+  Votes out;
+  out.quieter = quieter;
+  std::vector<double> all;
+  std::map<int, std::vector<double>> by_file;
+  double energy = 0, energy_before = 0;
+  for (const auto& [piece, E] : without) {
+    const double E_with = with.at(piece);
+    energy += E_with;
+    energy_before += E;
+    if (!(E > 0) || !(E_with > 0) || std::abs(E - E_with) < silent * E) continue;
+    const double fall = 0.5 * std::log(E / E_with);
+    all.push_back(fall - quieter);
+    by_file[piece.first].push_back(fall);
+  }
+  out.judgement.votes = static_cast<int>(all.size());
+  out.judgement.p_value = signed_rank_tail(all);
+  out.judgement.held_out_gain = energy_before > 0 ? 1 - energy / energy_before : 0;
+  for (double r : all) out.mean += r / static_cast<double>(all.size());
+  for (auto& [file, votes] : by_file) {
+    for (double r : votes) out.of_file[file] += r / static_cast<double>(votes.size());
+    for (double& r : votes) r = -r;
+    out.worse[file] = signed_rank_tail(votes);
+  }
+  return out;
+}
+
+std::vector<Refused> refused_by_transfer(const std::vector<Votes>& claims,
+                                         const std::vector<std::string>& files,
+                                         const Criterion& criterion) {
+  std::vector<Refused> out;
+  std::vector<std::size_t> by_chance(claims.size());
+  std::iota(by_chance.begin(), by_chance.end(), std::size_t{0});
+  for (const Votes& v : claims) out.push_back(alone(v, files, criterion));
+  // Holm: the most certain of n has to be n times as certain.
+  std::sort(by_chance.begin(), by_chance.end(), [&](std::size_t a, std::size_t b) {
+    return claims[a].judgement.p_value < claims[b].judgement.p_value;
+  });
+  bool chance = false;
+  for (std::size_t i = 0; i < by_chance.size(); ++i) {
+    const double p = claims[by_chance[i]].judgement.p_value;
+    chance = chance || p > criterion.chance / static_cast<double>(by_chance.size() - i);
+    if (chance && out[by_chance[i]].rule.empty())
+      out[by_chance[i]] = by_chance_refused(p, claims[by_chance[i]].quieter, criterion);
+  }
+  return out;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,34 @@
+// The rule of transfer of the gate (trace/gate.hpp), for any problem: a claim lowers the raw error
+// of rows that judge by more than chance.
+//
+// Rows that judge are cut into pieces. Piece b says r_b = 1/2 ln(E_b without / E_b with); a piece
+// whose energy changes by less than a silent share does not vote.
+#pragma once
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "trace/gate.hpp"
+
+namespace twinrate {
+
+// The energy in each piece, by file and piece of the file.
+using Pieces = std::map<std::pair<int, std::size_t>, double>;
+
+struct Votes {
+  Judgement judgement;
+  double mean = 0;                // of r_b, over all pieces that vote
+  double quieter = 0;             // of each r_b, for sensor noise that the claim makes smaller
+  std::map<int, double> worse;    // by file: chance of pieces so much worse
+  std::map<int, double> of_file;  // mean of r_b
+};
+// `quieter` is taken off each r_b; what a file says of itself keeps it.
+Votes votes_of(const Pieces& without, const Pieces& with, double silent, double quieter = 0);
+
+// One a claim, none where it transfers (rule empty): by too few votes, a file that is worse, no
+// gain in all, or by chance, after Holm over the claims. The name of the claim is left open.
+std::vector<Refused> refused_by_transfer(const std::vector<Votes>& claims,
+                                         const std::vector<std::string>& files,
+                                         const Criterion& criterion);
+
+}  // namespace twinrate

@@ -1,0 +1,58 @@
+#include "trace/verdict.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <vector>
+
+namespace twinrate {
+namespace {
+
+// A named effect has another name in these data.
+bool has_other_name(const TraceResult& r) {
+  return std::any_of(r.ambiguous.begin(), r.ambiguous.end(), [&](const Ambiguity& a) {
+    return std::any_of(r.effects.begin(), r.effects.end(),
+                       [&](const TracedEffect& e) { return e.effect->kind() == a.kinds.front(); });
+  });
+}
+
+// Which rule refused what was found, and where; not what it was.
+std::string refusal_in_words(const Refused& refused) {
+  return fmt::format("what would explain more did not pass the rule of {}{}: {}", refused.rule,
+                     refused.file.empty() ? "" : " on " + refused.file, refused.text);
+}
+
+}  // namespace
+
+const char* verdict_of(const TraceResult& r) {
+  if (r.structured) return "unexplained";
+  if (!r.effects.empty()) return has_other_name(r) ? "ambiguous" : "traced";
+  if (!r.ambiguous.empty()) return "ambiguous";
+  // What lowered the raw error on rows that judge, and was refused all the same, is there under
+  // some other name.
+  return std::any_of(r.refused.begin(), r.refused.end(), [](const Refused& x) { return x.left; })
+             ? "unexplained"
+             : "nothing_missing";
+}
+
+const Refused* refusal_to_tell(const TraceResult& r) {
+  const Refused* told = nullptr;
+  for (const Refused& x : r.refused)
+    if (x.leaves_doubt() && (!told || (x.left && !told->left))) told = &x;
+  return told;
+}
+
+std::string headline_begins(const TraceResult& r) {
+  if (r.verdict == "ambiguous") return "Ambiguous, see the aliases. ";
+  if (r.verdict != "unexplained") return "";
+  std::vector<std::string> what;
+  for (const Structure& s : r.unexplained) what.push_back(s.text);
+  std::string text = "Unexplained";
+  if (!what.empty()) text += fmt::format(": {}, outside the catalogue", fmt::join(what, ", "));
+  if (const Refused* refused = refusal_to_tell(r))
+    text += (what.empty() ? ": " : "; ") + refusal_in_words(*refused);
+  return text + ". ";
+}
+
+}  // namespace twinrate

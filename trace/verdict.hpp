@@ -1,0 +1,21 @@
+// The verdict of a trace and the beginning of its headline, the same for every problem: a drive log,
+// angle and current, a static set, the bus.
+#pragma once
+#include <string>
+
+#include "trace/result.hpp"
+
+namespace twinrate {
+
+// unexplained   structure is left, or something that no effect passes for
+// traced        effects passed the gate
+// ambiguous     effects passed that have another name; or none did, and the data allow no statement
+// nothing_missing
+const char* verdict_of(const TraceResult& r);
+// The refusal that counts most: of what is left, else the first that is no matter of size; null
+// where there is none.
+const Refused* refusal_to_tell(const TraceResult& r);
+// What a headline begins with that is not `traced`; empty for that.
+std::string headline_begins(const TraceResult& r);
+
+}  // namespace twinrate
