@@ -14,6 +14,7 @@
 #include "trace/bus_pieces.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
+#include "trace/transfer.hpp"
 
 namespace twinrate {
 namespace {
@@ -26,6 +27,7 @@ constexpr double kShortest_s = 0.05;  // of it
 constexpr std::size_t kFewestBusRows = 128, kMostBusLines = 4;
 constexpr double kSigmas = 8, kToBeSeen = 4;
 constexpr double kSteady = 0.9;
+constexpr std::size_t kPiecesOfRun = 4;
 constexpr double kUnseenLow = 0.5, kUnseenHigh = 1.5;  // amplitude on held-out rows over the fitted
 constexpr double kResolved = 1e-6;                     // of the bus voltage: no sensor does better
 constexpr double kSag = 0.1;          // of the bus voltage at rated power: more than a bus sags
@@ -60,6 +62,7 @@ class RippleSearch {
   bool add_line(std::string& note);
   double sag_bound() const;
   std::string refusal(std::size_t n) const;
+  Refused transfer_refusal(std::size_t n) const;
   TracedEffect effect_of(std::size_t n) const;
   EquationError error() const;
   std::vector<double> model_of(const BusLine& line) const;
@@ -204,6 +207,27 @@ std::string RippleSearch::refusal(std::size_t n) const {
       "the power of the drive has {:.3g} W at this frequency, which can make the bus sag", P);
 }
 
+// By the rows that judge, with the line and without it, the others in both; the rule is empty where
+// it passes, and where no row judges.
+Refused RippleSearch::transfer_refusal(std::size_t n) const {
+  if (unseen_.empty()) return {};
+  Pieces with, without;
+  for (std::size_t r = 0; r < unseen_.size(); ++r) {
+    const BusPiece& run = unseen_[r];
+    for (std::size_t k = run.first; k < run.last; ++k) {
+      const std::size_t piece = kPiecesOfRun * (k - run.first) / (run.last - run.first);
+      with[{0, kPiecesOfRun * r + piece}] += rest_[k] * rest_[k];
+      without[{0, kPiecesOfRun * r + piece}] += std::pow(rest_[k] + models_[n][k], 2);
+    }
+  }
+  const Criterion criterion;
+  const Votes votes = votes_of(without, with, criterion.silent);
+  Refused refused = refused_by_transfer({votes}, {}, criterion).front();
+  refused.kind = make_placed(Traits::Place::kBusLine)->kind();
+  refused.left = votes.judgement.p_value < criterion.chance;
+  return refused;
+}
+
 TracedEffect RippleSearch::effect_of(std::size_t n) const {
   const BusLine& line = lines_[n];
   const std::shared_ptr<Effect> effect = make_placed(Traits::Place::kBusLine);
@@ -267,10 +291,17 @@ BusRipple RippleSearch::find() {
   if (!note.empty()) found.notes.push_back(note);
   std::vector<BusLine> kept;
   for (std::size_t n = 0; n < lines_.size(); ++n) {
-    const std::string why = refusal(n);
+    std::string why = refusal(n);
     if (why.empty()) {
-      kept.push_back(lines_[n]);
-    } else if (lines_[n].amplitude() >= smallest_) {
+      Refused refused = transfer_refusal(n);
+      if (refused.rule.empty()) {
+        kept.push_back(lines_[n]);
+        continue;
+      }
+      why = refused.text;
+      found.refused.push_back(std::move(refused));
+    }
+    if (lines_[n].amplitude() >= smallest_) {
       found.notes.push_back(
           fmt::format("v_dc has a line of {:.3g} V at {:.5g} Hz that is not named: {}",
                       lines_[n].amplitude(), lines_[n].f, why));

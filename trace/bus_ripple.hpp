@@ -9,6 +9,8 @@
 //   - its amplitude is worth reporting (3e-3 of the bus voltage) and eight sigmas or more,
 //   - it goes on: one frequency and phase fit the whole record (files have clocks of their own, and
 //     a phase each), and the held-out rows carry the same amplitude,
+//   - it passes the gate's rule of transfer (trace/transfer.hpp) on the held-out rows, in four pieces
+//     a stretch of them: a ripple that comes and goes does not,
 //   - it is not the drive's own: where the power 3/2 u'i has a line there, too, no bus would sag by
 //     so much under it.
 // Sigmas come from the noise beside the line, no less than 1e-6 of the bus voltage.
@@ -29,6 +31,7 @@ struct BusRipple {
   bool own_clocks = false;         // files have a phase each: the effects' is that of the longest
   std::string blind;               // why the smallest could not be seen; empty: it could
   std::vector<std::string> notes;  // lines that are not an effect, and why
+  std::vector<Refused> refused;    // those that the gate's rule of transfer refused
 };
 
 // `held_out`: of each row. `known`: effects of the declared model; what they do to the bus is taken

@@ -68,6 +68,7 @@ void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r)
 
 void from_bus(const BusRipple& bus, TraceResult& r) {
   r.effects.insert(r.effects.end(), bus.effects.begin(), bus.effects.end());
+  r.refused.insert(r.refused.end(), bus.refused.begin(), bus.refused.end());
   r.bus = bus.error;
   r.pictures = bus.pictures;
   r.health.insert(r.health.end(), bus.notes.begin(), bus.notes.end());

@@ -9,6 +9,7 @@
 #include "trace/keys.hpp"
 #include "trace/measured_result.hpp"
 #include "trace/split.hpp"
+#include "trace/verdict.hpp"
 
 namespace twinrate::blind {
 namespace {
@@ -222,7 +223,8 @@ TraceResult bus_voltage(Draw& d, PointCase& c, const DrawnMachine& x, std::uint6
       find_bus_ripple(record, held_out_rows(record, 0.25, x.machine.n_p), facts, {});
   TraceResult r;
   r.effects = bus.effects;
-  r.verdict = bus.effects.empty() ? "nothing_missing" : "traced";
+  r.refused = bus.refused;
+  r.verdict = verdict_of(r);
   return r;
 }
 

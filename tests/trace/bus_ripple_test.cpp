@@ -216,6 +216,17 @@ TEST(BusRipple, OfAFrequencyThatWandersIsSaidAndNotNamed) {
   EXPECT_NE(found.notes[0].find("no steady frequency"), std::string::npos);
 }
 
+TEST(BusRipple, ThatComesAndGoesIsRefused) {
+  for (const double begin : {0.5, 1.5}) {
+    const BusRipple found = ripple_in(bus_record([=](double t, std::size_t k) {
+      const double A = t > begin && t < begin + 1.2 ? 6 : 0;
+      return kBus + A * sine_at(300, t, 0.3) + 0.3 * bus_noise(20, k);
+    }));
+    EXPECT_TRUE(found.effects.empty()) << begin;
+    EXPECT_FALSE(found.notes.empty()) << begin;
+  }
+}
+
 TEST(BusRipple, OfTwoFilesHasAPhaseInEach) {
   const auto file = [](double phase, std::uint64_t seed) {
     return bus_record(
