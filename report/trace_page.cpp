@@ -11,25 +11,29 @@ namespace {
 
 using namespace report;
 
-// Advice for each verdict.
+// What a user should do next.
 std::string advice(const TraceResult& r) {
   if (r.verdict == "traced")
-    return "extended.toml holds the effects below; every program loads it. Check each "
-           "against "
-           "its picture.";
+    return "Next: compare each effect with its picture, run the drive with extended.toml in place "
+           "of the drive file, and trace a new log with it. Nothing should then be missing.";
   if (r.verdict == "nothing_missing")
-    return "The residual of this record is noise. The last section lists the effects that this "
-           "record cannot show.";
+    return "Next: keep the drive file. The last section lists the effects that this record cannot "
+           "show.";
   if (r.verdict == "ambiguous")
-    return r.effects.empty() ? "The record does not allow a statement."
-                             : "An effect is missing, and this record allows more than one cause; "
-                               "see the run that would separate them.";
+    return r.effects.empty()
+               ? "Next: record the data that the headline asks for, and trace again."
+               : "Next: make the run that the table of aliases asks for, and trace both together. "
+                 "Until then the cause may be either of the names.";
   if (r.verdict == "unexplained")
-    return "Part of the error has a structure that no effect of the catalogue makes. It is shown "
-           "below.";
+    return std::string("Next: look at the pictures") +
+           (r.refused.empty() ? ". " : " and at the table of refused claims. ") +
+           (r.effects.empty() ? "extended.toml adds no effect of the catalogue. "
+                              : "extended.toml holds only the effects that passed every test. ") +
+           "If the picture has a cause that you know (a load, a coupling, a filter), take it away "
+           "or log it; else record a longer run with more speeds and loads, and trace again.";
   if (r.verdict == "inconsistent")
-    return "The signals do not belong to this drive file. Check the units and scales of the map, "
-           "K_t and the machine, then trace again.";
+    return "No effect was looked for. Next: correct the quantities in the first table (the scale "
+           "in the map of the import, or the value in the drive file), and trace again.";
   return "";
 }
 
@@ -72,6 +76,36 @@ Json claims(const TraceResult& r) {
   return section;
 }
 
+Json table_section(const char* heading, const char* note, Json table) {
+  return {{"heading", heading},
+          {"note", note},
+          {"columns", 1},
+          {"figures", Json::array()},
+          {"table", std::move(table)}};
+}
+
+Json files(const TraceResult& r) {
+  return table_section(
+      "Each file",
+      "Rms error of the main equation over the rows of the file that judge, or over all its rows "
+      "where none do: with the drive file as it is, with the effects above, of predicting that "
+      "nothing changes, and of the noise alone. A dash: not known, or nothing changes with time.",
+      files_table(r));
+}
+
+Json refusals(const TraceResult& r) {
+  return table_section("Refused claims",
+                       "These would lower the error of the fitted rows, but did not pass a test on "
+                       "rows that were not fitted. They are not in extended.toml.",
+                       refused_table(r));
+}
+
+Json contradictions(const TraceResult& r) {
+  return table_section("What does not belong together",
+                       "The log against the drive file, before any effect is looked for.",
+                       inconsistent_table(r));
+}
+
 Json errors(const TraceResult& r) {
   return {
       {"heading", "Error before and after"},
@@ -107,8 +141,11 @@ const TraceSeries& report::series_of(const TraceResult& r, const std::string& ch
 
 void write_trace_page(const TraceResult& r, const TracePage& page, const std::string& out_path) {
   Json sections = Json::array();
-  sections.push_back(claims(r));
+  if (!r.inconsistent.empty()) sections.push_back(contradictions(r));
+  if (r.inconsistent.empty()) sections.push_back(claims(r));
+  if (!r.refused.empty()) sections.push_back(refusals(r));
   if (r.electrical || r.mechanical) sections.push_back(errors(r));
+  if (!r.files.empty()) sections.push_back(files(r));
   for (const TracedEffect& e : r.effects) {
     Json section =
         effect_section(r, e, page.n_p, heading_of(e), fmt::format("{}.", e.effect->meaning()));

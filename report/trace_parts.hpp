@@ -29,6 +29,9 @@ std::string number_with_sigma(double value, const std::optional<double>& sigma);
 std::string parameters_text(const TracedEffect& effect);
 Json effects_table(const TraceResult& result);
 Json errors_table(const TraceResult& result);
+Json files_table(const TraceResult& result);  // a row for every file
+Json refused_table(const TraceResult& result);
+Json inconsistent_table(const TraceResult& result);
 std::vector<Json> closing_sections(const TraceResult& result);
 
 // Points with error bars, separately for training and held-out rows, and the effect's curve.

@@ -178,7 +178,7 @@ std::vector<Json> picture_sections(const TraceResult& r) {
     Figure figure{.title = p.title, .x_label = p.x_label, .y_label = p.y_label, .x = p.x};
     std::vector<double> fitted(p.x.size(), std::nan("")), unseen = fitted;
     for (std::size_t i = 0; i < p.x.size(); ++i) (p.held_out[i] ? unseen : fitted)[i] = p.after[i];
-    figure.add({of_a_set ? "before: constants fitted" : "before", "dots0", p.before});
+    figure.add({"before", "dots0", p.before});
     figure.add({"after, fitted", "dots", fitted});
     figure.add({"after, held out", "dots2", unseen});
     if (figure.empty()) continue;

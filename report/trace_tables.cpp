@@ -192,6 +192,35 @@ Json errors_table(const TraceResult& r) {
           {"rows", rows}};
 }
 
+Json files_table(const TraceResult& r) {
+  Json rows = Json::array();
+  const auto with_unit = [](double value, const std::string& unit) {
+    return std::isfinite(value) ? fmt::format("{:.4g} {}", value, unit) : std::string("-");
+  };
+  for (const FileError& f : r.files)
+    rows.push_back({f.path, f.held_out ? "held out" : "fitted", std::to_string(f.rows),
+                    f.signals.empty() ? "-" : fmt::format("{}", fmt::join(f.signals, ", ")),
+                    with_unit(f.before, f.unit), with_unit(f.after, f.unit),
+                    with_unit(f.no_change, f.unit), with_unit(f.noise, f.unit)});
+  return {{"head",
+           {"file", "role", "rows", "signals", "before", "after", "if nothing changed", "noise"}},
+          {"rows", rows}};
+}
+
+Json refused_table(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const Refused& x : r.refused)
+    rows.push_back({x.kind, x.rule, x.file.empty() ? "all together" : x.file, x.text});
+  return {{"head", {"claim", "rule", "file", "why"}}, {"rows", rows}};
+}
+
+Json inconsistent_table(const TraceResult& r) {
+  Json rows = Json::array();
+  for (const Inconsistency& x : r.inconsistent)
+    rows.push_back({x.quantity, x.expected, x.found, x.hint});
+  return {{"head", {"quantity", "expected", "found", "may be"}}, {"rows", rows}};
+}
+
 std::vector<Json> closing_sections(const TraceResult& r) {
   std::vector<Json> sections;
   if (!r.ambiguous.empty()) sections.push_back(ambiguous_section(r));
