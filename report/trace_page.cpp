@@ -49,6 +49,10 @@ Json verdict_of(const TraceResult& r) {
 
 Json summary_of(const TraceResult& r) {
   Json rows = Json::array();
+  if (!r.inconsistent.empty()) {  // nothing was fitted
+    rows.push_back({"logs", fmt::format("{}", fmt::join(r.sources, ", "))});
+    return rows;
+  }
   rows.push_back({"fitted to", fmt::format("{}", fmt::join(r.sources, ", "))});
   rows.push_back({"hold-out", r.held_out_sources.empty()
                                   ? std::string(r.pictures.empty() || r.horizon_s > 0
