@@ -307,7 +307,7 @@ class Search {
   std::vector<Change> changes_;
 };
 
-// "cogging" or "cogging of order 12", with its aliases.
+// Its kind, as in "cogging of order 12", with its aliases.
 std::string name_of(const TracedEffect& e) {
   std::string name(e.effect->kind());
   for (const TracedParameter& p : e.parameters)
@@ -315,7 +315,7 @@ std::string name_of(const TracedEffect& e) {
   return e.aliases.empty() ? name : fmt::format("{} (or {})", name, fmt::join(e.aliases, ", "));
 }
 
-// "cogging, dead_time", or "nothing named".
+// Those of all its effects, or "nothing named".
 std::string kinds_of(const TraceResult& r) {
   std::vector<std::string> kinds;
   for (const TracedEffect& e : r.effects)
