@@ -113,7 +113,7 @@ INSTANTIATE_TEST_SUITE_P(
               1000},
         Drive{"joint_with_a_harmonic",
               "niewiara2020",
-              {"rates.n=10", "start=flying", "estimator.kind=ekf_joint",
+              {"rates.f_s_Hz=5000", "rates.n=10", "start=flying", "estimator.kind=ekf_joint",
                "estimator.ekf_joint.order=6", "reference.speed_rpm=100"},
               1500},
         Drive{"lost_at_n13", "dilys2021", {"rates.n=13"}},
