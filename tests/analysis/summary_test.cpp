@@ -21,6 +21,7 @@ DriveConfig drive() {
   config.machine.n_p = 4;
   config.rates.f_s_Hz = 1000;
   config.rates.n = 5;
+  config.rates.n_from = NFrom::kStart;
   config.rates.f_b_Hz = 200;
   config.run.duration_s = 2;
   config.run.settle_s = 0.5;

@@ -35,9 +35,9 @@ void read_every_table(Config& config) {
   for (const OwnedTable& table : owned_tables()) config.read_table(table.path, table.fields);
   const DriveConfig& drive = config.drive();
   read_others("estimator", drive.estimator.kind, filter_kinds(),
-              [](const std::string& kind) { return filter_builder(kind); });
+              [&](const std::string& kind) { return filter_builder(kind, drive); });
   read_others("controller", drive.controller.kind, controller_kinds(),
-              [](const std::string& kind) { return controller_builder(kind); });
+              [&](const std::string& kind) { return controller_builder(kind, drive); });
 }
 
 class EveryPreset : public testing::TestWithParam<std::string> {};

@@ -93,7 +93,7 @@ TEST(Runnable, AnIntegralGainOfAnotherMotorIsRefused) {
 TEST(Runnable, WarnsBeyondTheLargestNThatTheoryHolds) {
   EXPECT_FALSE(warns("dilys2021", {"rates.n=12"}, "n = 12"));
   EXPECT_TRUE(warns("dilys2021", {"rates.n=13"}, "n = 12"));
-  EXPECT_FALSE(warns("dilys2021", {"rates.n=12", "controller.kind=lqr"}, "rates.n"));
+  EXPECT_FALSE(warns("dilys2021", {"rates.n=12", "controller.kind=lqr"}, "holds up"));
   EXPECT_TRUE(warns("dilys2021", {"rates.n=14", "controller.kind=lqr"}, "n = 12"));
   const Overrides eemf{"estimator.kind=eemf", "start=flying", "rates.n=4"};
   EXPECT_FALSE(warns("kim-ipmsm", eemf, "rates.n"));

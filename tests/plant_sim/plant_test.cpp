@@ -12,8 +12,7 @@ namespace {
 using test::Overrides;
 
 Plant ideal(Overrides overrides = {}) {
-  overrides.insert(overrides.begin(),
-                   {"sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0"});
+  overrides.insert(overrides.begin(), {"sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0"});
   return test::plant_of(test::load("dilys2021", overrides));
 }
 

@@ -15,6 +15,7 @@ namespace twinrate {
 namespace {
 
 const test::Overrides kShort = {"controller.kind=foc",
+                                "controller.compensation=off",
                                 "controller.angle_source=measured",
                                 "controller.foc.compensate_effects=true",
                                 "reference.speed_rpm=[[0, 60], [0.8, 150]]",
