@@ -41,7 +41,7 @@ TEST(SlowRun, NamesNothingElseForADeadTimeThatLooksLikeAResistance) {
 
 // The fast noise is a hundred times the voltage of the resistance change; the slow noise is not.
 TEST(SlowRun, FindsAWindingThatWarmsUp) {
-  constexpr double kChange = 0.15;  // ohm
+  constexpr double kChange = 0.25;  // ohm
   const TraceResult r = trace_with(fmt::format(
       "[[effect]]\nkind = \"resistance\"\nchange_Ohm = {}\ntime_constant_s = 5\n", kChange));
   ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
