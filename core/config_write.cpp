@@ -207,8 +207,8 @@ std::string write_drive(const DriveConfig& d,
   text += without_line(section_text("reference", d.reference),
                        d.reference.in_rpm ? "omega_e_rad_s" : "speed_rpm");
   return text + section_text("load", d.load) + section_text("run", d.run) + owned("safety") +
-         owned("bus") + owned("logger") + owned("monitor") + section_text("estimator", d.estimator) +
-         section_text("controller", d.controller);
+         owned("bus") + owned("logger") + owned("monitor") +
+         section_text("estimator", d.estimator) + section_text("controller", d.controller);
 }
 
 std::string write_effects(const DriveConfig& drive) {

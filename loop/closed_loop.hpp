@@ -33,7 +33,7 @@ struct TickRecord {
   Command command;
   ControllerEvent event;
   std::vector<PlantEvent> plant_events;  // of tick measurement.k
-  bool gain_every_nth = false;  // first tick after the filter's agreement with itself
+  bool gain_every_nth = false;           // first tick after the filter's agreement with itself
 };
 
 class ClosedLoop {

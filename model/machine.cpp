@@ -18,9 +18,10 @@ void MachineParameters::fields(FieldVisitor& f) {
   f.number("T_rated_Nm", T_rated, 0, 1e6, "rated torque; 0 where not known");
   f.number("omega_m_rated_rad_s", omega_m_rated, 0, 1e5,
            "rated speed, mechanical; 0 where not known");
-  f.number("i_trip_A", i_trip, 0, 1e5,
-           "current amplitude at which the drive switches off; 0: four times the rated current, and "
-           "twice i_max_A of the controller at least");
+  f.number(
+      "i_trip_A", i_trip, 0, 1e5,
+      "current amplitude at which the drive switches off; 0: four times the rated current, and "
+      "twice i_max_A of the controller at least");
 }
 
 }  // namespace twinrate
