@@ -137,7 +137,7 @@ std::optional<TraceResult> trace_position_files(const std::vector<Opened>& files
   if (std::all_of(logs.begin(), logs.end(),
                   [&](const PositionLog& log) { return is_drive_log(log, drive.machine); }))
     return {};
-  if (asked.held_out.empty()) logs = hold_out(logs, asked.share.value_or(0.25));
+  if (asked.held_out.empty()) logs = hold_out(logs, asked.share.value_or(0.25), drive.machine);
   hooks.tell(fmt::format("{} logs of angle and current", files.size()));
   return trace_positions(logs, drive.facts(), {.hooks = hooks});
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace twinrate {
 namespace {
@@ -10,11 +11,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-struct Blocks {
-  MatrixXd X;
-  VectorXd y;
-};
 
 // Averages of `length` neighbouring rows that can be used.
 VectorXd block_means(const std::vector<double>& x, const std::vector<char>& ok,
@@ -65,14 +61,18 @@ class Turning {
   int order_ = 0;
 };
 
-Blocks blocks_of(const Prepared& p, const Terms& terms) {
+}  // namespace
+
+Blocks blocks_of(const Prepared& p, const Terms& terms, std::size_t length) {
   const PositionLog& log = *p.log;
-  const std::size_t length = block_length(log);
   const auto averaged = [&](const std::vector<double>& x) {
     return block_means(log.has_time() ? low_pass(log.t, x, terms.lag) : x, p.ok, length);
   };
   Blocks b;
   b.y = block_means(log.i_q, p.ok, length);
+  std::vector<double> row(log.size());
+  std::iota(row.begin(), row.end(), 0.0);
+  b.row = block_means(row, p.ok, length);
   b.X.resize(b.y.size(), terms.columns());
   Index j = 0;
   Turning turning(log.theta_m);
@@ -99,6 +99,8 @@ Blocks blocks_of(const Prepared& p, const Terms& terms) {
   return b;
 }
 
+namespace {
+
 // The rows of all logs and their normal equations, for any weights.
 struct System {
   Index columns = 0;
@@ -114,7 +116,7 @@ System system_of(const std::vector<Prepared>& logs, const Terms& terms, std::siz
   const Index n = system.columns = terms.columns() + static_cast<Index>(offsets);
   for (const Prepared& p : logs) {
     hooks.checkpoint();
-    Blocks b = blocks_of(p, terms);
+    Blocks b = blocks_of(p, terms, block_length(*p.log));
     b.X.conservativeResize(Eigen::NoChange, n);
     b.X.rightCols(static_cast<Index>(offsets)).setZero();
     b.X.col(terms.columns() + static_cast<Index>(p.offset)).setOnes();

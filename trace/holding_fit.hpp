@@ -40,6 +40,14 @@ struct Solution {
   std::size_t rows = 0;
 };
 
+// Means of neighbouring rows: columns in the order of `Terms`, i_q, and the middle row of each.
+struct Blocks {
+  Eigen::MatrixXd X;
+  Eigen::VectorXd y, row;
+};
+// Of so many rows that can be used.
+Blocks blocks_of(const Prepared& prepared, const Terms& terms, std::size_t length);
+
 inline constexpr std::size_t kMostBlocks = 8000;  // averages a log gives
 // Rows that one mean takes.
 std::size_t block_length(const PositionLog& log);

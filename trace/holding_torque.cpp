@@ -192,7 +192,7 @@ HoldingTorque trace_holding_torque(std::span<const PositionLog* const> given,
   std::vector<Prepared> logs;
   std::size_t rows = 0;
   for (const PositionLog* log : given) {
-    logs.push_back({.log = log, .direction = directions(*log), .ok = holding_rows(*log, 0)});
+    logs.push_back({.log = log, .direction = directions(*log), .ok = holding_rows(*log, 0, log->held_out)});
     rows += std::min(log->size(), kMostBlocks);
   }
   if (logs.empty()) return torque;
@@ -208,7 +208,7 @@ HoldingTorque trace_holding_torque(std::span<const PositionLog* const> given,
   terms.orders = orders_that_stand_out(solve_weighed(logs, all, offsets, hooks), all.orders).orders;
   find_lag(logs, terms, offsets, hooks, torque);
   if (torque.lag > 0)  // rows that still remember a jump do not count
-    for (Prepared& p : logs) p.ok = holding_rows(*p.log, 5 * torque.lag);
+    for (Prepared& p : logs) p.ok = holding_rows(*p.log, 5 * torque.lag, p.log->held_out);
   all.lag = torque.lag;
   Standing standing = orders_that_stand_out(solve_weighed(logs, all, offsets, hooks), all.orders);
   terms.orders = standing.orders;

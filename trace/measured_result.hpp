@@ -23,8 +23,9 @@ struct PositionSettings {
 TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFacts& facts,
                             const PositionSettings& settings = {});
 
-// Where no file is held out: the last `share` of every log in time, every so-many-th point of a
-// map.
-std::vector<PositionLog> hold_out(const std::vector<PositionLog>& logs, double share);
+// Where no file is held out: of a log in which the current moves the rotor the last `share` in time;
+// of one in which it holds the rotor, and of a map, short pieces spread over all of it.
+std::vector<PositionLog> hold_out(const std::vector<PositionLog>& logs, double share,
+                                  const MachineParameters& machine);
 
 }  // namespace twinrate

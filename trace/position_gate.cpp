@@ -52,12 +52,11 @@ void refuse_claims(Found& found, const Judge& judge, TraceResult& r) {
 }
 
 void refuse_whole(Found& found, const Judge& judge, TraceResult& r) {
-  const bool unseen =
-      std::any_of(judge.logs().begin(), judge.logs().end(), [](auto* l) { return l->held_out; });
+  const bool unseen = judge.unseen();
   for (const PositionLog* log : judge.logs()) {
-    if (log->held_out != unseen) continue;
+    if (log->judges.empty() && log->held_out != unseen) continue;
     Errors e;
-    judge.add(*log, found, found.model(), e);
+    judge.add(*log, unseen, found, found.model(), e);
     const bool rises = e.after > e.before,
                worse = judge.by_speed() && e.after > e.no_change * kOverNothing;
     if (!rises && !worse) continue;

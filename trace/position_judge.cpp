@@ -22,14 +22,18 @@ double holding_error(const PositionLog& log, const std::vector<double>& model,
   return std::sqrt(std::max(0.0, squares / n - sum / n * sum / n));
 }
 
+bool has(const PositionLog& log, bool unseen) {
+  return log.judges.empty() ? log.held_out == unseen : true;
+}
+
 }  // namespace
 
 Judge::Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon,
              const TraceHooks& hooks)
     : hooks_(hooks), horizon_(horizon) {
-  const bool unseen = std::any_of(logs.begin(), logs.end(), [](auto& l) { return l.held_out; });
+  const bool unseen = std::any_of(logs.begin(), logs.end(), [](auto& l) { return has(l, true); });
   for (const PositionLog& log : logs)
-    if (!is_quasi_static(log, machine) && log.held_out == unseen) by_speed_ = true;
+    if (!is_quasi_static(log, machine) && has(log, unseen)) by_speed_ = true;
   for (const PositionLog& log : logs)
     if (by_speed_ == !is_quasi_static(log, machine)) logs_.push_back(&log);
   if (by_speed_ && horizon_ <= 0) horizon_ = 5 * sample_interval(*logs_.front());
@@ -47,8 +51,8 @@ void Judge::find_other_zeros(const Found& found) {
       other_zero_.push_back(log);
 }
 
-void Judge::add(const PositionLog& log, const Found& declared_of, const MotionModel& model,
-                Errors& errors) const {
+void Judge::add(const PositionLog& log, bool unseen, const Found& declared_of,
+                const MotionModel& model, Errors& errors) const {
   if (hooks_.stopped()) return errors.add(kNoError, kNoError, kNoError, 1);
   if (by_speed_) {
     const SpeedChange before = speed_change(log, declared_of.declared(), horizon_);
@@ -60,7 +64,7 @@ void Judge::add(const PositionLog& log, const Found& declared_of, const MotionMo
     return;
   }
   const HoldingTorque none;
-  const std::vector<char> ok = holding_rows(log, 5 * declared_of.holding.lag);
+  const std::vector<char> ok = holding_rows(log, 5 * declared_of.holding.lag, unseen);
   std::size_t rows = 0;
   const double before = holding_error(log, std::vector<double>(log.size(), 0), ok, rows);
   const HoldingTorque& holding = model.holding ? *model.holding : none;
@@ -72,12 +76,12 @@ void Judge::add(const PositionLog& log, const Found& declared_of, const MotionMo
 Errors Judge::over(const Found& found, const MotionModel& model, bool held_out) const {
   Errors errors;
   for (const PositionLog* log : logs_)
-    if (log->held_out == held_out) add(*log, found, model, errors);
+    if (has(*log, held_out)) add(*log, held_out, found, model, errors);
   return errors;
 }
 
 bool Judge::unseen() const {
-  return std::any_of(logs_.begin(), logs_.end(), [](auto* l) { return l->held_out; });
+  return std::any_of(logs_.begin(), logs_.end(), [](auto* l) { return has(*l, true); });
 }
 
 double Judge::error(const Found& found, const MotionModel& model) const {
@@ -97,7 +101,7 @@ std::vector<double> Judge::rest(const PositionLog& log, const Found& found,
       rest.push_back(rows.measured[k] - rows.predicted[k]);
   } else {
     const HoldingTorque none;
-    const std::vector<char> ok = holding_rows(log, 5 * found.holding.lag);
+    const std::vector<char> ok = holding_rows(log, 5 * found.holding.lag, unseen());
     const std::vector<double> held =
         holding_current(log, model.holding ? *model.holding : none, found.machine);
     for (std::size_t k = 0; k < log.size(); ++k)
@@ -114,7 +118,7 @@ std::vector<double> Judge::votes(const Found& found, const MotionModel& with,
   constexpr std::size_t kPieces = 24;
   std::vector<double> votes;
   for (const PositionLog* log : logs_) {
-    if (log->held_out != unseen() || hooks_.stopped()) continue;
+    if (!has(*log, unseen()) || hooks_.stopped()) continue;
     const std::vector<double> a = rest(*log, found, with), b = rest(*log, found, without);
     if (a.size() != b.size()) continue;
     for (std::size_t piece = 0; piece < kPieces; ++piece) {

@@ -67,8 +67,11 @@ class Judge {
   bool by_speed() const { return by_speed_; }
   double horizon() const { return horizon_; }
   const Logs& logs() const { return logs_; }
+  // Whether any row judges that no fit sees.
+  bool unseen() const;
 
-  void add(const PositionLog& log, const Found& declared_of, const MotionModel& model,
+  // `unseen`: the rows that judge, of a log that has some; else the others.
+  void add(const PositionLog& log, bool unseen, const Found& declared_of, const MotionModel& model,
            Errors& errors) const;
   Errors over(const Found& found, const MotionModel& model, bool held_out) const;
   // Held-out rest, or that of the training logs where none is held out.
@@ -79,7 +82,6 @@ class Judge {
                             double silent) const;
 
  private:
-  bool unseen() const;
   // What the model leaves of each row, in order.
   std::vector<double> rest(const PositionLog& log, const Found& found,
                            const MotionModel& model) const;

@@ -162,6 +162,10 @@ bool is_drive_log(const PositionLog& log, const MachineParameters& machine) {
   return log.has_time() && !is_quasi_static(log, machine);
 }
 
+std::size_t judged_length(const PositionLog& log) {
+  return std::max<std::size_t>(1, log.size() / 3000);
+}
+
 std::vector<char> holding_rows(const PositionLog& log, double memory) {
   std::vector<char> ok(log.size(), 1);
   if (!log.has_time()) return ok;
@@ -179,6 +183,15 @@ std::vector<char> holding_rows(const PositionLog& log, double memory) {
   for (std::size_t k = 0; k < log.size(); ++k) {
     if (speed[k] > fastest) until = log.t[k] + memory;
     ok[k] = log.t[k] > until || (memory == 0 && speed[k] <= fastest);
+  }
+  return ok;
+}
+
+std::vector<char> holding_rows(const PositionLog& log, double memory, bool judge) {
+  std::vector<char> ok = holding_rows(log, memory);
+  for (std::size_t k = 0; k < ok.size(); ++k) {
+    const bool judges = log.judges.empty() ? log.held_out : log.judges[k] != 0;
+    ok[k] = ok[k] && judges == judge;
   }
   return ok;
 }

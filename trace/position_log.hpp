@@ -21,6 +21,7 @@ struct PositionLog {
   std::vector<double> theta_m, i_q;
   std::vector<double> omega_m, u_q;  // empty where the file has none
   bool held_out = false;
+  std::vector<char> judges = {};  // rows that no fit sees, of a log that is not held out; or empty
 
   std::size_t size() const { return theta_m.size(); }
   bool has_time() const { return !t.empty(); }
@@ -52,9 +53,14 @@ bool is_quasi_static(const PositionLog& log, const MachineParameters& machine);
 // that the logs here are made for. Beside a log that holds, it is one of angle and current.
 bool is_drive_log(const PositionLog& log, const MachineParameters& machine);
 
+// Rows of one mean where means of neighbouring rows judge, 3000 a log.
+std::size_t judged_length(const PositionLog& log);
+
 // Rows of a quasi-static log that stand for holding: away from jumps (speed over five times the
 // median) and from what a filter of the current remembers of them.
 std::vector<char> holding_rows(const PositionLog& log, double memory);
+// Those of them that judge, or those that do not.
+std::vector<char> holding_rows(const PositionLog& log, double memory, bool judge);
 
 // Integral of x over t from the first row, x linear between rows.
 std::vector<double> running_integral(const std::vector<double>& t, const std::vector<double>& x);

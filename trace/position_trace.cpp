@@ -7,6 +7,7 @@
 #include "model/effects/catalogue.hpp"
 #include "model/frames.hpp"
 #include "trace/fall.hpp"
+#include "trace/holding_gate.hpp"
 #include "trace/measured_result.hpp"
 #include "trace/position_effects.hpp"
 #include "trace/position_gate.hpp"
@@ -30,10 +31,13 @@ void add_errors(const Found& found, const Judge& judge, TraceResult& r) {
   r.horizon_s = judge.horizon();
   for (const PositionLog* log : judge.logs()) {
     if (!std::isfinite(shown.after)) break;  // stopped
-    Errors own;
-    judge.add(*log, found, found.model(), own);
-    r.files.push_back({log->path, log->held_out, e.unit, static_cast<std::size_t>(own.rows),
-                       rms(own.no_change, own), rms(own.before, own), rms(own.after, own)});
+    for (const bool held_out : {false, true}) {
+      if (log->judges.empty() && log->held_out != held_out) continue;
+      Errors own;
+      judge.add(*log, held_out, found, found.model(), own);
+      r.files.push_back({log->path, held_out, e.unit, static_cast<std::size_t>(own.rows),
+                         rms(own.no_change, own), rms(own.before, own), rms(own.after, own)});
+    }
   }
 }
 
@@ -77,7 +81,8 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
       judge.by_speed() ? fmt::format("of the speed change over {:.3g} ms", 1e3 * judge.horizon())
                        : std::string("of the holding current");
   const std::string what = parts.empty()
-                               ? "No effect is missing"
+                               ? r.ambiguous.empty() ? "No effect is missing"
+                                                     : "No effect is found that can be told apart"
                                : fmt::format("The model lacks {}", fmt::join(parts, ", "));
   if (!std::isfinite(after)) return what + ".";
   if (const auto falls = fall_in_words(before, after, e.unit))
@@ -154,6 +159,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   for (const PositionLog& log : logs) {
     const bool at_rest = is_quasi_static(log, facts.machine);
     (log.held_out ? r.held_out_sources : r.sources).push_back(log.path);
+    if (!log.judges.empty()) r.held_out_sources.push_back(log.path);
     r.health.push_back(fmt::format(
         "{}: {} rows, {}{}", log.path, log.size(),
         at_rest ? "the current holds the rotor" : "the current accelerates the rotor",
@@ -170,6 +176,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
                        ": its angle has another zero than the logs that show the cogging; judged "
                        "without it");
   if (!hooks.stopped()) {
+    refuse_orders(found, judge, hooks, r);
     refuse_claims(found, judge, r);
     refuse_whole(found, judge, r);
   }
@@ -206,18 +213,18 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
               : !r.ambiguous.empty() ? "ambiguous"
                                      : "nothing_missing";
   r.sentence = sentence(r, found, judge);
-  if (r.verdict == "nothing_missing")
+  if (r.effects.empty())
     if (const std::string why = nothing_explained(r, judge); !why.empty()) {
       r.verdict = "ambiguous";
       r.sentence = why;
     }
   // What transfers, and yet does not hold as a whole, is something. What does not transfer may be
   // chance, which is not to say that nothing is missing.
-  const bool nothing = r.verdict == "nothing_missing";
+  const bool nothing = r.effects.empty();
   const auto held_back = std::find_if(r.refused.begin(), r.refused.end(), [&](const Refused& x) {
     return x.rule == "whole" || (nothing && x.leaves_doubt());
   });
-  if (r.effects.empty() && r.ambiguous.empty() && held_back != r.refused.end()) {
+  if (r.effects.empty() && held_back != r.refused.end()) {
     r.verdict = "unexplained";
     r.sentence = refused_in_words(*held_back);
   }
@@ -229,24 +236,48 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   return r;
 }
 
-std::vector<PositionLog> hold_out(const std::vector<PositionLog>& logs, double share) {
+namespace {
+
+// Of every so many means of rows one judges, each time another in turn, so that what repeats with
+// the angle is judged at all its phases. Each is short beside a period of any order: an order that
+// fits in the gaps would not be held by what is left.
+std::vector<char> judging_rows(const PositionLog& log, std::size_t every) {
+  const std::size_t length = judged_length(log);
+  std::vector<char> judges(log.size(), 0);
+  for (std::size_t k = 0; k < log.size(); ++k) {
+    const std::size_t piece = k / length, group = piece / every;
+    judges[k] = piece % every == group * (group + 1) / 2 % every;
+  }
+  return judges;
+}
+
+void hold_out_late(const PositionLog& log, double share, std::vector<PositionLog>& all) {
+  PositionLog train{.path = log.path}, unseen{.path = log.path, .held_out = true};
+  for (std::size_t k = 0; k < log.size(); ++k) {
+    const bool late = static_cast<double>(k) >= (1 - share) * static_cast<double>(log.size());
+    PositionLog& to = late ? unseen : train;
+    to.t.push_back(log.t[k]);
+    to.theta_m.push_back(log.theta_m[k]);
+    to.i_q.push_back(log.i_q[k]);
+    if (!log.omega_m.empty()) to.omega_m.push_back(log.omega_m[k]);
+    if (!log.u_q.empty()) to.u_q.push_back(log.u_q[k]);
+  }
+  all.push_back(std::move(train));
+  all.push_back(std::move(unseen));
+}
+
+}  // namespace
+
+std::vector<PositionLog> hold_out(const std::vector<PositionLog>& logs, double share,
+                                  const MachineParameters& machine) {
   std::vector<PositionLog> all;
   for (const PositionLog& log : logs) {
-    PositionLog train{.path = log.path}, unseen{.path = log.path, .held_out = true};
-    const auto every = static_cast<std::size_t>(std::lround(1 / share));
-    for (std::size_t k = 0; k < log.size(); ++k) {
-      const bool late =
-          log.has_time() ? static_cast<double>(k) >= (1 - share) * static_cast<double>(log.size())
-                         : k % every == every - 1;
-      PositionLog& to = late ? unseen : train;
-      if (log.has_time()) to.t.push_back(log.t[k]);
-      to.theta_m.push_back(log.theta_m[k]);
-      to.i_q.push_back(log.i_q[k]);
-      if (!log.omega_m.empty()) to.omega_m.push_back(log.omega_m[k]);
-      if (!log.u_q.empty()) to.u_q.push_back(log.u_q[k]);
+    if (!is_quasi_static(log, machine)) {
+      hold_out_late(log, share, all);
+      continue;
     }
-    all.push_back(std::move(train));
-    all.push_back(std::move(unseen));
+    all.push_back(log);
+    all.back().judges = judging_rows(log, static_cast<std::size_t>(std::lround(1 / share)));
   }
   return all;
 }

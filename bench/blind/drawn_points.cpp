@@ -194,7 +194,7 @@ TraceResult holding(Draw& d, PointCase& c, const DrawnMachine& x, std::uint64_t 
     log.theta_m.push_back(theta_m + (map ? 0 : x.angle_noise * normal(seed, 9, k)));
     log.i_q.push_back(readings.of(i));
   }
-  return trace_positions(hold_out({log}, 0.25), facts);
+  return trace_positions(hold_out({log}, 0.25, facts.machine), facts);
 }
 
 TraceResult bus_voltage(Draw& d, PointCase& c, const DrawnMachine& x, std::uint64_t seed) {

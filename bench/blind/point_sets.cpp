@@ -1,6 +1,8 @@
 // False claims of the tracer on drawn static sets and bus voltages.
 //
-//   point_sets [COUNT] [SEED] [-v]     COUNT cases of each set and class; -v: every one that is wrong
+//   point_sets [COUNT] [SEED] [SET] [-v]     COUNT cases of each set and class
+// SET: 0 flux map, 1 inverter curve, 2 holding current, 3 bus voltage, else all; -v: every case that
+// is wrong.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -48,11 +50,12 @@ void count(const PointCase& c, std::uint64_t seed, bool verbose, Counts& n) {
                c.result.verdict, c.truth, named, c.result.sentence);
 }
 
-void run(int cases, std::uint64_t first, bool verbose) {
+void run(int cases, std::uint64_t first, int only, bool verbose) {
   fmt::print("{:17}{:10}{:>6}{:>7}{:>7}{:>7}{:>7}  verdicts\n", "set", "class", "cases", "false",
              "wrong", "exact", "missed");
   Counts all;
-  for (int set = 0; set < 4; ++set)
+  for (int set = 0; set < 4; ++set) {
+    if (only >= 0 && only < 4 && set != only) continue;
     for (int spoilt = 0; spoilt < 7; ++spoilt) {
       Counts n;
       for (int k = 0; k < cases; ++k) {
@@ -64,6 +67,7 @@ void run(int cases, std::uint64_t first, bool verbose) {
                  n.false_claims, n.wrong, n.exact, n.missed, n.verdicts);
       all.cases += n.cases, all.false_claims += n.false_claims, all.wrong += n.wrong;
     }
+  }
   fmt::print("{} cases: {} false claims under traced, {} wrong kinds under any verdict\n",
              all.cases, all.false_claims, all.wrong);
 }
@@ -75,6 +79,7 @@ int main(int argc, char** argv) {
   const bool verbose = argc > 1 && std::strcmp(argv[argc - 1], "-v") == 0;
   const int cases = argc > 1 ? std::atoi(argv[1]) : 20;
   const std::uint64_t seed = argc > 2 ? std::strtoull(argv[2], nullptr, 10) : 1;
-  twinrate::blind::run(cases > 0 ? cases : 20, seed, verbose);
+  const int only = argc > 3 && std::strcmp(argv[3], "-v") != 0 ? std::atoi(argv[3]) : -1;
+  twinrate::blind::run(cases > 0 ? cases : 20, seed, only, verbose);
   return 0;
 }

@@ -288,7 +288,7 @@ TEST(Positions, StoppedBeforeTheHoldingTorqueNothingIsKept) {
 
 TEST(Positions, StoppedLaterItsResultsAreKeptAndReportedAsNotFullyJudged) {
   const Truth truth;
-  const std::vector<PositionLog> logs = hold_out({sweep(truth)}, 0.25);
+  const std::vector<PositionLog> logs = hold_out({sweep(truth)}, 0.25, machine());
   const DriveFacts drive{.machine = machine(), .v_dc = 24};
   const StopAt whole;
   const TraceResult all = trace_positions(logs, drive, {.hooks = {.say = {}, .stop = whole}});
