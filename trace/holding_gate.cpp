@@ -161,9 +161,9 @@ std::vector<PointClaim> claims_of(const Terms& terms) {
     for (Index c = 0; c < columns; ++c) claim.columns.push_back(column++);
     claims.push_back(std::move(claim));
   };
-  for (std::size_t k = 0; k < terms.orders.size(); ++k) add("cogging", 2);
-  for (std::size_t k = 0; k < terms.ripple_orders.size(); ++k) add("friction_ripple", 2);
-  if (terms.friction) add("coulomb_friction", 1);
+  for (std::size_t k = 0; k < terms.orders.size(); ++k) add(kOrderOfTorque, 2);
+  for (std::size_t k = 0; k < terms.ripple_orders.size(); ++k) add(kOrderOfFriction, 2);
+  if (terms.friction) add(kMeanFriction, 1);
   return claims;
 }
 
@@ -244,8 +244,8 @@ bool keeps_lag(const Found& found, const Judge& judge) {
 
 bool tells_friction(const Found& found) {
   const std::vector<PositionClaim>& claims = position_claims();
-  const auto own = std::find_if(claims.begin(), claims.end(),
-                                [](auto& c) { return c.kind == "coulomb_friction"; });
+  const auto own =
+      std::find_if(claims.begin(), claims.end(), [](auto& c) { return c.kind == kMeanFriction; });
   return own != claims.end() && own->told(found);
 }
 

@@ -192,7 +192,8 @@ HoldingTorque trace_holding_torque(std::span<const PositionLog* const> given,
   std::vector<Prepared> logs;
   std::size_t rows = 0;
   for (const PositionLog* log : given) {
-    logs.push_back({.log = log, .direction = directions(*log), .ok = holding_rows(*log, 0, log->held_out)});
+    logs.push_back(
+        {.log = log, .direction = directions(*log), .ok = holding_rows(*log, 0, log->held_out)});
     rows += std::min(log->size(), kMostBlocks);
   }
   if (logs.empty()) return torque;

@@ -10,6 +10,10 @@
 #include "trace/measured_result.hpp"
 
 namespace twinrate {
+
+const char* const kOrderOfTorque = "cogging";
+const char* const kOrderOfFriction = "friction_ripple";
+const char* const kMeanFriction = "coulomb_friction";
 namespace {
 
 struct Evidence {

@@ -7,6 +7,11 @@
 
 namespace twinrate {
 
+// The kinds of a holding torque: its orders, those of its friction, and its mean friction.
+extern const char* const kOrderOfTorque;
+extern const char* const kOrderOfFriction;
+extern const char* const kMeanFriction;
+
 // A claim that these logs can make, all orders of a kind together: whether a fit has some of it,
 // whether that is large enough to be told, and how it is taken away.
 struct PositionClaim {
