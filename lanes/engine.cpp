@@ -12,6 +12,7 @@
 #include "controller/scaled_tuning.hpp"
 #include "estimator/scaled_tuning.hpp"
 #include "lanes/isa.hpp"
+#include "model/math.hpp"
 #include "model/random.hpp"
 
 namespace twinrate::lanes {
@@ -100,7 +101,7 @@ static double node_share(double a, double b, double end, Basis N) {
   for (int i = 0; i <= kPanels; ++i) {
     const double x = end * i / kPanels;
     const double share = i == 0 || i == kPanels ? 1 : i % 2 ? 4 : 2;
-    sum += share * std::exp(-a * (end - x)) * N(x);
+    sum += share * math::exp(-a * (end - x)) * N(x);
   }
   return a * b * sum * end / (3 * kPanels);
 }
@@ -119,14 +120,14 @@ static void set_plant(LaneConstants<double>& c, const LaneSettings& s) {
   const auto mid = [&](auto N) { return node_share(c.a, c.b, 1, N); };
   const auto end = [&](auto N) { return node_share(c.a, c.b, 2, N); };
   const auto sq = [](double x) { return x * x; };
-  c.mid_decay = std::exp(-c.a);
-  c.mid_u = -std::expm1(-c.a) / c.a;
+  c.mid_decay = math::exp(-c.a);
+  c.mid_u = -math::expm1(-c.a) / c.a;
   c.mid_0 = mid([&](double x) { return (1 + 2 * x) * sq(1 - x); }) + c.b * c.mid_decay;
   c.mid_d0 = mid([&](double x) { return x * sq(1 - x); });
   c.mid_1 = mid([&](double x) { return sq(x) * (3 - 2 * x); }) - c.b;
   c.mid_d1 = mid([&](double x) { return sq(x) * (x - 1); });
-  c.end_decay = std::exp(-2 * c.a);
-  c.end_u = -std::expm1(-2 * c.a) / c.a;
+  c.end_decay = math::exp(-2 * c.a);
+  c.end_u = -math::expm1(-2 * c.a) / c.a;
   c.end_0 =
       end([&](double x) { return sq(1 - x) * (2 - x) * (0.5 + 1.25 * x); }) + c.b * c.end_decay;
   c.end_d0 = end([&](double x) { return 0.5 * x * sq(1 - x) * (2 - x); });
@@ -190,8 +191,8 @@ void prepare(const LaneSettings& s, const Point& p, LaneDrive<double>& d) {
       d.noise_seed[phase][half] = std::bit_cast<double>(twinrate::splitmix64(
           twinrate::splitmix64(p.seed) ^ static_cast<std::uint64_t>(2 * phase + half)));
   const double omega_e = p.flying ? p.omega_e_ref_rad_s : 0;
-  d.plant = {
-      0, 0, omega_e, s.theta_e_start, {std::sin(s.theta_e_start), std::cos(s.theta_e_start)}};
+  const math::SinCos at = math::sincos(s.theta_e_start);
+  d.plant = {0, 0, omega_e, s.theta_e_start, {at.sin, at.cos}};
   d.x = {0, 0, omega_e, 0};
   d.at = {0, 1};
   d.gain.at = d.next_gain.at = {0, 1};

@@ -16,6 +16,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "model/math.hpp"
+
 namespace twinrate {
 
 using Vec2 = Eigen::Vector2d;
@@ -36,7 +38,7 @@ inline Vec3 inverse_clarke(const Vec2& alphabeta) {
 }
 
 inline Vec2 rotate(const Vec2& x, double angle_rad) {
-  const double c = std::cos(angle_rad), s = std::sin(angle_rad);
+  const auto [s, c] = math::sincos(angle_rad);
   return {c * x[0] - s * x[1], s * x[0] + c * x[1]};
 }
 

@@ -15,19 +15,29 @@ inline constexpr const char* kInverterModelNames[] = {"averaged", "switched"};
 enum class Saliency : int { kRotor = 0, kFixedAxes = 1 };
 inline constexpr const char* kSaliencyNames[] = {"rotor", "fixed_axes"};
 
+// Who plays the plant: twinrate-plant, or twinrate-bridge with a real drive behind it.
+enum class PlantKind : int { kSimulated = 0, kBridge = 1 };
+inline constexpr const char* kPlantKindNames[] = {"simulated", "bridge"};
+
 struct PlantFacts {
+  PlantKind kind = PlantKind::kSimulated;
   InverterModel inverter = InverterModel::kAveraged;
   Saliency saliency = Saliency::kRotor;
   int delay_samples = 1;     // COMMAND(k) acts from t_{k + delay_samples}
   double theta_e_start = 0;  // electrical rotor angle at t = 0
 
   void fields(FieldVisitor& f) {
+    kind_field(f);
     equation_fields(f);
     delay_field(f);
     start_field(f);
   }
 
  protected:
+  void kind_field(FieldVisitor& f) {
+    f.choice("kind", kind, kPlantKindNames,
+             "who plays the plant: a simulation, or a real drive behind [bridge]");
+  }
   // Apart, because [plant] lists the keys of the simulation between them.
   void equation_fields(FieldVisitor& f) {
     f.choice("inverter", inverter, kInverterModelNames,

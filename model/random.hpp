@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <numbers>
 
+#include "model/math.hpp"
+
 namespace twinrate {
 
 inline std::uint64_t splitmix64(std::uint64_t z) {
@@ -24,7 +26,7 @@ inline double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t in
 // Standard normal deviate.
 inline double normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
   const double u1 = uniform(seed, 2 * stream, index), u2 = uniform(seed, 2 * stream + 1, index);
-  return std::sqrt(-2 * std::log(u1)) * std::cos(2 * std::numbers::pi * u2);
+  return std::sqrt(-2 * math::log(u1)) * math::cos(2 * std::numbers::pi * u2);
 }
 
 }  // namespace twinrate

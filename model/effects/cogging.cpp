@@ -14,6 +14,7 @@
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -42,12 +43,13 @@ class Cogging final : public TraceableEffect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<Cogging>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.T_load = amplitude_ * std::sin(N() * point.theta_m + phase_)};
+    return {.T_load = amplitude_ * math::sin(N() * point.theta_m + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.T_load = std::sin(N() * point.theta_m)};
-    columns[1] = {.T_load = std::cos(N() * point.theta_m)};
+    const auto [s, c] = math::sincos(N() * point.theta_m);
+    columns[0] = {.T_load = s};
+    columns[1] = {.T_load = c};
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);

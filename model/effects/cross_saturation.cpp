@@ -13,6 +13,7 @@
 
 #include "model/effects/registry.hpp"
 #include "model/effects/traced.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -94,9 +95,9 @@ class CrossSaturation final : public TraceableEffect {
     if (I_c_ == 0) return 0.5 * i_q * i_q;
     // ln cosh x = |x| + ln(1 + exp(-2 |x|)) - ln 2
     const double x = std::abs(i_q) / I_c_;
-    return I_c_ * I_c_ * (x + std::log1p(std::exp(-2 * x)) - std::numbers::ln2);
+    return I_c_ * I_c_ * (x + math::log1p(math::exp(-2 * x)) - std::numbers::ln2);
   }
-  double G_slope(double i_q) const { return I_c_ == 0 ? i_q : I_c_ * std::tanh(i_q / I_c_); }
+  double G_slope(double i_q) const { return I_c_ == 0 ? i_q : I_c_ * math::tanh(i_q / I_c_); }
   Vec2 first(const OperatingPoint& point) const {
     return {-G(point.i_dq[1]), -point.i_dq[0] * G_slope(point.i_dq[1])};
   }

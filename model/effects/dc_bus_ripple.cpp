@@ -6,6 +6,7 @@
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -29,12 +30,13 @@ class DcBusRipple final : public TraceableEffect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<DcBusRipple>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.v_dc = amplitude_ * std::sin(kTwoPi * f_ * point.t + phase_)};
+    return {.v_dc = amplitude_ * math::sin(kTwoPi * f_ * point.t + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.v_dc = std::sin(kTwoPi * f_ * point.t)};
-    columns[1] = {.v_dc = std::cos(kTwoPi * f_ * point.t)};
+    const auto [s, c] = math::sincos(kTwoPi * f_ * point.t);
+    columns[0] = {.v_dc = s};
+    columns[1] = {.v_dc = c};
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);

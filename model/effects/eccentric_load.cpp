@@ -4,6 +4,7 @@
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -22,12 +23,13 @@ class EccentricLoad final : public TraceableEffect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<EccentricLoad>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.T_load = amplitude_ * std::sin(point.theta_m + phase_)};
+    return {.T_load = amplitude_ * math::sin(point.theta_m + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.T_load = std::sin(point.theta_m)};
-    columns[1] = {.T_load = std::cos(point.theta_m)};
+    const auto [s, c] = math::sincos(point.theta_m);
+    columns[0] = {.T_load = s};
+    columns[1] = {.T_load = c};
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);

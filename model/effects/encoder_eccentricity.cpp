@@ -7,6 +7,7 @@
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -25,12 +26,13 @@ class EncoderEccentricity final : public TraceableEffect {
     return std::make_shared<EncoderEccentricity>(*this);
   }
   Contribution at(const OperatingPoint& point) const override {
-    return {.theta_m = amplitude_ * std::sin(point.theta_m + phase_)};
+    return {.theta_m = amplitude_ * math::sin(point.theta_m + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.theta_m = std::sin(point.theta_m)};
-    columns[1] = {.theta_m = std::cos(point.theta_m)};
+    const auto [s, c] = math::sincos(point.theta_m);
+    columns[0] = {.theta_m = s};
+    columns[1] = {.theta_m = c};
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);

@@ -32,7 +32,8 @@ class FanLoad final : public TraceableEffect {
     return {{.key = "coefficient_Nms2", .linear = true}};
   }
   double materiality(const DriveFacts& facts) const override {
-    return std::abs(c_) * std::pow(rated_speed(facts), 2) / smallest_torque(facts, 15e-3);
+    const double omega_m = rated_speed(facts);
+    return std::abs(c_) * (omega_m * omega_m) / smallest_torque(facts, 15e-3);
   }
 
   Traits traits() const override {

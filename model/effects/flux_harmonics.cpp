@@ -13,6 +13,7 @@
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -40,12 +41,12 @@ class FluxHarmonics final : public TraceableEffect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<FluxHarmonics>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    const double angle = order_ * point.theta_m + phase_;
-    return of_flux(point, amplitude_ * std::cos(angle), -amplitude_ * order_ * std::sin(angle));
+    const auto [s, c] = math::sincos(order_ * point.theta_m + phase_);
+    return of_flux(point, amplitude_ * c, -amplitude_ * order_ * s);
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    const double c = std::cos(order_ * point.theta_m), s = std::sin(order_ * point.theta_m);
+    const auto [s, c] = math::sincos(order_ * point.theta_m);
     columns[0] = of_flux(point, c, -order_ * s);
     columns[1] = of_flux(point, -s, -order_ * c);
   }

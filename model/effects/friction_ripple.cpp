@@ -7,6 +7,7 @@
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -26,13 +27,14 @@ class FrictionRipple final : public TraceableEffect {
   std::shared_ptr<Effect> clone() const override { return std::make_shared<FrictionRipple>(*this); }
   Contribution at(const OperatingPoint& point) const override {
     return {.T_load = smooth_sign(point.omega_m, omega_smooth_) * amplitude_ *
-                      std::sin(order_ * point.theta_m + phase_)};
+                      math::sin(order_ * point.theta_m + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     const double sign = smooth_sign(point.omega_m, omega_smooth_);
-    columns[0] = {.T_load = sign * std::sin(order_ * point.theta_m)};
-    columns[1] = {.T_load = sign * std::cos(order_ * point.theta_m)};
+    const auto [s, c] = math::sincos(order_ * point.theta_m);
+    columns[0] = {.T_load = sign * s};
+    columns[1] = {.T_load = sign * c};
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);

@@ -13,6 +13,8 @@
 #include <cmath>
 #include <vector>
 
+#include "model/math.hpp"
+
 namespace twinrate {
 
 template <class Value>
@@ -51,7 +53,7 @@ template <class Value>
 class LowPass {
  public:
   LowPass(double tau, double T_s)
-      : a_(tau > 0 ? std::exp(-T_s / tau) : 0), b_(tau > 0 ? (1 - a_) * tau / T_s : 0) {}
+      : a_(tau > 0 ? math::exp(-T_s / tau) : 0), b_(tau > 0 ? (1 - a_) * tau / T_s : 0) {}
 
   Value pass(const Value& x) {
     if (first_) x_ = y_ = x;
@@ -75,7 +77,7 @@ template <class Value>
 class HeldLowPass {
  public:
   HeldLowPass(double tau, double T_s)
-      : a_(tau > 0 ? std::exp(-T_s / tau) : 0), b_(tau > 0 ? (1 - a_) * tau / T_s : 0) {}
+      : a_(tau > 0 ? math::exp(-T_s / tau) : 0), b_(tau > 0 ? (1 - a_) * tau / T_s : 0) {}
 
   Value pass(const Value& u) {
     if (first_) v_ = u;

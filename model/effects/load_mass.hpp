@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model/effects/shaft.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
@@ -17,14 +18,15 @@ struct Oscillation {
     const double omega_sq = omega_0_sq - sigma * sigma, omega = std::sqrt(std::abs(omega_sq));
     double c = 1, s = h;  // cos(omega h), sin(omega h)/omega, times exp(-sigma h)
     if (omega * h < 1e-6) {
-      c = std::exp(-sigma * h);
+      c = math::exp(-sigma * h);
       s = c * h;
     } else if (omega_sq > 0) {
-      const double decay = std::exp(-sigma * h);
-      c = decay * std::cos(omega * h);
-      s = decay * std::sin(omega * h) / omega;
+      const double decay = math::exp(-sigma * h);
+      const auto [sine, cosine] = math::sincos(omega * h);
+      c = decay * cosine;
+      s = decay * sine / omega;
     } else {
-      const double slow = std::exp((omega - sigma) * h), fast = std::exp(-(omega + sigma) * h);
+      const double slow = math::exp((omega - sigma) * h), fast = math::exp(-(omega + sigma) * h);
       c = 0.5 * (slow + fast);
       s = 0.5 * (slow - fast) / omega;
     }

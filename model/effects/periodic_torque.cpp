@@ -8,6 +8,7 @@
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -29,19 +30,20 @@ class PeriodicTorque final : public TraceableEffect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<PeriodicTorque>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.T_load = amplitude_ * std::sin(angle(point) + phase_)};
+    return {.T_load = amplitude_ * math::sin(angle(point) + phase_)};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
-    columns[0] = {.T_load = std::sin(angle(point))};
-    columns[1] = {.T_load = std::cos(angle(point))};
+    const auto [s, c] = math::sincos(angle(point));
+    columns[0] = {.T_load = s};
+    columns[1] = {.T_load = c};
   }
   void coefficients(std::span<double> values) const override {
     sine_coefficients(amplitude_, phase_, values);
   }
   void set_coefficients(std::span<const double> values) override {
     amplitude_ = std::hypot(values[0], values[1]);
-    phase_ = std::atan2(values[1], values[0]);
+    phase_ = math::atan2(values[1], values[0]);
   }
   // Where a line was found: its place is refined. Nothing is searched on a grid.
   std::vector<TracedKey> traced_keys() const override {

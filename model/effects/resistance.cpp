@@ -10,6 +10,7 @@
 
 #include "model/effects/registry.hpp"
 #include "model/effects/traced.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -88,7 +89,7 @@ class Resistance final : public TraceableEffect {
 
  private:
   double share(double t) const {
-    return tau_ > 0 ? -std::expm1(-std::max(0.0, t - start_) / tau_) : 1;
+    return tau_ > 0 ? -math::expm1(-std::max(0.0, t - start_) / tau_) : 1;
   }
 
   double change_ = 0;

@@ -24,6 +24,7 @@
 
 #include "model/effects/registry.hpp"
 #include "model/effects/traced.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -37,7 +38,7 @@ double lost(Form form, double x) {
   constexpr double kSlope = (1 - kEnd * kEnd) / ((1 + kEnd * kEnd) * (1 + kEnd * kEnd));
   if (form == kRational) return x * x / (1 + x);
   if (form == kSquare) return x < kEnd ? x * x * x / (1 + x * x) : x - kTop - kSlope * (x - kEnd);
-  return x < 1e-2 ? x * x * x / 3 * (1 - 0.4 * x * x) : x - std::tanh(x);
+  return x < 1e-2 ? x * x * x / 3 * (1 - 0.4 * x * x) : x - math::tanh(x);
 }
 
 // One axis: the flux that is lacking is coefficient() times regressor().

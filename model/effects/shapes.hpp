@@ -14,13 +14,14 @@
 #include <vector>
 
 #include "model/frames.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
 inline constexpr double kSmoothSpeed = 0.02;  // rad/s, default scale of smooth_sign
 
 inline double smooth_sign(double omega_m, double scale) {
-  return std::tanh(omega_m / scale);
+  return math::tanh(omega_m / scale);
 }
 
 inline double saturate(double x) {
@@ -33,9 +34,9 @@ inline constexpr const char* kCurrentShapeNames[] = {"clamp", "tanh", "atan", "r
 inline double current_sign(double x, CurrentShape shape) {
   switch (shape) {
     case CurrentShape::kTanh:
-      return std::tanh(x);
+      return math::tanh(x);
     case CurrentShape::kAtan:
-      return 4 / kTwoPi * std::atan(kTwoPi / 4 * x);
+      return 4 / kTwoPi * math::atan(kTwoPi / 4 * x);
     case CurrentShape::kRoot:
       return x / std::sqrt(1 + x * x);
     case CurrentShape::kClamp:
@@ -52,13 +53,14 @@ inline Vec3 current_signs(const Vec3& i_abc, double linear_current, CurrentShape
 
 // c_0, c_1 of amplitude sin(angle + phase).
 inline void sine_coefficients(double amplitude, double phase, std::span<double> values) {
-  values[0] = amplitude * std::cos(phase);
-  values[1] = amplitude * std::sin(phase);
+  const auto [s, c] = math::sincos(phase);
+  values[0] = amplitude * c;
+  values[1] = amplitude * s;
 }
 // The way back: amplitude >= 0, phase in (-pi, pi].
 inline void set_sine(std::span<const double> values, double& amplitude, double& phase) {
   amplitude = std::hypot(values[0], values[1]);
-  phase = std::atan2(values[1], values[0]);
+  phase = math::atan2(values[1], values[0]);
 }
 
 // One coefficient a phase.

@@ -8,6 +8,7 @@
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -79,8 +80,8 @@ class StribeckFriction final : public TraceableEffect {
  private:
   double shape(double omega_m) const {
     const double x = std::abs(omega_m) / omega_S_;
-    const double power = exponent_ == 2 ? x * x : exponent_ == 1 ? x : std::pow(x, exponent_);
-    return std::exp(-power) * smooth_sign(omega_m, omega_smooth_);
+    const double power = exponent_ == 2 ? x * x : exponent_ == 1 ? x : math::pow(x, exponent_);
+    return math::exp(-power) * smooth_sign(omega_m, omega_smooth_);
   }
 
   double T_S_ = 0;
