@@ -1,18 +1,18 @@
 #include "core/bus.hpp"
 
+#include <arpa/inet.h>
 #include <fmt/format.h>
-#include <poll.h>
 #include <regex.h>
 
+#include <algorithm>
 #include <cassert>
-#include <cerrno>
 #include <chrono>
 #include <cstdlib>
+#include <numeric>
 #include <random>
-#include <set>
 #include <utility>
 
-#include "core/channel_filter.hpp"
+#include "core/bus_transport.hpp"
 #include "core/config.hpp"
 #include "core/machine_error.hpp"
 #include "core/message_check.hpp"
@@ -31,13 +31,6 @@ std::int64_t big_endian_64(const std::uint8_t* bytes) {
 // Every message begins: fingerprint, seq, t_ns, session, 8 bytes each.
 constexpr std::size_t kHeaderSize = 32;
 
-// A receive buffer large enough that a burst is not lost while this process waits for its turn.
-std::string with_receive_buffer(const std::string& url) {
-  if (url.rfind("udpm://", 0) != 0 || url.find("recv_buf_size") != std::string::npos) return url;
-  return url + (url.find('?') == std::string::npos ? "?" : "&") + "recv_buf_size=4194304";
-}
-
-constexpr const char* kUdpmUrl = "^(udpm://[^:/?]+):([0-9]+)(.*)$";
 constexpr int kPortsSplit = 6;
 
 // The matches of a pattern and its groups; empty where it does not match. POSIX, because std::regex
@@ -67,19 +60,24 @@ bool well_formed(const std::string& url) {
          number(4) <= 255 && number(5) >= 1 && number(5) + kPortsSplit <= 65536;
 }
 
-// 0 for a URL of another kind.
-std::uint16_t port_of(const std::string& url) {
-  const auto parts = match(url, kUdpmUrl);
-  return parts.empty() ? 0 : static_cast<std::uint16_t>(std::stoi(parts[2]));
+constexpr const char* kOptionsOfUrl = "(ttl|recv_buf_size)=([0-9]+)&?(.*)$";
+
+// Of a well-formed udpm URL.
+UdpmAddress to_udpm_address(const std::string& url) {
+  const auto parts = match(url, "^udpm://([0-9.]+):([0-9]+)[?]?(.*)$");
+  UdpmAddress address;
+  inet_pton(AF_INET, parts[1].c_str(), &address.group);
+  address.port = static_cast<std::uint16_t>(std::stoi(parts[2]));
+  for (auto option = match(parts[3], kOptionsOfUrl); !option.empty();
+       option = match(option[3], kOptionsOfUrl)) {
+    const int number = static_cast<int>(std::min(std::stoll(option[2].substr(0, 10)), 1LL << 30));
+    (option[1] == "ttl" ? address.ttl : address.receive_buffer) = number;
+  }
+  return address;
 }
 
-std::string with_port_offset(const std::string& url, int offset) {
-  if (offset == 0) return url;
-  const auto parts = match(url, kUdpmUrl);
-  if (parts.empty())
-    throw BadInput(
-        fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT", url));
-  return fmt::format("{}:{}{}", parts[1], std::stoi(parts[2]) + offset, parts[3]);
+bool is_udpm(const std::string& url) {
+  return url.rfind("udpm://", 0) == 0;
 }
 
 // With split ports: the four links of the ring on ports of their own, everything else on the first
@@ -122,83 +120,70 @@ void check_channel_suffix(const std::string& suffix) {
         fmt::format("--channel-suffix {}: up to 32 letters, digits and _ allowed", suffix));
 }
 
-struct Bus::Link {
-  struct Subscription {
-    Bus* bus;
-    Channel channel;
-    RawHandler handler;
-    void receive(const lcm::ReceiveBuffer* buffer, const std::string&) {
-      bus->received(channel, buffer, handler);
-    }
-  };
-  explicit Link(const std::string& url) : lcm(url) {}
-  // The socket appears with the first subscription.
-  void filter_by_channel(std::uint16_t port, const std::string& suffix) {
-    if (socket < 0) {
-      for (int candidate : udp_sockets_on(port))
-        if (!before.count(candidate)) socket = candidate;
-    }
-    std::vector<std::string> names;
-    for (const auto& s : subscriptions) names.push_back(info(s->channel).name + suffix);
-    if (socket >= 0) filter_channels(socket, names);
-  }
-  lcm::LCM lcm;
-  std::vector<std::unique_ptr<Subscription>> subscriptions;
-  std::set<int> before;  // sockets on this port that belong to others
-  int socket = -1;
-};
-
 Bus::Bus(const BusOptions& options)
     : options_(options), session_(options.session), bound_(options.session != 0) {
   check_channel_suffix(options_.channel_suffix);
   options_.url = resolve_url(options_.url);
+  const bool udpm = is_udpm(options_.url);
+  if (!udpm && options_.split_ports)
+    throw BadInput(fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT",
+                               options_.url));
   first_seq_.fill(-1);
   last_seq_.fill(-1);
   for (History& history : history_) history.ring.resize(options_.history);
-  if (options_.url.rfind("udpm://", 0) == 0 && !multicast_route_exists("239.255.76.67"))
+  for (const ChannelInfo& channel : kChannels)
+    names_[static_cast<std::size_t>(channel.channel)] = channel.name + options_.channel_suffix;
+  if (udpm && !multicast_route_exists("239.255.76.67"))
     throw MachineError("no multicast route, LCM cannot work; as root: " + multicast_mend());
-  link(Channel::kStatus);
+  transport_ = udpm ? make_udpm_transport(to_udpm_address(options_.url),
+                                          {.filter = options_.filter,
+                                           .drain_every_ms = options_.drain_every_ms,
+                                           .later_cpu = options_.later_cpu})
+                    : make_liblcm_transport(options_.url);
+  tag_with(options_.token_file);
   subscribe<ack_t>([this](const ack_t& ack) { serve_missing(ack); });
 }
 
 Bus::~Bus() = default;
 
-lcm::LCM& Bus::link(Channel channel) {
-  const int offset = options_.split_ports ? port_offset(channel) : 0;
-  auto& slot = links_[offset];
-  if (!slot) {
-    slot = std::make_unique<Link>(with_receive_buffer(with_port_offset(options_.url, offset)));
-    if (!slot->lcm.good())
-      throw MachineError(
-          fmt::format("{}: LCM cannot open this URL; try twinrate doctor", options_.url));
-  }
-  return slot->lcm;
+void Bus::tag_with(const std::string& token_file) {
+  tagger_.reset();
+  options_.token_file = token_file;
+  if (!token_file.empty()) tagger_.emplace(read_token(token_file));
 }
 
-std::string Bus::name_of(Channel channel) const {
-  return info(channel).name + options_.channel_suffix;
+BusCounters Bus::counters() const {
+  BusCounters all = counters_;
+  all.undecodable += transport_->malformed();
+  return all;
 }
 
-void Bus::subscribe_raw(Channel channel, RawHandler handler) {
-  lcm::LCM& instance = link(channel);
-  Link& owner = *links_[options_.split_ports ? port_offset(channel) : 0];
-  const std::uint16_t port =
-      port_of(with_port_offset(options_.url, options_.split_ports ? port_offset(channel) : 0));
-  if (owner.subscriptions.empty()) owner.before = udp_sockets_on(port);
-  owner.subscriptions.push_back(
-      std::make_unique<Link::Subscription>(Link::Subscription{this, channel, std::move(handler)}));
-  lcm::Subscription* subscription = instance.subscribe(
-      name_of(channel), &Link::Subscription::receive, owner.subscriptions.back().get());
-  // The first subscription runs LCM's self-test; where it fails the instance must not be used.
-  if (!subscription || !instance.good() || instance.getFileno() < 0)
-    throw MachineError("the LCM self-test failed; as root: " + multicast_mend());
-  subscription->setQueueCapacity(0);  // unbounded: a full queue would drop the newest message
-  if (options_.filter && port != 0) owner.filter_by_channel(port, options_.channel_suffix);
+void Bus::subscribe_raw(Channel channel, RawHandler handler, Wake wake) {
+  transport_->subscribe(
+      wanted(channel), options_.split_ports ? port_offset(channel) : 0, wake == Wake::kQuiet,
+      [this, channel, handler = std::move(handler)](const std::uint8_t* bytes, std::size_t size) {
+        received(channel, bytes, size, handler);
+      });
+}
+
+WantedChannel Bus::wanted(Channel channel) const {
+  if (channel != Channel::kEstimate) return {name_of(channel)};
+  const std::int64_t from = std::min<std::int64_t>(wanted_estimates_.from, UINT32_MAX);
+  return {name_of(channel), static_cast<std::uint32_t>(wanted_estimates_.n),
+          static_cast<std::uint32_t>(from)};
+}
+
+void Bus::want_estimates(BackgroundRate rate) {
+  const bool first = wanted_estimates_.n == 1;
+  wanted_estimates_ = first ? rate
+                            : BackgroundRate{std::gcd(wanted_estimates_.n, rate.n),
+                                             std::max(wanted_estimates_.from, rate.from)};
+  transport_->change(wanted(Channel::kEstimate));
 }
 
 void Bus::subscribe_all(const RawHandler& handler) {
   for (const ChannelInfo& channel : kChannels)
-    if (channel.channel != Channel::kAck) subscribe_raw(channel.channel, handler);
+    if (channel.channel != Channel::kAck) subscribe_raw(channel.channel, handler, Wake::kAtOnce);
 }
 
 bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
@@ -220,6 +205,24 @@ bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
   return false;
 }
 
+// Whether the message has a valid tag, where one is asked for.
+bool Bus::is_genuine(Channel channel, const std::uint8_t* bytes, std::size_t size) {
+  if (!checks_tags() || tagger_->is_genuine(name_of(channel), bytes, size)) return true;
+  ++counters_.refused;
+  if (channel == Channel::kRequest && untagged_request_ && big_endian_64(bytes + 24) == session_)
+    untagged_request_();
+  return false;
+}
+
+// Messages between two of a channel that are missing.
+std::int64_t Bus::gap(Channel channel, std::int64_t last, std::int64_t seq) const {
+  if (channel == Channel::kGain)
+    return options_.gains_between ? options_.gains_between(last, seq) - 1 : 0;
+  if (channel == Channel::kEstimate)
+    return snapshots_up_to(seq - 1, wanted_estimates_) - snapshots_up_to(last, wanted_estimates_);
+  return seq - last - 1;
+}
+
 // A repeated message has an older number. Only where an unbound bus receives the first number again
 // has a log been started anew.
 void Bus::count_gap(Channel channel, std::int64_t seq) {
@@ -228,17 +231,13 @@ void Bus::count_gap(Channel channel, std::int64_t seq) {
   if (last < 0 || (!bound_ && seq <= first)) {
     first = last = seq;
   } else if (seq > last) {
-    if (channel != Channel::kGain)
-      counters_.gaps += seq - last - 1;
-    else if (options_.gains_between)
-      counters_.gaps += options_.gains_between(last, seq) - 1;
+    counters_.gaps += gap(channel, last, seq);
     last = seq;
   }
 }
 
-void Bus::received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawHandler& handler) {
-  const auto* bytes = static_cast<const std::uint8_t*>(buffer->data);
-  const std::size_t size = buffer->data_size;
+void Bus::received(Channel channel, const std::uint8_t* bytes, std::size_t size,
+                   const RawHandler& handler) {
   if (size < kHeaderSize) {
     ++counters_.undecodable;
     return;
@@ -249,6 +248,7 @@ void Bus::received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawH
     ++counters_.dropped_on_purpose;
     return;
   }
+  if (!is_genuine(channel, bytes, size)) return;
   std::int64_t seq = 0, t_ns = 0;
   const std::int64_t session = big_endian_64(bytes + 24);
   const bool foreign = bound_ && session != session_;  // refused whatever it is
@@ -258,30 +258,34 @@ void Bus::received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawH
   }
   if (!admit(channel, seq, session)) return;
   if (channel < Channel::kStatus) count_gap(channel, seq);
-  try {
-    handler(channel, bytes, size, seq, t_ns);
-  } catch (...) {
-    thrown_ = std::current_exception();
-  }
+  handler(channel, bytes, size, seq, t_ns);
 }
 
-void Bus::send(Channel channel, std::int64_t seq, const std::uint8_t* bytes, std::size_t size) {
-  if (seq >= 0 && channel < Channel::kStatus) {
-    History& history = history_[static_cast<std::size_t>(channel)];
-    Kept& kept = history.ring[history.next];
-    history.next = (history.next + 1) % history.ring.size();
-    kept.seq = seq;
-    kept.bytes.assign(bytes, bytes + size);
-  }
-  link(channel).publish(name_of(channel), bytes, static_cast<unsigned>(size));
+void Bus::keep(Channel channel, std::int64_t seq, const std::vector<std::uint8_t>& bytes) {
+  if (seq < 0 || channel >= Channel::kStatus) return;
+  History& history = history_[static_cast<std::size_t>(channel)];
+  Kept& kept = history.ring[history.next];
+  history.next = (history.next + 1) % history.ring.size();
+  kept.seq = seq;
+  kept.bytes = bytes;
+}
+
+void Bus::send_staged() {
+  std::array<BusTransport::Outgoing, 4> list{};
+  assert(staged_count_ <= list.size());
+  for (std::size_t i = 0; i < staged_count_; ++i)
+    list[i] = {&name_of(staged_[i].channel), staged_[i].bytes.data(), staged_[i].bytes.size(),
+               options_.split_ports ? port_offset(staged_[i].channel) : 0, staged_[i].later};
+  transport_->send(list.data(), std::exchange(staged_count_, 0));
 }
 
 bool Bus::send_again(Channel channel, std::int64_t seq) {
   const History& history = history_[static_cast<std::size_t>(channel)];
   for (const Kept& kept : history.ring) {
     if (kept.seq != seq) continue;
-    link(channel).publish(name_of(channel), kept.bytes.data(),
-                          static_cast<unsigned>(kept.bytes.size()));
+    const BusTransport::Outgoing message = {&name_of(channel), kept.bytes.data(), kept.bytes.size(),
+                                            options_.split_ports ? port_offset(channel) : 0};
+    transport_->send(&message, 1);
     ++counters_.resent;
     return true;
   }
@@ -297,24 +301,13 @@ void Bus::serve_missing(const ack_t& ack) {
 }
 
 bool Bus::handle(double timeout_ms) {
-  std::array<pollfd, 8> descriptors{};
-  std::size_t count = 0;
-  for (auto& [offset, link] : links_)
-    if (!link->subscriptions.empty())
-      descriptors[count++] = {.fd = link->lcm.getFileno(), .events = POLLIN, .revents = 0};
-  const auto whole_s = static_cast<time_t>(timeout_ms / 1000);
-  const timespec timeout{
-      .tv_sec = whole_s,
-      .tv_nsec = static_cast<long>((timeout_ms - 1000.0 * static_cast<double>(whole_s)) * 1e6)};
-  const int ready = ppoll(descriptors.data(), count, &timeout, nullptr);
-  if (ready <= 0) return false;  // time-out, or a signal: the caller looks at its stop flag
-  std::size_t index = 0;
-  for (auto& [offset, link] : links_) {
-    if (link->subscriptions.empty()) continue;
-    if (descriptors[index++].revents & POLLIN) link->lcm.handle();
-    if (thrown_) std::rethrow_exception(std::exchange(thrown_, nullptr));
-  }
-  return true;
+  return transport_->handle(timeout_ms, wake_for_all_);
+}
+
+std::int64_t host_now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
 }
 
 std::int64_t new_session_id() {

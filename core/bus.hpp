@@ -1,24 +1,28 @@
 // The bus: LCM with sessions, sequence numbers, an account of losses, and messages that can be sent
 // again.
 //
+// udpm URLs have sockets of this project (core/lcm_socket); others have liblcm's.
+//
 // A Bus belongs to one thread. It is bound to a session (the supervisor's) or unbound; an unbound
 // one adopts the first session it hears. Messages of another session are refused and counted. A
-// message is checked whole (core/message_check) before anything decodes it; one that fails is
-// counted as undecodable and goes no further. Every receiver counts gaps. Messages published lately are kept, so that a receiver can request one
-// (DRIVE_ACK). Not on the tick path of the mathematics: LCM itself allocates.
+// message is checked whole (core/message_check) before anything decodes it, in a launched set its tag
+// (core/message_tag) before that; one that fails is
+// counted as undecodable and goes no further. Every receiver counts gaps. Messages published lately
+// are kept, so that a receiver can request one (DRIVE_ACK).
 #pragma once
 #include <array>
 #include <cstdint>
-#include <exception>
 #include <functional>
-#include <lcm/lcm-cpp.hpp>
-#include <map>
 #include <memory>
+#include <optional>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "core/channels.hpp"
 #include "core/decode.hpp"
+#include "core/message_tag.hpp"
+#include "core/rates.hpp"
 
 namespace twinrate {
 
@@ -29,6 +33,9 @@ inline constexpr const char* kDefaultUrl = "udpm://239.255.76.67:7667?ttl=0";
 std::string resolve_url(const std::string& wanted);
 // Throws BadInput where LCM could not use it in a channel's name.
 void check_channel_suffix(const std::string& suffix);
+
+class BusTransport;    // core/bus_transport.hpp
+struct WantedChannel;  // core/channel_filter.hpp
 
 struct BusOptions {
   std::string url;             // empty: LCM_DEFAULT_URL, else kDefaultUrl
@@ -44,7 +51,19 @@ struct BusOptions {
   // Messages of a tick from this one on are refused. The default allows every tick.
   std::int64_t ticks = INT64_MAX;
   std::size_t history = 2048;  // messages a channel kept for sending again
+  // Above 0: messages do not wake the process, it reads them in this period. For one that nobody
+  // waits for: a wake-up costs its sender more than the message.
+  double drain_every_ms = 0;
+  // Not negative: publish_later() leaves the sending to a thread on this CPU.
+  int later_cpu = -1;
+  // A token file (core/message_tag): what is sent is tagged. "": what is sent has no tag.
+  std::string token_file;
+  bool authenticate = true;  // with a token: a message without a valid tag is refused
 };
+
+// A message of a quiet channel does not wake the process. It is read with the next one that does,
+// and handled before it.
+enum class Wake { kAtOnce, kQuiet };
 
 struct BusCounters {
   std::int64_t gaps = 0, refused = 0, undecodable = 0, dropped_on_purpose = 0, resent = 0;
@@ -61,25 +80,43 @@ class Bus {
 
   std::int64_t session() const { return session_; }
   bool bound() const { return bound_; }
+  // What is sent from now on is tagged by this file; "": it has no tag. Throws BadInput.
+  void tag_with(const std::string& token_file);
+  // Messages without a valid tag are refused.
+  bool checks_tags() const { return tagger_ && options_.authenticate; }
   // Begins a session of its own (the process that sets the pace, run without a supervisor).
   void adopt(std::int64_t session) { session_ = session; }
-  const BusCounters& counters() const { return counters_; }
+  BusCounters counters() const;
   // Counts a message of this session that its receiver did not use: of a tick that cannot be yet,
   // or not plausible.
   void refuse() { ++counters_.refused; }
   const std::string& url() const { return options_.url; }
+  // Called when a request is refused because it has no valid tag.
+  void on_untagged_request(std::function<void()> handler) {
+    untagged_request_ = std::move(handler);
+  }
 
   // Handler gets every whole message of the session, in the order of arrival.
   template <class Message>
-  void subscribe(std::function<void(const Message&)> handler);
+  void subscribe(std::function<void(const Message&)> handler, Wake wake = Wake::kAtOnce);
+  // While true, messages of quiet channels wake the process, too: it waits for one.
+  void wake_for_all(bool all) { wake_for_all_ = all; }
+  // Of ESTIMATE only the snapshots at this rate and those that ask for a gain (kGainEveryTick) are
+  // wanted; a second call leaves those that either wants. The others need not arrive, and are no
+  // gap.
+  void want_estimates(BackgroundRate rate);
   // Every message of every channel, raw: for the logger. Session and loss rules as above.
   using RawHandler = std::function<void(Channel, const std::uint8_t* bytes, std::size_t size,
                                         std::int64_t seq, std::int64_t t_ns)>;
   void subscribe_all(const RawHandler& handler);
 
-  // Stamps the session and sends; kept for sending again where seq >= 0.
+  // Stamps the session and sends, several messages with one system call; kept for sending again
+  // where seq >= 0.
+  template <class... Message>
+  void publish(Message... messages);
+  // For a message that nobody waits for: it may leave later than those published after it.
   template <class Message>
-  void publish(Message message);
+  void publish_later(Message message);
   // Sends the latest message of a channel again with the same seq; false where it is no longer
   // kept.
   bool send_again(Channel channel, std::int64_t seq);
@@ -99,15 +136,27 @@ class Bus {
     std::vector<Kept> ring;
     std::size_t next = 0;
   };
-  struct Link;  // one lcm::LCM instance with its subscriptions
+  struct Staged {
+    Channel channel;
+    bool later;
+    std::vector<std::uint8_t> bytes;
+  };
 
-  lcm::LCM& link(Channel channel);
-  std::string name_of(Channel channel) const;
-  void subscribe_raw(Channel channel, RawHandler handler);
-  void received(Channel channel, const lcm::ReceiveBuffer* buffer, const RawHandler& handler);
+  const std::string& name_of(Channel channel) const {
+    return names_[static_cast<std::size_t>(channel)];
+  }
+  void subscribe_raw(Channel channel, RawHandler handler, Wake wake);
+  void received(Channel channel, const std::uint8_t* bytes, std::size_t size,
+                const RawHandler& handler);
+  bool is_genuine(Channel channel, const std::uint8_t* bytes, std::size_t size);
   bool admit(Channel channel, std::int64_t seq, std::int64_t session);
   void count_gap(Channel channel, std::int64_t seq);
-  void send(Channel channel, std::int64_t seq, const std::uint8_t* bytes, std::size_t size);
+  WantedChannel wanted(Channel channel) const;
+  std::int64_t gap(Channel channel, std::int64_t last, std::int64_t seq) const;
+  template <class Message>
+  void stage(Message& message);
+  void keep(Channel channel, std::int64_t seq, const std::vector<std::uint8_t>& bytes);
+  void send_staged();
   void serve_missing(const ack_t& ack);
 
   BusOptions options_;
@@ -117,35 +166,64 @@ class Bus {
   std::uint64_t datagrams_seen_ = 0;
   std::array<std::int64_t, kChannelCount> first_seq_, last_seq_;
   std::array<History, kChannelCount> history_;
-  std::vector<std::uint8_t> scratch_;
-  std::map<int, std::unique_ptr<Link>> links_;  // by UDP port offset
-  std::function<void()> new_session_;
-  std::exception_ptr thrown_;
+  std::array<std::string, kChannelCount> names_;
+  std::vector<Staged> staged_;  // the first staged_count_ are to be sent
+  std::size_t staged_count_ = 0;
+  BackgroundRate wanted_estimates_{1};
+  bool wake_for_all_ = false;
+  std::unique_ptr<BusTransport> transport_;
+  std::function<void()> new_session_, untagged_request_;
+  std::optional<Tagger> tagger_;
 };
 
+// CLOCK_MONOTONIC.
+std::int64_t host_now_ns();
 // Fresh session id: not 0, unlikely to meet another.
 std::int64_t new_session_id();
 
 template <class Message>
-void Bus::subscribe(std::function<void(const Message&)> handler) {
-  subscribe_raw(kChannelOf<Message>,
-                [this, handler = std::move(handler)](Channel, const std::uint8_t* bytes,
-                                                     std::size_t size, std::int64_t, std::int64_t) {
-                  Message message;
-                  if (!decode(message, bytes, size))
-                    ++counters_.undecodable;
-                  else
-                    handler(message);
-                });
+void Bus::subscribe(std::function<void(const Message&)> handler, Wake wake) {
+  subscribe_raw(
+      kChannelOf<Message>,
+      [this, handler = std::move(handler)](Channel, const std::uint8_t* bytes, std::size_t size,
+                                           std::int64_t, std::int64_t) {
+        Message message;
+        if (!decode(message, bytes, size))
+          ++counters_.undecodable;
+        else
+          handler(message);
+      },
+      wake);
 }
 
 template <class Message>
-void Bus::publish(Message message) {
+void Bus::stage(Message& message) {
   message.session = session_;
-  const int size = message.getEncodedSize();
-  scratch_.resize(static_cast<std::size_t>(size));
-  message.encode(scratch_.data(), 0, size);
-  send(kChannelOf<Message>, message.seq, scratch_.data(), scratch_.size());
+  message.tag = 0;
+  if constexpr (requires { message.host_ns; }) message.host_ns = host_now_ns();
+  if constexpr (std::is_same_v<Message, request_t>)
+    if (message.t_ns == 0) message.t_ns = host_now_ns();  // each sending of it is another message
+  if (staged_.size() == staged_count_) staged_.emplace_back();
+  Staged& staged = staged_[staged_count_++];
+  staged.channel = kChannelOf<Message>;
+  staged.later = false;
+  staged.bytes.resize(static_cast<std::size_t>(message.getEncodedSize()));
+  message.encode(staged.bytes.data(), 0, static_cast<int>(staged.bytes.size()));
+  if (tagger_) tagger_->put(name_of(staged.channel), staged.bytes.data(), staged.bytes.size());
+  keep(staged.channel, message.seq, staged.bytes);
+}
+
+template <class... Message>
+void Bus::publish(Message... messages) {
+  (stage(messages), ...);
+  send_staged();
+}
+
+template <class Message>
+void Bus::publish_later(Message message) {
+  stage(message);
+  staged_[staged_count_ - 1].later = true;
+  send_staged();
 }
 
 }  // namespace twinrate

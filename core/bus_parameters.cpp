@@ -16,6 +16,8 @@ void BusParameters::fields(FieldVisitor& f) {
   f.boolean("split_ports", split_ports, "use one UDP port per link instead of one for all");
   f.boolean("filter", filter,
             "filter channels without a subscription in the kernel, before they wake a process");
+  f.boolean("authenticate", authenticate,
+            "launch: refuse messages without a valid tag of the run's token");
   f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6,
            "size of a log file at which the logger begins the next one");
 }

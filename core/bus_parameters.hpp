@@ -12,6 +12,7 @@ struct BusParameters {
   bool pin = true;
   bool split_ports = false;
   bool filter = true;
+  bool authenticate = true;
   double log_rotate_MB = 2000;
   void fields(FieldVisitor& f);
 };

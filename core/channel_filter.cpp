@@ -1,18 +1,18 @@
 #include "core/channel_filter.hpp"
 
-#include <arpa/inet.h>
 #include <linux/filter.h>
 #include <sys/socket.h>
 
-#include <cstring>
-#include <filesystem>
+#include "core/decode.hpp"
+#include "core/lcm_datagram.hpp"
+#include "model/signals.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr std::uint32_t kSmallMessage = 0x4c433032;  // "LC02"
 // From the UDP header on: 8 bytes of it, LCM's magic and sequence number, then the channel's name.
-constexpr std::uint32_t kMagicAt = 8, kNameAt = 16 + 6;  // after "DRIVE_"
+constexpr std::uint32_t kMagicAt = 8, kChannelAt = 16, kNameAt = kChannelAt + 6;  // after "DRIVE_"
+constexpr std::uint32_t kAll = 0xffffffff, kNone = 0;
 
 std::uint32_t first_four(const std::string& text) {
   std::uint32_t key = 0;
@@ -21,36 +21,52 @@ std::uint32_t first_four(const std::string& text) {
   return key;
 }
 
-}  // namespace
-
-std::set<int> udp_sockets_on(std::uint16_t port) {
-  std::set<int> sockets;
-  std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
-    const int fd = std::atoi(entry.path().filename().c_str());
-    int type = 0;
-    socklen_t size = sizeof type;
-    if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &size) != 0 || type != SOCK_DGRAM) continue;
-    sockaddr_in address{};
-    socklen_t address_size = sizeof address;
-    if (getsockname(fd, reinterpret_cast<sockaddr*>(&address), &address_size) != 0) continue;
-    if (address.sin_family == AF_INET && ntohs(address.sin_port) == port) sockets.insert(fd);
-  }
-  return sockets;
+sock_filter load(std::uint32_t at) {
+  return BPF_STMT(BPF_LD | BPF_W | BPF_ABS, at);
+}
+sock_filter jump(std::uint16_t test, std::uint32_t number, std::size_t then,
+                 std::size_t otherwise) {
+  return BPF_JUMP(static_cast<std::uint16_t>(BPF_JMP | test | BPF_K), number,
+                  static_cast<std::uint8_t>(then), static_cast<std::uint8_t>(otherwise));
+}
+sock_filter give(std::uint32_t bytes) {
+  return BPF_STMT(BPF_RET | BPF_K, bytes);
 }
 
-bool filter_channels(int socket, const std::vector<std::string>& channels) {
-  const auto count = static_cast<std::uint8_t>(channels.size());
-  std::vector<sock_filter> program;
-  program.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kMagicAt));
-  program.push_back(
-      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kSmallMessage, 0, static_cast<std::uint8_t>(count + 2)));
-  program.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kNameAt));
-  for (std::uint8_t i = 0; i < count; ++i)
-    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, first_four(channels[i].substr(6)),
-                               static_cast<std::uint8_t>(count - i), 0));
-  program.push_back(BPF_STMT(BPF_RET | BPF_K, 0));           // not wanted
-  program.push_back(BPF_STMT(BPF_RET | BPF_K, 0xffffffff));  // wanted, whole
+// Of the estimates those that a gain process can use; one too short to tell passes and is counted.
+std::vector<sock_filter> every_nth(const WantedChannel& channel) {
+  const auto payload = static_cast<std::uint32_t>(kChannelAt + channel.name.size() + 1);
+  return {BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
+          jump(BPF_JGE, payload + kEstimateStatusAt + 4, 0, 9),
+          load(payload + kEstimateStatusAt),
+          jump(BPF_JSET, kGainEveryTick, 7, 0),
+          load(payload + 8),  // seq, upper half
+          jump(BPF_JEQ, 0, 0, 5),
+          load(payload + 12),
+          jump(BPF_JGE, channel.from, 0, 3),
+          BPF_STMT(BPF_ALU | BPF_MOD | BPF_K, channel.every),
+          jump(BPF_JEQ, 0, 1, 0),
+          give(kNone),
+          give(kAll)};
+}
+
+}  // namespace
+
+bool filter_channels(int socket, const std::vector<WantedChannel>& channels) {
+  const std::size_t count = channels.size();
+  std::vector<sock_filter> program = {load(kMagicAt), jump(BPF_JEQ, kWholeMagic, 0, count + 2),
+                                      load(kNameAt)};
+  std::vector<sock_filter> tail = {give(kNone), give(kAll)};
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool thin = channels[i].every > 1;
+    const std::size_t to_tail = count - 1 - i;
+    program.push_back(jump(BPF_JEQ, first_four(channels[i].name.substr(6)),
+                           to_tail + (thin ? tail.size() : 1), 0));
+    if (!thin) continue;
+    const std::vector<sock_filter> part = every_nth(channels[i]);
+    tail.insert(tail.end(), part.begin(), part.end());
+  }
+  program.insert(program.end(), tail.begin(), tail.end());
   const sock_fprog filter{.len = static_cast<unsigned short>(program.size()),
                           .filter = program.data()};
   return setsockopt(socket, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;

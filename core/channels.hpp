@@ -19,9 +19,10 @@
 
 namespace twinrate {
 
-// Version of the messages, 4: an estimate may ask for a gain every tick (kGainEveryTick). Logs from the oldest one on are read (core/decode.hpp), another
-// one is refused.
-inline constexpr int kWireSchema = 4;
+// Version of the messages. 4: an estimate may ask for a gain every tick (kGainEveryTick). 5: every
+// message ends with a tag, those of a tick have the time on the host. Logs from the oldest one on are
+// read (core/decode.hpp), another one is refused.
+inline constexpr int kWireSchema = 5;
 inline constexpr int kOldestWireSchema = 2;
 
 enum class Channel : int {
@@ -108,10 +109,11 @@ enum class Role : int {
   kImport,
   kMonitor,
   kBridge,
+  kReference,
 };
 inline constexpr const char* kRoleNames[] = {"supervisor", "plant",  "estimator", "gain",
                                              "controller", "logger", "replay",    "import",
-                                             "monitor",    "bridge"};
+                                             "monitor",    "bridge", "reference"};
 
 // Roles come off the wire: one that this program does not know has no name here.
 constexpr const char* role_name(int role) {
@@ -129,8 +131,16 @@ enum class RequestKind : int {
   kEmergencyStop = 3,
   kAddEffect = 4,     // text: [[effect]] tables; value: tick from which on, or the next one
   kAddProposed = 5,   // to the monitor: add the effects that it proposed
-  kReset = 6,         // to the plant: from SAFE to IDLE
+  kReset = 6,         // leave SAFE; value: tick from which on, or the next one
   kRemoveEffect = 7,  // text: [[effect]] tables as they were added; value: as for kAddEffect
+  kSteer = 8,         // to the plant: text: KEY=VALUE lines (core/steering.hpp); value: tick, or 0
+  kTakeControl = 9,   // to the plant: text: who steers from now on; value 1: the heartbeat
+  kGiveControl = 10,  // to the plant: text: who steers no more
+  // From the plant to the others (core/arbiter.hpp), with the number of the request that it is about.
+  kPrepare = 11,  // text: of the request; value: its kind
+  kApplyAt = 12,  // value: tick from which on it holds
+  kDrop = 13,     // somebody refused
+  kClock = 14,    // to every process: the reply has the time and the name of its host
 };
 
 }  // namespace twinrate

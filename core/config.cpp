@@ -187,8 +187,10 @@ void read_drive(Config::Impl& file) {
   read_section(root, "run", d.run);
   root.unread_table("bus");
   root.unread_table("monitor");
+  root.unread_table("bridge");
   root.unread_table("safety");
   root.unread_table("logger");
+  root.unread_table("steering");
   read_reference(file, root, d.reference);
   read_choice_of_kind(file, root, "estimator", d.estimator);
   read_choice_of_kind(file, root, "controller", d.controller);

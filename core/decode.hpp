@@ -2,14 +2,15 @@
 // the generated code would allocate any size that a damaged message contains.
 //
 // A message of an earlier wire schema is read as a message of today. When a message gains a field,
-// lcmtypes/ keeps the earlier type as NAME_vSCHEMA_t, and decode_earlier() gives the new field its
+// lcmtypes/ keeps the earlier type as NAME_vSCHEMA_t, and in_todays_form() gives the new field its
 // value for logs without it:
 //
+//   all         schema 4 has no tag: 0, none; messages of a tick have no host_ns: 0, not known
 //   event_t     schema 2 has no waited_for: -1, none
 #pragma once
 #include <cstddef>
 #include <cstdint>
-#include <twinrate/event_v2_t.hpp>
+#include <vector>
 
 #include "core/channels.hpp"
 
@@ -22,32 +23,27 @@ inline bool sizes_fit(const void*, const std::uint8_t*, std::size_t) {
   return true;
 }
 
+// Offset of the status in an encoded estimate_t: fingerprint and four numbers of 8 bytes before it.
+inline constexpr std::uint32_t kEstimateStatusAt = 40;
 // Estimate::status of an encoded estimate_t; 0 where the message is too short for one.
 int estimate_status(const std::uint8_t* bytes, std::size_t size);
 
-inline bool decode_earlier(event_t& event, const void* bytes, std::size_t size) {
-  event_v2_t earlier;
-  if (earlier.decode(bytes, 0, static_cast<int>(size)) < 0) return false;
-  event.seq = earlier.seq;
-  event.t_ns = earlier.t_ns;
-  event.session = earlier.session;
-  event.role = earlier.role;
-  event.reason = earlier.reason;
-  event.waited_for = -1;
-  event.text = earlier.text;
-  return true;
-}
-template <class Message>
-bool decode_earlier(Message&, const void*, std::size_t) {
-  return false;
-}
+// The first 8 bytes; 0 where there are fewer.
+std::int64_t fingerprint_in(const std::uint8_t* bytes, std::size_t size);
+// Whether an earlier schema had messages of this channel with this fingerprint.
+bool is_earlier_form(Channel channel, std::int64_t fingerprint);
+// An encoded message of an earlier schema as one of today; empty for any other.
+std::vector<std::uint8_t> in_todays_form(Channel channel, const std::uint8_t* bytes,
+                                         std::size_t size);
 
 // False where the bytes are not such a message.
 template <class Message>
 bool decode(Message& message, const void* bytes, std::size_t size) {
-  return sizes_fit(&message, static_cast<const std::uint8_t*>(bytes), size) &&
-         (message.decode(bytes, 0, static_cast<int>(size)) >= 0 ||
-          decode_earlier(message, bytes, size));
+  const auto* own = static_cast<const std::uint8_t*>(bytes);
+  if (!sizes_fit(&message, own, size)) return false;
+  if (message.decode(own, 0, static_cast<int>(size)) >= 0) return true;
+  const std::vector<std::uint8_t> today = in_todays_form(kChannelOf<Message>, own, size);
+  return !today.empty() && message.decode(today.data(), 0, static_cast<int>(today.size())) >= 0;
 }
 
 }  // namespace twinrate

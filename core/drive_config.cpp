@@ -6,6 +6,9 @@
 #include "model/effects/delayed.hpp"
 
 namespace twinrate {
+// 31 years, and the drive time of their last tick fits into an int64 of nanoseconds.
+constexpr double kEndless_s = 1e9;
+
 void RateParameters::fields(FieldVisitor& f) {
   f.number("f_s_Hz", f_s_Hz, 100, 200e3, "control rate: fast loop, controller, plant",
            Presence::kRequired);
@@ -62,7 +65,7 @@ void LoadParameters::fields(FieldVisitor& f) {
 }
 
 void RunParameters::fields(FieldVisitor& f) {
-  f.number("duration_s", duration_s, 1e-3, 1e5, "drive time of a run");
+  f.number("duration_s", duration_s, 1e-3, kEndless_s, "drive time of a run");
   f.number("settle_s", settle_s, 0, 1e5, "start of the window for the figures of the summary");
   f.integer("seed", seed, 0, 2147483647, "seed of every noise stream");
 }

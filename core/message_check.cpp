@@ -3,6 +3,7 @@
 #include <iterator>
 
 #include "core/decode.hpp"
+#include "core/message_tag.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -15,12 +16,6 @@ std::uint64_t big_endian(const std::uint8_t* bytes, int count) {
   std::uint64_t value = 0;
   for (int i = 0; i < count; ++i) value = value << 8 | bytes[i];
   return value;
-}
-
-std::int64_t fingerprint_of(const void* bytes, std::size_t size) {
-  return size < 8
-             ? 0
-             : static_cast<std::int64_t>(big_endian(static_cast<const std::uint8_t*>(bytes), 8));
 }
 
 // The length of a UTF-8 sequence by its first byte; 0 for a byte that begins none.
@@ -42,8 +37,11 @@ bool is_text(const std::uint8_t* bytes, std::size_t size) {
   return true;
 }
 
-// Whether `count` texts from `at` on fill the message: length with the final zero byte, then bytes.
+// Whether `count` texts from `at` on fill the message up to its tag: length with the final zero byte,
+// then bytes.
 bool fill(int count, const std::uint8_t* bytes, std::size_t size, std::size_t at) {
+  if (size < at + kTagBytes) return false;
+  size -= kTagBytes;
   for (; count > 0; --count) {
     if (at + 4 > size) return false;
     const auto length = static_cast<std::int32_t>(big_endian(bytes + at, 4));
@@ -74,8 +72,7 @@ bool texts_fit(const void*, const std::uint8_t*, std::size_t) {
   return true;
 }
 bool texts_fit(const event_t*, const std::uint8_t* bytes, std::size_t size) {
-  const bool earlier = fingerprint_of(bytes, size) == event_v2_t::getHash();
-  return fill(1, bytes, size, earlier ? 40 : 44);
+  return fill(1, bytes, size, 44);
 }
 bool texts_fit(const manifest_t*, const std::uint8_t* bytes, std::size_t size) {
   return fill(3, bytes, size, 36);
@@ -128,13 +125,11 @@ bool values_fit(const ack_t& m) {
 }
 
 template <class Message>
-bool decodes(const void* bytes, std::size_t size, std::int64_t& seq, std::int64_t& t_ns) {
+bool decodes(const std::uint8_t* bytes, std::size_t size, std::int64_t& seq, std::int64_t& t_ns) {
   Message message{};
-  const auto* own = static_cast<const std::uint8_t*>(bytes);
-  if (!texts_fit(static_cast<const Message*>(nullptr), own, size)) return false;
+  if (!texts_fit(static_cast<const Message*>(nullptr), bytes, size)) return false;
   if (!decode(message, bytes, size) || !values_fit(message)) return false;
-  const bool earlier = fingerprint_of(bytes, size) != Message::getHash();
-  if (!earlier && message.getEncodedSize() != static_cast<int>(size)) return false;
+  if (message.getEncodedSize() != static_cast<int>(size)) return false;
   seq = message.seq;
   t_ns = message.t_ns;
   return true;
@@ -175,8 +170,8 @@ bool with_type(Channel channel, Use use) {
 }  // namespace
 
 bool has_fingerprint_of(Channel channel, const void* bytes, std::size_t size) {
-  const std::int64_t found = fingerprint_of(bytes, size);
-  if (channel == Channel::kEvent && found == event_v2_t::getHash()) return true;
+  const std::int64_t found = fingerprint_in(static_cast<const std::uint8_t*>(bytes), size);
+  if (is_earlier_form(channel, found)) return true;
   return with_type(channel,
                    [&](auto* type) { return found == std::decay_t<decltype(*type)>::getHash(); });
 }
@@ -184,8 +179,14 @@ bool has_fingerprint_of(Channel channel, const void* bytes, std::size_t size) {
 bool is_whole_message(Channel channel, const void* bytes, std::size_t size, std::int64_t& seq,
                       std::int64_t& t_ns) {
   if (size > kMaxMessageBytes) return false;
+  const auto* own = static_cast<const std::uint8_t*>(bytes);
+  const std::vector<std::uint8_t> today = in_todays_form(channel, own, size);
+  if (!today.empty()) {
+    own = today.data();
+    size = today.size();
+  }
   return with_type(channel, [&](auto* type) {
-    return decodes<std::decay_t<decltype(*type)>>(bytes, size, seq, t_ns);
+    return decodes<std::decay_t<decltype(*type)>>(own, size, seq, t_ns);
   });
 }
 

@@ -2,9 +2,12 @@
 
 #include <fmt/format.h>
 #include <sched.h>
+#include <unistd.h>
 
+#include <array>
 #include <csignal>
 #include <cstdio>
+#include <utility>
 
 #include "core/make_event.hpp"
 #include "core/paths.hpp"
@@ -23,10 +26,18 @@ constexpr double kStartPatience_s = 10;  // before the first tick: the peers may
 constexpr double kPatienceStep_s = 0.2;
 // Realtime: a set whose supervisor is silent for so long ends. The plant is off by then.
 constexpr double kOrphanAfter_s = 1;
+constexpr std::size_t kRequestsRemembered = 1 << 16;
 constexpr double kLoggerLater_s = 0.3;  // the last events of the others are in the log
 
+std::string host_name() {
+  std::array<char, 64> name{};
+  gethostname(name.data(), name.size() - 1);
+  return name.data();
+}
+
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
-                       const DriveConfig& d, const BackgroundRate& gain_rate) {
+                       const DriveConfig& d, const RateHistory& rates,
+                       const BackgroundRate& gain_rate) {
   return {.url = o.url,
           .channel_suffix = o.channel_suffix,
           .session = o.session,
@@ -36,16 +47,21 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const B
           .filter = p.filter,
           .role = info.role,
           .gains_between =
-              [d, &gain_rate](std::int64_t first, std::int64_t last) {
-                return d.gains_between(first, last, gain_rate);
+              [&rates, &gain_rate](std::int64_t first, std::int64_t last) {
+                return std::max<std::int64_t>(1, rates.gains_between(first, last, gain_rate));
               },
           .ticks = o.session != 0 && !o.follow ? d.steps() : INT64_MAX,
-          .history = static_cast<std::size_t>(p.window_ticks) + kKeptBeyondWindow};
+          .history = static_cast<std::size_t>(p.window_ticks) + kKeptBeyondWindow,
+          .drain_every_ms = info.drain_every_ms,
+          .later_cpu = o.pace == Pace::kLockstep ? o.helper_cpu : -1,
+          .token_file = o.token_file,
+          .authenticate = p.authenticate};
 }
 
 }  // namespace
 
 void catch_stop_signals() {
+  stop_flag = 0;
   struct sigaction action {};
   action.sa_handler = note_stop;
   sigaction(SIGINT, &action, nullptr);
@@ -68,22 +84,75 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
       options_(std::move(options)),
       config_(Config::load(options_.config, options_.overrides)),
       bus_parameters_(config_.read<BusParameters>()),
+      steered_(config_),
+      rates_(steered_.rates()),
       gain_rate_(drive().background_rate()) {
   if (drive().locks_first()) gain_rate_.from = BackgroundRate::kNotYet;
-  if (options_.cpu >= 0) pin_to_cpu(options_.cpu);  // before the bus starts its reader thread
-  bus_ = std::make_unique<Bus>(bus_options(info_, options_, bus_parameters_, drive(), gain_rate_));
+  if (options_.cpu >= 0) pin_to_cpu(options_.cpu);  // before the bus has sockets
+  bus_ = std::make_unique<Bus>(
+      bus_options(info_, options_, bus_parameters_, drive(), rates_, gain_rate_));
   status_.seq = -1;
   status_.role = static_cast<std::int32_t>(info_.role);
   status_.state = static_cast<std::int32_t>(ProcessState::kStarting);
   bus_->subscribe<request_t>([this](const request_t& request) { handle_request(request); });
   bus_->subscribe<status_t>([this](const status_t& other) {
-    if (other.role == static_cast<int>(Role::kSupervisor)) supervisor_heard_ = Clock::now();
+    if (other.role == static_cast<int>(Role::kSupervisor)) return hear_supervisor(other);
+    if (other.role != status_.role) {
+      if (other.state < static_cast<int>(ProcessState::kDone))
+        heard_[other.role] = Clock::now();
+      else
+        heard_.erase(other.role);
+    }
     compare_config(other);
   });
+  if (info_.role == Role::kPlant) bus_->on_untagged_request([this] { ++refused_requests_; });
   last_progress_ = Clock::now();
 }
 
+// A supervisor counts its heartbeats: one that was recorded keeps no drive alive.
+void Process::hear_supervisor(const status_t& beat) {
+  if (beat.steps <= supervisor_beats_ && bus_->checks_tags()) return bus_->refuse();
+  supervisor_beats_ = beat.steps;
+  supervisor_heard_ = Clock::now();
+}
+
+// At most one event a heartbeat, however many there are; of one process, though all refuse them.
+void Process::log_refused_requests() {
+  if (refused_requests_ > 0)
+    event(Reason::kRequestRefused, status_.seq,
+          fmt::format("{} requests without a valid tag were refused",
+                      std::exchange(refused_requests_, 0)));
+  if (recorded_requests_ > 0)
+    event(Reason::kRequestRefused, status_.seq,
+          fmt::format("{} requests that had been heard before were refused",
+                      std::exchange(recorded_requests_, 0)));
+}
+
+// A tag does not show that a request is new. Every sending has a later time of its sender, so one
+// with the time of an earlier sending was recorded.
+bool Process::is_recorded(const request_t& request) {
+  if (!bus_->checks_tags() || request.kind == static_cast<std::int32_t>(RequestKind::kClock))
+    return false;
+  const RequestName name{request.kind, request.seq};
+  const auto [heard, is_new] = requests_heard_.try_emplace(name, request.t_ns);
+  if (!is_new) {
+    if (request.t_ns <= heard->second) return true;
+    heard->second = request.t_ns;
+    return false;
+  }
+  requests_in_order_.push_back(name);
+  if (requests_in_order_.size() > kRequestsRemembered) {
+    requests_heard_.erase(requests_in_order_.front());
+    requests_in_order_.pop_front();
+  }
+  return false;
+}
+
 void Process::handle_request(const request_t& request) {
+  if (is_recorded(request)) {
+    if (info_.role == Role::kPlant) ++recorded_requests_;
+    return bus_->refuse();
+  }
   reply_t reply{};
   reply.seq = request.seq;
   reply.t_ns = status_.t_ns;
@@ -111,17 +180,35 @@ bool Process::answer(const request_t& request, reply_t& reply) {
     case RequestKind::kEmergencyStop:
       if (!emergency_stop_) return false;
       emergency_stop_();
+      reply.applied_seq = status_.seq + 1;
+      reply.t_ns = drive().t_ns(reply.applied_seq);
       event(Reason::kEmergencyStop, status_.seq,
             "emergency stop: zero voltage from the next tick on");
       return true;
     case RequestKind::kReset:
       if (!reset_) return false;
-      if (const std::string why = reset_(); !why.empty()) refuse(why);
+      reset(request, reply);
       return true;
+    case RequestKind::kSteer:
+    case RequestKind::kTakeControl:
+    case RequestKind::kGiveControl:
+      if (arbiter_) arbiter_->take(request);
+      return false;
+    case RequestKind::kPrepare:
+    case RequestKind::kApplyAt:
+      return !arbiter_ && answer_arbiter(request, reply);
+    case RequestKind::kDrop:
+      if (prepared_ && prepared_->seq == request.seq) prepared_.reset();
+      return false;
     case RequestKind::kAddEffect:
     case RequestKind::kRemoveEffect:
-      if (!new_model_) return false;
+      if (arbiter_) arbiter_->take(request);
+      if (arbiter_ || must_be_arbitrated() || !new_model_) return false;
       change_model(request, reply);
+      return true;
+    case RequestKind::kClock:
+      reply.t_ns = host_now_ns();
+      reply.text = host_name();
       return true;
     case RequestKind::kAddProposed:
       if (!add_proposed_) return false;
@@ -129,6 +216,140 @@ bool Process::answer(const request_t& request, reply_t& reply) {
       return true;
   }
   refuse(fmt::format("unknown request kind {}", request.kind));
+  return true;
+}
+
+std::int64_t Process::tick_of(const request_t& request) const {
+  const auto wanted = request.value > 0 && request.value < 9e15
+                          ? static_cast<std::int64_t>(request.value)
+                          : std::int64_t{0};
+  return std::max(wanted, status_.seq + 1);
+}
+
+// A request that comes again gets the same answer: the drive may be on its way by then.
+void Process::reset(const request_t& request, reply_t& reply) {
+  if (reset_answer_ && reset_answer_->seq == request.seq) {
+    reply = *reset_answer_;
+    return;
+  }
+  reply.applied_seq = tick_of(request);
+  reply.text = reset_(reply.applied_seq);
+  if (!reply.text.empty()) {
+    reply.accepted = 0;
+    reply.applied_seq = -1;
+  }
+  reset_answer_ = reply;
+}
+
+// A launched set has a plant, a log player has none that answers.
+bool Process::must_be_arbitrated() const {
+  return bus_->bound() && !options_.follow;
+}
+
+std::set<int> Process::members() const {
+  constexpr double kSilent_s = 0.5;  // realtime: a silent process cannot be waited for
+  std::set<int> roles;
+  for (const Role role : {Role::kEstimator, Role::kGain, Role::kController, Role::kLogger}) {
+    const auto heard = heard_.find(static_cast<int>(role));
+    if (heard != heard_.end() && (lockstep() || seconds_since(heard->second) < kSilent_s))
+      roles.insert(static_cast<int>(role));
+  }
+  for (const Role role : {Role::kEstimator, Role::kController})
+    if (!roles.count(static_cast<int>(role)))
+      throw BadInput(fmt::format("no heartbeat of the {}", role_name(static_cast<int>(role))));
+  return roles;
+}
+
+void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<void()> released) {
+  Arbiter::Host host{
+      .next_tick = std::move(next_tick),
+      .ticks = drive().steps(),
+      .margin_ticks = lockstep() ? 0 : std::llround(Arbiter::kMargin_s * drive().rates.f_s_Hz),
+      .hold_s = steered_.steering().hold_s,
+      .members = [this] { return members(); },
+      .prepare = [this](const request_t& request) { prepare(request); },
+      .apply = [this](const request_t& request) { apply_prepared(request); },
+      .ask = [this](request_t request) { bus_->publish(std::move(request)); },
+      .answer =
+          [this](reply_t reply) {
+            reply.t_ns = drive().t_ns(std::max<std::int64_t>(0, reply.applied_seq));
+            reply.role = status_.role;
+            bus_->publish(std::move(reply));
+          },
+      .event = [this](Reason reason, std::int64_t k,
+                      const std::string& text) { event(reason, k, text); },
+      .released = std::move(released)};
+  arbiter_.emplace(std::move(host));
+  bus_->subscribe<reply_t>([this](const reply_t& reply) { arbiter_->take(reply); });
+}
+
+Config Process::changed_model(const request_t& request) const {
+  const Config& present = extended_ ? *extended_ : config_;
+  return request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect)
+             ? present.with_effects(request.text, kEffectsSource)
+             : present.without_effects(request.text, kEffectsSource,
+                                       config_.drive().effects.size());
+}
+
+void Process::prepare(const request_t& request) {
+  if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
+    const std::int64_t k = std::max<std::int64_t>(1, status_.seq + 1);
+    SteeredDrive wanted = steered_;
+    wanted.apply(request.text, k);
+    if (follower_.check) follower_.check(wanted, k);
+  } else if (new_model_) {
+    Config changed = changed_model(request);
+    if (check_model_) check_model_(changed);
+  }
+  prepared_ = request;
+}
+
+// `request`: as prepared, its value the tick.
+void Process::apply_prepared(const request_t& request) {
+  const auto k = static_cast<std::int64_t>(request.value);
+  if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
+    steered_.apply(request.text, k);
+    steered_.forget_before(std::min(k, status_.seq));
+    rates_ = steered_.rates();
+    if (follower_.follow) follower_.follow(steered_);
+  } else if (new_model_) {
+    Config changed = changed_model(request);
+    new_model_(changed, k);
+    extended_ = std::move(changed);
+    const bool add = request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
+    event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, k,
+          fmt::format("{}: from tick {} on with{} {}", info_.program, k, add ? "" : "out",
+                      request.text));
+  }
+  if (applied_action_ && request.kind == static_cast<std::int32_t>(RequestKind::kSteer))
+    applied_action_(request.text, k);
+  applied_request_ = request.seq;
+  applied_k_ = k;
+  prepared_.reset();
+}
+
+bool Process::answer_arbiter(const request_t& request, reply_t& reply) {
+  const bool known = request.seq == applied_request_;
+  if (request.kind == static_cast<std::int32_t>(RequestKind::kPrepare)) {
+    reply.applied_seq = -1;
+    if (known || info_.role == Role::kMonitor || info_.role == Role::kReplay) return false;
+    request_t asked = request;
+    asked.kind = static_cast<std::int32_t>(request.value);
+    try {
+      prepare(asked);
+    } catch (const BadInput& refused) {
+      reply.accepted = 0;
+      reply.text = refused.what();
+    }
+    return true;
+  }
+  if (!known) {
+    if (!prepared_ || prepared_->seq != request.seq) return false;
+    request_t due = *prepared_;
+    due.value = request.value;
+    apply_prepared(due);
+  }
+  reply.applied_seq = applied_k_;
   return true;
 }
 
@@ -140,15 +361,9 @@ void Process::change_model(const request_t& request, reply_t& reply) {
       reply = answer;
       return;
     }
-  const auto wanted = request.value > 0 && request.value < 9e15
-                          ? static_cast<std::int64_t>(request.value)
-                          : std::int64_t{0};
-  reply.applied_seq = std::max(wanted, status_.seq + 1);
+  reply.applied_seq = tick_of(request);
   try {
-    const Config& present = extended_ ? *extended_ : config_;
-    Config changed =
-        add ? present.with_effects(request.text, kEffectsSource)
-            : present.without_effects(request.text, kEffectsSource, config_.drive().effects.size());
+    Config changed = changed_model(request);
     new_model_(changed, reply.applied_seq);
     extended_ = std::move(changed);
     event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, reply.applied_seq,
@@ -228,11 +443,13 @@ void Process::check_supervisor() {
 
 bool Process::turn(double timeout_ms) {
   bus_->handle(timeout_ms);
+  if (arbiter_) arbiter_->turn();
   if (Clock::now() - last_beat_ >= kBeatPeriod) {
     // A process that was stopped itself has heard nobody.
     if (supervisor_heard_ && seconds_since(last_beat_) > kOrphanAfter_s / 2)
       supervisor_heard_ = Clock::now();
     beat();
+    log_refused_requests();
     if (!finished_) check_patience();
     if (!finished_) check_supervisor();
   }

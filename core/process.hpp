@@ -11,26 +11,35 @@
 // cannot do it.
 #pragma once
 #include <chrono>
+#include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 
+#include "core/arbiter.hpp"
 #include "core/bus.hpp"
 #include "core/bus_parameters.hpp"
 #include "core/config.hpp"
 #include "core/reason.hpp"
+#include "core/steering.hpp"
 
 namespace twinrate {
 
 struct ProcessOptions {
-  std::string config, url, channel_suffix, run_dir;
+  std::string config, url, channel_suffix, run_dir, token_file;
   std::vector<std::string> overrides;
   std::int64_t session = 0;
   Pace pace = Pace::kLockstep;
+  bool wall = false;  // plant: lock-step, but not ahead of the wall clock
   bool follow = false;
   bool wait_for_start = false;  // plant: hold until DRIVE_REQUEST start
+  bool resume = false;          // logger: the log of an earlier one goes on in its next part
   int cpu = -1;                 // pin to this CPU
+  int helper_cpu = -1;          // lock-step: for messages that nobody waits for
 };
 
 // Messages of a channel that every process keeps for sending again, beyond bus.window_ticks.
@@ -43,6 +52,7 @@ struct ProcessInfo {
   Role role;
   const char* program;
   const char* purpose;
+  double drain_every_ms = 0;  // above 0: nobody waits for it (BusOptions)
 };
 
 // How long a process waits beyond bus.peer_timeout_s, by what it waits for, the least patient
@@ -96,8 +106,10 @@ class Process {
   // What an emergency stop does in this process (the plant: zero voltage).
   void on_emergency_stop(std::function<void()> action) { emergency_stop_ = std::move(action); }
 
-  // The plant: leaves SAFE. Returns "" where it did, else why not.
-  void on_reset(std::function<std::string()> action) { reset_ = std::move(action); }
+  // A reset: from tick `k` on the plant leaves SAFE, estimator and controller begin anew. Returns ""
+  // where it will, else why not.
+  using Reset = std::function<std::string(std::int64_t k)>;
+  void on_reset(Reset action) { reset_ = std::move(action); }
 
   // Seconds since the supervisor's last heartbeat; empty before the first (no supervisor).
   std::optional<double> supervisor_silent_s() const;
@@ -106,13 +118,35 @@ class Process {
   // all that were added and not removed, to be used from tick `k` on. May throw BadInput, which
   // refuses the request. A process that has no model leaves it out.
   using NewModel = std::function<void(Config& extended, std::int64_t k)>;
-  void on_new_model(NewModel action) { new_model_ = std::move(action); }
+  // `check` throws where it would, before a tick is known.
+  void on_new_model(NewModel action, std::function<void(Config& extended)> check = {}) {
+    new_model_ = std::move(action);
+    check_model_ = std::move(check);
+  }
+
+  // What steering changes in this process. `check` may throw BadInput, which refuses the request;
+  // `k`: the first tick it can apply to. `follow` takes the drive with the new steps over.
+  struct Follower {
+    std::function<void(const SteeredDrive& wanted, std::int64_t k)> check;
+    std::function<void(const SteeredDrive& now)> follow;
+  };
+  void on_steering(Follower follower) { follower_ = std::move(follower); }
+  // Called with what was applied and its tick, also of effects.
+  void on_applied(std::function<void(const std::string& lines, std::int64_t k)> action) {
+    applied_action_ = std::move(action);
+  }
+  // The plant: decides on the tick of every request. `next_tick`: the first one that it has not
+  // begun; `released`: it may go on.
+  void arbitrate(std::function<std::int64_t()> next_tick, std::function<void()> released);
+  // True where tick k must not begin yet.
+  bool holds(std::int64_t k) const { return arbiter_ && arbiter_->holds(k); }
 
   // The monitor: has what it proposed added; false where it proposed nothing.
   void on_add_proposed(std::function<bool()> action) { add_proposed_ = std::move(action); }
 
   // At this rate gains are expected, so that missing ones can be counted.
   void gains_every_nth(BackgroundRate rate) { gain_rate_ = rate; }
+  const SteeredDrive& steered() const { return steered_; }
 
   void event(Reason reason, std::int64_t k, const std::string& text,
              std::optional<Role> waited_for = {});
@@ -129,10 +163,23 @@ class Process {
   // False where the request is no business of this process.
   bool answer(const request_t& request, reply_t& reply);
   void handle_request(const request_t& request);
+  bool is_recorded(const request_t& request);
   // Fills in what became of it; a request that comes again gets the same answer.
   void change_model(const request_t& request, reply_t& reply);
+  void reset(const request_t& request, reply_t& reply);
+  // The tick that a request names, or the next one.
+  std::int64_t tick_of(const request_t& request) const;
+  Config changed_model(const request_t& request) const;
+  bool must_be_arbitrated() const;
+  std::set<int> members() const;
+  void prepare(const request_t& request);  // throws BadInput
+  void apply_prepared(const request_t& request);
+  // False where the request was not prepared here.
+  bool answer_arbiter(const request_t& request, reply_t& reply);
   void compare_config(const status_t& other);
   void beat();
+  void hear_supervisor(const status_t& beat);
+  void log_refused_requests();
   void check_patience();
   void check_supervisor();
 
@@ -140,15 +187,31 @@ class Process {
   ProcessOptions options_;
   Config config_;
   BusParameters bus_parameters_;
-  BackgroundRate gain_rate_;  // for the count of missing gains
+  SteeredDrive steered_;
+  RateHistory rates_;         // of steered_
+  BackgroundRate gain_rate_;  // for the count of missing gains, up to the first change
   std::unique_ptr<Bus> bus_;
   status_t status_{};
   Clock::time_point last_beat_{}, last_progress_{};
+  std::int64_t refused_requests_ = 0, recorded_requests_ = 0;  // since the last event
+  // By kind and number: the sender's time of the last one that was heard; the oldest first.
+  using RequestName = std::pair<std::int32_t, std::int64_t>;
+  std::map<RequestName, std::int64_t> requests_heard_;
+  std::deque<RequestName> requests_in_order_;
+  std::int64_t supervisor_beats_ = 0;
   std::function<Waiting()> waiting_for_;
   std::function<void()> emergency_stop_;
-  std::function<std::string()> reset_;
+  Reset reset_;
+  std::optional<reply_t> reset_answer_;  // to the last request for a reset
   std::optional<Clock::time_point> supervisor_heard_;
   NewModel new_model_;
+  std::function<void(Config&)> check_model_;
+  Follower follower_;
+  std::function<void(const std::string&, std::int64_t)> applied_action_;
+  std::optional<Arbiter> arbiter_;
+  std::map<int, Clock::time_point> heard_;  // processes of the set that have not ended, by role
+  std::optional<request_t> prepared_;       // kind and text as the asker sent them
+  std::int64_t applied_request_ = 0, applied_k_ = -1;
   std::function<bool()> add_proposed_;
   std::optional<Config> extended_;  // with the effects that requests added and did not remove
   std::vector<std::pair<std::string, reply_t>> effects_answered_;  // by the request's text
@@ -159,7 +222,7 @@ class Process {
 int run_process(const ProcessInfo& info, int argc, char** argv,
                 const std::function<void(Process&)>& body);
 
-// SIGINT and SIGTERM set a flag instead of ending the program.
+// From now on SIGINT and SIGTERM set a flag instead of ending the program.
 void catch_stop_signals();
 bool stop_signalled();
 // Pins the calling process (all later threads too) to one CPU; before the first subscribe.

@@ -23,9 +23,10 @@ namespace fs = std::filesystem;
 
 // In an installed tree all programs share bin/; in a build tree each sits in its folder.
 std::string find_program(const std::string& program) {
+  if (program.find('/') != std::string::npos && access(program.c_str(), X_OK) == 0) return program;
   const fs::path here = executable_directory();
-  for (const char* folder :
-       {"", "../plant_sim", "../estimator", "../controller", "../logger", "../monitor"}) {
+  for (const char* folder : {"", "../plant_sim", "../estimator", "../controller", "../logger",
+                             "../monitor", "../bridge", "../emulator", "../embedded"}) {
     const fs::path candidate = here / folder / program;
     if (access(candidate.c_str(), X_OK) == 0) return candidate.lexically_normal().string();
   }
@@ -51,8 +52,7 @@ ProcessSet::~ProcessSet() {
     if (!child.ended) waitpid(child.pid, nullptr, 0);
 }
 
-void ProcessSet::start(Role role, const std::string& program,
-                       const std::vector<std::string>& arguments) {
+static pid_t start_program(const std::string& program, const std::vector<std::string>& arguments) {
   const std::string path = find_program(program);
   std::vector<char*> argv{const_cast<char*>(program.c_str())};
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
@@ -61,7 +61,24 @@ void ProcessSet::start(Role role, const std::string& program,
   if (pid < 0)
     throw MachineError(fmt::format("{}: fork failed: {}", program, std::strerror(errno)));
   if (pid == 0) become(path, argv.data(), parent);
-  children_.push_back({.role = role, .program = program, .pid = pid});
+  return pid;
+}
+
+void ProcessSet::start(Role role, const std::string& program,
+                       const std::vector<std::string>& arguments) {
+  const pid_t pid = start_program(program, arguments);
+  children_.push_back({.role = role, .program = program, .pid = pid, .arguments = arguments});
+}
+
+void ProcessSet::restart(Role role, const std::vector<std::string>& more) {
+  for (Child& child : children_) {
+    if (child.role != role || !child.ended) continue;
+    std::vector<std::string> arguments = child.arguments;
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    child.pid = start_program(child.program, arguments);
+    child.ended = false;
+    child.exit_code = -1;
+  }
 }
 
 void ProcessSet::reap() {

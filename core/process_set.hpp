@@ -18,6 +18,7 @@ struct Child {
   pid_t pid = -1;
   bool ended = false;
   int exit_code = -1;  // 128 + signal where a signal ended it
+  std::vector<std::string> arguments = {};
 };
 
 class ProcessSet {
@@ -27,8 +28,11 @@ class ProcessSet {
   ProcessSet(const ProcessSet&) = delete;
   ProcessSet& operator=(const ProcessSet&) = delete;
 
-  // Programs are looked for beside this one. Throws MachineError where one cannot be started.
+  // Programs are looked for beside this one; one with a slash in its name is that file. Throws
+  // MachineError where one cannot be started.
   void start(Role role, const std::string& program, const std::vector<std::string>& arguments);
+  // Starts a child that has ended again, with these arguments besides its own. Throws as start().
+  void restart(Role role, const std::vector<std::string>& more);
   // Notes children that have ended; true while all run.
   bool all_running();
   const std::vector<Child>& children() const { return children_; }

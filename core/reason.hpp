@@ -27,8 +27,12 @@ enum class Reason : int {
   kProcessFrozen = 32,
   kLogLost = 33,
   kProcessDied = 34,
+  kProcessLost = 35,
   kStopRequested = 40,
   kEmergencyStop = 41,
+  kSteered = 42,
+  kControlTaken = 43,
+  kControlLost = 44,
   kDiskFull = 50,
   kLogRotated = 51,
   kModelMisfit = 60,
@@ -52,6 +56,12 @@ enum class Reason : int {
   kReset = 81,
   kSecondSender = 82,
   kSupervisorLost = 83,
+  kRequestRefused = 84,
+  kLinkLost = 90,
+  kLinkDisturbed = 91,
+  kDeviceReset = 92,
+  kDeviceDisobeys = 93,
+  kNoDeviceWatchdog = 94,
 };
 
 struct ReasonText {
@@ -100,10 +110,18 @@ inline constexpr std::array kReasons = {
     ReasonText{Reason::kProcessFrozen, "process_frozen",
                "realtime: a process of the set sent no heartbeat"},
     ReasonText{Reason::kLogLost, "log_lost",
-               "realtime: the logger ended or stopped; the drive goes on without a log"},
+               "realtime: the logger ended or stopped; the drive goes on"},
     ReasonText{Reason::kProcessDied, "process_died", "a process of the set ended unexpectedly"},
+    ReasonText{Reason::kProcessLost, "process_lost",
+               "realtime: a process ended that the drive can do without: it goes on"},
     ReasonText{Reason::kStopRequested, "stop_requested", "the run was stopped on request"},
     ReasonText{Reason::kEmergencyStop, "emergency_stop", "emergency stop on request: zero voltage"},
+    ReasonText{Reason::kSteered, "steered",
+               "a request was applied by all processes from this tick on, KEY=VALUE lines"},
+    ReasonText{Reason::kControlTaken, "control_taken",
+               "somebody took or gave up the control of the drive"},
+    ReasonText{Reason::kControlLost, "control_lost",
+               "who steered sends no heartbeat: the drive holds, then stops on a ramp"},
     ReasonText{Reason::kDiskFull, "disk_full", "a file of the run could not be written"},
     ReasonText{Reason::kLogRotated, "log_rotated",
                "the log reached its size limit and continues in the next file"},
@@ -150,6 +168,18 @@ inline constexpr std::array kReasons = {
                "two different commands of one tick arrived: the later one was refused"},
     ReasonText{Reason::kSupervisorLost, "supervisor_lost",
                "realtime: the supervisor sent no heartbeat: off, state SAFE"},
+    ReasonText{Reason::kRequestRefused, "request_refused",
+               "a request without a valid tag of the run's token was refused"},
+    ReasonText{Reason::kLinkLost, "link_lost",
+               "no frame of the drive for longer than bridge.silence_ms: off"},
+    ReasonText{Reason::kLinkDisturbed, "link_disturbed",
+               "frames of the drive were damaged, lost, doubled or late: they are counted"},
+    ReasonText{Reason::kDeviceReset, "device_reset",
+               "the drive restarted in mid-run: off, and no command until the next run"},
+    ReasonText{Reason::kDeviceDisobeys, "device_disobeys",
+               "the drive applies a voltage although it was switched off"},
+    ReasonText{Reason::kNoDeviceWatchdog, "no_device_watchdog",
+               "the drive keeps its last command if the host ends: not safe"},
 };
 
 // Events after which nobody controls the motor: the drive stands at zero voltage, or its run ended.
@@ -174,6 +204,9 @@ constexpr bool is_trip(Reason reason) {
     case Reason::kSensorLost:
     case Reason::kSafeRequested:
     case Reason::kSupervisorLost:
+    case Reason::kLinkLost:
+    case Reason::kDeviceReset:
+    case Reason::kDeviceDisobeys:
       return true;
     default:
       return false;

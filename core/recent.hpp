@@ -10,8 +10,11 @@ template <class Signal, std::size_t kSize = 256>
 class Recent {
  public:
   void put(const Signal& signal) {
-    if (signal.k >= 0) ring_[static_cast<std::size_t>(signal.k) % kSize] = signal;
+    if (signal.k < 0) return;
+    ring_[static_cast<std::size_t>(signal.k) % kSize] = signal;
+    empty_ = false;
   }
+  bool empty() const { return empty_; }
   // Null where the signal of tick k has not arrived or is no longer kept.
   const Signal* at(std::int64_t k) const {
     if (k < 0) return nullptr;
@@ -21,6 +24,7 @@ class Recent {
 
  private:
   std::array<Signal, kSize> ring_{};
+  bool empty_ = true;
 };
 
 }  // namespace twinrate

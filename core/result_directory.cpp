@@ -29,11 +29,12 @@ struct KindInfo {
 };
 constexpr KindInfo kKinds[] = {
     {"run", "config.toml",
-     R"(^(config\.toml|log\.lcm|log-[0-9]{3,}\.lcm|logger\.json|monitor\.json|summary\.json|)"
+     R"(^(config\.toml|log\.lcm|log-[0-9]{3,}\.lcm|logger\.json|token|link\.json|monitor\.json|session\.json|summary\.json|)"
      R"(manifest\.json|learnt\.toml|report\.html)$)"},
     {"trace", "trace.json", R"(^(trace\.json|extended\.toml|report\.html|verify\.json)$)"},
     {"plan", "plan.json", R"(^(plan\.json|plan\.toml|plan\.svg)$)"},
     {"sweep", "sweep.json", R"(^(sweep\.json|points\.csv|fbmin\.csv|figure\.svg|why\.csv)$)"},
+    {"identify", "identify.json", R"(^(identified\.toml|identify\.json|identify\.txt)$)"},
 };
 
 const KindInfo& info_of(ResultKind kind) {

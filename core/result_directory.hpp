@@ -19,7 +19,7 @@
 
 namespace twinrate {
 
-enum class ResultKind { kRun, kTrace, kPlan, kSweep };
+enum class ResultKind { kRun, kTrace, kPlan, kSweep, kIdentify };
 
 class ResultDirectory {
  public:

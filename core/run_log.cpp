@@ -6,6 +6,7 @@
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
+#include "core/run_log_part.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
@@ -69,6 +70,14 @@ void take(Channel channel, const lcm::LogEvent& event, RunLog& log) {
   }
 }
 
+// `seq` of a message: after its fingerprint.
+std::int64_t tick_of(const lcm::LogEvent& event) {
+  std::uint64_t k = 0;
+  if (event.datalen < 16) return -1;
+  for (int i = 8; i < 16; ++i) k = k << 8 | static_cast<const std::uint8_t*>(event.data)[i];
+  return static_cast<std::int64_t>(k);
+}
+
 template <class Item>
 void order_by_tick(std::vector<Item>& items) {
   const auto earlier = [](const Item& a, const Item& b) { return a.k < b.k; };
@@ -80,7 +89,7 @@ void order_by_tick(std::vector<Item>& items) {
 
 std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path) {
   manifest_t manifest;
-  if (manifest.decode(bytes, 0, count) < 0) return {};
+  if (!decode(manifest, bytes, static_cast<std::size_t>(count))) return {};
   if (manifest.schema < kOldestWireSchema || manifest.schema > kWireSchema)
     throw BadInput(
         fmt::format("{}: written with message types of version {}, this program reads {} to {}",
@@ -88,18 +97,30 @@ std::optional<manifest_t> decode_manifest(const void* bytes, int count, const st
   return manifest;
 }
 
-RunLog read_run_log(const std::string& path, const std::string& channel_suffix,
-                    OnDamage on_damage) {
+namespace {
+
+// Reads the log; what of the messages of ticks it keeps is up to `take_tick`.
+template <class TakeTick>
+RunLog read_with(const std::string& path, const std::string& channel_suffix, OnDamage on_damage,
+                 TakeTick take_tick) {
   RunLog log;
   log.path = path;
   EventLog events(path, on_damage, channel_suffix);
   log.channel_suffix = events.suffix();
-  while (const lcm::LogEvent* event = events.next())
-    if (events.channel()) take(*events.channel(), *event, log);
+  while (const lcm::LogEvent* event = events.next()) {
+    if (!events.channel()) continue;
+    if (*events.channel() < Channel::kStatus)
+      take_tick(*events.channel(), *event, log);
+    else
+      take(*events.channel(), *event, log);
+  }
   log.counts = events.counts();
   log.counted = events.counted();
   log.damage = events.damage();
-  if (log.measurement.empty() && log.estimate.empty() && log.command.empty())
+  const auto heard = [&](Channel channel) {
+    return log.counts[static_cast<std::size_t>(channel)] > 0;
+  };
+  if (!heard(Channel::kMeasurement) && !heard(Channel::kEstimate) && !heard(Channel::kCommand))
     throw BadInput(fmt::format("{}: holds no message of this project (channels DRIVE_..{})", path,
                                log.channel_suffix));
   order_by_tick(log.measurement);
@@ -109,6 +130,35 @@ RunLog read_run_log(const std::string& path, const std::string& channel_suffix,
   order_by_tick(log.reference);
   order_by_tick(log.command);
   return log;
+}
+
+}  // namespace
+
+RunLog read_run_log(const std::string& path, const std::string& channel_suffix,
+                    OnDamage on_damage) {
+  return read_with(
+      path, channel_suffix, on_damage,
+      [](Channel channel, const lcm::LogEvent& event, RunLog& log) { take(channel, event, log); });
+}
+
+RunLog scan_run_log(const std::string& path, const std::string& channel_suffix, OnDamage on_damage,
+                    const std::function<void(Channel, const lcm::LogEvent&)>& take_tick) {
+  return read_with(path, channel_suffix, on_damage,
+                   [&](Channel channel, const lcm::LogEvent& event, RunLog& log) {
+                     if (log.events.size() > kEventsKept) log.events.resize(kEventsKept);
+                     take_tick(channel, event);
+                   });
+}
+
+RunLog read_run_log_part(const std::string& path, const std::string& channel_suffix,
+                         OnDamage on_damage, std::int64_t first, std::int64_t last, int n) {
+  return read_with(path, channel_suffix, on_damage,
+                   [=](Channel channel, const lcm::LogEvent& event, RunLog& log) {
+                     if (log.events.size() > kEventsKept) log.events.resize(kEventsKept);
+                     const std::int64_t k = tick_of(event);
+                     const std::int64_t from = channel == Channel::kGain ? first - 4 * n : first;
+                     if (k >= from && k <= last) take(channel, event, log);
+                   });
 }
 
 }  // namespace twinrate

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "core/machine_error.hpp"
+#include "core/man_page.hpp"
 #include "core/process.hpp"
 
 namespace twinrate {
@@ -26,13 +27,26 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
   app.add_option("--channel-suffix", o.channel_suffix, "append this text to every channel name");
   app.add_option("--session", o.session,
                  "bind to this session id; 0: adopt the first session heard");
-  app.add_option("--pace", pace, "choose the pace: lockstep or realtime")
-      ->check(CLI::IsMember({"lockstep", "realtime"}));
+  app.add_option("--pace", pace, "choose the pace: lockstep, wall or realtime")
+      ->check(CLI::IsMember({"lockstep", "wall", "realtime"}));
   app.add_option("--cpu", o.cpu, "pin the process to this CPU");
+  app.add_option("--helper-cpu", o.helper_cpu,
+                 "lock-step: send messages that only the log needs from this CPU");
   app.add_option(info.role == Role::kLogger ? "--out,--run-dir" : "--run-dir", o.run_dir,
                  "write files into this directory; the logger makes it");
+  app.add_option(
+      "--token-file", o.token_file,
+      "tag messages with the token in this file, and refuse messages without such a tag");
   app.add_flag("--follow", o.follow, "restart when the sequence or the session starts again");
+  if (info.role == Role::kLogger)
+    app.add_flag("--resume", o.resume,
+                 "continue the log of a logger that ended, in the next part of its log");
   app.add_flag("--wait-for-start", o.wait_for_start, "wait for a start request");
+  const auto print_man_page = [&] {
+    fmt::print("{}", man_page(app, info.program));
+    throw CLI::Success();
+  };
+  app.add_flag_callback("--man-page", print_man_page, "print the man page")->group("");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -42,6 +56,7 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
     return {};
   }
   o.pace = pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
+  o.wall = pace == "wall";
   return o;
 }
 

@@ -148,7 +148,7 @@ Own decoded(const Wire& w, Own own) {
 
 // Offsets: fingerprint, seq, t_ns, session, a further int64, then the fields of the .lcm file.
 int estimate_status(const std::uint8_t* bytes, std::size_t size) {
-  return static_cast<int>(std::max<std::int64_t>(0, int32_at(bytes, size, 40)));
+  return static_cast<int>(std::max<std::int64_t>(0, int32_at(bytes, size, kEstimateStatusAt)));
 }
 
 bool sizes_fit(const estimate_t*, const std::uint8_t* bytes, std::size_t size) {

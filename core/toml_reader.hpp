@@ -22,7 +22,8 @@ inline std::string list_names(const std::vector<std::string>& names) {
 }
 
 // The tables that other folders own whole; DriveConfig reads of [plant] what all have to know.
-inline constexpr const char* kOwnedTables[] = {"plant", "safety", "bus", "logger", "monitor"};
+inline constexpr const char* kOwnedTables[] = {"plant",  "safety",  "bus",
+                                               "logger", "monitor", "steering"};
 
 // The parsed file and, for each key, where it was written (a preset, the file itself, or --set).
 struct Config::Impl {

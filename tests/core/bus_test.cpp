@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+
+#include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "tests/support/drives.hpp"
 
@@ -91,9 +94,83 @@ TEST(BusMalformed, IsCountedAndNeverHeard) {
   EXPECT_EQ(heard, 1);
 }
 
+class Tagged : public ::testing::Test {
+ protected:
+  Tagged() : token_((directory_ / "token").string()) {}
+  ~Tagged() override { std::filesystem::remove_all(directory_); }
+  static std::filesystem::path fresh_directory() {
+    std::string name = (std::filesystem::temp_directory_path() / "twinrate-tag-XXXXXX").string();
+    return mkdtemp(name.data());
+  }
+  BusOptions options(bool authenticate = true) const {
+    return {.url = "memq://",
+            .session = kSession,
+            .token_file = token_.path(),
+            .authenticate = authenticate};
+  }
+  std::filesystem::path directory_ = fresh_directory();
+  TokenFile token_;
+};
+
+TEST_F(Tagged, MessagesOfTheTokenAreHeardAndNoOthers) {
+  Bus bus(options());
+  int heard = 0, requests = 0;
+  bus.subscribe<command_t>([&](const command_t& c) {
+    ++heard;
+    EXPECT_NE(c.tag, 0);
+    EXPECT_GT(c.host_ns, 0);
+  });
+  bus.on_untagged_request([&] { ++requests; });
+  bus.subscribe<request_t>([](const request_t&) { ADD_FAILURE(); });
+  bus.publish(command_t{});
+  while (bus.handle(0)) {
+  }
+  EXPECT_EQ(heard, 1);
+  EXPECT_EQ(bus.counters().refused, 0);
+
+  std::vector<std::uint8_t> genuine(static_cast<std::size_t>(command_t{}.getEncodedSize()));
+  command_t command{};
+  command.session = kSession;
+  command.encode(genuine.data(), 0, static_cast<int>(genuine.size()));
+  Tagger tagger(read_token(token_.path())), other({1, 2, 3});
+  tagger.put("DRIVE_COMMAND", genuine.data(), genuine.size());
+  EXPECT_TRUE(tagger.is_genuine("DRIVE_COMMAND", genuine.data(), genuine.size()));
+  EXPECT_FALSE(tagger.is_genuine("DRIVE_ESTIMATE", genuine.data(), genuine.size()));
+  EXPECT_FALSE(other.is_genuine("DRIVE_COMMAND", genuine.data(), genuine.size()));
+  for (std::size_t i = 0; i < genuine.size(); ++i) {
+    std::vector<std::uint8_t> changed = genuine;
+    changed[i] ^= 0x10;
+    EXPECT_FALSE(tagger.is_genuine("DRIVE_COMMAND", changed.data(), changed.size())) << i;
+  }
+  EXPECT_FALSE(tagger.is_genuine("DRIVE_COMMAND", genuine.data(), 7));
+}
+
+TEST_F(Tagged, WithoutAuthenticationEveryMessageIsHeard) {
+  Bus bus(options(false));
+  int heard = 0;
+  bus.subscribe<command_t>([&](const command_t&) { ++heard; });
+  bus.publish(command_t{});
+  while (bus.handle(0)) {
+  }
+  EXPECT_EQ(heard, 1);
+}
+
+TEST_F(Tagged, ATokenIsReadFromItsOwnersFileAlone) {
+  EXPECT_EQ(read_token(token_.path()), read_token(token_.path()));
+  EXPECT_THROW(TokenFile(token_.path()), BadInput) << "not overwritten";
+  std::filesystem::permissions(token_.path(), std::filesystem::perms::others_read,
+                               std::filesystem::perm_options::add);
+  EXPECT_THROW(read_token(token_.path()), BadInput);
+  EXPECT_THROW(read_token((directory_ / "none").string()), BadInput);
+  const std::string none = (directory_ / "text").string();
+  write_new(none, "not a token\n");
+  std::filesystem::permissions(none, std::filesystem::perms::owner_read);
+  EXPECT_THROW(read_token(none), BadInput);
+}
+
+// Without a session: in a launched set the plant decides on the tick.
 TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
-  Process process({Role::kEstimator, "test", ""},
-                  {.config = "dilys2021", .url = "memq://", .session = kSession});
+  Process process({Role::kEstimator, "test", ""}, {.config = "dilys2021", .url = "memq://"});
   std::vector<std::int64_t> applied, replied;
   process.on_new_model([&](Config&, std::int64_t k) { applied.push_back(k); });
   process.bus().subscribe<reply_t>([&](const reply_t& r) { replied.push_back(r.applied_seq); });
@@ -115,8 +192,7 @@ TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
 }
 
 TEST(RemoveEffect, TakesOutWhatWasAddedAndNothingElse) {
-  Process process({Role::kEstimator, "test", ""},
-                  {.config = "dilys2021", .url = "memq://", .session = kSession});
+  Process process({Role::kEstimator, "test", ""}, {.config = "dilys2021", .url = "memq://"});
   const std::size_t declared = process.config().drive().effects.size();
   std::vector<std::size_t> effects;  // of the model, at each change
   std::vector<reply_t> replies;

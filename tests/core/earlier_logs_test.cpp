@@ -84,7 +84,7 @@ TEST(EarlierLogs, BeforeSchema4NoFilterWaitedForItsAgreement) {
   const std::string config = "name = \"d\"\n\n[rates]\nn = 5\n";
   EXPECT_EQ(log_of(2, event_of_schema_2(), config).config_toml,
             "name = \"d\"\n\n[rates]\nn_from = \"start\"\nn = 5\n");
-  EXPECT_EQ(log_of(4, event_t{}, config).config_toml, config);
+  EXPECT_EQ(log_of(kWireSchema, event_t{}, config).config_toml, config);
 }
 
 TEST(EarlierLogs, OfSchemasThatNobodyHereKnowsAreRefused) {

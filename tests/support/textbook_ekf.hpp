@@ -3,6 +3,7 @@
 //
 //   x^- = f(x, u);  P^- = F P F' + Q;  K = P^- H' (H P^- H' + R)^-1
 //   x = x^- + K (y - H x^-);  P = (I - K H) P^- (I - K H)' + K R K'
+//   simple_form:              P = (I - K H) P^-
 #pragma once
 #include <Eigen/Core>
 #include <Eigen/LU>
@@ -26,6 +27,7 @@ struct TextbookEkf {
   OutputCovariance R;
   OutputMatrix H;
   GainMatrix K;
+  bool simple_form = false;
 
   TextbookEkf(int n_x, int n_y)
       : x(State::Zero(n_x)),
@@ -40,7 +42,10 @@ struct TextbookEkf {
     const OutputCovariance S = H * P_prior * H.transpose() + R;
     K = P_prior * H.transpose() * S.inverse();
     const Covariance I_KH = Covariance::Identity(x.size(), x.size()) - K * H;
-    P = I_KH * P_prior * I_KH.transpose() + K * R * K.transpose();
+    if (simple_form)
+      P = I_KH * P_prior;
+    else
+      P = I_KH * P_prior * I_KH.transpose() + K * R * K.transpose();
   }
   void correct(const State& x_prior, const Output& y) { x = x_prior + K * (y - H * x_prior); }
 };

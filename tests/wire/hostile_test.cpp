@@ -2,14 +2,15 @@
 // malformed, of ticks that cannot be yet or are long over, not finite, not plausible. The run ends
 // and its log is that of the undisturbed run, bit for bit.
 //
-// A message of the present tick, well formed and with plausible values, is not among them: without
-// a signature nobody can know it from the genuine one.
+// With the tags of the set switched off, a message of the present tick, well formed and with
+// plausible values, is not among them: nobody can know it from the genuine one. With the tags it is.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <lcm/lcm-cpp.hpp>
 #include <limits>
 #include <map>
@@ -18,6 +19,7 @@
 #include "core/channels.hpp"
 #include "core/decode.hpp"
 #include "core/event_log.hpp"
+#include "core/reason.hpp"
 #include "tests/system/log_messages.hpp"
 #include "tests/system/run_program.hpp"
 
@@ -203,44 +205,101 @@ std::map<int, std::pair<std::int64_t, std::int64_t>> counted(const std::string& 
   return all;
 }
 
-class Hostile : public ProgramTest {};
+// Of the tick that the drive is at, and of the next ones, as the genuine senders could send them.
+void send_of_the_present(Attacker& attacker) {
+  for (int i = 0; i < 50; ++i) {
+    const std::int64_t k = attacker.k();
+    for (std::int64_t ahead = 0; ahead < 3; ++ahead) {
+      attacker.say(forged_command(Attacker::kForged_V), k + ahead);
+      attacker.say(forged_estimate(1), k + ahead);
+      attacker.say(reference_t{}, k + ahead);
+      measurement_t measurement{};
+      measurement.v_dc_V = 40;
+      attacker.say(measurement, k + ahead);
+      attacker.say(truth_t{}, k + ahead);
+    }
+    attacker.say(forged_gain(0.5, 1), k / 5 * 5);
+    ack_t ack{};
+    attacker.say(ack, k);
+    request_t stop{};
+    stop.kind = static_cast<std::int32_t>(RequestKind::kEmergencyStop);
+    attacker.say(stop, k);
+    status_t failed{};
+    failed.role = static_cast<std::int32_t>(Role::kPlant);
+    failed.state = static_cast<std::int32_t>(ProcessState::kFailed);
+    attacker.say(failed, k);
+    event_t event{};
+    event.role = static_cast<std::int32_t>(Role::kPlant);
+    event.reason = static_cast<std::int32_t>(Reason::kPlantFailed);
+    event.waited_for = -1;
+    attacker.say(event, k);
+  }
+}
+
+class Hostile : public ProgramTest {
+ protected:
+  // Runs the set under `attack`, and compares its log with the undisturbed one.
+  void run(const std::vector<std::string>& more, const std::function<void(Attacker&)>& attack) {
+    const auto arguments = [&](const std::string& verb) {
+      return std::vector<std::string>{verb,         "dilys2021",
+                                      "--run-dir",  path(verb),
+                                      "--duration", fmt::format("{}ms", 0.2 * kHostileTicks)};
+    };
+    ASSERT_EQ(twinrate(arguments("simulate")).exit_code, 0);
+    std::vector<std::string> launch = arguments("launch");
+    launch.insert(launch.begin(), "twinrate");
+    launch.insert(launch.end(), more.begin(), more.end());
+    Program set(launch);
+    ASSERT_TRUE(
+        wait_until([&] { return !processes_with(path("launch"), "twinrate-plant").empty(); }));
+    const auto words = arguments_of(processes_with(path("launch"), "twinrate-plant").front());
+    const auto word = std::find(words.begin(), words.end(), "--session");
+    ASSERT_NE(word, words.end());
+    Attacker attacker(std::stoll(*(word + 1)));
+    ASSERT_TRUE(wait_until([&] { return attacker.k() > 60; })) << set.err();
+    for (int round = 0; round < 4; ++round) {
+      attack(attacker);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    const std::int64_t k_then = attacker.k();
+    result_ = set.wait(30);
+    ASSERT_FALSE(result_.timed_out) << result_.err;
+    EXPECT_EQ(result_.exit_code, 0) << result_.err << result_.out;
+    EXPECT_LT(k_then, kHostileTicks - 1) << "the run was over before the last message";
+    EXPECT_GT(attacker.sent(), 500);
+    EXPECT_TRUE(same_messages(path("launch"), path("simulate"), kHostileTicks));
+  }
+  static constexpr Role kSet[] = {Role::kPlant, Role::kEstimator, Role::kGain, Role::kController,
+                                  Role::kLogger};
+  ProgramResult result_;
+};
 
 TEST_F(Hostile, MessagesOfTheRightSessionChangeNoBit) {
-  const auto arguments = [&](const std::string& verb) {
-    return std::vector<std::string>{verb,         "dilys2021",
-                                    "--run-dir",  path(verb),
-                                    "--duration", fmt::format("{}ms", 0.2 * kHostileTicks)};
-  };
-  ASSERT_EQ(twinrate(arguments("simulate")).exit_code, 0);
-  std::vector<std::string> launch = arguments("launch");
-  launch.insert(launch.begin(), "twinrate");
-  Program set(launch);
-  ASSERT_TRUE(
-      wait_until([&] { return !processes_with(path("launch"), "twinrate-plant").empty(); }));
-  const auto words = arguments_of(processes_with(path("launch"), "twinrate-plant").front());
-  const auto word = std::find(words.begin(), words.end(), "--session");
-  ASSERT_NE(word, words.end());
-  Attacker attacker(std::stoll(*(word + 1)));
-  ASSERT_TRUE(wait_until([&] { return attacker.k() > 60; })) << set.err();
-  for (int round = 0; round < 4; ++round) {
+  run({"--set", "bus.authenticate=false"}, [](Attacker& attacker) {
     send_malformed(attacker);
     send_of_the_future(attacker);
     send_of_the_past(attacker);
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  }
-  const std::int64_t k_then = attacker.k();
-  const ProgramResult result = set.wait(30);
-  ASSERT_FALSE(result.timed_out) << result.err;
-  EXPECT_EQ(result.exit_code, 0) << result.err << result.out;
-  EXPECT_LT(k_then, kHostileTicks - 1) << "the run was over before the last message";
-  EXPECT_GT(attacker.sent(), 500);
-  EXPECT_TRUE(same_messages(path("launch"), path("simulate"), kHostileTicks));
+  });
+  EXPECT_NE(result_.out.find("not authenticated"), std::string::npos) << result_.out;
   auto said = counted(path("launch"));
-  for (const Role role :
-       {Role::kPlant, Role::kEstimator, Role::kGain, Role::kController, Role::kLogger}) {
+  for (const Role role : kSet) {
     EXPECT_GT(said[static_cast<int>(role)].first, 10) << role_name(static_cast<int>(role));
     EXPECT_GT(said[static_cast<int>(role)].second, 10) << role_name(static_cast<int>(role));
   }
+}
+
+TEST_F(Hostile, MessagesWithoutAValidTagChangeNoBit) {
+  run({}, [](Attacker& attacker) {
+    send_malformed(attacker);
+    send_of_the_future(attacker);
+    send_of_the_present(attacker);
+  });
+  EXPECT_NE(result_.out.find("messages refused"), std::string::npos) << result_.out;
+  EXPECT_NE(result_.out.find("requests without a valid tag were refused"), std::string::npos)
+      << result_.out;
+  auto said = counted(path("launch"));
+  for (const Role role : kSet)
+    EXPECT_GT(said[static_cast<int>(role)].second, 10) << role_name(static_cast<int>(role));
 }
 
 }  // namespace

@@ -1,0 +1,64 @@
+// Requests to a running set, one after the other: how long each takes, and whether all processes
+// applied it at one tick.
+//
+//   steering_requests RUN_DIR COUNT
+//
+// Every answer on the bus is noted: a request counts as common if plant, estimator, gain, controller
+// and logger named the same tick. bench/steering_rate starts the set and calls this program.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <vector>
+
+#include "core/drive_hand.hpp"
+
+namespace {
+
+constexpr std::size_t kProcesses = 5;
+
+double quantile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  const auto last = static_cast<double>(values.size() - 1);
+  return values[static_cast<std::size_t>(share * last)];
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  if (argc != 3) {
+    fmt::print(stderr, "steering_requests RUN_DIR COUNT\n");
+    return 2;
+  }
+  const RunningSet set = find_running_set(argv[1]);
+  const int count = std::stoi(argv[2]);
+  DriveHand hand(set);
+  std::map<std::int64_t, std::map<int, std::int64_t>> ticks;  // request -> role -> tick
+  hand.bus().subscribe<reply_t>([&](const reply_t& reply) {
+    if (reply.accepted != 0 && reply.applied_seq >= 0)
+      ticks[reply.seq].emplace(reply.role, reply.applied_seq);
+  });
+  std::vector<double> waited_ms;
+  for (int i = 0; i < count; ++i) {
+    const HandAnswer answer = hand.steer(fmt::format("load_Nm={}\nomega_e_rad_s={}\nn={}",
+                                                     1e-5 * (i % 100), 300 + i % 100, 1 + i % 8));
+    if (!answer.accepted) {
+      fmt::print("request {}: {}\n", i, answer.why);
+      return 1;
+    }
+    waited_ms.push_back(1e3 * answer.waited_s);
+  }
+  int common = 0;
+  for (const auto& [request, answers] : ticks) {
+    std::set<std::int64_t> different;
+    for (const auto& [role, k] : answers) different.insert(k);
+    common += answers.size() == kProcesses && different.size() == 1;
+  }
+  fmt::print("{} of {} requests applied by {} processes at one common tick\n", common, count,
+             kProcesses);
+  fmt::print("from the request to the answer: p50 {:.2f} ms, p99 {:.2f} ms, max {:.2f} ms\n",
+             quantile(waited_ms, 0.5), quantile(waited_ms, 0.99), quantile(waited_ms, 1));
+  return common == count ? 0 : 1;
+}

@@ -1,0 +1,95 @@
+// One tick for all: the plant makes a request take effect at the same tick in every process.
+//
+//   asker -> plant   the request, repeated until the plant answers
+//   plant -> others  prepare: each process checks the request and agrees, or says why not
+//   plant -> others  apply at T, repeated until each has said that it will
+//   plant -> asker   applied at T; or refused, with the reason of the process that refused
+//
+// In lock-step T is the first tick that the plant has not begun, or a later one that was asked for.
+// Nothing of tick T exists before MEASUREMENT(T), and the plant holds that back until every process
+// has answered. So T is common whatever is lost or late, and a silent process ends the run as it
+// does at any tick. In realtime nobody waits: T is kMargin_s ahead, and a process that has not
+// answered by then is named in the reply, which refuses.
+//
+// One request after the other: prepare, apply and drop come from the plant alone. A request that
+// comes again gets the same answer.
+//
+// Control: at most one holder, who sends a heartbeat. While there is one, requests of others are
+// refused, but stop. A holder that falls silent for kSilent_s is reported; steering.hold_s later
+// the drive is stopped on a ramp. Without a holder any request counts.
+#pragma once
+#include <chrono>
+#include <deque>
+#include <functional>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "core/channels.hpp"
+#include "core/reason.hpp"
+
+namespace twinrate {
+
+class Arbiter {
+ public:
+  static constexpr double kRepeat_s = 0.02, kPatience_s = 2, kMargin_s = 0.2, kSilent_s = 1;
+  // The first line of a request of the holder, before the KEY=VALUE lines.
+  static constexpr const char* kHolderLine = "holder=";
+
+  // What the arbiter needs of its process.
+  struct Host {
+    std::function<std::int64_t()> next_tick;        // the first one that is not begun
+    std::int64_t ticks = 0;                         // of the run
+    std::int64_t margin_ticks = 0;                  // realtime; 0: lock-step, the host holds
+    double hold_s = 1;                              // steering.hold_s
+    std::function<std::set<int>()> members;         // roles that have to agree. Throws BadInput
+    std::function<void(const request_t&)> prepare;  // this process. Throws BadInput
+    std::function<void(const request_t&)> apply;
+    std::function<void(request_t)> ask;
+    std::function<void(reply_t)> answer;
+    std::function<void(Reason, std::int64_t k, const std::string&)> event;
+    std::function<void()> released;  // what was held back may go on
+  };
+  explicit Arbiter(Host host) : host_(std::move(host)) {}
+
+  void take(const request_t& request);
+  void take(const reply_t& reply);
+  // Repeats and time-outs; often.
+  void turn();
+  // True where the host must not begin tick k yet.
+  bool holds(std::int64_t k) const {
+    return host_.margin_ticks == 0 && phase_ == Phase::kApplying && k >= tick_;
+  }
+  const std::string& holder() const { return holder_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  enum class Phase { kIdle, kPreparing, kApplying };
+
+  void control(const request_t& request);
+  std::string not_allowed(request_t& request) const;
+  void begin(request_t request);
+  void begin_applying();
+  void refuse(const std::string& why);
+  void done();
+  void finish(reply_t reply);
+  void send_phase();
+  void watch_holder();
+
+  Host host_;
+  Phase phase_ = Phase::kIdle;
+  request_t request_{};
+  std::set<int> members_, agreed_;
+  std::int64_t tick_ = 0;
+  Clock::time_point begun_{}, sent_{};
+  std::deque<reply_t> answered_;
+  std::string holder_;
+  Clock::time_point holder_heard_{};
+  std::int64_t holder_beat_ns_ = 0;  // t_ns of the holder's last request
+  bool silent_ = false;
+};
+
+// The KEY=VALUE lines of a request without its holder.
+std::string without_holder(const std::string& text, std::string* holder = nullptr);
+
+}  // namespace twinrate

@@ -1,0 +1,50 @@
+// [bridge] of a drive file: how the host reaches a real drive, and what it may do there.
+#pragma once
+#include <string>
+
+#include "model/fields.hpp"
+
+namespace twinrate {
+
+enum class DriveProtocol : int { kTwinrate = 0, kMoteus = 1, kVesc = 2 };
+inline constexpr const char* kDriveProtocolNames[] = {"twinrate", "moteus", "vesc"};
+
+// control: the host closes the loop. listen: the drive runs its own control.
+enum class BridgeMode : int { kControl = 0, kListen = 1 };
+inline constexpr const char* kBridgeModeNames[] = {"control", "listen"};
+
+// What the host sends to a moteus: torque through its position mode, whose watchdog acts, or
+// voltages, where it has none.
+enum class MoteusControl : int { kTorque = 0, kVoltage = 1 };
+inline constexpr const char* kMoteusControlNames[] = {"torque", "voltage"};
+
+// How a moteus is listened to: its registers over the fdcanusb, or the burst of its debug UART.
+enum class MoteusListen : int { kPoll = 0, kUart = 1 };
+inline constexpr const char* kMoteusListenNames[] = {"poll", "uart"};
+
+struct BridgeParameters {
+  static constexpr const char* kTable = "bridge";
+  // A lease bridges a slow round trip and two lost frames.
+  static constexpr double kLeaseRoundTrips = 3;
+  std::string port;
+  DriveProtocol protocol = DriveProtocol::kTwinrate;
+  BridgeMode mode = BridgeMode::kControl;
+  int baud = 3000000;
+  double lease_ms = 20, silence_ms = 200;
+  bool float64 = true;
+  bool emulate = false;
+  int moteus_id = 1;
+  MoteusControl moteus_control = MoteusControl::kTorque;
+  MoteusListen moteus_listen = MoteusListen::kPoll;
+  double theta_e_offset = 0;  // rad
+  bool without_watchdog = false;
+  void fields(FieldVisitor& f);
+
+  // Whether the drive itself switches off where the host falls silent.
+  bool device_has_watchdog() const;
+  // Of a sample and a command on a serial line, 10 bits a byte: the longer of the two (they pass each
+  // other). 0 on UDP.
+  double wire_time_s() const;
+};
+
+}  // namespace twinrate

@@ -1,0 +1,47 @@
+// What carries the messages of a Bus: sockets of this project for udpm URLs, liblcm for others.
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/channel_filter.hpp"
+#include "core/lcm_socket.hpp"
+
+namespace twinrate {
+
+class BusTransport {
+ public:
+  using Handler = std::function<void(const std::uint8_t* bytes, std::size_t size)>;
+  struct Outgoing {
+    const std::string* channel;
+    const std::uint8_t* bytes;
+    std::size_t size;
+    int port_offset;
+    bool later = false;  // nobody waits for it
+  };
+
+  virtual ~BusTransport() = default;
+  virtual void subscribe(const WantedChannel& channel, int port_offset, bool quiet,
+                         Handler handler) = 0;
+  // Another `every` of a channel that is subscribed.
+  virtual void change(const WantedChannel&) {}
+  virtual void send(const Outgoing* messages, std::size_t count) = 0;
+  // Passes at most one message to its handler; false where none came within `timeout_ms`.
+  virtual bool handle(double timeout_ms, bool wake_for_all) = 0;
+  virtual std::int64_t malformed() const { return 0; }
+};
+
+struct UdpmOptions {
+  bool filter = true;
+  double drain_every_ms = 0;  // as in BusOptions
+  int later_cpu = -1;
+};
+// On ports `address.port` + port_offset. Throws MachineError where the machine carries no multicast.
+std::unique_ptr<BusTransport> make_udpm_transport(const UdpmAddress& address,
+                                                  const UdpmOptions& options);
+// For every URL that liblcm knows. Throws MachineError where it cannot open it.
+std::unique_ptr<BusTransport> make_liblcm_transport(const std::string& url);
+
+}  // namespace twinrate

@@ -1,0 +1,48 @@
+// Sends what nobody waits for from a thread on another CPU.
+//
+// A datagram costs its sender several microseconds in the kernel, as much as a wake-up. On the CPU
+// that the ring of lock-step shares, messages for the log alone (TRUTH, REFERENCE) would lengthen
+// every tick. The thread looks for messages every half millisecond; nobody wakes it.
+#pragma once
+#include <atomic>
+#include <cstdint>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/lcm_socket.hpp"
+
+namespace twinrate {
+
+class LaterSender {
+ public:
+  LaterSender(const UdpmAddress& address, int cpu);
+  ~LaterSender();  // sends what is left
+  LaterSender(const LaterSender&) = delete;
+  LaterSender& operator=(const LaterSender&) = delete;
+
+  // `channel` must outlive this object.
+  void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
+
+ private:
+  struct Queue {
+    struct Message {
+      const std::string* channel;
+      std::vector<std::uint8_t> bytes;
+    };
+    std::vector<Message>
+        messages;  // the first `count` are to be sent; the others keep their memory
+    std::size_t count = 0;
+  };
+  void run(int cpu);
+  void send_all(Queue& queue);
+
+  LcmSender sender_;
+  std::mutex mutex_;
+  Queue waiting_;  // behind mutex_
+  std::atomic<bool> stop_ = false;
+  std::thread thread_;
+};
+
+}  // namespace twinrate

@@ -1,0 +1,203 @@
+#include "core/lcm_socket.hpp"
+
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+#include "core/machine_error.hpp"
+
+namespace twinrate {
+namespace {
+
+// A datagram is at most 65507 bytes; pages of a buffer that no datagram reaches are never touched.
+constexpr std::size_t kBuffer = 65536;
+
+[[noreturn]] void fail(const char* what) {
+  throw MachineError(
+      fmt::format("multicast: {}: {}; try twinrate doctor", what, std::strerror(errno)));
+}
+
+template <class Option>
+void set(int socket, int level, int name, const Option& option, const char* what) {
+  if (setsockopt(socket, level, name, &option, sizeof option) != 0) fail(what);
+}
+
+sockaddr_in to_sockaddr(const UdpmAddress& address) {
+  sockaddr_in in{};
+  in.sin_family = AF_INET;
+  in.sin_port = htons(address.port);
+  in.sin_addr.s_addr = address.group;
+  return in;
+}
+
+std::int64_t now_ns() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC_COARSE, &t);
+  return t.tv_sec * std::int64_t{1'000'000'000} + t.tv_nsec;
+}
+
+iovec part(const void* bytes, std::size_t size) {
+  return {.iov_base = const_cast<void*>(bytes), .iov_len = size};
+}
+
+}  // namespace
+
+FileDescriptor::~FileDescriptor() {
+  if (fd_ >= 0) close(fd_);
+}
+
+LcmSender::LcmSender(const UdpmAddress& address)
+    : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+  if (socket_.get() < 0) fail("socket");
+  set(socket_.get(), IPPROTO_IP, IP_MULTICAST_TTL, static_cast<std::uint8_t>(address.ttl), "ttl");
+  set(socket_.get(), IPPROTO_IP, IP_MULTICAST_LOOP, std::uint8_t{1}, "loop");
+  // A connected socket looks its route up once.
+  const sockaddr_in to = to_sockaddr(address);
+  if (connect(socket_.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
+    fail("no route");
+}
+
+void LcmSender::send(const std::string& channel, const std::uint8_t* bytes, std::size_t size) {
+  Datagrams datagrams(channel, bytes, size, sequence_++);
+  while (datagrams.next()) {
+    std::array<iovec, 3> parts = {
+        part(datagrams.header(), datagrams.header_size()),
+        part(channel.c_str(), datagrams.names_channel() ? channel.size() + 1 : 0),
+        part(datagrams.payload(), datagrams.payload_size())};
+    msghdr message{};
+    message.msg_iov = parts.data();
+    message.msg_iovlen = parts.size();
+    while (sendmsg(socket_.get(), &message, 0) < 0 && errno == EINTR) {
+    }
+  }
+}
+
+void LcmSender::send_together(const Small* messages, std::size_t count) {
+  constexpr std::size_t kMost = 4;
+  std::array<std::array<std::uint8_t, kWholeHeader>, kMost> headers{};
+  std::array<std::array<iovec, 3>, kMost> parts{};
+  std::array<mmsghdr, kMost> list{};
+  bool small = count <= kMost;
+  for (std::size_t i = 0; small && i < count; ++i) {
+    const Small& m = messages[i];
+    small = m.channel->size() + 1 + m.size <= kMaxWhole;
+    Datagrams datagram(*m.channel, m.bytes, m.size, sequence_ + static_cast<std::uint32_t>(i));
+    if (!small || !datagram.next()) break;
+    std::copy_n(datagram.header(), kWholeHeader, headers[i].begin());
+    parts[i] = {part(headers[i].data(), kWholeHeader),
+                part(m.channel->c_str(), m.channel->size() + 1), part(m.bytes, m.size)};
+    list[i].msg_hdr.msg_iov = parts[i].data();
+    list[i].msg_hdr.msg_iovlen = parts[i].size();
+  }
+  if (!small) {
+    for (std::size_t i = 0; i < count; ++i)
+      send(*messages[i].channel, messages[i].bytes, messages[i].size);
+    return;
+  }
+  sequence_ += static_cast<std::uint32_t>(count);
+  for (std::size_t sent = 0; sent < count;) {
+    const int now = sendmmsg(socket_.get(), &list[sent], static_cast<unsigned>(count - sent), 0);
+    if (now > 0)
+      sent += static_cast<std::size_t>(now);
+    else if (errno != EINTR)
+      ++sent;
+  }
+}
+
+LcmReceiver::LcmReceiver(const UdpmAddress& address, std::size_t batch)
+    : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)),
+      batch_(batch),
+      buffers_(new std::uint8_t[batch * kBuffer]),
+      parts_(batch),
+      senders_(batch),
+      headers_(batch) {
+  if (socket_.get() < 0) fail("socket");
+  set(socket_.get(), SOL_SOCKET, SO_REUSEADDR, 1, "port shared");
+  // Beyond net.core.rmem_max with CAP_NET_ADMIN.
+  for (const int option : {SO_RCVBUFFORCE, SO_RCVBUF})
+    if (setsockopt(socket_.get(), SOL_SOCKET, option, &address.receive_buffer,
+                   sizeof address.receive_buffer) == 0)
+      break;
+  socklen_t size = sizeof granted_buffer_;
+  getsockopt(socket_.get(), SOL_SOCKET, SO_RCVBUF, &granted_buffer_, &size);
+  // Bound to the group: datagrams of other groups on this port do not arrive.
+  const sockaddr_in at = to_sockaddr(address);
+  if (bind(socket_.get(), reinterpret_cast<const sockaddr*>(&at), sizeof at) != 0) fail("bind");
+  ip_mreq group{};
+  group.imr_multiaddr.s_addr = address.group;
+  group.imr_interface.s_addr = htonl(INADDR_ANY);
+  set(socket_.get(), IPPROTO_IP, IP_ADD_MEMBERSHIP, group, "joining the group");
+  for (std::size_t i = 0; i < batch_; ++i) {
+    parts_[i] = part(buffers_.get() + i * kBuffer, kBuffer);
+    headers_[i].msg_hdr.msg_iov = &parts_[i];
+    headers_[i].msg_hdr.msg_iovlen = 1;
+    headers_[i].msg_hdr.msg_name = &senders_[i];
+  }
+}
+
+bool LcmReceiver::read(std::size_t most, int flags) {
+  next_ = count_ = 0;
+  for (std::size_t i = 0; i < most; ++i) headers_[i].msg_hdr.msg_namelen = sizeof(sockaddr_in);
+  const int got =
+      recvmmsg(socket_.get(), headers_.data(), static_cast<unsigned>(most), flags, nullptr);
+  if (got <= 0) return false;  // nothing there, or a signal: the caller looks at its stop flag
+  count_ = static_cast<std::size_t>(got);
+  return true;
+}
+
+bool LcmReceiver::read_now() {
+  return read(batch_, MSG_DONTWAIT);
+}
+
+bool LcmReceiver::read_waiting(double timeout_ms) {
+  if (timeout_ms != timeout_ms_) {
+    const auto us = static_cast<std::int64_t>(timeout_ms * 1e3);
+    const timeval limit{.tv_sec = us / 1'000'000, .tv_usec = us % 1'000'000};
+    set(socket_.get(), SOL_SOCKET, SO_RCVTIMEO, limit, "time-out");
+    timeout_ms_ = timeout_ms;
+  }
+  return read(1, 0);
+}
+
+bool LcmReceiver::next(LcmMessage& message) {
+  while (next_ < count_) {
+    const std::size_t i = next_++;
+    const sockaddr_in& from = senders_[i];
+    const std::uint64_t sender =
+        std::uint64_t{from.sin_addr.s_addr} << 16 | std::uint64_t{from.sin_port};
+    switch (reassembly_.take(buffers_.get() + i * kBuffer, headers_[i].msg_len, sender, now_ns(),
+                             message)) {
+      case Reassembly::Outcome::kWhole:
+        return true;
+      case Reassembly::Outcome::kMalformed:
+        ++malformed_;
+        break;
+      case Reassembly::Outcome::kPart:
+        break;
+    }
+  }
+  return false;
+}
+
+bool multicast_is_heard(const UdpmAddress& address) {
+  static const std::string kChannel = "LCM_SELF_TEST";
+  constexpr std::int64_t kPatience_ns = 1'000'000'000;
+  LcmReceiver receiver(address, 16);
+  LcmSender sender(address);
+  const std::int64_t begun = now_ns();
+  sender.send(kChannel, nullptr, 0);
+  while (now_ns() - begun < kPatience_ns) {
+    receiver.read_waiting(100);
+    for (LcmMessage message; receiver.next(message);)
+      if (message.channel == kChannel) return true;
+  }
+  return false;
+}
+
+}  // namespace twinrate

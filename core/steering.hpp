@@ -1,0 +1,100 @@
+// Steering: what of a running drive can be changed, and what a change makes of its drive file.
+//
+// A request is a text of KEY=VALUE lines that hold from one tick on (core/arbiter.hpp chooses it):
+//
+//   speed_rpm, omega_e_rad_s   speed reference, up to the fastest of rated speed and references
+//   load_Nm                    load of the simulated plant, up to steering.load_max_Nm
+//   n, policy                  background every n ticks, gain policy (core/rate_history.hpp)
+//   compensation               as controller.compensation
+//   stop, start                without value: the speed reference goes to 0, and back to what it
+//                              was, in steps of at most 10 ms with steering.ramp_rad_s2
+//
+// Each process keeps a SteeredDrive and takes from it what it follows. A value becomes a step of
+// the profile of its key and replaces all later steps. The steps are half a period before their
+// tick, so that no rounding moves them to another one. A drive file with these profiles is the
+// steered run: `twinrate set --save` writes it.
+#pragma once
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/config.hpp"
+#include "core/rate_history.hpp"
+
+namespace twinrate {
+
+// Position 0: what gain.policy says.
+inline constexpr const char* kSteeredPolicyNames[] = {"gain.policy", "paper",     "immediate",
+                                                      "extrapolate", "rotate",    "rotor_frame",
+                                                      "scheduled",   "propagated"};
+
+struct SteeringParameters {
+  static constexpr const char* kTable = "steering";
+  double hold_s = 1, ramp_rad_s2 = 200, load_max = 0;
+  Profile n;       // 0: rates.n
+  Profile policy;  // positions in kSteeredPolicyNames
+  void fields(FieldVisitor& f);
+};
+
+// Reads [steering]. Throws BadInput where a step of steering.n is no whole number.
+SteeringParameters steering_of(Config& config);
+RateHistory rate_history(const DriveConfig& drive, const SteeringParameters& steering);
+inline RateHistory rate_history(Config& config) {
+  return rate_history(config.drive(), steering_of(config));
+}
+
+class SteeredDrive {
+ public:
+  explicit SteeredDrive(Config& config);
+
+  // Changes the drive from tick k on. Throws BadInput, with one line, and changes nothing then.
+  void apply(std::string_view lines, std::int64_t k);
+  // Steps that no tick from k on reads are forgotten: a long run stays small.
+  void forget_before(std::int64_t k);
+
+  const DriveConfig& drive() const { return drive_; }
+  const SteeringParameters& steering() const { return steering_; }
+  RateHistory rates() const { return rate_history(drive_, steering_); }
+  // The policies and compensations of the steps from tick k on.
+  std::vector<GainPolicy> policies_from(std::int64_t k) const;
+  std::vector<Compensation> compensations_from(std::int64_t k) const;
+  // As overrides of the drive file, "key.path=value".
+  std::vector<std::string> overrides() const;
+
+ private:
+  void set(std::string_view key, std::string_view value, std::int64_t k);
+  void set_speed(double omega_e, std::string_view key, std::string_view value, std::int64_t k);
+  void set_load(std::string_view value, std::int64_t k);
+  void ramp(double to, std::int64_t k);
+  void stop(std::int64_t k);
+  void start(std::int64_t k);
+  Profile& speed();
+  double speed_factor() const;  // value of the profile over omega_e
+  double t_of(std::int64_t k) const { return (static_cast<double>(k) - 0.5) * drive_.T_s(); }
+  void add_step(Profile& profile, std::int64_t k, double value) const;
+
+  DriveConfig drive_;
+  SteeringParameters steering_;
+  double omega_m_max_, load_max_;
+  std::optional<double> stopped_from_;  // speed reference before a stop, electrical
+};
+
+// A number that is finite and nothing else. Throws BadInput naming the key.
+double steered_number(std::string_view key, std::string_view value);
+
+struct AppliedSteering {
+  std::int64_t k = 0;
+  std::string lines;
+};
+struct RunLog;
+std::vector<AppliedSteering> steering_in(const RunLog& log);
+// Of a run: of the drive file in its log and of what was applied. Throws BadInput.
+RateHistory rate_history(const RunLog& log, const DriveConfig& drive);
+// The overrides that make the drive file of a steered run from that of its log, in the order in which
+// the requests were applied, for `ticks` ticks.
+std::vector<std::string> steered_overrides(Config& config,
+                                           const std::vector<AppliedSteering>& applied,
+                                           std::int64_t ticks);
+
+}  // namespace twinrate

@@ -1,0 +1,395 @@
+#include "tests/support/option_probe.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <set>
+
+#include "controller/controller.hpp"
+#include "estimator/registry.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
+
+namespace twinrate::test {
+namespace {
+
+// Longer than alignment, ramp and hand-over of kShortStart.
+constexpr double kDuration_s = 0.3;
+
+// Of the values of a tick, bit by bit.
+class Digest {
+ public:
+  void add(double value) {
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, &value, sizeof bits);
+    add_bits(bits);
+  }
+  void add(const Eigen::Ref<const Eigen::MatrixXd>& values) {
+    for (Eigen::Index i = 0; i < values.size(); ++i) add(values.reshaped()[i]);
+  }
+  void add_bits(std::uint64_t bits) { hash_ = (hash_ ^ bits) * 0x100000001b3ULL ^ (hash_ >> 29); }
+  std::uint64_t value() const { return hash_; }
+
+ private:
+  std::uint64_t hash_ = 0xcbf29ce484222325ULL;
+};
+
+std::uint64_t digest(const TickRecord& tick) {
+  Digest d;
+  const Measurement& m = tick.measurement;
+  d.add(m.i_abc), d.add(m.u_alphabeta), d.add(m.v_dc), d.add(m.theta_m), d.add(m.omega_m);
+  d.add(tick.truth.i_dq), d.add(tick.truth.omega_m), d.add(tick.truth.theta_m);
+  const Estimate& e = tick.estimate;
+  d.add(e.theta_e), d.add(e.omega_m), d.add(e.T_load), d.add(e.x_hat), d.add(e.status);
+  if (tick.has_gain) d.add(tick.gain.K), d.add(tick.gain.P);
+  d.add(tick.reference.omega_m_ref), d.add(tick.reference.i_d_ref);
+  d.add(tick.command.u_alphabeta_ref), d.add(tick.command.i_dq_ref);
+  d.add(static_cast<int>(tick.command.mode)), d.add(static_cast<int>(tick.event.reason));
+  for (const PlantEvent& event : tick.plant_events) d.add(static_cast<int>(event.reason));
+  return d.value();
+}
+
+// The ticks of a run, by their digests, and the warnings of its check.
+struct Run {
+  std::vector<std::string> warnings;
+  std::vector<std::uint64_t> ticks;
+};
+
+// `same_as`: ends at the first tick that differs from it. Throws BadInput.
+Run run_of(const Pairing& p, const Overrides& overrides, const Run* same_as = nullptr) {
+  Run run;
+  Config config = load_drive(p.preset, overrides);
+  run.warnings = check_runnable(config);
+  if (same_as && run.warnings != same_as->warnings) return run;
+  ClosedLoop loop(config);
+  const auto steps = static_cast<std::int64_t>(kDuration_s * config.drive().rates.f_s_Hz);
+  while (loop.k() < steps) {
+    run.ticks.push_back(digest(loop.step()));
+    if (same_as && same_as->ticks[run.ticks.size() - 1] != run.ticks.back()) return run;
+  }
+  return run;
+}
+
+bool differs(const Run& one, const Run& other) {
+  return one.warnings != other.warnings || one.ticks != other.ticks;
+}
+
+// A start by alignment within kDuration_s; the load begins with it.
+Overrides base_of(const Pairing& p) {
+  Overrides list = {"estimator.kind=" + p.estimator,
+                    "controller.kind=" + p.controller,
+                    "start=" + p.start,
+                    "rates.n=3",
+                    "load.T_load_Nm=0.3",
+                    fmt::format("run.duration_s={}", kDuration_s),
+                    "run.settle_s=0.1"};
+  if (p.start == "align_if")
+    for (const char* key : {"t_align_s=0.03", "acceleration_rad_s2=4000.0",
+                            "omega_e_handover_rad_s=200.0", "t_agree_s=0.01"})
+      list.push_back(fmt::format("controller.{}.startup.{}", p.controller, key));
+  return list;
+}
+
+// `list`, whose keys `more` replaces.
+Overrides joined(const Overrides& list, const Overrides& more) {
+  const auto key_of = [](const std::string& text) { return text.substr(0, text.find('=')); };
+  Overrides all;
+  for (const std::string& one : list)
+    if (std::none_of(more.begin(), more.end(),
+                     [&](const std::string& m) { return key_of(m) == key_of(one); }))
+      all.push_back(one);
+  all.insert(all.end(), more.begin(), more.end());
+  return all;
+}
+
+struct Situation {
+  std::string key;  // or the beginning of keys, where it ends with a dot
+  Overrides with;   // CONTROLLER stands for the table of the chosen controller
+};
+
+const std::vector<Situation>& situations() {
+  static const Overrides jump{"plant.fault.kind=current_jump", "plant.fault.at_s=0.02",
+                              "plant.fault.value=0.5", "plant.fault.for_s=0.01"};
+  static const Overrides missing{"plant.fault.kind=command_missing", "plant.fault.at_s=0.02"};
+  static const Overrides bus_high{"plant.fault.kind=bus_voltage", "plant.fault.at_s=0.02",
+                                  "plant.fault.value=1000"};
+  static const Overrides two_speeds{"reference.speed_rpm=[[0.0,1800.0],[0.05,2000.0]]"};
+  // More torque than the current limit has, from 0.2 s on: the rotor stalls and turns back.
+  static const Overrides stall{"CONTROLLER.synchronism.watch=true", "load.slew_Nm_s=0",
+                               "load.T_load_Nm=[[0.0,0.3],[0.2,30.0],[0.22,0.3]]",
+                               "machine.i_trip_A=1000"};
+  static const Overrides stall_by_innovation = joined(
+      stall, {"CONTROLLER.synchronism.emf_limit=10", "CONTROLLER.synchronism.innovation_A=1e-3"});
+  static const Overrides stall_by_emf = joined(stall, {"CONTROLLER.synchronism.nis_limit=1e6"});
+  static const Overrides unwatched = joined(stall, {"CONTROLLER.synchronism.watch=false"});
+  static const Overrides stop =
+      joined(stall, {"CONTROLLER.synchronism.reaction=stop", "CONTROLLER.startup.t_align_s=0.03",
+                     "CONTROLLER.startup.acceleration_rad_s2=4000.0"});
+  static const Overrides hot{"safety.temperature_max_degC=26", "plant.winding.ambient_degC=25",
+                             "plant.winding.tau_s=0.01"};
+  static const Overrides learning{"controller.compensation=angle_domain",
+                                  "reference.speed_rpm=1200.0"};
+  static const std::vector<Situation> all = {
+      {"plant.fault.", jump},
+      {"plant.hold_ticks", missing},
+      {"safety.hold_ms", missing},
+      {"safety.off", missing},
+      {"safety.off_at.over_current",
+       {"plant.fault.kind=current_jump", "plant.fault.at_s=0.02", "plant.fault.value=100.0",
+        "safety.watch_sensors=false"}},
+      {"safety.off_at.over_voltage", bus_high},
+      {"safety.off_at.under_voltage",
+       {"plant.fault.kind=bus_voltage", "plant.fault.at_s=0.02", "plant.fault.value=1"}},
+      {"safety.off_at.over_speed", {"safety.omega_m_max_rad_s=3"}},
+      {"safety.off_at.over_temperature",
+       {"safety.temperature_max_degC=30", "plant.fault.kind=temperature", "plant.fault.at_s=0.02",
+        "plant.fault.value=100"}},
+      {"safety.off_at.sensor_lost", {"plant.fault.kind=current_nan", "plant.fault.at_s=0.02"}},
+      {"safety.off_at.command_not_finite",
+       {"plant.fault.kind=command_nan", "plant.fault.at_s=0.02"}},
+      {"safety.off_at.command_lost", missing},
+      {"safety.watch_sensors", {"plant.fault.kind=current_nan", "plant.fault.at_s=0.02"}},
+      {"safety.sensor_ticks", {"plant.fault.kind=current_nan", "plant.fault.at_s=0.02"}},
+      {"safety.temperature_derate_degC", hot},
+      {"safety.temperature_derate_degC",
+       {"safety.temperature_max_degC=200", "plant.winding.tau_s=0.01"}},
+      {"plant.winding.", hot},
+      {"plant.erk_steps", {"plant.engine=erk"}},
+      {"inverter.f_pwm_Hz", {"plant.inverter=switched"}},
+      {"rates.n_from", {"rates.n_from=start", "rates.n_from_s=0.1"}},
+      {"rates.n_from_s", {"rates.n_from=start"}},
+      {"gain.speed_span_rad_s", {"gain.policy=propagated"}},
+      {"reference.slew_rad_s2", two_speeds},
+      {"load.slew_Nm_s", {"load.T_load_Nm=0.3"}},
+      {"estimator.active_flux.limit", unwatched},
+      {"estimator.active_flux.limit_floor_rad", unwatched},
+      {"estimator.eemf.rotation", {"estimator.prediction=euler"}},
+      {"estimator.ekf_joint.Q_order_Nm2", {"estimator.ekf_joint.order=6"}},
+      {"estimator.ekf_joint.P0_order_Nm2", {"estimator.ekf_joint.order=6"}},
+      {"CONTROLLER.compensate_effects",
+       {"effect=[{kind=\"dead_time\",used_in=\"both\",dead_time_s=1e-6}]"}},
+      {"CONTROLLER.synchronism.", stall},
+      {"CONTROLLER.synchronism.", stall_by_innovation},
+      {"CONTROLLER.synchronism.", stall_by_emf},
+      {"CONTROLLER.synchronism.", stop},
+      {"CONTROLLER.startup.", stop},
+      {"CONTROLLER.startup.t_give_up_s", {"CONTROLLER.startup.t_agree_s=0.05"}},
+      {"CONTROLLER.K_d", {"CONTROLLER.gains=given"}},
+      {"CONTROLLER.K_q", {"CONTROLLER.gains=given"}},
+      {"CONTROLLER.Q_d", {"CONTROLLER.gains=weights"}},
+      {"CONTROLLER.R_d", {"CONTROLLER.gains=weights"}},
+      {"CONTROLLER.Q_q", {"CONTROLLER.gains=weights"}},
+      {"CONTROLLER.R_q", {"CONTROLLER.gains=weights"}},
+      {"CONTROLLER.deviation_d", {"CONTROLLER.gains=deviations"}},
+      {"CONTROLLER.deviation_q", {"CONTROLLER.gains=deviations"}},
+      {"CONTROLLER.bandwidth_d_Hz", {"CONTROLLER.gains=bandwidths"}},
+      {"CONTROLLER.bandwidth_q_Hz", {"CONTROLLER.gains=bandwidths"}},
+      {"CONTROLLER.voltage_margin",
+       {"CONTROLLER.field_weakening=true", "reference.speed_rpm=6000.0"}},
+      {"CONTROLLER.field_weakening_bandwidth_Hz",
+       {"CONTROLLER.field_weakening=true", "reference.speed_rpm=6000.0"}},
+      {"CONTROLLER.field_weakening", {"reference.speed_rpm=6000.0"}},
+      {"CONTROLLER.angle_domain.", learning}};
+  return all;
+}
+
+// What acts outside the loop that `simulate` closes.
+const std::vector<std::pair<std::string, std::string>>& acts_elsewhere() {
+  static const std::vector<std::pair<std::string, std::string>> all = {
+      {"machine.n_slots", "report: sources of an order"},
+      {"machine.T_rated_Nm", "sweep --load, report"},
+      {"machine.omega_m_rated_rad_s", "limits of steering and over-speed"},
+      {"plant.kind", "launch, bridge; simulate refuses it"},
+      {"reference.from_bus", "launch"},
+      {"run.settle_s", "figures of the summary"},
+      {"run.duration_s", "length of the run"},
+      {"gain.max_age_ticks", "launch --pace realtime"},
+      {"safety.supervisor_ms", "launch --pace realtime"},
+      {"safety.off_at.emergency_stop", "set emergency_stop"},
+      {"safety.off_at.safe_requested", "safe mode asked for"},
+      {"safety.off_at.supervisor_lost", "launch --pace realtime"},
+      {"steering.hold_s", "launch, steered"},
+      {"steering.ramp_rad_s2", "launch, steered"},
+      {"steering.load_max_Nm", "launch, steered"},
+      {"bus.", "launch"},
+      {"logger.", "launch"},
+      {"monitor.", "launch, twinrate-monitor"}};
+  return all;
+}
+
+bool fits(const std::string& pattern, const std::string& key) {
+  return pattern.ends_with('.') ? key.starts_with(pattern) : key == pattern;
+}
+
+std::string with_table(std::string text, const std::string& controller) {
+  const std::string mark = "CONTROLLER";
+  if (text.starts_with(mark)) text.replace(0, mark.size(), "controller." + controller);
+  return text;
+}
+
+std::vector<std::string> other_numbers(const FieldRow& row) {
+  const bool whole = row.type == "whole number";
+  std::set<double> seen{row.value};
+  std::vector<std::string> list;
+  const auto add = [&](double value) {
+    value = std::clamp(whole ? std::round(value) : value, row.lo, row.hi);
+    if (seen.insert(value).second)
+      list.push_back(whole ? fmt::format("{:.0f}", value) : fmt::format("{:.12e}", value));
+  };
+  for (const double factor : {2.0, 0.5, 0.1, 10.0}) add(row.value * factor);
+  if (whole) add(row.value + 1);
+  for (const double value : {1e-3, 0.05, 1.0, 30.0, 1e3}) add(value);
+  add(row.lo), add(row.hi);
+  return list;
+}
+
+// All elements by one factor, and all at one value.
+std::vector<std::string> other_lists(const FieldRow& row) {
+  std::vector<double> values;
+  const char* at = row.value_text.c_str() + 1;
+  for (char* end = nullptr; *at && *at != ']'; at = *end == ',' ? end + 1 : end)
+    values.push_back(std::strtod(at, &end));
+  const bool whole = row.type == "whole numbers";
+  if (whole) return {"[2, 5]", "[1]"};
+  std::vector<std::string> list;
+  const auto add = [&](auto&& of) {
+    std::vector<double> other;
+    for (const double v : values) other.push_back(std::clamp(of(v), row.lo, row.hi));
+    if (other != values) list.push_back(fmt::format("[{:.12e}]", fmt::join(other, ", ")));
+  };
+  for (const double factor : {2.0, 0.5, 0.1, 10.0}) add([=](double v) { return v * factor; });
+  for (const double value : {0.01, 1.0}) add([=](double) { return value; });
+  return list;
+}
+
+// Values that a range does not show.
+const std::map<std::string, std::vector<std::string>> kValues = {
+    {"rates.f_b_Hz", {"5000.0", "2000.0"}},
+    {"rates.n_from", {"start", "locked"}},
+    {"steering.n", {"7", "[[0.0, 0], [0.1, 7]]"}},
+    {"steering.policy", {"immediate", "[[0.0, \"gain.policy\"], [0.1, \"immediate\"]]"}}};
+
+std::vector<std::string> other_values(const FieldRow& row, const std::string& key) {
+  if (const auto known = kValues.find(key); known != kValues.end()) return known->second;
+  std::vector<std::string> list;
+  if (row.type == "boolean") return {row.value_text == "true" ? "false" : "true"};
+  if (row.type == "choice") {
+    for (const std::string& choice : row.choices)
+      if (choice != row.value_text) list.push_back(choice);
+    return list;
+  }
+  if (row.type == "numbers" || row.type == "whole numbers") return other_lists(row);
+  if (row.type == "number" || row.type == "whole number") return other_numbers(row);
+  if (row.type == "profile") {
+    const double v = row.value;
+    for (const double other : {2 * v, 0.5 * v, v + 1, v - 1, 0.0})
+      if (other != v) list.push_back(fmt::format("{:.6f}", std::clamp(other, row.lo, row.hi)));
+    return list;
+  }
+  return {};
+}
+
+// The refusal of an option names it and has one line.
+bool names(const std::string& refusal, const std::string& key) {
+  return refusal.find(": " + key + ":") != std::string::npos &&
+         refusal.find('\n') == std::string::npos;
+}
+
+bool left_out(const std::string& key) {
+  static const std::set<std::string> keys{"estimator.kind", "controller.kind"};
+  return keys.contains(key);
+}
+
+}  // namespace
+
+std::vector<Option> options_of(const Pairing& p) {
+  Config config = load_drive(p.preset, base_of(p));
+  DriveConfig d = config.drive();
+  std::vector<Option> options;
+  const auto add = [&](const std::string& path, const std::function<void(FieldVisitor&)>& fields) {
+    for (const FieldRow& row : list_fields(fields)) {
+      const std::string key = path + "." + row.key;
+      if (!left_out(key) && row.type != "text")
+        options.push_back({key, row, other_values(row, key)});
+    }
+  };
+  const auto add_section = [&](const char* path, auto& section) {
+    add(path, [&](FieldVisitor& f) { section.fields(f); });
+  };
+  add_section("machine", d.machine), add_section("inverter", d.inverter);
+  add_section("sensors", d.sensors), add_section("rates", d.rates), add_section("gain", d.gain);
+  add_section("reference", d.reference), add_section("load", d.load), add_section("run", d.run);
+  add_section("estimator", d.estimator), add_section("controller", d.controller);
+  for (const OwnedTable& table : owned_tables()) {
+    config.read_table(table.path, table.fields);
+    add(table.path, table.fields);
+  }
+  const auto add_kind = [&](const std::string& path, const auto& builder) {
+    const auto fields = [&](FieldVisitor& f) { builder->fields(f); };
+    if (config.has_table(path)) config.read_table(path, fields);
+    add(path, fields);
+  };
+  for (const std::string& kind : filter_kinds())
+    add_kind("estimator." + kind, filter_builder(kind, d));
+  for (const std::string& kind : controller_kinds())
+    add_kind("controller." + kind, controller_builder(kind, d));
+  return options;
+}
+
+struct OptionProber::Runs {
+  std::map<std::string, std::optional<Run>> without;  // by the overrides; none: refused
+};
+
+OptionProber::OptionProber(Pairing pairing)
+    : pairing_(std::move(pairing)), runs_(std::make_unique<Runs>()) {}
+OptionProber::~OptionProber() = default;
+
+OptionProbe OptionProber::probe(const Option& option) {
+  const auto without = [&](const Overrides& list) -> const std::optional<Run>& {
+    const std::string text = fmt::format("{}", fmt::join(list, " "));
+    const auto known = runs_->without.find(text);
+    if (known != runs_->without.end()) return known->second;
+    std::optional<Run> run;
+    try {
+      run = run_of(pairing_, list);
+    } catch (const BadInput&) {
+    }
+    return runs_->without[text] = std::move(run);
+  };
+  std::vector<Overrides> bases{base_of(pairing_)};
+  for (const Situation& s : situations()) {
+    if (!fits(with_table(s.key, pairing_.controller), option.key)) continue;
+    Overrides with;
+    for (const std::string& one : s.with) with.push_back(with_table(one, pairing_.controller));
+    bases.push_back(joined(bases.front(), with));
+  }
+  std::string refusal;
+  bool ran = false;
+  for (const Overrides& base : bases) {
+    const std::optional<Run>& before = without(base);
+    if (!before) continue;
+    for (const std::string& value : option.set) {
+      try {
+        const Run run = run_of(pairing_, joined(base, {option.key + "=" + value}), &*before);
+        ran = true;
+        if (differs(run, *before)) return {OptionAnswer::kChanges, value};
+      } catch (const BadInput& error) {
+        const std::string line = error.what();
+        if (line.find('\n') != std::string::npos) return {OptionAnswer::kError, line};
+        if (!names(line, option.key)) return {OptionAnswer::kChanges, value + ": " + line};
+        refusal = line;
+      } catch (const std::exception& error) {
+        return {OptionAnswer::kError, option.key + "=" + value + ": " + error.what()};
+      }
+    }
+  }
+  for (const auto& [pattern, where] : acts_elsewhere())
+    if (ran && fits(pattern, option.key)) return {OptionAnswer::kElsewhere, where};
+  if (!ran && !refusal.empty()) return {OptionAnswer::kRefused, refusal};
+  return {OptionAnswer::kSilent, refusal};
+}
+
+}  // namespace twinrate::test
