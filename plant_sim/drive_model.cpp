@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "model/effects/flux_map.hpp"
+#include "model/math.hpp"
 #include "model/point_of.hpp"
 #include "plant_sim/fixed_axes.hpp"
 
@@ -63,7 +64,8 @@ OperatingPoint DriveModel::point(const PlantState& x, const PlantInput& input,
                                  double t_in_interval) const {
   OperatingPoint p =
       point_of(input.t_k + t_in_interval, frame_at(x[3], x[2], machine_.n_p), x.head<2>());
-  p.d_axis = {std::cos(p.theta_e), std::sin(p.theta_e)};
+  const auto [s, c] = math::sincos(p.theta_e);
+  p.d_axis = {c, s};
   p.v_dc = v_dc_;
   p.T_load = input.T_load;
   if (input.legs) {

@@ -5,6 +5,8 @@
 #include <limits>
 #include <numbers>
 
+#include "model/per_unit.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -76,6 +78,9 @@ Plant::Plant(const Config& file, const PlantParameters& parameters, const Safety
       errors_(sample_errors(config_)),
       x_(0, 0, config_.omega_m_start(), parameters.theta_e_start / config_.machine.n_p),
       safety_(safety_limits(file, safety, parameters.hold_ticks)),
+      current_limit_(current_limit(config_)),
+      winding_(parameters.winding,
+               per_unit(config_.machine, config_.inverter.v_dc, config_.T_s()).i, config_.T_s()),
       watch_(sensor_limits(config_, safety_.limits())),
       watches_(safety.watch_sensors),
       needs_position_(needs_position(config_)),
@@ -199,11 +204,10 @@ bool Plant::contradicts(const Command& command) const {
           there.theta_ctrl != command.theta_ctrl);
 }
 
-std::string Plant::reset() {
-  emergency_stop_ = supervisor_silent_ = false;
+std::string Plant::reset(std::int64_t k) {
   if (!safety_.is_off()) return "the drive is not off";
-  if (!safety_.reset()) return "the cause is still there";
-  applied_command_ = Command{};
+  if (!safety_.may_reset()) return "the cause is still there";
+  reset_k_ = std::max(k, k_);
   return "";
 }
 
@@ -217,6 +221,11 @@ Arrival Plant::arrival_of(const Command& command, std::int64_t due) const {
 // One step of the state machine with the readings of t_k and the command in force.
 void Plant::protect(Arrival arrival) {
   SafetyInput in;
+  in.reset = reset_k_ >= 0 && k_ >= reset_k_;
+  if (in.reset) {
+    emergency_stop_ = supervisor_silent_ = false;
+    reset_k_ = -1;
+  }
   in.arrival = arrival;
   in.asked = applied_command_.mode == Mode::kSafe  ? Asked::kSafe
              : applied_command_.mode == Mode::kRun ? Asked::kRun
@@ -226,19 +235,44 @@ void Plant::protect(Arrival arrival) {
   in.i = clarke(sample_.i_abc).norm();
   in.v_dc = sample_.v_dc;
   in.omega_m = sample_.omega_m;
+  in.has_temperature = safety_.limits().temperature_max > 0;
+  in.temperature = sensed_temperature();
   in.emergency_stop = emergency_stop_;
   in.supervisor_silent = supervisor_silent_;
   safety_.step(in);
+}
+
+double Plant::sensed_temperature() const {
+  return makes(MadeFault::kTemperature) ? parameters_.fault.value : winding_.temperature();
+}
+
+Vec2 Plant::voltage_in_force() const {
+  const Command& c = applied_command_;
+  if (safety_.state() != DriveState::kDerate) return c.u_alphabeta_ref;
+  // The frame at t_k, and where it is in the middle of the interval.
+  const double turned = frame_turns_ * config_.T_s();
+  const double theta_e = c.theta_ctrl + parameters_.delay_samples * turned;
+  const Vec2 i_dq = park(clarke(sample_.i_abc), theta_e);
+  const Vec2 u_dq = park(c.u_alphabeta_ref, theta_e + 0.5 * turned);
+  const auto u = current_limit_.limited({u_dq[0], u_dq[1]}, {i_dq[0], i_dq[1]}, frame_turns_,
+                                        safety_.current_share() * safety_.limits().i_derate);
+  return inverse_park({u[0], u[1]}, theta_e + 0.5 * turned);
 }
 
 bool Plant::apply_due_command() {
   const std::int64_t due = k_ - parameters_.delay_samples;
   const auto slot = static_cast<std::size_t>(std::max<std::int64_t>(due, 0)) % commands_.size();
   const Arrival arrival = arrival_of(commands_[slot], due);
-  if (arrival == Arrival::kInTime) applied_command_ = commands_[slot];
+  if (arrival == Arrival::kInTime) {
+    const double turned = wrap_pi(commands_[slot].theta_ctrl - applied_command_.theta_ctrl);
+    const auto ticks = static_cast<double>(due - applied_command_.k);
+    frame_turns_ = applied_command_.k >= 0 ? turned / (ticks * config_.T_s()) : 0;
+    applied_command_ = commands_[slot];
+  }
   protect(arrival);
   if (safety_.is_off()) applied_command_ = Command{.mode = Mode::kSafe};
-  applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);
+  if (applied_command_.mode == Mode::kSafe) applied_command_.u_alphabeta_ref.setZero();
+  applied_ = svpwm(voltage_in_force(), v_dc_);
   return arrival == Arrival::kNotDue || arrival == Arrival::kInTime;
 }
 
@@ -254,6 +288,7 @@ bool Plant::advance() {
             .u_alphabeta = clarke(acting_duty_ * (bus_share_ * config_.inverter.v_dc)),
             .T_load = T_load_};
   is_open() ? integrate_open() : integrate();
+  winding_.step(x_.head<2>().norm());
   ++k_;
   read_sensors();
   take_row();

@@ -25,6 +25,9 @@
 //                above it the diodes rectify into the bus. The drive does not know the voltage at
 //                its terminals then: MEASUREMENT has none.
 //
+// With safety.temperature_max_degC the temperature of the winding (plant_sim/winding.hpp) is watched;
+// in state DERATE the plant itself reduces a voltage that would exceed the current limit.
+//
 // [plant.fault] makes a fault at a given time: of a sensor, of the bus, of the commands.
 #pragma once
 #include <array>
@@ -57,11 +60,16 @@ class Plant {
   // Off from the next advance() on, for every command.
   void emergency_stop() { emergency_stop_ = true; }
   void supervisor_is_silent() { supervisor_silent_ = true; }
-  // SAFE -> IDLE. "" where it did, else why not.
-  std::string reset();
+  // SAFE -> IDLE in the advance() of tick `k`, or the next one. "" where it will, else why not: the
+  // drive is not off, or the cause is still there. A cause that comes back until then keeps it off.
+  std::string reset(std::int64_t k = 0);
+  // The load from now on; the torque moves to it with load.slew_Nm_s.
+  void follow_load(const Profile& T_load_Nm) { config_.load.T_load_Nm = T_load_Nm; }
   bool tripped() const { return safety_.is_off(); }
-  // With the events of the last advance(), of tick k() - 1, or of a reset().
+  // With the events of the last advance(), of tick k() - 1.
   const SafetyMachine& safety() const { return safety_; }
+
+  double winding_temperature() const { return winding_.temperature(); }  // degC
 
   std::int64_t k() const { return k_; }
 
@@ -71,6 +79,9 @@ class Plant {
   bool apply_due_command();
   Arrival arrival_of(const Command& command, std::int64_t due) const;
   void protect(Arrival arrival);
+  double sensed_temperature() const;
+  // The voltage of the command in force, within the reduced current limit of DERATE.
+  Vec2 voltage_in_force() const;
   void integrate();
   void integrate_open();
   // x and shaft over T; integrate()'s part from one moment of the interval on.
@@ -104,13 +115,17 @@ class Plant {
   Measurement row_, before_;   // readings at t_k and t_{k-1}, before the watch
   Measurement sample_;         // MEASUREMENT(k)
   Command applied_command_;
+  double frame_turns_ = 0;  // omega_e of the commands' frame, rad/s
   SafetyMachine safety_;
+  CurrentLimit current_limit_;
+  Winding winding_;
   SensorWatch watch_;
   bool watches_, needs_position_;
   int faults_ = 0;  // ReadingFault of sample_
   std::array<std::int64_t, 8> not_finite_k_{-1, -1, -1, -1, -1, -1, -1, -1};  // as commands_
   double bus_share_ = 1;  // of the nominal bus voltage
   bool emergency_stop_ = false, supervisor_silent_ = false;
+  std::int64_t reset_k_ = -1;          // tick of a reset that is coming; -1: none
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8
   double theta_m_meas_ = 0, omega_m_meas_ = 0;
   double T_load_ = 0;

@@ -2,6 +2,7 @@
 #pragma once
 #include "model/plant_facts.hpp"
 #include "plant_sim/integrator.hpp"
+#include "plant_sim/winding.hpp"
 
 namespace twinrate {
 
@@ -14,13 +15,16 @@ enum class MadeFault : int {
   kPositionNan,
   kPositionJump,
   kBusVoltage,
+  kTemperature,
   kCommandMissing,
   kCommandNan,
   kCommandTooLarge,
 };
 inline constexpr const char* kMadeFaultNames[] = {
-    "none",          "current_nan", "current_stuck",   "current_jump", "position_nan",
-    "position_jump", "bus_voltage", "command_missing", "command_nan",  "command_too_large"};
+    "none",         "current_nan",      "current_stuck",
+    "current_jump", "position_nan",     "position_jump",
+    "bus_voltage",  "temperature",      "command_missing",
+    "command_nan",  "command_too_large"};
 
 struct FaultParameters {
   MadeFault kind = MadeFault::kNone;
@@ -33,6 +37,7 @@ struct PlantParameters : PlantFacts {
   Engine engine = Engine::kRk;
   int erk_steps = 1;
   int hold_ticks = 20;
+  WindingParameters winding;
   FaultParameters fault;
   void fields(FieldVisitor& f);
 };

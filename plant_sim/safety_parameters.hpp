@@ -8,9 +8,13 @@
 //   omega_m_max_rad_s    the larger one of 2 max(rated speed, references) and the speed whose EMF
 //                        is 1.2 times the voltage limit
 //
-// Rated current: model/per_unit.hpp. Without a temperature signal there is no limit for it.
+//   temperature_derate_degC  20 K below temperature_max_degC
+//
+// Rated current: model/per_unit.hpp. Without temperature_max_degC the temperature is not watched.
+// DERATE leaves a share of i_max_A of the controller, or of half of the trip current if it has none.
 #pragma once
 #include "core/config.hpp"
+#include "safety/current_limit.hpp"
 #include "safety/sensor_watch.hpp"
 #include "safety/state_machine.hpp"
 
@@ -21,6 +25,7 @@ struct SafetyParameters {
   Off off = Off::kShort;
   std::array<int, kFaultCount> off_at{};  // positions in kOffAtNames
   double v_dc_max = 0, v_dc_min = 0, omega_m_max = 0;
+  double temperature_max = 0, temperature_derate = 0;
   double hold_ms = 4;
   bool watch_sensors = true;
   int sensor_ticks = 50;
@@ -30,6 +35,7 @@ struct SafetyParameters {
 
 // `hold_ticks`: plant.hold_ticks; the shorter of it and hold_ms holds.
 SafetyLimits safety_limits(const Config& config, const SafetyParameters& p, int hold_ticks);
+CurrentLimit current_limit(const DriveConfig& drive);
 SensorLimits sensor_limits(const DriveConfig& drive, const SafetyLimits& limits);
 
 // One line for a person: "12.3 A, above 6 A: phases shorted".

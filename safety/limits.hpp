@@ -60,6 +60,7 @@ struct SafetyLimits {
   double omega_m_max = 0;              // rad/s
   double temperature_derate = 0;       // degC; a drive without such a signal gives none
   double temperature_max = 0;          // degC
+  double i_derate = 0;                 // A: DERATE leaves its share of this one
   int hold_ticks = 20;                 // ticks without a command for which the last voltage is held
   int sensor_ticks = 50;               // ticks for which readings are predicted
   std::array<Off, kFaultCount> off{};  // by Fault

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "model/math.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -28,7 +30,7 @@ Vector vector_of(const std::array<double, 3>& i) {
 
 std::array<double, 3> SensorWatch::predicted_currents(double turned) const {
   const Vector i = vector_of(good_.i_abc);
-  const double c = std::cos(turned), s = std::sin(turned);
+  const auto [s, c] = math::sincos(turned);
   const double alpha = c * i.alpha - s * i.beta, beta = s * i.alpha + c * i.beta;
   const double half = 0.5 * std::numbers::sqrt3 * beta;
   return {alpha, -0.5 * alpha + half, -0.5 * alpha - half};

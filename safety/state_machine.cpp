@@ -64,7 +64,8 @@ bool SafetyMachine::trips(Fault fault, const SafetyInput& in, double& value, dou
     case Fault::kSupervisorLost:
       return in.supervisor_silent;
     case Fault::kSafeRequested:
-      return in.arrival == Arrival::kInTime && in.asked == Asked::kSafe;
+      return in.arrival == Arrival::kInTime && in.asked == Asked::kSafe &&
+             state_ != DriveState::kIdle;
   }
   return true;
 }
@@ -77,7 +78,7 @@ void SafetyMachine::go_off(Fault fault, double value, double limit) {
 }
 
 void SafetyMachine::follow_command(const SafetyInput& in) {
-  if (in.arrival != Arrival::kInTime) return;
+  if (in.arrival != Arrival::kInTime || in.asked == Asked::kSafe) return;
   const DriveState wanted = in.asked == Asked::kForcedAngle ? DriveState::kAlign : DriveState::kRun;
   const bool there =
       state_ == wanted || (state_ == DriveState::kDerate && wanted == DriveState::kRun);
@@ -100,6 +101,7 @@ void SafetyMachine::derate(const SafetyInput& in) {
 void SafetyMachine::step(const SafetyInput& in) {
   event_count_ = 0;
   last_ = in;
+  if (in.reset) leave_safe();
   if (is_off()) return;
   count(in);
   if (in.clamped && since_clamped_s_ >= kClampPause_s)
@@ -116,19 +118,25 @@ void SafetyMachine::step(const SafetyInput& in) {
   derate(in);
 }
 
-bool SafetyMachine::reset() {
-  if (!is_off()) return false;
-  const bool healthy = last_.i <= limits_.i_trip && last_.v_dc <= limits_.v_dc_max &&
-                       last_.v_dc >= limits_.v_dc_min &&
-                       magnitude(last_.omega_m) <= limits_.omega_m_max && last_.faulty == 0 &&
-                       !last_.emergency_stop && !last_.supervisor_silent &&
-                       !(last_.has_temperature && last_.temperature > limits_.temperature_max);
-  if (!healthy) return false;
+// An emergency stop and a silent supervisor are past events, and the request answers them.
+bool SafetyMachine::may_reset() const {
+  return is_off() && last_.i <= limits_.i_trip && last_.v_dc <= limits_.v_dc_max &&
+         last_.v_dc >= limits_.v_dc_min && magnitude(last_.omega_m) <= limits_.omega_m_max &&
+         last_.faulty == 0 &&
+         (!last_.has_temperature || last_.temperature <= limits_.temperature_max);
+}
+
+bool SafetyMachine::leave_safe() {
+  if (!may_reset()) return false;
   missing_ticks_ = not_finite_ticks_ = over_current_ticks_ = faulty_ticks_ = 0;
   speed_known_ = false;
-  event_count_ = 0;
   change_to(DriveState::kIdle, Reason::kReset);
   return true;
+}
+
+bool SafetyMachine::reset() {
+  event_count_ = 0;
+  return leave_safe();
 }
 
 }  // namespace twinrate

@@ -1,9 +1,10 @@
 // The safety state machine of a drive.
 //
-//   IDLE    no command has been applied yet                         zero voltage
+//   IDLE    no command has been applied yet, or none but safe mode  zero voltage
+//           since a reset
 //   ALIGN   the command forces the angle (alignment, I/f ramp)
 //   RUN     the command controls the motor
-//   DERATE  as RUN, with a reduced current limit (temperature)
+//   DERATE  as RUN, with a reduced current limit (temperature): safety/current_limit.hpp
 //   SAFE    off: phases shorted or gates open, by fault; latched until reset()
 //
 // Reactions, in ticks of the drive:
@@ -46,6 +47,7 @@ struct SafetyInput {
   bool has_temperature = false;
   double temperature = 0;  // degC
   bool emergency_stop = false, supervisor_silent = false;
+  bool reset = false;  // leave SAFE before this tick, if its readings allow it
 };
 
 struct SafetyEvent {
@@ -67,6 +69,7 @@ class SafetyMachine {
   void step(const SafetyInput& in);
   // SAFE -> IDLE. False where the state is another, or the last step's readings would trip again.
   bool reset();
+  bool may_reset() const;
 
   DriveState state() const { return state_; }
   bool is_off() const { return state_ == DriveState::kSafe; }
@@ -80,6 +83,7 @@ class SafetyMachine {
  private:
   void count(const SafetyInput& in);
   bool trips(Fault fault, const SafetyInput& in, double& value, double& limit) const;
+  bool leave_safe();
   void go_off(Fault fault, double value, double limit);
   void follow_command(const SafetyInput& in);
   void derate(const SafetyInput& in);

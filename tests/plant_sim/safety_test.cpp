@@ -76,6 +76,49 @@ TEST(PlantSafety, ABusOutOfItsLimitsIsOffAtOnce) {
   }
 }
 
+// A locked rotor at 2 A, 4/3 of the rated current: the winding rises by 80 K (4/3)^2 = 142 K.
+Overrides hot(Overrides more = {}) {
+  Overrides list = {"machine.J_kgm2=1e4", "safety.temperature_max_degC=120",
+                    "plant.winding.tau_s=0.1"};
+  list.insert(list.end(), more.begin(), more.end());
+  return list;
+}
+
+TEST(PlantSafety, AWindingWarmsByItsCopperLossAndDeratesTheCurrentWithinATick) {
+  Plant plant = ideal(hot());
+  const Vec2 u(2.4, 0);
+  double before = 0;
+  while (plant.safety().state() != DriveState::kDerate && plant.k() < 5000) {
+    before = plant.winding_temperature();
+    tick(plant, u);
+  }
+  // exp(-t/tau) = 1 - 75/142.2; the current itself is there after 1 ms.
+  EXPECT_NEAR(static_cast<double>(plant.k()) * 2e-4, 0.1 * -std::log(1 - 75 / 142.2), 2e-3);
+  EXPECT_GE(before, 100);
+  EXPECT_LT(before, 100.2);
+  EXPECT_EQ(plant.safety().event(0).reason, Reason::kDerated);
+  for (int k = 0; k < 5000; ++k) tick(plant, u);
+  // Where the current that is left, 3 A (120 - T)/20, holds the temperature: T = 25 + 80 (i/1.5)^2.
+  const double T = plant.winding_temperature(), i = 3 * (120 - T) / 20;
+  EXPECT_NEAR(T, 25 + 80 * i * i / 2.25, 0.5);
+  EXPECT_NEAR(amplitude(plant), i, 0.01);
+  EXPECT_LT(amplitude(plant), 1.7);
+  EXPECT_FALSE(plant.tripped());
+  EXPECT_NEAR(plant.sample().u_alphabeta[0], 1.2 * i, 0.05) << "what was applied is reported";
+}
+
+TEST(PlantSafety, ATemperatureAboveItsLimitIsOffAtOnce) {
+  Plant plant = ideal(
+      hot({"plant.fault.kind=temperature", "plant.fault.at_s=0.01", "plant.fault.value=120.1"}));
+  Reason reason = Reason::kNone;
+  EXPECT_EQ(ticks_until_off(plant, {1, 0}, 100, reason), 51);
+  EXPECT_EQ(reason, Reason::kOverTemperature);
+  EXPECT_NE(plant.reset(), "") << "still hot";
+  Plant not_watched = ideal({"plant.fault.kind=temperature", "plant.fault.value=500"});
+  Reason why = Reason::kNone;
+  EXPECT_EQ(ticks_until_off(not_watched, {1, 0}, 100, why), -1);
+}
+
 TEST(PlantSafety, ALoadThatDrivesTheMotorEndsInOverSpeed) {
   Plant plant = ideal({"start=flying", "load.T_load_Nm=-0.2", "load.slew_Nm_s=0",
                        "safety.omega_m_max_rad_s=300", "machine.psi_f_Wb=1e-6"});
@@ -105,6 +148,18 @@ TEST(PlantSafety, ACommandThatIsNotFiniteIsHeldOnceAndOffAtTheSecond) {
   EXPECT_EQ(trip_of(plant), Reason::kCommandNotFinite);
 }
 
+TEST(PlantSafety, OffIsHoldMillisecondsAfterTheTickOfTheLastCommandWhateverTheDelay) {
+  for (const int delay : {0, 1, 3}) {
+    Plant plant = ideal({"safety.hold_ms=3", "plant.delay_samples=" + std::to_string(delay)});
+    constexpr int kLast = 9;  // COMMAND(9) is the last one
+    for (int k = 0; k <= kLast; ++k) tick(plant, {1, 0});
+    while (!plant.tripped() && plant.k() < 100) plant.advance();
+    // The interval that begins at t_24 = t_9 + 3 ms is the first that is off.
+    EXPECT_EQ(plant.k() - 1, kLast + 15) << delay;
+    EXPECT_EQ(trip_of(plant), Reason::kCommandLost);
+  }
+}
+
 TEST(PlantSafety, ACommandForSafeModeIsOff) {
   Plant plant = ideal();
   for (int k = 0; k < 5; ++k) tick(plant, {1, 0});
@@ -121,12 +176,27 @@ TEST(PlantSafety, AResetTakesItBackToCommands) {
   plant.emergency_stop();
   for (int k = 0; k < 5; ++k) tick(plant, {1, 0});
   EXPECT_EQ(plant.sample().u_alphabeta, Vec2(0, 0));
-  EXPECT_NE(plant.reset(), "") << "the last tick still asked for it";
-  tick(plant, {1, 0});
   EXPECT_EQ(plant.reset(), "");
-  for (int k = 0; k < 3; ++k) tick(plant, {1, 0});
+  tick(plant, {1, 0});
+  ASSERT_EQ(plant.safety().event_count(), 2);
+  EXPECT_EQ(plant.safety().event(0).reason, Reason::kReset);
+  for (int k = 0; k < 2; ++k) tick(plant, {1, 0});
   EXPECT_EQ(plant.safety().state(), DriveState::kRun);
   EXPECT_NEAR(plant.sample().u_alphabeta[0], 1, 1e-12);
+}
+
+TEST(PlantSafety, AResetActsAtItsTickAndWaitsInIdleForACommandThatIsNotSafeMode) {
+  Plant plant = ideal();
+  for (int k = 0; k < 5; ++k) tick(plant, {1, 0}, k < 2 ? Mode::kRun : Mode::kSafe);
+  ASSERT_TRUE(plant.tripped());
+  EXPECT_EQ(plant.reset(8), "");
+  for (int k = 5; k < 8; ++k) tick(plant, {1, 0}, Mode::kSafe);
+  EXPECT_TRUE(plant.tripped());
+  for (int k = 8; k < 50; ++k) tick(plant, {1, 0}, Mode::kSafe);
+  EXPECT_EQ(plant.safety().state(), DriveState::kIdle);
+  EXPECT_EQ(plant.sample().u_alphabeta, Vec2(0, 0));
+  for (int k = 0; k < 2; ++k) tick(plant, {1, 0});
+  EXPECT_EQ(plant.safety().state(), DriveState::kRun);
 }
 
 // EMF between two phases at 100 rad/s: sqrt3 0.007 400 = 4.85 V.

@@ -69,6 +69,8 @@ const std::vector<Row> kRows = {
     {"UnderVoltage", Fault::kUnderVoltage, 1, [](auto& in) { in.v_dc = 11.9; }},
     {"OverTemperature", Fault::kOverTemperature, 1,
      [](auto& in) { in.has_temperature = true, in.temperature = 101; }},
+    {"TemperatureNan", Fault::kOverTemperature, 1,
+     [](auto& in) { in.has_temperature = true, in.temperature = kNan; }},
     {"SensorLost", Fault::kSensorLost, 51, [](auto& in) { in.faulty = 1; }},
     {"CommandNotFinite", Fault::kCommandNotFinite, 2,
      [](auto& in) { in.arrival = Arrival::kNotFinite; }},
