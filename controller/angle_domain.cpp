@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model/frames.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -17,7 +18,7 @@ constexpr double kDrift = 1e-4;           // share of P kept alive, so that lear
 constexpr double kLowest_Hz = 0.05;
 
 int bin_of(double omega) {
-  const double octaves = std::log2(std::max(omega / kTwoPi / kLowest_Hz, 1.0));
+  const double octaves = math::log(std::max(omega / kTwoPi / kLowest_Hz, 1.0)) / std::numbers::ln2;
   return std::min(63, static_cast<int>(std::lround(4 * octaves)));
 }
 
@@ -46,11 +47,11 @@ void AngleDomainParameters::fields(FieldVisitor& f) {
 
 std::complex<double> LoopModel::voltage_for_torque(double omega) const {
   const std::complex<double> s(0, omega);
-  return (R_s + s * L_q + K_pp * K_iq * std::exp(-s * T_d)) / (K_pp * K_t);
+  return (R_s + s * L_q + K_pp * K_iq * math::exp(-s * T_d)) / (K_pp * K_t);
 }
 
 std::complex<double> LoopModel::speed_for_torque(double omega) const {
-  const std::complex<double> s(0, omega), delay = std::exp(-s * T_d);
+  const std::complex<double> s(0, omega), delay = math::exp(-s * T_d);
   const std::complex<double> Z = R_s + s * L_q + K_pp * K_iq * delay;
   return 1.0 / (J * s + B + K_t * K_pp * delay * (K_omega + K_p / s) / Z);
 }
@@ -125,7 +126,7 @@ void AngleDomain::begin_block(double theta_m, double omega_m_ref) {
 }
 
 void AngleDomain::measure(double theta_mid, double error) {
-  const Complex z1 = std::polar(1.0, -theta_mid);
+  const Complex z1 = math::polar(1.0, -theta_mid);
   Complex z = z1;
   for (Complex& sum : sum_) {
     sum += error * T_s_ * z;
@@ -175,7 +176,7 @@ void AngleDomain::identify(const Orders& E, const std::array<double, kCompensate
     const double k = kappa_variance_[bin] / (kappa_variance_[bin] + variance);
     const Complex kappa = kappa_[bin] + k * (seen - kappa_[bin]);
     kappa_variance_[bin] = (1 - k) * kappa_variance_[bin] + 1e-4;
-    kappa_[bin] = std::polar(std::clamp(std::abs(kappa), 0.2, 5.0), std::arg(kappa));
+    kappa_[bin] = math::polar(std::clamp(std::abs(kappa), 0.2, 5.0), math::arg(kappa));
   }
 }
 
@@ -201,7 +202,7 @@ double AngleDomain::output(double theta_m, double omega_m_ref) {
     for (int N = 1; N <= kCompensatedOrders; ++N)
       g_[static_cast<std::size_t>(N - 1)] = loop_.voltage_for_torque(N * omega_m_ref);
   }
-  const Complex z1 = std::polar(1.0, theta_m + omega_m_ref * loop_.T_d);
+  const Complex z1 = math::polar(1.0, theta_m + omega_m_ref * loop_.T_d);
   Complex z = z1;
   double u = 0;
   for (int i = 0; i < p_.highest_order; ++i) {

@@ -34,6 +34,8 @@ class Controller {
   virtual Command step(const ControllerInput& in) = 0;
   // Other known effects (used_in = "model" or "both"), from the next step on; the state is kept.
   virtual void know(const Effects& /*model_effects*/) {}
+  // Another profile of controller.compensation, from the next step on.
+  virtual void follow_compensation(const Profile& /*compensation*/) {}
   // The mode change of the last step, if there was one.
   virtual ControllerEvent take_event() { return {}; }
   // Parameters learnt while running, as TOML tables for a drive file; "" where there are none.

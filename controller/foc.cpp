@@ -22,8 +22,7 @@ Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
       current_d_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_d)),
       current_q_(current_pi(kTwoPi * parameters.current_bandwidth, machine_.R_s, machine_.L_q)),
       field_weakening_(parameters.field_weakening, machine_, parameters.i_max, config.T_s()),
-      startup_(parameters.startup, config.start == Start::kAlignIf, config.T_s()),
-      synchronism_(parameters.synchronism, machine_, config.T_s()) {
+      startup_(parameters.startup, config.start == Start::kAlignIf, config.T_s()) {
   if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
   know(config.model_effects());
 }
@@ -151,15 +150,6 @@ void Foc::hand_over(const ControllerInput& in, const Frame& frame, double theta_
   omega_m_ref_ = frame.omega_m;
   speed_.preset(I_s - load_current(in, frame));
   speed_ticks_ = 0;
-  synchronism_.reset();
-}
-
-bool Foc::synchronism_lost(const ControllerInput& in, const Frame& frame) {
-  if (angle_source_ != AngleSource::kEstimate || !p_.synchronism.watch) return false;
-  const Measurement& m = in.measurement;
-  const double omega_e = machine_.n_p * frame.omega_m;
-  return synchronism_.lost(in.estimate, park(clarke(m.i_abc), frame.theta_e),
-                           park(m.u_alphabeta, frame.theta_e - 0.5 * T_s_ * omega_e), omega_e);
 }
 
 Mode Foc::advance_mode(const ControllerInput& in, Frame& frame) {
@@ -172,12 +162,7 @@ Mode Foc::advance_mode(const ControllerInput& in, Frame& frame) {
   } else if (drive.mode == Mode::kAlign || drive.mode == Mode::kIfRamp) {
     frame = {drive.theta_e, drive.omega_e / machine_.n_p, frame.theta_m};
   }
-  if (drive.mode != Mode::kRun || !synchronism_lost(in, frame)) return drive.mode;
-  startup_.stop();
-  event_ = {Reason::kLostSynchronism, synchronism_.by_emf()
-                                          ? "the EMF does not agree with the estimate: zero voltage"
-                                          : "the innovations are too large: zero voltage"};
-  return Mode::kSafe;
+  return drive.mode;
 }
 
 Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {

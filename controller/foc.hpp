@@ -17,7 +17,7 @@
 // takes over the difference. The voltage is
 // turned to the stationary frame with the angle that the rotor has when the voltage acts.
 // The currents are the measured ones, turned with the estimated angle. start = "align_if":
-// controller/startup.hpp. Lost synchronism: controller/synchronism.hpp.
+// controller/startup.hpp. Lost synchronism: controller/watched.hpp.
 // A tick with a measurement or an estimate that is not finite repeats the last command and changes
 // no state.
 #pragma once
@@ -65,6 +65,9 @@ class Foc final : public Controller {
   Command step(const ControllerInput& in) override;
   ControllerEvent take_event() override;
   void know(const Effects& model_effects) override;
+  void follow_compensation(const Profile& compensation) override {
+    choice_.compensation = compensation;
+  }
 
  private:
   struct Frame {
@@ -77,7 +80,6 @@ class Foc final : public Controller {
   // Voltage of mode c.mode in the frame of c; fills in c.i_dq_ref.
   Vec2 voltage(const ControllerInput& in, const Frame& frame, Command& c);
   void hand_over(const ControllerInput& in, const Frame& frame, double theta_e_forced);
-  bool synchronism_lost(const ControllerInput& in, const Frame& frame);
   void speed_loop(const ControllerInput& in, const Frame& frame);
   Vec2 predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                               const Vec2& u_dq) const;
@@ -92,14 +94,13 @@ class Foc final : public Controller {
   const FocParameters p_;
   Effects effects_, on_voltage_;
   const AngleSource angle_source_;
-  const ControllerChoice choice_;
+  ControllerChoice choice_;
   const double T_s_, advance_s_, slew_rate_, lead_s_;
   MechanicalAngle mechanical_angle_;
   Compensation compensation_;
   Pi speed_, current_d_, current_q_;
   FieldWeakening field_weakening_;
   Startup startup_;
-  Synchronism synchronism_;
   double omega_m_ref_ = 0;
   int speed_ticks_ = 0;              // since the speed loop's last step
   Vec2 i_dq_wanted_ = Vec2::Zero();  // of the speed loop, before field weakening

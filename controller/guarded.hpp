@@ -18,6 +18,9 @@ class Guarded final : public Controller {
   std::string_view kind() const override { return inner_->kind(); }
   Command step(const ControllerInput& in) override;
   void know(const Effects& model_effects) override { inner_->know(model_effects); }
+  void follow_compensation(const Profile& compensation) override {
+    inner_->follow_compensation(compensation);
+  }
   ControllerEvent take_event() override;
   std::string learnt() const override { return inner_->learnt(); }
 

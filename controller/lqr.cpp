@@ -75,9 +75,9 @@ Lqr::Lqr(const DriveConfig& config, const LqrParameters& parameters, const LqrDe
       forced_(machine_, i_start(parameters), config.rates.f_s_Hz / 25, config.T_s()),
       share_(
           std::min(1.0, T_s_ * (machine_.R_s + design.K_pp * design.q.K[0]) / (5 * machine_.L_q))),
+      flying_(config.start == Start::kFlying),
       compensation_(config.controller.compensation_at(0)) {
   pending_.fill(Vec2::Zero());
-  if (config.start == Start::kFlying) omega_m_ref_ = config.omega_m_start();
   know(config.model_effects());
 }
 
@@ -146,8 +146,7 @@ Vec2 Lqr::law_without_integrals(const State& x, double T_o) const {
   return {u_d, u_q};
 }
 
-void Lqr::hand_over(const State& x, double theta_e_forced, double T_o) {
-  const Vec2 u = rotate(u_forced_, theta_e_forced - x.theta_e) / K_pp_;
+void Lqr::take_over(const ControllerInput& in, const State& x, const Vec2& u, double T_o) {
   i_q_slow_ = x.i_dq[1];
   i_d_ref_ = x.i_dq[0];
   omega_m_ref_ = x.omega_m;
@@ -156,6 +155,15 @@ void Lqr::hand_over(const State& x, double theta_e_forced, double T_o) {
   p_id_ = integral[0] / K_d_[1];
   p_omega_ = integral[1] / K_q_[2];
   u_awu_.setZero();
+  i_d_handover_ = 0;
+  i_d_handover_ = i_d_ref_ - i_d_wanted(in);
+}
+
+Vec2 Lqr::holding_voltage(const State& x) const {
+  const double omega_e = machine_.n_p * x.omega_m;
+  return Vec2(machine_.R_s * x.i_dq[0] - omega_e * machine_.L_q * x.i_dq[1],
+              machine_.R_s * x.i_dq[1] + omega_e * (machine_.L_d * x.i_dq[0] + machine_.psi_f)) /
+         K_pp_;
 }
 
 Vec2 Lqr::control_law(const State& x, double T_o) {
@@ -220,11 +228,11 @@ Mode Lqr::advance_mode(const ControllerInput& in, const State& x, double T_o) {
   drive_ = startup_.step(in.estimate, machine_.n_p * in.estimate.omega_m,
                          in.reference.omega_m_ref < 0 ? -1.0 : 1.0);
   if (drive_.mode != before) event_ = mode_change(drive_.mode);
-  if (drive_.handed_over) {
-    hand_over(x, drive_.theta_e, T_o);
-    const double i_d = i_d_ref_;
-    i_d_handover_ = i_d - i_d_wanted(in);
-  }
+  if (drive_.handed_over)
+    take_over(in, x, rotate(u_forced_, drive_.theta_e - x.theta_e) / K_pp_, T_o);
+  else if (flying_)
+    take_over(in, x, holding_voltage(x), T_o);
+  flying_ = false;
   return drive_.mode;
 }
 

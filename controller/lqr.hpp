@@ -41,7 +41,11 @@
 //
 // start = "align_if" (controller/startup.hpp): at the hand-over p_id and p_omega take the values with
 // which the law asks for the voltage of the ramp, in the axes of the estimate; the i_d of the ramp
-// fades within t_fade_s.
+// fades within t_fade_s. start = "flying": the same at the first tick, with the voltage that holds
+// the present currents at the present speed,
+//
+//   u_d = [R_s i_d - n_p omega_m L_q i_q]/K_pp
+//   u_q = [R_s i_q + n_p omega_m (L_d i_d + psi_f)]/K_pp
 //
 // Current limit (MPAC), with i_d, i_q at the instant at which the voltage of this tick begins to
 // act, predicted through the voltages that are still on their way:
@@ -67,6 +71,7 @@
 #include "controller/lqr_design.hpp"
 #include "controller/mechanical_angle.hpp"
 #include "controller/startup.hpp"
+#include "controller/synchronism.hpp"
 
 namespace twinrate {
 
@@ -76,6 +81,7 @@ struct LqrParameters {
   CurrentAngle current_angle = CurrentAngle::kReference;
   FieldWeakeningParameters field_weakening;
   StartupParameters startup;
+  SynchronismParameters synchronism;
   AngleDomainParameters angle_domain;
   void fields(FieldVisitor& f) {
     design.fields(f);
@@ -87,6 +93,7 @@ struct LqrParameters {
              "i_d = reference.i_d_A, or maximum torque per ampere (plus reference.i_d_A)");
     field_weakening.fields(f);
     f.table("startup", [&](FieldVisitor& sub) { startup.fields(sub); });
+    f.table("synchronism", [&](FieldVisitor& sub) { synchronism.fields(sub); });
     f.table("angle_domain", [&](FieldVisitor& sub) { angle_domain.fields(sub); });
   }
 };
@@ -97,6 +104,9 @@ class Lqr final : public Controller {
   std::string_view kind() const override { return "lqr"; }
   Command step(const ControllerInput& in) override;
   void know(const Effects& model_effects) override;
+  void follow_compensation(const Profile& compensation) override {
+    compensation_choice_.compensation = compensation;
+  }
   ControllerEvent take_event() override;
   std::string learnt() const override;
 
@@ -108,7 +118,9 @@ class Lqr final : public Controller {
   State state_of(const ControllerInput& in);
   // The mode of this tick; hands over, or gives `u` in the forced axes of `theta_e`.
   Mode advance_mode(const ControllerInput& in, const State& x, double T_o);
-  void hand_over(const State& x, double theta_e_forced, double T_o);
+  // p_id and p_omega with which the law asks for `u` (normalised) now; the i_d of now fades.
+  void take_over(const ControllerInput& in, const State& x, const Vec2& u, double T_o);
+  Vec2 holding_voltage(const State& x) const;
   // The voltage of the ramp, or none in safe mode.
   Command forced(const ControllerInput& in, Mode mode);
   Command run(const ControllerInput& in, const State& x, double T_o);
@@ -132,7 +144,7 @@ class Lqr final : public Controller {
   const double K_pp_, R_s_K_pp_;
   double K_ff_;
   const double lead_s_;
-  const ControllerChoice compensation_choice_;
+  ControllerChoice compensation_choice_;
   const AngleSource angle_source_;
   const double T_s_, advance_s_, slew_rate_;
   const int delay_;
@@ -145,6 +157,7 @@ class Lqr final : public Controller {
   Vec2 u_forced_ = Vec2::Zero();
   double i_q_slow_ = 0, share_;  // LP(i_q), and the share of a new sample
   double i_d_handover_ = 0;      // taken over from the ramp, faded out
+  bool flying_;                  // until the first tick
   Effects known_flux_, known_voltage_;
   Compensation compensation_;
   double p_id_ = 0, p_omega_ = 0, omega_m_ref_ = 0, i_d_ref_ = 0;

@@ -5,6 +5,7 @@
 #include "model/fields.hpp"
 #include "model/frames.hpp"
 #include "model/linear_algebra.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -93,9 +94,19 @@ void analyse(AxisDesign& axis, double T_s, int delay) {
     }
 }
 
+// Element by element.
+VectorXd exponentials(VectorXd x) {
+  for (double& number : x) number = math::exp(number);
+  return x;
+}
+VectorXd logarithms(VectorXd x) {
+  for (double& number : x) number = math::log(number);
+  return x;
+}
+
 // Relative error of each gain as a function of the logarithms of the weights.
 VectorXd gain_error(const AxisDesign& axis, const VectorXd& log_Q, double T_s) {
-  const RowVectorXd K = solve(axis, log_Q.array().exp(), 1, T_s).K;
+  const RowVectorXd K = solve(axis, exponentials(log_Q), 1, T_s).K;
   return ((K.array() - axis.K.array()) / axis.K.array()).transpose();
 }
 
@@ -153,7 +164,7 @@ NearestWeights nearest_weights(const AxisDesign& axis, double T_s) {
   constexpr int kMostSteps = 200;
   constexpr double kLongest = 3, kNoNearer = 1e-8;  // a weight may be best at zero: far away
   NearestWeights nearest;
-  VectorXd log_Q = (axis.K.array().square()).log().transpose();
+  VectorXd log_Q = logarithms(axis.K.array().square().matrix().transpose());
   VectorXd error = gain_error(axis, log_Q, T_s);
   double damping = 1e-3;
   for (int i = 0; i < kMostSteps && damping < 1e12; ++i) {
@@ -168,7 +179,7 @@ NearestWeights nearest_weights(const AxisDesign& axis, double T_s) {
     if (nearer > 0) log_Q = next, error = next_error;
     if (nearer > 0 && nearer < kNoNearer) break;
   }
-  nearest.Q = log_Q.array().exp();
+  nearest.Q = exponentials(log_Q);
   nearest.K = solve(axis, nearest.Q, 1, T_s).K;
   nearest.largest_error = ((nearest.K.array() - axis.K.array()) / axis.K.array()).abs().maxCoeff();
   return nearest;

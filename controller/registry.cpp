@@ -4,17 +4,28 @@
 #include "controller/foc.hpp"
 #include "controller/lqr.hpp"
 #include "controller/scaled_tuning.hpp"
+#include "controller/watched.hpp"
 #include "core/config.hpp"
 
 namespace twinrate {
 namespace {
+
+// Only the estimate can be lost.
+template <class Parameters>
+std::unique_ptr<Controller> watched(std::unique_ptr<Controller> controller,
+                                    const DriveConfig& config, const Parameters& p) {
+  if (!p.synchronism.watch || config.controller.angle_source != AngleSource::kEstimate)
+    return controller;
+  const WatchParameters watch{.synchronism = p.synchronism, .startup = p.startup, .i_max = p.i_max};
+  return std::make_unique<Watched>(std::move(controller), config, watch);
+}
 
 class FocBuilder final : public ControllerBuilder {
  public:
   void fields(FieldVisitor& f) override { parameters_.fields(f); }
   void scale(const DriveConfig& config) override { twinrate::scale(parameters_, config); }
   std::unique_ptr<Controller> build(const DriveConfig& config) const override {
-    return std::make_unique<Foc>(config, parameters_);
+    return watched(std::make_unique<Foc>(config, parameters_), config, parameters_);
   }
 
  private:
@@ -32,7 +43,7 @@ class LqrBuilder final : public ControllerBuilder {
       if (!axis->complaints.empty())
         throw BadInput(fmt::format("controller.lqr: {} axis: {}", axis == &design.d ? "d" : "q",
                                    fmt::join(axis->complaints, "; ")));
-    return std::make_unique<Lqr>(config, parameters_, design);
+    return watched(std::make_unique<Lqr>(config, parameters_, design), config, parameters_);
   }
 
  private:

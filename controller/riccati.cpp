@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "model/linear_algebra.hpp"
+#include "model/math.hpp"
 #include "model/matrix_exponential.hpp"
 
 namespace twinrate {
@@ -85,7 +86,7 @@ std::vector<std::complex<double>> closed_loop_poles(const MatrixXd& A, const Mat
 static std::complex<double> loop_gain(const MatrixXd& A_d, const MatrixXd& B_0, const MatrixXd& K,
                                       int delay, double w_T_s) {
   const Eigen::Index n = A_d.rows();
-  const std::complex<double> z = std::polar(1.0, w_T_s);
+  const std::complex<double> z = math::polar(1.0, w_T_s);
   // In real numbers: [Re; Im].
   const MatrixXd im = z.imag() * MatrixXd::Identity(n, n),
                  re = z.real() * MatrixXd::Identity(n, n) - A_d;
@@ -93,7 +94,7 @@ static std::complex<double> loop_gain(const MatrixXd& A_d, const MatrixXd& B_0, 
   zI_A << re, -im, im, re;
   const MatrixXd x = linear::solve(zI_A, B_0);
   return std::complex(K.row(0).dot(x.col(0).head(n)), K.row(0).dot(x.col(0).tail(n))) *
-         std::pow(z, -delay);
+         math::polar(1.0, -delay * w_T_s);
 }
 
 Margins margins(const MatrixXd& A_d, const MatrixXd& B_d, const MatrixXd& K, int delay,
@@ -108,7 +109,7 @@ Margins margins(const MatrixXd& A_d, const MatrixXd& B_d, const MatrixXd& K, int
                 .phase_rad = std::numeric_limits<double>::infinity()};
   std::complex<double> before = loop_gain(A_d, B_0, K, delay, w_lo * T_s);
   for (int i = 1; i <= kPoints; ++i) {
-    const double w = w_lo * std::pow(w_hi / w_lo, static_cast<double>(i) / kPoints);
+    const double w = w_lo * math::pow(w_hi / w_lo, static_cast<double>(i) / kPoints);
     const std::complex<double> L = loop_gain(A_d, B_0, K, delay, w * T_s);
     // Through the negative real axis.
     if (L.real() < 0 && before.real() < 0 && L.imag() * before.imag() <= 0) {
@@ -119,7 +120,7 @@ Margins margins(const MatrixXd& A_d, const MatrixXd& B_d, const MatrixXd& K, int
     }
     // Through the unit circle.
     if ((std::abs(L) - 1) * (std::abs(before) - 1) <= 0) {
-      const double phase = std::abs(std::arg(-L));
+      const double phase = std::abs(math::arg(-L));
       if (phase < found.phase_rad) found.phase_rad = phase, found.crossover_rad_s = w;
     }
     before = L;

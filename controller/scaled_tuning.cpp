@@ -58,6 +58,11 @@ void scale_deviations(LqrDesignParameters& p, const PerUnit& base, int n_p) {
   for (int i = 0; i < 3; ++i) p.Q_q[i] = 1 / (p.deviation_q[i] * p.deviation_q[i]);
 }
 
+void scale(SynchronismParameters& p, const PerUnit& base) {
+  p.innovation = 8.2e-3 * base.i;
+  p.omega_e_min = 0.12 * base.omega_e;
+}
+
 }  // namespace
 
 void scale(FocParameters& p, const DriveConfig& c) {
@@ -66,8 +71,7 @@ void scale(FocParameters& p, const DriveConfig& c) {
   p.speed_bandwidth = speed_bandwidth(c, p.current_bandwidth);
   p.i_max = kOverload * base.i;
   scale(p.startup, c, p.i_max);
-  p.synchronism.innovation = 8.2e-3 * base.i;
-  p.synchronism.omega_e_min = 0.12 * base.omega_e;
+  scale(p.synchronism, base);
 }
 
 void scale(LqrParameters& p, const DriveConfig& c) {
@@ -84,6 +88,7 @@ void scale(LqrParameters& p, const DriveConfig& c) {
   p.design.bandwidth_q_Hz[2] = speed / 2;
   p.i_max = kOverload * base_of(c).i;
   scale(p.startup, c, p.i_max);
+  scale(p.synchronism, base_of(c));
 }
 
 }  // namespace twinrate

@@ -47,8 +47,6 @@ class Startup {
   };
   Drive step(const Estimate& e, double omega_e_hat, double direction);
   Mode mode() const { return mode_; }
-  // Safe mode from now on.
-  void stop() { mode_ = Mode::kSafe; }
 
  private:
   StartupParameters p_;

@@ -1,6 +1,7 @@
 #include "estimator/backemf_filter.hpp"
 
 #include "model/discretise_exact.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
@@ -28,7 +29,7 @@ Eigen::Matrix4d BackEmfFilter::A(double omega_e) const {
 BackEmfFilter::Covariance BackEmfFilter::transition(double omega_e) const {
   Eigen::Matrix4d Phi = Eigen::Matrix4d::Identity() + T_s_ * A(omega_e);
   if (rotation_ == Rotation::kExact) {
-    const double c = std::cos(omega_e * T_s_), s = std::sin(omega_e * T_s_);
+    const auto [s, c] = math::sincos(omega_e * T_s_);
     Phi.bottomRightCorner<2, 2>() << c, -s, s, c;
   }
   return Phi;

@@ -51,11 +51,9 @@ inline Gain first_gain(std::span<const double> P0_diag, int n_y) {
   return gain;
 }
 
-// The gain message of a snapshot; where it would not be finite the previous one is kept.
+// Makes `gain` that of a snapshot; where it would not be finite K and P are kept.
 template <class GainMatrix, class Covariance>
-Gain gain_of_snapshot(const Gain& previous, const Estimate& snapshot, const GainMatrix& K,
-                      const Covariance& P) {
-  Gain gain = previous;
+void set_gain(Gain& gain, const Estimate& snapshot, const GainMatrix& K, const Covariance& P) {
   gain.k = snapshot.k;
   gain.t_ns = snapshot.t_ns;
   gain.n_x = static_cast<int>(K.rows());
@@ -64,6 +62,12 @@ Gain gain_of_snapshot(const Gain& previous, const Estimate& snapshot, const Gain
     gain.K.topLeftCorner(K.rows(), K.cols()) = K;
     gain.P.topLeftCorner(P.rows(), P.cols()) = P;
   }
+}
+template <class GainMatrix, class Covariance>
+Gain gain_of_snapshot(const Gain& previous, const Estimate& snapshot, const GainMatrix& K,
+                      const Covariance& P) {
+  Gain gain = previous;
+  set_gain(gain, snapshot, K, P);
   return gain;
 }
 

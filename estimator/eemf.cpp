@@ -1,6 +1,7 @@
 #include "estimator/eemf.hpp"
 
 #include "model/discretise_exact.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
@@ -67,7 +68,7 @@ Eemf::Covariance Eemf::jacobian(const State& x) const {
   F.row(0) << 1 - a, -s * omega_e, -b, 0, -s * x[1];
   F.row(1) << s * omega_e, 1 - a, 0, -b, s * x[0];
   if (rotation_ == Rotation::kExact) {
-    const double cosine = std::cos(omega_e * T_s_), sine = std::sin(omega_e * T_s_);
+    const auto [sine, cosine] = math::sincos(omega_e * T_s_);
     const Vec2 e = rotate(x.segment<2>(2), omega_e * T_s_);
     F.row(2) << 0, 0, cosine, -sine, -T_s_ * e[1];
     F.row(3) << 0, 0, sine, cosine, T_s_ * e[0];
@@ -101,7 +102,7 @@ void Eemf::align(FastState& state, double) const {
 void Eemf::describe(const FastState& state, const Measurement&, Estimate& e) const {
   const Vec2 e_ex = state.x_hat.segment<2>(2);
   const double direction = state.x_hat[4] < 0 ? -1 : 1;
-  e.theta_e = wrap_turn(std::atan2(-direction * e_ex[0], direction * e_ex[1]));
+  e.theta_e = wrap_turn(math::atan2(-direction * e_ex[0], direction * e_ex[1]));
   e.omega_m = state.x_hat[4] / machine_.n_p;
   e.i_dq = park(state.x_hat.head<2>(), e.theta_e);
 }

@@ -53,13 +53,8 @@ class Ekf : public Filter {
 
   explicit Ekf(const EkfTuning<NX, NY>& tuning) : tuning_(tuning) {}
 
-  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const final {
-    const State x_prior = prior(state, m);
-    const Output innov = innovation(x_prior, m);
-    const State x = x_prior + gain.K.template topLeftCorner<NX, NY>() * innov;
-    const Correction correction = take_over(state, wrapped(x), wrapped(x_prior), innov);
-    remember(state, x_prior, m, correction.status == 0);
-    return correction;
+  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override {
+    return fast_step_of(*this, state, m, gain);
   }
 
   void predict_over_gap(FastState& state, const Measurement& last) const final {
@@ -80,6 +75,25 @@ class Ekf : public Filter {
   Gain initial_gain() const final { return first_gain(tuning_.P0_diag, NY); }
 
  protected:
+  // fast_step() with the equations of `f`. A filter that is final and passes itself needs no virtual
+  // call in it.
+  template <class Equations>
+  static Correction fast_step_of(const Equations& f, FastState& state, const Measurement& m,
+                                 const Gain& gain) {
+    const State x_prior = f.prior(state, m);
+    const Output innov = f.innovation(x_prior, m);
+    const State x = f.wrapped(x_prior + gain.K.template topLeftCorner<NX, NY>() * innov);
+    Correction correction;
+    if (x.allFinite()) {
+      state.x_hat.template head<NX>() = x;
+      correction.innov.template head<NY>() = innov;
+    } else {
+      correction = take_over(state, x, f.wrapped(x_prior), innov);
+    }
+    f.remember(state, x_prior, m, correction.status == 0);
+    return correction;
+  }
+
   // x^- at t_k from the state at t_{k-1}.
   virtual State prior(const FastState& state, const Measurement& m) const = 0;
   virtual Output innovation(const State& x_prior, const Measurement& m) const = 0;

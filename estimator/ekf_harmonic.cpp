@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 
+#include "model/math.hpp"
 #include "model/point_of.hpp"
 
 namespace twinrate {
@@ -60,7 +61,7 @@ EkfHarmonic::Covariance EkfHarmonic::jacobian(const State& x) const {
   for (std::size_t j = 0; j < orders_.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(4 + 2 * j);
     const double N = orders_[j];
-    const double angle = N * T_s_ * x[2], c = std::cos(angle), s = std::sin(angle);
+    const auto [s, c] = math::sincos(N * T_s_ * x[2]);
     F(2, i) = -T_s_ / machine_.J;
     F.block<2, 2>(i, i) << c, s, -s, c;  // turned by the measured angle: no d/d omega_m
   }

@@ -2,6 +2,8 @@
 
 #include <complex>
 
+#include "model/math.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -22,10 +24,10 @@ Vec2 exact_currents(const Vec2& i_now, double omega_e, double theta_e, double ps
                     const Vec2& u_alphabeta, const MachineParameters& m, double T_s) {
   using Complex = std::complex<double>;
   const Complex j(0, 1), i(i_now[0], i_now[1]), u(u_alphabeta[0], u_alphabeta[1]);
-  const double a = m.R_s / m.L_q, decay = std::exp(-a * T_s);
-  const Complex forced = (std::polar(1.0, omega_e * T_s) - decay) / (a + j * omega_e);
+  const double a = m.R_s / m.L_q, decay = math::exp(-a * T_s);
+  const Complex forced = (math::polar(1.0, omega_e * T_s) - decay) / (a + j * omega_e);
   const Complex next = decay * i + u * (1 - decay) / m.R_s -
-                       j * psi_a / m.L_q * omega_e * std::polar(1.0, theta_e) * forced;
+                       j * psi_a / m.L_q * omega_e * math::polar(1.0, theta_e) * forced;
   return {next.real(), next.imag()};
 }
 
@@ -60,7 +62,8 @@ template <int NX>
 typename EkfJoint<NX>::Drive EkfJoint<NX>::f(const Drive& x, const Vec2& u_alphabeta) const {
   const Vec2 i_dq = park(x.head<2>(), x[3]);
   const double psi_a = active_flux(i_dq[0]), T_em = machine_.torque(i_dq[0], i_dq[1]);
-  const Vec2 emf = psi_a * x[2] * Vec2(-std::sin(x[3]), std::cos(x[3]));
+  const auto [s, c] = math::sincos(x[3]);
+  const Vec2 emf = psi_a * x[2] * Vec2(-s, c);
   Drive rate;
   rate << (u_alphabeta - machine_.R_s * x.head<2>() - emf) / machine_.L_q,
       machine_.n_p / machine_.J * (T_em - x[4]), x[2], 0;
@@ -98,7 +101,8 @@ typename EkfJoint<NX>::State EkfJoint<NX>::predict(const State& x, const Vec2& u
 template <int NX>
 typename EkfJoint<NX>::Covariance EkfJoint<NX>::jacobian(const State& x) const {
   const MachineParameters& m = machine_;
-  const double omega_e = x[2], s = std::sin(x[3]), c = std::cos(x[3]), dL = m.L_d - m.L_q;
+  const double omega_e = x[2], dL = m.L_d - m.L_q;
+  const auto [s, c] = math::sincos(x[3]);
   const Vec2 i_dq = park(x.template head<2>(), x[3]);
   const double i_d = i_dq[0], i_q = i_dq[1], psi_a = active_flux(i_d);
   const double b = T_s_ / m.L_q, g = T_s_ * m.n_p / m.J, k = 1.5 * m.n_p;
@@ -116,7 +120,8 @@ typename EkfJoint<NX>::Covariance EkfJoint<NX>::jacobian(const State& x) const {
     const double turn = turn_of_pair(omega_e, 1), per_speed = turn_of_pair(1, 1);
     const Vec2 next = rotate(Vec2(x.template tail<2>()), -turn);
     F(2, 5) = -g;
-    F.template block<2, 2>(5, 5) << std::cos(turn), std::sin(turn), -std::sin(turn), std::cos(turn);
+    const auto [s_turn, c_turn] = math::sincos(turn);
+    F.template block<2, 2>(5, 5) << c_turn, s_turn, -s_turn, c_turn;
     F.template block<2, 1>(5, 2) << per_speed * next[1], -per_speed * next[0];
   }
   return F;

@@ -3,6 +3,7 @@
 #include <complex>
 
 #include "estimator/kernels/riccati_doubling.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
@@ -31,7 +32,8 @@ EkfSensorless::State eigen_state(const kernel::SensorlessState<double>& x) {
   return {x.i_alpha, x.i_beta, x.omega_e, x.theta_e};
 }
 kernel::UnitVector<double> unit_vector(double theta_e) {
-  return {std::sin(theta_e), std::cos(theta_e)};
+  const auto [s, c] = math::sincos(theta_e);
+  return {s, c};
 }
 kernel::Symmetric4<double> kernel_covariance(const Gain& gain) {
   const auto& P = gain.P;
@@ -41,9 +43,10 @@ kernel::Symmetric4<double> kernel_covariance(const Gain& gain) {
 }  // namespace
 
 EkfSensorless::State EkfSensorless::f(const State& x, const Vec2& u_alphabeta) const {
-  const double i_alpha = x[0], i_beta = x[1], omega_e = x[2], theta_e = x[3];
-  return {-a_ * i_alpha + b_ * omega_e * std::sin(theta_e) + inv_L_ * u_alphabeta[0],
-          -a_ * i_beta - b_ * omega_e * std::cos(theta_e) + inv_L_ * u_alphabeta[1], 0.0, omega_e};
+  const double i_alpha = x[0], i_beta = x[1], omega_e = x[2];
+  const auto at = unit_vector(x[3]);
+  return {-a_ * i_alpha + b_ * omega_e * at.sin + inv_L_ * u_alphabeta[0],
+          -a_ * i_beta - b_ * omega_e * at.cos + inv_L_ * u_alphabeta[1], 0.0, omega_e};
 }
 
 // With omega_e constant over the interval, i = i_alpha + j i_beta and u likewise:
@@ -53,10 +56,10 @@ static Vec2 exact_currents(const EkfSensorless::State& x, const Vec2& u_alphabet
                            double b, double inv_L, double T) {
   using Complex = std::complex<double>;
   const Complex j(0, 1), i0(x[0], x[1]), u(u_alphabeta[0], u_alphabeta[1]);
-  const double omega_e = x[2], decay = std::exp(-a * T);
-  const Complex forced = (std::polar(1.0, omega_e * T) - decay) / (a + j * omega_e);
+  const double omega_e = x[2], decay = math::exp(-a * T);
+  const Complex forced = (math::polar(1.0, omega_e * T) - decay) / (a + j * omega_e);
   const Complex i =
-      decay * i0 + inv_L * u * (1 - decay) / a - j * b * omega_e * std::polar(1.0, x[3]) * forced;
+      decay * i0 + inv_L * u * (1 - decay) / a - j * b * omega_e * math::polar(1.0, x[3]) * forced;
   return {i.real(), i.imag()};
 }
 
@@ -95,6 +98,11 @@ FastState EkfSensorless::start(const Measurement& first) const {
   return state;
 }
 
+Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
+                                    const Gain& gain) const {
+  return fast_step_of(*this, state, m, gain);
+}
+
 EkfSensorless::State EkfSensorless::prior(const FastState& state, const Measurement& m) const {
   return predict(state.x_hat.head<4>(), m.u_alphabeta);
 }
@@ -126,8 +134,8 @@ static kernel::GainAndCovariance<double> correct_covariance(
                                             : posterior_joseph(P_prior, K, R)};
 }
 
-static Gain gain_of(const Gain& previous, const Estimate& snapshot, const kernel::Gain42<double>& K,
-                    const kernel::Symmetric4<double>& P) {
+static void set_gain_of(Gain& gain, const Estimate& snapshot, const kernel::Gain42<double>& K,
+                        const kernel::Symmetric4<double>& P) {
   EkfSensorless::GainMatrix K_new;
   K_new << K.k00, K.k01, K.k10, K.k11, K.k20, K.k21, K.k30, K.k31;
   EkfSensorless::Covariance P_new;
@@ -135,14 +143,20 @@ static Gain gain_of(const Gain& previous, const Estimate& snapshot, const kernel
       P.m01, P.m11, P.m12, P.m13,       //
       P.m02, P.m12, P.m22, P.m23,       //
       P.m03, P.m13, P.m23, P.m33;
-  return gain_of_snapshot(previous, snapshot, K_new, P_new);
+  set_gain(gain, snapshot, K_new, P_new);
+}
+
+void EkfSensorless::update_gain(Gain& gain, const Estimate& snapshot) const {
+  const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
+  const auto P_prior = propagate(constants_, F, kernel_covariance(gain), tuning().Q_diag);
+  const auto [K, P] = correct_covariance(tuning().form, P_prior, tuning().R_diag);
+  set_gain_of(gain, snapshot, K, P);
 }
 
 Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapshot) const {
-  const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
-  const auto P_prior = propagate(constants_, F, kernel_covariance(previous), tuning().Q_diag);
-  const auto [K, P] = correct_covariance(tuning().form, P_prior, tuning().R_diag);
-  return gain_of(previous, snapshot, K, P);
+  Gain gain = previous;
+  update_gain(gain, snapshot);
+  return gain;
 }
 
 Estimate EkfSensorless::ahead(const Estimate& snapshot, double ticks) const {
@@ -162,10 +176,9 @@ std::optional<Estimate> EkfSensorless::steady_state(double omega_m) const {
 // In rotor axes P is turned back by omega_e T_s before each step, so F becomes F T(-omega_e T_s).
 Gain EkfSensorless::background_steps(const Gain& gain, double omega_m, int ticks) const {
   const Estimate at = *steady_state(omega_m);
-  const double turned = at.x_hat[2] * T_s_;
+  const auto [s, c] = math::sincos(at.x_hat[2] * T_s_);
   Covariance back = Covariance::Identity();
-  back.topLeftCorner<2, 2>() << std::cos(turned), std::sin(turned), -std::sin(turned),
-      std::cos(turned);
+  back.topLeftCorner<2, 2>() << c, s, -s, c;
   kernel::RiccatiMap<4> map{jacobian(at.x_hat.head<4>()) * back, Covariance::Zero(),
                             Eigen::Map<const State>(tuning().Q_diag).asDiagonal()};
   map.G.diagonal().head<2>() << 1 / tuning().R_diag[0], 1 / tuning().R_diag[1];
@@ -176,7 +189,9 @@ Gain EkfSensorless::background_steps(const Gain& gain, double omega_m, int ticks
   later.P.topLeftCorner<4, 4>() = P_prior;
   const auto [K, P_posterior] =
       correct_covariance(tuning().form, kernel_covariance(later), tuning().R_diag);
-  return gain_of(gain, at, K, P_posterior);
+  later = gain;
+  set_gain_of(later, at, K, P_posterior);
+  return later;
 }
 
 }  // namespace twinrate

@@ -65,8 +65,10 @@ class EkfSensorless final : public Ekf<4, 2> {
 
   std::string_view kind() const override { return "ekf_sensorless"; }
   FastState start(const Measurement& first) const override;
+  Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
   void align(FastState& state, double theta_e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  void update_gain(Gain& gain, const Estimate& snapshot) const override;
   int turning_pairs() const override { return 1; }
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
@@ -79,6 +81,7 @@ class EkfSensorless final : public Ekf<4, 2> {
   Covariance jacobian(const State& x) const;  // I + F_c T_s
 
  private:
+  friend Ekf;
   State prior(const FastState& state, const Measurement& m) const override;
   Output innovation(const State& x_prior, const Measurement& m) const override;
   State wrapped(const State& x) const override;

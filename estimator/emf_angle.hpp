@@ -29,6 +29,7 @@
 
 #include "model/fields.hpp"
 #include "model/frames.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
@@ -81,7 +82,7 @@ inline EmfAngle emf_angle_step(EmfAngle s, const EmfAngleParameters& p, const Ve
                                double psi, double T_s) {
   if (++s.ticks < p.divider) return s;
   const double T_est = p.divider * T_s, aT = kTwoPi * p.lowpass_Hz * T_est;
-  const double theta_emf = std::atan2(-e_alphabeta[0], e_alphabeta[1]);
+  const double theta_emf = math::atan2(-e_alphabeta[0], e_alphabeta[1]);
   const double change = wrap_pi(theta_emf - s.theta_emf);
   const double direction = change < 0 ? -1 : 1;
   const double theta_hat = direction < 0 ? theta_emf + kPi : theta_emf;

@@ -13,6 +13,7 @@
 #include <string_view>
 
 #include "estimator/emf_angle.hpp"
+#include "estimator/gain_slots.hpp"
 #include "estimator/known_effects.hpp"
 #include "model/signals.hpp"
 
@@ -61,6 +62,8 @@ class Filter {
   Measurement seen(const Measurement& m, const Estimate& last, const Measurement& before) const {
     return known_.none() ? m : known_.seen(m, last, before);
   }
+  // seen() changes nothing.
+  bool sees_all() const { return known_.none(); }
   void know(const KnownEffects& known) { known_ = known; }
 
   // T_load of the output is an estimate, not 0.
@@ -69,6 +72,10 @@ class Filter {
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
+  // The same in place: a filter that overrides it saves two copies of a Gain, 6 kB each.
+  virtual void update_gain(Gain& gain, const Estimate& snapshot) const {
+    copy_gain(gain, background_step(gain, snapshot));
+  }
 
   // Properties of the filter for the gain policies. The defaults are those of a filter in rotor
   // axes whose gain does not depend on the angle.

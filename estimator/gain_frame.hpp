@@ -11,13 +11,14 @@
 #pragma once
 #include <cmath>
 
+#include "model/math.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
 
 class GainFrame {
  public:
-  GainFrame(int pairs, double angle) : pairs_(pairs), c_(std::cos(angle)), s_(std::sin(angle)) {}
+  GainFrame(int pairs, double angle) : GainFrame(pairs, math::sincos(angle)) {}
 
   void turn_gain(Gain& gain) const {
     if (pairs_ == 0) return;
@@ -36,6 +37,7 @@ class GainFrame {
   }
 
  private:
+  GainFrame(int pairs, const math::SinCos& at) : pairs_(pairs), c_(at.cos), s_(at.sin) {}
   template <class Matrix>
   void turn_rows(Matrix& m) const {
     for (int pair = 0; pair < pairs_; ++pair) {

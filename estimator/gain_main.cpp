@@ -18,12 +18,20 @@ namespace {
 
 class GainProcess {
  public:
-  explicit GainProcess(Process& p) : p_(p), background_(make_background_loop(p.config())) {
+  explicit GainProcess(Process& p)
+      : p_(p), background_(make_background_loop(p.config())), rates_(rate_history(p.config())) {
+    if (has_background(p.drive().gain.policy)) p.bus().want_estimates(p.drive().background_rate());
+    want_snapshots();
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
-    p.on_new_model([this](Config& extended, std::int64_t k) {
-      coming_.emplace_back(k, make_filter(extended));
-    });
+    p.on_new_model([this](Config& extended,
+                          std::int64_t k) { coming_.emplace_back(k, make_filter(extended)); },
+                   [](Config& extended) { make_filter(extended); });
+    p.on_steering({.follow = [this](const SteeredDrive& now) {
+      rates_ = now.rates();
+      background_.follow(rates_.changes());
+      want_snapshots();
+    }});
     p.waiting_for([this] {
       return Waiting{fmt::format("snapshot ESTIMATE({})", next_k()), Patience::kForSnapshot,
                      Role::kEstimator};
@@ -35,11 +43,20 @@ class GainProcess {
   }
 
  private:
+  void want_snapshots() {
+    for (const RateChange& change : rates_.changes()) p_.bus().want_estimates(change.rate());
+  }
   std::int64_t last_k() const { return background_.last().k; }
-  std::int64_t next_k() const { return background_.next_k(); }
+  // After a policy without background: the change to one that has it.
+  std::int64_t next_k() const {
+    std::int64_t k = background_.next_k();
+    for (const RateChange& change : rates_.changes())
+      if (change.k > k && !has_background(rates_.policy_at(k))) k = change.k;
+    return k;
+  }
   void take(const Estimate& e) {
-    if (!has_background(p_.drive().gain.policy)) return p_.progress(e.k);
-    if (!p_.drive().sends_gain(e)) return;
+    if (!has_background(rates_.policy_at(e.k))) return p_.progress(e.k);
+    if (!rates_.sends_gain(e.k, e.status)) return;
     if (e.k == last_k()) {
       ++p_.status().duplicates;
       p_.bus().publish(to_wire(background_.last(), p_.bus().session()));
@@ -61,6 +78,7 @@ class GainProcess {
 
   Process& p_;
   BackgroundLoop background_;
+  RateHistory rates_;
   std::deque<std::pair<std::int64_t, std::shared_ptr<const Filter>>> coming_;  // by first tick
 };
 

@@ -29,8 +29,10 @@ inline void copy_gain(Gain& to, const Gain& from) {
   to.t_ns = from.t_ns;
   to.first_use = from.first_use;
   to.theta_e = from.theta_e;
-  to.K.topLeftCorner(from.n_x, from.n_y) = from.K.topLeftCorner(from.n_x, from.n_y);
-  to.P.topLeftCorner(from.n_x, from.n_x) = from.P.topLeftCorner(from.n_x, from.n_x);
+  for (int col = 0; col < from.n_y; ++col)
+    for (int row = 0; row < from.n_x; ++row) to.K(row, col) = from.K(row, col);
+  for (int col = 0; col < from.n_x; ++col)
+    for (int row = 0; row < from.n_x; ++row) to.P(row, col) = from.P(row, col);
   to.n_speeds = from.n_speeds;
   std::copy_n(from.at_speed.begin(), from.n_speeds, to.at_speed.begin());
 }

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "core/steering.hpp"
 #include "estimator/propagated_gain.hpp"
 
 namespace twinrate {
@@ -16,12 +17,19 @@ std::shared_ptr<const Filter> make_filter(Config& config) {
   config.read_table("estimator." + kind, [&](FieldVisitor& f) { builder->fields(f); });
   const DriveConfig& drive = config.drive();
   const std::shared_ptr<Filter> filter = builder->build(drive);
-  filter->know({drive.model_effects(), drive.machine, drive.sensors.current_sensors, drive.T_s()});
+  filter->know(known_effects(drive));
   return filter;
 }
 
+KnownEffects known_effects(const DriveConfig& drive) {
+  return {drive.model_effects(), drive.machine, drive.sensors.current_sensors, drive.T_s()};
+}
+
 void require_policy(const Config& config, const Filter& filter) {
-  const GainPolicy policy = config.drive().gain.policy;
+  require_policy(config, filter, config.drive().gain.policy);
+}
+
+void require_policy(const Config& config, const Filter& filter, GainPolicy policy) {
   if (!has_background(policy) && !filter.steady_state(0))
     throw BadInput(
         fmt::format("{}: gain.policy: scheduled needs a filter with a steady state, {} "
@@ -34,25 +42,48 @@ void require_policy(const Config& config, const Filter& filter) {
                     config.where("gain.policy"), filter.kind()));
 }
 
-FastLoop make_fast_loop(Config& config, bool fall_back) {
+std::string compensation_needs(Compensation wanted, const DriveConfig& drive,
+                               const Filter& filter) {
+  if (wanted == Compensation::kLoad || wanted == Compensation::kPaper)
+    return filter.estimates_load()
+               ? ""
+               : fmt::format("an estimator.kind that estimates the load, {} does not",
+                             drive.estimator.kind);
+  if (wanted != Compensation::kAngleDomain) return "";
+  if (drive.controller.kind != "lqr") return "controller.kind = lqr";
+  const bool measured = drive.controller.angle_source != AngleSource::kEstimate ||
+                        filter.output({}, {}).status & kMeasuredAngle;
+  return measured ? "" : "a measured angle: estimator.kind = ekf_disturbance or ekf_harmonic";
+}
+
+FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make) {
   const DriveConfig& drive = config.drive();
-  const auto filter = make_filter(config);
+  const auto filter = make(config);
   require_policy(config, *filter);
   ScheduleUse use;
   if (fall_back)
     use.max_age_ticks = drive.gain.max_age_ticks > 0 ? drive.gain.max_age_ticks : 4 * drive.rates.n;
-  const bool scheduled = !has_background(drive.gain.policy);
+  const std::vector<RateChange> changes = rate_history(config).changes();
+  bool scheduled = !has_background(drive.gain.policy);
+  for (const RateChange& change : changes) {
+    require_policy(config, *filter, change.policy);
+    scheduled = scheduled || !has_background(change.policy);
+  }
   if (fall_back || scheduled) use.schedule = GainSchedule::build(*filter, drive.omega_m_limit());
   std::optional<Agreement> agreement;
   if (drive.locks_first())
     agreement.emplace(drive.machine, filter->turning_pairs() > 0, drive.T_s());
-  return {filter, drive.gain.policy, drive.background_rate(), std::move(use), agreement};
+  FastLoop fast(filter, drive.gain.policy, drive.background_rate(), std::move(use), agreement);
+  fast.follow(changes);
+  return fast;
 }
 
-BackgroundLoop make_background_loop(Config& config) {
+BackgroundLoop make_background_loop(Config& config, const MakeFilter& make) {
   const DriveConfig& drive = config.drive();
-  return {make_filter(config), drive.gain.policy, drive.background_rate(),
-          drive.gain.speed_span / drive.machine.n_p};
+  BackgroundLoop background(make(config), drive.gain.policy, drive.background_rate(),
+                            drive.gain.speed_span / drive.machine.n_p);
+  background.follow(rate_history(config).changes());
+  return background;
 }
 
 }  // namespace twinrate

@@ -1,5 +1,7 @@
 // The filter that a drive file asks for, with its own table read, and the two halves around it.
 #pragma once
+#include <functional>
+
 #include "core/config.hpp"
 #include "estimator/registry.hpp"
 #include "estimator/two_rate.hpp"
@@ -9,13 +11,23 @@ namespace twinrate {
 // Throws BadInput where the kind or a key of its table is unknown.
 std::shared_ptr<const Filter> make_filter(Config& config);
 
+// The effects that a filter of this drive compensates before its equations.
+KnownEffects known_effects(const DriveConfig& drive);
+
+// A way to make the filter: make_filter, or that of an own one.
+using MakeFilter = std::function<std::shared_ptr<const Filter>(Config&)>;
+
 // Throws BadInput where the filter cannot run the drive's gain policy.
 void require_policy(const Config& config, const Filter& filter);
+void require_policy(const Config& config, const Filter& filter, GainPolicy policy);
+
+// "" where filter and controller of the drive can do this compensation, else what it needs.
+std::string compensation_needs(Compensation wanted, const DriveConfig& drive, const Filter& filter);
 
 // `fall_back`: a background that falls silent is replaced by the table over speed (realtime). The
 // table is computed here. Throws BadInput where policy `scheduled` is asked for and the filter has
 // no table.
-FastLoop make_fast_loop(Config& config, bool fall_back);
-BackgroundLoop make_background_loop(Config& config);
+FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make = make_filter);
+BackgroundLoop make_background_loop(Config& config, const MakeFilter& make = make_filter);
 
 }  // namespace twinrate

@@ -19,7 +19,7 @@
 #include <limits>
 #include <memory>
 
-#include "core/rates.hpp"
+#include "core/rate_history.hpp"
 #include "estimator/agreement.hpp"
 #include "estimator/filter.hpp"
 #include "estimator/gain_schedule.hpp"
@@ -49,21 +49,29 @@ class FastLoop {
   void reset();
   void take_gain(const Gain& gain) { gains_.push(gain); }
   // The same filter with other known effects, from the next tick on; estimates and gains are kept.
-  void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
+  void exchange(std::shared_ptr<const Filter> filter);
+  // Rate and policy change at these ticks; those up to the last tick must be as they were. A
+  // schedule is needed where one of the policies is `scheduled`.
+  void follow(std::vector<RateChange> changes, std::shared_ptr<const GainSchedule> schedule = {});
   // True when the gain that tick k plans to use is here (or none is planned yet).
   bool gain_ready(std::int64_t k) const;
   // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
   // filter starts again from this sample). A late gain is replaced by the newest older one, a gain
   // that is too old by the table; status reports both. A sample without any sensor's reading
-  // (signals) is predicted over in the same way, under its own voltage.
-  Estimate tick(const Measurement& m);
+  // (signals) is predicted over in the same way, under its own voltage. The returned estimate is
+  // valid until the next tick.
+  const Estimate& tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }
-  // As it is known after the last tick.
+  // As they are known after the last tick.
   BackgroundRate rate() const { return rate_; }
+  GainPolicy policy() const { return policy_; }
+  // The rate that tick k had, up to one change back.
+  BackgroundRate rate_at(std::int64_t k) const { return k < changed_k_ ? rate_before_ : rate_; }
   static constexpr std::int64_t kMaxGap = 50;
 
  private:
+  const Estimate& tick_as_seen(const Measurement& m);
   // The gain of tick k; adds to `status`.
   const Gain& choose_gain(std::int64_t k, int& status);
   bool too_old(const Gain& gain, std::int64_t k) const;
@@ -74,16 +82,21 @@ class FastLoop {
   Correction correct(Measurement& m, const Gain& gain, int& status);
   // Adds kGainEveryTick; after an agreement the next multiple of n begins the slow rate.
   void watch_agreement(Estimate& e, const Measurement& m);
+  // The changes up to tick k, after its gain was chosen.
+  void change_rate(std::int64_t k);
 
   std::shared_ptr<const Filter> filter_;
-  GainPolicy policy_;
-  BackgroundRate rate_;
+  GainPolicy policy_, first_policy_;
+  BackgroundRate rate_, first_rate_, rate_before_;
+  std::vector<RateChange> changes_;
+  std::size_t next_change_ = 0;
+  std::int64_t changed_k_ = -1;  // of the last change that was made
   ScheduleUse schedule_use_;
   std::optional<Agreement> agreement_;
   FastState state_;
   GainSlots gains_;
   Gain made_;                         // turned, or from the table
-  Measurement last_, last_measured_;  // as the filter sees it; as it came
+  Measurement last_, last_measured_;  // as the filter sees it; as it came, where that differs
   Estimate last_estimate_;
   std::int64_t k0_ = 0;  // first sample of the session: snapshots count from here
 };
@@ -101,12 +114,19 @@ class BackgroundLoop {
   std::int64_t next_k() const { return gain_.k < 0 ? 0 : gain_.k + n_last_; }
   // As FastLoop::exchange, from the next snapshot on.
   void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
+  // As FastLoop::follow.
+  void follow(std::vector<RateChange> changes);
   const Gain& last() const { return gain_; }
 
  private:
+  // Makes the changes up to this snapshot; true where there were some.
+  bool change_rate(std::int64_t k);
+
   std::shared_ptr<const Filter> filter_;
-  GainPolicy policy_;
-  BackgroundRate rate_;
+  GainPolicy policy_, first_policy_;
+  BackgroundRate rate_, first_rate_;
+  std::vector<RateChange> changes_;
+  std::size_t next_change_ = 0;
   double span_omega_m_;
   Gain gain_;
   int n_last_ = 1;             // ticks from the last snapshot to the next

@@ -65,6 +65,19 @@ TEST(Lqr, SwitchingTheCompensationDoesNotMoveTheVoltage) {
   EXPECT_EQ(switched, 1);
 }
 
+// R_s i + j omega_e L i + j omega_e psi_f; within a tick's share of the integrals.
+TEST(Lqr, AFlyingStartBeginsWithTheVoltageThatHoldsTheCurrents) {
+  Bench bench({"controller.compensation=off", "start=flying", "reference.speed_rpm=300"});
+  bench.e.theta_e = 1.3;
+  bench.e.omega_m = 31.4;
+  bench.e.i_dq = {0.4, 1.5};
+  bench.r.omega_m_ref = 31.4;
+  const Vec2 u = bench.u_dq();
+  const double L = 12.7e-3, psi_f = 0.253333333333, omega_e = 3 * 31.4;
+  EXPECT_NEAR(u[0], 1.05 * 0.4 - omega_e * L * 1.5, 0.05);
+  EXPECT_NEAR(u[1], 1.05 * 1.5 + omega_e * (L * 0.4 + psi_f), 0.05);
+}
+
 // MPAC: the voltage that brings i_q to the limit, including the pending voltage.
 TEST(Lqr, LandsTheCurrentOnItsLimit) {
   Bench bench({"controller.compensation=off", "plant.delay_samples=0", "controller.lqr.i_max_A=3"});
