@@ -22,10 +22,19 @@ namespace {
 using Overrides = std::vector<std::string>;
 
 constexpr double kSwitch_s = 0.2, kEnd_s = 2, kLast_s = 0.2;
-constexpr double kSteady = kPi / 180;
+constexpr double kSteady = kPi / 180, kSteadySpeed = 0.01, kHeldSpeed = 0.5;
 
 struct Held {
   bool steady = false, locked = false;
+};
+
+struct Range {
+  double least = 1e9, most = -1e9;
+  void add(double value) {
+    least = std::min(least, value);
+    most = std::max(most, value);
+  }
+  double width() const { return most - least; }
 };
 
 Held simulate(const std::string& preset, Overrides overrides, double T_s, int n) {
@@ -35,16 +44,18 @@ Held simulate(const std::string& preset, Overrides overrides, double T_s, int n)
   Config config = Config::load(preset, overrides);
   const int n_p = config.drive().machine.n_p;
   ClosedLoop loop(config);
-  double least = 10, most = -10;
+  const double omega_m_ref = config.drive().reference_at(0).omega_m_ref;
+  Range angle, speed;
   for (double t_s = 0; t_s < kEnd_s; t_s += T_s) {
     const TickRecord& tick = loop.step();
     const double error = wrap_pi(tick.estimate.theta_e - n_p * tick.truth.theta_m);
-    if (!(std::abs(error) < kPi / 2)) return {};
+    const double off_speed = tick.truth.omega_m / omega_m_ref - 1;
+    if (!(std::abs(error) < kPi / 2 && std::abs(off_speed) < kHeldSpeed)) return {};
     if (t_s < kEnd_s - kLast_s) continue;
-    least = std::min(least, error);
-    most = std::max(most, error);
+    angle.add(error);
+    speed.add(off_speed);
   }
-  return {most - least < kSteady, true};
+  return {angle.width() < kSteady && speed.width() < kSteadySpeed, true};
 }
 
 void print_row(const std::string& preset, double f_e_Hz, int limit, Overrides overrides) {
@@ -101,9 +112,29 @@ void print_table() {
         print_row("dilys2021", f_e_Hz, 50, {kind, fmt::format("estimator.kind={}", filter)});
   }
   for (const double f_e_Hz : {20, 50, 64, 100}) print_row("dilys2021", f_e_Hz, 50, kOtherWeights);
-  for (const char* filter : {"eemf", "ekf_joint", "dq_ekf"})
-    print_row("kim-ipmsm", 50, 50, {fmt::format("estimator.kind={}", filter)});
-  print_row("niewiara2020", 10, 50, {});
+  for (const char* filter : {"eemf", "ekf_joint"})
+    for (const char* controller : {"foc", "lqr"}) {
+      const Overrides kinds{fmt::format("estimator.kind={}", filter),
+                            fmt::format("controller.kind={}", controller)};
+      print_row("kim-ipmsm", 50, 50, kinds);
+      print_row("niewiara2020", 40, 50, kinds);
+    }
+  print_row("niewiara2020", 15, 50, {"estimator.kind=eemf"});
+  // Without a limit: up to n = 20.
+  for (const char* controller : {"foc", "lqr"}) {
+    const std::string kind = fmt::format("controller.kind={}", controller);
+    print_row("dilys2021", 64, 20, {kind, "estimator.kind=dq_ekf"});
+    print_row("kim-ipmsm", 50, 20, {kind});
+    print_row("niewiara2020", 10, 20, {kind});
+    print_row("niewiara2020", 10, 20, {kind, "estimator.kind=ekf_harmonic"});
+  }
+  print_row("dilys2021", 64, 20, {"estimator.kind=active_flux", "controller.kind=lqr"});
+  for (const char* bandwidth_Hz : {"4", "40", "100"})
+    print_row("dilys2021", 64, 20,
+              {"estimator.kind=active_flux",
+               fmt::format("controller.foc.speed_bandwidth_Hz={}", bandwidth_Hz)});
+  print_row("kim-ipmsm", 50, 20,
+            {"estimator.kind=active_flux", "controller.foc.speed_bandwidth_Hz=15"});
 }
 
 }  // namespace

@@ -5,10 +5,12 @@
 #include <numeric>
 
 #include "controller/scaled_tuning.hpp"
+#include "core/field_list.hpp"
 #include "estimator/gain_frame.hpp"
 #include "estimator/make_filter.hpp"
 #include "model/discretise.hpp"
 #include "model/linear_algebra.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
@@ -139,23 +141,52 @@ Eigen::Vector4d machine_step(const MachineParameters& m, const Eigen::Vector4d& 
   return y;
 }
 
+bool processes_an_angle(const Filter& filter) {
+  return filter.kind() == "active_flux";
+}
+
 bool holds_an_angle(const Filter& filter) {
-  return filter.kind() != "eemf" && filter.kind() != "ekf_disturbance";
+  return filter.kind() == "ekf_sensorless" || filter.kind() == "ekf_joint" ||
+         filter.kind() == "dq_ekf";
+}
+
+// Leading pairs of states in stationary axes. The gain of active_flux is the same at every angle.
+int stationary_pairs(const Filter& filter) {
+  return processes_an_angle(filter) ? 2 : filter.turning_pairs();
 }
 
 // The estimate seen from axes that lie `angle` ahead.
 void turn_back(const Filter& filter, double angle, Eigen::Ref<VectorXd> x_hat) {
-  for (int i = 0; i < 2 * filter.turning_pairs(); i += 2)
+  for (int i = 0; i < 2 * stationary_pairs(filter); i += 2)
     x_hat.segment<2>(i) = rotate(Vec2(x_hat.segment<2>(i)), -angle);
   if (holds_an_angle(filter)) x_hat[3] = wrap_pi(x_hat[3] - angle);
 }
 
-bool is_covered(const DriveConfig& d, const Filter& filter) {
-  const std::string_view kind = filter.kind();
-  const bool memory_in_x = kind == "ekf_sensorless" || kind == "ekf_joint" || kind == "eemf" ||
-                           kind == "dq_ekf" || kind == "ekf_disturbance";
-  return memory_in_x && filter.steady_state(0) &&
-         d.controller.angle_source == AngleSource::kEstimate;
+// K R(angle) = R(angle) K for each pair of states.
+bool is_isotropic(const Gain& gain, int pairs) {
+  Gain turned = gain;
+  GainFrame(pairs, kPi / 5).turn_gain(turned);
+  return (turned.K - gain.K).norm() <= 1e-9 * gain.K.norm();
+}
+
+bool is_covered(const Steady& steady, const DriveConfig& d) {
+  const Filter& filter = *steady.filter;
+  if (filter.kind() == "backemf_printed" || !filter.steady_state(0) ||
+      d.controller.angle_source != AngleSource::kEstimate)
+    return false;
+  return !processes_an_angle(filter) ||
+         is_isotropic(rotor_gains_of_period(steady, 1).front(), stationary_pairs(filter));
+}
+
+// Control ticks of one interval of the filter's angle and speed processing.
+int divider_of(Config& config) {
+  const DriveConfig& d = config.drive();
+  const auto builder = filter_builder(d.estimator.kind, d);
+  const auto fields = [&](FieldVisitor& f) { builder->fields(f); };
+  config.read_table("estimator." + d.estimator.kind, fields);
+  for (const FieldRow& row : list_fields(fields))
+    if (row.key == "divider") return static_cast<int>(row.value);
+  return 1;
 }
 
 }  // namespace
@@ -165,15 +196,19 @@ std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, double omega_e,
   const DriveConfig& d = config.drive();
   ClosedFloquet c;
   const auto filter = make_filter(config);
-  if (!is_covered(d, *filter)) return {};
-  c.law_ = law_of(config);
-  if (!c.law_) return {};
   c.steady_ = {filter,  policy.value_or(d.gain.policy),   omega_e / d.machine.n_p, omega_e,
                d.T_s(), d.gain.speed_span / d.machine.n_p};
+  if (!is_covered(c.steady_, d)) return {};
+  c.law_ = law_of(config);
+  if (!c.law_) return {};
   c.machine_ = d.machine;
   c.T_load_ = d.load.T_load_Nm.steps().empty() ? 0 : d.load.T_load_Nm.steps().back().value;
   c.delay_ = d.plant.delay_samples;
   c.n_x_ = filter->steady_state(0)->n_x;
+  if (processes_an_angle(*filter)) {
+    c.n_angle_ = 4;
+    c.divider_ = divider_of(config);
+  }
   if (!c.settle()) return {};
   return c;
 }
@@ -182,10 +217,37 @@ Eigen::Index ClosedFloquet::gain_at() const {
   return memory_at() + law_->n_memory();
 }
 
-// theta_e_hat less the angle of the rotor, for a state in the axes of the rotor.
-double ClosedFloquet::angle_error(const VectorXd& z, double ticks_ahead) const {
+int ClosedFloquet::ticks_of_period(int n) const {
+  return std::lcm(n, std::lcm(law_->divider(), divider_));
+}
+
+FastState ClosedFloquet::memory_of(const VectorXd& z, std::int64_t k) const {
   FastState state;
   state.x_hat.head(n_x_) = z.segment(x_at(), n_x_);
+  state.i_dq_prev = z.head<2>();
+  if (n_angle_ == 0) return state;
+  const auto angle = z.segment<4>(angle_at());
+  state.emf_angle = {.ticks = static_cast<int>(k % divider_),
+                     .theta_emf = angle[0],
+                     .theta_e = angle[1],
+                     .omega_e = angle[2],
+                     .omega_f = angle[3]};
+  return state;
+}
+
+void ClosedFloquet::remember(const FastState& state, double turned, VectorXd& z) const {
+  VectorXd x_hat = state.x_hat.head(n_x_);
+  turn_back(*steady_.filter, turned, x_hat);
+  z.segment(x_at(), n_x_) = x_hat;
+  if (n_angle_ == 0) return;
+  const EmfAngle& a = state.emf_angle;
+  z.segment<4>(angle_at()) << wrap_pi(a.theta_emf - turned), wrap_pi(a.theta_e - turned), a.omega_e,
+      a.omega_f;
+}
+
+// theta_e_hat less the angle of the rotor, for a state in the axes of the rotor.
+double ClosedFloquet::angle_error(const VectorXd& z, double ticks_ahead) const {
+  const FastState state = memory_of(z, 0);
   const Estimate e = steady_.filter->estimate_of(state, {.signals = kPhaseCurrents | kVoltage});
   const double nominal = ticks_ahead * steady_.T_s * steady_.omega_e;
   return wrap_pi(steady_.filter->ahead(e, ticks_ahead).theta_e - nominal);
@@ -224,9 +286,7 @@ VectorXd ClosedFloquet::tick(const VectorXd& z, Gain gain, std::int64_t k, int n
   Measurement m{.signals = kPhaseCurrents | kVoltage | kPosition | kSpeed};
   m.i_abc = inverse_clarke(Vec2(z.head<2>()));
   m.omega_m = z[2];
-  FastState state;
-  state.x_hat.head(n_x_) = z.segment(x_at(), n_x_);
-  state.i_dq_prev = z.head<2>();
+  FastState state = memory_of(z, k);
   const Estimate e = filter.estimate_of(state, m);
   const Vec2 u_dq = law_->voltage(e, park(Vec2(z.head<2>()), e.theta_e), steady_.omega_m, k,
                                   next.segment(memory_at(), law_->n_memory()));
@@ -245,15 +305,14 @@ VectorXd ClosedFloquet::tick(const VectorXd& z, Gain gain, std::int64_t k, int n
   for (int i = delay_ - 1; i > 0; --i)
     next.segment<2>(3 + 2 * i) = rotate(Vec2(z.segment<2>(3 + 2 * (i - 1))), -turned);
   if (delay_ > 0) next.segment<2>(3) = rotate(u_new, -turned);
-  VectorXd x_hat = state.x_hat.head(n_x_);
-  turn_back(filter, turned, x_hat);
-  next.segment(x_at(), n_x_) = x_hat;
+  remember(state, turned, next);
   take_snapshot(static_cast<int>(k % n), n, turned, next);
   return next;
 }
 
-// The fixed point with a gain every tick, by Newton's method from the machine at its load. The
-// integrators of the controller enter the equations linearly: they may start at zero.
+// The orbit with a gain every tick, by Newton's method from the machine at its load: a fixed point
+// unless the filter divides its ticks. The integrators of the controller enter the equations linearly:
+// they may start at zero.
 bool ClosedFloquet::settle() {
   const Filter& filter = *steady_.filter;
   const Gain gain = rotor_gains_of_period(steady_, 1).front();
@@ -264,12 +323,16 @@ bool ClosedFloquet::settle() {
                machine_.R_s * i_q + steady_.omega_e * machine_.psi_f);
   for (int i = 0; i < delay_; ++i) at_.segment<2>(3 + 2 * i) = u;
   at_.segment(x_at(), n_x_) = filter.steady_state(steady_.omega_m)->x_hat.head(n_x_);
+  if (n_angle_ > 0) at_.segment<2>(angle_at() + 2).setConstant(steady_.omega_e);
   const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(at_.size(), at_.size());
+  const int ticks = divider_ > 1 ? ticks_of_period(1) : 1;
   for (int step = 0; step < kSettleSteps; ++step) {
-    const VectorXd off = tick(at_, gain, 0, 1) - at_;
+    VectorXd end = at_;
+    const Eigen::MatrixXd Phi = transition({gain}, ticks, end);
+    const VectorXd off = end - at_;
     if (!off.allFinite()) return false;
     if (off.norm() <= kSettled * at_.norm()) break;
-    at_ += linear::solve(I - derivative(at_, gain, 0, 1), off);
+    at_ += linear::solve(I - Phi, off);
   }
   return std::abs(at_[2] - steady_.omega_m) < 0.01 * std::abs(steady_.omega_m) &&
          std::abs(angle_error(at_, 0)) < kPi / 4;
@@ -287,44 +350,51 @@ Eigen::MatrixXd ClosedFloquet::derivative(const VectorXd& z, const Gain& gain, s
   return J;
 }
 
+Eigen::MatrixXd ClosedFloquet::transition(const std::vector<Gain>& gains, int ticks,
+                                          VectorXd& z) const {
+  const int n = static_cast<int>(gains.size());
+  Eigen::MatrixXd Phi = Eigen::MatrixXd::Identity(z.size(), z.size());
+  for (int k = 0; k < ticks; ++k) {
+    const Gain& gain = gains[static_cast<std::size_t>(k % n)];
+    Phi = (derivative(z, gain, k, n) * Phi).eval();
+    z = tick(z, gain, k, n);
+  }
+  return Phi;
+}
+
 // The matrix of one period along its own periodic orbit, which Newton's method finds from the fixed
 // point: with a stale gain and a biased prediction the innovation is not zero.
 Eigen::MatrixXd ClosedFloquet::period(int n) const {
   const std::vector<Gain> gains = rotor_gains_of_period(steady_, n);
-  const int ticks = std::lcm(n, law_->divider());
+  const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(at_.size(), at_.size());
   VectorXd start = at_;
   Eigen::MatrixXd Phi;
   for (int iteration = 0; iteration < kNewtonSteps; ++iteration) {
-    Phi = Eigen::MatrixXd::Identity(at_.size(), at_.size());
     VectorXd z = start;
-    for (int k = 0; k < ticks; ++k) {
-      const Gain& gain = gains[static_cast<std::size_t>(k % n)];
-      Phi = (derivative(z, gain, k, n) * Phi).eval();
-      z = tick(z, gain, k, n);
-    }
+    Phi = transition(gains, ticks_of_period(n), z);
     if ((z - start).norm() <= kPeriodic * z.norm()) break;
-    const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(at_.size(), at_.size());
     start += linear::solve(I - Phi, z - start);
   }
   return Phi;
 }
 
 double ClosedFloquet::spectral_radius(int n) const {
-  const int periods = std::lcm(n, law_->divider()) / n;
-  return std::pow(linear::eigenvalues(period(n)).cwiseAbs().maxCoeff(), 1.0 / periods);
+  const int periods = ticks_of_period(n) / n;
+  return math::pow(linear::eigenvalues(period(n)).cwiseAbs().maxCoeff(), 1.0 / periods);
 }
 
 double ClosedFloquet::frequency_Hz(int n) const {
   const Eigen::VectorXcd values = linear::eigenvalues(period(n));
   Eigen::Index largest = 0;
   values.cwiseAbs().maxCoeff(&largest);
-  return std::abs(std::arg(values[largest])) /
-         (kTwoPi * std::lcm(n, law_->divider()) * steady_.T_s);
+  return std::abs(math::arg(values[largest])) / (kTwoPi * ticks_of_period(n) * steady_.T_s);
 }
 
 int ClosedFloquet::n_max(int limit) const {
-  // A gain that turns with the rotor does not age by rotation: usually no n is lost.
-  if (turns_gain(steady_.policy) && spectral_radius(limit) < 1) return limit;
+  // A gain that turns with the rotor, or is the same at every angle, does not age by rotation: usually no
+  // n is lost.
+  const bool ageless = turns_gain(steady_.policy) || steady_.filter->turning_pairs() == 0;
+  if (ageless && spectral_radius(limit) < 1) return limit;
   for (int n = 1; n <= limit; ++n)
     if (!(spectral_radius(n) < 1)) return n - 1;
   return limit;

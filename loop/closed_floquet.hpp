@@ -1,7 +1,8 @@
 // Floquet multipliers of the closed loop: plant, computation delay, filter with its stale gain, and
 // controller. The analysis of loop/stale_gain.hpp is that of the filter alone.
 //
-//   z        = [i_d, i_q, omega_m | u(k-1) .. u(k-delay) | x_hat | integrators of the controller
+//   z        = [i_d, i_q, omega_m | u(k-1) .. u(k-delay) | x_hat | angle and speed processing (active_flux)
+//               | integrators of the controller
 //               | angle errors of the snapshots whose gains are in use and waiting]
 //   z(k+1)   = f_k(z(k))            one tick, in the axes of the true rotor
 //   Phi      = J_{n-1} .. J_1 J_0   J_k = df_k/dz along the periodic orbit, by central differences
@@ -14,10 +15,11 @@
 // angle, so the angle of the rotor is no state. Noise, limits of voltage and current, effects and the
 // start are not part of it.
 //
-// Covered: filters whose memory is x_hat (ekf_sensorless, ekf_joint, eemf, dq_ekf, ekf_disturbance) under
-// `foc` and `lqr` with angle_source = "estimate". Not covered: active_flux and backemf_printed
-// (processing of the angle), ekf_harmonic (measured turn of its oscillators).
-// Operating point: the reference speed, constant load, the fixed point of f with a gain every tick.
+// A loop that divides its ticks (speed_divider of `foc`, divider of active_flux) repeats after the least
+// common multiple of n and the dividers; rho is that of n ticks all the same.
+// Covered: every filter under `foc` and `lqr` with angle_source = "estimate", but backemf_printed, and
+// active_flux with unequal noises of its alpha and beta states: they are not the same at every angle.
+// Operating point: the reference speed, constant load, the periodic orbit of f with a gain every tick.
 #pragma once
 #include <optional>
 
@@ -40,8 +42,8 @@ class ClosedFloquet {
   double spectral_radius(int n) const;
   // Frequency of the largest multiplier, Hz, folded into f_b/2: of the oscillation that grows.
   double frequency_Hz(int n) const;
-  // Last n before the first with rho >= 1; at most `limit`. With a policy that turns the gain: `limit` if
-  // it is stable there, without a search.
+  // Last n before the first with rho >= 1; at most `limit`. With a gain that turns with the rotor or is the
+  // same at every angle: `limit` if it is stable there, without a search.
   int n_max(int limit) const;
   // The limit of the filter alone, as loop/stale_gain.hpp.
   int n_max_of_filter(int limit) const { return n_max_by_floquet(steady_, limit); }
@@ -57,15 +59,24 @@ class ClosedFloquet {
   double gain_error(const Eigen::VectorXd& z) const;
   void take_snapshot(int i, int n, double turned, Eigen::VectorXd& z) const;
   bool settle();
+  // The filter's memory of a state at tick k, and back into `z`, seen from axes `turned` ahead.
+  FastState memory_of(const Eigen::VectorXd& z, std::int64_t k) const;
+  void remember(const FastState& state, double turned, Eigen::VectorXd& z) const;
+  // Matrix of `ticks` ticks from `start`, which moves to their end.
+  Eigen::MatrixXd transition(const std::vector<Gain>& gains, int ticks, Eigen::VectorXd& z) const;
   Eigen::Index x_at() const { return 3 + 2 * delay_; }
-  Eigen::Index memory_at() const { return x_at() + n_x_; }
+  Eigen::Index angle_at() const { return x_at() + n_x_; }
+  Eigen::Index memory_at() const { return angle_at() + n_angle_; }
   Eigen::Index gain_at() const;
+  int ticks_of_period(int n) const;
 
   Steady steady_;
   MachineParameters machine_;
   std::shared_ptr<const ControlLaw> law_;
   double T_load_ = 0;
   int delay_ = 1, n_x_ = 0;
+  int n_angle_ = 0;     // states of the angle and speed processing
+  int divider_ = 1;     // of the filter
   Eigen::VectorXd at_;  // the operating point
 };
 

@@ -4,15 +4,26 @@
 
 namespace twinrate {
 
-ClosedLoop::ClosedLoop(Config& config)
-    : drive_(config.drive()),
+ClosedLoop::ClosedLoop(Config& config, const MakeFilter& make)
+    : config_(&config),
+      drive_(config.drive()),
       plant_(config),
-      estimator_(config),
+      estimator_(config, make),
       controller_(make_controller(config)) {}
 
 void ClosedLoop::know(Config& extended) {
   estimator_.know(extended);
-  controller_->know(extended.drive().model_effects());
+  known_ = extended.drive().model_effects();
+  controller_->know(*known_);
+}
+
+std::string ClosedLoop::reset() {
+  const std::string why = plant_.reset();
+  if (!why.empty()) return why;
+  estimator_.restart();
+  controller_ = make_controller(*config_, Begin::kAfterReset);
+  if (known_) controller_->know(*known_);
+  return "";
 }
 
 const TickRecord& ClosedLoop::step() {

@@ -7,6 +7,7 @@
 //   -> REFERENCE(k), COMMAND(k)
 #pragma once
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,18 +40,23 @@ struct TickRecord {
 class ClosedLoop {
  public:
   // Throws BadInput if the config names an unknown filter or controller.
-  explicit ClosedLoop(Config& config);
+  explicit ClosedLoop(Config& config, const MakeFilter& make = make_filter);
   // Runs tick k. The returned reference is valid until the next step.
   const TickRecord& step();
   std::int64_t k() const { return plant_.k(); }
   // Estimator, gain and controller compensate the effects of `extended` from the next step on; the
   // plant does not change.
   void know(Config& extended);
+  // The drive leaves SAFE at the next step, and estimator and controller begin anew, as the
+  // processes do. "" where it will, else why not. The config of the constructor must be there still.
+  std::string reset();
   const Controller& controller() const { return *controller_; }
   const Plant& plant() const { return plant_; }
 
  private:
+  Config* config_;
   const DriveConfig drive_;
+  std::optional<Effects> known_;
   Plant plant_;
   EstimatorLoop estimator_;
   std::unique_ptr<Controller> controller_;

@@ -34,10 +34,6 @@ void read_controller(Config& config, Demand& demand) {
   }
 }
 
-double torque(const MachineParameters& m, const Vec2& i_dq) {
-  return 1.5 * m.n_p * (m.psi_f + (m.L_d - m.L_q) * i_dq[0]) * i_dq[1];
-}
-
 }  // namespace
 
 Demand demand_of(Config& config) {
@@ -55,7 +51,7 @@ Demand demand_of(Config& config) {
   const Vec2 &i = demand.i_dq, flux(-m.L_q * i[1], m.L_d * i[0] + m.psi_f);
   demand.u_needed = (m.R_s * i + demand.omega_e * flux).norm();
   if (demand.i_max)
-    demand.T_max = torque(m, demand.at_mtpa ? mtpa(m, *demand.i_max) : Vec2(0, *demand.i_max));
+    demand.T_max = demand.at_mtpa ? largest_torque(m, *demand.i_max) : m.torque(0, *demand.i_max);
   return demand;
 }
 

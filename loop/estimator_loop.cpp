@@ -1,23 +1,24 @@
 #include "loop/estimator_loop.hpp"
 
-#include "estimator/make_filter.hpp"
+#include "core/steering.hpp"
 
 namespace twinrate {
 
-EstimatorLoop::EstimatorLoop(Config& config)
-    : drive_(config.drive()),
-      fast_(make_fast_loop(config, false)),
-      background_(make_background_loop(config)) {}
+EstimatorLoop::EstimatorLoop(Config& config, const MakeFilter& make)
+    : rates_(rate_history(config)),
+      make_(make),
+      fast_(make_fast_loop(config, false, make)),
+      background_(make_background_loop(config, make)) {}
 
 const Estimate& EstimatorLoop::tick(const Measurement& m) {
-  estimate_ = fast_.tick(m);
-  has_gain_ = drive_.sends_gain(estimate_);
-  if (has_gain_) fast_.take_gain(background_.step(estimate_));
-  return estimate_;
+  const Estimate& e = fast_.tick(m);
+  has_gain_ = rates_.sends_gain(e.k, e.status);
+  if (has_gain_) fast_.take_gain(background_.step(e));
+  return e;
 }
 
 void EstimatorLoop::know(Config& extended) {
-  const auto filter = make_filter(extended);
+  const auto filter = make_(extended);
   fast_.exchange(filter);
   background_.exchange(filter);
 }

@@ -3,14 +3,14 @@
 //   MEASUREMENT(k) -> ESTIMATE(k) -> GAIN(k) if k is a snapshot
 #pragma once
 #include "core/config.hpp"
-#include "estimator/two_rate.hpp"
+#include "estimator/make_filter.hpp"
 
 namespace twinrate {
 
 class EstimatorLoop {
  public:
   // Throws BadInput if the config names an unknown filter.
-  explicit EstimatorLoop(Config& config);
+  explicit EstimatorLoop(Config& config, const MakeFilter& make = make_filter);
   // Runs tick m.k. The returned estimate is valid until the next tick.
   const Estimate& tick(const Measurement& m);
   // The gain of the last snapshot; has_gain(): the last tick was a snapshot.
@@ -18,12 +18,14 @@ class EstimatorLoop {
   bool has_gain() const { return has_gain_; }
   // The filter compensates the effects of `extended` from the next tick on; states and gains stay.
   void know(Config& extended);
+  // The next sample begins a session; the background goes on.
+  void restart() { fast_.reset(); }
 
  private:
-  const DriveConfig drive_;
+  const RateHistory rates_;
+  const MakeFilter make_;
   FastLoop fast_;
   BackgroundLoop background_;
-  Estimate estimate_;
   bool has_gain_ = false;
 };
 

@@ -1,10 +1,13 @@
 #include "loop/lcm_replay.hpp"
 
+#include <fmt/format.h>
+
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 
 #include "core/process.hpp"
+#include "core/reason.hpp"
 #include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 
@@ -21,6 +24,20 @@ std::vector<std::uint8_t> bytes_of(const Estimate& e) {
 }
 
 }  // namespace
+
+// The estimator tells what it did, in the words of Process.
+std::vector<ModelChange> model_changes_in(const RunLog& log) {
+  std::vector<ModelChange> changes;
+  for (const EventRecord& event : log.events) {
+    const bool add = event.reason == static_cast<int>(Reason::kEffectAdded);
+    if (!add && event.reason != static_cast<int>(Reason::kEffectRemoved)) continue;
+    const std::string before = add ? "on with " : "on without ";
+    const auto at = event.text.find(before);
+    if (event.role == static_cast<int>(Role::kEstimator) && at != std::string::npos)
+      changes.push_back({event.k, add, event.text.substr(at + before.size())});
+  }
+  return changes;
+}
 
 bool same_bits(const Estimate& a, const Estimate& b) {
   return bytes_of(a) == bytes_of(b);
@@ -58,6 +75,34 @@ LcmReplay::LcmReplay(const BusParameters& parameters, const BusAddress& address,
   bus_.subscribe<estimate_t>([this](const estimate_t& w) {
     if (w.seq == waiting_k_) answer_ = from_wire(w);
   });
+  bus_.subscribe<reply_t>([this](const reply_t& reply) {
+    if (reply.seq != asked_) return;
+    if (reply.accepted == 0) refused_ = reply.text;
+    agreed_.insert(reply.role);
+  });
+}
+
+// A process that starts may miss a request: it is repeated.
+void LcmReplay::change_model(const ModelChange& change) {
+  constexpr double kStart_s = 10;
+  request_t request{};
+  request.seq = asked_ = new_session_id();
+  request.session = session_;
+  request.kind =
+      static_cast<std::int32_t>(change.add ? RequestKind::kAddEffect : RequestKind::kRemoveEffect);
+  request.value = static_cast<double>(change.k);
+  request.text = change.effects;
+  agreed_.clear();
+  const auto begun = Clock::now();
+  while (agreed_.size() < 2 && refused_.empty() && !stop_signalled()) {
+    bus_.publish(request);
+    const auto sent = Clock::now();
+    while (agreed_.size() < 2 && seconds_since(sent) * 1000 < parameters_.repeat_after_ms)
+      bus_.handle(parameters_.repeat_after_ms);
+    if (seconds_since(begun) > kStart_s) refused_ = "estimator and gain did not both answer";
+  }
+  if (!refused_.empty())
+    throw BadInput(fmt::format("the effects of tick {}: {}", change.k, refused_));
 }
 
 std::optional<Estimate> LcmReplay::play(const Measurement& m) {

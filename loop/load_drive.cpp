@@ -5,8 +5,10 @@
 #include <algorithm>
 
 #include "controller/controller.hpp"
+#include "core/bridge_parameters.hpp"
 #include "core/bus_parameters.hpp"
 #include "core/logger_parameters.hpp"
+#include "core/steering.hpp"
 #include "estimator/registry.hpp"
 #include "monitor/monitor_parameters.hpp"
 #include "plant_sim/plant_parameters.hpp"
@@ -34,9 +36,10 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
 }  // namespace
 
 std::vector<OwnedTable> owned_tables() {
-  return {owned_table<PlantParameters>(), owned_table<SafetyParameters>(),
-          owned_table<BusParameters>(), owned_table<LoggerParameters>(),
-          owned_table<MonitorParameters>()};
+  return {owned_table<PlantParameters>(),   owned_table<SafetyParameters>(),
+          owned_table<BusParameters>(),     owned_table<LoggerParameters>(),
+          owned_table<MonitorParameters>(), owned_table<BridgeParameters>(),
+          owned_table<SteeringParameters>()};
 }
 
 void read_all_tables(Config& config) {
@@ -51,6 +54,20 @@ void read_all_tables(Config& config) {
   read_kinds(config, "estimator", drive.estimator.kind, filter_kinds(), filter);
   read_kinds(config, "controller", drive.controller.kind, controller_kinds(), controller);
   config.require_all_read();
+}
+
+// A run that was stopped may end within a tick.
+std::int64_t whole_ticks(const RunLog& log) {
+  return log.command.empty() ? 0 : log.command.back().k + 1;
+}
+
+std::string steered_drive_file(const RunLog& log) {
+  Config config = Config::parse(log.config_toml, log.path + " (DRIVE_MANIFEST)");
+  read_all_tables(config);
+  Config steered = Config::parse(config.resolved(), log.path,
+                                 steered_overrides(config, steering_in(log), whole_ticks(log)));
+  read_all_tables(steered);
+  return steered.resolved();
 }
 
 Config load_drive(const std::string& file_or_preset, const std::vector<std::string>& overrides) {

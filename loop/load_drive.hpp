@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/config.hpp"
+#include "core/run_log.hpp"
 
 namespace twinrate {
 
@@ -16,5 +17,12 @@ Config load_drive(const std::string& file_or_preset,
                   const std::vector<std::string>& overrides = {});
 // The same for a parsed config (the one in a log).
 void read_all_tables(Config& config);
+
+// Ticks of a recorded run up to the last COMMAND.
+std::int64_t whole_ticks(const RunLog& log);
+
+// The drive file of a recorded run with what was steered while it ran, as profiles: a run from it is
+// the recorded one. Throws BadInput.
+std::string steered_drive_file(const RunLog& log);
 
 }  // namespace twinrate

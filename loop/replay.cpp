@@ -55,6 +55,7 @@ LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameter
                                const BusAddress& address, std::int64_t session) {
   LockstepResult result;
   LcmReplay replay(parameters, address, session);
+  for (const ModelChange& change : model_changes_in(log)) replay.change_model(change);
   LoggedEstimates logged(log.estimate);
   const auto begun = Clock::now();
   for (const Measurement& m : log.measurement) {

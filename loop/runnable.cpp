@@ -8,7 +8,10 @@
 #include <utility>
 
 #include "controller/make_controller.hpp"
+#include "core/bridge_parameters.hpp"
+#include "core/bus_parameters.hpp"
 #include "core/field_list.hpp"
+#include "core/steering.hpp"
 #include "estimator/ekf_joint.hpp"
 #include "estimator/make_filter.hpp"
 #include "loop/closed_floquet.hpp"
@@ -16,6 +19,7 @@
 #include "loop/stale_gain.hpp"
 #include "loop/unused_keys.hpp"
 #include "model/effects/undo.hpp"
+#include "model/math.hpp"
 #include "model/per_unit.hpp"
 #include "plant_sim/plant.hpp"
 
@@ -39,6 +43,9 @@ constexpr double kSwingMargin = 0.7;
 constexpr double kStartAngleMax_deg = 75;
 // Largest n that the search for the first loss tries; it takes some 0.1 s.
 constexpr int kSearchedMax = 200;
+
+// The default of bridge.lease_ms; a shorter one is the user's claim about the link.
+constexpr double kDefaultLease_ms = 20;
 
 bool is_sensorless(const std::string& kind) {
   return kind != "ekf_disturbance" && kind != "ekf_harmonic";
@@ -160,7 +167,7 @@ class Theory {
     return fmt::format(
         "{} may lose synchronism: its model does not have this rotor's saliency, its "
         "angle is wrong by about {:.0f} deg at rated current",
-        d_.estimator.kind, std::atan(angle) * 180 / kPi);
+        d_.estimator.kind, math::atan(angle) * 180 / kPi);
   }
 
   // Of FOC, or of a state feedback from bandwidths; 0 where it is not known.
@@ -193,7 +200,7 @@ class Theory {
                         omega_e, d_.T_s(),           d_.gain.speed_span / d_.machine.n_p};
     const double rho = spectral_radius(steady, 1);
     if (!(rho < 1)) return "";
-    const double bandwidth = -std::log(rho) / (kTwoPi * d_.T_s());
+    const double bandwidth = -math::log(rho) / (kTwoPi * d_.T_s());
     if (speed_bandwidth() <= kSpeedLoopOverFilter * bandwidth) return "";
     return fmt::format(
         "{} may lose synchronism: at {:.4g} rad/s electrical it follows the speed at {:.3g} Hz, "
@@ -257,7 +264,7 @@ class Theory {
     const double T_max = m.torque_constant() * (asked > 0 ? std::min(asked, i_max) : i_max);
     const double omega_n = std::sqrt(m.n_p * T_max / m.J);
     const double half = std::min(kPi / 2, 0.5 * omega_n * value(up + "t_agree_s"));
-    const double most = 0.3 * value(up + "omega_e_handover_rad_s") / std::sin(half);
+    const double most = 0.3 * value(up + "omega_e_handover_rad_s") / math::sin(half);
     double before = 0;
     for (const ProfileStep& step : d_.load.T_load_Nm.steps()) {
       const double T = std::abs(step.value - std::exchange(before, step.value));
@@ -265,7 +272,7 @@ class Theory {
       const double t_r = d_.load.slew_Nm_s > 0 ? T / d_.load.slew_Nm_s : 0;
       const double x = std::max(1e-3, 0.5 * omega_n * t_r);
       const double swing =
-          std::asin(std::min(1.0, T / T_max)) * omega_n * (x < kPi / 2 ? std::sin(x) : 1) / x;
+          math::asin(std::min(1.0, T / T_max)) * omega_n * (x < kPi / 2 ? math::sin(x) : 1) / x;
       if (swing > kSwingMargin * most)
         return fmt::format(
             "the load step at {:.3g} s acts during the I/f ramp, which lasts until {:.3g} s: the "
@@ -336,10 +343,77 @@ class Theory {
   std::vector<double> speeds_;  // electrical, of the profile, without 0
 };
 
+// A real drive: what the protocol cannot do is refused, what is not safe is said.
+void require_drivable(Config& config) {
+  const BridgeParameters bridge = config.read<BridgeParameters>();
+  const DriveConfig& d = config.drive();
+  if (d.plant.kind != PlantKind::kBridge) return;
+  const auto fail = [&](const char* key, const std::string& what) {
+    throw BadInput(fmt::format("{}: {}: {}", config.where(key), key, what));
+  };
+  if (d.controller.angle_source == AngleSource::kTruth)
+    fail("controller.angle_source", "estimate, measured allowed with plant.kind = bridge");
+  if (bridge.mode != BridgeMode::kControl) return;
+  if (bridge.protocol == DriveProtocol::kVesc)
+    fail("bridge.mode", "listen allowed with bridge.protocol = vesc: it takes no voltage vector");
+  if (!bridge.device_has_watchdog() && !bridge.without_watchdog)
+    fail("bridge.moteus_control",
+         "voltage allowed with bridge.without_watchdog = true: the drive keeps its last command if "
+         "the host ends");
+}
+
+// The lease against the link: what the line itself takes, and what only a measurement can tell.
+std::string lease_too_short(const Config& config, const BridgeParameters& bridge) {
+  const double frames_ms = 1e3 * bridge.wire_time_s();
+  const double least_ms =
+      BridgeParameters::kLeaseRoundTrips * std::max(frames_ms, 1e3 * config.drive().T_s());
+  if (bridge.lease_ms < least_ms)
+    return fmt::format(
+        "{:g} ms is shorter than the link can hold: {:g} ticks of {:.3g} ms ({:.3g} ms for a "
+        "sample on the wire); it needs {:.3g} ms",
+        bridge.lease_ms, BridgeParameters::kLeaseRoundTrips, 1e3 * config.drive().T_s(), frames_ms,
+        least_ms);
+  if (bridge.lease_ms >= kDefaultLease_ms) return "";
+  return fmt::format(
+      "{:g} ms holds where the p99.9 of the round trip is below {:.3g} ms: `twinrate bridge probe` "
+      "measures it",
+      bridge.lease_ms, bridge.lease_ms / BridgeParameters::kLeaseRoundTrips);
+}
+
+std::vector<std::string> warnings_of_the_bridge(Config& config) {
+  const BridgeParameters bridge = config.read<BridgeParameters>();
+  std::vector<std::string> list;
+  if (config.drive().plant.kind != PlantKind::kBridge) return list;
+  if (const std::string unread = keys_unread_by_a_real_drive(config); !unread.empty())
+    list.push_back(fmt::format("unused keys: a real drive (bridge.mode = {}) does not read {}",
+                               kBridgeModeNames[static_cast<int>(bridge.mode)], unread));
+  if (bridge.mode != BridgeMode::kControl) return list;
+  if (!bridge.device_has_watchdog())
+    list.push_back(
+        fmt::format("{}: bridge.moteus_control: voltage is not safe: the drive has no watchdog in "
+                    "this mode and "
+                    "keeps its last command if the host or the cable fails",
+                    config.where("bridge.moteus_control")));
+  else if (const std::string why = lease_too_short(config, bridge); !why.empty())
+    list.push_back(fmt::format("{}: bridge.lease_ms: {}", config.where("bridge.lease_ms"), why));
+  return list;
+}
+
+// LCM itself has no authentication.
+std::string anybody_may_command(Config& config) {
+  if (config.read<BusParameters>().authenticate) return "";
+  return fmt::format(
+      "{}: bus.authenticate: LCM has no authentication: launch takes the messages of everybody who "
+      "reaches its multicast group",
+      config.where("bus.authenticate"));
+}
+
 }  // namespace
 
 std::vector<std::string> check_runnable(Config& config) {
   refuse_unused_keys(config);
+  steering_of(config);
+  require_drivable(config);
   const auto filter = make_filter(config);
   require_policy(config, *filter);
   make_controller(config);
@@ -348,6 +422,9 @@ std::vector<std::string> check_runnable(Config& config) {
   theory.refuse_integral();
   std::vector<std::string> list = warnings_of(config, demand_of(config));
   for (std::string& warning : theory.warnings()) list.push_back(std::move(warning));
+  for (std::string& warning : warnings_of_the_bridge(config)) list.push_back(std::move(warning));
+  if (std::string open = anybody_may_command(config); !open.empty())
+    list.push_back(std::move(open));
   return list;
 }
 

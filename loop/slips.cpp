@@ -6,6 +6,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "controller/current_reference.hpp"
+#include "model/math.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -77,19 +80,13 @@ std::string factor_text(double ratio) {
   const double size = std::max(ratio, 1 / ratio);
   std::string text = fmt::format("off by a factor {:.3g}", size);
   for (const Factor& factor : kFactors)
-    if (std::abs(std::log(size / factor.value)) < kNear) return text + ": " + factor.name;
+    if (std::abs(math::log(size / factor.value)) < kNear) return text + ": " + factor.name;
   return text;
 }
 
 double largest_torque(const MachineParameters& m, double i) {
-  constexpr int kAngles = 90;  // a degree each: the torque is flat around its maximum
-  double largest = 0;
-  for (int degree = 0; degree < kAngles; ++degree) {
-    const double beta = degree * std::numbers::pi / 180;
-    const double i_d = (m.L_q >= m.L_d ? -1 : 1) * i * std::sin(beta);
-    largest = std::max(largest, m.torque(i_d, i * std::cos(beta)));
-  }
-  return largest;
+  const Vec2 i_dq = mtpa(m, i);
+  return m.torque(i_dq[0], i_dq[1]);
 }
 
 std::vector<Slip> slips_of(const DriveConfig& d, std::optional<double> current_Hz,

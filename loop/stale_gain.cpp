@@ -5,6 +5,7 @@
 
 #include "estimator/gain_frame.hpp"
 #include "model/linear_algebra.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -22,13 +23,19 @@ Estimate at_tick(const Steady& s, std::int64_t k) {
   return e;
 }
 
-// The sample after `at`, without load. Only dq_ekf needs it: it turns voltages with its own angle;
-// its state carries them. The steps of the others are affine in their samples.
+// The sample after `at`, without load. dq_ekf needs its voltages, because it turns them with its own
+// angle; its state carries them. Filters that measure the angle need it to correct at all. The steps of
+// the others are affine in their samples.
 Measurement sample_after(const Steady& s, const Estimate& at) {
   Measurement m{.signals = kPhaseCurrents | kVoltage};
   if (s.filter->kind() == "dq_ekf")
     m.u_alphabeta =
         inverse_park(Vec2(at.x_hat.segment<2>(4)), at.theta_e + 0.5 * s.omega_e * s.T_s);
+  if (at.status & kMeasuredAngle) {
+    m.signals |= kPosition | kSpeed;
+    m.theta_m = s.omega_m * s.T_s;
+    m.omega_m = s.omega_m;
+  }
   return m;
 }
 
@@ -39,6 +46,7 @@ Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
   for (int col = 0; col < n_x; ++col) {
     FastState up, down;
     up.x_hat = down.x_hat = at.x_hat;
+    up.emf_angle = down.emf_angle = emf_angle_at(at.theta_e, s.omega_e);
     up.x_hat[col] += kDifference;
     down.x_hat[col] -= kDifference;
     const Measurement m = sample_after(s, at);
@@ -55,9 +63,8 @@ Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
 // T(angle) = diag(R(angle), .., I).
 Square turn(int n_x, int pairs, double angle) {
   Square T = Square::Identity(n_x, n_x);
-  for (int pair = 0; pair < pairs; ++pair)
-    T.block<2, 2>(2 * pair, 2 * pair) << std::cos(angle), -std::sin(angle), std::sin(angle),
-        std::cos(angle);
+  const auto [s, c] = math::sincos(angle);
+  for (int pair = 0; pair < pairs; ++pair) T.block<2, 2>(2 * pair, 2 * pair) << c, -s, s, c;
   return T;
 }
 
@@ -91,7 +98,7 @@ double critical_angle(const Steady& s, int n) {
   Gain gain = periodic_gain(s, n);
   GainFrame(1, -gain.theta_e).turn_gain(gain);
   const double k3d = gain.K(2, 0), k3q = gain.K(2, 1), k4d = gain.K(3, 0), k4q = gain.K(3, 1);
-  return std::atan2(s.omega_e * k4d - k3q, -(s.omega_e * k4q + k3d));
+  return math::atan2(s.omega_e * k4d - k3q, -(s.omega_e * k4q + k3d));
 }
 
 int n_max_by_formula(const Steady& s, int limit) {

@@ -10,10 +10,12 @@
 #include <map>
 
 #include "controller/controller.hpp"
+#include "core/bridge_parameters.hpp"
 #include "core/config_write.hpp"
 #include "core/field_list.hpp"
 #include "estimator/make_filter.hpp"
 #include "plant_sim/plant_parameters.hpp"
+#include "plant_sim/safety_parameters.hpp"
 
 namespace twinrate {
 namespace {
@@ -27,6 +29,10 @@ class Settings {
          controller_builder(drive.controller.kind, drive));
     PlantParameters plant;
     take(config, "plant", &plant);
+    SafetyParameters safety;
+    take(config, "safety", &safety);
+    BridgeParameters bridge;
+    take(config, "bridge", &bridge);
   }
   // Of a key of the chosen parts, as text.
   std::string operator[](const std::string& key) const {
@@ -68,7 +74,13 @@ std::vector<Rule> rules_of_gains() {
   const std::string held = "a gain.policy other than scheduled";
   const auto makes_fault = [](const Settings& s) { return s["plant.fault.kind"] != "none"; };
   const std::string fault = "a plant.fault.kind other than none";
-  return {{"rates.n", background, held},
+  const auto temperature = [](const Settings& s) {
+    return s["safety.temperature_max_degC"] != "0.0" && s["safety.temperature_max_degC"] != "0";
+  };
+  const std::string watched = "safety.temperature_max_degC above 0";
+  return {{"safety.temperature_derate_degC", temperature, watched},
+          {"plant.winding.", temperature, watched},
+          {"rates.n", background, held},
           {"rates.f_b_Hz", background, held},
           {"rates.n_from", background, held},
           {"rates.n_from_s",
@@ -108,17 +120,43 @@ std::vector<Rule> rules_of_filters() {
   return rules;
 }
 
+bool estimates_the_angle(const Settings& s) {
+  return s.drive.estimator.kind != "ekf_disturbance" && s.drive.estimator.kind != "ekf_harmonic";
+}
+
+// Start and watch, of either controller ("controller.foc.").
+std::vector<Rule> rules_of_start_and_watch(const std::string& controller) {
+  const auto aligns = [](const Settings& s) { return s.drive.start == Start::kAlignIf; };
+  const auto fades = [=](const Settings& s) {
+    return aligns(s) || (s.drive.start == Start::kFlying && s.drive.controller.kind == "lqr");
+  };
+  const auto watches = [=](const Settings& s) {
+    return s.drive.controller.angle_source == AngleSource::kEstimate && estimates_the_angle(s);
+  };
+  const std::string startup = controller + "startup.", watch = controller + "synchronism.watch";
+  const std::string estimated =
+      "controller.angle_source = estimate and an estimator.kind that estimates the angle";
+  return {{startup + "t_agree_s", aligns, "start = align_if"},
+          {startup + "t_give_up_s", aligns, "start = align_if"},
+          {startup + "t_fade_s", fades, "start = align_if, or flying with controller.kind = lqr"},
+          {startup,
+           [=](const Settings& s) {
+             return aligns(s) || (watches(s) && s[watch] == "true" &&
+                                  s[controller + "synchronism.reaction"] == "stop");
+           },
+           "start = align_if, or synchronism.reaction = stop"},
+          {watch, watches, estimated},
+          {controller + "synchronism.",
+           [=](const Settings& s) { return watches(s) && s[watch] == "true"; },
+           watch + " = true, " + estimated}};
+}
+
 std::vector<Rule> rules_of_foc() {
   const std::string foc = "controller.foc.";
-  return {
-      {foc + "startup.", [](const Settings& s) { return s.drive.start == Start::kAlignIf; },
-       "start = align_if"},
-      with(foc + "voltage_margin", foc + "field_weakening", "true"),
-      with(foc + "field_weakening_bandwidth_Hz", foc + "field_weakening", "true"),
-      {foc + "synchronism.watch",
-       [](const Settings& s) { return s.drive.controller.angle_source == AngleSource::kEstimate; },
-       "controller.angle_source = estimate"},
-      with(foc + "synchronism.", foc + "synchronism.watch", "true")};
+  std::vector<Rule> rules = rules_of_start_and_watch(foc);
+  rules.push_back(with(foc + "voltage_margin", foc + "field_weakening", "true"));
+  rules.push_back(with(foc + "field_weakening_bandwidth_Hz", foc + "field_weakening", "true"));
+  return rules;
 }
 
 std::vector<Rule> rules_of_lqr() {
@@ -131,9 +169,7 @@ std::vector<Rule> rules_of_lqr() {
     rules.push_back(with(lqr + key, gains, "deviations"));
   for (const char* key : {"bandwidth_d_Hz", "bandwidth_q_Hz"})
     rules.push_back(with(lqr + key, gains, "bandwidths"));
-  rules.push_back({lqr + "startup.",
-                   [](const Settings& s) { return s.drive.start == Start::kAlignIf; },
-                   "start = align_if"});
+  for (const Rule& rule : rules_of_start_and_watch(lqr)) rules.push_back(rule);
   rules.push_back(with(lqr + "voltage_margin", lqr + "field_weakening", "true"));
   rules.push_back(with(lqr + "field_weakening_bandwidth_Hz", lqr + "field_weakening", "true"));
   rules.push_back({lqr + "angle_domain.",
@@ -142,10 +178,47 @@ std::vector<Rule> rules_of_lqr() {
   return rules;
 }
 
+bool is_real(const Settings& s) {
+  return s.drive.plant.kind == PlantKind::kBridge;
+}
+
+// What the protocol of the bridge reads. The mode is no condition: `bridge listen` and `bridge run` set
+// it for the same file.
+std::vector<Rule> rules_of_the_bridge() {
+  const auto needs = [](const char* key, const std::map<std::string, std::string>& all) {
+    std::string text;
+    for (const auto& [other, value] : all)
+      text += fmt::format("{}bridge.{} = {}", text.empty() ? "" : ", ", other, value);
+    return Rule{std::string("bridge.") + key,
+                [all](const Settings& s) {
+                  return is_real(s) && std::all_of(all.begin(), all.end(), [&](const auto& one) {
+                           return s["bridge." + one.first] == one.second;
+                         });
+                },
+                "plant.kind = bridge, " + text};
+  };
+  return {needs("float64", {{"protocol", "twinrate"}}),
+          needs("moteus_id", {{"protocol", "moteus"}, {"moteus_listen", "poll"}}),
+          needs("moteus_control", {{"protocol", "moteus"}}),
+          needs("moteus_listen", {{"protocol", "moteus"}}),
+          needs("without_watchdog", {{"protocol", "moteus"}, {"moteus_control", "voltage"}}),
+          {"bridge.theta_e_offset_rad",
+           [](const Settings& s) { return is_real(s) && s["bridge.protocol"] != "twinrate"; },
+           "plant.kind = bridge, bridge.protocol = moteus or vesc"},
+          {"bridge.baud",
+           [](const Settings& s) {
+             return is_real(s) && !s["bridge.port"].starts_with("udp://") &&
+                    s["bridge.emulate"] != "true";
+           },
+           "plant.kind = bridge and a serial bridge.port"},
+          {"bridge.", is_real, "plant.kind = bridge"}};
+}
+
 // The first rule that fits a key decides; a table of another kind is never read.
 std::vector<Rule> all_rules() {
   std::vector<Rule> rules;
-  for (const auto& some : {rules_of_gains(), rules_of_filters(), rules_of_foc(), rules_of_lqr()})
+  for (const auto& some : {rules_of_gains(), rules_of_filters(), rules_of_foc(), rules_of_lqr(),
+                           rules_of_the_bridge()})
     rules.insert(rules.end(), some.begin(), some.end());
   return rules;
 }
@@ -230,23 +303,21 @@ void refuse_covariance(const Config& config) {
 }
 
 // "" if the parts of the drive can do what controller.compensation asks for, else what it needs.
-std::string compensation_needs(Config& config, const Settings& settings) {
+std::string unmet_compensation(Config& config, const Settings& settings) {
   const auto filter = make_filter(config);
-  const bool measured = settings.drive.controller.angle_source != AngleSource::kEstimate ||
-                        filter->output({}, {}).status & kMeasuredAngle;
-  const bool feeds = settings.uses(Compensation::kLoad) || settings.uses(Compensation::kPaper);
-  if (feeds && !filter->estimates_load())
-    return fmt::format("an estimator.kind that estimates the load, {} does not",
-                       settings.drive.estimator.kind);
-  if (!settings.uses(Compensation::kAngleDomain)) return "";
-  if (settings.drive.controller.kind != "lqr") return "controller.kind = lqr";
-  return measured ? "" : "a measured angle: estimator.kind = ekf_disturbance or ekf_harmonic";
+  for (const Compensation wanted :
+       {Compensation::kLoad, Compensation::kPaper, Compensation::kAngleDomain})
+    if (settings.uses(wanted))
+      if (const std::string needs = compensation_needs(wanted, settings.drive, *filter);
+          !needs.empty())
+        return needs;
+  return "";
 }
 
 // A preset's compensation stays without effect where its alternatives cannot do it, but no
 // controller takes an angle that the drive does not give it.
 void refuse_compensation(Config& config, const Settings& settings) {
-  const std::string key = "controller.compensation", needs = compensation_needs(config, settings);
+  const std::string key = "controller.compensation", needs = unmet_compensation(config, settings);
   const std::vector<std::string> mine = keys_of_the_user(config);
   const bool of_the_user = std::find(mine.begin(), mine.end(), key) != mine.end();
   const bool must =
@@ -256,7 +327,29 @@ void refuse_compensation(Config& config, const Settings& settings) {
       fmt::format("{}: {}: has no effect here; it is read with {}", config.where(key), key, needs));
 }
 
+// Keys that only a simulated drive reads; in listen mode also those of the host's own control.
+bool is_unread(const std::string& key, bool listens) {
+  const auto in = [&](std::initializer_list<const char*> tables) {
+    return std::any_of(tables.begin(), tables.end(),
+                       [&](const char* t) { return key.starts_with(t); });
+  };
+  if (in({"plant.kind", "plant.delay_samples"})) return false;
+  return in({"plant.", "load."}) ||
+         (listens && in({"controller.", "safety.", "bridge.lease_ms", "bridge.moteus_control",
+                         "bridge.without_watchdog"}));
+}
+
 }  // namespace
+
+std::string keys_unread_by_a_real_drive(Config& config) {
+  const BridgeParameters bridge = config.read<BridgeParameters>();
+  if (config.drive().plant.kind != PlantKind::kBridge || bridge.emulate) return "";
+  std::string unread;
+  for (const std::string& key : keys_of_the_user(config))
+    if (is_unread(key, bridge.mode == BridgeMode::kListen))
+      unread += (unread.empty() ? "" : ", ") + key;
+  return unread;
+}
 
 void refuse_unused_keys(Config& config) {
   refuse_covariance(config);

@@ -4,6 +4,8 @@
 // policies of the drive is refused by name. The keys of a preset and of a resolved file
 // (config.toml of a run) are not: a preset holds what its alternatives need.
 #pragma once
+#include <string>
+
 #include "core/config.hpp"
 
 namespace twinrate {
@@ -11,5 +13,9 @@ namespace twinrate {
 // Throws BadInput at the first such key: where, what, and with which setting it is read. Requires
 // read_all_tables().
 void refuse_unused_keys(Config& config);
+
+// Keys of the user that nothing reads while the drive is a real one (plant.kind = bridge, not
+// emulated), in the mode of the bridge; the same file may simulate it. "": none.
+std::string keys_unread_by_a_real_drive(Config& config);
 
 }  // namespace twinrate

@@ -20,18 +20,20 @@ std::optional<ClosedFloquet> floquet(double omega_e, const Overrides& more) {
   return ClosedFloquet::of(config, omega_e);
 }
 
-// Difference of the estimates of two drives, one of which felt a pulse of load at 0.2 s: how it grows or
-// decays over each period of n ticks, by its largest values in two windows.
+// Difference of the estimates of two drives, one of which felt a pulse of load at 0.2 s, with a gain every
+// n-th tick from 0.22 s on: how it grows or decays over each period of n ticks, by its largest values in
+// two windows.
 double growth(double omega_e, const Overrides& more, int n) {
   Overrides quiet = drive_at(omega_e, more);
   quiet.push_back(fmt::format("rates.n={}", n));
+  quiet.push_back("rates.n_from_s=0.22");
   quiet.push_back("load.slew_Nm_s=0");
   Overrides pulsed = quiet;
   pulsed.push_back("load.T_load_Nm=[[0,0],[0.2,1e-6],[0.21,0]]");
   ClosedLoop a(load("dilys2021", quiet)), b(load("dilys2021", pulsed));
   const double T_s = a.drive().T_s();
   double early = 0, late = 0;
-  constexpr double kEarly_s = 0.3, kLate_s = 0.4, kWindow_s = 0.05;
+  constexpr double kEarly_s = 0.25, kLate_s = 0.3, kWindow_s = 0.03;
   for (double t_s = 0; t_s < kLate_s + kWindow_s; t_s += T_s) {
     a.tick(), b.tick();
     const double off = std::abs(wrap_pi(a.angle_error() - b.angle_error()));
@@ -70,8 +72,27 @@ TEST(ClosedFloquet, ATurnedGainHasNoLimit) {
   EXPECT_EQ(floquet(400, {"gain.policy=rotate"})->n_max(60), 60);
 }
 
-TEST(ClosedFloquet, DoesNotCoverAFilterWithMemoryBesideItsState) {
-  EXPECT_FALSE(floquet(400, {"estimator.kind=active_flux"}));
+// Its angle and speed, every fifth tick, are states of the loop: the low-pass decides how fast it settles.
+TEST(ClosedFloquet, CoversTheAngleProcessingOfActiveFlux) {
+  const Overrides kind{"estimator.kind=active_flux", "controller.foc.speed_bandwidth_Hz=4"};
+  const auto f = floquet(400, kind);
+  ASSERT_TRUE(f);
+  EXPECT_LT(f->spectral_radius(10), 1);
+  EXPECT_EQ(f->n_max(50), 50);
+  // A speed loop far above the low-pass, with which the filter alone holds every n.
+  const Overrides fast{kind[0], "controller.foc.speed_bandwidth_Hz=150"};
+  const auto grows = floquet(400, fast);
+  ASSERT_TRUE(grows);
+  EXPECT_GT(grows->spectral_radius(5), 1.005);
+  EXPECT_GT(growth(400, fast, 5), 1.005);
+  EXPECT_LT(growth(400, kind, 5), 1);
+  EXPECT_EQ(grows->n_max_of_filter(20), 20);
+}
+
+TEST(ClosedFloquet, DoesNotCoverAFilterThatDependsOnTheAngle) {
+  EXPECT_FALSE(floquet(400, {"estimator.kind=backemf_printed"}));
+  EXPECT_FALSE(floquet(
+      400, {"estimator.kind=active_flux", "estimator.active_flux.Q_diag=[1e-4, 1e-4, 0.5, 0.1]"}));
 }
 
 }  // namespace

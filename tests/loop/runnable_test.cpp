@@ -62,6 +62,25 @@ TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
   EXPECT_EQ(refusal("dilys2021", {pair[0], pair[1], "estimator.ekf_joint.order=6"}), "");
 }
 
+TEST(Runnable, TheWatchIsRefusedWhereAnAngleIsMeasured) {
+  const Overrides watch{"controller.lqr.synchronism.watch=true"};
+  EXPECT_NE(refusal("niewiara2020", watch).find("an estimator.kind that estimates the angle"),
+            std::string::npos);
+  EXPECT_EQ(refusal("niewiara2020", {watch[0], "estimator.kind=ekf_joint"}), "");
+  const Overrides stop{"controller.foc.synchronism.watch=true",
+                       "controller.foc.synchronism.reaction=stop"};
+  EXPECT_EQ(refusal("dilys2021", {stop[0], stop[1], "controller.foc.startup.t_align_s=0.2"}), "");
+  EXPECT_NE(refusal("dilys2021", {stop[0], stop[1], "controller.foc.startup.t_agree_s=0.1"})
+                .find("start = align_if"),
+            std::string::npos);
+}
+
+TEST(Runnable, ASteeredValueFromTheStartOnIsRefused) {
+  for (const char* set : {"steering.n=7", "steering.policy=rotate"})
+    EXPECT_NE(refusal("dilys2021", {set}).find("changes after 0 s allowed"), std::string::npos);
+  EXPECT_EQ(refusal("dilys2021", {"steering.n=[[0, 0], [0.5, 7]]"}), "");
+}
+
 TEST(Runnable, CompensationIsRefusedWhereNoPartCanDoIt) {
   EXPECT_EQ(refusal("niewiara2020", {"controller.kind=foc", "controller.compensation=load"}), "");
   EXPECT_NE(refusal("niewiara2020", {"controller.kind=foc", "controller.compensation=angle_domain"})
@@ -72,6 +91,80 @@ TEST(Runnable, CompensationIsRefusedWhereNoPartCanDoIt) {
                     {"controller.compensation=angle_domain", "estimator.kind=ekf_sensorless"})
                 .find("a measured angle"),
             std::string::npos);
+}
+
+TEST(Runnable, ARealDriveMayOnlyDoWhatItsProtocolCan) {
+  const auto with_bridge = [](Overrides more) {
+    more.push_back("plant.kind=bridge");
+    return more;
+  };
+  EXPECT_EQ(refusal("dilys2021", with_bridge({"bridge.port=/dev/ttyACM0"})), "");
+  EXPECT_NE(refusal("dilys2021", {"bridge.port=/dev/ttyACM0"}).find("plant.kind = bridge"),
+            std::string::npos);
+  EXPECT_NE(refusal("dilys2021", with_bridge({"controller.angle_source=truth"})).find("measured"),
+            std::string::npos);
+  EXPECT_NE(refusal("dilys2021", with_bridge({"bridge.protocol=vesc"})).find("listen allowed"),
+            std::string::npos);
+  EXPECT_EQ(refusal("dilys2021", with_bridge({"bridge.protocol=vesc", "bridge.mode=listen"})), "");
+}
+
+TEST(Runnable, KeysOfAnotherProtocolOrLineAreRefused) {
+  const auto with_bridge = [](Overrides more) {
+    more.push_back("plant.kind=bridge");
+    return refusal("dilys2021", more);
+  };
+  EXPECT_NE(with_bridge({"bridge.moteus_id=3"}).find("bridge.protocol = moteus"),
+            std::string::npos);
+  EXPECT_EQ(with_bridge({"bridge.moteus_id=3", "bridge.protocol=moteus"}), "");
+  EXPECT_NE(with_bridge({"bridge.theta_e_offset_rad=1"}).find("moteus or vesc"), std::string::npos);
+  EXPECT_NE(with_bridge({"bridge.float64=false", "bridge.protocol=moteus"}).find("twinrate"),
+            std::string::npos);
+  EXPECT_NE(with_bridge({"bridge.baud=115200", "bridge.port=udp://h:1"}).find("serial"),
+            std::string::npos);
+  EXPECT_NE(with_bridge({"bridge.without_watchdog=true"}).find("moteus_control = voltage"),
+            std::string::npos);
+}
+
+TEST(Runnable, KeysThatARealDriveDoesNotReadAreNamed) {
+  const Overrides bridge = {"plant.kind=bridge", "bridge.port=/dev/ttyACM0", "plant.engine=erk"};
+  Config control = load_drive("dilys2021", bridge);
+  const auto list = check_runnable(control);
+  ASSERT_EQ(list.size(), 1u);
+  EXPECT_NE(list[0].find("unused keys"), std::string::npos) << list[0];
+  EXPECT_NE(list[0].find("plant.engine"), std::string::npos) << list[0];
+  EXPECT_EQ(list[0].find("plant.kind"), std::string::npos) << list[0];
+  Overrides listen = {"plant.kind=bridge", "bridge.mode=listen", "controller.foc.i_max_A=2"};
+  Config listened = load_drive("dilys2021", listen);
+  EXPECT_NE(check_runnable(listened).at(0).find("controller.foc.i_max_A"), std::string::npos);
+  Config emulated =
+      load_drive("dilys2021", {"plant.kind=bridge", "bridge.emulate=true", "plant.engine=erk"});
+  EXPECT_TRUE(check_runnable(emulated).empty());
+}
+
+TEST(Runnable, WarnsOfALeaseShorterThanTheLinkCanHold) {
+  const auto warning = [](Overrides more) -> std::string {
+    more.push_back("plant.kind=bridge");
+    const auto list = checked("dilys2021", more);
+    return list.empty() ? "" : list[0];
+  };
+  EXPECT_NE(warning({"bridge.lease_ms=3"}).find("p99.9"), std::string::npos);
+  EXPECT_NE(warning({"bridge.lease_ms=3", "bridge.baud=115200"}).find("shorter than the link"),
+            std::string::npos);
+  EXPECT_EQ(warning({}), "");
+  EXPECT_EQ(warning({"bridge.lease_ms=3", "bridge.mode=listen"}).find("p99.9"), std::string::npos);
+}
+
+TEST(Runnable, AModeWithoutADeviceWatchdogIsNotCalledSafe) {
+  Overrides voltage = {"plant.kind=bridge", "bridge.protocol=moteus",
+                       "bridge.moteus_control=voltage"};
+  EXPECT_NE(refusal("dilys2021", voltage).find("without_watchdog"), std::string::npos);
+  voltage.push_back("bridge.without_watchdog=true");
+  Config config = load_drive("dilys2021", voltage);
+  const auto list = check_runnable(config);
+  ASSERT_EQ(list.size(), 1u);
+  EXPECT_NE(list[0].find("not safe"), std::string::npos) << list[0];
+  Config torque = load_drive("dilys2021", {"plant.kind=bridge", "bridge.protocol=moteus"});
+  EXPECT_TRUE(check_runnable(torque).empty());
 }
 
 TEST(Runnable, AResolvedFileRunsThoughItHoldsEveryKey) {

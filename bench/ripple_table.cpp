@@ -1,11 +1,13 @@
-// joint_ripple: the speed ripple of Niewiara's drive with and without its encoder, the table of
-// docs/ripple-reduction.md.
+// ripple_table: the speed ripple of Niewiara's drive, without compensation and with every one, with its
+// encoder and without: the table of docs/ripple-reduction.md.
 //
-//   joint_ripple [DRIVE]          default: docs/sensorless-ripple-drive.toml
+//   ripple_table [DRIVE]          default: docs/sensorless-ripple-drive.toml
 //
-// With encoder: preset niewiara2020, compensation off, the paper's, and the paper's with L = -3000.
-// Without: DRIVE (ekf_joint), compensation off and "paper", a gain every n = 1, 5, 10 ticks. rad/s rms of
-// the true speed over 6 turns from 3 s on; "lost" if the angle error exceeds 90 deg.
+// With encoder: preset niewiara2020, compensation off, the paper's, the paper's with L = -3000, harmonic
+// states of the load, and adaptive feed-forward over the angle. Without: DRIVE (ekf_joint), compensation
+// off and "paper", a gain every n = 1, 5, 10 ticks. rad/s rms of the true speed over 6 turns; "lost" if
+// the angle error exceeds 90 deg. The turns begin 3 s after the start; what learns over turns
+// (harmonic, angle domain) has 30 turns before them.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -23,7 +25,7 @@ using Overrides = std::vector<std::string>;
 
 constexpr std::array<double, 4> kSpeeds_rpm{10, 20, 30, 50};
 constexpr double kFrom_s = 3;
-constexpr int kTurns = 6;
+constexpr int kTurns = 6, kLearningTurns = 30;
 
 struct Ripple {
   double rms = 0;              // of omega_m, rad/s
@@ -45,7 +47,9 @@ class Sum {
   double count_ = 0, mean_ = 0, square_ = 0;
 };
 
-Ripple ripple(const std::string& drive, double speed_rpm, Overrides overrides) {
+Ripple ripple(const std::string& drive, double speed_rpm, double turns_before,
+              Overrides overrides) {
+  const double from_s = kFrom_s + 60 / speed_rpm * turns_before;
   overrides.push_back(fmt::format("reference.speed_rpm={}", speed_rpm));
   Config config = Config::load(drive, overrides);
   const DriveConfig d = config.drive();
@@ -58,7 +62,10 @@ Ripple ripple(const std::string& drive, double speed_rpm, Overrides overrides) {
     const double error = wrap_pi(tick.estimate.theta_e - d.machine.n_p * tick.truth.theta_m);
     found.lost = std::abs(error) > kPi / 2 || !std::isfinite(tick.truth.omega_m);
     if (found.lost) return found;
-    if (static_cast<double>(tick.measurement.k) * d.T_s() < kFrom_s) continue;
+    const double t_s = static_cast<double>(tick.measurement.k) * d.T_s();
+    found.lost = t_s > from_s + 4 * kTurns * 60 / speed_rpm;  // it does not turn
+    if (found.lost) return found;
+    if (t_s < from_s) continue;
     if (std::isnan(from_rad)) from_rad = tick.truth.theta_m;
     if (tick.truth.theta_m - from_rad >= kTwoPi * kTurns) break;
     if (!(tick.estimate.status & kMeasuredAngle))
@@ -69,11 +76,12 @@ Ripple ripple(const std::string& drive, double speed_rpm, Overrides overrides) {
   return found;
 }
 
-void print_row(const std::string& name, const std::string& drive, const Overrides& overrides) {
+void print_row(const std::string& name, const std::string& drive, const Overrides& overrides,
+               double turns_before = 0) {
   fmt::print("{:<34}", name);
   double angle_error_max = 0;
   for (const double speed_rpm : kSpeeds_rpm) {
-    const Ripple r = ripple(drive, speed_rpm, overrides);
+    const Ripple r = ripple(drive, speed_rpm, turns_before, overrides);
     fmt::print(" {:>7}", r.lost ? "lost" : fmt::format("{:.4f}", r.rms));
     std::cout.flush();
     angle_error_max = std::max(angle_error_max, r.angle_error_max);
@@ -91,6 +99,10 @@ void print_table(const std::string& sensorless) {
   print_row("encoder, paper, L = -700", encoder, {paper});
   print_row("encoder, paper, L = -3000", encoder,
             {paper, "estimator.ekf_disturbance.L_Nm_rad=-3000"});
+  print_row("encoder, harmonic, n = 10", encoder,
+            {paper, "estimator.kind=ekf_harmonic", "rates.n=10"}, kLearningTurns);
+  print_row("encoder, angle domain", encoder, {"controller.compensation=angle_domain"},
+            kLearningTurns);
   print_row("ekf_joint, off, n = 1", sensorless, {"controller.compensation=off"});
   for (const int n : {1, 5, 10})
     print_row(fmt::format("ekf_joint, paper, n = {}", n), sensorless,
@@ -104,7 +116,7 @@ int main(int argc, char** argv) {
   try {
     twinrate::print_table(argc > 1 ? argv[1] : "docs/sensorless-ripple-drive.toml");
   } catch (const twinrate::BadInput& error) {
-    std::cerr << "joint_ripple: " << error.what() << "\n";
+    std::cerr << "ripple_table: " << error.what() << "\n";
     return 2;
   }
 }

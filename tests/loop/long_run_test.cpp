@@ -1,0 +1,124 @@
+// Numerics that do not tire: covariances over many updates, and a session that begins thirty days
+// late.
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+
+#include "estimator/make_filter.hpp"
+#include "estimator/registry.hpp"
+#include "loop/closed_loop.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate::long_run_test {
+namespace {
+
+// A drive that the filter is made for.
+std::string drive_of(const std::string& kind) {
+  const bool salient = kind == "active_flux" || kind == "eemf" || kind == "dq_ekf";
+  if (salient || kind == "backemf_printed") return "kim-ipmsm";
+  return kind == "ekf_sensorless" || kind == "ekf_joint" ? "dilys2021" : "niewiara2020";
+}
+
+// The snapshots of the last `count` ticks that sent a gain, at constant speed or at standstill.
+std::vector<Estimate> snapshots(Config& config, double duration_s, std::size_t count) {
+  ClosedLoop loop(config);
+  std::vector<Estimate> all;
+  while (static_cast<double>(loop.k()) * config.drive().T_s() < duration_s) {
+    const TickRecord& tick = loop.step();
+    if (tick.has_gain) all.push_back(tick.estimate);
+  }
+  if (all.size() > count) all.erase(all.begin(), all.end() - static_cast<std::ptrdiff_t>(count));
+  return all;
+}
+
+struct Worst {
+  double asymmetry = 0, smallest = 1;  // of the correlation matrix; its least eigenvalue
+};
+
+void note(const Gain& gain, Worst& worst) {
+  const Eigen::MatrixXd P = gain.P.topLeftCorner(gain.n_x, gain.n_x);
+  ASSERT_TRUE(P.allFinite() && gain.K.allFinite());
+  ASSERT_GT(P.diagonal().minCoeff(), 0);
+  const Eigen::VectorXd scale = P.diagonal().cwiseSqrt().cwiseInverse();
+  const Eigen::MatrixXd C = scale.asDiagonal() * P * scale.asDiagonal();
+  worst.asymmetry = std::max(worst.asymmetry, (C - C.transpose()).cwiseAbs().maxCoeff());
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(0.5 * (C + C.transpose()),
+                                                             Eigen::EigenvaluesOnly);
+  worst.smallest = std::min(worst.smallest, eigen.eigenvalues()[0]);
+}
+
+// The snapshots over and over.
+Worst updates(Config& config, const std::vector<Estimate>& at, std::int64_t count) {
+  BackgroundLoop background = make_background_loop(config);
+  Worst worst;
+  const int n = config.drive().rates.n;
+  for (std::int64_t i = 0; i < count; ++i) {
+    Estimate e = at[static_cast<std::size_t>(i) % at.size()];
+    e.k = i * n;
+    const Gain& gain = background.step(e);
+    if (i % 1000 == 999) note(gain, worst);
+  }
+  return worst;
+}
+
+class LongCovariance : public testing::TestWithParam<std::tuple<std::string, const char*>> {};
+
+TEST_P(LongCovariance, StaysSymmetricAndPositiveAtSpeedAndAtStandstill) {
+  const auto& [kind, policy] = GetParam();
+  for (const char* reference : {"", "reference.omega_e_rad_s=0"}) {
+    test::Overrides overrides = {"estimator.kind=" + kind,
+                                 std::string("gain.policy=") + policy,
+                                 "load.T_load_Nm=0",
+                                 "rates.n=2",
+                                 "rates.n_from=start",
+                                 "controller.kind=foc",
+                                 "controller.angle_source=truth"};
+    if (*reference) overrides.push_back("reference.speed_rpm=0");
+    Config config = test::load(drive_of(kind), overrides);
+    const std::vector<Estimate> at = snapshots(config, 0.3, 100);
+    ASSERT_FALSE(at.empty());
+    const Worst worst = updates(config, at, 20000);
+    EXPECT_LT(worst.asymmetry, 1e-6) << reference;
+    EXPECT_GT(worst.smallest, 1e-12) << reference;
+  }
+}
+
+std::string name_of(const testing::TestParamInfo<std::tuple<std::string, const char*>>& made) {
+  return std::get<0>(made.param) + "_" + std::get<1>(made.param);
+}
+
+INSTANTIATE_TEST_SUITE_P(Filters, LongCovariance,
+                         testing::Combine(testing::ValuesIn(filter_kinds()),
+                                          testing::Values("paper", "immediate", "rotor_frame")),
+                         name_of);
+// Filters in the stationary frame with a steady state.
+INSTANTIATE_TEST_SUITE_P(Propagated, LongCovariance,
+                         testing::Combine(testing::Values("ekf_sensorless", "eemf", "ekf_joint"),
+                                          testing::Values("propagated")),
+                         name_of);
+
+// 30 days at 5 kHz are 1.3e10 ticks, and 2.6e8 rad at 100 rad/s.
+TEST(LateSession, AnEstimatorThirtyDaysOnGivesTheSameEstimates) {
+  for (const char* drive : {"dilys2021", "niewiara2020"}) {
+    Config config = test::load(drive, {"rates.n=5"});
+    const std::int64_t late = 5 * std::int64_t{2'600'000'000};
+    ClosedLoop loop(config);
+    EstimatorLoop early(config), later(config);
+    for (int k = 0; k < 3000; ++k) {
+      const Measurement m = loop.step().measurement;
+      Measurement shifted = m;
+      shifted.k += late;
+      shifted.t_ns = config.drive().t_ns(shifted.k);
+      const Estimate a = early.tick(m), b = later.tick(shifted);
+      ASSERT_EQ(b.k, a.k + late);
+      ASSERT_EQ(b.status, a.status) << drive << k;
+      ASSERT_EQ(b.theta_e, a.theta_e) << drive << k;
+      ASSERT_EQ(b.omega_m, a.omega_m) << drive << k;
+      ASSERT_EQ(later.has_gain(), early.has_gain());
+      ASSERT_EQ(shifted.t_ns - config.drive().t_ns(late), m.t_ns) << "exact to the nanosecond";
+    }
+  }
+}
+
+}  // namespace
+}  // namespace twinrate::long_run_test
