@@ -7,6 +7,7 @@
 #include <complex>
 
 #include "model/frames.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 namespace {
@@ -85,7 +86,7 @@ Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, i
   std::vector<double> moment_re(2 * N + 1), moment_im(2 * N + 1);          // sum w e^{jm theta}
   std::vector<double> projection_re(2 * N + 1), projection_im(2 * N + 1);  // sum w y e^{jm theta}
   for (std::size_t i = 0; i < theta.size(); ++i) {
-    const double c = std::cos(theta[i]), s = std::sin(theta[i]);
+    const auto [s, c] = math::sincos(theta[i]);
     double re = w[i], im = 0;  // w e^{jm theta}; std::complex would check every product for NaN
     for (int m = 0; m <= 2 * N; ++m) {
       moment_re[m] += re;
@@ -132,7 +133,7 @@ double OrderSpectrum::noise(int N_max) const {
 double OrderSpectrum::at(double theta_m, int N_max) const {
   double sum = 0;
   for (std::size_t i = 0; i < amplitude.size() && i < static_cast<std::size_t>(N_max); ++i)
-    sum += amplitude[i] * std::sin(static_cast<double>(i + 1) * theta_m + phase_rad[i]);
+    sum += amplitude[i] * math::sin(static_cast<double>(i + 1) * theta_m + phase_rad[i]);
   return sum;
 }
 
@@ -142,7 +143,7 @@ double shape_correlation(const OrderSpectrum& a, const OrderSpectrum& b, int N_m
   double product = 0;
   for (std::size_t i = 0; i < shared; ++i)
     product += a.amplitude[i] * b.amplitude[i] / 2 *
-               std::cos(a.phase_rad[i] - b.phase_rad[i] - static_cast<double>(i + 1) * turned);
+               math::cos(a.phase_rad[i] - b.phase_rad[i] - static_cast<double>(i + 1) * turned);
   return product / (a.rms(N_max) * b.rms(N_max));
 }
 
@@ -173,7 +174,7 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
   spectrum.mean = c[N].real();
   for (int order = 1; order <= N; ++order) {
     spectrum.amplitude.push_back(2 * std::abs(c[N + order]));
-    spectrum.phase_rad.push_back(wrap_pi(std::arg(c[N + order]) + kPi / 2));
+    spectrum.phase_rad.push_back(wrap_pi(math::arg(c[N + order]) + kPi / 2));
   }
   return spectrum;
 }

@@ -13,8 +13,8 @@
 
 namespace twinrate {
 
-LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes)
-    : directory_(std::move(directory)), rotate_bytes_(rotate_bytes) {
+LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part)
+    : directory_(std::move(directory)), rotate_bytes_(rotate_bytes), first_part_(first_part) {
   std::error_code refused;  // open_next() then fails, too
   std::filesystem::create_directories(directory_, refused);
   open_next();
@@ -26,7 +26,8 @@ LogWriter::~LogWriter() {
 }
 
 void LogWriter::open_next() {
-  const std::string name = files_.empty() ? "log.lcm" : fmt::format("log-{:03}.lcm", files_.size());
+  const std::size_t part = first_part_ + files_.size();
+  const std::string name = part == 0 ? "log.lcm" : fmt::format("log-{:03}.lcm", part);
   const std::string path = (std::filesystem::path(directory_) / name).string();
   create_new(path);
   log_ = lcm_eventlog_create(path.c_str(), "w");

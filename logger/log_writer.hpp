@@ -17,7 +17,8 @@ namespace twinrate {
 class LogWriter {
  public:
   // Throws BadInput if the first file exists, std::runtime_error if it cannot be created.
-  LogWriter(std::string directory, std::int64_t rotate_bytes);
+  // `first_part`: number of the parts that are there already.
+  LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part = 0);
   ~LogWriter();
   LogWriter(const LogWriter&) = delete;
   LogWriter& operator=(const LogWriter&) = delete;
@@ -50,6 +51,7 @@ class LogWriter {
 
   std::string directory_;
   std::int64_t rotate_bytes_;
+  std::size_t first_part_;
   lcm_eventlog_t* log_ = nullptr;
   std::int64_t written_ = 0;  // bytes passed to the present file
   std::int64_t on_disk_ = 0;  // bytes of whole events flushed; at most kFlushBytes behind

@@ -9,6 +9,9 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "core/decode.hpp"
+#include "core/event_log.hpp"
+#include "core/make_event.hpp"
 #include "core/manifest.hpp"
 #include "core/output_file.hpp"
 #include "core/process.hpp"
@@ -35,19 +38,55 @@ std::string directory_of(const ProcessOptions& options) {
   return directory;
 }
 
+// What an earlier logger of the run has left: the parts of its log, the last one perhaps cut off.
+struct Earlier {
+  std::vector<std::string> parts;
+  std::int64_t t0_us = 0;
+
+  static Earlier in(const std::string& directory, bool resume) {
+    Earlier earlier;
+    if (!resume) return earlier;
+    earlier.parts = log_parts(directory);
+    EventLog first(earlier.parts.front(), OnDamage::kSkip);
+    const lcm::LogEvent* manifest = first.next();  // written at drive time 0
+    earlier.t0_us = manifest ? manifest->timestamp : wall_us();
+    return earlier;
+  }
+  // Each part ends with its last whole event.
+  void cut_to_whole_events() const {
+    for (const std::string& part : parts) {
+      EventLog events(part, OnDamage::kSkip);
+      std::int64_t end = 0;
+      while (const lcm::LogEvent* event = events.next())
+        end = events.place().byte + 28 + static_cast<std::int64_t>(event->channel.size()) +
+              event->datalen;
+      std::error_code refused;
+      const auto size = static_cast<std::int64_t>(std::filesystem::file_size(part, refused));
+      if (end > 0 && end < size) std::filesystem::resize_file(part, end, refused);
+      if (refused) fmt::print(stderr, "{}: {}\n", part, refused.message());
+    }
+  }
+};
+
 class LoggerProcess {
  public:
   explicit LoggerProcess(Process& p)
       : p_(p),
         directory_(directory_of(p.options())),
-        writer_(directory_, static_cast<std::int64_t>(p.bus_parameters().log_rotate_MB * 1e6)),
+        earlier_(Earlier::in(directory_, p.options().resume)),
+        t0_us_(p.options().resume ? earlier_.t0_us : wall_us()),
+        writer_(directory_, static_cast<std::int64_t>(p.bus_parameters().log_rotate_MB * 1e6),
+                earlier_.parts.size()),
         log_(writer_,
              p.lockstep() && p.bus().bound() ? TickLog::Order::kByTick : TickLog::Order::kAsItComes,
              p.drive(), p.options().channel_suffix, t0_us_),
         ack_every_(std::max(1, p.bus_parameters().window_ticks / 8)) {
+    log_.follow(rate_history(p.config()));
+    p.on_steering({.follow = [this](const SteeredDrive& now) { log_.follow(now.rates()); }});
+    p.on_applied([this](const std::string& lines, std::int64_t k) { write_steering(lines, k); });
     log_.admit_ahead(p.bus_parameters().window_ticks + kKeptBeyondWindow);
     if (p.bus_parameters().split_ports) log_.expect_no_order();
-    write_manifest();
+    if (!p.options().resume) write_manifest(t0_us_);
     p.bus().subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
                                  std::int64_t seq,
                                  std::int64_t t_ns) { take(channel, bytes, size, seq, t_ns); });
@@ -65,25 +104,52 @@ class LoggerProcess {
     drain();
     log_.close();
     if (!writer_.flush()) disk_full();
+    earlier_.cut_to_whole_events();
     write_account();
   }
 
  private:
-  void write_manifest() {
+  void write_manifest(std::int64_t t_us) {
     const manifest_t manifest =
         make_manifest(p_.bus().session(), p_.config().merged(),
                       describe_host_json(p_.bus().session(), p_.drive().run.seed));
     writer_.set_manifest(info(Channel::kManifest).name + p_.options().channel_suffix,
-                         encode(manifest), t0_us_);
+                         encode(manifest), t_us);
     if (p_.bus().bound()) p_.bus().publish(manifest);
+  }
+  // A datagram may be lost. This process takes part in every request and needs none.
+  void write_steering(const std::string& lines, std::int64_t k) {
+    event_t event = make_event({.role = Role::kLogger,
+                                .reason = Reason::kSteered,
+                                .k = k,
+                                .t_ns = p_.drive().t_ns(k),
+                                .text = lines},
+                               p_.bus().session());
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(event.getEncodedSize()));
+    event.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+    log_.take(Channel::kEvent, event.seq, event.t_ns, bytes.data(), bytes.size());
+  }
+  static bool tells_of_steering(const std::uint8_t* bytes, std::size_t size) {
+    event_t event;
+    return decode(event, bytes, size) && event.reason == static_cast<int>(Reason::kSteered);
   }
   // Readers of the log refuse such a message (core/event_log.hpp).
   bool at_a_wrong_time(Channel channel, std::int64_t seq, std::int64_t t_ns) const {
     return channel < Channel::kStatus && p_.in_turn() && t_ns != p_.drive().t_ns(seq);
   }
+  // A log that goes on begins with a tick: only its messages know how late it is.
+  bool waits_for_a_tick(Channel channel, std::int64_t t_ns) {
+    if (!p_.options().resume || resumed_) return false;
+    if (channel >= Channel::kStatus) return true;
+    write_manifest(t0_us_ + t_ns / 1000);
+    resumed_ = true;
+    return false;
+  }
   void take(Channel channel, const std::uint8_t* bytes, std::size_t size, std::int64_t seq,
             std::int64_t t_ns) {
     if (channel == Channel::kManifest && p_.bus().bound()) return;  // already written at the start
+    if (waits_for_a_tick(channel, t_ns)) return;
+    if (channel == Channel::kEvent && tells_of_steering(bytes, size)) return;  // has been written
     const std::int64_t before = log_.complete_below();
     if (at_a_wrong_time(channel, seq, t_ns)) return p_.bus().refuse();
     if (!log_.take(channel, seq, t_ns, bytes, size)) return p_.bus().refuse();
@@ -139,6 +205,8 @@ class LoggerProcess {
           {"received", a.received}, {"lost", a.lost}, {"duplicates", a.duplicates}};
     }
     std::vector<std::string> files;
+    for (const std::string& file : earlier_.parts)
+      files.push_back(std::filesystem::path(file).filename().string());
     for (const std::string& file : writer_.files())
       files.push_back(std::filesystem::path(file).filename().string());
     try {
@@ -150,13 +218,14 @@ class LoggerProcess {
   }
 
   Process& p_;
-  std::int64_t t0_us_ = wall_us();  // wall time of drive time 0
   std::string directory_;
+  Earlier earlier_;
+  std::int64_t t0_us_;  // wall time of drive time 0
   LogWriter writer_;
   TickLog log_;
   ack_t missing_{};  // requested with the next acknowledgement
   std::int64_t ack_every_, acknowledged_ = 0;
-  bool full_said_ = false;
+  bool full_said_ = false, resumed_ = false;
 };
 
 }  // namespace
@@ -164,7 +233,9 @@ class LoggerProcess {
 
 int main(int argc, char** argv) {
   using namespace twinrate;
-  return run_process(
-      {Role::kLogger, "twinrate-logger", "every channel -> LCM log and loss account in --out"},
-      argc, argv, [](Process& p) { LoggerProcess(p).run(); });
+  return run_process({.role = Role::kLogger,
+                      .program = "twinrate-logger",
+                      .purpose = "every channel -> LCM log and loss account in --out",
+                      .drain_every_ms = 1},
+                     argc, argv, [](Process& p) { LoggerProcess(p).run(); });
 }

@@ -13,6 +13,7 @@ TickLog::TickLog(LogWriter& writer, Order order, const DriveConfig& drive,
       order_(order),
       drive_(drive),
       t0_us_(t0_us),
+      rates_(drive.gain.policy, drive.background_rate()),
       gain_rate_(drive.background_rate()) {
   if (drive_.locks_first()) gain_rate_.from = BackgroundRate::kNotYet;
   for (const ChannelInfo& channel : kChannels)
@@ -20,12 +21,14 @@ TickLog::TickLog(LogWriter& writer, Order order, const DriveConfig& drive,
 }
 
 bool TickLog::expected(int channel, const Tick& tick, bool while_unknown) const {
+  if (static_cast<Channel>(channel) == Channel::kTruth)  // a real drive has none
+    return drive_.plant.kind == PlantKind::kSimulated;
   return static_cast<Channel>(channel) != Channel::kGain || tick.sends_gain.value_or(while_unknown);
 }
 
 TickLog::Tick TickLog::new_tick(std::int64_t k) const {
   Tick tick;
-  if (!drive_.locks_first()) tick.sends_gain = drive_.sends_gain(k, 0);
+  if (!drive_.locks_first()) tick.sends_gain = rates_.sends_gain(k, 0);
   return tick;
 }
 
@@ -68,7 +71,7 @@ bool TickLog::new_as_it_comes(Channel channel, std::int64_t seq) {
     account.first_seq = seq;
   else
     account.lost +=
-        (channel == Channel::kGain ? drive_.gains_between(account.last_seq, seq, gain_rate_)
+        (channel == Channel::kGain ? rates_.gains_between(account.last_seq, seq, gain_rate_)
                                    : seq - account.last_seq) -
         1;
   account.last_seq = seq;
@@ -118,7 +121,7 @@ bool TickLog::take_by_tick(Channel channel, std::int64_t seq, std::int64_t t_ns,
   tick.t_ns = t_ns;
   tick.bytes[static_cast<std::size_t>(channel)].assign(bytes, bytes + size);
   if (channel == Channel::kEstimate && drive_.locks_first())
-    tick.sends_gain = drive_.sends_gain(seq, estimate_status(bytes, size));
+    tick.sends_gain = rates_.sends_gain(seq, estimate_status(bytes, size));
   auto& gain = tick.bytes[static_cast<std::size_t>(Channel::kGain)];
   if (!tick.sends_gain.value_or(true)) gain.clear();
   write_complete();

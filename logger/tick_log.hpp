@@ -16,6 +16,7 @@
 
 #include "core/channels.hpp"
 #include "core/drive_config.hpp"
+#include "core/rate_history.hpp"
 #include "logger/log_writer.hpp"
 
 namespace twinrate {
@@ -43,6 +44,9 @@ class TickLog {
   void expect_no_order() { ordered_ = false; }
   // Largest number of ticks above complete_below() that take() admits by tick.
   void admit_ahead(std::int64_t ticks) { ahead_ = ticks; }
+  // Rate and policy change while the drive runs. To be called before a message of a changed tick
+  // comes.
+  void follow(RateHistory rates) { rates_ = std::move(rates); }
   // When GAIN is due, as the estimates received so far tell it.
   BackgroundRate gain_rate() const { return gain_rate_; }
   // All ticks below this one are complete and passed to the writer.
@@ -92,7 +96,8 @@ class TickLog {
   std::array<std::string, kChannelCount> names_;
   std::int64_t t0_us_, next_ = 0, t_ns_ = 0, ahead_ = std::int64_t{1} << 20;
   bool ordered_ = true;
-  BackgroundRate gain_rate_;
+  RateHistory rates_;
+  BackgroundRate gain_rate_;  // up to the first change
   std::map<std::int64_t, Tick> pending_;
   std::array<ChannelAccount, kChannelCount> accounts_{};
 };

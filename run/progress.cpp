@@ -13,6 +13,7 @@ Progress::Progress(const DriveConfig& drive, bool json)
     : n_p_(drive.machine.n_p),
       duration_s_(drive.run.duration_s),
       T_s_(drive.T_s()),
+      endless_(is_endless(drive)),
       json_(json),
       terminal_(isatty(STDERR_FILENO) != 0),
       last_(Clock::now()) {}
@@ -32,25 +33,24 @@ void Progress::print(const Truth& truth, const Estimate& estimate, const LiveCou
   last_ = now;
   k_then_ = estimate.k;
   const double t_s = static_cast<double>(estimate.k) * T_s_;
-  const bool has_truth = truth.k >= 0;
+  const bool has_truth = truth.k == estimate.k;
   const double error_deg = wrap_pi(estimate.theta_e - n_p_ * truth.theta_m) * 180 / kPi;
   if (json_) {
     fmt::print(
         "{{\"t_s\": {:.4f}, \"share\": {:.4f}, \"omega_m_rad_s\": {:.4f}, \"angle_error_rad\": {}, "
         "\"steps_per_s\": {:.0f}, \"misses\": {}, \"losses\": {}, \"repeats\": {}}}\n",
-        t_s, t_s / duration_s_, estimate.omega_m,
+        t_s, endless_ ? 0 : t_s / duration_s_, estimate.omega_m,
         has_truth ? fmt::format("{:.5f}", error_deg * kPi / 180) : "null", rate, counters.misses,
         counters.losses, counters.repeats);
     std::fflush(stdout);
     return;
   }
-  fmt::print(
-      stderr,
-      "\r\033[K{:6.2f} of {:.2f} s  speed {:7.1f} rad/s el.  angle error {}  {:6.0f} steps/s  "
-      "misses {}  losses {}",
-      t_s, duration_s_, estimate.omega_m * n_p_,
-      has_truth ? fmt::format("{:6.2f} deg", error_deg) : "no truth", rate, counters.misses,
-      counters.losses);
+  fmt::print(stderr,
+             "\r\033[K{:6.2f} of {} s  speed {:7.1f} rad/s el.  angle error {}  {:6.0f} steps/s  "
+             "misses {}  losses {}",
+             t_s, endless_ ? kEndless : fmt::format("{:.2f}", duration_s_), estimate.omega_m * n_p_,
+             has_truth ? fmt::format("{:6.2f} deg", error_deg) : "no truth", rate, counters.misses,
+             counters.losses);
   std::fflush(stderr);
   drawn_ = true;
 }

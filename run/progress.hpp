@@ -25,13 +25,20 @@ class Progress {
 
   int n_p_;
   double duration_s_, T_s_;
+  bool endless_;
   bool json_, terminal_, drawn_ = false;
   std::int64_t calls_ = 0, k_then_ = 0;
   Clock::time_point last_;
 };
 
-// "2s", "500ms", "2" -> "2", "0.5", "2". Other text is returned unchanged; the config reader
-// refuses it.
+// "2s", "500ms", "2" -> "2", "0.5", "2". Throws BadInput.
 std::string seconds_text(const std::string& text);
+
+// A run without an end of its own: --duration inf.
+inline constexpr const char* kEndless = "inf";
+inline constexpr double kEndless_s = 1e9;  // the longest run.duration_s
+inline bool is_endless(const DriveConfig& drive) {
+  return drive.run.duration_s >= kEndless_s;
+}
 
 }  // namespace twinrate

@@ -8,10 +8,13 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "analysis/long_log.hpp"
 #include "core/channels.hpp"
 #include "core/output_file.hpp"
 #include "core/reason.hpp"
 #include "report/report.hpp"
+#include "run/hop_latency.hpp"
+#include "run/progress.hpp"
 
 namespace twinrate {
 namespace {
@@ -50,9 +53,14 @@ std::string one_line(std::string text) {
 bool is_tick_event(Reason reason) {
   return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
 }
+// "12 requests without a valid tag were refused"
+std::string without_count(const EventRecord& event) {
+  const bool counts = static_cast<Reason>(event.reason) == Reason::kRequestRefused;
+  return counts ? event.text.substr(std::min(event.text.find(' '), event.text.size())) : event.text;
+}
 bool same_event(const EventRecord& a, const EventRecord& b) {
   return a.reason == b.reason && a.role == b.role &&
-         (a.text == b.text || is_tick_event(static_cast<Reason>(a.reason)));
+         (is_tick_event(static_cast<Reason>(a.reason)) || without_count(a) == without_count(b));
 }
 
 // One line for each event that is not routine: time of the first occurrence, number of occurrences.
@@ -105,8 +113,28 @@ std::string speed_text(const Summary& s) {
                      *s.speed_unevenness_percent);
 }
 
+std::string latency_text(const Percentiles& us) {
+  return fmt::format("{:.0f}, {:.0f}, {:.0f} us (largest {:.0f})", us.p50, us.p99, us.p99_9,
+                     us.max);
+}
+
+std::string link_text(const LinkFigures& link) {
+  if (link.host.empty()) return fmt::format("no answer to {} requests", link.asked);
+  return fmt::format(
+      "{}: clock {:+.0f} us (error below {:.0f}); round trip p50, p99 {:.0f}, {:.0f} us, {} of {} "
+      "lost; {} messages missed",
+      link.host, 1e-3 * static_cast<double>(link.offset_ns),
+      1e-3 * static_cast<double>(link.error_ns), link.round_trip_us.p50, link.round_trip_us.p99,
+      link.lost, link.asked, link.missed);
+}
+
+Json to_json(const Percentiles& us) {
+  return {{"p50", us.p50}, {"p99", us.p99}, {"p99_9", us.p99_9}, {"max", us.max}};
+}
+
 void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
-                 const RunFacts& facts, const std::vector<std::string>& events) {
+                 const RunFacts& facts, const HopLatencies& latency,
+                 const std::vector<std::string>& events) {
   const auto row = [](const std::string& name, const std::string& text) {
     fmt::print("  {:<22} {}\n", name, text);
   };
@@ -134,6 +162,14 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   row("messages lost", fmt::format("{}  (sent again: {})", lost_in_total(s), facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
+  if (latency.rounds > 0) row("round p50, p99, p99.9", latency_text(latency.round_us));
+  for (const LinkFigures& link : facts.links)
+    row(fmt::format("link to {}", role_name(static_cast<int>(link.role))), link_text(link));
+  if (facts.refused > 0)
+    row("messages refused",
+        fmt::format("{}  (another session, no valid tag, or not of their tick)", facts.refused));
+  if (!facts.tags_checked)
+    row("messages", "not authenticated (bus.authenticate = false): anybody on the bus could steer");
   for (const std::string& event : events) row("event", event);
   row("speed of the run",
       fmt::format("{:.0f} steps/s ({:.2f} s wall)",
@@ -142,24 +178,54 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   if (!facts.not_written.empty()) row("could not be written", facts.not_written);
 }
 
-// The resolved drive file with the first table that the controller learnt; empty without one.
-std::string learnt_config(const RunLog& log, std::string resolved) {
-  for (const EventRecord& event : log.events) {
-    if (static_cast<Reason>(event.reason) != Reason::kLearnt) continue;
-    const std::string header = event.text.substr(0, event.text.find(']') + 1);  // "\n[table]"
+// What a controller learnt: one table of the controller of this drive and nothing else.
+bool is_learnt_table(const EventRecord& event, const std::string& kind) {
+  return static_cast<Reason>(event.reason) == Reason::kLearnt &&
+         event.role == static_cast<int>(Role::kController) &&
+         event.text.starts_with("\n[controller." + kind + ".") &&
+         event.text.find("\n[", 1) == std::string::npos;
+}
+
+// The resolved drive file with the last table that the controller learnt; empty without one.
+std::string learnt_config(const RunLog& log, const Config& config) {
+  std::string resolved = config.resolved();
+  for (auto event = log.events.rbegin(); event != log.events.rend(); ++event) {
+    if (!is_learnt_table(*event, config.drive().controller.kind)) continue;
+    const std::string header = event->text.substr(0, event->text.find(']') + 1);  // "\n[table]"
     const auto begin = resolved.find(header);
-    if (header.empty() || begin == std::string::npos) continue;
+    if (begin == std::string::npos) continue;
     const auto end = resolved.find("\n[", begin + header.size());
-    resolved.replace(begin, end == std::string::npos ? end : end - begin, event.text);
+    resolved.replace(begin, end == std::string::npos ? end : end - begin, event->text);
     return resolved;
   }
   return "";
 }
 
+// Whether the log is too long for the memory.
+bool is_long(const std::string& directory) {
+  constexpr std::int64_t kBytesOfATick = 900;
+  std::int64_t bytes = 0;
+  for (const std::string& part : log_parts(directory)) {
+    std::error_code ignored;
+    bytes += static_cast<std::int64_t>(fs::file_size(part, ignored));
+  }
+  return bytes > kTicksShown * kBytesOfATick;
+}
+
 // Empty if the run ended early and left no readable log.
-RunLog read_log(const std::string& directory, const RunFacts& facts) {
+LongLog read_log(const std::string& directory, const DriveConfig& drive, const RunFacts& facts) {
+  const OnDamage on_damage = facts.ended.empty() ? OnDamage::kRefuse : OnDamage::kSkip;
   try {
-    return read_run_log(directory, "", facts.ended.empty() ? OnDamage::kRefuse : OnDamage::kSkip);
+    if (is_long(directory)) {
+      LongLog found = summarise_log(directory, drive, on_damage);
+      found.log.path += fmt::format(" (curves: ticks {} to {})", found.first_k, found.last_k);
+      return found;
+    }
+    LongLog found{.log = read_run_log(directory, "", on_damage)};
+    found.summary = summarise(found.log, drive);
+    if (!found.log.measurement.empty())
+      found.begin_s = 1e-9 * static_cast<double>(found.log.measurement.front().t_ns);
+    return found;
   } catch (const BadInput&) {
     if (facts.ended.empty()) throw;
     return {};
@@ -173,25 +239,57 @@ void add_process_counts(const RunFacts& facts, const Json& account, Summary& s) 
   s.deadline_misses = facts.deadline_misses;
   s.late_gains = std::max(s.late_gains, facts.late_gains);
   s.late_commands = facts.late_commands;
-  for (const auto& [channel, count] : lost_messages(account)) s.lost_messages[channel] = count;
+  // The account of a logger that was started again does not hold what was lost before it.
+  for (const auto& [channel, count] : lost_messages(account))
+    s.lost_messages[channel] = std::max(s.lost_messages[channel], count);
 }
 
 // The manifest of the log with the facts of the run.
-Json manifest_of(const RunLog& log, const RunFacts& facts, const Json& account) {
+Json manifest_of(const RunLog& log, const RunFacts& facts, const HopLatencies& latency,
+                 const Json& account) {
   Json manifest = Json::parse(log.manifest_json, nullptr, false);
   if (!manifest.is_object()) manifest = Json::object();
   manifest["how"] = facts.how;
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
+  if (!facts.tags_checked) manifest["authenticated"] = false;
+  if (facts.refused > 0) manifest["refused_messages"] = facts.refused;
   if (account.is_object()) manifest["log"] = account;
+  if (latency.rounds > 0)
+    manifest["latency_us"] = {{"rounds", latency.rounds},
+                              {"to_estimate", to_json(latency.to_estimate_us)},
+                              {"to_command", to_json(latency.to_command_us)},
+                              {"round", to_json(latency.round_us)}};
+  for (const LinkFigures& link : facts.links)
+    manifest["links"][role_name(static_cast<int>(link.role))] = {
+        {"host", link.host},
+        {"clock_offset_us", 1e-3 * static_cast<double>(link.offset_ns)},
+        {"clock_offset_error_us", 1e-3 * static_cast<double>(link.error_ns)},
+        {"round_trip_us", to_json(link.round_trip_us)},
+        {"round_trips", link.asked},
+        {"round_trips_lost", link.lost},
+        {"messages_missed", link.missed}};
   if (!log.damage.empty()) manifest["log_damage"] = log.damage;
   for (const ChannelInfo& c : kChannels)
     manifest["logged"][c.name] = log.counts[static_cast<std::size_t>(c.channel)];
   return manifest;
 }
 
+ClockOffsets offsets_of(const std::vector<LinkFigures>& links) {
+  ClockOffsets clocks;
+  for (const LinkFigures& link : links) {
+    if (link.role == Role::kPlant) clocks.plant_ns = link.offset_ns;
+    if (link.role == Role::kEstimator) clocks.estimator_ns = link.offset_ns;
+    if (link.role == Role::kController) clocks.controller_ns = link.offset_ns;
+  }
+  return clocks;
+}
+
 // Writes the files of the result; returns the names of those that cannot be written.
-std::string write_results(const fs::path& dir, const RunLog& log, const Config& config,
-                          const Summary& s, const Json& manifest) {
+std::string write_results(const fs::path& dir, const LongLog& found, const Config& config,
+                          const Summary& s, const RunFacts& facts, const Json& manifest) {
+  Summary shown = s;
+  shown.window_from_s = window_of_part(found);
+  const RunLog& log = found.log;
   std::string not_written;
   const auto put = [&](const char* name, const auto& write) {
     try {
@@ -203,10 +301,18 @@ std::string write_results(const fs::path& dir, const RunLog& log, const Config& 
   put("summary.json",
       [&](const std::string& path) { write_new(path, to_json(s, config.drive()) + "\n"); });
   put("manifest.json", [&](const std::string& path) { write_new(path, manifest.dump(2) + "\n"); });
-  if (const std::string learnt = learnt_config(log, config.resolved()); !learnt.empty())
-    put("learnt.toml", [&](const std::string& path) { write_new(path, learnt); });
+  // Without tags anybody on the bus could have sent it.
+  if (const std::string learnt = learnt_config(log, config); !learnt.empty()) {
+    if (facts.tags_checked)
+      put("learnt.toml", [&](const std::string& path) { write_new(path, learnt); });
+    else
+      fmt::print(
+          stderr,
+          "twinrate: learnt.toml is not written: with bus.authenticate = false anybody could "
+          "have sent what was learnt\n");
+  }
   put("report.html", [&](const std::string& path) {
-    write_report({{log, config.drive(), s}}, {.title = config.drive().name}, path);
+    write_report({{log, config.drive(), shown}}, {.title = config.drive().name}, path);
   });
   return not_written;
 }
@@ -233,17 +339,21 @@ std::unique_ptr<ResultDirectory> make_run_directory(const std::string& wanted, c
 
 int conclude_run(const std::string& directory, const Config& config, RunFacts facts) {
   const fs::path dir = directory;
-  const RunLog log = read_log(directory, facts);
+  const LongLog found = read_log(directory, config.drive(), facts);
+  const RunLog& log = found.log;
   if (log.measurement.empty()) return 1;
-  Summary s = summarise(log, config.drive());
-  if (facts.ended.empty() && s.steps < config.drive().steps())
+  Summary s = found.summary;
+  if (facts.ended.empty() && s.steps < config.drive().steps() && !is_endless(config.drive()))
     facts.ended = fmt::format("stopped at tick {} of {}", s.steps, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
   add_process_counts(facts, account, s);
   std::error_code ignored;
   fs::remove(dir / "logger.json", ignored);
-  facts.not_written = write_results(dir, log, config, s, manifest_of(log, facts, account));
-  print_table(directory, config.drive(), s, facts, notable_events(log));
+  const HopLatencies latency =
+      facts.realtime ? hop_latencies(directory, offsets_of(facts.links)) : HopLatencies{};
+  facts.not_written =
+      write_results(dir, found, config, s, facts, manifest_of(log, facts, latency, account));
+  if (!facts.quiet) print_table(directory, config.drive(), s, facts, latency, notable_events(log));
   const bool well = s.locked.value_or(s.lost_why.empty()) && lost_in_total(s) == 0 &&
                     facts.ended.empty() && facts.not_written.empty();
   return well ? 0 : 1;

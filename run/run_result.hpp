@@ -2,20 +2,26 @@
 #pragma once
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "analysis/summary.hpp"
 #include "core/config.hpp"
 #include "core/result_directory.hpp"
+#include "run/links.hpp"
 
 namespace twinrate {
 
 // Facts of a run that are not in its log.
 struct RunFacts {
   double wall_s = 0;
-  std::int64_t repeats = 0, deadline_misses = 0, late_gains = 0, late_commands = 0;
-  std::string how;          // "launch, lock-step, 5 processes" or "simulate"
-  std::string ended;        // cause of an early end; "" for a complete run
-  std::string not_written;  // names of files that could not be written
+  std::int64_t repeats = 0, deadline_misses = 0, late_gains = 0, late_commands = 0, refused = 0;
+  bool tags_checked = true;        // bus.authenticate, where there is a bus
+  bool realtime = false;           // the log has host times worth a figure
+  std::string how;                 // "launch, lock-step, 5 processes" or "simulate"
+  std::string ended;               // cause of an early end; "" for a complete run
+  std::string not_written;         // names of files that could not be written
+  bool quiet = false;              // no table on the terminal
+  std::vector<LinkFigures> links;  // to the processes that launch did not start
 };
 
 // Begins a run in DIR (default runs/NAME-DATE-TIME) and writes config.toml. `force`: replaces the

@@ -14,8 +14,8 @@
 #include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
+#include "core/steering.hpp"
 #include "logger/tick_log.hpp"
-#include "loop/closed_loop.hpp"
 #include "monitor/live_monitor.hpp"
 #include "run/progress.hpp"
 
@@ -135,7 +135,8 @@ std::int64_t wall_us() {
 
 }  // namespace
 
-std::string run_simulated(Config& config, const std::string& directory, bool json) {
+std::string run_simulated(Config& config, const std::string& directory, bool json,
+                          const MakeFilter& make) {
   const DriveConfig& d = config.drive();
   const std::int64_t session = new_session_id();
   const std::int64_t t0_us = wall_us();
@@ -146,8 +147,9 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
       encode(make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed))),
       t0_us);
   TickLog log(writer, TickLog::Order::kByTick, d, "", t0_us);
+  log.follow(rate_history(config));
   SimulatedBus bus(log, session);
-  ClosedLoop loop(config);
+  ClosedLoop loop(config, make);
   std::optional<OwnMonitor> monitor;
   if (config.read<MonitorParameters>().enabled) monitor.emplace(config, bus, loop, directory);
   Progress progress(d, json);

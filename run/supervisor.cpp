@@ -4,7 +4,9 @@
 #include <sched.h>
 
 #include <algorithm>
+#include <csignal>
 
+#include "core/authority.hpp"
 #include "core/machine_error.hpp"
 #include "core/make_event.hpp"
 #include "core/seconds_since.hpp"
@@ -20,6 +22,9 @@ constexpr double kBeatPeriod_s = 0.025;  // a quarter of safety.supervisor_ms
 // Three and a half heartbeats of a process; the run ends half a second after the last one.
 constexpr double kFrozenAfter_s = 0.35;
 constexpr double kStall_s = 0.1;
+constexpr double kLastWords_s = 0.3;
+constexpr double kKillAfter_s = 1;  // a gain process that hangs for longer is started again
+constexpr int kMostRestarts = 3;    // of each process; one that ends again and again stays away
 
 struct Member {
   Role role;
@@ -56,13 +61,16 @@ Supervisor::Supervisor(const DriveConfig& drive, SuperviseOptions options)
     : drive_(drive),
       options_(std::move(options)),
       session_(new_session_id()),
-      progress_(drive_, options_.json) {}
+      token_(std::in_place, options_.directory + "/" + kTokenFile),
+      progress_(drive_, options_.json),
+      links_(options_.without) {}
 
 std::vector<std::string> Supervisor::arguments(Role role) const {
-  std::vector<std::string> list = {"--config",  options_.directory + "/config.toml",
-                                   "--session", std::to_string(session_),
-                                   "--pace",    kPaceNames[static_cast<int>(options_.pace)],
-                                   "--run-dir", options_.directory};
+  std::vector<std::string> list = {"--config",     options_.directory + "/config.toml",
+                                   "--session",    std::to_string(session_),
+                                   "--pace",       pace_name(),
+                                   "--run-dir",    options_.directory,
+                                   "--token-file", token_->path()};
   if (!options_.url.empty()) list.insert(list.end(), {"--lcm-url", options_.url});
   if (!options_.channel_suffix.empty())
     list.insert(list.end(), {"--channel-suffix", options_.channel_suffix});
@@ -70,22 +78,82 @@ std::vector<std::string> Supervisor::arguments(Role role) const {
   return list;
 }
 
+bool Supervisor::listens() const {
+  return drive_.plant.kind == PlantKind::kBridge && options_.bridge.mode == BridgeMode::kListen;
+}
+
+// bridge.emulate: the port is an address of this machine that launch chose.
+void Supervisor::start_emulator() {
+  if (drive_.plant.kind != PlantKind::kBridge || !options_.bridge.emulate) return;
+  std::vector<std::string> list = {options_.directory + "/config.toml", "--udp",
+                                   options_.bridge.port.substr(std::string("udp://").size())};
+  if (listens()) list.push_back("--own-control");
+  set_.start(Role::kBridge, "twinrate-emulator", list);
+}
+
+// The options that a process of the set is started with.
+void Supervisor::say_how_to_start(Role role) const {
+  fmt::print(stderr, "waiting for the {}; start it with\n  {}\n",
+             kRoleNames[static_cast<int>(role)], fmt::join(arguments(role), " "));
+}
+
+bool Supervisor::is_own(Role role) const {
+  return std::any_of(options_.own.begin(), options_.own.end(), [role](const OwnProgram& own) {
+    return std::find(own.roles.begin(), own.roles.end(), role) != own.roles.end();
+  });
+}
+
+void Supervisor::start_own() {
+  for (const OwnProgram& own : options_.own) {
+    std::vector<std::string> list(own.command.begin() + 1, own.command.end());
+    for (const std::string& option : arguments(own.roles.front())) list.push_back(option);
+    set_.start(own.roles.front(), own.command.front(), list);
+  }
+}
+
 void Supervisor::start_children() {
   const CpuPlan cpus = plan_cpus(options_.bus.pin);
   for (const Member& member : kMembers) {
     if (member.role == Role::kMonitor && !options_.monitor) continue;
+    if (options_.without.count(member.role) || is_own(member.role)) continue;
+    if (member.role == Role::kController && listens()) continue;
+    if (member.role == Role::kPlant) start_emulator();
+    const bool real = member.role == Role::kPlant && drive_.plant.kind == PlantKind::kBridge;
     std::vector<std::string> list = arguments(member.role);
     const int cpu = member.in_ring ? cpus.ring : cpus.others;
     if (cpu >= 0) list.insert(list.end(), {"--cpu", std::to_string(cpu)});
-    set_.start(member.role, member.program, list);
+    if (member.in_ring && cpus.others >= 0)
+      list.insert(list.end(), {"--helper-cpu", std::to_string(cpus.others)});
+    set_.start(member.role, real ? "twinrate-bridge" : member.program, list);
   }
   if (cpus.others >= 0) pin_to_cpu(cpus.others);
+}
+
+// The user's own processes come first: the others wait for a first tick for seconds only.
+bool Supervisor::wait_for_own_processes() {
+  for (const Role role : options_.without) say_how_to_start(role);
+  std::set<Role> awaited = options_.without;
+  for (const OwnProgram& own : options_.own) awaited.insert(own.roles.begin(), own.roles.end());
+  const auto ready = [this](Role role) { return latest_.count(static_cast<int>(role)) > 0; };
+  while (!std::all_of(awaited.begin(), awaited.end(), ready)) {
+    bus_->handle(20);
+    if (!set_.all_running()) return note_dead_child(), false;
+    if (stop_signalled()) return end_early("interrupted");
+    if (!facts_.ended.empty()) return false;
+  }
+  return true;
 }
 
 void Supervisor::note_status(const status_t& status) {
   if (status.role == static_cast<int>(Role::kSupervisor)) return;
   latest_[status.role] = status;
   heard_[status.role] = Clock::now();
+  const auto sender = static_cast<Role>(status.role);
+  // A heartbeat of the one that ended may still be on its way: it was running.
+  if (status.state == static_cast<int>(ProcessState::kReady) && rejoining_.erase(sender) > 0)
+    publish_event(
+        sender == Role::kLogger ? Reason::kLogLost : Reason::kProcessLost,
+        fmt::format("{} ended and was started again: it rejoins the run", kRoleNames[status.role]));
   if (all_ready_) return;
   for (const auto& [role, other] : latest_)
     if (other.config_hash != 0 && status.config_hash != 0 &&
@@ -123,17 +191,39 @@ void Supervisor::note_dead_child() {
 bool Supervisor::can_spare(Role role) const {
   const bool realtime = options_.pace == Pace::kRealtime;
   return role == Role::kMonitor || (realtime && role == Role::kGain) ||
-         (realtime && role == Role::kLogger && options_.on_log_loss == OnLoss::kGoOn);
+         (realtime && role == Role::kLogger && options_.on_log_loss != OnLoss::kStop);
+}
+
+// Gain and logger rejoin at the first tick that they hear.
+bool Supervisor::start_again(Role role) {
+  const bool wanted =
+      options_.pace == Pace::kRealtime &&
+      (role == Role::kGain || (role == Role::kLogger && options_.on_log_loss == OnLoss::kRestart));
+  if (!wanted || restarts_[role] >= kMostRestarts) return false;
+  ++restarts_[role];
+  try {
+    set_.restart(role, role == Role::kLogger ? std::vector<std::string>{"--resume"}
+                                             : std::vector<std::string>{});
+  } catch (const MachineError&) {
+    return false;
+  }
+  heard_.erase(static_cast<int>(role));
+  rejoining_.insert(role);
+  return true;
 }
 
 // An event and the exit code report the end of a process that the drive can spare.
 bool Supervisor::continues_without(Role role) {
   const Child* child = set_.child(role);
   if (!child || !child->ended || !can_spare(role)) return false;
-  if (ended_.insert(role).second)
-    publish_event(
-        role == Role::kLogger ? Reason::kLogLost : Reason::kProcessDied,
-        fmt::format("{} ended with {}; the drive goes on", child->program, describe_end(*child)));
+  if (ended_.count(role)) return true;
+  const std::string end = fmt::format("{} ended with {}", child->program, describe_end(*child));
+  // A logger that ended itself has no disk to write to.
+  const bool killed = child->exit_code >= 128;
+  const bool again = killed && start_again(role);
+  if (!again) ended_.insert(role);
+  publish_event(role == Role::kLogger ? Reason::kLogLost : Reason::kProcessLost,
+                end + (again ? "; the drive goes on, it is started again" : "; the drive goes on"));
   return true;
 }
 
@@ -152,9 +242,24 @@ void Supervisor::beat() {
   last_beat_ = Clock::now();
   status_t status{};
   status.seq = -1;
+  status.steps = ++beats_;
   status.role = static_cast<std::int32_t>(Role::kSupervisor);
   status.state = static_cast<std::int32_t>(ProcessState::kRunning);
   bus_->publish(status);
+}
+
+void Supervisor::measure_links() {
+  if (links_.due(host_now_ns())) bus_->publish(links_.ask(host_now_ns()));
+}
+
+// The processes that beat: those of this set and, but for a reference, those that the user started.
+std::vector<Role> Supervisor::watched() const {
+  std::vector<Role> roles;
+  for (const Child& child : set_.children())
+    if (!child.ended) roles.push_back(child.role);
+  for (const Role role : options_.without)
+    if (role != Role::kReference) roles.push_back(role);
+  return roles;
 }
 
 // Realtime: a process that hangs beats no more. A machine that stalled, this process with it, proves
@@ -163,22 +268,25 @@ void Supervisor::look_for_silence() {
   if (options_.pace != Pace::kRealtime) return;
   const bool stalled = seconds_since(last_turn_) > kStall_s;
   last_turn_ = Clock::now();
-  for (const Child& child : set_.children()) {
-    const auto heard = heard_.find(static_cast<int>(child.role));
-    if (child.ended || heard == heard_.end()) continue;
+  for (const Role role : watched()) {
+    const auto heard = heard_.find(static_cast<int>(role));
+    if (heard == heard_.end()) continue;
     if (stalled) heard->second = Clock::now();
     const double silent_s = seconds_since(heard->second);
+    const Child* child = set_.child(role);
+    if (child && role == Role::kGain && silent_s > kKillAfter_s) kill(child->pid, SIGKILL);
     if (silent_s > kFrozenAfter_s)
-      note_silence(child.role, silent_s);
+      note_silence(role, silent_s);
     else
-      silent_.erase(child.role);
+      silent_.erase(role);
   }
 }
 
 void Supervisor::note_silence(Role role, double silent_s) {
   if (!silent_.insert(role).second) return;
-  const std::string what = fmt::format("{} stopped answering: no heartbeat for {:.2f} s",
-                                       kRoleNames[static_cast<int>(role)], silent_s);
+  const std::string what = fmt::format(
+      "{} stopped answering: no heartbeat for {:.2f} s{}", links_.name_of(role), silent_s,
+      options_.without.count(role) ? ", it ended, hangs, or the link to it is lost" : "");
   if (!can_spare(role)) {
     frozen_ = true;
     end_early(what);
@@ -206,12 +314,26 @@ bool Supervisor::wait_until_ready() {
     if (!facts_.ended.empty()) return false;
     std::string missing;
     for (const Member& member : kMembers)
-      if (set_.child(member.role) && !ready(member.role))
+      if ((set_.child(member.role) || options_.without.count(member.role)) && !ready(member.role))
         missing += (missing.empty() ? "" : ", ") + std::string(member.program);
     if (missing.empty()) return all_ready_ = true;
     if (seconds_since(begun) > std::max(options_.bus.peer_timeout_s, kStartPatience_s))
       return end_early(fmt::format("not ready after {:.1f} s: {}", seconds_since(begun), missing));
   }
+}
+
+// As the last heartbeats have them. Losses: messages that this process missed, in realtime also the
+// logger; in lock-step the logger asks again for what it misses.
+LiveCounters Supervisor::live_counters() const {
+  LiveCounters counters;
+  counters.losses = bus_->counters().gaps;
+  for (const auto& [role, status] : latest_) {
+    counters.misses += status.deadline_misses;
+    counters.repeats += status.repeats;
+    if (options_.pace == Pace::kRealtime && role == static_cast<int>(Role::kLogger))
+      counters.losses += status.gaps;
+  }
+  return counters;
 }
 
 void Supervisor::watch() {
@@ -224,8 +346,9 @@ void Supervisor::watch() {
   last_turn_ = Clock::now();
   while (true) {
     beat();
+    measure_links();
     bus_->handle(20);
-    progress_.show(truth_, estimate_, {.losses = 0, .misses = facts_.deadline_misses});
+    progress_.show(truth_, estimate_, live_counters());
     if (seconds_since(last_look) < 0.02) continue;
     last_look = Clock::now();
     if (!running()) request(RequestKind::kStart);
@@ -237,7 +360,10 @@ void Supervisor::watch() {
       return;
     }
     if (running()) look_for_silence();
-    if (stop_signalled()) end_early("interrupted");
+    if (stop_signalled()) {
+      if (!is_endless(drive_)) end_early("interrupted");
+      return;
+    }
     if (!facts_.ended.empty()) return;
   }
 }
@@ -251,36 +377,58 @@ void Supervisor::publish_event(Reason reason, const std::string& text) {
                             .text = text}));
 }
 
+// A datagram may be lost, and a link may be cut: asks until each has said that it ends, for a second.
+void Supervisor::stop_own_processes() {
+  const auto ends = [this](Role role) {
+    return role == Role::kReference ||
+           latest_[static_cast<int>(role)].state >= static_cast<int>(ProcessState::kDone);
+  };
+  const auto begun = Clock::now();
+  while (!options_.without.empty() && seconds_since(begun) < 1) {
+    request(RequestKind::kStop);
+    const auto sent = Clock::now();
+    while (seconds_since(sent) < 0.05) bus_->handle(20);
+    if (std::all_of(options_.without.begin(), options_.without.end(), ends)) return;
+  }
+}
+
 void Supervisor::stop_in_order() {
   progress_.end();
-  if (!facts_.ended.empty())
+  if (!facts_.ended.empty() || stop_signalled())
     publish_event(stop_signalled() ? Reason::kStopRequested
                   : frozen_        ? Reason::kProcessFrozen
                                    : Reason::kProcessDied,
-                  facts_.ended);
+                  facts_.ended.empty() ? "stopped by Ctrl-C" : facts_.ended);
   set_.stop({Role::kPlant}, 3);
+  set_.stop({Role::kBridge}, 3);
   for (int i = 0; i < 20 && bus_->handle(1); ++i) {
   }
   set_.stop({Role::kEstimator, Role::kController, Role::kGain, Role::kMonitor}, 3);
   set_.stop({Role::kLogger}, 10);
+  if (!options_.own.empty()) request(RequestKind::kStop);
+  stop_own_processes();
   for (const Child& child : set_.children())
     if (child.exit_code != 0)
       end_early(fmt::format("{} ended with {}", child.program, describe_end(child)));
-  while (bus_->handle(5)) {  // the last heartbeats hold the final counts
+  // The last heartbeats hold the final counts. Under a flood the bus is never silent.
+  const auto ended = Clock::now();
+  while (seconds_since(ended) < kLastWords_s && bus_->handle(5)) {
   }
 }
 
 RunFacts Supervisor::run() {
-  facts_.how = fmt::format("launch, {}, {} processes",
-                           options_.pace == Pace::kLockstep ? "lock-step" : "realtime",
-                           options_.monitor ? 6 : 5);
-  start_children();
+  const SessionFile session_file(
+      {options_.directory, options_.url, options_.channel_suffix, session_});
+  const bool waits = !options_.without.empty() || !options_.own.empty();
+  if (!waits) start_children();
   bus_ = std::make_unique<Bus>(BusOptions{.url = options_.url,
                                           .channel_suffix = options_.channel_suffix,
                                           .session = session_,
                                           .split_ports = options_.bus.split_ports,
                                           .filter = options_.bus.filter,
-                                          .role = Role::kSupervisor});
+                                          .role = Role::kSupervisor,
+                                          .token_file = token_->path(),
+                                          .authenticate = options_.bus.authenticate});
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
   bus_->subscribe<event_t>([this](const event_t& e) {
     const auto reason = static_cast<Reason>(e.reason);
@@ -289,23 +437,41 @@ RunFacts Supervisor::run() {
         reason == Reason::kSupervisorLost)
       failures_.emplace(e.role, e);
   });
+  if (!options_.without.empty())
+    bus_->subscribe<reply_t>([this](const reply_t& r) { links_.take(r, host_now_ns()); });
   if (progress_.visible()) {
-    bus_->subscribe<truth_t>([this](const truth_t& w) { truth_ = from_wire(w); });
-    bus_->subscribe<estimate_t>([this](const estimate_t& w) { estimate_ = from_wire(w); });
+    bus_->subscribe<truth_t>([this](const truth_t& w) { pair(w.seq, truths_, from_wire(w)); },
+                             Wake::kQuiet);
+    bus_->subscribe<estimate_t>(
+        [this](const estimate_t& w) { pair(w.seq, estimates_, from_wire(w)); }, Wake::kQuiet);
   }
+  start_own();
+  if (waits && wait_for_own_processes()) start_children();
+  facts_.how = fmt::format("launch, {}, {} processes{}",
+                           options_.wall                      ? "lock-step at the wall clock"
+                           : options_.pace == Pace::kLockstep ? "lock-step"
+                                                              : "realtime",
+                           set_.children().size() + options_.without.size(),
+                           set_.child(Role::kBridge) ? ", emulated drive" : "");
   auto begun = Clock::now();
-  if (wait_until_ready()) {
+  if (!set_.children().empty() && wait_until_ready()) {
     begun = Clock::now();
     watch();
   }
   facts_.wall_s = seconds_since(begun);
+  facts_.tags_checked = options_.bus.authenticate;
+  facts_.realtime = options_.pace == Pace::kRealtime;
+  facts_.links = links_.figures(host_now_ns());
   stop_in_order();
+  for (LinkFigures& link : facts_.links) link.missed = latest_[static_cast<int>(link.role)].gaps;
   for (const auto& [role, status] : latest_) {
     facts_.repeats += status.repeats;
+    facts_.refused += status.refused;
     facts_.late_gains += status.late_gains;
     facts_.late_commands += status.late_commands;
     facts_.deadline_misses += status.deadline_misses;
   }
+  token_.reset();
   return facts_;
 }
 

@@ -1,0 +1,203 @@
+#include "analysis/long_log.hpp"
+
+#include <algorithm>
+#include <deque>
+#include <functional>
+#include <limits>
+#include <map>
+
+#include "analysis/summary_builder.hpp"
+#include "core/decode.hpp"
+#include "core/run_log_part.hpp"
+#include "core/signals_io.hpp"
+
+namespace twinrate {
+namespace {
+
+// The messages of one tick.
+struct TickMessages {
+  std::optional<Measurement> measurement;
+  std::optional<Truth> truth;
+  std::optional<Estimate> estimate;
+  std::optional<Command> command;
+  std::optional<GainRecord> gain;  // used at this tick
+  std::int64_t k = -1;
+
+  TickRow row() const {
+    TickRow row;
+    row.k = k;
+    const auto take = [&row](const auto& message, auto*& place) {
+      if (!message) return;
+      place = &*message;
+      row.t_s = static_cast<double>(message->t_ns) * 1e-9;
+    };
+    take(command, row.command);
+    take(estimate, row.estimate);
+    take(truth, row.truth);
+    take(measurement, row.measurement);
+    if (gain) row.gain = &*gain;
+    return row;
+  }
+};
+
+// Messages in the order of a log -> ticks in the order of time.
+class TickStream {
+ public:
+  using OnTick = std::function<void(TickMessages)>;
+  explicit TickStream(OnTick on_tick) : on_tick_(std::move(on_tick)) {}
+
+  void take(Channel channel, const lcm::LogEvent& event) {
+    switch (channel) {
+      case Channel::kMeasurement:
+        return put<measurement_t>(event, &TickMessages::measurement);
+      case Channel::kTruth:
+        return put<truth_t>(event, &TickMessages::truth);
+      case Channel::kEstimate:
+        return put<estimate_t>(event, &TickMessages::estimate);
+      case Channel::kCommand:
+        return put<command_t>(event, &TickMessages::command);
+      case Channel::kGain:
+        return put_gain(event);
+      default:
+        return;
+    }
+  }
+  void close() {
+    while (!pending_.empty()) emit();
+  }
+
+ private:
+  template <class Wire, class Signal>
+  void put(const lcm::LogEvent& event, std::optional<Signal> TickMessages::*place) {
+    Wire wire{};
+    if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen))) return;
+    if (wire.seq <= emitted_) return;
+    TickMessages& tick = pending_[wire.seq];
+    tick.k = wire.seq;
+    if (!(tick.*place)) tick.*place = from_wire(wire);
+    while (pending_.rbegin()->first - pending_.begin()->first > kReach) emit();
+  }
+  void put_gain(const lcm::LogEvent& event) {
+    gain_t wire{};
+    if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen))) return;
+    gains_.try_emplace(wire.seq, from_wire(wire));
+    if (gains_.size() > 2 * static_cast<std::size_t>(kReach)) gains_.erase(gains_.begin());
+  }
+  void emit() {
+    TickMessages tick = std::move(pending_.begin()->second);
+    pending_.erase(pending_.begin());
+    emitted_ = tick.k;
+    if (tick.estimate && tick.estimate->gain_seq >= 0) {
+      gains_.erase(gains_.begin(), gains_.lower_bound(tick.estimate->gain_seq));
+      if (!gains_.empty() && gains_.begin()->first == tick.estimate->gain_seq)
+        tick.gain = gains_.begin()->second;
+    }
+    on_tick_(std::move(tick));
+  }
+
+  OnTick on_tick_;
+  std::map<std::int64_t, TickMessages> pending_;
+  std::map<std::int64_t, GainRecord> gains_;  // from the one in use on
+  std::int64_t emitted_ = std::numeric_limits<std::int64_t>::min();
+};
+
+// Adds to each tick the speed that reference_speed() gives it, for a log without truth half of
+// kSlopeSpan_s later.
+class SpeedAdded {
+ public:
+  SpeedAdded(bool has_truth, SummaryBuilder& builder) : has_truth_(has_truth), builder_(builder) {}
+  void take(TickMessages tick) {
+    if (has_truth_) {
+      const TickRow row = tick.row();
+      builder_.add(row, row.truth ? row.truth->omega_m : kNaN);
+      return;
+    }
+    window_.push_back(std::move(tick));
+    while (next_ < window_.size() && time(window_.size() - 1) > time(next_) + kSlopeSpan_s / 2)
+      add_next();
+  }
+  void close() {
+    while (next_ < window_.size()) add_next();
+  }
+
+ private:
+  static constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  double time(std::size_t i) const { return window_[i].row().t_s; }
+  double position(std::size_t i) const {
+    const std::optional<Measurement>& m = window_[i].measurement;
+    return m && (m->signals & kPosition) ? m->theta_m : kNaN;
+  }
+  void add_next() {
+    const double t_s = time(next_);
+    while (time(0) < t_s - kSlopeSpan_s / 2) {
+      window_.pop_front();
+      --next_;
+    }
+    std::size_t to = next_;
+    while (to + 1 < window_.size() && time(to + 1) <= t_s + kSlopeSpan_s / 2) ++to;
+    const double omega_m =
+        time(to) > time(0) ? (position(to) - position(0)) / (time(to) - time(0)) : kNaN;
+    builder_.add(window_[next_].row(), omega_m);
+    ++next_;
+  }
+
+  bool has_truth_;
+  SummaryBuilder& builder_;
+  std::deque<TickMessages> window_;
+  std::size_t next_ = 0;
+};
+
+std::int64_t tick_of(const lcm::LogEvent& event) {
+  std::uint64_t k = 0;
+  for (int i = 8; i < 16 && event.datalen >= 16; ++i)
+    k = k << 8 | static_cast<const std::uint8_t*>(event.data)[i];
+  return static_cast<std::int64_t>(k);
+}
+
+// The last ticks, or, where synchronism was lost, those around it: three quarters before.
+void choose_part(const RunOutline& outline, const DriveConfig& config, std::int64_t ticks_shown,
+                 LongLog& found) {
+  const RunOutline::Span& span = outline.span(Channel::kMeasurement);
+  found.last_k = std::max(span.last, outline.span(Channel::kEstimate).last);
+  if (found.summary.lost_at_s) {
+    const auto lost_k = static_cast<std::int64_t>(*found.summary.lost_at_s / config.T_s());
+    found.last_k = std::min(found.last_k, lost_k + ticks_shown / 4);
+  }
+  found.first_k = std::max(outline.first_k, found.last_k - ticks_shown + 1);
+  found.begin_s = outline.begin_s;
+  found.end_s = outline.end_s;
+}
+
+}  // namespace
+
+LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDamage on_damage,
+                      std::int64_t ticks_shown) {
+  RunOutline outline;
+  TickStream rows([&](const TickMessages& tick) { outline.add(tick.row()); });
+  const RunLog head =
+      scan_run_log(path, "", on_damage, [&](Channel channel, const lcm::LogEvent& event) {
+        outline.add(channel, tick_of(event));
+        rows.take(channel, event);
+      });
+  rows.close();
+  LongLog found;
+  SummaryBuilder builder(head, outline, config, AngleReference::kAuto);
+  SpeedAdded with_speed(outline.has_truth(), builder);
+  TickStream again([&](TickMessages tick) { with_speed.take(std::move(tick)); });
+  scan_run_log(path, "", on_damage,
+               [&](Channel channel, const lcm::LogEvent& event) { again.take(channel, event); });
+  again.close();
+  with_speed.close();
+  found.summary = builder.finish();
+  choose_part(outline, config, ticks_shown, found);
+  found.log = read_run_log_part(path, "", on_damage, found.first_k, found.last_k, config.rates.n);
+  return found;
+}
+
+double window_of_part(const LongLog& part) {
+  if (part.log.measurement.empty()) return part.summary.window_from_s;
+  const double part_s = 1e-9 * static_cast<double>(part.log.measurement.front().t_ns);
+  return std::max(0.0, part.summary.window_from_s - (part_s - part.begin_s));
+}
+
+}  // namespace twinrate

@@ -1,0 +1,31 @@
+// The figures of a log of any length, in constant memory: the log is read twice, one message after
+// the other, and a third time for the part of it that a page shows.
+//
+// The figures are those of summarise(); speed ripple is that of the last SummaryBuilder::kRippleTicks.
+// A message that comes more than kReach ticks after the newest one of its log is not used.
+#pragma once
+#include "analysis/summary.hpp"
+#include "core/run_log.hpp"
+
+namespace twinrate {
+
+struct LongLog {
+  // Events, drive file and counts of the whole log; ticks of [first_k, last_k] only.
+  RunLog log;
+  Summary summary;  // of the whole log
+  std::int64_t first_k = 0, last_k = 0;
+  double begin_s = 0, end_s = 0;  // of the whole log
+};
+
+inline constexpr std::int64_t kReach = 4096;
+// Ticks that a page shows, 900 bytes each in memory: the end of the run, or the ticks around a loss.
+inline constexpr std::int64_t kTicksShown = 200'000;
+
+// Throws as read_run_log().
+LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDamage on_damage,
+                      std::int64_t ticks_shown = kTicksShown);
+
+// Summary::window_from_s, counted from the first tick of the part.
+double window_of_part(const LongLog& part);
+
+}  // namespace twinrate

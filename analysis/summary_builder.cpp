@@ -1,0 +1,309 @@
+#include "analysis/summary_builder.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "analysis/order_spectrum.hpp"
+#include "core/reason.hpp"
+#include "core/steering.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kConstantFor_s = 0.1;  // hold time after which a reference is constant
+constexpr double kOffReferenceMax_s = 0.02;
+constexpr int kRippleTurnsMin = 3;
+constexpr int kRippleOrders = 60;
+
+// The square overflows first: a diverged state is detected before its numbers are infinite.
+bool finite(double value) {
+  return std::isfinite(value * value);
+}
+
+bool finite(const Estimate& e) {
+  return finite(e.theta_e) && finite(e.omega_m) && finite(e.T_load) && finite(e.x_hat.norm());
+}
+
+bool finite(const Truth& t) {
+  return finite(t.i_dq.norm()) && finite(t.omega_m) && finite(t.theta_m);
+}
+
+bool is_forced(const TickRow& row) {
+  return row.measurement &&
+         (row.measurement->mode == Mode::kAlign || row.measurement->mode == Mode::kIfRamp);
+}
+
+// The lock criterion that fails at one tick; "" if none fails.
+const char* failed_criterion(const TickRow& row, double error) {
+  if (row.estimate && !finite(*row.estimate)) return "the estimate is not finite";
+  if (row.truth && !finite(*row.truth)) return "the plant's state is not finite";
+  return std::abs(error) > kPi / 2 ? "the angle error passed 90 deg" : "";
+}
+
+}  // namespace
+
+void RunOutline::Span::add(std::int64_t k) {
+  ++count;
+  distinct += k != last || count == 1;
+  if (count == 1) first = k;
+  last = k;
+}
+
+void RunOutline::add(const TickRow& row) {
+  if (rows++ == 0) {
+    begin_s = row.t_s;
+    first_k = row.k;
+  }
+  end_s = row.t_s;
+  last_is_forced = is_forced(row);
+  // The first command needs plant.delay_samples ticks to act.
+  if (was_forced && !last_is_forced && !handed_over_s) handed_over_s = row.t_s;
+  was_forced = was_forced || last_is_forced;
+  has_position = has_position || (row.measurement && (row.measurement->signals & kPosition));
+  uses_position = uses_position || (row.estimate && (row.estimate->status & kMeasuredAngle));
+}
+
+AngleReference RunOutline::resolve(AngleReference wanted) const {
+  if (has_truth() && (wanted == AngleReference::kAuto || wanted == AngleReference::kTruth))
+    return AngleReference::kTruth;
+  // A filter that uses the sensor's angle is not judged by that sensor.
+  if (has_position &&
+      (wanted == AngleReference::kEncoder || (wanted == AngleReference::kAuto && !uses_position)))
+    return AngleReference::kEncoder;
+  return AngleReference::kNone;
+}
+
+void SpeedFigures::note_reference(const TickRow& row) {
+  if (!row.command) return;
+  if (!known_ || row.command->omega_m_ref != omega_m_ref_) changed_s_ = row.t_s;
+  known_ = true;
+  omega_m_ref_ = row.command->omega_m_ref;
+}
+
+void SpeedFigures::add(const TickRow& row, double omega_m) {
+  const bool constant = known_ && row.t_s - changed_s_ >= kConstantFor_s - T_s_ / 2;
+  if (!constant || omega_m_ref_ == 0 || std::isnan(omega_m)) {
+    turn_ = {};
+    return;
+  }
+  judged_ = true;
+  const double deviation = omega_m / omega_m_ref_ - 1;
+  if (std::abs(deviation) > kSpeedTolerance) ++ticks_;
+  below_ = std::max(below_, -deviation);
+  above_ = std::max(above_, deviation);
+  if (row.truth)
+    add_to_turn(omega_m_ref_ < 0 ? -row.truth->theta_m : row.truth->theta_m,
+                std::abs(omega_m_ref_) * (1 + deviation));
+}
+
+// Tolerance of half a tick: 20 ms up to rounding count as exceeded.
+bool SpeedFigures::held() const {
+  return static_cast<double>(ticks_) * T_s_ <= kOffReferenceMax_s - T_s_ / 2;
+}
+
+void SpeedFigures::write(Summary& summary) {
+  if (!judged_) return;
+  summary.speed_held = held();
+  summary.speed_dip_percent = 100 * below_;
+  const bool some_turns = static_cast<int>(unevenness_.size()) >= kRippleTurnsMin;
+  if (some_turns) {
+    const auto middle = unevenness_.begin() + static_cast<std::ptrdiff_t>(unevenness_.size() / 2);
+    std::nth_element(unevenness_.begin(), middle, unevenness_.end());
+    summary.speed_unevenness_percent = 100 * *middle;
+  }
+  // Below three turns: on both sides of the reference.
+  summary.uneven =
+      !held() && (some_turns ? *summary.speed_unevenness_percent > 200 * kSpeedTolerance
+                             : std::min(below_, above_) > kSpeedTolerance);
+}
+
+void SpeedFigures::add_to_turn(double theta_m, double omega_m) {
+  if (turn_.count == 0) turn_ = {theta_m, omega_m, omega_m};
+  turn_.least = std::min(turn_.least, omega_m);
+  turn_.greatest = std::max(turn_.greatest, omega_m);
+  turn_.sum += omega_m;
+  ++turn_.count;
+  if (theta_m - turn_.begin < kTwoPi) return;
+  unevenness_.push_back((turn_.greatest - turn_.least) * static_cast<double>(turn_.count) /
+                        turn_.sum);
+  turn_ = {};
+}
+
+void SummaryBuilder::Squares::add(double value) {
+  sum += value * value;
+  ++count;
+}
+
+std::optional<double> SummaryBuilder::Squares::rms() const {
+  if (count == 0) return {};
+  return std::sqrt(sum / static_cast<double>(count));
+}
+
+SummaryBuilder::SummaryBuilder(const RunLog& head, const RunOutline& outline,
+                               const DriveConfig& config, AngleReference wanted)
+    : outline_(outline), config_(config), rates_(rate_history(head, config)), speed_(config.T_s()) {
+  summary_.angle_reference = outline.resolve(wanted);
+  const std::int64_t measured = outline.span(Channel::kMeasurement).count;
+  summary_.steps = measured > 0 ? measured : outline.rows;
+  summary_.duration_s = static_cast<double>(summary_.steps) * config.T_s();
+  if (outline.rows == 0) return;
+  // Tolerance of 1 ns: t_ns is rounded.
+  settled_s_ = outline.begin_s + config.run.settle_s - 1e-9;
+  if (outline.was_forced)
+    settled_s_ = std::max(settled_s_, outline.handed_over_s.value_or(outline.end_s));
+  summary_.window_from_s = std::max(config.run.settle_s, settled_s_ - outline.begin_s);
+  set_trip(head);
+}
+
+bool SummaryBuilder::in_window(const TickRow& row) const {
+  return row.t_s >= settled_s_ && !is_forced(row);
+}
+
+// The earliest; an event can be logged before the tick it belongs to.
+void SummaryBuilder::set_trip(const RunLog& head) {
+  const EventRecord* first = nullptr;
+  for (const EventRecord& event : head.events)
+    if (is_trip(static_cast<Reason>(event.reason)) && (!first || event.t_ns < first->t_ns))
+      first = &event;
+  if (!first) return;
+  summary_.trip =
+      Trip{.reason = first->reason,
+           .role = first->role,
+           .k = first->k,
+           .t_s = std::max(0.0, 1e-9 * static_cast<double>(first->t_ns) - outline_.begin_s),
+           .text = first->text};
+}
+
+void SummaryBuilder::add(const TickRow& row, double omega_m) {
+  judge_lock(row);
+  speed_.note_reference(row);
+  if (in_window(row)) {
+    speed_.add(row, omega_m);
+    add_errors(row, omega_m);
+    add_ripple(row);
+  }
+  add_gain(row);
+}
+
+// The window decides the verdict. The time of a loss is searched in the whole run up to a trip,
+// because most losses happen on the start-up ramp.
+void SummaryBuilder::judge_lock(const TickRow& row) {
+  if (summary_.trip && row.t_s > outline_.begin_s + summary_.trip->t_s) return;
+  const double error = angle_error(row, summary_.angle_reference, config_.machine.n_p);
+  const std::string why = failed_criterion(row, error);
+  const bool within = in_window(row);
+  any_ = any_ || (within && (!std::isnan(error) || !why.empty()));
+  lost_ = lost_ || (within && !why.empty());
+  // The estimated angle is not judged until the controller uses it.
+  const bool forced = row.measurement && row.measurement->mode != Mode::kRun;
+  if (why.empty() || summary_.lost_at_s || (forced && !within)) return;
+  summary_.lost_at_s = row.t_s;
+  summary_.lost_why = why;
+}
+
+void SummaryBuilder::add_errors(const TickRow& row, double omega_m) {
+  if (!row.estimate) return;
+  const double angle = angle_error(row, summary_.angle_reference, config_.machine.n_p);
+  const double speed = row.estimate->omega_m - omega_m;
+  if (std::isfinite(angle)) {
+    angle_errors_.add(angle);
+    angle_max_ = std::max(angle_max_, std::abs(angle));
+  }
+  if (std::isfinite(speed)) speed_errors_.add(speed);
+}
+
+void SummaryBuilder::add_ripple(const TickRow& row) {
+  if (!row.truth) return;
+  if (theta_m_.size() < kRippleTicks) {
+    theta_m_.push_back(row.truth->theta_m);
+    omega_m_.push_back(row.truth->omega_m);
+    return;
+  }
+  theta_m_[oldest_] = row.truth->theta_m;
+  omega_m_[oldest_] = row.truth->omega_m;
+  oldest_ = (oldest_ + 1) % kRippleTicks;
+}
+
+void SummaryBuilder::add_gain(const TickRow& row) {
+  if (!row.estimate) return;
+  const RunOutline::Span& sent = outline_.span(Channel::kGain);
+  if (row.k > sent.first && row.k <= sent.last)
+    gains_sent_ += rates_.sends_gain(row.k, row.estimate->status);
+  if (row.estimate->status & kLateGain) ++summary_.late_gains;
+  const bool every_tick =
+      row.estimate->status & kGainEveryTick || row.k < config_.background_rate().from;
+  if (every_tick) summary_.n_from_tick.reset();
+  if (!every_tick && !summary_.n_from_tick && has_background(config_.gain.policy))
+    summary_.n_from_tick = row.k;
+  if (row.estimate->gain_seq >= 0 && row.estimate->gain_seq != last_gain_) {
+    ++summary_.gains_used;
+    last_gain_ = row.estimate->gain_seq;
+  }
+  const bool has_P44 = config_.estimator.kind == "ekf_sensorless";
+  if (!has_P44 || !row.gain || !in_window(row)) return;
+  const double P44 = row.gain->P_diagonal(3);
+  summary_.P44_min = std::min(summary_.P44_min.value_or(P44), P44);
+  summary_.P44_max = std::max(summary_.P44_max.value_or(P44), P44);
+}
+
+void SummaryBuilder::set_lock() {
+  Summary& s = summary_;
+  if (any_ || s.trip) s.locked = !lost_ && !s.trip;
+  if (s.trip && !s.lost_at_s) {
+    s.lost_at_s = s.trip->t_s;
+    s.lost_why = "the drive tripped";
+  }
+  if (s.locked.value_or(true)) {
+    s.lost_at_s.reset();
+    s.lost_why.clear();
+  }
+  if (s.trip || s.locked || s.angle_reference == AngleReference::kNone) return;
+  if (outline_.last_is_forced) s.lost_why = "no hand-over to the estimate before the end";
+}
+
+void SummaryBuilder::set_ripple() {
+  const auto in_order = [this](std::vector<double>& ring) {
+    std::rotate(ring.begin(), ring.begin() + static_cast<std::ptrdiff_t>(oldest_), ring.end());
+  };
+  in_order(theta_m_);
+  in_order(omega_m_);
+  const OrderSpectrum spectrum = order_spectrum(theta_m_, omega_m_, kRippleOrders);
+  if (spectrum.turns < kRippleTurnsMin) return;
+  double sum = 0, sum2 = 0;
+  for (std::size_t i = spectrum.first; i < spectrum.last; ++i) sum += omega_m_[i];
+  const double count = static_cast<double>(spectrum.last - spectrum.first), mean = sum / count;
+  for (std::size_t i = spectrum.first; i < spectrum.last; ++i)
+    sum2 += (omega_m_[i] - mean) * (omega_m_[i] - mean);
+  summary_.speed_ripple_rms = std::sqrt(sum2 / count);
+  summary_.speed_ripple_harmonics_rms = spectrum.rms(kRippleOrders);
+}
+
+// Messages of each channel lost between its first and last tick.
+void SummaryBuilder::set_lost_messages() {
+  for (const Channel channel : {Channel::kMeasurement, Channel::kTruth, Channel::kEstimate,
+                                Channel::kCommand, Channel::kGain}) {
+    const RunOutline::Span& span = outline_.span(channel);
+    if (span.count == 0) continue;
+    const std::int64_t expected =
+        channel != Channel::kGain ? span.last - span.first
+        : config_.locks_first()
+            ? gains_sent_
+            : rates_.gains_between(span.first, span.last, config_.background_rate());
+    summary_.lost_messages[info(channel).name] =
+        std::max<std::int64_t>(0, expected + 1 - span.distinct);
+  }
+}
+
+Summary SummaryBuilder::finish() {
+  set_lock();
+  speed_.write(summary_);
+  if (summary_.trip) summary_.speed_held = false;
+  summary_.angle_error_rms = angle_errors_.rms();
+  if (summary_.angle_error_rms) summary_.angle_error_max = angle_max_;
+  summary_.speed_error_rms = speed_errors_.rms();
+  set_ripple();
+  set_lost_messages();
+  return summary_;
+}
+
+}  // namespace twinrate
