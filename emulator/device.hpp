@@ -1,0 +1,62 @@
+// A simulated drive that speaks a device protocol, tick by tick; no I/O and no clock.
+//
+//   take(bytes)   has arrived from the host
+//   tick()        at t_k: the sample of t_k goes out, the command in force is chosen, the drive
+//                 goes on to t_{k+1}
+//
+// In lock-step (on the host's request) tick() waits for the command of the sample before.
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/bridge_parameters.hpp"
+#include "core/drive_config.hpp"
+#include "emulator/drive.hpp"
+
+namespace twinrate {
+
+struct DeviceFaults {
+  bool keeps_last = false;  // neither lease nor off: a drive that keeps its last command
+  double reset_at_s = 1e9;  // restarts once
+};
+
+struct DeviceOptions {
+  std::string name;
+  DriveProtocol protocol = DriveProtocol::kTwinrate;
+  double T_s = 0, lease_max_s = 0.02;
+  int delay = 1, moteus_id = 1;
+  MoteusListen moteus_listen = MoteusListen::kPoll;
+  DeviceFaults faults;
+};
+
+class EmulatedDevice {
+ public:
+  using Bytes = std::vector<std::uint8_t>;
+  virtual ~EmulatedDevice() = default;
+  virtual void take(std::span<const std::uint8_t> bytes) = 0;
+  // What is sent since the last call, one entry a frame.
+  std::vector<Bytes> take_sent() { return std::exchange(sent_, {}); }
+  // Lock-step: the command of the last sample has not come.
+  virtual bool waits() const { return false; }
+  // The drive sends without being asked.
+  virtual bool speaks_first() const { return false; }
+  virtual bool lockstep() const { return false; }
+  virtual void tick() = 0;
+  // Lock-step and quiet: the last sample goes out again.
+  virtual void repeat() {}
+  std::int64_t k() const { return k_; }
+
+ protected:
+  std::vector<Bytes> sent_;
+  std::int64_t k_ = 0;  // ticks done
+};
+
+// `drive` must outlive the device.
+std::unique_ptr<EmulatedDevice> make_device(const DeviceOptions& options, EmulatedDrive& drive,
+                                            const DriveConfig& config);
+
+}  // namespace twinrate

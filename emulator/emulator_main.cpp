@@ -1,0 +1,195 @@
+// twinrate-emulator: a simulated drive that speaks a device protocol on a pty or over UDP.
+//
+//   host -> [line, faults] -> device -> drive -> device -> [line, faults] -> host
+//
+// The drive begins with the first frame of a host. It keeps its own pace, or waits for each command
+// where the host asks for lock-step.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <thread>
+
+#include "bridge/link.hpp"
+#include "core/machine_error.hpp"
+#include "core/process.hpp"
+#include "emulator/device.hpp"
+#include "emulator/fault_options.hpp"
+#include "loop/load_drive.hpp"
+
+namespace twinrate {
+namespace {
+
+struct EmulatorOptions {
+  std::string drive, pty, udp, protocol, log, map;
+  std::vector<std::string> faults, overrides;
+  bool own_control = false;
+  double speed = 1;
+  int baud = -1;
+  unsigned seed = 1;
+};
+
+class Emulator {
+ public:
+  Emulator(const EmulatorOptions& o, Config& config)
+      : options_(o),
+        faults_(parse_faults(o.faults)),
+        link_(o.pty.empty() ? listen_udp(o.udp) : make_pty(o.pty)),
+        drive_(make_drive(o, config)),
+        device_(make_device(device_options(config), *drive_, config.drive())),
+        up_(faults_.up, o.seed),
+        down_(faults_.down, o.seed + 1) {
+    const double pace = o.speed * (1 + 1e-6 * faults_.drift_ppm);
+    greeted_ = device_->speaks_first();
+    tick_ns_ = 1e9 * config.drive().T_s() / pace;
+  }
+
+  void run() {
+    std::int64_t repeat_from = now_ns();
+    while (!stop_signalled()) {
+      const auto bytes = link_->receive(wait_ms());
+      const std::int64_t now = now_ns() - begun_ns_;
+      if (!bytes.empty()) hear(bytes, now);
+      device_->take(down_.receive(now));
+      if (greeted_) tick_until(now);
+      for (const auto& frame : device_->take_sent()) up_.send(frame, now), repeat_from = now_ns();
+      if (device_->waits() && now_ns() - repeat_from > 20'000'000) {
+        device_->repeat();
+        repeat_from = now_ns();
+      }
+      if (const auto out = up_.receive(now_ns() - begun_ns_); !out.empty()) link_->send(out);
+    }
+  }
+
+ private:
+  static std::unique_ptr<EmulatedDrive> make_drive(const EmulatorOptions& o, Config& config) {
+    if (!o.log.empty()) return std::make_unique<RecordedDrive>(o.log, o.map, config.drive());
+    if (o.own_control) return std::make_unique<OwnControlDrive>(config);
+    return std::make_unique<PlantDrive>(config);
+  }
+  DeviceOptions device_options(Config& config) {
+    const BridgeParameters bridge = config.read<BridgeParameters>();
+    if (options_.baud < 0) options_.baud = options_.pty.empty() ? 0 : bridge.baud;
+    faults_.up.baud = faults_.down.baud = options_.baud;
+    return {.name = config.drive().name,
+            .protocol = bridge.protocol,
+            .T_s = config.drive().T_s(),
+            .lease_max_s = 1e-3 * bridge.lease_ms,
+            .delay = config.drive().plant.delay_samples,
+            .moteus_id = bridge.moteus_id,
+            .moteus_listen = bridge.moteus_listen,
+            .faults = faults_.device};
+  }
+  void hear(std::span<const std::uint8_t> bytes, std::int64_t now) {
+    if (!greeted_) {
+      greeted_ = true;
+      begun_ns_ += now;
+      now = 0;
+    }
+    down_.send(bytes, now);
+  }
+  // Until the next tick or the next arrival on one of the lines.
+  double wait_ms() const {
+    if (!greeted_) return 50;
+    const std::int64_t now = now_ns() - begun_ns_;
+    std::int64_t next = std::min(up_.next_arrival(), down_.next_arrival());
+    if (!device_->waits()) next = std::min(next, due());
+    if (drive_->ended() && next == due()) return 50;
+    return 1e-6 * static_cast<double>(std::clamp<std::int64_t>(next - now, 0, 5'000'000));
+  }
+  std::int64_t due() const {
+    return lockstep_ ? 0
+                     : std::llround(static_cast<double>(device_->k() - paced_from_k_) * tick_ns_) +
+                           paced_from_ns_;
+  }
+  void tick_until(std::int64_t now) {
+    const bool waits = device_->lockstep();
+    if (lockstep_ && !waits) {  // a new host sets another pace
+      paced_from_k_ = device_->k();
+      paced_from_ns_ = now;
+    }
+    lockstep_ = waits;
+    if (lockstep_) {
+      device_->tick();
+      if (!device_->waits()) device_->tick();
+      return;
+    }
+    while (!drive_->ended() && due() <= now) device_->tick();
+  }
+
+  EmulatorOptions options_;
+  FaultOptions faults_;
+  std::unique_ptr<Link> link_;
+  std::unique_ptr<EmulatedDrive> drive_;
+  std::unique_ptr<EmulatedDevice> device_;
+  FaultyLine up_, down_;
+  double tick_ns_ = 0;
+  bool greeted_ = false, lockstep_ = false;
+  std::int64_t begun_ns_ = now_ns(), paced_from_k_ = 0, paced_from_ns_ = 0;
+};
+
+void add_options(CLI::App& app, EmulatorOptions& o) {
+  app.add_option("DRIVE", o.drive, "simulate this drive file or preset")->required();
+  app.add_option("--pty", o.pty, "make a pty and this symbolic link to it");
+  app.add_option("--udp", o.udp, "receive at HOST:PORT");
+  app.add_option("--protocol", o.protocol, "speak this protocol: twinrate, moteus, vesc");
+  app.add_option("--fault", o.faults, fault_help())->allow_extra_args(false);
+  app.add_flag("--own-control", o.own_control,
+               "run the drive's own control, for a host that listens");
+  app.add_option("--log", o.log, "send the rows of this drive log (CSV) at their own pace");
+  app.add_option("--map", o.map,
+                 "read the log through this map (default: the header has canonical names)");
+  app.add_option("--speed", o.speed, "run this many times as fast as the drive")
+      ->check(CLI::Range(0.01, 1000.0));
+  app.add_option("--baud", o.baud,
+                 "wire time of this rate; 0: none (default: bridge.baud on a pty)");
+  app.add_option("--seed", o.seed, "seed of the faults");
+  app.add_option("--set", o.overrides, "override a key of the drive file: key.path=value")
+      ->allow_extra_args(false);
+}
+
+int emulate(EmulatorOptions& o) {
+  if (o.pty.empty() == o.udp.empty()) throw BadInput("exactly one of --pty and --udp is required");
+  if (!o.protocol.empty()) {
+    o.overrides.push_back("plant.kind=bridge");
+    o.overrides.push_back("bridge.protocol=" + o.protocol);
+  }
+  Config config = load_drive(o.drive, o.overrides);
+  Emulator emulator(o, config);
+  fmt::print("twinrate-emulator: {} on {}\n", config.drive().name, o.pty.empty() ? o.udp : o.pty);
+  std::fflush(stdout);
+  emulator.run();
+  return 0;
+}
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  using namespace twinrate;
+  CLI::App app{"twinrate-emulator\n  A simulated drive that speaks a device protocol"};
+  EmulatorOptions o;
+  add_options(app, o);
+  catch_stop_signals();
+  const auto say = [](const std::exception& e) {
+    fmt::print(stderr, "twinrate-emulator: {}\n", e.what());
+  };
+  try {
+    app.parse(argc, argv);
+    return emulate(o);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    say(error);
+    return 2;
+  } catch (const BadInput& error) {
+    say(error);
+    return 2;
+  } catch (const MachineError& error) {
+    say(error);
+    return 3;
+  } catch (const std::exception& error) {
+    say(error);
+    return 1;
+  }
+}

@@ -1,0 +1,51 @@
+// The device's side of the twinrate protocol, around an emulated drive. A drive's firmware does the
+// same with the same header: firmware/examples/simplefoc.ino.
+#pragma once
+#include <deque>
+
+#include "emulator/device.hpp"
+#include "firmware/protocol/twinrate_protocol.h"
+
+namespace twinrate {
+
+class TwinrateDevice final : public EmulatedDevice {
+ public:
+  TwinrateDevice(const DeviceOptions& options, EmulatedDrive& drive)
+      : options_(options), drive_(drive) {}
+
+  void take(std::span<const std::uint8_t> bytes) override;
+  bool waits() const override;
+  bool lockstep() const override { return lockstep_; }
+  void tick() override;
+  void repeat() override;
+
+  std::int64_t bad_frames() const { return bad_frames_; }
+  std::int64_t lost_frames() const { return lost_frames_; }
+  // Commands taken that enable.
+  std::uint32_t leased_commands() const { return leased_; }
+
+ private:
+  void take_command(const twp_frame& f);
+  void send_info();
+  void send_sample();
+  void send(twp_frame& f);
+  void restart();
+  const Command* in_force();
+  std::uint32_t now_us() const;
+
+  DeviceOptions options_;
+  EmulatedDrive& drive_;
+  twp_receiver receiver_{};
+  twp_lease lease_{};
+  std::uint16_t flags_ = TWP_ALL_GROUPS;
+  bool lockstep_ = false, was_reset_ = false, has_command_ = false;
+  std::int64_t first_k_ = 0;                   // of the drive at the last restart
+  std::int64_t sampled_ = -1, answered_ = -1;  // ticks of the device
+  std::uint32_t command_seq_ = 0, leased_ = 0;
+  std::int64_t bad_frames_ = 0, lost_frames_ = 0;
+  std::deque<Command> coming_;  // by k, the tick whose sample they answer
+  Command command_;             // in force
+  twp_frame last_sample_{};
+};
+
+}  // namespace twinrate
