@@ -12,11 +12,13 @@ constexpr double kRunsOfDoubling = 6;  // of a background run with policy propag
 constexpr int kDoubledSteps[] = {20, 100, 1000};
 
 std::string how_counted(const Counts& c) {
-  return fmt::format("{}\n({}, revision {}): fast {:.0f}, background {:.0f} a step\n", c.what,
-                     c.compiler, c.revision, c.fast, c.background);
+  return fmt::format("{}\n({}, revision {}): fast {:.0f}, background {:.0f} a step{}\n", c.what,
+                     c.compiler, c.revision, c.fast, c.background,
+                     c.scheduled > 0 ? fmt::format(", scheduled {:.0f}", c.scheduled) : "");
 }
 
 std::string propagated_rows(const Counts& c, double f_s_Hz) {
+  if (c.doubled.empty()) return "";
   std::string text = "\nbackground of policy propagated, six propagations by doubling:\n";
   for (const auto& [n, instructions] : c.doubled)
     text += fmt::format("{:>8g} {:>5} {:>14} {:>12} {:>16.3f}\n", f_s_Hz / n, n, "-", "no limit",
@@ -43,6 +45,33 @@ std::optional<Counts> read_counts(const std::string& path) {
     return {};
   }
   return c;
+}
+
+std::optional<Counts> read_cortex_counts(const std::string& path) {
+  std::ifstream file(path);
+  const auto json = nlohmann::json::parse(file, nullptr, false);
+  if (!json.is_object()) return {};
+  Counts c;
+  try {
+    const auto instructions = [&](const char* step) {
+      return json.at("steps").at(step).at("instructions").get<double>();
+    };
+    c.what = fmt::format("instructions a step on an emulated Cortex-M3, fixed point, by {}",
+                         json.at("command").get<std::string>());
+    c.compiler = fmt::format("{}; {}", json.at("compiler").get<std::string>(),
+                             json.at("emulator").get<std::string>());
+    json.at("revision").get_to(c.revision);
+    c.fast = instructions("simplified.fast");
+    c.background = instructions("simplified.background");
+    c.scheduled = instructions("scheduled.fast");
+  } catch (const nlohmann::json::exception&) {
+    return {};
+  }
+  return c;
+}
+
+std::string propagated_table(const Counts& host, double f_s_Hz) {
+  return propagated_rows(host, f_s_Hz) + "\ncounted: " + how_counted(host);
 }
 
 std::string cost_table(const Halves& paper, const std::optional<Counts>& counts, double f_s_Hz,

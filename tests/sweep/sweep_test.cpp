@@ -290,6 +290,18 @@ TEST(Cost, PrintsTheCountsOfTheFileAndHowTheyWereCounted) {
   EXPECT_FALSE(read_counts(TWINRATE_SOURCE_DIR "/README.md"));
 }
 
+// Of the file that `cortex_m3 count` wrote, with its command.
+TEST(Cost, PrintsTheCountsOfTheCortexM3) {
+  const auto counts = read_cortex_counts(TWINRATE_SOURCE_DIR "/bench/results/cortex_m3.json");
+  ASSERT_TRUE(counts);
+  EXPECT_GT(counts->scheduled, counts->fast);
+  const std::string table = cost_table(Halves{}, counts, 5000, {500}, 7);
+  EXPECT_NE(table.find("emulated Cortex-M3, fixed point, by build/embedded/cortex_m3 count"),
+            std::string::npos);
+  EXPECT_EQ(table.find("propagated"), std::string::npos);
+  EXPECT_FALSE(read_cortex_counts(TWINRATE_SOURCE_DIR "/bench/results/instructions.json"));
+}
+
 // n = 1: the radius is the largest pole of the filter's error, for every policy.
 TEST(Why, WithAGainEveryTickEveryPolicyHasTheSameRadius) {
   Config config = load_drive("dilys2021");

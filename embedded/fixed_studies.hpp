@@ -1,0 +1,21 @@
+// Studies of the fixed-point filter on this machine.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "core/config.hpp"
+
+namespace twinrate {
+
+// f_bmin of the fixed-point and of the double filter at one speed, policy paper, start from standstill
+// at 16000 rad/s2, as `sweep fb`: n upward from 1, up to the first loss with any seed.
+struct LimitPair {
+  double f_e_Hz = 0;
+  int n_max_fixed = 0, n_max_double = 0;
+};
+LimitPair find_limits(const std::string& drive, double f_e_Hz, int seeds, int n_cap);
+
+// Standstill for `hours`, every operation checked. Throws m3::Wrapped at the first wrap.
+std::string standstill(const std::string& drive, double hours);
+
+}  // namespace twinrate
