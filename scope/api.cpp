@@ -1,0 +1,448 @@
+#include "scope/api.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "core/config.hpp"
+
+namespace twinrate::scope {
+
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+constexpr std::int64_t kMostValues = 4'000'000;  // of one answer: 32 MB
+constexpr std::int64_t kMostBuckets = 4096;      // of one frame and signal
+constexpr double kHolderGone_s = 3;
+constexpr std::size_t kMostSignals = 64;
+constexpr std::int64_t kMostCsvTicks = 2'000'000;
+
+std::int64_t now_us() {
+  using namespace std::chrono;
+  return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
+}
+
+Json number(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
+
+std::string text_of(const Query& query, const std::string& key) {
+  const auto found = query.parameters.find(key);
+  return found == query.parameters.end() ? "" : found->second;
+}
+
+std::int64_t whole_of(const Query& query, const std::string& key, std::int64_t fallback) {
+  const std::string text = text_of(query, key);
+  if (text.empty()) return fallback;
+  std::int64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size() ||
+      std::abs(value) > 1'000'000'000'000)
+    throw BadInput(fmt::format("{}: a whole number allowed", key));
+  return value;
+}
+
+std::vector<std::string> names_of(const std::string& text) {
+  std::vector<std::string> names;
+  for (std::size_t at = 0; at <= text.size();) {
+    const std::size_t end = std::min(text.find(',', at), text.size());
+    if (end > at) names.push_back(text.substr(at, end - at));
+    at = end + 1;
+  }
+  if (names.size() > kMostSignals)
+    throw BadInput(fmt::format("signals: {} allowed at a time", kMostSignals));
+  return names;
+}
+
+Answer json_answer(const Json& json) {
+  return {.body = json.dump(-1, ' ', false, Json::error_handler_t::replace)};
+}
+
+void append(std::string& body, const std::vector<double>& values) {
+  const std::size_t at = body.size();
+  body.resize(at + 8 * values.size());
+  std::memcpy(body.data() + at, values.data(), 8 * values.size());
+}
+
+Json replies_json(const Steering::Replies& replies) {
+  Json list = Json::array();
+  for (const SteeringReply& r : replies)
+    list.push_back(
+        {{"role", r.role}, {"accepted", r.accepted}, {"applied_k", r.applied_k}, {"text", r.text}});
+  return {{"replies", list}};
+}
+
+double number_in(const Json& body, const char* key, double fallback, double lo, double hi) {
+  if (!body.contains(key)) return fallback;
+  if (!body[key].is_number()) throw BadInput(fmt::format("{}: a number allowed", key));
+  const double value = body[key].get<double>();
+  if (!(value >= lo && value <= hi))
+    throw BadInput(fmt::format("{} = {}: {} to {} allowed", key, value, lo, hi));
+  return value;
+}
+
+std::string text_in(const Json& body, const char* key) {
+  if (!body.contains(key)) return "";
+  if (!body[key].is_string()) throw BadInput(fmt::format("{}: a text allowed", key));
+  return body[key].get<std::string>();
+}
+
+template <std::size_t N>
+int choice_in(const Json& body, const char* key, const char* const (&names)[N], int fallback) {
+  const std::string word = text_in(body, key);
+  if (word.empty()) return fallback;
+  for (std::size_t i = 0; i < N; ++i)
+    if (word == names[i]) return static_cast<int>(i);
+  throw BadInput(fmt::format("{} = {}: one of {} allowed", key, word, fmt::join(names, ", ")));
+}
+
+TriggerSettings trigger_settings(const Json& body) {
+  TriggerSettings t;
+  t.mode = static_cast<TriggerMode>(choice_in(body, "mode", kTriggerModeNames, 0));
+  t.edge = static_cast<Edge>(choice_in(body, "edge", kEdgeNames, 0));
+  t.signal = text_in(body, "signal");
+  t.event = text_in(body, "event");
+  if (t.mode != TriggerMode::kStop && t.signal.empty() == t.event.empty())
+    throw BadInput("a trigger needs a signal or an event");
+  t.level = number_in(body, "level", 0, -1e300, 1e300);
+  t.hysteresis = number_in(body, "hysteresis", 0, 0, 1e300);
+  t.pre_share = number_in(body, "pre_share", 0.5, 0, 1);
+  t.length_ticks = static_cast<std::int64_t>(
+      number_in(body, "length_ticks", 1000, 2, static_cast<double>(kMaxCaptureTicks)));
+  t.holdoff_ticks = static_cast<std::int64_t>(number_in(body, "holdoff_ticks", 0, 0, 1e12));
+  t.automatic_ticks = std::max<std::int64_t>(2 * t.length_ticks, 1000);
+  return t;
+}
+
+}  // namespace
+
+struct Api::Reader {
+  std::shared_ptr<Recording> recording;
+  std::vector<std::string> signals;
+  Span span;
+  std::int64_t count() const { return (span.to - span.from + span.bucket - 1) / span.bucket; }
+};
+
+Api::Api(Sources& sources, LiveDrive* live, std::string title)
+    : sources_(sources), live_(live), title_(std::move(title)) {}
+
+Api::Reader Api::read(const Query& query, std::int64_t most_values) {
+  Reader reader;
+  reader.recording = sources_.find(text_of(query, "source"));
+  if (!reader.recording) throw BadInput("source: no such run");
+  reader.signals = names_of(text_of(query, "signals"));
+  reader.span.capture = static_cast<int>(whole_of(query, "capture", 0));
+  reader.span.from = whole_of(query, "from", 0);
+  reader.span.to = whole_of(query, "to", reader.recording->last_k() + 1);
+  reader.span.bucket = whole_of(query, "bucket", 1);
+  if (reader.span.bucket < 1) throw BadInput("bucket: 1 or more ticks allowed");
+  if (reader.span.to < reader.span.from) throw BadInput("to: not before from allowed");
+  const auto signals = static_cast<std::int64_t>(std::max<std::size_t>(1, reader.signals.size()));
+  if (reader.count() * signals > most_values)
+    throw BadInput(fmt::format("{} values asked for, {} allowed: a larger bucket or fewer ticks",
+                               reader.count() * signals, most_values));
+  return reader;
+}
+
+Answer Api::answer(const Query& query) {
+  try {
+    if (query.post) {
+      const Json body = Json::parse(query.body, nullptr, false);
+      if (!body.is_object()) throw BadInput("a JSON object allowed");
+      if (query.path == "/api/trigger") return set_trigger(body);
+      if (query.path == "/api/control") return control(body);
+      if (query.path == "/api/request") return request(body);
+    } else {
+      if (query.path == "/api/info") return info();
+      if (query.path == "/api/tree") return json_answer(sources_.drive().tree(now_us()));
+      if (query.path == "/api/events") {
+        const auto recording = sources_.find(text_of(query, "source"));
+        if (!recording) throw BadInput("source: no such run");
+        return json_answer(recording->events(static_cast<std::size_t>(whole_of(query, "from", 0))));
+      }
+      if (query.path == "/api/data") return data(query);
+      if (query.path == "/api/samples") return samples(query);
+      if (query.path == "/api/statistics") return statistics(query);
+      if (query.path == "/api/csv") return csv(query);
+      if (query.path == "/api/align") return align(query);
+    }
+    return {.status = 404, .type = "text/plain", .body = "no such page\n"};
+  } catch (const BadInput& error) {
+    return {.status = 400, .type = "text/plain", .body = std::string(error.what()) + "\n"};
+  }
+}
+
+Json Api::live_state() const {
+  if (!live_) return nullptr;
+  return {{"url", live_->url()},
+          {"session", fmt::format("{:x}", live_->session())},
+          {"heard", live_->heard()},
+          {"silent_s", live_->silent_s()}};
+}
+
+Answer Api::info() {
+  return json_answer({{"title", title_},
+                      {"live", live_state()},
+                      {"runs", sources_.runs()},
+                      {"brief", sources_.drive().brief()}});
+}
+
+Answer Api::data(const Query& query) {
+  const Reader reader = read(query, kMostValues);
+  Answer answer{.type = "application/octet-stream"};
+  for (const std::string& signal : reader.signals) {
+    const Reduced reduced = reader.recording->reduce(signal, reader.span);
+    append(answer.body, reduced.min);
+    append(answer.body, reduced.max);
+  }
+  return answer;
+}
+
+Answer Api::samples(const Query& query) {
+  const Reader reader = read(query, kMostValues);
+  Answer answer{.type = "application/octet-stream"};
+  for (const std::string& signal : reader.signals)
+    append(answer.body, reader.recording->samples(signal, reader.span));
+  return answer;
+}
+
+Answer Api::statistics(const Query& query) {
+  const Reader reader = read(query, INT64_MAX / 1024);
+  Json list = Json::array();
+  for (const std::string& signal : reader.signals) {
+    const Extent e = reader.recording->extent(signal, reader.span);
+    const double n = static_cast<double>(e.count);
+    list.push_back({{"signal", signal},
+                    {"count", e.count},
+                    {"min", number(e.min)},
+                    {"max", number(e.max)},
+                    {"mean", e.empty() ? Json(nullptr) : number(e.sum / n)},
+                    {"rms", e.empty() ? Json(nullptr) : number(std::sqrt(e.sum_of_squares / n))},
+                    {"peak_to_peak", number(e.max - e.min)}});
+  }
+  return json_answer(list);
+}
+
+// As a drive log (docs/trace-a-log.md) the voltage of row k is that of t_k .. t_{k+1}: the one in
+// MEASUREMENT(k + 1).
+Answer Api::csv(const Query& query) {
+  Reader reader = read(query, kMostCsvTicks * 16);
+  if (reader.span.to - reader.span.from > kMostCsvTicks)
+    throw BadInput(fmt::format("{} ticks as CSV allowed", kMostCsvTicks));
+  const bool trace = text_of(query, "trace") == "1";
+  constexpr std::pair<const char*, const char*> kTraceColumns[] = {
+      {"i_a", "measurement.i_a_A"},           {"i_b", "measurement.i_b_A"},
+      {"i_c", "measurement.i_c_A"},           {"u_alpha", "measurement.u_alpha_V"},
+      {"u_beta", "measurement.u_beta_V"},     {"v_dc", "measurement.v_dc_V"},
+      {"theta_m", "measurement.theta_m_rad"}, {"omega_m", "measurement.omega_m_rad_s"}};
+  std::vector<std::string> heads;
+  if (trace) {
+    reader.signals.clear();
+    for (const auto& [head, signal] : kTraceColumns)
+      heads.emplace_back(head), reader.signals.emplace_back(signal);
+  } else {
+    heads = reader.signals;
+  }
+  reader.span.bucket = 1;
+  std::vector<std::vector<double>> columns;
+  for (const std::string& signal : reader.signals) {
+    Span span = reader.span;
+    if (trace && signal.starts_with("measurement.u_")) ++span.from, ++span.to;
+    columns.push_back(reader.recording->samples(signal, span));
+  }
+  const double T_s = reader.recording->drive().T_s;
+  Answer answer{.type = "text/csv", .file_name = trace ? "scope-drive-log.csv" : "scope.csv"};
+  answer.body = fmt::format("{}{}{}\n", trace ? "t" : "k,t_s", heads.empty() ? "" : ",",
+                            fmt::join(heads, ","));
+  const auto rows = static_cast<std::size_t>(reader.span.to - reader.span.from);
+  for (std::size_t i = 0; i < rows; ++i) {
+    const std::int64_t k = reader.span.from + static_cast<std::int64_t>(i);
+    const bool whole = std::all_of(columns.begin(), columns.end(),
+                                   [i](const auto& column) { return !std::isnan(column[i]); });
+    if (trace && !whole) continue;  // a drive log may have gaps, and no empty number
+    auto out = std::back_inserter(answer.body);
+    if (!trace) fmt::format_to(out, "{},", k);
+    fmt::format_to(out, "{:.9g}", static_cast<double>(k) * T_s);
+    for (const auto& column : columns)
+      if (std::isnan(column[i]))
+        answer.body += ',';
+      else
+        fmt::format_to(out, ",{:.17g}", column[i]);
+    answer.body += '\n';
+  }
+  return answer;
+}
+
+// The ghost's tick that belongs to tick 0 of the drive. by = start: first ticks; event: first trip,
+// else the first event of the same name `reason`; angle: as start, and then less than a turn
+// further, to the tick at which the measured angle is that of tick k of the drive.
+Answer Api::align(const Query& query) {
+  const auto ghost = sources_.find(text_of(query, "ghost"));
+  if (!ghost) throw BadInput("ghost: no such run");
+  Recording& drive = sources_.drive();
+  const std::string by = text_of(query, "by"), reason = text_of(query, "reason");
+  const std::int64_t k = whole_of(query, "k", drive.last_k());
+  std::int64_t shift = ghost->first_k() - drive.first_k();
+  if (drive.brief()["generation"] != 0 || live_) shift = ghost->first_k();
+  if (by == "event") {
+    std::int64_t at = -1;
+    for (const ScopeEvent& e : ghost->event_list())
+      if (at < 0 && (reason.empty() ? e.trip : e.reason == reason)) at = e.k;
+    if (at < 0) throw BadInput("the ghost has no such event");
+    shift = at - k;
+  } else if (by == "angle") {
+    const char* const angle = "measurement.theta_m_rad";
+    const auto at = [](Recording& r, const char* signal, std::int64_t tick) {
+      return r.samples(signal, {tick, tick + 1, 1, 0}).front();
+    };
+    const double wanted = at(drive, angle, k);
+    const std::int64_t from = k + shift, most = 200'000;
+    const std::vector<double> angles = ghost->samples(angle, {from, from + most, 1, 0});
+    double best = M_PI;
+    for (std::size_t i = 0; i < angles.size(); ++i) {
+      const double off = std::abs(std::remainder(angles[i] - wanted, 2 * M_PI));
+      if (off >= best) continue;
+      best = off;
+      shift = from + static_cast<std::int64_t>(i) - k;
+      if (std::abs(angles[i] - angles[0]) > 2 * M_PI) break;
+    }
+    if (!(best < M_PI)) throw BadInput("the ghost has no angle there");
+  } else if (by != "start" && !by.empty()) {
+    throw BadInput("by: start, event or angle allowed");
+  }
+  return json_answer(
+      {{"shift_ticks", shift}, {"first_k", ghost->first_k()}, {"last_k", ghost->last_k()}});
+}
+
+Answer Api::set_trigger(const Json& body) {
+  if (body.value("force", false))
+    sources_.drive().force_trigger();
+  else
+    sources_.drive().set_trigger(trigger_settings(body));
+  return json_answer(sources_.drive().brief()["trigger"]);
+}
+
+// Control is one page's, and the drive's: another program may have it.
+Answer Api::control(const Json& body) {
+  if (!live_) throw BadInput("a log cannot be steered");
+  const std::string client = text_in(body, "client");
+  if (client.empty() || client.size() > 64) throw BadInput("client: 1 to 64 characters allowed");
+  const bool take = body.value("take", false);
+  const auto refused = [](const std::string& why) {
+    return Answer{.status = 409, .type = "text/plain", .body = why + "\n"};
+  };
+  {
+    const std::lock_guard lock(mutex_);
+    expire_holder();
+    if (take && !holder_.empty() && holder_ != client)
+      return refused("another page has the control");
+    if (!take && holder_ != client) return json_answer({{"holder", holder_}});
+    if (!take) holder_.clear();
+  }
+  if (take)
+    for (const SteeringReply& reply : live_->take_control())
+      if (!reply.accepted) return refused(reply.text);
+  if (!take) live_->give_control();
+  const std::lock_guard lock(mutex_);
+  if (take && !holder_.empty() && holder_ != client) return refused("another page has the control");
+  if (take) holder_ = client, holder_seen_s_ = 1e-6 * static_cast<double>(now_us());
+  return json_answer({{"holder", holder_}});
+}
+
+// Stop and emergency stop need no control.
+Answer Api::request(const Json& body) {
+  if (!live_) throw BadInput("a log cannot be steered");
+  const std::string kind = text_in(body, "kind"), client = text_in(body, "client");
+  if (kind != "stop" && kind != "emergency_stop") {
+    const std::lock_guard lock(mutex_);
+    if (client.empty() || holder_ != client)
+      return {.status = 409, .type = "text/plain", .body = "take control first\n"};
+  }
+  return json_answer(replies_json(send(kind, text_in(body, "text"))));
+}
+
+Steering::Replies Api::send(const std::string& kind, const std::string& text) {
+  if (kind == "steer") return live_->steer(text);
+  if (kind == "start") return live_->start();
+  if (kind == "stop") return live_->stop();
+  if (kind == "emergency_stop") return live_->emergency_stop();
+  if (kind == "reset") return live_->reset();
+  if (kind == "add_proposed") return live_->add_proposed();
+  if (kind != "add_effects" && kind != "remove_effects")
+    throw BadInput(
+        "kind: steer, start, stop, emergency_stop, reset, add_proposed, add_effects or "
+        "remove_effects "
+        "allowed");
+  Config::check_addition(text, "the page");
+  return kind == "add_effects" ? live_->add_effects(text) : live_->remove_effects(text);
+}
+
+Api::Stream Api::open_stream(const Query& query) {
+  Stream stream;
+  stream.signals = names_of(text_of(query, "signals"));
+  stream.bucket = whole_of(query, "bucket", 1);
+  if (stream.bucket < 1) throw BadInput("bucket: 1 or more ticks allowed");
+  stream.next = whole_of(query, "from", -1);
+  stream.events = static_cast<std::size_t>(whole_of(query, "events", 0));
+  stream.client = text_of(query, "client");
+  stream.generation = sources_.drive().generation();
+  return stream;
+}
+
+std::string Api::frame(Stream& stream) {
+  Recording& drive = sources_.drive();
+  const int generation = drive.generation();
+  if (generation != stream.generation) {
+    stream.generation = generation;
+    stream.next = -1;
+    stream.events = 0;
+  }
+  Json frame = drive.brief();
+  frame["live"] = live_state();
+  {
+    const std::lock_guard lock(mutex_);
+    if (!holder_.empty() && holder_ == stream.client) {
+      holder_seen_s_ = 1e-6 * static_cast<double>(now_us());
+      if (live_) live_->beat();
+    }
+    expire_holder();
+    frame["holder"] = holder_;
+  }
+  // Buckets are aligned to multiples of their length.
+  const std::int64_t end = (drive.complete_k() + 1) / stream.bucket * stream.bucket;
+  std::int64_t begin = stream.next < 0 ? end : stream.next / stream.bucket * stream.bucket;
+  begin = std::max(begin, end - kMostBuckets * stream.bucket);
+  frame["bucket"] = stream.bucket;
+  frame["begin"] = begin;
+  frame["end"] = end;
+  Json series = Json::array();
+  if (end > begin)
+    for (const std::string& signal : stream.signals) {
+      const Reduced reduced = drive.reduce(signal, {begin, end, stream.bucket, 0});
+      Json min = Json::array(), max = Json::array();
+      for (const double value : reduced.min) min.push_back(number(value));
+      if (stream.bucket > 1)
+        for (const double value : reduced.max) max.push_back(number(value));
+      series.push_back({min, max});
+    }
+  frame["series"] = series;
+  stream.next = std::max(end, begin);
+  const std::size_t events = frame["events"].get<std::size_t>();
+  if (events > stream.events) frame["new_events"] = drive.events(stream.events);
+  stream.events = events;
+  return frame.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+// A page that is gone for kHolderGone_s holds the control no more. It closes a stream and opens
+// another one whenever its signals change.
+void Api::expire_holder() {
+  if (1e-6 * static_cast<double>(now_us()) - holder_seen_s_ > kHolderGone_s) holder_.clear();
+}
+
+}  // namespace twinrate::scope

@@ -1,0 +1,87 @@
+// A live drive: one thread on the bus that fills a Recording and sends requests.
+//
+//   every channel -> [LiveDrive] -> Recording
+//   Steering (any thread) -> DRIVE_REQUEST, DRIVE_REPLY -> the caller
+//
+// No reader of the Recording can hold the thread for longer than it takes to reduce one signal; what
+// arrives meanwhile waits in LCM's queue and the socket, and what is lost there is counted as a gap.
+// Follows one session: the first one heard, and another one after kSessionSilent_s of silence.
+#pragma once
+#include <atomic>
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <thread>
+
+#include "core/bus.hpp"
+#include "scope/recording.hpp"
+#include "scope/steering.hpp"
+
+namespace twinrate::scope {
+
+inline constexpr double kSessionSilent_s = 1.0;
+
+class LiveDrive : public Steering {
+ public:
+  // The token file of a session, which its requests are tagged with; "" where none is known.
+  using TokenOf = std::function<std::string(std::int64_t session)>;
+
+  // Throws MachineError and BadInput as Bus does. `options.session` 0: the first session heard.
+  LiveDrive(const BusOptions& options, Recording& recording, TokenOf token_of = {});
+  ~LiveDrive() override;
+  LiveDrive(const LiveDrive&) = delete;
+  LiveDrive& operator=(const LiveDrive&) = delete;
+
+  double silent_s() const;  // since the last message of the session, or since the start
+  bool heard() const { return heard_; }
+  std::int64_t session() const { return session_; }
+  const std::string& url() const { return url_; }
+
+  Replies steer(const std::string& lines) override;
+  Replies take_control() override;
+  Replies give_control() override;
+  void beat() override;
+  Replies start() override;
+  Replies stop() override;
+  Replies emergency_stop() override;
+  Replies reset() override;
+  Replies add_proposed() override;
+  Replies add_effects(const std::string& toml) override;
+  Replies remove_effects(const std::string& toml) override;
+
+ private:
+  struct Asked {
+    request_t request;
+    std::size_t wanted = 1;  // answers
+    Replies replies;
+    double asked_s = 0, sent_s = 0;
+    bool done = false;
+  };
+
+  void run(const std::stop_token& stop);
+  void open_bus();
+  void look_for_token();
+  void hear(Channel channel, const std::uint8_t* bytes, std::size_t size);
+  void answer(const reply_t& reply);
+  void send_requests();
+  void send_beat();
+  Replies ask(RequestKind kind, std::size_t wanted, const std::string& text = "", double value = 0);
+
+  Recording& recording_;
+  BusOptions options_;
+  TokenOf token_of_;
+  std::int64_t token_session_ = 0;  // the session that the token was looked for
+  std::string url_;
+  std::unique_ptr<Bus> bus_;
+  std::atomic<std::int64_t> session_ = 0, last_heard_us_;
+  std::atomic<bool> heard_ = false;
+  std::atomic<double> beat_asked_s_ = -1;  // of beat()
+  double beat_sent_s_ = -1;
+  std::mutex mutex_;  // of asked_
+  std::condition_variable answered_;
+  std::deque<std::shared_ptr<Asked>> asked_;
+  std::jthread thread_;  // last: it uses the others
+};
+
+}  // namespace twinrate::scope

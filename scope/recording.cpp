@@ -1,0 +1,404 @@
+#include "scope/recording.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "core/config.hpp"
+#include "core/decode.hpp"
+#include "core/reason.hpp"
+#include "core/steering_limits.hpp"
+#include "model/frames.hpp"
+
+namespace twinrate::scope {
+namespace {
+
+constexpr double kBytesOfTick =
+    560;  // of a dense history: 60 columns of 8.6 bytes, some sparse ones
+constexpr std::int64_t kStandstill_us = 500'000;
+
+std::size_t chunks_for(double history_s, std::size_t memory_bytes, double T_s) {
+  const double ticks =
+      std::min(static_cast<double>(memory_bytes) / kBytesOfTick, T_s > 0 ? history_s / T_s : 1e18);
+  return static_cast<std::size_t>(std::max(2.0, std::ceil(ticks / kChunkTicks) + 1));
+}
+
+bool ticks_every_time(Channel channel) {
+  return channel < Channel::kStatus && channel != Channel::kGain;
+}
+
+}  // namespace
+
+Recording::Recording(double history_s, std::size_t memory_bytes)
+    : history_s_(history_s),
+      memory_bytes_(memory_bytes),
+      store_(chunks_for(history_s, memory_bytes, 0)) {
+  clear();
+}
+
+// The columns of the derived signals stand first, so that they are the same in every recording.
+void Recording::clear() {
+  signals_ = {};
+  store_ = TickStore(chunks_for(history_s_, memory_bytes_, drive_.T_s));
+  const auto message = [this](Channel channel, const char* wire) {
+    const MessageLayout& layout = layout_of(channel);
+    for (std::size_t i = 0; i < layout.fields.size(); ++i)
+      if (layout.fields[i].wire == wire)
+        return signals_.of_message(channel, "", static_cast<int>(i), 0);
+    throw std::runtime_error(layout.short_name + ": no field " + wire);
+  };
+  const auto derived = [this](const char* name, const char* unit, const char* comment) {
+    return signals_.add({std::string("drive.") + name, unit, comment, true});
+  };
+  inputs_ = {.est_theta = message(Channel::kEstimate, "theta_e_rad"),
+             .est_omega = message(Channel::kEstimate, "omega_m_rad_s"),
+             .truth_theta = message(Channel::kTruth, "theta_m_rad"),
+             .truth_omega = message(Channel::kTruth, "omega_m_rad_s"),
+             .u_alpha = message(Channel::kMeasurement, "u_alpha_V"),
+             .u_beta = message(Channel::kMeasurement, "u_beta_V"),
+             .v_dc = message(Channel::kMeasurement, "v_dc_V"),
+             .i_a = message(Channel::kMeasurement, "i_a_A"),
+             .i_b = message(Channel::kMeasurement, "i_b_A"),
+             .i_c = message(Channel::kMeasurement, "i_c_A")};
+  derived_ = {
+      .angle_error =
+          derived("angle_error_rad", "rad",
+                  "wrap(theta_e_hat - n_p theta_m) of estimate and truth of the same tick"),
+      .speed_error =
+          derived("speed_error_rad_s", "rad/s",
+                  "omega_m_hat - omega_m of estimate and truth of the same tick, mechanical"),
+      .u_d = derived(
+          "u_d_V", "V",
+          "voltage applied t_{k-1} .. t_k, in the frame of the estimate at the middle of it"),
+      .u_q = derived(
+          "u_q_V", "V",
+          "voltage applied t_{k-1} .. t_k, in the frame of the estimate at the middle of it"),
+      .u_abs = derived("u_abs_V", "V", "amplitude of the voltage applied t_{k-1} .. t_k"),
+      .u_limit =
+          derived("u_limit_V", "V", "v_dc / sqrt 3: the largest amplitude without overmodulation"),
+      .i_alpha = derived("i_alpha_A", "A", "measured currents, stationary frame"),
+      .i_beta = derived("i_beta_A", "A", "measured currents, stationary frame"),
+      .theta_e = derived("theta_e_rad", "rad", "n_p times the true mechanical angle, 0 .. 2 pi")};
+  channels_.clear();
+  for (const ChannelInfo& channel : kChannels) channels_.emplace_back(channel.channel);
+  processes_.clear();
+  events_.clear();
+  events_before_ = 0;
+  newest_.clear();
+  pending_.reset();
+  captures_.clear();
+  first_header_.reset();
+  trigger_column_ = signals_.find(trigger_.settings().signal);
+  trigger_.set(trigger_.settings());
+}
+
+void Recording::restart() {
+  const Lock lock(mutex_);
+  ++generation_;
+  drive_ = {};
+  clear();
+}
+
+void Recording::use_config(const std::string& config_toml, const std::string& source) {
+  Config config = Config::parse(config_toml, source);
+  const DriveConfig& d = config.drive();
+  const SteeringLimits limits = steering_limits(d, steering_of(config));
+  const Lock lock(mutex_);
+  drive_ = {.name = d.name,
+            .config_toml = config_toml,
+            .T_s = d.T_s(),
+            .duration_s = d.run.duration_s,
+            .n_p = d.machine.n_p,
+            .omega_m_max = limits.omega_m,
+            .load_max_Nm = limits.load,
+            .rated_torque_Nm = d.machine.T_rated,
+            .i_max_A = d.machine.i_rated};
+  if (store_.empty()) store_ = TickStore(chunks_for(history_s_, memory_bytes_, drive_.T_s));
+}
+
+void Recording::take(Channel channel, const std::uint8_t* bytes, std::size_t size,
+                     const MessageHeader& header, std::int64_t arrival_us) {
+  if (channel == Channel::kManifest) take_manifest(bytes, size);
+  const Lock lock(mutex_);
+  last_arrival_us_ = arrival_us;
+  if (channel == Channel::kMeasurement) {
+    tick_times_.note(header.seq, arrival_us);
+    measure_T_s(header);
+  }
+  channels_[static_cast<std::size_t>(channel)].take(header, bytes, size, arrival_us, tick_times_);
+  if (channel == Channel::kEvent) take_event(bytes, size);
+  if (channel == Channel::kStatus) take_status(bytes, size);
+  if (channel >= Channel::kStatus) return;
+  read_numbers(layout_of(channel), bytes, size, [&](int field, int element, double value) {
+    put(signals_.of_message(channel, "", field, element), header.seq, value);
+  });
+  derive(channel, header.seq);
+  if (channel == Channel::kMeasurement && trigger_.automatic(header.seq))
+    begin_capture(header.seq, "no trigger: by itself");
+  if (pending_) complete_captures(false);
+}
+
+void Recording::put(int column, std::int64_t k, double value) {
+  store_.set(column, signals_[column].dense, k, value);
+  if (static_cast<std::size_t>(column) >= newest_.size())
+    newest_.resize(static_cast<std::size_t>(column) + 1, kNoValue);
+  newest_[static_cast<std::size_t>(column)] = value;
+  if (column == trigger_column_ && !pending_ && trigger_.sample(k, value))
+    begin_capture(k, trigger_cause());
+}
+
+// A drive file that was not heard has no f_s: the time between ticks is that of the messages.
+void Recording::measure_T_s(const MessageHeader& header) {
+  if (drive_.n_p > 0 || header.seq < 0) return;
+  if (!first_header_ || header.seq < first_header_->seq) first_header_ = header;
+  const std::int64_t ticks = header.seq - first_header_->seq;
+  if (ticks >= 100 && drive_.T_s == 0)
+    drive_.T_s =
+        1e-9 * static_cast<double>(header.t_ns - first_header_->t_ns) / static_cast<double>(ticks);
+}
+
+void Recording::derive(Channel channel, std::int64_t k) {
+  if (channel == Channel::kEstimate || channel == Channel::kTruth) derive_pair(k);
+  if (channel == Channel::kEstimate || channel == Channel::kMeasurement) derive_voltage(k);
+  if (channel != Channel::kMeasurement) return;
+  const double i_a = store_.at(inputs_.i_a, k), i_b = store_.at(inputs_.i_b, k),
+               i_c = store_.at(inputs_.i_c, k);
+  put(derived_.i_alpha, k, 2.0 / 3 * (i_a - i_b / 2 - i_c / 2));
+  put(derived_.i_beta, k, (i_b - i_c) / std::sqrt(3.0));
+}
+
+void Recording::derive_pair(std::int64_t k) {
+  const double theta_m = store_.at(inputs_.truth_theta, k);
+  if (std::isnan(theta_m)) return;
+  const double theta_e = drive_.n_p * theta_m;
+  if (drive_.n_p > 0)
+    put(derived_.theta_e, k, theta_e - 2 * M_PI * std::floor(theta_e / (2 * M_PI)));
+  const double theta_e_hat = store_.at(inputs_.est_theta, k);
+  if (std::isnan(theta_e_hat)) return;
+  if (drive_.n_p > 0) put(derived_.angle_error, k, std::remainder(theta_e_hat - theta_e, 2 * M_PI));
+  put(derived_.speed_error, k, store_.at(inputs_.est_omega, k) - store_.at(inputs_.truth_omega, k));
+}
+
+void Recording::derive_voltage(std::int64_t k) {
+  const double u_alpha = store_.at(inputs_.u_alpha, k), u_beta = store_.at(inputs_.u_beta, k);
+  put(derived_.u_abs, k, std::hypot(u_alpha, u_beta));
+  put(derived_.u_limit, k, store_.at(inputs_.v_dc, k) / std::sqrt(3.0));
+  const double middle = store_.at(inputs_.est_theta, k) -
+                        0.5 * drive_.n_p * store_.at(inputs_.est_omega, k) * drive_.T_s;
+  if (drive_.n_p == 0 || std::isnan(middle) || std::isnan(u_alpha)) return;
+  const double c = std::cos(middle), s = std::sin(middle);
+  put(derived_.u_d, k, c * u_alpha + s * u_beta);
+  put(derived_.u_q, k, -s * u_alpha + c * u_beta);
+}
+
+void Recording::take_event(const std::uint8_t* bytes, std::size_t size) {
+  event_t event{};
+  if (!decode(event, bytes, size)) {
+    ++undecodable_;
+    return;
+  }
+  const char* name = reason_name(event.reason);
+  ScopeEvent kept{.k = event.seq >= 0 ? event.seq : store_.last_k(),
+                  .t_ns = event.t_ns,
+                  .role = role_name(event.role),
+                  .reason = name ? name : fmt::format("reason {}", event.reason),
+                  .text = event.text,
+                  .trip = is_trip(static_cast<Reason>(event.reason))};
+  if (!pending_ && trigger_.event(kept.k, kept.reason, kept.trip))
+    begin_capture(kept.k, "event " + kept.reason);
+  events_.push_back(std::move(kept));
+  if (events_.size() <= kEventsKept) return;
+  events_.pop_front();
+  ++events_before_;
+}
+
+// The counts of a process, as signals over the tick that it has reached.
+void Recording::take_status(const std::uint8_t* bytes, std::size_t size) {
+  status_t status{};
+  if (!decode(status, bytes, size)) {
+    ++undecodable_;
+    return;
+  }
+  processes_[status.role] = status;
+  const std::int64_t k =
+      std::clamp<std::int64_t>(status.seq, 0, std::max<std::int64_t>(0, store_.last_k()));
+  const std::string speaker = role_name(status.role);
+  if (store_.empty() || speaker == "unknown role") return;
+  read_numbers(layout_of(Channel::kStatus), bytes, size, [&](int field, int element, double value) {
+    put(signals_.of_message(Channel::kStatus, speaker, field, element), k, value);
+  });
+}
+
+void Recording::take_manifest(const std::uint8_t* bytes, std::size_t size) {
+  manifest_t manifest{};
+  if (!decode(manifest, bytes, size) || manifest.config_toml.empty()) return;
+  try {
+    use_config(manifest.config_toml, "DRIVE_MANIFEST");
+  } catch (const BadInput&) {  // of another version: the drive file stays unknown
+    const Lock lock(mutex_);
+    ++undecodable_;
+  }
+}
+
+std::string Recording::trigger_cause() const {
+  const TriggerSettings& t = trigger_.settings();
+  const std::string edge = kEdgeNames[static_cast<int>(t.edge)];
+  return t.edge == Edge::kChange ? fmt::format("{} {}", t.signal, edge)
+                                 : fmt::format("{} {} {:.6g}", t.signal, edge, t.level);
+}
+
+void Recording::begin_capture(std::int64_t k, const std::string& cause) {
+  const TriggerSettings& t = trigger_.settings();
+  const auto before =
+      static_cast<std::int64_t>(std::llround(t.pre_share * static_cast<double>(t.length_ticks)));
+  pending_ = Capture{.id = ++captured_,
+                     .trigger_k = k,
+                     .from = std::max<std::int64_t>(0, k - before),
+                     .to = k - before + t.length_ticks,
+                     .cause = cause};
+}
+
+// The tick that every channel of the tick has passed. A channel that stopped does not count.
+std::int64_t Recording::passed_k() const {
+  std::int64_t passed = store_.last_k();
+  for (const WatchedChannel& channel : channels_)
+    if (ticks_every_time(channel.channel()) && channel.messages() > 0 &&
+        channel.last_seq() > store_.last_k() - kSlackTicks)
+      passed = std::min(passed, channel.last_seq());
+  return passed;
+}
+
+void Recording::complete_captures(bool standstill) {
+  if (!pending_ || (!standstill && passed_k() < pending_->to - 1)) return;
+  Capture capture = std::move(*pending_);
+  pending_.reset();
+  capture.from = std::max(capture.from, store_.first_k());
+  capture.to = std::min(capture.to, store_.last_k() + 1);
+  capture.ticks = store_.part(capture.from, capture.to);
+  capture.missing = capture.to - capture.from -
+                    capture.ticks.extent(inputs_.u_alpha, capture.from, capture.to).count;
+  captures_.push_back(std::move(capture));
+  if (captures_.size() > kCapturesKept) captures_.pop_front();
+}
+
+void Recording::look(std::int64_t now_us) {
+  const Lock lock(mutex_);
+  if (pending_ && now_us - last_arrival_us_ > kStandstill_us) complete_captures(true);
+}
+
+void Recording::note_bus(std::int64_t now_us) {
+  const Lock lock(mutex_);
+  if (store_.empty()) return;
+  const std::int64_t k = store_.last_k();
+  for (WatchedChannel& channel : channels_) {
+    if (channel.messages() == 0) continue;
+    const std::string base = "bus." + layout_of(channel.channel()).short_name + ".";
+    const auto note = [&](const char* name, const char* unit, const char* comment, double value) {
+      int column = signals_.find(base + name);
+      if (column < 0) column = signals_.add({base + name, unit, comment, false});
+      put(column, k, value);
+    };
+    note("rate_Hz", "Hz", "messages a second of wall time", channel.rate_Hz(now_us));
+    note("gaps", "", "sequence numbers that did not arrive here, so far",
+         static_cast<double>(channel.gaps()));
+    if (const auto latency = channel.latency_us())
+      note("latency_us", "us", "mean time after the MEASUREMENT of the same tick", *latency);
+    channel.begin_interval(now_us);
+  }
+}
+
+const TickStore* Recording::store_of(int capture) const {
+  if (capture == 0) return &store_;
+  for (const Capture& c : captures_)
+    if (c.id == capture) return &c.ticks;
+  return nullptr;
+}
+
+Reduced Recording::reduce(const std::string& signal, const Span& span) const {
+  const Lock lock(mutex_);
+  const TickStore* store = store_of(span.capture);
+  const int column = signals_.find(signal);
+  Reduced reduced;
+  for (std::int64_t k = span.from; k < span.to; k += span.bucket) {
+    Extent e;
+    if (store && column >= 0) e = store->extent(column, k, std::min(span.to, k + span.bucket));
+    reduced.min.push_back(e.empty() ? kNoValue : e.min);
+    reduced.max.push_back(e.empty() ? kNoValue : e.max);
+  }
+  return reduced;
+}
+
+std::vector<double> Recording::samples(const std::string& signal, const Span& span) const {
+  const Lock lock(mutex_);
+  const TickStore* store = store_of(span.capture);
+  const int column = signals_.find(signal);
+  std::vector<double> list;
+  for (std::int64_t k = span.from; k < span.to; k += span.bucket)
+    list.push_back(store && column >= 0 ? store->at(column, k) : kNoValue);
+  return list;
+}
+
+Extent Recording::extent(const std::string& signal, const Span& span) const {
+  const Lock lock(mutex_);
+  const TickStore* store = store_of(span.capture);
+  const int column = signals_.find(signal);
+  return store && column >= 0 ? store->extent(column, span.from, span.to) : Extent{};
+}
+
+void Recording::set_trigger(const TriggerSettings& settings) {
+  const Lock lock(mutex_);
+  trigger_.set(settings);
+  trigger_column_ = settings.signal.empty() ? -1 : signals_.find(settings.signal);
+  pending_.reset();
+}
+
+void Recording::force_trigger() {
+  const Lock lock(mutex_);
+  if (pending_ || store_.empty()) return;
+  trigger_.force(store_.last_k());
+  begin_capture(store_.last_k(), "forced");
+}
+
+std::int64_t Recording::first_k() const {
+  const Lock lock(mutex_);
+  return store_.first_k();
+}
+
+std::int64_t Recording::last_k() const {
+  const Lock lock(mutex_);
+  return store_.last_k();
+}
+
+std::int64_t Recording::complete_k() const {
+  const Lock lock(mutex_);
+  return passed_k();
+}
+
+DriveFileFacts Recording::drive() const {
+  const Lock lock(mutex_);
+  return drive_;
+}
+
+std::vector<Signal> Recording::signals() const {
+  const Lock lock(mutex_);
+  return signals_.list();
+}
+
+std::vector<ScopeEvent> Recording::event_list() const {
+  const Lock lock(mutex_);
+  return {events_.begin(), events_.end()};
+}
+
+int Recording::generation() const {
+  const Lock lock(mutex_);
+  return generation_;
+}
+
+std::int64_t Recording::undecodable() const {
+  const Lock lock(mutex_);
+  return undecodable_;
+}
+
+}  // namespace twinrate::scope

@@ -1,0 +1,51 @@
+#include "scope/scope.hpp"
+
+#include "core/bus_parameters.hpp"
+#include "core/config.hpp"
+#include "core/event_log.hpp"
+#include "scope/recorded_drive.hpp"
+
+namespace twinrate::scope {
+
+Scope::Scope(const ScopeOptions& options)
+    : recording_(std::make_shared<Recording>(options.log.empty() ? options.history_s : 1e9,
+                                             options.memory_mib << 20)) {
+  BusOptions bus{.url = options.url, .channel_suffix = options.channel_suffix};
+  if (!options.drive_file.empty()) {
+    Config config = Config::load(options.drive_file);
+    recording_->use_config(config.merged(), options.drive_file);
+    bus.split_ports = config.read<BusParameters>().split_ports;
+  }
+  if (options.log.empty())
+    live_ = std::make_unique<LiveDrive>(bus, *recording_, options.token_of);
+  else
+    log_parts(options.log);  // refuses what is no log
+  sources_ =
+      std::make_unique<Sources>(recording_, options.runs_directory, options.memory_mib << 20);
+  api_ = std::make_unique<Api>(*sources_, live_.get(), options.log.empty() ? "live" : options.log);
+  server_ = std::make_unique<Server>(*api_, options.address, options.port);
+  if (live_) return;
+  reader_ = std::thread([this, log = options.log] {
+    std::string damage;
+    try {
+      damage = load_log(log, *recording_, &share_read_);
+    } catch (const std::exception& error) {
+      damage = error.what();
+    }
+    const std::lock_guard lock(mutex_);
+    damage_ = damage;
+    share_read_ = 1;
+  });
+}
+
+Scope::~Scope() {
+  server_.reset();
+  if (reader_.joinable()) reader_.join();
+}
+
+std::string Scope::damage() const {
+  const std::lock_guard lock(mutex_);
+  return damage_;
+}
+
+}  // namespace twinrate::scope

@@ -1,0 +1,168 @@
+// Drives the page of the scope as a person does, on a drive that this script launches, and takes a picture of each
+// state:  node page_test.mjs TWINRATE DIRECTORY [webp]
+//
+// Says what it claims; exit code 1 at the first claim that does not hold.
+import { spawn, spawnSync } from 'node:child_process';
+import { mkdirSync } from 'node:fs';
+import { join } from 'node:path';
+import { Browser } from './browser.mjs';
+
+const [twinrate, directory, ending = 'png'] = process.argv.slice(2);
+mkdirSync(directory, { recursive: true });
+process.chdir(directory);
+const children = [];
+function start(...args) {
+  const child = spawn(twinrate, args, { stdio: ['ignore', 'pipe', 'inherit'] });
+  children.push(child);
+  return child;
+}
+// Not faster than the wall clock, and few ticks a second: the browser needs the processors, too.
+const launch = (name) => start('launch', 'dilys2021', '--duration', '600s', '--pace', 'wall', '--set', 'rates.f_s_Hz=2000', '--set', 'estimator.prediction=exact', '--set', 'reference.omega_e_rad_s=400', '--set', 'rates.n=1', '--set', 'bus.peer_timeout_s=60', '--set', 'steering.hold_s=60', '--run-dir', `runs/${name}`);
+const picture = async (name) => browser.picture(join(directory, `${name}.${ending}`));
+const begun = Date.now();
+const told = (text) => console.log(`${((Date.now() - begun) / 1000).toFixed(1)} s: ${text}`);
+const claim = (text, holds) => { if (!holds) throw new Error(`does not hold: ${text}`); told(text); };
+const value = (expression) => browser.evaluate(expression);
+
+// A hash alone would not load the page anew.
+async function go(url) {
+  await browser.send('Page.navigate', { url: 'about:blank' });
+  await browser.send('Page.navigate', { url }).catch(() => {});  // the page is waited for
+}
+
+// The place of a value in the first plot, on the left axis.
+const inFirstPlot = (y) => value(`(() => { const o = document.querySelector('.plot .u-over').getBoundingClientRect(); return [o.left + 0.6 * o.width, o.top + o.height * ${y}]; })()`);
+
+async function curves() {
+  await browser.until('it says that no drive is heard', "document.querySelector('#notice').textContent.includes('No drive heard')");
+  const drive = launch('live');
+  await browser.until('curves without a click', "scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 50)");
+  await browser.until('the events are listed', "document.querySelectorAll('#events li').length > 0 || scope.state.brief.first_k > 1");
+  await browser.until('the page is live', "document.querySelector('#lamp').textContent === 'live'");
+  await picture('run');
+  return drive;
+}
+
+async function treeAndLayout() {
+  await browser.type('#filter', 'i_alpha');
+  await value("document.querySelector('#filter').dispatchEvent(new Event('input'))");
+  await browser.click('#tree .row[data-signal="drive.i_alpha_A"]');
+  await browser.until('a click in the tree plots the signal', "scope.state.layout.plots[0].signals.some((s) => s.name === 'drive.i_alpha_A')");
+  await browser.until('the layout is in the address', "location.hash.startsWith('#layout=')");
+  await browser.send('Page.reload').catch(() => {});
+  await browser.until('a layout survives a reload', "scope.state.layout.plots[0].signals.some((s) => s.name === 'drive.i_alpha_A')");
+  await value("[...document.querySelectorAll('.plot .chip')].find((c) => c.textContent.includes('i_alpha')).querySelector('.x').click()");
+}
+
+async function trigger() {
+  await browser.type('#trigger-source', 'estimate.omega_m_rad_s');
+  await browser.type('#trigger-length_s', '0.05');
+  await browser.type('#trigger-level', '100');
+  await browser.until('the plot has its range', "scope.feed.series.get('estimate.omega_m_rad_s').max.length > 20");
+  await value("document.querySelector('#window').value = '0.2'; document.querySelector('#window').dispatchEvent(new Event('change'))");
+  await browser.click('#trigger-normal');
+  await browser.until('three captures', 'scope.state.brief.captures.length >= 3');
+  await browser.click('#trigger-stop');
+  await browser.until('the list stands still', "scope.state.brief.trigger.mode === 'stop' && document.querySelectorAll('#captures li').length === scope.state.brief.captures.length");
+  await browser.click('#captures li:nth-child(1) .what');
+  await browser.until('a capture shows every tick', 'scope.state.view.capture > 0 && scope.feed.bucket === 1');
+  claim('no tick of it is missing', await value('scope.state.brief.captures.every((c) => c.missing === 0)'));
+  await browser.until('another one can be laid over it', "document.querySelector('#captures li.on') && !document.querySelector('#captures li:not(.on) button').disabled");
+  await browser.click('#captures li:not(.on) button');
+  await browser.until('another capture lies behind it', 'scope.feed.ghost.size > 0');
+  await picture('trigger');
+}
+
+async function zoomAndCursors() {
+  await value('scope.show(2000, 2400)');
+  await browser.until('the range is drawn', 'scope.feed.begin <= 2000 && scope.feed.end >= 2400 && scope.feed.bucket === 1');
+  const [x, y] = await inFirstPlot(0.5), width = await value("document.querySelector('.plot .u-over').getBoundingClientRect().width");
+  await browser.drag([x, y], [x + 60, y]);
+  await browser.until('a drag zooms in', 'scope.state.view.from > 2000');
+  const { from, to } = await value('scope.state.view');
+  claim(`to what was dragged over: ${from} to ${to}`, Math.abs(from - 2240) < 8 && Math.abs(to - from - 400 * 60 / width) < 8);
+  await browser.key('c', 'KeyC');
+  await browser.until('the cursors tell dt', "/dt .* ms/.test(document.querySelector('#readout').textContent)");
+  await browser.key('c', 'KeyC');
+}
+
+async function exports() {
+  const csv = await value("(async () => { const names = ['measurement.i_a_A', 'estimate.omega_m_rad_s']; return (await fetch(`/api/csv?from=2000&to=2400&signals=${names}`)).text(); })()");
+  const lines = csv.trim().split('\n');
+  claim('the visible range as CSV has every tick and its names', lines[0] === 'k,t_s,measurement.i_a_A,estimate.omega_m_rad_s' && lines.length === 401 && lines[400].startsWith('2399,'));
+  await value('void (window.made = [], URL.createObjectURL = ((make) => (blob) => { made.push(blob); return make.call(URL, blob); })(URL.createObjectURL))');
+  await value("document.querySelector('#export-png').click()");
+  await browser.until('the plots are a picture', "made.some((b) => b.type === 'image/png' && b.size > 5000)");
+}
+
+async function otherAxes() {
+  const plot = (kind, ...names) => ({ kind, signals: names.map((name) => ({ name, axis: 'l' })) });
+  const layout = { window_s: 0.5, plots: [plot('xy', 'drive.i_alpha_A', 'drive.i_beta_A'), plot('xy', 'truth.i_d_A', 'truth.i_q_A'), plot('angle', 'truth.T_em_Nm'), plot('spectrum', 'measurement.i_a_A'), plot('orders', 'truth.omega_m_rad_s', 'estimate.omega_m_rad_s'), plot('xy', 'truth.omega_m_rad_s', 'truth.T_em_Nm')] };
+  const hash = Buffer.from(JSON.stringify(layout)).toString('base64url');
+  await go(`${address}#layout=${hash}`);
+  await browser.until('a layout of an address is drawn', "document.querySelectorAll('.plot canvas').length === 6");
+  await picture('xy');
+  await go(address);
+  await browser.until('the page is there', 'scope.feed !== undefined');
+  await value("document.querySelector('#default-layout').click()");
+}
+
+async function ghost() {
+  await browser.until('the page follows', "scope.feed.series.get('estimate.omega_m_rad_s')?.max.length > 20");
+  await value("document.querySelector('#ghost-run').value = 'before'; document.querySelector('#ghost-run').dispatchEvent(new Event('change'))");
+  await value('scope.show(0, 4000)');
+  await browser.until('a run lies behind the drive', "[...(scope.feed.ghost.get('truth.omega_m_rad_s')?.max ?? [])].some((v) => v > 150)");
+  await browser.until('the drive is drawn', "scope.feed.series.get('truth.omega_m_rad_s').max.length > 200");
+  await value('new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))');
+  await picture('ghost');
+  await browser.click('#follow');
+}
+
+async function steering() {
+  claim('it is watch-only at first', await value("document.querySelector('[data-kind=start]').disabled"));
+  await browser.click('#take-control');
+  await browser.until('control is taken', "!document.querySelector('[data-kind=reset]').disabled");
+  await browser.until('the limits of the drive file stand beside the inputs', "document.querySelector('[name=speed_rpm]').parentNode.textContent.includes('-4000.2 to 4000.2')");
+  await picture('steering');
+  await browser.click('#whole');  // another stream
+  await value('void (window.frameBefore = scope.state.brief)');
+  await browser.until('the other stream tells', 'scope.state.brief !== frameBefore');
+  claim('control outlives a change of the view', await value("!document.querySelector('[data-kind=reset]').disabled"));
+  await browser.key('Escape');
+  await browser.until('Esc stops the drive', "scope.state.events.some((e) => e.reason === 'emergency_stop')");
+  await browser.click('#follow');
+  await picture('emergency-stop');
+}
+
+async function lost(drive) {
+  drive.kill('SIGKILL');
+  await browser.until('a lost bus is told', "document.querySelector('#lamp').textContent === 'lost' && document.querySelector('#notice').textContent.includes('Nothing heard')");
+  await picture('lost');
+  launch('again');
+  await browser.until('the page recovers by itself', "document.querySelector('#lamp').textContent === 'live' && scope.state.brief.last_k > 100");
+}
+
+let browser, address, failed = 0;
+try {
+  spawnSync(twinrate, ['simulate', 'dilys2021', '--duration', '1s', '--set', 'run.settle_s=0.5', '--set', 'reference.omega_e_rad_s=800', '--run-dir', 'runs/before']);
+  const scope = start('scope', '--port', '0');
+  address = await new Promise((found) => scope.stdout.once('data', (text) => found(String(text).match(/http:\S+/)[0])));
+  browser = await Browser.open(address);
+  const drive = await curves();
+  for (const part of [treeAndLayout, trigger, zoomAndCursors, exports, otherAxes, ghost, steering]) {
+    told(part.name);
+    await part();
+  }
+  await lost(drive);
+  claim(`no error of the page: ${browser.errors}`, !browser.errors.length);
+} catch (error) {
+  told(error.message);
+  console.log(`errors of the page: ${browser?.errors.join('\n')}`);
+  const state = "JSON.stringify([scope.state.view, scope.state.brief, scope.state.cursors, scope.state.notice, document.querySelector('#notice').textContent, document.activeElement.id, document.querySelector('#readout').textContent])";
+  console.log(`state of the page: ${await browser?.evaluate(state, 5).catch((e) => e.message)}`);
+  await picture('failed').catch(() => {});
+  failed = 1;
+}
+children.forEach((child) => child.kill('SIGKILL'));
+await browser?.close();
+process.exit(failed);
