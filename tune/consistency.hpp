@@ -1,0 +1,52 @@
+// Is a filter as sure of itself as its innovations say?
+//
+// At each tick, with the gain K and the covariance P that the filter used, and its R:
+//
+//   S    = H P^- H' + R = (I - H K)^-1 R,  H K = R K' P^-1 K      what the filter expects of innov
+//   NIS  = innov' S^-1 innov                                      chi-square with n_y degrees of freedom
+//   l    = -1/2 (ln det S + NIS)                                  log-likelihood of the tick, less a constant
+//
+// H' = P^-1 K R holds for the gain that minimises P; the filters of this project use no other. In a filter in the
+// stationary frame innovation and S are compared in rotor axes: the gain is older than the innovation. The innovations of
+// a consistent filter are white and their NIS has the mean n_y.
+// Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4.
+#pragma once
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/run_log.hpp"
+
+namespace twinrate::tune {
+
+struct Consistency {
+  std::int64_t ticks = 0;  // judged
+  double nis = 0;          // mean of NIS/n_y; 1 is consistent
+  double inside = 0;  // share of the ticks with NIS below its 95 % quantile; 0.95 is consistent
+  double autocorrelation = 0;      // of the innovations in units of S, lag 1, -1 to 1; 0 is white
+  double log_likelihood = 0;       // mean of a tick, with this scale of Q and R
+  double best_log_likelihood = 0;  // the same with Q and R both times `nis`
+  // Against the true or the measured angle; empty without one.
+  std::optional<bool> locked;
+  std::optional<double> angle_error_rms, speed_error_rms;  // rad electrical, rad/s mechanical
+};
+
+enum class Angle { kCompared, kLeftOut };  // the second is quicker
+
+// The filter of the drive file with these overrides and a gain every tick, on a recorded drive. `from`, `to`: share of the
+// judged window of the log, 0 to 1; the filter runs from the first tick on. Throws BadInput where no tick can be judged.
+Consistency consistency_of(const std::string& drive, const std::vector<std::string>& overrides,
+                           const RunLog& log, double from = 0, double to = 1,
+                           Angle angle = Angle::kCompared);
+
+// The largest n that keeps synchronism on this log, n rising from 1 to the first loss or to `most`; the filter runs with
+// the gain policy of the drive file. 0: n = 1 is lost. Empty without an angle to compare with.
+std::optional<int> n_max_on(const std::string& drive, const std::vector<std::string>& overrides,
+                            const RunLog& log, int most, const std::function<bool()>& stop);
+
+// Does the simulated drive of the drive file keep synchronism with these overrides? The start and every acceleration of its
+// profile count; a log of one speed shows neither.
+bool holds_in_closed_loop(const std::string& drive, const std::vector<std::string>& overrides);
+
+}  // namespace twinrate::tune
