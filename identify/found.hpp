@@ -1,0 +1,67 @@
+// What an identification finds.
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "model/effects/shapes.hpp"
+#include "model/frames.hpp"
+
+namespace twinrate {
+
+struct Found {
+  double value = 0, sigma = 0;
+};
+
+// Voltage that the inverter loses: V sat(i/i_linear) in each phase. Dead time and device drop have
+// this form; one bus voltage does not separate them. A resistance of the devices is part of R_s.
+struct InverterLoss {
+  Found V;
+  double i_linear = 0;  // A
+  CurrentShape shape = CurrentShape::kClamp;
+
+  double of_phase(double i) const {
+    return V.value == 0 ? 0 : V.value * current_sign(i / i_linear, shape);
+  }
+  Vec2 drop(const Vec2& i_alphabeta) const {
+    const Vec3 i = inverse_clarke(i_alphabeta);
+    return clarke(Vec3(of_phase(i[0]), of_phase(i[1]), of_phase(i[2])));
+  }
+};
+
+// psi = L i f(|i|/I_s), f of the effect `saturation` (model/effects/saturation.cpp).
+struct SaturationFound {
+  int form = 0;  // rational, square, tanh
+  double I_s = 0;
+};
+inline constexpr const char* kSaturationForms[] = {"rational", "square", "tanh"};
+
+// One point of an inductance over its current.
+struct InductancePoint {
+  double i = 0;       // A
+  Found L;            // H
+  bool small = true;  // of small changes about i; else psi/i
+};
+
+// Fits L at no current and, where the points fall by more than 2 % and three sigmas, a saturation.
+struct InductanceFit {
+  Found L;
+  std::optional<SaturationFound> saturation;
+};
+InductanceFit fit_inductance(const std::vector<InductancePoint>& points);
+
+struct Identified {
+  int n_p = 0;
+  bool mirrored = false;  // the encoder counts against the phase order
+  double theta_zero = 0;  // rad, reading at which the d axis is phase a, of the first pole pair
+  Vec3 i_offset = Vec3::Zero();
+  Found R_s, L_d, L_q, psi_f, J, B, T_coulomb, T_constant;
+  InverterLoss loss;
+  std::vector<InductancePoint> L_d_points, L_q_points;
+  std::optional<SaturationFound> saturation_d, saturation_q;
+  double i_max = 0, omega_m_max = 0;  // reached
+  double duration = 0;                // s, of all experiments
+  std::vector<std::string> notes;     // what was not identified, and why
+};
+
+}  // namespace twinrate

@@ -1,0 +1,96 @@
+#include "identify/identify.hpp"
+
+#include <fmt/format.h>
+
+#include "identify/spin.hpp"
+#include "identify/standstill.hpp"
+#include "model/per_unit.hpp"
+
+namespace twinrate {
+namespace {
+
+// How far a right sheet and a right measurement lie apart: sheets give typical values at 20 or 25
+// degC, inductances at one frequency, the rotor's inertia without what is coupled to it.
+constexpr double kWinding = 0.15, kInductance = 0.25, kFlux = 0.08, kInertia = 0.2;
+
+struct Slip {
+  double factor;  // found/sheet
+  const char* name;
+};
+constexpr double kSqrt2 = std::numbers::sqrt2, kSqrt3 = std::numbers::sqrt3;
+constexpr Slip kOfWinding[] = {{0.5, "1/2: the sheet gives it line to line"},
+                               {2, "2: a phase value was halved"},
+                               {1.5, "3/2: line to line of a delta winding"},
+                               {1e-3, "1/1000: the prefix milli"},
+                               {1e3, "1000: the prefix milli"}};
+constexpr Slip kOfFlux[] = {{1 / kSqrt3, "1/sqrt(3): the sheet gives it line to line"},
+                            {kSqrt3, "sqrt(3): taken for line to line, is of a phase"},
+                            {kSqrt2, "sqrt(2): taken for peak, is rms"},
+                            {1 / kSqrt2, "1/sqrt(2): taken for rms, is peak"},
+                            {kSqrt2 / kSqrt3, "sqrt(2/3): line to line rms taken for phase peak"},
+                            {kSqrt3 / kSqrt2, "sqrt(3/2): phase peak taken for line to line rms"},
+                            {0.5, "1/2: poles and pole pairs"},
+                            {2, "2: poles and pole pairs"},
+                            {1.5, "3/2: the 3/2 of the torque"},
+                            {2.0 / 3, "2/3: the 3/2 of the torque"},
+                            {1e-3, "1/1000: V per krpm and V per rpm"}};
+constexpr Slip kOfInertia[] = {{1e-7, "1e-7: g cm2 typed as kg m2"},
+                               {1e-4, "1e-4: kg cm2 typed as kg m2"},
+                               {1e-3, "1/1000: g m2 typed as kg m2"},
+                               {1 / 9.81, "1/9.81: a weight, kgf cm s2 or N m2"}};
+
+template <std::size_t N>
+std::string verdict(const Found& found, double sheet, double tolerance, const Slip (&slips)[N]) {
+  constexpr double kNear = 0.035;
+  if (!(sheet > 0) || !(found.value > 0)) return "";
+  const double ratio = found.value / sheet;
+  if (std::abs(std::log(ratio)) < std::log1p(tolerance) + 3 * found.sigma / found.value)
+    return fmt::format("agrees ({:+.1f} %)", 100 * (ratio - 1));
+  for (const Slip& slip : slips)
+    if (std::abs(std::log(ratio / slip.factor)) < kNear)
+      return fmt::format("differs by {}", slip.name);
+  return fmt::format("differs by a factor {:.3g}", ratio);
+}
+
+}  // namespace
+
+IdentifyLimits limits_of(const DriveConfig& d) {
+  return {per_unit(d.machine, d.inverter.v_dc, d.T_s()).i, d.machine.omega_m_rated};
+}
+
+Identified identify(Rig& rig, const IdentifyLimits& limits, const IdentifyHooks& hooks) {
+  Experiment e(rig, limits, hooks);
+  Identified found;
+  found.i_max = limits.i_max;
+  identify_standstill(e, found);
+  identify_spin(e, found);
+  found.duration = e.seconds();
+  found.notes.push_back(
+      "a common gain of the current sensors: it is in R_s, L_d, L_q, psi_f and J alike");
+  if (found.loss.V.value != 0)
+    found.notes.push_back(
+        "dead time and device drop: one bus voltage does not separate them; the file has them as "
+        "one inverter_drop");
+  found.notes.push_back("resistance of the devices and cables: it is part of R_s");
+  found.notes.push_back("cogging, flux harmonics, iron loss: twinrate trace finds them in a log");
+  return found;
+}
+
+std::vector<SheetRow> compare(const Identified& f, const MachineParameters& m) {
+  std::vector<SheetRow> rows = {
+      {"R_s", "Ohm", f.R_s, m.R_s, verdict(f.R_s, m.R_s, kWinding, kOfWinding)},
+      {"L_d", "H", f.L_d, m.L_d, verdict(f.L_d, m.L_d, kInductance, kOfWinding)},
+      {"L_q", "H", f.L_q, m.L_q, verdict(f.L_q, m.L_q, kInductance, kOfWinding)},
+      {"psi_f", "Wb", f.psi_f, m.psi_f, verdict(f.psi_f, m.psi_f, kFlux, kOfFlux)},
+      {"J", "kgm2", f.J, m.J, verdict(f.J, m.J, kInertia, kOfInertia)},
+      {"B", "Nms", f.B, m.B, ""}};
+  const std::string pairs = f.n_p == m.n_p       ? "agrees"
+                            : f.n_p * 2 == m.n_p ? "differs by 1/2: poles and pole pairs"
+                            : f.n_p == m.n_p * 2 ? "differs by 2: poles and pole pairs"
+                                                 : "differs";
+  rows.insert(rows.begin(),
+              {"n_p", "", {static_cast<double>(f.n_p), 0}, static_cast<double>(m.n_p), pairs});
+  return rows;
+}
+
+}  // namespace twinrate

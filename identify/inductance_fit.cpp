@@ -1,0 +1,71 @@
+#include <algorithm>
+#include <cmath>
+
+#include "identify/found.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kLeastFall = 0.02, kSigmas = 3;
+
+// x f(x): the flux in units of L I_s, and its slope (model/effects/saturation.cpp).
+double flux(int form, double x) {
+  constexpr double kEnd = 0.8, kTop = kEnd / (1 + kEnd * kEnd);
+  constexpr double kSlope = (1 - kEnd * kEnd) / ((1 + kEnd * kEnd) * (1 + kEnd * kEnd));
+  if (form == 0) return x / (1 + x);
+  if (form == 1) return x < kEnd ? x / (1 + x * x) : kTop + kSlope * (x - kEnd);
+  return std::tanh(x);
+}
+double share(const InductancePoint& p, int form, double I_s) {
+  const double x = std::abs(p.i) / I_s, a = std::max(0.0, x - 1e-4), b = x + 1e-4;
+  if (p.small) return (flux(form, b) - flux(form, a)) / (b - a);
+  return x > 0 ? flux(form, x) / x : 1;
+}
+
+struct Weighted {
+  double L = 0, sigma = 0, misfit = 0;
+};
+template <class Share>
+Weighted weighted_fit(const std::vector<InductancePoint>& points, Share share_of) {
+  double ss = 0, sy = 0;
+  for (const InductancePoint& p : points) {
+    const double s = share_of(p), w = 1 / (p.L.sigma * p.L.sigma);
+    ss += w * s * s, sy += w * s * p.L.value;
+  }
+  Weighted fit{sy / ss, 1 / std::sqrt(ss), 0};
+  for (const InductancePoint& p : points)
+    fit.misfit += std::pow((p.L.value - fit.L * share_of(p)) / p.L.sigma, 2);
+  return fit;
+}
+
+}  // namespace
+
+InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
+  const auto constant = weighted_fit(points, [](const InductancePoint&) { return 1.0; });
+  const auto n = static_cast<double>(points.size());
+  const auto scatter = [&](const Weighted& fit, double parameters) {
+    return fit.sigma * std::sqrt(std::max(1.0, fit.misfit / std::max(1.0, n - parameters)));
+  };
+  InductanceFit result{{constant.L, scatter(constant, 1)}, {}};
+  if (points.size() < 3) return result;
+  const auto [least, most] = std::minmax_element(
+      points.begin(), points.end(),
+      [](const auto& a, const auto& b) { return std::abs(a.i) < std::abs(b.i); });
+  const double fall = least->L.value - most->L.value;
+  if (fall < kLeastFall * least->L.value ||
+      fall < kSigmas * std::hypot(least->L.sigma, most->L.sigma))
+    return result;
+  Weighted best{0, 0, constant.misfit};
+  for (int form = 0; form < 3; ++form) {
+    for (double I_s = 0.2 * std::abs(most->i); I_s < 50 * std::abs(most->i); I_s *= 1.02) {
+      const auto fit = weighted_fit(points, [&](const auto& p) { return share(p, form, I_s); });
+      if (fit.misfit >= best.misfit) continue;
+      best = fit;
+      result.saturation = {form, I_s};
+    }
+  }
+  if (result.saturation) result.L = {best.L, scatter(best, 2)};
+  return result;
+}
+
+}  // namespace twinrate

@@ -1,0 +1,313 @@
+#include "identify/spin.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "identify/segmented_fit.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kLevels[] = {0.25, 0.5, 0.75, 1};  // of i_max
+constexpr int kLevelCount = 4;
+constexpr double kVoltageShare = 0.6;  // of u_max: where the first run-up ends
+constexpr double kCoastSpeeds[] = {1, 0.45, 0.2};
+constexpr std::size_t kLeastRows = 60;  // of a piece
+
+struct SpinRun {
+  Rows rows;
+  int level = -1;  // of kLevels; -1: coast
+};
+
+class Spinner {
+ public:
+  Spinner(Experiment& e, const Identified& found) : e_(e), found_(found) {
+    e_.begin_control(Vec2::Zero());
+    before_ = theta_e();
+  }
+  double omega_e() const { return omega_e_; }
+  double u() const { return u_; }  // V, amplitude, smoothed like the speed
+
+  void tick(double i_q) {
+    // A quantised angle: its difference is smoothed over some fifty ticks.
+    constexpr double kShare = 0.02;
+    const Row& row = e_.control(Vec2(0, i_q), before_, omega_e_);
+    const double now = found_.n_p * (row.theta - found_.theta_zero);
+    omega_e_ += kShare * ((now - before_) / e_.T_s() - omega_e_);
+    u_ += kShare * (row.u.norm() - u_);
+    before_ = now;
+  }
+  // Until `done()`; false where the time is over first.
+  template <class Done>
+  bool run(double i_q, double longest_s, Done done) {
+    for (int k = 0; k < e_.ticks(longest_s); ++k) {
+      tick(i_q);
+      if (done()) return true;
+    }
+    return false;
+  }
+  // Accelerates or brakes to an electrical speed.
+  bool go_to(double omega_e, double i, double longest_s) {
+    const bool up = omega_e > omega_e_;
+    return run(up ? i : -i, longest_s,
+               [&] { return up ? omega_e_ >= omega_e : omega_e_ <= omega_e; });
+  }
+
+ private:
+  double theta_e() const { return found_.n_p * (e_.now().theta - found_.theta_zero); }
+
+  Experiment& e_;
+  const Identified& found_;
+  double before_ = 0, omega_e_ = 0, u_ = 0;
+};
+
+// The top of the speed range, electrical.
+double run_up(Experiment& e, Spinner& spinner, const Identified& found) {
+  constexpr double kPatience_s = 15, kRelease_s = 0.1;
+  const double limit = e.omega_m_max() > 0 ? found.n_p * e.omega_m_max() : INFINITY;
+  const auto at_the_top = [&] {
+    return spinner.u() > kVoltageShare * e.u_max() || spinner.omega_e() > 0.95 * limit;
+  };
+  spinner.run(0, kRelease_s, [] { return false; });  // of the current that held the rotor
+  for (const double share : {0.3, 1.0})
+    if (spinner.run(share * e.i_max(), kPatience_s, at_the_top)) return spinner.omega_e();
+  if (spinner.omega_e() * e.T_s() < 1e-3)
+    throw RunFailed(fmt::format("the shaft does not turn at {:.3g} A", e.i_max()));
+  return spinner.omega_e();
+}
+
+std::vector<SpinRun> spin(Experiment& e, Identified& found) {
+  constexpr double kLongest_s = 12, kCoast_s = 6, kEnough_s = 20;
+  std::vector<SpinRun> segments;
+  Spinner spinner(e, found);
+  const double top = run_up(e, spinner, found);
+  found.omega_m_max = top / found.n_p;
+  const double begin = e.seconds();
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    if (repeat == 2 && e.seconds() - begin > kEnough_s) break;
+    for (int level = 0; level < kLevelCount; ++level) {
+      for (const int sign : {-1, 1}) {
+        SpinRun s{{}, level};
+        e.record(&s.rows);
+        const bool there = spinner.go_to(sign * top, kLevels[level] * e.i_max(), kLongest_s);
+        e.record(nullptr);
+        if (!there) spinner.go_to(sign * top, e.i_max(), kLongest_s);
+        segments.push_back(std::move(s));
+      }
+    }
+    e.show("spin", 0.6 + 0.08 * repeat);
+  }
+  for (const double share : kCoastSpeeds) {
+    for (const int sign : {1, -1}) {
+      spinner.go_to(sign * share * top, 0.5 * e.i_max(), kLongest_s);
+      spinner.run(0, 2e-3, [] { return false; });
+      SpinRun s;
+      e.record(&s.rows);
+      spinner.run(0, kCoast_s, [&] { return sign * spinner.omega_e() < 0.4 * share * top; });
+      e.record(nullptr);
+      segments.push_back(std::move(s));
+    }
+    e.show("coast", 0.85);
+  }
+  spinner.go_to(0, 0.5 * e.i_max(), kLongest_s);
+  return segments;
+}
+
+// Columns: psi_d, psi_x, L_q of each level.
+class FluxFit {
+ public:
+  FluxFit(const Experiment& e, const Identified& found)
+      : fit_(2 + kLevelCount), found_(found), T_s_(e.T_s()) {}
+
+  void add(const SpinRun& segment) {
+    constexpr std::size_t kPiece = 4000;
+    const Rows& rows = segment.rows;
+    for (std::size_t begin = 0; begin + kLeastRows < rows.size(); begin += kPiece)
+      add_piece(rows, begin, std::min(begin + kPiece, rows.size()), segment.level);
+  }
+  SegmentedFit::Solution solve(const std::vector<Eigen::Index>& used) const {
+    return fit_.solve(used);
+  }
+
+ private:
+  double theta_e(const Row& row) const { return found_.n_p * (row.theta - found_.theta_zero); }
+
+  void add_piece(const Rows& rows, std::size_t begin, std::size_t end, int level) {
+    const auto n = static_cast<Eigen::Index>(end - begin);
+    Eigen::MatrixXd local = Eigen::MatrixXd::Zero(2 * n, 4);
+    Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(2 * n, 2 + kLevelCount);
+    Eigen::VectorXd y(2 * n);
+    Vec2 psi = Vec2::Zero();
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const Row& row = rows[begin + static_cast<std::size_t>(k)];
+      const double theta = theta_e(row);
+      if (k > 0) {
+        const Row& before = rows[begin + static_cast<std::size_t>(k) - 1];
+        // The mean of a vector that turns by 2x between its ends.
+        const double x = 0.5 * (theta - theta_e(before));
+        const double bend = std::abs(x) < 1e-6 ? 1 : std::tan(x) / x;
+        const Vec2 i = 0.5 * bend * (row.i + before.i);
+        psi += T_s_ * (row.u - found_.loss.drop(i) - found_.R_s.value * i);
+      }
+      const Vec2 i_dq = park(row.i, theta);
+      const Vec2 known = inverse_park(Vec2(found_.L_d.value * i_dq[0], 0), theta);
+      for (int axis = 0; axis < 2; ++axis) {
+        const Eigen::Index r = 2 * k + axis;
+        y[r] = psi[axis] - known[axis];
+        local(r, axis) = 1;
+        local(r, 2 + axis) = static_cast<double>(k) / static_cast<double>(n);
+        shared(r, 0) = inverse_park(Vec2(1, 0), theta)[axis];
+        shared(r, 1) = inverse_park(Vec2(0, 1), theta)[axis];
+        const double along_q = inverse_park(Vec2(0, i_dq[1]), theta)[axis];
+        if (level >= 0)
+          shared(r, 2 + level) = along_q;
+        else
+          y[r] -= found_.L_q.value * along_q;
+      }
+    }
+    fit_.add(local, shared, y);
+  }
+
+  SegmentedFit fit_;
+  const Identified& found_;
+  double T_s_;
+};
+
+void find_flux(const Experiment& e, const std::vector<SpinRun>& segments, Identified& found) {
+  // What errors of R_s and of the angle's zero leave in a flux, of psi_f.
+  constexpr double kFluxError = 1e-3;
+  // The second pass has the corrected zero of the angle.
+  for (int pass = 0; pass < 2; ++pass) {
+    FluxFit flux(e, found);
+    std::vector<Eigen::Index> used = {0, 1};
+    for (const SpinRun& s : segments) {
+      flux.add(s);
+      const Eigen::Index column = 2 + s.level;
+      if (s.level >= 0 && s.rows.size() > kLeastRows &&
+          std::count(used.begin(), used.end(), column) == 0)
+        used.push_back(column);
+    }
+    const auto solution = flux.solve(used);
+    const auto &x = solution.x, &sigma = solution.sigma;
+    found.psi_f = {std::hypot(x[0], x[1]), sigma[0]};
+    found.theta_zero += std::atan2(x[1], x[0]) / found.n_p;
+    found.L_q_points.resize(1);  // of standstill
+    for (const Eigen::Index column : used) {
+      if (column < 2) continue;
+      const double i = kLevels[column - 2] * e.i_max();
+      const double error = std::hypot(sigma[column], kFluxError * found.psi_f.value / i);
+      found.L_q_points.push_back({i, {x[column], error}, false});
+    }
+  }
+}
+
+// Columns: 1/J, B/J, T_C/J, T_0/J, and a torque with the square of the speed.
+class MotionFit {
+ public:
+  MotionFit(const Experiment& e, const Identified& found) : fit_(5), found_(found), T_s_(e.T_s()) {}
+
+  void add(const Rows& rows) {
+    constexpr int kWindow = 8;
+    const auto n = static_cast<int>(rows.size());
+    if (n < 6 * kWindow) return;
+    const int stride = std::max(1, n / 3000);
+    const Eigen::Index m = (n - 1) / stride + 1;
+    Eigen::MatrixXd local(m, 2), shared(m, 5);
+    Eigen::VectorXd y(m);
+    using Terms = Eigen::Matrix<double, 5, 1>;
+    Terms once = Terms::Zero(), twice = Terms::Zero(), before = Terms::Zero();
+    const auto theta = [&](int k) { return rows[static_cast<std::size_t>(k)].theta; };
+    for (int k = 0; k < n; ++k) {
+      const int a = std::max(0, k - kWindow), b = std::min(n - 1, k + kWindow);
+      const double omega = (theta(b) - theta(a)) / ((b - a) * T_s_);
+      const double sign = omega > 0 ? 1 : omega < 0 ? -1 : 0;
+      Terms now;
+      now << torque(rows[static_cast<std::size_t>(k)]), 0, -sign, -1, -omega * std::abs(omega);
+      if (k > 0) {
+        const Terms next = once + 0.5 * T_s_ * (before + now);
+        twice += 0.5 * T_s_ * (once + next);
+        once = next;
+        twice[1] -= 0.5 * T_s_ * (theta(k) + theta(k - 1) - 2 * theta(0));
+      }
+      before = now;
+      if (k % stride != 0) continue;
+      const Eigen::Index r = k / stride;
+      local.row(r) << 1, static_cast<double>(k) / n;
+      shared.row(r) = twice.transpose();
+      y[r] = theta(k);
+    }
+    fit_.add(local, shared, y);
+  }
+  SegmentedFit::Solution solve(const std::vector<Eigen::Index>& used) const {
+    return fit_.solve(used);
+  }
+
+ private:
+  double torque(const Row& row) const {
+    const Vec2 i = park(row.i, found_.n_p * (row.theta - found_.theta_zero));
+    const double psi_d = found_.psi_f.value + found_.L_d.value * i[0];
+    return 1.5 * found_.n_p * (psi_d * i[1] - found_.L_q.value * i[1] * i[0]);
+  }
+
+  SegmentedFit fit_;
+  const Identified& found_;
+  double T_s_;
+};
+
+void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Identified& found) {
+  constexpr double kSigmas = 4, kShare = 0.02, kFanShare = 0.2;
+  MotionFit motion(e, found);
+  for (const SpinRun& s : segments) motion.add(s.rows);
+  std::vector<Eigen::Index> used = {0, 1, 2, 3};
+  auto solution = motion.solve(used);
+  const auto material = [&](Eigen::Index term) {
+    const double omega = found.omega_m_max;
+    const double size = std::abs(solution.x[term]) * (term == 1 ? omega : 1);
+    const double all = std::abs(solution.x[1]) * omega + std::abs(solution.x[2]);
+    return std::abs(solution.x[term]) > kSigmas * solution.sigma[term] && size > kShare * all;
+  };
+  for (const Eigen::Index term : {3, 2}) {
+    if (material(term)) continue;
+    std::erase(used, term);
+    solution = motion.solve(used);
+  }
+  std::vector<Eigen::Index> with_fan = used;
+  with_fan.push_back(4);
+  const auto fan = motion.solve(with_fan);
+  const double square = fan.x[4] * std::pow(found.omega_m_max, 2);
+  const double all = solution.x[1] * found.omega_m_max + solution.x[2];
+  if (std::abs(fan.x[4]) > kSigmas * fan.sigma[4] && std::abs(square) > kFanShare * std::abs(all))
+    found.notes.push_back(
+        "friction: a torque with the square of the speed is there too; B_Nms and the Coulomb "
+        "torque "
+        "are those of a fit without it (trace finds it: fan_load)");
+  const double J = 1 / solution.x[0], J_share = solution.sigma[0] / solution.x[0];
+  const auto scaled = [&](Eigen::Index term) {
+    return Found{solution.x[term] * J,
+                 std::hypot(solution.sigma[term] * J, solution.x[term] * J * J_share)};
+  };
+  found.J = {J, J * std::hypot(J_share, found.psi_f.sigma / found.psi_f.value)};
+  found.B = scaled(1);
+  found.T_coulomb = scaled(2);
+  found.T_constant = scaled(3);
+  if (found.B.value < kSigmas * found.B.sigma) {
+    found.notes.push_back(fmt::format("viscous friction: {:.2g} Nms is not above {:g} sigmas",
+                                      found.B.value, kSigmas));
+    found.B.value = std::max(0.0, found.B.value);
+  }
+}
+
+}  // namespace
+
+void identify_spin(Experiment& e, Identified& found) {
+  e.show("run-up", 0.55);
+  const std::vector<SpinRun> segments = spin(e, found);
+  find_flux(e, segments, found);
+  const InductanceFit q = fit_inductance(found.L_q_points);
+  found.saturation_q = q.saturation;
+  if (q.saturation) found.L_q = q.L;
+  find_motion(e, segments, found);
+}
+
+}  // namespace twinrate

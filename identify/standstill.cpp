@@ -1,0 +1,275 @@
+#include "identify/standstill.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "identify/admittance.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr double kTurns = 2;  // of the voltage, one way
+constexpr int kDirectLevels = 14;
+constexpr double kBiases[] = {0.3, 0.5, 0.75, 1};  // of i_max, along d
+constexpr double kBiasForQ = 0.75, kSineShare = 0.3;
+
+// Of i_k = a i_{k-1} + b u, the exact hold:  L = T_s (1 - a)/(-b ln a).
+double inductance_of(const Rows& rows, double T_s) {
+  double ii = 0, iu = 0, uu = 0, yi = 0, yu = 0;
+  for (std::size_t k = 1; k < rows.size(); ++k) {
+    const double i = rows[k - 1].i[0], u = rows[k].u[0], y = rows[k].i[0];
+    ii += i * i, iu += i * u, uu += u * u, yi += y * i, yu += y * u;
+  }
+  const double det = ii * uu - iu * iu;
+  const double a = std::clamp((yi * uu - yu * iu) / det, 0.02, 0.99999);
+  const double b = (yu - a * iu) / uu;
+  return T_s * (1 - a) / (-b * std::log(a));
+}
+
+// Pulses of both signs, so that the rotor stays where it is. H.
+double inductance_of_pulses(Experiment& e) {
+  constexpr double kEnough = 0.3;  // of i_max
+  double u = 1e-3 * e.u_max();
+  for (int length = 2; length < e.ticks(0.2);) {
+    Rows rows;
+    e.record(&rows);
+    for (const int sign : {1, -1, 0})
+      for (int k = 0; k < (sign == 0 ? 10 : 1) * length; ++k) e.apply(Vec2(sign * u, 0));
+    e.record(nullptr);
+    double largest = 0;
+    for (const Row& row : rows) largest = std::max(largest, std::abs(row.i[0]));
+    if (largest > kEnough * e.i_max()) return inductance_of(rows, e.T_s());
+    if (u < 0.4 * e.u_max())
+      u *= 1.5;
+    else
+      length += std::max(1, length / 2);
+  }
+  throw RunFailed("no current follows the voltage: is the motor connected?");
+}
+
+struct Spread {
+  double least = INFINITY, most = -INFINITY;
+  void add(double x) { least = std::min(least, x), most = std::max(most, x); }
+  double width() const { return most - least; }
+};
+
+// Holds a voltage until the encoder is quiet; the EMF of the swinging rotor damps it. Returns the
+// mean angle of the last window.
+double settle(Experiment& e, const Vec2& u) {
+  constexpr double kWindow_s = 0.2, kLongest_s = 8;
+  const double step = e.facts().encoder_counts > 0 ? kTwoPi / e.facts().encoder_counts : 0;
+  const double quiet = std::max(2.5 * step, 5e-4);
+  const int window = e.ticks(kWindow_s);
+  for (double t = 0;; t += kWindow_s) {
+    Spread angle;
+    double mean = 0;
+    for (int k = 0; k < window; ++k) {
+      const double theta = e.apply(u).theta;
+      angle.add(theta);
+      mean += theta / window;
+    }
+    if (angle.width() < quiet || t > kLongest_s) return mean;
+  }
+}
+
+Vec2 along(double phi) {
+  return {std::cos(phi), std::sin(phi)};
+}
+
+// A voltage along `phi` that grows slowly until the current there is `i`: a voltage, not a current
+// loop, because the EMF then damps the rotor on its way. Returns the voltage.
+double align(Experiment& e, double phi, double i) {
+  constexpr double kFold_s = 0.4, kShare = 0.02, kWait_s = 0.3, kNear = 0.05;
+  double u = 1e-3 * e.u_max(), smooth = 0;
+  const auto tick = [&] {
+    smooth += kShare * (e.apply(u * along(phi)).i.dot(along(phi)) - smooth);
+  };
+  while (smooth < 0.7 * i) {
+    tick();
+    u *= 1 + e.T_s() / kFold_s;
+    if (u > 0.9 * e.u_max())
+      throw RunFailed(fmt::format("{:.3g} A at full voltage: give a smaller test current", smooth));
+  }
+  for (int round = 0; round < 12; ++round) {
+    for (int k = 0; k < e.ticks(kWait_s); ++k) tick();
+    if (std::abs(smooth - i) < kNear * i) break;
+    u *= std::clamp(i / smooth, 0.8, 1.1);
+  }
+  return u;
+}
+
+// Turns the voltage by `turns` from `phi`, as slowly as the rotor follows: its EMF must not change
+// the current `i` by much. Returns the mean angle at rest.
+double turn(Experiment& e, double phi, double turns, double u, double i) {
+  constexpr double kFastest = 8, kMost = 0.4, kShare = 0.02, kLongest_s = 120;  // rad/s, of i
+  const double whole = kTwoPi * std::abs(turns), sign = turns < 0 ? -1 : 1;
+  Vec2 smooth(i, 0);
+  double angle = 0;
+  for (int k = 0; angle < whole; ++k) {
+    if (k > e.ticks(kLongest_s)) throw RunFailed("the shaft does not follow a slow current");
+    const double at = phi + sign * angle;
+    smooth += kShare * (park(e.apply(u * along(at)).i, at) - smooth);
+    const double disturbed = (smooth - Vec2(i, 0)).norm() / (kMost * i);
+    const double ends = std::min({1.0, 0.05 + angle, 0.05 + whole - angle});
+    angle += e.T_s() * kFastest * ends * std::max(0.02, 1 - disturbed);
+  }
+  return settle(e, u * along(phi + kTwoPi * turns));
+}
+
+void find_wiring(Experiment& e, Identified& found) {
+  const double i = e.i_max();
+  // A rotor at the unstable point of one direction turns in the other.
+  const double u = align(e, kPi / 2, i);
+  const double start = turn(e, kPi / 2, -0.25, u, i);
+  const double there = turn(e, 0, kTurns, u, i);
+  const double back = turn(e, 0, -kTurns, u, i);
+  const double turned = 0.5 * (there - start + there - back) / (kTwoPi * kTurns);
+  if (std::abs(turned) < 1e-3)
+    throw RunFailed(
+        "the shaft does not follow a turning current: is it blocked, is the encoder connected?");
+  const double ratio = 1 / std::abs(turned), sign = turned < 0 ? -1 : 1;
+  found.n_p = static_cast<int>(std::lround(ratio));
+  if (std::abs(ratio - found.n_p) > std::max(0.1, 0.02 * ratio))
+    throw RunFailed(fmt::format(
+        "{:.3g} electrical turns a turn of the shaft, not a whole number: the shaft slipped, or "
+        "sensors.encoder_counts is wrong",
+        ratio));
+  found.mirrored = turned < 0;
+  e.set_direction(found.mirrored ? -1 : 1);
+  found.theta_zero = 0.5 * (sign * there - kTwoPi * kTurns / found.n_p + sign * back);
+  e.begin_control(Vec2(u, 0));
+}
+
+struct Level {
+  double i = 0, u = 0;
+};
+
+// The current loop finds the voltage of a level, which is then held: the swing of the rotor dies
+// away, and the voltage has no noise.
+std::vector<Level> direct_levels(Experiment& e) {
+  constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
+  std::vector<Level> levels;
+  for (int level = kDirectLevels; level >= 1; --level) {
+    const Vec2 i_ref(e.i_max() * level / kDirectLevels, 0);
+    for (int k = 0; k < e.ticks(kFind_s); ++k) e.control(i_ref, 0, 0);
+    const Vec2 u(e.integral()[0], 0);
+    for (int k = 0; k < e.ticks(kSettle_s); ++k) e.apply(u);
+    Level mean;
+    const int ticks = e.ticks(kMean_s);
+    for (int k = 0; k < ticks; ++k) {
+      const Row& row = e.apply(u);
+      mean.i += row.i[0] / ticks, mean.u += row.u[0] / ticks;
+    }
+    levels.push_back(mean);
+  }
+  return levels;
+}
+
+struct DirectFit {
+  Found R_s;
+  InverterLoss loss;
+  double misfit = INFINITY;
+};
+
+DirectFit fit_direct(const std::vector<Level>& levels, double i_linear, CurrentShape shape) {
+  const auto n = static_cast<Eigen::Index>(levels.size());
+  const bool lossy = i_linear > 0;
+  Eigen::MatrixXd A(n, lossy ? 2 : 1);
+  Eigen::VectorXd u(n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const Level& level = levels[static_cast<std::size_t>(k)];
+    A(k, 0) = level.i;
+    if (lossy)
+      A(k, 1) =
+          2.0 / 3 *
+          (current_sign(level.i / i_linear, shape) + current_sign(level.i / (2 * i_linear), shape));
+    u[k] = level.u;
+  }
+  const Eigen::MatrixXd N = (A.transpose() * A).inverse();
+  const Eigen::VectorXd x = N * (A.transpose() * u);
+  DirectFit fit;
+  fit.misfit = (u - A * x).squaredNorm();
+  const double variance = fit.misfit / static_cast<double>(n - A.cols() - (lossy ? 1 : 0));
+  fit.R_s = {x[0], std::sqrt(variance * N(0, 0))};
+  if (lossy) fit.loss = {{x[1], std::sqrt(variance * N(1, 1))}, i_linear, shape};
+  return fit;
+}
+
+void find_resistance(Experiment& e, Identified& found) {
+  constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5;
+  const std::vector<Level> levels = direct_levels(e);
+  const DirectFit plain = fit_direct(levels, 0, CurrentShape::kClamp);
+  std::vector<DirectFit> fits = {plain};
+  for (int shape = 0; shape < 4; ++shape)
+    for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05)
+      fits.push_back(fit_direct(levels, i_linear, static_cast<CurrentShape>(shape)));
+  double least = INFINITY;
+  for (const DirectFit& fit : fits) least = std::min(least, fit.misfit);
+  // The first that is about as good: no loss, then a clamp, then the smallest linear zone. What the
+  // others say of R_s is part of its error.
+  DirectFit best = *std::find_if(fits.begin(), fits.end(),
+                                 [&](const DirectFit& f) { return f.misfit <= kAsGood * least; });
+  for (const DirectFit& fit : fits)
+    if (fit.misfit <= kAsGood * least)
+      best.R_s.sigma = std::max(best.R_s.sigma, 0.5 * std::abs(fit.R_s.value - best.R_s.value));
+  const double u = plain.R_s.value * e.i_max();
+  const InverterLoss loss = best.loss;
+  if (std::abs(loss.V.value) < kMaterial * u || std::abs(loss.V.value) < kSigmas * loss.V.sigma)
+    best = plain;
+  found.R_s = best.R_s;
+  found.loss = best.loss;
+  if (loss.V.value != 0 && loss.i_linear > 0.5 * e.i_max())
+    found.notes.push_back(
+        "loss of the inverter: it has not reached its full value at the test current, so a part of "
+        "it can be in R_s; a larger test current separates them");
+}
+
+// The voltage that holds `i` along alpha.
+Vec2 holding(const Identified& found, double i) {
+  return found.R_s.value * Vec2(i, 0) + found.loss.drop(Vec2(i, 0));
+}
+
+void find_inductances(Experiment& e, Identified& found, double L_pulse) {
+  double L = L_pulse;
+  for (const double bias : kBiases) {
+    const double i = bias * e.i_max();
+    settle(e, holding(found, i));
+    const std::vector<Sine> sines = sweep(
+        e, {holding(found, i), Vec2(1, 0), kSineShare * i, found.R_s.value, L}, {6, 12, 24, 48});
+    const AxisFit fit = fit_axis(sines, e.T_s(), found.R_s.value, false);
+    L = fit.L.value;
+    found.L_d_points.push_back({i, fit.L, true});
+  }
+  const InductanceFit d = fit_inductance(found.L_d_points);
+  found.L_d = d.L;
+  found.saturation_d = d.saturation;
+  const double i = kBiasForQ * e.i_max();
+  settle(e, holding(found, i));
+  const std::vector<Sine> sines =
+      sweep(e, {holding(found, i), Vec2(0, 1), kSineShare * i, found.R_s.value, L},
+            {6, 8, 12, 16, 24, 32, 48, 64});
+  found.L_q = fit_axis(sines, e.T_s(), found.R_s.value, true).L;
+  // A sine of amplitude A about zero sees flux over current at about 0.85 A: 8/(3 pi) A for a flux
+  // that lacks i |i|, sqrt(3)/2 A for one that lacks i^3.
+  found.L_q_points = {{0.85 * kSineShare * i, found.L_q, false}};
+}
+
+}  // namespace
+
+void identify_standstill(Experiment& e, Identified& found) {
+  e.show("offsets of the current sensors, pulses", 0);
+  e.measure_offsets(e.ticks(0.2));
+  found.i_offset = e.offsets();
+  const double L_pulse = inductance_of_pulses(e);
+  e.set_inductance(L_pulse);
+  e.show("phase order, encoder, pole pairs", 0.05);
+  find_wiring(e, found);
+  e.show("direct currents", 0.3);
+  find_resistance(e, found);
+  e.show("inductances", 0.4);
+  find_inductances(e, found, L_pulse);
+  e.set_inductance(std::min(found.L_d.value, found.L_q.value));
+}
+
+}  // namespace twinrate

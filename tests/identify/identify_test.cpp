@@ -1,0 +1,148 @@
+// Hidden motors: what an identification finds against what the plant has.
+#include "identify/identify.hpp"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "identify/segmented_fit.hpp"
+#include "identify/simulated_rig.hpp"
+#include "loop/load_drive.hpp"
+#include "model/random.hpp"
+
+namespace twinrate::test {
+namespace {
+
+void expect_within(const Found& found, double truth, double share) {
+  EXPECT_NEAR(found.value, truth, share * truth);
+  EXPECT_GT(found.sigma, 0);
+  EXPECT_LT(found.sigma, share * truth);
+}
+
+// A motor that its sheet describes wrongly, on an inverter with dead time, with the encoder the
+// wrong way round and its zero anywhere.
+constexpr const char* kHiddenEffects = R"(
+[[effect]]
+kind = "dead_time"
+dead_time_s = 1.5e-6
+linear_current_A = 0.1
+[[effect]]
+kind = "coulomb_friction"
+torque_Nm = 2e-3
+[[effect]]
+kind = "encoder_offset"
+offset_rad = 0.3
+)";
+
+Config hidden() {
+  Config config =
+      Config::parse(load_drive("dilys2021").resolved() + kHiddenEffects, "hidden",
+                    {"sensors.encoder_counts=8192", "machine.R_s_Ohm=0.71", "machine.L_d_H=0.34e-3",
+                     "machine.psi_f_Wb=0.0093", "machine.J_kgm2=2.3e-5", "machine.B_Nms=2.1e-5",
+                     "plant.theta_e_start_rad=2.5"});
+  read_all_tables(config);
+  return config;
+}
+
+TEST(Identify, FindsAHiddenMotorOnALossyInverterWiredTheWrongWay) {
+  const Config config = hidden();
+  SimulatedRig rig(config, {.swapped_phases = false, .reversed_encoder = true});
+  const Identified found = identify(rig, {.i_max = 1.5, .omega_m_max = 420}, {});
+  EXPECT_EQ(found.n_p, 4);
+  EXPECT_TRUE(found.mirrored);
+  expect_within(found.R_s, 0.71, 0.01);
+  expect_within(found.L_d, 0.34e-3, 0.01);
+  // Coulomb friction acts on the swing of the rotor, which its model has as a mean.
+  expect_within(found.L_q, 0.5e-3, 0.025);
+  expect_within(found.psi_f, 0.0093, 0.01);
+  expect_within(found.J, 2.3e-5, 0.03);
+  const double omega = found.omega_m_max;
+  EXPECT_NEAR(found.B.value * omega + found.T_coulomb.value, 2.1e-5 * omega + 2e-3,
+              0.05 * (2.1e-5 * omega + 2e-3));
+  EXPECT_NEAR(found.loss.V.value, 1.5e-6 * 5e3 * 24, 0.1 * 1.5e-6 * 5e3 * 24);
+
+  // The file of it loads, says what to mend, and has the zero of the encoder.
+  const std::string text = identified_toml(config, found);
+  EXPECT_NE(text.find("negated"), std::string::npos);
+  Config identified = Config::parse(text, "identified.toml");
+  read_all_tables(identified);
+  EXPECT_EQ(identified.drive().machine.psi_f, std::stod(fmt::format("{:.6e}", found.psi_f.value)));
+  std::vector<std::string> kinds;
+  for (const auto& e : identified.drive().effects) kinds.emplace_back(e.effect->kind());
+  EXPECT_EQ(kinds,
+            (std::vector<std::string>{"inverter_drop", "coulomb_friction", "encoder_offset"}));
+  const auto at = text.rfind("offset_rad = ");
+  const double offset = std::stod(text.substr(at + 13));
+  EXPECT_LT(std::abs(wrap_pi(4 * (offset - 0.3))), 0.02);
+}
+
+TEST(Identify, AShaftThatDoesNotTurnIsToldNotGuessed) {
+  Config config =
+      Config::parse(load_drive("dilys2021").resolved(), "blocked", {"machine.J_kgm2=1e3"});
+  read_all_tables(config);
+  SimulatedRig rig(config, {});
+  try {
+    identify(rig, {.i_max = 1.5}, {});
+    FAIL() << "identified a blocked motor";
+  } catch (const RunFailed& failed) {
+    EXPECT_NE(std::string(failed.what()).find("blocked"), std::string::npos) << failed.what();
+  }
+}
+
+TEST(Identify, AWrongSheetIsNamedWithItsFactor) {
+  const MachineParameters right = load_drive("dilys2021").drive().machine;
+  Identified found;
+  found.n_p = right.n_p;
+  found.R_s.value = right.R_s, found.L_d.value = right.L_d, found.L_q.value = right.L_q;
+  found.psi_f.value = right.psi_f, found.J.value = right.J;
+  const auto verdict = [&](const MachineParameters& sheet, const std::string& key) {
+    for (const SheetRow& row : compare(found, sheet))
+      if (row.key == key) return row.verdict;
+    return std::string("no row");
+  };
+  MachineParameters wrong = right;
+  wrong.R_s *= 2, wrong.L_d *= 2, wrong.psi_f *= std::sqrt(3.0), wrong.J *= 1e7, wrong.n_p *= 2;
+  EXPECT_NE(verdict(wrong, "R_s").find("line to line"), std::string::npos);
+  EXPECT_NE(verdict(wrong, "L_d").find("line to line"), std::string::npos);
+  EXPECT_NE(verdict(wrong, "psi_f").find("1/sqrt(3)"), std::string::npos);
+  EXPECT_NE(verdict(wrong, "J").find("g cm2"), std::string::npos);
+  EXPECT_NE(verdict(wrong, "n_p").find("pole pairs"), std::string::npos);
+  for (const char* key : {"n_p", "R_s", "L_d", "L_q", "psi_f", "J"})
+    EXPECT_EQ(verdict(right, key).substr(0, 6), "agrees") << key;
+}
+
+TEST(Identify, AnInductanceThatFallsIsASaturationAndOneThatStaysIsNone) {
+  std::vector<InductancePoint> falling, level;
+  for (const double i : {0.3, 0.5, 0.75, 1.0}) {
+    const double L = 2e-3 / std::pow(1 + i / 5, 2);
+    falling.push_back({i, {L, 1e-3 * L}, true});
+    level.push_back({i, {2e-3 * (1 + 5e-4 * std::sin(40 * i)), 2e-6}, true});
+  }
+  const InductanceFit fit = fit_inductance(falling);
+  ASSERT_TRUE(fit.saturation);
+  EXPECT_NEAR(fit.L.value, 2e-3, 2e-5);
+  EXPECT_FALSE(fit_inductance(level).saturation);
+  EXPECT_NEAR(fit_inductance(level).L.value, 2e-3, 2e-6);
+}
+
+TEST(SegmentedFit, FindsASharedSlopeBesideFreeOffsetsWithAnHonestSigma) {
+  int inside = 0;
+  for (std::uint64_t draw = 0; draw < 60; ++draw) {
+    SegmentedFit fit(1);
+    for (std::uint64_t s = 0; s < 10; ++s) {
+      Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(20, 0, 1), y(20);
+      for (Eigen::Index k = 0; k < 20; ++k)
+        y[k] = static_cast<double>(s) + 3 * t[k] +
+               0.1 * normal(draw, s, static_cast<std::uint64_t>(k));
+      fit.add(Eigen::MatrixXd::Ones(20, 1), t, y);
+    }
+    const auto solution = fit.solve({0});
+    EXPECT_NEAR(solution.rms, 0.1, 0.03);
+    if (std::abs(solution.x[0] - 3) < 2 * solution.sigma[0]) ++inside;
+  }
+  EXPECT_GE(inside, 48);  // of 60; 57 expected, Student's t with 9 degrees of freedom 55
+}
+
+}  // namespace
+}  // namespace twinrate::test
