@@ -1,0 +1,58 @@
+// Frequency response of the closed loop, measured in lock-step, beside that of its design.
+//
+//   speed     added to the speed reference, rad/s      -> omega_m, rad/s
+//   current   added to the reference of i_d, A         -> i_d, A
+//   load      added to the load torque, Nm             -> omega_m, rad/s
+//
+// The test signal x is a multisine: 24 lines at multiples of 1/T_p, spread over the logarithm of the
+// frequency, phases by Schroeder. After the settling time of the drive file and one period, four
+// periods are measured. X, Y_p: the lines of x and of the true output in period p.
+//
+//   H         = mean_p Y_p/X
+//   coherence = |mean_p Y_p|^2/mean_p |Y_p|^2        1: the output is the answer to x alone
+//
+// The design has exact currents, angle and speed: what the measured curve lacks of it is the
+// filter's. Discrete, at z = exp(j omega T_s), PI controllers and delay d of the drive file:
+//
+//   H_i   = C_i P_i/(1 + C_i P_i)      C = K_p + K_i T_s/(z - 1),  P_i = z^-d (1 - a)/(R_s (z - a))
+//   L_w   = C_w H_q K_t T_s/(2 J) (z + 1)/(z - 1 + B T_s/J)
+//   speed = L_w/(1 + L_w)              load = -T_s/J/(z - 1 + B T_s/J)/(1 + L_w)
+#pragma once
+#include <complex>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/config.hpp"
+
+namespace twinrate {
+
+enum class ResponseOf : int { kSpeed = 0, kCurrent, kLoad };
+inline constexpr const char* kResponseNames[] = {"speed", "current", "load"};
+
+struct ResponseLine {
+  double f = 0;  // Hz
+  std::complex<double> H;
+  double coherence = 0;
+  std::optional<std::complex<double>> design;  // of field-oriented control
+};
+
+struct Response {
+  ResponseOf of = ResponseOf::kSpeed;
+  int n = 1;
+  bool locked = true;  // else the lines are empty
+  std::vector<ResponseLine> lines;
+};
+
+// `config` as it runs, n included. `stop` ends it early: Response without lines. Throws BadInput.
+Response measure_response(Config& config, ResponseOf of, const std::function<bool()>& stop = {});
+
+// Where |H| first falls 3 dB below its value at the lowest line, Hz; none where it does not.
+std::optional<double> bandwidth(const Response& response, bool of_design);
+
+std::string response_csv(const std::vector<Response>& responses);
+std::string response_json(const std::string& drive, const std::vector<Response>& responses);
+std::string response_svg(const std::string& drive, const std::vector<Response>& responses);
+
+}  // namespace twinrate
