@@ -115,6 +115,8 @@ class RecordedRun final : public LogReader {
       if (!columns_) choose_columns(m, *following);
       if (!columns_) continue;
       if (*columns_ & ~following->signals & kVoltage) continue;
+      if (*columns_ & kVoltage && is_before_a_gap(m.k, following->k) && !measurements_.imported())
+        continue;
       append_row(piece, m, following->u_alphabeta, load_ ? &T_load : nullptr, *columns_, n_p_);
     }
     return piece.size() > 0;
@@ -136,6 +138,12 @@ class RecordedRun final : public LogReader {
   }
 
  private:
+  // The next message then holds the voltage of the end of the gap, not that of this row; one that was
+  // imported holds that of its row. A log of every nth tick has no row before a gap.
+  bool is_before_a_gap(std::int64_t k, std::int64_t k_following) {
+    step_ = std::min(step_, std::max<std::int64_t>(1, k_following - k));
+    return k_following - k > step_;
+  }
   // Of the first row that has currents and an angle: what a drive did not log stays absent.
   void choose_columns(const Measurement& m, const Measurement& following) {
     constexpr int kNeeded = kPhaseCurrents | kPosition;
@@ -147,6 +155,7 @@ class RecordedRun final : public LogReader {
   std::string path_;
   MeasurementReader measurements_;
   std::optional<DeclaredLoad> load_;
+  std::int64_t step_ = INT64_MAX;  // of the tick, the least from one message to the next
   std::optional<int> columns_;
   int n_p_ = 0;
 };

@@ -24,15 +24,23 @@ class CsvSink final : public ExportSink {
   }
   void open(const std::string&, const Layout& layout) override {
     line_.assign(1, 't');
-    for (const Field& f : layout.numbers) line_.append(1, ',').append(f.name);
+    whole_.clear();
+    for (const Field& f : layout.numbers) {
+      line_.append(1, ',').append(f.name);
+      whole_.push_back(f.whole);
+    }
     put_line();
   }
   void write(std::size_t, const Sample& sample) override {
     line_.clear();
     fmt::format_to(std::back_inserter(line_), "{}", static_cast<double>(sample.t_ns) / 1e9);
-    for (const double value : sample.numbers) {
+    for (std::size_t i = 0; i < sample.numbers.size(); ++i) {
       line_ += ',';
-      if (!std::isnan(value)) fmt::format_to(std::back_inserter(line_), "{}", value);
+      if (std::isnan(sample.numbers[i])) continue;
+      if (whole_[i])
+        fmt::format_to(std::back_inserter(line_), "{}", sample.wholes[i]);
+      else
+        fmt::format_to(std::back_inserter(line_), "{}", sample.numbers[i]);
     }
     put_line();
   }
@@ -53,6 +61,7 @@ class CsvSink final : public ExportSink {
   PartFile part_;
   gzFile file_;
   std::string line_;
+  std::vector<bool> whole_;  // of each column
 };
 
 }  // namespace

@@ -37,7 +37,7 @@ std::string short_name(Channel channel) {
 std::unique_ptr<ExportSink> make_sink(const ExportRequest& request) {
   if (request.format == "csv") return make_csv_sink(request.out);
   if (request.format == "mat") return make_mat_sink(request.out);
-  return make_mcap_sink(request.out);
+  return make_mcap_sink(request.out, request.compression == "none" ? "" : request.compression);
 }
 
 // Passes streams to the file, resampled if requested and cut to the requested time.
@@ -182,6 +182,7 @@ Exported export_channels(const ExportRequest& request,
   std::set<Channel> found;
   Sample sample;
   Layout layout;
+  std::int64_t number = 0;
   const auto asked = [&](Channel channel) {
     if (request.channels.empty()) return channel != Channel::kAck;
     return std::find(request.channels.begin(), request.channels.end(), channel) !=
@@ -197,6 +198,8 @@ Exported export_channels(const ExportRequest& request,
                          known ? nullptr : &layout))
           throw BadInput(
               fmt::format("{}: messages have another type version than this program", request.log));
+        sample.origin.timestamp_us = event.timestamp;
+        sample.origin.event = number++;
         if (!known) ids[channel] = outlet.add(short_name(channel), layout, of_ticks(channel));
         outlet.take(ids[channel], sample);
       });

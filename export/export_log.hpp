@@ -21,7 +21,8 @@ struct ExportRequest {
   std::vector<Channel> channels;  // empty: csv the table alone, else all except ACK
   double from_s = -std::numeric_limits<double>::infinity();  // time of the log
   double to_s = std::numeric_limits<double>::infinity();
-  double rate_Hz = 0;  // 0: as logged
+  double rate_Hz = 0;                // 0: as logged
+  std::string compression = "zstd";  // of an mcap: zstd, lz4, none
   OnDamage on_damage = OnDamage::kRefuse;
 };
 

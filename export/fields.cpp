@@ -1,6 +1,9 @@
 #include "export/fields.hpp"
 
+#include <algorithm>
+
 #include "core/decode.hpp"
+#include "core/message_fields.hpp"
 
 namespace twinrate {
 namespace {
@@ -9,23 +12,23 @@ class Taker {
  public:
   Taker(Sample& sample, Layout* layout) : sample_(sample), layout_(layout) {
     sample_.numbers.clear();
+    sample_.wholes.clear();
     sample_.counts.clear();
     sample_.texts.clear();
   }
   void operator()(const char* name, double value) { take(name, kind_of(name), &value, 1, false); }
-  void operator()(const char* name, std::int32_t value) { whole(name, value); }
-  void operator()(const char* name, std::int64_t value) { whole(name, value); }
+  void operator()(const char* name, std::int32_t value) { whole(name, &value, 1, false); }
+  void operator()(const char* name, std::int64_t value) { whole(name, &value, 1, false); }
   void operator()(const char* name, const std::string& text) {
     sample_.texts.push_back(text);
     if (layout_) layout_->texts.emplace_back(name);
   }
-  void operator()(const char* name, const std::vector<double>& values) {
+  void operator()(const char* name, const std::vector<double>& values, std::int32_t) {
     take(name, FieldKind::kHeld, values.data(), values.size(), true);
   }
   template <class Whole, std::size_t N>
   void operator()(const char* name, const Whole (&values)[N]) {
-    const std::vector<double> numbers(values, values + N);
-    take(name, FieldKind::kHeld, numbers.data(), N, true);
+    whole(name, values, N, true);
   }
 
  private:
@@ -34,133 +37,22 @@ class Taker {
     return starts_again ? FieldKind::kAngle : FieldKind::kLinear;
   }
   template <class Whole>
-  void whole(const char* name, Whole value) {
-    const auto number = static_cast<double>(value);
-    take(name, FieldKind::kHeld, &number, 1, false);
+  void whole(const char* name, const Whole* values, std::size_t count, bool array) {
+    const std::vector<double> numbers(values, values + count);
+    take(name, FieldKind::kHeld, numbers.data(), count, array, true);
+    std::copy_n(values, count, sample_.wholes.end() - static_cast<std::ptrdiff_t>(count));
   }
-  void take(const char* name, FieldKind kind, const double* values, std::size_t count, bool array) {
+  void take(const char* name, FieldKind kind, const double* values, std::size_t count, bool array,
+            bool is_whole = false) {
     sample_.numbers.insert(sample_.numbers.end(), values, values + count);
+    sample_.wholes.resize(sample_.numbers.size());
     sample_.counts.push_back(count);
-    if (layout_) layout_->numbers.push_back({name, kind, array, count});
+    if (layout_) layout_->numbers.push_back({name, kind, array, count, is_whole});
   }
 
   Sample& sample_;
   Layout* layout_;
 };
-
-#define TWINRATE_FIELD(name) f(#name, m.name)
-
-void fields(const measurement_t& m, Taker& f) {
-  TWINRATE_FIELD(signals);
-  TWINRATE_FIELD(i_a_A);
-  TWINRATE_FIELD(i_b_A);
-  TWINRATE_FIELD(i_c_A);
-  TWINRATE_FIELD(u_alpha_V);
-  TWINRATE_FIELD(u_beta_V);
-  TWINRATE_FIELD(duty_a);
-  TWINRATE_FIELD(duty_b);
-  TWINRATE_FIELD(duty_c);
-  TWINRATE_FIELD(mode);
-  TWINRATE_FIELD(theta_forced_rad);
-  TWINRATE_FIELD(v_dc_V);
-  TWINRATE_FIELD(theta_m_rad);
-  TWINRATE_FIELD(omega_m_rad_s);
-}
-void fields(const truth_t& m, Taker& f) {
-  TWINRATE_FIELD(i_d_A);
-  TWINRATE_FIELD(i_q_A);
-  TWINRATE_FIELD(omega_m_rad_s);
-  TWINRATE_FIELD(theta_m_rad);
-  TWINRATE_FIELD(T_em_Nm);
-  TWINRATE_FIELD(T_load_Nm);
-}
-void fields(const estimate_t& m, Taker& f) {
-  TWINRATE_FIELD(gain_seq);
-  TWINRATE_FIELD(status);
-  TWINRATE_FIELD(n_x);
-  TWINRATE_FIELD(n_y);
-  TWINRATE_FIELD(theta_e_rad);
-  TWINRATE_FIELD(omega_m_rad_s);
-  TWINRATE_FIELD(i_d_A);
-  TWINRATE_FIELD(i_q_A);
-  TWINRATE_FIELD(T_load_Nm);
-  TWINRATE_FIELD(dT_load_Nm_s);
-  TWINRATE_FIELD(x_hat);
-  TWINRATE_FIELD(innov);
-}
-void fields(const gain_t& m, Taker& f) {
-  TWINRATE_FIELD(first_use_seq);
-  TWINRATE_FIELD(n_x);
-  TWINRATE_FIELD(n_y);
-  TWINRATE_FIELD(theta_e_rad);
-  TWINRATE_FIELD(n_K);
-  TWINRATE_FIELD(K);
-  TWINRATE_FIELD(n_P);
-  TWINRATE_FIELD(P);
-  TWINRATE_FIELD(n_speeds);
-  TWINRATE_FIELD(at_omega_m_rad_s);
-  TWINRATE_FIELD(n_K_at);
-  TWINRATE_FIELD(K_at);
-}
-void fields(const reference_t& m, Taker& f) {
-  TWINRATE_FIELD(omega_m_ref_rad_s);
-  TWINRATE_FIELD(i_d_ref_A);
-}
-void fields(const command_t& m, Taker& f) {
-  TWINRATE_FIELD(mode);
-  TWINRATE_FIELD(u_alpha_V);
-  TWINRATE_FIELD(u_beta_V);
-  TWINRATE_FIELD(i_d_ref_A);
-  TWINRATE_FIELD(i_q_ref_A);
-  TWINRATE_FIELD(i_d_A);
-  TWINRATE_FIELD(i_q_A);
-  TWINRATE_FIELD(theta_ctrl_rad);
-  TWINRATE_FIELD(omega_m_ref_rad_s);
-}
-void fields(const status_t& m, Taker& f) {
-  TWINRATE_FIELD(config_hash);
-  TWINRATE_FIELD(role);
-  TWINRATE_FIELD(state);
-  TWINRATE_FIELD(steps);
-  TWINRATE_FIELD(repeats);
-  TWINRATE_FIELD(duplicates);
-  TWINRATE_FIELD(gaps);
-  TWINRATE_FIELD(refused);
-  TWINRATE_FIELD(undecodable);
-  TWINRATE_FIELD(late_commands);
-  TWINRATE_FIELD(late_gains);
-  TWINRATE_FIELD(deadline_misses);
-}
-void fields(const event_t& m, Taker& f) {
-  TWINRATE_FIELD(role);
-  TWINRATE_FIELD(reason);
-  TWINRATE_FIELD(waited_for);
-  TWINRATE_FIELD(text);
-}
-void fields(const manifest_t& m, Taker& f) {
-  TWINRATE_FIELD(schema);
-  TWINRATE_FIELD(revision);
-  TWINRATE_FIELD(config_toml);
-  TWINRATE_FIELD(manifest_json);
-}
-void fields(const request_t& m, Taker& f) {
-  TWINRATE_FIELD(kind);
-  TWINRATE_FIELD(value);
-  TWINRATE_FIELD(text);
-}
-void fields(const reply_t& m, Taker& f) {
-  TWINRATE_FIELD(role);
-  TWINRATE_FIELD(accepted);
-  TWINRATE_FIELD(applied_seq);
-  TWINRATE_FIELD(text);
-}
-void fields(const ack_t& m, Taker& f) {
-  TWINRATE_FIELD(n_missing);
-  TWINRATE_FIELD(missing_channel);
-  TWINRATE_FIELD(missing_seq);
-}
-
-#undef TWINRATE_FIELD
 
 template <class Message>
 bool read(const void* bytes, std::size_t size, Sample& sample, Layout* layout) {
@@ -168,8 +60,9 @@ bool read(const void* bytes, std::size_t size, Sample& sample, Layout* layout) {
   if (!decode(message, bytes, size)) return false;
   sample.k = message.seq;
   sample.t_ns = message.t_ns;
+  sample.origin = {.session = message.session, .tag = message.tag};
   Taker taker(sample, layout);
-  fields(message, taker);
+  each_field(message, taker);
   return true;
 }
 

@@ -1,7 +1,7 @@
 // Messages as named numbers and texts, in the order of lcmtypes/, for every export format.
 //
-// The header (seq, t_ns, session) is not among the fields. The suffix of a name is its unit. Arrays
-// keep their length.
+// The header (seq, t_ns, session) and the tag are not among the fields. The suffix of a name is its
+// unit. Arrays keep their length.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -24,6 +24,7 @@ struct Field {
   FieldKind kind = FieldKind::kLinear;
   bool array = false;
   std::size_t count = 1;  // in the sample that defined the layout
+  bool whole = false;     // of whole numbers: Sample::wholes has them exactly
 };
 
 struct Layout {
@@ -31,11 +32,20 @@ struct Layout {
   std::vector<std::string> texts;
 };
 
+// What makes a sample its message again, beside the fields.
+struct Origin {
+  std::int64_t session = 0, tag = 0;
+  std::int64_t timestamp_us = 0;  // of the event in the log
+  std::int64_t event = -1;  // number among the messages exported; -1: not one message (resampled)
+};
+
 struct Sample {
   std::int64_t k = -1;
   std::int64_t t_ns = 0;
-  std::vector<double> numbers;      // one field after the other
-  std::vector<std::size_t> counts;  // of each field
+  Origin origin = {};
+  std::vector<double> numbers;       // one field after the other
+  std::vector<std::int64_t> wholes;  // beside each number of a whole field its exact value
+  std::vector<std::size_t> counts;   // of each field
   std::vector<std::string> texts;
 };
 

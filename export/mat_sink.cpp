@@ -2,6 +2,8 @@
 #include <matio.h>
 
 #include <algorithm>
+#include <array>
+#include <iterator>
 #include <limits>
 
 #include "core/config.hpp"
@@ -14,51 +16,79 @@ namespace {
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t kMaxVariableBytes = std::numeric_limits<std::int32_t>::max();  // MAT 5
 
+constexpr std::int64_t kMaxExact = std::int64_t{1} << 53;  // whole numbers of a double
+
 // All samples of one field, row by row; the row width is that of the longest array.
+template <class Number>
 struct Rows {
   std::size_t width = 0, rows = 0;
-  std::vector<double> values = {};
+  std::vector<Number> values = {};
 
-  void add(const double* numbers, std::size_t count) {
+  void add(const Number* numbers, std::size_t count) {
     if (count > width) widen(count);
     values.insert(values.end(), numbers, numbers + count);
-    values.resize(values.size() + width - count, kNone);
+    values.resize(values.size() + width - count, none());
     ++rows;
   }
+  static Number none() {
+    if constexpr (std::is_same_v<Number, double>) return kNone;
+    return {};
+  }
   void widen(std::size_t to) {
-    std::vector<double> wider(rows * to, kNone);
+    std::vector<Number> wider(rows * to, none());
     for (std::size_t r = 0; r < rows; ++r)
       std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(r * width), width,
                   wider.begin() + static_cast<std::ptrdiff_t>(r * to));
     values = std::move(wider);
     width = to;
   }
-  std::vector<double> by_column() const {
-    std::vector<double> columns(values.size());
+  template <class As>
+  std::vector<As> by_column() const {
+    std::vector<As> columns(values.size());
     for (std::size_t r = 0; r < rows; ++r)
-      for (std::size_t c = 0; c < width; ++c) columns[c * rows + r] = values[r * width + c];
+      for (std::size_t c = 0; c < width; ++c)
+        columns[c * rows + r] = static_cast<As>(values[r * width + c]);
     return columns;
   }
 };
+using Wholes = Rows<std::int64_t>;
 
 struct Stream {
   std::string name;
   Layout layout;
-  Rows t, seq;
-  std::vector<Rows> fields;
+  Rows<double> t;
+  std::array<Wholes, 6> origin;       // kOrigin
+  std::vector<Rows<double>> numbers;  // of each field; empty for a whole one
+  std::vector<Wholes> wholes;         // likewise
   std::vector<std::vector<std::string>> texts;
 
   std::size_t bytes() const {
-    std::size_t numbers = t.values.size() + seq.values.size();
-    for (const Rows& f : fields) numbers += f.values.size();
-    return numbers * sizeof(double);
+    std::size_t count = t.values.size();
+    for (const Wholes& w : origin) count += w.values.size();
+    for (const Rows<double>& f : numbers) count += f.values.size();
+    for (const Wholes& w : wholes) count += w.values.size();
+    return count * sizeof(double);
   }
 };
+constexpr const char* kOrigin[] = {"seq", "t_ns", "session", "tag", "timestamp_us", "event"};
 
-matvar_t* matrix(const Rows& rows) {
+matvar_t* matrix(const Rows<double>& rows) {
   std::size_t dims[2] = {rows.rows, rows.width};
-  std::vector<double> columns = rows.by_column();
+  std::vector<double> columns = rows.by_column<double>();
   return Mat_VarCreate(nullptr, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, columns.data(), 0);
+}
+
+matvar_t* matrix(const Wholes& rows) {
+  std::size_t dims[2] = {rows.rows, rows.width};
+  const bool exact = std::all_of(rows.values.begin(), rows.values.end(), [](std::int64_t value) {
+    return value <= kMaxExact && value >= -kMaxExact;
+  });
+  if (exact) {
+    std::vector<double> columns = rows.by_column<double>();
+    return Mat_VarCreate(nullptr, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, columns.data(), 0);
+  }
+  std::vector<std::int64_t> columns = rows.by_column<std::int64_t>();
+  return Mat_VarCreate(nullptr, MAT_C_INT64, MAT_T_INT64, 2, dims, columns.data(), 0);
 }
 
 matvar_t* cells(std::vector<std::string> texts) {
@@ -79,18 +109,29 @@ class MatSink final : public ExportSink {
     streams_.push_back({.name = stream,
                         .layout = layout,
                         .t = {.width = 1},
-                        .seq = {.width = 1},
-                        .fields = std::vector<Rows>(layout.numbers.size()),
+                        .origin = {},
+                        .numbers = std::vector<Rows<double>>(layout.numbers.size()),
+                        .wholes = std::vector<Wholes>(layout.numbers.size()),
                         .texts = std::vector<std::vector<std::string>>(layout.texts.size())});
   }
   void write(std::size_t stream, const Sample& sample) override {
     Stream& s = streams_[stream];
-    const double t = static_cast<double>(sample.t_ns) / 1e9, seq = static_cast<double>(sample.k);
+    const double t = static_cast<double>(sample.t_ns) / 1e9;
     s.t.add(&t, 1);
-    s.seq.add(&seq, 1);
-    const double* numbers = sample.numbers.data();
-    for (std::size_t f = 0; f < s.fields.size(); numbers += sample.counts[f++])
-      s.fields[f].add(numbers, sample.counts[f]);
+    const std::int64_t origin[] = {sample.k,
+                                   sample.t_ns,
+                                   sample.origin.session,
+                                   sample.origin.tag,
+                                   sample.origin.timestamp_us,
+                                   sample.origin.event};
+    for (std::size_t i = 0; i < s.origin.size(); ++i) s.origin[i].add(&origin[i], 1);
+    std::size_t at = 0;
+    for (std::size_t f = 0; f < s.numbers.size(); at += sample.counts[f++]) {
+      if (s.layout.numbers[f].whole)
+        s.wholes[f].add(&sample.wholes[at], sample.counts[f]);
+      else
+        s.numbers[f].add(&sample.numbers[at], sample.counts[f]);
+    }
     for (std::size_t f = 0; f < s.texts.size(); ++f) s.texts[f].push_back(sample.texts[f]);
   }
   void finish() override {
@@ -110,16 +151,20 @@ class MatSink final : public ExportSink {
 
  private:
   static bool put(mat_t* file, const Stream& s) {
-    std::vector<const char*> names = {"t", "seq"};
+    std::vector<const char*> names = {"t"};
+    names.insert(names.end(), std::begin(kOrigin), std::end(kOrigin));
     for (const Field& f : s.layout.numbers) names.push_back(f.name.c_str());
     for (const std::string& text : s.layout.texts) names.push_back(text.c_str());
     std::size_t dims[2] = {1, 1};
     matvar_t* all = Mat_VarCreateStruct(s.name.c_str(), 2, dims, names.data(),
                                         static_cast<unsigned>(names.size()));
     Mat_VarSetStructFieldByName(all, "t", 0, matrix(s.t));
-    Mat_VarSetStructFieldByName(all, "seq", 0, matrix(s.seq));
-    for (std::size_t f = 0; f < s.fields.size(); ++f)
-      Mat_VarSetStructFieldByName(all, s.layout.numbers[f].name.c_str(), 0, matrix(s.fields[f]));
+    for (std::size_t i = 0; i < s.origin.size(); ++i)
+      Mat_VarSetStructFieldByName(all, kOrigin[i], 0, matrix(s.origin[i]));
+    for (std::size_t f = 0; f < s.numbers.size(); ++f)
+      Mat_VarSetStructFieldByName(
+          all, s.layout.numbers[f].name.c_str(), 0,
+          s.layout.numbers[f].whole ? matrix(s.wholes[f]) : matrix(s.numbers[f]));
     for (std::size_t f = 0; f < s.texts.size(); ++f)
       Mat_VarSetStructFieldByName(all, s.layout.texts[f].c_str(), 0, cells(s.texts[f]));
     const bool written = Mat_VarWrite(file, all, MAT_COMPRESSION_NONE) == 0;

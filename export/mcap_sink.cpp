@@ -1,37 +1,29 @@
 // The MCAP container, https://mcap.dev/spec: records of an opcode, a 64-bit length and contents,
-// all little-endian. Written here: Header; Schema, Channel, Message in chunks without compression;
-// a MessageIndex after each chunk; a summary (Schema, Channel, Statistics, ChunkIndex) for seeking.
-// CRCs are 0: not available.
+// all little-endian. Written here: Header; Schema, Channel, Message in chunks, packed and with the
+// CRC of the unpacked bytes; a MessageIndex after each chunk; a summary (Schema, Channel, Statistics,
+// ChunkIndex) for seeking. The CRCs of data and summary are 0: not available.
 #include <fmt/format.h>
+#include <lz4frame.h>
+#include <zlib.h>
+#include <zstd.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <nlohmann/json.hpp>
 
 #include "core/output_file.hpp"
 #include "core/paths.hpp"
+#include "export/message_json.hpp"
 #include "export/sink.hpp"
+#include "import/mcap_format.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
-constexpr std::size_t kChunkBytes = 1 << 20;
+using namespace mcap;
 
-enum Opcode : std::uint8_t {
-  kHeader = 1,
-  kFooter = 2,
-  kSchema = 3,
-  kChannelRecord = 4,
-  kMessage = 5,
-  kChunk = 6,
-  kMessageIndex = 7,
-  kChunkIndex = 8,
-  kStatistics = 11,
-  kDataEnd = 15,
-};
+constexpr std::size_t kChunkBytes = 1 << 20;
 
 class Bytes {
  public:
@@ -59,20 +51,29 @@ std::string record(Opcode opcode, const std::string& contents) {
   return Bytes().number(opcode).u64(contents.size()).raw(contents).text();
 }
 
-nlohmann::ordered_json schema_of(const Layout& layout) {
-  nlohmann::ordered_json properties = {{"seq", {{"type", "integer"}}}, {"t", {{"type", "number"}}}};
-  for (const Field& f : layout.numbers) {
-    properties[f.name] = {{"type", "number"}};
-    if (f.array) properties[f.name] = {{"type", "array"}, {"items", {{"type", "number"}}}};
+std::string packed(const std::string& compression, const std::string& text) {
+  if (compression.empty()) return text;
+  std::string out;
+  std::size_t length = 0;
+  if (compression == "zstd") {
+    out.resize(ZSTD_compressBound(text.size()));
+    length = ZSTD_compress(out.data(), out.size(), text.data(), text.size(), 1);
+    if (ZSTD_isError(length)) throw std::runtime_error(ZSTD_getErrorName(length));
+  } else {
+    out.resize(LZ4F_compressFrameBound(text.size(), nullptr));
+    length = LZ4F_compressFrame(out.data(), out.size(), text.data(), text.size(), nullptr);
+    if (LZ4F_isError(length)) throw std::runtime_error(LZ4F_getErrorName(length));
   }
-  for (const std::string& name : layout.texts) properties[name] = {{"type", "string"}};
-  return {{"type", "object"}, {"properties", properties}};
+  out.resize(length);
+  return out;
 }
 
 class McapSink final : public ExportSink {
  public:
-  explicit McapSink(const std::string& path)
-      : part_(path), file_(std::fopen(part_.part_path().c_str(), "wb")) {
+  McapSink(const std::string& path, std::string compression)
+      : part_(path),
+        file_(std::fopen(part_.part_path().c_str(), "wb")),
+        compression_(std::move(compression)) {
     if (!file_) part_.fail();
     put(kMagic);
     put(record(kHeader, Bytes().string("").string("twinrate " + revision()).text()));
@@ -88,7 +89,7 @@ class McapSink final : public ExportSink {
                                                    .u16(id)
                                                    .string("twinrate." + stream)
                                                    .string("jsonschema")
-                                                   .string(schema_of(layout).dump())
+                                                   .string(message_schema(layout))
                                                    .text());
     const std::string channel =
         record(kChannelRecord, Bytes().u16(id).u16(id).string(stream).string("json").u32(0).text());
@@ -103,7 +104,7 @@ class McapSink final : public ExportSink {
                                    .u32(counts_[stream]++)
                                    .number(t)
                                    .number(t)
-                                   .raw(json(layouts_[stream], sample))
+                                   .raw(message_json(layouts_[stream], sample))
                                    .text());
     chunk_begin_ = std::min(chunk_begin_, t);
     chunk_end_ = std::max(chunk_end_, t);
@@ -139,44 +140,21 @@ class McapSink final : public ExportSink {
   }
 
  private:
-  static std::string json(const Layout& layout, const Sample& sample) {
-    std::string text =
-        fmt::format("{{\"seq\":{},\"t\":{}", sample.k, static_cast<double>(sample.t_ns) / 1e9);
-    const auto number = [](double value) {
-      return std::isfinite(value) ? fmt::format("{}", value) : std::string("null");
-    };
-    const double* numbers = sample.numbers.data();
-    for (std::size_t f = 0; f < layout.numbers.size(); numbers += sample.counts[f++]) {
-      const Field& field = layout.numbers[f];
-      text += ",\"" + field.name + "\":";
-      if (!field.array) {
-        text += number(*numbers);
-        continue;
-      }
-      text += '[';
-      for (std::size_t i = 0; i < sample.counts[f]; ++i)
-        text += (i ? "," : "") + number(numbers[i]);
-      text += ']';
-    }
-    for (std::size_t f = 0; f < layout.texts.size(); ++f)
-      text += ",\"" + layout.texts[f] + "\":" +
-              nlohmann::json(sample.texts[f])
-                  .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-    return text + '}';
-  }
-
   void end_chunk() {
     if (chunk_.empty()) return;
     if (index_.empty()) chunk_begin_ = 0;
     const std::uint64_t chunk_at = at_;
+    const std::string stored = packed(compression_, chunk_);
+    const auto crc =
+        crc32_z(0, reinterpret_cast<const unsigned char*>(chunk_.data()), chunk_.size());
     put(record(kChunk, Bytes()
                            .number(chunk_begin_)
                            .number(chunk_end_)
                            .u64(chunk_.size())
-                           .u32(0)
-                           .string("")
-                           .u64(chunk_.size())
-                           .raw(chunk_)
+                           .u32(crc)
+                           .string(compression_)
+                           .u64(stored.size())
+                           .raw(stored)
                            .text()));
     const std::uint64_t chunk_length = at_ - chunk_at, index_at = at_;
     Bytes offsets;
@@ -191,8 +169,8 @@ class McapSink final : public ExportSink {
                                               .number(chunk_length)
                                               .string(offsets.text())
                                               .number(at_ - index_at)
-                                              .string("")
-                                              .u64(chunk_.size())
+                                              .string(compression_)
+                                              .u64(stored.size())
                                               .u64(chunk_.size())
                                               .text());
     begin_ = std::min(begin_, chunk_begin_);
@@ -210,6 +188,7 @@ class McapSink final : public ExportSink {
 
   PartFile part_;
   std::FILE* file_;
+  std::string compression_;
   std::uint64_t at_ = 0;
   std::vector<Layout> layouts_;
   std::vector<std::uint32_t> counts_;  // messages of each stream
@@ -221,8 +200,9 @@ class McapSink final : public ExportSink {
 
 }  // namespace
 
-std::unique_ptr<ExportSink> make_mcap_sink(const std::string& path) {
-  return std::make_unique<McapSink>(path);
+std::unique_ptr<ExportSink> make_mcap_sink(const std::string& path,
+                                           const std::string& compression) {
+  return std::make_unique<McapSink>(path, compression);
 }
 
 }  // namespace twinrate

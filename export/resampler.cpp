@@ -45,7 +45,10 @@ void Resampler::take(Sample sample) {
   expect_no_jump(sample.t_ns);
   if (sample.numbers.size() == before_->numbers.size())
     for (std::size_t i = 0; i < sample.numbers.size(); ++i)
-      if (std::isnan(sample.numbers[i])) sample.numbers[i] = before_->numbers[i];
+      if (std::isnan(sample.numbers[i])) {
+        sample.numbers[i] = before_->numbers[i];
+        if (i < sample.wholes.size()) sample.wholes[i] = before_->wholes[i];
+      }
   std::int64_t from_ns = before_->t_ns;
   for (;;) {
     const std::int64_t grid = grid_ns(next_), end_ns = std::min(grid, sample.t_ns);
@@ -75,6 +78,7 @@ void Resampler::finish() {
   if (!before_) return;
   const bool meets = grid_ns(next_) == before_->t_ns;
   if (meets || !has_means_) put_pending();
+  before_->origin = {};
   if (meets && !has_means_) put_(*before_);
   pending_.reset();
   before_.reset();
@@ -99,6 +103,7 @@ void Resampler::put_pending() {
 Sample Resampler::between(const Sample& a, const Sample& b, std::int64_t t_ns) const {
   Sample s = a;
   s.t_ns = t_ns;
+  s.origin = {};
   const double share = static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns);
   std::size_t at = 0, there = 0;
   for (std::size_t f = 0; f < layout_.numbers.size(); ++f) {

@@ -138,14 +138,15 @@ void TickTable::choose_columns() {
       for (std::size_t i = 0; i < f.count; ++i)
         layout_.numbers.push_back(
             {.name = short_name(channel) + "." + f.name + (f.array ? fmt::format("_{}", i) : ""),
-             .kind = f.kind});
+             .kind = f.kind,
+             .whole = f.whole});
   }
   put_.header(layout_);
 }
 
 void TickTable::put_row(const Tick& tick, const Measurement* behind) {
   const Measurement& m = *tick.measurement;
-  Sample row{.k = m.k, .t_ns = m.t_ns, .numbers = {}, .counts = {}, .texts = {}};
+  Sample row{.k = m.k, .t_ns = m.t_ns};
   std::vector<double>& x = row.numbers;
   if (signals_ & kQCurrentOnly)
     x.push_back(park(clarke(m.i_abc), *n_p_ * m.theta_m)[1]);
@@ -167,14 +168,20 @@ void TickTable::put_row(const Tick& tick, const Measurement* behind) {
   for (std::size_t i = 0; i < x.size(); ++i)
     if (std::isnan(x[i])) x[i] = canonical_[i];
   canonical_ = x;
+  row.wholes.assign(x.size(), 0);
   for (const Channel channel : beside_) {
     const auto found = tick.beside.find(channel);
     const std::vector<Field>& fields = layouts_.at(channel).numbers;
     const double* number = found == tick.beside.end() ? nullptr : found->second.numbers.data();
+    const std::int64_t* whole = number ? found->second.wholes.data() : nullptr;
     for (std::size_t f = 0; f < fields.size(); ++f) {
       const std::size_t there = number ? found->second.counts[f] : 0;
-      for (std::size_t i = 0; i < fields[f].count; ++i) x.push_back(i < there ? number[i] : kNone);
+      for (std::size_t i = 0; i < fields[f].count; ++i) {
+        x.push_back(i < there ? number[i] : kNone);
+        row.wholes.push_back(i < there ? whole[i] : 0);
+      }
       number += there;
+      whole += there;
     }
   }
   row.counts.assign(x.size(), 1);

@@ -1,8 +1,6 @@
 #include "import/csv.hpp"
 
 #include <fmt/format.h>
-#include <sys/stat.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <fstream>
@@ -24,31 +22,16 @@ std::string_view trimmed(std::string_view text) {
 }
 
 constexpr unsigned kBlockBytes = 1 << 18;
+constexpr std::size_t kMaxLineBytes = 1 << 20;
 
 std::string quoted(char separator) {
   return separator == '\t' ? "\\t" : std::string(1, separator);
 }
 
-// Throws BadInput if the file does not exist.
-std::int64_t size_of_file(const std::string& path) {
-  struct stat info {};
-  if (stat(path.c_str(), &info) != 0 || !S_ISREG(info.st_mode))
-    throw BadInput(fmt::format("{}: no such file", path));
-  return info.st_size;
-}
-
 }  // namespace
 
-void CsvReader::CloseFile::operator()(gzFile_s* file) const {
-  gzclose(file);
-}
-
 CsvReader::CsvReader(const std::string& path, const CsvFormat& format)
-    : path_(path), format_(format) {
-  bytes_stored_ = size_of_file(path_);
-  file_.reset(gzopen(path_.c_str(), "rb"));
-  if (!file_) throw BadInput(fmt::format("{}: cannot be read", path_));
-  gzbuffer(file_.get(), kBlockBytes);
+    : path_(path), format_(format), text_(open_text(path)) {
   fill();
   if (block_.starts_with("\xEF\xBB\xBF")) position_ = 3;
   std::string_view skipped;
@@ -81,15 +64,11 @@ bool CsvReader::fill() {
   position_ = 0;
   const std::size_t kept = block_.size();
   block_.resize(kept + kBlockBytes);
-  const int got = gzread(file_.get(), block_.data() + kept, kBlockBytes);
-  block_.resize(kept + static_cast<std::size_t>(std::max(got, 0)));
+  const int got = text_->read(block_.data() + kept, kBlockBytes);
+  block_.resize(kept + static_cast<std::size_t>(got));
   if (got > 0) return true;
   ended_ = true;
-  int error = Z_OK;
-  const char* what = gzerror(file_.get(), &error);
-  if (error != Z_OK && error != Z_BUF_ERROR && error != Z_STREAM_END)
-    throw BadInput(fmt::format("{}; the file cannot be unpacked", what));  // names the file
-  cut_off_ = error == Z_BUF_ERROR || (!block_.empty() && block_.back() != '\n');
+  cut_off_ = text_->cut_off() || (!block_.empty() && block_.back() != '\n');
   return false;
 }
 
@@ -97,6 +76,9 @@ bool CsvReader::take_line(std::string_view& line) {
   std::size_t end = block_.find('\n', position_);
   while (end == std::string::npos) {
     const std::size_t looked_at = block_.size() - position_;
+    if (looked_at > kMaxLineBytes)
+      throw BadInput(fmt::format("{}:{}: the line is longer than {} MB; not a table of text", path_,
+                                 lines_taken_ + 1, kMaxLineBytes >> 20));
     if (!fill()) break;
     end = block_.find('\n', position_ + looked_at);
   }
@@ -132,8 +114,7 @@ bool CsvReader::next(std::vector<std::string_view>& fields) {
 }
 
 void CsvReader::go_to(const Place& place) {
-  if (gzseek(file_.get(), static_cast<z_off_t>(place.byte), SEEK_SET) < 0)
-    throw BadInput(fmt::format("{}: cannot be read again; the file has changed", path_));
+  text_->seek(place.byte);
   block_.clear();
   position_ = 0;
   block_begin_ = place.byte;
@@ -160,9 +141,7 @@ void CsvReader::split(std::string_view line, std::vector<std::string_view>& fiel
 }
 
 double CsvReader::share_read() const {
-  const auto bytes = static_cast<double>(gzoffset(file_.get()));
-  return ended_ || bytes_stored_ == 0 ? 1.0
-                                      : std::min(1.0, bytes / static_cast<double>(bytes_stored_));
+  return ended_ ? 1.0 : text_->share_read();
 }
 
 std::string file_hash(const std::string& path) {

@@ -1,4 +1,4 @@
-// Reads a CSV file (plain or gzipped) as a header and records of text fields, with line numbers for
+// Reads a CSV file (plain, gzipped, or the columns of a .mat: text_source.hpp) as a header and records of text fields, with line numbers for
 // messages. Memory: one block, for a file of any length.
 #pragma once
 #include <cstdint>
@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-struct gzFile_s;  // of zlib
+#include "import/text_source.hpp"
 
 namespace twinrate {
 
@@ -54,16 +54,12 @@ class CsvReader {
   void find_next();  // the next line that is neither empty nor a comment
   void split(std::string_view line, std::vector<std::string_view>& fields) const;
 
-  struct CloseFile {
-    void operator()(gzFile_s* file) const;
-  };
   std::string path_;
   CsvFormat format_;
-  std::unique_ptr<gzFile_s, CloseFile> file_;
-  std::int64_t bytes_stored_ = 0;  // size of the file
-  std::string block_;              // part of the text; its last line may be incomplete
-  std::size_t position_ = 0;       // in the block
-  std::int64_t block_begin_ = 0;   // byte of the text at the start of the block
+  std::unique_ptr<TextSource> text_;
+  std::string block_;             // part of the text; its last line may be incomplete
+  std::size_t position_ = 0;      // in the block
+  std::int64_t block_begin_ = 0;  // byte of the text at the start of the block
   bool ended_ = false, cut_off_ = false;
   std::vector<std::string> header_;
   int header_line_ = 0, line_ = 0, lines_taken_ = 0, next_line_ = 0;

@@ -12,6 +12,8 @@ namespace twinrate {
 
 namespace {
 
+constexpr const char* kPhaseNames[] = {"i_a", "i_b", "i_c"};
+
 void note_spacing(const DriveRows& rows, TickGrid& grid) {
   std::vector<double> dt;
   for (std::size_t row = 1; row < rows.size(); ++row) dt.push_back(rows.t[row] - rows.t[row - 1]);
@@ -61,18 +63,19 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
 
 DriveMessages::DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal)
     : rows_(rows), n_p_(n_p), v_dc_nominal_(v_dc_nominal) {
-  if (has_all({"i_a", "i_b"}))
+  // i_d, i_q are in the axes of theta_m: without it they say nothing about the phases.
+  if (rows.has("i_a") + rows.has("i_b") + rows.has("i_c") >= 2)
     currents_ = Currents::kAbc;
   else if (has_all({"i_alpha", "i_beta"}))
     currents_ = Currents::kAlphaBeta;
-  else if (has_all({"i_d", "i_q"}))
+  else if (has_all({"i_d", "i_q", "theta_m"}))
     currents_ = Currents::kDq;
-  else if (has_all({"i_q"}))
+  else if (has_all({"i_q", "theta_m"}))
     currents_ = Currents::kQOnly;
   duty_ = has_all({"duty_a", "duty_b", "duty_c"});
   if (has_all({"u_alpha", "u_beta"}))
     voltages_ = Voltages::kAlphaBeta;
-  else if (has_all({"u_d", "u_q"}))
+  else if (has_all({"u_d", "u_q", "theta_m"}))
     voltages_ = Voltages::kDq;
   else if (duty_)
     voltages_ = Voltages::kDuty;
@@ -85,8 +88,8 @@ DriveMessages::DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal
   if (rows.has("omega_m")) signals_ |= kSpeed;
   if ((signals_ & (kPhaseCurrents | kPosition | kSpeed)) == 0)
     throw BadInput(
-        fmt::format("{}:1: no current (i_a,i_b; i_alpha,i_beta; i_d,i_q; i_q), angle (theta_m) or "
-                    "speed (omega_m) in the file",
+        fmt::format("{}:1: no current (two of i_a,i_b,i_c; i_alpha,i_beta; i_d,i_q or i_q with "
+                    "theta_m), angle (theta_m) or speed (omega_m) in the file",
                     rows.path));
 }
 
@@ -100,9 +103,13 @@ std::int64_t DriveMessages::t_ns(std::size_t row) const {
 
 Vec3 DriveMessages::currents(std::size_t row) const {
   switch (currents_) {
-    case Currents::kAbc:
-      return {value("i_a", row), value("i_b", row),
-              rows_.has("i_c") ? value("i_c", row) : -(value("i_a", row) + value("i_b", row))};
+    case Currents::kAbc: {
+      Vec3 i_abc(value("i_a", row), value("i_b", row), value("i_c", row));
+      for (int phase = 0; phase < 3; ++phase)
+        if (!rows_.has(kPhaseNames[phase]))
+          i_abc[phase] = -(i_abc[(phase + 1) % 3] + i_abc[(phase + 2) % 3]);
+      return i_abc;
+    }
     case Currents::kAlphaBeta:
       return inverse_clarke({value("i_alpha", row), value("i_beta", row)});
     case Currents::kDq:
@@ -164,9 +171,11 @@ std::vector<std::string> DriveMessages::found() const {
   constexpr const char* kVoltageText[] = {"", "voltage", "voltage (from u_d, u_q)",
                                           "voltage (from duty and v_dc)"};
   constexpr const char* kOnNominal = "voltage (from duty and inverter.v_dc_V of the drive)";
-  const bool two = currents_ == Currents::kAbc && !rows_.has("i_c");
-  if (two)
-    list.emplace_back("phase currents (i_a, i_b; i_c = -(i_a + i_b))");
+  std::vector<std::string> phases, missing;
+  for (const char* name : kPhaseNames) (rows_.has(name) ? phases : missing).emplace_back(name);
+  if (currents_ == Currents::kAbc && phases.size() == 2)
+    list.push_back(fmt::format("phase currents ({0}, {1}; {2} = -({0} + {1}))", phases[0],
+                               phases[1], missing[0]));
   else if (currents_ != Currents::kNone)
     list.emplace_back(kCurrentText[static_cast<int>(currents_)]);
   const bool on_nominal = voltages_ == Voltages::kDuty && !rows_.has("v_dc");

@@ -12,8 +12,12 @@
 #include <fstream>
 
 #include "core/config.hpp"
+#include "core/manifest.hpp"
+#include "core/signals_io.hpp"
+#include "drive_log/log_reader.hpp"
 #include "drive_log/measured_files.hpp"
 #include "import/import_log.hpp"
+#include "import/whole_log.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/tracer.hpp"
 #include "verify/verify_logs.hpp"
@@ -81,6 +85,36 @@ TEST_F(DriveLogsTest, AnImportedLogHasNoSignalThatTheFileHasNot) {
                clarke({raw_.i_a[1000], raw_.i_b[1000], -(raw_.i_a[1000] + raw_.i_b[1000])}))
                   .norm(),
               0, 1e-9);
+}
+
+// MEASUREMENT(k + 1) tells the voltage of row k: without it the row has none.
+TEST_F(DriveLogsTest, TheRowBeforeALostMessageIsLeftOut) {
+  const std::string path = (directory_ / "gap.lcm").string();
+  const auto write_every = [&](int step, std::int64_t lost) {
+    WholeLog log(path);
+    log.write(make_manifest(1, Config::load("dilys2021").resolved(), "{}"), 1'000'000);
+    for (std::int64_t k = 0; k < 300 * step; k += step) {
+      Measurement m;
+      m.k = k;
+      m.t_ns = 200'000 * k;
+      m.signals = kPhaseCurrents | kVoltage | kPosition;
+      m.u_alphabeta = {static_cast<double>(k), 0};
+      if (k != lost) log.write(to_wire(m, 1), 1'000'000 + m.t_ns / 1000);
+    }
+    log.finish();
+    RawLog rows;
+    open_log(path, nullptr, false, 24)->next(rows, 1000);
+    fs::remove(path);
+    return rows;
+  };
+  const RawLog rows = write_every(1, 100);
+  ASSERT_EQ(rows.size(), 297u) << "neither 99 nor 100, nor the last one";
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const auto k = static_cast<double>(i < 99 ? i : i + 2);
+    EXPECT_DOUBLE_EQ(rows.t[i], 2e-4 * k);
+    EXPECT_DOUBLE_EQ(rows.u_alpha[i], k + 1);
+  }
+  EXPECT_EQ(write_every(2, -1).size(), 299u) << "every second tick is no gap";
 }
 
 TEST_F(DriveLogsTest, AngleAndCurrentOfAMovingRotorAreADriveLogAtAnyRate) {
