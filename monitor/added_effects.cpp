@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/math.hpp"
 #include "trace/gate.hpp"
 #include "trace/statistics.hpp"
 
@@ -28,7 +29,7 @@ std::vector<double> votes_of(const Residuals& with, const Residuals& without, do
   for (std::size_t b = 0; b < n; ++b)
     if (E_with[b] > 0 && E_without[b] > 0 &&
         std::abs(E_with[b] - E_without[b]) > silent * E_without[b])
-      votes.push_back(0.5 * std::log(E_without[b] / E_with[b]));
+      votes.push_back(0.5 * math::log(E_without[b] / E_with[b]));
   return votes;
 }
 
@@ -90,7 +91,7 @@ std::optional<Worse> AddedEffects::worst() const {
       worst = Worse{.place = place,
                     .votes = static_cast<int>(against.size()),
                     .p_value = p,
-                    .rise = std::exp(median(std::move(against))) - 1};
+                    .rise = math::exp(median(std::move(against))) - 1};
   }
   return worst;
 }

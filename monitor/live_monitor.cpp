@@ -32,6 +32,17 @@ std::string toml_of(const std::vector<ConfiguredEffect>& effects) {
   return text.substr(std::min(text.size(), text.find_first_not_of('\n')));
 }
 
+// "# sigma dead_time.dead_time 1.2e-09 s": comments in front of the [[effect]] tables.
+std::string sigmas_of(const TraceResult& result) {
+  std::string text;
+  for (const TracedEffect& e : result.effects)
+    for (const TracedParameter& p : e.parameters)
+      if (p.sigma)
+        text +=
+            fmt::format("# sigma {}.{} {:.2g} {}\n", e.effect->kind(), p.name, *p.sigma, p.unit);
+  return text;
+}
+
 std::string side_by_side(double before, double after, const char* unit) {
   return fmt::format("{:.3g} -> {:.3g}{}", before, after, unit);
 }
@@ -255,7 +266,8 @@ void LiveMonitor::traced(const TraceResult& result) {
   for (const ConfiguredEffect& e : proposed_) episode.kinds.emplace_back(e.effect->kind());
   episode.toml = toml_of(proposed_);
   episode.proposed_s = t_s(last_k());
-  notify(Reason::kEffectProposed, "# " + episode.sentence + "\n" + episode.toml);
+  notify(Reason::kEffectProposed,
+         "# " + episode.sentence + "\n" + sigmas_of(result) + episode.toml);
   phase_ = Phase::kProposed;
   if (parameters_.auto_add) add_proposed();
 }

@@ -165,7 +165,8 @@ std::vector<Eigen::VectorXd> MisfitWatch::whitened(const std::deque<MeasuredRow>
 ResidualRms residual_rms(const DriveConfig& drive, const std::deque<MeasuredRow>& rows,
                          std::size_t first, std::size_t last, const Effects& model_effects) {
   const Residuals r = residuals_of(drive, rows, first, last, model_effects);
-  return {std::sqrt(0.5 * (std::pow(rms(r.d), 2) + std::pow(rms(r.q), 2))), rms(r.torque)};
+  const double d = rms(r.d), q = rms(r.q);
+  return {std::sqrt(0.5 * (d * d + q * q)), rms(r.torque)};
 }
 
 }  // namespace twinrate

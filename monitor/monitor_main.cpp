@@ -128,6 +128,7 @@ class MonitorProcess {
       monitor_.refused(fmt::format("{}: {}", role_name(reply.role), reply.text));
       return;
     }
+    if (reply.applied_seq < 0) return;  // it agreed, the tick comes later
     answered_.insert(reply.role);
     applied_ = std::max(applied_, reply.applied_seq);
   }

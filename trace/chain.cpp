@@ -254,10 +254,11 @@ Sampled Chain::contribution(const Effect& effect) const {
                  answered_.contribution(effect));
 }
 
+// Of a channel of which no row was seen the noise is not known, and nothing is said.
 Sampled Chain::whitened(const Sampled& s) const {
   Sampled w;
   const auto take = [](const Whitener& whitener, const Eigen::VectorXd& x, const Runs& runs) {
-    return x.size() ? whitener(x, runs) : x;
+    return whitener.none() ? Eigen::VectorXd() : x.size() ? whitener(x, runs) : x;
   };
   w.d = take(noise_.d, s.d, sampler_.electrical());
   w.q = take(noise_.q, s.q, sampler_.electrical());

@@ -84,6 +84,7 @@ class Chain {
   Sampled regressor(const Sampled& column) const;
   const Equations& equations() const { return equations_; }
   const Equations& readings() const { return readings_; }  // of the record with noise on them
+  const Equations& answered() const { return answered_; }  // and what the drive makes of it
   const Sampler& sampler() const { return sampler_; }
 
  private:

@@ -382,6 +382,13 @@ std::size_t rank(const std::string& verdict) {
                                   std::begin(kVerdicts));
 }
 
+// What a headline begins with, where the verdict is not `traced`.
+const char* begins(const std::string& verdict) {
+  return verdict == "unexplained" ? "Unexplained in part. "
+         : verdict == "ambiguous" ? "Ambiguous in part, see the aliases. "
+                                  : "";
+}
+
 TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes,
                      const Search& search) {
   std::size_t longest = 0;
@@ -422,9 +429,12 @@ TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes
                        [&](const FileError& f) { return f.path == file.path; }))
         r.files.push_back(file);
     r.ambiguous.insert(r.ambiguous.end(), other.ambiguous.begin(), other.ambiguous.end());
+    r.unexplained.insert(r.unexplained.end(), other.unexplained.begin(), other.unexplained.end());
+    r.refused.insert(r.refused.end(), other.refused.begin(), other.refused.end());
+    r.structured = !r.unexplained.empty();
     if (rank(other.verdict) > rank(r.verdict)) r.verdict = other.verdict;
   }
-  r.sentence = fmt::format("{} {}: {}. Errors and pictures are of the {}: {}",
+  r.sentence = fmt::format("{}{} {}: {}. Errors and pictures are of the {}: {}", begins(r.verdict),
                            only_the_zero(r) ? "The zero of theta_m changes" : "The drive changes",
                            fmt::join(moments, " and "), steps, search.part_in_words(main),
                            main.result.sentence);

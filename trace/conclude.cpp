@@ -197,7 +197,7 @@ std::string what_the_model_lacks(const TraceResult& r) {
 }
 
 std::string sentence(const TraceResult& r) {
-  if (r.verdict == "nothing_missing") return "No effect of the catalogue is missing in the model.";
+  if (r.verdict == "nothing_missing") return nothing_in_words(r) + ".";
   std::string text = headline_begins(r);
   if (!r.effects.empty()) return text + what_the_model_lacks(r) + ".";
   return text.substr(0, text.size() - 1);
@@ -315,6 +315,7 @@ TraceResult conclude(const Conclusion& c) {
   if (!whole) {
     const int rounds = c.selection.stopped_after;
     r.interrupted = true;
+    r.verdict = "unexplained";  // no rows that judge were asked
     r.sentence = fmt::format(
         "Interrupted after {} round{} of the selection: more effects may be missing, and those "
         "found are not compared with their alternatives. So far: {}",

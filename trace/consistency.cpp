@@ -21,6 +21,7 @@ constexpr double kSigmas = 4;
 constexpr double kFrameFails = 0.7, kFrameFits = 0.9;
 // Of the torque's power, beside frictions and load: the current moves the rotor.
 constexpr double kMoves = 0.5;
+constexpr double kSlowTurn = 0.3;       // rad between rows: further on, samples are no means
 constexpr double kSlowestRow_s = 0.02;  // rows of a moving drive stand closer
 
 // How a scale follows from a quantity that is `factor` times what the drive file means.
@@ -140,19 +141,27 @@ bool beyond(const ScaleRatio& r, double least, double most) {
 
 struct Beyond {
   bool R_s, L, psi_f, K_t_J, T_load;
-  bool any() const { return R_s || L || psi_f || K_t_J || T_load; }
+  bool any() const { return of_machine() || T_load; }
+  bool of_machine() const { return R_s || L || psi_f || K_t_J; }
 };
 
+// The declared load against the motor's own torque, whatever the inertia is.
+ScaleRatio load_of_motor(const ScaleFactors& f) {
+  if (!f.T_load.known() || !f.K_t_J.known() || f.K_t_J.value <= 0) return {};
+  const double value = f.T_load.value / f.K_t_J.value;
+  return {value, std::abs(value) * std::hypot(f.T_load.log_sigma(), f.K_t_J.log_sigma())};
+}
+
 Beyond beyond(const ScaleFactors& f) {
-  constexpr double kSlowTurn = 0.3;  // rad between rows: further on, samples are no means
-  constexpr double kThousandfold = 300;
-  const bool voltage = f.voltage_share > kFrameFits && f.mean_interval_e < kSlowTurn;
+  constexpr double kThousandfold = 300, kBrake = 1.4;  // a brake's set value is nearer than that
+  const bool voltage = f.cell_share > kFrameFits && f.mean_interval_e < kSlowTurn;
   const bool torque = f.torque_share > kMoves;
   return {.R_s = voltage && beyond(f.R_s, 1 / kMostR, kMostR),
           .L = voltage && beyond(f.L, 1 / kMostL, kMostL),
-          .psi_f = f.voltage_share > kFrameFits && beyond(f.psi_f, 1 / kMostPsi, kMostPsi),
+          .psi_f = f.cell_share > kFrameFits && beyond(f.psi_f, 1 / kMostPsi, kMostPsi),
           .K_t_J = torque && beyond(f.K_t_J, 1 / kHeaviest, kLightest),
-          .T_load = torque && beyond(f.T_load, 1 / kThousandfold, kThousandfold)};
+          .T_load = (torque && beyond(f.T_load, 1 / kThousandfold, kThousandfold)) ||
+                    (f.torque_share > kFrameFits && beyond(load_of_motor(f), 1 / kBrake, kBrake))};
 }
 
 // Size of the quantity in the log.
@@ -239,7 +248,8 @@ std::optional<Inconsistency> fitting_unit(const Record& record, const ScaleFacto
 // That unit; without one, what is beyond its bounds.
 std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f, const Beyond& out,
                                      const DriveFacts& facts, int encoder_counts) {
-  if (auto unit = fitting_unit(record, f, facts, encoder_counts)) return {*unit};
+  if (out.of_machine())  // no unit moves the load alone
+    if (auto unit = fitting_unit(record, f, facts, encoder_counts)) return {*unit};
   const MachineParameters& m = facts.machine;
   std::vector<Inconsistency> found;
   if (out.psi_f) found.push_back(of_ratio("psi_f", "Wb", m.psi_f, f.psi_f));
@@ -247,10 +257,18 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
   if (out.L) found.push_back(of_ratio("L_q", "H", m.L_q, f.L));
   if (out.K_t_J)
     found.push_back(of_ratio("K_t/J", "rad/s^2 A", m.torque_constant() / m.J, f.K_t_J));
-  if (out.T_load)
-    found.push_back({"T_load", "in Nm, positive against positive speed",
-                     fmt::format("the motion shows {:.3g} of it", f.T_load.value),
-                     f.T_load.value < 0 ? "its sign?" : "its unit?"});
+  // Both are of J: which of them is off is the one further from 1.
+  const bool of_motor =
+      f.T_load.value > 0 && f.K_t_J.known() && std::abs(f.K_t_J.log()) > std::abs(f.T_load.log());
+  if (out.T_load && of_motor)
+    found.push_back({"i", "a torque K_t i_q that carries T_load",
+                     fmt::format("the motion shows {:.3g} of it", f.K_t_J.value),
+                     "rms instead of peak values, a scale of the currents, or K_t?"});
+  else if (out.T_load)
+    found.push_back(
+        {"T_load", "in Nm, positive against positive speed",
+         fmt::format("the motion shows {:.3g} of it, with the declared J", f.T_load.value),
+         f.T_load.value < 0 ? "its sign?" : "its unit or scale?"});
   return found;
 }
 
@@ -259,7 +277,7 @@ std::vector<Inconsistency> of_current(const Record& record, const ScaleFactors& 
                                       const DriveFacts& facts, int encoder_counts) {
   constexpr double kSame = 0.06, kLeast = 0.2;  // of the logarithm
   const auto sure = [](const ScaleRatio& r) { return r.known() && r.log_sigma() < kSame / 2; };
-  if (f.voltage_share < kFrameFits || f.torque_share < kFrameFits) return {};
+  if (f.cell_share < kFrameFits || f.torque_share < kFrameFits) return {};
   if (!sure(f.psi_f) || std::abs(f.psi_f.log()) > kSame) return {};
   if (!sure(f.K_t_J) || f.K_t_J.value < 0 || !(sure(f.L) || sure(f.R_s))) return {};
   for (const Unit& unit : units(facts.machine, encoder_counts)) {
@@ -278,6 +296,7 @@ struct OtherReading {
   const char* expected;
   const char* hint;
   Reading reading;
+  double K_t_J = 1;  // over the declared, where that is what differs
 };
 
 std::vector<OtherReading> other_readings(int n_p, int encoder_counts) {
@@ -297,6 +316,24 @@ std::vector<OtherReading> other_readings(int n_p, int encoder_counts) {
   add(angle, "turns?", kTwoPi);
   if (n_p > 1) add(angle, "the electrical angle?", 1.0 / n_p);
   if (encoder_counts > 0) add(angle, "counts of the encoder?", kTwoPi / encoder_counts);
+  for (const int n : {n_p / 2, 2 * n_p, n_p - 1, n_p + 1, n_p - 2, n_p + 2}) {
+    const double factor = static_cast<double>(n) / n_p;
+    if (n < 1 || (n == n_p / 2 && 2 * n != n_p)) continue;
+    const char* hint = n == n_p / 2   ? "poles in the place of pole pairs?"
+                       : n == 2 * n_p ? "half of the pole pairs?"
+                                      : "pole pairs miscounted?";
+    for (const bool stands : {false, true})
+      list.push_back({"n_p",
+                      "that of the drive file",
+                      hint,
+                      {.angle_factor = factor, .voltage_stands = stands},
+                      factor * factor});
+    list.push_back({"n_p",
+                    "that of the drive file",
+                    hint,
+                    {.angle_factor = factor, .current_stands = true, .voltage_stands = true},
+                    factor * factor});
+  }
   const char* order = "phases in the order a, b, c";
   const char* swapped[] = {"i_b and i_c swapped?", "i_a and i_b swapped?", "i_a and i_c swapped?"};
   for (int turn = 0; turn < 3; ++turn) {
@@ -304,6 +341,11 @@ std::vector<OtherReading> other_readings(int n_p, int encoder_counts) {
     list.push_back({"i", order, swapped[turn], {.mirrored = true, .current_turn = angle_e}});
     if (turn > 0) list.push_back({"i", order, "phases shifted by one?", {.current_turn = angle_e}});
   }
+  for (const double angle_e : {kTwoPi / 4, -kTwoPi / 4})
+    list.push_back({"theta_m",
+                    "zero where the magnet is on phase a",
+                    "its zero turned by 90 degrees electrical?",
+                    {.current_turn = angle_e}});
   return list;
 }
 
@@ -312,42 +354,74 @@ bool turned_by_half(const ScaleFactors& f) {
 }
 
 // In the frame of another reading the log is one of this machine.
-bool is_this_machine(const ScaleFactors& f) {
-  const auto near = [](const ScaleRatio& r, double most) {
-    return !r.known() || (r.value > 0 && std::abs(r.log()) < std::log(most));
+bool is_this_machine(const ScaleFactors& f, double K_t_J) {
+  const auto near = [](const ScaleRatio& r, double most, double expected = 1) {
+    return !r.known() || (r.value > 0 && std::abs(r.log() - std::log(expected)) < std::log(most));
   };
   return !turned_by_half(f) && near(f.psi_f, kMostPsi) && near(f.R_s, kMostR) &&
-         near(f.L, kMostL) && near(f.K_t_J, kLightest);
+         near(f.L, kMostL) && near(f.K_t_J, kLightest, K_t_J);
 }
 
 // The log does not fit as it is, and does in another reading: in the voltage, or, where that says
-// nothing or fits, in the torque.
+// nothing or fits, in the torque. A voltage that is mostly EMF fits with any current.
 std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& facts,
                                        const ScaleFactors& as_it_is, int encoder_counts) {
-  constexpr double kStill = 0.3;  // of the torque's power
   // That the other reading leaves less; of a frame turned by half, that has all but one sign right.
   const double times = turned_by_half(as_it_is) ? 1.2 : 3;
-  const bool by_voltage = record.has_voltage_equation() &&
-                          (as_it_is.voltage_share < kFrameFails || turned_by_half(as_it_is));
-  if (!by_voltage && as_it_is.torque_share > kStill) return {};
-  const auto share = by_voltage ? &ScaleFactors::voltage_share : &ScaleFactors::torque_share;
+  const bool has_voltage = record.has_voltage_equation();
+  const bool by_voltage =
+      has_voltage && (as_it_is.cell_share < kFrameFails || turned_by_half(as_it_is) ||
+                      beyond(as_it_is).of_machine());
+  const bool by_torque = as_it_is.torque_share < (has_voltage ? kFrameFits : kMoves);
+  if (!by_voltage && !by_torque) return {};
+  struct Best {
+    const OtherReading* reading = nullptr;
+    double share = 0;
+  };
+  const auto least = [&](double share) { return std::max(kFrameFits, 1 - (1 - share) / times); };
+  Best voltage{.share = least(as_it_is.cell_share)}, torque{.share = least(as_it_is.torque_share)};
   const std::vector<OtherReading> list = other_readings(facts.machine.n_p, encoder_counts);
-  const OtherReading* best = nullptr;
-  double most = std::max(kFrameFits, 1 - (1 - as_it_is.*share) / times);
   for (const OtherReading& other : list) {
     const bool of_current = other.reading.mirrored || other.reading.current_turn != 0;
-    if (!by_voltage && record.has_voltage_equation() && !of_current) continue;
+    const bool same_without_voltage =
+        other.K_t_J != 1 || (other.reading.voltage_stands && !other.reading.current_stands);
+    if (has_voltage ? !by_voltage && !of_current : same_without_voltage) continue;
     const ScaleFactors f = scale_factors(record, facts, other.reading);
-    if (f.*share < most || !is_this_machine(f)) continue;
-    best = &other;
-    most = f.*share;
+    if (!is_this_machine(f, other.K_t_J) || f.voltage_share < as_it_is.voltage_share) continue;
+    if (by_voltage && f.cell_share > voltage.share) voltage = {&other, f.cell_share};
+    if (by_torque && (of_current || !has_voltage) && f.torque_share > torque.share)
+      torque = {&other, f.torque_share};
   }
-  if (!best) return {};
-  return {{best->quantity, best->expected,
+  const Best& best = torque.reading && !voltage.reading ? torque : voltage;
+  if (!best.reading) return {};
+  return {{best.reading->quantity, best.reading->expected,
            fmt::format(
                "a rotor frame that explains {:.1f} % of the {}; read the other way {:.1f} %",
-               100 * std::max(0.0, as_it_is.*share), by_voltage ? "voltage" : "torque", 100 * most),
-           best->hint}};
+               100 * std::max(0.0, &best == &voltage ? as_it_is.cell_share : as_it_is.torque_share),
+               &best == &voltage ? "voltage" : "torque", 100 * best.share),
+           best.reading->hint}};
+}
+
+// No R_s, L and psi_f, whatever their sizes, make this voltage of this current and angle, though the
+// rotor turns fast enough for an EMF.
+std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
+  constexpr double kEmf = 0.3;
+  if (f.emf_share < kEmf || f.cell_share > kFrameFails || f.mean_interval_e > kSlowTurn) return {};
+  return {{"theta_m", "the angle that voltage and current turn with",
+           fmt::format("{:.0f} % of the voltage follow from current and angle, with any R_s, L and "
+                       "psi_f",
+                       100 * std::max(0.0, f.cell_share)),
+           "the angle of another shaft, another n_p, or another order or sign of the phases?"}};
+}
+
+// Such a drive would run with a third of its torque lost; one that runs well is read from elsewhere.
+std::vector<Inconsistency> of_zero(const ScaleFactors& f) {
+  constexpr double kFar = kTwoPi / 8;
+  if (f.cell_share < kFrameFits || f.mean_interval_e > kSlowTurn || !f.psi_f.known()) return {};
+  if (std::abs(f.zero_e) < kFar || turned_by_half(f)) return {};
+  return {{"theta_m", "zero where the magnet is on phase a",
+           fmt::format("the magnet at {:.0f} degrees electrical there", f.zero_e / kDegree),
+           "another zero of the angle?"}};
 }
 
 double quantile(std::vector<double> x, double share) {
@@ -409,9 +483,11 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
   std::vector<Inconsistency> found;
   const ScaleFactors f = scale_factors(record, facts);
   found = of_readings(record, facts, f, encoder_counts);
-  if (const Beyond out = beyond(f); found.empty() && out.any())
-    found = of_scales(record, f, out, facts, encoder_counts);
-  if (found.empty()) found = of_current(record, f, facts, encoder_counts);
+  const Beyond out = beyond(f);
+  if (found.empty() && !out.of_machine()) found = of_current(record, f, facts, encoder_counts);
+  if (found.empty() && out.any()) found = of_scales(record, f, out, facts, encoder_counts);
+  if (found.empty()) found = of_zero(f);
+  if (found.empty()) found = of_frame(f);
   for (Inconsistency& x : of_ranges(record, health, facts)) {
     const bool told = std::any_of(found.begin(), found.end(), [&](const Inconsistency& y) {
       return y.quantity == x.quantity || (x.quantity == "omega_m" && y.quantity == "theta_m");

@@ -15,20 +15,24 @@ std::string extended_toml(const Config& config, const TraceResult& result, bool 
     effects.push_back(e);
   }
   const UsedIn used_in = keep_plant ? UsedIn::kModel : UsedIn::kBoth;
+  const bool judged = !result.interrupted;
   for (const TracedEffect& e : result.effects)
-    if (!e.only_in_log && !e.only_in_part) effects.push_back({e.effect, used_in});
+    if (judged && !e.only_in_log && !e.only_in_part) effects.push_back({e.effect, used_in});
   for (const TracedEffect& e : result.stop_gaps)
-    if (!e.only_in_part) effects.push_back({e.effect, used_in});
+    if (judged && !e.only_in_part) effects.push_back({e.effect, used_in});
   std::string head = "# " + result.sentence + "\n";
   for (const std::string& source : result.sources) head += "# traced from " + source + "\n";
   for (const TracedEffect& e : result.effects)
-    if (e.only_in_part)
+    if (!judged)
+      head += fmt::format("# left out: {}, found in an interrupted trace and not judged\n",
+                          e.effect->kind());
+    else if (e.only_in_part)
       head += fmt::format("# left out: {}, found in a part of the data only\n", e.effect->kind());
     else if (e.only_in_log)
       head +=
           fmt::format("# left out: {}, an error of the log, not of the drive\n", e.effect->kind());
   for (const TracedEffect& e : result.stop_gaps)
-    if (!e.only_in_part)
+    if (judged && !e.only_in_part)
       head += fmt::format("# {} is a stop-gap: it describes the data without a cause\n",
                           e.effect->kind());
   if (left_out > 0)

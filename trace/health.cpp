@@ -63,15 +63,21 @@ void mark_late(const RawLog& raw, std::vector<char>& stale) {
   }
 }
 
-// The slower of the sides of rows [first, end), in rad a row, from their own rows on: what is
-// repeated is of an earlier time. 0 where one is not there.
-double slowest_way(const Column& theta_m, std::size_t first, std::size_t end) {
+// How far the angle would have gone over rows [first, end) by the slower of their sides, in rad,
+// from their own rows on: what is repeated is of an earlier time. Where the rotor turns back it is
+// how far it leaves the way between: two rows at equal distances from the turning point are equal
+// by themselves, and a current at its limit repeats with them. 0 where a side is not there.
+double missed_way(const Column& theta_m, std::size_t first, std::size_t end) {
   constexpr std::size_t kRows = 4;
   if (first <= kRows || end + kRows >= theta_m.size()) return 0;
   const auto way = [&](std::size_t from) {
-    return std::abs(theta_m[from + kRows] - theta_m[from]) / static_cast<double>(kRows);
+    return (theta_m[from + kRows] - theta_m[from]) / static_cast<double>(kRows);
   };
-  return std::min(way(first - 1 - kRows), way(end));
+  const double before = way(first - 1 - kRows), behind = way(end),
+               rows = static_cast<double>(end - first);
+  if (before * behind >= 0) return rows * std::min(std::abs(before), std::abs(behind));
+  const double bend = std::abs(behind - before) / (rows + kRows + 1);  // rad a row, each row
+  return bend * (rows * rows - 1) / 8;
 }
 
 // Of each run of stale rows, how far the angle would have gone. At rest a long run that ends on
@@ -83,14 +89,12 @@ std::vector<double> missed_ways(const RawLog& raw, const std::vector<char>& stal
   for (std::size_t k = 0, end = 0; k < stale.size(); k = end + 1) {
     for (end = k; end < stale.size() && stale[end];) ++end;
     if (end == k) continue;
-    const std::size_t rows = end - k;
-    const double way = raw.theta_m.empty() ? 0 : slowest_way(raw.theta_m, k, end);
+    const double way = raw.theta_m.empty() ? 0 : missed_way(raw.theta_m, k, end);
     const bool inside = end < stale.size();
     const bool sure =
-        raw.theta_m.empty() || (way == 0 && rows > kByChance && k > kByChance && inside);
+        raw.theta_m.empty() || (way == 0 && end - k > kByChance && k > kByChance && inside);
     std::fill(missed.begin() + static_cast<std::ptrdiff_t>(k),
-              missed.begin() + static_cast<std::ptrdiff_t>(end),
-              sure ? kSureWay : way * static_cast<double>(rows));
+              missed.begin() + static_cast<std::ptrdiff_t>(end), sure ? kSureWay : way);
   }
   return missed;
 }

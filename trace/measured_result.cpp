@@ -160,7 +160,7 @@ std::string sentence_of(const StaticTrace& trace, const TraceResult& r) {
   const Eigen::Index main = main_channel(s);
   const std::string& channel = trace.problem.channels[static_cast<std::size_t>(main)];
   if (r.verdict == "nothing_missing")
-    return fmt::format("No effect is missing: the held-out error of {} is {:.3g} {}.", channel,
+    return fmt::format("{}. The held-out error of {} is {:.3g} {}.", nothing_in_words(r), channel,
                        s.after.held_out[main], r.electrical->unit);
   std::string text = headline_begins(r);
   if (r.effects.empty()) return text.substr(0, text.size() - 1);

@@ -209,6 +209,38 @@ void add_lags(const Found& found, const Judge& judge, const DriveFacts& facts, T
   r.effects.back().only_in_log = true;
 }
 
+namespace {
+
+// A change of R_s is claimed where it predicts rows that no fit has seen better than R_s declared, by
+// more than chance: R of those rows alone is nearer to it, and far from R_s declared.
+void add_resistance(const Found& found, const DriveFacts& facts, TraceResult& r) {
+  constexpr double kSigmas = 3;
+  const WindingVoltage &fitted = found.voltage_fitted, &unseen = found.voltage_unseen;
+  const double R_s = facts.machine.R_s, change = fitted.R - R_s;
+  if (fitted.sigma_R <= 0 || std::abs(change) <= 0.02 * R_s ||
+      std::abs(change) <= kSigmas * fitted.sigma_R)
+    return;
+  auto effect = make_of(Traits::Family::kResistance);
+  const double away = unseen.sigma_R > 0 ? (unseen.R - R_s) / unseen.sigma_R : 0;
+  if (std::abs(away) <= kSigmas || std::abs(unseen.R - fitted.R) >= std::abs(unseen.R - R_s)) {
+    r.refused.push_back(
+        {.kind = std::string(effect->kind()),
+         .rule = "transfer",
+         .number = away,
+         .text = unseen.sigma_R > 0
+                     ? fmt::format("the rows that judge give R_s = {:.3f} +- {:.3f} Ohm, those "
+                                   "fitted {:.3f} +- {:.3f} Ohm, declared {:.3f}",
+                                   unseen.R, unseen.sigma_R, fitted.R, fitted.sigma_R, R_s)
+                     : std::string("no rows with a voltage were left to judge it")});
+    return;
+  }
+  set_key(*effect, "change_Ohm", change);
+  r.effects.push_back(traced(effect, "electrical", {{"change_Ohm", fitted.sigma_R}},
+                             {.z = std::abs(change) / fitted.sigma_R, .rows = fitted.rows}, facts));
+}
+
+}  // namespace
+
 void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r) {
   const WindingVoltage& v = found.voltage;
   if (v.sigma_R <= 0) return;
@@ -225,13 +257,8 @@ void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r) {
   if (v.K_e > 0)
     r.identifiable.push_back(fmt::format("psi_f = {:.4g} Wb from the EMF, declared {:.4g}",
                                          v.K_e / facts.machine.n_p, facts.machine.psi_f));
-  auto effect = make_of(Traits::Family::kResistance);
-  const double change = v.R - R_s;
-  set_key(*effect, "change_Ohm", change);
   r.constants.push_back({"R_s", "Ohm", v.R, v.sigma_R, ""});
-  if (std::abs(change) > 0.02 * R_s && std::abs(change) > 3 * v.sigma_R)
-    r.effects.push_back(traced(effect, "electrical", {{"change_Ohm", v.sigma_R}},
-                               {.z = std::abs(change) / v.sigma_R, .rows = v.rows}, facts));
+  add_resistance(found, facts, r);
   const int n_p = facts.machine.n_p;
   for (const Harmonic& h : v.ripple) {
     const std::string why = fmt::format(

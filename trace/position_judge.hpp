@@ -25,7 +25,8 @@ struct Found {
   SpinUp spin;
   bool lag_is_of_current = false;
   SpeedLag speed_lag;
-  WindingVoltage voltage;
+  WindingVoltage voltage;                         // of all rows that train
+  WindingVoltage voltage_fitted, voltage_unseen;  // of rows that do not judge, and of those that do
 
   double gain() const { return spin.gain > 0 ? spin.gain : machine.torque_constant() / machine.J; }
   double J() const { return machine.torque_constant() / gain(); }

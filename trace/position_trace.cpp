@@ -11,6 +11,8 @@
 #include "trace/measured_result.hpp"
 #include "trace/position_effects.hpp"
 #include "trace/position_gate.hpp"
+#include "trace/position_pictures.hpp"
+#include "trace/verdict.hpp"
 
 namespace twinrate {
 namespace {
@@ -80,10 +82,10 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
   const std::string of =
       judge.by_speed() ? fmt::format("of the speed change over {:.3g} ms", 1e3 * judge.horizon())
                        : std::string("of the holding current");
-  const std::string what = parts.empty()
-                               ? r.ambiguous.empty() ? "No effect is missing"
-                                                     : "No effect is found that can be told apart"
-                               : fmt::format("The model lacks {}", fmt::join(parts, ", "));
+  const std::string what =
+      parts.empty()
+          ? r.ambiguous.empty() ? nothing_in_words(r) : "No effect is found that can be told apart"
+          : fmt::format("The model lacks {}", fmt::join(parts, ", "));
   if (!std::isfinite(after)) return what + ".";
   if (const auto falls = fall_in_words(before, after, e.unit))
     return fmt::format("{}. The error {} on {} data {} (no change: {:.3g}).", what, of,
@@ -135,8 +137,33 @@ void find_in_motion(const MachineParameters& machine, const TraceHooks& hooks, F
   }
 }
 
+// The winding's voltage in the rows that judge, or in those that do not.
+WindingVoltage voltage_of(const std::vector<PositionLog>& logs, const MachineParameters& machine,
+                          bool judging) {
+  constexpr std::size_t kFewest = 200;  // rows, as of any log
+  std::vector<PositionLog> resting, moving;
+  for (const PositionLog& log : logs) {
+    PositionLog part{.path = log.path};
+    for (std::size_t k = 0; k < log.size(); ++k) {
+      const bool judges = log.held_out || (!log.judges.empty() && log.judges[k]);
+      if (judges != judging || log.u_q.empty() || !log.has_time()) continue;
+      part.t.push_back(log.t[k]);
+      part.theta_m.push_back(log.theta_m[k]);
+      part.i_q.push_back(log.i_q[k]);
+      part.u_q.push_back(log.u_q[k]);
+    }
+    if (part.size() < kFewest) continue;
+    (is_quasi_static(log, machine) ? resting : moving).push_back(std::move(part));
+  }
+  std::vector<const PositionLog*> at_rest, in_motion;
+  for (const PositionLog& log : resting) at_rest.push_back(&log);
+  for (const PositionLog& log : moving) in_motion.push_back(&log);
+  return trace_winding_voltage(at_rest, in_motion, machine);
+}
+
 // Throws TraceStopped where nothing is found yet; else what was found until then stands.
-void find(const MachineParameters& machine, const TraceHooks& hooks, Found& found) {
+void find(const std::vector<PositionLog>& logs, const MachineParameters& machine,
+          const TraceHooks& hooks, Found& found) {
   found.holding = trace_holding_torque(found.at_rest, machine, hooks);
   hooks.tell(fmt::format("holding torque: {} orders of cogging", found.holding.cogging.size()));
   try {
@@ -145,6 +172,8 @@ void find(const MachineParameters& machine, const TraceHooks& hooks, Found& foun
     hooks.tell("motion: done");
     hooks.checkpoint();
     found.voltage = trace_winding_voltage(found.at_rest, found.in_motion, machine);
+    found.voltage_fitted = voltage_of(logs, machine, false);
+    found.voltage_unseen = voltage_of(logs, machine, true);
     hooks.tell("voltage: done");
   } catch (const TraceStopped&) {
   }
@@ -168,7 +197,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
     if (!log.held_out) (at_rest ? found.at_rest : found.in_motion).push_back(&log);
   }
   const TraceHooks& hooks = settings.hooks;
-  find(facts.machine, hooks, found);
+  find(logs, facts.machine, hooks, found);
   Judge judge(logs, facts.machine, settings.horizon, hooks);
   if (!found.holding.cogging.empty()) judge.find_other_zeros(found);
   for (const PositionLog* log : judge.other_zero())
@@ -187,9 +216,10 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   add_voltage(found, facts, r);
   add_errors(found, judge, r);
   r.interrupted = hooks.stopped();
+  if (!r.interrupted) r.pictures = position_pictures(found, judge);
   if (r.interrupted) {
     if (r.effects.empty()) throw TraceStopped{};
-    r.verdict = r.ambiguous.empty() ? "traced" : "ambiguous";
+    r.verdict = "unexplained";  // the rows that judge were asked in part
     r.sentence =
         "Interrupted: more effects may be missing, and those found are tested only in part. So "
         "far: " +
@@ -207,8 +237,14 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
     r.not_identifiable.push_back(
         {"cogging",
          fmt::format("the sweep covers {:.2f} of a turn; a whole turn is needed", turns)});
-  for (const char* kind : {"saturation", "dead_time", "phase_asymmetry", "iron_loss"})
-    r.not_identifiable.push_back({kind, "phase currents and both voltages are not in the data"});
+  for (const std::string& kind : effect_kinds()) {
+    const auto needed = make_effect(kind)->tracing().signals_needed();
+    const bool of_voltage = std::any_of(needed.begin(), needed.end(), [](const std::string& name) {
+      return name.starts_with("u_") || name.starts_with("v_dc");
+    });
+    if (of_voltage && kind != "resistance")
+      r.not_identifiable.push_back({kind, "phase currents and both voltages are not in the data"});
+  }
   r.verdict = !r.effects.empty()     ? "traced"
               : !r.ambiguous.empty() ? "ambiguous"
                                      : "nothing_missing";

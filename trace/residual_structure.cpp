@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "model/effects/catalogue.hpp"
 #include "model/effects/materiality.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
+#include "trace/transfer.hpp"
 
 namespace twinrate {
 namespace {
@@ -36,109 +38,233 @@ bool moves(const std::vector<double>& x, const std::vector<double>& noisier) {
 
 struct Axis {
   const char* regressor;
-  std::function<double(const OperatingPoint&)> of;
-  bool periodic_turn = false;
+  double (*of)(const OperatingPoint&);
+};
+constexpr std::string_view kTime = "t";
+constexpr Axis kAxes[] = {
+    {"t", [](const OperatingPoint& p) { return p.t; }},
+    {"theta_m", [](const OperatingPoint& p) { return wrap_turn(p.theta_m); }},
+    {"i_d", [](const OperatingPoint& p) { return p.i_dq[0]; }},
+    {"i_q", [](const OperatingPoint& p) { return p.i_dq[1]; }},
+    {"omega_m", [](const OperatingPoint& p) { return p.omega_m; }},
+    {"direction", [](const OperatingPoint& p) { return p.omega_m > 0 ? 1.0 : -1.0; }},
 };
 
-// Means over bins of equal count; 0 share where noise would do it too. `size`: rms of the same
-// means of `physical`.
-double explained_share(const Eigen::VectorXd& e, const Eigen::VectorXd& physical,
-                       const std::vector<double>& x, double& size) {
-  const std::size_t n = x.size();
-  std::vector<double> edges = x;
-  std::sort(edges.begin(), edges.end());
-  std::vector<double> limits;
-  for (int b = 1; b < kBins; ++b) {
-    const double limit = edges[n * static_cast<std::size_t>(b) / kBins];
-    if (limits.empty() || limit > limits.back()) limits.push_back(limit);
+// Means over bins of equal count of the rows that do not judge, as a function of the axis.
+class BinMeans {
+ public:
+  BinMeans(const std::vector<double>& x, const std::vector<char>& judges) : x_(x), judges_(judges) {
+    std::vector<double> sorted;
+    for (std::size_t i = 0; i < x.size(); ++i)
+      if (!judges[i]) sorted.push_back(x[i]);
+    std::sort(sorted.begin(), sorted.end());
+    for (std::size_t b = 1; b < kBins && !sorted.empty(); ++b) {
+      const double limit = sorted[sorted.size() * b / kBins];
+      if (limits_.empty() || limit > limits_.back()) limits_.push_back(limit);
+    }
   }
-  if (limits.size() < 1) return 0;
-  std::vector<double> sum(limits.size() + 1, 0.0), count = sum, sum_physical = sum;
-  for (std::size_t i = 0; i < n; ++i) {
-    const auto b = static_cast<std::size_t>(std::upper_bound(limits.begin(), limits.end(), x[i]) -
-                                            limits.begin());
-    sum[b] += e[static_cast<Eigen::Index>(i)];
-    sum_physical[b] += physical[static_cast<Eigen::Index>(i)];
-    ++count[b];
+  std::size_t bins() const { return limits_.size() + 1; }
+
+  // The mean that belongs to each row.
+  Eigen::VectorXd of(const Eigen::VectorXd& y) const {
+    std::vector<double> sum(bins(), 0.0), count = sum;
+    std::vector<std::size_t> bin(x_.size());
+    for (std::size_t i = 0; i < x_.size(); ++i) {
+      bin[i] = static_cast<std::size_t>(std::upper_bound(limits_.begin(), limits_.end(), x_[i]) -
+                                        limits_.begin());
+      if (judges_[i]) continue;
+      sum[bin[i]] += y[static_cast<Eigen::Index>(i)];
+      ++count[bin[i]];
+    }
+    Eigen::VectorXd mean(y.size());
+    for (std::size_t i = 0; i < bin.size(); ++i)
+      mean[static_cast<Eigen::Index>(i)] = sum[bin[i]] / std::max(1.0, count[bin[i]]);
+    return mean;
   }
-  double explained = 0, power = 0;
-  for (std::size_t b = 0; b < sum.size(); ++b) {
-    if (count[b] == 0) continue;
-    explained += sum[b] * sum[b] / count[b];
-    power += sum_physical[b] * sum_physical[b] / count[b];
+
+ private:
+  const std::vector<double>& x_;
+  const std::vector<char>& judges_;
+  std::vector<double> limits_;
+};
+
+// What the means say of rows that judge, by pieces of them, eight a block. Each has as much of the
+// time and of what the means say, half and half: a structure that few rows show speaks there.
+Votes transfer_of(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
+                  const std::vector<char>& judges) {
+  constexpr double kPieces = 192;  // of a record
+  double n = 0, said = 1e-300;
+  for (std::size_t i = 0; i < judges.size(); ++i)
+    if (judges[i]) ++n, said += std::pow(mean[static_cast<Eigen::Index>(i)], 2);
+  const double pieces = std::ceil(kPieces * n / static_cast<double>(judges.size()));
+  Pieces without, with;
+  double so_far = 0;
+  for (std::size_t i = 0; i < judges.size(); ++i) {
+    if (!judges[i]) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    const std::pair<int, std::size_t> piece{0, static_cast<std::size_t>(pieces * so_far)};
+    so_far += 0.5 * (mean[k] * mean[k] / said + 1 / n);
+    without[piece] += y[k] * y[k];
+    with[piece] += (y[k] - mean[k]) * (y[k] - mean[k]);
   }
-  size = std::sqrt(power / static_cast<double>(n));
-  const double total = e.squaredNorm();
-  const double chi = explained / (total / static_cast<double>(n));
-  if (chi_square_tail(chi, static_cast<double>(sum.size())) > kChance) return 0;
-  return explained / total;
+  return votes_of(without, with, Criterion{}.silent);
+}
+
+// Share of the power of rows that judge, which the sensors' errors make themselves. They are in the
+// axis, too, and in what the drive does about them. The drawn ones are half of those there.
+double made_by_sensors(const Eigen::VectorXd& noise, const std::vector<double>& x,
+                       const std::vector<char>& judges) {
+  constexpr double kTimes = 2;
+  if (noise.size() != static_cast<Eigen::Index>(x.size())) return 0;
+  const Eigen::VectorXd mean = BinMeans(x, judges).of(noise);
+  return kTimes * std::max(0.0, transfer_of(noise, mean, judges).judgement.held_out_gain);
+}
+
+// Share of the power of the rows that do not judge, by the means; 0 where noise would make it.
+double share_by_chance(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
+                       const std::vector<char>& judges, std::size_t bins) {
+  double total = 0, explained = 0, n = 0;
+  for (std::size_t i = 0; i < judges.size(); ++i) {
+    if (judges[i]) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    total += y[k] * y[k];
+    explained += mean[k] * mean[k];
+    ++n;
+  }
+  if (!(total > 0)) return 0;
+  const double chi = explained / (total / n);
+  return chi_square_tail(chi, static_cast<double>(bins)) > kChance ? 0 : explained / total;
+}
+
+double root_mean_square(const Eigen::VectorXd& y) {
+  return y.norm() / std::sqrt(std::max(1.0, static_cast<double>(y.size())));
+}
+
+// Beyond chance, however many axes and channels are looked at.
+bool transfers(const Votes& votes) {
+  constexpr double kLooks = 3 * std::size(kAxes);  // in each channel
+  const Criterion criterion;
+  return votes.judgement.votes >= criterion.votes &&
+         votes.judgement.p_value < criterion.chance / kLooks;
+}
+
+// Those of the blocks that judge; where none do, every fourth of 24.
+std::vector<char> judging_outputs(const Runs& runs) {
+  if (std::count(runs.held_out.begin(), runs.held_out.end(), 1) > 0) return runs.held_out;
+  constexpr std::size_t kBlocks = 24, kEvery = 4;
+  std::vector<char> judges(runs.row.size());
+  for (std::size_t i = 0; i < judges.size(); ++i)
+    judges[i] = kBlocks * i / judges.size() % kEvery == kEvery - 1;
+  return judges;
+}
+
+// What is looked at for structure: one channel of the residual.
+struct Looked {
+  const char *equation, *channel, *what;
+  Eigen::VectorXd Sampled::*value;
+  Eigen::VectorXd Sampled::*noise;
+  double smallest;  // rms of the means, V or Nm
+};
+
+// The axis that explains most of a channel, on rows that judge; none beyond chance and the sensors:
+// share 0.
+class StructureSearch {
+ public:
+  StructureSearch(const Chain& chain, const Fit& fit, const Sampled& physical)
+      : chain_(chain), fit_(fit), physical_(physical) {
+    least_ = (has_shaft(fit.members) ? kLeastBesideShaft : kLeastShare) +
+             fit.doubt / std::max(1e-300, fit.raw_held_out);
+  }
+
+  Structure along_axes(const Looked& looked, const Runs& runs) const {
+    Structure best;
+    if ((fit_.y.*looked.value).size() < 50 * kBins) return best;
+    const std::vector<char> judges = judging_outputs(runs);
+    for (const Axis& axis : kAxes) {
+      const double share = share_along(axis, looked, runs, judges);
+      if (share <= best.share) continue;
+      best = {.regressor = axis.regressor,
+              .share = share,
+              .equation = looked.equation,
+              .channel = looked.channel};
+      best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", looked.what,
+                              axis.regressor, 100 * share);
+    }
+    return best;
+  }
+
+ private:
+  double share_along(const Axis& axis, const Looked& looked, const Runs& runs,
+                     const std::vector<char>& judges) const {
+    const Eigen::VectorXd& e = fit_.y.*looked.value;
+    std::vector<double> x, noisier;
+    for (std::size_t row : runs.row) {
+      x.push_back(axis.of(chain_.equations().points()[row]));
+      noisier.push_back(axis.of(chain_.answered().points()[row]));
+    }
+    if (!moves(x, noisier)) return 0;
+    const BinMeans means(x, judges);
+    if (root_mean_square(means.of(physical_.*looked.value)) < looked.smallest) return 0;
+    const Eigen::VectorXd mean = means.of(e);
+    const double fitted = share_by_chance(e, mean, judges, means.bins());
+    if (fitted < least_) return 0;
+    // Beside a claim any doubt is told: a wrong kind leaves a structure that few other rows share.
+    // Of a time no other rows are there that could judge.
+    if (!fit_.members.empty() || axis.regressor == kTime) return fitted;
+    const Votes votes = transfer_of(e, mean, judges);
+    const double share = votes.judgement.held_out_gain;
+    if (!transfers(votes) || share < least_) return 0;
+    return share < least_ + made_by_sensors(fit_.y.*looked.noise, noisier, judges) ? 0 : share;
+  }
+
+  const Chain& chain_;
+  const Fit& fit_;
+  const Sampled& physical_;
+  double least_;
+};
+
+// What acts now and then (impacts, a load that comes and goes) depends on none of the axes. The
+// noise is not less than the sensors make, which is more in some rows than in others.
+Structure bursts_of_torque(const Chain& chain, const Sampled& physical) {
+  const double rms = root_mean_square(physical.torque),
+               noise =
+                   std::max(chain.noise().torque.rms(), root_mean_square(physical.noise_torque));
+  if (rms <= kTimesNoise * noise) return {};
+  Structure s{.regressor = "t",
+              .share = 1 - noise * noise / (rms * rms),
+              .equation = "mechanical",
+              .channel = "torque",
+              .bursts = true};
+  s.text = fmt::format("the torque residual comes in bursts ({:.3g} Nm rms, noise {:.3g} Nm)", rms,
+                       noise);
+  return s;
 }
 
 }  // namespace
 
 std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) {
-  std::vector<Structure> found;
   const Chain& chain = fitter.chain();
-  const auto& points = chain.equations().points();
-  const Axis axes[] = {
-      {"t", [](const OperatingPoint& p) { return p.t; }},
-      {"theta_m", [](const OperatingPoint& p) { return wrap_turn(p.theta_m); }},
-      {"i_d", [](const OperatingPoint& p) { return p.i_dq[0]; }},
-      {"i_q", [](const OperatingPoint& p) { return p.i_dq[1]; }},
-      {"omega_m", [](const OperatingPoint& p) { return p.omega_m; }},
-      {"direction", [](const OperatingPoint& p) { return p.omega_m > 0 ? 1.0 : -1.0; }},
-  };
-  const Sampled physical = chain.residual(fit.effects());
-  const double least = (has_shaft(fit.members) ? kLeastBesideShaft : kLeastShare) +
-                       fit.doubt / std::max(1e-300, fit.raw_held_out);
-  const auto look = [&](const Eigen::VectorXd& e, const Eigen::VectorXd& e_physical,
-                        const Runs& runs, const char* equation, const char* what,
-                        const char* channel, double smallest) {
-    if (e.size() < 50 * kBins) return;
-    Structure best;
-    for (const Axis& axis : axes) {
-      std::vector<double> x, noisier;
-      for (std::size_t row : runs.row) {
-        x.push_back(axis.of(points[row]));
-        noisier.push_back(axis.of(chain.readings().points()[row]));
-      }
-      if (!moves(x, noisier)) continue;
-      double size = 0;
-      const double share = explained_share(e, e_physical, x, size);
-      if (share < least || share <= best.share || size < smallest) continue;
-      best = {
-          .regressor = axis.regressor, .share = share, .equation = equation, .channel = channel};
-      best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", what, axis.regressor,
-                              100 * share);
-    }
-    if (best.share > 0) found.push_back(best);
-  };
-  // What acts now and then (impacts, a load that comes and goes) depends on none of these.
-  const auto bursts_of_torque = [&] {
-    const Eigen::VectorXd& e = physical.torque;
-    const double rms = std::sqrt(e.squaredNorm() / std::max(1.0, static_cast<double>(e.size())));
-    const double noise = chain.noise().torque.rms();
-    if (rms <= kTimesNoise * noise) return;
-    found.push_back({.regressor = "t",
-                     .share = 1 - noise * noise / (rms * rms),
-                     .equation = "mechanical",
-                     .channel = "torque",
-                     .bursts = true});
-    found.back().text = fmt::format(
-        "the torque residual comes in bursts ({:.3g} Nm rms, noise {:.3g} Nm)", rms, noise);
-  };
   const DriveFacts& facts = chain.equations().facts();
+  const Sampled physical = chain.residual(fit.effects());
+  const StructureSearch search(chain, fit, physical);
+  std::vector<Structure> found;
+  const auto keep = [&](Structure s) {
+    if (s.share > 0) found.push_back(std::move(s));
+  };
   const double smallest_V = kSmallestVoltage * facts.v_dc;
-  if (fit.y.d.size()) {
-    const Runs& runs = chain.sampler().electrical();
-    look(fit.y.d, physical.d, runs, "electrical", "the residual of the d voltage", "d", smallest_V);
-    look(fit.y.q, physical.q, runs, "electrical", "the residual of the q voltage", "q", smallest_V);
-  }
-  look(fit.y.torque, physical.torque, chain.sampler().torque(), "mechanical",
-       "the residual of the torque", "torque", smallest_torque(facts, 6e-3));
-  if (std::none_of(fit.members.begin(), fit.members.end(),
-                   [](const auto& member) { return has_gap(*member); }))
-    bursts_of_torque();
+  const Runs& electrical = chain.sampler().electrical();
+  keep(search.along_axes({"electrical", "d", "the residual of the d voltage", &Sampled::d,
+                          &Sampled::noise_d, smallest_V},
+                         electrical));
+  keep(search.along_axes({"electrical", "q", "the residual of the q voltage", &Sampled::q,
+                          &Sampled::noise_q, smallest_V},
+                         electrical));
+  keep(search.along_axes({"mechanical", "torque", "the residual of the torque", &Sampled::torque,
+                          &Sampled::noise_torque, smallest_torque(facts, 6e-3)},
+                         chain.sampler().torque()));
+  const auto gap = [](const auto& member) { return has_gap(*member); };
+  if (std::none_of(fit.members.begin(), fit.members.end(), gap))
+    keep(bursts_of_torque(chain, physical));
   return found;
 }
 

@@ -76,6 +76,7 @@ class BlockLeastSquares {
   // Power that column j explains beside the others, and what is left of all.
   double gain(int j) const { return alone_[j] > 0 ? beta_[j] * beta_[j] / alone_[j] : 0; }
   double rest() const { return rest_; }
+  double column_power(int j) const { return scale_[j] * scale_[j]; }
   double power() const { return power_; }
   std::size_t count() const { return count_; }
 
@@ -192,7 +193,9 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
     out.psi_f = {psi, std::hypot(fit.sigma(2), fit.sigma(3))};
     out.zero_e = std::atan2(fit.beta(3), fit.beta(2));
   }
-  out.voltage_share = cells_power * (1 - fit.rest() / std::max(fit.power(), 1e-300)) / rows_power;
+  out.emf_share = fit.column_power(2) / std::max(fit.power(), 1e-300);
+  out.cell_share = 1 - fit.rest() / std::max(fit.power(), 1e-300);
+  out.voltage_share = cells_power * out.cell_share / rows_power;
 }
 
 // Rows of half a torque cell: its acceleration stands well above the steps of the angle.
@@ -223,8 +226,8 @@ void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& lo
   const MachineParameters& m = facts.machine;
   const std::size_t n = record.size(), h = torque_reach(record, log);
   if (n < 8 * h) return;
-  constexpr double kFits = 0.9, kSlowTurn = 0.5;  // the voltage's zero of the angle holds
-  const bool zero_known = out.voltage_share > kFits && out.mean_interval_e < kSlowTurn;
+  constexpr double kFits = 0.9, kTurn = 0.5;  // the voltage's zero of the angle holds
+  const bool zero_known = out.cell_share > kFits && out.mean_interval_e < kTurn;
   const double zero_e = zero_known ? out.zero_e : 0;
   std::vector<double> i_q(n);
   for (std::size_t k = 0; k < n; ++k) i_q[k] = park(log.i_dq(k), zero_e)[1];

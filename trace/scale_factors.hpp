@@ -27,10 +27,14 @@ struct ScaleRatio {
 };
 
 struct ScaleFactors {
-  ScaleRatio R_s, L, psi_f;    // of the voltage
-  ScaleRatio K_t_J, T_load;    // of the torque: K_t/J, and the load beside J
-  double zero_e = 0;           // rad, direction of psi
-  double voltage_share = 0;    // of the voltage's power that the fit explains
+  ScaleRatio R_s, L, psi_f;  // of the voltage
+  ScaleRatio K_t_J, T_load;  // of the torque: K_t/J, and the load beside J
+  double zero_e = 0;         // rad, direction of psi
+  double voltage_share = 0;  // of the voltage's power that the fit explains
+  // The same of the cells' means. What a loop makes of its sensors' noise is in the rows' power, not
+  // in the means: it says nothing of the frame.
+  double cell_share = 0;
+  double emf_share = 0;        // of the declared EMF, over that of the cells' voltage
   double torque_share = 0;     // of the torque's power that i_q explains beside the frictions
   double mean_interval_e = 0;  // rad, electrical, between rows (rms)
 };

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <set>
 #include <vector>
 
 namespace twinrate {
@@ -34,6 +35,18 @@ const char* verdict_of(const TraceResult& r) {
   return std::any_of(r.refused.begin(), r.refused.end(), [](const Refused& x) { return x.left; })
              ? "unexplained"
              : "nothing_missing";
+}
+
+std::string nothing_in_words(const TraceResult& r) {
+  std::set<std::string_view> shown;  // kinds; `identifiable` may hold sentences, too
+  for (const std::string& kind : r.identifiable)
+    if (kind.find(' ') == std::string::npos) shown.insert(kind);
+  if (shown.empty()) return "Of the effects that these data can show none is missing in the model";
+  return fmt::format(
+      "Of the {} kinds of effects that these data can show (listed as identifiable) none is "
+      "missing "
+      "in the model",
+      shown.size());
 }
 
 const Refused* refusal_to_tell(const TraceResult& r) {

@@ -7,7 +7,8 @@
 
 namespace twinrate {
 
-// unexplained   structure is left, or something that no effect passes for
+// unexplained   structure is left, or something that no effect passes for; or the trace was ended
+//               before the rows that judge were asked
 // traced        effects passed the gate
 // ambiguous     effects passed that have another name; or none did, and the data allow no statement
 // nothing_missing
@@ -15,6 +16,8 @@ const char* verdict_of(const TraceResult& r);
 // The refusal that counts most: of what is left, else the first that is no matter of size; null
 // where there is none.
 const Refused* refusal_to_tell(const TraceResult& r);
+// "Nothing missing", said of the kinds alone that the data would show.
+std::string nothing_in_words(const TraceResult& r);
 // What a headline begins with that is not `traced`; empty for that.
 std::string headline_begins(const TraceResult& r);
 

@@ -51,6 +51,7 @@ class Whitener {
   Whitener(const Eigen::VectorXd& innovations, const Runs& runs, AngleNoise angle, double rms);
 
   Eigen::VectorXd operator()(const Eigen::VectorXd& y, const Runs& runs) const;
+  bool none() const { return taps_.empty(); }
   double sigma() const { return sigma_.empty() ? 0 : sigma_.back(); }  // of the innovation
   double rms() const { return rms_; }                                  // of the noise itself
 

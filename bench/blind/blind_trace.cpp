@@ -5,6 +5,7 @@
 //               [--cache DIR] [--shard i/n] [--out FILE.json] [--verbose]
 //   blind_trace --merge FILE.json ...       the tables of several shards
 //   blind_trace --drawn [--set A|B|C] [--logs N] [--threads N] [--keep DIR]   drawn machines
+//   blind_trace --drawn --spoilt slips|hidden [--profile P] [--mode M] [--logs N]
 //
 // --out stores each result at once; a log with a result in the file is skipped.
 #include <fmt/format.h>
@@ -222,6 +223,11 @@ void add_drawn_options(CLI::App& app, bool& on_drawn, DrawnOptions& drawn) {
   app.add_flag("--drawn", on_drawn, "run drawn machines through the program twinrate");
   app.add_option("--set", drawn.set, "draw this set (with --drawn)")
       ->check(CLI::IsMember({"A", "B", "C"}));
+  app.add_option("--spoilt", drawn.spoilt,
+                 "spoil each log by a user's slip, or by an effect outside the catalogue")
+      ->check(CLI::IsMember({"slips", "hidden"}));
+  app.add_option("--profile", drawn.profile, "draw logs of this profile only (with --drawn)");
+  app.add_option("--mode", drawn.mode, "draw logs of this mode only (with --drawn)");
   app.add_option("--logs", drawn.logs, "draw this many logs (with --drawn)");
   app.add_option("--threads", drawn.threads, "trace this many logs at once (with --drawn)");
   app.add_option("--keep", drawn.keep,

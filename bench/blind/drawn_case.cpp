@@ -118,13 +118,17 @@ DrawnCase draw_case(std::uint64_t seed, int attempt) {
   return c;
 }
 
+double load_slew(const DrawnCase& c) {
+  return 20 * c.drawn.machine.T_rated;
+}
+
 std::string plant_toml(const DrawnCase& c) {
   std::string text = drive_toml(c.drawn, c.name, c.drawn.encoder_counts);
   const double omega_e = c.drawn.machine.n_p * c.speed_rad_s.at(0);
   text.erase(text.find("\n[reference]"));
   text += fmt::format("\n[reference]\nomega_e_rad_s = {:.10g}\n", omega_e);
   text += fmt::format("\n[load]\nT_load_Nm = {}\nslew_Nm_s = {:.6g}\n", profile_toml(c.load_Nm),
-                      20 * c.drawn.machine.T_rated);
+                      c.hidden.torque_Nm ? 1e6 : load_slew(c));
   text += fmt::format("\n[run]\nduration_s = {}\nsettle_s = 1\nseed = {}\n", c.duration_s,
                       c.seed % 1000000007);
   if (c.profile == "steady") text.insert(text.find("\n[machine]"), "start = \"flying\"\n");

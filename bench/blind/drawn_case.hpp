@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-#include "bench/blind/drawn_machine.hpp"
+#include "bench/blind/drawn_hidden.hpp"
 #include "model/profile.hpp"
 
 namespace twinrate::blind {
@@ -35,6 +35,7 @@ struct DrawnCase {
   std::vector<std::string> kinds;          // true effects
   std::vector<std::string> effect_tables;  // [[effect]], one of each
   std::string effects_toml;                // all of them
+  HiddenEffect hidden;                     // beside them, outside the catalogue
   double duration_s = 6;
 };
 
@@ -42,6 +43,8 @@ struct DrawnCase {
 // their smallest size worth reporting.
 // `attempt`: another one for the same seed.
 DrawnCase draw_case(std::uint64_t seed, int attempt = 0);
+// Nm/s, with which the declared load moves.
+double load_slew(const DrawnCase& which);
 // The drive file of the plant.
 std::string plant_toml(const DrawnCase& which);
 

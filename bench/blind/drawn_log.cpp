@@ -65,12 +65,16 @@ class DrawnControl {
   Vec2 i_dq_ = Vec2::Zero(), current_sum_ = Vec2::Zero();
 };
 
+HiddenPoint point_of(const Truth& truth, double t) {
+  return {.t = t, .theta_m = truth.theta_m, .omega_m = truth.omega_m, .i_dq = truth.i_dq};
+}
+
 // The readings of the angle and the bus that the plant does not spoil itself.
 class Readings {
  public:
   explicit Readings(const DrawnCase& c)
       : c_(c), repeats_(std::count(c.kinds.begin(), c.kinds.end(), "stale_samples") > 0) {}
-  void take(const Measurement& m, Tick& tick) {
+  void take(const Measurement& m, const Truth& truth, Tick& tick) {
     // Where a row is repeated so is its noise.
     const bool again = repeats_ && m.k > 0 && m.theta_m == before_.theta_m &&
                        m.v_dc == before_.v_dc && m.i_abc == before_.i_abc;
@@ -78,13 +82,21 @@ class Readings {
     if (!again) noise_ = {normal(c_.seed, 98, k), normal(c_.seed, 99, k)};
     before_ = m;
     const double angle_noise = c_.drawn.encoder_counts > 0 ? 0 : c_.drawn.angle_noise;
-    tick.theta_m = wrap_turn(m.theta_m + angle_noise * noise_[0]);
+    tick.theta_m = wrap_turn(angle_of(m, truth) + angle_noise * noise_[0]);
     tick.v_dc = m.v_dc + c_.drawn.v_dc_noise * noise_[1];
     tick.i_abc = m.i_abc;
+    if (c_.hidden.current_A)
+      for (double& i : tick.i_abc) i = c_.hidden.current_A(i);
     tick.there = m.signals & kPhaseCurrents;
   }
 
  private:
+  double angle_of(const Measurement& m, const Truth& truth) const {
+    if (!c_.hidden.angle_rad) return m.theta_m;
+    const double theta_m = truth.theta_m + c_.hidden.angle_rad(point_of(truth, 0));
+    const double step = c_.drawn.encoder_counts > 0 ? kTwoPi / c_.drawn.encoder_counts : 0;
+    return step > 0 ? std::floor(theta_m / step) * step : theta_m;
+  }
   const DrawnCase& c_;
   bool repeats_;
   Measurement before_;
@@ -134,6 +146,13 @@ std::vector<std::string> shown(const DrawnCase& c, double largest) {
   return kinds;
 }
 
+// In stator axes, `ahead` seconds later.
+Vec2 hidden_voltage(const DrawnCase& c, HiddenPoint p, double ahead) {
+  if (!c.hidden.voltage_V) return Vec2::Zero();
+  p.t += ahead, p.theta_m += ahead * p.omega_m;
+  return inverse_park(c.hidden.voltage_V(p), c.drawn.machine.n_p * p.theta_m);
+}
+
 }  // namespace
 
 std::vector<Tick> simulate(const DrawnCase& c) {
@@ -144,13 +163,15 @@ std::vector<Tick> simulate(const DrawnCase& c) {
   DrawnControl control(c);
   Readings readings(c);
   double T_load = drive.load.T_load_Nm.at(0);
+  Vec2 unseen = Vec2::Zero(), applied_unseen = unseen;
   std::size_t last = 0;  // tick with readings
   for (std::size_t k = 0; k < ticks.size(); ++k) {
     Tick& tick = ticks[k];
     tick.t = static_cast<double>(k) * drive.T_s();
     const Measurement m = plant.sample();
-    if (k > 0) ticks[k - 1].u_alphabeta = m.u_alphabeta;
-    readings.take(m, tick);
+    const HiddenPoint now = point_of(plant.truth(), tick.t);
+    if (k > 0) ticks[k - 1].u_alphabeta = m.u_alphabeta - applied_unseen;
+    readings.take(m, plant.truth(), tick);
     if (tick.there || k == 0) {
       control.read_angle(tick.theta_m, static_cast<int>(k - last));
       control.read_currents(tick.i_abc);
@@ -158,11 +179,15 @@ std::vector<Tick> simulate(const DrawnCase& c) {
     }
     const Vec2 u = control.step(tick.t);
     tick.omega_m = control.omega_m(), tick.omega_ref = control.omega_ref();
-    T_load = slew(T_load, drive.load.T_load_Nm.at(tick.t), drive.load.slew_Nm_s, drive.T_s());
+    T_load = slew(T_load, c.load_Nm.at(tick.t), load_slew(c), drive.T_s());
     tick.T_load = T_load, tick.i_d_ref = c.i_d_A.at(tick.t);
     Command command;
-    command.k = m.k, command.u_alphabeta_ref = u;
+    // The voltage acts one tick later, in whose middle the rotor has turned on.
+    applied_unseen = unseen;
+    unseen = hidden_voltage(c, now, 1.5 * drive.T_s());
+    command.k = m.k, command.u_alphabeta_ref = u + unseen;
     plant.take_command(command);
+    if (c.hidden.torque_Nm) plant.follow_load(Profile({{0, T_load + c.hidden.torque_Nm(now)}}));
     plant.advance();
   }
   ticks.pop_back();  // its voltage is not known

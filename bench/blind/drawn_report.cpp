@@ -105,6 +105,8 @@ std::string class_tables(const std::vector<DrawnRow>& rows) {
   text += "Logs that can show all their effects:\n\n";
   text += by_class(all_show, "true effects", effect_count);
   text += by_class(rows, "profile", [](const DrawnRow& r) { return r.profile; });
+  if (!rows.front().spoilt.empty())
+    text += by_class(rows, "spoilt by", [](const DrawnRow& r) { return r.spoilt; });
   text += by_class(rows, "mode, rate", rate_class);
   text += by_class(rows, "encoder", [](const DrawnRow& r) { return r.encoder; });
   text += by_class(rows, "counts declared", [](const DrawnRow& r) {
@@ -140,6 +142,7 @@ DrawnRow compare(const DrawnCase& c, const std::vector<std::string>& truth,
                .found = {},
                .verdict = trace.at("verdict"),
                .sentence = trace.at("sentence"),
+               .spoilt = "",
                .wrong = {},
                .missed = truth};
   match_effects(trace.at("effects"), row);
@@ -159,6 +162,7 @@ nlohmann::ordered_json to_json(const DrawnRow& r) {
           {"rate_Hz", r.rate_Hz},
           {"encoder", r.encoder},
           {"counts_declared", r.counts_declared},
+          {"spoilt", r.spoilt},
           {"truth", r.truth},
           {"visible", r.visible},
           {"found", r.found},

@@ -15,6 +15,7 @@ struct DrawnRow {
   std::vector<std::string> truth, visible;  // visible: those that the log can show
   std::vector<std::string> found;           // kinds, with their aliases
   std::string verdict, sentence;            // verdict "error": the program failed
+  std::string spoilt;                       // a slip or a hidden effect; "": as drawn
   std::vector<std::string> wrong;           // kinds named that are not in the truth
   std::vector<std::string> missed;          // true kinds not named
   bool exact = false;                       // the true kinds, up to alias groups, and nothing else

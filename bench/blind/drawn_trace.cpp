@@ -11,9 +11,11 @@
 #include <filesystem>
 #include <fstream>
 #include <mutex>
+#include <optional>
 #include <thread>
 
 #include "bench/blind/drawn_report.hpp"
+#include "bench/blind/drawn_slips.hpp"
 #include "bench/blind/drawn_visible.hpp"
 #include "core/config.hpp"
 
@@ -64,13 +66,48 @@ json truth_of(const DrawnCase& c, const DrawnLog& log) {
           {"effects_toml", c.effects_toml}};
 }
 
-// Draws the case of `seed`; another one where the loop does not hold the drive.
-std::pair<DrawnCase, DrawnLog> held_case(std::uint64_t seed) {
+// A log that is drawn: seed, and what spoils it.
+struct Drawn {
+  std::uint64_t seed;
+  int spoilt = -1;  // number of the slip or of the hidden effect
+};
+
+// A case that may be drawn: of the profile and mode asked for and, to be spoilt, without an effect.
+bool is_asked_for(const DrawnOptions& o, const DrawnCase& c) {
+  return (o.profile.empty() || c.profile == o.profile) && (o.mode.empty() || c.mode == o.mode) &&
+         (o.spoilt.empty() || c.kinds.empty());
+}
+
+// Draws the case; another one where the loop does not hold the drive.
+std::pair<DrawnCase, DrawnLog> held_case(const DrawnOptions& o, const Drawn& drawn) {
   for (int attempt = 0;; ++attempt) {
-    DrawnCase c = draw_case(seed, attempt);
+    DrawnCase c = draw_case(drawn.seed, attempt);
+    if (!is_asked_for(o, c)) continue;
+    if (o.spoilt == "hidden") {
+      Draw d(drawn.seed + 77);
+      c.hidden = draw_hidden(drawn.spoilt, d, c.drawn);
+    }
+    if (!o.spoilt.empty()) c.name += fmt::format("-{}", drawn.spoilt);
     DrawnLog log = make_log(c);
     if (!log.ran_away || attempt == 50) return {std::move(c), std::move(log)};
   }
+}
+
+// What the drive file declares, and what is right to be named.
+struct Declared {
+  DrawnMachine machine;
+  std::string spoilt;  // what spoils the log, in words; "not in this log"
+  std::vector<std::string> same;
+};
+
+Declared declare(const DrawnOptions& o, const Drawn& drawn, const DrawnCase& c, DrawnLog& log) {
+  Declared declared{.machine = c.drawn, .spoilt = c.hidden.name, .same = c.hidden.parts};
+  if (o.spoilt != "slips") return declared;
+  const Slip& slip = slips()[static_cast<std::size_t>(drawn.spoilt)];
+  const bool made = slip.make(declared.machine, log);
+  declared.spoilt = made ? slip.name : "";
+  declared.same = slip.same;
+  return declared;
 }
 
 struct Ran {
@@ -94,9 +131,9 @@ Ran run(const std::string& command) {
 
 // Writes the files of a log and traces them; the trace goes into BASE.trace.
 void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase& c,
-                 const DrawnLog& log, const json& truth) {
+                 const DrawnMachine& declared, const DrawnLog& log, const json& truth) {
   const int counts = c.drawn.counts_declared ? c.drawn.encoder_counts : 0;
-  write(base + ".toml", drive_toml(c.drawn, c.name, counts));
+  write(base + ".toml", drive_toml(declared, c.name, counts));
   write(base + ".plant.toml", plant_toml(c));
   write(base + ".truth.json", truth.dump(1) + "\n");
   if (o.traced && fs::exists(base + ".trace/trace.json")) return;
@@ -106,7 +143,8 @@ void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase
       fmt::format("'{}' trace '{}.toml' --data '{}.csv.gz' --out '{}.trace' > '{}.txt' 2>&1",
                   o.tracer, base, base, base, base);
   const auto [status, cpu_s] = run(command);
-  if (status != 0) fs::remove(base + ".trace/trace.json");
+  const bool inconsistent = WIFEXITED(status) && WEXITSTATUS(status) == 2;  // has a result, too
+  if (status != 0 && !inconsistent) fs::remove(base + ".trace/trace.json");
   write(base + ".cpu_s", fmt::format("{:.3f}\n", cpu_s));
   fs::remove(base + ".trace/report.html");
 }
@@ -119,14 +157,22 @@ nlohmann::json result_of(const std::string& base) {
           {"unexplained", {{"where", json::array()}}}};
 }
 
-DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uint64_t seed) {
-  const auto [c, log] = held_case(seed);
+std::optional<DrawnRow> trace_one(const DrawnOptions& o, const std::string& directory,
+                                  const Drawn& drawn) {
+  auto [c, log] = held_case(o, drawn);
+  const Declared declared = declare(o, drawn, c, log);
+  if (o.spoilt == "slips" && declared.spoilt.empty()) return std::nullopt;  // not in this log
   const std::vector<std::string> visible = visible_kinds(c, log.truth);
   const std::string base = directory + "/" + c.name;
   json truth = truth_of(c, log);
   truth["visible"] = visible;
-  trace_files(o, base, c, log, truth);
+  truth["spoilt"] = declared.spoilt;
+  trace_files(o, base, c, declared.machine, log, truth);
   DrawnRow row = compare(c, log.truth, visible, result_of(base));
+  row.spoilt = declared.spoilt;
+  std::erase_if(row.wrong, [&](const std::string& kind) {
+    return std::count(declared.same.begin(), declared.same.end(), kind) > 0;
+  });
   if (const std::string cpu_s = first_line(base + ".cpu_s"); !cpu_s.empty())
     row.seconds = std::stod(cpu_s);
   if (row.verdict == "error") row.exact = row.right = false;
@@ -137,41 +183,71 @@ DrawnRow trace_one(const DrawnOptions& o, const std::string& directory, std::uin
 }
 
 void print(const DrawnRow& r) {
+  if (!r.spoilt.empty()) {
+    fmt::print("{:<5} {} {} {} {:.0f} Hz {} | {} | {} | found: {}\n      {}\n",
+               r.false_claim()   ? "FALSE"
+               : r.wrong.empty() ? "ok"
+                                 : "wrong",
+               r.name, r.profile, r.mode, r.rate_Hz, r.encoder, r.spoilt, r.verdict,
+               fmt::join(r.found, " + "), r.sentence);
+    return;
+  }
   const char* mark = r.false_claim() ? "FALSE" : !r.wrong.empty() ? "wrong" : r.right ? "ok" : "-";
   fmt::print("{:<5} {} {} {} {:.0f} Hz {} | {} | true: {} | shows: {} | found: {}{}\n", mark,
              r.name, r.profile, r.mode, r.rate_Hz, r.encoder, r.verdict, fmt::join(r.truth, " + "),
              fmt::join(r.visible, " + "), fmt::join(r.found, " + "),
              r.flawed_sentence ? " | FALLS UPWARDS" : "");
-  std::fflush(stdout);
 }
 
-// Rows in the order of the seeds.
-std::vector<DrawnRow> trace_all(const DrawnOptions& o, const std::string& directory) {
-  std::vector<std::uint64_t> seeds;
+std::vector<Drawn> draws_of(const DrawnOptions& o) {
+  std::vector<Drawn> draws;
+  const int kinds = o.spoilt == "slips"    ? static_cast<int>(slips().size())
+                    : o.spoilt == "hidden" ? hidden_count()
+                                           : 1;
   for (int j = 0; j < o.logs; ++j) {
-    const std::uint64_t seed = o.first_seed + static_cast<std::uint64_t>(j);
-    if (fmt::format("drawn{}", seed).find(o.only) != std::string::npos) seeds.push_back(seed);
+    const auto step = static_cast<std::uint64_t>(o.spoilt == "slips" ? j / kinds : j);
+    Drawn drawn{.seed = o.first_seed + step};
+    if (!o.spoilt.empty()) drawn = {2 * (o.first_seed + step), j % kinds};  // even: no effect
+    const bool of_set = o.spoilt.empty();
+    const std::string name =
+        fmt::format("drawn{}", drawn.seed) + (of_set ? "" : fmt::format("-{}", drawn.spoilt));
+    const bool any = o.profile.empty() && o.mode.empty();
+    if (name.find(o.only) == std::string::npos) continue;
+    if (!of_set || any || is_asked_for(o, draw_case(drawn.seed))) draws.push_back(drawn);
   }
-  std::vector<DrawnRow> rows(seeds.size());
+  return draws;
+}
+
+// Rows in the order of the draws.
+std::vector<DrawnRow> trace_all(const DrawnOptions& o, const std::string& directory) {
+  const std::vector<Drawn> draws = draws_of(o);
+  std::vector<std::optional<DrawnRow>> rows(draws.size());
   std::atomic<std::size_t> next = 0;
   std::mutex printing;
   const auto work = [&] {
-    for (std::size_t j = next++; j < seeds.size(); j = next++) {
+    for (std::size_t j = next++; j < draws.size(); j = next++) {
       try {
-        rows[j] = trace_one(o, directory, seeds[j]);
+        rows[j] = trace_one(o, directory, draws[j]);
       } catch (const std::exception& error) {
-        rows[j].name = fmt::format("drawn{}", seeds[j]);
-        rows[j].verdict = "error", rows[j].sentence = error.what();
+        DrawnRow& row = rows[j].emplace();
+        row.name = fmt::format("drawn{}", draws[j].seed);
+        row.spoilt = o.spoilt;
+        row.verdict = "error", row.sentence = error.what();
       }
+      if (!rows[j]) continue;
       const std::lock_guard lock(printing);
-      print(rows[j]);
+      print(*rows[j]);
+      std::fflush(stdout);
     }
   };
   std::vector<std::jthread> threads;
   for (int j = 1; j < o.threads; ++j) threads.emplace_back(work);
   work();
   threads.clear();
-  return rows;
+  std::vector<DrawnRow> traced;
+  for (auto& row : rows)
+    if (row) traced.push_back(std::move(*row));
+  return traced;
 }
 
 }  // namespace

@@ -1,4 +1,9 @@
 // The blind test on drawn machines: draws logs, runs `twinrate trace` on each and compares.
+//
+// `spoilt`, of logs with no effect of the catalogue:
+//   slips    a user's slip each (bench/blind/drawn_slips.hpp), all of them on each machine
+//   hidden   an effect outside the catalogue each (bench/blind/drawn_hidden.hpp), a machine each
+// A kind named under `traced` is false then, but for one that says the same, or a part of it.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -10,11 +15,13 @@ struct DrawnOptions {
   std::uint64_t first_seed = 1;
   int logs = 0;  // 0: those of the set
   int threads = 1;
-  std::string only;     // text of the name
-  std::string keep;     // directory for drive files, logs and truths; "": they are removed
-  bool traced = false;  // take the traces that `keep` holds
-  std::string out;      // JSON
-  std::string tracer;   // the program twinrate
+  std::string only;           // text of the name
+  std::string spoilt;         // slips, hidden; "": logs as drawn
+  std::string profile, mode;  // only cases of these; "": any
+  std::string keep;           // directory for drive files, logs and truths; "": they are removed
+  bool traced = false;        // take the traces that `keep` holds
+  std::string out;            // JSON
+  std::string tracer;         // the program twinrate
 };
 
 int run_drawn(const DrawnOptions& options);

@@ -6,6 +6,7 @@
 
 #include <functional>
 
+#include "model/random.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/tracer.hpp"
 
@@ -62,6 +63,21 @@ std::ostream& operator<<(std::ostream& out, const Mistake& mistake) {
   return out << mistake.name;
 }
 
+// Phase currents beside the voltages in the rotor's axes.
+RawLog with_rotor_voltages(RawLog raw) {
+  const RawLog d_q = in_rotor_axes(raw);
+  raw.u_alpha = raw.u_beta = {}, raw.u_d = d_q.u_d, raw.u_q = d_q.u_q;
+  return raw;
+}
+
+// What a loop with a coarse encoder makes of its speed: most of the rows' power.
+void make_loud(RawLog& raw) {
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    raw.u_alpha[k] += 10 * normal(5, 1, k);
+    raw.u_beta[k] += 10 * normal(5, 2, k);
+  }
+}
+
 class Units : public testing::TestWithParam<Mistake> {};
 
 TEST_P(Units, AreToldByQuantityAndFactor) {
@@ -92,8 +108,7 @@ INSTANTIATE_TEST_SUITE_P(
                 [](RawLog& r) { scale(r, {&RawLog::theta_m}, 1 / kDegree); }, true},
         Mistake{"degrees_beside_phase_currents", "theta_m", "degrees",
                 [](RawLog& r) {
-                  const RawLog d_q = in_rotor_axes(r);
-                  r.u_alpha = r.u_beta = {}, r.u_d = d_q.u_d, r.u_q = d_q.u_q;
+                  r = with_rotor_voltages(r);
                   for (double& x : r.theta_m) x = std::fmod(x + 20 * kTwoPi, kTwoPi) / kDegree;
                 }},
         Mistake{"electrical_angle", "theta_m", "electrical angle",
@@ -102,6 +117,21 @@ INSTANTIATE_TEST_SUITE_P(
                 [](RawLog& r) { scale(r, {&RawLog::theta_m}, -1); }},
         Mistake{"reversed_angle_in_rotor_axes", "theta_m", "reversed",
                 [](RawLog& r) { scale(r, {&RawLog::theta_m}, -1); }, true},
+        Mistake{"rms_currents_of_a_loud_voltage", "i", "rms",
+                [](RawLog& r) { make_loud(r), scale(r, kCurrents, std::sqrt(0.5)); }},
+        Mistake{"swapped_current_sensors_of_a_loud_voltage", "i", "i_a and i_b swapped",
+                [](RawLog& r) { make_loud(r), std::swap(r.i_a, r.i_b); }},
+        Mistake{"load_half", "T_load", "scale",
+                [](RawLog& r) { scale(r, {&RawLog::T_load}, 0.5); }},
+        Mistake{"angle_turned_of_the_currents", "theta_m", "90 degrees",
+                [](RawLog& r) {
+                  r = with_rotor_voltages(r);
+                  for (double& x : r.theta_m) x += kTwoPi / 4 / servo().machine.n_p;
+                }},
+        Mistake{"angle_turned", "theta_m", "another zero",
+                [](RawLog& r) {
+                  for (double& x : r.theta_m) x += kTwoPi / 5 / servo().machine.n_p;
+                }},
         Mistake{"milliseconds", "t", "milliseconds",
                 [](RawLog& r) { scale(r, {&RawLog::t}, 1e3); }},
         Mistake{"microseconds", "t", "microseconds",
@@ -120,6 +150,21 @@ TEST(Units, OfTheTorqueConstantAreToldByTheirFactor) {
     EXPECT_EQ(found.front().quantity, "psi_f") << factor;
     EXPECT_NE(found.front().hint.find(hint), std::string::npos) << found.front().hint;
   }
+}
+
+TEST(Units, OfPolePairsAreToldByTheFrame) {
+  const auto expect_told = [](const RawLog& raw, int n_p, const char* hint) {
+    DriveConfig drive = servo();
+    drive.machine.n_p = n_p;
+    const auto found = found_in(raw, drive);
+    ASSERT_FALSE(found.empty()) << n_p;
+    EXPECT_EQ(found.front().quantity, "n_p") << found.front().found << found.front().hint;
+    EXPECT_NE(found.front().hint.find(hint), std::string::npos) << found.front().hint;
+  };
+  const int n_p = servo().machine.n_p;
+  expect_told(plain_log(), 2 * n_p, "poles");
+  expect_told(with_rotor_voltages(plain_log()), 2 * n_p, "poles");
+  expect_told(plain_log(), n_p + 1, "miscounted");
 }
 
 TEST(Units, OfAngleAndCurrentAloneAreToldByTheTorque) {

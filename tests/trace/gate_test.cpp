@@ -159,6 +159,7 @@ TEST(SignedRank, OfVotesAgainstTables) {
   // n = 10, sum of positive ranks 45 or more: 0.0420 (one-sided; Wilcoxon 1945).
   EXPECT_NEAR(signed_rank_tail({-10, 1, 2, 3, 4, 5, 6, 7, 8, 9}), 0.0420, 0.0005 + 0.0005);
   std::vector<double> many;
+  many.reserve(150);
   for (int k = 0; k < 150; ++k) many.push_back(k % 2 ? 1.0 + k : -1.0 - k);
   EXPECT_NEAR(signed_rank_tail(many), 0.5, 0.15);
 }

@@ -83,6 +83,26 @@ TEST(Health, ADriveThatIsOffRepeatsNoRow) {
   EXPECT_NEAR(stale_share(raw), 0.0095, 5e-4);
 }
 
+// A slow log of a rotor that turns back and forth: two rows at equal distances from a turning point
+// have the same count, and a current that rises by half a step of its converter often repeats, too.
+TEST(Health, AtATurningPointRowsRepeatByThemselves) {
+  constexpr double kT = 5e-3, kAccel = 400, kHalf = 0.186, kCount = kTwoPi / 1024;
+  RawLog raw;
+  raw.path = "turning";
+  for (std::size_t k = 0; k < 4000; ++k) {
+    const double t = kT * static_cast<double>(k), of_half = std::fmod(t, kHalf),
+                 direction = std::fmod(t, 2 * kHalf) < kHalf ? 1 : -1;
+    const double way = kAccel * of_half * (of_half - kHalf) / 2;
+    raw.t.push_back(t);
+    raw.theta_m.push_back(kCount * std::floor(direction * way / kCount));
+    raw.i_q.push_back(0.1 * direction * std::floor(std::fmod(0.55 * static_cast<double>(k), 40)));
+  }
+  EXPECT_EQ(stale_share(raw), 0);
+  for (std::size_t k = 100; k < raw.size(); k += 100)
+    for (std::vector<double>* column : {&raw.i_q, &raw.theta_m}) (*column)[k] = (*column)[k - 1];
+  EXPECT_NEAR(stale_share(raw), 0.008, 1.5e-3);
+}
+
 TEST(Health, RowsThatRepeatWhileItTurnsAndLongStretchesAnywhereAreStale) {
   const auto freeze = [](RawLog raw, std::size_t every, std::size_t count) {
     for (std::size_t k = every; k + count < raw.t.size(); k += every)

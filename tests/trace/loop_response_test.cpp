@@ -201,5 +201,42 @@ TEST(LoopResponse, SetsAShaftRingingTruly) {
   EXPECT_GT(x.answer_torque.norm(), 0.3 * x.torque.norm());
 }
 
+// No row that fits makes an output, but rows that judge do.
+TEST(Rest, IsNotLookedAtInAChannelWithoutANoiseModel) {
+  const NoisyEquations e(noisy_drive(kGain, 30, 0.1));
+  Chain chain(e.equations, e.answered, e.readings, e.sampler);
+  NoiseModel noise = NoiseFit()(chain, chain.residual({}), {});
+  noise.q = Whitener();
+  chain.set_noise(std::move(noise));
+  const Sampled y = chain.whitened(chain.residual({}));
+  EXPECT_GT(y.d.size(), 0);
+  EXPECT_EQ(y.q.size() + y.noise_q.size() + y.answer_q.size(), 0);
+  const Rows rows(e.sampler, false), held_out(e.sampler, true);
+  const Fitter fitter(chain, rows, held_out);
+  for (const Structure& s : residual_structure(fitter, fitter.start({}))) EXPECT_NE(s.channel, "q");
+}
+
+// A resistance that only the fitted rows have predicts none of those that judge.
+TEST(Rest, OfFittedRowsAloneIsNoStructure) {
+  constexpr double kSwing = 0.1, kUnknown = 9;  // A, ohm
+  for (const bool everywhere : {true, false}) {
+    Record r = noisy_drive(kGain, 0, kSwing);
+    const std::vector<char> judges = held_out_rows(r, 0.25, winding().n_p);
+    for (std::size_t k = 0; k < r.size(); ++k)
+      if (everywhere || !judges[k]) r.u_alphabeta[k] += kUnknown * r.i_alphabeta[k];
+    const NoisyEquations e(std::move(r));
+    Chain chain(e.equations, e.answered, e.readings, e.sampler);
+    const auto all = test::effect_of("resistance", {{"change_Ohm", kUnknown}}, e.facts);
+    chain.set_noise(NoiseFit()(chain, chain.residual({all}), {}));
+    const Rows rows(e.sampler, false), held_out(e.sampler, true);
+    const Fitter fitter(chain, rows, held_out);
+    // Over time no other rows are there that could judge: told in either case.
+    int over_others = 0;  // in the voltage that the resistance changes
+    for (const Structure& s : residual_structure(fitter, fitter.start({})))
+      over_others += s.channel == "d" && s.regressor != "t";
+    EXPECT_EQ(over_others > 0, everywhere);
+  }
+}
+
 }  // namespace
 }  // namespace twinrate

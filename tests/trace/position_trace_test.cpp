@@ -1,6 +1,7 @@
 // Logs of angle and current from an independent motor model, without code of the product's plant.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -257,6 +258,45 @@ TEST(Positions, PredictARunThatWasNotFitted) {
   EXPECT_TRUE(file.held_out);
   EXPECT_NEAR(file.before, r.mechanical->before.held_out, 1e-9);
   EXPECT_NEAR(file.after, r.mechanical->after.held_out, 1e-9);
+}
+
+// R_s is 0.03 Ohm below the declared one, in all rows and then not in those that judge.
+TEST(Positions, AResistanceIsClaimedWhereTheRowsThatJudgeHaveIt) {
+  const Truth truth;
+  std::vector<PositionLog> logs = hold_out({sweep(truth)}, 0.25, machine());
+  const DriveFacts drive{.machine = machine(), .v_dc = 24};
+  const auto resistance = [](const TraceResult& r) {
+    const auto it = std::find_if(r.effects.begin(), r.effects.end(), [](const TracedEffect& e) {
+      return e.effect->kind() == "resistance";
+    });
+    return it == r.effects.end() ? 0.0 : get_key(*it->effect, "change_Ohm");
+  };
+  EXPECT_NEAR(resistance(trace_positions(logs, drive)), -0.03, 0.005);
+
+  for (std::size_t k = 0; k < logs[0].size(); ++k)
+    if (logs[0].judges[k]) logs[0].u_q[k] += (machine().R_s - truth.R) * logs[0].i_q[k];
+  const TraceResult refused = trace_positions(logs, drive);
+  EXPECT_EQ(resistance(refused), 0);
+  EXPECT_TRUE(std::any_of(refused.refused.begin(), refused.refused.end(), [](const Refused& claim) {
+    return claim.kind == "resistance" && claim.rule == "transfer";
+  }));
+}
+
+// Order 72 is in the picture before and gone after.
+TEST(Positions, ThePicturesShowWhatTheModelTakesAway) {
+  const Truth truth;
+  const TraceResult r = trace_positions(hold_out({sweep(truth)}, 0.25, machine()),
+                                        {.machine = machine(), .v_dc = 24});
+  ASSERT_EQ(r.pictures.size(), 2u);
+  const TracePicture &rows = r.pictures[0], &orders = r.pictures[1];
+  EXPECT_TRUE(std::is_sorted(rows.x.begin(), rows.x.end()));
+  EXPECT_NEAR(static_cast<double>(std::count(rows.held_out.begin(), rows.held_out.end(), 1)),
+              0.25 * static_cast<double>(rows.x.size()), 0.05 * static_cast<double>(rows.x.size()));
+  ASSERT_GE(orders.x.size(), 72u);
+  EXPECT_EQ(orders.x[71], 72);
+  EXPECT_NEAR(orders.before[71], truth.A_72 / 0.0275, 0.03 * truth.A_72 / 0.0275);
+  EXPECT_LT(orders.after[71], 0.05 * orders.before[71]);
+  EXPECT_LT(orders.after[17], 0.2 * orders.before[17]);
 }
 
 // If a moving run shows no slow filter of the current, a lag at rest is no filter of the log.
