@@ -54,10 +54,11 @@ Json summary_of(const TraceResult& r) {
     return rows;
   }
   rows.push_back({"fitted to", fmt::format("{}", fmt::join(r.sources, ", "))});
+  const bool of_a_set =
+      r.horizon_s == 0 && !r.pictures.empty() && r.pictures.front().heading.empty();
   rows.push_back({"hold-out", r.held_out_sources.empty()
-                                  ? std::string(r.pictures.empty() || r.horizon_s > 0
-                                                    ? "blocks of the same record"
-                                                    : "points of the same set")
+                                  ? std::string(of_a_set ? "points of the same set"
+                                                         : "blocks of the same record")
                                   : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
   if (r.horizon_s > 0)
     rows.push_back({"compared every", fmt::format("{:.3g} ms", 1e3 * r.horizon_s)});

@@ -11,7 +11,8 @@
 namespace twinrate::report {
 namespace {
 
-constexpr int kOrders = 60, kAngleBins = 240, kBins = 48;
+constexpr int kOrders = 60;  // shown at least, where the rows resolve them
+constexpr int kAngleBins = 240, kBins = 48;
 constexpr std::size_t kTimePoints = 5000;
 constexpr double kMiddle = 0.99;
 
@@ -56,15 +57,30 @@ Figure over_angle(const TraceSeries& s, const std::string& channel) {
   return figure;
 }
 
-Figure over_orders(const TraceSeries& s, const std::string& channel) {
-  const std::vector<double> before = order_amplitudes(s.theta_m, s.before, kOrders);
+// Some above the highest order that was found.
+int orders_to_show(const TraceResult& r) {
+  constexpr double kBeyond = 1.2;
+  double highest = 0;
+  const auto look = [&](const std::vector<TracedEffect>& effects) {
+    for (const TracedEffect& e : effects)
+      for (const TracedParameter& p : e.parameters)
+        if (p.name == "order") highest = std::max(highest, p.value);
+  };
+  look(r.effects);
+  look(r.stop_gaps);
+  return std::max(kOrders, static_cast<int>(std::ceil(kBeyond * highest)));
+}
+
+Figure over_orders(const TraceSeries& s, const std::string& channel, int orders) {
+  std::vector<double> before = order_amplitudes(s.theta_m, s.before, orders);
+  if (before.empty()) before = order_amplitudes(s.theta_m, s.before, orders = kOrders);
   Figure figure{.title = "Orders of the angle",
                 .x_label = "order (periods a turn)",
                 .y_label = fmt::format("amplitude ({})", words_of(channel).unit)};
   if (before.empty()) return figure;
   figure.bars = true;
-  for (int N = 1; N <= kOrders; ++N) figure.x.push_back(N);
-  add_both(figure, before, order_amplitudes(s.theta_m, s.after, kOrders));
+  for (int N = 1; N <= orders; ++N) figure.x.push_back(N);
+  add_both(figure, before, order_amplitudes(s.theta_m, s.after, orders));
   return figure;
 }
 
@@ -161,12 +177,12 @@ std::vector<Json> residual_sections(const TraceResult& result) {
     if (s.t.empty()) continue;
     const ChannelWords words = words_of(channel);
     const std::string change = s.before == s.after ? "" : ", before and after";
-    sections.push_back(
-        {{"heading", fmt::format("Residual of the {}{}", words.name, change)},
-         {"note", fall(s, words.unit)},
-         {"columns", 2},
-         {"figures", figures_of({over_time(s, channel), over_angle(s, channel),
-                                 over_orders(s, channel), over_frequency(s, channel)})}});
+    sections.push_back({{"heading", fmt::format("Residual of the {}{}", words.name, change)},
+                        {"note", fall(s, words.unit)},
+                        {"columns", 2},
+                        {"figures", figures_of({over_time(s, channel), over_angle(s, channel),
+                                                over_orders(s, channel, orders_to_show(result)),
+                                                over_frequency(s, channel)})}});
   }
   return sections;
 }
