@@ -52,6 +52,8 @@ int run_export(ExportOptions o) {
   ExportRequest& r = o.request;
   if (r.format != "csv" && r.format != "mat" && r.format != "mcap")
     throw BadInput(fmt::format("--format {}: csv, mat or mcap allowed", r.format));
+  if (r.compression != "zstd" && r.compression != "lz4" && r.compression != "none")
+    throw BadInput(fmt::format("--compression {}: zstd, lz4 or none allowed", r.compression));
   if (!std::filesystem::exists(r.log)) throw BadInput(fmt::format("{}: no such log", r.log));
   if (r.from_s > r.to_s)
     throw BadInput(fmt::format("--from {:g} --to {:g}: from comes before to", r.from_s, r.to_s));
@@ -91,6 +93,7 @@ void add_export_verb(CLI::App& app, int& exit_code) {
       "as columns; mat, mcap: write these instead of all");
   verb->add_option("--resample", r.rate_Hz, "resample all channels to this rate, Hz")
       ->check(CLI::Range(1e-3, 1e7));
+  verb->add_option("--compression", r.compression, "pack an mcap: zstd (default), lz4 or none");
   verb->add_flag("--repair", o->repair, "export what is whole of a damaged log");
   verb->add_flag("--force", o->force, "replace the file of --out");
   verb->add_flag("--json", o->json, "print progress and result as JSON lines");

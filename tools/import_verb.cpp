@@ -1,14 +1,19 @@
-// twinrate import FILE --map MAP.toml --out LOG: converts a measured CSV to an LCM log.
+// twinrate import FILE --map MAP.toml --out LOG: converts a measured CSV or MATLAB file to an LCM log.
+// twinrate import FILE --guess --out MAP.toml: writes a map from the header of the file.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
 #include "core/output_file.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
+#include "import/exported_log.hpp"
+#include "import/guess.hpp"
 #include "import/import_log.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
@@ -19,9 +24,9 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct ImportOptions {
-  std::string file, map, out, drive;
+  std::string file, map, out, drive, from;
   std::vector<std::string> overrides;
-  bool repair = false, json = false, force = false;
+  bool repair = false, json = false, force = false, guess = false;
 };
 
 std::string tick_text(const Json& s) {
@@ -75,9 +80,76 @@ void expect_other_file(const std::string& out, const std::string& input) {
     throw BadInput(fmt::format("{}: is an input; --out takes another name", out));
 }
 
+Json json_of(const ImportOptions& o, const Guess& guess) {
+  Json columns = Json::array();
+  for (const GuessedColumn& c : guess.columns) {
+    Json json = {{"column", c.number}, {"name", c.name}};
+    if (c.canonical.empty())
+      json["not_understood"] = c.reason;
+    else
+      json.update({{"is", c.canonical},
+                   {"scale", c.scale},
+                   {"offset", c.offset},
+                   {"unit_from", c.unit_from}});
+    columns.push_back(json);
+  }
+  return {{"out", o.out}, {"tool", guess.tool}, {"columns", columns}, {"notes", guess.notes}};
+}
+
+void print_guess(const ImportOptions& o, const Guess& guess) {
+  fmt::print("{}: a map of {}{}\n", o.out, o.file,
+             guess.tool.empty() ? "" : fmt::format(", a log of {}", guess.tool));
+  for (const GuessedColumn& c : guess.columns)
+    if (!c.canonical.empty())
+      fmt::print("  {:<12} from {}{}: {}\n", c.canonical, c.name,
+                 c.scale == 1 ? "" : fmt::format(" times {:.6g}", c.scale), c.unit_from);
+  for (const GuessedColumn& c : guess.columns)
+    if (c.canonical.empty()) fmt::print("  not understood: {}: {}\n", c.name, c.reason);
+  for (const std::string& note : guess.notes) fmt::print("  note: {}\n", note);
+}
+
+void guess(const ImportOptions& o) {
+  expect_other_file(o.out, o.file);
+  expect_free(o.out, o.force);
+  if (!o.map.empty()) throw BadInput("--guess writes a map; --map is not allowed with it");
+  GuessRequest request{.file = o.file, .tool = o.from};
+  std::string preset;
+  if (!o.drive.empty()) {
+    request.n_p = load_drive(o.drive, o.overrides).drive().machine.n_p;
+    const auto presets = preset_names();
+    if (std::find(presets.begin(), presets.end(), o.drive) != presets.end()) preset = o.drive;
+  }
+  const Guess guess = guess_map(request);
+  PartFile part(o.out);
+  if (!(std::ofstream(part.part_path()) << map_toml(guess, preset) << std::flush)) part.fail();
+  part.finish();
+  if (o.json)
+    std::cout << json_of(o, guess).dump() << "\n";
+  else
+    print_guess(o, guess);
+}
+
+void import_export(const ImportOptions& o) {
+  if (!o.drive.empty() || !o.overrides.empty())
+    throw BadInput(
+        fmt::format("{}: a log with its drive file; --drive and --set are not allowed", o.file));
+  expect_free(o.out, o.force);
+  PercentLine line(o.json ? PercentLine::Form::kNone : PercentLine::Form::kTerminal);
+  const auto counts =
+      import_exported_log(o.file, o.out, [&](double share) { line.show("reading", share); });
+  line.clear();
+  if (o.json) {
+    std::cout << Json{{"file", o.file}, {"out", o.out}, {"messages", counts}}.dump() << "\n";
+    return;
+  }
+  fmt::print("{}: the log that {} was exported from\n", o.out, o.file);
+  for (const auto& [name, count] : counts) fmt::print("  {:<12} {:>9} messages\n", name, count);
+}
+
 void import(const ImportOptions& o) {
   catch_stop_signals();
   expect_other_file(o.out, o.file);
+  if (o.map.empty() && is_exported_log(o.file)) return import_export(o);
   if (!o.map.empty()) expect_other_file(o.out, o.map);
   expect_free(o.out, o.force);
   const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
@@ -97,11 +169,18 @@ void import(const ImportOptions& o) {
 
 void add_import_verb(CLI::App& app, int& exit_code) {
   auto options = std::make_shared<ImportOptions>();
-  auto* verb = app.add_subcommand("import", "Convert a measured CSV into an LCM log");
-  verb->add_option("file", options->file, "read this CSV file, plain or gzipped")->required();
+  auto* verb = app.add_subcommand("import", "Convert a measured file into an LCM log");
+  verb->add_option("file", options->file, "read this CSV (plain or gzipped), .mat or .mcap file")
+      ->required();
   verb->add_option("--map", options->map,
                    "read the columns through this map (default: the header has canonical names)");
-  verb->add_option("--out", options->out, "write this log")->required();
+  verb->add_option("--out", options->out, "write this log; with --guess, this map")->required();
+  verb->add_flag("--guess", options->guess,
+                 "write a map from the header, and show what is understood and what is not");
+  verb->add_option("--from", options->from,
+                   "take the columns as this tool writes them: vesc, odrive, moteus, simplefoc or "
+                   "matlab (default: told from the header)")
+      ->needs("--guess");
   verb->add_option("--drive", options->drive,
                    "use this drive file or preset instead of the one of the map");
   verb->add_option("--set", options->overrides,
@@ -113,7 +192,7 @@ void add_import_verb(CLI::App& app, int& exit_code) {
   verb->add_flag("--json", options->json, "print the result as one line of JSON");
   verb->callback([options, &exit_code] {
     try {
-      import(*options);
+      options->guess ? guess(*options) : import(*options);
     } catch (const Stopped&) {  // a partial log is not written
       fmt::print(stderr, "twinrate: import stopped, nothing written\n");
       exit_code = 1;

@@ -1,6 +1,10 @@
 // twinrate launch: the process set over LCM, from start to report.
 #include <fmt/format.h>
 
+#include <filesystem>
+#include <sstream>
+
+#include "bridge/link.hpp"
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "loop/load_drive.hpp"
@@ -15,9 +19,75 @@ namespace {
 struct LaunchOptions {
   std::string drive, run_dir, duration, url, channel_suffix;
   std::string pace = "lockstep";
-  std::vector<std::string> overrides;
-  bool json = false, monitor = false, force = false;
+  std::vector<std::string> overrides, without, own;
+  bool json = false, monitor = false, force = false, scope = false, print_pmd = false;
+  int scope_port = 8080;
 };
+
+// The processes of a lock-step set for libbot's procman, which then starts and stops them.
+void print_pmd(const LaunchOptions& o, const std::vector<std::string>& overrides) {
+  const bool is_file = std::filesystem::exists(o.drive);
+  std::string options =
+      "--config " + (is_file ? std::filesystem::absolute(o.drive).string() : o.drive);
+  for (const std::string& override : overrides) options += " --set " + override;
+  if (!o.url.empty()) options += " --lcm-url " + o.url;
+  if (!o.channel_suffix.empty()) options += " --channel-suffix " + o.channel_suffix;
+  const std::string out = std::filesystem::absolute(o.run_dir.empty() ? "run" : o.run_dir).string();
+  fmt::print("group \"twinrate\" {{\n");
+  for (const std::string role : {"logger", "gain", "estimator", "controller", "plant"})
+    fmt::print(
+        "    cmd \"{0}\" {{\n        exec = \"twinrate-{0} {1}{2}\";\n"
+        "        host = \"localhost\";\n    }}\n",
+        role, options, role == "logger" ? " --out " + out : "");
+  fmt::print("}}\n");
+}
+
+std::set<Role> roles_of(const std::vector<std::string>& names) {
+  constexpr Role kReplaceable[] = {Role::kPlant, Role::kEstimator, Role::kGain, Role::kController,
+                                   Role::kReference};
+  std::set<Role> roles;
+  for (const std::string& name : names)
+    for (const Role role : kReplaceable)
+      if (name == role_name(static_cast<int>(role))) roles.insert(role);
+  return roles;
+}
+
+// ROLE[,ROLE]=COMMAND; the words of the command are parted by spaces.
+std::vector<OwnProgram> own_programs(const std::vector<std::string>& texts) {
+  const auto split = [](const std::string& text, char at) {
+    std::vector<std::string> words;
+    std::istringstream in(text);
+    for (std::string word; std::getline(in, word, at);)
+      if (!word.empty()) words.push_back(word);
+    return words;
+  };
+  std::vector<OwnProgram> list;
+  for (const std::string& text : texts) {
+    const auto equals = text.find('=');
+    OwnProgram own;
+    const std::vector<std::string> names = split(text.substr(0, equals), ',');
+    const std::set<Role> roles = roles_of(names);
+    if (equals != std::string::npos) own.command = split(text.substr(equals + 1), ' ');
+    if (names.empty() || roles.size() != names.size() || own.command.empty())
+      throw BadInput(
+          fmt::format("--own {}: ROLE=COMMAND allowed, ROLE one or more of plant, "
+                      "estimator, gain, controller, reference, parted by commas",
+                      text));
+    own.roles.assign(roles.begin(), roles.end());
+    list.push_back(std::move(own));
+  }
+  return list;
+}
+
+// The page is a process of its own: whatever happens to it, the drive goes on.
+void start_scope(const LaunchOptions& o, const std::string& directory, ProcessSet& set) {
+  std::vector<std::string> arguments = {"scope", "--port", std::to_string(o.scope_port), "--config",
+                                        directory + "/config.toml"};
+  if (!o.url.empty()) arguments.insert(arguments.end(), {"--lcm-url", o.url});
+  if (!o.channel_suffix.empty())
+    arguments.insert(arguments.end(), {"--channel-suffix", o.channel_suffix});
+  set.start(Role::kSupervisor, "twinrate", arguments);
+}
 
 void need_multicast() {
   if (multicast_route_exists("239.255.76.67")) return;
@@ -27,11 +97,30 @@ void need_multicast() {
   fmt::print(stderr, "twinrate: {}\n", done);
 }
 
+// bridge.emulate without a port: a free UDP port of this machine.
+Config load_with_port(const std::string& drive, std::vector<std::string> overrides) {
+  Config config = load_drive(drive, overrides);
+  const BridgeParameters bridge = config.read<BridgeParameters>();
+  if (config.drive().plant.kind != PlantKind::kBridge || !bridge.emulate) return config;
+  if (!bridge.port.empty() && !bridge.port.starts_with("udp://"))
+    throw BadInput(config.where("bridge.port") +
+                   ": bridge.port: udp://HOST:PORT allowed with bridge.emulate = true");
+  if (!bridge.port.empty()) return config;
+  overrides.push_back(fmt::format("bridge.port=\"udp://127.0.0.1:{}\"", free_udp_port()));
+  return load_drive(drive, overrides);
+}
+
 int launch(const LaunchOptions& o) {
   std::vector<std::string> overrides = o.overrides;
-  if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+  if (o.duration == kEndless)
+    overrides.push_back(fmt::format("run.duration_s={}", kEndless_s));
+  else if (!o.duration.empty())
+    overrides.push_back("run.duration_s=" + seconds_text(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
-  Config config = load_drive(o.drive, overrides);
+  const std::set<Role> without = roles_of(o.without);
+  own_programs(o.own);  // refused before anything is made
+  if (without.count(Role::kReference)) overrides.push_back("reference.from_bus=true");
+  Config config = load_with_port(o.drive, overrides);
   for (const std::string& warning : check_runnable(config))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
@@ -41,35 +130,61 @@ int launch(const LaunchOptions& o) {
                     config.where("plant.delay_samples")));
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
+  if (o.print_pmd) {
+    print_pmd(o, overrides);
+    return 0;
+  }
   need_multicast();
   const auto result = make_run_directory(o.run_dir, config, o.force);
   const std::string& directory = result->path();
   catch_stop_signals();
+  ProcessSet page;
+  if (o.scope) start_scope(o, directory, page);
   Supervisor supervisor(config.drive(), {.directory = directory,
                                          .url = o.url,
                                          .channel_suffix = o.channel_suffix,
                                          .pace = pace,
+                                         .wall = o.pace == "wall",
                                          .json = o.json,
                                          .monitor = config.read<MonitorParameters>().enabled,
+                                         .without = without,
+                                         .own = own_programs(o.own),
                                          .bus = config.read<BusParameters>(),
+                                         .bridge = config.read<BridgeParameters>(),
                                          .on_log_loss = config.read<LoggerParameters>().on_loss});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   const int code = conclude_run(directory, config, facts);
   result->finish();
+  page.stop({Role::kSupervisor}, 3);
   return code;
 }
 
 }  // namespace
+
+int launch_bridge(const BridgeLaunch& b) {
+  LaunchOptions o;
+  o.drive = b.drive;
+  o.run_dir = b.run_dir;
+  o.duration = b.duration;
+  o.pace = b.pace;
+  o.overrides = b.overrides;
+  o.force = b.force;
+  return launch(o);
+}
 
 void add_launch_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<LaunchOptions>();
   CLI::App* verb =
       app.add_subcommand("launch", "Start, supervise and stop the process set of a drive over LCM");
   verb->add_option("DRIVE", o->drive, "run this drive file or preset")->required();
-  verb->add_option("--duration", o->duration, "set the drive time, e.g. 2s or 500ms");
-  verb->add_option("--pace", o->pace, "choose the pace: lockstep or realtime")
-      ->check(CLI::IsMember({"lockstep", "realtime"}));
+  verb->add_option("--duration", o->duration,
+                   "set the drive time, e.g. 2s or 500ms; inf: until Ctrl-C");
+  verb->add_option("--pace", o->pace,
+                   "choose the pace: lockstep, wall (lock-step that does not run ahead of the wall "
+                   "clock) or "
+                   "realtime")
+      ->check(CLI::IsMember({"lockstep", "wall", "realtime"}));
   verb->add_option("--run-dir", o->run_dir,
                    "write the run into this directory (default runs/NAME-DATE)");
   verb->add_option("--set", o->overrides,
@@ -77,8 +192,22 @@ void add_launch_verb(CLI::App& app, int& exit_code) {
       ->allow_extra_args(false);
   verb->add_option("--lcm-url", o->url, "use this LCM URL");
   verb->add_option("--channel-suffix", o->channel_suffix, "append this text to every channel name");
+  verb->add_option("--without", o->without,
+                   "do not start this process, wait for yours: plant, estimator, gain, controller "
+                   "or reference; repeat for more")
+      ->check(CLI::IsMember({"plant", "estimator", "gain", "controller", "reference"}))
+      ->allow_extra_args(false);
+  verb->add_option("--own", o->own,
+                   "start this command in the place of a process, with its options: "
+                   "ROLE[,ROLE]=COMMAND; repeat for more")
+      ->allow_extra_args(false);
   verb->add_flag("--monitor", o->monitor,
                  "start twinrate-monitor with the set (as monitor.enabled = true)");
+  verb->add_flag("--scope", o->scope, "show the drive on a page, as twinrate scope does");
+  verb->add_option("--scope-port", o->scope_port, "serve it on this port (default 8080; 0: any)")
+      ->check(CLI::Range(0, 65535));
+  verb->add_flag("--print-pmd", o->print_pmd,
+                 "print the processes as a file of libbot's procman, and start none");
   verb->add_flag("--force", o->force, "replace the run that the directory holds");
   verb->add_flag("--json", o->json, "print progress as JSON lines");
   verb->callback([o, &exit_code] { exit_code = launch(*o); });

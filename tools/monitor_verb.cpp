@@ -9,6 +9,8 @@
 #include <map>
 #include <set>
 
+#include "core/authority.hpp"
+#include "core/message_tag.hpp"
 #include "core/process.hpp"
 #include "core/seconds_since.hpp"
 #include "tools/verb.hpp"
@@ -19,12 +21,13 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 struct MonitorOptions {
-  std::string file, url, channel_suffix;
+  std::string file, url, channel_suffix, run_dir;
   std::int64_t tick = 0;
   bool remove = false;
 };
 
 constexpr double kTimeout_s = 3, kRepeat_s = 0.1;
+constexpr double kStart_s = 5;  // a set that is starting answers once all its processes are there
 
 request_t request_of(const MonitorOptions& o) {
   request_t request{};
@@ -56,13 +59,37 @@ std::string with_file_name(const std::string& refusal, const std::string& file) 
   return refusal.starts_with(source) ? file + refusal.substr(source.size() - 1) : refusal;
 }
 
+// Others take part in the choice of the tick.
+bool has_model(int role) {
+  return role == static_cast<int>(Role::kEstimator) || role == static_cast<int>(Role::kGain) ||
+         role == static_cast<int>(Role::kController);
+}
+
+// A launched set asks for its token: of the given run directory, or of the set that runs below runs/.
+std::string token_file(const MonitorOptions& o) {
+  if (!o.run_dir.empty()) return o.run_dir + "/" + kTokenFile;
+  try {
+    const RunningSet set = find_running_set("");
+    const bool same = (o.url.empty() || o.url == set.url) && o.channel_suffix == set.channel_suffix;
+    return same ? set.directory + "/" + kTokenFile : "";
+  } catch (const BadInput&) {  // processes that were started by hand need none
+    return "";
+  }
+}
+
 int change(const MonitorOptions& o) {
   const request_t request = request_of(o);
-  Bus bus({.url = o.url, .channel_suffix = o.channel_suffix, .role = Role::kSupervisor});
+  Bus bus({.url = o.url,
+           .channel_suffix = o.channel_suffix,
+           .role = Role::kSupervisor,
+           .token_file = token_file(o)});
   std::set<int> answered;
   std::map<std::string, std::string> refused_by;  // refusal -> process
   bus.subscribe<reply_t>([&](const reply_t& reply) {
-    if (reply.seq != request.seq || !answered.insert(reply.role).second) return;
+    if (reply.seq != request.seq) return;
+    const bool agreed = reply.accepted != 0 && reply.applied_seq < 0;  // the tick comes later
+    if (!o.file.empty() && (agreed || !has_model(reply.role))) return;
+    if (!answered.insert(reply.role).second) return;
     if (reply.accepted == 0) {
       std::string& roles = refused_by[with_file_name(reply.text, o.file)];
       roles += (roles.empty() ? "" : ", ") + std::string(role_name(reply.role));
@@ -77,12 +104,14 @@ int change(const MonitorOptions& o) {
   }
   const std::size_t wanted = o.file.empty() ? 1 : 3;
   const auto begun = Clock::now();
-  while (answered.size() < wanted && seconds_since(begun) < kTimeout_s) {
+  while (answered.size() < wanted && seconds_since(begun) < kStart_s) {
     bus.publish(request);  // a process that has it repeats its answer
     const auto sent = Clock::now();
     while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
   }
-  if (answered.empty()) fmt::print(stderr, "twinrate: no process answered\n");
+  if (answered.empty())
+    fmt::print(stderr, "twinrate: no process answered{}\n",
+               o.run_dir.empty() ? "; a launched set asks for its token: give its --run-dir" : "");
   for (const auto& [why, roles] : refused_by)
     fmt::print(stderr, "twinrate: {} (refused by {})\n", why, roles);
   if (!refused_by.empty()) return o.file.empty() ? 1 : 2;
@@ -103,6 +132,8 @@ void add_monitor_verb(CLI::App& app, int& exit_code) {
     file->check(CLI::ExistingFile)->required(remove);
     sub->add_option("--tick", o->tick, "the tick from which on FILE holds (default: the next one)");
     sub->add_option("--lcm-url", o->url, "use this LCM URL");
+    sub->add_option("--run-dir", o->run_dir,
+                    "the directory of the running launch: its token authorises the request");
     sub->add_option("--channel-suffix", o->channel_suffix,
                     "append this text to every channel name");
     sub->callback([o, &exit_code] { exit_code = change(*o); });

@@ -14,6 +14,7 @@
 #include "core/reason.hpp"
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
+#include "core/steering.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/replay.hpp"
 #include "tools/verb.hpp"
@@ -100,12 +101,14 @@ int replay(const ReplayOptions& o) {
     throw BadInput(fmt::format("{}: no DRIVE_MANIFEST in this log; play it with --speed", o.log));
   Config config = Config::parse(log.config_toml, o.log + " (DRIVE_MANIFEST)");
   read_all_tables(config);
+  const std::string drive_file =
+      steering_in(log).empty() ? log.config_toml : steered_drive_file(log);
   const BusParameters parameters = config.read<BusParameters>();
   std::unique_ptr<OwnEstimator> own;
   const std::int64_t session = new_session_id();
   if (!estimator_on_bus(o.bus)) {
     fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
-    own = std::make_unique<OwnEstimator>(log.config_toml, o.bus, session);
+    own = std::make_unique<OwnEstimator>(drive_file, o.bus, session);
   }
   return print(replay_lockstep(log, parameters, o.bus, session), parameters,
                incomplete(log, config.drive()));

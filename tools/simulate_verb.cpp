@@ -1,5 +1,7 @@
 // twinrate simulate: runs the loop in one process; the log equals that of `launch --pace lockstep`,
 // bit for bit.
+#include "tools/simulate_verb.hpp"
+
 #include <fmt/format.h>
 
 #include <chrono>
@@ -10,41 +12,36 @@
 #include "loop/runnable.hpp"
 #include "run/progress.hpp"
 #include "run/run_result.hpp"
-#include "run/simulated_run.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
-namespace {
 
-struct SimulateOptions {
-  std::string drive, run_dir;
-  std::vector<std::string> overrides;
-  std::string duration;
-  bool json = false, monitor = false, force = false;
-};
-
-int simulate(const SimulateOptions& o) {
+int simulate(const SimulateOptions& o, const MakeFilter& make) {
   std::vector<std::string> overrides = o.overrides;
+  if (o.duration == kEndless)
+    throw BadInput("--duration inf: allowed with twinrate launch; simulate needs an end, e.g. 2s");
   if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
+  if (config.drive().plant.kind == PlantKind::kBridge)
+    throw BadInput(fmt::format("{}: plant.kind: simulated allowed with simulate, found bridge",
+                               config.where("plant.kind")));
   for (const std::string& warning : check_runnable(config))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const auto result = make_run_directory(o.run_dir, config, o.force);
   const std::string& directory = result->path();
-  catch_stop_signals();
+  if (!o.quiet) catch_stop_signals();
   const auto begun = std::chrono::steady_clock::now();
   RunFacts facts;
   facts.how = "simulate, one process";
-  facts.ended = run_simulated(config, directory, o.json);
+  facts.ended = run_simulated(config, directory, o.json, make);
   facts.wall_s = seconds_since(begun);
+  facts.quiet = o.quiet;
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   const int code = conclude_run(directory, config, facts);
   result->finish();
   return code;
 }
-
-}  // namespace
 
 void add_simulate_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<SimulateOptions>();

@@ -142,8 +142,11 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
   cost->add_option("--gains-a-turn", *a_turn,
                    "set the gain updates per electrical turn that the policy needs (default 7)");
   cost->callback([=] {
-    const auto counts = read_counts(data_directory() + "/bench/results/instructions.json");
-    fmt::print("{}", cost_table(*halves, counts, *f_s_Hz, *f_b_Hz, *a_turn));
+    const std::string results = data_directory() + "/bench/results/";
+    const auto host = read_counts(results + "instructions.json");
+    const auto cortex = read_cortex_counts(results + "cortex_m3.json");
+    fmt::print("{}", cost_table(*halves, cortex ? cortex : host, *f_s_Hz, *f_b_Hz, *a_turn));
+    if (cortex && host) fmt::print("{}", propagated_table(*host, *f_s_Hz));
   });
   merge_verb->callback([=] { merge(*directories, *out, *json, *force); });
 }

@@ -6,20 +6,39 @@
 
 namespace twinrate {
 
+void add_bridge_verb(CLI::App& app, int& exit_code);
 void add_launch_verb(CLI::App& app, int& exit_code);
 void add_machine_verb(CLI::App& app, int& exit_code);
+void add_figures_verb(CLI::App& app, int& exit_code);
 void add_monitor_verb(CLI::App& app, int& exit_code);
+void add_new_verb(CLI::App& app, int& exit_code);
+void add_pages_verb(CLI::App& app, int& exit_code);
 void add_simulate_verb(CLI::App& app, int& exit_code);
+void add_spy_verb(CLI::App& app, int& exit_code);
 void add_check_verb(CLI::App& app, int& exit_code);
 void add_replay_verb(CLI::App& app, int& exit_code);
+void add_identify_verb(CLI::App& app, int& exit_code);
 void add_import_verb(CLI::App& app, int& exit_code);
 void add_export_verb(CLI::App& app, int& exit_code);
 void add_doctor_verb(CLI::App& app, int& exit_code);
+void add_set_verb(CLI::App& app, int& exit_code);
 void add_watch_verb(CLI::App& app, int& exit_code);
 void add_report_verb(CLI::App& app, int& exit_code);
+void add_response_verb(CLI::App& app, int& exit_code);
 void add_design_verb(CLI::App& app, int& exit_code);
 void add_effects_verb(CLI::App& app, int& exit_code);
+void add_scope_verb(CLI::App& app, int& exit_code);
+void add_stream_verb(CLI::App& app, int& exit_code);
 void add_sweep_verb(CLI::App& app, int& exit_code);
 void add_trace_verb(CLI::App& app, int& exit_code);
+void add_tune_verb(CLI::App& app, int& exit_code);
+
+// launch with a real drive as the plant; returns its exit code.
+struct BridgeLaunch {
+  std::string drive, run_dir, duration, pace;
+  std::vector<std::string> overrides;
+  bool force = false;
+};
+int launch_bridge(const BridgeLaunch& launch);
 
 }  // namespace twinrate

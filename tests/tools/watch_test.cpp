@@ -1,8 +1,8 @@
 // Statistics of a channel from headers alone: gaps, repeats, rates and latencies.
 #include <gtest/gtest.h>
 
+#include "core/watched_channel.hpp"
 #include "tools/watch/key_values.hpp"
-#include "tools/watch/watched_channel.hpp"
 
 namespace twinrate {
 namespace {
@@ -51,6 +51,39 @@ TEST(WatchedChannelTest, AGainEveryNthTickIsNoGap) {
   WatchedChannel account(Channel::kGain);
   for (const int seq : {0, 5, 10, 25, 30}) take(account, seq, seq);
   EXPECT_EQ(account.gaps(), 2);
+}
+
+// GAIN as on the wire; `ahead`: ticks to its first use.
+void take_gain(WatchedChannel& account, std::int64_t seq, std::int64_t ahead) {
+  gain_t gain{};
+  gain.seq = seq;
+  gain.first_use_seq = seq + ahead;
+  const auto bytes = encoded(gain);
+  account.take({.seq = seq, .t_ns = 200'000 * seq, .session = 7}, bytes.data(), bytes.size(), seq,
+               TickTimes{});
+}
+
+TEST(WatchedChannelTest, AGainEveryTickUntilTheFilterAgreesIsNoGapAfterwards) {
+  WatchedChannel account(Channel::kGain);
+  for (int seq = 0; seq < 10; ++seq) take_gain(account, seq, 1);
+  for (int seq = 10; seq < 100; seq += 5) take_gain(account, seq, 5);
+  EXPECT_EQ(account.gaps(), 0);
+  take_gain(account, 105, 5);  // 100 is missing
+  EXPECT_EQ(account.gaps(), 1);
+  for (const int seq : {107, 108, 109}) take_gain(account, seq, 1);  // n was changed at 107
+  for (const int seq : {112, 115, 121}) take_gain(account, seq, 3);  // 118 is missing
+  EXPECT_EQ(account.gaps(), 2);
+  account.pause();  // policy scheduled
+  take_gain(account, 500, 3);
+  EXPECT_EQ(account.gaps(), 2);
+}
+
+TEST(WatchedChannelTest, WithPolicyImmediateANewRateIsNoGap) {
+  WatchedChannel account(Channel::kGain);
+  for (const int seq : {0, 1, 2, 3, 4, 5, 10, 15, 20}) take_gain(account, seq, 1);
+  EXPECT_EQ(account.gaps(), 0);
+  for (const int seq : {30, 35}) take_gain(account, seq, 1);
+  EXPECT_EQ(account.gaps(), 1);
 }
 
 TEST(WatchedChannelTest, LatencyRunsFromTheMeasurementThatCausedIt) {

@@ -9,6 +9,7 @@
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "core/reason.hpp"
+#include "model/signals.hpp"
 #include "tools/doctor/checks.hpp"
 
 namespace twinrate {
@@ -21,6 +22,11 @@ std::string with_receive_buffer(const std::string& url) {
   if (!url.starts_with("udpm://") || url.find("recv_buf_size") != std::string::npos) return url;
   return url + (url.find('?') == std::string::npos ? "?" : "&") +
          fmt::format("recv_buf_size={}", kWantedReceiveBuffer);
+}
+
+// An estimate of policy scheduled: no gain of a background (gain_seq -1).
+bool runs_on_the_table(const std::uint8_t* bytes, std::size_t size) {
+  return (estimate_status(bytes, size) & kScheduledGain) != 0;
 }
 
 const std::string& need_route(const std::string& url) {
@@ -76,6 +82,8 @@ void Watcher::take(Channel channel, const lcm::ReceiveBuffer& buffer) {
   if (channel == Channel::kMeasurement) tick_times_.note(header->seq, buffer.recv_utime);
   channels_[static_cast<std::size_t>(channel)].take(*header, bytes, buffer.data_size,
                                                     buffer.recv_utime, tick_times_);
+  if (channel == Channel::kEstimate && runs_on_the_table(bytes, buffer.data_size))
+    channels_[static_cast<std::size_t>(Channel::kGain)].pause();
   if (channel == Channel::kEvent) keep_event(bytes, static_cast<int>(buffer.data_size));
   if (channel == Channel::kStatus) keep_status(bytes, static_cast<int>(buffer.data_size));
 }
@@ -113,7 +121,7 @@ void Watcher::keep_event(const std::uint8_t* bytes, int size) {
 
 void Watcher::keep_status(const std::uint8_t* bytes, int size) {
   status_t status{};
-  if (status.decode(bytes, 0, size) < 0)
+  if (!decode(status, bytes, static_cast<std::size_t>(size)))
     ++undecodable_;
   else
     processes_[status.role] = status;

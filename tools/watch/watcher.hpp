@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/watch/watched_channel.hpp"
+#include "core/watched_channel.hpp"
 
 namespace twinrate {
 

@@ -1,0 +1,111 @@
+// twinrate identify DRIVE.toml --out DIR: an unknown motor to a drive file.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "core/output_file.hpp"
+#include "core/process.hpp"
+#include "core/result_directory.hpp"
+#include "identify/identify.hpp"
+#include "identify/simulated_rig.hpp"
+#include "loop/load_drive.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+struct IdentifyOptions {
+  std::string drive, out, on = "simulated", sheet;
+  std::vector<std::string> overrides;
+  double current = 0, speed_rpm = 0;
+  Wiring wiring;
+  bool force = false, json = false;
+};
+
+IdentifyLimits limits(const IdentifyOptions& o, const DriveConfig& sheet) {
+  IdentifyLimits l = limits_of(sheet);
+  if (o.current > 0) l.i_max = o.current;
+  if (o.speed_rpm > 0) l.omega_m_max = o.speed_rpm * kTwoPi / 60;
+  return l;
+}
+
+IdentifyHooks hooks(const IdentifyOptions& o) {
+  IdentifyHooks h;
+  const bool draws = !o.json && isatty(STDERR_FILENO) != 0;
+  h.progress = [json = o.json, draws](const std::string& what, double share) {
+    if (json)
+      std::cout << nlohmann::json{{"progress", what}, {"share", share}}.dump() << std::endl;
+    else if (draws)
+      fmt::print(stderr, "\r\033[K{} {:.0f} %", what, 100 * share);
+  };
+  h.stop = stop_signalled;
+  return h;
+}
+
+int run(const IdentifyOptions& o) {
+  const Config drive = load_drive(o.drive, o.overrides);
+  if (o.on == "bridge")
+    throw BadInput(o.drive +
+                   ": --on bridge: not available: identify does not command a real drive; "
+                   "simulated allowed");
+  const Config sheet = load_drive(o.sheet.empty() ? o.drive : o.sheet);
+  ResultDirectory directory(o.out, ResultKind::kIdentify, o.force);
+  catch_stop_signals();
+  SimulatedRig rig(drive, o.wiring);
+  Identified found;
+  try {
+    found = identify(rig, limits(o, sheet.drive()), hooks(o));
+  } catch (const RunFailed& failed) {
+    std::cerr << (isatty(STDERR_FILENO) != 0 ? "\r\033[K" : "") << o.drive << ": " << failed.what()
+              << "\n";
+    return 1;
+  }
+  if (!o.json && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
+  const auto rows = compare(found, sheet.drive().machine);
+  const std::string title =
+      fmt::format("{}: identified on the simulated plant, compared with {}\n", drive.drive().name,
+                  o.sheet.empty() ? "the [machine] table of the same file" : o.sheet);
+  const std::string text = title + identified_text(found, rows);
+  directory.begin();
+  write_new(o.out + "/identified.toml", identified_toml(sheet, found));
+  write_new(o.out + "/identify.json", identified_json(found, rows));
+  write_new(o.out + "/identify.txt", text);
+  directory.finish();
+  if (o.json)
+    std::cout << nlohmann::json{{"out", o.out}}.dump() << "\n";
+  else
+    fmt::print("{}written to {}: identified.toml, identify.json, identify.txt\n", text, o.out);
+  return 0;
+}
+
+}  // namespace
+
+void add_identify_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<IdentifyOptions>();
+  CLI::App* verb =
+      app.add_subcommand("identify", "Identify an unknown motor: experiments to a drive file");
+  verb->add_option("DRIVE", o->drive, "read this drive file or preset")->required();
+  verb->add_option("--out", o->out, "write identified.toml, identify.json, identify.txt here")
+      ->required();
+  verb->add_option("--on", o->on, "run the experiments on this plant")
+      ->check(CLI::IsMember({"simulated", "bridge"}));
+  verb->add_option("--sheet", o->sheet,
+                   "take ratings and data-sheet values from this drive file, not from DRIVE");
+  verb->add_option("--current", o->current, "limit the test current, A (default: rated)")
+      ->check(CLI::PositiveNumber);
+  verb->add_option("--max-speed", o->speed_rpm, "limit the speed, rpm (default: rated)")
+      ->check(CLI::PositiveNumber);
+  verb->add_flag("--swap-phases", o->wiring.swapped_phases, "simulate swapped phases b and c");
+  verb->add_flag("--reverse-encoder", o->wiring.reversed_encoder,
+                 "simulate an encoder that counts backwards");
+  verb->add_option("--set", o->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
+  verb->add_flag("--force", o->force, "replace an earlier result in --out");
+  verb->add_flag("--json", o->json, "print JSON lines");
+  verb->callback([o, &exit_code] { exit_code = run(*o); });
+}
+
+}  // namespace twinrate

@@ -1,0 +1,117 @@
+// twinrate response speed|current|load DRIVE.toml: frequency response beside that of the design.
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <sstream>
+
+#include "core/output_file.hpp"
+#include "core/process.hpp"
+#include "loop/load_drive.hpp"
+#include "response/response.hpp"
+#include "tools/verb.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr const char* kFiles[] = {".csv", ".json", ".svg"};
+
+struct ResponseOptions {
+  std::string of, drive, out, n;
+  std::vector<std::string> overrides;
+  bool force = false;
+};
+
+std::vector<int> values_of_n(const ResponseOptions& o) {
+  if (o.n.empty()) return {load_drive(o.drive, o.overrides).drive().rates.n};
+  std::vector<int> list;
+  std::istringstream text(o.n);
+  for (std::string word; std::getline(text, word, ',');) {
+    const bool digits = !word.empty() && word.size() < 6 &&
+                        word.find_first_not_of("0123456789") == std::string::npos;
+    const int n = digits ? std::stoi(word) : 0;
+    if (n < 1) throw BadInput("--n " + o.n + ": whole numbers from 1 allowed, as in 1,5,10");
+    list.push_back(n);
+  }
+  return list;
+}
+
+ResponseOf response_named(const std::string& name) {
+  for (int i = 0; i < 3; ++i)
+    if (name == kResponseNames[i]) return static_cast<ResponseOf>(i);
+  throw BadInput(name + ": speed, current or load allowed");
+}
+
+void print(const Response& r) {
+  fmt::print("  n = {:<4} ", r.n);
+  if (!r.locked) {
+    fmt::print("synchronism lost: no response\n");
+    return;
+  }
+  double least = 1, peak = 0, design_peak = 0;
+  for (const ResponseLine& l : r.lines) {
+    least = std::min(least, l.coherence);
+    peak = std::max(peak, std::abs(l.H));
+    if (l.design) design_peak = std::max(design_peak, std::abs(*l.design));
+  }
+  const auto text = [](const std::optional<double>& f) {
+    return f ? fmt::format("{:.4g} Hz", *f) : std::string("beyond");
+  };
+  const bool has_design = r.lines.front().design.has_value();
+  const auto beside = [&](const std::string& measured, const std::string& design) {
+    return has_design ? fmt::format("{} (design {})", measured, design) : measured;
+  };
+  if (r.of != ResponseOf::kLoad)
+    fmt::print("-3 dB at {}, ", beside(text(bandwidth(r, false)), text(bandwidth(r, true))));
+  fmt::print("largest gain {}, coherence at least {:.3f}\n",
+             beside(fmt::format("{:.4g}", peak), fmt::format("{:.4g}", design_peak)), least);
+}
+
+int run(const ResponseOptions& o) {
+  const ResponseOf of = response_named(o.of);
+  for (const char* kind : kFiles) expect_free(o.out + kind, o.force);
+  catch_stop_signals();
+  std::vector<Response> responses;
+  std::string name;
+  for (const int n : values_of_n(o)) {
+    std::vector<std::string> overrides = o.overrides;
+    overrides.push_back(fmt::format("rates.n={}", n));
+    Config config = load_drive(o.drive, overrides);
+    name = config.drive().name.empty() ? o.drive : config.drive().name;
+    if (responses.empty()) fmt::print("{}: response of the {} loop\n", name, o.of);
+    responses.push_back(measure_response(config, of, stop_signalled));
+    if (stop_signalled()) {
+      fmt::print("stopped\n");
+      return 1;
+    }
+    print(responses.back());
+  }
+  const std::string texts[] = {response_csv(responses), response_json(name, responses),
+                               response_svg(name, responses)};
+  for (int i = 0; i < 3; ++i) {
+    if (o.force) std::remove((o.out + kFiles[i]).c_str());
+    write_new(o.out + kFiles[i], texts[i]);
+  }
+  fmt::print("written to {0}.csv, {0}.json, {0}.svg\n", o.out);
+  for (const Response& r : responses)
+    if (!r.locked) return 1;
+  return 0;
+}
+
+}  // namespace
+
+void add_response_verb(CLI::App& app, int& exit_code) {
+  auto o = std::make_shared<ResponseOptions>();
+  CLI::App* verb = app.add_subcommand(
+      "response", "Measure the frequency response of a closed loop beside its design");
+  verb->add_option("LOOP", o->of, "measure this loop: speed, current, load")->required();
+  verb->add_option("DRIVE", o->drive, "read this drive file or preset")->required();
+  verb->add_option("--out", o->out, "write this file name with .csv, .json and .svg")->required();
+  verb->add_option("--n", o->n, "measure with a gain every n ticks, a list: 1,5,10");
+  verb->add_option("--set", o->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
+  verb->add_flag("--force", o->force, "replace these files");
+  verb->callback([o, &exit_code] { exit_code = run(*o); });
+}
+
+}  // namespace twinrate
