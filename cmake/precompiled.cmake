@@ -20,10 +20,9 @@ option(TWINRATE_UNITY "compile several files at a time" ${twinrate_short_build})
 # precompiled headers and errors in builds without.
 if(TWINRATE_PCH AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_compile_options(twinrate_options INTERFACE
-                         -Wno-error=array-bounds -Wno-error=restrict -Wno-error=stringop-overflow
-                         -Wno-error=stringop-overread)
+    "$<BUILD_INTERFACE:-Wno-error=array-bounds;-Wno-error=restrict;-Wno-error=stringop-overflow;-Wno-error=stringop-overread>")
   # The garbage collector took 5 % of the time of a translation unit.
-  target_compile_options(twinrate_options INTERFACE --param=ggc-min-heapsize=1000000)
+  target_compile_options(twinrate_options INTERFACE $<BUILD_INTERFACE:--param=ggc-min-heapsize=1000000>)
 endif()
 
 set(twinrate_pch_model_headers <algorithm> <array> <cmath> <complex> <cstddef> <cstdint> <functional> <map> <memory>

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <csignal>
+#include <cstdlib>
 #include <filesystem>
 
 #include "tests/system/run_program.hpp"
@@ -49,6 +50,27 @@ TEST_F(ExportProgram, ImportedRowsAreExportedUnchanged) {
   EXPECT_EQ(count_lines(back), count_lines(q_log)) << "no voltage, so no row is without one";
 }
 
+TEST_F(ExportProgram, FiguresArePdfWhereThereIsAConverterAndElseItSaysSo) {
+  ASSERT_EQ(twinrate({"simulate", "dilys2021", "--duration", "200ms", "--run-dir", path("run"),
+                      "--set", "run.settle_s=0.1"})
+                .exit_code,
+            0);
+  const bool converter = std::system("command -v rsvg-convert >/dev/null") == 0;
+  const ProgramResult result =
+      twinrate({"figures", path("run"), "--format", "pdf", "--out", path("figures")});
+  EXPECT_EQ(result.exit_code, converter ? 0 : 3) << result.err;
+  if (converter) {
+    EXPECT_TRUE(read_text(path("figures/01-speed.pdf")).starts_with("%PDF"));
+    EXPECT_EQ(
+        twinrate({"figures", path("run"), "--format", "pdf", "--out", path("figures")}).exit_code,
+        2)
+        << "nothing is overwritten";
+  } else {
+    EXPECT_NE(result.err.find("librsvg2-bin"), std::string::npos) << result.err;
+    EXPECT_TRUE(fs::is_empty(path("figures")));
+  }
+}
+
 TEST_F(ExportProgram, ARunGoesIntoEveryFormatAndBackIntoTheTracersInput) {
   ASSERT_EQ(twinrate({"simulate", "niewiara2020", "--duration", "300ms", "--run-dir", path("run")})
                 .exit_code,
@@ -57,6 +79,11 @@ TEST_F(ExportProgram, ARunGoesIntoEveryFormatAndBackIntoTheTracersInput) {
     const ProgramResult result = twinrate({"export", path("run"), "--format", format});
     ASSERT_EQ(result.exit_code, 0) << result.err;
     EXPECT_GT(fs::file_size(path(std::string("run/log.") + format)), 100'000u) << format;
+    if (std::string(format) == "csv") continue;
+    const std::string back = path(std::string(format) + ".lcm");
+    ASSERT_EQ(twinrate({"import", path(std::string("run/log.") + format), "--out", back}).exit_code,
+              0);
+    EXPECT_TRUE(read_text(back) == read_text(path("run/log.lcm"))) << format << ": bit for bit";
   }
   const std::string table = read_text(path("run/log.csv"));
   EXPECT_TRUE(table.starts_with(

@@ -32,7 +32,9 @@ std::vector<LoggedMessage> tick_messages(const std::string& run_directory) {
       if (!channel || event->datalen < 32) continue;
       const auto* bytes = static_cast<const std::uint8_t*>(event->data);
       messages.push_back({channel, seq_of(bytes), {bytes, bytes + event->datalen}});
+      // Session, time on the host and tag are of the run, not of the drive.
       std::fill_n(messages.back().bytes.begin() + 24, 8, std::uint8_t{0});
+      std::fill_n(messages.back().bytes.end() - 16, 16, std::uint8_t{0});
     }
   }
   return messages;

@@ -1,4 +1,6 @@
 // twinrate-monitor with a process set whose plant changes during the run.
+#include <sys/stat.h>
+
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -47,6 +49,12 @@ class Monitor : public ProgramTest {
   std::string drive() const {
     std::ofstream(path("drive.toml")) << kDrive;
     return path("drive.toml");
+  }
+  // With the authority of the set that runs in path("run").
+  std::vector<std::string> asking(std::vector<std::string> request) const {
+    wait_until([&] { return std::filesystem::exists(path("run") + "/token"); });
+    request.insert(request.end(), {"--run-dir", path("run")});
+    return request;
   }
   static std::vector<EventRecord> events(const RunLog& log, Reason reason) {
     std::vector<EventRecord> some;
@@ -131,7 +139,7 @@ TEST_F(Monitor, ARequestThatIsNoEffectIsRefusedByAll) {
   std::ofstream(path("wrong.toml")) << "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n"
                                        "change_Ohm = -5.0\n";
   Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
-  const ProgramResult result = twinrate({"monitor", "add", path("wrong.toml")});
+  const ProgramResult result = twinrate(asking({"monitor", "add", path("wrong.toml")}));
   launch.signal(SIGINT);
   launch.wait(20);
   EXPECT_EQ(result.exit_code, 2);
@@ -139,6 +147,31 @@ TEST_F(Monitor, ARequestThatIsNoEffectIsRefusedByAll) {
   for (const char* part : {"wrong.toml:1: effect[0]", "leaves no resistance", "(refused by ",
                            "estimator", "gain", "controller"})
     EXPECT_NE(result.err.find(part), std::string::npos) << result.err;
+}
+
+TEST_F(Monitor, ARequestWithoutTheTokenIsRefusedAndLogged) {
+  write_text(path("own.toml"),
+             "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\nchange_Ohm = 0.1\n");
+  Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
+  ASSERT_TRUE(wait_until([&] { return std::filesystem::exists(path("run") + "/token"); }));
+  struct stat token {};
+  EXPECT_EQ(stat((path("run") + "/token").c_str(), &token), 0);
+  EXPECT_EQ(token.st_mode & 0777, 0600u);
+  const ProgramResult without = twinrate({"monitor", "add", path("own.toml")}),
+                      elsewhere =
+                          twinrate({"monitor", "add", path("own.toml"), "--run-dir", path("")});
+  launch.signal(SIGINT);
+  const ProgramResult run = launch.wait(20);
+  EXPECT_EQ(without.exit_code, 1);
+  EXPECT_NE(without.err.find("give its --run-dir"), std::string::npos) << without.err;
+  EXPECT_EQ(elsewhere.exit_code, 2) << "no token there";
+  EXPECT_NE(run.out.find("requests without a valid tag were refused"), std::string::npos)
+      << run.out;
+  EXPECT_NE(run.out.find("messages refused"), std::string::npos) << run.out;
+  const RunLog log = read_run_log(path("run"));
+  EXPECT_FALSE(events(log, Reason::kRequestRefused).empty());
+  EXPECT_TRUE(events(log, Reason::kEffectAdded).empty());
+  EXPECT_FALSE(std::filesystem::exists(path("run") + "/token")) << "the run is over";
 }
 
 TEST_F(Monitor, AnInvalidFileIsNotSent) {
@@ -166,9 +199,9 @@ TEST_F(Monitor, AnEffectOfAFileIsAddedFromTheNextTickOnAndRemovedAgain) {
   std::ofstream(path("own.toml")) << "[[effect]]\nkind = \"resistance\"\nused_in = \"model\"\n"
                                      "change_Ohm = 0.1\n";
   Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
-  const ProgramResult added = twinrate({"monitor", "add", path("own.toml")}),
-                      removed = twinrate({"monitor", "remove", path("own.toml")}),
-                      again = twinrate({"monitor", "remove", path("own.toml")});
+  const ProgramResult added = twinrate(asking({"monitor", "add", path("own.toml")})),
+                      removed = twinrate(asking({"monitor", "remove", path("own.toml")})),
+                      again = twinrate(asking({"monitor", "remove", path("own.toml")}));
   launch.signal(SIGINT);
   launch.wait(20);
   for (const ProgramResult& result : {added, removed}) {

@@ -37,7 +37,8 @@ std::string program_path(const std::string& name) {
       {"twinrate-gain", TWINRATE_GAIN_PROGRAM},
       {"twinrate-controller", TWINRATE_CONTROLLER_PROGRAM},
       {"twinrate-logger", TWINRATE_LOGGER_PROGRAM},
-      {"twinrate-monitor", TWINRATE_MONITOR_PROGRAM}};
+      {"twinrate-monitor", TWINRATE_MONITOR_PROGRAM},
+      {"twinrate-emulator", TWINRATE_EMULATOR_PROGRAM}};
   const auto found = built.find(name);
   return found == built.end() ? name : found->second;
 }

@@ -1,0 +1,73 @@
+// A request takes a drive from SAFE back to its run: plant, controller and estimator of a set.
+#include "core/bus.hpp"
+#include "core/reason.hpp"
+#include "core/run_log.hpp"
+#include "tests/system/run_program.hpp"
+
+namespace twinrate::test {
+namespace {
+
+class ResetRequest : public ProgramTest {
+ protected:
+  static std::vector<EventRecord> events(const RunLog& log, Reason reason) {
+    std::vector<EventRecord> some;
+    for (const EventRecord& e : log.events)
+      if (e.reason == static_cast<int>(reason)) some.push_back(e);
+    return some;
+  }
+};
+
+TEST_F(ResetRequest, TakesTheSetFromSafeToItsRunAndIsRefusedBeforeAndAfter) {
+  // The trip at 0.11 s; without a reset the drive stands for the rest of the run.
+  Program launch({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "2.4s",
+                  "--set", "plant.fault.kind=current_nan", "--set", "plant.fault.at_s=0.1", "--set",
+                  "plant.fault.for_s=0.03", "--set", "bus.authenticate=false"});
+  Bus bus({.role = Role::kSupervisor});
+  bool tripped = false, sent_early = false, sent_late = false, sent = false;
+  std::int64_t reset_k = -1;
+  std::vector<reply_t> replies;
+  bus.subscribe<event_t>([&](const event_t& e) {
+    tripped = tripped || e.reason == static_cast<int>(Reason::kSensorLost);
+    if (e.reason == static_cast<int>(Reason::kReset)) reset_k = e.seq;
+  });
+  bus.subscribe<reply_t>([&](const reply_t& r) {
+    if (r.seq > 1000) replies.push_back(r);
+  });
+  const auto ask = [&](std::int64_t number) {
+    request_t request{};
+    request.seq = number;
+    request.kind = static_cast<std::int32_t>(RequestKind::kReset);
+    bus.publish(request);
+    return true;
+  };
+  std::int64_t k = -1, k_tripped = -1;
+  bus.subscribe<measurement_t>([&](const measurement_t& m) {
+    k = m.seq;
+    if (!sent_early && k > 100) sent_early = ask(1001);
+    if (tripped && k_tripped < 0) k_tripped = k;
+    // The fault has ended by then.
+    if (!sent && k_tripped >= 0 && k > k_tripped + 300) sent = ask(1002);
+    if (!sent_late && reset_k >= 0 && k > reset_k + 200) sent_late = ask(1003);
+  });
+  while (launch.running()) bus.handle(5);
+  const ProgramResult result = launch.wait(20);
+  ASSERT_FALSE(result.timed_out) << result.err;
+  EXPECT_EQ(result.exit_code, 1) << "it tripped";
+  const RunLog log = read_run_log(path("run"));
+  ASSERT_EQ(log.measurement.size(), 12000u) << result.err;
+  EXPECT_EQ(events(log, Reason::kReset).size(), 2u) << "of plant and estimator";
+  EXPECT_EQ(events(log, Reason::kSafeRequested).size(), 0u);
+  EXPECT_EQ(log.command.back().mode, Mode::kRun);
+  for (std::size_t i = log.truth.size() - 200; i < log.truth.size(); ++i)
+    ASSERT_LT(std::abs(wrap_pi(log.estimate[i].theta_e - 4 * log.truth[i].theta_m)), 0.5) << i;
+  EXPECT_NEAR(log.truth.back().omega_m, 100, 10);
+  // Plant, controller and estimator answer each request; the first and the last are refused.
+  std::map<std::int64_t, int> accepted, refused;
+  for (const reply_t& r : replies) ++(r.accepted ? accepted : refused)[r.seq];
+  EXPECT_EQ(refused[1001], 3);
+  EXPECT_EQ(accepted[1002], 3);
+  EXPECT_EQ(refused[1003], 3);
+}
+
+}  // namespace
+}  // namespace twinrate::test
