@@ -147,6 +147,17 @@ const std::vector<LoopRow> kLoopRows = {
      Reason::kUnderVoltage,
      Reason::kUnderVoltage,
      2},
+    {"winding at 110 degC, limit 120 degC, rated load",
+     {"plant.fault.kind=temperature", "plant.fault.value=110", "load.T_load_Nm=0.063",
+      "safety.temperature_max_degC=120"},
+     Reason::kDerated,
+     Reason::kNone,
+     500},
+    {"winding at 121 degC, limit 120 degC",
+     {"plant.fault.kind=temperature", "plant.fault.value=121", "safety.temperature_max_degC=120"},
+     Reason::kOverTemperature,
+     Reason::kOverTemperature,
+     500},
     {"load drives it to over-speed",
      {"load.T_load_Nm=[[0, 0], [{t}, -0.15]]", "safety.omega_m_max_rad_s=250"},
      Reason::kOverSpeed,
@@ -187,11 +198,24 @@ const std::vector<LoopRow> kLoopRows = {
       "machine.i_trip_A=30"},
      Reason::kLostSynchronism,
      Reason::kLostSynchronism,
-     0},
+     100},  // from the first angle error above 90 deg, where there is one
+    {"synchronism lost in the same way, lqr",
+     {"load.T_load_Nm=[[0, 0], [{t}, 0.2]]", "controller.kind=lqr",
+      "controller.lqr.synchronism.watch=true", "machine.i_trip_A=30"},
+     Reason::kLostSynchronism,
+     Reason::kLostSynchronism,
+     100},
+    {"synchronism lost in the same way, reaction stop",
+     {"load.T_load_Nm=[[0, 0], [{t}, 0.2]]", "controller.foc.synchronism.watch=true",
+      "controller.foc.synchronism.reaction=stop", "machine.i_trip_A=30"},
+     Reason::kLostSynchronism,
+     Reason::kLostSynchronism,
+     100},
 };
 
 // What a trial saw of its run.
 struct Seen {
+  std::int64_t beyond_90 = -1;  // first tick with an angle error above 90 deg
   std::int64_t named = -1, off = -1, safe = -1;
   Reason why = Reason::kNone;
   bool lost_sync = false;
@@ -215,14 +239,15 @@ Seen watch(Config& config, std::int64_t k_fault, const LoopRow& row) {
     if (seen.safe < 0 && tick.measurement.mode == Mode::kSafe) seen.safe = tick.measurement.k - 1;
     seen.i_max = std::max(seen.i_max, tick.truth.i_dq.norm());
     const double error = wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m);
-    seen.lost_sync = seen.lost_sync || !(std::abs(error) <= kPi / 2);
+    if (!(std::abs(error) <= kPi / 2) && !seen.lost_sync) seen.beyond_90 = tick.measurement.k;
+    seen.lost_sync = seen.beyond_90 >= 0;
   }
   return seen;
 }
 
 Trial try_loop(const Options& o, const LoopRow& row, std::size_t index, int trial) {
   constexpr std::int64_t kFrom = 3000, kTicks = 2000, kAfter = 3000;
-  const std::int64_t k_fault = kFrom + draw(o, index, trial, kTicks);
+  std::int64_t k_fault = kFrom + draw(o, index, trial, kTicks);
   const double f_s = Config::load(o.drive).drive().rates.f_s_Hz;
   const double t = static_cast<double>(k_fault) / f_s;
   std::vector<std::string> list = {
@@ -235,8 +260,9 @@ Trial try_loop(const Options& o, const LoopRow& row, std::size_t index, int tria
   else
     list.push_back("load.slew_Nm_s=0");
   Config config = load_drive(o.drive, list);
-  const Seen seen = watch(config, k_fault, row);
+  Seen seen = watch(config, k_fault, row);
   Trial result;
+  if (row.names_it == Reason::kLostSynchronism && seen.beyond_90 >= 0) k_fault = seen.beyond_90;
   result.detected = seen.named >= 0;
   result.detected_after = static_cast<double>(seen.named - k_fault);
   if (seen.safe >= 0) result.off_after = static_cast<double>(seen.safe - k_fault);

@@ -21,10 +21,31 @@ void filter_step(benchmark::State& state) {
     benchmark::DoNotOptimize(filter.x);
   }
 }
-BENCHMARK(filter_step<KernelFilter<double>>)->Name("step/hand_written");
-BENCHMARK(filter_step<KernelFilter<float>>)->Name("step/hand_written_float");
-BENCHMARK(filter_step<EigenFilter<4, 2>>)->Name("step/eigen_fixed");
-BENCHMARK(filter_step<EigenFilter<Eigen::Dynamic, Eigen::Dynamic>>)->Name("step/eigen_dynamic");
+constexpr auto kPaper = CovarianceForm::kPaper, kJoseph = CovarianceForm::kJoseph;
+constexpr int kAny = Eigen::Dynamic;
+BENCHMARK(filter_step<KernelFilter<double, kPaper>>)->Name("step/hand_written/paper");
+BENCHMARK(filter_step<KernelFilter<double, kJoseph>>)->Name("step/hand_written/joseph");
+BENCHMARK(filter_step<KernelFilter<float, kPaper>>)->Name("step/hand_written_float/paper");
+BENCHMARK(filter_step<EigenFilter<4, 2, kPaper>>)->Name("step/eigen_fixed/paper");
+BENCHMARK(filter_step<EigenFilter<4, 2, kJoseph>>)->Name("step/eigen_fixed/joseph");
+BENCHMARK(filter_step<EigenFilter<kAny, kAny, kPaper>>)->Name("step/eigen_dynamic/paper");
+BENCHMARK(filter_step<EigenFilter<kAny, kAny, kJoseph>>)->Name("step/eigen_dynamic/joseph");
+
+void sine_and_cosine_own(benchmark::State& state) {
+  double x = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    const auto [s, c] = math::sincos(x);
+    x = 3 + s + c;  // the next one waits for this one, as in the filter
+  }
+  benchmark::DoNotOptimize(x);
+}
+BENCHMARK(sine_and_cosine_own)->Name("sincos/own");
+void sine_and_cosine_of_the_library(benchmark::State& state) {
+  double x = 0;
+  for ([[maybe_unused]] auto _ : state) x = 3 + std::sin(x) + std::cos(x);
+  benchmark::DoNotOptimize(x);
+}
+BENCHMARK(sine_and_cosine_of_the_library)->Name("sincos/library");
 
 // The two parts of a step, without sine and cosine.
 void fast_part(benchmark::State& state) {

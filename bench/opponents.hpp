@@ -1,13 +1,16 @@
 // Three implementations of a filter step on the same samples: hand-written, textbook form with
-// Eigen matrices of fixed size and of dynamic size.
+// Eigen matrices of fixed size and of dynamic size. Each with P = (I - K H) P^- ("paper") and in
+// Joseph's form, so that like is compared with like.
 #pragma once
 #include <cmath>
 #include <vector>
 
+#include "core/covariance_form.hpp"
 #include "estimator/kernels/ekf_dq_kernel.hpp"
 #include "estimator/kernels/ekf_sensorless_kernel.hpp"
 #include "estimator/kernels/ud_filter.hpp"
 #include "model/frames.hpp"
+#include "model/math.hpp"
 #include "model/random.hpp"
 #include "tests/support/textbook_ekf.hpp"
 
@@ -38,7 +41,7 @@ inline const std::vector<Sample>& samples() {
 }
 
 // The hand-written filter with n = 1: prediction, gain, covariance, correction.
-template <class T>
+template <class T, CovarianceForm kForm = CovarianceForm::kPaper>
 struct KernelFilter {
   kernel::SensorlessConstants<T> c = kernel::sensorless_euler<T>(
       static_cast<T>(1.2), static_cast<T>(5e-4), static_cast<T>(0.007), static_cast<T>(kTs));
@@ -50,7 +53,10 @@ struct KernelFilter {
   void background(const kernel::UnitVector<T>& at) {
     const auto P_prior = propagate(c, jacobian(c, x.omega_e, at), P, Q);
     K = kernel::gain(P_prior, R);
-    P = posterior(P_prior, K, R);
+    if constexpr (kForm == CovarianceForm::kPaper)
+      P = posterior(P_prior, K, R);
+    else
+      P = posterior_joseph(P_prior, K, R);
   }
   void fast(const kernel::UnitVector<T>& at, const Sample& s) {
     const auto x_prior = predict_euler(
@@ -59,22 +65,40 @@ struct KernelFilter {
                 innovation(x_prior, {static_cast<T>(s.i_alpha), static_cast<T>(s.i_beta)}));
   }
   void step(const Sample& s) {
-    const kernel::UnitVector<T> at{std::sin(x.theta_e), std::cos(x.theta_e)};
+    const auto [s_theta, c_theta] = math::sincos(static_cast<double>(x.theta_e));
+    const kernel::UnitVector<T> at{static_cast<T>(s_theta), static_cast<T>(c_theta)};
     background(at);
     fast(at, s);
   }
 };
 
-template <int NX, int NY>
+template <int NX, int NY, CovarianceForm kForm = CovarianceForm::kJoseph>
 struct EigenFilter : test::TextbookSensorless<NX, NY> {
   EigenFilter() : test::TextbookSensorless<NX, NY>(dilys(), kTs) {
+    this->simple_form = kForm == CovarianceForm::kPaper;
     this->x[2] = 400;
     this->Q.diagonal() << 1, 1, 500, 0.1;
   }
+  // Sine and cosine once, as the hand-written one; the textbook's own step takes them twice.
   void step(const Sample& s) {
-    typename test::TextbookEkf<NX, NY>::Output y(2);
+    using Ekf = test::TextbookEkf<NX, NY>;
+    const MachineParameters& drive = this->m;
+    const double h = this->T_s, omega_e = this->x[2];
+    const double sine = std::sin(this->x[3]), cosine = std::cos(this->x[3]);
+    const double d = 1 - h * drive.R_s / drive.L_d, b = h * drive.psi_f / drive.L_d;
+    typename Ekf::State x_prior(4);
+    x_prior << d * this->x[0] + h / drive.L_d * s.u_alpha + b * omega_e * sine,
+        d * this->x[1] + h / drive.L_d * s.u_beta - b * omega_e * cosine, omega_e,
+        this->x[3] + h * omega_e;
+    typename Ekf::Covariance F(4, 4);
+    F << d, 0, b * sine, b * omega_e * cosine,  //
+        0, d, -b * cosine, b * omega_e * sine,  //
+        0, 0, 1, 0,                             //
+        0, 0, h, 1;
+    this->background(F);
+    typename Ekf::Output y(2);
     y << s.i_alpha, s.i_beta;
-    test::TextbookSensorless<NX, NY>::step(s.u_alpha, s.u_beta, y);
+    this->correct(x_prior, y);
   }
 };
 

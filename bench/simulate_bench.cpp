@@ -1,5 +1,5 @@
-// Speed of one simulated drive, dilys2021 with n = 5: the loop with each engine of the plant, a
-// naive loop, and the whole of `twinrate simulate` with log and page.
+// Speed of one simulated drive, dilys2021 with n = 5: the two halves of the filter, the loop with
+// each engine of the plant, a naive loop, and the whole of `twinrate simulate` with log and page.
 //
 // `drive_s_per_cpu_s`: seconds of drive time for each second of CPU time.
 #include <benchmark/benchmark.h>
@@ -10,6 +10,7 @@
 
 #include "bench/naive_loop.hpp"
 #include "core/config.hpp"
+#include "estimator/make_filter.hpp"
 #include "loop/closed_loop.hpp"
 
 namespace twinrate::bench {
@@ -22,6 +23,52 @@ void rate_of(benchmark::State& state, double drive_s) {
   state.counters["drive_s_per_cpu_s"] = benchmark::Counter(
       drive_s * static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
 }
+
+// What the two halves of the filter get, tick by tick.
+const std::vector<TickRecord>& recorded() {
+  static const std::vector<TickRecord> ticks = [] {
+    Config config = Config::load("dilys2021", {"rates.n_from=start"});
+    ClosedLoop loop(config);
+    std::vector<TickRecord> all;
+    for (int k = 0; k < kTicks; ++k) all.push_back(loop.step());
+    return all;
+  }();
+  return ticks;
+}
+
+// FastLoop: one tick, with the gain of every fifth.
+void fast_loop(benchmark::State& state) {
+  Config config = Config::load("dilys2021", {"rates.n_from=start"});
+  FastLoop fast = make_fast_loop(config, false);
+  std::size_t k = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    const TickRecord& tick = recorded()[k];
+    benchmark::DoNotOptimize(fast.tick(tick.measurement));
+    if (tick.has_gain) fast.take_gain(tick.gain);
+    if (++k < recorded().size()) continue;
+    if (fast.last_k() != kTicks - 1) state.SkipWithError("not all ticks");
+    fast.reset();
+    k = 0;
+  }
+}
+BENCHMARK(fast_loop)->Name("half/fast");
+
+// BackgroundLoop: one gain.
+void background_loop(benchmark::State& state) {
+  Config config = Config::load("dilys2021", {"rates.n_from=start"});
+  BackgroundLoop background = make_background_loop(config);
+  std::vector<Estimate> snapshots;
+  for (const TickRecord& tick : recorded())
+    if (tick.has_gain) snapshots.push_back(tick.estimate);
+  std::size_t i = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    benchmark::DoNotOptimize(background.step(snapshots[i]));
+    if (++i < snapshots.size()) continue;
+    background.reset();
+    i = 0;
+  }
+}
+BENCHMARK(background_loop)->Name("half/background");
 
 void closed_loop(benchmark::State& state, const std::vector<std::string>& overrides) {
   Config config = Config::load("dilys2021", overrides);
