@@ -1,4 +1,4 @@
-// Every command of README.md and docs/ runs and prints what its page shows.
+// Every command of README.md, docs/ and examples/ runs and prints what its page shows.
 //
 // A page runs from top to bottom in an empty directory of its own, in a network namespace of its
 // own, with the programs on PATH and with links to the source's config/, docs/, tools/ and to
@@ -8,6 +8,8 @@
 //              compared with the output. A command without text below it is not compared.
 //   script     its first word is a program (kPrograms): it runs as one script, which stops at the
 //              first command that fails. No output is compared.
+//   Python     a ```python block runs as one program with the module of the build; without the module
+//              it is skipped. What it prints is not compared.
 //   file       a ```toml block whose first line is "# NAME.toml": NAME.toml is written.
 //
 // The exit code has to be 0, or the N of a comment "# exit code N" behind the command.
@@ -16,6 +18,8 @@
 // lines, and so it does at the end of a line for the rest of it. Numbers may differ by one in their
 // last shown digit (kernels and libm differ between processors); wall time, steps/s, messages sent
 // again, the BIC of a trace and names of run directories are not compared.
+//
+// The pages of docs/notebooks are run as notebooks: tests/python.
 //
 // Commands inside a sentence are names and patterns; docs_test.cpp checks their verbs and keys.
 //
@@ -44,7 +48,7 @@ namespace fs = std::filesystem;
 const fs::path kRoot = TWINRATE_SOURCE_DIR;
 const fs::path kBuild = TWINRATE_BINARY_DIR;
 const std::regex kPrograms(
-    R"(^(PATH=|(\./)?tools/|build/|twinrate\b|lcm-|mpirun|sbatch|unshare|for ))");
+    R"(^(PATH=|(\./)?tools/|build/|examples/|twinrate\b|lcm-|mpirun|sbatch|unshare|for ))");
 constexpr double kLimit_s = 300;  // of a command, on a busy machine
 
 struct Command {
@@ -122,8 +126,20 @@ int exit_code_in(const std::string& text) {
                                                                              : 0;
 }
 
+// The program of a ```python block; empty without the module.
+std::vector<Command> python_of(const Block& block) {
+  const std::string python = TWINRATE_PYTHON_PROGRAM;
+  if (python.empty()) return {};
+  return {
+      {block.line,
+       fmt::format("{} - <<'END_OF_BLOCK'\n{}\nEND_OF_BLOCK", python, fmt::join(block.lines, "\n")),
+       0,
+       {}}};
+}
+
 // The commands of a block; none where it shows something else.
 std::vector<Command> commands_of(const Block& block) {
+  if (block.language == "python") return python_of(block);
   if (!block.language.empty() || block.lines.empty()) return {};
   std::vector<Command> commands;
   bool console = false;
@@ -250,8 +266,12 @@ std::vector<std::string> pages_with_commands() {
   };
   take(kRoot / "README.md");
   take(kRoot / "ARCHITECTURE.md");
-  for (const auto& entry : fs::recursive_directory_iterator(kRoot / "docs"))
-    if (entry.path().extension() == ".md") take(entry.path());
+  std::vector<std::string> folders = {"docs"};
+  if (!std::string(TWINRATE_PYTHON_PROGRAM).empty()) folders.emplace_back("examples");
+  for (const std::string& folder : folders)
+    for (const auto& entry : fs::recursive_directory_iterator(kRoot / folder))
+      if (entry.path().extension() == ".md" && entry.path().parent_path().filename() != "notebooks")
+        take(entry.path());
   std::sort(pages.begin(), pages.end());
   return pages;
 }
@@ -261,14 +281,18 @@ class Commands : public ProgramTest, public ::testing::WithParamInterface<std::s
   void SetUp() override {
     ProgramTest::SetUp();
     if (IsSkipped()) return;
-    for (const char* folder : {"config", "docs", "tools"})
+    for (const char* folder : {"config", "docs", "examples", "tools"})
       fs::create_directory_symlink(kRoot / folder, path(folder));
     fs::create_directory_symlink(kBuild, path("build"));
     std::string search;
     for (const char* folder :
          {"tools", "plant_sim", "estimator", "controller", "logger", "monitor"})
       search += (kBuild / folder).string() + ":";
+    const std::string python = fs::path(TWINRATE_PYTHON_PROGRAM).parent_path();
+    if (!python.empty()) search += python + ":";  // of the module, for "env python3"
     setenv("PATH", (search + getenv("PATH")).c_str(), 1);
+    setenv("PYTHONDONTWRITEBYTECODE", "1", 1);
+    setenv("PYTHONPATH", (kBuild / "python").c_str(), 1);
     unsetenv("TWINRATE_MEASURED");
   }
   ProgramResult run(const std::string& script) {
