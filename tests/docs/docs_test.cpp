@@ -84,6 +84,7 @@ bool has_anchor(const fs::path& page, const std::string& anchor) {
 
 TEST(Architecture, ListsEveryChannelAsTheCodeDoes) {
   std::vector<std::string> rows;
+  rows.reserve(std::size(kChannels));
   for (const ChannelInfo& channel : kChannels)
     rows.push_back(fmt::format("| `{}` | `{}` | {} | {} |", channel.name, channel.type,
                                channel.from, channel.to));
@@ -92,6 +93,7 @@ TEST(Architecture, ListsEveryChannelAsTheCodeDoes) {
 
 TEST(ReasonCodes, ArePrintedAsTheCodeHasThem) {
   std::vector<std::string> rows;
+  rows.reserve(std::size(kReasons));
   for (const ReasonText& reason : kReasons)
     rows.push_back(fmt::format("| {} | `{}` | {} |", static_cast<int>(reason.reason), reason.name,
                                reason.meaning));
