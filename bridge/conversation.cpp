@@ -56,9 +56,9 @@ const DriveInfo& Conversation::greet(bool lockstep, double patience_s) {
 }
 
 std::optional<double> Conversation::round_trip_us(double patience_ms) {
+  protocol_->forget_info();
   const Bytes question = protocol_->hello(false);
   if (question.empty()) return {};
-  protocol_->forget_info();
   const std::int64_t asked = now_ns();
   link_->send(question);
   while (!protocol_->info() && 1e-6 * static_cast<double>(now_ns() - asked) < patience_ms) pump(1);

@@ -63,7 +63,8 @@ class HostProtocol {
   virtual void take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) = 0;
   // The next sample in order; a late or doubled one is counted and dropped.
   virtual std::optional<DriveSample> next() = 0;
-  // Asks for DriveInfo; `lockstep`: the drive shall wait for the command of each tick.
+  // Asks for DriveInfo; `lockstep`: the drive shall wait for the command of each tick. Empty where the
+  // drive takes no question.
   virtual Bytes hello(bool lockstep) = 0;
   // Asks for a sample where the drive does not send by itself; else empty.
   virtual Bytes poll() { return {}; }
@@ -74,7 +75,8 @@ class HostProtocol {
   virtual Bytes clear(int reason) = 0;
 
   const std::optional<DriveInfo>& info() const { return info_; }
-  void forget_info() { info_.reset(); }
+  // From here on only an answer to a later question counts.
+  virtual void forget_info() { info_.reset(); }
   const LinkCounts& counts() const { return counts_; }
   const DeviceClock& clock() const { return clock_; }
 

@@ -1,3 +1,5 @@
+#include <random>
+
 #include "bridge/moteus_host.hpp"
 #include "bridge/twinrate_host.hpp"
 #include "bridge/vesc_host.hpp"
@@ -20,7 +22,8 @@ std::unique_ptr<HostProtocol> make_protocol(const BridgeParameters& bridge,
     case DriveProtocol::kVesc:
       return std::make_unique<VescHost>(bridge, drive);
   }
-  return std::make_unique<TwinrateHost>(bridge.float64, drive.plant.delay_samples);
+  return std::make_unique<TwinrateHost>(bridge.float64, drive.plant.delay_samples,
+                                        std::random_device{}());
 }
 
 }  // namespace twinrate

@@ -15,20 +15,37 @@ void TwinrateHost::take(std::span<const std::uint8_t> bytes, std::int64_t arriva
     }
     ++counts_.frames;
     if (f.header.type == TWP_SAMPLE) take_sample(f, arrival_ns);
-    if (f.header.type != TWP_INFO) continue;
-    const twp_info& i = f.body.info;
-    const std::size_t size = std::find(i.name, i.name + TWP_NAME_BYTES, '\0') - i.name;
-    info_ = DriveInfo{.name = std::string(i.name, size),
-                      .f_s_Hz = i.f_s_Hz,
-                      .lease_max_ms = 1e-3 * i.lease_max_us,
-                      .lockstep = (i.abilities & TWP_LOCKSTEP) != 0,
-                      .watchdog = (i.abilities & TWP_WATCHDOG) != 0,
-                      .takes_voltage = (i.abilities & TWP_CAN_VOLTAGE) != 0,
-                      .float64 = (i.abilities & TWP_CAN_FLOAT64) != 0,
-                      .reason = i.reason,
-                      .bad_frames = i.bad_frames,
-                      .lost_frames = i.lost_frames};
+    if (f.header.type == TWP_INFO) take_info(f);
   }
+}
+
+void TwinrateHost::forget_info() {
+  HostProtocol::forget_info();
+  first_question_ = sent_ + 1;
+}
+
+void TwinrateHost::take_info(const twp_frame& f) {
+  const std::uint32_t answered = f.header.seq;
+  if (twp_difference(answered, first_question_) < 0 || twp_difference(sent_, answered) < 0)
+    return;  // to an earlier question, or to another host
+  if (!info_ && lockstep_) {
+    // Samples before it are of a drive that kept its own pace; the next one waits for its command.
+    samples_.clear();
+    begun_ = false;
+    counts_ = {};
+  }
+  const twp_info& i = f.body.info;
+  const std::size_t size = std::find(i.name, i.name + TWP_NAME_BYTES, '\0') - i.name;
+  info_ = DriveInfo{.name = std::string(i.name, size),
+                    .f_s_Hz = i.f_s_Hz,
+                    .lease_max_ms = 1e-3 * i.lease_max_us,
+                    .lockstep = (i.abilities & TWP_LOCKSTEP) != 0,
+                    .watchdog = (i.abilities & TWP_WATCHDOG) != 0,
+                    .takes_voltage = (i.abilities & TWP_CAN_VOLTAGE) != 0,
+                    .float64 = (i.abilities & TWP_CAN_FLOAT64) != 0,
+                    .reason = i.reason,
+                    .bad_frames = i.bad_frames,
+                    .lost_frames = i.lost_frames};
 }
 
 // Whether a sample of this number comes next; counts what is wrong with it.
@@ -121,6 +138,7 @@ Bytes TwinrateHost::written(twp_frame& f) {
 }
 
 Bytes TwinrateHost::hello(bool lockstep) {
+  lockstep_ = lockstep;
   twp_frame f{};
   f.header.type = TWP_HELLO;
   f.body.hello.abilities =

@@ -17,9 +17,14 @@ class TwinrateHost final : public HostProtocol {
   static constexpr std::int32_t kReorder = 32;
   static constexpr int kOldInARow = 8;
 
-  // `delay`: plant.delay_samples. COMMAND(k) is due at the drive by tick k + delay.
-  explicit TwinrateHost(bool float64, int delay = 1)
-      : float64_(float64), due_ticks_(delay > 1 ? delay : 1) {}
+  // `delay`: plant.delay_samples. COMMAND(k) is due at the drive by tick k + delay. `first_seq`: the
+  // number that the frames of this host follow; a random one tells the answers to it from those to
+  // an earlier host that are still on the line.
+  explicit TwinrateHost(bool float64, int delay = 1, std::uint32_t first_seq = 0)
+      : float64_(float64),
+        due_ticks_(delay > 1 ? delay : 1),
+        sent_(first_seq),
+        first_question_(first_seq + 1) {}
 
   void take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) override;
   std::optional<DriveSample> next() override;
@@ -27,8 +32,10 @@ class TwinrateHost final : public HostProtocol {
   Bytes command(const DriveCommand& command) override;
   Bytes off() override;
   Bytes clear(int reason) override;
+  void forget_info() override;
 
  private:
+  void take_info(const twp_frame& f);
   void take_sample(const twp_frame& f, std::int64_t arrival_ns);
   bool in_order(std::uint32_t seq);
   void note_answer(std::uint32_t command_seq);
@@ -44,7 +51,9 @@ class TwinrateHost final : public HostProtocol {
   twp_receiver receiver_{};
   std::deque<DriveSample> samples_;
   bool begun_ = false;
-  std::uint32_t last_seq_ = 0, sent_ = 0, last_time_us_ = 0;
+  std::uint32_t sent_, first_question_;  // INFO answers one from first_question_ to sent_
+  std::uint32_t last_seq_ = 0, last_time_us_ = 0;
+  bool lockstep_ = false;  // asked for
   std::int64_t k_ = 0;
   int old_in_a_row_ = 0;
 };

@@ -49,8 +49,12 @@ void FaultyLine::send(std::span<const std::uint8_t> bytes, std::int64_t t_ns) {
 
 void FaultyLine::put(Frame frame, std::int64_t t_ns) {
   std::int64_t leaves = std::max(t_ns, busy_until_ns_);
-  if (faults_.baud > 0)
-    leaves += std::llround(1e10 * static_cast<double>(frame.size()) / faults_.baud);
+  if (faults_.baud > 0) {
+    const double byte_ns = 1e10 / faults_.baud;
+    const auto size = static_cast<double>(frame.size());
+    if (static_cast<double>(leaves - t_ns) + byte_ns * size > byte_ns * kBuffer) return;
+    leaves += std::llround(byte_ns * size);
+  }
   busy_until_ns_ = leaves;
   double late = faults_.latency_s;
   if (faults_.jitter_s > 0) late += std::uniform_real_distribution<>(0, faults_.jitter_s)(random_);

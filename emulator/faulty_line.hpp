@@ -1,7 +1,8 @@
 // One direction of a line between drive and host, with faults. Time is the caller's, in ns: nothing
 // here reads a clock, and equal seeds give equal faults.
 //
-//   wire time   10 bits a byte at `baud`; a frame waits until the one before it has left
+//   wire time   10 bits a byte at `baud`; a frame waits until the one before it has left, in a buffer
+//               of kBuffer bytes (as that of a serial port of Linux); one that does not fit is lost
 //   latency     constant, and jitter uniform in 0 .. jitter; a byte line keeps its order
 //   reordered   a frame waits for the next one (datagrams)
 //   pulled      nothing passes from pulled_at on, for pulled_for
@@ -25,6 +26,8 @@ struct LineFaults {
 
 class FaultyLine {
  public:
+  static constexpr double kBuffer = 4096;
+
   FaultyLine(const LineFaults& faults, unsigned seed) : faults_(faults), random_(seed) {}
 
   // One frame (a datagram) leaves the sender.

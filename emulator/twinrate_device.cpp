@@ -30,7 +30,7 @@ void TwinrateDevice::take(std::span<const std::uint8_t> bytes) {
         if (f.body.hello.abilities & TWP_CAN_FLOAT64) flags_ |= TWP_FLOAT64;
         command_seq_ = f.header.seq;  // a new host counts anew
         has_command_ = false;
-        send_info();
+        send_info(f.header.seq);
         break;
       case TWP_CLEAR:
         if (f.body.clear.reason == static_cast<int>(drive_.latched()) && drive_.clear()) {
@@ -38,7 +38,7 @@ void TwinrateDevice::take(std::span<const std::uint8_t> bytes) {
           has_command_ = false;
           lease_ = {};
         }
-        send_info();
+        send_info(f.header.seq);
         break;
       case TWP_COMMAND:
         if (drive_.takes_commands()) take_command(f);
@@ -84,9 +84,10 @@ void TwinrateDevice::take_command(const twp_frame& f) {
   coming_.push_back(command);
 }
 
-void TwinrateDevice::send_info() {
+void TwinrateDevice::send_info(std::uint32_t question) {
   twp_frame f{};
   f.header.type = TWP_INFO;
+  f.header.seq = question;
   f.header.time_us = now_us();
   twp_info& info = f.body.info;
   info.f_s_Hz = 1 / options_.T_s;

@@ -26,7 +26,7 @@ class TwinrateDevice final : public EmulatedDevice {
 
  private:
   void take_command(const twp_frame& f);
-  void send_info();
+  void send_info(std::uint32_t question);
   void send_sample();
   void send(twp_frame& f);
   void restart();

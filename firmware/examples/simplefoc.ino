@@ -43,9 +43,10 @@ static void send(struct twp_frame* f) {
   Serial.write(wire, twp_write(f, wire));
 }
 
-static void send_info() {
+static void send_info(uint32_t question) {
   struct twp_frame f = {};
   f.header.type = TWP_INFO;
+  f.header.seq = question;
   f.body.info.f_s_Hz = kRate_Hz;
   f.body.info.lease_max_us = kLeaseMax_us;
   f.body.info.abilities = TWP_WATCHDOG | TWP_CAN_VOLTAGE;
@@ -74,12 +75,12 @@ static void take_command(const struct twp_frame* f) {
 static void take(const struct twp_frame* f) {
   if (f->header.type == TWP_HELLO) {
     command_seq = f->header.seq;
-    send_info();
+    send_info(f->header.seq);
   } else if (f->header.type == TWP_COMMAND) {
     take_command(f);
   } else if (f->header.type == TWP_CLEAR) {
     if (f->body.clear.reason == latched) latched = 0;
-    send_info();
+    send_info(f->header.seq);
   }
 }
 

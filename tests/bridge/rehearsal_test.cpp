@@ -180,5 +180,45 @@ TEST(Rehearsal, ClockDriftOf100PpmChangesNothingButTheClock) {
   EXPECT_FALSE(c.run->guard().is_off());
 }
 
+// An earlier host (a probe) let the drive keep its own pace; its samples and answers are still on the
+// line when the next host asks for lock-step.
+TEST(Lockstep, BeginsWithTheSampleThatTheDriveWaitsWith) {
+  Config config = drive();
+  PlantDrive plant(config);
+  TwinrateDevice device({.name = "a", .T_s = config.drive().T_s()}, plant);
+  TwinrateHost probe(true, 1, 7'000'000), host(true, 1, 90);
+  Bytes line;
+  const auto sent = [&] {
+    for (const Bytes& frame : device.take_sent())
+      line.insert(line.end(), frame.begin(), frame.end());
+  };
+  for (int i = 0; i < 5; ++i) {
+    device.take(probe.hello(false));
+    for (int k = 0; k < 3; ++k) device.tick();
+    sent();
+  }
+  device.take(host.hello(true));
+  for (int i = 0; i < 4; ++i) device.tick();
+  EXPECT_TRUE(device.waits());
+  sent();
+  host.take(line, 0);
+  ASSERT_TRUE(host.info());
+  const auto first = host.next();
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->m.k, device.k());
+  EXPECT_FALSE(host.next());
+  EXPECT_EQ(host.counts().disturbed(), 0);
+}
+
+TEST(Line, AFrameThatDoesNotFitIntoTheBufferOfASlowLineIsLost) {
+  FaultyLine line({.baud = 1'000'000}, 1);
+  const Bytes frame(100, 0x55);  // 1 ms of wire time
+  for (int i = 0; i < 100; ++i) line.send(frame, 0);
+  EXPECT_EQ(line.receive(40'000'000).size(), 4000u);
+  EXPECT_EQ(line.receive(1'000'000'000).size(), 0u);
+  line.send(frame, 1'000'000'000);
+  EXPECT_EQ(line.receive(1'001'000'000).size(), 100u);
+}
+
 }  // namespace
 }  // namespace twinrate::rehearsal_test

@@ -121,6 +121,20 @@ TEST_F(BridgeRun, ProbeShowsTheDriveAndClearsByHandAlone) {
   EXPECT_NE(other.err.find("samples at 1000 Hz"), std::string::npos) << other.err;
 }
 
+// The line is too slow for the samples of a probe, which are still on it when the run begins.
+TEST_F(BridgeRun, AfterAProbeARunInLockStepLocks) {
+  const Program emulator({"twinrate-emulator", "dilys2021", "--pty", tty()});
+  ASSERT_TRUE(emulator_is_there());
+  const ProgramResult probe =
+      twinrate({"bridge", "probe", "dilys2021", "--port", tty(), "--for", "0.2"});
+  EXPECT_EQ(probe.exit_code, 0) << probe.err;
+  EXPECT_NE(probe.out.find(" a second of 5000"), std::string::npos) << probe.out;
+  const ProgramResult run = twinrate({"bridge", "run", "dilys2021", "--port", tty(), "--duration",
+                                      "60ms", "--run-dir", path("run")});
+  EXPECT_EQ(run.exit_code, 0) << run.out << run.err;
+  EXPECT_EQ(read_run_log(path("run")).measurement.size(), 300u);
+}
+
 TEST_F(BridgeRun, BadInputIsOneLine) {
   const auto refused = [](std::vector<std::string> arguments, int code, const char* text) {
     const ProgramResult r = run_program(arguments);
