@@ -49,8 +49,8 @@ class Emulator {
     std::int64_t repeat_from = now_ns();
     while (!stop_signalled()) {
       const auto bytes = link_->receive(wait_ms());
+      if (!bytes.empty()) hear(bytes);
       const std::int64_t now = now_ns() - begun_ns_;
-      if (!bytes.empty()) hear(bytes, now);
       device_->take(down_.receive(now));
       if (greeted_) tick_until(now);
       for (const auto& frame : device_->take_sent()) up_.send(frame, now), repeat_from = now_ns();
@@ -81,13 +81,11 @@ class Emulator {
             .moteus_listen = bridge.moteus_listen,
             .faults = faults_.device};
   }
-  void hear(std::span<const std::uint8_t> bytes, std::int64_t now) {
-    if (!greeted_) {
-      greeted_ = true;
-      begun_ns_ += now;
-      now = 0;
-    }
-    down_.send(bytes, now);
+  // The drive's time begins with the first frame.
+  void hear(std::span<const std::uint8_t> bytes) {
+    if (!greeted_) begun_ns_ = now_ns();
+    greeted_ = true;
+    down_.send(bytes, now_ns() - begun_ns_);
   }
   // Until the next tick or the next arrival on one of the lines.
   double wait_ms() const {

@@ -87,6 +87,10 @@ struct Spread {
 void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, double for_s) {
   constexpr int kMost = 1000;  // p99.9 is the second largest of them
   constexpr double kPatience_ms = 100;
+  if (talk.protocol().hello(false).empty()) {
+    fmt::print("  round trip     not asked: a drive that only sends\n");
+    return;
+  }
   Spread trips;
   int asked = 0;
   for (const std::int64_t begun = now_ns();
@@ -97,7 +101,8 @@ void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, dou
     }
   }
   if (trips.late_us.empty()) {
-    fmt::print("  round trip     not answered: a drive that only sends\n");
+    fmt::print("  round trip     none of {} questions answered within {:g} ms\n", asked,
+               kPatience_ms);
     return;
   }
   const double p999_ms = 1e-3 * trips.at(0.999);
@@ -118,7 +123,7 @@ void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, dou
 }
 
 // Listens for a while: rate, faults, clock, spread of the arrivals.
-int watch(Conversation& talk, double for_s) {
+int watch(Conversation& talk, double for_s, double f_s_Hz) {
   Spread spread;
   std::int64_t samples = 0, begun = now_ns();
   while (!stop_signalled() && 1e-9 * static_cast<double>(now_ns() - begun) < for_s) {
@@ -132,8 +137,8 @@ int watch(Conversation& talk, double for_s) {
     }
   }
   const double seconds = 1e-9 * static_cast<double>(now_ns() - begun);
-  fmt::print("  samples        {} in {:.1f} s: {:.0f} a second\n", samples, seconds,
-             static_cast<double>(samples) / seconds);
+  fmt::print("  samples        {} in {:.1f} s: {:.0f} a second of {:g}\n", samples, seconds,
+             static_cast<double>(samples) / seconds, f_s_Hz);
   fmt::print("  line           {}\n", talk.account());
   fmt::print("  arrival        {:.0f} us p50, {:.0f} us p99 behind the earliest\n", spread.at(0.5),
              spread.at(0.99));
@@ -148,7 +153,7 @@ int probe(const BridgeOptions& o) {
   print_info(talk.greet(false, 2), bridge.port);
   if (o.clear != 0) return clear(talk, o.clear);
   measure_round_trips(talk, bridge, o.for_s);
-  return watch(talk, o.for_s);
+  return watch(talk, o.for_s, config.drive().rates.f_s_Hz);
 }
 
 void add_common(CLI::App* verb, BridgeOptions& o) {
