@@ -103,7 +103,7 @@ void print_result(const TraceResult& r, const std::string& out) {
       fmt::print("      {}{}\n",
                  std::isfinite(e.delta_bic) ? fmt::format("BIC {:.0f}", e.delta_bic) : "not judged",
                  std::isfinite(e.held_out_gain)
-                     ? fmt::format(", held-out error {:+.1f} %", -100 * e.held_out_gain)
+                     ? fmt::format(", whitened energy of held-out rows {:+.1f} %", -100 * e.held_out_gain)
                      : "");
   }
   for (const Ambiguity& a : r.ambiguous)
