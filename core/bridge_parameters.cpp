@@ -30,6 +30,10 @@ bool BridgeParameters::device_has_watchdog() const {
          (protocol == DriveProtocol::kMoteus && moteus_control == MoteusControl::kTorque);
 }
 
+bool BridgeParameters::tells_voltage() const {
+  return protocol != DriveProtocol::kMoteus || moteus_listen != MoteusListen::kUart;
+}
+
 // A sample of every group is the longest frame of the twinrate protocol (docs/bridge-protocol.md); a
 // moteus answers a line of 64 bytes in hexadecimal.
 double BridgeParameters::wire_time_s() const {

@@ -387,6 +387,17 @@ std::vector<std::string> warnings_of_the_bridge(Config& config) {
   if (const std::string unread = keys_unread_by_a_real_drive(config); !unread.empty())
     list.push_back(fmt::format("unused keys: a real drive (bridge.mode = {}) does not read {}",
                                kBridgeModeNames[static_cast<int>(bridge.mode)], unread));
+  if (const double wire_s = bridge.wire_time_s(), T_s = config.drive().T_s();
+      bridge.protocol == DriveProtocol::kTwinrate && !bridge.port.empty() && wire_s > T_s)
+    list.push_back(
+        fmt::format("{}: bridge.baud: a sample takes up to {:.3g} ms on the line, a tick {:.3g} "
+                    "ms: in realtime "
+                    "samples are lost",
+                    config.where("bridge.baud"), 1e3 * wire_s, 1e3 * T_s));
+  if (!bridge.tells_voltage())
+    list.push_back(fmt::format(
+        "{}: bridge.moteus_listen: uart tells no voltage: the drive is logged without estimates",
+        config.where("bridge.moteus_listen")));
   if (bridge.mode != BridgeMode::kControl) return list;
   if (!bridge.device_has_watchdog())
     list.push_back(

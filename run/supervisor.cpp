@@ -82,6 +82,13 @@ bool Supervisor::listens() const {
   return drive_.plant.kind == PlantKind::kBridge && options_.bridge.mode == BridgeMode::kListen;
 }
 
+// Of a drive that runs its own control: estimates need its voltage.
+bool Supervisor::shadows(Role role) const {
+  if (role == Role::kEstimator || role == Role::kGain || role == Role::kMonitor)
+    return options_.bridge.tells_voltage();
+  return role != Role::kController;
+}
+
 // bridge.emulate: the port is an address of this machine that launch chose.
 void Supervisor::start_emulator() {
   if (drive_.plant.kind != PlantKind::kBridge || !options_.bridge.emulate) return;
@@ -116,7 +123,7 @@ void Supervisor::start_children() {
   for (const Member& member : kMembers) {
     if (member.role == Role::kMonitor && !options_.monitor) continue;
     if (options_.without.count(member.role) || is_own(member.role)) continue;
-    if (member.role == Role::kController && listens()) continue;
+    if (listens() && !shadows(member.role)) continue;
     if (member.role == Role::kPlant) start_emulator();
     const bool real = member.role == Role::kPlant && drive_.plant.kind == PlantKind::kBridge;
     std::vector<std::string> list = arguments(member.role);

@@ -52,6 +52,7 @@ class Supervisor {
   bool is_own(Role role) const;
   void start_emulator();
   bool listens() const;
+  bool shadows(Role role) const;
   void say_how_to_start(Role role) const;
   bool wait_for_own_processes();
   bool wait_until_ready();

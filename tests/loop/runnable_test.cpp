@@ -126,7 +126,7 @@ TEST(Runnable, KeysOfAnotherProtocolOrLineAreRefused) {
 }
 
 TEST(Runnable, KeysThatARealDriveDoesNotReadAreNamed) {
-  const Overrides bridge = {"plant.kind=bridge", "bridge.port=/dev/ttyACM0", "plant.engine=erk"};
+  const Overrides bridge = {"plant.kind=bridge", "bridge.port=udp://h:1", "plant.engine=erk"};
   Config control = load_drive("dilys2021", bridge);
   const auto list = check_runnable(control);
   ASSERT_EQ(list.size(), 1u);
@@ -152,6 +152,20 @@ TEST(Runnable, WarnsOfALeaseShorterThanTheLinkCanHold) {
             std::string::npos);
   EXPECT_EQ(warning({}), "");
   EXPECT_EQ(warning({"bridge.lease_ms=3", "bridge.mode=listen"}).find("p99.9"), std::string::npos);
+}
+
+TEST(Runnable, WarnsOfALineThatCannotCarryTheSamplesAndOfOnesWithoutVoltage) {
+  const Overrides serial = {"plant.kind=bridge", "bridge.port=/dev/ttyUSB0"};
+  const auto warnings = [&](Overrides more) {
+    more.insert(more.end(), serial.begin(), serial.end());
+    return fmt::format("{}", checked("dilys2021", more));
+  };
+  EXPECT_NE(warnings({}).find("0.42 ms on the line, a tick 0.2 ms"), std::string::npos);
+  EXPECT_EQ(warnings({"rates.f_s_Hz=2000"}).find("on the line"), std::string::npos);
+  EXPECT_NE(warnings({"bridge.mode=listen", "bridge.protocol=moteus", "bridge.moteus_listen=uart",
+                      "rates.f_s_Hz=2000"})
+                .find("tells no voltage"),
+            std::string::npos);
 }
 
 TEST(Runnable, AModeWithoutADeviceWatchdogIsNotCalledSafe) {
