@@ -57,9 +57,10 @@ class WatchedChannel {
   std::int64_t repeats() const { return repeats_; }  // repeated sequence numbers
   std::int64_t last_seq() const { return last_seq_; }
   std::int64_t last_t_ns() const { return last_t_ns_; }
-  double rate_Hz(std::int64_t now_us) const;  // over the present interval
-  double age_s(std::int64_t now_us) const;    // since the newest message
-  std::optional<double> latency_us() const;   // mean of the interval
+  bool has_interval() const { return interval_start_us_ > 0; }  // begin_interval() was called
+  double rate_Hz(std::int64_t now_us) const;                    // over the present interval
+  double age_s(std::int64_t now_us) const;                      // since the newest message
+  std::optional<double> latency_us() const;                     // mean of the interval
   double latency_max_us() const { return latency_max_us_; }
   const std::vector<std::uint8_t>& newest() const { return newest_; }
 

@@ -120,6 +120,13 @@ TriggerSettings trigger_settings(const Json& body) {
   return t;
 }
 
+// A ghost is laid over the drive tick by tick. 0: not known yet.
+void expect_same_rate(double T_s, double T_s_of_ghost) {
+  if (T_s > 0 && T_s_of_ghost > 0 && std::abs(T_s_of_ghost / T_s - 1) > 1e-6)
+    throw BadInput(fmt::format("the ghost has f_s = {:g} Hz, the drive {:g} Hz: the same allowed",
+                               1 / T_s_of_ghost, 1 / T_s));
+}
+
 }  // namespace
 
 struct Api::Reader {
@@ -279,13 +286,33 @@ Answer Api::csv(const Query& query) {
   return answer;
 }
 
+// The first tick of a run at which this trigger fires; -1 if none.
+std::int64_t Api::first_trigger(const Recording& run, TriggerSettings settings) {
+  settings.mode = TriggerMode::kSingle;
+  Trigger trigger;
+  trigger.set(settings);
+  for (const ScopeEvent& e : run.event_list())
+    if (trigger.event(e.k, e.reason, e.trip)) return e.k;
+  constexpr std::int64_t kPiece = 100'000;
+  if (!settings.signal.empty())
+    for (std::int64_t from = run.first_k(); from <= run.last_k(); from += kPiece) {
+      const Span piece{from, std::min(from + kPiece, run.last_k() + 1), 1, 0};
+      std::int64_t k = from;
+      for (const double value : run.samples(settings.signal, piece))
+        if (trigger.sample(k++, value)) return k - 1;
+    }
+  return -1;
+}
+
 // The ghost's tick that belongs to tick 0 of the drive. by = start: first ticks; event: first trip,
-// else the first event of the same name `reason`; angle: as start, and then less than a turn
+// else the first event of the same name `reason`; trigger: the first tick at which the trigger of
+// the page fires in the ghost, on tick k of the drive; angle: as start, and then less than a turn
 // further, to the tick at which the measured angle is that of tick k of the drive.
 Answer Api::align(const Query& query) {
   const auto ghost = sources_.find(text_of(query, "ghost"));
   if (!ghost) throw BadInput("ghost: no such run");
   Recording& drive = sources_.drive();
+  expect_same_rate(drive.drive().T_s, ghost->drive().T_s);
   const std::string by = text_of(query, "by"), reason = text_of(query, "reason");
   const std::int64_t k = whole_of(query, "k", drive.last_k());
   std::int64_t shift = ghost->first_k() - drive.first_k();
@@ -295,6 +322,10 @@ Answer Api::align(const Query& query) {
     for (const ScopeEvent& e : ghost->event_list())
       if (at < 0 && (reason.empty() ? e.trip : e.reason == reason)) at = e.k;
     if (at < 0) throw BadInput("the ghost has no such event");
+    shift = at - k;
+  } else if (by == "trigger") {
+    const std::int64_t at = first_trigger(*ghost, drive.trigger());
+    if (at < 0) throw BadInput("the trigger does not fire in the ghost");
     shift = at - k;
   } else if (by == "angle") {
     const char* const angle = "measurement.theta_m_rad";
@@ -314,7 +345,7 @@ Answer Api::align(const Query& query) {
     }
     if (!(best < M_PI)) throw BadInput("the ghost has no angle there");
   } else if (by != "start" && !by.empty()) {
-    throw BadInput("by: start, event or angle allowed");
+    throw BadInput("by: start, event, trigger or angle allowed");
   }
   return json_answer(
       {{"shift_ticks", shift}, {"first_k", ghost->first_k()}, {"last_k", ghost->last_k()}});

@@ -66,6 +66,7 @@ class Api {
   Answer samples(const Query& query);
   Answer statistics(const Query& query);
   Answer csv(const Query& query);
+  static std::int64_t first_trigger(const Recording& run, TriggerSettings settings);
   Answer align(const Query& query);
   Answer set_trigger(const Json& body);
   Answer control(const Json& body);

@@ -49,6 +49,7 @@ LiveDrive::LiveDrive(const BusOptions& options, Recording& recording, TokenOf to
       last_heard_us_(wall_us()) {
   open_bus();
   url_ = bus_->url();
+  url_.erase(std::min(url_.find("&recv_buf_size"), url_.size()));
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 

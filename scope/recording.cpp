@@ -300,7 +300,8 @@ void Recording::note_bus(std::int64_t now_us) {
       if (column < 0) column = signals_.add({base + name, unit, comment, false});
       put(column, k, value);
     };
-    note("rate_Hz", "Hz", "messages a second of wall time", channel.rate_Hz(now_us));
+    if (channel.has_interval())
+      note("rate_Hz", "Hz", "messages a second of wall time", channel.rate_Hz(now_us));
     note("gaps", "", "sequence numbers that did not arrive here, so far",
          static_cast<double>(channel.gaps()));
     if (const auto latency = channel.latency_us())
@@ -352,6 +353,11 @@ void Recording::set_trigger(const TriggerSettings& settings) {
   trigger_.set(settings);
   trigger_column_ = settings.signal.empty() ? -1 : signals_.find(settings.signal);
   pending_.reset();
+}
+
+TriggerSettings Recording::trigger() const {
+  const Lock lock(mutex_);
+  return trigger_.settings();
 }
 
 void Recording::force_trigger() {

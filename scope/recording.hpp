@@ -93,6 +93,7 @@ class Recording {
 
   void set_trigger(const TriggerSettings& settings);
   void force_trigger();
+  TriggerSettings trigger() const;
   std::int64_t first_k() const;
   std::int64_t last_k() const;
   std::int64_t complete_k() const;  // every channel of the tick has passed it

@@ -1,16 +1,32 @@
 #include "scope/scope.hpp"
 
+#include <fmt/format.h>
+
 #include "core/bus_parameters.hpp"
 #include "core/config.hpp"
 #include "core/event_log.hpp"
 #include "scope/recorded_drive.hpp"
 
 namespace twinrate::scope {
+namespace {
+
+// A lock-step set does not wait for the page. About 1 s of an unpaced one: 10 000 ticks of five
+// messages, about 1 KiB each as the kernel counts them.
+constexpr int kReceiveBuffer = 32 << 20;
+
+std::string with_receive_buffer(const std::string& url) {
+  if (!url.starts_with("udpm://") || url.find("recv_buf_size") != std::string::npos) return url;
+  return fmt::format("{}{}recv_buf_size={}", url, url.find('?') == std::string::npos ? '?' : '&',
+                     kReceiveBuffer);
+}
+
+}  // namespace
 
 Scope::Scope(const ScopeOptions& options)
     : recording_(std::make_shared<Recording>(options.log.empty() ? options.history_s : 1e9,
                                              options.memory_mib << 20)) {
-  BusOptions bus{.url = options.url, .channel_suffix = options.channel_suffix};
+  BusOptions bus{.url = with_receive_buffer(resolve_url(options.url)),
+                 .channel_suffix = options.channel_suffix};
   if (!options.drive_file.empty()) {
     Config config = Config::load(options.drive_file);
     recording_->use_config(config.merged(), options.drive_file);

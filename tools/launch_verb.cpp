@@ -157,6 +157,8 @@ int launch(const LaunchOptions& o) {
   const int code = conclude_run(directory, config, facts);
   result->finish();
   page.stop({Role::kSupervisor}, 3);
+  if (o.scope && !o.json)
+    fmt::print("the page ended with the run; to see it again: twinrate scope {}\n", directory);
   return code;
 }
 

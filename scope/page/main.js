@@ -54,21 +54,39 @@ on('frame', () => {
 
 function showBar() {
   const { live, brief, view } = state, lamp = byId('lamp'), notice = byId('notice');
-  const lost = sinceFrame_s() > 2 ? 'The server does not answer: is twinrate scope still running? The page connects again by itself.'
-    : live && !live.heard ? `No drive heard yet on ${live.url}. Start one: twinrate launch DRIVE`
-    : live && live.silent_s > 1 ? `Nothing heard on ${live.url} for ${Math.floor(live.silent_s)} s: the bus or the drive is gone. The page goes on when it comes back.`
+  const silent = live?.silent_s > 1, ended = silent && state.processes.find((p) => /plant|bridge/.test(p.role))?.state === 'done';
+  const lost = sinceFrame_s() > 2 ? 'The server does not answer: twinrate scope, or the launch --scope that started it, has ended. The page connects again by itself.'
+    : live && !live.heard ? `No drive heard yet on ${live.url}. Start one: twinrate launch DRIVE --pace wall --duration inf`
+    : ended ? `The run has ended at ${(brief.last_k * T_s()).toFixed(2)} s. The page goes on when another one starts.`
+    : silent ? `Nothing heard on ${live.url} for ${Math.floor(live.silent_s)} s: the bus or the drive is gone. The page goes on when it comes back.`
     : '';
-  const [text, kind] = lost ? ['lost', 'lost'] : view.capture ? [`capture ${view.capture}`, 'past'] : !view.follow ? [live ? 'held' : 'run', live ? 'held' : 'past'] : live ? ['live', 'live'] : ['run', 'past'];
+  const waits = live && !live.heard || ended;
+  const [text, kind] = lost && sinceFrame_s() <= 2 && waits ? [ended ? 'ended' : 'no drive', 'held'] : lost ? ['lost', 'lost'] : view.capture ? [`capture ${view.capture}`, 'past'] : !view.follow ? [live ? 'held' : 'run', live ? 'held' : 'past'] : live ? ['live', 'live'] : ['run', 'past'];
   lamp.textContent = text;
   lamp.className = `lamp ${kind}`;
   notice.textContent = lost || state.notice || '';
   notice.hidden = !notice.textContent;
+  notice.classList.toggle('plain', kind === 'held');
+  document.body.classList.toggle('stale', !!lost);
+  showMode(!!lost);
   byId('clock').textContent = brief.last_k >= 0 ? `${(brief.last_k * T_s()).toFixed(2)} s, tick ${brief.last_k}` : '';
   byId('follow').classList.toggle('on', view.follow);
   byId('follow').hidden = !live;
-  const ghost = state.ghost ? ` Thin dotted: ${state.ghost.label}.` : '';
+  const ghost = state.ghost ? ` Thin dashed: ${state.ghost.label}.` : '';
   byId('decimation').textContent = (feed.bucket > 1 ? `Each point pair is the minimum and maximum of ${feed.bucket} ticks (${(1000 * feed.bucket * T_s()).toPrecision(3)} ms); no peak is left out.` : 'Every tick is drawn.') +
-    ` Kept: ${((brief.last_k - Math.max(0, brief.first_k)) * T_s()).toFixed(1)} s at ${shown(1 / T_s())} Hz.${feed.skipped ? ` ${feed.skipped} ticks were not streamed to this page.` : ''}${ghost}`;
+    `${brief.last_k >= 0 ? ` Kept: ${((brief.last_k - Math.max(0, brief.first_k)) * T_s()).toFixed(1)} s at ${shown(1 / T_s())} Hz.` : ''}${feed.skipped ? ` ${feed.skipped} ticks were not streamed to this page.` : ''}${ghost}`;
+}
+
+// The mode of the command that the drive applies; in safe mode the fault that led to it, and the way out.
+const MODES = [['run', 'live'], ['align', 'held'], ['I/f ramp', 'held'], ['SAFE', 'lost']];
+function showMode(lost) {
+  const node = byId('mode'), mode = state.live && !lost && MODES[state.signals.find((s) => s.name === 'measurement.mode')?.value];
+  node.hidden = !mode;
+  if (!mode) return;
+  const trip = mode[0] === 'SAFE' && state.events.findLast((e) => e.trip);
+  node.textContent = trip ? `SAFE: ${trip.reason.replaceAll('_', ' ')}` : mode[0];
+  node.title = mode[0] === 'SAFE' ? 'the drive is off; take control, then reset' : 'mode of the command that the drive applies';
+  node.className = `lamp ${mode[1]}`;
 }
 
 function listEvents() {
@@ -160,7 +178,7 @@ new ResizeObserver(resize).observe(byId('plots'));
 async function everyHalfSecond() {
   try {
     const tree = await get('tree');
-    Object.assign(state, { signals: tree.signals, drive: tree.drive });
+    Object.assign(state, { signals: tree.signals, drive: tree.drive, processes: tree.processes });
     fillGainPlot();
     refreshTree(tree);
     refreshSteering();

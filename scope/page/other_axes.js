@@ -5,11 +5,11 @@
 // resample the signal at equal steps of the measured angle. A tick that is missing is interpolated, and counted.
 import { element } from './dom.js';
 import { numbers } from './server.js';
-import { range, state, T_s, unitOf } from './state.js';
+import { colourOf } from './plots.js';
+import { range, shortName, state, T_s, unitOf } from './state.js';
 
-export const OTHER_KINDS = { time: 'over time', xy: 'x-y', angle: 'over the rotor angle', spectrum: 'spectrum', orders: 'order spectrum' };
+export const OTHER_KINDS = { time: 'over time', xy: 'x-y', angle: 'over angle', spectrum: 'spectrum', orders: 'orders' };
 const MOST_POINTS = 6000, MOST_TICKS = 2 ** 17, HEIGHT = 240;
-const COLOURS = ['#0b5cab', '#c2500a', '#1d7a46', '#7b3fa0', '#a3222f', '#00798c'];
 const ANGLES = ['measurement.theta_m_rad', 'truth.theta_m_rad'];
 const busy = new WeakSet(), charts = new WeakMap();
 
@@ -102,11 +102,13 @@ async function orders(signals) {
 
 const angleSignal = () => (state.signals.find((s) => s.name === ANGLES[1] && s.value != null) ? ANGLES[1] : ANGLES[0]);
 
+const labelled = (name) => (unitOf(name) ? `${shortName(name)} (${unitOf(name)})` : name);
+
 async function content(plot) {
   const signals = plot.signals.map((s) => s.name);
   if (plot.kind === 'xy') {
     if (signals.length < 2) return null;
-    return { ...(await points(signals.slice(1), signals[0])), xLabel: `${signals[0]} (${unitOf(signals[0])})`, names: signals.slice(1), dots: true };
+    return { ...(await points(signals.slice(1), signals[0])), xLabel: labelled(signals[0]), names: signals.slice(1), dots: true };
   }
   if (!signals.length) return null;
   if (plot.kind === 'angle') {
@@ -139,7 +141,7 @@ function dots(u, seriesIndex, from, to) {
   ctx.beginPath();
   ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
   ctx.clip();
-  ctx.fillStyle = COLOURS[(seriesIndex - 1) % COLOURS.length];
+  ctx.fillStyle = u.colours[seriesIndex - 1];
   ctx.globalAlpha = 0.5;
   for (let i = 0; i < all.length; ++i) {
     if (Number.isNaN(all[i]) || Number.isNaN(source.x[i])) continue;
@@ -162,7 +164,7 @@ function paint(plot, node, found) {
   if (!u || u.shape !== shape) {
     u?.destroy();
     node.replaceChildren();
-    u = make(node, found);
+    u = make(plot, node, found);
     u.shape = shape;
     u.told = element('span', { className: 'soft' });
     node.append(u.told);
@@ -173,16 +175,18 @@ function paint(plot, node, found) {
   u.batch(() => { u.setData(data, false); u.setScale('x', { min: xs[0], max: xs[1] }); u.setScale('y', { min: ys[0], max: ys[1] }); });
 }
 
-function make(node, found) {
+function make(plot, node, found) {
   const font = '11px system-ui, "Segoe UI", "DejaVu Sans", sans-serif', grid = { stroke: '#edf0f2', width: 1 };
   const units = [...new Set(found.names.map(unitOf))].filter(Boolean).join(', ');
   const axis = { font, labelFont: font, stroke: '#3c454d', grid, ticks: grid, labelSize: 16 };
   const few = (_, splits) => splits.map((v) => (v == null ? '' : Math.abs(v) < 1e-14 ? '0' : String(Number(v.toPrecision(4)))));
   const decades = (_, splits) => splits.map((v) => (v != null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v.toExponential(0) : ''));
-  return new uPlot({
+  const colours = plot.signals.map((_, i) => colourOf(plot, i)).slice(plot.kind === 'xy' ? 1 : 0);
+  const u = new uPlot({
     width: Math.max(200, node.clientWidth), height: HEIGHT, legend: { show: false }, cursor: { drag: { x: false, y: false } },
     scales: { x: { time: false, auto: false }, y: found.log ? { distr: 3, auto: false } : { auto: false } },
-    axes: [{ ...axis, label: found.xLabel, size: 40, values: few }, { ...axis, label: found.names.length === 1 ? `${found.names[0]} (${units})` : units, size: 66, values: found.log ? decades : few }],
-    series: [{}, ...found.names.map((_, i) => ({ stroke: COLOURS[i % COLOURS.length], width: 1.2, points: { show: false }, ...(found.dots ? { paths: dots } : {}) }))],
+    axes: [{ ...axis, label: found.xLabel, size: 40, values: few }, { ...axis, label: `${found.log ? 'amplitude of ' : ''}${found.names.length === 1 ? labelled(found.names[0]) : units || 'signals'}`, size: 66, values: found.log ? decades : few }],
+    series: [{}, ...found.names.map((_, i) => ({ stroke: colours[i], width: 1.2, points: { show: false }, ...(found.dots ? { paths: dots } : {}) }))],
   }, [[0, 1], ...found.names.map(() => [1, 2])], node);
+  return Object.assign(u, { colours });
 }

@@ -24,6 +24,8 @@ export function style(plot, index) {
 // A ghost has the colour of its signal, darker where that is pale.
 const PALE = { '#b4bcc4': '#7d8790', '#a8c6e6': '#5f93c9', '#f0c9a4': '#d38f55', '#b9d8c4': '#6ba583' };
 const ghostColour = (stroke) => PALE[stroke] ?? `${stroke}b0`;
+// On other axes than time a curve is thin: nothing pale.
+export const colourOf = (plot, index) => { const { stroke } = style(plot, index); return PALE[stroke] ?? stroke; };
 
 const changed = () => tell('layout');
 
@@ -47,8 +49,10 @@ export function add(name, place = state.active, axis = 'l') {
 function chip(plot, index) {
   const s = plot.signals[index], look = style(plot, index);
   const line = element('i', { className: look.dash ? 'dash' : '' });
-  line.style.borderColor = look.stroke;
-  const side = element('b', { title: `${s.name}: left or right axis` }, shortName(s.name) + (s.axis === 'r' ? ' ▸' : ''));
+  line.style.borderColor = plot.kind === 'time' ? look.stroke : colourOf(plot, index);
+  const isX = plot.kind === 'xy' && index === 0;
+  if (isX) line.style.visibility = 'hidden';
+  const side = element('b', { title: `${s.name}: left or right axis` }, (isX ? 'x: ' : '') + shortName(s.name) + (s.axis === 'r' ? ' ▸' : ''));
   side.onclick = () => { s.axis = s.axis === 'r' ? 'l' : 'r'; changed(); };
   const away = element('button', { className: 'x', title: `remove ${s.name}` }, '×');
   away.onclick = () => remove(plot, index);
@@ -70,7 +74,7 @@ function bar(plot) {
   const close = element('button', { title: 'close the plot' }, '×');
   close.onclick = () => { plots.splice(plots.indexOf(plot), 1); changed(); };
   const hint = plot.signals.length ? '' : plot.fill ? 'waits for the gain' : 'drag or click signals of the tree here';
-  const node = element('div', { className: 'bar', draggable: true }, ...plot.signals.map((_, i) => chip(plot, i)), element('span', { className: 'hint' }, hint), element('span', { className: 'spring' }), kind, parts, close);
+  const node = element('div', { className: 'bar', draggable: true }, element('span', { className: 'chips' }, ...plot.signals.map((_, i) => chip(plot, i)), element('span', { className: 'hint' }, hint)), element('span', { className: 'tools' }, kind, parts, close));
   node.ondragstart = (event) => { dragged = plot; event.dataTransfer.setData('text/plain', ''); };
   return node;
 }
@@ -100,20 +104,28 @@ function acceptDrops(node, plot) {
 
 const FONT = '11px system-ui, "Segoe UI", "DejaVu Sans", sans-serif';
 const GRID = { stroke: '#edf0f2', width: 1 };
-const axis = (scale, label, side, size) => ({ scale, label, side, size, font: FONT, labelFont: FONT, labelSize: 14, labelGap: 0, stroke: '#3c454d', grid: side === 1 ? { show: false } : GRID, ticks: GRID, values: (_, splits) => splits.map((v) => ticksLabel(v, splits)) });
-function ticksLabel(v, splits) {
+const axis = (scale, label, side, size) => ({ scale, label, side, size, font: FONT, labelFont: FONT, labelSize: 14, labelGap: 0, stroke: '#3c454d', grid: side === 1 ? { show: false } : GRID, ticks: GRID, values: (u, splits) => { (u.exponents ??= {})[scale] = exponentOf(splits); return splits.map((v) => ticksLabel(v, splits, exponentOf(splits))); } });
+// Labels that the axis has no place for are in units of a power of ten, which stands above it.
+const LABEL_PLACE = 7;  // characters
+function exponentOf(splits) {
+  if (splits.every((v) => ticksLabel(v, splits).length <= LABEL_PLACE)) return 0;
+  return Math.floor(Math.log10(Math.max(...splits.map(Math.abs))) + 1e-9);
+}
+function ticksLabel(v, splits, exponent = 0) {
   const step = Math.abs(splits[1] - splits[0]) || 1;
-  return Math.abs(v) < step / 1e6 ? '0' : String(Number(v.toPrecision(6)));
+  return Math.abs(v) < step / 1e6 ? '0' : String(Number((v / 10 ** exponent).toPrecision(6)));
 }
 
 function unitsOn(plot, side) {
   return [...new Set(plot.signals.filter((s) => (s.axis === 'r') === (side === 'r')).map((s) => unitOf(s.name)))].filter(Boolean).join(', ');
 }
 
-// A scale keeps a margin, and does not magnify the last bits of a constant.
+// A scale keeps a margin, and magnifies no more than the five digits that the page shows of a number.
 function limits(_, min, max) {
   if (min == null || !Number.isFinite(min)) return [0, 1];
-  const pad = Math.max(0.06 * (max - min), 1e-6 * Math.max(Math.abs(min), Math.abs(max)), 1e-12);
+  const size = Math.max(Math.abs(min), Math.abs(max));
+  if (size < 1e-12) return [-0.1, 1];  // counters at 0
+  const pad = Math.max(0.06 * (max - min), 5e-5 * size);
   return [min - pad, max + pad];
 }
 
@@ -125,7 +137,7 @@ function build(plot, node) {
   const axes = [{ ...axis('x', null, 2, 28), grid: GRID, values: (_, splits) => splits.map((v, i) => `${ticksLabel(v, splits)}${i === splits.length - 1 ? ' s' : ''}`) }, axis('l', unitsOn(plot, 'l'), 3, 62)];
   if (right) axes.push(axis('r', unitsOn(plot, 'r'), 1, 52));
   const uplot = new uPlot({
-    width: Math.max(200, node.clientWidth), height: HEIGHT, padding: [6, right ? 0 : 52, 0, 0],
+    width: Math.max(200, node.clientWidth), height: HEIGHT, padding: [12, right ? 0 : 66, 0, 0],
     scales: { x: { time: false, auto: false }, l: { range: limits }, r: { range: limits } },
     axes, series, legend: { show: false },
     cursor: { sync: { key: 't' }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
@@ -190,6 +202,30 @@ function dragging(event, u, move, end) {
   addEventListener('pointerup', (e) => { removeEventListener('pointermove', moved); at(e, end); }, { once: true });
 }
 
+// A text over curves, readable on any of them.
+function writeClear(ctx, text, x, y) {
+  ctx.save();
+  ctx.setLineDash([]);
+  ctx.strokeStyle = '#fff';
+  ctx.lineWidth = 4 * devicePixelRatio;
+  ctx.lineJoin = 'round';
+  ctx.strokeText(text, x, y);
+  ctx.restore();
+  ctx.fillText(text, x, y);
+}
+
+// The power of ten that the labels of an axis are in.
+function drawExponents(u) {
+  const { ctx, bbox } = u;
+  ctx.fillStyle = '#3c454d';
+  for (const [scale, x, align] of [['l', bbox.left, 'right'], ['r', bbox.left + bbox.width, 'left']]) {
+    const exponent = u.exponents?.[scale];
+    if (!exponent) continue;
+    ctx.textAlign = align;
+    ctx.fillText(`×1e${exponent}`, x, bbox.top - 3 * devicePixelRatio);
+  }
+}
+
 function verticalLine(u, t, colour, dash, text, row = 0) {
   const { ctx, bbox } = u, x = Math.round(u.valToPos(t, 'x', true));
   if (x < bbox.left || x > bbox.left + bbox.width) return;
@@ -201,7 +237,7 @@ function verticalLine(u, t, colour, dash, text, row = 0) {
   ctx.stroke();
   if (!text) return;
   ctx.textAlign = x > bbox.left + 0.8 * bbox.width ? 'right' : 'left';
-  ctx.fillText(text, x + (ctx.textAlign === 'left' ? 3 : -3) * devicePixelRatio, bbox.top + (10 + 11 * row) * devicePixelRatio);
+  writeClear(ctx, text, x + (ctx.textAlign === 'left' ? 3 : -3) * devicePixelRatio, bbox.top + (10 + 11 * row) * devicePixelRatio);
 }
 
 // Events, the trigger, the cursors.
@@ -211,6 +247,7 @@ function drawMarks(u, plot) {
   ctx.lineWidth = devicePixelRatio;
   ctx.font = `${10 * devicePixelRatio}px sans-serif`;
   const t = (k) => (k - origin()) * T_s();
+  drawExponents(u);
   state.events.filter((e) => e.k >= from && e.k < to).slice(-40).forEach((e, i) =>
     verticalLine(u, t(e.k), e.trip ? '#b3261e' : '#8a6d00', [2, 3], first ? e.reason : '', i % 3));
   if (state.view.capture) verticalLine(u, 0, '#0b5cab', [], first ? 'trigger' : '');
@@ -230,7 +267,13 @@ function horizontalLine(u, level) {
   ctx.lineTo(bbox.left + bbox.width, y);
   ctx.stroke();
   ctx.textAlign = 'right';
-  ctx.fillText(`trigger ${shown(level.value)}`, bbox.left + bbox.width - 3, y - 3 * devicePixelRatio);
+  writeClear(ctx, `trigger ${shown(level.value)}`, bbox.left + bbox.width - 3, y - 3 * devicePixelRatio);
+}
+
+// Without values in the range shown; a filter that estimates no load sends 0 for it in every tick.
+function isAbsent(name) {
+  const s = feed.series.get(name), isEmpty = name === 'estimate.T_load_Nm' ? (v) => Number.isNaN(v) || v === 0 : Number.isNaN;
+  return !s || s.min.every(isEmpty) && s.max.every(isEmpty);
 }
 
 // Two points a bucket, minimum and maximum, so that a peak of one tick is seen.
@@ -248,7 +291,7 @@ function curves(plot) {
     }
     return y;
   };
-  const own = plot.signals.map((s) => interleaved(feed.series.get(s.name)));
+  const own = plot.signals.map((s) => interleaved(isAbsent(s.name) ? null : feed.series.get(s.name)));
   const ghosts = plot.signals.map((s) => {
     const g = feed.ghost.get(s.name);
     return state.ghost && g && g.bucket === feed.bucket ? interleaved(g, (feed.begin - g.begin) / feed.bucket) : new Array(x.length).fill(null);
@@ -259,9 +302,10 @@ function curves(plot) {
 export function draw() {
   const [from, to] = range();
   const scale = { min: (from - origin()) * T_s(), max: (to - origin()) * T_s() };
-  for (const [plot, { uplot }] of charts) {
+  for (const [plot, { uplot, chips }] of charts) {
     if (!uplot || uplot.u === null) continue;
     if (plot.kind !== 'time') continue;
+    plot.signals.forEach((s, i) => chips[i]?.classList.toggle('absent', isAbsent(s.name)));
     uplot.batch(() => { uplot.setData(curves(plot), false); uplot.setScale('x', scale); });
   }
 }
@@ -279,7 +323,7 @@ export function rebuild() {
     node.dataset.kind = plot.kind;
     section.append(node);
     acceptDrops(node, plot);
-    charts.set(plot, { uplot: plot.kind === 'time' ? build(plot, chart) : chart });
+    charts.set(plot, { uplot: plot.kind === 'time' ? build(plot, chart) : chart, chips: node.querySelectorAll('.chip') });
   });
   draw();
   drawOthers();

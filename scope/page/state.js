@@ -9,11 +9,12 @@ export const state = {
   holder: '',
   signals: [],      // of the tree: {name, unit, comment, value}
   drive: {},
+  processes: [],    // of the tree: {role, state, ..}
   events: [],
   view: { follow: true, from: 0, to: 0, capture: 0 },
   layout: null,
   cursors: null,    // {a, b} in ticks
-  ghost: null,      // {source, capture, shift, label}
+  ghost: null,      // {source, capture, shift, by, label}
   active: 0,        // plot to which a click in the tree goes
 };
 
@@ -31,8 +32,11 @@ function guessedUnit(name) {
   return end ? known[end] : '';
 }
 
-// A name without the unit that its axis has: "estimate.omega_m".
+// A name without the unit that its axis has: "estimate.omega_m"; an entry of K or P by row and column: "gain.P44".
 export function shortName(name) {
+  const entry = name.match(/^gain\.([KP])\[(\d+)\]$/);
+  const columns = entry && state.signals.find((s) => s.name === (entry[1] === 'P' ? 'gain.n_x' : 'gain.n_y'))?.value;
+  if (columns > 0 && columns < 10) return `gain.${entry[1]}${Math.floor(entry[2] / columns) + 1}${entry[2] % columns + 1}`;
   const unit = unitOf(name).replace('/', '_');
   return unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name;
 }
@@ -90,7 +94,7 @@ export function firstLayout() {
   };
 }
 
-// The variance of the last state (the angle of ekf_sensorless) and its gains: their places follow from n_x and n_y.
+// The variance of the last state (the angle of most filters) and its gains: their places follow from n_x and n_y.
 export function fillGainPlot() {
   const value = (name) => state.signals.find((s) => s.name === name)?.value;
   const n_x = value('gain.n_x'), n_y = value('gain.n_y');

@@ -8,28 +8,29 @@ let take, who, told, steered = [], speeds, ranges = {};
 export async function ask(kind, text = '') {
   try {
     const { replies } = await post('request', { client, kind, text });
+    told.classList.toggle('refused', replies.some((r) => !r.accepted));
     told.textContent = replies.length ? `${kind}: ${replies.map((r) => `${r.role} ${r.accepted ? (r.applied_k >= 0 ? `from tick ${r.applied_k} on` : 'accepted') : `refused, ${r.text}`}`).join('; ')}` : `${kind}: sent; no process answers this kind`;
   } catch (error) {
     told.textContent = error.message;
   }
 }
 
-function button(label, kind, steers = true) {
-  const node = element('button', { data: { kind } }, label);
+function button(label, kind, title, steers = true) {
+  const node = element('button', { data: { kind }, title }, label);
   node.onclick = () => ask(kind);
   if (steers) steered.push(node);
   return node;
 }
 
-// What can be set (core/steering.hpp), with its unit; a list has its choices.
+// What can be set (core/steering.hpp): its label with unit, or its choices.
 const settings = [
-  ['speed_rpm', 'rpm, mechanical'], ['omega_e_rad_s', 'rad/s, electrical'], ['load_Nm', 'Nm'], ['n', 'ticks a gain'],
+  ['speed_rpm', 'speed (rpm)'], ['omega_e_rad_s', 'omega_e (rad/s)'], ['load_Nm', 'load (Nm)'], ['n', 'n (ticks a gain)'],
   ['policy', ['paper', 'immediate', 'extrapolate', 'rotate', 'rotor_frame', 'scheduled', 'propagated']],
   ['compensation', ['off', 'paper', 'angle_domain', 'load']]];
 
-function setting([key, unit]) {
-  const list = Array.isArray(unit);
-  const input = list ? element('select', { name: key }, ...['', ...unit].map((text) => element('option', {}, text)))
+function setting([key, form]) {
+  const list = Array.isArray(form);
+  const input = list ? element('select', { name: key }, ...['', ...form].map((text) => element('option', {}, text)))
     : element('input', { name: key, type: 'number', step: 'any', size: 8 });
   const send = () => { if (input.value !== '') ask('steer', `${key}=${input.value}`); };
   if (list) input.onchange = send;
@@ -37,7 +38,7 @@ function setting([key, unit]) {
   steered.push(input);
   const range = element('span', { className: 'soft range' });
   ranges[key] = { input, range };
-  return element('label', { className: 'setting' }, element('span', { className: 'soft' }, list ? key : `${key.split('_')[0]}, ${unit}`), input, range);
+  return element('label', { className: 'setting' }, element('span', { className: 'soft' }, list ? key : form), input, range);
 }
 
 // What the drive file allows (core/steering_limits.hpp), beside each field.
@@ -72,7 +73,7 @@ export function buildSteering() {
   steered.push(addEffects, removeEffects, effects);
   byId('steering').replaceChildren(element('h2', {}, 'Drive'), speeds,
     element('div', { className: 'row-buttons' }, take, who),
-    element('div', { className: 'row-buttons' }, button('start', 'start'), button('reset', 'reset'), button('stop', 'stop', false)),
+    element('div', { className: 'row-buttons' }, button('start', 'start', 'after a stop: back to the speed reference that it had'), button('reset', 'reset', 'from SAFE to IDLE; the drive then starts anew and runs to its speed reference'), button('stop', 'stop', 'to speed 0 on a ramp; needs no control', false)),
     element('div', { className: 'settings' }, ...settings.map(setting)),
     element('details', {}, element('summary', {}, 'effects of the model'), effects, element('div', { className: 'row-buttons' }, addEffects, removeEffects)), told);
   byId('estop').onclick = () => ask('emergency_stop');

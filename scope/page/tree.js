@@ -1,7 +1,7 @@
 // The tree: every field of every channel, with value, unit, rate, and a filter.
 import { byId, element, shown } from './dom.js';
 import { add } from './plots.js';
-import { state } from './state.js';
+import { shortName, state } from './state.js';
 
 const rows = new Map();   // signal -> {row, value}
 const groups = new Map(); // channel -> {node, rate}
@@ -20,7 +20,7 @@ function makeRow(signal) {
   const value = element('span', { className: 'value' });
   const dot = signal.name.indexOf('.');
   const row = element('div', { className: 'row', draggable: true, title: `${signal.name}\n${signal.comment}`, data: { signal: signal.name } },
-    element('span', { className: 'name' }, signal.name.slice(dot + 1)), value, element('span', { className: 'unit' }, signal.unit));
+    element('span', { className: 'name' }, shortName(signal.name).slice(dot + 1)), value, element('span', { className: 'unit' }, signal.unit));
   row.onclick = () => add(signal.name);
   row.ondragstart = (event) => event.dataTransfer.setData('text/plain', signal.name);
   group(signal.name.slice(0, dot)).append(row);

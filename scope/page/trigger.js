@@ -63,7 +63,7 @@ export function buildTrigger() {
   list = element('ol', { id: 'captures' });
   byId('trigger').replaceChildren(
     element('h2', {}, 'Trigger'),
-    element('fieldset', {}, ...source(), ...choice('edge', 'edge', ['rising', 'falling', 'either', 'change']), ...field('level', 'level'), ...field('hysteresis', 'hysteresis'), ...field('before it', 'pre_share', '0..1'), ...field('length', 'length_s', 's'), ...field('hold-off', 'holdoff_s', 's')),
+    element('fieldset', {}, ...source(), ...choice('edge', 'edge', ['rising', 'falling', 'either', 'change']), ...field('level', 'level'), ...field('hysteresis', 'hysteresis'), ...field('pre-trigger', 'pre_share', '0..1'), ...field('length', 'length_s', 's'), ...field('hold-off', 'holdoff_s', 's')),
     element('div', { className: 'row-buttons' }, ...['auto', 'normal', 'single', 'stop'].map(modeButton), force), lamp, list);
   fields.source.style.width = '100%';
 }
@@ -92,8 +92,8 @@ export function refreshTrigger() {
   list.replaceChildren(...captures.toReversed().map((c) => {
     const over = element('button', { title: 'overlay on the capture that is shown', disabled: !state.view.capture || c.id === state.view.capture }, 'overlay');
     over.onclick = (event) => { event.stopPropagation(); overlay(c); };
-    const ticks = `${c.to - c.from} ticks${c.missing ? `, ${c.missing} missing` : ''}`;
-    const node = element('li', { className: `entry${c.id === state.view.capture ? ' on' : ''}`, title: c.cause }, element('span', { className: 'when' }, `#${c.id} ${(c.trigger_k * T_s()).toFixed(4)} s`), element('span', { className: 'what' }, `${ticks} · ${c.cause}`), over);
+    const ticks = c.missing ? `${c.missing} of ${c.to - c.from} ticks missing` : `${c.to - c.from} ticks`;
+    const node = element('li', { className: `entry${c.id === state.view.capture ? ' on' : ''}`, title: `${c.cause}; ${ticks}` }, element('span', { className: 'when' }, `#${c.id} ${(c.trigger_k * T_s()).toFixed(4)} s`), element('span', { className: 'what' }, ticks), over);
     node.onclick = () => open(c);
     return node;
   }));

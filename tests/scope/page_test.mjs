@@ -3,7 +3,7 @@
 //
 // Says what it claims; exit code 1 at the first claim that does not hold.
 import { spawn, spawnSync } from 'node:child_process';
-import { mkdirSync } from 'node:fs';
+import { mkdirSync, readFileSync, readdirSync } from 'node:fs';
 import { join } from 'node:path';
 import { Browser } from './browser.mjs';
 
@@ -17,7 +17,8 @@ function start(...args) {
   return child;
 }
 // Not faster than the wall clock, and few ticks a second: the browser needs the processors, too.
-const launch = (name) => start('launch', 'dilys2021', '--duration', '600s', '--pace', 'wall', '--set', 'rates.f_s_Hz=2000', '--set', 'estimator.prediction=exact', '--set', 'reference.omega_e_rad_s=400', '--set', 'rates.n=1', '--set', 'bus.peer_timeout_s=60', '--set', 'steering.hold_s=60', '--run-dir', `runs/${name}`);
+const drive = ['dilys2021', '--set', 'rates.f_s_Hz=2000', '--set', 'estimator.prediction=exact', '--set', 'rates.n=1'];
+const launch = (name) => start('launch', ...drive, '--duration', '600s', '--pace', 'wall', '--set', 'reference.omega_e_rad_s=400', '--set', 'bus.peer_timeout_s=60', '--set', 'steering.hold_s=60', '--run-dir', `runs/${name}`);
 const picture = async (name) => browser.picture(join(directory, `${name}.${ending}`));
 const begun = Date.now();
 const told = (text) => console.log(`${((Date.now() - begun) / 1000).toFixed(1)} s: ${text}`);
@@ -35,12 +36,13 @@ const inFirstPlot = (y) => value(`(() => { const o = document.querySelector('.pl
 
 async function curves() {
   await browser.until('it says that no drive is heard', "document.querySelector('#notice').textContent.includes('No drive heard')");
-  const drive = launch('live');
+  const set = launch('live');
   await browser.until('curves without a click', "scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 50)");
   await browser.until('the events are listed', "document.querySelectorAll('#events li').length > 0 || scope.state.brief.first_k > 1");
   await browser.until('the page is live', "document.querySelector('#lamp').textContent === 'live'");
+  await browser.until('a second of the drive', 'scope.state.brief.last_k > 2000');
   await picture('run');
-  return drive;
+  return set;
 }
 
 async function treeAndLayout() {
@@ -115,6 +117,13 @@ async function ghost() {
   await browser.until('the drive is drawn', "scope.feed.series.get('truth.omega_m_rad_s').max.length > 200");
   await value('new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))');
   await picture('ghost');
+  await value("document.querySelector('#ghost-by').value = 'trigger'; document.querySelector('#ghost-by').dispatchEvent(new Event('change'))");
+  await browser.until('it can be aligned on the trigger', 'scope.state.ghost.by === "trigger"');
+  const around = await value("(async () => { const k = scope.state.brief.captures.at(-1).trigger_k + scope.state.ghost.shift; return [...new Float64Array(await (await fetch(`/api/samples?source=run:before&signals=estimate.omega_m_rad_s&from=${k - 1}&to=${k + 1}`)).arrayBuffer())]; })()");
+  claim(`to the tick at which it crosses the level: ${around}`, around[0] < 100 && around[1] >= 100);
+  await value("document.querySelector('#ghost-run').value = 'faster'; document.querySelector('#ghost-run').dispatchEvent(new Event('change'))");
+  await browser.until('a run at another rate is refused', "document.querySelector('#notice').textContent.includes('the ghost has f_s = 5000 Hz, the drive 2000 Hz')");
+  await value("document.querySelector('#ghost-run').value = ''; document.querySelector('#ghost-run').dispatchEvent(new Event('change'))");
   await browser.click('#follow');
 }
 
@@ -130,30 +139,46 @@ async function steering() {
   claim('control outlives a change of the view', await value("!document.querySelector('[data-kind=reset]').disabled"));
   await browser.key('Escape');
   await browser.until('Esc stops the drive', "scope.state.events.some((e) => e.reason === 'emergency_stop')");
+  await browser.until('the page says what the drive is in', "document.querySelector('#mode').textContent === 'SAFE: emergency stop'");
   await browser.click('#follow');
   await picture('emergency-stop');
 }
 
+// The processes of a set: their parent is launch.
+const setOf = (drive) => readdirSync('/proc').filter((pid) => /^\d+$/.test(pid)).filter((pid) => {
+  try {
+    return readFileSync(`/proc/${pid}/stat`, 'utf8').split(') ').at(-1).split(' ')[1] === String(drive.pid);
+  } catch { return false; }  // it has ended
+});
+
 async function lost(drive) {
-  drive.kill('SIGKILL');
+  const set = setOf(drive);
+  claim(`the set has its processes: ${set.length}`, set.length >= 5);
+  set.forEach((pid) => process.kill(Number(pid), 'SIGSTOP'));
   await browser.until('a lost bus is told', "document.querySelector('#lamp').textContent === 'lost' && document.querySelector('#notice').textContent.includes('Nothing heard')");
   await picture('lost');
+  set.forEach((pid) => process.kill(Number(pid), 'SIGCONT'));
+  await browser.until('the page goes on with the drive', "document.querySelector('#lamp').textContent === 'live'");
+  drive.kill('SIGINT');
+  await browser.until('the end of a run is told', "document.querySelector('#lamp').textContent === 'ended' && document.querySelector('#notice').textContent.includes('has ended')");
   launch('again');
   await browser.until('the page recovers by itself', "document.querySelector('#lamp').textContent === 'live' && scope.state.brief.last_k > 100");
 }
 
 let browser, address, failed = 0;
 try {
-  spawnSync(twinrate, ['simulate', 'dilys2021', '--duration', '1s', '--set', 'run.settle_s=0.5', '--set', 'reference.omega_e_rad_s=800', '--run-dir', 'runs/before']);
+  const simulate = (name, ...more) => spawnSync(twinrate, ['simulate', ...more, '--duration', '1s', '--set', 'run.settle_s=0.5', '--set', 'reference.omega_e_rad_s=800', '--run-dir', `runs/${name}`]);
+  simulate('before', ...drive);
+  simulate('faster', 'dilys2021');
   const scope = start('scope', '--port', '0');
   address = await new Promise((found) => scope.stdout.once('data', (text) => found(String(text).match(/http:\S+/)[0])));
   browser = await Browser.open(address);
-  const drive = await curves();
+  const set = await curves();
   for (const part of [treeAndLayout, trigger, zoomAndCursors, exports, otherAxes, ghost, steering]) {
     told(part.name);
     await part();
   }
-  await lost(drive);
+  await lost(set);
   claim(`no error of the page: ${browser.errors}`, !browser.errors.length);
 } catch (error) {
   told(error.message);
