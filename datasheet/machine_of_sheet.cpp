@@ -15,8 +15,14 @@ constexpr double kSqrt2 = std::numbers::sqrt2, kSqrt3 = std::numbers::sqrt3;
 constexpr double kEqual = 1e-6;  // relative: one value in two units
 // Data sheets give the constants with two or three digits, and tolerances of 5 to 10 %.
 constexpr double kTolerance = 0.1;
+// Both constants of one measurement differ by their digits alone.
+constexpr double kBlockTolerance = 0.03;
 // Sheets do not give the friction. Bearings and air take about this share of the rated torque.
 constexpr double kFrictionShare = 0.01;
+
+constexpr const char* kNoInertia =
+    "; where the sheet gives none: mass of the rotor times its radius squared (a bell), or half of "
+    "that (a solid rotor)";
 
 // Phase EMF, peak, of 1 V in this convention.
 double phase_peak(EmfConvention convention) {
@@ -70,7 +76,9 @@ class Conversion {
   double of_two(const char* key, const char* one, double to_one, const char* other, double to_other,
                 const char* how) {
     const auto a = sheet_[one], b = sheet_[other];
-    if (!a && !b) throw BadInput(fmt::format("data sheet: {} or {} is required", one, other));
+    if (!a && !b)
+      throw BadInput(fmt::format("data sheet: {} or {} is required{}", one, other,
+                                 std::string_view(key) == "J_kgm2" ? kNoInertia : ""));
     if (a && b && std::abs(*a * to_one - *b * to_other) > kEqual * *a * to_one)
       throw BadInput(
           fmt::format("data sheet: {} = {:g} and {} = {:g} contradict each other; one "
@@ -104,6 +112,16 @@ class Conversion {
 
   double current() {
     const bool given = sheet_.has("rated_current_A_peak") || sheet_.has("rated_current_A_rms");
+    if (sheet_.has("rated_current_A_block")) {
+      if (given)
+        throw BadInput(
+            "data sheet: rated_current_A_block excludes rated_current_A_rms and _A_peak");
+      const double i = *sheet_["rated_current_A_block"] * 2 / kSqrt3;
+      say("i_rated_A", i,
+          fmt::format("rated_current_A_block = {:g}, 2/sqrt(3) of it: the same copper loss",
+                      *sheet_["rated_current_A_block"]));
+      return i;
+    }
     if (!given) return 0;  // of the torque, in ratings()
     return of_two("i_rated_A", "rated_current_A_peak", 1, "rated_current_A_rms", kSqrt2,
                   "sqrt(2) times the rms value");
@@ -119,8 +137,9 @@ class Conversion {
   CurrentConvention current_convention() {
     if (const auto given = sheet_["kt_convention"])
       return static_cast<CurrentConvention>(static_cast<int>(*given));
-    const auto as_rated =
-        sheet_.has("rated_current_A_rms") ? CurrentConvention::kRms : CurrentConvention::kPeak;
+    const auto as_rated = sheet_.has("rated_current_A_rms")     ? CurrentConvention::kRms
+                          : sheet_.has("rated_current_A_block") ? CurrentConvention::kBlock
+                                                                : CurrentConvention::kPeak;
     const char* name = kCurrentConventionNames[static_cast<int>(as_rated)];
     result_.assumed.push_back(fmt::format(
         "kt_Nm_A is Nm per ampere {} (kt_convention = {}), as the rated current", name, name));
@@ -147,13 +166,28 @@ class Conversion {
     }
     if (const auto kt = sheet_["kt_Nm_A"]) {
       const auto c = current_convention();
+      if (c == CurrentConvention::kBlock)
+        list.push_back(
+            {*kt / (kSqrt3 * n_p),
+             fmt::format("kt_Nm_A = {:g}, block commutation, 1/(sqrt(3) n_p) of it", *kt)});
       const double peak = c == CurrentConvention::kRms ? *kt / kSqrt2 : *kt;
-      list.push_back(
-          {peak / (1.5 * n_p), fmt::format("kt_Nm_A = {:g}, Nm per ampere {}, 2/(3 n_p) of it", *kt,
-                                           kCurrentConventionNames[static_cast<int>(c)])});
+      if (c != CurrentConvention::kBlock)
+        list.push_back(
+            {peak / (1.5 * n_p), fmt::format("kt_Nm_A = {:g}, Nm per ampere {}, 2/(3 n_p) of it",
+                                             *kt, kCurrentConventionNames[static_cast<int>(c)])});
     }
     return list;
   }
+  // Sheets of brushless DC motors give K_t of the direct current: K_t K_v = 30/pi.
+  std::string block_hint(double psi_f) const {
+    const auto kt = sheet_["kt_Nm_A"];
+    if (!kt) return "";
+    const double of_block = *kt / (kSqrt3 * result_.machine.n_p);
+    if (std::abs(std::log(of_block / psi_f)) > kBlockTolerance) return "";
+    return "; they agree if kt_Nm_A is of the direct current in block commutation: kt_convention = "
+           "block, and the rated current then is rated_current_A_block";
+  }
+
   double flux() {
     const std::vector<Flux> list = fluxes();
     if (list.empty()) throw BadInput("data sheet: kv_rpm_V, ke_V_krpm or kt_Nm_A is required");
@@ -161,9 +195,9 @@ class Conversion {
     for (std::size_t i = 1; i < list.size(); ++i) {
       const double ratio = list[i].psi_f / list[0].psi_f;
       if (std::abs(std::log(ratio)) <= kTolerance) continue;
-      result_.doubts.push_back(fmt::format("psi_f_Wb is {:.4g} by {} and {:.4g} by {}: {}",
+      result_.doubts.push_back(fmt::format("psi_f_Wb is {:.4g} by {} and {:.4g} by {}: {}{}",
                                            list[0].psi_f, list[0].from, list[i].psi_f, list[i].from,
-                                           factor_text(ratio)));
+                                           factor_text(ratio), block_hint(list[0].psi_f)));
     }
     return list[0].psi_f;
   }
@@ -173,7 +207,7 @@ class Conversion {
     m.T_rated = sheet_["rated_torque_Nm"].value_or(0);
     if (m.i_rated == 0 && m.T_rated == 0)
       throw BadInput(
-          "data sheet: rated_current_A_rms, rated_current_A_peak or rated_torque_Nm is required");
+          "data sheet: rated_current_A_rms, _A_peak, _A_block or rated_torque_Nm is required");
     if (m.i_rated == 0) {
       m.i_rated = m.T_rated / m.torque_constant();
       say("i_rated_A", m.i_rated, "rated torque over K_t");

@@ -7,6 +7,8 @@
 //   line to line, peak     sqrt(3) e                    rms values: divided by sqrt(2)
 //   K_v, rpm/V             E   = 1 V at K_v rpm         K_e, V/krpm: E = K_e at 1000 rpm
 //   torque                 T   = 3/2 n_p psi_f i_q      i_q peak; K_t(rms) = sqrt(2) K_t(peak)
+//   block commutation      T   = sqrt(3) n_p psi_f I    I direct, through two phases; K_t K_v = 30/pi
+//   the same copper loss   I   = sqrt(3)/2 i_q          2 R_s I^2 = 3/2 R_s i_q^2
 //   R, L between lines     two phases in series: R_s = R_ll/2, L = L_ll/2
 #pragma once
 #include <string>

@@ -46,8 +46,23 @@ std::string question(const SheetKey& key) {
   return fmt::format("{} ({}; {}): ", key.key, key.meaning, fmt::join(key.choices, ", "));
 }
 
+// One value in two units, or of two conventions: whoever gave one is not asked for the other.
+constexpr const char* kInstead[][2] = {{"poles", "n_p"},
+                                       {"r_ll_Ohm", "r_phase_Ohm"},
+                                       {"l_ll_H", "l_phase_H"},
+                                       {"l_ll_H", "l_d_H"},
+                                       {"l_phase_H", "l_d_H"},
+                                       {"l_ll_H", "l_q_H"},
+                                       {"l_phase_H", "l_q_H"},
+                                       {"inertia_gcm2", "inertia_kgm2"},
+                                       {"rated_current_A_rms", "rated_current_A_peak"},
+                                       {"rated_current_A_rms", "rated_current_A_block"},
+                                       {"rated_current_A_peak", "rated_current_A_block"}};
+
 // "kv_convention" belongs to "kv_rpm_V".
 bool is_asked(const SheetKey& key, const Sheet& sheet) {
+  for (const auto& [given, other] : kInstead)
+    if (std::string_view(key.key) == other && sheet.has(given)) return false;
   if (key.choices.empty()) return true;
   const std::string constant = std::string(key.key).substr(0, 3);
   for (const SheetKey& other : Sheet::keys())
@@ -78,6 +93,7 @@ const std::vector<SheetKey>& Sheet::keys() {
       {"inertia_kgm2", "inertia of rotor and load, kg m2", 1e-9, 1e4},
       {"rated_current_A_rms", "rated phase current, rms", 1e-4, 1e4},
       {"rated_current_A_peak", "rated phase current, peak", 1e-4, 1e4},
+      {"rated_current_A_block", "rated direct current in block commutation", 1e-4, 1e4},
       {"rated_torque_Nm", "rated torque", 1e-6, 1e6},
       {"rated_speed_rpm", "rated speed", 1e-1, 1e6},
       {"v_dc_V", "voltage of the DC bus", 1, 1e4},

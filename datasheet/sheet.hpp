@@ -22,9 +22,10 @@ struct SheetKey {
 enum class EmfConvention : int { kLinePeak = 0, kLineRms, kPhasePeak, kPhaseRms };
 inline constexpr const char* kEmfConventionNames[] = {"line_peak", "line_rms", "phase_peak",
                                                       "phase_rms"};
-// Of a torque constant: Nm per ampere of the peak or of the rms phase current.
-enum class CurrentConvention : int { kPeak = 0, kRms };
-inline constexpr const char* kCurrentConventionNames[] = {"peak", "rms"};
+// Of a torque constant: Nm per ampere of the peak or of the rms phase current, or of the direct
+// current that flows through two phases in block commutation.
+enum class CurrentConvention : int { kPeak = 0, kRms, kBlock };
+inline constexpr const char* kCurrentConventionNames[] = {"peak", "rms", "block"};
 
 class Sheet {
  public:

@@ -37,7 +37,7 @@ void print_summary(Config& config, const std::vector<std::string>& warnings) {
              d.controller.kind, kAngleSourceNames[static_cast<int>(d.controller.angle_source)],
              kStartNames[static_cast<int>(d.start)]);
   fmt::print("  limits      {} V bus: {:.4g} V a phase", d.inverter.v_dc, demand.u_max);
-  if (demand.i_max) fmt::print("; {} A: {:.4g} Nm", *demand.i_max, *demand.T_max);
+  if (demand.i_max) fmt::print("; {:.4g} A: {:.4g} Nm", *demand.i_max, *demand.T_max);
   fmt::print(
       "\n  reference   {:.5g} rad/s electrical ({:.5g} Hz, {:.5g} rpm), EMF {:.4g} V = {:.3g} % of "
       "the voltage limit\n",

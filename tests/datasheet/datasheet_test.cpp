@@ -109,6 +109,24 @@ TEST(Datasheet, ConstantsThatContradictEachOtherAreDoubtedWithTheFactor) {
   EXPECT_TRUE(machine({"kt_Nm_A=0.463", "kt_convention=rms"}).doubts.empty());
 }
 
+// A motor with block commutation, I direct through two phases: its EMF of two lines times I is its
+// power, and FOC with the same copper loss gives the same torque.
+TEST(Datasheet, ConstantsOfBlockCommutationAreThoseOfTwoPhases) {
+  const Pairs sheet = {"ke_V_krpm=",     "ke_convention=",       "kv_rpm_V=304",
+                       "kt_Nm_A=0.0314", "rated_current_A_rms=", "rated_current_A_block=3.27"};
+  const MachineOfSheet s = machine(sheet);
+  EXPECT_TRUE(s.doubts.empty());
+  const MachineParameters& m = s.machine;
+  EXPECT_NEAR(shown_voltage(m, 304, true, false), 1, 1e-12);
+  EXPECT_NEAR(2 * m.R_s * 3.27 * 3.27, 1.5 * m.R_s * m.i_rated * m.i_rated, 1e-12);
+  EXPECT_NEAR(m.torque(0, m.i_rated), 0.0314 * 3.27, 0.001 * 0.1);
+  // Taken for one per ampere rms, the doubt names the convention.
+  const MachineOfSheet rms =
+      machine(with(sheet, {"rated_current_A_block=", "rated_current_A_rms=3.27"}));
+  ASSERT_EQ(rms.doubts.size(), 1u);
+  EXPECT_NE(rms.doubts[0].find("kt_convention = block"), std::string::npos) << rms.doubts[0];
+}
+
 TEST(Datasheet, ASlipIsOneLineWithWhatIsAllowed) {
   EXPECT_EQ(refusal({"poles=7"}), "data sheet: poles: an even number allowed, found 7");
   EXPECT_EQ(refusal({"v_dc_V=48V"}),
@@ -124,10 +142,10 @@ TEST(Datasheet, ASlipIsOneLineWithWhatIsAllowed) {
 }
 
 TEST(Datasheet, AskedOnATerminalItIsTheSameSheet) {
-  // poles, n_p, kv, ke, ke_convention, kt, R, L ..: a wrong answer is asked again.
+  // poles, kv, ke, ke_convention, kt, R, L ..: a wrong answer is asked again; n_p after the poles,
+  // and phase values after those of two lines, are not asked.
   std::istringstream in(
-      "8\n\n\n28\nrms\nline_rms\n\n1.2\n\n4.2e-3\n\n\n\n\n3e-5\n2.7\n\n1.27\n3000\n"
-      "310\n\n\n");
+      "8\n\n28\nrms\nline_rms\n\n1.2\n4.2e-3\n\n3e-5\n2.7\n1.27\n3000\n310\n\n\n");
   std::ostringstream out;
   const MachineParameters asked = machine_of_sheet(ask_for_sheet(in, out)).machine;
   const MachineParameters given = machine({}).machine;
