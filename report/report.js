@@ -145,15 +145,21 @@ function inTwoLines(text) {
 function labelBars(figure) {
   const labels = barLabels(figure), upright = Boolean(figure.bar_labels);
   return (chart) => {
-    const { ctx } = chart;
+    const { ctx } = chart, placed = [];
     for (const { i, text } of labels) {
       ctx.save();
       ctx.font = `${12 * devicePixelRatio}px sans-serif`;
+      const box = { x: chart.valToPos(figure.x[i], 'x', true), y: chart.valToPos(figure.series[0].values[i], 'y', true), width: ctx.measureText(text).width };
+      const hides = (p) => Math.abs(p.x - box.x) < (p.width + box.width) / 2 + 2 && Math.abs(p.y - box.y) < 13 * devicePixelRatio;
+      if (!upright && placed.some(hides)) {  // the label of a higher bar stands there
+        ctx.restore();
+        continue;
+      }
+      placed.push(box);
       ctx.fillStyle = '#1c2126';
       ctx.textAlign = upright ? 'left' : 'center';
       ctx.textBaseline = upright ? 'middle' : 'alphabetic';
-      ctx.translate(chart.valToPos(figure.x[i], 'x', true),
-                    chart.valToPos(figure.series[0].values[i], 'y', true) - 5 * devicePixelRatio);
+      ctx.translate(box.x, box.y - 5 * devicePixelRatio);
       if (upright) ctx.rotate(-Math.PI / 2);
       const lines = upright ? inTwoLines(text) : [text];
       lines.forEach((line, i) => ctx.fillText(line, 0, (i - (lines.length - 1) / 2) * 13 * devicePixelRatio));

@@ -80,6 +80,9 @@ std::vector<Stretch> ripple_stretches(const RunView& view) {
     double square = 0;
     for (const double omega : used) square += (omega - stretch.mean) * (omega - stretch.mean);
     stretch.rms = std::sqrt(square / static_cast<double>(used.size()));
+    const std::size_t turn = used.size() / static_cast<std::size_t>(stretch.spectrum.turns);
+    for (std::size_t i = 0; i < turn; ++i)
+      stretch.drift += (used[used.size() - 1 - i] - used[i]) / static_cast<double>(turn);
     stretch.from_s = t_s[stretch.spectrum.first];
     stretch.to_s = t_s[stretch.spectrum.last - 1];
     if (controller.kind == "lqr")

@@ -19,6 +19,8 @@ struct Stretch {
   OrderSpectrum spectrum;       // of omega_m, orders 1 to kRippleOrders
   double rms = 0;               // of omega_m less its mean
   double mean = 0;
+  double drift =
+      0;  // mean of the last turn less that of the first: no ripple, but in rms and orders
 };
 
 // All stretches with at least one whole turn; from the true speed or the slope of the measured

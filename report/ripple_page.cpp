@@ -159,11 +159,12 @@ Json stretch_table(const std::vector<Stretch>& stretches) {
                     std::to_string(s.spectrum.turns), fmt::format("{:.5g}", s.mean),
                     fmt::format("{:.4g}", s.rms), reference ? "" : change_dB(first.rms, s.rms),
                     fmt::format("{:.4g}", orders),
-                    reference ? "" : change_dB(first.spectrum.rms(kRippleOrders), orders)});
+                    reference ? "" : change_dB(first.spectrum.rms(kRippleOrders), orders),
+                    fmt::format("{:+.3g}", s.drift)});
   }
   return {{"head",
            {"compensation", "t, s", "turns", "mean, rad/s", "ripple rms, rad/s", "change",
-            "orders 1-60, rad/s", "change"}},
+            "orders 1-60, rad/s", "change", "drift, rad/s"}},
           {"rows", rows}};
 }
 
@@ -176,7 +177,8 @@ Json ripple_section(const RunView& view, const std::vector<Stretch>& stretches) 
   return {{"heading", "Speed ripple"},
           {"note",
            "True speed less its mean, over the last whole turns of each stretch in which "
-           "compensation, reference and load are constant."},
+           "compensation, reference and load are constant. Drift: the mean of the last turn less "
+           "that of the first. It is no ripple, but it is in the rms value and in the orders."},
           {"columns", 1},
           {"figures", {to_json(figure)}},
           {"table", stretch_table(stretches)}};
@@ -196,7 +198,8 @@ Json speed_orders_section(const std::vector<Stretch>& stretches) {
       figure.x.push_back(static_cast<double>(N));
     figure.add({"omega_m", "hat", s.spectrum.amplitude});
     figure.y_range = {{0, 1.15 * largest}};
-    figure.note = fmt::format("{} whole turns, {:.4g} rad/s rms.", s.spectrum.turns, s.rms);
+    figure.note = fmt::format("{} whole turns, {:.4g} rad/s rms, drift {:+.3g} rad/s.",
+                              s.spectrum.turns, s.rms, s.drift);
     figures.push_back(to_json(figure));
   }
   return {{"heading", "Orders of the speed"},
