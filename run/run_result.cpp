@@ -38,8 +38,12 @@ std::map<std::string, std::int64_t> lost_messages(const Json& account) {
   return lost;
 }
 
-std::string degrees(const std::optional<double>& angle_rad) {
-  return angle_rad ? fmt::format("{:.3f} deg", *angle_rad * kDegrees) : "no truth in the log";
+std::string angle_errors(const Summary& s) {
+  if (s.angle_error_rms)
+    return fmt::format("{:.3f} deg, {:.3f} deg", *s.angle_error_rms * kDegrees,
+                       *s.angle_error_max * kDegrees);
+  return s.angle_reference == AngleReference::kNone ? "no truth in the log"
+                                                    : "no tick of the window has one";
 }
 
 // The text of an event may hold tables of a drive file.
@@ -153,8 +157,7 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
         s.n_from_tick ? fmt::format("up to {:.4f} s, tick {}: the filter agrees with itself",
                                     static_cast<double>(*s.n_from_tick) * d.T_s(), *s.n_from_tick)
                       : "to the end: the filter did not agree with itself");
-  row("angle error rms, max",
-      fmt::format("{}, {}", degrees(s.angle_error_rms), degrees(s.angle_error_max)));
+  row("angle error rms, max", angle_errors(s));
   if (s.speed_error_rms)
     row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
   if (s.P44_max) row("P44", fmt::format("{:.3f} to {:.3f} rad^2", *s.P44_min, *s.P44_max));
