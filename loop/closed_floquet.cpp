@@ -390,11 +390,24 @@ double ClosedFloquet::frequency_Hz(int n) const {
   return std::abs(math::arg(values[largest])) / (kTwoPi * ticks_of_period(n) * steady_.T_s);
 }
 
+int ClosedFloquet::n_max_by_bisection(int limit) const {
+  if (spectral_radius(limit) < 1) return limit;
+  if (!(spectral_radius(1) < 1)) return 0;
+  int held = 1, lost = limit;
+  while (lost - held > 1) {
+    int n = (held + lost) / 2;
+    if (n - n % law_->divider() > held) n -= n % law_->divider();  // a period of n ticks alone
+    (spectral_radius(n) < 1 ? held : lost) = n;
+  }
+  return held;
+}
+
 int ClosedFloquet::n_max(int limit) const {
   // A gain that turns with the rotor, or is the same at every angle, does not age by rotation: usually no
-  // n is lost.
-  const bool ageless = turns_gain(steady_.policy) || steady_.filter->turning_pairs() == 0;
-  if (ageless && spectral_radius(limit) < 1) return limit;
+  // n is lost, and none below one that holds.
+  const bool ageless = turns_gain(steady_.policy) || steady_.policy == GainPolicy::kPropagated ||
+                       steady_.filter->turning_pairs() == 0;
+  if (ageless) return n_max_by_bisection(limit);
   for (int n = 1; n <= limit; ++n)
     if (!(spectral_radius(n) < 1)) return n - 1;
   return limit;

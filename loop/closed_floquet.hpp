@@ -43,7 +43,7 @@ class ClosedFloquet {
   // Frequency of the largest multiplier, Hz, folded into f_b/2: of the oscillation that grows.
   double frequency_Hz(int n) const;
   // Last n before the first with rho >= 1; at most `limit`. With a gain that turns with the rotor or is the
-  // same at every angle: `limit` if it is stable there, without a search.
+  // same at every angle: `limit` if it is stable there, else by bisection.
   int n_max(int limit) const;
   // The limit of the filter alone, as loop/stale_gain.hpp.
   int n_max_of_filter(int limit) const { return n_max_by_floquet(steady_, limit); }
@@ -51,6 +51,7 @@ class ClosedFloquet {
  private:
   ClosedFloquet() = default;
   Eigen::MatrixXd period(int n) const;
+  int n_max_by_bisection(int limit) const;
   // One tick from t_k to t_{k+1}; `gain` in the axes of the rotor at t_k, of a period of n ticks.
   Eigen::VectorXd tick(const Eigen::VectorXd& z, Gain gain, std::int64_t k, int n) const;
   Eigen::MatrixXd derivative(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k,

@@ -1,5 +1,6 @@
 #include "loop/stale_gain.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -12,9 +13,11 @@ namespace {
 
 using Square = Eigen::MatrixXd;
 
-constexpr double kDifference = 1e-6;     // of a state, for central differences
-constexpr int kMaxPeriods = 400;         // until the gain is periodic in rotor axes
-constexpr double kGainTolerance = 1e-9;  // relative change of a periodic gain
+constexpr double kDifference = 1e-6;  // of a state, for central differences
+constexpr int kMaxPeriods = 400;      // until the gain is periodic in rotor axes
+constexpr int kMinPeriods = 11;
+constexpr int kMaxPropagatedTicks = 2000;  // propagated: P takes a step every tick, whatever n
+constexpr double kGainTolerance = 1e-9;    // relative change of a periodic gain
 
 // The steady state at tick k.
 Estimate at_tick(const Steady& s, std::int64_t k) {
@@ -73,13 +76,16 @@ Gain find_periodic_gain(const Steady& s, int n) {
   BackgroundLoop background(s.filter, s.policy, n, s.span_omega_m);
   Gain rotor;
   auto K_before = rotor.K;
-  for (int period = 0; period < kMaxPeriods; ++period) {
+  const int periods = s.policy == GainPolicy::kPropagated
+                          ? std::clamp(kMaxPropagatedTicks / n, kMinPeriods + 1, kMaxPeriods)
+                          : kMaxPeriods;
+  for (int period = 0; period < periods; ++period) {
     copy_gain(rotor, background.step(at_tick(s, static_cast<std::int64_t>(period) * n)));
     GainFrame(s.filter->turning_pairs(), -rotor.theta_e).turn_gain(rotor);
     const bool repeats = (rotor.K - K_before).lpNorm<Eigen::Infinity>() <=
                          kGainTolerance * rotor.K.lpNorm<Eigen::Infinity>();
     K_before = rotor.K;
-    if (repeats && period > 10) break;
+    if (repeats && period >= kMinPeriods) break;
   }
   return background.last();
 }
