@@ -6,6 +6,7 @@
 //   pairings [--preset P] [--estimator K] [--controller K] [--start S] [--n N] [--only STATUS]
 //   pairings --random COUNT [--seed S]     machines drawn at random (bench/random_drive.hpp)
 //   pairings --show INDEX [--seed S]       the drive file of one of them
+//   pairings --theory ..                   the warnings of theory alone, without the trial of `check`
 //
 // 2.4 s of drive time with the last third judged.
 #include <fmt/format.h>
@@ -17,13 +18,12 @@
 #include <mutex>
 #include <thread>
 
-#include "analysis/summary.hpp"
 #include "bench/random_drive.hpp"
 #include "controller/controller.hpp"
 #include "estimator/registry.hpp"
-#include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
+#include "loop/trial_run.hpp"
 
 namespace twinrate {
 namespace {
@@ -46,38 +46,8 @@ std::vector<std::string> overrides_of(const Pairing& p) {
           fmt::format("run.settle_s={}", kDuration_s * 2 / 3)};
 }
 
-// The loop of `simulate`, judged by the same criteria without a log.
-void run(Config& config, Pairing& p) {
-  const DriveConfig drive = config.drive();
-  ClosedLoop loop(config);
-  const auto settle = static_cast<std::int64_t>(drive.run.settle_s * drive.rates.f_s_Hz);
-  bool handed_over = drive.start != Start::kAlignIf;
-  while (loop.k() < drive.steps()) {
-    const TickRecord& tick = loop.step();
-    if (is_trip(tick.event.reason)) {
-      p.status = "tripped";
-      p.why = fmt::format("{:.3f} s: {}", drive.T_s() * static_cast<double>(loop.k() - 1),
-                          tick.event.text);
-      return;
-    }
-    for (const PlantEvent& event : tick.plant_events) {
-      if (!is_trip(event.reason)) continue;
-      p.status = "tripped";
-      p.why =
-          fmt::format("{:.3f} s: {}", drive.T_s() * static_cast<double>(loop.k() - 1), event.text);
-      return;
-    }
-    handed_over = handed_over || (loop.k() > 10 && tick.measurement.mode == Mode::kRun);
-    if (!handed_over || loop.k() <= settle) continue;
-    const double error = wrap_pi(tick.estimate.theta_e - drive.machine.n_p * tick.truth.theta_m);
-    if (std::abs(error) <= kPi / 2 && std::isfinite(tick.truth.omega_m)) continue;
-    p.status = "lost";
-    return;
-  }
-  p.status = handed_over ? "locked" : "tripped";
-}
-
-void judge(Pairing& p) {
+// What check says, and what the run does.
+void judge(Pairing& p, bool theory_alone) {
   try {
     std::optional<Config> config;
     std::vector<std::string> warnings;
@@ -88,13 +58,16 @@ void judge(Pairing& p) {
         config = Config::parse(p.text, p.preset);
         read_all_tables(*config);
       }
-      warnings = check_runnable(*config);
+      warnings = theory_alone ? texts_of(check_runnable(*config))
+                              : check_by_trial(*config, Trial::kAlways);
     } catch (const BadInput& refusal) {
       p.status = "refused";
       p.why = refusal.what();
       return;
     }
-    run(*config, p);
+    const TrialRun run = try_run(*config, config->drive().steps());
+    p.status = run.bad_at_s < 0 ? "locked" : run.tripped ? "tripped" : "lost";
+    if (run.bad_at_s >= 0) p.why = fmt::format("{:.3f} s: {}", run.bad_at_s, run.why);
     if (warnings.empty()) return;
     p.why = p.status + "; " + warnings.front();
     if (p.status != "locked") p.status = "warned";
@@ -104,12 +77,12 @@ void judge(Pairing& p) {
   }
 }
 
-void judge_all(std::vector<Pairing>& all) {
+void judge_all(std::vector<Pairing>& all, bool theory_alone) {
   std::atomic<std::size_t> next = 0;
   std::vector<std::jthread> threads;
   for (unsigned i = 0; i < std::max(1u, std::thread::hardware_concurrency()); ++i)
     threads.emplace_back([&] {
-      for (std::size_t at = next++; at < all.size(); at = next++) judge(all[at]);
+      for (std::size_t at = next++; at < all.size(); at = next++) judge(all[at], theory_alone);
     });
 }
 
@@ -170,6 +143,8 @@ int main(int argc, char** argv) {
   app.add_option("--n", filter.n, "only this n");
   app.add_option("--only", filter.only, "print only pairings of this status");
   int random = 0, show = -1, seed = 1;
+  bool theory_alone = false;
+  app.add_flag("--theory", theory_alone, "take the warnings of theory without the trial");
   app.add_option("--random", random, "this many machines drawn at random instead of the presets");
   app.add_option("--seed", seed, "of the draw");
   app.add_option("--show", show, "print the drive file of this one of them");
@@ -181,7 +156,7 @@ int main(int argc, char** argv) {
     return 0;
   }
   std::vector<Pairing> all = random > 0 ? random_pairings(filter, random, seed) : pairings(filter);
-  judge_all(all);
+  judge_all(all, theory_alone);
   std::map<std::string, int> counts;
   for (const Pairing& p : all) {
     ++counts[p.status];

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "loop/load_drive.hpp"
-#include "loop/runnable.hpp"
+#include "loop/trial_run.hpp"
 #include "model/frames.hpp"
 #include "model/per_unit.hpp"
 
@@ -124,7 +124,7 @@ DriveOfSheet drive_of_sheet(const std::string& name, const Sheet& sheet) {
                      .warnings = {}};
   Config config = Config::parse(drive.toml, name + ".toml");
   read_all_tables(config);
-  drive.warnings = check_runnable(config);
+  drive.warnings = check_by_trial(config, Trial::kAlways);
   return drive;
 }
 

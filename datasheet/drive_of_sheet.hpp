@@ -11,7 +11,7 @@ struct DriveOfSheet {
   std::string toml;  // the drive file, with every conversion as a comment
   std::vector<std::string> conversions, assumed, doubts;  // of MachineOfSheet
   std::vector<std::string> derived;   // time constants, speeds and rates, one line each
-  std::vector<std::string> warnings;  // of check_runnable()
+  std::vector<std::string> warnings;  // of check_by_trial()
 };
 
 // Throws BadInput as machine_of_sheet(), and where the drive file would not run.

@@ -26,8 +26,6 @@
 namespace twinrate {
 namespace {
 
-// Voltage error of R_s at 50 K above the temperature of the drive file, relative to R_s i.
-constexpr double kResistanceError = 0.2;
 // Angle error of a filter without saliency, rad: (L_q - L_d) i/psi_f. 10 deg are no matter.
 constexpr double kSaliencyMax = 0.17;
 // docs/ipmsm-drive.md: active_flux runs with a speed loop of 15 Hz behind its low-pass of 10 Hz.
@@ -36,13 +34,17 @@ constexpr double kSpeedLoopOverLowpass = 1.5;
 // A loop around a filter of this bandwidth, a lag of first order, keeps a phase margin of 45 deg.
 constexpr double kSpeedLoopOverFilter = 1;
 
+// In t_align_s.
+constexpr double kAlignTimeConstants = 5;
+
 // What other swings of the ramp may take.
 constexpr double kSwingMargin = 0.7;
 
 // docs/theory/start-up.md: from a start angle beyond this the filter can settle on the mirrored state.
 constexpr double kStartAngleMax_deg = 75;
-// Largest n that the search for the first loss tries; it takes some 0.1 s.
-constexpr int kSearchedMax = 200;
+// Largest n that the search for the first loss tries; it takes up to 0.5 s. Beyond it the trial of the run
+// (loop/trial_run.hpp) shows a loss, within few periods.
+constexpr int kSearchedMax = 50;
 
 // The default of bridge.lease_ms; a shorter one is the user's claim about the link.
 constexpr double kDefaultLease_ms = 20;
@@ -79,15 +81,18 @@ class Theory {
                     config_.where(key), key, value(key), -most));
   }
 
-  std::vector<std::string> warnings() const {
-    std::vector<std::string> list;
-    const auto add = [&](const std::string& key, const std::string& what) {
-      if (!what.empty()) list.push_back(fmt::format("{}: {}: {}", config_.where(key), key, what));
+  std::vector<Warning> warnings() const {
+    std::vector<Warning> list;
+    const auto add = [&](const std::string& key, const std::string& what,
+                         Expects expects = Expects::kLoss) {
+      if (!what.empty())
+        list.push_back({fmt::format("{}: {}: {}", config_.where(key), key, what), expects});
     };
     add("start", start_too_long());
     add("load.T_load_Nm", load_during_the_ramp());
     if (!feeds_back_an_estimate()) return list;
-    add(d_.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s", too_slow());
+    add(d_.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s", too_slow(),
+        Expects::kLossIfWarm);
     add("estimator.kind", beyond_the_model());
     add("estimator.kind", speed_loop_too_fast());
     add("estimator.kind", filter_too_slow());
@@ -254,7 +259,8 @@ class Theory {
   //   delta   = asin(T/(K_t i_start)), omega_n^2 = n_p K_t i_start/J       about the vector
   //   A       = delta omega_n 2 sin(omega_n t_r/2)/(omega_n t_r)           speed, load within t_r
   //
-  // The agreement asks for a speed within 30 % for t_agree_s: A up to
+  // A step during the alignment swings in the same way, and its swing decays: t_align_s is five of its time
+  // constants (controller/scaled_tuning.cpp). The agreement asks for a speed within 30 % for t_agree_s: A up to
   // 0.3 omega_handover/sin(omega_n t_agree/2).
   std::string load_during_the_ramp() const {
     if (d_.start != Start::kAlignIf) return "";
@@ -268,14 +274,18 @@ class Theory {
     double before = 0;
     for (const ProfileStep& step : d_.load.T_load_Nm.steps()) {
       const double T = std::abs(step.value - std::exchange(before, step.value));
-      if (step.t_s < 2 * value(up + "t_align_s") || step.t_s > start_takes_s()) continue;
+      const double t_align = value(up + "t_align_s");
+      if (step.t_s < t_align || step.t_s > start_takes_s()) continue;
+      const double left = std::max(0.0, 2 * t_align - step.t_s);
+      const double decayed = left > 0 ? math::exp(-kAlignTimeConstants * left / t_align) : 1;
       const double t_r = d_.load.slew_Nm_s > 0 ? T / d_.load.slew_Nm_s : 0;
       const double x = std::max(1e-3, 0.5 * omega_n * t_r);
-      const double swing =
-          math::asin(std::min(1.0, T / T_max)) * omega_n * (x < kPi / 2 ? math::sin(x) : 1) / x;
+      const double swing = decayed * math::asin(std::min(1.0, T / T_max)) * omega_n *
+                           (x < kPi / 2 ? math::sin(x) : 1) / x;
       if (swing > kSwingMargin * most)
         return fmt::format(
-            "the load step at {:.3g} s acts during the I/f ramp, which lasts until {:.3g} s: the "
+            "the load step at {:.3g} s acts during alignment or I/f ramp, which last until {:.3g} "
+            "s: the "
             "rotor's swing of {:.3g} rad/s may prevent the hand-over, up to {:.3g} rad/s allowed",
             step.t_s, start_takes_s(), swing, kSwingMargin * most);
     }
@@ -421,7 +431,13 @@ std::string anybody_may_command(Config& config) {
 
 }  // namespace
 
-std::vector<std::string> check_runnable(Config& config) {
+std::vector<std::string> texts_of(const std::vector<Warning>& warnings) {
+  std::vector<std::string> texts;
+  for (const Warning& w : warnings) texts.push_back(w.text);
+  return texts;
+}
+
+std::vector<Warning> check_runnable(Config& config) {
   refuse_unused_keys(config);
   steering_of(config);
   require_drivable(config);
@@ -431,11 +447,13 @@ std::vector<std::string> check_runnable(Config& config) {
   const Plant plant(config);
   const Theory theory(config, filter);
   theory.refuse_integral();
-  std::vector<std::string> list = warnings_of(config, demand_of(config));
-  for (std::string& warning : theory.warnings()) list.push_back(std::move(warning));
-  for (std::string& warning : warnings_of_the_bridge(config)) list.push_back(std::move(warning));
+  std::vector<Warning> list;
+  for (std::string& text : warnings_of(config, demand_of(config)))
+    list.push_back({std::move(text)});
+  for (Warning& warning : theory.warnings()) list.push_back(std::move(warning));
+  for (std::string& text : warnings_of_the_bridge(config)) list.push_back({std::move(text)});
   if (std::string open = anybody_may_command(config); !open.empty())
-    list.push_back(std::move(open));
+    list.push_back({std::move(open)});
   return list;
 }
 

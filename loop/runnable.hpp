@@ -8,6 +8,21 @@
 
 namespace twinrate {
 
+// Voltage error of R_s at 50 K above the temperature of the drive file, relative to R_s i.
+inline constexpr double kResistanceError = 0.2;
+
+// What a warning says about the run.
+enum class Expects : int {
+  kNothing,     // a fact of the drive file
+  kLoss,        // a reason to expect a loss of synchronism
+  kLossIfWarm,  // a loss where the winding is 50 K warmer than the drive file says
+};
+struct Warning {
+  std::string text;  // one line: where, key, what
+  Expects expects = Expects::kNothing;
+};
+std::vector<std::string> texts_of(const std::vector<Warning>& warnings);
+
 // Builds filter, controller and plant as a run does (without the table of policy `scheduled`, which
 // takes seconds for a filter of many states). Throws BadInput, one line, for what cannot run:
 //
@@ -16,8 +31,8 @@ namespace twinrate {
 //   a start that the filter cannot make
 //   gains of a state feedback that do not stabilise this machine
 //
-// Returns one line for each demand beyond a limit (loop/demand.hpp) and for each reason to expect a
-// loss of synchronism. Requires read_all_tables().
-std::vector<std::string> check_runnable(Config& config);
+// Returns a warning for each demand beyond a limit (loop/demand.hpp) and for each reason to expect a
+// loss of synchronism. loop/trial_run.hpp tries those reasons. Requires read_all_tables().
+std::vector<Warning> check_runnable(Config& config);
 
 }  // namespace twinrate

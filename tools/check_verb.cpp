@@ -10,7 +10,7 @@
 #include "loop/demand.hpp"
 #include "loop/drive_schema.hpp"
 #include "loop/load_drive.hpp"
-#include "loop/runnable.hpp"
+#include "loop/trial_run.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -124,7 +124,7 @@ void check(const CheckOptions& options) {
   if (options.drive.empty())
     throw BadInput("check: a drive file or the name of a preset is required");
   Config config = load_drive(options.drive, options.overrides);
-  const std::vector<std::string> warnings = check_runnable(config);
+  const std::vector<std::string> warnings = check_by_trial(config, Trial::kAlways);
   if (options.resolved)
     std::cout << config.resolved();
   else

@@ -8,7 +8,7 @@
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "loop/load_drive.hpp"
-#include "loop/runnable.hpp"
+#include "loop/trial_run.hpp"
 #include "monitor/monitor_parameters.hpp"
 #include "run/supervisor.hpp"
 #include "tools/verb.hpp"
@@ -121,7 +121,7 @@ int launch(const LaunchOptions& o) {
   own_programs(o.own);  // refused before anything is made
   if (without.count(Role::kReference)) overrides.push_back("reference.from_bus=true");
   Config config = load_with_port(o.drive, overrides);
-  for (const std::string& warning : check_runnable(config))
+  for (const std::string& warning : check_by_trial(config, Trial::kAlways))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
   if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)

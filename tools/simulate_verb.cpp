@@ -9,7 +9,7 @@
 #include "core/process.hpp"
 #include "core/seconds_since.hpp"
 #include "loop/load_drive.hpp"
-#include "loop/runnable.hpp"
+#include "loop/trial_run.hpp"
 #include "run/progress.hpp"
 #include "run/run_result.hpp"
 #include "tools/verb.hpp"
@@ -26,7 +26,7 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   if (config.drive().plant.kind == PlantKind::kBridge)
     throw BadInput(fmt::format("{}: plant.kind: simulated allowed with simulate, found bridge",
                                config.where("plant.kind")));
-  for (const std::string& warning : check_runnable(config))
+  for (const std::string& warning : check_by_trial(config, Trial::kOfReasons))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const auto result = make_run_directory(o.run_dir, config, o.force);
   const std::string& directory = result->path();

@@ -62,7 +62,7 @@ TEST(Slips, BandwidthsBeyondTheRatesAreWarnedOf) {
   Config config = load_drive("dilys2021", {"controller.foc.current_bandwidth_Hz=600",
                                            "controller.foc.speed_bandwidth_Hz=400"});
   std::string all;
-  for (const std::string& warning : check_runnable(config)) all += warning + "\n";
+  for (const Warning& warning : check_runnable(config)) all += warning.text + "\n";
   EXPECT_NE(all.find("current_bandwidth_Hz: 600 Hz: f_s allows 555.6 Hz"), std::string::npos)
       << all;
   EXPECT_NE(all.find("speed_bandwidth_Hz: 400 Hz: the current loop allows 300 Hz"),

@@ -62,7 +62,7 @@ struct Run {
 Run run_of(const Pairing& p, const Overrides& overrides, const Run* same_as = nullptr) {
   Run run;
   Config config = load_drive(p.preset, overrides);
-  run.warnings = check_runnable(config);
+  run.warnings = texts_of(check_runnable(config));
   if (same_as && run.warnings != same_as->warnings) return run;
   ClosedLoop loop(config);
   const auto steps = static_cast<std::int64_t>(kDuration_s * config.drive().rates.f_s_Hz);

@@ -1,0 +1,153 @@
+#include "loop/trial_run.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/reason.hpp"
+#include "loop/closed_loop.hpp"
+#include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
+#include "model/effects/registry.hpp"
+#include "model/effects/tracing.hpp"
+#include "model/frames.hpp"
+#include "plant_sim/plant_parameters.hpp"
+
+namespace twinrate {
+namespace {
+
+bool finite(const TickRecord& t) {
+  return std::isfinite(t.truth.omega_m * t.truth.omega_m) && t.truth.i_dq.allFinite() &&
+         std::isfinite(t.estimate.theta_e) && std::isfinite(t.estimate.omega_m) &&
+         t.estimate.x_hat.allFinite();
+}
+
+std::string trip_of(const TickRecord& tick) {
+  if (is_trip(tick.event.reason)) return tick.event.text;
+  for (const PlantEvent& event : tick.plant_events)
+    if (is_trip(event.reason)) return event.text;
+  return "";
+}
+
+// Angle forced by the start.
+bool is_forced(Mode mode) {
+  return mode == Mode::kAlign || mode == Mode::kIfRamp;
+}
+
+// 0.02 to 0.25 s: the loop takes 0.4 to 5 us a tick.
+constexpr std::int64_t kTrialTicks = 60000;
+// The switched inverter and SUNDIALS are integrated in small steps.
+std::int64_t ticks_of_trial(Config& config) {
+  const auto plant = config.read<PlantParameters>();
+  const bool in_small_steps =
+      plant.inverter == InverterModel::kSwitched || plant.engine != Engine::kRk;
+  return in_small_steps ? kTrialTicks / 10 : kTrialTicks;
+}
+
+// Policy scheduled: the table of a filter of many states takes seconds.
+bool has_a_long_table(const DriveConfig& d) {
+  return d.gain.policy == GainPolicy::kScheduled && d.estimator.kind == "ekf_harmonic";
+}
+
+// A run that this process can repeat within a second.
+bool can_be_tried(Config& config) {
+  const DriveConfig& d = config.drive();
+  return d.plant.kind == PlantKind::kSimulated && !d.reference.from_bus;
+}
+
+// The same drive with a plant whose winding is 50 K warmer; the model keeps machine.R_s.
+Config with_warm_winding(const Config& config) {
+  const std::shared_ptr<Effect> resistance = make_resistance();
+  const double change = kResistanceError * config.drive().machine.R_s;
+  resistance->tracing().set_coefficients({&change, 1});
+  std::vector<ConfiguredEffect> effects = config.drive().effects;
+  effects.push_back({resistance, UsedIn::kPlant});
+  Config warm = Config::parse(config.resolved_with(std::move(effects)), "trial");
+  read_all_tables(warm);
+  return warm;
+}
+
+// The gains of a table are the settled ones of a gain every tick.
+TrialRun try_ordinary(const Config& config, std::int64_t ticks) {
+  Config ordinary = Config::parse(config.resolved(), "trial", {"gain.policy=paper", "rates.n=1"});
+  read_all_tables(ordinary);
+  return try_run(ordinary, ticks);
+}
+
+std::string text_of(const TrialRun& trial) {
+  return fmt::format("{} at {:.4g} s: {}", trial.tripped ? "trips" : "loses synchronism",
+                     trial.bad_at_s, trial.why);
+}
+
+}  // namespace
+
+TrialRun try_run(Config& config, std::int64_t ticks) {
+  const DriveConfig d = config.drive();
+  ClosedLoop loop(config);
+  TrialRun trial;
+  const std::int64_t steps = std::min(ticks, d.steps());
+  bool forced = false, was_forced = d.start != Start::kAlignIf;
+  while (loop.k() < steps) {
+    const TickRecord& tick = loop.step();
+    const double t = d.T_s() * static_cast<double>(tick.measurement.k);
+    trial.why = trip_of(tick);
+    trial.tripped = !trial.why.empty();
+    forced = is_forced(tick.measurement.mode);
+    was_forced = was_forced || forced;
+    if (!trial.tripped && was_forced && !forced && t >= d.run.settle_s - 1e-9) {
+      const double error = wrap_pi(tick.estimate.theta_e - d.machine.n_p * tick.truth.theta_m);
+      if (!finite(tick))
+        trial.why = "a state is not finite";
+      else if (std::abs(error) > kPi / 2)
+        trial.why = "the angle error passed 90 deg";
+    }
+    if (trial.why.empty()) continue;
+    trial.bad_at_s = t;
+    return trial;
+  }
+  trial.whole = steps == d.steps();
+  if (trial.whole && forced) {
+    trial.bad_at_s = d.T_s() * static_cast<double>(steps);
+    trial.why = "no hand-over to the estimate before the end";
+  }
+  return trial;
+}
+
+std::vector<std::string> check_by_trial(Config& config, Trial when) {
+  std::vector<Warning> warnings = check_runnable(config);
+  const auto expects = [&](Expects what) {
+    return std::any_of(warnings.begin(), warnings.end(),
+                       [what](const Warning& w) { return w.expects == what; });
+  };
+  const bool warm = expects(Expects::kLossIfWarm), loss = warm || expects(Expects::kLoss);
+  if (!can_be_tried(config) || (when == Trial::kOfReasons && !loss)) return texts_of(warnings);
+  const std::int64_t ticks = ticks_of_trial(config);
+  const bool as_it_is = !has_a_long_table(config.drive());
+  const TrialRun trial = as_it_is ? try_run(config, ticks) : try_ordinary(config, ticks);
+  const bool bad = trial.bad_at_s >= 0;
+  if (bad && !loss)
+    warnings.push_back(
+        {fmt::format("{}: run.duration_s: a trial of the run{} {}", config.where("run.duration_s"),
+                     as_it_is ? "" : " with a gain every tick", text_of(trial)),
+         Expects::kLoss});
+  if (bad || !trial.whole || !as_it_is) return texts_of(warnings);
+  TrialRun of_warm = trial;
+  if (warm) {
+    Config other = with_warm_winding(config);
+    of_warm = try_run(other, ticks);
+  }
+  std::vector<Warning> left;
+  for (Warning& w : warnings) {
+    if (w.expects == Expects::kLoss) continue;
+    if (w.expects == Expects::kLossIfWarm) {
+      if (of_warm.bad_at_s < 0) continue;
+      w.text += fmt::format("; a trial with the winding 50 K warmer {}", text_of(of_warm));
+    }
+    left.push_back(std::move(w));
+  }
+  return texts_of(left);
+}
+
+}  // namespace twinrate

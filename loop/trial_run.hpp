@@ -1,0 +1,38 @@
+// A trial of the run: the drive of the file without a log, before anything is written.
+//
+// Theory gives reasons to expect a loss of synchronism (loop/runnable.hpp); most of them bound the small
+// deviations, and a start or a load step is none. The trial integrates the same equations instead: it is
+// the run itself, noise and seed included, up to some 60,000 ticks.
+//
+//   the trial reaches the end of the run     it decides: no loss is expected that it does not show
+//   the run is longer                        a loss that it shows is said, and theory stands
+//
+// A reason that is an uncertainty of the machine is tried with the winding 50 K warmer in the plant alone.
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/config.hpp"
+
+namespace twinrate {
+
+// As analysis/summary.hpp judges a run.
+struct TrialRun {
+  bool whole = false;    // it reached the end of the run
+  double bad_at_s = -1;  // of the loss or trip that makes the run end badly; < 0: none
+  std::string why;       // of that: "the angle error passed 90 deg", the text of the trip
+  bool tripped = false;
+};
+// At most `ticks` ticks. The config stays as it is. Requires check_runnable().
+TrialRun try_run(Config& config, std::int64_t ticks);
+
+enum class Trial {
+  kAlways,
+  kOfReasons,  // only where theory expects a loss: the run follows anyway
+};
+// check_runnable(), one line for each warning that the trial leaves, and a line for a loss of the trial
+// that no theory expected.
+std::vector<std::string> check_by_trial(Config& config, Trial when);
+
+}  // namespace twinrate

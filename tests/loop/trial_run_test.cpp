@@ -1,0 +1,92 @@
+// The trial of a run: check expects a loss where the run shows one.
+#include "loop/trial_run.hpp"
+
+#include <gtest/gtest.h>
+
+#include <ctime>
+
+#include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
+#include "tests/support/drives.hpp"
+
+namespace twinrate::test {
+namespace {
+
+std::vector<std::string> tried(const std::string& preset, const Overrides& overrides,
+                               Trial when = Trial::kAlways) {
+  Config config = load_drive(preset, overrides);
+  return check_by_trial(config, when);
+}
+
+std::string joined(const std::vector<std::string>& lines) {
+  std::string all;
+  for (const std::string& line : lines) all += line + "\n";
+  return all;
+}
+
+// n_max is 12; 13 is lost within the run.
+TEST(TrialRun, LeavesTheReasonOfALossThatTheRunShows) {
+  const std::string lost = joined(tried("dilys2021", {"rates.n=13", "run.duration_s=1"}));
+  EXPECT_NE(lost.find("holds up to n = 12"), std::string::npos) << lost;
+  EXPECT_TRUE(tried("dilys2021", {"rates.n=12", "run.duration_s=1"}).empty());
+}
+
+// Theory asks for a speed loop of at most 15 Hz; the run with 16 Hz is locked.
+TEST(TrialRun, TakesBackAReasonThatTheWholeRunRefutes) {
+  const Overrides active{"estimator.kind=active_flux", "start=flying",
+                         "controller.foc.speed_bandwidth_Hz=16", "run.duration_s=0.6"};
+  Config config = load_drive("kim-ipmsm", active);
+  ASSERT_NE(joined(texts_of(check_runnable(config))).find("the speed loop has 16 Hz"),
+            std::string::npos);
+  EXPECT_EQ(joined(tried("kim-ipmsm", active)), "");
+  Overrides longer = active;
+  longer.back() = "run.duration_s=60";
+  EXPECT_NE(joined(tried("kim-ipmsm", longer)).find("the speed loop has 16 Hz"), std::string::npos)
+      << "the trial does not reach the end";
+}
+
+TEST(TrialRun, SaysALossThatNoTheoryExpects) {
+  const Overrides fault{"plant.fault.kind=current_nan", "plant.fault.at_s=0.2",
+                        "run.duration_s=0.5"};
+  const std::string all = joined(tried("dilys2021", fault));
+  EXPECT_NE(all.find("a trial of the run trips at 0.2"), std::string::npos) << all;
+  EXPECT_EQ(joined(tried("dilys2021", fault, Trial::kOfReasons)), "") << "the run says it itself";
+}
+
+TEST(TrialRun, EndsWithTheVerdictOfAStartThatNeverHandsOver) {
+  Config config = load_drive("dilys2021", {"start=align_if", "run.duration_s=0.6"});
+  const TrialRun trial = try_run(config, 100000);
+  EXPECT_TRUE(trial.whole);
+  EXPECT_NE(trial.why.find("no hand-over"), std::string::npos) << trial.why;
+}
+
+// 20 rad/s electrical: an EMF of 0.14 V, and 20 % of R_s i are 0.36 V. The run as it is holds.
+TEST(TrialRun, TriesAnUncertainWindingWarm) {
+  const Overrides slow{"reference.omega_e_rad_s=20", "run.duration_s=1.5"};
+  const auto said_at = [&](const std::string& load) {
+    Overrides drive = slow;
+    drive.push_back("load.T_load_Nm=" + load);
+    Config config = load_drive("dilys2021", drive);
+    EXPECT_NE(joined(texts_of(check_runnable(config))).find("20 % of R_s"), std::string::npos);
+    EXPECT_LT(try_run(config, 60000).bad_at_s, 0);
+    return joined(tried("dilys2021", drive));
+  };
+  EXPECT_NE(said_at("0.05").find("a trial with the winding 50 K warmer loses"), std::string::npos);
+  EXPECT_EQ(said_at("0"), "");
+}
+
+// CPU time of this process, 4.4 s before; the program takes less than 1 s.
+TEST(TrialRun, TakesNoSearchOverEveryNAndNoTableOfManyStates) {
+  for (const Overrides& drive :
+       {Overrides{"estimator.kind=ekf_joint", "gain.policy=propagated", "rates.n=200",
+                  "start=flying"},
+        Overrides{"estimator.kind=ekf_harmonic", "gain.policy=scheduled"}}) {
+    const std::clock_t begun = std::clock();
+    tried("kim-ipmsm", drive);
+    EXPECT_LT(static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC, kSanitized ? 40 : 2)
+        << drive[0];
+  }
+}
+
+}  // namespace
+}  // namespace twinrate::test
