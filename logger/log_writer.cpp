@@ -1,7 +1,8 @@
 #include "logger/log_writer.hpp"
 
+#include <endian.h>
+#include <fcntl.h>
 #include <fmt/format.h>
-#include <stdio_ext.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -12,6 +13,28 @@
 #include "core/output_file.hpp"
 
 namespace twinrate {
+namespace {
+
+// The event log of liblcm: numbers in network order, then the channel and the message.
+struct EventHeader {
+  std::uint32_t sync = htobe32(0xEDA1DA01);
+  std::uint64_t number = 0, t_us = 0;
+  std::uint32_t channel_bytes = 0, message_bytes = 0;
+} __attribute__((packed));
+
+// False if the disk is full.
+bool write_all(int file, const std::uint8_t* bytes, std::size_t size) {
+  while (size > 0) {
+    const ssize_t written = ::write(file, bytes, size);
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return false;
+    bytes += written;
+    size -= static_cast<std::size_t>(written);
+  }
+  return true;
+}
+
+}  // namespace
 
 LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part)
     : directory_(std::move(directory)), rotate_bytes_(rotate_bytes), first_part_(first_part) {
@@ -30,11 +53,12 @@ void LogWriter::open_next() {
   const std::string name = part == 0 ? "log.lcm" : fmt::format("log-{:03}.lcm", part);
   const std::string path = (std::filesystem::path(directory_) / name).string();
   create_new(path);
-  log_ = lcm_eventlog_create(path.c_str(), "w");
-  if (!log_)
+  file_ = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  if (file_ < 0)
     throw std::runtime_error(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
   files_.push_back(path);
-  written_ = on_disk_ = 0;
+  buffer_.reserve(2 * kFlushBytes);
+  on_disk_ = events_ = 0;
 }
 
 void LogWriter::fail(const std::string& why) {
@@ -43,8 +67,8 @@ void LogWriter::fail(const std::string& why) {
 }
 
 void LogWriter::close() {
-  if (log_) lcm_eventlog_destroy(log_);
-  log_ = nullptr;
+  if (file_ >= 0) ::close(file_);
+  file_ = -1;
 }
 
 void LogWriter::set_manifest(const std::string& channel, const std::vector<std::uint8_t>& bytes,
@@ -57,24 +81,22 @@ void LogWriter::set_manifest(const std::string& channel, const std::vector<std::
 bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
                     std::int64_t t_us) {
   if (full_) return false;
-  lcm_eventlog_event_t event{};
-  event.timestamp = t_us;
-  event.channellen = static_cast<int>(channel.size());
-  event.channel = const_cast<char*>(channel.c_str());
-  event.datalen = static_cast<int>(size);
-  event.data = const_cast<std::uint8_t*>(bytes);
-  if (lcm_eventlog_write_event(log_, &event) != 0) {
-    fail(files_.back() + ": the disk is full");
-    flush();
-    return false;
-  }
-  written_ += 28 + static_cast<std::int64_t>(channel.size() + size);
-  return written_ - on_disk_ < kFlushBytes || flush();
+  const EventHeader header{.number = htobe64(static_cast<std::uint64_t>(events_++)),
+                           .t_us = htobe64(static_cast<std::uint64_t>(t_us)),
+                           .channel_bytes = htobe32(static_cast<std::uint32_t>(channel.size())),
+                           .message_bytes = htobe32(static_cast<std::uint32_t>(size))};
+  const std::size_t at = buffer_.size();
+  buffer_.resize(at + sizeof header + channel.size() + size);
+  std::uint8_t* const event = buffer_.data() + at;
+  std::memcpy(event, &header, sizeof header);
+  std::memcpy(event + sizeof header, channel.data(), channel.size());
+  if (size > 0) std::memcpy(event + sizeof header + channel.size(), bytes, size);
+  return buffer_.size() < kFlushBytes || flush();
 }
 
 bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
                       std::int64_t t_us) {
-  if (written_ > rotate_bytes_) {
+  if (on_disk_ + static_cast<std::int64_t>(buffer_.size()) > rotate_bytes_) {
     if (!flush()) return false;
     close();
     try {
@@ -90,17 +112,16 @@ bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std
 }
 
 bool LogWriter::flush() {
-  if (!log_) return false;
-  const bool written = !full_ && std::fflush(log_->f) == 0;
-  if (written) {
-    on_disk_ = written_;
+  if (file_ < 0 || full_) return false;
+  if (write_all(file_, buffer_.data(), buffer_.size())) {
+    on_disk_ += static_cast<std::int64_t>(buffer_.size());
+    buffer_.clear();
     marked_on_disk_ = marked_;
     return true;
   }
   fail(files_.back() + ": the disk is full");
-  // The log must end with a whole event: discards the buffer of stdio and a partial event.
-  __fpurge(log_->f);
-  if (ftruncate(fileno(log_->f), on_disk_) != 0)
+  // The log must end with a whole event: drops what a partial write left.
+  if (ftruncate(file_, on_disk_) != 0)
     fmt::print(stderr, "{}: cannot be cut back to its last whole event\n", files_.back());
   return false;
 }

@@ -1,11 +1,10 @@
 // Writes an LCM log that is readable after a full disk.
 //
-// Events are written with liblcm's event log; every flush() is checked. If the disk is full, the
-// file is truncated to its last whole event and the writer accepts no more events. A file that
-// exists is not overwritten. At
+// Whole events are gathered and written kFlushBytes at a time; every write is checked. If the disk is
+// full, the file is truncated to its last whole event and the writer accepts no more events. A file
+// that exists is not overwritten. At
 // `rotate_bytes` the next file is started: log.lcm, log-001.lcm, .. each with the manifest first.
 #pragma once
-#include <lcm/eventlog.h>
 
 #include <cstdint>
 #include <string>
@@ -52,11 +51,12 @@ class LogWriter {
   std::string directory_;
   std::int64_t rotate_bytes_;
   std::size_t first_part_;
-  lcm_eventlog_t* log_ = nullptr;
-  std::int64_t written_ = 0;  // bytes passed to the present file
-  std::int64_t on_disk_ = 0;  // bytes of whole events flushed; at most kFlushBytes behind
+  int file_ = -1;
+  std::vector<std::uint8_t> buffer_;  // events to be written
+  std::int64_t on_disk_ = 0;          // bytes of whole events in the present file
+  std::int64_t events_ = 0;           // of the present file
   std::int64_t marked_ = 0, marked_on_disk_ = 0;
-  static constexpr std::int64_t kFlushBytes = 65536;
+  static constexpr std::size_t kFlushBytes = 65536;
   std::vector<std::string> files_;
   std::string manifest_channel_;
   std::vector<std::uint8_t> manifest_;
