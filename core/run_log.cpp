@@ -12,15 +12,6 @@
 namespace twinrate {
 namespace {
 
-EventRecord from_wire(const event_t& w) {
-  return {.k = w.seq,
-          .t_ns = w.t_ns,
-          .role = w.role,
-          .reason = w.reason,
-          .text = w.text,
-          .waited_for = w.waited_for};
-}
-
 template <class Wire, class Item>
 void take(const lcm::LogEvent& event, std::vector<Item>& messages) {
   Wire wire{};
@@ -39,12 +30,8 @@ std::string config_of(const manifest_t& manifest) {
 }
 
 void take_manifest(const lcm::LogEvent& event, RunLog& log) {
-  const auto manifest = decode_manifest(event.data, event.datalen, log.path);
-  if (!manifest) return;
-  log.session = manifest->session;
-  log.revision = manifest->revision;
-  log.config_toml = config_of(*manifest);
-  log.manifest_json = manifest->manifest_json;
+  if (const auto manifest = decode_manifest(event.data, event.datalen, log.path))
+    log.set(*manifest);
 }
 
 void take(Channel channel, const lcm::LogEvent& event, RunLog& log) {
@@ -86,6 +73,22 @@ void order_by_tick(std::vector<Item>& items) {
 }
 
 }  // namespace
+
+EventRecord from_wire(const event_t& w) {
+  return {.k = w.seq,
+          .t_ns = w.t_ns,
+          .role = w.role,
+          .reason = w.reason,
+          .text = w.text,
+          .waited_for = w.waited_for};
+}
+
+void RunLog::set(const manifest_t& manifest) {
+  session = manifest.session;
+  revision = manifest.revision;
+  config_toml = config_of(manifest);
+  manifest_json = manifest.manifest_json;
+}
 
 std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path) {
   manifest_t manifest;

@@ -61,7 +61,11 @@ struct RunLog {
   std::array<std::int64_t, kChannelCount> counts{};  // messages of each channel
   bool counted = false;  // manifest.json beside the log has the counts of the whole log
   std::string damage;    // what was skipped; empty if the log is whole
+
+  void set(const manifest_t& manifest);
 };
+
+EventRecord from_wire(const event_t& w);
 
 // The manifest in an event of the log `path`; empty where it is none. Throws BadInput where the log
 // was written with another version of the message types.

@@ -216,7 +216,7 @@ bool is_long(const std::string& directory) {
 }
 
 // Empty if the run ended early and left no readable log.
-LongLog read_log(const std::string& directory, const DriveConfig& drive, const RunFacts& facts) {
+LongLog read_log(const std::string& directory, const DriveConfig& drive, RunFacts& facts) {
   const OnDamage on_damage = facts.ended.empty() ? OnDamage::kRefuse : OnDamage::kSkip;
   try {
     if (is_long(directory)) {
@@ -224,7 +224,9 @@ LongLog read_log(const std::string& directory, const DriveConfig& drive, const R
       found.log.path += fmt::format(" (curves: ticks {} to {})", found.first_k, found.last_k);
       return found;
     }
-    LongLog found{.log = read_run_log(directory, "", on_damage)};
+    LongLog found;
+    found.log = facts.log && facts.ended.empty() ? std::move(*facts.log)
+                                                 : read_run_log(directory, "", on_damage);
     found.summary = summarise(found.log, drive);
     if (!found.log.measurement.empty())
       found.begin_s = 1e-9 * static_cast<double>(found.log.measurement.front().t_ns);

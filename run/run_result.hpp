@@ -1,12 +1,14 @@
 // The result of a run: its directory and the table on the terminal.
 #pragma once
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "analysis/summary.hpp"
 #include "core/config.hpp"
 #include "core/result_directory.hpp"
+#include "core/run_log.hpp"
 #include "run/links.hpp"
 
 namespace twinrate {
@@ -21,6 +23,7 @@ struct RunFacts {
   std::string ended;               // cause of an early end; "" for a complete run
   std::string not_written;         // names of files that could not be written
   bool quiet = false;              // no table on the terminal
+  std::optional<RunLog> log;       // the whole log, where the run kept it in memory
   std::vector<LinkFigures> links;  // to the processes that launch did not start
 };
 
@@ -28,7 +31,7 @@ struct RunFacts {
 // run that DIR holds. Throws BadInput as ResultDirectory.
 std::unique_ptr<ResultDirectory> make_run_directory(const std::string& wanted, const Config& config,
                                                     bool force);
-// Reads DIR/log.lcm, writes summary.json, manifest.json and report.html, prints the table. The
+// Reads DIR/log.lcm if the run did not keep its log, writes summary.json, manifest.json and report.html, prints the table. The
 // table names the files that could not be written (disk full). Returns the exit code: 1 if
 // the drive tripped, synchronism or messages were lost, the estimate never took over, the run ended
 // early or a file could not be written; else 0.

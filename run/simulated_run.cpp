@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <chrono>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "analysis/long_log.hpp"
 #include "core/bus.hpp"
 #include "core/bus_parameters.hpp"
 #include "core/make_event.hpp"
@@ -14,56 +16,69 @@
 #include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
-#include "core/steering.hpp"
-#include "logger/tick_log.hpp"
+#include "logger/log_writer.hpp"
 #include "monitor/live_monitor.hpp"
 #include "run/progress.hpp"
 
 namespace twinrate {
 namespace {
 
-// Encodes each message as on the bus and writes it to the log.
+// Encodes each message as on the bus and writes it to the log, in the order of a lock-step run.
 class SimulatedBus {
  public:
-  SimulatedBus(TickLog& log, std::int64_t session) : log_(log), session_(session) {}
-  template <class Signal>
-  void publish(const Signal& signal) {
-    send(to_wire(signal, session_));
+  // `kept`: the log in memory as well; may be null.
+  SimulatedBus(LogWriter& writer, std::int64_t session, std::int64_t t0_us, RunLog* kept)
+      : writer_(writer), session_(session), t0_us_(t0_us), kept_(kept) {
+    for (const ChannelInfo& channel : kChannels)
+      names_[static_cast<std::size_t>(channel.channel)] = channel.name;
+  }
+  void publish_tick(const TickRecord& tick) {
+    t_ns_ = tick.measurement.t_ns;
+    publish(tick.measurement, &RunLog::measurement);
+    publish(tick.truth, &RunLog::truth);
+    publish(tick.estimate, &RunLog::estimate);
+    if (tick.has_gain) publish(tick.gain, &RunLog::gain);
+    publish(tick.reference, &RunLog::reference);
+    publish(tick.command, &RunLog::command);
+    writer_.mark(tick.measurement.k + 1);
+    if (tick.gain_every_nth)
+      publish_event(Reason::kGainEveryNth, kAgreedText, tick.estimate.k, tick.estimate.t_ns,
+                    Role::kEstimator);
+    if (tick.event.reason != Reason::kNone)
+      publish_event(tick.event.reason, tick.event.text, tick.command.k, tick.command.t_ns);
+    for (const PlantEvent& event : tick.plant_events)
+      publish_event(event.reason, event.text, tick.command.k, tick.command.t_ns, Role::kPlant);
   }
   void publish_event(Reason reason, const std::string& text, std::int64_t k, std::int64_t t_ns,
                      Role role = Role::kController) {
-    send(
-        make_event({.role = role, .reason = reason, .k = k, .t_ns = t_ns, .text = text}, session_));
+    const event_t wire =
+        make_event({.role = role, .reason = reason, .k = k, .t_ns = t_ns, .text = text}, session_);
+    send(wire);
+    if (kept_) kept_->events.push_back(from_wire(wire));
   }
 
  private:
+  template <class Signal, class Kept>
+  void publish(const Signal& signal, std::vector<Kept> RunLog::*place) {
+    send(to_wire(signal, session_));
+    if (kept_) (kept_->*place).emplace_back(signal);
+  }
+  // Time stamps of the log are those of the ticks.
   template <class Wire>
   void send(const Wire& wire) {
+    constexpr auto channel = static_cast<std::size_t>(kChannelOf<Wire>);
     const int size = wire.getEncodedSize();
     bytes_.resize(static_cast<std::size_t>(size));
     wire.encode(bytes_.data(), 0, size);
-    log_.take(kChannelOf<Wire>, wire.seq, wire.t_ns, bytes_.data(), bytes_.size());
+    writer_.write(names_[channel], bytes_.data(), bytes_.size(), t0_us_ + t_ns_ / 1000);
+    if (kept_) ++kept_->counts[channel];
   }
-  TickLog& log_;
-  std::int64_t session_;
+  LogWriter& writer_;
+  std::int64_t session_, t0_us_, t_ns_ = 0;
+  RunLog* kept_;
+  std::array<std::string, kChannelCount> names_;
   std::vector<std::uint8_t> bytes_;
 };
-
-void publish_tick(SimulatedBus& bus, const TickRecord& tick) {
-  bus.publish(tick.measurement);
-  bus.publish(tick.truth);
-  bus.publish(tick.estimate);
-  if (tick.has_gain) bus.publish(tick.gain);
-  bus.publish(tick.reference);
-  bus.publish(tick.command);
-  if (tick.gain_every_nth)
-    bus.publish_event(Reason::kGainEveryNth, kAgreedText, tick.estimate.k, tick.estimate.t_ns,
-                      Role::kEstimator);
-  if (tick.event.reason != Reason::kNone)
-    bus.publish_event(tick.event.reason, tick.event.text, tick.command.k, tick.command.t_ns);
-  for (const PlantEvent& event : tick.plant_events)
-    bus.publish_event(event.reason, event.text, tick.command.k, tick.command.t_ns, Role::kPlant);
-}
 
 // The monitor in this process. Tracing takes no drive time.
 class OwnMonitor {
@@ -127,6 +142,17 @@ std::string disk_full(const LogWriter& writer) {
   return fmt::format("{}; the log holds {} whole ticks", writer.failure(), writer.marked_on_disk());
 }
 
+void make_room(RunLog& log, const std::string& directory, const manifest_t& manifest,
+               std::size_t ticks) {
+  log.path = directory;
+  log.set(manifest);
+  log.measurement.reserve(ticks);
+  log.truth.reserve(ticks);
+  log.estimate.reserve(ticks);
+  log.reference.reserve(ticks);
+  log.command.reserve(ticks);
+}
+
 std::int64_t wall_us() {
   return std::chrono::duration_cast<std::chrono::microseconds>(
              std::chrono::system_clock::now().time_since_epoch())
@@ -136,19 +162,18 @@ std::int64_t wall_us() {
 }  // namespace
 
 std::string run_simulated(Config& config, const std::string& directory, bool json,
-                          const MakeFilter& make) {
+                          const MakeFilter& make, std::optional<RunLog>* kept) {
   const DriveConfig& d = config.drive();
   const std::int64_t session = new_session_id();
   const std::int64_t t0_us = wall_us();
   LogWriter writer(directory,
                    static_cast<std::int64_t>(config.read<BusParameters>().log_rotate_MB * 1e6));
-  writer.set_manifest(
-      info(Channel::kManifest).name,
-      encode(make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed))),
-      t0_us);
-  TickLog log(writer, TickLog::Order::kByTick, d, "", t0_us);
-  log.follow(rate_history(config));
-  SimulatedBus bus(log, session);
+  const manifest_t manifest =
+      make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed));
+  writer.set_manifest(info(Channel::kManifest).name, encode(manifest), t0_us);
+  RunLog* const in_memory = kept && d.steps() <= kTicksShown ? &kept->emplace() : nullptr;
+  if (in_memory) make_room(*in_memory, directory, manifest, static_cast<std::size_t>(d.steps()));
+  SimulatedBus bus(writer, session, t0_us, in_memory);
   ClosedLoop loop(config, make);
   std::optional<OwnMonitor> monitor;
   if (config.read<MonitorParameters>().enabled) monitor.emplace(config, bus, loop, directory);
@@ -156,7 +181,7 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   std::string ended;
   while (loop.k() < d.steps() && ended.empty()) {
     const TickRecord& tick = loop.step();
-    publish_tick(bus, tick);
+    bus.publish_tick(tick);
     if (monitor) monitor->take(tick);
     progress.show(tick.truth, tick.estimate, {});
     if (writer.full()) ended = disk_full(writer);
@@ -165,7 +190,9 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   progress.end();
   if (const std::string learnt = loop.controller().learnt(); !learnt.empty())
     bus.publish_event(Reason::kLearnt, learnt, loop.k() - 1, d.t_ns(loop.k() - 1));
-  log.close();
+  if (in_memory)
+    in_memory->counts[static_cast<std::size_t>(Channel::kManifest)] =
+        static_cast<std::int64_t>(writer.files().size());
   if (!writer.flush() && ended.empty()) ended = disk_full(writer);
   if (monitor && !monitor->write() && ended.empty())
     ended = directory + "/monitor.json: the disk is full";

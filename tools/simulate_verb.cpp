@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <chrono>
+#include <utility>
 
 #include "core/process.hpp"
 #include "core/seconds_since.hpp"
@@ -34,11 +35,11 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   const auto begun = std::chrono::steady_clock::now();
   RunFacts facts;
   facts.how = "simulate, one process";
-  facts.ended = run_simulated(config, directory, o.json, make);
+  facts.ended = run_simulated(config, directory, o.json, make, &facts.log);
   facts.wall_s = seconds_since(begun);
   facts.quiet = o.quiet;
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
-  const int code = conclude_run(directory, config, facts);
+  const int code = conclude_run(directory, config, std::move(facts));
   result->finish();
   return code;
 }

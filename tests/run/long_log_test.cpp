@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <lcm/lcm-cpp.hpp>
 
+#include "core/signals_io.hpp"
 #include "loop/load_drive.hpp"
 #include "run/simulated_run.hpp"
 
@@ -73,6 +74,64 @@ TEST_F(LongLogTest, OfALostRunThePartIsTheOneAroundTheLoss) {
   ASSERT_TRUE(found.summary.lost_at_s);
   const double lost_k = *found.summary.lost_at_s * config.drive().rates.f_s_Hz;
   EXPECT_NEAR(static_cast<double>(found.last_k), lost_k + 125, 2);
+}
+
+template <class Signal>
+std::vector<std::uint8_t> bytes_of(const Signal& signal) {
+  const auto wire = to_wire(signal, 1);
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(wire.getEncodedSize()));
+  wire.encode(bytes.data(), 0, wire.getEncodedSize());
+  return bytes;
+}
+template <class Signal>
+void expect_same_messages(const std::vector<Signal>& kept, const std::vector<Signal>& read) {
+  ASSERT_EQ(kept.size(), read.size());
+  for (std::size_t i = 0; i < read.size(); ++i)
+    ASSERT_EQ(bytes_of(kept[i]), bytes_of(read[i])) << i;
+}
+
+// Page and summary of a simulated run are made of the log that the run keeps in memory.
+TEST(KeptLog, IsTheLogThatIsReadFromItsDirectory) {
+  for (const char* kind : {"ekf_sensorless", "ekf_disturbance", "active_flux"}) {
+    char pattern[] = "/tmp/kept-log-XXXXXX";
+    const std::string directory = mkdtemp(pattern);
+    Config config = load_drive(
+        "dilys2021", {"run.duration_s=0.2", "run.settle_s=0.05", "plant.fault.at_s=0.15",
+                      "plant.fault.kind=command_missing", std::string("estimator.kind=") + kind});
+    std::optional<RunLog> kept;
+    EXPECT_EQ(run_simulated(config, directory, false, make_filter, &kept), "");
+    const RunLog read = read_run_log(directory);
+    fs::remove_all(directory);
+    ASSERT_TRUE(kept) << kind;
+    EXPECT_EQ(kept->path, read.path);
+    EXPECT_EQ(kept->session, read.session);
+    EXPECT_EQ(kept->revision, read.revision);
+    EXPECT_EQ(kept->config_toml, read.config_toml);
+    EXPECT_EQ(kept->manifest_json, read.manifest_json);
+    EXPECT_EQ(kept->counts, read.counts);
+    expect_same_messages(kept->measurement, read.measurement);
+    expect_same_messages(kept->truth, read.truth);
+    expect_same_messages(kept->estimate, read.estimate);
+    expect_same_messages(kept->reference, read.reference);
+    expect_same_messages(kept->command, read.command);
+    for (std::size_t i = 0; i < read.estimate.size(); ++i)
+      ASSERT_EQ(kept->estimate[i].x_hat, read.estimate[i].x_hat) << kind << " " << i;
+    ASSERT_EQ(kept->gain.size(), read.gain.size());
+    for (std::size_t i = 0; i < read.gain.size(); ++i) {
+      ASSERT_EQ(kept->gain[i].k, read.gain[i].k);
+      for (int row = 0; row < kMaxStates; ++row) {
+        ASSERT_EQ(kept->gain[i].K(row, 1), read.gain[i].K(row, 1));
+        ASSERT_EQ(kept->gain[i].P_diagonal(row), read.gain[i].P_diagonal(row));
+      }
+    }
+    ASSERT_EQ(kept->events.size(), read.events.size());
+    EXPECT_FALSE(read.events.empty());
+    for (std::size_t i = 0; i < read.events.size(); ++i) {
+      EXPECT_EQ(kept->events[i].k, read.events[i].k);
+      EXPECT_EQ(kept->events[i].reason, read.events[i].reason);
+      EXPECT_EQ(kept->events[i].text, read.events[i].text);
+    }
+  }
 }
 
 }  // namespace
