@@ -80,32 +80,47 @@ WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch)
   return {{first, stretch.last}, turns};
 }
 
-// Coefficients c_{-N} .. c_N of sum c_M e^{jM theta} by least squares.
-Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, int N) {
+// For m = 0 .. 2 N: [Re, Im of sum w e^{jm theta}; Re, Im of sum w y e^{jm theta}], sample after sample.
+// The powers of kBeside samples are computed beside each other: one alone would wait for each product.
+std::vector<Eigen::Array4d> sums_of_powers(std::span<const double> theta, std::span<const double> y,
+                                           int N) {
+  constexpr std::size_t kBeside = 4;
+  using Samples = Eigen::Array<double, kBeside, 1>;
   const std::vector<double> w = weights(theta);
-  std::vector<double> moment_re(2 * N + 1), moment_im(2 * N + 1);          // sum w e^{jm theta}
-  std::vector<double> projection_re(2 * N + 1), projection_im(2 * N + 1);  // sum w y e^{jm theta}
-  for (std::size_t i = 0; i < theta.size(); ++i) {
-    const auto [s, c] = math::sincos(theta[i]);
-    double re = w[i], im = 0;  // w e^{jm theta}; std::complex would check every product for NaN
-    for (int m = 0; m <= 2 * N; ++m) {
-      moment_re[m] += re;
-      moment_im[m] += im;
-      projection_re[m] += y[i] * re;
-      projection_im[m] += y[i] * im;
-      const double turned = re * c - im * s;
+  std::vector<Eigen::Array4d> sums(2 * N + 1, Eigen::Array4d::Zero());
+  for (std::size_t begin = 0; begin < theta.size(); begin += kBeside) {
+    Samples s = Samples::Zero(), c = s, re = s, im = s,
+            value = s;  // a sample beyond the last: w = 0
+    for (std::size_t i = 0; i < std::min(kBeside, theta.size() - begin); ++i) {
+      const math::SinCos at = math::sincos(theta[begin + i]);
+      s[i] = at.sin;
+      c[i] = at.cos;
+      re[i] = w[begin + i];
+      value[i] = y[begin + i];
+    }
+    for (Eigen::Array4d& sum : sums) {
+      const Samples y_re = value * re, y_im = value * im;
+      for (std::size_t i = 0; i < kBeside; ++i)
+        sum += Eigen::Array4d(re[i], im[i], y_re[i], y_im[i]);
+      const Samples turned = re * c - im * s;
       im = re * s + im * c;
       re = turned;
     }
   }
+  return sums;
+}
+
+// Coefficients c_{-N} .. c_N of sum c_M e^{jM theta} by least squares.
+Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, int N) {
+  const std::vector<Eigen::Array4d> sums = sums_of_powers(theta, y, N);
   const auto moment = [&](int m) {
-    return m >= 0 ? Complex(moment_re[m], moment_im[m]) : Complex(moment_re[-m], -moment_im[-m]);
+    return m >= 0 ? Complex(sums[m][0], sums[m][1]) : Complex(sums[-m][0], -sums[-m][1]);
   };
   Eigen::MatrixXcd gram(2 * N + 1, 2 * N + 1);
   Eigen::VectorXcd right(2 * N + 1);
   for (int row = -N; row <= N; ++row) {
     const int m = std::abs(row);
-    right[row + N] = {projection_re[m], row >= 0 ? -projection_im[m] : projection_im[m]};
+    right[row + N] = {sums[m][2], row >= 0 ? -sums[m][3] : sums[m][3]};
     for (int col = -N; col <= N; ++col) gram(row + N, col + N) = moment(col - row);
   }
   return gram.ldlt().solve(right);

@@ -1,9 +1,9 @@
 #include "report/figure.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
+#include <iterator>
 #include <limits>
 
 namespace twinrate::report {
@@ -14,12 +14,15 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 Json rounded(double value, int digits) {
   if (!std::isfinite(value)) return nullptr;
   char text[32];
-  std::snprintf(text, sizeof text, "%.*g", digits, value);
-  return std::strtod(text, nullptr);
+  const auto end =
+      std::to_chars(text, std::end(text), value, std::chars_format::scientific, digits - 1).ptr;
+  std::from_chars(text, end, value);
+  return value;
 }
 
 Json rounded(const std::vector<double>& values, int digits) {
-  Json list = Json::array();
+  Json::array_t list;
+  list.reserve(values.size());
   for (const double value : values) list.push_back(rounded(value, digits));
   return list;
 }
@@ -38,25 +41,34 @@ std::pair<double, double> extremes_in_order(const std::vector<double>& values, s
   return {values[earlier], values[later]};
 }
 
-// Two points a stretch: the extremes of each series, in their order.
-void thin(Figure& figure, std::size_t max_points) {
-  const std::size_t count = figure.x.size(), stretches = max_points / 2;
-  if (count <= max_points) return;
-  std::vector<double> x;
-  std::vector<Series> series = figure.series;
-  for (Series& curve : series) curve.values.clear();
+// Two points a stretch: the extremes of each series, in their order, at its begin and middle.
+std::size_t stretches_of(std::size_t count, std::size_t max_points) {
+  return count > max_points ? max_points / 2 : 0;  // 0: not thinned
+}
+std::vector<double> thinned_x(const std::vector<double>& x, std::size_t max_points) {
+  const std::size_t count = x.size(), stretches = stretches_of(count, max_points);
+  if (stretches == 0) return x;
+  std::vector<double> points;
+  points.reserve(2 * stretches);
   for (std::size_t s = 0; s < stretches; ++s) {
     const std::size_t first = s * count / stretches, last = (s + 1) * count / stretches;
-    x.push_back(figure.x[first]);
-    x.push_back(figure.x[(first + last) / 2]);
-    for (std::size_t c = 0; c < series.size(); ++c) {
-      const auto [earlier, later] = extremes_in_order(figure.series[c].values, first, last);
-      series[c].values.push_back(earlier);
-      series[c].values.push_back(later);
-    }
+    points.push_back(x[first]);
+    points.push_back(x[(first + last) / 2]);
   }
-  figure.x = std::move(x);
-  figure.series = std::move(series);
+  return points;
+}
+std::vector<double> thinned(const std::vector<double>& values, std::size_t max_points) {
+  const std::size_t count = values.size(), stretches = stretches_of(count, max_points);
+  if (stretches == 0) return values;
+  std::vector<double> points;
+  points.reserve(2 * stretches);
+  for (std::size_t s = 0; s < stretches; ++s) {
+    const auto [earlier, later] =
+        extremes_in_order(values, s * count / stretches, (s + 1) * count / stretches);
+    points.push_back(earlier);
+    points.push_back(later);
+  }
+  return points;
 }
 
 double gain_element(const TickRow& row, int i, int j) {
@@ -71,9 +83,7 @@ void Figure::add(Series curve) {
   if (any) series.push_back(std::move(curve));
 }
 
-Json to_json(const Figure& whole, std::size_t max_points) {
-  Figure figure = whole;
-  thin(figure, max_points);
+Json to_json(const Figure& figure, std::size_t max_points) {
   Json json;
   json["title"] = figure.title;
   json["x_label"] = figure.x_label;
@@ -91,13 +101,13 @@ Json to_json(const Figure& whole, std::size_t max_points) {
     json["level"] = {{"y", rounded(figure.level->first, 5)}, {"text", figure.level->second}};
   for (const auto& [x, text] : figure.bar_labels)
     json["bar_labels"].push_back({{"x", x}, {"text", text}});
-  json["x"] = rounded(figure.x, 9);
+  json["x"] = rounded(thinned_x(figure.x, max_points), 9);
   json["series"] = Json::array();
   for (const Series& curve : figure.series) {
     Json one = {{"name", curve.name},
                 {"role", curve.role},
                 {"stepped", curve.stepped},
-                {"values", rounded(curve.values, 5)}};
+                {"values", rounded(thinned(curve.values, max_points), 5)}};
     if (!curve.errors.empty()) one["errors"] = rounded(curve.errors, 3);
     json["series"].push_back(std::move(one));
   }

@@ -20,6 +20,9 @@ bool any_torque(const std::vector<double>& T_load_hat) {
   return std::any_of(T_load_hat.begin(), T_load_hat.end(),
                      [](double T_load) { return std::isfinite(T_load) && T_load != 0; });
 }
+bool any_torque(const RunView& view) {
+  return any_torque(values_of(view.rows, quantity::T_load_hat));
+}
 
 Json torque_section(const RunView& view) {
   Json figures = Json::array();
@@ -37,7 +40,7 @@ Json torque_section(const RunView& view) {
   return {{"heading", "Load torque"},
           {"note", "T_load opposes positive speed; the estimate includes friction and cogging."},
           {"columns", 1},
-          {"figures", figures}};
+          {"figures", std::move(figures)}};
 }
 
 // The samples of the last turn over their angles.
@@ -132,6 +135,7 @@ Json source_table(const RunView& view, const OrderSpectrum& spectrum, int shown)
 }
 
 Json torque_angle_section(const RunView& view) {
+  if (!any_torque(view)) return Json();
   const TorqueOverAngle torque = torque_over_angle(view, kMaxOrders);
   if (torque.spectrum.turns == 0 || !any_torque(torque.T_load_hat)) return Json();
   const int shown = shown_orders(torque.spectrum);
@@ -205,7 +209,7 @@ Json speed_orders_section(const std::vector<Stretch>& stretches) {
   return {{"heading", "Orders of the speed"},
           {"note", "All on one scale."},
           {"columns", stretches.size() > 1 ? 2 : 1},
-          {"figures", figures}};
+          {"figures", std::move(figures)}};
 }
 
 }  // namespace

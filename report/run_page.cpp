@@ -82,7 +82,7 @@ Json whole_run_section(const RunView& view) {
   return {{"heading", "Whole run"},
           {"note", "Drag to zoom all of them, double-click to come back."},
           {"columns", 1},
-          {"figures", figures}};
+          {"figures", std::move(figures)}};
 }
 
 Json window_section(const RunView& view) {
@@ -97,7 +97,7 @@ Json window_section(const RunView& view) {
   return {{"heading", fmt::format("The last turns at {}", rates(view.run.config))},
           {"note", "About four electrical turns, every tick; gains as the fast loop held them."},
           {"columns", 2},
-          {"figures", figures}};
+          {"figures", std::move(figures)}};
 }
 
 }  // namespace
@@ -174,12 +174,10 @@ Json run_sections(const RunView& view) {
   Json sections = Json::array();
   std::vector<Json> all = {view.lost() ? loss_section(view) : Json(), whole_run_section(view),
                            view.lost() ? Json() : window_section(view)};
-  const std::vector<Json> transients = transient_sections(view);
-  all.insert(all.end(), transients.begin(), transients.end());
-  const std::vector<Json> ripple = ripple_sections(view);
-  all.insert(all.end(), ripple.begin(), ripple.end());
+  for (auto* make : {transient_sections, ripple_sections})
+    for (Json& section : make(view)) all.push_back(std::move(section));
   for (Json& section : all)
-    if (section.is_object() && !section["figures"].empty()) sections.push_back(section);
+    if (section.is_object() && !section["figures"].empty()) sections.push_back(std::move(section));
   return sections;
 }
 
