@@ -194,18 +194,22 @@ int divider_of(Config& config) {
 std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, double omega_e,
                                                std::optional<GainPolicy> policy) {
   const DriveConfig& d = config.drive();
+  return of(config, {make_filter(config), policy.value_or(d.gain.policy), omega_e / d.machine.n_p,
+                     omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p});
+}
+
+std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, const Steady& steady) {
+  const DriveConfig& d = config.drive();
   ClosedFloquet c;
-  const auto filter = make_filter(config);
-  c.steady_ = {filter,  policy.value_or(d.gain.policy),   omega_e / d.machine.n_p, omega_e,
-               d.T_s(), d.gain.speed_span / d.machine.n_p};
+  c.steady_ = steady;
   if (!is_covered(c.steady_, d)) return {};
   c.law_ = law_of(config);
   if (!c.law_) return {};
   c.machine_ = d.machine;
   c.T_load_ = d.load.T_load_Nm.steps().empty() ? 0 : d.load.T_load_Nm.steps().back().value;
   c.delay_ = d.plant.delay_samples;
-  c.n_x_ = filter->steady_state(0)->n_x;
-  if (processes_an_angle(*filter)) {
+  c.n_x_ = steady.filter->steady_state(0)->n_x;
+  if (processes_an_angle(*steady.filter)) {
     c.n_angle_ = 4;
     c.divider_ = divider_of(config);
   }
@@ -236,9 +240,9 @@ FastState ClosedFloquet::memory_of(const VectorXd& z, std::int64_t k) const {
 }
 
 void ClosedFloquet::remember(const FastState& state, double turned, VectorXd& z) const {
-  VectorXd x_hat = state.x_hat.head(n_x_);
+  auto x_hat = z.segment(x_at(), n_x_);
+  x_hat = state.x_hat.head(n_x_);
   turn_back(*steady_.filter, turned, x_hat);
-  z.segment(x_at(), n_x_) = x_hat;
   if (n_angle_ == 0) return;
   const EmfAngle& a = state.emf_angle;
   z.segment<4>(angle_at()) << wrap_pi(a.theta_emf - turned), wrap_pi(a.theta_e - turned), a.omega_e,
@@ -277,11 +281,13 @@ void ClosedFloquet::take_snapshot(int i, int n, double turned, VectorXd& z) cons
   if (i == n - 1) in_use = waiting;
 }
 
-VectorXd ClosedFloquet::tick(const VectorXd& z, Gain gain, std::int64_t k, int n) const {
+VectorXd ClosedFloquet::tick(const VectorXd& z, const Gain& gain, std::int64_t k, int n,
+                             Gain& used) const {
   const Filter& filter = *steady_.filter;
   const double T_s = steady_.T_s;
   VectorXd next = z;
-  GainFrame(filter.turning_pairs(), gain_error(z)).turn_gain(gain);
+  copy_gain(used, gain);
+  GainFrame(filter.turning_pairs(), gain_error(z)).turn_gain(used);
   // The sample of t_k, the rotor at angle 0.
   Measurement m{.signals = kPhaseCurrents | kVoltage | kPosition | kSpeed};
   m.i_abc = inverse_clarke(Vec2(z.head<2>()));
@@ -299,7 +305,7 @@ VectorXd ClosedFloquet::tick(const VectorXd& z, Gain gain, std::int64_t k, int n
   m.omega_m = m.theta_m / T_s;  // as an encoder gives it
   m.i_abc = inverse_clarke(inverse_park(x.head<2>(), turned));
   m.u_alphabeta = u;
-  filter.fast_step(state, m, gain);
+  filter.fast_step(state, m, used);
   // Into the axes of the rotor at t_{k+1}.
   next.head<3>() = x.head<3>();
   for (int i = delay_ - 1; i > 0; --i)
@@ -339,13 +345,15 @@ bool ClosedFloquet::settle() {
 }
 
 Eigen::MatrixXd ClosedFloquet::derivative(const VectorXd& z, const Gain& gain, std::int64_t k,
-                                          int n) const {
+                                          int n, Gain& used) const {
   Eigen::MatrixXd J(z.size(), z.size());
+  VectorXd beside = z;
   for (Eigen::Index col = 0; col < z.size(); ++col) {
-    VectorXd up = z, down = z;
-    up[col] += kDifference;
-    down[col] -= kDifference;
-    J.col(col) = (tick(up, gain, k, n) - tick(down, gain, k, n)) / (2 * kDifference);
+    beside[col] = z[col] + kDifference;
+    J.col(col) = tick(beside, gain, k, n, used);
+    beside[col] = z[col] - kDifference;
+    J.col(col) = (J.col(col) - tick(beside, gain, k, n, used)) / (2 * kDifference);
+    beside[col] = z[col];
   }
   return J;
 }
@@ -354,10 +362,11 @@ Eigen::MatrixXd ClosedFloquet::transition(const std::vector<Gain>& gains, int ti
                                           VectorXd& z) const {
   const int n = static_cast<int>(gains.size());
   Eigen::MatrixXd Phi = Eigen::MatrixXd::Identity(z.size(), z.size());
+  Gain used = gains.front();
   for (int k = 0; k < ticks; ++k) {
     const Gain& gain = gains[static_cast<std::size_t>(k % n)];
-    Phi = (derivative(z, gain, k, n) * Phi).eval();
-    z = tick(z, gain, k, n);
+    Phi = (derivative(z, gain, k, n, used) * Phi).eval();
+    z = tick(z, gain, k, n, used);
   }
   return Phi;
 }

@@ -37,6 +37,8 @@ class ClosedFloquet {
   // `policy`: instead of that of the drive file.
   static std::optional<ClosedFloquet> of(Config& config, double omega_e,
                                          std::optional<GainPolicy> policy = {});
+  // With the filter, the policy and the speed of `steady`, whose periodic gains it shares.
+  static std::optional<ClosedFloquet> of(Config& config, const Steady& steady);
 
   // rho over one background period.
   double spectral_radius(int n) const;
@@ -52,10 +54,12 @@ class ClosedFloquet {
   ClosedFloquet() = default;
   Eigen::MatrixXd period(int n) const;
   int n_max_by_bisection(int limit) const;
-  // One tick from t_k to t_{k+1}; `gain` in the axes of the rotor at t_k, of a period of n ticks.
-  Eigen::VectorXd tick(const Eigen::VectorXd& z, Gain gain, std::int64_t k, int n) const;
-  Eigen::MatrixXd derivative(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k,
-                             int n) const;
+  // One tick from t_k to t_{k+1}; `gain` in the axes of the rotor at t_k, of a period of n ticks. `used`:
+  // the gain as the filter uses it, overwritten; it spares a new Gain, 6 kB.
+  Eigen::VectorXd tick(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k, int n,
+                       Gain& used) const;
+  Eigen::MatrixXd derivative(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k, int n,
+                             Gain& used) const;
   double angle_error(const Eigen::VectorXd& z, double ticks_ahead) const;
   double gain_error(const Eigen::VectorXd& z) const;
   void take_snapshot(int i, int n, double turned, Eigen::VectorXd& z) const;

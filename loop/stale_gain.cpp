@@ -11,7 +11,8 @@
 namespace twinrate {
 namespace {
 
-using Square = Eigen::MatrixXd;
+using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxStates, kMaxStates>;
+using Column = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStates, 1>;
 
 constexpr double kDifference = 1e-6;  // of a state, for central differences
 constexpr int kMaxPeriods = 400;      // until the gain is periodic in rotor axes
@@ -19,9 +20,13 @@ constexpr int kMinPeriods = 11;
 constexpr int kMaxPropagatedTicks = 2000;  // propagated: P takes a step every tick, whatever n
 constexpr double kGainTolerance = 1e-9;    // relative change of a periodic gain
 
-// The steady state at tick k.
-Estimate at_tick(const Steady& s, std::int64_t k) {
-  Estimate e = s.filter->ahead(*s.filter->steady_state(s.omega_m), static_cast<double>(k));
+Estimate at_begin(const Steady& s) {
+  return *s.filter->steady_state(s.omega_m);
+}
+
+// The steady state `begin`, at tick k.
+Estimate at_tick(const Steady& s, const Estimate& begin, std::int64_t k) {
+  Estimate e = s.filter->ahead(begin, static_cast<double>(k));
   e.k = k;
   return e;
 }
@@ -55,7 +60,7 @@ Square error_dynamics(const Steady& s, const Estimate& at, const Gain& gain) {
     const Measurement m = sample_after(s, at);
     s.filter->fast_step(up, m, gain);
     s.filter->fast_step(down, m, gain);
-    Eigen::VectorXd change = (up.x_hat - down.x_hat).head(n_x);
+    Column change = (up.x_hat - down.x_hat).head(n_x);
     for (double& c : change)  // unwraps an angle
       if (std::abs(c) > kPi) c -= std::copysign(kTwoPi, c);
     jacobian.col(col) = change / (2 * kDifference);
@@ -74,13 +79,14 @@ Square turn(int n_x, int pairs, double angle) {
 // Runs the background in steady state until its gain is periodic; returns the last gain.
 Gain find_periodic_gain(const Steady& s, int n) {
   BackgroundLoop background(s.filter, s.policy, n, s.span_omega_m);
+  const Estimate begin = at_begin(s);
   Gain rotor;
   auto K_before = rotor.K;
   const int periods = s.policy == GainPolicy::kPropagated
                           ? std::clamp(kMaxPropagatedTicks / n, kMinPeriods + 1, kMaxPeriods)
                           : kMaxPeriods;
   for (int period = 0; period < periods; ++period) {
-    copy_gain(rotor, background.step(at_tick(s, static_cast<std::int64_t>(period) * n)));
+    copy_gain(rotor, background.step(at_tick(s, begin, static_cast<std::int64_t>(period) * n)));
     GainFrame(s.filter->turning_pairs(), -rotor.theta_e).turn_gain(rotor);
     const bool repeats = (rotor.K - K_before).lpNorm<Eigen::Infinity>() <=
                          kGainTolerance * rotor.K.lpNorm<Eigen::Infinity>();
@@ -90,8 +96,7 @@ Gain find_periodic_gain(const Steady& s, int n) {
   return background.last();
 }
 
-Gain periodic_gain(const Steady& s, int n) {
-  if (!s.found) return find_periodic_gain(s, n);
+const Gain& periodic_gain(const Steady& s, int n) {
   const auto known = s.found->find(n);
   if (known != s.found->end()) return known->second;
   return s.found->emplace(n, find_periodic_gain(s, n)).first->second;
@@ -117,39 +122,61 @@ int n_max_by_formula(const Steady& s, int limit) {
   return limit;
 }
 
-// The gains of one period as they are used, in the stator; `first`: the tick of the first one.
-static std::vector<Gain> gains_of_period(const Steady& s, int n, std::int64_t& first) {
-  const bool background = has_background(s.policy);
-  const Gain gain = background ? periodic_gain(s, n) : Gain{};
-  const auto table = background ? nullptr : GainSchedule::build(*s.filter, 2 * std::abs(s.omega_m));
-  first = background ? first_use_of(s.policy, gain.k, n) : 1;
+namespace {
+
+// The gains of one period as they are used, in the stator, tick by tick.
+class GainsOfPeriod {
+ public:
+  GainsOfPeriod(const Steady& s, int n) : s_(s) {
+    if (has_background(s.policy))
+      gain_ = used_ = periodic_gain(s, n);
+    else
+      table_ = GainSchedule::build(*s.filter, 2 * std::abs(s.omega_m));
+    first_ = table_ ? 1 : first_use_of(s.policy, gain_.k, n);
+  }
+  // The tick of the first one.
+  std::int64_t first() const { return first_; }
+  // The gain that corrects the tick after `before`; valid until the next call.
+  const Gain& after(const Estimate& before) {
+    if (table_) return used_ = table_->at(s_.omega_m, before.theta_e);
+    copy_gain(used_, gain_);
+    turn_for_use(s_.policy, *s_.filter, before, used_);
+    return used_;
+  }
+
+ private:
+  const Steady& s_;
+  Gain gain_, used_;
+  std::shared_ptr<const GainSchedule> table_;
+  std::int64_t first_ = 1;
+};
+
+}  // namespace
+
+std::vector<Gain> rotor_gains_of_period(const Steady& s, int n) {
+  const Estimate begin = at_begin(s);
+  GainsOfPeriod period(s, n);
   std::vector<Gain> gains;
-  for (std::int64_t k = first; k < first + n; ++k) {
-    const Estimate before = at_tick(s, k - 1);
-    Gain used = table ? table->at(s.omega_m, before.theta_e) : gain;
-    if (!table) turn_for_use(s.policy, *s.filter, before, used);
-    gains.push_back(used);
+  gains.reserve(static_cast<std::size_t>(n));
+  for (std::int64_t k = period.first(); k < period.first() + n; ++k) {
+    const Estimate before = at_tick(s, begin, k - 1);
+    gains.push_back(period.after(before));
+    GainFrame(s.filter->turning_pairs(), -before.theta_e).turn_gain(gains.back());
   }
   return gains;
 }
 
-std::vector<Gain> rotor_gains_of_period(const Steady& s, int n) {
-  std::int64_t k = 0;
-  std::vector<Gain> gains = gains_of_period(s, n, k);
-  for (Gain& gain : gains)
-    GainFrame(s.filter->turning_pairs(), -at_tick(s, k++ - 1).theta_e).turn_gain(gain);
-  return gains;
-}
-
 double spectral_radius(const Steady& s, int n) {
-  std::int64_t first = 0;
-  const std::vector<Gain> gains = gains_of_period(s, n, first);
-  const int n_x = at_tick(s, 0).n_x, pairs = s.filter->turning_pairs();
+  const Estimate begin = at_begin(s);
+  GainsOfPeriod period(s, n);
+  const int n_x = begin.n_x, pairs = s.filter->turning_pairs();
   Square monodromy = Square::Identity(n_x, n_x);
-  for (int i = 0; i < n; ++i)
-    monodromy = error_dynamics(s, at_tick(s, first + i - 1), gains[static_cast<std::size_t>(i)]) *
-                monodromy;
-  const double turned = at_tick(s, first + n).theta_e - at_tick(s, first).theta_e;
+  for (std::int64_t k = period.first(); k < period.first() + n; ++k) {
+    const Estimate before = at_tick(s, begin, k - 1);
+    monodromy = error_dynamics(s, before, period.after(before)) * monodromy;
+  }
+  const double turned =
+      at_tick(s, begin, period.first() + n).theta_e - at_tick(s, begin, period.first()).theta_e;
   return linear::eigenvalues(turn(n_x, pairs, -turned) * monodromy).cwiseAbs().maxCoeff();
 }
 

@@ -23,8 +23,9 @@ struct Steady {
   GainPolicy policy;
   double omega_m = 0, omega_e = 0, T_s = 0;
   double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
-  // Periodic gains by n that the functions below have found for this steady state; may be null.
-  std::shared_ptr<std::map<int, Gain>> found = nullptr;
+  // Periodic gains by n that the functions below have found for this steady state. Copies share them:
+  // not for several threads.
+  std::shared_ptr<std::map<int, Gain>> found = std::make_shared<std::map<int, Gain>>();
 };
 
 // The gains of one background period of n ticks in steady state, tick by tick, as the policy uses them,

@@ -57,13 +57,8 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Conf
   GainPolicy policy{};
   for (int i = 0; kGainPolicyNames[i] != l.policy; ++i) policy = static_cast<GainPolicy>(i + 1);
   const double omega_e = kTwoPi * l.f_e_Hz;
-  const Steady steady{filter,
-                      policy,
-                      omega_e / d.machine.n_p,
-                      omega_e,
-                      d.T_s(),
-                      d.gain.speed_span / d.machine.n_p,
-                      std::make_shared<std::map<int, Gain>>()};
+  const Steady steady{filter,  policy,  omega_e / d.machine.n_p,
+                      omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p};
   Reason r;
   const bool table = !has_background(policy);
   const int limit = std::min(kMaxFloquet_n, 6 * l.n_max + 10);
@@ -72,7 +67,7 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Conf
   r.floquet = table ? 0 : n_max_by_floquet(steady, limit);
   const auto closed = [&] {
     const std::lock_guard<std::mutex> lock(config_mutex);
-    return table ? std::nullopt : ClosedFloquet::of(config, omega_e, policy);
+    return table ? std::nullopt : ClosedFloquet::of(config, steady);
   }();
   if (closed) r.closed = closed->n_max(std::min(limit, kMaxClosed_n));
   if (l.n_max > 0) r.rho_held = spectral_radius(steady, table ? 1 : l.n_max);
