@@ -76,9 +76,22 @@ bool set_shard_from_launcher(Plan& plan) {
 
 // Window of the verdict: starts 0.5 s after the end of the ramp (0.3 s after the switch), another
 // 0.5 s later with a load. Length: 1 s, five electrical turns or three gains, the longest of these.
+PointTimes point_times(const Plan& plan, const DriveConfig& base, double f_e_Hz, int n) {
+  const double T_s = base.T_s();
+  PointTimes times{.settle_s = kTwoPi * f_e_Hz / plan.ramp_rad_s2 + 0.5};
+  if (plan.start == "switched") {
+    const double switch_s = std::ceil(kSwitch_s / T_s / n) * n * T_s;
+    times.n_from_s = switch_s - 0.5 * T_s;
+    times.settle_s = switch_s + 0.3;
+  }
+  if (plan.load_pu.value_or(0) != 0) times.settle_s += 0.5;
+  times.duration_s = times.settle_s + std::max({1.0, 5 / f_e_Hz, 3 * n * T_s});
+  return times;
+}
+
 std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& base,
                                          const Search& search, int n) {
-  const double omega_e = kTwoPi * search.f_e_Hz, T_s = base.T_s();
+  const PointTimes times = point_times(plan, base, search.f_e_Hz, n);
   std::vector<std::string> list = plan.overrides;
   const auto set = [&](const std::string& key, auto value) {
     list.push_back(fmt::format("{}={}", key, value));
@@ -91,19 +104,15 @@ std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& ba
   if (base.reference.in_rpm)
     set("reference.speed_rpm", 60 * search.f_e_Hz / base.machine.n_p);
   else
-    set("reference.omega_e_rad_s", omega_e);
+    set("reference.omega_e_rad_s", kTwoPi * search.f_e_Hz);
   set("reference.slew_rad_s2", plan.ramp_rad_s2);
-  double settle_s = omega_e / plan.ramp_rad_s2 + 0.5;
   if (plan.start == "switched") {
-    const double switch_s = std::ceil(kSwitch_s / T_s / n) * n * T_s;
     set("start", "flying");
-    set("rates.n_from_s", switch_s - 0.5 * T_s);
-    settle_s = switch_s + 0.3;
+    set("rates.n_from_s", times.n_from_s);
   }
   if (plan.load_pu) set("load.T_load_Nm", *plan.load_pu * base.machine.T_rated);
-  if (plan.load_pu.value_or(0) != 0) settle_s += 0.5;
-  set("run.settle_s", settle_s);
-  set("run.duration_s", settle_s + std::max({1.0, 5 / search.f_e_Hz, 3 * n * T_s}));
+  set("run.settle_s", times.settle_s);
+  set("run.duration_s", times.duration_s);
   return list;
 }
 

@@ -42,6 +42,11 @@ void set_shard(Plan& plan, const std::string& text);
 // Takes rank and size of mpirun or srun; false if neither started this process.
 bool set_shard_from_launcher(Plan& plan);
 
+// Times of one point, s: the gain has its period of n ticks from n_from_s on.
+struct PointTimes {
+  double n_from_s = 0, settle_s = 0, duration_s = 0;
+};
+PointTimes point_times(const Plan& plan, const DriveConfig& base, double f_e_Hz, int n);
 // The overrides of one point: those of the plan, and the keys that the point sets.
 std::vector<std::string> point_overrides(const Plan& plan, const DriveConfig& base,
                                          const Search& search, int n);

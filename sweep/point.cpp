@@ -119,22 +119,32 @@ Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& se
   return point;
 }
 
-std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const Search& search,
-                                const std::vector<int>& n) {
-  lanes::LaneSettings settings;
+std::optional<LaneDrive> lane_drive(const Plan& plan, const DriveConfig& base,
+                                    const Search& search) {
+  Config config = load_drive(plan.drive, point_overrides(plan, base, search, 1));
+  LaneDrive found{.drive = config.drive()};
+  if (!lanes::lane_settings(config, found.settings).empty()) return {};
+  return found;
+}
+
+std::vector<Point> run_in_lanes(const Plan& plan, const LaneDrive& lane_drive,
+                                std::span<const Task> tasks, int threads) {
   std::vector<lanes::Point> asked;
-  for (int n_i : n) {
-    Config config = load_drive(plan.drive, point_overrides(plan, base, search, n_i));
-    if (!lanes::lane_settings(config, settings).empty()) return {};
-    asked.push_back(lanes::point_of(config.drive()));
+  DriveConfig drive = lane_drive.drive;
+  for (const auto& [search, n] : tasks) {
+    const PointTimes times = point_times(plan, drive, search.f_e_Hz, n);
+    drive.rates.n = n;
+    drive.rates.n_from_s = times.n_from_s;
+    drive.run = {.duration_s = times.duration_s, .settle_s = times.settle_s, .seed = search.seed};
+    asked.push_back(lanes::point_of(drive));
   }
   std::vector<lanes::PointResult> results(asked.size());
-  lanes::run_points(settings, asked, results, 1);
+  lanes::run_points(lane_drive.settings, asked, results, threads);
   std::vector<Point> points;
-  for (std::size_t i = 0; i < n.size(); ++i)
-    points.push_back({.search = search,
-                      .f_s_Hz = base.rates.f_s_Hz,
-                      .n = n[i],
+  for (std::size_t i = 0; i < tasks.size(); ++i)
+    points.push_back({.search = tasks[i].search,
+                      .f_s_Hz = drive.rates.f_s_Hz,
+                      .n = tasks[i].n,
                       .locked = results[i].locked,
                       .angle_error_rms = results[i].angle_error_rms_rad,
                       .angle_error_max = results[i].angle_error_max_rad});

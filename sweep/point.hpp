@@ -2,7 +2,11 @@
 //
 // The verdict is `locked` of summary.json (analysis/summary.hpp) over the window of the point.
 #pragma once
+#include <optional>
+#include <span>
+
 #include "core/run_log.hpp"
+#include "lanes/points.hpp"
 #include "sweep/plan.hpp"
 
 namespace twinrate::sweep {
@@ -18,10 +22,22 @@ struct Point {
 // Throws what the closed loop throws. If the integrator fails because the drive diverges, the point
 // is lost.
 Point run_in_process(const Plan& plan, const DriveConfig& base, const Search& search, int n);
-// Several points at once in the lane engine (lanes/engine.hpp); empty if it does not cover the
-// drive.
-std::vector<Point> run_in_lanes(const Plan& plan, const DriveConfig& base, const Search& search,
-                                const std::vector<int>& n);
+// Searches of one policy and speed in the lane engine (lanes/engine.hpp): the drive of their points but
+// for n, the times and the seed.
+struct LaneDrive {
+  lanes::LaneSettings settings;
+  DriveConfig drive;
+};
+// Empty if the engine does not cover the drive. Throws BadInput.
+std::optional<LaneDrive> lane_drive(const Plan& plan, const DriveConfig& base,
+                                    const Search& search);
+struct Task {
+  Search search;
+  int n = 1;
+};
+// The points of `tasks`, in their order.
+std::vector<Point> run_in_lanes(const Plan& plan, const LaneDrive& lane_drive,
+                                std::span<const Task> tasks, int threads);
 // The same point with `twinrate launch`, five processes over LCM, in a temporary directory within
 // `directory`.
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,

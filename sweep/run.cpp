@@ -75,18 +75,26 @@ class Engine {
          const RunOptions& options)
       : plan_(plan), base_(base), file_(file), directory_(std::move(directory)), options_(options) {
     const auto all = searches(plan);
-    for (std::size_t i = 0; i < all.size(); ++i)
-      if (static_cast<int>(i % static_cast<std::size_t>(plan.shards)) == plan.shard)
-        searches_.push_back(all[i]);
+    const bool lanes = plan.engine == "lanes" && plan.over == "inprocess" && plan.log.empty();
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (static_cast<int>(i % static_cast<std::size_t>(plan.shards)) != plan.shard) continue;
+      const bool joins = lanes && !groups_.empty() && same_but_for_seed(groups_.back()[0], all[i]);
+      if (!joins) groups_.emplace_back();
+      groups_.back().push_back(all[i]);
+      ++count;
+    }
     if (!plan.log.empty()) log_ = read_run_log(plan.log);
-    live_.emplace(options.json, searches_.size());
+    live_.emplace(options.json, count);
   }
 
   // Over LCM, one process set at a time: a set needs all cores.
   void run() {
-    const unsigned wanted = plan_.over == "lcm" ? 1 : std::thread::hardware_concurrency();
+    const unsigned cores = std::max(1U, std::thread::hardware_concurrency());
+    const unsigned wanted = plan_.over == "lcm" ? 1 : cores;
+    lane_threads_ = std::max(1, static_cast<int>(cores / std::max<std::size_t>(1, groups_.size())));
     std::vector<std::thread> threads;
-    for (unsigned i = 0; i < std::max(1U, wanted); ++i) threads.emplace_back([this] { work(); });
+    for (unsigned i = 0; i < wanted; ++i) threads.emplace_back([this] { work(); });
     for (std::thread& thread : threads) thread.join();
     live_->end();
     if (failure_) std::rethrow_exception(failure_);
@@ -95,8 +103,7 @@ class Engine {
  private:
   void work() {
     try {
-      for (std::size_t i = next_++; i < searches_.size() && !stop(); i = next_++)
-        search(searches_[i]);
+      for (std::size_t i = next_++; i < groups_.size() && !stop(); i = next_++) search(groups_[i]);
     } catch (...) {
       const std::lock_guard<std::mutex> lock(failure_mutex_);
       if (!failure_) failure_ = std::current_exception();
@@ -106,38 +113,53 @@ class Engine {
     const std::lock_guard<std::mutex> lock(failure_mutex_);
     return stop_signalled() || failure_;
   }
-  void search(const Search& search) {
-    std::vector<Point> points;
-    for (const Point* p : of_search(file_.found(), search)) points.push_back(*p);
-    std::deque<Point> ahead;
+  static bool same_but_for_seed(const Search& a, const Search& b) {
+    return a.policy == b.policy && a.f_e_Hz == b.f_e_Hz;
+  }
+  // The next points of each search of the group together, until all of them are complete.
+  void search(const std::vector<Search>& group) {
+    std::vector<std::vector<Point>> points(group.size());
+    for (std::size_t i = 0; i < group.size(); ++i)
+      for (const Point* p : of_search(file_.found(), group[i])) points[i].push_back(*p);
+    const auto next = [&](std::size_t i) {
+      return next_to_try(of_search(points[i], group[i]), group[i], plan_.n_max);
+    };
+    std::optional<LaneDrive> in_lanes;
+    if (plan_.engine == "lanes" && plan_.over == "inprocess" && plan_.log.empty())
+      in_lanes = lane_drive(plan_, base_, group.front());
     while (!stop()) {
-      const auto n = next_to_try(of_search(points, search), search, plan_.n_max);
-      if (!n) break;
-      const Point point = run_point(search, *n, ahead);
+      std::vector<Task> tasks;
+      std::vector<std::size_t> of_task;  // index of its search
+      for (std::size_t i = 0; i < group.size(); ++i) {
+        const auto n = next(i);
+        const std::size_t end = tasks.size() + (in_lanes ? kPointsAtOnce : 1);
+        for (int k = n.value_or(plan_.n_max + 1); k <= plan_.n_max && tasks.size() < end;
+             k = next_n(k)) {
+          tasks.push_back({group[i], k});
+          of_task.push_back(i);
+        }
+      }
+      if (tasks.empty()) break;
+      const std::vector<Point> run =
+          in_lanes ? run_in_lanes(plan_, *in_lanes, tasks, lane_threads_) : run_one_by_one(tasks);
       if (stop_signalled()) return;  // the signal also interrupted launch
-      file_.append(point);
-      points.push_back(point);
-      const bool last = !next_to_try(of_search(points, search), search, plan_.n_max);
-      live_->show(point, done_ += last ? 1 : 0, last);
+      for (std::size_t t = 0; t < run.size(); ++t) {
+        const std::size_t i = of_task[t];
+        if (next(i) != run[t].n) continue;  // beyond the loss that ended the search
+        file_.append(run[t]);
+        points[i].push_back(run[t]);
+        const bool last = !next(i);
+        live_->show(run[t], done_ += last ? 1 : 0, last);
+      }
     }
   }
-  // `ahead`: points of this search that the lane engine has already run.
-  Point run_point(const Search& search, int n, std::deque<Point>& ahead) const {
-    if (plan_.engine == "lanes" && plan_.over == "inprocess" && plan_.log.empty()) {
-      if (ahead.empty() || ahead.front().n != n) {
-        std::vector<int> row;
-        for (int n_i = n; n_i <= plan_.n_max && row.size() < kPointsAtOnce; n_i = next_n(n_i))
-          row.push_back(n_i);
-        const auto points = run_in_lanes(plan_, base_, search, row);
-        ahead.assign(points.begin(), points.end());
-      }
-      if (!ahead.empty()) {
-        const Point point = ahead.front();
-        ahead.pop_front();
-        return point;
-      }
+  std::vector<Point> run_one_by_one(const std::vector<Task>& tasks) const {
+    std::vector<Point> points;
+    for (const auto& [search, n] : tasks) {
+      if (stop_signalled()) break;
+      points.push_back(run_point(search, n));
     }
-    return run_point(search, n);
+    return points;
   }
   Point run_point(const Search& search, int n) const {
     if (!plan_.log.empty()) return run_on_log(log_, plan_, search, n);
@@ -150,7 +172,9 @@ class Engine {
   PointFile& file_;
   std::string directory_;
   const RunOptions& options_;
-  std::vector<Search> searches_;
+  std::vector<std::vector<Search>>
+      groups_;  // run together: the seeds of a policy and speed in lanes
+  int lane_threads_ = 1;
   RunLog log_;
   std::optional<Live> live_;
   std::atomic<std::size_t> next_ = 0, done_ = 0;

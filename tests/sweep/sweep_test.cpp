@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "estimator/make_filter.hpp"
+#include "lanes/engine.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/stale_gain.hpp"
@@ -26,6 +27,11 @@ Plan small_plan() {
           .policies = {"paper"},
           .seeds = 2,
           .n_max = 50};
+}
+
+Point in_lanes(const Plan& plan, const DriveConfig& base, const Search& search, int n) {
+  const Task task{search, n};
+  return run_in_lanes(plan, lane_drive(plan, base, search).value(), {&task, 1}, 1).at(0);
 }
 
 class SweepTest : public ::testing::Test {
@@ -185,7 +191,7 @@ TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
   const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
   const DriveConfig base = load_drive(plan.drive).drive();
-  const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
+  const int closed = limit_of([&](int n) { return in_lanes(plan, base, search, n); });
   EXPECT_NEAR(alone, closed, 1);
   EXPECT_NEAR(closed, 12, 1);
   // Another policy has another limit: the requested policy is used.
@@ -201,7 +207,7 @@ TEST(RecordedDrive, SwitchedAtSpeedTheLimitIsTheClosedLoopsAtThirtyHertzToo) {
   const Plan plan{.drive = "dilys2021", .policies = {"paper"}, .start = "switched"};
   const DriveConfig base = load_drive(plan.drive).drive();
   const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
-  const int closed = limit_of([&](int n) { return run_in_lanes(plan, base, search, {n}).at(0); });
+  const int closed = limit_of([&](int n) { return in_lanes(plan, base, search, n); });
   EXPECT_NEAR(alone, closed, 1);
   EXPECT_NEAR(closed, 25, 2);
 }
@@ -418,11 +424,36 @@ TEST(PointOfASweep, HasTheSameFiguresInBothEngines) {
   const DriveConfig base = load_drive(plan.drive).drive();
   const Search search{"extrapolate", 64, 1};
   const Point reference = run_in_process(plan, base, search, 8);
-  const Point lane = run_in_lanes(plan, base, search, {8}).at(0);
+  const Point lane = in_lanes(plan, base, search, 8);
   ASSERT_TRUE(reference.locked && lane.locked);
   EXPECT_NEAR(lane.angle_error_rms, reference.angle_error_rms, 0.03 * reference.angle_error_rms);
   EXPECT_NEAR(lane.angle_error_max, reference.angle_error_max, 0.2 * reference.angle_error_max);
   EXPECT_GT(lane.angle_error_max, 1.2 * lane.angle_error_rms);
+}
+
+TEST(PointOfASweep, HasTheSameBitsBesideOtherSeedsAndRatios) {
+  for (const char* start : {"ramp", "switched"}) {
+    Plan plan = small_plan();
+    plan.start = start;
+    const DriveConfig base = load_drive(plan.drive).drive();
+    std::vector<Task> tasks;
+    for (int seed : {1, 2, 3})
+      for (int n : {3, 12}) tasks.push_back({{"paper", 100, seed}, n});
+    const LaneDrive shared = lane_drive(plan, base, tasks.front().search).value();
+    const std::vector<Point> together = run_in_lanes(plan, shared, tasks, 2);
+    ASSERT_EQ(together.size(), tasks.size());
+    for (std::size_t i = 0; i < tasks.size(); ++i) {
+      // As the drive file with all keys of the point has it.
+      const DriveConfig drive = point_of(plan, tasks[i].search, tasks[i].n);
+      lanes::PointResult alone;
+      const lanes::Point asked = lanes::point_of(drive);
+      lanes::run_points(shared.settings, {&asked, 1}, {&alone, 1}, 1);
+      EXPECT_EQ(together[i].search.seed, tasks[i].search.seed);
+      EXPECT_EQ(together[i].locked, alone.locked) << start << " " << i;
+      EXPECT_EQ(together[i].angle_error_rms, alone.angle_error_rms_rad) << start << " " << i;
+      EXPECT_EQ(together[i].angle_error_max, alone.angle_error_max_rad) << start << " " << i;
+    }
+  }
 }
 
 }  // namespace
