@@ -7,6 +7,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -19,14 +20,20 @@ namespace {
 namespace fs = std::filesystem;
 constexpr const char* kFile = "session.json";
 
-// Empty where nothing runs there.
+// Empty where nothing runs there, or the file is another program's.
 std::optional<RunningSet> running_in(const fs::path& directory) {
   std::ifstream in(directory / kFile);
-  const auto json = in ? nlohmann::json::parse(in, nullptr, false) : nlohmann::json();
-  if (!json.is_object() || !json.contains("pid") || !json.contains("session")) return {};
-  if (kill(json["pid"].get<pid_t>(), 0) != 0 && errno == ESRCH) return {};
-  return RunningSet{directory.string(), json.value("url", ""), json.value("channel_suffix", ""),
-                    json["session"].get<std::int64_t>()};
+  if (!in) return {};
+  try {
+    const auto json = nlohmann::json::parse(in);
+    const auto pid = json.at("pid").get<std::int64_t>();
+    if (pid < 1 || pid > std::numeric_limits<pid_t>::max()) return {};  // kill() would mean others
+    if (kill(static_cast<pid_t>(pid), 0) != 0 && errno == ESRCH) return {};
+    return RunningSet{directory.string(), json.value("url", ""), json.value("channel_suffix", ""),
+                      json.at("session").get<std::int64_t>()};
+  } catch (const nlohmann::json::exception&) {
+    return {};
+  }
 }
 
 }  // namespace

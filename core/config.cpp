@@ -2,11 +2,12 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 
 #include "core/config_write.hpp"
+#include "core/message_check.hpp"
 #include "core/paths.hpp"
 #include "core/toml_reader.hpp"
+#include "core/toml_text.hpp"
 #include "model/effects/delayed.hpp"
 #include "model/effects/flux_map.hpp"
 #include "model/effects/losses.hpp"
@@ -202,26 +203,12 @@ void read_drive(Config::Impl& file) {
   check_across(file, d);
 }
 
-toml::table parse_text(const std::string& text, const std::string& source) {
-  try {
-    return toml::parse(text, source);
-  } catch (const toml::parse_error& error) {
-    throw BadInput(
-        fmt::format("{}:{}: {}", source, error.source().begin.line, error.description()));
-  }
-}
-
-std::string read_file(const std::string& path) {
-  std::ifstream in(path);
-  if (!in) throw BadInput(fmt::format("{}: cannot be read", path));
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
 std::string preset_path(const std::string& name, const std::string& said_at) {
   const fs::path path = fs::path(preset_directory()) / (name + ".toml");
-  if (!fs::is_regular_file(path))
-    throw BadInput(fmt::format("{}: no such file and no such preset; presets: {}", said_at,
-                               list_names(preset_names())));
+  std::error_code unusable;
+  if (!fs::is_regular_file(path, unusable))
+    throw BadInput(fmt::format("{}: no such file and no such preset; presets: {}",
+                               printable(said_at), list_names(preset_names())));
   return path.string();
 }
 
@@ -231,13 +218,13 @@ toml::table parse_override(const std::string& text) {
     throw BadInput(fmt::format("--set {}: write key.path=value", text));
   const std::string key = text.substr(0, equals), value = text.substr(equals + 1);
   try {
-    return toml::parse(key + " = " + value);
-  } catch (const toml::parse_error&) {
+    return parse_toml(key + " = " + value, "--set");
+  } catch (const BadInput&) {
   }
   try {  // a bare word is a text
-    return toml::parse(key + " = \"" + value + "\"");
-  } catch (const toml::parse_error& error) {
-    throw BadInput(fmt::format("--set {}: {}", text, error.description()));
+    return parse_toml(key + " = \"" + value + "\"", "--set");
+  } catch (const BadInput& error) {
+    throw BadInput(fmt::format("--set {}: {}", text, error.what()));
   }
 }
 
@@ -245,7 +232,9 @@ toml::table parse_override(const std::string& text) {
 void read_effects_only(const std::string& effects_toml, const std::string& source,
                        Config::Impl& file) {
   file.source = source;
-  file.root = parse_text(effects_toml, source);
+  if (effects_toml.size() > kMaxRequestText)
+    throw BadInput(fmt::format("{}: at most {} bytes allowed", source, kMaxRequestText));
+  file.root = parse_toml(effects_toml, source);
   file.note_origins(file.root, source, "");
   for (const auto& [key, node] : file.root)
     if (key.str() != "effect") file.fail(std::string(key.str()), "only [[effect]] tables allowed");
@@ -281,9 +270,10 @@ Config& Config::operator=(Config&&) noexcept = default;
 Config::~Config() = default;
 
 Config Config::load(const std::string& name_or_path, const std::vector<std::string>& overrides) {
-  const bool is_file = fs::is_regular_file(name_or_path);
+  std::error_code unusable;
+  const bool is_file = fs::is_regular_file(name_or_path, unusable);
   const std::string path = is_file ? name_or_path : preset_path(name_or_path, name_or_path);
-  return parse(read_file(path), path, overrides);
+  return parse(read_text_file(path), path, overrides);
 }
 
 Config Config::parse(const std::string& toml_text, const std::string& source_name,
@@ -291,13 +281,13 @@ Config Config::parse(const std::string& toml_text, const std::string& source_nam
   Config config;
   Impl& file = *config.impl_;
   file.source = source_name;
-  const toml::table own = parse_text(toml_text, source_name);
+  const toml::table own = parse_toml(toml_text, source_name);
   if (own.contains("preset") && !own["preset"].is_string())
     throw BadInput(fmt::format("{}:{}: preset: the name of a preset in quotes allowed", source_name,
                                own["preset"].node()->source().begin.line));
   if (const auto preset = own["preset"].value<std::string>()) {
     const std::string path = preset_path(*preset, source_name + ": preset = \"" + *preset + "\"");
-    const toml::table base = parse_text(read_file(path), path);
+    const toml::table base = parse_toml(read_text_file(path), path);
     file.note_origins(base, path, "");
     file.merge(file.root, base);
   }

@@ -1,9 +1,11 @@
 #include "core/message_check.hpp"
 
+#include <cmath>
 #include <iterator>
 
 #include "core/decode.hpp"
 #include "core/message_tag.hpp"
+#include "core/utf8.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -18,20 +20,10 @@ std::uint64_t big_endian(const std::uint8_t* bytes, int count) {
   return value;
 }
 
-// The length of a UTF-8 sequence by its first byte; 0 for a byte that begins none.
-std::size_t sequence_length(std::uint8_t first) {
-  if (first < 0x80) return 1;
-  if (first >= 0xc2 && first < 0xe0) return 2;
-  if (first >= 0xe0 && first < 0xf0) return 3;
-  return first >= 0xf0 && first < 0xf5 ? 4 : 0;
-}
-
 bool is_text(const std::uint8_t* bytes, std::size_t size) {
   for (std::size_t i = 0; i < size;) {
-    const std::size_t length = sequence_length(bytes[i]);
-    if (bytes[i] == 0 || length == 0 || i + length > size) return false;
-    for (std::size_t j = 1; j < length; ++j)
-      if ((bytes[i + j] & 0xc0) != 0x80) return false;
+    const std::size_t length = utf8_sequence(bytes + i, size - i);
+    if (bytes[i] == 0 || length == 0) return false;
     i += length;
   }
   return true;
@@ -78,7 +70,7 @@ bool texts_fit(const manifest_t*, const std::uint8_t* bytes, std::size_t size) {
   return fill(3, bytes, size, 36);
 }
 bool texts_fit(const request_t*, const std::uint8_t* bytes, std::size_t size) {
-  return fill(1, bytes, size, 44);
+  return size <= 44 + 4 + kMaxRequestText + 1 + kTagBytes && fill(1, bytes, size, 44);
 }
 bool texts_fit(const reply_t*, const std::uint8_t* bytes, std::size_t size) {
   return fill(1, bytes, size, 48);
@@ -115,7 +107,8 @@ bool values_fit(const manifest_t& m) {
 }
 // The sender of a request draws its number: any.
 bool values_fit(const request_t& m) {
-  return m.t_ns >= -kMaxTime_ns && m.t_ns <= kMaxTime_ns;
+  return m.t_ns >= -kMaxTime_ns && m.t_ns <= kMaxTime_ns &&
+         std::abs(m.value) <= static_cast<double>(kMaxSeq);
 }
 bool values_fit(const reply_t& m) {
   return m.t_ns >= -kMaxTime_ns && m.t_ns <= kMaxTime_ns && role_fits(m.role);

@@ -12,6 +12,8 @@
 namespace twinrate {
 
 inline constexpr std::size_t kMaxMessageBytes = 16 << 20;  // a drive file and its tables: 100 kB
+// Every process parses a request on its tick thread: the text fits into one datagram.
+inline constexpr std::size_t kMaxRequestText = 60'000;  // bytes; a cogging: 100
 
 // Whether the bytes begin with the fingerprint of a type of this channel.
 bool has_fingerprint_of(Channel channel, const void* bytes, std::size_t size);

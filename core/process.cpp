@@ -27,7 +27,8 @@ constexpr double kPatienceStep_s = 0.2;
 // Realtime: a set whose supervisor is silent for so long ends. The plant is off by then.
 constexpr double kOrphanAfter_s = 1;
 constexpr std::size_t kRequestsRemembered = 1 << 16;
-constexpr double kLoggerLater_s = 0.3;  // the last events of the others are in the log
+constexpr std::size_t kEffectsAnswered = 64;  // a sender repeats its last request only
+constexpr double kLoggerLater_s = 0.3;        // the last events of the others are in the log
 
 std::string host_name() {
   std::array<char, 64> name{};
@@ -66,6 +67,9 @@ void catch_stop_signals() {
   action.sa_handler = note_stop;
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  struct sigaction hangup {};  // of the terminal; nohup ignores it
+  if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN)
+    sigaction(SIGHUP, &action, nullptr);
 }
 bool stop_signalled() {
   return stop_flag != 0;
@@ -334,7 +338,7 @@ bool Process::answer_arbiter(const request_t& request, reply_t& reply) {
     reply.applied_seq = -1;
     if (known || info_.role == Role::kMonitor || info_.role == Role::kReplay) return false;
     request_t asked = request;
-    asked.kind = static_cast<std::int32_t>(request.value);
+    asked.kind = static_cast<std::int32_t>(static_cast<std::int64_t>(request.value));
     try {
       prepare(asked);
     } catch (const BadInput& refused) {
@@ -375,6 +379,8 @@ void Process::change_model(const request_t& request, reply_t& reply) {
     reply.text = refused.what();
   }
   effects_answered_.emplace_back(identity, reply);
+  if (effects_answered_.size() > kEffectsAnswered)
+    effects_answered_.erase(effects_answered_.begin());
 }
 
 // The five processes of a session must have been started with one config. Each hears the others

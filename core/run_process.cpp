@@ -4,9 +4,9 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "core/machine_error.hpp"
 #include "core/man_page.hpp"
 #include "core/process.hpp"
+#include "core/report_error.hpp"
 
 namespace twinrate {
 namespace {
@@ -51,7 +51,7 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     const bool asked_for = error.get_exit_code() == 0;  // --help
-    if (!asked_for) fmt::print(stderr, "{}: {}\n", info.program, error.what());
+    if (!asked_for) fmt::print(stderr, "{}: {}\n", info.program, printable(error.what()));
     exit_code = asked_for ? app.exit(error) : 2;
     return {};
   }
@@ -65,26 +65,22 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
 int run_process(const ProcessInfo& info, int argc, char** argv,
                 const std::function<void(Process&)>& body) {
   int exit_code = 0;
-  std::optional<ProcessOptions> options = parse_options(info, argc, argv, exit_code);
+  std::optional<ProcessOptions> options;
+  try {
+    expect_utf8(argc, argv);
+    options = parse_options(info, argc, argv, exit_code);
+  } catch (...) {
+    return report_error(info.program);
+  }
   if (!options) return exit_code;
   catch_stop_signals();
-  const auto say = [&info](const std::exception& error) {
-    fmt::print(stderr, "{}: {}\n", info.program, error.what());
-  };
   try {
     Process process(info, std::move(*options));
     body(process);
     if (!process.stopping() || stop_signalled()) process.finish();
     return process.exit_code();
-  } catch (const BadInput& error) {
-    say(error);
-    return 2;
-  } catch (const MachineError& error) {
-    say(error);
-    return 3;
-  } catch (const std::exception& error) {
-    say(error);
-    return 1;
+  } catch (...) {
+    return report_error(info.program);
   }
 }
 

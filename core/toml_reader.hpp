@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "core/config.hpp"
+#include "core/report_error.hpp"
 
 namespace twinrate {
 
@@ -20,6 +21,9 @@ inline std::string join(const std::string& prefix, std::string_view key) {
 inline std::string list_names(const std::vector<std::string>& names) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
+
+// Names, kinds and paths: PATH_MAX of Linux.
+inline constexpr std::size_t kMaxTextBytes = 4096;
 
 // The tables that other folders own whole; DriveConfig reads of [plant] what all have to know.
 inline constexpr const char* kOwnedTables[] = {"plant",  "safety",  "bus",
@@ -43,9 +47,7 @@ struct Config::Impl {
     }
   }
   [[noreturn]] void fail(const std::string& path, const std::string& what) const {
-    std::string line = fmt::format("{}: {}: {}", where(path), path, what);
-    std::replace(line.begin(), line.end(), '\n', ' ');  // a quoted key may hold one
-    throw BadInput(line);
+    throw BadInput(printable(fmt::format("{}: {}: {}", where(path), path, what)));
   }
   // A table that is there must have been read by its owner.
   void require_read(const std::string& path) const {
@@ -153,7 +155,11 @@ class TomlReader final : public FieldVisitor {
     const toml::node* node = find(key, Presence::kOptional);
     if (!node) return;
     if (!node->is_string()) fail(key, "a text in quotes allowed, found {}", shown(*node));
-    value = node->as_string()->get();
+    const std::string& text = node->as_string()->get();
+    if (text.size() > kMaxTextBytes || printable(text) != text)
+      fail(key, "a text of one line and at most {} bytes allowed, found {}", kMaxTextBytes,
+           shown(*node));
+    value = text;
   }
   void choice(const char* key, int& index, std::span<const char* const> names,
               const char*) override {

@@ -11,7 +11,7 @@
 #include <fstream>
 
 #include "core/config.hpp"
-#include "core/machine_error.hpp"
+#include "core/report_error.hpp"
 #include "embedded/cortex_loop.hpp"
 #include "embedded/cortex_process.hpp"
 #include "embedded/fixed_studies.hpp"
@@ -145,15 +145,8 @@ int run(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : 2;
-  } catch (const BadInput& e) {
-    fmt::print(stderr, "cortex_m3: {}\n", e.what());
-    return 2;
-  } catch (const MachineError& e) {
-    fmt::print(stderr, "cortex_m3: {}\n", e.what());
-    return 3;
-  } catch (const std::exception& e) {
-    fmt::print(stderr, "cortex_m3: {}\n", e.what());
-    return 1;
+  } catch (...) {
+    return report_error("cortex_m3");
   }
   return exit_code;
 }

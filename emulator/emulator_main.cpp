@@ -12,8 +12,8 @@
 #include <thread>
 
 #include "bridge/link.hpp"
-#include "core/machine_error.hpp"
 #include "core/process.hpp"
+#include "core/report_error.hpp"
 #include "emulator/device.hpp"
 #include "emulator/fault_options.hpp"
 #include "loop/load_drive.hpp"
@@ -170,24 +170,15 @@ int main(int argc, char** argv) {
   EmulatorOptions o;
   add_options(app, o);
   catch_stop_signals();
-  const auto say = [](const std::exception& e) {
-    fmt::print(stderr, "twinrate-emulator: {}\n", e.what());
-  };
   try {
+    expect_utf8(argc, argv);
     app.parse(argc, argv);
     return emulate(o);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);
-    say(error);
+    fmt::print(stderr, "twinrate-emulator: {}\n", printable(error.what()));
     return 2;
-  } catch (const BadInput& error) {
-    say(error);
-    return 2;
-  } catch (const MachineError& error) {
-    say(error);
-    return 3;
-  } catch (const std::exception& error) {
-    say(error);
-    return 1;
+  } catch (...) {
+    return report_error("twinrate-emulator");
   }
 }

@@ -6,9 +6,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 
 #include "core/config.hpp"
+#include "core/toml_text.hpp"
 
 namespace twinrate {
 namespace {
@@ -174,16 +174,9 @@ const std::vector<std::string>& static_columns() {
 }
 
 ImportMap read_import_map(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw BadInput(fmt::format("{}: no such map", path));
   ImportMap map;
-  map.toml.assign(std::istreambuf_iterator<char>(in), {});
-  toml::table root;
-  try {
-    root = toml::parse(map.toml, path);
-  } catch (const toml::parse_error& error) {
-    throw BadInput(fmt::format("{}:{}: {}", path, error.source().begin.line, error.description()));
-  }
+  map.toml = read_text_file(path);
+  const toml::table root = parse_toml(map.toml, path);
   for (const auto& [key, node] : root)
     if (key != "columns" && key != "time" && key != "file" && key != "drive")
       throw BadInput(fmt::format("{}:{}: {}: unknown table; known: columns, time, file, drive",

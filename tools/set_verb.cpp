@@ -9,6 +9,7 @@
 #include "core/drive_hand.hpp"
 #include "core/output_file.hpp"
 #include "core/reason.hpp"
+#include "core/report_error.hpp"
 #include "core/run_log.hpp"
 #include "core/steering.hpp"
 #include "loop/load_drive.hpp"
@@ -75,7 +76,7 @@ int steer(const SetOptions& o) {
                told(o));
     return 0;
   }
-  fmt::print(stderr, "twinrate: {}\n", answer.why);
+  fmt::print(stderr, "twinrate: {}\n", printable(answer.why));
   return answer.answered ? 2 : 1;
 }
 

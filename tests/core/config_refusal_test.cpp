@@ -47,6 +47,12 @@ std::string with_line(int line, const std::string& replacement) {
   return text;
 }
 
+std::string endless_key(int dots) {
+  std::string key = "a";
+  for (int i = 0; i < dots; ++i) key += ".a";
+  return key;
+}
+
 // The filter and controller need i_max; the text has no other change.
 const std::string kFoc = "[controller.foc]\ni_max_A = 3.0\n";
 
@@ -180,6 +186,20 @@ const Mistake kMistakes[] = {
     {"DiagonalTooShort",
      drive_text() + kFoc + "[estimator.ekf_sensorless]\nQ_diag = [1, 2, 3]\n",
      {"drive.toml:18", "estimator.ekf_sensorless.Q_diag", "4 numbers"}},
+    {"NameWithALineEnd",
+     "name = \"a\\nb\"\n" + drive_text(),
+     {"drive.toml:1", "name", "of one line"}},
+    {"NameWithAZeroByte",
+     "name = \"a\\u0000b\"\n" + drive_text(),
+     {"drive.toml:1", "name", "of one line"}},
+    {"PresetWithAZeroByte",
+     "preset = \"dilys2021\\u0000b\"\n" + drive_text(),
+     {"dilys2021\\x00b", "no such preset"}},
+    {"KeyWithoutEnd", drive_text() + endless_key(200'000) + " = 1\n", {"drive.toml:15", "dots"}},
+    {"TableWithoutEnd", drive_text() + "[" + endless_key(200'000) + "]\n", {"drive.toml:15"}},
+    {"InlineKeyWithoutEnd",
+     drive_text() + "x = {a = \"\"\"b\"\"\"\"\", " + endless_key(200'000) + " = 1}\n",
+     {"drive.toml:15", "dots"}},
     {"NestedUnknownKey",
      drive_text() + kFoc + "[controller.foc.startup]\nt_aling_s = 1\n",
      {"drive.toml:18", "controller.foc.startup.t_aling_s", "unknown key", "t_align_s"}},
@@ -193,6 +213,13 @@ TEST_P(Mistakes, AreOneLineWithPlaceKeyAndAllowedValues) {
 
 INSTANTIATE_TEST_SUITE_P(Refusal, Mistakes, testing::ValuesIn(kMistakes),
                          [](const auto& i) { return i.param.name; });
+
+TEST(Refusal, DotsOfTextsAndCommentsAreNoKeys) {
+  const std::string dots(100, '.');
+  EXPECT_EQ(refusal_of("# \"" + dots + "\nname = \"\\\"" + dots + "\" # '" + dots + "\n" +
+                       drive_text() + kFoc),
+            "accepted");
+}
 
 TEST(Refusal, AMissingFileListsThePresets) {
   expect_one_line_with(refusal([] { Config::load("no/such/drive.toml"); }),

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "core/report_error.hpp"
 #include "tools/watch/key_values.hpp"
 
 namespace twinrate {
@@ -101,10 +102,10 @@ std::string view_text(const Watcher& watcher, const std::string& url, std::size_
   for (const auto& [role, status] : watcher.processes())
     add_line(text, process_line(status), width);
   for (const WatchedEvent& event : watcher.events())
-    add_line(
-        text,
-        fmt::format("event  k {}  {}  {}: {}", event.seq, event.role, event.reason, event.text),
-        width);
+    add_line(text,
+             fmt::format("event  k {}  {}  {}: {}", event.seq, event.role, event.reason,
+                         printable(event.text)),
+             width);
   const std::string silence = silence_text(watcher, url);
   if (!silence.empty()) add_line(text, silence, width);
   return text;

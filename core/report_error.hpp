@@ -1,0 +1,20 @@
+// The line with which a program ends, and its exit code.
+#pragma once
+#include <string>
+#include <string_view>
+
+namespace twinrate {
+
+// One line of UTF-8: control characters, and bytes that are no UTF-8, stand as "\xNN". Of a text
+// longer than 8192 bytes (two paths of the longest kind) the middle is left out.
+std::string printable(std::string_view text);
+
+// Throws BadInput at an argument that is no UTF-8: JSON, TOML and messages have no place for it.
+void expect_utf8(int argc, const char* const* argv);
+
+// In a catch block: prints "PROGRAM: what()" on stderr. Returns 2 for bad input, 3 where the machine
+// cannot do it, else 1. A path that the file system refuses (too long, a circle of links, no
+// permission) is bad input; a full disk is not.
+int report_error(std::string_view program);
+
+}  // namespace twinrate
