@@ -56,7 +56,9 @@ void create_new(const std::string& path) {
   if (create_exclusively(path)) return;
   if (errno == EEXIST)
     throw BadInput(fmt::format("{}: exists and is not overwritten; give another directory", path));
-  throw std::runtime_error(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
+  const std::string why = fmt::format("{}: cannot be written: {}", path, std::strerror(errno));
+  if (errno == ENOSPC || errno == EDQUOT || errno == EIO) throw std::runtime_error(why);
+  throw BadInput(why);  // another name can be written
 }
 
 void write_new(const std::string& path, const std::string& text) {
@@ -90,6 +92,15 @@ void PartFile::finish() {
   if (errno == EEXIST)
     throw BadInput(fmt::format("{}: was made by another program meanwhile; not replaced", path_));
   fail();
+}
+
+void replace_file(const std::string& path, const std::string& text) {
+  PartFile part(path);
+  std::ofstream file(part.part_path(), std::ios::binary);
+  file << text;
+  file.close();
+  if (!file) part.fail();
+  part.finish();
 }
 
 void PartFile::fail() const {

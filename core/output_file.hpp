@@ -12,8 +12,8 @@ bool name_is_taken(const std::string& path);
 // plain file.
 void expect_free(const std::string& path, bool force);
 
-// Creates an empty file. Throws BadInput if the name is taken, std::runtime_error if the file
-// cannot be created.
+// Creates an empty file. Throws BadInput if the name is taken or cannot be one,
+// std::runtime_error if the disk is full.
 void create_new(const std::string& path);
 
 // Writes `text` to a new file. Throws as create_new(), and std::runtime_error if the disk is full;
@@ -38,5 +38,9 @@ class PartFile {
   std::string path_, part_path_;
   bool replaces_, done_ = false;
 };
+
+// With --force: writes `text` in the place of the file, which stays as it is until the new one is
+// complete. Throws as PartFile.
+void replace_file(const std::string& path, const std::string& text);
 
 }  // namespace twinrate

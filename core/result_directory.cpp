@@ -26,15 +26,27 @@ struct KindInfo {
   const char* name;       // in the record
   const char* identity;   // the file that says which result it is
   const char* own_names;  // every file that a result of this kind can consist of: a POSIX pattern
+  std::vector<const char*> needed;  // files of every finished result
 };
-constexpr KindInfo kKinds[] = {
-    {"run", "config.toml",
+const KindInfo kKinds[] = {
+    {"run",
+     "config.toml",
      R"(^(config\.toml|log\.lcm|log-[0-9]{3,}\.lcm|logger\.json|token|link\.json|monitor\.json|session\.json|summary\.json|)"
-     R"(manifest\.json|learnt\.toml|report\.html)$)"},
-    {"trace", "trace.json", R"(^(trace\.json|extended\.toml|report\.html|verify\.json)$)"},
-    {"plan", "plan.json", R"(^(plan\.json|plan\.toml|plan\.svg)$)"},
-    {"sweep", "sweep.json", R"(^(sweep\.json|points\.csv|fbmin\.csv|figure\.svg|why\.csv)$)"},
-    {"identify", "identify.json", R"(^(identified\.toml|identify\.json|identify\.txt)$)"},
+     R"(manifest\.json|learnt\.toml|report\.html)$)",
+     {"summary.json", "manifest.json", "report.html"}},
+    {"trace",
+     "trace.json",
+     R"(^(trace\.json|extended\.toml|report\.html|verify\.json)$)",
+     {"trace.json", "report.html"}},
+    {"plan", "plan.json", R"(^(plan\.json|plan\.toml|plan\.svg)$)", {"plan.json"}},
+    {"sweep",
+     "sweep.json",
+     R"(^(sweep\.json|points\.csv|fbmin\.csv|figure\.svg|why\.csv)$)",
+     {"points.csv"}},
+    {"identify",
+     "identify.json",
+     R"(^(identified\.toml|identify\.json|identify\.txt)$)",
+     {"identify.json"}},
 };
 
 const KindInfo& info_of(ResultKind kind) {
@@ -61,13 +73,23 @@ std::string record_path(const std::string& directory) {
   return directory + "/" + kRecord;
 }
 
+bool is_record(const Json& record) {
+  if (!record.is_object() || !record.contains("program") || record["program"] != "twinrate")
+    return false;
+  return std::all_of(std::begin(kKinds), std::end(kKinds), [&](const KindInfo& kind) {
+    const auto entry = record.find(kind.name);
+    return entry == record.end() ||
+           (entry->is_object() && entry->contains("finished") && (*entry)["finished"].is_boolean());
+  });
+}
+
 // An empty object if the directory holds no record. Throws BadInput if the file is another one.
 Json read_record(const std::string& directory) {
   const std::string path = record_path(directory);
   if (!name_is_taken(path)) return Json::object();
   std::ifstream file(path);
   Json record = Json::parse(file, nullptr, false);
-  if (!record.is_object() || record.value("program", "") != "twinrate")
+  if (!is_record(record))
     throw BadInput(fmt::format("{}: is not a record of twinrate; give another directory", path));
   return record;
 }
@@ -162,6 +184,8 @@ void ResultDirectory::begin() {
 }
 
 void ResultDirectory::finish() {
+  for (const char* name : info_of(kind_).needed)
+    if (!name_is_taken(path_ + "/" + name)) return;
   try {
     Json record = read_record(path_);
     record[info_of(kind_).name] = {{"finished", true}, {"files", own_names_in(path_, kind_)}};

@@ -36,8 +36,8 @@ class ResultDirectory {
   // Removes the files of the earlier result, unless it is resumed. From here on the own names
   // belong to this result.
   void begin();
-  // Records the files made. A record that cannot be written (disk full) leaves the result marked as
-  // begun.
+  // Records the files made. Where one that every finished result has is missing, or the record
+  // cannot be written (disk full), the result stays marked as begun.
   void finish();
 
  private:

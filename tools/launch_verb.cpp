@@ -135,9 +135,9 @@ int launch(const LaunchOptions& o) {
     return 0;
   }
   need_multicast();
+  catch_stop_signals();
   const auto result = make_run_directory(o.run_dir, config, o.force);
   const std::string& directory = result->path();
-  catch_stop_signals();
   ProcessSet page;
   if (o.scope) start_scope(o, directory, page);
   Supervisor supervisor(config.drive(), {.directory = directory,

@@ -63,8 +63,7 @@ void make(const MachineOptions& o) {
   print("derived", drive.derived);
   for (const std::string& doubt : drive.doubts) fmt::print("doubtful: {}\n", doubt);
   for (const std::string& warning : drive.warnings) fmt::print("warning: {}\n", warning);
-  if (o.force) std::remove(path.c_str());
-  write_new(path, drive.toml);
+  (o.force ? replace_file : write_new)(path, drive.toml);
   fmt::print("written to {}; next: twinrate simulate {}\n", path, path);
 }
 

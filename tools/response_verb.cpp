@@ -88,8 +88,7 @@ int run(const ResponseOptions& o) {
   const std::string texts[] = {response_csv(responses), response_json(name, responses),
                                response_svg(name, responses)};
   for (int i = 0; i < 3; ++i) {
-    if (o.force) std::remove((o.out + kFiles[i]).c_str());
-    write_new(o.out + kFiles[i], texts[i]);
+    (o.force ? replace_file : write_new)(o.out + kFiles[i], texts[i]);
   }
   fmt::print("written to {0}.csv, {0}.json, {0}.svg\n", o.out);
   for (const Response& r : responses)

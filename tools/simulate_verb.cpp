@@ -29,9 +29,9 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
                                config.where("plant.kind")));
   for (const std::string& warning : check_by_trial(config, Trial::kOfReasons))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
+  if (!o.quiet) catch_stop_signals();
   const auto result = make_run_directory(o.run_dir, config, o.force);
   const std::string& directory = result->path();
-  if (!o.quiet) catch_stop_signals();
   const auto begun = std::chrono::steady_clock::now();
   RunFacts facts;
   facts.how = "simulate, one process";

@@ -128,8 +128,7 @@ void write_drive(const TuneOptions& o, const tune::Result& r) {
   std::vector<std::string> overrides = o.request.overrides;
   for (const std::string& text : r.after.knobs.overrides()) overrides.push_back(text);
   const std::string resolved = load_drive(o.request.drive, overrides).resolved();
-  if (o.force) std::remove(o.out.c_str());
-  write_new(o.out, resolved);
+  (o.force ? replace_file : write_new)(o.out, resolved);
 }
 
 int tune_drive(const TuneOptions& o) {

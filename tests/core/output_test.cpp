@@ -1,7 +1,9 @@
 // What a program may overwrite: a name that is free, and with --force the files of its own result.
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 
@@ -34,7 +36,8 @@ class Output : public testing::Test {
   void run(const std::string& directory, bool force = false) const {
     ResultDirectory result(path(directory), ResultKind::kRun, force);
     result.begin();
-    for (const char* name : {"/config.toml", "/log.lcm", "/log-001.lcm", "/report.html"})
+    for (const char* name : {"/config.toml", "/log.lcm", "/log-001.lcm", "/summary.json",
+                             "/manifest.json", "/report.html"})
       write_new(path(directory) + name, "run");
     result.finish();
   }
@@ -54,6 +57,27 @@ TEST_F(Output, AFileIsReplacedOnlyWithForceAndADirectoryNever) {
   EXPECT_THROW(expect_free(path("link"), true), BadInput);
   EXPECT_THROW(write_new(path("page.html"), "other"), BadInput);
   EXPECT_EQ(text("page.html"), "mine");
+}
+
+TEST_F(Output, AFileThatCannotBeReplacedStaysAsItWas) {
+  put("drive.toml", "old");
+  replace_file(path("drive.toml"), "new");
+  EXPECT_EQ(text("drive.toml"), "new");
+  rlimit limit{}, none{};
+  getrlimit(RLIMIT_FSIZE, &limit);
+  none = {.rlim_cur = 4, .rlim_max = limit.rlim_max};
+  std::signal(SIGXFSZ, SIG_IGN);
+  setrlimit(RLIMIT_FSIZE, &none);
+  EXPECT_THROW(replace_file(path("drive.toml"), "longer than it may be"), std::runtime_error);
+  setrlimit(RLIMIT_FSIZE, &limit);
+  EXPECT_EQ(text("drive.toml"), "new");
+  EXPECT_FALSE(fs::exists(path("drive.toml.part")));
+}
+
+TEST_F(Output, ANameThatCannotBeOneIsBadInput) {
+  put("file", "mine");
+  for (const std::string& name : {path("file/x"), path("no/such/x"), path(std::string(300, 'a'))})
+    EXPECT_THROW(write_new(name, "x"), BadInput) << name;
 }
 
 TEST_F(Output, APartFileLeavesAUsersPartFileAloneAndReplacesNoFileThatCameMeanwhile) {
@@ -116,6 +140,27 @@ TEST_F(Output, AResultOfAnotherKindIsNeverReplaced) {
   EXPECT_THROW(ResultDirectory(path("run"), ResultKind::kSweep, false), BadInput);
   ResultDirectory(path("run"), ResultKind::kSweep, true).begin();
   EXPECT_EQ(text("run/log.lcm"), "run");
+}
+
+// The disk was full, or the process was killed.
+TEST_F(Output, AResultThatLacksAFileIsNotFinished) {
+  {
+    ResultDirectory result(path("run"), ResultKind::kRun, false);
+    result.begin();
+    for (const char* name : {"/config.toml", "/log.lcm", "/summary.json", "/report.html"})
+      write_new(path("run") + name, "run");
+    result.finish();
+  }
+  EXPECT_NE(text("run/.twinrate.json").find("\"finished\": false"), std::string::npos);
+}
+
+TEST_F(Output, ARecordOfAnotherFormIsRefusedInOneLine) {
+  for (const char* record : {R"({"program": 5})", R"([])", R"({"program": "twinrate", "run": 1})",
+                             R"({"program": "twinrate", "run": {"finished": "yes"}})",
+                             R"({"program": "twinrate", "sweep": {"finished": null}})"}) {
+    put("record/.twinrate.json", record);
+    EXPECT_THROW(ResultDirectory(path("record"), ResultKind::kRun, true), BadInput) << record;
+  }
 }
 
 TEST_F(Output, ARefusedDirectoryIsNotMade) {
