@@ -36,6 +36,8 @@ class CsvReader {
   bool at_end() const { return !has_next_; }
   // At the end: the last line has no line end (or the gzip stream is truncated).
   bool cut_off() const { return cut_off_; }
+  // At the end: the compressed stream stops in the middle; more rows were to follow.
+  bool stream_cut_off() const { return text_->cut_off(); }
   double share_read() const;
   const std::string& path() const { return path_; }
 

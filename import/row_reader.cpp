@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "core/config.hpp"
+#include "core/report_error.hpp"
 
 namespace twinrate {
 namespace {
@@ -54,7 +55,7 @@ RowReader::RowReader(const std::string& path, const ImportMap* map, bool repair,
   for (std::size_t i = 0; i < csv_.header().size(); ++i)
     if (std::none_of(sources_.begin(), sources_.end(),
                      [&](const Source& s) { return s.index == i; }))
-      left_out_.push_back(csv_.header()[i]);
+      left_out_.push_back(printable(csv_.header()[i]));
   if (names_.empty())
     throw BadInput(fmt::format(
         "{}:{}: no column of a drive log besides t; a header of canonical names or --map is needed",
@@ -83,8 +84,10 @@ std::size_t RowReader::index_of(const Source& source) const {
 }
 
 bool RowReader::next() {
-  while (csv_.next(fields_))
+  while (csv_.next(fields_)) {
+    if (csv_.at_end() && csv_.stream_cut_off()) return leave_out_cut_stream();
     if (take()) return true;
+  }
   return false;
 }
 
@@ -153,6 +156,14 @@ bool RowReader::time_rises() {
 bool RowReader::leave_out_truncated(const std::string& what) {
   if (!repair_) fail("truncated last line: " + what + "; --repair skips it");
   truncated_note_ = fmt::format("truncated last line {} skipped", csv_.line());
+  return false;
+}
+
+// Its last line may be a part of one, whatever fields it has.
+bool RowReader::leave_out_cut_stream() {
+  if (!repair_)
+    fail("the compressed file is cut off here; --repair uses the lines before this one");
+  truncated_note_ = fmt::format("the compressed file is cut off; line {} skipped", csv_.line());
   return false;
 }
 

@@ -57,6 +57,7 @@ class RowReader {
   bool take();  // false if the record is dropped
   double number(const Source& source, bool& cut);
   bool time_rises();  // false if the row is dropped
+  bool leave_out_cut_stream();
   bool leave_out_truncated(const std::string& what);
   double unwrapped(const ColumnMap& map, double raw);
   void note_unknown_columns(std::vector<std::string>& notes) const;

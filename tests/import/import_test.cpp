@@ -183,6 +183,30 @@ TEST_F(Import, GzippedFileReadsTheSame) {
             read_drive_rows(plain, nullptr, false).columns);
 }
 
+// Wherever it is cut: also where the text so far ends with a whole line, or a number that lacks digits.
+TEST_F(Import, ACompressedFileThatIsCutOffIsRefusedAndRepairUsesTheRowsBefore) {
+  const std::string plain = csv("t,i_q,theta_m", plain_row, 1000),
+                    packed = (directory_ / "log.csv.gz").string();
+  std::ifstream in(plain, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(in)), {});
+  gzFile out = gzopen(packed.c_str(), "wb");
+  gzwrite(out, text.data(), static_cast<unsigned>(text.size()));
+  gzclose(out);
+  const std::string whole = [&] {
+    std::ifstream file(packed, std::ios::binary);
+    return std::string((std::istreambuf_iterator<char>(file)), {});
+  }();
+  const auto theta_m = read_drive_rows(plain, nullptr, false).columns.at("theta_m");
+  for (std::size_t left_out = 1; left_out < whole.size() / 2; left_out += left_out < 9 ? 1 : 37) {
+    std::ofstream(packed, std::ios::binary) << whole.substr(0, whole.size() - left_out);
+    EXPECT_NE(refusal(packed).find("the compressed file is cut off here"), std::string::npos)
+        << left_out << " bytes: " << refusal(packed);
+    const auto kept = read_drive_rows(packed, nullptr, true).columns.at("theta_m");
+    ASSERT_LT(kept.size(), theta_m.size());
+    EXPECT_TRUE(std::equal(kept.begin(), kept.end(), theta_m.begin())) << left_out;
+  }
+}
+
 TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
   const auto change = [](int line, const char* text) {
     return [=](int k) { return k + 2 == line ? std::string(text) : plain_row(k); };
