@@ -27,10 +27,14 @@ std::string describe_host_json(std::int64_t session, int seed) {
 }
 
 std::optional<std::vector<std::string>> imported_signals(const std::string& manifest_json) {
-  const auto json = nlohmann::json::parse(manifest_json, nullptr, false);
-  if (!json.is_object() || json.value("program", "") != "twinrate import") return {};
-  return json.value("source", nlohmann::json::object())
-      .value("signals", std::vector<std::string>{});
+  try {
+    const auto json = nlohmann::json::parse(manifest_json);
+    if (json.value("program", "") != "twinrate import") return {};
+    return json.value("source", nlohmann::json::object())
+        .value("signals", std::vector<std::string>{});
+  } catch (const nlohmann::json::exception&) {  // of another program
+    return {};
+  }
 }
 
 manifest_t make_manifest(std::int64_t session, const std::string& config_toml,

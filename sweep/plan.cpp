@@ -157,7 +157,7 @@ std::string identity(const Plan& p, const Config& config) {
   return json.dump(1);
 }
 
-Plan plan_of(const std::string& sweep_json) {
+Plan plan_of(const std::string& sweep_json) try {
   const auto json = nlohmann::json::parse(sweep_json);
   Plan p;
   json.at("drive").get_to(p.drive);
@@ -173,6 +173,8 @@ Plan plan_of(const std::string& sweep_json) {
   p.engine = json.value("engine", "reference");
   json.at("log").get_to(p.log);
   return p;
+} catch (const nlohmann::json::exception& error) {
+  throw BadInput(fmt::format("sweep.json is not that of a sweep: {}", error.what()));
 }
 
 }  // namespace twinrate::sweep
