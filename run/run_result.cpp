@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
@@ -189,30 +190,29 @@ bool is_learnt_table(const EventRecord& event, const std::string& kind) {
          event.text.find("\n[", 1) == std::string::npos;
 }
 
-// The resolved drive file with the last table that the controller learnt; empty without one.
-std::string learnt_config(const RunLog& log, const Config& config) {
-  std::string resolved = config.resolved();
-  for (auto event = log.events.rbegin(); event != log.events.rend(); ++event) {
-    if (!is_learnt_table(*event, config.drive().controller.kind)) continue;
-    const std::string header = event->text.substr(0, event->text.find(']') + 1);  // "\n[table]"
-    const auto begin = resolved.find(header);
-    if (begin == std::string::npos) continue;
-    const auto end = resolved.find("\n[", begin + header.size());
-    resolved.replace(begin, end == std::string::npos ? end : end - begin, event->text);
-    return resolved;
-  }
-  return "";
+// "\n[table]".
+std::string header_of(const EventRecord& learnt) {
+  return learnt.text.substr(0, learnt.text.find(']') + 1);
 }
 
-// Whether the log is too long for the memory.
-bool is_long(const std::string& directory) {
-  constexpr std::int64_t kBytesOfATick = 900;
-  std::int64_t bytes = 0;
-  for (const std::string& part : log_parts(directory)) {
-    std::error_code ignored;
-    bytes += static_cast<std::int64_t>(fs::file_size(part, ignored));
+// The resolved drive file with the last table that the controller learnt; empty without one. Last is
+// the latest tick: an event can be recorded and sent again.
+std::string learnt_config(const RunLog& log, const Config& config) {
+  std::string resolved = config.resolved();
+  const EventRecord* last = nullptr;
+  std::size_t begin = 0;
+  for (const EventRecord& event : log.events) {
+    if (!is_learnt_table(event, config.drive().controller.kind) || (last && event.k < last->k))
+      continue;
+    const auto found = resolved.find(header_of(event));
+    if (found == std::string::npos) continue;
+    last = &event;
+    begin = found;
   }
-  return bytes > kTicksShown * kBytesOfATick;
+  if (!last) return "";
+  const auto end = resolved.find("\n[", begin + header_of(*last).size());
+  resolved.replace(begin, end == std::string::npos ? end : end - begin, last->text);
+  return resolved;
 }
 
 // Empty if the run ended early and left no readable log.
@@ -317,9 +317,19 @@ std::string write_results(const fs::path& dir, const LongLog& found, const Confi
           "have sent what was learnt\n");
   }
   put("report.html", [&](const std::string& path) {
-    write_report({{log, config.drive(), shown}}, {.title = config.drive().name}, path);
+    write_report({{log, config.drive(), shown, manifest.dump()}}, {.title = config.drive().name},
+                 path);
   });
   return not_written;
+}
+
+// One component of a path: the name of a drive is any text.
+std::string as_file_name(const std::string& name) {
+  constexpr std::size_t kMaxBytes = 200;  // NAME_MAX is 255; date and number follow
+  std::string file = name.empty() ? "drive" : name.substr(0, kMaxBytes);
+  for (char& c : file)
+    if (std::isalnum(static_cast<unsigned char>(c)) == 0 && c != '-' && c != '.') c = '_';
+  return file;
 }
 
 }  // namespace
@@ -331,8 +341,8 @@ std::unique_ptr<ResultDirectory> make_run_directory(const std::string& wanted, c
     const std::time_t now = std::time(nullptr);
     char stamp[32];
     std::strftime(stamp, sizeof stamp, "%Y%m%d-%H%M%S", std::localtime(&now));
-    const std::string name = config.drive().name.empty() ? "drive" : config.drive().name;
-    for (int copy = 0; path.empty() || fs::exists(path); ++copy)
+    const std::string name = as_file_name(config.drive().name);
+    for (int copy = 0; path.empty() || name_is_taken(path.string()); ++copy)
       path = fs::path("runs") /
              fmt::format("{}-{}{}", name, stamp, copy ? fmt::format("-{}", copy) : "");
   }

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/make_event.hpp"
 #include "core/manifest.hpp"
 #include "core/signals_io.hpp"
 #include "logger/tick_log.hpp"
@@ -51,6 +52,11 @@ class RunResult : public testing::Test {
       if (tick.has_gain) put(tick.gain);
       put(tick.reference), put(tick.command);
     }
+    for (const event_t& event : events_) {
+      std::vector<std::uint8_t> bytes(static_cast<std::size_t>(event.getEncodedSize()));
+      event.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+      log.take(Channel::kEvent, event.seq, event.t_ns, bytes.data(), bytes.size());
+    }
     log.close();
     writer.flush();
     nlohmann::json account;
@@ -59,7 +65,8 @@ class RunResult : public testing::Test {
       account["channels"][name] = {{"received", ticks}, {"lost", name == channel ? lost : 0}};
     std::ofstream(directory_ / "logger.json") << account.dump();
     testing::internal::CaptureStdout();
-    const int code = conclude_run(directory_.string(), config_, {.how = "test"});
+    const int code =
+        conclude_run(directory_.string(), config_, {.tags_checked = tags_checked_, .how = "test"});
     printed_ = testing::internal::GetCapturedStdout();
     return code;
   }
@@ -67,9 +74,24 @@ class RunResult : public testing::Test {
     return nlohmann::json::parse(std::ifstream(directory_ / name));
   }
 
+  // The controller of this drive learnt the current limit.
+  void learnt(std::int64_t k, const std::string& i_max_A, Role role = Role::kController) {
+    events_.push_back(make_event({.role = role,
+                                  .reason = Reason::kLearnt,
+                                  .k = k,
+                                  .t_ns = config_.drive().t_ns(k),
+                                  .text = "\n[controller.foc.startup]\n" + i_max_A}));
+  }
+  std::string learnt_file() const {
+    std::ifstream file(directory_ / "learnt.toml");
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+
   Config config_;
   fs::path directory_;
   std::string printed_;
+  std::vector<event_t> events_;
+  bool tags_checked_ = true;
 };
 
 TEST_F(RunResult, AWholeLockedRunIsWell) {
@@ -88,6 +110,52 @@ TEST_F(RunResult, WhatTheLoggerLostIsInTheSummaryAndInTheExitCode) {
 TEST_F(RunResult, ARunWithoutItsLastTickEndedEarly) {
   EXPECT_EQ(conclude(499), 1);
   EXPECT_EQ(json("manifest.json")["ended_early"], "stopped at tick 499 of 500");
+}
+
+// A recorded event can be sent again: it is of an earlier tick.
+TEST_F(RunResult, WhatTheControllerLearntLastIsInTheLearntFile) {
+  learnt(499, "i_start_A = 1.25\n");
+  learnt(300, "i_start_A = 2.5\n");
+  conclude(500);
+  EXPECT_NE(learnt_file().find("\n[controller.foc.startup]\ni_start_A = 1.25\n"), std::string::npos)
+      << learnt_file();
+  EXPECT_EQ(learnt_file().find("i_start_A = 2.5"), std::string::npos);
+}
+
+TEST_F(RunResult, NobodyButTheControllerAndNothingButItsOwnTableIsLearnt) {
+  learnt(499, "i_start_A = 1.25\n", Role::kEstimator);
+  learnt(499, "i_start_A = 1.25\n[machine]\nR_s_Ohm = 1000\n");
+  learnt(499, "i_start_A = 1.25\n");
+  events_.back().text = "\n[machine]\nR_s_Ohm = 1000\n";
+  conclude(500);
+  EXPECT_FALSE(fs::exists(directory_ / "learnt.toml")) << learnt_file();
+}
+
+TEST_F(RunResult, WithoutAuthenticationNothingIsLearntAndTheTableSaysIt) {
+  tags_checked_ = false;
+  learnt(499, "i_start_A = 1.25\n");
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(conclude(500), 0);
+  EXPECT_NE(testing::internal::GetCapturedStderr().find("learnt.toml is not written"),
+            std::string::npos);
+  EXPECT_FALSE(fs::exists(directory_ / "learnt.toml"));
+  EXPECT_NE(printed_.find("not authenticated (bus.authenticate = false)"), std::string::npos);
+  EXPECT_EQ(json("manifest.json")["authenticated"], false);
+}
+
+TEST(RunDirectory, IsOneFolderBelowRunsWhateverTheNameOfTheDrive) {
+  const fs::path before = fs::current_path(),
+                 here = fs::temp_directory_path() / ("twinrate-name-" + std::to_string(getpid()));
+  fs::create_directories(here);
+  fs::current_path(here);
+  for (const std::string name : {"../../x", "/etc/x", "a b\\x", ".", ""}) {
+    const Config config = load_drive("dilys2021", {"name='" + name + "'"});
+    const std::string path = make_run_directory("", config, false)->path();
+    EXPECT_EQ(fs::path(path).parent_path(), "runs") << path;
+    EXPECT_TRUE(fs::is_regular_file(here / path / "config.toml")) << path;
+  }
+  fs::current_path(before);
+  fs::remove_all(here);
 }
 
 TEST(Duration, IsReadInItsUnit) {
