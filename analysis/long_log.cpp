@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <filesystem>
 #include <functional>
 #include <limits>
 #include <map>
@@ -170,27 +171,39 @@ void choose_part(const RunOutline& outline, const DriveConfig& config, std::int6
 
 }  // namespace
 
+bool is_long(const std::string& path) {
+  constexpr std::int64_t kBytesOfATick = 900;
+  std::int64_t bytes = 0;
+  for (const std::string& part : log_parts(path)) {
+    std::error_code ignored;
+    bytes += static_cast<std::int64_t>(std::filesystem::file_size(part, ignored));
+  }
+  return bytes > kTicksShown * kBytesOfATick;
+}
+
 LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDamage on_damage,
-                      std::int64_t ticks_shown) {
+                      std::int64_t ticks_shown, AngleReference reference,
+                      const std::string& channel_suffix) {
   RunOutline outline;
   TickStream rows([&](const TickMessages& tick) { outline.add(tick.row()); });
-  const RunLog head =
-      scan_run_log(path, "", on_damage, [&](Channel channel, const lcm::LogEvent& event) {
-        outline.add(channel, tick_of(event));
-        rows.take(channel, event);
-      });
+  const RunLog head = scan_run_log(path, channel_suffix, on_damage,
+                                   [&](Channel channel, const lcm::LogEvent& event) {
+                                     outline.add(channel, tick_of(event));
+                                     rows.take(channel, event);
+                                   });
   rows.close();
   LongLog found;
-  SummaryBuilder builder(head, outline, config, AngleReference::kAuto);
+  SummaryBuilder builder(head, outline, config, reference);
   SpeedAdded with_speed(outline.has_truth(), builder);
   TickStream again([&](TickMessages tick) { with_speed.take(std::move(tick)); });
-  scan_run_log(path, "", on_damage,
+  scan_run_log(path, channel_suffix, on_damage,
                [&](Channel channel, const lcm::LogEvent& event) { again.take(channel, event); });
   again.close();
   with_speed.close();
   found.summary = builder.finish();
   choose_part(outline, config, ticks_shown, found);
-  found.log = read_run_log_part(path, "", on_damage, found.first_k, found.last_k, config.rates.n);
+  found.log = read_run_log_part(path, channel_suffix, on_damage, found.first_k, found.last_k,
+                                config.rates.n);
   return found;
 }
 

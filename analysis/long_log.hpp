@@ -21,9 +21,14 @@ inline constexpr std::int64_t kReach = 4096;
 // Ticks that a page shows, 900 bytes each in memory: the end of the run, or the ticks around a loss.
 inline constexpr std::int64_t kTicksShown = 200'000;
 
+// Whether the log has more ticks than a page shows, by its size. Throws BadInput: no such log.
+bool is_long(const std::string& path);
+
 // Throws as read_run_log().
 LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDamage on_damage,
-                      std::int64_t ticks_shown = kTicksShown);
+                      std::int64_t ticks_shown = kTicksShown,
+                      AngleReference reference = AngleReference::kAuto,
+                      const std::string& channel_suffix = "");
 
 // Summary::window_from_s, counted from the first tick of the part.
 double window_of_part(const LongLog& part);

@@ -50,6 +50,9 @@ Json verdict(const RunView& view);                            // {state, headlin
 Json summary_table(const RunView& view);                      // [[quantity, value], ..]
 Json event_table(const RunLog& log);                          // [[t, process, reason, text], ..]
 
+// transport.cpp: latency of each hop and links to other hosts, [[quantity, value], ..].
+Json transport_rows(const std::string& manifest_json);
+
 // ripple_page.cpp: load torque and speed ripple over the angle of the rotor.
 std::vector<Json> ripple_sections(const RunView& view);
 // ripple_comparison.cpp: the same of several runs. `names` as in the other sections.

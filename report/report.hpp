@@ -22,6 +22,8 @@ struct ReportRun {
   const RunLog& log;
   const DriveConfig& config;
   const Summary& summary;
+  std::string manifest_json =
+      {};  // of the run directory: latencies, links; empty where there is none
 };
 
 struct ReportOptions {

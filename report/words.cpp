@@ -181,6 +181,7 @@ Json summary_table(const RunView& view) {
   add("late gains", std::to_string(s.late_gains));
   add("late commands", std::to_string(s.late_commands));
   add("deadline misses", std::to_string(s.deadline_misses));
+  for (const Json& row : transport_rows(view.run.manifest_json)) rows.push_back(row);
   return rows;
 }
 

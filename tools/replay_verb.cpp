@@ -13,6 +13,7 @@
 #include "core/process.hpp"
 #include "core/reason.hpp"
 #include "core/run_log.hpp"
+#include "core/run_log_part.hpp"
 #include "core/signals_io.hpp"
 #include "core/steering.hpp"
 #include "loop/load_drive.hpp"
@@ -63,9 +64,12 @@ int print(const LockstepResult& r, const BusParameters& parameters, const std::s
     return 1;
   }
   fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", r.played, r.wall_s, r.repeats);
-  fmt::print("estimates: {} {}, {} different, {} not in the log\n", r.equal,
-             incomplete.empty() ? "equal to the log bit for bit" : "equal", r.different,
-             r.played - r.equal - r.different);
+  if (r.equal + r.different == 0)
+    fmt::print("estimates: none in the log to compare with\n");
+  else
+    fmt::print("estimates: {} {}, {} different, {} not in the log\n", r.equal,
+               incomplete.empty() ? "equal to the log bit for bit" : "equal", r.different,
+               r.played - r.equal - r.different);
   if (!incomplete.empty()) fmt::print("not a whole run: {}\n", incomplete);
   if (r.different > 0) fmt::print("first difference at tick {}\n", r.first_difference_k);
   return r.different > 0 || !incomplete.empty() ? 1 : 0;
@@ -89,7 +93,10 @@ int replay(const ReplayOptions& o) {
   resolve_url(o.bus.url);
   check_channel_suffix(o.bus.channel_suffix);
   const OnDamage on_damage = o.repair ? OnDamage::kSkip : OnDamage::kRefuse;
-  const RunLog log = read_run_log(o.log, "", on_damage);
+  // Only lock-step compares: a paced replay reads the log once before, for damage, and keeps nothing.
+  const RunLog log = o.lockstep
+                         ? read_run_log(o.log, "", on_damage)
+                         : scan_run_log(o.log, "", on_damage, [](Channel, const lcm::LogEvent&) {});
   if (!log.damage.empty()) fmt::print(stderr, "twinrate: {}\n", log.damage);
   if (!o.lockstep) {
     const PacedResult r =
@@ -99,6 +106,8 @@ int replay(const ReplayOptions& o) {
   }
   if (log.config_toml.empty())
     throw BadInput(fmt::format("{}: no DRIVE_MANIFEST in this log; play it with --speed", o.log));
+  if (log.measurement.empty())
+    throw BadInput(fmt::format("{}: no MEASUREMENT in this log; nothing to replay", o.log));
   Config config = Config::parse(log.config_toml, o.log + " (DRIVE_MANIFEST)");
   read_all_tables(config);
   const std::string drive_file =

@@ -5,8 +5,10 @@
 #include <fstream>
 #include <sstream>
 
+#include "analysis/long_log.hpp"
 #include "core/config.hpp"
 #include "core/output_file.hpp"
+#include "core/run_log_part.hpp"
 #include "report/report.hpp"
 #include "tools/verb.hpp"
 
@@ -25,6 +27,7 @@ struct LoadedRun {
   RunLog log;
   Config config;
   Summary summary;
+  std::string manifest_json;
 };
 
 std::string text_of(const fs::path& path) {
@@ -55,20 +58,39 @@ AngleReference wanted_reference(const std::string& name) {
   return name == "encoder" ? AngleReference::kEncoder : AngleReference::kAuto;
 }
 
+// Of a long log its events and drive file: load() then reads its figures tick by tick.
+RunLog read_as_needed(const std::string& path, const ReportArguments& arguments, bool all_ticks) {
+  const OnDamage on_damage = arguments.repair ? OnDamage::kSkip : OnDamage::kRefuse;
+  return all_ticks ? read_run_log(path, arguments.channel_suffix, on_damage)
+                   : scan_run_log(path, arguments.channel_suffix, on_damage,
+                                  [](Channel, const lcm::LogEvent&) {});
+}
+
 LoadedRun load(const std::string& path, const ReportArguments& arguments) {
-  RunLog log = read_run_log(path, arguments.channel_suffix,
-                            arguments.repair ? OnDamage::kSkip : OnDamage::kRefuse);
+  const bool all_ticks = !is_long(path);
+  RunLog log = read_as_needed(path, arguments, all_ticks);
   if (!log.damage.empty()) fmt::print(stderr, "twinrate: {}\n", log.damage);
   Config config = config_of(log, arguments.config);
   const AngleReference wanted = wanted_reference(arguments.angle_reference);
+  Summary summary;
+  if (!all_ticks) {
+    LongLog found =
+        summarise_log(path, config.drive(), arguments.repair ? OnDamage::kSkip : OnDamage::kRefuse,
+                      kTicksShown, wanted, arguments.channel_suffix);
+    summary = found.summary;
+    summary.window_from_s = window_of_part(found);
+    log = std::move(found.log);
+    log.path += fmt::format(" (curves: ticks {} to {})", found.first_k, found.last_k);
+  }
   if (wanted != AngleReference::kAuto && resolve(wanted, log) == AngleReference::kNone)
     throw BadInput(
         fmt::format("{}: --angle-reference {}: the log has no such angle; omit the option to use "
                     "the available one",
                     path, arguments.angle_reference));
-  Summary summary = summarise(log, config.drive(), wanted);
+  if (all_ticks) summary = summarise(log, config.drive(), wanted);
   take_process_figures(text_of(beside(path, "summary.json")), summary);
-  return {std::move(log), std::move(config), std::move(summary)};
+  return {std::move(log), std::move(config), std::move(summary),
+          text_of(beside(path, "manifest.json"))};
 }
 
 // RUN_DIR/report.html, LOG.html beside a log file, or the current directory for a comparison.
@@ -94,7 +116,8 @@ void report(const ReportArguments& arguments) {
   for (const std::string& path : arguments.paths) loaded.push_back(load(path, arguments));
   std::vector<ReportRun> runs;
   runs.reserve(loaded.size());
-  for (const LoadedRun& run : loaded) runs.push_back({run.log, run.config.drive(), run.summary});
+  for (const LoadedRun& run : loaded)
+    runs.push_back({run.log, run.config.drive(), run.summary, run.manifest_json});
   try {
     write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
   } catch (const std::runtime_error& error) {

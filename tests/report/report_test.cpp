@@ -357,6 +357,42 @@ TEST_F(Report, NoTextEndsTheScript) {
   EXPECT_NE(content["events"][0][3].get<std::string>().find("</script><b>"), std::string::npos);
 }
 
+TEST_F(Report, ShowsTheLatencyOfEachHopAndTheLinksOfTheManifest) {
+  const RunLog log = made_up_run();
+  const Summary summary = summarise(log, config_);
+  const std::string out = (directory_ / "page.html").string();
+  const auto value_of = [&](const std::string& manifest, const std::string& quantity) {
+    write_report({{log, config_, summary, manifest}}, {}, out);
+    std::ostringstream text;
+    text << std::ifstream(out).rdbuf();
+    const Json content = content_of(text.str());
+    for (const Json& row : content["summary"])
+      if (row[0] == quantity) return row[1].get<std::string>();
+    return std::string("no row");
+  };
+  const Json us = {{"p50", 101.2}, {"p99", 202}, {"p99_9", 303}, {"max", 404}};
+  const Json manifest = {{"latency_us", {{"to_estimate", us}, {"to_command", us}, {"round", us}}},
+                         {"links",
+                          {{"estimator",
+                            {{"host", "b"},
+                             {"round_trips", 50},
+                             {"round_trips_lost", 2},
+                             {"messages_missed", 7},
+                             {"clock_offset_us", -12},
+                             {"clock_offset_error_us", 9},
+                             {"round_trip_us", us}}}}},
+                         {"refused_messages", 5}};
+  EXPECT_EQ(value_of(manifest.dump(), "MEASUREMENT to COMMAND p50, p99, p99.9"),
+            "101, 202, 303 us (largest 404)");
+  EXPECT_EQ(
+      value_of(manifest.dump(), "link to estimator"),
+      "b: round trip p50, p99, p99.9 101, 202, 303 us (largest 404); 2 of 50 lost; 7 messages "
+      "missed; clock -12 us, error below 9 us");
+  EXPECT_EQ(value_of(manifest.dump(), "messages refused"), "5");
+  for (const char* foreign : {"", "[]", "{\"links\": 5}", "{\"latency_us\": {\"round\": 1}}"})
+    EXPECT_EQ(value_of(foreign, "link to estimator"), "no row") << foreign;
+}
+
 TEST_F(Report, RefusesAnEmptyListAndAnUnwritablePath) {
   EXPECT_THROW(write_report({}, {}, (directory_ / "page.html").string()), BadInput);
   const RunLog log = made_up_run();

@@ -170,6 +170,24 @@ TEST_F(BadInput, LogWithMessagesOfAnotherLayout) {
                  {"log.lcm", "event ", "byte ", "another type version"});
 }
 
+// Nothing can be compared: no line that says "equal".
+TEST_F(BadInput, LockstepReplayOfALogWithoutMeasurements) {
+  {
+    lcm::LogFile file(path("log.lcm"), "w");
+    append(file, Channel::kManifest, make_manifest(1, "preset = \"dilys2021\"\n", "{}"));
+    append(file, Channel::kCommand, command_t{});
+  }
+  expect_refused(twinrate({"replay", "--lockstep", path("log.lcm")}),
+                 {"log.lcm", "no MEASUREMENT"});
+}
+
+TEST_F(BadInput, AnArgumentThatIsNoUtf8AndAPathThatCannotBe) {
+  expect_refused(twinrate({"check", "\xff.toml"}), {"\\xff.toml", "UTF-8"});
+  expect_refused(twinrate({"check", "a\nb.toml"}), {"a\\x0ab.toml", "no such file"});
+  expect_refused(twinrate({"export", path(std::string(300, 'a')), "--format", "csv"}),
+                 {"File name too long"});
+}
+
 TEST_F(BadInput, ReplayOptionsThatContradict) {
   expect_refused(twinrate({"replay", path("log.lcm"), "--lockstep", "--speed", "2"}), {"--speed"});
   expect_refused(twinrate({"replay", path("log.lcm"), "--speed", "fast"}), {"--speed"});
