@@ -44,7 +44,7 @@ BENCHMARK_CAPTURE(closed_loop, scalar, lanes::Isa::kScalar)->Name("closed_loop/s
 BENCHMARK_CAPTURE(closed_loop, avx2, lanes::Isa::kAvx2)->Name("closed_loop/avx2");
 BENCHMARK_CAPTURE(closed_loop, avx512, lanes::Isa::kAvx512)->Name("closed_loop/avx512");
 
-// loop/closed_loop.hpp: Runge-Kutta by SUNDIALS, virtual filters and controllers.
+// loop/closed_loop.hpp: one drive with plant.engine = "rk", virtual filters and controllers.
 void ordinary_closed_loop(benchmark::State& state) {
   Config config = Config::load("dilys2021", {});
   for ([[maybe_unused]] auto _ : state) {
