@@ -209,11 +209,15 @@ class StructureSearch {
     const double fitted = share_by_chance(e, mean, judges, means.bins());
     if (fitted < least_) return 0;
     // Beside a claim any doubt is told: a wrong kind leaves a structure that few other rows share.
-    // Of a time no other rows are there that could judge.
-    if (!fit_.members.empty() || axis.regressor == kTime) return fitted;
-    const Votes votes = transfer_of(e, mean, judges);
-    const double share = votes.judgement.held_out_gain;
-    if (!transfers(votes) || share < least_) return 0;
+    // What those rows contradict is chance. Of a time no other rows are there that could judge.
+    double share = fitted;
+    if (axis.regressor != kTime) {
+      const Votes votes = transfer_of(e, mean, judges);
+      const bool alone = fit_.members.empty();
+      if (alone ? !transfers(votes) : votes.judgement.held_out_gain <= 0) return 0;
+      if (alone) share = votes.judgement.held_out_gain;
+    }
+    if (share < least_) return 0;
     return share < least_ + made_by_sensors(fit_.y.*looked.noise, noisier, judges) ? 0 : share;
   }
 

@@ -216,7 +216,8 @@ TEST(Rest, IsNotLookedAtInAChannelWithoutANoiseModel) {
   for (const Structure& s : residual_structure(fitter, fitter.start({}))) EXPECT_NE(s.channel, "q");
 }
 
-// A resistance that only the fitted rows have predicts none of those that judge.
+// A resistance that only the fitted rows have predicts none of those that judge; beside a claim of
+// another equation as well as alone.
 TEST(Rest, OfFittedRowsAloneIsNoStructure) {
   constexpr double kSwing = 0.1, kUnknown = 9;  // A, ohm
   for (const bool everywhere : {true, false}) {
@@ -231,10 +232,13 @@ TEST(Rest, OfFittedRowsAloneIsNoStructure) {
     const Rows rows(e.sampler, false), held_out(e.sampler, true);
     const Fitter fitter(chain, rows, held_out);
     // Over time no other rows are there that could judge: told in either case.
-    int over_others = 0;  // in the voltage that the resistance changes
-    for (const Structure& s : residual_structure(fitter, fitter.start({})))
-      over_others += s.channel == "d" && s.regressor != "t";
-    EXPECT_EQ(over_others > 0, everywhere);
+    const auto claim = test::effect_of("cogging", {{"order", 7}, {"amplitude_Nm", 1e-6}}, e.facts);
+    for (const Members& members : {Members{}, Members{claim}}) {
+      int over_others = 0;  // in the voltage that the resistance changes
+      for (const Structure& s : residual_structure(fitter, fitter.start(members)))
+        over_others += s.channel == "d" && s.regressor != "t";
+      EXPECT_EQ(over_others > 0, everywhere) << members.size();
+    }
   }
 }
 
