@@ -115,6 +115,15 @@ bool one_bus_voltage(const Record& record) {
   return (v - v.mean()).square().mean() < kConstantVoltage * kConstantVoltage * v.mean() * v.mean();
 }
 
+// Constant and positive, it may be the slope of a device's drop, which has one besides its threshold.
+bool may_be_slope(const Effect& effect, const Traits::Reading& slope) {
+  if (effect.kind() != slope.kind) return false;
+  const std::string key = slope.keys.begin()->to;
+  const auto same = make_effect(std::string(effect.kind()));
+  set_key(*same, key, get_key(effect, key));
+  return get_key(effect, key) > 0 && key_values(*same) == key_values(effect);
+}
+
 // Kinds that a record without voltage shows by one number alone, K_t/J.
 std::vector<std::string> kinds_of_ratio() {
   const auto inertia = make_of(Traits::Family::kInertia);
@@ -138,6 +147,14 @@ void name_aliases(const Record& record, TraceResult& r) {
     const auto* drop = reading_of(*e.effect, Traits::Reading::kAtOneBusVoltage);
     if (drop && e.aliases.size() < kMostAliases && lacks(drop) && one_bus_voltage(record))
       e.aliases.emplace_back(drop->kind);
+    // So may be a resistance beside such a loss: one drop has both.
+    for (const TracedEffect& loss : r.effects) {
+      const auto* device = reading_of(*loss.effect, Traits::Reading::kAtOneBusVoltage);
+      if (!device || !one_bus_voltage(record) || !lacks(device)) continue;
+      const auto whole = make_effect(device->kind);
+      const auto* slope = reading_of(*whole, Traits::Reading::kItsSlope);
+      if (slope && may_be_slope(*e.effect, *slope)) e.aliases.emplace_back(device->kind);
+    }
     // A torsion that leaves bursts may be a gap, which then is what they are.
     const auto* gap = reading_of(*e.effect, Traits::Reading::kWhereBurstsRemain);
     const bool loose =

@@ -28,8 +28,13 @@ bool falls_upwards(const std::string& sentence) {
   return false;
 }
 
-void match_effects(const json& effects, DrawnRow& row) {
+// Those with the fewest other names first: a group does not take the kind that another has alone.
+void match_effects(const json& unsorted, DrawnRow& row) {
   constexpr std::size_t kLargeGroup = 3;
+  std::vector<json> effects(unsorted.begin(), unsorted.end());
+  std::stable_sort(effects.begin(), effects.end(), [](const json& a, const json& b) {
+    return a.at("aliases").size() < b.at("aliases").size();
+  });
   for (const json& e : effects) {
     std::vector<std::string> names = {e.at("kind")};
     for (const json& alias : e.at("aliases")) names.push_back(alias);
