@@ -54,7 +54,8 @@ bool well_formed(const std::string& url) {
       match(url,
             "^udpm://([0-9]{1,3})[.]([0-9]{1,3})[.]([0-9]{1,3})[.]([0-9]{1,3}):([0-9]{1,5})"
             "([?](ttl|recv_buf_size)=[0-9]+(&(ttl|recv_buf_size)=[0-9]+)*)?$");
-  if (parts.empty()) return !match(url, "^(mpudpm|tcpq|memq|file)://").empty();
+  // None of a file: liblcm would empty the one that mode=w names.
+  if (parts.empty()) return !match(url, "^(mpudpm|tcpq|memq)://").empty();
   const auto number = [&](std::size_t i) { return std::stoi(parts[i]); };
   return number(1) >= 224 && number(1) <= 239 && number(2) <= 255 && number(3) <= 255 &&
          number(4) <= 255 && number(5) >= 1 && number(5) + kPortsSplit <= 65536;

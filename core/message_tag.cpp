@@ -28,6 +28,8 @@ Token read_token(const std::string& path) {
   if (stat(path.c_str(), &facts) != 0)
     throw BadInput(fmt::format("{}: {}: no run with this directory is on, or it is another user's",
                                path, std::strerror(errno)));
+  if (!S_ISREG(facts.st_mode))  // a pipe would be waited for
+    throw BadInput(fmt::format("{}: is not a plain file", path));
   if ((facts.st_mode & (S_IRWXG | S_IRWXO)) != 0)
     throw BadInput(fmt::format("{}: others may read it; only mode 0600 is allowed", path));
   std::ifstream file(path);

@@ -85,6 +85,7 @@ std::vector<std::string> channel_list(const std::string& text) {
     if (!known) throw BadInput(fmt::format("--only {}: no such channel", name));
     names.push_back(name);
   }
+  if (names.empty()) throw BadInput("--only: at least one channel allowed, found none");
   return names;
 }
 

@@ -2,8 +2,11 @@
 #include "core/bus.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <filesystem>
+#include <fstream>
 
 #include "core/output_file.hpp"
 #include "core/process.hpp"
@@ -153,6 +156,23 @@ TEST_F(Tagged, WithoutAuthenticationEveryMessageIsHeard) {
   while (bus.handle(0)) {
   }
   EXPECT_EQ(heard, 1);
+}
+
+// liblcm's provider of files empties the file of mode=w.
+TEST(BusUrl, NoUrlNamesAFile) {
+  const std::string file = testing::TempDir() + "twinrate-url-" + std::to_string(getpid());
+  std::ofstream(file) << "mine";
+  for (const std::string url : {"file://" + file + "?mode=w", "file://" + file})
+    EXPECT_THROW(Bus({.url = url, .session = 1}), BadInput) << url;
+  EXPECT_EQ(std::filesystem::file_size(file), 4u);
+  std::filesystem::remove(file);
+}
+
+TEST_F(Tagged, APipeIsNoToken) {
+  const std::string pipe = testing::TempDir() + "twinrate-pipe-" + std::to_string(getpid());
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THROW(read_token(pipe), BadInput);
+  std::filesystem::remove(pipe);
 }
 
 TEST_F(Tagged, ATokenIsReadFromItsOwnersFileAlone) {

@@ -188,6 +188,12 @@ TEST_F(BadInput, AnArgumentThatIsNoUtf8AndAPathThatCannotBe) {
                  {"File name too long"});
 }
 
+TEST_F(BadInput, ANumberThatIsNone) {
+  expect_refused(twinrate({"replay", path("log.lcm"), "--speed", "nan"}), {"--speed", "nan"});
+  expect_refused(twinrate({"export", path("log.lcm"), "--format", "csv", "--from", "nan"}),
+                 {"--from", "nan"});
+}
+
 TEST_F(BadInput, ReplayOptionsThatContradict) {
   expect_refused(twinrate({"replay", path("log.lcm"), "--lockstep", "--speed", "2"}), {"--speed"});
   expect_refused(twinrate({"replay", path("log.lcm"), "--speed", "fast"}), {"--speed"});
