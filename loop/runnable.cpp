@@ -14,6 +14,7 @@
 #include "core/steering.hpp"
 #include "estimator/ekf_joint.hpp"
 #include "estimator/make_filter.hpp"
+#include "loop/bandwidths.hpp"
 #include "loop/closed_floquet.hpp"
 #include "loop/demand.hpp"
 #include "loop/stale_gain.hpp"
@@ -199,19 +200,14 @@ class Theory {
 
   // The slowest pole of the filter's error at the slowest speed, a gain every tick.
   std::string filter_too_slow() const {
-    if (!filter_->steady_state(0)) return "";
     const double omega_e = *std::min_element(speeds_.begin(), speeds_.end());
-    const Steady steady{filter_, GainPolicy::kPaper, omega_e / d_.machine.n_p,
-                        omega_e, d_.T_s(),           d_.gain.speed_span / d_.machine.n_p};
-    const double rho = spectral_radius(steady, 1);
-    if (!(rho < 1)) return "";
-    const double bandwidth = -math::log(rho) / (kTwoPi * d_.T_s());
-    if (speed_bandwidth() <= kSpeedLoopOverFilter * bandwidth) return "";
+    const auto bandwidth = filter_bandwidth(filter_, d_, omega_e);
+    if (!bandwidth || speed_bandwidth() <= kSpeedLoopOverFilter * *bandwidth) return "";
     return fmt::format(
         "{} may lose synchronism: at {:.4g} rad/s electrical it follows the speed at {:.3g} Hz, "
         "the "
         "speed loop has {:.3g} Hz",
-        d_.estimator.kind, omega_e, bandwidth, speed_bandwidth());
+        d_.estimator.kind, omega_e, *bandwidth, speed_bandwidth());
   }
 
   // Below its low-pass the speed is not smoothed within a turn.

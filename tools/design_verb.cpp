@@ -1,4 +1,5 @@
 // twinrate design lqr DRIVE.toml: gains, closed-loop poles and margins of the state feedback.
+// twinrate design bandwidths DRIVE.toml: bandwidths of foc from J, K_t, f_s and the filter.
 // twinrate design orders RUN: the orders detected in the estimated load of a run.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -11,6 +12,7 @@
 #include "controller/scaled_tuning.hpp"
 #include "estimator/ekf_harmonic.hpp"
 #include "estimator/make_filter.hpp"
+#include "loop/bandwidths.hpp"
 #include "loop/closed_floquet.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
@@ -239,6 +241,44 @@ int design_for_n(const DesignOptions& o) {
   return 0;
 }
 
+int print_bandwidths(const DesignOptions& o) {
+  Config config = load_drive(o.drive, o.overrides);
+  const Bandwidths b = suggest_bandwidths(config);
+  const DriveConfig& d = config.drive();
+  if (o.json) {
+    std::cout << Json{{"current_bandwidth_Hz", b.current_Hz},
+                      {"current_most_Hz", b.current_most_Hz},
+                      {"speed_bandwidth_Hz", b.speed_Hz},
+                      {"speed_least_Hz", b.speed_least_Hz},
+                      {"speed_most_Hz", b.speed_most_Hz},
+                      {"filter_Hz", b.filter_Hz ? Json(*b.filter_Hz) : Json()},
+                      {"K_p_As_rad", b.K_p_As_rad},
+                      {"dip_rad_s", b.dip_rad_s},
+                      {"dip_at_s", b.dip_at_s}}
+                     .dump(2)
+              << "\n";
+    return 0;
+  }
+  const MachineParameters& m = d.machine;
+  fmt::print("{}: loops of foc for J = {:.4g} kgm2, K_t = {:.4g} Nm/A, f_s = {:g} Hz\n",
+             d.name.empty() ? o.drive : d.name, m.J, m.torque_constant(), d.rates.f_s_Hz);
+  fmt::print("  current loop    {:.4g} Hz: 68 deg of phase margin; {:.4g} Hz leave 30 deg\n",
+             b.current_Hz, b.current_most_Hz);
+  fmt::print(
+      "  speed loop      {:.4g} Hz; from {:.4g} Hz on rated torque makes the speed dip by 10 % of "
+      "the rated speed at most\n",
+      b.speed_Hz, b.speed_least_Hz);
+  fmt::print(
+      "                  up to {:.4g} Hz: a fifth of the current loop{}\n", b.speed_most_Hz,
+      b.filter_Hz ? fmt::format(", and 0.9 of the {:.4g} Hz of the filter", *b.filter_Hz) : "");
+  fmt::print(
+      "  a step of rated torque: dip {:.4g} rad/s, {:.3g} ms after it; K_p = {:.4g} As/rad\n",
+      b.dip_rad_s, 1e3 * b.dip_at_s, b.K_p_As_rad);
+  fmt::print("\n[controller.foc]\ncurrent_bandwidth_Hz = {:.4g}\nspeed_bandwidth_Hz = {:.4g}\n",
+             b.current_Hz, b.speed_Hz);
+  return 0;
+}
+
 struct OrdersOptions {
   std::string run;
   int most = kMostOrders;
@@ -287,6 +327,16 @@ void add_design_verb(CLI::App& app, int& exit_code) {
       ->check(CLI::Range(1, 500))
       ->excludes(json);
   lqr->callback([o, &exit_code] { exit_code = o->for_n > 0 ? design_for_n(*o) : design(*o); });
+  auto loops = std::make_shared<DesignOptions>();
+  CLI::App* bandwidths = verb->add_subcommand(
+      "bandwidths", "Suggest the bandwidths of foc from J, K_t, f_s and the filter");
+  bandwidths->add_option("DRIVE", loops->drive, "read this drive file or preset")->required();
+  bandwidths
+      ->add_option("--set", loops->overrides,
+                   "override a key of the drive file: key.path=value; repeat for more keys")
+      ->allow_extra_args(false);
+  bandwidths->add_flag("--json", loops->json, "print JSON");
+  bandwidths->callback([loops, &exit_code] { exit_code = print_bandwidths(*loops); });
   auto find = std::make_shared<OrdersOptions>();
   CLI::App* orders =
       verb->add_subcommand("orders", "List the orders of an estimated load that exceed the noise");
