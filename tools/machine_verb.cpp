@@ -1,12 +1,15 @@
 // twinrate machine new NAME: writes a drive file from the values of a data sheet.
+// twinrate machine list: the presets, with their ratings and their first comment line.
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <fstream>
 #include <iostream>
 
 #include "core/config.hpp"
 #include "core/output_file.hpp"
 #include "datasheet/drive_of_sheet.hpp"
+#include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -67,11 +70,41 @@ void make(const MachineOptions& o) {
   fmt::print("written to {}; next: twinrate simulate {}\n", path, path);
 }
 
+// The first comment line of a preset, which says what it is.
+std::string description(const std::string& preset) {
+  constexpr std::size_t kMost = 84;
+  std::ifstream in(preset_directory() + "/" + preset + ".toml");
+  for (std::string line; std::getline(in, line);) {
+    if (!line.starts_with("# ")) continue;
+    line = line.substr(2, line.find(". ") - 2);
+    if (line.size() > kMost) return line.substr(0, line.rfind(' ', kMost)) + " ..";
+    return line.ends_with(':') ? line.substr(0, line.size() - 1) : line;
+  }
+  return "";
+}
+
+std::string number_or_dash(double x) {
+  return x > 0 ? fmt::format("{:.4g}", x) : "-";
+}
+
+void list() {
+  fmt::print("{:<22} {:>4} {:>8} {:>8} {:>8}  {}\n", "preset", "n_p", "T / Nm", "rpm", "v_dc / V",
+             "motor");
+  for (const std::string& preset : preset_names()) {
+    const DriveConfig d = load_drive(preset).drive();
+    fmt::print("{:<22} {:>4} {:>8} {:>8} {:>8.4g}  {}\n", preset, d.machine.n_p,
+               number_or_dash(d.machine.T_rated),
+               number_or_dash(d.machine.omega_m_rated / kRadPerRpm), d.inverter.v_dc,
+               description(preset));
+  }
+}
+
 }  // namespace
 
 void add_machine_verb(CLI::App& app, int&) {
   auto o = std::make_shared<MachineOptions>();
-  CLI::App* machine = app.add_subcommand("machine", "Make the drive file of a motor");
+  CLI::App* machine =
+      app.add_subcommand("machine", "Make the drive file of a motor; list the motors with one");
   machine->require_subcommand(1);
   CLI::App* verb = machine->add_subcommand("new", "Write a drive file from data-sheet values");
   verb->add_option("NAME", o->name, "name of the drive")->required();
@@ -81,6 +114,7 @@ void add_machine_verb(CLI::App& app, int&) {
   verb->add_flag("--force", o->force, "replace the file");
   verb->footer(known_keys());
   verb->callback([o] { make(*o); });
+  machine->add_subcommand("list", "List the presets: ratings and motor")->callback(list);
 }
 
 }  // namespace twinrate
