@@ -178,9 +178,11 @@ Json comparison_table(const std::vector<RunView>& views) {
 Json comparison_sections(const std::vector<RunView>& views) {
   const std::vector<std::string> names = run_names(views);
   Json sections = Json::array();
-  for (Json section : {error_grid(views, names), overlay_section(views, names),
-                       shape_section(views, names), reduction_section(views, names)})
+  for (Json section :
+       {steps_section(views, names), error_grid(views, names), overlay_section(views, names),
+        shape_section(views, names), reduction_section(views, names)})
     if (!section["figures"].empty()) sections.push_back(section);
+  sections.push_back(difference_section(views, names));
   return sections;
 }
 

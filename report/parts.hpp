@@ -59,9 +59,15 @@ std::vector<Json> ripple_sections(const RunView& view);
 Json shape_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
 Json reduction_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
 
+// step_comparison.cpp: runs over time with their steps, and the keys that differ.
+Json steps_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
+Json difference_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
+
 // run_page.cpp: the sections of one run. loss.cpp: the section on the loss of synchronism.
 Json run_sections(const RunView& view);
 Json loss_section(const RunView& view);
+// True current along d (0) or q (1), else the measured one turned by the reference angle.
+Quantity current(const RunView& view, int axis);
 Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows);
 Figure error_figure(const RunView& view, const std::vector<TickRow>& rows);
 Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows);

@@ -4,8 +4,9 @@
 //   one run       verdict in words, table, loss of synchronism (Dilys 2021, Fig. 11), whole run,
 //                 a short window of about four electrical turns (Figs 4, 5, 8, 9), load torque and
 //                 its orders, events, config
-//   several runs  table of n, f_b, errors and P44; angle errors side by side (Fig. 10); P44 and
-//                 gains overlaid
+//   several runs  table of n, f_b, errors and P44; speed, currents and torque overlaid, with the
+//                 figures of each step (analysis/step_response.hpp); angle errors side by side
+//                 (Fig. 10); P44 and gains overlaid; the keys that differ between the drive files
 //
 // A figure is omitted if the log does not hold its quantities. Degrees are for display only.
 #pragma once

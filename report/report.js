@@ -17,6 +17,10 @@ const STROKES = {
   run1: { stroke: '#c2500a', width: 1.5 },
   run2: { stroke: '#1d7a46', width: 1.5 },
   run3: { stroke: '#7b3fa0', width: 1.5 },
+  run4: { stroke: '#b3912a', width: 1.5 },
+  run5: { stroke: '#2a9db3', width: 1.5 },
+  run6: { stroke: '#b3266e', width: 1.5 },
+  run7: { stroke: '#5b6670', width: 1.5 },
 };
 const GRID = { stroke: '#eceff2', width: 1 };
 const FONT = '12px system-ui, "Segoe UI", "DejaVu Sans", sans-serif';
@@ -176,7 +180,7 @@ function seriesOptions(figure, curve) {
   }
   if (options.dots) return { ...options, paths: () => null, points: { show: true, size: 5, width: 1, fill: options.stroke } };
   if (curve.stepped) options.paths = uPlot.paths.stepped({ align: 1 });
-  options.spanGaps = figure.group === 'overlay';
+  options.spanGaps = figure.group.startsWith('overlay');
   return options;
 }
 

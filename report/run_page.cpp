@@ -12,20 +12,6 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kTurnsShown = 4;
 
-// True currents in rotor axes, else the measured ones rotated by the reference angle.
-Quantity current(const RunView& view, int axis) {
-  const AngleReference reference = view.reference;
-  const int n_p = view.n_p();
-  return [=](const TickRow& row) {
-    if (row.truth) return row.truth->i_dq[axis];
-    const double theta_e = theta_e_reference(row, reference, n_p);
-    const Measurement* m = row.measurement;
-    if (!m || std::isnan(theta_e) || !(m->signals & kPhaseCurrents)) return kNaN;
-    if (axis == 0 && (m->signals & kQCurrentOnly)) return kNaN;
-    return park(clarke(m->i_abc), theta_e)[axis];
-  };
-}
-
 Figure current_figure(const RunView& view) {
   Figure figure{
       .title = "Currents", .x_label = "t (s)", .y_label = "current (A)", .x = times_of(view.rows)};
@@ -101,6 +87,19 @@ Json window_section(const RunView& view) {
 }
 
 }  // namespace
+
+Quantity current(const RunView& view, int axis) {
+  const AngleReference reference = view.reference;
+  const int n_p = view.n_p();
+  return [=](const TickRow& row) {
+    if (row.truth) return row.truth->i_dq[axis];
+    const double theta_e = theta_e_reference(row, reference, n_p);
+    const Measurement* m = row.measurement;
+    if (!m || std::isnan(theta_e) || !(m->signals & kPhaseCurrents)) return kNaN;
+    if (axis == 0 && (m->signals & kQCurrentOnly)) return kNaN;
+    return park(clarke(m->i_abc), theta_e)[axis];
+  };
+}
 
 double RunView::omega_m(const TickRow& row) const {
   return row.truth ? row.truth->omega_m : quantity::omega_m_hat(row);

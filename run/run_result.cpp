@@ -11,6 +11,7 @@
 
 #include "analysis/long_log.hpp"
 #include "core/channels.hpp"
+#include "core/command_line.hpp"
 #include "core/output_file.hpp"
 #include "core/reason.hpp"
 #include "report/report.hpp"
@@ -255,6 +256,7 @@ Json manifest_of(const RunLog& log, const RunFacts& facts, const HopLatencies& l
   Json manifest = Json::parse(log.manifest_json, nullptr, false);
   if (!manifest.is_object()) manifest = Json::object();
   manifest["how"] = facts.how;
+  if (!remembered_command().empty()) manifest["command"] = remembered_command();
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
   if (!facts.tags_checked) manifest["authenticated"] = false;
   if (facts.refused > 0) manifest["refused_messages"] = facts.refused;

@@ -1,6 +1,7 @@
 // The command line of twinrate. Each verb has its own file.
 #include <cmath>
 
+#include "core/command_line.hpp"
 #include "core/config.hpp"
 #include "core/paths.hpp"
 #include "tools/run_verb.hpp"
@@ -26,6 +27,7 @@ void expect_finite_numbers(CLI::App& app) {
 }  // namespace
 
 int run_verb(int argc, const char* const* argv) {
+  remember_command(command_text(argc, argv));
   CLI::App app{"Run, record and examine PMSM drives with a two-rate Kalman filter over LCM"};
   app.set_version_flag("--version", "twinrate " + revision());
   app.require_subcommand(0, 1);

@@ -64,12 +64,14 @@ class Report : public ::testing::Test {
     return log;
   }
 
-  std::string page_of(const std::vector<RunLog>& logs, const ReportOptions& options = {}) const {
+  std::string page_of(const std::vector<RunLog>& logs, const ReportOptions& options = {},
+                      const std::vector<std::string>& manifests = {}) const {
     std::vector<Summary> summaries;
     for (const RunLog& log : logs)
       summaries.push_back(summarise(log, config_, options.angle_reference));
     std::vector<ReportRun> runs;
-    for (std::size_t i = 0; i < logs.size(); ++i) runs.push_back({logs[i], config_, summaries[i]});
+    for (std::size_t i = 0; i < logs.size(); ++i)
+      runs.push_back({logs[i], config_, summaries[i], manifests.empty() ? "" : manifests[i]});
     const std::string out = (directory_ / "page.html").string();
     write_report(runs, options, out);
     std::ostringstream text;
@@ -340,11 +342,41 @@ TEST_F(Report, ComparesRuns) {
   EXPECT_NEAR(std::stod(cells.at("rms, deg")),
               std::sqrt((0.3 * 0.05 * 0.05 + 0.5 * 3 * 3) / 0.8) * 180 / kPi, 0.2);
   EXPECT_NEAR(std::stod(cells.at("max, deg")), 3 * 180 / kPi, 0.2);
-  EXPECT_EQ(content["sections"][0]["columns"], 3);
-  EXPECT_EQ(content["sections"][0]["figures"].size(), 3u);
-  EXPECT_EQ(content["sections"][0]["figures"][2]["y_range"], Json::parse("[-180, 180]"));
+  EXPECT_EQ(content["sections"][1]["columns"], 3);
+  EXPECT_EQ(content["sections"][1]["figures"].size(), 3u);
+  EXPECT_EQ(content["sections"][1]["figures"][2]["y_range"], Json::parse("[-180, 180]"));
   EXPECT_TRUE(any_has(titles_of(content), "Gain K41"));
   expect_whole_figures(content);
+}
+
+TEST_F(Report, OverlaysRunsWithTheirStepsAndNamesWhatDiffers) {
+  RunLog first = made_up_run(), second = made_up_run();
+  config_.reference.omega_e_rad_s = Profile(400);
+  config_.load.T_load_Nm = Profile({{0, 0}, {0.5, 0.1}});
+  for (Truth& truth : first.truth) truth.T_em = 0.25;
+  for (std::size_t k = 2500; k < 3000; ++k) second.truth[k].omega_m = 88;  // for 0.1 s
+  second.config_toml = "name = \"test drive\"\n[rates]\nn = 13\n";
+  const Json content =
+      content_of(page_of({first, second}, {}, {R"({"command": "twinrate simulate d.toml"})", ""}));
+  const Json& steps = content["sections"][0];
+  std::vector<std::string> titles;
+  for (const Json& figure : steps["figures"]) {
+    titles.push_back(figure["title"]);
+    const std::string note = figure["note"];
+    EXPECT_NE(note.find("drive test drive, twinrate simulate d.toml"), std::string::npos) << note;
+    EXPECT_NE(note.find("command not recorded"), std::string::npos) << note;
+    EXPECT_GE(figure["series"].size(), 2u);
+  }
+  EXPECT_EQ(titles,
+            (std::vector<std::string>{"Speed", "Current along q", "Current along d", "Torque"}));
+  ASSERT_EQ(steps["table"]["rows"].size(), 2u);
+  EXPECT_EQ(steps["table"]["rows"][1][0], "load 0 to 0.1 Nm at 0.5 s");
+  EXPECT_EQ(steps["table"]["rows"][0][4], "0 rad/s, 0 %");
+  EXPECT_EQ(steps["table"]["rows"][1][4], "12 rad/s, 12 %");
+  EXPECT_EQ(steps["table"]["rows"][1][5], "100 ms");
+  const Json& differs = content["sections"].back()["table"]["rows"];
+  ASSERT_EQ(differs.size(), 1u);
+  EXPECT_EQ(differs[0], Json::parse(R"(["rates.n", "-", "13"])"));
 }
 
 TEST_F(Report, NoTextEndsTheScript) {
