@@ -162,7 +162,7 @@ TEST_F(Tagged, WithoutAuthenticationEveryMessageIsHeard) {
 TEST(BusUrl, NoUrlNamesAFile) {
   const std::string file = testing::TempDir() + "twinrate-url-" + std::to_string(getpid());
   std::ofstream(file) << "mine";
-  for (const std::string url : {"file://" + file + "?mode=w", "file://" + file})
+  for (const std::string& url : {"file://" + file + "?mode=w", "file://" + file})
     EXPECT_THROW(Bus({.url = url, .session = 1}), BadInput) << url;
   EXPECT_EQ(std::filesystem::file_size(file), 4u);
   std::filesystem::remove(file);
