@@ -15,6 +15,7 @@
 #include "trace/fall.hpp"
 #include "trace/keys.hpp"
 #include "trace/residual_structure.hpp"
+#include "trace/sampler.hpp"
 #include "trace/split_equivalents.hpp"
 #include "trace/verdict.hpp"
 
@@ -214,7 +215,9 @@ std::string what_the_model_lacks(const TraceResult& r) {
 }
 
 std::string sentence(const TraceResult& r) {
-  if (r.verdict == "nothing_missing") return nothing_in_words(r) + ".";
+  if (r.verdict == "nothing_missing")
+    return fmt::format("{} below {:.0f} Hz.", nothing_in_words(r),
+                       Sampler::kPassband / r.horizon_s);
   std::string text = headline_begins(r);
   if (!r.effects.empty()) return text + what_the_model_lacks(r) + ".";
   return text.substr(0, text.size() - 1);

@@ -8,7 +8,6 @@
 namespace twinrate {
 namespace {
 
-constexpr double kPassband = 0.4;      // of the output rate
 constexpr int kHalfWidth = 5;          // outputs
 constexpr double kSparse_Hz = 4000;    // rate at which a smooth channel is looked at, or more
 constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out

@@ -21,6 +21,7 @@ struct Runs {
 
 class Sampler {
  public:
+  static constexpr double kPassband = 0.4;  // of the output rate
   // `rate_Hz`: wanted rate of the outputs. `held_out`: of each row, whether it stands in
   // a block that does not train.
   Sampler(const Record& record, const std::vector<char>& torque_ok,
