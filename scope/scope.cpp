@@ -13,6 +13,9 @@ namespace {
 // A lock-step set does not wait for the page. About 1 s of an unpaced one: 10 000 ticks of five
 // messages, about 1 KiB each as the kernel counts them.
 constexpr int kReceiveBuffer = 32 << 20;
+// Nobody waits for the page: woken by each message, it would take the processor from the drive. A
+// frame of the page is 50 ms.
+constexpr double kDrain_ms = 5;
 
 std::string with_receive_buffer(const std::string& url) {
   if (!url.starts_with("udpm://") || url.find("recv_buf_size") != std::string::npos) return url;
@@ -26,7 +29,8 @@ Scope::Scope(const ScopeOptions& options)
     : recording_(std::make_shared<Recording>(options.log.empty() ? options.history_s : 1e9,
                                              options.memory_mib << 20)) {
   BusOptions bus{.url = with_receive_buffer(resolve_url(options.url)),
-                 .channel_suffix = options.channel_suffix};
+                 .channel_suffix = options.channel_suffix,
+                 .drain_every_ms = kDrain_ms};
   if (!options.drive_file.empty()) {
     Config config = Config::load(options.drive_file);
     recording_->use_config(config.merged(), options.drive_file);
