@@ -2,6 +2,8 @@
 // of.
 #include "loop/runnable.hpp"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
