@@ -8,6 +8,7 @@
 #include <fstream>
 #include <functional>
 #include <map>
+#include <sstream>
 
 #include "controller/controller.hpp"
 #include "core/bridge_parameters.hpp"
@@ -290,6 +291,22 @@ std::vector<std::string> keys_of_the_user(const Config& config) {
   return keys;
 }
 
+std::string text_at(const toml::table& table, const std::string& key) {
+  std::ostringstream text;
+  text << table.at_path(key);
+  return text.str();
+}
+
+// A preset holds keys of its alternatives; so does a file that began as a copy of it.
+bool is_as_in_a_preset(const Config& config, const std::string& key) {
+  if (config.where(key) == "--set") return false;
+  const std::string mine = text_at(toml::parse(config.merged()), key);
+  const std::vector<std::string> presets = preset_names();
+  return std::any_of(presets.begin(), presets.end(), [&](const std::string& name) {
+    return mine == text_at(toml::parse_file(preset_directory() + "/" + name + ".toml"), key);
+  });
+}
+
 // covariance = "sequential" is a form of two filters; the others would silently take another.
 void refuse_covariance(const Config& config) {
   const DriveConfig& drive = config.drive();
@@ -358,7 +375,7 @@ void refuse_unused_keys(Config& config) {
   const std::vector<Rule> rules = all_rules();
   for (const std::string& key : keys_of_the_user(config)) {
     const std::string with_what = read_only_with(key, settings, rules);
-    if (!with_what.empty())
+    if (!with_what.empty() && !is_as_in_a_preset(config, key))
       throw BadInput(fmt::format("{}: {}: has no effect here; it is read with {}",
                                  config.where(key), key, with_what));
   }

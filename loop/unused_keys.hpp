@@ -2,7 +2,8 @@
 //
 // A key of --set or of the user's own file that has no effect with the filter, controller and
 // policies of the drive is refused by name. The keys of a preset and of a resolved file
-// (config.toml of a run) are not: a preset holds what its alternatives need.
+// (config.toml of a run) are not: a preset holds what its alternatives need. Nor is a key of a file
+// that a preset has with the same value: the file began as a copy of it.
 #pragma once
 #include <string>
 

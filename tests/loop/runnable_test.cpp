@@ -5,8 +5,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <chrono>
+#include <filesystem>
+#include <fstream>
 
 #include "controller/controller.hpp"
 #include "core/field_list.hpp"
@@ -41,6 +44,21 @@ bool warns(const std::string& preset, const Overrides& overrides, const std::str
 TEST(Runnable, ThePresetsRunWithoutAWarning) {
   for (const char* preset : {"dilys2021", "niewiara2020", "kim-ipmsm"})
     EXPECT_TRUE(checked(preset, {}).empty()) << preset;
+}
+
+TEST(Runnable, ACopyOfAPresetIsTakenAsThePresetIs) {
+  const std::filesystem::path copy =
+      std::filesystem::path(testing::TempDir()) / fmt::format("twinrate-copy-{}.toml", getpid());
+  for (const std::string& preset : preset_names()) {
+    std::filesystem::copy_file(preset_directory() + "/" + preset + ".toml", copy,
+                               std::filesystem::copy_options::overwrite_existing);
+    EXPECT_EQ(refusal(copy.string(), {}), "") << preset;
+  }
+  std::ofstream(copy) << "preset = \"dilys2021\"\n"
+                         "[controller.foc.startup]\nacceleration_rad_s2 = 321\n";
+  EXPECT_NE(refusal(copy.string(), {}).find("acceleration_rad_s2: has no effect here"),
+            std::string::npos);
+  std::filesystem::remove(copy);
 }
 
 TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
