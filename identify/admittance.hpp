@@ -18,11 +18,13 @@ struct Sine {
   int period = 0;                 // ticks
   std::complex<double> I_over_U;  // A/V, phasors of i_k and of the voltage from t_{k-1} to t_k
   double weight = 1;
+  double i = 0;  // A, amplitude; less than wanted where the voltage ends
 };
 std::vector<Sine> sweep(Experiment& e, const SweepPlan& plan, const std::vector<int>& periods);
 
 struct AxisFit {
   Found L, R;
+  double i = 0;  // A, mean amplitude of the sines, weighted as in the fit
 };
 // `gives_way`: with the swing of the rotor (standstill.hpp), which its friction spoils at low
 // frequency: slow sines count less. Levenberg-Marquardt on

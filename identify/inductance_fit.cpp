@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "identify/found.hpp"
 
@@ -56,15 +57,23 @@ InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
       fall < kSigmas * std::hypot(least->L.sigma, most->L.sigma))
     return result;
   Weighted best{0, 0, constant.misfit};
+  std::vector<Weighted> fits;
   for (int form = 0; form < 3; ++form) {
     for (double I_s = 0.2 * std::abs(most->i); I_s < 50 * std::abs(most->i); I_s *= 1.02) {
-      const auto fit = weighted_fit(points, [&](const auto& p) { return share(p, form, I_s); });
-      if (fit.misfit >= best.misfit) continue;
-      best = fit;
+      fits.push_back(weighted_fit(points, [&](const auto& p) { return share(p, form, I_s); }));
+      if (fits.back().misfit >= best.misfit) continue;
+      best = fits.back();
       result.saturation = {form, I_s};
     }
   }
-  if (result.saturation) result.L = {best.L, scatter(best, 2)};
+  if (!result.saturation) return result;
+  result.L = {best.L, scatter(best, 2)};
+  // Another form or scale that the points do not tell from the best has another inductance at no
+  // current.
+  const double unit = std::max(1.0, best.misfit / std::max(1.0, n - 2));
+  for (const Weighted& fit : fits)
+    if (fit.misfit < best.misfit + unit)
+      result.L.sigma = std::max(result.L.sigma, std::abs(fit.L - best.L));
   return result;
 }
 

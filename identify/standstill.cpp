@@ -230,6 +230,9 @@ Vec2 holding(const Identified& found, double i) {
   return found.R_s.value * Vec2(i, 0) + found.loss.drop(Vec2(i, 0));
 }
 
+// What a friction and a swing that the model of the q axis has as their means leave in L_q.
+constexpr double kModelOfSwing = 5e-4;
+
 void find_inductances(Experiment& e, Identified& found, double L_pulse) {
   double L = L_pulse;
   for (const double bias : kBiases) {
@@ -249,10 +252,12 @@ void find_inductances(Experiment& e, Identified& found, double L_pulse) {
   const std::vector<Sine> sines =
       sweep(e, {holding(found, i), Vec2(0, 1), kSineShare * i, found.R_s.value, L},
             {6, 8, 12, 16, 24, 32, 48, 64});
-  found.L_q = fit_axis(sines, e.T_s(), found.R_s.value, true).L;
+  const AxisFit q = fit_axis(sines, e.T_s(), found.R_s.value, true);
+  found.L_q = q.L;
+  found.L_q.sigma = std::hypot(found.L_q.sigma, kModelOfSwing * found.L_q.value);
   // A sine of amplitude A about zero sees flux over current at about 0.85 A: 8/(3 pi) A for a flux
   // that lacks i |i|, sqrt(3)/2 A for one that lacks i^3.
-  found.L_q_points = {{0.85 * kSineShare * i, found.L_q, false}};
+  found.L_q_points = {{0.85 * q.i, found.L_q, false}};
 }
 
 }  // namespace
