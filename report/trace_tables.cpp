@@ -167,8 +167,8 @@ Json effects_table(const TraceResult& r) {
   Json rows = Json::array();
   for (const TracedEffect& e : r.effects) rows.push_back(row_of(e));
   return {{"head",
-           {"effect", "equation", "parameters", "BIC", "whitened energy of held-out rows falls by", "p-value",
-            "size / smallest worth reporting", "aliases"}},
+           {"effect", "equation", "parameters", "BIC", "whitened energy of held-out rows falls by",
+            "p-value", "size / smallest worth reporting", "aliases"}},
           {"rows", rows}};
 }
 

@@ -100,11 +100,12 @@ void print_result(const TraceResult& r, const std::string& out) {
     if (e.from_samples)
       fmt::print("      found in the raw samples\n");
     else
-      fmt::print("      {}{}\n",
-                 std::isfinite(e.delta_bic) ? fmt::format("BIC {:.0f}", e.delta_bic) : "not judged",
-                 std::isfinite(e.held_out_gain)
-                     ? fmt::format(", whitened energy of held-out rows {:+.1f} %", -100 * e.held_out_gain)
-                     : "");
+      fmt::print(
+          "      {}{}\n",
+          std::isfinite(e.delta_bic) ? fmt::format("BIC {:.0f}", e.delta_bic) : "not judged",
+          std::isfinite(e.held_out_gain)
+              ? fmt::format(", whitened energy of held-out rows {:+.1f} %", -100 * e.held_out_gain)
+              : "");
   }
   for (const Ambiguity& a : r.ambiguous)
     fmt::print("  aliases: {}; to separate them: {}\n", fmt::join(a.kinds, ", "), a.would_separate);
