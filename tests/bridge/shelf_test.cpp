@@ -139,6 +139,46 @@ TEST(Moteus, TheBurstIsReadInStepAndAfterNoise) {
   EXPECT_LE(host.counts().damaged, 2);
 }
 
+// theta_e = n_p theta of the drive + bridge.theta_e_offset_rad: of two hosts that hear the same.
+TEST(AngleZero, OfTheDriveIsAddedByEveryProtocol) {
+  const std::string turned = "bridge.theta_e_offset_rad=0.4";
+  const auto expect_ahead = [](HostProtocol& plain, HostProtocol& ahead, int n_p,
+                               const char* protocol) {
+    const auto a = plain.next(), b = ahead.next();
+    ASSERT_TRUE(a && b) << protocol;
+    EXPECT_NEAR(n_p * (b->m.theta_m - a->m.theta_m), 0.4, 1e-9) << protocol;
+  };
+  Pair polled, polled_turned({turned});
+  for (Pair* p : {&polled, &polled_turned}) exchange(p->host, p->device, p->host.hello(false), 0);
+  expect_ahead(polled.host, polled_turned.host, polled.config.drive().machine.n_p, "moteus, poll");
+
+  Config config = drive(), other = drive({turned});
+  OwnControlDrive own(config);
+  const DriveConfig& d = config.drive();
+  MoteusBurstDevice burst(own, d.machine);
+  MoteusBurst uart(config.read<BridgeParameters>(), d),
+      uart_turned(other.read<BridgeParameters>(), d);
+  VescDevice vesc_device({.T_s = d.T_s()}, own, d.machine);
+  VescHost vesc(config.read<BridgeParameters>(), d), vesc_turned(other.read<BridgeParameters>(), d);
+  vesc_device.take(vesc.hello(false));
+  for (int i = 0; i < 2000; ++i) {
+    burst.tick();
+    for (const Bytes& frame : burst.take_sent())
+      for (HostProtocol* host :
+           {static_cast<HostProtocol*>(&uart), static_cast<HostProtocol*>(&uart_turned)})
+        host->take(frame, i * 200'000);
+    vesc_device.take(vesc.poll());
+    vesc_turned.poll();
+    vesc_device.tick();
+    for (const Bytes& frame : vesc_device.take_sent())
+      for (HostProtocol* host :
+           {static_cast<HostProtocol*>(&vesc), static_cast<HostProtocol*>(&vesc_turned)})
+        host->take(frame, i * 200'000);
+  }
+  expect_ahead(uart, uart_turned, d.machine.n_p, "moteus, uart");
+  expect_ahead(vesc, vesc_turned, d.machine.n_p, "vesc");
+}
+
 TEST(Vesc, FramesHaveTheDocumentedCrc) {
   // GET_VALUES as every VESC tool sends it.
   EXPECT_EQ(vesc_frame(Bytes{4}), (Bytes{2, 1, 4, 0x40, 0x84, 3}));
