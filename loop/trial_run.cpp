@@ -115,7 +115,8 @@ TrialRun try_run(Config& config, std::int64_t ticks) {
   return trial;
 }
 
-std::vector<std::string> check_by_trial(Config& config, Trial when) {
+std::vector<std::string> check_by_trial(Config& config, Trial when,
+                                        std::vector<std::string>* notes) {
   std::vector<Warning> warnings = check_runnable(config);
   const auto expects = [&](Expects what) {
     return std::any_of(warnings.begin(), warnings.end(),
@@ -140,9 +141,15 @@ std::vector<std::string> check_by_trial(Config& config, Trial when) {
   }
   std::vector<Warning> left;
   for (Warning& w : warnings) {
-    if (w.expects == Expects::kLoss) continue;
+    if (w.expects == Expects::kLoss ||
+        (w.expects == Expects::kLossIfWarm && of_warm.bad_at_s < 0)) {
+      if (notes)
+        notes->push_back(
+            fmt::format("{}; a trial of this run keeps synchronism, with seed {} alone", w.text,
+                        config.drive().run.seed));
+      continue;
+    }
     if (w.expects == Expects::kLossIfWarm) {
-      if (of_warm.bad_at_s < 0) continue;
       w.text += fmt::format("; a trial with the winding 50 K warmer {}", text_of(of_warm));
     }
     left.push_back(std::move(w));

@@ -4,7 +4,8 @@
 // deviations, and a start or a load step is none. The trial integrates the same equations instead: it is
 // the run itself, noise and seed included, up to some 60,000 ticks.
 //
-//   the trial reaches the end of the run     it decides: no loss is expected that it does not show
+//   the trial reaches the end of the run     it decides: no loss is expected that it does not show. It is
+//                                            one noise and one plant: the reason is kept as a note
 //   the run is longer                        a loss that it shows is said, and theory stands
 //
 // A reason that is an uncertainty of the machine is tried with the winding 50 K warmer in the plant alone.
@@ -32,7 +33,8 @@ enum class Trial {
   kOfReasons,  // only where theory expects a loss: the run follows anyway
 };
 // check_runnable(), one line for each warning that the trial leaves, and a line for a loss of the trial
-// that no theory expected.
-std::vector<std::string> check_by_trial(Config& config, Trial when);
+// that no theory expected. `notes`: the reasons that the trial did not show.
+std::vector<std::string> check_by_trial(Config& config, Trial when,
+                                        std::vector<std::string>* notes = nullptr);
 
 }  // namespace twinrate

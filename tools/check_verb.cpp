@@ -22,7 +22,8 @@ struct CheckOptions {
   bool resolved = false, reference = false, schema = false;
 };
 
-void print_summary(Config& config, const std::vector<std::string>& warnings) {
+void print_summary(Config& config, const std::vector<std::string>& warnings,
+                   const std::vector<std::string>& notes) {
   const DriveConfig& d = config.drive();
   const MachineParameters& m = d.machine;
   const Demand demand = demand_of(config);
@@ -51,6 +52,7 @@ void print_summary(Config& config, const std::vector<std::string>& warnings) {
   for (const auto& [effect, used_in, from_s] : d.effects)
     fmt::print("  effect      {} ({}{})\n", effect->kind(), kUsedInNames[static_cast<int>(used_in)],
                from_s > 0 ? fmt::format(", from {:g} s", from_s) : "");
+  for (const std::string& note : notes) fmt::print("note: {}\n", note);
   for (const std::string& warning : warnings) fmt::print("warning: {}\n", warning);
   fmt::print("{}\n", warnings.empty() ? "ok"
                                       : fmt::format("ok, {} warning{}", warnings.size(),
@@ -124,11 +126,12 @@ void check(const CheckOptions& options) {
   if (options.drive.empty())
     throw BadInput("check: a drive file or the name of a preset is required");
   Config config = load_drive(options.drive, options.overrides);
-  const std::vector<std::string> warnings = check_by_trial(config, Trial::kAlways);
+  std::vector<std::string> notes;
+  const std::vector<std::string> warnings = check_by_trial(config, Trial::kAlways, &notes);
   if (options.resolved)
     std::cout << config.resolved();
   else
-    print_summary(config, warnings);
+    print_summary(config, warnings, notes);
 }
 
 }  // namespace
