@@ -53,6 +53,7 @@ int spy(const SpyOptions& o) {
     return 0;
   }
   std::vector<char*> argv;
+  argv.reserve(command.size() + 1);
   for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
   argv.push_back(nullptr);
   execvp("java", argv.data());
