@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "loop/bandwidths.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/trial_run.hpp"
 #include "model/frames.hpp"
@@ -86,7 +87,9 @@ std::string machine_table(const MachineParameters& m) {
 }
 
 // With an encoder the controller uses its angle; without one the drive starts by alignment.
-std::string toml_of(const std::string& name, const MachineOfSheet& s, double f_s) {
+// `bandwidths`: of foc; empty: those of scaled_tuning.
+std::string toml_of(const std::string& name, const MachineOfSheet& s, double f_s,
+                    const std::string& bandwidths) {
   const FirstRun run = first_run(s);
   const bool sensed = s.encoder_counts > 0;
   const double begin = run.ramp_s + kSettle_s + (sensed ? 0 : 1);
@@ -100,12 +103,19 @@ std::string toml_of(const std::string& name, const MachineOfSheet& s, double f_s
                       sensed ? "ekf_disturbance" : "dq_ekf");
   text += fmt::format("\n[controller]\nkind = \"foc\"\nangle_source = \"{}\"\n",
                       sensed ? "measured" : "estimate");
+  text += bandwidths;
   text += fmt::format("\n[reference]\nspeed_rpm = {:.4g}\nslew_rad_s2 = {:.4g}\n",
                       run.omega_e / s.machine.n_p / kRadPerRpm, run.slew);
   text += fmt::format("\n[load]\nT_load_Nm = [[0.0, 0.0], [{:.4g}, {:.4g}]]\nslew_Nm_s = {:.4g}\n",
                       begin, run.T_load, run.T_load / kLoadRise_s);
   return text + fmt::format("\n[run]\nduration_s = {:.4g}\nsettle_s = {:.4g}\nseed = 1\n",
                             begin + kLoaded_s, begin - kSettle_s / 2);
+}
+
+Bandwidths bandwidths_of(const std::string& toml, const std::string& name) {
+  Config config = Config::parse(toml, name + ".toml");
+  read_all_tables(config);
+  return suggest_bandwidths(config);
 }
 
 }  // namespace
@@ -116,12 +126,18 @@ DriveOfSheet drive_of_sheet(const std::string& name, const Sheet& sheet) {
       "i_noise_rms_A = {:.3g}: {:g} % of the rated current; no ADC step, dead time or device drop",
       kNoiseShare * s.machine.i_rated, 100 * kNoiseShare));
   const double f_s = control_rate(s.machine);
-  DriveOfSheet drive{.toml = toml_of(name, s, f_s),
+  const Bandwidths b = bandwidths_of(toml_of(name, s, f_s, ""), name);
+  const std::string loops = fmt::format(
+      "\n[controller.foc]\ncurrent_bandwidth_Hz = {:.4g}\nspeed_bandwidth_Hz = {:.4g}\n",
+      b.current_Hz, b.speed_Hz);
+  DriveOfSheet drive{.toml = toml_of(name, s, f_s, loops),
                      .conversions = s.conversions,
                      .assumed = s.assumed,
                      .doubts = s.doubts,
                      .derived = derived(s, f_s),
                      .warnings = {}};
+  drive.derived.push_back(fmt::format(
+      "bandwidths                current {:.4g} Hz, speed {:.4g} Hz", b.current_Hz, b.speed_Hz));
   Config config = Config::parse(drive.toml, name + ".toml");
   read_all_tables(config);
   drive.warnings = check_by_trial(config, Trial::kAlways);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <initializer_list>
 
 #include "core/config.hpp"
 #include "loop/slips.hpp"
@@ -17,6 +18,8 @@ constexpr double kEqual = 1e-6;  // relative: one value in two units
 constexpr double kTolerance = 0.1;
 // Both constants of one measurement differ by their digits alone.
 constexpr double kBlockTolerance = 0.03;
+// A mechanical time constant has R_s and K_t^2 in it, each within their tolerance, K_t at times warm.
+constexpr double kTimeTolerance = 1.35;
 // Sheets do not give the friction. Bearings and air take about this share of the rated torque.
 constexpr double kFrictionShare = 0.01;
 
@@ -44,6 +47,16 @@ const char* words(EmfConvention convention) {
   return kWords[static_cast<int>(convention)];
 }
 
+// Two constants of one motor.
+constexpr RatioBand kAgree{1 - kTolerance, 1 + kTolerance};
+
+// A unit in which a sheet can give a value: `to_SI` times the number.
+struct Unit {
+  const char* key;
+  double to_SI;
+  const char* how;
+};
+
 class Conversion {
  public:
   explicit Conversion(const Sheet& sheet) : sheet_(sheet) {}
@@ -51,12 +64,16 @@ class Conversion {
   MachineOfSheet run() {
     MachineParameters& m = result_.machine;
     m.n_p = pole_pairs();
-    m.R_s = of_two("R_s_Ohm", "r_phase_Ohm", 1, "r_ll_Ohm", 0.5, "half of line to line");
+    m.R_s =
+        of_units("R_s_Ohm", {{"r_phase_Ohm", 1, ""}, {"r_ll_Ohm", 0.5, "half of line to line"}});
     inductances();
-    m.J = of_two("J_kgm2", "inertia_kgm2", 1, "inertia_gcm2", 1e-7, "1e-7 kg m2 a g cm2");
+    m.J = of_units("J_kgm2", {{"inertia_kgm2", 1, ""},
+                              {"inertia_gcm2", 1e-7, "1e-7 kg m2 a g cm2"},
+                              {"inertia_kgcm2", 1e-4, "1e-4 kg m2 a kg cm2"}});
     m.i_rated = current();
     m.psi_f = flux();
     ratings();
+    time_constant();
     result_.v_dc = need("v_dc_V");
     result_.encoder_counts = static_cast<int>(sheet_["encoder_counts"].value_or(0));
     m.n_slots = static_cast<int>(sheet_["n_slots"].value_or(0));
@@ -72,28 +89,44 @@ class Conversion {
     result_.conversions.push_back(fmt::format("{} = {:.5g}: {}", key, value, from));
   }
 
-  // A value that a sheet gives in one of two units; in both, they must agree.
-  double of_two(const char* key, const char* one, double to_one, const char* other, double to_other,
-                const char* how) {
-    const auto a = sheet_[one], b = sheet_[other];
-    if (!a && !b)
-      throw BadInput(fmt::format("data sheet: {} or {} is required{}", one, other,
+  // A value that a sheet gives in one of several units; in two, they must agree.
+  double of_units(const char* key, std::initializer_list<Unit> units) {
+    const Unit* given = nullptr;
+    std::string keys;
+    for (const Unit& unit : units) {
+      keys += (keys.empty()               ? ""
+               : &unit + 1 == units.end() ? " or "
+                                          : ", ") +
+              std::string(unit.key);
+      const auto number = sheet_[unit.key];
+      if (!number) continue;
+      if (!given)
+        given = &unit;
+      else
+        expect_same(*given, unit);
+    }
+    if (!given)
+      throw BadInput(fmt::format("data sheet: {} is required{}", keys,
                                  std::string_view(key) == "J_kgm2" ? kNoInertia : ""));
-    if (a && b && std::abs(*a * to_one - *b * to_other) > kEqual * *a * to_one)
+    const double number = *sheet_[given->key], value = given->to_SI * number;
+    if (given->to_SI != 1)
+      say(key, value, fmt::format("{} = {:g}, {}", given->key, number, given->how));
+    return value;
+  }
+  void expect_same(const Unit& one, const Unit& other) const {
+    const double a = *sheet_[one.key], b = *sheet_[other.key];
+    if (std::abs(a * one.to_SI - b * other.to_SI) > kEqual * a * one.to_SI)
       throw BadInput(
           fmt::format("data sheet: {} = {:g} and {} = {:g} contradict each other; one "
                       "of them allowed",
-                      one, *a, other, *b));
-    if (a) return *a * to_one;
-    say(key, *b * to_other, fmt::format("{} = {:g}, {}", other, *b, how));
-    return *b * to_other;
+                      one.key, a, other.key, b));
   }
 
   int pole_pairs() {
     const auto poles = sheet_["poles"];
     if (poles && std::fmod(*poles, 2) != 0)
       throw BadInput(fmt::format("data sheet: poles: an even number allowed, found {:g}", *poles));
-    return static_cast<int>(of_two("n_p", "n_p", 1, "poles", 0.5, "half of the poles"));
+    return static_cast<int>(of_units("n_p", {{"n_p", 1, ""}, {"poles", 0.5, "half of the poles"}}));
   }
 
   void inductances() {
@@ -104,27 +137,25 @@ class Conversion {
       if (!sheet_.has("l_ll_H") && !sheet_.has("l_phase_H")) return;
       throw BadInput("data sheet: l_d_H, l_q_H exclude l_ll_H and l_phase_H");
     }
-    m.L_d = m.L_q = of_two("L_d_H, L_q_H", "l_phase_H", 1, "l_ll_H", 0.5, "half of line to line");
+    m.L_d = m.L_q =
+        of_units("L_d_H, L_q_H", {{"l_phase_H", 1, ""}, {"l_ll_H", 0.5, "half of line to line"}});
     result_.assumed.push_back(
         "L_d_H = L_q_H: one inductance is given; a rotor with inner magnets "
         "has two (l_d_H, l_q_H)");
   }
 
   double current() {
-    const bool given = sheet_.has("rated_current_A_peak") || sheet_.has("rated_current_A_rms");
-    if (sheet_.has("rated_current_A_block")) {
-      if (given)
-        throw BadInput(
-            "data sheet: rated_current_A_block excludes rated_current_A_rms and _A_peak");
-      const double i = *sheet_["rated_current_A_block"] * 2 / kSqrt3;
-      say("i_rated_A", i,
-          fmt::format("rated_current_A_block = {:g}, 2/sqrt(3) of it: the same copper loss",
-                      *sheet_["rated_current_A_block"]));
-      return i;
-    }
-    if (!given) return 0;  // of the torque, in ratings()
-    return of_two("i_rated_A", "rated_current_A_peak", 1, "rated_current_A_rms", kSqrt2,
-                  "sqrt(2) times the rms value");
+    const bool sinusoidal = sheet_.has("rated_current_A_peak") || sheet_.has("rated_current_A_rms");
+    if (sheet_.has("rated_current_A_block") && sinusoidal)
+      throw BadInput("data sheet: rated_current_A_block excludes rated_current_A_rms and _A_peak");
+    for (const char* key : {"rated_current_A_peak", "rated_current_A_rms", "rated_current_A_block"})
+      if (sheet_.has(key))
+        return of_units(
+            "i_rated_A",
+            {{"rated_current_A_peak", 1, ""},
+             {"rated_current_A_rms", kSqrt2, "sqrt(2) times the rms value"},
+             {"rated_current_A_block", 2 / kSqrt3, "2/sqrt(3) of it: the same copper loss"}});
+    return 0;  // of the torque, in ratings()
   }
 
   EmfConvention emf_convention(const char* key, const char* constant, EmfConvention usual) {
@@ -166,15 +197,14 @@ class Conversion {
     }
     if (const auto kt = sheet_["kt_Nm_A"]) {
       const auto c = current_convention();
-      if (c == CurrentConvention::kBlock)
-        list.push_back(
-            {*kt / (kSqrt3 * n_p),
-             fmt::format("kt_Nm_A = {:g}, block commutation, 1/(sqrt(3) n_p) of it", *kt)});
-      const double peak = c == CurrentConvention::kRms ? *kt / kSqrt2 : *kt;
-      if (c != CurrentConvention::kBlock)
-        list.push_back(
-            {peak / (1.5 * n_p), fmt::format("kt_Nm_A = {:g}, Nm per ampere {}, 2/(3 n_p) of it",
-                                             *kt, kCurrentConventionNames[static_cast<int>(c)])});
+      const double peak = *kt * (c == CurrentConvention::kRms     ? 1 / kSqrt2
+                                 : c == CurrentConvention::kBlock ? kSqrt3 / 2
+                                                                  : 1);
+      list.push_back(
+          {peak / (1.5 * n_p),
+           fmt::format("kt_Nm_A = {:g}, Nm per ampere {}, {} of it", *kt,
+                       kCurrentConventionNames[static_cast<int>(c)],
+                       c == CurrentConvention::kBlock ? "1/(sqrt(3) n_p)" : "2/(3 n_p)")});
     }
     return list;
   }
@@ -197,7 +227,7 @@ class Conversion {
       if (std::abs(std::log(ratio)) <= kTolerance) continue;
       result_.doubts.push_back(fmt::format("psi_f_Wb is {:.4g} by {} and {:.4g} by {}: {}{}",
                                            list[0].psi_f, list[0].from, list[i].psi_f, list[i].from,
-                                           factor_text(ratio), block_hint(list[0].psi_f)));
+                                           factor_text(ratio, kAgree), block_hint(list[0].psi_f)));
     }
     return list[0].psi_f;
   }
@@ -229,6 +259,21 @@ class Conversion {
     m.B = kFrictionShare * m.T_rated / m.omega_m_rated;
     result_.assumed.push_back(
         fmt::format("B_Nms = {:.3g}: 1 % of the rated torque at the rated speed", m.B));
+  }
+
+  void time_constant() {
+    const auto printed_ms = sheet_["mechanical_time_constant_ms"];
+    if (!printed_ms) return;
+    const MachineParameters& m = result_.machine;
+    const double tau_ms = 1e3 * m.J * m.R_s / (1.5 * std::pow(m.n_p * m.psi_f, 2));
+    const double ratio = tau_ms / *printed_ms;
+    if (std::abs(std::log(ratio)) <= std::log(kTimeTolerance)) return;
+    const bool twice = std::abs(std::log(ratio / 2)) <= std::log(kTimeTolerance);
+    result_.doubts.push_back(fmt::format(
+        "mechanical time constant is {:.3g} ms by R_s, J and psi_f, and {:g} ms by the sheet: {}",
+        tau_ms, *printed_ms,
+        twice ? "about twice: resistance line to line or phase?"
+              : fmt::format("off by a factor {:.3g}", std::max(ratio, 1 / ratio))));
   }
 
   const Sheet& sheet_;

@@ -10,6 +10,14 @@
 //   block commutation      T   = sqrt(3) n_p psi_f I    I direct, through two phases; K_t K_v = 30/pi
 //   the same copper loss   I   = sqrt(3)/2 i_q          2 R_s I^2 = 3/2 R_s i_q^2
 //   R, L between lines     two phases in series: R_s = R_ll/2, L = L_ll/2
+//
+// Block commutation, current I in two phases at a time, with the loss of a sinusoidal current:
+//
+//   torque                 T   = K_t I = sqrt(3) n_p psi_f I     the power of the EMF between lines
+//   loss                   2 R_s I^2 = 3/2 R_s i^2               i = 2/sqrt(3) I
+//
+// Mechanical time constant, which some sheets print: tau_m = J R_s/(3/2 n_p^2 psi_f^2). It has R_s,
+// J and psi_f in it, so it shows a resistance that is given line to line.
 #pragma once
 #include <string>
 #include <vector>

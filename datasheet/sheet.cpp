@@ -54,7 +54,9 @@ constexpr const char* kInstead[][2] = {{"poles", "n_p"},
                                        {"l_phase_H", "l_d_H"},
                                        {"l_ll_H", "l_q_H"},
                                        {"l_phase_H", "l_q_H"},
+                                       {"inertia_gcm2", "inertia_kgcm2"},
                                        {"inertia_gcm2", "inertia_kgm2"},
+                                       {"inertia_kgcm2", "inertia_kgm2"},
                                        {"rated_current_A_rms", "rated_current_A_peak"},
                                        {"rated_current_A_rms", "rated_current_A_block"},
                                        {"rated_current_A_peak", "rated_current_A_block"}};
@@ -90,6 +92,7 @@ const std::vector<SheetKey>& Sheet::keys() {
       {"l_d_H", "d-axis inductance of a salient machine", 1e-7, 10},
       {"l_q_H", "q-axis inductance of a salient machine", 1e-7, 10},
       {"inertia_gcm2", "inertia of rotor and load, g cm2", 1e-2, 1e11},
+      {"inertia_kgcm2", "inertia of rotor and load, kg cm2", 1e-5, 1e8},
       {"inertia_kgm2", "inertia of rotor and load, kg m2", 1e-9, 1e4},
       {"rated_current_A_rms", "rated phase current, rms", 1e-4, 1e4},
       {"rated_current_A_peak", "rated phase current, peak", 1e-4, 1e4},
@@ -97,6 +100,8 @@ const std::vector<SheetKey>& Sheet::keys() {
       {"rated_torque_Nm", "rated torque", 1e-6, 1e6},
       {"rated_speed_rpm", "rated speed", 1e-1, 1e6},
       {"v_dc_V", "voltage of the DC bus", 1, 1e4},
+      {"mechanical_time_constant_ms", "mechanical time constant, to check the others with", 1e-3,
+       1e5},
       {"encoder_counts", "counts a turn, four times the lines; 0: no encoder", 0, 1 << 26, true},
       {"n_slots", "stator slots", 3, 2000, true}};
   return list;

@@ -1,7 +1,8 @@
 // Slips of a drive file: values that a data sheet gives in another unit or convention. Each is a
 // guess from two values that belong together.
 //
-//   T_rated    against the largest torque at i_rated      sqrt(3), sqrt(2), 2, 1.5 .. off
+//   T_rated    against the largest torque at i_rated      sqrt(3), sqrt(2), 2, 1.5 .. off; the
+//              losses of a motor make its rated torque smaller, nothing makes it larger
 //   psi_f      against rated speed and v_dc               the EMF alone exceeds what v_dc gives
 //   J          against T_rated and rated speed            a run-up of minutes: g cm2, kg cm2
 //   bandwidths against the rates                          the loops have no phase margin left
@@ -19,8 +20,14 @@ struct Slip {
   std::string what;  // one line
 };
 
-// "off by a factor 1.73: sqrt(3), line to line or phase?"; without a name where none is near.
-std::string factor_text(double ratio);
+// What the ratio of two values that belong together can be without a slip.
+struct RatioBand {
+  double least = 0.97, most = 1.03;  // half the way from sqrt(2) to 1.5
+};
+
+// "off by a factor 1.73: sqrt(3), line to line or phase?": the factors that bring the ratio into the
+// band, the nearest first; without a name where none does.
+std::string factor_text(double ratio, const RatioBand& without_slip = {});
 
 // Nm; at the best current angle, peak current `i`.
 double largest_torque(const MachineParameters& m, double i);

@@ -8,6 +8,8 @@
 #include "datasheet/drive_of_sheet.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
+#include "tests/datasheet/sheets.hpp"
+#include "tests/loop/closed_loop.hpp"
 
 namespace twinrate::test {
 namespace {
@@ -73,6 +75,23 @@ TEST(Datasheet, ATorqueConstantIsTheTorqueOfAnAmpere) {
                        .machine;
     EXPECT_NEAR(m.torque(0, peak), 0.47, 1e-12) << name;
   }
+}
+
+TEST(Datasheet, ABlockCommutatedConstantIsThePowerOfTheEmfBetweenTwoLines) {
+  // K_t = 1/K_v in SI units, as maxon prints both; the current of equal loss makes equal torque.
+  const Pairs block = {"ke_V_krpm=",      "ke_convention=",       "kv_rpm_V=236",
+                       "kt_Nm_A=",        "rated_current_A_rms=", "rated_current_A_block=3.29",
+                       "rated_torque_Nm="};
+  const auto m = machine(block).machine;
+  const double kt = 60 / (kTwoPi * 236), i = m.i_rated;
+  EXPECT_NEAR(std::sqrt(3.0) * m.psi_f * m.n_p, kt, 1e-9);
+  EXPECT_NEAR(1.5 * m.R_s * i * i, 2 * m.R_s * 3.29 * 3.29, 1e-9);
+  EXPECT_NEAR(m.torque(0, i), kt * 3.29, 1e-9);
+  Pairs both = block;
+  both[3] = "kt_Nm_A=0.0404";
+  EXPECT_TRUE(machine(both).doubts.empty());
+  both.push_back("kt_convention=peak");
+  EXPECT_FALSE(machine(both).doubts.empty());
 }
 
 TEST(Datasheet, TheElectricalPowerOfTheEmfIsTheMechanicalOne) {
@@ -145,7 +164,7 @@ TEST(Datasheet, AskedOnATerminalItIsTheSameSheet) {
   // poles, kv, ke, ke_convention, kt, R, L ..: a wrong answer is asked again; n_p after the poles,
   // and phase values after those of two lines, are not asked.
   std::istringstream in(
-      "8\n\n28\nrms\nline_rms\n\n1.2\n4.2e-3\n\n3e-5\n2.7\n1.27\n3000\n310\n\n\n");
+      "8\n\n28\nrms\nline_rms\n\n1.2\n4.2e-3\n\n\n3e-5\n2.7\n1.27\n3000\n310\n\n\n\n");
   std::ostringstream out;
   const MachineParameters asked = machine_of_sheet(ask_for_sheet(in, out)).machine;
   const MachineParameters given = machine({}).machine;
@@ -162,7 +181,7 @@ TEST(Datasheet, TheDriveFileHoldsItsMotorInStep) {
     Config config = Config::parse(drive.toml, "servo.toml");
     read_all_tables(config);
     EXPECT_NEAR(config.drive().machine.psi_f, machine({}).machine.psi_f, 1e-6);
-    ClosedLoop loop(config);
+    twinrate::ClosedLoop loop(config);
     const TickRecord* tick = nullptr;
     for (std::int64_t k = 0; k < config.drive().steps(); ++k) tick = &loop.step();
     const double omega_m = config.drive().reference.speed_rpm.at(0) * kTwoPi / 60;
@@ -172,6 +191,41 @@ TEST(Datasheet, TheDriveFileHoldsItsMotorInStep) {
               0.1);
     EXPECT_GT(tick->truth.T_load, 0.3);
   }
+}
+
+TEST(KnownSheets, EachBecomesADriveFileWithoutAWarningThatHoldsItsMotorInStep) {
+  ASSERT_GE(known_sheets().size(), 17u);
+  const std::vector<std::string> presets = preset_names();
+  for (const KnownSheet& known : known_sheets()) {
+    SCOPED_TRACE(known.motor + ", " + known.source);
+    const DriveOfSheet drive = drive_of_sheet(known.preset, read_sheet(known.pairs));
+    EXPECT_TRUE(drive.doubts.empty()) << drive.doubts.front();
+    EXPECT_TRUE(drive.warnings.empty()) << drive.warnings.front();
+    if (std::count(presets.begin(), presets.end(), known.preset) > 0) continue;  // presets_test
+    Config config = Config::parse(drive.toml, known.preset);
+    read_all_tables(config);
+    test::ClosedLoop loop(std::move(config));
+    const Figures figures = run(loop);
+    EXPECT_TRUE(figures.held());
+    EXPECT_LT(figures.angle_error_max, 0.1);
+    const double omega_m_ref = loop.reference().omega_m_ref;
+    EXPECT_NEAR(figures.speed_mean, omega_m_ref, 0.02 * omega_m_ref);
+  }
+}
+
+TEST(KnownSheets, TenArePresetsWithTheMachineOfTheirSheet) {
+  const std::vector<std::string> presets = preset_names();
+  int found = 0;
+  for (const KnownSheet& known : known_sheets()) {
+    if (std::count(presets.begin(), presets.end(), known.preset) == 0) continue;
+    ++found;
+    Config made =
+        Config::parse(drive_of_sheet(known.preset, read_sheet(known.pairs)).toml, known.preset);
+    read_all_tables(made);
+    EXPECT_TRUE(load_drive(known.preset).resolved() == made.resolved())
+        << known.preset << " is not what machine new writes";
+  }
+  EXPECT_EQ(found, 10);
 }
 
 }  // namespace

@@ -4,11 +4,15 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
+#include "datasheet/drive_of_sheet.hpp"
+#include "loop/demand.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
 #include "model/frames.hpp"
+#include "tests/datasheet/sheets.hpp"
 
 namespace twinrate::test {
 namespace {
@@ -67,6 +71,104 @@ TEST(Slips, BandwidthsBeyondTheRatesAreWarnedOf) {
       << all;
   EXPECT_NE(all.find("speed_bandwidth_Hz: 400 Hz: the current loop allows 300 Hz"),
             std::string::npos);
+}
+
+// The drive of a known sheet, loaded, with keys of its file changed.
+Config drive_of(const KnownSheet& known, const std::vector<std::string>& overrides) {
+  Config config = Config::parse(drive_of_sheet(known.preset, read_sheet(known.pairs)).toml,
+                                known.preset, overrides);
+  read_all_tables(config);
+  return config;
+}
+
+std::string joined(const std::vector<std::string>& lines) {
+  std::string all;
+  for (const std::string& line : lines) all += line + "\n";
+  return all;
+}
+
+TEST(SlipsOfKnownSheets, AFactorInTheFluxIsNamed) {
+  for (const KnownSheet& known : known_sheets()) {
+    const DriveConfig right = drive_of(known, {}).drive();
+    for (const auto& [factor, name] : {std::pair(std::sqrt(3.0), "sqrt(3), line to line or phase"),
+                                       {std::sqrt(2.0), "sqrt(2), rms or peak"},
+                                       {2.0, "2, poles or pole pairs"},
+                                       {1.5, "1.5, the 3/2 of the torque"}}) {
+      for (const double wrong : {factor, 1 / factor}) {
+        DriveConfig d = right;
+        d.machine.psi_f *= wrong;
+        EXPECT_TRUE(says(slips(d), "machine.T_rated_Nm", name))
+            << known.motor << ", " << name << " " << wrong;
+      }
+    }
+  }
+}
+
+TEST(SlipsOfKnownSheets, PolesForPolePairsAreNamedWhereTheFluxLinkageIsGiven) {
+  for (const KnownSheet& known : known_sheets()) {
+    DriveConfig d = drive_of(known, {}).drive();
+    d.machine.n_p *= 2;
+    EXPECT_TRUE(says(slips(d), "machine.T_rated_Nm", "poles or pole pairs")) << known.motor;
+  }
+}
+
+TEST(SlipsOfKnownSheets, GramSquareCentimetresForKilogramSquareMetresAreNamed) {
+  for (const KnownSheet& known : known_sheets()) {
+    DriveConfig d = drive_of(known, {}).drive();
+    d.machine.J *= 1e7;
+    EXPECT_TRUE(says(slips(d), "machine.J_kgm2", "g cm2")) << known.motor;
+  }
+}
+
+TEST(SlipsOfKnownSheets, AnEmfConstantOfTheOtherVoltageIsNamed) {
+  for (const KnownSheet& known : known_sheets()) {
+    for (const auto& [line, phase] :
+         {std::pair("=line_rms", "=phase_rms"), std::pair("=line_peak", "=phase_peak")}) {
+      std::vector<std::string> pairs = known.pairs;
+      const auto convention = std::find_if(pairs.begin(), pairs.end(), [&](const std::string& p) {
+        return p.find("convention") != std::string::npos && p.ends_with(line);
+      });
+      if (convention == pairs.end()) continue;
+      convention->replace(convention->find('='), std::string::npos, phase);
+      const DriveOfSheet drive = drive_of_sheet(known.preset, read_sheet(pairs));
+      EXPECT_NE((joined(drive.doubts) + joined(drive.warnings)).find("sqrt(3)"), std::string::npos)
+          << known.motor;
+    }
+  }
+}
+
+TEST(SlipsOfKnownSheets, AResistanceLineToLineIsSeenByTheMechanicalTimeConstant) {
+  int sheets = 0;
+  for (const KnownSheet& known : known_sheets()) {
+    std::vector<std::string> pairs = known.pairs;
+    for (std::string& pair : pairs)
+      if (pair.starts_with("r_ll_Ohm")) pair = "r_phase_Ohm" + pair.substr(8);
+    const auto printed = [](const std::string& p) { return p.starts_with("mechanical_time"); };
+    if (pairs == known.pairs || std::none_of(pairs.begin(), pairs.end(), printed)) continue;
+    ++sheets;
+    EXPECT_NE(joined(drive_of_sheet(known.preset, read_sheet(pairs)).doubts)
+                  .find("resistance line to line or phase"),
+              std::string::npos)
+        << known.motor;
+  }
+  EXPECT_EQ(sheets, 5);
+}
+
+TEST(SlipsOfKnownSheets, ALoadBeyondTheMachineAndBandwidthsBeyondTheRatesAreWarnedOf) {
+  for (const KnownSheet& known : known_sheets()) {
+    const DriveConfig d = drive_of(known, {}).drive();
+    const auto warned = [&](const std::vector<std::string>& overrides) {
+      Config config = drive_of(known, overrides);
+      return joined(warnings_of(config, demand_of(config)));
+    };
+    const std::string all =
+        warned({fmt::format("load.T_load_Nm={}", 2 * d.machine.T_rated),
+                fmt::format("controller.foc.current_bandwidth_Hz={}", d.rates.f_s_Hz / 8)}) +
+        warned(
+            {"controller.foc.current_bandwidth_Hz=200", "controller.foc.speed_bandwidth_Hz=110"});
+    for (const char* key : {"load.T_load_Nm: needs", "current_bandwidth_Hz", "speed_bandwidth_Hz"})
+      EXPECT_NE(all.find(key), std::string::npos) << known.motor << "\n" << all;
+  }
 }
 
 }  // namespace
