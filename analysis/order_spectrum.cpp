@@ -80,47 +80,62 @@ WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch)
   return {{first, stretch.last}, turns};
 }
 
-// For m = 0 .. 2 N: [Re, Im of sum w e^{jm theta}; Re, Im of sum w y e^{jm theta}], sample after sample.
-// The powers of kBeside samples are computed beside each other: one alone would wait for each product.
-std::vector<Eigen::Array4d> sums_of_powers(std::span<const double> theta, std::span<const double> y,
-                                           int N) {
-  constexpr std::size_t kBeside = 4;
-  using Samples = Eigen::Array<double, kBeside, 1>;
+// Of a complex number, or of one number twice.
+using Pair = double [[gnu::vector_size(16)]];
+
+// Of e^{jm theta} of all samples.
+struct Sums {
+  Pair weights{};  // sum w e^{jm theta}
+  Pair values{};   // sum w y e^{jm theta}, for m <= N alone
+};
+
+// A sample and its power w e^{jm theta}.
+struct Sample {
+  Pair power{}, y{}, cos{}, sin{};  // sin: [-s, s]
+
+  Sample() = default;  // counts nothing
+  Sample(double weight, double value, const math::SinCos& at)
+      : power{weight, 0}, y{value, value}, cos{at.cos, at.cos}, sin{-at.sin, at.sin} {}
+  void turn() { power = power * cos + Pair{power[1], power[0]} * sin; }
+};
+
+// For m = 0 .. 2 N, sample after sample. The powers of four samples are computed beside each other:
+// one alone would wait for each product.
+std::vector<Sums> sums_of_powers(std::span<const double> theta, std::span<const double> y, int N) {
   const std::vector<double> w = weights(theta);
-  std::vector<Eigen::Array4d> sums(2 * N + 1, Eigen::Array4d::Zero());
-  for (std::size_t begin = 0; begin < theta.size(); begin += kBeside) {
-    Samples s = Samples::Zero(), c = s, re = s, im = s,
-            value = s;  // a sample beyond the last: w = 0
-    for (std::size_t i = 0; i < std::min(kBeside, theta.size() - begin); ++i) {
-      const math::SinCos at = math::sincos(theta[begin + i]);
-      s[i] = at.sin;
-      c[i] = at.cos;
-      re[i] = w[begin + i];
-      value[i] = y[begin + i];
+  std::vector<Sums> sums(2 * static_cast<std::size_t>(N) + 1);
+  const std::span<Sums> with_values = std::span(sums).first(static_cast<std::size_t>(N) + 1);
+  const auto sample = [&](std::size_t i) {
+    return i < theta.size() ? Sample(w[i], y[i], math::sincos(theta[i])) : Sample();
+  };
+  for (std::size_t i = 0; i < theta.size(); i += 4) {
+    Sample a = sample(i), b = sample(i + 1), c = sample(i + 2), d = sample(i + 3);
+    const auto add_weights = [&](Sums& at) {
+      at.weights = at.weights + a.power + b.power + c.power + d.power;
+      a.turn(), b.turn(), c.turn(), d.turn();
+    };
+    for (Sums& at : with_values) {
+      at.values = at.values + a.y * a.power + b.y * b.power + c.y * c.power + d.y * d.power;
+      add_weights(at);
     }
-    for (Eigen::Array4d& sum : sums) {
-      const Samples y_re = value * re, y_im = value * im;
-      for (std::size_t i = 0; i < kBeside; ++i)
-        sum += Eigen::Array4d(re[i], im[i], y_re[i], y_im[i]);
-      const Samples turned = re * c - im * s;
-      im = re * s + im * c;
-      re = turned;
-    }
+    for (Sums& at : std::span(sums).subspan(with_values.size())) add_weights(at);
   }
   return sums;
 }
 
 // Coefficients c_{-N} .. c_N of sum c_M e^{jM theta} by least squares.
 Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, int N) {
-  const std::vector<Eigen::Array4d> sums = sums_of_powers(theta, y, N);
+  const std::vector<Sums> sums = sums_of_powers(theta, y, N);
   const auto moment = [&](int m) {
-    return m >= 0 ? Complex(sums[m][0], sums[m][1]) : Complex(sums[-m][0], -sums[-m][1]);
+    const Pair& sum = sums[std::abs(m)].weights;
+    return Complex(sum[0], m >= 0 ? sum[1] : -sum[1]);
   };
   Eigen::MatrixXcd gram(2 * N + 1, 2 * N + 1);
   Eigen::VectorXcd right(2 * N + 1);
   for (int row = -N; row <= N; ++row) {
     const int m = std::abs(row);
-    right[row + N] = {sums[m][2], row >= 0 ? -sums[m][3] : sums[m][3]};
+    const Pair& sum = sums[m].values;
+    right[row + N] = {sum[0], row >= 0 ? -sum[1] : sum[1]};
     for (int col = -N; col <= N; ++col) gram(row + N, col + N) = moment(col - row);
   }
   return gram.ldlt().solve(right);
