@@ -1,9 +1,10 @@
 #include "report/figure.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
-#include <iterator>
+#include <cstdint>
 #include <limits>
 
 namespace twinrate::report {
@@ -11,20 +12,31 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-Json rounded(double value, int digits) {
-  if (!std::isfinite(value)) return nullptr;
-  char text[32];
-  const auto end =
-      std::to_chars(text, std::end(text), value, std::chars_format::scientific, digits - 1).ptr;
-  std::from_chars(text, end, value);
-  return value;
+void append(std::vector<std::uint8_t>& text, double value, int digits) {
+  std::array<char, 32> number{'n', 'u', 'l', 'l'};
+  const char* end = &number[4];
+  if (std::isfinite(value))
+    end =
+        std::to_chars(number.begin(), number.end(), value, std::chars_format::general, digits).ptr;
+  text.insert(text.end(), number.cbegin(), end);
 }
 
+// The text of a number, or of an array of them.
+Json rounded(double value, int digits) {
+  std::vector<std::uint8_t> text;
+  append(text, value, digits);
+  return Json::binary(std::move(text));
+}
 Json rounded(const std::vector<double>& values, int digits) {
-  Json::array_t list;
-  list.reserve(values.size());
-  for (const double value : values) list.push_back(rounded(value, digits));
-  return list;
+  std::vector<std::uint8_t> text;
+  text.reserve(values.size() * static_cast<std::size_t>(digits + 8));
+  for (const double value : values) {
+    text.push_back(text.empty() ? '[' : ',');
+    append(text, value, digits);
+  }
+  if (text.empty()) text.push_back('[');
+  text.push_back(']');
+  return Json::binary(std::move(text));
 }
 
 // Positions in [first, last) of the smallest and the largest value; NaN only if all values are NaN.
@@ -92,10 +104,8 @@ Json to_json(const Figure& figure, std::size_t max_points) {
   json["note"] = figure.note;
   json["bars"] = figure.bars;
   if (figure.log_y) json["log_y"] = true;
-  for (const auto& [from, to] : figure.shaded)
-    json["shaded"].push_back({rounded(from, 6), rounded(to, 6)});
-  if (figure.y_range)
-    json["y_range"] = {rounded(figure.y_range->first, 5), rounded(figure.y_range->second, 5)};
+  for (const auto& [from, to] : figure.shaded) json["shaded"].push_back(rounded({from, to}, 6));
+  if (figure.y_range) json["y_range"] = rounded({figure.y_range->first, figure.y_range->second}, 5);
   for (const auto& [x, text] : figure.marks) json["marks"].push_back({{"x", x}, {"text", text}});
   if (figure.level)
     json["level"] = {{"y", rounded(figure.level->first, 5)}, {"text", figure.level->second}};
@@ -112,6 +122,28 @@ Json to_json(const Figure& figure, std::size_t max_points) {
     json["series"].push_back(std::move(one));
   }
   return json;
+}
+
+std::string text_of(const Json& json) {
+  const auto list = [&json](char open, char close, const auto& item) {
+    std::string text(1, open);
+    for (const auto& [key, value] : json.items()) {
+      if (text.size() > 1) text += ',';
+      text += item(key, value);
+    }
+    return text + close;
+  };
+  if (json.is_binary()) {
+    const std::vector<std::uint8_t>& text = json.get_binary();
+    return {reinterpret_cast<const char*>(text.data()), text.size()};
+  }
+  if (json.is_array())
+    return list('[', ']', [](const std::string&, const Json& value) { return text_of(value); });
+  if (json.is_object())
+    return list('{', '}', [](const std::string& key, const Json& value) {
+      return text_of(Json(key)) + ':' + text_of(value);
+    });
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 std::vector<double> values_of(const std::vector<TickRow>& rows, const Quantity& quantity) {

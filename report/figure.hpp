@@ -46,7 +46,11 @@ struct Figure {
   bool empty() const { return series.empty(); }
 };
 
+// Numbers that are drawn are Json::binary, their text: thousands of them as values of their own would
+// be most of the time of a page. text_of() writes them.
 Json to_json(const Figure& figure, std::size_t max_points = kMaxPoints);
+// One line of JSON.
+std::string text_of(const Json& json);
 
 // values[i] = quantity(rows[i]).
 using Quantity = std::function<double(const TickRow&)>;

@@ -43,7 +43,7 @@ std::string escape_html(std::string text) {
 
 // JSON inside a script element must not end it.
 std::string embedded(const Json& json) {
-  std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  std::string text = report::text_of(json);
   replace_all(text, "<", "\\u003c");
   return text;
 }
