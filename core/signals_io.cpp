@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <concepts>
-#include <utility>
 #include <vector>
 
 #include "core/decode.hpp"
@@ -127,11 +126,16 @@ void fields(auto& w, Is<Command> auto& c, auto copy) {
 
 // Header and fields; the sizes of arrays are set in `w`.
 template <class Wire, class Own>
-Wire encoded(Wire w, const Own& own, std::int64_t session) {
+void fill(Wire& w, const Own& own, std::int64_t session) {
   w.seq = own.k;
   w.t_ns = own.t_ns;
   w.session = session;
   fields(w, own, ToWire{});
+}
+template <class Wire, class Own>
+Wire filled(const Own& own, std::int64_t session) {
+  Wire w{};
+  fill(w, own, session);
   return w;
 }
 
@@ -170,27 +174,30 @@ bool sizes_fit(const gain_t*, const std::uint8_t* bytes, std::size_t size) {
 }
 
 measurement_t to_wire(const Measurement& m, std::int64_t session) {
-  return encoded(measurement_t{}, m, session);
+  return filled<measurement_t>(m, session);
 }
 truth_t to_wire(const Truth& t, std::int64_t session) {
-  return encoded(truth_t{}, t, session);
+  return filled<truth_t>(t, session);
 }
 reference_t to_wire(const Reference& r, std::int64_t session) {
-  return encoded(reference_t{}, r, session);
+  return filled<reference_t>(r, session);
 }
 command_t to_wire(const Command& c, std::int64_t session) {
-  return encoded(command_t{}, c, session);
+  return filled<command_t>(c, session);
 }
 
-estimate_t to_wire(const Estimate& e, std::int64_t session) {
-  estimate_t w{};
+void to_wire(const Estimate& e, std::int64_t session, estimate_t& w) {
   w.n_x = e.n_x;
   w.n_y = e.n_y;
-  return encoded(std::move(w), e, session);
+  fill(w, e, session);
+}
+estimate_t to_wire(const Estimate& e, std::int64_t session) {
+  estimate_t w{};
+  to_wire(e, session, w);
+  return w;
 }
 
-gain_t to_wire(const Gain& g, std::int64_t session) {
-  gain_t w{};
+void to_wire(const Gain& g, std::int64_t session, gain_t& w) {
   w.n_x = g.n_x;
   w.n_y = g.n_y;
   w.n_K = g.n_x * g.n_y;
@@ -198,7 +205,13 @@ gain_t to_wire(const Gain& g, std::int64_t session) {
   w.n_speeds = g.n_speeds;
   w.n_K_at = g.n_speeds * w.n_K;
   w.at_omega_m_rad_s.resize(static_cast<std::size_t>(g.n_speeds));
-  return encoded(std::move(w), g, session);
+  w.K_at.resize(static_cast<std::size_t>(w.n_K_at));
+  fill(w, g, session);
+}
+gain_t to_wire(const Gain& g, std::int64_t session) {
+  gain_t w{};
+  to_wire(g, session, w);
+  return w;
 }
 
 Measurement from_wire(const measurement_t& w) {

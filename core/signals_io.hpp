@@ -11,6 +11,9 @@ estimate_t to_wire(const Estimate& e, std::int64_t session);
 gain_t to_wire(const Gain& g, std::int64_t session);
 reference_t to_wire(const Reference& r, std::int64_t session);
 command_t to_wire(const Command& c, std::int64_t session);
+// Into a message that is used again, whose arrays keep their memory.
+void to_wire(const Estimate& e, std::int64_t session, estimate_t& w);
+void to_wire(const Gain& g, std::int64_t session, gain_t& w);
 
 Measurement from_wire(const measurement_t& w);
 Truth from_wire(const truth_t& w);

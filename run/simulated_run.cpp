@@ -34,12 +34,16 @@ class SimulatedBus {
   }
   void publish_tick(const TickRecord& tick) {
     t_ns_ = tick.measurement.t_ns;
-    publish(tick.measurement, &RunLog::measurement);
-    publish(tick.truth, &RunLog::truth);
-    publish(tick.estimate, &RunLog::estimate);
-    if (tick.has_gain) publish(tick.gain, &RunLog::gain);
-    publish(tick.reference, &RunLog::reference);
-    publish(tick.command, &RunLog::command);
+    to_wire(tick.estimate, session_, estimate_);
+    publish(tick.measurement, to_wire(tick.measurement, session_), &RunLog::measurement);
+    publish(tick.truth, to_wire(tick.truth, session_), &RunLog::truth);
+    publish(tick.estimate, estimate_, &RunLog::estimate);
+    if (tick.has_gain) {
+      to_wire(tick.gain, session_, gain_);
+      publish(tick.gain, gain_, &RunLog::gain);
+    }
+    publish(tick.reference, to_wire(tick.reference, session_), &RunLog::reference);
+    publish(tick.command, to_wire(tick.command, session_), &RunLog::command);
     writer_.mark(tick.measurement.k + 1);
     if (tick.gain_every_nth)
       publish_event(Reason::kGainEveryNth, kAgreedText, tick.estimate.k, tick.estimate.t_ns,
@@ -58,26 +62,28 @@ class SimulatedBus {
   }
 
  private:
-  template <class Signal, class Kept>
-  void publish(const Signal& signal, std::vector<Kept> RunLog::*place) {
-    send(to_wire(signal, session_));
+  template <class Signal, class Wire, class Kept>
+  void publish(const Signal& signal, const Wire& wire, std::vector<Kept> RunLog::*place) {
+    send(wire);
     if (kept_) (kept_->*place).emplace_back(signal);
   }
   // Time stamps of the log are those of the ticks.
   template <class Wire>
   void send(const Wire& wire) {
     constexpr auto channel = static_cast<std::size_t>(kChannelOf<Wire>);
-    const int size = wire.getEncodedSize();
-    bytes_.resize(static_cast<std::size_t>(size));
-    wire.encode(bytes_.data(), 0, size);
-    writer_.write(names_[channel], bytes_.data(), bytes_.size(), t0_us_ + t_ns_ / 1000);
+    const auto size = static_cast<std::size_t>(wire.getEncodedSize());
+    if (bytes_.size() < size) bytes_.resize(size);
+    wire.encode(bytes_.data(), 0, static_cast<int>(size));
+    writer_.write(names_[channel], bytes_.data(), size, t0_us_ + t_ns_ / 1000);
     if (kept_) ++kept_->counts[channel];
   }
   LogWriter& writer_;
   std::int64_t session_, t0_us_, t_ns_ = 0;
   RunLog* kept_;
   std::array<std::string, kChannelCount> names_;
-  std::vector<std::uint8_t> bytes_;
+  estimate_t estimate_{};
+  gain_t gain_{};
+  std::vector<std::uint8_t> bytes_;  // of the longest message so far
 };
 
 // The monitor in this process. Tracing takes no drive time.
