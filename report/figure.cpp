@@ -2,23 +2,74 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 
 namespace twinrate::report {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
+// m 10^-places
+struct Decimal {
+  std::int64_t m = 0;
+  int places = 0;
+};
+
+// All that are doubles.
+constexpr std::array kPowersOfTen = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
+                                     1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+                                     1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+
+// size > 0 rounded to `digits` digits, at most 9. Empty where the rounding of one product could decide
+// it: next to the middle of two decimals; and far from 1, where powers of ten are not exact.
+std::optional<Decimal> decimal_of(double size, int digits) {
+  constexpr double kLog10Of2 = 0.3010299956639812;
+  constexpr double kNearMiddle = 1e-6;  // 2^-23 is the error of a product below 2^30
+  const int exponent = static_cast<int>(std::bit_cast<std::uint64_t>(size) >> 52) - 1023;
+  int places = digits - 1 - static_cast<int>(std::floor(exponent * kLog10Of2));
+  const auto scaled_by = [&](int power) {
+    return power < 0 ? size / kPowersOfTen[static_cast<std::size_t>(-power)]
+                     : size * kPowersOfTen[static_cast<std::size_t>(power)];
+  };
+  if (std::abs(places) + 1 >= static_cast<int>(kPowersOfTen.size())) return {};
+  if (scaled_by(places) >= kPowersOfTen[static_cast<std::size_t>(digits)]) --places;
+  const double scaled = scaled_by(places);
+  const auto below = static_cast<std::int64_t>(scaled);
+  const double above_middle = scaled - static_cast<double>(below) - 0.5;
+  if (std::abs(above_middle) < kNearMiddle) return {};
+  Decimal decimal{below + (above_middle > 0), places};
+  for (; decimal.m % 10 == 0; decimal.m /= 10) --decimal.places;
+  return decimal;
+}
+
 void append(std::vector<std::uint8_t>& text, double value, int digits) {
-  std::array<char, 32> number{'n', 'u', 'l', 'l'};
-  const char* end = &number[4];
-  if (std::isfinite(value))
-    end =
-        std::to_chars(number.begin(), number.end(), value, std::chars_format::general, digits).ptr;
-  text.insert(text.end(), number.cbegin(), end);
+  std::array<char, 32> number{};
+  char* end = number.data();
+  const auto put = [&](auto... what) { end = std::to_chars(end, &number.back(), what...).ptr; };
+  const std::optional<Decimal> decimal =
+      std::isfinite(value) && value != 0 ? decimal_of(std::abs(value), digits) : std::nullopt;
+  if (!std::isfinite(value)) {
+    end = std::copy_n("null", 4, end);
+  } else if (!decimal) {
+    put(value, std::chars_format::general, digits);
+  } else {
+    put(value < 0 ? -decimal->m : decimal->m);
+    const auto length = end - number.data() - (value < 0);
+    if (decimal->places > 0 && decimal->places < length) {
+      std::copy_backward(end - decimal->places, end, end + 1);
+      end[-decimal->places] = '.';
+      ++end;
+    } else if (decimal->places != 0) {
+      *end++ = 'e';
+      put(-decimal->places);
+    }
+  }
+  text.insert(text.end(), number.data(), end);
 }
 
 // The text of a number, or of an array of them.

@@ -1,5 +1,6 @@
 #include "report/report.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -432,6 +433,25 @@ TEST_F(Report, RefusesAnEmptyListAndAnUnwritablePath) {
   EXPECT_THROW(
       write_report({{log, config_, summary}}, {}, (directory_ / "no" / "page.html").string()),
       std::runtime_error);
+}
+
+TEST(Figure, ANumberIsTheNearestOneWithFiveDigits) {
+  report::Figure figure;
+  report::Series curve{"values", "hat", {0, -0.0, 1, 400, 1e-300, 1e300, 99999.5, 0.99999501}};
+  curve.values.reserve(5000);
+  // The middle of two decimals is no double: the exact value decides.
+  for (const double middle : {1.00005, 2.00015, 81235.5, 3.14145e-7, 1.23455e12, 9.99995})
+    for (const double value : {std::nextafter(middle, 0), middle, std::nextafter(middle, 1e99)})
+      curve.values.push_back(value), curve.values.push_back(-value);
+  for (int i = 0; i < 4000; ++i) curve.values.push_back(std::sin(i) * std::pow(10, i % 60 - 30));
+  const std::vector<double> values = curve.values;
+  figure.x = values;
+  figure.add(curve);
+  const Json json = Json::parse(report::text_of(report::to_json(figure)));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    EXPECT_EQ(json["series"][0]["values"][i], std::stod(fmt::format("{:.4e}", values[i])));
+    EXPECT_EQ(json["x"][i], std::stod(fmt::format("{:.8e}", values[i])));
+  }
 }
 
 TEST(Figure, ThinningKeepsPeaksAndGaps) {
