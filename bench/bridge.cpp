@@ -16,6 +16,7 @@
 #include <thread>
 
 #include "bridge/link.hpp"
+#include "core/report_error.hpp"
 #include "emulator/rehearsal.hpp"
 #include "loop/load_drive.hpp"
 
@@ -278,7 +279,7 @@ void round_trip(double seconds) {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   const std::string what = argc > 1 ? argv[1] : "";
   if (what == "faults")
     twinrate::faults();
@@ -287,4 +288,6 @@ int main(int argc, char** argv) {
   else
     return fmt::print(stderr, "bridge_bench faults | pty [SECONDS]\n"), 2;
   return 0;
+} catch (...) {
+  return twinrate::report_error("bridge");
 }

@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <iostream>
 
+#include "core/report_error.hpp"
 #include "loop/closed_loop.hpp"
 
 namespace twinrate {
@@ -140,16 +141,13 @@ void print_table() {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
-  try {
-    if (argc < 4)
-      print_table();
-    else
-      print_header(),
-          print_row(argv[1], std::atof(argv[2]), std::atoi(argv[3]), {argv + 4, argv + argc});
-  } catch (const BadInput& error) {
-    std::cerr << "closed_floquet: " << error.what() << "\n";
-    return 2;
-  }
+  if (argc < 4)
+    print_table();
+  else
+    print_header(),
+        print_row(argv[1], std::atof(argv[2]), std::atoi(argv[3]), {argv + 4, argv + argc});
+} catch (...) {
+  return twinrate::report_error("closed_floquet");
 }

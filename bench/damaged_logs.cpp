@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <filesystem>
 
+#include "core/report_error.hpp"
 #include "core/run_log.hpp"
 #include "tests/support/damaged_log.hpp"
 
@@ -99,7 +100,7 @@ void run(const std::vector<std::string>& arguments, Outcome& outcome) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   if (argc < 2) {
     std::fprintf(stderr, "damaged_logs TWINRATE [COUNT] [SEED]\n");
     return 2;
@@ -127,4 +128,6 @@ int main(int argc, char** argv) {
                 o.taken, o.ended);
   fs::remove_all(name);
   return readers.taken + readers.ended + programs.taken + programs.ended == 0 ? 0 : 1;
+} catch (...) {
+  return twinrate::report_error("damaged_logs");
 }

@@ -10,6 +10,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "core/report_error.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 
@@ -80,7 +81,7 @@ void print_row(const Row& row, const std::vector<int>& ns, double share) {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("Direct starts from 24 angles");
   std::vector<int> ns = {1, 3, 5, 10, 20};
@@ -100,4 +101,6 @@ int main(int argc, char** argv) {
         Row{"ekf_sensorless", "dilys2021", 150}, Row{"backemf_printed", "dilys2021", 150}})
     for (const double share : loads)
       if (only.empty() || only == row.filter) print_row(row, ns, share);
+} catch (...) {
+  return twinrate::report_error("direct_starts");
 }

@@ -28,6 +28,7 @@
 #include <map>
 
 #include "core/reason.hpp"
+#include "core/report_error.hpp"
 #include "core/run_log.hpp"
 #include "core/seconds_since.hpp"
 #include "loop/closed_loop.hpp"
@@ -78,6 +79,7 @@ void print_row(const std::string& fault, const std::vector<Trial>& trials, const
   }
   const auto counted = [&](const std::map<std::string, int>& texts) {
     std::vector<std::string> list;
+    list.reserve(texts.size());
     for (const auto& [text, count] : texts)
       list.push_back(texts.size() > 1 ? fmt::format("{} ({})", text, count) : text);
     return fmt::format("{}", fmt::join(list, "; "));
@@ -364,6 +366,7 @@ class Launch {
                                      "--set",
                                      "bus.peer_timeout_s=1"};
     std::vector<char*> argv;
+    argv.reserve(list.size() + 1);
     for (std::string& text : list) argv.push_back(text.data());
     argv.push_back(nullptr);
     pid_ = fork();
@@ -510,7 +513,7 @@ bool run_set_rows(const Options& o) {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("What a drive does about faults, as a table");
   Options o;
@@ -521,4 +524,6 @@ int main(int argc, char** argv) {
   app.add_option("--set", o.twinrate, "kill and stop processes of this twinrate's launch");
   CLI11_PARSE(app, argc, argv);
   return (o.twinrate.empty() ? run_loop_rows(o) : run_set_rows(o)) ? 0 : 1;
+} catch (...) {
+  return twinrate::report_error("faults");
 }

@@ -43,6 +43,7 @@
 #include "bench/log_digest.hpp"
 #include "core/lcm_socket.hpp"
 #include "core/message_tag.hpp"
+#include "core/report_error.hpp"
 #include "core/seconds_since.hpp"
 
 namespace twinrate {
@@ -248,6 +249,7 @@ pid_t launch(const Options& o, const std::string& pace, const fs::path& dir, int
                                    fmt::format("udpm://239.255.76.67:{}?ttl=0", port)};
   for (const std::string& text : o.overrides) list.insert(list.end(), {"--set", text});
   std::vector<char*> argv;
+  argv.reserve(list.size() + 1);
   for (std::string& text : list) argv.push_back(text.data());
   argv.push_back(nullptr);
   const pid_t pid = fork();
@@ -357,7 +359,7 @@ bool try_pace(const Options& o, const std::string& pace, const fs::path& scratch
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("A flood of mutated messages against a launched set");
   Options o;
@@ -383,4 +385,6 @@ int main(int argc, char** argv) {
   std::error_code ignored;
   if (well) std::filesystem::remove_all(scratch, ignored);
   return well ? 0 : 1;
+} catch (...) {
+  return twinrate::report_error("flood");
 }

@@ -7,6 +7,7 @@
 #include <iostream>
 
 #include "bench/random_drive.hpp"
+#include "core/report_error.hpp"
 #include "identify/identify.hpp"
 #include "identify/simulated_rig.hpp"
 #include "loop/load_drive.hpp"
@@ -120,7 +121,7 @@ int run(std::uint64_t seed, int first, int count, bool talk) {
 }  // namespace
 }  // namespace twinrate::bench
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   CLI::App app{"Identify hidden motors, print the table of errors"};
   std::uint64_t seed = 1;
   int first = 0, count = 20;
@@ -131,4 +132,6 @@ int main(int argc, char** argv) {
   app.add_flag("--text", talk, "print the text of each");
   CLI11_PARSE(app, argc, argv);
   return twinrate::bench::run(seed, first, count, talk);
+} catch (...) {
+  return twinrate::report_error("identify_hidden");
 }

@@ -13,6 +13,7 @@
 
 #include "bench/robustness_figure.hpp"
 #include "controller/make_controller.hpp"
+#include "core/report_error.hpp"
 #include "loop/estimator_loop.hpp"
 #include "plant_sim/plant.hpp"
 
@@ -289,7 +290,7 @@ void robustness_figure() {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   const std::set<std::string> wanted(argv + 1, argv + argc);
   const auto want = [&](const char* part) { return wanted.empty() || wanted.count(part) > 0; };
@@ -299,4 +300,6 @@ int main(int argc, char** argv) {
   if (want("zero")) through_zero();
   if (want("robustness")) robustness();
   if (want("figure")) robustness_figure();
+} catch (...) {
+  return twinrate::report_error("ipmsm_table");
 }

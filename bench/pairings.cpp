@@ -20,6 +20,7 @@
 
 #include "bench/random_drive.hpp"
 #include "controller/controller.hpp"
+#include "core/report_error.hpp"
 #include "estimator/registry.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
@@ -132,7 +133,7 @@ std::vector<Pairing> random_pairings(const Selection& filter, int count, int see
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("Run every filter with every controller, drive, rate ratio and start");
   Selection filter;
@@ -169,4 +170,6 @@ int main(int argc, char** argv) {
                return p.status == "locked" && !p.why.empty();
              }));
   return counts["lost"] + counts["tripped"] + counts["error"] > 0 ? 1 : 0;
+} catch (...) {
+  return twinrate::report_error("pairings");
 }

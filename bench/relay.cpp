@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "core/lcm_socket.hpp"
+#include "core/report_error.hpp"
 #include "model/random.hpp"
 
 namespace {
@@ -155,7 +156,7 @@ class Relay {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   CLI::App app("Joins network namespaces as a network would join hosts");
   Options o;
   app.add_option("INTERFACES", o.interfaces, "one interface of each host")->required();
@@ -173,11 +174,8 @@ int main(int argc, char** argv) {
       is_cut = number == SIGUSR1;
   };
   for (const int number : {SIGTERM, SIGINT, SIGUSR1, SIGUSR2}) std::signal(number, on_signal);
-  try {
-    Relay(o).run();
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "relay: {}\n", error.what());
-    return 3;
-  }
+  Relay(o).run();
   return 0;
+} catch (...) {
+  return twinrate::report_error("relay");
 }

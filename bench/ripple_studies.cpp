@@ -18,6 +18,7 @@
 #include "analysis/order_spectrum.hpp"
 #include "controller/make_controller.hpp"
 #include "core/config.hpp"
+#include "core/report_error.hpp"
 #include "loop/estimator_loop.hpp"
 #include "plant_sim/plant.hpp"
 
@@ -276,11 +277,6 @@ int run(const std::set<std::string>& wanted) {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
-  try {
-    return twinrate::run({argv + 1, argv + argc});
-  } catch (const twinrate::BadInput& error) {
-    std::cerr << "ripple_studies: " << error.what() << "\n";
-    return 2;
-  }
+int main(int argc, char** argv) try { return twinrate::run({argv + 1, argv + argc}); } catch (...) {
+  return twinrate::report_error("ripple_studies");
 }

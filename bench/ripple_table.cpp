@@ -16,6 +16,7 @@
 #include <iostream>
 
 #include "core/config.hpp"
+#include "core/report_error.hpp"
 #include "loop/closed_loop.hpp"
 
 namespace twinrate {
@@ -112,11 +113,8 @@ void print_table(const std::string& sensorless) {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
-  try {
-    twinrate::print_table(argc > 1 ? argv[1] : "docs/sensorless-ripple-drive.toml");
-  } catch (const twinrate::BadInput& error) {
-    std::cerr << "ripple_table: " << error.what() << "\n";
-    return 2;
-  }
+int main(int argc, char** argv) try {
+  twinrate::print_table(argc > 1 ? argv[1] : "docs/sensorless-ripple-drive.toml");
+} catch (...) {
+  return twinrate::report_error("ripple_table");
 }

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "controller/controller.hpp"
+#include "core/report_error.hpp"
 #include "estimator/registry.hpp"
 #include "tests/support/option_probe.hpp"
 
@@ -79,7 +80,7 @@ int print_table(const Selection& s) {
 }  // namespace
 }  // namespace twinrate::test
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("Set every option one at a time and see what it does");
   test::Selection s;
@@ -90,10 +91,7 @@ int main(int argc, char** argv) {
   app.add_option("--key", s.key, "only options that begin so");
   app.add_flag("--all", s.all, "print every option");
   CLI11_PARSE(app, argc, argv);
-  try {
-    return test::print_table(s);
-  } catch (const BadInput& error) {
-    fmt::print(stderr, "silent_options: {}\n", error.what());
-    return 2;
-  }
+  return test::print_table(s);
+} catch (...) {
+  return twinrate::report_error("silent_options");
 }

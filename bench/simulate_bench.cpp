@@ -30,6 +30,7 @@ const std::vector<TickRecord>& recorded() {
     Config config = Config::load("dilys2021", {"rates.n_from=start"});
     ClosedLoop loop(config);
     std::vector<TickRecord> all;
+    all.reserve(kTicks);
     for (int k = 0; k < kTicks; ++k) all.push_back(loop.step());
     return all;
   }();

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/drive_hand.hpp"
+#include "core/report_error.hpp"
 
 namespace {
 
@@ -26,7 +27,7 @@ double quantile(std::vector<double> values, double share) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate;
   if (argc != 3) {
     fmt::print(stderr, "steering_requests RUN_DIR COUNT\n");
@@ -61,4 +62,6 @@ int main(int argc, char** argv) {
   fmt::print("from the request to the answer: p50 {:.2f} ms, p99 {:.2f} ms, max {:.2f} ms\n",
              quantile(waited_ms, 0.5), quantile(waited_ms, 0.99), quantile(waited_ms, 1));
   return common == count ? 0 : 1;
+} catch (...) {
+  return twinrate::report_error("steering_requests");
 }

@@ -6,6 +6,7 @@
 
 #include <cstdlib>
 
+#include "core/report_error.hpp"
 #include "tests/loop/closed_loop.hpp"
 
 namespace twinrate::bench {
@@ -65,7 +66,7 @@ void row(const std::string& name, const Overrides& scenario, const std::vector<i
 }  // namespace
 }  // namespace twinrate::bench
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   using namespace twinrate::bench;
   std::vector<int> ns;
   for (int i = 1; i < argc; ++i) ns.push_back(std::atoi(argv[i]));
@@ -75,4 +76,6 @@ int main(int argc, char** argv) {
   for (double ramp : {2000.0, 16000.0})
     for (double f_e : {10.0, 63.66, 150.0})
       row(fmt::format("standstill to {:g} Hz, {:g}", f_e, ramp), standstill(f_e, ramp), ns);
+} catch (...) {
+  return twinrate::report_error("step_beyond");
 }

@@ -80,6 +80,7 @@ void add_estimator(CLI::App& app, int& exit_code) {
     std::vector<std::string> rest = verb->remaining();
     rest.insert(rest.begin(), "cortex_m3 estimator");
     std::vector<char*> argv;
+    argv.reserve(rest.size());
     for (std::string& argument : rest) argv.push_back(argument.data());
     const CortexLink link = o->link == "uart" ? CortexLink::kUart : CortexLink::kSemihosting;
     exit_code =
@@ -154,6 +155,6 @@ int run(int argc, char** argv) {
 }  // namespace
 }  // namespace twinrate
 
-int main(int argc, char** argv) {
-  return twinrate::run(argc, argv);
+int main(int argc, char** argv) try { return twinrate::run(argc, argv); } catch (...) {
+  return twinrate::report_error("cortex_m3");
 }
