@@ -24,9 +24,8 @@ const Overrides kDrive = {"controller.kind=foc",
                           "controller.foc.speed_bandwidth_Hz=15",
                           "controller.compensation=off",
                           "effect=[]",
-                          "reference.speed_rpm=[[0,150],[0.5,250],[1,200],[1.5,300],[2,120],[2.5,"
-                          "250],[3,200],[3.5,300],[4,150],"
-                          "[4.5,250],[5,200],[5.5,300]]",
+                          ("reference.speed_rpm=[[0,150],[0.5,250],[1,200],[1.5,300],[2,120],[2.5,"
+                           "250],[3,200],[3.5,300],[4,150],[4.5,250],[5,200],[5.5,300]]"),
                           "reference.slew_rad_s2=300"};
 
 Overrides with(Overrides more) {

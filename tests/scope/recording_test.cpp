@@ -262,12 +262,13 @@ TEST(TriggerTest, DoesNotFireAtAStartAboveTheLevel) {
 TEST(TriggerTest, HoldOffAndSingle) {
   TriggerSettings t = rising(1);
   t.length_ticks = 4;
-  t.pre_share = 0.5;
+  t.pre_share = 0.25;
   t.holdoff_ticks = 3;
   std::vector<double> values;
+  values.reserve(12);
   for (int i = 0; i < 12; ++i) values.push_back(i % 2 ? 2 : 0);
   EXPECT_EQ(fired(t, values),
-            (std::vector<std::int64_t>{1, 7}));  // 2 ticks after it, 3 of hold-off
+            (std::vector<std::int64_t>{1, 7}));  // 3 ticks after it, 3 of hold-off
   t.mode = TriggerMode::kSingle;
   EXPECT_EQ(fired(t, values), (std::vector<std::int64_t>{1}));
 }
