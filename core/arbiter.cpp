@@ -20,6 +20,7 @@ bool is(const request_t& request, RequestKind kind) {
 
 std::string names_of(const std::set<int>& roles) {
   std::vector<std::string> names;
+  names.reserve(roles.size());
   for (const int role : roles) names.emplace_back(role_name(role));
   return fmt::format("{}", fmt::join(names, ", "));
 }

@@ -120,8 +120,9 @@ Reassembly::Outcome Reassembly::take_fragment(const Fragment& f, std::uint64_t s
   parts.pieces.emplace_back(f.offset, std::vector<std::uint8_t>(f.bytes, f.bytes + f.size));
   parts.received_bytes += f.size;
   if (parts.pieces.size() == parts.received.size()) {
-    const Parts complete = std::move(parts);
-    parts_.erase(parts_.begin() + (&parts - parts_.data()));
+    const auto place = parts_.begin() + (&parts - parts_.data());
+    const Parts complete = std::move(*place);
+    parts_.erase(place);
     return join(complete, message);
   }
   while (bytes_held() > kMaxReassemblyBytes) give_up(0);

@@ -23,7 +23,7 @@ std::string troff(const std::string& text) {
   }
   for (const char start : {'.', '\''})
     if (out.starts_with(start)) out.insert(0, "\\&");
-  for (auto at = out.find("\n"); at != std::string::npos; at = out.find("\n", at + 1))
+  for (auto at = out.find('\n'); at != std::string::npos; at = out.find('\n', at + 1))
     if (at + 1 < out.size() && (out[at + 1] == '.' || out[at + 1] == '\''))
       out.insert(at + 1, "\\&");
   return out;

@@ -32,8 +32,8 @@ CortexDevice::CortexDevice(const m3::Settings& settings, CortexLink link, double
       if (mkfifo((scratch_.path() + name).c_str(), 0600) != 0) fail("cannot make a FIFO");
   start_emulator(link);
   link == CortexLink::kSemihosting ? open_fifos() : open_socket();
-  const m3::Start start{settings, static_cast<std::uint32_t>(kSysTick_Hz * period_s + 0.5) - 1,
-                        sends_gains};
+  const m3::Start start{
+      settings, static_cast<std::uint32_t>(std::lround(kSysTick_Hz * period_s)) - 1, sends_gains};
   send(&start, sizeof start);
   const std::uint32_t crc = twp_crc32(reinterpret_cast<const std::uint8_t*>(&start), sizeof start);
   send(&crc, sizeof crc);

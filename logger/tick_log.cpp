@@ -8,7 +8,7 @@
 namespace twinrate {
 
 TickLog::TickLog(LogWriter& writer, Order order, const DriveConfig& drive,
-                 std::string channel_suffix, std::int64_t t0_us)
+                 const std::string& channel_suffix, std::int64_t t0_us)
     : writer_(writer),
       order_(order),
       drive_(drive),

@@ -30,8 +30,8 @@ class TickLog {
   enum class Order { kByTick, kAsItComes };
   // `drive` defines the ticks with a GAIN and must outlive this object. `t0_us`: wall time of drive
   // time 0.
-  TickLog(LogWriter& writer, Order order, const DriveConfig& drive, std::string channel_suffix,
-          std::int64_t t0_us);
+  TickLog(LogWriter& writer, Order order, const DriveConfig& drive,
+          const std::string& channel_suffix, std::int64_t t0_us);
 
   // False for a message of a tick that is too far ahead: nobody can send the ticks between again.
   // By tick, the first message of a tick and channel counts. A MEASUREMENT begins its tick: what

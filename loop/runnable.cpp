@@ -429,6 +429,7 @@ std::string anybody_may_command(Config& config) {
 
 std::vector<std::string> texts_of(const std::vector<Warning>& warnings) {
   std::vector<std::string> texts;
+  texts.reserve(warnings.size());
   for (const Warning& w : warnings) texts.push_back(w.text);
   return texts;
 }

@@ -13,7 +13,7 @@
 
 namespace twinrate {
 
-using Pair = double [[gnu::vector_size(16)]];
+using Pair [[gnu::vector_size(16)]] = double;
 
 struct PlainState {
   Pair i_dq, u_dq, motion;  // motion: omega_m, theta_m

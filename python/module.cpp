@@ -341,13 +341,13 @@ struct Arguments {
   std::vector<char*> pointers;
 };
 
-int estimator_process(std::vector<std::string> argv, const py::object& make) {
+int estimator_process(const std::vector<std::string>& argv, const py::object& make) {
   const SignalsOfPython signals;
   Arguments a(argv);
   return run_estimator(a.texts.at(0).c_str(), a.count(), a.pointers.data(), maker_of(make));
 }
 
-int controller_process(std::vector<std::string> argv, const py::object& make) {
+int controller_process(const std::vector<std::string>& argv, const py::object& make) {
   const SignalsOfPython signals;
   Arguments a(argv);
   return run_controller(
@@ -356,7 +356,7 @@ int controller_process(std::vector<std::string> argv, const py::object& make) {
       });
 }
 
-int reference_process(std::vector<std::string> argv, const py::object& omega_m_ref) {
+int reference_process(const std::vector<std::string>& argv, const py::object& omega_m_ref) {
   const SignalsOfPython signals;
   Arguments a(argv);
   return run_reference(
@@ -458,6 +458,7 @@ void bind_signals(py::module_& m) {
 }  // namespace
 
 PYBIND11_MODULE(_twinrate, m) {
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): the type that pybind11 takes
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);

@@ -79,7 +79,7 @@ std::vector<std::string> channel_list(const std::string& text) {
   std::vector<std::string> names;
   std::stringstream in(text);
   for (std::string name; std::getline(in, name, ',');) {
-    if (name.rfind("DRIVE_", 0) != 0) name = "DRIVE_" + name;
+    if (name.rfind("DRIVE_", 0) != 0) name.insert(0, "DRIVE_");
     const bool known = std::any_of(kChannels.begin(), kChannels.end(),
                                    [&](const ChannelInfo& c) { return c.name == name; });
     if (!known) throw BadInput(fmt::format("--only {}: no such channel", name));

@@ -434,6 +434,7 @@ double quantile(std::vector<double> x, double share) {
 
 std::vector<double> sizes(const std::vector<Vec2>& x) {
   std::vector<double> out;
+  out.reserve(x.size());
   for (const Vec2& v : x) out.push_back(v.norm());
   return out;
 }

@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 class Authority : public testing::Test {
- protected:
+ public:
   Authority() { fs::create_directories(directory_); }
   ~Authority() override { fs::remove_all(directory_); }
 

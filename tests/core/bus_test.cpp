@@ -98,7 +98,7 @@ TEST(BusMalformed, IsCountedAndNeverHeard) {
 }
 
 class Tagged : public ::testing::Test {
- protected:
+ public:
   Tagged() : token_((directory_ / "token").string()) {}
   ~Tagged() override { std::filesystem::remove_all(directory_); }
   static std::filesystem::path fresh_directory() {

@@ -1,6 +1,7 @@
 // Valid drive files and their configs. Invalid ones: config_refusal_test.cpp.
 #include "core/config.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -27,9 +28,10 @@ void read_every_table(Config& config) {
   const auto read_others = [&](const std::string& owner, const std::string& chosen,
                                const std::vector<std::string>& kinds, auto make_builder) {
     for (const std::string& kind : kinds) {
-      if (kind == chosen || !config.has_table(owner + "." + kind)) continue;
+      const std::string table = fmt::format("{}.{}", owner, kind);
+      if (kind == chosen || !config.has_table(table)) continue;
       const auto builder = make_builder(kind);
-      config.read_table(owner + "." + kind, [&](FieldVisitor& f) { builder->fields(f); });
+      config.read_table(table, [&](FieldVisitor& f) { builder->fields(f); });
     }
   };
   for (const OwnedTable& table : owned_tables()) config.read_table(table.path, table.fields);

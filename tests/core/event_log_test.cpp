@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 using test::Damage, test::RawEvent;
 
 class DamagedLog : public testing::Test {
- protected:
+ public:
   DamagedLog()
       : root_(fs::temp_directory_path() / ("twinrate-damaged-" + std::to_string(getpid()))) {
     fs::remove_all(root_);

@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 class Output : public testing::Test {
- protected:
+ public:
   Output() : root_(fs::temp_directory_path() / ("twinrate-output-" + std::to_string(getpid()))) {
     fs::remove_all(root_);
     fs::create_directories(root_);

@@ -125,9 +125,10 @@ TEST(SlipsOfKnownSheets, AnEmfConstantOfTheOtherVoltageIsNamed) {
     for (const auto& [line, phase] :
          {std::pair("=line_rms", "=phase_rms"), std::pair("=line_peak", "=phase_peak")}) {
       std::vector<std::string> pairs = known.pairs;
-      const auto convention = std::find_if(pairs.begin(), pairs.end(), [&](const std::string& p) {
-        return p.find("convention") != std::string::npos && p.ends_with(line);
-      });
+      const auto convention =
+          std::find_if(pairs.begin(), pairs.end(), [end = line](const std::string& p) {
+            return p.find("convention") != std::string::npos && p.ends_with(end);
+          });
       if (convention == pairs.end()) continue;
       convention->replace(convention->find('='), std::string::npos, phase);
       const DriveOfSheet drive = drive_of_sheet(known.preset, read_sheet(pairs));

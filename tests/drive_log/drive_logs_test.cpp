@@ -150,7 +150,10 @@ TEST_F(DriveLogsTest, BlocksKeepTheStartOfTheirLog) {
 
 // Bursts of 900 rows, 0.2 s apart, beyond the memory: shorter blocks, none across a gap.
 TEST_F(DriveLogsTest, ALongLogInShortBurstsIsTracedInShorterBlocks) {
-  for (std::size_t k = 0; k < raw_.size(); ++k) raw_.t[k] += 0.2 * static_cast<double>(k / 900);
+  for (std::size_t k = 0; k < raw_.size(); ++k) {
+    const std::size_t burst = k / 900;
+    raw_.t[k] += 0.2 * static_cast<double>(burst);
+  }
   const DriveLogs logs = read({.data = {write("bursts.csv", as_it_is)}}, kAllowed);
   ASSERT_GT(logs.record.size(), 3000u);
   std::size_t apart = 0;

@@ -55,7 +55,7 @@ std::string long_text() {
 
 TEST_F(Csv, AnotherSeparatorIsReportedWithItsMapEntry) {
   for (const std::string other : {";", "\t"}) {
-    const std::string path = write("# a\nt" + other + "i_q\n0" + other + "1\n");
+    const std::string path = write(fmt::format("# a\nt{0}i_q\n0{0}1\n", other));
     try {
       CsvReader reader(path, {});
       ADD_FAILURE() << other;

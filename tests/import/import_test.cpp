@@ -334,6 +334,7 @@ TEST(TickGridTest, TwoRowsInATickUseTheFreeNeighbourAndMoveNoOtherRow) {
 
   // A burst after a stall: rows without a tick are dropped, and the next row is on its own tick.
   std::vector<double> t;
+  t.reserve(206);
   for (int k = 0; k < 200; ++k) t.push_back(0.001 * k);
   for (double late : {0.2045, 0.2047, 0.2049, 0.2051, 0.206, 0.207}) t.push_back(late);
   const TickGrid burst = place_on_grid(rows_at(t), 1000);
@@ -343,6 +344,7 @@ TEST(TickGridTest, TwoRowsInATickUseTheFreeNeighbourAndMoveNoOtherRow) {
 
 TEST(TickGridTest, RowsFasterThanTheDriveAreRefusedWithTheRateThatFits) {
   std::vector<double> t;
+  t.reserve(300);
   for (int k = 0; k < 300; ++k) t.push_back(k / 2000.0);
   try {
     place_on_grid(rows_at(t), 1000);

@@ -2,7 +2,7 @@
 // Eigen takes the blocks of its products, and fused multiply-add, with which the C library has
 // other variants of sin, exp and pow.
 #include <gtest/gtest.h>
-#if __has_include(<sys/platform/x86.h>)
+#if __has_include(<sys/platform/x86.h>) && !defined(__clang__)  // it uses _Bool in C++
 #include <sys/platform/x86.h>
 #endif
 

@@ -68,6 +68,7 @@ class Report : public ::testing::Test {
   std::string page_of(const std::vector<RunLog>& logs, const ReportOptions& options = {},
                       const std::vector<std::string>& manifests = {}) const {
     std::vector<Summary> summaries;
+    summaries.reserve(logs.size());
     for (const RunLog& log : logs)
       summaries.push_back(summarise(log, config_, options.angle_reference));
     std::vector<ReportRun> runs;

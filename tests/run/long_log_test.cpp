@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 class LongLogTest : public ::testing::Test {
- protected:
+ public:
   LongLogTest() {
     char pattern[] = "/tmp/long-log-XXXXXX";
     directory_ = mkdtemp(pattern);

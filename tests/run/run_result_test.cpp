@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 class RunResult : public testing::Test {
- protected:
+ public:
   RunResult()
       : config_(
             load_drive("dilys2021", {"run.duration_s=0.1", "run.settle_s=0.02", "start=flying"})),

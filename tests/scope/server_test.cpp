@@ -142,6 +142,7 @@ TEST_F(ScopeServer, ClosesConnectionsBeyondItsLimitAndRecovers) {
   {
     std::vector<std::unique_ptr<Connection>> crowd;
     int closed = 0;
+    crowd.reserve(200);
     for (int i = 0; i < 200; ++i) crowd.push_back(std::make_unique<Connection>(server_->port()));
     for (const auto& one : crowd) closed += one->closed_by_server(0) || one->closed_by_server(20);
     EXPECT_GE(closed, 200 - static_cast<int>(kMostConnections));

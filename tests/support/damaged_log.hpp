@@ -97,7 +97,7 @@ class Damage {
     return bad[below(std::size(bad))];
   }
   // Within an event: a log that ends with a whole event needs the counts of manifest.json.
-  std::string cut(std::string file) {
+  std::string cut(const std::string& file) {
     std::size_t at = below(file.size(), 1);
     const std::string sync = "\xED\xA1\xDA\x01";
     while (file.compare(at, 4, sync) == 0) ++at;

@@ -1,5 +1,7 @@
 #include "tests/support/option_probe.hpp"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -257,6 +259,7 @@ std::vector<std::string> other_lists(const FieldRow& row) {
   std::vector<std::string> list;
   const auto add = [&](auto&& of) {
     std::vector<double> other;
+    other.reserve(values.size());
     for (const double v : values) other.push_back(std::clamp(of(v), row.lo, row.hi));
     if (other != values) list.push_back(fmt::format("[{:.12e}]", fmt::join(other, ", ")));
   };
@@ -379,7 +382,8 @@ OptionProbe OptionProber::probe(const Option& option) {
       } catch (const BadInput& error) {
         const std::string line = error.what();
         if (line.find('\n') != std::string::npos) return {OptionAnswer::kError, line};
-        if (!names(line, option.key)) return {OptionAnswer::kChanges, value + ": " + line};
+        if (!names(line, option.key))
+          return {OptionAnswer::kChanges, fmt::format("{}: {}", value, line)};
         refusal = line;
       } catch (const std::exception& error) {
         return {OptionAnswer::kError, option.key + "=" + value + ": " + error.what()};

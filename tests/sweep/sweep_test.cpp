@@ -35,7 +35,7 @@ Point in_lanes(const Plan& plan, const DriveConfig& base, const Search& search, 
 }
 
 class SweepTest : public ::testing::Test {
- protected:
+ public:
   SweepTest()
       : directory_(fs::temp_directory_path() / ("twinrate-sweep-" + std::to_string(getpid()))) {
     fs::remove_all(directory_);

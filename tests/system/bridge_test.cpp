@@ -136,7 +136,7 @@ TEST_F(BridgeRun, AfterAProbeARunInLockStepLocks) {
 }
 
 TEST_F(BridgeRun, BadInputIsOneLine) {
-  const auto refused = [](std::vector<std::string> arguments, int code, const char* text) {
+  const auto refused = [](const std::vector<std::string>& arguments, int code, const char* text) {
     const ProgramResult r = run_program(arguments);
     EXPECT_EQ(r.exit_code, code) << text << r.err;
     EXPECT_EQ(count_lines(r.err), 1) << r.err;

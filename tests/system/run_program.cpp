@@ -71,6 +71,7 @@ Program::Program(std::vector<std::string> arguments)
     : begun_s_(now_s()), out_path_(new_file("out")), err_path_(new_file("err")) {
   arguments.front() = program_path(arguments.front());
   std::vector<char*> argv;
+  argv.reserve(arguments.size() + 1);
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
   pid_ = fork();

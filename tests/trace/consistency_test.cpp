@@ -189,7 +189,7 @@ TEST(Units, AnotherMachineIsNoEffect) {
 
 // As large as effects of a working drive get, one and all together.
 TEST(Units, EffectsOfAWorkingDriveAreConsistent) {
-  const auto consistent = [](SyntheticDrive d) {
+  const auto consistent = [](const SyntheticDrive& d) {
     const auto found = found_in(simulate_synthetic(d));
     return testing::AssertionResult(found.empty())
            << (found.empty() ? "" : found.front().quantity + " " + found.front().found);

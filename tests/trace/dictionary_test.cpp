@@ -79,7 +79,7 @@ TEST_F(Renewed, AnEffectInTheModelIsNotRenewed) {
 TEST(Candidates, DriftWithTheRecordNotWithItsClock) {
   RawLog raw = simulate_synthetic({.duration_s = 2});
   for (double& t : raw.t) t += 3600;
-  const FittedDrive drive(std::move(raw), {});
+  const FittedDrive drive(raw, {});
   std::size_t drifting = 0;
   for (const Candidate& c : make_candidates(drive.chain())) {
     if (c.effect->kind() != "resistance") continue;

@@ -192,6 +192,7 @@ TEST_F(WireTest, ATinyWindowSplitPortsAndDropsTogetherChangeNothing) {
 
 TEST_F(WireTest, OnABusyMachineTheBitsAreTheSame) {
   std::vector<std::unique_ptr<Program>> load;
+  load.reserve(3);
   for (int i = 0; i < 3; ++i)
     load.push_back(
         std::make_unique<Program>(std::vector<std::string>{"sh", "-c", "while :; do :; done"}));

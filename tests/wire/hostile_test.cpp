@@ -58,7 +58,7 @@ class Attacker {
   }
   // A damaged copy of each kind of damage, on the message's own channel.
   template <class Message>
-  void damage(Message message, std::vector<std::size_t> texts_at = {}) {
+  void damage(Message message, const std::vector<std::size_t>& texts_at = {}) {
     message.session = session_;
     const Bytes whole = encoded(message);
     send<Message>(Bytes(whole.begin(), whole.begin() + static_cast<long>(whole.size() / 2)));
