@@ -8,6 +8,7 @@
 
 #include "core/config.hpp"
 #include "import/drive_messages.hpp"
+#include "import/row_reader.hpp"
 
 namespace twinrate {
 namespace {
@@ -124,6 +125,20 @@ TEST_F(Import, TwoPhaseCurrentsAreKeptAndGiveTheThird) {
   const std::vector<Measurement> m = measurements(rows);
   EXPECT_EQ(m[8].signals, kPhaseCurrents | kPosition);
   EXPECT_EQ(m[8].i_abc, Vec3(1.5, -2, 0.5));
+}
+
+TEST_F(Import, ReadAgainFromAPlaceAnAngleHasNoTurns) {
+  const std::string file =
+      csv("t,enc", [](int k) { return fmt::format("{},{}", 0.001 * k, 30 * k % 100); });
+  const ImportMap map =
+      read_import_map(write("map.toml", "[columns]\ntheta_m = { from = \"enc\", wrap = 100 }\n"));
+  RowReader reader(file, &map, false);
+  const RowReader::Place begin = reader.place();
+  for (int k = 0; k < 10; ++k) ASSERT_TRUE(reader.next());
+  EXPECT_EQ(reader.values().front(), 270);
+  reader.go_to(begin);
+  ASSERT_TRUE(reader.next());
+  EXPECT_EQ(reader.values().front(), 0);
 }
 
 TEST_F(Import, WrappedAnglesAreUnwrapped) {

@@ -163,6 +163,16 @@ TEST_F(LocksFirst, ARealtimeRunCountsTheGainsThatEachTickOwes) {
   EXPECT_EQ(log_->gain_rate().from, 10);
 }
 
+// The period of n ticks counts from tick 0, also where the filter locks between two snapshots.
+TEST_F(LocksFirst, SnapshotsStayMultiplesOfN) {
+  log(TickLog::Order::kAsItComes);
+  for (std::int64_t k = 0; k < 13; ++k) take_tick(k, kGainEveryTick, true);
+  for (std::int64_t k = 13; k < 30; ++k) take_tick(k, 0, k % kGainEvery == 0);
+  log_->close();
+  EXPECT_EQ(of(Channel::kGain).lost, 0);
+  EXPECT_EQ(log_->gain_rate().from, 10);
+}
+
 TEST_F(Account, WhatCameBeforeTheMeasurementOfItsTickIsAskedForAgain) {
   log(TickLog::Order::kByTick);
   take(Channel::kCommand, 0);

@@ -9,6 +9,7 @@
 #include "tests/trace/fitted_drive.hpp"
 #include "trace/fall.hpp"
 #include "trace/statistics.hpp"
+#include "trace/transfer.hpp"
 
 namespace twinrate::gate_test {
 
@@ -168,6 +169,23 @@ TEST(Fall, IsSaidOfWhatFallsOnly) {
   EXPECT_EQ(fall_in_words(0.147, 0.026, "V"), "falls from 0.147 to 0.026 V");
   EXPECT_FALSE(fall_in_words(1.54, 2.56, "V"));
   EXPECT_FALSE(fall_in_words(1.5401, 1.5399, "V"));  // the same as printed
+}
+
+// Holm by hand: of three claims the limits are 1e-3/3, 1e-3/2 and 1e-3, up to the first refused.
+TEST(Transfer, TheMostCertainOfThreeClaimsMustBeThreeTimesAsCertain) {
+  const auto passed = [](const std::vector<double>& p_values) {
+    std::vector<Votes> claims(p_values.size());
+    for (std::size_t i = 0; i < claims.size(); ++i)
+      claims[i].judgement = {.held_out_gain = 0.5, .p_value = p_values[i], .votes = 20};
+    std::vector<bool> out;
+    for (const Refused& r : refused_by_transfer(claims, {}, {})) out.push_back(r.rule.empty());
+    return out;
+  };
+  using Each = std::vector<bool>;
+  EXPECT_EQ(passed({9e-4}), (Each{true}));
+  EXPECT_EQ(passed({9e-4, 4e-4, 6e-4}), (Each{false, false, false}));
+  EXPECT_EQ(passed({9e-4, 3e-4, 4e-4}), (Each{true, true, true}));
+  EXPECT_EQ(passed({6e-4, 9e-4, 1e-5}), (Each{false, false, true}));
 }
 
 }  // namespace twinrate::gate_test
