@@ -272,6 +272,35 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   }
 }
 
+// On rows that judge, where there are any, by four deviations of a mean square over so many rows.
+bool beats_no_change(const EquationError& e) {
+  constexpr double kSigmas = 4;
+  const double after = e.after.held_out > 0 ? e.after.held_out : e.after.train;
+  const double scatter = std::sqrt(2 / static_cast<double>(std::max<std::size_t>(1, e.rows)));
+  return e.no_change * e.no_change > (1 + kSigmas * scatter) * after * after;
+}
+
+// What the samples show lowers no error: beside it the model must hold as where nothing is found,
+// and predict better than no change.
+void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
+  const auto& main = r.main_equation == "electrical" ? r.electrical : r.mechanical;
+  std::string why = more_than_noise(fitter, fit);
+  if (why.empty() && !main) why = "no row shows how well the model predicts";
+  if (why.empty() && !beats_no_change(*main))
+    why = fmt::format(
+        "over {:.3g} ms the model predicts no better than no change does (held-out error {:.3g} "
+        "against {:.3g} {})",
+        1e3 * r.horizon_s, main->after.held_out, main->no_change, main->unit);
+  if (!why.empty()) {
+    r.verdict = "ambiguous";
+    r.sentence = fmt::format(
+        "Cannot tell whether the model lacks more than the samples show: {}. {}", why, r.sentence);
+  } else if (refusal_to_tell(r)) {
+    r.verdict = "unexplained";
+    r.sentence = sentence(r);
+  }
+}
+
 // Effects and stop-gaps: those that passed, with the parameters of the last fit.
 void add_members(const Conclusion& c, TraceResult& r) {
   const Fit& fit = c.selection.fit;
@@ -343,6 +372,9 @@ TraceResult conclude(const Conclusion& c) {
     return r;
   }
   if (r.verdict == "nothing_missing") doubt_nothing(c.last, c.fitted, r);
+  if (r.verdict == "traced" &&
+      std::all_of(r.effects.begin(), r.effects.end(), [](const auto& e) { return e.from_samples; }))
+    doubt_samples_alone(c.last, c.fitted, r);
   // What was found and refused is more than "nothing".
   if (r.verdict == "nothing_missing" && refusal_to_tell(r)) {
     r.verdict = "unexplained";

@@ -66,7 +66,7 @@ TEST(Tracer, NamesCoggingAndFrictionWithTheirSizes) {
   EXPECT_NEAR(parameter(r, "cogging", "amplitude").value, 0.06, 0.0015);
   EXPECT_NEAR(parameter(r, "cogging", "phase").value, 0.8, 0.03);
   EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, 0.15, 0.0015);
-  ASSERT_TRUE(r.mechanical);
+  ASSERT_TRUE(r.mechanical) << r.sentence;
   EXPECT_LT(r.mechanical->after.held_out, 0.5 * r.mechanical->before.held_out);
   // What is left is noise: as large as the floor, and white once it is its own autoregression.
   EXPECT_NEAR(r.mechanical->after.held_out / r.mechanical->noise_floor, 1, 0.15);
@@ -487,35 +487,65 @@ TEST(Tracer, AMotorAtRestCannotTell) {
   EXPECT_NE(r.sentence.find("annot tell"), std::string::npos) << r.sentence;
 }
 
+using Columns = std::vector<std::vector<double>*>;
+
+Columns columns_of(RawLog& raw) {
+  return {&raw.t,      &raw.i_a,     &raw.i_b,  &raw.i_c,   &raw.u_alpha,
+          &raw.u_beta, &raw.theta_m, &raw.v_dc, &raw.T_load};
+}
+
+// One row of 83 is lost.
+RawLog lossy_log(RawLog raw) {
+  for (std::vector<double>* column : columns_of(raw)) {
+    std::size_t row = 0;
+    std::erase_if(*column, [&](double) { return row++ % 83 == 7; });
+  }
+  return raw;
+}
+
 TEST(Tracer, FindsLostAndRepeatedRowsInTheSamples) {
   RawLog raw = simulate_synthetic({});
-  RawLog lossy;
-  lossy.path = raw.path;
-  const auto keep = [](std::size_t k) { return k % 83 != 7; };
-  const std::vector<std::pair<std::vector<double>*, std::vector<double>*>> columns = {
-      {&raw.t, &lossy.t},
-      {&raw.i_a, &lossy.i_a},
-      {&raw.i_b, &lossy.i_b},
-      {&raw.i_c, &lossy.i_c},
-      {&raw.u_alpha, &lossy.u_alpha},
-      {&raw.u_beta, &lossy.u_beta},
-      {&raw.theta_m, &lossy.theta_m},
-      {&raw.v_dc, &lossy.v_dc},
-      {&raw.T_load, &lossy.T_load}};
-  for (const auto& [from, to] : columns)
-    for (std::size_t k = 0; k < from->size(); ++k)
-      if (keep(k)) to->push_back((*from)[k]);
+  const RawLog lossy = lossy_log(raw);
   Health health;
   make_record(lossy, 3, health);
   EXPECT_NEAR(health.missing_share, 1.0 / 83, 5e-4);
   EXPECT_LT(health.stale_share, 1e-4);
-  for (const auto& [from, to] : columns)
-    if (from != &raw.t)
-      for (std::size_t k = 50; k < from->size(); k += 50) (*from)[k] = (*from)[k - 1];
+  for (std::vector<double>* column : columns_of(raw))
+    if (column != &raw.t)
+      for (std::size_t k = 50; k < column->size(); k += 50) (*column)[k] = (*column)[k - 1];
   Health repeated;
   make_record(raw, 3, repeated);
   EXPECT_NEAR(repeated.stale_share, 1.0 / 50, 1e-3);
   EXPECT_EQ(repeated.missing_share, 0);
+}
+
+TEST(Tracer, LostRowsAreTheOnlyFindingWhereTheModelHoldsBesideThem) {
+  const TraceResult r = trace_of(lossy_log(simulate_synthetic({.duration_s = 4})));
+  EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
+  EXPECT_EQ(r.verdict, "traced") << r.sentence;
+}
+
+// The coarse angle drowns the torque: of the model this log says no more than that rows are lost.
+TEST(Tracer, LostRowsAreNoTraceWhereTheModelPredictsNoBetterThanNoChange) {
+  RawLog raw = lossy_log(simulate_synthetic({.duration_s = 4, .slow = true, .counts = 1024}));
+  raw.u_alpha.clear();
+  raw.u_beta.clear();
+  const TraceResult r = trace_of(raw);
+  EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
+  ASSERT_TRUE(r.mechanical) << r.sentence;
+  EXPECT_NEAR(r.mechanical->after.held_out / r.mechanical->no_change, 1, 0.02);
+  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
+  EXPECT_TRUE(r.sentence.starts_with("Cannot tell")) << r.sentence;
+}
+
+TEST(Tracer, LostRowsAreNoTraceWhereMoreThanNoiseIsLeft) {
+  SyntheticDrive drive{.duration_s = 4};
+  drive.extra_load = [](double t, double, double) {
+    return 0.15 * normal(5, 1, static_cast<std::uint64_t>(1000 * t));
+  };
+  const TraceResult r = trace_of(lossy_log(simulate_synthetic(drive)));
+  EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
+  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
 }
 
 TEST(Tracer, AClippedCurrentIsNotACoarseOne) {
