@@ -81,7 +81,7 @@ WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch)
 }
 
 // Of a complex number, or of one number twice.
-using Pair = double [[gnu::vector_size(16)]];
+using Pair [[gnu::vector_size(16)]] = double;
 
 // Of e^{jm theta} of all samples.
 struct Sums {
