@@ -85,27 +85,26 @@ double Foc::load_current(const ControllerInput& in, const Frame& frame) {
   return fed(compensation_);
 }
 
-// Leaves i_dq_wanted_; every speed_divider ticks.
-void Foc::speed_loop(const ControllerInput& in, const Frame& frame) {
+// The current reference; the speed loop takes a step every speed_divider ticks.
+Vec2 Foc::closed_loop_reference(const ControllerInput& in, const Frame& frame) {
+  omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
+  i_d_handover_ *= std::max(0.0, 1 - T_s_ / p_.startup.t_fade);
+  const auto limited = [this] {
+    return limit_current(i_dq_wanted_, field_weakening_.i_d(), i_d_handover_, p_.i_max);
+  };
   const bool due = speed_ticks_ == 0;
   speed_ticks_ = (speed_ticks_ + 1) % p_.speed_divider;
-  if (!due) return;
+  if (!due) return limited();
   const bool at_mtpa = p_.current_angle == CurrentAngle::kMtpa;
   const double error = omega_m_ref_ - frame.omega_m, fed = load_current(in, frame);
   const double I_s = speed_.output(error) + fed;
   const double I_s_limited = std::clamp(I_s, -p_.i_max, p_.i_max);
   i_dq_wanted_ = at_mtpa ? mtpa(machine_, I_s_limited) : Vec2(0, I_s);
   i_dq_wanted_[0] += in.reference.i_d_ref;
-  const double i_q = limit_current(i_dq_wanted_, field_weakening_.i_d(), 0, p_.i_max)[1];
-  const double passed_on = at_mtpa ? mtpa_amplitude(machine_, i_q) : i_q;
+  const Vec2 i_dq = limited();
+  const double passed_on = at_mtpa ? mtpa_amplitude(machine_, i_dq[1]) : i_dq[1];
   speed_.update(error, I_s, passed_on, p_.speed_divider * T_s_);
-}
-
-Vec2 Foc::closed_loop_reference(const ControllerInput& in, const Frame& frame) {
-  omega_m_ref_ = slew(omega_m_ref_, in.reference.omega_m_ref, slew_rate_, T_s_);
-  i_d_handover_ *= std::max(0.0, 1 - T_s_ / p_.startup.t_fade);
-  speed_loop(in, frame);
-  return limit_current(i_dq_wanted_, field_weakening_.i_d(), i_d_handover_, p_.i_max);
+  return i_dq;
 }
 
 Vec2 Foc::feed_forward(const Vec2& i_dq, double omega_e) const {

@@ -80,7 +80,6 @@ class Foc final : public Controller {
   // Voltage of mode c.mode in the frame of c; fills in c.i_dq_ref.
   Vec2 voltage(const ControllerInput& in, const Frame& frame, Command& c);
   void hand_over(const ControllerInput& in, const Frame& frame, double theta_e_forced);
-  void speed_loop(const ControllerInput& in, const Frame& frame);
   Vec2 predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                               const Vec2& u_dq) const;
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);

@@ -174,7 +174,7 @@ Measurement Plant::row() const {
 Truth Plant::truth() const {
   Truth t;
   t.k = k_;
-  t.t_ns = config_.t_ns(k_);
+  t.t_ns = sample_.t_ns;
   t.i_dq = x_.head<2>();
   t.omega_m = x_[2];
   t.theta_m = x_[3];
@@ -219,7 +219,7 @@ Arrival Plant::arrival_of(const Command& command, std::int64_t due) const {
 }
 
 // One step of the state machine with the readings of t_k and the command in force.
-void Plant::protect(Arrival arrival) {
+void Plant::protect(Arrival arrival, bool clamped) {
   SafetyInput in;
   in.reset = reset_k_ >= 0 && k_ >= reset_k_;
   if (in.reset) {
@@ -230,7 +230,7 @@ void Plant::protect(Arrival arrival) {
   in.asked = applied_command_.mode == Mode::kSafe  ? Asked::kSafe
              : applied_command_.mode == Mode::kRun ? Asked::kRun
                                                    : Asked::kForcedAngle;
-  in.clamped = svpwm(applied_command_.u_alphabeta_ref, v_dc_).limited;
+  in.clamped = clamped;
   in.faulty = needs_position_ ? faults_ : faults_ & ~kAnyPositionFault;
   in.i = clarke(sample_.i_abc).norm();
   in.v_dc = sample_.v_dc;
@@ -269,10 +269,13 @@ bool Plant::apply_due_command() {
     frame_turns_ = applied_command_.k >= 0 ? turned / (ticks * config_.T_s()) : 0;
     applied_command_ = commands_[slot];
   }
-  protect(arrival);
+  applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);
+  protect(arrival, applied_.limited);
   if (safety_.is_off()) applied_command_ = Command{.mode = Mode::kSafe};
   if (applied_command_.mode == Mode::kSafe) applied_command_.u_alphabeta_ref.setZero();
-  applied_ = svpwm(voltage_in_force(), v_dc_);
+  const bool as_asked = applied_command_.mode != Mode::kSafe;
+  if (!as_asked || safety_.state() == DriveState::kDerate)
+    applied_ = svpwm(voltage_in_force(), v_dc_);
   return arrival == Arrival::kNotDue || arrival == Arrival::kInTime;
 }
 

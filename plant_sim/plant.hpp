@@ -78,7 +78,8 @@ class Plant {
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
   Arrival arrival_of(const Command& command, std::int64_t due) const;
-  void protect(Arrival arrival);
+  // `clamped`: the voltage in force is outside the hexagon.
+  void protect(Arrival arrival, bool clamped);
   double sensed_temperature() const;
   // The voltage of the command in force, within the reduced current limit of DERATE.
   Vec2 voltage_in_force() const;
