@@ -30,6 +30,15 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                      files.empty() ? "" : files[static_cast<std::size_t>(file)]);
   if (v.judgement.held_out_gain <= 0)
     return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
+  const double of_noise = 1 - std::exp(-2 * v.quieter);
+  if (v.judgement.held_out_gain <= of_noise) {
+    Refused out = refused(v.judgement.held_out_gain,
+                          fmt::format("the energy on rows that judge falls by {:.2g}, that of the "
+                                      "sensors' noise by {:.2g}",
+                                      v.judgement.held_out_gain, of_noise));
+    out.rule = "sensors";
+    return out;
+  }
   return {};
 }
 

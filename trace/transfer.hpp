@@ -22,7 +22,8 @@ struct Votes {
   std::map<int, double> worse;    // by file: chance of pieces so much worse
   std::map<int, double> of_file;  // mean of r_b
 };
-// `quieter` is taken off each r_b; what a file says of itself keeps it.
+// `quieter` is taken off each r_b, and the fall of all together must exceed it; what a file says of
+// itself keeps it.
 Votes votes_of(const Pieces& without, const Pieces& with, double silent, double quieter = 0);
 
 // One a claim, none where it transfers (rule empty): by too few votes, a file that is worse, no

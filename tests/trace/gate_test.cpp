@@ -171,6 +171,22 @@ TEST(Fall, IsSaidOfWhatFallsOnly) {
   EXPECT_FALSE(fall_in_words(1.5401, 1.5399, "V"));  // the same as printed
 }
 
+// Nineteen pieces of noise that the claim makes quieter than drawn, and one of something else that it
+// leaves: all together fall by a tenth, the drawn noise by half.
+TEST(Transfer, PiecesOfNoiseDoNotCarryAClaimThatLeavesTheRest) {
+  Pieces without, with;
+  for (std::size_t b = 0; b < 19; ++b) {
+    without[{0, b}] = 1;
+    with[{0, b}] = 0.3;
+  }
+  without[{0, 19}] = with[{0, 19}] = 100;
+  const double quieter = 0.5 * std::log(2);
+  const Votes votes = votes_of(without, with, 1e-3, quieter);
+  EXPECT_LT(votes.judgement.p_value, 1e-3);
+  EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, "sensors");
+  EXPECT_EQ(refused_by_transfer({votes_of(without, with, 1e-3)}, {}, {}).front().rule, "");
+}
+
 // Holm by hand: of three claims the limits are 1e-3/3, 1e-3/2 and 1e-3, up to the first refused.
 TEST(Transfer, TheMostCertainOfThreeClaimsMustBeThreeTimesAsCertain) {
   const auto passed = [](const std::vector<double>& p_values) {
