@@ -133,7 +133,17 @@ std::vector<std::string> kinds_of_ratio() {
   return kinds;
 }
 
-void name_aliases(const Record& record, TraceResult& r) {
+// The acceleration of this record is mostly noise of the angle: no inertia could be tried.
+bool no_inertia_tried(const Dictionary& dictionary) {
+  const auto shows = [](const Sampled& x) { return x.torque.size() && x.torque.squaredNorm() > 0; };
+  return std::none_of(dictionary.whitened.begin(), dictionary.whitened.end(),
+                      [&](const Candidate& c) {
+                        return is_of(*c.effect, Traits::Family::kInertia) &&
+                               std::any_of(c.columns.begin(), c.columns.end(), shows);
+                      });
+}
+
+void name_aliases(const Record& record, const Dictionary& dictionary, TraceResult& r) {
   constexpr std::size_t kMostAliases = 2;
   const std::vector<std::string> ratio =
       record.has_voltage_equation() ? std::vector<std::string>() : kinds_of_ratio();
@@ -156,6 +166,11 @@ void name_aliases(const Record& record, TraceResult& r) {
       const auto* slope = reading_of(*whole, Traits::Reading::kItsSlope);
       if (slope && may_be_slope(*e.effect, *slope)) e.aliases.emplace_back(device->kind);
     }
+    // A shaft may be the inertia that it takes off the motor.
+    const std::string inertia(make_of(Traits::Family::kInertia)->kind());
+    if (is_shaft(*e.effect) && no_inertia_tried(dictionary) &&
+        !std::count(e.aliases.begin(), e.aliases.end(), inertia))
+      e.aliases.push_back(inertia);
     // A torsion that leaves bursts may be a gap, which then is what they are.
     const auto* gap = reading_of(*e.effect, Traits::Reading::kWhereBurstsRemain);
     const bool loose =
@@ -349,7 +364,7 @@ TraceResult conclude(const Conclusion& c) {
   if (whole &&
       !c.health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : residual_structure(c.last, c.fitted)) r.unexplained.push_back(std::move(s));
-  name_aliases(chain.equations().record(), r);
+  name_aliases(chain.equations().record(), c.dictionary, r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
   if (whole) {
