@@ -1,10 +1,12 @@
 // The frame of a process's main: reads its options, runs it, turns exceptions into exit codes.
 #include <fmt/format.h>
+#include <sched.h>
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
 #include "core/man_page.hpp"
+#include "core/option_values.hpp"
 #include "core/process.hpp"
 #include "core/report_error.hpp"
 
@@ -26,12 +28,15 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
       ->allow_extra_args(false);
   app.add_option("--channel-suffix", o.channel_suffix, "append this text to every channel name");
   app.add_option("--session", o.session,
-                 "bind to this session id; 0: adopt the first session heard");
+                 "bind to this session id; 0: adopt the first session heard")
+      ->check(zero_or_more());
   app.add_option("--pace", pace, "choose the pace: lockstep, wall or realtime")
       ->check(CLI::IsMember({"lockstep", "wall", "realtime"}));
-  app.add_option("--cpu", o.cpu, "pin the process to this CPU");
+  app.add_option("--cpu", o.cpu, "pin the process to this CPU")
+      ->check(CLI::Range(0, CPU_SETSIZE - 1));
   app.add_option("--helper-cpu", o.helper_cpu,
-                 "lock-step: send messages that only the log needs from this CPU");
+                 "lock-step: send messages that only the log needs from this CPU")
+      ->check(CLI::Range(0, CPU_SETSIZE - 1));
   app.add_option(info.role == Role::kLogger ? "--out,--run-dir" : "--run-dir", o.run_dir,
                  "write files into this directory; the logger makes it");
   app.add_option(
@@ -47,6 +52,7 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
     throw CLI::Success();
   };
   app.add_flag_callback("--man-page", print_man_page, "print the man page")->group("");
+  expect_stated_values(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "bridge/link.hpp"
+#include "core/option_values.hpp"
 #include "core/process.hpp"
 #include "core/report_error.hpp"
 #include "emulator/device.hpp"
@@ -141,7 +142,8 @@ void add_options(CLI::App& app, EmulatorOptions& o) {
   app.add_option("--speed", o.speed, "run this many times as fast as the drive")
       ->check(CLI::Range(0.01, 1000.0));
   app.add_option("--baud", o.baud,
-                 "wire time of this rate; 0: none (default: bridge.baud on a pty)");
+                 "wire time of this rate; 0: none (default: bridge.baud on a pty)")
+      ->check(CLI::Range(0, 4000000));
   app.add_option("--seed", o.seed, "seed of the faults");
   app.add_option("--set", o.overrides, "override a key of the drive file: key.path=value")
       ->allow_extra_args(false);
@@ -169,6 +171,7 @@ int main(int argc, char** argv) {
   CLI::App app{"twinrate-emulator\n  A simulated drive that speaks a device protocol"};
   EmulatorOptions o;
   add_options(app, o);
+  expect_stated_values(app);
   catch_stop_signals();
   try {
     expect_utf8(argc, argv);

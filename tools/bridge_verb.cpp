@@ -183,7 +183,8 @@ void add_bridge_verb(CLI::App& app, int& exit_code) {
   add_common(probe_verb, *o);
   probe_verb->add_option("--for", o->for_s, "listen for so many seconds")
       ->check(CLI::Range(0.1, 3600.0));
-  probe_verb->add_option("--clear", o->clear, "leave the off state that this reason code latched");
+  probe_verb->add_option("--clear", o->clear, "leave the off state that this reason code latched")
+      ->check(above_zero());
   probe_verb->callback([o, &exit_code] { exit_code = probe(*o); });
   CLI::App* listen_verb =
       verb->add_subcommand("listen", "Shadow a drive that runs its own control");

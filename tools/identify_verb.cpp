@@ -11,6 +11,7 @@
 #include "identify/identify.hpp"
 #include "identify/simulated_rig.hpp"
 #include "loop/load_drive.hpp"
+#include "plant_sim/safety_parameters.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -23,6 +24,21 @@ struct IdentifyOptions {
   Wiring wiring;
   bool force = false, json = false;
 };
+
+// A limit beyond the one at which the drive switches itself off would not be one.
+void expect_below_trips(const IdentifyOptions& o, Config& drive) {
+  const SafetyLimits trips = safety_limits(drive, drive.read<SafetyParameters>(), 0);
+  if (o.current > trips.i_trip)
+    throw BadInput(
+        fmt::format("--current: above 0 and up to {:.4g} A, where the drive switches off, allowed, "
+                    "found {:g}",
+                    trips.i_trip, o.current));
+  if (o.speed_rpm * kTwoPi / 60 > trips.omega_m_max)
+    throw BadInput(
+        fmt::format("--max-speed: above 0 and up to {:.4g} rpm, where the drive switches off, "
+                    "allowed, found {:g}",
+                    trips.omega_m_max * 60 / kTwoPi, o.speed_rpm));
+}
 
 IdentifyLimits limits(const IdentifyOptions& o, const DriveConfig& sheet) {
   IdentifyLimits l = limits_of(sheet);
@@ -45,11 +61,12 @@ IdentifyHooks hooks(const IdentifyOptions& o) {
 }
 
 int run(const IdentifyOptions& o) {
-  const Config drive = load_drive(o.drive, o.overrides);
+  Config drive = load_drive(o.drive, o.overrides);
   if (o.on == "bridge")
     throw BadInput(o.drive +
                    ": --on bridge: not available: identify does not command a real drive; "
                    "simulated allowed");
+  expect_below_trips(o, drive);
   const Config sheet = load_drive(o.sheet.empty() ? o.drive : o.sheet);
   ResultDirectory directory(o.out, ResultKind::kIdentify, o.force);
   catch_stop_signals();
@@ -94,9 +111,9 @@ void add_identify_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--sheet", o->sheet,
                    "take ratings and data-sheet values from this drive file, not from DRIVE");
   verb->add_option("--current", o->current, "limit the test current, A (default: rated)")
-      ->check(CLI::PositiveNumber);
+      ->check(above_zero());
   verb->add_option("--max-speed", o->speed_rpm, "limit the speed, rpm (default: rated)")
-      ->check(CLI::PositiveNumber);
+      ->check(above_zero());
   verb->add_flag("--swap-phases", o->wiring.swapped_phases, "simulate swapped phases b and c");
   verb->add_flag("--reverse-encoder", o->wiring.reversed_encoder,
                  "simulate an encoder that counts backwards");

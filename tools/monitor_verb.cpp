@@ -130,7 +130,8 @@ void add_monitor_verb(CLI::App& app, int& exit_code) {
     CLI::App* sub = verb->add_subcommand(name, help);
     CLI::Option* file = sub->add_option("FILE", o->file, "the [[effect]] tables of this file");
     file->check(CLI::ExistingFile)->required(remove);
-    sub->add_option("--tick", o->tick, "the tick from which on FILE holds (default: the next one)");
+    sub->add_option("--tick", o->tick, "the tick from which on FILE holds (default: the next one)")
+        ->check(zero_or_more());
     sub->add_option("--lcm-url", o->url, "use this LCM URL");
     sub->add_option("--run-dir", o->run_dir,
                     "the directory of the running launch: its token authorises the request");

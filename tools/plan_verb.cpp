@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "core/option_values.hpp"
 #include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "core/result_directory.hpp"
@@ -69,14 +70,17 @@ CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& o) {
       "propose a run that tells the candidates apart; with --data, a run that adds to those "
       "logs; write plan.toml, plan.json, plan.svg");
   const auto option = [&](const char* name, auto& value, const char* what) {
-    verb.add_option(name, value, what)->needs(plan);
+    return verb.add_option(name, value, what)->needs(plan);
   };
   option("--duration", o.duration, "--plan: limit the length of the run, e.g. 10s");
   option("--kinds", o.kinds,
          "--plan: plan for these kinds of effects only, separated by commas (default: all)");
-  option("--max-speed", o.request.speed_max_rpm, "--plan: limit the speed, rpm");
-  option("--max-current", o.request.i_max_A, "--plan: limit the current amplitude, A");
-  option("--max-load", o.request.T_load_max_Nm, "--plan: limit the torque of the load machine, Nm");
+  option("--max-speed", o.request.speed_max_rpm, "--plan: limit the speed, rpm")
+      ->check(above_zero());
+  option("--max-current", o.request.i_max_A, "--plan: limit the current amplitude, A")
+      ->check(above_zero());
+  option("--max-load", o.request.T_load_max_Nm, "--plan: limit the torque of the load machine, Nm")
+      ->check(zero_or_more());
   verb.add_flag("--no-load-machine", o.no_load_machine, "--plan: plan without a load machine")
       ->needs(plan);
   verb.add_flag("--one-direction", o.one_direction, "--plan: turn the shaft forwards only")

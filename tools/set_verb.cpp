@@ -125,7 +125,7 @@ void add_set_verb(CLI::App& app, int& exit_code) {
                    "take the [[effect]] tables of this file, as they were added, out of it")
       ->check(CLI::ExistingFile);
   verb->add_option("--tick", o->tick, "apply at this tick (default: the next one)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(zero_or_more());
   verb->add_option("--run-dir", o->run_dir,
                    "the directory of the run (default: the newest running one in runs/)");
   verb->add_option("--lcm-url", o->url, "steer the drive on this LCM URL");

@@ -133,14 +133,19 @@ void add_sweep_verb(CLI::App& app, int& exit_code) {
   auto f_s_Hz = std::make_shared<double>(5000), a_turn = std::make_shared<double>(7);
   auto f_b_Hz =
       std::make_shared<std::vector<double>>(std::vector<double>{5000, 2500, 1250, 1000, 500, 50});
-  cost->add_option("--fast-s", halves->fast_s, "set the time of one fast step, s (default 6.1e-6)");
+  cost->add_option("--fast-s", halves->fast_s, "set the time of one fast step, s (default 6.1e-6)")
+      ->check(above_zero());
   cost->add_option("--background-s", halves->background_s,
-                   "set the time of one background step, s (default 31.6e-6)");
-  cost->add_option("--f-s-hz", *f_s_Hz, "set the control rate f_s, Hz (default 5000)");
+                   "set the time of one background step, s (default 31.6e-6)")
+      ->check(above_zero());
+  cost->add_option("--f-s-hz", *f_s_Hz, "set the control rate f_s, Hz (default 5000)")
+      ->check(above_zero());
   cost->add_option("--f-b-hz", *f_b_Hz, "set the background rates f_b, Hz, separated by commas")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->check(above_zero());
   cost->add_option("--gains-a-turn", *a_turn,
-                   "set the gain updates per electrical turn that the policy needs (default 7)");
+                   "set the gain updates per electrical turn that the policy needs (default 7)")
+      ->check(above_zero());
   cost->callback([=] {
     const std::string results = data_directory() + "/bench/results/";
     const auto host = read_counts(results + "instructions.json");

@@ -1,6 +1,4 @@
 // The command line of twinrate. Each verb has its own file.
-#include <cmath>
-
 #include "core/command_line.hpp"
 #include "core/config.hpp"
 #include "core/paths.hpp"
@@ -8,24 +6,6 @@
 #include "tools/verb.hpp"
 
 namespace twinrate {
-namespace {
-
-// A range check of CLI11 lets "nan" pass: it is neither below nor above.
-std::string not_finite(const std::string& text) {
-  double number = 0;
-  const bool is_number = CLI::detail::lexical_cast(text, number);
-  return is_number && !std::isfinite(number) ? "a finite number allowed, found " + text : "";
-}
-
-void expect_finite_numbers(CLI::App& app) {
-  for (CLI::Option* option : app.get_options())
-    if (option->get_type_name().find("FLOAT") != std::string::npos) option->check(not_finite);
-  for (CLI::App* verb : app.get_subcommands([](CLI::App*) { return true; }))
-    expect_finite_numbers(*verb);
-}
-
-}  // namespace
-
 int run_verb(int argc, const char* const* argv) {
   remember_command(command_text(argc, argv));
   CLI::App app{"Run, record and examine PMSM drives with a two-rate Kalman filter over LCM"};
@@ -58,7 +38,7 @@ int run_verb(int argc, const char* const* argv) {
   add_trace_verb(app, exit_code);
   add_tune_verb(app, exit_code);
   add_pages_verb(app, exit_code);
-  expect_finite_numbers(app);
+  expect_stated_values(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -4,6 +4,8 @@
 #pragma once
 #include <CLI/CLI.hpp>
 
+#include "core/option_values.hpp"
+
 namespace twinrate {
 
 void add_bridge_verb(CLI::App& app, int& exit_code);
