@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
+#include "core/reason.hpp"
 #include "core/run_log_part.hpp"
 #include "core/signals_io.hpp"
 
@@ -102,10 +104,17 @@ std::optional<manifest_t> decode_manifest(const void* bytes, int count, const st
 
 namespace {
 
+// A flood of events must not hide the trip behind it.
+void bound(std::vector<EventRecord>& events, std::size_t most) {
+  if (events.size() <= most) return;
+  const bool trip = is_trip(static_cast<Reason>(events.back().reason));
+  if (!trip || events.size() / 2 >= most) events.pop_back();
+}
+
 // Reads the log; what of the messages of ticks it keeps is up to `take_tick`.
 template <class TakeTick>
 RunLog read_with(const std::string& path, const std::string& channel_suffix, OnDamage on_damage,
-                 TakeTick take_tick) {
+                 std::size_t most_events, TakeTick take_tick) {
   RunLog log;
   log.path = path;
   EventLog events(path, on_damage, channel_suffix);
@@ -115,7 +124,7 @@ RunLog read_with(const std::string& path, const std::string& channel_suffix, OnD
     if (*events.channel() < Channel::kStatus)
       take_tick(*events.channel(), *event, log);
     else
-      take(*events.channel(), *event, log);
+      take(*events.channel(), *event, log), bound(log.events, most_events);
   }
   log.counts = events.counts();
   log.counted = events.counted();
@@ -140,24 +149,21 @@ RunLog read_with(const std::string& path, const std::string& channel_suffix, OnD
 RunLog read_run_log(const std::string& path, const std::string& channel_suffix,
                     OnDamage on_damage) {
   return read_with(
-      path, channel_suffix, on_damage,
+      path, channel_suffix, on_damage, std::numeric_limits<std::size_t>::max(),
       [](Channel channel, const lcm::LogEvent& event, RunLog& log) { take(channel, event, log); });
 }
 
 RunLog scan_run_log(const std::string& path, const std::string& channel_suffix, OnDamage on_damage,
                     const std::function<void(Channel, const lcm::LogEvent&)>& take_tick) {
-  return read_with(path, channel_suffix, on_damage,
-                   [&](Channel channel, const lcm::LogEvent& event, RunLog& log) {
-                     if (log.events.size() > kEventsKept) log.events.resize(kEventsKept);
-                     take_tick(channel, event);
-                   });
+  return read_with(
+      path, channel_suffix, on_damage, kEventsKept,
+      [&](Channel channel, const lcm::LogEvent& event, RunLog&) { take_tick(channel, event); });
 }
 
 RunLog read_run_log_part(const std::string& path, const std::string& channel_suffix,
                          OnDamage on_damage, std::int64_t first, std::int64_t last, int n) {
-  return read_with(path, channel_suffix, on_damage,
+  return read_with(path, channel_suffix, on_damage, kEventsKept,
                    [=](Channel channel, const lcm::LogEvent& event, RunLog& log) {
-                     if (log.events.size() > kEventsKept) log.events.resize(kEventsKept);
                      const std::int64_t k = tick_of(event);
                      const std::int64_t from = channel == Channel::kGain ? first - 4 * n : first;
                      if (k >= from && k <= last) take(channel, event, log);

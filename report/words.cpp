@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <tuple>
 
 #include "core/channels.hpp"
@@ -184,6 +185,7 @@ Json summary_table(const RunView& view) {
   for (const Json& row : transport_rows(view.run.manifest_json)) rows.push_back(row);
   return rows;
 }
+  const auto counted = log.counts[static_cast<std::size_t>(Channel::kEvent)];
 
 Json event_table(const RunLog& log) {
   constexpr std::size_t kMaxEvents = 500;
@@ -191,6 +193,13 @@ Json event_table(const RunLog& log) {
   for (const EventRecord& event : log.events) {
     if (rows.size() == kMaxEvents) break;
     rows.push_back(
+  const auto shown = static_cast<std::int64_t>(rows.size());
+  const auto all = std::max<std::int64_t>(counted, static_cast<std::int64_t>(log.events.size()));
+  const std::string log_name = std::filesystem::path(log.path).filename().string();
+  if (all > shown)
+    rows.push_back({"", "", "",
+                    fmt::format("{} more events are not shown: {} holds all {}, in channel {}",
+                                all - shown, log_name, all, info(Channel::kEvent).name)});
         {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
          name_in(kRoleNames, event.role), name_of_reason(event.reason), event.text});
   }

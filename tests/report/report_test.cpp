@@ -381,6 +381,18 @@ TEST_F(Report, OverlaysRunsWithTheirStepsAndNamesWhatDiffers) {
   EXPECT_EQ(differs[0], Json::parse(R"(["rates.n", "-", "13"])"));
 }
 
+TEST_F(Report, SaysHowManyEventsItsTableLeavesOutAndWhereTheyAre) {
+  RunLog log = made_up_run();
+  log.path = "runs/long/log.lcm";
+  for (int i = 0; i < 500; ++i) log.events.push_back({.k = i, .text = "clamped"});
+  EXPECT_EQ(content_of(page_of({log}))["events"].back()[3], "clamped");
+  log.counts[static_cast<std::size_t>(Channel::kEvent)] = 30'000;
+  const Json events = content_of(page_of({log}))["events"];
+  ASSERT_EQ(events.size(), 501u);
+  EXPECT_EQ(events.back()[3],
+            "29500 more events are not shown: log.lcm holds all 30000, in channel DRIVE_EVENT");
+}
+
 TEST_F(Report, NoTextEndsTheScript) {
   RunLog log = made_up_run();
   log.events.push_back(
