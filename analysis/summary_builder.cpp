@@ -162,10 +162,14 @@ bool SummaryBuilder::in_window(const TickRow& row) const {
 // The earliest; an event can be logged before the tick it belongs to.
 void SummaryBuilder::set_trip(const RunLog& head) {
   const EventRecord* first = nullptr;
-  for (const EventRecord& event : head.events)
-    if (is_trip(static_cast<Reason>(event.reason)) && (!first || event.t_ns < first->t_ns))
-      first = &event;
+  for (const EventRecord& event : head.events) {
+    const auto reason = static_cast<Reason>(event.reason);
+    if (!is_trip(reason) || (listened && is_of_own_set(reason))) continue;
+    if (!first || event.t_ns < first->t_ns) first = &event;
+  }
   if (!first) return;
+  const bool listened =
+      config_.plant.kind == PlantKind::kBridge && outline_.span(Channel::kCommand).count == 0;
   summary_.trip =
       Trip{.reason = first->reason,
            .role = first->role,

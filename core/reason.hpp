@@ -213,6 +213,22 @@ constexpr bool is_trip(Reason reason) {
   }
 }
 
+// Trips that end a process of the set or come from its user: of a drive that nobody here commands
+// they say nothing.
+constexpr bool is_of_own_set(Reason reason) {
+  switch (reason) {
+    case Reason::kPeerTimeout:
+    case Reason::kConfigMismatch:
+    case Reason::kProcessDied:
+    case Reason::kEmergencyStop:
+    case Reason::kDiskFull:
+    case Reason::kSupervisorLost:
+      return true;
+    default:
+      return false;
+  }
+}
+
 // The name of a code in kReasons; nullptr for a code that is not there.
 constexpr const char* reason_name(int code) {
   for (const ReasonText& text : kReasons)

@@ -403,6 +403,7 @@ void Supervisor::stop_in_order() {
   progress_.end();
   if (!facts_.ended.empty() || stop_signalled())
     publish_event(stop_signalled() ? Reason::kStopRequested
+                  : listens()      ? Reason::kProcessLost
                   : frozen_        ? Reason::kProcessFrozen
                                    : Reason::kProcessDied,
                   facts_.ended.empty() ? "stopped by Ctrl-C" : facts_.ended);
