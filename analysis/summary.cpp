@@ -36,7 +36,8 @@ RunOutline outline_of(const RunLog& log, const std::vector<TickRow>& rows) {
 std::string speed_word(const Summary& summary) {
   if (!summary.locked.value_or(true) || summary.speed_held.value_or(true)) return "";
   const bool dipped = summary.speed_dip_percent.value_or(0) > 100 * kSpeedTolerance;
-  return summary.uneven ? "uneven" : dipped ? "dipped" : "overshot";
+  const std::string word = summary.uneven ? "uneven" : dipped ? "dipped" : "overshot";
+  return word + (summary.never_at_reference ? ", never at its reference" : "");
 }
 
 std::string trip_text(const Trip& trip) {

@@ -4,7 +4,8 @@
 //
 //   angle error    wrap(theta_e_hat - theta_e) at tick k, into (-pi, pi], electrical
 //   speed error    omega_m_hat - omega_m at tick k, mechanical
-//   locked         every number finite and |angle error| <= pi/2: synchronism. False after a trip.
+//   locked         every number finite and |angle error| <= pi/2: synchronism. False after a trip, and
+//                  where the window has no tick to show it. Empty without an angle to compare with.
 //   speed_held     the true speed off a constant reference by more than 20 % for less than 20 ms in
 //                  total. The reference is the slewed one of COMMAND; it is constant at a tick if
 //                  unchanged for 0.1 s. The speed is not judged at a reference of 0. False after a
@@ -49,7 +50,8 @@ struct Summary {
   std::optional<bool> locked;
   std::optional<bool> speed_held;  // empty without truth or a constant reference
   std::optional<double> speed_dip_percent, speed_unevenness_percent;
-  bool uneven = false;  // speed not held, by its unevenness
+  bool uneven = false;              // speed not held, by its unevenness
+  bool never_at_reference = false;  // at no tick within 20 % of a constant reference
   std::optional<Trip> trip;
   double window_from_s = 0;         // from the first tick of the log
   std::optional<double> lost_at_s;  // first sign of the loss in the whole run, if not locked
@@ -79,8 +81,9 @@ std::string to_json(const Summary& summary, const DriveConfig& config);
 // Copies the counts of the processes (last block of Summary, lost_messages) from a summary.json.
 void take_process_figures(const std::string& summary_json, Summary& summary);
 
-// "uneven", "dipped" or "overshot" if a locked drive did not hold its speed, else "". Uneven: the median turn leaves
-// the band of +/-20 %; below three turns, the speed left it on both sides.
+// "uneven", "dipped" or "overshot" if a locked drive did not hold its speed, else "". Uneven: the
+// median turn leaves the band of +/-20 %; below three turns, the speed left it on both sides.
+// ", never at its reference" behind it if no tick was within the band.
 std::string speed_word(const Summary& summary);
 // "lost_synchronism at 0.5312 s, tick 5312, controller: TEXT"; reason codes by their names.
 std::string trip_text(const Trip& trip);

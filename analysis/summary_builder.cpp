@@ -88,7 +88,10 @@ void SpeedFigures::add(const TickRow& row, double omega_m) {
   }
   judged_ = true;
   const double deviation = omega_m / omega_m_ref_ - 1;
-  if (std::abs(deviation) > kSpeedTolerance) ++ticks_;
+  if (std::abs(deviation) > kSpeedTolerance)
+    ++ticks_;
+  else
+    reached_ = true;
   below_ = std::max(below_, -deviation);
   above_ = std::max(above_, deviation);
   if (row.truth)
@@ -104,6 +107,7 @@ bool SpeedFigures::held() const {
 void SpeedFigures::write(Summary& summary) {
   if (!judged_) return;
   summary.speed_held = held();
+  summary.never_at_reference = !reached_;
   summary.speed_dip_percent = 100 * below_;
   const bool some_turns = static_cast<int>(unevenness_.size()) >= kRippleTurnsMin;
   if (some_turns) {
@@ -159,8 +163,11 @@ bool SummaryBuilder::in_window(const TickRow& row) const {
   return row.t_s >= settled_s_ && !is_forced(row);
 }
 
-// The earliest; an event can be logged before the tick it belongs to.
+// The earliest; an event can be logged before the tick it belongs to. A real drive without a COMMAND
+// runs its own control: the end of a process here is no trip of it.
 void SummaryBuilder::set_trip(const RunLog& head) {
+  const bool listened =
+      config_.plant.kind == PlantKind::kBridge && outline_.span(Channel::kCommand).count == 0;
   const EventRecord* first = nullptr;
   for (const EventRecord& event : head.events) {
     const auto reason = static_cast<Reason>(event.reason);
@@ -168,8 +175,6 @@ void SummaryBuilder::set_trip(const RunLog& head) {
     if (!first || event.t_ns < first->t_ns) first = &event;
   }
   if (!first) return;
-  const bool listened =
-      config_.plant.kind == PlantKind::kBridge && outline_.span(Channel::kCommand).count == 0;
   summary_.trip =
       Trip{.reason = first->reason,
            .role = first->role,
@@ -261,8 +266,10 @@ void SummaryBuilder::set_lock() {
     s.lost_at_s.reset();
     s.lost_why.clear();
   }
-  if (s.trip || s.locked || s.angle_reference == AngleReference::kNone) return;
-  if (outline_.last_is_forced) s.lost_why = "no hand-over to the estimate before the end";
+  if (s.locked || s.angle_reference == AngleReference::kNone) return;
+  s.locked = false;  // nothing was shown
+  s.lost_why = outline_.last_is_forced ? "no hand-over to the estimate before the end"
+                                       : "the run ended before its window, which settle_s begins";
 }
 
 void SummaryBuilder::set_ripple() {

@@ -56,7 +56,7 @@ class SpeedFigures {
   void add_to_turn(double theta_m, double omega_m);
 
   double T_s_;
-  bool known_ = false, judged_ = false;
+  bool known_ = false, judged_ = false, reached_ = false;
   double omega_m_ref_ = 0, changed_s_ = 0;
   std::int64_t ticks_ = 0;
   double below_ = 0, above_ = 0;

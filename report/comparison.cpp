@@ -150,6 +150,7 @@ Json overlay_section(const std::vector<RunView>& views, const std::vector<std::s
 std::string verdict_word(const Summary& s) {
   if (s.trip) return fmt::format("tripped at {:.3g} s", s.trip->t_s);
   if (!s.locked) return "-";
+  if (!*s.locked && !s.lost_at_s) return "not locked";
   if (!*s.locked) return fmt::format("lost at {:.3g} s", s.lost_at_s.value_or(0));
   const std::string word = speed_word(s);
   return word.empty() ? "locked" : "locked, " + word;

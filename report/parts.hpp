@@ -19,7 +19,7 @@ struct RunView {
       : run(r), reference(resolve(wanted, r.log)), rows(tick_rows(r.log)) {}
   int n_p() const { return run.config.machine.n_p; }
   // Synchronism lost or the drive tripped.
-  bool lost() const { return run.summary.locked && !*run.summary.locked; }
+  bool lost() const { return run.summary.locked == false && run.summary.lost_at_s; }
   bool has_P44() const { return run.config.estimator.kind == "ekf_sensorless"; }
   // Word for the reference of the angle errors.
   std::string reference_word() const {

@@ -72,6 +72,7 @@ std::string name_of_reason(int code) {
 std::pair<std::string, std::string> judged(const RunView& view) {
   const Summary& s = view.run.summary;
   if (s.trip) return {"lost", "Tripped: " + trip_text(*s.trip)};
+  if (!*s.locked && !s.lost_at_s) return {"lost", "Not locked: " + s.lost_why};
   if (!*s.locked)
     return {"lost", fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)};
   const std::string word = speed_word(s);
@@ -109,10 +110,6 @@ Json verdict(const RunView& view) {
   const Summary& s = view.run.summary;
   std::string state = "unknown", headline = "No verdict: no independent angle for comparison";
   if (view.rows.empty()) headline = "No verdict: the log is empty";
-  if (!view.rows.empty() && view.end_s() < view.settled_s())
-    headline = fmt::format("No verdict: the run ended before settle_s = {:.4g} s",
-                           view.run.config.run.settle_s);
-  if (!s.locked && !s.lost_why.empty()) headline = "No verdict: " + s.lost_why;
   if (s.locked) std::tie(state, headline) = judged(view);
   std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
   text += errors(view);
@@ -185,14 +182,17 @@ Json summary_table(const RunView& view) {
   for (const Json& row : transport_rows(view.run.manifest_json)) rows.push_back(row);
   return rows;
 }
-  const auto counted = log.counts[static_cast<std::size_t>(Channel::kEvent)];
 
 Json event_table(const RunLog& log) {
   constexpr std::size_t kMaxEvents = 500;
+  const auto counted = log.counts[static_cast<std::size_t>(Channel::kEvent)];
   Json rows = Json::array();
   for (const EventRecord& event : log.events) {
     if (rows.size() == kMaxEvents) break;
     rows.push_back(
+        {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
+         name_in(kRoleNames, event.role), name_of_reason(event.reason), event.text});
+  }
   const auto shown = static_cast<std::int64_t>(rows.size());
   const auto all = std::max<std::int64_t>(counted, static_cast<std::int64_t>(log.events.size()));
   const std::string log_name = std::filesystem::path(log.path).filename().string();
@@ -200,9 +200,6 @@ Json event_table(const RunLog& log) {
     rows.push_back({"", "", "",
                     fmt::format("{} more events are not shown: {} holds all {}, in channel {}",
                                 all - shown, log_name, all, info(Channel::kEvent).name)});
-        {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
-         name_in(kRoleNames, event.role), name_of_reason(event.reason), event.text});
-  }
   return rows;
 }
 

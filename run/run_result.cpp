@@ -106,9 +106,10 @@ std::int64_t lost_in_total(const Summary& s) {
 // The first cause of a bad end comes before any figure.
 std::string verdict_of(const Summary& s) {
   if (s.trip) return "TRIPPED";
-  if (!s.locked) return s.lost_why.empty() ? "no truth to judge by" : "NO VERDICT: " + s.lost_why;
+  if (!s.locked) return "NO VERDICT: no angle to compare the estimate with";
   const std::string word = speed_word(s);
-  return (*s.locked ? "LOCKED" : "LOST") + (word.empty() ? "" : ", " + word);
+  if (!*s.locked) return s.lost_at_s ? "LOST" : "NOT LOCKED: " + s.lost_why;
+  return "LOCKED" + (word.empty() ? "" : ", " + word);
 }
 
 std::string speed_text(const Summary& s) {
@@ -371,8 +372,8 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   facts.not_written =
       write_results(dir, found, config, s, facts, manifest_of(log, facts, latency, account));
   if (!facts.quiet) print_table(directory, config.drive(), s, facts, latency, notable_events(log));
-  const bool well = s.locked.value_or(s.lost_why.empty()) && lost_in_total(s) == 0 &&
-                    facts.ended.empty() && facts.not_written.empty();
+  const bool well = s.locked.value_or(true) && lost_in_total(s) == 0 && facts.ended.empty() &&
+                    facts.not_written.empty();
   return well ? 0 : 1;
 }
 

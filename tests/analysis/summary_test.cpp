@@ -225,7 +225,7 @@ TEST(Summary, TheWindowBeginsAtTheHandOverAtTheEarliest) {
   EXPECT_NEAR(*s.angle_error_max, 0, 1e-9);
   for (Measurement& m : log.measurement) m.mode = Mode::kIfRamp;
   s = summarise(log, config);
-  EXPECT_FALSE(s.locked);
+  EXPECT_EQ(s.locked, false);
   EXPECT_NE(s.lost_why.find("hand-over"), std::string::npos);
 }
 
@@ -312,6 +312,50 @@ TEST(Summary, WithoutAReferenceAngleThereIsNoVerdict) {
   const Summary nothing = summarise(RunLog(), config);
   EXPECT_FALSE(nothing.locked.has_value());
   EXPECT_EQ(nothing.steps, 0);
+}
+
+// A bool: false where nothing was shown, with the reason.
+TEST(Summary, ARunThatNeverCameToItsWindowIsNotLocked) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (Measurement& m : log.measurement) m.mode = Mode::kIfRamp;
+  Summary s = summarise(log, config);
+  EXPECT_EQ(s.locked, false);
+  EXPECT_EQ(s.lost_why, "no hand-over to the estimate before the end");
+  EXPECT_FALSE(s.lost_at_s);
+  EXPECT_EQ(nlohmann::json::parse(to_json(s, config))["locked"], false);
+  DriveConfig late = config;
+  late.run.settle_s = 1e3;
+  s = summarise(steady_run(config), late);
+  EXPECT_EQ(s.locked, false);
+  EXPECT_NE(s.lost_why.find("settle_s"), std::string::npos);
+}
+
+TEST(Summary, ASpeedThatNeverCameIsMoreThanADip) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  for (Truth& t : log.truth) t.omega_m = 0.5 * kOmegaM;
+  EXPECT_EQ(speed_word(summarise(log, config)), "dipped, never at its reference");
+}
+
+// The controller of the drive that is listened to is its own: no COMMAND is in the log.
+TEST(Summary, TheEndOfAListeningProcessIsNoTripOfTheDrive) {
+  DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  const auto trips = [&](Reason reason, std::vector<Command> commands, PlantKind kind) {
+    RunLog one = log;
+    one.command = std::move(commands);
+    one.events = {{.k = 300, .t_ns = 300'000'000, .reason = static_cast<int>(reason)}};
+    config.plant.kind = kind;
+    return summarise(one, config).trip.has_value();
+  };
+  for (const Reason own : {Reason::kProcessDied, Reason::kPeerTimeout, Reason::kDiskFull,
+                           Reason::kSupervisorLost, Reason::kEmergencyStop}) {
+    EXPECT_FALSE(trips(own, {}, PlantKind::kBridge));
+    EXPECT_TRUE(trips(own, log.command, PlantKind::kBridge));
+    EXPECT_TRUE(trips(own, {}, PlantKind::kSimulated));
+  }
+  EXPECT_TRUE(trips(Reason::kDeviceReset, {}, PlantKind::kBridge));
 }
 
 TEST(Summary, CountsGainsAndTheirVariance) {
