@@ -33,18 +33,17 @@ class DisturbedLoop {
     Truth truth;
     bool finite_and_in_step = true;
   };
-  Tick step(ResponseOf of, double x) {
+  // `k_profile`: the tick that reference and load of the drive file are taken at.
+  Tick step(ResponseOf of, double x, std::int64_t k_profile) {
     Tick tick;
     const Measurement& m = plant_.sample();
     tick.truth = plant_.truth();
     const Estimate& estimate = estimator_.tick(m);
-    Reference reference = drive_.reference_at(m.k);
+    Reference reference = drive_.reference_at(k_profile);
     if (of == ResponseOf::kSpeed) reference.omega_m_ref += x;
     if (of == ResponseOf::kCurrent) reference.i_d_ref += x;
-    if (of == ResponseOf::kLoad) {
-      const double t = static_cast<double>(m.k) * drive_.T_s();
-      plant_.follow_load(Profile(drive_.load.T_load_Nm.at(t) + x));
-    }
+    const double t = static_cast<double>(k_profile) * drive_.T_s();
+    plant_.follow_load(Profile(drive_.load.T_load_Nm.at(t) + (of == ResponseOf::kLoad ? x : 0)));
     const double error = wrap_pi(estimate.theta_e - drive_.machine.n_p * tick.truth.theta_m);
     tick.finite_and_in_step = std::isfinite(tick.truth.omega_m) && std::abs(error) < kPi / 2;
     plant_.take_command(controller_->step({m, estimate, reference, &tick.truth}));
@@ -62,11 +61,9 @@ class DisturbedLoop {
 
 FocParameters foc_of(Config& config) {
   FocParameters p;
+  scale(p, config.drive());
   if (config.drive().controller.kind == "foc")
-    config.read_table("controller.foc",
-                      [&](FieldVisitor& f) { scale(p, config.drive()), p.fields(f); });
-  else
-    scale(p, config.drive());
+    config.read_table("controller.foc", [&](FieldVisitor& f) { p.fields(f); });
   return p;
 }
 
@@ -154,7 +151,7 @@ Response measure_response(Config& config, ResponseOf of, const std::function<boo
   for (std::int64_t k = 0; k < settling + (1 + kPeriods) * x.period; ++k) {
     if (stop && stop()) return response;
     const std::int64_t since = k - settling;
-    const auto tick = loop.step(of, since < 0 ? 0 : x.at(since));
+    const auto tick = loop.step(of, since < 0 ? 0 : x.at(since), std::min(k, settling));
     if (since < 0) continue;
     if (!tick.finite_and_in_step) {
       response.locked = false;
@@ -177,22 +174,31 @@ Response measure_response(Config& config, ResponseOf of, const std::function<boo
     line.f = x.lines[l] * d.rates.f_s_Hz / x.period;
     line.H = mean / std::polar(x.amplitude[l], x.phase[l]);
     line.coherence = std::norm(mean) / square;
+    line.sigma = std::abs(line.H) * std::sqrt(std::max(0.0, 1 / line.coherence - 1) /
+                                              static_cast<double>(kPeriods - 1));
     if (has_design) line.design = design(of, d, foc, line.f);
     response.lines.push_back(line);
   }
   return response;
 }
 
+bool ResponseLine::measured() const {
+  return 2 * sigma <= (1 - std::numbers::sqrt2 / 2) * std::abs(H);
+}
+
 std::optional<double> bandwidth(const Response& response, bool of_design) {
+  if (response.lines.empty() || !(of_design || response.lines.front().measured())) return {};
   const auto gain = [&](const ResponseLine& l) {
     return of_design ? (l.design ? std::abs(*l.design) : NAN) : std::abs(l.H);
   };
-  for (std::size_t l = 1; l < response.lines.size(); ++l) {
-    const double level = gain(response.lines[0]) * std::numbers::sqrt2 / 2;
-    const double a = gain(response.lines[l - 1]), b = gain(response.lines[l]);
-    if (!(a >= level && b < level)) continue;
-    const double share = std::log(a / level) / std::log(a / b);
-    return response.lines[l - 1].f * std::pow(response.lines[l].f / response.lines[l - 1].f, share);
+  const double level = gain(response.lines.front()) * std::numbers::sqrt2 / 2;
+  const ResponseLine* below = &response.lines.front();
+  for (const ResponseLine& line : response.lines) {
+    if (!of_design && !line.measured()) continue;
+    const double a = gain(*below), b = gain(line);
+    if (a >= level && b < level)
+      return below->f * std::pow(line.f / below->f, std::log(a / level) / std::log(a / b));
+    below = &line;
   }
   return {};
 }

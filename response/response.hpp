@@ -6,10 +6,14 @@
 //
 // The test signal x is a multisine: 24 lines at multiples of 1/T_p, spread over the logarithm of the
 // frequency, phases by Schroeder. After the settling time of the drive file and one period, four
-// periods are measured. X, Y_p: the lines of x and of the true output in period p.
+// periods are measured. Reference and load of the drive file keep the values of the settling time.
+// X, Y_p: the lines of x and of the true output in period p = 1 .. P.
 //
 //   H         = mean_p Y_p/X
 //   coherence = |mean_p Y_p|^2/mean_p |Y_p|^2        1: the output is the answer to x alone
+//   sigma     = |H| sqrt((1/coherence - 1)/(P - 1))         of |H|
+//
+// A line is measured where 2 sigma is below the 3 dB that the bandwidth asks for.
 //
 // The design has exact currents, angle and speed: what the measured curve lacks of it is the
 // filter's. Discrete, at z = exp(j omega T_s), PI controllers and delay d of the drive file:
@@ -34,8 +38,9 @@ inline constexpr const char* kResponseNames[] = {"speed", "current", "load"};
 struct ResponseLine {
   double f = 0;  // Hz
   std::complex<double> H;
-  double coherence = 0;
+  double coherence = 0, sigma = 0;
   std::optional<std::complex<double>> design;  // of field-oriented control
+  bool measured() const;
 };
 
 struct Response {
@@ -48,7 +53,8 @@ struct Response {
 // `config` as it runs, n included. `stop` ends it early: Response without lines. Throws BadInput.
 Response measure_response(Config& config, ResponseOf of, const std::function<bool()>& stop = {});
 
-// Where |H| first falls 3 dB below its value at the lowest line, Hz; none where it does not.
+// Where |H| of the measured lines first falls 3 dB below its value at the lowest line, Hz; none where it
+// does not, or where the lowest line is not measured.
 std::optional<double> bandwidth(const Response& response, bool of_design);
 
 std::string response_csv(const std::vector<Response>& responses);

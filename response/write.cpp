@@ -33,6 +33,7 @@ Bode bode(const Response& r, bool of_design) {
   std::vector<std::complex<double>> H;
   for (const ResponseLine& l : r.lines) {
     if (of_design && !l.design) return {};
+    if (!of_design && !l.measured()) continue;
     H.push_back(of_design ? *l.design : l.H);
     b.log_f.push_back(std::log10(l.f));
     b.dB.push_back(20 * std::log10(std::abs(H.back())));
@@ -44,13 +45,15 @@ Bode bode(const Response& r, bool of_design) {
 }  // namespace
 
 std::string response_csv(const std::vector<Response>& responses) {
-  std::string text = "n,f_Hz,gain,phase_deg,coherence,design_gain,design_phase_deg\n";
+  std::string text =
+      "n,f_Hz,gain,phase_deg,coherence,design_gain,design_phase_deg,sigma,measured\n";
   for (const Response& r : responses)
     for (const ResponseLine& l : r.lines)
-      text += fmt::format("{},{:.6g},{:.6g},{:.6g},{:.6f},{},{}\n", r.n, l.f, std::abs(l.H),
-                          std::arg(l.H) * kDegrees, l.coherence,
+      text += fmt::format("{},{:.6g},{:.6g},{:.6g},{:.6f},{},{},{:.6g},{}\n", r.n, l.f,
+                          std::abs(l.H), std::arg(l.H) * kDegrees, l.coherence,
                           l.design ? fmt::format("{:.6g}", std::abs(*l.design)) : "",
-                          l.design ? fmt::format("{:.6g}", std::arg(*l.design) * kDegrees) : "");
+                          l.design ? fmt::format("{:.6g}", std::arg(*l.design) * kDegrees) : "",
+                          l.sigma, l.measured() ? 1 : 0);
   return text;
 }
 
@@ -65,6 +68,8 @@ std::string response_json(const std::string& drive, const std::vector<Response>&
            {"gain", std::abs(l.H)},
            {"phase_deg", std::arg(l.H) * kDegrees},
            {"coherence", l.coherence},
+           {"sigma", l.sigma},
+           {"measured", l.measured()},
            {"design_gain", l.design ? Json(std::abs(*l.design)) : Json()},
            {"design_phase_deg", l.design ? Json(std::arg(*l.design) * kDegrees) : Json()}});
     list.push_back({{"n", r.n},
@@ -96,11 +101,14 @@ std::string response_svg(const std::string& drive, const std::vector<Response>& 
     }
     const Bode b = bode(r, false);
     const std::string name = fmt::format("n = {}", r.n), colour = kColours[i % 5];
-    std::vector<double> c;
-    for (const ResponseLine& l : r.lines) c.push_back(l.coherence);
+    std::vector<double> log_f, c;
+    for (const ResponseLine& l : r.lines) {
+      log_f.push_back(std::log10(l.f));
+      c.push_back(l.coherence);
+    }
     gain.curves.push_back({name, colour, b.log_f, b.dB});
     phase.curves.push_back({name, colour, b.log_f, b.phase});
-    coherence.curves.push_back({name, colour, b.log_f, c});
+    coherence.curves.push_back({name, colour, log_f, c});
   }
   return gallery::svg(fmt::format("{}: response of the {} loop", drive,
                                   kResponseNames[static_cast<int>(responses.front().of)]),

@@ -1,7 +1,10 @@
 // twinrate response speed|current|load DRIVE.toml: frequency response beside that of the design.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdio>
+#include <optional>
 #include <sstream>
 
 #include "core/output_file.hpp"
@@ -41,6 +44,17 @@ ResponseOf response_named(const std::string& name) {
   throw BadInput(name + ": speed, current or load allowed");
 }
 
+std::ptrdiff_t measured_lines(const Response& r) {
+  return std::count_if(r.lines.begin(), r.lines.end(),
+                       [](const ResponseLine& l) { return l.measured(); });
+}
+
+// What makes the test signal larger.
+const char* hint(const Response& r) {
+  if (r.of == ResponseOf::kLoad) return "; a faster load.slew_Nm_s admits a larger one";
+  return r.of == ResponseOf::kSpeed ? "; a faster reference.slew_rad_s2 admits a larger one" : "";
+}
+
 void print(const Response& r) {
   fmt::print("  n = {:<4} ", r.n);
   if (!r.locked) {
@@ -50,20 +64,34 @@ void print(const Response& r) {
   double least = 1, peak = 0, design_peak = 0;
   for (const ResponseLine& l : r.lines) {
     least = std::min(least, l.coherence);
-    peak = std::max(peak, std::abs(l.H));
+    if (l.measured()) peak = std::max(peak, std::abs(l.H));
     if (l.design) design_peak = std::max(design_peak, std::abs(*l.design));
   }
-  const auto text = [](const std::optional<double>& f) {
-    return f ? fmt::format("{:.4g} Hz", *f) : std::string("beyond");
+  const auto measured = measured_lines(r);
+  const auto all = static_cast<std::ptrdiff_t>(r.lines.size());
+  if (measured == 0) {
+    fmt::print("not measured: noise and ripple hide the test signal at all {} lines{}\n", all,
+               hint(r));
+    return;
+  }
+  const auto text = [&](const std::optional<double>& f, bool known) {
+    return f ? fmt::format("at {:.4g} Hz", *f) : std::string(known ? "beyond" : "not measured");
   };
   const bool has_design = r.lines.front().design.has_value();
-  const auto beside = [&](const std::string& measured, const std::string& design) {
-    return has_design ? fmt::format("{} (design {})", measured, design) : measured;
+  const auto beside = [&](const std::string& value, const std::string& design) {
+    return has_design ? fmt::format("{} (design {})", value, design) : value;
   };
+  const auto f_design = bandwidth(r, true);
+  const std::string design_bandwidth = f_design ? fmt::format("{:.4g} Hz", *f_design) : "beyond";
   if (r.of != ResponseOf::kLoad)
-    fmt::print("-3 dB at {}, ", beside(text(bandwidth(r, false)), text(bandwidth(r, true))));
+    fmt::print("-3 dB {}, ", beside(text(bandwidth(r, false), measured == all), design_bandwidth));
   fmt::print("largest gain {}, coherence at least {:.3f}\n",
              beside(fmt::format("{:.4g}", peak), fmt::format("{:.4g}", design_peak)), least);
+  if (measured < all)
+    fmt::print(
+        "           {} of {} lines are not measured and left out: noise and ripple hide the test "
+        "signal{}\n",
+        all - measured, all, hint(r));
 }
 
 int run(const ResponseOptions& o) {
@@ -92,7 +120,7 @@ int run(const ResponseOptions& o) {
   }
   fmt::print("written to {0}.csv, {0}.json, {0}.svg\n", o.out);
   for (const Response& r : responses)
-    if (!r.locked) return 1;
+    if (!r.locked || measured_lines(r) == 0) return 1;
   return 0;
 }
 

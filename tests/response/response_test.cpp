@@ -1,6 +1,7 @@
 // The measured response against the design, where theory says that they agree.
 #include "response/response.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -39,6 +40,43 @@ TEST(Response, AWiderDesignIsMeasuredWider) {
                       false);
   };
   EXPECT_NEAR(at("12.0") / at("6.0"), 2, 0.15);
+}
+
+TEST(Response, TheDesignIsOfTheBandwidthThatTheDriveFileGives) {
+  for (const double speed_Hz : {5.0, 12.0}) {
+    const Response r = measured(
+        ResponseOf::kSpeed,
+        {"controller.angle_source=truth", "sensors.i_noise_rms_A=0.0", "sensors.i_lsb_A=0.0",
+         fmt::format("controller.foc.speed_bandwidth_Hz={}", speed_Hz)});
+    ASSERT_TRUE(bandwidth(r, false) && bandwidth(r, true));
+    EXPECT_NEAR(*bandwidth(r, false) / *bandwidth(r, true), 1, 0.03) << speed_Hz << " Hz";
+  }
+}
+
+TEST(Response, StepsOfTheDriveFileAreNoPartOfIt) {
+  // The steps fall into the measured periods.
+  const std::vector<std::string> clean{"controller.angle_source=truth", "sensors.i_noise_rms_A=0.0",
+                                       "sensors.i_lsb_A=0.0"};
+  auto stepped = clean;
+  stepped.emplace_back("load.T_load_Nm=[[0.0, 0.0], [2.5, 0.02]]");
+  stepped.emplace_back("reference.omega_e_rad_s=[[0.0, 300.0], [3.1, 400.0]]");
+  for (const ResponseLine& l : measured(ResponseOf::kLoad, stepped).lines)
+    EXPECT_GT(l.coherence, 0.999) << l.f << " Hz";
+}
+
+TEST(Response, ALineBelowTheNoiseIsNotMeasured) {
+  ResponseLine known{.f = 1, .H = 1, .coherence = 0.99, .sigma = 0.058, .design = {}};
+  ResponseLine hidden{.f = 2, .H = 50, .coherence = 0.1, .sigma = 87, .design = {}};
+  EXPECT_TRUE(known.measured());
+  EXPECT_FALSE(hidden.measured());
+  ResponseLine fallen = known;
+  fallen.f = 4;
+  fallen.H = 0.5;
+  fallen.sigma = 0.029;
+  const Response r{.lines = {known, hidden, fallen}};
+  ASSERT_TRUE(bandwidth(r, false));
+  EXPECT_NEAR(*bandwidth(r, false), 2, 1e-9);  // sqrt(2) of the gain: half of the way over log f
+  EXPECT_FALSE(bandwidth(Response{.lines = {hidden, fallen}}, false));
 }
 
 TEST(Response, ALostRunHasNoResponse) {
