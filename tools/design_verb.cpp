@@ -208,14 +208,15 @@ void print_for_n(const DesignOptions& o, const Candidate& c, double omega_e, int
   Config config = load_drive(o.drive, joined(o.overrides, c.overrides()));
   const DriveConfig& d = config.drive();
   LqrParameters p;
-  config.read_table("controller.lqr", [&](FieldVisitor& f) { scale(p, d), p.fields(f); });
+  scale(p, d);
+  config.read_table("controller.lqr", [&](FieldVisitor& f) { p.fields(f); });
   const LqrDesign design =
       design_lqr(d.machine, d.inverter.v_dc, d.T_s(), d.plant.delay_samples, p.design);
   fmt::print("{}: weights that hold n = {} at {:.4g} rad/s electrical, gain policy {}\n",
              d.name.empty() ? o.drive : d.name, o.for_n, omega_e,
              kGainPolicyNames[static_cast<int>(d.gain.policy)]);
-  fmt::print("  closed loop stable for n = 1 to {}; the filter alone for n up to {}\n", o.for_n,
-             n_of_filter);
+  fmt::print("  closed loop stable for n = 1 to {}; the filter alone for n up to {}{}\n", o.for_n,
+             n_of_filter, n_of_filter == 4 * o.for_n ? ", where the search ended" : "");
   fmt::print("  of bandwidths   current {:.4g} Hz, speed {:.4g} Hz, integral {:.4g} Hz\n",
              c.current_Hz, c.speed_Hz, c.speed_Hz / 2);
   fmt::print(
