@@ -267,9 +267,12 @@ void SummaryBuilder::set_lock() {
     s.lost_why.clear();
   }
   if (s.locked || s.angle_reference == AngleReference::kNone) return;
-  s.locked = false;  // nothing was shown
-  s.lost_why = outline_.last_is_forced ? "no hand-over to the estimate before the end"
-                                       : "the run ended before its window, which settle_s begins";
+  if (outline_.end_s < outline_.begin_s + config_.run.settle_s - 1e-9) {
+    s.lost_why = "the run ended before its window, which settle_s begins";
+    return;
+  }
+  s.locked = false;
+  s.lost_why = "no hand-over to the estimate before the end";
 }
 
 void SummaryBuilder::set_ripple() {

@@ -110,6 +110,7 @@ Json verdict(const RunView& view) {
   const Summary& s = view.run.summary;
   std::string state = "unknown", headline = "No verdict: no independent angle for comparison";
   if (view.rows.empty()) headline = "No verdict: the log is empty";
+  if (!s.locked && !s.lost_why.empty()) headline = "No verdict: " + s.lost_why;
   if (s.locked) std::tie(state, headline) = judged(view);
   std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
   text += errors(view);

@@ -106,7 +106,9 @@ std::int64_t lost_in_total(const Summary& s) {
 // The first cause of a bad end comes before any figure.
 std::string verdict_of(const Summary& s) {
   if (s.trip) return "TRIPPED";
-  if (!s.locked) return "NO VERDICT: no angle to compare the estimate with";
+  if (!s.locked)
+    return "NO VERDICT: " +
+           (s.lost_why.empty() ? "no angle to compare the estimate with" : s.lost_why);
   const std::string word = speed_word(s);
   if (!*s.locked) return s.lost_at_s ? "LOST" : "NOT LOCKED: " + s.lost_why;
   return "LOCKED" + (word.empty() ? "" : ", " + word);

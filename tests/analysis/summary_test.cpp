@@ -314,8 +314,7 @@ TEST(Summary, WithoutAReferenceAngleThereIsNoVerdict) {
   EXPECT_EQ(nothing.steps, 0);
 }
 
-// A bool: false where nothing was shown, with the reason.
-TEST(Summary, ARunThatNeverCameToItsWindowIsNotLocked) {
+TEST(Summary, ARunWithoutHandOverIsNotLockedAndOneThatWasEndedBeforeItsWindowIsNotJudged) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
   for (Measurement& m : log.measurement) m.mode = Mode::kIfRamp;
@@ -327,7 +326,7 @@ TEST(Summary, ARunThatNeverCameToItsWindowIsNotLocked) {
   DriveConfig late = config;
   late.run.settle_s = 1e3;
   s = summarise(steady_run(config), late);
-  EXPECT_EQ(s.locked, false);
+  EXPECT_FALSE(s.locked.has_value());
   EXPECT_NE(s.lost_why.find("settle_s"), std::string::npos);
 }
 
