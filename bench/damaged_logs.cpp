@@ -83,6 +83,7 @@ void run(const std::vector<std::string>& arguments, Outcome& outcome) {
   if (child == 0) {
     limit();
     std::vector<char*> argv;
+    argv.reserve(arguments.size() + 1);
     for (const std::string& text : arguments) argv.push_back(const_cast<char*>(text.c_str()));
     argv.push_back(nullptr);
     if (!std::freopen("/dev/null", "w", stdout) || !std::freopen("/dev/null", "w", stderr))
