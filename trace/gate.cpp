@@ -156,9 +156,10 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
           double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
-  double noise_with = 0, noise_without = 0, quieter = 0;
+  double noise_with = 0, noise_without = 0, quieter = 0, energy_with = 0;
   for (Channel channel : moved) {
     (channel == &Sampled::torque ? of_torque : of_voltage) = true;
+    energy_with += judging.energy(with, channel);
     noise_with += judging.energy(noise_of(with), channel);
     noise_without += judging.energy(noise_of(without), channel);
   }
@@ -175,7 +176,9 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
     is[{file, index}] = energy.with;
     was[{file, index++}] = energy.without;
   }
-  return {votes_of(was, is, silent, quieter), of_voltage, of_torque};
+  Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
+  if (noise_with > 0) vote.left_of_noise = energy_with / noise_with;
+  return vote;
 }
 
 // What an effect leaves of a parameter of the machine, and the bounds of this machine.

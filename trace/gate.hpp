@@ -33,14 +33,15 @@ namespace twinrate {
 
 // Thresholds of the gate, chosen by design. None is ablated yet, and none was set by a log.
 struct Criterion {
-  double chance = 1e-3;     // of a false claim in a log, by the signed-rank test
-  int votes = 8;            // pieces that must move; it takes 10 that all fall to meet `chance`
-  double silent = 1e-3;     // share of a piece's energy: one that changes by less does not vote
-  double kept = 0.5;        // of a part's own gain, that another part's answer must keep
-  double sigmas = 4;        // deviations from which a part is moved by a claim
-  double size_sigmas = 2;   // deviations, in all, that a claim must be large
-  double times_left = 4;    // power that claims on points take, over what none explains
-  double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q, beside kThisMachine's bounds
+  double chance = 1e-3;        // of a false claim in a log, by the signed-rank test
+  int votes = 8;               // pieces that must move; it takes 10 that all fall to meet `chance`
+  double silent = 1e-3;        // share of a piece's energy: one that changes by less does not vote
+  double kept = 0.5;           // of a part's own gain, that another part's answer must keep
+  double sigmas = 4;           // deviations from which a part is moved by a claim
+  double left_of_noise = 0.5;  // of the energy of the sensors' noise, that a claim must leave
+  double size_sigmas = 2;      // deviations, in all, that a claim must be large
+  double times_left = 4;       // power that claims on points take, over what none explains
+  double least_left = 0.1;     // share of J, psi_f, R_s, L_d or L_q, beside kThisMachine's bounds
 };
 
 // What the rows that judge say of one member.

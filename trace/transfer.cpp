@@ -30,6 +30,14 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                      files.empty() ? "" : files[static_cast<std::size_t>(file)]);
   if (v.judgement.held_out_gain <= 0)
     return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
+  if (v.left_of_noise < criterion.left_of_noise) {
+    Refused out = refused(v.left_of_noise,
+                          fmt::format("with it {:.2g} of the energy of the sensors' noise is left: "
+                                      "it explains noise",
+                                      v.left_of_noise));
+    out.rule = "sensors";
+    return out;
+  }
   const double of_noise = 1 - std::exp(-2 * v.quieter);
   if (v.judgement.held_out_gain <= of_noise) {
     Refused out = refused(v.judgement.held_out_gain,

@@ -187,6 +187,15 @@ TEST(Transfer, PiecesOfNoiseDoNotCarryAClaimThatLeavesTheRest) {
   EXPECT_EQ(refused_by_transfer({votes_of(without, with, 1e-3)}, {}, {}).front().rule, "");
 }
 
+TEST(Transfer, AClaimThatLeavesLessThanTheSensorsMakeExplainsNoise) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.6, .p_value = 1e-9, .votes = 20};
+  for (const auto& [left, rule] : {std::pair(0.6, ""), std::pair(0.4, "sensors")}) {
+    votes.left_of_noise = left;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << left;
+  }
+}
+
 // Holm by hand: of three claims the limits are 1e-3/3, 1e-3/2 and 1e-3, up to the first refused.
 TEST(Transfer, TheMostCertainOfThreeClaimsMustBeThreeTimesAsCertain) {
   const auto passed = [](const std::vector<double>& p_values) {
