@@ -5,8 +5,8 @@
 //   angle error    wrap(theta_e_hat - theta_e) at tick k, into (-pi, pi], electrical
 //   speed error    omega_m_hat - omega_m at tick k, mechanical
 //   locked         every number finite and |angle error| <= pi/2: synchronism. False after a trip, and
-//                  where the estimate never took over. Empty without an angle to compare with, and
-//                  where the run ended before its window.
+//                  where the estimate never took over. Empty without an angle to compare with,
+//                  without estimates, and where the run ended before its window.
 //   speed_held     the true speed off a constant reference by more than 20 % for less than 20 ms in
 //                  total. The reference is the slewed one of COMMAND; it is constant at a tick if
 //                  unchanged for 0.1 s. The speed is not judged at a reference of 0. False after a

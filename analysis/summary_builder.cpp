@@ -271,6 +271,10 @@ void SummaryBuilder::set_lock() {
     s.lost_why = "the run ended before its window, which settle_s begins";
     return;
   }
+  if (!outline_.last_is_forced) {
+    s.lost_why = "the window has no estimate";
+    return;
+  }
   s.locked = false;
   s.lost_why = "no hand-over to the estimate before the end";
 }

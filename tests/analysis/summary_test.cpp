@@ -330,6 +330,16 @@ TEST(Summary, ARunWithoutHandOverIsNotLockedAndOneThatWasEndedBeforeItsWindowIsN
   EXPECT_NE(s.lost_why.find("settle_s"), std::string::npos);
 }
 
+TEST(Summary, AMeasuredLogWithoutEstimatesIsNotJudged) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  log.estimate.clear();
+  log.gain.clear();
+  const Summary s = summarise(log, config);
+  EXPECT_FALSE(s.locked.has_value());
+  EXPECT_EQ(s.lost_why, "the window has no estimate");
+}
+
 TEST(Summary, ASpeedThatNeverCameIsMoreThanADip) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
