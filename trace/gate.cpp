@@ -156,10 +156,10 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
           double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
-  double noise_with = 0, noise_without = 0, quieter = 0, energy_with = 0;
+  double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0;
   for (Channel channel : moved) {
     (channel == &Sampled::torque ? of_torque : of_voltage) = true;
-    energy_with += judging.energy(with, channel);
+    energy_without += judging.energy(without, channel);
     noise_with += judging.energy(noise_of(with), channel);
     noise_without += judging.energy(noise_of(without), channel);
   }
@@ -177,7 +177,7 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
     was[{file, index++}] = energy.without;
   }
   Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
-  if (noise_with > 0) vote.left_of_noise = energy_with / noise_with;
+  if (noise_without > 0) vote.over_noise = energy_without / noise_without;
   return vote;
 }
 

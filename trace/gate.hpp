@@ -8,7 +8,9 @@
 //              much of the time and of what the claim changes, half and half: one that acts at a
 //              few moments speaks there. Less what falls because the claim makes the sensors' noise
 //              smaller: of less inertia at the motor an angle's counts make less torque, and the
-//              likelihood is one of readings, not of residuals. Both sides are fitted to all rows that do not judge.
+//              likelihood is one of readings, not of residuals. All pieces together must fall by
+//              more than that noise does, and without the claim they must have more energy than the
+//              sensors' noise. Both sides are fitted to all rows that do not judge.
 //              Signed-rank test over the pieces that move, by Holm over the claims; no file may be
 //              worse by the same test
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves
@@ -33,15 +35,14 @@ namespace twinrate {
 
 // Thresholds of the gate, chosen by design. None is ablated yet, and none was set by a log.
 struct Criterion {
-  double chance = 1e-3;        // of a false claim in a log, by the signed-rank test
-  int votes = 8;               // pieces that must move; it takes 10 that all fall to meet `chance`
-  double silent = 1e-3;        // share of a piece's energy: one that changes by less does not vote
-  double kept = 0.5;           // of a part's own gain, that another part's answer must keep
-  double sigmas = 4;           // deviations from which a part is moved by a claim
-  double left_of_noise = 0.5;  // of the energy of the sensors' noise, that a claim must leave
-  double size_sigmas = 2;      // deviations, in all, that a claim must be large
-  double times_left = 4;       // power that claims on points take, over what none explains
-  double least_left = 0.1;     // share of J, psi_f, R_s, L_d or L_q, beside kThisMachine's bounds
+  double chance = 1e-3;     // of a false claim in a log, by the signed-rank test
+  int votes = 8;            // pieces that must move; it takes 10 that all fall to meet `chance`
+  double silent = 1e-3;     // share of a piece's energy: one that changes by less does not vote
+  double kept = 0.5;        // of a part's own gain, that another part's answer must keep
+  double sigmas = 4;        // deviations from which a part is moved by a claim
+  double size_sigmas = 2;   // deviations, in all, that a claim must be large
+  double times_left = 4;    // power that claims on points take, over what none explains
+  double least_left = 0.1;  // share of J, psi_f, R_s, L_d or L_q, beside kThisMachine's bounds
 };
 
 // What the rows that judge say of one member.

@@ -19,6 +19,13 @@ Refused refused(double number, std::string text, std::string file = "") {
           .text = std::move(text)};
 }
 
+// What is the sensors' noise.
+Refused noise(double number, std::string text) {
+  Refused out = refused(number, std::move(text));
+  out.rule = "sensors";
+  return out;
+}
+
 Refused alone(const Votes& v, const std::vector<std::string>& files, const Criterion& criterion) {
   if (v.judgement.votes < criterion.votes)
     return refused(v.judgement.votes,
@@ -30,36 +37,26 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                      files.empty() ? "" : files[static_cast<std::size_t>(file)]);
   if (v.judgement.held_out_gain <= 0)
     return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
-  if (v.left_of_noise < criterion.left_of_noise) {
-    Refused out = refused(v.left_of_noise,
-                          fmt::format("with it {:.2g} of the energy of the sensors' noise is left: "
-                                      "it explains noise",
-                                      v.left_of_noise));
-    out.rule = "sensors";
-    return out;
-  }
+  if (v.over_noise < 1)
+    return noise(v.over_noise,
+                 fmt::format("rows that judge have {:.2g} of the energy of the sensors' noise "
+                             "without it: no more than noise is to be explained",
+                             v.over_noise));
   const double of_noise = 1 - std::exp(-2 * v.quieter);
-  if (v.judgement.held_out_gain <= of_noise) {
-    Refused out = refused(v.judgement.held_out_gain,
-                          fmt::format("the energy on rows that judge falls by {:.2g}, that of the "
-                                      "sensors' noise by {:.2g}",
-                                      v.judgement.held_out_gain, of_noise));
-    out.rule = "sensors";
-    return out;
-  }
+  if (v.judgement.held_out_gain <= of_noise)
+    return noise(v.judgement.held_out_gain,
+                 fmt::format("the energy on rows that judge falls by {:.2g}, that of the sensors' "
+                             "noise by {:.2g}",
+                             v.judgement.held_out_gain, of_noise));
   return {};
 }
 
 Refused by_chance_refused(double p, double quieter, const Criterion& criterion) {
-  Refused out =
-      refused(p, fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
-  if (quieter <= criterion.silent) return out;
-  out.rule = "sensors";
-  out.text = fmt::format(
-      "it makes the sensors' noise {:.2g} times as large, and rows that judge "
-      "fall further by chance in {:.2g} of logs",
-      std::exp(-quieter), p);
-  return out;
+  if (quieter <= criterion.silent)
+    return refused(p, fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
+  return noise(p, fmt::format("it makes the sensors' noise {:.2g} times as large, and rows that "
+                              "judge fall further by chance in {:.2g} of logs",
+                              std::exp(-quieter), p));
 }
 
 }  // namespace

@@ -187,12 +187,12 @@ TEST(Transfer, PiecesOfNoiseDoNotCarryAClaimThatLeavesTheRest) {
   EXPECT_EQ(refused_by_transfer({votes_of(without, with, 1e-3)}, {}, {}).front().rule, "");
 }
 
-TEST(Transfer, AClaimThatLeavesLessThanTheSensorsMakeExplainsNoise) {
+TEST(Transfer, WhereTheSensorsMakeAllThatIsLeftThereIsNothingToExplain) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.6, .p_value = 1e-9, .votes = 20};
-  for (const auto& [left, rule] : {std::pair(0.6, ""), std::pair(0.4, "sensors")}) {
-    votes.left_of_noise = left;
-    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << left;
+  for (const auto& [over, rule] : {std::pair(1.1, ""), std::pair(0.9, "sensors")}) {
+    votes.over_noise = over;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << over;
   }
 }
 
