@@ -1,5 +1,6 @@
 // The reference runs of docs/theory/two-rate-ekf.md with `twinrate launch`, and their files.
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -107,6 +108,40 @@ TEST_F(NominalRun, ProgressComesAsJsonLines) {
       EXPECT_TRUE(Json::parse(line, nullptr, false).contains("steps_per_s")) << line;
     }
   EXPECT_GE(progress_lines, 1);
+}
+
+// At 3 kHz the bandwidths of this machine do not hold n = 8: others are named.
+TEST(DesignForN, PrintsTheWeightsOfTheBandwidthsThatItNames) {
+  const std::vector<std::string> design = {"design", "lqr", "dilys2021", "--set",
+                                           "rates.f_s_Hz=3000"};
+  const auto run = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = design;
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProgramResult result = twinrate(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return result.out;
+  };
+  const std::string text = run({"--for-n", "8"});
+  double current = 0, speed = 0, integral = 0, Q_current = 0, Q_integral = 0;
+  const auto of = text.find("of bandwidths"), Q = text.find("Q_d = [");
+  ASSERT_NE(of, std::string::npos) << text;
+  ASSERT_NE(Q, std::string::npos) << text;
+  ASSERT_EQ(
+      std::sscanf(text.c_str() + of, "of bandwidths current %lf Hz, speed %lf Hz, integral %lf Hz",
+                  &current, &speed, &integral),
+      3);
+  ASSERT_EQ(std::sscanf(text.c_str() + Q, "Q_d = [%lf, %lf]", &Q_current, &Q_integral), 2);
+  const auto list = [](auto... Hz) {
+    std::string joined;
+    ((joined += (joined.empty() ? "" : ", ") + std::to_string(Hz)), ...);
+    return "[" + joined + "]";
+  };
+  const Json named = Json::parse(
+      run({"--set", "controller.kind=lqr", "--set", "controller.lqr.gains=bandwidths", "--set",
+           "controller.lqr.bandwidth_d_Hz=" + list(current, integral), "--set",
+           "controller.lqr.bandwidth_q_Hz=" + list(current, speed, integral), "--json"}));
+  EXPECT_NEAR(Q_current / named["d"]["Q"][0].get<double>(), 1, 1e-4);
+  EXPECT_NEAR(Q_integral / named["d"]["Q"][1].get<double>(), 1, 1e-4);
 }
 
 }  // namespace
