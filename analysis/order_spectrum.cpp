@@ -8,6 +8,7 @@
 
 #include "model/frames.hpp"
 #include "model/math.hpp"
+#include "model/pair.hpp"
 
 namespace twinrate {
 namespace {
@@ -80,9 +81,6 @@ WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch)
   return {{first, stretch.last}, turns};
 }
 
-// Of a complex number, or of one number twice.
-using Pair [[gnu::vector_size(16)]] = double;
-
 // Of e^{jm theta} of all samples.
 struct Sums {
   Pair weights{};  // sum w e^{jm theta}
@@ -96,7 +94,7 @@ struct Sample {
   Sample() = default;  // counts nothing
   Sample(double weight, double value, const math::SinCos& at)
       : power{weight, 0}, y{value, value}, cos{at.cos, at.cos}, sin{-at.sin, at.sin} {}
-  void turn() { power = power * cos + Pair{power[1], power[0]} * sin; }
+  void turn() { power = power * cos + swapped(power) * sin; }
 };
 
 // For m = 0 .. 2 N, sample after sample. The powers of four samples are computed beside each other:

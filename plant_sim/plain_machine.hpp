@@ -9,11 +9,10 @@
 //
 // The rates are polynomials of this state: no sine. They are multiplied by the step h.
 #pragma once
+#include "model/pair.hpp"
 #include "plant_sim/drive_model.hpp"
 
 namespace twinrate {
-
-using Pair [[gnu::vector_size(16)]] = double;
 
 struct PlainState {
   Pair i_dq, u_dq, motion;  // motion: omega_m, theta_m
@@ -58,8 +57,6 @@ class PlainMachine {
   }
 
  private:
-  static Pair swapped(const Pair& x) { return Pair{x[1], x[0]}; }
-
   double h_;
   Pair g_, a_, cross_, emf_, turn_;
   double torque_, reluctance_, friction_, load_;

@@ -13,6 +13,7 @@
 #include "trace/errors.hpp"
 #include "trace/evidence.hpp"
 #include "trace/fall.hpp"
+#include "trace/gate.hpp"
 #include "trace/keys.hpp"
 #include "trace/residual_structure.hpp"
 #include "trace/sampler.hpp"
@@ -289,10 +290,9 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
 
 // On rows that judge, where there are any, by four deviations of a mean square over so many rows.
 bool beats_no_change(const EquationError& e) {
-  constexpr double kSigmas = 4;
   const double after = e.after.held_out > 0 ? e.after.held_out : e.after.train;
   const double scatter = std::sqrt(2 / static_cast<double>(std::max<std::size_t>(1, e.rows)));
-  return e.no_change * e.no_change > (1 + kSigmas * scatter) * after * after;
+  return e.no_change * e.no_change > (1 + Criterion{}.sigmas * scatter) * after * after;
 }
 
 // What the samples show lowers no error: beside it the model must hold as where nothing is found,
