@@ -319,7 +319,7 @@ void Config::read_table(const std::string& path, const std::function<void(FieldV
   auto& owned = impl_->owned_text;
   const auto known = std::find_if(owned.begin(), owned.end(),
                                   [&](const auto& entry) { return entry.first == path; });
-  // The second call of `fields`: one that sets a value itself undoes here what was read.
+  // The second call of `fields`. A function that sets a value undoes here what was read.
   const std::string text = write_table(path, fields);
   if (known != owned.end())
     known->second = text;  // read again: it keeps its place

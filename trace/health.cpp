@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "trace/health_clock.hpp"
@@ -80,11 +81,61 @@ double missed_way(const Column& theta_m, std::size_t first, std::size_t end) {
   return bend * (rows * rows - 1) / 8;
 }
 
+// The least change from a row to the next.
+double smallest_step(const Column& x) {
+  double step = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 1; k < x.size(); ++k)
+    if (x[k] != x[k - 1]) step = std::min(step, std::abs(x[k] - x[k - 1]));
+  return step;
+}
+
+// Whether rows that were sampled are so often or so long equal by themselves, by as many rows on
+// either side of a run: chance makes such a run in more than one of a thousand logs, or no signal
+// goes further than two of its steps.
+class EqualRows {
+ public:
+  EqualRows(const RawLog& raw, const std::vector<char>& stale) : stale_(stale) {
+    for (const Column* x : {&raw.theta_m, &raw.i_a, &raw.i_b, &raw.i_c, &raw.i_alpha, &raw.i_beta,
+                            &raw.i_d, &raw.i_q})
+      if (!x->empty()) signals_.push_back({x, smallest_step(*x)});
+  }
+  bool by_themselves(std::size_t first, std::size_t end) const {
+    constexpr double kChance = 1e-3;
+    constexpr std::size_t kAlways = 3;  // rows
+    const std::size_t rows = end - first, from = first - std::min(first, rows),
+                      to = std::min(stale_.size(), end + rows);
+    if (rows <= kAlways || stands(from, to)) return true;
+    const auto begin = stale_.begin() + static_cast<std::ptrdiff_t>(from);
+    const auto window = static_cast<std::ptrdiff_t>(to - from);
+    const auto others = static_cast<double>(to - from - rows);
+    const double equal =
+        static_cast<double>(std::count(begin, begin + window, 1)) - static_cast<double>(rows);
+    const double share = (equal + 1) / (others + 2);
+    return static_cast<double>(stale_.size()) * std::pow(share, static_cast<double>(rows)) >
+           kChance;
+  }
+
+ private:
+  bool stands(std::size_t from, std::size_t to) const {
+    constexpr double kSteps = 2.5;
+    return std::all_of(signals_.begin(), signals_.end(), [&](const auto& signal) {
+      const auto begin = signal.first->begin();
+      const auto [least, most] = std::minmax_element(begin + static_cast<std::ptrdiff_t>(from),
+                                                     begin + static_cast<std::ptrdiff_t>(to));
+      return *most == *least || *most - *least < kSteps * signal.second;
+    });
+  }
+
+  const std::vector<char>& stale_;
+  std::vector<std::pair<const Column*, double>> signals_;  // and its smallest step
+};
+
 // Of each run of stale rows, how far the angle would have gone. At rest a long run that ends on
-// both sides is one whatever the angle; what stands from the first row on may be a drive that is
-// off.
+// both sides is one whatever the angle, unless rows are equal by themselves; what stands from the
+// first row on may be a drive that is off.
 std::vector<double> missed_ways(const RawLog& raw, const std::vector<char>& stale) {
-  constexpr std::size_t kByChance = 3;  // rows
+  constexpr std::size_t kBefore = 3;  // rows
+  const EqualRows equal(raw, stale);
   std::vector<double> missed(stale.size(), 0);
   for (std::size_t k = 0, end = 0; k < stale.size(); k = end + 1) {
     for (end = k; end < stale.size() && stale[end];) ++end;
@@ -92,7 +143,7 @@ std::vector<double> missed_ways(const RawLog& raw, const std::vector<char>& stal
     const double way = raw.theta_m.empty() ? 0 : missed_way(raw.theta_m, k, end);
     const bool inside = end < stale.size();
     const bool sure =
-        raw.theta_m.empty() || (way == 0 && end - k > kByChance && k > kByChance && inside);
+        raw.theta_m.empty() || (way == 0 && k > kBefore && inside && !equal.by_themselves(k, end));
     std::fill(missed.begin() + static_cast<std::ptrdiff_t>(k),
               missed.begin() + static_cast<std::ptrdiff_t>(end), sure ? kSureWay : way);
   }

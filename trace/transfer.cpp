@@ -39,8 +39,8 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
     return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
   if (v.over_noise < 1)
     return noise(v.over_noise,
-                 fmt::format("rows that judge have {:.2g} of the energy of the sensors' noise "
-                             "without it: no more than noise is to be explained",
+                 fmt::format("without it the rows that judge have {:.2g} of the energy of the "
+                             "sensors' noise: noise alone explains them",
                              v.over_noise));
   const double of_noise = 1 - std::exp(-2 * v.quieter);
   if (v.judgement.held_out_gain <= of_noise)

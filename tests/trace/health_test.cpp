@@ -57,6 +57,25 @@ TEST(Health, ACoarseConverterRepeatsRowsByChanceThoughTheEncoderCounts) {
   EXPECT_GT(stale_share(raw), 0.4);
 }
 
+// Slowly there and back: a count lasts 40 rows, a step of the converter as long, the noise crosses
+// neither but now and then.
+TEST(Health, ASlowDriveBetweenStepsOfBothConvertersRepeatsNoRow) {
+  RawLog raw = quantised_log(0);
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    const double way = std::sin(2e-3 * static_cast<double>(k));
+    raw.theta_m[k] = 6e-3 * std::floor(12 * way);
+    raw.i_a[k] = 0.2 * std::round((1 + way + 0.01 * normal(12, 0, k)) / 0.2);
+    raw.i_b[k] = 0.2 * std::round((-1 + 0.3 * way + 0.01 * normal(12, 1, k)) / 0.2);
+  }
+  EXPECT_EQ(stale_share(raw), 0);
+  // A row that is held for a thousand is still found, with the equal ones on either side of it.
+  for (std::size_t k = 1500; k < 2500; ++k)
+    for (std::vector<double>* column : {&raw.i_a, &raw.i_b, &raw.theta_m})
+      (*column)[k] = (*column)[1500];
+  EXPECT_GT(stale_share(raw), 0.245);
+  EXPECT_LT(stale_share(raw), 0.31);
+}
+
 // Every other count lasts two rows, none three.
 TEST(Health, ACountThatLastsTwoRowsRepeatsNoRow) {
   RawLog raw = quantised_log(0);
