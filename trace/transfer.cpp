@@ -94,6 +94,7 @@ std::vector<Refused> refused_by_transfer(const std::vector<Votes>& claims,
   std::vector<Refused> out;
   std::vector<std::size_t> by_chance(claims.size());
   std::iota(by_chance.begin(), by_chance.end(), std::size_t{0});
+  out.reserve(claims.size());
   for (const Votes& v : claims) out.push_back(alone(v, files, criterion));
   // Holm: the most certain of n has to be n times as certain.
   std::sort(by_chance.begin(), by_chance.end(), [&](std::size_t a, std::size_t b) {
