@@ -6,6 +6,7 @@
 #include "controller/scaled_tuning.hpp"
 #include "controller/watched.hpp"
 #include "core/config.hpp"
+#include "model/clamp_fields.hpp"
 
 namespace twinrate {
 namespace {
@@ -75,7 +76,10 @@ std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind) {
 std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind,
                                                       const DriveConfig& drive) {
   auto builder = controller_builder(kind);
-  if (builder) builder->scale(drive);
+  if (!builder) return nullptr;
+  builder->scale(drive);
+  ClampFields into_their_ranges;
+  builder->fields(into_their_ranges);
   return builder;
 }
 

@@ -2,6 +2,7 @@
 
 #include "estimator/backemf_printed.hpp"
 #include "estimator/scaled_tuning.hpp"
+#include "model/clamp_fields.hpp"
 
 namespace twinrate {
 namespace {
@@ -75,7 +76,10 @@ std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind) {
 
 std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind, const DriveConfig& drive) {
   auto builder = filter_builder(kind);
-  if (builder) builder->scale(drive);
+  if (!builder) return nullptr;
+  builder->scale(drive);
+  ClampFields into_their_ranges;
+  builder->fields(into_their_ranges);
   return builder;
 }
 

@@ -61,6 +61,20 @@ TEST(Runnable, ACopyOfAPresetIsTakenAsThePresetIs) {
   std::filesystem::remove(copy);
 }
 
+// Defaults follow from the machine by formulas, which know no range of a key.
+TEST(Runnable, ADriveFileThatIsTakenIsTakenResolvedToo) {
+  const std::string own =
+      "[machine]\nR_s_Ohm = 0.208\nL_d_H = 3.8e-4\nL_q_H = 4.3e-4\npsi_f_Wb = 0.0197\nn_p = 4\n"
+      "B_Nms = 3.6e-5\ni_rated_A = 5.3\nT_rated_Nm = 0.63\nomega_m_rated_rad_s = 168.0\n";
+  for (const char* J : {"J_kgm2 = 0.1", "J_kgm2 = 1e-8"}) {
+    Config config =
+        Config::parse(own + J + "\n[inverter]\nv_dc_V = 48.0\n[rates]\nf_s_Hz = 6800.0\n", J);
+    read_all_tables(config);
+    Config resolved = Config::parse(config.resolved(), J);
+    EXPECT_NO_THROW(read_all_tables(resolved)) << J;
+  }
+}
+
 TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
   EXPECT_EQ(refusal("dilys2021", {"controller.compensation=load"}),
             "--set: controller.compensation: has no effect here; it is read with an estimator.kind "
