@@ -25,17 +25,20 @@ void Experiment::show(const std::string& what, double share) const {
 
 void Experiment::measure_offsets(int ticks) {
   constexpr double kAtRest = 0.02;  // rad
-  Vec3 sum = Vec3::Zero();
+  Vec3 sum = Vec3::Zero(), squares = Vec3::Zero();
   double first = 0;
   for (int k = 0; k < ticks; ++k) {
     const RigRow row = rig_.step(Vec2::Zero(), 0);
     sum += row.i_abc;
+    squares += row.i_abc.cwiseAbs2();
     if (k == 0) first = row.theta_m;
     if (std::abs(row.theta_m - first) > kAtRest)
       throw RunFailed("the shaft turns without a voltage: it has to be at rest at the start");
     ++k_;
   }
   offset_abc_ = sum / ticks;
+  const Vec3 variance = (squares / ticks - offset_abc_.cwiseAbs2()).cwiseMax(0.0) / ticks;
+  offset_sigma_alpha_ = std::sqrt(4 * variance[0] + variance[1] + variance[2]) / 3;
 }
 
 const Row& Experiment::apply(const Vec2& u_alphabeta, double theta_e) {

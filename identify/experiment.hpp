@@ -53,6 +53,8 @@ class Experiment {
   // The phases without current, `ticks` long. Throws RunFailed where the shaft turns.
   void measure_offsets(int ticks);
   const Vec3& offsets() const { return offset_abc_; }
+  // Standard error of the offset along alpha: every current of an experiment has the same.
+  double offset_sigma_alpha() const { return offset_sigma_alpha_; }
   void set_inductance(double L) { L_ = L; }
   void set_direction(int direction) { direction_ = direction; }
 
@@ -72,6 +74,7 @@ class Experiment {
   IdentifyLimits limits_;
   IdentifyHooks hooks_;
   Vec3 offset_abc_ = Vec3::Zero();
+  double offset_sigma_alpha_ = 0;
   double L_ = 0;
   int direction_ = 1;
   Vec2 integral_ = Vec2::Zero();

@@ -1,5 +1,6 @@
 // What an identification finds.
 #pragma once
+#include <cmath>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,6 +12,8 @@ namespace twinrate {
 
 struct Found {
   double value = 0, sigma = 0;
+  // A value with a larger sigma is not identified: it is no value for a drive file.
+  bool is_known() const { return sigma < 0.1 * std::abs(value); }
 };
 
 // Voltage that the inverter loses: V sat(i/i_linear) in each phase. Dead time and device drop have
@@ -47,8 +50,16 @@ struct InductancePoint {
 struct InductanceFit {
   Found L;
   std::optional<SaturationFound> saturation;
+  double misfit = 0;  // chi-square
 };
 InductanceFit fit_inductance(const std::vector<InductancePoint>& points);
+// Both axes. A drive file has one form of saturation: where both saturate, both are fitted with the
+// form that leaves the least misfit in all.
+struct InductanceFits {
+  InductanceFit d, q;
+};
+InductanceFits fit_inductances(const std::vector<InductancePoint>& d,
+                               const std::vector<InductancePoint>& q);
 
 struct Identified {
   int n_p = 0;
@@ -56,6 +67,7 @@ struct Identified {
   double theta_zero = 0;  // rad, reading at which the d axis is phase a, of the first pole pair
   Vec3 i_offset = Vec3::Zero();
   Found R_s, L_d, L_q, psi_f, J, B, T_coulomb, T_constant;
+  Found fan;  // Nm s^2, torque over the square of the speed
   InverterLoss loss;
   std::vector<InductancePoint> L_d_points, L_q_points;
   std::optional<SaturationFound> saturation_d, saturation_q;

@@ -39,17 +39,32 @@ constexpr Slip kOfInertia[] = {{1e-7, "1e-7: g cm2 typed as kg m2"},
                                {1e-3, "1/1000: g m2 typed as kg m2"},
                                {1 / 9.81, "1/9.81: a weight, kgf cm s2 or N m2"}};
 
+// A large sigma would make every value agree: such a value is not compared. Every slip that is near
+// is named; the number alone does not tell them apart.
 template <std::size_t N>
 std::string verdict(const Found& found, double sheet, double tolerance, const Slip (&slips)[N]) {
   constexpr double kNear = 0.035;
   if (!(sheet > 0) || !(found.value > 0)) return "";
+  if (!found.is_known()) return "not identified: sigma is above 10 %";
   const double ratio = found.value / sheet;
   if (std::abs(std::log(ratio)) < std::log1p(tolerance) + 3 * found.sigma / found.value)
     return fmt::format("agrees ({:+.1f} %)", 100 * (ratio - 1));
+  std::string names;
   for (const Slip& slip : slips)
     if (std::abs(std::log(ratio / slip.factor)) < kNear)
-      return fmt::format("differs by {}", slip.name);
-  return fmt::format("differs by a factor {:.3g}", ratio);
+      names += (names.empty() ? "as by " : ", or by ") + std::string(slip.name);
+  const std::string factor = fmt::format("differs by a factor {:.3g}", ratio);
+  return names.empty() ? factor : factor + ", " + names;
+}
+
+// The sines at standstill fit R and L to 1 % unless something else is in them.
+void note_late_signals(Identified& found) {
+  constexpr double kFits = 0.01;
+  if (found.L_d.sigma < kFits * found.L_d.value) return;
+  found.notes.push_back(
+      fmt::format("L_d, L_q: the sines fit a resistance and an inductance badly (sigma {:.2g} %): "
+                  "with a late signal (plant.delay_samples, a filter) both are wrong",
+                  100 * found.L_d.sigma / found.L_d.value));
 }
 
 }  // namespace
@@ -65,14 +80,24 @@ Identified identify(Rig& rig, const IdentifyLimits& limits, const IdentifyHooks&
   identify_standstill(e, found);
   identify_spin(e, found);
   found.duration = e.seconds();
+  // These two see no parameter of the machine: with a gain 1 + g of the sensors R_s and L are those
+  // of the motor over 1 + g, J and friction times 1 + g; with one of the voltage all are times 1 + g.
   found.notes.push_back(
-      "a common gain of the current sensors: it is in R_s, L_d, L_q, psi_f and J alike");
+      "a common gain of the current sensors: readings 1 % too large make R_s, L_d and L_q 1 % too "
+      "small, J and friction 1 % too large");
+  found.notes.push_back(
+      "a gain of the voltage: 1 % less than asked for makes R_s, L_d, L_q, psi_f, J and friction "
+      "1 % too large");
+  found.notes.push_back("differences between the phases: R_s and L_d are those along phase a");
+  note_late_signals(found);
   if (found.loss.V.value != 0)
     found.notes.push_back(
         "dead time and device drop: one bus voltage does not separate them; the file has them as "
         "one inverter_drop");
   found.notes.push_back("resistance of the devices and cables: it is part of R_s");
-  found.notes.push_back("cogging, flux harmonics, iron loss: twinrate trace finds them in a log");
+  found.notes.push_back(
+      "iron loss: its torque is part of the friction (twinrate trace finds it in a log)");
+  found.notes.push_back("cogging, flux harmonics: twinrate trace finds them in a log");
   return found;
 }
 

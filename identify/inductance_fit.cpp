@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <vector>
 
 #include "identify/found.hpp"
@@ -39,15 +40,17 @@ Weighted weighted_fit(const std::vector<InductancePoint>& points, Share share_of
   return fit;
 }
 
-}  // namespace
+// L at no current is extrapolated, with a sine that is not small: of five drawn drives.
+constexpr double kExtrapolated = 3e-3;
+constexpr int kForms[] = {0, 1, 2};
 
-InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
+InductanceFit fit_with(const std::vector<InductancePoint>& points, std::span<const int> forms) {
   const auto constant = weighted_fit(points, [](const InductancePoint&) { return 1.0; });
   const auto n = static_cast<double>(points.size());
   const auto scatter = [&](const Weighted& fit, double parameters) {
     return fit.sigma * std::sqrt(std::max(1.0, fit.misfit / std::max(1.0, n - parameters)));
   };
-  InductanceFit result{{constant.L, scatter(constant, 1)}, {}};
+  InductanceFit result{{constant.L, scatter(constant, 1)}, {}, constant.misfit};
   if (points.size() < 3) return result;
   const auto [least, most] = std::minmax_element(
       points.begin(), points.end(),
@@ -58,7 +61,7 @@ InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
     return result;
   Weighted best{0, 0, constant.misfit};
   std::vector<Weighted> fits;
-  for (int form = 0; form < 3; ++form) {
+  for (const int form : forms) {
     for (double I_s = 0.2 * std::abs(most->i); I_s < 50 * std::abs(most->i); I_s *= 1.02) {
       fits.push_back(weighted_fit(points, [&](const auto& p) { return share(p, form, I_s); }));
       if (fits.back().misfit >= best.misfit) continue;
@@ -67,7 +70,8 @@ InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
     }
   }
   if (!result.saturation) return result;
-  result.L = {best.L, scatter(best, 2)};
+  result.L = {best.L, std::hypot(scatter(best, 2), kExtrapolated * best.L)};
+  result.misfit = best.misfit;
   // Another form or scale that the points do not tell from the best has another inductance at no
   // current.
   const double unit = std::max(1.0, best.misfit / std::max(1.0, n - 2));
@@ -75,6 +79,34 @@ InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
     if (fit.misfit < best.misfit + unit)
       result.L.sigma = std::max(result.L.sigma, std::abs(fit.L - best.L));
   return result;
+}
+
+}  // namespace
+
+InductanceFit fit_inductance(const std::vector<InductancePoint>& points) {
+  return fit_with(points, kForms);
+}
+
+InductanceFits fit_inductances(const std::vector<InductancePoint>& d,
+                               const std::vector<InductancePoint>& q) {
+  const InductanceFits alone{fit_inductance(d), fit_inductance(q)};
+  const bool both = alone.d.saturation && alone.q.saturation;
+  if (!both || alone.d.saturation->form == alone.q.saturation->form) return alone;
+  InductanceFits best = alone;
+  double least = INFINITY;
+  for (const int& form : kForms) {
+    const InductanceFits fits{fit_with(d, {&form, 1}), fit_with(q, {&form, 1})};
+    if (!fits.d.saturation || !fits.q.saturation) continue;
+    if (fits.d.misfit + fits.q.misfit >= least) continue;
+    least = fits.d.misfit + fits.q.misfit;
+    best = fits;
+  }
+  // What each axis alone says of L is part of its error.
+  best.d.L.sigma =
+      std::max({best.d.L.sigma, alone.d.L.sigma, std::abs(best.d.L.value - alone.d.L.value)});
+  best.q.L.sigma =
+      std::max({best.q.L.sigma, alone.q.L.sigma, std::abs(best.q.L.value - alone.q.L.value)});
+  return best;
 }
 
 }  // namespace twinrate

@@ -172,7 +172,9 @@ struct DirectFit {
   double misfit = INFINITY;
 };
 
-DirectFit fit_direct(const std::vector<Level>& levels, double i_linear, CurrentShape shape) {
+// `i_sigma`: of the offset that all levels share, A.
+DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_linear,
+                     CurrentShape shape) {
   const auto n = static_cast<Eigen::Index>(levels.size());
   const bool lossy = i_linear > 0;
   Eigen::MatrixXd A(n, lossy ? 2 : 1);
@@ -191,7 +193,8 @@ DirectFit fit_direct(const std::vector<Level>& levels, double i_linear, CurrentS
   DirectFit fit;
   fit.misfit = (u - A * x).squaredNorm();
   const double variance = fit.misfit / static_cast<double>(n - A.cols() - (lossy ? 1 : 0));
-  fit.R_s = {x[0], std::sqrt(variance * N(0, 0))};
+  const double of_offset = (N * A.transpose() * Eigen::VectorXd::Ones(n))[0] * x[0] * i_sigma;
+  fit.R_s = {x[0], std::hypot(std::sqrt(variance * N(0, 0)), of_offset)};
   if (lossy) fit.loss = {{x[1], std::sqrt(variance * N(1, 1))}, i_linear, shape};
   return fit;
 }
@@ -199,11 +202,12 @@ DirectFit fit_direct(const std::vector<Level>& levels, double i_linear, CurrentS
 void find_resistance(Experiment& e, Identified& found) {
   constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5;
   const std::vector<Level> levels = direct_levels(e);
-  const DirectFit plain = fit_direct(levels, 0, CurrentShape::kClamp);
+  const double i_sigma = e.offset_sigma_alpha();
+  const DirectFit plain = fit_direct(levels, i_sigma, 0, CurrentShape::kClamp);
   std::vector<DirectFit> fits = {plain};
   for (int shape = 0; shape < 4; ++shape)
     for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05)
-      fits.push_back(fit_direct(levels, i_linear, static_cast<CurrentShape>(shape)));
+      fits.push_back(fit_direct(levels, i_sigma, i_linear, static_cast<CurrentShape>(shape)));
   double least = INFINITY;
   for (const DirectFit& fit : fits) least = std::min(least, fit.misfit);
   // The first that is about as good: no loss, then a clamp, then the smallest linear zone. What the

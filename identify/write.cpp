@@ -45,6 +45,10 @@ std::string effects_text(const Identified& f, int encoder_counts) {
     text += fmt::format(
         "\n[[effect]]\nkind = \"constant_load\"\nused_in = \"both\"\ntorque_Nm = {:.6g}\n",
         f.T_constant.value);
+  if (f.fan.value != 0)
+    text += fmt::format(
+        "\n[[effect]]\nkind = \"fan_load\"\nused_in = \"both\"\ncoefficient_Nms2 = {:.6g}\n",
+        f.fan.value);
   const double offset = encoder_offset(f, encoder_counts);
   if (std::abs(offset) * f.n_p > kAngleMaterial)
     text += fmt::format(
@@ -70,6 +74,10 @@ std::vector<std::string> further(const Identified& f) {
   if (f.T_constant.value != 0)
     lines.push_back(fmt::format("constant torque   {:.4g} Nm, sigma {}", f.T_constant.value,
                                 percent(f.T_constant)));
+  if (f.fan.value != 0)
+    lines.push_back(
+        fmt::format("fan torque        {:.4g} Nms2 times the square of the speed, sigma {}",
+                    f.fan.value, percent(f.fan)));
   const auto saturation = [&](const char* axis, const std::optional<SaturationFound>& s) {
     if (s)
       lines.push_back(fmt::format("saturation along {} {}, I_s = {:.4g} A", axis,
@@ -93,21 +101,27 @@ Json points_json(const std::vector<InductancePoint>& points) {
 }  // namespace
 
 std::string identified_toml(const Config& drive, const Identified& f) {
-  const auto set = [](const char* key, double value) {
-    return fmt::format("machine.{}={:.6e}", key, value);
+  std::vector<std::string> overrides = {fmt::format("machine.n_p={}", f.n_p)};
+  std::string kept;
+  const auto set = [&](const char* key, const Found& found, bool known) {
+    if (known)
+      overrides.push_back(fmt::format("machine.{}={:.6e}", key, found.value));
+    else
+      kept += (kept.empty() ? "" : ", ") + std::string(key);
   };
-  const std::vector<std::string> overrides = {set("R_s_Ohm", f.R_s.value),
-                                              set("L_d_H", f.L_d.value),
-                                              set("L_q_H", f.L_q.value),
-                                              set("psi_f_Wb", f.psi_f.value),
-                                              fmt::format("machine.n_p={}", f.n_p),
-                                              set("J_kgm2", f.J.value),
-                                              set("B_Nms", f.B.value)};
+  set("R_s_Ohm", f.R_s, f.R_s.is_known());
+  set("L_d_H", f.L_d, f.L_d.is_known());
+  set("L_q_H", f.L_q, f.L_q.is_known());
+  set("psi_f_Wb", f.psi_f, f.psi_f.is_known());
+  set("J_kgm2", f.J, f.J.is_known());
+  set("B_Nms", f.B, f.J.is_known());
   const std::string text =
       drive.resolved_with({}) + effects_text(f, drive.drive().sensors.encoder_counts);
   Config config = Config::parse(text, "identified.toml", overrides);
   read_all_tables(config);
   std::string head = "# Machine and effects identified by twinrate identify.\n";
+  if (!kept.empty())
+    head += "# Not identified, the value is that of the source file: " + kept + ".\n";
   if (f.mirrored)
     head +=
         "# The encoder counted against the phase order: this file is right once the encoder is "
@@ -135,6 +149,7 @@ std::string identified_json(const Identified& f, const std::vector<SheetRow>& ro
                      {"current_offset_A", {f.i_offset[0], f.i_offset[1], f.i_offset[2]}},
                      {"coulomb_friction", found(f.T_coulomb, "Nm")},
                      {"constant_torque", found(f.T_constant, "Nm")},
+                     {"fan_load", found(f.fan, "Nms2")},
                      {"inverter_loss",
                       {{"threshold", found(f.loss.V, "V")},
                        {"linear_current_A", f.loss.i_linear},

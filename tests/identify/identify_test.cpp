@@ -133,6 +133,8 @@ TEST(Identify, AWrongSheetIsNamedWithItsFactor) {
   found.n_p = right.n_p;
   found.R_s.value = right.R_s, found.L_d.value = right.L_d, found.L_q.value = right.L_q;
   found.psi_f.value = right.psi_f, found.J.value = right.J;
+  for (Found* f : {&found.R_s, &found.L_d, &found.L_q, &found.psi_f, &found.J})
+    f->sigma = 1e-3 * f->value;
   const auto verdict = [&](const MachineParameters& sheet, const std::string& key) {
     for (const SheetRow& row : compare(found, sheet))
       if (row.key == key) return row.verdict;
@@ -147,6 +149,18 @@ TEST(Identify, AWrongSheetIsNamedWithItsFactor) {
   EXPECT_NE(verdict(wrong, "n_p").find("pole pairs"), std::string::npos);
   for (const char* key : {"n_p", "R_s", "L_d", "L_q", "psi_f", "J"})
     EXPECT_EQ(verdict(right, key).substr(0, 6), "agrees") << key;
+  // 0.69 lies between 2/3 and 1/sqrt(2): both are named.
+  wrong = right;
+  wrong.psi_f /= 0.687;
+  EXPECT_NE(verdict(wrong, "psi_f").find("1/sqrt(2)"), std::string::npos);
+  EXPECT_NE(verdict(wrong, "psi_f").find("2/3"), std::string::npos);
+  // With a sigma of its own size every value would agree.
+  found.J = {2e3 * right.J, 2e3 * right.J};
+  EXPECT_NE(verdict(right, "J").find("not identified"), std::string::npos);
+  const Config sheet = load_drive("dilys2021");
+  Config file = Config::parse(identified_toml(sheet, found), "identified.toml");
+  read_all_tables(file);
+  EXPECT_EQ(file.drive().machine.J, right.J);
 }
 
 TEST(Identify, AnInductanceThatFallsIsASaturationAndOneThatStaysIsNone) {
@@ -161,6 +175,42 @@ TEST(Identify, AnInductanceThatFallsIsASaturationAndOneThatStaysIsNone) {
   EXPECT_NEAR(fit.L.value, 2e-3, 2e-5);
   EXPECT_FALSE(fit_inductance(level).saturation);
   EXPECT_NEAR(fit_inductance(level).L.value, 2e-3, 2e-6);
+}
+
+// A file has one form for both axes: the scale of an axis is that of the form in the file. Points
+// of a motor that saturates as the rational form along both; along q alone tanh fits better.
+TEST(Identify, BothAxesAreFittedWithTheFormThatTheFileHas) {
+  const std::vector<InductancePoint> d = {{0.45, {4.5652e-4, 5e-7}, true},
+                                          {0.75, {4.3182e-4, 4e-7}, true},
+                                          {1.125, {4.0411e-4, 3e-7}, true},
+                                          {1.5, {3.7852e-4, 3e-7}, true}};
+  const std::vector<InductancePoint> q = {{0.2574, {4.8057e-4, 4.4e-7}, false},
+                                          {0.375, {4.8657e-4, 2e-5}, false},
+                                          {0.75, {4.6486e-4, 9.8e-6}, false},
+                                          {1.125, {4.4086e-4, 6.4e-6}, false},
+                                          {1.5, {4.2121e-4, 4.8e-6}, false}};
+  ASSERT_NE(fit_inductance(d).saturation->form, fit_inductance(q).saturation->form);
+  const InductanceFits fits = fit_inductances(d, q);
+  ASSERT_TRUE(fits.d.saturation && fits.q.saturation);
+  EXPECT_EQ(fits.d.saturation->form, fits.q.saturation->form);
+  EXPECT_NEAR(fits.q.L.value, 5e-4, 2 * fits.q.L.sigma);
+  EXPECT_NEAR(fits.q.L.value, 5e-4, 0.02 * 5e-4);
+}
+
+TEST(Identify, AFanIsItsOwnTorqueAndNoFriction) {
+  Config config = Config::parse(load_drive("dilys2021").resolved() +
+                                    "\n[[effect]]\nkind = \"fan_load\"\ncoefficient_Nms2 = 1e-7\n",
+                                "fan", {"sensors.encoder_counts=8192"});
+  read_all_tables(config);
+  SimulatedRig rig(config, {});
+  const Identified found = identify(rig, limits_of(config.drive()), {});
+  EXPECT_NEAR(found.fan.value, 1e-7, 5e-9);
+  EXPECT_EQ(found.T_coulomb.value, 0);
+  expect_within(found.J, 1e-5, 0.03);
+  // The errors of the offsets and of the ramps are in the sigmas.
+  EXPECT_NEAR(found.R_s.value, 1.2, 3 * found.R_s.sigma);
+  EXPECT_NEAR(found.J.value, 1e-5, 3 * found.J.sigma);
+  EXPECT_NE(identified_toml(config, found).find("fan_load"), std::string::npos);
 }
 
 TEST(SegmentedFit, FindsASharedSlopeBesideFreeOffsetsWithAnHonestSigma) {
