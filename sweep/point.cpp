@@ -45,12 +45,32 @@ void note_trip(const TickRecord& tick, RunLog& log) {
   for (const PlantEvent& event : tick.plant_events) note(event.reason, event.text, Role::kPlant);
 }
 
-Config recorded_config(const RunLog& log, const std::vector<std::string>& overrides) {
-  if (log.config_toml.empty())
-    throw BadInput(log.path + ": holds no drive config (no DRIVE_MANIFEST)");
-  Config config = Config::parse(log.config_toml, log.path + " (DRIVE_MANIFEST)", overrides);
+// Start and window of the recording, as keys: the filter of another drive file begins as the recorded
+// one did.
+std::vector<std::string> of_recording(const RunLog& log, const DriveConfig& asked) {
+  if (log.config_toml.empty()) return {};
+  Config config = Config::parse(log.config_toml, log.path + " (DRIVE_MANIFEST)");
   read_all_tables(config);
-  return config;
+  const DriveConfig& d = config.drive();
+  std::vector<std::string> list = {
+      fmt::format("run.settle_s={}", d.run.settle_s),
+      fmt::format("run.duration_s={}", d.run.duration_s),
+      fmt::format("start={}", kStartNames[static_cast<int>(d.start)]),
+      fmt::format("plant.theta_e_start_rad={}", d.plant.theta_e_start)};
+  if (d.start == Start::kFlying)
+    list.push_back(
+        asked.reference.in_rpm
+            ? fmt::format("reference.speed_rpm={}", d.omega_m_start() * 60 / kTwoPi)
+            : fmt::format("reference.omega_e_rad_s={}", asked.machine.n_p * d.omega_m_start()));
+  return list;
+}
+
+Config config_on(const RunLog& log, const Plan& plan, const std::vector<std::string>& more) {
+  const DriveConfig asked = load_drive(plan.drive, plan.overrides).drive();
+  std::vector<std::string> list = of_recording(log, asked);
+  list.insert(list.end(), plan.overrides.begin(), plan.overrides.end());
+  list.insert(list.end(), more.begin(), more.end());
+  return load_drive(plan.drive, list);
 }
 
 // Half a tick before the last snapshot that is at least 0.3 s before the window.
@@ -175,17 +195,16 @@ Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& sear
 }
 
 Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search, int n) {
-  std::vector<std::string> list = plan.overrides;
-  list.push_back("gain.policy=" + search.policy);
-  list.push_back("rates.f_b_Hz=0");  // before n: the later of both keys is used
+  std::vector<std::string> list = {"gain.policy=" + search.policy};
+  list.emplace_back("rates.f_b_Hz=0");  // before n: the later of both keys is used
   list.push_back(fmt::format("rates.n={}", n));
   list.emplace_back("rates.n_from=start");
   if (plan.start == "switched") {
-    const DriveConfig asked = recorded_config(recorded, plan.overrides).drive();
+    const DriveConfig asked = config_on(recorded, plan, {}).drive();
     list.push_back(
         fmt::format("rates.n_from_s={}", switch_before(asked.run.settle_s, n, asked.T_s())));
   }
-  Config config = recorded_config(recorded, list);
+  Config config = config_on(recorded, plan, list);
   const DriveConfig& drive = config.drive();
   EstimatorLoop estimator(config);
   RunLog log;  // without COMMAND: the speed is not judged in open loop
@@ -197,8 +216,44 @@ Point run_on_log(const RunLog& recorded, const Plan& plan, const Search& search,
   return point;
 }
 
-double recorded_f_e_Hz(const RunLog& log) {
-  const Config config = recorded_config(log, {});
+void expect_speeds_reached(const Plan& plan, const DriveConfig& base) {
+  constexpr double kNear = 0.1;
+  for (const double f_e_Hz : plan.speeds_Hz) {
+    const Search search{plan.policies.front(), f_e_Hz, 1};
+    Config config = load_drive(plan.drive, point_overrides(plan, base, search, 1));
+    const DriveConfig& d = config.drive();
+    ClosedLoop loop(config);
+    RunLog log;
+    double sum = 0;
+    int count = 0;
+    while (loop.k() < d.steps()) {
+      const TickRecord& tick = loop.step();
+      log.measurement.push_back(tick.measurement);
+      log.truth.push_back(tick.truth);
+      log.estimate.push_back(tick.estimate);
+      note_trip(tick, log);
+      if (1e-9 * static_cast<double>(tick.measurement.t_ns) >= d.run.settle_s)
+        sum += tick.truth.omega_m, ++count;
+    }
+    if (!summarise(log, d).locked.value_or(false) || count == 0) continue;  // a loss at n = 1
+    const double turned_Hz = d.machine.n_p * sum / count / kTwoPi;
+    if (std::abs(turned_Hz / f_e_Hz - 1) > kNear)
+      throw BadInput(fmt::format(
+          "--speeds: {:g} Hz: the drive turns at {:.4g} Hz from {:.3g} to {:.3g} s, with a gain "
+          "every tick: its voltage, its torque or --ramp-rad-s2 does not allow more",
+          f_e_Hz, turned_Hz, d.run.settle_s, d.run.duration_s));
+  }
+}
+
+double recorded_f_e_Hz(const RunLog& log, const Plan& plan) {
+  const Config config = config_on(log, plan, {});
+  if (log.measurement.size() > 1) {
+    const Measurement &a = log.measurement.front(), &b = log.measurement.back();
+    const double f_s = 1e9 * static_cast<double>(b.k - a.k) / static_cast<double>(b.t_ns - a.t_ns);
+    if (std::abs(f_s / config.drive().rates.f_s_Hz - 1) > 1e-3)
+      throw BadInput(fmt::format("{}: recorded at {:.6g} Hz, but {} has rates.f_s_Hz = {:.6g}",
+                                 log.path, f_s, plan.drive, config.drive().rates.f_s_Hz));
+  }
   const std::vector<TickError> ticks = tick_errors(log, config.drive());
   double sum = 0;
   int count = 0;

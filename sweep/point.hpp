@@ -42,11 +42,14 @@ std::vector<Point> run_in_lanes(const Plan& plan, const LaneDrive& lane_drive,
 // `directory`.
 Point run_over_lcm(const Plan& plan, const DriveConfig& base, const Search& search, int n,
                    const std::string& directory);
-// The filter alone on the samples of a recorded drive, compared with its measured (or true) angle.
-// `plan.start` "switched": a gain every tick until 0.3 s before the window of the recording.
+// Throws BadInput where the drive, with a gain every tick, keeps synchronism but turns more than 10 %
+// slower or faster than a speed of the plan: a limit of n found there is none at that speed.
+void expect_speeds_reached(const Plan& plan, const DriveConfig& base);
+// The filter of plan.drive alone on the samples of a recorded drive, compared with its measured (or
+// true) angle. Start and window are those of the recording, if its log says them. `plan.start` "switched": a gain every tick until 0.3 s before the window of the recording.
 Point run_on_log(const RunLog& log, const Plan& plan, const Search& search, int n);
 // Mean electrical frequency of a recorded drive over its window. Throws BadInput without a rotor
-// angle in the log.
-double recorded_f_e_Hz(const RunLog& log);
+// angle in the log, or for a log of another f_s than that of plan.drive.
+double recorded_f_e_Hz(const RunLog& log, const Plan& plan);
 
 }  // namespace twinrate::sweep

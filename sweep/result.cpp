@@ -69,6 +69,7 @@ std::vector<Limit> limits_of(const Plan& plan, const std::vector<Point>& points)
         const auto own = of_search(points, search);
         outcomes.push_back(outcome_of(own, search, plan.n_max));
         limit.complete = limit.complete && outcomes.back().complete;
+        ++limit.seeds, limit.seeds_capped += outcomes.back().capped ? 1 : 0;
         if (!own.empty()) limit.f_s_Hz = own.front()->f_s_Hz;
       }
       std::sort(outcomes.begin(), outcomes.end(),
@@ -92,7 +93,8 @@ std::vector<Limit> limits_of(const Plan& plan, const std::vector<Point>& points)
 
 void write_limits(const std::string& path, const std::vector<Limit>& limits) {
   std::ofstream file(path);
-  file << "policy,f_e_Hz,n_max,f_bmin_Hz,ratio,ratio_lo,ratio_hi,capped,angle_error_rms_rad\n";
+  file << "policy,f_e_Hz,n_max,f_bmin_Hz,ratio,ratio_lo,ratio_hi,capped,angle_error_rms_rad,seeds,"
+          "seeds_capped\n";
   for (const Limit& l : limits) {
     file << fmt::format("{},{},", l.policy, l.f_e_Hz);
     if (l.policy == "scheduled")
@@ -102,7 +104,7 @@ void write_limits(const std::string& path, const std::vector<Limit>& limits) {
                           number(l.n_max, l.ratio(l.n_max)),
                           number(l.n_highest, l.ratio(l.n_highest)),
                           number(l.n_lowest, l.ratio(l.n_lowest)), l.capped ? 1 : 0);
-    file << fmt::format(",{}\n", l.angle_error_rms);
+    file << fmt::format(",{},{},{}\n", l.angle_error_rms, l.seeds, l.seeds_capped);
   }
 }
 

@@ -20,6 +20,7 @@ struct Limit {
   double f_e_Hz = 0, f_s_Hz = 0;
   int n_max = 0, n_lowest = 0, n_highest = 0;  // 0: n = 1 is lost
   bool capped = false;                         // the median has no loss up to --n-max
+  int seeds = 0, seeds_capped = 0;             // of these seeds so many have no loss up to --n-max
   bool complete = true;                        // the searches of all seeds are complete
   double angle_error_rms = 0;                  // at n_max, rms over the locked seeds
 

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cmath>
 #include <exception>
+#include <limits>
 #include <mutex>
 #include <thread>
 
@@ -33,9 +34,25 @@ bool agree(int predicted, int measured) {
   return std::abs(predicted - measured) <= std::max(1.0, 0.15 * measured);
 }
 
+// The last n that a prediction of `l` tries.
+int tried(const Limit& l) {
+  return std::min(kMaxFloquet_n, 6 * l.n_max + 10);
+}
+
+// A drive without a loss up to n_max. A formula of 0 has no limit, or does not cover the filter.
+std::string capped_verdict(const Limit& l, const Reason& r) {
+  const bool none = r.formula == 0 && std::isfinite(r.phi_c);
+  const bool by_formula = none || r.formula >= l.n_max;
+  const bool by_floquet = r.floquet >= std::min(l.n_max, kMaxFloquet_n);
+  if (!by_formula && !by_floquet) return "neither";
+  const std::string which = by_formula && by_floquet ? "both" : by_formula ? "formula" : "Floquet";
+  const bool no_limit = (!by_formula || none) && (!by_floquet || r.floquet >= tried(l));
+  return which + (no_limit ? ": no limit" : ": above n_max");
+}
+
 std::string verdict(const Limit& l, const Reason& r) {
   if (l.policy == "scheduled") return r.rho_held < 1 ? "stable" : "unstable";
-  if (l.capped) return r.floquet >= std::min(l.n_max, kMaxFloquet_n) ? "both: no limit" : "neither";
+  if (l.capped) return capped_verdict(l, r);
   const bool by_formula = r.formula > 0 && agree(r.formula, l.n_max);
   const bool by_floquet = agree(r.floquet, l.n_max);
   if (by_formula && by_floquet) return "both";
@@ -61,7 +78,7 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Conf
                       omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p};
   Reason r;
   const bool table = !has_background(policy);
-  const int limit = std::min(kMaxFloquet_n, 6 * l.n_max + 10);
+  const int limit = tried(l);
   r.phi_c = table ? NAN : critical_angle(steady, std::max(1, l.n_max));
   r.formula = n_max_by_formula(steady, limit);
   r.floquet = table ? 0 : n_max_by_floquet(steady, limit);
@@ -99,8 +116,20 @@ std::vector<Reason> explain_all(const std::vector<Limit>& limits,
   return reasons;
 }
 
-std::string text(int n) {
-  return n > 0 ? std::to_string(n) : "-";
+// "130+": no loss up to 130, the last that was tried.
+std::string text(int n, int tried = std::numeric_limits<int>::max()) {
+  return n > 0 ? std::to_string(n) + (n >= tried ? "+" : "") : "-";
+}
+
+// What keeps a row from being a median between two extremes.
+std::string remark(const Limit& l) {
+  if (!l.complete) return " (not finished)";
+  if (l.policy == "scheduled") return "";
+  if (l.capped) return " (n_max is the cap)";
+  if (l.seeds_capped > 0)
+    return fmt::format(" (the cap ended {} of {} seeds: lo is an upper bound)", l.seeds_capped,
+                       l.seeds);
+  return "";
 }
 
 void write_reasons(const std::string& path, const std::vector<Limit>& limits,
@@ -128,11 +157,9 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
         "{}{}\n",
         l.policy, l.f_e_Hz, table ? "-" : text(l.n_max), table ? NAN : l.f_bmin_Hz(),
         table ? NAN : l.ratio(l.n_max), table ? NAN : l.ratio(l.n_highest),
-        table ? NAN : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula), text(r.floquet),
-        text(r.closed), r.rho_held, agrees,
-        !l.complete          ? " (not finished)"
-        : l.capped && !table ? " (n_max is the cap)"
-                             : "");
+        table ? NAN : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula, tried(l)),
+        text(r.floquet, tried(l)), text(r.closed, std::min(tried(l), kMaxClosed_n)), r.rho_held,
+        agrees, remark(l));
   }
 }
 

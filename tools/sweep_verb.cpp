@@ -37,10 +37,11 @@ int sweep_fb(SweepOptions o) {
     set_shard_from_launcher(o.plan);
   check(o.plan);
   if (!o.plan.log.empty()) {
-    o.plan.speeds_Hz = {recorded_f_e_Hz(read_run_log(o.plan.log))};
+    o.plan.speeds_Hz = {recorded_f_e_Hz(read_run_log(o.plan.log), o.plan)};
     o.plan.seeds = 1;
   }
   const Config config = load_drive(o.plan.drive, o.plan.overrides);
+  if (o.plan.log.empty()) expect_speeds_reached(o.plan, config.drive());
   const std::string directory = shard_directory(o);
   ResultDirectory result(directory, ResultKind::kSweep, o.force, o.resume);
   catch_stop_signals();
@@ -87,8 +88,9 @@ void add_options(CLI::App& verb, SweepOptions& o) {
   verb.add_option("--shard", o.shard,
                   "run part i of n, i/n with i from 0 (default: the rank of "
                   "mpirun or srun)");
-  verb.add_option("--log", p.log,
-                  "run the filter alone on this recorded drive, against its measured angle");
+  verb.add_option(
+      "--log", p.log,
+      "run the filter of DRIVE alone on this recorded drive, against its measured angle");
   verb.add_option("--set", p.overrides,
                   "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false);

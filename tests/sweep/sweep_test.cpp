@@ -187,7 +187,6 @@ TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   const double f_e_Hz = 64;
   const RunLog log = recorded_start(f_e_Hz);
   const Search search{"paper", f_e_Hz, 1};
-  EXPECT_NEAR(recorded_f_e_Hz(log), f_e_Hz, 0.5);
   const Plan plan{.drive = "dilys2021", .policies = {"paper"}};
   const int alone = limit_of([&](int n) { return run_on_log(log, plan, search, n); });
   const DriveConfig base = load_drive(plan.drive).drive();
@@ -196,6 +195,26 @@ TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   EXPECT_NEAR(closed, 12, 1);
   // Another policy has another limit: the requested policy is used.
   EXPECT_TRUE(run_on_log(log, plan, {"rotate", f_e_Hz, 1}, closed + 3).locked);
+  // So is the filter of the drive file that is given, not that of the recording.
+  Plan joint = plan;
+  joint.overrides = {"estimator.kind=dq_ekf"};
+  EXPECT_TRUE(run_on_log(log, joint, search, closed + 3).locked);
+  RunLog bare = log;
+  bare.config_toml.clear();
+  EXPECT_EQ(run_on_log(bare, joint, search, 3).n, 3);
+}
+
+// At 24 V the EMF of 400 Hz is beyond the voltage, and J = 1e-2 kgm2 does not follow the ramp.
+TEST(Speeds, ASpeedThatTheDriveDoesNotReachIsRefused) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {64};
+  EXPECT_NO_THROW(expect_speeds_reached(plan, load_drive(plan.drive).drive()));
+  plan.speeds_Hz = {64, 400};
+  EXPECT_THROW(expect_speeds_reached(plan, load_drive(plan.drive).drive()), BadInput);
+  plan.speeds_Hz = {64};
+  plan.overrides = {"machine.J_kgm2=1e-2"};
+  EXPECT_THROW(expect_speeds_reached(plan, load_drive(plan.drive, plan.overrides).drive()),
+               BadInput);
 }
 
 // At 30 Hz the start decides the limit, and the recording has a start on a good angle. Switched at
@@ -262,6 +281,18 @@ TEST_F(SweepTest, TheReferenceEngineHasTheSameLimitsOnEveryMachine) {
   const std::string limits = text(path("whole/fbmin.csv"));
   EXPECT_NE(limits.find("\npaper,150,6,"), std::string::npos) << limits;
   EXPECT_NE(limits.find("\npaper,200,4,"), std::string::npos) << limits;
+}
+
+// Formula and Floquet have a limit, above the cap.
+TEST_F(SweepTest, APredictionAboveTheCapIsNoPredictionWithoutALimit) {
+  Plan plan = small_plan();
+  plan.speeds_Hz = {150};
+  plan.seeds = 1;
+  plan.n_max = 3;
+  run(plan, "a");
+  merge({path("a")}, path("whole"), true);
+  EXPECT_NE(text(path("whole/why.csv")).find("both: above n_max"), std::string::npos);
+  EXPECT_NE(text(path("whole/fbmin.csv")).find(",1,1\n"), std::string::npos);
 }
 
 TEST(Why, ATurnedGainHasNoLimit) {
@@ -350,10 +381,10 @@ TEST_F(SweepTest, TheLimitIsTheMiddleSeedsAndTheBoundsAreThoseOfTheOthers) {
   std::vector<std::string> cells;
   std::istringstream in(row);
   for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
-  ASSERT_EQ(cells.size(), 9u) << row;
+  ASSERT_EQ(cells.size(), 11u) << row;
   EXPECT_EQ(cells[0], "paper");
-  const double expected[] = {50, 8, 625, 12.5, 5000.0 / 12 / 50, 20, 0, 0.08};
-  for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(std::stod(cells[i + 1]), expected[i], 1e-9) << i;
+  const double expected[] = {50, 8, 625, 12.5, 5000.0 / 12 / 50, 20, 0, 0.08, 3, 0};
+  for (std::size_t i = 0; i < 10; ++i) EXPECT_NEAR(std::stod(cells[i + 1]), expected[i], 1e-9) << i;
 }
 
 TEST(Limits, OfAnEvenNumberOfSeedsTheLowerOfTheMiddleTwoCounts) {
