@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -64,14 +65,16 @@ std::optional<Square> innovation_covariance(const Gain& gain, const Outputs& R) 
 // The sums of consistency over the judged ticks.
 class Sums {
  public:
-  void add(const Outputs& innov, const Square& S) {
+  void add(std::int64_t k, const Outputs& innov, const Square& S) {
     const Eigen::LLT<Square> factor(S);
     if (factor.info() != Eigen::Success) return;
     const Outputs white = factor.matrixL().solve(innov);
     const double nis = white.squaredNorm();
     const int n_y = static_cast<int>(innov.size());
     nis_ += nis / n_y;
-    log_det_ += 2 * factor.matrixLLT().diagonal().array().log().sum();
+    const double log_det = 2 * factor.matrixLLT().diagonal().array().log().sum();
+    log_det_ += log_det;
+    of_tick_.push_back({k, log_det, nis, n_y});
     inside_ += nis < kQuantile[n_y - 1] ? 1 : 0;
     if (last_.size() == innov.size()) product_ += white.dot(last_), square_ += nis;
     last_ = white;
@@ -80,6 +83,7 @@ class Sums {
   }
   void interrupt() { last_.resize(0); }
   void write(Consistency& c) const {
+    c.of_tick = of_tick_;
     const auto count = static_cast<double>(ticks_);
     c.ticks = ticks_;
     c.nis = nis_ / count;
@@ -95,6 +99,7 @@ class Sums {
   double nis_ = 0, log_det_ = 0, product_ = 0, square_ = 0;
   int n_y_ = 0;
   Outputs last_;
+  std::vector<TickLikelihood> of_tick_;
 };
 
 // In rotor axes where the filter is in the stationary frame.
@@ -166,7 +171,7 @@ Consistency consistency_of(const std::string& drive, const std::vector<std::stri
     const Estimate& e = loop.tick(m);
     estimates.push_back(e);
     if (S && t >= first && judged(e, m) && used.k == e.gain_seq)
-      sums.add(in_rotor_axes(Outputs(e.innov.head(e.n_y)), e, turns), *S);
+      sums.add(m.k, in_rotor_axes(Outputs(e.innov.head(e.n_y)), e, turns), *S);
     else
       sums.interrupt();
     if (!loop.has_gain() || t < first) continue;
@@ -185,6 +190,32 @@ Consistency consistency_of(const std::string& drive, const std::vector<std::stri
   c.angle_error_rms = summary.angle_error_rms;
   c.speed_error_rms = summary.speed_error_rms;
   return c;
+}
+
+Gained gained(const Consistency& before, const Consistency& after) {
+  constexpr std::size_t kBlocks = 20;
+  std::vector<double> differences;
+  auto b = before.of_tick.begin();
+  for (const TickLikelihood& a : after.of_tick) {
+    while (b != before.of_tick.end() && b->k < a.k) ++b;
+    if (b != before.of_tick.end() && b->k == a.k)
+      differences.push_back(a.of(1) - b->of(before.nis));
+  }
+  const std::size_t blocks = std::min(kBlocks, differences.size() / 10);
+  Gained g{0, std::numeric_limits<double>::infinity()};
+  for (const double d : differences) g.mean += d / static_cast<double>(differences.size());
+  if (blocks < 4) return g;
+  double square = 0;
+  for (std::size_t i = 0; i < blocks; ++i) {
+    const std::size_t from = differences.size() * i / blocks;
+    const std::size_t to = differences.size() * (i + 1) / blocks;
+    double mean = 0;
+    for (std::size_t k = from; k < to; ++k) mean += differences[k] / static_cast<double>(to - from);
+    square += (mean - g.mean) * (mean - g.mean);
+  }
+  const auto n = static_cast<double>(blocks);
+  g.sigma = std::sqrt(square / (n * (n - 1)));
+  return g;
 }
 
 std::optional<int> n_max_on(const std::string& drive, const std::vector<std::string>& overrides,

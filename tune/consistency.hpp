@@ -11,6 +11,8 @@
 // a consistent filter are white and their NIS has the mean n_y.
 // Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4.
 #pragma once
+#include <cmath>
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
@@ -20,6 +22,14 @@
 
 namespace twinrate::tune {
 
+struct TickLikelihood {
+  std::int64_t k = 0;
+  double log_det = 0, nis = 0;  // ln det S, innov' S^-1 innov
+  int n_y = 0;
+  // With Q and R both times `scale`.
+  double of(double scale) const { return -0.5 * (log_det + n_y * std::log(scale) + nis / scale); }
+};
+
 struct Consistency {
   std::int64_t ticks = 0;  // judged
   double nis = 0;          // mean of NIS/n_y; 1 is consistent
@@ -27,10 +37,18 @@ struct Consistency {
   double autocorrelation = 0;      // of the innovations in units of S, lag 1, -1 to 1; 0 is white
   double log_likelihood = 0;       // mean of a tick, with this scale of Q and R
   double best_log_likelihood = 0;  // the same with Q and R both times `nis`
+  std::vector<TickLikelihood> of_tick;
   // Against the true or the measured angle; empty without one.
   std::optional<bool> locked;
   std::optional<double> angle_error_rms, speed_error_rms;  // rad electrical, rad/s mechanical
 };
+
+// Mean difference of the log-likelihood of a tick and its standard error, over the ticks of both: `after` as it is less
+// `before` with its best scale. Blocks of ticks, as successive innovations may be correlated.
+struct Gained {
+  double mean = 0, sigma = 0;  // sigma infinite with fewer than four blocks
+};
+Gained gained(const Consistency& before, const Consistency& after);
 
 enum class Angle { kCompared, kLeftOut };  // the second is quicker
 

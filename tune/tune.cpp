@@ -18,6 +18,7 @@ constexpr double kFirstStep = 2.3;    // one decade
 constexpr double kSettled = 1e-4;     // spread of the likelihood of a tick over the simplex
 constexpr double kFarthest = 14;      // six decades from the drive file
 constexpr int kSteps = 8;             // of the way back
+constexpr double kSigmas = 2;         // more likely by more than this many standard errors
 constexpr double kWorseAngle =
     1.05;  // an angle error larger by more than this factor is an objection
 
@@ -213,11 +214,16 @@ class Tuning {
 
   static void object(Result& r) {
     const Consistency &before = r.before.holdout, &after = r.after.holdout;
-    if (!(after.log_likelihood > before.best_log_likelihood))
-      r.objections.emplace_back(
-          "the innovations of the unseen data are not more likely than with the drive file's "
-          "ratios");
-    if (before.locked.value_or(true) && !after.locked.value_or(true))
+    const Gained gain = gained(before, after);
+    if (std::isinf(gain.sigma))
+      r.objections.emplace_back("the unseen data have too few ticks to tell the weights apart");
+    else if (!(gain.mean > kSigmas * gain.sigma))
+      r.objections.push_back(
+          fmt::format("the innovations of the unseen data are not more likely than with the drive "
+                      "file's ratios (a tick by {:.2g}, standard error {:.2g}; {:g} of these are "
+                      "needed)",
+                      gain.mean, gain.sigma, kSigmas));
+    if (!after.locked.value_or(true))
       r.objections.emplace_back("synchronism is lost on the unseen data");
     if (r.before.closed_loop && !r.after.closed_loop)
       r.objections.emplace_back("the simulated run of the drive file loses synchronism");

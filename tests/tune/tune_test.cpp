@@ -92,6 +92,21 @@ TEST(Consistency, TheTrueWeightsAreTheMostLikely) {
   EXPECT_GT(best, likelihood(1, 0.5));
 }
 
+// Weights of the drive file that are right cannot be beaten: a change of 1 % is chance. Four times R
+// is not. Sixteen ticks tell nothing.
+TEST(Consistency, MoreLikelyMeansByMoreThanChance) {
+  const auto judged = [](double of_R, double from) {
+    return consistency_of("dilys2021", with_weights(1, of_R), model_log(), from, 1,
+                          Angle::kLeftOut);
+  };
+  const Consistency right = judged(1, 0), wrong = judged(4, 0);
+  const Gained gain = gained(wrong, right), loss = gained(right, judged(1.01, 0));
+  EXPECT_GT(gain.mean, 2 * gain.sigma);
+  EXPECT_LT(loss.mean, 2 * loss.sigma);
+  EXPECT_NEAR(gain.mean, right.log_likelihood - wrong.best_log_likelihood, 1e-9);
+  EXPECT_TRUE(std::isinf(gained(judged(4, 0.9984), judged(1, 0.9984)).sigma));
+}
+
 TEST(Consistency, RefusesALogOfAnotherRate) {
   auto list = with_weights(1, 1);
   list.emplace_back("rates.f_s_Hz=10000");
