@@ -7,7 +7,9 @@
 #include "controller/make_controller.hpp"
 #include "controller/scaled_tuning.hpp"
 #include "loop/estimator_loop.hpp"
+#include "loop/load_drive.hpp"
 #include "model/per_unit.hpp"
+#include "model/profile.hpp"
 #include "plant_sim/plant.hpp"
 #include "response/response.hpp"
 
@@ -25,7 +27,8 @@ class DisturbedLoop {
  public:
   explicit DisturbedLoop(Config& config)
       : drive_(config.drive()),
-        plant_(config),
+        unlimited_(without_slew_of_load(config)),
+        plant_(unlimited_),
         estimator_(config),
         controller_(make_controller(config)) {}
 
@@ -43,7 +46,8 @@ class DisturbedLoop {
     if (of == ResponseOf::kSpeed) reference.omega_m_ref += x;
     if (of == ResponseOf::kCurrent) reference.i_d_ref += x;
     const double t = static_cast<double>(k_profile) * drive_.T_s();
-    plant_.follow_load(Profile(drive_.load.T_load_Nm.at(t) + (of == ResponseOf::kLoad ? x : 0)));
+    T_load_ = slew(T_load_, drive_.load.T_load_Nm.at(t), drive_.load.slew_Nm_s, drive_.T_s());
+    plant_.follow_load(Profile(T_load_ + (of == ResponseOf::kLoad ? x : 0)));
     const double error = wrap_pi(estimate.theta_e - drive_.machine.n_p * tick.truth.theta_m);
     tick.finite_and_in_step = std::isfinite(tick.truth.omega_m) && std::abs(error) < kPi / 2;
     plant_.take_command(controller_->step({m, estimate, reference, &tick.truth}));
@@ -53,7 +57,17 @@ class DisturbedLoop {
   }
 
  private:
+  // load.slew_Nm_s limits the load of the drive file, not the test signal: its fast lines would
+  // drown in the noise.
+  static Config without_slew_of_load(const Config& config) {
+    Config copy = Config::parse(config.resolved(), "response", {"load.slew_Nm_s=0"});
+    read_all_tables(copy);
+    return copy;
+  }
+
   const DriveConfig drive_;
+  double T_load_ = 0;  // Nm, of the drive file
+  Config unlimited_;
   Plant plant_;
   EstimatorLoop estimator_;
   std::unique_ptr<Controller> controller_;
@@ -130,7 +144,7 @@ Multisine signal_of(const DriveConfig& d, const FocParameters& p, ResponseOf of)
     case ResponseOf::kCurrent:
       return multisine(d, p.current_bandwidth, kCurrentShare * base.i, 0);
     case ResponseOf::kLoad:
-      return multisine(d, p.speed_bandwidth, kLoadShare * base.T, d.load.slew_Nm_s);
+      return multisine(d, p.speed_bandwidth, kLoadShare * base.T, 0);
     case ResponseOf::kSpeed:
       break;
   }

@@ -2,7 +2,7 @@
 //
 //   speed     added to the speed reference, rad/s      -> omega_m, rad/s
 //   current   added to the reference of i_d, A         -> i_d, A
-//   load      added to the load torque, Nm             -> omega_m, rad/s
+//   load      added to the load torque, Nm             -> omega_m, rad/s     without load.slew_Nm_s
 //
 // The test signal x is a multisine: 24 lines at multiples of 1/T_p, spread over the logarithm of the
 // frequency, phases by Schroeder. After the settling time of the drive file and one period, four

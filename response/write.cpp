@@ -59,7 +59,11 @@ std::string response_csv(const std::vector<Response>& responses) {
 
 std::string response_json(const std::string& drive, const std::vector<Response>& responses) {
   Json list = Json::array();
-  const auto number = [](const std::optional<double>& x) { return x ? Json(*x) : Json(); };
+  // The response to a load rises first: it has no bandwidth.
+  const auto bandwidth_json = [](const Response& r, bool of_design) {
+    const auto f = bandwidth(r, of_design);
+    return f && r.of != ResponseOf::kLoad ? Json(*f) : Json();
+  };
   for (const Response& r : responses) {
     Json lines = Json::array();
     for (const ResponseLine& l : r.lines)
@@ -74,8 +78,8 @@ std::string response_json(const std::string& drive, const std::vector<Response>&
            {"design_phase_deg", l.design ? Json(std::arg(*l.design) * kDegrees) : Json()}});
     list.push_back({{"n", r.n},
                     {"locked", r.locked},
-                    {"bandwidth_Hz", number(bandwidth(r, false))},
-                    {"design_bandwidth_Hz", number(bandwidth(r, true))},
+                    {"bandwidth_Hz", bandwidth_json(r, false)},
+                    {"design_bandwidth_Hz", bandwidth_json(r, true)},
                     {"lines", lines}});
   }
   return Json{{"drive", drive},

@@ -51,7 +51,6 @@ std::ptrdiff_t measured_lines(const Response& r) {
 
 // What makes the test signal larger.
 const char* hint(const Response& r) {
-  if (r.of == ResponseOf::kLoad) return "; a faster load.slew_Nm_s admits a larger one";
   return r.of == ResponseOf::kSpeed ? "; a faster reference.slew_rad_s2 admits a larger one" : "";
 }
 

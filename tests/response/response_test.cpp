@@ -64,6 +64,13 @@ TEST(Response, StepsOfTheDriveFileAreNoPartOfIt) {
     EXPECT_GT(l.coherence, 0.999) << l.f << " Hz";
 }
 
+// The slew limit is that of the load of the drive file; a slow one left no line of the load measured.
+TEST(Response, ASlowLoadOfTheDriveFileHidesNoLine) {
+  const Response r = measured(ResponseOf::kLoad, {"load.slew_Nm_s=0.002", "load.T_load_Nm=0.001"});
+  ASSERT_TRUE(r.locked);
+  for (const ResponseLine& l : r.lines) EXPECT_TRUE(l.measured()) << l.f << " Hz";
+}
+
 TEST(Response, ALineBelowTheNoiseIsNotMeasured) {
   ResponseLine known{.f = 1, .H = 1, .coherence = 0.99, .sigma = 0.058, .design = {}};
   ResponseLine hidden{.f = 2, .H = 50, .coherence = 0.1, .sigma = 87, .design = {}};
