@@ -169,6 +169,7 @@ Exported export_table(const ExportRequest& request, const std::function<void(dou
       });
   table.finish();
   result.left_out = table.left_out();
+  result.late = table.late();
   result.damage = events.damage();
   result.streams = outlet.finish(request.log, result.interrupted);
   return result;

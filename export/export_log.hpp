@@ -35,6 +35,7 @@ struct ExportedStream {
 struct Exported {
   std::vector<ExportedStream> streams;
   std::int64_t left_out = 0;  // ticks omitted from the table
+  std::int64_t late = 0;      // messages that came too late for the row of their tick
   std::string damage;         // of the log, with OnDamage::kSkip; "" if it is whole
   bool interrupted = false;   // the file is valid up to the interruption
 };

@@ -14,7 +14,6 @@
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kMaxLateTicks = 64;  // delay of a message
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 // The channel's name without DRIVE_.
@@ -59,7 +58,10 @@ void TickTable::take(Channel channel, const void* bytes, std::size_t size) {
   Layout layout;
   if (!read_sample(channel, bytes, size, sample, layouts_.count(channel) ? nullptr : &layout))
     throw BadInput(fmt::format("{}: messages have another type version than this program", path_));
-  if (sample.k <= last_k_) return;
+  if (sample.k <= last_k_) {
+    ++late_;
+    return;
+  }
   Tick& tick = ticks_[sample.k];
   if (channel == Channel::kMeasurement && !tick.measurement)
     tick.measurement = from_wire(decoded<measurement_t>(path_, bytes, size));

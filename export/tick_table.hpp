@@ -24,6 +24,9 @@ namespace twinrate {
 
 class TickTable {
  public:
+  // A realtime run on a busy machine had messages more than 64 ticks late. A tick is about 1 kB.
+  static constexpr std::size_t kMaxLateTicks = 4096;
+
   // `header` is called once, before the first row.
   struct Put {
     std::function<void(const Layout&)> header;
@@ -33,11 +36,12 @@ class TickTable {
 
   // True for a channel whose messages the table needs, MANIFEST included.
   bool wants(Channel channel) const;
-  // Messages may be out of tick order by a few ticks. Throws BadInput: another type version.
+  // Messages may be out of tick order by kMaxLateTicks; a later one is counted. Throws BadInput: another type version.
   void take(Channel channel, const void* bytes, std::size_t size);
   // Throws BadInput if a channel of `beside` is not in the log.
   void finish();
   std::int64_t left_out() const { return left_out_; }
+  std::int64_t late() const { return late_; }
 
  private:
   struct Tick {
@@ -64,7 +68,7 @@ class TickTable {
   std::optional<int> n_p_;
   std::optional<DeclaredLoad> load_;
   double T_load_ = 0;
-  std::int64_t last_k_ = -1, left_out_ = 0;
+  std::int64_t last_k_ = -1, left_out_ = 0, late_ = 0;
   int signals_ = 0;
   bool duty_ = false, omega_m_ref_ = false, i_dq_ref_ = false, i_d_ref_ = false;
   Layout layout_;

@@ -9,6 +9,7 @@
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
 #include "export/export_log.hpp"
+#include "export/tick_table.hpp"
 #include "tools/verb.hpp"
 
 namespace twinrate {
@@ -33,6 +34,7 @@ void print_export(const ExportOptions& o, const Exported& e) {
     nlohmann::ordered_json json = {{"out", o.request.out},
                                    {"interrupted", e.interrupted},
                                    {"left_out", e.left_out},
+                                   {"late", e.late},
                                    {"streams", nlohmann::json::array()}};
     for (const ExportedStream& s : e.streams)
       json["streams"].push_back(
@@ -46,6 +48,9 @@ void print_export(const ExportOptions& o, const Exported& e) {
                s.last_s);
   if (e.left_out > 0)
     fmt::print("  {} ticks left out: their measurement is missing or not whole\n", e.left_out);
+  if (e.late > 0)
+    fmt::print("  {} messages left out: they stand more than {} ticks late in the log\n", e.late,
+               TickTable::kMaxLateTicks);
 }
 
 int run_export(ExportOptions o) {

@@ -250,6 +250,29 @@ TEST_F(Export, TicksThatTheTableCannotHoldAreCounted) {
   EXPECT_EQ(export_log(request("csv"), {}).left_out, 0);
 }
 
+// A realtime run on a busy machine has commands many ticks late in its log.
+TEST_F(Export, ALateMessageIsInTheRowOfItsTick) {
+  WholeLog log(path("late.lcm"));
+  log.write(make_manifest(kSession, load_drive("niewiara2020").resolved(), "{}"), 1);
+  constexpr std::int64_t kLate = 100;
+  for (std::int64_t k = 0; k < kTicks + kLate; ++k) {
+    const std::int64_t t_us = 2 + k * kTick_ns / 1000, of = k < 200 ? k : k - kLate;
+    if (k < kTicks) log.write(to_wire(measurement_at(k), kSession), t_us);
+    if (of < kTicks && (k < 100 || k >= 200)) {
+      Command command;
+      command.k = of, command.t_ns = of * kTick_ns;
+      command.i_dq_ref = {0, static_cast<double>(of)};
+      log.write(to_wire(command, kSession), t_us);
+    }
+  }
+  log.finish();
+  ExportRequest asked = request("csv");
+  asked.log = path("late.lcm");
+  EXPECT_EQ(export_log(asked, {}).late, 0);
+  const Table table = read_table(path("out.csv"));
+  for (const std::size_t k : {99u, 100u, 150u, 300u}) EXPECT_EQ(table.number(k, "i_q_ref"), k);
+}
+
 TEST_F(Export, TheTracerReadsTheSameRecordFromTheTableAndFromTheLog) {
   export_log(request("csv"), {});
   const Config config = load_drive("niewiara2020", {"load.T_load_Nm=0.5"});
