@@ -26,6 +26,7 @@ RunOutline outline_of(const RunLog& log, const std::vector<TickRow>& rows) {
   note(log.measurement, Channel::kMeasurement, outline);
   note(log.truth, Channel::kTruth, outline);
   note(log.estimate, Channel::kEstimate, outline);
+  note(log.reference, Channel::kReference, outline);
   note(log.command, Channel::kCommand, outline);
   note(log.gain, Channel::kGain, outline);
   return outline;

@@ -299,9 +299,11 @@ void SummaryBuilder::set_ripple() {
 // Messages of each channel lost between its first and last tick.
 void SummaryBuilder::set_lost_messages() {
   for (const Channel channel : {Channel::kMeasurement, Channel::kTruth, Channel::kEstimate,
-                                Channel::kCommand, Channel::kGain}) {
+                                Channel::kReference, Channel::kCommand, Channel::kGain}) {
     const RunOutline::Span& span = outline_.span(channel);
     if (span.count == 0) continue;
+    // A foreign generator need not speak at every tick.
+    if (channel == Channel::kReference && config_.reference.from_bus) continue;
     const std::int64_t expected =
         channel != Channel::kGain ? span.last - span.first
         : config_.locks_first()

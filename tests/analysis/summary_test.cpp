@@ -398,7 +398,13 @@ TEST(Summary, CountsTicksMissingInTheLog) {
   log.estimate.erase(log.estimate.begin() + 700, log.estimate.begin() + 703);
   log.gain.erase(log.gain.begin() + 10);
   log.command.push_back(log.command.back());  // a repeat is no gap
+  for (const Measurement& m : log.measurement)
+    if (m.k < 200 || m.k > 201) log.reference.push_back({.k = m.k, .t_ns = m.t_ns});
   Summary s = summarise(log, config);
+  EXPECT_EQ(s.lost_messages["DRIVE_REFERENCE"], 2);
+  DriveConfig foreign = config;
+  foreign.reference.from_bus = true;
+  EXPECT_EQ(summarise(log, foreign).lost_messages.count("DRIVE_REFERENCE"), 0u);
   EXPECT_EQ(s.lost_messages["DRIVE_ESTIMATE"], 3);
   EXPECT_EQ(s.lost_messages["DRIVE_GAIN"], 1);
   EXPECT_EQ(s.lost_messages["DRIVE_COMMAND"], 0);
