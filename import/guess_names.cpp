@@ -155,8 +155,9 @@ NamedUnit named_unit(const std::string& column) {
       return {stripped(column.substr(0, from) + column.substr(to + 1)),
               stripped(column.substr(from + 1, to - from - 1))};
   }
+  // "I_V" is the current of phase V.
   for (const std::string& ending : unit_endings())
-    if (column.size() > ending.size() && column.ends_with(ending))
+    if (column.size() > ending.size() && column.ends_with(ending) && column != "I_V")
       return {column.substr(0, column.size() - ending.size()), ending.substr(1)};
   return {stripped(column), ""};
 }

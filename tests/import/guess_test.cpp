@@ -266,6 +266,8 @@ TEST_F(GuessMap, AnAmbiguousUnitIsSaidAndLeftOut) {
   EXPECT_EQ(reason(guess, "I_A"), "is i_a") << "phase A, for I_B stands beside it";
   EXPECT_EQ(reason(guess, "I_B"), "is i_b");
   EXPECT_NE(reason(guess, "erpm").find("electrical"), std::string::npos);
+  const Guess uvw = guess_map({.file = write("time_s,I_U,I_V,I_W", "0.00{},0.512,-0.206,-0.306")});
+  EXPECT_EQ(reason(uvw, "I_V"), "is i_b") << "a current is in no volts";
   EXPECT_NE(map_toml(guess, "").find("# not understood: iq (column 2): A or mA?"),
             std::string::npos);
 }
