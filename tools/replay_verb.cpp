@@ -65,7 +65,8 @@ int print(const LockstepResult& r, const BusParameters& parameters, const std::s
   }
   fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", r.played, r.wall_s, r.repeats);
   if (r.equal + r.different == 0)
-    fmt::print("estimates: none in the log to compare with\n");
+    fmt::print("estimates: none {}\n",
+               incomplete.empty() ? "in the log to compare with" : "compared");
   else
     fmt::print("estimates: {} {}, {} different, {} not in the log\n", r.equal,
                incomplete.empty() ? "equal to the log bit for bit" : "equal", r.different,
@@ -102,7 +103,8 @@ int replay(const ReplayOptions& o) {
   if (!o.lockstep) {
     const PacedResult r =
         replay_paced(o.log, log.channel_suffix, channel_list(o.only), o.bus, o.speed, on_damage);
-    fmt::print("played {} messages of {} in {:.2f} s\n", r.played, o.only, r.wall_s);
+    fmt::print("played {} messages of {} in {:.2f} s{}\n", r.played, o.only, r.wall_s,
+               stop_signalled() ? ", interrupted" : "");
     return log.damage.empty() ? 0 : 1;
   }
   if (log.config_toml.empty())
@@ -120,8 +122,11 @@ int replay(const ReplayOptions& o) {
     fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
     own = std::make_unique<OwnEstimator>(drive_file, o.bus, session);
   }
-  return print(replay_lockstep(log, parameters, o.bus, session), parameters,
-               incomplete(log, config.drive()));
+  const LockstepResult result = replay_lockstep(log, parameters, o.bus, session);
+  std::string why = incomplete(log, config.drive());
+  if (why.empty() && stop_signalled())
+    why = fmt::format("interrupted after {} of {} ticks", result.played, log.measurement.size());
+  return print(result, parameters, why);
 }
 
 }  // namespace

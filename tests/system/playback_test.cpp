@@ -184,6 +184,16 @@ TEST_F(Playback, LockstepReplayReproducesTheEstimatesWithItsOwnProcesses) {
   EXPECT_TRUE(processes_with("twinrate-replay-").empty());
 }
 
+TEST_F(Playback, AnInterruptedLockstepReplayIsNotEqualBitForBit) {
+  Program replay({TWINRATE_PROGRAM, "replay", path("run"), "--lockstep"});
+  ASSERT_TRUE(wait_until([&] { return !processes_with("twinrate-replay-").empty(); }));
+  replay.signal(SIGINT);
+  const ProgramResult result = replay.wait(10);
+  EXPECT_EQ(result.exit_code, 1) << result.err;
+  EXPECT_NE(result.out.find("interrupted after"), std::string::npos) << result.out;
+  EXPECT_EQ(result.out.find("bit for bit"), std::string::npos) << result.out;
+}
+
 TEST_F(Playback, LockstepReplayReproducesTheEstimatesOfRunningProcesses) {
   start_estimator_and_gain({"--follow"});
   for (int time = 0; time < 2; ++time) {
