@@ -12,6 +12,7 @@ namespace twinrate {
 namespace {
 
 using Json = nlohmann::ordered_json;
+constexpr const char* kSimulated = "closed loop";
 
 Json number(double value) {
   return std::isfinite(value) ? Json(value) : Json(nullptr);
@@ -56,10 +57,10 @@ std::vector<Compared> compared(const Verification& v) {
       all.push_back({level, "theta_e against measured", "rad", *v.estimator->theta_e});
   }
   if (v.closed_loop) {
-    all.push_back({"closed loop", "theta_e", "rad", v.closed_loop->theta_e});
-    all.push_back({"closed loop", "speed ripple", "rad/s", v.closed_loop->speed_ripple});
+    all.push_back({kSimulated, "theta_e", "rad", v.closed_loop->theta_e});
+    all.push_back({kSimulated, "speed ripple", "rad/s", v.closed_loop->speed_ripple});
     if (v.closed_loop->has_load)
-      all.push_back({"closed loop", "load estimate", "Nm", v.closed_loop->T_load});
+      all.push_back({kSimulated, "load estimate", "Nm", v.closed_loop->T_load});
   }
   return all;
 }
@@ -126,6 +127,8 @@ std::string table(const Verification& v) {
       fmt::format("  {:<12} {:<28} {:>11} {:>11}\n", "level", "error, rms", "declared", "extended");
   std::string level;
   for (const Compared& f : compared(v)) {
+    if (f.level == kSimulated && f.level != level)
+      text += "  simulated, no held-out data: the extended model is the plant\n";
     text += fmt::format("  {:<12} {:<28} {:>11.4g} {:>11.4g}  {:<6} {:>7}\n",
                         f.level == level ? "" : f.level, f.what, f.error.before, f.error.after,
                         f.unit, f.error.before > 0 ? fmt::format("x {:.3f}", f.ratio()) : "");

@@ -156,6 +156,10 @@ TEST(Verify, ReportsErrorsThatRiseAndLevelsWithoutChange) {
   EXPECT_EQ(lines[1], "no change with the extended model (x 1.000): free run");
   EXPECT_NE(table(v).find(lines[0]), std::string::npos);
   EXPECT_EQ(nlohmann::json::parse(to_json(v))["remarks"][1], lines[1]);
+  EXPECT_EQ(table(v).find("simulated"), std::string::npos);
+  v.closed_loop = LoopError{{1, 0.5}, {1, 0.5}, {1, 0.5}};
+  EXPECT_LT(table(v).find("simulated, no held-out data"), table(v).find("closed loop"));
+  v.closed_loop.reset();
   v.one_step = v.free_run = ModelError{{1, 0.9}, {1, 1.04}, {1, 1}};
   EXPECT_TRUE(remarks(v).empty());
 }
