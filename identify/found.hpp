@@ -67,7 +67,8 @@ struct Identified {
   double theta_zero = 0;  // rad, reading at which the d axis is phase a, of the first pole pair
   Vec3 i_offset = Vec3::Zero();
   Found R_s, L_d, L_q, psi_f, J, B, T_coulomb, T_constant;
-  Found fan;  // Nm s^2, torque over the square of the speed
+  bool R_s_drifts = false;  // while the direct currents are on
+  Found fan;                // Nm s^2, torque over the square of the speed
   InverterLoss loss;
   std::vector<InductancePoint> L_d_points, L_q_points;
   std::optional<SaturationFound> saturation_d, saturation_q;

@@ -174,18 +174,20 @@ class FluxFit {
   double T_s_;
 };
 
-// A falling L_q is a saturation. One that is larger beside no current along d is none.
+// A falling L_q is a saturation. One that is larger beside no current along d is none; a resistance
+// that is not the R_s at rest makes one.
 void note_rising_inductance(Identified& found) {
   constexpr double kSigmas = 3, kMaterial = 0.02;
   const Found& rest = found.L_q_points.front().L;
+  if (found.R_s_drifts) return;
   for (const InductancePoint& p : found.L_q_points) {
     const double rise = p.L.value - rest.value;
     if (rise < kMaterial * rest.value || rise < kSigmas * std::hypot(p.L.sigma, rest.sigma))
       continue;
-    found.notes.push_back(
-        fmt::format("L_q: {:.3g} mH at rest beside the holding current, {:.3g} mH turning without "
-                    "it; the file has the first (trace finds it: cross_saturation)",
-                    1e3 * rest.value, 1e3 * p.L.value));
+    found.notes.push_back(fmt::format(
+        "L_q: {:.3g} mH at rest beside the holding current, {:.3g} mH turning without it, as with "
+        "cross saturation, another R_s or loss of the inverter; the file has the first",
+        1e3 * rest.value, 1e3 * p.L.value));
     return;
   }
 }

@@ -143,19 +143,22 @@ void find_wiring(Experiment& e, Identified& found) {
 
 struct Level {
   double i = 0, u = 0;
+  double place = 0;  // in time: 0 of the first level, 1 of the last
 };
 
 // The current loop finds the voltage of a level, which is then held: the swing of the rotor dies
-// away, and the voltage has no noise.
+// away, and the voltage has no noise. The last one repeats the first: a winding that warms has
+// another voltage then.
 std::vector<Level> direct_levels(Experiment& e) {
   constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
   std::vector<Level> levels;
-  for (int level = kDirectLevels; level >= 1; --level) {
+  for (int step = 0; step <= kDirectLevels; ++step) {
+    const int level = step < kDirectLevels ? kDirectLevels - step : kDirectLevels;
     const Vec2 i_ref(e.i_max() * level / kDirectLevels, 0);
     for (int k = 0; k < e.ticks(kFind_s); ++k) e.control(i_ref, 0, 0);
     const Vec2 u(e.integral()[0], 0);
     for (int k = 0; k < e.ticks(kSettle_s); ++k) e.apply(u);
-    Level mean;
+    Level mean{.place = static_cast<double>(step) / kDirectLevels};
     const int ticks = e.ticks(kMean_s);
     for (int k = 0; k < ticks; ++k) {
       const Row& row = e.apply(u);
@@ -167,23 +170,26 @@ std::vector<Level> direct_levels(Experiment& e) {
 }
 
 struct DirectFit {
-  Found R_s;
+  Found R_s;         // at the first level
+  double drift = 0;  // Ohm, from the first level to the last
   InverterLoss loss;
   double misfit = INFINITY;
 };
 
 // `i_sigma`: of the offset that all levels share, A.
 DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_linear,
-                     CurrentShape shape) {
+                     CurrentShape shape, bool drifts) {
   const auto n = static_cast<Eigen::Index>(levels.size());
   const bool lossy = i_linear > 0;
-  Eigen::MatrixXd A(n, lossy ? 2 : 1);
+  const Eigen::Index of_loss = drifts ? 2 : 1;
+  Eigen::MatrixXd A(n, of_loss + (lossy ? 1 : 0));
   Eigen::VectorXd u(n);
   for (Eigen::Index k = 0; k < n; ++k) {
     const Level& level = levels[static_cast<std::size_t>(k)];
     A(k, 0) = level.i;
+    if (drifts) A(k, 1) = level.i * level.place;
     if (lossy)
-      A(k, 1) =
+      A(k, of_loss) =
           2.0 / 3 *
           (current_sign(level.i / i_linear, shape) + current_sign(level.i / (2 * i_linear), shape));
     u[k] = level.u;
@@ -195,19 +201,23 @@ DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_
   const double variance = fit.misfit / static_cast<double>(n - A.cols() - (lossy ? 1 : 0));
   const double of_offset = (N * A.transpose() * Eigen::VectorXd::Ones(n))[0] * x[0] * i_sigma;
   fit.R_s = {x[0], std::hypot(std::sqrt(variance * N(0, 0)), of_offset)};
-  if (lossy) fit.loss = {{x[1], std::sqrt(variance * N(1, 1))}, i_linear, shape};
+  if (drifts) fit.drift = x[1];
+  if (lossy) fit.loss = {{x[of_loss], std::sqrt(variance * N(of_loss, of_loss))}, i_linear, shape};
   return fit;
 }
 
 void find_resistance(Experiment& e, Identified& found) {
-  constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5;
+  constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5, kDrift = 3e-3;
   const std::vector<Level> levels = direct_levels(e);
   const double i_sigma = e.offset_sigma_alpha();
-  const DirectFit plain = fit_direct(levels, i_sigma, 0, CurrentShape::kClamp);
+  const double again = levels.back().u / levels.back().i * levels.front().i / levels.front().u;
+  const bool drifts = std::abs(again - 1) > kDrift;
+  const DirectFit plain = fit_direct(levels, i_sigma, 0, CurrentShape::kClamp, drifts);
   std::vector<DirectFit> fits = {plain};
   for (int shape = 0; shape < 4; ++shape)
     for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05)
-      fits.push_back(fit_direct(levels, i_sigma, i_linear, static_cast<CurrentShape>(shape)));
+      fits.push_back(
+          fit_direct(levels, i_sigma, i_linear, static_cast<CurrentShape>(shape), drifts));
   double least = INFINITY;
   for (const DirectFit& fit : fits) least = std::min(least, fit.misfit);
   // The first that is about as good: no loss, then a clamp, then the smallest linear zone. What the
@@ -223,6 +233,13 @@ void find_resistance(Experiment& e, Identified& found) {
     best = plain;
   found.R_s = best.R_s;
   found.loss = best.loss;
+  found.R_s_drifts = drifts;
+  if (drifts)
+    found.notes.push_back(
+        fmt::format("R_s: changed by {:+.2g} % while the direct currents were on (a winding that "
+                    "warms?); it is "
+                    "that of their begin",
+                    100 * best.drift / best.R_s.value));
   if (loss.V.value != 0 && loss.i_linear > 0.5 * e.i_max())
     found.notes.push_back(
         "loss of the inverter: it has not reached its full value at the test current, so a part of "

@@ -10,6 +10,7 @@
 #include "identify/admittance.hpp"
 #include "identify/segmented_fit.hpp"
 #include "identify/simulated_rig.hpp"
+#include "identify/standstill.hpp"
 #include "loop/load_drive.hpp"
 #include "model/random.hpp"
 
@@ -195,6 +196,22 @@ TEST(Identify, BothAxesAreFittedWithTheFormThatTheFileHas) {
   EXPECT_EQ(fits.d.saturation->form, fits.q.saturation->form);
   EXPECT_NEAR(fits.q.L.value, 5e-4, 2 * fits.q.L.sigma);
   EXPECT_NEAR(fits.q.L.value, 5e-4, 0.02 * 5e-4);
+}
+
+// 25 % more resistance with a time constant of 20 s stood as a loss of 0.17 V in the file.
+TEST(Identify, AWindingThatWarmsIsNoLossOfTheInverter) {
+  Config config = Config::parse(load_drive("dilys2021").resolved() +
+                                    "\n[[effect]]\nkind = \"resistance\"\nchange_Ohm = 0.3\n"
+                                    "time_constant_s = 20.0\n",
+                                "warm", {"sensors.encoder_counts=8192"});
+  read_all_tables(config);
+  SimulatedRig rig(config, {});
+  Experiment e(rig, limits_of(config.drive()), {});
+  Identified found;
+  identify_standstill(e, found);
+  EXPECT_LT(std::abs(found.loss.V.value), 0.02);
+  ASSERT_FALSE(found.notes.empty());
+  EXPECT_NE(found.notes.front().find("R_s: changed by +"), std::string::npos);
 }
 
 TEST(Identify, AFanIsItsOwnTorqueAndNoFriction) {
