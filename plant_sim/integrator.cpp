@@ -102,6 +102,7 @@ class ErkIntegrator final : public SundialsIntegrator {
                         "ERKStepCreate")) {
     check(ERKStepSetUserData(erk_, &problem_), "ERKStepSetUserData");
     check(ERKStepSetTableNum(erk_, ARKODE_DORMAND_PRINCE_7_4_5), "ERKStepSetTableNum");
+    check(ERKStepSetMaxNumSteps(erk_, steps + 2), "ERKStepSetMaxNumSteps");  // 500 by default
   }
   ErkIntegrator(const ErkIntegrator&) = delete;
   ErkIntegrator& operator=(const ErkIntegrator&) = delete;

@@ -54,6 +54,14 @@ TEST(Erk, ConvergesWithOrderFive) {
   EXPECT_NEAR(order, 5, 0.5);
 }
 
+// The library stops after 500 steps unless told otherwise.
+TEST(Erk, TakesTheMostStepsThatADriveFileMayAskFor) {
+  const DriveModel model(dilys(), {}, 24);
+  const auto some = make_integrator(Engine::kErk, model, 64);
+  const auto most = make_integrator(Engine::kErk, model, 1000);
+  EXPECT_LT(worst_current_error(*some, *most), 1e-9);
+}
+
 TEST(Cvode, IsWithinItsToleranceOfManySmallSteps) {
   const DriveModel model(dilys(), {}, 24);
   const auto truth = make_integrator(Engine::kErk, model, 64);
