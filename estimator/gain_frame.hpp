@@ -22,29 +22,27 @@ class GainFrame {
 
   void turn_gain(Gain& gain) const {
     if (pairs_ == 0) return;
-    turn_rows(gain.K);
-    const auto k_alpha = gain.K.col(0).eval(), k_beta = gain.K.col(1).eval();
-    gain.K.col(0) = c_ * k_alpha - s_ * k_beta;
-    gain.K.col(1) = s_ * k_alpha + c_ * k_beta;
+    turn_rows(gain.K, gain.n_y);
+    for (int row = 0; row < gain.n_x; ++row) turn(gain.K(row, 0), gain.K(row, 1));
   }
   void turn_covariance(Gain& gain) const {
-    turn_rows(gain.P);
-    for (int pair = 0; pair < pairs_; ++pair) {
-      const auto p_alpha = gain.P.col(2 * pair).eval(), p_beta = gain.P.col(2 * pair + 1).eval();
-      gain.P.col(2 * pair) = c_ * p_alpha - s_ * p_beta;
-      gain.P.col(2 * pair + 1) = s_ * p_alpha + c_ * p_beta;
-    }
+    turn_rows(gain.P, gain.n_x);
+    for (int pair = 0; pair < pairs_; ++pair)
+      for (int row = 0; row < gain.n_x; ++row)
+        turn(gain.P(row, 2 * pair), gain.P(row, 2 * pair + 1));
   }
 
  private:
   GainFrame(int pairs, const math::SinCos& at) : pairs_(pairs), c_(at.cos), s_(at.sin) {}
   template <class Matrix>
-  void turn_rows(Matrix& m) const {
-    for (int pair = 0; pair < pairs_; ++pair) {
-      const auto alpha = m.row(2 * pair).eval(), beta = m.row(2 * pair + 1).eval();
-      m.row(2 * pair) = c_ * alpha - s_ * beta;
-      m.row(2 * pair + 1) = s_ * alpha + c_ * beta;
-    }
+  void turn_rows(Matrix& m, int cols) const {
+    for (int pair = 0; pair < pairs_; ++pair)
+      for (int col = 0; col < cols; ++col) turn(m(2 * pair, col), m(2 * pair + 1, col));
+  }
+  void turn(double& alpha, double& beta) const {
+    const double along_alpha = c_ * alpha - s_ * beta;
+    beta = s_ * alpha + c_ * beta;
+    alpha = along_alpha;
   }
   int pairs_;
   double c_, s_;

@@ -12,24 +12,29 @@ constexpr int kIterations = 20000;
 constexpr double kConverged = 1e-12;
 
 // Iterates the filter's own background step in rotor coordinates until K converges. `gain` holds
-// P to start from, and the result.
-void converge(const Filter& filter, double omega_m, Gain& gain) {
+// P to start from, and the result. Stops where no steps are left.
+void converge(const Filter& filter, double omega_m, Gain& gain, std::int64_t& steps_left) {
   const Estimate e = *filter.steady_state(omega_m);
   const GainFrame back(filter.turning_pairs(), e.theta_e - filter.ahead(e, 1).theta_e);
-  for (int i = 0; i < kIterations; ++i) {
-    Gain before = gain;
-    back.turn_covariance(before);
-    gain = filter.background_step(before, e);
-    const double change = (gain.K - before.K).lpNorm<Eigen::Infinity>();
-    if (change <= kConverged * gain.K.lpNorm<Eigen::Infinity>()) return;
+  GainSchedule::GainMatrix before;
+  for (int i = 0; i < kIterations && steps_left > 0; ++i, --steps_left) {
+    before = gain.K;
+    back.turn_covariance(gain);
+    filter.update_gain(gain, e);
+    const auto K = gain.K.topLeftCorner(gain.n_x, gain.n_y);
+    const double change = (K - before.topLeftCorner(gain.n_x, gain.n_y)).lpNorm<Eigen::Infinity>();
+    if (change <= kConverged * K.lpNorm<Eigen::Infinity>()) return;
   }
 }
 
 }  // namespace
 
-std::shared_ptr<const GainSchedule> GainSchedule::build(const Filter& filter, double omega_m_max) {
+std::shared_ptr<const GainSchedule> GainSchedule::build(const Filter& filter, double omega_m_max,
+                                                        std::int64_t most_steps) {
   if (!filter.steady_state(0)) return nullptr;
-  return std::shared_ptr<const GainSchedule>(new GainSchedule(filter, omega_m_max));
+  const std::shared_ptr<const GainSchedule> table(
+      new GainSchedule(filter, omega_m_max, most_steps));
+  return most_steps > 0 ? table : nullptr;
 }
 
 // Rows lie at (row/last)^2 of the range.
@@ -41,14 +46,14 @@ double GainSchedule::row_of(double omega_m) const {
   return (kRows - 1) * std::sqrt(std::min(1.0, std::abs(omega_m) / omega_m_max_));
 }
 
-GainSchedule::GainSchedule(const Filter& filter, double omega_m_max)
+GainSchedule::GainSchedule(const Filter& filter, double omega_m_max, std::int64_t& steps_left)
     : pairs_(filter.turning_pairs()), omega_m_max_(omega_m_max), K_(kRows) {
   Gain gain = filter.initial_gain();
-  converge(filter, -omega_m_max_, gain);
+  converge(filter, -omega_m_max_, gain, steps_left);
   const GainMatrix K_backwards = gain.K;
   gain = filter.initial_gain();
   for (int row = kRows - 1; row >= 0; --row) {  // slow rows start from the row above
-    converge(filter, speed_of(row), gain);
+    converge(filter, speed_of(row), gain, steps_left);
     K_[static_cast<std::size_t>(row)] = gain.K;
   }
   sign_ = (K_backwards.array() * K_.back().array() < 0).select(-GainMatrix::Ones(), 1.0);

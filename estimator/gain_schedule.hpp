@@ -10,6 +10,8 @@
 // read from a file. At standstill the angle is not observable and P44 grows without bound, so the
 // number of iterations is limited (kIterations); K itself is finite there.
 #pragma once
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -23,14 +25,17 @@ class GainSchedule {
 
   // Rows from 0 to omega_m_max, closer together near standstill. Null where the filter has no
   // steady state. Speeds beyond the table use its last row.
-  static std::shared_ptr<const GainSchedule> build(const Filter& filter, double omega_m_max);
+  // Null, too, where the table takes more than `most_steps` background steps.
+  static std::shared_ptr<const GainSchedule> build(
+      const Filter& filter, double omega_m_max,
+      std::int64_t most_steps = std::numeric_limits<std::int64_t>::max());
 
   // K for the rotor at this angle and speed.
   Gain at(double omega_m, double theta_e) const;
   GainMatrix rotor_gain(double omega_m) const;
 
  private:
-  GainSchedule(const Filter& filter, double omega_m_max);
+  GainSchedule(const Filter& filter, double omega_m_max, std::int64_t& steps_left);
   double row_of(double omega_m) const;
   double speed_of(int row) const;
 

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "core/steering.hpp"
 #include "estimator/propagated_gain.hpp"
 
@@ -56,7 +58,15 @@ std::string compensation_needs(Compensation wanted, const DriveConfig& drive,
   return measured ? "" : "a measured angle: estimator.kind = ekf_disturbance or ekf_harmonic";
 }
 
-FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make) {
+bool uses_table(Config& config) {
+  const std::vector<RateChange> changes = rate_history(config).changes();
+  return !has_background(config.drive().gain.policy) ||
+         std::ranges::any_of(changes,
+                             [](const RateChange& c) { return !has_background(c.policy); });
+}
+
+FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make,
+                        const GainTable& table) {
   const DriveConfig& drive = config.drive();
   const auto filter = make(config);
   require_policy(config, *filter);
@@ -64,12 +74,9 @@ FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make) 
   if (fall_back)
     use.max_age_ticks = drive.gain.max_age_ticks > 0 ? drive.gain.max_age_ticks : 4 * drive.rates.n;
   const std::vector<RateChange> changes = rate_history(config).changes();
-  bool scheduled = !has_background(drive.gain.policy);
-  for (const RateChange& change : changes) {
-    require_policy(config, *filter, change.policy);
-    scheduled = scheduled || !has_background(change.policy);
-  }
-  if (fall_back || scheduled) use.schedule = GainSchedule::build(*filter, drive.omega_m_limit());
+  for (const RateChange& change : changes) require_policy(config, *filter, change.policy);
+  if (fall_back || uses_table(config))
+    use.schedule = table ? table : GainSchedule::build(*filter, drive.omega_m_limit());
   std::optional<Agreement> agreement;
   if (drive.locks_first())
     agreement.emplace(drive.machine, filter->turning_pairs() > 0, drive.T_s());

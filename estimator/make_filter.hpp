@@ -24,10 +24,16 @@ void require_policy(const Config& config, const Filter& filter, GainPolicy polic
 // "" where filter and controller of the drive can do this compensation, else what it needs.
 std::string compensation_needs(Compensation wanted, const DriveConfig& drive, const Filter& filter);
 
+// Whether the gain comes from the table over speed (estimator/gain_schedule.hpp) at any time of the
+// run, steering.policy included.
+bool uses_table(Config& config);
+
 // `fall_back`: a background that falls silent is replaced by the table over speed (realtime). The
-// table is computed here. Throws BadInput where policy `scheduled` is asked for and the filter has
-// no table.
-FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make = make_filter);
+// table is computed here, or is `table`, where the caller has it. Throws BadInput where policy
+// `scheduled` is asked for and the filter has no table.
+using GainTable = std::shared_ptr<const GainSchedule>;
+FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make = make_filter,
+                        const GainTable& table = nullptr);
 BackgroundLoop make_background_loop(Config& config, const MakeFilter& make = make_filter);
 
 }  // namespace twinrate

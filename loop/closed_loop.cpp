@@ -4,11 +4,11 @@
 
 namespace twinrate {
 
-ClosedLoop::ClosedLoop(Config& config, const MakeFilter& make)
+ClosedLoop::ClosedLoop(Config& config, const MakeFilter& make, const GainTable& table)
     : config_(&config),
       drive_(config.drive()),
       plant_(config),
-      estimator_(config, make),
+      estimator_(config, make, table),
       controller_(make_controller(config)) {}
 
 void ClosedLoop::know(Config& extended) {

@@ -39,8 +39,10 @@ struct TickRecord {
 
 class ClosedLoop {
  public:
-  // Throws BadInput if the config names an unknown filter or controller.
-  explicit ClosedLoop(Config& config, const MakeFilter& make = make_filter);
+  // `table`: of the filter, where the caller has it. Throws BadInput if the config names an unknown filter or
+  // controller.
+  explicit ClosedLoop(Config& config, const MakeFilter& make = make_filter,
+                      const GainTable& table = nullptr);
   // Runs tick k. The returned reference is valid until the next step.
   const TickRecord& step();
   std::int64_t k() const { return plant_.k(); }

@@ -4,10 +4,10 @@
 
 namespace twinrate {
 
-EstimatorLoop::EstimatorLoop(Config& config, const MakeFilter& make)
+EstimatorLoop::EstimatorLoop(Config& config, const MakeFilter& make, const GainTable& table)
     : rates_(rate_history(config)),
       make_(make),
-      fast_(make_fast_loop(config, false, make)),
+      fast_(make_fast_loop(config, false, make, table)),
       background_(make_background_loop(config, make)) {}
 
 const Estimate& EstimatorLoop::tick(const Measurement& m) {

@@ -10,7 +10,8 @@ namespace twinrate {
 class EstimatorLoop {
  public:
   // Throws BadInput if the config names an unknown filter.
-  explicit EstimatorLoop(Config& config, const MakeFilter& make = make_filter);
+  explicit EstimatorLoop(Config& config, const MakeFilter& make = make_filter,
+                         const GainTable& table = nullptr);
   // Runs tick m.k. The returned estimate is valid until the next tick.
   const Estimate& tick(const Measurement& m);
   // The gain of the last snapshot; has_gain(): the last tick was a snapshot.

@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "core/reason.hpp"
+#include "estimator/gain_schedule.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
@@ -38,17 +40,31 @@ bool is_forced(Mode mode) {
 
 // 0.02 to 0.25 s: the loop takes 0.4 to 5 us a tick.
 constexpr std::int64_t kTrialTicks = 60000;
-// The switched inverter and SUNDIALS are integrated in small steps.
+// The switched inverter and SUNDIALS are integrated in small steps, so many of a tick: some ten
+// segments of each switching period, each in `erk_steps`.
 std::int64_t ticks_of_trial(Config& config) {
   const auto plant = config.read<PlantParameters>();
-  const bool in_small_steps =
-      plant.inverter == InverterModel::kSwitched || plant.engine != Engine::kRk;
-  return in_small_steps ? kTrialTicks / 10 : kTrialTicks;
+  const bool switched = plant.inverter == InverterModel::kSwitched;
+  if (!switched && plant.engine == Engine::kRk) return kTrialTicks;
+  const DriveConfig& d = config.drive();
+  const double steps = (switched ? 10 * d.facts().f_pwm * d.T_s() : 1.0) *
+                       (plant.engine == Engine::kErk ? plant.erk_steps : 1.0);
+  return std::max<std::int64_t>(1, std::llround(kTrialTicks / std::max(10.0, steps)));
 }
 
-// Policy scheduled: the table of a filter of many states takes seconds.
-bool has_a_long_table(const DriveConfig& d) {
-  return d.gain.policy == GainPolicy::kScheduled && d.estimator.kind == "ekf_harmonic";
+// 0.1 s, 0.7 s where P has subnormal elements: a background step takes 5 to 20 ns, or 70 ns, for each
+// element of P (4 to 20 states, -O3).
+constexpr std::int64_t kTrialTableElements = 10'000'000;
+// The gains over speed that the run uses, if any. Empty where they take too long.
+std::optional<GainTable> table_of_trial(Config& config) {
+  if (!uses_table(config)) return GainTable();
+  const std::shared_ptr<const Filter> filter = make_filter(config);
+  if (!filter->steady_state(0)) return GainTable();
+  const int n_x = filter->initial_gain().n_x;
+  GainTable table = GainSchedule::build(*filter, config.drive().omega_m_limit(),
+                                        kTrialTableElements / (n_x * n_x));
+  if (!table) return std::nullopt;
+  return table;
 }
 
 // A run that this process can repeat within a second.
@@ -71,7 +87,9 @@ Config with_warm_winding(const Config& config) {
 
 // The gains of a table are the settled ones of a gain every tick.
 TrialRun try_ordinary(const Config& config, std::int64_t ticks) {
-  Config ordinary = Config::parse(config.resolved(), "trial", {"gain.policy=paper", "rates.n=1"});
+  Config ordinary = Config::parse(
+      config.resolved(), "trial",
+      {"gain.policy=paper", "rates.n=1", "steering.policy=gain.policy", "steering.n=0"});
   read_all_tables(ordinary);
   return try_run(ordinary, ticks);
 }
@@ -83,9 +101,9 @@ std::string text_of(const TrialRun& trial) {
 
 }  // namespace
 
-TrialRun try_run(Config& config, std::int64_t ticks) {
+TrialRun try_run(Config& config, std::int64_t ticks, const GainTable& table) {
   const DriveConfig d = config.drive();
-  ClosedLoop loop(config);
+  ClosedLoop loop(config, make_filter, table);
   TrialRun trial;
   const std::int64_t steps = std::min(ticks, d.steps());
   bool forced = false, was_forced = d.start != Start::kAlignIf;
@@ -125,8 +143,9 @@ std::vector<std::string> check_by_trial(Config& config, Trial when,
   const bool warm = expects(Expects::kLossIfWarm), loss = warm || expects(Expects::kLoss);
   if (!can_be_tried(config) || (when == Trial::kOfReasons && !loss)) return texts_of(warnings);
   const std::int64_t ticks = ticks_of_trial(config);
-  const bool as_it_is = !has_a_long_table(config.drive());
-  const TrialRun trial = as_it_is ? try_run(config, ticks) : try_ordinary(config, ticks);
+  const std::optional<GainTable> table = table_of_trial(config);
+  const bool as_it_is = table.has_value();
+  const TrialRun trial = as_it_is ? try_run(config, ticks, *table) : try_ordinary(config, ticks);
   const bool bad = trial.bad_at_s >= 0;
   if (bad && !loss)
     warnings.push_back(
@@ -137,7 +156,7 @@ std::vector<std::string> check_by_trial(Config& config, Trial when,
   TrialRun of_warm = trial;
   if (warm) {
     Config other = with_warm_winding(config);
-    of_warm = try_run(other, ticks);
+    of_warm = try_run(other, ticks, *table);  // the filter is the same
   }
   std::vector<Warning> left;
   for (Warning& w : warnings) {

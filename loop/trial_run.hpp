@@ -7,6 +7,8 @@
 //   the trial reaches the end of the run     it decides: no loss is expected that it does not show. It is
 //                                            one noise and one plant: the reason is kept as a note
 //   the run is longer                        a loss that it shows is said, and theory stands
+//   the table of gain.policy = scheduled     the trial runs with a gain every tick; a loss that it shows is
+//   takes too long                           said, and theory stands
 //
 // A reason that is an uncertainty of the machine is tried with the winding 50 K warmer in the plant alone.
 #pragma once
@@ -15,6 +17,7 @@
 #include <vector>
 
 #include "core/config.hpp"
+#include "estimator/make_filter.hpp"
 
 namespace twinrate {
 
@@ -25,8 +28,9 @@ struct TrialRun {
   std::string why;       // of that: "the angle error passed 90 deg", the text of the trip
   bool tripped = false;
 };
-// At most `ticks` ticks. The config stays as it is. Requires check_runnable().
-TrialRun try_run(Config& config, std::int64_t ticks);
+// At most `ticks` ticks. The config stays as it is. Requires check_runnable(). `table`: of the filter,
+// where the caller has it.
+TrialRun try_run(Config& config, std::int64_t ticks, const GainTable& table = nullptr);
 
 enum class Trial {
   kAlways,

@@ -79,17 +79,33 @@ TEST(TrialRun, TriesAnUncertainWindingWarm) {
   EXPECT_EQ(said_at("0"), "");
 }
 
-// CPU time of this process, 4.4 s before; the program takes less than 1 s.
-TEST(TrialRun, TakesNoSearchOverEveryNAndNoTableOfManyStates) {
-  for (const Overrides& drive :
-       {Overrides{"estimator.kind=ekf_joint", "gain.policy=propagated", "rates.n=200",
-                  "start=flying"},
-        Overrides{"estimator.kind=ekf_harmonic", "gain.policy=scheduled"}}) {
+// CPU time of this process. The limit tells the seconds of a search, of a table of many rows that do not
+// converge and of small integration steps from less than 1 s; before they were left out: 4.4 s, 19 s.
+TEST(TrialRun, TakesLessThanASecondWhateverIsChosen) {
+  const std::vector<std::pair<std::string, Overrides>> drives{
+      {"kim-ipmsm",
+       {"estimator.kind=ekf_joint", "gain.policy=propagated", "rates.n=200", "start=flying"}},
+      {"kim-ipmsm", {"estimator.kind=ekf_harmonic", "gain.policy=scheduled"}},
+      {"niewiara2020",
+       {"estimator.kind=ekf_harmonic",
+        "steering.policy=[[0.0,\"gain.policy\"],[5.0,\"scheduled\"]]"}},
+      {"niewiara2020", {"plant.inverter=switched", "plant.engine=erk", "plant.erk_steps=1000"}}};
+  for (const auto& [preset, drive] : drives) {
     const std::clock_t begun = std::clock();
-    tried("kim-ipmsm", drive);
+    EXPECT_EQ(joined(tried(preset, drive)).find("a trial of the run"), std::string::npos);
     EXPECT_LT(static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC, kSanitized ? 40 : 2)
-        << drive[0];
+        << preset << " " << drive[0];
   }
+}
+
+// A table of 3 million steps, 1.6 s of check before. The trial runs with n = 1 instead, and shows a trip,
+// but is no proof that a reason of theory does not hold.
+TEST(TrialRun, TriesAGainEveryTickWhereTheTableIsLong) {
+  Overrides drive{"estimator.kind=eemf", "start=flying", "run.duration_s=1"};
+  EXPECT_EQ(joined(tried("odrive_150kv", drive)), "");
+  drive.push_back("gain.policy=scheduled");
+  const std::string all = joined(tried("odrive_150kv", drive));
+  EXPECT_NE(all.find("may lose synchronism"), std::string::npos) << all;
 }
 
 }  // namespace
