@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -14,6 +15,7 @@
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
+#include "model/per_unit.hpp"
 
 namespace twinrate::test {
 namespace {
@@ -79,20 +81,41 @@ bool differs(const Run& one, const Run& other) {
   return one.warnings != other.warnings || one.ticks != other.ticks;
 }
 
+// "12T" is twelve times the rated torque of the preset's machine.
+Overrides in_Nm(const Overrides& list, const std::string& preset) {
+  const DriveConfig drive = load_drive(preset, {}).drive();
+  const double T = per_unit(drive.machine, drive.inverter.v_dc, drive.T_s()).T;
+  Overrides all;
+  for (const std::string& one : list) {
+    std::string text;
+    for (std::size_t i = 0; i < one.size();) {
+      const std::size_t end = std::min(one.find_first_not_of("0123456789.", i), one.size());
+      if (std::isdigit(one[i]) && end < one.size() && one[end] == 'T') {
+        text += fmt::format("{:.6g}", T * std::stod(one.substr(i, end - i)));
+        i = end + 1;
+      } else {
+        text += one[i++];
+      }
+    }
+    all.push_back(text);
+  }
+  return all;
+}
+
 // A start by alignment within kDuration_s; the load begins with it.
 Overrides base_of(const Pairing& p) {
   Overrides list = {"estimator.kind=" + p.estimator,
                     "controller.kind=" + p.controller,
                     "start=" + p.start,
                     "rates.n=3",
-                    "load.T_load_Nm=0.3",
+                    "load.T_load_Nm=0.12T",
                     fmt::format("run.duration_s={}", kDuration_s),
                     "run.settle_s=0.1"};
   if (p.start == "align_if")
     for (const char* key : {"t_align_s=0.03", "acceleration_rad_s2=4000.0",
                             "omega_e_handover_rad_s=200.0", "t_agree_s=0.01"})
       list.push_back(fmt::format("controller.{}.startup.{}", p.controller, key));
-  return list;
+  return in_Nm(list, p.preset);
 }
 
 // `list`, whose keys `more` replaces.
@@ -109,7 +132,8 @@ Overrides joined(const Overrides& list, const Overrides& more) {
 
 struct Situation {
   std::string key;  // or the beginning of keys, where it ends with a dot
-  Overrides with;   // CONTROLLER stands for the table of the chosen controller
+  Overrides
+      with;  // CONTROLLER stands for the table of the chosen controller, T for the rated torque
 };
 
 const std::vector<Situation>& situations() {
@@ -119,10 +143,11 @@ const std::vector<Situation>& situations() {
   static const Overrides bus_high{"plant.fault.kind=bus_voltage", "plant.fault.at_s=0.02",
                                   "plant.fault.value=1000"};
   static const Overrides two_speeds{"reference.speed_rpm=[[0.0,1800.0],[0.05,2000.0]]"};
-  // More torque than the current limit has, from 0.2 s on: the rotor stalls and turns back.
+  // More torque than the current limit has, from 0.2 s on: the rotor stalls and turns back, faster than
+  // over-speed allows.
   static const Overrides stall{"CONTROLLER.synchronism.watch=true", "load.slew_Nm_s=0",
-                               "load.T_load_Nm=[[0.0,0.3],[0.2,30.0],[0.22,0.3]]",
-                               "machine.i_trip_A=1000"};
+                               "load.T_load_Nm=[[0.0,0.12T],[0.2,12T],[0.22,0.12T]]",
+                               "safety.omega_m_max_rad_s=1e5", "machine.i_trip_A=1000"};
   static const Overrides stall_by_innovation = joined(
       stall, {"CONTROLLER.synchronism.emf_limit=10", "CONTROLLER.synchronism.innovation_A=1e-3"});
   static const Overrides stall_by_emf = joined(stall, {"CONTROLLER.synchronism.nis_limit=1e6"});
@@ -165,7 +190,7 @@ const std::vector<Situation>& situations() {
       {"rates.n_from_s", {"rates.n_from=start"}},
       {"gain.speed_span_rad_s", {"gain.policy=propagated"}},
       {"reference.slew_rad_s2", two_speeds},
-      {"load.slew_Nm_s", {"load.T_load_Nm=0.3"}},
+      {"load.slew_Nm_s", {"load.T_load_Nm=0.1T"}},
       {"estimator.active_flux.limit", unwatched},
       {"estimator.active_flux.limit_floor_rad", unwatched},
       {"estimator.eemf.rotation", {"estimator.prediction=euler"}},
@@ -173,11 +198,14 @@ const std::vector<Situation>& situations() {
       {"estimator.ekf_joint.P0_order_Nm2", {"estimator.ekf_joint.order=6"}},
       {"CONTROLLER.compensate_effects",
        {"effect=[{kind=\"dead_time\",used_in=\"both\",dead_time_s=1e-6}]"}},
+      {"CONTROLLER.synchronism.watch", unwatched},
       {"CONTROLLER.synchronism.", stall},
       {"CONTROLLER.synchronism.", stall_by_innovation},
       {"CONTROLLER.synchronism.", stall_by_emf},
       {"CONTROLLER.synchronism.", stop},
       {"CONTROLLER.startup.", stop},
+      {"CONTROLLER.k_awu_rad_s", stall},
+      {"CONTROLLER.current_angle", {"machine.L_d_H=1e-3", "machine.L_q_H=2e-3"}},
       {"CONTROLLER.startup.t_give_up_s", {"CONTROLLER.startup.t_agree_s=0.05"}},
       {"CONTROLLER.K_d", {"CONTROLLER.gains=given"}},
       {"CONTROLLER.K_q", {"CONTROLLER.gains=given"}},
@@ -367,7 +395,7 @@ OptionProbe OptionProber::probe(const Option& option) {
     if (!fits(with_table(s.key, pairing_.controller), option.key)) continue;
     Overrides with;
     for (const std::string& one : s.with) with.push_back(with_table(one, pairing_.controller));
-    bases.push_back(joined(bases.front(), with));
+    bases.push_back(joined(bases.front(), in_Nm(with, pairing_.preset)));
   }
   std::string refusal;
   bool ran = false;
