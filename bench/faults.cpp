@@ -7,9 +7,11 @@
 // process, with the faults of [plant.fault] and of the load. With --set the processes of
 // `TWINRATE launch` are killed and stopped, in lock-step and in realtime.
 //
-//   detected after   from the fault to the event that names it: worst (median) of the trials
+//   detected after   from the fault to the event that names it: worst (median) of the trials. A set
+//                    in realtime: from the last GAIN to the event `gain_scheduled`, in drive time
 //   off after        lock-step: from the fault to the first interval in mode safe. A set in
-//                    realtime: from the last COMMAND to it, in drive time
+//                    realtime: from the last COMMAND, or the last heartbeat of the supervisor where
+//                    that is stopped, to it, in drive time
 //   end after        from the signal to the end of the five processes, in wall time
 //   as expected      trials whose reaction is the one of the row
 //
@@ -27,6 +29,7 @@
 #include <fstream>
 #include <map>
 
+#include "core/event_log.hpp"
 #include "core/reason.hpp"
 #include "core/report_error.hpp"
 #include "core/run_log.hpp"
@@ -426,11 +429,26 @@ class Launch {
   bool ended_ = false;
 };
 
-// Ticks of the log, the tick of the last COMMAND, and the first interval that was off.
+// Ticks of the log, the tick of the last COMMAND, and the first interval that was off; the tick of
+// the event that the gain comes from the table, of the last GAIN before it, and of the last heartbeat of the supervisor
+// before the drive was off.
 struct Logged {
-  std::int64_t ticks = 0, last_command = -1, off = -1;
+  std::int64_t ticks = 0, last_command = -1, off = -1, table = -1, last_gain = -1, last_beat = -1;
   std::string events;
 };
+void read_heartbeats(const fs::path& dir, Logged& logged) {
+  EventLog log(dir.string(), OnDamage::kSkip);
+  std::int64_t k = -1;
+  while (const lcm::LogEvent* event = log.next()) {
+    if (log.channel() == Channel::kMeasurement)
+      k = log.counts()[static_cast<std::size_t>(Channel::kMeasurement)] - 1;
+    status_t status{};
+    const bool beat = log.channel() == Channel::kStatus &&
+                      status.decode(event->data, 0, event->datalen) > 0 &&
+                      status.role == static_cast<int>(Role::kSupervisor);
+    if (beat && (logged.off < 0 || k < logged.off)) logged.last_beat = k;
+  }
+}
 Logged read_log(const fs::path& dir) {
   Logged logged;
   try {
@@ -440,7 +458,14 @@ Logged read_log(const fs::path& dir) {
       if (c.mode != Mode::kSafe) logged.last_command = std::max(logged.last_command, c.k);
     for (const Measurement& m : log.measurement)
       if (m.mode == Mode::kSafe && logged.off < 0) logged.off = m.k - 1;
-    for (const EventRecord& e : log.events) logged.events += e.text + "\n";
+    for (const EventRecord& e : log.events) {
+      logged.events += e.text + "\n";
+      if (e.reason == static_cast<int>(Reason::kGainScheduled) && logged.table < 0)
+        logged.table = e.k;
+    }
+    for (const auto& g : log.gain)
+      if (g.k < logged.table) logged.last_gain = std::max(logged.last_gain, g.k);
+    read_heartbeats(dir, logged);
   } catch (const BadInput& problem) {
     logged.events = problem.what();
   }
@@ -471,10 +496,16 @@ Trial try_set(const Options& o, const SetRow& row, std::size_t index, int trial,
   // Off before the fault: the machine stalled, and a command came too late.
   const bool by_supervisor = log.events.find("the supervisor is silent") != std::string::npos;
   const bool stalled = log.off >= 0 && log.off < log.last_command && !by_supervisor;
-  if (row.realtime && log.off >= log.last_command)
-    result.off_after = 1e3 * static_cast<double>(log.off - log.last_command) / f_s;
   const bool to_its_end = log.ticks == static_cast<std::int64_t>(3 * f_s);
   result.as_expected = result.detected && no_orphan && (row.ends || to_its_end);
+  const auto ms = [f_s](std::int64_t ticks) { return 1e3 * static_cast<double>(ticks) / f_s; };
+  if (frozen_supervisor && log.off >= 0 && by_supervisor)
+    result.off_after = ms(log.off - log.last_beat);
+  else if (row.realtime && log.off >= log.last_command)
+    result.off_after = ms(log.off - log.last_command);
+  result.detected = row.realtime && !row.ends && log.table >= 0;
+  if (result.detected) result.detected_after = ms(log.table - log.last_gain);
+  if (row.realtime && !row.ends) result.as_expected = result.as_expected && result.detected;
   result.did = !no_orphan ? "a process was left"
                : row.ends ? "ended"
                           : fmt::format("ran on{}", to_its_end ? "" : ", log short");
@@ -500,7 +531,6 @@ bool run_set_rows(const Options& o) {
     std::vector<Trial> trials;
     for (int trial = 0; trial < o.trials; ++trial) {
       trials.push_back(try_set(o, kSetRows[row], row, trial, scratch));
-      trials.back().detected = false;  // wall times of a poll; the end is what counts
       well = well && trials.back().as_expected;
     }
     print_row(name_of(kSetRows[row]), trials, "ms");

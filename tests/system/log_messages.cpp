@@ -4,6 +4,7 @@
 #include <lcm/lcm-cpp.hpp>
 
 #include "core/channels.hpp"
+#include "core/event_log.hpp"
 #include "core/run_log.hpp"
 
 namespace twinrate::test {
@@ -38,6 +39,17 @@ std::vector<LoggedMessage> tick_messages(const std::string& run_directory) {
     }
   }
   return messages;
+}
+
+std::map<Role, std::vector<double>> heartbeats(const std::string& run_directory) {
+  std::map<Role, std::vector<double>> beats;
+  EventLog log(run_directory, OnDamage::kSkip);
+  while (const lcm::LogEvent* event = log.next()) {
+    status_t status{};
+    if (log.channel() == Channel::kStatus && status.decode(event->data, 0, event->datalen) > 0)
+      beats[static_cast<Role>(status.role)].push_back(1e-6 * static_cast<double>(event->timestamp));
+  }
+  return beats;
 }
 
 ::testing::AssertionResult same_messages(const std::string& run_a, const std::string& run_b,

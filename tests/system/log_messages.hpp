@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
+
+#include "core/channels.hpp"
 
 namespace twinrate::test {
 
@@ -22,5 +25,8 @@ std::vector<LoggedMessage> tick_messages(const std::string& run_directory);
 // Equal message by message, order included, and of `ticks` ticks; names the first difference.
 ::testing::AssertionResult same_messages(const std::string& run_a, const std::string& run_b,
                                          int ticks);
+
+// Drive time of the heartbeats in a run's log, s, by role.
+std::map<Role, std::vector<double>> heartbeats(const std::string& run_directory);
 
 }  // namespace twinrate::test

@@ -1,11 +1,14 @@
 // Realtime pace: no process waits; late messages are counted and reported with their tick. Lock is
 // not tested: it depends on other load on the machine.
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "core/reason.hpp"
 #include "core/run_log.hpp"
+#include "tests/system/log_messages.hpp"
 #include "tests/system/run_program.hpp"
 
 namespace twinrate::test {
@@ -164,6 +167,23 @@ TEST_F(Realtime, AFrozenControllerSwitchesOffAndEndsTheRun) {
       ASSERT_EQ(m.mode, Mode::kSafe) << m.k;
     }
   EXPECT_GT(summary()["late_commands"], 20);
+  // The log shows who it was: every process sends a heartbeat each 0.1 s, it none for 0.35 s. The supervisor
+  // wakes it at the end, so it has a last one.
+  const auto beats = heartbeats(path("run"));
+  const auto widest_gap = [&](Role role) {
+    double gap = 0;
+    const std::vector<double>& times = beats.at(role);
+    for (std::size_t i = 1; i < times.size(); ++i) gap = std::max(gap, times[i] - times[i - 1]);
+    return gap;
+  };
+  ASSERT_TRUE(beats.contains(Role::kController));
+  EXPECT_GT(widest_gap(Role::kController), 0.3);
+  for (const Role role :
+       {Role::kSupervisor, Role::kPlant, Role::kEstimator, Role::kGain, Role::kLogger}) {
+    ASSERT_TRUE(beats.contains(role)) << static_cast<int>(role);
+    EXPECT_GT(beats.at(role).size(), 2u) << static_cast<int>(role);
+    EXPECT_LT(widest_gap(role), widest_gap(Role::kController)) << static_cast<int>(role);
+  }
 }
 
 TEST_F(Realtime, AFrozenSupervisorSwitchesOffAndLeavesNoOrphan) {
