@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdint>
+#include <fstream>
 #include <iterator>
 #include <limits>
+#include <stdexcept>
 
 #include "core/config.hpp"
 #include "core/output_file.hpp"
@@ -146,10 +149,29 @@ class MatSink final : public ExportSink {
     bool written = true;
     for (const Stream& s : streams_) written = written && put(file, s);
     if (Mat_Close(file) != 0 || !written) part_.fail();
+    expect_whole(part_.part_path());
     part_.finish();
   }
 
  private:
+  // matio does not look at what fwrite returns: on a full disk the file is cut. Its elements, each of 8
+  // bytes and its length, must end where the file ends.
+  void expect_whole(const std::string& path) const {
+    constexpr std::streamoff kHeaderBytes = 128;
+    std::ifstream file(path, std::ios::binary | std::ios::ate);
+    const std::streamoff bytes = file.tellg();
+    std::streamoff at = kHeaderBytes;
+    std::size_t elements = 0;
+    while (file && at < bytes) {
+      std::uint32_t tag[2] = {0, 0};  // type and length, in the order of this machine
+      file.seekg(at).read(reinterpret_cast<char*>(tag), sizeof tag);
+      at += static_cast<std::streamoff>(sizeof tag) + tag[1];
+      ++elements;
+    }
+    if (!file || at != bytes || elements != streams_.size())
+      throw std::runtime_error(
+          fmt::format("{}: cannot be written whole: is the disk full?", path_));
+  }
   static bool put(mat_t* file, const Stream& s) {
     std::vector<const char*> names = {"t"};
     names.insert(names.end(), std::begin(kOrigin), std::end(kOrigin));

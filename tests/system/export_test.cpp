@@ -85,6 +85,16 @@ TEST_F(ExportProgram, ARunGoesIntoEveryFormatAndBackIntoTheTracersInput) {
               0);
     EXPECT_TRUE(read_text(back) == read_text(path("run/log.lcm"))) << format << ": bit for bit";
   }
+  // A full disk: one line, and no file that looks whole. matio itself reports nothing.
+  if (mount_small_disk("disk", "64k"))
+    for (const char* format : {"csv", "mat", "mcap"}) {
+      const std::string out = path(std::string("disk/log.") + format);
+      const ProgramResult full =
+          twinrate({"export", path("run"), "--format", format, "--out", out});
+      EXPECT_EQ(full.exit_code, 1) << format;
+      EXPECT_EQ(count_lines(full.err), 1) << full.err;
+      EXPECT_FALSE(fs::exists(out)) << format;
+    }
   const std::string table = read_text(path("run/log.csv"));
   EXPECT_TRUE(table.starts_with(
       "t,i_a,i_b,i_c,u_alpha,u_beta,duty_a,duty_b,duty_c,v_dc,theta_m,omega_m,T_load,omega_m_ref,"
@@ -117,6 +127,19 @@ TEST_F(ExportProgram, AnInterruptedExportKeepsWholeRowsAndReportsIt) {
   EXPECT_LT(count_lines(kept), 1'500'000);
   EXPECT_TRUE(kept.ends_with(",0.5,-0.25,10,5,1\n")) << kept.substr(kept.size() - 60);
   EXPECT_FALSE(fs::exists(path("part.csv.part")));
+}
+
+// What a program prints is its result, too.
+TEST_F(ExportProgram, AnOutputThatCannotBeWrittenIsNotDone) {
+  const auto check = [](const std::string& to) {
+    return run_program(
+        {"sh", "-c", std::string(TWINRATE_PROGRAM) + " check dilys2021 --resolved " + to});
+  };
+  const ProgramResult full = check("> /dev/full");
+  EXPECT_EQ(full.exit_code, 1);
+  EXPECT_EQ(full.err, "twinrate: the output cannot be written: No space left on device\n");
+  EXPECT_EQ(check(">&-").exit_code, 0) << "closed by intent";
+  EXPECT_EQ(check("| head -1").exit_code, 0);
 }
 
 TEST_F(ExportProgram, MistakesAreOneLine) {
