@@ -33,7 +33,7 @@ class LogWriter {
   bool full() const { return full_; }
   // Why the writer accepts no more events; "" while it does.
   const std::string& failure() const { return failure_; }
-  // The events so far are those of the ticks below k.
+  // The events so far are those of the ticks below k, in realtime as far as they came.
   void mark(std::int64_t k) { marked_ = k; }
   // The last mark whose events are all in the files.
   std::int64_t marked_on_disk() const { return marked_on_disk_; }

@@ -193,8 +193,10 @@ class LoggerProcess {
     if (p_.stopping() && full_said_) return;
     full_said_ = true;
     p_.fail(Reason::kDiskFull, log_.complete_below(),
-            fmt::format("{}; the log holds {} whole ticks", writer_.failure(),
-                        writer_.marked_on_disk()));
+            p_.in_turn() ? fmt::format("{}; the log holds {} whole ticks", writer_.failure(),
+                                       writer_.marked_on_disk())
+                         : fmt::format("{}; the log reaches tick {}", writer_.failure(),
+                                       writer_.marked_on_disk()));
   }
   void write_account() {
     nlohmann::ordered_json channels;

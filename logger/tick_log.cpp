@@ -88,6 +88,7 @@ bool TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const s
   ++accounts_[static_cast<std::size_t>(channel)].received;
   // Events and heartbeats may carry an earlier drive time; the time of the log never decreases.
   write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
+  if (channel == Channel::kMeasurement) writer_.mark(seq);
   return true;
 }
 

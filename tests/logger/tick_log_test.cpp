@@ -80,6 +80,15 @@ TEST_F(Account, ARealtimeRunWithoutGapsHasLostNothing) {
   EXPECT_EQ(of(Channel::kGain).received, 8);
 }
 
+// The line of a full disk says how far the log reaches.
+TEST_F(Account, ARealtimeRunKnowsTheLastTickOnTheDisk) {
+  log(TickLog::Order::kAsItComes);
+  for (std::int64_t k = 0; k < 7; ++k) take_tick(k);
+  EXPECT_EQ(writer_.marked_on_disk(), 0);
+  ASSERT_TRUE(writer_.flush());
+  EXPECT_EQ(writer_.marked_on_disk(), 6);
+}
+
 TEST_F(Account, ARealtimeRunCountsTheMessagesOfAGapAndTheGainsAmongThem) {
   log(TickLog::Order::kAsItComes);
   for (std::int64_t k = 0; k < 40; ++k)
