@@ -272,6 +272,10 @@ Config::~Config() = default;
 Config Config::load(const std::string& name_or_path, const std::vector<std::string>& overrides) {
   std::error_code unusable;
   const bool is_file = fs::is_regular_file(name_or_path, unusable);
+  if (!is_file && fs::exists(name_or_path, unusable) && name_or_path.find('/') != std::string::npos)
+    throw BadInput(
+        fmt::format("{}: is not a plain file; a drive file or the name of a preset allowed",
+                    printable(name_or_path)));
   const std::string path = is_file ? name_or_path : preset_path(name_or_path, name_or_path);
   return parse(read_text_file(path), path, overrides);
 }

@@ -2,10 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <cerrno>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <exception>
 #include <filesystem>
+#include <iostream>
 
 #include "core/config.hpp"
 #include "core/machine_error.hpp"
@@ -65,6 +68,18 @@ void expect_utf8(int argc, const char* const* argv) {
       at += length;
     }
   }
+}
+
+int finish_output(std::string_view program, int exit_code) {
+  errno = 0;
+  std::cout.flush();  // stdout with it
+  const bool failed = std::fflush(stdout) != 0 || std::ferror(stdout) || !std::cout;
+  if (!failed || errno == EBADF) return exit_code;
+  report(program,
+         fmt::format("the output cannot be written{}{}", errno ? ": " : "",
+                     errno ? std::strerror(errno) : ""),
+         1);
+  return exit_code != 0 ? exit_code : 1;
 }
 
 int report_error(std::string_view program) {

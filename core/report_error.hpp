@@ -17,4 +17,8 @@ void expect_utf8(int argc, const char* const* argv);
 // permission) is bad input; a full disk is not.
 int report_error(std::string_view program);
 
+// At the end of a program whose output somebody reads: the exit code, or 1 with one line on stderr where
+// the output could not be written (disk full). A closed output is no error.
+int finish_output(std::string_view program, int exit_code);
+
 }  // namespace twinrate

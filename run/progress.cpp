@@ -74,4 +74,12 @@ std::string seconds_text(const std::string& text) {
   return fmt::format("{}", number * scale);
 }
 
+std::string duration_override(const std::string& text) {
+  const std::string seconds = seconds_text(text);
+  const double number = std::stod(seconds);
+  if (!(number >= 1e-3 && number <= kEndless_s))  // as run.duration_s
+    throw BadInput(fmt::format("--duration {}: 0.001 to {:.0f} s allowed", text, kEndless_s));
+  return "run.duration_s=" + seconds;
+}
+
 }  // namespace twinrate

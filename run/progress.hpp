@@ -34,6 +34,9 @@ class Progress {
 // "2s", "500ms", "2" -> "2", "0.5", "2". Throws BadInput.
 std::string seconds_text(const std::string& text);
 
+// The override of run.duration_s. Throws BadInput, also for a time that a run cannot take.
+std::string duration_override(const std::string& text);
+
 // A run without an end of its own: --duration inf.
 inline constexpr const char* kEndless = "inf";
 inline constexpr double kEndless_s = 1e9;  // the longest run.duration_s

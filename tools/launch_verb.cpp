@@ -115,7 +115,7 @@ int launch(const LaunchOptions& o) {
   if (o.duration == kEndless)
     overrides.push_back(fmt::format("run.duration_s={}", kEndless_s));
   else if (!o.duration.empty())
-    overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+    overrides.push_back(duration_override(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   const std::set<Role> without = roles_of(o.without);
   own_programs(o.own);  // refused before anything is made

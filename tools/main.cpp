@@ -5,7 +5,7 @@
 int main(int argc, char** argv) {
   try {
     twinrate::expect_utf8(argc, argv);
-    return twinrate::run_verb(argc, argv);
+    return twinrate::finish_output("twinrate", twinrate::run_verb(argc, argv));
   } catch (...) {
     return twinrate::report_error("twinrate");
   }

@@ -118,11 +118,7 @@ void report(const ReportArguments& arguments) {
   runs.reserve(loaded.size());
   for (const LoadedRun& run : loaded)
     runs.push_back({run.log, run.config.drive(), run.summary, run.manifest_json});
-  try {
-    write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
-  } catch (const std::runtime_error& error) {
-    throw BadInput(error.what());
-  }
+  write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
   fmt::print("{}\n", out);
 }
 

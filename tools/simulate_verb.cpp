@@ -21,7 +21,7 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   std::vector<std::string> overrides = o.overrides;
   if (o.duration == kEndless)
     throw BadInput("--duration inf: allowed with twinrate launch; simulate needs an end, e.g. 2s");
-  if (!o.duration.empty()) overrides.push_back("run.duration_s=" + seconds_text(o.duration));
+  if (!o.duration.empty()) overrides.push_back(duration_override(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   Config config = load_drive(o.drive, overrides);
   if (config.drive().plant.kind == PlantKind::kBridge)

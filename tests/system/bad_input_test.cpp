@@ -71,6 +71,9 @@ TEST_F(BadInput, BrokenToml) {
 TEST_F(BadInput, UnknownPreset) {
   expect_refused(launch("dilys2012"), {"dilys2012", "dilys2021"});
 }
+TEST_F(BadInput, ADirectoryForAFile) {
+  expect_refused(launch(path(".")), {path("."), "plain file"});
+}
 TEST_F(BadInput, UnknownFilterKind) {
   expect_refused(launch("dilys2021", {"--set", "estimator.kind=ekf"}),
                  {"estimator.kind", "ekf_sensorless"});
@@ -84,7 +87,7 @@ TEST_F(BadInput, MalformedDuration) {
   expect_refused(twinrate({"launch", "dilys2021", "--duration", "soon", "--run-dir", path("run")}),
                  {"--duration", "soon", "2s"});
   expect_refused(twinrate({"simulate", "dilys2021", "--duration", "-1s", "--run-dir", path("run")}),
-                 {"duration"});
+                 {"--duration -1s", "0.001"});
 }
 TEST_F(BadInput, UnknownVerb) {
   expect_refused(twinrate({"lunch", "dilys2021"}), {"lunch"});
