@@ -107,6 +107,7 @@ TrialRun try_run(Config& config, std::int64_t ticks, const GainTable& table) {
   TrialRun trial;
   const std::int64_t steps = std::min(ticks, d.steps());
   bool forced = false, was_forced = d.start != Start::kAlignIf;
+  double passed_at_s = -1;  // first angle error beyond 90 deg
   while (loop.k() < steps) {
     const TickRecord& tick = loop.step();
     const double t = d.T_s() * static_cast<double>(tick.measurement.k);
@@ -114,15 +115,22 @@ TrialRun try_run(Config& config, std::int64_t ticks, const GainTable& table) {
     trial.tripped = !trial.why.empty();
     forced = is_forced(tick.measurement.mode);
     was_forced = was_forced || forced;
-    if (!trial.tripped && was_forced && !forced && t >= d.run.settle_s - 1e-9) {
+    double bad_at_s = t;
+    if (!trial.tripped && was_forced && !forced) {
       const double error = wrap_pi(tick.estimate.theta_e - d.machine.n_p * tick.truth.theta_m);
-      if (!finite(tick))
+      const bool passed = std::abs(error) > kPi / 2;
+      if (passed && passed_at_s < 0) passed_at_s = t;
+      if (t < d.run.settle_s - 1e-9) continue;
+      if (!finite(tick)) {
         trial.why = "a state is not finite";
-      else if (std::abs(error) > kPi / 2)
+      } else if (passed) {
+        // Judged in the window; the time is that of the run's verdict.
         trial.why = "the angle error passed 90 deg";
+        bad_at_s = passed_at_s;
+      }
     }
     if (trial.why.empty()) continue;
-    trial.bad_at_s = t;
+    trial.bad_at_s = bad_at_s;
     return trial;
   }
   trial.whole = steps == d.steps();

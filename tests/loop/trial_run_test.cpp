@@ -57,6 +57,16 @@ TEST(TrialRun, SaysALossThatNoTheoryExpects) {
   EXPECT_EQ(joined(tried("dilys2021", fault, Trial::kOfReasons)), "") << "the run says it itself";
 }
 
+// A loss before the window is judged in it; its time is that of the run's verdict, not settle_s.
+TEST(TrialRun, SaysTheTimeOfALossBeforeTheWindow) {
+  Config config = load_drive(
+      "dilys2021", {"plant.theta_e_start_rad=3.1", "run.settle_s=0.3", "run.duration_s=0.5"});
+  const TrialRun trial = try_run(config, 100000);
+  EXPECT_NE(trial.why.find("90 deg"), std::string::npos) << trial.why;
+  EXPECT_GE(trial.bad_at_s, 0);
+  EXPECT_LT(trial.bad_at_s, 0.01);
+}
+
 TEST(TrialRun, EndsWithTheVerdictOfAStartThatNeverHandsOver) {
   Config config = load_drive("dilys2021", {"start=align_if", "run.duration_s=0.6"});
   const TrialRun trial = try_run(config, 100000);
