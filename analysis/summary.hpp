@@ -50,7 +50,7 @@ struct Summary {
   // From the trajectories.
   std::optional<bool> locked;
   std::optional<bool> speed_held;  // empty without truth or a constant reference
-  std::optional<double> speed_dip_percent, speed_unevenness_percent;
+  std::optional<double> speed_dip_percent, speed_excess_percent, speed_unevenness_percent;
   bool uneven = false;              // speed not held, by its unevenness
   bool never_at_reference = false;  // at no tick within 20 % of a constant reference
   std::optional<Trip> trip;

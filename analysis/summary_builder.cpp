@@ -109,6 +109,7 @@ void SpeedFigures::write(Summary& summary) {
   summary.speed_held = held();
   summary.never_at_reference = !reached_;
   summary.speed_dip_percent = 100 * below_;
+  summary.speed_excess_percent = 100 * above_;
   const bool some_turns = static_cast<int>(unevenness_.size()) >= kRippleTurnsMin;
   if (some_turns) {
     const auto middle = unevenness_.begin() + static_cast<std::ptrdiff_t>(unevenness_.size() / 2);

@@ -33,6 +33,7 @@ std::string to_json(const Summary& summary, const DriveConfig& config) {
   json["lost_why"] = summary.lost_why.empty() ? Json(nullptr) : Json(summary.lost_why);
   json["speed_held"] = summary.speed_held ? Json(*summary.speed_held) : Json(nullptr);
   json["speed_dip_percent"] = number(summary.speed_dip_percent);
+  json["speed_excess_percent"] = number(summary.speed_excess_percent);
   json["speed_unevenness_percent"] = number(summary.speed_unevenness_percent);
   json["window_from_s"] = summary.window_from_s;
   json["duration_s"] = summary.duration_s;

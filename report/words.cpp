@@ -77,8 +77,9 @@ std::pair<std::string, std::string> judged(const RunView& view) {
     return {"lost", fmt::format("Lost at t = {:.4g} s: {}", s.lost_at_s.value_or(0), s.lost_why)};
   const std::string word = speed_word(s);
   if (word.empty()) return {"locked", "Locked"};
-  std::string text = fmt::format("Locked, {}: the speed was up to {:.3g} % below its reference",
-                                 word, s.speed_dip_percent.value_or(0));
+  std::string text =
+      fmt::format("Locked, {}: the speed was up to {:.3g} % below and {:.3g} % above its reference",
+                  word, s.speed_dip_percent.value_or(0), s.speed_excess_percent.value_or(0));
   if (s.speed_unevenness_percent)
     text += fmt::format(", {:.3g} % between least and greatest within a turn",
                         *s.speed_unevenness_percent);
@@ -156,6 +157,8 @@ Json summary_table(const RunView& view) {
   add("angle reference", kAngleReferenceNames[static_cast<int>(view.reference)]);
   add("speed error, rms", reading(s.speed_error_rms, "rad/s"));
   if (s.speed_dip_percent) add("speed below its reference", reading(s.speed_dip_percent, "%"));
+  if (s.speed_excess_percent)
+    add("speed above its reference", reading(s.speed_excess_percent, "%"));
   if (s.speed_unevenness_percent) add("speed unevenness", reading(s.speed_unevenness_percent, "%"));
   add("speed ripple, rms", reading(s.speed_ripple_rms, "rad/s"));
   add("speed ripple, orders 1-60", reading(s.speed_ripple_harmonics_rms, "rad/s"));

@@ -115,10 +115,11 @@ std::string verdict_of(const Summary& s) {
 }
 
 std::string speed_text(const Summary& s) {
-  const std::string dip =
-      fmt::format("up to {:.1f} % below a constant reference", s.speed_dip_percent.value_or(0));
-  if (!s.speed_unevenness_percent) return dip;
-  return fmt::format("{}; {:.1f} % between least and greatest within a turn", dip,
+  const std::string deviation =
+      fmt::format("up to {:.1f} % below and {:.1f} % above a constant reference",
+                  s.speed_dip_percent.value_or(0), s.speed_excess_percent.value_or(0));
+  if (!s.speed_unevenness_percent) return deviation;
+  return fmt::format("{}; {:.1f} % between least and greatest within a turn", deviation,
                      *s.speed_unevenness_percent);
 }
 

@@ -180,7 +180,13 @@ TEST(Summary, ADipInOneTurnIsADipAndARippleInEveryTurnUnevenness) {
   Summary s = summarise(log, config);
   EXPECT_EQ(speed_word(s), "dipped");
   EXPECT_NEAR(*s.speed_dip_percent, 35, 1e-9);
+  EXPECT_NEAR(*s.speed_excess_percent, 0, 1e-9);
   EXPECT_NEAR(*s.speed_unevenness_percent, 0, 1e-9);
+  log = steady_run(config);
+  for (std::size_t k = 1000; k < 1050; ++k) log.truth[k].omega_m = 1.4 * kOmegaM;
+  s = summarise(log, config);
+  EXPECT_EQ(speed_word(s), "overshot");
+  EXPECT_NEAR(*s.speed_excess_percent, 40, 1e-9);
   log = steady_run(config);
   for (Truth& t : log.truth) t.omega_m = kOmegaM * (1 + 0.3 * std::sin(3 * t.theta_m));
   s = summarise(log, config);
@@ -419,6 +425,7 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
   for (const char* key : {"locked",
                           "speed_held",
                           "speed_dip_percent",
+                          "speed_excess_percent",
                           "speed_unevenness_percent",
                           "trip",
                           "duration_s",
