@@ -301,11 +301,23 @@ int find_orders(const OrdersOptions& o) {
     return 0;
   }
   fmt::print("{} whole turns, noise {:.2g} Nm an order\n", found.turns, found.noise);
+  constexpr double kSmall_percent = 0.1;
+  bool small = false;
   std::vector<int> orders;
   for (const auto& [N, amplitude] : found.orders) {
-    fmt::print("  order {:3}   {:.4f} Nm\n", N, amplitude);
+    const double share = 100 * amplitude / config.drive().machine.T_rated;
+    fmt::print("  order {:3}   {:.3g} Nm, {:.2g} % of the rated torque\n", N, amplitude, share);
+    small = small || share < kSmall_percent;
     orders.push_back(N);
   }
+  if (small)
+    fmt::print(
+        "orders below {:g} % of the rated torque: the steps of the encoder{} and noise that is not "
+        "white make such ones\n",
+        kSmall_percent,
+        config.drive().sensors.encoder_counts > 0
+            ? fmt::format(" ({} counts)", config.drive().sensors.encoder_counts)
+            : "");
   fmt::print("\n[estimator.ekf_harmonic]\norders = [{}]\n", fmt::join(orders, ", "));
   return 0;
 }
