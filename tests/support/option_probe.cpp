@@ -15,7 +15,6 @@
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
-#include "model/per_unit.hpp"
 
 namespace twinrate::test {
 namespace {
@@ -83,8 +82,8 @@ bool differs(const Run& one, const Run& other) {
 
 // "12T" is twelve times the rated torque of the preset's machine.
 Overrides in_Nm(const Overrides& list, const std::string& preset) {
-  const DriveConfig drive = load_drive(preset, {}).drive();
-  const double T = per_unit(drive.machine, drive.inverter.v_dc, drive.T_s()).T;
+  const MachineParameters machine = load_drive(preset, {}).drive().machine;
+  const double T = machine.T_rated > 0 ? machine.T_rated : machine.torque_constant();  // of 1 A
   Overrides all;
   for (const std::string& one : list) {
     std::string text;
@@ -151,6 +150,7 @@ const std::vector<Situation>& situations() {
   static const Overrides stall_by_innovation = joined(
       stall, {"CONTROLLER.synchronism.emf_limit=10", "CONTROLLER.synchronism.innovation_A=1e-3"});
   static const Overrides stall_by_emf = joined(stall, {"CONTROLLER.synchronism.nis_limit=1e6"});
+  static const Overrides stall_alone(stall.begin() + 1, stall.end());
   static const Overrides unwatched = joined(stall, {"CONTROLLER.synchronism.watch=false"});
   static const Overrides stop =
       joined(stall, {"CONTROLLER.synchronism.reaction=stop", "CONTROLLER.startup.t_align_s=0.03",
@@ -159,6 +159,8 @@ const std::vector<Situation>& situations() {
                              "plant.winding.tau_s=0.01"};
   static const Overrides learning{"controller.compensation=angle_domain",
                                   "reference.speed_rpm=1200.0"};
+  static const Overrides fast_learning{"controller.compensation=angle_domain",
+                                       "reference.speed_rpm=3000.0"};
   static const std::vector<Situation> all = {
       {"plant.fault.", jump},
       {"plant.hold_ticks", missing},
@@ -204,7 +206,7 @@ const std::vector<Situation>& situations() {
       {"CONTROLLER.synchronism.", stall_by_emf},
       {"CONTROLLER.synchronism.", stop},
       {"CONTROLLER.startup.", stop},
-      {"CONTROLLER.k_awu_rad_s", stall},
+      {"CONTROLLER.k_awu_rad_s", stall_alone},
       {"CONTROLLER.current_angle", {"machine.L_d_H=1e-3", "machine.L_q_H=2e-3"}},
       {"CONTROLLER.startup.t_give_up_s", {"CONTROLLER.startup.t_agree_s=0.05"}},
       {"CONTROLLER.K_d", {"CONTROLLER.gains=given"}},
@@ -222,7 +224,8 @@ const std::vector<Situation>& situations() {
       {"CONTROLLER.field_weakening_bandwidth_Hz",
        {"CONTROLLER.field_weakening=true", "reference.speed_rpm=6000.0"}},
       {"CONTROLLER.field_weakening", {"reference.speed_rpm=6000.0"}},
-      {"CONTROLLER.angle_domain.", learning}};
+      {"CONTROLLER.angle_domain.", learning},
+      {"CONTROLLER.angle_domain.", fast_learning}};
   return all;
 }
 
