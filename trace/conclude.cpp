@@ -261,8 +261,9 @@ std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
 }
 
 // That nothing was found says nothing of what the record cannot show, or where more is left than
-// noise.
-void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
+// noise, or than rows that judge confirm.
+void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unconfirmed,
+                   TraceResult& r) {
   const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
   if (4 * told < all) {
     r.verdict = "ambiguous";
@@ -279,13 +280,17 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, TraceResult& r) {
     r.ambiguous.push_back({blind, "this record does not excite them",
                            "a run that varies speed, load and i_d independently (twinrate trace "
                            "--plan proposes one)"});
-  } else if (const std::string left = more_than_noise(fitter, fit); !left.empty()) {
-    r.verdict = "ambiguous";
-    r.sentence = fmt::format(
-        "Cannot tell: {}, and this record does not show the cause. Record a longer run with "
-        "several speeds in both directions, load and i_d (twinrate trace --plan proposes one).",
-        left);
+    return;
   }
+  const std::string left = more_than_noise(fitter, fit);
+  const std::string why =
+      !left.empty() ? left + ", and this record does not show the cause" : unconfirmed;
+  if (why.empty()) return;
+  r.verdict = "ambiguous";
+  r.sentence = fmt::format(
+      "Cannot tell: {}. Record a longer run with several speeds in both directions, load and i_d "
+      "(twinrate trace --plan proposes one).",
+      why);
 }
 
 // On rows that judge, where there are any, by four deviations of a mean square over so many rows.
@@ -360,10 +365,16 @@ TraceResult conclude(const Conclusion& c) {
   compare_files(chain, c.passed.fit.effects(), c.files, r);
   add_effect_views(chain, c.fitted, r);
   split_parts(facts, r);
+  std::string unconfirmed;
   const bool whole = c.selection.stopped_after == 0;  // else effects to come are in the rest, too
   if (whole &&
       !c.health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
-    for (Structure& s : residual_structure(c.last, c.fitted)) r.unexplained.push_back(std::move(s));
+    for (Structure& s : residual_structure(c.last, c.fitted)) {
+      if (s.confirmed)
+        r.unexplained.push_back(std::move(s));
+      else
+        unconfirmed = fmt::format("{}, and the rows that judge do not confirm it", s.text);
+    }
   name_aliases(chain.equations().record(), c.dictionary, r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
@@ -386,7 +397,7 @@ TraceResult conclude(const Conclusion& c) {
         rounds, rounds == 1 ? "" : "s", r.sentence);
     return r;
   }
-  if (r.verdict == "nothing_missing") doubt_nothing(c.last, c.fitted, r);
+  if (r.verdict == "nothing_missing") doubt_nothing(c.last, c.fitted, unconfirmed, r);
   if (r.verdict == "traced" &&
       std::all_of(r.effects.begin(), r.effects.end(), [](const auto& e) { return e.from_samples; }))
     doubt_samples_alone(c.last, c.fitted, r);

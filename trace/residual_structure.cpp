@@ -110,30 +110,36 @@ Votes transfer_of(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
   return votes_of(without, with, Criterion{}.silent);
 }
 
-// Share of the power of rows that judge, which the sensors' errors make themselves. They are in the
-// axis, too, and in what the drive does about them. The drawn ones are half of those there.
-double made_by_sensors(const Eigen::VectorXd& noise, const std::vector<double>& x,
-                       const std::vector<char>& judges) {
-  constexpr double kTimes = 2;
-  if (noise.size() != static_cast<Eigen::Index>(x.size())) return 0;
-  const Eigen::VectorXd mean = BinMeans(x, judges).of(noise);
-  return kTimes * std::max(0.0, transfer_of(noise, mean, judges).judgement.held_out_gain);
-}
-
-// Share of the power of the rows that do not judge, by the means; 0 where noise would make it.
-double share_by_chance(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
-                       const std::vector<char>& judges, std::size_t bins) {
-  double total = 0, explained = 0, n = 0;
+// Share of the power of y that the means have, on the rows that do not judge.
+double share_of(const Eigen::VectorXd& mean, const Eigen::VectorXd& y,
+                const std::vector<char>& judges) {
+  double total = 1e-300, explained = 0;
   for (std::size_t i = 0; i < judges.size(); ++i) {
     if (judges[i]) continue;
     const auto k = static_cast<Eigen::Index>(i);
     total += y[k] * y[k];
     explained += mean[k] * mean[k];
-    ++n;
   }
-  if (!(total > 0)) return 0;
-  const double chi = explained / (total / n);
-  return chi_square_tail(chi, static_cast<double>(bins)) > kChance ? 0 : explained / total;
+  return explained / total;
+}
+
+// Share of the power of y, on the rows that do not judge, which the sensors' errors make themselves.
+// They are in the axis, too, and in what the drive does about them. The drawn ones are half of those
+// there; where y is louder than they are, y may be noise that was drawn too quiet.
+double made_by_sensors(const Eigen::VectorXd& noise, const std::vector<double>& x,
+                       const Eigen::VectorXd& y, const std::vector<char>& judges) {
+  constexpr double kTimes = 2;
+  if (noise.size() != y.size()) return 0;
+  const Eigen::VectorXd mean = BinMeans(x, judges).of(noise);
+  return kTimes * std::max(share_of(mean, y, judges), share_of(mean, noise, judges));
+}
+
+// The same; 0 where noise would make it.
+double share_by_chance(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
+                       const std::vector<char>& judges, std::size_t bins) {
+  const double share = share_of(mean, y, judges),
+               rows = static_cast<double>(std::count(judges.begin(), judges.end(), 0));
+  return chi_square_tail(share * rows, static_cast<double>(bins)) > kChance ? 0 : share;
 }
 
 double root_mean_square(const Eigen::VectorXd& y) {
@@ -177,48 +183,54 @@ class StructureSearch {
   }
 
   Structure along_axes(const Looked& looked, const Runs& runs) const {
-    Structure best;
+    Structure best{.confirmed = false};
     if ((fit_.y.*looked.value).size() < 50 * kBins) return best;
     const std::vector<char> judges = judging_outputs(runs);
     for (const Axis& axis : kAxes) {
-      const double share = share_along(axis, looked, runs, judges);
-      if (share <= best.share) continue;
+      const Along found = along(axis, looked, runs, judges);
+      if (found.share == 0) continue;
+      if (std::pair(found.confirmed, found.share) <= std::pair(best.confirmed, best.share))
+        continue;
       best = {.regressor = axis.regressor,
-              .share = share,
+              .share = found.share,
               .equation = looked.equation,
               .channel = looked.channel};
+      best.confirmed = found.confirmed;
       best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", looked.what,
-                              axis.regressor, 100 * share);
+                              axis.regressor, 100 * found.share);
     }
     return best;
   }
 
  private:
-  double share_along(const Axis& axis, const Looked& looked, const Runs& runs,
-                     const std::vector<char>& judges) const {
-    const Eigen::VectorXd& e = fit_.y.*looked.value;
+  struct Along {
+    double share = 0;
+    bool confirmed = true;  // by rows that judge
+  };
+
+  Along along(const Axis& axis, const Looked& looked, const Runs& runs,
+              const std::vector<char>& judges) const {
+    const Eigen::VectorXd &e = fit_.y.*looked.value, &noise = fit_.y.*looked.noise;
     std::vector<double> x, noisier;
     for (std::size_t row : runs.row) {
       x.push_back(axis.of(chain_.equations().points()[row]));
       noisier.push_back(axis.of(chain_.answered().points()[row]));
     }
-    if (!moves(x, noisier)) return 0;
+    if (!moves(x, noisier)) return {};
     const BinMeans means(x, judges);
-    if (root_mean_square(means.of(physical_.*looked.value)) < looked.smallest) return 0;
+    if (root_mean_square(means.of(physical_.*looked.value)) < looked.smallest) return {};
     const Eigen::VectorXd mean = means.of(e);
     const double fitted = share_by_chance(e, mean, judges, means.bins());
-    if (fitted < least_) return 0;
+    const bool alone = fit_.members.empty(), of_time = axis.regressor == kTime;
+    const double least = least_ + made_by_sensors(noise, noisier, alone ? e : noise, judges);
+    if (fitted < least) return {};
+    const Votes votes = transfer_of(e, mean, judges);
+    const double gain = votes.judgement.held_out_gain;
     // Beside a claim any doubt is told: a wrong kind leaves a structure that few other rows share.
     // What those rows contradict is chance. Of a time no other rows are there that could judge.
-    double share = fitted;
-    if (axis.regressor != kTime) {
-      const Votes votes = transfer_of(e, mean, judges);
-      const bool alone = fit_.members.empty();
-      if (alone ? !transfers(votes) : votes.judgement.held_out_gain <= 0) return 0;
-      if (alone) share = votes.judgement.held_out_gain;
-    }
-    if (share < least_) return 0;
-    return share < least_ + made_by_sensors(fit_.y.*looked.noise, noisier, judges) ? 0 : share;
+    if (!alone) return {.share = of_time || gain > 0 ? fitted : 0};
+    if (transfers(votes)) return {.share = gain < least ? 0 : gain};
+    return {.share = of_time ? fitted : 0, .confirmed = false};
   }
 
   const Chain& chain_;

@@ -43,7 +43,9 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                              "sensors' noise: noise alone explains them",
                              v.over_noise));
   const double of_noise = 1 - std::exp(-2 * v.quieter);
-  if (v.judgement.held_out_gain <= of_noise)
+  // The sensors' noise is known by a draw of it, to a factor of two.
+  constexpr double kTimes = 2;
+  if (v.judgement.held_out_gain <= of_noise * std::max(1.0, kTimes / v.over_noise))
     return noise(v.judgement.held_out_gain,
                  fmt::format("the energy on rows that judge falls by {:.2g}, that of the sensors' "
                              "noise by {:.2g}",

@@ -196,6 +196,18 @@ TEST(Transfer, WhereTheSensorsMakeAllThatIsLeftThereIsNothingToExplain) {
   }
 }
 
+// The claim halves the sensors' noise, which is drawn to a factor of two: a fall of 0.6 is that of the
+// noise where there was little else, and more where there was.
+TEST(Transfer, AFallThatNoiseTwiceAsLoudWouldMakeIsNoClaims) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.6, .p_value = 1e-9, .votes = 20};
+  votes.quieter = 0.5 * std::log(2);
+  for (const auto& [over, rule] : {std::pair(3.0, ""), std::pair(1.5, "sensors")}) {
+    votes.over_noise = over;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << over;
+  }
+}
+
 // Holm by hand: of three claims the limits are 1e-3/3, 1e-3/2 and 1e-3, up to the first refused.
 TEST(Transfer, TheMostCertainOfThreeClaimsMustBeThreeTimesAsCertain) {
   const auto passed = [](const std::vector<double>& p_values) {

@@ -231,12 +231,15 @@ TEST(Rest, OfFittedRowsAloneIsNoStructure) {
     chain.set_noise(NoiseFit()(chain, chain.residual({all}), {}));
     const Rows rows(e.sampler, false), held_out(e.sampler, true);
     const Fitter fitter(chain, rows, held_out);
-    // Over time no other rows are there that could judge: told in either case.
+    // Over time no other rows are there that could judge: told beside a claim, a doubt alone.
     const auto claim = test::effect_of("cogging", {{"order", 7}, {"amplitude_Nm", 1e-6}}, e.facts);
     for (const Members& members : {Members{}, Members{claim}}) {
       int over_others = 0;  // in the voltage that the resistance changes
-      for (const Structure& s : residual_structure(fitter, fitter.start(members)))
-        over_others += s.channel == "d" && s.regressor != "t";
+      for (const Structure& s : residual_structure(fitter, fitter.start(members))) {
+        if (s.channel != "d") continue;
+        over_others += s.regressor != "t";
+        EXPECT_EQ(s.confirmed, everywhere || !members.empty()) << s.text;
+      }
       EXPECT_EQ(over_others > 0, everywhere) << members.size();
     }
   }
