@@ -11,7 +11,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain the same
-constexpr std::size_t kMostAliases = 2;
+constexpr std::size_t kMostAliases = 5;
 constexpr double kAliasShare =
     0.02;  // or of the gain itself; of a faint one more, for what is left
 constexpr double kNoisyGain = 2000, kAliasShareNoisy = 0.15;  // is not all noise

@@ -178,6 +178,7 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
   }
   Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
   if (noise_without > 0) vote.over_noise = energy_without / noise_without;
+  if (of_torque && motor < 1) vote.of_angle = 1 - std::pow(std::max(0.0, motor), 2);
   return vote;
 }
 

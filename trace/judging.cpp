@@ -12,7 +12,9 @@
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kMostTried = 3;  // kinds refined in place of a member
+constexpr std::size_t kMostTried = 3;   // kinds refined in place of a member
+constexpr std::size_t kMostAsGood = 6;  // where they seem to explain as much
+constexpr double kAsGood = 0.95;        // of a member's gain, before they are refined
 constexpr double kNotRefined = std::numeric_limits<double>::quiet_NaN();
 
 // One kind, and one choice of each of its words: a filter is not a delay.
@@ -158,7 +160,7 @@ class Judge {
       s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
       std::size_t tried = 0;
       for (const Score& other : look.ranking) {
-        if (tried >= kMostTried) break;
+        if (tried >= (other.gain > kAsGood * s.score_gain ? kMostAsGood : kMostTried)) break;
         if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
         ++tried;
         Alternative a{std::string(other.effect->kind()), other.gain, kNotRefined, "",

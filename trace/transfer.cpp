@@ -42,13 +42,15 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                  fmt::format("without it the rows that judge have {:.2g} of the energy of the "
                              "sensors' noise: noise alone explains them",
                              v.over_noise));
-  const double of_noise = 1 - std::exp(-2 * v.quieter);
-  // The sensors' noise is known by a draw of it, to a factor of two.
+  // The sensors' noise is known by a draw of it, to a factor of two; in all that is left the angle's
+  // may be: the torque that it makes is in proportion to the inertia at the motor.
   constexpr double kTimes = 2;
-  if (v.judgement.held_out_gain <= of_noise * std::max(1.0, kTimes / v.over_noise))
+  const double of_noise =
+      std::max(v.of_angle, (1 - std::exp(-2 * v.quieter)) * std::max(1.0, kTimes / v.over_noise));
+  if (v.judgement.held_out_gain <= of_noise)
     return noise(v.judgement.held_out_gain,
-                 fmt::format("the energy on rows that judge falls by {:.2g}, that of the sensors' "
-                             "noise by {:.2g}",
+                 fmt::format("the energy on rows that judge falls by {:.2g}, noise of the sensors "
+                             "that is less with it would make {:.2g}",
                              v.judgement.held_out_gain, of_noise));
   return {};
 }

@@ -19,6 +19,7 @@ struct Votes {
   Judgement judgement;
   double mean = 0;                // of r_b, over all pieces that vote
   double quieter = 0;             // of each r_b, for sensor noise that the claim makes smaller
+  double of_angle = 0;            // pooled fall that a noise of the angle alone would make
   double over_noise = 1;          // energy without the claim, over that of the sensors' noise
   std::map<int, double> worse;    // by file: chance of pieces so much worse
   std::map<int, double> of_file;  // mean of r_b

@@ -208,6 +208,17 @@ TEST(Transfer, AFallThatNoiseTwiceAsLoudWouldMakeIsNoClaims) {
   }
 }
 
+// An inertia of 0.6 J at the motor makes 0.36 of the energy that a noise of the angle makes with J: if
+// all that is left were such a noise, it would fall by 0.64.
+TEST(Transfer, AFallThatTheAnglesNoiseWouldMakeAloneIsNoInertia) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.6, .p_value = 1e-9, .votes = 20};
+  for (const auto& [J, rule] : {std::pair(0.7, ""), std::pair(0.6, "sensors")}) {
+    votes.of_angle = 1 - J * J;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << J;
+  }
+}
+
 // Holm by hand: of three claims the limits are 1e-3/3, 1e-3/2 and 1e-3, up to the first refused.
 TEST(Transfer, TheMostCertainOfThreeClaimsMustBeThreeTimesAsCertain) {
   const auto passed = [](const std::vector<double>& p_values) {
