@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -58,7 +57,7 @@ void LogWriter::open_next() {
   if (file_ < 0)
     throw std::runtime_error(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
   files_.push_back(path);
-  buffer_.reserve(2 * kFlushBytes);
+  buffer_.resize(2 * kFlushBytes);
   on_disk_ = events_ = 0;
 }
 
@@ -86,18 +85,19 @@ bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::
                            .t_us = htobe64(static_cast<std::uint64_t>(t_us)),
                            .channel_bytes = htobe32(static_cast<std::uint32_t>(channel.size())),
                            .message_bytes = htobe32(static_cast<std::uint32_t>(size))};
-  const std::size_t at = buffer_.size();
-  buffer_.resize(at + sizeof header + channel.size() + size);
-  std::uint8_t* const event = buffer_.data() + at;
+  const std::size_t event_bytes = sizeof header + channel.size() + size;
+  if (buffer_.size() < gathered_ + event_bytes) buffer_.resize(gathered_ + event_bytes);
+  std::uint8_t* const event = buffer_.data() + gathered_;
   std::memcpy(event, &header, sizeof header);
-  std::copy(channel.begin(), channel.end(), event + sizeof header);
+  std::memcpy(event + sizeof header, channel.data(), channel.size());
   if (size > 0) std::memcpy(event + sizeof header + channel.size(), bytes, size);
-  return buffer_.size() < kFlushBytes || flush();
+  gathered_ += event_bytes;
+  return gathered_ < kFlushBytes || flush();
 }
 
 bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
                       std::int64_t t_us) {
-  if (on_disk_ + static_cast<std::int64_t>(buffer_.size()) > rotate_bytes_) {
+  if (on_disk_ + static_cast<std::int64_t>(gathered_) > rotate_bytes_) {
     if (!flush()) return false;
     close();
     try {
@@ -114,9 +114,9 @@ bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std
 
 bool LogWriter::flush() {
   if (file_ < 0 || full_) return false;
-  if (write_all(file_, buffer_.data(), buffer_.size())) {
-    on_disk_ += static_cast<std::int64_t>(buffer_.size());
-    buffer_.clear();
+  if (write_all(file_, buffer_.data(), gathered_)) {
+    on_disk_ += static_cast<std::int64_t>(gathered_);
+    gathered_ = 0;
     marked_on_disk_ = marked_;
     return true;
   }

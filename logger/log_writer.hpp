@@ -52,9 +52,10 @@ class LogWriter {
   std::int64_t rotate_bytes_;
   std::size_t first_part_;
   int file_ = -1;
-  std::vector<std::uint8_t> buffer_;  // events to be written
-  std::int64_t on_disk_ = 0;          // bytes of whole events in the present file
-  std::int64_t events_ = 0;           // of the present file
+  std::vector<std::uint8_t> buffer_;
+  std::size_t gathered_ = 0;  // bytes at its begin: events to be written
+  std::int64_t on_disk_ = 0;  // bytes of whole events in the present file
+  std::int64_t events_ = 0;   // of the present file
   std::int64_t marked_ = 0, marked_on_disk_ = 0;
   static constexpr std::size_t kFlushBytes = 65536;
   std::vector<std::string> files_;

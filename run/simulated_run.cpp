@@ -5,12 +5,14 @@
 #include <array>
 #include <chrono>
 #include <optional>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "analysis/long_log.hpp"
 #include "core/bus.hpp"
 #include "core/bus_parameters.hpp"
+#include "core/encode_tick.hpp"
 #include "core/make_event.hpp"
 #include "core/manifest.hpp"
 #include "core/output_file.hpp"
@@ -57,23 +59,29 @@ class SimulatedBus {
                      Role role = Role::kController) {
     const event_t wire =
         make_event({.role = role, .reason = reason, .k = k, .t_ns = t_ns, .text = text}, session_);
-    send(wire);
+    const std::size_t size = make_room(wire);
+    wire.encode(bytes_.data(), 0, static_cast<int>(size));
+    send(Channel::kEvent, size);
     if (kept_) kept_->events.push_back(from_wire(wire));
   }
 
  private:
   template <class Signal, class Wire, class Kept>
-  void publish(const Signal& signal, const Wire& wire, std::vector<Kept> RunLog::*place) {
-    send(wire);
+  void publish(const Signal& signal, Wire&& wire, std::vector<Kept> RunLog::*place) {
+    const std::size_t size = make_room(wire);
+    encode_tick(wire, bytes_.data());
+    send(kChannelOf<std::remove_reference_t<Wire>>, size);
     if (kept_) (kept_->*place).emplace_back(signal);
   }
-  // Time stamps of the log are those of the ticks.
   template <class Wire>
-  void send(const Wire& wire) {
-    constexpr auto channel = static_cast<std::size_t>(kChannelOf<Wire>);
+  std::size_t make_room(const Wire& wire) {
     const auto size = static_cast<std::size_t>(wire.getEncodedSize());
     if (bytes_.size() < size) bytes_.resize(size);
-    wire.encode(bytes_.data(), 0, static_cast<int>(size));
+    return size;
+  }
+  // Time stamps of the log are those of the ticks.
+  void send(Channel sent, std::size_t size) {
+    const auto channel = static_cast<std::size_t>(sent);
     writer_.write(names_[channel], bytes_.data(), size, t0_us_ + t_ns_ / 1000);
     if (kept_) ++kept_->counts[channel];
   }

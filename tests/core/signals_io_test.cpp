@@ -7,6 +7,8 @@
 #include <limits>
 #include <vector>
 
+#include "core/encode_tick.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -37,9 +39,14 @@ Signal round_trip(const Signal& signal) {
   EXPECT_EQ(wire.session, kSession);
   EXPECT_EQ(wire.seq, signal.k);
   EXPECT_EQ(wire.t_ns, signal.t_ns);
+  wire.host_ns = 0x0102030405060708LL;
+  wire.tag = -2;
   std::vector<unsigned char> bytes(static_cast<std::size_t>(wire.getEncodedSize()));
   EXPECT_EQ(wire.encode(bytes.data(), 0, static_cast<int>(bytes.size())),
             static_cast<int>(bytes.size()));
+  std::vector<unsigned char> by_encode_tick(bytes.size());
+  encode_tick(wire, by_encode_tick.data());
+  EXPECT_EQ(by_encode_tick, bytes);
   decltype(wire) decoded;
   EXPECT_EQ(decoded.decode(bytes.data(), 0, static_cast<int>(bytes.size())),
             static_cast<int>(bytes.size()));
