@@ -7,7 +7,6 @@
 #include <limits>
 #include <map>
 
-#include "analysis/summary_builder.hpp"
 #include "core/decode.hpp"
 #include "core/run_log_part.hpp"
 #include "core/signals_io.hpp"
@@ -15,48 +14,22 @@
 namespace twinrate {
 namespace {
 
-// The messages of one tick.
-struct TickMessages {
-  std::optional<Measurement> measurement;
-  std::optional<Truth> truth;
-  std::optional<Estimate> estimate;
-  std::optional<Command> command;
-  std::optional<GainRecord> gain;  // used at this tick
-  std::int64_t k = -1;
-
-  TickRow row() const {
-    TickRow row;
-    row.k = k;
-    const auto take = [&row](const auto& message, auto*& place) {
-      if (!message) return;
-      place = &*message;
-      row.t_s = static_cast<double>(message->t_ns) * 1e-9;
-    };
-    take(command, row.command);
-    take(estimate, row.estimate);
-    take(truth, row.truth);
-    take(measurement, row.measurement);
-    if (gain) row.gain = &*gain;
-    return row;
-  }
-};
-
 // Messages in the order of a log -> ticks in the order of time.
 class TickStream {
  public:
-  using OnTick = std::function<void(TickMessages)>;
+  using OnTick = std::function<void(const TickRow&)>;
   explicit TickStream(OnTick on_tick) : on_tick_(std::move(on_tick)) {}
 
   void take(Channel channel, const lcm::LogEvent& event) {
     switch (channel) {
       case Channel::kMeasurement:
-        return put<measurement_t>(event, &TickMessages::measurement);
+        return put<measurement_t>(event);
       case Channel::kTruth:
-        return put<truth_t>(event, &TickMessages::truth);
+        return put<truth_t>(event);
       case Channel::kEstimate:
-        return put<estimate_t>(event, &TickMessages::estimate);
+        return put<estimate_t>(event);
       case Channel::kCommand:
-        return put<command_t>(event, &TickMessages::command);
+        return put<command_t>(event);
       case Channel::kGain:
         return put_gain(event);
       default:
@@ -68,14 +41,14 @@ class TickStream {
   }
 
  private:
-  template <class Wire, class Signal>
-  void put(const lcm::LogEvent& event, std::optional<Signal> TickMessages::*place) {
+  template <class Wire>
+  void put(const lcm::LogEvent& event) {
     Wire wire{};
     if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen))) return;
     if (wire.seq <= emitted_) return;
-    TickMessages& tick = pending_[wire.seq];
-    tick.k = wire.seq;
-    if (!(tick.*place)) tick.*place = from_wire(wire);
+    TickRow& row = pending_[wire.seq];
+    row.k = wire.seq;
+    row.take(from_wire(wire));
     while (pending_.rbegin()->first - pending_.begin()->first > kReach) emit();
   }
   void put_gain(const lcm::LogEvent& event) {
@@ -85,20 +58,20 @@ class TickStream {
     if (gains_.size() > 2 * static_cast<std::size_t>(kReach)) gains_.erase(gains_.begin());
   }
   void emit() {
-    TickMessages tick = std::move(pending_.begin()->second);
+    TickRow row = pending_.begin()->second;
     pending_.erase(pending_.begin());
-    emitted_ = tick.k;
-    if (tick.estimate && tick.estimate->gain_seq >= 0) {
-      gains_.erase(gains_.begin(), gains_.lower_bound(tick.estimate->gain_seq));
-      if (!gains_.empty() && gains_.begin()->first == tick.estimate->gain_seq)
-        tick.gain = gains_.begin()->second;
+    emitted_ = row.k;
+    if (row.estimate && row.estimate->gain_seq >= 0) {
+      gains_.erase(gains_.begin(), gains_.lower_bound(row.estimate->gain_seq));
+      if (!gains_.empty() && gains_.begin()->first == row.estimate->gain_seq)
+        row.gain = gains_.begin()->second;
     }
-    on_tick_(std::move(tick));
+    on_tick_(row);
   }
 
   OnTick on_tick_;
-  std::map<std::int64_t, TickMessages> pending_;
-  std::map<std::int64_t, GainRecord> gains_;  // from the one in use on
+  std::map<std::int64_t, TickRow> pending_;
+  std::map<std::int64_t, TickRow::OfGain> gains_;  // from the one in use on
   std::int64_t emitted_ = std::numeric_limits<std::int64_t>::min();
 };
 
@@ -107,13 +80,12 @@ class TickStream {
 class SpeedAdded {
  public:
   SpeedAdded(bool has_truth, SummaryBuilder& builder) : has_truth_(has_truth), builder_(builder) {}
-  void take(TickMessages tick) {
+  void take(const TickRow& row) {
     if (has_truth_) {
-      const TickRow row = tick.row();
       builder_.add(row, row.truth ? row.truth->omega_m : kNaN);
       return;
     }
-    window_.push_back(std::move(tick));
+    window_.push_back(row);
     while (next_ < window_.size() && time(window_.size() - 1) > time(next_) + kSlopeSpan_s / 2)
       add_next();
   }
@@ -123,9 +95,9 @@ class SpeedAdded {
 
  private:
   static constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-  double time(std::size_t i) const { return window_[i].row().t_s; }
+  double time(std::size_t i) const { return window_[i].t_s; }
   double position(std::size_t i) const {
-    const std::optional<Measurement>& m = window_[i].measurement;
+    const auto& m = window_[i].measurement;
     return m && (m->signals & kPosition) ? m->theta_m : kNaN;
   }
   void add_next() {
@@ -138,13 +110,13 @@ class SpeedAdded {
     while (to + 1 < window_.size() && time(to + 1) <= t_s + kSlopeSpan_s / 2) ++to;
     const double omega_m =
         time(to) > time(0) ? (position(to) - position(0)) / (time(to) - time(0)) : kNaN;
-    builder_.add(window_[next_].row(), omega_m);
+    builder_.add(window_[next_], omega_m);
     ++next_;
   }
 
   bool has_truth_;
   SummaryBuilder& builder_;
-  std::deque<TickMessages> window_;
+  std::deque<TickRow> window_;
   std::size_t next_ = 0;
 };
 
@@ -185,7 +157,7 @@ LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDama
                       std::int64_t ticks_shown, AngleReference reference,
                       const std::string& channel_suffix) {
   RunOutline outline;
-  TickStream rows([&](const TickMessages& tick) { outline.add(tick.row()); });
+  TickStream rows([&](const TickRow& row) { outline.add(row); });
   const RunLog head = scan_run_log(path, channel_suffix, on_damage,
                                    [&](Channel channel, const lcm::LogEvent& event) {
                                      outline.add(channel, tick_of(event));
@@ -195,7 +167,7 @@ LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDama
   LongLog found;
   SummaryBuilder builder(head, outline, config, reference);
   SpeedAdded with_speed(outline.has_truth(), builder);
-  TickStream again([&](TickMessages tick) { with_speed.take(std::move(tick)); });
+  TickStream again([&](const TickRow& row) { with_speed.take(row); });
   scan_run_log(path, channel_suffix, on_damage,
                [&](Channel channel, const lcm::LogEvent& event) { again.take(channel, event); });
   again.close();
@@ -204,13 +176,14 @@ LongLog summarise_log(const std::string& path, const DriveConfig& config, OnDama
   choose_part(outline, config, ticks_shown, found);
   found.log = read_run_log_part(path, channel_suffix, on_damage, found.first_k, found.last_k,
                                 config.rates.n);
+  found.ticks = run_ticks(found.log);
   return found;
 }
 
 double window_of_part(const LongLog& part) {
-  if (part.log.measurement.empty()) return part.summary.window_from_s;
-  const double part_s = 1e-9 * static_cast<double>(part.log.measurement.front().t_ns);
-  return std::max(0.0, part.summary.window_from_s - (part_s - part.begin_s));
+  const std::optional<double> part_s = part.ticks.measured_from_s();
+  if (!part_s) return part.summary.window_from_s;
+  return std::max(0.0, part.summary.window_from_s - (*part_s - part.begin_s));
 }
 
 }  // namespace twinrate

@@ -4,21 +4,22 @@
 // The figures are those of summarise(); speed ripple is that of the last SummaryBuilder::kRippleTicks.
 // A message that comes more than kReach ticks after the newest one of its log is not used.
 #pragma once
-#include "analysis/summary.hpp"
-#include "core/run_log.hpp"
+#include "analysis/run_ticks.hpp"
 
 namespace twinrate {
 
 struct LongLog {
   // Events, drive file and counts of the whole log; ticks of [first_k, last_k] only.
   RunLog log;
+  RunTicks ticks;   // of those ticks
   Summary summary;  // of the whole log
   std::int64_t first_k = 0, last_k = 0;
   double begin_s = 0, end_s = 0;  // of the whole log
 };
 
 inline constexpr std::int64_t kReach = 4096;
-// Ticks that a page shows, 900 bytes each in memory: the end of the run, or the ticks around a loss.
+// Ticks that a page shows: the end of the run, or the ticks around a loss. 900 bytes each in memory,
+// 300 of a simulated run.
 inline constexpr std::int64_t kTicksShown = 200'000;
 
 // Whether the log has more ticks than a page shows, by its size. Throws BadInput: no such log.

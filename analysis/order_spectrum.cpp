@@ -180,6 +180,9 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
   assert(theta_m.size() == signal.size() && N_max >= 1);
   std::vector<double> theta, y;
   std::vector<std::size_t> index;
+  theta.reserve(theta_m.size());
+  y.reserve(theta_m.size());
+  index.reserve(theta_m.size());
   for (std::size_t i = 0; i < theta_m.size(); ++i) {
     if (!std::isfinite(theta_m[i]) || !std::isfinite(signal[i])) continue;
     theta.push_back(theta_m[i]);

@@ -60,8 +60,7 @@ void judge_load(const Stretch& s, StepResponse& step) {
 
 }  // namespace
 
-std::vector<StepResponse> step_responses(const std::vector<TickRow>& rows,
-                                         const std::vector<double>& omega_m,
+std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double>& omega_m,
                                          const DriveConfig& config) {
   const auto first =
       std::find_if(omega_m.begin(), omega_m.end(), [](double w) { return std::isfinite(w); });

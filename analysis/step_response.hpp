@@ -28,8 +28,7 @@ struct StepResponse {
 };
 
 // omega_m[i] of rows[i], as reference_speed() has it; NaN where it is not known.
-std::vector<StepResponse> step_responses(const std::vector<TickRow>& rows,
-                                         const std::vector<double>& omega_m,
+std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double>& omega_m,
                                          const DriveConfig& config);
 
 }  // namespace twinrate

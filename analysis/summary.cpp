@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "analysis/summary_builder.hpp"
+#include "analysis/run_ticks.hpp"
 #include "core/channels.hpp"
 #include "core/reason.hpp"
 
@@ -14,23 +14,6 @@ namespace twinrate {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-template <class Item>
-void note(const std::vector<Item>& items, Channel channel, RunOutline& outline) {
-  for (const Item& item : items) outline.add(channel, item.k);
-}
-
-RunOutline outline_of(const RunLog& log, const std::vector<TickRow>& rows) {
-  RunOutline outline;
-  for (const TickRow& row : rows) outline.add(row);
-  note(log.measurement, Channel::kMeasurement, outline);
-  note(log.truth, Channel::kTruth, outline);
-  note(log.estimate, Channel::kEstimate, outline);
-  note(log.reference, Channel::kReference, outline);
-  note(log.command, Channel::kCommand, outline);
-  note(log.gain, Channel::kGain, outline);
-  return outline;
-}
 
 }  // namespace
 
@@ -48,16 +31,6 @@ std::string trip_text(const Trip& trip) {
                      role_name(trip.role), trip.text);
 }
 
-AngleReference resolve(AngleReference wanted, const RunLog& log) {
-  RunOutline outline;
-  note(log.truth, Channel::kTruth, outline);
-  for (const Measurement& m : log.measurement)
-    outline.has_position = outline.has_position || (m.signals & kPosition) != 0;
-  for (const Estimate& e : log.estimate)
-    outline.uses_position = outline.uses_position || (e.status & kMeasuredAngle) != 0;
-  return outline.resolve(wanted);
-}
-
 double theta_e_reference(const TickRow& row, AngleReference reference, int n_p) {
   if (reference == AngleReference::kTruth && row.truth) return n_p * row.truth->theta_m;
   if (reference == AngleReference::kEncoder && row.measurement &&
@@ -73,10 +46,10 @@ double angle_error(const TickRow& row, AngleReference reference, int n_p) {
   return std::isfinite(difference) ? wrap_pi(difference) : kNaN;
 }
 
-std::vector<double> reference_speed(const std::vector<TickRow>& rows, bool has_truth) {
+std::vector<double> reference_speed(TickRows rows, bool has_truth) {
   std::vector<double> omega_m(rows.size(), kNaN);
   const auto position = [&](std::size_t i) {
-    const Measurement* m = rows[i].measurement;
+    const auto& m = rows[i].measurement;
     return m && (m->signals & kPosition) ? m->theta_m : kNaN;
   };
   std::size_t from = 0, to = 0;
@@ -95,9 +68,10 @@ std::vector<double> reference_speed(const std::vector<TickRow>& rows, bool has_t
 
 std::vector<TickError> tick_errors(const RunLog& log, const DriveConfig& config,
                                    AngleReference angle_reference) {
-  const AngleReference reference = resolve(angle_reference, log);
-  const std::vector<TickRow> rows = tick_rows(log);
-  const std::vector<double> omega_m = reference_speed(rows, !log.truth.empty());
+  const RunTicks ticks = run_ticks(log);
+  const std::vector<TickRow>& rows = ticks.rows;
+  const AngleReference reference = ticks.outline.resolve(angle_reference);
+  const std::vector<double> omega_m = reference_speed(rows, ticks.outline.has_truth());
   std::vector<TickError> errors;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const TickRow& row = rows[i];
@@ -110,9 +84,14 @@ std::vector<TickError> tick_errors(const RunLog& log, const DriveConfig& config,
 }
 
 Summary summarise(const RunLog& log, const DriveConfig& config, AngleReference angle_reference) {
-  const std::vector<TickRow> rows = tick_rows(log);
-  const std::vector<double> omega_m = reference_speed(rows, !log.truth.empty());
-  SummaryBuilder builder(log, outline_of(log, rows), config, angle_reference);
+  return summarise(log, run_ticks(log), config, angle_reference);
+}
+
+Summary summarise(const RunLog& head, const RunTicks& ticks, const DriveConfig& config,
+                  AngleReference angle_reference) {
+  const std::vector<TickRow>& rows = ticks.rows;
+  const std::vector<double> omega_m = reference_speed(rows, ticks.outline.has_truth());
+  SummaryBuilder builder(head, ticks.outline, config, angle_reference);
   for (std::size_t i = 0; i < rows.size(); ++i) builder.add(rows[i], omega_m[i]);
   return builder.finish();
 }

@@ -77,6 +77,10 @@ struct Summary {
 
 Summary summarise(const RunLog& log, const DriveConfig& config,
                   AngleReference angle_reference = AngleReference::kAuto);
+// The same of its table; `head`: path, events and drive file of the log.
+struct RunTicks;
+Summary summarise(const RunLog& head, const RunTicks& ticks, const DriveConfig& config,
+                  AngleReference angle_reference = AngleReference::kAuto);
 // The text of summary.json; an empty or not finite figure is null.
 std::string to_json(const Summary& summary, const DriveConfig& config);
 // Copies the counts of the processes (last block of Summary, lost_messages) from a summary.json.
@@ -89,8 +93,6 @@ std::string speed_word(const Summary& summary);
 // "lost_synchronism at 0.5312 s, tick 5312, controller: TEXT"; reason codes by their names.
 std::string trip_text(const Trip& trip);
 
-// Resolves kAuto; kNone if the log does not hold the wanted reference.
-AngleReference resolve(AngleReference wanted, const RunLog& log);
 // Electrical reference angle at a tick; NaN without one.
 double theta_e_reference(const TickRow& row, AngleReference reference, int n_p);
 
@@ -99,7 +101,7 @@ double angle_error(const TickRow& row, AngleReference reference, int n_p);
 
 // omega_m of each row: the truth, or the slope of the measured position over 10 ms; NaN without
 // either.
-std::vector<double> reference_speed(const std::vector<TickRow>& rows, bool has_truth);
+std::vector<double> reference_speed(TickRows rows, bool has_truth);
 
 // Errors at each tick that has an estimate and a reference angle. An error is NaN if the estimate
 // is. Arguments as for summarise().

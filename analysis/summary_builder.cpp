@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "analysis/order_spectrum.hpp"
 #include "core/reason.hpp"
@@ -15,19 +16,6 @@ constexpr double kOffReferenceMax_s = 0.02;
 constexpr int kRippleTurnsMin = 3;
 constexpr int kRippleOrders = 60;
 
-// The square overflows first: a diverged state is detected before its numbers are infinite.
-bool finite(double value) {
-  return std::isfinite(value * value);
-}
-
-bool finite(const Estimate& e) {
-  return finite(e.theta_e) && finite(e.omega_m) && finite(e.T_load) && finite(e.x_hat.norm());
-}
-
-bool finite(const Truth& t) {
-  return finite(t.i_dq.norm()) && finite(t.omega_m) && finite(t.theta_m);
-}
-
 bool is_forced(const TickRow& row) {
   return row.measurement &&
          (row.measurement->mode == Mode::kAlign || row.measurement->mode == Mode::kIfRamp);
@@ -35,8 +23,8 @@ bool is_forced(const TickRow& row) {
 
 // The lock criterion that fails at one tick; "" if none fails.
 const char* failed_criterion(const TickRow& row, double error) {
-  if (row.estimate && !finite(*row.estimate)) return "the estimate is not finite";
-  if (row.truth && !finite(*row.truth)) return "the plant's state is not finite";
+  if (row.estimate && !row.estimate->finite) return "the estimate is not finite";
+  if (row.truth && !row.truth->finite) return "the plant's state is not finite";
   return std::abs(error) > kPi / 2 ? "the angle error passed 90 deg" : "";
 }
 
@@ -158,6 +146,11 @@ SummaryBuilder::SummaryBuilder(const RunLog& head, const RunOutline& outline,
     settled_s_ = std::max(settled_s_, outline.handed_over_s.value_or(outline.end_s));
   summary_.window_from_s = std::max(config.run.settle_s, settled_s_ - outline.begin_s);
   set_trip(head);
+  if (outline.has_truth()) {
+    const auto ticks = std::min(static_cast<std::size_t>(outline.rows), kRippleTicks);
+    theta_m_.reserve(ticks);
+    omega_m_.reserve(ticks);
+  }
 }
 
 bool SummaryBuilder::in_window(const TickRow& row) const {
@@ -185,11 +178,12 @@ void SummaryBuilder::set_trip(const RunLog& head) {
 }
 
 void SummaryBuilder::add(const TickRow& row, double omega_m) {
-  judge_lock(row);
+  const double error = angle_error(row, summary_.angle_reference, config_.machine.n_p);
+  judge_lock(row, error);
   speed_.note_reference(row);
   if (in_window(row)) {
     speed_.add(row, omega_m);
-    add_errors(row, omega_m);
+    add_errors(row, error, omega_m);
     add_ripple(row);
   }
   add_gain(row);
@@ -197,10 +191,9 @@ void SummaryBuilder::add(const TickRow& row, double omega_m) {
 
 // The window decides the verdict. The time of a loss is searched in the whole run up to a trip,
 // because most losses happen on the start-up ramp.
-void SummaryBuilder::judge_lock(const TickRow& row) {
+void SummaryBuilder::judge_lock(const TickRow& row, double error) {
   if (summary_.trip && row.t_s > outline_.begin_s + summary_.trip->t_s) return;
-  const double error = angle_error(row, summary_.angle_reference, config_.machine.n_p);
-  const std::string why = failed_criterion(row, error);
+  const std::string_view why = failed_criterion(row, error);
   const bool within = in_window(row);
   any_ = any_ || (within && (!std::isnan(error) || !why.empty()));
   lost_ = lost_ || (within && !why.empty());
@@ -211,13 +204,12 @@ void SummaryBuilder::judge_lock(const TickRow& row) {
   summary_.lost_why = why;
 }
 
-void SummaryBuilder::add_errors(const TickRow& row, double omega_m) {
+void SummaryBuilder::add_errors(const TickRow& row, double error, double omega_m) {
   if (!row.estimate) return;
-  const double angle = angle_error(row, summary_.angle_reference, config_.machine.n_p);
   const double speed = row.estimate->omega_m - omega_m;
-  if (std::isfinite(angle)) {
-    angle_errors_.add(angle);
-    angle_max_ = std::max(angle_max_, std::abs(angle));
+  if (std::isfinite(error)) {
+    angle_errors_.add(error);
+    angle_max_ = std::max(angle_max_, std::abs(error));
   }
   if (std::isfinite(speed)) speed_errors_.add(speed);
 }
@@ -251,7 +243,7 @@ void SummaryBuilder::add_gain(const TickRow& row) {
   }
   const bool has_P44 = config_.estimator.kind == "ekf_sensorless";
   if (!has_P44 || !row.gain || !in_window(row)) return;
-  const double P44 = row.gain->P_diagonal(3);
+  const double P44 = row.gain->P44;
   summary_.P44_min = std::min(summary_.P44_min.value_or(P44), P44);
   summary_.P44_max = std::max(summary_.P44_max.value_or(P44), P44);
 }

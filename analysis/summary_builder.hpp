@@ -35,6 +35,7 @@ struct RunOutline {
   void add(Channel channel, std::int64_t k) { spans[static_cast<std::size_t>(channel)].add(k); }
   const Span& span(Channel channel) const { return spans[static_cast<std::size_t>(channel)]; }
   bool has_truth() const { return span(Channel::kTruth).count > 0; }
+  // Resolves kAuto; kNone if the log does not hold the wanted reference.
   AngleReference resolve(AngleReference wanted) const;
 };
 
@@ -85,8 +86,9 @@ class SummaryBuilder {
   };
   bool in_window(const TickRow& row) const;
   void set_trip(const RunLog& head);
-  void judge_lock(const TickRow& row);
-  void add_errors(const TickRow& row, double omega_m);
+  // `error`: of the angle.
+  void judge_lock(const TickRow& row, double error);
+  void add_errors(const TickRow& row, double error, double omega_m);
   void add_ripple(const TickRow& row);
   void add_gain(const TickRow& row);
   void set_lock();

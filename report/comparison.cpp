@@ -79,15 +79,15 @@ Json error_grid(const std::vector<RunView>& views, const std::vector<std::string
   const bool nothing_to_see = none_lost && range.second - range.first < kMinRange_deg;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const RunView& view = views[i];
-    Figure figure =
-        error_figure(view, view.lost() ? view.rows : view.between(view.settled_s(), view.end_s()));
+    Figure figure = error_figure(
+        view, view.lost() ? view.rows : view.between(view.settled_s(), view.end_s()), kGridPoints);
     if (figure.empty() || nothing_to_see) continue;
     figure.title = fmt::format("({}) {}{}", static_cast<char>('a' + i % 26), names[i],
                                view.lost() ? ", lost" : "");
     figure.y_range = view.lost() ? std::pair(-180.0, 180.0) : range;
     figure.series.front().role = view.lost() ? "lost" : "hat";
     figure.group = view.lost() ? "" : "grid";
-    figures.push_back(to_json(figure, kGridPoints));
+    figures.push_back(to_json(figure));
   }
   return {{"heading", "Angle errors"},
           {"note", "From settle_s on, all on one scale; lost runs are shown whole, on +/-180 deg."},
@@ -105,7 +105,7 @@ Figure overlay(const std::vector<RunView>& views, const std::vector<std::string>
   for (std::size_t i = 0; i < views.size(); ++i) {
     const RunView& view = views[i];
     if (view.rows.empty() || view.lost() || !view.has_P44() || shown == kMaxOverlaid) continue;
-    const std::vector<TickRow> window = view.short_window();
+    const TickRows window = view.short_window();
     const auto turns_of = [&](const TickRow& row) {
       return theta_e_reference(row, view.reference, view.n_p()) / kTwoPi;
     };

@@ -69,7 +69,8 @@ void append(std::vector<std::uint8_t>& text, double value, int digits) {
       put(-decimal->places);
     }
   }
-  text.insert(text.end(), number.data(), end);
+  const auto* const bytes = reinterpret_cast<const std::uint8_t*>(number.data());
+  text.insert(text.end(), bytes, bytes + (end - number.data()));
 }
 
 // The text of a number, or of an array of them.
@@ -90,52 +91,83 @@ Json rounded(const std::vector<double>& values, int digits) {
   return Json::binary(std::move(text));
 }
 
-// Positions in [first, last) of the smallest and the largest value; NaN only if all values are NaN.
-std::pair<double, double> extremes_in_order(const std::vector<double>& values, std::size_t first,
-                                            std::size_t last) {
-  std::size_t least = last, greatest = last;
+// The smallest and the largest of value(i), i in [first, last), in their order; NaN only if all are NaN.
+template <class Value>
+std::pair<double, double> extremes_in_order(std::size_t first, std::size_t last,
+                                            const Value& value) {
+  struct Extreme {
+    double value = kNaN;
+    std::size_t at = 0;
+  } least, greatest;
   for (std::size_t i = first; i < last; ++i) {
-    if (!std::isfinite(values[i])) continue;
-    if (least == last || values[i] < values[least]) least = i;
-    if (greatest == last || values[i] > values[greatest]) greatest = i;
+    const double y = value(i);
+    if (!std::isfinite(y)) continue;
+    if (!(y >= least.value)) least = {y, i};
+    if (!(y <= greatest.value)) greatest = {y, i};
   }
-  if (least == last) return {kNaN, kNaN};
-  const auto [earlier, later] = std::minmax(least, greatest);
-  return {values[earlier], values[later]};
+  return least.at <= greatest.at ? std::pair(least.value, greatest.value)
+                                 : std::pair(greatest.value, least.value);
 }
 
-// Two points a stretch: the extremes of each series, in their order, at its begin and middle.
-std::size_t stretches_of(std::size_t count, std::size_t max_points) {
-  return count > max_points ? max_points / 2 : 0;  // 0: not thinned
+// Two points a stretch: the extremes of each series, in their order, at its begin and middle. Without
+// stretches there are few enough points.
+struct Ticks {
+  std::size_t first, last;
+};
+std::vector<Ticks> stretches_of(std::size_t count, std::size_t max_points) {
+  std::vector<Ticks> stretches;
+  if (count <= max_points) return stretches;
+  const std::size_t n = max_points / 2;
+  stretches.reserve(n);
+  for (std::size_t s = 0; s < n; ++s) stretches.push_back({s * count / n, (s + 1) * count / n});
+  return stretches;
 }
+template <class Value>
+void thin_x(const Ticks& s, const Value& x, std::vector<double>& points) {
+  points.push_back(x(s.first));
+  points.push_back(x((s.first + s.last) / 2));
+}
+template <class Value>
+void thin(const Ticks& s, const Value& value, std::vector<double>& points) {
+  const auto [earlier, later] = extremes_in_order(s.first, s.last, value);
+  points.push_back(earlier);
+  points.push_back(later);
+}
+
 std::vector<double> thinned_x(const std::vector<double>& x, std::size_t max_points) {
-  const std::size_t count = x.size(), stretches = stretches_of(count, max_points);
-  if (stretches == 0) return x;
+  const std::vector<Ticks> stretches = stretches_of(x.size(), max_points);
+  if (stretches.empty()) return x;
   std::vector<double> points;
-  points.reserve(2 * stretches);
-  for (std::size_t s = 0; s < stretches; ++s) {
-    const std::size_t first = s * count / stretches, last = (s + 1) * count / stretches;
-    points.push_back(x[first]);
-    points.push_back(x[(first + last) / 2]);
-  }
-  return points;
-}
-std::vector<double> thinned(const std::vector<double>& values, std::size_t max_points) {
-  const std::size_t count = values.size(), stretches = stretches_of(count, max_points);
-  if (stretches == 0) return values;
-  std::vector<double> points;
-  points.reserve(2 * stretches);
-  for (std::size_t s = 0; s < stretches; ++s) {
-    const auto [earlier, later] =
-        extremes_in_order(values, s * count / stretches, (s + 1) * count / stretches);
-    points.push_back(earlier);
-    points.push_back(later);
-  }
+  points.reserve(2 * stretches.size());
+  for (const Ticks& s : stretches)
+    thin_x(
+        s, [&](std::size_t i) { return x[i]; }, points);
   return points;
 }
 
-double gain_element(const TickRow& row, int i, int j) {
-  return row.gain ? row.gain->K(i, j) : kNaN;
+void append(std::string& text, const Json& json) {
+  const auto list = [&](char open, char close, const auto& item) {
+    text += open;
+    for (auto at = json.begin(); at != json.end(); ++at) {
+      if (at != json.begin()) text += ',';
+      item(at);
+    }
+    text += close;
+  };
+  if (json.is_binary()) {
+    const std::vector<std::uint8_t>& number = json.get_binary();
+    text.append(number.begin(), number.end());
+  } else if (json.is_array()) {
+    list('[', ']', [&](const auto& item) { append(text, *item); });
+  } else if (json.is_object()) {
+    list('{', '}', [&](const auto& item) {
+      append(text, Json(item.key()));
+      text += ':';
+      append(text, item.value());
+    });
+  } else {
+    text += json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  }
 }
 
 }  // namespace
@@ -144,6 +176,30 @@ void Figure::add(Series curve) {
   const bool any = std::any_of(curve.values.begin(), curve.values.end(),
                                [](double v) { return std::isfinite(v); });
   if (any) series.push_back(std::move(curve));
+}
+
+void Figure::draw(TickRows rows, const std::vector<Curve>& curves, std::size_t max_points) {
+  const std::vector<Ticks> stretches = stretches_of(rows.size(), max_points);
+  const std::size_t points = stretches.empty() ? rows.size() : 2 * stretches.size();
+  x.reserve(points);
+  std::vector<Series> drawn;
+  for (const Curve& curve : curves) {
+    drawn.push_back({curve.name, curve.role, {}, curve.stepped});
+    drawn.back().values.reserve(points);
+  }
+  const auto time = [&](std::size_t i) { return rows[i].t_s; };
+  const auto of = [&](const Curve& curve) {
+    return [&](std::size_t i) { return curve.quantity(rows[i]); };
+  };
+  for (const Ticks& s : stretches) {
+    thin_x(s, time, x);
+    for (std::size_t c = 0; c < curves.size(); ++c) thin(s, of(curves[c]), drawn[c].values);
+  }
+  for (std::size_t i = 0; stretches.empty() && i < rows.size(); ++i) {
+    x.push_back(time(i));
+    for (std::size_t c = 0; c < curves.size(); ++c) drawn[c].values.push_back(of(curves[c])(i));
+  }
+  for (Series& curve : drawn) add(std::move(curve));
 }
 
 Json to_json(const Figure& figure, std::size_t max_points) {
@@ -176,35 +232,26 @@ Json to_json(const Figure& figure, std::size_t max_points) {
 }
 
 std::string text_of(const Json& json) {
-  const auto list = [&json](char open, char close, const auto& item) {
-    std::string text(1, open);
-    for (const auto& [key, value] : json.items()) {
-      if (text.size() > 1) text += ',';
-      text += item(key, value);
-    }
-    return text + close;
-  };
-  if (json.is_binary()) {
-    const std::vector<std::uint8_t>& text = json.get_binary();
-    return {reinterpret_cast<const char*>(text.data()), text.size()};
-  }
-  if (json.is_array())
-    return list('[', ']', [](const std::string&, const Json& value) { return text_of(value); });
-  if (json.is_object())
-    return list('{', '}', [](const std::string& key, const Json& value) {
-      return text_of(Json(key)) + ':' + text_of(value);
-    });
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  std::string text;
+  append(text, json);
+  return text;
 }
 
-std::vector<double> values_of(const std::vector<TickRow>& rows, const Quantity& quantity) {
+std::vector<double> values_of(TickRows rows, const Quantity& quantity) {
   std::vector<double> values(rows.size());
   std::transform(rows.begin(), rows.end(), values.begin(), quantity);
   return values;
 }
 
-std::vector<double> times_of(const std::vector<TickRow>& rows) {
-  return values_of(rows, [](const TickRow& row) { return row.t_s; });
+std::vector<double> thinned(const std::vector<double>& values, std::size_t max_points) {
+  const std::vector<Ticks> stretches = stretches_of(values.size(), max_points);
+  if (stretches.empty()) return values;
+  std::vector<double> points;
+  points.reserve(2 * stretches.size());
+  for (const Ticks& s : stretches)
+    thin(
+        s, [&](std::size_t i) { return values[i]; }, points);
+  return points;
 }
 
 namespace quantity {
@@ -228,13 +275,13 @@ double T_load_hat(const TickRow& row) {
   return row.estimate ? row.estimate->T_load : kNaN;
 }
 double P44(const TickRow& row) {
-  return row.gain ? row.gain->P_diagonal(3) : kNaN;
+  return row.gain ? row.gain->P44 : kNaN;
 }
 double K41(const TickRow& row) {
-  return gain_element(row, 3, 0);
+  return row.gain ? row.gain->K41 : kNaN;
 }
 double K42(const TickRow& row) {
-  return gain_element(row, 3, 1);
+  return row.gain ? row.gain->K42 : kNaN;
 }
 
 double theta_e_hat_deg(const TickRow& row) {

@@ -1,7 +1,7 @@
 // Figures for report.js, as JSON: named series over one time (or order) axis.
 //
 // Long series are thinned to kMaxPoints: the extremes of equal stretches of ticks, so that peaks
-// stay. All series of a figure have the same axis. Values have five significant digits; NaN and
+// stay, as they are taken from the ticks or, of other values, when the figure is written. All series of a figure have the same axis. Values have five significant digits; NaN and
 // infinity are null (a gap).
 #pragma once
 #include <functional>
@@ -27,6 +27,14 @@ struct Series {
   std::vector<double> errors = {};  // half-length of each point's error bar; not thinned
 };
 
+// A curve over the time of ticks.
+using Quantity = std::function<double(const TickRow&)>;
+struct Curve {
+  std::string name, role;
+  Quantity quantity;
+  bool stepped = false;
+};
+
 struct Figure {
   std::string title, x_label, y_label;
   std::vector<double> x;
@@ -43,6 +51,9 @@ struct Figure {
 
   // Adds the curve if a value is finite.
   void add(Series curve);
+  // Draws the curves over t: x and the values, thinned in one pass, so that a long run is neither
+  // copied nor read curve by curve.
+  void draw(TickRows rows, const std::vector<Curve>& curves, std::size_t max_points = kMaxPoints);
   bool empty() const { return series.empty(); }
 };
 
@@ -53,13 +64,13 @@ Json to_json(const Figure& figure, std::size_t max_points = kMaxPoints);
 std::string text_of(const Json& json);
 
 // values[i] = quantity(rows[i]).
-using Quantity = std::function<double(const TickRow&)>;
-std::vector<double> values_of(const std::vector<TickRow>& rows, const Quantity& quantity);
-std::vector<double> times_of(const std::vector<TickRow>& rows);
+std::vector<double> values_of(TickRows rows, const Quantity& quantity);
+std::vector<double> thinned(const std::vector<double>& values, std::size_t max_points);
 
 // The quantities of a tick; NaN if the log does not hold them. Angles are wrapped into [0, 360);
 // angles and angle errors in degrees.
 namespace quantity {
+double omega_m_true(const TickRow& row);
 double omega_m_measured(const TickRow& row);
 double omega_m_hat(const TickRow& row);
 double omega_m_ref(const TickRow& row);

@@ -26,7 +26,7 @@ double period_s(const RunView& view, double lost_s) {
 Json loss_section(const RunView& view) {
   const double lost_s = view.run.summary.lost_at_s.value_or(view.end_s());
   const double period = period_s(view, lost_s);
-  const std::vector<TickRow> around =
+  const TickRows around =
       view.between(lost_s - kTurnsBefore * period, lost_s + kTurnsAfter * period);
   Json figures = Json::array();
   const auto push = [&](Figure figure, const char* letter, const char* group) {

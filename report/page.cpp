@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <initializer_list>
 #include <sstream>
 
 #include "core/config.hpp"
@@ -74,17 +75,20 @@ Json several_runs(const std::vector<RunView>& views) {
 
 // Each placeholder occurs once in report.html, in this order: inserted text is not searched.
 std::string fill(const std::string& page,
-                 const std::vector<std::pair<std::string, std::string>>& parts) {
+                 std::initializer_list<std::pair<std::string, const std::string&>> parts) {
+  std::size_t size = page.size(), at = 0;
+  for (const auto& [name, text] : parts) size += text.size();
   std::string filled;
-  std::size_t at = 0;
+  filled.reserve(size);
   for (const auto& [name, text] : parts) {
     const std::size_t found = page.find("{{" + name + "}}", at);
     if (found == std::string::npos)
       throw std::runtime_error("report.html: {{" + name + "}} is missing");
-    filled += page.substr(at, found - at) + text;
+    filled.append(page, at, found - at).append(text);
     at = found + name.size() + 4;
   }
-  return filled + page.substr(at);
+  filled.append(page, at);
+  return filled;
 }
 
 void write_whole(const std::string& text, const std::string& out_path) {

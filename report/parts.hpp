@@ -9,14 +9,15 @@
 
 namespace twinrate::report {
 
-// A run and its log as one table of ticks.
+// A run and its table of ticks.
 struct RunView {
   const ReportRun& run;
   AngleReference reference;
-  std::vector<TickRow> rows;
+  TickRows rows;
 
   RunView(const ReportRun& r, AngleReference wanted)
-      : run(r), reference(resolve(wanted, r.log)), rows(tick_rows(r.log)) {}
+      : run(r), reference(r.ticks.outline.resolve(wanted)), rows(r.ticks.rows) {}
+  bool has_truth() const { return run.ticks.outline.has_truth(); }
   int n_p() const { return run.config.machine.n_p; }
   // Synchronism lost or the drive tripped.
   bool lost() const { return run.summary.locked == false && run.summary.lost_at_s; }
@@ -32,10 +33,10 @@ struct RunView {
   }
   // True speed, else the estimate, else NaN.
   double omega_m(const TickRow& row) const;
-  // Rows of [from_s, to_s].
-  std::vector<TickRow> between(double from_s, double to_s) const;
+  // Rows from the first one at from_s or later to the last one at to_s or earlier.
+  TickRows between(double from_s, double to_s) const;
   // About four electrical turns at the end of the run.
-  std::vector<TickRow> short_window() const;
+  TickRows short_window() const;
 };
 
 // page.cpp: writes the page and its assets into one file. Throws std::runtime_error if it cannot be
@@ -68,9 +69,9 @@ Json run_sections(const RunView& view);
 Json loss_section(const RunView& view);
 // True current along d (0) or q (1), else the measured one turned by the reference angle.
 Quantity current(const RunView& view, int axis);
-Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows);
-Figure error_figure(const RunView& view, const std::vector<TickRow>& rows);
-Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows);
+Figure angles_figure(const RunView& view, TickRows rows);
+Figure error_figure(const RunView& view, TickRows rows, std::size_t max_points = kMaxPoints);
+Figure speed_figure(const RunView& view, TickRows rows, std::size_t max_points = kMaxPoints);
 
 // transient_page.cpp: start and load steps of a salient machine.
 std::vector<Json> transient_sections(const RunView& view);

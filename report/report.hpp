@@ -14,13 +14,14 @@
 #include <string>
 #include <vector>
 
-#include "analysis/summary.hpp"
+#include "analysis/run_ticks.hpp"
 
 namespace twinrate {
 
-// A run to report. The log must exist during the call.
+// A run to report. All of it must exist during the call.
 struct ReportRun {
-  const RunLog& log;
+  const RunLog& log;  // path, events and drive file
+  const RunTicks& ticks;
   const DriveConfig& config;
   const Summary& summary;
   std::string manifest_json =

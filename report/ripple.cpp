@@ -22,13 +22,13 @@ struct Window {
 // Time of the last change of the reference in (from_s, to_s); from_s without one.
 double last_reference_change_s(const RunView& view, double from_s, double to_s) {
   double changed_s = from_s;
-  const Command* before = nullptr;
+  const TickRow::OfCommand* before = nullptr;
   for (const TickRow& row : view.rows) {
     if (row.t_s >= to_s) break;
     if (!row.command) continue;
     if (before && before->omega_m_ref != row.command->omega_m_ref && row.t_s > from_s)
       changed_s = row.t_s;
-    before = row.command;
+    before = &*row.command;
   }
   return changed_s;
 }
@@ -61,10 +61,11 @@ bool inside(const RunView& view, const Window& window, double t_s) {
 
 std::vector<Stretch> ripple_stretches(const RunView& view) {
   const ControllerChoice& controller = view.run.config.controller;
-  const std::vector<double> speed = reference_speed(view.rows, !view.run.log.truth.empty());
+  const std::vector<double> speed = reference_speed(view.rows, view.has_truth());
   std::vector<Stretch> stretches;
   for (const Window& window : windows(view)) {
     std::vector<double> t_s, theta_m, omega_m;
+    for (std::vector<double>* column : {&t_s, &theta_m, &omega_m}) column->reserve(speed.size());
     for (std::size_t i = 0; i < view.rows.size(); ++i) {
       if (!inside(view, window, view.rows[i].t_s) || !std::isfinite(speed[i])) continue;
       t_s.push_back(view.rows[i].t_s);

@@ -99,10 +99,10 @@ Json reduction_section(const std::vector<RunView>& views, const std::vector<std:
                     fmt::format("{:.4g}", first.rms), fmt::format("{:.4g}", last.rms),
                     change_dB(first.rms, last.rms), fmt::format("{:.4g}", orders_before),
                     fmt::format("{:.4g}", orders_after), change_dB(orders_before, orders_after)});
-    Figure figure = speed_figure(views[i], views[i].between(first.from_s, views[i].end_s()));
+    Figure figure = speed_figure(views[i], views[i].between(first.from_s, views[i].end_s()), 3000);
     figure.title = names[i];
     figure.marks = {{last.begin_s, last.compensation}};
-    figures.push_back(to_json(figure, 3000));
+    figures.push_back(to_json(figure));
   }
   return {{"heading", "Speed ripple before and after"},
           {"note", "Over the last whole turns of the first and of the last stretch of each run."},

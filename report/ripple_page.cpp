@@ -16,24 +16,23 @@ constexpr int kMaxOrders = 200;
 constexpr std::size_t kMaxLabels = 12;
 constexpr double kMinRipple_rad_s = 1e-9;  // smaller: rounding
 
+bool is_torque(double T_load) {
+  return std::isfinite(T_load) && T_load != 0;
+}
 bool any_torque(const std::vector<double>& T_load_hat) {
-  return std::any_of(T_load_hat.begin(), T_load_hat.end(),
-                     [](double T_load) { return std::isfinite(T_load) && T_load != 0; });
+  return std::any_of(T_load_hat.begin(), T_load_hat.end(), is_torque);
 }
 bool any_torque(const RunView& view) {
-  return any_torque(values_of(view.rows, quantity::T_load_hat));
+  return std::any_of(view.rows.begin(), view.rows.end(),
+                     [](const TickRow& row) { return is_torque(quantity::T_load_hat(row)); });
 }
 
 Json torque_section(const RunView& view) {
   Json figures = Json::array();
-  const std::vector<double> T_load_hat = values_of(view.rows, quantity::T_load_hat);
-  if (any_torque(T_load_hat)) {
-    Figure figure{.title = "Load torque",
-                  .x_label = "t (s)",
-                  .y_label = "T_load (Nm)",
-                  .x = times_of(view.rows)};
-    figure.add({"T_load", "true", values_of(view.rows, quantity::T_load_true)});
-    figure.add({"T_load_hat", "hat", T_load_hat});
+  if (any_torque(view)) {
+    Figure figure{.title = "Load torque", .x_label = "t (s)", .y_label = "T_load (Nm)"};
+    figure.draw(view.rows, {{"T_load", "true", quantity::T_load_true},
+                            {"T_load_hat", "hat", quantity::T_load_hat}});
     figure.group = "run";
     figures.push_back(to_json(figure));
   }

@@ -13,38 +13,34 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kTurnsShown = 4;
 
 Figure current_figure(const RunView& view) {
-  Figure figure{
-      .title = "Currents", .x_label = "t (s)", .y_label = "current (A)", .x = times_of(view.rows)};
+  Figure figure{.title = "Currents", .x_label = "t (s)", .y_label = "current (A)"};
   figure.group = "run";
-  const std::string suffix = view.run.log.truth.empty() ? " measured" : "";
+  const std::string suffix = view.has_truth() ? "" : " measured";
   const char* names[] = {"i_d", "i_q"};
+  std::vector<Curve> curves;
   for (const int axis : {1, 0}) {
     const std::string name = names[axis], set = axis == 1 ? "" : "2";
-    figure.add({name + suffix, "true" + set, values_of(view.rows, current(view, axis))});
-    figure.add({name + "_hat", "hat" + set, values_of(view.rows, [=](const TickRow& row) {
-                  return row.estimate ? row.estimate->i_dq[axis] : kNaN;
-                })});
-    figure.add({name + "_ref", "ref" + set, values_of(view.rows, [=](const TickRow& row) {
-                  return row.command ? row.command->i_dq_ref[axis] : kNaN;
-                })});
+    curves.push_back({name + suffix, "true" + set, current(view, axis)});
+    curves.push_back({name + "_hat", "hat" + set, [=](const TickRow& row) {
+                        return row.estimate ? row.estimate->i_dq[axis] : kNaN;
+                      }});
+    curves.push_back({name + "_ref", "ref" + set, [=](const TickRow& row) {
+                        return row.command ? row.command->i_dq_ref[axis] : kNaN;
+                      }});
   }
+  figure.draw(view.rows, curves);
   return figure;
 }
 
-Figure P44_figure(const std::vector<TickRow>& rows) {
-  Figure figure{
-      .title = "Angle variance", .x_label = "t (s)", .y_label = "P44 (rad²)", .x = times_of(rows)};
-  figure.add({"P44", "hat", values_of(rows, quantity::P44), true});
+Figure P44_figure(TickRows rows) {
+  Figure figure{.title = "Angle variance", .x_label = "t (s)", .y_label = "P44 (rad²)"};
+  figure.draw(rows, {{"P44", "hat", quantity::P44, true}});
   return figure;
 }
 
-Figure gain_figure(const std::vector<TickRow>& rows) {
-  Figure figure{.title = "Gains on the angle",
-                .x_label = "t (s)",
-                .y_label = "K (rad/A)",
-                .x = times_of(rows)};
-  figure.add({"K41", "hat", values_of(rows, quantity::K41), true});
-  figure.add({"K42", "hat2", values_of(rows, quantity::K42), true});
+Figure gain_figure(TickRows rows) {
+  Figure figure{.title = "Gains on the angle", .x_label = "t (s)", .y_label = "K (rad/A)"};
+  figure.draw(rows, {{"K41", "hat", quantity::K41, true}, {"K42", "hat2", quantity::K42, true}});
   return figure;
 }
 
@@ -72,7 +68,7 @@ Json whole_run_section(const RunView& view) {
 }
 
 Json window_section(const RunView& view) {
-  const std::vector<TickRow> rows = view.short_window();
+  const TickRows rows = view.short_window();
   Json figures = Json::array();
   push(figures, angles_figure(view, rows), "window", "a");
   push(figures, error_figure(view, rows), "window", "b");
@@ -94,10 +90,10 @@ Quantity current(const RunView& view, int axis) {
   return [=](const TickRow& row) {
     if (row.truth) return row.truth->i_dq[axis];
     const double theta_e = theta_e_reference(row, reference, n_p);
-    const Measurement* m = row.measurement;
+    const auto& m = row.measurement;
     if (!m || std::isnan(theta_e) || !(m->signals & kPhaseCurrents)) return kNaN;
     if (axis == 0 && (m->signals & kQCurrentOnly)) return kNaN;
-    return park(clarke(m->i_abc), theta_e)[axis];
+    return park(clarke(Vec3(m->i_abc)), theta_e)[axis];
   };
 }
 
@@ -105,14 +101,16 @@ double RunView::omega_m(const TickRow& row) const {
   return row.truth ? row.truth->omega_m : quantity::omega_m_hat(row);
 }
 
-std::vector<TickRow> RunView::between(double from_s, double to_s) const {
-  std::vector<TickRow> part;
-  std::copy_if(rows.begin(), rows.end(), std::back_inserter(part),
-               [=](const TickRow& row) { return row.t_s >= from_s && row.t_s <= to_s; });
-  return part;
+TickRows RunView::between(double from_s, double to_s) const {
+  const auto first =
+      std::find_if(rows.begin(), rows.end(), [=](const TickRow& row) { return row.t_s >= from_s; });
+  const auto last = std::find_if(rows.rbegin(), rows.rend(), [=](const TickRow& row) {
+                      return row.t_s <= to_s;
+                    }).base();
+  return first < last ? TickRows(first, last) : TickRows();
 }
 
-std::vector<TickRow> RunView::short_window() const {
+TickRows RunView::short_window() const {
   const double T_s = run.config.T_s();
   const std::size_t tail = std::min<std::size_t>(rows.size(), 50);
   double sum = 0;
@@ -127,26 +125,23 @@ std::vector<TickRow> RunView::short_window() const {
   return between(end_s() - std::clamp(turns_s, 20 * T_s, longest_s), end_s());
 }
 
-Figure angles_figure(const RunView& view, const std::vector<TickRow>& rows) {
+Figure angles_figure(const RunView& view, TickRows rows) {
   const std::string word = view.reference_word();
   Figure figure{.title = "Rotor position, " + word + " and estimated",
                 .x_label = "t (s)",
-                .y_label = "electrical angle (deg)",
-                .x = times_of(rows)};
-  figure.add({"theta_e " + word, "true",
-              values_of(rows, quantity::theta_e_deg(view.reference, view.n_p()))});
-  figure.add({"theta_e_hat", "hat", values_of(rows, quantity::theta_e_hat_deg)});
+                .y_label = "electrical angle (deg)"};
+  figure.draw(rows, {{"theta_e " + word, "true", quantity::theta_e_deg(view.reference, view.n_p())},
+                     {"theta_e_hat", "hat", quantity::theta_e_hat_deg}});
   figure.y_range = {{0, 360}};
   return figure;
 }
 
-Figure error_figure(const RunView& view, const std::vector<TickRow>& rows) {
+Figure error_figure(const RunView& view, TickRows rows, std::size_t max_points) {
   Figure figure{.title = "Angle error theta_e_hat - theta_e",
                 .x_label = "t (s)",
-                .y_label = "angle error (deg)",
-                .x = times_of(rows)};
-  figure.add({"angle error", "hat",
-              values_of(rows, quantity::angle_error_deg(view.reference, view.n_p()))});
+                .y_label = "angle error (deg)"};
+  figure.draw(rows, {{"angle error", "hat", quantity::angle_error_deg(view.reference, view.n_p())}},
+              max_points);
   constexpr double kMinRange_deg = 0.01;  // a rounding error must not fill the figure
   const bool tiny =
       !figure.empty() &&
@@ -156,16 +151,22 @@ Figure error_figure(const RunView& view, const std::vector<TickRow>& rows) {
   return figure;
 }
 
-Figure speed_figure(const RunView& view, const std::vector<TickRow>& rows) {
-  Figure figure{
-      .title = "Speed", .x_label = "t (s)", .y_label = "omega_m (rad/s)", .x = times_of(rows)};
-  const bool has_truth = !view.run.log.truth.empty();
-  figure.add({has_truth ? "omega_m" : "omega_m measured (slope over 10 ms)", "true",
-              reference_speed(rows, has_truth)});
-  if (figure.empty())
-    figure.add({"omega_m measured", "true", values_of(rows, quantity::omega_m_measured)});
-  figure.add({"omega_m_hat", "hat", values_of(rows, quantity::omega_m_hat)});
-  figure.add({"omega_m_ref", "ref", values_of(rows, quantity::omega_m_ref)});
+Figure speed_figure(const RunView& view, TickRows rows, std::size_t max_points) {
+  Figure figure{.title = "Speed", .x_label = "t (s)", .y_label = "omega_m (rad/s)"};
+  const bool has_truth = std::any_of(rows.begin(), rows.end(), [](const TickRow& row) {
+    return std::isfinite(quantity::omega_m_true(row));
+  });
+  std::vector<Curve> curves;
+  if (has_truth)
+    curves.push_back({"omega_m", "true", quantity::omega_m_true});
+  else if (!view.has_truth())
+    figure.add({"omega_m measured (slope over 10 ms)", "true",
+                thinned(reference_speed(rows, false), max_points)});
+  if (curves.empty() && figure.empty())
+    curves.push_back({"omega_m measured", "true", quantity::omega_m_measured});
+  curves.push_back({"omega_m_hat", "hat", quantity::omega_m_hat});
+  curves.push_back({"omega_m_ref", "ref", quantity::omega_m_ref});
+  figure.draw(rows, curves, max_points);
   return figure;
 }
 

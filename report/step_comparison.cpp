@@ -18,11 +18,11 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 using Values = std::function<std::vector<double>(const RunView&)>;
 
 std::vector<double> speeds_of(const RunView& view) {
-  return reference_speed(view.rows, !view.run.log.truth.empty());
+  return reference_speed(view.rows, view.has_truth());
 }
 
 std::vector<double> of_truth(const RunView& view,
-                             const std::function<double(const Truth&)>& value) {
+                             const std::function<double(const TickRow::OfTruth&)>& value) {
   return values_of(view.rows,
                    [&](const TickRow& row) { return row.truth ? value(*row.truth) : kNaN; });
 }
@@ -126,7 +126,10 @@ Json overlays(const std::vector<RunView>& views, const std::vector<std::string>&
   push("Current along d", "i_d (A)",
        [](const RunView& v) { return values_of(v.rows, current(v, 0)); }, {});
   push("Torque", "T_em (Nm)",
-       [](const RunView& v) { return of_truth(v, [](const Truth& t) { return t.T_em; }); }, {});
+       [](const RunView& v) {
+         return of_truth(v, [](const TickRow::OfTruth& t) { return t.T_em; });
+       },
+       {});
   return figures;
 }
 

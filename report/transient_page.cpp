@@ -13,19 +13,17 @@ namespace {
 
 constexpr double kBefore_s = 0.05, kAfter_s = 0.25;  // around a load step
 
-Figure torque_figure(const std::vector<TickRow>& rows) {
-  Figure figure{
-      .title = "Torque", .x_label = "t (s)", .y_label = "torque (Nm)", .x = times_of(rows)};
+Figure torque_figure(TickRows rows) {
+  Figure figure{.title = "Torque", .x_label = "t (s)", .y_label = "torque (Nm)"};
   const auto T_em = [](const TickRow& row) {
     return row.truth ? row.truth->T_em : std::numeric_limits<double>::quiet_NaN();
   };
-  figure.add({"T_em", "true", values_of(rows, T_em)});
-  figure.add({"T_load", "ref", values_of(rows, quantity::T_load_true)});
+  figure.draw(rows, {{"T_em", "true", T_em}, {"T_load", "ref", quantity::T_load_true}});
   return figure;
 }
 
 // Points over i_q: a curve over time would cross itself. Values: i_q, i_d, i_d_ref of each tick.
-Figure locus_figure(const std::vector<TickRow>& rows) {
+Figure locus_figure(TickRows rows) {
   std::vector<const TickRow*> by_i_q;
   for (const TickRow& row : rows)
     if (row.truth && row.command && std::isfinite(row.truth->i_dq[1])) by_i_q.push_back(&row);
@@ -46,7 +44,7 @@ Figure locus_figure(const std::vector<TickRow>& rows) {
 }
 
 Json section(const RunView& view, const std::string& heading, double from_s, double to_s) {
-  const std::vector<TickRow> rows = view.between(from_s, to_s);
+  const TickRows rows = view.between(from_s, to_s);
   Json figures = Json::array();
   for (Figure figure : {angles_figure(view, rows), speed_figure(view, rows), torque_figure(rows),
                         locus_figure(rows)}) {

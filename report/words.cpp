@@ -53,7 +53,7 @@ std::string errors(const RunView& view) {
         view.reference_word());
   if (s.speed_error_rms)
     text += fmt::format(" The speed estimate is {:.3g} rad/s rms from the {} speed.",
-                        *s.speed_error_rms, view.run.log.truth.empty() ? "measured" : "true");
+                        *s.speed_error_rms, view.has_truth() ? "true" : "measured");
   return text;
 }
 

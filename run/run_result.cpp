@@ -230,11 +230,14 @@ LongLog read_log(const std::string& directory, const DriveConfig& drive, RunFact
       return found;
     }
     LongLog found;
-    found.log = facts.log && facts.ended.empty() ? std::move(*facts.log)
-                                                 : read_run_log(directory, "", on_damage);
-    found.summary = summarise(found.log, drive);
-    if (!found.log.measurement.empty())
-      found.begin_s = 1e-9 * static_cast<double>(found.log.measurement.front().t_ns);
+    if (facts.kept && facts.ended.empty()) {
+      found = std::move(*facts.kept);
+    } else {
+      found.log = read_run_log(directory, "", on_damage);
+      found.ticks = run_ticks(found.log);
+    }
+    found.summary = summarise(found.log, found.ticks, drive);
+    found.begin_s = found.ticks.measured_from_s().value_or(0);
     return found;
   } catch (const BadInput&) {
     if (facts.ended.empty()) throw;
@@ -323,8 +326,8 @@ std::string write_results(const fs::path& dir, const LongLog& found, const Confi
           "have sent what was learnt\n");
   }
   put("report.html", [&](const std::string& path) {
-    write_report({{log, config.drive(), shown, manifest.dump()}}, {.title = config.drive().name},
-                 path);
+    write_report({{log, found.ticks, config.drive(), shown, manifest.dump()}},
+                 {.title = config.drive().name}, path);
   });
   return not_written;
 }
@@ -362,7 +365,7 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   const fs::path dir = directory;
   const LongLog found = read_log(directory, config.drive(), facts);
   const RunLog& log = found.log;
-  if (log.measurement.empty()) return 1;
+  if (!found.ticks.measured_from_s()) return 1;
   Summary s = found.summary;
   if (facts.ended.empty() && s.steps < config.drive().steps() && !is_endless(config.drive()))
     facts.ended = fmt::format("stopped at tick {} of {}", s.steps, config.drive().steps());

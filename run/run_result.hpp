@@ -5,10 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "analysis/summary.hpp"
+#include "analysis/long_log.hpp"
 #include "core/config.hpp"
 #include "core/result_directory.hpp"
-#include "core/run_log.hpp"
 #include "run/links.hpp"
 
 namespace twinrate {
@@ -23,7 +22,7 @@ struct RunFacts {
   std::string ended;               // cause of an early end; "" for a complete run
   std::string not_written;         // names of files that could not be written
   bool quiet = false;              // no table on the terminal
-  std::optional<RunLog> log;       // the whole log, where the run kept it in memory
+  std::optional<LongLog> kept;     // log and ticks, where the run kept them in memory
   std::vector<LinkFigures> links;  // to the processes that launch did not start
 };
 

@@ -4,12 +4,12 @@
 
 #include <array>
 #include <chrono>
+#include <deque>
 #include <optional>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
-#include "analysis/long_log.hpp"
 #include "core/bus.hpp"
 #include "core/bus_parameters.hpp"
 #include "core/encode_tick.hpp"
@@ -28,8 +28,8 @@ namespace {
 // Encodes each message as on the bus and writes it to the log, in the order of a lock-step run.
 class SimulatedBus {
  public:
-  // `kept`: the log in memory as well; may be null.
-  SimulatedBus(LogWriter& writer, std::int64_t session, std::int64_t t0_us, RunLog* kept)
+  // `kept`: the ticks in memory as well; may be null.
+  SimulatedBus(LogWriter& writer, std::int64_t session, std::int64_t t0_us, LongLog* kept)
       : writer_(writer), session_(session), t0_us_(t0_us), kept_(kept) {
     for (const ChannelInfo& channel : kChannels)
       names_[static_cast<std::size_t>(channel.channel)] = channel.name;
@@ -37,15 +37,16 @@ class SimulatedBus {
   void publish_tick(const TickRecord& tick) {
     t_ns_ = tick.measurement.t_ns;
     to_wire(tick.estimate, session_, estimate_);
-    publish(tick.measurement, to_wire(tick.measurement, session_), &RunLog::measurement);
-    publish(tick.truth, to_wire(tick.truth, session_), &RunLog::truth);
-    publish(tick.estimate, estimate_, &RunLog::estimate);
+    publish(to_wire(tick.measurement, session_));
+    publish(to_wire(tick.truth, session_));
+    publish(estimate_);
     if (tick.has_gain) {
       to_wire(tick.gain, session_, gain_);
-      publish(tick.gain, gain_, &RunLog::gain);
+      publish(gain_);
     }
-    publish(tick.reference, to_wire(tick.reference, session_), &RunLog::reference);
-    publish(tick.command, to_wire(tick.command, session_), &RunLog::command);
+    publish(to_wire(tick.reference, session_));
+    publish(to_wire(tick.command, session_));
+    if (kept_) keep(tick);
     writer_.mark(tick.measurement.k + 1);
     if (tick.gain_every_nth)
       publish_event(Reason::kGainEveryNth, kAgreedText, tick.estimate.k, tick.estimate.t_ns,
@@ -62,16 +63,15 @@ class SimulatedBus {
     const std::size_t size = make_room(wire);
     wire.encode(bytes_.data(), 0, static_cast<int>(size));
     send(Channel::kEvent, size);
-    if (kept_) kept_->events.push_back(from_wire(wire));
+    if (kept_) kept_->log.events.push_back(from_wire(wire));
   }
 
  private:
-  template <class Signal, class Wire, class Kept>
-  void publish(const Signal& signal, Wire&& wire, std::vector<Kept> RunLog::*place) {
+  template <class Wire>
+  void publish(Wire&& wire) {
     const std::size_t size = make_room(wire);
     encode_tick(wire, bytes_.data());
     send(kChannelOf<std::remove_reference_t<Wire>>, size);
-    if (kept_) (kept_->*place).emplace_back(signal);
   }
   template <class Wire>
   std::size_t make_room(const Wire& wire) {
@@ -83,11 +83,30 @@ class SimulatedBus {
   void send(Channel sent, std::size_t size) {
     const auto channel = static_cast<std::size_t>(sent);
     writer_.write(names_[channel], bytes_.data(), size, t0_us_ + t_ns_ / 1000);
-    if (kept_) ++kept_->counts[channel];
+    if (kept_) ++kept_->log.counts[channel];
+  }
+  void keep(const TickRecord& tick) {
+    TickRow& row = kept_->ticks.rows.emplace_back();
+    row.k = tick.measurement.k;
+    row.take(tick.measurement);
+    row.take(tick.truth);
+    row.take(tick.estimate);
+    row.take(tick.command);
+    if (tick.has_gain) gains_.emplace_back(tick.gain);
+    // The gains come in the order of their use.
+    while (!gains_.empty() && gains_.front().k < tick.estimate.gain_seq) gains_.pop_front();
+    if (!gains_.empty() && gains_.front().k == tick.estimate.gain_seq) row.gain = gains_.front();
+    RunOutline& outline = kept_->ticks.outline;
+    outline.add(row);
+    for (const Channel channel : {Channel::kMeasurement, Channel::kTruth, Channel::kEstimate,
+                                  Channel::kReference, Channel::kCommand})
+      outline.add(channel, row.k);
+    if (tick.has_gain) outline.add(Channel::kGain, tick.gain.k);
   }
   LogWriter& writer_;
   std::int64_t session_, t0_us_, t_ns_ = 0;
-  RunLog* kept_;
+  LongLog* kept_;
+  std::deque<TickRow::OfGain> gains_;  // from the one in use on
   std::array<std::string, kChannelCount> names_;
   estimate_t estimate_{};
   gain_t gain_{};
@@ -156,15 +175,11 @@ std::string disk_full(const LogWriter& writer) {
   return fmt::format("{}; the log holds {} whole ticks", writer.failure(), writer.marked_on_disk());
 }
 
-void make_room(RunLog& log, const std::string& directory, const manifest_t& manifest,
-               std::size_t ticks) {
-  log.path = directory;
-  log.set(manifest);
-  log.measurement.reserve(ticks);
-  log.truth.reserve(ticks);
-  log.estimate.reserve(ticks);
-  log.reference.reserve(ticks);
-  log.command.reserve(ticks);
+void begin(LongLog& kept, const std::string& directory, const manifest_t& manifest,
+           std::int64_t ticks) {
+  kept.log.path = directory;
+  kept.log.set(manifest);
+  kept.ticks.rows.reserve(static_cast<std::size_t>(ticks));
 }
 
 std::int64_t wall_us() {
@@ -176,7 +191,7 @@ std::int64_t wall_us() {
 }  // namespace
 
 std::string run_simulated(Config& config, const std::string& directory, bool json,
-                          const MakeFilter& make, std::optional<RunLog>* kept) {
+                          const MakeFilter& make, std::optional<LongLog>* kept) {
   const DriveConfig& d = config.drive();
   const std::int64_t session = new_session_id();
   const std::int64_t t0_us = wall_us();
@@ -185,8 +200,8 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   const manifest_t manifest =
       make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed));
   writer.set_manifest(info(Channel::kManifest).name, encode(manifest), t0_us);
-  RunLog* const in_memory = kept && d.steps() <= kTicksShown ? &kept->emplace() : nullptr;
-  if (in_memory) make_room(*in_memory, directory, manifest, static_cast<std::size_t>(d.steps()));
+  LongLog* const in_memory = kept && d.steps() <= kTicksShown ? &kept->emplace() : nullptr;
+  if (in_memory) begin(*in_memory, directory, manifest, d.steps());
   SimulatedBus bus(writer, session, t0_us, in_memory);
   ClosedLoop loop(config, make);
   std::optional<OwnMonitor> monitor;
@@ -205,7 +220,7 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   if (const std::string learnt = loop.controller().learnt(); !learnt.empty())
     bus.publish_event(Reason::kLearnt, learnt, loop.k() - 1, d.t_ns(loop.k() - 1));
   if (in_memory)
-    in_memory->counts[static_cast<std::size_t>(Channel::kManifest)] =
+    in_memory->log.counts[static_cast<std::size_t>(Channel::kManifest)] =
         static_cast<std::int64_t>(writer.files().size());
   if (!writer.flush() && ended.empty()) ended = disk_full(writer);
   if (monitor && !monitor->write() && ended.empty())

@@ -25,6 +25,7 @@ struct ReportArguments {
 
 struct LoadedRun {
   RunLog log;
+  RunTicks ticks;
   Config config;
   Summary summary;
   std::string manifest_json;
@@ -73,23 +74,27 @@ LoadedRun load(const std::string& path, const ReportArguments& arguments) {
   Config config = config_of(log, arguments.config);
   const AngleReference wanted = wanted_reference(arguments.angle_reference);
   Summary summary;
-  if (!all_ticks) {
+  RunTicks ticks;
+  if (all_ticks) {
+    ticks = run_ticks(log);
+  } else {
     LongLog found =
         summarise_log(path, config.drive(), arguments.repair ? OnDamage::kSkip : OnDamage::kRefuse,
                       kTicksShown, wanted, arguments.channel_suffix);
     summary = found.summary;
     summary.window_from_s = window_of_part(found);
     log = std::move(found.log);
+    ticks = std::move(found.ticks);
     log.path += fmt::format(" (curves: ticks {} to {})", found.first_k, found.last_k);
   }
-  if (wanted != AngleReference::kAuto && resolve(wanted, log) == AngleReference::kNone)
+  if (wanted != AngleReference::kAuto && ticks.outline.resolve(wanted) == AngleReference::kNone)
     throw BadInput(
         fmt::format("{}: --angle-reference {}: the log has no such angle; omit the option to use "
                     "the available one",
                     path, arguments.angle_reference));
-  if (all_ticks) summary = summarise(log, config.drive(), wanted);
+  if (all_ticks) summary = summarise(log, ticks, config.drive(), wanted);
   take_process_figures(text_of(beside(path, "summary.json")), summary);
-  return {std::move(log), std::move(config), std::move(summary),
+  return {std::move(log), std::move(ticks), std::move(config), std::move(summary),
           text_of(beside(path, "manifest.json"))};
 }
 
@@ -117,7 +122,7 @@ void report(const ReportArguments& arguments) {
   std::vector<ReportRun> runs;
   runs.reserve(loaded.size());
   for (const LoadedRun& run : loaded)
-    runs.push_back({run.log, run.config.drive(), run.summary, run.manifest_json});
+    runs.push_back({run.log, run.ticks, run.config.drive(), run.summary, run.manifest_json});
   write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
   fmt::print("{}\n", out);
 }

@@ -35,7 +35,7 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   const auto begun = std::chrono::steady_clock::now();
   RunFacts facts;
   facts.how = "simulate, one process";
-  facts.ended = run_simulated(config, directory, o.json, make, &facts.log);
+  facts.ended = run_simulated(config, directory, o.json, make, &facts.kept);
   facts.wall_s = seconds_since(begun);
   facts.quiet = o.quiet;
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);

@@ -67,13 +67,16 @@ class Report : public ::testing::Test {
 
   std::string page_of(const std::vector<RunLog>& logs, const ReportOptions& options = {},
                       const std::vector<std::string>& manifests = {}) const {
+    std::vector<RunTicks> tables;
     std::vector<Summary> summaries;
-    summaries.reserve(logs.size());
-    for (const RunLog& log : logs)
-      summaries.push_back(summarise(log, config_, options.angle_reference));
+    for (const RunLog& log : logs) {
+      tables.push_back(run_ticks(log));
+      summaries.push_back(summarise(log, tables.back(), config_, options.angle_reference));
+    }
     std::vector<ReportRun> runs;
     for (std::size_t i = 0; i < logs.size(); ++i)
-      runs.push_back({logs[i], config_, summaries[i], manifests.empty() ? "" : manifests[i]});
+      runs.push_back(
+          {logs[i], tables[i], config_, summaries[i], manifests.empty() ? "" : manifests[i]});
     const std::string out = (directory_ / "page.html").string();
     write_report(runs, options, out);
     std::ostringstream text;
@@ -405,10 +408,11 @@ TEST_F(Report, NoTextEndsTheScript) {
 
 TEST_F(Report, ShowsTheLatencyOfEachHopAndTheLinksOfTheManifest) {
   const RunLog log = made_up_run();
-  const Summary summary = summarise(log, config_);
+  const RunTicks ticks = run_ticks(log);
+  const Summary summary = summarise(log, ticks, config_);
   const std::string out = (directory_ / "page.html").string();
   const auto value_of = [&](const std::string& manifest, const std::string& quantity) {
-    write_report({{log, config_, summary, manifest}}, {}, out);
+    write_report({{log, ticks, config_, summary, manifest}}, {}, out);
     std::ostringstream text;
     text << std::ifstream(out).rdbuf();
     const Json content = content_of(text.str());
@@ -442,10 +446,11 @@ TEST_F(Report, ShowsTheLatencyOfEachHopAndTheLinksOfTheManifest) {
 TEST_F(Report, RefusesAnEmptyListAndAnUnwritablePath) {
   EXPECT_THROW(write_report({}, {}, (directory_ / "page.html").string()), BadInput);
   const RunLog log = made_up_run();
-  const Summary summary = summarise(log, config_);
-  EXPECT_THROW(
-      write_report({{log, config_, summary}}, {}, (directory_ / "no" / "page.html").string()),
-      std::runtime_error);
+  const RunTicks ticks = run_ticks(log);
+  const Summary summary = summarise(log, ticks, config_);
+  EXPECT_THROW(write_report({{log, ticks, config_, summary}}, {},
+                            (directory_ / "no" / "page.html").string()),
+               std::runtime_error);
 }
 
 TEST(Figure, ANumberIsTheNearestOneWithFiveDigits) {

@@ -76,54 +76,49 @@ TEST_F(LongLogTest, OfALostRunThePartIsTheOneAroundTheLoss) {
   EXPECT_NEAR(static_cast<double>(found.last_k), lost_k + 125, 2);
 }
 
-template <class Signal>
-std::vector<std::uint8_t> bytes_of(const Signal& signal) {
-  const auto wire = to_wire(signal, 1);
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(wire.getEncodedSize()));
-  wire.encode(bytes.data(), 0, wire.getEncodedSize());
-  return bytes;
-}
-template <class Signal>
-void expect_same_messages(const std::vector<Signal>& kept, const std::vector<Signal>& read) {
-  ASSERT_EQ(kept.size(), read.size());
-  for (std::size_t i = 0; i < read.size(); ++i)
-    ASSERT_EQ(bytes_of(kept[i]), bytes_of(read[i])) << i;
+// What figures need of a tick, as numbers.
+std::vector<double> numbers_of(const TickRow& row) {
+  std::vector<double> all = {static_cast<double>(row.k), row.t_s};
+  const auto add = [&all](auto... numbers) { (all.push_back(static_cast<double>(numbers)), ...); };
+  if (const auto& m = row.measurement)
+    add(m->signals, m->mode, m->i_abc[0], m->i_abc[1], m->i_abc[2], m->theta_m, m->omega_m);
+  if (const auto& t = row.truth)
+    add(t->finite, t->i_dq[0], t->i_dq[1], t->omega_m, t->theta_m, t->T_em, t->T_load);
+  if (const auto& e = row.estimate)
+    add(e->gain_seq, e->status, e->finite, e->theta_e, e->omega_m, e->T_load, e->i_dq[0],
+        e->i_dq[1]);
+  if (const auto& c = row.command) add(c->omega_m_ref, c->i_dq_ref[0], c->i_dq_ref[1]);
+  if (const auto& g = row.gain) add(g->k, g->K41, g->K42, g->P44);
+  return all;
 }
 
-// Page and summary of a simulated run are made of the log that the run keeps in memory.
-TEST(KeptLog, IsTheLogThatIsReadFromItsDirectory) {
+// Page and summary of a simulated run are made of the ticks that the run keeps in memory.
+TEST(KeptTicks, AreThoseOfTheLogThatIsReadFromItsDirectory) {
   for (const char* kind : {"ekf_sensorless", "ekf_disturbance", "active_flux"}) {
     char pattern[] = "/tmp/kept-log-XXXXXX";
     const std::string directory = mkdtemp(pattern);
     Config config = load_drive(
         "dilys2021", {"run.duration_s=0.2", "run.settle_s=0.05", "plant.fault.at_s=0.15",
                       "plant.fault.kind=command_missing", std::string("estimator.kind=") + kind});
-    std::optional<RunLog> kept;
-    EXPECT_EQ(run_simulated(config, directory, false, make_filter, &kept), "");
+    std::optional<LongLog> found;
+    EXPECT_EQ(run_simulated(config, directory, false, make_filter, &found), "");
     const RunLog read = read_run_log(directory);
     fs::remove_all(directory);
-    ASSERT_TRUE(kept) << kind;
+    ASSERT_TRUE(found) << kind;
+    const RunLog* kept = &found->log;
     EXPECT_EQ(kept->path, read.path);
     EXPECT_EQ(kept->session, read.session);
     EXPECT_EQ(kept->revision, read.revision);
     EXPECT_EQ(kept->config_toml, read.config_toml);
     EXPECT_EQ(kept->manifest_json, read.manifest_json);
     EXPECT_EQ(kept->counts, read.counts);
-    expect_same_messages(kept->measurement, read.measurement);
-    expect_same_messages(kept->truth, read.truth);
-    expect_same_messages(kept->estimate, read.estimate);
-    expect_same_messages(kept->reference, read.reference);
-    expect_same_messages(kept->command, read.command);
-    for (std::size_t i = 0; i < read.estimate.size(); ++i)
-      ASSERT_EQ(kept->estimate[i].x_hat, read.estimate[i].x_hat) << kind << " " << i;
-    ASSERT_EQ(kept->gain.size(), read.gain.size());
-    for (std::size_t i = 0; i < read.gain.size(); ++i) {
-      ASSERT_EQ(kept->gain[i].k, read.gain[i].k);
-      for (int row = 0; row < kMaxStates; ++row) {
-        ASSERT_EQ(kept->gain[i].K(row, 1), read.gain[i].K(row, 1));
-        ASSERT_EQ(kept->gain[i].P_diagonal(row), read.gain[i].P_diagonal(row));
-      }
-    }
+    const RunTicks ticks = run_ticks(read);
+    ASSERT_EQ(found->ticks.rows.size(), ticks.rows.size());
+    for (std::size_t i = 0; i < ticks.rows.size(); ++i)
+      ASSERT_EQ(numbers_of(found->ticks.rows[i]), numbers_of(ticks.rows[i])) << kind << " " << i;
+    EXPECT_TRUE(ticks.rows.back().gain);
+    EXPECT_EQ(to_json(summarise(*kept, found->ticks, config.drive()), config.drive()),
+              to_json(summarise(read, config.drive()), config.drive()));
     ASSERT_EQ(kept->events.size(), read.events.size());
     EXPECT_FALSE(read.events.empty());
     for (std::size_t i = 0; i < read.events.size(); ++i) {
