@@ -79,10 +79,13 @@ int SensorWatch::check_currents(Currents& i, const AppliedVoltage& applied, doub
     const bool is_stuck = stuck(i, turned);
     raw_ = i;
     const Vector off = vector_of({i[0] - predicted[0], i[1] - predicted[1], i[2] - predicted[2]});
+    const double apart = off.norm();
+    // The bound is i_floor at least.
+    const bool jumps = apart > limits_.i_floor && apart > jump_bound(applied, turned, predicted);
     const bool sum_is_off = limits_.i_sum > 0 && std::abs(sum) > limits_.i_sum;
     if (is_stuck)
       fault = kCurrentsStuck;
-    else if (sum_is_off || off.norm() > jump_bound(applied, turned, predicted))
+    else if (sum_is_off || jumps)
       fault = kCurrentsJump;
   }
   if (fault != 0) i = predicted;

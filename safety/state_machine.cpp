@@ -1,5 +1,7 @@
 #include "safety/state_machine.hpp"
 
+#include <utility>
+
 namespace twinrate {
 namespace {
 
@@ -32,7 +34,9 @@ void SafetyMachine::count(const SafetyInput& in) {
   speed_known_ = true;
 }
 
-bool SafetyMachine::trips(Fault fault, const SafetyInput& in, double& value, double& limit) const {
+// Of a fault that is known when this is compiled: its own comparison and no more.
+template <Fault fault>
+bool SafetyMachine::trips(const SafetyInput& in, double& value, double& limit) const {
   const auto above = [&](double is, double most) {
     value = is;
     limit = most;
@@ -67,6 +71,15 @@ bool SafetyMachine::trips(Fault fault, const SafetyInput& in, double& value, dou
       return in.arrival == Arrival::kInTime && in.asked == Asked::kSafe &&
              state_ != DriveState::kIdle;
   }
+  return true;
+}
+
+template <std::size_t row>
+bool SafetyMachine::goes_off(const SafetyInput& in) {
+  constexpr Fault fault = kFaults[row].fault;
+  double value = 0, limit = 0;
+  if (!trips<fault>(in, value, limit)) return false;
+  go_off(fault, value, limit);
   return true;
 }
 
@@ -110,10 +123,11 @@ void SafetyMachine::step(const SafetyInput& in) {
   if ((in.faulty & ~faulty_before_) != 0)
     add_event({Reason::kSensorFault, state_, state_, static_cast<double>(in.faulty)});
   faulty_before_ = in.faulty;
-  for (const FaultRow& row : kFaults) {
-    double value = 0, limit = 0;
-    if (trips(row.fault, in, value, limit)) return go_off(row.fault, value, limit);
+  const bool off = [&]<std::size_t... row>(std::index_sequence<row...>) {
+    return (goes_off<row>(in) || ...);
   }
+  (std::make_index_sequence<kFaults.size()>());
+  if (off) return;
   follow_command(in);
   derate(in);
 }

@@ -82,7 +82,11 @@ class SafetyMachine {
 
  private:
   void count(const SafetyInput& in);
-  bool trips(Fault fault, const SafetyInput& in, double& value, double& limit) const;
+  template <Fault fault>
+  bool trips(const SafetyInput& in, double& value, double& limit) const;
+  // Row of kFaults.
+  template <std::size_t row>
+  bool goes_off(const SafetyInput& in);
   bool leave_safe();
   void go_off(Fault fault, double value, double limit);
   void follow_command(const SafetyInput& in);
