@@ -64,13 +64,18 @@ static Vec2 exact_currents(const EkfSensorless::State& x, const Vec2& u_alphabet
 }
 
 EkfSensorless::State EkfSensorless::predict(const State& x, const Vec2& u_alphabeta) const {
+  return predict_at(x, unit_vector(x[3]), u_alphabeta);
+}
+
+EkfSensorless::State EkfSensorless::predict_at(const State& x, const kernel::UnitVector<double>& at,
+                                               const Vec2& u_alphabeta) const {
   const kernel::Stationary<double> u{u_alphabeta[0], u_alphabeta[1]};
   const double theta_e = x[3], turned = x[2] * T_s_;
   switch (prediction_) {
     case Prediction::kEuler:
-      return eigen_state(predict_euler(constants_, kernel_state(x), unit_vector(theta_e), u));
+      return eigen_state(predict_euler(constants_, kernel_state(x), at, u));
     case Prediction::kRk4:
-      return eigen_state(predict_rk4(constants_, kernel_state(x), unit_vector(theta_e),
+      return eigen_state(predict_rk4(constants_, kernel_state(x), at,
                                      unit_vector(theta_e + 0.5 * turned),
                                      unit_vector(theta_e + turned), u));
     case Prediction::kExact: {
@@ -104,7 +109,8 @@ Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
 }
 
 EkfSensorless::State EkfSensorless::prior(const FastState& state, const Measurement& m) const {
-  return predict(state.x_hat.head<4>(), m.u_alphabeta);
+  const auto [s, c] = state.rotor_axes.of(state.x_hat[3]);
+  return predict_at(state.x_hat.head<4>(), {s, c}, m.u_alphabeta);
 }
 
 EkfSensorless::Output EkfSensorless::innovation(const State& x_prior, const Measurement& m) const {
@@ -121,9 +127,20 @@ void EkfSensorless::align(FastState& state, double theta_e) const {
 }
 
 void EkfSensorless::describe(const FastState& state, const Measurement&, Estimate& e) const {
+  const double i_alpha = state.x_hat[0], i_beta = state.x_hat[1];
+  const auto [s, c] = state.rotor_axes.of(state.x_hat[3]);
   e.theta_e = state.x_hat[3];
   e.omega_m = state.x_hat[2] / n_p_;
-  e.i_dq = park(state.x_hat.head<2>(), e.theta_e);
+  e.i_dq = {c * i_alpha + s * i_beta, c * i_beta - s * i_alpha};
+}
+
+void EkfSensorless::output_of_tick(FastState& state, const Measurement& m, Estimate& e) const {
+  state.rotor_axes = RotorAxes(state.x_hat[3]);
+  e.n_x = 4;
+  e.n_y = 2;
+  e.status = 0;
+  e.T_load = e.dT_load_dt = 0;
+  describe(state, m, e);
 }
 
 static kernel::GainAndCovariance<double> correct_covariance(

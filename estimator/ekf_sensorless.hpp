@@ -67,6 +67,7 @@ class EkfSensorless final : public Ekf<4, 2> {
   FastState start(const Measurement& first) const override;
   Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
   void align(FastState& state, double theta_e) const override;
+  void output_of_tick(FastState& state, const Measurement& m, Estimate& e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
   void update_gain(Gain& gain, const Estimate& snapshot) const override;
   int turning_pairs() const override { return 1; }
@@ -82,6 +83,9 @@ class EkfSensorless final : public Ekf<4, 2> {
 
  private:
   friend Ekf;
+  // `at`: sine and cosine of x[3].
+  State predict_at(const State& x, const kernel::UnitVector<double>& at,
+                   const Vec2& u_alphabeta) const;
   State prior(const FastState& state, const Measurement& m) const override;
   Output innovation(const State& x_prior, const Measurement& m) const override;
   State wrapped(const State& x) const override;

@@ -15,6 +15,7 @@
 #include "estimator/emf_angle.hpp"
 #include "estimator/gain_slots.hpp"
 #include "estimator/known_effects.hpp"
+#include "model/rotor_axes.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -26,6 +27,7 @@ struct FastState {
   double theta_m_prev = 0;        // filters that use a position sensor: its last sample
   Vec2 i_dq_prev = Vec2::Zero();  // filters whose inputs are currents: their last sample
   EmfAngle emf_angle;             // filters of a back-EMF: angle and speed processing
+  RotorAxes rotor_axes;           // ekf_sensorless: of its angle, from one tick to the next
 };
 
 // Result of a fast step besides the state.
@@ -50,7 +52,12 @@ class Filter {
   virtual void align(FastState&, double /*theta_e*/) const {}
   // Output equation: n_x, n_y, the named quantities. `m` is the sample the state belongs to.
   virtual Estimate output(const FastState& state, const Measurement& m) const = 0;
-  // The same with the state itself.
+  // The same in place at every tick, all but k, t_ns, gain_seq, x_hat and innov: a filter that
+  // overrides it saves the copy of an Estimate, and may keep what its next step needs again.
+  virtual void output_of_tick(FastState& state, const Measurement& m, Estimate& e) const {
+    e = output(state, m);
+  }
+  // output() with the state itself.
   Estimate estimate_of(const FastState& state, const Measurement& m) const {
     Estimate e = output(state, m);
     e.x_hat = state.x_hat;

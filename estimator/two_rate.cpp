@@ -145,7 +145,7 @@ const Estimate& FastLoop::tick_as_seen(const Measurement& m) {
     status |= kAngleForced;
   }
   Estimate& e = last_estimate_;
-  e = filter_->output(state_, last_);
+  filter_->output_of_tick(state_, last_, e);
   e.x_hat = state_.x_hat;
   e.k = m.k;
   e.t_ns = m.t_ns;

@@ -18,15 +18,35 @@ inline std::uint64_t splitmix64(std::uint64_t z) {
 }
 
 // Uniform in (0, 1].
+class Uniform {
+ public:
+  Uniform(std::uint64_t seed, std::uint64_t stream) : key_(splitmix64(splitmix64(seed) ^ stream)) {}
+  double operator()(std::uint64_t index) const {
+    return static_cast<double>((splitmix64(key_ ^ index) >> 11) + 1) * 0x1.0p-53;
+  }
+
+ private:
+  std::uint64_t key_;
+};
 inline double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
-  const std::uint64_t bits = splitmix64(splitmix64(splitmix64(seed) ^ stream) ^ index);
-  return static_cast<double>((bits >> 11) + 1) * 0x1.0p-53;
+  return Uniform(seed, stream)(index);
 }
 
 // Standard normal deviate.
+class Normal {
+ public:
+  Normal(std::uint64_t seed, std::uint64_t stream)
+      : u1_(seed, 2 * stream), u2_(seed, 2 * stream + 1) {}
+  double operator()(std::uint64_t index) const {
+    return std::sqrt(-2 * math::log(u1_(index))) *
+           math::sincos(2 * std::numbers::pi * u2_(index)).cos;
+  }
+
+ private:
+  Uniform u1_, u2_;
+};
 inline double normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
-  const double u1 = uniform(seed, 2 * stream, index), u2 = uniform(seed, 2 * stream + 1, index);
-  return std::sqrt(-2 * math::log(u1)) * math::cos(2 * std::numbers::pi * u2);
+  return Normal(seed, stream)(index);
 }
 
 }  // namespace twinrate

@@ -1,7 +1,6 @@
 #include "model/sensors.hpp"
 
 #include "model/fields.hpp"
-#include "model/random.hpp"
 
 namespace twinrate {
 
@@ -14,17 +13,24 @@ void SensorParameters::fields(FieldVisitor& f) {
             "encoder counts a turn (four times the lines); 0: exact angle");
 }
 
-Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
-                     std::int64_t k) {
+CurrentSensors::CurrentSensors(const SensorParameters& p, std::uint64_t seed)
+    : p_(p), noise_{Normal(seed, 0), Normal(seed, 1), Normal(seed, 2)} {}
+
+Vec3 CurrentSensors::sample(const Vec3& i_abc, std::int64_t k) const {
   Vec3 i_meas = i_abc;
   for (int phase = 0; phase < 3; ++phase) {
-    if (p.i_noise_rms > 0)
-      i_meas[phase] += p.i_noise_rms * normal(seed, static_cast<std::uint64_t>(phase),
-                                              static_cast<std::uint64_t>(k));
-    if (p.i_lsb > 0) i_meas[phase] = std::round(i_meas[phase] / p.i_lsb) * p.i_lsb;
+    if (p_.i_noise_rms > 0)
+      i_meas[phase] +=
+          p_.i_noise_rms * noise_[static_cast<std::size_t>(phase)](static_cast<std::uint64_t>(k));
+    if (p_.i_lsb > 0) i_meas[phase] = std::round(i_meas[phase] / p_.i_lsb) * p_.i_lsb;
   }
-  if (p.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);
+  if (p_.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);
   return i_meas;
+}
+
+Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
+                     std::int64_t k) {
+  return CurrentSensors(p, seed).sample(i_abc, k);
 }
 
 double sample_angle(const SensorParameters& p, double theta_m) {

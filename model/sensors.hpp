@@ -7,9 +7,11 @@
 //
 // encoder_counts = 0: exact angle and exact speed.
 #pragma once
+#include <array>
 #include <cstdint>
 
 #include "model/frames.hpp"
+#include "model/random.hpp"
 
 namespace twinrate {
 
@@ -24,6 +26,16 @@ struct SensorParameters {
   void fields(FieldVisitor& f);
 };
 
+// The current sensors of one drive.
+class CurrentSensors {
+ public:
+  CurrentSensors(const SensorParameters& p, std::uint64_t seed);
+  Vec3 sample(const Vec3& i_abc, std::int64_t k) const;
+
+ private:
+  SensorParameters p_;
+  std::array<Normal, 3> noise_;
+};
 Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
                      std::int64_t k);
 double sample_angle(const SensorParameters& p, double theta_m);

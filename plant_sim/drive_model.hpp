@@ -30,6 +30,7 @@
 #include "model/effects/shaft.hpp"
 #include "model/machine.hpp"
 #include "model/plant_facts.hpp"
+#include "model/rotor_axes.hpp"
 #include "plant_sim/switched_inverter.hpp"
 
 namespace twinrate {
@@ -44,6 +45,7 @@ struct PlantInput {
   double T_load = 0;                // external load
   // Of a switched inverter: the legs' states in this segment, instead of u_alphabeta.
   std::optional<LegStates> legs;
+  RotorAxes rotor_axes = {};  // at t_k, where the caller has them
 };
 
 class DriveModel {

@@ -75,6 +75,7 @@ Plant::Plant(const Config& file, const PlantParameters& parameters, const Safety
              parameters.saliency),
       integrator_(make_integrator(parameters.engine, model_, parameters.erk_steps)),
       switched_(switched_inverter(config_)),
+      current_sensors_(config_.sensors, static_cast<std::uint64_t>(config_.run.seed)),
       errors_(sample_errors(config_)),
       x_(0, 0, config_.omega_m_start(), parameters.theta_e_start / config_.machine.n_p),
       safety_(safety_limits(file, safety, parameters.hold_ticks)),
@@ -110,8 +111,9 @@ Plant::Plant(const Config& file, const PlantParameters& parameters, const Safety
 
 bool Plant::makes(MadeFault kind) const {
   const FaultParameters& fault = parameters_.fault;
+  if (fault.kind != kind) return false;
   const double t = static_cast<double>(k_) * config_.T_s() + 1e-9 - fault.at_s;
-  return fault.kind == kind && t >= 0 && t < fault.for_s;
+  return t >= 0 && t < fault.for_s;
 }
 
 void Plant::spoil_reading(Measurement& m) {
@@ -157,8 +159,7 @@ Measurement Plant::row() const {
   m.k = k_;
   m.t_ns = config_.t_ns(k_);
   m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
-  m.i_abc =
-      sample_currents(config_.sensors, i_abc_, static_cast<std::uint64_t>(config_.run.seed), k_);
+  m.i_abc = current_sensors_.sample(i_abc_, k_);
   if (errors_) m.i_abc = errors_->converted(m.i_abc, config_.sensors.current_sensors);
   m.u_alphabeta = applied_.u_alphabeta;
   m.duty_abc = applied_.duty_abc;
@@ -289,7 +290,8 @@ bool Plant::advance() {
   acting_duty_ = errors_ ? errors_->acting_duty(applied_.duty_abc) : applied_.duty_abc;
   input_ = {.t_k = t_k,
             .u_alphabeta = clarke(acting_duty_ * (bus_share_ * config_.inverter.v_dc)),
-            .T_load = T_load_};
+            .T_load = T_load_,
+            .rotor_axes = rotor_axes_};
   is_open() ? integrate_open() : integrate();
   winding_.step(x_.head<2>().norm());
   ++k_;
@@ -384,7 +386,9 @@ void Plant::read_sensors() {
 
 void Plant::sense_currents() {
   const PlantState& x = late_currents_ ? late_currents_->seen() : x_;
-  i_abc_ = inverse_clarke(inverse_park(x.head<2>(), config_.machine.n_p * x[3]));
+  rotor_axes_ = RotorAxes(config_.machine.n_p * x[3]);
+  const auto [s, c] = rotor_axes_.at;
+  i_abc_ = inverse_clarke({c * x[0] - s * x[1], s * x[0] + c * x[1]});
   if (!model_.currents_are_read_true())
     i_abc_ += late_currents_ ? model_.sensing_at(x, input_, config_.T_s()).i_abc : reading_.i_abc;
   if (errors_) i_abc_ = errors_->filtered_currents(i_abc_);

@@ -103,10 +103,12 @@ class Plant {
   DriveModel model_;
   std::unique_ptr<Integrator> integrator_;
   std::optional<SwitchedInverter> switched_;  // none: the averaged inverter
-  std::optional<SampleErrors> errors_;        // none: no effect spoils samples
+  CurrentSensors current_sensors_;
+  std::optional<SampleErrors> errors_;  // none: no effect spoils samples
   PlantState x_;
   ShaftState shaft_;  // of a drive that has one
   std::optional<LateState> late_currents_, late_angle_;
+  RotorAxes rotor_axes_;  // of the last reading of the currents
   PlantInput input_;
   InverterOutput applied_;     // as the drive believes: duty times the v_dc measured before
   Contribution reading_;       // error of the readings by effects, at t_k

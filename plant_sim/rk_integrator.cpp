@@ -80,8 +80,9 @@ double RkIntegrator::hardness(double omega_m, double T) const {
 PlantState RkIntegrator::advance_plain(const PlantState& x, const Vec2& u_alphabeta,
                                        const PlantInput& input, double T) const {
   const MachineParameters& m = model_.machine();
-  const Vec2 u_dq = park(u_alphabeta, m.n_p * x[3]);
-  const PlainState begin{Pair{x[0], x[1]}, Pair{u_dq[0], u_dq[1]}, Pair{x[2], x[3]}};
+  const auto [s, c] = input.rotor_axes.of(m.n_p * x[3]);
+  const Pair u_dq{c * u_alphabeta[0] + s * u_alphabeta[1], c * u_alphabeta[1] - s * u_alphabeta[0]};
+  const PlainState begin{Pair{x[0], x[1]}, u_dq, Pair{x[2], x[3]}};
   const auto step_over = [&](const PlainState& x_0, double /*t*/, double h) {
     const PlainMachine machine(m, input.T_load, h);
     return pair_8(x_0, machine,

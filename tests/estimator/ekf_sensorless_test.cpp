@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <tuple>
+
 #include "model/random.hpp"
 #include "tests/support/matrices.hpp"
 
@@ -168,6 +170,35 @@ TEST(EkfSensorless, AlignTakesTheAngleIntoATurnAndTheSpeedToZero) {
   EXPECT_NEAR(state.x_hat[3], 1.5 * kPi, 1e-15);
   EXPECT_EQ(state.x_hat[2], 0);
   EXPECT_EQ(state.x_hat[0], 1);
+}
+
+// The axes that a tick leaves behind change no bit of the next prediction, and none of an angle that
+// was changed since.
+TEST(EkfSensorless, TheOutputOfATickIsTheOutputAndTheNextStepIsThatOfAnyState) {
+  const auto f = filter(Prediction::kEuler);
+  const Gain gain = f.initial_gain();
+  for (std::uint64_t i = 0; i < 200; ++i) {
+    FastState state;
+    state.x_hat.head<4>() = random_state(i);
+    Estimate e{.status = 77, .T_load = 7, .dT_load_dt = 7};
+    f.output_of_tick(state, {}, e);
+    const Estimate plain = f.output(state, {});
+    EXPECT_EQ(e.theta_e, plain.theta_e);
+    EXPECT_EQ(e.omega_m, plain.omega_m);
+    EXPECT_EQ(e.i_dq, plain.i_dq);
+    EXPECT_EQ(e.i_dq, park(state.x_hat.head<2>(), state.x_hat[3]));
+    EXPECT_EQ(std::tuple(e.n_x, e.n_y, e.status, e.T_load, e.dT_load_dt),
+              std::tuple(4, 2, 0, 0, 0));
+    for (const double turned : {0.0, 0.3}) {
+      state.x_hat[3] += turned;
+      FastState without = state;
+      without.rotor_axes = {};
+      const Measurement m{.u_alphabeta = random_voltage(i)};
+      f.fast_step(state, m, gain);
+      f.fast_step(without, m, gain);
+      EXPECT_EQ(state.x_hat, without.x_hat);
+    }
+  }
 }
 
 TEST(EkfSensorless, OutputNamesTheStatesInMechanicalAndRotorTerms) {

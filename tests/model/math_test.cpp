@@ -8,6 +8,7 @@
 #include <string>
 
 #include "model/random.hpp"
+#include "model/rotor_axes.hpp"
 
 namespace twinrate {
 namespace {
@@ -76,6 +77,18 @@ TEST(Math, IsWithinTheUnitsOfTheLastPlaceThatItsHeaderStates) {
     const double error = largest_error(c.own, c.exact, c.low, c.high);
     EXPECT_LT(error, c.units) << c.name;
     EXPECT_GT(error, 0.49) << c.name << ": nothing was compared";
+  }
+}
+
+// A vector is turned back with the sine and cosine that turned it: model/rotor_axes.hpp.
+TEST(Math, SineIsOddAndCosineIsEvenBitForBit) {
+  for (std::uint64_t i = 0; i < kSamples; ++i) {
+    const double x = std::exp(60 * uniform(9, 0, i) - 20);
+    const auto there = math::sincos(x), back = math::sincos(-x);
+    ASSERT_EQ(back.sin, -there.sin) << x;
+    ASSERT_EQ(back.cos, there.cos) << x;
+    ASSERT_EQ(RotorAxes(x).of(x).sin, there.sin);
+    ASSERT_EQ(RotorAxes(1.5).of(x).cos, there.cos);
   }
 }
 
