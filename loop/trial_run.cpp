@@ -52,8 +52,7 @@ std::int64_t ticks_of_trial(Config& config) {
   return std::max<std::int64_t>(1, std::llround(kTrialTicks / std::max(10.0, steps)));
 }
 
-// 0.1 s, 0.7 s where P has subnormal elements: a background step takes 5 to 20 ns, or 70 ns, for each
-// element of P (4 to 20 states, -O3).
+// 0.1 to 0.7 s: a background step takes 5 to 70 ns for each element of P (4 to 20 states, -O3).
 constexpr std::int64_t kTrialTableElements = 10'000'000;
 // The gains over speed that the run uses, if any. Empty where they take too long.
 std::optional<GainTable> table_of_trial(Config& config) {
