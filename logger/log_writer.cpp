@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -89,7 +90,7 @@ bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::
   if (buffer_.size() < gathered_ + event_bytes) buffer_.resize(gathered_ + event_bytes);
   std::uint8_t* const event = buffer_.data() + gathered_;
   std::memcpy(event, &header, sizeof header);
-  std::memcpy(event + sizeof header, channel.data(), channel.size());
+  std::copy(channel.begin(), channel.end(), event + sizeof header);
   if (size > 0) std::memcpy(event + sizeof header + channel.size(), bytes, size);
   gathered_ += event_bytes;
   return gathered_ < kFlushBytes || flush();

@@ -21,6 +21,9 @@ namespace fs = std::filesystem;
 constexpr int kGainEvery = 5;
 
 class LogFiles : public testing::Test {
+ public:
+  ~LogFiles() override { fs::remove_all(directory_); }
+
  protected:
   LogFiles()
       : directory_(fs::temp_directory_path() / ("twinrate-logger-" + std::to_string(getpid()))) {
@@ -28,7 +31,6 @@ class LogFiles : public testing::Test {
     fs::create_directories(directory_);
     drive_.rates.n = kGainEvery;
   }
-  ~LogFiles() override { fs::remove_all(directory_); }
 
   struct Event {
     std::string channel;
