@@ -370,7 +370,8 @@ TraceResult conclude(const Conclusion& c) {
   if (whole &&
       !c.health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : residual_structure(c.last, c.fitted)) {
-      if (s.confirmed)
+      // Beside what the samples or the bus show any doubt is told, too.
+      if (s.confirmed || !r.effects.empty())
         r.unexplained.push_back(std::move(s));
       else
         unconfirmed = fmt::format("{}, and the rows that judge do not confirm it", s.text);

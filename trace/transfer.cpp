@@ -48,10 +48,11 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
   const double of_noise =
       std::max(v.of_angle, (1 - std::exp(-2 * v.quieter)) * std::max(1.0, kTimes / v.over_noise));
   if (v.judgement.held_out_gain <= of_noise)
-    return noise(v.judgement.held_out_gain,
-                 fmt::format("the energy on rows that judge falls by {:.2g}, noise of the sensors "
-                             "that is less with it would make {:.2g}",
-                             v.judgement.held_out_gain, of_noise));
+    return noise(
+        v.judgement.held_out_gain,
+        fmt::format("the energy on rows that judge falls by a share of {:.2g}; noise of the "
+                    "sensors, which it makes smaller, alone may make {:.2g}",
+                    v.judgement.held_out_gain, of_noise));
   return {};
 }
 
