@@ -45,8 +45,8 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
   // The sensors' noise is known by a draw of it, to a factor of two; in all that is left the angle's
   // may be: the torque that it makes is in proportion to the inertia at the motor.
   constexpr double kTimes = 2;
-  const double of_noise =
-      std::max(v.of_angle, (1 - std::exp(-2 * v.quieter)) * std::max(1.0, kTimes / v.over_noise));
+  const double drawn = (1 - std::exp(-2 * v.quieter)) * std::max(1.0, kTimes / v.over_noise);
+  const double of_noise = std::max(v.of_angle, std::min(1.0, drawn));
   if (v.judgement.held_out_gain <= of_noise)
     return noise(
         v.judgement.held_out_gain,

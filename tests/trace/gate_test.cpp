@@ -117,6 +117,23 @@ TEST(Gate, RefusesAShaftThatOnlyMakesTheCountsSmaller) {
   EXPECT_EQ(refusal(drive, shaft).rule, "sensors");
 }
 
+// Lines in the angle that a draw makes too quiet are less of a torque with less inertia at the motor. A
+// fall by no more than 1 - 0.7^2 says nothing of a shaft that takes 0.3 of it.
+TEST(Gate, RefusesAShaftThatOnlyMakesLinesOfTheAngleSmaller) {
+  constexpr double kShare = 0.3;
+  RawLog raw = simulate_synthetic({.duration_s = 3, .i_noise = 0.05, .speeds = 0.2, .loads = 0});
+  for (std::size_t k = 0; k < raw.size(); ++k)
+    for (const double f_Hz : {150, 210})
+      raw.theta_m[k] += 1e-4 * std::sin(kTwoPi * f_Hz * raw.t[k]);
+  const FittedDrive drive(raw, {});
+  const Refused refused = refusal(drive, {effect_with("torsion", {{"J_load_kgm2", kShare * 8.8e-3},
+                                                                  {"stiffness_Nm_rad", 30.},
+                                                                  {"damping_Nms_rad", 0.5}})});
+  EXPECT_EQ(refused.rule, "sensors");
+  EXPECT_GT(refused.number, 0.4);
+  EXPECT_LT(refused.number, 0.98 * (1 - std::pow(1 - kShare, 2)));
+}
+
 // Beside 3 Nm that nobody explains the model predicts worse than "nothing changes": so it did
 // before, and the claim is true.
 TEST(Gate, LetsPassATrueClaimOfAModelThatPredictsWorseThanNoChange) {
