@@ -67,11 +67,26 @@ void WatchedChannel::take(const MessageHeader& header, const std::uint8_t* bytes
   last_t_ns_ = header.t_ns;
 }
 
+bool WatchedChannel::comes_late(std::int64_t seq) const {
+  const auto kept = static_cast<std::int64_t>(seen_.size());
+  return channel_ != Channel::kGain && seq > first_seq_ && seq > last_seq_ - kept &&
+         seen_[static_cast<std::size_t>(seq % kept)] != seq + 1;
+}
+
 void WatchedChannel::count_sequence(std::int64_t seq) {
-  if (last_seq_ < 0) return;
+  if (seq < 0) return;
+  const bool late = comes_late(seq);
+  seen_[static_cast<std::size_t>(seq) % seen_.size()] = seq + 1;
+  if (last_seq_ < 0) {
+    first_seq_ = seq;
+    return;
+  }
   const std::int64_t step = seq - last_seq_;
   if (step <= 0) {
-    ++repeats_;
+    if (late)
+      --gaps_;
+    else
+      ++repeats_;
     return;
   }
   if (channel_ == Channel::kGain)

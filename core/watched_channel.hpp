@@ -53,7 +53,8 @@ class WatchedChannel {
 
   Channel channel() const { return channel_; }
   std::int64_t messages() const { return messages_; }
-  std::int64_t gaps() const { return gaps_; }        // missing sequence numbers
+  // Sequence numbers that are missing; one that comes late (a repeat may overtake) is no longer.
+  std::int64_t gaps() const { return gaps_; }
   std::int64_t repeats() const { return repeats_; }  // repeated sequence numbers
   std::int64_t last_seq() const { return last_seq_; }
   std::int64_t last_t_ns() const { return last_t_ns_; }
@@ -66,11 +67,13 @@ class WatchedChannel {
 
  private:
   void count_sequence(std::int64_t seq);
+  bool comes_late(std::int64_t seq) const;
   void count_gain_gaps(std::int64_t step);
 
   Channel channel_;
   std::int64_t messages_ = 0, gaps_ = 0, repeats_ = 0;
-  std::int64_t last_seq_ = -1, last_t_ns_ = 0, last_arrival_us_ = 0;
+  std::int64_t first_seq_ = -1, last_seq_ = -1, last_t_ns_ = 0, last_arrival_us_ = 0;
+  std::array<std::int64_t, 256> seen_ = {};  // the last sequence numbers + 1
   // Of GAIN: ticks to the next one as the last one tells, ticks between the last ones, and the
   // distance that may be a gap.
   bool paused_ = false;

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
+#include "scope/tick_csv.hpp"
 
 namespace twinrate::scope {
 
@@ -22,6 +23,11 @@ constexpr std::int64_t kMostBuckets = 4096;      // of one frame and signal
 constexpr double kHolderGone_s = 3;
 constexpr std::size_t kMostSignals = 64;
 constexpr std::int64_t kMostCsvTicks = 2'000'000;
+
+void expect_csv(const Span& span) {
+  if (span.to - span.from > kMostCsvTicks)
+    throw BadInput(fmt::format("{} ticks as CSV allowed", kMostCsvTicks));
+}
 
 std::int64_t now_us() {
   using namespace std::chrono;
@@ -136,8 +142,8 @@ struct Api::Reader {
   std::int64_t count() const { return (span.to - span.from + span.bucket - 1) / span.bucket; }
 };
 
-Api::Api(Sources& sources, LiveDrive* live, std::string title)
-    : sources_(sources), live_(live), title_(std::move(title)) {}
+Api::Api(Sources& sources, LiveDrive* live, std::string title, Traces& traces)
+    : sources_(sources), live_(live), title_(std::move(title)), traces_(traces) {}
 
 Api::Reader Api::read(const Query& query, std::int64_t most_values) {
   Reader reader;
@@ -165,6 +171,7 @@ Answer Api::answer(const Query& query) {
       if (query.path == "/api/trigger") return set_trigger(body);
       if (query.path == "/api/control") return control(body);
       if (query.path == "/api/request") return request(body);
+      if (query.path == "/api/trace") return trace(body);
     } else {
       if (query.path == "/api/info") return info();
       if (query.path == "/api/tree") return json_answer(sources_.drive().tree(now_us()));
@@ -178,6 +185,9 @@ Answer Api::answer(const Query& query) {
       if (query.path == "/api/statistics") return statistics(query);
       if (query.path == "/api/csv") return csv(query);
       if (query.path == "/api/align") return align(query);
+      if (query.path == "/trace")
+        return {.type = "text/html; charset=utf-8",
+                .body = traces_.page(static_cast<int>(whole_of(query, "id", 0)))};
     }
     return {.status = 404, .type = "text/plain", .body = "no such page\n"};
   } catch (const BadInput& error) {
@@ -236,54 +246,34 @@ Answer Api::statistics(const Query& query) {
   return json_answer(list);
 }
 
-// As a drive log (docs/trace-a-log.md) the voltage of row k is that of t_k .. t_{k+1}: the one in
-// MEASUREMENT(k + 1).
 Answer Api::csv(const Query& query) {
   Reader reader = read(query, kMostCsvTicks * 16);
-  if (reader.span.to - reader.span.from > kMostCsvTicks)
-    throw BadInput(fmt::format("{} ticks as CSV allowed", kMostCsvTicks));
-  const bool trace = text_of(query, "trace") == "1";
-  constexpr std::pair<const char*, const char*> kTraceColumns[] = {
-      {"i_a", "measurement.i_a_A"},           {"i_b", "measurement.i_b_A"},
-      {"i_c", "measurement.i_c_A"},           {"u_alpha", "measurement.u_alpha_V"},
-      {"u_beta", "measurement.u_beta_V"},     {"v_dc", "measurement.v_dc_V"},
-      {"theta_m", "measurement.theta_m_rad"}, {"omega_m", "measurement.omega_m_rad_s"}};
-  std::vector<std::string> heads;
-  if (trace) {
-    reader.signals.clear();
-    for (const auto& [head, signal] : kTraceColumns)
-      heads.emplace_back(head), reader.signals.emplace_back(signal);
-  } else {
-    heads = reader.signals;
-  }
-  reader.span.bucket = 1;
-  std::vector<std::vector<double>> columns;
-  for (const std::string& signal : reader.signals) {
-    Span span = reader.span;
-    if (trace && signal.starts_with("measurement.u_")) ++span.from, ++span.to;
-    columns.push_back(reader.recording->samples(signal, span));
-  }
-  const double T_s = reader.recording->drive().T_s;
-  Answer answer{.type = "text/csv", .file_name = trace ? "scope-drive-log.csv" : "scope.csv"};
-  answer.body = fmt::format("{}{}{}\n", trace ? "t" : "k,t_s", heads.empty() ? "" : ",",
-                            fmt::join(heads, ","));
-  const auto rows = static_cast<std::size_t>(reader.span.to - reader.span.from);
-  for (std::size_t i = 0; i < rows; ++i) {
-    const std::int64_t k = reader.span.from + static_cast<std::int64_t>(i);
-    const bool whole = std::all_of(columns.begin(), columns.end(),
-                                   [i](const auto& column) { return !std::isnan(column[i]); });
-    if (trace && !whole) continue;  // a drive log may have gaps, and no empty number
-    auto out = std::back_inserter(answer.body);
-    if (!trace) fmt::format_to(out, "{},", k);
-    fmt::format_to(out, "{:.9g}", static_cast<double>(k) * T_s);
-    for (const auto& column : columns)
-      if (std::isnan(column[i]))
-        answer.body += ',';
-      else
-        fmt::format_to(out, ",{:.17g}", column[i]);
-    answer.body += '\n';
-  }
-  return answer;
+  expect_csv(reader.span);
+  if (text_of(query, "trace") == "1")
+    return {.type = "text/csv",
+            .body = drive_log_csv(*reader.recording, reader.span),
+            .file_name = "scope-drive-log.csv"};
+  return {.type = "text/csv",
+          .body = ticks_csv(*reader.recording, reader.signals, reader.span),
+          .file_name = "scope.csv"};
+}
+
+// The range as a drive log, traced under the drive file of the recording.
+Answer Api::trace(const Json& body) {
+  Query query;
+  for (const char* key : {"from", "to", "capture"})
+    if (body.contains(key)) query.parameters[key] = body[key].dump();
+  const Reader reader = read(query, INT64_MAX / 1024);
+  expect_csv(reader.span);
+  const DriveFileFacts drive = reader.recording->drive();
+  if (drive.config_toml.empty()) throw BadInput("trace: the drive file is not known");
+  const double T_s = drive.T_s;
+  const std::string what =
+      fmt::format("{}, {:.4g} to {:.4g} s", drive.name, static_cast<double>(reader.span.from) * T_s,
+                  static_cast<double>(reader.span.to) * T_s);
+  const int id =
+      traces_.start(drive.config_toml, drive_log_csv(*reader.recording, reader.span), what);
+  return json_answer({{"trace", id}, {"directory", traces_.state(id)->directory}});
 }
 
 // The first tick of a run at which this trigger fires; -1 if none.

@@ -12,6 +12,8 @@
 //   POST /api/trigger                        {mode, signal | event, edge, level, ..} or {force: true}
 //   POST /api/control                        {client, take: true | false}
 //   POST /api/request                        {client, kind, text}
+//   POST /api/trace                          {from, to, capture}: `twinrate trace` of these ticks
+//   GET  /trace?id=N                         its page
 //
 // `source` (default: the drive of this scope) and `capture` choose what is read. Bad input gets
 // status 400 and one line. Thread-safe.
@@ -23,6 +25,7 @@
 
 #include "scope/live_drive.hpp"
 #include "scope/sources.hpp"
+#include "scope/traces.hpp"
 
 namespace twinrate::scope {
 
@@ -43,7 +46,7 @@ struct Answer {
 class Api {
  public:
   // `live`: null for a log. `title`: what the page shows of the source.
-  Api(Sources& sources, LiveDrive* live, std::string title);
+  Api(Sources& sources, LiveDrive* live, std::string title, Traces& traces);
 
   Answer answer(const Query& query);
   // What a page that follows the drive is sent 20 times a second: buckets from `next` on that are
@@ -71,6 +74,7 @@ class Api {
   Answer set_trigger(const Json& body);
   Answer control(const Json& body);
   Answer request(const Json& body);
+  Answer trace(const Json& body);
   Steering::Replies send(const std::string& kind, const std::string& text);
   void expire_holder();  // under mutex_
   Json live_state() const;
@@ -78,6 +82,7 @@ class Api {
   Sources& sources_;
   LiveDrive* live_;
   std::string title_;
+  Traces& traces_;
   std::mutex mutex_;  // of the holder
   std::string holder_;
   double holder_seen_s_ = 0;

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kBytesOfTick =
     560;  // of a dense history: 60 columns of 8.6 bytes, some sparse ones
-constexpr std::int64_t kStandstill_us = 500'000;
+constexpr std::int64_t kStandstill_us = 500'000, kRate_us = 1'000'000;
 
 std::size_t chunks_for(double history_s, std::size_t memory_bytes, double T_s) {
   const double ticks =
@@ -83,6 +83,7 @@ void Recording::clear() {
       .theta_e = derived("theta_e_rad", "rad", "n_p times the true mechanical angle, 0 .. 2 pi")};
   channels_.clear();
   for (const ChannelInfo& channel : kChannels) channels_.emplace_back(channel.channel);
+  counts_.clear();
   processes_.clear();
   events_.clear();
   events_before_ = 0;
@@ -270,15 +271,34 @@ std::int64_t Recording::passed_k() const {
   return passed;
 }
 
+// The channels with a message every tick that do not have one of each of these ticks, by the column
+// of their seq. A channel that is silent there has none.
+std::vector<int> Recording::with_gaps(std::int64_t from, std::int64_t to) {
+  std::vector<int> columns;
+  for (const WatchedChannel& channel : channels_) {
+    if (!ticks_every_time(channel.channel()) || channel.messages() == 0) continue;
+    const int seq = signals_.of_message(channel.channel(), "", 0, 0);
+    const std::int64_t count = store_.extent(seq, from, to).count;
+    if (count > 0 && count < to - from) columns.push_back(seq);
+  }
+  return columns;
+}
+
 void Recording::complete_captures(bool standstill) {
   if (!pending_ || (!standstill && passed_k() < pending_->to - 1)) return;
+  const std::int64_t from = std::max(pending_->from, store_.first_k()),
+                     to = std::min(pending_->to, store_.last_k() + 1);
+  const std::vector<int> columns = with_gaps(from, to);
+  // What a repeat overtook may still come.
+  if (!columns.empty() && !standstill && passed_k() < to - 1 + kLateTicks) return;
   Capture capture = std::move(*pending_);
   pending_.reset();
-  capture.from = std::max(capture.from, store_.first_k());
-  capture.to = std::min(capture.to, store_.last_k() + 1);
-  capture.ticks = store_.part(capture.from, capture.to);
-  capture.missing = capture.to - capture.from -
-                    capture.ticks.extent(inputs_.u_alpha, capture.from, capture.to).count;
+  capture.from = from;
+  capture.to = to;
+  capture.ticks = store_.part(from, to);
+  for (std::int64_t k = from; k < to && !columns.empty(); ++k)
+    capture.missing += std::any_of(columns.begin(), columns.end(),
+                                   [&](int seq) { return std::isnan(store_.at(seq, k)); });
   captures_.push_back(std::move(capture));
   if (captures_.size() > kCapturesKept) captures_.pop_front();
 }
@@ -290,6 +310,10 @@ void Recording::look(std::int64_t now_us) {
 
 void Recording::note_bus(std::int64_t now_us) {
   const Lock lock(mutex_);
+  std::array<std::int64_t, kChannelCount> counts{};
+  for (std::size_t i = 0; i < counts.size(); ++i) counts[i] = channels_[i].messages();
+  counts_.emplace_back(now_us, counts);
+  while (counts_.size() > 1 && now_us - counts_[1].first >= kRate_us) counts_.pop_front();
   if (store_.empty()) return;
   const std::int64_t k = store_.last_k();
   for (WatchedChannel& channel : channels_) {
@@ -308,6 +332,13 @@ void Recording::note_bus(std::int64_t now_us) {
       note("latency_us", "us", "mean time after the MEASUREMENT of the same tick", *latency);
     channel.begin_interval(now_us);
   }
+}
+
+double Recording::rate_Hz(std::size_t channel, std::int64_t now_us) const {
+  if (counts_.empty() || now_us <= counts_.front().first) return 0;
+  const auto& [then_us, counts] = counts_.front();
+  return 1e6 * static_cast<double>(channels_[channel].messages() - counts[channel]) /
+         static_cast<double>(now_us - then_us);
 }
 
 const TickStore* Recording::store_of(int capture) const {

@@ -24,7 +24,7 @@
 namespace twinrate::scope {
 
 inline constexpr std::size_t kCapturesKept = 10, kEventsKept = 5000;
-inline constexpr std::int64_t kSlackTicks = 256, kMaxCaptureTicks = 200'000;
+inline constexpr std::int64_t kSlackTicks = 256, kLateTicks = 64, kMaxCaptureTicks = 200'000;
 
 struct ScopeEvent {
   std::int64_t k = -1, t_ns = 0;
@@ -37,7 +37,7 @@ struct Capture {
   int id = 0;
   std::int64_t trigger_k = 0, from = 0, to = 0;
   std::string cause;         // "estimate.omega_m_rad_s rising 100", "forced"
-  std::int64_t missing = 0;  // ticks of MEASUREMENT that are not in it
+  std::int64_t missing = 0;  // ticks of which a message is not in it
   TickStore ticks{SIZE_MAX};
 };
 
@@ -129,10 +129,12 @@ class Recording {
   void take_manifest(const std::uint8_t* bytes, std::size_t size);
   void measure_T_s(const MessageHeader& header);
   void begin_capture(std::int64_t k, const std::string& cause);
+  std::vector<int> with_gaps(std::int64_t from, std::int64_t to);
   void complete_captures(bool standstill);
   std::int64_t passed_k() const;
   const TickStore* store_of(int capture) const;
   std::string trigger_cause() const;
+  double rate_Hz(std::size_t channel, std::int64_t now_us) const;
 
   const double history_s_;
   const std::size_t memory_bytes_;
@@ -143,6 +145,8 @@ class Recording {
   TickStore store_;
   DriveFileFacts drive_;
   std::vector<WatchedChannel> channels_;
+  // Messages at times of the last second, for rates that a person can read.
+  std::deque<std::pair<std::int64_t, std::array<std::int64_t, kChannelCount>>> counts_;
   TickTimes tick_times_;
   std::map<int, status_t> processes_;
   std::deque<ScopeEvent> events_;

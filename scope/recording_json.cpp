@@ -80,7 +80,7 @@ Json Recording::tree(std::int64_t now_us) const {
     if (c.messages() > 0)
       channels.push_back(
           {{"channel", layout_of(c.channel()).short_name},
-           {"rate_Hz", number(c.rate_Hz(now_us))},
+           {"rate_Hz", number(rate_Hz(static_cast<std::size_t>(c.channel()), now_us))},
            {"messages", c.messages()},
            {"gaps", c.gaps()},
            {"repeats", c.repeats()},

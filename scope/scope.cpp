@@ -42,7 +42,9 @@ Scope::Scope(const ScopeOptions& options)
     log_parts(options.log);  // refuses what is no log
   sources_ =
       std::make_unique<Sources>(recording_, options.runs_directory, options.memory_mib << 20);
-  api_ = std::make_unique<Api>(*sources_, live_.get(), options.log.empty() ? "live" : options.log);
+  traces_ = std::make_unique<Traces>(options.program, options.runs_directory);
+  api_ = std::make_unique<Api>(*sources_, live_.get(), options.log.empty() ? "live" : options.log,
+                               *traces_);
   server_ = std::make_unique<Server>(*api_, options.address, options.port);
   if (live_) return;
   reader_ = std::thread([this, log = options.log] {

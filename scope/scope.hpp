@@ -13,13 +13,14 @@
 namespace twinrate::scope {
 
 struct ScopeOptions {
-  std::string log;                    // a run directory or log; "": the bus
-  std::string address = "127.0.0.1";  // beyond it the page needs its token
-  int port = 8080;                    // 0: any free one
-  std::string url, channel_suffix;    // of the bus
-  std::string drive_file;             // for a drive whose DRIVE_MANIFEST was missed
-  LiveDrive::TokenOf token_of;        // see there; empty: requests are not tagged
-  std::string runs_directory = "runs";
+  std::string log;                      // a run directory or log; "": the bus
+  std::string address = "127.0.0.1";    // beyond it the page needs its token
+  int port = 8080;                      // 0: any free one
+  std::string url, channel_suffix;      // of the bus
+  std::string drive_file;               // for a drive whose DRIVE_MANIFEST was missed
+  LiveDrive::TokenOf token_of;          // see there; empty: requests are not tagged
+  std::string runs_directory = "runs";  // of ghosts, and of the traces
+  std::string program;                  // twinrate, for traces of what is shown; "": none
   double history_s = 60;
   std::size_t memory_mib = 512;  // of the history, and of each ghost
 };
@@ -45,6 +46,7 @@ class Scope {
   std::shared_ptr<Recording> recording_;
   std::unique_ptr<LiveDrive> live_;
   std::unique_ptr<Sources> sources_;
+  std::unique_ptr<Traces> traces_;
   std::unique_ptr<Api> api_;
   std::unique_ptr<Server> server_;
   std::atomic<double> share_read_ = 0;

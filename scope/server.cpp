@@ -171,10 +171,9 @@ std::string Server::Impl::refusal(const httplib::Request& request) const {
     return "Origin: only pages of this server may ask\n";
   if (request.get_header_value("Sec-Fetch-Site") == "cross-site")
     return "only pages of this server may ask\n";
+  const bool of_the_program = request.path.ends_with(".js") || request.path.ends_with(".css");
   if (!token.empty() && !same_text(request.get_param_value("token"), token) &&
-      request.path.starts_with("/api/"))
-    return "token: open the address that twinrate scope printed\n";
-  if (!token.empty() && request.path == "/" && !same_text(request.get_param_value("token"), token))
+      !(of_the_program && !request.path.starts_with("/api/")))
     return "token: open the address that twinrate scope printed\n";
   return "";
 }
@@ -202,6 +201,15 @@ void Server::Impl::add_pages() {
     response.set_content(a.body, a.type);
   };
   http.Get(R"(/api/[a-z]+)", answer);
+  // A page of `twinrate trace` has its scripts in itself; it may ask nothing of this server.
+  http.Get("/trace", [answer](const httplib::Request& request, httplib::Response& response) {
+    answer(request, response);
+    response.headers.erase("Content-Security-Policy");
+    response.set_header("Content-Security-Policy",
+                        "sandbox allow-scripts allow-downloads allow-popups; default-src 'none'; "
+                        "script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+                        "img-src blob: data:; font-src data:");
+  });
   http.Post(R"(/api/[a-z]+)", answer);
 }
 

@@ -64,6 +64,7 @@ int show(ScopeVerb o) {
   if (!o.scope.log.empty() && std::filesystem::is_directory(log))
     o.scope.runs_directory = std::filesystem::absolute(log).lexically_normal().parent_path();
   find_drive(o.scope);
+  o.scope.program = std::filesystem::read_symlink("/proc/self/exe");
   catch_stop_signals();
   scope::Scope scope(o.scope);
   fmt::print("scope: {}\n", scope.page());
@@ -95,8 +96,9 @@ void add_scope_verb(CLI::App& app, int& exit_code) {
       ->check(CLI::ValidIPV4);
   verb->add_option("--config", o->scope.drive_file,
                    "use this drive file for a drive that was started before the scope");
-  verb->add_option("--runs", o->scope.runs_directory,
-                   "offer the runs of this directory as ghosts (default runs)");
+  verb->add_option(
+      "--runs", o->scope.runs_directory,
+      "offer the runs of this directory as ghosts, and write traces there (default runs)");
   verb->add_option("--history", o->history,
                    "keep this much drive time of every tick (default 60s)");
   verb->add_option("--memory", o->scope.memory_mib,

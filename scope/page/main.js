@@ -4,7 +4,7 @@ import { feed, fetchStatistics, loadGhost, refresh, sinceFrame_s, wanted } from 
 import { refreshFindings } from './findings.js';
 import { buildGhost } from './ghost.js';
 import { draw, drawOthers, exportPng, rebuild, resize } from './plots.js';
-import { download, get, numbers } from './server.js';
+import { download, get, numbers, trace } from './server.js';
 import { checkedLayout, fillGainPlot, firstLayout, follow, layoutFrom, layoutInAddress, on, range, show, state, T_s, tell, whole } from './state.js';
 import { buildSteering, refreshSteering } from './steering.js';
 import { refreshTree } from './tree.js';
@@ -154,6 +154,7 @@ function buildHeader(info) {
   byId('add-plot').onclick = () => { state.layout.plots.unshift({ kind: 'time', signals: [] }); state.active = 0; tell('layout'); };
   byId('export-csv').onclick = () => download('csv', { ...visibleRange(), signals: wanted().join(',') });
   byId('export-trace').onclick = () => download('csv', { ...visibleRange(), trace: 1 });
+  byId('trace').onclick = () => trace(visibleRange(), (text) => { state.notice = text; });
   byId('export-png').onclick = exportPng;
   byId('export-layout').onclick = () => save('scope-layout.json', JSON.stringify(state.layout, null, 2), 'application/json');
   byId('default-layout').onclick = () => { state.layout = firstLayout(); tell('layout'); };

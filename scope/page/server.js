@@ -3,10 +3,10 @@
 const token = new URLSearchParams(location.search).get('token');
 export const client = crypto.randomUUID ? crypto.randomUUID() : String(Math.random());
 
-function address(path, parameters = {}) {
+function address(path, parameters = {}, folder = '/api/') {
   const query = new URLSearchParams(parameters);
   if (token) query.set('token', token);
-  return `/api/${path}?${query}`;
+  return `${folder}${path}?${query}`;
 }
 
 async function answered(response) {
@@ -33,3 +33,16 @@ export async function numbers(path, parameters, rows) {
 export const download = (path, parameters) => { location.href = address(path, parameters); };
 
 export const stream = (parameters) => new EventSource(address('stream', { ...parameters, client }));
+
+// `twinrate trace` of these ticks, on a page of its own that shows the result once it is there.
+export async function trace(range, told) {
+  const page = window.open('about:blank', '_blank');  // now: a browser allows it only at the click
+  try {
+    const { trace: id, directory } = await post('trace', range);
+    page.location.href = address('trace', { id }, '/');
+    told(`traced in ${directory}`);
+  } catch (error) {
+    page?.close();
+    told(error.message);
+  }
+}

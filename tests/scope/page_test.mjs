@@ -97,6 +97,13 @@ async function exports() {
   await browser.until('the plots are a picture', "made.some((b) => b.type === 'image/png' && b.size > 5000)");
 }
 
+async function traceOfTheRange() {
+  await value("void (window.open = () => (window.tab = { location: {}, close() {} }))");
+  await value("document.querySelector('#trace').click()");
+  await browser.until('the trace has a page', "window.tab?.location.href?.startsWith('/trace?id=')");
+  await browser.until('the page of the trace shows its result', "fetch(tab.location.href).then((r) => r.text()).then((text) => text.includes('What the model of dilys2021 lacks'))");
+}
+
 async function otherAxes() {
   const plot = (kind, ...names) => ({ kind, signals: names.map((name) => ({ name, axis: 'l' })) });
   const layout = { window_s: 0.5, plots: [plot('xy', 'drive.i_alpha_A', 'drive.i_beta_A'), plot('xy', 'truth.i_d_A', 'truth.i_q_A'), plot('angle', 'truth.T_em_Nm'), plot('spectrum', 'measurement.i_a_A'), plot('orders', 'truth.omega_m_rad_s', 'estimate.omega_m_rad_s'), plot('xy', 'truth.omega_m_rad_s', 'truth.T_em_Nm')] };
@@ -174,7 +181,7 @@ try {
   address = await new Promise((found) => scope.stdout.once('data', (text) => found(String(text).match(/http:\S+/)[0])));
   browser = await Browser.open(address);
   const set = await curves();
-  for (const part of [treeAndLayout, trigger, zoomAndCursors, exports, otherAxes, ghost, steering]) {
+  for (const part of [treeAndLayout, trigger, zoomAndCursors, exports, traceOfTheRange, otherAxes, ghost, steering]) {
     told(part.name);
     await part();
   }

@@ -197,6 +197,26 @@ TEST(Captures, CountTicksThatDidNotArrive) {
   EXPECT_EQ(captures[0]["missing"], 3);
 }
 
+// A repeat may overtake the tick before it; what never comes is missing in the capture, on any channel.
+TEST(Captures, WaitForALateTickAndCountALostOneOfEveryChannel) {
+  for (const std::int64_t lost : {0, 521}) {
+    Recording recording(60, 64 << 20);
+    recording.set_trigger(rising(0.5));
+    std::vector<double> i_a(1000, 0.0);
+    i_a[500] = 1;
+    for (std::int64_t k = 0; k < 1000; ++k) {
+      take(recording, to_wire(measurement(k, i_a[static_cast<std::size_t>(k)]), 7));
+      Truth truth;
+      truth.k = k == 549 ? 550 : k == 550 ? 549 : k;  // 550 overtakes: the capture ends at 550
+      if (lost == 0 || k != lost) take(recording, to_wire(truth, 7));
+    }
+    const auto captures = recording.brief()["captures"];
+    ASSERT_EQ(captures.size(), 1u);
+    EXPECT_EQ(captures[0]["to"], 550);
+    EXPECT_EQ(captures[0]["missing"], lost == 0 ? 0 : 1);
+  }
+}
+
 TEST(Captures, OutliveTheRing) {
   Recording recording(1e9, 4 * kChunkTicks * 560);
   recording.set_trigger(rising(0.5));

@@ -8,9 +8,14 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
 #include <thread>
 
 #include "core/config.hpp"
+#include "core/signals_io.hpp"
+#include "model/signals.hpp"
 
 namespace twinrate::scope {
 namespace {
@@ -71,13 +76,21 @@ class ScopeServer : public ::testing::Test {
     return ask(fmt::format("POST {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nContent-Length: {}\r\n\r\n{}",
                            path, server_->port(), body.size(), body));
   }
+  template <class Message>
+  void take(const Message& message) const {
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(message.getEncodedSize()));
+    message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+    recording_->take(kChannelOf<Message>, bytes.data(), bytes.size(),
+                     *read_header(bytes.data(), bytes.size()), 0);
+  }
   static int status(const std::string& answer) {
     return answer.size() > 12 ? std::atoi(answer.c_str() + 9) : 0;
   }
 
   std::shared_ptr<Recording> recording_ = std::make_shared<Recording>(1, 16 << 20);
   Sources sources_{recording_, "", 16 << 20};
-  Api api_{sources_, nullptr, "test"};
+  Traces traces_{"", ""};
+  Api api_{sources_, nullptr, "test", traces_};
   std::unique_ptr<Server> server_ = std::make_unique<Server>(api_, "127.0.0.1", 0);
 };
 
@@ -168,6 +181,80 @@ TEST_F(ScopeServer, BeyondThisMachineNeedsTheToken) {
   EXPECT_EQ(status(get("/api/info?token=" + std::string(32, '0'))), 403);
   EXPECT_EQ(status(get("/api/info?token=" + token)), 200);
   EXPECT_EQ(status(get("/?token=" + token)), 200);
+  EXPECT_EQ(status(get("/trace?id=1")), 403);
+  EXPECT_EQ(status(get("/api/info.js")), 403);
+  EXPECT_EQ(status(get("/main.js")), 200);
+}
+
+// What is not measured is no number of a drive log, whatever its field holds.
+TEST_F(ScopeServer, ADriveLogHoldsWhatWasMeasured) {
+  Measurement m;
+  m.signals = kPhaseCurrents | kVoltage | kPosition;
+  for (m.k = 0; m.k < 6; ++m.k) {
+    m.u_alphabeta = {static_cast<double>(m.k), 0};
+    if (m.k != 3) take(to_wire(m, 7));
+  }
+  const auto csv = get("/api/csv?trace=1&from=0&to=6");
+  // The voltage of row k is in message k + 1: 2 has none, 3 did not come.
+  EXPECT_NE(csv.find("t,i_a,i_b,i_c,u_alpha,u_beta,theta_m\n0,0,0,0,1,0,0\n"), std::string::npos)
+      << csv;
+  const std::string rows = csv.substr(csv.find("theta_m\n") + 8);
+  EXPECT_EQ(std::count(rows.begin(), rows.end(), '\n'), 3) << csv;  // 0, 1, 4
+  m.signals = kPosition;
+  for (m.k = 6; m.k < 9; ++m.k) take(to_wire(m, 7));
+  EXPECT_EQ(status(get("/api/csv?trace=1&from=6&to=9")), 400);
+}
+
+class ScopeTraces : public ScopeServer {
+ protected:
+  ScopeTraces() {
+    std::filesystem::remove_all(directory_);
+    std::filesystem::create_directories(directory_);
+    std::ofstream(program_) << "#!/bin/sh\n"
+                               "test -n \"$(grep n_p $2)\" -a -s $4 || exit 7\n"
+                               "mkdir $6 && echo 'the <b>result</b>' > $6/report.html\n"
+                               "while test -e "
+                            << directory_ << "/wait; do sleep 0.01; done\n";
+    std::filesystem::permissions(program_, std::filesystem::perms::owner_all);
+    recording_->use_config(Config::load("dilys2021").merged(), "dilys2021");
+    Measurement m;
+    m.signals = kPhaseCurrents;
+    for (m.k = 0; m.k < 6; ++m.k) take(to_wire(m, 7));
+  }
+  std::string page_after_its_end(int id) {
+    for (int i = 0; i < 500 && traces_.state(id)->running; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    return get(fmt::format("/trace?id={}", id));
+  }
+  std::string directory_ = ::testing::TempDir() + "scope_traces", program_ = directory_ + "/trace";
+  Traces traces_{program_, directory_};
+  Api api_{sources_, nullptr, "test", traces_};
+  void SetUp() override { server_ = std::make_unique<Server>(api_, "127.0.0.1", 0); }
+};
+
+TEST_F(ScopeTraces, ShowsTheResultOfOneTraceAfterTheOther) {
+  std::ofstream(directory_ + "/wait") << "";
+  const std::string range = "{\"from\":0,\"to\":6}";
+  EXPECT_NE(post("/api/trace", range).find("{\"trace\":1,"), std::string::npos);
+  EXPECT_NE(get("/trace?id=1").find("Tracing dilys2021, 0 to 0.0012 s"), std::string::npos);
+  EXPECT_EQ(status(post("/api/trace", range)), 400);  // one at a time
+  std::filesystem::remove(directory_ + "/wait");
+  const std::string page = page_after_its_end(1);
+  EXPECT_NE(page.find("the <b>result</b>"), std::string::npos) << page;
+  // Its scripts run apart from this server.
+  const auto policy = page.find("Content-Security-Policy: sandbox allow-scripts");
+  EXPECT_NE(policy, std::string::npos) << page;
+  EXPECT_EQ(page.find("Content-Security-Policy", policy + 1), std::string::npos);
+  EXPECT_NE(post("/api/trace", range).find("trace-2"), std::string::npos);
+  EXPECT_EQ(status(get("/trace?id=3")), 400);
+}
+
+TEST_F(ScopeTraces, SaysWhyThereIsNoResult) {
+  std::ofstream(program_) << "#!/bin/sh\necho 'too few <rows>' >&2\nexit 3\n";
+  EXPECT_EQ(status(post("/api/trace", "{\"from\":0,\"to\":6}")), 200);
+  const std::string page = page_after_its_end(1);
+  EXPECT_NE(page.find("exit code 3"), std::string::npos) << page;
+  EXPECT_NE(page.find("too few &lt;rows&gt;"), std::string::npos) << page;
 }
 
 TEST_F(ScopeServer, RefusesAPortThatIsTaken) {

@@ -47,6 +47,17 @@ TEST(WatchedChannelTest, CountsGapsAndRepeats) {
   EXPECT_DOUBLE_EQ(account.age_s(16'000), 1e-3);
 }
 
+TEST(WatchedChannelTest, ATickThatAnotherOneOvertookIsNoGapAndNoRepeat) {
+  WatchedChannel account(Channel::kTruth);
+  for (const std::int64_t k : {5, 4, 6, 8, 7, 7, 12, 10, 10, 6}) take(account, k, 0);
+  EXPECT_EQ(account.gaps(), 2);     // 9 and 11
+  EXPECT_EQ(account.repeats(), 4);  // 4 (from before the first one), 7, 10, 6
+  take(account, 2000, 0);
+  take(account, 11, 0);  // too long ago to know
+  EXPECT_EQ(account.gaps(), 2 + 1987);
+  EXPECT_EQ(account.repeats(), 5);
+}
+
 TEST(WatchedChannelTest, AGainEveryNthTickIsNoGap) {
   WatchedChannel account(Channel::kGain);
   for (const int seq : {0, 5, 10, 25, 30}) take(account, seq, seq);
