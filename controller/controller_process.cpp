@@ -55,6 +55,8 @@ class ControllerProcess {
       coming_.emplace_back(k, extended.drive().model_effects());
     });
     p.on_reset([this](std::int64_t k) { return reset(k); });
+    const auto planned = planned_resets(p.config());
+    resets_.assign(planned.begin(), planned.end());
     p.on_steering({.follow = [this](const SteeredDrive& now) {
       controller_->follow_compensation(now.drive().controller.compensation);
     }});
@@ -90,8 +92,9 @@ class ControllerProcess {
     restart_k_ = k;
     return "";
   }
-  void restart() {
+  void restart(std::int64_t k) {
     restart_k_ = INT64_MAX;
+    while (!resets_.empty() && k >= resets_.front()) resets_.pop_front();
     controller_ = make_(p_.config(), Begin::kAfterReset);
     if (known_) controller_->know(*known_);
   }
@@ -119,7 +122,7 @@ class ControllerProcess {
       controller_->know(*known_);
       coming_.pop_front();
     }
-    if (k >= restart_k_) restart();
+    if (k >= restart_k_ || (!resets_.empty() && k >= resets_.front())) restart(k);
     drive_is_off_ = m->mode == Mode::kSafe;
     last_ = controller_->step({*m, e_, r_, truth});
     const std::int64_t session = p_.bus().session();
@@ -148,6 +151,7 @@ class ControllerProcess {
   std::deque<std::pair<std::int64_t, Effects>> coming_;  // by first tick
   std::optional<Effects> known_;                         // of the last that came
   bool drive_is_off_ = false;
+  std::deque<std::int64_t> resets_;     // that the drive file plans
   std::int64_t restart_k_ = INT64_MAX;  // tick of a reset that is coming
 };
 

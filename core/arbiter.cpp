@@ -59,10 +59,12 @@ void Arbiter::take(const request_t& request) {
 
 // Takes the holder's line off the request; "" where it may be asked for.
 std::string Arbiter::not_allowed(request_t& request) const {
-  if (!is(request, RequestKind::kSteer)) return "";
   std::string who;
   request.text = without_holder(request.text, &who);
-  if (holder_.empty() || who == holder_ || request.text == "stop") return "";
+  if (holder_.empty() || who == holder_) return "";
+  if (is(request, RequestKind::kSteer) ? request.text == "stop"
+                                       : !is(request, RequestKind::kReset) && who == kMonitor)
+    return "";
   return holder_ + " has control";
 }
 
@@ -188,7 +190,7 @@ void Arbiter::turn() {
     return refuse(fmt::format("{} did not answer", names_of(without(members_, agreed_))));
   if (phase_ == Phase::kApplying && host_.margin_ticks > 0 && host_.next_tick() > tick_) {
     const std::string late = names_of(without(members_, agreed_));
-    host_.event(Reason::kSteered, tick_, request_.text);
+    if (is(request_, RequestKind::kSteer)) host_.event(Reason::kSteered, tick_, request_.text);
     reply_t reply{};
     reply.applied_seq = tick_;
     reply.text = fmt::format("applied at tick {}, but {} did not confirm it in time", tick_, late);

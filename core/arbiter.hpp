@@ -15,7 +15,7 @@
 // comes again gets the same answer.
 //
 // Control: at most one holder, who sends a heartbeat. While there is one, requests of others are
-// refused, but stop. A holder that falls silent for kSilent_s is reported; steering.hold_s later
+// refused, but stop and the changes of the model that the monitor makes by itself. A holder that falls silent for kSilent_s is reported; steering.hold_s later
 // the drive is stopped on a ramp. Without a holder any request counts.
 #pragma once
 #include <chrono>
@@ -33,8 +33,9 @@ namespace twinrate {
 class Arbiter {
  public:
   static constexpr double kRepeat_s = 0.02, kPatience_s = 2, kMargin_s = 0.2, kSilent_s = 1;
-  // The first line of a request of the holder, before the KEY=VALUE lines.
+  // The first line of a request of the holder, before the KEY=VALUE lines or [[effect]] tables.
   static constexpr const char* kHolderLine = "holder=";
+  static constexpr const char* kMonitor = "monitor";  // whose changes of the model need no control
 
   // What the arbiter needs of its process.
   struct Host {

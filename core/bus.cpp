@@ -182,9 +182,10 @@ void Bus::want_estimates(BackgroundRate rate) {
   transport_->change(wanted(Channel::kEstimate));
 }
 
-void Bus::subscribe_all(const RawHandler& handler) {
+void Bus::subscribe_all(const RawHandler& handler, bool with_acks) {
   for (const ChannelInfo& channel : kChannels)
-    if (channel.channel != Channel::kAck) subscribe_raw(channel.channel, handler, Wake::kAtOnce);
+    if (with_acks || channel.channel != Channel::kAck)
+      subscribe_raw(channel.channel, handler, Wake::kAtOnce);
 }
 
 bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
@@ -303,6 +304,10 @@ void Bus::serve_missing(const ack_t& ack) {
 
 bool Bus::handle(double timeout_ms) {
   return transport_->handle(timeout_ms, wake_for_all_);
+}
+
+std::int64_t Bus::arrival_us() const {
+  return transport_->arrival_us();
 }
 
 std::int64_t host_now_ns() {

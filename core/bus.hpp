@@ -105,10 +105,11 @@ class Bus {
   // wanted; a second call leaves those that either wants. The others need not arrive, and are no
   // gap.
   void want_estimates(BackgroundRate rate);
-  // Every message of every channel, raw: for the logger. Session and loss rules as above.
+  // Every message of every channel, raw: for the logger, and with its acknowledgements for who shows
+  // the bus. Session and loss rules as above.
   using RawHandler = std::function<void(Channel, const std::uint8_t* bytes, std::size_t size,
                                         std::int64_t seq, std::int64_t t_ns)>;
-  void subscribe_all(const RawHandler& handler);
+  void subscribe_all(const RawHandler& handler, bool with_acks = false);
 
   // Stamps the session and sends, several messages with one system call; kept for sending again
   // where seq >= 0.
@@ -124,6 +125,9 @@ class Bus {
   // Handles what arrives within `timeout_ms`; false where nothing arrived. An exception of a
   // handler is thrown here: it must not cross LCM's own frames.
   bool handle(double timeout_ms);
+  // When the message that a handler has now arrived here, wall clock; 0: not told (only with
+  // drain_every_ms).
+  std::int64_t arrival_us() const;
   // Called when a message of a new session arrives at a bus that follows.
   void on_new_session(std::function<void()> handler) { new_session_ = std::move(handler); }
 

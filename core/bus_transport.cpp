@@ -69,6 +69,8 @@ class UdpmTransport : public BusTransport {
     return pass_on();
   }
 
+  std::int64_t arrival_us() const override { return arrival_us_; }
+
   std::int64_t malformed() const override {
     std::int64_t sum = 0;
     for (const auto& port : ports_) sum += port->receiver.malformed();
@@ -87,8 +89,9 @@ class UdpmTransport : public BusTransport {
     Handler handler;
   };
   struct Port {
-    Port(const UdpmAddress& address, int port_offset, bool is_quiet, std::size_t batch)
-        : offset(port_offset), quiet(is_quiet), receiver(address, batch) {}
+    Port(const UdpmAddress& address, int port_offset, bool is_quiet, std::size_t batch,
+         bool stamped)
+        : offset(port_offset), quiet(is_quiet), receiver(address, batch, stamped) {}
     int offset;
     bool quiet;
     LcmReceiver receiver;
@@ -104,8 +107,8 @@ class UdpmTransport : public BusTransport {
   Port& port_at(int offset, bool quiet) {
     for (const auto& port : ports_)
       if (port->offset == offset && port->quiet == quiet) return *port;
-    auto made = std::make_unique<Port>(at(offset), offset, quiet,
-                                       drain_every_ms_ > 0 ? kDrainBatch : kBatch);
+    auto made = std::make_unique<Port>(
+        at(offset), offset, quiet, drain_every_ms_ > 0 ? kDrainBatch : kBatch, drain_every_ms_ > 0);
     if (made->receiver.granted_buffer() < kDrainBuffer) drain_every_ms_ = 0;
     Port& port = *made;
     ports_.insert(quiet ? ports_.begin() : ports_.end(), std::move(made));
@@ -135,7 +138,7 @@ class UdpmTransport : public BusTransport {
       while (
           port->receiver.next(message) ||
           (port->receiver.was_full() && port->receiver.read_now() && port->receiver.next(message)))
-        if (pass_on(*port, message)) return true;
+        if (arrival_us_ = message.arrival_us; pass_on(*port, message)) return true;
     }
     return false;
   }
@@ -196,6 +199,7 @@ class UdpmTransport : public BusTransport {
   }
 
   UdpmAddress address_;
+  std::int64_t arrival_us_ = 0;
   bool filter_;
   double drain_every_ms_;
   std::vector<std::unique_ptr<Port>> ports_;

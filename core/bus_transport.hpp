@@ -31,6 +31,8 @@ class BusTransport {
   // Passes at most one message to its handler; false where none came within `timeout_ms`.
   virtual bool handle(double timeout_ms, bool wake_for_all) = 0;
   virtual std::int64_t malformed() const { return 0; }
+  // When the message that is passed arrived, wall clock; 0: not told.
+  virtual std::int64_t arrival_us() const { return 0; }
 };
 
 struct UdpmOptions {

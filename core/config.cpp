@@ -55,10 +55,20 @@ std::vector<ConfiguredEffect> read_effects(const Config::Impl& file, const Drive
     f.choice("used_in", used_in, kUsedInNames, "");
     double from_s = 0;
     reader.number("from_s", from_s, 0, 1e6, "", Presence::kOptional);
+    ConfiguredEffect configured{effect, used_in};
+    reader.number("known_from_s", configured.known_from_s, 0, 1e6, "", Presence::kOptional);
+    reader.number("known_to_s", configured.known_to_s, 0, 1e6, "", Presence::kOptional);
     effect->fields(reader);
     reader.require_known();
     if (drive) check_effect(file, path, *drive, *effect, from_s);
-    effects.push_back({effect, used_in, from_s});
+    configured.from_s = from_s;
+    if (configured.known_to_s <= configured.known_from_s)
+      file.fail(path + ".known_to_s", "a time after known_from_s allowed");
+    if (used_in == UsedIn::kPlant &&
+        (configured.known_from_s > 0 || std::isfinite(configured.known_to_s)))
+      file.fail(path + ".used_in",
+                "known_from_s and known_to_s are of the model: \"model\" or \"both\" allowed");
+    effects.push_back(configured);
   }
   return effects;
 }
@@ -240,8 +250,8 @@ void read_effects_only(const std::string& effects_toml, const std::string& sourc
     if (key.str() != "effect") file.fail(std::string(key.str()), "only [[effect]] tables allowed");
 }
 
-std::vector<ConfiguredEffect> effects_in(const std::string& effects_toml,
-                                         const std::string& source) {
+std::vector<ConfiguredEffect> read_effects_in(const std::string& effects_toml,
+                                              const std::string& source) {
   Config::Impl file;
   read_effects_only(effects_toml, source, file);
   return read_effects(file, nullptr);
@@ -365,6 +375,25 @@ std::string Config::resolved_with(std::vector<ConfiguredEffect> effects) const {
 Config Config::with_effects(const std::string& effects_toml, const std::string& source) const {
   check_addition_to(&impl_->drive, effects_toml, source);
   return parse(resolved() + "\n" + effects_toml, source);
+}
+
+Config Config::known_at(std::int64_t k) const {
+  const double t_s = (static_cast<double>(k) + 0.25) * drive().T_s();
+  std::vector<ConfiguredEffect> effects;
+  for (ConfiguredEffect e : drive().effects) {
+    const bool known = e.is_known_at(t_s);
+    if (!known && e.used_in == UsedIn::kModel) continue;
+    if (!known) e.used_in = UsedIn::kPlant;
+    e.known_from_s = 0;
+    e.known_to_s = ConfiguredEffect{}.known_to_s;
+    effects.push_back(e);
+  }
+  return parse(resolved_with(std::move(effects)), fmt::format("the drive file from tick {} on", k));
+}
+
+std::vector<ConfiguredEffect> Config::effects_in(const std::string& effects_toml,
+                                                 const std::string& source) {
+  return read_effects_in(effects_toml, source);
 }
 
 Config Config::without_effects(const std::string& effects_toml, const std::string& source,

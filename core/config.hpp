@@ -62,6 +62,12 @@ class Config {
   // as in the text. Throws BadInput where one of them is not there.
   Config without_effects(const std::string& effects_toml, const std::string& source,
                          std::size_t declared) const;
+  // The same drive with the model that it has from tick k on (known_from_s, known_to_s), as if it
+  // never changed. Throws BadInput where this is no model.
+  Config known_at(std::int64_t k) const;
+  // The effects of a text of [[effect]] tables. Throws BadInput.
+  static std::vector<ConfiguredEffect> effects_in(const std::string& effects_toml,
+                                                  const std::string& source);
   // Throws BadInput where with_effects would with any drive.
   static void check_addition(const std::string& effects_toml, const std::string& source);
   // The keys as given, preset and overrides merged in.

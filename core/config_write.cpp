@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 
 #include "core/config.hpp"
@@ -213,15 +214,18 @@ std::string write_drive(const DriveConfig& d,
 
 std::string write_effects(const DriveConfig& drive) {
   std::string text;
-  for (const auto& [effect, used_in, from_s] : drive.effects) {
+  for (const ConfiguredEffect& configured : drive.effects) {
+    const auto& [effect, used_in, from_s, known_from_s, known_to_s] = configured;
     // fields() only shows the values to the writer; the copy keeps the config itself constant.
     const auto copy = effect->clone();
     TomlWriter writer("effect");
     copy->fields(writer);
-    text +=
-        fmt::format("\n[[effect]]\nkind = \"{}\"\nused_in = \"{}\"\n{}", effect->kind(),
-                    kUsedInNames[static_cast<int>(used_in)],
-                    (from_s > 0 ? "from_s = " + number_text(from_s) + "\n" : "") + writer.text());
+    std::string times;
+    if (from_s > 0) times += "from_s = " + number_text(from_s) + "\n";
+    if (known_from_s > 0) times += "known_from_s = " + number_text(known_from_s) + "\n";
+    if (std::isfinite(known_to_s)) times += "known_to_s = " + number_text(known_to_s) + "\n";
+    text += fmt::format("\n[[effect]]\nkind = \"{}\"\nused_in = \"{}\"\n{}", effect->kind(),
+                        kUsedInNames[static_cast<int>(used_in)], times + writer.text());
   }
   return text;
 }

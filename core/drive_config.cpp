@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "model/effects/delayed.hpp"
 
@@ -133,8 +134,17 @@ Effects DriveConfig::plant_effects() const {
 Effects DriveConfig::model_effects() const {
   Effects some;
   for (const ConfiguredEffect& e : effects)
-    if (e.used_in != UsedIn::kPlant) some.push_back(delayed(e.effect, e.from_s));
+    if (e.is_known_at(0)) some.push_back(delayed(e.effect, e.from_s));
   return some;
+}
+
+std::vector<std::int64_t> DriveConfig::model_changes() const {
+  std::set<std::int64_t> ticks;
+  for (const ConfiguredEffect& e : effects)
+    for (const double t_s : {e.known_from_s, e.known_to_s})
+      if (t_s > 0 && std::isfinite(t_s))
+        ticks.insert(static_cast<std::int64_t>(std::ceil(t_s * rates.f_s_Hz - 1e-6)));
+  return {ticks.begin(), ticks.end()};
 }
 
 DriveFacts DriveConfig::facts() const {

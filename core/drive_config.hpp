@@ -6,7 +6,9 @@
 // controller kinds ([estimator.ekf_sensorless], [controller.foc], ..).
 #pragma once
 #include <cstdint>
+#include <limits>
 #include <string>
+#include <vector>
 
 #include "core/covariance_form.hpp"
 #include "core/rates.hpp"
@@ -96,6 +98,12 @@ struct ConfiguredEffect {
   std::shared_ptr<const Effect> effect;
   UsedIn used_in = UsedIn::kPlant;
   double from_s = 0;  // it begins then
+  // The time in which the model has it: a steered run keeps what was added and taken out so.
+  double known_from_s = 0, known_to_s = std::numeric_limits<double>::infinity();
+
+  bool is_known_at(double t_s) const {
+    return used_in != UsedIn::kPlant && known_from_s <= t_s && t_s < known_to_s;
+  }
 };
 
 struct DriveConfig {
@@ -133,7 +141,9 @@ struct DriveConfig {
   double omega_m_limit() const;   // twice the fastest of rated speed and references
   double omega_m_start() const;   // 0 unless start = "flying"
   Effects plant_effects() const;  // what the simulated plant does
-  Effects model_effects() const;  // what estimator and controller know of
+  Effects model_effects() const;  // what estimator and controller know of at the start
+  // The ticks after 0 at which they come to know other ones, ascending.
+  std::vector<std::int64_t> model_changes() const;
   DriveFacts facts() const;
 };
 

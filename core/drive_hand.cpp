@@ -80,8 +80,11 @@ HandAnswer DriveHand::ask(RequestKind kind, const std::string& text, std::int64_
 }
 
 HandAnswer DriveHand::steer(const std::string& lines, std::int64_t tick) {
-  const std::string who = holder_.empty() ? "" : Arbiter::kHolderLine + holder_ + "\n";
-  return ask(RequestKind::kSteer, who + lines, tick);
+  return ask(RequestKind::kSteer, holder_line() + lines, tick);
+}
+
+std::string DriveHand::holder_line() const {
+  return holder_.empty() ? "" : Arbiter::kHolderLine + holder_ + "\n";
 }
 
 HandAnswer DriveHand::take_control() {

@@ -37,14 +37,16 @@ class DriveHand {
 
   // `lines`: core/steering.hpp. `tick`: 0: the next one that all processes can keep.
   HandAnswer steer(const std::string& lines, std::int64_t tick = 0);
-  // Do not ask who has control.
+  // These do not ask who has control.
   HandAnswer stop() { return ask(RequestKind::kSteer, "stop"); }
   HandAnswer emergency_stop() { return ask(RequestKind::kEmergencyStop); }
-  HandAnswer reset() { return ask(RequestKind::kReset); }
+  HandAnswer reset() { return ask(RequestKind::kReset, holder_line()); }
   // [[effect]] tables.
-  HandAnswer add_effect(const std::string& toml) { return ask(RequestKind::kAddEffect, toml); }
+  HandAnswer add_effect(const std::string& toml) {
+    return ask(RequestKind::kAddEffect, holder_line() + toml);
+  }
   HandAnswer remove_effect(const std::string& toml) {
-    return ask(RequestKind::kRemoveEffect, toml);
+    return ask(RequestKind::kRemoveEffect, holder_line() + toml);
   }
 
   HandAnswer take_control();
@@ -61,6 +63,7 @@ class DriveHand {
 
  private:
   void wait_for_session();
+  std::string holder_line() const;
 
   std::string holder_;
   double patience_s_;

@@ -111,14 +111,16 @@ void LcmSender::send_together(const Small* messages, std::size_t count) {
   }
 }
 
-LcmReceiver::LcmReceiver(const UdpmAddress& address, std::size_t batch)
+LcmReceiver::LcmReceiver(const UdpmAddress& address, std::size_t batch, bool stamped)
     : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)),
       batch_(batch),
       buffers_(new std::uint8_t[batch * kBuffer]),
       parts_(batch),
       senders_(batch),
-      headers_(batch) {
+      headers_(batch),
+      stamps_(stamped ? batch : 0) {
   if (socket_.get() < 0) fail("socket");
+  if (stamped) set(socket_.get(), SOL_SOCKET, SO_TIMESTAMPNS, 1, "time stamps");
   set(socket_.get(), SOL_SOCKET, SO_REUSEADDR, 1, "port shared");
   // Beyond net.core.rmem_max with CAP_NET_ADMIN.
   for (const int option : {SO_RCVBUFFORCE, SO_RCVBUF})
@@ -145,6 +147,10 @@ LcmReceiver::LcmReceiver(const UdpmAddress& address, std::size_t batch)
 bool LcmReceiver::read(std::size_t most, int flags) {
   next_ = count_ = 0;
   for (std::size_t i = 0; i < most; ++i) headers_[i].msg_hdr.msg_namelen = sizeof(sockaddr_in);
+  for (std::size_t i = 0; i < std::min(most, stamps_.size()); ++i) {
+    headers_[i].msg_hdr.msg_control = stamps_[i].bytes.data();
+    headers_[i].msg_hdr.msg_controllen = stamps_[i].bytes.size();
+  }
   const int got =
       recvmmsg(socket_.get(), headers_.data(), static_cast<unsigned>(most), flags, nullptr);
   if (got <= 0) return false;  // nothing there, or a signal: the caller looks at its stop flag
@@ -166,6 +172,15 @@ bool LcmReceiver::read_waiting(double timeout_ms) {
   return read(1, 0);
 }
 
+std::int64_t LcmReceiver::arrival_us(std::size_t i) const {
+  if (stamps_.empty()) return 0;
+  const cmsghdr* stamp = CMSG_FIRSTHDR(&headers_[i].msg_hdr);
+  if (!stamp || stamp->cmsg_level != SOL_SOCKET || stamp->cmsg_type != SCM_TIMESTAMPNS) return 0;
+  timespec t{};
+  std::memcpy(&t, CMSG_DATA(stamp), sizeof t);
+  return t.tv_sec * std::int64_t{1'000'000} + t.tv_nsec / 1000;
+}
+
 bool LcmReceiver::next(LcmMessage& message) {
   while (next_ < count_) {
     const std::size_t i = next_++;
@@ -175,6 +190,7 @@ bool LcmReceiver::next(LcmMessage& message) {
     switch (reassembly_.take(buffers_.get() + i * kBuffer, headers_[i].msg_len, sender, now_ns(),
                              message)) {
       case Reassembly::Outcome::kWhole:
+        message.arrival_us = arrival_us(i);
         return true;
       case Reassembly::Outcome::kMalformed:
         ++malformed_;

@@ -6,6 +6,7 @@
 #pragma once
 #include <netinet/in.h>
 #include <sys/socket.h>
+#include <time.h>
 
 #include <cstdint>
 #include <memory>
@@ -57,8 +58,9 @@ class LcmSender {
 
 class LcmReceiver {
  public:
-  // Joins the group. `batch`: datagrams of one system call. Throws MachineError.
-  LcmReceiver(const UdpmAddress& address, std::size_t batch);
+  // Joins the group. `batch`: datagrams of one system call. `stamped`: the kernel tells when a
+  // datagram arrived. Throws MachineError.
+  LcmReceiver(const UdpmAddress& address, std::size_t batch, bool stamped = false);
   LcmReceiver(const LcmReceiver&) = delete;
   LcmReceiver& operator=(const LcmReceiver&) = delete;
 
@@ -79,6 +81,7 @@ class LcmReceiver {
 
  private:
   bool read(std::size_t most, int flags);
+  std::int64_t arrival_us(std::size_t i) const;
 
   FileDescriptor socket_;
   int granted_buffer_ = 0;
@@ -88,6 +91,10 @@ class LcmReceiver {
   std::vector<iovec> parts_;
   std::vector<sockaddr_in> senders_;
   std::vector<mmsghdr> headers_;
+  struct alignas(cmsghdr) Stamp {
+    std::array<char, CMSG_SPACE(sizeof(timespec))> bytes;
+  };
+  std::vector<Stamp> stamps_;
   Reassembly reassembly_;
   std::int64_t malformed_ = 0;
 };

@@ -190,7 +190,9 @@ bool Process::answer(const request_t& request, reply_t& reply) {
             "emergency stop: zero voltage from the next tick on");
       return true;
     case RequestKind::kReset:
-      if (!reset_) return false;
+      if (arbiter_) arbiter_->take(request);
+      if (arbiter_ || !reset_ || (must_be_arbitrated() && info_.role != Role::kBridge))
+        return false;
       reset(request, reply);
       return true;
     case RequestKind::kSteer:
@@ -216,7 +218,7 @@ bool Process::answer(const request_t& request, reply_t& reply) {
       return true;
     case RequestKind::kAddProposed:
       if (!add_proposed_) return false;
-      if (!add_proposed_()) refuse("no effect is proposed");
+      if (!add_proposed_(request.text)) refuse("no effect is proposed");
       return true;
   }
   refuse(fmt::format("unknown request kind {}", request.kind));
@@ -287,12 +289,31 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
   bus_->subscribe<reply_t>([this](const reply_t& reply) { arbiter_->take(reply); });
 }
 
+// What the drive file plans happens first; extended_ is what it plans last.
+void Process::on_new_model(NewModel action, std::function<void(Config& extended)> check) {
+  new_model_ = std::move(action);
+  check_model_ = std::move(check);
+  for (const std::int64_t k : drive().model_changes()) {
+    extended_ = config_.known_at(k);
+    new_model_(*extended_, k);
+    planned_until_k_ = k;
+  }
+}
+
 Config Process::changed_model(const request_t& request) const {
+  if (status_.seq < planned_until_k_)
+    throw BadInput(fmt::format("the drive file changes the model at tick {}: later allowed",
+                               planned_until_k_));
   const Config& present = extended_ ? *extended_ : config_;
   return request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect)
              ? present.with_effects(request.text, kEffectsSource)
-             : present.without_effects(request.text, kEffectsSource,
-                                       config_.drive().effects.size());
+             : present.without_effects(request.text, kEffectsSource, declared_effects());
+}
+
+// The effects of the model that no request added.
+std::size_t Process::declared_effects() const {
+  return planned_until_k_ < 0 ? config_.drive().effects.size()
+                              : config_.known_at(planned_until_k_).drive().effects.size();
 }
 
 void Process::prepare(const request_t& request) {
@@ -301,6 +322,8 @@ void Process::prepare(const request_t& request) {
     SteeredDrive wanted = steered_;
     wanted.apply(request.text, k);
     if (follower_.check) follower_.check(wanted, k);
+  } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
+    if (const std::string why = reset_ ? reset_(kNoTick) : ""; !why.empty()) throw BadInput(why);
   } else if (new_model_) {
     Config changed = changed_model(request);
     if (check_model_) check_model_(changed);
@@ -316,6 +339,8 @@ void Process::apply_prepared(const request_t& request) {
     steered_.forget_before(std::min(k, status_.seq));
     rates_ = steered_.rates();
     if (follower_.follow) follower_.follow(steered_);
+  } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
+    if (reset_) reset_(k);
   } else if (new_model_) {
     Config changed = changed_model(request);
     new_model_(changed, k);
@@ -357,7 +382,9 @@ bool Process::answer_arbiter(const request_t& request, reply_t& reply) {
   return true;
 }
 
-void Process::change_model(const request_t& request, reply_t& reply) {
+void Process::change_model(const request_t& asked, reply_t& reply) {
+  request_t request = asked;
+  request.text = without_holder(asked.text);
   const bool add = request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
   const std::string identity = fmt::format("{} {} {}", request.seq, request.kind, request.text);
   for (const auto& [text, answer] : effects_answered_)

@@ -108,6 +108,8 @@ class Process {
 
   // A reset: from tick `k` on the plant leaves SAFE, estimator and controller begin anew. Returns ""
   // where it will, else why not.
+  // k = kNoTick only asks whether it would.
+  static constexpr std::int64_t kNoTick = INT64_MAX;
   using Reset = std::function<std::string(std::int64_t k)>;
   void on_reset(Reset action) { reset_ = std::move(action); }
 
@@ -119,10 +121,7 @@ class Process {
   // refuses the request. A process that has no model leaves it out.
   using NewModel = std::function<void(Config& extended, std::int64_t k)>;
   // `check` throws where it would, before a tick is known.
-  void on_new_model(NewModel action, std::function<void(Config& extended)> check = {}) {
-    new_model_ = std::move(action);
-    check_model_ = std::move(check);
-  }
+  void on_new_model(NewModel action, std::function<void(Config& extended)> check = {});
 
   // What steering changes in this process. `check` may throw BadInput, which refuses the request;
   // `k`: the first tick it can apply to. `follow` takes the drive with the new steps over.
@@ -142,7 +141,9 @@ class Process {
   bool holds(std::int64_t k) const { return arbiter_ && arbiter_->holds(k); }
 
   // The monitor: has what it proposed added; false where it proposed nothing.
-  void on_add_proposed(std::function<bool()> action) { add_proposed_ = std::move(action); }
+  void on_add_proposed(std::function<bool(const std::string& text)> action) {
+    add_proposed_ = std::move(action);
+  }
 
   // At this rate gains are expected, so that missing ones can be counted.
   void gains_every_nth(BackgroundRate rate) { gain_rate_ = rate; }
@@ -170,6 +171,7 @@ class Process {
   // The tick that a request names, or the next one.
   std::int64_t tick_of(const request_t& request) const;
   Config changed_model(const request_t& request) const;
+  std::size_t declared_effects() const;
   bool must_be_arbitrated() const;
   std::set<int> members() const;
   void prepare(const request_t& request);  // throws BadInput
@@ -212,8 +214,9 @@ class Process {
   std::map<int, Clock::time_point> heard_;  // processes of the set that have not ended, by role
   std::optional<request_t> prepared_;       // kind and text as the asker sent them
   std::int64_t applied_request_ = 0, applied_k_ = -1;
-  std::function<bool()> add_proposed_;
-  std::optional<Config> extended_;  // with the effects that requests added and did not remove
+  std::function<bool(const std::string& text)> add_proposed_;
+  std::optional<Config> extended_;     // with the effects that requests added and did not remove
+  std::int64_t planned_until_k_ = -1;  // the last tick at which the drive file changes the model
   std::vector<std::pair<std::string, reply_t>> effects_answered_;  // by the request's text
   bool finished_ = false;
 };

@@ -87,6 +87,8 @@ void SteeringParameters::fields(FieldVisitor& f) {
   f.profile("n", n, 0, kNMax, "changes of rates.n while the drive runs; 0: rates.n");
   f.choice_profile("policy", policy, kSteeredPolicyNames,
                    "changes of gain.policy while the drive runs");
+  f.choice_profile("emergency", emergency, kEmergencyNames,
+                   "emergency stops, and resets from SAFE to IDLE, each at its time");
 }
 
 SteeringParameters steering_of(Config& config) {
@@ -105,6 +107,23 @@ SteeringParameters steering_of(Config& config) {
             "{}: {}: changes after 0 s allowed, [[t_s, value], ..]; from the start on it is {}",
             config.where(key), key, instead));
   return steering;
+}
+
+std::vector<PlannedEmergency> planned_emergencies(const DriveConfig& drive,
+                                                  const SteeringParameters& steering) {
+  std::vector<PlannedEmergency> list;
+  for (const ProfileStep& step : steering.emergency.steps())
+    if (step.value != 0)
+      list.push_back({std::max<std::int64_t>(0, tick_of(step.t_s, drive.rates.f_s_Hz)),
+                      kEmergencyNames[static_cast<int>(step.value)] == std::string("reset")});
+  return list;
+}
+
+std::vector<std::int64_t> planned_resets(Config& config) {
+  std::vector<std::int64_t> ticks;
+  for (const PlannedEmergency& e : planned_emergencies(config.drive(), steering_of(config)))
+    if (e.reset) ticks.push_back(e.k);
+  return ticks;
 }
 
 RateHistory rate_history(const DriveConfig& drive, const SteeringParameters& steering) {
@@ -305,6 +324,14 @@ std::vector<std::string> SteeredDrive::overrides() const {
           "steering.policy=" + list_text(steering_.policy, names(kSteeredPolicyNames))};
 }
 
+bool was_steered(const RunLog& log) {
+  return std::any_of(log.events.begin(), log.events.end(), [](const EventRecord& event) {
+    return event.reason == static_cast<int>(Reason::kSteered) ||
+           event.reason == static_cast<int>(Reason::kEmergencyStop) ||
+           event.reason == static_cast<int>(Reason::kReset);
+  });
+}
+
 std::vector<AppliedSteering> steering_in(const RunLog& log) {
   std::vector<AppliedSteering> applied;
   for (const EventRecord& event : log.events)
@@ -324,12 +351,32 @@ RateHistory rate_history(const RunLog& log, const DriveConfig& drive) {
   return steered.rates();
 }
 
-std::vector<std::string> steered_overrides(Config& config,
-                                           const std::vector<AppliedSteering>& applied,
-                                           std::int64_t ticks) {
+namespace {
+
+// The plant tells of its emergency stops: one of tick k comes before it leaves k + 1. The estimator
+// tells at which tick a reset let it begin anew.
+std::string emergencies_in(const RunLog& log, const DriveConfig& drive) {
+  std::string text;
+  for (const EventRecord& event : log.events) {
+    const bool stop = event.reason == static_cast<int>(Reason::kEmergencyStop) &&
+                      event.role == static_cast<int>(Role::kPlant);
+    const bool reset = event.reason == static_cast<int>(Reason::kReset) &&
+                       event.role == static_cast<int>(Role::kEstimator);
+    if (!stop && !reset) continue;
+    const double t_s = (static_cast<double>(stop ? event.k + 1 : event.k) - 0.5) * drive.T_s();
+    if (t_s > 0) text += fmt::format(", [{}, \"{}\"]", t_s, stop ? "stop" : "reset");
+  }
+  return text.empty() ? "" : "steering.emergency=[[0, \"none\"]" + text + "]";
+}
+
+}  // namespace
+
+std::vector<std::string> steered_overrides(Config& config, const RunLog& log, std::int64_t ticks) {
   SteeredDrive drive(config);
-  for (const AppliedSteering& one : applied) drive.apply(one.lines, one.k);
+  for (const AppliedSteering& one : steering_in(log)) drive.apply(one.lines, one.k);
   std::vector<std::string> overrides = drive.overrides();
+  if (std::string emergencies = emergencies_in(log, config.drive()); !emergencies.empty())
+    overrides.push_back(std::move(emergencies));
   overrides.push_back(
       fmt::format("run.duration_s={}", static_cast<double>(ticks) * config.drive().T_s()));
   return overrides;

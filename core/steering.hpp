@@ -29,11 +29,14 @@ inline constexpr const char* kSteeredPolicyNames[] = {"gain.policy", "paper",   
                                                       "extrapolate", "rotate",    "rotor_frame",
                                                       "scheduled",   "propagated"};
 
+inline constexpr const char* kEmergencyNames[] = {"none", "stop", "reset"};
+
 struct SteeringParameters {
   static constexpr const char* kTable = "steering";
   double hold_s = 1, ramp_rad_s2 = 200, load_max = 0;
-  Profile n;       // 0: rates.n
-  Profile policy;  // positions in kSteeredPolicyNames
+  Profile n;          // 0: rates.n
+  Profile policy;     // positions in kSteeredPolicyNames
+  Profile emergency;  // positions in kEmergencyNames
   void fields(FieldVisitor& f);
 };
 
@@ -43,6 +46,16 @@ RateHistory rate_history(const DriveConfig& drive, const SteeringParameters& ste
 inline RateHistory rate_history(Config& config) {
   return rate_history(config.drive(), steering_of(config));
 }
+
+// What steering.emergency does: off before the plant leaves tick k, or from SAFE to IDLE at tick k.
+struct PlannedEmergency {
+  std::int64_t k = 0;
+  bool reset = false;
+};
+std::vector<PlannedEmergency> planned_emergencies(const DriveConfig& drive,
+                                                  const SteeringParameters& steering);
+// The ticks of its resets.
+std::vector<std::int64_t> planned_resets(Config& config);
 
 class SteeredDrive {
  public:
@@ -89,12 +102,10 @@ struct AppliedSteering {
 };
 struct RunLog;
 std::vector<AppliedSteering> steering_in(const RunLog& log);
+bool was_steered(const RunLog& log);  // or stopped, or reset
 // Of a run: of the drive file in its log and of what was applied. Throws BadInput.
 RateHistory rate_history(const RunLog& log, const DriveConfig& drive);
-// The overrides that make the drive file of a steered run from that of its log, in the order in which
-// the requests were applied, for `ticks` ticks.
-std::vector<std::string> steered_overrides(Config& config,
-                                           const std::vector<AppliedSteering>& applied,
-                                           std::int64_t ticks);
+// The overrides that make the drive file of a steered run from that of its log, for `ticks` ticks.
+std::vector<std::string> steered_overrides(Config& config, const RunLog& log, std::int64_t ticks);
 
 }  // namespace twinrate

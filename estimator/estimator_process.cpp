@@ -38,6 +38,8 @@ class EstimatorProcess {
          .follow =
              [this](const SteeredDrive& now) { fast_.follow(now.rates().changes(), schedule_); }});
     p.on_reset([this](std::int64_t k) { return reset_at(k); });
+    const auto planned = planned_resets(p.config());
+    resets_.assign(planned.begin(), planned.end());
   }
   void run() {
     p_.ready();
@@ -72,6 +74,7 @@ class EstimatorProcess {
     last_ = Estimate{};
     waiting_.clear();
     snapshots_ = {};
+    restarted_k_ = -1;
     p_.event(Reason::kEstimatorReset, k, "the sequence started again: the filter restarted");
   }
   // The drive leaves SAFE: its rotor may stand anywhere.
@@ -82,6 +85,8 @@ class EstimatorProcess {
   }
   void restart(std::int64_t k) {
     restart_k_ = INT64_MAX;
+    restarted_k_ = k;
+    while (!resets_.empty() && k >= resets_.front()) resets_.pop_front();
     fast_.reset();
     if (p_.drive().locks_first()) p_.gains_every_nth(fast_.rate());
     p_.event(Reason::kReset, k, "the drive leaves SAFE: the filter restarted");
@@ -107,6 +112,7 @@ class EstimatorProcess {
     const bool later = p_.bus().bound() && !p_.options().follow && gain.k > last_.k;
     const bool answers = gain.k >= 0 && is_snapshot(gain.k, fast_.rate_at(gain.k));
     if (later || !answers) return p_.bus().refuse();
+    if (gain.k < restarted_k_) return;  // of the filter before the reset: it may come at any time
     if (fits(gain, first_gain_)) {
       fast_.take_gain(gain);
     } else {
@@ -137,7 +143,7 @@ class EstimatorProcess {
       fast_.exchange(std::move(coming_.front().second));
       coming_.pop_front();
     }
-    if (m.k >= restart_k_) restart(m.k);
+    if (m.k >= restart_k_ || (!resets_.empty() && m.k >= resets_.front())) restart(m.k);
     drive_is_off_ = m.mode == Mode::kSafe;
     policy_ = fast_.policy();  // of this tick: a change holds from the next one on
     last_ = fast_.tick(m);
@@ -197,6 +203,8 @@ class EstimatorProcess {
   std::deque<Measurement> waiting_;
   std::deque<std::pair<std::int64_t, std::shared_ptr<const Filter>>> coming_;  // by first tick
   bool drive_is_off_ = false;
+  std::int64_t restarted_k_ = -1;
+  std::deque<std::int64_t> resets_;                      // that the drive file plans
   std::int64_t restart_k_ = INT64_MAX;                   // tick of a reset that is coming
   std::int64_t not_plausible_k_ = -1, given_up_k_ = -1;  // snapshots
   GainPolicy policy_ = GainPolicy::kPaper;

@@ -1,6 +1,7 @@
 #include "loop/closed_loop.hpp"
 
 #include "controller/make_controller.hpp"
+#include "core/steering.hpp"
 
 namespace twinrate {
 
@@ -9,7 +10,10 @@ ClosedLoop::ClosedLoop(Config& config, const MakeFilter& make, const GainTable& 
       drive_(config.drive()),
       plant_(config),
       estimator_(config, make, table),
-      controller_(make_controller(config)) {}
+      controller_(make_controller(config)) {
+  for (const std::int64_t k : planned_resets(config)) resets_.push_back(k);
+  for (const std::int64_t k : drive_.model_changes()) planned_.push_back({k, config.known_at(k)});
+}
 
 void ClosedLoop::know(Config& extended) {
   estimator_.know(extended);
@@ -20,13 +24,20 @@ void ClosedLoop::know(Config& extended) {
 std::string ClosedLoop::reset() {
   const std::string why = plant_.reset();
   if (!why.empty()) return why;
-  estimator_.restart();
-  controller_ = make_controller(*config_, Begin::kAfterReset);
-  if (known_) controller_->know(*known_);
+  restart();
   return "";
 }
 
+void ClosedLoop::restart() {
+  estimator_.restart();
+  controller_ = make_controller(*config_, Begin::kAfterReset);
+  if (known_) controller_->know(*known_);
+}
+
 const TickRecord& ClosedLoop::step() {
+  for (; !planned_.empty() && plant_.k() >= planned_.front().k; planned_.pop_front())
+    know(planned_.front().extended);
+  for (; !resets_.empty() && plant_.k() >= resets_.front(); resets_.pop_front()) restart();
   tick_.measurement = plant_.sample();
   tick_.truth = plant_.truth();
   const bool every_tick = tick_.estimate.status & kGainEveryTick;

@@ -6,6 +6,7 @@
 //   -> GAIN(k)                    if k is a snapshot
 //   -> REFERENCE(k), COMMAND(k)
 #pragma once
+#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -56,7 +57,16 @@ class ClosedLoop {
   const Plant& plant() const { return plant_; }
 
  private:
+  struct Planned {
+    std::int64_t k;
+    Config extended;
+  };
+
+  void restart();  // estimator and controller, as after a reset
+
   Config* config_;
+  std::deque<Planned> planned_;      // what the drive file changes of the model, later
+  std::deque<std::int64_t> resets_;  // that it plans
   const DriveConfig drive_;
   std::optional<Effects> known_;
   Plant plant_;

@@ -119,7 +119,9 @@ Json effect_schema(const std::string& kind) {
   const auto effect = make_effect(kind);
   Json properties = {{"kind", {{"const", kind}, {"description", effect->meaning()}}},
                      {"used_in", name_schema(kUsedInNames)},
-                     {"from_s", number_schema(0, 1e6)}};
+                     {"from_s", number_schema(0, 1e6)},
+                     {"known_from_s", number_schema(0, 1e6)},
+                     {"known_to_s", number_schema(0, 1e6)}};
   properties.update(properties_of([&](FieldVisitor& f) { effect->fields(f); }));
   Json schema = table_schema(std::move(properties));
   schema["required"] = {"kind"};

@@ -23,6 +23,6 @@ std::int64_t whole_ticks(const RunLog& log);
 
 // The drive file of a recorded run with what was steered while it ran, as profiles: a run from it is
 // the recorded one. Throws BadInput.
-std::string steered_drive_file(const RunLog& log);
+std::string steered_drive_file(const RunLog& log, bool with_effects = true);
 
 }  // namespace twinrate

@@ -14,9 +14,11 @@
 #include <filesystem>
 #include <fstream>
 #include <future>
+#include <optional>
 #include <set>
 #include <stop_token>
 
+#include "core/arbiter.hpp"
 #include "core/output_file.hpp"
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
@@ -34,7 +36,10 @@ class MonitorProcess {
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { monitor_.take(from_wire(w)); });
     p.bus().subscribe<reply_t>([this](const reply_t& reply) { take_reply(reply); });
     p.bus().on_new_session([this] { restart(); });
-    p.on_add_proposed([this] { return monitor_.add_proposed(); });
+    p.on_add_proposed([this](const std::string& text) {
+      asker_ = text;
+      return monitor_.add_proposed();
+    });
     p.waiting_for([this] {
       return Waiting{fmt::format("MEASUREMENT({})", monitor_.last_k() + 1),
                      Patience::kForWholeTicks, Role::kPlant};
@@ -69,8 +74,10 @@ class MonitorProcess {
     }
     // A stopped trace must end before the next one starts.
     if (!trace_.valid()) begin_trace();
-    if (const auto toml = monitor_.take_addition()) begin_request(RequestKind::kAddEffect, *toml);
-    if (const auto toml = monitor_.take_removal()) begin_request(RequestKind::kRemoveEffect, *toml);
+    if (const auto toml = monitor_.take_addition())
+      begin_request(RequestKind::kAddEffect, asker_.value_or(own_line()) + *toml);
+    if (const auto toml = monitor_.take_removal())
+      begin_request(RequestKind::kRemoveEffect, own_line() + *toml);
     if (asking_) repeat_request();
     bool news = false;
     for (const MonitorNotice& notice : monitor_.take_notices()) {
@@ -87,7 +94,12 @@ class MonitorProcess {
       return twinrate::run(job, [stop] { return stop.stop_requested(); });
     });
   }
+  // Who asks: the drive may have a holder.
+  static std::string own_line() {
+    return fmt::format("{}{}\n", Arbiter::kHolderLine, Arbiter::kMonitor);
+  }
   void begin_request(RequestKind kind, const std::string& toml) {
+    asker_.reset();
     request_ = {};
     request_.seq = kFirstRequest + requests_++;
     request_.kind = static_cast<std::int32_t>(kind);
@@ -149,6 +161,7 @@ class MonitorProcess {
   std::future<TraceResult> trace_;
   std::stop_source stop_;  // of the running trace
   bool asking_ = false;
+  std::optional<std::string> asker_;  // the text of who asked for the addition
   request_t request_{};
   std::int64_t requests_ = 0, applied_ = -1;
   std::set<int> answered_;

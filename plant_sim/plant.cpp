@@ -66,7 +66,10 @@ bool is_finite(const Command& command) {
 }
 
 Plant::Plant(Config& config)
-    : Plant(config, config.read<PlantParameters>(), config.read<SafetyParameters>()) {}
+    : Plant(config, config.read<PlantParameters>(), config.read<SafetyParameters>()) {
+  const auto planned = planned_emergencies(config.drive(), steering_of(config));
+  planned_.assign(planned.begin(), planned.end());
+}
 
 Plant::Plant(const Config& file, const PlantParameters& parameters, const SafetyParameters& safety)
     : config_(file.drive()),
@@ -280,7 +283,17 @@ bool Plant::apply_due_command() {
   return arrival == Arrival::kNotDue || arrival == Arrival::kInTime;
 }
 
+void Plant::do_what_is_planned() {
+  while (!planned_.empty()) {
+    const auto [k, is_reset] = planned_.front();
+    if (k_ < (is_reset ? k - 1 : k)) return;
+    is_reset ? void(reset(k)) : emergency_stop();
+    planned_.pop_front();
+  }
+}
+
 bool Plant::advance() {
+  do_what_is_planned();
   before_ = row_;
   bus_share_ = makes(MadeFault::kBusVoltage) ? parameters_.fault.value / config_.inverter.v_dc : 1;
   const bool in_time = apply_due_command();

@@ -31,9 +31,11 @@
 // [plant.fault] makes a fault at a given time: of a sensor, of the bus, of the commands.
 #pragma once
 #include <array>
+#include <deque>
 #include <memory>
 
 #include "core/config.hpp"
+#include "core/steering.hpp"
 #include "plant_sim/plant_parameters.hpp"
 #include "plant_sim/safety_parameters.hpp"
 #include "plant_sim/sample_errors.hpp"
@@ -127,6 +129,8 @@ class Plant {
   int faults_ = 0;  // ReadingFault of sample_
   std::array<std::int64_t, 8> not_finite_k_{-1, -1, -1, -1, -1, -1, -1, -1};  // as commands_
   double bus_share_ = 1;  // of the nominal bus voltage
+  void do_what_is_planned();
+  std::deque<PlannedEmergency> planned_;
   bool emergency_stop_ = false, supervisor_silent_ = false;
   std::int64_t reset_k_ = -1;          // tick of a reset that is coming; -1: none
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8

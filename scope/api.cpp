@@ -382,6 +382,7 @@ Answer Api::request(const Json& body) {
   const std::string kind = text_in(body, "kind"), client = text_in(body, "client");
   if (kind != "stop" && kind != "emergency_stop") {
     const std::lock_guard lock(mutex_);
+    expire_holder();
     if (client.empty() || holder_ != client)
       return {.status = 409, .type = "text/plain", .body = "take control first\n"};
   }
@@ -428,12 +429,13 @@ std::string Api::frame(Stream& stream) {
   frame["live"] = live_state();
   {
     const std::lock_guard lock(mutex_);
+    expire_holder();
     if (!holder_.empty() && holder_ == stream.client) {
       holder_seen_s_ = 1e-6 * static_cast<double>(now_us());
       if (live_) live_->beat();
     }
-    expire_holder();
     frame["holder"] = holder_;
+    frame["other_holder"] = live_ && live_->holder() != live_->name() ? live_->holder() : "";
   }
   // Buckets are aligned to multiples of their length.
   const std::int64_t end = (drive.complete_k() + 1) / stream.bucket * stream.bucket;
@@ -460,10 +462,11 @@ std::string Api::frame(Stream& stream) {
   return frame.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-// A page that is gone for kHolderGone_s holds the control no more. It closes a stream and opens
-// another one whenever its signals change.
+// A page that is gone for kHolderGone_s holds the control no more (it closes a stream and opens
+// another one whenever its signals change). Nor does one whose drive gave the control away, or ended.
 void Api::expire_holder() {
-  if (1e-6 * static_cast<double>(now_us()) - holder_seen_s_ > kHolderGone_s) holder_.clear();
+  const bool gone = 1e-6 * static_cast<double>(now_us()) - holder_seen_s_ > kHolderGone_s;
+  if (gone || !live_ || live_->holder() != live_->name()) holder_.clear();
 }
 
 }  // namespace twinrate::scope

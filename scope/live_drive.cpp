@@ -1,17 +1,20 @@
 #include "scope/live_drive.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 
 #include "core/arbiter.hpp"
 #include "core/config.hpp"
+#include "core/decode.hpp"
 #include "core/drive_hand.hpp"
+#include "core/reason.hpp"
 
 namespace twinrate::scope {
 namespace {
 
 constexpr double kRepeat_s = 0.1, kTimeout_s = 1.0;
-constexpr const char* kHolder = "page";
 constexpr std::int64_t kBusNotes_us = 100'000;
 
 std::int64_t wall_us() {
@@ -32,8 +35,8 @@ bool is(const request_t& request, RequestKind kind) {
 bool is_answer(const request_t& request, const reply_t& reply) {
   const bool decides =
       reply.role == static_cast<int>(Role::kPlant) || reply.role == static_cast<int>(Role::kBridge);
-  if (is(request, RequestKind::kSteer) || is(request, RequestKind::kTakeControl) ||
-      is(request, RequestKind::kGiveControl))
+  if (is(request, RequestKind::kSteer) || is(request, RequestKind::kReset) ||
+      is(request, RequestKind::kTakeControl) || is(request, RequestKind::kGiveControl))
     return decides;
   const bool of_the_model =
       is(request, RequestKind::kAddEffect) || is(request, RequestKind::kRemoveEffect);
@@ -46,6 +49,7 @@ LiveDrive::LiveDrive(const BusOptions& options, Recording& recording, TokenOf to
     : recording_(recording),
       options_(options),
       token_of_(std::move(token_of)),
+      name_(fmt::format("page {:04x}", new_session_id() & 0xffff)),
       last_heard_us_(wall_us()) {
   open_bus();
   url_ = bus_->url();
@@ -101,15 +105,39 @@ void LiveDrive::hear(Channel channel, const std::uint8_t* bytes, std::size_t siz
   if (header->session != session_) {
     if (session_ != 0) recording_.restart();
     session_ = header->session;
+    const std::lock_guard lock(mutex_);
+    holder_.clear();
   }
   const std::int64_t now_us = wall_us();
   if (channel != Channel::kRequest) last_heard_us_ = now_us;  // the page's own come back
   heard_ = true;
-  recording_.take(channel, bytes, size, *header, now_us);
+  if (channel == Channel::kEvent) note_holder(bytes, size);
+  const std::int64_t arrival_us = bus_ ? bus_->arrival_us() : 0;
+  recording_.take(channel, bytes, size, *header, arrival_us > 0 ? arrival_us : now_us);
+}
+
+// Who has the control, in the words of the arbiter.
+void LiveDrive::note_holder(const std::uint8_t* bytes, std::size_t size) {
+  event_t event{};
+  if (!decode(event, bytes, size)) return;
+  const std::string_view text = event.text;
+  const std::string_view takes = " takes control";
+  const std::lock_guard lock(mutex_);
+  if (event.reason == static_cast<int>(Reason::kControlTaken))
+    holder_ = text.ends_with(takes) ? text.substr(0, text.size() - takes.size()) : "";
+  if (event.reason == static_cast<int>(Reason::kControlLost) && text.ends_with(": stop"))
+    holder_.clear();
+}
+
+std::string LiveDrive::holder() const {
+  const std::lock_guard lock(mutex_);
+  return holder_;
 }
 
 void LiveDrive::answer(const reply_t& reply) {
   const std::lock_guard lock(mutex_);
+  if (reply.seq == beaten_ && reply.accepted == 0) holder_.clear();  // it was lost
+  if (reply.seq == beaten_ && reply.accepted != 0) holder_ = name_;
   for (const auto& asked : asked_) {
     if (asked->request.seq != reply.seq || !is_answer(asked->request, reply)) continue;
     const std::string role = role_name(reply.role);
@@ -169,20 +197,25 @@ void LiveDrive::send_beat() {
   request_t request{};
   request.seq = new_session_id();
   request.kind = static_cast<std::int32_t>(RequestKind::kTakeControl);
-  request.text = kHolder;
+  request.text = name_;
   request.value = 1;  // keeps it only
+  beaten_ = request.seq;
   bus_->publish(request);
 }
 
 Steering::Replies LiveDrive::steer(const std::string& lines) {
-  return ask(RequestKind::kSteer, 1, Arbiter::kHolderLine + std::string(kHolder) + "\n" + lines);
+  return ask(RequestKind::kSteer, 1, holder_line() + lines);
 }
 Steering::Replies LiveDrive::take_control() {
-  return ask(RequestKind::kTakeControl, 1, kHolder);
+  const Replies replies = ask(RequestKind::kTakeControl, 1, name_);
+  const std::lock_guard lock(mutex_);
+  for (const SteeringReply& reply : replies)
+    if (reply.accepted) holder_ = name_;
+  return replies;
 }
 Steering::Replies LiveDrive::give_control() {
   beat_asked_s_ = -1;
-  return ask(RequestKind::kGiveControl, 1, kHolder);
+  return ask(RequestKind::kGiveControl, 1, name_);
 }
 void LiveDrive::beat() {
   beat_asked_s_ = steady_s();
@@ -197,17 +230,17 @@ Steering::Replies LiveDrive::emergency_stop() {
   return ask(RequestKind::kEmergencyStop, 1);
 }
 Steering::Replies LiveDrive::reset() {
-  return ask(RequestKind::kReset, 1);
+  return ask(RequestKind::kReset, 1, holder_line());
 }
 Steering::Replies LiveDrive::add_proposed() {
-  return ask(RequestKind::kAddProposed, 1);
+  return ask(RequestKind::kAddProposed, 1, holder_line());
 }
 // Estimator, gain and controller change their model.
 Steering::Replies LiveDrive::add_effects(const std::string& toml) {
-  return ask(RequestKind::kAddEffect, 3, toml);
+  return ask(RequestKind::kAddEffect, 3, holder_line() + toml);
 }
 Steering::Replies LiveDrive::remove_effects(const std::string& toml) {
-  return ask(RequestKind::kRemoveEffect, 3, toml);
+  return ask(RequestKind::kRemoveEffect, 3, holder_line() + toml);
 }
 
 }  // namespace twinrate::scope

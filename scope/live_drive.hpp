@@ -14,6 +14,7 @@
 #include <memory>
 #include <thread>
 
+#include "core/arbiter.hpp"
 #include "core/bus.hpp"
 #include "scope/recording.hpp"
 #include "scope/steering.hpp"
@@ -37,6 +38,9 @@ class LiveDrive : public Steering {
   bool heard() const { return heard_; }
   std::int64_t session() const { return session_; }
   const std::string& url() const { return url_; }
+  // Who has the control of the drive, as far as it was heard; "": nobody. name(): this scope.
+  std::string holder() const;
+  const std::string& name() const { return name_; }
 
   Replies steer(const std::string& lines) override;
   Replies take_control() override;
@@ -64,6 +68,8 @@ class LiveDrive : public Steering {
   void look_for_token();
   void hear(Channel channel, const std::uint8_t* bytes, std::size_t size);
   void answer(const reply_t& reply);
+  void note_holder(const std::uint8_t* bytes, std::size_t size);
+  std::string holder_line() const { return Arbiter::kHolderLine + name_ + "\n"; }
   void send_requests();
   void send_beat();
   Replies ask(RequestKind kind, std::size_t wanted, const std::string& text = "", double value = 0);
@@ -71,6 +77,7 @@ class LiveDrive : public Steering {
   Recording& recording_;
   BusOptions options_;
   TokenOf token_of_;
+  const std::string name_;          // of the holder of the control: another scope has another one
   std::int64_t token_session_ = 0;  // the session that the token was looked for
   std::string url_;
   std::unique_ptr<Bus> bus_;
@@ -78,7 +85,9 @@ class LiveDrive : public Steering {
   std::atomic<bool> heard_ = false;
   std::atomic<double> beat_asked_s_ = -1;  // of beat()
   double beat_sent_s_ = -1;
-  std::mutex mutex_;  // of asked_
+  mutable std::mutex mutex_;  // of asked_ and holder_
+  std::string holder_;
+  std::atomic<std::int64_t> beaten_ = 0;  // number of the last heartbeat
   std::condition_variable answered_;
   std::deque<std::shared_ptr<Asked>> asked_;
   std::jthread thread_;  // last: it uses the others

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <cmath>
 #include <iostream>
 
 #include "controller/controller.hpp"
@@ -49,9 +50,12 @@ void print_summary(Config& config, const std::vector<std::string>& warnings,
   fmt::print("i_q {:.4g} A\n", demand.i_dq[1]);
   fmt::print("  run         {} s = {} ticks, figures from {} s, seed {}\n", d.run.duration_s,
              d.steps(), d.run.settle_s, d.run.seed);
-  for (const auto& [effect, used_in, from_s] : d.effects)
-    fmt::print("  effect      {} ({}{})\n", effect->kind(), kUsedInNames[static_cast<int>(used_in)],
-               from_s > 0 ? fmt::format(", from {:g} s", from_s) : "");
+  for (const auto& [effect, used_in, from_s, known_from_s, known_to_s] : d.effects)
+    fmt::print("  effect      {} ({}{}{}{})\n", effect->kind(),
+               kUsedInNames[static_cast<int>(used_in)],
+               from_s > 0 ? fmt::format(", from {:g} s", from_s) : "",
+               known_from_s > 0 ? fmt::format(", known from {:g} s", known_from_s) : "",
+               std::isfinite(known_to_s) ? fmt::format(", known to {:g} s", known_to_s) : "");
   for (const std::string& note : notes) fmt::print("note: {}\n", note);
   for (const std::string& warning : warnings) fmt::print("warning: {}\n", warning);
   fmt::print("{}\n", warnings.empty() ? "ok"

@@ -114,7 +114,7 @@ int replay(const ReplayOptions& o) {
   Config config = Config::parse(log.config_toml, o.log + " (DRIVE_MANIFEST)");
   read_all_tables(config);
   const std::string drive_file =
-      steering_in(log).empty() ? log.config_toml : steered_drive_file(log);
+      was_steered(log) ? steered_drive_file(log, false) : log.config_toml;
   const BusParameters parameters = config.read<BusParameters>();
   std::unique_ptr<OwnEstimator> own;
   const std::int64_t session = new_session_id();

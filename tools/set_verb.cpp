@@ -12,6 +12,7 @@
 #include "core/report_error.hpp"
 #include "core/run_log.hpp"
 #include "core/steering.hpp"
+#include "loop/lcm_replay.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
 
@@ -80,16 +81,6 @@ int steer(const SetOptions& o) {
   return answer.answered ? 2 : 1;
 }
 
-// What happened to the drive that a drive file has no place for; "" if nothing.
-std::string not_in_a_file(const RunLog& log) {
-  for (const EventRecord& event : log.events)
-    for (const Reason reason :
-         {Reason::kEffectAdded, Reason::kEffectRemoved, Reason::kEmergencyStop, Reason::kReset})
-      if (event.reason == static_cast<int>(reason))
-        return fmt::format("{} at tick {}", reason_name(event.reason), event.k);
-  return "";
-}
-
 int save(const SetOptions& o) {
   if (!o.lines.empty()) throw BadInput("--save: without KEY=VALUE allowed");
   if (o.run_dir.empty()) throw BadInput("--save: needs the directory of the run: --run-dir DIR");
@@ -97,15 +88,13 @@ int save(const SetOptions& o) {
   const RunLog log = read_run_log(o.run_dir);
   if (log.config_toml.empty() || log.command.empty())
     throw BadInput(o.run_dir + ": its log holds no drive file");
-  if (const std::string what = not_in_a_file(log); !what.empty())
-    throw BadInput(fmt::format("{}: {}: a drive file cannot repeat it", o.run_dir, what));
   const std::string text = steered_drive_file(log);
   PartFile file(o.save);
   std::FILE* out = std::fopen(file.part_path().c_str(), "w");
   if (!out || std::fputs(text.c_str(), out) < 0 || std::fclose(out) != 0) file.fail();
   file.finish();
-  fmt::print("{}: {} requests as profiles, {} ticks\n", o.save, steering_in(log).size(),
-             whole_ticks(log));
+  fmt::print("{}: {} requests as profiles, {} changes of the model, {} ticks\n", o.save,
+             steering_in(log).size(), model_changes_in(log).size(), whole_ticks(log));
   return 0;
 }
 

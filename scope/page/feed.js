@@ -50,12 +50,12 @@ function open(parameters) {
 
 function take(frame, names) {
   lastFrame = performance.now();
-  const { live, holder, new_events, series, begin: first, end, bucket, ...brief } = frame;
+  const { live, holder, other_holder, new_events, series, begin: first, end, bucket, ...brief } = frame;
   if (generation !== brief.generation) {
     if (generation >= 0) state.events = [];
     generation = brief.generation;
   }
-  Object.assign(state, { brief, live, holder });
+  Object.assign(state, { brief, live, holder, other_holder });
   if (new_events) {
     state.events.push(...new_events);
     tell('events');

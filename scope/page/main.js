@@ -73,7 +73,7 @@ function showBar() {
   byId('follow').classList.toggle('on', view.follow);
   byId('follow').hidden = !live;
   const ghost = state.ghost ? ` Thin dashed: ${state.ghost.label}.` : '';
-  byId('decimation').textContent = (feed.bucket > 1 ? `Each point pair is the minimum and maximum of ${feed.bucket} ticks (${(1000 * feed.bucket * T_s()).toPrecision(3)} ms); no peak is left out.` : 'Every tick is drawn.') +
+  byId('decimation').textContent = brief.last_k < 0 ? '' : (feed.bucket > 1 ? `Each point pair is the minimum and maximum of ${feed.bucket} ticks (${(1000 * feed.bucket * T_s()).toPrecision(3)} ms); no peak is left out.` : 'Every tick is drawn.') +
     `${brief.last_k >= 0 ? ` Kept: ${((brief.last_k - Math.max(0, brief.first_k)) * T_s()).toFixed(1)} s at ${shown(1 / T_s())} Hz.` : ''}${feed.skipped ? ` ${feed.skipped} ticks were not streamed to this page.` : ''}${ghost}`;
 }
 
@@ -91,7 +91,7 @@ function showMode(lost) {
 
 function listEvents() {
   byId('events').querySelector('ol').replaceChildren(...state.events.slice(-200).reverse().map((e) => {
-    const node = element('li', { className: `entry${e.trip ? ' trip' : ''}`, title: `${e.role}: ${e.text}` }, element('span', { className: 'when' }, `${(e.k * T_s()).toFixed(3)} s`), element('span', { className: 'what' }, `${e.reason} (${e.role})`));
+    const node = element('li', { className: `entry${e.trip ? ' trip' : ''}`, title: `${e.role}: ${e.text}` }, element('span', { className: 'when' }, `${(e.k * T_s()).toFixed(3)} s`), element('span', { className: 'what' }, /^(steered|control_)/.test(e.reason) ? `${e.reason}: ${e.text}` : `${e.reason} (${e.role})`));
     node.onclick = () => {
       const half = state.layout.window_s / T_s() / 2;
       state.view.capture = 0;

@@ -14,6 +14,7 @@ let dragged = null, pressed = null;  // a plot that is moved; the chart that the
 export function style(plot, index) {
   const name = plot.signals[index].name;
   const hue = /i_d|u_d/.test(name) ? 0 : /i_q|u_q/.test(name) ? 1 : -1;
+  if (name === 'truth.T_load_Nm') return { stroke: '#5b6670', width: 2 };
   if (/^truth\./.test(name)) return { stroke: ['#a8c6e6', '#f0c9a4'][hue] ?? (index < 2 ? '#b4bcc4' : '#b9d8c4'), width: 3.5 };
   if (/_ref_|u_limit/.test(name)) return { stroke: ['#0b3f75', '#7a3d12'][hue] ?? '#1c2126', width: 1.3, dash: [6, 4] };
   if (hue >= 0) return { stroke: COLOURS[hue], width: 1.4 };

@@ -6,7 +6,8 @@
 export const state = {
   brief: { first_k: -1, last_k: -1, T_s: 0, generation: 0, captures: [], trigger: {} },
   live: null,       // null: a log
-  holder: '',
+  holder: '',       // the page of this server that has the control
+  other_holder: '', // another program
   signals: [],      // of the tree: {name, unit, comment, value}
   drive: {},
   processes: [],    // of the tree: {role, state, ..}
@@ -87,7 +88,7 @@ export function firstLayout() {
       plot('drive.angle_error_rad', 'drive.speed_error_rad_s>'),
       plot('truth.i_d_A', 'truth.i_q_A', 'estimate.i_d_A', 'estimate.i_q_A', 'command.i_d_ref_A', 'command.i_q_ref_A'),
       plot('drive.u_d_V', 'drive.u_q_V', 'drive.u_abs_V', 'drive.u_limit_V'),
-      plot('truth.T_load_Nm', 'estimate.T_load_Nm', 'truth.T_em_Nm'),
+      plot('truth.T_em_Nm', 'truth.T_load_Nm', 'estimate.T_load_Nm'),
       { kind: 'time', signals: [], fill: 'gain' },
       ...(state.live ? busPlots : []),
     ],

@@ -89,7 +89,7 @@ export function refreshSteering() {
   take.textContent = mine ? 'give control back' : 'take control';
   take.disabled = !!state.holder && !mine;
   take.classList.toggle('on', mine);
-  who.textContent = mine ? 'this page has the control' : state.holder ? 'another page has the control' : 'watch only';
+  who.textContent = mine ? 'this page has the control' : state.holder ? 'another page has the control' : state.other_holder ? `${state.other_holder} has the control` : 'watch only';
   for (const node of steered) node.disabled = !mine;
   const omega = value('truth.omega_m_rad_s') ?? value('estimate.omega_m_rad_s'), n_p = state.drive.n_p;
   showRanges();

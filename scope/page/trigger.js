@@ -3,17 +3,19 @@ import { byId, element } from './dom.js';
 import { post } from './server.js';
 import { on, show, state, T_s, tell } from './state.js';
 
-const EVENTS = ['trip', 'lost_synchronism', 'model_misfit', 'effect_proposed', 'effect_added', 'mode_change', 'state_change', 'over_current', 'sensor_fault', 'any'];
-const draft = { source: 'estimate.omega_m_rad_s', edge: 'rising', level: 0, hysteresis: 0, pre_share: 0.5, length_s: 0.2, holdoff_s: 0 };
+const REFERENCE_STEP = 'reference step';  // no event of a process: a change of the speed reference
+const EVENTS = [REFERENCE_STEP, 'trip', 'lost_synchronism', 'model_misfit', 'effect_proposed', 'effect_added', 'mode_change', 'state_change', 'over_current', 'sensor_fault', 'any'];
+const draft = { source: 'estimate.omega_m_rad_s', edge: 'rising', level: 0, hysteresis: 0, pre_percent: 50, length_s: 0.2, holdoff_s: 0 };
 let list, lamp, buttons = {}, fields = {};
 
 async function send(mode) {
   state.level_shown = mode !== 'stop';
   state.notice = '';
   const event = draft.source.startsWith('event: ') ? draft.source.slice(7) : '';
-  const signal = event ? '' : draft.source;
+  const step = event === REFERENCE_STEP;
+  const signal = step ? 'reference.omega_m_ref_rad_s' : event ? '' : draft.source;
   try {
-    await post('trigger', { mode, signal, event, edge: draft.edge, level: draft.level, hysteresis: draft.hysteresis, pre_share: draft.pre_share,
+    await post('trigger', { mode, signal, event: step ? '' : event, edge: step ? 'change' : draft.edge, level: draft.level, hysteresis: draft.hysteresis, pre_share: draft.pre_percent / 100,
       length_ticks: Math.max(2, Math.round(draft.length_s / T_s())), holdoff_ticks: Math.round(draft.holdoff_s / T_s()) });
   } catch (error) {
     state.notice = error.message;
@@ -63,7 +65,7 @@ export function buildTrigger() {
   list = element('ol', { id: 'captures' });
   byId('trigger').replaceChildren(
     element('h2', {}, 'Trigger'),
-    element('fieldset', {}, ...source(), ...choice('edge', 'edge', ['rising', 'falling', 'either', 'change']), ...field('level', 'level'), ...field('hysteresis', 'hysteresis'), ...field('pre-trigger', 'pre_share', '0..1'), ...field('length', 'length_s', 's'), ...field('hold-off', 'holdoff_s', 's')),
+    element('fieldset', {}, ...source(), ...choice('edge', 'edge', ['rising', 'falling', 'either', 'change']), ...field('level', 'level'), ...field('hysteresis', 'hysteresis'), ...field('pre-trigger', 'pre_percent', '%'), ...field('length', 'length_s', 's'), ...field('hold-off', 'holdoff_s', 's')),
     element('div', { className: 'row-buttons' }, ...['auto', 'normal', 'single', 'stop'].map(modeButton), force), lamp, list);
   fields.source.style.width = '100%';
 }

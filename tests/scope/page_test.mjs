@@ -3,7 +3,7 @@
 //
 // Says what it claims; exit code 1 at the first claim that does not hold.
 import { spawn, spawnSync } from 'node:child_process';
-import { mkdirSync, readFileSync, readdirSync } from 'node:fs';
+import { mkdirSync, readFileSync, readdirSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { Browser } from './browser.mjs';
 
@@ -76,8 +76,9 @@ async function trigger() {
 }
 
 async function zoomAndCursors() {
+  await browser.click('#follow');  // off the capture
   await value('scope.show(2000, 2400)');
-  await browser.until('the range is drawn', 'scope.feed.begin <= 2000 && scope.feed.end >= 2400 && scope.feed.bucket === 1');
+  await browser.until('the range is drawn', "scope.feed.begin <= 2000 && scope.feed.end >= 2400 && scope.feed.bucket === 1 && scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 50)");
   const [x, y] = await inFirstPlot(0.5), width = await value("document.querySelector('.plot .u-over').getBoundingClientRect().width");
   await browser.drag([x, y], [x + 60, y]);
   await browser.until('a drag zooms in', 'scope.state.view.from > 2000');
@@ -98,6 +99,7 @@ async function exports() {
 }
 
 async function traceOfTheRange() {
+  await value('scope.show(1000, 3000)');
   await value("void (window.open = () => (window.tab = { location: {}, close() {} }))");
   await value("document.querySelector('#trace').click()");
   await browser.until('the trace has a page', "window.tab?.location.href?.startsWith('/trace?id=')");
@@ -168,8 +170,40 @@ async function lost(drive) {
   await browser.until('the page goes on with the drive', "document.querySelector('#lamp').textContent === 'live'");
   drive.kill('SIGINT');
   await browser.until('the end of a run is told', "document.querySelector('#lamp').textContent === 'ended' && document.querySelector('#notice').textContent.includes('has ended')");
-  launch('again');
+  start('launch', 'finding.toml', '--monitor', '--duration', '600s', '--pace', 'wall', '--run-dir', 'runs/again');
   await browser.until('the page recovers by itself', "document.querySelector('#lamp').textContent === 'live' && scope.state.brief.last_k > 100");
+}
+
+// Speed and load vary; a dead time begins that the model does not have.
+const varied = (values) => Array.from({ length: 200 }, (_, i) => `[${i / 2}, ${values[i % values.length]}]`);
+writeFileSync('finding.toml', `preset = "niewiara2020"
+rates.f_s_Hz = 4000
+controller.kind = "foc"
+controller.angle_source = "measured"
+controller.foc = { compensate_effects = true, speed_bandwidth_Hz = 15 }
+reference = { speed_rpm = [${varied([150, 250, 200, 300])}], slew_rad_s2 = 300 }
+load = { T_load_Nm = [${varied([1, 2.5, 1.5, 3])}], slew_Nm_s = 15 }
+run.settle_s = 0.4
+monitor = { learn_s = 0.5, block_s = 0.1, gather_s = 1 }
+effect = [{ kind = "dead_time", dead_time_s = 4e-6, used_in = "plant", from_s = 1 }]
+`);
+
+async function finding() {
+  const button = (label) => `[...document.querySelectorAll('#findings .card button')].find((b) => b.textContent === '${label}')`;
+  const press = (label) => value(`${button(label)}.click()`);
+  await browser.until('the monitor proposes the effect', "scope.state.events.some((e) => e.reason === 'effect_proposed')");
+  await browser.click('#take-control');
+  await browser.until('the page has the control', "!document.querySelector('[data-kind=reset]').disabled");
+  await press('add');
+  await browser.until('the effect is in the model', "document.querySelector('#findings .added b').textContent.includes('in the model from')");
+  await picture('finding');
+  await press('trace page');
+  await browser.until('the finding has a trace page', "fetch(tab.location.href).then((r) => r.text()).then((text) => text.includes('What the model of niewiara2020 lacks') && text.includes('dead_time'))");
+  await press('take off');
+  await browser.until('the effect is out of the model', `scope.state.events.some((e) => e.reason === 'effect_removed') && ${button('add')}`);
+  const cards = await value("document.querySelectorAll('#findings .card').length");
+  await press('dismiss');
+  claim('a finding is dismissed', await value("document.querySelectorAll('#findings .card').length") < cards);
 }
 
 let browser, address, failed = 0;
@@ -186,6 +220,8 @@ try {
     await part();
   }
   await lost(set);
+  told('finding');
+  await finding();
   claim(`no error of the page: ${browser.errors}`, !browser.errors.length);
 } catch (error) {
   told(error.message);

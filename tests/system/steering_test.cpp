@@ -208,6 +208,14 @@ TEST_F(Steering, OneHolderAtATimeAndASilentOneLeadsToAStop) {
     EXPECT_TRUE(page.take_control().accepted);
     EXPECT_EQ(other.take_control().why, "page has control");
     EXPECT_EQ(other.steer("n=3").why, "page has control");
+    EXPECT_EQ(other.reset().why, "page has control");
+    const std::string friction =
+        "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.001\nused_in = \"model\"\n";
+    EXPECT_EQ(other.add_effect(friction).why, "page has control");
+    EXPECT_TRUE(page.add_effect(friction).accepted);
+    EXPECT_EQ(other.remove_effect(friction).why, "page has control");
+    EXPECT_TRUE(page.remove_effect(friction).accepted);
+    EXPECT_EQ(page.reset().why, "the drive is not off");
     EXPECT_TRUE(page.steer("n=3").accepted);
     EXPECT_TRUE(other.stop().accepted);
     EXPECT_TRUE(page.steer("start").accepted);
@@ -248,7 +256,26 @@ TEST_F(Steering, AnEmergencyStopNeedsNoControlAndSaysItsTick) {
   ASSERT_GT(log.measurement.size(), at + 1);
   EXPECT_NE(log.measurement[at].u_alphabeta.norm(), 0);      // t_{k-1} to t_k
   EXPECT_EQ(log.measurement[at + 1].u_alphabeta.norm(), 0);  // t_k to t_{k+1}
-  EXPECT_EQ(twinrate({"set", "--save", path("x.toml"), "--run-dir", run()}).exit_code, 2);
+}
+
+TEST_F(Steering, AnEmergencyStopAndAResetAreRepeatedByTheSavedFileAndTheReplay) {
+  launch({"--pace", "wall"});
+  EXPECT_EQ(steer({"emergency_stop"}).exit_code, 0);
+  EXPECT_EQ(steer({"reset"}).exit_code, 0);
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_EQ(steer({"speed_rpm=300"}).exit_code, 0);
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_EQ(stop().exit_code, 1);  // a tripped run
+  const ProgramResult saved = twinrate({"set", "--save", path("saved.toml"), "--run-dir", run()});
+  EXPECT_EQ(saved.exit_code, 0) << saved.err;
+  const std::int64_t ticks = read_run_log(run()).command.back().k + 1;
+  for (const char* verb : {"simulate", "launch"}) {
+    twinrate({verb, path("saved.toml"), "--run-dir", path(verb)});
+    EXPECT_TRUE(first_ticks(run(), ticks) == first_ticks(path(verb), ticks)) << verb;
+  }
+  const ProgramResult replayed = twinrate({"replay", "--lockstep", run()});
+  EXPECT_NE(replayed.out.find("equal to the log bit for bit, 0 different"), std::string::npos)
+      << replayed.out;
 }
 
 // The error of a tick is that of its estimate and its truth, and the line misses nothing. At the pace of
@@ -310,6 +337,17 @@ TEST_F(Steering, EffectsWithoutATickAreAddedAtOneTickAndAReplayRepeatsThem) {
   EXPECT_EQ(replayed.exit_code, 0) << replayed.out << replayed.err;
   EXPECT_NE(replayed.out.find("equal to the log bit for bit, 0 different"), std::string::npos)
       << replayed.out;
+
+  const ProgramResult saved = twinrate({"set", "--save", path("saved.toml"), "--run-dir", run()});
+  EXPECT_NE(saved.out.find("3 changes of the model"), std::string::npos) << saved.out << saved.err;
+  ASSERT_EQ(twinrate({"simulate", path("saved.toml"), "--run-dir", path("again")}).exit_code, 0);
+  const std::int64_t whole = read_run_log(run()).command.back().k + 1;
+  EXPECT_TRUE(first_ticks(run(), whole) == first_ticks(path("again"), whole));
+  const ProgramResult launched =
+      twinrate({"launch", path("saved.toml"), "--run-dir", path("third")});
+  EXPECT_EQ(launched.exit_code, 0) << launched.out << launched.err;
+  EXPECT_TRUE(first_ticks(run(), whole) == first_ticks(path("third"), whole));
+
   const auto applied = applied_in(run());
   ASSERT_GE(applied.size(), 5u);
   for (const auto& [request, at] : applied) {

@@ -10,18 +10,21 @@
 #include "core/multicast.hpp"
 #include "core/reason.hpp"
 #include "model/signals.hpp"
-#include "tools/doctor/checks.hpp"
 
 namespace twinrate {
 namespace {
 
 constexpr std::size_t kEventsKept = 8;
-constexpr std::int64_t kSessionSilent_us = 1'000'000;
+constexpr double kSessionSilent_s = 1;
+// Woken by each message, it would take the processor from the drive. About 1 s of an unpaced set
+// waits in the socket while the terminal is slow.
+constexpr double kDrain_ms = 5;
+constexpr int kReceiveBuffer = 32 << 20;
 
 std::string with_receive_buffer(const std::string& url) {
   if (!url.starts_with("udpm://") || url.find("recv_buf_size") != std::string::npos) return url;
   return url + (url.find('?') == std::string::npos ? "?" : "&") +
-         fmt::format("recv_buf_size={}", kWantedReceiveBuffer);
+         fmt::format("recv_buf_size={}", kReceiveBuffer);
 }
 
 // An estimate of policy scheduled: no gain of a background (gain_seq -1).
@@ -43,25 +46,23 @@ std::int64_t wall_clock_us() {
 }
 
 Watcher::Watcher(const std::string& url, const std::string& channel_suffix)
-    : lcm_(with_receive_buffer(need_route(url))), last_heard_us_(wall_clock_us()) {
-  if (!lcm_.good()) throw MachineError(url + ": LCM cannot open this URL; try twinrate doctor");
-  for (const ChannelInfo& channel : kChannels) {
-    channels_.emplace_back(channel.channel);
-    ears_.push_back(std::make_unique<Ear>(Ear{this, channel.channel}));
-    lcm::Subscription* subscription =
-        lcm_.subscribe(channel.name + channel_suffix, &Ear::hear, ears_.back().get());
-    // The first subscription runs LCM's self-test. The instance must not be used after a failure.
-    if (!subscription || lcm_.getFileno() < 0)
-      throw MachineError("the LCM self-test failed; try twinrate doctor");
-    subscription->setQueueCapacity(0);
-  }
+    : bus_({.url = with_receive_buffer(need_route(url)),
+            .channel_suffix = channel_suffix,
+            .drain_every_ms = kDrain_ms,
+            .authenticate = false}),
+      last_heard_us_(wall_clock_us()) {
+  for (const ChannelInfo& channel : kChannels) channels_.emplace_back(channel.channel);
+  bus_.subscribe_all([this](Channel channel, const std::uint8_t* bytes, std::size_t size,
+                            std::int64_t, std::int64_t) { take(channel, bytes, size); },
+                     true);
 }
 
 void Watcher::listen(int timeout_ms) {
+  if (silent_s() > kSessionSilent_s) bus_.adopt(0);
   // A signal ends the wait early; the caller handles it.
-  if (lcm_.handleTimeout(timeout_ms) <= 0) return;
+  if (!bus_.handle(timeout_ms)) return;
   const std::int64_t enough_us = wall_clock_us() + 50'000;
-  while (wall_clock_us() < enough_us && lcm_.handleTimeout(0) > 0) {
+  while (wall_clock_us() < enough_us && bus_.handle(0)) {
   }
 }
 
@@ -69,32 +70,23 @@ double Watcher::silent_s() const {
   return 1e-6 * static_cast<double>(wall_clock_us() - last_heard_us_);
 }
 
-void Watcher::take(Channel channel, const lcm::ReceiveBuffer& buffer) {
-  const auto* bytes = static_cast<const std::uint8_t*>(buffer.data);
-  const auto header = read_header(bytes, buffer.data_size);
-  if (!header) {
-    ++undecodable_;
-    return;
-  }
-  if (!admit(header->session)) return;
+void Watcher::take(Channel channel, const std::uint8_t* bytes, std::size_t size) {
+  const auto header = read_header(bytes, size);
+  if (!header) return;  // the bus lets none through
+  if (header->session != session_) begin(header->session);
   ++heard_;
   last_heard_us_ = wall_clock_us();
-  if (channel == Channel::kMeasurement) tick_times_.note(header->seq, buffer.recv_utime);
-  channels_[static_cast<std::size_t>(channel)].take(*header, bytes, buffer.data_size,
-                                                    buffer.recv_utime, tick_times_);
-  if (channel == Channel::kEstimate && runs_on_the_table(bytes, buffer.data_size))
+  const std::int64_t told_us = bus_.arrival_us();
+  const std::int64_t arrival_us = told_us > 0 ? told_us : last_heard_us_;
+  if (channel == Channel::kMeasurement) tick_times_.note(header->seq, arrival_us);
+  channels_[static_cast<std::size_t>(channel)].take(*header, bytes, size, arrival_us, tick_times_);
+  if (channel == Channel::kEstimate && runs_on_the_table(bytes, size))
     channels_[static_cast<std::size_t>(Channel::kGain)].pause();
-  if (channel == Channel::kEvent) keep_event(bytes, static_cast<int>(buffer.data_size));
-  if (channel == Channel::kStatus) keep_status(bytes, static_cast<int>(buffer.data_size));
+  if (channel == Channel::kEvent) keep_event(bytes, static_cast<int>(size));
+  if (channel == Channel::kStatus) keep_status(bytes, static_cast<int>(size));
 }
 
-bool Watcher::admit(std::int64_t session) {
-  if (session == session_) return true;
-  const bool silent = wall_clock_us() - last_heard_us_ > kSessionSilent_us;
-  if (session_ != 0 && !silent) {
-    ++foreign_;
-    return false;
-  }
+void Watcher::begin(std::int64_t session) {
   const std::int64_t now_us = wall_clock_us();
   for (WatchedChannel& account : channels_) {
     account.reset();
@@ -102,7 +94,6 @@ bool Watcher::admit(std::int64_t session) {
   }
   processes_.clear();
   session_ = session;
-  return true;
 }
 
 void Watcher::keep_event(const std::uint8_t* bytes, int size) {

@@ -1,16 +1,16 @@
 // Subscribes to all channels of a drive and keeps their statistics, for `twinrate watch`.
 //
 // Follows one session: the first one received, and another one after 1 s of silence. Messages of
-// other sessions are counted. The queue is unbounded and the socket buffer large, so that the
-// watcher loses no message.
+// other sessions are counted. The socket buffer is large and read every few milliseconds, so that the
+// watcher neither loses messages nor slows the drive.
 #pragma once
 #include <deque>
-#include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "core/bus.hpp"
 #include "core/watched_channel.hpp"
 
 namespace twinrate {
@@ -33,31 +33,24 @@ class Watcher {
   const std::map<int, status_t>& processes() const { return processes_; }  // by role, newest status
   const std::deque<WatchedEvent>& events() const { return events_; }  // the last few, oldest first
   std::int64_t session() const { return session_; }
-  std::int64_t foreign() const { return foreign_; }  // messages of other sessions
-  std::int64_t undecodable() const { return undecodable_; }
+  // Messages of other sessions, and those of ticks that cannot be.
+  std::int64_t foreign() const { return bus_.counters().refused; }
+  std::int64_t undecodable() const { return undecodable_ + bus_.counters().undecodable; }
   std::int64_t heard() const { return heard_; }  // messages of the session followed
   double silent_s() const;                       // since the last message, or since the start
 
  private:
-  struct Ear {
-    Watcher* watcher;
-    Channel channel;
-    void hear(const lcm::ReceiveBuffer* buffer, const std::string&) {
-      watcher->take(channel, *buffer);
-    }
-  };
-  void take(Channel channel, const lcm::ReceiveBuffer& buffer);
-  bool admit(std::int64_t session);
+  void take(Channel channel, const std::uint8_t* bytes, std::size_t size);
+  void begin(std::int64_t session);
   void keep_event(const std::uint8_t* bytes, int size);
   void keep_status(const std::uint8_t* bytes, int size);
 
-  lcm::LCM lcm_;
-  std::vector<std::unique_ptr<Ear>> ears_;
+  Bus bus_;
   std::vector<WatchedChannel> channels_;
   TickTimes tick_times_;
   std::map<int, status_t> processes_;
   std::deque<WatchedEvent> events_;
-  std::int64_t session_ = 0, foreign_ = 0, undecodable_ = 0, heard_ = 0;
+  std::int64_t session_ = 0, undecodable_ = 0, heard_ = 0;
   std::int64_t last_heard_us_;
 };
 
