@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr int kMostTraces = 10'000, kNice = 10, kPatience_ms = 2000;
+constexpr int kMostTraces = 10'000, kNice = 5, kPatience_ms = 2000;
 
 std::string read_text(const fs::path& path) {
   std::ifstream in(path);
