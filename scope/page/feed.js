@@ -51,25 +51,31 @@ function open(parameters) {
 function take(frame, names) {
   lastFrame = performance.now();
   const { live, holder, other_holder, new_events, series, begin: first, end, bucket, ...brief } = frame;
-  if (generation !== brief.generation) {
-    if (generation >= 0) state.events = [];
-    generation = brief.generation;
-  }
+  if (generation >= 0 && generation !== brief.generation) beginAnew();
+  generation = brief.generation;
   Object.assign(state, { brief, live, holder, other_holder });
   if (new_events) {
     state.events.push(...new_events);
     tell('events');
   }
   if (names.length && bucket === feed.bucket && state.view.follow) append(first, end, series, names);
-  if (state.view.follow) state.shown_k = names.length ? feed.end - 1 : brief.last_k;
+  if (state.view.follow) state.shown_k = names.length && feed.bucket ? feed.end - 1 : brief.last_k;
   tell('frame');
   refresh();
+}
+
+// Another run of the drive counts its ticks from 0 again; nothing is appended until begin().
+function beginAnew() {
+  state.events = [];
+  if (state.view.capture) state.view = { follow: true, from: 0, to: 0, capture: 0 };
+  feed.bucket = feed.begin = feed.end = feed.skipped = 0;
+  for (const s of feed.series.values()) s.min = [], s.max = [];
 }
 
 function append(first, end, series, names) {
   if (end <= first) return;
   if (first > feed.end || first < feed.begin) {  // the stream left ticks out: their buckets are empty
-    feed.skipped += Math.max(0, first - feed.end);
+    if (feed.end > 0) feed.skipped += Math.max(0, first - feed.end);
     for (const s of feed.series.values()) s.min.length = s.max.length = 0;
     feed.begin = first;
   }

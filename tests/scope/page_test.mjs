@@ -75,15 +75,19 @@ async function trigger() {
   await picture('trigger');
 }
 
+// A tick from which on thousands are there, however long the machine took so far.
+const kept = () => value('Math.max(2000, scope.state.brief.last_k - 20000)');
+
 async function zoomAndCursors() {
   await browser.click('#follow');  // off the capture
-  await value('scope.show(2000, 2400)');
-  await browser.until('the range is drawn', "scope.feed.begin <= 2000 && scope.feed.end >= 2400 && scope.feed.bucket === 1 && scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 50)");
+  const base = await kept();
+  await value(`scope.show(${base}, ${base + 400})`);
+  await browser.until('the range is drawn', `scope.feed.begin <= ${base} && scope.feed.end >= ${base + 400} && scope.feed.bucket === 1 && scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 50)`);
   const [x, y] = await inFirstPlot(0.5), width = await value("document.querySelector('.plot .u-over').getBoundingClientRect().width");
   await browser.drag([x, y], [x + 60, y]);
-  await browser.until('a drag zooms in', 'scope.state.view.from > 2000');
+  await browser.until('a drag zooms in', `scope.state.view.from > ${base}`);
   const { from, to } = await value('scope.state.view');
-  claim(`to what was dragged over: ${from} to ${to}`, Math.abs(from - 2240) < 8 && Math.abs(to - from - 400 * 60 / width) < 8);
+  claim(`to what was dragged over: ${from} to ${to}`, Math.abs(from - base - 240) < 8 && Math.abs(to - from - 400 * 60 / width) < 8);
   await browser.key('c', 'KeyC');
   await browser.until('the cursors tell dt', "/dt .* ms/.test(document.querySelector('#readout').textContent)");
   await browser.key('c', 'KeyC');
@@ -102,7 +106,8 @@ async function exports() {
 const keepTabs = () => value('void (window.open = () => (window.tab = { location: {}, close() {} }))');
 
 async function traceOfTheRange() {
-  await value('scope.show(1000, 3000)');
+  const base = await kept();
+  await value(`scope.show(${base}, ${base + 2000})`);
   await keepTabs();
   await value("document.querySelector('#trace').click()");
   await browser.until('the trace has a page', "window.tab?.location.href?.startsWith('/trace?id=')");
@@ -175,6 +180,7 @@ async function lost(drive) {
   await browser.until('the end of a run is told', "document.querySelector('#lamp').textContent === 'ended' && document.querySelector('#notice').textContent.includes('has ended')");
   start('launch', 'finding.toml', '--monitor', '--duration', '600s', '--pace', 'wall', '--run-dir', 'runs/again');
   await browser.until('the page recovers by itself', "document.querySelector('#lamp').textContent === 'live' && scope.state.brief.last_k > 100");
+  await browser.until('with the curves of the new run', "scope.feed.end <= scope.state.brief.last_k + 1 && scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 1)");
 }
 
 // Speed and load vary; a dead time begins that the model does not have.
