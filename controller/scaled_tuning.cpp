@@ -77,7 +77,7 @@ void scale(FocParameters& p, const DriveConfig& c) {
 void scale(LqrParameters& p, const DriveConfig& c) {
   const MachineParameters& m = c.machine;
   const double f_s = c.rates.f_s_Hz, decay = 1.1 * m.R_s / (kTwoPi * std::min(m.L_d, m.L_q));
-  const double current = std::min(std::max(f_s / 40, decay), f_s / 10);
+  const double current = std::max(f_s / 40, decay);
   const double speed = speed_bandwidth(c, current);
   scale_deviations(p.design, base_of(c), m.n_p);
   p.design.gains = GainSource::kBandwidths;

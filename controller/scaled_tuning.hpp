@@ -1,7 +1,8 @@
 // Defaults of the controllers for the machine and rates of the drive file (model/per_unit.hpp). Keys
 // that the drive file gives win.
 //
-//   current loop     f_s/25 (FOC); max(f_s/40, 1.1 R_s/(2 pi L_q)) at most f_s/10 (state feedback)
+//   current loop     f_s/25 (FOC); max(f_s/40, 1.1 R_s/(2 pi L_d)) (state feedback): with less
+//                    than the open loop a weight would be negative
 //   speed loop       f_s/625, at least 2/(2 pi t_m), at most a fifth of the current loop: with less,
 //                    rated torque stops the motor before the loop answers
 //   i_max            1.5 times the rated current

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "controller/scaled_tuning.hpp"
 #include "model/frames.hpp"
 #include "tests/support/drives.hpp"
 
@@ -74,6 +75,22 @@ TEST(LqrDesign, ReportsBandwidthsBelowTheOpenLoop) {
   const LqrDesign d = design(p);
   ASSERT_FALSE(d.q.complaints.empty());
   EXPECT_NE(d.q.complaints[0].find("i_q"), std::string::npos);
+}
+
+// Currents that decay by themselves within a few ticks.
+TEST(LqrDesign, TheDefaultsSuitAMotorOfSmallInductance) {
+  for (const double decay_Hz : {20.0, 500.0, 1400.0, 4000.0}) {
+    DriveConfig drive = test::drive_of("niewiara2020");  // 10 kHz
+    drive.machine.L_d = drive.machine.R_s / (kTwoPi * decay_Hz);
+    drive.machine.L_q = 1.5 * drive.machine.L_d;
+    LqrParameters p;
+    scale(p, drive);
+    const LqrDesign d = design_lqr(drive.machine, drive.inverter.v_dc, drive.T_s(),
+                                   drive.plant.delay_samples, p.design);
+    EXPECT_TRUE(d.d.complaints.empty()) << decay_Hz << " " << d.d.complaints.front();
+    EXPECT_TRUE(d.q.complaints.empty()) << decay_Hz << " " << d.q.complaints.front();
+    EXPECT_GT(d.q.margins_delayed.phase_rad, kPi / 4) << decay_Hz;
+  }
 }
 
 TEST(LqrDesign, ReportsAWeightOfZeroOnTheIntegral) {
