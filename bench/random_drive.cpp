@@ -90,13 +90,14 @@ RandomDrive draw_drive(std::uint64_t seed, std::uint64_t index) {
       fmt::format("name = \"random {} of seed {}\"\nstart = \"{}\"\n\n", index, seed, drive.start) +
       machine_tables(m, draw) +
       fmt::format(
-          "[rates]\nf_s_Hz = {:.0f}.0\nn = {}\n\n[gain]\npolicy = \"{}\"\n\n"
+          "[rates]\nf_s_Hz = {:.0f}.0\n{}\n[gain]\npolicy = \"{}\"\n\n"
           "[estimator]\nkind = \"{}\"\nprediction = \"{}\"\n\n[controller]\nkind = \"{}\"\n\n"
           "[reference]\nomega_e_rad_s = {:.5e}\nslew_rad_s2 = {:.5e}\n\n"
           "[load]\nT_load_Nm = [[0.0, 0.0], [1.2, {:.5e}]]\nslew_Nm_s = {:.5e}\n\n"
           "[run]\nduration_s = 2.4\nsettle_s = 1.6\n",
-          m.f_s, drive.n, drive.policy, drive.estimator, prediction, drive.controller, omega_e,
-          omega_e / 0.5, load, std::max(load, 0.01 * m.T) / 0.05);
+          m.f_s, drive.policy == "scheduled" ? "" : fmt::format("n = {}\n", drive.n), drive.policy,
+          drive.estimator, prediction, drive.controller, omega_e, omega_e / 0.5, load,
+          std::max(load, 0.01 * m.T) / 0.05);
   return drive;
 }
 
