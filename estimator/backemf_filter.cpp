@@ -100,6 +100,11 @@ Gain BackEmfFilter::background_step(const Gain& previous, const Estimate& snapsh
   return covariance_step(previous, snapshot, Phi, H, tuning());
 }
 
+std::optional<CovarianceModel> BackEmfFilter::covariance_model(const Estimate& snapshot) const {
+  return model_of(transition(machine_.n_p * snapshot.omega_m),
+                  OutputMatrix(OutputMatrix::Identity()), tuning());
+}
+
 Estimate BackEmfFilter::ahead(const Estimate& snapshot, double ticks) const {
   return turned(snapshot, 2, ticks * T_s_ * machine_.n_p * snapshot.omega_m);
 }

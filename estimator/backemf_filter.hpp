@@ -76,6 +76,7 @@ class BackEmfFilter : public Ekf<4, 2> {
   FastState start(const Measurement& first) const override;
   void align(FastState& state, double theta_e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   // None turns: Phi, H, Q and R are constant in the stationary frame at constant speed, and so is
   // the gain, for any two inductances and noises.
   int turning_pairs() const override { return 0; }

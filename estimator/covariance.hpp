@@ -13,6 +13,7 @@
 #include <span>
 
 #include "core/covariance_form.hpp"
+#include "estimator/filter.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -69,6 +70,14 @@ Gain gain_of_snapshot(const Gain& previous, const Estimate& snapshot, const Gain
   Gain gain = previous;
   set_gain(gain, snapshot, K, P);
   return gain;
+}
+
+// F, H and the tuning of a background step, of any size.
+template <int NX, int NY>
+CovarianceModel model_of(const Eigen::Matrix<double, NX, NX>& F,
+                         const Eigen::Matrix<double, NY, NX>& H, const EkfTuning<NX, NY>& tuning) {
+  return {F, H, Eigen::Map<const Eigen::Matrix<double, NX, 1>>(tuning.Q_diag),
+          Eigen::Map<const Eigen::Matrix<double, NY, 1>>(tuning.R_diag)};
 }
 
 // The covariance to start from: P_0 where `previous` belongs to a filter of another size.

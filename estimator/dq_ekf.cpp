@@ -111,11 +111,22 @@ void DqEkf::describe(const FastState& state, const Measurement&, Estimate& e) co
 }
 
 Gain DqEkf::background_step(const Gain& previous, const Estimate& snapshot) const {
+  const auto [F, H] = linearised(snapshot);
+  return covariance_step(previous, snapshot, F, H, tuning());
+}
+
+std::optional<CovarianceModel> DqEkf::covariance_model(const Estimate& snapshot) const {
+  const auto [F, H] = linearised(snapshot);
+  return model_of(F, H, tuning());
+}
+
+std::pair<DqEkf::Covariance, DqEkf::OutputMatrix> DqEkf::linearised(
+    const Estimate& snapshot) const {
   const State x = snapshot.x_hat.head<4>();
   const Vec2 u_dq = snapshot.x_hat.segment<2>(4);
   // The voltage of the next period is not known yet: in rotor axes it is taken to be constant.
   const State x_prior = predict(x, inverse_park(u_dq, x[3] + 0.5 * T_s_ * x[2]));
-  return covariance_step(previous, snapshot, jacobian(x, u_dq), output_jacobian(x_prior), tuning());
+  return {jacobian(x, u_dq), output_jacobian(x_prior)};
 }
 
 Estimate DqEkf::ahead(const Estimate& snapshot, double ticks) const {

@@ -39,6 +39,8 @@
 // A^2. A correction that is not finite is left out: the state keeps the prediction, status
 // kNotFinite.
 #pragma once
+#include <utility>
+
 #include "estimator/backemf_filter.hpp"
 
 namespace twinrate {
@@ -65,6 +67,7 @@ class DqEkf final : public Ekf<4, 2, 2> {
   FastState start(const Measurement& first) const override;
   void align(FastState& state, double theta_e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
 
@@ -74,6 +77,7 @@ class DqEkf final : public Ekf<4, 2, 2> {
   static OutputMatrix output_jacobian(const State& x);          // in rotor axes
 
  private:
+  std::pair<Covariance, OutputMatrix> linearised(const Estimate& snapshot) const;  // F, H
   State prior(const FastState& state, const Measurement& m) const override;
   Output innovation(const State& x_prior, const Measurement& m) const override;
   State wrapped(const State& x) const override;

@@ -113,6 +113,11 @@ Gain Eemf::background_step(const Gain& previous, const Estimate& snapshot) const
   return covariance_step(previous, snapshot, F, H, tuning());
 }
 
+std::optional<CovarianceModel> Eemf::covariance_model(const Estimate& snapshot) const {
+  return model_of(jacobian(snapshot.x_hat.head<5>()), OutputMatrix(OutputMatrix::Identity()),
+                  tuning());
+}
+
 Estimate Eemf::ahead(const Estimate& snapshot, double ticks) const {
   return turned(snapshot, turning_pairs(), ticks * T_s_ * snapshot.x_hat[4]);
 }

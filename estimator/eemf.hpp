@@ -76,6 +76,7 @@ class Eemf final : public Ekf<5, 2> {
   FastState start(const Measurement& first) const override;
   void align(FastState& state, double theta_e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   int turning_pairs() const override { return 2; }  // i and e
   Estimate ahead(const Estimate& snapshot, double ticks) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;

@@ -224,6 +224,13 @@ Gain EkfDisturbance::background_step(const Gain& previous, const Estimate& snaps
   return covariance_step(previous, snapshot, F, C, full_);
 }
 
+std::optional<CovarianceModel> EkfDisturbance::covariance_model(const Estimate& snapshot) const {
+  if (snapshot.n_x != 4) return {};
+  using OutputMatrix = Eigen::Matrix<double, 3, 4>;
+  return model_of(jacobian(snapshot.x_hat.head<4>()), OutputMatrix(OutputMatrix::Identity()),
+                  full_);
+}
+
 std::optional<Estimate> EkfDisturbance::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[2] = omega_m;

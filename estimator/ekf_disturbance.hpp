@@ -89,6 +89,7 @@ class EkfDisturbance final : public Filter {
   bool estimates_load() const override { return true; }
   Gain initial_gain() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;
 
   State f(const State& x, const Vec2& u_dq) const;

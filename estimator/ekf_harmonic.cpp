@@ -140,6 +140,11 @@ std::optional<Estimate> EkfHarmonic::steady_state(double omega_m) const {
   return estimate_of(state, {});
 }
 
+std::optional<CovarianceModel> EkfHarmonic::covariance_model(const Estimate& snapshot) const {
+  return CovarianceModel{jacobian(snapshot.x_hat.head(n_x())),
+                         CovarianceModel::Outputs::Identity(3, n_x()), Q_diag_, R_diag_};
+}
+
 Gain EkfHarmonic::background_step(const Gain& previous, const Estimate& snapshot) const {
   const int n = n_x();
   const Covariance F = jacobian(snapshot.x_hat.head(n));

@@ -182,6 +182,13 @@ Gain EkfJoint<NX>::background_step(const Gain& previous, const Estimate& snapsho
 }
 
 template <int NX>
+std::optional<CovarianceModel> EkfJoint<NX>::covariance_model(const Estimate& snapshot) const {
+  using H = typename Base::OutputMatrix;
+  const State x = snapshot.x_hat.head<NX>();
+  return model_of(jacobian(x), H(H::Identity()), this->tuning());
+}
+
+template <int NX>
 Estimate EkfJoint<NX>::ahead(const Estimate& snapshot, double ticks) const {
   const double angle = ticks * T_s_ * snapshot.x_hat[2];
   Estimate e = turned(snapshot, turning_pairs(), angle);

@@ -176,6 +176,11 @@ Gain EkfSensorless::background_step(const Gain& previous, const Estimate& snapsh
   return gain;
 }
 
+std::optional<CovarianceModel> EkfSensorless::covariance_model(const Estimate& snapshot) const {
+  return model_of(jacobian(snapshot.x_hat.head<4>()), OutputMatrix(OutputMatrix::Identity()),
+                  tuning());
+}
+
 Estimate EkfSensorless::ahead(const Estimate& snapshot, double ticks) const {
   const double angle = ticks * T_s_ * snapshot.x_hat[2];
   Estimate e = turned(snapshot, turning_pairs(), angle);

@@ -69,6 +69,7 @@ class EkfSensorless final : public Ekf<4, 2> {
   void align(FastState& state, double theta_e) const override;
   void output_of_tick(FastState& state, const Measurement& m, Estimate& e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
+  std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   void update_gain(Gain& gain, const Estimate& snapshot) const override;
   int turning_pairs() const override { return 1; }
   Estimate ahead(const Estimate& snapshot, double ticks) const override;

@@ -36,6 +36,16 @@ struct Correction {
   int status = 0;  // kNotFinite: the correction was left out, the prediction kept
 };
 
+// Of one background step: F = df/dx, H = dh/dx, process and measurement noise.
+struct CovarianceModel {
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxStates, kMaxStates>;
+  using Outputs = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxOutputs, kMaxStates>;
+  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStates, 1>;
+  Matrix F;
+  Outputs H;
+  Vector Q_diag, R_diag;
+};
+
 class Filter {
  public:
   virtual ~Filter() = default;
@@ -95,6 +105,11 @@ class Filter {
   // Steady state without load at this speed, theta_e = 0: the operating point of a row of the table
   // of policy `scheduled`. Empty: no table for this filter.
   virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
+  // What background_step() computes with at this snapshot: many steps at one operating point then
+  // need no loop over them (GainSchedule). Empty: the steps are taken one after the other.
+  virtual std::optional<CovarianceModel> covariance_model(const Estimate& /*snapshot*/) const {
+    return {};
+  }
   // `ticks` background steps at this speed from the P of `gain`, one a tick, all in rotor axes
   // (theta_e = 0). Requires a steady state. This default runs one step after the other.
   virtual Gain background_steps(const Gain& gain, double omega_m, int ticks) const;

@@ -32,13 +32,15 @@ class GainFrame {
         turn(gain.P(row, 2 * pair), gain.P(row, 2 * pair + 1));
   }
 
- private:
-  GainFrame(int pairs, const math::SinCos& at) : pairs_(pairs), c_(at.cos), s_(at.sin) {}
+  // T(a) m, of the first `cols` columns.
   template <class Matrix>
   void turn_rows(Matrix& m, int cols) const {
     for (int pair = 0; pair < pairs_; ++pair)
       for (int col = 0; col < cols; ++col) turn(m(2 * pair, col), m(2 * pair + 1, col));
   }
+
+ private:
+  GainFrame(int pairs, const math::SinCos& at) : pairs_(pairs), c_(at.cos), s_(at.sin) {}
   void turn(double& alpha, double& beta) const {
     const double along_alpha = c_ * alpha - s_ * beta;
     beta = s_ * alpha + c_ * beta;

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "estimator/gain_frame.hpp"
+#include "estimator/kernels/riccati_doubling.hpp"
 
 namespace twinrate {
 namespace {
@@ -11,11 +12,48 @@ constexpr int kRows = 257;
 constexpr int kIterations = 20000;
 constexpr double kConverged = 1e-12;
 
-// Iterates the filter's own background step in rotor coordinates until K converges. `gain` holds
-// P to start from, and the result. Stops where no steps are left.
+using Model = CovarianceModel;
+using Map = kernel::RiccatiMap<Eigen::Dynamic, kMaxStates>;
+
+// `steps` background steps of a model in rotor coordinates, by doubling: P before the first and
+// after the last. `T`: P of step k-1 in the axes of tick k is T P T'.
+Model::Matrix after_steps(const Model& m, const Model::Matrix& T, const Model::Matrix& P,
+                          int steps) {
+  const Model::Matrix Q = m.Q_diag.asDiagonal(), A = m.F * T;
+  const Model::Matrix G = m.H.transpose() * m.R_diag.cwiseInverse().asDiagonal() * m.H;
+  const Map map{A, G, Q};
+  const Model::Matrix P_prior = kernel::riccati_steps(map, A * P * A.transpose() + Q, steps - 1);
+  const Model::Matrix later = P_prior * Model::Matrix(map.one() + G * P_prior).inverse();
+  return 0.5 * (later + later.transpose());
+}
+
+// The same in place, where the filter has a model and the result is finite.
+bool settle_by_doubling(const Filter& filter, const Estimate& at, double angle, Gain& gain) {
+  const std::optional<Model> model = filter.covariance_model(at);
+  if (!model) return false;
+  const int n_x = static_cast<int>(model->F.rows());
+  Gain T;
+  T.n_x = n_x;
+  T.P.topLeftCorner(n_x, n_x).setIdentity();
+  GainFrame(filter.turning_pairs(), angle).turn_rows(T.P, n_x);
+  const Model::Matrix P = after_steps(*model, T.P.topLeftCorner(n_x, n_x),
+                                      gain.P.topLeftCorner(n_x, n_x), kIterations - 1);
+  if (!P.allFinite()) return false;
+  gain.P.topLeftCorner(n_x, n_x) = P;
+  return true;
+}
+
+// The filter's own background step in rotor coordinates, kIterations times or until K converges.
+// `gain` holds P to start from, and the result. Stops where no steps are left.
 void converge(const Filter& filter, double omega_m, Gain& gain, std::int64_t& steps_left) {
   const Estimate e = *filter.steady_state(omega_m);
-  const GainFrame back(filter.turning_pairs(), e.theta_e - filter.ahead(e, 1).theta_e);
+  const double angle = e.theta_e - filter.ahead(e, 1).theta_e;
+  const GainFrame back(filter.turning_pairs(), angle);
+  if (settle_by_doubling(filter, e, angle, gain)) {
+    back.turn_covariance(gain);
+    filter.update_gain(gain, e);
+    return;
+  }
   GainSchedule::GainMatrix before;
   for (int i = 0; i < kIterations && steps_left > 0; ++i, --steps_left) {
     before = gain.K;

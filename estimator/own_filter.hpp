@@ -40,6 +40,9 @@ class OwnFilter : public Filter {
   std::optional<Estimate> steady_state(double omega_m) const override {
     return built_in_->steady_state(omega_m);
   }
+  std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override {
+    return built_in_->covariance_model(snapshot);
+  }
   Gain background_steps(const Gain& gain, double omega_m, int ticks) const override {
     return built_in_->background_steps(gain, omega_m, ticks);
   }

@@ -24,7 +24,7 @@ struct Warning {
 std::vector<std::string> texts_of(const std::vector<Warning>& warnings);
 
 // Builds filter, controller and plant as a run does (without the table of policy `scheduled`, which
-// takes seconds for a filter of many states). Throws BadInput, one line, for what cannot run:
+// the trial of loop/trial_run.hpp builds). Throws BadInput, one line, for what cannot run:
 //
 //   keys that no chosen part reads (loop/unused_keys.hpp)
 //   a filter or controller that the other settings do not allow

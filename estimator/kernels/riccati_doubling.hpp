@@ -21,18 +21,20 @@
 
 namespace twinrate::kernel {
 
-template <int N>
+// N, or of a size up to MAX known at run time where N is Eigen::Dynamic.
+template <int N, int MAX = N>
 struct RiccatiMap {
-  using Matrix = Eigen::Matrix<double, N, N>;
+  using Matrix = Eigen::Matrix<double, N, N, 0, MAX, MAX>;
   Matrix A, G, Q;
 
+  Matrix one() const { return Matrix::Identity(A.rows(), A.cols()); }
   Matrix of(const Matrix& X) const {
-    const Matrix XG = Matrix::Identity() + X * G, W = XG.inverse();
+    const Matrix XG = one() + X * G, W = XG.inverse();
     const Matrix AW = A * W, AWX = AW * X;
     return Q + AWX * A.transpose();
   }
   void double_up() {
-    const Matrix QG = Matrix::Identity() + Q * G, W = QG.inverse();
+    const Matrix QG = one() + Q * G, W = QG.inverse();
     const Matrix AW = A * W, GW = G * W, AWQ = AW * Q, GWA = GW * A, A_turned = A.transpose();
     Q += AWQ * A_turned;
     G += A_turned * GWA;
@@ -40,9 +42,8 @@ struct RiccatiMap {
   }
 };
 
-template <int N>
-Eigen::Matrix<double, N, N> riccati_steps(RiccatiMap<N> map, Eigen::Matrix<double, N, N> X,
-                                          int steps) {
+template <int N, int MAX>
+auto riccati_steps(RiccatiMap<N, MAX> map, typename RiccatiMap<N, MAX>::Matrix X, int steps) {
   constexpr double kDiedAway = 1e-9;
   for (; steps > 0; steps >>= 1) {
     if (steps & 1) X = map.of(X);

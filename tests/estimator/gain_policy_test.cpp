@@ -5,6 +5,9 @@
 
 #include "estimator/ekf_disturbance.hpp"
 #include "estimator/gain_frame.hpp"
+#include "estimator/gain_schedule.hpp"
+#include "estimator/own_filter.hpp"
+#include "estimator/registry.hpp"
 #include "tests/support/drives.hpp"
 #include "tests/support/probe_filter.hpp"
 
@@ -119,6 +122,53 @@ TEST(GainSchedule, TheDisturbanceFilterHasOneTooAndNeedsNoAngle) {
   Gain gain = filter->initial_gain();
   for (int k = 0; k < 40000; ++k) gain = filter->background_step(gain, *filter->steady_state(50));
   EXPECT_LT((schedule->at(50, 0).K - gain.K).norm(), 1e-2 * gain.K.norm());
+}
+
+// The same filter without its matrices: the table takes its steps one after the other.
+class StepByStep : public OwnFilter {
+ public:
+  using OwnFilter::OwnFilter;
+  std::optional<CovarianceModel> covariance_model(const Estimate&) const override { return {}; }
+};
+
+// ekf_harmonic would take half a minute: its matrices alone are compared.
+TEST(GainSchedule, ByDoublingIsTheTableOfStepsOneAfterTheOther) {
+  for (const std::string& kind : filter_kinds()) {
+    if (kind == "ekf_harmonic") continue;
+    Config config = load("dilys2021", {"estimator.kind=" + kind, "controller.angle_source=truth"});
+    const auto by_doubling = GainSchedule::build(*make_filter(config), 838);
+    const auto one_by_one = GainSchedule::build(StepByStep(config), 838);
+    for (double omega_m : {-838.0, -20.0, -1.0, 0.0, 1.0, 8.0, 100.0, 393.7, 838.0}) {
+      const auto K = one_by_one->rotor_gain(omega_m);
+      EXPECT_LT((by_doubling->rotor_gain(omega_m) - K).norm(), 1e-8 * K.norm())
+          << kind << " " << omega_m;
+    }
+  }
+}
+
+TEST(GainSchedule, TheModelOfAStepIsTheStep) {
+  for (const std::string& kind : filter_kinds()) {
+    Config config = load("kim-ipmsm", {"estimator.kind=" + kind, "controller.angle_source=truth"});
+    const auto filter = make_filter(config);
+    const Estimate at = *filter->steady_state(50);
+    const auto model = filter->covariance_model(at);
+    ASSERT_TRUE(model) << kind;
+    const Gain first = filter->background_step(filter->initial_gain(), at);
+    const Gain next = filter->background_step(first, at);
+    const int n_x = next.n_x, n_y = next.n_y;
+    const Eigen::MatrixXd F = model->F, H = model->H, Q = model->Q_diag.asDiagonal();
+    const Eigen::MatrixXd R = model->R_diag.asDiagonal();
+    const Eigen::MatrixXd P = F * first.P.topLeftCorner(n_x, n_x) * F.transpose() + Q;
+    const Eigen::MatrixXd S = H * P * H.transpose() + R;
+    const Eigen::MatrixXd K = P * H.transpose() * S.inverse();
+    EXPECT_LT((next.K.topLeftCorner(n_x, n_y) - K).norm(), 1e-10 * K.norm()) << kind;
+  }
+}
+
+TEST(GainSchedule, OfTwentyStatesTakesNoSeconds) {
+  Config config = load("niewiara2020", {"estimator.kind=ekf_harmonic"});
+  std::int64_t steps = 1000;  // one after the other: 5 million
+  EXPECT_TRUE(GainSchedule::build(*make_filter(config), 209, steps));
 }
 
 TEST(GainSchedule, AFilterWithoutASteadyStateHasNone) {
