@@ -87,7 +87,8 @@ std::string to_json(const Summary& summary, const DriveConfig& config);
 void take_process_figures(const std::string& summary_json, Summary& summary);
 
 // "uneven", "dipped" or "overshot" if a locked drive did not hold its speed, else "". Uneven: the
-// median turn leaves the band of +/-20 %; below three turns, the speed left it on both sides.
+// median turn leaves the band of +/-20 %; below three turns, the speed left it on one side and the
+// other in turn, kUnevenSides times: two load steps make four.
 // ", never at its reference" behind it if no tick was within the band.
 std::string speed_word(const Summary& summary);
 // "lost_synchronism at 0.5312 s, tick 5312, controller: TEXT"; reason codes by their names.

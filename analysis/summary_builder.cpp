@@ -76,10 +76,14 @@ void SpeedFigures::add(const TickRow& row, double omega_m) {
   }
   judged_ = true;
   const double deviation = omega_m / omega_m_ref_ - 1;
-  if (std::abs(deviation) > kSpeedTolerance)
+  if (std::abs(deviation) > kSpeedTolerance) {
     ++ticks_;
-  else
+    const int side = deviation < 0 ? -1 : 1;
+    if (side != side_) ++sides_;
+    side_ = side;
+  } else {
     reached_ = true;
+  }
   below_ = std::max(below_, -deviation);
   above_ = std::max(above_, deviation);
   if (row.truth)
@@ -104,10 +108,9 @@ void SpeedFigures::write(Summary& summary) {
     std::nth_element(unevenness_.begin(), middle, unevenness_.end());
     summary.speed_unevenness_percent = 100 * *middle;
   }
-  // Below three turns: on both sides of the reference.
   summary.uneven =
       !held() && (some_turns ? *summary.speed_unevenness_percent > 200 * kSpeedTolerance
-                             : std::min(below_, above_) > kSpeedTolerance);
+                             : sides_ >= kUnevenSides);
 }
 
 void SpeedFigures::add_to_turn(double theta_m, double omega_m) {

@@ -13,7 +13,8 @@
 namespace twinrate {
 
 inline constexpr double kSpeedTolerance = 0.2;  // relative to the reference
-inline constexpr double kSlopeSpan_s = 0.01;    // of the measured position
+inline constexpr int kUnevenSides = 6;
+inline constexpr double kSlopeSpan_s = 0.01;  // of the measured position
 
 // What the figures need of the whole run before its first tick.
 struct RunOutline {
@@ -61,6 +62,7 @@ class SpeedFigures {
   double omega_m_ref_ = 0, changed_s_ = 0;
   std::int64_t ticks_ = 0;
   double below_ = 0, above_ = 0;
+  int side_ = 0, sides_ = 0;  // the last side left, and how often it was the other one
   Turn turn_;
   std::vector<double> unevenness_;
 };

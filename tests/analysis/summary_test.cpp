@@ -196,6 +196,26 @@ TEST(Summary, ADipInOneTurnIsADipAndARippleInEveryTurnUnevenness) {
   EXPECT_EQ(speed_word(summarise(steady_run(config), config)), "");
 }
 
+TEST(Summary, TwoLoadStepsWithinThreeTurnsAreADipAndARippleIsUnevenness) {
+  const DriveConfig config = drive();
+  const auto with = [&](auto speed) {
+    RunLog log = steady_run(config);
+    for (std::size_t k = 0; k < log.truth.size(); ++k) {
+      log.truth[k].theta_m = 1e-4 * static_cast<double>(k);  // less than three turns
+      log.truth[k].omega_m = kOmegaM * speed(k);
+    }
+    return summarise(log, config);
+  };
+  const auto steps = [](std::size_t k) {
+    const std::size_t since = k % 700;
+    return since < 30 ? 0.5 : since < 60 ? 1.5 : 1.0;
+  };
+  EXPECT_FALSE(with(steps).speed_unevenness_percent);
+  EXPECT_EQ(speed_word(with(steps)), "dipped");
+  const auto ripple = [](std::size_t k) { return 1 + 0.3 * std::sin(0.05 * double(k)); };
+  EXPECT_EQ(speed_word(with(ripple)), "uneven");
+}
+
 TEST(Summary, ATripIsNeverLockedAndTheFirstIsNamed) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
