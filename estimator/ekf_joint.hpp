@@ -112,6 +112,7 @@ class EkfJoint final : public Ekf<NX, 2> {
   std::string_view kind() const override { return "ekf_joint"; }
   FastState start(const Measurement& first) const override;
   void align(FastState& state, double theta_e) const override;
+  bool estimates_load() const override { return true; }
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
   std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   int turning_pairs() const override { return 1; }

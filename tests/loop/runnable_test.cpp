@@ -79,6 +79,11 @@ TEST(Runnable, AKeyThatNoPartReadsIsRefusedByName) {
   EXPECT_EQ(refusal("dilys2021", {"controller.compensation=load"}),
             "--set: controller.compensation: has no effect here; it is read with an estimator.kind "
             "that estimates the load, ekf_sensorless does not");
+  for (const char* kind : {"ekf_joint", "ekf_disturbance", "ekf_harmonic"})
+    EXPECT_EQ(refusal("dilys2021",
+                      {std::string("estimator.kind=") + kind, "controller.compensation=load"}),
+              "")
+        << kind;
   for (const auto& [preset, key] :
        {std::pair("kim-ipmsm", "estimator.covariance=sequential"),
         std::pair("dilys2021", "controller.foc.startup.t_align_s=0.2"),
