@@ -132,6 +132,11 @@ std::string remark(const Limit& l) {
   return "";
 }
 
+// "-" where there is no such number: a filter without a critical angle, a policy without n.
+std::string figure(const char* format, double value) {
+  return std::isnan(value) ? "-" : fmt::format(fmt::runtime(format), value);
+}
+
 void write_reasons(const std::string& path, const std::vector<Limit>& limits,
                    const std::shared_ptr<const Filter>& filter, Config& config, bool print) {
   std::ofstream file(path);
@@ -152,14 +157,15 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
     if (!print) continue;
     const bool table = l.policy == "scheduled";
     fmt::print(
-        "{:<12} {:>7.4g} {:>6} {:>9.5g} {:>6.3g} {:>6.3g}..{:<6.3g} {:>7.1f} {:>8} {:>6} {:>6} "
-        "{:>6.3f}  "
-        "{}{}\n",
-        l.policy, l.f_e_Hz, table ? "-" : text(l.n_max), table ? NAN : l.f_bmin_Hz(),
-        table ? NAN : l.ratio(l.n_max), table ? NAN : l.ratio(l.n_highest),
-        table ? NAN : l.ratio(l.n_lowest), r.phi_c * 180 / kPi, text(r.formula, tried(l)),
-        text(r.floquet, tried(l)), text(r.closed, std::min(tried(l), kMaxClosed_n)), r.rho_held,
-        agrees, remark(l));
+        "{:<12} {:>7.4g} {:>6} {:>9} {:>6} {:>6}..{:<6} {:>7} {:>8} {:>6} {:>6} {:>6}  {}{}\n",
+        l.policy, l.f_e_Hz, table ? "-" : text(l.n_max),
+        figure("{:.5g}", table ? NAN : l.f_bmin_Hz()),
+        figure("{:.3g}", table ? NAN : l.ratio(l.n_max)),
+        figure("{:.3g}", table ? NAN : l.ratio(l.n_highest)),
+        figure("{:.3g}", table ? NAN : l.ratio(l.n_lowest)), figure("{:.1f}", r.phi_c * 180 / kPi),
+        text(r.formula, tried(l)), text(r.floquet, tried(l)),
+        text(r.closed, std::min(tried(l), kMaxClosed_n)), figure("{:.3f}", r.rho_held), agrees,
+        remark(l));
   }
 }
 
