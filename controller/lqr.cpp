@@ -25,6 +25,8 @@ LoopModel loop_model(const DriveConfig& c, const LqrDesign& d) {
           .T_d = (c.plant.delay_samples + 0.5) * c.T_s()};
 }
 
+// Square of the least share of i_max that is left to i_q.
+constexpr double kLeastTorqueCurrent = 0.1 * 0.1;
 constexpr const char* kSwitched[] = {"compensation off", "compensation: estimated load fed forward",
                                      "compensation: learnt over the angle",
                                      "compensation: estimated load fed forward"};
@@ -209,7 +211,8 @@ Vec2 Lqr::currents_when_it_acts(const State& x) const {
 Vec2 Lqr::limit(const State& x, const Vec2& u, double v_dc) const {
   const double omega_e = machine_.n_p * x.omega_m;
   const Vec2 i = currents_when_it_acts(x);
-  const double i_q_max = std::sqrt(std::max(0.0, p_.i_max * p_.i_max - i[0] * i[0]));
+  const double left = p_.i_max * p_.i_max - i[0] * i[0];
+  const double i_q_max = std::sqrt(std::max(left, kLeastTorqueCurrent * p_.i_max * p_.i_max));
   // The u_q that lands i_q on a given value one step on.
   const auto u_landing = [&](double i_q) {
     return ((i_q - i[1]) * machine_.L_q / T_s_ + machine_.R_s * i[1] +

@@ -51,7 +51,10 @@
 // act, predicted through the voltages that are still on their way:
 //
 //   u_q(i)  = [(i - i_q) L_q/T_s + R_s i_q + n_p omega_m (L_d i_d + psi_f)]/K_pp
-//   u_q     within [u_q(-i_q_max), u_q(i_q_max)],  i_q_max = sqrt(i_max^2 - i_d^2)
+//   u_q     within [u_q(-i_q_max), u_q(i_q_max)],  i_q_max = sqrt(i_max^2 - i_d^2), at least 0.1 i_max
+//
+// The last lets |i| reach 1.005 i_max. Without it an i_d of i_max, as an I/f ramp ends with, would take
+// the least i_q to zero within one tick.
 //
 // Voltage limit, and the anti-windup of the integrals:
 //

@@ -92,6 +92,17 @@ TEST(Lqr, LandsTheCurrentOnItsLimit) {
   EXPECT_NEAR(-2.5 + 1e-4 / 12.7e-3 * (u_q + 1.05 * 2.5), -3.0, 1e-6);
 }
 
+// As after an I/f ramp: a small i_q is not forced to zero within one tick.
+TEST(Lqr, LeavesSomeTorqueCurrentWhereTheRampTakesAll) {
+  const auto u_q = [](const char* i_max) {
+    Bench bench({"controller.compensation=off", "plant.delay_samples=0",
+                 std::string("controller.lqr.i_max_A=") + i_max});
+    bench.e.i_dq = {3, -0.05};
+    return bench.u_dq()[1];
+  };
+  EXPECT_NEAR(u_q("3"), u_q("100"), 1e-9);
+}
+
 // Two voltages are on their way: the older acts first. A step of each is i + T_s/L (u - R i).
 TEST(Lqr, LandsTheCurrentOnItsLimitThroughTheVoltagesInTheirOrder) {
   Bench bench({"controller.compensation=off", "plant.delay_samples=2", "controller.lqr.i_max_A=3"});
