@@ -136,6 +136,12 @@ void print_table() {
                fmt::format("controller.foc.speed_bandwidth_Hz={}", bandwidth_Hz)});
   print_row("kim-ipmsm", 50, 20,
             {"estimator.kind=active_flux", "controller.foc.speed_bandwidth_Hz=15"});
+  for (const char* controller : {"foc", "lqr"}) {
+    const Overrides kinds{"estimator.kind=backemf_printed",
+                          fmt::format("controller.kind={}", controller)};
+    print_row("dilys2021", 64, 20, kinds);
+    print_row("niewiara2020", 40, 20, kinds);
+  }
 }
 
 }  // namespace

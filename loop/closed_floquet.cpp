@@ -142,7 +142,7 @@ Eigen::Vector4d machine_step(const MachineParameters& m, const Eigen::Vector4d& 
 }
 
 bool processes_an_angle(const Filter& filter) {
-  return filter.kind() == "active_flux";
+  return filter.kind() == "active_flux" || filter.kind() == "backemf_printed";
 }
 
 bool holds_an_angle(const Filter& filter) {
@@ -150,7 +150,7 @@ bool holds_an_angle(const Filter& filter) {
          filter.kind() == "dq_ekf";
 }
 
-// Leading pairs of states in stationary axes. The gain of active_flux is the same at every angle.
+// Leading pairs of states in stationary axes. A gain of active_flux is the same at every angle.
 int stationary_pairs(const Filter& filter) {
   return processes_an_angle(filter) ? 2 : filter.turning_pairs();
 }
@@ -171,9 +171,7 @@ bool is_isotropic(const Gain& gain, int pairs) {
 
 bool is_covered(const Steady& steady, const DriveConfig& d) {
   const Filter& filter = *steady.filter;
-  if (filter.kind() == "backemf_printed" || !filter.steady_state(0) ||
-      d.controller.angle_source != AngleSource::kEstimate)
-    return false;
+  if (!filter.steady_state(0) || d.controller.angle_source != AngleSource::kEstimate) return false;
   return !processes_an_angle(filter) ||
          is_isotropic(rotor_gains_of_period(steady, 1).front(), stationary_pairs(filter));
 }

@@ -1,7 +1,8 @@
 // Floquet multipliers of the closed loop: plant, computation delay, filter with its stale gain, and
 // controller. The analysis of loop/stale_gain.hpp is that of the filter alone.
 //
-//   z        = [i_d, i_q, omega_m | u(k-1) .. u(k-delay) | x_hat | angle and speed processing (active_flux)
+//   z        = [i_d, i_q, omega_m | u(k-1) .. u(k-delay) | x_hat
+//               | angle and speed processing (active_flux, backemf_printed)
 //               | integrators of the controller
 //               | angle errors of the snapshots whose gains are in use and waiting]
 //   z(k+1)   = f_k(z(k))            one tick, in the axes of the true rotor
@@ -17,8 +18,9 @@
 //
 // A loop that divides its ticks (speed_divider of `foc`, divider of active_flux) repeats after the least
 // common multiple of n and the dividers; rho is that of n ticks all the same.
-// Covered: every filter under `foc` and `lqr` with angle_source = "estimate", but backemf_printed, and
-// active_flux with unequal noises of its alpha and beta states: they are not the same at every angle.
+// Covered: every filter under `foc` and `lqr` with angle_source = "estimate", but active_flux with unequal
+// noises of its alpha and beta states, and backemf_printed with these or on a salient machine: they are not
+// the same at every angle.
 // Operating point: the reference speed, constant load, the periodic orbit of f with a gain every tick.
 #pragma once
 #include <optional>

@@ -89,8 +89,24 @@ TEST(ClosedFloquet, CoversTheAngleProcessingOfActiveFlux) {
   EXPECT_EQ(grows->n_max_of_filter(20), 20);
 }
 
+// On a machine without saliency, with its scaled noises, it is the same at every angle.
+TEST(ClosedFloquet, CoversThePrintedFilterWithoutSaliency) {
+  const Overrides slow{"estimator.kind=backemf_printed", "controller.foc.speed_bandwidth_Hz=8"};
+  const auto f = floquet(400, slow);
+  ASSERT_TRUE(f);
+  const Overrides fast{slow[0], "controller.foc.speed_bandwidth_Hz=40"};
+  const auto other = floquet(400, fast);
+  ASSERT_TRUE(other);
+  for (int n : {1, 5}) {
+    EXPECT_NEAR(f->spectral_radius(n), growth(400, slow, n), 0.01) << n;
+    EXPECT_NEAR(other->spectral_radius(n), growth(400, fast, n), 0.01) << n;
+  }
+  EXPECT_GT(f->spectral_radius(5) - other->spectral_radius(5), 0.015);
+}
+
 TEST(ClosedFloquet, DoesNotCoverAFilterThatDependsOnTheAngle) {
-  EXPECT_FALSE(floquet(400, {"estimator.kind=backemf_printed"}));
+  Config salient = load("kim-ipmsm", {"estimator.kind=backemf_printed"});
+  EXPECT_FALSE(ClosedFloquet::of(salient, 400));
   EXPECT_FALSE(floquet(
       400, {"estimator.kind=active_flux", "estimator.active_flux.Q_diag=[1e-4, 1e-4, 0.5, 0.1]"}));
 }
