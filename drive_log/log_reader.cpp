@@ -58,10 +58,7 @@ class CsvLog final : public LogReader {
   void expect_enough(std::size_t rows) const override {
     if (rows < kMinRows) fail_too_few(rows_, rows, kMinRows);
   }
-  bool may_wrap() const override {
-    const auto angle = rows_.map().columns.find("theta_m");
-    return angle != rows_.map().columns.end() && angle->second.wrap == 0;
-  }
+  bool may_wrap() const override { return rows_.map().may_wrap(); }
   Place place() override { return rows_.place(); }
   void go_to(const Place& place) override { rows_.go_to(std::get<RowReader::Place>(place)); }
 

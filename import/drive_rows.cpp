@@ -36,8 +36,7 @@ DriveRows read_rows(RowReader& reader, std::size_t min_rows, std::size_t max_row
   }
   rows.notes = reader.notes();
   if (rows.size() < min_rows) fail_too_few(reader, rows.size(), min_rows);
-  if (rows.has("theta_m") && reader.map().columns.at("theta_m").wrap == 0)
-    unwrap_turns(rows.columns.at("theta_m"));
+  if (rows.has("theta_m") && reader.map().may_wrap()) unwrap_turns(rows.columns.at("theta_m"));
   return rows;
 }
 

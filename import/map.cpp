@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "core/config.hpp"
 #include "core/toml_text.hpp"
+#include "model/frames.hpp"
 
 namespace twinrate {
 namespace {
@@ -103,7 +105,8 @@ ColumnMap read_column(const std::string& file, const std::string& name, const to
 
 void read_columns(const std::string& file, const toml::table& columns, ImportMap& map) {
   std::vector<std::string> known = canonical_columns();
-  known.insert(known.end(), static_columns().begin(), static_columns().end());
+  for (const auto* more : {&static_columns(), &linear_columns()})
+    known.insert(known.end(), more->begin(), more->end());
   for (const auto& [key, node] : columns) {
     const std::string name(key.str());
     if (std::find(known.begin(), known.end(), name) == known.end())
@@ -111,6 +114,51 @@ void read_columns(const std::string& file, const toml::table& columns, ImportMap
                                  node.source().begin.line, name, fmt::join(known, ", ")));
     map.columns[name] = read_column(file, name, node);
   }
+}
+
+// A column of a linear axis and the one that it stands for, which is `power` of the radius times it.
+struct LinearColumn {
+  const char *name, *rotary;
+  int power;
+};
+constexpr LinearColumn kLinearColumns[] = {{"x", "theta_m", -1},
+                                           {"v", "omega_m", -1},
+                                           {"force", "torque", 1},
+                                           {"force_ref", "torque_ref", 1}};
+
+void take_linear_columns(ImportMap& map) {
+  for (const LinearColumn& linear : kLinearColumns) {
+    const auto there = map.columns.find(linear.name);
+    if (there == map.columns.end()) continue;
+    ColumnMap column = there->second;
+    const double factor = linear.power > 0 ? map.radius_m : 1 / map.radius_m;
+    column.scale *= factor;
+    column.offset *= factor;
+    column.turns = false;
+    map.columns.erase(there);
+    map.columns[linear.rotary] = std::move(column);
+    map.linear.emplace_back(linear.name);
+  }
+}
+
+void refuse_both(const ImportMap& map) {
+  for (const LinearColumn& linear : kLinearColumns)
+    for (const LinearColumn& other : kLinearColumns) {
+      const auto there = map.columns.find(linear.name);
+      if (there != map.columns.end() && map.columns.count(other.rotary))
+        throw BadInput(
+            fmt::format("{}: columns.{}: of a linear axis, but columns.{} is of a rotary "
+                        "one; give one kind",
+                        there->second.where, linear.name, other.rotary));
+    }
+}
+
+void read_axis(const std::string& file, const toml::table& axis, ImportMap& map) {
+  MapTable table(file, "axis", axis);
+  const double travel = table.number("travel_m", kTwoPi);
+  if (!(travel > 0)) table.fail(*axis.get("travel_m"), "travel_m", "a number above 0 allowed");
+  table.require_known();
+  map.radius_m = travel / kTwoPi;
 }
 
 void read_time(const std::string& file, const toml::table& time, ImportMap& map) {
@@ -173,19 +221,37 @@ const std::vector<std::string>& static_columns() {
   return names;
 }
 
+const std::vector<std::string>& linear_columns() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> list;
+    for (const LinearColumn& linear : kLinearColumns) list.emplace_back(linear.name);
+    return list;
+  }();
+  return names;
+}
+
+bool ImportMap::may_wrap() const {
+  const auto angle = columns.find("theta_m");
+  return angle != columns.end() && angle->second.wrap == 0 && angle->second.turns;
+}
+
 ImportMap read_import_map(const std::string& path) {
   ImportMap map;
   map.toml = read_text_file(path);
   const toml::table root = parse_toml(map.toml, path);
   for (const auto& [key, node] : root)
-    if (key != "columns" && key != "time" && key != "file" && key != "drive")
-      throw BadInput(fmt::format("{}:{}: {}: unknown table; known: columns, time, file, drive",
-                                 path, node.source().begin.line, key.str()));
+    if (key != "columns" && key != "time" && key != "file" && key != "axis" && key != "drive")
+      throw BadInput(
+          fmt::format("{}:{}: {}: unknown table; known: columns, time, file, axis, drive", path,
+                      node.source().begin.line, key.str()));
   const auto* columns = table_of(path, root, "columns");
   if (!columns) throw BadInput(fmt::format("{}:1: table [columns] is missing", path));
   read_columns(path, *columns, map);
   if (const auto* time = table_of(path, root, "time")) read_time(path, *time, map);
   if (const auto* format = table_of(path, root, "file")) read_format(path, *format, map);
+  if (const auto* axis = table_of(path, root, "axis")) read_axis(path, *axis, map);
+  refuse_both(map);
+  take_linear_columns(map);
   if (const auto* drive = table_of(path, root, "drive")) {
     MapTable table(path, "drive", *drive);
     map.preset = table.text("preset", "");
@@ -204,6 +270,14 @@ ImportMap canonical_map(const std::vector<std::string>& header) {
     for (const std::string& name : *names)
       if (std::find(header.begin(), header.end(), name) != header.end())
         map.columns[name] = {.from = name};
+  const auto has = [&](const char* name) { return map.columns.count(name) != 0; };
+  if (std::any_of(std::begin(kLinearColumns), std::end(kLinearColumns),
+                  [&](const LinearColumn& linear) { return has(linear.rotary); }))
+    return map;
+  for (const std::string& name : linear_columns())
+    if (std::find(header.begin(), header.end(), name) != header.end())
+      map.columns[name] = {.from = name};
+  take_linear_columns(map);
   return map;
 }
 

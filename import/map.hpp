@@ -12,8 +12,18 @@
 //   [file]
 //   separator = "," (";" "\t" " "), decimal = ".", skip = 0, comment = "#", header = true
 //
+//   [axis]
+//   travel_m = 0.03                 of a linear axis in one turn of theta_m
+//
 //   [drive]
 //   preset = "laas_mn4004"
+//
+// A linear axis has x, v, force, force_ref instead of theta_m, omega_m, torque, torque_ref. They are
+// read as those of the rotary machine that moves the axis at the radius r = travel_m/(2 pi):
+//
+//   theta_m = x/r   omega_m = v/r   torque = r force   torque_ref = r force_ref
+//
+// Without travel_m r is 1 m: one rad is one metre, one Nm one newton, one kgm2 one kilogram.
 #pragma once
 #include <map>
 #include <string>
@@ -29,6 +39,7 @@ struct ColumnMap {
   int number = 0;    // column number, from 1
   double scale = 1, offset = 0;
   double wrap = 0;    // period of a raw angle; 0: none
+  bool turns = true;  // false: a position of a linear axis, which does not restart
   std::string where;  // file:line of the map; empty without a map
 };
 
@@ -38,16 +49,23 @@ struct ImportMap {
   std::string preset, preset_where;          // name and file:line; empty: not given
   std::string toml;                          // text of the map file; empty without one
   bool time_given = false;                   // by [time] or columns.t
+  std::vector<std::string> linear;           // the columns of a linear axis, by their own names
+  double radius_m = 1;                       // of that axis
+
+  // A jump of theta_m as it is read may be the start of a new turn.
+  bool may_wrap() const;
 };
 
 // Every canonical column name of a drive log, in the order of the contracts.
 const std::vector<std::string>& canonical_columns();
-// Additional column names of static sets.
+// Additional column names of static sets, and those of a linear axis.
 const std::vector<std::string>& static_columns();
+const std::vector<std::string>& linear_columns();
 
 // Throws BadInput: no such file, not TOML, unknown key or column, wrong value.
 ImportMap read_import_map(const std::string& path);
-// The map of a header with canonical names; other columns are ignored.
+// The map of a header with canonical names; other columns are ignored, and so are those of a linear
+// axis beside an angle, a speed or a torque.
 ImportMap canonical_map(const std::vector<std::string>& header);
 
 }  // namespace twinrate

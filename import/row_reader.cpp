@@ -194,6 +194,11 @@ void RowReader::note_unknown_columns(std::vector<std::string>& notes) const {
 std::vector<std::string> RowReader::notes() const {
   std::vector<std::string> notes;
   note_unknown_columns(notes);
+  if (!map_.linear.empty())
+    notes.push_back(
+        fmt::format("{}: a linear axis, read as a rotary one of radius {:.4g} m{}",
+                    fmt::join(map_.linear, ", "), map_.radius_m,
+                    map_.toml.empty() ? " ([axis] travel_m of a map sets another)" : ""));
   if (!truncated_note_.empty()) notes.push_back(truncated_note_);
   if (repeated_ > 0)
     notes.push_back(fmt::format("{} repeated sample{} skipped, the first at line {}", repeated_,

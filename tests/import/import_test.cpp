@@ -160,6 +160,41 @@ TEST_F(Import, WrappedAnglesAreUnwrapped) {
   EXPECT_NEAR(encoder.t[10], 10 / kRate_Hz, 1e-12);
 }
 
+// One turn is 0.03 m: 2 pi/0.03 rad a metre, and 0.03/(2 pi) Nm a newton.
+TEST_F(Import, ALinearAxisIsReadAsTheRotaryMachineThatMovesIt) {
+  const auto row = [](int k) {
+    return fmt::format("{},0.5,{},{},{},{}", k / kRate_Hz, k < 150 ? 0 : 0.02, 0.3, 40, 50);
+  };
+  const std::string file = csv("t,i_q,x,v,force,force_ref", row);
+  const std::string columns = "[columns]\ni_q = \"i_q\"\nx = \"x\"\nv = \"v\"\n";
+  const ImportMap map = read_import_map(
+      write("map.toml",
+            columns + "force = \"force\"\nforce_ref = \"force_ref\"\n[axis]\ntravel_m = 0.03\n"));
+  const DriveRows turned = read_drive_rows(file, &map, false);
+  EXPECT_NEAR(turned.at("theta_m", 149), 0, 1e-12);
+  EXPECT_NEAR(turned.at("theta_m", 150), kTwoPi * 0.02 / 0.03, 1e-9) << "no turn is taken off";
+  EXPECT_NEAR(turned.at("omega_m", 0), kTwoPi * 0.3 / 0.03, 1e-9);
+  EXPECT_NEAR(turned.at("torque", 0), 40 * 0.03 / kTwoPi, 1e-9);
+  EXPECT_NEAR(turned.at("torque_ref", 0), 50 * 0.03 / kTwoPi, 1e-9);
+
+  const DriveRows plain = read_drive_rows(file, nullptr, false);  // a radius of 1 m
+  EXPECT_EQ(plain.at("theta_m", 150), 0.02);
+  EXPECT_EQ(plain.at("omega_m", 0), 0.3);
+  EXPECT_EQ(plain.at("torque", 0), 40);
+  EXPECT_EQ(plain.at("torque_ref", 0), 50);
+  ASSERT_FALSE(plain.notes.empty());
+  EXPECT_TRUE(plain.notes[0].starts_with(
+      "x, v, force, force_ref: a linear axis, read as a rotary one of radius 1 m"))
+      << plain.notes[0];
+
+  // Beside an angle x is another column, and a map refuses both.
+  const std::string both = csv(
+      "t,i_q,theta_m,x", [](int k) { return fmt::format("{},0.5,{},7", k / kRate_Hz, 0.01 * k); });
+  EXPECT_EQ(read_drive_rows(both, nullptr, false).at("theta_m", 5), 0.05);
+  const std::string mixed = write("map.toml", columns + "torque = \"T\"\n");
+  EXPECT_THROW(read_import_map(mixed), BadInput);
+}
+
 TEST_F(Import, AValueIsScaledFirstAndTheOffsetIsInTheUnitOfTheResult) {
   const ImportMap map = read_import_map(
       write("map.toml",
