@@ -35,7 +35,8 @@ FileKind kind_of_file(const std::string& path, const std::optional<ImportMap>& m
   if (map)
     for (const auto& [name, column] : map->columns) names.insert(name);
   else
-    for (const std::string& name : header_of(path, {})) names.insert(name);
+    for (const auto& [name, column] : canonical_map(header_of(path, {})).columns)
+      names.insert(name);
   const auto has = [&](const char* name) { return names.count(name) != 0; };
   const bool time = holds_time(path, map ? &*map : nullptr);
   if (!time) {
@@ -120,8 +121,8 @@ TraceResult trace_static(const std::vector<Opened>& files, const MeasuredFiles& 
   }
   const bool map = files.front().kind == FileKind::kFluxMap;
   hooks.tell(fmt::format("{} points", set.size()));
-  const StaticTrace trace = map ? trace_flux_map(set, drive.facts(), held_out, hooks)
-                                : trace_inverter_curve(set, drive.facts(), held_out, hooks);
+  const auto trace_set = map ? trace_flux_map : trace_inverter_curve;
+  const StaticTrace trace = trace_set(set, drive.facts(), held_out, hooks, asked.considered);
   return static_result(set, trace, map ? StaticKind::kFluxMap : StaticKind::kInverterCurve);
 }
 
@@ -139,7 +140,7 @@ std::optional<TraceResult> trace_position_files(const std::vector<Opened>& files
     return {};
   if (asked.held_out.empty()) logs = hold_out(logs, asked.share.value_or(0.25), drive.machine);
   hooks.tell(fmt::format("{} logs of angle and current", files.size()));
-  return trace_positions(logs, drive.facts(), {.hooks = hooks});
+  return trace_positions(logs, drive.facts(), {.hooks = hooks, .considered = asked.considered});
 }
 
 }  // namespace

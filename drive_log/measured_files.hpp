@@ -7,6 +7,7 @@
 
 #include "core/drive_config.hpp"
 #include "import/map.hpp"
+#include "trace/considered.hpp"
 #include "trace/hooks.hpp"
 #include "trace/result.hpp"
 
@@ -17,6 +18,7 @@ struct MeasuredFiles {
   std::vector<std::string> maps;  // a file uses the first map whose columns it has
   std::optional<double> share;    // held-out share of the rows, if no file is held out
   bool repair = false;
+  Considered considered = {};
 };
 
 // The first of `maps` that fits the header of `path`; empty without maps. A single map is used

@@ -60,6 +60,8 @@ Json summary_of(const TraceResult& r) {
                                   ? std::string(of_a_set ? "points of the same set"
                                                          : "blocks of the same record")
                                   : fmt::format("{}", fmt::join(r.held_out_sources, ", "))});
+  if (!r.excluded.empty())
+    rows.push_back({"not looked for", fmt::format("{}", fmt::join(r.excluded, ", "))});
   if (r.horizon_s > 0)
     rows.push_back({"compared every", fmt::format("{:.3g} ms", 1e3 * r.horizon_s)});
   rows.push_back({"traced in", fmt::format("{:.1f} s", r.seconds)});
@@ -75,7 +77,8 @@ Json claims(const TraceResult& r) {
                   {"figures", Json::array()},
                   {"table", effects_table(r)}};
   if (r.effects.empty()) {
-    section["note"] = "No effect of the catalogue.";
+    section["note"] = r.excluded.empty() ? "No effect of the catalogue."
+                                         : "No effect of the kinds that were looked for.";
     section.erase("table");
   }
   return section;

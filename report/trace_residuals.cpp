@@ -211,13 +211,14 @@ std::vector<Json> picture_sections(const TraceResult& r) {
 
 std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
   std::vector<Json> sections;
+  const char* searched = r.excluded.empty() ? "catalogue" : "kinds that were looked for";
   for (const TracedEffect& line : r.stop_gaps) {
     Json section = effect_section(
         r, line, n_p,
-        fmt::format("Outside the catalogue, a periodic torque: {}", parameters_text(line)),
-        fmt::format("No effect of the catalogue makes this line. extended.toml holds it as a "
+        fmt::format("Outside the {}, a periodic torque: {}", searched, parameters_text(line)),
+        fmt::format("No effect of the {} makes this line. extended.toml holds it as a "
                     "stop-gap ({}) that describes it without a cause.",
-                    line.effect->kind()));
+                    searched, line.effect->kind()));
     if (!section.is_null()) sections.push_back(std::move(section));
   }
   Json figures = Json::array();

@@ -105,14 +105,14 @@ bool is_kind(const std::string& text) {
 
 Json blind_section(const TraceResult& r) {
   Json rows = Json::array();
-  for (const auto& [kind, why] : r.not_identifiable) rows.push_back({kind, why});
+  for (const auto& [kind, why] : not_shown(r)) rows.push_back({kind, why});
   std::vector<std::string> kinds;
   std::copy_if(r.identifiable.begin(), r.identifiable.end(), std::back_inserter(kinds), is_kind);
   std::string note;
   if (!kinds.empty())
     note = fmt::format("Identifiable at the smallest size worth reporting, and absent: {}. ",
                        fmt::join(kinds, ", "));
-  if (rows.empty() && kinds.empty())
+  if (r.not_identifiable.empty() && kinds.empty())
     note = "The record was not compared with the catalogue.";
   else
     note += rows.empty() ? "Every effect of the catalogue is identifiable." : "Not identifiable:";

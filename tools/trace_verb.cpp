@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <charconv>
 #include <chrono>
 #include <cmath>
@@ -36,7 +37,7 @@ constexpr std::chrono::seconds kSilentReading{1};  // no progress line before
 
 struct TraceOptions {
   std::string drive, out = "trace", url;
-  std::vector<std::string> data, holdout, overrides, maps;
+  std::vector<std::string> data, holdout, exclude, overrides, maps;
   double memory_MiB = 1024;
   bool repair = false, json = false, verbose = false, keep_plant = false, verify = false,
        force = false;
@@ -52,6 +53,16 @@ std::optional<double> fraction(const std::string& text) {
     throw BadInput(
         fmt::format("--holdout {}: a fraction above 0 and up to 0.5, or files, allowed", text));
   return value;
+}
+
+// Throws BadInput for a kind that is not in the catalogue.
+Considered considered_kinds(const std::vector<std::string>& excluded) {
+  const std::vector<std::string> known = effect_kinds();
+  for (const std::string& kind : excluded)
+    if (std::find(known.begin(), known.end(), kind) == known.end())
+      throw BadInput(fmt::format("--exclude {}: no such kind of effect; {} allowed", kind,
+                                 fmt::join(known, ", ")));
+  return Considered(excluded);
 }
 
 // Throws BadInput for a file given twice.
@@ -171,6 +182,7 @@ TraceSettings settings_of(const TraceOptions& o) {
   TraceSettings settings;
   settings.stop = stop_signalled;
   settings.fit_judging_rows = !o.verify;
+  settings.considered = considered_kinds(o.exclude);
   if (o.verbose || o.json)
     settings.say = [json = o.json](const std::string& line) {
       if (json)
@@ -183,7 +195,11 @@ TraceSettings settings_of(const TraceOptions& o) {
 
 // The files of --data and --holdout. Sets settings.holdout if --holdout is a share.
 MeasuredFiles files_of(const TraceOptions& o, TraceSettings& settings) {
-  MeasuredFiles files{.data = o.data, .held_out = o.holdout, .maps = o.maps, .repair = o.repair};
+  MeasuredFiles files{.data = o.data,
+                      .held_out = o.holdout,
+                      .maps = o.maps,
+                      .repair = o.repair,
+                      .considered = settings.considered};
   if (o.holdout.size() == 1)
     if (const auto share = fraction(o.holdout[0])) {
       files.share = settings.holdout = *share;
@@ -283,6 +299,12 @@ CLI::Option* add_input_options(CLI::App* verb, TraceOptions* o) {
   CLI::Option* plan = add_plan_options(*verb, o->plan);
   verb->add_option("--holdout", o->holdout,
                    "hold these logs out of the fit, or this fraction of the rows (default 0.25)")
+      ->excludes(plan);
+  verb->add_option(
+          "--exclude", o->exclude,
+          "look for no effect of these kinds, e.g. torsion backlash; repeat or separate by "
+          "commas for more")
+      ->delimiter(',')
       ->excludes(plan);
   verb->add_option("--map", o->maps,
                    "read foreign columns through this map; with several, each file takes the first "

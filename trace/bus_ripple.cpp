@@ -38,7 +38,7 @@ constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 class RippleSearch {
  public:
   RippleSearch(const Record& record, const std::vector<char>& held_out, const DriveFacts& facts,
-               const Effects& known)
+               const Effects& known, const Considered& considered)
       : record_(record), facts_(facts), held_out_(held_out), pieces_(bus_pieces(record)) {
     const double rows = kSlow_s / record.T_s;
     window_ = 2 * static_cast<std::size_t>(std::max(1.0, std::round(0.5 * rows))) + 1;
@@ -54,6 +54,7 @@ class RippleSearch {
     auto unit = make_placed(Traits::Place::kBusLine);
     set_key(*unit, "amplitude_V", 1);
     smallest_ = 1 / unit->tracing().materiality(facts_);
+    excluded_ = !considered(unit->kind());
   }
   BusRipple find();
 
@@ -76,6 +77,7 @@ class RippleSearch {
   std::vector<double> v_, x_, rest_;
   double smallest_ = 1, floor_ = 0;
   bool own_clocks_ = false;  // every piece has its own phase
+  bool excluded_ = false;    // the kind
   std::vector<BusLine> lines_;
   std::vector<std::vector<double>> models_;  // of the lines, row by row
 };
@@ -177,6 +179,7 @@ double RippleSearch::sag_bound() const {
 
 // Why line n is no effect; empty: it is one.
 std::string RippleSearch::refusal(std::size_t n) const {
+  if (excluded_) return "excluded by --exclude";
   const BusLine& line = lines_[n];
   const double A = line.amplitude();
   if (A < smallest_ || A < kSigmas * line.sigma_amplitude) return "too small";
@@ -336,8 +339,9 @@ BusRipple RippleSearch::find() {
 }  // namespace
 
 BusRipple find_bus_ripple(const Record& record, const std::vector<char>& held_out,
-                          const DriveFacts& facts, const Effects& known) {
-  if (!record.v_dc.empty()) return RippleSearch(record, held_out, facts, known).find();
+                          const DriveFacts& facts, const Effects& known,
+                          const Considered& considered) {
+  if (!record.v_dc.empty()) return RippleSearch(record, held_out, facts, known, considered).find();
   BusRipple none;
   none.blind = "v_dc is not in the log";
   return none;

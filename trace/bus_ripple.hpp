@@ -19,8 +19,8 @@
 #include <string>
 #include <vector>
 
+#include "trace/considered.hpp"
 #include "trace/record.hpp"
-#include "trace/result.hpp"
 
 namespace twinrate {
 
@@ -35,8 +35,9 @@ struct BusRipple {
 };
 
 // `held_out`: of each row. `known`: effects of the declared model; what they do to the bus is taken
-// off first.
+// off first. Excluded, a ripple is a note.
 BusRipple find_bus_ripple(const Record& record, const std::vector<char>& held_out,
-                          const DriveFacts& facts, const Effects& known);
+                          const DriveFacts& facts, const Effects& known,
+                          const Considered& considered = {});
 
 }  // namespace twinrate

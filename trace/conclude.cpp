@@ -46,8 +46,22 @@ double size_of(Fault::Fault fault, const DriveFacts& facts, const Health& health
   return 0;
 }
 
-void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r) {
+// An excluded kind as a line about the data.
+std::string shown_by_samples(const Effect& effect) {
+  std::vector<std::string> sizes;
+  for (const TracedParameter& p : traced_parameters(effect, {}))
+    sizes.push_back(p.text.empty() ? fmt::format("{} {:.3g}{}", p.name, p.value,
+                                                 p.unit == "1" ? "" : " " + p.unit)
+                                   : fmt::format("{} {}", p.name, p.text));
+  return fmt::format("the samples show {}: {} ({}, excluded by --exclude)", effect.meaning(),
+                     fmt::join(sizes, ", "), effect.kind());
+}
+
+void from_samples(const DriveFacts& facts, const Health& health, const Considered& considered,
+                  TraceResult& r) {
+  r.health = health.lines();
   const auto add = [&](const std::shared_ptr<const Effect>& effect) {
+    if (!considered(effect->kind())) return r.health.push_back(shown_by_samples(*effect));
     TracedEffect e{.effect = effect, .equation = "sensing"};
     e.parameters = traced_parameters(*effect, {});
     e.materiality = e.effect->tracing().materiality(facts);
@@ -65,7 +79,6 @@ void from_samples(const DriveFacts& facts, const Health& health, TraceResult& r)
       add(effect);
     }
   }
-  r.health = health.lines();
 }
 
 void from_bus(const BusRipple& bus, TraceResult& r) {
@@ -144,7 +157,8 @@ bool no_inertia_tried(const Dictionary& dictionary) {
                       });
 }
 
-void name_aliases(const Record& record, const Dictionary& dictionary, TraceResult& r) {
+void name_aliases(const Record& record, const Considered& considered, const Dictionary& dictionary,
+                  TraceResult& r) {
   constexpr std::size_t kMostAliases = 2;
   const std::vector<std::string> ratio =
       record.has_voltage_equation() ? std::vector<std::string>() : kinds_of_ratio();
@@ -175,8 +189,10 @@ void name_aliases(const Record& record, const Dictionary& dictionary, TraceResul
     // A torsion that leaves bursts may be a gap, which then is what they are.
     const auto* gap = reading_of(*e.effect, Traits::Reading::kWhereBurstsRemain);
     const bool loose =
-        gap && std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
+        gap && considered(gap->kind) &&
+        std::erase_if(r.unexplained, [](const Structure& s) { return s.bursts; }) > 0;
     if (loose && lacks(gap)) e.aliases.insert(e.aliases.begin(), gap->kind);
+    e.aliases = considered.of(std::move(e.aliases));
     if (e.aliases.empty()) continue;
     Ambiguity a{.kinds = {std::string(e.effect->kind())}};
     a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
@@ -284,7 +300,9 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unco
   }
   const std::string left = more_than_noise(fitter, fit);
   const std::string why =
-      !left.empty() ? left + ", and this record does not show the cause" : unconfirmed;
+      left.empty() ? unconfirmed
+                   : left + (r.excluded.empty() ? ", and this record does not show the cause"
+                                                : ", and no kind that is looked for explains it");
   if (why.empty()) return;
   r.verdict = "ambiguous";
   r.sentence = fmt::format(
@@ -344,10 +362,19 @@ void add_members(const Conclusion& c, TraceResult& r) {
   r.refused = c.passed.refused;
 }
 
-void split_parts(const DriveFacts& facts, TraceResult& r) {
+// A gap is looked for where a shaft without one was found.
+void doubt_gap(const Considered& considered, TraceResult& r) {
+  const std::string shaft(make_placed(Traits::Place::kShaft)->kind()),
+      gap(make_placed(Traits::Place::kGap)->kind());
+  if (considered(shaft) || !considered(gap)) return;
+  r.not_identifiable.emplace_back(
+      gap, fmt::format("it is looked for beside a {}, which --exclude leaves out", shaft));
+}
+
+void split_parts(const DriveFacts& facts, const Considered& considered, TraceResult& r) {
   std::vector<TracedEffect> parts;
   for (TracedEffect& e : r.effects)
-    for (TracedEffect& part : split_equivalents(std::move(e), facts))
+    for (TracedEffect& part : split_equivalents(std::move(e), facts, considered))
       parts.push_back(std::move(part));
   r.effects = std::move(parts);
 }
@@ -358,13 +385,14 @@ TraceResult conclude(const Conclusion& c) {
   TraceResult r;
   const Chain& chain = c.last.chain();
   const DriveFacts& facts = chain.equations().facts();
+  const Considered& considered = chain.equations().considered();
   add_members(c, r);
-  from_samples(facts, c.health, r);
+  from_samples(facts, c.health, considered, r);
   from_bus(c.bus, r);
   compare_errors(chain, c.passed.fit.effects(), r);
   compare_files(chain, c.passed.fit.effects(), c.files, r);
   add_effect_views(chain, c.fitted, r);
-  split_parts(facts, r);
+  split_parts(facts, considered, r);
   std::string unconfirmed;
   const bool whole = c.selection.stopped_after == 0;  // else effects to come are in the rest, too
   if (whole &&
@@ -376,7 +404,7 @@ TraceResult conclude(const Conclusion& c) {
       else
         unconfirmed = fmt::format("{}, and the rows that judge do not confirm it", s.text);
     }
-  name_aliases(chain.equations().record(), c.dictionary, r);
+  name_aliases(chain.equations().record(), considered, c.dictionary, r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);
   if (whole) {
@@ -385,7 +413,9 @@ TraceResult conclude(const Conclusion& c) {
     if (c.bus.effects.empty() && c.bus.blind.empty()) r.identifiable.push_back(ripple);
     if (c.bus.effects.empty() && !c.bus.blind.empty())
       r.not_identifiable.emplace_back(ripple, c.bus.blind);
+    doubt_gap(considered, r);
   }
+  leave_out_excluded(considered, r);
   r.verdict = verdict_of(r);
   r.sentence = sentence(r);
   if (!whole) {

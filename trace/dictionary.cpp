@@ -130,7 +130,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
   const Record& record = equations.record();
   const bool u_moves = moves(record.u_alphabeta, record.electrical_ok),
              i_moves = moves(record.i_alphabeta, record.electrical_ok);
-  for (const std::string& kind : effect_kinds()) {
+  for (const std::string& kind : equations.considered().kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
     std::vector<TracedKey> keys = effect->tracing().traced_keys();

@@ -33,7 +33,7 @@ struct Dictionary {
   } beside;
 };
 
-// Candidates of every kind with traced_keys() that the record's signals allow. Columns are sampled,
+// Candidates of every considered kind with traced_keys() that the record's signals allow. Columns are sampled,
 // not yet whitened.
 std::vector<Candidate> make_candidates(const Chain& chain);
 

@@ -58,8 +58,9 @@ Vec2 between(const Vec2& a, const Vec2& b) {
 
 }  // namespace
 
-Equations::Equations(const Record& record, const DriveFacts& facts, Effects known)
-    : record_(record), facts_(facts), known_(std::move(known)) {
+Equations::Equations(const Record& record, const DriveFacts& facts, Effects known,
+                     Considered considered)
+    : record_(record), facts_(facts), known_(std::move(known)), considered_(std::move(considered)) {
   const double T_row = record.T_s / record.rows_each;  // of the log
   T_held_ = facts.T_s > 0 ? std::min(facts.T_s, T_row) : T_row;
   bent_ = 1 - std::pow(T_held_ / record.T_s, 2);
@@ -258,8 +259,8 @@ Record Equations::without_errors(const Effects& effects) const {
 bool Equations::possible(const Effect& effect) const {
   Effects all = known_;
   all.push_back(effect.clone());
-  return within_ranges(effect) && effect.clone()->prepare(facts_).empty() &&
-         negative_loss(all, facts_.machine).empty();
+  return considered_(effect.kind()) && within_ranges(effect) &&
+         effect.clone()->prepare(facts_).empty() && negative_loss(all, facts_.machine).empty();
 }
 
 Channels Equations::empty(int acts_on) const {

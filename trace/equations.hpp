@@ -33,6 +33,7 @@
 
 #include "model/drive_facts.hpp"
 #include "model/effects/motor_side.hpp"
+#include "trace/considered.hpp"
 #include "trace/record.hpp"
 
 namespace twinrate {
@@ -60,8 +61,9 @@ class Bend {
 
 class Equations {
  public:
-  // `known`: effects that the declared model has already.
-  Equations(const Record& record, const DriveFacts& facts, Effects known = {});
+  // `known`: effects that the declared model has already. `considered`: what it may lack.
+  Equations(const Record& record, const DriveFacts& facts, Effects known = {},
+            Considered considered = {});
 
   // What is left of the equations with `effects` in the model, besides those known. The record less
   // their sensors' errors may be kept for the next residual with the same ones.
@@ -77,11 +79,13 @@ class Equations {
   Channels contribution(const Effect& effect) const;
   // The record as it was before the sensors' errors among `effects`.
   Record without_errors(const Effects& effects) const;
-  // Its numbers within their ranges, and, beside what is known, a drive that there may be.
+  // Considered, its numbers within their ranges, and, beside what is known, a drive that there may
+  // be.
   bool possible(const Effect& effect) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
   const Record& record() const { return record_; }
   const Effects& known() const { return known_; }
+  const Considered& considered() const { return considered_; }
   const DriveFacts& facts() const { return facts_; }
   // Smoothed speed of the record as it is.
   const std::vector<double>& omega_m() const { return omega_m_; }
@@ -132,6 +136,7 @@ class Equations {
   const Record& record_;
   DriveFacts facts_;
   Effects known_;
+  Considered considered_;
   double T_held_ = 0;     // s, for which a voltage stands
   double bent_ = 0;       // of a current's mean, the share that is a cubic's
   double load_held_ = 0;  // of T_s, for which a load stands

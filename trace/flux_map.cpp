@@ -65,10 +65,12 @@ bool flux_rises(const Effects& effects, const MachineParameters& m, double i_d_m
 }  // namespace
 
 StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
-                           const std::vector<char>& held_out, const TraceHooks& hooks) {
+                           const std::vector<char>& held_out, const TraceHooks& hooks,
+                           const Considered& considered) {
   const auto &i_d = set.at("i_d"), &i_q = set.at("i_q");
   const auto &psi_d = set.at("psi_d"), &psi_q = set.at("psi_q");
   StaticTrace trace;
+  trace.considered = considered;
   StaticProblem& p = trace.problem;
   p.facts = facts;
   p.hooks = hooks;
@@ -93,14 +95,15 @@ StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
     return flux_rises(effects, m, i_d_max, i_q_max);
   };
   p.scale = Eigen::RowVectorXd::Ones(2);
-  const std::vector<StaticTerm> constants{
-      {make_effect("flux_linkage"), {"change_Wb"}, {}},
-      {make_effect("inductance"), {"change_d_H", "change_q_H"}, {}}};
+  const std::vector<StaticTerm> constants =
+      considered_terms(considered, {{make_effect("flux_linkage"), {"change_Wb"}, {}},
+                                    {make_effect("inductance"), {"change_d_H", "change_q_H"}, {}}});
   const StaticFit constant = fit_static(p, constants);
   p.scale = constant.train.cwiseMax(1e-12);
   const double smallest = kSmallestFlux * std::hypot(m.psi_f, m.L_q * rated_current(facts));
   p.smallest = {smallest, smallest};
-  trace.selection = select_static(p, constants, saturations(i_d_max, i_q_max));
+  trace.selection =
+      select_static(p, constants, considered_terms(considered, saturations(i_d_max, i_q_max)));
   return trace;
 }
 

@@ -31,11 +31,13 @@ StaticKind kind_of(const StaticSet& set) {
 }
 
 StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
-                                 const std::vector<char>& held_out, const TraceHooks& hooks) {
+                                 const std::vector<char>& held_out, const TraceHooks& hooks,
+                                 const Considered& considered) {
   const int phase = phase_of(set);
   const auto& i = set.at(kCurrents[static_cast<std::size_t>(phase)]);
   const auto& u = set.at(kVoltages[static_cast<std::size_t>(phase)]);
   StaticTrace trace;
+  trace.considered = considered;
   StaticProblem& p = trace.problem;
   p.facts = facts;
   p.hooks = hooks;
@@ -66,7 +68,9 @@ StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
     set_key(*drop.effect, "shape", shape);
     drops.push_back(std::move(drop));
   }
-  trace.selection = select_static(p, {{make_effect("resistance"), {"change_Ohm"}, {}}}, drops);
+  trace.selection = select_static(
+      p, considered_terms(considered, {{make_effect("resistance"), {"change_Ohm"}, {}}}),
+      considered_terms(considered, std::move(drops)));
   return trace;
 }
 

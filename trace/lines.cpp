@@ -8,6 +8,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
+#include "trace/position_effects.hpp"
 
 namespace twinrate {
 namespace {
@@ -17,7 +18,7 @@ constexpr double kLowest_Hz = 1;  // slower is drift
 constexpr double kHighestOrder = 60, kLowestOrder = 0.3;  // of fractional orders
 constexpr double kMostWhole = 2000;                       // the highest that an effect takes
 constexpr std::size_t kTurnCells = 8192;                  // of one turn: four a period at least
-constexpr double kWhole = 0.06;  // of an order: nearer is a whole order, cogging's
+constexpr double kWhole = 0.06;  // of an order: nearer is a whole order, cogging's if considered
 constexpr double kFewestTurns = 4;
 constexpr double kLongest_s = 2000;  // of a record with gaps
 
@@ -80,10 +81,11 @@ Candidate with_columns(const Chain& chain, std::shared_ptr<Effect> effect) {
   return candidate;
 }
 
-Candidate line(const Chain& chain, const char* key, double value) {
+void add_line(const Chain& chain, const char* key, double value, std::vector<Candidate>& lines) {
   const std::shared_ptr<Effect> effect = make_placed(Traits::Place::kLine);
+  if (!chain.equations().considered()(effect->kind())) return;
   set_key(*effect, key, value);
-  return with_columns(chain, effect);
+  lines.push_back(with_columns(chain, effect));
 }
 
 // The first whole order above the grid of `effect`, and its step there; {0, 0}: has none. A grid in
@@ -145,7 +147,7 @@ double highest_passed(const Chain& chain) {
 void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>& lines) {
   const double highest = highest_passed(chain);
   std::vector<double> power;
-  for (const std::string& kind : effect_kinds()) {
+  for (const std::string& kind : chain.equations().considered().kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(chain.equations().facts());
     const auto [lowest, step] = beyond_grid(*effect);
@@ -181,7 +183,7 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
       const double f = df * static_cast<double>(b);
       return f > kLowest_Hz && f < 0.42 / step;
     });
-    if (bin > 0) lines.push_back(line(chain, "frequency_Hz", df * static_cast<double>(bin)));
+    if (bin > 0) add_line(chain, "frequency_Hz", df * static_cast<double>(bin), lines);
   }
   // Angle.
   double lowest = 1e300, highest = -1e300;
@@ -196,13 +198,15 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
         std::min(8 * kHighestOrder, static_cast<double>(cells) / (2 * turns));
     for (std::size_t n = 0; n < position.size(); ++n)
       position[n] = (record.theta_m[runs.row[n]] - lowest) / kTwoPi * cells_per_turn;
+    const bool whole_too = !chain.equations().considered()(kOrderOfTorque);
     const double d_order = cells_per_turn / static_cast<double>(cells);
     const std::size_t bin = strongest(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
       const double order = d_order * static_cast<double>(b);
       return order > kLowestOrder && order < kHighestOrder &&
-             std::abs(order - std::round(order)) > std::max(kWhole, 1.5 / turns);
+             (whole_too || std::abs(order - std::round(order)) > std::max(kWhole, 1.5 / turns));
     });
-    if (bin > 0) lines.push_back(line(chain, "order", d_order * static_cast<double>(bin)));
+    const double order = d_order * static_cast<double>(bin), whole = std::round(order);
+    if (bin > 0) add_line(chain, "order", std::abs(order - whole) < kWhole ? whole : order, lines);
   }
   add_whole_orders(chain, fit, lines);
   return lines;

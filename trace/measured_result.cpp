@@ -144,6 +144,15 @@ void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
        "the resistance of the winding measured without the inverter"});
 }
 
+// An inverter curve shows a dead time by the drop that is the same curve.
+void blind_to_threshold(const StaticTrace& trace, StaticKind kind, TraceResult& r) {
+  if (kind != StaticKind::kInverterCurve) return;
+  for (const std::string& whole : trace.considered.excluded())
+    if (const auto* part = reading_of(*make_effect(whole), Traits::Reading::kItsThreshold))
+      r.not_identifiable.emplace_back(
+          part->kind, fmt::format("it is looked for as an {}, which --exclude leaves out", whole));
+}
+
 // What no effect explains of a channel.
 void add_rest(const StaticTrace& trace, const char* unit, TraceResult& r) {
   for (const StaticRest& left : trace.selection.left)
@@ -216,6 +225,8 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
   r.pictures = static_pictures(trace, kind);
   add_inverter_alias(trace, r);
   add_rest(trace, unit, r);
+  blind_to_threshold(trace, kind, r);
+  leave_out_excluded(trace.considered, r);
   r.verdict = verdict_of(r);
   if (r.verdict == std::string("nothing_missing") && refusal_to_tell(r)) r.verdict = "unexplained";
   r.sentence = sentence_of(trace, r);
@@ -224,6 +235,7 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
     r.sentence = fmt::format(
         "Interrupted after {} step{} of the selection: more effects may be missing. So far: {}",
         s.steps.size(), s.steps.size() == 1 ? "" : "s", r.sentence);
+  tell_excluded(trace.considered, r);
   return r;
 }
 

@@ -1,5 +1,6 @@
 // Results of sets without time and of logs of angle and current, in the form of every trace.
 #pragma once
+#include "trace/considered.hpp"
 #include "trace/position_log.hpp"
 #include "trace/result.hpp"
 #include "trace/static_sets.hpp"
@@ -12,6 +13,7 @@ struct PositionSettings {
   // s over which a change of speed is predicted; 0: five sampling intervals.
   double horizon = 0;
   TraceHooks hooks = {};
+  Considered considered = {};
 };
 
 // Logs of theta_m and i_q, holding-current maps among them. The constants K_t/J come from the

@@ -142,6 +142,8 @@ std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
 }
 
 std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
+  const Considered& considered = fitter.chain().equations().considered();
+  if (!considered(make_placed(Traits::Place::kGap)->kind())) return std::nullopt;
   const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
   const std::vector<double> gaps =
       make_placed(Traits::Place::kGap)->tracing().traced_keys().at(0).grid;

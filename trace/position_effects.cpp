@@ -96,6 +96,14 @@ const std::vector<PositionClaim>& position_claims() {
   return claims;
 }
 
+void drop_excluded(const Considered& considered, Found& found) {
+  for (const PositionClaim& claim : position_claims())
+    if (!considered(claim.kind)) claim.drop(found);
+  if (considered(make_of(Traits::Family::kLag)->kind())) return;
+  found.holding.lag = found.holding.sigma_lag = found.holding.lag_share = 0;
+  found.lag_is_of_current = false;
+}
+
 void add_periodic(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r) {
   const double with = judge.error(found, found.model());
   const auto add = [&](const char* kind, std::vector<Harmonic> HoldingTorque::*list) {
@@ -241,7 +249,8 @@ void add_resistance(const Found& found, const DriveFacts& facts, TraceResult& r)
 
 }  // namespace
 
-void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r) {
+void add_voltage(const Found& found, const DriveFacts& facts, const Considered& considered,
+                 TraceResult& r) {
   const WindingVoltage& v = found.voltage;
   if (v.sigma_R <= 0) return;
   const double R_s = facts.machine.R_s;
@@ -258,7 +267,7 @@ void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r) {
     r.identifiable.push_back(fmt::format("psi_f = {:.4g} Wb from the EMF, declared {:.4g}",
                                          v.K_e / facts.machine.n_p, facts.machine.psi_f));
   r.constants.push_back({"R_s", "Ohm", v.R, v.sigma_R, ""});
-  add_resistance(found, facts, r);
+  if (considered(make_of(Traits::Family::kResistance)->kind())) add_resistance(found, facts, r);
   const int n_p = facts.machine.n_p;
   for (const Harmonic& h : v.ripple) {
     const std::string why = fmt::format(

@@ -2,6 +2,7 @@
 #pragma once
 #include <functional>
 
+#include "trace/considered.hpp"
 #include "trace/position_judge.hpp"
 #include "trace/result.hpp"
 
@@ -20,6 +21,9 @@ struct PositionClaim {
   std::function<void(Found&)> drop;
 };
 const std::vector<PositionClaim>& position_claims();
+// Takes the claims of excluded kinds away. What they explain was fitted beside the others all the
+// same, lest those take its place.
+void drop_excluded(const Considered& considered, Found& found);
 
 // Cogging and friction that ripples, by order.
 void add_periodic(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
@@ -28,6 +32,7 @@ void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts
 // A logged speed or current that comes late.
 void add_lags(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
 // Resistance, flux linkage and ripple of the winding's voltage.
-void add_voltage(const Found& found, const DriveFacts& facts, TraceResult& r);
+void add_voltage(const Found& found, const DriveFacts& facts, const Considered& considered,
+                 TraceResult& r);
 
 }  // namespace twinrate

@@ -179,10 +179,8 @@ void find(const std::vector<PositionLog>& logs, const MachineParameters& machine
   }
 }
 
-}  // namespace
-
-TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFacts& facts,
-                            const PositionSettings& settings) {
+TraceResult trace_considered(const std::vector<PositionLog>& logs, const DriveFacts& facts,
+                             const PositionSettings& settings) {
   TraceResult r;
   Found found{.machine = facts.machine};
   for (const PositionLog& log : logs) {
@@ -198,6 +196,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   }
   const TraceHooks& hooks = settings.hooks;
   find(logs, facts.machine, hooks, found);
+  drop_excluded(settings.considered, found);
   Judge judge(logs, facts.machine, settings.horizon, hooks);
   if (!found.holding.cogging.empty()) judge.find_other_zeros(found);
   for (const PositionLog* log : judge.other_zero())
@@ -213,7 +212,8 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   add_friction(found, judge, facts, r);
   add_inertia(found, judge, facts, r);
   add_lags(found, judge, facts, r);
-  add_voltage(found, facts, r);
+  add_voltage(found, facts, settings.considered, r);
+  leave_out_excluded(settings.considered, r);
   add_errors(found, judge, r);
   r.interrupted = hooks.stopped();
   if (!r.interrupted) r.pictures = position_pictures(found, judge);
@@ -245,6 +245,7 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
     if (of_voltage && kind != "resistance")
       r.not_identifiable.push_back({kind, "phase currents and both voltages are not in the data"});
   }
+  leave_out_excluded(settings.considered, r);
   r.verdict = !r.effects.empty()     ? "traced"
               : !r.ambiguous.empty() ? "ambiguous"
                                      : "nothing_missing";
@@ -269,6 +270,15 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
     r.sentence = fmt::format(
         "Cannot tell: the sweep covers {:.2f} of a turn; a whole turn is needed.", turns);
   }
+  return r;
+}
+
+}  // namespace
+
+TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFacts& facts,
+                            const PositionSettings& settings) {
+  TraceResult r = trace_considered(logs, facts, settings);
+  tell_excluded(settings.considered, r);
   return r;
 }
 

@@ -153,6 +153,12 @@ json inconsistent_json(const std::vector<Inconsistency>& inconsistent) {
 
 }  // namespace
 
+std::vector<std::pair<std::string, std::string>> not_shown(const TraceResult& r) {
+  auto list = r.not_identifiable;
+  for (const std::string& kind : r.excluded) list.emplace_back(kind, "excluded by --exclude");
+  return list;
+}
+
 std::string to_json(const TraceResult& r) {
   json effects = json::array(), ambiguous = json::array(), where = json::array(),
        not_identifiable = json::array(), rejected = json::array();
@@ -168,7 +174,7 @@ std::string to_json(const TraceResult& r) {
   }
   json constants = json::object();
   for (const TracedParameter& p : r.constants) constants[p.name] = parameter_json(p);
-  for (const auto& [kind, why] : r.not_identifiable)
+  for (const auto& [kind, why] : not_shown(r))
     not_identifiable.push_back({{"kind", kind}, {"why", why}});
   for (const Rejected& x : r.rejected)
     rejected.push_back({{"kind", x.kind},

@@ -166,10 +166,14 @@ struct TraceResult {
   std::vector<TracedParameter> constants;  // of the machine, as the data have them
   std::vector<std::string> identifiable;
   std::vector<std::pair<std::string, std::string>> not_identifiable;  // kind, why
+  std::vector<std::string> excluded;  // kinds that were not looked for (trace/considered.hpp)
   TraceSeries series_d, series_q, series_torque;
   std::vector<TracePicture> pictures;  // where there are no series
   double seconds = 0;
 };
+
+// Kinds that the data cannot show and, behind them, those that were not looked for; why.
+std::vector<std::pair<std::string, std::string>> not_shown(const TraceResult& result);
 
 // Parameters of an effect with their standard deviations by key, where there is one.
 std::vector<TracedParameter> traced_parameters(const Effect& effect,

@@ -39,6 +39,10 @@ class Settler {
   }
 
  private:
+  std::vector<std::string> considered_friction() const {
+    return fitter_.chain().equations().considered().of(kinds_of(Traits::Family::kFriction));
+  }
+
   // Two sorts of friction can stand in for three others so well that no third adds to them: all
   // sorts together, less those that are not needed. Two stand for one whose curve has another
   // exponent.
@@ -54,7 +58,7 @@ class Settler {
   }
 
   void compose_friction(Members members) {
-    const std::vector<std::string> sorts = kinds_of(Traits::Family::kFriction);
+    const std::vector<std::string> sorts = considered_friction();
     const auto has = [&](const std::string& sort) {
       return std::any_of(members.begin(), members.end(),
                          [&](const auto& m) { return m->kind() == sort; });
@@ -87,7 +91,7 @@ class Settler {
     if (count == 0 || (count == 1 && !has_another_shape())) return;
     Members others = with(fit_.members, nullptr);
     std::erase_if(others, is_friction);
-    for (const std::string& sort : kinds_of(Traits::Family::kFriction)) {
+    for (const std::string& sort : considered_friction()) {
       const auto member = std::find_if(fit_.members.begin(), fit_.members.end(),
                                        [&](const auto& m) { return m->kind() == sort; });
       const std::shared_ptr<Effect> law =

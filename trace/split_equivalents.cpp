@@ -87,11 +87,17 @@ std::vector<TracedEffect> split_drop(TracedEffect whole, const Traits::Reading& 
 
 }  // namespace
 
-std::vector<TracedEffect> split_equivalents(TracedEffect effect, const DriveFacts& facts) {
-  if (const auto* reading = reading_of(*effect.effect, Traits::Reading::kItsCommonPart))
-    return split_asymmetry(std::move(effect), *reading, facts);
-  if (const auto* reading = reading_of(*effect.effect, Traits::Reading::kItsSlope))
-    return split_drop(std::move(effect), *reading, facts);
+std::vector<TracedEffect> split_equivalents(TracedEffect effect, const DriveFacts& facts,
+                                            const Considered& considered) {
+  const auto other = [&](Traits::Reading::When when) -> const Traits::Reading* {
+    const Traits::Reading* reading = reading_of(*effect.effect, when);
+    return reading && considered(reading->kind) ? reading : nullptr;
+  };
+  if (const auto* common = other(Traits::Reading::kItsCommonPart))
+    return split_asymmetry(std::move(effect), *common, facts);
+  const auto *slope = other(Traits::Reading::kItsSlope),
+             *threshold = other(Traits::Reading::kItsThreshold);
+  if (slope && threshold) return split_drop(std::move(effect), *slope, facts);
   return {std::move(effect)};
 }
 

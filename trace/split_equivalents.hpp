@@ -1,7 +1,7 @@
 // Splits a fitted effect that is equivalent to two of the catalogue into these two, which are more
 // common in drives.
 #pragma once
-#include "trace/result.hpp"
+#include "trace/considered.hpp"
 
 namespace twinrate {
 
@@ -10,6 +10,8 @@ namespace twinrate {
 //                  switches a resistance; inverter_drop then stays as their alias.
 // Any other effect, and these two without such a part, come back as they are. Evidence and pictures
 // are those of the two together; the sum of both is the effect that was fitted.
-std::vector<TracedEffect> split_equivalents(TracedEffect effect, const DriveFacts& facts);
+// An excluded kind is no part of it.
+std::vector<TracedEffect> split_equivalents(TracedEffect effect, const DriveFacts& facts,
+                                            const Considered& considered = {});
 
 }  // namespace twinrate

@@ -44,6 +44,12 @@ bool add_best(const StaticProblem& p, const std::vector<StaticTerm>& candidates,
 
 }  // namespace
 
+std::vector<StaticTerm> considered_terms(const Considered& considered,
+                                         std::vector<StaticTerm> terms) {
+  std::erase_if(terms, [&](const StaticTerm& term) { return !considered(term.effect->kind()); });
+  return terms;
+}
+
 StaticSelection select_static(const StaticProblem& p, const std::vector<StaticTerm>& always,
                               const std::vector<StaticTerm>& candidates, double least_gain) {
   StaticSelection selection;

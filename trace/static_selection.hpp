@@ -1,6 +1,7 @@
 // Which effects a static set lacks: forward by the best candidate that also helps the points that
 // choose.
 #pragma once
+#include "trace/considered.hpp"
 #include "trace/point_gate.hpp"
 #include "trace/static_fit.hpp"
 
@@ -27,6 +28,10 @@ struct StaticSelection {
   std::vector<StaticRest> left;
   bool interrupted = false;  // after the last step: more may be missing
 };
+
+// The terms of considered kinds.
+std::vector<StaticTerm> considered_terms(const Considered& considered,
+                                         std::vector<StaticTerm> terms);
 
 // Forward: of all candidates the one with the best criterion N log(cost) + k log(N), as long as it
 // takes `least_gain` of the mean square that is left of the points that choose. A candidate of a

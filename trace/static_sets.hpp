@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "trace/considered.hpp"
 #include "trace/static_selection.hpp"
 
 namespace twinrate {
@@ -31,19 +32,21 @@ struct StaticTrace {
   StaticProblem problem;
   StaticSelection selection;
   std::string held_out_rule;  // which points were held out, for people
+  Considered considered;
 };
 
 // `held_out`: of each point, those that judge; empty: the rule of trace/static_split.hpp.
 //
 // Flux map: constants (flux_linkage, inductance), then saturation and cross_saturation. Errors are weighed by those of the constant model, so that both axes count.
 StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
-                           const std::vector<char>& held_out = {}, const TraceHooks& hooks = {});
+                           const std::vector<char>& held_out = {}, const TraceHooks& hooks = {},
+                           const Considered& considered = {});
 // Inverter curve: the resistance, then the drop of the switches in each of
 // its shapes. Half the current returns through each of the other two phases of the star. Dead time
 // of the same shape is the same curve at one bus voltage: equivalent_dead_time() is the other name.
 StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
                                  const std::vector<char>& held_out = {},
-                                 const TraceHooks& hooks = {});
+                                 const TraceHooks& hooks = {}, const Considered& considered = {});
 // The dead_time that loses at every current what `drop` does, resistance aside. Null where the
 // drive has no bus voltage or switching frequency.
 std::shared_ptr<Effect> equivalent_dead_time(const Effect& drop, const DriveFacts& facts);

@@ -114,10 +114,8 @@ Passed not_asked(const Selection& selection) {
   return passed;
 }
 
-}  // namespace
-
-TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Health& health,
-                         const TraceSettings& settings, std::vector<char> held_out) {
+TraceResult trace_considered(const Record& raw, const DriveConfig& drive, const Health& health,
+                             const TraceSettings& settings, std::vector<char> held_out) {
   const auto begin = std::chrono::steady_clock::now();
   if (!health.blind.empty()) {
     TraceResult r;
@@ -132,7 +130,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   if (const std::string why = voltage_doubt(raw, drive.facts()); !why.empty()) {
     Record without_voltage = raw;
     without_voltage.u_alphabeta.clear();
-    TraceResult r = trace_record(without_voltage, drive, health, settings, std::move(held_out));
+    TraceResult r = trace_considered(without_voltage, drive, health, settings, std::move(held_out));
     r.health.push_back(why);
     return r;
   }
@@ -145,7 +143,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   const auto from_zero = [&](double by, const char* why) {
     TraceSettings same = settings;
     same.fit_judging_rows = fit_judging_rows;
-    TraceResult r = trace_record(moved(raw, by), drive, health, same, held_out);
+    TraceResult r = trace_considered(moved(raw, by), drive, health, same, held_out);
     r.health.emplace_back(why);
     return r;
   };
@@ -156,7 +154,7 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
     if (settings.say) settings.say(fmt::format("{}: {:.0f} ms", what, ms_since(t0)));
     t0 = std::chrono::steady_clock::now();
   };
-  BusRipple bus = find_bus_ripple(raw, held_out, facts, known);
+  BusRipple bus = find_bus_ripple(raw, held_out, facts, known, settings.considered);
   Effects on_bus = known;
   if (!bus.own_clocks)
     for (const TracedEffect& e : bus.effects) on_bus.push_back(e.effect);
@@ -177,8 +175,8 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   const auto thin = [&](const Record& r) { return thinned(r, rows, facts.machine.n_p); };
   const Record record = thin(seen), record_answered = thin(noisier.answered),
                record_readings = thin(noisier.readings);
-  const Equations equations(record, facts, known), answered(record_answered, facts, known),
-      readings(record_readings, facts, known);
+  const Equations equations(record, facts, known, settings.considered),
+      answered(record_answered, facts, known), readings(record_readings, facts, known);
   const Sampler sampler(record, moving_rows(record), thinned(choosing, whole, rows));
   Chain chain(equations, answered, readings, sampler);
   chain.stop_when(settings.stop);
@@ -296,6 +294,15 @@ TraceResult trace_record(const Record& raw, const DriveConfig& drive, const Heal
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;
+}
+
+}  // namespace
+
+TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
+                         const TraceSettings& settings, std::vector<char> held_out) {
+  TraceResult r = trace_considered(record, drive, health, settings, std::move(held_out));
+  tell_excluded(settings.considered, r);
+  return r;
 }
 
 }  // namespace twinrate

@@ -21,6 +21,7 @@ struct TraceSettings {
   Say say;                        // progress, one line each; may be empty
   std::function<bool()> stop;     // asked at every step: true ends the trace; may be empty
   std::vector<SourceRows> files;  // that make the record; empty: one
+  Considered considered;          // kinds that the model may lack
   // What passed is fitted once more to the rows that judged it, too, if those are given; if they
   // are blocks of the record it always is.
   bool fit_judging_rows = false;

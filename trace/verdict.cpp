@@ -41,12 +41,14 @@ std::string nothing_in_words(const TraceResult& r) {
   std::set<std::string_view> shown;  // kinds; `identifiable` may hold sentences, too
   for (const std::string& kind : r.identifiable)
     if (kind.find(' ') == std::string::npos) shown.insert(kind);
-  if (shown.empty()) return "Of the effects that these data can show none is missing in the model";
+  const char* looked_for = r.excluded.empty() ? "" : " that were looked for and";
+  if (shown.empty())
+    return fmt::format("Of the effects{} that these data can show none is missing in the model",
+                       looked_for);
   return fmt::format(
-      "Of the {} kinds of effects that these data can show (listed as identifiable) none is "
-      "missing "
-      "in the model",
-      shown.size());
+      "Of the {} kinds of effects{} that these data can show (listed as identifiable) none is "
+      "missing in the model",
+      shown.size(), looked_for);
 }
 
 const Refused* refusal_to_tell(const TraceResult& r) {
@@ -62,7 +64,9 @@ std::string headline_begins(const TraceResult& r) {
   std::vector<std::string> what;
   for (const Structure& s : r.unexplained) what.push_back(s.text);
   std::string text = "Unexplained";
-  if (!what.empty()) text += fmt::format(": {}, outside the catalogue", fmt::join(what, ", "));
+  if (!what.empty())
+    text += fmt::format(": {}, outside the {}", fmt::join(what, ", "),
+                        r.excluded.empty() ? "catalogue" : "kinds that were looked for");
   if (const Refused* refused = refusal_to_tell(r))
     text += (what.empty() ? ": " : "; ") + refusal_in_words(*refused);
   return text + ". ";

@@ -185,7 +185,7 @@ def sweep(drive, speeds, policies=("paper",), seeds=5, set={}, out=None, **optio
 def trace(drive, data, holdout=(), set={}, out=None, **options):
     """The effects that the model lacks, as `twinrate trace`: trace.json as a dictionary, and
     extended.toml as `extended`. `data`, `holdout`: a log, or a list of logs; `holdout` may be a
-    share of the rows. `options`: those of the program, repair=True."""
+    share of the rows. `options`: those of the program, repair=True, exclude=["torsion"]."""
     keep = _Temporary(out)
     out = keep.path(out, "trace")
     held_out = ["--holdout", *_list(holdout)] if _list(holdout) else []
@@ -325,7 +325,7 @@ def _options(options):
         if value is True:
             words.append(option)
         elif value is not False and value is not None:
-            words += [option, value]
+            words += [option, *_list(value)]
     return words
 
 

@@ -244,13 +244,17 @@ class Verbs(Case):
         extra.write_text('preset = "dilys2021"\n[[effect]]\nkind = "cogging"\norder = 24\n'
                          'amplitude_Nm = 0.004\n[run]\nduration_s = 1.0\nsettle_s = 0.5\n')
         run = twinrate.simulate(extra, out=self.path / "cogged")
-        result = twinrate.trace("dilys2021", run.directory, out=self.path / "traced")
+        result = twinrate.trace("dilys2021", run.directory, out=self.path / "traced",
+                                exclude=["torsion", "backlash"])
         done = program("trace", "dilys2021", "--data", run.directory, "--out",
-                       self.path / "by_program", "--json")
+                       self.path / "by_program", "--json", "--exclude", "torsion", "backlash")
         self.assertEqual((self.path / "traced/extended.toml").read_text(),
                          (self.path / "by_program/extended.toml").read_text(), done.stderr)
         self.assertEqual(result["verdict"], "traced")
         self.assertEqual([e["kind"] for e in result["effects"]], ["cogging"])
+        excluded = [row["kind"] for row in result["not_identifiable"]
+                    if row["why"] == "excluded by --exclude"]
+        self.assertEqual(excluded, ["backlash", "torsion"])
 
     def test_call_returns_what_the_program_prints(self):
         code, text = twinrate.call("effects", "list")

@@ -102,6 +102,26 @@ TEST_F(Trace, DutiesAndTheVoltagesTheyMakeAreTracedAlike) {
   EXPECT_EQ(results[1]["interrupted"], false);
 }
 
+TEST_F(Trace, AnExcludedKindIsNotNamedAndListedAsExcluded) {
+  std::vector<std::string> words = trace(log("log.csv", 2, false));
+  for (const char* word : {"--exclude", "resistance", "torsion,backlash", "--exclude", "cogging"})
+    words.emplace_back(word);
+  const ProgramResult result = run_program(words);
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const Json json = Json::parse(read_text(path("out/trace.json")));
+  for (const Json& effect : json["effects"]) {
+    EXPECT_NE(effect["kind"], "resistance");
+    for (const Json& alias : effect["aliases"]) EXPECT_NE(alias, "resistance");
+  }
+  std::vector<std::string> excluded;
+  for (const Json& row : json["not_identifiable"])
+    if (row["why"] == "excluded by --exclude") excluded.push_back(row["kind"]);
+  EXPECT_EQ(excluded, (std::vector<std::string>{"backlash", "cogging", "resistance", "torsion"}));
+  EXPECT_EQ(read_text(path("out/extended.toml")).find("\"resistance\""), std::string::npos);
+  EXPECT_NE(read_text(path("out/report.html")).find("not looked for"), std::string::npos);
+  EXPECT_NE(json["verdict"], "nothing_missing") << json["sentence"];
+}
+
 TEST_F(Trace, InterruptedWhileReadingWritesNothingAndReportsIt) {
   std::string text = "t,i_a,i_b,u_alpha,u_beta,theta_m\n";
   for (int k = 0; k < 600'000; ++k) {
@@ -203,6 +223,8 @@ TEST_F(Trace, BadOptionsAreOneLineBeforeTheWorkStarts) {
   const std::string out = path("nothing");
   says(refused({"--out", out, "--data", data, path(".") + "/log.csv"}), "is given twice in --data");
   says(refused({"--out", out, "--data", data, "--holdout", data}), "in --data and in --holdout");
+  says(refused({"--out", out, "--data", data, "--exclude", "cogging,coging"}),
+       "--exclude coging: no such kind of effect; adc_clipping,");
   says(refused({"--out", out, "--data", data, "--kinds", "cogging"}), "--kinds requires --plan");
   says(refused({"--out", out, "--data", data, "--duration", "5s"}), "--duration requires --plan");
   says(refused({"--out", out, "--data", data, "--plan", "--verify"}), "--plan excludes --verify");
