@@ -1,5 +1,6 @@
 #include "trace/result.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -26,7 +27,8 @@ json parameter_json(const TracedParameter& p) {
   return row;
 }
 
-json effect_json(const TracedEffect& e) {
+// `all`: the files of the trace. An effect that was fitted to them together was found in all.
+json effect_json(const TracedEffect& e, const std::vector<std::string>& all) {
   json parameters = json::object();
   for (const TracedParameter& p : e.parameters) parameters[p.name] = parameter_json(p);
   json evidence = {{"holdout_gain", number(e.held_out_gain)},
@@ -42,7 +44,14 @@ json effect_json(const TracedEffect& e) {
           {"aliases", e.aliases},
           {"from_s", e.from_s ? number(*e.from_s) : json(nullptr)},
           {"to_s", e.to_s ? number(*e.to_s) : json(nullptr)},
-          {"files", e.files}};
+          {"files", e.only_in_part || e.from_samples ? e.files : all}};
+}
+
+std::vector<std::string> files_of(const TraceResult& r) {
+  std::vector<std::string> files = r.sources;
+  for (const std::string& path : r.held_out_sources)
+    if (std::find(files.begin(), files.end(), path) == files.end()) files.push_back(path);
+  return files;
 }
 
 json changes_json(const TraceResult& r) {
@@ -96,7 +105,7 @@ json error_json(const TraceResult& r) {
 json stop_gap_json(const TraceResult& r) {
   json list = json::array();
   for (const TracedEffect& e : r.stop_gaps) {
-    json row = effect_json(e);
+    json row = effect_json(e, files_of(r));
     row["in_extended_toml"] = !e.only_in_part;
     list.push_back(row);
   }
@@ -162,7 +171,7 @@ std::vector<std::pair<std::string, std::string>> not_shown(const TraceResult& r)
 std::string to_json(const TraceResult& r) {
   json effects = json::array(), ambiguous = json::array(), where = json::array(),
        not_identifiable = json::array(), rejected = json::array();
-  for (const TracedEffect& e : r.effects) effects.push_back(effect_json(e));
+  for (const TracedEffect& e : r.effects) effects.push_back(effect_json(e, files_of(r)));
   for (const Ambiguity& a : r.ambiguous)
     ambiguous.push_back({{"kinds", a.kinds}, {"why", a.why}, {"would_separate", a.would_separate}});
   for (const Structure& s : r.unexplained) {

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "core/config.hpp"
 #include "tests/support/effects.hpp"
 
@@ -12,6 +14,22 @@ TracedEffect traced_effect(const char* kind, std::map<std::string, double> value
   TracedEffect e;
   e.effect = test::effect_of(kind, std::move(values));
   return e;
+}
+
+// Of one that begins or ends, the files of its part; of one in the samples, no claim.
+TEST(TraceJson, AnEffectListsTheFilesThatItWasFittedToOrJudgedOn) {
+  TraceResult result;
+  result.sources = {"a.csv", "b.csv"};
+  result.held_out_sources = {"b.csv", "c.csv"};
+  const std::map<std::string, double> torque{{"torque_Nm", 0.1}};
+  for (int i = 0; i < 3; ++i) result.effects.push_back(traced_effect("coulomb_friction", torque));
+  result.effects[1].only_in_part = true;
+  result.effects[1].files = {"b.csv"};
+  result.effects[2].from_samples = true;
+  const auto effects = nlohmann::json::parse(to_json(result))["effects"];
+  EXPECT_EQ(effects[0]["files"], (std::vector<std::string>{"a.csv", "b.csv", "c.csv"}));
+  EXPECT_EQ(effects[1]["files"], std::vector<std::string>{"b.csv"});
+  EXPECT_TRUE(effects[2]["files"].empty());
 }
 
 // A filter of what is logged is no property of the drive: nothing is to compensate it.
