@@ -213,8 +213,12 @@ void read_drive(Config::Impl& file) {
   check_across(file, d);
 }
 
+// By its name, or by its file in the tree: config/NAME.toml.
 std::string preset_path(const std::string& name, const std::string& said_at) {
-  const fs::path path = fs::path(preset_directory()) / (name + ".toml");
+  const fs::path file(name);
+  const bool of_tree = file.parent_path() == "config" && file.extension() == ".toml";
+  const fs::path path =
+      fs::path(preset_directory()) / (of_tree ? file.filename().string() : name + ".toml");
   std::error_code unusable;
   if (!fs::is_regular_file(path, unusable))
     throw BadInput(fmt::format("{}: no such file and no such preset; presets: {}",

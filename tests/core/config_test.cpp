@@ -69,6 +69,10 @@ TEST(Presets, AreFoundByNameAndByFile) {
   EXPECT_NE(std::find(names.begin(), names.end(), "dilys2021"), names.end());
   const std::string path = preset_directory() + "/dilys2021.toml";
   EXPECT_EQ(Config::load(path).drive().machine.psi_f, 0.007);
+  // By its file in the tree, wherever the program runs.
+  EXPECT_EQ(Config::load("config/dilys2021.toml").drive().machine.psi_f, 0.007);
+  EXPECT_THROW(Config::load("config/dilys2012.toml"), BadInput);
+  EXPECT_THROW(Config::load("presets/dilys2021.toml"), BadInput);
 }
 
 TEST(Config, ReadsTheDilysMotorAsThePaperGivesIt) {
