@@ -129,7 +129,7 @@ class Emulator {
 };
 
 void add_options(CLI::App& app, EmulatorOptions& o) {
-  app.add_option("DRIVE", o.drive, "simulate this drive file or preset")->required();
+  app.add_option("DRIVE,--config", o.drive, "simulate this drive file or preset")->required();
   app.add_option("--pty", o.pty, "make a pty and this symbolic link to it");
   app.add_option("--udp", o.udp, "receive at HOST:PORT");
   app.add_option("--protocol", o.protocol, "speak this protocol: twinrate, moteus, vesc");

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "core/machine_error.hpp"
@@ -27,7 +28,7 @@ struct ReplayOptions {
   std::string log, only = "MEASUREMENT,REFERENCE,TRUTH";
   BusAddress bus;
   double speed = 1;
-  bool lockstep = false, repair = false;
+  bool lockstep = false, repair = false, json = false;
 };
 
 // manifest.json counts what the log holds, also of a log whose writer was killed. Only an event in
@@ -55,13 +56,25 @@ std::string incomplete(const RunLog& log, const DriveConfig& drive) {
   return "";
 }
 
-int print(const LockstepResult& r, const BusParameters& parameters, const std::string& incomplete) {
+int print(const LockstepResult& r, const BusParameters& parameters, const std::string& incomplete,
+          bool json) {
   if (r.unanswered_k >= 0) {
     fmt::print(stderr,
                "twinrate: no ESTIMATE({}) from an estimator within {} s; a running "
                "estimator must be unbound, and started with --follow to hear a second session\n",
                r.unanswered_k, parameters.peer_timeout_s);
     return 1;
+  }
+  const int code = r.different > 0 || !incomplete.empty() ? 1 : 0;
+  if (json) {
+    fmt::print("{}\n", nlohmann::ordered_json{{"ticks", r.played},
+                                              {"wall_s", r.wall_s},
+                                              {"repeats", r.repeats},
+                                              {"equal", r.equal},
+                                              {"different", r.different},
+                                              {"not_whole", incomplete}}
+                           .dump());
+    return code;
   }
   fmt::print("replayed {} ticks in {:.2f} s, {} sent again\n", r.played, r.wall_s, r.repeats);
   if (r.equal + r.different == 0)
@@ -73,7 +86,7 @@ int print(const LockstepResult& r, const BusParameters& parameters, const std::s
                r.played - r.equal - r.different);
   if (!incomplete.empty()) fmt::print("not a whole run: {}\n", incomplete);
   if (r.different > 0) fmt::print("first difference at tick {}\n", r.first_difference_k);
-  return r.different > 0 || !incomplete.empty() ? 1 : 0;
+  return code;
 }
 
 std::vector<std::string> channel_list(const std::string& text) {
@@ -103,8 +116,15 @@ int replay(const ReplayOptions& o) {
   if (!o.lockstep) {
     const PacedResult r =
         replay_paced(o.log, log.channel_suffix, channel_list(o.only), o.bus, o.speed, on_damage);
-    fmt::print("played {} messages of {} in {:.2f} s{}\n", r.played, o.only, r.wall_s,
-               stop_signalled() ? ", interrupted" : "");
+    if (o.json)
+      fmt::print("{}\n", nlohmann::ordered_json{{"messages", r.played},
+                                                {"channels", o.only},
+                                                {"wall_s", r.wall_s},
+                                                {"interrupted", stop_signalled()}}
+                             .dump());
+    else
+      fmt::print("played {} messages of {} in {:.2f} s{}\n", r.played, o.only, r.wall_s,
+                 stop_signalled() ? ", interrupted" : "");
     return log.damage.empty() ? 0 : 1;
   }
   if (log.config_toml.empty())
@@ -119,14 +139,15 @@ int replay(const ReplayOptions& o) {
   std::unique_ptr<OwnEstimator> own;
   const std::int64_t session = new_session_id();
   if (!estimator_on_bus(o.bus)) {
-    fmt::print("no estimator on the bus: starting estimator and gain with the config of the log\n");
+    fmt::print(o.json ? stderr : stdout,
+               "no estimator on the bus: starting estimator and gain with the config of the log\n");
     own = std::make_unique<OwnEstimator>(drive_file, o.bus, session);
   }
   const LockstepResult result = replay_lockstep(log, parameters, o.bus, session);
   std::string why = incomplete(log, config.drive());
   if (why.empty() && stop_signalled())
     why = fmt::format("interrupted after {} of {} ticks", result.played, log.measurement.size());
-  return print(result, parameters, why);
+  return print(result, parameters, why, o.json);
 }
 
 }  // namespace
@@ -143,6 +164,7 @@ void add_replay_verb(CLI::App& app, int& exit_code) {
       "--only", o->only,
       "play these channels only, separated by commas (default MEASUREMENT,REFERENCE,TRUTH)");
   verb->add_flag("--repair", o->repair, "play what is whole of a damaged log; exit code 1");
+  verb->add_flag("--json", o->json, "print the result as one line of JSON");
   verb->add_option("--lcm-url", o->bus.url, "use this LCM URL");
   verb->add_option("--channel-suffix", o->bus.channel_suffix,
                    "append this text to every channel name");

@@ -3,11 +3,13 @@
 
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "analysis/long_log.hpp"
 #include "core/config.hpp"
 #include "core/output_file.hpp"
+#include "core/percent_line.hpp"
 #include "core/run_log_part.hpp"
 #include "report/report.hpp"
 #include "tools/verb.hpp"
@@ -20,7 +22,7 @@ namespace fs = std::filesystem;
 struct ReportArguments {
   std::vector<std::string> paths;
   std::string out, title, config, angle_reference = "auto", channel_suffix;
-  bool force = false, repair = false;
+  bool force = false, repair = false, json = false;
 };
 
 struct LoadedRun {
@@ -118,13 +120,23 @@ void report(const ReportArguments& arguments) {
   expect_free(out, arguments.force);
   std::vector<LoadedRun> loaded;
   loaded.reserve(arguments.paths.size());
-  for (const std::string& path : arguments.paths) loaded.push_back(load(path, arguments));
+  {
+    PercentLine line(arguments.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
+    for (const std::string& path : arguments.paths) {
+      line.show("reading " + path,
+                static_cast<double>(loaded.size()) / static_cast<double>(arguments.paths.size()));
+      loaded.push_back(load(path, arguments));
+    }
+  }
   std::vector<ReportRun> runs;
   runs.reserve(loaded.size());
   for (const LoadedRun& run : loaded)
     runs.push_back({run.log, run.ticks, run.config.drive(), run.summary, run.manifest_json});
   write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
-  fmt::print("{}\n", out);
+  if (arguments.json)
+    fmt::print("{}\n", nlohmann::json{{"page", out}}.dump());
+  else
+    fmt::print("{}\n", out);
 }
 
 }  // namespace
@@ -145,6 +157,7 @@ void add_report_verb(CLI::App& app, int&) {
                    "read the channels with this suffix");
   verb->add_flag("--repair", arguments->repair, "use what is whole of a damaged log");
   verb->add_flag("--force", arguments->force, "replace the page of --out");
+  verb->add_flag("--json", arguments->json, "print JSON lines instead of text");
   verb->callback([arguments] { report(*arguments); });
 }
 

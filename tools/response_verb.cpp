@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
 
 #include "core/output_file.hpp"
+#include "core/percent_line.hpp"
 #include "core/process.hpp"
 #include "loop/load_drive.hpp"
 #include "response/response.hpp"
@@ -21,7 +23,7 @@ constexpr const char* kFiles[] = {".csv", ".json", ".svg"};
 struct ResponseOptions {
   std::string of, drive, out, n;
   std::vector<std::string> overrides;
-  bool force = false;
+  bool force = false, json = false;
 };
 
 std::vector<int> values_of_n(const ResponseOptions& o) {
@@ -93,31 +95,38 @@ void print(const Response& r) {
         all - measured, all, hint(r));
 }
 
-int run(const ResponseOptions& o) {
+int run(ResponseOptions o) {
   const ResponseOf of = response_named(o.of);
+  if (o.out.empty()) o.out = "response-" + o.of;
   for (const char* kind : kFiles) expect_free(o.out + kind, o.force);
   catch_stop_signals();
   std::vector<Response> responses;
   std::string name;
-  for (const int n : values_of_n(o)) {
+  const std::vector<int> all_n = values_of_n(o);
+  for (const int n : all_n) {
     std::vector<std::string> overrides = o.overrides;
     overrides.push_back(fmt::format("rates.n={}", n));
     Config config = load_drive(o.drive, overrides);
     name = config.drive().name.empty() ? o.drive : config.drive().name;
-    if (responses.empty()) fmt::print("{}: response of the {} loop\n", name, o.of);
-    responses.push_back(measure_response(config, of, stop_signalled));
-    if (stop_signalled()) {
-      fmt::print("stopped\n");
-      return 1;
+    if (responses.empty() && !o.json) fmt::print("{}: response of the {} loop\n", name, o.of);
+    {
+      PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
+      line.show(fmt::format("measuring n = {},", n),
+                static_cast<double>(responses.size()) / static_cast<double>(all_n.size()));
+      responses.push_back(measure_response(config, of, stop_signalled));
     }
-    print(responses.back());
+    if (stop_signalled()) throw Stopped{};
+    if (!o.json) print(responses.back());
   }
   const std::string texts[] = {response_csv(responses), response_json(name, responses),
                                response_svg(name, responses)};
   for (int i = 0; i < 3; ++i) {
     (o.force ? replace_file : write_new)(o.out + kFiles[i], texts[i]);
   }
-  fmt::print("written to {0}.csv, {0}.json, {0}.svg\n", o.out);
+  if (o.json)
+    fmt::print("{}\n", nlohmann::json{{"out", o.out}}.dump());
+  else
+    fmt::print("written to {0}.csv, {0}.json, {0}.svg\n", o.out);
   for (const Response& r : responses)
     if (!r.locked || measured_lines(r) == 0) return 1;
   return 0;
@@ -131,13 +140,22 @@ void add_response_verb(CLI::App& app, int& exit_code) {
       "response", "Measure the frequency response of a closed loop beside its design");
   verb->add_option("LOOP", o->of, "measure this loop: speed, current, load")->required();
   verb->add_option("DRIVE", o->drive, "read this drive file or preset")->required();
-  verb->add_option("--out", o->out, "write this file name with .csv, .json and .svg")->required();
+  verb->add_option("--out", o->out,
+                   "write this file name with .csv, .json and .svg (default response-LOOP)");
   verb->add_option("--n", o->n, "measure with a gain every n ticks, a list: 1,5,10");
   verb->add_option("--set", o->overrides,
                    "override a key of the drive file: key.path=value; repeat for more keys")
       ->allow_extra_args(false);
   verb->add_flag("--force", o->force, "replace these files");
-  verb->callback([o, &exit_code] { exit_code = run(*o); });
+  verb->add_flag("--json", o->json, "print JSON lines instead of text");
+  verb->callback([o, &exit_code] {
+    try {
+      exit_code = run(*o);
+    } catch (const Stopped&) {
+      fmt::print(stderr, "twinrate: response interrupted, nothing written\n");
+      exit_code = 1;
+    }
+  });
 }
 
 }  // namespace twinrate

@@ -70,6 +70,8 @@ TEST_F(BadInput, BrokenToml) {
 }
 TEST_F(BadInput, UnknownPreset) {
   expect_refused(launch("dilys2012"), {"dilys2012", "dilys2021"});
+  // No other option is needed.
+  expect_refused(twinrate({"response", "speed", "dilys2012"}), {"dilys2012", "dilys2021"});
 }
 TEST_F(BadInput, ADirectoryForAFile) {
   expect_refused(launch(path(".")), {path("."), "plain file"});

@@ -108,7 +108,7 @@ TEST_F(BridgeRun, ARealMotorsFileAtItsOwnPaceIsLoggedAsItsImport) {
 
 TEST_F(BridgeRun, ProbeShowsTheDriveAndClearsByHandAlone) {
   const Program emulator(
-      {"twinrate-emulator", "dilys2021", "--pty", tty(), "--set", "rates.f_s_Hz=1000"});
+      {"twinrate-emulator", "--config", "dilys2021", "--pty", tty(), "--set", "rates.f_s_Hz=1000"});
   ASSERT_TRUE(emulator_is_there());
   const ProgramResult probe = twinrate({"bridge", "probe", "dilys2021", "--port", tty(), "--for",
                                         "0.3", "--set", "rates.f_s_Hz=1000"});

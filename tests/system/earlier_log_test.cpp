@@ -35,7 +35,7 @@ TEST_F(EarlierLog, IsReadWhole) {
 TEST_F(EarlierLog, IsExportedReportedAndTraced) {
   expect_done({"export", log(), "--format", "csv", "--out", path("csv")}, "219 samples");
   expect_done({"export", log(), "--format", "mcap", "--out", path("log.mcap")}, "log.mcap");
-  expect_done({"report", log(), "--out", path("report.html")}, "report.html");
+  expect_done({"report", log(), "--out", path("report.html"), "--json"}, "{\"page\":");
   expect_done({"trace", "dilys2021", "--data", log(), "--out", path("trace")}, "trace.json");
 }
 
@@ -45,6 +45,9 @@ TEST_F(EarlierLog, FeedsTheProcesses) {
   EXPECT_LE(result.exit_code, 1) << result.err;
   EXPECT_NE(result.out.find("replayed 220 ticks"), std::string::npos) << result.out << result.err;
   EXPECT_NE(result.out.find("0 not in the log"), std::string::npos) << result.out;
+  const ProgramResult as_json = twinrate({"replay", log(), "--lockstep", "--json"});
+  EXPECT_TRUE(as_json.out.starts_with("{\"ticks\":220,")) << as_json.out;
+  EXPECT_EQ(as_json.out.find('\n'), as_json.out.size() - 1) << as_json.out;
 }
 
 }  // namespace
