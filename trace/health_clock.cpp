@@ -38,6 +38,37 @@ void to_stator(RawLog& raw, int n_p) {
   }
 }
 
+// The mean voltage of the interval behind row j is that of a vector that turns with the rotor: parts of
+// the interval have parts of it without a lag, and together the whole. Without an angle it stands.
+class HeldVoltage {
+ public:
+  HeldVoltage(const RawLog& raw, int n_p) : raw_(raw), n_p_(raw.theta_m.empty() ? 0 : n_p) {}
+  // Mean over [t, t + T], of the rows from k on.
+  Vec2 mean(std::size_t k, std::size_t end, double t, double T) const {
+    Vec2 sum = Vec2::Zero();
+    for (std::size_t j = k; j + 1 < end && raw_.t[j] < t + T; ++j)
+      sum += part(j, std::max(raw_.t[j], t), std::min(raw_.t[j + 1], t + T)) / T;
+    return sum;
+  }
+
+ private:
+  // Integral over [from, to], within the interval behind row j.
+  Vec2 part(std::size_t j, double from, double to) const {
+    const double T = raw_.t[j + 1] - raw_.t[j];
+    const double turned = n_p_ == 0 ? 0 : n_p_ * (raw_.theta_m[j + 1] - raw_.theta_m[j]);
+    const double later = (0.5 * (from + to) - 0.5 * (raw_.t[j] + raw_.t[j + 1])) / T;
+    const Vec2 u = inverse_park({raw_.u_alpha[j], raw_.u_beta[j]}, turned * later);
+    // The mean of a vector that turns by phi is shorter by sin(phi/2)/(phi/2).
+    const double share = std::abs(turned) < 1e-6
+                             ? (to - from) / T
+                             : std::sin(0.5 * turned * (to - from) / T) / std::sin(0.5 * turned);
+    return share * T * u;
+  }
+
+  const RawLog& raw_;
+  int n_p_;
+};
+
 bool is_mean(const RawColumn& c) {
   return c.values == &RawLog::u_alpha || c.values == &RawLog::u_beta;
 }
@@ -126,6 +157,7 @@ RawLog even_rows(const RawLog& uneven, int n_p, double T_s) {
   to_stator(raw, n_p);
   RawLog even;
   even.path = raw.path;
+  const HeldVoltage held(raw, n_p);
   std::size_t k = 0;
   for (std::size_t first = 0, end = 0; first < raw.size(); first = end) {
     for (end = first + 1; end < raw.size() && raw.t[end] - raw.t[end - 1] <= kGap * T_s;) ++end;
@@ -140,15 +172,15 @@ RawLog even_rows(const RawLog& uneven, int n_p, double T_s) {
       for (const RawColumn& c : raw_columns()) {
         const std::vector<double>& x = raw.*c.values;
         if (x.empty()) continue;
-        double value = 0;
-        if (is_mean(c))
-          for (std::size_t j = k; j + 1 < end && raw.t[j] < t + T_s; ++j)
-            value += x[j] * (std::min(raw.t[j + 1], t + T_s) - std::max(raw.t[j], t)) / T_s;
-        else
-          value =
-              cubic ? value_between(raw, x, k - 1, k + 3, t) : value_between(raw, x, k, k + 2, t);
-        (even.*c.values).push_back(value);
+        if (is_mean(c)) continue;
+        (even.*c.values)
+            .push_back(cubic ? value_between(raw, x, k - 1, k + 3, t)
+                             : value_between(raw, x, k, k + 2, t));
       }
+      if (raw.u_alpha.empty()) continue;
+      const Vec2 u = held.mean(k, end, t, T_s);
+      even.u_alpha.push_back(u[0]);
+      even.u_beta.push_back(u[1]);
     }
   }
   return even;

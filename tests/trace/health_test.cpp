@@ -578,5 +578,35 @@ TEST(Health, UnevenRowsAreResampledUniformly) {
   EXPECT_NEAR(sum, flux(record.t[5000]) - flux(record.t[1000]), 1e-4);
 }
 
+// A voltage that stands in rotor axes is resampled without a lag, also over intervals twice as long.
+TEST(Health, UnevenRowsOfATurningVoltageHaveNoLag) {
+  constexpr int n_p = 3;
+  constexpr double omega_m = 30, T_s = 1e-3;
+  RawLog raw;
+  raw.path = "uneven";
+  double t = 0;
+  for (std::size_t k = 0; k < 5000; ++k) {
+    const double step = T_s * (0.9 + 0.2 * uniform(43, 0, k)) * (k % 20 == 7 ? 2 : 1);
+    const double turned = n_p * omega_m * step;
+    const Vec2 u =
+        inverse_park({0, 20 * std::sin(turned / 2) / (turned / 2)}, n_p * omega_m * (t + step / 2));
+    raw.t.push_back(t);
+    raw.theta_m.push_back(omega_m * t);
+    raw.i_alpha.push_back(0);
+    raw.i_beta.push_back(0);
+    raw.u_alpha.push_back(u[0]);
+    raw.u_beta.push_back(u[1]);
+    t += step;
+  }
+  Health health;
+  const Record record = make_record(raw, n_p, health);
+  ASSERT_TRUE(health.uneven);
+  for (std::size_t k = 0; k + 1 < record.size(); ++k) {
+    if (!record.electrical_ok[k]) continue;
+    const Vec2 u = park(record.u_alphabeta[k], n_p * omega_m * (record.t[k] + health.T_s / 2));
+    ASSERT_NEAR(u[0], 0, 1e-3) << k;
+  }
+}
+
 }  // namespace
 }  // namespace twinrate
