@@ -59,7 +59,7 @@ struct Summary {
   std::string lost_why;             // criterion that failed first
   std::optional<double> speed_error_rms, angle_error_rms, angle_error_max;
   std::optional<double> speed_ripple_rms, speed_ripple_harmonics_rms;
-  double duration_s = 0;
+  double duration_s = 0;        // from the first to the last tick
   std::int64_t steps = 0;       // ticks in the log
   std::int64_t gains_used = 0;  // distinct gains the fast loop ran on, in the whole run
   // First tick whose gain is computed every n ticks only (rates.n_from); empty: none.

@@ -139,9 +139,11 @@ SummaryBuilder::SummaryBuilder(const RunLog& head, const RunOutline& outline,
                                const DriveConfig& config, AngleReference wanted)
     : outline_(outline), config_(config), rates_(rate_history(head, config)), speed_(config.T_s()) {
   summary_.angle_reference = outline.resolve(wanted);
-  const std::int64_t measured = outline.span(Channel::kMeasurement).count;
-  summary_.steps = measured > 0 ? measured : outline.rows;
-  summary_.duration_s = static_cast<double>(summary_.steps) * config.T_s();
+  const RunOutline::Span& measured = outline.span(Channel::kMeasurement);
+  summary_.steps = measured.count > 0 ? measured.count : outline.rows;
+  summary_.duration_s =
+      config.T_s() *
+      static_cast<double>(measured.count > 0 ? measured.last - measured.first + 1 : outline.rows);
   if (outline.rows == 0) return;
   // Tolerance of 1 ns: t_ns is rounded.
   settled_s_ = outline.begin_s + config.run.settle_s - 1e-9;

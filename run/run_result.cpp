@@ -367,8 +367,9 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   const RunLog& log = found.log;
   if (!found.ticks.measured_from_s()) return 1;
   Summary s = found.summary;
-  if (facts.ended.empty() && s.steps < config.drive().steps() && !is_endless(config.drive()))
-    facts.ended = fmt::format("stopped at tick {} of {}", s.steps, config.drive().steps());
+  const std::int64_t reached = std::llround(s.duration_s / config.drive().T_s());
+  if (facts.ended.empty() && reached < config.drive().steps() && !is_endless(config.drive()))
+    facts.ended = fmt::format("stopped at tick {} of {}", reached, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
   add_process_counts(facts, account, s);
   std::error_code ignored;

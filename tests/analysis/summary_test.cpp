@@ -418,6 +418,15 @@ TEST(Summary, TheVarianceOfTheStartUpDoesNotCount) {
   EXPECT_NEAR(*s.P44_min, 0.7, 1e-12);
 }
 
+TEST(Summary, DriveTimeGoesOverTicksThatTheLogLacks) {
+  const DriveConfig config = drive();
+  RunLog log = steady_run(config);
+  log.measurement.erase(log.measurement.begin() + 700, log.measurement.begin() + 1200);
+  const Summary s = summarise(log, config);
+  EXPECT_EQ(s.steps, 1500);
+  EXPECT_DOUBLE_EQ(s.duration_s, 2);
+}
+
 TEST(Summary, CountsTicksMissingInTheLog) {
   const DriveConfig config = drive();
   RunLog log = steady_run(config);
