@@ -91,15 +91,18 @@ void add_estimator(CLI::App& app, int& exit_code) {
 struct LimitOptions {
   std::string drive;
   std::vector<double> speeds_Hz = {10, 20, 30, 50, 64, 80, 100, 150, 200};
-  int seeds = 5, n_max = 200;
+  std::string start = "ramp";
+  LimitStudy study;
 };
 
 void limits(const LimitOptions& o) {
+  LimitStudy study = o.study;
+  study.switched = o.start == "switched";
   const double f_s_Hz = load_drive(o.drive).drive().rates.f_s_Hz;
   fmt::print("{:>7} {:>18} {:>18} {:>16}\n", "f_e Hz", "n_max fixed/double", "f_bmin Hz",
              "f_bmin/f_e");
   for (const double f_e : o.speeds_Hz) {
-    const LimitPair p = find_limits(o.drive, f_e, o.seeds, o.n_max);
+    const LimitPair p = find_limits(o.drive, study, f_e);
     const auto both = [](double fixed, double exact) {
       return fmt::format("{:.4g} / {:.4g}", fixed, exact);
     };
@@ -112,14 +115,23 @@ void limits(const LimitOptions& o) {
 }
 
 void add_limits(CLI::App& app) {
-  CLI::App* verb = app.add_subcommand(
-      "fbmin", "Find f_bmin of the fixed-point filter and of the double one, policy paper");
+  CLI::App* verb =
+      app.add_subcommand("fbmin", "Find f_bmin of the fixed-point filter and of the double one");
   auto o = std::make_shared<LimitOptions>();
   verb->add_option("DRIVE", o->drive, "run this drive file or preset")->required();
   verb->add_option("--speeds", o->speeds_Hz, "set the electrical frequencies f_e, Hz")
       ->delimiter(',');
-  verb->add_option("--seeds", o->seeds, "run every point with this many noise seeds (default 5)");
-  verb->add_option("--n-max", o->n_max, "end the search at this n (default 200)");
+  verb->add_option("--policy", o->study.policy,
+                   "choose the policy: paper or rotate (default paper)")
+      ->check(CLI::IsMember({"paper", "rotate"}));
+  verb->add_option("--start", o->start,
+                   "choose the start: ramp, or switched: n = 1 until 0.2 s at speed (default ramp)")
+      ->check(CLI::IsMember({"ramp", "switched"}));
+  verb->add_option("--seeds", o->study.seeds,
+                   "run every point with this many noise seeds (default 5)")
+      ->check(CLI::Range(1, 1000));
+  verb->add_option("--n-max", o->study.n_max, "end the search at this n (default 200)")
+      ->check(CLI::Range(1, 100000));
   verb->callback([o] { limits(*o); });
 }
 

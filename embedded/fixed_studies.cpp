@@ -12,39 +12,43 @@ namespace {
 
 constexpr double kRamp_rad_s2 = 16000;
 
-std::vector<std::string> point(double f_e_Hz, int n, int seed, double T_s) {
-  const double settle_s = kTwoPi * f_e_Hz / kRamp_rad_s2 + 0.5;
+// As `sweep fb` has them: switched means 0.2 s at speed with n = 1, then n.
+std::vector<std::string> point(const LimitStudy& study, double f_e_Hz, int n, int seed,
+                               double T_s) {
+  const double at_speed_s = kTwoPi * f_e_Hz / kRamp_rad_s2;
+  const double settle_s = at_speed_s + (study.switched ? 0.7 : 0.5);
   return {fmt::format("reference.omega_e_rad_s={}", kTwoPi * f_e_Hz),
           fmt::format("reference.slew_rad_s2={}", kRamp_rad_s2),
+          "gain.policy=" + study.policy,
           fmt::format("rates.n={}", n),
           "rates.n_from=start",
+          fmt::format("rates.n_from_s={}", study.switched ? at_speed_s + 0.2 : 0),
           fmt::format("run.seed={}", seed),
           fmt::format("run.settle_s={}", settle_s),
           fmt::format("run.duration_s={}", settle_s + std::max({1.0, 5 / f_e_Hz, 3 * n * T_s}))};
 }
 
 template <class Estimator>
-bool holds(const std::string& drive, double f_e_Hz, int n, int seed) {
+bool holds(const std::string& drive, const LimitStudy& study, double f_e_Hz, int n, int seed) {
   const double T_s = load_drive(drive).drive().T_s();
-  Config config = load_drive(drive, point(f_e_Hz, n, seed, T_s));
+  Config config = load_drive(drive, point(study, f_e_Hz, n, seed, T_s));
   Estimator estimator(config);
   const RunLog log = closed_run(config, [&](const Measurement& m) { return estimator.tick(m); });
   return summarise(log, config.drive()).locked.value_or(false);
 }
 
 template <class Estimator>
-int limit(const std::string& drive, double f_e_Hz, int seeds, int n_cap) {
-  for (int n = 1; n <= n_cap; ++n)
-    for (int seed = 1; seed <= seeds; ++seed)
-      if (!holds<Estimator>(drive, f_e_Hz, n, seed)) return n - 1;
-  return n_cap;
+int limit(const std::string& drive, const LimitStudy& study, double f_e_Hz) {
+  for (int n = 1; n <= study.n_max; ++n)
+    for (int seed = 1; seed <= study.seeds; ++seed)
+      if (!holds<Estimator>(drive, study, f_e_Hz, n, seed)) return n - 1;
+  return study.n_max;
 }
 
 }  // namespace
 
-LimitPair find_limits(const std::string& drive, double f_e_Hz, int seeds, int n_cap) {
-  return {f_e_Hz, limit<Fixed32>(drive, f_e_Hz, seeds, n_cap),
-          limit<EstimatorLoop>(drive, f_e_Hz, seeds, n_cap)};
+LimitPair find_limits(const std::string& drive, const LimitStudy& study, double f_e_Hz) {
+  return {f_e_Hz, limit<Fixed32>(drive, study, f_e_Hz), limit<EstimatorLoop>(drive, study, f_e_Hz)};
 }
 
 std::string standstill(const std::string& drive, double hours) {

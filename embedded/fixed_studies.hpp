@@ -7,13 +7,18 @@
 
 namespace twinrate {
 
-// f_bmin of the fixed-point and of the double filter at one speed, policy paper, start from standstill
-// at 16000 rad/s2, as `sweep fb`: n upward from 1, up to the first loss with any seed.
+// f_bmin of the fixed-point and of the double filter at one speed, start from standstill at
+// 16000 rad/s2, as `sweep fb`: n upward from 1, up to the first loss with any seed.
+struct LimitStudy {
+  std::string policy = "paper";
+  bool switched = false;  // n = 1 until the drive has been at speed for 0.2 s
+  int seeds = 5, n_max = 200;
+};
 struct LimitPair {
   double f_e_Hz = 0;
   int n_max_fixed = 0, n_max_double = 0;
 };
-LimitPair find_limits(const std::string& drive, double f_e_Hz, int seeds, int n_cap);
+LimitPair find_limits(const std::string& drive, const LimitStudy& study, double f_e_Hz);
 
 // Standstill for `hours`, every operation checked. Throws m3::Wrapped at the first wrap.
 std::string standstill(const std::string& drive, double hours);
