@@ -26,12 +26,13 @@ static struct twp_receiver receiver;
 static struct twp_lease lease;
 static uint32_t tick = 0, started_us = 0, command_seq = 0;
 static uint16_t bad_frames = 0, latched = 0;
-static float u_alpha = 0, u_beta = 0;  // in force
+static float u_alpha = 0, u_beta = 0;    // commanded
+static float on_alpha = 0, on_beta = 0;  // applied since the last tick
 
 static uint32_t now_us() { return micros() - started_us; }
 
 static void outputs_off(uint16_t reason) {
-  u_alpha = u_beta = 0;
+  u_alpha = u_beta = on_alpha = on_beta = 0;
   lease.held = 0;
   driver.disable();
   if (reason != 0 && latched == 0) latched = reason;
@@ -95,6 +96,8 @@ static void receive() {
 
 // Means over the next interval, centred on half the bus.
 static void apply() {
+  on_alpha = u_alpha;
+  on_beta = u_beta;
   const float half = 0.5f * kBus_V;
   driver.setPwm(half + u_alpha, half - 0.5f * u_alpha + 0.8660254f * u_beta,
                 half - 0.5f * u_alpha - 0.8660254f * u_beta);
@@ -114,8 +117,8 @@ static void send_sample(float i_a, float i_b, float i_c) {
   s->i_abc[0] = i_a;
   s->i_abc[1] = i_b;
   s->i_abc[2] = i_c;
-  s->u_alphabeta[0] = u_alpha;
-  s->u_alphabeta[1] = u_beta;
+  s->u_alphabeta[0] = on_alpha;
+  s->u_alphabeta[1] = on_beta;
   s->v_dc = kBus_V;
   s->theta_m = sensor.getAngle();
   send(&f);
