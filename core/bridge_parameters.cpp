@@ -30,6 +30,10 @@ bool BridgeParameters::device_has_watchdog() const {
          (protocol == DriveProtocol::kMoteus && moteus_control == MoteusControl::kTorque);
 }
 
+bool BridgeParameters::takes_commands() const {
+  return protocol != DriveProtocol::kVesc && tells_voltage();
+}
+
 bool BridgeParameters::tells_voltage() const {
   return protocol != DriveProtocol::kMoteus || moteus_listen != MoteusListen::kUart;
 }

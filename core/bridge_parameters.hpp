@@ -42,6 +42,8 @@ struct BridgeParameters {
 
   // Whether the drive itself switches off where the host falls silent.
   bool device_has_watchdog() const;
+  // Whether the bridge has commands for it: not for a VESC, nor over the debug UART of a moteus.
+  bool takes_commands() const;
   // Whether the samples hold a voltage, without which no filter of the set can follow the drive.
   bool tells_voltage() const;
   // Of a sample and a command on a serial line, 10 bits a byte: the longer of the two (they pass each

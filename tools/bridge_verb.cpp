@@ -35,13 +35,20 @@ std::vector<std::string> overrides_of(const BridgeOptions& o, const char* mode) 
   return list;
 }
 
-void print_info(const DriveInfo& info, const std::string& port) {
+// Of a drive that the host only listens to nothing is said of watchdog and voltage vectors.
+void print_info(const DriveInfo& info, const std::string& port, const BridgeParameters& bridge) {
   fmt::print("{}: {}\n", port, info.name.empty() ? "(no name)" : info.name);
   if (info.f_s_Hz > 0) fmt::print("  control rate   {:g} Hz\n", info.f_s_Hz);
-  fmt::print("  watchdog       {}\n",
-             info.watchdog ? fmt::format("in the drive, lease up to {:g} ms", info.lease_max_ms)
-                           : "none: the drive keeps its last command if the host ends; not safe");
-  fmt::print("  takes          {}\n", info.takes_voltage ? "voltage vectors" : "no voltage vector");
+  if (bridge.takes_commands() &&
+      (bridge.protocol != DriveProtocol::kTwinrate || info.takes_voltage)) {
+    fmt::print("  watchdog       {}\n",
+               info.watchdog ? fmt::format("in the drive, lease up to {:g} ms", info.lease_max_ms)
+                             : "none: the drive keeps its last command if the host ends; not safe");
+    fmt::print("  takes          {}\n",
+               info.takes_voltage ? "voltage vectors" : "no voltage vector");
+  } else {
+    fmt::print("  takes          no command of this host: it is listened to alone\n");
+  }
   const char* reason = reason_name(info.reason);
   fmt::print("  state          {}\n",
              info.reason == 0 ? "not latched"
@@ -140,8 +147,9 @@ int watch(Conversation& talk, double for_s, double f_s_Hz) {
   fmt::print("  samples        {} in {:.1f} s: {:.0f} a second of {:g}\n", samples, seconds,
              static_cast<double>(samples) / seconds, f_s_Hz);
   fmt::print("  line           {}\n", talk.account());
-  fmt::print("  arrival        {:.0f} us p50, {:.0f} us p99 behind the earliest\n", spread.at(0.5),
-             spread.at(0.99));
+  if (!spread.late_us.empty())
+    fmt::print("  arrival        {:.0f} us p50, {:.0f} us p99 behind the earliest\n",
+               spread.at(0.5), spread.at(0.99));
   return samples > 0 ? 0 : 1;
 }
 
@@ -150,7 +158,7 @@ int probe(const BridgeOptions& o) {
   const BridgeParameters bridge = config.read<BridgeParameters>();
   catch_stop_signals();
   Conversation talk(bridge, config.drive());
-  print_info(talk.greet(false, 2), bridge.port);
+  print_info(talk.greet(false, 2), bridge.port, bridge);
   if (o.clear != 0) return clear(talk, o.clear);
   measure_round_trips(talk, bridge, o.for_s);
   return watch(talk, o.for_s, config.drive().rates.f_s_Hz);
