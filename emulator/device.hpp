@@ -48,6 +48,8 @@ class EmulatedDevice {
   virtual void tick() = 0;
   // Lock-step and quiet: the last sample goes out again.
   virtual void repeat() {}
+  // What came of the host's frames, in one line, for the end.
+  virtual std::string account() const { return {}; }
   std::int64_t k() const { return k_; }
 
  protected:

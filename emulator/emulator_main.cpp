@@ -6,10 +6,12 @@
 // where the host asks for lock-step.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <sys/prctl.h>
 
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <thread>
+#include <utility>
 
 #include "bridge/link.hpp"
 #include "core/option_values.hpp"
@@ -47,20 +49,28 @@ class Emulator {
   }
 
   void run() {
-    std::int64_t repeat_from = now_ns();
     while (!stop_signalled()) {
       const auto bytes = link_->receive(wait_ms());
       if (!bytes.empty()) hear(bytes);
       const std::int64_t now = now_ns() - begun_ns_;
-      device_->take(down_.receive(now));
+      while (down_.next_arrival() <= now) {  // in the order of the drive's time
+        const std::int64_t arrived = down_.next_arrival();
+        if (greeted_) tick_until(arrived - 1);
+        if (!std::exchange(greeted_, true)) paced_from_ns_ = arrived;
+        device_->take(down_.receive(arrived));
+        send(arrived);
+      }
       if (greeted_) tick_until(now);
-      for (const auto& frame : device_->take_sent()) up_.send(frame, now), repeat_from = now_ns();
-      if (device_->waits() && now_ns() - repeat_from > 20'000'000) {
+      send(now);
+      if (device_->waits() && now_ns() - repeat_from_ns_ > 20'000'000) {
         device_->repeat();
-        repeat_from = now_ns();
+        repeat_from_ns_ = now_ns();
       }
       if (const auto out = up_.receive(now_ns() - begun_ns_); !out.empty()) link_->send(out);
     }
+    if (const std::string account = device_->account(); !account.empty())
+      fmt::print("twinrate-emulator: {}; line faults made: {} up, {} down\n", account, up_.made(),
+                 down_.made());
   }
 
  private:
@@ -73,6 +83,8 @@ class Emulator {
     const BridgeParameters bridge = config.read<BridgeParameters>();
     if (options_.baud < 0) options_.baud = options_.pty.empty() ? 0 : bridge.baud;
     faults_.up.baud = faults_.down.baud = options_.baud;
+    faults_.up.waits =
+        bridge.protocol == DriveProtocol::kVesc;  // a burst is sent as the line takes it
     return {.name = config.drive().name,
             .protocol = bridge.protocol,
             .T_s = config.drive().T_s(),
@@ -82,19 +94,18 @@ class Emulator {
             .moteus_listen = bridge.moteus_listen,
             .faults = faults_.device};
   }
-  // The drive's time begins with the first frame.
+  // The drive's time begins when the first frame has arrived.
   void hear(std::span<const std::uint8_t> bytes) {
-    if (!greeted_) begun_ns_ = now_ns();
-    greeted_ = true;
+    if (!std::exchange(heard_, true) && !greeted_) begun_ns_ = now_ns();
     down_.send(bytes, now_ns() - begun_ns_);
   }
   // Until the next tick or the next arrival on one of the lines.
   double wait_ms() const {
-    if (!greeted_) return 50;
+    if (!greeted_ && !heard_) return 50;
     const std::int64_t now = now_ns() - begun_ns_;
     std::int64_t next = std::min(up_.next_arrival(), down_.next_arrival());
-    if (!device_->waits()) next = std::min(next, due());
-    if (drive_->ended() && next == due()) return 50;
+    if (greeted_ && !device_->waits()) next = std::min(next, due());
+    if (greeted_ && drive_->ended() && next == due()) return 50;
     return 1e-6 * static_cast<double>(std::clamp<std::int64_t>(next - now, 0, 5'000'000));
   }
   std::int64_t due() const {
@@ -114,7 +125,15 @@ class Emulator {
       if (!device_->waits()) device_->tick();
       return;
     }
-    while (!drive_->ended() && due() <= now) device_->tick();
+    while (!drive_->ended() && due() <= now) {
+      const std::int64_t t_ns = due();
+      device_->tick();
+      send(t_ns);
+    }
+  }
+  void send(std::int64_t t_ns) {
+    for (const auto& frame : device_->take_sent())
+      up_.send(frame, t_ns), repeat_from_ns_ = now_ns();
   }
 
   EmulatorOptions options_;
@@ -124,8 +143,9 @@ class Emulator {
   std::unique_ptr<EmulatedDevice> device_;
   FaultyLine up_, down_;
   double tick_ns_ = 0;
-  bool greeted_ = false, lockstep_ = false;
+  bool heard_ = false, greeted_ = false, lockstep_ = false;
   std::int64_t begun_ns_ = now_ns(), paced_from_k_ = 0, paced_from_ns_ = 0;
+  std::int64_t repeat_from_ns_ = now_ns();
 };
 
 void add_options(CLI::App& app, EmulatorOptions& o) {
@@ -149,6 +169,15 @@ void add_options(CLI::App& app, EmulatorOptions& o) {
       ->allow_extra_args(false);
 }
 
+// The faults of the device itself are those of the twinrate protocol's.
+void expect_faults_that_act(const EmulatorOptions& o, Config& config) {
+  if (config.read<BridgeParameters>().protocol == DriveProtocol::kTwinrate) return;
+  for (const std::string& fault : o.faults)
+    if (fault.starts_with("reset_at_s") || fault.starts_with("keeps_last"))
+      throw BadInput(
+          fmt::format("--fault {}: allowed with bridge.protocol = twinrate alone", fault));
+}
+
 int emulate(EmulatorOptions& o) {
   if (o.pty.empty() == o.udp.empty()) throw BadInput("exactly one of --pty and --udp is required");
   if (!o.protocol.empty()) {
@@ -156,6 +185,7 @@ int emulate(EmulatorOptions& o) {
     o.overrides.push_back("bridge.protocol=" + o.protocol);
   }
   Config config = load_drive(o.drive, o.overrides);
+  expect_faults_that_act(o, config);
   Emulator emulator(o, config);
   fmt::print("twinrate-emulator: {} on {}\n", config.drive().name, o.pty.empty() ? o.udp : o.pty);
   std::fflush(stdout);
@@ -173,6 +203,7 @@ int main(int argc, char** argv) {
   add_options(app, o);
   expect_stated_values(app);
   catch_stop_signals();
+  prctl(PR_SET_TIMERSLACK, 1);  // ns: the drive answers when it is due, not up to 50 us later
   try {
     expect_utf8(argc, argv);
     app.parse(argc, argv);

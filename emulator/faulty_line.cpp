@@ -52,7 +52,8 @@ void FaultyLine::put(Frame frame, std::int64_t t_ns) {
   if (faults_.baud > 0) {
     const double byte_ns = 1e10 / faults_.baud;
     const auto size = static_cast<double>(frame.size());
-    if (static_cast<double>(leaves - t_ns) + byte_ns * size > byte_ns * kBuffer) return;
+    if (!faults_.waits && static_cast<double>(leaves - t_ns) + byte_ns * size > byte_ns * kBuffer)
+      return;
     leaves += std::llround(byte_ns * size);
   }
   busy_until_ns_ = leaves;

@@ -20,8 +20,9 @@ struct LineFaults {
   double lost = 0, doubled = 0, reordered = 0;  // shares of the frames
   double latency_s = 0, jitter_s = 0;
   double pulled_at_s = 1e9, pulled_for_s = 1e9;
-  double from_s = 0;  // the shares above begin here
-  int baud = 0;       // 0: no wire time
+  double from_s = 0;   // the shares above begin here
+  int baud = 0;        // 0: no wire time
+  bool waits = false;  // the sender waits for room in the buffer: nothing is lost there
 };
 
 class FaultyLine {

@@ -95,11 +95,15 @@ void MoteusDevice::write(int reg, double value) {
   }
 }
 
+const Measurement* MoteusDevice::at_last_tick() const {
+  return last_tick_ ? &*last_tick_ : drive_.sample();
+}
+
 double MoteusDevice::read(int reg) const {
-  const Measurement* m = drive_.sample();
+  const Measurement *m = at_last_tick(), *now = drive_.sample();
   if (!m) return std::nan("");
   const Vec2 i_dq = currents_of(*m, machine_.n_p);
-  const Vec3 u_abc = inverse_clarke(m->u_alphabeta);
+  const Vec3 u_abc = inverse_clarke(0.5 * (m->u_alphabeta + (now ? now : m)->u_alphabeta));
   switch (reg) {
     case kMoteusMode:
       return mode_;
@@ -120,7 +124,7 @@ double MoteusDevice::read(int reg) const {
     case kMoteusPhaseA + 2:
       return u_abc[reg - kMoteusPhaseA];
     case kMoteusMillisecond:
-      return std::floor(1e3 * static_cast<double>(k_) * options_.T_s);
+      return std::floor(1e3 * static_cast<double>(last_tick_ ? k_ - 1 : k_) * options_.T_s);
     default:
       return 0;
   }
@@ -161,6 +165,7 @@ void MoteusDevice::tick() {
   }
   Command command;
   const bool drives = control(command);
+  if (const Measurement* m = drive_.sample()) last_tick_ = *m;
   drive_.advance(drives ? &command : nullptr);
   ++k_;
 }

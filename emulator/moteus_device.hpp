@@ -1,7 +1,11 @@
 // A moteus behind an fdcanusb, around an emulated drive: the documented lines and registers, its own
 // current control, and its timeout, which acts in modes 10 and 13 alone. And the burst of its debug
 // UART (servo.emit_debug = 13). The registers: bridge/moteus_codec.hpp.
+//
+// A register is read at the control tick before: of that moment the voltage is known, too, as the mean
+// of the periods before and behind it.
 #pragma once
+#include <optional>
 #include <string>
 
 #include "emulator/device.hpp"
@@ -21,6 +25,7 @@ class MoteusDevice final : public EmulatedDevice {
   void take_line(const std::string& line);
   void write(int reg, double value);
   double read(int reg) const;
+  const Measurement* at_last_tick() const;
   void enter(int mode);
   // The voltage of the mode at this tick; false: the outputs are off.
   bool control(Command& command);
@@ -32,6 +37,7 @@ class MoteusDevice final : public EmulatedDevice {
   std::string line_;
   int mode_ = 0;
   double torque_ = 0, kp_scale_ = 1, kd_scale_ = 1, timeout_s_ = 0.1, heard_s_ = 0;
+  std::optional<Measurement> last_tick_;
   Vec2 u_dq_ = Vec2::Zero(), integral_ = Vec2::Zero();
 };
 

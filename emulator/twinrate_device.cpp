@@ -1,8 +1,11 @@
 #include "emulator/twinrate_device.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 namespace twinrate {
 
@@ -29,6 +32,7 @@ void TwinrateDevice::take(std::span<const std::uint8_t> bytes) {
         flags_ = TWP_ALL_GROUPS;
         if (f.body.hello.abilities & TWP_CAN_FLOAT64) flags_ |= TWP_FLOAT64;
         command_seq_ = f.header.seq;  // a new host counts anew
+        knows_host_ = true;
         has_command_ = false;
         send_info(f.header.seq);
         break;
@@ -50,6 +54,7 @@ void TwinrateDevice::take(std::span<const std::uint8_t> bytes) {
 }
 
 void TwinrateDevice::take_command(const twp_frame& f) {
+  if (!std::exchange(knows_host_, true)) command_seq_ = f.header.seq - 1;
   const std::int32_t step = twp_difference(f.header.seq, command_seq_);
   if (step <= 0) {  // doubled or late; in lock-step the host asks for the sample again
     repeat();
@@ -76,6 +81,7 @@ void TwinrateDevice::take_command(const twp_frame& f) {
   const auto lease_max = static_cast<std::uint32_t>(std::llround(1e6 * options_.lease_max_s));
   twp_lease_take(&lease_, now_us(), c.lease_us, lease_max);
   ++leased_;
+  leased_k_ = k_;
   Command command;
   command.k = c.sample_seq;
   command.mode = static_cast<Mode>(std::min<int>(c.mode, static_cast<int>(Mode::kSafe)));
@@ -155,13 +161,40 @@ void TwinrateDevice::restart() {
   first_k_ = k_;
   sampled_ = answered_ = -1;
   command_seq_ = 0;
+  knows_host_ = false;
   bad_frames_ = lost_frames_ = 0;
   coming_.clear();
   has_command_ = lockstep_ = false;
   lease_ = {};
 }
 
+// The voltage of a sample is that of the interval before it.
+void TwinrateDevice::note_outputs() {
+  const Measurement* m = drive_.sample();
+  if (!m || leased_k_ < 0) return;
+  const bool on = m->u_alphabeta.norm() > 0;
+  if (was_on_ && !on) {
+    ++off_times_;
+    off_ticks_most_ = std::max(off_ticks_most_, k_ - leased_k_);
+  }
+  was_on_ = on;
+}
+
+std::string TwinrateDevice::account() const {
+  const char* latched = reason_name(static_cast<int>(drive_.latched()));
+  return fmt::format(
+      "{} commands taken; frames refused {}, missing {}; {}; outputs {}, off {} times, at most "
+      "{:.1f} "
+      "ms of drive time after the last command",
+      leased_, bad_frames_, lost_frames_,
+      drive_.latched() == Reason::kNone ? "nothing latched"
+                                        : fmt::format("latched: {}", latched ? latched : "?"),
+      was_on_ ? "on" : "off", off_times_,
+      1e3 * options_.T_s * static_cast<double>(off_ticks_most_));
+}
+
 void TwinrateDevice::tick() {
+  note_outputs();
   const bool resets = static_cast<double>(k_) * options_.T_s >= options_.faults.reset_at_s;
   if (resets && !was_reset_) restart();
   if (sampled_ < k_ - first_k_) {

@@ -18,6 +18,7 @@ class TwinrateDevice final : public EmulatedDevice {
   bool lockstep() const override { return lockstep_; }
   void tick() override;
   void repeat() override;
+  std::string account() const override;
 
   std::int64_t bad_frames() const { return bad_frames_; }
   std::int64_t lost_frames() const { return lost_frames_; }
@@ -30,6 +31,7 @@ class TwinrateDevice final : public EmulatedDevice {
   void send_sample();
   void send(twp_frame& f);
   void restart();
+  void note_outputs();
   const Command* in_force();
   std::uint32_t now_us() const;
 
@@ -39,10 +41,14 @@ class TwinrateDevice final : public EmulatedDevice {
   twp_lease lease_{};
   std::uint16_t flags_ = TWP_ALL_GROUPS;
   bool lockstep_ = false, was_reset_ = false, has_command_ = false;
+  bool knows_host_ = false;                    // command_seq_ is of one of its frames
   std::int64_t first_k_ = 0;                   // of the drive at the last restart
   std::int64_t sampled_ = -1, answered_ = -1;  // ticks of the device
   std::uint32_t command_seq_ = 0, leased_ = 0;
   std::int64_t bad_frames_ = 0, lost_frames_ = 0;
+  std::int64_t leased_k_ = -1;  // of the last command that enables
+  std::int64_t off_times_ = 0, off_ticks_most_ = 0;
+  bool was_on_ = false;
   std::deque<Command> coming_;  // by k, the tick whose sample they answer
   Command command_;             // in force
   twp_frame last_sample_{};

@@ -220,5 +220,13 @@ TEST(Line, AFrameThatDoesNotFitIntoTheBufferOfASlowLineIsLost) {
   EXPECT_EQ(line.receive(1'001'000'000).size(), 100u);
 }
 
+TEST(Line, ASenderThatWaitsForRoomLosesNothing) {
+  FaultyLine line({.baud = 1'000'000, .waits = true}, 1);
+  const Bytes frame(100, 0x55);  // 1 ms of wire time
+  for (int i = 0; i < 100; ++i) line.send(frame, 0);
+  EXPECT_EQ(line.receive(40'000'000).size(), 4000u);
+  EXPECT_EQ(line.receive(100'000'000).size(), 6000u);
+}
+
 }  // namespace
 }  // namespace twinrate::rehearsal_test
