@@ -84,10 +84,14 @@ class BridgeProcess {
 
   // ---- samples ----
   void publish(const DriveSample& sample) {
-    if (first_k_ < 0) first_k_ = sample.m.k;
+    if (first_k_ < 0) {
+      first_k_ = sample.m.k;
+      first_sampled_us_ = sample.sampled_us.value_or(0);
+    }
     Measurement m = sample.m;
     m.k -= first_k_;
-    m.t_ns = p_.drive().t_ns(m.k);
+    m.t_ns = sample.sampled_us ? std::llround(1e3 * (*sample.sampled_us - first_sampled_us_))
+                               : p_.drive().t_ns(m.k);
     k_ = m.k;
     device_k_ = sample.m.k;
     drive_has_command_ = false;
@@ -261,7 +265,8 @@ class BridgeProcess {
   std::int64_t steps_;
   bool listens_;
   std::int64_t k_ = -1, first_k_ = -1, device_k_ = -1;  // of the last sample
-  std::int64_t answered_ = -1, answered_before_ = -1;   // commands from the bus
+  double first_sampled_us_ = 0;
+  std::int64_t answered_ = -1, answered_before_ = -1;  // commands from the bus
   std::int64_t acknowledged_ = 0, sent_ns_ = now_ns(), published_ns_ = now_ns();
   std::int64_t resets_ = 0, disturbed_ = 0, disturbed_said_ns_ = 0;
   bool drive_has_command_ = true, logged_ = false, not_finite_ = false;

@@ -24,8 +24,13 @@ Conversation::~Conversation() {
   for (int i = 0; i < 3 && drove_; ++i) off();
 }
 
+void Conversation::ask(const Bytes& question) {
+  protocol_->asked(now_ns());
+  link_->send(question);
+}
+
 bool Conversation::pump(double timeout_ms) {
-  if (const Bytes poll = protocol_->poll(); !poll.empty()) link_->send(poll);
+  if (const Bytes poll = protocol_->poll(now_ns()); !poll.empty()) ask(poll);
   const auto bytes = link_->receive(timeout_ms);
   if (bytes.empty()) return false;
   const std::int64_t frames = protocol_->counts().frames;
@@ -43,7 +48,7 @@ const DriveInfo& Conversation::greet(bool lockstep, double patience_s) {
       throw MachineError(
           fmt::format("{}: no answer of a drive within {:g} s (bridge.protocol = {})", bridge_.port,
                       patience_s, kDriveProtocolNames[static_cast<int>(bridge_.protocol)]));
-    link_->send(protocol_->hello(lockstep));
+    ask(protocol_->hello(lockstep));
     for (const std::int64_t asked = now_ns();
          !protocol_->info() && 1e-6 * static_cast<double>(now_ns() - asked) < kAskAgain_ms;)
       pump(10);
@@ -60,7 +65,7 @@ std::optional<double> Conversation::round_trip_us(double patience_ms) {
   const Bytes question = protocol_->hello(false);
   if (question.empty()) return {};
   const std::int64_t asked = now_ns();
-  link_->send(question);
+  ask(question);
   while (!protocol_->info() && 1e-6 * static_cast<double>(now_ns() - asked) < patience_ms) pump(1);
   if (!protocol_->info()) return {};
   return 1e-3 * static_cast<double>(now_ns() - asked);
@@ -69,38 +74,51 @@ std::optional<double> Conversation::round_trip_us(double patience_ms) {
 void Conversation::command(const DriveCommand& command) {
   drove_ = true;
   last_ = protocol_->command(command);
+  protocol_->asked(now_ns());
   link_->send(last_);
 }
 
 std::string Conversation::account() const {
   const LinkCounts& c = protocol_->counts();
-  const DeviceClock& clock = protocol_->clock();
   return fmt::format(
-      "{} frames; damaged {}, lost {}, doubled {}, late {}; restarts {}{}; device clock {}",
+      "{} frames; damaged {}, lost {}, doubled {}, late {}; restarts {}{}{}; device clock {}",
       c.frames, c.damaged, c.lost, c.doubled, c.late, c.resets,
+      c.timed == 0 ? ""
+                   : fmt::format("; moments of {} samples known within {:.0f} us (mean; {:.0f} at "
+                                 "most), {} left out for a longer round trip",
+                                 c.timed, c.within_us_mean(), c.within_us_most, c.untimed),
       c.answered == 0 ? ""
                       : fmt::format("; commands taken after {:.2f} ticks, {} at most, {} late",
                                     c.answer_ticks_mean(), c.answer_ticks_most, c.command_late),
-      !clock.settled() ? "heard for less than 3.2 s"
-      : std::abs(clock.drift()) > 0.01
-          ? fmt::format("at {:.3g} of the host's rate", 1 / (1 + clock.drift()))
-          : fmt::format("{:+.0f} ppm against the host's", -1e6 * clock.drift()));
+      clock_text());
+}
+
+std::string Conversation::clock_text() const {
+  const DeviceClock& clock = protocol_->clock();
+  if (protocol_->time() == HostProtocol::Time::kNone) return "not told";
+  if (!clock.settled()) return "heard for less than 3.2 s";
+  if (std::abs(clock.drift()) > 0.01)
+    return fmt::format("at {:.3g} of the host's rate", 1 / (1 + clock.drift()));
+  if (protocol_->time() == HostProtocol::Time::kMilliseconds) return "told in milliseconds";
+  return fmt::format("{:+.0f} ppm against the host's", -1e6 * clock.drift());
 }
 
 std::string Conversation::to_json() const {
   const LinkCounts& c = protocol_->counts();
-  nlohmann::ordered_json json = {
-      {"port", bridge_.port},          {"frames", c.frames},
-      {"damaged", c.damaged},          {"lost", c.lost},
-      {"doubled", c.doubled},          {"late", c.late},
-      {"restarts", c.resets},          {"unsent", link_->unsent()},
-      {"device_clock_ppm", nullptr},   {"command_ticks_mean", nullptr},
-      {"command_ticks_most", nullptr}, {"commands_late", c.command_late}};
+  nlohmann::ordered_json json = {{"port", bridge_.port},          {"frames", c.frames},
+                                 {"damaged", c.damaged},          {"lost", c.lost},
+                                 {"doubled", c.doubled},          {"late", c.late},
+                                 {"restarts", c.resets},          {"unsent", link_->unsent()},
+                                 {"device_clock_ppm", nullptr},   {"command_ticks_mean", nullptr},
+                                 {"command_ticks_most", nullptr}, {"commands_late", c.command_late},
+                                 {"timed_within_us", nullptr},    {"untimed", c.untimed}};
+  if (c.timed > 0) json["timed_within_us"] = c.within_us_mean();
   if (c.answered > 0) {
     json["command_ticks_mean"] = c.answer_ticks_mean();
     json["command_ticks_most"] = c.answer_ticks_most;
   }
-  if (protocol_->clock().settled()) json["device_clock_ppm"] = -1e6 * protocol_->clock().drift();
+  if (protocol_->time() == HostProtocol::Time::kMicroseconds && protocol_->clock().settled())
+    json["device_clock_ppm"] = -1e6 * protocol_->clock().drift();
   return json.dump(2) + "\n";
 }
 

@@ -38,6 +38,9 @@ class Conversation {
   std::string to_json() const;
 
  private:
+  void ask(const Bytes& question);
+  std::string clock_text() const;
+
   BridgeParameters bridge_;
   double f_s_Hz_;
   std::unique_ptr<HostProtocol> protocol_;

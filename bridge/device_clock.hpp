@@ -34,6 +34,7 @@ class DeviceClock {
   double drift() const { return drift_; }
   // Earliest host time at which a frame of this device time could arrive.
   std::int64_t host_ns(std::int64_t device_us) const;
+  std::size_t blocks() const { return points_.size(); }
 
  private:
   struct Point {

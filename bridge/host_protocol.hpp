@@ -21,6 +21,7 @@ struct DriveSample {
   Measurement m;             // k: tick of the drive; t_ns is not set
   std::int64_t time_us = 0;  // device time without wraps
   std::int64_t arrival_ns = 0;
+  std::optional<double> sampled_us;  // device time, where it is known better than by the tick
   std::int64_t command_seq = 0;  // of the last command that the drive took; 0: none, or not told
   int reason = 0;                // code of core/reason.hpp while the drive is off by itself
   bool off = false;              // latched
@@ -47,6 +48,11 @@ struct LinkCounts {
   std::int64_t lost = 0;     // missing in the sequence
   std::int64_t doubled = 0, late = 0;
   std::int64_t resets = 0;  // of the drive
+  // Polled samples: how many had a round trip that tells their moment, and how far from its middle the
+  // moment can be by what the round trip was longer than the shortest; those with a longer one are
+  // left out.
+  std::int64_t timed = 0, untimed = 0;
+  double within_us = 0, within_us_most = 0;  // sum, largest
   // Samples that show the command that their tick was due for not taken yet: it acts late. And the age
   // of the last command taken, over all samples, in ticks: 1 on a fast link.
   std::int64_t command_late = 0;
@@ -54,6 +60,7 @@ struct LinkCounts {
   double answer_ticks_mean() const {
     return answered == 0 ? 0 : static_cast<double>(answer_ticks) / static_cast<double>(answered);
   }
+  double within_us_mean() const { return timed == 0 ? 0 : within_us / static_cast<double>(timed); }
   std::int64_t disturbed() const { return damaged + lost + doubled + late; }
 };
 
@@ -67,7 +74,9 @@ class HostProtocol {
   // drive takes no question.
   virtual Bytes hello(bool lockstep) = 0;
   // Asks for a sample where the drive does not send by itself; else empty.
-  virtual Bytes poll() { return {}; }
+  virtual Bytes poll(std::int64_t /*now_ns*/) { return {}; }
+  // A question has left.
+  virtual void asked(std::int64_t /*now_ns*/) {}
   virtual Bytes command(const DriveCommand& command) = 0;
   // Outputs off; the last frame of a host that ends.
   virtual Bytes off() = 0;
@@ -79,6 +88,9 @@ class HostProtocol {
   virtual void forget_info() { info_.reset(); }
   const LinkCounts& counts() const { return counts_; }
   const DeviceClock& clock() const { return clock_; }
+  // What the frames tell of the drive's time.
+  enum class Time { kMicroseconds, kMilliseconds, kNone };
+  virtual Time time() const { return Time::kMicroseconds; }
 
  protected:
   std::optional<DriveInfo> info_;

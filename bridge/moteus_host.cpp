@@ -40,14 +40,12 @@ void MoteusHost::put_query(Bytes& frame) const {
 Bytes MoteusHost::hello(bool) {
   Bytes frame;
   put_query(frame);
-  asked_ = true;
   return sent(frame);
 }
 
-// One question at a time: the next one when the answer is there, or after ten quiet turns.
-Bytes MoteusHost::poll() {
-  if (!info_ || (asked_ && ++quiet_polls_ < 10)) return {};
-  quiet_polls_ = 0;
+// One question at a time.
+Bytes MoteusHost::poll(std::int64_t now_ns) {
+  if (!info_ || now_ns < next_poll_ns_ || !trips_.may_ask(now_ns)) return {};
   return hello(false);
 }
 
@@ -69,8 +67,6 @@ Bytes MoteusHost::command(const DriveCommand& c) {
     put_moteus_write(frame, kMoteusTimeout, std::array{timeout_s});
   }
   put_query(frame);
-  asked_ = true;
-  quiet_polls_ = 0;
   return sent(frame);
 }
 
@@ -78,7 +74,6 @@ Bytes MoteusHost::off() {
   Bytes frame;
   put_moteus_write_int8(frame, kMoteusMode, kMoteusStopped);
   put_query(frame);
-  asked_ = true;
   return sent(frame);
 }
 
@@ -108,8 +103,44 @@ void MoteusHost::take_line(const std::string& line, std::int64_t arrival_ns) {
   }
   if (can->id >> 8 != bridge_.moteus_id) return;  // of another drive on the bus
   ++counts_.frames;
-  asked_ = false;
   if (frame.replies.count(kMoteusMillisecond)) take_reply(frame, arrival_ns);
+}
+
+// Host seconds in a second of the drive. Crystals differ by less than kCrystals, and the counter of
+// milliseconds does not show by how much; more is the pace of an emulated drive.
+double MoteusHost::host_per_drive() const {
+  constexpr double kCrystals = 0.01;
+  return std::abs(clock_.drift()) > kCrystals ? 1 + clock_.drift() : 1;
+}
+
+bool MoteusHost::time_sample(DriveSample& s, const std::optional<RoundTrips::Moment>& trip) {
+  if (clock_.blocks() < kTimedFrom) return false;
+  const double T_us = 1e6 * drive_.T_s(), host_ns_per_us = 1e3 * host_per_drive();
+  if (!trip || trip->within_ns > std::max(kLoose * T_us * host_ns_per_us, kTail * trip->usual_ns)) {
+    ++counts_.untimed;
+    return false;
+  }
+  if (counts_.timed > 0)
+    sampled_us_ += static_cast<double>(trip->read_ns - last_read_ns_) / host_ns_per_us;
+  last_read_ns_ = trip->read_ns;
+  s.sampled_us = sampled_us_;
+  const double to_next_us = (std::round(sampled_us_ / T_us) + 1) * T_us - sampled_us_;
+  next_poll_ns_ = trip->read_ns + std::llround(host_ns_per_us * to_next_us) - trips_.half_ns();
+  ++counts_.timed;
+  counts_.within_us += trip->within_ns / host_ns_per_us;
+  counts_.within_us_most = std::max(counts_.within_us_most, trip->within_ns / host_ns_per_us);
+  return true;
+}
+
+// The counter without its wraps. A step back is a restart of the drive; ticks go on.
+std::int64_t MoteusHost::counted_us(std::uint32_t us, std::int64_t read_ns) {
+  const std::int64_t before_us = last_us_;
+  last_us_ = clock_.take(us, read_ns);
+  if (last_us_ >= before_us) return last_us_;
+  ++counts_.resets;
+  clock_.restart();
+  k_before_restart_ = k_ + 1;
+  return last_us_ = clock_.take(us, read_ns);
 }
 
 void MoteusHost::take_reply(const MoteusFrame& frame, std::int64_t arrival_ns) {
@@ -132,13 +163,20 @@ void MoteusHost::take_reply(const MoteusFrame& frame, std::int64_t arrival_ns) {
   info_->lease_max_ms = 1e3;
   const auto us = static_cast<std::uint32_t>(static_cast<std::uint64_t>(1e3 * ms));  // modulo 2^32
   DriveSample s;
-  s.time_us = clock_.take(us, arrival_ns);
+  const auto trip = trips_.answered(arrival_ns);
+  s.time_us = counted_us(us, times_samples() && trip ? trip->read_ns : arrival_ns);
   s.arrival_ns = arrival_ns;
   s.reason = info_->reason;
   s.off = s.reason != 0;
   Measurement& m = s.m;
-  m.k = std::llround(1e-6 * static_cast<double>(s.time_us) * drive_.rates.f_s_Hz);
-  if (m.k <= k_) return;  // the same millisecond again
+  if (times_samples()) {
+    if (!time_sample(s, trip)) return;
+    m.k = std::llround(1e-6 * *s.sampled_us * drive_.rates.f_s_Hz);
+  } else {
+    m.k = k_before_restart_ +
+          std::llround(1e-6 * static_cast<double>(s.time_us) * drive_.rates.f_s_Hz);
+  }
+  if (m.k <= k_) return;  // the same tick again
   m.theta_m = kTwoPi * at(kMoteusPosition) + bridge_.theta_e_offset / drive_.machine.n_p;
   m.omega_m = kTwoPi * at(kMoteusVelocity);
   theta_e_ = drive_.machine.n_p * m.theta_m;
@@ -153,9 +191,10 @@ void MoteusHost::take_reply(const MoteusFrame& frame, std::int64_t arrival_ns) {
 
 // Of [t_{k-1}, t_k], from the moments at both ends: in rotor axes their mean, turned by the angle in
 // the middle; a vector that turns by phi over the interval has a mean shorter by sin(phi/2)/(phi/2).
-// After a gap: that of the moment alone.
+// Of samples that are timed: since the sample before. After a longer gap: that of the moment alone.
 Vec2 MoteusHost::mean_voltage_up_to(std::int64_t k, const Vec2& u_dq) {
-  const bool follows = k == k_ + 1 && k_ >= 0;
+  constexpr std::int64_t kLongest = 3;  // ticks
+  const bool follows = k_ >= 0 && k - k_ <= (times_samples() ? kLongest : 1);
   const double phi = follows ? theta_e_ - theta_e_before_ : 0;
   const double share = std::abs(phi) < 1e-6 ? 1 : std::sin(phi / 2) / (phi / 2);
   const Vec2 mean = follows ? Vec2(share * 0.5 * (u_dq + u_dq_before_)) : u_dq;

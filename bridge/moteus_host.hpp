@@ -1,9 +1,16 @@
 // A moteus on an fdcanusb, and the burst of its debug UART.
 //
 // Listening polls i_d, i_q, position, speed, bus and phase voltages, and the millisecond counter; the
-// phase currents are i_d, i_q turned by n_p position + bridge.theta_e_offset_rad. The tick is that of
-// the millisecond counter: rates.f_s_Hz is 1000 at most. The phase voltages are those of the moment;
-// the mean over a tick is made from the moments at both of its ends, in rotor axes.
+// phase currents are i_d, i_q turned by n_p position + bridge.theta_e_offset_rad. The phase voltages
+// are those of the moment; the mean over a tick is made from the moments at both of its ends, in rotor
+// axes.
+//
+// The counter does not say when within its millisecond a register was read. Listening, the host asks
+// once a tick, and the moment of a sample is the middle of its round trip, in the time of the drive:
+// host time, unless the counter shows that the drive is emulated at another pace. A sample whose round
+// trip is longer than the shortest of late by 2 kLoose of a tick, and by kTail times the mean, is left out. The first kTimedFrom
+// blocks of the clock tell the pace; no sample comes of them. Controlling, the tick is that of the
+// counter: rates.f_s_Hz is 1000 at most.
 //
 // Control sends the torque 3/2 n_p psi_f i_q* in position mode with both gains scaled to 0, where the
 // watchdog acts, or (bridge.without_watchdog) u_d, u_q in mode 8, where there is none.
@@ -16,12 +23,15 @@
 
 #include "bridge/host_protocol.hpp"
 #include "bridge/moteus_codec.hpp"
+#include "bridge/round_trips.hpp"
 
 namespace twinrate {
 
 class MoteusHost final : public HostProtocol {
  public:
   static constexpr std::size_t kMaxLine = 512;
+  static constexpr double kLoose = 0.03, kTail = 4;
+  static constexpr std::size_t kTimedFrom = 4;
 
   MoteusHost(const BridgeParameters& bridge, const DriveConfig& drive)
       : bridge_(bridge), drive_(drive) {}
@@ -29,7 +39,9 @@ class MoteusHost final : public HostProtocol {
   void take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) override;
   std::optional<DriveSample> next() override;
   Bytes hello(bool lockstep) override;
-  Bytes poll() override;
+  Bytes poll(std::int64_t now_ns) override;
+  Time time() const override { return Time::kMilliseconds; }
+  void asked(std::int64_t now_ns) override { trips_.asked(now_ns); }
   Bytes command(const DriveCommand& command) override;
   Bytes off() override;
   Bytes clear(int reason) override;
@@ -37,6 +49,11 @@ class MoteusHost final : public HostProtocol {
  private:
   void take_line(const std::string& line, std::int64_t arrival_ns);
   void take_reply(const MoteusFrame& frame, std::int64_t arrival_ns);
+  bool times_samples() const { return bridge_.mode == BridgeMode::kListen; }
+  // False where the moment is not known.
+  bool time_sample(DriveSample& sample, const std::optional<RoundTrips::Moment>& trip);
+  double host_per_drive() const;
+  std::int64_t counted_us(std::uint32_t us, std::int64_t read_ns);
   Bytes sent(Bytes frame) const;
   void put_query(Bytes& frame) const;
   Vec2 mean_voltage_up_to(std::int64_t k, const Vec2& u_dq);
@@ -48,8 +65,10 @@ class MoteusHost final : public HostProtocol {
   std::int64_t k_ = -1, device_us_ = 0;
   double theta_e_ = 0, theta_e_before_ = 0;
   Vec2 u_dq_before_ = Vec2::Zero();
-  bool asked_ = false;
-  int quiet_polls_ = 0;
+  RoundTrips trips_;
+  std::int64_t next_poll_ns_ = 0, last_read_ns_ = 0;
+  double sampled_us_ = 0;
+  std::int64_t last_us_ = 0, k_before_restart_ = 0;  // of the counter
 };
 
 class MoteusBurst final : public HostProtocol {
@@ -61,6 +80,7 @@ class MoteusBurst final : public HostProtocol {
   void take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) override;
   std::optional<DriveSample> next() override;
   Bytes hello(bool) override;  // the drive sends by itself
+  Time time() const override { return Time::kNone; }
   Bytes command(const DriveCommand&) override { return {}; }
   Bytes off() override { return {}; }
   Bytes clear(int) override { return {}; }

@@ -86,11 +86,11 @@ Bytes VescHost::hello(bool) {
 }
 
 // The next burst when the one before is whole, or has stopped.
-Bytes VescHost::poll() {
-  constexpr int kQuietPolls = 2000;
-  if (!info_ || (left_ > 0 && ++quiet_polls_ < kQuietPolls)) return {};
+Bytes VescHost::poll(std::int64_t now_ns) {
+  constexpr std::int64_t kQuiet_ns = 2'000'000'000;
+  if (!info_ || (left_ > 0 && now_ns - heard_ns_ < kQuiet_ns)) return {};
   if (left_ > 0) counts_.lost += left_;
-  quiet_polls_ = 0;
+  heard_ns_ = now_ns;
   left_ = kBurst;
   k_ += k_ < 0 ? 0 : kGap;
   const Bytes payload = {kSamplePrint, 1, kBurst >> 8, kBurst & 0xff, 1, 0};
@@ -115,7 +115,7 @@ void VescHost::take_payload(std::span<const std::uint8_t> p, std::int64_t arriva
 
 void VescHost::take_sample(std::span<const std::uint8_t> p, std::int64_t arrival_ns) {
   --left_;
-  quiet_polls_ = 0;
+  heard_ns_ = arrival_ns;
   const std::size_t currents = p.size() == 39 ? 3 : 2, u_at = 1 + 4 * currents;
   const double i_1 = float_at(p, 1), i_2 = float_at(p, 5);
   DriveSample s;

@@ -48,7 +48,8 @@ class VescHost final : public HostProtocol {
   void take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) override;
   std::optional<DriveSample> next() override;
   Bytes hello(bool) override;
-  Bytes poll() override;
+  Bytes poll(std::int64_t now_ns) override;
+  Time time() const override { return Time::kNone; }
   Bytes command(const DriveCommand&) override { return {}; }
   Bytes off() override { return {}; }
   Bytes clear(int) override { return {}; }
@@ -62,8 +63,8 @@ class VescHost final : public HostProtocol {
   VescReceiver receiver_;
   std::deque<DriveSample> samples_;
   std::int64_t k_ = -1;
-  int left_ = 0;  // of the burst
-  int quiet_polls_ = 0;
+  int left_ = 0;               // of the burst
+  std::int64_t heard_ns_ = 0;  // the last sample of a burst, or the question for it
   double v_dc_ = 0, theta_e_ = 0, angle_ = -1;
 };
 

@@ -99,6 +99,7 @@ class RecordedRun final : public LogReader {
     if (measurements_.config_toml().empty()) return;
     const Config config = Config::parse(measurements_.config_toml(), path);
     n_p_ = config.drive().machine.n_p;
+    T_s_ = config.drive().T_s();
     if (!measurements_.imported()) load_.emplace(config.drive());
   }
   bool next(RawLog& piece, std::size_t rows) override {
@@ -112,7 +113,8 @@ class RecordedRun final : public LogReader {
       if (!columns_) choose_columns(m, *following);
       if (!columns_) continue;
       if (*columns_ & ~following->signals & kVoltage) continue;
-      if (*columns_ & kVoltage && is_before_a_gap(m.k, following->k) && !measurements_.imported())
+      if (*columns_ & kVoltage && is_before_a_gap(m.k, following->k) && !measurements_.imported() &&
+          !is_timed(*following))
         continue;
       append_row(piece, m, following->u_alphabeta, load_ ? &T_load : nullptr, *columns_, n_p_);
     }
@@ -141,6 +143,10 @@ class RecordedRun final : public LogReader {
     step_ = std::min(step_, std::max<std::int64_t>(1, k_following - k));
     return k_following - k > step_;
   }
+  // A sample with a time of its own, not that of its tick, holds the mean voltage since the one before.
+  bool is_timed(const Measurement& m) const {
+    return T_s_ > 0 && std::llabs(m.t_ns - std::llround(1e9 * T_s_ * static_cast<double>(m.k))) > 1;
+  }
   // Of the first row that has currents and an angle: what a drive did not log stays absent.
   void choose_columns(const Measurement& m, const Measurement& following) {
     constexpr int kNeeded = kPhaseCurrents | kPosition;
@@ -152,6 +158,7 @@ class RecordedRun final : public LogReader {
   std::string path_;
   MeasurementReader measurements_;
   std::optional<DeclaredLoad> load_;
+  double T_s_ = 0;
   std::int64_t step_ = INT64_MAX;  // of the tick, the least from one message to the next
   std::optional<int> columns_;
   int n_p_ = 0;

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "bridge/device_clock.hpp"
+#include "bridge/round_trips.hpp"
 
 namespace twinrate::clock_test {
 namespace {
@@ -70,6 +71,35 @@ TEST(DeviceClock, TellsBeforeItHasSettled) {
   EXPECT_EQ(clock.host_ns(0), 5'000'000);
   clock.restart();
   EXPECT_FALSE(clock.known());
+}
+
+// An answer does not say to which question: after one that was not answered the line must be quiet.
+TEST(RoundTrips, OnlyAnAnswerToTheOneOpenQuestionTellsAMoment) {
+  constexpr std::int64_t ms = 1'000'000;
+  RoundTrips trips;
+  EXPECT_TRUE(trips.may_ask(0));
+  trips.asked(0);
+  EXPECT_FALSE(trips.may_ask(ms));
+  auto moment = trips.answered(2 * ms);
+  ASSERT_TRUE(moment);
+  EXPECT_EQ(moment->read_ns, ms);
+  EXPECT_EQ(moment->within_ns, 0);
+  trips.asked(10 * ms);
+  moment = trips.answered(13 * ms);
+  ASSERT_TRUE(moment);
+  EXPECT_NEAR(moment->within_ns, 0.5 * ms, 0.01 * ms);
+  EXPECT_NEAR(static_cast<double>(trips.half_ns()), 1.0 * ms, 0.01 * ms);
+
+  trips.asked(20 * ms);
+  EXPECT_FALSE(trips.may_ask(69 * ms));
+  EXPECT_TRUE(trips.may_ask(70 * ms));
+  trips.asked(70 * ms);
+  EXPECT_FALSE(trips.answered(71 * ms)) << "it may be the answer to the first question";
+  EXPECT_FALSE(trips.may_ask(72 * ms)) << "that to the second may still come";
+  EXPECT_FALSE(trips.answered(73 * ms));
+  EXPECT_TRUE(trips.may_ask(123 * ms));
+  trips.asked(123 * ms);
+  EXPECT_TRUE(trips.answered(125 * ms));
 }
 
 }  // namespace

@@ -21,12 +21,16 @@ DriveConfig drive() {
 template <class Host>
 int feed(Host& host, const std::uint8_t* bytes, std::size_t size) {
   host.hello(false);
-  host.poll();
-  host.take({bytes, size}, 1'000'000);
+  host.asked(0);
+  host.poll(0);
+  host.take({bytes, size / 2}, 1'000'000);
+  host.poll(2'000'000);
+  host.asked(2'000'000);
+  host.take({bytes + size / 2, size - size / 2}, 3'000'000);
   std::size_t samples = 0;
   while (host.next()) ++samples;
   assert(samples <= size);
-  host.poll();
+  host.poll(3'000'000'000);
   return 0;
 }
 
@@ -48,7 +52,8 @@ int twinrate_frames(const std::uint8_t* bytes, std::size_t size) {
 }
 
 int moteus_lines(const std::uint8_t* bytes, std::size_t size) {
-  MoteusHost host({}, drive());
+  MoteusHost host({}, drive()), listening({.mode = BridgeMode::kListen}, drive());
+  feed(listening, bytes, size);
   return feed(host, bytes, size);
 }
 

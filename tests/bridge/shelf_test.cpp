@@ -167,8 +167,8 @@ TEST(AngleZero, OfTheDriveIsAddedByEveryProtocol) {
       for (HostProtocol* host :
            {static_cast<HostProtocol*>(&uart), static_cast<HostProtocol*>(&uart_turned)})
         host->take(frame, i * 200'000);
-    vesc_device.take(vesc.poll());
-    vesc_turned.poll();
+    vesc_device.take(vesc.poll(i * 200'000));
+    vesc_turned.poll(i * 200'000);
     vesc_device.tick();
     for (const Bytes& frame : vesc_device.take_sent())
       for (HostProtocol* host :
@@ -204,7 +204,7 @@ TEST(Vesc, BurstsReachTheLogWithVoltagesAndAngle) {
   ASSERT_TRUE(host.info());
   std::vector<Measurement> sent;
   for (int i = 0; i < 4000; ++i) {
-    device.take(host.poll());
+    device.take(host.poll(i * 200'000));
     sent.push_back(*own.sample());
     device.tick();
     for (const Bytes& frame : device.take_sent()) host.take(frame, i * 200'000);
