@@ -115,11 +115,11 @@ async function captures() {
 }
 
 async function clicks() {
-  const drive = await launch('clicks', '--set', 'rates.f_s_Hz=10000');
+  const drive = await launch('clicks', '--set', 'rates.f_s_Hz=2000', '--set', 'estimator.prediction=exact', '--set', 'rates.n=1');
   const browser = await Browser.open(drive.address);
-  await browser.until('curves', CURVES, 30);
+  await browser.until('curves', CURVES);
   await browser.click('#take-control');
-  await browser.until('control', "!document.querySelector('[data-kind=reset]').disabled", 20);
+  await browser.until('control', "!document.querySelector('[data-kind=reset]').disabled");
   // The field, the key and the answer of the page itself.
   const found = await browser.evaluate(`(async () => {
     const ms = [], ticks = [], refused = [], field = document.querySelector('[name=load_Nm]'), answer = document.querySelector('#steering-told');
