@@ -132,19 +132,21 @@ NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
   SensorNoise noise;
   noise.theta_m = angle_errors(record, moving);
   if (!record.i_alphabeta.empty()) {
-    const auto axis = [&](int x) {
-      return white_noise(
-          record.size(), [&](std::size_t k) { return record.i_alphabeta[k][x]; },
-          record.electrical_ok);
-    };
-    const bool two = record.current_sensors == 2;
-    // Not less than the ADC's steps make.
-    const double sigma_i = std::max(std::hypot(axis(0), axis(1)) / std::sqrt(two ? 8.0 / 3 : 2.0),
-                                    i_lsb / std::sqrt(12.0));
-    for (std::size_t k = 0; k < record.size(); ++k) {
-      const Vec2 n = sigma_i * Vec2(normal(kSeed, 1, k), normal(kSeed, 2, k));
-      noise.i_alphabeta.push_back(two ? clarke({n[0], n[1], -n[0] - n[1]}) : n);
-    }
+    // In rotor axes, where a current at constant torque stands still. Not less than the ADC's steps make.
+    Vec2 sigma;
+    for (const int axis : {0, 1})
+      sigma[axis] = std::max(white_noise(
+                                 record.size(),
+                                 [&](std::size_t k) {
+                                   return park(record.i_alphabeta[k],
+                                               facts.machine.n_p * record.theta_m[k])[axis];
+                                 },
+                                 record.electrical_ok),
+                             i_lsb / std::sqrt(12.0));
+    for (std::size_t k = 0; k < record.size(); ++k)
+      noise.i_alphabeta.push_back(
+          inverse_park({sigma[0] * normal(kSeed, 1, k), sigma[1] * normal(kSeed, 2, k)},
+                       facts.machine.n_p * record.theta_m[k]));
   }
   NoisierRecords noisier{.answered = record, .readings = record};
   LoopResponse(record, facts.machine).add(noise, noisier.answered);

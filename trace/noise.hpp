@@ -7,7 +7,7 @@ namespace twinrate {
 
 // The record with as much noise again on currents and angle as its samples have: the rounding of an
 // encoder's counts as rounding (trace/rounding.hpp), the rest white, of the size that the fourth
-// difference shows.
+// difference shows: of the currents in rotor axes, where one at constant torque does not turn.
 struct NoisierRecords {
   Record answered;  // with what the controller makes of it
   Record readings;  // the readings alone

@@ -98,5 +98,29 @@ TEST(NoiseFit, IsThatOfTheSensorsInASlowRunToo) {
   }
 }
 
+// At 1 kHz a vector that turns 130 times a second moves by its own length from row to row; in rotor
+// axes it stands still.
+TEST(AddNoise, DrawsTheNoiseOfACurrentThatTurnsFast) {
+  constexpr double kNoise = 0.02, kTurn = 0.8, kAxis = 1.5;  // A; rad a row; A
+  Record record;
+  record.T_s = 1e-3;
+  record.current_sensors = 3;
+  for (std::size_t k = 0; k < 4000; ++k) {
+    record.t.push_back(1e-3 * static_cast<double>(k));
+    record.theta_m.push_back(kTurn * static_cast<double>(k) / 3);
+    record.i_alphabeta.push_back(inverse_park({0, kAxis}, kTurn * static_cast<double>(k)) +
+                                 kNoise * Vec2(normal(5, 0, k), normal(5, 1, k)));
+  }
+  record.u_alphabeta.assign(record.size(), Vec2::Zero());
+  record.electrical_ok.assign(record.size(), 1);
+  record.motion_ok.assign(record.size(), 1);
+  const Record drawn =
+      add_noise(record, servo().facts(), std::vector<char>(record.size(), 1), 0).readings;
+  double sum = 0;
+  for (std::size_t k = 0; k < record.size(); ++k)
+    sum += (drawn.i_alphabeta[k] - record.i_alphabeta[k]).squaredNorm() / 2;
+  EXPECT_NEAR(std::sqrt(sum / static_cast<double>(record.size())), kNoise, 0.1 * kNoise);
+}
+
 }  // namespace
 }  // namespace twinrate
