@@ -325,7 +325,7 @@ def _options(options):
         if value is True:
             words.append(option)
         elif value is not False and value is not None:
-            words += [option, *_list(value)]
+            words += [option, *(value if isinstance(value, (list, tuple)) else [value])]
     return words
 
 
