@@ -498,7 +498,7 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
   return found;
 }
 
-std::string voltage_doubt(const Record& record, const DriveFacts& facts) {
+VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
   constexpr double kEveryTick = 1.5, kHalf = 0.5, kAsGood = 1.1, kStill = 0.02;  // rad
   if (!record.has_voltage_equation() || facts.T_s <= 0 || record.T_s < kEveryTick * facts.T_s)
     return {};
@@ -509,9 +509,10 @@ std::string voltage_doubt(const Record& record, const DriveFacts& facts) {
   const auto left = [](const ScaleFactors& f) {
     return 1 - f.voltage_share + (f.psi_f.known() ? f.zero_e * f.zero_e : 0);
   };
-  const bool still = mean.mean_interval_e < kStill && left(mean) < kAsGood * left(tick);
-  if (still || left(mean) < kHalf * left(tick)) return {};
-  return fmt::format(
+  if (left(mean) < kHalf * left(tick)) return {};
+  if (mean.mean_interval_e < kStill && left(mean) < kAsGood * left(tick))
+    return {.doubt = "", .open_e = mean.mean_interval_e, .of_tick = left(tick) < left(mean)};
+  std::string why = fmt::format(
       "the log has one row for {:.3g} ticks of the controller, and its voltage is {} (the mean of "
       "the interval leaves {:.2g} % of the voltage's power, the tick's value {:.2g} %): no "
       "electrical effect is traced. Log every tick, or the mean voltage from row to row in stator "
@@ -519,6 +520,16 @@ std::string voltage_doubt(const Record& record, const DriveFacts& facts) {
       record.T_s / facts.T_s,
       left(tick) < kHalf * left(mean) ? "that of a tick" : "not clearly the mean of the interval",
       100 * left(mean), 100 * left(tick));
+  return {.doubt = std::move(why)};
+}
+
+Record with_mean_of_ticks(const Record& record, const DriveFacts& facts) {
+  Record out = record;
+  const double share = 0.5 * (1 - facts.T_s / record.T_s) * facts.machine.n_p;
+  for (std::size_t k = 0; k + 1 < record.size(); ++k)
+    out.u_alphabeta[k] =
+        inverse_park(record.u_alphabeta[k], share * (record.theta_m[k + 1] - record.theta_m[k]));
+  return out;
 }
 
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health) {

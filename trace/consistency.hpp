@@ -26,10 +26,17 @@ inline constexpr ScaleBounds kThisMachine;
 // `encoder_counts`: of the drive file; 0: not known. Empty: nothing speaks against the log.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);
-// Of a log that has not every tick of the controller: why its voltage is not the mean from row to
-// row, which the voltage equation needs; empty: it is, or every tick is there. Taken for the mean, a
-// tick's voltage has the frame of half an interval later: an angle with another zero.
-std::string voltage_doubt(const Record& record, const DriveFacts& facts);
+// What the voltage of a row is, in a log that has not every tick of the controller. Taken for the mean
+// from row to row, which the voltage equation needs, a tick's voltage has the frame of half an
+// interval later: an angle with another zero, or a voltage that acts late.
+struct VoltageMeaning {
+  std::string doubt;     // why it is not that mean; empty: it is, or it hardly matters
+  double open_e = 0;     // rad, electrical: turn of an interval too short to tell the two apart
+  bool of_tick = false;  // where that is open: a tick's fits better
+};
+VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts);
+// The record with each tick's voltage turned to the middle of its interval: a slow rotor's mean.
+Record with_mean_of_ticks(const Record& record, const DriveFacts& facts);
 // The result of a trace that ends there: verdict and sentence, no effect.
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health);
 

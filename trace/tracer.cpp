@@ -92,6 +92,20 @@ JudgedFiles judged_files(const std::vector<SourceRows>& sources, const Record& w
   return files;
 }
 
+// Size that an effect must have beyond what is open of the voltage's frame and moment.
+double least_beside(const VoltageMeaning& voltage, const Effect& effect, const DriveFacts& facts,
+                    double T_s) {
+  if (voltage.open_e == 0 || effect.acts_on() == kOnSpeed) return 0;
+  const std::shared_ptr<Effect> open = effect.clone();
+  if (is_of(effect, Traits::Family::kLag))
+    set_key(*open, "lag_s", T_s);
+  else if (effect.acts_on() & kOnAngle && has_key(effect, "offset_rad"))
+    set_key(*open, "offset_rad", voltage.open_e / facts.machine.n_p);
+  else
+    return 0;
+  return open->tracing().materiality(facts);
+}
+
 // What passed, as the selection judged it: judged anew where others were refused beside it, for
 // what could stand in their places is another then.
 Selection what_passed(const Fitter& fitter, const std::vector<Candidate>& candidates,
@@ -114,7 +128,7 @@ Passed not_asked(const Selection& selection) {
   return passed;
 }
 
-TraceResult trace_considered(const Record& raw, const DriveConfig& drive, const Health& health,
+TraceResult trace_considered(const Record& log, const DriveConfig& drive, const Health& health,
                              const TraceSettings& settings, std::vector<char> held_out) {
   const auto begin = std::chrono::steady_clock::now();
   if (!health.blind.empty()) {
@@ -124,16 +138,20 @@ TraceResult trace_considered(const Record& raw, const DriveConfig& drive, const 
     r.health = health.lines();
     return r;
   }
-  if (auto found = inconsistencies(raw, health, drive.facts(), drive.sensors.encoder_counts);
+  if (auto found = inconsistencies(log, health, drive.facts(), drive.sensors.encoder_counts);
       !found.empty())
     return inconsistent_result(std::move(found), health);
-  if (const std::string why = voltage_doubt(raw, drive.facts()); !why.empty()) {
-    Record without_voltage = raw;
+  const VoltageMeaning voltage = voltage_meaning(log, drive.facts());
+  if (!voltage.doubt.empty()) {
+    Record without_voltage = log;
     without_voltage.u_alphabeta.clear();
     TraceResult r = trace_considered(without_voltage, drive, health, settings, std::move(held_out));
-    r.health.push_back(why);
+    r.health.push_back(voltage.doubt);
     return r;
   }
+  std::optional<Record> turned;
+  if (voltage.of_tick) turned = with_mean_of_ticks(log, drive.facts());
+  const Record& raw = turned ? *turned : log;
   const bool fit_judging_rows = settings.fit_judging_rows || held_out.empty();
   if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
   auto t0 = std::chrono::steady_clock::now();
@@ -143,7 +161,7 @@ TraceResult trace_considered(const Record& raw, const DriveConfig& drive, const 
   const auto from_zero = [&](double by, const char* why) {
     TraceSettings same = settings;
     same.fit_judging_rows = fit_judging_rows;
-    TraceResult r = trace_considered(moved(raw, by), drive, health, same, held_out);
+    TraceResult r = trace_considered(moved(log, by), drive, health, same, held_out);
     r.health.emplace_back(why);
     return r;
   };
@@ -250,6 +268,8 @@ TraceResult trace_considered(const Record& raw, const DriveConfig& drive, const 
   Passed passed = not_asked(selection);
   if (!selection.stopped_after && judging.electrical() + judging.torque() > 0) {
     Gate gate(seen_fitter, chain_of_all, files);
+    gate.set_resolution(
+        [&](const Effect& effect) { return least_beside(voltage, effect, facts, raw.T_s); });
     std::optional<HalfRate> half;
     gate.set_half_rate([&]() -> const HalfRate& {
       if (!half)
@@ -291,6 +311,14 @@ TraceResult trace_considered(const Record& raw, const DriveConfig& drive, const 
                                  .bus = bus});
   if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
     return from_zero(by, "the zero of theta_m was moved within a count");
+  if (voltage.open_e > 0)
+    result.health.push_back(fmt::format(
+        "one row for {:.3g} ticks of the controller; the voltage of a row is taken for {}, and the "
+        "rotor is too slow to tell: an encoder_offset below {:.2g} rad and a lag below {:.2g} s "
+        "are "
+        "not traced",
+        raw.T_s / facts.T_s, voltage.of_tick ? "that of its tick" : "the mean to the next row",
+        voltage.open_e / facts.machine.n_p, raw.T_s));
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;
