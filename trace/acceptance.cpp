@@ -121,7 +121,13 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
 bool plausible(const Effect& effect, const DriveFacts& facts) {
   const Stated<Traits::Bound> bounds = effect.tracing().traits().bounds;
   for (const Traits::Bound& bound : bounds) {
-    const double unit = bound.of == Traits::Bound::kStatorResistance ? facts.machine.R_s : 1;
+    const MachineParameters& m = facts.machine;
+    double unit = 1;
+    if (bound.of == Traits::Bound::kStatorResistance) unit = m.R_s;
+    if (bound.of == Traits::Bound::kInductanceAtRated) {
+      if (!(m.i_rated > 0)) continue;
+      unit = m.L_q / m.i_rated;
+    }
     if (std::abs(get_key(effect, bound.key)) > bound.most * unit) return false;
   }
   return true;

@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "model/effects/tracing.hpp"
 #include "trace/agreement.hpp"
+#include "trace/angle_error.hpp"
 #include "trace/consistency.hpp"
 #include "trace/keys.hpp"
 #include "trace/transfer.hpp"
@@ -141,19 +143,34 @@ Sampled noise_of(const Sampled& y) {
   return noise;
 }
 
-// Inertia at the motor, whose acceleration turns an angle's error into a torque, as a share of J.
-double motor_share(const Members& members, const MachineParameters& m) {
-  double J = m.J;
-  for (const auto& member : members) {
-    if (has_key(*member, "change_kgm2")) J += get_key(*member, "change_kgm2");
-    if (has_key(*member, "J_load_kgm2")) J -= get_key(*member, "J_load_kgm2");
-  }
-  return m.J > 0 ? J / m.J : 1;
+// What the sensors' noise and the controller's answer to it make of the voltages.
+Sampled answered_noise_of(const Sampled& y) {
+  Sampled noise;
+  noise.d = y.noise_d;
+  noise.q = y.noise_q;
+  if (y.answer_d.size()) noise.d += y.answer_d;
+  if (y.answer_q.size()) noise.q += y.answer_q;
+  return noise;
 }
 
-// `motor`: share of the inertia at the motor, with the claim over that without.
-Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, double motor,
-          double silent) {
+// Energy of what the claim changes of the voltages, over that of what it changes of the noise in them.
+double change_over_noise(const Judging& judging, const Sampled& with, const Sampled& without,
+                         const std::vector<Channel>& moved) {
+  const Sampled noise_with = answered_noise_of(with), noise_without = answered_noise_of(without);
+  double change = 0, of_noise = 0;
+  for (Channel channel : moved) {
+    if (channel == &Sampled::torque) continue;
+    Sampled by_all, by_noise;
+    by_all.*channel = with.*channel - without.*channel;
+    by_noise.*channel = noise_with.*channel - noise_without.*channel;
+    change += judging.energy(by_all, channel);
+    of_noise += judging.energy(by_noise, channel);
+  }
+  return of_noise > 0 ? change / of_noise : std::numeric_limits<double>::infinity();
+}
+
+Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
+          const AngleErrorFall& angle, double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
   double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0;
@@ -168,8 +185,8 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
   // Where most of what is left is noise, what else is left may be the angle's as well.
   const double left = judging.energy(without, &Sampled::torque),
                noise = judging.energy(noise_of(without), &Sampled::torque);
-  if (of_torque && motor > 0 && motor < 1 && noise > left / 2)
-    quieter = std::max(quieter, -std::log(motor));
+  const bool lighter = of_torque && angle.share > 0 && angle.share < 1;
+  if (lighter && noise > left / 2) quieter = std::max(quieter, -0.5 * std::log(1 - angle.share));
   Pieces is, was;
   std::size_t index = 0;
   for (const auto& [file, energy] : judging.pieces(with, without, moved)) {
@@ -177,8 +194,9 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without, d
     was[{file, index++}] = energy.without;
   }
   Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
+  vote.change_over_noise = change_over_noise(judging, with, without, moved);
   if (noise_without > 0) vote.over_noise = energy_without / noise_without;
-  if (of_torque && motor < 1) vote.of_angle = 1 - std::pow(std::max(0.0, motor), 2);
+  if (lighter) vote.of_angle = angle.share, vote.beyond_angle = -angle.log_ratio;
   return vote;
 }
 
@@ -239,10 +257,15 @@ Gate::Asked Gate::ask(const Fit& fit) const {
   asked.with = left_by(fit);
   const Judging judging(whole_, files_);
   const MachineParameters& machine = whole_.equations().facts().machine;
+  const double T_s = whole_.sampler().decimation() * whole_.equations().record().T_s;
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     Fit without = seen_.refine(with(fit.members, nullptr, m));
-    const double motor = motor_share(fit.members, machine) / motor_share(without.members, machine);
-    asked.votes.push_back(vote(judging, asked.with, left_by(without), motor, criterion_.silent));
+    const Sampled left = left_by(without);
+    AngleErrorFall angle;
+    if (left.torque.size())
+      angle = fall_of_angle_error(fit.members, asked.with.torque, without.members, left.torque,
+                                  machine, whole_.sampler().torque(), T_s);
+    asked.votes.push_back(vote(judging, asked.with, left, angle, criterion_.silent));
     asked.without_fit.push_back(std::move(without));
   }
   return asked;
@@ -275,7 +298,8 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (resolution_)
       if (const double least = resolution_(*members[m]); size < least)
         refuse(m, "sensors", "", size / least,
-               fmt::format("{:.2g} of what the sensors alone can make", size / least));
+               fmt::format("{:.2g} of what the sensors and the rows of the log leave open",
+                           size / least));
   }
   std::vector<std::string> paths;
   for (const JudgedFile& file : files_.files) paths.push_back(file.path);

@@ -1,7 +1,8 @@
 // What a claim must pass before anybody is told of it.
 //
 // A claim is a member of the fit. It passes where
-//   sensors    it is larger than what the sensors can make (set_resolution)
+//   sensors    it is larger than what the sensors, and what the log leaves open of the voltage's frame,
+//              can make (set_resolution)
 //   transfer   it lowers the error on rows that judge (trace/split.hpp): per piece b of them,
 //              r_b = 1/2 ln(E_b without / E_b with), E the whitened energy of the channels that it
 //              moves, nothing taken off for noise. As many pieces as eight a block, each with as
@@ -10,7 +11,10 @@
 //              smaller: of less inertia at the motor an angle's counts make less torque, and the
 //              likelihood is one of readings, not of residuals. All pieces together must fall by
 //              more than that noise does, and without the claim they must have more energy than the
-//              sensors' noise. Both sides are fitted to all rows that do not judge.
+//              sensors' noise. A shaft, or less inertia, must take more than it would off an error of
+//              the angle, and at most frequencies (trace/angle_error.hpp); what a claim changes of the
+//              voltages must be more than what it changes of the noise in them and of the
+//              controller's answer to it. Both sides are fitted to all rows that do not judge.
 //              Signed-rank test over the pieces that move, by Holm over the claims; no file may be
 //              worse by the same test
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves

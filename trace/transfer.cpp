@@ -42,6 +42,14 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                  fmt::format("without it the rows that judge have {:.2g} of the energy of the "
                              "sensors' noise: noise alone explains them",
                              v.over_noise));
+  // The answer of a loop with coarse counts is known to a factor of about five (amplitude).
+  constexpr double kBeyondAnswer = 30;
+  if (v.change_over_noise < kBeyondAnswer)
+    return noise(
+        v.change_over_noise,
+        fmt::format("what it changes has {:.2g} times the energy of what it makes of the "
+                    "sensors' noise and of the controller's answer to it; {:.0f} are needed",
+                    v.change_over_noise, kBeyondAnswer));
   // The sensors' noise is known by a draw of it, to a factor of two; in all that is left the angle's
   // may be: the torque that it makes is in proportion to the inertia at the motor.
   constexpr double kTimes = 2;
@@ -53,6 +61,11 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
         fmt::format("the energy on rows that judge falls by a share of {:.2g}; noise of the "
                     "sensors, which it makes smaller, alone may make {:.2g}",
                     v.judgement.held_out_gain, of_noise));
+  if (v.beyond_angle <= 0)
+    return noise(v.beyond_angle,
+                 fmt::format("it leaves {:.2g} times the energy of an error of the angle, in the "
+                             "mean over frequencies: a line of the angle alone explains it",
+                             std::exp(-v.beyond_angle)));
   return {};
 }
 

@@ -60,6 +60,8 @@ class CrossSaturation final : public TraceableEffect {
   }
 
   Traits traits() const override {
+    // At rated current an axis has not lost twice its inductance.
+    static constexpr Bound kBounds[] = {{"coefficient_H_A", 2, Bound::kInductanceAtRated}};
     return {.equation = Equation::kElectrical,
             .family = {Family::kFlux, 3},
             .period = {.in = Period::kNothing},
@@ -72,7 +74,7 @@ class CrossSaturation final : public TraceableEffect {
             .told_by = Run::kVaried,
             .relatives = none,
             .readings = none,
-            .bounds = none,
+            .bounds = kBounds,
             .faults = none};
   }
   const Portrait& portrait() const override {

@@ -167,7 +167,7 @@ struct Traits {
 
   // A physical bound of a parameter, tighter than the range of its field.
   struct Bound {
-    enum Of { kOne, kStatorResistance };
+    enum Of { kOne, kStatorResistance, kInductanceAtRated };  // L_q / i_rated
     const char* key;
     double most;  // of its magnitude, times `of`
     Of of = kOne;
