@@ -170,7 +170,7 @@ double change_over_noise(const Judging& judging, const Sampled& with, const Samp
 }
 
 Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
-          const AngleErrorFall& angle, double silent) {
+          const AngleErrorFall& angle, bool through_zone, double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
   double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0;
@@ -194,7 +194,7 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
     was[{file, index++}] = energy.without;
   }
   Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
-  vote.change_over_noise = change_over_noise(judging, with, without, moved);
+  if (!through_zone) vote.change_over_noise = change_over_noise(judging, with, without, moved);
   if (noise_without > 0) vote.over_noise = energy_without / noise_without;
   if (lighter) vote.of_angle = angle.share, vote.beyond_angle = -angle.log_ratio;
   return vote;
@@ -258,6 +258,11 @@ Gate::Asked Gate::ask(const Fit& fit) const {
   const Judging judging(whole_, files_);
   const MachineParameters& machine = whole_.equations().facts().machine;
   const double T_s = whole_.sampler().decimation() * whole_.equations().record().T_s;
+  // Some 30 Ohm around a current of zero make any noise loud there; what is told there is no noise.
+  const Effects& known = whole_.equations().known();
+  const auto at_zero = [](const auto& effect) { return turns_at_zero(*effect); };
+  const bool through_zone = std::any_of(fit.members.begin(), fit.members.end(), at_zero) ||
+                            std::any_of(known.begin(), known.end(), at_zero);
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     Fit without = seen_.refine(with(fit.members, nullptr, m));
     const Sampled left = left_by(without);
@@ -265,7 +270,7 @@ Gate::Asked Gate::ask(const Fit& fit) const {
     if (left.torque.size())
       angle = fall_of_angle_error(fit.members, asked.with.torque, without.members, left.torque,
                                   machine, whole_.sampler().torque(), T_s);
-    asked.votes.push_back(vote(judging, asked.with, left, angle, criterion_.silent));
+    asked.votes.push_back(vote(judging, asked.with, left, angle, through_zone, criterion_.silent));
     asked.without_fit.push_back(std::move(without));
   }
   return asked;

@@ -202,6 +202,7 @@ TEST(Summary, TwoLoadStepsWithinThreeTurnsAreADipAndARippleIsUnevenness) {
     RunLog log = steady_run(config);
     for (std::size_t k = 0; k < log.truth.size(); ++k) {
       log.truth[k].theta_m = 1e-4 * static_cast<double>(k);  // less than three turns
+      log.estimate[k].theta_e = wrap_turn(config.machine.n_p * log.truth[k].theta_m);
       log.truth[k].omega_m = kOmegaM * speed(k);
     }
     return summarise(log, config);

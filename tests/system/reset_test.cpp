@@ -22,10 +22,12 @@ class ResetRequest : public ProgramTest {
 };
 
 TEST_F(ResetRequest, TakesTheSetFromSafeToItsRunAndIsRefusedBeforeAndAfter) {
-  // The trip at 0.11 s; without a reset the drive stands for the rest of the run.
+  // The trip at 0.61 s; without a reset the drive stands for the rest of the run. At the wall's pace
+  // the first request is answered before it.
   Program launch({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "2.4s",
-                  "--set", "plant.fault.kind=current_nan", "--set", "plant.fault.at_s=0.1", "--set",
-                  "plant.fault.for_s=0.03", "--set", "bus.authenticate=false"});
+                  "--pace", "wall", "--set", "plant.fault.kind=current_nan", "--set",
+                  "plant.fault.at_s=0.6", "--set", "plant.fault.for_s=0.03", "--set",
+                  "bus.authenticate=false"});
   Bus bus({.role = Role::kSupervisor});
   bool tripped = false;
   std::int64_t reset_k = -1;
