@@ -5,7 +5,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kSure = 3.5;  // sigmas
+constexpr double kSure = 4.5;    // sigmas that a claim needs: the scatter has long tails
+constexpr double kOneWay = 3.5;  // sigmas that speak against one
 constexpr std::size_t kSide = 3;
 static_assert(kSide + 1 <= kStaleReach);
 
@@ -86,7 +87,6 @@ void HeldCurrents::close_few() {
 }
 
 double HeldCurrents::beyond_chance(double i_lsb) const {
-  constexpr double kSurer = 4.5;
   constexpr double kReach =
       0.57;  // steps squared, which noise of half a step makes; 1/6 is the converter's own
   if (variance_ <= 0 || i_lsb <= 0 ||
@@ -96,7 +96,7 @@ double HeldCurrents::beyond_chance(double i_lsb) const {
   const double alike = std::max(1 / std::sqrt(std::max(1e-6, 1 - rho2)),
                                 all_over_one_ / std::max(1.0, by_chance_over_one_));
   const double more = all_ - by_chance_ * alike;
-  return more > kSurer * std::sqrt(variance_ * (1 + alike * alike)) ? more / others_ : 0;
+  return more > kSure * std::sqrt(variance_ * (1 + alike * alike)) ? more / others_ : 0;
 }
 
 double HeldCurrents::behind_beyond_chance() const {
@@ -108,7 +108,7 @@ double HeldCurrents::behind_beyond_chance() const {
     variance += std::pow(n / alone.rows, 2) * alone.squares;
   }
   const bool one_way = std::abs(x_alone_.sum + y_alone_.sum) >
-                       kSure * std::sqrt(x_alone_.squares + y_alone_.squares);
+                       kOneWay * std::sqrt(x_alone_.squares + y_alone_.squares);
   return !one_way && more > kSure * std::sqrt(variance) && squares_ > 0 ? more / squares_ : 0;
 }
 
