@@ -152,7 +152,12 @@ function dots(u, seriesIndex, from, to) {
 }
 
 const extent = (values) => values.reduce(([lo, hi], v) => (Number.isFinite(v) ? [Math.min(lo, v), Math.max(hi, v)] : [lo, hi]), [Infinity, -Infinity]);
-const widened = ([lo, hi]) => (lo <= hi ? [lo - 0.05 * (hi - lo) - 1e-12, hi + 0.05 * (hi - lo) + 1e-12] : [0, 1]);
+// Magnifies no more than the five digits that the page shows of a number: uPlot's marks of a narrower axis never end.
+function widened([lo, hi]) {
+  if (!(lo <= hi)) return [0, 1];
+  const pad = Math.max(0.05 * (hi - lo), 5e-5 * Math.max(Math.abs(lo), Math.abs(hi)), 1e-12);
+  return [lo - pad, hi + pad];
+}
 
 function paint(plot, node, found) {
   const xs = found.span ?? (found.dots ? widened(extent(found.x)) : [0, found.x.at(-1)]);
