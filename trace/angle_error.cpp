@@ -47,6 +47,7 @@ class AngleError {
     b_ = {(damping * c + w2) / a0, 2 * w2 / a0, (w2 - damping * c) / a0};
     a_ = {(2 * w2 - 2 * c * c) / a0, (c * c - damping * c + w2) / a0};
   }
+  double motor() const { return motor_; }  // share of the inertia that stays at the motor
   // From rest at the first row of a run.
   void start(double x) { before_ = last_ = {x, x}; }
   double operator()(double x) {
@@ -93,8 +94,8 @@ std::vector<Range> judging_runs(const Runs& runs) {
   return out;
 }
 
-// Mean over frequencies of ln(energy of a / energy of b), in windows of half a run and as long as
-// 64 rows.
+// Mean over frequencies of ln(energy of a / energy of b), in windows of 64 rows or fewer, at most three
+// quarters of the longest run.
 double mean_log_ratio(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
                       const std::vector<Range>& ranges) {
   constexpr Eigen::Index kLongest = 64, kShortest = 16;
@@ -129,8 +130,11 @@ AngleErrorFall fall_of_angle_error(const Members& claimed, const Eigen::VectorXd
     before += without.segment(range.first, range.count).squaredNorm();
     after += left.segment(range.first, range.count).squaredNorm();
   }
-  if (!(before > 0) || !(after > 0)) return {};
-  return {.share = 1 - after / before, .log_ratio = mean_log_ratio(with, left, ranges)};
+  if (!(before > 0)) return {};
+  return {.lighter = error.motor() < 1,
+          .share = 1 - after / before,
+          .log_ratio = after > 0 ? mean_log_ratio(with, left, ranges)
+                                 : std::numeric_limits<double>::infinity()};
 }
 
 }  // namespace twinrate

@@ -21,10 +21,11 @@
 namespace twinrate {
 
 struct AngleErrorFall {
-  double share = 0;  // of its energy that the claim would take off an error of the angle
-  double log_ratio =
-      0;  // of what the claim leaves, over what that share would: ln of the energies,
-          // mean over frequencies; NaN: runs too short to tell them apart
+  bool lighter = false;  // less inertia stays at the motor
+  double share = 0;      // of its energy that the claim would take off an error of the angle
+  // ln of what the claim leaves over what it would leave of such an error: energies, mean over
+  // frequencies. NaN: the runs are too short for a frequency.
+  double log_ratio = 0;
 };
 
 // `with`, `without`: whitened torque residuals; of the runs those that judge.

@@ -185,8 +185,9 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
   // Where most of what is left is noise, what else is left may be the angle's as well.
   const double left = judging.energy(without, &Sampled::torque),
                noise = judging.energy(noise_of(without), &Sampled::torque);
-  const bool lighter = of_torque && angle.share > 0 && angle.share < 1;
-  if (lighter && noise > left / 2) quieter = std::max(quieter, -0.5 * std::log(1 - angle.share));
+  const bool lighter = of_torque && angle.lighter;
+  if (lighter && angle.share > 0 && angle.share < 1 && noise > left / 2)
+    quieter = std::max(quieter, -0.5 * std::log(1 - angle.share));
   Pieces is, was;
   std::size_t index = 0;
   for (const auto& [file, energy] : judging.pieces(with, without, moved)) {
