@@ -243,5 +243,21 @@ TEST(Architecture, ListsTheFoldersThereAre) {
   EXPECT_EQ(listed, top_folders());
 }
 
+// A file of tests that no list names is never built, and its tests never fail.
+TEST(Tests, EachFileOfThemIsBuilt) {
+  const std::string list = text_of(kRoot / "tests/CMakeLists.txt");
+  std::size_t files = 0;
+  for (const auto& file : fs::recursive_directory_iterator(kRoot / "tests")) {
+    const std::string name = file.path().filename().string();
+    if (!name.ends_with("_test.cpp")) continue;
+    ++files;
+    const fs::path own = file.path().parent_path() / "CMakeLists.txt";
+    const std::string beside = fs::exists(own) ? text_of(own) : "";
+    EXPECT_TRUE(list.find(name) != std::string::npos || beside.find(name) != std::string::npos)
+        << file.path();
+  }
+  EXPECT_GT(files, 100u);
+}
+
 }  // namespace
 }  // namespace twinrate

@@ -72,6 +72,16 @@ TEST(AngleError, OneLineHoweverLoudIsOneFrequency) {
   EXPECT_NEAR(of_all.log_ratio, 2 * std::log(0.3 / 0.7), 1e-6);
 }
 
+// A motor with hardly any inertia makes hardly any torque of any error of the angle: nothing may be claimed by that.
+TEST(AngleError, AWeightlessMotorLowersAnyErrorOfTheAngle) {
+  const Members weightless = {
+      effect_with("inertia", {{"change_kgm2", -0.999 * servo().machine.J}})};
+  const AngleErrorFall all = fall(weightless, 0.01 * white(1), white(1));
+  EXPECT_TRUE(all.lighter);
+  EXPECT_NEAR(all.share, 1, 1e-5);
+  EXPECT_GT(all.log_ratio, 0);
+}
+
 TEST(AngleError, RunsTooShortForAFrequencySayNothing) {
   const Members lighter = {effect_with("inertia", {{"change_kgm2", -1e-3}})};
   Runs runs = all_judge();
