@@ -3,10 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
 #include "core/manifest.hpp"
+#include "core/reason.hpp"
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
 
@@ -29,6 +31,7 @@ void MeasurementReader::take(const lcm::LogEvent& event) {
     }
     return;
   }
+  if (log_.channel() == Channel::kEvent) return take_steering(event);
   if (log_.channel() != Channel::kMeasurement) return;
   measurement_t wire{};
   if (!decode(wire, event.data, static_cast<std::size_t>(event.datalen))) return;
@@ -37,6 +40,18 @@ void MeasurementReader::take(const lcm::LogEvent& event) {
   const std::int64_t before = later == ahead_.begin() ? last_k_ : std::prev(later)->m.k;
   if (on_damage_ == OnDamage::kSkip && wire.seq <= before) return;  // known, or too late
   ahead_.insert(later, {from_wire(wire), log_.place()});
+}
+
+void MeasurementReader::take_steering(const lcm::LogEvent& event) {
+  const Place place = log_.place();
+  event_t wire{};
+  if (std::pair(place.part, place.byte) <=
+          std::pair(steering_read_to_.part, steering_read_to_.byte) ||
+      !decode(wire, event.data, static_cast<std::size_t>(event.datalen)) ||
+      wire.reason != static_cast<int>(Reason::kSteered))
+    return;
+  steering_read_to_ = place;
+  steering_.push_back({wire.seq, wire.text});
 }
 
 void MeasurementReader::fill() {

@@ -4,8 +4,10 @@
 #include <cstdint>
 #include <deque>
 #include <string>
+#include <vector>
 
 #include "core/event_log.hpp"
+#include "core/steering.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
@@ -28,6 +30,10 @@ class MeasurementReader {
   double share_read() const { return log_.share_read(); }
   std::string damage() const { return log_.damage(); }
 
+  // The requests that steered the run, in the order of the log: those of the ticks up to the next
+  // measurement at least. go_to() does not read one twice.
+  const std::vector<AppliedSteering>& steering() const { return steering_; }
+
   // The position of the next measurement, and the way back to it.
   using Place = EventLog::Place;
   Place place();
@@ -40,12 +46,15 @@ class MeasurementReader {
   };
   void fill();  // a few measurements ahead: they may come out of order
   void take(const lcm::LogEvent& event);
+  void take_steering(const lcm::LogEvent& event);
 
   std::string path_;
   OnDamage on_damage_;
   EventLog log_;
   std::deque<Entry> ahead_;
   std::int64_t last_k_ = -1;
+  std::vector<AppliedSteering> steering_;
+  Place steering_read_to_{0, -1};  // of its last event
   bool found_message_ = false, imported_ = false;
   std::string config_toml_;
 };

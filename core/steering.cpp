@@ -64,6 +64,10 @@ std::vector<double> values_from(const Profile& profile, double t_s) {
   return values;
 }
 
+bool sets_the_speed(std::string_view key) {
+  return key == "start" || key == "stop" || key == "speed_rpm" || key == "omega_e_rad_s";
+}
+
 std::vector<std::string_view> lines_of(std::string_view text) {
   std::vector<std::string_view> lines;
   while (!text.empty()) {
@@ -153,6 +157,13 @@ double steered_number(std::string_view key, std::string_view value) {
   if (error != std::errc() || end != value.data() + value.size() || !std::isfinite(number))
     refuse(key, value, "a number");
   return number;
+}
+
+std::optional<double> steered_load(std::string_view lines) {
+  constexpr std::string_view kLoad = "load_Nm=";
+  for (const std::string_view line : lines_of(lines))
+    if (line.starts_with(kLoad)) return steered_number("load_Nm", line.substr(kLoad.size()));
+  return {};
 }
 
 SteeringLimits steering_limits(const DriveConfig& drive, const SteeringParameters& steering) {
@@ -259,8 +270,7 @@ void SteeredDrive::apply(std::string_view text, std::int64_t k) {
   for (const std::string_view line : lines) {
     const auto equals = line.find('=');
     const std::string_view key = line.substr(0, equals);
-    const bool moves =
-        key == "start" || key == "stop" || key == "speed_rpm" || key == "omega_e_rad_s";
+    const bool moves = sets_the_speed(key);
     if (moves && drive_.reference.from_bus)
       throw BadInput(fmt::format(
           "{}: the speed reference comes from another process (reference.from_bus)", key));
@@ -338,6 +348,30 @@ std::vector<AppliedSteering> steering_in(const RunLog& log) {
     if (event.reason == static_cast<int>(Reason::kSteered))
       applied.push_back({event.k, event.text});
   return applied;
+}
+
+namespace {
+std::set<std::string_view> keys_of(std::string_view lines) {
+  std::set<std::string_view> keys;
+  for (const std::string_view line : lines_of(lines)) {
+    const std::string_view key = line.substr(0, line.find('='));
+    keys.insert(sets_the_speed(key) ? "speed" : key);
+  }
+  return keys;
+}
+}  // namespace
+
+std::string why_not_applied(const std::vector<AppliedSteering>& requests, std::size_t i,
+                            std::int64_t last_k) {
+  if (requests[i].k > last_k) return "not applied: the run ended before";
+  std::set<std::string_view> left = keys_of(requests[i].lines);
+  for (std::size_t later = i + 1; later < requests.size() && !left.empty(); ++later) {
+    if (requests[later].k >= requests[i].k) continue;
+    for (const std::string_view key : keys_of(requests[later].lines)) left.erase(key);
+    if (left.empty())
+      return fmt::format("not applied: replaced by the request of tick {}", requests[later].k);
+  }
+  return "";
 }
 
 RateHistory rate_history(const RunLog& log, const DriveConfig& drive) {

@@ -93,6 +93,9 @@ class SteeredDrive {
   std::optional<double> stopped_from_;  // speed reference before a stop, electrical
 };
 
+// The load that the lines of a request set; none where they set none.
+std::optional<double> steered_load(std::string_view lines);
+
 // A number that is finite and nothing else. Throws BadInput naming the key.
 double steered_number(std::string_view key, std::string_view value);
 
@@ -102,6 +105,10 @@ struct AppliedSteering {
 };
 struct RunLog;
 std::vector<AppliedSteering> steering_in(const RunLog& log);
+// Why request i of the log was never applied: the run, of which `last_k` is the last tick, ended before its tick, or an
+// request of an earlier tick came after it and replaced all of its keys. "" where it was applied.
+std::string why_not_applied(const std::vector<AppliedSteering>& requests, std::size_t i,
+                            std::int64_t last_k);
 bool was_steered(const RunLog& log);  // or stopped, or reset
 // Of a run: of the drive file in its log and of what was applied. Throws BadInput.
 RateHistory rate_history(const RunLog& log, const DriveConfig& drive);

@@ -90,7 +90,7 @@ class CsvLog final : public LogReader {
 };
 
 // A voltage is moved to the row at which it starts to act; the load is that of the config in the
-// log.
+// log, and of the requests that steered the run.
 class RecordedRun final : public LogReader {
  public:
   RecordedRun(const std::string& path, OnDamage on_damage)
@@ -109,7 +109,7 @@ class RecordedRun final : public LogReader {
     while (piece.size() < rows && measurements_.next(m)) {
       const Measurement* following = measurements_.peek();
       if (!following) break;
-      const double T_load = load_ ? load_->at(1e-9 * static_cast<double>(m.t_ns)) : 0;
+      const double T_load = load_ ? load_at(1e-9 * static_cast<double>(m.t_ns)) : 0;
       if (!columns_) choose_columns(m, *following);
       if (!columns_) continue;
       if (*columns_ & ~following->signals & kVoltage) continue;
@@ -137,6 +137,12 @@ class RecordedRun final : public LogReader {
   }
 
  private:
+  double load_at(double t_s) {
+    const std::vector<AppliedSteering>& steering = measurements_.steering();
+    for (; steered_ < steering.size(); ++steered_)
+      load_->steer(steering[steered_].k, steering[steered_].lines);
+    return load_->at(t_s);
+  }
   // The next message then holds the voltage of the end of the gap, not that of this row; one that was
   // imported holds that of its row. A log of every nth tick has no row before a gap.
   bool is_before_a_gap(std::int64_t k, std::int64_t k_following) {
@@ -158,6 +164,7 @@ class RecordedRun final : public LogReader {
   std::string path_;
   MeasurementReader measurements_;
   std::optional<DeclaredLoad> load_;
+  std::size_t steered_ = 0;  // requests that load_ knows
   double T_s_ = 0;
   std::int64_t step_ = INT64_MAX;  // of the tick, the least from one message to the next
   std::optional<int> columns_;

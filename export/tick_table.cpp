@@ -9,6 +9,7 @@
 #include "core/config.hpp"
 #include "core/decode.hpp"
 #include "core/manifest.hpp"
+#include "core/reason.hpp"
 #include "core/signals_io.hpp"
 
 namespace twinrate {
@@ -37,7 +38,7 @@ TickTable::TickTable(std::string path, std::vector<Channel> beside, Put put)
 bool TickTable::wants(Channel channel) const {
   return channel == Channel::kMeasurement || channel == Channel::kReference ||
          channel == Channel::kCommand || channel == Channel::kManifest ||
-         std::find(beside_.begin(), beside_.end(), channel) != beside_.end();
+         channel == Channel::kEvent || is_beside(channel);
 }
 
 void TickTable::take_manifest(const manifest_t& manifest) {
@@ -48,12 +49,24 @@ void TickTable::take_manifest(const manifest_t& manifest) {
   if (!imported_) load_.emplace(config.drive());
 }
 
+void TickTable::take_event(const event_t& event) {
+  if (load_ && event.reason == static_cast<int>(Reason::kSteered))
+    load_->steer(event.seq, event.text);
+}
+
+bool TickTable::is_beside(Channel channel) const {
+  return std::find(beside_.begin(), beside_.end(), channel) != beside_.end();
+}
+
 bool TickTable::may_have(const char* signal) const {
   return !imported_ || std::find(imported_->begin(), imported_->end(), signal) != imported_->end();
 }
 
 void TickTable::take(Channel channel, const void* bytes, std::size_t size) {
   if (channel == Channel::kManifest) return take_manifest(decoded<manifest_t>(path_, bytes, size));
+  event_t event{};
+  if (channel == Channel::kEvent && decode(event, bytes, size)) take_event(event);
+  if (channel == Channel::kEvent && !is_beside(channel)) return;
   Sample sample;
   Layout layout;
   if (!read_sample(channel, bytes, size, sample, layouts_.count(channel) ? nullptr : &layout))
@@ -69,7 +82,7 @@ void TickTable::take(Channel channel, const void* bytes, std::size_t size) {
     tick.reference = from_wire(decoded<reference_t>(path_, bytes, size));
   if (channel == Channel::kCommand && !tick.command)
     tick.command = from_wire(decoded<command_t>(path_, bytes, size));
-  if (std::find(beside_.begin(), beside_.end(), channel) != beside_.end()) {
+  if (is_beside(channel)) {
     layouts_.try_emplace(channel, std::move(layout));
     tick.beside.try_emplace(channel, std::move(sample));
   }

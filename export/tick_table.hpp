@@ -5,7 +5,7 @@
 //           voltage, duties                the next MEASUREMENT: applied from t_k on
 //           i_d_ref, i_q_ref               COMMAND(k)
 //           speed reference                REFERENCE(k), else the last one
-//           T_load                         drive file in the log, simulated runs only
+//           T_load                         drive file in the log and requests, simulated runs only
 //
 // A tick is omitted if its measurement is missing or lacks a signal of the log. With voltages the
 // last tick is omitted too: the voltage applied after it is unknown. The cells of a channel without
@@ -51,6 +51,8 @@ class TickTable {
     std::map<Channel, Sample> beside;
   };
   void take_manifest(const manifest_t& manifest);
+  void take_event(const event_t& event);
+  bool is_beside(Channel channel) const;
   void choose_columns();
   bool may_have(const char* signal) const;  // according to the manifest of an import
   void add_columns(std::initializer_list<const char*> names, FieldKind kind);

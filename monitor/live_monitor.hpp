@@ -21,6 +21,7 @@
 #pragma once
 #include <functional>
 #include <optional>
+#include <string_view>
 
 #include "core/config.hpp"
 #include "core/reason.hpp"
@@ -70,6 +71,8 @@ class LiveMonitor {
   // In this order each tick. An estimate without its measurement is ignored.
   void take(const Measurement& m);
   void take(const Estimate& e);
+  // A request that holds from tick k on (core/steering.hpp): its load is no misfit.
+  void steer(std::int64_t k, std::string_view lines) { load_.steer(k, lines); }
 
   std::vector<MonitorNotice> take_notices();
   // Data to be traced, once. Pass the result to traced().

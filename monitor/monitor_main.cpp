@@ -35,6 +35,9 @@ class MonitorProcess {
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { monitor_.take(from_wire(w)); });
     p.bus().subscribe<reply_t>([this](const reply_t& reply) { take_reply(reply); });
+    p.bus().subscribe<event_t>([this](const event_t& event) {
+      if (event.reason == static_cast<int>(Reason::kSteered)) monitor_.steer(event.seq, event.text);
+    });
     p.bus().on_new_session([this] { restart(); });
     p.on_add_proposed([this](const std::string& text) {
       asker_ = text;

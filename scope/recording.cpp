@@ -8,6 +8,7 @@
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
+#include "core/manifest.hpp"
 #include "core/reason.hpp"
 #include "core/steering_limits.hpp"
 #include "model/frames.hpp"
@@ -87,6 +88,7 @@ void Recording::clear() {
   processes_.clear();
   events_.clear();
   events_before_ = 0;
+  heard_from_k_ = -1;
   newest_.clear();
   pending_.reset();
   captures_.clear();
@@ -125,6 +127,7 @@ void Recording::take(Channel channel, const std::uint8_t* bytes, std::size_t siz
   const Lock lock(mutex_);
   last_arrival_us_ = arrival_us;
   if (channel == Channel::kMeasurement) {
+    if (heard_from_k_ < 0 || header.seq < heard_from_k_) heard_from_k_ = header.seq;
     tick_times_.note(header.seq, arrival_us);
     measure_T_s(header);
   }
@@ -237,6 +240,8 @@ void Recording::take_manifest(const std::uint8_t* bytes, std::size_t size) {
   if (!decode(manifest, bytes, size) || manifest.config_toml.empty()) return;
   try {
     use_config(manifest.config_toml, "DRIVE_MANIFEST");
+    const Lock lock(mutex_);
+    drive_.imported = imported_signals(manifest.manifest_json).has_value();
   } catch (const BadInput&) {  // of another version: the drive file stays unknown
     const Lock lock(mutex_);
     ++undecodable_;
@@ -426,6 +431,11 @@ std::vector<Signal> Recording::signals() const {
 std::vector<ScopeEvent> Recording::event_list() const {
   const Lock lock(mutex_);
   return {events_.begin(), events_.end()};
+}
+
+bool Recording::knows_all_requests() const {
+  const Lock lock(mutex_);
+  return heard_from_k_ == 0 && events_before_ == 0;
 }
 
 int Recording::generation() const {

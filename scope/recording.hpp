@@ -44,6 +44,7 @@ struct Capture {
 // Facts of the drive file that the scope uses; 0 and "" where it has none.
 struct DriveFileFacts {
   std::string name, config_toml;
+  bool imported = false;  // its load was not applied
   double T_s = 0, duration_s = 0;
   int n_p = 0;
   double omega_m_max = 0, load_max_Nm = 0, rated_torque_Nm = 0, i_max_A = 0;  // max: of steering
@@ -104,6 +105,8 @@ class Recording {
   nlohmann::ordered_json tree(std::int64_t now_us) const;
   nlohmann::ordered_json events(std::size_t from) const;
   std::vector<ScopeEvent> event_list() const;
+  // True where the drive was heard from its begin on, and no event was dropped since.
+  bool knows_all_requests() const;
   DriveFileFacts drive() const;
   std::vector<Signal> signals() const;
   int generation() const;  // counts restarts
@@ -151,7 +154,8 @@ class Recording {
   std::map<int, status_t> processes_;
   std::deque<ScopeEvent> events_;
   std::size_t events_before_ = 0;  // dropped
-  std::vector<double> newest_;     // by column
+  std::int64_t heard_from_k_ = -1;
+  std::vector<double> newest_;  // by column
   Trigger trigger_;
   int trigger_column_ = -1;
   std::optional<Capture> pending_;

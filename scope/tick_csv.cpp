@@ -7,6 +7,8 @@
 #include <iterator>
 
 #include "core/config.hpp"
+#include "core/declared_load.hpp"
+#include "core/reason.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate::scope {
@@ -44,6 +46,24 @@ int measured_in(const Recording& recording, const Span& span) {
   for (const double value : recording.samples("measurement.signals", span))
     if (!std::isnan(value)) bits |= static_cast<int>(value);
   return bits;
+}
+
+// The load of the drive file and of the requests. DRIVE_TRUTH would tell of the effects of the plant, too.
+// Empty where requests may have been missed.
+std::vector<double> declared_load(const Recording& recording, const Span& span) {
+  const DriveFileFacts facts = recording.drive();
+  if (facts.config_toml.empty() || facts.imported || !recording.knows_all_requests()) return {};
+  Config config = Config::parse(facts.config_toml, "the drive file");
+  DeclaredLoad load(config.drive());
+  for (const ScopeEvent& event : recording.event_list())
+    if (event.reason == reason_name(static_cast<int>(Reason::kSteered)))
+      load.steer(event.k, event.text);
+  std::vector<double> values;
+  for (std::int64_t k = 0; k < span.to; ++k) {
+    const double T_load = load.at(static_cast<double>(k) * facts.T_s);
+    if (k >= span.from) values.push_back(T_load);
+  }
+  return values;
 }
 
 }  // namespace
@@ -87,8 +107,7 @@ std::string drive_log_csv(const Recording& recording, Span span) {
     if (source.bit == kVoltage) ++at.from, ++at.to;
     columns.push_back({source.head, recording.samples(source.signal, at)});
   }
-  std::vector<double> load = recording.samples("truth.T_load_Nm", span);
-  if (std::any_of(load.begin(), load.end(), [](double value) { return !std::isnan(value); }))
+  if (std::vector<double> load = declared_load(recording, span); !load.empty())
     columns.push_back({"T_load", std::move(load)});
   const double T_s = recording.drive().T_s;
   std::string text = heads("t", columns);

@@ -2,7 +2,7 @@
 #pragma once
 #include <deque>
 
-#include "core/drive_config.hpp"
+#include "core/declared_load.hpp"
 #include "trace/health.hpp"
 
 namespace twinrate {
@@ -11,22 +11,6 @@ namespace twinrate {
 struct MeasuredRow {
   Measurement m;
   double T_load = 0;
-};
-
-// Follows the declared load of a drive from tick 0 on, as the simulated plant applies it.
-class DeclaredLoad {
- public:
-  explicit DeclaredLoad(const DriveConfig& drive) : load_(drive.load), T_s_(drive.T_s()) {}
-  double at(double t_s) {
-    T_load_ = slew(T_load_, load_.T_load_Nm.at(t_s), load_.slew_Nm_s, T_s_);
-    return T_load_;
-  }
-  double now() const { return T_load_; }
-  void go_on_from(double T_load) { T_load_ = T_load; }
-
- private:
-  LoadParameters load_;
-  double T_s_, T_load_ = 0;
 };
 
 // Signals that a log may leave out; without one its column stays empty.

@@ -172,6 +172,34 @@ TEST(LiveMonitor, RestartsWithTheTicksOfAnotherRun) {
   EXPECT_EQ(monitor.last_k(), 3);
 }
 
+// The plant follows the request; the drive file knows nothing of it.
+TEST(LiveMonitor, ASteeredLoadIsNoMisfitForAMonitorThatHeardTheRequest) {
+  const std::string drive = std::string("preset = \"niewiara2020\"\neffect = []\n") + kDrive;
+  Config steered = Config::parse(
+      drive, "live",
+      {"run.duration_s=4.5",
+       "load.T_load_Nm=[[0, 1], [0.75, 2.5], [1.25, 1.5], [1.75, 3], [2.25, 1], [2.99995, 4]]"});
+  Config declared =
+      Config::parse(drive, "live",
+                    {"run.duration_s=4.5",
+                     "load.T_load_Nm=[[0, 1], [0.75, 2.5], [1.25, 1.5], [1.75, 3], [2.25, 1]]"});
+  read_all_tables(steered);
+  ClosedLoop loop(steered);
+  LiveMonitor hears(declared), deaf(declared);
+  hears.steer(30'000, "speed_rpm=250\nload_Nm=4");
+  while (loop.k() < steered.drive().steps()) {
+    const TickRecord& tick = loop.step();
+    for (LiveMonitor* monitor : {&hears, &deaf}) {
+      monitor->take(tick.measurement);
+      monitor->take(tick.estimate);
+    }
+  }
+  EXPECT_TRUE(hears.take_notices().empty());
+  const std::vector<MonitorNotice> notices = deaf.take_notices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_EQ(notices[0].reason, Reason::kModelMisfit);
+}
+
 TEST(LiveMonitor, AnAdditionIsAnnouncedATenthOfASecondAhead) {
   Config config = Config::parse(std::string("preset = \"niewiara2020\"\n") + kDrive, "live");
   LiveMonitor monitor(config);

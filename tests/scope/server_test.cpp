@@ -14,6 +14,7 @@
 #include <thread>
 
 #include "core/config.hpp"
+#include "core/reason.hpp"
 #include "core/signals_io.hpp"
 #include "model/signals.hpp"
 
@@ -203,6 +204,35 @@ TEST_F(ScopeServer, ADriveLogHoldsWhatWasMeasured) {
   m.signals = kPosition;
   for (m.k = 6; m.k < 9; ++m.k) take(to_wire(m, 7));
   EXPECT_EQ(status(get("/api/csv?trace=1&from=6&to=9")), 400);
+}
+
+TEST_F(ScopeServer, ADriveLogHasTheDeclaredLoadOfADriveThatWasHeardFromItsBegin) {
+  recording_->use_config(
+      Config::parse("preset = \"dilys2021\"\n[load]\nT_load_Nm = 0.25\nslew_Nm_s = 0\n", "drive")
+          .merged(),
+      "drive");
+  Measurement m;
+  m.signals = kPhaseCurrents;
+  Truth t;
+  t.T_load = 9;  // with the effects of the plant
+  event_t steered{};
+  steered.seq = 2;
+  steered.session = 7;
+  steered.reason = static_cast<int>(Reason::kSteered);
+  steered.text = "load_Nm=0.5";
+  for (m.k = t.k = 0; m.k < 4; ++m.k, ++t.k) {
+    if (m.k == 2) take(steered);
+    take(to_wire(m, 7));
+    take(to_wire(t, 7));
+  }
+  const std::string rows = get("/api/csv?trace=1&from=0&to=4");
+  EXPECT_NE(rows.find("T_load\n0,0,0,0,0.25\n0.0002,0,0,0,0.25\n0.0004,0,0,0,0.5\n"),
+            std::string::npos)
+      << rows;
+  recording_->restart();
+  recording_->use_config(Config::load("dilys2021").merged(), "dilys2021");
+  for (m.k = 1; m.k < 4; ++m.k) take(to_wire(m, 8));
+  EXPECT_EQ(get("/api/csv?trace=1&from=1&to=4").find("T_load"), std::string::npos);
 }
 
 class ScopeTraces : public ScopeServer {
