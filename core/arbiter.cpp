@@ -101,6 +101,11 @@ void Arbiter::begin(request_t request) {
   } catch (const BadInput&) {
     return;  // the set is starting; the request comes again
   }
+  const std::int64_t latest =
+      std::min(host_.next_tick(), INT64_MAX - host_.ahead_ticks) + host_.ahead_ticks;
+  if (request_.value > static_cast<double>(latest))
+    return refuse(fmt::format("tick {:.0f}: up to tick {} allowed now, {:g} s ahead",
+                              request_.value, latest, kAhead_s));
   try {
     host_.prepare(request_);
   } catch (const BadInput& refused) {
@@ -128,8 +133,7 @@ void Arbiter::send_phase() {
 void Arbiter::begin_applying() {
   const double wanted = request_.value;
   tick_ = std::max(host_.next_tick() + host_.margin_ticks, std::int64_t{1});
-  if (wanted > static_cast<double>(tick_) && wanted < 9e15)
-    tick_ = static_cast<std::int64_t>(wanted);
+  if (wanted > static_cast<double>(tick_)) tick_ = static_cast<std::int64_t>(wanted);
   if (tick_ >= host_.ticks)
     return refuse(fmt::format("tick {}: the run ends before it, at tick {}", tick_, host_.ticks));
   phase_ = Phase::kApplying;

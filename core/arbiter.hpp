@@ -5,7 +5,8 @@
 //   plant -> others  apply at T, repeated until each has said that it will
 //   plant -> asker   applied at T; or refused, with the reason of the process that refused
 //
-// In lock-step T is the first tick that the plant has not begun, or a later one that was asked for.
+// In lock-step T is the first tick that the plant has not begun, or a later one that was asked for, at
+// most kAhead_s later.
 // Nothing of tick T exists before MEASUREMENT(T), and the plant holds that back until every process
 // has answered. So T is common whatever is lost or late, and a silent process ends the run as it
 // does at any tick. In realtime nobody waits: T is kMargin_s ahead, and a process that has not
@@ -32,7 +33,8 @@ namespace twinrate {
 
 class Arbiter {
  public:
-  static constexpr double kRepeat_s = 0.02, kPatience_s = 2, kMargin_s = 0.2, kSilent_s = 1;
+  static constexpr double kRepeat_s = 0.02, kPatience_s = 2, kMargin_s = 0.2, kSilent_s = 1,
+                          kAhead_s = 60;
   // The first line of a request of the holder, before the KEY=VALUE lines or [[effect]] tables.
   static constexpr const char* kHolderLine = "holder=";
   static constexpr const char* kMonitor = "monitor";  // whose changes of the model need no control
@@ -42,6 +44,7 @@ class Arbiter {
     std::function<std::int64_t()> next_tick;        // the first one that is not begun
     std::int64_t ticks = 0;                         // of the run
     std::int64_t margin_ticks = 0;                  // realtime; 0: lock-step, the host holds
+    std::int64_t ahead_ticks = INT64_MAX;           // kAhead_s
     double hold_s = 1;                              // steering.hold_s
     std::function<std::set<int>()> members;         // roles that have to agree. Throws BadInput
     std::function<void(const request_t&)> prepare;  // this process. Throws BadInput

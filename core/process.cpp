@@ -271,6 +271,7 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
       .next_tick = std::move(next_tick),
       .ticks = drive().steps(),
       .margin_ticks = lockstep() ? 0 : std::llround(Arbiter::kMargin_s * drive().rates.f_s_Hz),
+      .ahead_ticks = std::llround(Arbiter::kAhead_s * drive().rates.f_s_Hz),
       .hold_s = steered_.steering().hold_s,
       .members = [this] { return members(); },
       .prepare = [this](const request_t& request) { prepare(request); },

@@ -7,10 +7,16 @@
 
 #include "core/channels.hpp"
 #include "core/reason.hpp"
+#include "core/steering.hpp"
 #include "report/parts.hpp"
 
 namespace twinrate::report {
 namespace {
+
+bool is_change_of_the_model(const EventRecord& event) {
+  return event.reason == static_cast<int>(Reason::kEffectAdded) ||
+         event.reason == static_cast<int>(Reason::kEffectRemoved);
+}
 
 std::string reading(const std::optional<double>& figure, const char* unit) {
   return figure && std::isfinite(*figure) ? fmt::format("{:.4g} {}", *figure, unit) : "-";
@@ -190,12 +196,21 @@ Json summary_table(const RunView& view) {
 Json event_table(const RunLog& log) {
   constexpr std::size_t kMaxEvents = 500;
   const auto counted = log.counts[static_cast<std::size_t>(Channel::kEvent)];
+  const std::int64_t last_k = log.measurement.empty() ? -1 : log.measurement.back().k;
+  const std::vector<AppliedSteering> requests = steering_in(log);
+  std::size_t request = 0;
   Json rows = Json::array();
   for (const EventRecord& event : log.events) {
     if (rows.size() == kMaxEvents) break;
+    std::string why;
+    if (event.reason == static_cast<int>(Reason::kSteered))
+      why = why_not_applied(requests, request++, last_k);
+    else if (is_change_of_the_model(event) && event.k > last_k)
+      why = "not applied: the run ended before";
     rows.push_back(
         {event.k < 0 ? "-" : fmt::format("{:.4f}", static_cast<double>(event.t_ns) * 1e-9),
-         name_in(kRoleNames, event.role), name_of_reason(event.reason), event.text});
+         name_in(kRoleNames, event.role), name_of_reason(event.reason),
+         why.empty() ? event.text : fmt::format("{} ({})", event.text, why)});
   }
   const auto shown = static_cast<std::int64_t>(rows.size());
   const auto all = std::max<std::int64_t>(counted, static_cast<std::int64_t>(log.events.size()));

@@ -93,8 +93,12 @@ int save(const SetOptions& o) {
   std::FILE* out = std::fopen(file.part_path().c_str(), "w");
   if (!out || std::fputs(text.c_str(), out) < 0 || std::fclose(out) != 0) file.fail();
   file.finish();
-  fmt::print("{}: {} requests as profiles, {} changes of the model, {} ticks\n", o.save,
-             steering_in(log).size(), model_changes_in(log).size(), whole_ticks(log));
+  const std::vector<AppliedSteering> requests = steering_in(log);
+  std::size_t applied = 0;
+  for (std::size_t i = 0; i < requests.size(); ++i)
+    applied += why_not_applied(requests, i, whole_ticks(log) - 1).empty();
+  fmt::print("{}: {} requests as profiles, {} changes of the model, {} ticks\n", o.save, applied,
+             model_changes_in(log).size(), whole_ticks(log));
   return 0;
 }
 

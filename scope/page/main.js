@@ -47,6 +47,7 @@ on('frame', () => {
     if (state.view.follow) draw();
     refreshTrigger();
     showBar();
+    if (planned && state.events.some((e) => e.planned && e.k <= state.brief.last_k)) listEvents();
     rest_ms = performance.now() - begun;
     due = false;
   }), rest_ms);
@@ -89,9 +90,31 @@ function showMode(lost) {
   node.className = `lamp ${mode[1]}`;
 }
 
+// What was asked for a later tick, and what replaced it by then, is no mark yet, or never one.
+const keysOf = (text) => new Set(text.split('\n').filter(Boolean).map((line) => line.split('=')[0]).map((key) => (/^(start|stop|speed_rpm|omega_e_rad_s)$/.test(key) ? 'speed' : key)));
+let planned = 0;
+function judgeEvents() {
+  planned = 0;
+  let earliest = Infinity;  // tick of the requests behind
+  for (let i = state.events.length - 1; i >= 0; --i) {
+    const e = state.events[i];
+    e.planned = e.k > state.brief.last_k && /^(steered|effect_)/.test(e.reason);
+    if (e.planned) ++planned;
+    if (e.reason !== 'steered') continue;
+    if (earliest < e.k) {
+      const keys = keysOf(e.text);
+      for (const later of state.events.slice(i + 1)) if (later.reason === 'steered' && later.k < e.k) keysOf(later.text).forEach((key) => keys.delete(key));
+      e.replaced = keys.size === 0;
+    }
+    earliest = Math.min(earliest, e.k);
+  }
+}
+
 function listEvents() {
+  judgeEvents();
   byId('events').querySelector('ol').replaceChildren(...state.events.slice(-200).reverse().map((e) => {
-    const node = element('li', { className: `entry${e.trip ? ' trip' : ''}`, title: `${e.role}: ${e.text}` }, element('span', { className: 'when' }, `${(e.k * T_s()).toFixed(3)} s`), element('span', { className: 'what' }, /^(steered|control_)/.test(e.reason) ? `${e.reason}: ${e.text}` : `${e.reason} (${e.role})`));
+    const told = /^(steered|control_)/.test(e.reason) ? `${e.reason}: ${e.text}` : `${e.reason} (${e.role})`;
+    const node = element('li', { className: `entry${e.trip ? ' trip' : ''}`, title: `${e.role}: ${e.text}` }, element('span', { className: 'when' }, `${(e.k * T_s()).toFixed(3)} s`), element('span', { className: 'what' }, e.replaced ? `replaced before its tick: ${told}` : e.planned ? `not yet: ${told}` : told));
     node.onclick = () => {
       const half = state.layout.window_s / T_s() / 2;
       state.view.capture = 0;

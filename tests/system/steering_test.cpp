@@ -15,6 +15,7 @@
 #include "core/event_log.hpp"
 #include "core/reason.hpp"
 #include "core/run_log.hpp"
+#include "drive_log/log_reader.hpp"
 #include "model/frames.hpp"
 #include "tests/system/log_messages.hpp"
 #include "tests/system/run_program.hpp"
@@ -126,6 +127,19 @@ TEST_F(Steering, ARunFromTheSavedFileIsTheSteeredRunAndSoIsItsReplay) {
   const auto [a, b] = std::mismatch(steered.begin(), steered.end(), again.begin());
   EXPECT_TRUE(a == steered.end()) << a->channel << "(" << a->seq << ")";
 
+  // The load of rows for `trace` and `export` is the steered one: this plant has no other torque.
+  const auto reader = open_log(run(), nullptr, false, 24);
+  RawLog rows;
+  ASSERT_TRUE(reader->next(rows, SIZE_MAX));
+  ASSERT_GT(rows.size(), 200u);
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    ASSERT_EQ(rows.T_load.at(k), log.truth.at(k + 1).T_load) << k;
+  ASSERT_EQ(twinrate({"export", run(), "--format", "csv", "--out", path("run.csv")}).exit_code, 0);
+  const auto exported = open_log(path("run.csv"), nullptr, false, 24);
+  RawLog exported_rows;
+  ASSERT_TRUE(exported->next(exported_rows, SIZE_MAX));
+  EXPECT_EQ(exported_rows.T_load, rows.T_load);
+
   const ProgramResult replayed = twinrate({"replay", "--lockstep", run()});
   EXPECT_EQ(replayed.exit_code, 0) << replayed.out << replayed.err;
   EXPECT_NE(replayed.out.find(fmt::format("{} equal to the log bit for bit, 0 different",
@@ -186,6 +200,7 @@ TEST_F(Steering, WhatTheDriveCannotDoIsRefusedInOneLineAndChangesNothing) {
       {{"speed=1"}, "speed: one of speed_rpm, omega_e_rad_s, load_Nm"},
       {{"start"}, "start: the drive was not stopped"},
       {{"reset"}, "the drive is not off"},
+      {{"load_Nm=0.001", "--tick", "999999999"}, "tick 999999999: up to tick "},
       {{"load_Nm=0.001", "emergency_stop"}, "emergency_stop: alone and without --tick allowed"},
       {{}, "nothing to set"}};
   for (const auto& [request, text] : wrong) {

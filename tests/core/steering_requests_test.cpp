@@ -1,0 +1,81 @@
+// Requests for a later tick: how far ahead they may be, which were applied, and the load that a log declares.
+#include <gtest/gtest.h>
+
+#include "core/arbiter.hpp"
+#include "core/config.hpp"
+#include "core/declared_load.hpp"
+#include "core/steering.hpp"
+
+namespace twinrate {
+namespace {
+
+reply_t answer_to(double tick) {
+  reply_t answer{};
+  int applied = 0;
+  Arbiter arbiter({.next_tick = [] { return std::int64_t{1000}; },
+                   .ticks = INT64_MAX,
+                   .ahead_ticks = 600'000,
+                   .members = [] { return std::set<int>{}; },
+                   .prepare = [](const request_t&) {},
+                   .apply = [&](const request_t&) { ++applied; },
+                   .ask = [](const request_t&) {},
+                   .answer = [&](reply_t reply) { answer = std::move(reply); },
+                   .event = [](Reason, std::int64_t, const std::string&) {},
+                   .released = [] {}});
+  request_t request{};
+  request.seq = 7;
+  request.kind = static_cast<std::int32_t>(RequestKind::kSteer);
+  request.value = tick;
+  request.text = "load_Nm=0.01";
+  arbiter.take(request);
+  EXPECT_EQ(applied, answer.accepted);
+  return answer;
+}
+
+TEST(SteeringRequests, OneForATickFarAheadIsRefusedInOneLine) {
+  EXPECT_EQ(answer_to(601'000).applied_seq, 601'000);
+  for (const double tick : {601'001.0, 999'999'999.0, 1e18}) {
+    const reply_t answer = answer_to(tick);
+    EXPECT_EQ(answer.accepted, 0) << tick;
+    EXPECT_NE(answer.text.find("up to tick 601000 allowed now, 60 s ahead"), std::string::npos)
+        << answer.text;
+  }
+  EXPECT_EQ(answer_to(0).applied_seq, 1000);
+}
+
+TEST(SteeringRequests, WhatTheRunDidNotReachOrAnotherReplacedWasNotApplied) {
+  const std::vector<AppliedSteering> requests = {{.k = 500, .lines = "speed_rpm=100\nload_Nm=1"},
+                                                 {.k = 900, .lines = "n=3"},
+                                                 {.k = 300, .lines = "stop"},
+                                                 {.k = 400, .lines = "load_Nm=2"},
+                                                 {.k = 2000, .lines = "load_Nm=3"}};
+  EXPECT_EQ(why_not_applied(requests, 0, 1000), "not applied: replaced by the request of tick 400");
+  for (const std::size_t applied : {1U, 2U, 3U})
+    EXPECT_EQ(why_not_applied(requests, applied, 1000), "");
+  EXPECT_EQ(why_not_applied(requests, 4, 1000), "not applied: the run ended before");
+  EXPECT_EQ(why_not_applied(requests, 4, 2000), "");
+}
+
+TEST(DeclaredLoad, IsThatOfTheDriveFileAndThenOfTheRequests) {
+  Config config = Config::parse(
+      "preset = \"dilys2021\"\n[load]\nT_load_Nm = [[0, 0.001], [0.02, 0.003]]\n", "drive");
+  const double T_s = config.drive().T_s();
+  DeclaredLoad load(config.drive());
+  SteeredDrive steered(config);
+  for (const auto& [k, lines] :
+       {std::pair(40, "load_Nm=0.005\nn=3"), std::pair(30, "speed_rpm=100"),
+        std::pair(60, "load_Nm=-0.002"), std::pair(50, "load_Nm=0.004")}) {
+    load.steer(k, lines);
+    steered.apply(lines, k);
+  }
+  double T_load = 0;
+  const LoadParameters& parameters = steered.drive().load;
+  for (int k = 0; k < 150; ++k) {
+    T_load = slew(T_load, parameters.T_load_Nm.at(k * T_s), parameters.slew_Nm_s, T_s);
+    EXPECT_EQ(load.at(k * T_s), T_load) << k;
+  }
+  EXPECT_DOUBLE_EQ(T_load, 0.004);
+}
+
+}  // namespace
+}  // namespace twinrate
