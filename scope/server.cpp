@@ -51,10 +51,15 @@ class SocketStream : public httplib::Stream {
  public:
   explicit SocketStream(socket_t socket) : socket_(socket) {}
 
-  bool is_readable() const override { return wait(POLLIN, left_ms()); }
+  bool is_readable() const override {
+    return left_ms() > 0 && taken_ < kMostRequestBytes && wait(POLLIN, left_ms());
+  }
   bool is_writable() const override { return wait(POLLOUT, 5000) && !peer_left(); }
   ssize_t read(char* to, std::size_t size) override {
-    return is_readable() ? ::recv(socket_, to, size, 0) : -1;
+    if (!is_readable()) return -1;
+    const ssize_t count = ::recv(socket_, to, size, 0);
+    taken_ += static_cast<std::size_t>(std::max<ssize_t>(0, count));
+    return count;
   }
   ssize_t write(const char* from, std::size_t size) override {
     return wait(POLLOUT, 5000) ? ::send(socket_, from, size, MSG_NOSIGNAL) : -1;
@@ -78,7 +83,10 @@ class SocketStream : public httplib::Stream {
     return ::recv(socket_, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
   }
 
+  // Body, and as much for what goes before it.
+  static constexpr std::size_t kMostRequestBytes = 2 * kMostBodyBytes;
   socket_t socket_;
+  std::size_t taken_ = 0;
   Clock::time_point deadline_ =
       Clock::now() + std::chrono::milliseconds(static_cast<int>(1000 * kRequest_s));
 };

@@ -147,6 +147,24 @@ TEST_F(ScopeServer, RefusesABodyThatDoesNotEnd) {
   EXPECT_EQ(status(endless.receive()), 413);  // after kRequest_s
 }
 
+// A sender that always has more does not outlast the deadline.
+TEST_F(ScopeServer, ClosesARequestThatIsLongerThanItsLimit) {
+  std::string heads;
+  while (heads.size() < 8 * kMostBodyBytes) heads += "X-A: " + std::string(100, 'a') + "\r\n";
+  for (const auto& [start, more] :
+       {std::pair<std::string, std::string>("POST /api/trigger", heads),
+        {"POST /api/trigger",
+         "Content-Length: 9999999999\r\n\r\n" + std::string(8 * kMostBodyBytes, 'x')}}) {
+    const auto begun = std::chrono::steady_clock::now();
+    const Connection endless(server_->port());
+    endless.send(
+        fmt::format("{} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n{}", start, server_->port(), more));
+    endless.receive();
+    EXPECT_TRUE(endless.closed_by_server(1000));
+    EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::milliseconds(1900));
+  }
+}
+
 TEST_F(ScopeServer, ClosesConnectionsBeyondItsLimitAndRecovers) {
   const std::string stream =
       fmt::format("GET /api/stream HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", server_->port());
