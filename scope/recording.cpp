@@ -8,6 +8,7 @@
 
 #include "core/config.hpp"
 #include "core/decode.hpp"
+#include "core/event_log.hpp"
 #include "core/manifest.hpp"
 #include "core/reason.hpp"
 #include "core/steering_limits.hpp"
@@ -128,6 +129,7 @@ void Recording::take(Channel channel, const std::uint8_t* bytes, std::size_t siz
   last_arrival_us_ = arrival_us;
   if (channel == Channel::kMeasurement) {
     if (heard_from_k_ < 0 || header.seq < heard_from_k_) heard_from_k_ = header.seq;
+    session_ = header.session;
     tick_times_.note(header.seq, arrival_us);
     measure_T_s(header);
   }
@@ -433,9 +435,55 @@ std::vector<ScopeEvent> Recording::event_list() const {
   return {events_.begin(), events_.end()};
 }
 
-bool Recording::knows_all_requests() const {
+void Recording::use_run_directory(const std::string& directory) {
   const Lock lock(mutex_);
-  return heard_from_k_ == 0 && events_before_ == 0;
+  run_directory_ = directory;
+}
+
+namespace {
+
+bool is_steered(const ScopeEvent& event) {
+  return event.reason == reason_name(static_cast<int>(Reason::kSteered));
+}
+
+// Those before tick k in the log of the session, as far as it is written; none where it does not reach k.
+std::optional<std::vector<AppliedSteering>> logged_requests(const std::string& directory,
+                                                            std::int64_t session, std::int64_t k) {
+  constexpr std::int64_t kMostTicks = 200'000;  // about 0.2 GB
+  if (directory.empty() || k > kMostTicks) return {};
+  std::vector<AppliedSteering> requests;
+  try {
+    EventLog log(directory, OnDamage::kSkip);
+    while (const lcm::LogEvent* event = log.next()) {
+      const auto size = static_cast<std::size_t>(event->datalen);
+      const auto header = read_header(static_cast<const std::uint8_t*>(event->data), size);
+      if (!log.channel() || !header || header->session != session) continue;
+      if (log.channel() == Channel::kMeasurement && header->seq >= k) return requests;
+      event_t told{};
+      if (log.channel() == Channel::kEvent && decode(told, event->data, size) &&
+          told.reason == static_cast<int>(Reason::kSteered))
+        requests.push_back({told.seq, told.text});
+    }
+  } catch (const BadInput&) {  // no log there, or not yet
+  }
+  return {};
+}
+
+}  // namespace
+
+std::optional<std::vector<AppliedSteering>> Recording::requests() const {
+  std::unique_lock lock(mutex_);
+  if (heard_from_k_ < 0 || events_before_ > 0) return {};
+  std::vector<AppliedSteering> heard;
+  for (const ScopeEvent& event : events_)
+    if (is_steered(event)) heard.push_back({event.k, event.text});
+  const std::int64_t from = heard_from_k_, session = session_;
+  const std::string directory = run_directory_;
+  lock.unlock();
+  if (from == 0) return heard;
+  std::optional<std::vector<AppliedSteering>> all = logged_requests(directory, session, from);
+  if (all) all->insert(all->end(), heard.begin(), heard.end());
+  return all;
 }
 
 int Recording::generation() const {

@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "core/steering.hpp"
 #include "core/watched_channel.hpp"
 #include "scope/signal_table.hpp"
 #include "scope/tick_store.hpp"
@@ -105,8 +106,10 @@ class Recording {
   nlohmann::ordered_json tree(std::int64_t now_us) const;
   nlohmann::ordered_json events(std::size_t from) const;
   std::vector<ScopeEvent> event_list() const;
-  // True where the drive was heard from its begin on, and no event was dropped since.
-  bool knows_all_requests() const;
+  // Where the log of the drive is: its begin tells of the requests before the first tick that was heard.
+  void use_run_directory(const std::string& directory);
+  // The requests that were applied, in their order; none where some may be missing.
+  std::optional<std::vector<AppliedSteering>> requests() const;
   DriveFileFacts drive() const;
   std::vector<Signal> signals() const;
   int generation() const;  // counts restarts
@@ -154,7 +157,8 @@ class Recording {
   std::map<int, status_t> processes_;
   std::deque<ScopeEvent> events_;
   std::size_t events_before_ = 0;  // dropped
-  std::int64_t heard_from_k_ = -1;
+  std::int64_t heard_from_k_ = -1, session_ = 0;
+  std::string run_directory_;
   std::vector<double> newest_;  // by column
   Trigger trigger_;
   int trigger_column_ = -1;

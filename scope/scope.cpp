@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
+
 #include "core/bus_parameters.hpp"
 #include "core/config.hpp"
 #include "core/event_log.hpp"
@@ -34,6 +36,7 @@ Scope::Scope(const ScopeOptions& options)
   if (!options.drive_file.empty()) {
     Config config = Config::load(options.drive_file);
     recording_->use_config(config.merged(), options.drive_file);
+    recording_->use_run_directory(std::filesystem::path(options.drive_file).parent_path());
     bus.split_ports = config.read<BusParameters>().split_ports;
   }
   if (options.log.empty())

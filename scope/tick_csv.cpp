@@ -8,7 +8,6 @@
 
 #include "core/config.hpp"
 #include "core/declared_load.hpp"
-#include "core/reason.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate::scope {
@@ -52,12 +51,11 @@ int measured_in(const Recording& recording, const Span& span) {
 // Empty where requests may have been missed.
 std::vector<double> declared_load(const Recording& recording, const Span& span) {
   const DriveFileFacts facts = recording.drive();
-  if (facts.config_toml.empty() || facts.imported || !recording.knows_all_requests()) return {};
+  const auto requests = recording.requests();
+  if (facts.config_toml.empty() || facts.imported || !requests) return {};
   Config config = Config::parse(facts.config_toml, "the drive file");
   DeclaredLoad load(config.drive());
-  for (const ScopeEvent& event : recording.event_list())
-    if (event.reason == reason_name(static_cast<int>(Reason::kSteered)))
-      load.steer(event.k, event.text);
+  for (const AppliedSteering& request : *requests) load.steer(request.k, request.lines);
   std::vector<double> values;
   for (std::int64_t k = 0; k < span.to; ++k) {
     const double T_load = load.at(static_cast<double>(k) * facts.T_s);
