@@ -325,15 +325,17 @@ Answer Api::align(const Query& query) {
     const double wanted = at(drive, angle, k);
     const std::int64_t from = k + shift, most = 200'000;
     const std::vector<double> angles = ghost->samples(angle, {from, from + most, 1, 0});
-    double best = M_PI;
-    for (std::size_t i = 0; i < angles.size(); ++i) {
+    double best = M_PI, step = 0;  // step: the largest of a tick
+    for (std::size_t i = 0; i < angles.size() && !std::isnan(angles[i]); ++i) {
+      if (std::abs(angles[i] - angles[0]) > 2 * M_PI) break;
+      if (i > 0) step = std::max(step, std::abs(angles[i] - angles[i - 1]));
       const double off = std::abs(std::remainder(angles[i] - wanted, 2 * M_PI));
-      if (off >= best) continue;
+      if (!(off < best)) continue;
       best = off;
       shift = from + static_cast<std::int64_t>(i) - k;
-      if (std::abs(angles[i] - angles[0]) > 2 * M_PI) break;
     }
-    if (!(best < M_PI)) throw BadInput("the ghost has no angle there");
+    if (!(best <= std::max(step, 1e-3)))
+      throw BadInput("the ghost does not come to that angle within a turn from there on");
   } else if (by != "start" && !by.empty()) {
     throw BadInput("by: start, event, trigger or angle allowed");
   }
@@ -455,6 +457,17 @@ std::string Api::frame(Stream& stream) {
       series.push_back({min, max});
     }
   frame["series"] = series;
+  // The bucket that is not complete yet: a page that shows long buckets moves with the drive all the same.
+  const std::int64_t reached = drive.complete_k() + 1;
+  if (stream.bucket > 1 && reached > end && !stream.signals.empty()) {
+    Json tail = Json::array();
+    for (const std::string& signal : stream.signals) {
+      const Reduced reduced = drive.reduce(signal, {end, reached, stream.bucket, 0});
+      tail.push_back({number(reduced.min.front()), number(reduced.max.front())});
+    }
+    frame["tail_end"] = reached;
+    frame["tail"] = tail;
+  }
   stream.next = std::max(end, begin);
   const std::size_t events = frame["events"].get<std::size_t>();
   if (events > stream.events) frame["new_events"] = drive.events(stream.events);

@@ -13,7 +13,7 @@
 namespace twinrate::scope {
 
 inline constexpr std::size_t kMostConnections = 32, kMostBodyBytes = 64 << 10;
-inline constexpr double kRequest_s = 2, kFramesPerSecond = 20;
+inline constexpr double kRequest_s = 2, kFramesPerSecond = 25;
 
 class Server {
  public:

@@ -6,7 +6,8 @@ import { get, numbers, stream } from './server.js';
 import { range, state, tell } from './state.js';
 
 const PIXELS = 700;
-export const feed = { bucket: 1, begin: 0, end: 0, series: new Map(), ghost: new Map(), skipped: 0 };
+// tail: what is there of the bucket after `end`, up to tail.end: {end, series: signal -> [min, max]}; null: nothing.
+export const feed = { bucket: 1, begin: 0, end: 0, series: new Map(), ghost: new Map(), skipped: 0, tail: null };
 let source = null, key = '', drawn = '', fetching = false, again = false, lastFrame = 0, generation = -1;
 
 export function wanted() {
@@ -31,6 +32,7 @@ export function refresh() {
 
 async function begin(bucket, signals, from) {
   drawn = '';
+  feed.tail = null;
   const first = Math.max(0, Math.floor(from / bucket) * bucket);
   const end = Math.max(first, Math.floor((state.brief.last_k - 300) / bucket) * bucket);
   const mine = key;
@@ -50,7 +52,7 @@ function open(parameters) {
 
 function take(frame, names) {
   lastFrame = performance.now();
-  const { live, holder, other_holder, new_events, series, begin: first, end, bucket, ...brief } = frame;
+  const { live, holder, other_holder, new_events, series, begin: first, end, bucket, tail, tail_end, ...brief } = frame;
   if (generation >= 0 && generation !== brief.generation) beginAnew();
   generation = brief.generation;
   Object.assign(state, { brief, live, holder, other_holder });
@@ -58,8 +60,12 @@ function take(frame, names) {
     state.events.push(...new_events);
     tell('events');
   }
-  if (names.length && bucket === feed.bucket && state.view.follow) append(first, end, series, names);
-  if (state.view.follow) state.shown_k = names.length && feed.bucket ? feed.end - 1 : brief.last_k;
+  feed.tail = null;
+  if (names.length && bucket === feed.bucket && state.view.follow) {
+    append(first, end, series, names);
+    if (tail && feed.end === end) feed.tail = { end: tail_end, series: new Map(names.map((name, i) => [name, tail[i]])) };
+  }
+  if (state.view.follow) state.shown_k = names.length && feed.bucket ? (feed.tail?.end ?? feed.end) - 1 : brief.last_k;
   tell('frame');
   refresh();
 }
@@ -69,6 +75,7 @@ function beginAnew() {
   state.events = [];
   if (state.view.capture) state.view = { follow: true, from: 0, to: 0, capture: 0 };
   feed.bucket = feed.begin = feed.end = feed.skipped = 0;
+  feed.tail = null;
   for (const s of feed.series.values()) s.min = [], s.max = [];
 }
 

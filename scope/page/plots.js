@@ -7,7 +7,7 @@ import { dragLevel, levelOf } from './trigger.js';
 
 const COLOURS = ['#0b5cab', '#c2500a', '#1d7a46', '#7b3fa0', '#a3222f', '#00798c', '#8a6d00', '#5b6670'];
 const HEIGHT = 168;
-const charts = new Map();  // plot -> {uplot, node}
+const charts = new Map();  // plot -> {uplot, chips, node}
 let dragged = null, pressed = null;  // a plot that is moved; the chart that the pointer went down on
 
 // The truth is wide and pale, a reference is dashed, the estimate is in full: in every plot.
@@ -134,7 +134,7 @@ function build(plot, node) {
   const right = plot.signals.some((s) => s.axis === 'r');
   const series = [{}];
   plot.signals.forEach((s, i) => series.push({ scale: s.axis, spanGaps: /^(gain|bus|status)\./.test(s.name), points: { show: false }, ...style(plot, i) }));
-  plot.signals.forEach((s, i) => series.push({ scale: s.axis, spanGaps: true, points: { show: false }, stroke: ghostColour(style(plot, i).stroke), width: 1.6, dash: [4, 3] }));
+  plot.signals.forEach((s, i) => series.push({ scale: s.axis, show: false, spanGaps: true, points: { show: false }, stroke: ghostColour(style(plot, i).stroke), width: 1.6, dash: [4, 3] }));
   const axes = [{ ...axis('x', null, 2, 28), grid: GRID, values: (_, splits) => splits.map((v, i) => `${ticksLabel(v, splits)}${i === splits.length - 1 ? ' s' : ''}`) }, axis('l', unitsOn(plot, 'l'), 3, 62)];
   if (right) axes.push(axis('r', unitsOn(plot, 'r'), 1, 52));
   const uplot = new uPlot({
@@ -249,7 +249,7 @@ function drawMarks(u, plot) {
   ctx.font = `${10 * devicePixelRatio}px sans-serif`;
   const t = (k) => (k - origin()) * T_s();
   drawExponents(u);
-  state.events.filter((e) => e.k >= from && e.k < to).slice(-40).forEach((e, i) =>
+  state.events.filter((e) => e.k >= from && e.k < to && !e.planned && !e.replaced).slice(-40).forEach((e, i) =>
     verticalLine(u, t(e.k), e.trip ? '#b3261e' : '#8a6d00', [2, 3], first ? e.reason : '', i % 3));
   if (state.view.capture) verticalLine(u, 0, '#0b5cab', [], first ? 'trigger' : '');
   const level = levelOf(plot);
@@ -280,8 +280,10 @@ function isAbsent(name) {
 // Two points a bucket, minimum and maximum, so that a peak of one tick is seen.
 function curves(plot) {
   const count = Math.max(0, Math.round((feed.end - feed.begin) / feed.bucket)), two = feed.bucket > 1;
-  const x = new Float64Array(two ? 2 * count : count);
+  const tail = two && state.view.follow ? feed.tail : null;
+  const x = new Float64Array((two ? 2 * count : count) + (tail ? 2 : 0));
   for (let i = 0; i < x.length; ++i) x[i] = (feed.begin - origin() + (two ? i * feed.bucket / 2 : i)) * T_s();
+  if (tail) x[x.length - 1] = (Math.max(feed.end + 0.5, tail.end - 1) - origin()) * T_s();
   const interleaved = (s, offset = 0) => {
     const y = new Array(x.length).fill(null);
     if (!s) return y;
@@ -292,21 +294,33 @@ function curves(plot) {
     }
     return y;
   };
-  const own = plot.signals.map((s) => interleaved(isAbsent(s.name) ? null : feed.series.get(s.name)));
+  const own = plot.signals.map((s) => {
+    const y = interleaved(isAbsent(s.name) ? null : feed.series.get(s.name)), [min, max] = tail?.series.get(s.name) ?? [];
+    if (min != null && !isAbsent(s.name)) y[2 * count] = count % 2 ? max : min, y[2 * count + 1] = count % 2 ? min : max;
+    return y;
+  });
+  const nothing = new Array(x.length).fill(null);
   const ghosts = plot.signals.map((s) => {
     const g = feed.ghost.get(s.name);
-    return state.ghost && g && g.bucket === feed.bucket ? interleaved(g, (feed.begin - g.begin) / feed.bucket) : new Array(x.length).fill(null);
+    return state.ghost && g && g.bucket === feed.bucket ? interleaved(g, (feed.begin - g.begin) / feed.bucket) : nothing;
   });
   return [x, ...own, ...ghosts];
 }
 
-export function draw() {
+// Plots out of sight are drawn when they come into sight.
+const sight = new IntersectionObserver((entries) => {
+  for (const entry of entries) entry.target.outOfSight = !entry.isIntersecting;
+  if (entries.some((entry) => entry.isIntersecting)) draw();
+}, { rootMargin: '100px' });
+
+export function draw(all = false) {
   const [from, to] = range();
   const scale = { min: (from - origin()) * T_s(), max: (to - origin()) * T_s() };
-  for (const [plot, { uplot, chips }] of charts) {
-    if (!uplot || uplot.u === null) continue;
+  for (const [plot, { uplot, chips, node }] of charts) {
+    if (!uplot || uplot.u === null || (node.outOfSight && all !== true)) continue;
     if (plot.kind !== 'time') continue;
     plot.signals.forEach((s, i) => chips[i]?.classList.toggle('absent', isAbsent(s.name)));
+    plot.signals.forEach((_, i) => { uplot.series[1 + plot.signals.length + i].show = !!state.ghost; });  // else they cost time
     uplot.batch(() => { uplot.setData(curves(plot), false); uplot.setScale('x', scale); });
   }
 }
@@ -316,6 +330,7 @@ export const drawOthers = () => { for (const [plot, { uplot }] of charts) if (pl
 export function rebuild() {
   for (const { uplot } of charts.values()) uplot?.destroy?.();
   charts.clear();
+  sight.disconnect();
   const section = byId('plots');
   section.replaceChildren();
   state.layout.plots.forEach((plot, i) => {
@@ -324,7 +339,8 @@ export function rebuild() {
     node.dataset.kind = plot.kind;
     section.append(node);
     acceptDrops(node, plot);
-    charts.set(plot, { uplot: plot.kind === 'time' ? build(plot, chart) : chart, chips: node.querySelectorAll('.chip') });
+    charts.set(plot, { uplot: plot.kind === 'time' ? build(plot, chart) : chart, chips: node.querySelectorAll('.chip'), node });
+    sight.observe(node);
   });
   draw();
   drawOthers();
@@ -338,6 +354,7 @@ export function resize() {
 
 // All plots under one another, with their names.
 export function exportPng() {
+  draw(true);
   const nodes = [...document.querySelectorAll('.plot')], ratio = devicePixelRatio;
   const parts = nodes.flatMap((node) => [...node.querySelectorAll('canvas')].map((canvas) => ({ canvas, title: [...node.querySelectorAll('.chip b')].map((b) => b.textContent).join('   ') })));
   const width = Math.max(...parts.map((p) => p.canvas.width)), line = 18 * ratio;
