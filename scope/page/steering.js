@@ -5,14 +5,17 @@ import { state } from './state.js';
 
 let take, who, told, steered = [], speeds, ranges = {};
 
+// True where the drive took it.
 export async function ask(kind, text = '') {
   try {
     const { replies } = await post('request', { client, kind, text });
     told.classList.toggle('refused', replies.some((r) => !r.accepted));
     told.textContent = replies.length ? `${kind}: ${replies.map((r) => `${r.role} ${r.accepted ? (r.applied_k >= 0 ? `from tick ${r.applied_k} on` : 'accepted') : `refused, ${r.text}`}`).join('; ')}` : `${kind}: sent; no process answers this kind`;
+    return replies.length > 0 && replies.every((r) => r.accepted);
   } catch (error) {
     told.textContent = error.message;
   }
+  return false;
 }
 
 function button(label, kind, title, steers = true) {
@@ -32,8 +35,8 @@ function setting([key, form]) {
   const list = Array.isArray(form);
   const input = list ? element('select', { name: key }, ...['', ...form].map((text) => element('option', {}, text)))
     : element('input', { name: key, type: 'number', step: 'any', size: 8 });
-  const send = () => { if (input.value !== '') ask('steer', `${key}=${input.value}`); };
-  if (list) input.onchange = send;
+  const send = () => (input.value !== '' ? ask('steer', `${key}=${input.value}`) : true);
+  if (list) input.onchange = async () => { if (!await send()) input.value = ''; };  // a choice that was refused does not hold
   else input.onkeydown = (event) => { if (event.key === 'Enter') send(); };
   steered.push(input);
   const range = element('span', { className: 'soft range' });
