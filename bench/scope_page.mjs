@@ -5,8 +5,8 @@
 //   first     seconds from the printed address to the first curves, the browser being open
 //   smooth    frames/s of 16 signals of 10 kHz over 60 s
 //   captures  100 triggered captures at 10 kHz against the log of the run
-//   clicks    1000 requests from the field of the page: from the key press to the answer with its tick; whether all
-//             processes applied each at one tick; the replay of the log
+//   clicks    1000 requests: Enter in the field of the load, clicks of start and stop. From the key or click to the
+//             answer with its tick; whether all processes applied each at one tick; the replay of the log
 import { spawn, spawnSync } from 'node:child_process';
 import { mkdirSync, readFileSync, rmSync } from 'node:fs';
 import { cpus, loadavg } from 'node:os';
@@ -115,31 +115,44 @@ async function captures() {
 }
 
 async function clicks() {
-  const drive = await launch('clicks', '--set', 'rates.f_s_Hz=2000', '--set', 'estimator.prediction=exact', '--set', 'rates.n=1');
+  const drive = await launch('clicks');
   const browser = await Browser.open(drive.address);
   await browser.until('curves', CURVES);
   await browser.click('#take-control');
   await browser.until('control', "!document.querySelector('[data-kind=reset]').disabled");
-  // The field, the key and the answer of the page itself.
-  const found = await browser.evaluate(`(async () => {
-    const ms = [], ticks = [], refused = [], field = document.querySelector('[name=load_Nm]'), answer = document.querySelector('#steering-told');
-    for (let i = 0; i < 1000; ++i) {
-      answer.textContent = '';
-      const begun = performance.now();
-      field.value = (0.0005 * (i % 40)).toFixed(4);
-      field.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' }));
-      while (!answer.textContent) await new Promise((go) => { const channel = new MessageChannel(); channel.port1.onmessage = go; channel.port2.postMessage(0); });
-      ms.push(performance.now() - begun);
-      const tick = answer.textContent.match(/plant from tick (\\d+) on/);
-      tick ? ticks.push(Number(tick[1])) : refused.push(answer.textContent);
+  // Keys and clicks as those of a person; the page's own clock tells when each came and when its answer was there.
+  await browser.evaluate(`void (() => {
+    window.asked = []; window.told = []; let begun = 0;
+    const note = (e) => { if (e.isTrusted && (e.type === 'click' ? e.target.closest('[data-kind]') : e.key === 'Enter')) begun = e.timeStamp; };
+    addEventListener('keydown', note, true); addEventListener('click', note, true);
+    new MutationObserver(() => { const text = document.querySelector('#steering-told').textContent; if (begun && text) { asked.push(performance.now() - begun); told.push(text); begun = 0; } }).observe(document.querySelector('#steering-told'), { childList: true, characterData: true, subtree: true });
+  })()`);
+  const count = Number(process.env.COUNT ?? 1000);
+  const answered = async (n) => { while (await browser.evaluate('told.length') < n) await wait(2); };
+  const enter = (type) => browser.send('Input.dispatchKeyEvent', { type, key: 'Enter', code: 'Enter', windowsVirtualKeyCode: 13, ...(type === 'keyDown' ? { text: '\r' } : {}) });
+  // 900 loads typed into the field, 50 stops and 50 starts by their buttons.
+  for (let i = 0; i < count; ++i) {
+    if (i % 10 === 9) {
+      await browser.click(`[data-kind=${i % 20 === 9 ? 'stop' : 'start'}]`);
+    } else {
+      await browser.evaluate("document.querySelector('[name=load_Nm]').focus(); document.querySelector('[name=load_Nm]').select()");
+      await browser.send('Input.insertText', { text: (0.0001 * (i % 40)).toFixed(4) });
+      await enter('keyDown');
+      await enter('keyUp');
     }
-    return [ms, ticks, refused];
-  })()`, 300);
-  const [ms, ticks, refused] = found, sorted = ms.toSorted((a, b) => a - b);
-  told(`${ticks.length} of 1000 requests of the page answered with a tick; ${refused.slice(0, 3)}`);
-  told(`from key press to the answer: p50 ${sorted[500].toFixed(1)} ms, p99 ${sorted[990].toFixed(1)} ms, longest ${sorted[999].toFixed(1)} ms`);
+    await answered(i + 1);
+  }
+  const [ms, texts] = await browser.evaluate('[asked, told]');
+  const at = (list, share) => list.toSorted((a, b) => a - b)[Math.min(list.length - 1, Math.floor(share * list.length))];
+  const withTick = texts.filter((text) => /plant from tick \d+ on/.test(text)).length;
+  told(`${withTick} of ${count} keys and clicks of the page answered with a tick; ${texts.filter((t) => !/from tick/.test(t)).slice(0, 3)}`);
+  for (const [what, is] of [['Enter in the field', (i) => i % 10 !== 9], ['click of start or stop', (i) => i % 10 === 9]]) {
+    const list = ms.filter((_, i) => is(i));
+    told(`from ${what} to the answer, which comes when all processes have the tick: p50 ${at(list, 0.5).toFixed(1)} ms, p99 ${at(list, 0.99).toFixed(1)} ms, longest ${at(list, 1).toFixed(1)} ms (${list.length})`);
+  }
   await browser.close();
   await ended(drive);
+  told(drive.text().match(/.*(messages lost|lost).*/g)?.join('\n') ?? '');
   told(spawnSync(requests, ['--log', 'runs/clicks'], { encoding: 'utf8' }).stdout.trim());
   told(spawnSync(twinrate, ['replay', '--lockstep', 'runs/clicks'], { encoding: 'utf8' }).stdout.trim());
 }

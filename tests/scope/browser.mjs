@@ -44,6 +44,7 @@ export class Browser {
       const { text, exception } = message.params.exceptionDetails;
       this.errors.push(exception?.description ?? text);
     }
+    if (message.method === 'Input.dragIntercepted') this.dragBegun?.(message.params.data);
     const waiting = this.answers.get(message.id);
     if (!waiting) return;
     this.answers.delete(message.id);
@@ -109,6 +110,20 @@ export class Browser {
     await this.mouse('mouseReleased', x1, y1);
   }
 
+  // Drag and drop: from an element to a place.
+  async drop(selector, [x1, y1]) {
+    const [x0, y0] = await this.place(selector);
+    await this.send('Input.setInterceptDrags', { enabled: true });
+    const begun = new Promise((found) => { this.dragBegun = found; });
+    await this.mouse('mouseMoved', x0, y0, { button: 'none' });
+    await this.mouse('mousePressed', x0, y0);
+    this.mouse('mouseMoved', x0 + 8, y0 + 8, { buttons: 1 }).catch(() => {});  // its answer waits for the drop
+    const data = await begun;
+    for (const type of ['dragEnter', 'dragOver', 'drop']) await this.send('Input.dispatchDragEvent', { type, x: x1, y: y1, data });
+    await this.mouse('mouseReleased', x1, y1);
+    await this.send('Input.setInterceptDrags', { enabled: false });
+  }
+
   async type(selector, text) {
     await this.evaluate(`document.querySelector(${JSON.stringify(selector)}).focus(); document.querySelector(${JSON.stringify(selector)}).select?.()`);
     await this.send('Input.insertText', { text });
@@ -116,7 +131,7 @@ export class Browser {
   }
 
   async key(key, code = key) {
-    for (const type of ['keyDown', 'keyUp']) await this.send('Input.dispatchKeyEvent', { type, key, code, windowsVirtualKeyCode: key === 'Escape' ? 27 : key.toUpperCase().charCodeAt(0) });
+    for (const type of ['keyDown', 'keyUp']) await this.send('Input.dispatchKeyEvent', { type, key, code, windowsVirtualKeyCode: { Escape: 27, Enter: 13 }[key] ?? key.toUpperCase().charCodeAt(0) });
   }
 
   async picture(file) {
