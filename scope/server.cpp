@@ -227,14 +227,15 @@ void Server::Impl::add_stream() {
   http.Get("/api/stream", [this](const httplib::Request& request, httplib::Response& response) {
     auto stream = std::make_shared<Api::Stream>(api.open_stream(query_of(request)));
     response.set_header("Cache-Control", "no-store");
+    constexpr auto kPeriod = std::chrono::milliseconds(static_cast<int>(1000 / kFramesPerSecond));
     response.set_content_provider(
-        "text/event-stream", [this, stream](std::size_t, httplib::DataSink& sink) {
-          const auto begun = Clock::now();
+        "text/event-stream",
+        [this, stream, due = Clock::now()](std::size_t, httplib::DataSink& sink) mutable {
+          due = std::max(due + kPeriod, Clock::now());
           const std::string text = "data: " + api.frame(*stream) + "\n\n";
           if (stopping || !sink.is_writable() || !sink.write(text.data(), text.size()))
             return false;
-          std::this_thread::sleep_until(
-              begun + std::chrono::milliseconds(static_cast<int>(1000 / kFramesPerSecond)));
+          std::this_thread::sleep_until(due);
           return !stopping.load();
         });
   });

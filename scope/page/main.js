@@ -38,8 +38,9 @@ on('cursors', () => { draw(); showStatistics(); });
 on('loaded', () => { draw(); loadGhost().then(draw); });
 on('events', listEvents);
 // A page on a slow machine draws two thirds of the time at most: it stays open to clicks.
-let due = false, rest_ms = 0;
-on('frame', () => {
+let due = false, behind = false, rest_ms = 0;
+function drawSoon() {
+  behind = due;
   if (due) return;
   due = true;
   setTimeout(() => requestAnimationFrame(() => {
@@ -50,8 +51,10 @@ on('frame', () => {
     if (planned && state.events.some((e) => e.planned && e.k <= state.brief.last_k)) listEvents();
     rest_ms = performance.now() - begun;
     due = false;
+    if (behind) drawSoon();  // a frame came meanwhile
   }), rest_ms / 2);
-});
+}
+on('frame', drawSoon);
 
 function showBar() {
   const { live, brief, view } = state, lamp = byId('lamp'), notice = byId('notice');

@@ -78,6 +78,7 @@ async function dragsOfPlots() {
   const row = '#tree .row[data-signal="drive.i_beta_A"]', first = await plots();
   await browser.type('#filter', 'i_beta');
   await value("document.querySelector('#filter').dispatchEvent(new Event('input'))");
+  await browser.until('the tree has the signal', `document.querySelector(${JSON.stringify(row)}) && !document.querySelector(${JSON.stringify(row)}).hidden`);
   await browser.drop(row, await plotPlace(1, 0.9));
   await browser.until('a signal dropped on the right half is on the right axis', `scope.state.layout.plots[1].signals.some((s) => s.name === 'drive.i_beta_A' && s.axis === 'r')`);
   await value("[...document.querySelectorAll('.plot')[1].querySelectorAll('.tools button')].find((b) => b.textContent === 'split').click()");

@@ -274,7 +274,8 @@ class ScopeTraces : public ScopeServer {
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     return get(fmt::format("/trace?id={}", id));
   }
-  std::string directory_ = ::testing::TempDir() + "scope_traces", program_ = directory_ + "/trace";
+  std::string directory_ = fmt::format("{}scope_traces-{}", ::testing::TempDir(), ::getpid());
+  std::string program_ = directory_ + "/trace";
   Traces traces_{program_, directory_};
   Api api_{sources_, nullptr, "test", traces_};
   void SetUp() override { server_ = std::make_unique<Server>(api_, "127.0.0.1", 0); }
