@@ -14,7 +14,7 @@
 namespace twinrate::scope {
 namespace {
 
-constexpr double kRepeat_s = 0.1, kTimeout_s = 1.0;
+constexpr double kRepeat_s = 0.1, kTimeout_s = 3.0;
 constexpr std::int64_t kBusNotes_us = 100'000;
 
 std::int64_t wall_us() {

@@ -227,7 +227,8 @@ void Server::Impl::add_stream() {
   http.Get("/api/stream", [this](const httplib::Request& request, httplib::Response& response) {
     auto stream = std::make_shared<Api::Stream>(api.open_stream(query_of(request)));
     response.set_header("Cache-Control", "no-store");
-    constexpr auto kPeriod = std::chrono::milliseconds(static_cast<int>(1000 / kFramesPerSecond));
+    static constexpr auto kPeriod =
+        std::chrono::milliseconds(static_cast<int>(1000 / kFramesPerSecond));
     response.set_content_provider(
         "text/event-stream",
         [this, stream, due = Clock::now()](std::size_t, httplib::DataSink& sink) mutable {

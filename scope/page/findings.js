@@ -29,7 +29,7 @@ function parameters(text) {
 async function ask(kind, text, told) {
   try {
     const { replies } = await post('request', { client, kind, text });
-    told.textContent = replies.length ? replies.map((r) => (r.accepted ? `${r.role}: ${r.applied_k >= 0 ? `from tick ${r.applied_k} on` : 'yes'}` : `${r.role}: refused, ${r.text}`)).join('; ') : 'no process answered';
+    told.textContent = replies.length ? replies.map((r) => (r.accepted ? `${r.role}: ${r.applied_k >= 0 ? `from tick ${r.applied_k} on` : 'yes'}` : `${r.role}: refused, ${r.text}`)).join('; ') : 'no answer in time: the events tell what was applied';
   } catch (error) {
     told.textContent = error.message;
   }

@@ -10,7 +10,7 @@ export async function ask(kind, text = '') {
   try {
     const { replies } = await post('request', { client, kind, text });
     told.classList.toggle('refused', replies.some((r) => !r.accepted));
-    told.textContent = replies.length ? `${kind}: ${replies.map((r) => `${r.role} ${r.accepted ? (r.applied_k >= 0 ? `from tick ${r.applied_k} on` : 'accepted') : `refused, ${r.text}`}`).join('; ')}` : `${kind}: sent; no process answers this kind`;
+    told.textContent = replies.length ? `${kind}: ${replies.map((r) => `${r.role} ${r.accepted ? (r.applied_k >= 0 ? `from tick ${r.applied_k} on` : 'accepted') : `refused, ${r.text}`}`).join('; ')}` : `${kind}: sent; no answer in time: the events tell what was applied`;
     return replies.length > 0 && replies.every((r) => r.accepted);
   } catch (error) {
     told.textContent = error.message;

@@ -440,7 +440,7 @@ try {
 } catch (error) {
   told(error.message);
   console.log(`errors of the page: ${browser?.errors.join('\n')}`);
-  const state = "JSON.stringify([scope.state.view, scope.state.brief, scope.state.cursors, scope.state.notice, document.querySelector('#notice').textContent, document.activeElement.id, document.querySelector('#readout').textContent])";
+  const state = "JSON.stringify([scope.state.view, scope.state.brief, scope.state.cursors, scope.state.notice, document.querySelector('#notice').textContent, document.activeElement.id, document.querySelector('#readout').textContent, document.querySelector('#steering-told').textContent])";
   console.log(`state of the page: ${await browser?.evaluate(state, 5).catch((e) => e.message)}`);
   await picture('failed').catch(() => {});
   failed = 1;
