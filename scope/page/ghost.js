@@ -13,13 +13,14 @@ async function choose() {
     return;
   }
   const [from, to] = range();
-  const trip = state.events.find((e) => e.trip), { captures } = state.brief;
+  const middle = (from + to) / 2, { captures } = state.brief;
+  const trip = state.events.filter((e) => e.trip).reduce((near, e) => (!near || Math.abs(e.k - middle) < Math.abs(near.k - middle) ? e : near), null);
   const capture = captures.find((c) => c.id === state.view.capture) ?? captures.at(-1);
   if (by.value === 'trigger' && !capture) {
     state.notice = 'ghost: no capture yet: set the trigger first, or press force';
     return;
   }
-  const k = by.value === 'event' && trip ? trip.k : by.value === 'trigger' ? capture.trigger_k : Math.round((from + to) / 2);
+  const k = by.value === 'event' && trip ? trip.k : by.value === 'trigger' ? capture.trigger_k : Math.round(middle);
   try {
     const { shift_ticks } = await get('align', { ghost: `run:${run.value}`, by: by.value, k });
     state.ghost = { source: `run:${run.value}`, capture: 0, shift: shift_ticks, by: by.value, label: run.value };

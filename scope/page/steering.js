@@ -85,7 +85,18 @@ export function buildSteering() {
 
 const value = (name) => state.signals.find((s) => s.name === name)?.value;
 
+// Another run has none of what was sent to the one before.
+let generation = -1;
+function beginAnew() {
+  if (generation >= 0 && generation !== state.brief.generation) {
+    for (const { input } of Object.values(ranges)) input.value = '';
+    told.textContent = '';
+  }
+  generation = state.brief.generation;
+}
+
 export function refreshSteering() {
+  beginAnew();
   byId('steering').hidden = byId('estop').hidden = !state.live;
   if (!state.live) return;
   const mine = state.holder === client;

@@ -237,7 +237,7 @@ async function otherAxes() {
   const layout = { window_s: 0.5, plots: [plot('xy', 'drive.i_alpha_A', 'drive.i_beta_A'), plot('xy', 'truth.i_d_A', 'truth.i_q_A'), plot('angle', 'truth.T_em_Nm'), plot('spectrum', 'measurement.i_a_A'), plot('orders', 'truth.omega_m_rad_s', 'estimate.omega_m_rad_s'), plot('xy', 'truth.omega_m_rad_s', 'truth.T_em_Nm')] };
   const hash = Buffer.from(JSON.stringify(layout)).toString('base64url');
   await go(`${address}#layout=${hash}`);
-  await browser.until('a layout of an address is drawn', "document.querySelectorAll('.plot canvas').length === 6");
+  await browser.until('a layout of an address is drawn', "document.querySelectorAll('.plot canvas').length === 6 && document.querySelectorAll('#tree .row').length > 20");
   await picture('xy');
   await go(address);
   await browser.until('the page is there', 'scope.feed !== undefined');
@@ -364,6 +364,7 @@ async function lost(drive) {
   await browser.until('the page goes on with the drive', "document.querySelector('#lamp').textContent === 'live'");
   drive.kill('SIGINT');
   await browser.until('the end of a run is told', "document.querySelector('#lamp').textContent === 'ended' && document.querySelector('#notice').textContent.includes('has ended')");
+  await armed('event: model_misfit');  // it waits for the next run
   start('launch', 'finding.toml', '--monitor', '--duration', '600s', '--pace', 'wall', '--run-dir', 'runs/again');
   await browser.until('the page recovers by itself', "document.querySelector('#lamp').textContent === 'live' && scope.state.brief.last_k > 100");
   await browser.until('with the curves of the new run', "scope.feed.end <= scope.state.brief.last_k + 1 && scope.feed.series.get('estimate.omega_m_rad_s')?.max.some((v) => v > 1)");
@@ -399,8 +400,8 @@ effect = [{ kind = "dead_time", dead_time_s = 4e-6, used_in = "plant", from_s = 
 async function finding() {
   const button = (label) => `[...document.querySelectorAll('#findings .card button')].find((b) => b.textContent === '${label}')`;
   const press = (label) => value(`${button(label)}.click()`);
-  await armed('event: model_misfit');
   await caught('a misfit', 'event model_misfit');
+  claim('the fields have nothing of the run before', await value("[...document.querySelectorAll('#steering .settings input, #steering .settings select')].every((n) => n.value === '')"));
   await browser.until('the monitor proposes the effect', "scope.state.events.some((e) => e.reason === 'effect_proposed')");
   await browser.click('#take-control');
   await browser.until('the page has the control', "!document.querySelector('[data-kind=reset]').disabled");
