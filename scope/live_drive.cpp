@@ -31,7 +31,8 @@ bool is(const request_t& request, RequestKind kind) {
   return request.kind == static_cast<std::int32_t>(kind);
 }
 
-// Where the plant chooses a common tick (core/arbiter.hpp) the others agree first: no answer yet.
+// Where the plant chooses a common tick (core/arbiter.hpp) the others agree first: no answer yet. A
+// change of the model is answered by those that have one, or refused by any.
 bool is_answer(const request_t& request, const reply_t& reply) {
   const bool decides =
       reply.role == static_cast<int>(Role::kPlant) || reply.role == static_cast<int>(Role::kBridge);
@@ -40,7 +41,8 @@ bool is_answer(const request_t& request, const reply_t& reply) {
     return decides;
   const bool of_the_model =
       is(request, RequestKind::kAddEffect) || is(request, RequestKind::kRemoveEffect);
-  return !of_the_model || (!decides && (reply.accepted == 0 || reply.applied_seq >= 0));
+  const bool has_model = !decides && reply.role != static_cast<int>(Role::kLogger);
+  return !of_the_model || reply.accepted == 0 || (has_model && reply.applied_seq >= 0);
 }
 
 }  // namespace
@@ -145,7 +147,7 @@ void LiveDrive::answer(const reply_t& reply) {
                                    [&](const SteeringReply& r) { return r.role == role; });
     if (known) continue;
     asked->replies.push_back({role, reply.accepted != 0, reply.applied_seq, reply.text});
-    if (asked->replies.size() >= asked->wanted) asked->done = true;
+    if (asked->replies.size() >= asked->wanted || reply.accepted == 0) asked->done = true;
   }
   answered_.notify_all();
 }
