@@ -83,12 +83,13 @@ class BridgeProcess {
   }
 
   // ---- samples ----
-  void publish(const DriveSample& sample) {
+  // `read`: what the processes may use of the sample.
+  void publish(const DriveSample& sample, const Measurement& read) {
     if (first_k_ < 0) {
       first_k_ = sample.m.k;
       first_sampled_us_ = sample.sampled_us.value_or(0);
     }
-    Measurement m = sample.m;
+    Measurement m = read;
     m.k -= first_k_;
     m.t_ns = sample.sampled_us ? std::llround(1e3 * (*sample.sampled_us - first_sampled_us_))
                                : p_.drive().t_ns(m.k);
@@ -97,12 +98,14 @@ class BridgeProcess {
     drive_has_command_ = false;
     p_.bus().publish(to_wire(m, p_.bus().session()));
   }
-  void guard(const DriveSample& sample, Arrival arrival) {
+  // What comes of a drive that is only listened to is logged as it came.
+  Measurement guard(const DriveSample& sample, Arrival arrival) {
     const std::int64_t resets = talk_.protocol().counts().resets;
     if (resets > resets_) guard_.restarted();
     resets_ = resets;
-    if (!listens_) guard_.take(sample, arrival, mode_);
+    const Measurement read = listens_ ? sample.m : guard_.take(sample, arrival, mode_);
     report();
+    return read;
   }
   void report() {
     for (const GuardEvent& event : guard_.take_events())
@@ -158,8 +161,7 @@ class BridgeProcess {
       }
       if (!talk_.pump(1) && !repeat_command()) break;
       if (const auto sample = talk_.next()) {
-        guard(*sample, arrival());
-        publish(*sample);
+        publish(*sample, guard(*sample, arrival()));
         published_ns_ = now_ns();
       }
       p_.turn(0);
@@ -215,8 +217,7 @@ class BridgeProcess {
     if (k_ + 1 >= steps_) return;
     const Arrival came = arrival();
     if (came == Arrival::kMissing && !listens_ && !guard_.is_off()) ++p_.status().late_commands;
-    guard(sample, came);
-    publish(sample);
+    publish(sample, guard(sample, came));
     if (listens_) p_.progress(k_);
     if (!listens_ && guard_.is_off()) talk_.off();
   }

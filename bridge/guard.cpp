@@ -50,8 +50,23 @@ void BridgeGuard::watch_obedience(const DriveSample& sample) {
                                  sample.m.u_alphabeta.norm())});
 }
 
-void BridgeGuard::take(const DriveSample& sample, Arrival command, Mode mode) {
-  const Measurement& m = sample.m;
+int BridgeGuard::watch_readings(Measurement& m) {
+  SensorReadings r{{m.i_abc[0], m.i_abc[1], m.i_abc[2]}, m.v_dc, m.theta_m, m.omega_m};
+  const bool measured = (m.signals & kPhaseCurrents) != 0;
+  const int faults = watch_.check(r, {m.u_alphabeta.norm(), m.theta_forced}, measured);
+  if (measured) {
+    m.i_abc = {r.i_abc[0], r.i_abc[1], r.i_abc[2]};
+    m.v_dc = r.v_dc, m.theta_m = r.theta_m, m.omega_m = r.omega_m;
+  }
+  if (faults & kBusNotFinite) m.signals &= ~kBusVoltage;
+  if (faults & kAnyPositionFault) m.signals &= ~(kPosition | kSpeed);
+  const int counted = needs_position_ ? faults : faults & ~kAnyPositionFault;
+  if (counted & (kAnyCurrentFault | kAnyPositionFault)) m.signals &= kVoltage | kBusVoltage;
+  return counted;
+}
+
+Measurement BridgeGuard::take(const DriveSample& sample, Arrival command, Mode mode) {
+  Measurement m = sample.m;
   watch_obedience(sample);
   if (sample.off && !std::exchange(device_was_off_, true)) {
     const char* name = reason_name(sample.reason);
@@ -59,27 +74,27 @@ void BridgeGuard::take(const DriveSample& sample, Arrival command, Mode mode) {
            fmt::format("the drive is off by itself: {}",
                        name ? name : fmt::format("code {}", sample.reason)));
   }
-  SensorReadings r{{m.i_abc[0], m.i_abc[1], m.i_abc[2]}, m.v_dc, m.theta_m, m.omega_m};
-  const bool has_currents = (m.signals & kPhaseCurrents) != 0;
-  int faults = watch_.check(r, {m.u_alphabeta.norm(), m.theta_forced}, has_currents);
-  if (!needs_position_) faults &= ~kAnyPositionFault;
+  const bool knows_bus = (m.signals & kBusVoltage) != 0;
   SafetyInput in;
   in.arrival = command;
   in.asked = mode == Mode::kSafe  ? Asked::kSafe
              : mode == Mode::kRun ? Asked::kRun
                                   : Asked::kForcedAngle;
-  in.faulty = faults;
-  in.i = std::hypot(r.i_abc[0], (r.i_abc[1] - r.i_abc[2]) / std::sqrt(3.0));
-  in.v_dc = (m.signals & kBusVoltage) != 0 ? r.v_dc : v_dc_nominal_;
-  in.omega_m = r.omega_m;
+  in.faulty = watch_readings(m);
+  in.i = std::hypot(m.i_abc[0], (m.i_abc[1] - m.i_abc[2]) / std::sqrt(3.0));
+  in.v_dc = knows_bus ? m.v_dc : v_dc_nominal_;
+  in.omega_m = m.omega_m;
   in.emergency_stop = stop_;
   in.supervisor_silent = supervisor_silent_;
   machine_.step(in);
   for (int i = 0; i < machine_.event_count(); ++i) {
     const SafetyEvent& event = machine_.event(i);
+    if (event.reason == Reason::kSensorFault)
+      events_.push_back({event.reason, "bridge: " + text_of(event, machine_)});
     if (event.to == DriveState::kSafe && event.from != DriveState::kSafe)
       go_off(event.reason, "bridge: " + text_of(event, machine_));
   }
+  return m;
 }
 
 std::vector<GuardEvent> BridgeGuard::take_events() {

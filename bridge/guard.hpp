@@ -29,8 +29,10 @@ class BridgeGuard {
 
   BridgeGuard(Config& config, const BridgeParameters& bridge);
 
-  // A sample, and how the command came that was due with it.
-  void take(const DriveSample& sample, Arrival command, Mode mode);
+  // A sample, and how the command came that was due with it. Returns the measurement that the
+  // processes may use: a faulty reading is predicted and marked as not measured, as the simulated
+  // drive does it.
+  Measurement take(const DriveSample& sample, Arrival command, Mode mode);
   void restarted() { go_off(Reason::kDeviceReset, "the drive restarted in mid-run: off"); }
   void silent_for(double silent_ms);
   void emergency_stop() { stop_ = true; }
@@ -43,6 +45,8 @@ class BridgeGuard {
  private:
   void go_off(Reason reason, const std::string& text);
   void watch_obedience(const DriveSample& sample);
+  // Readings that a healthy sensor cannot give are predicted. Sum of ReadingFault.
+  int watch_readings(Measurement& m);
 
   double silence_ms_, v_dc_nominal_;
   SafetyMachine machine_;

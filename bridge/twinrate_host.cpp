@@ -54,6 +54,7 @@ bool TwinrateHost::in_order(std::uint32_t seq) {
     begun_ = true;
     last_seq_ = seq;
     k_ = seq;
+    restarted_at_ = 0;
     return true;
   }
   const std::int32_t step = twp_difference(seq, last_seq_);
@@ -77,7 +78,7 @@ bool TwinrateHost::in_order(std::uint32_t seq) {
   clock_.restart();
   old_in_a_row_ = 0;
   last_seq_ = seq;
-  k_ = seq;
+  restarted_at_ = ++k_ - seq;
   return true;
 }
 
@@ -154,7 +155,7 @@ Bytes TwinrateHost::command(const DriveCommand& c) {
   f.header.type = TWP_COMMAND;
   f.header.time_us = last_time_us_;
   twp_command& body = f.body.command;
-  body.sample_seq = static_cast<std::uint32_t>(c.sample_k);
+  body.sample_seq = static_cast<std::uint32_t>(c.sample_k - restarted_at_);
   body.lease_us = c.lease_us;
   body.enable = 1;
   body.mode = static_cast<std::uint8_t>(c.command.mode);

@@ -2,7 +2,8 @@
 //
 // Frames are put in order by their sequence number: a gap counts as lost, the same number again as
 // doubled, an older one as late (and no longer as lost). A step back by more than kReorder ticks, or
-// kOldInARow old frames in a row, is a restart of the drive.
+// kOldInARow old frames in a row, is a restart of the drive: its ticks begin at 0, and those of the
+// samples given here go on by one, each once.
 #pragma once
 #include <array>
 #include <deque>
@@ -53,8 +54,8 @@ class TwinrateHost final : public HostProtocol {
   bool begun_ = false;
   std::uint32_t sent_, first_question_;  // INFO answers one from first_question_ to sent_
   std::uint32_t last_seq_ = 0, last_time_us_ = 0;
-  bool lockstep_ = false;  // asked for
-  std::int64_t k_ = 0;
+  bool lockstep_ = false;                  // asked for
+  std::int64_t k_ = 0, restarted_at_ = 0;  // tick of the last sample; that of tick 0 of the drive
   int old_in_a_row_ = 0;
 };
 

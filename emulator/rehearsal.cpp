@@ -39,7 +39,11 @@ void Rehearsal::restart_host(bool by_hand) {
   last_arrival_ns_ = t_ns_;
   resets_ = 0;
   first_k_ = -1;
-  faults_.host_ends_at_s = t_s() < faults_.host_ends_at_s ? faults_.host_ends_at_s : 1e9;
+  ticks_.clear();
+  answered_ = false;
+  for (double* at_s :
+       {&faults_.host_ends_at_s, &faults_.estimator_ends_at_s, &faults_.misread_from_s})
+    if (t_s() >= *at_s) *at_s = 1e9;
   send(host_->hello(false));
   if (by_hand) send(host_->clear(static_cast<int>(drive_.latched())));
 }
@@ -61,23 +65,31 @@ void Rehearsal::device_tick() {
   if (!on && off_at_s_ < 0 && last_command_s_ >= 0) off_at_s_ = now_s;
 }
 
-void Rehearsal::answer(const DriveSample& sample) {
-  ++samples_;
+void Rehearsal::answer(DriveSample sample) {
+  if (t_s() >= faults_.misread_from_s) sample.m.i_abc[0] += faults_.misread_A;
+  ticks_.push_back(sample.m.k);
   last_arrival_ns_ = sample.arrival_ns;
   if (host_->counts().resets > resets_) {
     resets_ = host_->counts().resets;
     guard_->restarted();
   }
-  guard_->take(sample, first_k_ < 0 ? Arrival::kNotDue : Arrival::kInTime, mode_);
+  sample.m = guard_->take(sample,
+                          first_k_ < 0 ? Arrival::kNotDue
+                          : answered_  ? Arrival::kInTime
+                                       : Arrival::kMissing,
+                          mode_);
   for (GuardEvent& event : guard_->take_events()) events.push_back(std::move(event));
   if (guard_->is_off()) return send(host_->off());
   if (first_k_ < 0) first_k_ = sample.m.k;
+  answered_ = t_s() < faults_.estimator_ends_at_s;
+  if (!answered_) return;
   Measurement m = sample.m;
   m.k -= first_k_;
   m.t_ns = config_.drive().t_ns(m.k);
   estimate_ = estimator_->tick(m);
   const Command c = controller_->step({m, estimate_, config_.drive().reference_at(m.k)});
   mode_ = c.mode;
+  if (mode_ == Mode::kSafe) return send(host_->off());
   send(host_->command({.command = c,
                        .sample_k = sample.m.k,
                        .lease_us = static_cast<std::uint32_t>(1e3 * bridge_.lease_ms)}));

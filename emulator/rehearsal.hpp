@@ -7,6 +7,7 @@
 // Host time is the simulation's; the device's clock runs by drift_ppm fast.
 #pragma once
 #include <memory>
+#include <vector>
 
 #include "bridge/guard.hpp"
 #include "bridge/twinrate_host.hpp"
@@ -21,7 +22,10 @@ struct RehearsalFaults {
   LineFaults up, down;
   DeviceFaults device;
   double drift_ppm = 0;
-  double host_ends_at_s = 1e9;  // without a last frame: the process is gone
+  double host_ends_at_s = 1e9;       // without a last frame: the process is gone
+  double estimator_ends_at_s = 1e9;  // no ESTIMATE, so no COMMAND
+  // From then on the host reads phase a this far off, A: a drive that does not watch its sensors.
+  double misread_from_s = 1e9, misread_A = 0;
 };
 
 class Rehearsal {
@@ -45,13 +49,14 @@ class Rehearsal {
   // Device time from the arrival of the last command that enables to the first interval without a
   // voltage, s; negative: the outputs are on.
   double off_after_s() const;
-  std::int64_t samples_taken() const { return samples_; }
   const Estimate& estimate() const { return estimate_; }
+  // Of every sample that the host took.
+  const std::vector<std::int64_t>& ticks() const { return ticks_; }
 
  private:
   void device_tick();
   void host_receives(std::int64_t t_ns);
-  void answer(const DriveSample& sample);
+  void answer(DriveSample sample);
   void send(const Bytes& bytes) { down_.send(bytes, t_ns_); }
 
   Config& config_;
@@ -65,9 +70,10 @@ class Rehearsal {
   std::unique_ptr<EstimatorLoop> estimator_;
   std::unique_ptr<Controller> controller_;
   Estimate estimate_;
-  std::int64_t t_ns_ = 0, last_arrival_ns_ = 0, resets_ = 0, samples_ = 0, first_k_ = -1;
+  std::vector<std::int64_t> ticks_;
+  std::int64_t t_ns_ = 0, last_arrival_ns_ = 0, resets_ = 0, first_k_ = -1;
   double last_command_s_ = -1, off_at_s_ = -1;  // device time
-  std::uint32_t commands_then_ = 0;
+  bool answered_ = false;                       // the sample before
   Mode mode_ = Mode::kRun;
 };
 

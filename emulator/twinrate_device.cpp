@@ -204,6 +204,7 @@ void TwinrateDevice::tick() {
   }
   if (waits()) return;
   if (twp_lease_ended(&lease_, now_us()) && !options_.faults.keeps_last) {
+    ++leases_ended_;
     drive_.switch_off(Reason::kCommandLost);
     coming_.clear();
     has_command_ = false;

@@ -24,6 +24,8 @@ class TwinrateDevice final : public EmulatedDevice {
   std::int64_t lost_frames() const { return lost_frames_; }
   // Commands taken that enable.
   std::uint32_t leased_commands() const { return leased_; }
+  // Leases that ended without a command.
+  std::int64_t leases_ended() const { return leases_ended_; }
 
  private:
   void take_command(const twp_frame& f);
@@ -45,7 +47,7 @@ class TwinrateDevice final : public EmulatedDevice {
   std::int64_t first_k_ = 0;                   // of the drive at the last restart
   std::int64_t sampled_ = -1, answered_ = -1;  // ticks of the device
   std::uint32_t command_seq_ = 0, leased_ = 0;
-  std::int64_t bad_frames_ = 0, lost_frames_ = 0;
+  std::int64_t bad_frames_ = 0, lost_frames_ = 0, leases_ended_ = 0;
   std::int64_t leased_k_ = -1;  // of the last command that enables
   std::int64_t off_times_ = 0, off_ticks_most_ = 0;
   bool was_on_ = false;

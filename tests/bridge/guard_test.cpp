@@ -57,5 +57,29 @@ TEST(BridgeGuard, ALostAngleCountsOnlyWhereTheControllerUsesIt) {
   EXPECT_TRUE(off_without_angle(guard_of({"controller.angle_source=measured"})));
 }
 
+// As the simulated drive: the processes get a prediction and predict, and the drive is off when it lasts.
+TEST(BridgeGuard, AnImplausibleReadingIsPredictedAndSwitchesOffWhenItLasts) {
+  for (const double misread : {10.0, std::numeric_limits<double>::quiet_NaN()}) {
+    BridgeGuard guard = guard_of();
+    for (std::int64_t k = 0; k < 100; ++k) {
+      const Measurement m = guard.take(sample_of(k, 0.1), Arrival::kInTime, Mode::kRun);
+      EXPECT_NE(m.signals & kPhaseCurrents, 0);
+    }
+    int ticks = 0;
+    for (std::int64_t k = 100; k < 200 && !guard.is_off(); ++k, ++ticks) {
+      DriveSample s = sample_of(k, 0.1);
+      s.m.i_abc[0] += misread;
+      const Measurement m = guard.take(s, Arrival::kInTime, Mode::kRun);
+      EXPECT_EQ(m.signals & kPhaseCurrents, 0);
+      EXPECT_NEAR(m.i_abc[0], 0, 0.2);
+    }
+    EXPECT_NEAR(ticks, 51, 1) << "safety.sensor_ticks = 50";
+    const auto events = guard.take_events();
+    ASSERT_EQ(events.size(), 2u);
+    EXPECT_EQ(events[0].reason, Reason::kSensorFault);
+    EXPECT_EQ(events[1].reason, Reason::kSensorLost);
+  }
+}
+
 }  // namespace
 }  // namespace twinrate

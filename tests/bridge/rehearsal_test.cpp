@@ -144,6 +144,44 @@ TEST(Rehearsal, ARestartOfTheDriveSwitchesOff) {
   EXPECT_EQ(c.run->host().counts().resets, 1);
 }
 
+// The drive counts its ticks from 0 again; a log of the samples has each tick once.
+TEST(Rehearsal, TheTicksOfSamplesGoOnOverARestartOfTheDrive) {
+  RehearsalFaults f;
+  f.device.reset_at_s = 0.1;
+  Case c(f);
+  c.run->run_until(0.2);
+  const std::vector<std::int64_t>& ticks = c.run->ticks();
+  ASSERT_EQ(c.run->host().counts().resets, 1);
+  ASSERT_GT(ticks.size(), 900u);
+  for (std::size_t i = 1; i < ticks.size(); ++i) ASSERT_EQ(ticks[i], ticks[i - 1] + 1);
+  c.run->restart_host(true);
+  c.run->run_until(0.21);
+  EXPECT_GT(c.run->drive().sample()->u_alphabeta.norm(), 0);
+}
+
+// A host that goes on after a restart names the ticks of the drive in its commands.
+TEST(TwinrateHost, CommandsAfterARestartAnswerTheDrivesOwnTicks) {
+  const auto sample_of = [](std::uint32_t seq) {
+    twp_frame f{};
+    f.header = {.type = TWP_SAMPLE, .flags = TWP_CURRENTS, .seq = seq};
+    Bytes wire(TWP_MAX_WIRE);
+    wire.resize(twp_write(&f, wire.data()));
+    return wire;
+  };
+  TwinrateHost host(false);
+  for (const std::uint32_t seq : {500u, 501u, 3u, 4u}) host.take(sample_of(seq), 0);
+  std::int64_t k = 0;
+  for (const std::int64_t expected : {500, 501, 502, 503}) {
+    const auto sample = host.next();
+    ASSERT_TRUE(sample);
+    EXPECT_EQ(k = sample->m.k, expected);
+  }
+  twp_receiver receiver{};
+  twp_frame f{};
+  for (const std::uint8_t byte : host.command({.sample_k = k})) twp_receive(&receiver, byte, &f);
+  EXPECT_EQ(f.body.command.sample_seq, 4u);
+}
+
 TEST(Rehearsal, ADriveThatKeepsItsLastCommandIsNamed) {
   RehearsalFaults f;
   f.device.keeps_last = true;
