@@ -38,7 +38,7 @@ class RoundTrips {
   struct Moment {
     std::int64_t read_ns;  // of the host
     double within_ns;      // half of what the round trip was longer than the shortest of late
-    double usual_ns;       // the mean of it, of late
+    double usual_ns;       // the median of it, of late: a few stalls of the host do not move it
   };
   // Empty: to which question is not known.
   std::optional<Moment> answered(std::int64_t now_ns) {
@@ -48,9 +48,10 @@ class RoundTrips {
     constexpr double kForget = 1.0 / 1024;  // of the shortest, a round trip
     const auto round_ns = static_cast<double>(now_ns - asked_ns_);
     shortest_ns_ = shortest_ns_ < 0 ? round_ns : std::min(round_ns, shortest_ns_ * (1 + kForget));
-    constexpr double kFollow = 1.0 / 128;
+    constexpr double kFollow = 1.0 / 64, kLeast_ns = 1000;
     const double within_ns = 0.5 * (round_ns - shortest_ns_);
-    usual_ns_ += kFollow * (within_ns - usual_ns_);
+    const double step_ns = kFollow * (usual_ns_ + kLeast_ns);
+    usual_ns_ = std::max(0.0, usual_ns_ + (within_ns > usual_ns_ ? step_ns : -step_ns));
     return Moment{asked_ns_ + (now_ns - asked_ns_) / 2, within_ns, usual_ns_};
   }
 

@@ -73,6 +73,22 @@ TEST(DeviceClock, TellsBeforeItHasSettled) {
   EXPECT_FALSE(clock.known());
 }
 
+// Every eighth round trip is longer by far: a host that stalls.
+TEST(RoundTrips, WhatIsUsualIsNotMovedByStalls) {
+  constexpr std::int64_t us = 1000;
+  RoundTrips trips;
+  double usual_ns = 0;
+  for (std::int64_t i = 0; i < 2000; ++i) {
+    const std::int64_t t = i * 10'000 * us;
+    trips.asked(t);
+    const auto moment = trips.answered(t + (i % 8 == 0 ? 4000 : 200 + 10 * (i % 7)) * us);
+    ASSERT_TRUE(moment);
+    usual_ns = moment->usual_ns;
+  }
+  EXPECT_GT(usual_ns, 10 * us);
+  EXPECT_LT(usual_ns, 30 * us) << "the mean is 250 us";
+}
+
 // An answer does not say to which question: after one that was not answered the line must be quiet.
 TEST(RoundTrips, OnlyAnAnswerToTheOneOpenQuestionTellsAMoment) {
   constexpr std::int64_t ms = 1'000'000;

@@ -1,5 +1,6 @@
 #include "tests/bridge/fuzz.hpp"
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 
@@ -34,9 +35,35 @@ int feed(Host& host, const std::uint8_t* bytes, std::size_t size) {
   return 0;
 }
 
-}  // namespace
+// The input as pieces, a byte of length before each, closed to whole frames: it reaches what is behind
+// framing and checksum.
+template <class Close>
+Bytes closed(const std::uint8_t* bytes, std::size_t size, Close close) {
+  Bytes all;
+  for (std::size_t at = 0; at < size;) {
+    const std::size_t length = std::min<std::size_t>(bytes[at], size - at - 1);
+    const Bytes frame = close(Bytes(bytes + at + 1, bytes + at + 1 + length));
+    all.insert(all.end(), frame.begin(), frame.end());
+    at += 1 + length;
+  }
+  return all;
+}
 
-int twinrate_frames(const std::uint8_t* bytes, std::size_t size) {
+// With its CRC, as COBS, the zero behind it.
+Bytes closed_twinrate(Bytes raw) {
+  const std::uint32_t crc = twp_crc32(raw.data(), raw.size());
+  for (int i = 0; i < 4; ++i) raw.push_back(static_cast<std::uint8_t>(crc >> 8 * i));
+  Bytes wire(raw.size() + 2 + raw.size() / 254);
+  wire.resize(twp_cobs_encode(raw.data(), raw.size(), wire.data()));
+  wire.push_back(0);
+  return wire;
+}
+
+Bytes closed_vesc(const Bytes& payload) {
+  return payload.empty() ? Bytes{} : vesc_frame(payload);
+}
+
+int twinrate_bytes(const std::uint8_t* bytes, std::size_t size) {
   TwinrateHost host(true);
   // A whole frame is written again to a frame that reads the same.
   twp_receiver receiver{};
@@ -49,6 +76,13 @@ int twinrate_frames(const std::uint8_t* bytes, std::size_t size) {
     assert(twp_read(wire, n - 1, &again) == TWP_FRAME);
   }
   return feed(host, bytes, size);
+}
+
+}  // namespace
+
+int twinrate_frames(const std::uint8_t* bytes, std::size_t size) {
+  const Bytes whole = closed(bytes, size, closed_twinrate);
+  return twinrate_bytes(bytes, size) + twinrate_bytes(whole.data(), whole.size());
 }
 
 int moteus_lines(const std::uint8_t* bytes, std::size_t size) {
@@ -69,8 +103,9 @@ int moteus_burst(const std::uint8_t* bytes, std::size_t size) {
 }
 
 int vesc_frames(const std::uint8_t* bytes, std::size_t size) {
-  VescHost host({}, drive());
-  return feed(host, bytes, size);
+  const Bytes whole = closed(bytes, size, closed_vesc);
+  VescHost host({}, drive()), behind({}, drive());
+  return feed(host, bytes, size) + feed(behind, whole.data(), whole.size());
 }
 
 }  // namespace twinrate::fuzz
