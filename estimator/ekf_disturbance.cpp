@@ -193,6 +193,10 @@ Gain EkfDisturbance::initial_gain() const {
   return first_gain(full_.P0_diag, 3);
 }
 
+Gain EkfDisturbance::initial_gain_without_voltage() const {
+  return first_gain(reduced_.P0_diag, 1);
+}
+
 Gain EkfDisturbance::sequential_step(const Gain& previous, const Estimate& snapshot) const {
   const MachineParameters& m = machine_;
   const auto c = kernel::dq_constants<double>(m.R_s, m.L_d, m.L_q, m.psi_f, m.J, m.n_p, 0, T_s_);

@@ -88,6 +88,7 @@ class EkfDisturbance final : public Filter {
   Estimate output(const FastState& state, const Measurement& m) const override;
   bool estimates_load() const override { return true; }
   Gain initial_gain() const override;
+  Gain initial_gain_without_voltage() const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;
   std::optional<CovarianceModel> covariance_model(const Estimate& snapshot) const override;
   std::optional<Estimate> steady_state(double omega_m) const override;

@@ -24,7 +24,8 @@ class EstimatorProcess {
   EstimatorProcess(Process& p, const MakeFilter& make)
       : p_(p),
         fast_(make_fast_loop(p.config(), !p.lockstep(), make)),
-        first_gain_(make(p.config())->initial_gain()) {
+        first_gain_(make(p.config())->initial_gain()),
+        first_without_voltage_(make(p.config())->initial_gain_without_voltage()) {
     p.bus().subscribe<gain_t>([this](const gain_t& w) { take_gain(from_wire(w)); });
     p.bus().subscribe<measurement_t>([this](const measurement_t& w) { take(from_wire(w)); });
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
@@ -113,7 +114,7 @@ class EstimatorProcess {
     const bool answers = gain.k >= 0 && is_snapshot(gain.k, fast_.rate_at(gain.k));
     if (later || !answers) return p_.bus().refuse();
     if (gain.k < restarted_k_) return;  // of the filter before the reset: it may come at any time
-    if (fits(gain, first_gain_)) {
+    if (fits(gain, last_.status & kNoVoltage ? first_without_voltage_ : first_gain_)) {
       fast_.take_gain(gain);
     } else {
       p_.bus().refuse();
@@ -197,7 +198,7 @@ class EstimatorProcess {
 
   Process& p_;
   FastLoop fast_;
-  Gain first_gain_;
+  Gain first_gain_, first_without_voltage_;
   Estimate last_;
   Recent<Estimate> snapshots_;
   std::deque<Measurement> waiting_;

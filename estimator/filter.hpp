@@ -87,6 +87,8 @@ class Filter {
   virtual bool estimates_load() const { return false; }
 
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
+  // The same of the form that runs without voltages (kNoVoltage), where the filter has one.
+  virtual Gain initial_gain_without_voltage() const { return initial_gain(); }
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
   // The same in place: a filter that overrides it saves two copies of a Gain, 6 kB each.

@@ -62,7 +62,7 @@ class GainProcess {
       p_.bus().publish(to_wire(background_.last(), p_.bus().session()));
       return;
     }
-    if (e.n_x < background_.last().n_x) return p_.bus().refuse();
+    if (!background_.fits(e)) return p_.bus().refuse();
     if (p_.in_turn() && e.k > next_k()) return p_.bus().refuse();
     if (e.k < last_k()) {
       if (!p_.options().follow) return;

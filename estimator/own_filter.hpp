@@ -30,6 +30,9 @@ class OwnFilter : public Filter {
   }
   bool estimates_load() const override { return built_in_->estimates_load(); }
   Gain initial_gain() const override { return built_in_->initial_gain(); }
+  Gain initial_gain_without_voltage() const override {
+    return built_in_->initial_gain_without_voltage();
+  }
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override {
     return built_in_->background_step(previous, snapshot);
   }

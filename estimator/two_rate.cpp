@@ -169,7 +169,9 @@ BackgroundLoop::BackgroundLoop(std::shared_ptr<const Filter> filter, GainPolicy 
       first_policy_(policy),
       rate_(rate),
       first_rate_(rate),
-      span_omega_m_(span_omega_m) {
+      span_omega_m_(span_omega_m),
+      n_x_(filter_->initial_gain().n_x),
+      n_x_without_voltage_(filter_->initial_gain_without_voltage().n_x) {
   reset();
 }
 

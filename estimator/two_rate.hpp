@@ -108,6 +108,10 @@ class BackgroundLoop {
                  double span_omega_m = 0);
 
   void reset();
+  // Whether the snapshot has the states of the filter, or of its form without voltages.
+  bool fits(const Estimate& snapshot) const {
+    return snapshot.n_x >= (snapshot.status & kNoVoltage ? n_x_without_voltage_ : n_x_);
+  }
   // Computes K from the snapshot and propagates P with it.
   const Gain& step(const Estimate& snapshot);
   // The snapshot after the last one.
@@ -129,6 +133,7 @@ class BackgroundLoop {
   std::size_t next_change_ = 0;
   double span_omega_m_;
   Gain gain_;
+  int n_x_ = 0, n_x_without_voltage_ = 0;
   int n_last_ = 1;             // ticks from the last snapshot to the next
   double omega_m_before_ = 0;  // of the last snapshot
 };

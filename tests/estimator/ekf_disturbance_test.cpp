@@ -115,6 +115,16 @@ TEST(EkfDisturbance, AtConstantSpeedTheLoadIsTheTorqueOfTheCurrents) {
   }
 }
 
+TEST(EkfDisturbance, TheBackgroundTakesSnapshotsOfItsTwoFormsAlone) {
+  const auto f = std::make_shared<EkfDisturbance>(filter(Prediction::kRk4));
+  const BackgroundLoop background(f, GainPolicy::kPaper, 1);
+  EXPECT_TRUE(background.fits({.n_x = 4}));
+  EXPECT_FALSE(background.fits({.n_x = 2}));
+  EXPECT_TRUE(background.fits({.status = kNoVoltage, .n_x = 2}));
+  EXPECT_FALSE(background.fits({.status = kNoVoltage, .n_x = 1}));
+  EXPECT_EQ(f->initial_gain_without_voltage().n_y, 1);
+}
+
 TEST(EkfDisturbance, OnASpeedRampTheLoadIsWhatAccelerationLeavesOver) {
   // T_o = T_em - J omega'; 4.5 * 0.25 * 2 - 8.8e-3 * 100 = 1.37 Nm
   const auto f = std::make_shared<EkfDisturbance>(filter(Prediction::kEuler));

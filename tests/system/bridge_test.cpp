@@ -104,6 +104,13 @@ TEST_F(BridgeRun, ARealMotorsFileAtItsOwnPaceIsLoggedAsItsImport) {
   for (std::size_t i = 0; i < listened.measurement.size(); ++i)
     ASSERT_TRUE(same_readings(imported.measurement[i], listened.measurement[i])) << i;
   EXPECT_EQ(listened.estimate.size(), listened.measurement.size());
+  // Without voltages the filter has two states instead of four: its gains are used all the same.
+  ASSERT_GT(listened.gain.size(), 1900u);
+  EXPECT_GT(listened.gain.back().P_diagonal(1), 0);
+  EXPECT_EQ(listened.gain.back().P_diagonal(2), 0);
+  std::size_t used = 0;
+  for (const Estimate& e : listened.estimate) used += e.gain_seq > 0;
+  EXPECT_GT(used, 1500u);
 }
 
 TEST_F(BridgeRun, ProbeShowsTheDriveAndClearsByHandAlone) {
