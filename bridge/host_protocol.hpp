@@ -37,7 +37,8 @@ struct DriveInfo {
   std::string name;
   double f_s_Hz = 0;  // 0: not told
   double lease_max_ms = 0;
-  bool lockstep = false, watchdog = false, takes_voltage = false, float64 = false;
+  bool lockstep = false, watchdog = false, takes_voltage = false, takes_duties = false;
+  bool float64 = false;
   int reason = 0;                                // latched
   std::int64_t bad_frames = 0, lost_frames = 0;  // of the host's, as the drive counts them
 };

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "model/inverter.hpp"
+
 namespace twinrate {
 
 void TwinrateHost::take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) {
@@ -42,6 +44,7 @@ void TwinrateHost::take_info(const twp_frame& f) {
                     .lockstep = (i.abilities & TWP_LOCKSTEP) != 0,
                     .watchdog = (i.abilities & TWP_WATCHDOG) != 0,
                     .takes_voltage = (i.abilities & TWP_CAN_VOLTAGE) != 0,
+                    .takes_duties = (i.abilities & TWP_CAN_DUTIES) != 0,
                     .float64 = (i.abilities & TWP_CAN_FLOAT64) != 0,
                     .reason = i.reason,
                     .bad_frames = i.bad_frames,
@@ -116,7 +119,7 @@ void TwinrateHost::take_sample(const twp_frame& f, std::int64_t arrival_ns) {
   if (f.header.flags & TWP_DUTIES) m.duty_abc = {s.duty_abc[0], s.duty_abc[1], s.duty_abc[2]};
   m.mode = static_cast<Mode>(std::min<int>(s.mode, static_cast<int>(Mode::kSafe)));
   m.theta_forced = s.theta_forced;
-  m.v_dc = s.v_dc;
+  m.v_dc = v_dc_ = s.v_dc;
   m.theta_m = s.theta_m;
   m.omega_m = s.omega_m;
   samples_.push_back(sample);
@@ -159,8 +162,14 @@ Bytes TwinrateHost::command(const DriveCommand& c) {
   body.lease_us = c.lease_us;
   body.enable = 1;
   body.mode = static_cast<std::uint8_t>(c.command.mode);
-  body.u_alphabeta[0] = c.command.u_alphabeta_ref[0];
-  body.u_alphabeta[1] = c.command.u_alphabeta_ref[1];
+  if (info_ && info_->takes_duties && !info_->takes_voltage && v_dc_ > 0) {
+    body.kind = TWP_COMMAND_DUTIES;
+    const Vec3 duty_abc = svpwm(c.command.u_alphabeta_ref, v_dc_).duty_abc;
+    for (int phase = 0; phase < 3; ++phase) body.duty_abc[phase] = duty_abc[phase];
+  } else {
+    body.u_alphabeta[0] = c.command.u_alphabeta_ref[0];
+    body.u_alphabeta[1] = c.command.u_alphabeta_ref[1];
+  }
   body.theta_ctrl = c.command.theta_ctrl;
   Bytes wire = written(f);
   sample_of_[sent_ % kRemembered] = c.sample_k;

@@ -13,6 +13,8 @@
 
 namespace twinrate {
 
+// A voltage vector goes to a drive that takes duties alone as duties, by the bus voltage of its last
+// sample.
 class TwinrateHost final : public HostProtocol {
  public:
   static constexpr std::int32_t kReorder = 32;
@@ -57,6 +59,7 @@ class TwinrateHost final : public HostProtocol {
   bool lockstep_ = false;                  // asked for
   std::int64_t k_ = 0, restarted_at_ = 0;  // tick of the last sample; that of tick 0 of the drive
   int old_in_a_row_ = 0;
+  double v_dc_ = 0;  // of the last sample
 };
 
 }  // namespace twinrate

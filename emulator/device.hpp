@@ -30,6 +30,7 @@ struct DeviceOptions {
   double T_s = 0, lease_max_s = 0.02;
   int delay = 1, moteus_id = 1;
   MoteusListen moteus_listen = MoteusListen::kPoll;
+  bool takes_voltage = true;  // else duties alone
   DeviceFaults faults;
 };
 

@@ -7,6 +7,8 @@
 #include <cstring>
 #include <utility>
 
+#include "model/inverter.hpp"
+
 namespace twinrate {
 
 std::uint32_t TwinrateDevice::now_us() const {
@@ -85,7 +87,11 @@ void TwinrateDevice::take_command(const twp_frame& f) {
   Command command;
   command.k = c.sample_seq;
   command.mode = static_cast<Mode>(std::min<int>(c.mode, static_cast<int>(Mode::kSafe)));
-  command.u_alphabeta_ref = {c.u_alphabeta[0], c.u_alphabeta[1]};
+  const Measurement* now = drive_.sample();
+  command.u_alphabeta_ref =
+      c.kind == TWP_COMMAND_DUTIES
+          ? mean_voltage({c.duty_abc[0], c.duty_abc[1], c.duty_abc[2]}, now ? now->v_dc : 0)
+          : Vec2(c.u_alphabeta[0], c.u_alphabeta[1]);
   command.theta_ctrl = c.theta_ctrl;
   coming_.push_back(command);
 }
@@ -99,7 +105,8 @@ void TwinrateDevice::send_info(std::uint32_t question) {
   info.f_s_Hz = 1 / options_.T_s;
   info.lease_max_us = static_cast<std::uint32_t>(std::llround(1e6 * options_.lease_max_s));
   int abilities = TWP_CAN_FLOAT64;
-  if (drive_.takes_commands()) abilities |= TWP_LOCKSTEP | TWP_WATCHDOG | TWP_CAN_VOLTAGE;
+  if (drive_.takes_commands()) abilities |= TWP_LOCKSTEP | TWP_WATCHDOG | TWP_CAN_DUTIES;
+  if (drive_.takes_commands() && options_.takes_voltage) abilities |= TWP_CAN_VOLTAGE;
   info.abilities = static_cast<std::uint16_t>(abilities);
   info.bad_frames = static_cast<std::uint16_t>(bad_frames_);
   info.lost_frames = static_cast<std::uint16_t>(lost_frames_);

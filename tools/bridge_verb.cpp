@@ -40,12 +40,13 @@ void print_info(const DriveInfo& info, const std::string& port, const BridgePara
   fmt::print("{}: {}\n", port, info.name.empty() ? "(no name)" : info.name);
   if (info.f_s_Hz > 0) fmt::print("  control rate   {:g} Hz\n", info.f_s_Hz);
   if (bridge.takes_commands() &&
-      (bridge.protocol != DriveProtocol::kTwinrate || info.takes_voltage)) {
+      (bridge.protocol != DriveProtocol::kTwinrate || info.takes_voltage || info.takes_duties)) {
     fmt::print("  watchdog       {}\n",
                info.watchdog ? fmt::format("in the drive, lease up to {:g} ms", info.lease_max_ms)
                              : "none: the drive keeps its last command if the host ends; not safe");
-    fmt::print("  takes          {}\n",
-               info.takes_voltage ? "voltage vectors" : "no voltage vector");
+    fmt::print("  takes          {}\n", info.takes_voltage  ? "voltage vectors"
+                                        : info.takes_duties ? "duties"
+                                                            : "no voltage vector");
   } else {
     fmt::print("  takes          no command of this host: it is listened to alone\n");
   }

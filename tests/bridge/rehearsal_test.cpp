@@ -218,6 +218,41 @@ TEST(Rehearsal, ClockDriftOf100PpmChangesNothingButTheClock) {
   EXPECT_FALSE(c.run->guard().is_off());
 }
 
+// A drive may take duties alone: the same voltage reaches the motor.
+TEST(TwinrateHost, SendsDutiesToADriveThatTakesNoVoltageVector) {
+  for (const bool takes_voltage : {true, false}) {
+    Config config = drive();
+    PlantDrive plant(config);
+    TwinrateDevice device(
+        {.name = "a", .T_s = config.drive().T_s(), .takes_voltage = takes_voltage}, plant);
+    TwinrateHost host(true);
+    const auto hear = [&] {
+      device.tick();
+      for (const Bytes& frame : device.take_sent()) host.take(frame, 0);
+    };
+    device.take(host.hello(false));
+    hear();
+    ASSERT_TRUE(host.info());
+    EXPECT_TRUE(host.info()->takes_duties);
+    EXPECT_EQ(host.info()->takes_voltage, takes_voltage);
+    std::int64_t k = 0;
+    for (int i = 0; i < 4; ++i) {
+      while (const auto sample = host.next()) k = sample->m.k;
+      Command c;
+      c.u_alphabeta_ref = {1.5, -0.75};
+      const Bytes wire = host.command({.command = c, .sample_k = k, .lease_us = 20000});
+      twp_receiver receiver{};
+      twp_frame f{};
+      for (const std::uint8_t byte : wire) twp_receive(&receiver, byte, &f);
+      EXPECT_EQ(f.body.command.kind, takes_voltage ? TWP_COMMAND_VOLTAGE : TWP_COMMAND_DUTIES);
+      device.take(wire);
+      hear();
+    }
+    EXPECT_NEAR(plant.sample()->u_alphabeta[0], 1.5, 1e-3);
+    EXPECT_NEAR(plant.sample()->u_alphabeta[1], -0.75, 1e-3);
+  }
+}
+
 // An earlier host (a probe) let the drive keep its own pace; its samples and answers are still on the
 // line when the next host asks for lock-step.
 TEST(Lockstep, BeginsWithTheSampleThatTheDriveWaitsWith) {
