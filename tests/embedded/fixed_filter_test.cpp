@@ -144,7 +144,7 @@ TEST(FixedPoint, FollowsTheDoubleFilterOverAProfileToTwelveHundred) {
   RecordProperty("deg_all", std::to_string(largest_above(0, log, unclamped) / kDegree));
 }
 
-// Ten seconds at standstill, with the noise of the sensors; bench/fixed_point runs the hour.
+// Ten seconds at standstill, with the noise of the sensors; `cortex_m3 standstill` runs the hour.
 TEST(FixedPoint, DoesNotWrapAtStandstill) {
   Config config = drive_with({"reference.omega_e_rad_s=0", "rates.n=1", "run.duration_s=10"});
   FixedChecked32 fixed(config);
