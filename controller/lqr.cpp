@@ -44,7 +44,7 @@ std::vector<Vec3> gains_over_i_d(const DriveConfig& c, const LqrParameters& p, i
     MachineParameters m = c.machine;
     const double i_d = -p.i_max * (1 - static_cast<double>(i) / (points - 1));
     m.psi_f = std::max(0.2 * m.psi_f, m.psi_f + (m.L_d - m.L_q) * i_d);
-    const LqrDesign d = design_lqr(m, c.inverter.v_dc, c.T_s(), c.plant.delay_samples, p.design);
+    const LqrDesign d = design_lqr(m, c.inverter.v_dc, c.T_s(), p.design);
     if (!d.q.complaints.empty()) return {};
     gains.push_back(d.q.K.transpose());
   }

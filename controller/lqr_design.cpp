@@ -80,13 +80,11 @@ void optimise(AxisDesign& axis, double T_s) {
         s.residual));
 }
 
-void analyse(AxisDesign& axis, double T_s, int delay) {
+void analyse(AxisDesign& axis, double T_s) {
   const MatrixXd none = MatrixXd::Zero(axis.A.rows(), axis.A.rows());
   if (axis.problem.A.size() == 0)
     axis.problem = discretise_cost(axis.A, axis.B, none, MatrixXd::Identity(1, 1), T_s);
   axis.poles = closed_loop_poles(axis.problem.A, axis.problem.B, axis.K);
-  axis.margins = margins(axis.problem.A, axis.problem.B, axis.K, 0, T_s);
-  axis.margins_delayed = margins(axis.problem.A, axis.problem.B, axis.K, delay, T_s);
   for (const auto& z : axis.poles)
     if (std::abs(z) >= 1) {
       axis.complaints.push_back("the gains do not stabilise this axis");
@@ -159,6 +157,10 @@ VectorXd weights_of_bandwidths(const AxisDesign& axis, const std::vector<double>
   return Q;
 }
 
+Margins margins_of(const AxisDesign& axis, int delay, double T_s) {
+  return margins(axis.problem.A, axis.problem.B, axis.K, delay, T_s);
+}
+
 NearestWeights nearest_weights(const AxisDesign& axis, double T_s) {
   // Levenberg and Marquardt's damped normal equations.
   constexpr int kMostSteps = 200;
@@ -185,7 +187,7 @@ NearestWeights nearest_weights(const AxisDesign& axis, double T_s) {
   return nearest;
 }
 
-LqrDesign design_lqr(const MachineParameters& machine, double v_dc, double T_s, int delay_samples,
+LqrDesign design_lqr(const MachineParameters& machine, double v_dc, double T_s,
                      const LqrDesignParameters& p) {
   LqrDesign design;
   design.K_pp = v_dc / 2;
@@ -214,7 +216,7 @@ LqrDesign design_lqr(const MachineParameters& machine, double v_dc, double T_s, 
   }
   for (AxisDesign* axis : {&design.d, &design.q}) {
     if (p.gains != GainSource::kGiven) optimise(*axis, T_s);
-    analyse(*axis, T_s, delay_samples);
+    analyse(*axis, T_s);
   }
   design.K_ff = -(machine.R_s / design.K_pp + design.q.K[0]) / machine.torque_constant();
   return design;

@@ -38,8 +38,8 @@ class LqrBuilder final : public ControllerBuilder {
   void fields(FieldVisitor& f) override { parameters_.fields(f); }
   void scale(const DriveConfig& config) override { twinrate::scale(parameters_, config); }
   std::unique_ptr<Controller> build(const DriveConfig& config) const override {
-    const LqrDesign design = design_lqr(config.machine, config.inverter.v_dc, config.T_s(),
-                                        config.plant.delay_samples, parameters_.design);
+    const LqrDesign design =
+        design_lqr(config.machine, config.inverter.v_dc, config.T_s(), parameters_.design);
     for (const AxisDesign* axis : {&design.d, &design.q})
       if (!axis->complaints.empty())
         throw BadInput(fmt::format("controller.lqr: {} axis: {}", axis == &design.d ? "d" : "q",

@@ -117,8 +117,7 @@ std::shared_ptr<const ControlLaw> law_of(Config& config) {
     LqrParameters p;
     scale(p, c);
     config.read_table(table, [&](FieldVisitor& f) { p.fields(f); });
-    const LqrDesign design =
-        design_lqr(c.machine, c.inverter.v_dc, c.T_s(), c.plant.delay_samples, p.design);
+    const LqrDesign design = design_lqr(c.machine, c.inverter.v_dc, c.T_s(), p.design);
     if (design.d.complaints.empty() && design.q.complaints.empty())
       law = std::make_shared<LqrLaw>(c, design);
   }

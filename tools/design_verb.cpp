@@ -69,7 +69,7 @@ std::string inverse_verdict(const NearestWeights& nearest) {
       fmt::join(nearest.Q, ", "), fmt::join(nearest.K, ", "), 100 * nearest.largest_error);
 }
 
-void print_axis(const char* name, const AxisDesign& axis, double T_s) {
+void print_axis(const char* name, const AxisDesign& axis, double T_s, int delay) {
   fmt::print("\n{} axis, x = [{}]\n", name, fmt::join(axis.states, ", "));
   fmt::print("  K               [{:.5g}]\n", fmt::join(axis.K, ", "));
   if (axis.Q.size() > 0) {
@@ -82,13 +82,13 @@ void print_axis(const char* name, const AxisDesign& axis, double T_s) {
   std::vector<std::string> poles;
   for (const auto& z : axis.poles) poles.push_back(pole_text(continuous(z, T_s)));
   fmt::print("  poles (rad/s)   {}\n", fmt::join(poles, ", "));
-  fmt::print("  margins         {}\n", margins_text(axis.margins));
-  fmt::print("  with the delay  {}\n", margins_text(axis.margins_delayed));
+  fmt::print("  margins         {}\n", margins_text(margins_of(axis, 0, T_s)));
+  fmt::print("  with the delay  {}\n", margins_text(margins_of(axis, delay, T_s)));
   for (const std::string& complaint : axis.complaints)
     fmt::print("  INCONSISTENT    {}\n", complaint);
 }
 
-Json axis_json(const AxisDesign& axis, double T_s) {
+Json axis_json(const AxisDesign& axis, double T_s, int delay) {
   Json json{{"states", axis.states}, {"K", std::vector<double>(axis.K.begin(), axis.K.end())}};
   if (axis.Q.size() > 0) {
     json["Q"] = std::vector<double>(axis.Q.begin(), axis.Q.end());
@@ -107,8 +107,8 @@ Json axis_json(const AxisDesign& axis, double T_s) {
     json["poles_z"].push_back({z.real(), z.imag()});
     json["poles_rad_s"].push_back({s.real(), s.imag()});
   }
-  json["margins"] = margins_json(axis.margins);
-  json["margins_with_delay"] = margins_json(axis.margins_delayed);
+  json["margins"] = margins_json(margins_of(axis, 0, T_s));
+  json["margins_with_delay"] = margins_json(margins_of(axis, delay, T_s));
   json["inconsistent"] = axis.complaints;
   return json;
 }
@@ -121,15 +121,14 @@ int design(const DesignOptions& o) {
   p.i_max = d.machine.i_rated > 0 ? d.machine.i_rated : 1;  // the design does not depend on it
   if (config.has_table("controller.lqr"))
     config.read_table("controller.lqr", [&](FieldVisitor& f) { p.fields(f); });
-  const LqrDesign design =
-      design_lqr(d.machine, d.inverter.v_dc, d.T_s(), d.plant.delay_samples, p.design);
+  const LqrDesign design = design_lqr(d.machine, d.inverter.v_dc, d.T_s(), p.design);
   if (o.json) {
     std::cout << Json{{"gains", kGainSourceNames[static_cast<int>(p.design.gains)]},
                       {"T_s_s", d.T_s()},
                       {"K_pp_V", design.K_pp},
                       {"K_ff_1_Nm", design.K_ff},
-                      {"d", axis_json(design.d, d.T_s())},
-                      {"q", axis_json(design.q, d.T_s())}}
+                      {"d", axis_json(design.d, d.T_s(), d.plant.delay_samples)},
+                      {"q", axis_json(design.q, d.T_s(), d.plant.delay_samples)}}
                      .dump(2)
               << "\n";
   } else {
@@ -138,8 +137,8 @@ int design(const DesignOptions& o) {
                kGainSourceNames[static_cast<int>(p.design.gains)]);
     fmt::print("u = -K x - K_ff T_o, normalised by K_pp = {:.4g} V; K_ff = {:.4g} 1/Nm\n",
                design.K_pp, design.K_ff);
-    print_axis("d", design.d, d.T_s());
-    print_axis("q", design.q, d.T_s());
+    print_axis("d", design.d, d.T_s(), d.plant.delay_samples);
+    print_axis("q", design.q, d.T_s(), d.plant.delay_samples);
   }
   return design.d.complaints.empty() && design.q.complaints.empty() ? 0 : 2;
 }
@@ -210,8 +209,7 @@ void print_for_n(const DesignOptions& o, const Candidate& c, double omega_e, int
   LqrParameters p;
   scale(p, d);
   config.read_table("controller.lqr", [&](FieldVisitor& f) { p.fields(f); });
-  const LqrDesign design =
-      design_lqr(d.machine, d.inverter.v_dc, d.T_s(), d.plant.delay_samples, p.design);
+  const LqrDesign design = design_lqr(d.machine, d.inverter.v_dc, d.T_s(), p.design);
   fmt::print("{}: weights that hold n = {} at {:.4g} rad/s electrical, gain policy {}\n",
              d.name.empty() ? o.drive : d.name, o.for_n, omega_e,
              kGainPolicyNames[static_cast<int>(d.gain.policy)]);

@@ -13,7 +13,7 @@ LqrDesign design(const LqrDesignParameters& p, double J = 8.8e-3) {
   const DriveConfig drive = test::drive_of("niewiara2020");
   MachineParameters machine = drive.machine;
   machine.J = J;
-  return design_lqr(machine, drive.inverter.v_dc, drive.T_s(), drive.plant.delay_samples, p);
+  return design_lqr(machine, drive.inverter.v_dc, drive.T_s(), p);
 }
 
 TEST(LqrDesign, WeightsOfTheDAxisGiveThePrintedGains) {
@@ -85,11 +85,11 @@ TEST(LqrDesign, TheDefaultsSuitAMotorOfSmallInductance) {
     drive.machine.L_q = 1.5 * drive.machine.L_d;
     LqrParameters p;
     scale(p, drive);
-    const LqrDesign d = design_lqr(drive.machine, drive.inverter.v_dc, drive.T_s(),
-                                   drive.plant.delay_samples, p.design);
+    const LqrDesign d = design_lqr(drive.machine, drive.inverter.v_dc, drive.T_s(), p.design);
     EXPECT_TRUE(d.d.complaints.empty()) << decay_Hz << " " << d.d.complaints.front();
     EXPECT_TRUE(d.q.complaints.empty()) << decay_Hz << " " << d.q.complaints.front();
-    EXPECT_GT(d.q.margins_delayed.phase_rad, kPi / 4) << decay_Hz;
+    EXPECT_GT(margins_of(d.q, drive.plant.delay_samples, drive.T_s()).phase_rad, kPi / 4)
+        << decay_Hz;
   }
 }
 
