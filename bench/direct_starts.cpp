@@ -2,7 +2,7 @@
 // a gain every n ticks from the first tick on (rates.n_from = "start") and from the filter's
 // agreement on ("locked"). Output is Markdown.
 //
-//   direct_starts [--n N ..] [--load SHARE ..] [--filter KIND]
+//   direct_starts [--n N ..] [--load SHARE ..] [--filter KIND] [--set KEY=VALUE ..]
 //
 // dq_ekf starts from anywhere on the salient motor; the others start at 0 and find a rotor within 75
 // deg of it, on the motor without saliency. Load: share of rated torque, from the first tick on.
@@ -29,14 +29,27 @@ struct Count {
   double latest_s = 0;  // agreement of the filter with itself
 };
 
-Config drive_of(const Row& row, const std::string& n_from, int n, double share, int angle) {
+// What every row of a call has in common.
+struct Selection {
+  std::vector<int> ns = {1, 3, 5, 10, 20};
+  std::vector<double> loads = {0, 0.6};
+  std::string filter;
+  std::vector<std::string> overrides;
+};
+
+Config drive_of(const Row& row, const std::string& n_from, int n, double share, int angle,
+                const Selection& s) {
   const double theta_e = (angle + 0.5 - kAngles / 2) / kAngles * row.span_deg * kPi / 180;
   const double T_rated = Config::load(row.preset).drive().machine.T_rated;
-  return load_drive(
-      row.preset,
-      {"estimator.kind=" + row.filter, fmt::format("rates.n={}", n), "rates.n_from=" + n_from,
-       "start=aligned", fmt::format("plant.theta_e_start_rad={}", theta_e),
-       fmt::format("load.T_load_Nm={}", share * T_rated), "run.duration_s=1.2"});
+  std::vector<std::string> list = {"estimator.kind=" + row.filter,
+                                   fmt::format("rates.n={}", n),
+                                   "rates.n_from=" + n_from,
+                                   "start=aligned",
+                                   fmt::format("plant.theta_e_start_rad={}", theta_e),
+                                   fmt::format("load.T_load_Nm={}", share * T_rated),
+                                   "run.duration_s=1.2"};
+  list.insert(list.end(), s.overrides.begin(), s.overrides.end());
+  return load_drive(row.preset, list);
 }
 
 // Locked: angle within 90 deg and speed within 20 % over the last 0.2 s.
@@ -55,21 +68,21 @@ bool runs_locked(Config& config, double& agreed_s) {
   return true;
 }
 
-Count starts(const Row& row, const std::string& n_from, int n, double share) {
+Count starts(const Row& row, const std::string& n_from, int n, double share, const Selection& s) {
   Count count;
   for (int angle = 0; angle < kAngles; ++angle) {
-    Config config = drive_of(row, n_from, n, share, angle);
+    Config config = drive_of(row, n_from, n, share, angle, s);
     count.locked += runs_locked(config, count.latest_s);
   }
   return count;
 }
 
-void print_row(const Row& row, const std::vector<int>& ns, double share) {
+void print_row(const Row& row, double share, const Selection& s) {
   for (const char* n_from : kNFromNames) {
     fmt::print("| `{}` | {} | {:g} | {} |", row.filter, row.preset, share, n_from);
     double latest_s = 0;
-    for (const int n : ns) {
-      const Count count = starts(row, n_from, n, share);
+    for (const int n : s.ns) {
+      const Count count = starts(row, n_from, n, share, s);
       latest_s = std::max(latest_s, count.latest_s);
       fmt::print(" {} |", count.locked);
       std::fflush(stdout);
@@ -84,23 +97,23 @@ void print_row(const Row& row, const std::vector<int>& ns, double share) {
 int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("Direct starts from 24 angles");
-  std::vector<int> ns = {1, 3, 5, 10, 20};
-  std::vector<double> loads = {0, 0.6};
-  std::string only;
-  app.add_option("--n", ns, "ticks from gain to gain");
-  app.add_option("--load", loads, "shares of rated torque");
-  app.add_option("--filter", only, "only this filter");
+  Selection s;
+  app.add_option("--n", s.ns, "ticks from gain to gain");
+  app.add_option("--load", s.loads, "shares of rated torque");
+  app.add_option("--filter", s.filter, "only this filter");
+  app.add_option("--set", s.overrides, "keys of the drive files, as elsewhere");
   CLI11_PARSE(app, argc, argv);
   fmt::print("| filter | motor | load | n_from |");
-  for (const int n : ns) fmt::print(" n = {} |", n);
+  for (const int n : s.ns) fmt::print(" n = {} |", n);
   fmt::print(" latest agreement, s |\n|---|---|---|---|");
-  for (std::size_t i = 0; i <= ns.size(); ++i) fmt::print("---|");
+  for (std::size_t i = 0; i <= s.ns.size(); ++i) fmt::print("---|");
   fmt::print("\n");
   for (const Row& row :
        {Row{"dq_ekf", "kim-ipmsm", 360}, Row{"dq_ekf", "dilys2021", 360},
-        Row{"ekf_sensorless", "dilys2021", 150}, Row{"backemf_printed", "dilys2021", 150}})
-    for (const double share : loads)
-      if (only.empty() || only == row.filter) print_row(row, ns, share);
+        Row{"ekf_sensorless", "dilys2021", 150}, Row{"backemf_printed", "dilys2021", 150},
+        Row{"ekf_joint", "dilys2021", 150}, Row{"ekf_joint", "kim-ipmsm", 150}})
+    for (const double share : s.loads)
+      if (s.filter.empty() || s.filter == row.filter) print_row(row, share, s);
 } catch (...) {
   return twinrate::report_error("direct_starts");
 }
