@@ -70,7 +70,7 @@ struct EkfDisturbanceParameters {
     f.number("L_Nm_rad", L, -1e6, 0, "gain of the integral of the speed tracking error, (25)");
     f.boolean("speed_from_angle", speed_from_angle,
               "compute the speed as the difference of the angle over T_s instead of the speed of "
-              "the sensor");
+              "the sensor; a simulated encoder computes it so, too");
   }
 };
 

@@ -15,12 +15,14 @@
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/runnable.hpp"
+#include "loop/unused_keys.hpp"
 
 namespace twinrate::test {
 namespace {
 
 // Longer than alignment, ramp and hand-over of kShortStart.
 constexpr double kDuration_s = 0.3;
+constexpr double kLongest_s = 1;
 
 // Of the values of a tick, bit by bit.
 class Digest {
@@ -55,42 +57,58 @@ std::uint64_t digest(const TickRecord& tick) {
   return d.value();
 }
 
-// The ticks of a run, by their digests, and the warnings of its check.
+// The warnings of the check of a run and its ticks, by their digests.
 struct Run {
   std::vector<std::string> warnings;
   std::vector<std::uint64_t> ticks;
 };
 
-// `same_as`: ends at the first tick that differs from it. Throws BadInput.
-Run run_of(const Pairing& p, const Overrides& overrides, const Run* same_as = nullptr) {
+std::int64_t steps_of(Config& config) {
+  const DriveConfig& d = config.drive();
+  return static_cast<std::int64_t>(std::min(d.run.duration_s, kLongest_s) * d.rates.f_s_Hz);
+}
+
+// Throws BadInput.
+Run run_of(const Pairing& p, const Overrides& overrides) {
   Run run;
   Config config = load_drive(p.preset, overrides);
   run.warnings = texts_of(check_runnable(config));
-  if (same_as && run.warnings != same_as->warnings) return run;
   ClosedLoop loop(config);
-  const auto steps = static_cast<std::int64_t>(kDuration_s * config.drive().rates.f_s_Hz);
-  while (loop.k() < steps) {
+  for (const std::int64_t steps = steps_of(config); loop.k() < steps;)
     run.ticks.push_back(digest(loop.step()));
-    if (same_as && same_as->ticks[run.ticks.size() - 1] != run.ticks.back()) return run;
-  }
   return run;
 }
 
-bool differs(const Run& one, const Run& other) {
-  return one.warnings != other.warnings || one.ticks != other.ticks;
+// The ticks first: the theory behind a warning takes longer than a run. Throws BadInput.
+bool differs(const Pairing& p, const Overrides& overrides, const Run& from) {
+  Config config = load_drive(p.preset, overrides);
+  refuse_unused_keys(config);
+  {
+    ClosedLoop loop(config);
+    for (const std::int64_t steps = steps_of(config); loop.k() < steps;) {
+      const auto k = static_cast<std::size_t>(loop.k());
+      if (k >= from.ticks.size() || from.ticks[k] != digest(loop.step())) return true;
+    }
+    if (static_cast<std::size_t>(loop.k()) != from.ticks.size()) return true;
+  }
+  return texts_of(check_runnable(config)) != from.warnings;
 }
 
-// "12T" is twelve times the rated torque of the preset's machine.
-Overrides in_Nm(const Overrides& list, const std::string& preset) {
+// "12T": twelve times the rated torque of the preset's machine; "2I": its rated current; "1.5L": L_d.
+Overrides in_SI(const Overrides& list, const std::string& preset) {
   const MachineParameters machine = load_drive(preset, {}).drive().machine;
-  const double T = machine.T_rated > 0 ? machine.T_rated : machine.torque_constant();  // of 1 A
+  const double I = machine.i_rated > 0 ? machine.i_rated : 1;
+  const std::map<char, double> units{
+      {'T', machine.T_rated > 0 ? machine.T_rated : machine.torque_constant() * I},
+      {'I', I},
+      {'L', machine.L_d}};
   Overrides all;
   for (const std::string& one : list) {
     std::string text;
     for (std::size_t i = 0; i < one.size();) {
       const std::size_t end = std::min(one.find_first_not_of("0123456789.", i), one.size());
-      if (std::isdigit(one[i]) && end < one.size() && one[end] == 'T') {
-        text += fmt::format("{:.6g}", T * std::stod(one.substr(i, end - i)));
+      if (std::isdigit(one[i]) && end < one.size() && units.contains(one[end])) {
+        text += fmt::format("{:.6g}", units.at(one[end]) * std::stod(one.substr(i, end - i)));
         i = end + 1;
       } else {
         text += one[i++];
@@ -114,7 +132,7 @@ Overrides base_of(const Pairing& p) {
     for (const char* key : {"t_align_s=0.03", "acceleration_rad_s2=4000.0",
                             "omega_e_handover_rad_s=200.0", "t_agree_s=0.01"})
       list.push_back(fmt::format("controller.{}.startup.{}", p.controller, key));
-  return in_Nm(list, p.preset);
+  return in_SI(list, p.preset);
 }
 
 // `list`, whose keys `more` replaces.
@@ -155,12 +173,37 @@ const std::vector<Situation>& situations() {
   static const Overrides stop =
       joined(stall, {"CONTROLLER.synchronism.reaction=stop", "CONTROLLER.startup.t_align_s=0.03",
                      "CONTROLLER.startup.acceleration_rad_s2=4000.0"});
-  static const Overrides hot{"safety.temperature_max_degC=26", "plant.winding.ambient_degC=25",
-                             "plant.winding.tau_s=0.01"};
+  static const Overrides hot{"machine.i_rated_A=1I", "safety.temperature_max_degC=26",
+                             "plant.winding.ambient_degC=25", "plant.winding.tau_s=0.01"};
+  // Two blocks of 0.1 s or more at a constant speed, by a measured angle.
   static const Overrides learning{"controller.compensation=angle_domain",
-                                  "reference.speed_rpm=1200.0"};
-  static const Overrides fast_learning{"controller.compensation=angle_domain",
-                                       "reference.speed_rpm=3000.0"};
+                                  "controller.angle_source=measured", "run.duration_s=1",
+                                  "start=flying", "reference.speed_rpm=600.0"};
+  static const Overrides fast_learning = joined(learning, {"reference.speed_rpm=3000.0"});
+  // The watch is as sensitive as it can be, and a current sensor jumps.
+  static const Overrides jump_by_emf{"CONTROLLER.synchronism.watch=true",
+                                     "CONTROLLER.synchronism.emf_limit=0.05",
+                                     "CONTROLLER.synchronism.t_lost_s=0",
+                                     "CONTROLLER.synchronism.t_find_s=0",
+                                     "CONTROLLER.synchronism.lowpass_Hz=500",
+                                     "machine.i_trip_A=1e5",
+                                     "safety.omega_m_max_rad_s=1e5",
+                                     "safety.watch_sensors=false",
+                                     "plant.fault.kind=current_jump",
+                                     "plant.fault.value=4I",
+                                     "plant.fault.at_s=0.1"};
+  static const Overrides jump_by_innovation =
+      joined(jump_by_emf, {"CONTROLLER.synchronism.emf_limit=10",
+                           "CONTROLLER.synchronism.innovation_A=1e-3", "plant.fault.value=20I"});
+  static const Overrides jump_when_found =
+      joined(jump_by_emf, {"CONTROLLER.synchronism.emf_limit=0.6", "plant.fault.value=20I",
+                           "CONTROLLER.synchronism.innovation_A=100"});
+  static const Overrides jump_and_stop =
+      joined(jump_by_emf, {"CONTROLLER.synchronism.reaction=stop"});
+  static const Overrides hard_stall =
+      joined(unwatched, {"load.T_load_Nm=[[0.0,0.12T],[0.1,200T],[0.15,0.12T]]"});
+  static const Overrides fast{"reference.speed_rpm=6000.0", "reference.slew_rad_s2=0"};
+  static const Overrides weakened = joined(fast, {"CONTROLLER.field_weakening=true"});
   static const std::vector<Situation> all = {
       {"plant.fault.", jump},
       {"plant.hold_ticks", missing},
@@ -224,6 +267,29 @@ const std::vector<Situation>& situations() {
       {"CONTROLLER.field_weakening_bandwidth_Hz",
        {"CONTROLLER.field_weakening=true", "reference.speed_rpm=6000.0"}},
       {"CONTROLLER.field_weakening", {"reference.speed_rpm=6000.0"}},
+      {"CONTROLLER.synchronism.watch", jump_by_emf},
+      {"CONTROLLER.synchronism.", jump_by_emf},
+      {"CONTROLLER.synchronism.", jump_by_innovation},
+      {"CONTROLLER.synchronism.", jump_when_found},
+      {"CONTROLLER.synchronism.", jump_and_stop},
+      {"CONTROLLER.startup.", jump_and_stop},
+      {"CONTROLLER.startup.t_fade_s", {"CONTROLLER.current_angle=mtpa", "machine.L_q_H=1.5L"}},
+      {"CONTROLLER.k_awu_rad_s", fast},
+      {"CONTROLLER.voltage_margin", weakened},
+      {"CONTROLLER.field_weakening_bandwidth_Hz", weakened},
+      {"CONTROLLER.field_weakening", fast},
+      {"run.seed", {"sensors.i_noise_rms_A=0.01I"}},
+      {"machine.i_rated_A",
+       {"plant.fault.kind=current_jump", "plant.fault.at_s=0.02", "plant.fault.value=100.0",
+        "safety.watch_sensors=false"}},
+      {"estimator.ekf_disturbance.speed_from_angle", {"sensors.encoder_counts=0"}},
+      {"estimator.backemf_printed.saliency_in_speed", {"machine.L_q_H=1.5L"}},
+      {"estimator.active_flux.limit", hard_stall},
+      {"estimator.active_flux.limit_floor_rad", hard_stall},
+      {"estimator.backemf_printed.limit", unwatched},
+      {"estimator.backemf_printed.limit_floor_rad", unwatched},
+      {"estimator.backemf_printed.limit", hard_stall},
+      {"estimator.backemf_printed.limit_floor_rad", hard_stall},
       {"CONTROLLER.angle_domain.", learning},
       {"CONTROLLER.angle_domain.", fast_learning}};
   return all;
@@ -233,6 +299,7 @@ const std::vector<Situation>& situations() {
 const std::vector<std::pair<std::string, std::string>>& acts_elsewhere() {
   static const std::vector<std::pair<std::string, std::string>> all = {
       {"machine.n_slots", "report: sources of an order"},
+      {"controller.compensation", "off where the filter and controller have none anyway"},
       {"machine.T_rated_Nm", "sweep --load, report"},
       {"machine.omega_m_rated_rad_s", "limits of steering and over-speed"},
       {"plant.kind", "launch, bridge; simulate refuses it"},
@@ -373,6 +440,46 @@ std::vector<Option> options_of(const Pairing& p) {
   return options;
 }
 
+namespace {
+
+// As the drive file has it; then what a pairing that is lost before it reads the option needs: a start at
+// speed, and a machine whose rotor every filter models.
+std::vector<Overrides> variants_of(const Pairing& p, const std::string& key) {
+  static const std::set<std::string> of_the_start{"t_agree_s", "t_give_up_s", "t_fade_s"};
+  std::vector<Overrides> list{{}};
+  const bool from_any_start = !of_the_start.contains(key.substr(key.rfind('.') + 1));
+  const MachineParameters machine = load_drive(p.preset, {}).drive().machine;
+  const std::string round = fmt::format("machine.L_q_H={:.9g}", machine.L_d);
+  if (from_any_start) list.push_back({"start=flying"});
+  if (machine.L_d != machine.L_q) list.push_back({round});
+  if (machine.L_d != machine.L_q && from_any_start) list.push_back({"start=flying", round});
+  return list;
+}
+
+std::vector<Overrides> bases_of(const Pairing& p, const std::string& key) {
+  std::vector<Overrides> bases;
+  for (const Overrides& variant : variants_of(p, key)) {
+    Pairing other = p;
+    Overrides rest;
+    for (const std::string& one : variant)
+      if (one == "start=flying")
+        other.start = "flying";
+      else
+        rest.push_back(one);
+    const Overrides base = joined(base_of(other), rest);
+    bases.push_back(base);
+    for (const Situation& s : situations()) {
+      if (!fits(with_table(s.key, p.controller), key)) continue;
+      Overrides with;
+      for (const std::string& one : s.with) with.push_back(with_table(one, p.controller));
+      bases.push_back(joined(base, in_SI(with, p.preset)));
+    }
+  }
+  return bases;
+}
+
+}  // namespace
+
 struct OptionProber::Runs {
   std::map<std::string, std::optional<Run>> without;  // by the overrides; none: refused
 };
@@ -393,13 +500,10 @@ OptionProbe OptionProber::probe(const Option& option) {
     }
     return runs_->without[text] = std::move(run);
   };
-  std::vector<Overrides> bases{base_of(pairing_)};
-  for (const Situation& s : situations()) {
-    if (!fits(with_table(s.key, pairing_.controller), option.key)) continue;
-    Overrides with;
-    for (const std::string& one : s.with) with.push_back(with_table(one, pairing_.controller));
-    bases.push_back(joined(bases.front(), in_Nm(with, pairing_.preset)));
-  }
+  const std::vector<Overrides> bases = bases_of(pairing_, option.key);
+  const auto elsewhere = std::find_if(acts_elsewhere().begin(), acts_elsewhere().end(),
+                                      [&](const auto& one) { return fits(one.first, option.key); });
+  const bool is_elsewhere = elsewhere != acts_elsewhere().end();
   std::string refusal;
   bool ran = false;
   for (const Overrides& base : bases) {
@@ -407,22 +511,26 @@ OptionProbe OptionProber::probe(const Option& option) {
     if (!before) continue;
     for (const std::string& value : option.set) {
       try {
-        const Run run = run_of(pairing_, joined(base, {option.key + "=" + value}), &*before);
+        const bool changes = differs(pairing_, joined(base, {option.key + "=" + value}), *before);
         ran = true;
-        if (differs(run, *before)) return {OptionAnswer::kChanges, value};
+        if (changes) return {OptionAnswer::kChanges, value};
+        if (is_elsewhere && option.row.type != "choice") break;
       } catch (const BadInput& error) {
         const std::string line = error.what();
         if (line.find('\n') != std::string::npos) return {OptionAnswer::kError, line};
         if (!names(line, option.key))
           return {OptionAnswer::kChanges, fmt::format("{}: {}", value, line)};
         refusal = line;
+        // Rules on numbers do not depend on the value.
+        if (option.row.type != "choice" && option.row.type != "boolean" &&
+            line.find("has no effect here") != std::string::npos)
+          break;
       } catch (const std::exception& error) {
         return {OptionAnswer::kError, option.key + "=" + value + ": " + error.what()};
       }
     }
   }
-  for (const auto& [pattern, where] : acts_elsewhere())
-    if (ran && fits(pattern, option.key)) return {OptionAnswer::kElsewhere, where};
+  if (ran && is_elsewhere) return {OptionAnswer::kElsewhere, elsewhere->second};
   if (!ran && !refusal.empty()) return {OptionAnswer::kRefused, refusal};
   return {OptionAnswer::kSilent, refusal};
 }

@@ -9,7 +9,8 @@
 //   error      an exception that is no BadInput, or a refusal of several lines
 //
 // An option that needs a situation (a fault, a loss of synchronism, a second speed) is tried in it,
-// too: situation_of().
+// too: situations(). What a pairing that is lost early never reaches is tried from a start at speed and on
+// the machine without saliency: variants_of().
 #pragma once
 #include <string>
 #include <vector>
