@@ -18,7 +18,7 @@ TEST_F(ScopePage, DoesWhatAPersonAsksOfIt) {
   const ProgramResult result =
       run_program({"node", TWINRATE_SOURCE_DIR "/tests/scope/page_test.mjs", TWINRATE_PROGRAM,
                    path("pictures")},
-                  300);
+                  420);
   EXPECT_EQ(result.exit_code, 0) << result.out << result.err;
 }
 
