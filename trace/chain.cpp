@@ -195,6 +195,19 @@ Sampled Chain::noiseless(const Effects& effects) const {
   return sampled(equations_.residual(effects));
 }
 
+Sampled Chain::rounding(const Effects& effects) const {
+  if (!moved_counts_) return {};
+  checkpoint();
+  const Record record = moved_counts_();
+  const Equations moved(record, equations_.facts(), equations_.known());
+  const Sampled clean = noiseless(effects), rounded = sampled(moved.residual(effects));
+  Sampled noise;
+  noise.noise_d = rounded.d - clean.d;
+  noise.noise_q = rounded.q - clean.q;
+  noise.noise_torque = rounded.torque - clean.torque;
+  return noise;
+}
+
 Sampled Chain::contribution_to_fit(const Effect& effect) const {
   if (!is_of_shaft(effect) || has_gap(effect)) return contribution(effect);
   checkpoint();

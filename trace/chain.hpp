@@ -62,6 +62,10 @@ class Chain {
   void checkpoint() const {
     if (stop_ && stop_()) throw TraceStopped{};
   }
+  // Where an encoder rounds: makes the record with its counts moved (with_moved_counts).
+  void set_moved_counts(std::function<Record()> make) { moved_counts_ = std::move(make); }
+  // What these make of a residual, as noise; empty where no encoder rounds.
+  Sampled rounding(const Effects& effects) const;
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
   // Several act on the command (equations.hpp), with those known: not one by one.
@@ -109,6 +113,7 @@ class Chain {
   const Sampler& sampler_;
   NoiseModel noise_;
   std::function<bool()> stop_;
+  std::function<Record()> moved_counts_;
   mutable std::deque<Remembered> memory_;  // the latest last
 };
 

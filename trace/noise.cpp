@@ -154,6 +154,13 @@ NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
   return noisier;
 }
 
+Record with_moved_counts(const Record& record) {
+  Record rounded = record;
+  const std::vector<double> errors = moved_rounding(record.theta_m, record.angle.lsb);
+  for (std::size_t k = 0; k < errors.size(); ++k) rounded.theta_m[k] += errors[k];
+  return rounded;
+}
+
 NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
                                 const Dictionary& dictionary) {
   Unexplained::Columns d, q, torque, shafts;

@@ -14,6 +14,8 @@ struct NoisierRecords {
 };
 NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
                          const std::vector<char>& moving, double i_lsb);
+// The record with the rounding of its encoder's counts alone, the counts moved (trace/rounding.hpp).
+Record with_moved_counts(const Record& record);
 // The noise model, from what no candidate can explain of `y` (sampled, not whitened). Candidates
 // whose columns hold the noise itself are left out.
 class NoiseFit {

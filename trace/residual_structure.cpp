@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string_view>
 
 #include "model/effects/catalogue.hpp"
@@ -180,6 +181,18 @@ class StructureSearch {
       : chain_(chain), fit_(fit), physical_(physical) {
     least_ = (has_shaft(fit.members) ? kLeastBesideShaft : kLeastShare) +
              fit.doubt / std::max(1e-300, fit.raw_held_out);
+    const Effects claimed = fit.effects();
+    counts_may_ = acting_on(claimed, kOnCurrents).empty() && acting_on(claimed, kOnAngle).empty();
+  }
+
+  // Where no error of a current or of the angle is claimed: it might be theirs.
+  bool counts_may() const { return counts_may_; }
+  // What the encoder's counts make where they are moved; made where a structure is found first.
+  const Sampled& rounding(bool whitened) const {
+    if (!rounding_) rounding_ = chain_.rounding(fit_.effects());
+    if (!whitened) return *rounding_;
+    if (!whitened_) whitened_ = chain_.whitened(*rounding_);
+    return *whitened_;
   }
 
   Structure along_axes(const Looked& looked, const Runs& runs) const {
@@ -224,6 +237,12 @@ class StructureSearch {
     const bool alone = fit_.members.empty(), of_time = axis.regressor == kTime;
     const double least = least_ + made_by_sensors(noise, noisier, alone ? e : noise, judges);
     if (fitted < least) return {};
+    if (counts_may_) {
+      const Eigen::VectorXd& moved = rounding(true).*looked.noise;
+      if (moved.size() == e.size() &&
+          fitted < least_ + made_by_sensors(moved, x, alone ? e : moved, judges))
+        return {};
+    }
     const Votes votes = transfer_of(e, mean, judges);
     const double gain = votes.judgement.held_out_gain;
     // Beside a claim any doubt is told: a wrong kind leaves a structure that few other rows share.
@@ -237,14 +256,19 @@ class StructureSearch {
   const Fit& fit_;
   const Sampled& physical_;
   double least_;
+  bool counts_may_;  // excuse a structure
+  mutable std::optional<Sampled> rounding_, whitened_;
 };
 
 // What acts now and then (impacts, a load that comes and goes) depends on none of the axes. The
 // noise is not less than the sensors make, which is more in some rows than in others.
-Structure bursts_of_torque(const Chain& chain, const Sampled& physical) {
-  const double rms = root_mean_square(physical.torque),
-               noise =
-                   std::max(chain.noise().torque.rms(), root_mean_square(physical.noise_torque));
+Structure bursts_of_torque(const Chain& chain, const Sampled& physical,
+                           const StructureSearch& search) {
+  const double rms = root_mean_square(physical.torque);
+  double noise = std::max(chain.noise().torque.rms(), root_mean_square(physical.noise_torque));
+  if (rms <= kTimesNoise * noise) return {};
+  if (search.counts_may())
+    noise = std::max(noise, root_mean_square(search.rounding(false).noise_torque));
   if (rms <= kTimesNoise * noise) return {};
   Structure s{.regressor = "t",
               .share = 1 - noise * noise / (rms * rms),
@@ -280,7 +304,7 @@ std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) 
                          chain.sampler().torque()));
   const auto gap = [](const auto& member) { return has_gap(*member); };
   if (std::none_of(fit.members.begin(), fit.members.end(), gap))
-    keep(bursts_of_torque(chain, physical));
+    keep(bursts_of_torque(chain, physical, search));
   return found;
 }
 

@@ -10,7 +10,9 @@ namespace twinrate {
 // drawn errors. Where nothing is claimed they must lower the error of the rows that judge, too,
 // beyond chance, by pieces as in the gate; beside a claim it is enough that they do not raise it.
 // Those over time, of which no other rows are there, are told beside a claim, and not confirmed alone.
-// Where no rows judge, every fourth of 24 blocks does.
+// Where no rows judge, every fourth of 24 blocks does. Counts that are moved (trace/rounding.hpp)
+// make the slow errors of a speed that passes whole counts from row to row; they excuse nothing
+// beside an error of a current or angle that is claimed, which might be theirs.
 // On the 36 logs of set A (bench/blind) that lack nothing and had a structure, or none for a fault,
 // an axis is left in 5 with all rules; in 8 without that of the sensors, in 12 without that of
 // transfer, in 11 where an axis may move by its noise alone, in 26 by the means of fitted rows alone.

@@ -198,6 +198,8 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   const Sampler sampler(record, moving_rows(record), thinned(choosing, whole, rows));
   Chain chain(equations, answered, readings, sampler);
   chain.stop_when(settings.stop);
+  const auto moved_counts = [&] { return thin(with_moved_counts(seen)); };
+  if (seen.angle.lsb > 0) chain.set_moved_counts(moved_counts);
   lap("equations");
   Dictionary dictionary{.sampled = make_candidates(chain), .whitened = {}};
   lap("candidates");
@@ -259,6 +261,8 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   Chain chain_of_all(equations, answered, readings, sampler_of_all);
   if (!selection.stopped_after) chain_of_all.stop_when(settings.stop);
   chain_of_all.set_noise(chain.noise());
+  if (seen.angle.lsb > 0) chain_of_all.set_moved_counts(moved_counts);
+  if (seen.angle.lsb > 0) chain.set_moved_counts([&] { return thin(with_moved_counts(seen)); });
   const auto any = [](std::size_t) { return true; };
   const Rows none, not_judging = Rows::where(sampler, any),
                    judged_too = Rows::where(sampler_of_all, any), judging(sampler_of_all, true),

@@ -92,6 +92,35 @@ TEST(DrawnRounding, HasTheSizeAndTheColourOfTheEncodersErrorsAndIsNotThem) {
   }
 }
 
+// The rms of means over 30 rows: what is slow in an error.
+double slow_part(const std::vector<double>& x) {
+  constexpr std::size_t kMean = 30;
+  double sum = 0, power = 0, count = 0;
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    sum += x[k];
+    if (k % kMean != kMean - 1) continue;
+    power += sum * sum / (kMean * kMean), ++count;
+    sum = 0;
+  }
+  return std::sqrt(power / count);
+}
+
+// Between two slips the readings step by one count exactly; only a long window shows the shaft there.
+TEST(DrawnRounding, IsSlowWhereTheShaftPassesNearlyAWholeNumberOfCountsARow) {
+  const double lsb = kTwoPi / 1440;
+  for (const double counts_a_row : {1.004, 0.497, 2.006}) {
+    std::vector<double> readings, errors;
+    for (double k = 0; k < 10000; ++k) {
+      const double angle = counts_a_row * lsb * k;
+      readings.push_back((std::floor(angle / lsb) + 0.5) * lsb);
+      errors.push_back(readings.back() - angle);
+    }
+    const double ratio = slow_part(moved_rounding(readings, lsb)) / slow_part(errors);
+    EXPECT_NEAR(ratio, 1, 0.25) << counts_a_row;
+    EXPECT_LT(slow_part(drawn_rounding(readings, lsb)), 0.25 * slow_part(errors)) << counts_a_row;
+  }
+}
+
 // The drive file of a synthetic drive.
 DriveConfig declared(const SyntheticDrive& d, bool with_counts) {
   std::vector<std::string> keys = {
