@@ -39,7 +39,7 @@ struct Selection {
 
 Config drive_of(const Row& row, const std::string& n_from, int n, double share, int angle,
                 const Selection& s) {
-  const double theta_e = (angle + 0.5 - kAngles / 2) / kAngles * row.span_deg * kPi / 180;
+  const double theta_e = (angle + 0.5 - 0.5 * kAngles) / kAngles * row.span_deg * kPi / 180;
   const double T_rated = Config::load(row.preset).drive().machine.T_rated;
   std::vector<std::string> list = {"estimator.kind=" + row.filter,
                                    fmt::format("rates.n={}", n),

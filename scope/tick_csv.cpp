@@ -70,6 +70,7 @@ std::string ticks_csv(const Recording& recording, const std::vector<std::string>
                       Span span) {
   span.bucket = 1;
   std::vector<Column> columns;
+  columns.reserve(signals.size());
   for (const std::string& signal : signals)
     columns.push_back({signal, recording.samples(signal, span)});
   const double T_s = recording.drive().T_s;
