@@ -105,7 +105,7 @@ struct AppliedSteering {
 };
 struct RunLog;
 std::vector<AppliedSteering> steering_in(const RunLog& log);
-// Why request i of the log was never applied: the run, of which `last_k` is the last tick, ended before its tick, or an
+// Why request i of the log was never applied: the run, of which `last_k` is the last tick, ended before its tick, or a
 // request of an earlier tick came after it and replaced all of its keys. "" where it was applied.
 std::string why_not_applied(const std::vector<AppliedSteering>& requests, std::size_t i,
                             std::int64_t last_k);

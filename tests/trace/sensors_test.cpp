@@ -115,8 +115,13 @@ TEST(DrawnRounding, IsSlowWhereTheShaftPassesNearlyAWholeNumberOfCountsARow) {
       readings.push_back((std::floor(angle / lsb) + 0.5) * lsb);
       errors.push_back(readings.back() - angle);
     }
-    const double ratio = slow_part(moved_rounding(readings, lsb)) / slow_part(errors);
+    const std::vector<double> moved = moved_rounding(readings, lsb);
+    const double ratio = slow_part(moved) / slow_part(errors);
     EXPECT_NEAR(ratio, 1, 0.25) << counts_a_row;
+    double product = 0, own = 0, drawn = 0;
+    for (std::size_t k = 0; k < errors.size(); ++k)
+      product += moved[k] * errors[k], own += errors[k] * errors[k], drawn += moved[k] * moved[k];
+    EXPECT_NEAR(product / std::sqrt(own * drawn), 0, 0.15) << counts_a_row;
     EXPECT_LT(slow_part(drawn_rounding(readings, lsb)), 0.25 * slow_part(errors)) << counts_a_row;
   }
 }
