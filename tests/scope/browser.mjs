@@ -10,7 +10,7 @@ export class Browser {
     browser.directory = mkdtempSync(join(tmpdir(), 'twinrate-browser-'));
     browser.process = spawn('chromium', ['--headless=new', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage', '--no-first-run', '--disable-extensions', '--force-color-profile=srgb',
       '--disable-background-networking', '--remote-debugging-pipe', `--user-data-dir=${browser.directory}`, `--window-size=${width},${height}`, 'about:blank'],
-    { stdio: ['ignore', 'ignore', 'ignore', 'pipe', 'pipe'], detached: true });
+    { stdio: ['ignore', 'ignore', 'ignore', 'pipe', 'pipe'] });  // of this session: the scheduler can starve the autogroup of another one
     browser.answers = new Map();
     browser.errors = [];
     browser.number = 0;
@@ -44,7 +44,6 @@ export class Browser {
       const { text, exception } = message.params.exceptionDetails;
       this.errors.push(exception?.description ?? text);
     }
-    if (message.method === 'Input.dragIntercepted') this.dragBegun?.(message.params.data);
     const waiting = this.answers.get(message.id);
     if (!waiting) return;
     this.answers.delete(message.id);
@@ -110,18 +109,19 @@ export class Browser {
     await this.mouse('mouseReleased', x1, y1);
   }
 
-  // Drag and drop: from an element to a place.
-  async drop(selector, [x1, y1]) {
-    const [x0, y0] = await this.place(selector);
-    await this.send('Input.setInterceptDrags', { enabled: true });
-    const begun = new Promise((found) => { this.dragBegun = found; });
-    await this.mouse('mouseMoved', x0, y0, { button: 'none' });
-    await this.mouse('mousePressed', x0, y0);
-    this.mouse('mouseMoved', x0 + 8, y0 + 8, { buttons: 1 }).catch(() => {});  // its answer waits for the drop
-    const data = await begun;
-    for (const type of ['dragEnter', 'dragOver', 'drop']) await this.send('Input.dispatchDragEvent', { type, x: x1, y: y1, data });
-    await this.mouse('mouseReleased', x1, y1);
-    await this.send('Input.setInterceptDrags', { enabled: false });
+  // Drag and drop, from an element to a place, by the page's own events: the browser's drag by mouse hangs on a busy
+  // machine (Input.dispatchDragEvent gets no answer).
+  drop(selector, [x1, y1]) {
+    return this.evaluate(`(() => {
+      const source = document.querySelector(${JSON.stringify(selector)}), target = document.elementFromPoint(${x1}, ${y1}), dataTransfer = new DataTransfer();
+      if (!source.closest('[draggable=true]')) throw new Error('nobody can drag this');
+      const send = (node, type) => node.dispatchEvent(new DragEvent(type, { bubbles: true, cancelable: true, dataTransfer, clientX: ${x1}, clientY: ${y1} }));
+      send(source, 'dragstart');
+      send(target, 'dragenter');
+      if (send(target, 'dragover')) throw new Error('the place takes no drop');
+      send(target, 'drop');
+      send(source, 'dragend');
+    })()`);
   }
 
   async type(selector, text) {
@@ -150,7 +150,7 @@ export class Browser {
       };
       if (this.process.exitCode !== null || this.process.signalCode !== null) return remove();
       this.process.once('exit', remove);
-      process.kill(-this.process.pid, 'SIGKILL');
+      this.process.kill('SIGKILL');
     });
   }
 }
