@@ -11,7 +11,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kSlope = 0.05;  // of R_s: switches have less
-constexpr double kKnown = 3;     // sigmas: a slope that is one
+constexpr double kKnown = 3;     // sigmas: a slope, or a part beyond the common one, that is one
 
 std::map<std::string, double> sigmas_of(const TracedEffect& traced) {
   std::map<std::string, double> sigmas;
@@ -59,9 +59,19 @@ std::vector<TracedEffect> split_asymmetry(TracedEffect whole, const Traits::Read
   auto sigmas = sigmas_of(whole);
   TracedEffect same = part_of(whole, reading, common, sigmas[least], facts);
   if (same.materiality < 1) return {std::move(whole)};
+  const double of_least = sigmas[least];
   sigmas.erase(least);
   const std::shared_ptr<Effect> rest = whole.effect->clone();
-  for (const char* key : keys) set_key(*rest, key, get_key(*rest, key) - common);
+  bool known = false;
+  for (const char* key : keys) {
+    const double beyond = get_key(*rest, key) - common;
+    set_key(*rest, key, beyond);
+    const auto sigma = sigmas.find(key);
+    known = known ||
+            (beyond != 0 && (sigma == sigmas.end() ||
+                             std::abs(beyond) >= kKnown * std::hypot(sigma->second, of_least)));
+  }
+  if (!known) return {std::move(same)};
   return {in_place_of(whole, rest, sigmas, facts), std::move(same)};
 }
 

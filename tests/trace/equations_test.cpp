@@ -368,6 +368,13 @@ TEST(Parting, WhatAllPhasesShareIsAResistance) {
                   facts)
                   .size(),
               1u);
+  // What the phases differ by is within its deviation: all of it is a resistance.
+  const std::vector<TracedEffect> alike = split_equivalents(
+      traced("phase_asymmetry",
+             {{"change_a_Ohm", 0.156}, {"change_b_Ohm", 0.15}, {"change_c_Ohm", 0.153}}),
+      facts);
+  ASSERT_EQ(alike.size(), 1u);
+  EXPECT_EQ(alike[0].effect->kind(), "resistance");
 }
 
 TEST(Parting, AThresholdWithTheSlopeOfAWindingIsADeadTimeAndAResistance) {
