@@ -12,9 +12,9 @@ namespace {
 
 constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain the same
 constexpr std::size_t kMostAliases = 5;
-constexpr double kAliasShare =
-    0.02;  // or of the gain itself; of a faint one more, for what is left
-constexpr double kNoisyGain = 2000, kAliasShareNoisy = 0.15;  // is not all noise
+constexpr double kAliasShare = 0.02;  // or of the gain itself; of a faint one more,
+constexpr double kAliasShareNoisy = 0.15,
+                 kAliasGainNoisy = 300;  // for what is left is not all noise
 constexpr double kParameterPrice =
     60;  // score: with less, the price of a parameter or two decides nothing
 
@@ -93,8 +93,20 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
   return out;
 }
 
+// What is left is more than the sensors' noise: the model has faults that nobody named, and they can
+// decide between two kinds that explain nearly the same energy.
+constexpr double kFaulty = 1.5;        // energy; the drawn noise is known to about a third
+constexpr double kFaultyShare = 0.02;  // of the energy that a kind explains
+
+bool is_faulty(const Rows& rows, const Fit& fit, const std::string& equation) {
+  const EquationEnergy left = rows.energy(fit.y, fit.y), noise = rows.noise(fit.y, fit.y);
+  return (equation != "mechanical" && left.electrical > kFaulty * noise.electrical) ||
+         (equation != "electrical" && left.torque > kFaulty * noise.torque);
+}
+
 bool near(double a, double b) {
-  return a > b - std::max(kAliasGain, (b < kNoisyGain ? kAliasShareNoisy : kAliasShare) * b);
+  return a > b - std::max({kAliasGain, kAliasShare * b,
+                           std::min(kAliasShareNoisy * b, kAliasGainNoisy)});
 }
 
 }  // namespace
@@ -121,9 +133,13 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
     if (s.score_gain > kParameterPrice) return a.score_gain;
     return a.score_gain + std::log(N) * (a.parameters - s.parameters);
   };
+  const bool faulty = is_faulty(rows, fit, e.equation);
+  const auto as_much = [&](const Alternative& a) {
+    return near(explains(a), s.score_gain) ||
+           (faulty && a.held_out_gain > (1 - kFaultyShare) * s.held_out_gain);
+  };
   for (const Alternative& a : s.alternatives)
-    if (a.why == kExplainsLess && near(explains(a), s.score_gain) &&
-        e.aliases.size() < kMostAliases)
+    if (a.why == kExplainsLess && as_much(a) && e.aliases.size() < kMostAliases)
       e.aliases.push_back(a.kind);
   return e;
 }

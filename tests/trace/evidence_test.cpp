@@ -1,0 +1,57 @@
+// Kinds that explain the same as what was found, from what they gain.
+#include "trace/evidence.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/trace/fitted_drive.hpp"
+
+namespace twinrate::evidence_test {
+
+Members cogging_17() {
+  return {effect_with("cogging", {{"order", 17.}, {"amplitude_Nm", 0.1}, {"phase_rad", 0.8}})};
+}
+
+class Aliases : public ::testing::Test {
+ protected:
+  Aliases() : drive_(simulate_synthetic(with_cogging()), cogging_17()) {}
+
+  static SyntheticDrive with_cogging() {
+    SyntheticDrive drive{.duration_s = 3};
+    drive.extra_load = [](double, double theta, double) {
+      return 0.1 * std::sin(17 * theta + 0.8);
+    };
+    return drive;
+  }
+
+  // Of a claim with that gain, beside another kind.
+  std::vector<std::string> of(double gain, const Alternative& other) {
+    const Fitter fitter = drive_.fitter();
+    Selected selected{.without = fitter.start({}), .score_gain = gain, .held_out_gain = 0.99};
+    selected.alternatives = {other};
+    return traced_effect(fitter, fitter.refine(cogging_17()), selected, 0).aliases;
+  }
+  static Alternative other(double score_gain, double held_out_gain = 0.5) {
+    return {"flux_harmonics", score_gain, held_out_gain, kExplainsLess, 3};
+  }
+
+  FittedDrive drive_;
+};
+
+// What is left of a faint effect is not all noise: 15 % of its gain, 300 at most, may be chance.
+TEST_F(Aliases, WhatMayBeChanceDoesNotShrinkWithTheGain) {
+  for (const double gain : {1900., 2100., 10000.})
+    for (const auto& [less, count] : {std::pair(280., 1u), std::pair(320., 0u)})
+      EXPECT_EQ(of(gain, other(gain - less)).size(), count) << gain << " less " << less;
+}
+
+// A model with faults that nobody named does not decide between kinds that explain 98 % of each other.
+TEST_F(Aliases, InAFaultyModelAreThoseThatExplainTheSameEnergy) {
+  EXPECT_TRUE(of(50000, other(48000, 0.98)).empty());
+  drive_.scale_noise(0.5);
+  EXPECT_EQ(of(50000, other(48000, 0.98)).size(), 1u);
+  EXPECT_TRUE(of(50000, other(48000, 0.96)).empty());
+}
+
+}  // namespace twinrate::evidence_test
