@@ -19,6 +19,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kPieces = 192;  // of a file: eight of each of its 24 blocks
+constexpr double kDrawn = 1.5;   // energy: the drawn noise is known to about a third
 
 using Channel = Eigen::VectorXd Sampled::*;
 constexpr std::array<Channel, 3> kChannels = {&Sampled::d, &Sampled::q, &Sampled::torque};
@@ -153,6 +154,13 @@ Sampled answered_noise_of(const Sampled& y) {
   return noise;
 }
 
+// Energy of the torque that is left over that of the sensors' noise.
+double torque_over_noise(const Judging& judging, const Sampled& left) {
+  const double noise = judging.energy(noise_of(left), &Sampled::torque);
+  return noise > 0 ? judging.energy(left, &Sampled::torque) / noise
+                   : std::numeric_limits<double>::infinity();
+}
+
 // Energy of what the claim changes of the voltages, over that of what it changes of the noise in them.
 double change_over_noise(const Judging& judging, const Sampled& with, const Sampled& without,
                          const std::vector<Channel>& moved) {
@@ -254,8 +262,8 @@ struct Gate::Asked {
 
 Gate::Asked Gate::ask(const Fit& fit) const {
   Asked asked{.fit = fit, .with = {}, .without_fit = {}, .votes = {}};
-  const auto left_by = [&](const Fit& f) { return whole_.whitened(whole_.residual(f.effects())); };
-  asked.with = left_by(fit);
+  const auto left_by = [&](const Fit& f) { return whole_.residual(f.effects()); };
+  asked.with = whole_.whitened(left_by(fit));
   const Judging judging(whole_, files_);
   const MachineParameters& machine = whole_.equations().facts().machine;
   const double T_s = whole_.sampler().decimation() * whole_.equations().record().T_s;
@@ -266,12 +274,16 @@ Gate::Asked Gate::ask(const Fit& fit) const {
                             std::any_of(known.begin(), known.end(), at_zero);
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     Fit without = seen_.refine(with(fit.members, nullptr, m));
-    const Sampled left = left_by(without);
+    const Sampled raw = left_by(without), left = whole_.whitened(raw);
     AngleErrorFall angle;
     if (left.torque.size())
       angle = fall_of_angle_error(fit.members, asked.with.torque, without.members, left.torque,
                                   machine, whole_.sampler().torque(), T_s);
     asked.votes.push_back(vote(judging, asked.with, left, angle, through_zone, criterion_.silent));
+    // Which frequencies count more is no matter of noise that a lighter motor would make less.
+    if (angle.lighter && asked.votes.back().of_torque)
+      asked.votes.back().over_noise =
+          std::min(asked.votes.back().over_noise, kDrawn * torque_over_noise(judging, raw));
     asked.without_fit.push_back(std::move(without));
   }
   return asked;

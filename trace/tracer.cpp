@@ -6,6 +6,7 @@
 #include <cmath>
 #include <optional>
 
+#include "model/effects/materiality.hpp"
 #include "trace/angle_zero.hpp"
 #include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
@@ -104,6 +105,25 @@ double least_beside(const VoltageMeaning& voltage, const Effect& effect, const D
   else
     return 0;
   return open->tracing().materiality(facts);
+}
+
+// Most rows have a current of fewer than two steps.
+bool mostly_few_steps(const Record& record, double i_lsb) {
+  const auto few =
+      std::count_if(record.i_alphabeta.begin(), record.i_alphabeta.end(),
+                    [&](const Vec2& i) { return i.squaredNorm() < 4 * i_lsb * i_lsb; });
+  return 2 * static_cast<std::size_t>(few) > record.i_alphabeta.size();
+}
+
+// Size that a torque must have beyond half a step of a current sensor: where the current takes few
+// steps, that much is missing of it as long as it stays.
+double least_beside_steps(const Record& record, const Health& health, const Effect& effect,
+                          const DriveFacts& facts) {
+  if (effect.tracing().traits().equation != Traits::Equation::kMechanical ||
+      !health.coarse(facts.machine.i_rated) || !mostly_few_steps(record, health.i_lsb))
+    return 0;
+  const MachineParameters& m = facts.machine;
+  return 1.5 * m.n_p * m.psi_f * health.i_lsb / 2 / smallest_torque(facts, 10e-3);
 }
 
 // What passed, as the selection judged it: judged anew where others were refused beside it, for
@@ -272,8 +292,10 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   Passed passed = not_asked(selection);
   if (!selection.stopped_after && judging.electrical() + judging.torque() > 0) {
     Gate gate(seen_fitter, chain_of_all, files);
-    gate.set_resolution(
-        [&](const Effect& effect) { return least_beside(voltage, effect, facts, raw.T_s); });
+    gate.set_resolution([&](const Effect& effect) {
+      return std::max(least_beside(voltage, effect, facts, raw.T_s),
+                      least_beside_steps(record, health, effect, facts));
+    });
     std::optional<HalfRate> half;
     gate.set_half_rate([&]() -> const HalfRate& {
       if (!half)
