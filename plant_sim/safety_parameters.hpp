@@ -29,7 +29,7 @@ struct SafetyParameters {
   double hold_ms = 4;
   bool watch_sensors = true;
   int sensor_ticks = 50;
-  double supervisor_ms = 100;
+  double supervisor_ms = 90;  // off within 100 ms
   void fields(FieldVisitor& f);
 };
 

@@ -18,7 +18,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr double kStartPatience_s = 10;
-constexpr double kBeatPeriod_s = 0.025;  // a quarter of safety.supervisor_ms
+constexpr double kBeatPeriod_s = 0.025;  // three and more within safety.supervisor_ms
 // Three and a half heartbeats of a process; the run ends half a second after the last one.
 constexpr double kFrozenAfter_s = 0.35;
 constexpr double kStall_s = 0.1;
