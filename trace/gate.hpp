@@ -11,7 +11,8 @@
 //              smaller: of less inertia at the motor an angle's counts make less torque, and the
 //              likelihood is one of readings, not of residuals. All pieces together must fall by
 //              more than that noise does, and without the claim they must have more energy than the
-//              sensors' noise. A shaft, or less inertia, must take more than it would off an error of
+//              sensors' noise, three times as much for a lag, which the loop's late answer to that
+//              noise resembles. A shaft, or less inertia, must take more than it would off an error of
 //              the angle, and at most frequencies (trace/angle_error.hpp); what a claim changes of the
 //              voltages must be more than what it changes of the noise in them and of the
 //              controller's answer to it. Both sides are fitted to all rows that do not judge.

@@ -42,6 +42,12 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                  fmt::format("without it the rows that judge have {:.2g} of the energy of the "
                              "sensors' noise: noise alone explains them",
                              v.over_noise));
+  if (v.over_noise < v.least_over_noise)
+    return noise(
+        v.over_noise,
+        fmt::format("without it the rows that judge have {:.2g} times the energy of the "
+                    "sensors' noise; {:.2g} are needed, for a loop answers its own noise late",
+                    v.over_noise, v.least_over_noise));
   // The answer of a loop with coarse counts is known to a factor of about five (amplitude).
   constexpr double kBeyondAnswer = 30;
   if (v.change_over_noise < kBeyondAnswer)

@@ -18,11 +18,12 @@ using Pieces = std::map<std::pair<int, std::size_t>, double>;
 
 struct Votes {
   Judgement judgement;
-  double mean = 0;          // of r_b, over all pieces that vote
-  double quieter = 0;       // of each r_b, for sensor noise that the claim makes smaller
-  double of_angle = 0;      // pooled fall that a noise of the angle alone would make
-  double beyond_angle = 1;  // ln of the further fall, mean over frequencies
-  double over_noise = 1;    // energy without the claim, over that of the sensors' noise
+  double mean = 0;              // of r_b, over all pieces that vote
+  double quieter = 0;           // of each r_b, for sensor noise that the claim makes smaller
+  double of_angle = 0;          // pooled fall that a noise of the angle alone would make
+  double beyond_angle = 1;      // ln of the further fall, mean over frequencies
+  double over_noise = 1;        // energy without the claim, over that of the sensors' noise
+  double least_over_noise = 1;  // that the claim needs
   // Energy of what it changes of the voltages, over that of what it changes of the noise in them and
   // of the controller's answer to it.
   double change_over_noise = std::numeric_limits<double>::infinity();

@@ -213,6 +213,16 @@ TEST(Transfer, WhereTheSensorsMakeAllThatIsLeftThereIsNothingToExplain) {
   }
 }
 
+TEST(Transfer, ALagMustExplainSeveralTimesTheNoiseThatTheLoopAnswersLate) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.6, .p_value = 1e-9, .votes = 20};
+  votes.least_over_noise = 3;
+  for (const auto& [over, rule] : {std::pair(3.3, ""), std::pair(2.7, "sensors")}) {
+    votes.over_noise = over;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << over;
+  }
+}
+
 // The claim halves the sensors' noise, which is drawn to a factor of two: a fall of 0.6 is that of the
 // noise where there was little else, and more where there was.
 TEST(Transfer, AFallThatNoiseTwiceAsLoudWouldMakeIsNoClaims) {
