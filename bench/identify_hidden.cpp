@@ -1,5 +1,6 @@
 // Hidden motors identified: twenty drives of bench/random_drive, with effects that their
-// identification does not know of, and the error of each parameter. docs/identify-a-motor.md.
+// identification does not know of, and the error of each parameter, its size over its sigma in
+// brackets. docs/identify-a-motor.md.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -38,28 +39,36 @@ std::string hidden_effects(const DriveConfig& d, int index) {
   return text;
 }
 
+// Percent of the truth.
+struct Error {
+  double value = 0, sigma = 0;
+  std::string text() const {
+    return fmt::format("{:+.2f} % ({:.1f})", value, sigma > 0 ? std::abs(value) / sigma : 0);
+  }
+};
 struct Errors {
-  double R_s, L_d, L_q, psi_f, J, friction;
+  Error R_s, L_d, L_q, psi_f, J, friction;
 };
 
-double percent(double found, double truth) {
-  return 100 * (found / truth - 1);
+Error percent(const Found& found, double truth) {
+  return {100 * (found.value / truth - 1), 100 * found.sigma / truth};
 }
 
 Errors errors_of(const Identified& f, const MachineParameters& m, double T_coulomb) {
   const double omega = f.omega_m_max;
-  return {percent(f.R_s.value, m.R_s),
-          percent(f.L_d.value, m.L_d),
-          percent(f.L_q.value, m.L_q),
-          percent(f.psi_f.value, m.psi_f),
-          percent(f.J.value, m.J),
-          percent(f.B.value * omega + f.T_coulomb.value, m.B * omega + T_coulomb)};
+  const Found friction{f.B.value * omega + f.T_coulomb.value,
+                       std::hypot(f.B.sigma * omega, f.T_coulomb.sigma)};
+  return {percent(f.R_s, m.R_s), percent(f.L_d, m.L_d),
+          percent(f.L_q, m.L_q), percent(f.psi_f, m.psi_f),
+          percent(f.J, m.J),     percent(friction, m.B * omega + T_coulomb)};
 }
 
 int run(std::uint64_t seed, int first, int count, bool talk) {
   std::cout << "| drive | hidden | n_p | wiring | R_s | L_d | L_q | psi_f | J | friction |\n"
                "|---|---|---|---|---|---|---|---|---|---|\n";
-  Errors worst{};
+  struct {
+    double R_s, L_d, L_q, psi_f, J, friction;
+  } worst{};
   int bad = 0;
   for (int i = first; i < first + count; ++i) {
     const RandomDrive drawn = draw_drive(seed, static_cast<std::uint64_t>(i));
@@ -93,13 +102,12 @@ int run(std::uint64_t seed, int first, int count, bool talk) {
       const bool right = f.n_p == m.n_p && f.mirrored == swapped;
       if (!right) ++bad;
       std::cout << fmt::format(
-          "| {} | {} | {} | {} | {:+.2f} % | {:+.2f} % | {:+.2f} % | {:+.2f} % | {:+.2f} % | "
-          "{:+.2f} "
-          "% |\n",
-          i, names.empty() ? "-" : names, f.n_p,
-          right ? (swapped ? "swapped, found" : "right") : "WRONG", e.R_s, e.L_d, e.L_q, e.psi_f,
-          e.J, e.friction);
-      const auto grow = [](double& most, double x) { most = std::max(most, std::abs(x)); };
+          "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |\n", i, names.empty() ? "-" : names,
+          f.n_p, right ? (swapped ? "swapped, found" : "right") : "WRONG", e.R_s.text(),
+          e.L_d.text(), e.L_q.text(), e.psi_f.text(), e.J.text(), e.friction.text());
+      const auto grow = [](double& most, const Error& x) {
+        most = std::max(most, std::abs(x.value));
+      };
       grow(worst.R_s, e.R_s), grow(worst.L_d, e.L_d), grow(worst.L_q, e.L_q);
       grow(worst.psi_f, e.psi_f), grow(worst.J, e.J), grow(worst.friction, e.friction);
       if (talk) std::cout << drawn.machine << "\n" << identified_text(f, compare(f, m));

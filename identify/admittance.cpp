@@ -13,29 +13,38 @@ using Parameters = Eigen::Matrix<double, 5, 1>;  // ln of L, R, c, k, d; standst
 constexpr int kMeasuredTicks = 6000;
 constexpr double kSineSettle_s = 0.03, kSineVoltageUse = 0.9;
 
-Complex admittance(const Parameters& p, double T_s, int period) {
+// The state at t_k - lag is that of the row before, led over the rest of the tick; a filter is a
+// state of its own.
+Complex admittance(const Parameters& p, double T_s, int period, const Lateness& late) {
   const double L = std::exp(p[0]), R = std::exp(p[1]);
   const double c = std::exp(p[2]), k = std::exp(p[3]), d = std::exp(p[4]);
-  SmallMatrix A = SmallMatrix::Zero(4, 4);
-  A.row(0) << -R / L, -1 / L, 0, 1 / L;
-  A.row(1) << c, -d * kTwoPi / (period * T_s), -k, 0;
+  SmallMatrix A = SmallMatrix::Zero(5, 5);
+  A.row(0) << -R / L, -1 / L, 0, 0, 1 / L;
+  A.row(1) << c, -d * kTwoPi / (period * T_s), -k, 0, 0;
   A(2, 1) = 1;
+  const bool filtered = late.form == Lateness::kFirstOrder && late.lag.value > 0;
+  if (filtered) A(3, 0) = 1 / late.lag.value, A(3, 3) = -1 / late.lag.value;
   const SmallMatrix step = matrix_exponential(A * T_s);
   const Complex z_inverse = std::polar(1.0, -kTwoPi / period);
-  const Eigen::Matrix3cd M =
-      Eigen::Matrix3cd::Identity() - z_inverse * step.topLeftCorner(3, 3).cast<Complex>();
-  const Eigen::Vector3cd x =
-      M.partialPivLu().solve(Eigen::Vector3cd(step.topRightCorner(3, 1).cast<Complex>()));
-  return x[0];
+  const Eigen::Matrix4cd M =
+      Eigen::Matrix4cd::Identity() - z_inverse * step.topLeftCorner(4, 4).cast<Complex>();
+  const Eigen::Vector4cd x =
+      M.partialPivLu().solve(Eigen::Vector4cd(step.topRightCorner(4, 1).cast<Complex>()));
+  if (filtered) return x[3];
+  if (late.form != Lateness::kDelay) return x[0];
+  const double ticks = late.lag.value / T_s, whole = std::floor(ticks);
+  const SmallMatrix part = matrix_exponential(A * (T_s * (1 - (ticks - whole))));
+  const Complex now = z_inverse * (part.topLeftCorner(1, 4).cast<Complex>() * x)(0) + part(0, 4);
+  return now * std::pow(z_inverse, whole);
 }
 
 // The last row keeps R near that of direct current.
-Eigen::VectorXd residual(const Parameters& p, double R, const std::vector<Sine>& sines,
-                         double T_s) {
+Eigen::VectorXd residual(const Parameters& p, double R, const std::vector<Sine>& sines, double T_s,
+                         const Lateness& late) {
   constexpr double kWeightOfR = 0.2;
   Eigen::VectorXd r(2 * static_cast<Eigen::Index>(sines.size()) + 1);
   for (std::size_t s = 0; s < sines.size(); ++s) {
-    const Complex ratio = std::log(sines[s].I_over_U / admittance(p, T_s, sines[s].period));
+    const Complex ratio = std::log(sines[s].I_over_U / admittance(p, T_s, sines[s].period, late));
     r[2 * static_cast<Eigen::Index>(s)] = sines[s].weight * ratio.real();
     r[2 * static_cast<Eigen::Index>(s) + 1] = sines[s].weight * ratio.imag();
   }
@@ -50,18 +59,18 @@ struct Minimum {
 };
 
 // Levenberg-Marquardt in the first `n` parameters.
-Minimum descend(Parameters p, Eigen::Index n, double R, const std::vector<Sine>& sines,
-                double T_s) {
+Minimum descend(Parameters p, Eigen::Index n, double R, const std::vector<Sine>& sines, double T_s,
+                const Lateness& late) {
   constexpr double kStep = 1e-5, kLeastGain = 1e-9;
   constexpr double kMove = 2.3;  // a factor of ten: beyond it the derivatives say nothing
-  Eigen::VectorXd r = residual(p, R, sines, T_s);
+  Eigen::VectorXd r = residual(p, R, sines, T_s, late);
   Eigen::MatrixXd jacobian(r.size(), n);
   double damping = 1e-3;
   for (int round = 0; round < 60; ++round) {
     for (Eigen::Index j = 0; j < n; ++j) {
       Parameters moved = p;
       moved[j] += kStep;
-      jacobian.col(j) = (residual(moved, R, sines, T_s) - r) / kStep;
+      jacobian.col(j) = (residual(moved, R, sines, T_s, late) - r) / kStep;
     }
     const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
     const double before = r.squaredNorm();
@@ -72,7 +81,7 @@ Minimum descend(Parameters p, Eigen::Index n, double R, const std::vector<Sine>&
       if (!(move.lpNorm<Eigen::Infinity>() < kMove)) continue;
       Parameters next = p;
       next.head(n) -= move;
-      const Eigen::VectorXd after = residual(next, R, sines, T_s);
+      const Eigen::VectorXd after = residual(next, R, sines, T_s, late);
       if (!after.allFinite() || after.squaredNorm() >= before) continue;
       p = next, r = after;
       break;
@@ -81,6 +90,37 @@ Minimum descend(Parameters p, Eigen::Index n, double R, const std::vector<Sine>&
     damping = std::max(1e-9, 0.1 * damping);
   }
   return {p, r, jacobian};
+}
+
+// I of  i_k = I_0 + Re(I e^(j 2 pi k/period)). Rows that repeat the one before are left out where
+// they are not chance: their reading is of the tick before.
+Complex phasor(Experiment& e, const Rows& rows, const Vec2& axis, int period) {
+  constexpr int kFast = 12;       // ticks: up to here a sine changes by much in a tick
+  constexpr double kSteep = 0.3;  // of the largest change
+  const auto fit = [&](bool all) {
+    Eigen::Matrix3d N = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d b = Eigen::Vector3d::Zero();
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      if (!all && rows[k].repeats) continue;
+      const double at = kTwoPi * static_cast<double>(k % static_cast<std::size_t>(period)) / period;
+      const Eigen::Vector3d x(1, std::cos(at), -std::sin(at));
+      N += x * x.transpose(), b += x * rows[k].i.dot(axis);
+    }
+    const Eigen::Vector3d x = N.ldlt().solve(b);
+    return Complex(x[1], x[2]);
+  };
+  const Complex I = fit(true);
+  if (period <= kFast) {
+    int repeated = 0, looked = 0;
+    for (std::size_t k = 1; k < rows.size(); ++k) {
+      const double at = kTwoPi * static_cast<double>(k % static_cast<std::size_t>(period)) / period;
+      const double change = std::sin(at + std::arg(I) - kPi / period);  // of its largest
+      if (std::abs(change) < kSteep) continue;
+      ++looked, repeated += rows[k].repeats ? 1 : 0;
+    }
+    e.count_repeats(repeated, looked);
+  }
+  return e.stale_share() > 0 ? fit(false) : I;
 }
 
 }  // namespace
@@ -97,19 +137,22 @@ std::vector<Sine> sweep(Experiment& e, const SweepPlan& plan, const std::vector<
     };
     const int settling = std::max(e.ticks(kSineSettle_s), 10 * period) / period * period;
     for (int k = 0; k < settling; ++k) one(k);
-    Complex I, U;
-    for (int k = 0; k < kMeasuredTicks / period * period; ++k) {
-      const Row& row = one(k);
-      I += row.i.dot(plan.axis) * std::polar(1.0, -angle(k));
-      U += row.u.dot(plan.axis) * std::polar(1.0, -angle(k));
-    }
     const int measured = kMeasuredTicks / period * period;
-    sines.push_back({period, I / U, 1, 2 * std::abs(I) / measured});
+    Rows rows;
+    e.record(&rows);
+    for (int k = 0; k < measured; ++k) one(k);
+    e.record(nullptr);
+    Complex U;
+    for (int k = 0; k < measured; ++k)
+      U += rows[static_cast<std::size_t>(k)].u.dot(plan.axis) * std::polar(1.0, -angle(k));
+    const Complex I = phasor(e, rows, plan.axis, period);
+    sines.push_back({period, I / (2.0 / measured * U), 1, std::abs(I)});
   }
   return sines;
 }
 
-AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way) {
+AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way,
+                 const Lateness& late) {
   if (gives_way)
     for (Sine& sine : sines) sine.weight = static_cast<double>(sines.front().period) / sine.period;
   const double omega = kTwoPi / (sines.front().period * T_s);
@@ -120,12 +163,12 @@ AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way) 
   start << std::log(L), std::log(R), -INFINITY, -INFINITY, -INFINITY;
   Minimum best;
   if (!gives_way) {
-    best = descend(start, 2, R, sines, T_s);
+    best = descend(start, 2, R, sines, T_s, late);
   } else {
     // A heavy and a light rotor: from the wrong one the fit can end in another minimum.
     for (const double c : {1e-3, 0.03, 1.0, 30.0}) {
       start.tail(3) << std::log(c * L * stiff), std::log(0.03 * stiff), std::log(0.01);
-      const Minimum found = descend(start, 5, R, sines, T_s);
+      const Minimum found = descend(start, 5, R, sines, T_s, late);
       if (best.r.size() == 0 || found.r.squaredNorm() < best.r.squaredNorm()) best = found;
     }
   }
@@ -144,7 +187,49 @@ AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way) 
     i += sine.weight * sine.weight * sine.i;
     weights += sine.weight * sine.weight;
   }
-  return {found(0), found(1), i / weights};
+  AxisFit fit{found(0), found(1), i / weights, best.r.squaredNorm()};
+  if (late.lag.sigma > 0) {  // an error of the lag is one of L
+    Lateness moved = late;
+    moved.lag = {late.lag.value + late.lag.sigma, 0};
+    const double other = fit_axis(sines, T_s, R, gives_way, moved).L.value;
+    fit.L.sigma = std::hypot(fit.L.sigma, other - fit.L.value);
+  }
+  return fit;
+}
+
+Lateness find_lateness(const std::vector<Sine>& sines, double T_s, double R) {
+  constexpr double kBad = 3e-3, kBetter = 20, kStep = 0.02, kMost = 2;  // kStep, kMost: ticks
+  const AxisFit plain = fit_axis(sines, T_s, R, false);
+  if (plain.L.sigma < kBad * plain.L.value) return {};
+  Lateness best;
+  double least = plain.misfit / kBetter;
+  const auto misfit = [&](Lateness::Form form, double lag) {
+    return fit_axis(sines, T_s, R, false, {form, {lag, 0}}).misfit;
+  };
+  for (const auto form : {Lateness::kDelay, Lateness::kFirstOrder}) {
+    double at = 0, lowest = INFINITY;
+    for (double ticks = kStep; ticks < kMost; ticks += kStep)
+      if (const double m = misfit(form, ticks * T_s); m < lowest) lowest = m, at = ticks * T_s;
+    double step = kStep * T_s;
+    for (int round = 0; round < 40; ++round) {
+      const double lower = misfit(form, at - step), higher = misfit(form, at + step);
+      if (lower < lowest)
+        at -= step, lowest = lower;
+      else if (higher < lowest)
+        at += step, lowest = higher;
+      else
+        step /= 2;
+    }
+    if (lowest >= least) continue;
+    least = lowest;
+    // The misfit is a parabola about its minimum.
+    const double h = 0.01 * T_s;
+    const double bend =
+        (misfit(form, at + h) + misfit(form, std::max(0.0, at - h)) - 2 * lowest) / (h * h);
+    const auto freedom = static_cast<double>(2 * sines.size()) - 2;
+    best = {form, {at, std::sqrt(2 * lowest / freedom / std::max(bend, 1e-300))}};
+  }
+  return best;
 }
 
 }  // namespace twinrate

@@ -24,11 +24,17 @@ std::vector<Sine> sweep(Experiment& e, const SweepPlan& plan, const std::vector<
 
 struct AxisFit {
   Found L, R;
-  double i = 0;  // A, mean amplitude of the sines, weighted as in the fit
+  double i = 0;       // A, mean amplitude of the sines, weighted as in the fit
+  double misfit = 0;  // sum of squares
 };
 // `gives_way`: with the swing of the rotor (standstill.hpp), which its friction spoils at low
 // frequency: slow sines count less. Levenberg-Marquardt on
 // log(measured/model); the sigmas are those of the residual.
-AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way);
+AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way,
+                 const Lateness& late = {});
+
+// How late the current is read, of sines that a resistance and an inductance fit badly; none where
+// no lag up to two ticks fits much better.
+Lateness find_lateness(const std::vector<Sine>& sines, double T_s, double R);
 
 }  // namespace twinrate

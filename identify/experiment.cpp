@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace twinrate {
@@ -23,8 +24,22 @@ void Experiment::show(const std::string& what, double share) const {
   if (hooks_.progress) hooks_.progress(what, share);
 }
 
+void Experiment::wait_for_rest() {
+  constexpr double kAtRest = 0.002, kWindow_s = 0.2, kLongest_s = 10;  // rad
+  const double step = facts().encoder_counts > 0 ? kTwoPi / facts().encoder_counts : 0;
+  for (double t = 0; t < kLongest_s; t += kWindow_s) {
+    double least = INFINITY, most = -INFINITY;
+    for (int k = 0; k < ticks(kWindow_s); ++k, ++k_) {
+      const double theta = rig_.step(Vec2::Zero(), 0).theta_m;
+      least = std::min(least, theta), most = std::max(most, theta);
+    }
+    if (most - least < std::max(kAtRest, 2.5 * step)) return;
+  }
+}
+
 void Experiment::measure_offsets(int ticks) {
   constexpr double kAtRest = 0.02;  // rad
+  wait_for_rest();
   Vec3 sum = Vec3::Zero(), squares = Vec3::Zero();
   double first = 0;
   for (int k = 0; k < ticks; ++k) {
@@ -45,12 +60,19 @@ const Row& Experiment::apply(const Vec2& u_alphabeta, double theta_e) {
   if (hooks_.stop && hooks_.stop()) throw RunFailed("stopped");
   const RigRow row = rig_.step(u_alphabeta, theta_e);
   ++k_;
-  row_ = {clarke(row.i_abc - offset_abc_), row.u_alphabeta, direction_ * row.theta_m};
+  row_ = {clarke(row.i_abc - offset_abc_), row.u_alphabeta, direction_ * row.theta_m,
+          row.i_abc == before_};
+  before_ = row.i_abc;
   if (rows_) rows_->push_back(row_);
   if (!(row_.i.norm() < kTooMuch * limits_.i_max)) {
     rig_.step(Vec2::Zero(), theta_e);
-    throw RunFailed(fmt::format("{:.3g} A: more than {:g} times the test current of {:.3g} A",
-                                row_.i.norm(), kTooMuch, limits_.i_max));
+    throw RunFailed(fmt::format("{:.3g} A: more than {:g} times the test current of {:.3g} A{}",
+                                row_.i.norm(), kTooMuch, limits_.i_max,
+                                stale_share() > 0
+                                    ? fmt::format("; {:.2g} % of the readings of the currents were "
+                                                  "those of the tick before (stale)",
+                                                  100 * stale_share())
+                                    : ""));
   }
   return row_;
 }

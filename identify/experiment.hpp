@@ -8,6 +8,7 @@
 // It needs the inductance alone, within a factor of two or so. The voltage is turned ahead by the
 // delay and half a tick.
 #pragma once
+#include <cmath>
 #include <functional>
 #include <stdexcept>
 #include <vector>
@@ -35,6 +36,7 @@ struct IdentifyHooks {
 struct Row {
   Vec2 i = Vec2::Zero(), u = Vec2::Zero();  // alpha, beta
   double theta = 0;                         // rad, mechanical; positive with the phase order
+  bool repeats = false;                     // the three currents are those of the row before
 };
 using Rows = std::vector<Row>;
 
@@ -50,12 +52,22 @@ class Experiment {
   int ticks(double seconds) const { return std::max(1, static_cast<int>(seconds / T_s() + 0.5)); }
   double seconds() const { return static_cast<double>(k_) * T_s(); }
 
-  // The phases without current, `ticks` long. Throws RunFailed where the shaft turns.
+  // The phases without current, `ticks` long, once the shaft is at rest: the shorted winding brakes
+  // it. Throws RunFailed where it goes on turning.
   void measure_offsets(int ticks);
   const Vec3& offsets() const { return offset_abc_; }
   // Standard error of the offset along alpha: every current of an experiment has the same.
   double offset_sigma_alpha() const { return offset_sigma_alpha_; }
   void set_inductance(double L) { L_ = L; }
+  // Of `looked` rows whose currents had to change, `repeated` did not.
+  void count_repeats(int repeated, int looked) { repeated_ += repeated, looked_ += looked; }
+  // Share of rows that are not read anew; 0 where it can be chance.
+  double stale_share() const {
+    constexpr int kLeast = 10;
+    constexpr double kLeastShare = 2e-3;
+    const double share = looked_ > 0 ? static_cast<double>(repeated_) / looked_ : 0;
+    return repeated_ < kLeast || share < kLeastShare ? 0 : share;
+  }
   void set_direction(int direction) { direction_ = direction; }
 
   // One tick at a voltage. Throws RunFailed at a current above twice i_max.
@@ -70,6 +82,8 @@ class Experiment {
   void show(const std::string& what, double share) const;
 
  private:
+  void wait_for_rest();
+
   Rig& rig_;
   IdentifyLimits limits_;
   IdentifyHooks hooks_;
@@ -79,6 +93,8 @@ class Experiment {
   int direction_ = 1;
   Vec2 integral_ = Vec2::Zero();
   Row row_;
+  Vec3 before_ = Vec3::Constant(NAN);  // A, readings of the row before
+  int repeated_ = 0, looked_ = 0;
   Rows* rows_ = nullptr;
   std::int64_t k_ = 0;
 };

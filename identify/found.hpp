@@ -61,14 +61,25 @@ struct InductanceFits {
 InductanceFits fit_inductances(const std::vector<InductancePoint>& d,
                                const std::vector<InductancePoint>& q);
 
+// A current that is read late against the voltage.
+struct Lateness {
+  enum Form { kNone, kDelay, kFirstOrder } form = kNone;
+  Found lag;  // s
+};
+
 struct Identified {
   int n_p = 0;
   bool mirrored = false;  // the encoder counts against the phase order
   double theta_zero = 0;  // rad, reading at which the d axis is phase a, of the first pole pair
   Vec3 i_offset = Vec3::Zero();
   Found R_s, L_d, L_q, psi_f, J, B, T_coulomb, T_constant;
+  double phase_spread = 0;  // largest share by which the resistance along a phase is off the mean
   bool R_s_drifts = false;  // while the direct currents are on
   Found fan;                // Nm s^2, torque over the square of the speed
+  Lateness current;
+  Found angle_lag;         // s, against the voltage; 0 where not found
+  double stale_share = 0;  // of the rows
+  Found T_sin, T_cos;      // Nm, torque once a turn over the angle of the encoder, as T_load
   InverterLoss loss;
   std::vector<InductancePoint> L_d_points, L_q_points;
   std::optional<SaturationFound> saturation_d, saturation_q;

@@ -57,6 +57,44 @@ std::string verdict(const Found& found, double sheet, double tolerance, const Sl
   return names.empty() ? factor : factor + ", " + names;
 }
 
+// Faults of the readings that were found and taken into account.
+void note_readings(Identified& found, double T_s) {
+  if (found.stale_share > 0)
+    found.notes.push_back(fmt::format(
+        "stale readings: {:.2g} % of the rows repeat the currents of the row before; they are left "
+        "out of the sines and replaced between their neighbours in the turning experiments",
+        100 * found.stale_share));
+  if (found.current.form != Lateness::kNone)
+    found.notes.push_back(fmt::format(
+        "currents: read {:.3g} us late against the voltage ({}, {:.2g} ticks), which the values "
+        "take into account; the drive file does not have it",
+        1e6 * found.current.lag.value,
+        found.current.form == Lateness::kDelay ? "a delay" : "a first-order filter",
+        found.current.lag.value / T_s));
+  if (found.angle_lag.value != 0)
+    found.notes.push_back(fmt::format(
+        "angle: read {:.3g} us {} against the voltage ({:.2g} ticks), which the values take into "
+        "account; the drive file does not have it",
+        1e6 * std::abs(found.angle_lag.value), found.angle_lag.value > 0 ? "late" : "early",
+        std::abs(found.angle_lag.value) / T_s));
+  if (found.T_sin.value != 0)
+    found.notes.push_back(fmt::format(
+        "a torque once a turn, {:.3g} Nm: unbalance, or an encoder that is not centred; J and "
+        "friction are without it",
+        std::hypot(found.T_sin.value, found.T_cos.value)));
+}
+
+// What a fault leaves in the values beside which it was found.
+void widen(Identified& found) {
+  constexpr double kFormOfLag = 3e-3;  // a delay and a filter differ by this in L
+  const auto add = [](Found& x, double share) { x.sigma = std::hypot(x.sigma, share * x.value); };
+  if (found.current.form != Lateness::kNone)
+    for (Found* L : {&found.L_d, &found.L_q}) add(*L, kFormOfLag);
+  add(found.R_s, found.phase_spread);
+  for (Found* L : {&found.L_d, &found.L_q}) add(*L, 2 * found.phase_spread);
+  add(found.J, found.phase_spread);
+}
+
 // The sines at standstill fit R and L to 1 % unless something else is in them.
 void note_late_signals(Identified& found) {
   constexpr double kFits = 0.01;
@@ -88,8 +126,10 @@ Identified identify(Rig& rig, const IdentifyLimits& limits, const IdentifyHooks&
   found.notes.push_back(
       "a gain of the voltage: 1 % less than asked for makes R_s, L_d, L_q, psi_f, J and friction "
       "1 % too large");
-  found.notes.push_back("differences between the phases: R_s and L_d are those along phase a");
+  found.notes.push_back("differences between the phases: L_d is that along phase a");
+  note_readings(found, e.T_s());
   note_late_signals(found);
+  widen(found);
   if (found.loss.V.value != 0)
     found.notes.push_back(
         "dead time and device drop: one bus voltage does not separate them; the file has them as "

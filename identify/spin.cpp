@@ -11,13 +11,21 @@ namespace {
 
 constexpr double kLevels[] = {0.25, 0.5, 0.75, 1};  // of i_max
 constexpr int kLevelCount = 4;
-constexpr double kVoltageShare = 0.6;  // of u_max: where the first run-up ends
+constexpr Eigen::Index kLag = 2 + kLevelCount;  // column of FluxFit
+constexpr double kVoltageShare = 0.6;           // of u_max: where the first run-up ends
 constexpr double kCoastSpeeds[] = {1, 0.45, 0.2};
 constexpr std::size_t kLeastRows = 60;  // of a piece
 
+// What the samples at its ends do not show of a tick.
+struct Tick {
+  Vec2 bow = Vec2::Zero();   // A, mean current less that of the chord
+  Vec2 drop = Vec2::Zero();  // V, mean loss of the inverter
+};
+
 struct SpinRun {
   Rows rows;
-  int level = -1;  // of kLevels; -1: coast
+  std::vector<Tick> ticks = {};  // of the tick before each row; empty as long as psi_f is unknown
+  int level = -1;                // of kLevels; -1: coast
 };
 
 class Spinner {
@@ -88,7 +96,7 @@ std::vector<SpinRun> spin(Experiment& e, Identified& found) {
     if (repeat == 2 && e.seconds() - begin > kEnough_s) break;
     for (int level = 0; level < kLevelCount; ++level) {
       for (const int sign : {-1, 1}) {
-        SpinRun s{{}, level};
+        SpinRun s{.rows = {}, .level = level};
         e.record(&s.rows);
         const bool there = spinner.go_to(sign * top, kLevels[level] * e.i_max(), kLongest_s);
         e.record(nullptr);
@@ -114,17 +122,91 @@ std::vector<SpinRun> spin(Experiment& e, Identified& found) {
   return segments;
 }
 
-// Columns: psi_d, psi_x, L_q of each level.
+// d theta/dt about row k.
+double speed_about(const Rows& rows, std::size_t k, double T_s) {
+  constexpr std::size_t kWindow = 8;
+  const std::size_t a = k > kWindow ? k - kWindow : 0, b = std::min(rows.size() - 1, k + kWindow);
+  return (rows[b].theta - rows[a].theta) / (static_cast<double>(b - a) * T_s);
+}
+
+// A row that repeats the one before lies between its neighbours; an angle that stood still in it,
+// too. The currents turn.
+void mend_stale_rows(Rows& rows, int n_p) {
+  for (std::size_t k = 1; k + 1 < rows.size(); ++k) {
+    if (!rows[k].repeats || rows[k + 1].repeats) continue;
+    Row &row = rows[k], &before = rows[k - 1], &after = rows[k + 1];
+    const double half = 0.5 * n_p * (after.theta - before.theta);
+    row.i = 0.5 * (inverse_park(before.i, half) + park(after.i, half));
+    if (row.theta == before.theta) row.theta = 0.5 * (before.theta + after.theta);
+  }
+}
+
+// Currents into the time of the voltage.
+void turn_currents(Rows& rows, double angle_per_speed, double T_s) {
+  if (rows.size() < 2) return;
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    rows[k].i = inverse_park(rows[k].i, angle_per_speed * speed_about(rows, k, T_s));
+}
+
+// The voltage stands still while the EMF turns. Where no phase is near zero current, the current is
+// off its chord by T_s^2/12 omega^2 psi_f/L at the mean. Near zero the loss of the inverter is a
+// large resistance: there the tick is integrated,
+//   L i' = u - R_s i - drop(i) - j omega psi_f e^(j theta)
+Tick inside_tick(const Identified& f, const Row& before, const Row& row, double T_s) {
+  constexpr double kFar = 4;  // of i_linear
+  const double from = f.n_p * (before.theta - f.theta_zero);
+  const double turned = f.n_p * (row.theta - before.theta), omega = turned / T_s;
+  const double off = turned * turned / 12 * f.psi_f.value / f.L_d.value;
+  Tick tick{-inverse_park(Vec2(off, 0), from + 0.5 * turned),
+            f.loss.drop(0.5 * (before.i + row.i))};
+  const Vec3 i_abc = inverse_clarke(before.i);
+  if (f.loss.V.value == 0 || i_abc.cwiseAbs().minCoeff() > kFar * f.loss.i_linear) return tick;
+  const double stiffness = T_s * (f.R_s.value + f.loss.V.value / f.loss.i_linear) / f.L_d.value;
+  const int n = std::clamp(static_cast<int>(4 * stiffness), 6, 60);
+  const double dt = T_s / n;
+  const auto slope = [&](const Vec2& i, double t) -> Vec2 {
+    const Vec2 emf = inverse_park(Vec2(0, omega * f.psi_f.value), from + omega * t);
+    return (row.u - f.R_s.value * i - f.loss.drop(i) - emf) / f.L_d.value;
+  };
+  Vec2 i = before.i, sum = Vec2::Zero(), drops = Vec2::Zero();
+  for (int k = 0; k < n; ++k) {
+    const Vec2 middle = i + 0.5 * dt * slope(i, k * dt);
+    sum += middle / n, drops += f.loss.drop(middle) / n;
+    i += dt * slope(middle, (k + 0.5) * dt);
+  }
+  return {sum - 0.5 * (before.i + i), drops};
+}
+
+std::vector<Tick> inside_ticks(const Identified& f, const Rows& rows, double T_s) {
+  std::vector<Tick> ticks(rows.size());
+  for (std::size_t k = 1; k < rows.size(); ++k) {
+    Row at = rows[k], before = rows[k - 1];
+    const double step = 0.5 * T_s * speed_about(rows, k, T_s),
+                 mean = 0.5 * (at.theta + before.theta);
+    before.theta = mean - step, at.theta = mean + step;  // no steps of the encoder
+    ticks[k] = inside_tick(f, before, at, T_s);
+  }
+  return ticks;
+}
+
+void advance_angles(Rows& rows, double lag, double T_s) {
+  if (rows.size() < 2) return;
+  std::vector<double> speeds;
+  for (std::size_t k = 0; k < rows.size(); ++k) speeds.push_back(speed_about(rows, k, T_s));
+  for (std::size_t k = 0; k < rows.size(); ++k) rows[k].theta += lag * speeds[k];
+}
+
+// Columns: psi_d, psi_x, L_q of each level, psi_f times the lag of the angle.
 class FluxFit {
  public:
   FluxFit(const Experiment& e, const Identified& found)
-      : fit_(2 + kLevelCount), found_(found), T_s_(e.T_s()) {}
+      : fit_(3 + kLevelCount), found_(found), T_s_(e.T_s()) {}
 
   void add(const SpinRun& segment) {
     constexpr std::size_t kPiece = 4000;
     const Rows& rows = segment.rows;
     for (std::size_t begin = 0; begin + kLeastRows < rows.size(); begin += kPiece)
-      add_piece(rows, begin, std::min(begin + kPiece, rows.size()), segment.level);
+      add_piece(segment, begin, std::min(begin + kPiece, rows.size()));
   }
   SegmentedFit::Solution solve(const std::vector<Eigen::Index>& used) const {
     return fit_.solve(used);
@@ -133,10 +215,12 @@ class FluxFit {
  private:
   double theta_e(const Row& row) const { return found_.n_p * (row.theta - found_.theta_zero); }
 
-  void add_piece(const Rows& rows, std::size_t begin, std::size_t end, int level) {
+  void add_piece(const SpinRun& segment, std::size_t begin, std::size_t end) {
+    const Rows& rows = segment.rows;
+    const int level = segment.level;
     const auto n = static_cast<Eigen::Index>(end - begin);
     Eigen::MatrixXd local = Eigen::MatrixXd::Zero(2 * n, 4);
-    Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(2 * n, 2 + kLevelCount);
+    Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(2 * n, kLag + 1);
     Eigen::VectorXd y(2 * n);
     Vec2 psi = Vec2::Zero();
     for (Eigen::Index k = 0; k < n; ++k) {
@@ -147,9 +231,15 @@ class FluxFit {
         // The mean of a vector that turns by 2x between its ends.
         const double x = 0.5 * (theta - theta_e(before));
         const double bend = std::abs(x) < 1e-6 ? 1 : std::tan(x) / x;
-        const Vec2 i = 0.5 * bend * (row.i + before.i);
-        psi += T_s_ * (row.u - found_.loss.drop(i) - found_.R_s.value * i);
+        Vec2 i = 0.5 * bend * (row.i + before.i), drop = found_.loss.drop(i);
+        if (!segment.ticks.empty()) {
+          const Tick& tick = segment.ticks[begin + static_cast<std::size_t>(k)];
+          i += tick.bow, drop = tick.drop;
+        }
+        psi += T_s_ * (row.u - drop - found_.R_s.value * i);
       }
+      const double omega_e =
+          found_.n_p * speed_about(rows, begin + static_cast<std::size_t>(k), T_s_);
       const Vec2 i_dq = park(row.i, theta);
       const Vec2 known = inverse_park(Vec2(found_.L_d.value * i_dq[0], 0), theta);
       for (int axis = 0; axis < 2; ++axis) {
@@ -159,6 +249,7 @@ class FluxFit {
         local(r, 2 + axis) = static_cast<double>(k) / static_cast<double>(n);
         shared(r, 0) = inverse_park(Vec2(1, 0), theta)[axis];
         shared(r, 1) = inverse_park(Vec2(0, 1), theta)[axis];
+        shared(r, kLag) = omega_e * shared(r, 1);
         const double along_q = inverse_park(Vec2(0, i_dq[1]), theta)[axis];
         if (level >= 0)
           shared(r, 2 + level) = along_q;
@@ -192,13 +283,15 @@ void note_rising_inductance(Identified& found) {
   }
 }
 
-void find_flux(const Experiment& e, const std::vector<SpinRun>& segments, Identified& found) {
+void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& found) {
   // What errors of R_s and of the angle's zero leave in a flux, of psi_f: in L_q at its current,
   // and in psi_f. The loss of the inverter leaves a share of its voltage over the EMF. Of 35
   // drawn drives, whose errors were up to 12 sigmas of the jackknife alone.
   constexpr double kFluxError = 1e-3, kErrorOfPsi = 5e-5, kErrorOfLoss = 0.04;
-  // The second pass has the corrected zero of the angle.
-  for (int pass = 0; pass < 2; ++pass) {
+  constexpr double kSigmas = 5, kLagMaterial = 0.03;  // of a tick
+  // The second pass has the corrected zero of the angle, the third and fourth its lag.
+  bool is_late = false;
+  for (int pass = 0; pass < (is_late ? 4 : 2); ++pass) {
     FluxFit flux(e, found);
     std::vector<Eigen::Index> used = {0, 1};
     for (const SpinRun& s : segments) {
@@ -208,6 +301,21 @@ void find_flux(const Experiment& e, const std::vector<SpinRun>& segments, Identi
           std::count(used.begin(), used.end(), column) == 0)
         used.push_back(column);
     }
+    if (is_late || pass == 1) {
+      std::vector<Eigen::Index> with = used;
+      with.push_back(kLag);
+      const auto s = flux.solve(with);
+      const double psi = std::hypot(s.x[0], s.x[1]);
+      const Found lag{s.x[kLag] / psi, s.sigma[kLag] / psi};
+      if (pass == 1)
+        is_late = std::abs(lag.value) > kSigmas * lag.sigma &&
+                  std::abs(lag.value) > kLagMaterial * e.T_s();
+      if (is_late) {
+        used = with;
+        found.angle_lag = {found.angle_lag.value + lag.value, lag.sigma};
+        for (SpinRun& run : segments) advance_angles(run.rows, lag.value, e.T_s());
+      }
+    }
     const auto solution = flux.solve(used);
     const auto &x = solution.x, &sigma = solution.sigma;
     const double psi = std::hypot(x[0], x[1]);
@@ -215,9 +323,11 @@ void find_flux(const Experiment& e, const std::vector<SpinRun>& segments, Identi
                            (found.n_p * std::max(found.omega_m_max, 1e-9));
     found.psi_f = {psi, std::hypot(sigma[0], kErrorOfPsi * psi, of_loss)};
     found.theta_zero += std::atan2(x[1], x[0]) / found.n_p;
+    if (pass == 0)
+      for (SpinRun& s : segments) s.ticks = inside_ticks(found, s.rows, e.T_s());
     found.L_q_points.resize(1);  // of standstill
     for (const Eigen::Index column : used) {
-      if (column < 2) continue;
+      if (column < 2 || column == kLag) continue;
       const double i = kLevels[column - 2] * e.i_max();
       const double error = std::hypot(sigma[column], kFluxError * found.psi_f.value / i);
       found.L_q_points.push_back({i, {x[column], error}, false});
@@ -225,20 +335,22 @@ void find_flux(const Experiment& e, const std::vector<SpinRun>& segments, Identi
   }
 }
 
-// Columns: 1/J, B/J, T_C/J, T_0/J, and a torque with the square of the speed.
+// Columns: 1/J, B/J, T_C/J, T_0/J, a torque with the square of the speed, and one of a period a
+// turn (sin, cos).
 class MotionFit {
  public:
-  MotionFit(const Experiment& e, const Identified& found) : fit_(5), found_(found), T_s_(e.T_s()) {}
+  MotionFit(const Experiment& e, const Identified& found) : fit_(7), found_(found), T_s_(e.T_s()) {}
 
-  void add(const Rows& rows) {
+  void add(const SpinRun& segment) {
+    const Rows& rows = segment.rows;
     constexpr int kWindow = 8;
     const auto n = static_cast<int>(rows.size());
     if (n < 6 * kWindow) return;
     const int stride = std::max(1, n / 3000);
     const Eigen::Index m = (n - 1) / stride + 1;
-    Eigen::MatrixXd local(m, 2), shared(m, 5);
+    Eigen::MatrixXd local(m, 2), shared(m, 7);
     Eigen::VectorXd y(m);
-    using Terms = Eigen::Matrix<double, 5, 1>;
+    using Terms = Eigen::Matrix<double, 7, 1>;
     Terms once = Terms::Zero(), twice = Terms::Zero(), before = Terms::Zero();
     const auto theta = [&](int k) { return rows[static_cast<std::size_t>(k)].theta; };
     for (int k = 0; k < n; ++k) {
@@ -246,9 +358,15 @@ class MotionFit {
       const double omega = (theta(b) - theta(a)) / ((b - a) * T_s_);
       const double sign = omega > 0 ? 1 : omega < 0 ? -1 : 0;
       Terms now;
-      now << torque(rows[static_cast<std::size_t>(k)]), 0, -sign, -1, -omega * std::abs(omega);
+      now << torque(rows[static_cast<std::size_t>(k)]), 0, -sign, -1, -omega * std::abs(omega),
+          -std::sin(theta(k)), -std::cos(theta(k));
       if (k > 0) {
-        const Terms next = once + 0.5 * T_s_ * (before + now);
+        Terms next = once + 0.5 * T_s_ * (before + now);
+        const Row& row = rows[static_cast<std::size_t>(k)];
+        const Vec2 bow =
+            park(segment.ticks[static_cast<std::size_t>(k)].bow,
+                 found_.n_p * (row.theta - found_.theta_zero) - 0.5 * omega * found_.n_p * T_s_);
+        next[0] += T_s_ * 1.5 * found_.n_p * found_.psi_f.value * bow[1];
         twice += 0.5 * T_s_ * (once + next);
         once = next;
         twice[1] -= 0.5 * T_s_ * (theta(k) + theta(k - 1) - 2 * theta(0));
@@ -282,8 +400,10 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
   constexpr double kSigmas = 4, kShare = 0.02, kFanShare = 0.2;
   // What quadrature and quantised angle leave in J and in the friction, of the same drives.
   constexpr double kErrorOfJ = 2e-4, kErrorOfFriction = 4e-3;
+  // Of the test torque: currents that the loss of the inverter hides within a tick.
+  constexpr double kErrorOfLoss = 5e-5;
   MotionFit motion(e, found);
-  for (const SpinRun& s : segments) motion.add(s.rows);
+  for (const SpinRun& s : segments) motion.add(s);
   std::vector<Eigen::Index> used = {0, 1, 2, 3};
   auto solution = motion.solve(used);
   const auto material = [&](Eigen::Index term) {
@@ -311,6 +431,14 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
     std::erase(used, term);
     solution = motion.solve(used);
   }
+  // Once a turn: unbalance, or an encoder that is not centred.
+  std::vector<Eigen::Index> unbalanced = used;
+  unbalanced.insert(unbalanced.end(), {5, 6});
+  const auto once = motion.solve(unbalanced);
+  const double swing = std::hypot(once.x[5], once.x[6]);
+  if (swing > kSigmas * std::hypot(once.sigma[5], once.sigma[6]) &&
+      swing > kShare * (std::abs(once.x[1]) * omega + std::abs(once.x[2])))
+    solution = once;
   const double J = 1 / solution.x[0];
   const double J_share = std::hypot(solution.sigma[0] / solution.x[0], kErrorOfJ);
   if (assisting < 0)
@@ -323,11 +451,16 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
                  std::hypot(solution.sigma[term] * J, solution.x[term] * J * J_share,
                             solution.x[term] * J * kErrorOfFriction)};
   };
+  const double hidden = found.loss.V.value == 0
+                            ? 0
+                            : kErrorOfLoss * 1.5 * found.n_p * found.psi_f.value * found.i_max;
   found.J = {J, J * std::hypot(J_share, found.psi_f.sigma / found.psi_f.value)};
   found.B = scaled(1);
+  found.B.sigma = std::hypot(found.B.sigma, hidden / omega);
   found.T_coulomb = scaled(2);
   found.T_constant = scaled(3);
   found.fan = scaled(4);
+  found.T_sin = scaled(5), found.T_cos = scaled(6);
   if (found.B.value < kSigmas * found.B.sigma) {
     found.notes.push_back(fmt::format("viscous friction: {:.2g} Nms is not above {:g} sigmas",
                                       found.B.value, kSigmas));
@@ -339,7 +472,13 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
 
 void identify_spin(Experiment& e, Identified& found) {
   e.show("run-up", 0.55);
-  const std::vector<SpinRun> segments = spin(e, found);
+  std::vector<SpinRun> segments = spin(e, found);
+  found.stale_share = e.stale_share();
+  for (SpinRun& run : segments) {
+    if (found.stale_share > 0) mend_stale_rows(run.rows, found.n_p);
+    if (found.current.form != Lateness::kNone)
+      turn_currents(run.rows, found.n_p * found.current.lag.value, e.T_s());
+  }
   find_flux(e, segments, found);
   const auto [d, q] = fit_inductances(found.L_d_points, found.L_q_points);
   found.L_d = d.L, found.saturation_d = d.saturation;

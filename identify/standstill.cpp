@@ -206,6 +206,48 @@ DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_
   return fit;
 }
 
+// u/i of the step from half of the current to all of it, along `phi`.
+double step_resistance(Experiment& e, double phi) {
+  constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
+  double i[2] = {}, u[2] = {};
+  for (const int half : {0, 1}) {
+    const Vec2 i_ref(e.i_max() * (half == 1 ? 0.5 : 1), 0);
+    for (int k = 0; k < e.ticks(kFind_s); ++k) e.control(i_ref, phi, 0);
+    const Vec2 held = e.integral()[0] * along(phi);
+    for (int k = 0; k < e.ticks(kSettle_s); ++k) e.apply(held);
+    const int ticks = e.ticks(kMean_s);
+    for (int k = 0; k < ticks; ++k) {
+      const Row& row = e.apply(held);
+      i[half] += row.i.dot(along(phi)) / ticks, u[half] += row.u.dot(along(phi)) / ticks;
+    }
+  }
+  return (u[0] - u[1]) / (i[0] - i[1]);
+}
+
+// The rotor aligned with each phase in turn. Of phases that differ, R_s is the mean.
+void compare_phases(Experiment& e, Identified& found) {
+  constexpr double kMaterial = 5e-3;
+  const double u = found.R_s.value * e.i_max() + 4.0 / 3 * found.loss.V.value;
+  double R[3] = {step_resistance(e, 0), 0, 0};
+  for (const int phase : {1, 2}) {
+    turn(e, kTwoPi / 3 * (phase - 1), 1.0 / 3, u, e.i_max());
+    e.begin_control(Vec2(u, 0));
+    R[phase] = step_resistance(e, kTwoPi / 3 * phase);
+  }
+  turn(e, 2 * kTwoPi / 3, -2.0 / 3, u, e.i_max());
+  const double mean = (R[0] + R[1] + R[2]) / 3;
+  const double spread = std::max({R[0], R[1], R[2]}) - std::min({R[0], R[1], R[2]});
+  if (found.R_s_drifts || spread < kMaterial * mean) return;
+  for (const double R_phase : R)
+    found.phase_spread = std::max(found.phase_spread, std::abs(R_phase / mean - 1));
+  found.R_s.value *= mean / R[0];
+  found.notes.push_back(fmt::format(
+      "phases: along a, b, c the resistance is {:+.2g}, {:+.2g}, {:+.2g} % off its mean, which R_s "
+      "is: a joint, a cable or the gain of a current sensor; by such a gain L_d and L_q are wrong "
+      "by up to twice that",
+      100 * (R[0] / mean - 1), 100 * (R[1] / mean - 1), 100 * (R[2] / mean - 1)));
+}
+
 void find_resistance(Experiment& e, Identified& found) {
   constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5, kDrift = 3e-3;
   const std::vector<Level> levels = direct_levels(e);
@@ -261,7 +303,9 @@ void find_inductances(Experiment& e, Identified& found, double L_pulse) {
     settle(e, holding(found, i));
     const std::vector<Sine> sines = sweep(
         e, {holding(found, i), Vec2(1, 0), kSineShare * i, found.R_s.value, L}, {6, 12, 24, 48});
-    const AxisFit fit = fit_axis(sines, e.T_s(), found.R_s.value, false);
+    const double R = found.R_s.value;
+    if (found.L_d_points.empty()) found.current = find_lateness(sines, e.T_s(), R);
+    const AxisFit fit = fit_axis(sines, e.T_s(), R, false, found.current);
     L = fit.L.value;
     found.L_d_points.push_back({i, fit.L, true});
   }
@@ -273,7 +317,7 @@ void find_inductances(Experiment& e, Identified& found, double L_pulse) {
   const std::vector<Sine> sines =
       sweep(e, {holding(found, i), Vec2(0, 1), kSineShare * i, found.R_s.value, L},
             {6, 8, 12, 16, 24, 32, 48, 64});
-  const AxisFit q = fit_axis(sines, e.T_s(), found.R_s.value, true);
+  const AxisFit q = fit_axis(sines, e.T_s(), found.R_s.value, true, found.current);
   found.L_q = q.L;
   found.L_q.sigma = std::hypot(found.L_q.sigma, kModelOfSwing * found.L_q.value);
   // A sine of amplitude A about zero sees flux over current at about 0.85 A: 8/(3 pi) A for a flux
@@ -293,6 +337,7 @@ void identify_standstill(Experiment& e, Identified& found) {
   find_wiring(e, found);
   e.show("direct currents", 0.3);
   find_resistance(e, found);
+  compare_phases(e, found);
   e.show("inductances", 0.4);
   find_inductances(e, found, L_pulse);
   e.set_inductance(std::min(found.L_d.value, found.L_q.value));

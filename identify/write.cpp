@@ -10,6 +10,7 @@ namespace twinrate {
 namespace {
 
 using Json = nlohmann::ordered_json;
+constexpr const char* kLatenessForms[] = {"none", "delay", "first_order"};
 constexpr double kAngleMaterial = 2e-3;  // electrical, rad: a smaller zero is not written
 
 // The mechanical reading at which the d axis is phase a, nearest to zero; of an encoder that counts
@@ -50,7 +51,14 @@ std::string effects_text(const Identified& f, int encoder_counts) {
         "\n[[effect]]\nkind = \"fan_load\"\nused_in = \"both\"\ncoefficient_Nms2 = {:.6g}\n",
         f.fan.value);
   const double offset = encoder_offset(f, encoder_counts);
-  if (std::abs(offset) * f.n_p > kAngleMaterial)
+  const bool has_offset = std::abs(offset) * f.n_p > kAngleMaterial;
+  if (f.T_sin.value != 0)  // over the angle of the machine, not that of the encoder
+    text += fmt::format(
+        "\n[[effect]]\nkind = \"eccentric_load\"\nused_in = \"both\"\namplitude_Nm = {:.6g}\n"
+        "phase_rad = {:.6g}\n",
+        std::hypot(f.T_sin.value, f.T_cos.value),
+        wrap_pi(std::atan2(f.T_cos.value, f.T_sin.value) + (has_offset ? offset : 0)));
+  if (has_offset)
     text += fmt::format(
         "\n[[effect]]\nkind = \"encoder_offset\"\nused_in = \"both\"\noffset_rad = {:.6g}\n",
         offset);
@@ -143,25 +151,31 @@ std::string identified_json(const Identified& f, const std::vector<SheetRow>& ro
   const auto saturation = [](const std::optional<SaturationFound>& s) {
     return s ? Json{{"form", kSaturationForms[s->form]}, {"I_s_A", s->I_s}} : Json();
   };
-  const Json json = {{"parameters", parameters},
-                     {"encoder_against_phase_order", f.mirrored},
-                     {"encoder_zero_rad", f.theta_zero},
-                     {"current_offset_A", {f.i_offset[0], f.i_offset[1], f.i_offset[2]}},
-                     {"coulomb_friction", found(f.T_coulomb, "Nm")},
-                     {"constant_torque", found(f.T_constant, "Nm")},
-                     {"fan_load", found(f.fan, "Nms2")},
-                     {"inverter_loss",
-                      {{"threshold", found(f.loss.V, "V")},
-                       {"linear_current_A", f.loss.i_linear},
-                       {"shape", kCurrentShapeNames[static_cast<int>(f.loss.shape)]}}},
-                     {"saturation_d", saturation(f.saturation_d)},
-                     {"saturation_q", saturation(f.saturation_q)},
-                     {"L_d_over_current", points_json(f.L_d_points)},
-                     {"L_q_over_current", points_json(f.L_q_points)},
-                     {"test_current_A", f.i_max},
-                     {"top_speed_rad_s", f.omega_m_max},
-                     {"duration_s", f.duration},
-                     {"not_identified", f.notes}};
+  const Json json = {
+      {"parameters", parameters},
+      {"encoder_against_phase_order", f.mirrored},
+      {"encoder_zero_rad", f.theta_zero},
+      {"current_offset_A", {f.i_offset[0], f.i_offset[1], f.i_offset[2]}},
+      {"coulomb_friction", found(f.T_coulomb, "Nm")},
+      {"constant_torque", found(f.T_constant, "Nm")},
+      {"fan_load", found(f.fan, "Nms2")},
+      {"inverter_loss",
+       {{"threshold", found(f.loss.V, "V")},
+        {"linear_current_A", f.loss.i_linear},
+        {"shape", kCurrentShapeNames[static_cast<int>(f.loss.shape)]}}},
+      {"torque_once_a_turn", {{"sin", found(f.T_sin, "Nm")}, {"cos", found(f.T_cos, "Nm")}}},
+      {"stale_share", f.stale_share},
+      {"current_lag",
+       {{"form", kLatenessForms[f.current.form]}, {"lag", found(f.current.lag, "s")}}},
+      {"angle_lag", found(f.angle_lag, "s")},
+      {"saturation_d", saturation(f.saturation_d)},
+      {"saturation_q", saturation(f.saturation_q)},
+      {"L_d_over_current", points_json(f.L_d_points)},
+      {"L_q_over_current", points_json(f.L_q_points)},
+      {"test_current_A", f.i_max},
+      {"top_speed_rad_s", f.omega_m_max},
+      {"duration_s", f.duration},
+      {"not_identified", f.notes}};
   return json.dump(2) + "\n";
 }
 
