@@ -112,6 +112,9 @@ void write_report(const std::vector<ReportRun>& runs, const ReportOptions& optio
   const std::string title = options.title.empty() ? runs.front().config.name : options.title;
   page["subtitle"] =
       views.size() == 1 ? runs.front().log.path : fmt::format("{} runs", views.size());
+  if (const std::string command = report::command_of(runs.front().manifest_json);
+      views.size() == 1 && !command.empty())
+    page["command"] = command;
   page["revision"] = runs.front().log.revision;
   report::write_page(std::move(page), title, out_path);
 }

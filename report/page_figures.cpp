@@ -318,7 +318,7 @@ std::vector<PageFigure> figures_of_page(const std::string& path, const std::stri
     throw BadInput(fmt::format("{}: not a page of twinrate report or trace", path));
   std::vector<PageFigure> figures;
   try {
-    const std::string caption = page.value("title", "") + ". " + command;
+    const std::string caption = page.value("title", "") + ". " + page.value("command", command);
     for (const Json& section : page["sections"])
       for (const Json& figure : section.value("figures", Json::array()))
         figures.push_back({file_name(figures.size() + 1, figure.value("title", "figure")),

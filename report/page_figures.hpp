@@ -1,7 +1,8 @@
 // The figures of a written page (report.html of a run, a comparison or a trace) as SVG files.
 //
 // A page holds its figures as JSON (figure.hpp). The same points are drawn here without a browser,
-// with a caption below: the drive's name as the page has it, and a command.
+// with a caption below: the drive's name as the page has it, and the command of the
+// page's run, else `command`.
 #pragma once
 #include <string>
 #include <vector>

@@ -289,6 +289,7 @@ function build(content) {
   const revision = content.revision ? ` - twinrate ${content.revision}` : '';
   page.replaceChildren(element('h1', { textContent: content.title }),
     element('p', { className: 'subtitle', textContent: content.subtitle + revision }));
+  if (content.command) page.append(element('p', { className: 'subtitle', textContent: content.command }));
   if (content.verdict) page.append(verdictNode(content.verdict));
   if (content.summary) page.append(summaryNode(content.summary));
   if (content.comparison) page.append(tableNode(content.comparison.head, content.comparison.rows));

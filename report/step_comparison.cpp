@@ -27,13 +27,6 @@ std::vector<double> of_truth(const RunView& view,
                    [&](const TickRow& row) { return row.truth ? value(*row.truth) : kNaN; });
 }
 
-std::string command_of(const std::string& manifest_json) {
-  const Json manifest = Json::parse(manifest_json, nullptr, false);
-  if (!manifest.is_object()) return "";
-  const auto command = manifest.find("command");
-  return command != manifest.end() && command->is_string() ? command->get<std::string>() : "";
-}
-
 // "n13: dilys2021, twinrate simulate dilys2021 --set rates.n=13".
 std::string caption(const std::vector<RunView>& views, const std::vector<std::string>& names) {
   std::string text;

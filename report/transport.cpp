@@ -26,6 +26,13 @@ std::string link(const Json& link) {
 
 }  // namespace
 
+std::string command_of(const std::string& manifest_json) {
+  const Json manifest = Json::parse(manifest_json, nullptr, false);
+  if (!manifest.is_object()) return "";
+  const auto command = manifest.find("command");
+  return command != manifest.end() && command->is_string() ? command->get<std::string>() : "";
+}
+
 Json transport_rows(const std::string& manifest_json) {
   Json rows = Json::array();
   try {

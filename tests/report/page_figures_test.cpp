@@ -75,5 +75,13 @@ TEST_F(PageFigures, AnotherFileIsRefused) {
     EXPECT_THROW(figures(json), BadInput) << json;
 }
 
+TEST_F(PageFigures, TheCommandOfTheRunStandsBesideTheName) {
+  const auto list = figures(R"json({"title": "own", "command": "twinrate simulate own.toml",
+    "sections": [{"figures": [{"title": "Speed", "x": [1, 2],
+      "series": [{"name": "true", "role": "true", "values": [1, 2]}]}]}]})json");
+  ASSERT_EQ(list.size(), 1u);
+  EXPECT_NE(list[0].svg.find("own. twinrate simulate own.toml<"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace twinrate::page_figures_test

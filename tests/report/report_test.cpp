@@ -406,6 +406,13 @@ TEST_F(Report, NoTextEndsTheScript) {
   EXPECT_NE(content["events"][0][3].get<std::string>().find("</script><b>"), std::string::npos);
 }
 
+TEST_F(Report, HasTheCommandOfTheRun) {
+  const Json manifest = {{"command", "twinrate simulate own.toml"}};
+  EXPECT_EQ(content_of(page_of({made_up_run()}, {}, {manifest.dump()}))["command"],
+            "twinrate simulate own.toml");
+  EXPECT_FALSE(content_of(page_of({made_up_run()})).contains("command")) << "not recorded";
+}
+
 TEST_F(Report, ShowsTheLatencyOfEachHopAndTheLinksOfTheManifest) {
   const RunLog log = made_up_run();
   const RunTicks ticks = run_ticks(log);
