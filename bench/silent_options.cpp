@@ -2,12 +2,15 @@
 // the run, is refused by name, or acts elsewhere (tests/support/option_probe.hpp). Exit code 1 if one
 // is silent or ends in an error.
 //
-//   silent_options [--preset P] [--estimator K] [--controller K] [--start S] [--key BEGINNING] [--all]
+//   silent_options [--preset P ..] [--estimator K] [--controller K] [--start S] [--key BEGINNING]
+//                  [--all | --table]
 //
 // --all prints every option; without it those that are silent or end in an error, and the counts.
+// --table prints a row per option, in Markdown: the table of docs/options-that-act.md.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <map>
 #include <thread>
@@ -23,14 +26,76 @@ namespace {
 constexpr const char* kAnswers[] = {"changes", "refused", "elsewhere", "silent", "error"};
 
 struct Selection {
-  std::string preset = "kim-ipmsm", estimator, controller, start, key;
-  bool all = false;
+  std::vector<std::string> presets{"kim-ipmsm"};
+  std::string estimator, controller, start, key;
+  bool all = false, table = false;
+};
+
+// One option over all pairings.
+struct OptionRow {
+  std::map<OptionAnswer, int> counts;
+  std::map<std::string, int> with;       // situations in which it acts, "": the pairing's own run
+  std::map<std::string, int> read_with;  // of the refusals
+  std::string elsewhere;
+  void add(const OptionProbe& probe) {
+    ++counts[probe.answer];
+    if (probe.answer == OptionAnswer::kChanges) ++with[probe.with];
+    if (probe.answer == OptionAnswer::kElsewhere) elsewhere = probe.why;
+    const std::string mark = "it is read with ";
+    const auto at = probe.why.find(mark);
+    if (probe.answer == OptionAnswer::kRefused && at != std::string::npos)
+      ++read_with[probe.why.substr(at + mark.size())];
+  }
+  void add(const OptionRow& other) {
+    for (const auto& [answer, count] : other.counts) counts[answer] += count;
+    for (const auto& [text, count] : other.with) with[text] += count;
+    for (const auto& [text, count] : other.read_with) read_with[text] += count;
+    if (!other.elsewhere.empty()) elsewhere = other.elsewhere;
+  }
 };
 
 struct Rows {
   std::string text;
   std::map<OptionAnswer, int> counts;
+  std::vector<std::string> keys;  // in the order of the reference page
+  std::map<std::string, OptionRow> options;
 };
+
+std::string most_frequent(const std::map<std::string, int>& texts) {
+  const auto more = [](const auto& a, const auto& b) { return a.second < b.second; };
+  const auto most = std::max_element(texts.begin(), texts.end(), more);
+  return most == texts.end() ? "" : most->first;
+}
+
+std::string words_of(const OptionRow& row) {
+  std::string words;
+  const auto add = [&](const std::string& text) { words += (words.empty() ? "" : "; ") + text; };
+  if (!row.with.empty() && !row.with.contains(""))
+    add("acts with `" + most_frequent(row.with) + "`");
+  if (row.with.contains("")) add("acts in the run itself");
+  if (!row.elsewhere.empty()) add("acts elsewhere: " + row.elsewhere);
+  if (!row.read_with.empty()) add("else refused: read with " + most_frequent(row.read_with));
+  return words;
+}
+
+void print_markdown(const std::vector<Rows>& all) {
+  std::vector<std::string> keys;
+  std::map<std::string, OptionRow> options;
+  for (const Rows& rows : all) {
+    for (const std::string& key : rows.keys)
+      if (!options.contains(key)) options[key], keys.push_back(key);
+    for (const auto& [key, row] : rows.options) options[key].add(row);
+  }
+  fmt::print(
+      "| option | changes | refused | elsewhere | silent | words |\n|---|---|---|---|---|---|\n");
+  for (const std::string& key : keys) {
+    OptionRow& row = options[key];
+    fmt::print("| `{}` | {} | {} | {} | {} | {} |\n", key, row.counts[OptionAnswer::kChanges],
+               row.counts[OptionAnswer::kRefused], row.counts[OptionAnswer::kElsewhere],
+               row.counts[OptionAnswer::kSilent] + row.counts[OptionAnswer::kError], words_of(row));
+  }
+  fmt::print("\n");
+}
 
 Rows rows_of(const Pairing& p, const Selection& s) {
   Rows rows;
@@ -39,6 +104,10 @@ Rows rows_of(const Pairing& p, const Selection& s) {
     if (!option.key.starts_with(s.key)) continue;
     const OptionProbe probe = prober.probe(option);
     ++rows.counts[probe.answer];
+    if (s.table) {
+      rows.keys.push_back(option.key);
+      rows.options[option.key].add(probe);
+    }
     if (s.all || probe.answer == OptionAnswer::kSilent || probe.answer == OptionAnswer::kError)
       rows.text +=
           fmt::format("{:<15} {:<4} {:<8} {:<45} {:<9} {}\n", p.estimator, p.controller, p.start,
@@ -49,13 +118,14 @@ Rows rows_of(const Pairing& p, const Selection& s) {
 
 int print_table(const Selection& s) {
   std::vector<Pairing> pairings;
-  for (const std::string& estimator : filter_kinds())
-    for (const std::string& controller : controller_kinds())
-      for (const char* start : kStartNames)
-        if ((s.estimator.empty() || s.estimator == estimator) &&
-            (s.controller.empty() || s.controller == controller) &&
-            (s.start.empty() || s.start == start))
-          pairings.push_back({s.preset, estimator, controller, start});
+  for (const std::string& preset : s.presets)
+    for (const std::string& estimator : filter_kinds())
+      for (const std::string& controller : controller_kinds())
+        for (const char* start : kStartNames)
+          if ((s.estimator.empty() || s.estimator == estimator) &&
+              (s.controller.empty() || s.controller == controller) &&
+              (s.start.empty() || s.start == start))
+            pairings.push_back({preset, estimator, controller, start});
   std::vector<Rows> rows(pairings.size());
   {
     std::atomic<std::size_t> next = 0;
@@ -67,6 +137,7 @@ int print_table(const Selection& s) {
       });
   }
   std::map<OptionAnswer, int> counts;
+  if (s.table) print_markdown(rows);
   for (const Rows& some : rows) {
     fmt::print("{}", some.text);
     for (const auto& [answer, count] : some.counts) counts[answer] += count;
@@ -84,12 +155,13 @@ int main(int argc, char** argv) try {
   using namespace twinrate;
   CLI::App app("Set every option one at a time and see what it does");
   test::Selection s;
-  app.add_option("--preset", s.preset, "machine of this preset");
+  app.add_option("--preset", s.presets, "machines of these presets");
   app.add_option("--estimator", s.estimator, "only this filter");
   app.add_option("--controller", s.controller, "only this controller");
   app.add_option("--start", s.start, "only this start");
   app.add_option("--key", s.key, "only options that begin so");
   app.add_flag("--all", s.all, "print every option");
+  app.add_flag("--table", s.table, "print a row per option, in Markdown");
   CLI11_PARSE(app, argc, argv);
   return test::print_table(s);
 } catch (...) {

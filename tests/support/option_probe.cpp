@@ -9,6 +9,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <utility>
 
 #include "controller/controller.hpp"
 #include "estimator/registry.hpp"
@@ -153,6 +154,13 @@ struct Situation {
       with;  // CONTROLLER stands for the table of the chosen controller, T for the rated torque
 };
 
+// The low-pass of the speed cannot follow, so that its limit of the angle's change is too small.
+Overrides sudden_speed(const std::string& filter) {
+  const std::string table = "estimator." + filter + ".";
+  return {table + "speed_from=emf", table + "lowpass_Hz=0.1", table + "limit_floor_rad=0",
+          "reference.slew_rad_s2=0", "reference.speed_rpm=[[0.0,120.0],[0.05,600.0]]"};
+}
+
 const std::vector<Situation>& situations() {
   static const Overrides jump{"plant.fault.kind=current_jump", "plant.fault.at_s=0.02",
                               "plant.fault.value=0.5", "plant.fault.for_s=0.01"};
@@ -195,6 +203,16 @@ const std::vector<Situation>& situations() {
   static const Overrides jump_by_innovation =
       joined(jump_by_emf, {"CONTROLLER.synchronism.emf_limit=10",
                            "CONTROLLER.synchronism.innovation_A=1e-3", "plant.fault.value=20I"});
+  static const Overrides small_jump_by_innovation =
+      joined(jump_by_innovation, {"plant.fault.value=4I"});
+  // Noise far above innovation_A: only nis_limit decides whether the estimate has agreed once.
+  static const Overrides jump_if_found =
+      joined(jump_by_emf, {"CONTROLLER.synchronism.emf_limit=0.6", "plant.fault.value=20I",
+                           "CONTROLLER.synchronism.innovation_A=1e-3",
+                           "CONTROLLER.synchronism.t_find_s=100", "sensors.i_noise_rms_A=0.01I"});
+  static const Overrides jump_alone{"machine.i_trip_A=1e5",       "safety.omega_m_max_rad_s=1e5",
+                                    "safety.watch_sensors=false", "plant.fault.kind=current_jump",
+                                    "plant.fault.value=20I",      "plant.fault.at_s=0.1"};
   static const Overrides jump_when_found =
       joined(jump_by_emf, {"CONTROLLER.synchronism.emf_limit=0.6", "plant.fault.value=20I",
                            "CONTROLLER.synchronism.innovation_A=100"});
@@ -233,6 +251,8 @@ const std::vector<Situation>& situations() {
       {"inverter.f_pwm_Hz", {"plant.inverter=switched"}},
       {"rates.n_from", {"rates.n_from=start", "rates.n_from_s=0.1"}},
       {"rates.n_from_s", {"rates.n_from=start"}},
+      {"steering.n", {"rates.n_from=start"}},
+      {"steering.policy", {"rates.n_from=start"}},
       {"gain.speed_span_rad_s", {"gain.policy=propagated"}},
       {"reference.slew_rad_s2", two_speeds},
       {"load.slew_Nm_s", {"load.T_load_Nm=0.1T"}},
@@ -267,7 +287,9 @@ const std::vector<Situation>& situations() {
       {"CONTROLLER.field_weakening_bandwidth_Hz",
        {"CONTROLLER.field_weakening=true", "reference.speed_rpm=6000.0"}},
       {"CONTROLLER.field_weakening", {"reference.speed_rpm=6000.0"}},
-      {"CONTROLLER.synchronism.watch", jump_by_emf},
+      {"CONTROLLER.synchronism.watch", jump_alone},
+      {"CONTROLLER.synchronism.nis_limit", small_jump_by_innovation},
+      {"CONTROLLER.synchronism.nis_limit", jump_if_found},
       {"CONTROLLER.synchronism.", jump_by_emf},
       {"CONTROLLER.synchronism.", jump_by_innovation},
       {"CONTROLLER.synchronism.", jump_when_found},
@@ -278,18 +300,25 @@ const std::vector<Situation>& situations() {
       {"CONTROLLER.voltage_margin", weakened},
       {"CONTROLLER.field_weakening_bandwidth_Hz", weakened},
       {"CONTROLLER.field_weakening", fast},
+      {"CONTROLLER.startup.t_fade_s", {"sensors.i_noise_rms_A=0.01I"}},
       {"run.seed", {"sensors.i_noise_rms_A=0.01I"}},
       {"machine.i_rated_A",
        {"plant.fault.kind=current_jump", "plant.fault.at_s=0.02", "plant.fault.value=100.0",
         "safety.watch_sensors=false"}},
       {"estimator.ekf_disturbance.speed_from_angle", {"sensors.encoder_counts=0"}},
       {"estimator.backemf_printed.saliency_in_speed", {"machine.L_q_H=1.5L"}},
+      {"estimator.active_flux.saliency_in_speed",
+       {"estimator.active_flux.speed_from=emf", "machine.L_q_H=1.5L"}},
       {"estimator.active_flux.limit", hard_stall},
       {"estimator.active_flux.limit_floor_rad", hard_stall},
       {"estimator.backemf_printed.limit", unwatched},
       {"estimator.backemf_printed.limit_floor_rad", unwatched},
       {"estimator.backemf_printed.limit", hard_stall},
       {"estimator.backemf_printed.limit_floor_rad", hard_stall},
+      {"estimator.active_flux.limit", sudden_speed("active_flux")},
+      {"estimator.active_flux.limit_floor_rad", sudden_speed("active_flux")},
+      {"estimator.backemf_printed.limit", sudden_speed("backemf_printed")},
+      {"estimator.backemf_printed.limit_floor_rad", sudden_speed("backemf_printed")},
       {"CONTROLLER.angle_domain.", learning},
       {"CONTROLLER.angle_domain.", fast_learning}};
   return all;
@@ -456,8 +485,13 @@ std::vector<Overrides> variants_of(const Pairing& p, const std::string& key) {
   return list;
 }
 
-std::vector<Overrides> bases_of(const Pairing& p, const std::string& key) {
-  std::vector<Overrides> bases;
+struct Base {
+  Overrides all;
+  std::string with;  // beyond the first one
+};
+
+std::vector<Base> bases_of(const Pairing& p, const std::string& key) {
+  std::vector<Base> bases;
   for (const Overrides& variant : variants_of(p, key)) {
     Pairing other = p;
     Overrides rest;
@@ -467,12 +501,14 @@ std::vector<Overrides> bases_of(const Pairing& p, const std::string& key) {
       else
         rest.push_back(one);
     const Overrides base = joined(base_of(other), rest);
-    bases.push_back(base);
+    bases.push_back({base, fmt::format("{}", fmt::join(variant, " "))});
     for (const Situation& s : situations()) {
       if (!fits(with_table(s.key, p.controller), key)) continue;
       Overrides with;
       for (const std::string& one : s.with) with.push_back(with_table(one, p.controller));
-      bases.push_back(joined(base, in_SI(with, p.preset)));
+      const Overrides with_variant = joined(variant, with);
+      bases.push_back(
+          {joined(base, in_SI(with, p.preset)), fmt::format("{}", fmt::join(with_variant, " "))});
     }
   }
   return bases;
@@ -482,6 +518,7 @@ std::vector<Overrides> bases_of(const Pairing& p, const std::string& key) {
 
 struct OptionProber::Runs {
   std::map<std::string, std::optional<Run>> without;  // by the overrides; none: refused
+  std::string failure;                                // of a run without the option
 };
 
 OptionProber::OptionProber(Pairing pairing)
@@ -497,42 +534,46 @@ OptionProbe OptionProber::probe(const Option& option) {
     try {
       run = run_of(pairing_, list);
     } catch (const BadInput&) {
+    } catch (const std::exception& error) {
+      runs_->failure = text + ": " + error.what();
     }
     return runs_->without[text] = std::move(run);
   };
-  const std::vector<Overrides> bases = bases_of(pairing_, option.key);
+  const std::vector<Base> bases = bases_of(pairing_, option.key);
   const auto elsewhere = std::find_if(acts_elsewhere().begin(), acts_elsewhere().end(),
                                       [&](const auto& one) { return fits(one.first, option.key); });
   const bool is_elsewhere = elsewhere != acts_elsewhere().end();
   std::string refusal;
   bool ran = false;
-  for (const Overrides& base : bases) {
+  for (const auto& [base, with] : bases) {
     const std::optional<Run>& before = without(base);
+    if (!runs_->failure.empty())
+      return {OptionAnswer::kError, std::exchange(runs_->failure, {}), {}};
     if (!before) continue;
     for (const std::string& value : option.set) {
       try {
         const bool changes = differs(pairing_, joined(base, {option.key + "=" + value}), *before);
         ran = true;
-        if (changes) return {OptionAnswer::kChanges, value};
+        if (changes) return {OptionAnswer::kChanges, value, with};
         if (is_elsewhere && option.row.type != "choice") break;
       } catch (const BadInput& error) {
         const std::string line = error.what();
-        if (line.find('\n') != std::string::npos) return {OptionAnswer::kError, line};
+        if (line.find('\n') != std::string::npos) return {OptionAnswer::kError, line, {}};
         if (!names(line, option.key))
-          return {OptionAnswer::kChanges, fmt::format("{}: {}", value, line)};
+          return {OptionAnswer::kChanges, fmt::format("{}: {}", value, line), with};
         refusal = line;
         // Rules on numbers do not depend on the value.
         if (option.row.type != "choice" && option.row.type != "boolean" &&
             line.find("has no effect here") != std::string::npos)
           break;
       } catch (const std::exception& error) {
-        return {OptionAnswer::kError, option.key + "=" + value + ": " + error.what()};
+        return {OptionAnswer::kError, option.key + "=" + value + ": " + error.what(), {}};
       }
     }
   }
-  if (ran && is_elsewhere) return {OptionAnswer::kElsewhere, elsewhere->second};
-  if (!ran && !refusal.empty()) return {OptionAnswer::kRefused, refusal};
-  return {OptionAnswer::kSilent, refusal};
+  if (ran && is_elsewhere) return {OptionAnswer::kElsewhere, elsewhere->second, {}};
+  if (!ran && !refusal.empty()) return {OptionAnswer::kRefused, refusal, {}};
+  return {OptionAnswer::kSilent, refusal, {}};
 }
 
 }  // namespace twinrate::test

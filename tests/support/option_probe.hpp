@@ -34,7 +34,8 @@ enum class OptionAnswer { kChanges, kRefused, kElsewhere, kSilent, kError };
 
 struct OptionProbe {
   OptionAnswer answer = OptionAnswer::kSilent;
-  std::string why;  // the value that changed it, the refusal, or where it acts
+  std::string why;   // the value that changed it, the refusal, or where it acts
+  std::string with;  // what the run has beyond that of the pairing where it acts, as --set
 };
 
 // Every key of the reference page but `name`, `preset`, `start`, both kinds, and those of [[effect]].
