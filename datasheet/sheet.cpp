@@ -12,12 +12,21 @@
 namespace twinrate {
 namespace {
 
+// The beginning of one key or the same quantity: a sheet says "rated current" or "R".
+bool is_near(const std::string& name, const std::string& key) {
+  const std::string quantity = name.substr(0, name.rfind('_'));
+  return key.rfind(name, 0) == 0 || key.rfind(quantity + "_", 0) == 0;
+}
+
 const SheetKey& key_named(const std::string& name) {
-  std::string known;
+  std::string known, near;
   for (const SheetKey& key : Sheet::keys()) {
     if (name == key.key) return key;
     known += (known.empty() ? "" : ", ") + std::string(key.key);
+    if (is_near(name, key.key)) near += (near.empty() ? "" : " or ") + std::string(key.key);
   }
+  if (!near.empty())
+    throw BadInput(fmt::format("data sheet: {}: unknown key; {} allowed", name, near));
   throw BadInput(fmt::format("data sheet: {}: unknown key; known: {}", name, known));
 }
 

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
 #include "core/machine_error.hpp"
@@ -20,7 +21,7 @@ namespace fs = std::filesystem;
 
 struct FigureOptions {
   std::string source, out = "figures", format = "svg";
-  bool force = false;
+  bool force = false, json = false;
 };
 
 // rsvg-convert of librsvg2-bin makes the PDF.
@@ -57,7 +58,7 @@ void put(const FigureOptions& o, const std::string& name, const std::string& svg
     fs::remove(drawn);
   }
   part.finish();
-  fmt::print("{}\n", path);
+  fmt::print("{}\n", o.json ? nlohmann::json{{"written", path}}.dump() : path);
 }
 
 std::string text_of(const std::string& path) {
@@ -94,6 +95,7 @@ void add_figures_verb(CLI::App& app, int&) {
   verb->add_option("--format", o->format, "choose the format: svg (default) or pdf")
       ->check(CLI::IsMember({"svg", "pdf"}));
   verb->add_flag("--force", o->force, "replace figures of this name");
+  verb->add_flag("--json", o->json, "print JSON lines: the files as they are written");
   verb->callback([o] { figures(*o); });
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 
 #include "core/drive_hand.hpp"
 #include "core/output_file.hpp"
@@ -23,7 +24,7 @@ struct SetOptions {
   std::vector<std::string> lines;
   std::string run_dir, url, channel_suffix, save, add_effects, remove_effects;
   std::int64_t tick = 0;
-  bool force = false;
+  bool force = false, json = false;
 };
 
 RunningSet set_of(const SetOptions& o) {
@@ -72,6 +73,15 @@ int steer(const SetOptions& o) {
     throw BadInput("KEY=VALUE, --add-effects and --remove-effects: one of them at a time allowed");
   DriveHand hand(set_of(o));
   const HandAnswer answer = ask(hand, o);
+  if (o.json) {
+    nlohmann::json line = {{"accepted", answer.accepted}, {"asked", told(o)}};
+    if (answer.accepted)
+      line["tick"] = answer.k, line["t_ns"] = answer.t_ns;
+    else
+      line["why"] = printable(answer.why);
+    fmt::print("{}\n", line.dump());
+    return answer.accepted ? 0 : answer.answered ? 2 : 1;
+  }
   if (answer.accepted) {
     fmt::print("tick {} ({:.4f} s): {}\n", answer.k, 1e-9 * static_cast<double>(answer.t_ns),
                told(o));
@@ -126,6 +136,8 @@ void add_set_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--save", o->save,
                    "write the steered run in --run-dir as a drive file that repeats it");
   verb->add_flag("--force", o->force, "--save: replace the file");
+  verb->add_flag("--json", o->json, "print the answer to a request as a JSON line")
+      ->excludes("--save");
   verb->callback([o, &exit_code] { exit_code = o->save.empty() ? steer(*o) : save(*o); });
 }
 

@@ -156,6 +156,11 @@ TEST(Datasheet, ASlipIsOneLineWithWhatIsAllowed) {
   EXPECT_EQ(refusal({"ke_convention=rms"}),
             "data sheet: ke_convention: one of line_peak, line_rms, phase_peak, phase_rms allowed, "
             "found rms");
+  EXPECT_NE(refusal({"rated_current_A=3"})
+                .find("rated_current_A_rms or rated_current_A_peak or rated_current_A_block"),
+            std::string::npos);
+  EXPECT_NE(refusal({"r_Ohm=3"}).find("unknown key; r_ll_Ohm or r_phase_Ohm allowed"),
+            std::string::npos);
   EXPECT_NE(refusal({"colour=3"}).find("unknown key; known: poles, n_p"), std::string::npos);
   EXPECT_NE(refusal({"v_dc_V=nan"}), "");
 }
