@@ -113,7 +113,11 @@ class ErkIntegrator final : public SundialsIntegrator {
     check(ERKStepReset(erk_, 0, y_.get()), "ERKStepReset");
     check(ERKStepSetFixedStep(erk_, T / steps_), "ERKStepSetFixedStep");
     check(ERKStepSetStopTime(erk_, T), "ERKStepSetStopTime");
-    check(ERKStepEvolve(erk_, T, y_.get(), &t, ARK_NORMAL), "ERKStepEvolve");
+    if (const int code = ERKStepEvolve(erk_, T, y_.get(), &t, ARK_NORMAL); code < 0)
+      throw std::runtime_error(fmt::format(
+          "erk: {} fixed step(s) in one interval do not follow the plant (ERKStepEvolve "
+          "code {}); more plant.erk_steps, or plant.engine = rk or cvode, may",
+          steps_, code));
   }
 
  private:
