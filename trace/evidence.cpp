@@ -96,7 +96,7 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
 // What is left is more than the sensors' noise: the model has faults that nobody named, and they can
 // decide between two kinds that explain nearly the same energy.
 constexpr double kFaulty = 1.5;        // energy; the drawn noise is known to about a third
-constexpr double kFaultyShare = 0.02;  // of the energy that a kind explains
+constexpr double kFaultyShare = 0.01;  // of the energy that a kind explains
 
 bool is_faulty(const Rows& rows, const Fit& fit, const std::string& equation) {
   const EquationEnergy left = rows.energy(fit.y, fit.y), noise = rows.noise(fit.y, fit.y);

@@ -46,12 +46,12 @@ TEST_F(Aliases, WhatMayBeChanceDoesNotShrinkWithTheGain) {
       EXPECT_EQ(of(gain, other(gain - less)).size(), count) << gain << " less " << less;
 }
 
-// A model with faults that nobody named does not decide between kinds that explain 98 % of each other.
+// A model with faults that nobody named does not decide between kinds that explain 99 % of each other.
 TEST_F(Aliases, InAFaultyModelAreThoseThatExplainTheSameEnergy) {
-  EXPECT_TRUE(of(50000, other(48000, 0.98)).empty());
+  EXPECT_TRUE(of(50000, other(48000, 0.985)).empty());
   drive_.scale_noise(0.5);
-  EXPECT_EQ(of(50000, other(48000, 0.98)).size(), 1u);
-  EXPECT_TRUE(of(50000, other(48000, 0.96)).empty());
+  EXPECT_EQ(of(50000, other(48000, 0.985)).size(), 1u);
+  EXPECT_TRUE(of(50000, other(48000, 0.975)).empty());
 }
 
 }  // namespace twinrate::evidence_test
