@@ -115,7 +115,7 @@ bool mostly_few_steps(const Record& record, double i_lsb) {
   return 2 * static_cast<std::size_t>(few) > record.i_alphabeta.size();
 }
 
-// Size that a torque must have beyond half a step of a current sensor: where the current takes few
+// Size, that of a constant torque, which half a step of a current sensor makes: where the current takes few
 // steps, that much is missing of it as long as it stays.
 double least_beside_steps(const Record& record, const Health& health, const Effect& effect,
                           const DriveFacts& facts) {
