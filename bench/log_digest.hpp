@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/decode.hpp"
@@ -20,7 +21,11 @@ struct LogDigest {
   template <class Message>
   void add(const lcm::LogEvent& event) {
     Message message{};
-    if (!decode(message, event.data, static_cast<std::size_t>(event.datalen))) return;
+    if (decode(message, event.data, static_cast<std::size_t>(event.datalen)))
+      add_message(std::move(message));
+  }
+  template <class Message>
+  void add_message(Message message) {
     message.session = message.tag = message.host_ns = 0;
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(message.getEncodedSize()));
     message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));

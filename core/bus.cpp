@@ -139,7 +139,8 @@ Bus::Bus(const BusOptions& options)
   transport_ = udpm ? make_udpm_transport(to_udpm_address(options_.url),
                                           {.filter = options_.filter,
                                            .drain_every_ms = options_.drain_every_ms,
-                                           .later_cpu = options_.later_cpu})
+                                           .later_cpu = options_.later_cpu,
+                                           .spin_us = options_.spin_us})
                     : make_liblcm_transport(options_.url);
   tag_with(options_.token_file);
   subscribe<ack_t>([this](const ack_t& ack) { serve_missing(ack); });

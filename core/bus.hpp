@@ -54,6 +54,8 @@ struct BusOptions {
   // Above 0: messages do not wake the process, it reads them in this period. For one that nobody
   // waits for: a wake-up costs its sender more than the message.
   double drain_every_ms = 0;
+  // Looks for a message for so long before it sleeps.
+  double spin_us = 0;
   // Not negative: publish_later() leaves the sending to a thread on this CPU.
   int later_cpu = -1;
   // A token file (core/message_tag): what is sent is tagged. "": what is sent has no tag.

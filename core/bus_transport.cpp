@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <poll.h>
+#include <sched.h>
 
 #include <algorithm>
 #include <chrono>
@@ -25,7 +26,10 @@ timespec to_timespec(double ms) {
 class UdpmTransport : public BusTransport {
  public:
   UdpmTransport(const UdpmAddress& address, const UdpmOptions& options)
-      : address_(address), filter_(options.filter), drain_every_ms_(options.drain_every_ms) {
+      : address_(address),
+        filter_(options.filter),
+        drain_every_ms_(options.drain_every_ms),
+        spin_us_(options.spin_us) {
     if (!multicast_is_heard(address))
       throw MachineError("the LCM self-test failed; as root: " + multicast_mend());
     if (options.later_cpu >= 0) later_ = std::make_unique<LaterSender>(address, options.later_cpu);
@@ -154,6 +158,11 @@ class UdpmTransport : public BusTransport {
 
   void wait(double timeout_ms, bool wake_for_all) {
     if (drain_every_ms_ > 0) return wait_draining(timeout_ms);
+    if (spin_us_ > 0 && timeout_ms > 0) {
+      const double spun_us = std::min(1e3 * timeout_ms, spin_us_);
+      if (spin(spun_us)) return;
+      timeout_ms -= 1e-3 * spun_us;
+    }
     Port* lone = wake_for_all || timeout_ms < kCoarse_ms ? nullptr : lone_waking_port();
     if (lone)
       lone->receiver.read_waiting(timeout_ms);
@@ -161,6 +170,14 @@ class UdpmTransport : public BusTransport {
       poll_ports(timeout_ms, wake_for_all);
     for (const auto& port : ports_)
       if (port->quiet && !port->receiver.has_read()) port->receiver.read_now();
+  }
+  // Others of the same priority on this CPU have their turn between two looks.
+  bool spin(double limit_us) {
+    using Clock = std::chrono::steady_clock;
+    const auto end = Clock::now() + std::chrono::duration<double, std::micro>(limit_us);
+    while (!read_all())
+      if (sched_yield(); Clock::now() >= end) return false;
+    return true;
   }
   Port* lone_waking_port() {
     Port* found = nullptr;
@@ -201,7 +218,7 @@ class UdpmTransport : public BusTransport {
   UdpmAddress address_;
   std::int64_t arrival_us_ = 0;
   bool filter_;
-  double drain_every_ms_;
+  double drain_every_ms_, spin_us_;
   std::vector<std::unique_ptr<Port>> ports_;
   std::map<int, std::unique_ptr<LcmSender>> senders_;
   std::vector<LcmSender::Small> together_;

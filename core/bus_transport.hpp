@@ -39,6 +39,7 @@ struct UdpmOptions {
   bool filter = true;
   double drain_every_ms = 0;  // as in BusOptions
   int later_cpu = -1;
+  double spin_us = 0;
 };
 // On ports `address.port` + port_offset. Throws MachineError where the machine carries no multicast.
 std::unique_ptr<BusTransport> make_udpm_transport(const UdpmAddress& address,

@@ -201,6 +201,7 @@ void read_drive(Config::Impl& file) {
   root.unread_table("bridge");
   root.unread_table("safety");
   root.unread_table("logger");
+  root.unread_table("realtime");
   root.unread_table("steering");
   read_reference(file, root, d.reference);
   read_choice_of_kind(file, root, "estimator", d.estimator);

@@ -208,8 +208,9 @@ std::string write_drive(const DriveConfig& d,
   text += without_line(section_text("reference", d.reference),
                        d.reference.in_rpm ? "omega_e_rad_s" : "speed_rpm");
   return text + section_text("load", d.load) + section_text("run", d.run) + owned("safety") +
-         owned("bus") + owned("logger") + owned("monitor") + owned("bridge") + owned("steering") +
-         section_text("estimator", d.estimator) + section_text("controller", d.controller);
+         owned("bus") + owned("logger") + owned("realtime") + owned("monitor") + owned("bridge") +
+         owned("steering") + section_text("estimator", d.estimator) +
+         section_text("controller", d.controller);
 }
 
 std::string write_effects(const DriveConfig& drive) {
@@ -270,6 +271,7 @@ std::vector<KeyRow> describe_drive_keys(const std::vector<OwnedTable>& owned) {
   add_owned("safety");
   add_owned("bus");
   add_owned("logger");
+  add_owned("realtime");
   add_owned("monitor");
   add_owned("bridge");
   add_owned("steering");

@@ -11,6 +11,7 @@
 
 #include "core/make_event.hpp"
 #include "core/paths.hpp"
+#include "core/realtime_setup.hpp"
 #include "core/seconds_since.hpp"
 
 namespace twinrate {
@@ -38,7 +39,7 @@ std::string host_name() {
 
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
                        const DriveConfig& d, const RateHistory& rates,
-                       const BackgroundRate& gain_rate) {
+                       const BackgroundRate& gain_rate, double spin_us) {
   return {.url = o.url,
           .channel_suffix = o.channel_suffix,
           .session = o.session,
@@ -54,6 +55,7 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const B
           .ticks = o.session != 0 && !o.follow ? d.steps() : INT64_MAX,
           .history = static_cast<std::size_t>(p.window_ticks) + kKeptBeyondWindow,
           .drain_every_ms = info.drain_every_ms,
+          .spin_us = spin_us,
           .later_cpu = o.pace == Pace::kLockstep ? o.helper_cpu : -1,
           .token_file = o.token_file,
           .authenticate = p.authenticate};
@@ -94,7 +96,7 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
   if (drive().locks_first()) gain_rate_.from = BackgroundRate::kNotYet;
   if (options_.cpu >= 0) pin_to_cpu(options_.cpu);  // before the bus has sockets
   bus_ = std::make_unique<Bus>(
-      bus_options(info_, options_, bus_parameters_, drive(), rates_, gain_rate_));
+      bus_options(info_, options_, bus_parameters_, drive(), rates_, gain_rate_, spin_us()));
   status_.seq = -1;
   status_.role = static_cast<std::int32_t>(info_.role);
   status_.state = static_cast<std::int32_t>(ProcessState::kStarting);
@@ -111,6 +113,19 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
   });
   if (info_.role == Role::kPlant) bus_->on_untagged_request([this] { ++refused_requests_; });
   last_progress_ = Clock::now();
+}
+
+double Process::spin_us() {
+  const bool spins = info_.role == Role::kEstimator || info_.role == Role::kController;
+  if (options_.pace != Pace::kRealtime || !spins) return 0;
+  return config_.read<RealtimeParameters>().spin_us;
+}
+
+void Process::set_up_realtime() {
+  if (options_.pace != Pace::kRealtime) return;
+  const auto wanted = config_.read<RealtimeParameters>();
+  if (wanted.lock_memory && info_.role != Role::kMonitor) lock_memory();
+  take_fifo(fifo_priority(wanted, info_.role));
 }
 
 // A supervisor counts its heartbeats: one that was recorded keeps no drive alive.
@@ -426,6 +441,7 @@ void Process::compare_config(const status_t& other) {
 }
 
 void Process::ready() {
+  set_up_realtime();
   status_.config_hash = config_.fingerprint();
   status_.state = static_cast<std::int32_t>(ProcessState::kReady);
   last_progress_ = Clock::now();

@@ -180,6 +180,8 @@ class Process {
   bool answer_arbiter(const request_t& request, reply_t& reply);
   void compare_config(const status_t& other);
   void beat();
+  double spin_us();
+  void set_up_realtime();
   void hear_supervisor(const status_t& beat);
   void log_refused_requests();
   void check_patience();

@@ -26,8 +26,8 @@ inline std::string list_names(const std::vector<std::string>& names) {
 inline constexpr std::size_t kMaxTextBytes = 4096;
 
 // The tables that other folders own whole; DriveConfig reads of [plant] what all have to know.
-inline constexpr const char* kOwnedTables[] = {"plant",  "safety",  "bus",
-                                               "logger", "monitor", "steering"};
+inline constexpr const char* kOwnedTables[] = {"plant",   "safety",   "bus",     "logger",
+                                               "monitor", "realtime", "steering"};
 
 // The parsed file and, for each key, where it was written (a preset, the file itself, or --set).
 struct Config::Impl {

@@ -9,6 +9,7 @@
 #include "core/bus_parameters.hpp"
 #include "core/config_write.hpp"
 #include "core/logger_parameters.hpp"
+#include "core/realtime_parameters.hpp"
 #include "core/steering.hpp"
 #include "estimator/registry.hpp"
 #include "loop/lcm_replay.hpp"
@@ -38,10 +39,10 @@ void read_kinds(Config& config, const std::string& owner, const std::string& cho
 }  // namespace
 
 std::vector<OwnedTable> owned_tables() {
-  return {owned_table<PlantParameters>(),   owned_table<SafetyParameters>(),
-          owned_table<BusParameters>(),     owned_table<LoggerParameters>(),
-          owned_table<MonitorParameters>(), owned_table<BridgeParameters>(),
-          owned_table<SteeringParameters>()};
+  return {owned_table<PlantParameters>(),    owned_table<SafetyParameters>(),
+          owned_table<BusParameters>(),      owned_table<LoggerParameters>(),
+          owned_table<MonitorParameters>(),  owned_table<BridgeParameters>(),
+          owned_table<SteeringParameters>(), owned_table<RealtimeParameters>()};
 }
 
 void read_all_tables(Config& config) {

@@ -7,6 +7,7 @@
 #include <cerrno>
 
 #include "core/signals_io.hpp"
+#include "plant_sim/overrun.hpp"
 
 namespace twinrate {
 namespace {
@@ -34,6 +35,12 @@ void work_until(Process& p, std::int64_t deadline) {
   }
 }
 
+ThreadTimes since(const ThreadTimes& before, const ThreadTimes& now) {
+  return {.cpu_ns = now.cpu_ns - before.cpu_ns,
+          .waited_ns = now.waited_ns < 0 ? -1 : now.waited_ns - before.waited_ns,
+          .pages_from_disk = now.pages_from_disk - before.pages_from_disk};
+}
+
 }  // namespace
 
 void publish_safety_events(Process& p, const Plant& plant, std::int64_t k) {
@@ -48,10 +55,21 @@ void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
   const std::int64_t period = p.drive().t_ns(1);
   const std::int64_t start = now_ns() + 20 * period;
   const double supervisor_s = 1e-3 * p.config().read<SafetyParameters>().supervisor_ms;
+  const ThreadClock clock;
+  ThreadTimes last = clock.now();
+  OverrunReport report;
   for (std::int64_t k = 0; k < steps && !p.stopping(); ++k) {
     const std::int64_t due = start + p.drive().t_ns(k);
     work_until(p, due);
-    if (now_ns() - due > period / 2) ++p.status().deadline_misses;
+    const std::int64_t late_ns = now_ns() - due;
+    const ThreadTimes begun = clock.now();
+    if (late_ns > period / 2) {
+      ++p.status().deadline_misses;
+      const std::string text =
+          report.take(due, late_ns, cause_of_delay(since(last, begun), late_ns, period));
+      if (!text.empty()) p.event(Reason::kOverrun, k, text);
+    }
+    last = begun;
     p.bus().publish(to_wire(plant.sample(), p.bus().session()),
                     to_wire(plant.truth(), p.bus().session()));
     if (p.supervisor_silent_s().value_or(0) > supervisor_s) plant.supervisor_is_silent();

@@ -37,6 +37,8 @@ Json transport_rows(const std::string& manifest_json) {
   Json rows = Json::array();
   try {
     const Json manifest = Json::parse(manifest_json);
+    if (const auto granted = manifest.find("scheduling"); granted != manifest.end())
+      rows.push_back({"scheduling", granted->get<std::string>()});
     if (const auto us = manifest.find("latency_us"); us != manifest.end()) {
       rows.push_back(
           {"MEASUREMENT to ESTIMATE p50, p99, p99.9", percentiles(us->at("to_estimate"))});

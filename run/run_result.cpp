@@ -59,10 +59,16 @@ std::string one_line(std::string text) {
 bool is_tick_event(Reason reason) {
   return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
 }
-// "12 requests without a valid tag were refused"
+// "12 requests without a valid tag were refused", "tick began 310 us late: the machine woke it late"
 std::string without_count(const EventRecord& event) {
-  const bool counts = static_cast<Reason>(event.reason) == Reason::kRequestRefused;
-  return counts ? event.text.substr(std::min(event.text.find(' '), event.text.size())) : event.text;
+  const auto reason = static_cast<Reason>(event.reason);
+  std::string text = event.text;
+  if (reason == Reason::kRequestRefused) text.erase(0, text.find(' '));
+  if (reason == Reason::kOverrun) {
+    text.erase(std::min(text.find(" ("), text.size()));
+    std::erase_if(text, [](unsigned char c) { return std::isdigit(c) != 0; });
+  }
+  return text;
 }
 bool same_event(const EventRecord& a, const EventRecord& b) {
   return a.reason == b.reason && a.role == b.role &&
@@ -171,6 +177,7 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   row("messages lost", fmt::format("{}  (sent again: {})", lost_in_total(s), facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
+  if (!facts.scheduling.empty()) row("scheduling", facts.scheduling);
   if (latency.rounds > 0) row("round p50, p99, p99.9", latency_text(latency.round_us));
   for (const LinkFigures& link : facts.links)
     row(fmt::format("link to {}", role_name(static_cast<int>(link.role))), link_text(link));
@@ -266,6 +273,7 @@ Json manifest_of(const RunLog& log, const RunFacts& facts, const HopLatencies& l
   if (!remembered_command().empty()) manifest["command"] = remembered_command();
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
   if (!facts.tags_checked) manifest["authenticated"] = false;
+  if (!facts.scheduling.empty()) manifest["scheduling"] = facts.scheduling;
   if (facts.refused > 0) manifest["refused_messages"] = facts.refused;
   if (account.is_object()) manifest["log"] = account;
   if (latency.rounds > 0)

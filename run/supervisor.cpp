@@ -9,6 +9,7 @@
 #include "core/authority.hpp"
 #include "core/machine_error.hpp"
 #include "core/make_event.hpp"
+#include "core/realtime_setup.hpp"
 #include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
 
@@ -133,7 +134,8 @@ void Supervisor::start_children() {
       list.insert(list.end(), {"--helper-cpu", std::to_string(cpus.others)});
     set_.start(member.role, real ? "twinrate-bridge" : member.program, list);
   }
-  if (cpus.others >= 0) pin_to_cpu(cpus.others);
+  pinned_ = cpus.others >= 0;
+  if (pinned_) pin_to_cpu(cpus.others);
 }
 
 // The user's own processes come first: the others wait for a first tick for seconds only.
@@ -424,6 +426,23 @@ void Supervisor::stop_in_order() {
   }
 }
 
+// As the processes ask for it themselves: what is refused here is refused there.
+std::string Supervisor::set_up_realtime() const {
+  const RealtimeParameters& wanted = options_.realtime;
+  const bool as_started = has_realtime_policy();
+  const std::string own = take_fifo(fifo_priority(wanted, Role::kSupervisor));
+  std::string text = wanted.priority == 0 && !as_started ? "normal scheduler"
+                     : own.empty() ? "normal scheduler, because SCHED_FIFO is refused"
+                     : as_started  ? own
+                                   : fmt::format("SCHED_FIFO {}", wanted.priority);
+  text += !wanted.lock_memory ? ", memory not locked"
+          : can_lock_memory() ? ", memory locked"
+                              : ", memory not locked, because that is refused";
+  text += pinned_ ? ", pinned" : ", not pinned";
+  if (wanted.spin_us > 0) text += fmt::format(", spinning {:g} us", wanted.spin_us);
+  return text;
+}
+
 RunFacts Supervisor::run() {
   const SessionFile session_file(
       {options_.directory, options_.url, options_.channel_suffix, session_});
@@ -461,12 +480,15 @@ RunFacts Supervisor::run() {
                                                               : "realtime",
                            set_.children().size() + options_.without.size(),
                            set_.child(Role::kBridge) ? ", emulated drive" : "");
+  const bool as_started = has_realtime_policy();
+  if (options_.pace == Pace::kRealtime) facts_.scheduling = set_up_realtime();
   auto begun = Clock::now();
   if (!set_.children().empty() && wait_until_ready()) {
     begun = Clock::now();
     watch();
   }
   facts_.wall_s = seconds_since(begun);
+  if (!as_started && has_realtime_policy()) leave_fifo();  // the report computes for seconds
   facts_.tags_checked = options_.bus.authenticate;
   facts_.realtime = options_.pace == Pace::kRealtime;
   facts_.links = links_.figures(host_now_ns());

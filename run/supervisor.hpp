@@ -11,6 +11,7 @@
 #include "core/logger_parameters.hpp"
 #include "core/process.hpp"
 #include "core/process_set.hpp"
+#include "core/realtime_parameters.hpp"
 #include "core/recent.hpp"
 #include "run/links.hpp"
 #include "run/progress.hpp"
@@ -37,6 +38,7 @@ struct SuperviseOptions {
   BusParameters bus;
   BridgeParameters bridge;  // where plant.kind = bridge
   OnLoss on_log_loss = OnLoss::kStop;
+  RealtimeParameters realtime;
 };
 
 class Supervisor {
@@ -56,6 +58,7 @@ class Supervisor {
   void say_how_to_start(Role role) const;
   bool wait_for_own_processes();
   bool wait_until_ready();
+  std::string set_up_realtime() const;
   void watch();
   LiveCounters live_counters() const;
   bool continues_without(Role role);
@@ -85,6 +88,7 @@ class Supervisor {
   Progress progress_;
   Links links_;                     // to the processes that the user starts
   std::map<int, status_t> latest_;  // by role
+  bool pinned_ = false;
   std::int64_t requests_ = 0, beats_ = 0;
   const char* pace_name() const {
     return options_.wall ? "wall" : kPaceNames[static_cast<int>(options_.pace)];

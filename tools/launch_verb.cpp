@@ -110,6 +110,17 @@ Config load_with_port(const std::string& drive, std::vector<std::string> overrid
   return load_drive(drive, overrides);
 }
 
+// Under SCHED_FIFO the kernel stops processes that take a whole CPU for 50 ms of each second
+// (kernel.sched_rt_runtime_us): the drive would trip.
+void check_spin(const Config& config, const RealtimeParameters& realtime) {
+  const double tick_us = 1e6 * config.drive().T_s();
+  if (2 * realtime.spin_us <= 0.8 * tick_us) return;
+  throw BadInput(fmt::format(
+      "{}: realtime.spin_us: up to {:g} allowed here (0.4 of a tick: two processes spin on one "
+      "CPU), found {:g}",
+      config.where("realtime.spin_us"), 0.4 * tick_us, realtime.spin_us));
+}
+
 int launch(const LaunchOptions& o) {
   std::vector<std::string> overrides = o.overrides;
   if (o.duration == kEndless)
@@ -128,6 +139,8 @@ int launch(const LaunchOptions& o) {
     throw BadInput(
         fmt::format("{}: plant.delay_samples: 1 to 4 allowed with --pace realtime, found 0",
                     config.where("plant.delay_samples")));
+  const RealtimeParameters realtime = config.read<RealtimeParameters>();
+  if (pace == Pace::kRealtime) check_spin(config, realtime);
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
   if (o.print_pmd) {
@@ -151,7 +164,8 @@ int launch(const LaunchOptions& o) {
                                          .own = own_programs(o.own),
                                          .bus = config.read<BusParameters>(),
                                          .bridge = config.read<BridgeParameters>(),
-                                         .on_log_loss = config.read<LoggerParameters>().on_loss});
+                                         .on_log_loss = config.read<LoggerParameters>().on_loss,
+                                         .realtime = realtime});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   const int code = conclude_run(directory, config, facts);

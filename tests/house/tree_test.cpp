@@ -65,7 +65,7 @@ const std::vector<Room> kRooms = {
     {"tests", {kEveryRoom}},
     {"bench",
      {"model", "core", "plant_sim", "estimator", "controller", "analysis", "trace", "loop", "lanes",
-      "tests", "bridge", "emulator", "identify"}},
+      "tests", "bridge", "emulator", "identify", "run"}},
 };
 
 // Messages, data and scripts: nothing in them is compiled here.

@@ -345,6 +345,7 @@ const std::vector<std::pair<std::string, std::string>>& acts_elsewhere() {
       {"steering.load_max_Nm", "launch, steered"},
       {"bus.", "launch"},
       {"logger.", "launch"},
+      {"realtime.", "launch --pace realtime"},
       {"monitor.", "launch, twinrate-monitor"}};
   return all;
 }

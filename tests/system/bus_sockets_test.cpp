@@ -7,6 +7,7 @@
 #include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <set>
+#include <thread>
 
 #include "core/bus.hpp"
 #include "core/manifest.hpp"
@@ -45,6 +46,25 @@ TEST_F(BusSockets, HearMessagesOfAnySizeFromLiblcm) {
   EXPECT_EQ(heard, manifest.config_toml);
   EXPECT_EQ(commands, 1);
   EXPECT_EQ(bus.counters().undecodable, 0);
+}
+
+TEST_F(BusSockets, ThatSpinHearWhatComesWhileTheySpinAndAfterwards) {
+  BusOptions spinning = options();
+  spinning.spin_us = 20'000;
+  Bus bus(spinning), other(options());
+  int commands = 0;
+  bus.subscribe<command_t>([&](const command_t&) { ++commands; });
+  command_t command{};
+  for (const int pause_ms : {5, 60}) {
+    std::thread sender([&] {
+      std::this_thread::sleep_for(std::chrono::milliseconds(pause_ms));
+      other.publish(command);
+    });
+    EXPECT_TRUE(bus.handle(5000)) << pause_ms;
+    sender.join();
+  }
+  EXPECT_EQ(commands, 2);
+  EXPECT_FALSE(bus.handle(30)) << "nothing comes: the time-out ends it";
 }
 
 TEST_F(BusSockets, StockLoggerRecordsWhatTheBusSendsAndStockPlayerFeedsIt) {

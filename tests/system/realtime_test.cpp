@@ -1,5 +1,7 @@
 // Realtime pace: no process waits; late messages are counted and reported with their tick. Lock is
 // not tested: it depends on other load on the machine.
+#include <sched.h>
+
 #include <algorithm>
 #include <csignal>
 #include <filesystem>
@@ -36,6 +38,27 @@ class Realtime : public ProgramTest {
       if (event.reason == static_cast<int>(reason)) found.push_back(event);
     return found;
   }
+  // Where this test may have SCHED_FIFO, the set has it, in the order of its priorities.
+  void expect_scheduled_as_asked() const {
+    const bool allowed = may_have_fifo();
+    const auto priority = [](pid_t pid) {
+      sched_param p{};
+      sched_getparam(pid, &p);
+      return p.sched_priority;
+    };
+    for (const char* program : {"twinrate-plant", "twinrate-estimator", "twinrate-controller"})
+      EXPECT_EQ(priority(processes_with(path("run"), program).at(0)), allowed ? 20 : 0) << program;
+    for (const char* program : {"twinrate-gain", "twinrate-logger", "twinrate"})
+      EXPECT_EQ(priority(processes_with(path("run"), program).at(0)), allowed ? 19 : 0) << program;
+  }
+  static bool may_have_fifo() {
+    sched_param p{};
+    p.sched_priority = 20;
+    if (sched_setscheduler(0, SCHED_FIFO, &p) != 0) return false;
+    p.sched_priority = 0;
+    sched_setscheduler(0, SCHED_OTHER, &p);
+    return true;
+  }
   void expect_ended_cleanly(const ProgramResult& result) {
     ASSERT_FALSE(result.timed_out) << result.err;
     EXPECT_LE(result.exit_code, 1) << result.err;
@@ -54,6 +77,8 @@ TEST_F(Realtime, ARunTakesItsTimeAndItsCountsAgreeWithItsLog) {
   const nlohmann::json manifest = nlohmann::json::parse(read_text(path("run") + "/manifest.json"));
   const nlohmann::json& hops = manifest["latency_us"];
   EXPECT_GT(hops["rounds"], 4000);
+  EXPECT_EQ(manifest["scheduling"].get<std::string>().find("SCHED_FIFO 20,") == 0, may_have_fifo())
+      << manifest["scheduling"];
   EXPECT_GT(hops["round"]["p50"], hops["to_estimate"]["p50"]);
   EXPECT_GT(hops["round"]["p99"], hops["round"]["p50"]);
   EXPECT_LT(hops["round"]["p50"], 1e6);
@@ -78,6 +103,7 @@ TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
   Program run(launch("2s"));
   ASSERT_TRUE(wait_for_log(300'000));
   const pid_t gain = processes_with(path("run"), "twinrate-gain").at(0);
+  expect_scheduled_as_asked();
   kill(gain, SIGSTOP);
   const std::uintmax_t then = std::filesystem::file_size(path("run") + "/log.lcm");
   ASSERT_TRUE(wait_for_log(then + 500'000));

@@ -1,0 +1,47 @@
+// Why a tick of the realtime plant began late.
+//
+// The time since the last tick began is the process's own CPU time, the time in which it was ready and
+// another process had its CPU (/proc/thread-self/schedstat), and sleep. Late by more than half a period:
+//
+//   waited for the CPU for half the delay or more   another process
+//   worked for longer than a period                 its own work: messages, or the plant
+//   a page came from disk                           memory
+//   else                                            woken late: by the timer, or a host that
+//                                                   stopped this machine
+#pragma once
+#include <cstdint>
+#include <string>
+
+namespace twinrate {
+
+// Of this thread, since it began.
+struct ThreadTimes {
+  std::int64_t cpu_ns = 0, waited_ns = 0;  // waited_ns: -1 where the kernel does not tell
+  long pages_from_disk = 0;
+};
+class ThreadClock {
+ public:
+  ThreadClock();
+  ~ThreadClock();
+  ThreadClock(const ThreadClock&) = delete;
+  ThreadClock& operator=(const ThreadClock&) = delete;
+  ThreadTimes now() const;
+
+ private:
+  int schedstat_;
+};
+
+// In words. `spent`: from the last tick's begin to this one's.
+std::string cause_of_delay(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns);
+
+// Texts of at most one event in 100 ms, and of one that is twice as late; those between are counted.
+class OverrunReport {
+ public:
+  // "" where there is none.
+  std::string take(std::int64_t t_ns, std::int64_t late_ns, const std::string& cause);
+
+ private:
+  std::int64_t last_ns_ = INT64_MIN / 2, reported_late_ns_ = 0, since_ = 0;
+};
+
+}  // namespace twinrate
