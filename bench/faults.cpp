@@ -68,7 +68,9 @@ struct Trial {
   std::string did, lost;
 };
 
-void print_row(const std::string& fault, const std::vector<Trial>& trials, const char* unit) {
+// `ends`: the trials are of processes, which end.
+void print_row(const std::string& fault, const std::vector<Trial>& trials, const char* unit,
+               bool ends) {
   std::vector<double> detected, off, end;
   std::map<std::string, int> did, lost;
   int expected = 0;
@@ -87,16 +89,17 @@ void print_row(const std::string& fault, const std::vector<Trial>& trials, const
       list.push_back(texts.size() > 1 ? fmt::format("{} ({})", text, count) : text);
     return fmt::format("{}", fmt::join(list, "; "));
   };
-  fmt::print("| {} | {} of {} | {} | {} | {} | {} | {} |\n", fault, expected, trials.size(),
-             spread(detected, unit), spread(off, unit), spread(end, "s"), counted(did),
-             counted(lost));
+  fmt::print("| {} | {} of {} | {} | {} | {}{} | {} |\n", fault, expected, trials.size(),
+             spread(detected, unit), spread(off, unit), ends ? spread(end, "s") + " | " : "",
+             counted(did), counted(lost));
   std::fflush(stdout);
 }
 
-void print_header() {
+void print_header(bool ends) {
   fmt::print(
-      "| fault | as expected | detected after | off after | end after | what the drive did | what "
-      "was lost |\n|---|---|---|---|---|---|---|\n");
+      "| fault | as expected | detected after | off after |{} what the drive did | what was lost "
+      "|\n|---|---|---|---|---|---|{}\n",
+      ends ? " end after |" : "", ends ? "---|" : "");
   std::fflush(stdout);  // a child would print it again
 }
 
@@ -284,7 +287,7 @@ Trial try_loop(const Options& o, const LoopRow& row, std::size_t index, int tria
 
 bool run_loop_rows(const Options& o) {
   bool well = true;
-  print_header();
+  print_header(false);
   for (std::size_t row = 0; row < kLoopRows.size(); ++row) {
     if (std::string(kLoopRows[row].fault).find(o.only) == std::string::npos) continue;
     std::vector<Trial> trials;
@@ -292,7 +295,7 @@ bool run_loop_rows(const Options& o) {
       trials.push_back(try_loop(o, kLoopRows[row], row, trial));
       well = well && trials.back().as_expected;
     }
-    print_row(kLoopRows[row].fault, trials, "ticks");
+    print_row(kLoopRows[row].fault, trials, "ticks", false);
   }
   return well;
 }
@@ -525,7 +528,7 @@ bool run_set_rows(const Options& o) {
   char pattern[] = "/tmp/faults-XXXXXX";
   const fs::path scratch = mkdtemp(pattern);
   bool well = true;
-  print_header();
+  print_header(true);
   for (std::size_t row = 0; row < kSetRows.size(); ++row) {
     if (name_of(kSetRows[row]).find(o.only) == std::string::npos) continue;
     std::vector<Trial> trials;
@@ -533,7 +536,7 @@ bool run_set_rows(const Options& o) {
       trials.push_back(try_set(o, kSetRows[row], row, trial, scratch));
       well = well && trials.back().as_expected;
     }
-    print_row(name_of(kSetRows[row]), trials, "ms");
+    print_row(name_of(kSetRows[row]), trials, "ms", true);
   }
   std::error_code ignored;
   fs::remove_all(scratch, ignored);

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdlib>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "analysis/long_log.hpp"
 #include "core/channels.hpp"
@@ -75,7 +77,16 @@ bool same_event(const EventRecord& a, const EventRecord& b) {
          (is_tick_event(static_cast<Reason>(a.reason)) || without_count(a) == without_count(b));
 }
 
-// One line for each event that is not routine: time of the first occurrence, number of occurrences.
+// "tick began 310 us late: .."; 0 for another event.
+int lateness_us(const EventRecord& event) {
+  constexpr std::string_view kBefore = "tick began ";
+  if (static_cast<Reason>(event.reason) != Reason::kOverrun || !event.text.starts_with(kBefore))
+    return 0;
+  return std::atoi(event.text.c_str() + kBefore.size());
+}
+
+// One line for each event that is not routine: the first occurrence, for each cause of late ticks the
+// worst one, and the number of occurrences.
 std::vector<std::string> notable_events(const RunLog& log) {
   std::vector<std::pair<const EventRecord*, int>> seen;  // first occurrence, count
   for (const EventRecord& event : log.events) {
@@ -86,10 +97,12 @@ std::vector<std::string> notable_events(const RunLog& log) {
       continue;
     const auto earlier = std::find_if(seen.begin(), seen.end(),
                                       [&](const auto& s) { return same_event(*s.first, event); });
-    if (earlier == seen.end())
+    if (earlier == seen.end()) {
       seen.emplace_back(&event, 1);
-    else
-      ++earlier->second;
+      continue;
+    }
+    ++earlier->second;
+    if (lateness_us(event) > lateness_us(*earlier->first)) earlier->first = &event;
   }
   // An event can be logged before the tick it belongs to.
   std::stable_sort(seen.begin(), seen.end(),

@@ -100,6 +100,31 @@ TEST_F(RunResult, AWholeLockedRunIsWell) {
   EXPECT_FALSE(json("manifest.json").contains("ended_early"));
 }
 
+TEST_F(RunResult, LateTicksAreOneLineForEachCauseAndItIsTheWorst) {
+  const auto late = [&](std::int64_t k, const char* text) {
+    events_.push_back(make_event({.role = Role::kPlant,
+                                  .reason = Reason::kOverrun,
+                                  .k = k,
+                                  .t_ns = config_.drive().t_ns(k),
+                                  .text = text}));
+  };
+  late(100, "tick began 120 us late: the machine woke it late");
+  late(200, "tick began 3626 us late: the machine woke it late (21 more since the last report)");
+  late(300, "tick began 150 us late: another process had the CPU for 130 us");
+  late(400, "tick began 130 us late: the machine woke it late");
+  conclude(500);
+  EXPECT_NE(
+      printed_.find("0.0400 s, plant: tick began 3626 us late: the machine woke it late (21 more "
+                    "since the last report)  (3 times)\n"),
+      std::string::npos)
+      << printed_;
+  EXPECT_NE(
+      printed_.find("0.0600 s, plant: tick began 150 us late: another process had the CPU for "
+                    "130 us\n"),
+      std::string::npos)
+      << printed_;
+}
+
 // Of channels whose ticks the log itself cannot count the logger's account is all there is.
 TEST_F(RunResult, WhatTheLoggerLostIsInTheSummaryAndInTheExitCode) {
   EXPECT_EQ(conclude(500, "DRIVE_REFERENCE", 3), 1);
