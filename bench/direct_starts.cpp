@@ -2,7 +2,7 @@
 // a gain every n ticks from the first tick on (rates.n_from = "start") and from the filter's
 // agreement on ("locked"). Output is Markdown.
 //
-//   direct_starts [--n N ..] [--load SHARE ..] [--filter KIND] [--set KEY=VALUE ..]
+//   direct_starts [--n N ..] [--load SHARE ..] [--filter KIND] [--span DEG] [--set KEY=VALUE ..]
 //
 // dq_ekf starts from anywhere on the salient motor; the others start at 0 and find a rotor within 75
 // deg of it, on the motor without saliency. Load: share of rated torque, from the first tick on.
@@ -34,12 +34,14 @@ struct Selection {
   std::vector<int> ns = {1, 3, 5, 10, 20};
   std::vector<double> loads = {0, 0.6};
   std::string filter;
+  double span_deg = 0;  // 0: of the row
   std::vector<std::string> overrides;
 };
 
 Config drive_of(const Row& row, const std::string& n_from, int n, double share, int angle,
                 const Selection& s) {
-  const double theta_e = (angle + 0.5 - 0.5 * kAngles) / kAngles * row.span_deg * kPi / 180;
+  const double theta_e = (angle + 0.5 - 0.5 * kAngles) / kAngles *
+                         (s.span_deg > 0 ? s.span_deg : row.span_deg) * kPi / 180;
   const double T_rated = Config::load(row.preset).drive().machine.T_rated;
   std::vector<std::string> list = {"estimator.kind=" + row.filter,
                                    fmt::format("rates.n={}", n),
@@ -101,6 +103,7 @@ int main(int argc, char** argv) try {
   app.add_option("--n", s.ns, "ticks from gain to gain");
   app.add_option("--load", s.loads, "shares of rated torque");
   app.add_option("--filter", s.filter, "only this filter");
+  app.add_option("--span", s.span_deg, "angles over this span instead, deg");
   app.add_option("--set", s.overrides, "keys of the drive files, as elsewhere");
   CLI11_PARSE(app, argc, argv);
   fmt::print("| filter | motor | load | n_from |");

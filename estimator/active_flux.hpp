@@ -37,6 +37,7 @@ class ActiveFlux final : public BackEmfFilter {
       : BackEmfFilter(machine, {machine.L_q, machine.L_q}, tuning, prediction, covariance, T_s,
                       start) {}
   std::string_view kind() const override { return "active_flux"; }
+  double direct_start_within() const override { return 0; }  // no EMF at standstill
 };
 
 }  // namespace twinrate

@@ -20,6 +20,7 @@ class BackEmfPrinted final : public BackEmfFilter {
       : BackEmfFilter(machine, {machine.L_q, machine.L_d}, tuning, prediction, covariance, T_s,
                       start) {}
   std::string_view kind() const override { return "backemf_printed"; }
+  double direct_start_within() const override { return kStartWithin; }
 };
 
 }  // namespace twinrate

@@ -1,6 +1,6 @@
 #include "estimator/dq_ekf.hpp"
 
-#include "model/discretise_exact.hpp"
+#include "estimator/exact_currents.hpp"
 
 namespace twinrate {
 
@@ -20,24 +20,6 @@ DqEkf::State DqEkf::f(const State& x, const Vec2& u_alphabeta) const {
           (u_dq[1] - m.R_s * i_q - omega_e * (m.L_d * i_d + m.psi_f)) / m.L_q, 0.0, omega_e};
 }
 
-// With omega_e constant the currents are linear, and the voltage turns backwards in rotor axes:
-// [i_dq; u_dq]' = A [i_dq; u_dq] + B omega_e psi_f.
-static Vec2 exact_currents(const MachineParameters& m, const DqEkf::State& x,
-                           const Vec2& u_alphabeta, double T_s) {
-  const double omega_e = x[2];
-  Eigen::Matrix4d A;
-  A << -m.R_s / m.L_d, omega_e * m.L_q / m.L_d, 1 / m.L_d, 0,  //
-      -omega_e * m.L_d / m.L_q, -m.R_s / m.L_q, 0, 1 / m.L_q,  //
-      0, 0, 0, omega_e,                                        //
-      0, 0, -omega_e, 0;
-  const Eigen::Vector4d B(0, -1 / m.L_q, 0, 0);
-  const auto d = discretise_exact<4, 1>(A, B, T_s);
-  Eigen::Vector4d z;
-  z << x.head<2>(), park(u_alphabeta, x[3]);
-  const Eigen::Vector4d next = d.A * z + d.B * (omega_e * m.psi_f);
-  return next.head<2>();
-}
-
 DqEkf::State DqEkf::predict(const State& x, const Vec2& u_alphabeta) const {
   const auto rate = [&](const State& s) { return f(s, u_alphabeta); };
   switch (prediction_) {
@@ -46,7 +28,8 @@ DqEkf::State DqEkf::predict(const State& x, const Vec2& u_alphabeta) const {
     case Prediction::kRk4:
       return rk4_step<State>(rate, x, T_s_);
     case Prediction::kExact: {
-      const Vec2 i_dq = exact_currents(machine_, x, u_alphabeta, T_s_);
+      const Vec2 i_dq =
+          exact_rotor_currents(machine_, x.head<2>(), x[2], park(u_alphabeta, x[3]), T_s_);
       return {i_dq[0], i_dq[1], x[2], x[3] + T_s_ * x[2]};
     }
   }

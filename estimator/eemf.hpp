@@ -73,6 +73,7 @@ class Eemf final : public Ekf<5, 2> {
        CovarianceForm covariance, double T_s, KnownStart start);
 
   std::string_view kind() const override { return "eemf"; }
+  double direct_start_within() const override { return 0; }  // no EMF at standstill
   FastState start(const Measurement& first) const override;
   void align(FastState& state, double theta_e) const override;
   Gain background_step(const Gain& previous, const Estimate& snapshot) const override;

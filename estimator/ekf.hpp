@@ -41,7 +41,8 @@ inline Estimate turned(const Estimate& snapshot, int pairs, double angle) {
   return e;
 }
 
-// N_EXTRA: numbers that travel behind the state in x_hat, because the background needs them.
+// N_EXTRA: 0, or 2 numbers that travel behind the state in x_hat: u_dq of the last period, which the
+// background needs.
 template <int NX, int NY, int N_EXTRA = 0>
 class Ekf : public Filter {
  public:
@@ -72,6 +73,7 @@ class Ekf : public Filter {
     return e;
   }
 
+  int voltage_state() const final { return N_EXTRA > 0 ? NX : -1; }
   Gain initial_gain() const final { return first_gain(tuning_.P0_diag, NY); }
 
  protected:

@@ -2,6 +2,7 @@
 
 #include <complex>
 
+#include "estimator/exact_currents.hpp"
 #include "model/math.hpp"
 
 namespace twinrate {
@@ -17,35 +18,25 @@ EkfTuning<NX, 2> tuning_of(const EkfJointParameters& p, CovarianceForm form) {
   return {Q, p.R_diag, P0, form};
 }
 
-// With omega_e and psi_a constant over the interval, i = i_alpha + j i_beta and u likewise:
+// With omega_e constant over the interval and L_d = L_q, i = i_alpha + j i_beta and u likewise:
 //
-//   L i' = -R_s i + u - j psi_a omega_e exp(j (theta_e + omega_e t))
-Vec2 exact_currents(const Vec2& i_now, double omega_e, double theta_e, double psi_a,
-                    const Vec2& u_alphabeta, const MachineParameters& m, double T_s) {
+//   L i' = -R_s i + u - j psi_f omega_e exp(j (theta_e + omega_e t))
+Vec2 exact_currents(const Vec2& i_now, double omega_e, double theta_e, const Vec2& u_alphabeta,
+                    const MachineParameters& m, double T_s) {
+  if (m.L_d != m.L_q)
+    return inverse_park(
+        exact_rotor_currents(m, park(i_now, theta_e), omega_e, park(u_alphabeta, theta_e), T_s),
+        theta_e + T_s * omega_e);
   using Complex = std::complex<double>;
   const Complex j(0, 1), i(i_now[0], i_now[1]), u(u_alphabeta[0], u_alphabeta[1]);
   const double a = m.R_s / m.L_q, decay = math::exp(-a * T_s);
   const Complex forced = (math::polar(1.0, omega_e * T_s) - decay) / (a + j * omega_e);
   const Complex next = decay * i + u * (1 - decay) / m.R_s -
-                       j * psi_a / m.L_q * omega_e * math::polar(1.0, theta_e) * forced;
+                       j * m.psi_f / m.L_q * omega_e * math::polar(1.0, theta_e) * forced;
   return {next.real(), next.imag()};
 }
 
 }  // namespace
-
-double joint_speed_min(const Filter& filter, const MachineParameters& m, double T_s,
-                       double u_unknown) {
-  constexpr int kSettle = 4000, kIterations = 2;  // ticks; beta hardly depends on the speed
-  const double a = T_s * m.R_s / m.L_q, b = T_s / m.L_q;
-  double omega_e = u_unknown / m.psi_f;
-  for (int i = 0; i < kIterations; ++i) {
-    const Gain gain = filter.background_steps(filter.initial_gain(), omega_e / m.n_p, kSettle);
-    const double g_d = b / (1 - (1 - a) * (1 - gain.K(0, 0)));
-    const double r = std::hypot(1.0, m.psi_f * gain.K(3, 0) * g_d / T_s);
-    omega_e = u_unknown / m.psi_f * r / (r - 1);
-  }
-  return omega_e;
-}
 
 template <int NX>
 EkfJoint<NX>::EkfJoint(const MachineParameters& machine, const EkfJointParameters& tuning,
@@ -63,10 +54,12 @@ typename EkfJoint<NX>::Drive EkfJoint<NX>::f(const Drive& x, const Vec2& u_alpha
   const Vec2 i_dq = park(x.head<2>(), x[3]);
   const double psi_a = active_flux(i_dq[0]), T_em = machine_.torque(i_dq[0], i_dq[1]);
   const auto [s, c] = math::sincos(x[3]);
-  const Vec2 emf = psi_a * x[2] * Vec2(-s, c);
+  const Vec2 d(c, s), emf = psi_a * x[2] * Vec2(-s, c);
+  const Vec2 a = (u_alphabeta - machine_.R_s * x.head<2>() - emf) / machine_.L_q;
+  const double z = d.dot(a) + x[2] * i_dq[1];
   Drive rate;
-  rate << (u_alphabeta - machine_.R_s * x.head<2>() - emf) / machine_.L_q,
-      machine_.n_p / machine_.J * (T_em - x[4]), x[2], 0;
+  rate << a + (machine_.L_q / machine_.L_d - 1) * z * d, machine_.n_p / machine_.J * (T_em - x[4]),
+      x[2], 0;
   return rate;
 }
 
@@ -77,9 +70,7 @@ typename EkfJoint<NX>::Drive EkfJoint<NX>::predict_drive(const Drive& x,
   if (prediction_ == Prediction::kRk4) return rk4_step<Drive>(rate, x, T_s_);
   Drive next = euler_step<Drive>(rate, x, T_s_);
   if (prediction_ == Prediction::kExact)
-    next.template head<2>() =
-        exact_currents(x.head<2>(), x[2], x[3], active_flux(park(x.head<2>(), x[3])[0]),
-                       u_alphabeta, machine_, T_s_);
+    next.template head<2>() = exact_currents(x.head<2>(), x[2], x[3], u_alphabeta, machine_, T_s_);
   return next;
 }
 
@@ -99,7 +90,7 @@ typename EkfJoint<NX>::State EkfJoint<NX>::predict(const State& x, const Vec2& u
 }
 
 template <int NX>
-typename EkfJoint<NX>::Covariance EkfJoint<NX>::jacobian(const State& x) const {
+typename EkfJoint<NX>::Covariance EkfJoint<NX>::jacobian(const State& x, const Vec2& u_dq) const {
   const MachineParameters& m = machine_;
   const double omega_e = x[2], dL = m.L_d - m.L_q;
   const auto [s, c] = math::sincos(x[3]);
@@ -111,6 +102,16 @@ typename EkfJoint<NX>::Covariance EkfJoint<NX>::jacobian(const State& x) const {
   F.template block<2, 2>(0, 0) += b * dL * omega_e * Vec2(s, -c) * Eigen::RowVector2d(c, s);
   F.template block<2, 1>(0, 2) = b * psi_a * Vec2(s, -c);
   F.template block<2, 1>(0, 3) = b * omega_e * (psi_a * Vec2(c, s) + dL * i_q * Vec2(s, -c));
+  if (dL != 0) {
+    const double kappa = m.L_q / m.L_d - 1;
+    const Vec2 d(c, s), q(-s, c), a = (u_dq - m.R_s * i_dq - Vec2(0, omega_e * psi_a)) / m.L_q;
+    const double z = a[0] + omega_e * i_q;
+    const double z_theta = a[1] + omega_e * (psi_a / m.L_q - i_d);
+    F.template block<2, 2>(0, 0) +=
+        T_s_ * kappa * d * (omega_e * q - m.R_s / m.L_q * d).transpose();
+    F.template block<2, 1>(0, 2) += T_s_ * kappa * i_q * d;
+    F.template block<2, 1>(0, 3) += T_s_ * kappa * (z * q + z_theta * d);
+  }
   F(2, 0) = g * k * (dL * c * i_q - psi_a * s);
   F(2, 1) = g * k * (dL * s * i_q + psi_a * c);
   F(2, 3) = g * k * (dL * i_q * i_q - psi_a * i_d);
@@ -175,17 +176,26 @@ void EkfJoint<NX>::describe(const FastState& state, const Measurement&, Estimate
 }
 
 template <int NX>
+void EkfJoint<NX>::remember(FastState& state, const State& x_prior, const Measurement& m,
+                            bool corrected) const {
+  if (!corrected) return;
+  state.x_hat.segment<2>(NX) = park(m.u_alphabeta, x_prior[3] - 0.5 * T_s_ * x_prior[2]);
+}
+
+template <int NX>
 Gain EkfJoint<NX>::background_step(const Gain& previous, const Estimate& snapshot) const {
   using H = typename Base::OutputMatrix;
   const State x = snapshot.x_hat.head<NX>();
-  return covariance_step(previous, snapshot, jacobian(x), H(H::Identity()), this->tuning());
+  return covariance_step(previous, snapshot, jacobian(x, snapshot.x_hat.template segment<2>(NX)),
+                         H(H::Identity()), this->tuning());
 }
 
 template <int NX>
 std::optional<CovarianceModel> EkfJoint<NX>::covariance_model(const Estimate& snapshot) const {
   using H = typename Base::OutputMatrix;
   const State x = snapshot.x_hat.head<NX>();
-  return model_of(jacobian(x), H(H::Identity()), this->tuning());
+  return model_of(jacobian(x, snapshot.x_hat.template segment<2>(NX)), H(H::Identity()),
+                  this->tuning());
 }
 
 template <int NX>
@@ -203,7 +213,23 @@ template <int NX>
 std::optional<Estimate> EkfJoint<NX>::steady_state(double omega_m) const {
   FastState state;
   state.x_hat[2] = machine_.n_p * omega_m;
+  state.x_hat[NX + 1] = state.x_hat[2] * machine_.psi_f;  // u_q
   return this->estimate_of(state, {});
+}
+
+template <int NX>
+std::optional<double> EkfJoint<NX>::load_speed_min(double u_unknown) const {
+  constexpr int kSettle = 4000, kIterations = 2;  // ticks; beta hardly depends on the speed
+  const MachineParameters& m = machine_;
+  const double a = T_s_ * m.R_s / m.L_d, b = T_s_ / m.L_d;
+  double omega_e = u_unknown / m.psi_f;
+  for (int i = 0; i < kIterations; ++i) {
+    const Gain gain = this->background_steps(this->initial_gain(), omega_e / m.n_p, kSettle);
+    const double g_d = b / (1 - (1 - a) * (1 - gain.K(0, 0)));
+    const double r = std::hypot(1.0, m.psi_f * gain.K(3, 0) * g_d / T_s_);
+    omega_e = u_unknown / m.psi_f * r / (r - 1);
+  }
+  return omega_e;
 }
 
 template class EkfJoint<5>;

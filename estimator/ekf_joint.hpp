@@ -7,12 +7,14 @@
 //
 // a, b: one harmonic of the load, with order N > 0 (periods per mechanical turn).
 //
-// Model, x' = f(x, u), with L = L_q, i_d and i_q the currents in rotor axes, and the active flux psi_a:
+// Model, x' = f(x, u), with d = [cos theta_e; sin theta_e], q = [-sin theta_e; cos theta_e], i_d = d'i and
+// i_q = q'i the currents in rotor axes, and the active flux psi_a:
 //
 //   psi_a      = psi_f + (L_d - L_q) i_d
 //   T_em       = 3/2 n_p psi_a i_q                                                   Niewiara (12)
-//   L i_alpha' = -R_s i_alpha + psi_a omega_e sin theta_e + u_alpha                     Dilys (3)
-//   L i_beta'  = -R_s i_beta  - psi_a omega_e cos theta_e + u_beta                      Dilys (3)
+//   L_q a      = u - R_s i - psi_a omega_e q                              Dilys (3), with psi_a for psi_f
+//   z          = d'a + omega_e i_q
+//   i'         = a + (L_q/L_d - 1) z d                 the second part: the voltage of a changing i_d
 //   omega_e'   = n_p/J (T_em - T_o)                                      Dilys (1), Niewiara (12)
 //   theta_e'   = omega_e                                                                Dilys (3)
 //   T_o        = T_0 + a                               the load; positive opposes the motion
@@ -20,19 +22,19 @@
 //   a'         =  N omega_m b                          so a = A sin(N theta_m + phase)
 //   b'         = -N omega_m a                          omega_m = omega_e/n_p
 //
-// With L_d = L_q the first four rows are those of estimator/ekf_sensorless.hpp. With L_d != L_q they
-// omit the voltage of a changing i_d. T_o holds friction, as in estimator/ekf_disturbance.hpp.
+// In rotor axes the rows of i are Niewiara (10), (11). With L_d = L_q the first four rows are those of
+// estimator/ekf_sensorless.hpp. T_o holds friction, as in estimator/ekf_disturbance.hpp.
 //
 // Fast step, every T_s, with a given K:
 //
 //   x^-   = x + T_s f(x, u)            prediction = "euler"; "rk4"; "exact": the currents at frozen
-//                                      omega_e and psi_a. a, b are turned by R(-N omega_m T_s)
+//                                      omega_e. a, b are turned by R(-N omega_m T_s)
 //   innov = y - H x^-
 //   x     = x^- + K innov              theta_e wrapped into [0, 2 pi)              Dilys (16), (18)
 //
 // Background step, every n T_s, at the snapshot x, with s = sin theta_e, c = cos theta_e,
 // dL = L_d - L_q, k = 3/2 n_p, g = T_s n_p/J, b_L = T_s/L, phi = N omega_m T_s, and [a^-; b^-] the
-// turned pair:
+// turned pair. With L_d = L_q:
 //
 //   T_alpha = k (dL c i_q - psi_a s),  T_beta = k (dL s i_q + psi_a c),  T_theta = k (dL i_q^2 - psi_a i_d)
 //
@@ -46,6 +48,15 @@
 //   row a        [0,  0,   N T_s b^-/n_p,  0,  0,   cos phi,  sin phi]
 //   row b        [0,  0,  -N T_s a^-/n_p,  0,  0,  -sin phi,  cos phi]
 //
+// With L_d != L_q the rows of i_alpha and i_beta get, with kappa = L_q/L_d - 1:
+//
+//   columns i    T_s kappa d (omega_e q - R_s/L_q d)'
+//   omega_e      T_s kappa i_q d
+//   theta_e      T_s kappa (z q + (q'a + omega_e psi_a/L_q - omega_e i_d) d)
+//
+// z and a need the voltage: x_hat carries u_dq of the last period behind the state, in the rotor axes of
+// its middle.
+//
 //   P^- = F P F' + Q                                                                   Dilys (14)
 //   K   = P^- H' (H P^- H' + R)^-1                                                     Dilys (17)
 //   P   = (I - K H) P^-                              covariance = "paper"              Dilys (15)
@@ -54,7 +65,7 @@
 // Every gain policy applies: (i_alpha, i_beta) turn with the rotor, the other states do not.
 // `propagated` needs the form without a harmonic, which has at most 6 states.
 //
-// Observability: joint_speed_min() below and docs/theory/joint-ekf.md. F holds the control period T_s at
+// Observability: load_speed_min() below and docs/theory/joint-ekf.md. F holds the control period T_s at
 // every n. Q and R are discrete covariances of one background update: Q in A^2, A^2, (rad/s)^2, rad^2,
 // (Nm)^2; R in A^2, A^2. Known voltage losses are undone before the filter (estimator/known_effects.hpp);
 // known torques stay part of T_o, because most depend on the mechanical angle.
@@ -84,24 +95,11 @@ struct EkfJointParameters {
   }
 };
 
-// Smallest electrical speed, rad/s, at which this filter observes the load with a voltage of which
-// `u_unknown` (V, in the worst direction: against the EMF) is not known:
-//
-//   omega_e_min = u_unknown/psi_f r/(r - 1),  r = sqrt(1 + beta^2)
-//   beta        = psi_f k_theta_d g_d/T_s,    g_d = b/(1 - (1 - a)(1 - k_dd)),  a = T_s R_s/L_q, b = T_s/L_q
-//
-// k_theta_d, k_dd: the gain of theta_e and i_d on the innovation of d, in rotor axes, settled at that
-// speed without load. Derivation: docs/theory/joint-ekf.md. For beta -> infinity it is u_unknown/psi_f,
-// the speed below which the direction of the EMF, and with it the torque of the currents, is unknown to
-// any filter. Requires a filter of kind ekf_joint.
-double joint_speed_min(const Filter& filter, const MachineParameters& machine, double T_s,
-                       double u_unknown);
-
 // NX = 5, or 7 with a harmonic of the load.
 template <int NX>
-class EkfJoint final : public Ekf<NX, 2> {
+class EkfJoint final : public Ekf<NX, 2, 2> {
  public:
-  using Base = Ekf<NX, 2>;
+  using Base = Ekf<NX, 2, 2>;
   using typename Base::Covariance;
   using typename Base::Output;
   using typename Base::State;
@@ -110,6 +108,17 @@ class EkfJoint final : public Ekf<NX, 2> {
            Prediction prediction, CovarianceForm covariance, double T_s, KnownStart start);
 
   std::string_view kind() const override { return "ekf_joint"; }
+  double direct_start_within() const override { return kStartWithin; }
+  // With the unknown voltage in the worst direction, against the EMF:
+  //
+  //   omega_e_min = u_unknown/psi_f r/(r - 1),  r = sqrt(1 + beta^2)
+  //   beta        = psi_f k_theta_d g_d/T_s,    g_d = b/(1 - (1 - a)(1 - k_dd)),  a = T_s R_s/L_d, b = T_s/L_d
+  //
+  // k_theta_d, k_dd: the gain of theta_e and i_d on the innovation of d, in rotor axes, settled at that
+  // speed without load. Derivation: docs/theory/joint-ekf.md. For beta -> infinity it is
+  // u_unknown/psi_f, the speed below which the direction of the EMF, and with it the torque of the
+  // currents, is unknown to any filter.
+  std::optional<double> load_speed_min(double u_unknown) const override;
   FastState start(const Measurement& first) const override;
   void align(FastState& state, double theta_e) const override;
   bool estimates_load() const override { return true; }
@@ -120,7 +129,7 @@ class EkfJoint final : public Ekf<NX, 2> {
   std::optional<Estimate> steady_state(double omega_m) const override;
 
   State predict(const State& x, const Vec2& u_alphabeta) const;
-  Covariance jacobian(const State& x) const;
+  Covariance jacobian(const State& x, const Vec2& u_dq) const;
 
  private:
   using Drive = Eigen::Matrix<double, 5, 1>;  // the first five states
@@ -129,6 +138,9 @@ class EkfJoint final : public Ekf<NX, 2> {
   State prior(const FastState& state, const Measurement& m) const override;
   Output innovation(const State& x_prior, const Measurement& m) const override;
   State wrapped(const State& x) const override;
+  // The voltage of the last period in the rotor axes of its middle.
+  void remember(FastState& state, const State& x_prior, const Measurement& m,
+                bool corrected) const override;
   void describe(const FastState& state, const Measurement& m, Estimate& e) const override;
 
   // x' of the first five states; the fifth holds the whole load.

@@ -64,6 +64,7 @@ class EkfSensorless final : public Ekf<4, 2> {
                 double omega_e_start = 0);
 
   std::string_view kind() const override { return "ekf_sensorless"; }
+  double direct_start_within() const override { return kStartWithin; }
   FastState start(const Measurement& first) const override;
   Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const override;
   void align(FastState& state, double theta_e) const override;

@@ -15,10 +15,15 @@
 #include "estimator/emf_angle.hpp"
 #include "estimator/gain_slots.hpp"
 #include "estimator/known_effects.hpp"
+#include "model/math.hpp"
 #include "model/rotor_axes.hpp"
 #include "model/signals.hpp"
 
 namespace twinrate {
+
+// Of 24 starts each within 75 deg none was lost below the filter's limit of n; from further away it can
+// settle on the mirrored state (docs/theory/start-up.md).
+inline constexpr double kStartWithin = 75 * kPi / 180;
 
 // The fast loop's memory of one filter.
 struct FastState {
@@ -86,6 +91,15 @@ class Filter {
   // T_load of the output is an estimate, not 0.
   virtual bool estimates_load() const { return false; }
 
+  // What is known of the filter's limits, for a check before the run (loop/runnable.hpp).
+  //
+  // Largest electrical angle, rad, between the rotor and the start of the filter that a start from
+  // standstill without alignment corrects; 0: none. docs/theory/two-rate-ekf.md has the measured starts.
+  virtual double direct_start_within() const { return kPi; }
+  // Smallest electrical speed, rad/s, at which the filter observes the load with a voltage of which
+  // `u_unknown`, V, is not known. Empty: the load is no state.
+  virtual std::optional<double> load_speed_min(double /*u_unknown*/) const { return {}; }
+
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
   // The same of the form that runs without voltages (kNoVoltage), where the filter has one.
   virtual Gain initial_gain_without_voltage() const { return initial_gain(); }
@@ -102,6 +116,8 @@ class Filter {
   // Number of leading pairs of states (alpha, beta) that turn with the rotor in the filter's frame;
   // the first two outputs then turn, too. K at another angle: estimator/gain_frame.hpp.
   virtual int turning_pairs() const { return 0; }
+  // Where x_hat carries u_dq of the last period, in the rotor axes of its middle; -1: it does not.
+  virtual int voltage_state() const { return -1; }
   // The snapshot, predicted `ticks` ahead at constant speed.
   virtual Estimate ahead(const Estimate& snapshot, double /*ticks*/) const { return snapshot; }
   // Steady state without load at this speed, theta_e = 0: the operating point of a row of the table

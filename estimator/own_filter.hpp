@@ -29,6 +29,10 @@ class OwnFilter : public Filter {
     return built_in_->output(state, m);
   }
   bool estimates_load() const override { return built_in_->estimates_load(); }
+  double direct_start_within() const override { return built_in_->direct_start_within(); }
+  std::optional<double> load_speed_min(double u_unknown) const override {
+    return built_in_->load_speed_min(u_unknown);
+  }
   Gain initial_gain() const override { return built_in_->initial_gain(); }
   Gain initial_gain_without_voltage() const override {
     return built_in_->initial_gain_without_voltage();
@@ -37,6 +41,7 @@ class OwnFilter : public Filter {
     return built_in_->background_step(previous, snapshot);
   }
   int turning_pairs() const override { return built_in_->turning_pairs(); }
+  int voltage_state() const override { return built_in_->voltage_state(); }
   Estimate ahead(const Estimate& snapshot, double ticks) const override {
     return built_in_->ahead(snapshot, ticks);
   }

@@ -32,7 +32,7 @@ Gain Filter::background_steps(const Gain& gain, double omega_m, int ticks) const
 
 bool offers_propagated(const Filter& filter) {
   return filter.turning_pairs() > 0 && filter.steady_state(0) &&
-         filter.steady_state(0)->n_x <= kMaxTurningStates;
+         filter.initial_gain().n_x <= kMaxTurningStates;
 }
 
 Gain propagated_background(const Filter& filter, const Gain& previous, double omega_m_before,

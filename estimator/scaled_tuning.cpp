@@ -88,7 +88,7 @@ void scale(DqEkfParameters& p, const PerUnit& base, double, double) {
 
 // Noise of the currents as for dq_ekf. The load walks by a twentieth of the rated torque in a tick; it
 // holds the surprise in the speed. The variance of the angle makes its correction strong against that of
-// the speed: joint_speed_min().
+// the speed: EkfJoint::load_speed_min().
 void scale(EkfJointParameters& p, const PerUnit& base, double, double) {
   const double current = sq(kKimCurrent * base.i);
   set(p.Q_diag, {current, current, sq(0.05 * base.step), 1e-4, sq(0.05 * base.T)});

@@ -33,6 +33,7 @@ constexpr int kSettleSteps = 30;
 constexpr double kSettled = 1e-9;  // relative change over a tick
 constexpr int kPlantSteps = 2;     // Runge-Kutta steps in T_s
 constexpr int kNewtonSteps = 3;
+constexpr int kGainsUnderLoad = 2;
 constexpr double kPeriodic = 1e-6;  // relative change over a period
 
 // controller/foc.hpp without limits. Memory: integrals of speed, d and q, and the held I_s.
@@ -155,9 +156,10 @@ int stationary_pairs(const Filter& filter) {
 }
 
 // The estimate seen from axes that lie `angle` ahead.
-void turn_back(const Filter& filter, double angle, Eigen::Ref<VectorXd> x_hat) {
+template <class States>
+void turn_back(const Filter& filter, double angle, States&& x_hat) {
   for (int i = 0; i < 2 * stationary_pairs(filter); i += 2)
-    x_hat.segment<2>(i) = rotate(Vec2(x_hat.segment<2>(i)), -angle);
+    x_hat.template segment<2>(i) = rotate(Vec2(x_hat.template segment<2>(i)), -angle);
   if (holds_an_angle(filter)) x_hat[3] = wrap_pi(x_hat[3] - angle);
 }
 
@@ -195,7 +197,8 @@ std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, double omega_e,
                      omega_e, d.T_s(), d.gain.speed_span / d.machine.n_p});
 }
 
-std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, const Steady& steady) {
+std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, const Steady& steady,
+                                               std::optional<double> T_load) {
   const DriveConfig& d = config.drive();
   ClosedFloquet c;
   c.steady_ = steady;
@@ -203,14 +206,15 @@ std::optional<ClosedFloquet> ClosedFloquet::of(Config& config, const Steady& ste
   c.law_ = law_of(config);
   if (!c.law_) return {};
   c.machine_ = d.machine;
-  c.T_load_ = d.load.T_load_Nm.steps().empty() ? 0 : d.load.T_load_Nm.steps().back().value;
+  c.T_load_ =
+      T_load.value_or(d.load.T_load_Nm.steps().empty() ? 0 : d.load.T_load_Nm.steps().back().value);
   c.delay_ = d.plant.delay_samples;
   c.n_x_ = steady.filter->steady_state(0)->n_x;
   if (processes_an_angle(*steady.filter)) {
     c.n_angle_ = 4;
     c.divider_ = divider_of(config);
   }
-  if (!c.settle()) return {};
+  if (!c.settle() || !c.settle_under_load()) return {};
   return c;
 }
 
@@ -339,6 +343,21 @@ bool ClosedFloquet::settle() {
   }
   return std::abs(at_[2] - steady_.omega_m) < 0.01 * std::abs(steady_.omega_m) &&
          std::abs(angle_error(at_, 0)) < kPi / 4;
+}
+
+// The gain of a filter depends on its currents: it is that of the orbit, and the orbit that of the gain.
+bool ClosedFloquet::settle_under_load() {
+  const Filter& filter = *steady_.filter;
+  if (T_load_ == 0 || processes_an_angle(filter)) return true;
+  for (int i = 0; i < kGainsUnderLoad; ++i) {
+    FastState state = memory_of(at_, 0);
+    const Measurement m{.signals = kPhaseCurrents | kVoltage | kPosition | kSpeed};
+    turn_back(filter, filter.estimate_of(state, m).theta_e, state.x_hat);
+    steady_.at = filter.estimate_of(state, m);
+    steady_.found = std::make_shared<std::map<int, Gain>>();
+    if (!settle()) return false;
+  }
+  return true;
 }
 
 Eigen::MatrixXd ClosedFloquet::derivative(const VectorXd& z, const Gain& gain, std::int64_t k,

@@ -21,7 +21,8 @@
 // Covered: every filter under `foc` and `lqr` with angle_source = "estimate", but active_flux with unequal
 // noises of its alpha and beta states, and backemf_printed with these or on a salient machine: they are not
 // the same at every angle.
-// Operating point: the reference speed, constant load, the periodic orbit of f with a gain every tick.
+// Operating point: the reference speed, constant load (the last of the profile), the periodic orbit of f
+// with a gain every tick; the gain is that of the background at this point.
 #pragma once
 #include <optional>
 
@@ -39,8 +40,10 @@ class ClosedFloquet {
   // `policy`: instead of that of the drive file.
   static std::optional<ClosedFloquet> of(Config& config, double omega_e,
                                          std::optional<GainPolicy> policy = {});
-  // With the filter, the policy and the speed of `steady`, whose periodic gains it shares.
-  static std::optional<ClosedFloquet> of(Config& config, const Steady& steady);
+  // With the filter, the policy and the speed of `steady`, whose periodic gains it shares without load.
+  // `T_load`: instead of that of the drive file.
+  static std::optional<ClosedFloquet> of(Config& config, const Steady& steady,
+                                         std::optional<double> T_load = {});
 
   // rho over one background period.
   double spectral_radius(int n) const;
@@ -51,6 +54,8 @@ class ClosedFloquet {
   int n_max(int limit) const;
   // The limit of the filter alone, as loop/stale_gain.hpp.
   int n_max_of_filter(int limit) const { return n_max_by_floquet(steady_, limit); }
+  // The operating point.
+  const Steady& steady() const { return steady_; }
 
  private:
   ClosedFloquet() = default;
@@ -66,6 +71,7 @@ class ClosedFloquet {
   double gain_error(const Eigen::VectorXd& z) const;
   void take_snapshot(int i, int n, double turned, Eigen::VectorXd& z) const;
   bool settle();
+  bool settle_under_load();
   // The filter's memory of a state at tick k, and back into `z`, seen from axes `turned` ahead.
   FastState memory_of(const Eigen::VectorXd& z, std::int64_t k) const;
   void remember(const FastState& state, double turned, Eigen::VectorXd& z) const;

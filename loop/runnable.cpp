@@ -12,7 +12,6 @@
 #include "core/bus_parameters.hpp"
 #include "core/field_list.hpp"
 #include "core/steering.hpp"
-#include "estimator/ekf_joint.hpp"
 #include "estimator/make_filter.hpp"
 #include "loop/bandwidths.hpp"
 #include "loop/closed_floquet.hpp"
@@ -41,12 +40,6 @@ constexpr double kAlignTimeConstants = 5;
 // What other swings of the ramp may take.
 constexpr double kSwingMargin = 0.7;
 
-// docs/theory/start-up.md: from a start angle beyond this the filter can settle on the mirrored state.
-constexpr double kStartAngleMax_deg = 75;
-// ekf_joint omits the voltage of a changing i_d. Of 16 starts each from 25, 30, 50, 60 and 70 deg away
-// on kim-ipmsm without load up to 16 were lost with L_q/L_d = 1.33, 1.66 and 2.36, none with 1.11; within
-// 20 deg none of 96 with 2.36 (docs/theory/two-rate-ekf.md).
-constexpr double kJointStartAngleMax_deg = 20, kJointStartSaliency = 1.15;
 // Largest n that the search for the first loss tries; it takes up to 0.5 s. Beyond it the trial of the run
 // (loop/trial_run.hpp) shows a loss, within few periods.
 constexpr int kSearchedMax = 50;
@@ -147,7 +140,8 @@ class Theory {
     const double omega_e = *std::min_element(speeds_.begin(), speeds_.end());
     const double hidden = kResistanceError * d_.machine.R_s * base_.i + unknown_drop(omega_e);
     const double emf = omega_e * d_.machine.psi_f;
-    if (d_.estimator.kind == "ekf_joint") return load_hidden(omega_e, hidden);
+    if (const auto least = filter_->load_speed_min(hidden))
+      return load_hidden(omega_e, hidden, *least);
     if (emf >= hidden) return "";
     return fmt::format(
         "{} may lose synchronism: the EMF at {:.4g} rad/s electrical is {:.3g} V, and "
@@ -156,15 +150,14 @@ class Theory {
         d_.estimator.kind, omega_e, emf, hidden, hidden / d_.machine.psi_f);
   }
 
-  // estimator/ekf_joint.hpp: below its limit angle and load follow the unknown voltage.
-  std::string load_hidden(double omega_e, double hidden) const {
-    const double least = joint_speed_min(*filter_, d_.machine, d_.T_s(), hidden);
+  // Below the limit angle and load follow the unknown voltage.
+  std::string load_hidden(double omega_e, double hidden, double least) const {
     if (omega_e >= least) return "";
     return fmt::format(
-        "ekf_joint may lose synchronism: below {:.4g} rad/s electrical the load is not observable "
+        "{} may lose synchronism: below {:.4g} rad/s electrical the load is not observable "
         "with {:.3g} V uncertain at rated current (20 % of R_s, unknown inverter losses); the "
         "slowest speed is {:.4g} rad/s",
-        least, hidden, omega_e);
+        d_.estimator.kind, least, hidden, omega_e);
   }
 
   std::string beyond_the_model() const {
@@ -232,22 +225,13 @@ class Theory {
   }
 
   std::string starts_elsewhere() const {
-    if (d_.start != Start::kAligned) return "";
-    const double from = std::abs(wrap_pi(d_.plant.theta_e_start)) * 180 / kPi;
-    if (d_.estimator.kind != "dq_ekf" && from > kStartAngleMax_deg)
-      return fmt::format(
-          "{} may lose synchronism: it starts at 0, the rotor {:.0f} deg away; start = "
-          "align_if finds it",
-          d_.estimator.kind, from);
-    const double saliency = d_.machine.L_q / d_.machine.L_d;
-    if (d_.estimator.kind == "ekf_joint" && from > kJointStartAngleMax_deg &&
-        std::max(saliency, 1 / saliency) > kJointStartSaliency)
-      return fmt::format(
-          "ekf_joint may lose synchronism: it omits the voltage of a changing i_d; with L_q/L_d = "
-          "{:.3g} a direct start fails from some angles, the rotor is {:.0f} deg away; start = "
-          "align_if finds it",
-          saliency, from);
-    return "";
+    const double within = filter_->direct_start_within();
+    const double from = std::abs(wrap_pi(d_.plant.theta_e_start));
+    if (d_.start != Start::kAligned || within == 0 || from <= within) return "";
+    return fmt::format(
+        "{} may lose synchronism: it starts at 0, the rotor {:.0f} deg away; start = "
+        "align_if finds it",
+        d_.estimator.kind, from * 180 / kPi);
   }
   // Alignment, ramp and agreement, of either controller.
   double start_takes_s() const {
@@ -302,16 +286,17 @@ class Theory {
 
   std::string cannot_start() const {
     if (d_.start != Start::kAligned) return "";
-    if (d_.estimator.kind == "eemf" || d_.estimator.kind == "active_flux")
+    const double within = filter_->direct_start_within();
+    if (within == 0)
       return d_.estimator.kind +
              " may lose synchronism: there is no EMF at standstill; start = align_if starts it";
-    if (d_.estimator.kind == "dq_ekf" && d_.rates.n > 1 && has_background(d_.gain.policy) &&
-        !d_.locks_first() && d_.background_rate().from == 0)
+    if (within == kPi && d_.rates.n > 1 && has_background(d_.gain.policy) && !d_.locks_first() &&
+        d_.background_rate().from == 0)
       return fmt::format(
-          "dq_ekf may lose synchronism: with a gain every {} ticks a direct start fails "
-          "from some angles; rates.n_from = locked computes it every tick until the filter agrees "
-          "with itself",
-          d_.rates.n);
+          "{} may lose synchronism: with a gain every {} ticks a direct start fails from some "
+          "angles; rates.n_from = locked computes it every tick until the filter agrees with "
+          "itself",
+          d_.estimator.kind, d_.rates.n);
     return "";
   }
 
@@ -341,7 +326,11 @@ class Theory {
     const Steady steady{filter_, d_.gain.policy, omega_e / d_.machine.n_p,
                         omega_e, d_.T_s(),       d_.gain.speed_span / d_.machine.n_p};
     const int limit = std::min(kSearchedMax, n);
-    const auto closed = ClosedFloquet::of(config_, omega_e);
+    // The trial of the run (loop/trial_run.hpp) has the other loads of the profile.
+    double T_load = d_.load.T_load_Nm.at(0);
+    for (const ProfileStep& step : d_.load.T_load_Nm.steps())
+      if (std::abs(step.value) < std::abs(T_load)) T_load = step.value;
+    const auto closed = ClosedFloquet::of(config_, steady, T_load);
     // Upward from 1: beyond the first loss there are islands of stability.
     int held = closed ? closed->n_max(limit) : n_max_by_formula(steady, limit);
     if (!closed && held == 0) held = n_max_by_floquet(steady, limit);

@@ -21,7 +21,7 @@ constexpr int kMaxPropagatedTicks = 2000;  // propagated: P takes a step every t
 constexpr double kGainTolerance = 1e-9;    // relative change of a periodic gain
 
 Estimate at_begin(const Steady& s) {
-  return *s.filter->steady_state(s.omega_m);
+  return s.at ? *s.at : *s.filter->steady_state(s.omega_m);
 }
 
 // The steady state `begin`, at tick k.
@@ -31,14 +31,15 @@ Estimate at_tick(const Steady& s, const Estimate& begin, std::int64_t k) {
   return e;
 }
 
-// The sample after `at`, without load. dq_ekf needs its voltages, because it turns them with its own
-// angle; its state carries them. Filters that measure the angle need it to correct at all. The steps of
+// The sample after `at`, at the same load. A filter whose state carries its voltages needs them, because it
+// turns them with its own angle. Filters that measure the angle need it to correct at all. The steps of
 // the others are affine in their samples.
 Measurement sample_after(const Steady& s, const Estimate& at) {
   Measurement m{.signals = kPhaseCurrents | kVoltage};
-  if (s.filter->kind() == "dq_ekf")
+  m.i_abc = inverse_clarke(inverse_park(at.i_dq, at.theta_e + s.omega_e * s.T_s));
+  if (const int u_dq = s.filter->voltage_state(); u_dq >= 0)
     m.u_alphabeta =
-        inverse_park(Vec2(at.x_hat.segment<2>(4)), at.theta_e + 0.5 * s.omega_e * s.T_s);
+        inverse_park(Vec2(at.x_hat.segment<2>(u_dq)), at.theta_e + 0.5 * s.omega_e * s.T_s);
   if (at.status & kMeasuredAngle) {
     m.signals |= kPosition | kSpeed;
     m.theta_m = s.omega_m * s.T_s;

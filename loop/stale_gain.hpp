@@ -12,6 +12,7 @@
 #pragma once
 #include <map>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "estimator/two_rate.hpp"
@@ -23,6 +24,8 @@ struct Steady {
   GainPolicy policy;
   double omega_m = 0, omega_e = 0, T_s = 0;
   double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
+  // Operating point, theta_e = 0. Empty: the steady state of the filter without load.
+  std::optional<Estimate> at = {};
   // Periodic gains by n that the functions below have found for this steady state. Copies share them:
   // not for several threads.
   std::shared_ptr<std::map<int, Gain>> found = std::make_shared<std::map<int, Gain>>();

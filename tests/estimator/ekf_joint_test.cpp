@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "estimator/dq_ekf.hpp"
 #include "estimator/ekf_sensorless.hpp"
 #include "estimator/gain_frame.hpp"
 #include "estimator/scaled_tuning.hpp"
@@ -53,7 +54,8 @@ void expect_jacobian_of_the_euler_step(const MachineParameters& m) {
     const Eigen::VectorXd x = random_state<NX>(i);
     const Vec2 u(6 * normal(2, 0, i), 6 * normal(2, 1, i));
     const auto euler = [&](const Eigen::VectorXd& s) -> Eigen::VectorXd { return f.predict(s, u); };
-    Eigen::MatrixXd difference = f.jacobian(x) - test::numerical_jacobian(euler, x, step);
+    Eigen::MatrixXd difference =
+        f.jacobian(x, park(u, x[3])) - test::numerical_jacobian(euler, x, step);
     if (NX == 7) {  // F takes the load of the pair at the snapshot, the step in mid-interval
       difference.row(2).tail(2).setZero();
       difference(2, 2) = 0;
@@ -85,6 +87,24 @@ TEST(EkfJoint, WithoutSaliencyAndWithAHeavyRotorItPredictsAsTheSensorlessFilter)
   }
 }
 
+// Oracle: the currents of a salient machine in rotor axes, in the filter that has them as states. A heavy
+// rotor keeps its speed.
+TEST(EkfJoint, WithSaliencyItPredictsTheCurrentsOfTheFilterInRotorAxes) {
+  MachineParameters m = salient();
+  m.J = 1e12;
+  for (const Prediction prediction : {Prediction::kRk4, Prediction::kExact}) {
+    const auto joint = filter<5>(m, prediction);
+    const DqEkf rotor(m, {}, prediction, CovarianceForm::kJoseph, kTs, {});
+    for (std::uint64_t i = 0; i < 20; ++i) {
+      const auto x = random_state<5>(i);
+      const Vec2 u(6 * normal(2, 0, i), 6 * normal(2, 1, i)), i_dq = park(x.head<2>(), x[3]);
+      const Eigen::Vector4d there = rotor.predict({i_dq[0], i_dq[1], x[2], x[3]}, u);
+      const Vec2 here = joint.predict(x, u).head<2>();
+      EXPECT_LT((here - inverse_park(there.head<2>(), there[3])).norm(), 1e-5);
+    }
+  }
+}
+
 // Oracle: the textbook filter with matrices of any size and the equations in rotor axes.
 TEST(EkfJoint, AtNOneItIsTheTextbookEkf) {
   using Eigen::MatrixXd;
@@ -103,14 +123,17 @@ TEST(EkfJoint, AtNOneItIsTheTextbookEkf) {
     const Vec2 i_dq = park(s.head<2>(), s[3]);
     const double psi_a = m.psi_f + (m.L_d - m.L_q) * i_dq[0];
     const Vec2 u_dq = park(u, s[3]);
-    // L_q di_dq/dt + j omega_e L_q i_dq, turned into the stator: the frame's own rotation drops out.
-    const Vec2 rate = inverse_park((u_dq - m.R_s * i_dq - Vec2(0, s[2] * psi_a)) / m.L_q, s[3]);
+    const Vec2 i_dq_rate((u_dq[0] - m.R_s * i_dq[0] + s[2] * m.L_q * i_dq[1]) / m.L_d,
+                         (u_dq[1] - m.R_s * i_dq[1] - s[2] * (m.L_d * i_dq[0] + m.psi_f)) / m.L_q);
+    // i = R(theta_e) i_dq
+    const Vec2 rate = i_dq_rate + s[2] * Vec2(-i_dq[1], i_dq[0]);
     VectorXd y = s;
-    y.head<2>() += kTs * rate;
+    y.head<2>() += kTs * inverse_park(rate, s[3]);
     y[2] += kTs * m.n_p / m.J * (1.5 * m.n_p * psi_a * i_dq[1] - s[4]);
     y[3] += kTs * s[2];
     return y;
   };
+  Vec2 u_dq = Vec2::Zero();  // of the last period, in the axes of its middle: F has no later one
   const VectorXd step = (VectorXd(5) << 1e-4, 1e-4, 1e-2, 1e-5, 1e-4).finished();
   for (std::int64_t k = 0; k < 300; ++k) {
     const auto i = static_cast<std::uint64_t>(k);
@@ -123,11 +146,12 @@ TEST(EkfJoint, AtNOneItIsTheTextbookEkf) {
       x.head<2>() = y;
     } else {
       const MatrixXd F = test::numerical_jacobian(
-          [&](const VectorXd& at) { return next(at, s.u_alphabeta); }, x, step);
+          [&](const VectorXd& at) { return next(at, inverse_park(u_dq, x[3])); }, x, step);
       const VectorXd x_prior = next(x, s.u_alphabeta);
       const MatrixXd P_prior = F * P * F.transpose() + MatrixXd(Q.asDiagonal());
       const MatrixXd K =
           linear::solve_symmetric(H * P_prior * H.transpose() + R, H * P_prior).transpose();
+      u_dq = park(s.u_alphabeta, x_prior[3] - 0.5 * kTs * x_prior[2]);
       x = x_prior + K * (y - H * x_prior);
       P = (MatrixXd::Identity(5, 5) - K * H) * P_prior;
     }
@@ -211,7 +235,7 @@ TEST(EkfJoint, BelowItsSpeedLimitTheLoadIsNotObservable) {
   const MachineParameters m = test::drive_of("niewiara2020").machine;
   const double u_unknown = 1.5;
   for (const double Q_theta : {1e-4, 1e-6}) {
-    const double limit = joint_speed_min(*sensorless_niewiara(Q_theta), m, kTs, u_unknown);
+    const double limit = *sensorless_niewiara(Q_theta)->load_speed_min(u_unknown);
     EXPECT_GT(limit, u_unknown / m.psi_f);
     for (const double i_q : {5.0, -5.0}) {
       EXPECT_LT(load_error(Q_theta, 1.25 * limit, i_q, u_unknown), 0.2) << Q_theta << " " << i_q;

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "estimator/make_filter.hpp"
 #include "tests/loop/closed_loop.hpp"
 
 namespace twinrate::test {
@@ -66,6 +67,18 @@ TEST(ClosedFloquet, TheControllerLimitsTheJointFilterWhereTheFilterAloneWouldHol
   const auto f = floquet(kTwoPi * 100, {"estimator.kind=ekf_joint"});
   ASSERT_TRUE(f);
   EXPECT_LT(f->n_max(20), f->n_max_of_filter(20));
+}
+
+// Kim's motor at 50 Hz. Held in simulation: n = 7 without load, n = 20 at 1.4 Nm.
+TEST(ClosedFloquet, UnderLoadTheGainIsThatOfTheLoadedFilter) {
+  const double omega_e = kTwoPi * 50;
+  Config config = load("kim-ipmsm", {"estimator.kind=eemf"});
+  const Steady idle{make_filter(config), GainPolicy::kPaper, omega_e / 2, omega_e, 1e-4};
+  const auto unloaded = ClosedFloquet::of(config, idle, 0),
+             loaded = ClosedFloquet::of(config, idle, 1.4);
+  ASSERT_TRUE(unloaded && loaded);
+  EXPECT_NEAR(unloaded->n_max(20), 7, 1);
+  EXPECT_EQ(loaded->n_max(20), 20);
 }
 
 TEST(ClosedFloquet, ATurnedGainHasNoLimit) {

@@ -46,20 +46,6 @@ TEST(Runnable, ThePresetsRunWithoutAWarning) {
     EXPECT_TRUE(checked(preset, {}).empty()) << preset;
 }
 
-// It omits the voltage of a changing i_d: on a salient rotor a direct start fails from some angles.
-TEST(Runnable, WarnsOfADirectStartOfTheJointFilterOnASalientRotor) {
-  const auto of_start = [](const std::string& theta, const std::string& L_d) {
-    return warns(
-        "kim-ipmsm",
-        {"estimator.kind=ekf_joint", "plant.theta_e_start_rad=" + theta, "machine.L_d_H=" + L_d},
-        "omits the voltage of a changing i_d");
-  };
-  EXPECT_TRUE(of_start("-0.6", "56.35e-3"));
-  EXPECT_TRUE(of_start("0.6", "100e-3"));
-  EXPECT_FALSE(of_start("0.3", "56.35e-3"));
-  EXPECT_FALSE(of_start("-0.6", "120e-3"));
-}
-
 TEST(Runnable, ACopyOfAPresetIsTakenAsThePresetIs) {
   const std::filesystem::path copy =
       std::filesystem::path(testing::TempDir()) / fmt::format("twinrate-copy-{}.toml", getpid());
