@@ -25,7 +25,8 @@ constexpr int kMaxFloquet_n = 400, kMaxClosed_n = 100;
 struct Reason {
   double phi_c = NAN;
   int formula = 0, floquet = 0;
-  int closed = 0;  // 0: not predicted
+  int closed = 0;      // 0: not predicted
+  bool start = false;  // n_max + 1 is held, switched on at speed
   double rho_held = NAN, rho_next = NAN;
 };
 
@@ -60,9 +61,16 @@ std::string verdict(const Limit& l, const Reason& r) {
   return by_floquet ? "Floquet" : "neither";
 }
 
-// The part that limits n by the two Floquet analyses: the controller, where the closed loop holds less than
-// the filter alone by more than a step or 10 %.
+// The largest n of the two Floquet analyses that holds, as far as it was tried.
+int predicted(const Reason& r) {
+  return r.closed > 0 ? r.closed : r.floquet;
+}
+
+// The part that limits n: the start, where n_max + 1 is lost from standstill and held switched on at speed;
+// else by the two Floquet analyses the controller, where the closed loop holds less than the filter alone
+// by more than a step or 10 %.
 std::string limited_by(const Reason& r) {
+  if (r.start) return "start";
   if (r.closed == 0 || r.floquet == 0 || r.closed >= kMaxClosed_n) return "-";
   return r.closed < r.floquet - std::max(1.0, 0.1 * r.floquet) ? "controller" : "filter";
 }
@@ -79,16 +87,17 @@ Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Conf
   Reason r;
   const bool table = !has_background(policy);
   const int limit = tried(l);
-  r.phi_c = table ? NAN : critical_angle(steady, std::max(1, l.n_max));
-  r.formula = n_max_by_formula(steady, limit);
-  r.floquet = table ? 0 : n_max_by_floquet(steady, limit);
   const auto closed = [&] {
     const std::lock_guard<std::mutex> lock(config_mutex);
     return table ? std::nullopt : ClosedFloquet::of(config, steady);
   }();
+  const Steady& at = closed ? closed->steady() : steady;
+  r.phi_c = table ? NAN : critical_angle(at, std::max(1, l.n_max));
+  r.formula = n_max_by_formula(at, limit);
+  r.floquet = table ? 0 : n_max_by_floquet(at, limit);
   if (closed) r.closed = closed->n_max(std::min(limit, kMaxClosed_n));
-  if (l.n_max > 0) r.rho_held = spectral_radius(steady, table ? 1 : l.n_max);
-  r.rho_next = table ? NAN : spectral_radius(steady, l.n_max + 1);
+  if (l.n_max > 0) r.rho_held = spectral_radius(at, table ? 1 : l.n_max);
+  r.rho_next = table ? NAN : spectral_radius(at, l.n_max + 1);
   return r;
 }
 
@@ -121,8 +130,20 @@ std::string text(int n, int tried = std::numeric_limits<int>::max()) {
   return n > 0 ? std::to_string(n) + (n >= tried ? "+" : "") : "-";
 }
 
-// What keeps a row from being a median between two extremes.
-std::string remark(const Limit& l) {
+// A search from standstill that ends below the prediction: whether the start is the reason.
+bool start_limits(const Plan& plan, const DriveConfig& base, const Limit& l, const Reason& r) {
+  if (plan.start == "switched" || !plan.log.empty() || l.policy == "scheduled") return false;
+  if (!l.complete || l.capped || predicted(r) <= l.n_max || agree(predicted(r), l.n_max))
+    return false;
+  Plan at_speed = plan;
+  at_speed.start = "switched";
+  return run_in_process(at_speed, base, {l.policy, l.f_e_Hz, 1}, l.n_max + 1).locked;
+}
+
+// What keeps a row from being a median between two extremes, and a start that limits.
+std::string remark(const Limit& l, const Reason& r) {
+  if (r.start)
+    return fmt::format(" (the start limits: switched on at speed n = {} holds)", l.n_max + 1);
   if (!l.complete) return " (not finished)";
   if (l.policy == "scheduled") return "";
   if (l.capped) return " (n_max is the cap)";
@@ -137,7 +158,7 @@ std::string figure(const char* format, double value) {
   return std::isnan(value) ? "-" : fmt::format(fmt::runtime(format), value);
 }
 
-void write_reasons(const std::string& path, const std::vector<Limit>& limits,
+void write_reasons(const std::string& path, const Plan& plan, const std::vector<Limit>& limits,
                    const std::shared_ptr<const Filter>& filter, Config& config, bool print) {
   std::ofstream file(path);
   file << "policy,f_e_Hz,n_max,phi_c_rad,n_max_formula,n_max_floquet,rho_at_n_max,rho_at_next,"
@@ -146,7 +167,9 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
     fmt::print("{:<12} {:>7} {:>6} {:>9} {:>6} {:>6}..{:<6} {:>7} {:>8} {:>6} {:>6} {:>6}  {}\n",
                "policy", "f_e Hz", "n_max", "f_bmin Hz", "ratio", "lo", "hi", "phi_c", "formula",
                "Floq.", "closed", "rho", "agrees");
-  const std::vector<Reason> reasons = explain_all(limits, filter, config);
+  std::vector<Reason> reasons = explain_all(limits, filter, config);
+  for (std::size_t i = 0; i < limits.size(); ++i)
+    reasons[i].start = start_limits(plan, config.drive(), limits[i], reasons[i]);
   for (std::size_t i = 0; i < limits.size(); ++i) {
     const Limit& l = limits[i];
     const Reason& r = reasons[i];
@@ -165,7 +188,7 @@ void write_reasons(const std::string& path, const std::vector<Limit>& limits,
         figure("{:.3g}", table ? NAN : l.ratio(l.n_lowest)), figure("{:.1f}", r.phi_c * 180 / kPi),
         text(r.formula, tried(l)), text(r.floquet, tried(l)),
         text(r.closed, std::min(tried(l), kMaxClosed_n)), figure("{:.3f}", r.rho_held), agrees,
-        remark(l));
+        remark(l, r));
   }
 }
 
@@ -180,9 +203,13 @@ void write_result(const Plan& plan, const Config& config, const std::string& dir
   const DriveConfig& d = config.drive();
   write_figure(directory + "/figure.svg", limits,
                {d.name, command_of(plan), is_motor_of_the_paper(d.machine)});
-  Config again = load_drive(plan.drive, plan.overrides);
+  std::vector<std::string> overrides = plan.overrides;
+  if (plan.load_pu)
+    overrides.push_back(fmt::format("load.T_load_Nm={}", *plan.load_pu * d.machine.T_rated));
+  Config again = load_drive(plan.drive, overrides);
   const auto filter = make_filter(again);
-  if (filter->steady_state(0)) write_reasons(directory + "/why.csv", limits, filter, again, !json);
+  if (filter->steady_state(0))
+    write_reasons(directory + "/why.csv", plan, limits, filter, again, !json);
   if (!json)
     fmt::print("\n{} points; {}/points.csv, fbmin.csv, figure.svg, why.csv\n", points.size(),
                directory);

@@ -283,6 +283,34 @@ TEST_F(SweepTest, TheReferenceEngineHasTheSameLimitsOnEveryMachine) {
   EXPECT_NE(limits.find("\npaper,200,4,"), std::string::npos) << limits;
 }
 
+// Kim's motor starts from any angle, but not with a gain every third tick; at speed it holds any n.
+TEST_F(SweepTest, AStartThatLimitsIsCalledSo) {
+  Plan plan = small_plan();
+  plan.drive = "kim-ipmsm";
+  plan.speeds_Hz = {20};
+  plan.seeds = 1;
+  plan.n_max = 20;
+  plan.load_pu = 0;
+  run(plan, "a");
+  merge({path("a")}, path("whole"), true);
+  EXPECT_NE(text(path("whole/why.csv")).find(",neither,22,start\n"), std::string::npos);
+}
+
+// The prediction is that of the load of the sweep, not of the drive file.
+TEST_F(SweepTest, ALoadRaisesThePredictedLimitOfTheExtendedEmf) {
+  Plan plan = small_plan();
+  plan.drive = "kim-ipmsm";
+  plan.overrides = {"estimator.kind=eemf", "controller.foc.synchronism.watch=false"};
+  plan.speeds_Hz = {50};
+  plan.start = "switched";
+  plan.seeds = 1;
+  plan.n_max = 15;
+  plan.load_pu = 0.12;
+  run(plan, "a");
+  merge({path("a")}, path("whole"), true);
+  EXPECT_NE(text(path("whole/why.csv")).find("paper,50,12,nan,0,12,"), std::string::npos);
+}
+
 // Formula and Floquet have a limit, above the cap.
 TEST_F(SweepTest, APredictionAboveTheCapIsNoPredictionWithoutALimit) {
   Plan plan = small_plan();
