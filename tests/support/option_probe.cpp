@@ -95,14 +95,17 @@ bool differs(const Pairing& p, const Overrides& overrides, const Run& from) {
   return texts_of(check_runnable(config)) != from.warnings;
 }
 
-// "12T": twelve times the rated torque of the preset's machine; "2I": its rated current; "1.5L": L_d.
+// "12T": twelve times the rated torque of the preset's machine; "2I": its rated current; "1.5L": L_d;
+// "0.3N": of the speed, in rpm, at which its EMF is the voltage limit.
 Overrides in_SI(const Overrides& list, const std::string& preset) {
-  const MachineParameters machine = load_drive(preset, {}).drive().machine;
+  const DriveConfig drive = load_drive(preset, {}).drive();
+  const MachineParameters& machine = drive.machine;
   const double I = machine.i_rated > 0 ? machine.i_rated : 1;
   const std::map<char, double> units{
       {'T', machine.T_rated > 0 ? machine.T_rated : machine.torque_constant() * I},
       {'I', I},
-      {'L', machine.L_d}};
+      {'L', machine.L_d},
+      {'N', drive.inverter.v_dc / (std::sqrt(3.0) * machine.psi_f * machine.n_p) * 60 / kTwoPi}};
   Overrides all;
   for (const std::string& one : list) {
     std::string text;
@@ -222,6 +225,19 @@ const std::vector<Situation>& situations() {
       joined(unwatched, {"load.T_load_Nm=[[0.0,0.12T],[0.1,200T],[0.15,0.12T]]"});
   static const Overrides fast{"reference.speed_rpm=6000.0", "reference.slew_rad_s2=0"};
   static const Overrides weakened = joined(fast, {"CONTROLLER.field_weakening=true"});
+  // On a drive whose reference is slow.
+  static const Overrides at_speed{"reference.speed_rpm=0.3N", "reference.slew_rad_s2=0"};
+  static const Overrides jump_by_emf_at_speed = joined(jump_by_emf, at_speed);
+  static const Overrides jump_by_innovation_at_speed = joined(jump_by_innovation, at_speed);
+  static const Overrides jump_if_found_at_speed = joined(jump_if_found, at_speed);
+  static const Overrides stall_at_speed = joined(stall, at_speed);
+  // A hand-over on a heavy rotor.
+  static const Overrides slow_start{"run.duration_s=1",
+                                    "CONTROLLER.startup.t_align_s=0.2",
+                                    "CONTROLLER.startup.acceleration_rad_s2=500",
+                                    "CONTROLLER.startup.omega_e_handover_rad_s=100",
+                                    "sensors.i_noise_rms_A=0.01I",
+                                    "reference.speed_rpm=0.3N"};
   static const std::vector<Situation> all = {
       {"plant.fault.", jump},
       {"plant.hold_ticks", missing},
@@ -319,6 +335,43 @@ const std::vector<Situation>& situations() {
       {"estimator.active_flux.limit_floor_rad", sudden_speed("active_flux")},
       {"estimator.backemf_printed.limit", sudden_speed("backemf_printed")},
       {"estimator.backemf_printed.limit_floor_rad", sudden_speed("backemf_printed")},
+      {"CONTROLLER.synchronism.", jump_by_emf_at_speed},
+      {"CONTROLLER.synchronism.", jump_by_innovation_at_speed},
+      {"CONTROLLER.synchronism.", jump_if_found_at_speed},
+      {"CONTROLLER.synchronism.", stall_at_speed},
+      {"CONTROLLER.synchronism.watch", joined(unwatched, at_speed)},
+      {"CONTROLLER.synchronism.watch",
+       joined(joined(jump_alone, at_speed),
+              {"CONTROLLER.synchronism.watch=false", "plant.fault.value=100I"})},
+      // The rotor is driven through standstill and back.
+      {"CONTROLLER.synchronism.watch", joined(joined(hard_stall, at_speed), {"run.duration_s=1"})},
+      {"reference.slew_rad_s2", {"reference.speed_rpm=[[0.0,0.3N],[0.05,0.4N]]"}},
+      {"safety.off_at.over_speed", {"safety.omega_m_max_rad_s=3", "reference.speed_rpm=0.3N"}},
+      // Before an over-current does it.
+      {"safety.off_at.command_lost", joined(missing, {"machine.i_trip_A=1e5"})},
+      {"safety.off", joined(missing, {"machine.i_trip_A=1e5"})},
+      {"CONTROLLER.startup.t_align_s",
+       joined(joined(jump_and_stop, at_speed), {"run.duration_s=1"})},
+      {"CONTROLLER.startup.t_align_s",
+       joined(joined(jump_by_innovation, at_speed),
+              {"run.duration_s=1", "CONTROLLER.synchronism.reaction=stop"})},
+      {"CONTROLLER.synchronism.nis_limit",
+       joined(jump_if_found_at_speed, {"sensors.i_noise_rms_A=0.03I"})},
+      {"CONTROLLER.synchronism.nis_limit",
+       joined(jump_by_innovation_at_speed, {"plant.fault.value=1I"})},
+      // An innovation between the limits.
+      {"CONTROLLER.synchronism.nis_limit",
+       joined(jump_by_innovation_at_speed, {"CONTROLLER.synchronism.innovation_A=1I"})},
+      {"CONTROLLER.field_weakening",
+       {"reference.speed_rpm=1.3N", "CONTROLLER.field_weakening=false"}},
+      {"CONTROLLER.field_weakening_bandwidth_Hz",
+       {"reference.speed_rpm=1.3N", "CONTROLLER.field_weakening=true"}},
+      {"CONTROLLER.current_angle", {"machine.L_q_H=1.5L"}},
+      {"CONTROLLER.current_angle", {"machine.L_q_H=1.5L", "CONTROLLER.gains=bandwidths"}},
+      {"CONTROLLER.startup.t_fade_s", slow_start},
+      {"CONTROLLER.startup.t_fade_s",
+       joined(slow_start, {"CONTROLLER.current_angle=mtpa", "machine.L_q_H=1.5L"})},
+      {"plant.winding.", joined(hot, {"run.duration_s=1", "load.T_load_Nm=1T"})},
       {"CONTROLLER.angle_domain.", learning},
       {"CONTROLLER.angle_domain.", fast_learning}};
   return all;
