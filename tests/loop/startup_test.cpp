@@ -39,16 +39,16 @@ TEST(LocksFirst, TheSalientMotorStartsDirectlyAtAGainEveryTwentyTicks) {
   }
 }
 
-// A model without the voltage of a changing i_d loses it from 60 deg with L_q/L_d = 1.33.
+// A model without the voltage of a changing i_d loses the four starts with 100 and 80 mH.
 TEST(LocksFirst, TheJointFilterStartsDirectlyWhateverTheSaliency) {
-  for (const char* L_q : {"56.35e-3", "75e-3", "133e-3"})
+  for (const char* L_d : {"133e-3", "100e-3", "80e-3", "56.35e-3"})
     for (const char* deg60 : {"1.047", "-1.047"})
       EXPECT_TRUE(run("kim-ipmsm",
                       {"estimator.kind=ekf_joint", "rates.n=10", "run.duration_s=0.4",
-                       "run.settle_s=0.3", "load.T_load_Nm=0", std::string("machine.L_q_H=") + L_q,
+                       "run.settle_s=0.3", "load.T_load_Nm=0", std::string("machine.L_d_H=") + L_d,
                        std::string("plant.theta_e_start_rad=") + deg60})
                       .held())
-          << L_q << " " << deg60;
+          << L_d << " " << deg60;
 }
 
 // bench/direct_starts: 5 of 24 are lost.

@@ -155,6 +155,7 @@ struct Situation {
   std::string key;  // or the beginning of keys, where it ends with a dot
   Overrides
       with;  // CONTROLLER stands for the table of the chosen controller, T for the rated torque
+  bool last = false;  // tried after all variants without it
 };
 
 // The low-pass of the speed cannot follow, so that its limit of the angle's change is too small.
@@ -335,45 +336,48 @@ const std::vector<Situation>& situations() {
       {"estimator.active_flux.limit_floor_rad", sudden_speed("active_flux")},
       {"estimator.backemf_printed.limit", sudden_speed("backemf_printed")},
       {"estimator.backemf_printed.limit_floor_rad", sudden_speed("backemf_printed")},
-      {"CONTROLLER.synchronism.", jump_by_emf_at_speed},
-      {"CONTROLLER.synchronism.", jump_by_innovation_at_speed},
-      {"CONTROLLER.synchronism.", jump_if_found_at_speed},
-      {"CONTROLLER.synchronism.", stall_at_speed},
-      {"CONTROLLER.synchronism.watch", joined(unwatched, at_speed)},
+      {"CONTROLLER.angle_domain.", learning},
+      {"CONTROLLER.angle_domain.", fast_learning},
+      {"CONTROLLER.synchronism.", jump_by_emf_at_speed, true},
+      {"CONTROLLER.synchronism.", jump_by_innovation_at_speed, true},
+      {"CONTROLLER.synchronism.", jump_if_found_at_speed, true},
+      {"CONTROLLER.synchronism.", stall_at_speed, true},
+      {"CONTROLLER.synchronism.watch", joined(unwatched, at_speed), true},
       {"CONTROLLER.synchronism.watch",
        joined(joined(jump_alone, at_speed),
-              {"CONTROLLER.synchronism.watch=false", "plant.fault.value=100I"})},
+              {"CONTROLLER.synchronism.watch=false", "plant.fault.value=100I"}),
+       true},
       // The rotor is driven through standstill and back.
-      {"CONTROLLER.synchronism.watch", joined(joined(hard_stall, at_speed), {"run.duration_s=1"})},
-      {"reference.slew_rad_s2", {"reference.speed_rpm=[[0.0,0.3N],[0.05,0.4N]]"}},
-      {"safety.off_at.over_speed", {"safety.omega_m_max_rad_s=3", "reference.speed_rpm=0.3N"}},
+      {"CONTROLLER.synchronism.watch", joined(joined(hard_stall, at_speed), {"run.duration_s=1"}),
+       true},
+      {"reference.slew_rad_s2", {"reference.speed_rpm=[[0.0,0.3N],[0.05,0.4N]]"}, true},
+      {"safety.off_at.over_speed",
+       {"safety.omega_m_max_rad_s=3", "reference.speed_rpm=0.3N"},
+       true},
       // Before an over-current does it.
-      {"safety.off_at.command_lost", joined(missing, {"machine.i_trip_A=1e5"})},
-      {"safety.off", joined(missing, {"machine.i_trip_A=1e5"})},
+      {"safety.off_at.command_lost", joined(missing, {"machine.i_trip_A=1e5"}), true},
+      {"safety.off", joined(missing, {"machine.i_trip_A=1e5"}), true},
       {"CONTROLLER.startup.t_align_s",
-       joined(joined(jump_and_stop, at_speed), {"run.duration_s=1"})},
+       joined(joined(jump_and_stop, at_speed), {"run.duration_s=1"}), true},
       {"CONTROLLER.startup.t_align_s",
        joined(joined(jump_by_innovation, at_speed),
-              {"run.duration_s=1", "CONTROLLER.synchronism.reaction=stop"})},
-      {"CONTROLLER.synchronism.nis_limit",
-       joined(jump_if_found_at_speed, {"sensors.i_noise_rms_A=0.03I"})},
-      {"CONTROLLER.synchronism.nis_limit",
-       joined(jump_by_innovation_at_speed, {"plant.fault.value=1I"})},
+              {"run.duration_s=1", "CONTROLLER.synchronism.reaction=stop"}),
+       true},
       // An innovation between the limits.
       {"CONTROLLER.synchronism.nis_limit",
-       joined(jump_by_innovation_at_speed, {"CONTROLLER.synchronism.innovation_A=1I"})},
+       joined(jump_by_innovation_at_speed, {"CONTROLLER.synchronism.innovation_A=1I"}), true},
       {"CONTROLLER.field_weakening",
-       {"reference.speed_rpm=1.3N", "CONTROLLER.field_weakening=false"}},
+       {"reference.speed_rpm=1.3N", "CONTROLLER.field_weakening=false"},
+       true},
       {"CONTROLLER.field_weakening_bandwidth_Hz",
-       {"reference.speed_rpm=1.3N", "CONTROLLER.field_weakening=true"}},
-      {"CONTROLLER.current_angle", {"machine.L_q_H=1.5L"}},
-      {"CONTROLLER.current_angle", {"machine.L_q_H=1.5L", "CONTROLLER.gains=bandwidths"}},
-      {"CONTROLLER.startup.t_fade_s", slow_start},
+       {"reference.speed_rpm=1.3N", "CONTROLLER.field_weakening=true"},
+       true},
+      {"CONTROLLER.current_angle", {"machine.L_q_H=1.5L"}, true},
+      {"CONTROLLER.current_angle", {"machine.L_q_H=1.5L", "CONTROLLER.gains=bandwidths"}, true},
+      {"CONTROLLER.startup.t_fade_s", slow_start, true},
       {"CONTROLLER.startup.t_fade_s",
-       joined(slow_start, {"CONTROLLER.current_angle=mtpa", "machine.L_q_H=1.5L"})},
-      {"plant.winding.", joined(hot, {"run.duration_s=1", "load.T_load_Nm=1T"})},
-      {"CONTROLLER.angle_domain.", learning},
-      {"CONTROLLER.angle_domain.", fast_learning}};
+       joined(slow_start, {"CONTROLLER.current_angle=mtpa", "machine.L_q_H=1.5L"}), true},
+      {"plant.winding.", joined(hot, {"run.duration_s=1", "load.T_load_Nm=1T"}), true}};
   return all;
 }
 
@@ -546,7 +550,7 @@ struct Base {
 
 std::vector<Base> bases_of(const Pairing& p, const std::string& key) {
   std::vector<Base> bases;
-  for (const Overrides& variant : variants_of(p, key)) {
+  const auto add = [&](const Overrides& variant, bool last) {
     Pairing other = p;
     Overrides rest;
     for (const std::string& one : variant)
@@ -555,16 +559,18 @@ std::vector<Base> bases_of(const Pairing& p, const std::string& key) {
       else
         rest.push_back(one);
     const Overrides base = joined(base_of(other), rest);
-    bases.push_back({base, fmt::format("{}", fmt::join(variant, " "))});
+    if (!last) bases.push_back({base, fmt::format("{}", fmt::join(variant, " "))});
     for (const Situation& s : situations()) {
-      if (!fits(with_table(s.key, p.controller), key)) continue;
+      if (s.last != last || !fits(with_table(s.key, p.controller), key)) continue;
       Overrides with;
       for (const std::string& one : s.with) with.push_back(with_table(one, p.controller));
       const Overrides with_variant = joined(variant, with);
       bases.push_back(
           {joined(base, in_SI(with, p.preset)), fmt::format("{}", fmt::join(with_variant, " "))});
     }
-  }
+  };
+  for (const bool last : {false, true})
+    for (const Overrides& variant : variants_of(p, key)) add(variant, last);
   return bases;
 }
 
