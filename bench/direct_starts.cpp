@@ -8,8 +8,7 @@
 // deg of it, on the motor without saliency. Load: share of rated torque, from the first tick on.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
-
+#include "bench/command_line.hpp"
 #include "core/report_error.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
@@ -98,14 +97,14 @@ void print_row(const Row& row, double share, const Selection& s) {
 
 int main(int argc, char** argv) try {
   using namespace twinrate;
-  CLI::App app("Direct starts from 24 angles");
+  bench::CommandLine command_line("Direct starts from 24 angles");
   Selection s;
-  app.add_option("--n", s.ns, "ticks from gain to gain");
-  app.add_option("--load", s.loads, "shares of rated torque");
-  app.add_option("--filter", s.filter, "only this filter");
-  app.add_option("--span", s.span_deg, "angles over this span instead, deg");
-  app.add_option("--set", s.overrides, "keys of the drive files, as elsewhere");
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("--n", &s.ns, "ticks from gain to gain");
+  command_line.option("--load", &s.loads, "shares of rated torque");
+  command_line.option("--filter", &s.filter, "only this filter");
+  command_line.option("--span", &s.span_deg, "angles over this span instead, deg");
+  command_line.option("--set", &s.overrides, "keys of the drive files, as elsewhere");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   fmt::print("| filter | motor | load | n_from |");
   for (const int n : s.ns) fmt::print(" n = {} |", n);
   fmt::print(" latest agreement, s |\n|---|---|---|---|");

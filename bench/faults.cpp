@@ -22,13 +22,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <map>
 
+#include "bench/command_line.hpp"
 #include "core/event_log.hpp"
 #include "core/reason.hpp"
 #include "core/report_error.hpp"
@@ -548,14 +548,14 @@ bool run_set_rows(const Options& o) {
 
 int main(int argc, char** argv) try {
   using namespace twinrate;
-  CLI::App app("What a drive does about faults, as a table");
+  bench::CommandLine command_line("What a drive does about faults, as a table");
   Options o;
-  app.add_option("--drive", o.drive, "run this drive file or preset");
-  app.add_option("--trials", o.trials, "trials of each row");
-  app.add_option("--seed", o.seed, "draw the ticks from this seed");
-  app.add_option("--only", o.only, "only rows whose name contains this text");
-  app.add_option("--set", o.twinrate, "kill and stop processes of this twinrate's launch");
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("--drive", &o.drive, "run this drive file or preset");
+  command_line.option("--trials", &o.trials, "trials of each row");
+  command_line.option("--seed", &o.seed, "draw the ticks from this seed");
+  command_line.option("--only", &o.only, "only rows whose name contains this text");
+  command_line.option("--set", &o.twinrate, "kill and stop processes of this twinrate's launch");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   return (o.twinrate.empty() ? run_loop_rows(o) : run_set_rows(o)) ? 0 : 1;
 } catch (...) {
   return twinrate::report_error("faults");

@@ -31,7 +31,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <deque>
 #include <filesystem>
@@ -40,6 +39,7 @@
 #include <optional>
 #include <sstream>
 
+#include "bench/command_line.hpp"
 #include "bench/log_digest.hpp"
 #include "core/lcm_socket.hpp"
 #include "core/message_tag.hpp"
@@ -364,18 +364,18 @@ bool try_pace(const Options& o, const std::string& pace, const fs::path& scratch
 
 int main(int argc, char** argv) try {
   using namespace twinrate;
-  CLI::App app("A flood of mutated messages against a launched set");
+  bench::CommandLine command_line("A flood of mutated messages against a launched set");
   Options o;
-  app.add_option("--set", o.twinrate, "launch the set of this twinrate")->required();
-  app.add_option("--drive", o.drive, "run this drive file or preset");
-  app.add_option("--messages", o.messages, "messages of each channel");
-  app.add_option("--per-ms", o.per_ms, "messages a millisecond");
-  app.add_option("--paces", o.paces, "paces to try")->delimiter(',');
-  app.add_option("--seed", o.seed, "draw the messages from this seed");
-  app.add_option("--duration-s", o.duration_s, "drive time of a run, s");
-  app.add_option("--override", o.overrides, "a key of the drive file: key.path=value")
-      ->allow_extra_args(false);
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("--set", &o.twinrate, "launch the set of this twinrate").required();
+  command_line.option("--drive", &o.drive, "run this drive file or preset");
+  command_line.option("--messages", &o.messages, "messages of each channel");
+  command_line.option("--per-ms", &o.per_ms, "messages a millisecond");
+  command_line.option("--paces", &o.paces, "paces to try").by_comma();
+  command_line.option("--seed", &o.seed, "draw the messages from this seed");
+  command_line.option("--duration-s", &o.duration_s, "drive time of a run, s");
+  command_line.option("--override", &o.overrides, "a key of the drive file: key.path=value")
+      .one_value_each();
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   if (o.duration_s <= 0) o.duration_s = 10;
   char pattern[] = "/tmp/flood-XXXXXX";
   const std::filesystem::path scratch = mkdtemp(pattern);

@@ -3,10 +3,10 @@
 // brackets. docs/identify-a-motor.md.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <iostream>
 
+#include "bench/command_line.hpp"
 #include "bench/random_drive.hpp"
 #include "core/report_error.hpp"
 #include "identify/identify.hpp"
@@ -130,15 +130,15 @@ int run(std::uint64_t seed, int first, int count, bool talk) {
 }  // namespace twinrate::bench
 
 int main(int argc, char** argv) try {
-  CLI::App app{"Identify hidden motors, print the table of errors"};
+  twinrate::bench::CommandLine command_line{"Identify hidden motors, print the table of errors"};
   std::uint64_t seed = 1;
   int first = 0, count = 20;
   bool talk = false;
-  app.add_option("--seed", seed, "draw with this seed");
-  app.add_option("--first", first, "begin with this drive");
-  app.add_option("--count", count, "identify so many drives");
-  app.add_flag("--text", talk, "print the text of each");
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("--seed", &seed, "draw with this seed");
+  command_line.option("--first", &first, "begin with this drive");
+  command_line.option("--count", &count, "identify so many drives");
+  command_line.flag("--text", talk, "print the text of each");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   return twinrate::bench::run(seed, first, count, talk);
 } catch (...) {
   return twinrate::report_error("identify_hidden");

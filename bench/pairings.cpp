@@ -11,13 +11,13 @@
 // 2.4 s of drive time with the last third judged.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
 #include <map>
 #include <mutex>
 #include <thread>
 
+#include "bench/command_line.hpp"
 #include "bench/random_drive.hpp"
 #include "controller/controller.hpp"
 #include "core/report_error.hpp"
@@ -135,21 +135,23 @@ std::vector<Pairing> random_pairings(const Selection& filter, int count, int see
 
 int main(int argc, char** argv) try {
   using namespace twinrate;
-  CLI::App app("Run every filter with every controller, drive, rate ratio and start");
+  bench::CommandLine command_line(
+      "Run every filter with every controller, drive, rate ratio and start");
   Selection filter;
-  app.add_option("--preset", filter.preset, "only this preset");
-  app.add_option("--estimator", filter.estimator, "only this filter");
-  app.add_option("--controller", filter.controller, "only this controller");
-  app.add_option("--start", filter.start, "only this start");
-  app.add_option("--n", filter.n, "only this n");
-  app.add_option("--only", filter.only, "print only pairings of this status");
+  command_line.option("--preset", &filter.preset, "only this preset");
+  command_line.option("--estimator", &filter.estimator, "only this filter");
+  command_line.option("--controller", &filter.controller, "only this controller");
+  command_line.option("--start", &filter.start, "only this start");
+  command_line.option("--n", &filter.n, "only this n");
+  command_line.option("--only", &filter.only, "print only pairings of this status");
   int random = 0, show = -1, seed = 1;
   bool theory_alone = false;
-  app.add_flag("--theory", theory_alone, "take the warnings of theory without the trial");
-  app.add_option("--random", random, "this many machines drawn at random instead of the presets");
-  app.add_option("--seed", seed, "of the draw");
-  app.add_option("--show", show, "print the drive file of this one of them");
-  CLI11_PARSE(app, argc, argv);
+  command_line.flag("--theory", theory_alone, "take the warnings of theory without the trial");
+  command_line.option("--random", &random,
+                      "this many machines drawn at random instead of the presets");
+  command_line.option("--seed", &seed, "of the draw");
+  command_line.option("--show", &show, "print the drive file of this one of them");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   if (show >= 0) {
     fmt::print(
         "{}",

@@ -13,7 +13,6 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-#include <CLI/CLI.hpp>
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -22,6 +21,7 @@
 #include <system_error>
 #include <vector>
 
+#include "bench/command_line.hpp"
 #include "core/lcm_socket.hpp"
 #include "core/report_error.hpp"
 #include "model/random.hpp"
@@ -157,16 +157,17 @@ class Relay {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("Joins network namespaces as a network would join hosts");
+  twinrate::bench::CommandLine command_line(
+      "Joins network namespaces as a network would join hosts");
   Options o;
-  app.add_option("INTERFACES", o.interfaces, "one interface of each host")->required();
-  app.add_option("--group", o.group, "LCM's multicast group");
-  app.add_option("--port", o.port, "and port");
-  app.add_option("--delay-ms", o.delay_ms, "delay of every datagram");
-  app.add_option("--jitter-ms", o.jitter_ms, "further delay, drawn between 0 and this");
-  app.add_option("--loss", o.loss, "share of the datagrams that is lost");
-  app.add_option("--seed", o.seed, "draw from this seed");
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("INTERFACES", &o.interfaces, "one interface of each host").required();
+  command_line.option("--group", &o.group, "LCM's multicast group");
+  command_line.option("--port", &o.port, "and port");
+  command_line.option("--delay-ms", &o.delay_ms, "delay of every datagram");
+  command_line.option("--jitter-ms", &o.jitter_ms, "further delay, drawn between 0 and this");
+  command_line.option("--loss", &o.loss, "share of the datagrams that is lost");
+  command_line.option("--seed", &o.seed, "draw from this seed");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   const auto on_signal = [](int number) {
     if (number == SIGTERM || number == SIGINT)
       ends = 1;

@@ -9,12 +9,12 @@
 // --table prints a row per option, in Markdown: the table of docs/options-that-act.md.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
 #include <map>
 #include <thread>
 
+#include "bench/command_line.hpp"
 #include "controller/controller.hpp"
 #include "core/report_error.hpp"
 #include "estimator/registry.hpp"
@@ -153,16 +153,16 @@ int print_table(const Selection& s) {
 
 int main(int argc, char** argv) try {
   using namespace twinrate;
-  CLI::App app("Set every option one at a time and see what it does");
+  bench::CommandLine command_line("Set every option one at a time and see what it does");
   test::Selection s;
-  app.add_option("--preset", s.presets, "machines of these presets");
-  app.add_option("--estimator", s.estimator, "only this filter");
-  app.add_option("--controller", s.controller, "only this controller");
-  app.add_option("--start", s.start, "only this start");
-  app.add_option("--key", s.key, "only options that begin so");
-  app.add_flag("--all", s.all, "print every option");
-  app.add_flag("--table", s.table, "print a row per option, in Markdown");
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("--preset", &s.presets, "machines of these presets");
+  command_line.option("--estimator", &s.estimator, "only this filter");
+  command_line.option("--controller", &s.controller, "only this controller");
+  command_line.option("--start", &s.start, "only this start");
+  command_line.option("--key", &s.key, "only options that begin so");
+  command_line.flag("--all", s.all, "print every option");
+  command_line.flag("--table", s.table, "print a row per option, in Markdown");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   return test::print_table(s);
 } catch (...) {
   return twinrate::report_error("silent_options");

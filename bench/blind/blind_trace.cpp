@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <ctime>
@@ -21,6 +20,7 @@
 #include "bench/blind/blind_log.hpp"
 #include "bench/blind/blind_report.hpp"
 #include "bench/blind/drawn_trace.hpp"
+#include "bench/command_line.hpp"
 #include "model/random.hpp"
 #include "trace/keys.hpp"
 #include "trace/thinning.hpp"
@@ -218,23 +218,22 @@ std::string tracer_beside() {
   return (own.parent_path().parent_path() / "tools" / "twinrate").string();
 }
 
-void add_drawn_options(CLI::App& app, bool& on_drawn, DrawnOptions& drawn) {
+void add_drawn_options(bench::CommandLine& command_line, bool& on_drawn, DrawnOptions& drawn) {
   drawn.tracer = tracer_beside();
-  app.add_flag("--drawn", on_drawn, "run drawn machines through the program twinrate");
-  app.add_option("--set", drawn.set, "draw this set (with --drawn)")
-      ->check(CLI::IsMember({"A", "B", "C"}));
-  app.add_option("--spoilt", drawn.spoilt,
-                 "spoil each log by a user's slip, or by an effect outside the catalogue")
-      ->check(CLI::IsMember({"slips", "hidden"}));
-  app.add_option("--profile", drawn.profile, "draw logs of this profile only (with --drawn)");
-  app.add_option("--mode", drawn.mode, "draw logs of this mode only (with --drawn)");
-  app.add_option("--logs", drawn.logs, "draw this many logs (with --drawn)");
-  app.add_option("--threads", drawn.threads, "trace this many logs at once (with --drawn)");
-  app.add_option("--keep", drawn.keep,
-                 "keep drive files, logs and truths in this directory (with --drawn)");
-  app.add_flag("--traced", drawn.traced, "take the traces that --keep holds (with --drawn)");
-  app.add_option("--tracer", drawn.tracer, "run this program (with --drawn)")
-      ->check(CLI::ExistingFile);
+  command_line.flag("--drawn", on_drawn, "run drawn machines through the program twinrate");
+  command_line.option("--set", &drawn.set, "draw this set (with --drawn)").among({"A", "B", "C"});
+  command_line
+      .option("--spoilt", &drawn.spoilt,
+              "spoil each log by a user's slip, or by an effect outside the catalogue")
+      .among({"slips", "hidden"});
+  command_line.option("--profile", &drawn.profile, "draw logs of this profile only (with --drawn)");
+  command_line.option("--mode", &drawn.mode, "draw logs of this mode only (with --drawn)");
+  command_line.option("--logs", &drawn.logs, "draw this many logs (with --drawn)");
+  command_line.option("--threads", &drawn.threads, "trace this many logs at once (with --drawn)");
+  command_line.option("--keep", &drawn.keep,
+                      "keep drive files, logs and truths in this directory (with --drawn)");
+  command_line.flag("--traced", drawn.traced, "take the traces that --keep holds (with --drawn)");
+  command_line.option("--tracer", &drawn.tracer, "run this program (with --drawn)").existing_file();
 }
 
 }  // namespace
@@ -245,28 +244,26 @@ void add_drawn_options(CLI::App& app, bool& on_drawn, DrawnOptions& drawn) {
 int main(int argc, char** argv) {
   using namespace twinrate::blind;
   Options o;
-  CLI::App app{
+  twinrate::bench::CommandLine command_line{
       "Count how often the tracer names the missing effect, on logs of the project's own plant"};
   std::string shard;
-  app.add_option("--sets", o.sets, "run these sets: single, double, triple, poor, none")
-      ->delimiter(',');
+  command_line.option("--sets", &o.sets, "run these sets: single, double, triple, poor, none")
+      .by_comma();
   std::vector<std::string> kinds = drawable_kinds();
   kinds.emplace_back("dc_bus_ripple");
-  app.add_option("--kinds", o.kinds, "draw these kinds only")
-      ->delimiter(',')
-      ->check(CLI::IsMember(kinds));
-  app.add_option("--first-seed", o.first_seed, "begin at this seed");
-  app.add_option("--seeds", o.seeds, "draw this many logs of each kind");
-  app.add_option("--merge", o.merge, "print the tables of these --out files only");
-  app.add_option("--cache", o.cache, "keep the simulated logs in this directory");
-  app.add_option("--only", o.only, "run the cases with this text in their name only");
-  app.add_option("--shard", shard, "run part i of n, i/n");
-  app.add_option("--out", o.out, "write every case to this JSON file");
-  app.add_flag("--verbose", o.verbose, "print each step of the selection");
+  command_line.option("--kinds", &o.kinds, "draw these kinds only").by_comma().among(kinds);
+  command_line.option("--first-seed", &o.first_seed, "begin at this seed");
+  command_line.option("--seeds", &o.seeds, "draw this many logs of each kind");
+  command_line.option("--merge", &o.merge, "print the tables of these --out files only");
+  command_line.option("--cache", &o.cache, "keep the simulated logs in this directory");
+  command_line.option("--only", &o.only, "run the cases with this text in their name only");
+  command_line.option("--shard", &shard, "run part i of n, i/n");
+  command_line.option("--out", &o.out, "write every case to this JSON file");
+  command_line.flag("--verbose", o.verbose, "print each step of the selection");
   bool on_drawn = false;
   DrawnOptions drawn;
-  add_drawn_options(app, on_drawn, drawn);
-  CLI11_PARSE(app, argc, argv);
+  add_drawn_options(command_line, on_drawn, drawn);
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   if (on_drawn) {
     drawn.first_seed = static_cast<std::uint64_t>(o.first_seed);
     drawn.only = o.only, drawn.out = o.out;

@@ -8,11 +8,11 @@
 #include <fmt/format.h>
 #include <zlib.h>
 
-#include <CLI/CLI.hpp>
 #include <fstream>
 #include <memory>
 
 #include "bench/blind/blind_log.hpp"
+#include "bench/command_line.hpp"
 
 namespace twinrate::blind {
 namespace {
@@ -57,13 +57,14 @@ int run(const Options& o) {
 // NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   twinrate::blind::Options o;
-  CLI::App app{"Write a long drive log of the project's own plant, with undeclared effects"};
-  app.add_option("--out", o.out, "write this CSV; NAME.csv.gz is gzipped");
-  app.add_option("--drive", o.drive, "write the drive file of the plant to this file");
-  app.add_option("--seconds", o.seconds, "set the length, s");
-  app.add_option("--kinds", o.kinds, "add these effects")->delimiter(',');
-  app.add_option("--seed", o.seed, "set the seed of effects, profile and noise");
-  CLI11_PARSE(app, argc, argv);
+  twinrate::bench::CommandLine command_line{
+      "Write a long drive log of the project's own plant, with undeclared effects"};
+  command_line.option("--out", &o.out, "write this CSV; NAME.csv.gz is gzipped");
+  command_line.option("--drive", &o.drive, "write the drive file of the plant to this file");
+  command_line.option("--seconds", &o.seconds, "set the length, s");
+  command_line.option("--kinds", &o.kinds, "add these effects").by_comma();
+  command_line.option("--seed", &o.seed, "set the seed of effects, profile and noise");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   try {
     return twinrate::blind::run(o);
   } catch (const twinrate::BadInput& error) {
