@@ -211,14 +211,16 @@ std::vector<Json> picture_sections(const TraceResult& r) {
 
 std::vector<Json> unexplained_sections(const TraceResult& r, int n_p) {
   std::vector<Json> sections;
-  const char* searched = r.excluded.empty() ? "catalogue" : "kinds that were looked for";
+  const char* none =
+      r.excluded.empty() ? "No effect of the catalogue" : "No kind that was looked for";
   for (const TracedEffect& line : r.stop_gaps) {
     Json section = effect_section(
         r, line, n_p,
-        fmt::format("Outside the {}, a periodic torque: {}", searched, parameters_text(line)),
-        fmt::format("No effect of the {} makes this line. extended.toml holds it as a "
-                    "stop-gap ({}) that describes it without a cause.",
-                    searched, line.effect->kind()));
+        fmt::format("A periodic torque without a known cause: {}", parameters_text(line)),
+        fmt::format(
+            "{} was shown to make this line. extended.toml holds it as a stop-gap ({}) that "
+            "describes it without a cause.",
+            none, line.effect->kind()));
     if (!section.is_null()) sections.push_back(std::move(section));
   }
   Json figures = Json::array();

@@ -61,6 +61,29 @@ class Judging {
       });
   }
 
+  // What `y` holds along `change`, in deviations of what `noise` holds along it at other moments.
+  double along(const Sampled& y, const Sampled& change, const Sampled& noise,
+               const std::vector<Channel>& moved) const {
+    constexpr std::size_t kMoments = 40;
+    double held = 0;
+    Eigen::VectorXd at_moment = Eigen::VectorXd::Zero(kMoments);
+    for (Channel channel : moved) {
+      std::vector<double> c, n;
+      each(channel, [&](std::size_t, Eigen::Index i) {
+        c.push_back((change.*channel)[i]);
+        n.push_back((noise.*channel)[i]);
+        held += (y.*channel)[i] * c.back();
+      });
+      for (std::size_t k = 0; k < kMoments; ++k)
+        for (std::size_t i = 0, later = (k + 1) * c.size() / (kMoments + 1); i < c.size(); ++i) {
+          at_moment[static_cast<Eigen::Index>(k)] += c[i] * n[later];
+          if (++later == c.size()) later = 0;
+        }
+    }
+    const double deviation = at_moment.norm() / std::sqrt(static_cast<double>(kMoments));
+    return deviation > 0 ? held / deviation : 0;
+  }
+
   // Of each file as many as eight a block: each has as much of its time and of what the claim
   // changes, half and half. One that acts at a few moments speaks there.
   std::vector<Piece> pieces(const Sampled& with, const Sampled& without,
@@ -181,8 +204,20 @@ double change_over_noise(const Judging& judging, const Sampled& with, const Samp
   return of_noise > 0 ? change / of_noise : std::numeric_limits<double>::infinity();
 }
 
+double along_change(const Judging& judging, const Sampled& with, const Sampled& without,
+                    const std::vector<Channel>& moved) {
+  Sampled change;
+  for (Channel channel : moved) change.*channel = without.*channel - with.*channel;
+  return judging.along(without, change, noise_of(without), moved);
+}
+
+// No noise is in what it adds, and it cannot choose a frequency of the noise.
+bool is_free_of_noise(const Effect& effect) {
+  return !holds_noise(effect) && !is_placed(effect, Traits::Place::kLine);
+}
+
 Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
-          const AngleErrorFall& angle, bool through_zone, double silent) {
+          const AngleErrorFall& angle, const Effect& claim, bool through_zone, double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
   double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0;
@@ -209,7 +244,11 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
   Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
   if (!through_zone) vote.change_over_noise = change_over_noise(judging, with, without, moved);
   if (noise_without > 0) vote.over_noise = energy_without / noise_without;
-  if (lighter) vote.of_angle = angle.share, vote.beyond_angle = -angle.log_ratio;
+  if (is_free_of_noise(claim) && vote.over_noise < 1)
+    vote.along_change = along_change(judging, with, without, moved);
+  if (lighter) vote.of_angle = angle.share;
+  // A gap is no filter of the angle: it had to explain more than the shaft without it.
+  if (lighter && !has_gap(claim)) vote.beyond_angle = -angle.log_ratio;
   return vote;
 }
 
@@ -283,7 +322,8 @@ Gate::Asked Gate::ask(const Fit& fit) const {
     if (left.torque.size())
       angle = fall_of_angle_error(fit.members, asked.with.torque, without.members, left.torque,
                                   machine, whole_.sampler().torque(), T_s);
-    asked.votes.push_back(vote(judging, asked.with, left, angle, through_zone, criterion_.silent));
+    asked.votes.push_back(
+        vote(judging, asked.with, left, angle, *fit.members[m], through_zone, criterion_.silent));
     // Which frequencies count more is no matter of noise that a lighter motor would make less.
     if (angle.lighter && asked.votes.back().of_torque)
       asked.votes.back().over_noise =

@@ -21,7 +21,8 @@ constexpr double kAsGood = 0.98;        // in gain
 constexpr double kTwoMissing = 20;      // margins that each of two must explain to be taken at once
 constexpr double kGap = 0.1;            // of a shaft's gain: what a gap in it must bring besides
 constexpr double kGapErrorRatio = 0.75;  // of the plain error: a gap that leaves less is one
-constexpr double kFollowed = 0.85;       // of the error by pieces: such a gap is one, too
+constexpr double kHeldOutToo = 0.8;  // of the whitened error kept back: a gap that doubles the gain
+constexpr double kFollowed = 0.85;   // of the error by pieces: such a gap is one, too
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
 constexpr double kWorseThanPlaced = 1.1;          // times the error of a shaft where it was placed
@@ -93,7 +94,9 @@ class Selector {
     // Squares count the few impacts that were not met for more than all that were.
     const bool followed = gap->rss_held_out < shaft.rss_held_out &&
                           plain_pieces(fitter_, *gap) < kFollowed * plain_pieces(fitter_, shaft);
-    if (acceptable(fitter_, *gap, now) && (better || plain < kGapErrorRatio || followed))
+    // As much again as the shaft brought, and on the blocks kept back too, is no matter of weights.
+    const bool twice = more > gain && gap->rss_held_out < kHeldOutToo * shaft.rss_held_out;
+    if (acceptable(fitter_, *gap, now) && (better || plain < kGapErrorRatio || followed || twice))
       shaft = std::move(*gap);
   }
 

@@ -24,6 +24,9 @@ struct Votes {
   double beyond_angle = 1;      // ln of the further fall, mean over frequencies
   double over_noise = 1;        // energy without the claim, over that of the sensors' noise
   double least_over_noise = 1;  // that the claim needs
+  // The residual without the claim along what the claim changes, in deviations of the sensors' noise
+  // along it; 0: noise in the claim itself could make that up.
+  double along_change = 0;
   // Energy of what it changes of the voltages, over that of what it changes of the noise in them and
   // of the controller's answer to it.
   double change_over_noise = std::numeric_limits<double>::infinity();

@@ -65,8 +65,9 @@ std::string headline_begins(const TraceResult& r) {
   for (const Structure& s : r.unexplained) what.push_back(s.text);
   std::string text = "Unexplained";
   if (!what.empty())
-    text += fmt::format(": {}, outside the {}", fmt::join(what, ", "),
-                        r.excluded.empty() ? "catalogue" : "kinds that were looked for");
+    text +=
+        fmt::format(": {}, which no {} was shown to explain", fmt::join(what, ", "),
+                    r.excluded.empty() ? "effect of the catalogue" : "kind that was looked for");
   if (const Refused* refused = refusal_to_tell(r))
     text += (what.empty() ? ": " : "; ") + refusal_in_words(*refused);
   return text + ". ";

@@ -213,6 +213,17 @@ TEST(Transfer, WhereTheSensorsMakeAllThatIsLeftThereIsNothingToExplain) {
   }
 }
 
+// A slow torque has little of the energy of the counts' fast noise, and stands out along itself.
+TEST(Transfer, ATorqueThatStandsOutOfTheNoiseAlongItselfNeedsNoMoreEnergyThanIt) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.06, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 0.5;
+  for (const auto& [along, rule] : {std::pair(14.0, ""), std::pair(10.0, "sensors")}) {
+    votes.along_change = along;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << along;
+  }
+}
+
 TEST(Transfer, ALagMustExplainSeveralTimesTheNoiseThatTheLoopAnswersLate) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.6, .p_value = 1e-9, .votes = 20};

@@ -217,5 +217,12 @@ TEST(Encoder, AnOffsetOfSeveralCountsIsFound) {
     EXPECT_EQ(found_in(drive, with_counts), "encoder_offset ");
 }
 
+// Most of the energy of the torque is the noise of the counts.
+TEST(Encoder, AFrictionWithLessEnergyThanTheNoiseOfTheCountsIsFound) {
+  SyntheticDrive drive = small_servo(512);
+  drive.extra_load = [](double, double, double omega) { return omega > 0 ? 8e-4 : -8e-4; };
+  EXPECT_EQ(found_in(drive, true), "coulomb_friction ");
+}
+
 }  // namespace
 }  // namespace twinrate
