@@ -105,9 +105,16 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
     best.erase(std::string(e.effect->kind()));
     for (const std::string& alias : e.aliases) best.erase(alias);  // it may be what is there
   }
+  // One that was found and may be the sensors' noise is not shown to be absent.
+  const auto refused_as_noise = [&](const std::string& kind) {
+    return std::find_if(r.refused.begin(), r.refused.end(),
+                        [&](const Refused& x) { return x.kind == kind && x.rule == "sensors"; });
+  };
   for (const auto& [kind, sigma] : best) {
     if (make_effect(kind)->tracing().regressor_count() == 0) continue;
-    if (kBlind * sigma < 1) {
+    if (const auto noise = refused_as_noise(kind); noise != r.refused.end()) {
+      r.not_identifiable.emplace_back(kind, noise->text);
+    } else if (kBlind * sigma < 1) {
       r.identifiable.push_back(kind);
     } else {
       r.not_identifiable.emplace_back(

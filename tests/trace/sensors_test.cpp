@@ -5,6 +5,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/rounding.hpp"
 #include "trace/tracer.hpp"
@@ -143,13 +145,17 @@ DriveConfig declared(const SyntheticDrive& d, bool with_counts) {
   return Config::parse(Config::load("niewiara2020").resolved_with({}), "test", keys).drive();
 }
 
-std::string found_in(const SyntheticDrive& d, bool with_counts) {
+TraceResult trace_of(const SyntheticDrive& d, bool with_counts) {
   const DriveConfig drive = declared(d, with_counts);
   Health health;
   const Record record = make_record(simulate_synthetic(d), d.n_p, health);
   EXPECT_EQ(health.angle.counts(), d.counts);
+  return trace_record(record, drive, health, {});
+}
+
+std::string found_in(const SyntheticDrive& d, bool with_counts) {
   std::string found;
-  for (const TracedEffect& e : trace_record(record, drive, health, {}).effects)
+  for (const TracedEffect& e : trace_of(d, with_counts).effects)
     found += std::string(e.effect->kind()) + " ";
   return found;
 }
@@ -222,6 +228,15 @@ TEST(Encoder, AFrictionWithLessEnergyThanTheNoiseOfTheCountsIsFound) {
   SyntheticDrive drive = small_servo(512);
   drive.extra_load = [](double, double, double omega) { return omega > 0 ? 8e-4 : -8e-4; };
   EXPECT_EQ(found_in(drive, true), "coulomb_friction ");
+}
+
+TEST(Encoder, WhatMayBeItsNoiseIsNotShownToBeAbsent) {
+  SyntheticDrive drive = small_servo(512);
+  drive.extra_load = [](double, double, double omega) { return 8e-6 * omega; };
+  const TraceResult r = trace_of(drive, true);
+  ASSERT_FALSE(r.refused.empty());
+  EXPECT_EQ(r.refused.front().kind + " " + r.refused.front().rule, "viscous_friction sensors");
+  EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), "viscous_friction"), 0);
 }
 
 }  // namespace
