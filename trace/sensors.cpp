@@ -16,6 +16,7 @@ constexpr std::size_t kMost = 1 << 18;  // readings of a counter within a turn, 
 constexpr std::size_t kFewest = 24;
 constexpr double kOnGrid = 0.95;  // of 1, mean of the unit vectors of readings over the step
 constexpr double kBends = 0.1;    // share of the rows that move: by another way than the row before
+constexpr std::size_t kFewestBends = 10, kMostBends = 1000;
 
 std::complex<double> mean_phase(const std::vector<double>& readings, double step) {
   std::complex<double> sum = 0;
@@ -34,6 +35,12 @@ double common_step(const std::vector<double>& sorted) {
   return step;
 }
 
+bool slips_by_steps(const std::vector<double>& bends, double step) {
+  return bends.size() >= kFewestBends && std::all_of(bends.begin(), bends.end(), [&](double bend) {
+           return std::abs(std::abs(bend) - step) < 2 * kSame;
+         });
+}
+
 }  // namespace
 
 int Sensor::counts() const {
@@ -43,7 +50,11 @@ int Sensor::counts() const {
 void AngleSteps::add(double theta_m) {
   if (last_ && before_ && theta_m != *last_) {
     ++moves_;
-    bends_ += std::abs(theta_m - 2 * *last_ + *before_) > kFinest / 2;
+    if (const double bend = std::remainder(theta_m - 2 * *last_ + *before_, kTwoPi);
+        std::abs(bend) > kFinest / 2) {
+      ++bends_;
+      if (first_bends_.size() < kMostBends) first_bends_.push_back(bend);
+    }
   }
   before_ = last_;
   last_ = theta_m;
@@ -55,8 +66,7 @@ void AngleSteps::add(double theta_m) {
 }
 
 Sensor AngleSteps::sensor() const {
-  // What turns as a clock does has equal ways without any steps.
-  if (!few_ || static_cast<double>(bends_) < kBends * static_cast<double>(moves_)) return {};
+  if (!few_) return {};
   std::vector<long long> keys(readings_.begin(), readings_.end());
   std::sort(keys.begin(), keys.end());
   std::vector<double> readings;
@@ -70,6 +80,10 @@ Sensor AngleSteps::sensor() const {
   if (step < kFinest) return {};
   const std::complex<double> phase = mean_phase(readings, step);
   if (std::abs(phase) < kOnGrid) return {};
+  // What turns as a clock does has equal ways without any steps; with steps it slips by one now and then.
+  if (static_cast<double>(bends_) < kBends * static_cast<double>(moves_) &&
+      !slips_by_steps(first_bends_, step))
+    return {};
   // Readings at half a step are a driver's that has put them there.
   constexpr double kNear = 0.02;
   const double low = std::arg(phase) / kTwoPi;

@@ -63,6 +63,21 @@ TEST(AngleSteps, AreNoneWhereTheAngleIsExactOrTurnsLikeAClock) {
   EXPECT_EQ(fine.sensor().lsb, 0);
 }
 
+// Thirty-four counts a row, less one at every fortieth: a drive at constant speed.
+TEST(AngleSteps, AreFoundWhereAClockSlipsByOneNowAndThen) {
+  const double lsb = kTwoPi / 8192;
+  AngleSteps steps, uneven;
+  double slipped = 0;
+  for (double k = 0; k < 4000; ++k) {
+    const double angle = (33.975 * k + 0.3) * lsb;
+    steps.add(std::fmod(lsb * std::floor(angle / lsb), kTwoPi));
+    slipped += std::fmod(k, 40) == 0 ? lsb * (1 + 0.3 * std::sin(k)) : 0;  // a clock that is hit
+    uneven.add(std::fmod(34 * lsb * k - slipped, kTwoPi));
+  }
+  EXPECT_EQ(steps.sensor().counts(), 8192);
+  EXPECT_EQ(uneven.sensor().lsb, 0);
+}
+
 // Drawn errors against those of an encoder on the motion `speed` swings, at most so many counts a row.
 struct Drawn {
   double size = 0, correlation = 0, true_lag = 0,
