@@ -290,6 +290,14 @@ Fit Fitter::start(Members members) const {
   return fit;
 }
 
+Fit Fitter::linearised(Members members) const {
+  Fit fit = start(std::move(members));
+  linearise(fit);
+  double promised = 0;
+  step(fit, promised);
+  return fit;
+}
+
 Fit Fitter::refine(Members members, Until until) const {
   const bool all_the_way = until == Until::kArrived;
   const int rounds = all_the_way ? 12 : 3;

@@ -66,6 +66,8 @@ class Fitter {
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
 
   Fit start(Members members) const;
+  // The same with its columns and their covariance.
+  Fit linearised(Members members) const;
   // Gauss-Newton: a few rounds, enough to compare sets, or until it has arrived.
   enum class Until { kComparable, kArrived };
   Fit refine(Members members, Until until = Until::kComparable) const;

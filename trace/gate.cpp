@@ -437,7 +437,7 @@ Passed Gate::operator()(const Members& members) const {
   for (std::size_t m = 0; m < members.size(); ++m) out.kept.push_back(m);
   const auto fitted = [&](const Members& some) {
     Fit fit = seen_.refine(some, Fitter::Until::kArrived);
-    return fit.valid ? fit : seen_.start(with(some, nullptr));
+    return fit.valid ? fit : seen_.linearised(with(some, nullptr));
   };
   out.fit = fitted(members);
   while (!out.fit.members.empty()) {

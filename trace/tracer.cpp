@@ -320,11 +320,10 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   chain.stop_when({});  // what is left is short, and what has been found is written
   chain_of_all.stop_when({});
   const Fitter last(chain_of_all, fit_judging_rows ? judged_too : without_judging, none);
-  Fit fitted = passed.fit;
-  if (!passed.fit.members.empty())
-    if (Fit again = last.refine(passed.fit.members, Fitter::Until::kArrived); again.valid)
-      fitted = std::move(again);
-  if (fitted.members.empty()) fitted = last.start({});
+  Fit fitted = passed.fit.members.empty()
+                   ? last.start({})
+                   : last.refine(passed.fit.members, Fitter::Until::kArrived);
+  if (!fitted.valid) fitted = last.linearised(with(passed.fit.members, nullptr));
   TraceResult result = conclude({.rounds = fitter(),
                                  .seen = seen_fitter,
                                  .last = last,
