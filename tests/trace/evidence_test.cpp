@@ -54,4 +54,19 @@ TEST_F(Aliases, InAFaultyModelAreThoseThatExplainTheSameEnergy) {
   EXPECT_TRUE(of(50000, other(48000, 0.975)).empty());
 }
 
+// A refinement that leaves the bounds of a kind is not reported; the fit where it began is.
+TEST_F(Aliases, AFitThatIsNotRefinedHasItsDeviations) {
+  const Fitter fitter = drive_.fitter();
+  TracedEffect began, refined;
+  take_parameters(fitter, fitter.linearised(cogging_17()), 0, began);
+  take_parameters(fitter, fitter.refine(cogging_17()), 0, refined);
+  for (std::size_t p = 0; p < began.parameters.size(); ++p) {
+    if (began.parameters[p].name != "amplitude") continue;
+    ASSERT_GT(began.parameters[p].sigma.value_or(0), 0);
+    EXPECT_NEAR(*began.parameters[p].sigma / *refined.parameters[p].sigma, 1, 0.05);
+    return;
+  }
+  FAIL() << "no amplitude";
+}
+
 }  // namespace twinrate::evidence_test
