@@ -50,6 +50,7 @@ int Sensor::counts() const {
 void AngleSteps::add(double theta_m) {
   if (last_ && before_ && theta_m != *last_) {
     ++moves_;
+    way_ += std::abs(std::remainder(theta_m - *last_, kTwoPi));
     if (const double bend = std::remainder(theta_m - 2 * *last_ + *before_, kTwoPi);
         std::abs(bend) > kFinest / 2) {
       ++bends_;
@@ -80,9 +81,11 @@ Sensor AngleSteps::sensor() const {
   if (step < kFinest) return {};
   const std::complex<double> phase = mean_phase(readings, step);
   if (std::abs(phase) < kOnGrid) return {};
-  // What turns as a clock does has equal ways without any steps; with steps it slips by one now and then.
-  if (static_cast<double>(bends_) < kBends * static_cast<double>(moves_) &&
-      !slips_by_steps(first_bends_, step))
+  // What turns as a clock does has equal ways without any steps; with steps it slips by one now and then. A slip
+  // by a whole row's way is a row that repeats.
+  const double moves = static_cast<double>(moves_);
+  if (static_cast<double>(bends_) < kBends * moves &&
+      (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step)))
     return {};
   // Readings at half a step are a driver's that has put them there.
   constexpr double kNear = 0.02;

@@ -31,6 +31,7 @@ class AngleSteps {
   bool few_ = true;                         // enough to be a counter's
   std::optional<double> last_, before_;
   std::size_t moves_ = 0, bends_ = 0;  // rows
+  double way_ = 0;                     // rad, of all that move
   std::vector<double> first_bends_;    // rad
 };
 
