@@ -16,7 +16,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
@@ -30,6 +29,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/command_line.hpp"
 #include "bench/log_digest.hpp"
 #include "core/report_error.hpp"
 #include "core/seconds_since.hpp"
@@ -248,15 +248,16 @@ bool run_set(Options o) {
 
 int main(int argc, char** argv) try {
   using namespace twinrate;
-  CLI::App app("Long runs: memory, losses and state, as a table");
+  bench::CommandLine command_line("Long runs: memory, losses and state, as a table");
   Options o;
-  app.add_option("--drive", o.drive, "run this drive file or preset");
-  app.add_option("--hours", o.hours, "drive time in this process, in whole hours");
-  app.add_option("--set", o.twinrate, "run the processes of this twinrate's launch");
-  app.add_option("--minutes", o.minutes, "wall time of the set");
-  app.add_option("--dir", o.dir, "write the set's log below this directory");
-  app.add_option("--override", o.overrides, "override a key of the drive file: key.path=value");
-  CLI11_PARSE(app, argc, argv);
+  command_line.option("--drive", &o.drive, "run this drive file or preset");
+  command_line.option("--hours", &o.hours, "drive time in this process, in whole hours");
+  command_line.option("--set", &o.twinrate, "run the processes of this twinrate's launch");
+  command_line.option("--minutes", &o.minutes, "wall time of the set");
+  command_line.option("--dir", &o.dir, "write the set's log below this directory");
+  command_line.option("--override", &o.overrides,
+                      "override a key of the drive file: key.path=value");
+  if (const auto status = command_line.parse(argc, argv)) return *status;
   return (o.twinrate.empty() ? run_loop(o) : run_set(o)) ? 0 : 1;
 } catch (...) {
   return twinrate::report_error("endurance");
