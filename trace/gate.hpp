@@ -12,10 +12,12 @@
 //              likelihood is one of readings, not of residuals. All pieces together must fall by
 //              more than that noise does, and without the claim they must have more energy than the
 //              sensors' noise, three times as much for a lag, which the loop's late answer to that
-//              noise resembles. A shaft, or less inertia, must take more than it would off an error of
-//              the angle, and at most frequencies (trace/angle_error.hpp); what a claim changes of the
-//              voltages must be more than what it changes of the noise in them and of the
-//              controller's answer to it. Both sides are fitted to all rows that do not judge.
+//              noise resembles. A claim that holds no noise and cannot choose its frequency may
+//              stand 12 deviations out of that noise instead, along what it changes. A shaft without
+//              a gap, or less inertia, must take more than it would off an error of the angle, and
+//              at most frequencies (trace/angle_error.hpp); what a claim changes of the voltages
+//              must be more than what it changes of the noise in them and of the controller's answer
+//              to it. Both sides are fitted to all rows that do not judge.
 //              Signed-rank test over the pieces that move, by Holm over the claims; no file may be
 //              worse by the same test
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves
