@@ -32,14 +32,30 @@ std::string speed_name(const RunView& view) {
   return "";
 }
 
-// Names of runs: the parts of rate, policy and speed that differ, else the path. Runs that differ
-// only in their paths are named by rate and path.
+// Filter and compensation, such as "ekf_disturbance off to paper".
+std::string method_name(const RunView& view) {
+  const DriveConfig& config = view.run.config;
+  std::string name = config.estimator.kind;
+  if (config.controller.kind != "lqr") return name;
+  const char* before = nullptr;
+  for (const ProfileStep& step : config.controller.compensation.steps()) {
+    const char* kind =
+        kCompensationNames[static_cast<int>(config.controller.compensation_at(step.t_s))];
+    if (!before || std::string_view(before) != kind)
+      name += fmt::format("{}{}", before ? " to " : " ", kind);
+    before = kind;
+  }
+  return name;
+}
+
+// Names of runs: the parts of rate, policy, speed and method that differ, else the path. Runs that
+// differ only in their paths are named by rate and path.
 std::vector<std::string> run_names(const std::vector<RunView>& views) {
   std::vector<std::string> names(views.size());
   const auto append = [](std::string& name, const std::string& part) {
     name += (name.empty() || part.empty() ? "" : ", ") + part;
   };
-  for (const auto& part_of : {rate_name, policy_name, speed_name}) {
+  for (const auto& part_of : {rate_name, policy_name, speed_name, method_name}) {
     const bool differs = std::any_of(views.begin(), views.end(), [&](const RunView& view) {
       return part_of(view) != part_of(views.front());
     });
@@ -179,9 +195,9 @@ Json comparison_table(const std::vector<RunView>& views) {
 Json comparison_sections(const std::vector<RunView>& views) {
   const std::vector<std::string> names = run_names(views);
   Json sections = Json::array();
-  for (Json section :
-       {steps_section(views, names), error_grid(views, names), overlay_section(views, names),
-        shape_section(views, names), reduction_section(views, names)})
+  for (Json section : {methods_section(views), steps_section(views, names),
+                       error_grid(views, names), overlay_section(views, names),
+                       shape_section(views, names), reduction_section(views, names)})
     if (!section["figures"].empty()) sections.push_back(section);
   sections.push_back(difference_section(views, names));
   return sections;

@@ -60,6 +60,8 @@ std::vector<Json> ripple_sections(const RunView& view);
 // ripple_comparison.cpp: the same of several runs. `names` as in the other sections.
 Json shape_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
 Json reduction_section(const std::vector<RunView>& views, const std::vector<std::string>& names);
+// ripple_methods.cpp: the ripple of every compensation and filter at every speed, on one scale.
+Json methods_section(const std::vector<RunView>& views);
 
 // step_comparison.cpp: runs over time with their steps, and the keys that differ.
 Json steps_section(const std::vector<RunView>& views, const std::vector<std::string>& names);

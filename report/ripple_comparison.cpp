@@ -18,12 +18,17 @@ struct Shape {
   OrderSpectrum spectrum;
 };
 
-// Shapes of the runs with a varying load estimate.
+// Shapes of the runs with a varying load estimate, of the filter and compensation of the first run:
+// another method changes the shape.
 std::vector<Shape> shapes_of(const std::vector<RunView>& views,
                              const std::vector<std::string>& names) {
   std::vector<Shape> shapes;
+  const auto method = [](const RunView& view) {
+    const DriveConfig& config = view.run.config;
+    return std::pair(config.estimator.kind, config.controller.compensation_at(view.end_s()));
+  };
   for (std::size_t i = 0; i < views.size(); ++i) {
-    if (views[i].lost()) continue;
+    if (views[i].lost() || method(views[i]) != method(views.front())) continue;
     Shape shape{names[i], torque_over_angle(views[i], kRippleOrders).spectrum};
     if (shape.spectrum.turns > 0 && shape.spectrum.rms(kRippleOrders) > 0) shapes.push_back(shape);
   }
@@ -77,13 +82,15 @@ Json shape_section(const std::vector<RunView>& views, const std::vector<std::str
   const std::vector<Shape> shapes = shapes_of(views, names);
   Json figures = Json::array();
   if (shapes.size() > 1) figures.push_back(to_json(shape_figure(shapes)));
-  return {{"heading", "Estimated load over the angle"},
-          {"note",
-           "An effect of the motor keeps its shape over the angle at every speed: coefficients "
-           "near 1. The lag of the filter shifts the shape as the speed grows."},
-          {"columns", 1},
-          {"figures", figures},
-          {"table", correlation_table(shapes)}};
+  return {
+      {"heading", "Estimated load over the angle"},
+      {"note",
+       "An effect of the motor keeps its shape over the angle at every speed: coefficients "
+       "near 1. The lag of the filter shifts the shape as the speed grows. Runs with the filter "
+       "and compensation of the first run."},
+      {"columns", 1},
+      {"figures", figures},
+      {"table", correlation_table(shapes)}};
 }
 
 Json reduction_section(const std::vector<RunView>& views, const std::vector<std::string>& names) {

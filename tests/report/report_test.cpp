@@ -244,6 +244,35 @@ TEST_F(Report, ReportsTheRippleBeforeAndAfterAChangeOfTheCompensation) {
   expect_whole_figures(content);
 }
 
+// Two speeds, each with ripple that a change of the compensation at 0.6 s cuts to a tenth.
+TEST_F(Report, PutsTheRippleOfEveryCompensationAtEverySpeedOnOnePage) {
+  config_.controller.kind = "lqr";
+  config_.controller.compensation = Profile({{0, 0}, {0.6, 1}});
+  const auto run_at = [&](double omega_m_ref, double ripple) {
+    RunLog log = made_up_run();
+    for (Command& command : log.command) command.omega_m_ref = omega_m_ref;
+    for (Truth& truth : log.truth)
+      truth.omega_m +=
+          (truth.t_ns < 600000000 ? ripple : 0.1 * ripple) * std::sin(3 * truth.theta_m);
+    return log;
+  };
+  const double omega_m_at_30rpm = 30 * kTwoPi / 60, omega_m_at_50rpm = 50 * kTwoPi / 60;
+  const Json content =
+      content_of(page_of({run_at(omega_m_at_50rpm, 1), run_at(omega_m_at_30rpm, 2)}));
+  const Json& section = section_of(content, "Speed ripple of each compensation");
+  EXPECT_EQ(section["table"]["head"], Json({"compensation", "30 rpm", "50 rpm"}));
+  const Json& rows = section["table"]["rows"];
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[0], Json({"off", "1.414", "0.7071"}));
+  EXPECT_EQ(rows[1][0], "paper");
+  EXPECT_EQ(rows[1][1], "0.1414 (-20.0 dB)");
+  EXPECT_NEAR(std::stod(rows[1][2].get<std::string>()), 0.05 * std::sqrt(2), 1e-4);
+  ASSERT_EQ(section["figures"].size(), 3u) << "rms over the speed, and one turn at each speed";
+  EXPECT_EQ(section["figures"][0]["x"], Json({30, 50}));
+  EXPECT_EQ(section["figures"][0]["series"].size(), 2u);
+  expect_whole_figures(content);
+}
+
 // The same load, seen 0.035 rad (2.005 deg) later by the second run.
 TEST_F(Report, ComparesTheShapeOfTheLoadOverTheAngle) {
   RunLog later = made_up_run();
