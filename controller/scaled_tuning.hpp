@@ -6,7 +6,7 @@
 //   speed loop       f_s/625, at least 2/(2 pi t_m), at most a fifth of the current loop: with less,
 //                    rated torque stops the motor before the loop answers
 //   i_max            1.5 times the rated current
-//   start            current below psi_f/(L_q - L_d), where the reluctance torque takes over; a ramp
+//   start            current 0.65 psi_f/(L_q - L_d), at most i_max: at 1 no active flux is left; a ramp
 //                    with 2 % of the acceleration that this current gives, up to a tenth of the
 //                    rated speed; each alignment lasts five times the rotor's settling time, at
 //                    least 0.3 s

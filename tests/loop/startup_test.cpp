@@ -19,6 +19,14 @@ TEST(AlignIf, LocksFromTwentyFourOfTwentyFourAngles) {
   EXPECT_EQ(locked, angles);
 }
 
+// i_start of the defaults: with 0.9 psi_f/(L_q - L_d) a tenth of the EMF is left, and the hand-over loses it.
+TEST(AlignIf, StateFeedbackStartsTheSalientMotorWithItsDefaults) {
+  EXPECT_TRUE(run("kim-ipmsm", {"controller.kind=lqr", "start=align_if", "estimator.kind=eemf",
+                                "load.T_load_Nm=0", "plant.theta_e_start_rad=2", "run.duration_s=2",
+                                "run.settle_s=1.5"})
+                  .held());
+}
+
 TEST(AlignIf, TurnsBackwardsOnANegativeReference) {
   const Figures figures = run("dilys2021", {"start=align_if", "reference.omega_e_rad_s=-400",
                                             "run.duration_s=3.0", "run.settle_s=2.0"});
@@ -49,6 +57,19 @@ TEST(LocksFirst, TheJointFilterStartsDirectlyWhateverTheSaliency) {
                        std::string("plant.theta_e_start_rad=") + deg60})
                       .held())
           << L_d << " " << deg60;
+}
+
+// From the edge of 75 deg, with a load that pulls the rotor out of it. P0 of 1 rad^2 loses both.
+TEST(LocksFirst, TheJointFilterStartsUnderLoadFromTheEdge) {
+  const std::string joint = "estimator.kind=ekf_joint";
+  EXPECT_TRUE(run("kim-ipmsm",
+                  {joint, "machine.L_q_H=56.35e-3", "load.T_load_Nm=1.452",
+                   "plant.theta_e_start_rad=-1.2544", "run.duration_s=0.4", "run.settle_s=0.3"})
+                  .held());
+  EXPECT_TRUE(run("dilys2021",
+                  {joint, "reference.omega_e_rad_s=100", "load.T_load_Nm=0.0378", "start=aligned",
+                   "plant.theta_e_start_rad=-1.1454", "run.duration_s=1.2", "run.settle_s=1"})
+                  .locked);
 }
 
 // bench/direct_starts: 5 of 24 are lost.
