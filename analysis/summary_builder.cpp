@@ -202,8 +202,11 @@ void SummaryBuilder::judge_lock(const TickRow& row, double error) {
   const bool within = in_window(row);
   any_ = any_ || (within && (!std::isnan(error) || !why.empty()));
   lost_ = lost_ || (within && !why.empty());
-  // The estimated angle is not judged until the controller uses it.
-  const bool forced = row.measurement && row.measurement->mode != Mode::kRun;
+  // The estimated angle is not judged until the controller uses it. The ticks before the first command
+  // acts have mode run.
+  const bool not_handed_over = config_.start == Start::kAlignIf && outline_.was_forced &&
+                               row.t_s < outline_.handed_over_s.value_or(outline_.end_s);
+  const bool forced = not_handed_over || (row.measurement && row.measurement->mode != Mode::kRun);
   if (why.empty() || summary_.lost_at_s || (forced && !within)) return;
   summary_.lost_at_s = row.t_s;
   summary_.lost_why = why;

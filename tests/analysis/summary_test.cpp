@@ -129,6 +129,12 @@ TEST(Summary, StartUpDoesNotDecideTheVerdictButTheTimeOfTheLoss) {
   EXPECT_NEAR(*summarise(log, config).lost_at_s, 0.2, 1e-9);
   for (std::size_t k = 0; k < 400; ++k) log.measurement[k].mode = Mode::kIfRamp;
   EXPECT_NEAR(*summarise(log, config).lost_at_s, 1.5, 1e-9) << "a forced angle is no loss";
+  DriveConfig aligned = config;
+  aligned.start = Start::kAlignIf;
+  log.measurement[0].mode = log.measurement[1].mode = Mode::kRun;  // no command has acted
+  put_angle_error(log, 0, 2, 2.0);
+  EXPECT_NEAR(*summarise(log, config).lost_at_s, 0, 1e-9);
+  EXPECT_NEAR(*summarise(log, aligned).lost_at_s, 1.5, 1e-9) << "nor is that before the alignment";
 }
 
 // 20 % off for 19 ticks of 1 ms is allowed, for 20 ticks it is not, consecutive or not. Synchronism
