@@ -301,7 +301,7 @@ class Theory {
   }
 
   // State feedback works on the filter's currents: its loop closes through the gains, and cannot be
-  // faster than half their rate.
+  // faster than half their rate. A bound, for what the analysis of the closed loop does not cover.
   std::string gains_slower_than_the_feedback() const {
     const double half_f_b = 0.5 * d_.rates.f_s_Hz / d_.rates.n, bandwidth = current_bandwidth();
     if (bandwidth < half_f_b) return "";
@@ -334,7 +334,7 @@ class Theory {
     // Upward from 1: beyond the first loss there are islands of stability.
     int held = closed ? closed->n_max(limit) : n_max_by_formula(steady, limit);
     if (!closed && held == 0) held = n_max_by_floquet(steady, limit);
-    if (held >= limit) return gains_slower_than_the_feedback();
+    if (held >= limit) return closed && limit == n ? "" : gains_slower_than_the_feedback();
     return fmt::format(
         "{} may lose synchronism: at {:.4g} rad/s electrical a gain of policy {} holds up "
         "to n = {:.0f}",
