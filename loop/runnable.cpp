@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <utility>
 
@@ -33,6 +34,9 @@ constexpr double kSpeedLoopOverLowpass = 1.5;
 
 // A loop around a filter of this bandwidth, a lag of first order, keeps a phase margin of 45 deg.
 constexpr double kSpeedLoopOverFilter = 1;
+
+// After the ramp of a start: the latest agreement of bench/direct_starts comes 0.15 s after the first tick.
+constexpr double kStartSettles_s = 1;
 
 // In t_align_s.
 constexpr double kAlignTimeConstants = 5;
@@ -82,21 +86,26 @@ class Theory {
   std::vector<Warning> warnings() const {
     std::vector<Warning> list;
     const auto add = [&](const std::string& key, const std::string& what,
-                         Expects expects = Expects::kLoss) {
+                         Expects expects = Expects::kLoss,
+                         double shows_by_s = std::numeric_limits<double>::infinity()) {
       if (!what.empty())
-        list.push_back({fmt::format("{}: {}: {}", config_.where(key), key, what), expects});
+        list.push_back(
+            {fmt::format("{}: {}: {}", config_.where(key), key, what), expects, shows_by_s});
+    };
+    const auto add_of_start = [&](const std::string& key, const std::string& what) {
+      add(key, what, Expects::kLoss, start_shows_by_s());
     };
     add("start", start_too_long());
-    add("load.T_load_Nm", load_during_the_ramp());
+    add_of_start("load.T_load_Nm", load_during_the_ramp());
     if (!feeds_back_an_estimate()) return list;
     add(d_.reference.in_rpm ? "reference.speed_rpm" : "reference.omega_e_rad_s", too_slow(),
         Expects::kLossIfWarm);
     add("estimator.kind", beyond_the_model());
     add("estimator.kind", speed_loop_too_fast());
     add("estimator.kind", filter_too_slow());
-    add("start", hand_over_too_slow());
-    add("plant.theta_e_start_rad", starts_elsewhere());
-    add("start", cannot_start());
+    add_of_start("start", hand_over_too_slow());
+    add_of_start("plant.theta_e_start_rad", starts_elsewhere());
+    add_of_start("start", cannot_start());
     add("rates.n", too_few_gains());
     return list;
   }
@@ -240,6 +249,22 @@ class Theory {
            value(startup + "omega_e_handover_rad_s") / value(startup + "acceleration_rad_s2") +
            value(startup + "t_agree_s");
   }
+  // The hand-over has come or given up, or the first ramp has ended, and the run has settled.
+  double start_shows_by_s() const {
+    if (d_.start == Start::kAlignIf)
+      return start_takes_s() + value("controller." + d_.controller.kind + ".startup.t_give_up_s") +
+             kStartSettles_s;
+    const Profile& profile =
+        d_.reference.in_rpm ? d_.reference.speed_rpm : d_.reference.omega_e_rad_s;
+    const double to_omega_e = d_.reference.in_rpm ? kTwoPi / 60 * d_.machine.n_p : 1;
+    const double slew = d_.reference.slew_rate_rad_s2;
+    for (const ProfileStep& step : profile.steps()) {
+      if (step.value == 0) continue;
+      const double ramp_s = slew > 0 ? std::abs(step.value) * to_omega_e / slew : 0;
+      return step.t_s + ramp_s + kStartSettles_s;
+    }
+    return std::numeric_limits<double>::infinity();
+  }
   std::string start_too_long() const {
     if (d_.start != Start::kAlignIf || start_takes_s() < d_.run.duration_s) return "";
     return fmt::format("alignment and ramp take {:.3g} s, the run ends at {:.3g} s",
@@ -369,6 +394,24 @@ void require_drivable(Config& config) {
          "the host ends");
 }
 
+// A fixed step beyond the time constant of the winding leaves the region in which the method is stable:
+// 3.3 L/R_s at standstill, less while the rotor turns.
+void require_erk_steps(Config& config) {
+  constexpr double kLongest = 2;  // in L/R_s
+  const DriveConfig& d = config.drive();
+  const auto plant = config.read<PlantParameters>();
+  if (d.plant.kind != PlantKind::kSimulated || plant.engine != Engine::kErk ||
+      plant.inverter == InverterModel::kSwitched)
+    return;
+  const double T_s_R_L = d.T_s() * d.machine.R_s / std::min(d.machine.L_d, d.machine.L_q);
+  const double least = std::ceil(T_s_R_L / kLongest);
+  if (plant.erk_steps >= least) return;
+  throw BadInput(fmt::format(
+      "{}: plant.erk_steps: {} is too few for this winding: a tick is {:.3g} L/R_s; at least {:g} "
+      "allowed",
+      config.where("plant.erk_steps"), plant.erk_steps, T_s_R_L, least));
+}
+
 // The lease against the link: what the line itself takes, and what only a measurement can tell.
 std::string lease_too_short(const Config& config, const BridgeParameters& bridge) {
   const double frames_ms = 1e3 * bridge.wire_time_s();
@@ -439,6 +482,7 @@ std::vector<Warning> check_runnable(Config& config) {
   refuse_unused_keys(config);
   steering_of(config);
   require_drivable(config);
+  require_erk_steps(config);
   const auto filter = make_filter(config);
   require_policy(config, *filter);
   make_controller(config);

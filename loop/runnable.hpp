@@ -1,6 +1,7 @@
 // Checked means runnable: what a run would build is built, and what theory says about it is said
 // before the run.
 #pragma once
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,8 @@ enum class Expects : int {
 struct Warning {
   std::string text;  // one line: where, key, what
   Expects expects = Expects::kNothing;
+  // A loss shows by then: that of a start. Infinite where only the whole run shows it.
+  double shows_by_s = std::numeric_limits<double>::infinity();
 };
 std::vector<std::string> texts_of(const std::vector<Warning>& warnings);
 

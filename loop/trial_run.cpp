@@ -159,23 +159,26 @@ std::vector<std::string> check_by_trial(Config& config, Trial when,
         {fmt::format("{}: run.duration_s: a trial of the run{} {}", config.where("run.duration_s"),
                      as_it_is ? "" : " with a gain every tick", text_of(trial)),
          Expects::kLoss});
-  if (bad || !trial.whole || !as_it_is) return texts_of(warnings);
+  if (bad || !as_it_is) return texts_of(warnings);
+  const DriveConfig& d = config.drive();
+  const double tried_s = d.T_s() * static_cast<double>(std::min(ticks, d.steps()));
   TrialRun of_warm = trial;
-  if (warm) {
+  if (warm && trial.whole) {
     Config other = with_warm_winding(config);
     of_warm = try_run(other, ticks, *table);  // the filter is the same
   }
   std::vector<Warning> left;
   for (Warning& w : warnings) {
-    if (w.expects == Expects::kLoss ||
-        (w.expects == Expects::kLossIfWarm && of_warm.bad_at_s < 0)) {
+    const bool decided = trial.whole || w.shows_by_s <= tried_s;
+    if (decided && (w.expects == Expects::kLoss ||
+                    (w.expects == Expects::kLossIfWarm && of_warm.bad_at_s < 0))) {
       if (notes)
-        notes->push_back(
-            fmt::format("{}; a trial of this run keeps synchronism, with seed {} alone", w.text,
-                        config.drive().run.seed));
+        notes->push_back(fmt::format(
+            "{}; a trial of {} keeps synchronism, with seed {} alone", w.text,
+            trial.whole ? "this run" : fmt::format("the first {:.3g} s", tried_s), d.run.seed));
       continue;
     }
-    if (w.expects == Expects::kLossIfWarm) {
+    if (decided && w.expects == Expects::kLossIfWarm) {
       w.text += fmt::format("; a trial with the winding 50 K warmer {}", text_of(of_warm));
     }
     left.push_back(std::move(w));

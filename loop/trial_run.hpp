@@ -6,7 +6,8 @@
 //
 //   the trial reaches the end of the run     it decides: no loss is expected that it does not show. It is
 //                                            one noise and one plant: the reason is kept as a note
-//   the run is longer                        a loss that it shows is said, and theory stands
+//   the run is longer                        a loss that it shows is said, and theory stands, but for the
+//                                            reasons of a start that lies within the trial
 //   the table of gain.policy = scheduled     the trial runs with a gain every tick; a loss that it shows is
 //   takes too long                           said, and theory stands
 //

@@ -271,6 +271,14 @@ TEST(Runnable, WarnsOfAFilterOutsideItsStatedLimits) {
   EXPECT_TRUE(warns("kim-ipmsm", {slow[0], slow[1]}, "speed loop"));
 }
 
+// A lost drive of f_s = 1 kHz ended in an error of the engine with one step a tick, R_s T_s/L = 2.5.
+TEST(Runnable, RefusesFixedStepsThatAreLongerThanTheWindingAllows) {
+  const Overrides erk{"plant.engine=erk", "plant.erk_steps=1"};
+  EXPECT_NE(refusal("laas_mn4004", erk).find("at least 2 allowed"), std::string::npos);
+  EXPECT_EQ(refusal("laas_mn4004", {erk[0], "plant.erk_steps=2"}), "");
+  EXPECT_EQ(refusal("dilys2021", erk), "");
+}
+
 // A bound for a state feedback of f_s/40 = 250 Hz, where the closed loop has no analysis: the salient rotor
 // of backemf_printed. dq_ekf is covered and holds n = 20.
 TEST(Runnable, WarnsOfStateFeedbackFasterThanHalfTheRateOfTheGains) {

@@ -49,6 +49,24 @@ TEST(TrialRun, MakesANoteOfAReasonThatTheWholeRunDoesNotShow) {
       << "the trial does not reach the end";
 }
 
+// The trial covers 6 s of 10, and the start.
+TEST(TrialRun, DecidesTheStartOfALongerRun) {
+  const Overrides start{"start=align_if", "run.duration_s=10"};
+  Config config = load_drive("kim-ipmsm", start);
+  ASSERT_NE(joined(texts_of(check_runnable(config))).find("may prevent the hand-over"),
+            std::string::npos);
+  std::vector<std::string> notes;
+  EXPECT_EQ(joined(check_by_trial(config, Trial::kAlways, &notes)), "");
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_NE(notes[0].find("a trial of the first 6 s keeps synchronism"), std::string::npos)
+      << notes[0];
+  const Overrides later{"start=aligned", "estimator.kind=ekf_sensorless",
+                        "reference.omega_e_rad_s=[[0,0],[20,300]]", "run.duration_s=30",
+                        "plant.theta_e_start_rad=3"};
+  EXPECT_NE(joined(tried("dilys2021", later)).find("the rotor 172 deg away"), std::string::npos)
+      << "it starts beyond the trial";
+}
+
 TEST(TrialRun, SaysALossThatNoTheoryExpects) {
   const Overrides fault{"plant.fault.kind=current_nan", "plant.fault.at_s=0.2",
                         "run.duration_s=0.5"};

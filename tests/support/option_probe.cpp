@@ -265,6 +265,7 @@ const std::vector<Situation>& situations() {
        {"safety.temperature_max_degC=200", "plant.winding.tau_s=0.01"}},
       {"plant.winding.", hot},
       {"plant.erk_steps", {"plant.engine=erk"}},
+      {"plant.erk_steps", {"plant.engine=erk", "plant.erk_steps=4"}},  // where 1 is too few
       {"inverter.f_pwm_Hz", {"plant.inverter=switched"}},
       {"rates.n_from", {"rates.n_from=start", "rates.n_from_s=0.1"}},
       {"rates.n_from_s", {"rates.n_from=start"}},
