@@ -18,6 +18,8 @@ inline const std::vector<KnownSheet>& known_sheets() {
   static const std::string ec45 =
       "maxon catalogue, online.flippingbook.com/view/1042987/324; 16 poles: "
       "github.com/matthieuvigne/nemo_bldc, motor_library.json";
+  static const std::string mathworks =
+      "mcb_SetPMSMMotorParameters.m, The MathWorks 2020 (Motor Control Blockset)";
   static const std::string psi = "github.com/paulscherrerinstitute/ecmccfg, hardware/Motors/";
   static const std::vector<KnownSheet> list = {
       {"wittenstein_premo_1c",
@@ -107,6 +109,24 @@ inline const std::vector<KnownSheet>& known_sheets() {
        {"n_p=4", "ke_V_krpm=3.8", "ke_convention=line_peak", "kt_Nm_A=0.034", "kt_convention=peak",
         "r_phase_Ohm=0.75", "l_phase_H=1.05e-3", "inertia_kgm2=2.4019e-6",
         "rated_current_A_peak=1.8", "rated_torque_Nm=0.0566", "v_dc_V=24", "encoder_counts=5000"}},
+      // K_t of the next three is left out: what the files print fits no convention of their K_e.
+      {"anaheim_bly172s",
+       "Anaheim Automation BLY172S-24V-4000, encoder of 1250 lines",
+       mathworks,
+       {"n_p=4", "ke_V_krpm=4", "ke_convention=line_peak", "r_phase_Ohm=0.4", "l_phase_H=0.6e-3",
+        "inertia_kgm2=4.8019e-6", "rated_current_A_peak=3.5", "v_dc_V=24", "encoder_counts=5000"}},
+      {"teknic_2310p",
+       "Teknic M-2310P, encoder of 1000 lines",
+       mathworks,
+       {"n_p=4", "ke_V_krpm=4.64", "ke_convention=line_peak", "r_phase_Ohm=0.36",
+        "l_phase_H=0.2e-3", "inertia_kgm2=7.0616e-6", "rated_current_A_peak=7.1", "v_dc_V=24",
+        "encoder_counts=4000"}},
+      {"hurst_dmb0224c10002",
+       "Hurst DMB0224C10002 (Hurst075), 24 V",
+       "parameters of mchp_pmsm_foc_ips_dsPIC33_data.m, Microchip Technology 2025",
+       {"n_p=5", "ke_V_krpm=7.5678", "ke_convention=line_peak", "r_phase_Ohm=2.8322",
+        "l_d_H=2.42345e-3", "l_q_H=2.3278e-3", "inertia_kgm2=5.5e-6", "rated_current_A_rms=1.16",
+        "v_dc_V=24"}},
       {"beckhoff_am8122",
        "Beckhoff AM8122-0FH1-0000, 48 V",
        psi + "ecmcEP7211-0034-Motor-Beckhoff-AM8122-0FH1-0000.cmd (electronic nameplate); values "
