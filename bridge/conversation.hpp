@@ -30,6 +30,7 @@ class Conversation {
   void repeat() { link_->send(last_); }
 
   HostProtocol& protocol() { return *protocol_; }
+  const HostProtocol& protocol() const { return *protocol_; }
   Link& link() { return *link_; }
   double silent_ms() const { return 1e-6 * static_cast<double>(now_ns() - last_heard_ns_); }
   // One line: frames, what was wrong with them, the device's clock.

@@ -24,16 +24,22 @@ void Experiment::show(const std::string& what, double share) const {
   if (hooks_.progress) hooks_.progress(what, share);
 }
 
+RigRow Experiment::step(const Vec2& u_alphabeta, double theta_e) {
+  if (hooks_.stop && hooks_.stop()) throw RunFailed("stopped");
+  ++k_;
+  return rig_.step(u_alphabeta, theta_e);
+}
+
 void Experiment::wait_for_rest() {
   constexpr double kAtRest = 0.002, kWindow_s = 0.2, kLongest_s = 10;  // rad
-  const double step = facts().encoder_counts > 0 ? kTwoPi / facts().encoder_counts : 0;
+  const double count = facts().encoder_counts > 0 ? kTwoPi / facts().encoder_counts : 0;
   for (double t = 0; t < kLongest_s; t += kWindow_s) {
     double least = INFINITY, most = -INFINITY;
-    for (int k = 0; k < ticks(kWindow_s); ++k, ++k_) {
-      const double theta = rig_.step(Vec2::Zero(), 0).theta_m;
+    for (int k = 0; k < ticks(kWindow_s); ++k) {
+      const double theta = step(Vec2::Zero(), 0).theta_m;
       least = std::min(least, theta), most = std::max(most, theta);
     }
-    if (most - least < std::max(kAtRest, 2.5 * step)) return;
+    if (most - least < std::max(kAtRest, 2.5 * count)) return;
   }
 }
 
@@ -43,13 +49,12 @@ void Experiment::measure_offsets(int ticks) {
   Vec3 sum = Vec3::Zero(), squares = Vec3::Zero();
   double first = 0;
   for (int k = 0; k < ticks; ++k) {
-    const RigRow row = rig_.step(Vec2::Zero(), 0);
+    const RigRow row = step(Vec2::Zero(), 0);
     sum += row.i_abc;
     squares += row.i_abc.cwiseAbs2();
     if (k == 0) first = row.theta_m;
     if (std::abs(row.theta_m - first) > kAtRest)
       throw RunFailed("the shaft turns without a voltage: it has to be at rest at the start");
-    ++k_;
   }
   offset_abc_ = sum / ticks;
   const Vec3 variance = (squares / ticks - offset_abc_.cwiseAbs2()).cwiseMax(0.0) / ticks;
@@ -57,9 +62,7 @@ void Experiment::measure_offsets(int ticks) {
 }
 
 const Row& Experiment::apply(const Vec2& u_alphabeta, double theta_e) {
-  if (hooks_.stop && hooks_.stop()) throw RunFailed("stopped");
-  const RigRow row = rig_.step(u_alphabeta, theta_e);
-  ++k_;
+  const RigRow row = step(u_alphabeta, theta_e);
   row_ = {clarke(row.i_abc - offset_abc_), row.u_alphabeta, direction_ * row.theta_m,
           row.i_abc == before_};
   before_ = row.i_abc;

@@ -80,9 +80,14 @@ class Experiment {
   const Row& now() const { return row_; }
   void record(Rows* rows) { rows_ = rows; }
   void show(const std::string& what, double share) const;
+  int late_ticks() const { return rig_.late_ticks(); }
+  double inductance() const { return L_; }
+  // Before an evaluation: Rig::pause().
+  void pause() { rig_.pause(); }
 
  private:
   void wait_for_rest();
+  RigRow step(const Vec2& u_alphabeta, double theta_e);
 
   Rig& rig_;
   IdentifyLimits limits_;

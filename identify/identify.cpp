@@ -44,8 +44,9 @@ constexpr Slip kOfInertia[] = {{1e-7, "1e-7: g cm2 typed as kg m2"},
 template <std::size_t N>
 std::string verdict(const Found& found, double sheet, double tolerance, const Slip (&slips)[N]) {
   constexpr double kNear = 0.035;
-  if (!(sheet > 0) || !(found.value > 0)) return "";
+  if (!(found.value > 0)) return "not identified";
   if (!found.is_known()) return "not identified: sigma is above 10 %";
+  if (!(sheet > 0)) return "";
   const double ratio = found.value / sheet;
   if (std::abs(std::log(ratio)) < std::log1p(tolerance) + 3 * found.sigma / found.value)
     return fmt::format("agrees ({:+.1f} %)", 100 * (ratio - 1));
@@ -138,6 +139,7 @@ Identified identify(Rig& rig, const IdentifyLimits& limits, const IdentifyHooks&
   found.notes.push_back(
       "iron loss: its torque is part of the friction (twinrate trace finds it in a log)");
   found.notes.push_back("cogging, flux harmonics: twinrate trace finds them in a log");
+  for (const std::string& note : rig.notes()) found.notes.push_back(note);
   return found;
 }
 

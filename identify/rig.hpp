@@ -1,8 +1,11 @@
 // A motor on its inverter, as a measurement sees it: one tick, one voltage, one row of readings.
 //
-// Nothing here knows a parameter of the machine. The plant is simulated (simulated_rig.hpp), or
-// another drive behind the same interface.
+// Nothing here knows a parameter of the machine. The plant is simulated (simulated_rig.hpp), or a drive
+// behind the bridge (bridge_rig.hpp).
 #pragma once
+#include <string>
+#include <vector>
+
 #include "model/frames.hpp"
 
 namespace twinrate {
@@ -28,6 +31,13 @@ class Rig {
   // Asks for a voltage and returns the readings one tick later. `theta_e`: the frame in which the
   // voltage was made. Throws RunFailed where the drive switches off.
   virtual RigRow step(const Vec2& u_alphabeta_ref, double theta_e) = 0;
+  // Nothing is asked for while the rows so far are evaluated: a drive that does not wait is switched off
+  // until the next step(), whose row does not follow the one before.
+  virtual void pause() {}
+  // By how many ticks more than facts().delay_ticks a voltage has acted late, the worst so far.
+  virtual int late_ticks() const { return 0; }
+  // What the way to the motor left in the rows.
+  virtual std::vector<std::string> notes() const { return {}; }
 };
 
 }  // namespace twinrate

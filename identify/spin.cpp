@@ -19,13 +19,14 @@ constexpr std::size_t kLeastRows = 60;  // of a piece
 // What the samples at its ends do not show of a tick.
 struct Tick {
   Vec2 bow = Vec2::Zero();   // A, mean current less that of the chord
+  double bow_q = 0;          // A, mean i_q less the mean of its two ends
   Vec2 drop = Vec2::Zero();  // V, mean loss of the inverter
 };
 
 struct SpinRun {
   Rows rows;
   std::vector<Tick> ticks = {};  // of the tick before each row; empty as long as psi_f is unknown
-  int level = -1;                // of kLevels; -1: coast
+  int level = -1;                // of kLevels; -1: coast, slow ramp
 };
 
 class Spinner {
@@ -38,9 +39,11 @@ class Spinner {
   double u() const { return u_; }  // V, amplitude, smoothed like the speed
 
   void tick(double i_q) {
-    // A quantised angle: its difference is smoothed over some fifty ticks.
-    constexpr double kShare = 0.02;
-    const Row& row = e_.control(Vec2(0, i_q), before_, omega_e_);
+    // A quantised angle: its difference is smoothed over some fifty ticks. A reversal takes forty: at
+    // 0.2 rad a tick the loop overshoots a step of twice the test current by more than half of it.
+    constexpr double kShare = 0.02, kSlew = 0.05;
+    i_ref_ += std::clamp(i_q - i_ref_, -kSlew * e_.i_max(), kSlew * e_.i_max());
+    const Row& row = e_.control(Vec2(0, i_ref_), before_, omega_e_);
     const double now = found_.n_p * (row.theta - found_.theta_zero);
     omega_e_ += kShare * ((now - before_) / e_.T_s() - omega_e_);
     u_ += kShare * (row.u.norm() - u_);
@@ -67,15 +70,26 @@ class Spinner {
 
   Experiment& e_;
   const Identified& found_;
-  double before_ = 0, omega_e_ = 0, u_ = 0;
+  double before_ = 0, omega_e_ = 0, u_ = 0, i_ref_ = 0;
 };
+
+// A voltage that acts m ticks late has turned by m omega_e T_s less than the EMF has: meanwhile the
+// current runs away by about
+//   |u| omega_e (m T_s)^2/(2 L)
+bool lateness_limits(const Experiment& e, const Spinner& spinner) {
+  constexpr double kMost = 0.6;  // of i_max; at twice i_max the experiment ends
+  const double late = (e.late_ticks() + (e.late_ticks() > 0 ? 1 : 0)) * e.T_s();
+  return spinner.u() * std::abs(spinner.omega_e()) * late * late / (2 * e.inductance()) >
+         kMost * e.i_max();
+}
 
 // The top of the speed range, electrical.
 double run_up(Experiment& e, Spinner& spinner, const Identified& found) {
   constexpr double kPatience_s = 15, kRelease_s = 0.1;
   const double limit = e.omega_m_max() > 0 ? found.n_p * e.omega_m_max() : INFINITY;
   const auto at_the_top = [&] {
-    return spinner.u() > kVoltageShare * e.u_max() || spinner.omega_e() > 0.95 * limit;
+    return spinner.u() > kVoltageShare * e.u_max() || spinner.omega_e() > 0.95 * limit ||
+           lateness_limits(e, spinner);
   };
   spinner.run(0, kRelease_s, [] { return false; });  // of the current that held the rotor
   for (const double share : {0.3, 1.0})
@@ -85,12 +99,38 @@ double run_up(Experiment& e, Spinner& spinner, const Identified& found) {
   return spinner.omega_e();
 }
 
+// In a small range of speed the ramps are too short for J and friction: ramps of some 600 rows, or of
+// as little current as still accelerates.
+void slow_ramps(Experiment& e, Spinner& spinner, double top, std::vector<SpinRun>& segments) {
+  constexpr double kRows = 600, kLongest_s = 3, kLeast = 0.1;  // of the smallest level
+  double rows = kRows;
+  for (const SpinRun& s : segments)
+    if (s.level == 0) rows = std::min(rows, static_cast<double>(s.rows.size()));
+  const double i = kLevels[0] * e.i_max() * std::max(kLeast, rows / kRows);
+  for (int repeat = 0; repeat < 3; ++repeat)
+    for (const int sign : {-1, 1}) {
+      SpinRun s;
+      e.record(&s.rows);
+      const bool there = spinner.go_to(sign * top, i, kLongest_s);
+      e.record(nullptr);
+      if (!there) spinner.go_to(sign * top, e.i_max(), kLongest_s);
+      segments.push_back(std::move(s));
+    }
+}
+
 std::vector<SpinRun> spin(Experiment& e, Identified& found) {
   constexpr double kLongest_s = 12, kCoast_s = 6, kEnough_s = 20;
   std::vector<SpinRun> segments;
   Spinner spinner(e, found);
   const double top = run_up(e, spinner, found);
   found.omega_m_max = top / found.n_p;
+  const bool lateness_limited = lateness_limits(e, spinner);
+  if (lateness_limited)
+    found.notes.push_back(
+        fmt::format("link: voltages acted up to {} ticks late, so the speed ended at {:.4g} rpm: "
+                    "the figures of "
+                    "the turning motor are less exact than they could be",
+                    e.late_ticks(), found.omega_m_max * 60 / kTwoPi));
   const double begin = e.seconds();
   for (int repeat = 0; repeat < 3; ++repeat) {
     if (repeat == 2 && e.seconds() - begin > kEnough_s) break;
@@ -106,6 +146,7 @@ std::vector<SpinRun> spin(Experiment& e, Identified& found) {
     }
     e.show("spin", 0.6 + 0.08 * repeat);
   }
+  if (lateness_limited) slow_ramps(e, spinner, top, segments);
   for (const double share : kCoastSpeeds) {
     for (const int sign : {1, -1}) {
       spinner.go_to(sign * share * top, 0.5 * e.i_max(), kLongest_s);
@@ -148,33 +189,47 @@ void turn_currents(Rows& rows, double angle_per_speed, double T_s) {
     rows[k].i = inverse_park(rows[k].i, angle_per_speed * speed_about(rows, k, T_s));
 }
 
-// The voltage stands still while the EMF turns. Where no phase is near zero current, the current is
-// off its chord by T_s^2/12 omega^2 psi_f/L at the mean. Near zero the loss of the inverter is a
-// large resistance: there the tick is integrated,
-//   L i' = u - R_s i - drop(i) - j omega psi_f e^(j theta)
+// The voltage stands still while the EMF turns, and near zero current the loss of the inverter is a
+// large resistance: the tick is integrated, in rotor axes,
+//   L_d i_d' = u_d - R_s i_d - drop_d + omega L_q i_q
+//   L_q i_q' = u_q - R_s i_q - drop_q - omega (L_d i_d + psi_f)
 Tick inside_tick(const Identified& f, const Row& before, const Row& row, double T_s) {
   constexpr double kFar = 4;  // of i_linear
   const double from = f.n_p * (before.theta - f.theta_zero);
-  const double turned = f.n_p * (row.theta - before.theta), omega = turned / T_s;
-  const double off = turned * turned / 12 * f.psi_f.value / f.L_d.value;
-  Tick tick{-inverse_park(Vec2(off, 0), from + 0.5 * turned),
-            f.loss.drop(0.5 * (before.i + row.i))};
-  const Vec3 i_abc = inverse_clarke(before.i);
-  if (f.loss.V.value == 0 || i_abc.cwiseAbs().minCoeff() > kFar * f.loss.i_linear) return tick;
-  const double stiffness = T_s * (f.R_s.value + f.loss.V.value / f.loss.i_linear) / f.L_d.value;
+  const double omega = f.n_p * (row.theta - before.theta) / T_s;
+  const double L_d = f.L_d.value, L_q = f.L_q.value, R = f.R_s.value;
+  const bool is_far = f.loss.V.value == 0 ||
+                      inverse_clarke(before.i).cwiseAbs().minCoeff() > kFar * f.loss.i_linear;
+  const double stiffness =
+      T_s * (R + (is_far ? 0 : f.loss.V.value / f.loss.i_linear)) / std::min(L_d, L_q);
   const int n = std::clamp(static_cast<int>(4 * stiffness), 6, 60);
   const double dt = T_s / n;
-  const auto slope = [&](const Vec2& i, double t) -> Vec2 {
-    const Vec2 emf = inverse_park(Vec2(0, omega * f.psi_f.value), from + omega * t);
-    return (row.u - f.R_s.value * i - f.loss.drop(i) - emf) / f.L_d.value;
+  Vec2 d(std::cos(from), std::sin(from));  // the d axis
+  const Vec2 half(std::cos(0.5 * omega * dt), std::sin(0.5 * omega * dt));
+  const auto turn = [&](const Vec2& x) {
+    return Vec2(x[0] * half[0] - x[1] * half[1], x[0] * half[1] + x[1] * half[0]);
   };
-  Vec2 i = before.i, sum = Vec2::Zero(), drops = Vec2::Zero();
+  const auto in_stator = [](const Vec2& i_dq, const Vec2& axis) {
+    return Vec2(i_dq[0] * axis[0] - i_dq[1] * axis[1], i_dq[0] * axis[1] + i_dq[1] * axis[0]);
+  };
+  const auto slope = [&](const Vec2& i_dq, const Vec2& axis) {
+    const Vec2 u = row.u - f.loss.drop(in_stator(i_dq, axis));
+    const double u_d = u.dot(axis), u_q = u[1] * axis[0] - u[0] * axis[1];
+    return Vec2((u_d - R * i_dq[0] + omega * L_q * i_dq[1]) / L_d,
+                (u_q - R * i_dq[1] - omega * (L_d * i_dq[0] + f.psi_f.value)) / L_q);
+  };
+  const Vec2 begin = park(before.i, from);
+  Vec2 i = begin, sum = Vec2::Zero(), drops = Vec2::Zero();
+  double sum_q = 0;
   for (int k = 0; k < n; ++k) {
-    const Vec2 middle = i + 0.5 * dt * slope(i, k * dt);
-    sum += middle / n, drops += f.loss.drop(middle) / n;
-    i += dt * slope(middle, (k + 0.5) * dt);
+    const Vec2 middle = i + 0.5 * dt * slope(i, d);
+    d = turn(d);
+    const Vec2 at = in_stator(middle, d);
+    sum += at / n, sum_q += middle[1] / n, drops += f.loss.drop(at) / n;
+    i += dt * slope(middle, d);
+    d = turn(d);
   }
-  return {sum - 0.5 * (before.i + i), drops};
+  return {sum - 0.5 * (before.i + in_stator(i, d)), sum_q - 0.5 * (begin[1] + i[1]), drops};
 }
 
 std::vector<Tick> inside_ticks(const Identified& f, const Rows& rows, double T_s) {
@@ -323,7 +378,7 @@ void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& 
                            (found.n_p * std::max(found.omega_m_max, 1e-9));
     found.psi_f = {psi, std::hypot(sigma[0], kErrorOfPsi * psi, of_loss)};
     found.theta_zero += std::atan2(x[1], x[0]) / found.n_p;
-    if (pass == 0)
+    if (pass == 0 || is_late)
       for (SpinRun& s : segments) s.ticks = inside_ticks(found, s.rows, e.T_s());
     found.L_q_points.resize(1);  // of standstill
     for (const Eigen::Index column : used) {
@@ -362,11 +417,8 @@ class MotionFit {
           -std::sin(theta(k)), -std::cos(theta(k));
       if (k > 0) {
         Terms next = once + 0.5 * T_s_ * (before + now);
-        const Row& row = rows[static_cast<std::size_t>(k)];
-        const Vec2 bow =
-            park(segment.ticks[static_cast<std::size_t>(k)].bow,
-                 found_.n_p * (row.theta - found_.theta_zero) - 0.5 * omega * found_.n_p * T_s_);
-        next[0] += T_s_ * 1.5 * found_.n_p * found_.psi_f.value * bow[1];
+        next[0] += T_s_ * 1.5 * found_.n_p * found_.psi_f.value *
+                   segment.ticks[static_cast<std::size_t>(k)].bow_q;
         twice += 0.5 * T_s_ * (once + next);
         once = next;
         twice[1] -= 0.5 * T_s_ * (theta(k) + theta(k - 1) - 2 * theta(0));
@@ -473,6 +525,7 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
 void identify_spin(Experiment& e, Identified& found) {
   e.show("run-up", 0.55);
   std::vector<SpinRun> segments = spin(e, found);
+  e.pause();
   found.stale_share = e.stale_share();
   for (SpinRun& run : segments) {
     if (found.stale_share > 0) mend_stale_rows(run.rows, found.n_p);

@@ -151,14 +151,19 @@ struct Level {
 // another voltage then.
 std::vector<Level> direct_levels(Experiment& e) {
   constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
+  // Below the lowest level the loss of the inverter shows its form.
+  constexpr double kSmall[] = {0.6, 0.35, 0.2, 0.1};
+  std::vector<double> wanted;
+  for (int level = kDirectLevels; level > 0; --level) wanted.push_back(level);
+  for (const double level : kSmall) wanted.push_back(level);
+  wanted.push_back(kDirectLevels);
   std::vector<Level> levels;
-  for (int step = 0; step <= kDirectLevels; ++step) {
-    const int level = step < kDirectLevels ? kDirectLevels - step : kDirectLevels;
-    const Vec2 i_ref(e.i_max() * level / kDirectLevels, 0);
+  for (std::size_t step = 0; step < wanted.size(); ++step) {
+    const Vec2 i_ref(e.i_max() * wanted[step] / kDirectLevels, 0);
     for (int k = 0; k < e.ticks(kFind_s); ++k) e.control(i_ref, 0, 0);
     const Vec2 u(e.integral()[0], 0);
     for (int k = 0; k < e.ticks(kSettle_s); ++k) e.apply(u);
-    Level mean{.place = static_cast<double>(step) / kDirectLevels};
+    Level mean{.place = static_cast<double>(step) / static_cast<double>(wanted.size() - 1)};
     const int ticks = e.ticks(kMean_s);
     for (int k = 0; k < ticks; ++k) {
       const Row& row = e.apply(u);
@@ -206,6 +211,23 @@ DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_
   return fit;
 }
 
+// The least misfit, in two rounds.
+DirectFit loss_form(const std::vector<Level>& levels, double i_max, bool drifts) {
+  DirectFit best;
+  const auto look = [&](double from, double to, double ratio) {
+    for (int shape = 0; shape < 4; ++shape)
+      for (double i_linear = from; i_linear < to; i_linear *= ratio) {
+        const DirectFit fit =
+            fit_direct(levels, 0, i_linear, static_cast<CurrentShape>(shape), drifts);
+        if (fit.misfit < best.misfit) best = fit;
+      }
+  };
+  look(2e-3 * i_max, 1.5 * i_max, 1.05);
+  const double coarse = best.loss.i_linear;
+  look(coarse / 1.06, coarse * 1.06, 1.004);
+  return best;
+}
+
 // u/i of the step from half of the current to all of it, along `phi`.
 double step_resistance(Experiment& e, double phi) {
   constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
@@ -251,24 +273,26 @@ void compare_phases(Experiment& e, Identified& found) {
 void find_resistance(Experiment& e, Identified& found) {
   constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5, kDrift = 3e-3;
   const std::vector<Level> levels = direct_levels(e);
+  e.pause();
   const double i_sigma = e.offset_sigma_alpha();
   const double again = levels.back().u / levels.back().i * levels.front().i / levels.front().u;
   const bool drifts = std::abs(again - 1) > kDrift;
-  const DirectFit plain = fit_direct(levels, i_sigma, 0, CurrentShape::kClamp, drifts);
-  std::vector<DirectFit> fits = {plain};
+  // The form of the loss is that of all levels; R_s and the size of the loss are those of the levels
+  // above it: within its linear zone a small error of the current is a large one of the voltage.
+  const DirectFit form = loss_form(levels, e.i_max(), drifts);
+  std::vector<Level> large = levels;
+  std::erase_if(large, [&](const Level& l) { return l.i < 0.8 / kDirectLevels * e.i_max(); });
+  const DirectFit plain = fit_direct(large, i_sigma, 0, CurrentShape::kClamp, drifts);
+  DirectFit best = fit_direct(large, i_sigma, form.loss.i_linear, form.loss.shape, drifts);
+  // What other forms that fit about as well say of R_s is part of its error.
   for (int shape = 0; shape < 4; ++shape)
-    for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05)
-      fits.push_back(
-          fit_direct(levels, i_sigma, i_linear, static_cast<CurrentShape>(shape), drifts));
-  double least = INFINITY;
-  for (const DirectFit& fit : fits) least = std::min(least, fit.misfit);
-  // The first that is about as good: no loss, then a clamp, then the smallest linear zone. What the
-  // others say of R_s is part of its error.
-  DirectFit best = *std::find_if(fits.begin(), fits.end(),
-                                 [&](const DirectFit& f) { return f.misfit <= kAsGood * least; });
-  for (const DirectFit& fit : fits)
-    if (fit.misfit <= kAsGood * least)
-      best.R_s.sigma = std::max(best.R_s.sigma, 0.5 * std::abs(fit.R_s.value - best.R_s.value));
+    for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05) {
+      const auto form_of = static_cast<CurrentShape>(shape);
+      if (fit_direct(levels, i_sigma, i_linear, form_of, drifts).misfit > kAsGood * form.misfit)
+        continue;
+      const DirectFit other = fit_direct(large, i_sigma, i_linear, form_of, drifts);
+      best.R_s.sigma = std::max(best.R_s.sigma, 0.5 * std::abs(other.R_s.value - best.R_s.value));
+    }
   const double u = plain.R_s.value * e.i_max();
   const InverterLoss loss = best.loss;
   if (std::abs(loss.V.value) < kMaterial * u || std::abs(loss.V.value) < kSigmas * loss.V.sigma)
@@ -303,6 +327,7 @@ void find_inductances(Experiment& e, Identified& found, double L_pulse) {
     settle(e, holding(found, i));
     const std::vector<Sine> sines = sweep(
         e, {holding(found, i), Vec2(1, 0), kSineShare * i, found.R_s.value, L}, {6, 12, 24, 48});
+    e.pause();
     const double R = found.R_s.value;
     if (found.L_d_points.empty()) found.current = find_lateness(sines, e.T_s(), R);
     const AxisFit fit = fit_axis(sines, e.T_s(), R, false, found.current);
@@ -317,6 +342,7 @@ void find_inductances(Experiment& e, Identified& found, double L_pulse) {
   const std::vector<Sine> sines =
       sweep(e, {holding(found, i), Vec2(0, 1), kSineShare * i, found.R_s.value, L},
             {6, 8, 12, 16, 24, 32, 48, 64});
+  e.pause();
   const AxisFit q = fit_axis(sines, e.T_s(), found.R_s.value, true, found.current);
   found.L_q = q.L;
   found.L_q.sigma = std::hypot(found.L_q.sigma, kModelOfSwing * found.L_q.value);

@@ -5,7 +5,8 @@
 //              for the current loop
 //   wiring     a voltage vector turns two electrical turns forth and back; the encoder follows by
 //              n_p = turns of the vector/turns of the shaft, with the sign of the wiring
-//   R_s        the rotor aligned with phase a, a current along it in fourteen levels, the first again:
+//   R_s        the rotor aligned with phase a, a current along it in fourteen levels, four below them
+//              for the form of the loss, the first again:
 //                u = R_s i + 2/3 V (sat(i/i_linear) + sat(i/(2 i_linear)))
 //              V does not spoil R_s: above i_linear it is a constant
 //   L_d, L_q   a sine of voltage on top of the aligning voltage, along d and along q, several

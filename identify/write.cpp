@@ -112,7 +112,7 @@ std::string identified_toml(const Config& drive, const Identified& f) {
   std::vector<std::string> overrides = {fmt::format("machine.n_p={}", f.n_p)};
   std::string kept;
   const auto set = [&](const char* key, const Found& found, bool known) {
-    if (known)
+    if (known && found.value >= 0)
       overrides.push_back(fmt::format("machine.{}={:.6e}", key, found.value));
     else
       kept += (kept.empty() ? "" : ", ") + std::string(key);

@@ -3,11 +3,15 @@
 #include <unistd.h>
 
 #include <iostream>
+#include <memory>
 #include <nlohmann/json.hpp>
 
 #include "core/output_file.hpp"
 #include "core/process.hpp"
+#include "core/process_set.hpp"
+#include "core/realtime_setup.hpp"
 #include "core/result_directory.hpp"
+#include "identify/bridge_rig.hpp"
 #include "identify/identify.hpp"
 #include "identify/simulated_rig.hpp"
 #include "loop/load_drive.hpp"
@@ -18,7 +22,7 @@ namespace twinrate {
 namespace {
 
 struct IdentifyOptions {
-  std::string drive, out, on = "simulated", sheet;
+  std::string drive, out, on = "simulated", sheet, port, pace = "auto";
   std::vector<std::string> overrides;
   double current = 0, speed_rpm = 0;
   Wiring wiring;
@@ -60,29 +64,90 @@ IdentifyHooks hooks(const IdentifyOptions& o) {
   return h;
 }
 
+std::vector<std::string> bridge_overrides(const IdentifyOptions& o) {
+  std::vector<std::string> list = o.overrides;
+  list.insert(list.end(), {"plant.kind=bridge", "bridge.mode=control"});
+  if (!o.port.empty()) list.push_back("bridge.port=\"" + o.port + "\"");
+  return list;
+}
+
+// What --set says of inverter, sensors and rates is no secret of the motor.
+std::vector<std::string> rig_overrides(const IdentifyOptions& o) {
+  std::vector<std::string> list;
+  for (const std::string& item : o.overrides)
+    for (const char* table : {"inverter.", "sensors.", "rates."})
+      if (item.starts_with(table)) list.push_back(item);
+  return list;
+}
+
+// The motor that the experiments run on, and the emulated drive behind a bridge with bridge.emulate.
+struct Bench {
+  ProcessSet emulator;
+  std::unique_ptr<Rig> rig;
+  BridgeRig* bridge = nullptr;
+  std::string name = "the simulated plant";
+};
+
+// The shaft of an emulated drive is free and at rest, as that of the simulated rig.
+void start_emulator(const std::string& drive, const std::string& udp,
+                    const std::vector<std::string>& overrides, ProcessSet& set) {
+  std::vector<std::string> list = {drive, "--udp", udp};
+  for (const std::string& item : overrides) list.insert(list.end(), {"--set", item});
+  for (const char* item : {"load.T_load_Nm=0.0", "start=aligned"})
+    list.insert(list.end(), {"--set", item});
+  set.start(Role::kBridge, "twinrate-emulator", list);
+}
+
+void put_on_bridge(const IdentifyOptions& o, Config& drive, Bench& bench) {
+  const auto bridge = drive.read<BridgeParameters>();
+  if (bridge.emulate)
+    start_emulator(o.drive, bridge.port.substr(std::string("udp://").size()), bridge_overrides(o),
+                   bench.emulator);
+  const RigPace pace = o.pace == "lockstep"   ? RigPace::kLockstep
+                       : o.pace == "realtime" ? RigPace::kRealtime
+                                              : RigPace::kAuto;
+  if (pace != RigPace::kLockstep && !bridge.emulate) {
+    const auto realtime = drive.read<RealtimeParameters>();
+    if (realtime.lock_memory) lock_memory();
+    take_fifo(fifo_priority(realtime, Role::kPlant));
+  }
+  auto rig = std::make_unique<BridgeRig>(drive, pace, stop_signalled);
+  bench.name =
+      fmt::format("{} ({})", bridge.emulate ? "an emulated drive" : "the drive", rig->where());
+  bench.bridge = rig.get();
+  bench.rig = std::move(rig);
+}
+
 int run(const IdentifyOptions& o) {
-  Config drive = load_drive(o.drive, o.overrides);
-  if (o.on == "bridge")
-    throw BadInput(o.drive +
-                   ": --on bridge: not available: identify does not command a real drive; "
-                   "simulated allowed");
+  if (o.on == "bridge" && (o.wiring.swapped_phases || o.wiring.reversed_encoder))
+    throw BadInput("--swap-phases, --reverse-encoder: allowed with --on simulated alone");
+  if (o.on != "bridge" && (!o.port.empty() || o.pace != "auto"))
+    throw BadInput("--port, --pace: allowed with --on bridge alone");
+  Config drive = o.on == "bridge" ? load_with_port(o.drive, bridge_overrides(o))
+                                  : load_drive(o.drive, o.overrides);
   expect_below_trips(o, drive);
-  const Config sheet = load_drive(o.sheet.empty() ? o.drive : o.sheet);
+  const Config sheet = load_drive(o.sheet.empty() ? o.drive : o.sheet, rig_overrides(o));
   ResultDirectory directory(o.out, ResultKind::kIdentify, o.force);
   catch_stop_signals();
-  SimulatedRig rig(drive, o.wiring);
+  Bench bench;
   Identified found;
   try {
-    found = identify(rig, limits(o, sheet.drive()), hooks(o));
+    if (o.on == "bridge")
+      put_on_bridge(o, drive, bench);
+    else
+      bench.rig = std::make_unique<SimulatedRig>(drive, o.wiring);
+    found = identify(*bench.rig, limits(o, sheet.drive()), hooks(o));
+    bench.rig.reset();  // outputs off
   } catch (const RunFailed& failed) {
     std::cerr << (isatty(STDERR_FILENO) != 0 ? "\r\033[K" : "") << o.drive << ": " << failed.what()
               << "\n";
+    if (bench.bridge) std::cerr << "link: " << bench.bridge->account() << "\n";
     return 1;
   }
   if (!o.json && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
   const auto rows = compare(found, sheet.drive().machine);
   const std::string title =
-      fmt::format("{}: identified on the simulated plant, compared with {}\n", drive.drive().name,
+      fmt::format("{}: identified on {}, compared with {}\n", drive.drive().name, bench.name,
                   o.sheet.empty() ? "the [machine] table of the same file" : o.sheet);
   const std::string text = title + identified_text(found, rows);
   directory.begin();
@@ -108,6 +173,12 @@ void add_identify_verb(CLI::App& app, int& exit_code) {
       ->required();
   verb->add_option("--on", o->on, "run the experiments on this plant")
       ->check(CLI::IsMember({"simulated", "bridge"}));
+  verb->add_option("--port", o->port,
+                   "with --on bridge: use this line, a serial device or udp://HOST:PORT");
+  verb->add_option("--pace", o->pace,
+                   "with --on bridge: choose the pace (default: lockstep where the drive waits for "
+                   "each command, as an emulated one, else realtime)")
+      ->check(CLI::IsMember({"auto", "lockstep", "realtime"}));
   verb->add_option("--sheet", o->sheet,
                    "take ratings and data-sheet values from this drive file, not from DRIVE");
   verb->add_option("--current", o->current, "limit the test current, A (default: rated)")

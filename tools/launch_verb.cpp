@@ -97,19 +97,6 @@ void need_multicast() {
   fmt::print(stderr, "twinrate: {}\n", done);
 }
 
-// bridge.emulate without a port: a free UDP port of this machine.
-Config load_with_port(const std::string& drive, std::vector<std::string> overrides) {
-  Config config = load_drive(drive, overrides);
-  const BridgeParameters bridge = config.read<BridgeParameters>();
-  if (config.drive().plant.kind != PlantKind::kBridge || !bridge.emulate) return config;
-  if (!bridge.port.empty() && !bridge.port.starts_with("udp://"))
-    throw BadInput(config.where("bridge.port") +
-                   ": bridge.port: udp://HOST:PORT allowed with bridge.emulate = true");
-  if (!bridge.port.empty()) return config;
-  overrides.push_back(fmt::format("bridge.port=\"udp://127.0.0.1:{}\"", free_udp_port()));
-  return load_drive(drive, overrides);
-}
-
 // Under SCHED_FIFO the kernel stops processes that take a whole CPU for 50 ms of each second
 // (kernel.sched_rt_runtime_us): the drive would trip.
 void check_spin(const Config& config, const RealtimeParameters& realtime) {
@@ -177,6 +164,18 @@ int launch(const LaunchOptions& o) {
 }
 
 }  // namespace
+
+Config load_with_port(const std::string& drive, std::vector<std::string> overrides) {
+  Config config = load_drive(drive, overrides);
+  const BridgeParameters bridge = config.read<BridgeParameters>();
+  if (config.drive().plant.kind != PlantKind::kBridge || !bridge.emulate) return config;
+  if (!bridge.port.empty() && !bridge.port.starts_with("udp://"))
+    throw BadInput(config.where("bridge.port") +
+                   ": bridge.port: udp://HOST:PORT allowed with bridge.emulate = true");
+  if (!bridge.port.empty()) return config;
+  overrides.push_back(fmt::format("bridge.port=\"udp://127.0.0.1:{}\"", free_udp_port()));
+  return load_drive(drive, overrides);
+}
 
 int launch_bridge(const BridgeLaunch& b) {
   LaunchOptions o;

@@ -4,6 +4,7 @@
 #pragma once
 #include <CLI/CLI.hpp>
 
+#include "core/config.hpp"
 #include "core/option_values.hpp"
 
 namespace twinrate {
@@ -42,5 +43,7 @@ struct BridgeLaunch {
   bool force = false;
 };
 int launch_bridge(const BridgeLaunch& launch);
+// load_drive(); bridge.emulate without a port gets a free UDP port of this machine.
+Config load_with_port(const std::string& drive, std::vector<std::string> overrides);
 
 }  // namespace twinrate
