@@ -21,8 +21,9 @@ constexpr double kSigmas = 4;
 constexpr double kFrameFails = 0.7, kFrameFits = 0.9;
 // Of the torque's power, beside frictions and load: the current moves the rotor.
 constexpr double kMoves = 0.5;
-constexpr double kSlowTurn = 0.3;       // rad between rows: further on, samples are no means
-constexpr double kSlowestRow_s = 0.02;  // rows of a moving drive stand closer
+constexpr double kSlowTurn = 0.3;        // rad between rows: further on, samples are no means
+constexpr double kFarZero = kTwoPi / 8;  // electrical: a drive would lose a third of its torque
+constexpr double kSlowestRow_s = 0.02;   // rows of a moving drive stand closer
 
 // How a scale follows from a quantity that is `factor` times what the drive file means.
 struct Unit {
@@ -131,9 +132,9 @@ std::optional<double> misfit(const ScaleFactors& f, const Unit& unit) {
   return shown ? std::optional(sum) : std::nullopt;
 }
 
-// Beyond what effects do, by more than its uncertainty.
+// Beyond what effects do, by more than its uncertainty and by more than the equation leaves.
 bool beyond(const ScaleRatio& r, double least, double most) {
-  if (!r.known()) return false;
+  if (!r.known() || r.over_rest < 1) return false;
   if (r.value < 0) return -r.value > kSigmas * r.sigma;
   const double reach = kSigmas * r.log_sigma();
   return r.log() - reach > std::log(most) || r.log() + reach < std::log(least);
@@ -149,7 +150,8 @@ struct Beyond {
 ScaleRatio load_of_motor(const ScaleFactors& f) {
   if (!f.T_load.known() || !f.K_t_J.known() || f.K_t_J.value <= 0) return {};
   const double value = f.T_load.value / f.K_t_J.value;
-  return {value, std::abs(value) * std::hypot(f.T_load.log_sigma(), f.K_t_J.log_sigma())};
+  return {value, std::abs(value) * std::hypot(f.T_load.log_sigma(), f.K_t_J.log_sigma()),
+          std::max(f.T_load.over_rest, f.K_t_J.over_rest)};
 }
 
 Beyond beyond(const ScaleFactors& f) {
@@ -272,6 +274,25 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
   return found;
 }
 
+// Share of the power that the equation leaves, a turned magnet's included.
+double left(const ScaleFactors& f) {
+  return 1 - f.voltage_share + (f.psi_f.known() ? f.zero_e * f.zero_e : 0);
+}
+
+bool has_every_tick(const Record& record, const DriveFacts& facts) {
+  constexpr double kEveryTick = 1.5;
+  return facts.T_s <= 0 || record.T_s < kEveryTick * facts.T_s;
+}
+
+// A row's voltage is the mean up to the next row, or that of a tick: as it fits better.
+ScaleFactors scales_of(const Record& record, const DriveFacts& facts, Reading as = {}) {
+  const ScaleFactors mean = scale_factors(record, facts, as);
+  if (!record.has_voltage_equation() || has_every_tick(record, facts)) return mean;
+  as.voltage_of_tick = true;
+  const ScaleFactors tick = scale_factors(record, facts, as);
+  return left(tick) < left(mean) ? tick : mean;
+}
+
 // Every scale that a current moves shows one factor of a convention, and psi_f is as declared.
 std::vector<Inconsistency> of_current(const Record& record, const ScaleFactors& f,
                                       const DriveFacts& facts, int encoder_counts) {
@@ -368,10 +389,11 @@ std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& f
                                        const ScaleFactors& as_it_is, int encoder_counts) {
   // That the other reading leaves less; of a frame turned by half, that has all but one sign right.
   const double times = turned_by_half(as_it_is) ? 1.2 : 3;
+  constexpr double kMuchEmf = 9;  // of the voltage's power: weakened to a third
   const bool has_voltage = record.has_voltage_equation();
   const bool by_voltage =
       has_voltage && (as_it_is.cell_share < kFrameFails || turned_by_half(as_it_is) ||
-                      beyond(as_it_is).of_machine());
+                      as_it_is.emf_share > kMuchEmf || beyond(as_it_is).of_machine());
   const bool by_torque = as_it_is.torque_share < (has_voltage ? kFrameFits : kMoves);
   if (!by_voltage && !by_torque) return {};
   struct Best {
@@ -386,7 +408,7 @@ std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& f
     const bool same_without_voltage =
         other.K_t_J != 1 || (other.reading.voltage_stands && !other.reading.current_stands);
     if (has_voltage ? !by_voltage && !of_current : same_without_voltage) continue;
-    const ScaleFactors f = scale_factors(record, facts, other.reading);
+    const ScaleFactors f = scales_of(record, facts, other.reading);
     if (!is_this_machine(f, other.K_t_J) || f.voltage_share < as_it_is.voltage_share) continue;
     if (by_voltage && f.cell_share > voltage.share) voltage = {&other, f.cell_share};
     if (by_torque && (of_current || !has_voltage) && f.torque_share > torque.share)
@@ -402,10 +424,18 @@ std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& f
            best.reading->hint}};
 }
 
+// The declared magnet is where it should be: the rest of the voltage is the loop's own, a controller's
+// answer to noise and to the steps of the angle.
+bool magnet_in_place(const ScaleFactors& f) {
+  const double reach = std::log(kMostPsi) + kSigmas * f.psi_f.log_sigma();
+  return f.psi_f.known() && std::abs(f.psi_f.log()) < reach && std::abs(f.zero_e) < kFarZero;
+}
+
 // No R_s, L and psi_f, whatever their sizes, make this voltage of this current and angle, though the
 // rotor turns fast enough for an EMF.
 std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
   constexpr double kEmf = 0.3;
+  if (magnet_in_place(f)) return {};
   if (f.emf_share < kEmf || f.cell_share > kFrameFails || f.mean_interval_e > kSlowTurn) return {};
   return {{"theta_m", "the angle that voltage and current turn with",
            fmt::format("{:.0f} % of the voltage follow from current and angle, with any R_s, L and "
@@ -416,9 +446,8 @@ std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
 
 // Such a drive would run with a third of its torque lost; one that runs well is read from elsewhere.
 std::vector<Inconsistency> of_zero(const ScaleFactors& f) {
-  constexpr double kFar = kTwoPi / 8;
   if (f.cell_share < kFrameFits || f.mean_interval_e > kSlowTurn || !f.psi_f.known()) return {};
-  if (std::abs(f.zero_e) < kFar || turned_by_half(f)) return {};
+  if (std::abs(f.zero_e) < kFarZero || turned_by_half(f)) return {};
   return {{"theta_m", "zero where the magnet is on phase a",
            fmt::format("the magnet at {:.0f} degrees electrical there", f.zero_e / kDegree),
            "another zero of the angle?"}};
@@ -482,7 +511,7 @@ std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts) {
   std::vector<Inconsistency> found;
-  const ScaleFactors f = scale_factors(record, facts);
+  const ScaleFactors f = scales_of(record, facts);
   found = of_readings(record, facts, f, encoder_counts);
   const Beyond out = beyond(f);
   if (found.empty() && !out.of_machine()) found = of_current(record, f, facts, encoder_counts);
@@ -499,16 +528,11 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
 }
 
 VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
-  constexpr double kEveryTick = 1.5, kHalf = 0.5, kAsGood = 1.1, kStill = 0.02;  // rad
-  if (!record.has_voltage_equation() || facts.T_s <= 0 || record.T_s < kEveryTick * facts.T_s)
-    return {};
+  constexpr double kHalf = 0.5, kAsGood = 1.1, kStill = 0.02;  // rad
+  if (!record.has_voltage_equation() || has_every_tick(record, facts)) return {};
   const ScaleFactors mean = scale_factors(record, facts),
                      tick = scale_factors(record, facts, {.voltage_of_tick = true});
   if (mean.mean_interval_e == 0) return {};  // too few rows to say
-  // Share of the power that the equation leaves, a turned magnet's included.
-  const auto left = [](const ScaleFactors& f) {
-    return 1 - f.voltage_share + (f.psi_f.known() ? f.zero_e * f.zero_e : 0);
-  };
   if (left(mean) < kHalf * left(tick)) return {};
   if (mean.mean_interval_e < kStill && left(mean) < kAsGood * left(tick))
     return {.doubt = "", .open_e = mean.mean_interval_e, .of_tick = left(tick) < left(mean)};

@@ -12,11 +12,18 @@ constexpr double kCell_s = 4e-3;  // of a voltage cell; at least one interval
 constexpr std::size_t kMostCells = 800;
 constexpr std::size_t kBlocks = 20;   // for the standard deviations
 constexpr double kSameColumn = 1e-6;  // of the power: columns that differ by less are one
+// Spread of the speed over its rms. A loop that holds its speed moves the rotor by disturbances alone, and its
+// current answers them: their ratio is no inertia.
+constexpr double kHeld = 0.1;
 constexpr double kSameR = 0.3;        // with a dead time and without
 constexpr double kNegligible = 0.05;  // a term below this share (amplitude) has no scale
 
 double sign(double x) {
   return static_cast<double>((x > 0) - (x < 0));
+}
+
+double sinc(double x) {
+  return std::abs(x) < 1e-4 ? 1 : std::sin(x) / x;
 }
 
 // Least squares with standard deviations from blocks.
@@ -69,7 +76,7 @@ class BlockLeastSquares {
     const double term = scale_[j] * std::max(1.0, std::abs(beta_[j]));
     if (hidden_[j] > kSameColumn || !(power_ > 0) || term < kNegligible * std::sqrt(power_))
       return {};
-    return {beta_[j], sigma_[j]};
+    return {beta_[j], sigma_[j], std::pow(beta_[j] - 1, 2) / std::max(alone_[j] * rest_, 1e-300)};
   }
   double beta(int j) const { return beta_[j]; }
   double sigma(int j) const { return sigma_[j]; }
@@ -116,6 +123,9 @@ class ReadLog {
         as_.voltage_of_tick ? 0 : 0.5 * n_p_ * (theta_m_[k + 1] - theta_m_[k]);
     return park(record_.u_alphabeta[k], frame(k, as_.voltage_stands) + half_turn_e);
   }
+  bool voltage_of_tick() const { return as_.voltage_of_tick; }
+  // rad, electrical, of the encoder's count; 0: none that matters.
+  double step_e() const { return std::abs(as_.angle_factor) * n_p_ * record_.angle.lsb; }
   bool neighbours(std::size_t k) const {
     return record_.t[k + 1] - record_.t[k] < 1.5 * record_.T_s;
   }
@@ -165,11 +175,13 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
     const double N = static_cast<double>(cell), W = N * record.T_s;
     u /= N, i /= N, shape /= N;
     const double turn_e = m.n_p * (log.theta_m(first + cell) - log.theta_m(first));
+    const double kept = log.voltage_of_tick() ? 1 : sinc(0.5 * turn_e / N);
     const double omega_e = turn_e / W;
     const Vec2 rate = (log.i_dq(first + cell) - log.i_dq(first)) / W;
-    const Vec2 flux(m.L_d * rate[0] - omega_e * m.L_q * i[1],
-                    m.L_q * rate[1] + omega_e * m.L_d * i[0]);
-    const double emf = omega_e * m.psi_f;
+    const Vec2 flux = kept * Vec2(m.L_d * rate[0] - omega_e * m.L_q * i[1],
+                                  m.L_q * rate[1] + omega_e * m.L_d * i[0]);
+    const double emf = kept * omega_e * m.psi_f;
+    i *= kept, shape *= kept;
     fit.add(first, {m.R_s * i[0], flux[0], 0, -emf, shape[0]}, u[0]);
     fit.add(first, {m.R_s * i[1], flux[1], emf, 0, shape[1]}, u[1]);
     without_shape.add(first, {m.R_s * i[0], flux[0], 0, -emf}, u[0]);
@@ -187,10 +199,20 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   if (std::abs(without_shape.beta(0) - fit.beta(0)) < kSameR * std::abs(fit.beta(0)))
     out.R_s = fit.ratio(0);
   out.L = fit.ratio(1);
+  // A frame off by half a count has that part of the EMF in the other axis; a cell whose ends are
+  // rounded has another speed, and the currents' jumps at the counts go with it.
+  const double cell_turn_e = out.mean_interval_e * static_cast<double>(cell);
+  const double leak =
+      log.step_e() * std::hypot(0.5, 1 / std::sqrt(6) / std::max(cell_turn_e, 1e-9));
+  for (const auto& [ratio, j] : {std::pair{&out.R_s, 0}, std::pair{&out.L, 1}})
+    ratio->sigma =
+        std::hypot(ratio->sigma,
+                   leak * std::sqrt(fit.column_power(2) / std::max(fit.column_power(j), 1e-300)));
   const ScaleRatio along_d = fit.ratio(2), along_q = fit.ratio(3);
   const double psi = std::hypot(along_d.value, along_q.value);
   if (psi > 0) {
-    out.psi_f = {psi, std::hypot(fit.sigma(2), fit.sigma(3))};
+    out.psi_f = {psi, std::hypot(fit.sigma(2), fit.sigma(3)),
+                 std::pow(psi - 1, 2) * fit.column_power(2) / std::max(fit.rest(), 1e-300)};
     out.zero_e = std::atan2(fit.beta(3), fit.beta(2));
   }
   out.emf_share = fit.column_power(2) / std::max(fit.power(), 1e-300);
@@ -233,6 +255,7 @@ void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& lo
   for (std::size_t k = 0; k < n; ++k) i_q[k] = park(log.i_dq(k), zero_e)[1];
   const bool load = !record.T_load.empty();
   BlockLeastSquares<5> fit(n);
+  double speeds = 0, squares = 0;
   const double W = static_cast<double>(h) * record.T_s;
   for (std::size_t k = h; k + h < n; k += h) {
     double current = 0, T_load = 0;
@@ -249,12 +272,15 @@ void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& lo
     const double before = log.theta_m(k) - log.theta_m(k - h),
                  behind = log.theta_m(k + h) - log.theta_m(k);
     const double omega_m = (before + behind) / (2 * W), rate = (behind - before) / (W * W);
+    speeds += omega_m, squares += omega_m * omega_m;
     fit.add(k, {m.torque_constant() * current, -T_load, -sign(omega_m), -omega_m, -1},
             m.J * rate + m.B * omega_m);
   }
   if (fit.count() < 50) return;
   fit.solve();
-  out.K_t_J = fit.ratio(0);
+  const double count = static_cast<double>(fit.count());
+  const bool held = squares / count - std::pow(speeds / count, 2) < kHeld * kHeld * squares / count;
+  if (!held) out.K_t_J = fit.ratio(0);
   if (load) out.T_load = fit.ratio(1);
   out.torque_share = fit.gain(0) / std::max(fit.gain(0) + fit.rest(), 1e-300);
 }

@@ -1,13 +1,15 @@
 // Scale of a log against its drive file, before any effect: least squares of the raw equations over
 // short cells of rows, in rotor axes.
 //
-//   voltage  u_dq = r_R R_s i_dq + r_L (L i_dq' + J omega_e L i_dq) + omega_e psi + c sat(i_abc)
+//   voltage  u_dq = s (r_R R_s i_dq + r_L (L i_dq' + J omega_e L i_dq) + omega_e psi + c sat(i_abc))
 //   torque   J omega_m' + B omega_m = r_K K_t i_q - r_T T_load - T_C sign(omega_m) - b omega_m - T_0
 //
-// psi has both axes: an angle with another zero does not change |psi|. sat(i) is the shape of a
-// dead time; it, the frictions and T_0 are fitted so that they do not pass for a scale. omega_m' is
-// a second difference over a cell, under the same triangle as i_q. Standard deviations are those of
-// blocks of the log, so structure in time is in them.
+// s = sin(x) / x with x half the electrical turn between rows: what the mean in stator axes keeps of
+// a vector that turns with the rotor; 1 for the voltage of a tick. psi has both axes: an angle with
+// another zero does not change |psi|. sat(i) is the shape of a dead time; it, the frictions and T_0
+// are fitted so that they do not pass for a scale. omega_m' is a second difference over a cell, under
+// the same triangle as i_q. Standard deviations are those of blocks of the log, so structure in time
+// is in them.
 #pragma once
 #include <cmath>
 #include <limits>
@@ -20,6 +22,9 @@ namespace twinrate {
 // A value of the log over the declared one.
 struct ScaleRatio {
   double value = 0, sigma = std::numeric_limits<double>::infinity();
+  // Power that this value explains and the declared one does not, over the power that the whole fit
+  // leaves: below 1 the deviation is less than what the equation does not know.
+  double over_rest = 0;
   // Within 20 %, and part of what the equation is made of.
   bool known() const { return std::isfinite(value) && value != 0 && log_sigma() < 0.2; }
   double log() const { return std::log(std::abs(value)); }

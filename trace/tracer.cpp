@@ -148,6 +148,28 @@ Passed not_asked(const Selection& selection) {
   return passed;
 }
 
+// The voltage equation takes the currents between two rows for a cubic in rotor axes. Of a vector that
+// turns by 1 rad that is right to 0.2 %: a row further from the last one has no voltage equation.
+constexpr double kMostTurn = 1;  // rad, electrical
+constexpr std::size_t kFewestRows = 200;
+
+bool turns_far(const Record& record, std::size_t k, int n_p) {
+  return k > 0 && std::abs(n_p * (record.theta_m[k] - record.theta_m[k - 1])) > kMostTurn;
+}
+
+std::size_t fast_rows(const Record& record, int n_p) {
+  std::size_t rows = 0;
+  if (record.has_voltage_equation())
+    for (std::size_t k = 1; k < record.size(); ++k)
+      rows += record.electrical_ok[k] && turns_far(record, k, n_p);
+  return rows;
+}
+
+void leave_out_fast_rows(Record& record, int n_p) {
+  for (std::size_t k = 1; k < record.size(); ++k)
+    if (turns_far(record, k, n_p)) record.electrical_ok[k] = 0;
+}
+
 TraceResult trace_considered(const Record& log, const DriveConfig& drive, const Health& health,
                              const TraceSettings& settings, std::vector<char> held_out) {
   const auto begin = std::chrono::steady_clock::now();
@@ -161,16 +183,28 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   if (auto found = inconsistencies(log, health, drive.facts(), drive.sensors.encoder_counts);
       !found.empty())
     return inconsistent_result(std::move(found), health);
-  const VoltageMeaning voltage = voltage_meaning(log, drive.facts());
-  if (!voltage.doubt.empty()) {
-    Record without_voltage = log;
-    without_voltage.u_alphabeta.clear();
-    TraceResult r = trace_considered(without_voltage, drive, health, settings, std::move(held_out));
-    r.health.push_back(voltage.doubt);
+  const auto without_voltage = [&](std::string why) {
+    Record rest = log;
+    rest.u_alphabeta.clear();
+    TraceResult r = trace_considered(rest, drive, health, settings, std::move(held_out));
+    r.health.push_back(std::move(why));
     return r;
-  }
+  };
+  VoltageMeaning voltage = voltage_meaning(log, drive.facts());
+  if (!voltage.doubt.empty()) return without_voltage(std::move(voltage.doubt));
   std::optional<Record> turned;
+  std::string fast;
   if (voltage.of_tick) turned = with_mean_of_ticks(log, drive.facts());
+  if (const std::size_t rows = fast_rows(log, drive.machine.n_p); rows > 0) {
+    fast = fmt::format(
+        "{:.0f} % of the rows: the rotor turns by more than {} rad electrical up to the next",
+        100. * static_cast<double>(rows) / static_cast<double>(log.size()), kMostTurn);
+    if (log.size() - rows < kFewestRows)
+      return without_voltage(fast + ": no electrical effect is traced. Log more rows a second");
+    fast += ": they have no voltage equation";
+    if (!turned) turned = log;
+    leave_out_fast_rows(*turned, drive.machine.n_p);
+  }
   const Record& raw = turned ? *turned : log;
   const bool fit_judging_rows = settings.fit_judging_rows || held_out.empty();
   if (held_out.empty()) held_out = held_out_rows(raw, settings.holdout, drive.machine.n_p);
@@ -344,6 +378,7 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
         "not traced",
         raw.T_s / facts.T_s, voltage.of_tick ? "that of its tick" : "the mean to the next row",
         voltage.open_e / facts.machine.n_p, raw.T_s));
+  if (!fast.empty()) result.health.push_back(std::move(fast));
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);
   return result;

@@ -8,6 +8,7 @@
 
 #include "model/random.hpp"
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/scale_factors.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -206,22 +207,101 @@ TEST(Units, EffectsOfAWorkingDriveAreConsistent) {
   EXPECT_TRUE(consistent(d));
 }
 
-// Every tenth row: its voltage the mean of the ten, or that of its own tick.
-Record decimated(bool mean) {
-  constexpr std::size_t kEach = 10;
-  const RawLog& raw = plain_log();
+// Every tenth row (or so): its voltage the mean of the ten, or that of its own tick.
+Record decimated(bool mean, std::size_t each = 10, const RawLog& raw = plain_log()) {
   RawLog out;
-  for (std::size_t k = 0; k + kEach <= raw.size(); k += kEach) {
+  for (std::size_t k = 0; k + each <= raw.size(); k += each) {
     for (const auto column : {&RawLog::t, &RawLog::i_a, &RawLog::i_b, &RawLog::theta_m})
       (out.*column).push_back((raw.*column)[k]);
     for (const auto column : kVoltages) {
       double sum = 0;
-      for (std::size_t j = 0; j < kEach; ++j) sum += (raw.*column)[k + j] / kEach;
+      for (std::size_t j = 0; j < each; ++j) sum += (raw.*column)[k + j] / double(each);
       (out.*column).push_back(mean ? sum : (raw.*column)[k]);
     }
   }
   Health health;
   return make_record(out, servo().machine.n_p, health);
+}
+
+std::string told_of(const Record& record, const DriveConfig& drive = servo()) {
+  const auto found = inconsistencies(record, {}, drive.facts(), drive.sensors.encoder_counts);
+  return found.empty() ? "" : found.front().quantity + ": " + found.front().found;
+}
+
+// 15 ms: 3 rad electrical at full speed, and a mean keeps two thirds of the EMF.
+TEST(Units, RowsBetweenWhichTheRotorTurnsFarAreThoseOfThisMachine) {
+  const RawLog raw = simulate_synthetic({.duration_s = 6});
+  const Record mean = decimated(true, 150, raw), tick = decimated(false, 150, raw);
+  const ScaleFactors f = scale_factors(mean, servo().facts());
+  EXPECT_GT(f.mean_interval_e, 1.2);
+  EXPECT_NEAR(f.psi_f.value, 1, 0.02);
+  EXPECT_NEAR(f.zero_e, 0, 0.02);
+  EXPECT_EQ(told_of(mean), "");
+  EXPECT_EQ(told_of(tick), "");
+}
+
+// The voltage equation holds between rows that the rotor turns little from; the others judge nothing.
+TEST(Units, RowsBetweenWhichTheRotorTurnsFarHaveNoVoltageEquation) {
+  const RawLog raw = simulate_synthetic({.L = 10e-3, .duration_s = 6, .speeds = 2});
+  const TraceResult r = trace_record(decimated(true, 80, raw), servo(), {}, {});
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  EXPECT_EQ(r.effects[0].effect->kind(), "inductance") << r.sentence;
+  EXPECT_EQ(r.verdict, "traced") << r.sentence;
+  EXPECT_NE(r.health.back().find("% of the rows: the rotor turns by more than 1 rad"),
+            std::string::npos)
+      << r.health.back();
+}
+
+// An encoder whose count is 0.12 rad electrical puts more EMF into the other axis than this L has
+// voltage.
+TEST(Units, CountsOfACoarseEncoderAreNoInductance) {
+  DriveConfig drive = servo();
+  drive.machine.L_d = drive.machine.L_q = 4e-4, drive.machine.n_p = 10;
+  SyntheticDrive d{.L = 4e-4, .n_p = 10, .duration_s = 6, .slow = true, .counts = 512};
+  d.psi = drive.machine.psi_f;
+  const RawLog raw = simulate_synthetic(d);
+  Health health;
+  const Record record = make_record(raw, drive.machine.n_p, health);
+  EXPECT_GT(scale_factors(record, drive.facts()).L.log_sigma(), 0.2);
+  EXPECT_EQ(told_of(record, drive), "");
+}
+
+// A speed loop answers an eccentric load in phase with the acceleration: a tenth of J, if it were asked.
+TEST(Units, AHeldSpeedShowsNoInertia) {
+  const DriveFacts facts = servo().facts();
+  const MachineParameters& m = facts.machine;
+  const auto ratio = [&](double swing) {  // of the speed
+    Record record;
+    record.T_s = 1e-3;
+    for (std::size_t k = 0; k < 4000; ++k) {
+      const double t = record.T_s * static_cast<double>(k), w = 100, slow = 5;
+      const double theta_m = w * t - 0.02 * std::cos(w * t) - swing * w / slow * std::cos(slow * t);
+      const double rate = 0.02 * w * w * std::cos(w * t),
+                   move = swing * w * slow * std::cos(slow * t);
+      const double i_q = (0.1 * m.J * rate + m.J * move) / m.torque_constant();
+      record.t.push_back(t);
+      record.theta_m.push_back(theta_m);
+      record.i_alphabeta.push_back(inverse_park({0, i_q}, m.n_p * theta_m));
+      record.motion_ok.push_back(1);
+    }
+    return scale_factors(record, facts).K_t_J;
+  };
+  EXPECT_FALSE(ratio(0).known());
+  EXPECT_TRUE(ratio(0.5).known());
+}
+
+// A slow rotor's voltage is mostly a loop's answer to noise; the magnet is where it should be.
+TEST(Units, ALoudVoltageOfASlowRotorIsInTheRightFrame) {
+  RawLog raw = simulate_synthetic({.duration_s = 6, .slow = true});
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    raw.u_alpha[k] += 1.2 * normal(5, 1, k);
+    raw.u_beta[k] += 1.2 * normal(5, 2, k);
+  }
+  const Record record = decimated(false, 20, raw);
+  const ScaleFactors f = scale_factors(record, servo().facts());
+  EXPECT_LT(f.cell_share, 0.7);
+  EXPECT_GT(f.emf_share, 0.3);
+  EXPECT_EQ(told_of(record), "");
 }
 
 TEST(Units, TheVoltageOfATickIsNotTheMeanOfTenAndNothingElectricalIsTraced) {
