@@ -253,12 +253,17 @@ std::string what_the_model_lacks(const TraceResult& r) {
   return text + fall_of(r, lacking.size() == 1, !too_much.empty());
 }
 
+constexpr const char* kLongerRun =
+    "Record a longer run with several speeds in both directions, load and i_d "
+    "(twinrate trace --plan proposes one).";
+
 std::string sentence(const TraceResult& r) {
   if (r.verdict == "nothing_missing")
     return fmt::format("{} below {:.0f} Hz.", nothing_in_words(r),
                        Sampler::kPassband / r.horizon_s);
   std::string text = headline_begins(r);
   if (!r.effects.empty()) return text + what_the_model_lacks(r) + ".";
+  if (r.verdict == "ambiguous") return text + kLongerRun;
   return text.substr(0, text.size() - 1);
 }
 
@@ -290,14 +295,12 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unco
   const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
   if (4 * told < all) {
     r.verdict = "ambiguous";
-    r.sentence = fmt::format(
-        "Cannot tell: of {} kinds of effects {} identifiable in this record. Record a longer run "
-        "with several speeds in both directions, load and i_d (twinrate trace --plan proposes "
-        "one).",
-        all,
-        told == 0   ? "none is"
-        : told == 1 ? fmt::format("only {} is", r.identifiable[0])
-                    : fmt::format("only {} are", fmt::join(r.identifiable, ", ")));
+    r.sentence =
+        fmt::format("Cannot tell: of {} kinds of effects {} identifiable in this record. {}", all,
+                    told == 0   ? "none is"
+                    : told == 1 ? fmt::format("only {} is", r.identifiable[0])
+                                : fmt::format("only {} are", fmt::join(r.identifiable, ", ")),
+                    kLongerRun);
     std::vector<std::string> blind;
     for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
     r.ambiguous.push_back({blind, "this record does not excite them",
@@ -312,10 +315,7 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unco
                                                 : ", and no kind that is looked for explains it");
   if (why.empty()) return;
   r.verdict = "ambiguous";
-  r.sentence = fmt::format(
-      "Cannot tell: {}. Record a longer run with several speeds in both directions, load and i_d "
-      "(twinrate trace --plan proposes one).",
-      why);
+  r.sentence = fmt::format("Cannot tell: {}. {}", why, kLongerRun);
 }
 
 // On rows that judge, where there are any, by four deviations of a mean square over so many rows.
@@ -340,9 +340,11 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(
         "Cannot tell whether the model lacks more than the samples show: {}. {}", why, r.sentence);
-  } else if (refusal_to_tell(r)) {
-    r.verdict = "unexplained";
-    r.sentence = sentence(r);
+  } else if (const Refused* refused = refusal_to_tell(r)) {
+    r.verdict = "ambiguous";
+    r.sentence =
+        fmt::format("Cannot tell whether the model lacks more than the samples show: {}. {}",
+                    refusal_in_words(*refused), r.sentence);
   }
 }
 
@@ -441,7 +443,7 @@ TraceResult conclude(const Conclusion& c) {
     doubt_samples_alone(c.last, c.fitted, r);
   // What was found and refused is more than "nothing".
   if (r.verdict == "nothing_missing" && refusal_to_tell(r)) {
-    r.verdict = "unexplained";
+    r.verdict = "ambiguous";
     r.sentence = sentence(r);
   }
   return r;

@@ -228,7 +228,7 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
   blind_to_threshold(trace, kind, r);
   leave_out_excluded(trace.considered, r);
   r.verdict = verdict_of(r);
-  if (r.verdict == std::string("nothing_missing") && refusal_to_tell(r)) r.verdict = "unexplained";
+  if (r.verdict == std::string("nothing_missing") && refusal_to_tell(r)) r.verdict = "ambiguous";
   r.sentence = sentence_of(trace, r);
   doubt_nothing(r);
   if (r.interrupted)

@@ -96,8 +96,9 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
 
 // Why nothing is told of what was found; not what it was.
 std::string refused_in_words(const Refused& first) {
-  return fmt::format("Unexplained: what was found in these logs did not pass the rule of {}{}: {}.",
-                     first.rule, first.file.empty() ? "" : " on " + first.file, first.text);
+  return fmt::format("{}: what was found in these logs did not pass the rule of {}{}: {}.",
+                     first.rule == "whole" ? "Unexplained" : "Cannot tell", first.rule,
+                     first.file.empty() ? "" : " on " + first.file, first.text);
 }
 
 // Nothing was found, and what was to be explained is all there still, beyond the noise of the rows:
@@ -262,7 +263,7 @@ TraceResult trace_considered(const std::vector<PositionLog>& logs, const DriveFa
     return x.rule == "whole" || (nothing && x.leaves_doubt());
   });
   if (r.effects.empty() && held_back != r.refused.end()) {
-    r.verdict = "unexplained";
+    r.verdict = held_back->rule == "whole" ? "unexplained" : "ambiguous";
     r.sentence = refused_in_words(*held_back);
   }
   if (r.effects.empty() && !found.at_rest.empty() && turns < 0.9) {

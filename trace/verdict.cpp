@@ -18,22 +18,16 @@ bool has_other_name(const TraceResult& r) {
   });
 }
 
-// Which rule refused what was found, and where; not what it was.
-std::string refusal_in_words(const Refused& refused) {
-  return fmt::format("what would explain more did not pass the rule of {}{}: {}", refused.rule,
-                     refused.file.empty() ? "" : " on " + refused.file, refused.text);
-}
-
 }  // namespace
 
 const char* verdict_of(const TraceResult& r) {
   if (r.structured) return "unexplained";
   if (!r.effects.empty()) return has_other_name(r) ? "ambiguous" : "traced";
   if (!r.ambiguous.empty()) return "ambiguous";
-  // What lowered the raw error on rows that judge, and was refused all the same, is there under
-  // some other name.
+  // What lowered the raw error on rows that judge, and was refused all the same, may be there under
+  // some other name; no structure shows it.
   return std::any_of(r.refused.begin(), r.refused.end(), [](const Refused& x) { return x.left; })
-             ? "unexplained"
+             ? "ambiguous"
              : "nothing_missing";
 }
 
@@ -58,8 +52,17 @@ const Refused* refusal_to_tell(const TraceResult& r) {
   return told;
 }
 
+std::string refusal_in_words(const Refused& refused) {
+  return fmt::format("what would explain more did not pass the rule of {}{}: {}", refused.rule,
+                     refused.file.empty() ? "" : " on " + refused.file, refused.text);
+}
+
 std::string headline_begins(const TraceResult& r) {
-  if (r.verdict == "ambiguous") return "Ambiguous, see the aliases. ";
+  if (r.verdict == "ambiguous") {
+    const Refused* refused = r.effects.empty() ? refusal_to_tell(r) : nullptr;
+    return refused ? fmt::format("Cannot tell: {}. ", refusal_in_words(*refused))
+                   : "Ambiguous, see the aliases. ";
+  }
   if (r.verdict != "unexplained") return "";
   std::vector<std::string> what;
   for (const Structure& s : r.unexplained) what.push_back(s.text);

@@ -1,0 +1,45 @@
+// The verdict follows from what passed, what was refused and what structure is left.
+#include "trace/verdict.hpp"
+
+#include <gtest/gtest.h>
+
+namespace twinrate {
+namespace {
+
+TraceResult with_refused(const char* rule, bool left) {
+  TraceResult r;
+  r.refused.push_back(
+      {.kind = "torsion", .rule = rule, .left = left, .text = "0.4 of its gain is kept"});
+  r.verdict = verdict_of(r);
+  return r;
+}
+
+// Nothing shows it but the claim that was refused.
+TEST(Verdict, ARefusedClaimWithoutAStructureIsNoStatement) {
+  const TraceResult r = with_refused("agreement", true);
+  EXPECT_EQ(r.verdict, "ambiguous");
+  EXPECT_EQ(headline_begins(r),
+            "Cannot tell: what would explain more did not pass the rule of agreement: 0.4 of its "
+            "gain is kept. ");
+}
+
+TEST(Verdict, ARefusedClaimBesideAStructureIsUnexplained) {
+  TraceResult r = with_refused("agreement", true);
+  r.structured = true;
+  r.unexplained.push_back(
+      {.regressor = "i_q", .text = "the residual of the torque depends on i_q"});
+  r.verdict = verdict_of(r);
+  EXPECT_EQ(r.verdict, "unexplained");
+  EXPECT_EQ(headline_begins(r),
+            "Unexplained: the residual of the torque depends on i_q, which no effect of the "
+            "catalogue was shown to explain; what would explain more did not pass the rule of "
+            "agreement: 0.4 of its gain is kept. ");
+}
+
+TEST(Verdict, AClaimRefusedForItsSizeLeavesNoDoubt) {
+  EXPECT_EQ(with_refused("size", false).verdict, "nothing_missing");
+  EXPECT_EQ(refusal_to_tell(with_refused("size", false)), nullptr);
+}
+
+}  // namespace
+}  // namespace twinrate
