@@ -408,10 +408,10 @@ TraceResult conclude(const Conclusion& c) {
       !c.health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
     for (Structure& s : residual_structure(c.last, c.fitted)) {
       // Beside what the samples or the bus show any doubt is told, too.
-      if (s.confirmed || !r.effects.empty())
+      if (s.doubt.empty() || !r.effects.empty())
         r.unexplained.push_back(std::move(s));
       else
-        unconfirmed = fmt::format("{}, and the rows that judge do not confirm it", s.text);
+        unconfirmed = fmt::format("{}, and {}", s.text, s.doubt);
     }
   name_aliases(chain.equations().record(), considered, c.dictionary, r);
   r.structured = !r.unexplained.empty();

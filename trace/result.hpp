@@ -82,7 +82,7 @@ struct Structure {
   std::string equation, channel;       // channel: d, q, torque
   double frequency_Hz = 0, order = 0;  // of a line
   bool bursts = false;                 // now and then, whatever the regressor
-  bool confirmed = true;               // by rows that judge
+  std::string doubt;                   // why it may be no effect, in words; empty: confirmed
   std::string text;
 };
 

@@ -238,10 +238,35 @@ TEST(Rest, OfFittedRowsAloneIsNoStructure) {
       for (const Structure& s : residual_structure(fitter, fitter.start(members))) {
         if (s.channel != "d") continue;
         over_others += s.regressor != "t";
-        EXPECT_EQ(s.confirmed, everywhere || !members.empty()) << s.text;
+        EXPECT_EQ(s.doubt.empty(), everywhere || !members.empty()) << s.text;
       }
       EXPECT_EQ(over_others > 0, everywhere) << members.size();
     }
+  }
+}
+
+// The same in all rows, of an angle whose counts are so wide that half of one has twice that voltage.
+TEST(Rest, BelowHalfACountsVoltageIsInDoubt) {
+  constexpr double kSwing = 0.1, kUnknown = 9, kOmega_m = 1;  // A, ohm, rad/s
+  for (const bool coarse : {false, true}) {
+    Record r = noisy_drive(kGain, 0, kSwing);
+    for (std::size_t k = 0; k < r.size(); ++k) r.u_alphabeta[k] += kUnknown * r.i_alphabeta[k];
+    const double emf = kOmega_m * winding().n_p * winding().psi_f;  // of 1 rad, electrical
+    const double half_count = (coarse ? 2.5 : 1) * kUnknown * kSwing / emf;
+    NoisyEquations e(std::move(r));
+    e.record.angle.lsb = 2 * half_count / winding().n_p;  // of its noise none is drawn
+    Chain chain(e.equations, e.answered, e.readings, e.sampler);
+    const auto all = test::effect_of("resistance", {{"change_Ohm", kUnknown}}, e.facts);
+    chain.set_noise(NoiseFit()(chain, chain.residual({all}), {}));
+    const Rows rows(e.sampler, false), held_out(e.sampler, true);
+    const Fitter fitter(chain, rows, held_out);
+    int of_d = 0;
+    for (const Structure& s : residual_structure(fitter, fitter.start({}))) {
+      if (s.channel != "d") continue;
+      ++of_d;
+      EXPECT_EQ(s.doubt.find("half a count") != std::string::npos, coarse) << s.text << s.doubt;
+    }
+    EXPECT_EQ(of_d, 1);
   }
 }
 
