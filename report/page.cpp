@@ -115,6 +115,7 @@ void write_report(const std::vector<ReportRun>& runs, const ReportOptions& optio
   if (const std::string command = report::command_of(runs.front().manifest_json);
       views.size() == 1 && !command.empty())
     page["command"] = command;
+  for (const std::string& note : options.notes) page["notes"].push_back(note);
   page["revision"] = runs.front().log.revision;
   report::write_page(std::move(page), title, out_path);
 }

@@ -31,6 +31,7 @@ struct ReportRun {
 struct ReportOptions {
   std::string title;  // empty: the drive's name
   AngleReference angle_reference = AngleReference::kAuto;
+  std::vector<std::string> notes = {};  // lines under the heading
 };
 
 // Writes or replaces `out_path`. Throws std::runtime_error if it cannot be written or the page's

@@ -290,6 +290,7 @@ function build(content) {
   page.replaceChildren(element('h1', { textContent: content.title }),
     element('p', { className: 'subtitle', textContent: content.subtitle + revision }));
   if (content.command) page.append(element('p', { className: 'subtitle', textContent: content.command }));
+  for (const note of content.notes || []) page.append(element('p', { className: 'note', textContent: note }));
   if (content.verdict) page.append(verdictNode(content.verdict));
   if (content.summary) page.append(summaryNode(content.summary));
   if (content.comparison) page.append(tableNode(content.comparison.head, content.comparison.rows));

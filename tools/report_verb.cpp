@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ReportArguments {
-  std::vector<std::string> paths;
+  std::vector<std::string> paths, notes;
   std::string out, title, config, angle_reference = "auto", channel_suffix;
   bool force = false, repair = false, json = false;
 };
@@ -132,7 +132,8 @@ void report(const ReportArguments& arguments) {
   runs.reserve(loaded.size());
   for (const LoadedRun& run : loaded)
     runs.push_back({run.log, run.ticks, run.config.drive(), run.summary, run.manifest_json});
-  write_report(runs, {arguments.title, wanted_reference(arguments.angle_reference)}, out);
+  write_report(
+      runs, {arguments.title, wanted_reference(arguments.angle_reference), arguments.notes}, out);
   if (arguments.json)
     fmt::print("{}\n", nlohmann::json{{"page", out}}.dump());
   else
@@ -147,6 +148,9 @@ void add_report_verb(CLI::App& app, int&) {
       "report", "Write one self-contained HTML page of figures; compare several runs");
   verb->add_option("LOG", arguments->paths, "read these run directories or log files")->required();
   verb->add_option("--out", arguments->out, "write this page (default RUN_DIR/report.html)");
+  verb->add_option("--note", arguments->notes,
+                   "write this line under the heading; repeat for more lines")
+      ->allow_extra_args(false);
   verb->add_option("--title", arguments->title, "set the heading (default: the name of the drive)");
   verb->add_option("--angle-reference", arguments->angle_reference,
                    "choose the reference of the angle error: truth, or encoder for the measured "

@@ -135,6 +135,12 @@ TEST_F(Report, ASalientMachineHasItsStartAndItsLoadSteps) {
   expect_whole_figures(content);
 }
 
+TEST_F(Report, HasTheNotesOfTheCallUnderItsHeading) {
+  const Json content = content_of(page_of({made_up_run()}, {.notes = {"It starts aligned.", "b"}}));
+  EXPECT_EQ(content["notes"], Json({"It starts aligned.", "b"}));
+  EXPECT_FALSE(content_of(page_of({made_up_run()})).contains("notes"));
+}
+
 TEST_F(Report, NeedsNoOtherFile) {
   const std::string page = page_of({made_up_run()});
   EXPECT_EQ(page.find("src="), std::string::npos);
