@@ -245,7 +245,7 @@ const std::vector<Situation>& situations() {
       {"safety.hold_ms", missing},
       {"safety.off", missing},
       {"safety.off_at.over_current",
-       {"plant.fault.kind=current_jump", "plant.fault.at_s=0.02", "plant.fault.value=100.0",
+       {"plant.fault.kind=current_jump", "plant.fault.at_s=0.02", "plant.fault.value=50I",
         "safety.watch_sensors=false"}},
       {"safety.off_at.over_voltage", bus_high},
       {"safety.off_at.under_voltage",
