@@ -488,8 +488,11 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
   unbalanced.insert(unbalanced.end(), {5, 6});
   const auto once = motion.solve(unbalanced);
   const double swing = std::hypot(once.x[5], once.x[6]);
-  if (swing > kSigmas * std::hypot(once.sigma[5], once.sigma[6]) &&
-      swing > kShare * (std::abs(once.x[1]) * omega + std::abs(once.x[2])))
+  // A small one drowns in its own jackknife, but not in the residual.
+  constexpr double kFalls = 0.9;
+  const bool is_seen = swing > kSigmas * std::hypot(once.sigma[5], once.sigma[6]) ||
+                       once.rms < kFalls * solution.rms;
+  if (is_seen && swing > kShare * (std::abs(once.x[1]) * omega + std::abs(once.x[2])))
     solution = once;
   const double J = 1 / solution.x[0];
   const double J_share = std::hypot(solution.sigma[0] / solution.x[0], kErrorOfJ);

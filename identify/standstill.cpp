@@ -144,6 +144,7 @@ void find_wiring(Experiment& e, Identified& found) {
 struct Level {
   double i = 0, u = 0;
   double place = 0;  // in time: 0 of the first level, 1 of the last
+  double moved = 0;  // rad, of the shaft meanwhile
 };
 
 // The current loop finds the voltage of a level, which is then held: the swing of the rotor dies
@@ -165,10 +166,13 @@ std::vector<Level> direct_levels(Experiment& e) {
     for (int k = 0; k < e.ticks(kSettle_s); ++k) e.apply(u);
     Level mean{.place = static_cast<double>(step) / static_cast<double>(wanted.size() - 1)};
     const int ticks = e.ticks(kMean_s);
+    Spread angle;
     for (int k = 0; k < ticks; ++k) {
       const Row& row = e.apply(u);
+      angle.add(row.theta);
       mean.i += row.i[0] / ticks, mean.u += row.u[0] / ticks;
     }
+    mean.moved = angle.width();
     levels.push_back(mean);
   }
   return levels;
@@ -272,8 +276,14 @@ void compare_phases(Experiment& e, Identified& found) {
 
 void find_resistance(Experiment& e, Identified& found) {
   constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5, kDrift = 3e-3;
-  const std::vector<Level> levels = direct_levels(e);
+  std::vector<Level> levels = direct_levels(e);
   e.pause();
+  // A small current does not hold a shaft with unbalance or cogging, whose EMF is no loss.
+  const double count = e.facts().encoder_counts > 0 ? kTwoPi / e.facts().encoder_counts : 0;
+  bool slips = false;
+  for (std::size_t k = kDirectLevels; k + 1 < levels.size(); ++k)
+    slips |= levels[k].moved > std::max(2.5 * count, 5e-4);
+  if (slips) levels.erase(levels.begin() + kDirectLevels, levels.end() - 1);
   const double i_sigma = e.offset_sigma_alpha();
   const double again = levels.back().u / levels.back().i * levels.front().i / levels.front().u;
   const bool drifts = std::abs(again - 1) > kDrift;
@@ -306,7 +316,7 @@ void find_resistance(Experiment& e, Identified& found) {
                     "warms?); it is "
                     "that of their begin",
                     100 * best.drift / best.R_s.value));
-  if (loss.V.value != 0 && loss.i_linear > 0.5 * e.i_max())
+  if (found.loss.V.value != 0 && found.loss.i_linear > 0.5 * e.i_max())
     found.notes.push_back(
         "loss of the inverter: it has not reached its full value at the test current, so a part of "
         "it can be in R_s; a larger test current separates them");

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <iostream>
+#include <nlohmann/json.hpp>
 
 #include "controller/controller.hpp"
 #include "core/field_list.hpp"
@@ -20,7 +21,7 @@ namespace {
 struct CheckOptions {
   std::string drive;
   std::vector<std::string> overrides;
-  bool resolved = false, reference = false, schema = false;
+  bool resolved = false, reference = false, schema = false, json = false;
 };
 
 void print_summary(Config& config, const std::vector<std::string>& warnings,
@@ -61,6 +62,38 @@ void print_summary(Config& config, const std::vector<std::string>& warnings,
   fmt::print("{}\n", warnings.empty() ? "ok"
                                       : fmt::format("ok, {} warning{}", warnings.size(),
                                                     warnings.size() == 1 ? "" : "s"));
+}
+
+void print_json(Config& config, const std::vector<std::string>& warnings,
+                const std::vector<std::string>& notes) {
+  const DriveConfig& d = config.drive();
+  const MachineParameters& m = d.machine;
+  const Demand demand = demand_of(config);
+  nlohmann::ordered_json json = {{"name", d.name},
+                                 {"ok", true},
+                                 {"warnings", warnings},
+                                 {"notes", notes},
+                                 {"machine",
+                                  {{"n_p", m.n_p},
+                                   {"R_s_Ohm", m.R_s},
+                                   {"L_d_H", m.L_d},
+                                   {"L_q_H", m.L_q},
+                                   {"psi_f_Wb", m.psi_f},
+                                   {"J_kgm2", m.J},
+                                   {"torque_constant_Nm_A", m.torque_constant()}}},
+                                 {"f_s_Hz", d.rates.f_s_Hz},
+                                 {"f_b_Hz", d.rates.f_b_Hz},
+                                 {"n", d.rates.n},
+                                 {"u_max_V", demand.u_max},
+                                 {"i_max_A", nullptr},
+                                 {"T_max_Nm", nullptr},
+                                 {"omega_e_rad_s", demand.omega_e},
+                                 {"emf_V", demand.emf},
+                                 {"T_load_Nm", demand.T_load},
+                                 {"i_d_A", demand.i_dq[0]},
+                                 {"i_q_A", demand.i_dq[1]}};
+  if (demand.i_max) json["i_max_A"] = *demand.i_max, json["T_max_Nm"] = *demand.T_max;
+  std::cout << json.dump() << "\n";
 }
 
 void print_rows(const std::string& title, const std::string& intro,
@@ -122,6 +155,8 @@ void print_reference() {
 }
 
 void check(const CheckOptions& options) {
+  if (options.json && (options.reference || options.schema || options.resolved))
+    throw BadInput("check: --json: not allowed with --resolved, --reference or --schema");
   if (options.reference) return print_reference();
   if (options.schema) {
     std::cout << drive_schema();
@@ -134,6 +169,8 @@ void check(const CheckOptions& options) {
   const std::vector<std::string> warnings = check_by_trial(config, Trial::kAlways, &notes);
   if (options.resolved)
     std::cout << config.resolved();
+  else if (options.json)
+    print_json(config, warnings, notes);
   else
     print_summary(config, warnings, notes);
 }
@@ -153,6 +190,7 @@ void add_check_verb(CLI::App& app, int&) {
   verb->add_flag("--reference", options->reference,
                  "print the reference page of every key, as Markdown");
   verb->add_flag("--schema", options->schema, "print the JSON Schema of drive files");
+  verb->add_flag("--json", options->json, "print the operating point and the warnings as JSON");
   verb->callback([options] { check(*options); });
 }
 

@@ -5,6 +5,7 @@
 
 #include <fstream>
 #include <iostream>
+#include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
 #include "core/output_file.hpp"
@@ -18,7 +19,7 @@ namespace {
 struct MachineOptions {
   std::string name, out;
   std::vector<std::string> from;
-  bool force = false;
+  bool force = false, json = false;
 };
 
 std::string known_keys() {
@@ -60,7 +61,20 @@ void make(const MachineOptions& o) {
   check_name(o.name);
   const std::string path = o.out.empty() ? o.name + ".toml" : o.out;
   expect_free(path, o.force);
+  if (o.json && o.from.empty())
+    throw BadInput("machine new: --json: --from key=value .. is required");
   const DriveOfSheet drive = drive_of_sheet(o.name, sheet_of(o));
+  if (o.json) {
+    (o.force ? replace_file : write_new)(path, drive.toml);
+    const nlohmann::ordered_json json = {{"out", path},
+                                         {"converted", drive.conversions},
+                                         {"assumed", drive.assumed},
+                                         {"derived", drive.derived},
+                                         {"doubts", drive.doubts},
+                                         {"warnings", drive.warnings}};
+    std::cout << json.dump() << "\n";
+    return;
+  }
   print("converted", drive.conversions);
   print("assumed, not on the sheet", drive.assumed);
   print("derived", drive.derived);
@@ -112,6 +126,7 @@ void add_machine_verb(CLI::App& app, int&) {
                    "give values of the data sheet, key=value ..; without it they are asked for");
   verb->add_option("--out", o->out, "write this file (default NAME.toml)");
   verb->add_flag("--force", o->force, "replace the file");
+  verb->add_flag("--json", o->json, "print what was converted, assumed and doubted as JSON");
   verb->footer(known_keys());
   verb->callback([o] { make(*o); });
   machine->add_subcommand("list", "List the presets: ratings and motor")->callback(list);
