@@ -1,6 +1,7 @@
 // twinrate launch: the process set over LCM, from start to report.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <sstream>
 
@@ -116,9 +117,18 @@ int launch(const LaunchOptions& o) {
     overrides.push_back(duration_override(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
   const std::set<Role> without = roles_of(o.without);
-  own_programs(o.own);  // refused before anything is made
+  const std::vector<OwnProgram> own = own_programs(o.own);  // refused before anything is made
   if (without.count(Role::kReference)) overrides.push_back("reference.from_bus=true");
   Config config = load_with_port(o.drive, overrides);
+  const bool own_plant =
+      without.count(Role::kPlant) ||
+      std::any_of(own.begin(), own.end(), [](const OwnProgram& program) {
+        return std::count(program.roles.begin(), program.roles.end(), Role::kPlant);
+      });
+  if (config.drive().plant.kind == PlantKind::kBridge && !own_plant &&
+      config.read<BridgeParameters>().port.empty())
+    throw BadInput(config.where("bridge.port") +
+                   ": bridge.port: a serial device or udp://HOST:PORT allowed, found nothing");
   for (const std::string& warning : check_by_trial(config, Trial::kAlways))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
@@ -148,7 +158,7 @@ int launch(const LaunchOptions& o) {
                                          .json = o.json,
                                          .monitor = config.read<MonitorParameters>().enabled,
                                          .without = without,
-                                         .own = own_programs(o.own),
+                                         .own = own,
                                          .bus = config.read<BusParameters>(),
                                          .bridge = config.read<BridgeParameters>(),
                                          .on_log_loss = config.read<LoggerParameters>().on_loss,

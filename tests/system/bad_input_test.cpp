@@ -49,6 +49,10 @@ TEST_F(BadInput, UnknownKey) {
   expect_refused(launch(drive("preset = \"dilys2021\"\n\n[machine]\nR_s = 1.0\n")),
                  {"drive.toml:4", "machine.R_s", "unknown key", "R_s_Ohm"});
 }
+TEST_F(BadInput, ARealDriveWithoutAPort) {
+  expect_refused(launch("dilys2021", {"--set", "plant.kind=bridge"}),
+                 {"bridge.port", "a serial device or udp://HOST:PORT"});
+}
 TEST_F(BadInput, MissingKey) {
   expect_refused(launch(drive("[rates]\nf_s_Hz = 5000.0\n")),
                  {"drive.toml", "machine.R_s_Ohm", "missing"});
