@@ -26,10 +26,10 @@ constexpr double kLeastShare = 0.04;        // of the residual's power: less is 
 // Why a structure may be no effect.
 constexpr const char* kNotConfirmed = "the rows that judge do not confirm it";
 constexpr const char* kOfCounts =
-    "half a count of the encoder makes twice as much (a finer encoder would tell)";
-// Of the EMF that half a count puts into the d voltage. Of ten drawn logs with such a structure and
-// no claim the five that lacked nothing had 0.11 to 0.42 of it; of the others one had 0.18, four had
-// 1.02 and more.
+    "an angle off by half a count could make twice as much (a finer encoder would tell)";
+// Of the EMF that half a count puts into the d voltage. Ten drawn logs have such a structure and no
+// claim. In the five that lack nothing it is 0.11 to 0.42 of that EMF. In the others it is 0.18 in one,
+// and 1.02 or more in four.
 constexpr double kOfCount = 0.5;
 
 // What moves little more than its own noise in most rows orders nothing: that noise is in the rest,
@@ -263,8 +263,8 @@ class StructureSearch {
             .doubt = rms < kOfCount * emf_of_half_a_count(looked, runs) ? kOfCounts : nullptr};
   }
 
-  // What an angle off by half a count puts into the d voltage, rms. The counts are where the loop's
-  // answer to the last one is, too: such an error need not be zero in the mean.
+  // What an angle off by half a count puts into the d voltage, rms. The loop answers each count, so the
+  // product of angle error and voltage need not be zero in the mean.
   double emf_of_half_a_count(const Looked& looked, const Runs& runs) const {
     if (looked.value != &Sampled::d || runs.row.empty()) return 0;
     const Equations& equations = chain_.equations();

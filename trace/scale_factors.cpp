@@ -12,8 +12,8 @@ constexpr double kCell_s = 4e-3;  // of a voltage cell; at least one interval
 constexpr std::size_t kMostCells = 800;
 constexpr std::size_t kBlocks = 20;   // for the standard deviations
 constexpr double kSameColumn = 1e-6;  // of the power: columns that differ by less are one
-// Spread of the speed over its rms. A loop that holds its speed moves the rotor by disturbances alone, and its
-// current answers them: their ratio is no inertia.
+// Spread of the speed over its rms. Disturbances alone move a rotor whose speed a loop holds. The current
+// answers them, and their ratio is no inertia. One drawn log (an eccentric load, 11 times K_t/J) is the reason.
 constexpr double kHeld = 0.1;
 constexpr double kSameR = 0.3;        // with a dead time and without
 constexpr double kNegligible = 0.05;  // a term below this share (amplitude) has no scale
