@@ -8,12 +8,14 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 
 #include "controller/controller.hpp"
 #include "core/field_list.hpp"
 #include "loop/load_drive.hpp"
+#include "model/machine.hpp"
 #include "tests/support/drives.hpp"
 
 namespace twinrate::test {
@@ -361,6 +363,26 @@ TEST(ScaledStart, AlignsUntilTheRotorHasSettled) {
                   "machine.L_q_H=6.57448e-3", "machine.psi_f_Wb=6.72909e-2", "machine.n_p=13",
                   "machine.J_kgm2=1.85093e-2", "machine.i_rated_A=1.26055"}),
       5 / 9.67, 0.002);
+}
+
+// The stiffness is the slope of the machine's own torque over the angle between current and magnet;
+// with L_q > L_d the reluctance takes 0.37 of it.
+TEST(ScaledStart, ReluctanceTakesFromTheStiffnessOfASalientRotor) {
+  constexpr double kTurn = 1e-6;  // rad, electrical
+  const MachineParameters m{.R_s = 0.326508,
+                            .L_d = 6.57448e-3,
+                            .L_q = 19.72e-3,
+                            .psi_f = 6.72909e-2,
+                            .J = 4e-2,
+                            .n_p = 13};
+  const double i = 1.5 * 1.26055, flux = m.n_p * m.psi_f;
+  const double k = m.n_p * m.torque(i * std::cos(kTurn), i * std::sin(kTurn)) / kTurn;
+  const double damping = 1.5 * flux * flux * m.R_s / (m.R_s * m.R_s + k / m.J * m.L_q * m.L_q);
+  ASSERT_LT(damping * damping, 4 * m.J * k);  // it swings
+  EXPECT_NEAR(t_align_of({"machine.R_s_Ohm=0.326508", "machine.L_d_H=6.57448e-3",
+                          "machine.L_q_H=19.72e-3", "machine.psi_f_Wb=6.72909e-2", "machine.n_p=13",
+                          "machine.J_kgm2=4e-2", "machine.i_rated_A=1.26055"}),
+              5 / (damping / (2 * m.J)), 0.002);
 }
 
 TEST(Runnable, TakesNoTableOverSpeed) {
