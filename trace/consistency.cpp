@@ -275,7 +275,7 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
 }
 
 // Share of the power that the equation leaves, a turned magnet's included.
-double left(const ScaleFactors& f) {
+double power_left(const ScaleFactors& f) {
   return 1 - f.voltage_share + (f.psi_f.known() ? f.zero_e * f.zero_e : 0);
 }
 
@@ -290,7 +290,7 @@ ScaleFactors scales_of(const Record& record, const DriveFacts& facts, Reading as
   if (!record.has_voltage_equation() || has_every_tick(record, facts)) return mean;
   as.voltage_of_tick = true;
   const ScaleFactors tick = scale_factors(record, facts, as);
-  return left(tick) < left(mean) ? tick : mean;
+  return power_left(tick) < power_left(mean) ? tick : mean;
 }
 
 // Every scale that a current moves shows one factor of a convention, and psi_f is as declared.
@@ -533,17 +533,20 @@ VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
   const ScaleFactors mean = scale_factors(record, facts),
                      tick = scale_factors(record, facts, {.voltage_of_tick = true});
   if (mean.mean_interval_e == 0) return {};  // too few rows to say
-  if (left(mean) < kHalf * left(tick)) return {};
-  if (mean.mean_interval_e < kStill && left(mean) < kAsGood * left(tick))
-    return {.doubt = "", .open_e = mean.mean_interval_e, .of_tick = left(tick) < left(mean)};
+  if (power_left(mean) < kHalf * power_left(tick)) return {};
+  if (mean.mean_interval_e < kStill && power_left(mean) < kAsGood * power_left(tick))
+    return {.doubt = "",
+            .open_e = mean.mean_interval_e,
+            .of_tick = power_left(tick) < power_left(mean)};
   std::string why = fmt::format(
       "the log has one row for {:.3g} ticks of the controller, and its voltage is {} (the mean of "
       "the interval leaves {:.2g} % of the voltage's power, the tick's value {:.2g} %): no "
       "electrical effect is traced. Log every tick, or the mean voltage from row to row in stator "
       "axes",
       record.T_s / facts.T_s,
-      left(tick) < kHalf * left(mean) ? "that of a tick" : "not clearly the mean of the interval",
-      100 * left(mean), 100 * left(tick));
+      power_left(tick) < kHalf * power_left(mean) ? "that of a tick"
+                                                  : "not clearly the mean of the interval",
+      100 * power_left(mean), 100 * power_left(tick));
   return {.doubt = std::move(why)};
 }
 
