@@ -40,6 +40,38 @@ std::string first_text(const std::string& path) {
   return text;
 }
 
+// Length of the UTF-8 character at `at`; 0 if there is none.
+std::size_t utf8_length(const std::string& text, std::size_t at) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned char first = byte(at);
+  const std::size_t length = first < 0x80                    ? 1
+                             : first >= 0xC2 && first < 0xE0 ? 2
+                             : first >= 0xE0 && first < 0xF0 ? 3
+                             : first >= 0xF0 && first < 0xF5 ? 4
+                                                             : 0;
+  if (length == 0 || at + length > text.size()) return 0;
+  for (std::size_t i = 1; i < length; ++i)
+    if ((byte(at + i) & 0xC0) != 0x80) return 0;
+  return length;
+}
+
+// A name for people and for the map, which is UTF-8. Other bytes are those of Latin 1.
+std::string utf8(const std::string& text) {
+  std::string out;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t length = utf8_length(text, at);
+    if (length > 0) {
+      out += text.substr(at, length);
+      at += length;
+      continue;
+    }
+    const auto byte = static_cast<unsigned char>(text[at++]);
+    out += static_cast<char>(0xC0 | byte >> 6);
+    out += static_cast<char>(0x80 | (byte & 0x3F));
+  }
+  return out;
+}
+
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines(1);
   for (const char c : text)
@@ -229,6 +261,18 @@ Header header_of(const std::vector<std::string>& lines, const Layout& layout) {
     header.skip = above[0];
   }
   return header;
+}
+
+// The map is UTF-8, the names of the file are not: the map then has the numbers of the columns.
+bool made_utf8(Header& header) {
+  bool changed = false;
+  for (auto* texts : {&header.names, &header.units})
+    for (std::string& text : *texts) {
+      std::string whole = utf8(text);
+      changed = changed || whole != text;
+      text = std::move(whole);
+    }
+  return changed;
 }
 
 std::string tool_of(const std::vector<std::string>& names) {
@@ -476,8 +520,9 @@ Guess guess_map(const GuessRequest& request) {
     throw BadInput(fmt::format("--from matlab: {} does not end in .mat", request.file));
   const std::vector<std::string> lines = lines_of(first_text(request.file));
   const Layout layout = best_layout(request.file, lines);
-  const Header header = header_of(lines, layout);
-  Guess guess{.path = request.file, .by_number = header.by_number};
+  Header header = header_of(lines, layout);
+  Guess guess{.path = request.file};
+  guess.numbered = made_utf8(header) || header.by_number;
   guess.tool =
       request.tool.empty() || request.tool == "matlab" ? tool_of(header.names) : request.tool;
   if (!request.tool.empty() && request.tool != "matlab" &&
@@ -525,7 +570,7 @@ std::string from_of(const Guess& guess, const GuessedColumn& c) {
       std::count_if(guess.columns.begin(), guess.columns.end(),
                     [&](const GuessedColumn& other) { return other.name == c.name; });
   const std::string name = quoted(c.name);
-  return guess.by_number || doubles > 1 || name.empty() ? std::to_string(c.number) : name;
+  return guess.numbered || doubles > 1 || name.empty() ? std::to_string(c.number) : name;
 }
 
 std::string fields_text(const GuessedColumn& c) {
@@ -542,7 +587,7 @@ std::string map_toml(const Guess& guess, const std::string& preset) {
   std::string text = fmt::format("# Guessed from the first rows of {}. Check it.\n[columns]\n",
                                  one_line(guess.path.substr(guess.path.rfind('/') + 1)));
   const auto behind = [&](const GuessedColumn& c) {
-    return one_line(guess.by_number ? c.name + ": " + c.unit_from : c.unit_from);
+    return one_line(guess.numbered ? c.name + ": " + c.unit_from : c.unit_from);
   };
   for (const GuessedColumn& c : guess.columns)
     if (!c.canonical.empty() && c.canonical != "t")

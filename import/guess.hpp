@@ -34,7 +34,7 @@ struct GuessedColumn {
 struct Guess {
   std::string path, tool;
   CsvFormat format;
-  bool by_number = false;  // the map has column numbers: no header that the reader can take
+  bool numbered = false;  // the map has column numbers: the reader cannot take the names
   std::vector<GuessedColumn> columns;
   std::vector<std::string> notes;
 

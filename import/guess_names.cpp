@@ -45,42 +45,33 @@ using Names = std::map<std::string, const char*>;
 
 // Plain names of one meaning. References have lost "ref", "setpoint" .. before.
 const Names& currents() {
-  static const Names names{{"ia", "i_a"},
-                           {"ib", "i_b"},
-                           {"ic", "i_c"},
-                           {"iu", "i_a"},
-                           {"iv", "i_b"},
-                           {"iw", "i_c"},
-                           {"iphasea", "i_a"},
-                           {"iphaseb", "i_b"},
-                           {"iphasec", "i_c"},
-                           {"phasecurrenta", "i_a"},
-                           {"phasecurrentb", "i_b"},
-                           {"phasecurrentc", "i_c"},
-                           {"phaseacurrent", "i_a"},
-                           {"phasebcurrent", "i_b"},
-                           {"phaseccurrent", "i_c"},
-                           {"currentphasea", "i_a"},
-                           {"currentphaseb", "i_b"},
-                           {"currentphasec", "i_c"},
-                           {"currenta", "i_a"},
-                           {"currentb", "i_b"},
-                           {"currentc", "i_c"},
-                           {"currentu", "i_a"},
-                           {"currentv", "i_b"},
-                           {"currentw", "i_c"},
-                           {"ialpha", "i_alpha"},
-                           {"ibeta", "i_beta"},
-                           {"ialfa", "i_alpha"},
-                           {"currentalpha", "i_alpha"},
-                           {"currentbeta", "i_beta"},
-                           {"id", "i_d"},
-                           {"iq", "i_q"},
-                           {"currentd", "i_d"},
-                           {"currentq", "i_q"},
-                           {"daxiscurrent", "i_d"},
-                           {"qaxiscurrent", "i_q"}};
+  static const Names names{
+      {"ia", "i_a"},      {"ib", "i_b"},         {"ic", "i_c"},       {"iu", "i_a"},
+      {"iv", "i_b"},      {"iw", "i_c"},         {"iphasea", "i_a"},  {"iphaseb", "i_b"},
+      {"iphasec", "i_c"}, {"ialpha", "i_alpha"}, {"ibeta", "i_beta"}, {"ialfa", "i_alpha"},
+      {"id", "i_d"},      {"iq", "i_q"},
+  };
   return names;
+}
+
+// "Strom Phase U", "Courant phase a", "Motor Current Q": a word for a current and an axis. A word and
+// an A or V alone ("Current A") may be a unit: another phase must stand beside it.
+std::string spelled_current(const std::string& text, const std::vector<std::string>& columns) {
+  if (!any_of(text, {"strom", "courant", "current"})) return "";
+  static const std::map<std::string, const char*> axes{
+      {"a", "i_a"}, {"b", "i_b"}, {"c", "i_c"},         {"u", "i_a"},
+      {"v", "i_b"}, {"w", "i_c"}, {"alpha", "i_alpha"}, {"beta", "i_beta"},
+      {"d", "i_d"}, {"q", "i_q"}, {"daxis", "i_d"},     {"qaxis", "i_q"}};
+  const auto found = axes.find(without(
+      text, {"strom", "courant", "current", "phasen", "phase", "motor", "moteur", "stator"}));
+  if (found == axes.end()) return "";
+  if (!text.ends_with("a") || found->first != "a")
+    if (!text.ends_with("v") || found->first != "v") return found->second;
+  const std::string stem = text.substr(0, text.size() - 1);
+  for (const std::string& other : columns)
+    for (const char phase : {'b', 'c', 'u', 'w'})
+      if (plain(other) == stem + phase) return found->second;
+  return "unit";
 }
 const Names& voltages() {
   static const Names names{{"ud", "u_d"},
@@ -105,7 +96,11 @@ const Names& voltages() {
                            {"dcvoltage", "v_dc"},
                            {"udclink", "v_dc"},
                            {"vdclink", "v_dc"},
-                           {"uzk", "v_dc"}};
+                           {"uzk", "v_dc"},
+                           {"zwischenkreisspannung", "v_dc"},
+                           {"spannungzwischenkreis", "v_dc"},
+                           {"tensionbus", "v_dc"},
+                           {"busdcvoltage", "v_dc"}};
   return names;
 }
 
@@ -115,15 +110,16 @@ Meaning of_angle_or_speed(const std::string& text, bool reference) {
   const bool electrical =
       any_of(text, {"elec", "erpm"}) ||
       std::set<std::string>{"thetae", "omegae", "we", "thetael", "omegael", "wel"}.count(text);
-  const std::string core = without(text, {"mechanical", "electrical", "mech", "elec", "shaft",
-                                          "rotor", "motor", "actual", "measured", "meas"});
+  const std::string core =
+      without(text, {"mechanical", "electrical", "mech", "elec", "shaft", "rotor", "motor",
+                     "moteur", "actual", "measured", "meas"});
   const bool angle = std::set<std::string>{"theta", "thetam",   "thetae", "thetael", "angle",
                                            "pos",   "position", "winkel", "encoder", "encodercount"}
                          .count(core);
-  const bool speed =
-      std::set<std::string>{"omega", "omegam",   "omegae", "omegael", "wm", "we",       "wel", "w",
-                            "speed", "velocity", "vel",    "rpm",     "n",  "drehzahl", "erpm"}
-          .count(core);
+  const bool speed = std::set<std::string>{"omega", "omegam",   "omegae", "omegael",  "wm",  "we",
+                                           "wel",   "w",        "speed",  "velocity", "vel", "rpm",
+                                           "n",     "drehzahl", "erpm",   "vitesse"}
+                         .count(core);
   Meaning m;
   if (!angle && !speed) return m;
   m.quantity = angle ? Quantity::kAngle : Quantity::kSpeed;
@@ -175,6 +171,7 @@ std::optional<Unit> unit_of(const std::string& text) {
     };
     add({"s", "sec", "second", "seconds"}, {.quantity = Q::kTime});
     add({"ms", "msec"}, {.quantity = Q::kTime, .scale = 1e-3});
+    add({"min"}, {.quantity = Q::kTime, .scale = 60});
     add({"us", "\xc2\xb5s", "\xce\xbcs", "usec"}, {.quantity = Q::kTime, .scale = 1e-6});
     add({"ns", "nsec"}, {.quantity = Q::kTime, .scale = 1e-9});
     add({"a", "amp", "amps", "ampere", "amperes"}, {.quantity = Q::kCurrent});
@@ -183,6 +180,7 @@ std::optional<Unit> unit_of(const std::string& text) {
         {.quantity = Q::kCurrent, .problem = "an rms value is no sample of a current"});
     add({"v", "volt", "volts"}, {.quantity = Q::kVoltage});
     add({"mv"}, {.quantity = Q::kVoltage, .scale = 1e-3});
+    add({"kv"}, {.quantity = Q::kVoltage, .scale = 1e3});
     add({"rad"}, {.quantity = Q::kAngle});
     add({"deg", "degree", "degrees", "\xc2\xb0"}, {.quantity = Q::kAngle, .scale = kTwoPi / 360});
     add({"turn", "turns", "rev", "revs", "revolutions"},
@@ -193,6 +191,7 @@ std::optional<Unit> unit_of(const std::string& text) {
         {.quantity = Q::kSpeed});
     add({"rpm", "r/min", "1/min", "min-1", "min^-1", "u/min", "tr/min", "rev/min"},
         {.quantity = Q::kSpeed, .scale = kRpm, .mechanical = true});
+    add({"krpm"}, {.quantity = Q::kSpeed, .scale = 1000 * kRpm, .mechanical = true});
     add({"rev/s", "rev_s", "rps", "turns/s", "turn/s", "turns_s", "r/s"},
         {.quantity = Q::kSpeed, .scale = kTwoPi, .mechanical = true});
     add({"deg/s", "deg_s", "\xc2\xb0/s"}, {.quantity = Q::kSpeed, .scale = kTwoPi / 360});
@@ -229,13 +228,18 @@ Meaning meaning_of(const std::string& name, const std::vector<std::string>& colu
                           "demand", "desired"});
   if (reference && (text.ends_with("set") || text.ends_with("sp")))
     text.resize(text.size() - (text.ends_with("set") ? 3 : 2));
-  const std::string bare = without(text, {"measured", "meas", "actual", "ist", "fbk"});
+  std::string bare = without(text, {"measured", "meas", "actual", "ist", "fbk"});
+  if (bare.ends_with("act")) bare.resize(bare.size() - 3);
 
-  if (std::set<std::string>{"t", "ts", "time", "timestamp", "zeit", "tout", "xaxis", "elapsedtime"}
+  if (std::set<std::string>{"t", "ts", "time", "timestamp", "zeit", "tout", "xaxis", "elapsedtime",
+                            "elapsed", "xvalue", "temps"}
           .count(text))
     return {.canonical = reference ? "" : "t", .quantity = Quantity::kTime};
-  if (const auto found = currents().find(bare); found != currents().end()) {
-    const std::string canonical = found->second;
+  const std::string spelled = spelled_current(bare, columns);
+  if (spelled == "unit")
+    return {.reason = "the phase, or the unit? no other phase stands beside it"};
+  if (const auto found = currents().find(bare); found != currents().end() || !spelled.empty()) {
+    const std::string canonical = spelled.empty() ? found->second : spelled;
     const bool dq = canonical == "i_d" || canonical == "i_q";
     const bool has_q = std::any_of(columns.begin(), columns.end(), [](const std::string& other) {
       return plain(other).starts_with("iq") || plain(other).starts_with("currentq");

@@ -36,9 +36,12 @@ std::string lcm_jars() {
   for (const char* name : {"lcm", "lcm-spy", "jchart2d", "xmlgraphics-commons"})
     if (const std::string jar = fmt::format("/usr/share/java/{}.jar", name); fs::exists(jar))
       jars.push_back(jar);
-  if (!fs::exists("/usr/share/java/lcm.jar"))
-    throw MachineError(
-        "spy: lcm.jar is not installed; as root: apt install liblcm-java default-jre");
+  for (const char* name : {"lcm", "jchart2d"})  // lcm-spy shows no fields without the second
+    if (!fs::exists(fmt::format("/usr/share/java/{}.jar", name)))
+      throw MachineError(fmt::format(
+          "spy: {}.jar is not installed; as root: apt install liblcm-java libjchart2d-java "
+          "default-jre",
+          name));
   return fmt::format("{}", fmt::join(jars, ":"));
 }
 

@@ -272,6 +272,40 @@ TEST_F(GuessMap, AnAmbiguousUnitIsSaidAndLeftOut) {
             std::string::npos);
 }
 
+TEST_F(GuessMap, AnAmpereIsNoPhaseA) {
+  const auto of = [&](const std::string& header) {
+    return scales(guess_map({.file = write(header, "0.00{};0.512;-0.206;48.125")}));
+  };
+  EXPECT_EQ(of("Time s;Current A;Power W;Voltage V"), (std::map<std::string, double>{}));
+  EXPECT_EQ(of("t_s;Motor Current A;Power;Phase Current V"),
+            (std::map<std::string, double>{{"t", 1}}));
+  EXPECT_EQ(of("t_s;Current A;Current B;Current C"),
+            (std::map<std::string, double>{{"t", 1}, {"i_a", 1}, {"i_b", 1}, {"i_c", 1}}));
+  EXPECT_EQ(of("Zeit [s];Strom Phase U [A];Strom Phase V [A];Zwischenkreisspannung [kV]"),
+            (std::map<std::string, double>{{"t", 1}, {"i_a", 1}, {"i_b", 1}, {"v_dc", 1e3}}));
+  EXPECT_EQ(
+      of("Temps (s);Courant phase c (mA);Iq_act (A);Vitesse (tr/min)"),
+      (std::map<std::string, double>{{"t", 1}, {"i_c", 1e-3}, {"i_q", 1}, {"omega_m", kRpm}}));
+}
+
+// Written by programs of Windows: the degree sign is one byte.
+TEST_F(GuessMap, AHeaderInLatin1GivesAMapThatReadsTheFile) {
+  const std::string file = write(
+      "Zeit (ms);Strom W (A);Pr\xfc"
+      "fwinkel;Temperatur Wicklung (\xb0"
+      "C);n_ist (1/min)",
+      "{};1.512;2.5;41.3;600");
+  const Guess guess = guess_map({.file = file});
+  const ImportMap map = read_import_map(write_text("map.toml", map_toml(guess, "")));
+  const DriveRows rows = read_drive_rows(file, &map, false);
+  EXPECT_NEAR(rows.at("i_c", 3), 1.512, 1e-12);
+  EXPECT_NEAR(rows.at("omega_m", 3), 600 * kRpm, 1e-9);
+  EXPECT_EQ(reason(guess,
+                   "Pr\xc3\xbc"
+                   "fwinkel"),
+            "no signal of a drive log by its name");
+}
+
 TEST_F(GuessMap, TwoColumnsOfOneMeaningAreBothLeftOut) {
   const Guess guess =
       guess_map({.file = write("time_s,iq_A,Iq_meas [A],v_dc", "0.00{},1.5,1.4,48.1")});
