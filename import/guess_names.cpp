@@ -46,10 +46,11 @@ using Names = std::map<std::string, const char*>;
 // Plain names of one meaning. References have lost "ref", "setpoint" .. before.
 const Names& currents() {
   static const Names names{
-      {"ia", "i_a"},      {"ib", "i_b"},         {"ic", "i_c"},       {"iu", "i_a"},
-      {"iv", "i_b"},      {"iw", "i_c"},         {"iphasea", "i_a"},  {"iphaseb", "i_b"},
-      {"iphasec", "i_c"}, {"ialpha", "i_alpha"}, {"ibeta", "i_beta"}, {"ialfa", "i_alpha"},
-      {"id", "i_d"},      {"iq", "i_q"},
+      {"ia", "i_a"},         {"ib", "i_b"},       {"ic", "i_c"},        {"iu", "i_a"},
+      {"iv", "i_b"},         {"iw", "i_c"},       {"iphasea", "i_a"},   {"iphaseb", "i_b"},
+      {"iphasec", "i_c"},    {"iphaseu", "i_a"},  {"iphasev", "i_b"},   {"iphasew", "i_c"},
+      {"ialpha", "i_alpha"}, {"ibeta", "i_beta"}, {"ialfa", "i_alpha"}, {"id", "i_d"},
+      {"iq", "i_q"},
   };
   return names;
 }
@@ -151,6 +152,11 @@ NamedUnit named_unit(const std::string& column) {
       return {stripped(column.substr(0, from) + column.substr(to + 1)),
               stripped(column.substr(from + 1, to - from - 1))};
   }
+  // "U_DC/V", "n/min^-1", "Strom U in A".
+  for (const std::string between : {"/", " in "})
+    if (const auto at = column.find(between); at != std::string::npos && at > 0)
+      if (const std::string unit = stripped(column.substr(at + between.size())); unit_of(unit))
+        return {stripped(column.substr(0, at)), unit};
   // "I_V" is the current of phase V.
   for (const std::string& ending : unit_endings())
     if (column.size() > ending.size() && column.ends_with(ending) && column != "I_V")
@@ -182,7 +188,8 @@ std::optional<Unit> unit_of(const std::string& text) {
     add({"mv"}, {.quantity = Q::kVoltage, .scale = 1e-3});
     add({"kv"}, {.quantity = Q::kVoltage, .scale = 1e3});
     add({"rad"}, {.quantity = Q::kAngle});
-    add({"deg", "degree", "degrees", "\xc2\xb0"}, {.quantity = Q::kAngle, .scale = kTwoPi / 360});
+    add({"deg", "degree", "degrees", "grad", "\xc2\xb0"},
+        {.quantity = Q::kAngle, .scale = kTwoPi / 360});
     add({"turn", "turns", "rev", "revs", "revolutions"},
         {.quantity = Q::kAngle, .scale = kTwoPi, .mechanical = true});
     add({"count", "counts", "cnt", "ticks", "inc", "lsb"},
@@ -215,9 +222,18 @@ std::optional<Unit> unit_of(const std::string& text) {
   return found->second;
 }
 
-Meaning meaning_of(const std::string& name, const std::vector<std::string>& columns) {
+// "-i_q", "|i_q|", "i_q + 1": not the quantity itself, or a sign that is not read here (a delta).
+static bool is_formula(const std::string& name) {
+  return name.starts_with('-') || name.find_first_of("|+^~=<>") != std::string::npos ||
+         (name.find('*') != std::string::npos && !name.ends_with('*')) ||
+         std::any_of(name.begin(), name.end(),
+                     [](char c) { return static_cast<unsigned char>(c) >= 0x80; });
+}
+
+static Meaning meaning_of_plain(const std::string& name, const std::vector<std::string>& columns) {
   std::string text = plain(name);
   const bool reference =
+      name.ends_with('*') ||
       any_of(text, {"ref", "setpoint", "soll", "cmd", "command", "target", "demand", "desired"}) ||
       text.ends_with("set") || text.ends_with("sp");
   if (any_of(text, {"err", "filt", "limit", "max", "min", "rms", "offset", "pred", "hat"}) ||
@@ -281,6 +297,13 @@ Meaning meaning_of(const std::string& name, const std::vector<std::string>& colu
   Meaning m = of_angle_or_speed(bare, reference);
   if (m.canonical.empty() && m.reason.empty()) m.reason = "no signal of a drive log by its name";
   return m;
+}
+
+Meaning meaning_of(const std::string& name, const std::vector<std::string>& columns) {
+  const Meaning meaning = meaning_of_plain(name, columns);
+  if (!meaning.canonical.empty() && is_formula(name))
+    return {.reason = "the name holds more than a quantity"};
+  return meaning;
 }
 
 // VESC: vesc_tool, "Log CSV" and bldc, terminal of COMM_GET_VALUES. ODrive: interface definition of

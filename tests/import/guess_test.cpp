@@ -288,6 +288,17 @@ TEST_F(GuessMap, AnAmpereIsNoPhaseA) {
       (std::map<std::string, double>{{"t", 1}, {"i_c", 1e-3}, {"i_q", 1}, {"omega_m", kRpm}}));
 }
 
+TEST_F(GuessMap, ASignOrAStarBesideANameIsNoPlainQuantity) {
+  const Guess guess =
+      guess_map({.file = write("t/s;-i_q [A];|i_d| [A];\xce\x94"
+                               "Iq [A];Iq* [A];U_DC/V;n/min^-1;Strom U in A;10*id [A]",
+                               "0.00{};1.512;2.5;0.1;1.5;48.1;600;1.25;3.25")});
+  EXPECT_EQ(scales(guess),
+            (std::map<std::string, double>{
+                {"t", 1}, {"i_q_ref", 1}, {"v_dc", 1}, {"omega_m", kRpm}, {"i_a", 1}}));
+  EXPECT_EQ(reason(guess, "-i_q [A]"), "the name holds more than a quantity");
+}
+
 // Written by programs of Windows: the degree sign is one byte.
 TEST_F(GuessMap, AHeaderInLatin1GivesAMapThatReadsTheFile) {
   const std::string file = write(
