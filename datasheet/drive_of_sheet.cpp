@@ -22,6 +22,8 @@ constexpr double kSamplesATurn = 20, kTicksATimeConstant = 2;
 constexpr double kSpeedShare = 0.5, kVoltageShare = 0.7, kLoadShare = 0.3, kAccelerationShare = 0.3;
 // Noise of a phase-current sample, rms, of the rated current: the presets have 0.1 to 1.6 %.
 constexpr double kNoiseShare = 0.005;
+// A slip in the inertia makes it longer; the run stays one that a drive file can hold.
+constexpr double kLongestRamp_s = 1000;
 constexpr double kSettle_s = 0.5, kLoaded_s = 0.5, kLoadRise_s = 0.2;
 
 double control_rate(const MachineParameters& m) {
@@ -42,7 +44,7 @@ FirstRun first_run(const MachineOfSheet& s) {
   run.omega_e = std::min(kSpeedShare * m.n_p * m.omega_m_rated, kVoltageShare * u_max / m.psi_f);
   run.slew = kAccelerationShare * m.n_p * m.T_rated / m.J;
   run.T_load = kLoadShare * m.T_rated;
-  run.ramp_s = run.omega_e / run.slew;
+  run.ramp_s = std::min(run.omega_e / run.slew, kLongestRamp_s);
   return run;
 }
 

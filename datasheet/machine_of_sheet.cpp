@@ -62,6 +62,7 @@ class Conversion {
   explicit Conversion(const Sheet& sheet) : sheet_(sheet) {}
 
   MachineOfSheet run() {
+    result_.conversions = sheet_.conversions();
     MachineParameters& m = result_.machine;
     m.n_p = pole_pairs();
     m.R_s =

@@ -32,15 +32,19 @@ class Sheet {
   // All keys, in the order in which ask() asks for them.
   static const std::vector<SheetKey>& keys();
 
-  // Throws BadInput: unknown key, not a number, out of range, no such choice, given twice.
+  // `value` is a number in the unit of the key, or a number and a unit: "5.35 oz-in/A" of kt_Nm_A.
+  // Throws BadInput: unknown key or unit, not a number, out of range, no such choice, given twice.
   void set(const std::string& key, const std::string& value);
 
   bool has(const std::string& key) const { return values_.count(key) > 0; }
   // The number, or the index of the choice; none if the sheet does not give it.
   std::optional<double> operator[](const std::string& key) const;
+  // Of values that were given in another unit than that of the key.
+  const std::vector<std::string>& conversions() const { return conversions_; }
 
  private:
   std::map<std::string, double> values_;
+  std::vector<std::string> conversions_;
 };
 
 // Of "key=value" texts. Throws BadInput.

@@ -24,6 +24,8 @@ constexpr std::size_t kMostNames = 3;
 constexpr double kEmfTolerance = 1.15;
 // Rotors run up in milliseconds to seconds, with a heavy load in some ten seconds.
 constexpr double kLongestRunUp_s = 100;
+// L/R_s of motors is 0.1 to 100 ms.
+constexpr double kLongestTimeConstant_s = 0.5;
 // A current loop with 1.5 T_s of dead time keeps 30 deg of phase margin up to f_s/9:
 // 90 deg - 360 deg 1.5 f/f_s = 30 deg.
 constexpr double kSamplesABandwidth = 9;
@@ -43,6 +45,8 @@ constexpr Factor kFactors[] = {
     {std::numbers::sqrt3 * std::numbers::sqrt2, "sqrt(6), line to line rms or phase peak?"},
     {2 * std::numbers::sqrt3, "2 sqrt(3), line to line or phase, and poles or pole pairs?"},
     {60 / (2 * std::numbers::pi), "60/(2 pi), rpm or rad/s?"},
+    {1 / 0.11298483, "8.85, Nm or lb in?"},
+    {1 / 7.0615518e-3, "141.6, Nm or oz in?"},
     {1000, "1000, the prefix milli?"}};
 
 void of_torque(const DriveConfig& d, std::vector<Slip>& slips) {
@@ -79,6 +83,14 @@ void of_inertia(const DriveConfig& d, std::vector<Slip>& slips) {
                    run_up, unit)});
 }
 
+void of_inductance(const DriveConfig& d, std::vector<Slip>& slips) {
+  const MachineParameters& m = d.machine;
+  const double L = std::max(m.L_d, m.L_q);
+  if (L <= kLongestTimeConstant_s * m.R_s) return;
+  slips.push_back({L == m.L_d ? "machine.L_d_H" : "machine.L_q_H",
+                   fmt::format("{:.4g} H: L/R_s is {:.3g} s; mH (1e-3 H)?", L, L / m.R_s)});
+}
+
 }  // namespace
 
 std::string factor_text(double ratio, const RatioBand& without_slip) {
@@ -107,6 +119,7 @@ std::vector<Slip> slips_of(const DriveConfig& d, std::optional<double> current_H
   of_torque(d, slips);
   of_emf(d, slips);
   of_inertia(d, slips);
+  of_inductance(d, slips);
   const double most = d.rates.f_s_Hz / kSamplesABandwidth;
   const std::string table = "controller." + d.controller.kind + ".";
   if (current_Hz && *current_Hz > most)

@@ -111,6 +111,36 @@ TEST(Datasheet, PhaseLineAndCommonUnitsAreConverted) {
   EXPECT_NEAR(m.omega_m_rated, 100 * M_PI, 1e-9);
 }
 
+// One motor in inches and ounces, and in SI: 1 oz in = 7.06155e-3 Nm (NIST SP 811).
+TEST(Datasheet, AValueWithItsUnitIsConvertedAndSaid) {
+  const Sheet inches =
+      read_sheet({"kt_Nm_A=5.35oz-in/A", "inertia_kgcm2=0.001 oz-in-s^2", "ke_V_krpm=4.64mV/rpm",
+                  "l_ll_H=0.4mH", "r_ll_Ohm=720 mOhm", "rated_torque_Nm=35 oz.in",
+                  "rated_speed_rpm=418.88rad/s", "v_dc_V=24V", "kv_rpm_V=215.5 rpm/V",
+                  "mechanical_time_constant_ms=0.0026s", "rated_current_A_peak=7100mA"});
+  EXPECT_NEAR(*inches["kt_Nm_A"], 0.0377793, 1e-7);
+  EXPECT_NEAR(*inches["inertia_kgcm2"], 0.0706155, 1e-7);
+  EXPECT_NEAR(*inches["ke_V_krpm"], 4.64, 1e-12);
+  EXPECT_NEAR(*inches["l_ll_H"], 0.4e-3, 1e-15);
+  EXPECT_NEAR(*inches["r_ll_Ohm"], 0.72, 1e-12);
+  EXPECT_NEAR(*inches["rated_torque_Nm"], 0.247154, 1e-6);
+  EXPECT_NEAR(*inches["rated_speed_rpm"], 4000, 0.1);
+  EXPECT_NEAR(*inches["mechanical_time_constant_ms"], 2.6, 1e-12);
+  EXPECT_NEAR(*inches["rated_current_A_peak"], 7.1, 1e-12);
+  EXPECT_EQ(inches.conversions().size(), 8u);  // mV/rpm is V/krpm; V, rpm/V as the key says
+  EXPECT_NEAR(*read_sheet({"inertia_gcm2=1 lb-in2"})["inertia_gcm2"], 2926.3965, 1e-3);
+  EXPECT_NEAR(*read_sheet({"ke_V_krpm=1 V\xc2\xb7s/rad"})["ke_V_krpm"], 104.719755, 1e-6);
+  EXPECT_NEAR(*read_sheet({"kt_Nm_A=1 lb-ft/A"})["kt_Nm_A"], 1.355818, 1e-6);
+  EXPECT_NE(refusal({"kt_Nm_A=5oz-in"}).find("\"oz-in\" is no unit of it; known: nm/a"),
+            std::string::npos);
+  EXPECT_NE(refusal({"kt_Nm_A=5Nm/Arms"}).find("is no unit of it"), std::string::npos);
+  EXPECT_NE(refusal({"poles=8 poles"}).find("is no unit of it"), std::string::npos);
+  EXPECT_NE(refusal({"kt_ozin_A=5"}).find("unknown key; kt_Nm_A allowed, and behind the number"),
+            std::string::npos);
+  EXPECT_NE(refusal({"rated_torque_ozin=5"}).find("unknown key; rated_torque_Nm allowed"),
+            std::string::npos);
+}
+
 TEST(Datasheet, EveryConversionAndEveryAssumptionIsSaid) {
   const MachineOfSheet s = machine({"ke_convention="});
   EXPECT_EQ(s.conversions.size(), 6u);  // n_p, R_s, L, i_rated, psi_f, speed
@@ -148,8 +178,9 @@ TEST(Datasheet, ConstantsOfBlockCommutationAreThoseOfTwoPhases) {
 
 TEST(Datasheet, ASlipIsOneLineWithWhatIsAllowed) {
   EXPECT_EQ(refusal({"poles=7"}), "data sheet: poles: an even number allowed, found 7");
-  EXPECT_EQ(refusal({"v_dc_V=48V"}),
-            "data sheet: v_dc_V: a number from 1 to 10000 allowed, found 48V");
+  EXPECT_EQ(refusal({"v_dc_V=48W"}), "data sheet: v_dc_V: \"W\" is no unit of it; known: v, kv");
+  EXPECT_EQ(refusal({"v_dc_V=0.5V"}),
+            "data sheet: v_dc_V: a number from 1 to 10000 allowed, found 0.5V");
   EXPECT_EQ(refusal({"v_dc_V="}), "data sheet: v_dc_V is required");
   EXPECT_EQ(refusal({"n_p=5"}),
             "data sheet: n_p = 5 and poles = 8 contradict each other; one of them allowed");

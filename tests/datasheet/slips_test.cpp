@@ -56,6 +56,27 @@ TEST(Slips, AnInertiaInGramSquareCentimetresIsNamed) {
   EXPECT_TRUE(says(slips(d), "machine.J_kgm2", "kg cm2"));
 }
 
+// A sheet without rated torque and speed; the first run would take 1.3e6 s.
+TEST(Slips, AnInertiaInGramSquareCentimetresIsNamedByANewFile) {
+  const DriveOfSheet drive = drive_of_sheet(
+      "drone", read_sheet({"poles=14", "kv_rpm_V=1750", "r_ll_Ohm=46mOhm", "l_ll_H=14uH",
+                           "inertia_kgm2=38", "rated_current_A_block=16", "v_dc_V=16.8"}));
+  ASSERT_FALSE(drive.warnings.empty());
+  EXPECT_NE(drive.warnings[0].find("g cm2 (1e-7 kg m2)?"), std::string::npos) << drive.warnings[0];
+}
+
+TEST(Slips, AnInductanceInMillihenryIsNamed) {
+  DriveConfig d = load_drive("niewiara2020").drive();
+  d.machine.L_d = d.machine.L_q = 1e3 * d.machine.L_d;
+  EXPECT_TRUE(says(slips(d), "machine.L_d_H", "mH (1e-3 H)?"));
+}
+
+TEST(Slips, ATorqueInOunceInchIsNamed) {
+  DriveConfig d = load_drive("niewiara2020").drive();
+  d.machine.T_rated = 0.95 * largest_torque(d.machine, d.machine.i_rated) / 7.0615518e-3;
+  EXPECT_TRUE(says(slips(d), "machine.T_rated_Nm", "141.6, Nm or oz in?"));
+}
+
 TEST(Slips, AnEmfAboveTheBusIsNamed) {
   DriveConfig d = load_drive("niewiara2020").drive();
   d.machine.psi_f = 1.3 * d.inverter.u_max_linear() / (d.machine.n_p * d.machine.omega_m_rated);
