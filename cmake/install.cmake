@@ -35,7 +35,7 @@ install(FILES ${CMAKE_BINARY_DIR}/twinrateConfigVersion.cmake DESTINATION ${twin
 # Man pages of programs and verbs, and the completion of bash, as the programs print them.
 set(pages ${CMAKE_BINARY_DIR}/pages)
 set(man_pages)
-foreach(process plant estimator gain controller logger monitor)
+foreach(process plant estimator gain controller logger monitor emulator)
   list(APPEND man_pages COMMAND twinrate-${process} --man-page > ${pages}/man1/twinrate-${process}.1)
 endforeach()
 add_custom_command(OUTPUT ${pages}/twinrate
@@ -45,7 +45,7 @@ add_custom_command(OUTPUT ${pages}/twinrate
   ${man_pages}
   COMMAND gzip -9n ${pages}/man1/*.1
   COMMAND twinrate pages --bash-completion > ${pages}/twinrate
-  DEPENDS twinrate twinrate-plant twinrate-estimator twinrate-gain twinrate-controller twinrate-logger twinrate-monitor
+  DEPENDS twinrate twinrate-plant twinrate-estimator twinrate-gain twinrate-controller twinrate-logger twinrate-monitor twinrate-emulator
   COMMENT "man pages")
 add_custom_target(twinrate_pages ALL DEPENDS ${pages}/twinrate)
 install(DIRECTORY ${pages}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR})

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "bridge/link.hpp"
+#include "core/man_page.hpp"
 #include "core/option_values.hpp"
 #include "core/process.hpp"
 #include "core/report_error.hpp"
@@ -202,6 +203,11 @@ int main(int argc, char** argv) {
   EmulatorOptions o;
   add_options(app, o);
   expect_stated_values(app);
+  const auto print_man_page = [&] {
+    fmt::print("{}", man_page(app, "twinrate-emulator"));
+    throw CLI::Success();
+  };
+  app.add_flag_callback("--man-page", print_man_page, "print the man page")->group("");
   catch_stop_signals();
   prctl(PR_SET_TIMERSLACK, 1);  // ns: the drive answers when it is due, not up to 50 us later
   try {

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iostream>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "bridge/conversation.hpp"
@@ -24,8 +26,14 @@ struct BridgeOptions {
   std::vector<std::string> overrides;
   int clear = 0;
   double for_s = 4;
-  bool force = false;
+  bool force = false, json = false;
 };
+
+using Json = nlohmann::ordered_json;
+
+nlohmann::ordered_json or_null(const char* text) {
+  return text ? Json(text) : Json(nullptr);
+}
 
 std::vector<std::string> overrides_of(const BridgeOptions& o, const char* mode) {
   std::vector<std::string> list = o.overrides;
@@ -58,8 +66,27 @@ void print_info(const DriveInfo& info, const std::string& port, const BridgePara
   fmt::print("  counts         {} frames refused, {} missing\n", info.bad_frames, info.lost_frames);
 }
 
+Json json_of(const DriveInfo& info, const std::string& port) {
+  return {{"event", "drive"},
+          {"port", port},
+          {"name", info.name},
+          {"f_s_Hz", info.f_s_Hz > 0 ? Json(info.f_s_Hz) : Json(nullptr)},
+          {"watchdog", info.watchdog},
+          {"lease_max_ms", info.watchdog ? Json(info.lease_max_ms) : Json(nullptr)},
+          {"takes_voltage", info.takes_voltage},
+          {"takes_duties", info.takes_duties},
+          {"reason", info.reason},
+          {"reason_name", info.reason == 0 ? Json(nullptr) : or_null(reason_name(info.reason))},
+          {"frames_refused", info.bad_frames},
+          {"frames_missing", info.lost_frames}};
+}
+
+void print_line(const Json& json) {
+  std::cout << json.dump() << std::endl;
+}
+
 // Clears by hand; says what became of it.
-int clear(Conversation& talk, int reason) {
+int clear(Conversation& talk, int reason, bool json) {
   constexpr double kPatience_ms = 2000, kAskAgain_ms = 200;
   const bool was_latched = talk.protocol().info()->reason != 0;
   talk.protocol().forget_info();
@@ -75,6 +102,13 @@ int clear(Conversation& talk, int reason) {
   }
   if (!talk.protocol().info()) throw MachineError("no answer to the clear");
   const int left = talk.protocol().info()->reason;
+  if (json) {
+    print_line({{"event", "clear"},
+                {"reason", reason},
+                {"was_latched", was_latched},
+                {"left_reason", left}});
+    return left == 0 ? 0 : 1;
+  }
   fmt::print("  clear {}       {}\n", reason,
              left != 0     ? fmt::format("refused: the latched reason is {}", left)
              : was_latched ? "done"
@@ -92,11 +126,12 @@ struct Spread {
 };
 
 // Question and answer again and again, for `for_s`: what the lease has to bridge.
-void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, double for_s) {
+void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, double for_s,
+                         bool json) {
   constexpr int kMost = 1000;  // p99.9 is the second largest of them
   constexpr double kPatience_ms = 100;
   if (talk.protocol().hello(false).empty()) {
-    fmt::print("  round trip     not asked: a drive that only sends\n");
+    if (!json) fmt::print("  round trip     not asked: a drive that only sends\n");
     return;
   }
   Spread trips;
@@ -108,6 +143,20 @@ void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, dou
     while (talk.next()) {  // the samples meanwhile are not those that watch() counts
     }
   }
+  const int unanswered = asked - static_cast<int>(trips.late_us.size());
+  if (json) {
+    const auto at = [&](double share) {
+      return trips.late_us.empty() ? Json(nullptr) : Json(trips.at(share));
+    };
+    print_line({{"event", "round_trip"},
+                {"asked", asked},
+                {"not_answered", unanswered},
+                {"p50_us", at(0.5)},
+                {"p99_us", at(0.99)},
+                {"p999_us", asked < kMost ? Json(nullptr) : at(0.999)}});
+    if (!trips.late_us.empty()) talk.greet(false, 2);  // the last one may be lost
+    return;
+  }
   if (trips.late_us.empty()) {
     fmt::print("  round trip     none of {} questions answered within {:g} ms\n", asked,
                kPatience_ms);
@@ -116,8 +165,7 @@ void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, dou
   const double p999_ms = 1e-3 * trips.at(0.999);
   fmt::print(
       "  round trip     {:.0f} us p50, {:.0f} us p99, {:.0f} us p99.9; {} of {} not answered\n",
-      trips.at(0.5), trips.at(0.99), 1e3 * p999_ms, asked - static_cast<int>(trips.late_us.size()),
-      asked);
+      trips.at(0.5), trips.at(0.99), 1e3 * p999_ms, unanswered, asked);
   talk.greet(false, 2);  // the last one may be lost
   if (!talk.protocol().info()->watchdog) return;
   const double least_ms = BridgeParameters::kLeaseRoundTrips * p999_ms;
@@ -131,7 +179,7 @@ void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, dou
 }
 
 // Listens for a while: rate, faults, clock, spread of the arrivals.
-int watch(Conversation& talk, double for_s, double f_s_Hz) {
+int watch(Conversation& talk, double for_s, double f_s_Hz, bool json) {
   Spread spread;
   std::int64_t samples = 0, begun = now_ns();
   while (!stop_signalled() && 1e-9 * static_cast<double>(now_ns() - begun) < for_s) {
@@ -145,6 +193,18 @@ int watch(Conversation& talk, double for_s, double f_s_Hz) {
     }
   }
   const double seconds = 1e-9 * static_cast<double>(now_ns() - begun);
+  if (json) {
+    const bool timed = !spread.late_us.empty();
+    print_line({{"event", "samples"},
+                {"samples", samples},
+                {"seconds", seconds},
+                {"rate_Hz", static_cast<double>(samples) / seconds},
+                {"f_s_Hz", f_s_Hz},
+                {"line", talk.account()},
+                {"arrival_p50_us", timed ? Json(spread.at(0.5)) : Json(nullptr)},
+                {"arrival_p99_us", timed ? Json(spread.at(0.99)) : Json(nullptr)}});
+    return samples > 0 ? 0 : 1;
+  }
   fmt::print("  samples        {} in {:.1f} s: {:.0f} a second of {:g}\n", samples, seconds,
              static_cast<double>(samples) / seconds, f_s_Hz);
   fmt::print("  line           {}\n", talk.account());
@@ -159,10 +219,14 @@ int probe(const BridgeOptions& o) {
   const BridgeParameters bridge = config.read<BridgeParameters>();
   catch_stop_signals();
   Conversation talk(bridge, config.drive());
-  print_info(talk.greet(false, 2), bridge.port, bridge);
-  if (o.clear != 0) return clear(talk, o.clear);
-  measure_round_trips(talk, bridge, o.for_s);
-  return watch(talk, o.for_s, config.drive().rates.f_s_Hz);
+  const DriveInfo& info = talk.greet(false, 2);
+  if (o.json)
+    print_line(json_of(info, bridge.port));
+  else
+    print_info(info, bridge.port, bridge);
+  if (o.clear != 0) return clear(talk, o.clear, o.json);
+  measure_round_trips(talk, bridge, o.for_s, o.json);
+  return watch(talk, o.for_s, config.drive().rates.f_s_Hz, o.json);
 }
 
 void add_common(CLI::App* verb, BridgeOptions& o) {
@@ -194,6 +258,7 @@ void add_bridge_verb(CLI::App& app, int& exit_code) {
       ->check(CLI::Range(0.1, 3600.0));
   probe_verb->add_option("--clear", o->clear, "leave the off state that this reason code latched")
       ->check(above_zero());
+  probe_verb->add_flag("--json", o->json, "print JSON lines: drive, round_trip, samples");
   probe_verb->callback([o, &exit_code] { exit_code = probe(*o); });
   CLI::App* listen_verb =
       verb->add_subcommand("listen", "Shadow a drive that runs its own control");

@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "core/run_log.hpp"
 #include "tests/system/log_messages.hpp"
@@ -123,6 +124,15 @@ TEST_F(BridgeRun, ProbeShowsTheDriveAndClearsByHandAlone) {
   EXPECT_NE(probe.out.find("1000 Hz"), std::string::npos) << probe.out;
   EXPECT_NE(probe.out.find("lease up to 20 ms"), std::string::npos) << probe.out;
   EXPECT_NE(probe.out.find("not latched"), std::string::npos) << probe.out;
+  const ProgramResult json = twinrate({"bridge", "probe", "dilys2021", "--port", tty(), "--for",
+                                       "0.2", "--json", "--set", "rates.f_s_Hz=1000"});
+  EXPECT_EQ(json.exit_code, 0) << json.err;
+  std::istringstream lines(json.out);
+  std::vector<std::string> events;
+  for (std::string line; std::getline(lines, line);)
+    events.push_back(nlohmann::json::parse(line).at("event"));
+  EXPECT_EQ(events, (std::vector<std::string>{"drive", "round_trip", "samples"})) << json.out;
+  EXPECT_NE(json.out.find("\"lease_max_ms\":20"), std::string::npos) << json.out;
   const ProgramResult other = twinrate({"bridge", "probe", "dilys2021", "--port", tty()});
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_NE(other.err.find("samples at 1000 Hz"), std::string::npos) << other.err;
