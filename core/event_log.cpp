@@ -123,7 +123,8 @@ std::string EventLog::wrong_order() {
   const std::int64_t expected = last_number_ ? *last_number_ + 1 : 0;
   const bool known = last_number_ || at_ == 0;
   last_number_ = header_.number;
-  const std::optional<std::int64_t> before = std::exchange(last_timestamp_, header_.timestamp);
+  const std::optional<std::int64_t> before = last_timestamp_;
+  if (header_.timestamp >= 0) last_timestamp_ = header_.timestamp;
   if (known && header_.number != expected)
     return fmt::format("event {} expected, found {}", expected, header_.number);
   if (header_.timestamp < 0 || (before && header_.timestamp < *before))
