@@ -34,16 +34,26 @@ sock_filter give(std::uint32_t bytes) {
 }
 
 // Of the estimates those that a gain process can use; one too short to tell passes and is counted.
+// The machine has 32 bits: seq mod n = ((upper mod n) (2^32 mod n) mod n + lower mod n) mod n.
 std::vector<sock_filter> every_nth(const WantedChannel& channel) {
   const auto payload = static_cast<std::uint32_t>(kChannelAt + channel.name.size() + 1);
+  const auto wrap = static_cast<std::uint32_t>((std::uint64_t{1} << 32) % channel.every);
   return {BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
-          jump(BPF_JGE, payload + kEstimateStatusAt + 4, 0, 9),
+          jump(BPF_JGE, payload + kEstimateStatusAt + 4, 0, 17),
           load(payload + kEstimateStatusAt),
-          jump(BPF_JSET, kGainEveryTick, 7, 0),
+          jump(BPF_JSET, kGainEveryTick, 15, 0),
           load(payload + 8),  // seq, upper half
-          jump(BPF_JEQ, 0, 0, 5),
+          jump(BPF_JEQ, 0, 0, 2),
           load(payload + 12),
-          jump(BPF_JGE, channel.from, 0, 3),
+          jump(BPF_JGE, channel.from, 0, 11),
+          load(payload + 8),
+          BPF_STMT(BPF_ALU | BPF_MOD | BPF_K, channel.every),
+          BPF_STMT(BPF_ALU | BPF_MUL | BPF_K, wrap),
+          BPF_STMT(BPF_ALU | BPF_MOD | BPF_K, channel.every),
+          BPF_STMT(BPF_MISC | BPF_TAX, 0),
+          load(payload + 12),
+          BPF_STMT(BPF_ALU | BPF_MOD | BPF_K, channel.every),
+          BPF_STMT(BPF_ALU | BPF_ADD | BPF_X, 0),
           BPF_STMT(BPF_ALU | BPF_MOD | BPF_K, channel.every),
           jump(BPF_JEQ, 0, 1, 0),
           give(kNone),
