@@ -72,6 +72,9 @@ struct Summary {
   std::int64_t late_gains = 0;
   // From the processes.
   std::int64_t repeats = 0, deadline_misses = 0, late_commands = 0;
+  // Realtime, of the plant: ticks begun late by more than a period, and for how long its clock stood.
+  std::int64_t stalls = 0;
+  double stalled_s = 0, longest_stall_s = 0;
   double wall_s = 0;
 };
 

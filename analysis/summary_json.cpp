@@ -57,6 +57,9 @@ std::string to_json(const Summary& summary, const DriveConfig& config) {
   json["deadline_misses"] = summary.deadline_misses;
   json["late_gains"] = summary.late_gains;
   json["late_commands"] = summary.late_commands;
+  json["stalls"] = summary.stalls;
+  json["stalled_s"] = summary.stalled_s;
+  json["longest_stall_s"] = summary.longest_stall_s;
   json["wall_s"] = summary.wall_s;
   json["steps_per_s"] = summary.wall_s > 0
                             ? Json(static_cast<double>(summary.steps) / summary.wall_s)
@@ -74,6 +77,9 @@ void take_process_figures(const std::string& summary_json, Summary& summary) {
   take("deadline_misses", summary.deadline_misses);
   take("late_gains", summary.late_gains);
   take("late_commands", summary.late_commands);
+  take("stalls", summary.stalls);
+  take("stalled_s", summary.stalled_s);
+  take("longest_stall_s", summary.longest_stall_s);
   take("wall_s", summary.wall_s);
   if (!json.contains("lost_messages") || !json["lost_messages"].is_object()) return;
   for (const auto& [channel, count] : json["lost_messages"].items())

@@ -4,6 +4,7 @@
 #include <sched.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <cstdio>
@@ -480,6 +481,11 @@ void Process::check_patience() {
 std::optional<double> Process::supervisor_silent_s() const {
   if (!supervisor_heard_) return {};
   return seconds_since(*supervisor_heard_);
+}
+
+void Process::clock_stood(std::int64_t ns) {
+  if (supervisor_heard_)
+    supervisor_heard_ = std::min(*supervisor_heard_ + std::chrono::nanoseconds(ns), Clock::now());
 }
 
 // A stopped supervisor can neither watch the set nor end it.

@@ -116,6 +116,9 @@ class Process {
   // Seconds since the supervisor's last heartbeat; empty before the first (no supervisor).
   std::optional<double> supervisor_silent_s() const;
 
+  // The plant: time in which the machine did not run it is no silence of the supervisor.
+  void clock_stood(std::int64_t ns);
+
   // What happens to a request for more or fewer effects in the model: `extended` is this drive with
   // all that were added and not removed, to be used from tick `k` on. May throw BadInput, which
   // refuses the request. A process that has no model leaves it out.

@@ -200,6 +200,12 @@ void Plant::take_command(const Command& received) {
     slot = command;  // an old one may arrive again: it must not displace a newer one
 }
 
+bool Plant::command_is_missing() const {
+  const std::int64_t due = k_ - parameters_.delay_samples;
+  const auto slot = static_cast<std::size_t>(std::max<std::int64_t>(due, 0)) % commands_.size();
+  return !safety_.is_off() && arrival_of(commands_[slot], due) == Arrival::kMissing;
+}
+
 bool Plant::contradicts(const Command& command) const {
   if (command.k < 0) return false;
   const Command& there = commands_[static_cast<std::size_t>(command.k) % commands_.size()];

@@ -57,6 +57,8 @@ class Plant {
   // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS
   // fails.
   bool advance();
+  // advance() would hold the last command: the one that is due has not come.
+  bool command_is_missing() const;
   // Another command of the same tick is there already.
   bool contradicts(const Command& command) const;
   // Off from the next advance() on, for every command.

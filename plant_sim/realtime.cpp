@@ -7,7 +7,9 @@
 #include <cerrno>
 
 #include "core/signals_io.hpp"
+#include "core/stall_text.hpp"
 #include "plant_sim/overrun.hpp"
+#include "plant_sim/plant_clock.hpp"
 
 namespace twinrate {
 namespace {
@@ -53,21 +55,26 @@ void publish_safety_events(Process& p, const Plant& plant, std::int64_t k) {
 
 void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
   const std::int64_t period = p.drive().t_ns(1);
-  const std::int64_t start = now_ns() + 20 * period;
+  PlantClock clock(now_ns() + 20 * period, period);
   const double supervisor_s = 1e-3 * p.config().read<SafetyParameters>().supervisor_ms;
-  const ThreadClock clock;
-  ThreadTimes last = clock.now();
-  OverrunReport report;
+  const ThreadClock thread;
+  ThreadTimes last = thread.now();
+  OverrunReport misses, stalls;
   for (std::int64_t k = 0; k < steps && !p.stopping(); ++k) {
-    const std::int64_t due = start + p.drive().t_ns(k);
-    work_until(p, due);
-    const std::int64_t late_ns = now_ns() - due;
-    const ThreadTimes begun = clock.now();
-    if (late_ns > period / 2) {
+    const std::int64_t t_ns = p.drive().t_ns(k);
+    const PlantClock::Begin begin = clock.begin(
+        t_ns, [&](std::int64_t due) { work_until(p, due); }, [&] { return now_ns(); },
+        [&] { return plant.command_is_missing(); });
+    const ThreadTimes begun = thread.now();
+    if (begin.late_ns > period / 2) {
       ++p.status().deadline_misses;
-      const std::string text =
-          report.take(due, late_ns, cause_of_delay(since(last, begun), late_ns, period));
-      if (!text.empty()) p.event(Reason::kOverrun, k, text);
+      const bool stalled = begin.stood_ns > 0;
+      std::string cause = cause_of_delay(since(last, begun), begin.late_ns, period);
+      if (stalled) cause += "; the plant's clock stood";
+      const std::string text = (stalled ? stalls : misses).take(t_ns, begin.late_ns, cause);
+      if (!text.empty())
+        p.event(Reason::kOverrun, k, stalled ? text + stall_text(clock.count()) : text);
+      p.clock_stood(begin.stood_ns);
     }
     last = begun;
     p.bus().publish(to_wire(plant.sample(), p.bus().session()),
@@ -83,6 +90,8 @@ void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
     publish_safety_events(p, plant, k);
     p.progress(k);
   }
+  if (clock.count().stalls > 0)
+    p.event(Reason::kOverrun, plant.k() - 1, "the plant's clock stood" + stall_text(clock.count()));
 }
 
 }  // namespace twinrate

@@ -2,9 +2,10 @@
 //
 // At t_k: publish MEASUREMENT(k); the voltage of [t_k, t_{k+1}] is COMMAND(k - delay_samples) if it
 // has arrived by t_k, otherwise the last one is held and the miss is counted with its k. A tick
-// begun more than half a period late is a deadline miss; the clock is never moved, late ticks
-// follow each other at once. A supervisor that was heard and is silent for safety.supervisor_ms
-// switches the drive off.
+// begun more than half a period late is a deadline miss. One begun more than a period late is a
+// stall, for which the plant's clock stands (plant_sim/plant_clock.hpp): late ticks are not made up.
+// A supervisor that was heard and is silent for safety.supervisor_ms, stalls not counted, switches
+// the drive off.
 #pragma once
 #include "core/process.hpp"
 #include "plant_sim/plant.hpp"

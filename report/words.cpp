@@ -189,6 +189,9 @@ Json summary_table(const RunView& view) {
   add("late gains", std::to_string(s.late_gains));
   add("late commands", std::to_string(s.late_commands));
   add("deadline misses", std::to_string(s.deadline_misses));
+  if (s.stalls > 0)
+    add("stalls", fmt::format("{}, {:.4g} s in all, {:.3g} s at most", s.stalls, s.stalled_s,
+                              s.longest_stall_s));
   for (const Json& row : transport_rows(view.run.manifest_json)) rows.push_back(row);
   return rows;
 }

@@ -16,6 +16,7 @@
 #include "core/command_line.hpp"
 #include "core/output_file.hpp"
 #include "core/reason.hpp"
+#include "core/stall_text.hpp"
 #include "report/report.hpp"
 #include "run/hop_latency.hpp"
 #include "run/progress.hpp"
@@ -190,6 +191,9 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   row("messages lost", fmt::format("{}  (sent again: {})", lost_in_total(s), facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
+  if (s.stalls > 0)
+    row("stalls", fmt::format("{}: the plant's clock stood for {:.4g} s in all, {:.3g} s at most",
+                              s.stalls, s.stalled_s, s.longest_stall_s));
   if (!facts.scheduling.empty()) row("scheduling", facts.scheduling);
   if (latency.rounds > 0) row("round p50, p99, p99.9", latency_text(latency.round_us));
   for (const LinkFigures& link : facts.links)
@@ -275,6 +279,20 @@ void add_process_counts(const RunFacts& facts, const Json& account, Summary& s) 
   // The account of a logger that was started again does not hold what was lost before it.
   for (const auto& [channel, count] : lost_messages(account))
     s.lost_messages[channel] = std::max(s.lost_messages[channel], count);
+}
+
+// The stalls of a realtime plant, as its last event that counts them has it.
+void add_stalls(const RunLog& log, Summary& s) {
+  for (const EventRecord& event : log.events) {
+    if (event.role != static_cast<int>(Role::kPlant) ||
+        static_cast<Reason>(event.reason) != Reason::kOverrun)
+      continue;
+    const auto count = stall_count_in(event.text);
+    if (!count || count->stalls < s.stalls) continue;
+    s.stalls = count->stalls;
+    s.stalled_s = count->stood_s;
+    s.longest_stall_s = count->longest_s;
+  }
 }
 
 // The manifest of the log with the facts of the run.
@@ -393,6 +411,7 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
     facts.ended = fmt::format("stopped at tick {} of {}", reached, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
   add_process_counts(facts, account, s);
+  if (facts.realtime) add_stalls(log, s);
   std::error_code ignored;
   fs::remove(dir / "logger.json", ignored);
   const HopLatencies latency =

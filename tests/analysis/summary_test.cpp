@@ -475,6 +475,9 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
                           "repeats",
                           "deadline_misses",
                           "late_gains",
+                          "stalls",
+                          "stalled_s",
+                          "longest_stall_s",
                           "wall_s",
                           "steps_per_s",
                           "f_s_Hz",
@@ -543,12 +546,18 @@ TEST(Summary, FiguresOfTheProcessesComeBackEachToItsOwn) {
   written.deadline_misses = 2;
   written.late_gains = 3;
   written.late_commands = 4;
+  written.stalls = 5;
+  written.stalled_s = 0.6;
+  written.longest_stall_s = 0.7;
   Summary read;
   take_process_figures(to_json(written, drive()), read);
   EXPECT_EQ(read.repeats, 1);
   EXPECT_EQ(read.deadline_misses, 2);
   EXPECT_EQ(read.late_gains, 3);
   EXPECT_EQ(read.late_commands, 4);
+  EXPECT_EQ(read.stalls, 5);
+  EXPECT_EQ(read.stalled_s, 0.6);
+  EXPECT_EQ(read.longest_stall_s, 0.7);
 }
 
 }  // namespace

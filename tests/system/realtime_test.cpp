@@ -3,10 +3,12 @@
 #include <sched.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "core/reason.hpp"
 #include "core/run_log.hpp"
@@ -99,9 +101,14 @@ TEST_F(Realtime, ARunTakesItsTimeAndItsCountsAgreeWithItsLog) {
   for (const EventRecord& event : events(log, Reason::kLateGain)) EXPECT_GE(event.k, 0);
 }
 
+// A plant that does not run for 20 ms is a stall: its clock stands, and no command is missed by it.
 TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
   Program run(launch("2s"));
   ASSERT_TRUE(wait_for_log(300'000));
+  const pid_t plant = processes_with(path("run"), "twinrate-plant").at(0);
+  kill(plant, SIGSTOP);
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  kill(plant, SIGCONT);
   const pid_t gain = processes_with(path("run"), "twinrate-gain").at(0);
   expect_scheduled_as_asked();
   kill(gain, SIGSTOP);
@@ -113,6 +120,10 @@ TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
   const RunLog log = read_run_log(path("run"));
   EXPECT_EQ(log.measurement.size(), 10000u);
   EXPECT_GT(summary()["late_gains"], 100);
+  EXPECT_TRUE(events(log, Reason::kCommandLost).empty());
+  EXPECT_GE(summary()["stalls"], 1);
+  EXPECT_GE(summary()["longest_stall_s"], 0.0195);
+  EXPECT_GE(summary()["stalled_s"], summary()["longest_stall_s"]);
   ASSERT_FALSE(events(log, Reason::kLateGain).empty());
   const std::int64_t k = events(log, Reason::kLateGain).front().k;
   EXPECT_TRUE(log.estimate.at(static_cast<std::size_t>(k)).status & kLateGain);

@@ -1,0 +1,121 @@
+// The realtime plant on a machine that stalls: a clock, a controller and stalls that are made up.
+#include "plant_sim/plant_clock.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <deque>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "plant_sim/plant.hpp"
+#include "tests/support/drives.hpp"
+#include "tests/support/plant_of.hpp"
+
+namespace twinrate::plant_clock_test {
+namespace {
+
+constexpr std::int64_t kPeriod = 200'000, kMs = 1'000'000;  // ns
+constexpr int kHoldTicks = 19;                              // safety.hold_ms, 4 ms, less the delay
+
+struct Stall {
+  std::int64_t from, to;
+};
+
+// The controller answers MEASUREMENT(k) after 60 us in which it ran.
+struct Machine {
+  std::vector<Stall> of_all, of_controller;
+  std::int64_t wakes_late = 0;  // the plant, each tick
+  std::int64_t controller_ends = std::numeric_limits<std::int64_t>::max();
+
+  std::int64_t missing = 0, off_k = -1;
+  StallCount count;
+
+  void run(std::int64_t ticks) {
+    Plant plant = test::plant_of(test::load("dilys2021"));
+    PlantClock clock(0, kPeriod);
+    std::int64_t now = 0;
+    std::deque<std::pair<std::int64_t, Command>> sent;  // arrival
+    for (std::int64_t k = 0; k < ticks; ++k) {
+      const auto wait_until = [&](std::int64_t due) {
+        now = std::max(now, due) + wakes_late;
+        for (const Stall& s : of_all)
+          if (now >= s.from && now < s.to) now = s.to;  // the plant runs first after it
+        for (; !sent.empty() && sent.front().first <= now; sent.pop_front())
+          plant.take_command(sent.front().second);
+      };
+      clock.begin(
+          k * kPeriod, wait_until, [&] { return now; }, [&] { return plant.command_is_missing(); });
+      if (now < controller_ends)
+        sent.emplace_back(answered(now), Command{.k = k, .mode = Mode::kRun});
+      if (!plant.advance()) ++missing;
+      if (plant.tripped() && off_k < 0) off_k = k;
+    }
+    count = clock.count();
+  }
+
+ private:
+  std::int64_t answered(std::int64_t published) const {
+    std::int64_t at = published + 60'000;
+    for (const auto* stalls : {&of_all, &of_controller})
+      for (const Stall& s : *stalls)
+        if (at >= s.from && published < s.to) at += s.to - std::max(s.from, published);
+    return at;
+  }
+};
+
+TEST(PlantClock, AStallOfTheMachineTakesNoCommandAndIsCounted) {
+  // In mid-tick; before the controller could answer; for a time just above a period.
+  Machine machine{.of_all = {{20 * kMs + 150'000, 40 * kMs},
+                             {60 * kMs + 10'000, 81 * kMs},
+                             {100 * kMs + 150'000, 100 * kMs + 420'000}}};
+  machine.run(1000);
+  EXPECT_EQ(machine.off_k, -1);
+  EXPECT_EQ(machine.missing, 0);
+  EXPECT_EQ(machine.count.stalls, 3);
+  EXPECT_NEAR(machine.count.stood_s, 0.0198 + 0.0208 + 0.0002, 0.0006);
+  EXPECT_NEAR(machine.count.longest_s, 0.0208, 0.0002);
+}
+
+TEST(PlantClock, ALateControllerIsOffInItsTimeWhileThePlantIsAwake) {
+  Machine machine{.of_controller = {{20 * kMs + 10'000, 40 * kMs}}};
+  machine.run(300);
+  EXPECT_EQ(machine.count.stalls, 0);
+  EXPECT_EQ(machine.count.stood_s, 0);
+  EXPECT_EQ(machine.off_k, 100 + 1 + kHoldTicks - 1);  // COMMAND(100) acts at tick 101
+}
+
+TEST(PlantClock, AControllerThatEndsInAStallIsOffWithinTheSameTicks) {
+  Machine machine{.of_all = {{20 * kMs + 10'000, 50 * kMs}}, .controller_ends = 20 * kMs};
+  machine.run(300);
+  EXPECT_EQ(machine.count.stalls, 1);
+  EXPECT_EQ(machine.off_k, 100 + 1 + kHoldTicks - 1);
+}
+
+TEST(PlantClock, AStallHelpsALateControllerByOnePeriodAndNoMore) {
+  // The controller alone sleeps on after a stall of all.
+  Machine machine{.of_all = {{20 * kMs + 10'000, 30 * kMs}},
+                  .of_controller = {{30 * kMs, 50 * kMs}}};
+  machine.run(300);
+  EXPECT_EQ(machine.off_k, 100 + 1 + kHoldTicks - 1);
+  EXPECT_NEAR(machine.count.stood_s, 0.0098 + 0.0002, 1e-9);
+}
+
+TEST(PlantClock, LateByLessThanAPeriodDoesNotMoveIt) {
+  Machine machine{.wakes_late = kPeriod - 1000};
+  machine.run(200);
+  EXPECT_EQ(machine.count.stalls, 0);
+  EXPECT_EQ(machine.count.stood_s, 0);
+}
+
+TEST(PlantClock, AMachineThatIsAlwaysLateGoesOnSlowlyAndSaysSo) {
+  Machine machine{.wakes_late = 3 * kPeriod};
+  machine.run(200);
+  EXPECT_EQ(machine.missing, 0);
+  EXPECT_GE(machine.count.stalls, 200);
+  EXPECT_NEAR(machine.count.stood_s, 200 * 3 * 2e-4, 1e-9);
+}
+
+}  // namespace
+}  // namespace twinrate::plant_clock_test
