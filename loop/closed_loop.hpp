@@ -47,6 +47,8 @@ class ClosedLoop {
   // Runs tick k. The returned reference is valid until the next step.
   const TickRecord& step();
   std::int64_t k() const { return plant_.k(); }
+  // Before the first step: as Plant::begin_at.
+  void begin_at(std::int64_t k, double theta_m) { plant_.begin_at(k, theta_m); }
   // Estimator, gain and controller compensate the effects of `extended` from the next step on; the
   // plant does not change.
   void know(Config& extended);

@@ -112,6 +112,17 @@ Plant::Plant(const Config& file, const PlantParameters& parameters, const Safety
   take_row();
 }
 
+void Plant::begin_at(std::int64_t k, double theta_m) {
+  k_ = k;
+  x_[3] += theta_m;
+  late_currents_ = late_state(config_, SamplingFacts::kCurrent, x_);
+  late_angle_ = late_state(config_, SamplingFacts::kAngle, x_);
+  sense_currents();
+  theta_m_meas_ = sample_angle(config_.sensors, sensed_angle());
+  watch_ = SensorWatch(sensor_limits(config_, safety_.limits()));
+  take_row();
+}
+
 bool Plant::makes(MadeFault kind) const {
   const FaultParameters& fault = parameters_.fault;
   if (fault.kind != kind) return false;

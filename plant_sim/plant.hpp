@@ -51,6 +51,9 @@ class Plant {
   // Reads its table of the drive file. Throws BadInput.
   explicit Plant(Config& config);
 
+  // Before the first advance(): tick and angle are those of a drive that has run for long.
+  void begin_at(std::int64_t k, double theta_m);
+
   const Measurement& sample() const { return sample_; }
   Truth truth() const;
   void take_command(const Command& command);

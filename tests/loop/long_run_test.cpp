@@ -3,10 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
 
+#include "core/reason.hpp"
 #include "estimator/make_filter.hpp"
 #include "estimator/registry.hpp"
 #include "loop/closed_loop.hpp"
+#include "model/frames.hpp"
 #include "tests/support/drives.hpp"
 
 namespace twinrate::long_run_test {
@@ -96,6 +100,39 @@ INSTANTIATE_TEST_SUITE_P(Propagated, LongCovariance,
                          testing::Combine(testing::Values("ekf_sensorless", "eemf", "ekf_joint"),
                                           testing::Values("propagated")),
                          name_of);
+
+// The whole loop over the end of 32 bits of ticks, and after 30 days: it goes on as at tick 0.
+TEST(LateSession, ADriveOverTheEndOf32BitsOfTicksGoesOn) {
+  const auto run = [](const char* drive, std::int64_t first, double theta_m) {
+    Config config = test::load(drive, {"rates.n=5", "run.duration_s=1"});
+    ClosedLoop loop(config);
+    loop.begin_at(first, theta_m);
+    double worst = 0;
+    std::int64_t gains = 0;
+    for (int i = 0; i < 2500; ++i) {
+      const TickRecord& tick = loop.step();
+      EXPECT_EQ(tick.measurement.k, first + i);
+      EXPECT_EQ(tick.command.k, first + i);
+      for (const PlantEvent& event : tick.plant_events)
+        EXPECT_FALSE(is_trip(event.reason)) << drive << i << event.text;
+      if (i < 1500) continue;
+      gains += tick.has_gain;
+      worst = std::max(worst, std::abs(wrap_pi(tick.estimate.theta_e -
+                                               config.drive().machine.n_p * tick.truth.theta_m)));
+      EXPECT_EQ(tick.estimate.status & (kLateGain | kGapBridged | kNotFinite), 0) << drive << i;
+    }
+    EXPECT_EQ(gains, 200) << drive << first;
+    return worst;
+  };
+  for (const char* drive : {"dilys2021", "niewiara2020"}) {
+    const double usual = run(drive, 0, 0);
+    for (const std::int64_t end : {std::int64_t{1} << 32, 12'960'000'000}) {
+      const std::int64_t first = (end / 5 - 400) * 5;  // the end is among the figures
+      const double theta_m = kTwoPi * 1e9;             // 2400 rad/s for 30 days
+      EXPECT_NEAR(run(drive, first, theta_m), usual, 0.2 * usual + 1e-3) << drive << end;
+    }
+  }
+}
 
 // 30 days at 5 kHz are 1.3e10 ticks, and 2.6e8 rad at 100 rad/s.
 TEST(LateSession, AnEstimatorThirtyDaysOnGivesTheSameEstimates) {
