@@ -130,6 +130,7 @@ Bus::Bus(const BusOptions& options)
     throw BadInput(fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT",
                                options_.url));
   first_seq_.fill(-1);
+  jumped_to_.fill(-1);
   last_seq_.fill(-1);
   for (History& history : history_) history.ring.resize(options_.history);
   for (const ChannelInfo& channel : kChannels)
@@ -189,8 +190,27 @@ void Bus::subscribe_all(const RawHandler& handler, bool with_acks) {
       subscribe_raw(channel.channel, handler, Wake::kAtOnce);
 }
 
+// One message of a far future tick would make its receiver deaf for those in between.
+bool Bus::jumps(Channel channel, std::int64_t seq) {
+  if (options_.max_jump <= 0 || channel >= Channel::kStatus || channel == Channel::kGain)
+    return false;
+  const std::int64_t most =
+      options_.max_jump + (channel == Channel::kEstimate ? 2 * wanted_estimates_.n : 0);
+  const std::int64_t last = last_seq_[static_cast<std::size_t>(channel)];
+  const std::int64_t before =
+      std::exchange(jumped_to_[static_cast<std::size_t>(channel)], std::int64_t{-1});
+  if (last < 0 || seq - last <= most) return false;
+  if (before >= 0 && seq > before && seq - before <= most) return false;
+  jumped_to_[static_cast<std::size_t>(channel)] = seq;
+  return true;
+}
+
 bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
   if (channel < Channel::kStatus && seq >= options_.ticks) {
+    ++counters_.refused;
+    return false;
+  }
+  if (session == session_ && jumps(channel, seq)) {
     ++counters_.refused;
     return false;
   }

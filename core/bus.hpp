@@ -50,6 +50,10 @@ struct BusOptions {
   std::function<std::int64_t(std::int64_t first, std::int64_t last)> gains_between;
   // Messages of a tick from this one on are refused. The default allows every tick.
   std::int64_t ticks = INT64_MAX;
+  // Above 0, realtime: a message of a tick that is this much further ahead of the last one on its channel
+  // is refused, unless it follows a refused one: a hole in what arrives is believed at the second
+  // message after it. Thinned estimates may be two periods further; GAIN is not looked at.
+  std::int64_t max_jump = 0;
   std::size_t history = 2048;  // messages a channel kept for sending again
   // Above 0: messages do not wake the process, it reads them in this period. For one that nobody
   // waits for: a wake-up costs its sender more than the message.
@@ -156,6 +160,7 @@ class Bus {
                 const RawHandler& handler);
   bool is_genuine(Channel channel, const std::uint8_t* bytes, std::size_t size);
   bool admit(Channel channel, std::int64_t seq, std::int64_t session);
+  bool jumps(Channel channel, std::int64_t seq);
   void count_gap(Channel channel, std::int64_t seq);
   WantedChannel wanted(Channel channel) const;
   std::int64_t gap(Channel channel, std::int64_t last, std::int64_t seq) const;
@@ -170,7 +175,7 @@ class Bus {
   bool bound_;
   BusCounters counters_;
   std::uint64_t datagrams_seen_ = 0;
-  std::array<std::int64_t, kChannelCount> first_seq_, last_seq_;
+  std::array<std::int64_t, kChannelCount> first_seq_, last_seq_, jumped_to_;
   std::array<History, kChannelCount> history_;
   std::array<std::string, kChannelCount> names_;
   std::vector<Staged> staged_;  // the first staged_count_ are to be sent

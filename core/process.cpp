@@ -28,6 +28,7 @@ constexpr double kStartPatience_s = 10;  // before the first tick: the peers may
 constexpr double kPatienceStep_s = 0.2;
 // Realtime: a set whose supervisor is silent for so long ends. The plant is off by then.
 constexpr double kOrphanAfter_s = 1;
+constexpr std::int64_t kMaxJump = 50;  // ticks; over more the filter does not predict
 constexpr std::size_t kRequestsRemembered = 1 << 16;
 constexpr std::size_t kEffectsAnswered = 64;  // a sender repeats its last request only
 constexpr double kLoggerLater_s = 0.3;        // the last events of the others are in the log
@@ -54,6 +55,7 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const B
                 return std::max<std::int64_t>(1, rates.gains_between(first, last, gain_rate));
               },
           .ticks = o.session != 0 && !o.follow ? d.steps() : INT64_MAX,
+          .max_jump = o.pace == Pace::kRealtime && o.session != 0 ? kMaxJump : 0,
           .history = static_cast<std::size_t>(p.window_ticks) + kKeptBeyondWindow,
           .drain_every_ms = info.drain_every_ms,
           .spin_us = spin_us,

@@ -64,6 +64,30 @@ TEST(BusGaps, ChangeNotWhereAMessageIsSentAgain) {
   EXPECT_EQ(echo.gaps(), 0);
 }
 
+// Realtime: whoever believed one message of a far tick would refuse those in between as old.
+TEST(BusJumps, AFarTickIsBelievedAtTheSecondMessageAndNotAtTheFirst) {
+  Bus bus({.url = "memq://", .session = kSession, .max_jump = 50});
+  std::vector<std::int64_t> heard;
+  bus.subscribe<measurement_t>([&](const measurement_t& m) { heard.push_back(m.seq); });
+  const auto publish = [&](std::initializer_list<std::int64_t> ticks) {
+    heard.clear();
+    for (const std::int64_t k : ticks) {
+      measurement_t wire{};
+      wire.seq = k;
+      bus.publish(wire);
+      while (bus.handle(0)) {
+      }
+    }
+    return heard;
+  };
+  using Ticks = std::vector<std::int64_t>;
+  EXPECT_EQ(publish({1000, 1001}), (Ticks{1000, 1001})) << "a process that begins late";
+  EXPECT_EQ(publish({5000, 1002, 1003, 5000, 1004}), (Ticks{1002, 1003, 1004}));
+  EXPECT_EQ(bus.counters().refused, 2);
+  EXPECT_EQ(publish({1054, 1105, 1106}), (Ticks{1054, 1106})) << "a hole of 50";
+  EXPECT_EQ(publish({1107, 1104}), (Ticks{1107, 1104})) << "sent again";
+}
+
 TEST(BusMalformed, IsCountedAndNeverHeard) {
   Bus bus({.url = "memq://", .session = kSession, .ticks = 100});
   int heard = 0;
