@@ -1,11 +1,12 @@
 // What a drive does about faults, as a table: fault, trials, detected after, what it did, what was
 // lost.
 //
-//   faults [--drive NAME] [--trials 20] [--seed 1] [--only TEXT] [--set TWINRATE]
+//   faults [--drive NAME] [--trials 20] [--seed 1] [--only TEXT] [--set TWINRATE [--messages]]
 //
 // Each row has its trials at random ticks of a drive that runs. Without --set: in lock-step in this
 // process, with the faults of [plant.fault] and of the load. With --set the processes of
-// `TWINRATE launch` are killed and stopped, in lock-step and in realtime.
+// `TWINRATE launch` are killed and stopped, in lock-step and in realtime. With --messages somebody
+// else sends to that set (message_faults.cpp).
 //
 //   detected after   from the fault to the event that names it: worst (median) of the trials. A set
 //                    in realtime: from the last GAIN to the event `gain_scheduled`, in drive time
@@ -16,8 +17,9 @@
 //   as expected      trials whose reaction is the one of the row
 //
 // Exit code 1 if a trial is not as expected.
+#include "bench/faults.hpp"
+
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -26,7 +28,6 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
-#include <map>
 
 #include "bench/command_line.hpp"
 #include "core/event_log.hpp"
@@ -36,7 +37,6 @@
 #include "core/seconds_since.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
-#include "model/random.hpp"
 
 namespace twinrate {
 namespace {
@@ -44,64 +44,7 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-struct Options {
-  std::string drive = "dilys2021", only, twinrate;
-  int trials = 20, seed = 1;
-};
-
-// One of `count` numbers, by row and trial.
-std::int64_t draw(const Options& o, std::size_t row, int trial, std::int64_t count) {
-  const auto index = static_cast<std::uint64_t>(1000 * row) + static_cast<std::uint64_t>(trial);
-  const double u = uniform(static_cast<std::uint64_t>(o.seed), 7, index);
-  return std::min(count - 1, static_cast<std::int64_t>(u * static_cast<double>(count)));
-}
-
-std::string spread(std::vector<double> values, const char* unit) {
-  if (values.empty()) return "-";
-  std::sort(values.begin(), values.end());
-  return fmt::format("{:.3g} ({:.3g}) {}", values.back(), values[values.size() / 2], unit);
-}
-
-struct Trial {
-  bool detected = false, as_expected = false;
-  double detected_after = 0, off_after = -1, end_after = -1;
-  std::string did, lost;
-};
-
-// `ends`: the trials are of processes, which end.
-void print_row(const std::string& fault, const std::vector<Trial>& trials, const char* unit,
-               bool ends) {
-  std::vector<double> detected, off, end;
-  std::map<std::string, int> did, lost;
-  int expected = 0;
-  for (const Trial& t : trials) {
-    if (t.detected) detected.push_back(t.detected_after);
-    if (t.off_after >= 0) off.push_back(t.off_after);
-    if (t.end_after >= 0) end.push_back(t.end_after);
-    ++did[t.did];
-    ++lost[t.lost];
-    expected += t.as_expected;
-  }
-  const auto counted = [&](const std::map<std::string, int>& texts) {
-    std::vector<std::string> list;
-    list.reserve(texts.size());
-    for (const auto& [text, count] : texts)
-      list.push_back(texts.size() > 1 ? fmt::format("{} ({})", text, count) : text);
-    return fmt::format("{}", fmt::join(list, "; "));
-  };
-  fmt::print("| {} | {} of {} | {} | {} | {}{} | {} |\n", fault, expected, trials.size(),
-             spread(detected, unit), spread(off, unit), ends ? spread(end, "s") + " | " : "",
-             counted(did), counted(lost));
-  std::fflush(stdout);
-}
-
-void print_header(bool ends) {
-  fmt::print(
-      "| fault | as expected | detected after | off after |{} what the drive did | what was lost "
-      "|\n|---|---|---|---|---|---|{}\n",
-      ends ? " end after |" : "", ends ? "---|" : "");
-  std::fflush(stdout);  // a child would print it again
-}
+using namespace faults;
 
 // -- in this process ------------------------------------------------------------------------------
 
@@ -555,7 +498,10 @@ int main(int argc, char** argv) try {
   command_line.option("--seed", &o.seed, "draw the ticks from this seed");
   command_line.option("--only", &o.only, "only rows whose name contains this text");
   command_line.option("--set", &o.twinrate, "kill and stop processes of this twinrate's launch");
+  command_line.flag("--messages", o.messages,
+                    "with --set: send messages of a second sender instead");
   if (const auto status = command_line.parse(argc, argv)) return *status;
+  if (o.messages) return run_message_rows(o) ? 0 : 1;
   return (o.twinrate.empty() ? run_loop_rows(o) : run_set_rows(o)) ? 0 : 1;
 } catch (...) {
   return twinrate::report_error("faults");
