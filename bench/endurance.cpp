@@ -3,11 +3,16 @@
 //
 //   endurance [--hours 8]                      one drive in this process, without a log
 //   endurance --set TWINRATE [--minutes 20]    `TWINRATE launch` in lock-step over LCM, until Ctrl-C
+//   endurance --covariance 1e8 [--only TEXT]   every filter and gain policy, that many updates of P
 //
 // In this process, a row for each hour of drive time: the resident memory, the largest angle error,
 // and of P (symmetric part) the smallest eigenvalue and the largest difference P - P'. The set: the
 // resident memory of each process after a minute, the most since then and at the end; the losses; and
 // whether the messages of every tick are those of the loop in this process, bit for bit.
+//
+// --covariance: the snapshots of 0.1 s of a run over and over, at speed and at standstill, a row for
+// each filter and policy with a background. Of the correlation matrix C of P, every thousandth time, the
+// largest difference C - C' and the least eigenvalue. All filters are in double precision.
 //
 // Exit code 1 if the drive is not locked, P is not positive definite, a message is lost or differs,
 // or a process has grown by more than 1 MB since its first minute.
@@ -34,6 +39,8 @@
 #include "core/report_error.hpp"
 #include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
+#include "estimator/make_filter.hpp"
+#include "estimator/registry.hpp"
 #include "loop/closed_loop.hpp"
 #include "model/frames.hpp"
 
@@ -47,7 +54,8 @@ constexpr double kGrowth_MB = 1;
 
 struct Options {
   std::string drive = "dilys2021", twinrate, dir = "/tmp", run_dir;
-  double hours = 8, minutes = 20;
+  double hours = 8, minutes = 20, covariance = 0;
+  std::string only;
   std::vector<std::string> overrides;
 };
 
@@ -111,6 +119,91 @@ bool run_loop(const Options& o) {
   }
   fmt::print("\n{} h of drive time in {:.0f} s of CPU time\n", std::lround(o.hours),
              static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC);
+  return well;
+}
+
+// -- covariances ----------------------------------------------------------------------------------
+
+// A drive that the filter is made for.
+std::string drive_of(const std::string& kind) {
+  const bool salient = kind == "active_flux" || kind == "eemf" || kind == "dq_ekf";
+  if (salient || kind == "backemf_printed") return "kim-ipmsm";
+  return kind == "ekf_sensorless" || kind == "ekf_joint" ? "dilys2021" : "niewiara2020";
+}
+
+// The snapshots of the last 0.1 s of 0.3 s.
+std::vector<Estimate> snapshots(Config& config) {
+  ClosedLoop loop(config);
+  std::vector<Estimate> all;
+  for (double t = 0; t < 0.3; t = static_cast<double>(loop.k()) * config.drive().T_s()) {
+    const TickRecord& tick = loop.step();
+    if (tick.has_gain && t >= 0.2) all.push_back(tick.estimate);
+  }
+  return all;
+}
+
+struct Correlation {
+  double asymmetry = 0, least_eigenvalue = HUGE_VAL;
+  bool well = true;
+  void take(const Gain& gain) {
+    const Eigen::MatrixXd P = gain.P.topLeftCorner(gain.n_x, gain.n_x);
+    well = well && P.allFinite() && gain.K.allFinite() && P.diagonal().minCoeff() > 0;
+    if (!well) return;
+    const Eigen::VectorXd scale = P.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::MatrixXd C = scale.asDiagonal() * P * scale.asDiagonal();
+    asymmetry = std::max(asymmetry, (C - C.transpose()).cwiseAbs().maxCoeff());
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(0.5 * (C + C.transpose()),
+                                                                Eigen::EigenvaluesOnly);
+    least_eigenvalue = std::min(least_eigenvalue, solver.eigenvalues().minCoeff());
+    well = least_eigenvalue > 0 && asymmetry < 1e-6;
+  }
+};
+
+bool run_covariance(const Options& o, const std::string& kind, const std::string& policy,
+                    bool stands) {
+  std::vector<std::string> overrides = {"estimator.kind=" + kind,
+                                        "gain.policy=" + policy,
+                                        "load.T_load_Nm=0",
+                                        "rates.n=2",
+                                        "rates.n_from=start",
+                                        "controller.kind=foc",
+                                        "controller.angle_source=truth"};
+  if (stands) overrides.push_back("reference.speed_rpm=0");
+  Config config = Config::load(drive_of(kind), overrides);
+  const std::vector<Estimate> at = snapshots(config);
+  BackgroundLoop background = make_background_loop(config);
+  Correlation seen;
+  const auto count = static_cast<std::int64_t>(o.covariance);
+  const std::clock_t begun = std::clock();
+  std::size_t next = 0;
+  for (std::int64_t i = 0; i < count && seen.well; ++i) {
+    Estimate e = at[next];
+    next = next + 1 < at.size() ? next + 1 : 0;
+    e.k = 2 * i;
+    const Gain& gain = background.step(e);
+    if (i % 1000 == 999) seen.take(gain);
+  }
+  fmt::print("| {}, {}, {} | {:.3g} | {:.2g} | {:.2g} | {} | {:.0f} s |\n", kind, policy,
+             stands ? "standstill" : "speed", o.covariance, seen.asymmetry, seen.least_eigenvalue,
+             seen.well ? "yes" : "NO", static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC);
+  std::fflush(stdout);
+  return seen.well;
+}
+
+bool run_covariances(const Options& o) {
+  bool well = true;
+  fmt::print(
+      "| filter, policy, at | updates | C - C' | least eigenvalue of C | well | CPU time |\n"
+      "|---|---|---|---|---|---|\n");
+  for (const std::string& kind : filter_kinds())
+    for (const std::string policy : {"paper", "immediate", "rotor_frame", "propagated"})
+      for (const bool stands : {false, true}) {
+        if (policy == "propagated" && kind != "ekf_sensorless" && kind != "eemf" &&
+            kind != "ekf_joint")
+          continue;  // it has no steady state in the stationary frame
+        if ((kind + ", " + policy).find(o.only) == std::string::npos) continue;
+        well = run_covariance(o, kind, policy, stands) && well;
+      }
   return well;
 }
 
@@ -253,11 +346,14 @@ int main(int argc, char** argv) try {
   command_line.option("--drive", &o.drive, "run this drive file or preset");
   command_line.option("--hours", &o.hours, "drive time in this process, in whole hours");
   command_line.option("--set", &o.twinrate, "run the processes of this twinrate's launch");
+  command_line.option("--covariance", &o.covariance, "update P of every filter this many times");
+  command_line.option("--only", &o.only, "with --covariance: filters and policies with this text");
   command_line.option("--minutes", &o.minutes, "wall time of the set");
   command_line.option("--dir", &o.dir, "write the set's log below this directory");
   command_line.option("--override", &o.overrides,
                       "override a key of the drive file: key.path=value");
   if (const auto status = command_line.parse(argc, argv)) return *status;
+  if (o.covariance > 0) return run_covariances(o) ? 0 : 1;
   return (o.twinrate.empty() ? run_loop(o) : run_set(o)) ? 0 : 1;
 } catch (...) {
   return twinrate::report_error("endurance");
