@@ -77,9 +77,11 @@ struct Identified {
   bool R_s_drifts = false;  // while the direct currents are on
   Found fan;                // Nm s^2, torque over the square of the speed
   Lateness current;
-  Found angle_lag;         // s, against the voltage; 0 where not found
-  double stale_share = 0;  // of the rows
-  Found T_sin, T_cos;      // Nm, torque once a turn over the angle of the encoder, as T_load
+  Found angle_lag;            // s, against the voltage; 0 where not found
+  double stale_share = 0;     // of the rows
+  double flux_harmonics = 0;  // of psi_f, at six times the electrical angle; 0 where not found
+  double friction_share = 0;  // by which they may shift the friction
+  Found T_sin, T_cos;         // Nm, torque once a turn over the angle of the encoder, as T_load
   InverterLoss loss;
   std::vector<InductancePoint> L_d_points, L_q_points;
   std::optional<SaturationFound> saturation_d, saturation_q;

@@ -12,6 +12,7 @@ namespace {
 constexpr double kLevels[] = {0.25, 0.5, 0.75, 1};  // of i_max
 constexpr int kLevelCount = 4;
 constexpr Eigen::Index kLag = 2 + kLevelCount;  // column of FluxFit
+constexpr int kHarmonics = 4;                   // columns behind it
 constexpr double kVoltageShare = 0.6;           // of u_max: where the first run-up ends
 constexpr double kCoastSpeeds[] = {1, 0.45, 0.2};
 constexpr std::size_t kLeastRows = 60;  // of a piece
@@ -251,11 +252,12 @@ void advance_angles(Rows& rows, double lag, double T_s) {
   for (std::size_t k = 0; k < rows.size(); ++k) rows[k].theta += lag * speeds[k];
 }
 
-// Columns: psi_d, psi_x, L_q of each level, psi_f times the lag of the angle.
+// Columns: psi_d, psi_x, L_q of each level, psi_f times the lag of the angle, harmonics of the flux in
+// rotor axes: d and q, cos and sin of six times the electrical angle.
 class FluxFit {
  public:
   FluxFit(const Experiment& e, const Identified& found)
-      : fit_(3 + kLevelCount), found_(found), T_s_(e.T_s()) {}
+      : fit_(3 + kLevelCount + kHarmonics), found_(found), T_s_(e.T_s()) {}
 
   void add(const SpinRun& segment) {
     constexpr std::size_t kPiece = 4000;
@@ -275,7 +277,7 @@ class FluxFit {
     const int level = segment.level;
     const auto n = static_cast<Eigen::Index>(end - begin);
     Eigen::MatrixXd local = Eigen::MatrixXd::Zero(2 * n, 4);
-    Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(2 * n, kLag + 1);
+    Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(2 * n, kLag + 1 + kHarmonics);
     Eigen::VectorXd y(2 * n);
     Vec2 psi = Vec2::Zero();
     for (Eigen::Index k = 0; k < n; ++k) {
@@ -305,6 +307,9 @@ class FluxFit {
         shared(r, 0) = inverse_park(Vec2(1, 0), theta)[axis];
         shared(r, 1) = inverse_park(Vec2(0, 1), theta)[axis];
         shared(r, kLag) = omega_e * shared(r, 1);
+        for (int column = 0; column < kHarmonics; ++column)
+          shared(r, kLag + 1 + column) =
+              shared(r, column / 2) * (column % 2 == 0 ? std::cos(6 * theta) : std::sin(6 * theta));
         const double along_q = inverse_park(Vec2(0, i_dq[1]), theta)[axis];
         if (level >= 0)
           shared(r, 2 + level) = along_q;
@@ -336,6 +341,24 @@ void note_rising_inductance(Identified& found) {
         1e3 * rest.value, 1e3 * p.L.value));
     return;
   }
+}
+
+// Their EMF drives currents that brake, and a torque that the motion's model lacks.
+void note_flux_harmonics(const FluxFit& flux, std::vector<Eigen::Index> used, Identified& found) {
+  constexpr double kSigmas = 5, kMaterial = 5e-3;  // of psi_f
+  // Three per cent made B 70 % too large (docs/identify-a-motor.md).
+  constexpr double kFrictionAShare = 30;
+  for (int column = 0; column < kHarmonics; ++column) used.push_back(kLag + 1 + column);
+  const auto s = flux.solve(used);
+  const double share = s.x.tail<kHarmonics>().norm() / found.psi_f.value;
+  const double sigma = s.sigma.tail<kHarmonics>().norm() / found.psi_f.value;
+  if (share < kMaterial || share < kSigmas * sigma) return;
+  found.flux_harmonics = share;
+  found.friction_share = std::min(1.0, kFrictionAShare * share);
+  found.notes.push_back(fmt::format(
+      "friction may be shifted: the flux linkage has harmonics, {:.2g} % of psi_f at order {} a "
+      "turn; their currents brake, and B_Nms and the Coulomb torque take that for friction",
+      100 * share, 6 * found.n_p));
 }
 
 void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& found) {
@@ -387,6 +410,7 @@ void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& 
       const double error = std::hypot(sigma[column], kFluxError * found.psi_f.value / i);
       found.L_q_points.push_back({i, {x[column], error}, false});
     }
+    if (pass + 1 == (is_late ? 4 : 2)) note_flux_harmonics(flux, used, found);
   }
 }
 
@@ -514,6 +538,8 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
   found.B.sigma = std::hypot(found.B.sigma, hidden / omega);
   found.T_coulomb = scaled(2);
   found.T_constant = scaled(3);
+  for (Found* friction : {&found.B, &found.T_coulomb})
+    friction->sigma = std::hypot(friction->sigma, found.friction_share * friction->value);
   found.fan = scaled(4);
   found.T_sin = scaled(5), found.T_cos = scaled(6);
   if (found.B.value < kSigmas * found.B.sigma) {

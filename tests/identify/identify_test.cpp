@@ -246,7 +246,8 @@ bool says(const Identified& found, const std::string& what) {
 
 TEST(Identify, ARightDriveHasNoFaultOfItsReadings) {
   const Identified found = with_effects("");
-  for (const char* what : {"stale", "currents:", "angle:", "a torque once", "phases:"})
+  for (const char* what :
+       {"stale", "currents:", "angle:", "a torque once", "phases:", "friction may"})
     EXPECT_FALSE(says(found, what)) << what;
 }
 
@@ -278,6 +279,15 @@ TEST(Identify, ALateAngleAndAPhaseWithMoreResistanceAreTold) {
   EXPECT_NEAR(found.psi_f.value, 0.007, 0.002 * 0.007);
   EXPECT_TRUE(says(found, "phases:"));
   EXPECT_NEAR(found.R_s.value, 1.2 + 0.1 / 3, 0.005);
+}
+
+// Three per cent of harmonics stood as 70 % of viscous friction.
+TEST(Identify, FluxHarmonicsAreToldBesideTheFrictionThatTheyShift) {
+  const Identified found =
+      with_effects("\n[[effect]]\nkind = \"flux_harmonics\"\norder = 24\namplitude_Wb = 2.1e-4\n");
+  EXPECT_TRUE(says(found, "friction may be shifted: the flux linkage has harmonics, 3"));
+  EXPECT_NEAR(found.flux_harmonics, 0.03, 0.002);
+  EXPECT_FALSE(found.B.is_known());
 }
 
 TEST(Identify, ALateCurrentIsToldAndItsInductanceIsRight) {
