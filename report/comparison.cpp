@@ -48,14 +48,18 @@ std::string method_name(const RunView& view) {
   return name;
 }
 
-// Names of runs: the parts of rate, policy, speed and method that differ, else the path. Runs that
+std::string controller_name(const RunView& view) {
+  return view.run.config.controller.kind;
+}
+
+// Names of runs: the parts of rate, policy, speed, controller and method that differ, else the path. Runs that
 // differ only in their paths are named by rate and path.
 std::vector<std::string> run_names(const std::vector<RunView>& views) {
   std::vector<std::string> names(views.size());
   const auto append = [](std::string& name, const std::string& part) {
     name += (name.empty() || part.empty() ? "" : ", ") + part;
   };
-  for (const auto& part_of : {rate_name, policy_name, speed_name, method_name}) {
+  for (const auto& part_of : {rate_name, policy_name, speed_name, controller_name, method_name}) {
     const bool differs = std::any_of(views.begin(), views.end(), [&](const RunView& view) {
       return part_of(view) != part_of(views.front());
     });

@@ -419,6 +419,21 @@ TEST_F(Report, OverlaysRunsWithTheirStepsAndNamesWhatDiffers) {
   EXPECT_EQ(differs[0], Json::parse(R"(["rates.n", "-", "13"])"));
 }
 
+TEST_F(Report, RunsOfTwoControllersAreNamedByThem) {
+  const RunLog log = made_up_run();
+  const RunTicks ticks = run_ticks(log);
+  const Summary summary = summarise(log, ticks, config_);
+  DriveConfig other = config_;
+  config_.controller.kind = "foc", other.controller.kind = "lqr";
+  const std::string out = (directory_ / "page.html").string();
+  write_report({{log, ticks, config_, summary}, {log, ticks, other, summary}}, {}, out);
+  std::ostringstream text;
+  text << std::ifstream(out).rdbuf();
+  const std::string names = content_of(text.str())["sections"][0]["figures"][0].dump();
+  EXPECT_NE(names.find("\"foc, "), std::string::npos) << names.substr(0, 400);
+  EXPECT_NE(names.find("\"lqr, "), std::string::npos) << names.substr(0, 400);
+}
+
 TEST_F(Report, SaysHowManyEventsItsTableLeavesOutAndWhereTheyAre) {
   RunLog log = made_up_run();
   log.path = "runs/long/log.lcm";
