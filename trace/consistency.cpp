@@ -527,6 +527,14 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
   return found;
 }
 
+std::string sign_in_doubt(const Record& record, const DriveFacts& facts) {
+  const ScaleFactors f = scales_of(record, facts);
+  if (f.braking < kSigmas || f.R_s.known() || f.L.known()) return {};
+  return "the currents brake a rotor whose speed is held, and nothing else in the log shows their "
+         "sign: log a change of "
+         "speed";
+}
+
 VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
   constexpr double kHalf = 0.5, kAsGood = 1.1, kStill = 0.02;  // rad
   if (!record.has_voltage_equation() || has_every_tick(record, facts)) return {};

@@ -6,6 +6,7 @@
 // factor fits all scales that the log shows. A log whose rotor frame does not fit is read with
 // other angles and other orders of the phases; if one of them fits, it is named.
 #pragma once
+#include <string>
 #include <vector>
 
 #include "model/drive_facts.hpp"
@@ -26,6 +27,10 @@ inline constexpr ScaleBounds kThisMachine;
 // `encoder_counts`: of the drive file; 0: not known. Empty: nothing speaks against the log.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);
+// Why the sign of the motor's torque is open; empty: it is not. Currents of the other sign, phases in
+// another order and an angle turned by half make a motor seem to brake. Where its speed is held and
+// the currents are too small to show in the voltage, nothing tells that from a load that drives it.
+std::string sign_in_doubt(const Record& record, const DriveFacts& facts);
 // What the voltage of a row is, in a log that has not every tick of the controller. Taken for the mean
 // from row to row, which the voltage equation needs, a tick's voltage has the frame of half an
 // interval later: an angle with another zero, or a voltage that acts late.

@@ -364,6 +364,10 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
                fmt::format("{:.2g} of what the sensors and the rows of the log leave open",
                            size / least));
   }
+  if (!sign_in_doubt_.empty())
+    for (std::size_t m = 0; m < members.size(); ++m)
+      if (members[m]->tracing().traits().equation == Traits::Equation::kMechanical)
+        refuse(m, "sign", "", 0, sign_in_doubt_);
   std::vector<std::string> paths;
   for (const JudgedFile& file : files_.files) paths.push_back(file.path);
   std::vector<Refused> transfer =

@@ -26,6 +26,7 @@
 //   physical   the machine that it leaves is this machine, within the bounds by which log and drive
 //              file belong together (trace/consistency.hpp), and it is as large as its kind can be.
 //              A claim beyond that is refused and no more is said
+//   sign       of a torque: the log shows the sign of the motor's own
 //   whole      all accepted together lower the error in each file and equation that they act on
 // That they also predict better than "nothing changes" is no rule but is told: at constant speed
 // and current nothing does change from row to row, and the best model predicts no better.
@@ -83,6 +84,8 @@ class Gate {
   void set_resolution(std::function<double(const Effect&)> resolution) {
     resolution_ = std::move(resolution);
   }
+  // Why the sign of the motor's torque is open; empty: it is not.
+  void set_sign_in_doubt(std::string why) { sign_in_doubt_ = std::move(why); }
   Passed operator()(const Members& members) const;
 
  private:
@@ -97,6 +100,7 @@ class Gate {
   Criterion criterion_;
   std::function<const HalfRate&()> half_rate_;
   std::function<double(const Effect&)> resolution_;
+  std::string sign_in_doubt_;
 };
 
 }  // namespace twinrate

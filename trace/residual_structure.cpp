@@ -21,6 +21,7 @@ constexpr double kSmallestVoltage = 2e-4;   // of the bus voltage, rms of the me
 constexpr double kChance = 1e-9;            // of noise making such means
 constexpr double kLeastBesideShaft = 0.15;  // impacts are never met to the last bit
 constexpr double kTimesNoise = 2;           // the rms of a rest that is more than noise
+constexpr double kMostlyMean = 0.8;         // of a structure's share: it says nothing of the axis
 constexpr double kLeastShare = 0.04;        // of the residual's power: less is too small to draw
 
 // Why a structure may be no effect.
@@ -152,6 +153,12 @@ double share_by_chance(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
   return chi_square_tail(share * rows, static_cast<double>(bins)) > kChance ? 0 : share;
 }
 
+// The same of one mean for all rows.
+double share_of_mean(const Eigen::VectorXd& y, const std::vector<char>& judges) {
+  const std::vector<double> same(judges.size(), 0);
+  return share_of(BinMeans(same, judges).of(y), y, judges);
+}
+
 double root_mean_square(const Eigen::VectorXd& y) {
   return y.norm() / std::sqrt(std::max(1.0, static_cast<double>(y.size())));
 }
@@ -221,6 +228,13 @@ class StructureSearch {
       best.text = fmt::format("{} depends on {} ({:.1f} % of its power)", looked.what,
                               axis.regressor, 100 * found.share);
     }
+    if (best.share == 0) return best;
+    if (const double mean = share_of_mean(fit_.y.*looked.value, judges);
+        mean > kMostlyMean * best.share) {
+      best.regressor = kTime;
+      best.text = fmt::format("{} has another mean than zero ({:.1f} % of its power)", looked.what,
+                              100 * mean);
+    }
     return best;
   }
 
@@ -283,11 +297,13 @@ class StructureSearch {
   mutable std::optional<Sampled> rounding_, whitened_;
 };
 
-// What acts now and then (impacts, a load that comes and goes) depends on none of the axes. The
-// noise is not less than the sensors make, which is more in some rows than in others.
+// What acts now and then (impacts, a load that comes and goes) depends on none of the axes, and is
+// not there all the time. The noise is not less than the sensors make, which is more in some rows
+// than in others.
 Structure bursts_of_torque(const Chain& chain, const Sampled& physical,
                            const StructureSearch& search) {
-  const double rms = root_mean_square(physical.torque);
+  if (physical.torque.size() == 0) return {};
+  const double rms = root_mean_square((physical.torque.array() - physical.torque.mean()).matrix());
   double noise = std::max(chain.noise().torque.rms(), root_mean_square(physical.noise_torque));
   if (rms <= kTimesNoise * noise) return {};
   if (search.counts_may())

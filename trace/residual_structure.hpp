@@ -10,6 +10,7 @@ namespace twinrate {
 // drawn errors. Where nothing is claimed they must lower the error of the rows that judge, too,
 // beyond chance, by pieces as in the gate; beside a claim it is enough that they do not raise it.
 // Those over time, of which no other rows are there, are told beside a claim, and not confirmed alone.
+// Where one mean for all rows has most of the share, that is told, and no axis.
 // A d voltage below half of the EMF that an angle error of half a count makes is in doubt.
 // Where no rows judge, every fourth of 24 blocks does. Counts that are moved (trace/rounding.hpp)
 // make the slow errors of a speed that passes whole counts from row to row; they excuse nothing

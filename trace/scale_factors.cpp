@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
+#include <numeric>
 #include <vector>
 
 namespace twinrate {
@@ -243,6 +244,19 @@ std::size_t torque_reach(const Record& record, const ReadLog& log) {
   return h;
 }
 
+// Mean of -i_q omega_m over blocks of rows, in its standard deviations.
+double braking(const Record& record, const ReadLog& log, const std::vector<double>& i_q) {
+  const std::size_t rows = (record.size() - 1) / kBlocks;
+  std::array<double, kBlocks> means{};
+  for (std::size_t b = 0; b < kBlocks; ++b)
+    for (std::size_t k = b * rows; k < (b + 1) * rows; ++k)
+      if (record.motion_ok[k]) means[b] -= i_q[k] * (log.theta_m(k + 1) - log.theta_m(k));
+  const double mean = std::accumulate(means.begin(), means.end(), 0.0) / kBlocks;
+  double squares = 0;
+  for (const double x : means) squares += (x - mean) * (x - mean);
+  return mean / std::sqrt(std::max(squares / (kBlocks * (kBlocks - 1)), 1e-300));
+}
+
 void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& log,
                 ScaleFactors& out) {
   const MachineParameters& m = facts.machine;
@@ -276,10 +290,11 @@ void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& lo
     fit.add(k, {m.torque_constant() * current, -T_load, -sign(omega_m), -omega_m, -1},
             m.J * rate + m.B * omega_m);
   }
-  if (fit.count() < 50) return;
-  fit.solve();
   const double count = static_cast<double>(fit.count());
   const bool held = squares / count - std::pow(speeds / count, 2) < kHeld * kHeld * squares / count;
+  if (held) out.braking = braking(record, log, i_q);
+  if (fit.count() < 50) return;
+  fit.solve();
   if (!held) out.K_t_J = fit.ratio(0);
   if (load) out.T_load = fit.ratio(1);
   out.torque_share = fit.gain(0) / std::max(fit.gain(0) + fit.rest(), 1e-300);

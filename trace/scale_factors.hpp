@@ -42,6 +42,8 @@ struct ScaleFactors {
   double emf_share = 0;        // of the declared EMF, over that of the cells' voltage
   double torque_share = 0;     // of the torque's power that i_q explains beside the frictions
   double mean_interval_e = 0;  // rad, electrical, between rows (rms)
+  // At a held speed: the mean of -K_t i_q omega_m in its standard deviations; 0: another speed.
+  double braking = 0;
 };
 
 // The signals of a log read in another way.

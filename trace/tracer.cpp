@@ -330,6 +330,7 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
       return std::max(least_beside(voltage, effect, facts, raw.T_s),
                       least_beside_steps(record, health, effect, facts));
     });
+    gate.set_sign_in_doubt(sign_in_doubt(log, facts));
     std::optional<HalfRate> half;
     gate.set_half_rate([&]() -> const HalfRate& {
       if (!half)

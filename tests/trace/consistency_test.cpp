@@ -290,6 +290,41 @@ TEST(Units, AHeldSpeedShowsNoInertia) {
   EXPECT_TRUE(ratio(0.5).known());
 }
 
+// At one speed, a load that drives the rotor has the currents of a friction with the other sign.
+TEST(Units, ALoadThatDrivesTheRotorNeedsTheSignOfTheCurrents) {
+  const MachineParameters& m = servo().machine;
+  const auto traced = [&](double i_q, double swing) {
+    RawLog raw;
+    std::uint64_t draw = 0;
+    const auto noise = [&] { return 2e-3 * normal(11, 0, draw++); };
+    const double w = 100, slow = 4;
+    for (std::size_t k = 0; k < 20'000; ++k) {
+      const double t = 1e-4 * static_cast<double>(k), move = swing * w * slow * std::cos(slow * t);
+      const double theta_m = w * t - swing * w / slow * std::cos(slow * t);
+      const double torque = m.torque_constant() * i_q + m.J * move;
+      const Vec3 i =
+          inverse_clarke(inverse_park({0, torque / m.torque_constant()}, m.n_p * theta_m));
+      raw.t.push_back(t);
+      raw.theta_m.push_back(theta_m);
+      raw.i_a.push_back(i[0] + noise()), raw.i_b.push_back(i[1] + noise());
+    }
+    Health health;
+    const Record record = make_record(raw, m.n_p, health);
+    return trace_record(record, servo(), health, {});
+  };
+  const TraceResult drives = traced(0.3, 0), brakes = traced(-0.3, 0), moves = traced(-0.3, 0.3);
+  EXPECT_FALSE(drives.effects.empty()) << drives.sentence;
+  EXPECT_TRUE(brakes.effects.empty()) << brakes.sentence;
+  ASSERT_FALSE(brakes.refused.empty());
+  EXPECT_EQ(brakes.refused[0].rule, "sign");
+  EXPECT_EQ(brakes.verdict, "unexplained");
+  // One mean, which no axis makes and which is there all the time.
+  ASSERT_EQ(brakes.unexplained.size(), 1u);
+  EXPECT_NE(brakes.unexplained[0].text.find("has another mean than zero"), std::string::npos)
+      << brakes.unexplained[0].text;
+  EXPECT_FALSE(moves.effects.empty()) << moves.sentence;
+}
+
 // A slow rotor's voltage is mostly a loop's answer to noise; the magnet is where it should be.
 TEST(Units, ALoudVoltageOfASlowRotorIsInTheRightFrame) {
   RawLog raw = simulate_synthetic({.duration_s = 6, .slow = true});
