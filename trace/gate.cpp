@@ -12,8 +12,8 @@
 #include "model/effects/tracing.hpp"
 #include "trace/agreement.hpp"
 #include "trace/angle_error.hpp"
-#include "trace/consistency.hpp"
 #include "trace/keys.hpp"
+#include "trace/scale_bounds.hpp"
 #include "trace/transfer.hpp"
 
 namespace twinrate {

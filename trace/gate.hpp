@@ -24,7 +24,7 @@
 //              in time, odd and even blocks, the record's rate and half of it
 //   size       it is worth reporting, and twice its deviation, that between the rates included
 //   physical   the machine that it leaves is this machine, within the bounds by which log and drive
-//              file belong together (trace/consistency.hpp), and it is as large as its kind can be.
+//              file belong together (trace/scale_bounds.hpp), and it is as large as its kind can be.
 //              A claim beyond that is refused and no more is said
 //   sign       of a torque: the log shows the sign of the motor's own
 //   whole      all accepted together lower the error in each file and equation that they act on

@@ -15,6 +15,7 @@
 #include "trace/noise.hpp"
 #include "trace/signals.hpp"
 #include "trace/thinning.hpp"
+#include "trace/voltage_meaning.hpp"
 
 namespace twinrate {
 namespace {

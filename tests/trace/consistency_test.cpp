@@ -10,6 +10,7 @@
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/scale_factors.hpp"
 #include "trace/tracer.hpp"
+#include "trace/voltage_meaning.hpp"
 
 namespace twinrate {
 namespace {

@@ -1,0 +1,18 @@
+// The unit or convention that makes the scales of a log what they are.
+#pragma once
+#include <optional>
+#include <vector>
+
+#include "trace/result.hpp"
+#include "trace/scale_factors.hpp"
+
+namespace twinrate {
+
+// The unit that fits all scales, with others that fit as well.
+std::optional<Inconsistency> fitting_unit(const Record& record, const ScaleFactors& f,
+                                          const DriveFacts& facts, int encoder_counts);
+// Every scale that a current moves shows one factor of a convention, and psi_f is as declared.
+std::vector<Inconsistency> of_current(const Record& record, const ScaleFactors& f,
+                                      const DriveFacts& facts, int encoder_counts);
+
+}  // namespace twinrate
