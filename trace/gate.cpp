@@ -24,6 +24,7 @@ constexpr double kDrawn = 1.5;   // energy: the drawn noise is known to about a 
 // The controller answers noise late, and its drawn answer is late by another time: without a lag that is there
 // the rows have 3.6 to 20,000 times the energy of the noise (nine drawn logs), without a false one 1.4 to 2.5 (five).
 constexpr double kOfLag = 3;
+constexpr double kSteady = 0.5;  // share of what a claim changes that a scale could change
 
 using Channel = Eigen::VectorXd Sampled::*;
 constexpr std::array<Channel, 3> kChannels = {&Sampled::d, &Sampled::q, &Sampled::torque};
@@ -82,6 +83,28 @@ class Judging {
     }
     const double deviation = at_moment.norm() / std::sqrt(static_cast<double>(kMoments));
     return deviation > 0 ? held / deviation : 0;
+  }
+
+  // Share of the energy of what a claim changes that the means over a few long stretches have: what a
+  // scale of the equations could change as well. What turns with the rotor, or stands while it turns, has none.
+  double steady_share(const Sampled& with, const Sampled& without,
+                      const std::vector<Channel>& moved) const {
+    constexpr std::size_t kStretches = 6;  // a quarter of 24 blocks judges
+    double means = 0, all = 1e-300;
+    for (Channel channel : moved) {
+      std::vector<double> change;
+      each(channel, [&](std::size_t, Eigen::Index i) {
+        change.push_back((with.*channel)[i] - (without.*channel)[i]);
+      });
+      const std::size_t piece = std::max<std::size_t>(1, change.size() / kStretches);
+      for (std::size_t first = 0; first < change.size(); first += piece) {
+        const std::size_t end = std::min(first + piece, change.size());
+        double sum = 0;
+        for (std::size_t k = first; k < end; ++k) sum += change[k], all += change[k] * change[k];
+        means += sum * sum / static_cast<double>(end - first);
+      }
+    }
+    return means / all;
   }
 
   // Of each file as many as eight a block: each has as much of its time and of what the claim
@@ -160,6 +183,7 @@ std::vector<Channel> moved_channels(const Judging& judging, const Sampled& with,
 
 struct Vote : Votes {
   bool of_voltage = false, of_torque = false;  // equations that it moves
+  double steady_share = 0;
 };
 
 // What the sensors' own errors make of those channels.
@@ -246,6 +270,7 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
   if (noise_without > 0) vote.over_noise = energy_without / noise_without;
   if (is_free_of_noise(claim) && vote.over_noise < 1)
     vote.along_change = along_change(judging, with, without, moved);
+  vote.steady_share = judging.steady_share(with, without, moved);
   if (lighter) vote.of_angle = angle.share;
   // A gap is no filter of the angle: it had to explain more than the shaft without it.
   if (lighter && !has_gap(claim)) vote.beyond_angle = -angle.log_ratio;
@@ -364,10 +389,6 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
                fmt::format("{:.2g} of what the sensors and the rows of the log leave open",
                            size / least));
   }
-  if (!sign_in_doubt_.empty())
-    for (std::size_t m = 0; m < members.size(); ++m)
-      if (members[m]->tracing().traits().equation == Traits::Equation::kMechanical)
-        refuse(m, "sign", "", 0, sign_in_doubt_);
   std::vector<std::string> paths;
   for (const JudgedFile& file : files_.files) paths.push_back(file.path);
   std::vector<Refused> transfer =
@@ -401,6 +422,14 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (sigmas < criterion_.size_sigmas)
       refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
   }
+  const auto passes = [](const Refused& r) { return r.rule.empty(); };
+  if (doubts_ && std::any_of(out.begin(), out.end(), passes))
+    for (const Doubt& doubt : doubts_())
+      for (std::size_t m = 0; m < members.size(); ++m)
+        if (((doubt.of_voltage && asked.votes[m].of_voltage) ||
+             (doubt.of_torque && asked.votes[m].of_torque)) &&
+            (doubt.of_frame || asked.votes[m].steady_share > kSteady))
+          refuse(m, doubt.rule, "", 0, doubt.text);
   return out;
 }
 

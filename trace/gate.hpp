@@ -26,7 +26,8 @@
 //   physical   the machine that it leaves is this machine, within the bounds by which log and drive
 //              file belong together (trace/scale_bounds.hpp), and it is as large as its kind can be.
 //              A claim beyond that is refused and no more is said
-//   sign       of a torque: the log shows the sign of the motor's own
+//   sign       of a torque: the log shows the sign of the motor's own (trace/consistency.hpp)
+//   slip       no slip of the user explains its equation as well (trace/slips.hpp)
 //   whole      all accepted together lower the error in each file and equation that they act on
 // That they also predict better than "nothing changes" is no rule but is told: at constant speed
 // and current nothing does change from row to row, and the best model predicts no better.
@@ -84,8 +85,14 @@ class Gate {
   void set_resolution(std::function<double(const Effect&)> resolution) {
     resolution_ = std::move(resolution);
   }
-  // Why the sign of the motor's torque is open; empty: it is not.
-  void set_sign_in_doubt(std::string why) { sign_in_doubt_ = std::move(why); }
+  // A doubt of the drive file or of the log's signals, asked for once a claim has passed all else.
+  struct Doubt {
+    const char* rule;
+    std::string text;
+    bool of_voltage, of_torque;  // equations whose claims it is against
+    bool of_frame;               // also against what turns in rotor axes
+  };
+  void set_doubts(std::function<std::vector<Doubt>()> doubts) { doubts_ = std::move(doubts); }
   Passed operator()(const Members& members) const;
 
  private:
@@ -100,7 +107,7 @@ class Gate {
   Criterion criterion_;
   std::function<const HalfRate&()> half_rate_;
   std::function<double(const Effect&)> resolution_;
-  std::string sign_in_doubt_;
+  std::function<std::vector<Doubt>()> doubts_;
 };
 
 }  // namespace twinrate

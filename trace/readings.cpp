@@ -8,16 +8,6 @@
 #include "trace/voltage_meaning.hpp"
 
 namespace twinrate {
-namespace {
-
-struct OtherReading {
-  const char* quantity;
-  const char* expected;
-  const char* hint;
-  Reading reading;
-  double K_t_J = 1;  // over the declared, where that is what differs
-};
-
 std::vector<OtherReading> other_readings(int n_p, int encoder_counts) {
   const char* angle = "the mechanical angle, rad";
   std::vector<OtherReading> list;
@@ -67,8 +57,6 @@ std::vector<OtherReading> other_readings(int n_p, int encoder_counts) {
                     {.current_turn = angle_e}});
   return list;
 }
-
-}  // namespace
 
 std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& facts,
                                        const ScaleFactors& as_it_is, int encoder_counts) {

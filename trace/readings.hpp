@@ -7,6 +7,15 @@
 
 namespace twinrate {
 
+struct OtherReading {
+  const char* quantity;
+  const char* expected;
+  const char* hint;
+  Reading reading;
+  double K_t_J = 1;  // over the declared, where that is what differs
+};
+
+std::vector<OtherReading> other_readings(int n_p, int encoder_counts);
 // The log does not fit as it is, and does in another reading: in the voltage, or, where that says
 // nothing or fits, in the torque. A voltage that is mostly EMF fits with any current.
 std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& facts,

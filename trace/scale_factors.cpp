@@ -87,6 +87,12 @@ class BlockLeastSquares {
   double column_power(int j) const { return scale_[j] * scale_[j]; }
   double power() const { return power_; }
   std::size_t count() const { return count_; }
+  CellPower cell_power() const {
+    CellPower out{.A = Matrix::Zero(), .b = Row::Zero(), .power = power_, .rest = rest_};
+    for (const Block& block : blocks_) out.A += block.A, out.b += block.b;
+    out.cells = static_cast<double>(count_);
+    return out;
+  }
 
  private:
   struct Block {
@@ -216,6 +222,7 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
                  std::pow(psi - 1, 2) * fit.column_power(2) / std::max(fit.rest(), 1e-300)};
     out.zero_e = std::atan2(fit.beta(3), fit.beta(2));
   }
+  out.voltage = fit.cell_power();
   out.emf_share = fit.column_power(2) / std::max(fit.power(), 1e-300);
   out.cell_share = 1 - fit.rest() / std::max(fit.power(), 1e-300);
   out.voltage_share = cells_power * out.cell_share / rows_power;
@@ -295,6 +302,7 @@ void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& lo
   if (held) out.braking = braking(record, log, i_q);
   if (fit.count() < 50) return;
   fit.solve();
+  out.torque = fit.cell_power();
   if (!held) out.K_t_J = fit.ratio(0);
   if (load) out.T_load = fit.ratio(1);
   out.torque_share = fit.gain(0) / std::max(fit.gain(0) + fit.rest(), 1e-300);

@@ -11,6 +11,7 @@
 // the same triangle as i_q. Standard deviations are those of blocks of the log, so structure in time
 // is in them.
 #pragma once
+#include <Eigen/Core>
 #include <cmath>
 #include <limits>
 
@@ -31,6 +32,16 @@ struct ScaleRatio {
   double log_sigma() const { return sigma / std::abs(value); }
 };
 
+// Power of one equation's cells, as a function of its scales.
+struct CellPower {
+  using Scales = Eigen::Matrix<double, 5, 1>;  // in the order of the equation's terms
+  Eigen::Matrix<double, 5, 5> A = Eigen::Matrix<double, 5, 5>::Zero();
+  Scales b = Scales::Zero();
+  double power = 0, rest = 0;  // of all; left by the best scales
+  double cells = 0;            // 0: the equation says nothing
+  double left(const Scales& x) const { return power - 2 * b.dot(x) + x.dot(A * x); }
+};
+
 struct ScaleFactors {
   ScaleRatio R_s, L, psi_f;  // of the voltage
   ScaleRatio K_t_J, T_load;  // of the torque: K_t/J, and the load beside J
@@ -44,6 +55,8 @@ struct ScaleFactors {
   double mean_interval_e = 0;  // rad, electrical, between rows (rms)
   // At a held speed: the mean of -K_t i_q omega_m in its standard deviations; 0: another speed.
   double braking = 0;
+  CellPower voltage;  // R_s, L, psi_f along d and q, dead time
+  CellPower torque;   // K_t, T_load, T_C, b, T_0
 };
 
 // The signals of a log read in another way.

@@ -14,6 +14,7 @@
 #include "trace/gate.hpp"
 #include "trace/noise.hpp"
 #include "trace/signals.hpp"
+#include "trace/slips.hpp"
 #include "trace/thinning.hpp"
 #include "trace/voltage_meaning.hpp"
 
@@ -125,6 +126,15 @@ double least_beside_steps(const Record& record, const Health& health, const Effe
     return 0;
   const MachineParameters& m = facts.machine;
   return 1.5 * m.n_p * m.psi_f * health.i_lsb / 2 / smallest_torque(facts, 10e-3);
+}
+
+std::vector<Gate::Doubt> doubts_of(const Record& log, const DriveFacts& facts) {
+  std::vector<Gate::Doubt> doubts;
+  if (std::string why = sign_in_doubt(log, facts); !why.empty())
+    doubts.push_back({"sign", std::move(why), false, true, false});
+  if (Slip slip = slip_that_fits(log, facts); !slip.text.empty())
+    doubts.push_back({"slip", std::move(slip.text), slip.voltage, slip.torque, slip.frame});
+  return doubts;
 }
 
 // What passed, as the selection judged it: judged anew where others were refused beside it, for
@@ -331,7 +341,11 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
       return std::max(least_beside(voltage, effect, facts, raw.T_s),
                       least_beside_steps(record, health, effect, facts));
     });
-    gate.set_sign_in_doubt(sign_in_doubt(log, facts));
+    std::optional<std::vector<Gate::Doubt>> doubts;
+    gate.set_doubts([&] {
+      if (!doubts) doubts = doubts_of(log, facts);
+      return *doubts;
+    });
     std::optional<HalfRate> half;
     gate.set_half_rate([&]() -> const HalfRate& {
       if (!half)

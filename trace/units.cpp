@@ -13,15 +13,7 @@ namespace {
 
 constexpr double kSqrt2 = 1.41421356237309505, kSqrt3 = 1.73205080756887729;
 
-// How a scale follows from a quantity that is `factor` times what the drive file means.
-struct Unit {
-  const char* quantity;
-  const char* unit;
-  double R_s, L, psi_f, K_t_J;  // exponents of the factor; kAny: does not say
-  double factor;
-  const char* hint;
-};
-constexpr double kAny = 99;
+}  // namespace
 
 std::vector<Unit> units(const MachineParameters& m, int encoder_counts) {
   const double n_p = m.n_p;
@@ -82,9 +74,15 @@ std::vector<Unit> units(const MachineParameters& m, int encoder_counts) {
        {1e-7, "g cm2 in the drive file?"},
        {1e-3, "a scale of a thousand?"}});
   add("R_s", "Ohm", 1, 0, 0, 0, {{1e-3, "milliohms in the drive file?"}});
-  add("L", "H", 0, 1, 0, 0, {{1e-3, "mH in the drive file?"}, {1e-6, "uH in the drive file?"}});
+  add("L", "H", 0, 1, 0, 0,
+      {{1e-3, "mH in the drive file?"},
+       {1e-6, "uH in the drive file?"},
+       {10, "a tenth of it in the drive file?"},
+       {0.1, "ten times it in the drive file?"}});
   return list;
 }
+
+namespace {
 
 struct Scale {
   const ScaleRatio ScaleFactors::*ratio;

@@ -9,6 +9,7 @@
 #include "model/random.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/scale_factors.hpp"
+#include "trace/slips.hpp"
 #include "trace/tracer.hpp"
 #include "trace/voltage_meaning.hpp"
 
@@ -324,6 +325,43 @@ TEST(Units, ALoadThatDrivesTheRotorNeedsTheSignOfTheCurrents) {
   EXPECT_NE(brakes.unexplained[0].text.find("has another mean than zero"), std::string::npos)
       << brakes.unexplained[0].text;
   EXPECT_FALSE(moves.effects.empty()) << moves.sentence;
+}
+
+// At one speed and current, an L of ten times the machine's has the d voltage of an angle with another zero.
+TEST(Units, ASlipThatExplainsAsMuchIsToldInThePlaceOfAnEffect) {
+  const MachineParameters& m = servo().machine;
+  const auto log = [&](double offset_e) {
+    RawLog raw;
+    std::uint64_t draw = 0;
+    const auto noise = [&](double size) { return size * normal(12, 0, draw++); };
+    const double omega_e = 100, i_q = m.B * omega_e / m.n_p / m.torque_constant();
+    for (std::size_t k = 0; k < 20'000; ++k) {
+      const double t = 1e-4 * static_cast<double>(k), theta_e = omega_e * t;
+      const Vec2 u_dq(-omega_e * m.L_q * i_q, m.R_s * i_q + omega_e * m.psi_f);
+      const Vec3 i = inverse_clarke(inverse_park({0, i_q}, theta_e));
+      const Vec2 u = inverse_park(u_dq, theta_e + 0.5e-4 * omega_e);
+      raw.t.push_back(t);
+      raw.theta_m.push_back((theta_e + offset_e) / m.n_p);
+      raw.i_a.push_back(i[0] + noise(2e-3)), raw.i_b.push_back(i[1] + noise(2e-3));
+      raw.u_alpha.push_back(u[0] + noise(0.05)), raw.u_beta.push_back(u[1] + noise(0.05));
+    }
+    return raw;
+  };
+  const auto slip = [&](const RawLog& raw, const DriveConfig& drive) {
+    Health health;
+    return slip_that_fits(make_record(raw, drive.machine.n_p, health), drive.facts());
+  };
+  DriveConfig large = servo();
+  large.machine.L_d = large.machine.L_q = 10 * m.L_q;
+  const Slip of_L = slip(log(0), large);
+  EXPECT_NE(of_L.text.find("L: ten times it in the drive file?"), std::string::npos) << of_L.text;
+  EXPECT_TRUE(of_L.voltage);
+  EXPECT_EQ(slip(log(0), servo()).text, "");
+  EXPECT_EQ(slip(log(0.02), servo()).text, "");
+  Health health;
+  const TraceResult r = trace_record(make_record(log(0), m.n_p, health), large, health, {});
+  EXPECT_TRUE(r.effects.empty()) << r.sentence;
+  EXPECT_NE(r.verdict, "nothing_missing");
 }
 
 // A slow rotor's voltage is mostly a loop's answer to noise; the magnet is where it should be.
