@@ -16,7 +16,9 @@
 namespace twinrate {
 namespace {
 
-constexpr double kOpen = 0.1;  // of what the best scales explain beyond the declared ones
+// Of what the best scales explain beyond the declared ones: 5 % of a size. A dead time at one speed may look
+// like a voltage of another scale to a fifth of it.
+constexpr double kOpen = 0.0025;
 constexpr double kChance = 16,
                  kShown = 20;  // squared deviations of a cell: of five free scales, and of a slip
 constexpr double kSure = 1.2;  // a scale that is known and that near is right
