@@ -24,7 +24,9 @@ constexpr double kDrawn = 1.5;   // energy: the drawn noise is known to about a 
 // The controller answers noise late, and its drawn answer is late by another time: without a lag that is there
 // the rows have 3.6 to 20,000 times the energy of the noise (nine drawn logs), without a false one 1.4 to 2.5 (five).
 constexpr double kOfLag = 3;
-constexpr double kSteady = 0.5;  // share of what a claim changes that a scale could change
+// Share of what a claim changes that a scale could change. By design: a constant load has 1, a torque of each turn
+// has none.
+constexpr double kSteady = 0.5;
 
 using Channel = Eigen::VectorXd Sampled::*;
 constexpr std::array<Channel, 3> kChannels = {&Sampled::d, &Sampled::q, &Sampled::torque};

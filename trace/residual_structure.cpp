@@ -21,8 +21,8 @@ constexpr double kSmallestVoltage = 2e-4;   // of the bus voltage, rms of the me
 constexpr double kChance = 1e-9;            // of noise making such means
 constexpr double kLeastBesideShaft = 0.15;  // impacts are never met to the last bit
 constexpr double kTimesNoise = 2;           // the rms of a rest that is more than noise
-constexpr double kMostlyMean = 0.8;         // of a structure's share: it says nothing of the axis
-constexpr double kLeastShare = 0.04;        // of the residual's power: less is too small to draw
+constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: no axis is shown then
+constexpr double kLeastShare = 0.04;  // of the residual's power: less is too small to draw
 
 // Why a structure may be no effect.
 constexpr const char* kNotConfirmed = "the rows that judge do not confirm it";

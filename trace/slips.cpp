@@ -19,8 +19,9 @@ namespace {
 // Of what the best scales explain beyond the declared ones: 5 % of a size. A dead time at one speed may look
 // like a voltage of another scale to a fifth of it.
 constexpr double kOpen = 0.0025;
-constexpr double kChance = 16,
-                 kShown = 20;  // squared deviations of a cell: of five free scales, and of a slip
+// In squared deviations of one cell. By design: five free scales take 5 of noise, and seldom 16; a slip that
+// lowers the power by less than 20 is not shown.
+constexpr double kChance = 16, kShown = 20;
 constexpr double kSure = 1.2;  // a scale that is known and that near is right
 
 bool right(const ScaleRatio& r) {

@@ -358,6 +358,9 @@ TEST(Units, ASlipThatExplainsAsMuchIsToldInThePlaceOfAnEffect) {
   EXPECT_TRUE(of_L.voltage);
   EXPECT_EQ(slip(log(0), servo()).text, "");
   EXPECT_EQ(slip(log(0.02), servo()).text, "");
+  DriveConfig weak = servo();  // 1.2 times its EMF is not the voltage of another scale, 1.22
+  weak.machine.psi_f /= 1.2;
+  EXPECT_EQ(slip(log(0), weak).text, "");
   Health health;
   const TraceResult r = trace_record(make_record(log(0), m.n_p, health), large, health, {});
   EXPECT_TRUE(r.effects.empty()) << r.sentence;
