@@ -34,6 +34,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/child.hpp"
 #include "bench/command_line.hpp"
 #include "bench/log_digest.hpp"
 #include "core/report_error.hpp"
@@ -231,29 +232,19 @@ std::map<std::string, double> memory_of(const std::string& run_dir) {
 }
 
 pid_t launch(const Options& o) {
-  std::vector<std::string> list = {
-      o.twinrate,
-      "launch",
-      o.drive,
-      "--duration",
-      "inf",
-      "--run-dir",
-      o.run_dir,
-      "--lcm-url",
-      fmt::format("udpm://239.255.76.67:{}?ttl=0", 20000 + getpid() % 20000),
-      "--set",
-      "bus.log_rotate_MB=500"};
+  std::vector<std::string> list = {o.twinrate,
+                                   "launch",
+                                   o.drive,
+                                   "--duration",
+                                   "inf",
+                                   "--run-dir",
+                                   o.run_dir,
+                                   "--lcm-url",
+                                   url_of_this_process(),
+                                   "--set",
+                                   "bus.log_rotate_MB=500"};
   for (const std::string& text : o.overrides) list.insert(list.end(), {"--set", text});
-  std::vector<char*> argv;
-  argv.reserve(list.size() + 1);
-  for (std::string& text : list) argv.push_back(text.data());
-  argv.push_back(nullptr);
-  std::fflush(stdout);
-  const pid_t pid = fork();
-  if (pid != 0) return pid;
-  if (!std::freopen("/dev/null", "w", stdout)) _exit(127);
-  execv(argv[0], argv.data());
-  _exit(127);
+  return start(list, "/dev/null");
 }
 
 // The messages of the loop in this process, as many on each channel as the log has.

@@ -29,6 +29,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "bench/child.hpp"
 #include "bench/command_line.hpp"
 #include "core/event_log.hpp"
 #include "core/reason.hpp"
@@ -300,7 +301,7 @@ class Launch {
  public:
   Launch(const Options& o, const SetRow& row, const fs::path& dir, const std::string& duration)
       : dir_(dir), err_(dir.string() + ".err") {
-    const std::string url = fmt::format("udpm://239.255.76.67:{}?ttl=0", 20000 + getpid() % 20000);
+    const std::string url = url_of_this_process();
     std::vector<std::string> list = {o.twinrate,
                                      "launch",
                                      o.drive,
@@ -314,16 +315,7 @@ class Launch {
                                      url,
                                      "--set",
                                      "bus.peer_timeout_s=1"};
-    std::vector<char*> argv;
-    argv.reserve(list.size() + 1);
-    for (std::string& text : list) argv.push_back(text.data());
-    argv.push_back(nullptr);
-    pid_ = fork();
-    if (pid_ != 0) return;
-    if (!std::freopen("/dev/null", "w", stdout) || !std::freopen(err_.c_str(), "w", stderr))
-      _exit(127);
-    execv(argv[0], argv.data());
-    _exit(127);
+    pid_ = start(list, "/dev/null", err_);
   }
   ~Launch() {
     for (const pid_t pid : processes_of(dir_.string())) kill(pid, SIGKILL);
@@ -501,6 +493,10 @@ int main(int argc, char** argv) try {
   command_line.flag("--messages", o.messages,
                     "with --set: send messages of a second sender instead");
   if (const auto status = command_line.parse(argc, argv)) return *status;
+  if (o.messages && o.twinrate.empty()) {
+    fmt::print(stderr, "faults: --messages needs --set TWINRATE, whose set it sends them to\n");
+    return 2;
+  }
   if (o.messages) return run_message_rows(o) ? 0 : 1;
   return (o.twinrate.empty() ? run_loop_rows(o) : run_set_rows(o)) ? 0 : 1;
 } catch (...) {

@@ -39,6 +39,7 @@
 #include <optional>
 #include <sstream>
 
+#include "bench/child.hpp"
 #include "bench/command_line.hpp"
 #include "bench/log_digest.hpp"
 #include "core/lcm_socket.hpp"
@@ -248,17 +249,7 @@ pid_t launch(const Options& o, const std::string& pace, const fs::path& dir, int
                                    "--lcm-url",
                                    fmt::format("udpm://239.255.76.67:{}?ttl=0", port)};
   for (const std::string& text : o.overrides) list.insert(list.end(), {"--set", text});
-  std::vector<char*> argv;
-  argv.reserve(list.size() + 1);
-  for (std::string& text : list) argv.push_back(text.data());
-  argv.push_back(nullptr);
-  const pid_t pid = fork();
-  if (pid != 0) return pid;
-  const int out = open((dir.string() + ".out").c_str(), O_CREAT | O_TRUNC | O_WRONLY, 0600);
-  dup2(out, STDOUT_FILENO);
-  dup2(out, STDERR_FILENO);
-  execv(argv[0], argv.data());
-  _exit(127);
+  return start(std::move(list), dir.string() + ".out", dir.string() + ".out");
 }
 
 // Floods once the log grows; --messages of each channel.

@@ -30,6 +30,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "bench/child.hpp"
 #include "bench/faults.hpp"
 #include "bench/log_digest.hpp"
 #include "core/authority.hpp"
@@ -81,22 +82,7 @@ pid_t launch(const Options& o, bool realtime, const fs::path& dir, const std::st
                                    "--run-dir", dir,      "--duration",
                                    kDuration,   "--pace", realtime ? "realtime" : "lockstep",
                                    "--lcm-url", url};
-  std::vector<char*> argv;
-  argv.reserve(list.size() + 1);
-  for (std::string& text : list) argv.push_back(text.data());
-  argv.push_back(nullptr);
-  std::fflush(stdout);
-  const pid_t pid = fork();
-  if (pid != 0) return pid;
-  const int out = open((dir.string() + ".out").c_str(), O_CREAT | O_TRUNC | O_WRONLY, 0600);
-  dup2(out, STDOUT_FILENO);
-  dup2(out, STDERR_FILENO);
-  execv(argv[0], argv.data());
-  _exit(127);
-}
-
-std::string url_of_this_process() {
-  return fmt::format("udpm://239.255.76.67:{}?ttl=0", 20000 + getpid() % 20000);
+  return start(std::move(list), dir.string() + ".out", dir.string() + ".out");
 }
 
 // Hears the set and sends the message of the row once the drive has reached tick `k`. The tick heard
