@@ -202,7 +202,7 @@ bool run_covariances(const Options& o) {
         if (policy == "propagated" && kind != "ekf_sensorless" && kind != "eemf" &&
             kind != "ekf_joint")
           continue;  // it has no steady state in the stationary frame
-        if ((kind + ", " + policy).find(o.only) == std::string::npos) continue;
+        if (fmt::format("{}, {}", kind, policy).find(o.only) == std::string::npos) continue;
         well = run_covariance(o, kind, policy, stands) && well;
       }
   return well;
