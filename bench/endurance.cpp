@@ -10,9 +10,11 @@
 // resident memory of each process after a minute, the most since then and at the end; the losses; and
 // whether the messages of every tick are those of the loop in this process, bit for bit.
 //
-// --covariance: the snapshots of 0.1 s of a run over and over, at speed and at standstill, a row for
-// each filter and policy with a background. Of the correlation matrix C of P, every thousandth time, the
-// largest difference C - C' and the least eigenvalue. All filters are in double precision.
+// --covariance: the snapshots of 0.1 s of a run over and over, at speed, at standstill and "still",
+// with a state of zeros, a row for each filter and policy with a background. Of the correlation matrix
+// C of P, every thousandth time, the largest difference C - C' and the least eigenvalue; and the
+// largest share of its ceiling that a variance reached (estimator/covariance_ceiling.hpp). All
+// filters are in double precision.
 //
 // Exit code 1 if the drive is not locked, P is not positive definite, a message is lost or differs,
 // or a process has grown by more than 1 MB since its first minute.
@@ -144,24 +146,29 @@ std::vector<Estimate> snapshots(Config& config) {
 }
 
 struct Correlation {
-  double asymmetry = 0, least_eigenvalue = HUGE_VAL;
+  CovarianceCeiling ceiling;
+  double asymmetry = 0, least_eigenvalue = HUGE_VAL, share = 0;
   bool well = true;
   void take(const Gain& gain) {
     const Eigen::MatrixXd P = gain.P.topLeftCorner(gain.n_x, gain.n_x);
     well = well && P.allFinite() && gain.K.allFinite() && P.diagonal().minCoeff() > 0;
     if (!well) return;
+    share = std::max(share, P.diagonal().cwiseQuotient(ceiling.P_max()).maxCoeff());
     const Eigen::VectorXd scale = P.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::MatrixXd C = scale.asDiagonal() * P * scale.asDiagonal();
     asymmetry = std::max(asymmetry, (C - C.transpose()).cwiseAbs().maxCoeff());
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(0.5 * (C + C.transpose()),
                                                                 Eigen::EigenvaluesOnly);
     least_eigenvalue = std::min(least_eigenvalue, solver.eigenvalues().minCoeff());
-    well = least_eigenvalue > 0 && asymmetry < 1e-6;
+    well = least_eigenvalue > 0 && asymmetry < 1e-6 && share <= 1;
   }
 };
 
+enum class Moves { kTurns, kStands, kStill };
+constexpr const char* kMovesNames[] = {"speed", "standstill", "still"};
+
 bool run_covariance(const Options& o, const std::string& kind, const std::string& policy,
-                    bool stands) {
+                    Moves moves) {
   std::vector<std::string> overrides = {"estimator.kind=" + kind,
                                         "gain.policy=" + policy,
                                         "load.T_load_Nm=0",
@@ -169,11 +176,16 @@ bool run_covariance(const Options& o, const std::string& kind, const std::string
                                         "rates.n_from=start",
                                         "controller.kind=foc",
                                         "controller.angle_source=truth"};
-  if (stands) overrides.push_back("reference.speed_rpm=0");
+  if (moves != Moves::kTurns) overrides.push_back("reference.speed_rpm=0");
   Config config = Config::load(drive_of(kind), overrides);
-  const std::vector<Estimate> at = snapshots(config);
+  std::vector<Estimate> at = snapshots(config);
+  if (moves == Moves::kStill)
+    for (Estimate& e : at) {
+      e.x_hat.setZero();
+      e.omega_m = e.theta_e = 0;
+    }
   BackgroundLoop background = make_background_loop(config);
-  Correlation seen;
+  Correlation seen{.ceiling = background.ceiling()};
   const auto count = static_cast<std::int64_t>(o.covariance);
   const std::clock_t begun = std::clock();
   std::size_t next = 0;
@@ -184,9 +196,10 @@ bool run_covariance(const Options& o, const std::string& kind, const std::string
     const Gain& gain = background.step(e);
     if (i % 1000 == 999) seen.take(gain);
   }
-  fmt::print("| {}, {}, {} | {:.3g} | {:.2g} | {:.2g} | {} | {:.0f} s |\n", kind, policy,
-             stands ? "standstill" : "speed", o.covariance, seen.asymmetry, seen.least_eigenvalue,
-             seen.well ? "yes" : "NO", static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC);
+  fmt::print("| {}, {}, {} | {:.3g} | {:.2g} | {:.2g} | {:.3g} | {} | {:.0f} s |\n", kind, policy,
+             kMovesNames[static_cast<int>(moves)], o.covariance, seen.asymmetry,
+             seen.least_eigenvalue, seen.share, seen.well ? "yes" : "NO",
+             static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC);
   std::fflush(stdout);
   return seen.well;
 }
@@ -194,16 +207,18 @@ bool run_covariance(const Options& o, const std::string& kind, const std::string
 bool run_covariances(const Options& o) {
   bool well = true;
   fmt::print(
-      "| filter, policy, at | updates | C - C' | least eigenvalue of C | well | CPU time |\n"
-      "|---|---|---|---|---|---|\n");
+      "| filter, policy, at | updates | C - C' | least eigenvalue of C | of the ceiling | well | "
+      "CPU "
+      "time |\n"
+      "|---|---|---|---|---|---|---|\n");
   for (const std::string& kind : filter_kinds())
     for (const std::string policy : {"paper", "immediate", "rotor_frame", "propagated"})
-      for (const bool stands : {false, true}) {
+      for (const Moves moves : {Moves::kTurns, Moves::kStands, Moves::kStill}) {
         if (policy == "propagated" && kind != "ekf_sensorless" && kind != "eemf" &&
             kind != "ekf_joint")
           continue;  // it has no steady state in the stationary frame
         if (fmt::format("{}, {}", kind, policy).find(o.only) == std::string::npos) continue;
-        well = run_covariance(o, kind, policy, stands) && well;
+        well = run_covariance(o, kind, policy, moves) && well;
       }
   return well;
 }

@@ -67,6 +67,15 @@ void converge(const Filter& filter, double omega_m, Gain& gain, std::int64_t& st
 
 }  // namespace
 
+std::optional<CovarianceModel::Matrix> settled_covariance(const Filter& filter, double omega_m) {
+  const std::optional<Estimate> at = filter.steady_state(omega_m);
+  if (!at) return {};
+  Gain gain = filter.initial_gain();
+  const double angle = at->theta_e - filter.ahead(*at, 1).theta_e;
+  if (!settle_by_doubling(filter, *at, angle, gain)) return {};
+  return gain.P.topLeftCorner(gain.n_x, gain.n_x);
+}
+
 std::shared_ptr<const GainSchedule> GainSchedule::build(const Filter& filter, double omega_m_max,
                                                         std::int64_t most_steps) {
   if (!filter.steady_state(0)) return nullptr;

@@ -15,11 +15,16 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "estimator/filter.hpp"
 
 namespace twinrate {
+
+// P after many steps at this speed, the rotor at 0. Empty where the filter has no covariance model or
+// no steady state, and where P is not finite.
+std::optional<CovarianceModel::Matrix> settled_covariance(const Filter& filter, double omega_m);
 
 class GainSchedule {
  public:

@@ -87,8 +87,10 @@ FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make,
 
 BackgroundLoop make_background_loop(Config& config, const MakeFilter& make) {
   const DriveConfig& drive = config.drive();
-  BackgroundLoop background(make(config), drive.gain.policy, drive.background_rate(),
+  const std::shared_ptr<const Filter> filter = make(config);
+  BackgroundLoop background(filter, drive.gain.policy, drive.background_rate(),
                             drive.gain.speed_span / drive.machine.n_p);
+  background.limit(CovarianceCeiling(*filter, 0.5 * drive.omega_m_limit()));
   background.follow(rate_history(config).changes());
   return background;
 }

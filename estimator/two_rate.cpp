@@ -206,11 +206,17 @@ const Gain& BackgroundLoop::step(const Estimate& snapshot) {
   }
   const int n = snapshot.status & kGainEveryTick ? 1 : rate_.n_at(snapshot.k);
   const int n_before = std::exchange(n_last_, n);
+  update(snapshot, n_before, n);
+  ceiling_.apply(gain_);
+  gain_.first_use = first_use_of(policy_, snapshot.k, n);
+  return gain_;
+}
+
+void BackgroundLoop::update(const Estimate& snapshot, int n_before, int n) {
   const double omega_m_before = std::exchange(omega_m_before_, snapshot.omega_m);
   if (policy_ == GainPolicy::kPropagated) {
     gain_ = propagated_background(*filter_, gain_, omega_m_before, snapshot, n, span_omega_m_);
-    gain_.first_use = first_use_of(policy_, snapshot.k, n);
-    return gain_;
+    return;
   }
   if (policy_ == GainPolicy::kRotorFrame && gain_.k >= 0) {
     const double turned = filter_->ahead(snapshot, n_before - 1).theta_e - snapshot.theta_e;
@@ -224,8 +230,6 @@ const Gain& BackgroundLoop::step(const Estimate& snapshot) {
     filter_->update_gain(gain_, snapshot);
     gain_.theta_e = snapshot.theta_e;
   }
-  gain_.first_use = first_use_of(policy_, snapshot.k, n);
-  return gain_;
 }
 
 }  // namespace twinrate

@@ -21,6 +21,7 @@
 
 #include "core/rate_history.hpp"
 #include "estimator/agreement.hpp"
+#include "estimator/covariance_ceiling.hpp"
 #include "estimator/filter.hpp"
 #include "estimator/gain_schedule.hpp"
 #include "estimator/gain_slots.hpp"
@@ -120,13 +121,19 @@ class BackgroundLoop {
   void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
   // As FastLoop::follow.
   void follow(std::vector<RateChange> changes);
+  // From the next snapshot on; without it there is none.
+  void limit(const CovarianceCeiling& ceiling) { ceiling_ = ceiling; }
+  const CovarianceCeiling& ceiling() const { return ceiling_; }
   const Gain& last() const { return gain_; }
 
  private:
   // Makes the changes up to this snapshot; true where there were some.
   bool change_rate(std::int64_t k);
+  // gain_ from the snapshot, by the policy.
+  void update(const Estimate& snapshot, int n_before, int n);
 
   std::shared_ptr<const Filter> filter_;
+  CovarianceCeiling ceiling_;
   GainPolicy policy_, first_policy_;
   BackgroundRate rate_, first_rate_;
   std::vector<RateChange> changes_;

@@ -101,6 +101,48 @@ INSTANTIATE_TEST_SUITE_P(Propagated, LongCovariance,
                                           testing::Values("propagated")),
                          name_of);
 
+// A rotor that stands shows an EMF of zero: nothing bounds the variance of the angle but the ceiling.
+TEST(LongStandstill, LeavesEveryVarianceBelowItsCeiling) {
+  for (const std::string& kind : filter_kinds()) {
+    Config config = test::load(
+        drive_of(kind), {"estimator.kind=" + kind, "controller.kind=foc", "load.T_load_Nm=0"});
+    BackgroundLoop background = make_background_loop(config);
+    ASSERT_FALSE(background.ceiling().none()) << kind;
+    const auto P_max = background.ceiling().P_max();
+    Estimate still;
+    still.n_x = background.last().n_x;
+    double share = 0;
+    for (int i = 0; i < 50000; ++i) {
+      still.k = i * config.drive().rates.n;
+      const Gain& gain = background.step(still);
+      const auto variances = gain.P.diagonal().head(gain.n_x);
+      share = std::max(share, variances.cwiseQuotient(P_max).maxCoeff());
+      if (i % 1000 == 999) {
+        Worst worst;
+        note(gain, worst);
+        EXPECT_LT(worst.asymmetry, 1e-6) << kind;
+        EXPECT_GT(worst.smallest, 1e-12) << kind;
+      }
+    }
+    EXPECT_LE(share, 1 + 1e-12) << kind;
+    EXPECT_GT(share, kind == "ekf_sensorless" ? 0.99 : 0) << "reached by the angle that has no EMF";
+  }
+}
+
+// Without a ceiling the gain of the first EMF throws the angle away, and the drive loses synchronism.
+TEST(LongStandstill, OfManyUpdatesDoesNotSpoilTheStart) {
+  Config config = test::load("dilys2021", {"sensors.i_noise_rms_A=0", "run.duration_s=101",
+                                           "reference.omega_e_rad_s=[[0,0],[100,0],[100.05,400]]"});
+  ClosedLoop loop(config);
+  const int n_p = config.drive().machine.n_p;
+  double worst = 0;
+  for (int k = 0; k < 101 * 5000; ++k) {
+    const TickRecord& tick = loop.step();
+    worst = std::max(worst, std::abs(wrap_pi(tick.estimate.theta_e - n_p * tick.truth.theta_m)));
+  }
+  EXPECT_LT(test::degrees(worst), 15);
+}
+
 // The whole loop over the end of 32 bits of ticks, and after 30 days: it goes on as at tick 0.
 TEST(LateSession, ADriveOverTheEndOf32BitsOfTicksGoesOn) {
   const auto run = [](const char* drive, std::int64_t first, double theta_m) {
