@@ -237,6 +237,20 @@ bool Bus::is_genuine(Channel channel, const std::uint8_t* bytes, std::size_t siz
   return false;
 }
 
+// The tag shows that the sender has the token, the socket which one of those it is.
+bool Bus::is_of_its_sender(Channel channel, const std::uint8_t* bytes, std::size_t size) {
+  const SocketName socket = transport_->sender();
+  if (!bound_ || socket == 0) return true;
+  const int role = role_of(channel, bytes);
+  if (twin_ && channel == Channel::kStatus && role == static_cast<int>(options_.role) &&
+      !transport_->is_own(socket))
+    if (status_t status; decode(status, bytes, size)) twin_(status);
+  if (!checks_tags() || senders_.admits(channel, bytes, socket)) return true;
+  ++counters_.refused;
+  if (second_sender_) second_sender_({channel, role, socket});
+  return false;
+}
+
 // Messages between two of a channel that are missing.
 std::int64_t Bus::gap(Channel channel, std::int64_t last, std::int64_t seq) const {
   if (channel == Channel::kGain)
@@ -279,6 +293,7 @@ void Bus::received(Channel channel, const std::uint8_t* bytes, std::size_t size,
     ++counters_.undecodable;
     return;
   }
+  if (!foreign && !is_of_its_sender(channel, bytes, size)) return;
   if (!admit(channel, seq, session)) return;
   if (channel < Channel::kStatus) count_gap(channel, seq);
   handler(channel, bytes, size, seq, t_ns);

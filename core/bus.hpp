@@ -23,6 +23,7 @@
 #include "core/decode.hpp"
 #include "core/message_tag.hpp"
 #include "core/rates.hpp"
+#include "core/sender_table.hpp"
 
 namespace twinrate {
 
@@ -97,6 +98,20 @@ class Bus {
   // or not plausible.
   void refuse() { ++counters_.refused; }
   const std::string& url() const { return options_.url; }
+  // In a launched set that checks tags every role has one sender (core/sender_table). Called when a
+  // message of a second one is refused.
+  struct SecondSender {
+    Channel channel;
+    int role;  // -1: the channel's
+    SocketName socket;
+  };
+  void on_second_sender(std::function<void(const SecondSender&)> handler) {
+    second_sender_ = std::move(handler);
+  }
+  // Called with every status of this process's role from another process.
+  void on_twin(std::function<void(const status_t&)> handler) { twin_ = std::move(handler); }
+  // A process of this role was started again.
+  void forget_sender(Role role) { senders_.forget(role); }
   // Called when a request is refused because it has no valid tag.
   void on_untagged_request(std::function<void()> handler) {
     untagged_request_ = std::move(handler);
@@ -159,6 +174,7 @@ class Bus {
   void received(Channel channel, const std::uint8_t* bytes, std::size_t size,
                 const RawHandler& handler);
   bool is_genuine(Channel channel, const std::uint8_t* bytes, std::size_t size);
+  bool is_of_its_sender(Channel channel, const std::uint8_t* bytes, std::size_t size);
   bool admit(Channel channel, std::int64_t seq, std::int64_t session);
   bool jumps(Channel channel, std::int64_t seq);
   void count_gap(Channel channel, std::int64_t seq);
@@ -184,6 +200,9 @@ class Bus {
   bool wake_for_all_ = false;
   std::unique_ptr<BusTransport> transport_;
   std::function<void()> new_session_, untagged_request_;
+  std::function<void(const SecondSender&)> second_sender_;
+  std::function<void(const status_t&)> twin_;
+  SenderTable senders_;
   std::optional<Tagger> tagger_;
 };
 

@@ -55,12 +55,13 @@ class UdpmTransport : public BusTransport {
     together_.clear();
     for (std::size_t i = 0; i < count; ++i) {
       const Outgoing& m = messages[i];
-      if (m.later && later_ && m.port_offset == 0) {
+      if (goes_later(m)) {
         later_->send(*m.channel, m.bytes, m.size);
         continue;
       }
       together_.push_back({m.channel, m.bytes, m.size});
-      if (i + 1 < count && !messages[i + 1].later && messages[i + 1].port_offset == m.port_offset)
+      if (i + 1 < count && !goes_later(messages[i + 1]) &&
+          messages[i + 1].port_offset == m.port_offset)
         continue;
       sender(m.port_offset).send_together(together_.data(), together_.size());
       together_.clear();
@@ -74,6 +75,12 @@ class UdpmTransport : public BusTransport {
   }
 
   std::int64_t arrival_us() const override { return arrival_us_; }
+  std::uint64_t sender() const override { return sender_; }
+  bool is_own(std::uint64_t sender) const override {
+    if (later_ && later_->name() == sender) return true;
+    return std::any_of(senders_.begin(), senders_.end(),
+                       [&](const auto& own) { return own.second->name() == sender; });
+  }
 
   std::int64_t malformed() const override {
     std::int64_t sum = 0;
@@ -118,6 +125,14 @@ class UdpmTransport : public BusTransport {
     ports_.insert(quiet ? ports_.begin() : ports_.end(), std::move(made));
     return port;
   }
+  // A channel has one socket: what went later once, goes later when it is sent again.
+  bool goes_later(const Outgoing& m) {
+    if (!later_ || m.port_offset != 0) return false;
+    const auto known = std::find(later_channels_.begin(), later_channels_.end(), m.channel);
+    if (known != later_channels_.end()) return true;
+    if (m.later) later_channels_.push_back(m.channel);
+    return m.later;
+  }
   LcmSender& sender(int offset) {
     auto& slot = senders_[offset];
     if (!slot) slot = std::make_unique<LcmSender>(at(offset));
@@ -139,10 +154,13 @@ class UdpmTransport : public BusTransport {
   bool pass_on() {
     for (const auto& port : ports_) {
       LcmMessage message;
-      while (
-          port->receiver.next(message) ||
-          (port->receiver.was_full() && port->receiver.read_now() && port->receiver.next(message)))
-        if (arrival_us_ = message.arrival_us; pass_on(*port, message)) return true;
+      while (port->receiver.next(message) ||
+             (port->receiver.was_full() && port->receiver.read_now() &&
+              port->receiver.next(message))) {
+        arrival_us_ = message.arrival_us;
+        sender_ = message.sender;
+        if (pass_on(*port, message)) return true;
+      }
     }
     return false;
   }
@@ -217,6 +235,8 @@ class UdpmTransport : public BusTransport {
 
   UdpmAddress address_;
   std::int64_t arrival_us_ = 0;
+  std::uint64_t sender_ = 0;
+  std::vector<const std::string*> later_channels_;
   bool filter_;
   double drain_every_ms_, spin_us_;
   std::vector<std::unique_ptr<Port>> ports_;

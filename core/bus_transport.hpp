@@ -33,6 +33,10 @@ class BusTransport {
   virtual std::int64_t malformed() const { return 0; }
   // When the message that is passed arrived, wall clock; 0: not told.
   virtual std::int64_t arrival_us() const { return 0; }
+  // The socket that sent it, as LcmMessage::sender; 0: not told.
+  virtual std::uint64_t sender() const { return 0; }
+  // It is one of this process.
+  virtual bool is_own(std::uint64_t /*sender*/) const { return false; }
 };
 
 struct UdpmOptions {

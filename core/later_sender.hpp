@@ -24,6 +24,7 @@ class LaterSender {
 
   // `channel` must outlive this object.
   void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
+  std::uint64_t name() const { return sender_.name(); }
 
  private:
   struct Queue {

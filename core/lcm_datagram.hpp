@@ -34,6 +34,7 @@ struct LcmMessage {
   const std::uint8_t* bytes = nullptr;
   std::size_t size = 0;
   std::int64_t arrival_us = 0;  // of its last datagram, wall clock; 0: not told
+  std::uint64_t sender = 0;     // IP address and port, network byte order
 };
 
 class Reassembly {

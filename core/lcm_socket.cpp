@@ -43,6 +43,10 @@ std::int64_t now_ns() {
   return t.tv_sec * std::int64_t{1'000'000'000} + t.tv_nsec;
 }
 
+std::uint64_t name_of(const sockaddr_in& address) {
+  return std::uint64_t{address.sin_addr.s_addr} << 16 | std::uint64_t{address.sin_port};
+}
+
 iovec part(const void* bytes, std::size_t size) {
   return {.iov_base = const_cast<void*>(bytes), .iov_len = size};
 }
@@ -62,6 +66,13 @@ LcmSender::LcmSender(const UdpmAddress& address)
   const sockaddr_in to = to_sockaddr(address);
   if (connect(socket_.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
     fail("no route");
+}
+
+std::uint64_t LcmSender::name() const {
+  sockaddr_in own{};
+  socklen_t size = sizeof own;
+  getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&own), &size);
+  return name_of(own);
 }
 
 void LcmSender::send(const std::string& channel, const std::uint8_t* bytes, std::size_t size) {
@@ -185,12 +196,12 @@ bool LcmReceiver::next(LcmMessage& message) {
   while (next_ < count_) {
     const std::size_t i = next_++;
     const sockaddr_in& from = senders_[i];
-    const std::uint64_t sender =
-        std::uint64_t{from.sin_addr.s_addr} << 16 | std::uint64_t{from.sin_port};
+    const std::uint64_t sender = name_of(from);
     switch (reassembly_.take(buffers_.get() + i * kBuffer, headers_[i].msg_len, sender, now_ns(),
                              message)) {
       case Reassembly::Outcome::kWhole:
         message.arrival_us = arrival_us(i);
+        message.sender = sender;
         return true;
       case Reassembly::Outcome::kMalformed:
         ++malformed_;

@@ -41,6 +41,8 @@ class LcmSender {
  public:
   // Throws MachineError where there is no route to the group.
   explicit LcmSender(const UdpmAddress& address);
+  // As receivers are told it in LcmMessage::sender.
+  std::uint64_t name() const;
   // A datagram that the kernel refuses is a lost one.
   void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
   // Small messages with one system call.

@@ -114,7 +114,11 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
     }
     compare_config(other);
   });
-  if (info_.role == Role::kPlant) bus_->on_untagged_request([this] { ++refused_requests_; });
+  bus_->on_twin([this](const status_t& twin) { leave_to(twin); });
+  if (info_.role == Role::kPlant) {
+    bus_->on_untagged_request([this] { ++refused_requests_; });
+    bus_->on_second_sender([this](const Bus::SecondSender& second) { note_second(second); });
+  }
   last_progress_ = Clock::now();
 }
 
@@ -138,8 +142,32 @@ void Process::hear_supervisor(const status_t& beat) {
   supervisor_heard_ = Clock::now();
 }
 
+// A role has one instance in a session. The one that has done less leaves, and only at its start: later
+// no message ends it.
+void Process::leave_to(const status_t& twin) {
+  constexpr double kStart_s = 0.5;
+  const bool starts = status_.steps == 0 || seconds_since(ready_) < kStart_s;
+  if (starts && twin.steps > status_.steps && twin.config_hash == status_.config_hash &&
+      twin.state == static_cast<std::int32_t>(ProcessState::kRunning))
+    throw BadInput(fmt::format("--session {}: a {} of this session runs already", options_.session,
+                               role_name(twin.role)));
+}
+
+// An event for each of the first kSecondsNamed sockets; all messages are counted.
+void Process::note_second(const Bus::SecondSender& second) {
+  constexpr std::size_t kSecondsNamed = 16;
+  if (seconds_.size() >= kSecondsNamed || !seconds_.insert(second.socket).second) return;
+  const std::string channel = info(second.channel).name;
+  second_texts_.push_back(fmt::format(
+      "a second sender of {} is refused: {}",
+      second.role < 0 ? channel : fmt::format("{} as {}", channel, role_name(second.role)),
+      text_of(second.socket)));
+}
+
 // At most one event a heartbeat, however many there are; of one process, though all refuse them.
-void Process::log_refused_requests() {
+void Process::log_refused() {
+  for (const std::string& text : std::exchange(second_texts_, {}))
+    event(Reason::kSecondSender, status_.seq, text);
   if (refused_requests_ > 0)
     event(Reason::kRequestRefused, status_.seq,
           fmt::format("{} requests without a valid tag were refused",
@@ -447,7 +475,7 @@ void Process::ready() {
   set_up_realtime();
   status_.config_hash = config_.fingerprint();
   status_.state = static_cast<std::int32_t>(ProcessState::kReady);
-  last_progress_ = Clock::now();
+  ready_ = last_progress_ = Clock::now();
   beat();
 }
 
@@ -507,7 +535,7 @@ bool Process::turn(double timeout_ms) {
     if (supervisor_heard_ && seconds_since(last_beat_) > kOrphanAfter_s / 2)
       supervisor_heard_ = Clock::now();
     beat();
-    log_refused_requests();
+    log_refused();
     if (!finished_) check_patience();
     if (!finished_) check_supervisor();
   }

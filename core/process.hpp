@@ -19,6 +19,7 @@
 #include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "core/arbiter.hpp"
 #include "core/bus.hpp"
@@ -186,7 +187,9 @@ class Process {
   double spin_us();
   void set_up_realtime();
   void hear_supervisor(const status_t& beat);
-  void log_refused_requests();
+  void leave_to(const status_t& twin);
+  void note_second(const Bus::SecondSender& second);
+  void log_refused();
   void check_patience();
   void check_supervisor();
 
@@ -199,8 +202,10 @@ class Process {
   BackgroundRate gain_rate_;  // for the count of missing gains, up to the first change
   std::unique_ptr<Bus> bus_;
   status_t status_{};
-  Clock::time_point last_beat_{}, last_progress_{};
+  Clock::time_point last_beat_{}, last_progress_{}, ready_{};
   std::int64_t refused_requests_ = 0, recorded_requests_ = 0;  // since the last event
+  std::set<SocketName> seconds_;                               // second senders that were named
+  std::vector<std::string> second_texts_;                      // since the last heartbeat
   // By kind and number: the sender's time of the last one that was heard; the oldest first.
   using RequestName = std::pair<std::int32_t, std::int64_t>;
   std::map<RequestName, std::int64_t> requests_heard_;

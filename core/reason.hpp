@@ -168,7 +168,7 @@ inline constexpr std::array kReasons = {
                "a command asked for safe mode: off, state SAFE"},
     ReasonText{Reason::kReset, "reset", "a request took the drive from SAFE to IDLE"},
     ReasonText{Reason::kSecondSender, "second_sender",
-               "two different commands of one tick arrived: the later one was refused"},
+               "a second sender of a channel or role was refused, or a second command of a tick"},
     ReasonText{Reason::kSupervisorLost, "supervisor_lost",
                "realtime: the supervisor sent no heartbeat: off, state SAFE"},
     ReasonText{Reason::kRequestRefused, "request_refused",

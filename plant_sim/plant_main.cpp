@@ -90,7 +90,7 @@ class PlantProcess {
     p_.bus().refuse();
     return std::exchange(not_finite_k_, command.k) != command.k;
   }
-  // LCM messages have no sender: two commands of one tick that differ are those of two senders.
+  // Without tags a message has no sender: two commands of one tick that differ are those of two.
   void refuse_second(const Command& command) {
     p_.bus().refuse();
     if (command.k < second_k_ + static_cast<std::int64_t>(p_.drive().rates.f_s_Hz)) return;

@@ -217,6 +217,7 @@ bool Supervisor::start_again(Role role) {
     return false;
   }
   heard_.erase(static_cast<int>(role));
+  bus_->forget_sender(role);
   rejoining_.insert(role);
   return true;
 }

@@ -95,6 +95,33 @@ TEST_F(Sessions, AProcessWithAnotherConfigThatComesLateEndsAndTheRunGoesOn) {
   EXPECT_EQ(of_gain.exit_code, 1);
 }
 
+// As somebody starts it by mistake: with the arguments of the one that runs.
+TEST_F(Sessions, ASecondProcessOfARoleEndsAndTheRunGoesOn) {
+  Program run({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "600s"});
+  std::error_code error;
+  ASSERT_TRUE(wait_until([&] {
+    const auto size = std::filesystem::file_size(path("run") + "/log.lcm", error);
+    return !error && size > 200'000;
+  }));
+  for (const char* program : {"twinrate-plant", "twinrate-estimator", "twinrate-gain",
+                              "twinrate-controller", "twinrate-logger"}) {
+    const std::vector<std::string> arguments =
+        arguments_of(processes_with(path("run"), program).front());
+    Program second(arguments);
+    const ProgramResult result = second.wait(10);
+    EXPECT_EQ(result.exit_code, 2) << program;
+    const std::string why = program == std::string("twinrate-logger")
+                                ? "log.lcm"  // the log of the first one is not overwritten
+                                : "of this session runs already";
+    EXPECT_NE(result.err.find(why), std::string::npos) << result.err;
+  }
+  run.signal_group(SIGINT);
+  const ProgramResult of_run = run.wait(10);
+  EXPECT_EQ(of_run.out.find("TRIPPED"), std::string::npos) << of_run.out << of_run.err;
+  EXPECT_EQ(of_run.out.find("peer_timeout"), std::string::npos) << of_run.out;
+  EXPECT_NE(of_run.out.find("as controller is refused"), std::string::npos) << of_run.out;
+}
+
 TEST_F(Sessions, ASetStartedByHandRunsAndRefusesAMemberWithAnotherConfig) {
   const std::vector<std::string> common = {
       "--config", "dilys2021",          "--session", "77",

@@ -14,11 +14,13 @@
 #include <lcm/lcm-cpp.hpp>
 #include <limits>
 #include <map>
+#include <optional>
 #include <thread>
 
 #include "core/channels.hpp"
 #include "core/decode.hpp"
 #include "core/event_log.hpp"
+#include "core/message_tag.hpp"
 #include "core/reason.hpp"
 #include "tests/system/log_messages.hpp"
 #include "tests/system/run_program.hpp"
@@ -48,7 +50,9 @@ void put_int32(Bytes& bytes, std::size_t at, std::int32_t value) {
 class Attacker {
  public:
   static constexpr double kForged_V = 12.345;
-  explicit Attacker(std::int64_t session) : session_(session) {
+  // With a token file every message has a valid tag.
+  explicit Attacker(std::int64_t session, const std::string& token_file = "") : session_(session) {
+    if (!token_file.empty()) tagger_.emplace(read_token(token_file));
     bus_.subscribe("DRIVE_COMMAND", &Attacker::hear, this);
   }
   std::int64_t k() {
@@ -84,10 +88,12 @@ class Attacker {
     send<Message>(encoded(message));
   }
   int sent() const { return sent_; }
+  bool has_token() const { return tagger_.has_value(); }
 
  private:
   template <class Message>
-  void send(const Bytes& bytes) {
+  void send(Bytes bytes) {
+    if (tagger_) tagger_->put(info(kChannelOf<Message>).name, bytes.data(), bytes.size());
     bus_.publish(info(kChannelOf<Message>).name, bytes.data(), static_cast<unsigned>(bytes.size()));
     ++sent_;
   }
@@ -99,6 +105,7 @@ class Attacker {
   }
 
   lcm::LCM bus_;
+  std::optional<Tagger> tagger_;
   std::int64_t session_, k_ = -1;
   int sent_ = 0;
 };
@@ -221,9 +228,11 @@ void send_of_the_present(Attacker& attacker) {
     attacker.say(forged_gain(0.5, 1), k / 5 * 5);
     ack_t ack{};
     attacker.say(ack, k);
-    request_t stop{};
-    stop.kind = static_cast<std::int32_t>(RequestKind::kEmergencyStop);
-    attacker.say(stop, k);
+    if (!attacker.has_token()) {  // who has the token may stop the drive
+      request_t stop{};
+      stop.kind = static_cast<std::int32_t>(RequestKind::kEmergencyStop);
+      attacker.say(stop, k);
+    }
     status_t failed{};
     failed.role = static_cast<std::int32_t>(Role::kPlant);
     failed.state = static_cast<std::int32_t>(ProcessState::kFailed);
@@ -239,7 +248,8 @@ void send_of_the_present(Attacker& attacker) {
 class Hostile : public ProgramTest {
  protected:
   // Runs the set under `attack`, and compares its log with the undisturbed one.
-  void run(const std::vector<std::string>& more, const std::function<void(Attacker&)>& attack) {
+  void run(const std::vector<std::string>& more, const std::function<void(Attacker&)>& attack,
+           bool with_token = false) {
     const auto arguments = [&](const std::string& verb) {
       return std::vector<std::string>{verb,         "dilys2021",
                                       "--run-dir",  path(verb),
@@ -255,7 +265,7 @@ class Hostile : public ProgramTest {
     const auto words = arguments_of(processes_with(path("launch"), "twinrate-plant").front());
     const auto word = std::find(words.begin(), words.end(), "--session");
     ASSERT_NE(word, words.end());
-    Attacker attacker(std::stoll(*(word + 1)));
+    Attacker attacker(std::stoll(*(word + 1)), with_token ? path("launch") + "/token" : "");
     ASSERT_TRUE(wait_until([&] { return attacker.k() > 60; })) << set.err();
     for (int round = 0; round < 4; ++round) {
       attack(attacker);
@@ -300,6 +310,19 @@ TEST_F(Hostile, MessagesWithoutAValidTagChangeNoBit) {
   auto said = counted(path("launch"));
   for (const Role role : kSet)
     EXPECT_GT(said[static_cast<int>(role)].second, 10) << role_name(static_cast<int>(role));
+}
+
+// A token shows that its holder may take part, not that it is the plant or the controller.
+TEST_F(Hostile, MessagesOfASecondSenderWithTheTokenChangeNoBit) {
+  run(
+      {},
+      [](Attacker& attacker) {
+        send_of_the_future(attacker);
+        send_of_the_past(attacker);
+        send_of_the_present(attacker);
+      },
+      true);
+  EXPECT_NE(result_.out.find("a second sender of DRIVE_"), std::string::npos) << result_.out;
 }
 
 }  // namespace
