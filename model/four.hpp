@@ -9,6 +9,7 @@ namespace twinrate {
 
 constexpr int kLanes = 4;
 typedef double Four __attribute__((vector_size(8 * kLanes)));
+typedef unsigned long long FourBits __attribute__((vector_size(8 * kLanes)));
 typedef long long FourTruths __attribute__((vector_size(8 * kLanes)));
 
 inline bool has_avx2() {

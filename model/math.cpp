@@ -7,7 +7,6 @@ namespace {
 
 constexpr double kInf = std::numeric_limits<double>::infinity();
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kLn2 = 0x1.62e42feep-1, kLn2Rest = 0x1.a39ef35793c76p-33;  // times 2^11: exact
 
 // The binary digits of 2/pi, 64 a word, after one word of zeros.
 constexpr std::uint64_t kTwoOverPi[] = {
@@ -60,31 +59,11 @@ Octaves octaves(double x) {
   return {x - k * kLn2, k * kLn2Rest, static_cast<int>(k)};
 }
 
-// log(2^k (1 + f) + rest), rest far below.
-double log_of(int k, double f, double rest) {
-  const double s = f / (2 + f), z = s * s, w = z * z, half_f2 = 0.5 * f * f;
-  const double R =
-      w * (0x1.999999997fa04p-2 + w * (0x1.c71c51d8e78afp-3 + w * 0x1.39a09d078c69fp-3)) +
-      z * (0x1.5555555555593p-1 +
-           w * (0x1.2492494229359p-2 + w * (0x1.7466496cb03dep-3 + w * 0x1.2f112df3e5244p-3)));
-  return k * kLn2 - ((half_f2 - (s * (half_f2 + R) + (k * kLn2Rest + rest))) - f);
-}
-
-// x > 0 as 2^k (1 + f) with 1 + f in [sqrt(1/2), sqrt 2).
-struct Octave {
-  int k;
-  double f;
-};
-Octave octave_of(double x) {
-  int below = 0;
-  if (x < 0x1p-1022) {
-    x *= 0x1p54;
-    below = -54;
-  }
-  constexpr std::uint64_t kSqrtHalf = 0x3fe6a09e667f3bcd, kOne = 0x3ff0000000000000;
-  const std::uint64_t bits = std::bit_cast<std::uint64_t>(x) + (kOne - kSqrtHalf);
-  const double m = std::bit_cast<double>((bits & 0x000fffffffffffff) + kSqrtHalf);
-  return {static_cast<int>(bits >> 52) - 1023 + below, m - 1};
+// Of every x > 0.
+OctaveOf<double> octave_of_any(double x) {
+  if (x >= 0x1p-1022) return octave_of(x);
+  const auto [k, f] = octave_of(x * 0x1p54);
+  return {k - 54, f};
 }
 
 }  // namespace
@@ -155,8 +134,9 @@ double log(double x) {
   if (x == 0) return -kInf;
   if (x < 0) return kNan;
   if (!(x < kInf)) return x;
-  const auto [k, f] = octave_of(x);
-  return log_of(k, f, 0);
+  double log_x = 0;
+  log_of(octave_of_any(x), 0, log_x);
+  return log_x;
 }
 
 double log1p(double x) {
@@ -166,8 +146,9 @@ double log1p(double x) {
   const double u = 1 + x;
   const double lost = x > 1 ? 1 - (u - x) : x - (u - 1);  // of the sum
   if (u == 1) return x;
-  const auto [k, f] = octave_of(u);
-  return log_of(k, f, lost / u);
+  double log_x = 0;
+  log_of(octave_of_any(u), lost / u, log_x);
+  return log_x;
 }
 
 double pow(double x, double y) {

@@ -2,6 +2,7 @@
 //
 // SplitMix64 finaliser as a counter-based generator, Box-Muller for the normal deviate.
 #pragma once
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
@@ -10,11 +11,17 @@
 
 namespace twinrate {
 
-inline std::uint64_t splitmix64(std::uint64_t z) {
+// z: std::uint64_t, or FourBits.
+template <class Bits>
+[[gnu::always_inline]] inline void mix_bits(Bits& z) {
   z += 0x9e3779b97f4a7c15ULL;
   z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
   z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-  return z ^ (z >> 31);
+  z ^= z >> 31;
+}
+inline std::uint64_t splitmix64(std::uint64_t z) {
+  mix_bits(z);
+  return z;
 }
 
 // Uniform in (0, 1].
@@ -24,6 +31,7 @@ class Uniform {
   double operator()(std::uint64_t index) const {
     return static_cast<double>((splitmix64(key_ ^ index) >> 11) + 1) * 0x1.0p-53;
   }
+  std::uint64_t key() const { return key_; }
 
  private:
   std::uint64_t key_;
@@ -45,6 +53,22 @@ class Normal {
  private:
   Uniform u1_, u2_;
 };
+
+// Three streams, `first` and the next two, at one index: bit for bit those of Normal.
+class ThreeNormals {
+ public:
+  ThreeNormals(std::uint64_t seed, std::uint64_t first) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      u1_keys_[i] = Uniform(seed, 2 * (first + i)).key();
+      u2_keys_[i] = Uniform(seed, 2 * (first + i) + 1).key();
+    }
+  }
+  std::array<double, 3> operator()(std::uint64_t index) const;
+
+ private:
+  std::array<std::uint64_t, 3> u1_keys_, u2_keys_;
+};
+
 inline double normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
   return Normal(seed, stream)(index);
 }

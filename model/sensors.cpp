@@ -14,16 +14,16 @@ void SensorParameters::fields(FieldVisitor& f) {
 }
 
 CurrentSensors::CurrentSensors(const SensorParameters& p, std::uint64_t seed)
-    : p_(p), noise_{Normal(seed, 0), Normal(seed, 1), Normal(seed, 2)} {}
+    : p_(p), noise_(seed, 0) {}
 
 Vec3 CurrentSensors::sample(const Vec3& i_abc, std::int64_t k) const {
   Vec3 i_meas = i_abc;
-  for (int phase = 0; phase < 3; ++phase) {
-    if (p_.i_noise_rms > 0)
-      i_meas[phase] +=
-          p_.i_noise_rms * noise_[static_cast<std::size_t>(phase)](static_cast<std::uint64_t>(k));
-    if (p_.i_lsb > 0) i_meas[phase] = std::round(i_meas[phase] / p_.i_lsb) * p_.i_lsb;
+  if (p_.i_noise_rms > 0) {
+    const auto noise = noise_(static_cast<std::uint64_t>(k));
+    i_meas += p_.i_noise_rms * Eigen::Map<const Vec3>(noise.data());
   }
+  if (p_.i_lsb > 0)
+    for (double& i : i_meas) i = math::round(i / p_.i_lsb) * p_.i_lsb;
   if (p_.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);
   return i_meas;
 }

@@ -7,7 +7,6 @@
 //
 // encoder_counts = 0: exact angle and exact speed.
 #pragma once
-#include <array>
 #include <cstdint>
 
 #include "model/frames.hpp"
@@ -34,7 +33,7 @@ class CurrentSensors {
 
  private:
   SensorParameters p_;
-  std::array<Normal, 3> noise_;
+  ThreeNormals noise_;  // streams 0, 1, 2: phases a, b, c
 };
 Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
                      std::int64_t k);

@@ -126,6 +126,21 @@ TEST(Math, PowersAreRightToTheSizeOfTheirExponent) {
   EXPECT_EQ(math::pow(0, 0), 1);
 }
 
+TEST(Math, RoundIsThatOfTheLibrary) {
+  const double below_half = std::nextafter(0.5, 0);
+  for (const double size : {0.0, below_half, 0.5, 1.5, 2.5, 0x1p52 - 0.5, 0x1p52 + 1, 1e300, kInf})
+    for (const double x : {size, -size}) {
+      EXPECT_EQ(math::round(x), std::round(x)) << x;
+      EXPECT_EQ(std::signbit(math::round(x)), std::signbit(x)) << x;
+    }
+  for (std::uint64_t i = 0; i < kSamples; ++i) {
+    const double x = 1e4 * uniform(8, 0, i) - 5e3, half = std::floor(x) + 0.5;
+    ASSERT_EQ(math::round(x), std::round(x)) << x;
+    ASSERT_EQ(math::round(half), std::round(half)) << half;
+  }
+  EXPECT_TRUE(std::isnan(math::round(std::numeric_limits<double>::quiet_NaN())));
+}
+
 TEST(Math, LimitsAreThoseOfTheLibrary) {
   struct Pair {
     Own own, library;

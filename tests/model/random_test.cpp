@@ -63,6 +63,14 @@ TEST(Normal, StreamsSeedsAndNeighboursAreUncorrelated) {
   EXPECT_LT(std::abs(neighbours), bound);
 }
 
+TEST(ThreeNormals, AreBitForBitThreeTimesNormal) {
+  const ThreeNormals three(6, 3);
+  for (std::uint64_t k = 0; k < 20000; ++k) {
+    const auto z = three(k * k);
+    for (std::uint64_t l = 0; l < 3; ++l) ASSERT_EQ(z[l], normal(6, 3 + l, k * k)) << k;
+  }
+}
+
 TEST(Normal, IsAPureFunctionOfItsArguments) {
   const double first = normal(5, 2, 1000);
   for (std::uint64_t k = 0; k < 100; ++k) normal(9, 1, k);
