@@ -45,6 +45,10 @@ inline Vec2 rotate(const Vec2& x, double angle_rad) {
 inline Vec2 park(const Vec2& alphabeta, double theta_e) {
   return rotate(alphabeta, -theta_e);
 }
+inline Vec2 park(const Vec2& alphabeta, const math::SinCos& theta_e) {
+  const auto [s, c] = theta_e;
+  return {c * alphabeta[0] + s * alphabeta[1], c * alphabeta[1] - s * alphabeta[0]};
+}
 inline Vec2 inverse_park(const Vec2& dq, double theta_e) {
   return rotate(dq, theta_e);
 }

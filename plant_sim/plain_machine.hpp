@@ -9,22 +9,24 @@
 //
 // The rates are polynomials of this state: no sine. They are multiplied by the step h.
 #pragma once
+#include "model/four.hpp"
 #include "model/pair.hpp"
 #include "plant_sim/drive_model.hpp"
 
 namespace twinrate {
 
 struct PlainState {
-  Pair i_dq, u_dq, motion;  // motion: omega_m, theta_m
+  Four electrical;  // i_d, i_q, u_d, u_q
+  Pair motion;      // omega_m, theta_m
 };
-inline PlainState operator+(const PlainState& a, const PlainState& b) {
-  return {a.i_dq + b.i_dq, a.u_dq + b.u_dq, a.motion + b.motion};
+[[gnu::always_inline]] inline PlainState operator+(const PlainState& a, const PlainState& b) {
+  return {a.electrical + b.electrical, a.motion + b.motion};
 }
-inline PlainState operator-(const PlainState& a, const PlainState& b) {
-  return {a.i_dq - b.i_dq, a.u_dq - b.u_dq, a.motion - b.motion};
+[[gnu::always_inline]] inline PlainState operator-(const PlainState& a, const PlainState& b) {
+  return {a.electrical - b.electrical, a.motion - b.motion};
 }
-inline PlainState operator*(double a, const PlainState& b) {
-  return {a * b.i_dq, a * b.u_dq, a * b.motion};
+[[gnu::always_inline]] inline PlainState operator*(double a, const PlainState& b) {
+  return {a * b.electrical, a * b.motion};
 }
 
 class PlainMachine {
@@ -32,33 +34,36 @@ class PlainMachine {
   // `T_load`: constant over the step of length h.
   PlainMachine(const MachineParameters& m, double T_load, double h)
       : h_(h),
-        g_{h / m.L_d, h / m.L_q},
-        a_(m.R_s * g_),
-        cross_{g_[0] * m.n_p * m.L_q, -g_[1] * m.n_p * m.L_d},
-        emf_{0, -g_[1] * m.n_p * m.psi_f},
-        turn_{h * m.n_p, -h * m.n_p},
+        gain_{h / m.L_d, h / m.L_q},
+        decay_(m.R_s * gain_),
+        turn_{gain_[0] * m.n_p * m.L_q, -gain_[1] * m.n_p * m.L_d, h * m.n_p, -h * m.n_p},
+        emf_{0, -gain_[1] * m.n_p * m.psi_f},
         torque_(h / m.J * m.torque_constant()),
         reluctance_(h / m.J * 1.5 * m.n_p * (m.L_d - m.L_q)),
         friction_(h / m.J * m.B),
         load_(h / m.J * T_load) {}
 
-  PlainState operator()(double /*c*/, const PlainState& x) const {
-    const double i_d = x.i_dq[0], i_q = x.i_dq[1], omega_m = x.motion[0];
+  [[gnu::always_inline]] PlainState operator()(double /*c*/, const PlainState& x) const {
+    const Four e = x.electrical;
+    const Four across = __builtin_shufflevector(e, e, 1, 0, 3, 2);   // i_q, i_d, u_q, u_d
+    const Four applied = __builtin_shufflevector(e, e, 2, 3, 2, 3);  // u_dq beside i_dq
+    const double i_d = e[0], i_q = e[1], omega_m = x.motion[0];
     const double acceleration = (i_d * reluctance_ + torque_) * i_q - (omega_m * friction_ + load_);
-    return {x.u_dq * g_ - x.i_dq * a_ + omega_m * (swapped(x.i_dq) * cross_ + emf_),
-            omega_m * (swapped(x.u_dq) * turn_), Pair{acceleration, omega_m * h_}};
+    return {applied * gain_ - e * decay_ + omega_m * (across * turn_ + emf_),
+            Pair{acceleration, omega_m * h_}};
   }
   // The square of an error: A, what the error of u_dq makes of them in a step, rad/s, and rad with
   // a weight.
-  double size_squared(const PlainState& e, double weight_of_angle) const {
-    const Pair u = e.u_dq * g_, motion = e.motion * Pair{1, weight_of_angle};
-    const Pair sum = e.i_dq * e.i_dq + u * u + motion * motion;
-    return sum[0] + sum[1];
+  [[gnu::always_inline]] double size_squared(const PlainState& e, double weight_of_angle) const {
+    const Four in_A = e.electrical * Four{1, 1, gain_[0], gain_[1]}, squared = in_A * in_A;
+    const Pair motion = e.motion * Pair{1, weight_of_angle}, motion_squared = motion * motion;
+    return (squared[0] + squared[2] + motion_squared[0]) +
+           (squared[1] + squared[3] + motion_squared[1]);
   }
 
  private:
   double h_;
-  Pair g_, a_, cross_, emf_, turn_;
+  Four gain_, decay_, turn_, emf_;  // of i_d, i_q, u_d, u_q
   double torque_, reluctance_, friction_, load_;
 };
 

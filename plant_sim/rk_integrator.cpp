@@ -44,10 +44,12 @@ int steps_at_first(double hardness) {
 
 // Takes x over T. step_over(x, t, h): the RkStep from t to t + h, t from the interval's start.
 template <class State, class StepOver>
-State over_interval(State x, double t_k, double T, int steps, double tolerance,
-                    const StepOver& step_over) {
+[[gnu::always_inline]] inline State over_interval(const State& begin, double t_k, double T,
+                                                  int steps, double tolerance,
+                                                  const StepOver& step_over) {
   constexpr double kSafety = 0.9, kLeast = 0.1, kMostAfterRefusal = 0.8, kSmallest = 1e-16;
   constexpr double kLast = 1 + 1e-9;  // a remainder shorter than this belongs to the step before
+  State x = begin;
   double t = 0, h = T / steps;
   for (int tried = 0; tried < kMaxSteps; ++tried) {
     const bool is_last = t + h * kLast >= T;
@@ -71,32 +73,45 @@ State over_interval(State x, double t_k, double T, int steps, double tolerance,
   refuse(t_k + t, 0);
 }
 
+// The plain machine over T; u_dq at t_k.
+[[gnu::always_inline]] inline PlantState advance_plain(const MachineParameters& m,
+                                                       const PlantState& x, const Vec2& u_dq,
+                                                       const PlantInput& input, double T,
+                                                       int steps) {
+  const PlainState begin{Four{x[0], x[1], u_dq[0], u_dq[1]}, Pair{x[2], x[3]}};
+  const auto step_over = [&](const PlainState& x_0, double /*t*/, double h)
+      __attribute__((always_inline)) {
+    const PlainMachine machine(m, input.T_load, h);
+    const auto size = [&](const PlainState& e) __attribute__((always_inline)) {
+      return machine.size_squared(e, kWeightOfAngle);
+    };
+    return pair_8(x_0, machine, size);
+  };
+  const PlainState end = over_interval(begin, input.t_k, T, steps, kPlainTolerance, step_over);
+  return {end.electrical[0], end.electrical[1], end.motion[0], end.motion[1]};
+}
+__attribute__((target("avx2"))) PlantState advance_plain_avx2(const MachineParameters& m,
+                                                              const PlantState& x, const Vec2& u_dq,
+                                                              const PlantInput& input, double T,
+                                                              int steps) {
+  return advance_plain(m, x, u_dq, input, T, steps);
+}
+
 }  // namespace
 
 double RkIntegrator::hardness(double omega_m, double T) const {
   return T * (fastest_rate_ + model_.machine().n_p * std::abs(omega_m));
 }
 
-PlantState RkIntegrator::advance_plain(const PlantState& x, const Vec2& u_alphabeta,
-                                       const PlantInput& input, double T) const {
-  const MachineParameters& m = model_.machine();
-  const auto [s, c] = input.rotor_axes.of(m.n_p * x[3]);
-  const Pair u_dq{c * u_alphabeta[0] + s * u_alphabeta[1], c * u_alphabeta[1] - s * u_alphabeta[0]};
-  const PlainState begin{Pair{x[0], x[1]}, u_dq, Pair{x[2], x[3]}};
-  const auto step_over = [&](const PlainState& x_0, double /*t*/, double h) {
-    const PlainMachine machine(m, input.T_load, h);
-    return pair_8(x_0, machine,
-                  [&](const PlainState& e) { return machine.size_squared(e, kWeightOfAngle); });
-  };
-  const PlainState end = over_interval(begin, input.t_k, T, steps_at_first(hardness(x[2], T)),
-                                       kPlainTolerance, step_over);
-  return {end.i_dq[0], end.i_dq[1], end.motion[0], end.motion[1]};
-}
-
 PlantState RkIntegrator::advance(const PlantState& x, const PlantInput& input, double T) {
   if (is_plain_)
-    if (const auto u_alphabeta = model_.constant_voltage(input))
-      return advance_plain(x, *u_alphabeta, input, T);
+    if (const auto u_alphabeta = model_.constant_voltage(input)) {
+      const MachineParameters& m = model_.machine();
+      const Vec2 u_dq = park(*u_alphabeta, input.rotor_axes.of(m.n_p * x[3]));
+      const int steps = steps_at_first(hardness(x[2], T));
+      return has_avx2() ? advance_plain_avx2(m, x, u_dq, input, T, steps)
+                        : advance_plain(m, x, u_dq, input, T, steps);
+    }
   const double hard = hardness(x[2], T);
   return over_interval(x, input.t_k, T, steps_at_first(hard), kTolerance,
                        [&](const PlantState& x_0, double t, double h) {

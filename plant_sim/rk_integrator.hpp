@@ -28,8 +28,6 @@ class RkIntegrator final : public Integrator {
                                   double T) override;
 
  private:
-  PlantState advance_plain(const PlantState& x, const Vec2& u_alphabeta, const PlantInput& input,
-                           double T) const;
   // T times the fastest rate of the equations at this speed.
   double hardness(double omega_m, double T) const;
 

@@ -168,15 +168,12 @@ double order_of(const Pair& pair) {
   const MachineParameters m{
       .R_s = 1.2, .L_d = 5e-4, .L_q = 8e-4, .psi_f = 0.007, .J = 1e-5, .B = 1e-5, .n_p = 4};
   const auto end = [&](int steps) {
-    PlainState x{{0.5, 1}, {3, 4}, {300, 0}};
+    PlainState x{{0.5, 1, 3, 4}, {300, 0}};
     const PlainMachine machine(m, 0.01, 2e-4 / steps);
     for (int i = 0; i < steps; ++i) x = pair(x, machine);
-    return x.i_dq;
+    return Vec2(x.electrical[0], x.electrical[1]);
   };
-  const auto error = [&](int steps) {
-    const auto e = end(steps) - end(16);
-    return std::hypot(e[0], e[1]);
-  };
+  const auto error = [&](int steps) { return (end(steps) - end(16)).norm(); };
   return std::log2(error(1) / error(2));
 }
 
@@ -195,12 +192,14 @@ TEST(Rk, ThePlainMachineHasTheRatesOfTheModel) {
   const PlantInput input{.u_alphabeta = {30, -50}, .T_load = 0.3};
   const PlantState rate = model.rate(x, input, 0);
   const Vec2 u_dq = park(input.u_alphabeta, c.drive.machine.n_p * x[3]);
-  const PlainState state{{x[0], x[1]}, {u_dq[0], u_dq[1]}, {x[2], x[3]}};
+  const PlainState state{{x[0], x[1], u_dq[0], u_dq[1]}, {x[2], x[3]}};
   const PlainState plain = PlainMachine(c.drive.machine, input.T_load, 1)(0, state);
-  EXPECT_NEAR(plain.i_dq[0], rate[0], 1e-12 * std::abs(rate[0]));
-  EXPECT_NEAR(plain.i_dq[1], rate[1], 1e-12 * std::abs(rate[1]));
+  EXPECT_NEAR(plain.electrical[0], rate[0], 1e-12 * std::abs(rate[0]));
+  EXPECT_NEAR(plain.electrical[1], rate[1], 1e-12 * std::abs(rate[1]));
   EXPECT_NEAR(plain.motion[0], rate[2], 1e-12 * std::abs(rate[2]));
   EXPECT_EQ(plain.motion[1], rate[3]);
+  EXPECT_DOUBLE_EQ(plain.electrical[2], c.drive.machine.n_p * x[2] * u_dq[1]);
+  EXPECT_DOUBLE_EQ(plain.electrical[3], -c.drive.machine.n_p * x[2] * u_dq[0]);
 }
 
 // L_d = 5 nH: R_s/L_d T_s = 48,000.
