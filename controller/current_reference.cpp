@@ -49,6 +49,7 @@ Vec2 limit_current(const Vec2& i_dq_wanted, double i_d_extra, double i_d_fade, d
   const double i_d = std::clamp(i_dq_wanted[0] + i_d_extra, -i_max, i_max);
   const double i_q_max = std::sqrt(i_max * i_max - i_d * i_d);
   const double i_q = std::clamp(i_dq_wanted[1], -i_q_max, i_q_max);
+  if (i_d_fade == 0) return {i_d + i_d_fade, i_q};
   const double i_d_room = std::sqrt(i_max * i_max - i_q * i_q);
   return {std::clamp(i_d + i_d_fade, std::min(i_d, -i_d_room), std::max(i_d, i_d_room)), i_q};
 }

@@ -128,8 +128,7 @@ ControllerEvent Foc::take_event() {
   return std::exchange(event_, {});
 }
 
-bool Foc::finite(const ControllerInput& in) const {
-  const Frame frame = rotor_frame(in);
+bool Foc::finite(const ControllerInput& in, const Frame& frame) const {
   return in.measurement.i_abc.allFinite() && std::isfinite(in.measurement.v_dc) &&
          std::isfinite(frame.theta_e) && std::isfinite(frame.omega_m) &&
          std::isfinite(in.estimate.theta_e) && std::isfinite(in.estimate.omega_m) &&
@@ -188,12 +187,12 @@ Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {
 
 Command Foc::step(const ControllerInput& in) {
   const Measurement& m = in.measurement;
-  if (!finite(in)) {
+  Frame frame = rotor_frame(in);
+  if (!finite(in, frame)) {
     command_.k = m.k;
     command_.t_ns = m.t_ns;
     return command_;
   }
-  Frame frame = rotor_frame(in);
   frame.theta_m = mechanical_angle_.step(in, frame.theta_e);
   Command c;
   c.k = m.k;

@@ -73,7 +73,7 @@ class Foc final : public Controller {
   struct Frame {
     double theta_e, omega_m, theta_m = 0;
   };
-  bool finite(const ControllerInput& in) const;
+  bool finite(const ControllerInput& in, const Frame& frame) const;
   Frame rotor_frame(const ControllerInput& in) const;  // without theta_m
   // The mode of this tick; `frame` becomes the forced one during alignment and I/f ramp.
   Mode advance_mode(const ControllerInput& in, Frame& frame);

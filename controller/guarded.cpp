@@ -6,22 +6,20 @@
 namespace twinrate {
 namespace {
 
-template <class... Value>
-bool all_finite(Value... value) {
-  return (std::isfinite(value * value) && ...);
-}
-
+// One sum of squares: not finite where one of them is not.
 bool finite(const Measurement& m) {
-  return all_finite(m.i_abc.norm(), m.v_dc);
+  return std::isfinite(m.i_abc.squaredNorm() + m.v_dc * m.v_dc);
 }
 
 bool finite(const Estimate& e) {
-  return all_finite(e.theta_e, e.omega_m, e.i_dq.norm(), e.T_load);
+  return std::isfinite(e.theta_e * e.theta_e + e.omega_m * e.omega_m + e.i_dq.squaredNorm() +
+                       e.T_load * e.T_load);
 }
 
 bool finite(const Command& c) {
-  return all_finite(c.u_alphabeta_ref.norm(), c.i_dq_ref.norm(), c.i_dq.norm(), c.theta_ctrl,
-                    c.omega_m_ref);
+  return std::isfinite(c.u_alphabeta_ref.squaredNorm() + c.i_dq_ref.squaredNorm() +
+                       c.i_dq.squaredNorm() + c.theta_ctrl * c.theta_ctrl +
+                       c.omega_m_ref * c.omega_m_ref);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "model/effects/delayed.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 // 31 years, and the drive time of their last tick fits into an int64 of nanoseconds.
@@ -72,7 +73,7 @@ void RunParameters::fields(FieldVisitor& f) {
 }
 
 std::int64_t DriveConfig::t_ns(std::int64_t k) const {
-  return std::llround(static_cast<double>(k) * 1e9 / rates.f_s_Hz);
+  return static_cast<std::int64_t>(math::round(static_cast<double>(k) * 1e9 / rates.f_s_Hz));
 }
 
 std::int64_t DriveConfig::steps() const {

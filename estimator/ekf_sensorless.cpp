@@ -131,7 +131,7 @@ void EkfSensorless::describe(const FastState& state, const Measurement&, Estimat
   const auto [s, c] = state.rotor_axes.of(state.x_hat[3]);
   e.theta_e = state.x_hat[3];
   e.omega_m = state.x_hat[2] / n_p_;
-  e.i_dq = {c * i_alpha + s * i_beta, c * i_beta - s * i_alpha};
+  e.i_dq = park({i_alpha, i_beta}, {s, c});
 }
 
 void EkfSensorless::output_of_tick(FastState& state, const Measurement& m, Estimate& e) const {

@@ -117,10 +117,10 @@ bool FastLoop::begin_tick(const Measurement& m, int& status) {
   return true;
 }
 
-Correction FastLoop::correct(Measurement& m, const Gain& gain, int& status) {
+Correction FastLoop::correct(const Measurement& m, const Gain& gain, int& status) {
   if (!is_lost_row(m)) return filter_->fast_step(state_, m, gain);
   filter_->predict_over_gap(state_, m);
-  m.theta_m = state_.theta_m_prev;
+  last_.theta_m = state_.theta_m_prev;
   status |= kGapBridged;
   return {};
 }
@@ -139,7 +139,7 @@ const Estimate& FastLoop::tick_as_seen(const Measurement& m) {
   const Gain& gain = choose_gain(m.k, status);
   change_rate(m.k);
   last_ = m;
-  const Correction correction = first ? Correction{} : correct(last_, gain, status);
+  const Correction correction = first ? Correction{} : correct(m, gain, status);
   if (m.mode == Mode::kAlign) {
     filter_->align(state_, m.theta_forced);
     status |= kAngleForced;

@@ -80,7 +80,7 @@ class FastLoop {
   // True for the first sample of a session.
   bool begin_tick(const Measurement& m, int& status);
   // Prediction to t_k and correction; a sample without a sensor's reading is predicted over.
-  Correction correct(Measurement& m, const Gain& gain, int& status);
+  Correction correct(const Measurement& m, const Gain& gain, int& status);
   // Adds kGainEveryTick; after an agreement the next multiple of n begins the slow rate.
   void watch_agreement(Estimate& e, const Measurement& m);
   // The changes up to tick k, after its gain was chosen.

@@ -38,16 +38,17 @@ const TickRecord& ClosedLoop::step() {
   for (; !planned_.empty() && plant_.k() >= planned_.front().k; planned_.pop_front())
     know(planned_.front().extended);
   for (; !resets_.empty() && plant_.k() >= resets_.front(); resets_.pop_front()) restart();
-  tick_.measurement = plant_.sample();
+  const Measurement& m = plant_.sample();
+  tick_.measurement = m;
   tick_.truth = plant_.truth();
   const bool every_tick = tick_.estimate.status & kGainEveryTick;
-  tick_.estimate = estimator_.tick(tick_.measurement);
-  tick_.gain_every_nth = every_tick && !(tick_.estimate.status & kGainEveryTick);
+  const Estimate& e = estimator_.tick(m);
+  tick_.estimate = e;
+  tick_.gain_every_nth = every_tick && !(e.status & kGainEveryTick);
   tick_.has_gain = estimator_.has_gain();
   if (tick_.has_gain) copy_gain(tick_.gain, estimator_.gain());
-  tick_.reference = drive_.reference_at(tick_.measurement.k);
-  tick_.command =
-      controller_->step({tick_.measurement, tick_.estimate, tick_.reference, &tick_.truth});
+  tick_.reference = drive_.reference_at(m.k);
+  tick_.command = controller_->step({m, e, tick_.reference, &tick_.truth});
   tick_.event = controller_->take_event();
   plant_.take_command(tick_.command);
   plant_.advance();

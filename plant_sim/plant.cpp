@@ -200,15 +200,15 @@ Truth Plant::truth() const {
 
 void Plant::take_command(const Command& received) {
   if (received.k < 0 || makes(MadeFault::kCommandMissing)) return;
-  Command command = received;
-  if (makes(MadeFault::kCommandTooLarge)) command.u_alphabeta_ref *= parameters_.fault.value;
-  if (!is_finite(command) || makes(MadeFault::kCommandNan)) {
-    not_finite_k_[static_cast<std::size_t>(command.k) % not_finite_k_.size()] = command.k;
+  const auto at = static_cast<std::size_t>(received.k) % commands_.size();
+  if (!is_finite(received) || makes(MadeFault::kCommandNan)) {
+    not_finite_k_[at] = received.k;
     return;
   }
-  Command& slot = commands_[static_cast<std::size_t>(command.k) % commands_.size()];
-  if (command.k > slot.k)
-    slot = command;  // an old one may arrive again: it must not displace a newer one
+  Command& slot = commands_[at];
+  if (received.k <= slot.k) return;  // an old one may arrive again
+  slot = received;
+  if (makes(MadeFault::kCommandTooLarge)) slot.u_alphabeta_ref *= parameters_.fault.value;
 }
 
 bool Plant::command_is_missing() const {
@@ -311,7 +311,7 @@ void Plant::do_what_is_planned() {
 
 bool Plant::advance() {
   do_what_is_planned();
-  before_ = row_;
+  if (errors_) before_ = row_;
   bus_share_ = makes(MadeFault::kBusVoltage) ? parameters_.fault.value / config_.inverter.v_dc : 1;
   const bool in_time = apply_due_command();
   const double T_s = config_.T_s();

@@ -122,7 +122,7 @@ class Plant {
   double v_dc_ = 0;            // bus voltage at t_k
   Vec3 i_abc_ = Vec3::Zero();  // as the current sensors see them, before noise and ADC
   Vec3 acting_duty_;           // of the legs: that of applied_, unless it acts late
-  Measurement row_, before_;   // readings at t_k and t_{k-1}, before the watch
+  Measurement row_, before_;   // readings at t_k and, for errors_, t_{k-1}; before the watch
   Measurement sample_;         // MEASUREMENT(k)
   Command applied_command_;
   double frame_turns_ = 0;  // omega_e of the commands' frame, rad/s

@@ -17,32 +17,34 @@ double wrapped(double angle) {
   return angle - 2 * kPi * std::ceil(angle / (2 * kPi) - 0.5);
 }
 
-struct Vector {
-  double alpha = 0, beta = 0;
-  double norm() const { return std::sqrt(alpha * alpha + beta * beta); }
-};
+}  // namespace
 
-Vector vector_of(const std::array<double, 3>& i) {
+double SensorWatch::Vector::norm() const {
+  return std::sqrt(alpha * alpha + beta * beta);
+}
+
+SensorWatch::Currents SensorWatch::Vector::phases() const {
+  const double half = 0.5 * std::numbers::sqrt3 * beta;
+  return {alpha, -0.5 * alpha + half, -0.5 * alpha - half};
+}
+
+SensorWatch::Vector SensorWatch::vector_of(const Currents& i) {
   return {(2 * i[0] - i[1] - i[2]) / 3, (i[1] - i[2]) / std::numbers::sqrt3};
 }
 
-}  // namespace
-
-std::array<double, 3> SensorWatch::predicted_currents(double turned) const {
+SensorWatch::Vector SensorWatch::predicted_current(double turned) const {
   const Vector i = vector_of(good_.i_abc);
   const auto [s, c] = math::sincos(turned);
-  const double alpha = c * i.alpha - s * i.beta, beta = s * i.alpha + c * i.beta;
-  const double half = 0.5 * std::numbers::sqrt3 * beta;
-  return {alpha, -0.5 * alpha + half, -0.5 * alpha - half};
+  return {c * i.alpha - s * i.beta, s * i.alpha + c * i.beta};
 }
 
 // The speed is that of the readings or of the voltage's frame, whichever is the larger: neither is
 // sure.
 double SensorWatch::jump_bound(const AppliedVoltage& applied, double turned,
-                               const Currents& i) const {
+                               const Vector& i) const {
   const double of_frame = std::abs(turned) / limits_.T_s;
   const double omega_e = std::max(of_frame, std::abs(limits_.n_p * good_.omega_m));
-  const double amplitude = std::max(vector_of(i).norm(), vector_of(good_.i_abc).norm());
+  const double amplitude = std::max(i.norm(), vector_of(good_.i_abc).norm());
   const double u = std::max(applied.u, u_before_);
   const double by_voltage =
       limits_.T_s / limits_.L *
@@ -58,9 +60,10 @@ bool SensorWatch::stuck(const Currents& i, double turned) {
     if (i[p] != raw_[p]) {
       turned_same_[p] = 0;
       at_change_[p] = others;
-    } else {
-      turned_same_[p] += std::abs(turned);
+      none_changed = false;
+      continue;
     }
+    turned_same_[p] += std::abs(turned);
     const double moved =
         std::max(std::abs(others[0] - at_change_[p][0]), std::abs(others[1] - at_change_[p][1]));
     one = one || (turned_same_[p] > kStuckTurn && moved > limits_.i_moved);
@@ -70,7 +73,7 @@ bool SensorWatch::stuck(const Currents& i, double turned) {
 }
 
 int SensorWatch::check_currents(Currents& i, const AppliedVoltage& applied, double turned) {
-  const Currents predicted = predicted_currents(turned);
+  const Vector predicted = predicted_current(turned);
   const double sum = i[0] + i[1] + i[2];
   int fault = 0;
   if (!std::isfinite(sum)) {
@@ -78,8 +81,8 @@ int SensorWatch::check_currents(Currents& i, const AppliedVoltage& applied, doub
   } else {
     const bool is_stuck = stuck(i, turned);
     raw_ = i;
-    const Vector off = vector_of({i[0] - predicted[0], i[1] - predicted[1], i[2] - predicted[2]});
-    const double apart = off.norm();
+    const Vector is = vector_of(i);
+    const double apart = Vector{is.alpha - predicted.alpha, is.beta - predicted.beta}.norm();
     // The bound is i_floor at least.
     const bool jumps = apart > limits_.i_floor && apart > jump_bound(applied, turned, predicted);
     const bool sum_is_off = limits_.i_sum > 0 && std::abs(sum) > limits_.i_sum;
@@ -88,7 +91,7 @@ int SensorWatch::check_currents(Currents& i, const AppliedVoltage& applied, doub
     else if (sum_is_off || jumps)
       fault = kCurrentsJump;
   }
-  if (fault != 0) i = predicted;
+  if (fault != 0) i = predicted.phases();
   return fault;
 }
 
@@ -121,7 +124,7 @@ int SensorWatch::check(SensorReadings& r, const AppliedVoltage& applied, bool me
     begun_ = true;
   } else if (!measured) {
     faults = kRowMissing;
-    good_.i_abc = predicted_currents(turned);
+    good_.i_abc = predicted_current(turned).phases();
     good_.theta_m += good_.omega_m * limits_.T_s;
   } else {
     faults = check_currents(r.i_abc, applied, turned) | check_position(r);

@@ -68,8 +68,14 @@ class SensorWatch {
 
  private:
   using Currents = std::array<double, 3>;
-  Currents predicted_currents(double turned) const;
-  double jump_bound(const AppliedVoltage& applied, double turned, const Currents& i) const;
+  struct Vector {
+    double alpha = 0, beta = 0;
+    double norm() const;
+    Currents phases() const;
+  };
+  static Vector vector_of(const Currents& i);
+  Vector predicted_current(double turned) const;
+  double jump_bound(const AppliedVoltage& applied, double turned, const Vector& i) const;
   int check_currents(Currents& i, const AppliedVoltage& applied, double turned);
   bool stuck(const Currents& i, double turned);
   int check_position(SensorReadings& readings);
