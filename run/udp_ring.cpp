@@ -26,6 +26,10 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kBytes = 160;  // a MEASUREMENT of LCM with its channel
+// The processes of a ring; kTaker takes every datagram in.
+enum Index : int { kOne, kTwo, kThree, kFour, kTaker };
+constexpr int kNobody = 0xff;  // the address of what the taker alone receives
+constexpr int kFourEvery = 5;  // rounds
 constexpr std::int64_t kSecond = 1'000'000'000;
 
 void require(bool ok, const char* what) {
@@ -79,24 +83,21 @@ class UdpRing::Member {
     require(
         setsockopt(in_.get(), IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof membership) == 0,
         "no multicast route");
-    sock_filter program[] = {
-        BPF_STMT(BPF_LD | BPF_B | BPF_ABS, 8),
-        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(index), 1, 0),
-        BPF_STMT(BPF_RET | BPF_K, 0), BPF_STMT(BPF_RET | BPF_K, 0xffffffff)};
-    const sock_fprog filter{.len = 4, .filter = program};
-    require(setsockopt(in_.get(), SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0,
-            "filter");
+    if (index != kTaker) attach_filter(index);
     const timeval patience{.tv_sec = 0, .tv_usec = 20'000};
     setsockopt(in_.get(), SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
     const std::uint8_t ttl = 0;
     setsockopt(out_.get(), IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof ttl);
     require(connect(out_.get(), reinterpret_cast<const sockaddr*>(&at), sizeof at) == 0, "connect");
   }
-  bool receive() { return recv(in_.get(), bytes_.data(), bytes_.size(), 0) > 0; }
-  void send() {
-    bytes_[0] = static_cast<std::uint8_t>((index_ + 1) % kMembers);
+  bool receive(int flags = 0) { return recv(in_.get(), bytes_.data(), bytes_.size(), flags) > 0; }
+  void send(int to) {
+    bytes_[0] = static_cast<std::uint8_t>(to);
+    bytes_[1] = static_cast<std::uint8_t>(round() % kFourEvery);
+    bytes_[2] = static_cast<std::uint8_t>(index_);
     (void)::send(out_.get(), bytes_.data(), bytes_.size(), 0);
   }
+  int sender() const { return bytes_[2]; }
   // The datagram of this round: one that was late before is passed over.
   std::int64_t round() const {
     std::int64_t k = 0;
@@ -106,6 +107,21 @@ class UdpRing::Member {
   void set_round(std::int64_t k) { std::memcpy(&bytes_[8], &k, sizeof k); }
 
  private:
+  // What is addressed to it; the fourth receives what the third does, every fifth round.
+  void attach_filter(int index) {
+    const auto to = static_cast<unsigned>(index == kFour ? kThree : index);
+    const auto round_bits = index == kFour ? 0xffU : 0U;
+    sock_filter program[] = {BPF_STMT(BPF_LD | BPF_B | BPF_ABS, 8),
+                             BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, to, 0, 3),
+                             BPF_STMT(BPF_LD | BPF_B | BPF_ABS, 9),
+                             BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, round_bits, 1, 0),
+                             BPF_STMT(BPF_RET | BPF_K, 0xffffffff),
+                             BPF_STMT(BPF_RET | BPF_K, 0)};
+    const sock_fprog filter{.len = 6, .filter = program};
+    require(setsockopt(in_.get(), SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0,
+            "filter");
+  }
+
   int index_;
   FileDescriptor in_, out_;
   std::array<std::uint8_t, kBytes> bytes_{};
@@ -121,20 +137,36 @@ struct UdpRing::Before {
   }
 };
 
-UdpRing::UdpRing(int priority, bool pinned) : before_(std::make_unique<Before>()) {
-  own_ = std::make_unique<Member>(0);
+[[noreturn]] void UdpRing::be_member(int index, Datagrams datagrams) {
+  const bool tick = datagrams == Datagrams::kTick;
+  Member member(index);
+  while (true) {
+    if (index == kTaker) {
+      usleep(1000);
+      while (member.receive(MSG_DONTWAIT)) {
+      }
+      continue;
+    }
+    if (!member.receive() || member.sender() == kFour) continue;
+    if (tick && index == kThree) member.send(kNobody);
+    member.send(index == kFour ? kTwo : index == kThree ? kOne : index + 1);
+  }
+}
+
+UdpRing::UdpRing(int priority, bool pinned, Datagrams datagrams)
+    : before_(std::make_unique<Before>()), datagrams_(datagrams) {
+  own_ = std::make_unique<Member>(kOne);
   if (pinned) pin_to_first_cpu();
-  for (int i = 1; i < kMembers; ++i) {
-    pid_t& child = others_[static_cast<std::size_t>(i - 1)];
-    child = fork();
+  for (int i = kTwo; i <= (datagrams == Datagrams::kTick ? kTaker : kThree); ++i) {
+    const pid_t child = fork();
     require(child >= 0, "fork");
+    others_.push_back(child);
     if (child > 0) continue;
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     try {
+      if (i == kTaker) sched_setaffinity(0, sizeof before_->cpus, &before_->cpus);
       take_fifo(priority);
-      Member member(i);
-      while (true)
-        if (member.receive()) member.send();
+      be_member(i, datagrams);
     } catch (...) {
       _exit(3);
     }
@@ -156,7 +188,8 @@ UdpRing::~UdpRing() {
 bool UdpRing::pass_round() {
   const std::int64_t k = own_->round() + 1;
   own_->set_round(k);
-  own_->send();
+  if (datagrams_ == Datagrams::kTick) own_->send(kNobody);
+  own_->send(kTwo);
   while (own_->receive())
     if (own_->round() == k) return true;
   own_->set_round(k);

@@ -2,14 +2,20 @@
 // drive without a drive.
 //
 // No LCM, no mathematics, no log. A kernel filter lets a datagram wake its receiver alone, as the
-// channel filter of a set does.
+// channel filter of a set does. Datagrams of a round:
+//
+//   kThree   one from each process to the next
+//   kTick    those of a lock-step tick, to as many processes: two from the first (MEASUREMENT,
+//            TRUTH), one from the second (ESTIMATE), two from the third (REFERENCE, COMMAND); every
+//            fifth round one from a fourth process to the second (GAIN); a fifth process, not
+//            pinned, takes all of them in every millisecond (logger)
 #pragma once
 #include <sys/types.h>
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "run/hop_latency.hpp"
 
@@ -24,9 +30,10 @@ struct RingResult {
 
 class UdpRing {
  public:
-  // `priority`: of SCHED_FIFO for all three while the ring is there; 0: the normal scheduler. Pins the calling thread
+  enum class Datagrams { kThree, kTick };
+  // `priority`: of SCHED_FIFO for all in the ring while it is there; 0: the normal scheduler. Pins the calling thread
   // and its children to one CPU where `pinned`. Throws MachineError where there is no multicast.
-  UdpRing(int priority, bool pinned);
+  UdpRing(int priority, bool pinned, Datagrams datagrams = Datagrams::kThree);
   ~UdpRing();
   UdpRing(const UdpRing&) = delete;
   UdpRing& operator=(const UdpRing&) = delete;
@@ -38,10 +45,11 @@ class UdpRing {
  private:
   class Member;
   struct Before;  // affinity and policy
-  static constexpr int kMembers = 3;
+  [[noreturn]] static void be_member(int index, Datagrams datagrams);
   std::unique_ptr<Before> before_;
+  Datagrams datagrams_;
   std::unique_ptr<Member> own_;
-  std::array<pid_t, kMembers - 1> others_{};
+  std::vector<pid_t> others_;
 };
 
 }  // namespace twinrate
