@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <map>
 #include <regex>
@@ -102,6 +103,24 @@ std::string effect_count(const DrawnRow& r) {
   return fmt::format("{}", r.truth.size());
 }
 
+// True effects by their size in the log; those on the samples have none.
+std::string by_deviations(const std::vector<DrawnRow>& rows) {
+  constexpr std::array kEdges = {0.0, 3.1, 6.2, 12.5, 25.0, 50.0, 1e300};
+  std::string text = "| deviations | true effects | named |\n|---|---|---|\n";
+  for (std::size_t j = 0; j + 1 < kEdges.size(); ++j) {
+    int effects = 0, named = 0;
+    for (const DrawnRow& r : rows)
+      for (const auto& [kind, deviations] : r.deviations)
+        if (deviations >= kEdges[j] && deviations < kEdges[j + 1])
+          ++effects, named += std::count(r.missed.begin(), r.missed.end(), kind) == 0;
+    text += fmt::format("| {} | {} | {} |\n",
+                        j + 2 < kEdges.size() ? fmt::format("{} to {}", kEdges[j], kEdges[j + 1])
+                                              : fmt::format("from {}", kEdges[j]),
+                        effects, named);
+  }
+  return text + "\n";
+}
+
 std::string class_tables(const std::vector<DrawnRow>& rows) {
   std::vector<DrawnRow> all_show;
   for (const DrawnRow& r : rows)
@@ -109,6 +128,7 @@ std::string class_tables(const std::vector<DrawnRow>& rows) {
   std::string text = by_class(rows, "true effects", effect_count);
   text += "Logs that can show all their effects:\n\n";
   text += by_class(all_show, "true effects", effect_count);
+  text += by_deviations(rows);
   text += by_class(rows, "profile", [](const DrawnRow& r) { return r.profile; });
   if (!rows.front().spoilt.empty())
     text += by_class(rows, "spoilt by", [](const DrawnRow& r) { return r.spoilt; });
@@ -170,6 +190,7 @@ nlohmann::ordered_json to_json(const DrawnRow& r) {
           {"spoilt", r.spoilt},
           {"truth", r.truth},
           {"visible", r.visible},
+          {"deviations", r.deviations},
           {"found", r.found},
           {"verdict", r.verdict},
           {"exact", r.exact},

@@ -1,5 +1,6 @@
 // Results on drawn machines, as rows for a file and as tables.
 #pragma once
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -12,14 +13,15 @@ struct DrawnRow {
   std::string name, profile, mode, encoder;  // encoder: class of counts
   bool counts_declared = false;
   double rate_Hz = 0;
-  std::vector<std::string> truth, visible;  // visible: those that the log can show
-  std::vector<std::string> found;           // kinds, with their aliases
-  std::string verdict, sentence;            // verdict "error": the program failed
-  std::string spoilt;                       // a slip or a hidden effect; "": as drawn
-  std::vector<std::string> wrong;           // kinds named that are not in the truth
-  std::vector<std::string> missed;          // true kinds not named
-  bool exact = false;                       // the true kinds, up to alias groups, and nothing else
-  bool right = false;                       // the same, but for true kinds that the log cannot show
+  std::vector<std::string> truth, visible;   // visible: those that the log can show
+  std::map<std::string, double> deviations;  // of the true kinds (drawn_visible.hpp)
+  std::vector<std::string> found;            // kinds, with their aliases
+  std::string verdict, sentence;             // verdict "error": the program failed
+  std::string spoilt;                        // a slip or a hidden effect; "": as drawn
+  std::vector<std::string> wrong;            // kinds named that are not in the truth
+  std::vector<std::string> missed;           // true kinds not named
+  bool exact = false;                        // the true kinds, up to alias groups, and nothing else
+  bool right = false;            // the same, but for true kinds that the log cannot show
   bool large_group = false;      // an alias group of more than three kinds counted as right
   bool flawed_sentence = false;  // "falls from A to B", B >= A
   double seconds = 0;            // of CPU time; of a trace taken from an earlier run, its own time

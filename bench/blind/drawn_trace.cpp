@@ -162,13 +162,15 @@ std::optional<DrawnRow> trace_one(const DrawnOptions& o, const std::string& dire
   auto [c, log] = held_case(o, drawn);
   const Declared declared = declare(o, drawn, c, log);
   if (o.spoilt == "slips" && declared.spoilt.empty()) return std::nullopt;  // not in this log
-  const std::vector<std::string> visible = visible_kinds(c, log.truth);
+  const Deviations deviations = deviations_in_log(c, log.truth);
+  const std::vector<std::string> visible = visible_kinds(deviations, log.truth);
   const std::string base = directory + "/" + c.name;
   json truth = truth_of(c, log);
-  truth["visible"] = visible;
+  truth["visible"] = visible, truth["deviations"] = deviations;
   truth["spoilt"] = declared.spoilt;
   trace_files(o, base, c, declared.machine, log, truth);
   DrawnRow row = compare(c, log.truth, visible, result_of(base));
+  row.deviations = deviations;
   row.spoilt = declared.spoilt;
   std::erase_if(row.wrong, [&](const std::string& kind) {
     return std::count(declared.same.begin(), declared.same.end(), kind) > 0;

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
+#include <limits>
 
 namespace twinrate::blind {
 namespace {
@@ -182,7 +183,7 @@ Equations3 less(Equations3 a, const Equations3& b) {
 
 }  // namespace
 
-std::vector<std::string> visible_kinds(const DrawnCase& c, const std::vector<std::string>& truth) {
+Deviations deviations_in_log(const DrawnCase& c, const std::vector<std::string>& truth) {
   if (truth.empty()) return {};
   std::vector<std::string> asked;
   std::vector<Equations3> effects;
@@ -194,20 +195,26 @@ std::vector<std::string> visible_kinds(const DrawnCase& c, const std::vector<std
   }
   const Equations3 noise =
       equations(c, rows_of(c, run_with(c, "", false), c.every), c.every / c.drawn.f_s);
-  std::vector<double> best(asked.size(), 0);
+  Deviations deviations;
   for (std::size_t h = 1; noise[2].size() / h >= kFewest; h *= 2) {
     const std::vector<double> sizes = sizes_of(over_noise(effects, noise, h));
-    for (std::size_t j = 0; j < best.size(); ++j) best[j] = std::max(best[j], sizes[j]);
+    for (std::size_t j = 0; j < sizes.size(); ++j)
+      deviations[asked[j]] = std::max(deviations[asked[j]], sizes[j] / 2);
   }
-  std::vector<std::string> visible;
-  for (const std::string& kind : truth) {
-    const auto at = std::find(asked.begin(), asked.end(), kind) - asked.begin();
+  for (const std::string& kind : truth)
     // i_q alone does not have the steps and the limit of the phases.
-    const bool seen = on_converter(kind) ? c.mode != "angle_current"
-                      : on_samples(kind) ? true
-                                         : best[static_cast<std::size_t>(at)] > 2 * kDeviations;
-    if (seen) visible.push_back(kind);
-  }
+    if (on_samples(kind))
+      deviations[kind] = on_converter(kind) && c.mode == "angle_current"
+                             ? 0
+                             : std::numeric_limits<double>::infinity();
+  return deviations;
+}
+
+std::vector<std::string> visible_kinds(const Deviations& deviations,
+                                       const std::vector<std::string>& truth) {
+  std::vector<std::string> visible;
+  for (const std::string& kind : truth)
+    if (deviations.at(kind) > kDeviations) visible.push_back(kind);
   return visible;
 }
 

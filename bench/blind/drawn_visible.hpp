@@ -17,12 +17,21 @@
 // Effects on the samples count as seen: lost and repeated rows, and steps and limit of the
 // converter where the log has phase currents.
 #pragma once
+#include <map>
+#include <string>
+#include <vector>
+
 #include "bench/blind/drawn_log.hpp"
 
 namespace twinrate::blind {
 
-// Those of `truth` that can be seen in the log of the case.
-std::vector<std::string> visible_kinds(const DrawnCase& which,
+// Of each true kind: |c|/2 on a quarter of the rows at the best h; infinite on the samples of a log
+// that has them.
+using Deviations = std::map<std::string, double>;
+Deviations deviations_in_log(const DrawnCase& which, const std::vector<std::string>& truth);
+
+// Those that can be seen, in the order of `truth`.
+std::vector<std::string> visible_kinds(const Deviations& deviations,
                                        const std::vector<std::string>& truth);
 
 }  // namespace twinrate::blind
