@@ -96,12 +96,11 @@ JudgedFiles judged_files(const std::vector<SourceRows>& sources, const Record& w
 }
 
 // Size that an effect must have beyond what is open of the voltage's frame and moment.
-double least_beside(const VoltageMeaning& voltage, const Effect& effect, const DriveFacts& facts,
-                    double T_s) {
-  if (voltage.open_e == 0 || effect.acts_on() == kOnSpeed) return 0;
+double least_beside(const VoltageMeaning& voltage, const Effect& effect, const DriveFacts& facts) {
+  if (voltage.open_s == 0 || effect.acts_on() == kOnSpeed) return 0;
   const std::shared_ptr<Effect> open = effect.clone();
   if (is_of(effect, Traits::Family::kLag))
-    set_key(*open, "lag_s", T_s);
+    set_key(*open, "lag_s", voltage.open_s);
   else if (effect.acts_on() & kOnAngle && has_key(effect, "offset_rad"))
     set_key(*open, "offset_rad", voltage.open_e / facts.machine.n_p);
   else
@@ -338,7 +337,7 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   if (!selection.stopped_after && judging.electrical() + judging.torque() > 0) {
     Gate gate(seen_fitter, chain_of_all, files);
     gate.set_resolution([&](const Effect& effect) {
-      return std::max(least_beside(voltage, effect, facts, raw.T_s),
+      return std::max(least_beside(voltage, effect, facts),
                       least_beside_steps(record, health, effect, facts));
     });
     std::optional<std::vector<Gate::Doubt>> doubts;
@@ -374,6 +373,14 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
                    ? last.start({})
                    : last.refine(passed.fit.members, Fitter::Until::kArrived);
   if (!fitted.valid) fitted = last.linearised(with(passed.fit.members, nullptr));
+  // Single ticks scatter by more than the sensors do: what is left of the voltage says nothing.
+  const auto of_torque = [](const auto& member) {
+    return member->tracing().traits().equation == Traits::Equation::kMechanical;
+  };
+  if (voltage.of_tick && !selection.stopped_after &&
+      std::all_of(passed.fit.members.begin(), passed.fit.members.end(), of_torque))
+    return without_voltage(voltage.told +
+                           "; nothing was shown with it: no electrical effect is traced");
   TraceResult result = conclude({.rounds = fitter(),
                                  .seen = seen_fitter,
                                  .last = last,
@@ -386,14 +393,7 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
                                  .bus = bus});
   if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
     return from_zero(by, "the zero of theta_m was moved within a count");
-  if (voltage.open_e > 0)
-    result.health.push_back(fmt::format(
-        "one row for {:.3g} ticks of the controller; the voltage of a row is taken for {}, and the "
-        "rotor is too slow to tell: an encoder_offset below {:.2g} rad and a lag below {:.2g} s "
-        "are "
-        "not traced",
-        raw.T_s / facts.T_s, voltage.of_tick ? "that of its tick" : "the mean to the next row",
-        voltage.open_e / facts.machine.n_p, raw.T_s));
+  if (!voltage.told.empty()) result.health.push_back(std::move(voltage.told));
   if (!fast.empty()) result.health.push_back(std::move(fast));
   lap("conclusions");
   result.seconds = 1e-3 * ms_since(begin);

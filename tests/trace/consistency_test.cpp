@@ -4,10 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 
 #include "model/random.hpp"
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/keys.hpp"
 #include "trace/scale_factors.hpp"
 #include "trace/slips.hpp"
 #include "trace/tracer.hpp"
@@ -381,14 +383,39 @@ TEST(Units, ALoudVoltageOfASlowRotorIsInTheRightFrame) {
   EXPECT_EQ(told_of(record), "");
 }
 
-TEST(Units, TheVoltageOfATickIsNotTheMeanOfTenAndNothingElectricalIsTraced) {
-  EXPECT_EQ(voltage_meaning(decimated(true), servo().facts()).doubt, "");
+TEST(Units, OfTheVoltageOfATickNothingIsAssertedWhereNothingIsMissing) {
+  EXPECT_FALSE(voltage_meaning(decimated(true), servo().facts()).of_tick);
   const Record of_tick = decimated(false);
-  EXPECT_NE(voltage_meaning(of_tick, servo().facts()).doubt.find("that of a tick"),
-            std::string::npos);
+  const VoltageMeaning meaning = voltage_meaning(of_tick, servo().facts());
+  EXPECT_EQ(meaning.doubt, "");
+  EXPECT_TRUE(meaning.of_tick);
+  EXPECT_EQ(meaning.open_s, of_tick.T_s);
   const TraceResult r = trace_record(of_tick, servo(), {}, {});
   EXPECT_FALSE(r.electrical);
   for (const TracedEffect& e : r.effects) EXPECT_NE(e.equation, "electrical") << e.effect->kind();
+}
+
+TEST(Units, TheVoltageOfATickShowsAResistanceThatIsMissing) {
+  DriveConfig drive = servo();
+  const double missing = 0.3 * drive.machine.R_s;
+  drive.machine.R_s -= missing;
+  const TraceResult r = trace_record(decimated(false), drive, {}, {});
+  const auto found = std::find_if(r.effects.begin(), r.effects.end(), [](const TracedEffect& e) {
+    return e.effect->kind() == "resistance";
+  });
+  ASSERT_NE(found, r.effects.end()) << r.sentence;
+  EXPECT_NEAR(get_key(*found->effect, "change_Ohm"), missing, 0.25 * missing);
+}
+
+// An angle with another zero makes the wrong meaning fit the direction of the EMF, at one speed.
+TEST(Units, AnotherZeroOfTheAngleDoesNotMakeAMeanTheVoltageOfATick) {
+  Record record = decimated(true);
+  const ScaleFactors f = scale_factors(record, servo().facts());
+  for (double& theta_m : record.theta_m) theta_m += 0.5 * f.mean_interval_e / servo().machine.n_p;
+  const ScaleFactors mean = scale_factors(record, servo().facts()),
+                     tick = scale_factors(record, servo().facts(), {.voltage_of_tick = true});
+  EXPECT_LT(std::abs(tick.zero_e), std::abs(mean.zero_e));
+  EXPECT_FALSE(voltage_meaning(record, servo().facts()).of_tick);
 }
 
 // A rotor that turns by 0.01 rad from row to row: a tick's voltage and the mean are 0.0045 rad apart,
@@ -411,20 +438,26 @@ TEST(Units, ASlowRotorLeavesTheVoltagesFrameOpen) {
   EXPECT_GT(meaning.open_e, 0.003);
 }
 
-TEST(Units, ATicksVoltageTurnsToTheMiddleOfItsInterval) {
+// At constant speed: against the sum of the steps that a controller makes from row to row.
+TEST(Units, TheMeanOfTicksIsThatOfTheStepsBetweenTwoRows) {
+  constexpr int kTicks = 10;
   const DriveFacts facts = servo().facts();
   Record record;
-  record.T_s = 10 * facts.T_s;
-  constexpr double kTurn = 0.02;  // rad, electrical, a row
+  record.T_s = kTicks * facts.T_s;
+  constexpr double kTurn = 0.8;  // rad, electrical, a row
+  const auto of_tick = [](double ticks) {
+    return inverse_park({3, 10}, kTurn / kTicks * (ticks + 0.5));
+  };
   for (std::size_t k = 0; k < 50; ++k) {
-    const double theta_e = kTurn * static_cast<double>(k);
-    record.t.push_back(record.T_s * static_cast<double>(k));
-    record.theta_m.push_back(theta_e / facts.machine.n_p);
-    record.u_alphabeta.push_back(inverse_park({0, 10}, theta_e + kTurn / 20));  // its tick's mean
+    const auto row = static_cast<double>(k);
+    record.t.push_back(record.T_s * row);
+    record.theta_m.push_back(kTurn * row / facts.machine.n_p);
+    record.u_alphabeta.push_back(of_tick(kTicks * row));
   }
-  const Record mean = with_mean_of_ticks(record, facts);
-  const Vec2 in_middle = park(mean.u_alphabeta[20], kTurn * 20.5);
-  EXPECT_NEAR(std::atan2(-in_middle[0], in_middle[1]), 0, 1e-6);
+  Vec2 sum = Vec2::Zero();
+  for (int tick = 0; tick < kTicks; ++tick) sum += of_tick(20 * kTicks + tick);
+  const Vec2 mean = with_mean_of_ticks(record, facts).u_alphabeta[20];
+  EXPECT_NEAR((mean - sum / kTicks).norm(), 0, 1e-9);
 }
 
 TEST(Units, AreAskedForBeforeAnyEffect) {
