@@ -44,14 +44,12 @@ VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
   const double ticks = record.T_s / facts.T_s;
   const std::string rows = fmt::format("one row for {:.3g} ticks of the controller", ticks);
   if (mean.mean_interval_e < kStill && power_left(mean) < kAsGood * power_left(tick)) {
-    VoltageMeaning slow{.of_tick = power_left(tick) < power_left(mean),
-                        .open_e = mean.mean_interval_e,
-                        .open_s = record.T_s};
+    VoltageMeaning slow{.open_e = mean.mean_interval_e, .open_s = record.T_s};
     slow.told = fmt::format(
-        "{}; the voltage of a row is taken for {}, and the rotor is too slow to tell: an "
-        "encoder_offset below {:.2g} rad and a lag below {:.2g} s are not traced",
-        rows, slow.of_tick ? "that of its tick" : "the mean to the next row",
-        slow.open_e / facts.machine.n_p, slow.open_s);
+        "{}; the voltage of a row is taken for the mean to the next row, and the rotor is too slow "
+        "to "
+        "tell: an encoder_offset below {:.2g} rad and a lag below {:.2g} s are not traced",
+        rows, slow.open_e / facts.machine.n_p, slow.open_s);
     return slow;
   }
   const std::string compared = fmt::format(
