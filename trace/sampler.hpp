@@ -1,7 +1,7 @@
 // From full rate to the rate at which the tracer compares: one low-pass for residual and regressors
 // alike, so that no phase error can pass for an effect.
 //
-//   y[n] = sum_j h[j] x[n D + j],   h symmetric (Hamming sinc), D = decimation
+//   y[n] = sum_j h[j] x[n D + j],   h symmetric (windowed sinc), D = decimation
 //
 // Outputs whose window touches a row that cannot be used are left out. Those left stand in runs of
 // neighbours; a run never crosses a gap nor the border between training and held-out blocks.

@@ -274,6 +274,23 @@ TEST(Sampler, SeesTheSameInEverySecondRow) {
   }
 }
 
+// Around each multiple of the output rate, which folds onto the slow torques: an angle's counts make
+// (f / 25 Hz)^2 times as much torque there.
+TEST(Sampler, KeepsWhatIsFastFromTheSlowTorques) {
+  const std::vector<char> all(record().size(), 1), none(record().size(), 0);
+  const Sampler sampler(record(), all, none);
+  const double out_Hz = 1 / (sampler.decimation() * record().T_s);
+  for (const int multiple : {1, 2, 3, 4})
+    for (const double beside_Hz : {-25., 25.}) {
+      const double f_Hz = multiple * out_Hz + beside_Hz;
+      if (f_Hz > 0.5 / record().T_s) continue;
+      std::vector<double> fast;
+      for (std::size_t k = 0; k < record().size(); ++k)
+        fast.push_back(std::cos(kTwoPi * f_Hz * static_cast<double>(k) * record().T_s));
+      EXPECT_LT(sampler(fast, sampler.torque()).cwiseAbs().maxCoeff(), 3e-5) << f_Hz;
+    }
+}
+
 // A window that touched both kinds would mix what trains with what is held out.
 TEST(Sampler, NoOutputMixesTrainingWithHeldOutRows) {
   std::vector<char> all(record().size(), 1), held(record().size(), 0);

@@ -247,7 +247,7 @@ TEST(Encoder, AFrictionWithLessEnergyThanTheNoiseOfTheCountsIsFound) {
 
 TEST(Encoder, WhatMayBeItsNoiseIsNotShownToBeAbsent) {
   SyntheticDrive drive = small_servo(512);
-  drive.extra_load = [](double, double, double omega) { return 8e-6 * omega; };
+  drive.extra_load = [](double, double, double omega) { return 5e-6 * omega; };
   const TraceResult r = trace_of(drive, true);
   ASSERT_FALSE(r.refused.empty());
   EXPECT_EQ(r.refused.front().kind + " " + r.refused.front().rule, "viscous_friction sensors");
