@@ -79,6 +79,7 @@ class BlockLeastSquares {
       return {};
     return {beta_[j], sigma_[j], std::pow(beta_[j] - 1, 2) / std::max(alone_[j] * rest_, 1e-300)};
   }
+  bool told(int j) const { return hidden_[j] <= kSameColumn && scale_[j] > 0; }
   double beta(int j) const { return beta_[j]; }
   double sigma(int j) const { return sigma_[j]; }
   // Power that column j explains beside the others, and what is left of all.
@@ -163,6 +164,7 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   const double soft = 0.02 * (m.i_rated > 0 ? m.i_rated : 1);
   BlockLeastSquares<5> fit(n);
   BlockLeastSquares<4> without_shape(n);
+  BlockLeastSquares<6> with_turn(n);
   double rows_power = 0, cells_power = 0, turned = 0;
   std::size_t rows = 0;
   for (std::size_t first = 0; first + cell < n; first += stride) {
@@ -191,6 +193,9 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
     i *= kept, shape *= kept;
     fit.add(first, {m.R_s * i[0], flux[0], 0, -emf, shape[0]}, u[0]);
     fit.add(first, {m.R_s * i[1], flux[1], emf, 0, shape[1]}, u[1]);
+    const double half_turn = 0.5 * turn_e / N;
+    with_turn.add(first, {m.R_s * i[0], flux[0], 0, -emf, shape[0], -half_turn * u[1]}, u[0]);
+    with_turn.add(first, {m.R_s * i[1], flux[1], emf, 0, shape[1], half_turn * u[0]}, u[1]);
     without_shape.add(first, {m.R_s * i[0], flux[0], 0, -emf}, u[0]);
     without_shape.add(first, {m.R_s * i[1], flux[1], emf, 0}, u[1]);
     rows_power += power;
@@ -202,6 +207,9 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   fit.solve();
   out.mean_interval_e = std::sqrt(turned / static_cast<double>(rows));
   without_shape.solve();
+  with_turn.solve();
+  if (with_turn.told(5))
+    out.turned = {.value = with_turn.beta(5), .sigma = with_turn.sigma(5), .over_rest = 0};
   // A voltage that bends with the current is taken for a resistance, or the other way round.
   if (std::abs(without_shape.beta(0) - fit.beta(0)) < kSameR * std::abs(fit.beta(0)))
     out.R_s = fit.ratio(0);

@@ -46,6 +46,9 @@ struct ScaleFactors {
   ScaleRatio R_s, L, psi_f;  // of the voltage
   ScaleRatio K_t_J, T_load;  // of the torque: K_t/J, and the load beside J
   double zero_e = 0;         // rad, direction of psi
+  // What turns the voltage with the speed, beside another zero of the angle: in halves of the turn from
+  // row to row, to first order. That of a tick read as a mean is -1, a mean read as a tick's 1.
+  ScaleRatio turned;
   double voltage_share = 0;  // of the voltage's power that the fit explains
   // The same of the cells' means. What a loop makes of its sensors' noise is in the rows' power, not
   // in the means: it says nothing of the frame.
