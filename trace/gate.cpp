@@ -286,6 +286,7 @@ struct Left {
 };
 std::vector<Left> left_of(const Effect& effect, const MachineParameters& m) {
   const ScaleBounds& most = kThisMachine;
+  const double least_left = Criterion{}.least_left;
   struct Key {
     const char *change, *name;
     double whole, least, most;
@@ -298,16 +299,20 @@ std::vector<Left> left_of(const Effect& effect, const MachineParameters& m) {
   std::vector<Left> list;
   for (const Key& key : keys)
     if (has_key(effect, key.change) && key.whole > 0)
-      list.push_back({key.name, 1 + get_key(effect, key.change) / key.whole, key.least, key.most});
+      list.push_back({key.name, 1 + get_key(effect, key.change) / key.whole,
+                      std::max(least_left, key.least), key.most});
+  // Without a rotor there is no torque of an angle's noise, and nothing else to see.
+  ShaftFacts shaft;
+  if (effect.describe_shaft(shaft) && m.J > 0)
+    list.push_back({"J at the motor", 1 - shaft.J_load / m.J, 1 / most.heaviest, 1});
   return list;
 }
 
 // Why an effect leaves another machine; empty: it does not.
-std::string another_machine(const Effect& effect, const DriveFacts& facts, double least_left,
-                            double& share) {
+std::string another_machine(const Effect& effect, const DriveFacts& facts, double& share) {
   for (const Left& left : left_of(effect, facts.machine)) {
     share = left.share;
-    if (share < std::max(least_left, left.least) || share > left.most)
+    if (share < left.least || share > left.most)
       return fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", share, left.name);
   }
   share = 0;
@@ -377,8 +382,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
   };
   for (std::size_t m = 0; m < members.size(); ++m) {
     double share = 0;
-    if (std::string why = another_machine(*members[m], facts, criterion_.least_left, share);
-        !why.empty())
+    if (std::string why = another_machine(*members[m], facts, share); !why.empty())
       refuse(m, "physical", "", share, std::move(why));
   }
   for (std::size_t m = 0; m < members.size(); ++m) {

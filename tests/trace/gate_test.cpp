@@ -103,6 +103,20 @@ TEST(Gate, RefusesAnotherMachine) {
   EXPECT_EQ(passed.refused[0].rule, "physical") << passed.refused[0].text;
 }
 
+// A load that has all of the inertia leaves no rotor.
+TEST(Gate, RefusesAShaftThatLeavesNoRotor) {
+  const FittedDrive drive(simulate_synthetic({.duration_s = 2}), {});
+  const auto shaft = [](double of_J) {
+    return Members{effect_with(
+        "torsion",
+        {{"J_load_kgm2", of_J * 8.8e-3}, {"stiffness_Nm_rad", 300.}, {"damping_Nms_rad", 3.}})};
+  };
+  const Refused refused = refusal(drive, shaft(0.99));
+  EXPECT_EQ(refused.rule, "physical") << refused.text;
+  EXPECT_NEAR(refused.number, 0.01, 1e-9);
+  EXPECT_NE(refusal(drive, shaft(0.9)).rule, "physical");
+}
+
 // Of less inertia at the motor an angle's counts make less torque. The error falls with it by as
 // much, and that says nothing of a shaft.
 TEST(Gate, RefusesAShaftThatOnlyMakesTheCountsSmaller) {
