@@ -33,6 +33,9 @@ constexpr std::size_t kRequestsRemembered = 1 << 16;
 constexpr std::size_t kEffectsAnswered = 64;  // a sender repeats its last request only
 constexpr double kLoggerLater_s = 0.3;        // the last events of the others are in the log
 
+// Of a plant that has ended the run: nobody waits for it.
+constexpr auto kForGood = std::chrono::steady_clock::time_point::max();
+
 std::string host_name() {
   std::array<char, 64> name{};
   gethostname(name.data(), name.size() - 1);
@@ -109,6 +112,9 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
     if (other.role != status_.role) {
       if (other.state < static_cast<int>(ProcessState::kDone))
         heard_[other.role] = Clock::now();
+      else if (other.role == static_cast<int>(Role::kPlant) &&
+               other.state == static_cast<int>(ProcessState::kDone))
+        heard_[other.role] = kForGood;
       else
         heard_.erase(other.role);
     }
@@ -501,6 +507,11 @@ void Process::check_patience() {
   if (!bus_->bound() || options_.wait_for_start) return;
   const double waited = seconds_since(last_progress_), patience = bus_parameters_.peer_timeout_s;
   if (waited <= (status_.steps > 0 ? patience : std::max(patience, kStartPatience_s))) return;
+  const auto plant = heard_.find(static_cast<int>(Role::kPlant));
+  if (plant != heard_.end() && plant->second == kForGood) {  // the run is whole
+    if (options_.token_file.empty()) finish();               // nobody ends a set started by hand
+    return;
+  }
   const Waiting waiting = waiting_for_ ? waiting_for_() : Waiting{"a message"};
   if (waited <= patience + kPatienceStep_s * static_cast<int>(waiting.patience)) return;
   fail(Reason::kPeerTimeout, status_.seq,

@@ -129,6 +129,24 @@ TEST_F(Supervision, KilledSupervisorTakesItsChildrenAlong) {
   expect_readable_log();
 }
 
+// Lock-step: nobody need wait for the supervisor, and nobody for a plant that has done its run.
+TEST_F(Supervision, AFrozenSupervisorDoesNotMakeAWholeRunAFailure) {
+  Program launch({"twinrate", "launch", "dilys2021", "--run-dir", path("run"), "--duration", "3s",
+                  "--set", "bus.peer_timeout_s=0.3"});
+  const auto plants = [&] { return processes_with(path("run"), "twinrate-plant").size(); };
+  ASSERT_TRUE(wait_until([&] {
+    return plants() > 0 && std::filesystem::exists(path("run") + "/log.lcm") &&
+           std::filesystem::file_size(path("run") + "/log.lcm") > 100'000;
+  }));
+  launch.signal(SIGSTOP);
+  ASSERT_TRUE(wait_until([&] { return plants() == 0; }));
+  usleep(2'000'000);  // longer than the most patient one
+  launch.signal(SIGCONT);
+  const ProgramResult result = launch.wait(10);
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("LOCKED"), std::string::npos) << result.out;
+}
+
 TEST_F(Supervision, AStoppedPlantIsAnEarlyEnd) {
   const auto launch = start_long_run();
   kill(child("twinrate-plant"), SIGTERM);
