@@ -267,24 +267,24 @@ std::string sentence(const TraceResult& r) {
   return text.substr(0, text.size() - 1);
 }
 
-// Which equation leaves plainly more than noise of the sensors makes; empty: none. Of 60 simulated
-// logs with nothing missing the worst left 1.07 of it.
+// Which equation leaves plainly more than noise of the sensors makes; empty: none. The torque of an angle's
+// noise is drawn, and known to less: of 17 drawn logs whose torque left 1.25 to 1.4 of it 14 lacked nothing, one
+// an effect that does not show, one rows, and one a load step beside a coarse converter.
 std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
-  constexpr double kOverNoiseFloor = 1.25;
+  constexpr double kOverNoise = 1.25, kOverDrawnNoise = 1.4;
   const Sampled left = fitter.chain().residual(fit.effects());
-  const auto say = [](const char* equation, const char* unit, double square, double noise,
-                      Eigen::Index count) {
-    if (count == 0 || !(noise > 0) || square < kOverNoiseFloor * kOverNoiseFloor * noise)
-      return std::string();
+  const auto say = [](const char* equation, const char* unit, double over, double square,
+                      double noise, Eigen::Index count) {
+    if (count == 0 || !(noise > 0) || square < over * over * noise) return std::string();
     return fmt::format("the residual of the {} equation is {:.3g} {}, {:.3g} times the noise floor",
                        equation, std::sqrt(square / static_cast<double>(count)), unit,
                        std::sqrt(square / noise));
   };
-  const std::string torque = say("torque", "Nm", left.torque.squaredNorm(),
+  const std::string torque = say("torque", "Nm", kOverDrawnNoise, left.torque.squaredNorm(),
                                  left.noise_torque.squaredNorm(), left.torque.size());
   return !torque.empty()
              ? torque
-             : say("voltage", "V", left.d.squaredNorm() + left.q.squaredNorm(),
+             : say("voltage", "V", kOverNoise, left.d.squaredNorm() + left.q.squaredNorm(),
                    left.noise_d.squaredNorm() + left.noise_q.squaredNorm(), left.d.size());
 }
 
