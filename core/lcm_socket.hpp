@@ -8,6 +8,7 @@
 #include <sys/socket.h>
 #include <time.h>
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <string>
