@@ -229,7 +229,12 @@ void MoteusBurst::take(std::span<const std::uint8_t> bytes, std::int64_t arrival
 
 void MoteusBurst::take_frame(const std::uint8_t* frame, std::int64_t arrival_ns) {
   const auto word = [&](int i) { return static_cast<std::uint16_t>(frame[i] | frame[i + 1] << 8); };
-  const auto amperes = [&](int i) { return static_cast<std::int16_t>(word(i)) * (100.0 / 32767); };
+  // The device cuts a current towards zero: it is half a step further from zero, in the mean.
+  const auto amperes = [&](int i) {
+    const auto steps = static_cast<std::int16_t>(word(i));
+    const double centre = steps + 0.5 * ((steps > 0) - (steps < 0));
+    return centre * (100.0 / 32767);
+  };
   ++counts_.frames;
   info_ = DriveInfo{.name = "moteus debug UART", .f_s_Hz = drive_.rates.f_s_Hz};
   const double raw = word(1);

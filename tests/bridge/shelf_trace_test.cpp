@@ -151,15 +151,14 @@ TEST(Heard, ThroughMoteusRegistersPolledUnevenlyACoggingIsNamed) {
   expect_parameter(r, "cogging", "phase", 0.7, 0.05);
 }
 
-// Angle and currents alone, the angle in 2^16 steps. About 0.06 Nm that follow i_q are left of this log
-// (1 % of the torque; not of one that is not read over the UART), which is "unexplained" and no effect.
-TEST(Heard, ThroughTheDebugUartCoggingAloneIsNamed) {
+// Angle and currents alone, the angle in 2^16 steps, the currents cut towards zero.
+TEST(Heard, ThroughTheDebugUartCoggingAloneIsTraced) {
   Config host =
       load_drive("niewiara2020", with({"plant.kind=bridge", "bridge.protocol=moteus",
                                        "bridge.moteus_listen=uart", "bridge.mode=listen"}));
   const TraceResult r =
       trace(listen<MoteusBurstDevice, MoteusBurst>({kCogging}, host, 10, 0), host);
-  EXPECT_TRUE(r.verdict == "traced" || r.verdict == "unexplained") << r.sentence;
+  EXPECT_EQ(r.verdict, "traced") << r.sentence;
   EXPECT_EQ(r.effects.size(), 1u) << r.sentence;
   expect_parameter(r, "cogging", "amplitude", 0.4, 0.02);
 }
