@@ -301,7 +301,7 @@ std::vector<Left> left_of(const Effect& effect, const MachineParameters& m) {
     if (has_key(effect, key.change) && key.whole > 0)
       list.push_back({key.name, 1 + get_key(effect, key.change) / key.whole,
                       std::max(least_left, key.least), key.most});
-  // Without a rotor there is no torque of an angle's noise, and nothing else to see.
+  // What a shaft leaves of the inertia at the motor. With nothing left the noise of an angle makes no torque.
   ShaftFacts shaft;
   if (effect.describe_shaft(shaft) && m.J > 0)
     list.push_back({"J at the motor", 1 - shaft.J_load / m.J, 1 / most.heaviest, 1});

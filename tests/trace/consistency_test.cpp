@@ -395,6 +395,15 @@ TEST(Units, OfTheVoltageOfATickNothingIsAssertedWhereNothingIsMissing) {
   for (const TracedEffect& e : r.effects) EXPECT_NE(e.equation, "electrical") << e.effect->kind();
 }
 
+// Ten ticks a row: nine tenths of half the turn between rows, to first order.
+TEST(Units, TheVoltageOfATickTurnsBackwardsWithTheSpeed) {
+  const DriveFacts facts = servo().facts();
+  const Record mean = decimated(true), tick = decimated(false);
+  EXPECT_NEAR(scale_factors(tick, facts).turned.value, -0.9, 0.2);
+  EXPECT_NEAR(scale_factors(mean, facts, {.voltage_of_tick = true}).turned.value, 0.9, 0.2);
+  EXPECT_NEAR(scale_factors(mean, facts).turned.value, 0, 0.05);
+}
+
 TEST(Units, TheVoltageOfATickShowsAResistanceThatIsMissing) {
   DriveConfig drive = servo();
   const double missing = 0.3 * drive.machine.R_s;
