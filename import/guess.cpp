@@ -4,276 +4,22 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include "core/config.hpp"
 #include "import/guess_names.hpp"
-#include "import/text_source.hpp"
+#include "import/text_table.hpp"
 #include "model/frames.hpp"
 
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kLookBytes = 1 << 18;
-constexpr std::size_t kRowsInARow = 3;  // of numbers, the same count: these are the data
 // Without a unit. Larger values, or values with fewer decimals, may be milliamperes or counts.
 constexpr double kMax_A = 50, kMax_V = 1000;
 constexpr int kMinDecimals = 3;
 // Without a unit: in ms these spacings would be 1 ns to 20 us.
 constexpr double kMinStep_s = 1e-6, kMaxStep_s = 0.02;
-
-std::string first_text(const std::string& path) {
-  const auto source = open_text(path);
-  std::string text(kLookBytes, '\0');
-  std::size_t done = 0;
-  while (done < text.size()) {
-    const int got = source->read(text.data() + done, static_cast<unsigned>(text.size() - done));
-    if (got <= 0) break;
-    done += static_cast<std::size_t>(got);
-  }
-  text.resize(done);
-  if (done == kLookBytes) text.resize(std::min(text.rfind('\n'), text.size() - 1) + 1);
-  if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);
-  return text;
-}
-
-// Length of the UTF-8 character at `at`; 0 if there is none.
-std::size_t utf8_length(const std::string& text, std::size_t at) {
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char first = byte(at);
-  const std::size_t length = first < 0x80                    ? 1
-                             : first >= 0xC2 && first < 0xE0 ? 2
-                             : first >= 0xE0 && first < 0xF0 ? 3
-                             : first >= 0xF0 && first < 0xF5 ? 4
-                                                             : 0;
-  if (length == 0 || at + length > text.size()) return 0;
-  for (std::size_t i = 1; i < length; ++i)
-    if ((byte(at + i) & 0xC0) != 0x80) return 0;
-  return length;
-}
-
-// A name for people and for the map, which is UTF-8. Other bytes are those of Latin 1.
-std::string utf8(const std::string& text) {
-  std::string out;
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t length = utf8_length(text, at);
-    if (length > 0) {
-      out += text.substr(at, length);
-      at += length;
-      continue;
-    }
-    const auto byte = static_cast<unsigned char>(text[at++]);
-    out += static_cast<char>(0xC0 | byte >> 6);
-    out += static_cast<char>(0x80 | (byte & 0x3F));
-  }
-  return out;
-}
-
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines(1);
-  for (const char c : text)
-    if (c == '\n')
-      lines.emplace_back();
-    else if (c != '\r')
-      lines.back() += c;
-  return lines;
-}
-
-std::string without_blanks(const std::string& text) {
-  const auto begin = text.find_first_not_of(" \t\""), end = text.find_last_not_of(" \t\"");
-  return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
-}
-
-std::vector<std::string> fields_of(const std::string& line, char separator) {
-  std::vector<std::string> fields;
-  if (separator == ' ') {
-    for (std::size_t at = line.find_first_not_of(" \t"); at != std::string::npos;) {
-      const std::size_t end = std::min(line.find_first_of(" \t", at), line.size());
-      fields.push_back(without_blanks(line.substr(at, end - at)));
-      at = line.find_first_not_of(" \t", end);
-    }
-    return fields;
-  }
-  for (std::size_t at = 0;;) {
-    const std::size_t end = line.find(separator, at);
-    fields.push_back(without_blanks(line.substr(at, end - at)));
-    if (end == std::string::npos) return fields;
-    at = end + 1;
-  }
-}
-
-std::optional<double> number_of(std::string text, char decimal) {
-  if (decimal == ',') std::replace(text.begin(), text.end(), ',', '.');
-  if (text.starts_with('+')) text.erase(0, 1);
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (text.empty() || error != std::errc() || end != text.data() + text.size()) return {};
-  return value;
-}
-
-struct Layout {
-  char separator = ',', decimal = '.';
-  std::size_t data_line = 0, fields = 0, numbers = 0;  // numbers: fields that are numbers
-};
-
-// First run of kRowsInARow rows with one count of fields, most of them numbers.
-std::optional<Layout> layout_of(const std::vector<std::string>& lines, char separator,
-                                char decimal) {
-  Layout layout{.separator = separator, .decimal = decimal};
-  std::size_t run = 0;
-  for (std::size_t i = 0; i < lines.size() && run < kRowsInARow; ++i) {
-    if (without_blanks(lines[i]).empty()) continue;
-    const auto fields = fields_of(lines[i], separator);
-    const auto count = static_cast<std::size_t>(
-        std::count_if(fields.begin(), fields.end(),
-                      [&](const std::string& f) { return number_of(f, decimal).has_value(); }));
-    const auto empty =
-        static_cast<std::size_t>(std::count(fields.begin(), fields.end(), std::string()));
-    const bool row = count >= 2 && 5 * count >= 3 * (fields.size() - empty);
-    if (!row || (run > 0 && fields.size() != layout.fields)) run = 0;
-    if (!row) continue;
-    if (run++ == 0) {
-      layout.data_line = i;
-      layout.fields = fields.size();
-      layout.numbers = count;
-    }
-  }
-  if (run < kRowsInARow) return {};
-  return layout;
-}
-
-Layout best_layout(const std::string& path, const std::vector<std::string>& lines) {
-  std::optional<Layout> best;
-  for (const char separator : {';', '\t', ',', '|', ' '})
-    for (const char decimal : {'.', ','}) {
-      if (separator == decimal) continue;
-      const auto layout = layout_of(lines, separator, decimal);
-      if (layout && (!best || layout->numbers > best->numbers)) best = layout;
-    }
-  if (!best)
-    throw BadInput(
-        fmt::format("{}:1: no table in the first {} lines: {} rows of two or more numbers needed",
-                    path, lines.size(), kRowsInARow));
-  return *best;
-}
-
-// Values of the first rows.
-struct Values {
-  std::vector<double> x;
-  int decimals = 0;  // most digits behind the decimal point
-
-  double max_abs() const {
-    double max = 0;
-    for (const double v : x) max = std::max(max, std::abs(v));
-    return max;
-  }
-  double median_step() const {
-    std::vector<double> steps;
-    for (std::size_t i = 1; i < x.size(); ++i) steps.push_back(x[i] - x[i - 1]);
-    if (steps.empty()) return 0;
-    const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-    std::nth_element(steps.begin(), middle, steps.end());
-    return *middle;
-  }
-  // The values fill 0 to `turn` (or -turn/2 to turn/2) and jump back by almost a turn.
-  bool restarts_at(double turn) const {
-    if (x.empty()) return false;
-    const auto [low, high] = std::minmax_element(x.begin(), x.end());
-    bool jump = false;
-    for (std::size_t i = 1; i < x.size(); ++i)
-      jump = jump || std::abs(x[i] - x[i - 1]) > 0.8 * turn;
-    const double range = *high - *low;
-    return jump && range > 0.9 * turn && range <= 1.001 * turn;
-  }
-};
-
-Values values_of(const std::vector<std::string>& lines, const Layout& layout, std::size_t column) {
-  Values values;
-  for (std::size_t i = layout.data_line; i < lines.size(); ++i) {
-    const auto fields = fields_of(lines[i], layout.separator);
-    if (column >= fields.size()) continue;
-    const auto number = number_of(fields[column], layout.decimal);
-    if (!number) continue;
-    values.x.push_back(*number);
-    const std::size_t point = fields[column].find(layout.decimal),
-                      end = std::min(fields[column].find_first_of("eE"), fields[column].size());
-    if (point != std::string::npos && point < end)
-      values.decimals = std::max(values.decimals, static_cast<int>(end - point - 1));
-  }
-  return values;
-}
-
-std::string without_comment(std::string line) {
-  while (!line.empty() && (line[0] == '#' || line[0] == '%' || line[0] == '/' || line[0] == ' '))
-    line.erase(0, 1);
-  return line;
-}
-
-bool is_units_row(const std::vector<std::string>& fields) {
-  std::size_t units = 0, filled = 0;
-  for (const std::string& field : fields) {
-    if (field.empty()) continue;
-    ++filled;
-    std::string text = field;
-    if ((text.front() == '(' && text.back() == ')') || (text.front() == '[' && text.back() == ']'))
-      text = text.substr(1, text.size() - 2);
-    units += unit_of(text).has_value() || text == "-" || text.empty();
-  }
-  return filled > 0 && 2 * units > filled;
-}
-
-struct Header {
-  std::vector<std::string> names, units;
-  bool by_number = false;
-  std::size_t skip = 0;
-};
-
-Header header_of(const std::vector<std::string>& lines, const Layout& layout) {
-  Header header{.names = std::vector<std::string>(layout.fields),
-                .units = std::vector<std::string>(layout.fields)};
-  std::vector<std::size_t> above;  // lines of as many fields, the nearest first
-  for (std::size_t i = layout.data_line; i-- > 0 && above.size() < 2;) {
-    if (without_blanks(lines[i]).empty()) continue;
-    const std::size_t count = fields_of(without_comment(lines[i]), layout.separator).size();
-    if (count != layout.fields && count + 1 != layout.fields) break;
-    above.push_back(i);
-  }
-  const auto take = [&](std::size_t line, std::vector<std::string>& to) {
-    to = fields_of(without_comment(lines[line]), layout.separator);
-    to.resize(layout.fields);
-  };
-  header.by_number = true;
-  header.skip = layout.data_line;
-  if (above.empty()) return header;
-  take(above[0], header.names);
-  if (above.size() == 2 && is_units_row(header.names)) {
-    header.units = header.names;
-    for (std::string& unit : header.units)
-      if (unit.size() > 2 && (unit.front() == '(' || unit.front() == '['))
-        unit = unit.substr(1, unit.size() - 2);
-    take(above[1], header.names);
-  } else if (lines[above[0]] == without_comment(lines[above[0]]) ||
-             lines[above[0]].starts_with(' ')) {
-    header.by_number = false;
-    header.skip = above[0];
-  }
-  return header;
-}
-
-// The map is UTF-8, the names of the file are not: the map then has the numbers of the columns.
-bool made_utf8(Header& header) {
-  bool changed = false;
-  for (auto* texts : {&header.names, &header.units})
-    for (std::string& text : *texts) {
-      std::string whole = utf8(text);
-      changed = changed || whole != text;
-      text = std::move(whole);
-    }
-  return changed;
-}
 
 std::string tool_of(const std::vector<std::string>& names) {
   const auto has = [&](const char* name) {
@@ -399,6 +145,21 @@ class Guesser {
     c.unit_from = named.unit;
   }
 
+  static void take_angle_without_unit(const Meaning& meaning, const Values& values,
+                                      GuessedColumn& c) {
+    const bool in_rad = values.restarts_at(kTwoPi);
+    if (!meaning.said_mechanical) {
+      c.reason = "mechanical or electrical, and in which unit? the name does not say";
+    } else if (!in_rad && !values.restarts_at(360)) {
+      c.reason = "rad, deg or turns? no unit in the file";
+    } else {
+      c.canonical = meaning.canonical;
+      c.scale = in_rad ? 1 : kTwoPi / 360;
+      c.unit_from = in_rad ? "rad by its values, which restart at 2 pi: no unit in the file"
+                           : "deg by its values, which restart at 360: no unit in the file";
+    }
+  }
+
   void take_without_unit(const Meaning& meaning, std::size_t i, GuessedColumn& c) const {
     const Values values = values_of(lines_, layout_, i);
     const auto understood = [&](double scale, std::string from) {
@@ -427,14 +188,7 @@ class Guesser {
           c.reason = fmt::format("s, ms or us? no unit in the file, steps of {:.3g}", step);
         return;
       case Quantity::kAngle:
-        if (!meaning.said_mechanical)
-          c.reason = "mechanical or electrical, and in which unit? the name does not say";
-        else if (values.restarts_at(kTwoPi))
-          understood(1, "rad by its values, which restart at 2 pi: no unit in the file");
-        else if (values.restarts_at(360))
-          understood(kTwoPi / 360, "deg by its values, which restart at 360: no unit in the file");
-        else
-          c.reason = "rad, deg or turns? no unit in the file";
+        take_angle_without_unit(meaning, values, c);
         return;
       case Quantity::kDuty: {
         const auto inside = [](double v) { return v >= 0 && v <= 1; };
@@ -518,11 +272,11 @@ Guess guess_map(const GuessRequest& request) {
         fmt::format("--from {}: one of {} allowed", request.tool, fmt::join(known_tools(), ", ")));
   if (request.tool == "matlab" && !mat)
     throw BadInput(fmt::format("--from matlab: {} does not end in .mat", request.file));
-  const std::vector<std::string> lines = lines_of(first_text(request.file));
+  const std::vector<std::string> lines = first_lines(request.file);
   const Layout layout = best_layout(request.file, lines);
   Header header = header_of(lines, layout);
   Guess guess{.path = request.file};
-  guess.numbered = made_utf8(header) || header.by_number;
+  guess.numbered = make_utf8(header) || header.by_number;
   guess.tool =
       request.tool.empty() || request.tool == "matlab" ? tool_of(header.names) : request.tool;
   if (!request.tool.empty() && request.tool != "matlab" &&
@@ -544,70 +298,6 @@ Guess guess_map(const GuessRequest& request) {
   drop_doubles(guess.columns);
   note_the_rest(guess);
   return guess;
-}
-
-namespace {
-
-// Of a TOML basic string; empty if the text needs escapes that a header cannot have.
-std::string quoted(const std::string& text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) return "";
-    if (c == '"' || c == '\\') out += '\\';
-    out += c;
-  }
-  return out + "\"";
-}
-
-std::string one_line(std::string text) {
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
-  return text;
-}
-
-std::string from_of(const Guess& guess, const GuessedColumn& c) {
-  const auto doubles =
-      std::count_if(guess.columns.begin(), guess.columns.end(),
-                    [&](const GuessedColumn& other) { return other.name == c.name; });
-  const std::string name = quoted(c.name);
-  return guess.numbered || doubles > 1 || name.empty() ? std::to_string(c.number) : name;
-}
-
-std::string fields_text(const GuessedColumn& c) {
-  std::string text;
-  if (c.scale != 1) text += fmt::format(", scale = {}", c.scale);
-  if (c.offset != 0) text += fmt::format(", offset = {}", c.offset);
-  if (c.wrap != 0) text += fmt::format(", wrap = {}", c.wrap);
-  return text;
-}
-
-}  // namespace
-
-std::string map_toml(const Guess& guess, const std::string& preset) {
-  std::string text = fmt::format("# Guessed from the first rows of {}. Check it.\n[columns]\n",
-                                 one_line(guess.path.substr(guess.path.rfind('/') + 1)));
-  const auto behind = [&](const GuessedColumn& c) {
-    return one_line(guess.numbered ? c.name + ": " + c.unit_from : c.unit_from);
-  };
-  for (const GuessedColumn& c : guess.columns)
-    if (!c.canonical.empty() && c.canonical != "t")
-      text += fmt::format("{} = {{ from = {}{} }}  # {}\n", c.canonical, from_of(guess, c),
-                          fields_text(c), behind(c));
-  for (const GuessedColumn& c : guess.columns)
-    if (c.canonical.empty())
-      text += fmt::format("# not understood: {} (column {}): {}\n", one_line(c.name), c.number,
-                          one_line(c.reason));
-  for (const GuessedColumn& c : guess.columns)
-    if (c.canonical == "t")
-      text += fmt::format("\n[time]\nfrom = {}  # {}\nscale = {}\n", from_of(guess, c), behind(c),
-                          c.scale);
-  const auto character = [](char c) { return c == '\t' ? std::string("\\t") : std::string(1, c); };
-  text += fmt::format("\n[file]\nseparator = \"{}\"\ndecimal = \"{}\"\n",
-                      character(guess.format.separator), guess.format.decimal);
-  if (guess.format.skip > 0) text += fmt::format("skip = {}\n", guess.format.skip);
-  if (!guess.format.header) text += "header = false\n";
-  if (!preset.empty()) text += fmt::format("\n[drive]\npreset = \"{}\"\n", preset);
-  return text;
 }
 
 }  // namespace twinrate

@@ -230,6 +230,42 @@ static bool is_formula(const std::string& name) {
                      [](char c) { return static_cast<unsigned char>(c) >= 0x80; });
 }
 
+static Meaning of_current(const std::string& bare, const std::string& canonical, bool reference,
+                          const std::vector<std::string>& columns) {
+  const bool dq = canonical == "i_d" || canonical == "i_q";
+  const bool has_q = std::any_of(columns.begin(), columns.end(), [](const std::string& other) {
+    return plain(other).starts_with("iq") || plain(other).starts_with("currentq");
+  });
+  if (bare == "id" && !has_q)
+    return {.reason = "id: a d-axis current or an identifier? no q-axis current stands beside it"};
+  if (reference && !dq) return {.reason = "a drive log has references of i_d and i_q only"};
+  return {.canonical = canonical + (reference ? "_ref" : ""), .quantity = Quantity::kCurrent};
+}
+
+static std::optional<Meaning> of_phase_or_axis(const std::string& text) {
+  for (const char phase : {'a', 'b', 'c'})
+    if (text == std::string("duty") + phase || text == std::string("dutycycle") + phase)
+      return Meaning{.canonical = std::string("duty_") + phase, .quantity = Quantity::kDuty};
+  for (const char phase : {'a', 'b', 'c'})
+    if (text == std::string("u") + phase || text == std::string("v") + phase)
+      return Meaning{.canonical = std::string("u_") + phase, .quantity = Quantity::kVoltage};
+  for (const char axis : {'d', 'q'})
+    if (text == std::string("psi") + axis || text == std::string("lambda") + axis)
+      return Meaning{.canonical = std::string("psi_") + axis, .quantity = Quantity::kFlux};
+  return {};
+}
+
+static Meaning of_torque(const std::string& text, bool reference) {
+  if (reference && std::set<std::string>{"torque", "motortorque", "drehmoment"}.count(text))
+    return {.canonical = "torque_ref", .quantity = Quantity::kTorque};
+  if (text == "loadtorque" || text == "torqueload" || text == "tload")
+    return {.canonical = "T_load", .quantity = Quantity::kTorque};
+  if (any_of(text, {"shaft", "meas", "sensor", "cell", "transducer"}))
+    return {.canonical = "torque", .quantity = Quantity::kTorque};
+  return {.quantity = Quantity::kTorque,
+          .reason = "a torque: measured at the shaft, or computed from currents?"};
+}
+
 static Meaning meaning_of_plain(const std::string& name, const std::vector<std::string>& columns) {
   std::string text = plain(name);
   const bool reference =
@@ -255,45 +291,19 @@ static Meaning meaning_of_plain(const std::string& name, const std::vector<std::
   if (spelled == "unit")
     return {.reason = "the phase, or the unit? no other phase stands beside it"};
   if (const auto found = currents().find(bare); found != currents().end() || !spelled.empty()) {
-    const std::string canonical = spelled.empty() ? found->second : spelled;
-    const bool dq = canonical == "i_d" || canonical == "i_q";
-    const bool has_q = std::any_of(columns.begin(), columns.end(), [](const std::string& other) {
-      return plain(other).starts_with("iq") || plain(other).starts_with("currentq");
-    });
-    if (bare == "id" && !has_q)
-      return {.reason =
-                  "id: a d-axis current or an identifier? no q-axis current stands beside it"};
-    if (reference && !dq) return {.reason = "a drive log has references of i_d and i_q only"};
-    return {.canonical = canonical + (reference ? "_ref" : ""), .quantity = Quantity::kCurrent};
+    return of_current(bare, spelled.empty() ? found->second : spelled, reference, columns);
   }
   if (const auto found = voltages().find(bare); found != voltages().end()) {
     const std::string canonical = found->second;
     if (reference && canonical == "v_dc") return {.reason = "a reference of the bus voltage"};
     return {.canonical = canonical, .quantity = Quantity::kVoltage};
   }
-  for (const char phase : {'a', 'b', 'c'})
-    if (text == std::string("duty") + phase || text == std::string("dutycycle") + phase)
-      return {.canonical = std::string("duty_") + phase, .quantity = Quantity::kDuty};
-  for (const char phase : {'a', 'b', 'c'})
-    if (text == std::string("u") + phase || text == std::string("v") + phase)
-      return {.canonical = std::string("u_") + phase, .quantity = Quantity::kVoltage};
-  for (const char axis : {'d', 'q'})
-    if (text == std::string("psi") + axis || text == std::string("lambda") + axis)
-      return {.canonical = std::string("psi_") + axis, .quantity = Quantity::kFlux};
+  if (const auto found = of_phase_or_axis(text)) return *found;
   if (std::set<std::string>{"tempmotor", "motortemp", "motortemperature", "windingtemperature",
                             "temperaturewinding", "windingtemp"}
           .count(text))
     return {.canonical = "temperature", .quantity = Quantity::kTemperature};
-  if (any_of(text, {"torque", "drehmoment"}) || text == "tload") {
-    if (reference && std::set<std::string>{"torque", "motortorque", "drehmoment"}.count(text))
-      return {.canonical = "torque_ref", .quantity = Quantity::kTorque};
-    if (text == "loadtorque" || text == "torqueload" || text == "tload")
-      return {.canonical = "T_load", .quantity = Quantity::kTorque};
-    if (any_of(text, {"shaft", "meas", "sensor", "cell", "transducer"}))
-      return {.canonical = "torque", .quantity = Quantity::kTorque};
-    return {.quantity = Quantity::kTorque,
-            .reason = "a torque: measured at the shaft, or computed from currents?"};
-  }
+  if (any_of(text, {"torque", "drehmoment"}) || text == "tload") return of_torque(text, reference);
   Meaning m = of_angle_or_speed(bare, reference);
   if (m.canonical.empty() && m.reason.empty()) m.reason = "no signal of a drive log by its name";
   return m;
