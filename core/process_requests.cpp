@@ -1,0 +1,306 @@
+// What a process does with a request: answers it, or leaves it to the plant, which arbitrates.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "core/process.hpp"
+#include "core/seconds_since.hpp"
+
+namespace twinrate {
+namespace {
+
+constexpr std::size_t kRequestsRemembered = 1 << 16;
+constexpr std::size_t kEffectsAnswered = 64;  // a sender repeats its last request only
+
+std::string host_name() {
+  std::array<char, 64> name{};
+  gethostname(name.data(), name.size() - 1);
+  return name.data();
+}
+
+}  // namespace
+
+// A tag does not show that a request is new. Every sending has a later time of its sender, so one
+// with the time of an earlier sending was recorded.
+bool Process::is_recorded(const request_t& request) {
+  if (!bus_->checks_tags() || request.kind == static_cast<std::int32_t>(RequestKind::kClock))
+    return false;
+  const RequestName name{request.kind, request.seq};
+  const auto [heard, is_new] = requests_heard_.try_emplace(name, request.t_ns);
+  if (!is_new) {
+    if (request.t_ns <= heard->second) return true;
+    heard->second = request.t_ns;
+    return false;
+  }
+  requests_in_order_.push_back(name);
+  if (requests_in_order_.size() > kRequestsRemembered) {
+    requests_heard_.erase(requests_in_order_.front());
+    requests_in_order_.pop_front();
+  }
+  return false;
+}
+
+void Process::handle_request(const request_t& request) {
+  if (is_recorded(request)) {
+    if (info_.role == Role::kPlant) ++recorded_requests_;
+    return bus_->refuse();
+  }
+  reply_t reply{};
+  reply.seq = request.seq;
+  reply.t_ns = status_.t_ns;
+  reply.role = status_.role;
+  reply.accepted = 1;
+  reply.applied_seq = status_.seq;
+  if (answer(request, reply)) bus_->publish(reply);
+}
+
+bool Process::answer(const request_t& request, reply_t& reply) {
+  const auto refuse = [&reply](const std::string& why) {
+    reply.accepted = 0;
+    reply.text = why;
+  };
+  switch (static_cast<RequestKind>(request.kind)) {
+    case RequestKind::kStart:
+      if (info_.role != Role::kPlant) return false;
+      if (options_.wait_for_start)
+        status_.state = static_cast<std::int32_t>(ProcessState::kRunning);
+      options_.wait_for_start = false;
+      return true;
+    case RequestKind::kStop:
+      if (!finished_) finish();
+      return true;
+    case RequestKind::kEmergencyStop:
+      if (!emergency_stop_) return false;
+      emergency_stop_();
+      reply.applied_seq = status_.seq + 1;
+      reply.t_ns = drive().t_ns(reply.applied_seq);
+      event(Reason::kEmergencyStop, status_.seq,
+            "emergency stop: zero voltage from the next tick on");
+      return true;
+    case RequestKind::kReset:
+      if (arbiter_) arbiter_->take(request);
+      if (arbiter_ || !reset_ || (must_be_arbitrated() && info_.role != Role::kBridge))
+        return false;
+      reset(request, reply);
+      return true;
+    case RequestKind::kSteer:
+    case RequestKind::kTakeControl:
+    case RequestKind::kGiveControl:
+      if (arbiter_) arbiter_->take(request);
+      return false;
+    case RequestKind::kPrepare:
+    case RequestKind::kApplyAt:
+      return !arbiter_ && answer_arbiter(request, reply);
+    case RequestKind::kDrop:
+      if (prepared_ && prepared_->seq == request.seq) prepared_.reset();
+      return false;
+    case RequestKind::kAddEffect:
+    case RequestKind::kRemoveEffect:
+      if (arbiter_) arbiter_->take(request);
+      if (arbiter_ || must_be_arbitrated() || !new_model_) return false;
+      change_model(request, reply);
+      return true;
+    case RequestKind::kClock:
+      reply.t_ns = host_now_ns();
+      reply.text = host_name();
+      return true;
+    case RequestKind::kAddProposed:
+      if (!add_proposed_) return false;
+      if (!add_proposed_(request.text)) refuse("no effect is proposed");
+      return true;
+  }
+  refuse(fmt::format("unknown request kind {}", request.kind));
+  return true;
+}
+
+std::int64_t Process::tick_of(const request_t& request) const {
+  const auto wanted = request.value > 0 && request.value < 9e15
+                          ? static_cast<std::int64_t>(request.value)
+                          : std::int64_t{0};
+  return std::max(wanted, status_.seq + 1);
+}
+
+// A request that comes again gets the same answer: the drive may be on its way by then.
+void Process::reset(const request_t& request, reply_t& reply) {
+  if (reset_answer_ && reset_answer_->seq == request.seq) {
+    reply = *reset_answer_;
+    return;
+  }
+  reply.applied_seq = tick_of(request);
+  reply.text = reset_(reply.applied_seq);
+  if (!reply.text.empty()) {
+    reply.accepted = 0;
+    reply.applied_seq = -1;
+  }
+  reset_answer_ = reply;
+}
+
+// A launched set has a plant, a log player has none that answers.
+bool Process::must_be_arbitrated() const {
+  return bus_->bound() && !options_.follow;
+}
+
+std::set<int> Process::members() const {
+  constexpr double kSilent_s = 0.5;  // realtime: a silent process cannot be waited for
+  std::set<int> roles;
+  for (const Role role : {Role::kEstimator, Role::kGain, Role::kController, Role::kLogger}) {
+    const auto heard = heard_.find(static_cast<int>(role));
+    if (heard != heard_.end() && (lockstep() || seconds_since(heard->second) < kSilent_s))
+      roles.insert(static_cast<int>(role));
+  }
+  for (const Role role : {Role::kEstimator, Role::kController})
+    if (!roles.count(static_cast<int>(role)))
+      throw BadInput(fmt::format("no heartbeat of the {}", role_name(static_cast<int>(role))));
+  return roles;
+}
+
+void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<void()> released) {
+  Arbiter::Host host{
+      .next_tick = std::move(next_tick),
+      .ticks = drive().steps(),
+      .margin_ticks = lockstep() ? 0 : std::llround(Arbiter::kMargin_s * drive().rates.f_s_Hz),
+      .ahead_ticks = std::llround(Arbiter::kAhead_s * drive().rates.f_s_Hz),
+      .hold_s = steered_.steering().hold_s,
+      .members = [this] { return members(); },
+      .prepare = [this](const request_t& request) { prepare(request); },
+      .apply = [this](const request_t& request) { apply_prepared(request); },
+      .ask = [this](request_t request) { bus_->publish(std::move(request)); },
+      .answer =
+          [this](reply_t reply) {
+            reply.t_ns = drive().t_ns(std::max<std::int64_t>(0, reply.applied_seq));
+            reply.role = status_.role;
+            bus_->publish(std::move(reply));
+          },
+      .event = [this](Reason reason, std::int64_t k,
+                      const std::string& text) { event(reason, k, text); },
+      .released = std::move(released)};
+  arbiter_.emplace(std::move(host));
+  bus_->subscribe<reply_t>([this](const reply_t& reply) { arbiter_->take(reply); });
+}
+
+// What the drive file plans happens first; extended_ is what it plans last.
+void Process::on_new_model(NewModel action, std::function<void(Config& extended)> check) {
+  new_model_ = std::move(action);
+  check_model_ = std::move(check);
+  for (const std::int64_t k : drive().model_changes()) {
+    extended_ = config_.known_at(k);
+    new_model_(*extended_, k);
+    planned_until_k_ = k;
+  }
+}
+
+Config Process::changed_model(const request_t& request) const {
+  if (status_.seq < planned_until_k_)
+    throw BadInput(fmt::format("the drive file changes the model at tick {}: later allowed",
+                               planned_until_k_));
+  const Config& present = extended_ ? *extended_ : config_;
+  return request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect)
+             ? present.with_effects(request.text, kEffectsSource)
+             : present.without_effects(request.text, kEffectsSource, declared_effects());
+}
+
+// The effects of the model that no request added.
+std::size_t Process::declared_effects() const {
+  return planned_until_k_ < 0 ? config_.drive().effects.size()
+                              : config_.known_at(planned_until_k_).drive().effects.size();
+}
+
+void Process::prepare(const request_t& request) {
+  if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
+    const std::int64_t k = std::max<std::int64_t>(1, status_.seq + 1);
+    SteeredDrive wanted = steered_;
+    wanted.apply(request.text, k);
+    if (follower_.check) follower_.check(wanted, k);
+  } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
+    if (const std::string why = reset_ ? reset_(kNoTick) : ""; !why.empty()) throw BadInput(why);
+  } else if (new_model_) {
+    Config changed = changed_model(request);
+    if (check_model_) check_model_(changed);
+  }
+  prepared_ = request;
+}
+
+// `request`: as prepared, its value the tick.
+void Process::apply_prepared(const request_t& request) {
+  const auto k = static_cast<std::int64_t>(request.value);
+  if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
+    steered_.apply(request.text, k);
+    steered_.forget_before(std::min(k, status_.seq));
+    rates_ = steered_.rates();
+    if (follower_.follow) follower_.follow(steered_);
+  } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
+    if (reset_) reset_(k);
+  } else if (new_model_) {
+    Config changed = changed_model(request);
+    new_model_(changed, k);
+    extended_ = std::move(changed);
+    const bool add = request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
+    event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, k,
+          fmt::format("{}: from tick {} on with{} {}", info_.program, k, add ? "" : "out",
+                      request.text));
+  }
+  if (applied_action_ && request.kind == static_cast<std::int32_t>(RequestKind::kSteer))
+    applied_action_(request.text, k);
+  applied_request_ = request.seq;
+  applied_k_ = k;
+  prepared_.reset();
+}
+
+bool Process::answer_arbiter(const request_t& request, reply_t& reply) {
+  const bool known = request.seq == applied_request_;
+  if (request.kind == static_cast<std::int32_t>(RequestKind::kPrepare)) {
+    reply.applied_seq = -1;
+    if (known || info_.role == Role::kMonitor || info_.role == Role::kReplay) return false;
+    request_t asked = request;
+    asked.kind = static_cast<std::int32_t>(static_cast<std::int64_t>(request.value));
+    try {
+      prepare(asked);
+    } catch (const BadInput& refused) {
+      reply.accepted = 0;
+      reply.text = refused.what();
+    }
+    return true;
+  }
+  if (!known) {
+    if (!prepared_ || prepared_->seq != request.seq) return false;
+    request_t due = *prepared_;
+    due.value = request.value;
+    apply_prepared(due);
+  }
+  reply.applied_seq = applied_k_;
+  return true;
+}
+
+void Process::change_model(const request_t& asked, reply_t& reply) {
+  request_t request = asked;
+  request.text = without_holder(asked.text);
+  const bool add = request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
+  const std::string identity = fmt::format("{} {} {}", request.seq, request.kind, request.text);
+  for (const auto& [text, answer] : effects_answered_)
+    if (text == identity) {
+      reply = answer;
+      return;
+    }
+  reply.applied_seq = tick_of(request);
+  try {
+    Config changed = changed_model(request);
+    new_model_(changed, reply.applied_seq);
+    extended_ = std::move(changed);
+    event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, reply.applied_seq,
+          fmt::format("{}: from tick {} on with{} {}", info_.program, reply.applied_seq,
+                      add ? "" : "out", request.text));
+  } catch (const BadInput& refused) {
+    reply.accepted = 0;
+    reply.applied_seq = -1;
+    reply.text = refused.what();
+  }
+  effects_answered_.emplace_back(identity, reply);
+  if (effects_answered_.size() > kEffectsAnswered)
+    effects_answered_.erase(effects_answered_.begin());
+}
+
+}  // namespace twinrate
