@@ -59,6 +59,8 @@ class Supervisor {
   bool wait_for_own_processes();
   bool wait_until_ready();
   std::string set_up_realtime() const;
+  void open_bus();
+  void count_messages();
   void watch();
   LiveCounters live_counters() const;
   bool continues_without(Role role);

@@ -294,6 +294,31 @@ std::int64_t Api::first_trigger(const Recording& run, TriggerSettings settings) 
   return -1;
 }
 
+// From `shift` on, less than a turn further: to the tick at which the ghost's angle is that of tick k.
+static std::int64_t shift_by_angle(Recording& drive, Recording& ghost, std::int64_t k,
+                                   std::int64_t shift) {
+  std::int64_t found = shift;
+  const char* const angle = "measurement.theta_m_rad";
+  const auto at = [](Recording& r, const char* signal, std::int64_t tick) {
+    return r.samples(signal, {tick, tick + 1, 1, 0}).front();
+  };
+  const double wanted = at(drive, angle, k);
+  const std::int64_t from = k + shift, most = 200'000;
+  const std::vector<double> angles = ghost.samples(angle, {from, from + most, 1, 0});
+  double best = M_PI, step = 0;  // step: the largest of a tick
+  for (std::size_t i = 0; i < angles.size() && !std::isnan(angles[i]); ++i) {
+    if (std::abs(angles[i] - angles[0]) > 2 * M_PI) break;
+    if (i > 0) step = std::max(step, std::abs(angles[i] - angles[i - 1]));
+    const double off = std::abs(std::remainder(angles[i] - wanted, 2 * M_PI));
+    if (!(off < best)) continue;
+    best = off;
+    found = from + static_cast<std::int64_t>(i) - k;
+  }
+  if (!(best <= std::max(step, 1e-3)))
+    throw BadInput("the ghost does not come to that angle within a turn from there on");
+  return found;
+}
+
 // The ghost's tick that belongs to tick 0 of the drive. by = start: first ticks; event: first trip,
 // else the first event of the same name `reason`; trigger: the first tick at which the trigger of
 // the page fires in the ghost, on tick k of the drive; angle: as start, and then less than a turn
@@ -318,24 +343,7 @@ Answer Api::align(const Query& query) {
     if (at < 0) throw BadInput("the trigger does not fire in the ghost");
     shift = at - k;
   } else if (by == "angle") {
-    const char* const angle = "measurement.theta_m_rad";
-    const auto at = [](Recording& r, const char* signal, std::int64_t tick) {
-      return r.samples(signal, {tick, tick + 1, 1, 0}).front();
-    };
-    const double wanted = at(drive, angle, k);
-    const std::int64_t from = k + shift, most = 200'000;
-    const std::vector<double> angles = ghost->samples(angle, {from, from + most, 1, 0});
-    double best = M_PI, step = 0;  // step: the largest of a tick
-    for (std::size_t i = 0; i < angles.size() && !std::isnan(angles[i]); ++i) {
-      if (std::abs(angles[i] - angles[0]) > 2 * M_PI) break;
-      if (i > 0) step = std::max(step, std::abs(angles[i] - angles[i - 1]));
-      const double off = std::abs(std::remainder(angles[i] - wanted, 2 * M_PI));
-      if (!(off < best)) continue;
-      best = off;
-      shift = from + static_cast<std::int64_t>(i) - k;
-    }
-    if (!(best <= std::max(step, 1e-3)))
-      throw BadInput("the ghost does not come to that angle within a turn from there on");
+    shift = shift_by_angle(drive, *ghost, k, shift);
   } else if (by != "start" && !by.empty()) {
     throw BadInput("by: start, event, trigger or angle allowed");
   }
@@ -419,6 +427,43 @@ Api::Stream Api::open_stream(const Query& query) {
   return stream;
 }
 
+// The buckets up to `end` that the page does not have yet. They are aligned to multiples of their length.
+void Api::add_series(Stream& stream, std::int64_t end, Json& frame) {
+  Recording& drive = sources_.drive();
+  std::int64_t begin = stream.next < 0 ? end : stream.next / stream.bucket * stream.bucket;
+  begin = std::max(begin, end - kMostBuckets * stream.bucket);
+  frame["bucket"] = stream.bucket;
+  frame["begin"] = begin;
+  frame["end"] = end;
+  Json series = Json::array();
+  if (end > begin)
+    for (const std::string& signal : stream.signals) {
+      const Reduced reduced = drive.reduce(signal, {begin, end, stream.bucket, 0});
+      Json min = Json::array(), max = Json::array();
+      for (const double value : reduced.min) min.push_back(number(value));
+      if (stream.bucket > 1)
+        for (const double value : reduced.max) max.push_back(number(value));
+      series.push_back({min, max});
+    }
+  frame["series"] = series;
+  stream.next = std::max(end, begin);
+  add_tail(stream, end, frame);
+}
+
+// The bucket that is not complete yet: a page that shows long buckets moves with the drive all the same.
+void Api::add_tail(const Stream& stream, std::int64_t end, Json& frame) {
+  Recording& drive = sources_.drive();
+  const std::int64_t reached = drive.complete_k() + 1;
+  if (stream.bucket <= 1 || reached <= end || stream.signals.empty()) return;
+  Json tail = Json::array();
+  for (const std::string& signal : stream.signals) {
+    const Reduced reduced = drive.reduce(signal, {end, reached, stream.bucket, 0});
+    tail.push_back({number(reduced.min.front()), number(reduced.max.front())});
+  }
+  frame["tail_end"] = reached;
+  frame["tail"] = tail;
+}
+
 std::string Api::frame(Stream& stream) {
   Recording& drive = sources_.drive();
   const int generation = drive.generation();
@@ -439,36 +484,8 @@ std::string Api::frame(Stream& stream) {
     frame["holder"] = holder_;
     frame["other_holder"] = live_ && live_->holder() != live_->name() ? live_->holder() : "";
   }
-  // Buckets are aligned to multiples of their length.
   const std::int64_t end = (drive.complete_k() + 1) / stream.bucket * stream.bucket;
-  std::int64_t begin = stream.next < 0 ? end : stream.next / stream.bucket * stream.bucket;
-  begin = std::max(begin, end - kMostBuckets * stream.bucket);
-  frame["bucket"] = stream.bucket;
-  frame["begin"] = begin;
-  frame["end"] = end;
-  Json series = Json::array();
-  if (end > begin)
-    for (const std::string& signal : stream.signals) {
-      const Reduced reduced = drive.reduce(signal, {begin, end, stream.bucket, 0});
-      Json min = Json::array(), max = Json::array();
-      for (const double value : reduced.min) min.push_back(number(value));
-      if (stream.bucket > 1)
-        for (const double value : reduced.max) max.push_back(number(value));
-      series.push_back({min, max});
-    }
-  frame["series"] = series;
-  // The bucket that is not complete yet: a page that shows long buckets moves with the drive all the same.
-  const std::int64_t reached = drive.complete_k() + 1;
-  if (stream.bucket > 1 && reached > end && !stream.signals.empty()) {
-    Json tail = Json::array();
-    for (const std::string& signal : stream.signals) {
-      const Reduced reduced = drive.reduce(signal, {end, reached, stream.bucket, 0});
-      tail.push_back({number(reduced.min.front()), number(reduced.max.front())});
-    }
-    frame["tail_end"] = reached;
-    frame["tail"] = tail;
-  }
-  stream.next = std::max(end, begin);
+  add_series(stream, end, frame);
   const std::size_t events = frame["events"].get<std::size_t>();
   if (events > stream.events) frame["new_events"] = drive.events(stream.events);
   stream.events = events;

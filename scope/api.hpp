@@ -76,6 +76,8 @@ class Api {
   Answer request(const Json& body);
   Answer trace(const Json& body);
   Steering::Replies send(const std::string& kind, const std::string& text);
+  void add_series(Stream& stream, std::int64_t end, Json& frame);
+  void add_tail(const Stream& stream, std::int64_t end, Json& frame);
   void expire_holder();  // under mutex_
   Json live_state() const;
 

@@ -109,35 +109,46 @@ void check_spin(const Config& config, const RealtimeParameters& realtime) {
       config.where("realtime.spin_us"), 0.4 * tick_us, realtime.spin_us));
 }
 
-int launch(const LaunchOptions& o) {
+// The keys that options of the verb set.
+std::vector<std::string> overrides_of(const LaunchOptions& o, const std::set<Role>& without) {
   std::vector<std::string> overrides = o.overrides;
   if (o.duration == kEndless)
     overrides.push_back(fmt::format("run.duration_s={}", kEndless_s));
   else if (!o.duration.empty())
     overrides.push_back(duration_override(o.duration));
   if (o.monitor) overrides.push_back("monitor.enabled=true");
-  const std::set<Role> without = roles_of(o.without);
-  const std::vector<OwnProgram> own = own_programs(o.own);  // refused before anything is made
   if (without.count(Role::kReference)) overrides.push_back("reference.from_bus=true");
-  Config config = load_with_port(o.drive, overrides);
-  const bool own_plant =
-      without.count(Role::kPlant) ||
-      std::any_of(own.begin(), own.end(), [](const OwnProgram& program) {
-        return std::count(program.roles.begin(), program.roles.end(), Role::kPlant);
-      });
+  return overrides;
+}
+
+// Throws BadInput: no line to a real drive, or a setting that realtime does not allow. Prints the warnings of the trial.
+void check_drive(Config& config, Pace pace, bool own_plant) {
   if (config.drive().plant.kind == PlantKind::kBridge && !own_plant &&
       config.read<BridgeParameters>().port.empty())
     throw BadInput(config.where("bridge.port") +
                    ": bridge.port: a serial device or udp://HOST:PORT allowed, found nothing");
   for (const std::string& warning : check_by_trial(config, Trial::kAlways))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
-  const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
-  if (pace == Pace::kRealtime && config.drive().plant.delay_samples == 0)
+  if (pace != Pace::kRealtime) return;
+  if (config.drive().plant.delay_samples == 0)
     throw BadInput(
         fmt::format("{}: plant.delay_samples: 1 to 4 allowed with --pace realtime, found 0",
                     config.where("plant.delay_samples")));
-  const RealtimeParameters realtime = config.read<RealtimeParameters>();
-  if (pace == Pace::kRealtime) check_spin(config, realtime);
+  check_spin(config, config.read<RealtimeParameters>());
+}
+
+int launch(const LaunchOptions& o) {
+  const std::set<Role> without = roles_of(o.without);
+  const std::vector<OwnProgram> own = own_programs(o.own);  // refused before anything is made
+  const std::vector<std::string> overrides = overrides_of(o, without);
+  Config config = load_with_port(o.drive, overrides);
+  const bool own_plant =
+      without.count(Role::kPlant) ||
+      std::any_of(own.begin(), own.end(), [](const OwnProgram& program) {
+        return std::count(program.roles.begin(), program.roles.end(), Role::kPlant);
+      });
+  const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
+  check_drive(config, pace, own_plant);
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
   if (o.print_pmd) {
@@ -162,7 +173,7 @@ int launch(const LaunchOptions& o) {
                                          .bus = config.read<BusParameters>(),
                                          .bridge = config.read<BridgeParameters>(),
                                          .on_log_loss = config.read<LoggerParameters>().on_loss,
-                                         .realtime = realtime});
+                                         .realtime = config.read<RealtimeParameters>()});
   const RunFacts facts = supervisor.run();
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
   const int code = conclude_run(directory, config, facts);
