@@ -233,7 +233,7 @@ const std::vector<SheetKey>& Sheet::keys() {
       {"rated_torque_Nm", "rated torque", 1e-6, 1e6},
       {"rated_speed_rpm", "rated speed", 1e-1, 1e6},
       {"v_dc_V", "voltage of the DC bus", 1, 1e4},
-      {"mechanical_time_constant_ms", "mechanical time constant, to check the others with", 1e-3,
+      {"mechanical_time_constant_ms", "mechanical time constant, checks the other values", 1e-3,
        1e5},
       {"encoder_counts", "counts a turn, four times the lines; 0: no encoder", 0, 1 << 26, true},
       {"n_slots", "stator slots", 3, 2000, true}};

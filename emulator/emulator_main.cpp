@@ -163,9 +163,10 @@ void add_options(CLI::App& app, EmulatorOptions& o) {
   app.add_option("--speed", o.speed, "run this many times as fast as the drive")
       ->check(CLI::Range(0.01, 1000.0));
   app.add_option("--baud", o.baud,
-                 "wire time of this rate; 0: none (default: bridge.baud on a pty)")
+                 "delay frames by the wire time at this rate, bit/s; 0: none (default: bridge.baud "
+                 "on a pty)")
       ->check(CLI::Range(0, 4000000));
-  app.add_option("--seed", o.seed, "seed of the faults");
+  app.add_option("--seed", o.seed, "draw the faults with this seed");
   app.add_option("--set", o.overrides, "override a key of the drive file: key.path=value")
       ->allow_extra_args(false);
 }
@@ -199,7 +200,7 @@ int emulate(EmulatorOptions& o) {
 
 int main(int argc, char** argv) {
   using namespace twinrate;
-  CLI::App app{"twinrate-emulator\n  A simulated drive that speaks a device protocol"};
+  CLI::App app{"twinrate-emulator\n  Simulate a drive that speaks a device protocol"};
   EmulatorOptions o;
   add_options(app, o);
   expect_stated_values(app);

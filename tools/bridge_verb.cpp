@@ -254,7 +254,7 @@ void add_bridge_verb(CLI::App& app, int& exit_code) {
   CLI::App* probe_verb =
       verb->add_subcommand("probe", "Show who is on the line and how it behaves");
   add_common(probe_verb, *o);
-  probe_verb->add_option("--for", o->for_s, "listen for so many seconds")
+  probe_verb->add_option("--for", o->for_s, "listen for this time, s")
       ->check(CLI::Range(0.1, 3600.0));
   probe_verb->add_option("--clear", o->clear, "leave the off state that this reason code latched")
       ->check(above_zero());

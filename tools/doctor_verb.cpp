@@ -152,10 +152,11 @@ void add_doctor_verb(CLI::App& app, int& exit_code) {
       "measure at which rates a datagram passes through three processes within its tick");
   verb->add_option("--rate", options->rate_Hz, "with --realtime: measure this rate only, Hz")
       ->check(CLI::Range(1.0, 1e5));
-  verb->add_option("--seconds", options->seconds, "with --realtime: measure each rate for so long")
+  verb->add_option("--seconds", options->seconds,
+                   "with --realtime: measure each rate for this time, s")
       ->check(CLI::Range(0.01, 3600.0));
   verb->add_flag("--normal", options->normal,
-                 "with --realtime: with the normal scheduler, not pinned");
+                 "with --realtime: use the normal scheduler, do not pin");
   verb->callback([options, &exit_code] { exit_code = run_doctor(*options); });
 }
 

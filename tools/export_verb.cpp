@@ -99,7 +99,7 @@ void add_export_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--resample", r.rate_Hz, "resample all channels to this rate, Hz")
       ->check(CLI::Range(1e-3, 1e7));
   verb->add_option("--compression", r.compression, "pack an mcap: zstd (default), lz4 or none");
-  verb->add_flag("--repair", o->repair, "export what is whole of a damaged log");
+  verb->add_flag("--repair", o->repair, "export the undamaged part of a log");
   verb->add_flag("--force", o->force, "replace the file of --out");
   verb->add_flag("--json", o->json, "print progress and result as JSON lines");
   verb->callback([o, &exit_code] {

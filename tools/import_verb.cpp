@@ -176,10 +176,10 @@ void add_import_verb(CLI::App& app, int& exit_code) {
                    "read the columns through this map (default: the header has canonical names)");
   verb->add_option("--out", options->out, "write this log; with --guess, this map")->required();
   verb->add_flag("--guess", options->guess,
-                 "write a map from the header, and show what is understood and what is not");
+                 "write a map from the header; list the columns with and without a meaning");
   verb->add_option("--from", options->from,
                    "take the columns as this tool writes them: vesc, odrive, moteus, simplefoc or "
-                   "matlab (default: told from the header)")
+                   "matlab (default: by the header)")
       ->needs("--guess");
   verb->add_option("--drive", options->drive,
                    "use this drive file or preset instead of the one of the map");

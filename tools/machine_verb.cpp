@@ -121,9 +121,9 @@ void add_machine_verb(CLI::App& app, int&) {
       app.add_subcommand("machine", "Make the drive file of a motor; list the motors with one");
   machine->require_subcommand(1);
   CLI::App* verb = machine->add_subcommand("new", "Write a drive file from data-sheet values");
-  verb->add_option("NAME", o->name, "name of the drive")->required();
+  verb->add_option("NAME", o->name, "give the drive this name")->required();
   verb->add_option("--from", o->from,
-                   "give values of the data sheet, key=value ..; without it they are asked for");
+                   "give values of the data sheet, key=value .. (default: ask for them)");
   verb->add_option("--out", o->out, "write this file (default NAME.toml)");
   verb->add_flag("--force", o->force, "replace the file");
   verb->add_flag("--json", o->json, "print what was converted, assumed and doubted as JSON");

@@ -122,19 +122,21 @@ int change(const MonitorOptions& o) {
 
 void add_monitor_verb(CLI::App& app, int& exit_code) {
   CLI::App* verb =
-      app.add_subcommand("monitor", "Extend the model of a running drive, or take that back");
+      app.add_subcommand("monitor", "Add effects to the model of a running drive, or remove them");
   verb->require_subcommand(1);
   const auto add_one = [&](const char* name, const char* help, bool remove) {
     auto o = std::make_shared<MonitorOptions>();
     o->remove = remove;
     CLI::App* sub = verb->add_subcommand(name, help);
-    CLI::Option* file = sub->add_option("FILE", o->file, "the [[effect]] tables of this file");
+    CLI::Option* file = sub->add_option("FILE", o->file,
+                                        remove ? "remove the [[effect]] tables of this file"
+                                               : "add the [[effect]] tables of this file");
     file->check(CLI::ExistingFile)->required(remove);
-    sub->add_option("--tick", o->tick, "the tick from which on FILE holds (default: the next one)")
+    sub->add_option("--tick", o->tick, "apply FILE at this tick (default: the next one)")
         ->check(zero_or_more());
     sub->add_option("--lcm-url", o->url, "use this LCM URL");
     sub->add_option("--run-dir", o->run_dir,
-                    "the directory of the running launch: its token authorises the request");
+                    "take the token of the launch that runs in this directory");
     sub->add_option("--channel-suffix", o->channel_suffix,
                     "append this text to every channel name");
     sub->callback([o, &exit_code] { exit_code = change(*o); });
@@ -144,7 +146,7 @@ void add_monitor_verb(CLI::App& app, int& exit_code) {
           "gain and controller",
           false);
   add_one("remove",
-          "Take the effects of FILE, as they were added, out of the running estimator, gain and "
+          "Remove the effects of FILE, as they were added, from the running estimator, gain and "
           "controller",
           true);
 }

@@ -79,7 +79,7 @@ void add_new_verb(CLI::App& app, int&) {
     auto o = std::make_shared<NewOptions>();
     o->role = role;
     CLI::App* one = verb->add_subcommand(role, purpose);
-    one->add_option("NAME", o->name, "name of the folder and of the process")->required();
+    one->add_option("NAME", o->name, "give the folder and the process this name")->required();
     one->add_option("--lang", o->language, "choose the language: cpp or python (default cpp)")
         ->check(CLI::IsMember({"cpp", "python"}));
     one->callback([o] { make_folder(*o); });

@@ -67,7 +67,7 @@ class PlanProgress {
 CLI::Option* add_plan_options(CLI::App& verb, PlanOptions& o) {
   CLI::Option* plan = verb.add_flag(
       "--plan", o.wanted,
-      "propose a run that tells the candidates apart; with --data, a run that adds to those "
+      "propose a run that separates the candidates; with --data, a run that adds to those "
       "logs; write plan.toml, plan.json, plan.svg");
   const auto option = [&](const char* name, auto& value, const char* what) {
     return verb.add_option(name, value, what)->needs(plan);

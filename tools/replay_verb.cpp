@@ -163,7 +163,7 @@ void add_replay_verb(CLI::App& app, int& exit_code) {
   verb->add_option(
       "--only", o->only,
       "play these channels only, separated by commas (default MEASUREMENT,REFERENCE,TRUTH)");
-  verb->add_flag("--repair", o->repair, "play what is whole of a damaged log; exit code 1");
+  verb->add_flag("--repair", o->repair, "play the undamaged part of a log; exit code 1");
   verb->add_flag("--json", o->json, "print the result as one line of JSON");
   verb->add_option("--lcm-url", o->bus.url, "use this LCM URL");
   verb->add_option("--channel-suffix", o->bus.channel_suffix,

@@ -159,7 +159,7 @@ void add_report_verb(CLI::App& app, int&) {
   verb->add_option("--config", arguments->config, "read this drive file for a log without one");
   verb->add_option("--channel-suffix", arguments->channel_suffix,
                    "read the channels with this suffix");
-  verb->add_flag("--repair", arguments->repair, "use what is whole of a damaged log");
+  verb->add_flag("--repair", arguments->repair, "use the undamaged part of a log");
   verb->add_flag("--force", arguments->force, "replace the page of --out");
   verb->add_flag("--json", arguments->json, "print JSON lines instead of text");
   verb->callback([arguments] { report(*arguments); });

@@ -102,7 +102,7 @@ void add_scope_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--history", o->history,
                    "keep this much drive time of every tick (default 60s)");
   verb->add_option("--memory", o->scope.memory_mib,
-                   "use this many MiB for it at most (default 512)")
+                   "limit the memory of the history, MiB (default 512)")
       ->check(CLI::Range(16, 65536));
   verb->add_option("--lcm-url", o->scope.url, "use this LCM URL");
   verb->add_option("--channel-suffix", o->scope.channel_suffix,

@@ -118,24 +118,26 @@ void add_set_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<SetOptions>();
   CLI::App* verb = app.add_subcommand(
       "set", "Steer a running drive: all processes apply the request at one tick");
-  verb->add_option("KEY=VALUE", o->lines,
-                   "speed_rpm, omega_e_rad_s, load_Nm, n, policy, compensation with a value; or "
-                   "start, stop, emergency_stop, reset");
+  verb->add_option(
+      "KEY=VALUE", o->lines,
+      "set speed_rpm, omega_e_rad_s, load_Nm, n, policy or compensation to a value; or send "
+      "start, stop, emergency_stop or reset");
   verb->add_option("--add-effects", o->add_effects,
                    "add the [[effect]] tables of this file to the running model")
       ->check(CLI::ExistingFile);
-  verb->add_option("--remove-effects", o->remove_effects,
-                   "take the [[effect]] tables of this file, as they were added, out of it")
+  verb->add_option(
+          "--remove-effects", o->remove_effects,
+          "remove the [[effect]] tables of this file, as they were added, from the running model")
       ->check(CLI::ExistingFile);
   verb->add_option("--tick", o->tick, "apply at this tick (default: the next one)")
       ->check(zero_or_more());
   verb->add_option("--run-dir", o->run_dir,
-                   "the directory of the run (default: the newest running one in runs/)");
+                   "steer the run of this directory (default: the newest running one in runs/)");
   verb->add_option("--lcm-url", o->url, "steer the drive on this LCM URL");
   verb->add_option("--channel-suffix", o->channel_suffix, "append this text to every channel name");
   verb->add_option("--save", o->save,
                    "write the steered run in --run-dir as a drive file that repeats it");
-  verb->add_flag("--force", o->force, "--save: replace the file");
+  verb->add_flag("--force", o->force, "with --save: replace the file");
   verb->add_flag("--json", o->json, "print the answer to a request as a JSON line")
       ->excludes("--save");
   verb->callback([o, &exit_code] { exit_code = o->save.empty() ? steer(*o) : save(*o); });

@@ -69,7 +69,7 @@ void add_spy_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<SpyOptions>();
   CLI::App* verb = app.add_subcommand("spy", "Start lcm-spy with the message types of the drive");
   verb->add_option("--lcm-url", o->url, "use this LCM URL");
-  verb->add_flag("--print", o->print, "print the command instead");
+  verb->add_flag("--print", o->print, "print the command, do not start it");
   verb->callback([o, &exit_code] { exit_code = spy(*o); });
 }
 
