@@ -6,7 +6,7 @@
 //   drive      off by itself, restarted, or driving although it was switched off
 //   link       silent for bridge.silence_ms
 //
-// Off means: nothing but off frames to the drive. It is latched for the rest of the run.
+// Off: the host sends off frames alone. Off is latched for the rest of the run.
 #pragma once
 #include <string>
 #include <vector>
@@ -29,9 +29,8 @@ class BridgeGuard {
 
   BridgeGuard(Config& config, const BridgeParameters& bridge);
 
-  // A sample, and how the command came that was due with it. Returns the measurement that the
-  // processes may use: a faulty reading is predicted and marked as not measured, as the simulated
-  // drive does it.
+  // Takes a sample and the arrival of the command that was due with it. Returns the measurement for
+  // the processes: a faulty reading is predicted and marked as not measured, as in the simulated drive.
   Measurement take(const DriveSample& sample, Arrival command, Mode mode);
   void restarted() { go_off(Reason::kDeviceReset, "the drive restarted in mid-run: off"); }
   void silent_for(double silent_ms);

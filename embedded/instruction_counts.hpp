@@ -28,7 +28,7 @@ struct CortexCounts {
   const StepCount& at(const std::string& name) const;  // throws std::out_of_range
 };
 
-// What the images and the emulator need, or why they cannot run here; "" where they can.
+// The reason why images or emulator cannot run here, e.g. a missing program; "" if they can.
 std::string why_no_cortex();
 // Directory of the images: build/firmware/cortex_m3.
 std::string cortex_directory();

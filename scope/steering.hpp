@@ -1,4 +1,4 @@
-// What the page may ask of a drive. scope::Api checks who asks; an implementation sends it.
+// Requests of the page to a drive. scope::Api checks the sender; an implementation sends the request.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -16,21 +16,21 @@ struct SteeringReply {
 class Steering {
  public:
   virtual ~Steering() = default;
-  // Each waits for the answers of the processes concerned, a second at most; empty: nobody answered.
+  // Each waits for the answers of the processes concerned, 1 s at most; empty: no answer.
   using Replies = std::vector<SteeringReply>;
-  // KEY=VALUE lines of core/steering.hpp, by who has the control.
+  // KEY=VALUE lines of core/steering.hpp, from the page that has the control.
   virtual Replies steer(const std::string& lines) = 0;
-  // Of the drive, not of the page: nobody else steers until it is given back. beat() keeps it; whoever
-  // does not beat loses it after steering.hold_s, and the drive stops on a ramp.
+  // The control of the drive: no other page or program steers until it is given back. beat() keeps it.
+  // Without a beat it ends after steering.hold_s, and the drive stops on a ramp.
   virtual Replies take_control() = 0;
   virtual Replies give_control() = 0;
   virtual void beat() = 0;
-  // The speed reference goes to 0 on a ramp, and back to what it was.
+  // The speed reference goes to 0 on a ramp, and back to its value before.
   virtual Replies start() = 0;
   virtual Replies stop() = 0;
   virtual Replies emergency_stop() = 0;
   virtual Replies reset() = 0;
-  virtual Replies add_proposed() = 0;                        // what the monitor proposed
+  virtual Replies add_proposed() = 0;                        // effects proposed by the monitor
   virtual Replies add_effects(const std::string& toml) = 0;  // [[effect]] tables
   virtual Replies remove_effects(const std::string& toml) = 0;
 };

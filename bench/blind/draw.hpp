@@ -1,4 +1,4 @@
-// A sequence of random numbers, a pure function of its seed.
+// A sequence of random numbers that depends on its seed alone.
 #pragma once
 #include <cmath>
 #include <cstdint>
