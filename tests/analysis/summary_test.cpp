@@ -5,69 +5,13 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <nlohmann/json.hpp>
 
 #include "core/channels.hpp"
 #include "core/reason.hpp"
+#include "tests/analysis/steady_run.hpp"
 
 namespace twinrate {
 namespace {
-
-constexpr double kOmegaM = 50;  // speed of the synthetic runs, mechanical
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-DriveConfig drive() {
-  DriveConfig config;
-  config.machine.n_p = 4;
-  config.rates.f_s_Hz = 1000;
-  config.rates.n = 5;
-  config.rates.n_from = NFrom::kStart;
-  config.rates.f_b_Hz = 200;
-  config.run.duration_s = 2;
-  config.run.settle_s = 0.5;
-  return config;
-}
-
-// A run at constant speed with an exact estimate; the tests modify it.
-RunLog steady_run(const DriveConfig& config) {
-  RunLog log;
-  for (std::int64_t k = 0; k < config.steps(); ++k) {
-    const double t = static_cast<double>(k) * config.T_s();
-    Truth truth;
-    truth.k = k;
-    truth.t_ns = config.t_ns(k);
-    truth.theta_m = kOmegaM * t;
-    truth.omega_m = kOmegaM;
-    Measurement m;
-    m.k = k;
-    m.t_ns = truth.t_ns;
-    m.signals = kPhaseCurrents | kPosition | kSpeed;
-    m.theta_m = truth.theta_m;
-    m.omega_m = truth.omega_m;
-    Estimate e;
-    e.k = k;
-    e.t_ns = truth.t_ns;
-    e.gain_seq = k < config.rates.n ? -1 : k / config.rates.n * config.rates.n - config.rates.n;
-    e.theta_e = wrap_turn(config.machine.n_p * truth.theta_m);
-    e.omega_m = truth.omega_m;
-    Command c;
-    c.k = k;
-    c.t_ns = truth.t_ns;
-    c.omega_m_ref = kOmegaM;
-    log.truth.push_back(truth);
-    log.measurement.push_back(m);
-    log.estimate.push_back(e);
-    log.command.push_back(c);
-    if (k % config.rates.n != 0) continue;
-    Gain g;
-    g.k = k;
-    g.t_ns = truth.t_ns;
-    g.n_x = 4, g.n_y = 2;
-    g.P(3, 3) = k < 500 ? 9.0 : 0.4 + 1e-5 * static_cast<double>(k);
-    log.gain.push_back(g);
-  }
-  return log;
-}
 
 // theta_e_hat - theta_e of the ticks in [first, last).
 void put_angle_error(RunLog& log, std::size_t first, std::size_t last, double error_rad) {
@@ -76,7 +20,7 @@ void put_angle_error(RunLog& log, std::size_t first, std::size_t last, double er
 }
 
 TEST(Summary, FiguresUseOnlyTheWindow) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 0, 500, 1.0);
   put_angle_error(log, 500, 1250, 0.1);
@@ -93,7 +37,7 @@ TEST(Summary, FiguresUseOnlyTheWindow) {
 }
 
 TEST(Summary, ErrorsAreEstimateLessTruthAndWrapIntoHalfATurn) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 0, 2000, 0.2);
   for (Estimate& e : log.estimate) e.omega_m += 3;
@@ -108,7 +52,7 @@ TEST(Summary, ErrorsAreEstimateLessTruthAndWrapIntoHalfATurn) {
 }
 
 TEST(Summary, IsLostByOneAngleErrorBeyondAQuarterTurnInTheWindow) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 1000, 1001, 1.56);
   EXPECT_EQ(summarise(log, config).locked, true);
@@ -120,7 +64,7 @@ TEST(Summary, IsLostByOneAngleErrorBeyondAQuarterTurnInTheWindow) {
 }
 
 TEST(Summary, StartUpDoesNotDecideTheVerdictButTheTimeOfTheLoss) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 200, 210, 2.0);
   EXPECT_EQ(summarise(log, config).locked, true);
@@ -140,7 +84,7 @@ TEST(Summary, StartUpDoesNotDecideTheVerdictButTheTimeOfTheLoss) {
 // 20 % off for 19 ticks of 1 ms is allowed, for 20 ticks it is not, consecutive or not. Synchronism
 // is another matter.
 TEST(Summary, TheSpeedIsNotHeldAfterTwentyMillisecondsOffAConstantReference) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   const auto held_with = [&](int ticks, double share) {
     RunLog log = steady_run(config);
     for (int i = 0; i < ticks; ++i) {
@@ -158,7 +102,7 @@ TEST(Summary, TheSpeedIsNotHeldAfterTwentyMillisecondsOffAConstantReference) {
 }
 
 TEST(Summary, DoesNotJudgeTheSpeedForATenthOfASecondAfterAChangeOfTheReference) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   const auto held_until = [&](std::size_t last) {
     RunLog log = steady_run(config);
     for (std::size_t k = 1000; k < log.command.size(); ++k) log.command[k].omega_m_ref = 100;
@@ -171,7 +115,7 @@ TEST(Summary, DoesNotJudgeTheSpeedForATenthOfASecondAfterAChangeOfTheReference) 
 }
 
 TEST(Summary, DoesNotJudgeTheSpeedAtAReferenceOfZero) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (Command& c : log.command) c.omega_m_ref = 0;
   const Summary s = summarise(log, config);
@@ -180,7 +124,7 @@ TEST(Summary, DoesNotJudgeTheSpeedAtAReferenceOfZero) {
 }
 
 TEST(Summary, ADipInOneTurnIsADipAndARippleInEveryTurnUnevenness) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (std::size_t k = 1000; k < 1050; ++k) log.truth[k].omega_m = 0.65 * kOmegaM;
   Summary s = summarise(log, config);
@@ -203,7 +147,7 @@ TEST(Summary, ADipInOneTurnIsADipAndARippleInEveryTurnUnevenness) {
 }
 
 TEST(Summary, TwoLoadStepsWithinThreeTurnsAreADipAndARippleIsUnevenness) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   const auto with = [&](auto speed) {
     RunLog log = steady_run(config);
     for (std::size_t k = 0; k < log.truth.size(); ++k) {
@@ -224,7 +168,7 @@ TEST(Summary, TwoLoadStepsWithinThreeTurnsAreADipAndARippleIsUnevenness) {
 }
 
 TEST(Summary, ATripIsNeverLockedAndTheFirstIsNamed) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   const auto event = [](std::int64_t k, Reason reason) {
     return EventRecord{.k = k,
@@ -247,7 +191,7 @@ TEST(Summary, ATripIsNeverLockedAndTheFirstIsNamed) {
 
 // The figures and the verdict begin when the controller uses the estimate.
 TEST(Summary, TheWindowBeginsAtTheHandOverAtTheEarliest) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 0, 1200, 2.0);
   for (std::size_t k = 1; k < 1200; ++k)
@@ -263,7 +207,7 @@ TEST(Summary, TheWindowBeginsAtTheHandOverAtTheEarliest) {
 }
 
 TEST(Summary, IsLostByAStateThatIsNotFinite) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   log.estimate[900].theta_e = kNaN;
   EXPECT_EQ(summarise(log, config).locked, false);
@@ -278,7 +222,7 @@ TEST(Summary, IsLostByAStateThatIsNotFinite) {
 
 // 1.5 s at 50 rad/s are 11 turns of 126 samples: orders 6 and 30 count as harmonics.
 TEST(Summary, RippleIsTheSpeedLessItsMeanAndHarmonicsItsOrders) {
-  DriveConfig config = drive();
+  DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (Truth& t : log.truth)
     t.omega_m = kOmegaM + 0.3 * std::sin(6 * t.theta_m) + 0.4 * std::cos(30 * t.theta_m) +
@@ -289,7 +233,7 @@ TEST(Summary, RippleIsTheSpeedLessItsMeanAndHarmonicsItsOrders) {
 }
 
 TEST(Summary, RippleLeavesOrdersAboveSixtyToTheTotalOnly) {
-  DriveConfig config = drive();
+  DriveConfig config = steady_drive();
   config.rates.f_s_Hz = 10000;
   RunLog log = steady_run(config);
   for (Truth& t : log.truth)
@@ -300,7 +244,7 @@ TEST(Summary, RippleLeavesOrdersAboveSixtyToTheTotalOnly) {
 }
 
 TEST(Summary, RippleNeedsThreeTurns) {
-  DriveConfig config = drive();
+  DriveConfig config = steady_drive();
   config.run.settle_s = 2 - 2.9 * kTwoPi / kOmegaM;
   EXPECT_FALSE(summarise(steady_run(config), config).speed_ripple_rms.has_value());
   config.run.settle_s = 2 - 3.1 * kTwoPi / kOmegaM;
@@ -308,7 +252,7 @@ TEST(Summary, RippleNeedsThreeTurns) {
 }
 
 TEST(Summary, WithoutTruthTheMeasuredPositionIsTheReference) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (Measurement& m : log.measurement) m.theta_m += 0.025;  // 0.1 rad electrical
   EXPECT_NEAR(*summarise(log, config).angle_error_rms, 0, 1e-9);
@@ -325,7 +269,7 @@ TEST(Summary, WithoutTruthTheMeasuredPositionIsTheReference) {
 
 // 1440 counts at 1 kHz step the tick-to-tick speed by 4.4 rad/s; the slope over 10 ms does not.
 TEST(Summary, TheReferenceSpeedAveragesTheQuantisationOfAnEncoder) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   const double step = kTwoPi / 1440;
   for (Measurement& m : log.measurement) m.theta_m = std::floor(m.theta_m / step) * step;
@@ -334,7 +278,7 @@ TEST(Summary, TheReferenceSpeedAveragesTheQuantisationOfAnEncoder) {
 }
 
 TEST(Summary, WithoutAReferenceAngleThereIsNoVerdict) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   log.truth.clear();
   for (Measurement& m : log.measurement) m.signals = kPhaseCurrents;
@@ -348,7 +292,7 @@ TEST(Summary, WithoutAReferenceAngleThereIsNoVerdict) {
 }
 
 TEST(Summary, ARunWithoutHandOverIsNotLockedAndOneThatWasEndedBeforeItsWindowIsNotJudged) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (Measurement& m : log.measurement) m.mode = Mode::kIfRamp;
   Summary s = summarise(log, config);
@@ -364,7 +308,7 @@ TEST(Summary, ARunWithoutHandOverIsNotLockedAndOneThatWasEndedBeforeItsWindowIsN
 }
 
 TEST(Summary, AMeasuredLogWithoutEstimatesIsNotJudged) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   log.estimate.clear();
   log.gain.clear();
@@ -374,7 +318,7 @@ TEST(Summary, AMeasuredLogWithoutEstimatesIsNotJudged) {
 }
 
 TEST(Summary, ASpeedThatNeverCameIsMoreThanADip) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (Truth& t : log.truth) t.omega_m = 0.5 * kOmegaM;
   EXPECT_EQ(speed_word(summarise(log, config)), "dipped, never at its reference");
@@ -382,7 +326,7 @@ TEST(Summary, ASpeedThatNeverCameIsMoreThanADip) {
 
 // The controller of the drive that is listened to is its own: no COMMAND is in the log.
 TEST(Summary, TheEndOfAListeningProcessIsNoTripOfTheDrive) {
-  DriveConfig config = drive();
+  DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   const auto trips = [&](Reason reason, std::vector<Command> commands, PlantKind kind) {
     RunLog one = log;
@@ -401,7 +345,7 @@ TEST(Summary, TheEndOfAListeningProcessIsNoTripOfTheDrive) {
 }
 
 TEST(Summary, CountsGainsAndTheirVariance) {
-  DriveConfig config = drive();
+  DriveConfig config = steady_drive();
   const RunLog log = steady_run(config);
   const Summary s = summarise(log, config);
   EXPECT_EQ(s.gains_used, 399);
@@ -413,7 +357,7 @@ TEST(Summary, CountsGainsAndTheirVariance) {
 }
 
 TEST(Summary, TheVarianceOfTheStartUpDoesNotCount) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   for (GainRecord& g : log.gain) {
     Gain gain{.k = g.k, .n_x = 4, .n_y = 2};
@@ -426,7 +370,7 @@ TEST(Summary, TheVarianceOfTheStartUpDoesNotCount) {
 }
 
 TEST(Summary, DriveTimeGoesOverTicksThatTheLogLacks) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   log.measurement.erase(log.measurement.begin() + 700, log.measurement.begin() + 1200);
   const Summary s = summarise(log, config);
@@ -435,7 +379,7 @@ TEST(Summary, DriveTimeGoesOverTicksThatTheLogLacks) {
 }
 
 TEST(Summary, CountsTicksMissingInTheLog) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   log.estimate.erase(log.estimate.begin() + 700, log.estimate.begin() + 703);
   log.gain.erase(log.gain.begin() + 10);
@@ -453,78 +397,9 @@ TEST(Summary, CountsTicksMissingInTheLog) {
   EXPECT_EQ(s.lost_messages["DRIVE_MEASUREMENT"], 0);
 }
 
-TEST(Summary, JsonHoldsTheContractsKeys) {
-  const DriveConfig config = drive();
-  Summary s = summarise(steady_run(config), config);
-  s.wall_s = 4;
-  const auto json = nlohmann::json::parse(to_json(s, config));
-  for (const char* key : {"locked",
-                          "speed_held",
-                          "speed_dip_percent",
-                          "speed_excess_percent",
-                          "speed_unevenness_percent",
-                          "trip",
-                          "duration_s",
-                          "steps",
-                          "speed_error_rms_rad_s",
-                          "angle_error_rms_rad",
-                          "angle_error_max_rad",
-                          "speed_ripple_rms_rad_s",
-                          "speed_ripple_harmonics_rms_rad_s",
-                          "lost_messages",
-                          "repeats",
-                          "deadline_misses",
-                          "late_gains",
-                          "stalls",
-                          "stalled_s",
-                          "longest_stall_s",
-                          "wall_s",
-                          "steps_per_s",
-                          "f_s_Hz",
-                          "f_b_Hz",
-                          "n",
-                          "policy",
-                          "gains_used",
-                          "n_from_tick",
-                          "P44_min",
-                          "P44_max",
-                          "late_commands",
-                          "angle_reference"})
-    EXPECT_TRUE(json.contains(key)) << key;
-  EXPECT_EQ(json["locked"], true);
-  EXPECT_EQ(json["f_b_Hz"], 200);
-  EXPECT_EQ(json["steps_per_s"], 500);
-  EXPECT_EQ(json["policy"], "paper");
-}
-
-TEST(Summary, JsonHasNullForAnEmptyFigure) {
-  const DriveConfig config = drive();
-  Summary s;
-  s.angle_error_rms = kNaN;
-  const auto json = nlohmann::json::parse(to_json(s, config));
-  for (const char* key :
-       {"locked", "angle_error_rms_rad", "speed_ripple_rms_rad_s", "steps_per_s", "P44_min"})
-    EXPECT_TRUE(json[key].is_null()) << key;
-}
-
-TEST(Summary, TakesFiguresOfTheProcessesFromASummaryFile) {
-  const DriveConfig config = drive();
-  Summary written;
-  written.repeats = 3;
-  written.wall_s = 2.5;
-  written.lost_messages["DRIVE_GAIN"] = 7;
-  Summary read;
-  take_process_figures(to_json(written, config), read);
-  EXPECT_EQ(read.repeats, 3);
-  EXPECT_EQ(read.wall_s, 2.5);
-  EXPECT_EQ(read.lost_messages["DRIVE_GAIN"], 7);
-  take_process_figures("not json", read);
-  EXPECT_EQ(read.repeats, 3);
-}
-
 // A recorder may be started late: settle_s counts from the log's first tick.
 TEST(Summary, TheSettleTimeCountsFromTheFirstTickOfTheLog) {
-  const DriveConfig config = drive();
+  const DriveConfig config = steady_drive();
   RunLog log = steady_run(config);
   put_angle_error(log, 0, 500, 1.6);
   put_angle_error(log, 500, 2000, 0.1);
@@ -538,26 +413,6 @@ TEST(Summary, TheSettleTimeCountsFromTheFirstTickOfTheLog) {
   EXPECT_EQ(late.locked, true);
   EXPECT_NEAR(*late.angle_error_max, 0.1, 1e-9);
   EXPECT_NEAR(*late.angle_error_rms, *early.angle_error_rms, 1e-12);
-}
-
-TEST(Summary, FiguresOfTheProcessesComeBackEachToItsOwn) {
-  Summary written;
-  written.repeats = 1;
-  written.deadline_misses = 2;
-  written.late_gains = 3;
-  written.late_commands = 4;
-  written.stalls = 5;
-  written.stalled_s = 0.6;
-  written.longest_stall_s = 0.7;
-  Summary read;
-  take_process_figures(to_json(written, drive()), read);
-  EXPECT_EQ(read.repeats, 1);
-  EXPECT_EQ(read.deadline_misses, 2);
-  EXPECT_EQ(read.late_gains, 3);
-  EXPECT_EQ(read.late_commands, 4);
-  EXPECT_EQ(read.stalls, 5);
-  EXPECT_EQ(read.stalled_s, 0.6);
-  EXPECT_EQ(read.longest_stall_s, 0.7);
 }
 
 }  // namespace
