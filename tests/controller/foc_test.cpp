@@ -171,6 +171,24 @@ TEST(Foc, CompensationFeedsTheEffectsTorqueForward) {
   }
 }
 
+// lead = 1/(2 pi f_c) + 1.5 T_s, by hand.
+TEST(Foc, AnEstimatedLoadIsFedForwardAheadOfTheCurrentLoop) {
+  Bench bench({"estimator.kind=ekf_joint", "controller.compensation=load",
+               "controller.foc.current_bandwidth_Hz=200.0"});
+  bench.e.T_load = 0.01;
+  bench.e.dT_load_dt = 2;
+  const double lead = 1 / (kTwoPi * 200) + 1.5 * 2e-4, K_t = 1.5 * 4 * 0.007;
+  EXPECT_NEAR(bench.step().i_dq_ref[1], (0.01 + lead * 2) / K_t, 1e-6);
+}
+
+TEST(Foc, TheCurrentOfAStartStaysWithinTheLimit) {
+  Bench bench(
+      {"start=align_if", "controller.foc.i_max_A=1.0", "controller.foc.startup.i_start_A=2.0"});
+  double largest = 0;
+  for (int k = 0; k < 3000; ++k) largest = std::max(largest, bench.step().i_dq_ref.norm());
+  EXPECT_NEAR(largest, 1, 1e-9);
+}
+
 TEST(Foc, RepeatsItsLastCommandOnInputsThatAreNotFiniteAndContinuesAfterwards) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   Bench broken, sound;

@@ -54,7 +54,8 @@ TEST(Guarded, TripsOnAnEstimateThatStaysNotFinite) {
   for (int tick = 0; tick < Guarded::kHoldTicks; ++tick)
     EXPECT_EQ(drive.step(kNaN).u_alphabeta_ref[0], 1) << "the inner controller bridges it";
   EXPECT_EQ(drive.step(7).u_alphabeta_ref[0], 7);
-  for (int tick = 0; tick < Guarded::kHoldTicks; ++tick) drive.step(kNaN);
+  for (int tick = 0; tick < Guarded::kHoldTicks; ++tick)
+    EXPECT_EQ(drive.step(kNaN).u_alphabeta_ref[0], 1) << "the ticks count anew";
   EXPECT_EQ(drive.step(kNaN).mode, Mode::kSafe);
   EXPECT_EQ(drive.controller.take_event().reason, Reason::kInputNotFinite);
 }

@@ -12,15 +12,15 @@ constexpr double kKpp = 117.7;
 
 // One tick at a chosen state; K_ff and p start at zero.
 struct Bench {
-  explicit Bench(const test::Overrides& overrides = {})
-      : config(test::load("niewiara2020", overrides)), controller(make_controller(config)) {
+  explicit Bench(const test::Overrides& overrides = {}, const char* preset = "niewiara2020")
+      : config(test::load(preset, overrides)), controller(make_controller(config)) {
     m.v_dc = 235.4;
   }
   Vec2 u_dq() {
     const Command c = controller->step({m, e, r, nullptr});
     ++m.k;
     m.t_ns += 100000;
-    const double advance = 1.5e-4 * 3 * e.omega_m;
+    const double advance = 1.5 * config.drive().T_s() * config.drive().machine.n_p * e.omega_m;
     return park(c.u_alphabeta_ref, e.theta_e + advance);
   }
   Config config;
@@ -48,6 +48,29 @@ TEST(Lqr, AnEstimatedLoadAsksForMoreVoltageWhereCompensationIsOn) {
     bench.e.T_load = 2;
     EXPECT_NEAR(bench.u_dq()[1], on ? kKpp * 0.078 * 2 : 0, 0.01) << on;
   }
+}
+
+// Voltage over the speed of a salient machine at i_d_ref; the designs are i_max/8 apart.
+double gain_of_the_speed(double i_d_ref) {
+  double u[2];
+  for (int i = 0; i < 2; ++i) {
+    Bench bench(
+        {"controller.kind=lqr", "controller.lqr.gains=bandwidths", "controller.compensation=off",
+         "controller.lqr.current_angle=reference", "controller.lqr.i_max_A=8"},
+        "kim-ipmsm");
+    bench.r.i_d_ref = i_d_ref;
+    bench.e.i_dq = {i_d_ref, 0};
+    for (int k = 0; k < 3; ++k) bench.u_dq();
+    bench.e.omega_m = 0.1 * i;
+    u[i] = bench.u_dq()[1];
+  }
+  return (u[0] - u[1]) / 0.1;
+}
+
+TEST(Lqr, BetweenTwoDesignsTheGainIsLinearInTheReferenceOfId) {
+  const double at_3 = gain_of_the_speed(-3), at_4 = gain_of_the_speed(-4);
+  ASSERT_GT(std::abs(at_3 - at_4), 1e-3 * std::abs(at_3));
+  EXPECT_NEAR(gain_of_the_speed(-3.25), 0.75 * at_3 + 0.25 * at_4, 0.02 * std::abs(at_3 - at_4));
 }
 
 TEST(Lqr, SwitchingTheCompensationDoesNotMoveTheVoltage) {

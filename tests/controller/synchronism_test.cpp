@@ -46,6 +46,22 @@ TEST(SynchronismTest, OnceItHasAgreedTheShorterTimeCountsForGood) {
   EXPECT_NEAR(ticks_until_lost(synchronism, 0, 20000), 5000, 5);
 }
 
+// Near standstill the EMF is compared with that of omega_e_min: noise of the voltage is no loss.
+TEST(SynchronismTest, AtStandstillASmallVoltageIsNoLoss) {
+  Synchronism synchronism(parameters(), machine(), kTs);
+  const double emf = 0.3 * parameters().omega_e_min * 0.007;
+  for (int k = 0; k < 20000; ++k) ASSERT_FALSE(synchronism.lost({}, {0, 0}, {0, emf}, 0)) << k;
+}
+
+TEST(SynchronismTest, TheTimeBeyondTheLimitCountsWithoutABreak) {
+  Synchronism synchronism(parameters(), machine(), kTs);
+  ticks_until_lost(synchronism, 1, 300);
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_EQ(ticks_until_lost(synchronism, 0, 150), 150) << i;  // 15 of 20 ms
+    EXPECT_EQ(ticks_until_lost(synchronism, 1, 50), 50) << i;
+  }
+}
+
 // The voltage of MEASUREMENT acted over the last interval: seen from its middle it is the EMF. Half
 // a tick is 4.6 deg here.
 TEST(SynchronismTest, TheControllerSeesTheVoltageInTheMiddleOfItsInterval) {

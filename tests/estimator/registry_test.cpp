@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "estimator/covariance.hpp"
+#include "estimator/propagated_gain.hpp"
 #include "model/discretise.hpp"
 #include "tests/support/drives.hpp"
 
@@ -94,6 +96,52 @@ TEST(EkfHarmonic, TheRateOfTheLoadIsItsSlopeAlongTheTurn) {
   const double slope = (then.T_load - now.T_load) / T_s;
   EXPECT_GT(std::abs(slope), 1);
   EXPECT_NEAR(0.5 * (now.dT_load_dt + then.dT_load_dt), slope, 0.02 * std::abs(slope));
+}
+
+// A tick without a measurement is predicted: the state turns on, and is not held.
+TEST(EkfHarmonic, ATickWithoutMeasurementIsPredicted) {
+  Config config = test::load("niewiara2020", {"estimator.kind=ekf_harmonic"});
+  const auto filter = make_filter(config);
+  Measurement m{.k = 0, .signals = kPhaseCurrents | kVoltage | kPosition | kSpeed};
+  m.theta_m = 0.4;
+  m.omega_m = 5;
+  FastState stepped = filter->start(m);
+  FastState predicted = stepped;
+  Measurement lost{.k = 1};
+  filter->fast_step(stepped, lost, Gain{});
+  filter->predict_over_gap(predicted, lost);
+  EXPECT_NEAR(stepped.theta_m_prev, 0.4 + 5 * config.drive().T_s(), 1e-9);
+  EXPECT_EQ(stepped.x_hat, predicted.x_hat);
+}
+
+// A load b sin(6 theta_m) opposes the speed, with its value in mid-interval; by hand.
+TEST(EkfJoint, ThePairOfAnOrderBrakesWithItsValueInMidInterval) {
+  Config config = test::load(
+      "dilys2021",
+      {"estimator.kind=ekf_joint", "estimator.ekf_joint.order=6", "estimator.prediction=euler"});
+  const auto filter = make_filter(config);
+  const MachineParameters& machine = config.drive().machine;
+  const double T_s = config.drive().T_s(), omega_e = 300, b = 0.01;
+  FastState state;
+  state.x_hat.head<7>() << 0, 0, omega_e, 0, 0, 0, b;
+  filter->predict_over_gap(state, Measurement{});
+  const double T_mid = b * std::sin(0.5 * 6 * omega_e / machine.n_p * T_s);
+  EXPECT_NEAR(omega_e - state.x_hat[2], T_s * machine.n_p / machine.J * T_mid, 1e-9);
+}
+
+// Between two snapshots the covariance turns with their mean speed.
+TEST(PropagatedGain, HasTheMeanSpeedOfItsTwoSnapshots) {
+  Config config = test::load("dilys2021");
+  const auto filter = make_filter(config);
+  Gain previous = filter->initial_gain();
+  previous.k = 0;
+  const auto P = [&](double omega_m_before, double omega_m) {
+    Estimate snapshot{.k = 10};
+    snapshot.omega_m = omega_m;
+    return propagated_background(*filter, previous, omega_m_before, snapshot, 50, 150).P;
+  };
+  EXPECT_EQ(P(60, 100), P(80, 80));
+  EXPECT_NE(P(60, 100), P(100, 100));
 }
 
 }  // namespace

@@ -82,6 +82,14 @@ TEST_F(Account, ARealtimeRunWithoutGapsHasLostNothing) {
   EXPECT_EQ(of(Channel::kGain).received, 8);
 }
 
+// A logger that is started again goes on with the number of the next part.
+TEST_F(LogFiles, ThePartsOfAResumedLogGoOnCounting) {
+  LogWriter first(directory_.string(), 100'000'000);
+  LogWriter resumed(directory_.string(), 100'000'000, 2);
+  EXPECT_EQ(first.files(), std::vector<std::string>{path("log.lcm")});
+  EXPECT_EQ(resumed.files(), std::vector<std::string>{path("log-002.lcm")});
+}
+
 // The line of a full disk says how far the log reaches.
 TEST_F(Account, ARealtimeRunKnowsTheLastTickOnTheDisk) {
   log(TickLog::Order::kAsItComes);
@@ -110,6 +118,15 @@ TEST_F(Account, AMessageThatComesAgainIsADuplicateAndNoGap) {
   EXPECT_EQ(of(Channel::kMeasurement).duplicates, 1);
   EXPECT_EQ(of(Channel::kMeasurement).lost, 0);
   EXPECT_EQ(of(Channel::kMeasurement).received, 10);
+}
+
+// A command of an earlier tick that comes late does not shorten the gap behind it.
+TEST_F(Account, ALateMessageLeavesTheLostOnesCounted) {
+  log(TickLog::Order::kByTick);
+  for (std::int64_t k = 0; k < 6; ++k) take(Channel::kMeasurement, k);
+  for (const std::int64_t k : {0, 5, 1}) take(Channel::kCommand, k);
+  log_->close();
+  EXPECT_EQ(of(Channel::kCommand).lost, 3);
 }
 
 TEST_F(Account, ATickIsWholeWithAGainAtSnapshotsOnly) {

@@ -107,6 +107,51 @@ TEST(PlantSafety, AWindingWarmsByItsCopperLossAndDeratesTheCurrentWithinATick) {
   EXPECT_NEAR(plant.sample().u_alphabeta[0], 1.2 * i, 0.05) << "what was applied is reported";
 }
 
+// Ticks of 0.2 ms: a stop planned for tick 50, a reset for tick 100.
+TEST(PlantSafety, APlannedStopAndResetActAtTheirTicks) {
+  Plant plant = ideal({"steering.emergency=[[0.0,\"none\"],[0.01,\"stop\"],[0.02,\"reset\"]]"});
+  std::int64_t off_at = -1, on_at = -1;
+  while (plant.k() < 200) {
+    tick(plant, {0.1, 0});
+    const bool off = plant.safety().state() == DriveState::kSafe;
+    if (off && off_at < 0) off_at = plant.k();
+    if (!off && off_at >= 0 && on_at < 0) on_at = plant.k();
+  }
+  EXPECT_EQ(off_at, 51) << "off before the plant leaves tick 50";
+  EXPECT_EQ(on_at, 101) << "on with tick 100";
+}
+
+// An interior-magnet motor at 100 rad/s electrical on a constant voltage in rotor axes, hot: half of its current is left. Each command
+// acts one tick later; every `every`th one arrives.
+double derated_current(int every) {
+  Config config = test::load(
+      "kim-ipmsm", {"sensors.i_noise_rms_A=0", "sensors.i_lsb_A=0", "machine.J_kgm2=1e4",
+                    "start=flying", "reference.speed_rpm=480", "safety.temperature_max_degC=120",
+                    "plant.fault.kind=temperature", "plant.fault.value=110", "plant.fault.at_s=0",
+                    "safety.watch_sensors=false", "safety.hold_ms=100"});
+  const double n_p = config.drive().machine.n_p, T_s = config.drive().T_s();
+  Plant plant = test::plant_of(std::move(config));
+  double largest = 0;
+  for (int k = 0; k < 3000; ++k) {
+    const double theta_e = n_p * plant.truth().theta_m;
+    const double turned = n_p * plant.truth().omega_m * T_s;
+    if (k % every == 0)
+      plant.take_command({.k = plant.k(),
+                          .mode = Mode::kRun,
+                          .u_alphabeta_ref = inverse_park({-60, 60}, theta_e + 1.5 * turned),
+                          .theta_ctrl = theta_e});
+    plant.advance();
+    if (k > 2000) largest = std::max(largest, plant.truth().i_dq.norm());
+  }
+  EXPECT_EQ(plant.safety().state(), DriveState::kDerate);
+  return largest / plant.safety().limits().i_derate;
+}
+
+TEST(PlantSafety, ADeratedSalientMotorKeepsTheLimitWhileItTurns) {
+  EXPECT_NEAR(derated_current(1), 0.5, 1e-5);
+  EXPECT_NEAR(derated_current(2), 0.5, 1e-5) << "two ticks since the command before";
+}
+
 TEST(PlantSafety, ATemperatureAboveItsLimitIsOffAtOnce) {
   Plant plant = ideal(
       hot({"plant.fault.kind=temperature", "plant.fault.at_s=0.01", "plant.fault.value=120.1"}));

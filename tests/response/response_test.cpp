@@ -92,5 +92,12 @@ TEST(Response, ALostRunHasNoResponse) {
   EXPECT_TRUE(r.lines.empty());
 }
 
+// On the true angle the drive goes on without a trip: the angle of the estimate alone shows the loss.
+TEST(Response, ALostEstimateHasNoResponseWithoutATrip) {
+  const Response r = measured(ResponseOf::kSpeed, {"rates.n=20", "controller.angle_source=truth"});
+  EXPECT_FALSE(r.locked);
+  EXPECT_TRUE(r.lines.empty());
+}
+
 }  // namespace
 }  // namespace twinrate::test

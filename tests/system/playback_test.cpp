@@ -205,6 +205,22 @@ TEST_F(Playback, LockstepReplayReproducesTheEstimatesOfRunningProcesses) {
   }
 }
 
+// An imported log has no estimates: there is nothing to compare, which is no difference.
+TEST_F(Playback, LockstepReplayOfALogWithoutEstimatesComparesNothing) {
+  {
+    lcm::LogFile from(path("run") + "/log.lcm", "r"), to(path("bare.lcm"), "w");
+    while (const lcm::LogEvent* event = from.readNextEvent()) {
+      lcm::LogEvent copy = *event;
+      if (event->channel != info(Channel::kEstimate).name) to.writeEvent(&copy);
+    }
+  }
+  const ProgramResult result = twinrate({"replay", path("bare.lcm"), "--lockstep"});
+  EXPECT_EQ(result.exit_code, 0) << result.out << result.err;
+  EXPECT_NE(result.out.find("estimates: none in the log to compare with"), std::string::npos)
+      << result.out;
+  EXPECT_EQ(result.out.find("not a whole run"), std::string::npos) << result.out;
+}
+
 TEST_F(Playback, LockstepReplayDetectsAChangedMeasurement) {
   {
     lcm::LogFile from(path("run") + "/log.lcm", "r"), to(path("doctored.lcm"), "w");

@@ -107,6 +107,20 @@ TEST(Consistency, MoreLikelyMeansByMoreThanChance) {
   EXPECT_TRUE(std::isinf(gained(judged(4, 0.9984), judged(1, 0.9984)).sigma));
 }
 
+// Every third tick is missing: no judged tick follows another one, so no pair is one tick apart. The
+// weights are wrong, so that the innovations before and after a missing tick are correlated.
+TEST(Consistency, TheAutocorrelationHasNoPairAcrossAMissingTick) {
+  RunLog log = model_log();
+  log.measurement.resize(3000);
+  const auto autocorrelation = [&] {
+    return consistency_of("dilys2021", with_weights(0.01, 1), log, 0, 1, Angle::kLeftOut)
+        .autocorrelation;
+  };
+  EXPECT_GT(std::abs(autocorrelation()), 0.05);
+  std::erase_if(log.measurement, [](const Measurement& m) { return m.k % 3 == 2; });
+  EXPECT_EQ(autocorrelation(), 0);
+}
+
 TEST(Consistency, RefusesALogOfAnotherRate) {
   auto list = with_weights(1, 1);
   list.emplace_back("rates.f_s_Hz=10000");
