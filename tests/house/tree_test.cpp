@@ -221,6 +221,30 @@ TEST(Loop, ACallOfTheSystemsFunctionIsFound) {
   EXPECT_EQ(system_functions("z = std::polar(1.0, w) * std::pow(z, 2);").size(), 2u);
 }
 
+// Kinds of effects by the table of the registry.
+std::vector<std::string> kinds_in(const std::string& registry) {
+  static const std::regex row(R"re(\{"([a-z_0-9]+)", make_)re");
+  return {std::sregex_token_iterator(registry.begin(), registry.end(), row, 1), {}};
+}
+
+// `allowed`: folders that make effects by their name: the effects themselves, the tracer's static sets and
+// positions, the report of an identification, and drawn drives.
+TEST(Kinds, AreInQuotesOnlyWhereEffectsAreMade) {
+  const std::set<std::string> allowed = {"model", "trace", "identify", "bench", "tests"};
+  const auto kinds = kinds_in(text_of(kRoot / "model/effects/registry.cpp"));
+  EXPECT_GT(kinds.size(), 30u);
+  for (const Room& room : kRooms) {
+    if (allowed.count(room.folder)) continue;
+    for (const fs::path& source : sources_in(room.folder)) {
+      const std::string text = text_of(source);
+      for (const std::string& kind : kinds)
+        EXPECT_EQ(text.find('"' + kind + '"'), std::string::npos)
+            << fs::relative(source, kRoot).string() << " has the kind \"" << kind
+            << "\": ask the effect for its trait (model/effects/traits.hpp)";
+    }
+  }
+}
+
 // | `core/` | what it holds |
 TEST(Architecture, ListsTheFoldersThereAre) {
   const std::string text = text_of(kRoot / "ARCHITECTURE.md");
