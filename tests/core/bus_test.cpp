@@ -235,6 +235,29 @@ TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   EXPECT_EQ(replied, applied);
 }
 
+// The drive may be on its way when a request is repeated.
+TEST(ResetRequest, ThatComesAgainGetsItsFirstAnswer) {
+  Process process({Role::kEstimator, "test", ""}, {.config = "dilys2021", .url = "memq://"});
+  std::vector<std::int64_t> applied, replied;
+  process.on_reset([&](std::int64_t k) {
+    applied.push_back(k);
+    return std::string();
+  });
+  process.bus().subscribe<reply_t>([&](const reply_t& r) { replied.push_back(r.applied_seq); });
+  process.ready();
+  for (const std::int64_t k : {100, 200}) {
+    process.progress(k);
+    request_t request{};
+    request.seq = 7;
+    request.kind = static_cast<std::int32_t>(RequestKind::kReset);
+    process.bus().publish(request);
+    while (process.bus().handle(0)) {
+    }
+  }
+  EXPECT_EQ(applied, std::vector<std::int64_t>{101});
+  EXPECT_EQ(replied, (std::vector<std::int64_t>{101, 101}));
+}
+
 TEST(RemoveEffect, TakesOutWhatWasAddedAndNothingElse) {
   Process process({Role::kEstimator, "test", ""}, {.config = "dilys2021", .url = "memq://"});
   const std::size_t declared = process.config().drive().effects.size();
