@@ -21,7 +21,7 @@ struct TickRow {
     double theta_m, omega_m;
   };
   struct OfTruth {
-    bool finite;  // of what tells whether the plant diverged: currents, speed, angle
+    bool finite;  // currents, speed and angle of the plant
     double omega_m, theta_m, T_em, T_load;
     Packed<2> i_dq;
   };

@@ -28,7 +28,7 @@ class CommandLine {
     Option& among(const std::vector<std::string>& values);
     Option& existing_file();
     Option& by_comma();        // a list as one text, too
-    Option& one_value_each();  // a list grows by one value each time that the option stands there
+    Option& one_value_each();  // a list grows by one value with each occurrence of the option
 
    private:
     CLI::Option& option_;

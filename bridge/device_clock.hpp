@@ -5,7 +5,7 @@
 // A frame can come late, never early. Each block of kBlock_us of device time keeps the frame with
 // the least t_host - t_device; the line below the last kBlocks of these points that touches them
 // (the edge of their lower convex hull over the middle) is the estimate. Its offset holds the least
-// delay of the link, which no one-way measurement can tell apart.
+// delay of the link, which no one-way measurement can separate.
 //
 // Bound (tests/bridge): with frames at 1 kHz or faster, a drift of 100 ppm and a jitter of 1 ms,
 // from kBlocks blocks on, the line is within kOffsetBound_us of the earliest possible arrival and

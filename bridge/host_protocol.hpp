@@ -22,9 +22,9 @@ struct DriveSample {
   std::int64_t time_us = 0;  // device time without wraps
   std::int64_t arrival_ns = 0;
   std::optional<double> sampled_us;  // device time, where it is known better than by the tick
-  std::int64_t command_seq = 0;  // of the last command that the drive took; 0: none, or not told
-  int reason = 0;                // code of core/reason.hpp while the drive is off by itself
-  bool off = false;              // latched
+  std::int64_t command_seq = 0;      // of the last command that the drive took; 0: none, or unknown
+  int reason = 0;                    // code of core/reason.hpp while the drive is off by itself
+  bool off = false;                  // latched
 };
 
 struct DriveCommand {
@@ -35,7 +35,7 @@ struct DriveCommand {
 
 struct DriveInfo {
   std::string name;
-  double f_s_Hz = 0;  // 0: not told
+  double f_s_Hz = 0;  // 0: unknown
   double lease_max_ms = 0;
   bool lockstep = false, watchdog = false, takes_voltage = false, takes_duties = false;
   bool float64 = false;
@@ -49,7 +49,7 @@ struct LinkCounts {
   std::int64_t lost = 0;     // missing in the sequence
   std::int64_t doubled = 0, late = 0;
   std::int64_t resets = 0;  // of the drive
-  // Polled samples: how many had a round trip that tells their moment, and how far from its middle the
+  // Polled samples: how many had a round trip that gives their moment, and how far from its middle the
   // moment can be by what the round trip was longer than the shortest; those with a longer one are
   // left out.
   std::int64_t timed = 0, untimed = 0;
@@ -89,7 +89,7 @@ class HostProtocol {
   virtual void forget_info() { info_.reset(); }
   const LinkCounts& counts() const { return counts_; }
   const DeviceClock& clock() const { return clock_; }
-  // What the frames tell of the drive's time.
+  // The drive's time, by its frames.
   enum class Time { kMicroseconds, kMilliseconds, kNone };
   virtual Time time() const { return Time::kMicroseconds; }
 

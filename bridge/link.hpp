@@ -43,7 +43,7 @@ class Link {
 
 std::unique_ptr<Link> open_link(const std::string& port, int baud);
 
-// The device's end: a new pty whose name stands behind the symbolic link `path`, which is removed at
+// The device's end: a new pty with the symbolic link `path` to it, which is removed at
 // the end. Throws BadInput where the name is taken by something else than a symbolic link.
 std::unique_ptr<Link> make_pty(const std::string& path);
 // Receives at HOST:PORT; sends to the last sender.

@@ -9,7 +9,7 @@
 // once a tick, and the moment of a sample is the middle of its round trip, in the time of the drive:
 // host time, unless the counter shows that the drive is emulated at another pace. A sample whose round
 // trip is longer than the shortest of late by 2 kLoose of a tick, and by kTail times the mean, is left out. The first kTimedFrom
-// blocks of the clock tell the pace; no sample comes of them. Controlling, the tick is that of the
+// blocks of the clock give the pace and no sample. Controlling, the tick is that of the
 // counter: rates.f_s_Hz is 1000 at most.
 //
 // Control sends the torque 3/2 n_p psi_f i_q* in position mode with both gains scaled to 0, where the

@@ -21,7 +21,7 @@ class TwinrateHost final : public HostProtocol {
   static constexpr int kOldInARow = 8;
 
   // `delay`: plant.delay_samples. COMMAND(k) is due at the drive by tick k + delay. `first_seq`: the
-  // number that the frames of this host follow; a random one tells the answers to it from those to
+  // number that the frames of this host follow; a random one separates the answers to it from those to
   // an earlier host that are still on the line.
   explicit TwinrateHost(bool float64, int delay = 1, std::uint32_t first_seq = 0)
       : float64_(float64),

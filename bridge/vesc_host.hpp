@@ -8,7 +8,7 @@
 //                          big-endian; status; electrical angle in 1/250 turns
 //
 // A burst is whole in itself; the time between two is not known. A burst begins kGap ticks after the
-// one before, and the filter is told of the gap. rates.f_s_Hz must be the control rate.
+// one before, which the filter sees as a gap. rates.f_s_Hz must be the control rate.
 #pragma once
 #include <deque>
 

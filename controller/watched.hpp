@@ -4,7 +4,7 @@
 //   off    safe mode, zero voltage
 //   stop   a current vector i_start turns on from the estimated angle, with the last estimated
 //          frequency (at most that of the hand-over), which falls to zero with the acceleration of
-//          the I/f ramp; the vector then stands for t_align_s, and safe mode follows. The rotor
+//          the I/f ramp; the vector is then constant for t_align_s, and safe mode follows. The rotor
 //          follows the vector once it is slow enough, or stays where it stalled.
 //
 // Watched in mode run with the angle of the estimate; another mode begins anew. Without

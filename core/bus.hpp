@@ -146,7 +146,7 @@ class Bus {
   // Handles what arrives within `timeout_ms`; false where nothing arrived. An exception of a
   // handler is thrown here: it must not cross LCM's own frames.
   bool handle(double timeout_ms);
-  // When the message that a handler has now arrived here, wall clock; 0: not told (only with
+  // When the message that a handler has now arrived here, wall clock; 0: unknown (only with
   // drain_every_ms).
   std::int64_t arrival_us() const;
   // Called when a message of a new session arrives at a bus that follows.

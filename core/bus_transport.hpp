@@ -31,9 +31,9 @@ class BusTransport {
   // Passes at most one message to its handler; false where none came within `timeout_ms`.
   virtual bool handle(double timeout_ms, bool wake_for_all) = 0;
   virtual std::int64_t malformed() const { return 0; }
-  // When the message that is passed arrived, wall clock; 0: not told.
+  // When the message that is passed arrived, wall clock; 0: unknown.
   virtual std::int64_t arrival_us() const { return 0; }
-  // The socket that sent it, as LcmMessage::sender; 0: not told.
+  // The socket that sent it, as LcmMessage::sender; 0: unknown.
   virtual std::uint64_t sender() const { return 0; }
   // It is one of this process.
   virtual bool is_own(std::uint64_t /*sender*/) const { return false; }

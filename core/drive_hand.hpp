@@ -7,7 +7,7 @@
 //   .. hand.beat() at least every kBeat_s; whoever falls silent loses the control
 //   hand.give_control();
 //
-// Belongs to one thread. Without a holder's name each request stands for itself.
+// Belongs to one thread. Without a holder's name each request is independent.
 #pragma once
 #include <chrono>
 #include <functional>

@@ -33,7 +33,7 @@ struct LcmMessage {
   std::string_view channel;
   const std::uint8_t* bytes = nullptr;
   std::size_t size = 0;
-  std::int64_t arrival_us = 0;  // of its last datagram, wall clock; 0: not told
+  std::int64_t arrival_us = 0;  // of its last datagram, wall clock; 0: unknown
   std::uint64_t sender = 0;     // IP address and port, network byte order
 };
 

@@ -42,7 +42,7 @@ class LcmSender {
  public:
   // Throws MachineError where there is no route to the group.
   explicit LcmSender(const UdpmAddress& address);
-  // As receivers are told it in LcmMessage::sender.
+  // As in LcmMessage::sender of the receivers.
   std::uint64_t name() const;
   // A datagram that the kernel refuses is a lost one.
   void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
@@ -61,8 +61,8 @@ class LcmSender {
 
 class LcmReceiver {
  public:
-  // Joins the group. `batch`: datagrams of one system call. `stamped`: the kernel tells when a
-  // datagram arrived. Throws MachineError.
+  // Joins the group. `batch`: datagrams of one system call. `stamped`: the kernel stamps the
+  // arrival of each datagram. Throws MachineError.
   LcmReceiver(const UdpmAddress& address, std::size_t batch, bool stamped = false);
   LcmReceiver(const LcmReceiver&) = delete;
   LcmReceiver& operator=(const LcmReceiver&) = delete;

@@ -185,7 +185,7 @@ inline constexpr std::array kReasons = {
                "the drive keeps its last command if the host ends: not safe"},
 };
 
-// Events after which nobody controls the motor: the drive stands at zero voltage, or its run ended.
+// Events after which nobody controls the motor: the drive has zero voltage, or its run ended.
 constexpr bool is_trip(Reason reason) {
   switch (reason) {
     case Reason::kStartupGaveUp:

@@ -5,7 +5,7 @@
 
 namespace twinrate {
 
-// One line of UTF-8: control characters, and bytes that are no UTF-8, stand as "\xNN". Of a text
+// One line of UTF-8: control characters, and bytes that are no UTF-8, are written as "\xNN". Of a text
 // longer than 8192 bytes (two paths of the longest kind) the middle is left out.
 std::string printable(std::string_view text);
 

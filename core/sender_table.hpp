@@ -17,7 +17,7 @@
 
 namespace twinrate {
 
-// IP address and port in network byte order, as (address << 16 | port); 0: not told.
+// IP address and port in network byte order, as (address << 16 | port); 0: unknown.
 using SocketName = std::uint64_t;
 std::string text_of(SocketName socket);
 

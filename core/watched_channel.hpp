@@ -6,8 +6,8 @@
 // stored.
 //
 // GAIN comes every n ticks, and n changes: a gain every tick before the filter agrees with itself,
-// and requests. A gain tells when the next one is due where its first use lies beyond the next tick;
-// a later one is a gap. Where it tells nothing (policy immediate) a larger distance than before is a
+// and requests. A gain shows when the next one is due where its first use lies beyond the next tick;
+// a later one is a gap. Where it shows nothing (policy immediate) a larger distance than before is a
 // gap if the one after it is as before again, else the new n.
 #pragma once
 #include <array>
@@ -74,7 +74,7 @@ class WatchedChannel {
   std::int64_t messages_ = 0, gaps_ = 0, repeats_ = 0;
   std::int64_t first_seq_ = -1, last_seq_ = -1, last_t_ns_ = 0, last_arrival_us_ = 0;
   std::array<std::int64_t, 256> seen_ = {};  // the last sequence numbers + 1
-  // Of GAIN: ticks to the next one as the last one tells, ticks between the last ones, and the
+  // Of GAIN: ticks to the next one by the last one, ticks between the last ones, and the
   // distance that may be a gap.
   bool paused_ = false;
   std::int64_t told_ = 0, stride_ = 0, doubtful_ = 0;

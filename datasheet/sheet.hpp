@@ -50,7 +50,7 @@ class Sheet {
 // Of "key=value" texts. Throws BadInput.
 Sheet read_sheet(const std::vector<std::string>& pairs);
 
-// Asks for each key on `out`; an empty answer leaves it out, a bad one is told and asked again. The
+// Asks for each key on `out`; an empty answer leaves it out, a bad one is reported and asked again. The
 // convention of a constant is asked only where the constant was given. Throws BadInput at the end
 // of `in`.
 Sheet ask_for_sheet(std::istream& in, std::ostream& out);

@@ -43,7 +43,7 @@ struct Guess {
 
 struct GuessRequest {
   std::string file;
-  std::string tool;        // "": told from the header
+  std::string tool;        // "": recognised by the header
   std::optional<int> n_p;  // of the drive, for electrical speeds
 };
 

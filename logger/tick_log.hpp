@@ -47,7 +47,7 @@ class TickLog {
   // Rate and policy change while the drive runs. To be called before a message of a changed tick
   // comes.
   void follow(RateHistory rates) { rates_ = std::move(rates); }
-  // When GAIN is due, as the estimates received so far tell it.
+  // When GAIN is due, by the estimates received so far.
   BackgroundRate gain_rate() const { return gain_rate_; }
   // All ticks below this one are complete and passed to the writer.
   std::int64_t complete_below() const { return next_; }
@@ -70,7 +70,7 @@ class TickLog {
   struct Tick {
     std::int64_t t_ns = 0;
     bool in_turn = false;  // its MEASUREMENT came after the COMMAND of the tick before
-    // Whether a GAIN belongs to it; empty until its ESTIMATE tells it.
+    // Whether a GAIN belongs to it; empty until its ESTIMATE has come.
     std::optional<bool> sends_gain;
     std::array<std::vector<std::uint8_t>, kTickChannels> bytes;
   };

@@ -6,10 +6,10 @@
 //
 //   the trial reaches the end of the run     it decides: no loss is expected that it does not show. It is
 //                                            one noise and one plant: the reason is kept as a note
-//   the run is longer                        a loss that it shows is said, and theory stands, but for the
+//   the run is longer                        a loss that it shows is reported, and theory decides, but for the
 //                                            reasons of a start that lies within the trial
 //   the table of gain.policy = scheduled     the trial runs with a gain every tick; a loss that it shows is
-//   takes too long                           said, and theory stands
+//   takes too long                           reported, and theory decides
 //
 // A reason that is an uncertainty of the machine is tried with the winding 50 K warmer in the plant alone.
 #pragma once

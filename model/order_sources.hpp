@@ -10,7 +10,7 @@
 //   cogging, native  N = m lcm(n_slots, 2 n_p)    of the perfect machine, too
 //   offset product   N = m n_p, none of these     current offset times another: 15 = 18 - 3
 //
-// Sources of one order add up and cannot be told apart at one speed and load. (Some can at several:
+// Sources of one order add up and cannot be separated at one speed and load. (Some can at several:
 // current scaling grows with the current, cogging does not.)
 // n_slots = 0 (not known) leaves slots and native cogging out. Requires N >= 1, n_p >= 1.
 // Niewiara, Tarczewski, Grzesiak 2020: (1) to (9) and the discussion of Fig. 6; Chung and Sul 1998

@@ -16,7 +16,7 @@ namespace twinrate {
 
 // Of this thread, since it began.
 struct ThreadTimes {
-  std::int64_t cpu_ns = 0, waited_ns = 0;  // waited_ns: -1 where the kernel does not tell
+  std::int64_t cpu_ns = 0, waited_ns = 0;  // waited_ns: -1: unknown to the kernel
   long pages_from_disk = 0;
 };
 class ThreadClock {

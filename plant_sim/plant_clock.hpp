@@ -31,7 +31,7 @@ class PlantClock {
     std::int64_t late_ns = 0;   // of the first wake-up
     std::int64_t stood_ns = 0;  // 0: no stall
   };
-  // Waits for the tick of drive time t_ns. wait_until(ns) returns then or later, now() tells when,
+  // Waits for the tick of drive time t_ns. wait_until(ns) returns then or later, now() gives the time,
   // command_is_missing() is asked after a stall.
   template <class WaitUntil, class Now, class CommandIsMissing>
   Begin begin(std::int64_t t_ns, WaitUntil wait_until, Now now,

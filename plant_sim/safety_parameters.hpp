@@ -1,6 +1,6 @@
 // [safety] of a drive file: the limits beyond which the drive switches off, and how.
 //
-// A limit of 0 stands for the default of the machine:
+// A limit of 0 is the default of the machine:
 //
 //   machine.i_trip_A     max(4 i_rated, 2 i_max_A of the controller)
 //   v_dc_max_V           1.3 v_dc

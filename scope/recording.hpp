@@ -106,7 +106,7 @@ class Recording {
   nlohmann::ordered_json tree(std::int64_t now_us) const;
   nlohmann::ordered_json events(std::size_t from) const;
   std::vector<ScopeEvent> event_list() const;
-  // Where the log of the drive is: its begin tells of the requests before the first tick that was heard.
+  // Where the log of the drive is: its begin holds the requests before the first tick that was heard.
   void use_run_directory(const std::string& directory);
   // The requests that were applied, in their order; none where some may be missing.
   std::optional<std::vector<AppliedSteering>> requests() const;

@@ -21,7 +21,8 @@ inline constexpr const char* kSpoilt[] = {"plain",    "small",   "loud",  "coars
 struct PointCase {
   PointSet set;
   Spoilt spoilt;
-  std::vector<std::string> truth, aliases;  // kinds; what cannot be told from them
+  std::vector<std::string> truth,
+      aliases;  // kinds; aliases: kinds that cannot be separated from them
   TraceResult result;
 };
 

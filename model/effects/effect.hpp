@@ -9,7 +9,7 @@
 // An effect may act on several equations at once (flux harmonics: voltage and torque); acts_on()
 // says which, so that nobody evaluates an effect that does not concern him.
 //
-// The interface stands in one header a user: physics.hpp (plant, estimator, controller), memory.hpp
+// The interface has one header a user: physics.hpp (plant, estimator, controller), memory.hpp
 // (records), tracing.hpp with traits.hpp (tracer, planner, reports), portrait.hpp (gallery). This
 // header knows physics alone.
 #pragma once

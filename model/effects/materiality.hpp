@@ -2,7 +2,7 @@
 //
 // The figures are those of a servo motor of 8.1 Nm; other drives have theirs scaled by the rated
 // torque. Where that is not given: torque constant times rated current; where neither is, the
-// figures stand as they are.
+// figures are kept as they are.
 #pragma once
 #include <numbers>
 

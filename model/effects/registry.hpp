@@ -1,4 +1,4 @@
-// Every effect's maker, one line an effect; its table stands in registry.cpp.
+// Every effect's maker, one line an effect; its table is in registry.cpp.
 #pragma once
 #include "model/drive_facts.hpp"
 #include "model/effects/portrait.hpp"

@@ -1,4 +1,4 @@
-// Helpers of what effects tell the tracer: traced_keys() and materiality().
+// Helpers for the answers of effects to the tracer: traced_keys() and materiality().
 #pragma once
 #include "model/drive_facts.hpp"
 #include "model/effects/tracing.hpp"
