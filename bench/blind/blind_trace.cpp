@@ -227,6 +227,8 @@ void add_drawn_options(bench::CommandLine& command_line, bool& on_drawn, DrawnOp
               "spoil each log by a user's slip, or by an effect outside the catalogue")
       .among({"slips", "hidden"});
   command_line.option("--profile", &drawn.profile, "draw logs of this profile only (with --drawn)");
+  command_line.option("--kind", &drawn.kind,
+                      "draw logs with an effect of this kind only (with --drawn)");
   command_line.option("--mode", &drawn.mode, "draw logs of this mode only (with --drawn)");
   command_line.option("--logs", &drawn.logs, "draw this many logs (with --drawn)");
   command_line.option("--threads", &drawn.threads, "trace this many logs at once (with --drawn)");

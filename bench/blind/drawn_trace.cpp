@@ -72,9 +72,10 @@ struct Drawn {
   int spoilt = -1;  // number of the slip or of the hidden effect
 };
 
-// A case that may be drawn: of the profile and mode asked for and, to be spoilt, without an effect.
+// A case that may be drawn: of the profile, mode and kind asked for and, to be spoilt, without an effect.
 bool is_asked_for(const DrawnOptions& o, const DrawnCase& c) {
   return (o.profile.empty() || c.profile == o.profile) && (o.mode.empty() || c.mode == o.mode) &&
+         (o.kind.empty() || std::count(c.kinds.begin(), c.kinds.end(), o.kind) > 0) &&
          (o.spoilt.empty() || c.kinds.empty());
 }
 
@@ -213,7 +214,7 @@ std::vector<Drawn> draws_of(const DrawnOptions& o) {
     const bool of_set = o.spoilt.empty();
     const std::string name =
         fmt::format("drawn{}", drawn.seed) + (of_set ? "" : fmt::format("-{}", drawn.spoilt));
-    const bool any = o.profile.empty() && o.mode.empty();
+    const bool any = o.profile.empty() && o.mode.empty() && o.kind.empty();
     if (name.find(o.only) == std::string::npos) continue;
     if (!of_set || any || is_asked_for(o, draw_case(drawn.seed))) draws.push_back(drawn);
   }

@@ -15,13 +15,13 @@ struct DrawnOptions {
   std::uint64_t first_seed = 1;
   int logs = 0;  // 0: those of the set
   int threads = 1;
-  std::string only;           // text of the name
-  std::string spoilt;         // slips, hidden; "": logs as drawn
-  std::string profile, mode;  // only cases of these; "": any
-  std::string keep;           // directory for drive files, logs and truths; "": they are removed
-  bool traced = false;        // take the traces that `keep` holds
-  std::string out;            // JSON
-  std::string tracer;         // the program twinrate
+  std::string only;                 // text of the name
+  std::string spoilt;               // slips, hidden; "": logs as drawn
+  std::string profile, mode, kind;  // only cases of these; "": any
+  std::string keep;     // directory for drive files, logs and truths; "": they are removed
+  bool traced = false;  // take the traces that `keep` holds
+  std::string out;      // JSON
+  std::string tracer;   // the program twinrate
 };
 
 int run_drawn(const DrawnOptions& options);
