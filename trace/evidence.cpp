@@ -104,9 +104,11 @@ bool is_faulty(const Rows& rows, const Fit& fit, const std::string& equation) {
          (equation != "electrical" && left.torque > kFaulty * noise.torque);
 }
 
-bool near(double a, double b) {
-  return a > b - std::max({kAliasGain, kAliasShare * b,
-                           std::min(kAliasShareNoisy * b, kAliasGainNoisy)});
+// `unlike_noise`: times the margin that the errors of a coarse converter ask for, or lost rows. They decide
+// between two kinds by as much more.
+bool near(double a, double b, double unlike_noise) {
+  return a > b - std::max({kAliasGain * unlike_noise, kAliasShare * b,
+                           std::min(kAliasShareNoisy * b, kAliasGainNoisy * unlike_noise)});
 }
 
 }  // namespace
@@ -135,7 +137,7 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   };
   const bool faulty = is_faulty(rows, fit, e.equation);
   const auto as_much = [&](const Alternative& a) {
-    return near(explains(a), s.score_gain) ||
+    return near(explains(a), s.score_gain, fitter.margin() / Fitter::kMargin) ||
            (faulty && a.held_out_gain > (1 - kFaultyShare) * s.held_out_gain);
   };
   for (const Alternative& a : s.alternatives)

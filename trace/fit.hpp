@@ -71,7 +71,8 @@ class Fitter {
   // Gauss-Newton: a few rounds, enough to compare sets, or until it has arrived.
   enum class Until { kComparable, kArrived };
   Fit refine(Members members, Until until = Until::kComparable) const;
-  // What an effect must bring beyond its parameters' price.
+  // What an effect must bring beyond its parameters' price; kMargin where the noise is as assumed.
+  static constexpr double kMargin = 40;
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }
   double raw_held_out() const { return raw_held_out_; }  // of the declared model
@@ -92,7 +93,8 @@ class Fitter {
   const Chain& chain_;
   const Rows& training_;
   const Rows& held_out_;
-  double margin_ = 40;
+  double margin_ = kMargin;
+  std::vector<std::string> left_out_;
   Sampled declared_;                       // residual of the declared model
   EquationEnergy noise_, noise_held_out_;  // in it
   double raw_ = 0, raw_held_out_ = 0;      // with it

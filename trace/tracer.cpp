@@ -22,7 +22,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kSlowest = 0.15;  // rad/s: below it friction is not what the speed says
-constexpr double kMargin = 40, kCoarseMargin = 650;
+constexpr double kCoarseMargin = 650;
 constexpr double kLost = 0.01;  // share of lost rows that doubles the margin
 constexpr int kMostRounds = 8;  // of noise model and selection, an effect each
 constexpr double kSame = 0.9;   // a noise level that fell by less is the same
@@ -277,7 +277,7 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   // that takes. Nor is that of filling rows that were lost.
   const double margin = health.coarse(facts.machine.i_rated)
                             ? kCoarseMargin * (1 + few_steps(record, health.i_lsb))
-                            : kMargin * (1 + health.not_read() / kLost);
+                            : Fitter::kMargin * (1 + health.not_read() / kLost);
   const auto fitter = [&] {
     Fitter f(chain, training, unseen);
     f.set_margin(margin);

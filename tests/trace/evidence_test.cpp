@@ -26,8 +26,10 @@ class Aliases : public ::testing::Test {
   }
 
   // Of a claim with that gain, beside another kind.
-  std::vector<std::string> of(double gain, const Alternative& other) {
-    const Fitter fitter = drive_.fitter();
+  std::vector<std::string> of(double gain, const Alternative& other,
+                              double margin = Fitter::kMargin) {
+    Fitter fitter = drive_.fitter();
+    fitter.set_margin(margin);
     Selected selected{.without = fitter.start({}), .score_gain = gain, .held_out_gain = 0.99};
     selected.alternatives = {other};
     return traced_effect(fitter, fitter.refine(cogging_17()), selected, 0).aliases;
@@ -44,6 +46,15 @@ TEST_F(Aliases, WhatMayBeChanceDoesNotShrinkWithTheGain) {
   for (const double gain : {1900., 2100., 10000.})
     for (const auto& [less, count] : {std::pair(280., 1u), std::pair(320., 0u)})
       EXPECT_EQ(of(gain, other(gain - less)).size(), count) << gain << " less " << less;
+}
+
+// The errors of a coarse converter are no noise: where they ask ten times the margin, they may decide
+// between two kinds by ten times as much.
+TEST_F(Aliases, AsTheMarginGrowsWhatDecidesHasToBeMore) {
+  for (const auto& [less, count] : {std::pair(2800., 1u), std::pair(3200., 0u)}) {
+    EXPECT_EQ(of(25000, other(25000 - less), 10 * Fitter::kMargin).size(), count) << less;
+    EXPECT_TRUE(of(25000, other(25000 - less)).empty()) << less;
+  }
 }
 
 // A model with faults that nobody named does not decide between kinds that explain 99 % of each other.
