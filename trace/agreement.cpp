@@ -181,13 +181,14 @@ Agreement Parts::of(std::size_t member, double sigmas) const {
   both_ways(rates_, "the record's rate and half of it");
   const std::vector<char> none(own.size(), 0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(columns_.value.size());
-  const Eigen::VectorXd at_rate = best_answer(rates_[0], none, zero).beta,
-                        at_half = best_answer(rates_[1], none, zero).beta;
-  double product = 0, square = 0;
+  Eigen::VectorXd at_rate = best_answer(rates_[0], none, zero).beta,
+                  at_half = best_answer(rates_[1], none, zero).beta;
   for (Eigen::Index p = 0; p < at_rate.size(); ++p)
-    if (own[static_cast<std::size_t>(p)])
-      product += at_rate[p] * at_half[p], square += at_rate[p] * at_rate[p];
-  if (square > 0) out.size_ratio = product / square;
+    if (!own[static_cast<std::size_t>(p)]) at_rate[p] = at_half[p] = 0;
+  // Of what they predict: coefficients of which the data show no more than a difference may be anything.
+  const Eigen::VectorXd predicts = rates_[0].A * at_rate;
+  if (const double square = predicts.dot(at_rate); square > 0)
+    out.size_ratio = predicts.dot(at_half) / square;
   return out;
 }
 

@@ -34,7 +34,7 @@ struct Agreement {
   double kept = 1;           // least share of a part's own gain
   int compared = 0;          // parts on which another's answer was tried
   const char* between = "";  // where the least was
-  double size_ratio = 1;     // at half the rate over that at the record's: of the coefficients
+  double size_ratio = 1;     // at half the rate over that at the record's: of what it predicts
 };
 
 // The best answer of a part, nothing taken off for noise, with the coefficients of `held` given.

@@ -62,6 +62,26 @@ double smallest_coefficient(const Effect& effect, int coefficient, const DriveFa
   return sizes > 0 && std::isfinite(sizes) ? kProbe / sizes : kProbe;
 }
 
+// The sizes of member m and their places in fit.free: its coefficients, or the keys of an effect without
+// them (a lag). None of a shaft, whose size is in no one key.
+std::pair<std::vector<Eigen::Index>, std::vector<double>> sizes_of(
+    const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
+  std::pair<std::vector<Eigen::Index>, std::vector<double>> sizes;
+  const Effect& effect = *fit.members[m];
+  const std::vector<double> c = coefficients_of(effect);
+  ShaftFacts shaft;
+  if (effect.describe_shaft(shaft)) return sizes;
+  for (Eigen::Index p = 0; p < covariance.rows(); ++p) {
+    const FreeParameter& free = fit.free[static_cast<std::size_t>(p)];
+    if (free.member != m || !(covariance(p, p) > 0) || (free.coefficient < 0 && !c.empty()))
+      continue;
+    sizes.first.push_back(p);
+    sizes.second.push_back(c.empty() ? get_key(effect, free.key)
+                                     : c[static_cast<std::size_t>(free.coefficient)]);
+  }
+  return sizes;
+}
+
 }  // namespace
 
 Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
@@ -88,16 +108,37 @@ bool tells(const Effect& effect, std::size_t coefficient, double energy, const D
 }
 
 double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
-  const Effect& effect = *fit.members[m];
-  const std::vector<double> c = coefficients_of(effect);
-  ShaftFacts shaft;
-  if (effect.describe_shaft(shaft)) return 0;
+  const auto [place, value] = sizes_of(fit, covariance, m);
   double largest = 0;
   for (Eigen::Index p = 0; p < covariance.rows(); ++p) {
     const FreeParameter& free = fit.free[static_cast<std::size_t>(p)];
     // Without coefficients a lag is left, whose size is its key.
     if (free.member != m || !(covariance(p, p) > 0) || (free.coefficient < 0 && !c.empty()))
       continue;
+double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
+  auto [place, value] = sizes_of(fit, covariance, m);
+  const auto n = static_cast<Eigen::Index>(place.size());
+  if (n == 0) return 0;
+  for (Eigen::Index p = 0; p < covariance.rows(); ++p)  // behind the sizes, its other keys
+    if (fit.free[static_cast<std::size_t>(p)].member == m && covariance(p, p) > 0 &&
+        std::find(place.begin(), place.end(), p) == place.end())
+      place.push_back(p);
+  const Eigen::MatrixXd own = covariance(place, place);
+  const Eigen::VectorXd sigma = own.diagonal().cwiseSqrt();
+  constexpr double kRounding = 1e-9;
+  Eigen::MatrixXd R = sigma.cwiseInverse().asDiagonal() * own * sigma.cwiseInverse().asDiagonal();
+  R.diagonal().array() += kRounding;
+  const Eigen::Index keys = R.rows() - n;
+  Eigen::MatrixXd sizes = R.topLeftCorner(n, n);
+  if (keys > 0)
+    sizes -= R.topRightCorner(n, keys) *
+             R.bottomRightCorner(keys, keys).ldlt().solve(R.bottomLeftCorner(keys, n));
+  const Eigen::VectorXd deviations =
+      Eigen::Map<const Eigen::VectorXd>(value.data(), n).cwiseQuotient(sigma.head(n));
+  const double wald = deviations.dot(sizes.ldlt().solve(deviations));
+  return std::max(0.0, wald - static_cast<double>(n - 1));
+}
+
     const double value =
         c.empty() ? get_key(effect, free.key) : c[static_cast<std::size_t>(free.coefficient)];
     largest = std::max(largest, value * value / covariance(p, p));

@@ -61,6 +61,11 @@ struct Fit {
 // over their variances in `covariance`, of fit.free. 0 for a shaft, whose size is in no one key.
 double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
 
+// The same of all its coefficients together, less what as many make by chance: what two of them share
+// may be unknown (the common mode of three offsets) and the rest of them far from zero. Its other keys are
+// given: where only a dead time over its zone of currents is known, that is not zero.
+double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
+
 class Fitter {
  public:
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);

@@ -421,7 +421,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (a.compared < 2) refuse(m, "agreement", "", a.compared, "no two parts of the data show it");
     ShaftFacts shaft;
     if (covariance.size() == 0 || members[m]->describe_shaft(shaft)) continue;
-    const double wald = largest_wald(asked.fit, covariance, m);
+    const double wald = joint_wald(asked.fit, covariance, m);
     if (!(wald > 0)) continue;  // placed by hand, or told by all of its coefficients together
     const double between = 1 - a.size_ratio;  // of its size
     const double sigmas = 1 / std::hypot(1 / std::sqrt(wald), between);

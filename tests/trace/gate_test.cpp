@@ -83,6 +83,45 @@ TEST(Gate, RefusesWhatTheJudgingRowsDoNotShow) {
   EXPECT_NE(refusal(drive, big).rule, "");
 }
 
+// A load that does not turn is not nearly all of a cogging, nor is one of another order.
+TEST(Gate, WhatStandsInThePlaceOfARefusedClaimExplainsAsMuch) {
+  const FittedDrive drive(
+      log_with([](double, double theta, double) { return cogging(0.1, theta); }, 2), cogging_17());
+  const Fitter fitter = drive.fitter();
+  const Members other = {effect_with("cogging", {{"order", 16.}, {"amplitude_Nm", 0.1}})},
+                load = {effect_with("constant_load", {{"torque_Nm", 0.1}})};
+  EXPECT_TRUE(explains_as_much(fitter, {}, cogging_17(), cogging_17()));
+  EXPECT_TRUE(explains_as_much(fitter, {}, load, cogging_17()));
+  EXPECT_FALSE(explains_as_much(fitter, {}, cogging_17(), load));
+  EXPECT_FALSE(explains_as_much(fitter, {}, cogging_17(), other));
+}
+
+// Three offsets of which only the differences are known, to 0.01 A: their common mode may be anything, and
+// with it each of them. Together they are 0.5^2 + 0.5^2 over 1e-4, by hand.
+TEST(Gate, ASizeIsThatOfAllCoefficientsTogether) {
+  Fit fit;
+  fit.members = {effect_with("current_offset",
+                             {{"offset_a_A", 0.5}, {"offset_b_A", -0.5}, {"offset_c_A", 0.}})};
+  for (int c = 0; c < 3; ++c) fit.free.push_back({0, c, ""});
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(3, 3, 1);
+  covariance.diagonal().array() += 1e-4;
+  EXPECT_LT(largest_wald(fit, covariance, 0), 1);
+  EXPECT_NEAR(joint_wald(fit, covariance, 0), 5000 - 2, 50);
+}
+
+// A dead time of which only the quotient by its zone of currents is known is not zero.
+TEST(Gate, ASizeIsThatOfTheCoefficientsBesideGivenKeys) {
+  Fit fit;
+  fit.members = {effect_with("dead_time", {{"dead_time_s", 1e-6}, {"linear_current_A", 0.1}})};
+  fit.free = {{0, 0, ""}, {0, -1, "linear_current_A"}};
+  std::vector<double> c(1);
+  fit.members[0]->tracing().coefficients(c);
+  Eigen::Matrix2d covariance;  // deviations of the size itself and of 0.1 A, correlated to 0.99
+  covariance << c[0] * c[0], 0.099 * c[0], 0.099 * c[0], 0.01;
+  EXPECT_NEAR(largest_wald(fit, covariance, 0), 1, 1e-9);
+  EXPECT_NEAR(joint_wald(fit, covariance, 0), 1 / (1 - 0.99 * 0.99), 0.01);
+}
+
 // In the second half 0.12 Nm are left of 0.3: what the first half says makes the second one worse.
 TEST(Gate, RefusesWhatTheHalvesDisagreeOn) {
   const FittedDrive drive(
