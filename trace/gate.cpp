@@ -57,6 +57,13 @@ class Judging {
     return sum;
   }
 
+  double product(const Sampled& x, const Sampled& y, Channel channel) const {
+    double sum = 0;
+    if ((x.*channel).size())
+      each(channel, [&](std::size_t, Eigen::Index i) { sum += (x.*channel)[i] * (y.*channel)[i]; });
+    return sum;
+  }
+
   void add(const Sampled& y, Channel channel, std::map<int, double>& of_file) const {
     if ((y.*channel).size())
       each(channel, [&](std::size_t row, Eigen::Index i) {
@@ -237,6 +244,27 @@ double along_change(const Judging& judging, const Sampled& with, const Sampled& 
   return judging.along(without, change, noise_of(without), moved);
 }
 
+// The same of a claim that holds noise of the sensors and of the controller's answer to it, less what that
+// noise has in common with the residual's.
+double along_beside_noise(const Judging& judging, const Sampled& with, const Sampled& without,
+                          const std::vector<Channel>& moved) {
+  const Sampled answered = answered_noise_of(without), answered_with = answered_noise_of(with);
+  Sampled change, noise = noise_of(without), own = noise_of(with);
+  noise.d = answered.d, noise.q = answered.q;
+  own.d = answered_with.d, own.q = answered_with.q;
+  for (Channel channel : moved) {
+    change.*channel = without.*channel - with.*channel;
+    own.*channel = noise.*channel - own.*channel;
+  }
+  double held = 0, shared = 0;
+  for (Channel channel : moved) {
+    held += judging.product(without, change, channel);
+    shared += judging.product(noise, own, channel);
+  }
+  const double along = judging.along(without, change, noise, moved);
+  return held > 0 ? along * (held - std::abs(shared)) / held : 0;
+}
+
 // No noise is in what it adds, and it cannot choose a frequency of the noise.
 bool is_free_of_noise(const Effect& effect) {
   return !holds_noise(effect) && !is_placed(effect, Traits::Place::kLine);
@@ -268,7 +296,10 @@ Vote vote(const Judging& judging, const Sampled& with, const Sampled& without,
     was[{file, index++}] = energy.without;
   }
   Vote vote{votes_of(was, is, silent, quieter), of_voltage, of_torque};
-  if (!through_zone) vote.change_over_noise = change_over_noise(judging, with, without, moved);
+  if (!through_zone) {
+    vote.change_over_noise = change_over_noise(judging, with, without, moved);
+    vote.along_beside_noise = along_beside_noise(judging, with, without, moved);
+  }
   if (noise_without > 0) vote.over_noise = energy_without / noise_without;
   if (is_free_of_noise(claim) && vote.over_noise < 1)
     vote.along_change = along_change(judging, with, without, moved);

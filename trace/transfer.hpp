@@ -30,6 +30,8 @@ struct Votes {
   // Energy of what it changes of the voltages, over that of what it changes of the noise in them and
   // of the controller's answer to it.
   double change_over_noise = std::numeric_limits<double>::infinity();
+  // As along_change, of a claim that holds noise: less what that has in common with the residual's.
+  double along_beside_noise = 0;
   std::map<int, double> worse;    // by file: chance of pieces so much worse
   std::map<int, double> of_file;  // mean of r_b
 };

@@ -318,6 +318,17 @@ TEST(Transfer, AChangeOfTheControllersAnswerToNoiseIsNoClaim) {
   }
 }
 
+// But what stands far out of that noise along itself is one, however loud it makes the noise.
+TEST(Transfer, AChangeThatStandsFarOutOfTheNoiseIsAClaim) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
+  votes.change_over_noise = 5;
+  for (const auto& [along, rule] : {std::pair(120.0, ""), std::pair(80.0, "sensors")}) {
+    votes.along_beside_noise = along;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << along;
+  }
+}
+
 TEST(Transfer, AFallAtOneLineOfTheAngleAloneIsNoShaft) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
