@@ -110,11 +110,11 @@ bool tells(const Effect& effect, std::size_t coefficient, double energy, const D
 double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
   const auto [place, value] = sizes_of(fit, covariance, m);
   double largest = 0;
-  for (Eigen::Index p = 0; p < covariance.rows(); ++p) {
-    const FreeParameter& free = fit.free[static_cast<std::size_t>(p)];
-    // Without coefficients a lag is left, whose size is its key.
-    if (free.member != m || !(covariance(p, p) > 0) || (free.coefficient < 0 && !c.empty()))
-      continue;
+  for (std::size_t i = 0; i < place.size(); ++i)
+    largest = std::max(largest, value[i] * value[i] / covariance(place[i], place[i]));
+  return largest;
+}
+
 double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
   auto [place, value] = sizes_of(fit, covariance, m);
   const auto n = static_cast<Eigen::Index>(place.size());
@@ -137,13 +137,6 @@ double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t
       Eigen::Map<const Eigen::VectorXd>(value.data(), n).cwiseQuotient(sigma.head(n));
   const double wald = deviations.dot(sizes.ldlt().solve(deviations));
   return std::max(0.0, wald - static_cast<double>(n - 1));
-}
-
-    const double value =
-        c.empty() ? get_key(effect, free.key) : c[static_cast<std::size_t>(free.coefficient)];
-    largest = std::max(largest, value * value / covariance(p, p));
-  }
-  return largest;
 }
 
 Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
@@ -375,6 +368,17 @@ Fit Fitter::refine(Members members, Until until) const {
   }
   for (const auto& m : fit.members) fit.valid = fit.valid && chain_.equations().possible(*m);
   return fit;
+}
+
+bool explains_as_much(const Fitter& fitter, const Members& both, const Members& one,
+                      const Members& other) {
+  constexpr double kNearly = 0.8;
+  const Fit neither = fitter.refine(both, Fitter::Until::kArrived),
+            first = fitter.refine(one, Fitter::Until::kArrived),
+            second = fitter.refine(other, Fitter::Until::kArrived);
+  const auto raw = [&](const Fit& fit) { return fitter.training().energy(fit.y, fit.y).sum(); };
+  return raw(neither) - raw(second) > kNearly * (raw(neither) - raw(first)) &&
+         neither.rss - second.rss > kNearly * (neither.rss - first.rss);
 }
 
 }  // namespace twinrate

@@ -80,6 +80,11 @@ class Fitter {
   static constexpr double kMargin = 40;
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }
+  // Kinds that the gate refused: no candidate of them is scored.
+  void leave_out(std::vector<std::string> kinds) { left_out_ = std::move(kinds); }
+  bool leaves_out(const Effect& effect) const {
+    return std::find(left_out_.begin(), left_out_.end(), effect.kind()) != left_out_.end();
+  }
   double raw_held_out() const { return raw_held_out_; }  // of the declared model
   // Covariance of fit.free that holds where the rest is neither white nor equally large everywhere:
   // from how much pieces of the record disagree (the sandwich of A^-1 with the scores' scatter).
@@ -104,5 +109,10 @@ class Fitter {
   EquationEnergy noise_, noise_held_out_;  // in it
   double raw_ = 0, raw_held_out_ = 0;      // with it
 };
+
+// Whether `other` explains nearly what `one` does beside `both`, on the rows that the fitter trains on: of
+// what is left, and of that less the noise which they bring.
+bool explains_as_much(const Fitter& fitter, const Members& both, const Members& one,
+                      const Members& other);
 
 }  // namespace twinrate

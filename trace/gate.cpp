@@ -456,8 +456,9 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (!(wald > 0)) continue;  // placed by hand, or told by all of its coefficients together
     const double between = 1 - a.size_ratio;  // of its size
     const double sigmas = 1 / std::hypot(1 / std::sqrt(wald), between);
-    if (sigmas < criterion_.size_sigmas)
-      refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
+    if (sigmas >= criterion_.size_sigmas || !out[m].rule.empty()) continue;
+    refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
+    out[m].wrong_kind = true;
   }
   const auto passes = [](const Refused& r) { return r.rule.empty(); };
   if (doubts_ && std::any_of(out.begin(), out.end(), passes))
@@ -519,6 +520,7 @@ Passed Gate::operator()(const Members& members) const {
           (drop == kNobody || asked.votes[m].mean < asked.votes[drop].mean))
         drop = m;
     Refused why = drop == kNobody ? Refused{} : refused[drop];
+    why.wrong_kind |= why.rule == "physical" || why.rule == "agreement";
     why.left = why.rule != "size" && why.rule != "sensors" && drop != kNobody &&
                asked.votes[drop].judgement.p_value < criterion_.chance;
     if (drop == kNobody)

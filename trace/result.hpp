@@ -65,11 +65,12 @@ struct Inconsistency {
 // A claim that did not pass the gate (trace/gate.hpp).
 struct Refused {
   std::string kind;
-  std::string rule;   // sensors, transfer, agreement, size, physical, whole
-  std::string file;   // where it failed; empty: on all of them together
-  double number = 0;  // of the rule
-  bool left = false;  // it lowers the error of rows that judge: something is there
-  std::string text;   // in words
+  std::string rule;         // sensors, transfer, agreement, size, physical, whole
+  std::string file;         // where it failed; empty: on all of them together
+  double number = 0;        // of the rule
+  bool left = false;        // it lowers the error of rows that judge: something is there
+  std::string text;         // in words
+  bool wrong_kind = false;  // what it explains has to be something else
 
   // Not for its size or what the sensors resolve: whether anything is missing is then open.
   bool leaves_doubt() const { return rule != "size" && rule != "sensors"; }

@@ -69,7 +69,7 @@ std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
   std::vector<Score> scores(candidates.size());
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     const Candidate& candidate = candidates[i];
-    if (taken(fit, *candidate.effect)) continue;
+    if (taken(fit, *candidate.effect) || fitter.leaves_out(*candidate.effect)) continue;
     const auto g = static_cast<Eigen::Index>(candidate.columns.size());
     NormalEquations normal{Eigen::MatrixXd(P + g, P + g), Eigen::VectorXd(P + g),
                            Eigen::VectorXd(P + g)};

@@ -136,11 +136,28 @@ std::vector<Gate::Doubt> doubts_of(const Record& log, const DriveFacts& facts) {
   return doubts;
 }
 
+// Kinds of claims that cannot be what is there.
+std::vector<std::string> wrong_kinds(const std::vector<Refused>& refused) {
+  std::vector<std::string> kinds;
+  for (const Refused& r : refused)
+    if (r.wrong_kind) kinds.push_back(r.kind);
+  return kinds;
+}
+
+// Kinds that no machine can have so large: no other names of what passed.
+std::vector<std::string> impossible_kinds(const std::vector<Refused>& refused) {
+  std::vector<std::string> kinds;
+  for (const Refused& r : refused)
+    if (r.rule == "physical") kinds.push_back(r.kind);
+  return kinds;
+}
+
 // What passed, as the selection judged it: judged anew where others were refused beside it, for
 // what could stand in their places is another then.
 Selection what_passed(const Fitter& fitter, const std::vector<Candidate>& candidates,
                       Selection selection, const Passed& passed) {
-  if (passed.kept.size() == selection.members.size()) return selection;
+  const bool all = passed.kept.size() == selection.members.size();
+  if (all && wrong_kinds(passed.refused).empty()) return selection;
   Members members;
   for (std::size_t m : passed.kept) members.push_back(selection.fit.members[m]->clone());
   Selection anew = compare_alternatives(fitter, candidates, members);
@@ -272,6 +289,7 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   NoiseModel noise_of_fit;  // that it was made under
   NoiseFit fit_noise;
   RoundState state;
+  std::vector<std::string> left_out;  // kinds that the gate refused as another than what is there
   int rounds = 0;
   // The error of a coarse ADC is no noise: it repeats with the current, the more so the fewer steps
   // that takes. Nor is that of filling rows that were lost.
@@ -281,17 +299,20 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
   const auto fitter = [&] {
     Fitter f(chain, training, unseen);
     f.set_margin(margin);
+    f.leave_out(left_out);
     return f;
   };
   Selection selection;
-  try {
-    for (; state.added && rounds < kMostRounds; ++rounds) {
+  const auto select = [&] {
+    const int first = rounds;
+    state = {};
+    for (; state.added && rounds < first + kMostRounds; ++rounds) {
       const Effects so_far = fit.effects();
       const bool renewed = dictionary.renew(chain, so_far);
       const Sampled left = chain.residual(so_far);
       NoiseModel noise = fit_noise(chain, left, dictionary);
       const bool anew =
-          rounds == 0 || level(noise) < kSame * level(chain.noise()) || louder(chain, left);
+          rounds == first || level(noise) < kSame * level(chain.noise()) || louder(chain, left);
       // How much of it is the sensors', beside what has been found: a dead time amplifies theirs.
       const bool other = !anew && !same_scales(noise, chain.noise());
       if (anew) {
@@ -314,11 +335,17 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
     }
     selection = judge(fitter(), dictionary.whitened, fit.members, settings.say);
     lap("judgement");
+  };
+  const auto stopped = [&] {
+    chain.stop_when({});
+    selection = not_judged(std::move(fit), rounds);
+  };
+  try {
+    select();
   } catch (const TraceStopped&) {
     if (rounds == 0) throw;
-    chain.stop_when({});
     chain.set_noise(std::move(noise_of_fit));
-    selection = not_judged(std::move(fit), rounds);
+    stopped();
   }
   const Record all_rows = thin(whole);
   const Sampler sampler_of_all(all_rows, moving_rows(all_rows), thinned(held_out, whole, rows));
@@ -351,14 +378,43 @@ TraceResult trace_considered(const Record& log, const DriveConfig& drive, const 
         half.emplace(whole, noisier, 2 * rows, facts, known, passed.fit.effects(), chain.noise());
       return *half;
     });
+    // What a claim explains that cannot be there is something else: once more without such kinds. Others
+    // that explain far less of it are not what is there.
+    const auto without_wrong_kinds = [&] {
+      const Selection first = selection;
+      const Passed refused = passed;
+      const NoiseModel noise_before = chain.noise();
+      half.reset();
+      fit = passed.fit;
+      select();
+      chain_of_all.set_noise(chain.noise());
+      passed = not_asked(selection);
+      passed = gate(selection.fit.members);
+      // Under the noise of the first model: what it explained is noise to the second.
+      const NoiseModel noise_after = chain.noise();
+      chain.set_noise(noise_before);
+      chain_of_all.set_noise(noise_before);
+      if (passed.kept.size() <= refused.kept.size() ||
+          !explains_as_much(seen_fitter, refused.fit.members, first.fit.members,
+                            passed.fit.members)) {
+        selection = first;
+        passed = refused;
+        return;
+      }
+      chain.set_noise(noise_after);
+      chain_of_all.set_noise(noise_after);
+      passed.refused.insert(passed.refused.begin(), refused.refused.begin(), refused.refused.end());
+    };
     try {
       passed = gate(selection.fit.members);
+      left_out = wrong_kinds(passed.refused);
+      if (!left_out.empty()) without_wrong_kinds();
     } catch (const TraceStopped&) {
-      chain.stop_when({});
       chain_of_all.stop_when({});
-      selection = not_judged(std::move(selection.fit), rounds);
+      stopped();
       passed = not_asked(selection);
     }
+    left_out = impossible_kinds(passed.refused);
     if (settings.say)
       for (const Refused& r : passed.refused)
         settings.say(fmt::format("  {} refused: {}{}{}, {}", r.kind, r.rule,
