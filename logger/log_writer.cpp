@@ -105,10 +105,12 @@ bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std
       open_next();
     } catch (const std::runtime_error& refused) {
       fail(refused.what());
+      cut_to_mark();
       return false;
     }
     rotated_ = true;
     if (!manifest_.empty()) put(manifest_channel_, manifest_.data(), manifest_.size(), t_us);
+    manifest_bytes_ = static_cast<std::int64_t>(gathered_);
   }
   return put(channel, bytes, size, t_us);
 }
@@ -122,10 +124,23 @@ bool LogWriter::flush() {
     return true;
   }
   fail(files_.back() + ": the disk is full");
-  // The log must end with a whole event: drops what a partial write left.
-  if (ftruncate(file_, on_disk_) != 0)
-    fmt::print(stderr, "{}: cannot be cut back to its last whole event\n", files_.back());
+  cut_to_mark();
   return false;
+}
+
+// Drops what a partial write left, and the messages of a tick that is not whole. They may have begun
+// in the file before this one, which then keeps its manifest alone.
+void LogWriter::cut_to_mark() {
+  const Mark& mark = marked_on_disk_;
+  const std::size_t last = files_.size() - 1;
+  const auto cut = [](const std::string& path, std::int64_t bytes) {
+    if (truncate(path.c_str(), bytes) != 0)
+      fmt::print(stderr, "{}: cannot be cut back to its last whole tick\n", path);
+  };
+  if (mark.bytes < 0) return cut(files_.back(), on_disk_);
+  if (mark.file == last) return cut(files_.back(), mark.bytes);
+  cut(files_[mark.file], mark.bytes);
+  cut(files_.back(), std::min(on_disk_, manifest_bytes_));
 }
 
 }  // namespace twinrate

@@ -1,9 +1,10 @@
 // Writes an LCM log that is readable after a full disk.
 //
 // Whole events are gathered and written kFlushBytes at a time; every write is checked. If the disk is
-// full, the file is truncated to its last whole event and the writer accepts no more events. A file
-// that exists is not overwritten. At
-// `rotate_bytes` the next file is started: log.lcm, log-001.lcm, .. each with the manifest first.
+// full, the log is truncated to its last mark on the disk, without a mark to its last whole event, and
+// the writer accepts no more events: what it holds is what marked_on_disk() says. A file that exists is
+// not overwritten. At `rotate_bytes` the next file is started: log.lcm, log-001.lcm, .. each with the
+// manifest first.
 #pragma once
 
 #include <cstdint>
@@ -34,9 +35,11 @@ class LogWriter {
   // Why the writer accepts no more events; "" while it does.
   const std::string& failure() const { return failure_; }
   // The events so far are those of the ticks below k, in realtime as far as they came.
-  void mark(std::int64_t k) { marked_ = k; }
+  void mark(std::int64_t k) {
+    marked_ = {k, files_.size() - 1, on_disk_ + static_cast<std::int64_t>(gathered_)};
+  }
   // The last mark whose events are all in the files.
-  std::int64_t marked_on_disk() const { return marked_on_disk_; }
+  std::int64_t marked_on_disk() const { return marked_on_disk_.k; }
   const std::vector<std::string>& files() const { return files_; }
   // True once after a new file was started.
   bool take_rotated() { return std::exchange(rotated_, false); }
@@ -44,6 +47,7 @@ class LogWriter {
  private:
   void open_next();  // throws as the constructor
   void close();
+  void cut_to_mark();
   void fail(const std::string& why);
   bool put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
            std::int64_t t_us);
@@ -53,10 +57,15 @@ class LogWriter {
   std::size_t first_part_;
   int file_ = -1;
   std::vector<std::uint8_t> buffer_;
-  std::size_t gathered_ = 0;  // bytes at its begin: events to be written
-  std::int64_t on_disk_ = 0;  // bytes of whole events in the present file
-  std::int64_t events_ = 0;   // of the present file
-  std::int64_t marked_ = 0, marked_on_disk_ = 0;
+  std::size_t gathered_ = 0;         // bytes at its begin: events to be written
+  std::int64_t on_disk_ = 0;         // bytes of whole events in the present file
+  std::int64_t events_ = 0;          // of the present file
+  std::int64_t manifest_bytes_ = 0;  // of the present file, if it is a later one
+  struct Mark {
+    std::int64_t k = 0;
+    std::size_t file = 0;     // of files_
+    std::int64_t bytes = -1;  // of that file; -1: there was no mark
+  } marked_, marked_on_disk_;
   static constexpr std::size_t kFlushBytes = 65536;
   std::vector<std::string> files_;
   std::string manifest_channel_;

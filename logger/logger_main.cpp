@@ -195,7 +195,7 @@ class LoggerProcess {
     p_.fail(Reason::kDiskFull, log_.complete_below(),
             p_.in_turn() ? fmt::format("{}; the log holds {} whole ticks", writer_.failure(),
                                        writer_.marked_on_disk())
-                         : fmt::format("{}; the log reaches tick {}", writer_.failure(),
+                         : fmt::format("{}; the log ends before tick {}", writer_.failure(),
                                        writer_.marked_on_disk()));
   }
   void write_account() {

@@ -86,9 +86,9 @@ bool TickLog::take(Channel channel, std::int64_t seq, std::int64_t t_ns, const s
   if (order_ == Order::kByTick && of_a_tick) return take_by_tick(channel, seq, t_ns, bytes, size);
   if (of_a_tick && !new_as_it_comes(channel, seq)) return true;
   ++accounts_[static_cast<std::size_t>(channel)].received;
+  if (channel == Channel::kMeasurement) writer_.mark(seq);
   // Events and heartbeats may carry an earlier drive time; the time of the log never decreases.
   write(channel, of_a_tick ? t_ns : t_ns_, bytes, size);
-  if (channel == Channel::kMeasurement) writer_.mark(seq);
   return true;
 }
 

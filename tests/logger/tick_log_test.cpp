@@ -9,6 +9,7 @@
 #include <csignal>
 #include <filesystem>
 #include <lcm/lcm-cpp.hpp>
+#include <optional>
 
 #include "core/run_log.hpp"
 #include "core/signals_io.hpp"
@@ -284,28 +285,75 @@ TEST_F(LogFiles, EveryRotatedPartBeginsWithTheManifest) {
 }
 
 // A file that may not grow beyond a limit is a full disk.
+class SmallDisk {
+ public:
+  explicit SmallDisk(rlim_t bytes) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit small{.rlim_cur = bytes, .rlim_max = before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &small);
+  }
+  ~SmallDisk() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, signal_before_);
+  }
+
+ private:
+  rlimit before_{};
+  sighandler_t signal_before_ = std::signal(SIGXFSZ, SIG_IGN);
+};
+
 TEST_F(LogFiles, WhereTheDiskIsFullTheLogEndsWithAWholeEvent) {
-  rlimit before{};
-  getrlimit(RLIMIT_FSIZE, &before);
-  const auto ignored = std::signal(SIGXFSZ, SIG_IGN);
   const std::vector<std::uint8_t> bytes(1000);
   std::int64_t written = 0;
   {
     LogWriter writer(directory_.string(), 100'000'000);
-    const rlimit small{.rlim_cur = 150'000, .rlim_max = before.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &small);
+    const SmallDisk disk(150'000);
     while (written < 1000 && writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), written))
       ++written;
     EXPECT_TRUE(writer.full());
-    setrlimit(RLIMIT_FSIZE, &before);
   }
-  std::signal(SIGXFSZ, ignored);
   const std::size_t one = 28 + std::string("DRIVE_COMMAND").size() + bytes.size();
   const std::size_t size = fs::file_size(path("log.lcm"));
   EXPECT_EQ(size % one, 0u);
   EXPECT_EQ(events().size(), size / one);
   EXPECT_GT(size, 50'000u);
   EXPECT_LE(size, 150'000u);
+}
+
+// What is said of the ticks on the disk is what a reader counts, whatever part of a tick was written.
+TEST_F(LogFiles, WhereTheDiskIsFullTheLogEndsWithItsLastMark) {
+  struct Case {
+    std::int64_t rotate_bytes;
+    std::size_t files;   // the disk gets full in the last one of so many
+    rlim_t limit_bytes;  // of that file
+  };
+  constexpr int kMessagesATick = 7;  // the second file begins within a tick
+  const std::vector<std::uint8_t> manifest(50), bytes(1000);
+  for (const Case c : {Case{100'000'000, 1, 150'000}, Case{70'500, 2, 3000}, Case{70'500, 2, 1500},
+                       Case{70'500, 2, 10'500}}) {
+    fs::remove_all(directory_);
+    std::int64_t said = 0;
+    {
+      LogWriter writer(directory_.string(), c.rotate_bytes);
+      writer.set_manifest("DRIVE_MANIFEST", manifest, 0);
+      std::optional<SmallDisk> disk;
+      for (std::int64_t i = 0; i < 1000 && !writer.full(); ++i) {
+        writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), i);
+        if (i % kMessagesATick == kMessagesATick - 1) writer.mark((i + 1) / kMessagesATick);
+        if (writer.files().size() < c.files) continue;
+        if (!disk) disk.emplace(c.limit_bytes);
+        writer.flush();
+      }
+      EXPECT_TRUE(writer.full());
+      said = writer.marked_on_disk();
+    }
+    std::int64_t commands = 0;
+    for (const auto& entry : fs::directory_iterator(directory_))
+      for (const Event& event : events(entry.path().filename().string()))
+        commands += event.channel == "DRIVE_COMMAND";
+    EXPECT_GT(said, 5) << c.limit_bytes;
+    EXPECT_EQ(commands, kMessagesATick * said) << c.limit_bytes;
+  }
 }
 
 // A realtime log holds messages as they came; who reads it finds them by tick.

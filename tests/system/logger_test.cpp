@@ -114,6 +114,9 @@ TEST_P(FullDisk, EndsTheRunWithOneClearLineAndAReadableLog) {
   EXPECT_NE(result.err.find(fmt::format("the log holds {} whole ticks", log.command.size())),
             std::string::npos)
       << result.err << log.command.size();
+  EXPECT_EQ(log.measurement.size(), log.command.size());
+  EXPECT_EQ(nlohmann::json::parse(read_text(run + "/summary.json"))["steps"].get<std::size_t>(),
+            log.command.size());
   lcm::LogFile file(run + "/log.lcm", "r");
   std::int64_t whole_bytes = 0;
   while (const lcm::LogEvent* event = file.readNextEvent())
@@ -124,6 +127,21 @@ TEST_P(FullDisk, EndsTheRunWithOneClearLineAndAReadableLog) {
 
 INSTANTIATE_TEST_SUITE_P(System, FullDisk, ::testing::Values("launch", "simulate"),
                          [](const auto& verb) { return std::string(verb.param); });
+
+TEST_F(Logger, AFullDiskIsTheCauseThatARealtimeRunNames) {
+  if (!mount_small_disk("disk", "400k")) GTEST_SKIP() << "mounting is not permitted here";
+  const std::string run = path("disk") + "/run";
+  const ProgramResult result = twinrate({"launch", "dilys2021", "--run-dir", run, "--duration",
+                                         "5s", "--pace", "realtime", "--set", "rates.f_s_Hz=1000"},
+                                        30);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("twinrate: " + run + "/log.lcm: the disk is full"), std::string::npos)
+      << result.err;
+  const std::size_t ticks = read_run_log(run).measurement.size();
+  EXPECT_GT(ticks, 50u);
+  EXPECT_NE(result.err.find(fmt::format("the log ends before tick {}", ticks)), std::string::npos)
+      << result.err << ticks;
+}
 
 TEST_F(Logger, AFullDiskUnderALaterPartEndsTheRunToo) {
   if (!mount_small_disk("disk", "700k")) GTEST_SKIP() << "mounting is not permitted here";
