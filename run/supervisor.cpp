@@ -183,7 +183,10 @@ void Supervisor::note_dead_child() {
   const auto gave_up = [](const Child& c) { return c.exit_code > 0 && c.exit_code < 128; };
   const auto begun = Clock::now();
   if (std::any_of(set_.children().begin(), set_.children().end(), gave_up))
-    while (seconds_since(begun) < 0.3) bus_->handle(20);
+    while (seconds_since(begun) < 0.3) {
+      beat();  // the plant would name the silence of this process as the cause
+      bus_->handle(20);
+    }
   for (const Child& child : set_.children()) {
     if (!child.ended || (child.role == Role::kPlant && child.exit_code == 0)) continue;
     if (ended_.count(child.role)) continue;
@@ -236,13 +239,26 @@ bool Supervisor::continues_without(Role role) {
   return true;
 }
 
+void Supervisor::note_failure(const event_t& event) {
+  const auto reason = static_cast<Reason>(event.reason);
+  const bool ends_the_run = reason == Reason::kPeerTimeout || reason == Reason::kDiskFull ||
+                            reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch ||
+                            reason == Reason::kSupervisorLost;
+  if (ends_the_run && !has_failed(event.role)) failures_.push_back(event);
+}
+
+bool Supervisor::has_failed(int role) const {
+  return std::any_of(failures_.begin(), failures_.end(),
+                     [role](const event_t& failure) { return failure.role == role; });
+}
+
 // If one process stops answering, the others time out in turn, each waiting for its predecessor.
 // The cause is the process that another one waited for and that reported no failure itself.
 std::string Supervisor::root_cause() const {
-  for (const auto& [role, failure] : failures_)
-    if (failure.waited_for >= 0 && !failures_.count(failure.waited_for))
+  for (const event_t& failure : failures_)
+    if (failure.waited_for >= 0 && !has_failed(failure.waited_for))
       return fmt::format("{} stopped answering: {}", role_name(failure.waited_for), failure.text);
-  return failures_.empty() ? "" : failures_.begin()->second.text;
+  return failures_.empty() ? "" : failures_.front().text;
 }
 
 // Realtime: the plant switches off where the supervisor is silent for safety.supervisor_ms.

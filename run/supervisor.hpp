@@ -77,6 +77,8 @@ class Supervisor {
   void note_status(const status_t& status);
   void note_dead_child();
   void request(RequestKind kind);
+  void note_failure(const event_t& event);
+  bool has_failed(int role) const;
   std::string root_cause() const;
   bool end_early(const std::string& why);
   std::vector<std::string> arguments(Role role) const;
@@ -120,7 +122,7 @@ class Supervisor {
   std::map<Role, int> restarts_;
   std::set<Role> rejoining_;  // started again, and not heard yet
   std::chrono::steady_clock::time_point last_beat_{}, last_turn_{};
-  std::map<int, event_t> failures_;  // first failure of each process, by role
+  std::vector<event_t> failures_;  // the first one of each process, in the order heard
 };
 
 }  // namespace twinrate

@@ -93,13 +93,7 @@ void Supervisor::open_bus() {
                                           .token_file = token_->path(),
                                           .authenticate = options_.bus.authenticate});
   bus_->subscribe<status_t>([this](const status_t& s) { note_status(s); });
-  bus_->subscribe<event_t>([this](const event_t& e) {
-    const auto reason = static_cast<Reason>(e.reason);
-    if (reason == Reason::kPeerTimeout || reason == Reason::kDiskFull ||
-        reason == Reason::kPlantFailed || reason == Reason::kConfigMismatch ||
-        reason == Reason::kSupervisorLost)
-      failures_.emplace(e.role, e);
-  });
+  bus_->subscribe<event_t>([this](const event_t& e) { note_failure(e); });
   if (!options_.without.empty())
     bus_->subscribe<reply_t>([this](const reply_t& r) { links_.take(r, host_now_ns()); });
   if (progress_.visible()) {
