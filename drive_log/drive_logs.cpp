@@ -147,6 +147,8 @@ void Reader::scan(const std::string& path, bool held_out) {
   log.health = health.health();
   if (log.kept) rows_kept_ += rows;
   for (const std::string& note : log.reader->notes()) result_.notes.push_back(note);
+  if (const std::string damage = log.reader->damage(); !damage.empty())
+    result_.damage.push_back(damage);
   result_.health.combine(log.health);
   logs_.push_back(std::move(log));
 }

@@ -35,7 +35,8 @@ struct DriveLogs {
   Record record;
   std::vector<DriveLog> files;
   Health health;
-  std::vector<std::string> notes;  // one line each
+  std::vector<std::string> notes;   // one line each
+  std::vector<std::string> damage;  // of LCM logs that are not whole, one line each
   // Rows of one file between two times of the record, in a block or not. Throws BadInput.
   std::function<Record(std::size_t file, double begin_s, double end_s)> stretch;
   // For each row of the record: 1 if its file is held out.

@@ -125,6 +125,7 @@ class RecordedRun final : public LogReader {
     if (measurements_.damage().empty()) return {};
     return {measurements_.damage()};
   }
+  std::string damage() const override { return measurements_.damage(); }
   void expect_enough(std::size_t rows) const override {
     if (rows < kMinRows)
       throw BadInput(fmt::format("{}: {} measurements, at least {} needed", path_, rows, kMinRows));

@@ -20,6 +20,8 @@ class LogReader {
   virtual double share_read() const = 0;
   // Repairs and suspect values, one line each; complete at the end.
   virtual std::vector<std::string> notes() const { return {}; }
+  // The first damage of an LCM log of which only what is whole is read; complete at the end.
+  virtual std::string damage() const { return ""; }
   // Throws BadInput if `rows`, the rows of the whole log, are too few.
   virtual void expect_enough(std::size_t rows) const = 0;
   // True if a jump of the logged angle may be the start of a new turn.

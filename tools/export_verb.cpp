@@ -75,7 +75,7 @@ int run_export(ExportOptions o) {
   line.clear();
   if (!e.damage.empty()) fmt::print(stderr, "twinrate: {}\n", e.damage);
   print_export(o, e);
-  if (!e.interrupted) return 0;
+  if (!e.interrupted) return e.damage.empty() ? 0 : 1;
   fmt::print(stderr, "twinrate: export interrupted; {} holds the log up to there\n", r.out);
   return 1;
 }
@@ -99,7 +99,7 @@ void add_export_verb(CLI::App& app, int& exit_code) {
   verb->add_option("--resample", r.rate_Hz, "resample all channels to this rate, Hz")
       ->check(CLI::Range(1e-3, 1e7));
   verb->add_option("--compression", r.compression, "pack an mcap: zstd (default), lz4 or none");
-  verb->add_flag("--repair", o->repair, "export the undamaged part of a log");
+  verb->add_flag("--repair", o->repair, "export the undamaged part of a log; exit code 1");
   verb->add_flag("--force", o->force, "replace the file of --out");
   verb->add_flag("--json", o->json, "print progress and result as JSON lines");
   verb->callback([o, &exit_code] {

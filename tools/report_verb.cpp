@@ -114,7 +114,8 @@ void expect_other_file(const std::string& out, const std::string& log) {
     throw BadInput(fmt::format("{}: is the log itself; --out takes another name", out));
 }
 
-void report(const ReportArguments& arguments) {
+// Exit code.
+int report(const ReportArguments& arguments) {
   const std::string out = arguments.out.empty() ? default_out(arguments.paths) : arguments.out;
   for (const std::string& path : arguments.paths) expect_other_file(out, path);
   expect_free(out, arguments.force);
@@ -138,11 +139,14 @@ void report(const ReportArguments& arguments) {
     fmt::print("{}\n", nlohmann::json{{"page", out}}.dump());
   else
     fmt::print("{}\n", out);
+  const bool whole = std::all_of(loaded.begin(), loaded.end(),
+                                 [](const LoadedRun& run) { return run.log.damage.empty(); });
+  return whole ? 0 : 1;
 }
 
 }  // namespace
 
-void add_report_verb(CLI::App& app, int&) {
+void add_report_verb(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<ReportArguments>();
   CLI::App* verb = app.add_subcommand(
       "report", "Write one self-contained HTML page of figures; compare several runs");
@@ -159,10 +163,10 @@ void add_report_verb(CLI::App& app, int&) {
   verb->add_option("--config", arguments->config, "read this drive file for a log without one");
   verb->add_option("--channel-suffix", arguments->channel_suffix,
                    "read the channels with this suffix");
-  verb->add_flag("--repair", arguments->repair, "use the undamaged part of a log");
+  verb->add_flag("--repair", arguments->repair, "use the undamaged part of a log; exit code 1");
   verb->add_flag("--force", arguments->force, "replace the page of --out");
   verb->add_flag("--json", arguments->json, "print JSON lines instead of text");
-  verb->callback([arguments] { report(*arguments); });
+  verb->callback([arguments, &exit_code] { exit_code = report(*arguments); });
 }
 
 }  // namespace twinrate

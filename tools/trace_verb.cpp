@@ -146,10 +146,19 @@ void verify_extended(const TraceOptions& o, const Config& declared,
   if (!o.json) fmt::print("on held-out data:\n{}{}/verify.json\n", table(v), o.out);
 }
 
-// Full drive logs. With --verify fills `replayed`.
+// Of logs read with --repair: true if one is not whole.
+bool say_damage(const DriveLogs& logs) {
+  for (const std::string& line : logs.damage) fmt::print(stderr, "twinrate: {}\n", line);
+  return !logs.damage.empty();
+}
+
+// What a trace of full drive logs leaves beside its result.
+struct Read {
+  std::vector<VerifyLog> replayed;  // with --verify
+  bool damaged = false;             // a log is not whole
+};
 TraceResult trace_full_logs(const TraceOptions& o, const LogRequest& asked,
-                            const DriveConfig& drive, const TraceSettings& settings,
-                            std::vector<VerifyLog>& replayed) {
+                            const DriveConfig& drive, const TraceSettings& settings, Read& read) {
   PercentLine line(o.json ? PercentLine::Form::kJson : PercentLine::Form::kTerminal);
   const auto start = std::chrono::steady_clock::now();
   const DriveLogs logs = read_drive_logs(asked, drive, [&](const std::string& what, double share) {
@@ -157,14 +166,15 @@ TraceResult trace_full_logs(const TraceOptions& o, const LogRequest& asked,
     if (std::chrono::steady_clock::now() - start > kSilentReading) line.show(what, share);
   });
   line.clear();
+  read.damaged = say_damage(logs);
   const std::vector<char> held_out = held_out_rows(logs, settings.holdout, drive.machine.n_p);
   TraceResult result = trace_drive_logs(logs, held_out, drive, settings);
-  if (o.verify) replayed = verify_logs(asked, drive, logs, held_out);
+  if (o.verify) read.replayed = verify_logs(asked, drive, logs, held_out);
   return result;
 }
 
 // The logs of --data, for --plan.
-std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) {
+std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive, bool& damaged) {
   std::vector<PlanLog> logs;
   for (const std::string& path : o.data) {
     const LogRequest asked{.data = {path},
@@ -173,6 +183,7 @@ std::vector<PlanLog> plan_logs(const TraceOptions& o, const DriveConfig& drive) 
                            .repair = o.repair,
                            .memory_MiB = o.memory_MiB};
     DriveLogs read = read_drive_logs(asked, drive);
+    damaged = say_damage(read) || damaged;
     logs.push_back({.record = std::move(read.record), .health = read.health});
   }
   return logs;
@@ -247,7 +258,7 @@ int trace_files(const TraceOptions& o, const Config& config) {
   catch_stop_signals();
   const MeasuredFiles files = files_of(o, settings);
   if (o.verify) resolve_url(o.url);
-  std::vector<VerifyLog> replayed;
+  Read read;
   const auto start = std::chrono::steady_clock::now();
   std::optional<TraceResult> measured =
       trace_measured_files(files, config.drive(), {settings.say, settings.stop});
@@ -257,9 +268,8 @@ int trace_files(const TraceOptions& o, const Config& config) {
                          .maps = files.maps,
                          .repair = files.repair,
                          .memory_MiB = o.memory_MiB};
-  const TraceResult result = measured
-                                 ? std::move(*measured)
-                                 : trace_full_logs(o, asked, config.drive(), settings, replayed);
+  const TraceResult result =
+      measured ? std::move(*measured) : trace_full_logs(o, asked, config.drive(), settings, read);
   directory.begin();
   write_result(o, config, result);
   directory.finish();
@@ -270,22 +280,25 @@ int trace_files(const TraceOptions& o, const Config& config) {
     return 1;
   }
   if (o.verify && !measured) {
-    const int code = verify_step(o, config, replayed);
+    const int code = verify_step(o, config, read.replayed);
     directory.finish();
-    return code;
+    return read.damaged ? 1 : code;
   }
   if (o.verify)
     fmt::print(
         stderr,
         "twinrate: --verify needs full drive logs; the table above has the error of each file\n");
-  return 0;
+  return read.damaged ? 1 : 0;
 }
 
 int trace(const TraceOptions& o) {
   const Config config = load_drive(o.drive, o.overrides);
-  if (o.plan.wanted)
-    return plan_measurement(o.plan, config, {o.out, o.force, o.json},
-                            [&] { return plan_logs(o, config.drive()); });
+  if (o.plan.wanted) {
+    bool damaged = false;
+    const int code = plan_measurement(o.plan, config, {o.out, o.force, o.json},
+                                      [&] { return plan_logs(o, config.drive(), damaged); });
+    return damaged && code == 0 ? 1 : code;
+  }
   if (o.data.empty()) throw BadInput("trace: --data is required (without a log: --plan)");
   return trace_files(o, config);
 }
@@ -324,7 +337,10 @@ void add_output_options(CLI::App* verb, TraceOptions* o, CLI::Option* plan) {
       ->check(CLI::Range(64.0, 1e6));
   verb->add_option("--set", o->overrides,
                    "override a key of the drive file: key.path=value; repeat for more keys");
-  verb->add_flag("--repair", o->repair, "skip a truncated last line and repeated samples");
+  verb->add_flag("--repair", o->repair,
+                 "CSV: skip a truncated last line and repeated samples; LCM: use what is whole of "
+                 "a damaged log, "
+                 "exit code 1");
   verb->add_flag("--keep-plant", o->keep_plant,
                  "keep the effects of the simulated plant in extended.toml");
   verb->add_flag(
