@@ -29,9 +29,17 @@ class LoggedEstimates {
   std::size_t next_ = 0;
 };
 
+// A damaged log may have any time stamp; its message is whole all the same.
+constexpr std::int64_t kDay_us = 86'400'000'000;
+
+// In pieces: a pause of the log can be long, and Ctrl-C ends it.
 void sleep_until(Clock::time_point begun, double offset_s) {
-  std::this_thread::sleep_until(
-      begun + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(offset_s)));
+  constexpr double kPiece_s = 0.1;
+  for (double left_s = 1; left_s > 0 && !stop_signalled();) {
+    left_s = offset_s - seconds_since(begun);
+    if (left_s > 0)
+      std::this_thread::sleep_for(std::chrono::duration<double>(std::min(left_s, kPiece_s)));
+  }
 }
 
 }  // namespace
@@ -87,7 +95,7 @@ PacedResult replay_paced(const std::string& log, const std::string& logged_suffi
   lcm::LCM out(probe.url());
   const auto begun = Clock::now();
   PacedResult result;
-  std::int64_t first_us = -1;
+  std::int64_t first_us = -1, t_us = -1;
   EventLog events(log, on_damage, logged_suffix);
   if (!out.good()) throw BadInput(fmt::format("{}: cannot be played", log));
   while (const lcm::LogEvent* event = events.next()) {
@@ -95,8 +103,10 @@ PacedResult replay_paced(const std::string& log, const std::string& logged_suffi
     if (!events.channel()) continue;
     const std::string name = info(*events.channel()).name;
     if (std::find(channels.begin(), channels.end(), name) == channels.end()) continue;
-    if (first_us < 0) first_us = event->timestamp;
-    sleep_until(begun, static_cast<double>(event->timestamp - first_us) * 1e-6 / speed);
+    if (first_us < 0) first_us = t_us = event->timestamp;
+    if (event->timestamp >= t_us && event->timestamp - t_us < kDay_us) t_us = event->timestamp;
+    sleep_until(begun, static_cast<double>(t_us - first_us) * 1e-6 / speed);
+    if (stop_signalled()) break;
     out.publish(name + address.channel_suffix, event->data, static_cast<unsigned>(event->datalen));
     ++result.played;
   }

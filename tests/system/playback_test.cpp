@@ -5,6 +5,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <memory>
@@ -167,6 +168,23 @@ TEST_F(Playback, StockPlayerFeedsEveryGainPolicyAndRatio) {
     EXPECT_LT(angle_error(played.estimate).max, 0.3);
     processes_.clear();
   }
+}
+
+// With --repair its message is played, but not at its time, which is 146,000 years ahead.
+TEST_F(Playback, ADamagedTimeStampDoesNotHaltAReplay) {
+  ASSERT_EQ(twinrate({"simulate", "dilys2021", "--run-dir", path("short"), "--duration", "0.1s"})
+                .exit_code,
+            0);
+  std::string log = read_text(path("short") + "/log.lcm");
+  const std::size_t channel = log.find("DRIVE_TRUTH", log.size() / 2);
+  ASSERT_NE(channel, std::string::npos);
+  log[channel - 16] = 0x40;
+  std::ofstream(path("damaged.lcm"), std::ios::binary) << log;
+  const ProgramResult result =
+      twinrate({"replay", path("damaged.lcm"), "--speed", "10", "--repair"}, 20);
+  EXPECT_FALSE(result.timed_out);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("the time stamp jumps"), std::string::npos) << result.err;
 }
 
 TEST_F(Playback, ReplayPlaysAtTheSpeedOfTheDrive) {
