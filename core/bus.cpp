@@ -170,10 +170,14 @@ void Bus::subscribe_raw(Channel channel, RawHandler handler, Wake wake) {
 }
 
 WantedChannel Bus::wanted(Channel channel) const {
-  if (channel != Channel::kEstimate) return {name_of(channel)};
-  const std::int64_t from = std::min<std::int64_t>(wanted_estimates_.from, UINT32_MAX);
-  return {name_of(channel), static_cast<std::uint32_t>(wanted_estimates_.n),
-          static_cast<std::uint32_t>(from)};
+  WantedChannel wanted{.name = name_of(channel)};
+  // Another set on this URL would wake this process with each of its ticks.
+  if (bound_ && channel < Channel::kStatus) wanted.session = session_;
+  if (channel != Channel::kEstimate) return wanted;
+  wanted.every = static_cast<std::uint32_t>(wanted_estimates_.n);
+  wanted.from =
+      static_cast<std::uint32_t>(std::min<std::int64_t>(wanted_estimates_.from, UINT32_MAX));
+  return wanted;
 }
 
 void Bus::want_estimates(BackgroundRate rate) {

