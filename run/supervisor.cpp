@@ -1,7 +1,6 @@
 #include "run/supervisor.hpp"
 
 #include <fmt/format.h>
-#include <sched.h>
 
 #include <algorithm>
 #include <csignal>
@@ -12,6 +11,7 @@
 #include "core/realtime_setup.hpp"
 #include "core/seconds_since.hpp"
 #include "core/signals_io.hpp"
+#include "run/cpu_plan.hpp"
 
 namespace twinrate {
 namespace {
@@ -40,20 +40,6 @@ constexpr Member kMembers[] = {
     {Role::kController, "twinrate-controller", true},
     {Role::kPlant, "twinrate-plant", true},
 };
-
-// CPUs of a pinned set: one for the ring, one for the other processes. -1: not pinned.
-struct CpuPlan {
-  int ring = -1, others = -1;
-};
-CpuPlan plan_cpus(bool pin) {
-  cpu_set_t allowed;
-  CpuPlan plan;
-  if (!pin || sched_getaffinity(0, sizeof allowed, &allowed) != 0) return plan;
-  for (int cpu = 0; cpu < CPU_SETSIZE && plan.others < 0; ++cpu)
-    if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
-      (plan.ring < 0 ? plan.ring : plan.others) = cpu;
-  return plan.others < 0 ? CpuPlan{} : plan;
-}
 
 }  // namespace
 
@@ -119,7 +105,11 @@ void Supervisor::start_own() {
 }
 
 void Supervisor::start_children() {
-  const CpuPlan cpus = plan_cpus(options_.bus.pin);
+  const std::vector<OtherSet> beside = other_sets();
+  const CpuPlan cpus = options_.bus.pin ? plan_cpus(allowed_cpus(), beside) : CpuPlan{};
+  if (options_.pace == Pace::kRealtime)
+    for (const std::string& line : realtime_beside(beside, cpus, options_.url, options_.bus.filter))
+      fmt::print(stderr, "twinrate: {}\n", line);
   for (const Member& member : kMembers) {
     if (member.role == Role::kMonitor && !options_.monitor) continue;
     if (options_.without.count(member.role) || is_own(member.role)) continue;

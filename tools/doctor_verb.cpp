@@ -10,6 +10,7 @@
 #include "core/bus.hpp"
 #include "core/multicast.hpp"
 #include "core/realtime_setup.hpp"
+#include "run/cpu_plan.hpp"
 #include "run/udp_ring.hpp"
 #include "tools/doctor/checks.hpp"
 #include "tools/verb.hpp"
@@ -87,6 +88,12 @@ void print(double rate_Hz, const RingResult& ring, bool json) {
 // A set of processes without a drive: what is left of a tick is for the drive.
 int measure_realtime(const DoctorOptions& o) {
   const RealtimeParameters wanted;
+  for (const OtherSet& set : other_sets())
+    if (set.realtime)
+      fmt::print(stderr,
+                 "twinrate: a realtime set runs on this machine ({}): the figures are those "
+                 "beside it\n",
+                 set.run_dir);
   UdpRing ring(o.normal ? 0 : wanted.priority, !o.normal);
   const bool fifo = has_realtime_policy();
   if (!o.json)

@@ -101,6 +101,27 @@ TEST_F(Realtime, ARunTakesItsTimeAndItsCountsAgreeWithItsLog) {
   for (const EventRecord& event : events(log, Reason::kLateGain)) EXPECT_GE(event.k, 0);
 }
 
+// Two rings on one CPU want more than the kernel gives realtime processes: it halts both.
+TEST_F(Realtime, ASecondSetTakesTheOtherCpuAndSaysSo) {
+  const auto slow = [this](const char* dir, const char* duration) {
+    return std::vector<std::string>{"twinrate", "launch", "dilys2021",        "--run-dir",
+                                    path(dir),  "--pace", "realtime",         "--duration",
+                                    duration,   "--set",  "rates.f_s_Hz=1000"};
+  };
+  Program first(slow("run", "20s"));
+  ASSERT_TRUE(wait_for_log(50'000));
+  const ProgramResult second = Program(slow("second", "0.2s")).wait(20);
+  ASSERT_FALSE(second.timed_out);
+  EXPECT_NE(second.err.find("another realtime set runs on this machine (" + path("run") + ")"),
+            std::string::npos)
+      << second.err;
+  const bool can_be_pinned = std::thread::hardware_concurrency() >= 2;
+  EXPECT_EQ(second.err.find("that of this set on CPU ") != std::string::npos, can_be_pinned)
+      << second.err;
+  first.signal(SIGINT);
+  EXPECT_FALSE(first.wait(20).timed_out);
+}
+
 // A plant that does not run for 20 ms is a stall: its clock stands, and no command is missed by it.
 TEST_F(Realtime, AStoppedGainProcessMakesGainsLateAndNothingElse) {
   Program run(launch("2s"));

@@ -1,0 +1,37 @@
+// The CPUs of a pinned set, beside the other sets of this machine.
+//
+// A ring in realtime takes a third to a half of its CPU at 5 kHz. Two of them on one CPU want more than
+// SCHED_FIFO processes get together (kernel.sched_rt_runtime_us, 0.95 s of each second), and the kernel
+// then halts both for 50 ms. So the ring of a set goes to the CPU with the fewest rings.
+#pragma once
+#include <string>
+#include <vector>
+
+namespace twinrate {
+
+// A set whose plant runs on this machine, in whatever network namespace.
+struct OtherSet {
+  std::string run_dir, url;
+  int ring_cpu = -1;  // -1: not pinned
+  bool realtime = false;
+  bool same_network = true;
+};
+
+// From the command lines below `proc`, in the order of the process ids.
+std::vector<OtherSet> other_sets(const std::string& proc = "/proc");
+
+// One CPU for the ring, one for the other processes. -1: not pinned.
+struct CpuPlan {
+  int ring = -1, others = -1;
+};
+// CPUs that this process may use.
+std::vector<int> allowed_cpus();
+// The two CPUs with the fewest rings, of equal ones the first; not pinned with less than two.
+CpuPlan plan_cpus(std::vector<int> allowed, const std::vector<OtherSet>& sets);
+
+// What a realtime set should know of the others: one line each; none if no other one is in realtime.
+// `filtered`: bus.filter, without which each process of the set hears the others on its URL.
+std::vector<std::string> realtime_beside(const std::vector<OtherSet>& sets, const CpuPlan& plan,
+                                         const std::string& url, bool filtered);
+
+}  // namespace twinrate
