@@ -31,8 +31,10 @@ TEST(CpuPlan, ARingTakesTheCpuWithTheFewestRings) {
 }
 
 class ProcessTable : public ::testing::Test {
- protected:
+ public:
   ~ProcessTable() override { fs::remove_all(proc_); }
+
+ protected:
   void add(int pid, const std::vector<std::string>& words, const char* network) {
     const fs::path process = proc_ / std::to_string(pid);
     fs::create_directories(process / "ns");
