@@ -1,5 +1,6 @@
 #include "trace/fit.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
