@@ -195,11 +195,7 @@ int emulate(EmulatorOptions& o) {
   return 0;
 }
 
-}  // namespace
-}  // namespace twinrate
-
-int main(int argc, char** argv) {
-  using namespace twinrate;
+int parse_and_emulate(int argc, char** argv) {
   CLI::App app{"twinrate-emulator\n  Simulate a drive that speaks a device protocol"};
   EmulatorOptions o;
   add_options(app, o);
@@ -219,7 +215,16 @@ int main(int argc, char** argv) {
     if (error.get_exit_code() == 0) return app.exit(error);
     fmt::print(stderr, "twinrate-emulator: {}\n", printable(error.what()));
     return 2;
+  }
+}
+
+}  // namespace
+}  // namespace twinrate
+
+int main(int argc, char** argv) {
+  try {
+    return twinrate::parse_and_emulate(argc, argv);
   } catch (...) {
-    return report_error("twinrate-emulator");
+    return twinrate::report_error("twinrate-emulator");
   }
 }
