@@ -91,6 +91,13 @@ void compare_parts(const PartSums& from, const PartSums& on, const std::vector<c
   if (kept < out.kept) out.kept = kept, out.between = between;
 }
 
+double predicted_ratio(const Eigen::MatrixXd& A, const Eigen::VectorXd& one,
+                       const Eigen::VectorXd& other) {
+  const Eigen::VectorXd predicts = A * one;
+  const double square = predicts.dot(one);
+  return square > 0 ? predicts.dot(other) / square : 1;
+}
+
 MemberColumns member_columns(const Chain& chain, const Members& members) {
   MemberColumns out;
   const Effects all{members.begin(), members.end()};
@@ -185,10 +192,7 @@ Agreement Parts::of(std::size_t member, double sigmas) const {
                   at_half = best_answer(rates_[1], none, zero).beta;
   for (Eigen::Index p = 0; p < at_rate.size(); ++p)
     if (!own[static_cast<std::size_t>(p)]) at_rate[p] = at_half[p] = 0;
-  // Of what they predict: coefficients of which the data show no more than a difference may be anything.
-  const Eigen::VectorXd predicts = rates_[0].A * at_rate;
-  if (const double square = predicts.dot(at_rate); square > 0)
-    out.size_ratio = predicts.dot(at_half) / square;
+  out.size_ratio = predicted_ratio(rates_[0].A, at_rate, at_half);
   return out;
 }
 

@@ -49,6 +49,11 @@ PartAnswer best_answer(const PartSums& part, const std::vector<char>& held,
 void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
                    double least, const char* between, Agreement& out);
 
+// What `other` predicts along what `one` predicts, over that; `A`: products of the columns. Coefficients of
+// which the data show no more than a difference may be anything.
+double predicted_ratio(const Eigen::MatrixXd& A, const Eigen::VectorXd& one,
+                       const Eigen::VectorXd& other);
+
 class Parts {
  public:
   // `half_rate`: null where there is none.

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "trace/agreement.hpp"
 #include "trace/fall.hpp"
 #include "trace/statistics.hpp"
 #include "trace/transfer.hpp"
@@ -107,6 +108,16 @@ TEST(Gate, ASizeIsThatOfAllCoefficientsTogether) {
   covariance.diagonal().array() += 1e-4;
   EXPECT_LT(largest_wald(fit, covariance, 0), 1);
   EXPECT_NEAR(joint_wald(fit, covariance, 0), 5000 - 2, 50);
+}
+
+// Of two offsets only the difference shows: 1 and 0 predict what 6 and 5 do, and twice what 5.5 and 5 do.
+TEST(Gate, SizesAreComparedInWhatTheyPredict) {
+  Eigen::Matrix2d A;
+  A << 1, -1, -1, 1;
+  const Eigen::Vector2d one(1, 0);
+  EXPECT_DOUBLE_EQ(predicted_ratio(A, one, Eigen::Vector2d(6, 5)), 1);
+  EXPECT_DOUBLE_EQ(predicted_ratio(A, one, Eigen::Vector2d(5.5, 5)), 0.5);
+  EXPECT_DOUBLE_EQ(predicted_ratio(A, one, Eigen::Vector2d(5, 6)), -1);
 }
 
 // A dead time of which only the quotient by its zone of currents is known is not zero.
