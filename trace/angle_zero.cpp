@@ -6,7 +6,6 @@
 #include "trace/equations.hpp"
 #include "trace/sampler.hpp"
 #include "trace/thinning.hpp"
-#include "trace/tracer.hpp"
 
 namespace twinrate {
 

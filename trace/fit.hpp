@@ -68,6 +68,7 @@ double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t
 
 class Fitter {
  public:
+  // All three must outlive it. The declared model's residual is whitened here, by the noise that the chain has now.
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
 
   Fit start(Members members) const;

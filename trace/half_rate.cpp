@@ -3,7 +3,6 @@
 #include <cmath>
 
 #include "trace/thinning.hpp"
-#include "trace/tracer.hpp"
 
 namespace twinrate {
 

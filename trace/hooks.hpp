@@ -1,5 +1,6 @@
 // How a trace tells of itself, and how it is ended from outside.
 #pragma once
+#include <chrono>
 #include <functional>
 #include <string>
 
@@ -20,6 +21,25 @@ struct TraceHooks {
   void tell(const std::string& line) const {
     if (say) say(line);
   }
+};
+
+// How long each step took, one line each.
+class Laps {
+ public:
+  explicit Laps(std::function<void(const std::string&)> say) : say_(std::move(say)) {}
+  void operator()(const std::string& step) {
+    if (say_) say_(step + ": " + std::to_string(milliseconds()) + " ms");
+    last_ = std::chrono::steady_clock::now();
+  }
+
+ private:
+  long long milliseconds() const {
+    return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() -
+                                                                 last_)
+        .count();
+  }
+  std::function<void(const std::string&)> say_;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
 }  // namespace twinrate

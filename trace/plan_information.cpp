@@ -7,7 +7,6 @@
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/noise.hpp"
-#include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {

@@ -4,10 +4,12 @@
 #include <cmath>
 
 #include "trace/fir.hpp"
+#include "trace/signals.hpp"
 
 namespace twinrate {
 namespace {
 
+constexpr double kSlowest = 0.15;      // rad/s: below it friction is not what the speed says
 constexpr int kHalfWidth = 5;          // outputs
 constexpr double kSparse_Hz = 4000;    // rate at which a smooth channel is looked at, or more
 constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out
@@ -30,6 +32,13 @@ Eigen::VectorXd filtered(const std::vector<double>& taps, const std::vector<doub
 }
 
 }  // namespace
+
+std::vector<char> moving_rows(const Record& record) {
+  std::vector<char> ok = record.motion_ok;
+  const std::vector<double> omega_m = smooth_rate(record.theta_m, record.T_s, record.rows_each);
+  for (std::size_t k = 0; k < ok.size(); ++k) ok[k] = ok[k] && std::abs(omega_m[k]) > kSlowest;
+  return ok;
+}
 
 Sampler::Sampler(const Record& record, const std::vector<char>& torque_ok,
                  const std::vector<char>& held_out, double rate_Hz)

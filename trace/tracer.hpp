@@ -27,9 +27,6 @@ struct TraceSettings {
   bool fit_judging_rows = false;
 };
 
-// Of each row: whether the rotor moves there, so that friction is what the speed says.
-std::vector<char> moving_rows(const Record& record);
-
 // Where it is stopped after at least one round of the selection the result holds what was found
 // until then; before that TraceStopped is thrown. `held_out`: of each row of the record, whether it
 // judges; empty: blocks by settings.holdout.

@@ -1,0 +1,47 @@
+// A drive log as the search and the gate see it: its rows at the tracer's rate, in equations, with as much noise of
+// the sensors again, and the rows that judge apart.
+#pragma once
+#include "trace/chain.hpp"
+#include "trace/noise.hpp"
+#include "trace/thinning.hpp"
+
+namespace twinrate {
+
+class DriveProblem {
+ public:
+  // `judging`: of each row, whether it judges. `known`: effects of the drive file. `i_lsb`: A, step of the current
+  // converter.
+  DriveProblem(const Record& whole, const std::vector<char>& judging, const DriveFacts& facts,
+               const Effects& known, const Considered& considered, double i_lsb);
+  DriveProblem(const DriveProblem&) = delete;
+  DriveProblem& operator=(const DriveProblem&) = delete;
+
+  const DriveFacts& facts() const { return equations_.facts(); }
+  const Record& whole() const { return whole_; }
+  std::size_t rows() const { return rows_; }  // of the log that are one of the tracer's
+  const NoisierRecords& noisier() const { return noisier_; }
+  const Record& all_rows() const { return all_rows_; }
+
+  Chain& seen() { return seen_; }  // of the rows that do not judge
+  const Chain& seen() const { return seen_; }
+  const Chain& all() const { return all_; }
+  // Both under one noise model: a new one, or that of the rows that do not judge.
+  void set_noise(const NoiseModel& noise);
+  void share_noise() { all_.set_noise(seen_.noise()); }
+  void stop_when(const std::function<bool()>& stop);
+
+ private:
+  Record thin(const Record& record) const { return thinned(record, rows_, n_p_); }
+
+  const Record& whole_;
+  int n_p_;
+  std::size_t rows_;
+  Record seen_rows_;  // at the log's rate, without those that judge
+  NoisierRecords noisier_;
+  Record record_, answered_record_, readings_record_, all_rows_;
+  Equations equations_, answered_, readings_;
+  Sampler sampler_, sampler_of_all_;
+  Chain seen_, all_;
+};
+
+}  // namespace twinrate
