@@ -148,7 +148,7 @@ class Tracing {
   TraceResult operator()(std::vector<char> judging);
 
  private:
-  TraceResult with_voltage(const Readable& log, std::vector<char> judging, bool given);
+  TraceResult trace_rows(const Readable& log, std::vector<char> judging, bool given);
   // What of the bus voltage acted, as the record's voltage has it.
   std::optional<Record> as_bus_acted(const Record& raw, BusRipple& bus) const;
   Findings found(DriveProblem& problem, Search& search, const JudgedFiles& files,
@@ -278,7 +278,7 @@ TraceResult Tracing::operator()(std::vector<char> judging) {
   if (!given)
     judging =
         held_out_rows(log.changed ? *log.changed : log_, settings_.holdout, facts_.machine.n_p);
-  return with_voltage(log, std::move(judging), given);
+  return trace_rows(log, std::move(judging), given);
 }
 
 // The torque equation is all that a member acts on.
@@ -286,8 +286,7 @@ bool of_torque(const std::shared_ptr<Effect>& member) {
   return member->tracing().traits().equation == Traits::Equation::kMechanical;
 }
 
-TraceResult Tracing::with_voltage(const Readable& log, std::vector<char> judging, bool given) {
-  const auto begin = std::chrono::steady_clock::now();
+TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, bool given) {
   const Record& raw = log.changed ? *log.changed : log_;
   const bool rounding_unknown = drive_.sensors.encoder_counts == 0 && raw.angle.centre > 0;
   if (rounding_unknown)
@@ -350,7 +349,6 @@ TraceResult Tracing::with_voltage(const Readable& log, std::vector<char> judging
   for (const std::string& line : {log.voltage.told, log.fast})
     if (!line.empty()) result.health.push_back(line);
   laps_("conclusions");
-  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;
 }
 
@@ -358,7 +356,9 @@ TraceResult Tracing::with_voltage(const Readable& log, std::vector<char> judging
 
 TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out) {
+  const auto begin = std::chrono::steady_clock::now();
   TraceResult r = Tracing(record, drive, health, settings)(std::move(held_out));
+  r.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   tell_excluded(settings.considered, r);
   return r;
 }
