@@ -24,7 +24,7 @@ struct Again {
   Again(Findings first, Findings second, bool explains_as_much) {
     result = without_wrong_kinds(
         std::move(first),
-        [&](Fit, const std::vector<std::string>& kinds) {
+        [&](const Fit&, const std::vector<std::string>& kinds) {
           left_out = kinds;
           return second;
         },
@@ -40,6 +40,7 @@ struct Again {
 
 std::vector<std::string> kinds_of(const std::vector<Refused>& list) {
   std::vector<std::string> kinds;
+  kinds.reserve(list.size());
   for (const Refused& r : list) kinds.push_back(r.kind);
   return kinds;
 }
