@@ -60,7 +60,7 @@ double margin_of(const Record& record, const Health& health, const DriveFacts& f
              : Fitter::kMargin * (1 + health.not_read() / kLost);
 }
 
-Search::Search(DriveProblem& problem, double margin, Say say)
+Search::Search(DriveProblem& problem, double margin, const Say& say)
     : problem_(problem),
       margin_(margin),
       say_(say),

@@ -18,7 +18,7 @@ double margin_of(const Record& record, const Health& health, const DriveFacts& f
 class Search {
  public:
   // The problem is searched on its rows that do not judge, and gets their noise model.
-  Search(DriveProblem& problem, double margin, Say say);
+  Search(DriveProblem& problem, double margin, const Say& say);
   // Kinds that are not looked for.
   void leave_out(std::vector<std::string> kinds) { left_out_ = std::move(kinds); }
   // Goes on from `found`. Throws TraceStopped.
