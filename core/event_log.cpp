@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/decode.hpp"
+#include "core/log_marks.hpp"
 #include "core/message_check.hpp"
 
 namespace twinrate {
@@ -82,6 +83,8 @@ void EventLog::go_to(const Place& place) {
   open_part(place.part, place.byte);
   last_timestamp_.reset();
   order_ = {};
+  end_missing_.clear();
+  open_ = continues_ = false;
   jumped_ = true;
   ended_ = false;
 }
@@ -167,6 +170,7 @@ void EventLog::take_manifest() {
 std::string EventLog::wrong_content() {
   channel_.reset();
   if (!is_printable(event_.channel)) return "the channel name is not a text";
+  if (event_.channel == kLogMarkChannel) return take_mark() ? "" : "the mark of a log is damaged";
   const auto found = names_.find(event_.channel);
   if (found == names_.end()) return "";
   std::int64_t seq = 0, t_ns = 0;
@@ -183,6 +187,34 @@ std::string EventLog::wrong_content() {
   }
   channel_ = found->second;
   return "";
+}
+
+bool EventLog::take_mark() {
+  const std::string_view text(reinterpret_cast<const char*>(data_.data()), data_.size());
+  const bool ends = text == kLogEnds || text == kLogContinues;
+  if (!ends && text != kLogBegins && text != kLogGoesOn) return false;
+  open_ = !ends;
+  continues_ = text == kLogContinues;
+  if (text == kLogGoesOn) end_missing_.clear();  // the logger before it was lost: the run says so
+  return true;
+}
+
+// Whether a part goes on where its logger was lost is known at the next mark.
+void EventLog::end_of_part() {
+  if (!end_missing_.empty()) note(at_, end_missing_);
+  end_missing_ = open_ ? fmt::format("{} does not end: it was cut off", parts_[part_]) : "";
+  open_ = continues_ = false;
+}
+
+void EventLog::end_of_log() {
+  if (jumped_) return;
+  compare_counts();
+  const bool in_directory = path_ != parts_.front();
+  if (!end_missing_.empty()) note(at_, end_missing_);
+  if (open_)
+    note(at_,
+         "the log does not end: it was cut off, or its writer was killed or has not ended yet");
+  if (continues_ && in_directory) note(at_, "the next part of the log is missing");
 }
 
 void EventLog::note(std::int64_t byte, const std::string& what) {
@@ -210,9 +242,10 @@ std::int64_t EventLog::next_whole(std::int64_t byte) {
 const lcm::LogEvent* EventLog::next() {
   while (!ended_) {
     if (at_ == bytes_[part_]) {
+      if (part_ + 1 < parts_.size()) end_of_part();
       if (open_part(part_ + 1, 0)) continue;
       ended_ = true;
-      compare_counts();
+      end_of_log();
       break;
     }
     place_ = {part_, at_};
@@ -250,7 +283,6 @@ std::string EventLog::damage() const {
 
 // A log that was cut at the end of an event.
 void EventLog::compare_counts() {
-  if (jumped_) return;
   const fs::path log = parts_.front();
   if (log.filename() != "log.lcm") return;
   std::ifstream file(log.parent_path() / "manifest.json");

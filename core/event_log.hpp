@@ -4,9 +4,9 @@
 // An event is whole if it begins with the sync word, its lengths lie within the file and within
 // kMaxMessageBytes, its number follows the one before, its time stamp does not fall or jump by a
 // day, and, on a channel of the drive, its message decodes (core/message_check.hpp), its drive time is that
-// of its tick, and its tick does not go back. At the end the messages are counted against
-// manifest.json beside the log, where that has counts. Anything else is damage, said with event and
-// byte. Memory: one event.
+// of its tick, and its tick does not go back. A part that begins must end (core/log_marks.hpp), and
+// at the end the messages are counted against manifest.json beside the log, where that has counts.
+// Anything else is damage, said with event and byte. Memory: one event.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -77,8 +77,11 @@ class EventLog {
   std::string wrong_time(std::int64_t seq, std::int64_t t_ns) const;
   bool goes_back(Channel channel, std::int64_t seq);
   void take_manifest();
+  bool take_mark();  // false if it is none
   void note(std::int64_t byte, const std::string& what);
   std::int64_t next_whole(std::int64_t byte);  // where an event may begin; the size at the end
+  void end_of_part();
+  void end_of_log();
   void compare_counts();
 
   std::string path_, suffix_;
@@ -98,6 +101,10 @@ class EventLog {
   std::array<TickOrder, kChannelCount> order_;
   std::array<std::int64_t, kChannelCount> counts_{};
   std::optional<DriveConfig> drive_;  // of the manifest
+  // By the marks: the present part has begun and not ended; it ended and goes on in the next one;
+  // what was wrong at the end of the part before.
+  bool open_ = false, continues_ = false;
+  std::string end_missing_;
   bool jumped_ = false, ended_ = false, counted_ = false;
   std::string first_damage_;
   std::int64_t damaged_ = 0;

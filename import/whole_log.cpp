@@ -16,7 +16,7 @@ WholeLog::~WholeLog() {
 
 void WholeLog::write_bytes(const char* channel, std::int64_t timestamp_us) {
   lcm_eventlog_event_t event{};
-  event.timestamp = timestamp_us;
+  event.timestamp = timestamp_us_ = timestamp_us;
   event.channel = const_cast<char*>(channel);
   event.channellen = static_cast<std::int32_t>(std::strlen(channel));
   event.data = bytes_.data();
@@ -24,7 +24,13 @@ void WholeLog::write_bytes(const char* channel, std::int64_t timestamp_us) {
   if (lcm_eventlog_write_event(log_, &event) != 0) part_.fail();
 }
 
+void WholeLog::mark(std::string_view text, std::int64_t timestamp_us) {
+  bytes_.assign(text.begin(), text.end());
+  write_bytes(std::string(kLogMarkChannel).c_str(), timestamp_us);
+}
+
 void WholeLog::finish() {
+  if (begun_) mark(kLogEnds, timestamp_us_);
   if (std::fflush(log_->f) != 0 || std::ferror(log_->f)) part_.fail();
   lcm_eventlog_destroy(log_);
   log_ = nullptr;

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <stdexcept>
 
+#include "core/log_marks.hpp"
 #include "core/output_file.hpp"
 
 namespace twinrate {
@@ -45,8 +46,14 @@ LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes, std::size
 }
 
 LogWriter::~LogWriter() {
-  flush();
+  finish();
   close();
+}
+
+bool LogWriter::finish() {
+  if (!finished_ && !manifest_.empty()) put_mark(kLogEnds, t_us_);
+  finished_ = true;
+  return flush();
 }
 
 void LogWriter::open_next() {
@@ -76,12 +83,25 @@ void LogWriter::set_manifest(const std::string& channel, const std::vector<std::
                              std::int64_t t_us) {
   manifest_channel_ = channel;
   manifest_ = bytes;
-  put(channel, bytes.data(), bytes.size(), t_us);
+  begin_part(t_us);
+  mark(0);  // a disk that gets full within the first tick leaves no part of it
+}
+
+void LogWriter::begin_part(std::int64_t t_us) {
+  if (manifest_.empty()) return;
+  put(manifest_channel_, manifest_.data(), manifest_.size(), t_us);
+  put_mark(first_part_ > 0 && files_.size() == 1 ? kLogGoesOn : kLogBegins, t_us);
+}
+
+void LogWriter::put_mark(std::string_view text, std::int64_t t_us) {
+  put(std::string(kLogMarkChannel), reinterpret_cast<const std::uint8_t*>(text.data()), text.size(),
+      t_us);
 }
 
 bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
                     std::int64_t t_us) {
   if (full_) return false;
+  t_us_ = t_us;
   const EventHeader header{.number = htobe64(static_cast<std::uint64_t>(events_++)),
                            .t_us = htobe64(static_cast<std::uint64_t>(t_us)),
                            .channel_bytes = htobe32(static_cast<std::uint32_t>(channel.size())),
@@ -99,6 +119,7 @@ bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::
 bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
                       std::int64_t t_us) {
   if (on_disk_ + static_cast<std::int64_t>(gathered_) > rotate_bytes_) {
+    if (!manifest_.empty()) put_mark(kLogContinues, t_us_);
     if (!flush()) return false;
     close();
     try {
@@ -109,7 +130,7 @@ bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std
       return false;
     }
     rotated_ = true;
-    if (!manifest_.empty()) put(manifest_channel_, manifest_.data(), manifest_.size(), t_us);
+    begin_part(t_us);
     manifest_bytes_ = static_cast<std::int64_t>(gathered_);
   }
   return put(channel, bytes, size, t_us);

@@ -1,5 +1,6 @@
 // Writes an LCM log that is readable after a full disk.
 //
+// Marks say that a part begins and ends (core/log_marks.hpp); the log of a full disk does not end.
 // Whole events are gathered and written kFlushBytes at a time; every write is checked. If the disk is
 // full, the log is truncated to its last mark on the disk, without a mark to its last whole event, and
 // the writer accepts no more events: what it holds is what marked_on_disk() says. A file that exists is
@@ -9,6 +10,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -31,6 +33,8 @@ class LogWriter {
              std::int64_t t_us);
   // Flushes all events to the file; false once the disk is full.
   bool flush();
+  // As flush(), with the mark that the log ends; the last thing to be written.
+  bool finish();
   bool full() const { return full_; }
   // Why the writer accepts no more events; "" while it does.
   const std::string& failure() const { return failure_; }
@@ -47,6 +51,8 @@ class LogWriter {
  private:
   void open_next();  // throws as the constructor
   void close();
+  void begin_part(std::int64_t t_us);  // its manifest and mark, where there is a manifest
+  void put_mark(std::string_view text, std::int64_t t_us);
   void cut_to_mark();
   void fail(const std::string& why);
   bool put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
@@ -60,7 +66,8 @@ class LogWriter {
   std::size_t gathered_ = 0;         // bytes at its begin: events to be written
   std::int64_t on_disk_ = 0;         // bytes of whole events in the present file
   std::int64_t events_ = 0;          // of the present file
-  std::int64_t manifest_bytes_ = 0;  // of the present file, if it is a later one
+  std::int64_t manifest_bytes_ = 0;  // with its mark, of the present file, if it is a later one
+  std::int64_t t_us_ = 0;            // of the last event
   struct Mark {
     std::int64_t k = 0;
     std::size_t file = 0;     // of files_
@@ -70,7 +77,7 @@ class LogWriter {
   std::vector<std::string> files_;
   std::string manifest_channel_;
   std::vector<std::uint8_t> manifest_;
-  bool full_ = false, rotated_ = false;
+  bool full_ = false, rotated_ = false, finished_ = false;
   std::string failure_;
 };
 

@@ -103,7 +103,7 @@ class LoggerProcess {
     });
     drain();
     log_.close();
-    if (!writer_.flush()) disk_full();
+    if (!writer_.finish()) disk_full();
     earlier_.cut_to_whole_events();
     write_account();
   }

@@ -222,7 +222,7 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   if (in_memory)
     in_memory->log.counts[static_cast<std::size_t>(Channel::kManifest)] =
         static_cast<std::int64_t>(writer.files().size());
-  if (!writer.flush() && ended.empty()) ended = disk_full(writer);
+  if (!writer.finish() && ended.empty()) ended = disk_full(writer);
   if (monitor && !monitor->write() && ended.empty())
     ended = directory + "/monitor.json: the disk is full";
   return ended;

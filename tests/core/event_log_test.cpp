@@ -75,6 +75,46 @@ TEST_F(DamagedLog, OneThatEndsWithAWholeEventIsFoundByTheCountsOfItsManifest) {
   EXPECT_NE(said.find("of 60 messages of DRIVE_MEASUREMENT"), std::string::npos) << said;
 }
 
+// Without manifest.json beside it: the writer's marks say that it has an end (core/log_marks.hpp).
+TEST_F(DamagedLog, OneThatWasCutAtTheEndOfAnyEventIsFound) {
+  for (std::size_t events = 7; events < whole_.size(); ++events) {
+    const std::vector<RawEvent> cut(whole_.begin(), whole_.begin() + static_cast<long>(events));
+    ASSERT_NE(refusal(put(test::file_of(cut))).find("the log does not end"), std::string::npos)
+        << events;
+    ASSERT_NE(read_run_log(log(), "", OnDamage::kSkip).damage, "") << events;
+  }
+}
+
+TEST_F(DamagedLog, APartThatWasCutOrIsMissingIsFound) {
+  const auto middle = whole_.begin() + 100;
+  std::vector<RawEvent> first(whole_.begin(), middle), second(whole_.begin(), whole_.begin() + 2);
+  for (RawEvent& event : second) event.timestamp = middle->timestamp;
+  second.insert(second.end(), middle, whole_.end());
+  test::number(second);
+  first.push_back(test::mark(kLogContinues, first.back().timestamp));
+  test::number(first);
+  const std::string directory = fs::path(log()).parent_path().string();
+  put(test::file_of(first));
+  EXPECT_NE(refusal(directory).find("the next part of the log is missing"), std::string::npos);
+  EXPECT_EQ(refusal(log()), "") << "one part that the user names";
+  std::ofstream(directory + "/log-001.lcm", std::ios::binary) << test::file_of(second);
+  EXPECT_EQ(refusal(directory), "");
+  first.pop_back();
+  put(test::file_of(first));
+  EXPECT_NE(refusal(directory).find("log.lcm does not end"), std::string::npos);
+  second[1] = test::mark(kLogGoesOn, second[1].timestamp);
+  test::number(second);
+  std::ofstream(directory + "/log-001.lcm", std::ios::binary) << test::file_of(second);
+  EXPECT_EQ(refusal(directory), "") << "its logger was lost and started again: the run says so";
+}
+
+TEST_F(DamagedLog, OneWithoutMarksIsOfAnEarlierProgramOrAnotherLogger) {
+  whole_.erase(whole_.begin() + 1);
+  whole_.pop_back();
+  test::number(whole_);
+  EXPECT_EQ(refusal(put(test::file_of(whole_))), "");
+}
+
 // Every reading in a process that may use little more memory than it has. The shadow memory of
 // AddressSanitizer is larger than any such limit; it finds what is read out of bounds instead.
 TEST_F(DamagedLog, NoneOfManyIsTakenForWholeAndNoneEndsTheReader) {

@@ -36,12 +36,16 @@ class LogFiles : public testing::Test {
   struct Event {
     std::string channel;
     std::int64_t t_us;
+    std::string bytes;
   };
   std::vector<Event> events(const std::string& name = "log.lcm") const {
     std::vector<Event> list;
     lcm::LogFile file(path(name), "r");
     while (const lcm::LogEvent* event = file.readNextEvent())
-      list.push_back({event->channel, event->timestamp});
+      list.push_back(
+          {event->channel,
+           event->timestamp,
+           {static_cast<const char*>(event->data), static_cast<std::size_t>(event->datalen)}});
     return list;
   }
   std::string path(const std::string& name) const { return (directory_ / name).string(); }
@@ -265,10 +269,10 @@ TEST_F(Account, TimeStampsNeverRunBack) {
   EXPECT_EQ(list[3].t_us, 2200);
 }
 
-TEST_F(LogFiles, EveryRotatedPartBeginsWithTheManifest) {
+TEST_F(LogFiles, EveryRotatedPartBeginsWithTheManifestAndItsMarksSayWhetherItGoesOn) {
   const std::vector<std::uint8_t> bytes(100);
   {
-    LogWriter writer(directory_.string(), 1000);
+    LogWriter writer(directory_.string(), 1050);
     writer.set_manifest("DRIVE_MANIFEST", bytes, 0);
     for (int k = 0; k < 20; ++k) writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), k);
     EXPECT_EQ(writer.files().size(), 3u);
@@ -277,9 +281,16 @@ TEST_F(LogFiles, EveryRotatedPartBeginsWithTheManifest) {
   for (const char* part : {"log.lcm", "log-001.lcm", "log-002.lcm"}) {
     const std::vector<Event> list = events(part);
     ASSERT_GT(list.size(), 1u) << part;
-    for (std::size_t i = 0; i < list.size(); ++i)
-      EXPECT_EQ(list[i].channel, i == 0 ? "DRIVE_MANIFEST" : "DRIVE_COMMAND") << part << " " << i;
-    commands += static_cast<int>(list.size()) - 1;
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      const bool mark = i == 1 || i + 1 == list.size();
+      EXPECT_EQ(list[i].channel, i == 0 ? "DRIVE_MANIFEST"
+                                 : mark ? "TWINRATE_LOG"
+                                        : "DRIVE_COMMAND")
+          << part << " " << i;
+    }
+    EXPECT_EQ(list[1].bytes, "begins") << part;
+    EXPECT_EQ(list.back().bytes, part == std::string("log-002.lcm") ? "ends" : "continues");
+    commands += static_cast<int>(list.size()) - 3;
   }
   EXPECT_EQ(commands, 20);
 }
@@ -354,6 +365,23 @@ TEST_F(LogFiles, WhereTheDiskIsFullTheLogEndsWithItsLastMark) {
     EXPECT_GT(said, 5) << c.limit_bytes;
     EXPECT_EQ(commands, kMessagesATick * said) << c.limit_bytes;
   }
+}
+
+// A long manifest: the first tick is written in two pieces.
+TEST_F(LogFiles, WhereTheDiskIsFullWithinTheFirstTickNothingOfItIsLeft) {
+  const std::vector<std::uint8_t> manifest(64'000), bytes(1000);
+  {
+    LogWriter writer(directory_.string(), 100'000'000);
+    const SmallDisk disk(70'000);
+    writer.set_manifest("DRIVE_MANIFEST", manifest, 0);
+    for (int i = 0; i < 5; ++i) writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), 0);
+    EXPECT_TRUE(writer.flush() && fs::file_size(path("log.lcm")) > 68'000);
+    for (int i = 0; i < 5; ++i) writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), 0);
+    EXPECT_FALSE(writer.flush());
+    EXPECT_EQ(writer.marked_on_disk(), 0);
+  }
+  for (const Event& event : events()) EXPECT_NE(event.channel, "DRIVE_COMMAND");
+  EXPECT_EQ(events().size(), 2u) << "manifest and mark";
 }
 
 // A realtime log holds messages as they came; who reads it finds them by tick.

@@ -8,6 +8,7 @@
 
 #include "core/channels.hpp"
 #include "core/config.hpp"
+#include "core/log_marks.hpp"
 #include "core/manifest.hpp"
 #include "core/signals_io.hpp"
 
@@ -36,9 +37,19 @@ inline void number(std::vector<RawEvent>& events) {
   for (std::size_t i = 0; i < events.size(); ++i) events[i].number = static_cast<std::int64_t>(i);
 }
 
-// A manifest, then MEASUREMENT, ESTIMATE, REFERENCE, COMMAND of each tick, and events.
+inline RawEvent mark(std::string_view text, std::int64_t timestamp) {
+  return {.timestamp = timestamp,
+          .channel = std::string(kLogMarkChannel),
+          .bytes = {text.begin(), text.end()},
+          .channel_length = static_cast<std::int32_t>(kLogMarkChannel.size()),
+          .data_length = static_cast<std::int32_t>(text.size())};
+}
+
+// A manifest, then MEASUREMENT, ESTIMATE, REFERENCE, COMMAND of each tick, and events; with the marks
+// of a writer.
 inline std::vector<RawEvent> small_log(const Config& config, std::int64_t ticks) {
-  std::vector<RawEvent> events = {raw_event(make_manifest(1, config.resolved(), "{}"), 1'000'000)};
+  std::vector<RawEvent> events = {raw_event(make_manifest(1, config.resolved(), "{}"), 1'000'000),
+                                  mark(kLogBegins, 1'000'000)};
   for (std::int64_t k = 0; k < ticks; ++k) {
     const std::int64_t t_ns = config.drive().t_ns(k), t_us = 1'000'000 + t_ns / 1000;
     events.push_back(raw_event(to_wire(Measurement{.k = k, .t_ns = t_ns, .signals = 15}, 1), t_us));
@@ -52,6 +63,7 @@ inline std::vector<RawEvent> small_log(const Config& config, std::int64_t ticks)
     event.text = "a text";
     if (k % 10 == 0) events.push_back(raw_event(event, t_us));
   }
+  events.push_back(mark(kLogEnds, events.back().timestamp));
   number(events);
   return events;
 }
@@ -96,12 +108,11 @@ class Damage {
     const std::int32_t bad[] = {INT32_MAX, INT32_MIN, -1, 0, right + 1, right - 1, 1 << 24};
     return bad[below(std::size(bad))];
   }
-  // Within an event: a log that ends with a whole event needs the counts of manifest.json.
+  // Every other one at the end of an event.
   std::string cut(const std::string& file) {
-    std::size_t at = below(file.size(), 1);
-    const std::string sync = "\xED\xA1\xDA\x01";
-    while (file.compare(at, 4, sync) == 0) ++at;
-    return file.substr(0, at);
+    const std::size_t at = below(file.size(), 1);
+    const std::size_t event = file.rfind("\xED\xA1\xDA\x01", at);
+    return file.substr(0, below(2) == 0 && event > 0 ? event : at);
   }
   // 64 bytes of noise: more than a channel name, at least a part of a header.
   std::string overwritten(std::string file) {
@@ -167,14 +178,14 @@ class Damage {
       case 13:  // the size of a state
         for (std::size_t i = at;; ++i)
           if (events[i].channel == "DRIVE_ESTIMATE" || i + 1 == events.size()) {
-            put(events[i].channel == "DRIVE_ESTIMATE" ? events[i] : events[2], 44, bad_length(4),
+            put(events[i].channel == "DRIVE_ESTIMATE" ? events[i] : events[3], 44, bad_length(4),
                 4);
             break;
           }
         break;
       default: {  // the time of a tick
-        RawEvent& tick = events[1 + 4 * (at / 8)];
-        put(tick.channel == "DRIVE_EVENT" ? events[1] : tick, 16,
+        RawEvent& tick = events[2 + 4 * (at / 8)];
+        put(tick.channel == "DRIVE_EVENT" ? events[2] : tick, 16,
             std::int64_t{1} << (40 + below(23)), 8);
       }
     }
