@@ -194,17 +194,22 @@ void Bus::subscribe_all(const RawHandler& handler, bool with_acks) {
       subscribe_raw(channel.channel, handler, Wake::kAtOnce);
 }
 
-// One message of a far future tick would make its receiver deaf for those in between.
+// One message of a far future tick would make its receiver deaf for those in between. A GAIN is
+// counted in gains.
 bool Bus::jumps(Channel channel, std::int64_t seq) {
-  if (options_.max_jump <= 0 || channel >= Channel::kStatus || channel == Channel::kGain)
+  const bool gain = channel == Channel::kGain;
+  if (options_.max_jump <= 0 || channel >= Channel::kStatus || (gain && !options_.gains_between))
     return false;
+  const auto far = [&](std::int64_t from, std::int64_t most) {
+    return (gain ? options_.gains_between(from, seq) : seq - from) > most;
+  };
   const std::int64_t most =
       options_.max_jump + (channel == Channel::kEstimate ? 2 * wanted_estimates_.n : 0);
   const std::int64_t last = last_seq_[static_cast<std::size_t>(channel)];
   const std::int64_t before =
       std::exchange(jumped_to_[static_cast<std::size_t>(channel)], std::int64_t{-1});
-  if (last < 0 || seq - last <= most) return false;
-  if (before >= 0 && seq > before && seq - before <= most) return false;
+  if (last < 0 || seq <= last || !far(last, most)) return false;
+  if (before >= 0 && seq > before && !far(before, most)) return false;
   jumped_to_[static_cast<std::size_t>(channel)] = seq;
   return true;
 }

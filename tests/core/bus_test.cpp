@@ -88,6 +88,30 @@ TEST(BusJumps, AFarTickIsBelievedAtTheSecondMessageAndNotAtTheFirst) {
   EXPECT_EQ(publish({1107, 1104}), (Ticks{1107, 1104})) << "sent again";
 }
 
+// Of GAIN the gains count, not the ticks. The logger believed a forged one of a far tick and took the
+// genuine ones after it for messages that it had.
+TEST(BusJumps, AGainIsFarByTheGainsBetween) {
+  Bus bus(
+      {.url = "memq://",
+       .session = kSession,
+       .gains_between = [](std::int64_t first, std::int64_t last) { return (last - first) / 5; },
+       .max_jump = 50});
+  std::vector<std::int64_t> heard;
+  bus.subscribe<gain_t>([&](const gain_t& gain) { heard.push_back(gain.seq); });
+  for (const std::int64_t k : {1000, 1005, 6000, 1010, 1260, 1515, 1520}) {
+    gain_t wire{};
+    wire.seq = k;
+    wire.n_x = wire.n_y = 1;
+    wire.n_K = wire.n_P = 1;
+    wire.K = wire.P = {1.0};
+    bus.publish(wire);
+    while (bus.handle(0)) {
+    }
+  }
+  EXPECT_EQ(heard, (std::vector<std::int64_t>{1000, 1005, 1010, 1260, 1520}));
+  EXPECT_EQ(bus.counters().refused, 2);
+}
+
 TEST(BusMalformed, IsCountedAndNeverHeard) {
   Bus bus({.url = "memq://", .session = kSession, .ticks = 100});
   int heard = 0;
