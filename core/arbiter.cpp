@@ -42,9 +42,9 @@ std::string without_holder(const std::string& text, std::string* holder) {
   return text.substr(std::min(end + 1, text.size()));
 }
 
-void Arbiter::take(const request_t& request) {
+void Arbiter::take(const request_t& request, const Asker& asker) {
   if (is(request, RequestKind::kTakeControl) || is(request, RequestKind::kGiveControl))
-    return control(request);
+    return control(request, asker);
   for (const reply_t& reply : answered_)
     if (reply.seq == request.seq) return host_.answer(reply);
   if (phase_ != Phase::kIdle) {
@@ -53,41 +53,52 @@ void Arbiter::take(const request_t& request) {
   }
   request_t wanted = request;
   request_ = request;
-  if (const std::string why = not_allowed(wanted); !why.empty()) return refuse(why);
+  if (const std::string why = not_allowed(wanted, asker); !why.empty()) {
+    host_.refused();
+    return refuse(why);
+  }
   begin(std::move(wanted));
 }
 
 // Takes the holder's line off the request; "" where it may be asked for.
-std::string Arbiter::not_allowed(request_t& request) const {
+std::string Arbiter::not_allowed(request_t& request, const Asker& asker) const {
   std::string who;
   request.text = without_holder(request.text, &who);
-  if (holder_.empty() || who == holder_) return "";
-  if (is(request, RequestKind::kSteer) ? request.text == "stop"
-                                       : !is(request, RequestKind::kReset) && who == kMonitor)
+  if (holder_.empty() || is_holder(who, asker)) return "";
+  if (is(request, RequestKind::kSteer)
+          ? request.text == "stop"
+          : !is(request, RequestKind::kReset) && who == kMonitor && asker.is_monitor)
     return "";
   return holder_ + " has control";
 }
 
-void Arbiter::control(const request_t& request) {
+bool Arbiter::is_holder(const std::string& name, const Asker& asker) const {
+  return name == holder_ && (asker.socket == holder_socket_ || holder_socket_ == 0);
+}
+
+void Arbiter::control(const request_t& request, const Asker& asker) {
   reply_t reply{};
   reply.seq = request.seq;
   reply.applied_seq = -1;
   const bool take = is(request, RequestKind::kTakeControl), beat = take && request.value > 0;
+  const bool is_his = is_holder(request.text, asker);
   if (beat && holder_ != request.text) {
     reply.text = "the control was lost";
   } else if (request.text.empty()) {
     reply.text = "who takes control has a name";
-  } else if (holder_.empty() ? !take : holder_ != request.text) {
+  } else if (holder_.empty() ? !take : !is_his) {
     reply.text = holder_.empty() ? "nobody has control" : holder_ + " has control";
+    if (!holder_.empty()) host_.refused();
   } else if (beat && request.t_ns <= holder_beat_ns_) {
     return;  // it was recorded
   } else {
     reply.accepted = 1;
     holder_beat_ns_ = request.t_ns;
-    if (take != (holder_ == request.text) || !take)
+    if (!take || !is_his)
       host_.event(Reason::kControlTaken, host_.next_tick(),
                   fmt::format("{} {} control", request.text, take ? "takes" : "gives up"));
     holder_ = take ? request.text : "";
+    holder_socket_ = asker.socket;
     holder_heard_ = Clock::now();
     silent_ = false;
   }

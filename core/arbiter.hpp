@@ -16,8 +16,10 @@
 // comes again gets the same answer.
 //
 // Control: at most one holder, who sends a heartbeat. While there is one, requests of others are
-// refused, but stop and the changes of the model that the monitor makes by itself. A holder that falls silent for kSilent_s is reported; steering.hold_s later
-// the drive is stopped on a ramp. Without a holder any request counts.
+// refused, but stop and the changes of the model that the monitor makes by itself. A holder is known
+// by name and socket, the monitor by the socket of its role: who only gives the name is somebody else.
+// A holder that falls silent for kSilent_s is reported; steering.hold_s later the drive is stopped on
+// a ramp. Without a holder any request counts.
 #pragma once
 #include <chrono>
 #include <deque>
@@ -39,6 +41,11 @@ class Arbiter {
   static constexpr const char* kHolderLine = "holder=";
   static constexpr const char* kMonitor = "monitor";  // whose changes of the model need no control
 
+  // Who asks, as the bus knows it.
+  struct Asker {
+    std::uint64_t socket = 0;  // 0: not known
+    bool is_monitor = true;    // where that is known
+  };
   // What the arbiter needs of its process.
   struct Host {
     std::function<std::int64_t()> next_tick;        // the first one that is not begun
@@ -52,11 +59,12 @@ class Arbiter {
     std::function<void(request_t)> ask;
     std::function<void(reply_t)> answer;
     std::function<void(Reason, std::int64_t k, const std::string&)> event;
-    std::function<void()> released;  // what was held back may go on
+    std::function<void()> released;         // what was held back may go on
+    std::function<void()> refused = [] {};  // somebody asked who has not the control
   };
   explicit Arbiter(Host host) : host_(std::move(host)) {}
 
-  void take(const request_t& request);
+  void take(const request_t& request, const Asker& asker);
   void take(const reply_t& reply);
   // Repeats and time-outs; often.
   void turn();
@@ -70,8 +78,9 @@ class Arbiter {
   using Clock = std::chrono::steady_clock;
   enum class Phase { kIdle, kPreparing, kApplying };
 
-  void control(const request_t& request);
-  std::string not_allowed(request_t& request) const;
+  void control(const request_t& request, const Asker& asker);
+  std::string not_allowed(request_t& request, const Asker& asker) const;
+  bool is_holder(const std::string& name, const Asker& asker) const;
   void begin(request_t request);
   void begin_applying();
   void refuse(const std::string& why);
@@ -88,6 +97,7 @@ class Arbiter {
   Clock::time_point begun_{}, sent_{};
   std::deque<reply_t> answered_;
   std::string holder_;
+  std::uint64_t holder_socket_ = 0;
   Clock::time_point holder_heard_{};
   std::int64_t holder_beat_ns_ = 0;  // t_ns of the holder's last request
   bool silent_ = false;

@@ -260,6 +260,16 @@ bool Bus::is_of_its_sender(Channel channel, const std::uint8_t* bytes, std::size
   return false;
 }
 
+SocketName Bus::sender() const {
+  return transport_->sender();
+}
+
+bool Bus::is_from(Role role) const {
+  const SocketName socket = transport_->sender();
+  if (!bound_ || !checks_tags() || socket == 0) return true;
+  return transport_->is_own(socket) ? options_.role == role : senders_.is(role, socket);
+}
+
 // Messages between two of a channel that are missing.
 std::int64_t Bus::gap(Channel channel, std::int64_t last, std::int64_t seq) const {
   if (channel == Channel::kGain)

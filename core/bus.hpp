@@ -108,6 +108,11 @@ class Bus {
   void on_second_sender(std::function<void(const SecondSender&)> handler) {
     second_sender_ = std::move(handler);
   }
+  // Of the message that is being handled; 0: the transport does not give it.
+  SocketName sender() const;
+  // Whether it comes from the process of this role, which may be this one. True where nobody is
+  // asked who he is.
+  bool is_from(Role role) const;
   // Called with every status of this process's role from another process.
   void on_twin(std::function<void(const status_t&)> handler) { twin_ = std::move(handler); }
   // A process of this role was started again.

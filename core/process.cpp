@@ -112,10 +112,9 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
     compare_config(other);
   });
   bus_->on_twin([this](const status_t& twin) { leave_to(twin); });
-  if (info_.role == Role::kPlant) {
-    bus_->on_untagged_request([this] { ++refused_requests_; });
+  if (info_.role == Role::kPlant) bus_->on_untagged_request([this] { note_refused(untagged_); });
+  if (info_.role == Role::kPlant || info_.role == Role::kLogger)
     bus_->on_second_sender([this](const Bus::SecondSender& second) { note_second(second); });
-  }
   last_progress_ = Clock::now();
 }
 
@@ -150,9 +149,13 @@ void Process::leave_to(const status_t& twin) {
                                role_name(twin.role)));
 }
 
-// An event for each of the first kSecondsNamed sockets; all messages are counted.
+// An event for each of the first kSecondsNamed sockets; all messages are counted. The logger names
+// those of the channels that the plant does not hear.
 void Process::note_second(const Bus::SecondSender& second) {
   constexpr std::size_t kSecondsNamed = 16;
+  const bool plant_hears = second.channel == Channel::kCommand || second.channel == Channel::kAck ||
+                           second.channel == Channel::kStatus || second.channel == Channel::kReply;
+  if (info_.role == Role::kLogger && plant_hears) return;
   if (seconds_.size() >= kSecondsNamed || !seconds_.insert(second.socket).second) return;
   const std::string channel = info(second.channel).name;
   second_texts_.push_back(fmt::format(
@@ -161,18 +164,26 @@ void Process::note_second(const Bus::SecondSender& second) {
       text_of(second.socket)));
 }
 
-// At most one event a heartbeat, however many there are; of one process, though all refuse them.
+// The first one is named at once, those of the next heartbeat period together at its end.
+void Process::note_refused(std::int64_t& count) {
+  ++count;
+  if (Clock::now() - refused_named_ >= kBeatPeriod) log_refused();
+}
+
+// Of one process, though all refuse them.
 void Process::log_refused() {
   for (const std::string& text : std::exchange(second_texts_, {}))
     event(Reason::kSecondSender, status_.seq, text);
-  if (refused_requests_ > 0)
+  const auto name = [this](const char* what, std::int64_t& count) {
+    if (count == 0) return;
+    refused_named_ = Clock::now();
     event(Reason::kRequestRefused, status_.seq,
-          fmt::format("{} requests without a valid tag were refused",
-                      std::exchange(refused_requests_, 0)));
-  if (recorded_requests_ > 0)
-    event(Reason::kRequestRefused, status_.seq,
-          fmt::format("{} requests that had been heard before were refused",
-                      std::exchange(recorded_requests_, 0)));
+          fmt::format("refused requests {}: {}", what, std::exchange(count, 0)));
+  };
+  name("without a valid tag", untagged_);
+  name("that had been heard before", recorded_);
+  name("that the plant alone may send", foreign_);
+  name("of somebody who has not the control", not_holder_);
 }
 
 // The five processes of a session must have been started with one config. Each hears the others

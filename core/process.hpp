@@ -169,6 +169,8 @@ class Process {
   bool answer(const request_t& request, reply_t& reply);
   void handle_request(const request_t& request);
   bool is_recorded(const request_t& request);
+  bool is_of_the_plant() const;  // the request that is being handled
+  Arbiter::Asker asker() const;
   // Fills in what became of it; a request that comes again gets the same answer.
   void change_model(const request_t& request, reply_t& reply);
   void reset(const request_t& request, reply_t& reply);
@@ -189,6 +191,7 @@ class Process {
   void hear_supervisor(const status_t& beat);
   void leave_to(const status_t& twin);
   void note_second(const Bus::SecondSender& second);
+  void note_refused(std::int64_t& count);
   void log_refused();
   void check_patience();
   void check_supervisor();
@@ -203,9 +206,12 @@ class Process {
   std::unique_ptr<Bus> bus_;
   status_t status_{};
   Clock::time_point last_beat_{}, last_progress_{}, ready_{};
-  std::int64_t refused_requests_ = 0, recorded_requests_ = 0;  // since the last event
-  std::set<SocketName> seconds_;                               // second senders that were named
-  std::vector<std::string> second_texts_;                      // since the last heartbeat
+  // Requests that were refused since the last event: without a valid tag; heard before; a phase of
+  // the plant's from somebody else; while another has control.
+  std::int64_t untagged_ = 0, recorded_ = 0, foreign_ = 0, not_holder_ = 0;
+  Clock::time_point refused_named_{};
+  std::set<SocketName> seconds_;           // second senders that were named
+  std::vector<std::string> second_texts_;  // since the last heartbeat
   // By kind and number: the sender's time of the last one that was heard; the oldest first.
   using RequestName = std::pair<std::int32_t, std::int64_t>;
   std::map<RequestName, std::int64_t> requests_heard_;

@@ -44,11 +44,26 @@ bool Process::is_recorded(const request_t& request) {
   return false;
 }
 
+// The phases of a request (core/arbiter.hpp) come from the plant, or the bridge in its place.
+bool Process::is_of_the_plant() const {
+  return bus_->is_from(Role::kPlant) || bus_->is_from(Role::kBridge);
+}
+
+Arbiter::Asker Process::asker() const {
+  return {.socket = bus_->checks_tags() ? bus_->sender() : 0,
+          .is_monitor = bus_->is_from(Role::kMonitor)};
+}
+
 void Process::handle_request(const request_t& request) {
-  if (is_recorded(request)) {
-    if (info_.role == Role::kPlant) ++recorded_requests_;
-    return bus_->refuse();
-  }
+  const auto refuse = [this](std::int64_t& count) {
+    bus_->refuse();
+    if (info_.role == Role::kPlant) note_refused(count);
+  };
+  const auto kind = static_cast<RequestKind>(request.kind);
+  const bool phase =
+      kind == RequestKind::kPrepare || kind == RequestKind::kApplyAt || kind == RequestKind::kDrop;
+  if (phase && !is_of_the_plant()) return refuse(foreign_);
+  if (is_recorded(request)) return refuse(recorded_);
   reply_t reply{};
   reply.seq = request.seq;
   reply.t_ns = status_.t_ns;
@@ -82,7 +97,7 @@ bool Process::answer(const request_t& request, reply_t& reply) {
             "emergency stop: zero voltage from the next tick on");
       return true;
     case RequestKind::kReset:
-      if (arbiter_) arbiter_->take(request);
+      if (arbiter_) arbiter_->take(request, asker());
       if (arbiter_ || !reset_ || (must_be_arbitrated() && info_.role != Role::kBridge))
         return false;
       reset(request, reply);
@@ -90,7 +105,7 @@ bool Process::answer(const request_t& request, reply_t& reply) {
     case RequestKind::kSteer:
     case RequestKind::kTakeControl:
     case RequestKind::kGiveControl:
-      if (arbiter_) arbiter_->take(request);
+      if (arbiter_) arbiter_->take(request, asker());
       return false;
     case RequestKind::kPrepare:
     case RequestKind::kApplyAt:
@@ -100,7 +115,7 @@ bool Process::answer(const request_t& request, reply_t& reply) {
       return false;
     case RequestKind::kAddEffect:
     case RequestKind::kRemoveEffect:
-      if (arbiter_) arbiter_->take(request);
+      if (arbiter_) arbiter_->take(request, asker());
       if (arbiter_ || must_be_arbitrated() || !new_model_) return false;
       change_model(request, reply);
       return true;
@@ -177,7 +192,8 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
           },
       .event = [this](Reason reason, std::int64_t k,
                       const std::string& text) { event(reason, k, text); },
-      .released = std::move(released)};
+      .released = std::move(released),
+      .refused = [this] { note_refused(not_holder_); }};
   arbiter_.emplace(std::move(host));
   bus_->subscribe<reply_t>([this](const reply_t& reply) { arbiter_->take(reply); });
 }

@@ -171,8 +171,9 @@ inline constexpr std::array kReasons = {
                "a second sender of a channel or role was refused, or a second command of a tick"},
     ReasonText{Reason::kSupervisorLost, "supervisor_lost",
                "realtime: the supervisor sent no heartbeat: off, state SAFE"},
-    ReasonText{Reason::kRequestRefused, "request_refused",
-               "a request without a valid tag of the run's token was refused"},
+    ReasonText{
+        Reason::kRequestRefused, "request_refused",
+        "a request was refused: no valid tag, heard before, or somebody else than who may ask"},
     ReasonText{Reason::kLinkLost, "link_lost",
                "no frame of the drive for longer than bridge.silence_ms: off"},
     ReasonText{Reason::kLinkDisturbed, "link_disturbed",

@@ -6,7 +6,8 @@
 // first one's place where that one is silent for kSilent_ns while the second one speaks: a process
 // that was started again.
 //
-// DRIVE_REQUEST has no sender of its own: whoever has the token may ask.
+// DRIVE_REQUEST has no sender of its own: whoever has the token may ask. Who receives one can ask which
+// role its socket has.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -27,6 +28,10 @@ class SenderTable {
 
   // Whether a whole message comes from the sender of its channel or role.
   bool admits(Channel channel, const std::uint8_t* bytes, SocketName sender);
+  // Whether this socket is known as that of the role.
+  bool is(Role role, SocketName sender) const {
+    return known_[kTickChannels + static_cast<std::size_t>(role)].sender == sender;
+  }
   // The next sender of this role and of its channels is the one.
   void forget(Role role);
 

@@ -62,11 +62,11 @@ std::string one_line(std::string text) {
 bool is_tick_event(Reason reason) {
   return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
 }
-// "12 requests without a valid tag were refused", "tick began 310 us late: the machine woke it late"
+// "refused requests without a valid tag: 12", "tick began 310 us late: the machine woke it late"
 std::string without_count(const EventRecord& event) {
   const auto reason = static_cast<Reason>(event.reason);
   std::string text = event.text;
-  if (reason == Reason::kRequestRefused) text.erase(0, text.find(' '));
+  if (reason == Reason::kRequestRefused) text.erase(std::min(text.rfind(": "), text.size()));
   if (reason == Reason::kOverrun) {
     text.erase(std::min(text.find(" ("), text.size()));
     std::erase_if(text, [](unsigned char c) { return std::isdigit(c) != 0; });

@@ -27,7 +27,7 @@ reply_t answer_to(double tick) {
   request.kind = static_cast<std::int32_t>(RequestKind::kSteer);
   request.value = tick;
   request.text = "load_Nm=0.01";
-  arbiter.take(request);
+  arbiter.take(request, {});
   EXPECT_EQ(applied, answer.accepted);
   return answer;
 }
@@ -41,6 +41,54 @@ TEST(SteeringRequests, OneForATickFarAheadIsRefusedInOneLine) {
         << answer.text;
   }
   EXPECT_EQ(answer_to(0).applied_seq, 1000);
+}
+
+// Holder and monitor are known by their sockets: a name is no authority.
+TEST(SteeringRequests, WhoOnlyGivesTheNameOfTheHolderOrOfTheMonitorIsRefusedAndCounted) {
+  constexpr Arbiter::Asker kPage{.socket = 1, .is_monitor = false},
+      kOther{.socket = 2, .is_monitor = false}, kMonitor{.socket = 3, .is_monitor = true};
+  reply_t answer{};
+  int refused = 0;
+  Arbiter arbiter({.next_tick = [] { return std::int64_t{1000}; },
+                   .ticks = INT64_MAX,
+                   .ahead_ticks = 600'000,
+                   .members = [] { return std::set<int>{}; },
+                   .prepare = [](const request_t&) {},
+                   .apply = [](const request_t&) {},
+                   .ask = [](const request_t&) {},
+                   .answer = [&](reply_t reply) { answer = std::move(reply); },
+                   .event = [](Reason, std::int64_t, const std::string&) {},
+                   .released = [] {},
+                   .refused = [&] { ++refused; }});
+  std::int64_t seq = 0;
+  const auto ask = [&](RequestKind kind, const std::string& text, const Arbiter::Asker& asker,
+                       double value = 0) {
+    request_t request{};
+    request.seq = request.t_ns = ++seq;
+    request.kind = static_cast<std::int32_t>(kind);
+    request.text = text;
+    request.value = value;
+    arbiter.take(request, asker);
+    return answer.accepted != 0;
+  };
+  const auto steer = RequestKind::kSteer, take = RequestKind::kTakeControl;
+  EXPECT_TRUE(ask(steer, "holder=page\nn=3", kOther)) << "nobody has control";
+  EXPECT_TRUE(ask(take, "page", kPage));
+  EXPECT_TRUE(ask(steer, "holder=page\nn=4", kPage));
+  EXPECT_EQ(refused, 0);
+  EXPECT_FALSE(ask(steer, "holder=page\nn=5", kOther));
+  EXPECT_EQ(answer.text, "page has control");
+  EXPECT_FALSE(ask(RequestKind::kReset, "holder=page\n", kOther));
+  EXPECT_FALSE(ask(take, "page", kOther));
+  EXPECT_FALSE(ask(take, "page", kOther, 1)) << "its heartbeat";
+  EXPECT_FALSE(ask(RequestKind::kGiveControl, "page", kOther));
+  EXPECT_FALSE(ask(RequestKind::kAddEffect, "holder=monitor\n", kOther));
+  EXPECT_EQ(refused, 6);
+  EXPECT_TRUE(ask(RequestKind::kAddEffect, "holder=monitor\n", kMonitor));
+  EXPECT_TRUE(ask(steer, "stop", kOther)) << "everybody may stop";
+  EXPECT_TRUE(ask(take, "page", kPage, 1)) << "its heartbeat";
+  EXPECT_TRUE(ask(RequestKind::kGiveControl, "page", kPage));
+  EXPECT_EQ(refused, 6);
 }
 
 TEST(SteeringRequests, WhatTheRunDidNotReachOrAnotherReplacedWasNotApplied) {

@@ -25,6 +25,15 @@ namespace {
 
 constexpr int kWholeReplies = 5;  // plant, estimator, gain, controller, logger
 
+request_t phase_of_the_plant(RequestKind kind) {
+  request_t request{};
+  request.seq = 4711;
+  request.kind = static_cast<std::int32_t>(kind);
+  request.value = static_cast<double>(RequestKind::kSteer);
+  request.text = "n=7";
+  return request;
+}
+
 class Steering : public ProgramTest {
  protected:
   std::string run() const { return path("run"); }
@@ -223,6 +232,9 @@ TEST_F(Steering, OneHolderAtATimeAndASilentOneLeadsToAStop) {
     EXPECT_TRUE(page.take_control().accepted);
     EXPECT_EQ(other.take_control().why, "page has control");
     EXPECT_EQ(other.steer("n=3").why, "page has control");
+    EXPECT_EQ(other.ask(RequestKind::kSteer, "holder=page\nn=3").why, "page has control");
+    for (const RequestKind phase : {RequestKind::kPrepare, RequestKind::kApplyAt})
+      other.bus().publish(phase_of_the_plant(phase));
     EXPECT_EQ(other.reset().why, "page has control");
     const std::string friction =
         "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.001\nused_in = \"model\"\n";
@@ -254,6 +266,12 @@ TEST_F(Steering, OneHolderAtATimeAndASilentOneLeadsToAStop) {
   }
   EXPECT_EQ(lost, 2);
   EXPECT_EQ(steered, (std::vector<std::string>{"n=3", "stop", "start", "stop", "n=4"}));
+  for (const char* text :
+       {"that the plant alone may send: ", "of somebody who has not the control: "})
+    EXPECT_TRUE(std::any_of(log.events.begin(), log.events.end(), [&](const EventRecord& event) {
+      return event.reason == static_cast<int>(Reason::kRequestRefused) &&
+             event.text.find(text) != std::string::npos;
+    })) << text;
   EXPECT_EQ(references_in(run()).back(), 0);
 }
 
