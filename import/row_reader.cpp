@@ -15,6 +15,11 @@ namespace twinrate {
 namespace {
 
 constexpr double kDutyTolerance = 1e-3;  // beyond 0 to 1
+constexpr double kLargest = 1e100;       // of a number: sums of squares of it are finite
+// 1 MHz, five times the fastest drive (rates.f_s_Hz); on the average of the first rows, as a jittering
+// clock can give one pair of rows the same time but for its last digits.
+constexpr double kLeastInterval_s = 1e-6;
+constexpr std::int64_t kIntervalAfter = 200;  // rows, the least that a trace takes
 
 // False if the text is not exactly one number.
 bool parse_number(std::string_view text, char decimal, double& number) {
@@ -124,6 +129,9 @@ double RowReader::number(const Source& source, bool& cut) {
   }
   if (!std::isfinite(raw))
     fail(fmt::format("{}: a finite number needed, found \"{}\"", source.label(), text));
+  if (std::abs(raw) > kLargest)
+    fail(fmt::format("{}: {:g} to {:g} allowed, found \"{}\"", source.label(), -kLargest, kLargest,
+                     text.substr(0, 40)));
   if (source.map.wrap > 0) raw = unwrapped(source.map, raw);
   const double value = source.map.scale * raw + source.map.offset;
   if (source.is_duty && std::abs(value - 0.5) > 0.5 + kDutyTolerance)
@@ -141,6 +149,7 @@ bool RowReader::time_rises() {
   const std::optional<double> before = t_before_;
   if (!before || t_ > *before) {
     t_before_ = t_;
+    check_interval();
     return true;
   }
   if (t_ < *before)
@@ -151,6 +160,16 @@ bool RowReader::time_rises() {
         t_));
   if (repeated_++ == 0) first_repeated_ = csv_.line();
   return false;
+}
+
+// A time in another unit, or none: nobody samples a drive faster.
+void RowReader::check_interval() {
+  if (rising_++ == 0) t_first_ = t_;
+  if (rising_ != kIntervalAfter) return;
+  const double interval = (t_ - t_first_) / static_cast<double>(kIntervalAfter - 1);
+  if (interval < 0.99 * kLeastInterval_s)
+    fail(fmt::format("rows {:.3g} s apart; at least {:g} s allowed: is t in seconds?", interval,
+                     kLeastInterval_s));
 }
 
 bool RowReader::leave_out_truncated(const std::string& what) {
@@ -213,6 +232,7 @@ std::vector<std::string> RowReader::notes() const {
 void RowReader::go_to(const Place& place) {
   csv_.go_to(place);
   t_before_.reset();
+  rising_ = 0;
   raw_angle_before_.reset();
   turns_ = 0;
 }

@@ -57,6 +57,7 @@ class RowReader {
   bool take();  // false if the record is dropped
   double number(const Source& source, bool& cut);
   bool time_rises();  // false if the row is dropped
+  void check_interval();
   bool leave_out_cut_stream();
   bool leave_out_truncated(const std::string& what);
   double unwrapped(const ColumnMap& map, double raw);
@@ -74,6 +75,8 @@ class RowReader {
   std::vector<double> values_;
   double t_ = 0;
   std::optional<double> t_before_, raw_angle_before_;
+  double t_first_ = 0;
+  std::int64_t rising_ = 0;  // rows so far, each later than the one before
   double turns_ = 0;
   std::string truncated_note_;
   std::int64_t repeated_ = 0;

@@ -280,6 +280,22 @@ TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
   EXPECT_EQ(refusal((directory_ / "none.csv").string()), "none.csv: no such file");
 }
 
+// The tracer's windows are of seconds: rows of another unit of time made it crash or run on for ever.
+TEST_F(Import, RowsCloserThanAMicrosecondAndNumbersWhoseSquareIsInfiniteAreRefused) {
+  const auto every = [](double interval_s) {
+    return [interval_s](int k) { return fmt::format("{},0.5,{}", k * interval_s, 0.01 * k); };
+  };
+  for (const double interval_s : {1e-7, 1e-12, 1e-300})
+    EXPECT_EQ(
+        refusal(csv("t,i_q,theta_m", every(interval_s))),
+        fmt::format("log.csv:201: rows {:g} s apart; at least 1e-06 s allowed: is t in seconds?",
+                    interval_s));
+  EXPECT_EQ(refusal(csv("t,i_q,theta_m", every(1e-6))), "");
+  const auto huge = [](int k) { return k == 50 ? std::string("0.01,1e308,1") : plain_row(k); };
+  EXPECT_EQ(refusal(csv("t,i_q,theta_m", huge)),
+            "log.csv:52: i_q: -1e+100 to 1e+100 allowed, found \"1e308\"");
+}
+
 TEST_F(Import, SetsWithoutTimeAreReadAsTheyAre) {
   const std::string set = csv(
       "i_b,u_b", [](int k) { return fmt::format("{},{}", 0.01 * k, 0.02 * k); }, 30);
