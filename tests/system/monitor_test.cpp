@@ -165,8 +165,7 @@ TEST_F(Monitor, ARequestWithoutTheTokenIsRefusedAndLogged) {
   EXPECT_EQ(without.exit_code, 1);
   EXPECT_NE(without.err.find("give its --run-dir"), std::string::npos) << without.err;
   EXPECT_EQ(elsewhere.exit_code, 2) << "no token there";
-  EXPECT_NE(run.out.find("refused requests without a valid tag"), std::string::npos)
-      << run.out;
+  EXPECT_NE(run.out.find("refused requests without a valid tag"), std::string::npos) << run.out;
   EXPECT_NE(run.out.find("messages refused"), std::string::npos) << run.out;
   const RunLog log = read_run_log(path("run"));
   EXPECT_FALSE(events(log, Reason::kRequestRefused).empty());

@@ -244,6 +244,28 @@ TEST_F(Realtime, AFrozenControllerSwitchesOffAndEndsTheRun) {
   }
 }
 
+// The commands of the stopped time come in a burst: they are late, and SAFE is latched.
+TEST_F(Realtime, AControllerThatStoppedForAMomentSwitchesOffAndItsLateCommandsAreNotReplayed) {
+  Program run(launch("1s"));
+  ASSERT_TRUE(wait_for_log(300'000));
+  const pid_t controller = processes_with(path("run"), "twinrate-controller").at(0);
+  kill(controller, SIGSTOP);
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  kill(controller, SIGCONT);
+  const ProgramResult result = run.wait(20);
+  ASSERT_FALSE(result.timed_out) << result.err;
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_EQ(summary()["trip"]["name"], "command_lost");
+  const RunLog log = read_run_log(path("run"));
+  EXPECT_EQ(log.measurement.size(), 5000u) << "to its end";
+  ASSERT_EQ(events(log, Reason::kCommandLost).size(), 1u);
+  for (const Measurement& m : log.measurement)
+    if (m.k > events(log, Reason::kCommandLost).front().k) {
+      ASSERT_EQ(m.u_alphabeta, Vec2::Zero()) << m.k;
+      ASSERT_EQ(m.mode, Mode::kSafe) << m.k;
+    }
+}
+
 TEST_F(Realtime, AFrozenSupervisorSwitchesOffAndLeavesNoOrphan) {
   Program run(launch("60s"));
   ASSERT_TRUE(wait_for_log(300'000));
