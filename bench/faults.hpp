@@ -74,6 +74,8 @@ inline void print_header(bool ends) {
   std::fflush(stdout);  // a child would print it again
 }
 
+// Rows of processes of a launched set (process_faults.cpp). True where every trial is as expected.
+bool run_set_rows(const Options& o);
 // Rows of messages that somebody else sends to a launched set (message_faults.cpp). True where every
 // trial is as expected.
 bool run_message_rows(const Options& o);

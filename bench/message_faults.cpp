@@ -8,7 +8,12 @@
 //   future tick          MEASUREMENT, ESTIMATE, REFERENCE or COMMAND of a later tick, with other
 //                        values: 300 to 3,000 ticks in realtime, 5,000 to 15,000 in lock-step, which
 //                        is faster and where some are beyond the end of the run
-//   request              add effect; without the token, or the same three times
+//   GAIN                 GAIN(k) once more with a P that is not positive, with other sizes or not finite;
+//                        the next one of a future tick, or an older one. From a second sender with the
+//                        token, and in a set that takes messages without a tag, where the estimator
+//                        itself must refuse what is not plausible
+//   request              add effect or a retune; without the token, or the same three times; and a phase of
+//                        a request, which the plant alone may send, with the token
 //
 //   detected after   from the tick heard last to the event that names the fault, in ticks
 //   as expected      the run ends locked with exit code 0, the message is counted as refused and,
@@ -24,6 +29,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -45,7 +51,22 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-enum class Message { kSecondCommand, kCommand, kMeasurement, kEstimate, kReference, kRequest };
+enum class Message {
+  kSecondCommand,
+  kCommand,
+  kMeasurement,
+  kEstimate,
+  kReference,
+  kGain,
+  kRequest
+};
+enum class Spoilt { kAsItIs, kNegative, kSizes, kNan, kFuture, kOld };  // a GAIN
+
+struct Asked {
+  RequestKind kind = RequestKind::kAddEffect;
+  const char* text = "";
+  bool changes = false;  // the drive
+};
 
 struct MessageRow {
   const char* what;
@@ -53,7 +74,12 @@ struct MessageRow {
   bool with_token;
   int times;        // that it is sent
   Reason names_it;  // kNone: counted, no event
+  Spoilt spoilt = Spoilt::kAsItIs;
+  bool open = false;  // bus.authenticate = false
+  Asked asked = {};
 };
+constexpr const char* kEffect =
+    "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.0001\nused_in = \"model\"\n";
 
 const std::vector<MessageRow> kMessageRows = {
     {"second COMMAND of a tick, without the token", Message::kSecondCommand, false, 1,
@@ -69,19 +95,60 @@ const std::vector<MessageRow> kMessageRows = {
     {"ESTIMATE of a future tick, with the token", Message::kEstimate, true, 1, Reason::kNone},
     {"REFERENCE of a future tick, without the token", Message::kReference, false, 1, Reason::kNone},
     {"REFERENCE of a future tick, with the token", Message::kReference, true, 1, Reason::kNone},
-    {"add effect, without the token", Message::kRequest, false, 1, Reason::kRequestRefused},
-    {"add effect, the same message three times", Message::kRequest, true, 3,
-     Reason::kRequestRefused},
+    {"GAIN of a second sender, with the token", Message::kGain, true, 1, Reason::kSecondSender,
+     Spoilt::kNegative},
+    {"GAIN with P not positive, in a set without tags", Message::kGain, false, 1, Reason::kNone,
+     Spoilt::kNegative, true},
+    {"GAIN of other sizes, in a set without tags", Message::kGain, false, 1, Reason::kNone,
+     Spoilt::kSizes, true},
+    {"GAIN not finite, in a set without tags", Message::kGain, false, 1, Reason::kNone,
+     Spoilt::kNan, true},
+    {"GAIN of a future tick, in a set without tags", Message::kGain, false, 1, Reason::kNone,
+     Spoilt::kFuture, true},
+    {"GAIN older than the one in use, in a set without tags", Message::kGain, false, 1,
+     Reason::kNone, Spoilt::kOld, true},
+    {"retune, without the token",
+     Message::kRequest,
+     false,
+     1,
+     Reason::kRequestRefused,
+     Spoilt::kAsItIs,
+     false,
+     {RequestKind::kSteer, "n=3"}},
+    {"phase of a request, with the token",
+     Message::kRequest,
+     true,
+     1,
+     Reason::kRequestRefused,
+     Spoilt::kAsItIs,
+     false,
+     {RequestKind::kPrepare, "n=3"}},
+    {"add effect, without the token",
+     Message::kRequest,
+     false,
+     1,
+     Reason::kRequestRefused,
+     Spoilt::kAsItIs,
+     false,
+     {RequestKind::kAddEffect, kEffect}},
+    {"add effect, the same message three times",
+     Message::kRequest,
+     true,
+     3,
+     Reason::kRequestRefused,
+     Spoilt::kAsItIs,
+     false,
+     {RequestKind::kAddEffect, kEffect, true}},
 };
-constexpr const char* kEffect =
-    "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.0001\nused_in = \"model\"\n";
 constexpr const char* kDuration = "3s";
 
-pid_t launch(const Options& o, bool realtime, const fs::path& dir, const std::string& url) {
+pid_t launch(const Options& o, bool realtime, const fs::path& dir, const std::string& url,
+             bool open = false) {
   std::vector<std::string> list = {o.twinrate,  "launch", o.drive,
                                    "--run-dir", dir,      "--duration",
                                    kDuration,   "--pace", realtime ? "realtime" : "lockstep",
                                    "--lcm-url", url};
+  if (open) list.insert(list.end(), {"--set", "bus.authenticate=false"});
   return start(std::move(list), dir.string() + ".out", dir.string() + ".out");
 }
 
@@ -103,6 +170,7 @@ class Sender {
       if (row_.message == Message::kRequest) send_request(m.seq);
     });
     bus_->subscribe<estimate_t>([this](const estimate_t& e) { take(Message::kEstimate, e); });
+    bus_->subscribe<gain_t>([this](const gain_t& g) { take(Message::kGain, g); });
     bus_->subscribe<reference_t>([this](const reference_t& r) { take(Message::kReference, r); });
   }
   std::int64_t send_at(std::int64_t k, pid_t pid) {
@@ -120,23 +188,50 @@ class Sender {
         row_.message == Message::kCommand ? Message::kSecondCommand : row_.message;
     if (heard != wanted || sent_k_ >= 0 || message.seq < from_k_) return;
     sent_k_ = message.seq;
-    spoil(message);
+    if constexpr (std::is_same_v<Lcm, gain_t>)
+      spoil_gain(message);
+    else
+      spoil(message);
     message.tag = 0;
-    if (!second) message.seq += ahead_, message.t_ns += 200'000 * ahead_;
+    if (!second && heard != Message::kGain) message.seq += ahead_, message.t_ns += 200'000 * ahead_;
     bus_->publish(message);
   }
   static void spoil(command_t& c) { c.u_alpha_V += 3; }
   static void spoil(measurement_t& m) { m.i_a_A += 1; }
   static void spoil(estimate_t& e) { e.theta_e_rad += 1; }
   static void spoil(reference_t& r) { r.omega_m_ref_rad_s *= -1; }
+  void spoil_gain(gain_t& g) const {
+    constexpr std::int64_t kOldGains = 20;
+    const std::int64_t n = g.first_use_seq - g.seq;  // policy paper
+    const std::int64_t gains = row_.spoilt == Spoilt::kFuture ? ahead_
+                               : row_.spoilt == Spoilt::kOld  ? -kOldGains
+                                                              : 0;
+    g.seq += n * gains;
+    g.first_use_seq += n * gains;
+    g.t_ns += 200'000 * n * gains;
+    if (row_.spoilt == Spoilt::kNegative)
+      for (double& p : g.P) p = -p;
+    else if (row_.spoilt == Spoilt::kNan)
+      g.K.front() = std::nan("");
+    else
+      for (double& k : g.K) k *= 2;
+    if (row_.spoilt != Spoilt::kSizes) return;
+    --g.n_x;
+    g.n_K = g.n_x * g.n_y;
+    g.n_P = g.n_x * g.n_x;
+    g.K.resize(static_cast<std::size_t>(g.n_K));
+    g.P.resize(static_cast<std::size_t>(g.n_P));
+  }
   void send_request(std::int64_t k) {
     if (sent_k_ >= 0 || k < from_k_) return;
     sent_k_ = k;
     request_t request{};
     request.seq = 1'000'000;
     request.t_ns = 1;
-    request.kind = static_cast<std::int32_t>(RequestKind::kAddEffect);
-    request.text = kEffect;
+    request.kind = static_cast<std::int32_t>(row_.asked.kind);
+    request.text = row_.asked.text;
+    if (row_.asked.kind == RequestKind::kPrepare)
+      request.value = static_cast<double>(RequestKind::kSteer);
     for (int i = 0; i < row_.times; ++i) bus_->publish(request);
   }
 
@@ -170,7 +265,7 @@ Trial judge(const MessageRow& row, bool realtime, const fs::path& dir, int exit_
   }
   result.detected = named >= 0;
   result.detected_after = static_cast<double>(std::max<std::int64_t>(0, named - sent_k));
-  const bool changes = row.message == Message::kRequest && row.with_token;
+  const bool changes = row.asked.changes;
   const bool counted = manifest.value("refused_messages", 0) > 0;
   const bool locked = summary["trip"].is_null() && summary.value("locked", false);
   const bool same = realtime || changes || (calm && digest_of(dir.string()) == *calm);
@@ -183,7 +278,7 @@ Trial judge(const MessageRow& row, bool realtime, const fs::path& dir, int exit_
        summary["trip"].is_null() ? "" : "tripped: " + summary["trip"].value("name", ""));
   must(locked || !summary["trip"].is_null(), "lost the rotor");
   must(exit_code == 0, fmt::format("exit code {}", exit_code));
-  must(counted, "not counted");
+  must(counted || row.spoilt == Spoilt::kOld, "not counted");  // it may be one that is sent again
   must(row.names_it == Reason::kNone || named >= 0, "not named");
   must(same, "another log");
   must(whole,
@@ -223,7 +318,7 @@ Trial try_message(const Options& o, const MessageRow& row, bool realtime, std::s
                   int trial, const fs::path& scratch, const std::optional<LogDigest>& calm) {
   const fs::path dir = scratch / fmt::format("{}-{}-{}", realtime ? "rt" : "ls", index, trial);
   const std::string url = url_of_this_process();
-  const pid_t pid = launch(o, realtime, dir, url);
+  const pid_t pid = launch(o, realtime, dir, url, row.open);
   wait_for_session(dir);
   std::int64_t sent_k = -1;
   {
