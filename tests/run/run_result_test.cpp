@@ -58,7 +58,7 @@ class RunResult : public testing::Test {
       log.take(Channel::kEvent, event.seq, event.t_ns, bytes.data(), bytes.size());
     }
     log.close();
-    writer.flush();
+    writer.finish();
     nlohmann::json account;
     account["files"] = {"log.lcm"};
     for (const char* name : {"DRIVE_REFERENCE", "DRIVE_ESTIMATE"})
