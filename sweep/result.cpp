@@ -32,6 +32,11 @@ std::string number(int n, double value) {
 
 }  // namespace
 
+std::string limiting_part(int filter_alone, int closed_loop, int most_closed) {
+  if (closed_loop == 0 || filter_alone == 0 || closed_loop >= most_closed) return "-";
+  return closed_loop < filter_alone - std::max(1.0, 0.1 * filter_alone) ? "controller" : "filter";
+}
+
 std::vector<const Point*> of_search(const std::vector<Point>& points, const Search& search) {
   std::vector<const Point*> list;
   for (const Point& p : points)

@@ -1,6 +1,8 @@
 // f_bmin from points: the last n before the first loss, for each policy and speed, over the seeds.
 #pragma once
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "sweep/point.hpp"
 
@@ -27,6 +29,11 @@ struct Limit {
   double f_bmin_Hz() const { return f_s_Hz / n_max; }
   double ratio(int n) const { return f_s_Hz / n / f_e_Hz; }
 };
+// The part that limits n, by the largest n of two Floquet analyses: the controller, where the closed loop holds
+// less than the filter alone by more than a step or 10 %, else the filter. "-" without a limit: one of them is
+// 0 (not predicted), or the closed loop holds every n that was tried, `most_closed`.
+std::string limiting_part(int filter_alone, int closed_loop, int most_closed);
+
 std::vector<Limit> limits_of(const Plan& plan, const std::vector<Point>& points);
 void write_limits(const std::string& path, const std::vector<Limit>& limits);
 

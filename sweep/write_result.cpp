@@ -67,12 +67,9 @@ int predicted(const Reason& r) {
 }
 
 // The part that limits n: the start, where n_max + 1 is lost from standstill and held switched on at speed;
-// else by the two Floquet analyses the controller, where the closed loop holds less than the filter alone
-// by more than a step or 10 %.
+// else that of the Floquet analyses.
 std::string limited_by(const Reason& r) {
-  if (r.start) return "start";
-  if (r.closed == 0 || r.floquet == 0 || r.closed >= kMaxClosed_n) return "-";
-  return r.closed < r.floquet - std::max(1.0, 0.1 * r.floquet) ? "controller" : "filter";
+  return r.start ? "start" : limiting_part(r.floquet, r.closed, kMaxClosed_n);
 }
 
 // `config_mutex`: the closed loop reads tables of `config`, which keeps account of what was read.

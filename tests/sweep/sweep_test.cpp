@@ -161,6 +161,17 @@ TEST(Why, FormulaFloquetAndTheDriveAgreeAtFourHundredRadPerSecond) {
   EXPECT_GT(spectral_radius(steady, 20), 1.05);
 }
 
+TEST(Why, TheControllerLimitsWhereTheClosedLoopHoldsLessByMoreThanAStepOrTenPercent) {
+  EXPECT_EQ(limiting_part(8, 7, 100), "filter") << "one step";
+  EXPECT_EQ(limiting_part(8, 6, 100), "controller");
+  EXPECT_EQ(limiting_part(40, 36, 100), "filter") << "10 %";
+  EXPECT_EQ(limiting_part(40, 35, 100), "controller");
+  EXPECT_EQ(limiting_part(8, 12, 100), "filter");
+  EXPECT_EQ(limiting_part(0, 12, 100), "-");
+  EXPECT_EQ(limiting_part(12, 0, 100), "-");
+  EXPECT_EQ(limiting_part(150, 100, 100), "-") << "every n that was tried";
+}
+
 TEST(Why, APropagatedGainHasNoLimit) {
   Config config = load_drive("dilys2021");
   const auto filter = make_filter(config);
