@@ -16,9 +16,12 @@
 #include "core/signals_io.hpp"
 #include "drive_log/log_reader.hpp"
 #include "drive_log/measured_files.hpp"
+#include "drive_log/moments.hpp"
 #include "import/import_log.hpp"
 #include "import/whole_log.hpp"
+#include "model/effects/effect.hpp"
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/keys.hpp"
 #include "trace/tracer.hpp"
 #include "verify/verify_logs.hpp"
 
@@ -146,6 +149,32 @@ TEST_F(DriveLogsTest, BlocksKeepTheStartOfTheirLog) {
   for (double& t : raw_.t) t += 50;
   const DriveLogs logs = read({.data = {write("late.csv", as_it_is)}}, kAllowed);
   EXPECT_NEAR(logs.record.begin_s.value(), 50, 1e-6);
+}
+
+// The torque sensor misses a load from a moment on, and the record has a gap around it: wider than the bisected
+// stretches (8 s), and narrower (1.5 s).
+TEST_F(DriveLogsTest, TheMomentOfALoadStepInAGapIsFound) {
+  constexpr double kStep_s = 4.3217, kTorque_Nm = 2;
+  for (std::size_t k = row_at(kStep_s); k < raw_.size(); ++k) raw_.T_load[k] -= kTorque_Nm;
+  const DriveLogs whole = read({.data = {write("step.csv", as_it_is)}}, 1.2 * kSeconds);
+  struct Case {
+    double begin, end, told;
+  };
+  for (const Case& c : {Case{1, 9, 8.5}, Case{3.5, 5, 3.6}}) {
+    DriveLogs logs = whole;
+    std::erase_if(logs.record.t, [&](double t) { return t > c.begin && t < c.end; });
+    logs.files[0].end = logs.record.t.size();
+    const std::shared_ptr<Effect> step = make_effect("load_step");
+    set_key(*step, "torque_Nm", kTorque_Nm);
+    set_key(*step, "time_s", c.told);
+    TraceResult result;
+    result.effects.push_back({.effect = step, .parameters = {{.name = "time", .value = c.told}}});
+    find_moments(logs, drive_.drive(), result);
+    EXPECT_NEAR(get_key(*result.effects[0].effect, "time_s"), kStep_s, 0.005) << c.begin;
+    EXPECT_EQ(result.effects[0].parameters[0].value, get_key(*result.effects[0].effect, "time_s"));
+    EXPECT_GT(result.effects[0].parameters[0].sigma.value_or(0), 0);
+    EXPECT_LT(result.effects[0].parameters[0].sigma.value_or(1), 0.01);
+  }
 }
 
 // Bursts of 900 rows, 0.2 s apart, beyond the memory: shorter blocks, none across a gap.

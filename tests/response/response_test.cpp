@@ -76,6 +76,11 @@ TEST(Response, ALineBelowTheNoiseIsNotMeasured) {
   ResponseLine hidden{.f = 2, .H = 50, .coherence = 0.1, .sigma = 87, .design = {}};
   EXPECT_TRUE(known.measured());
   EXPECT_FALSE(hidden.measured());
+  ResponseLine edge = known;  // two sigma against 3 dB, 0.2929 of the gain
+  edge.sigma = 0.146;
+  EXPECT_TRUE(edge.measured());
+  edge.sigma = 0.147;
+  EXPECT_FALSE(edge.measured());
   ResponseLine fallen = known;
   fallen.f = 4;
   fallen.H = 0.5;
