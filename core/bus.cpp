@@ -161,7 +161,14 @@ BusCounters Bus::counters() const {
   return all;
 }
 
+// What a process sends about what it heard.
+static bool is_answer(Channel channel) {
+  return channel == Channel::kGain || channel == Channel::kStatus || channel == Channel::kEvent ||
+         channel == Channel::kReply || channel == Channel::kAck;
+}
+
 void Bus::subscribe_raw(Channel channel, RawHandler handler, Wake wake) {
+  hears_leaders_ = hears_leaders_ || !is_answer(channel);
   transport_->subscribe(
       wanted(channel), options_.split_ports ? port_offset(channel) : 0, wake == Wake::kQuiet,
       [this, channel, handler = std::move(handler)](const std::uint8_t* bytes, std::size_t size) {
@@ -224,8 +231,10 @@ bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
     return false;
   }
   if (session == session_) return true;
-  // Session 0 is a speaker that has no session yet: nothing to take over.
-  if (!bound_ && session != 0 && (session_ == 0 || options_.follow)) {
+  // Session 0 is a speaker that has no session yet: nothing to take over. An answer may be of the
+  // session before, sent by a process that has not heard of the new one.
+  const bool begins = session_ == 0 || (options_.follow && !(hears_leaders_ && is_answer(channel)));
+  if (!bound_ && session != 0 && begins) {
     const bool changed = session_ != 0;
     session_ = session;
     first_seq_.fill(-1);

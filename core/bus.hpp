@@ -42,7 +42,7 @@ struct BusOptions {
   std::string url;             // empty: LCM_DEFAULT_URL, else kDefaultUrl
   std::string channel_suffix;  // puts several drives side by side on one bus
   std::int64_t session = 0;    // 0: unbound
-  bool follow = false;         // take a new session over when one starts
+  bool follow = false;         // take a new session over when one starts; answers start none
   double drop_rate = 0;        // share of datagrams thrown away on reception (testing)
   bool split_ports = false;    // the ring's links on UDP ports of their own
   bool filter = true;          // unwanted channels do not wake this process (core/channel_filter)
@@ -194,6 +194,7 @@ class Bus {
   BusOptions options_;
   std::int64_t session_;
   bool bound_;
+  bool hears_leaders_ = false;  // more than answers
   BusCounters counters_;
   std::uint64_t datagrams_seen_ = 0;
   std::array<std::int64_t, kChannelCount> first_seq_, last_seq_, jumped_to_;

@@ -128,6 +128,41 @@ TEST_F(BusSockets, StockLoggerRecordsWhatTheBusSendsAndStockPlayerFeedsIt) {
   EXPECT_EQ(config, manifest.config_toml);
 }
 
+// The gain process of a replay had not heard of the next one yet: its heartbeat took the estimator back to
+// the session before, and the filter restarted twice.
+TEST_F(BusSockets, WhoFollowsIsNotTakenBackToASessionByALateAnswer) {
+  Bus bus({.follow = true});
+  std::vector<std::int64_t> heard;
+  int sessions = 0, answers = 0;
+  bus.subscribe<measurement_t>([&](const measurement_t& m) { heard.push_back(m.seq); });
+  bus.subscribe<gain_t>([&](const gain_t&) { ++answers; });
+  bus.subscribe<status_t>([&](const status_t&) { ++answers; });
+  bus.on_new_session([&] { ++sessions; });
+  lcm::LCM stock;
+  const auto measure = [&](std::int64_t session, std::int64_t k) {
+    measurement_t m{};
+    m.session = session;
+    m.seq = k;
+    stock.publish("DRIVE_MEASUREMENT", &m);
+  };
+  measure(kBusSession, 0);
+  measure(kBusSession + 1, 1);
+  gain_t gain{};
+  gain.n_x = gain.n_y = gain.n_K = gain.n_P = 1;
+  gain.K = gain.P = {1.0};
+  gain.session = kBusSession;
+  stock.publish("DRIVE_GAIN", &gain);
+  status_t status{};
+  status.session = kBusSession;
+  stock.publish("DRIVE_STATUS", &status);
+  measure(kBusSession + 1, 2);
+  ASSERT_TRUE(wait_until([&] { return bus.handle(10), heard.size() == 3; }));
+  EXPECT_EQ(bus.session(), kBusSession + 1);
+  EXPECT_EQ(sessions, 1);
+  EXPECT_EQ(answers, 0);
+  EXPECT_EQ(bus.counters().refused, 2);
+}
+
 TEST_F(BusSockets, ForeignDatagramsAreCountedAndNothingElse) {
   Bus bus(options());
   int commands = 0;
