@@ -78,7 +78,7 @@ const std::vector<SetRow> kSetRows = {
     {"twinrate-logger",
      Action::kKill,
      true,
-     "it is started again",
+     "was started again",
      Outcome::kNextPart,
      {"logger.on_loss=restart"}},
     {"twinrate-logger", Action::kFillDisk, true, "the disk is full", Outcome::kEnds},

@@ -158,10 +158,11 @@ void Process::note_second(const Bus::SecondSender& second) {
   if (info_.role == Role::kLogger && plant_hears) return;
   if (seconds_.size() >= kSecondsNamed || !seconds_.insert(second.socket).second) return;
   const std::string channel = info(second.channel).name;
-  second_texts_.push_back(fmt::format(
-      "a second sender of {} is refused: {}",
-      second.role < 0 ? channel : fmt::format("{} as {}", channel, role_name(second.role)),
-      text_of(second.socket)));
+  event(Reason::kSecondSender, status_.seq,
+        fmt::format(
+            "a second sender of {} is refused: {}",
+            second.role < 0 ? channel : fmt::format("{} as {}", channel, role_name(second.role)),
+            text_of(second.socket)));
 }
 
 // The first one is named at once, those of the next heartbeat period together at its end.
@@ -172,8 +173,6 @@ void Process::note_refused(std::int64_t& count) {
 
 // Of one process, though all refuse them.
 void Process::log_refused() {
-  for (const std::string& text : std::exchange(second_texts_, {}))
-    event(Reason::kSecondSender, status_.seq, text);
   const auto name = [this](const char* what, std::int64_t& count) {
     if (count == 0) return;
     refused_named_ = Clock::now();

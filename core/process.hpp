@@ -211,7 +211,6 @@ class Process {
   std::int64_t untagged_ = 0, recorded_ = 0, foreign_ = 0, not_holder_ = 0;
   Clock::time_point refused_named_{};
   std::set<SocketName> seconds_;           // second senders that were named
-  std::vector<std::string> second_texts_;  // since the last heartbeat
   // By kind and number: the sender's time of the last one that was heard; the oldest first.
   using RequestName = std::pair<std::int32_t, std::int64_t>;
   std::map<RequestName, std::int64_t> requests_heard_;
