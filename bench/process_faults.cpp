@@ -348,7 +348,9 @@ Trial try_set(const Options& o, const SetRow& row, std::size_t index, int trial,
                : ends                         ? "ended"
                : row.outcome == Outcome::kOff ? "off: command_lost"
                                               : "ran on";
-  if (stalled) result.did += ", off before by a stall of the machine";
+  // A run that goes on does not say whether that was before the fault.
+  if (stalled)
+    result.did += ends ? ", off before by a stall of the machine" : ", off for a late command";
   result.lost = kLost[static_cast<int>(row.outcome)];
   return result;
 }
