@@ -18,15 +18,14 @@ namespace {
 // The newcomer is more than a few pieces of the record ask for: what they disagree by is far less
 // than its size. (What rows were filled with in a few quick turns can be fitted, too.) Where much
 // else is missing they disagree by that, and what acts at a few moments only is known by few of
-// them; then it must take a part of the held-out error, a good one or one that goes with its size.
+// them; then it must take a good part of the held-out error.
 bool everywhere(const Fitter& fitter, const Fit& next, const Fit& now) {
-  constexpr double kSigmas = 5, kGoodPart = 0.2, kFewerSigmas = 3, kPart = 0.08;
+  constexpr double kSigmas = 5, kGoodPart = 0.2;
   ShaftFacts shaft;
   const std::size_t last = next.members.size() - 1;
-  const double left = next.rss_held_out / now.rss_held_out;
-  if (next.members[last]->describe_shaft(shaft) || left < 1 - kGoodPart) return true;
-  const double sigmas = std::sqrt(largest_wald(next, fitter.robust_covariance(next), last));
-  return sigmas > kSigmas || (sigmas > kFewerSigmas && left < 1 - kPart);
+  return next.members[last]->describe_shaft(shaft) ||
+         next.rss_held_out < (1 - kGoodPart) * now.rss_held_out ||
+         largest_wald(next, fitter.robust_covariance(next), last) > kSigmas * kSigmas;
 }
 
 // Of the held-out error: a share of what the newcomer changes there, which is all of it where it

@@ -26,14 +26,12 @@ class Settler {
     compose_friction();
     take_one_friction_law();
     join_lags();
-    settle_forms();
     forget_time_constants();
     forget_first_moment();
     if (Fit arrived = fitter_.refine(fit_.members, Fitter::Until::kArrived); arrived.valid)
       fit_ = std::move(arrived);
     follow_impacts();
     drop_immaterial();
-    drop_uncertain();
     drop_inertia_of_impacts();
     return {std::move(fit_), changed_};
   }
@@ -192,27 +190,6 @@ class Settler {
     }
   }
 
-  // Curves that begin alike (tanh and square take a cube of a small current) are told apart when
-  // each is fitted.
-  void settle_forms() {
-    for (std::size_t m = 0; m < fit_.members.size(); ++m) {
-      const Effect& member = *fit_.members[m];
-      if (member.tracing().regressor_count() == 0) continue;  // swapped like another kind
-      for (const TracedKey& key : member.tracing().traced_keys()) {
-        if (std::string_view(key.key) != "form") continue;
-        for (double form : key.grid) {
-          Members others = with(fit_.members, nullptr);
-          set_key(*others[m], key.key, form);
-          Fit other = fitter_.refine(std::move(others), Fitter::Until::kArrived);
-          if (!other.valid || score_of(fitter_, other) >= score_of(fitter_, fit_)) continue;
-          fit_ = std::move(other);
-          changed_ = true;
-        }
-        break;
-      }
-    }
-  }
-
   void restart_slow(std::size_t m, const char* key) {
     const Record& record = fitter_.chain().equations().record();
     if (get_key(*fit_.members[m], key) < record.t.back() - record.t.front()) return;
@@ -335,36 +312,6 @@ class Settler {
       fit_ = std::move(without);
       changed_ = true;
       m = 0;
-    }
-  }
-
-  // Members that, beside all the others, are within three of their own standard deviations of
-  // nothing, the least certain first.
-  void drop_uncertain() {
-    constexpr double kSigmas = 3, kNeeded = 1.5;  // times the held-out error, without it
-    std::vector<std::string_view> needed;         // though no one of its coefficients is certain
-    while (true) {
-      const Fit& fit = fit_;
-      const Eigen::MatrixXd covariance = fitter_.robust_covariance(fit);
-      std::size_t least = kNobody;
-      double smallest = kSigmas * kSigmas;
-      for (std::size_t m = 0; m < fit.members.size(); ++m) {
-        ShaftFacts shaft;
-        if (fit.members[m]->describe_shaft(shaft) ||
-            std::count(needed.begin(), needed.end(), fit.members[m]->kind()))
-          continue;
-        const double wald = largest_wald(fit, covariance, m);
-        if (wald < smallest) smallest = wald, least = m;
-      }
-      if (least == kNobody) return;
-      Fit without = fitter_.refine(with(fit.members, nullptr, least), Fitter::Until::kArrived);
-      if (!without.valid || without.rss_held_out > kNeeded * fit.rss_held_out) {
-        needed.push_back(fit.members[least]->kind());
-        continue;
-      }
-      if (say_) say_(fmt::format("  without {}: not certain", fit.members[least]->kind()));
-      fit_ = std::move(without);
-      changed_ = true;
     }
   }
 
