@@ -210,7 +210,7 @@ class Process {
   // the plant's from somebody else; while another has control.
   std::int64_t untagged_ = 0, recorded_ = 0, foreign_ = 0, not_holder_ = 0;
   Clock::time_point refused_named_{};
-  std::set<SocketName> seconds_;           // second senders that were named
+  std::set<SocketName> seconds_;  // second senders that were named
   // By kind and number: the sender's time of the last one that was heard; the oldest first.
   using RequestName = std::pair<std::int32_t, std::int64_t>;
   std::map<RequestName, std::int64_t> requests_heard_;
