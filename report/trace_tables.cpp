@@ -6,6 +6,9 @@
 #include <cmath>
 #include <iterator>
 #include <map>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "report/trace_parts.hpp"
 
@@ -104,8 +107,18 @@ bool is_kind(const std::string& text) {
 }
 
 Json blind_section(const TraceResult& r) {
+  std::vector<std::pair<std::string, std::vector<std::string>>> kinds_by_reason;
+  for (const auto& [kind, why] : not_shown(r)) {
+    const auto same = std::find_if(kinds_by_reason.begin(), kinds_by_reason.end(),
+                                   [&](const auto& row) { return row.first == why; });
+    if (same == kinds_by_reason.end())
+      kinds_by_reason.push_back({why, {kind}});
+    else
+      same->second.push_back(kind);
+  }
   Json rows = Json::array();
-  for (const auto& [kind, why] : not_shown(r)) rows.push_back({kind, why});
+  for (const auto& [why, of] : kinds_by_reason)
+    rows.push_back({fmt::format("{}", fmt::join(of, ", ")), why});
   std::vector<std::string> kinds;
   std::copy_if(r.identifiable.begin(), r.identifiable.end(), std::back_inserter(kinds), is_kind);
   std::string note;
@@ -114,10 +127,10 @@ Json blind_section(const TraceResult& r) {
                        fmt::join(kinds, ", "));
   if (r.not_identifiable.empty() && kinds.empty())
     note = "The record was not compared with the catalogue.";
-  else
-    note += rows.empty() ? "Every effect of the catalogue is identifiable." : "Not identifiable:";
+  else if (!rows.empty())
+    note += "Not identifiable:";
   return section("Effects that this record cannot show", note,
-                 {{"head", {"kind", "why"}}, {"rows", rows}});
+                 {{"head", {"kinds", "why"}}, {"rows", rows}});
 }
 
 Json said_section(const TraceResult& r) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 
 #include "model/effects/catalogue.hpp"
 #include "model/effects/losses.hpp"
@@ -380,6 +381,21 @@ void doubt_gap(const Considered& considered, TraceResult& r) {
       gap, fmt::format("it is looked for beside a {}, which --exclude leaves out", shaft));
 }
 
+// Of the kinds without a coefficient (a shaft, a lag, what the samples show), and of those whose
+// signals are not in the log, nobody knows how small a one would be seen.
+void name_the_others(const Considered& considered, TraceResult& r) {
+  std::set<std::string> told(r.identifiable.begin(), r.identifiable.end());
+  for (const auto& [kind, why] : r.not_identifiable) told.insert(kind);
+  for (const TracedEffect& e : r.effects) {
+    told.insert(std::string(e.effect->kind()));
+    told.insert(e.aliases.begin(), e.aliases.end());
+  }
+  for (const std::string& kind : considered.kinds())
+    if (!told.count(kind))
+      r.not_identifiable.emplace_back(kind,
+                                      "how small a one this record would show is not computed");
+}
+
 void split_parts(const DriveFacts& facts, const Considered& considered, TraceResult& r) {
   std::vector<TracedEffect> parts;
   for (TracedEffect& e : r.effects)
@@ -446,6 +462,7 @@ TraceResult conclude(const Conclusion& c) {
     r.verdict = "ambiguous";
     r.sentence = sentence(r);
   }
+  name_the_others(considered, r);
   return r;
 }
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/keys.hpp"
@@ -461,6 +462,16 @@ TEST(Tracer, ASlowRunDoesNotShowWindage) {
   EXPECT_EQ(std::count_if(r.not_identifiable.begin(), r.not_identifiable.end(),
                           [](const auto& blind) { return blind.first == "fan_load"; }),
             1);
+}
+
+// A shaft, a lag, what the samples show: "not found" must not read as "absent".
+TEST(Tracer, EveryKindOfTheCatalogueIsToldOnce) {
+  const TraceResult r = trace_of(simulate_synthetic({.duration_s = 2}));
+  std::multiset<std::string> told(r.identifiable.begin(), r.identifiable.end());
+  for (const auto& [kind, why] : r.not_identifiable) told.insert(kind);
+  ASSERT_TRUE(r.effects.empty()) << r.sentence;
+  for (const std::string& kind : effect_kinds()) EXPECT_EQ(told.count(kind), 1u) << kind;
+  EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), "backlash"), 0);
 }
 
 // What is found is off by about its sigma: of eight logs the rms of error over sigma.
