@@ -108,13 +108,13 @@ bool is_kind(const std::string& text) {
 
 Json blind_section(const TraceResult& r) {
   std::vector<std::pair<std::string, std::vector<std::string>>> kinds_by_reason;
-  for (const auto& [kind, why] : not_shown(r)) {
+  for (const auto& one : not_shown(r)) {
     const auto same = std::find_if(kinds_by_reason.begin(), kinds_by_reason.end(),
-                                   [&](const auto& row) { return row.first == why; });
+                                   [&](const auto& row) { return row.first == one.second; });
     if (same == kinds_by_reason.end())
-      kinds_by_reason.push_back({why, {kind}});
+      kinds_by_reason.push_back({one.second, {one.first}});
     else
-      same->second.push_back(kind);
+      same->second.push_back(one.first);
   }
   Json rows = Json::array();
   for (const auto& [why, of] : kinds_by_reason)
