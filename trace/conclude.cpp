@@ -381,19 +381,24 @@ void doubt_gap(const Considered& considered, TraceResult& r) {
       gap, fmt::format("it is looked for beside a {}, which --exclude leaves out", shaft));
 }
 
-// Of the kinds without a coefficient (a shaft, a lag, what the samples show), and of those whose
-// signals are not in the log, nobody knows how small a one would be seen.
-void name_the_others(const Considered& considered, TraceResult& r) {
+// The kinds in neither list. Of a shaft, a lag, and what the samples show it is not computed how small
+// a one would be seen.
+void name_the_others(const Equations& equations, TraceResult& r) {
   std::set<std::string> told(r.identifiable.begin(), r.identifiable.end());
   for (const auto& [kind, why] : r.not_identifiable) told.insert(kind);
   for (const TracedEffect& e : r.effects) {
     told.insert(std::string(e.effect->kind()));
     told.insert(e.aliases.begin(), e.aliases.end());
   }
-  for (const std::string& kind : considered.kinds())
-    if (!told.count(kind))
-      r.not_identifiable.emplace_back(kind,
-                                      "how small a one this record would show is not computed");
+  const bool torque_only = !equations.has_voltage();
+  for (const std::string& kind : equations.considered().kinds()) {
+    if (told.count(kind)) continue;
+    const bool in_no_row = torque_only && make_effect(kind)->tracing().traits().equation ==
+                                              Traits::Equation::kElectrical;
+    r.not_identifiable.emplace_back(
+        kind, in_no_row ? "no row has a voltage equation"
+                        : "how small a one this record would show is not computed");
+  }
 }
 
 void split_parts(const DriveFacts& facts, const Considered& considered, TraceResult& r) {
@@ -462,7 +467,7 @@ TraceResult conclude(const Conclusion& c) {
     r.verdict = "ambiguous";
     r.sentence = sentence(r);
   }
-  name_the_others(considered, r);
+  name_the_others(chain.equations(), r);
   return r;
 }
 

@@ -213,8 +213,6 @@ TEST(Tracer, NamesFrictionBesideASteepDeadTime) {
   EXPECT_NEAR(parameter(r, "dead_time", "dead_time").value, seconds, 0.02 * seconds);
 }
 
-// A voltage that acts one row late is an alias of angle and currents read one row late: one effect
-// instead of two.
 // Without voltage inertia, flux linkage and the sensors' gains are one number, K_t/J.
 TEST(Tracer, WithoutVoltageTellsOfAnInertiaThatItMayBeTheTorqueConstant) {
   RawLog raw = simulate_synthetic({.J = 1.1 * 8.8e-3, .duration_s = 3});
@@ -229,6 +227,8 @@ TEST(Tracer, WithoutVoltageTellsOfAnInertiaThatItMayBeTheTorqueConstant) {
     EXPECT_EQ(std::count(group.begin(), group.end(), kind), 1) << kind;
 }
 
+// A voltage that acts one row late is an alias of angle and currents read one row late: one effect
+// instead of two.
 TEST(Tracer, NamesOneLateVoltageNotALateAngleAndLateCurrents) {
   SyntheticDrive drive{.R_extra = 0.24};
   drive.extra_load = [](double, double theta, double) { return 0.1 * std::sin(14 * theta + 0.4); };
@@ -472,6 +472,15 @@ TEST(Tracer, EveryKindOfTheCatalogueIsToldOnce) {
   ASSERT_TRUE(r.effects.empty()) << r.sentence;
   for (const std::string& kind : effect_kinds()) EXPECT_EQ(told.count(kind), 1u) << kind;
   EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), "backlash"), 0);
+}
+
+TEST(Tracer, WithoutAVoltageTheElectricalKindsAreInNoRow) {
+  RawLog raw = simulate_synthetic({.duration_s = 2});
+  raw.u_alpha.clear();
+  raw.u_beta.clear();
+  const TraceResult r = trace_of(raw);
+  const std::pair<std::string, std::string> in_no_row{"dead_time", "no row has a voltage equation"};
+  EXPECT_EQ(std::count(r.not_identifiable.begin(), r.not_identifiable.end(), in_no_row), 1);
 }
 
 // What is found is off by about its sigma: of eight logs the rms of error over sigma.
