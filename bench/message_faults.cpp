@@ -13,7 +13,7 @@
 //                        token, and in a set that takes messages without a tag, where the estimator
 //                        itself must refuse what is not plausible
 //   request              add effect or a retune; without the token, or the same three times; and a phase of
-//                        a request, which the plant alone may send, with the token
+//                        a request, which only the plant may send, with the token
 //
 //   detected after   from the tick heard last to the event that names the fault, in ticks
 //   as expected      the run ends locked with exit code 0, the message is counted as refused and,

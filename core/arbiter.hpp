@@ -60,7 +60,7 @@ class Arbiter {
     std::function<void(reply_t)> answer;
     std::function<void(Reason, std::int64_t k, const std::string&)> event;
     std::function<void()> released;         // what was held back may go on
-    std::function<void()> refused = [] {};  // somebody asked who has not the control
+    std::function<void()> refused = [] {};  // a sender without control asked
   };
   explicit Arbiter(Host host) : host_(std::move(host)) {}
 

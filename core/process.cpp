@@ -180,9 +180,9 @@ void Process::log_refused() {
           fmt::format("refused requests {}: {}", what, std::exchange(count, 0)));
   };
   name("without a valid tag", untagged_);
-  name("that had been heard before", recorded_);
-  name("that the plant alone may send", foreign_);
-  name("of somebody who has not the control", not_holder_);
+  name("that were heard before", recorded_);
+  name("that only the plant may send", foreign_);
+  name("from a sender without control", not_holder_);
 }
 
 // The five processes of a session must have been started with one config. Each hears the others

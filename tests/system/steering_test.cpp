@@ -266,8 +266,7 @@ TEST_F(Steering, OneHolderAtATimeAndASilentOneLeadsToAStop) {
   }
   EXPECT_EQ(lost, 2);
   EXPECT_EQ(steered, (std::vector<std::string>{"n=3", "stop", "start", "stop", "n=4"}));
-  for (const char* text :
-       {"that the plant alone may send: ", "of somebody who has not the control: "})
+  for (const char* text : {"that only the plant may send: ", "from a sender without control: "})
     EXPECT_TRUE(std::any_of(log.events.begin(), log.events.end(), [&](const EventRecord& event) {
       return event.reason == static_cast<int>(Reason::kRequestRefused) &&
              event.text.find(text) != std::string::npos;
