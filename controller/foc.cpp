@@ -185,7 +185,7 @@ Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {
   return Vec2::Zero();
 }
 
-Command Foc::step(const ControllerInput& in) {
+[[gnu::flatten]] Command Foc::step(const ControllerInput& in) {
   const Measurement& m = in.measurement;
   Frame frame = rotor_frame(in);
   if (!finite(in, frame)) {

@@ -60,8 +60,9 @@ void set_gain(Gain& gain, const Estimate& snapshot, const GainMatrix& K, const C
   gain.n_x = static_cast<int>(K.rows());
   gain.n_y = static_cast<int>(K.cols());
   if (K.allFinite() && P.allFinite()) {
-    gain.K.topLeftCorner(K.rows(), K.cols()) = K;
-    gain.P.topLeftCorner(P.rows(), P.cols()) = P;
+    constexpr int n_x = GainMatrix::RowsAtCompileTime, n_y = GainMatrix::ColsAtCompileTime;
+    gain.K.template topLeftCorner<n_x, n_y>(K.rows(), K.cols()) = K;
+    gain.P.template topLeftCorner<n_x, n_x>(P.rows(), P.cols()) = P;
   }
 }
 template <class GainMatrix, class Covariance>

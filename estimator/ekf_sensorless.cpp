@@ -103,8 +103,8 @@ FastState EkfSensorless::start(const Measurement& first) const {
   return state;
 }
 
-Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
-                                    const Gain& gain) const {
+[[gnu::flatten]] Correction EkfSensorless::fast_step(FastState& state, const Measurement& m,
+                                                     const Gain& gain) const {
   return fast_step_of(*this, state, m, gain);
 }
 
@@ -134,7 +134,8 @@ void EkfSensorless::describe(const FastState& state, const Measurement&, Estimat
   e.i_dq = park({i_alpha, i_beta}, {s, c});
 }
 
-void EkfSensorless::output_of_tick(FastState& state, const Measurement& m, Estimate& e) const {
+[[gnu::flatten]] void EkfSensorless::output_of_tick(FastState& state, const Measurement& m,
+                                                    Estimate& e) const {
   state.rotor_axes = RotorAxes(state.x_hat[3]);
   e.n_x = 4;
   e.n_y = 2;
@@ -163,7 +164,7 @@ static void set_gain_of(Gain& gain, const Estimate& snapshot, const kernel::Gain
   set_gain(gain, snapshot, K_new, P_new);
 }
 
-void EkfSensorless::update_gain(Gain& gain, const Estimate& snapshot) const {
+[[gnu::flatten]] void EkfSensorless::update_gain(Gain& gain, const Estimate& snapshot) const {
   const auto F = kernel::jacobian(constants_, snapshot.x_hat[2], unit_vector(snapshot.x_hat[3]));
   const auto P_prior = propagate(constants_, F, kernel_covariance(gain), tuning().Q_diag);
   const auto [K, P] = correct_covariance(tuning().form, P_prior, tuning().R_diag);

@@ -133,7 +133,7 @@ const Estimate& FastLoop::tick(const Measurement& measured) {
   return last_estimate_;
 }
 
-const Estimate& FastLoop::tick_as_seen(const Measurement& m) {
+[[gnu::flatten]] const Estimate& FastLoop::tick_as_seen(const Measurement& m) {
   int status = 0;
   const bool first = begin_tick(m, status);
   const Gain& gain = choose_gain(m.k, status);

@@ -13,7 +13,7 @@ Vec2 mean_voltage(const Vec3& duty_abc, double v_dc) {
   return clarke(duty_abc * v_dc);
 }
 
-InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc) {
+[[gnu::flatten]] InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc) {
   InverterOutput out;
   Vec3 u_abc = inverse_clarke(u_alphabeta_ref);
   const double span = u_abc.maxCoeff() - u_abc.minCoeff();

@@ -16,7 +16,7 @@ void SensorParameters::fields(FieldVisitor& f) {
 CurrentSensors::CurrentSensors(const SensorParameters& p, std::uint64_t seed)
     : p_(p), noise_(seed, 0) {}
 
-Vec3 CurrentSensors::sample(const Vec3& i_abc, std::int64_t k) const {
+[[gnu::flatten]] Vec3 CurrentSensors::sample(const Vec3& i_abc, std::int64_t k) const {
   Vec3 i_meas = i_abc;
   if (p_.i_noise_rms > 0) {
     const auto noise = noise_(static_cast<std::uint64_t>(k));

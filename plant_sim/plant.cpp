@@ -309,7 +309,7 @@ void Plant::do_what_is_planned() {
   }
 }
 
-bool Plant::advance() {
+[[gnu::flatten]] bool Plant::advance() {
   do_what_is_planned();
   if (errors_) before_ = row_;
   bus_share_ = makes(MadeFault::kBusVoltage) ? parameters_.fault.value / config_.inverter.v_dc : 1;

@@ -103,7 +103,8 @@ double RkIntegrator::hardness(double omega_m, double T) const {
   return T * (fastest_rate_ + model_.machine().n_p * std::abs(omega_m));
 }
 
-PlantState RkIntegrator::advance(const PlantState& x, const PlantInput& input, double T) {
+[[gnu::flatten]] PlantState RkIntegrator::advance(const PlantState& x, const PlantInput& input,
+                                                  double T) {
   if (is_plain_)
     if (const auto u_alphabeta = model_.constant_voltage(input)) {
       const MachineParameters& m = model_.machine();

@@ -108,7 +108,8 @@ int SensorWatch::check_position(SensorReadings& r) {
   return fault;
 }
 
-int SensorWatch::check(SensorReadings& r, const AppliedVoltage& applied, bool measured) {
+[[gnu::flatten]] int SensorWatch::check(SensorReadings& r, const AppliedVoltage& applied,
+                                        bool measured) {
   // A frame that begins to be used, or jumps, tells nothing of the speed.
   double turned = begun_ ? wrapped(applied.theta_e - theta_e_) : 0;
   if (!std::isfinite(turned)) turned = omega_e_ * limits_.T_s;

@@ -111,7 +111,7 @@ void SafetyMachine::derate(const SafetyInput& in) {
   if (cool && state_ == DriveState::kDerate) change_to(DriveState::kRun, Reason::kStateChange);
 }
 
-void SafetyMachine::step(const SafetyInput& in) {
+[[gnu::flatten]] void SafetyMachine::step(const SafetyInput& in) {
   event_count_ = 0;
   last_ = in;
   if (in.reset) leave_safe();
