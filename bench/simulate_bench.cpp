@@ -103,13 +103,14 @@ double cpu_s_of_children() {
   return seconds(used.ru_utime) + seconds(used.ru_stime);
 }
 
-// CPU time of the program, all of it.
+// CPU time of the program, all of it, in a directory that holds nothing yet.
 void simulate(benchmark::State& state, const std::string& options) {
   const auto directory = std::filesystem::temp_directory_path() / "twinrate_simulate_bench";
-  const std::string command =
-      std::string(TWINRATE_PROGRAM) + " simulate dilys2021 --force --duration " +
-      std::to_string(kRunAlone_s) + "s --run-dir " + directory.string() + options + " >/dev/null";
+  const std::string command = std::string(TWINRATE_PROGRAM) + " simulate dilys2021 --duration " +
+                              std::to_string(kRunAlone_s) + "s --run-dir " + directory.string() +
+                              options + " >/dev/null";
   for ([[maybe_unused]] auto _ : state) {
+    std::filesystem::remove_all(directory);
     const double begun = cpu_s_of_children();
     if (std::system(command.c_str()) != 0) state.SkipWithError("simulate failed");
     state.SetIterationTime(cpu_s_of_children() - begun);
