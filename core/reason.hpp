@@ -100,7 +100,7 @@ inline constexpr std::array kReasons = {
     ReasonText{Reason::kGainEveryNth, "gain_every_nth",
                "the filter agrees with itself: from this tick on a gain is computed every n ticks"},
     ReasonText{Reason::kLateCommand, "late_command",
-               "realtime: a command was late; the last voltage was held"},
+               "realtime: a command was late; an older one was in force"},
     ReasonText{Reason::kCommandLost, "command_lost",
                "no command for longer than plant.hold_ticks: zero voltage, safe state"},
     ReasonText{Reason::kOverrun, "overrun",

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdlib>
+#include <utility>
 
 namespace twinrate {
 
@@ -33,7 +34,8 @@ ThreadTimes ThreadClock::now() const {
   return times;
 }
 
-std::string cause_of_delay(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns) {
+static std::string cause_of_delay(const ThreadTimes& spent, std::int64_t late_ns,
+                                  std::int64_t period_ns) {
   const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
   if (spent.waited_ns >= late_ns / 2)
     return fmt::format("another process had the CPU for {:.0f} us", us(spent.waited_ns));
@@ -44,19 +46,21 @@ std::string cause_of_delay(const ThreadTimes& spent, std::int64_t late_ns, std::
   return "the machine woke it late";
 }
 
-std::string OverrunReport::take(std::int64_t t_ns, std::int64_t late_ns, const std::string& cause) {
+std::string late_text(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns) {
+  return fmt::format("tick began {:.0f} us late: {}", 1e-3 * static_cast<double>(late_ns),
+                     cause_of_delay(spent, late_ns, period_ns));
+}
+
+std::string PacedEvents::take(std::int64_t t_ns, std::int64_t size, const std::string& text) {
   constexpr std::int64_t kPeriod_ns = 100'000'000;
-  if (t_ns - last_ns_ < kPeriod_ns && late_ns < 2 * reported_late_ns_) {
+  if (t_ns - last_ns_ < kPeriod_ns && size < 2 * reported_size_) {
     ++since_;
     return "";
   }
-  std::string text =
-      fmt::format("tick began {:.0f} us late: {}", 1e-3 * static_cast<double>(late_ns), cause);
-  if (since_ > 0) text += fmt::format(" ({} more since the last report)", since_);
   last_ns_ = t_ns;
-  reported_late_ns_ = late_ns;
-  since_ = 0;
-  return text;
+  reported_size_ = size;
+  const std::int64_t between = std::exchange(since_, 0);
+  return between > 0 ? fmt::format("{} ({} more since the last report)", text, between) : text;
 }
 
 }  // namespace twinrate

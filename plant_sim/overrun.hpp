@@ -31,17 +31,20 @@ class ThreadClock {
   int schedstat_;
 };
 
-// In words. `spent`: from the last tick's begin to this one's.
-std::string cause_of_delay(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns);
+// How late, and why, in words. `spent`: from the last tick's begin to this one's.
+std::string late_text(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns);
 
-// Texts of at most one event in 100 ms, and of one that is twice as late; those between are counted.
-class OverrunReport {
+// At most one event of a kind in 100 ms, and one that is twice as large; those between are counted.
+// An event for every tick of a drive that is late makes it later.
+class PacedEvents {
  public:
-  // "" where there is none.
-  std::string take(std::int64_t t_ns, std::int64_t late_ns, const std::string& cause);
+  // The text to send, with the number of those between; "": none now.
+  std::string take(std::int64_t t_ns, std::int64_t size, const std::string& text);
+  // Not reported yet.
+  std::int64_t since() const { return since_; }
 
  private:
-  std::int64_t last_ns_ = INT64_MIN / 2, reported_late_ns_ = 0, since_ = 0;
+  std::int64_t last_ns_ = INT64_MIN / 2, reported_size_ = 0, since_ = 0;
 };
 
 }  // namespace twinrate

@@ -213,8 +213,7 @@ void Plant::take_command(const Command& received) {
 
 bool Plant::command_is_missing() const {
   const std::int64_t due = k_ - parameters_.delay_samples;
-  const auto slot = static_cast<std::size_t>(std::max<std::int64_t>(due, 0)) % commands_.size();
-  return !safety_.is_off() && arrival_of(commands_[slot], due) == Arrival::kMissing;
+  return !safety_.is_off() && due >= 0 && !has(due) && !was_not_finite(due);
 }
 
 bool Plant::contradicts(const Command& command) const {
@@ -232,11 +231,26 @@ std::string Plant::reset(std::int64_t k) {
   return "";
 }
 
-Arrival Plant::arrival_of(const Command& command, std::int64_t due) const {
+bool Plant::has(std::int64_t k) const {
+  return commands_[static_cast<std::size_t>(k) % commands_.size()].k == k;
+}
+bool Plant::was_not_finite(std::int64_t k) const {
+  return not_finite_k_[static_cast<std::size_t>(k) % not_finite_k_.size()] == k;
+}
+
+Arrival Plant::take_due_command(std::int64_t due) {
   if (due < 0) return Arrival::kNotDue;
-  if (command.k == due) return Arrival::kInTime;
-  const bool came = not_finite_k_[static_cast<std::size_t>(due) % not_finite_k_.size()] == due;
-  return came ? Arrival::kNotFinite : Arrival::kMissing;
+  if (!has(due) && was_not_finite(due)) return Arrival::kNotFinite;
+  const Command* newest = &applied_command_;
+  for (const Command& c : commands_)
+    if (c.k <= due && c.k > newest->k) newest = &c;
+  if (newest == &applied_command_ || due - newest->k > safety_.limits().hold_ticks)
+    return Arrival::kMissing;
+  const double turned = wrap_pi(newest->theta_ctrl - applied_command_.theta_ctrl);
+  const auto ticks = static_cast<double>(newest->k - applied_command_.k);
+  frame_turns_ = applied_command_.k >= 0 ? turned / (ticks * config_.T_s()) : 0;
+  applied_command_ = *newest;
+  return Arrival::kInTime;
 }
 
 // One step of the state machine with the readings of t_k and the command in force.
@@ -282,14 +296,8 @@ Vec2 Plant::voltage_in_force() const {
 
 bool Plant::apply_due_command() {
   const std::int64_t due = k_ - parameters_.delay_samples;
-  const auto slot = static_cast<std::size_t>(std::max<std::int64_t>(due, 0)) % commands_.size();
-  const Arrival arrival = arrival_of(commands_[slot], due);
-  if (arrival == Arrival::kInTime) {
-    const double turned = wrap_pi(commands_[slot].theta_ctrl - applied_command_.theta_ctrl);
-    const auto ticks = static_cast<double>(due - applied_command_.k);
-    frame_turns_ = applied_command_.k >= 0 ? turned / (ticks * config_.T_s()) : 0;
-    applied_command_ = commands_[slot];
-  }
+  const Arrival arrival = take_due_command(due);
+  const bool in_time = applied_command_.k == due;
   applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);
   protect(arrival, applied_.limited);
   if (safety_.is_off()) applied_command_ = Command{.mode = Mode::kSafe};
@@ -297,7 +305,7 @@ bool Plant::apply_due_command() {
   const bool as_asked = applied_command_.mode != Mode::kSafe;
   if (!as_asked || safety_.state() == DriveState::kDerate)
     applied_ = svpwm(voltage_in_force(), v_dc_);
-  return arrival == Arrival::kNotDue || arrival == Arrival::kInTime;
+  return arrival == Arrival::kNotDue || in_time;
 }
 
 void Plant::do_what_is_planned() {

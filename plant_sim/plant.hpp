@@ -84,7 +84,11 @@ class Plant {
   Plant(const Config& config, const PlantParameters& parameters, const SafetyParameters& safety);
   // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
   bool apply_due_command();
-  Arrival arrival_of(const Command& command, std::int64_t due) const;
+  // Puts the command that is due in force; where it is not there the newest one before it that is at
+  // most hold_ticks older and was not in force yet.
+  Arrival take_due_command(std::int64_t due);
+  bool has(std::int64_t k) const;
+  bool was_not_finite(std::int64_t k) const;
   // `clamped`: the voltage in force is outside the hexagon.
   void protect(Arrival arrival, bool clamped);
   double sensed_temperature() const;

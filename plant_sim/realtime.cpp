@@ -1,10 +1,10 @@
 #include "plant_sim/realtime.hpp"
 
 #include <fmt/format.h>
+#include <sched.h>
 #include <time.h>
 
 #include <algorithm>
-#include <cerrno>
 
 #include "core/signals_io.hpp"
 #include "core/stall_text.hpp"
@@ -23,16 +23,25 @@ std::int64_t now_ns() {
   return t.tv_sec * kSecond + t.tv_nsec;
 }
 
-// Handles messages until `deadline`, then returns; the last stretch sleeps on the absolute clock.
-void work_until(Process& p, std::int64_t deadline) {
-  constexpr std::int64_t kSleepMargin = 60'000;  // poll() may oversleep by about this much
-  do {                                           // once even where it is late: the heart beats
-    p.turn(std::max(0.0, static_cast<double>(deadline - kSleepMargin - now_ns()) * 1e-6));
-  } while (now_ns() < deadline - kSleepMargin && !p.stopping());
-  const timespec t{.tv_sec = deadline / kSecond, .tv_nsec = deadline % kSecond};
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
-  }
-  // What has come by then; a flood of messages does not hold the tick up.
+void sleep_until(std::int64_t at_ns) {
+  const timespec t{.tv_sec = at_ns / kSecond, .tv_nsec = at_ns % kSecond};
+  clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
+}
+
+// Handles what has come, sleeps until shortly before `deadline`, lets others run until it, and handles
+// what came meanwhile. A message does not wake the plant: COMMAND is used at the next tick. A CPU that
+// sleeps to the deadline wakes late, by more than 0.1 ms at times where it is a virtual one. A flood of
+// messages does not hold the tick up.
+void work_until(Process& p, std::int64_t deadline, std::int64_t period) {
+  constexpr std::int64_t kAwake = 50'000, kLongestSleep = 10'000'000;
+  const std::int64_t nap_end = deadline - std::min(kAwake, period / 4);
+  do {  // once even where it is late: the heart beats
+    p.turn(0);
+    while (now_ns() < nap_end && p.bus().handle(0)) {
+    }
+    sleep_until(std::min(nap_end, now_ns() + kLongestSleep));
+  } while (now_ns() < nap_end && !p.stopping());
+  while (now_ns() < deadline) sched_yield();
   for (int i = 0; i < kMostMessages && p.bus().handle(0); ++i) {
   }
 }
@@ -42,6 +51,70 @@ ThreadTimes since(const ThreadTimes& before, const ThreadTimes& now) {
           .waited_ns = now.waited_ns < 0 ? -1 : now.waited_ns - before.waited_ns,
           .pages_from_disk = now.pages_from_disk - before.pages_from_disk};
 }
+
+class RealtimePlant {
+ public:
+  RealtimePlant(Process& p, Plant& plant)
+      : p_(p),
+        plant_(plant),
+        period_ns_(p.drive().t_ns(1)),
+        supervisor_s_(1e-3 * p.config().read<SafetyParameters>().supervisor_ms),
+        clock_(now_ns() + 20 * period_ns_, period_ns_) {}
+  void run(std::int64_t steps) {
+    last_ = thread_.now();
+    for (std::int64_t k = 0; k < steps && !p_.stopping(); ++k) tick(k);
+    const std::int64_t k = plant_.k() - 1;
+    if (late_commands_.since() > 0)
+      p_.event(
+          Reason::kLateCommand, k,
+          fmt::format("{} more commands were late since the last report", late_commands_.since()));
+    if (clock_.count().stalls > 0)
+      p_.event(Reason::kOverrun, k, "the plant's clock stood" + stall_text(clock_.count()));
+  }
+
+ private:
+  void tick(std::int64_t k) {
+    const PlantClock::Begin begin = clock_.begin(
+        p_.drive().t_ns(k), [this](std::int64_t due) { work_until(p_, due, period_ns_); },
+        [] { return now_ns(); }, [this] { return plant_.command_is_missing(); });
+    const ThreadTimes begun = thread_.now();
+    if (begin.late_ns > period_ns_ / 2) report_miss(k, begin, since(last_, begun));
+    last_ = begun;
+    p_.bus().publish(to_wire(plant_.sample(), p_.bus().session()),
+                     to_wire(plant_.truth(), p_.bus().session()));
+    if (p_.supervisor_silent_s().value_or(0) > supervisor_s_) plant_.supervisor_is_silent();
+    if (!plant_.advance()) report_late_command(k);
+    publish_safety_events(p_, plant_, k);
+    p_.progress(k);
+  }
+  void report_miss(std::int64_t k, const PlantClock::Begin& begin, const ThreadTimes& spent) {
+    ++p_.status().deadline_misses;
+    const bool stalled = begin.stood_ns > 0;
+    std::string text = late_text(spent, begin.late_ns, period_ns_);
+    if (stalled) text += "; the plant's clock stood";
+    text = (stalled ? stalls_ : misses_).take(p_.drive().t_ns(k), begin.late_ns, text);
+    if (!text.empty())
+      p_.event(Reason::kOverrun, k, stalled ? text + stall_text(clock_.count()) : text);
+    p_.clock_stood(begin.stood_ns);
+  }
+  void report_late_command(std::int64_t k) {
+    ++p_.status().late_commands;
+    if (plant_.tripped()) return;
+    const std::int64_t due = k - p_.drive().plant.delay_samples;
+    const std::string text = late_commands_.take(
+        p_.drive().t_ns(k), 1, fmt::format("COMMAND({}) was late: an older one is in force", due));
+    if (!text.empty()) p_.event(Reason::kLateCommand, k, text);
+  }
+
+  Process& p_;
+  Plant& plant_;
+  std::int64_t period_ns_;
+  double supervisor_s_;
+  PlantClock clock_;
+  ThreadClock thread_;
+  ThreadTimes last_;
+  PacedEvents misses_, stalls_, late_commands_;
+};
 
 }  // namespace
 
@@ -54,44 +127,7 @@ void publish_safety_events(Process& p, const Plant& plant, std::int64_t k) {
 }
 
 void run_realtime(Process& p, Plant& plant, std::int64_t steps) {
-  const std::int64_t period = p.drive().t_ns(1);
-  PlantClock clock(now_ns() + 20 * period, period);
-  const double supervisor_s = 1e-3 * p.config().read<SafetyParameters>().supervisor_ms;
-  const ThreadClock thread;
-  ThreadTimes last = thread.now();
-  OverrunReport misses, stalls;
-  for (std::int64_t k = 0; k < steps && !p.stopping(); ++k) {
-    const std::int64_t t_ns = p.drive().t_ns(k);
-    const PlantClock::Begin begin = clock.begin(
-        t_ns, [&](std::int64_t due) { work_until(p, due); }, [&] { return now_ns(); },
-        [&] { return plant.command_is_missing(); });
-    const ThreadTimes begun = thread.now();
-    if (begin.late_ns > period / 2) {
-      ++p.status().deadline_misses;
-      const bool stalled = begin.stood_ns > 0;
-      std::string cause = cause_of_delay(since(last, begun), begin.late_ns, period);
-      if (stalled) cause += "; the plant's clock stood";
-      const std::string text = (stalled ? stalls : misses).take(t_ns, begin.late_ns, cause);
-      if (!text.empty())
-        p.event(Reason::kOverrun, k, stalled ? text + stall_text(clock.count()) : text);
-      p.clock_stood(begin.stood_ns);
-    }
-    last = begun;
-    p.bus().publish(to_wire(plant.sample(), p.bus().session()),
-                    to_wire(plant.truth(), p.bus().session()));
-    if (p.supervisor_silent_s().value_or(0) > supervisor_s) plant.supervisor_is_silent();
-    if (!plant.advance()) {
-      ++p.status().late_commands;
-      if (!plant.tripped())
-        p.event(Reason::kLateCommand, k,
-                fmt::format("COMMAND({}) was late: the last voltage is held",
-                            k - p.drive().plant.delay_samples));
-    }
-    publish_safety_events(p, plant, k);
-    p.progress(k);
-  }
-  if (clock.count().stalls > 0)
-    p.event(Reason::kOverrun, plant.k() - 1, "the plant's clock stood" + stall_text(clock.count()));
+  RealtimePlant(p, plant).run(steps);
 }
 
 }  // namespace twinrate

@@ -153,6 +153,32 @@ TEST(Plant, HoldsTheLastVoltageWhereACommandIsMissingAndTripsAfterHoldTicks) {
   EXPECT_EQ(plant.sample().u_alphabeta, Vec2(0, 0));
 }
 
+TEST(Plant, WhereACommandIsLateTheNewestBeforeItIsUsed) {
+  Plant plant = ideal({"plant.hold_ticks=5", "machine.J_kgm2=1e4"});
+  tick(plant, {1, 0});
+  for (std::int64_t k = 1; k < 60; ++k) {
+    EXPECT_EQ(plant.advance(), k == 1) << k;  // COMMAND(0) alone was in time
+    EXPECT_NEAR(plant.sample().u_alphabeta[0], k <= 2 ? 1 : 1e-2 * static_cast<double>(k - 2),
+                1e-12);
+    plant.take_command(voltage(k - 1, {1e-2 * static_cast<double>(k - 1), 0}));
+  }
+  EXPECT_FALSE(plant.tripped());
+}
+
+// It sends a command at every second tick for the tick after that of its last one.
+TEST(Plant, AControllerThatFallsBehindIsOffOnceItsNewestCommandIsOlderThanHoldTicks) {
+  Plant plant = ideal({"plant.hold_ticks=5", "machine.J_kgm2=1e4"});
+  std::int64_t k = 0;
+  for (; k < 60 && !plant.tripped(); ++k) {
+    if (k % 2 == 0) plant.take_command(voltage(k / 2, {1, 0}));
+    plant.advance();
+  }
+  // COMMAND(6) is used at tick 12, 5 ticks late. COMMAND(7) would be 6 ticks late at tick 14: none is
+  // used in ticks 13 to 18.
+  EXPECT_TRUE(plant.tripped());
+  EXPECT_EQ(k, 19);
+}
+
 TEST(Plant, ACommandThatArrivesTwiceOrOutOfOrderActsOnceAtItsTime) {
   Plant plant = ideal({"plant.delay_samples=4"}), twin = ideal({"plant.delay_samples=4"});
   for (std::int64_t k = 0; k < 40; ++k) {
