@@ -111,6 +111,8 @@ Process::Process(const ProcessInfo& info, ProcessOptions options)
     }
     compare_config(other);
   });
+  if (options_.pace == Pace::kRealtime)
+    bus_->subscribe<event_t>([this](const event_t& event) { expect_restarted(event); });
   bus_->on_twin([this](const status_t& twin) { leave_to(twin); });
   if (info_.role == Role::kPlant) bus_->on_untagged_request([this] { note_refused(untagged_); });
   if (info_.role == Role::kPlant || info_.role == Role::kLogger)
@@ -129,6 +131,14 @@ void Process::set_up_realtime() {
   const auto wanted = config_.read<RealtimeParameters>();
   if (wanted.lock_memory && info_.role != Role::kMonitor) lock_memory();
   take_fifo(fifo_priority(wanted, info_.role));
+}
+
+// A process that is started again has another socket.
+void Process::expect_restarted(const event_t& event) {
+  const auto reason = static_cast<Reason>(event.reason);
+  const bool restarts = reason == Reason::kProcessLost || reason == Reason::kLogLost;
+  if (restarts && event.waited_for >= 0 && bus_->is_from(Role::kSupervisor))
+    bus_->forget_sender(static_cast<Role>(event.waited_for));
 }
 
 // A supervisor counts its heartbeats: one that was recorded keeps no drive alive.

@@ -188,6 +188,7 @@ class Process {
   void beat();
   double spin_us();
   void set_up_realtime();
+  void expect_restarted(const event_t& event);
   void hear_supervisor(const status_t& beat);
   void leave_to(const status_t& twin);
   void note_second(const Bus::SecondSender& second);

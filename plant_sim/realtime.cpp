@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "core/realtime_setup.hpp"
 #include "core/signals_io.hpp"
 #include "core/stall_text.hpp"
 #include "plant_sim/overrun.hpp"
@@ -28,13 +29,15 @@ void sleep_until(std::int64_t at_ns) {
   clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
 }
 
-// Handles what has come, sleeps until shortly before `deadline`, lets others run until it, and handles
-// what came meanwhile. A message does not wake the plant: COMMAND is used at the next tick. A CPU that
-// sleeps to the deadline wakes late, by more than 0.1 ms at times where it is a virtual one. A flood of
-// messages does not hold the tick up.
-void work_until(Process& p, std::int64_t deadline, std::int64_t period) {
-  constexpr std::int64_t kAwake = 50'000, kLongestSleep = 10'000'000;
-  const std::int64_t nap_end = deadline - std::min(kAwake, period / 4);
+// Handles what has come, sleeps until `deadline` and handles what came meanwhile. A message does not
+// wake the plant: COMMAND is used at the next tick. A flood of messages does not hold the tick up.
+//
+// A CPU that sleeps to the deadline wakes late, by more than 0.1 ms at times where it is a virtual one:
+// with a realtime policy the plant is awake for the last stretch and lets its equals run. Without one
+// a yield would give the CPU away for a slice of several ms.
+void work_until(Process& p, std::int64_t deadline, std::int64_t awake) {
+  constexpr std::int64_t kLongestSleep = 10'000'000;
+  const std::int64_t nap_end = deadline - awake;
   do {  // once even where it is late: the heart beats
     p.turn(0);
     while (now_ns() < nap_end && p.bus().handle(0)) {
@@ -58,6 +61,7 @@ class RealtimePlant {
       : p_(p),
         plant_(plant),
         period_ns_(p.drive().t_ns(1)),
+        awake_ns_(has_realtime_policy() ? std::min<std::int64_t>(50'000, period_ns_ / 4) : 0),
         supervisor_s_(1e-3 * p.config().read<SafetyParameters>().supervisor_ms),
         clock_(now_ns() + 20 * period_ns_, period_ns_) {}
   void run(std::int64_t steps) {
@@ -75,7 +79,7 @@ class RealtimePlant {
  private:
   void tick(std::int64_t k) {
     const PlantClock::Begin begin = clock_.begin(
-        p_.drive().t_ns(k), [this](std::int64_t due) { work_until(p_, due, period_ns_); },
+        p_.drive().t_ns(k), [this](std::int64_t due) { work_until(p_, due, awake_ns_); },
         [] { return now_ns(); }, [this] { return plant_.command_is_missing(); });
     const ThreadTimes begun = thread_.now();
     if (begin.late_ns > period_ns_ / 2) report_miss(k, begin, since(last_, begun));
@@ -108,7 +112,7 @@ class RealtimePlant {
 
   Process& p_;
   Plant& plant_;
-  std::int64_t period_ns_;
+  std::int64_t period_ns_, awake_ns_;
   double supervisor_s_;
   PlantClock clock_;
   ThreadClock thread_;

@@ -225,7 +225,8 @@ bool Supervisor::continues_without(Role role) {
   const bool again = killed && start_again(role);
   if (!again) ended_.insert(role);
   publish_event(role == Role::kLogger ? Reason::kLogLost : Reason::kProcessLost,
-                end + (again ? "; the drive goes on, it is started again" : "; the drive goes on"));
+                end + (again ? "; the drive goes on, it is started again" : "; the drive goes on"),
+                again ? std::optional(role) : std::nullopt);
   return true;
 }
 

@@ -72,7 +72,7 @@ class Supervisor {
   void stop_own_processes();
   void look_for_silence();
   void note_silence(Role role, double silent_s);
-  void publish_event(Reason reason, const std::string& text);
+  void publish_event(Reason reason, const std::string& text, std::optional<Role> waited_for = {});
   void stop_in_order();
   void note_status(const status_t& status);
   void note_dead_child();

@@ -16,13 +16,15 @@ using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-void Supervisor::publish_event(Reason reason, const std::string& text) {
+void Supervisor::publish_event(Reason reason, const std::string& text,
+                               std::optional<Role> waited_for) {
   const status_t& plant = latest_[static_cast<int>(Role::kPlant)];
   bus_->publish(make_event({.role = Role::kSupervisor,
                             .reason = reason,
                             .k = plant.seq,
                             .t_ns = plant.t_ns,
-                            .text = text}));
+                            .text = text,
+                            .waited_for = waited_for}));
 }
 
 // A datagram may be lost, and a link may be cut: asks until each has said that it ends, for a second.

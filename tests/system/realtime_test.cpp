@@ -171,6 +171,7 @@ TEST_F(Realtime, AKilledGainProcessIsReplacedByTheTableAndThenByANewOne) {
   EXPECT_EQ(log.measurement.size(), 10000u) << "to its end";
   EXPECT_EQ(events(log, Reason::kProcessDied).size(), 0u);
   EXPECT_EQ(events(log, Reason::kProcessLost).size(), 2u) << "ended; rejoins";
+  EXPECT_EQ(events(log, Reason::kSecondSender).size(), 0u) << "the new one is expected";
   ASSERT_FALSE(events(log, Reason::kGainScheduled).empty());
   ASSERT_FALSE(events(log, Reason::kGainBack).empty());
   // The widest hole in the gains: the last one is held 4 n = 20 ticks from its snapshot, no longer
@@ -210,6 +211,7 @@ TEST_F(Realtime, AKilledLoggerIsStartedAgainWhereTheDriveFileSaysSo) {
   EXPECT_EQ(log.measurement.front().k, 0);
   EXPECT_EQ(log.measurement.back().k, 9999);
   EXPECT_GE(events(log, Reason::kLogLost).size(), 1u);
+  EXPECT_EQ(events(log, Reason::kSecondSender).size(), 0u) << "the new one is expected";
   EXPECT_EQ(summary()["lost_messages"]["DRIVE_MEASUREMENT"], 10000 - log.measurement.size());
 }
 
