@@ -55,6 +55,15 @@ TEST(Foc, CurrentReferenceStaysWithinTheLimitForEveryDemand) {
   }
 }
 
+TEST(Foc, AFlyingDriveBeginsItsReferenceAtItsSpeed) {
+  Bench bench({"start=flying", "reference.omega_e_rad_s=400", "reference.slew_rad_s2=100"});
+  bench.r.omega_m_ref = 100;
+  bench.set({0, 0}, 100, 0);
+  EXPECT_DOUBLE_EQ(bench.step().omega_m_ref, 100);
+  bench.r.omega_m_ref = 50;
+  EXPECT_NEAR(bench.step().omega_m_ref, 100 - 100.0 / 4 * 2e-4, 1e-12);
+}
+
 TEST(Foc, VoltageStaysInTheCircleOfTheBus) {
   Bench bench({"reference.slew_rad_s2=0"});
   bench.r.omega_m_ref = 1e4;
