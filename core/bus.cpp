@@ -130,6 +130,9 @@ Bus::Bus(const BusOptions& options)
   if (!udpm && options_.split_ports)
     throw BadInput(fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT",
                                options_.url));
+  if (!udpm && !options_.shared_memory.empty())
+    throw BadInput(fmt::format("{}: --shared-memory needs a URL of the form udpm://ADDRESS:PORT",
+                               options_.url));
   first_seq_.fill(-1);
   jumped_to_.fill(-1);
   last_seq_.fill(-1);
