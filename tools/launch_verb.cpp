@@ -138,7 +138,7 @@ void check_drive(Config& config, Pace pace, bool own_plant) {
 }
 
 // Whoever is not of the set hears the logger's copies alone: he can take no part in a tick.
-void check_shared_memory(const Config& config, const LaunchOptions& o) {
+void check_shared_memory(Config& config, const LaunchOptions& o) {
   const auto bus = config.read<BusParameters>();
   if (!bus.shared_memory) return;
   const auto refuse = [&config](const std::string& allowed) {
