@@ -79,6 +79,7 @@ struct SharedRings {
     std::atomic<std::uint32_t> wakes;   // channels
     std::atomic<std::uint32_t> every;   // EstimateRate
     std::atomic<std::uint64_t> from;
+    std::atomic<std::uint64_t> pid;  // 0: none yet
   };
   struct Ring {
     alignas(
@@ -87,19 +88,22 @@ struct SharedRings {
     alignas(kLine) std::array<std::atomic<std::uint64_t>, kWords> words;
     std::atomic<std::uint64_t>& at(std::uint64_t position) { return words[position % kWords]; }
   };
-  std::atomic<std::uint64_t> magic;
+  std::atomic<std::uint64_t> magic, supervisor_pid;  // 0: it hears the copies
   alignas(kLine) std::atomic<std::uint64_t> stamp;
   std::array<Reader, kMembersOfSet> readers;
   std::array<Ring, kMembersOfSet> rings;
 };
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 
-SharedMemory::SharedMemory() : memory_(memfd_create("twinrate", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
+SharedMemory::SharedMemory(bool hears_copies)
+    : memory_(memfd_create("twinrate", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
+  const std::array<std::uint64_t, 2> begin = {
+      kMagic, hears_copies ? 0 : static_cast<std::uint64_t>(getpid())};
   // Nobody can make it shorter: a reader would end with SIGBUS.
   const bool made =
       memory_.get() >= 0 && fchmod(memory_.get(), S_IRUSR | S_IWUSR) == 0 &&
       ftruncate(memory_.get(), sizeof(SharedRings)) == 0 &&
-      pwrite(memory_.get(), &kMagic, sizeof kMagic, 0) == sizeof kMagic &&
+      pwrite(memory_.get(), begin.data(), sizeof begin, 0) == sizeof begin &&
       fcntl(memory_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0;
   if (!made)
     throw MachineError(fmt::format("bus.shared_memory: the machine gives no shared memory: {}",
@@ -136,6 +140,7 @@ RingMember::RingMember(const std::string& path, Role role)
   written_ = rings_->rings[own_].head;
   reserved_ = rings_->rings[own_].reserved;
   rings_->readers[own_].asleep = rings_->readers[own_].wakes = 0;
+  rings_->readers[own_].pid = static_cast<std::uint64_t>(getpid());
   thin_estimates({});
   for (std::size_t i = 0; i < kMembers; ++i) {
     cursors_[i].channels = kChannelsOf[i];
@@ -319,6 +324,16 @@ void RingMember::sleep(double timeout_ms, bool for_all) {
 void RingMember::wake() {
   SharedRings::Reader& reader = rings_->readers[own_];
   if (reader.asleep.exchange(0) != 0) futex(reader.asleep, FUTEX_WAKE, INT_MAX, nullptr);
+}
+
+std::vector<pid_t> RingMember::processes() const {
+  std::vector<pid_t> list;
+  const auto add = [&list](std::uint64_t pid) {
+    if (pid != 0 && pid <= INT_MAX) list.push_back(static_cast<pid_t>(pid));
+  };
+  add(rings_->supervisor_pid);
+  for (const SharedRings::Reader& reader : rings_->readers) add(reader.pid);
+  return list;
 }
 
 }  // namespace twinrate

@@ -13,6 +13,8 @@
 //
 // A reader sleeps on a futex. Its writer wakes it for the channels that it wants to be woken for.
 #pragma once
+#include <sys/types.h>
+
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -40,7 +42,8 @@ struct EstimateRate {
 // object and the processes that use it. Throws MachineError.
 class SharedMemory {
  public:
-  SharedMemory();
+  // `hears_copies`: of the messages that the logger sends over LCM, this process wants those of a tick.
+  explicit SharedMemory(bool hears_copies = false);
   // What the processes of the set open, while this object is there.
   std::string path() const;
 
@@ -79,6 +82,8 @@ class RingMember {
   // From another thread of this process.
   void wake();
   std::int64_t malformed() const { return malformed_; }
+  // The processes of the set that hear no copies of its messages.
+  std::vector<pid_t> processes() const;
 
  private:
   static constexpr std::size_t kMembers = 5;

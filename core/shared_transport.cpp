@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "core/port_listeners.hpp"
 #include "core/shared_ring.hpp"
 #include "core/socket_watch.hpp"
 
@@ -19,11 +20,21 @@ bool is_of_a_tick(Channel channel) {
   return channel < Channel::kStatus;
 }
 
+using Clock = std::chrono::steady_clock;
+
 // The copies over LCM.
 class Copies {
  public:
-  explicit Copies(const UdpmAddress& address) : sender_(address) {}
+  explicit Copies(const UdpmAddress& address)
+      : sender_(address), stays_here_(address.ttl == 0), listeners_(address.port) {}
+  // Copies are made while somebody listens. Nobody can tell who listens on another machine.
+  void look(const std::vector<pid_t>& apart) {
+    if (!stays_here_ || Clock::now() - looked_ < kLookPeriod) return;
+    looked_ = Clock::now();
+    wanted_ = listeners_.any(apart);
+  }
   void add(const std::string& channel, const std::uint8_t* bytes, std::size_t size) {
+    if (!wanted_) return;
     if (messages_.size() == count_) messages_.emplace_back();
     Message& message = messages_[count_++];
     message.channel = &channel;
@@ -39,11 +50,15 @@ class Copies {
 
  private:
   static constexpr std::size_t kTogether = LcmSender::kMostTogether;
+  static constexpr auto kLookPeriod = std::chrono::milliseconds(50);
   struct Message {
     const std::string* channel;
     std::vector<std::uint8_t> bytes;
   };
   LcmSender sender_;
+  bool stays_here_, wanted_ = true;
+  PortListeners listeners_;
+  Clock::time_point looked_{};
   std::vector<Message>
       messages_;  // the first `count_` are to be sent; the others keep their memory
   std::size_t count_ = 0;
@@ -87,7 +102,7 @@ class SharedTransport : public BusTransport {
   }
   bool handle(double timeout_ms, bool wake_for_all) override {
     if (pass_on(wake_for_all)) return true;
-    if (copies_) copies_->send();
+    if (copies_) send_copies();
     if (options_.drain_every_ms > 0) return wait_draining(timeout_ms, wake_for_all);
     if (!watch_) watch();
     member_.sleep(timeout_ms, wake_for_all);
@@ -100,7 +115,6 @@ class SharedTransport : public BusTransport {
   bool is_own(std::uint64_t sender) const override { return udpm_->is_own(sender); }
 
  private:
-  using Clock = std::chrono::steady_clock;
   static constexpr auto kDeafAtMost = std::chrono::milliseconds(1);
   struct Subscription {
     std::string name;
@@ -128,10 +142,15 @@ class SharedTransport : public BusTransport {
     since_look_ = 0;
     look_at_sockets();
   }
+  void send_copies() {
+    copies_->send();
+    copies_->look(member_.processes());
+  }
   void look_at_sockets() {
     if (Clock::now() - looked_ < kDeafAtMost) return;
     looked_ = Clock::now();
     reads_sockets_ = true;
+    send_copies();
   }
   void watch() {
     watch_.emplace(udpm_->sockets(), options_.watch_cpu, [this] {

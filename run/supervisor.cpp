@@ -50,7 +50,7 @@ Supervisor::Supervisor(const DriveConfig& drive, SuperviseOptions options)
       token_(std::in_place, options_.directory + "/" + kTokenFile),
       progress_(drive_, options_.json),
       links_(options_.without) {
-  if (options_.bus.shared_memory) memory_.emplace();
+  if (options_.bus.shared_memory) memory_.emplace(progress_.visible());
 }
 
 std::vector<std::string> Supervisor::arguments(Role role) const {
