@@ -1,5 +1,6 @@
 #include "core/port_listeners.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
 
@@ -29,13 +30,23 @@ bool add_sockets_on(const std::string& ending, const char* list,
   return true;
 }
 
+// A process closes its own sockets when it becomes another program, so what is not marked so was
+// inherited: it is somebody else's.
+bool is_own(pid_t pid, const std::string& descriptor) {
+  std::ifstream in(fmt::format("/proc/{}/fdinfo/{}", pid, descriptor));
+  for (std::string word; in >> word;)
+    if (int flags = 0; word == "flags:" && in >> std::oct >> flags) return (flags & O_CLOEXEC) != 0;
+  return false;
+}
+
 void add_sockets_of(pid_t pid, std::set<std::uint64_t>& inodes) {
   std::error_code error;
   const std::filesystem::path folder = fmt::format("/proc/{}/fd", pid);
   for (std::filesystem::directory_iterator file(folder, error), end; !error && file != end;
        file.increment(error)) {
     struct stat info {};
-    if (stat(file->path().c_str(), &info) == 0 && S_ISSOCK(info.st_mode))
+    if (stat(file->path().c_str(), &info) == 0 && S_ISSOCK(info.st_mode) &&
+        is_own(pid, file->path().filename().string()))
       inodes.insert(info.st_ino);
   }
 }
