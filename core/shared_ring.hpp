@@ -28,6 +28,10 @@ namespace twinrate {
 
 struct SharedRings;  // the memory
 
+// Half of what a ring holds of MEASUREMENT and TRUTH: a logger that waits for its disk is not lapped
+// within a window (bus.window_ticks) of so many ticks.
+inline constexpr int kMostTicksInMemory = 1024;
+
 // Which of the estimates a gain process can use: those below tick `from`, then of sequence numbers that
 // are multiples of `every`, and any that asks for a gain (kGainEveryTick).
 struct EstimateRate {

@@ -8,6 +8,7 @@
 #include "bridge/link.hpp"
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
+#include "core/shared_ring.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/trial_run.hpp"
 #include "monitor/monitor_parameters.hpp"
@@ -151,6 +152,9 @@ void check_shared_memory(Config& config, const LaunchOptions& o) {
   if (!o.own.empty())
     refuse("allowed without --own: a process of your own has no part in the memory");
   if (bus.split_ports) refuse("allowed with bus.split_ports = false, found true");
+  if (bus.window_ticks > kMostTicksInMemory)
+    refuse(fmt::format("bus.window_ticks up to {} allowed with it, found {}", kMostTicksInMemory,
+                       bus.window_ticks));
   if (config.drive().plant.kind == PlantKind::kBridge)
     refuse("allowed with plant.kind = simulated, found bridge");
   if (const std::string url = resolve_url(o.url); !url.starts_with("udpm://"))
