@@ -227,11 +227,12 @@ bool RingMember::collect() {
     Cursor& c = cursors_[i];
     any = any || now[i] != c.limit;
     c.limit = now[i];
-    if ((c.channels & wanted_) == 0 || c.limit - c.position > kWords) c.position = c.limit;
+    if ((c.channels & wanted_) == 0) c.position = c.limit;
   }
   return any;
 }
 
+// Also of a position beyond what was written: the ring is damaged.
 bool RingMember::was_lapped(std::size_t ring) const {
   std::atomic_thread_fence(std::memory_order_acquire);
   const std::uint64_t reserved = rings_->rings[ring].reserved.load(std::memory_order_relaxed);

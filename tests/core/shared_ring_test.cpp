@@ -237,6 +237,29 @@ TEST_F(SharedRing, CountsAMessageWithAWrongHeadAndHearsTheNextOnes) {
   }
 }
 
+TEST_F(SharedRing, CountsAMessageThatIsLargerThanAnyThoughTheRingHoldsAsMuch) {
+  RingMember plant = member(Role::kPlant), logger = member(Role::kLogger);
+  logger.want(Channel::kMeasurement, true);
+  for (std::uint64_t k = 0; k < 1000; ++k) publish(plant, Channel::kMeasurement, message(k));
+  Mapped(memory_.path()).head_of(message(0)) = RingMember::kMaxBytes + 8;
+  EXPECT_FALSE(next(logger));
+  EXPECT_EQ(logger.malformed(), 1);
+}
+
+TEST_F(SharedRing, ThatGoesBackHoldsNoReader) {
+  RingMember plant = member(Role::kPlant), logger = member(Role::kLogger);
+  logger.want(Channel::kMeasurement, true);
+  // As many as fill the ring: a reader that went on from its end would go round for ever.
+  constexpr std::uint64_t kMessages = 2048, kWordsOfOne = 32;
+  for (std::uint64_t k = 0; k < kMessages; ++k) publish(plant, Channel::kTruth, message(k, 240));
+  EXPECT_FALSE(next(logger));
+  Mapped mapped(memory_.path());
+  std::uint64_t* reserved = mapped.words;  // with the same number after it: the head
+  while (reserved[0] != kMessages * kWordsOfOne || reserved[1] != reserved[0]) ++reserved;
+  reserved[1] -= kWordsOfOne;
+  EXPECT_FALSE(next(logger));
+}
+
 TEST_F(SharedRing, OfRandomWordsNeitherStopsNorHoldsAReader) {
   RingMember plant = member(Role::kPlant), logger = member(Role::kLogger);
   for (const Channel c : {Channel::kMeasurement, Channel::kEstimate, Channel::kCommand})
