@@ -8,6 +8,7 @@
 #include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <memory>
+#include <set>
 #include <thread>
 
 #include "core/bus.hpp"
@@ -147,6 +148,18 @@ TEST_F(SharedMemorySet, TakesRequestsAndEndsCleanlyOnCtrlC) {
   const RunLog log = read_run_log(path("run"), "", OnDamage::kRefuse);
   for (std::size_t i = 0; i < log.command.size(); ++i)
     ASSERT_EQ(log.command[i].k, static_cast<std::int64_t>(i));
+}
+
+TEST_F(SharedMemorySet, SendsItsCopiesFromOneSocket) {
+  Bus bus({});
+  std::set<SocketName> senders;
+  bus.subscribe<measurement_t>([&](const measurement_t&) { senders.insert(bus.sender()); });
+  bus.subscribe<estimate_t>([&](const estimate_t&) { senders.insert(bus.sender()); });
+  bus.subscribe<command_t>([&](const command_t&) { senders.insert(bus.sender()); });
+  ASSERT_EQ(twinrate(launch("0.1s")).exit_code, 0);
+  while (bus.handle(0)) {
+  }
+  EXPECT_EQ(senders.size(), 1U) << "the logger sends all";
 }
 
 TEST_F(SharedMemorySet, LosesNothingWhereTheLoggerStopsForAWholeWindow) {
