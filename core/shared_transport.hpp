@@ -15,7 +15,8 @@ struct SharedTransportOptions {
   int watch_cpu = -1;         // for the thread that watches the sockets; -1: any
 };
 // While somebody listens (core/port_listeners), the logger sends a copy of each message of a tick
-// over LCM, to `copies`, in the order of arrival. The other processes of the set send none. Throws BadInput and MachineError.
+// over LCM, to `copies`, in the order of arrival. The other processes of the set send none. Throws
+// BadInput and MachineError.
 std::unique_ptr<BusTransport> make_shared_transport(std::unique_ptr<BusTransport> udpm,
                                                     const UdpmAddress& copies,
                                                     const SharedTransportOptions& options);
