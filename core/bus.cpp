@@ -17,6 +17,7 @@
 #include "core/machine_error.hpp"
 #include "core/message_check.hpp"
 #include "core/multicast.hpp"
+#include "core/shared_transport.hpp"
 #include "model/random.hpp"
 
 namespace twinrate {
@@ -129,6 +130,9 @@ Bus::Bus(const BusOptions& options)
   if (!udpm && options_.split_ports)
     throw BadInput(fmt::format("{}: bus.split_ports needs a URL of the form udpm://ADDRESS:PORT",
                                options_.url));
+  if (!udpm && !options_.shared_memory.empty())
+    throw BadInput(fmt::format("{}: --shared-memory needs a URL of the form udpm://ADDRESS:PORT",
+                               options_.url));
   first_seq_.fill(-1);
   jumped_to_.fill(-1);
   last_seq_.fill(-1);
@@ -137,12 +141,19 @@ Bus::Bus(const BusOptions& options)
     names_[static_cast<std::size_t>(channel.channel)] = channel.name + options_.channel_suffix;
   if (udpm && !multicast_route_exists("239.255.76.67"))
     throw MachineError("no multicast route, LCM cannot work; as root: " + multicast_mend());
-  transport_ = udpm ? make_udpm_transport(to_udpm_address(options_.url),
-                                          {.filter = options_.filter,
-                                           .drain_every_ms = options_.drain_every_ms,
-                                           .later_cpu = options_.later_cpu,
-                                           .spin_us = options_.spin_us})
+  transport_ = udpm ? make_udpm_transport(
+                          to_udpm_address(options_.url),
+                          {.filter = options_.filter,
+                           .drain_every_ms = options_.drain_every_ms,
+                           .later_cpu = options_.shared_memory.empty() ? options_.later_cpu : -1,
+                           .spin_us = options_.spin_us})
                     : make_liblcm_transport(options_.url);
+  if (!options_.shared_memory.empty())
+    transport_ = make_shared_transport(std::move(transport_), to_udpm_address(options_.url),
+                                       {.path = options_.shared_memory,
+                                        .role = options_.role,
+                                        .drain_every_ms = options_.drain_every_ms,
+                                        .watch_cpu = options_.later_cpu});
   tag_with(options_.token_file);
   subscribe<ack_t>([this](const ack_t& ack) { serve_missing(ack); });
 }
@@ -177,7 +188,7 @@ void Bus::subscribe_raw(Channel channel, RawHandler handler, Wake wake) {
 }
 
 WantedChannel Bus::wanted(Channel channel) const {
-  WantedChannel wanted{.name = name_of(channel)};
+  WantedChannel wanted{.name = name_of(channel), .channel = channel};
   // Another set on this URL would wake this process with each of its ticks.
   if (bound_ && channel < Channel::kStatus) wanted.session = session_;
   if (channel != Channel::kEstimate) return wanted;
@@ -340,8 +351,12 @@ void Bus::send_staged() {
   std::array<BusTransport::Outgoing, 4> list{};
   assert(staged_count_ <= list.size());
   for (std::size_t i = 0; i < staged_count_; ++i)
-    list[i] = {&name_of(staged_[i].channel), staged_[i].bytes.data(), staged_[i].bytes.size(),
-               options_.split_ports ? port_offset(staged_[i].channel) : 0, staged_[i].later};
+    list[i] = {&name_of(staged_[i].channel),
+               staged_[i].bytes.data(),
+               staged_[i].bytes.size(),
+               options_.split_ports ? port_offset(staged_[i].channel) : 0,
+               staged_[i].later,
+               staged_[i].channel};
   transport_->send(list.data(), std::exchange(staged_count_, 0));
 }
 
@@ -349,8 +364,12 @@ bool Bus::send_again(Channel channel, std::int64_t seq) {
   const History& history = history_[static_cast<std::size_t>(channel)];
   for (const Kept& kept : history.ring) {
     if (kept.seq != seq) continue;
-    const BusTransport::Outgoing message = {&name_of(channel), kept.bytes.data(), kept.bytes.size(),
-                                            options_.split_ports ? port_offset(channel) : 0};
+    const BusTransport::Outgoing message = {&name_of(channel),
+                                            kept.bytes.data(),
+                                            kept.bytes.size(),
+                                            options_.split_ports ? port_offset(channel) : 0,
+                                            false,
+                                            channel};
     transport_->send(&message, 1);
     ++counters_.resent;
     return true;

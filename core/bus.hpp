@@ -65,6 +65,9 @@ struct BusOptions {
   int later_cpu = -1;
   // A token file (core/message_tag): what is sent is tagged. "": what is sent has no tag.
   std::string token_file;
+  // SharedMemory::path(): the messages of a tick go through it (core/shared_ring), this process being one of
+  // plant, estimator, gain, controller and logger. "": as all others do.
+  std::string shared_memory;
   bool authenticate = true;  // with a token: a message without a valid tag is refused
 };
 

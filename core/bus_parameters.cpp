@@ -18,6 +18,10 @@ void BusParameters::fields(FieldVisitor& f) {
             "filter channels without a subscription in the kernel, before they wake a process");
   f.boolean("authenticate", authenticate,
             "launch: refuse messages without a valid tag of the run's token");
+  f.boolean(
+      "shared_memory", shared_memory,
+      "launch, lock-step: carry the messages of a tick through shared memory; the logger sends "
+      "copies over LCM");
   f.number("log_rotate_MB", log_rotate_MB, 0.1, 1e6,
            "size of a log file at which the logger begins the next one");
 }

@@ -13,6 +13,7 @@ struct BusParameters {
   bool split_ports = false;
   bool filter = true;
   bool authenticate = true;
+  bool shared_memory = false;
   double log_rotate_MB = 2000;
   void fields(FieldVisitor& f);
 };

@@ -82,6 +82,12 @@ class UdpmTransport : public BusTransport {
                        [&](const auto& own) { return own.second->name() == sender; });
   }
 
+  std::vector<int> sockets() const override {
+    std::vector<int> list;
+    for (const auto& port : ports_) list.push_back(port->receiver.fd());
+    return list;
+  }
+
   std::int64_t malformed() const override {
     std::int64_t sum = 0;
     for (const auto& port : ports_) sum += port->receiver.malformed();

@@ -20,6 +20,7 @@ class BusTransport {
     std::size_t size;
     int port_offset;
     bool later = false;  // nobody waits for it
+    Channel id = Channel::kStatus;
   };
 
   virtual ~BusTransport() = default;
@@ -35,6 +36,8 @@ class BusTransport {
   virtual std::int64_t arrival_us() const { return 0; }
   // The socket that sent it, as LcmMessage::sender; 0: unknown.
   virtual std::uint64_t sender() const { return 0; }
+  // What it waits on, once everything is subscribed.
+  virtual std::vector<int> sockets() const { return {}; }
   // It is one of this process.
   virtual bool is_own(std::uint64_t /*sender*/) const { return false; }
 };

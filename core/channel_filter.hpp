@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "core/channels.hpp"
+
 namespace twinrate {
 
 struct WantedChannel {
@@ -17,6 +19,7 @@ struct WantedChannel {
   // that asks for a gain (kGainEveryTick).
   std::uint32_t every = 1, from = 0;
   std::int64_t session = 0;  // 0: any
+  Channel channel = Channel::kStatus;
 };
 
 // Lets through, of LCM's small messages, those whose channel begins "DRIVE_" and the first four

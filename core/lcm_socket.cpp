@@ -91,21 +91,18 @@ void LcmSender::send(const std::string& channel, const std::uint8_t* bytes, std:
 }
 
 void LcmSender::send_together(const Small* messages, std::size_t count) {
-  constexpr std::size_t kMost = 4;
-  std::array<std::array<std::uint8_t, kWholeHeader>, kMost> headers{};
-  std::array<std::array<iovec, 3>, kMost> parts{};
-  std::array<mmsghdr, kMost> list{};
-  bool small = count <= kMost;
+  bool small = count <= kMostTogether;
   for (std::size_t i = 0; small && i < count; ++i) {
     const Small& m = messages[i];
     small = m.channel->size() + 1 + m.size <= kMaxWhole;
     Datagrams datagram(*m.channel, m.bytes, m.size, sequence_ + static_cast<std::uint32_t>(i));
     if (!small || !datagram.next()) break;
-    std::copy_n(datagram.header(), kWholeHeader, headers[i].begin());
-    parts[i] = {part(headers[i].data(), kWholeHeader),
-                part(m.channel->c_str(), m.channel->size() + 1), part(m.bytes, m.size)};
-    list[i].msg_hdr.msg_iov = parts[i].data();
-    list[i].msg_hdr.msg_iovlen = parts[i].size();
+    auto& [header, parts] = datagrams_[i];
+    std::copy_n(datagram.header(), kWholeHeader, header.begin());
+    parts = {part(header.data(), kWholeHeader), part(m.channel->c_str(), m.channel->size() + 1),
+             part(m.bytes, m.size)};
+    list_[i].msg_hdr.msg_iov = parts.data();
+    list_[i].msg_hdr.msg_iovlen = parts.size();
   }
   if (!small) {
     for (std::size_t i = 0; i < count; ++i)
@@ -114,7 +111,7 @@ void LcmSender::send_together(const Small* messages, std::size_t count) {
   }
   sequence_ += static_cast<std::uint32_t>(count);
   for (std::size_t sent = 0; sent < count;) {
-    const int now = sendmmsg(socket_.get(), &list[sent], static_cast<unsigned>(count - sent), 0);
+    const int now = sendmmsg(socket_.get(), &list_[sent], static_cast<unsigned>(count - sent), 0);
     if (now > 0)
       sent += static_cast<std::size_t>(now);
     else if (errno != EINTR)

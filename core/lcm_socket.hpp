@@ -46,7 +46,8 @@ class LcmSender {
   std::uint64_t name() const;
   // A datagram that the kernel refuses is a lost one.
   void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
-  // Small messages with one system call.
+  // Small messages with one system call, where there are not more than kMostTogether.
+  static constexpr std::size_t kMostTogether = 32;
   struct Small {
     const std::string* channel;
     const std::uint8_t* bytes;
@@ -55,8 +56,14 @@ class LcmSender {
   void send_together(const Small* messages, std::size_t count);
 
  private:
+  struct Datagram {
+    std::array<std::uint8_t, kWholeHeader> header;
+    std::array<iovec, 3> parts;
+  };
   FileDescriptor socket_;
   std::uint32_t sequence_ = 0;
+  std::array<Datagram, kMostTogether> datagrams_;  // of send_together()
+  std::array<mmsghdr, kMostTogether> list_{};
 };
 
 class LcmReceiver {

@@ -55,6 +55,7 @@ BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const B
           .spin_us = spin_us,
           .later_cpu = o.pace == Pace::kLockstep ? o.helper_cpu : -1,
           .token_file = o.token_file,
+          .shared_memory = o.shared_memory,
           .authenticate = p.authenticate};
 }
 

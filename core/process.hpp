@@ -31,7 +31,7 @@
 namespace twinrate {
 
 struct ProcessOptions {
-  std::string config, url, channel_suffix, run_dir, token_file;
+  std::string config, url, channel_suffix, run_dir, token_file, shared_memory;
   std::vector<std::string> overrides;
   std::int64_t session = 0;
   Pace pace = Pace::kLockstep;

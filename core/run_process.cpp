@@ -42,6 +42,9 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
   app.add_option(
       "--token-file", o.token_file,
       "tag messages with the token in this file, and refuse messages without such a tag");
+  if (info.role >= Role::kPlant && info.role <= Role::kLogger)
+    app.add_option("--shared-memory", o.shared_memory,
+                   "lock-step: pass the messages of a tick through this memory of the set");
   app.add_flag("--follow", o.follow, "restart when the sequence or the session starts again");
   if (info.role == Role::kLogger)
     app.add_flag("--resume", o.resume,
@@ -63,6 +66,8 @@ std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, c
   }
   o.pace = pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
   o.wall = pace == "wall";
+  if (!o.shared_memory.empty() && o.pace == Pace::kRealtime)
+    throw BadInput("--shared-memory: lockstep, wall allowed for --pace, found realtime");
   return o;
 }
 

@@ -155,7 +155,9 @@ class LoggerProcess {
     if (!log_.take(channel, seq, t_ns, bytes, size)) return p_.bus().refuse();
     if (channel == Channel::kEstimate) p_.gains_every_nth(log_.gain_rate());
     if (log_.complete_below() != before) p_.progress(log_.complete_below() - 1);
-    if (log_.complete_below() >= acknowledged_ + ack_every_) acknowledge();
+    // The plant waits for the last tick: at once.
+    const bool last = log_.complete_below() == p_.drive().steps();
+    if (log_.complete_below() >= acknowledged_ + (last ? 1 : ack_every_)) acknowledge();
     if (writer_.take_rotated())
       p_.event(Reason::kLogRotated, log_.complete_below(),
                "log continues in " + writer_.files().back());

@@ -49,7 +49,9 @@ Supervisor::Supervisor(const DriveConfig& drive, SuperviseOptions options)
       session_(new_session_id()),
       token_(std::in_place, options_.directory + "/" + kTokenFile),
       progress_(drive_, options_.json),
-      links_(options_.without) {}
+      links_(options_.without) {
+  if (options_.bus.shared_memory) memory_.emplace(progress_.visible());
+}
 
 std::vector<std::string> Supervisor::arguments(Role role) const {
   std::vector<std::string> list = {"--config",     options_.directory + "/config.toml",
@@ -60,6 +62,8 @@ std::vector<std::string> Supervisor::arguments(Role role) const {
   if (!options_.url.empty()) list.insert(list.end(), {"--lcm-url", options_.url});
   if (!options_.channel_suffix.empty())
     list.insert(list.end(), {"--channel-suffix", options_.channel_suffix});
+  if (memory_ && role != Role::kMonitor)
+    list.insert(list.end(), {"--shared-memory", memory_->path()});
   if (role == Role::kPlant) list.push_back("--wait-for-start");
   return list;
 }

@@ -13,6 +13,7 @@
 #include "core/process_set.hpp"
 #include "core/realtime_parameters.hpp"
 #include "core/recent.hpp"
+#include "core/shared_ring.hpp"
 #include "run/links.hpp"
 #include "run/progress.hpp"
 #include "run/run_result.hpp"
@@ -86,7 +87,8 @@ class Supervisor {
   DriveConfig drive_;
   SuperviseOptions options_;
   std::int64_t session_;
-  std::optional<TokenFile> token_;  // while the run is on
+  std::optional<TokenFile> token_;      // while the run is on
+  std::optional<SharedMemory> memory_;  // bus.shared_memory
   ProcessSet set_;
   std::unique_ptr<Bus> bus_;
   Progress progress_;

@@ -8,6 +8,7 @@
 #include "bridge/link.hpp"
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
+#include "core/shared_ring.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/trial_run.hpp"
 #include "monitor/monitor_parameters.hpp"
@@ -137,6 +138,29 @@ void check_drive(Config& config, Pace pace, bool own_plant) {
   check_spin(config, config.read<RealtimeParameters>());
 }
 
+// Whoever is not of the set hears the logger's copies alone: he can take no part in a tick.
+void check_shared_memory(Config& config, const LaunchOptions& o) {
+  const auto bus = config.read<BusParameters>();
+  if (!bus.shared_memory) return;
+  const auto refuse = [&config](const std::string& allowed) {
+    throw BadInput(
+        fmt::format("{}: bus.shared_memory: {}", config.where("bus.shared_memory"), allowed));
+  };
+  if (o.pace == "realtime") refuse("lockstep, wall allowed for --pace, found realtime");
+  if (!o.without.empty())
+    refuse("allowed without --without: all processes of the set run on one host");
+  if (!o.own.empty())
+    refuse("allowed without --own: a process of your own has no part in the memory");
+  if (bus.split_ports) refuse("allowed with bus.split_ports = false, found true");
+  if (bus.window_ticks > kMostTicksInMemory)
+    refuse(fmt::format("bus.window_ticks up to {} allowed with it, found {}", kMostTicksInMemory,
+                       bus.window_ticks));
+  if (config.drive().plant.kind == PlantKind::kBridge)
+    refuse("allowed with plant.kind = simulated, found bridge");
+  if (const std::string url = resolve_url(o.url); !url.starts_with("udpm://"))
+    refuse(fmt::format("allowed with a URL of the form udpm://ADDRESS:PORT, found {}", url));
+}
+
 int launch(const LaunchOptions& o) {
   const std::set<Role> without = roles_of(o.without);
   const std::vector<OwnProgram> own = own_programs(o.own);  // refused before anything is made
@@ -151,6 +175,7 @@ int launch(const LaunchOptions& o) {
   check_drive(config, pace, own_plant);
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
+  check_shared_memory(config, o);
   if (o.print_pmd) {
     print_pmd(o, overrides);
     return 0;

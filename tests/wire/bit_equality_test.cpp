@@ -175,6 +175,15 @@ TEST_F(WireTest, NeitherTheFirstNorTheLastMessagesAreMissedWhenMuchIsDropped) {
 TEST_F(WireTest, OnePortALinkGivesTheSameBits) {
   expect_launch_equals_simulate("dilys2021", {}, {"bus.split_ports=true"});
 }
+TEST_F(WireTest, ThroughSharedMemoryTheBitsAreTheSame) {
+  expect_launch_equals_simulate("dilys2021", {}, {"bus.shared_memory=true"});
+}
+TEST_F(WireTest, ThroughSharedMemoryDropsChangeNoBitOfAStartThatLocksFirst) {
+  expect_launch_equals_simulate(
+      "dilys2021", {"rates.n_from=locked"},
+      {"bus.shared_memory=true", "bus.window_ticks=16", "bus.drop_rate=0.01"}, 500);
+  EXPECT_GT(summary("launch")["repeats"], 5);
+}
 TEST_F(WireTest, WithoutTheKernelFilterTheBitsAreTheSame) {
   expect_launch_equals_simulate("dilys2021", {}, {"bus.filter=false"});
 }

@@ -1,0 +1,25 @@
+// Whether somebody listens on a UDP port of this machine, apart from processes that do not count.
+//
+// A copy for nobody costs as much as one that is heard. Where this process may not look, somebody
+// listens.
+#pragma once
+#include <sys/types.h>
+
+#include <cstdint>
+#include <set>
+#include <vector>
+
+namespace twinrate {
+
+class PortListeners {
+ public:
+  explicit PortListeners(std::uint16_t port) : port_(port) {}
+  // `apart`: the processes whose sockets do not count.
+  bool any(const std::vector<pid_t>& apart);
+
+ private:
+  std::uint16_t port_;
+  std::set<std::uint64_t> known_;  // sockets (inodes) of processes that do not count
+};
+
+}  // namespace twinrate
