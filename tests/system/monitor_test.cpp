@@ -65,9 +65,11 @@ class Monitor : public ProgramTest {
 };
 
 TEST_F(Monitor, ReportsProposesAndAddsAnEffectThatStartsDuringTheRun) {
-  const ProgramResult result = twinrate(
-      {"launch", drive(), "--monitor", "--set", "monitor.auto_add=true", "--run-dir", path("run")},
-      100);
+  // The rows are gathered at 3.9 s. The run goes on for as long as a busy machine may trace them.
+  const ProgramResult result =
+      twinrate({"launch", drive(), "--monitor", "--duration", "7s", "--set",
+                "monitor.auto_add=true", "--run-dir", path("run")},
+               100);
   EXPECT_EQ(result.exit_code, 0) << result.err;
   const RunLog log = read_run_log(path("run"));
   const auto misfit = events(log, Reason::kModelMisfit);
