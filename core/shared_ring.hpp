@@ -3,8 +3,8 @@
 // Each process of the set writes a ring of its own and reads those of the others; no process can block
 // another, also not one that is killed while it writes. A message becomes visible as a whole (`head`).
 // A writer does not wait for readers: it announces (`reserved`) which words it is about to overwrite,
-// and a reader that was lapped leaves the ring's old messages out. It gets them again as on UDP, with
-// DRIVE_ACK. Messages of several rings come in the order of their causes: each has a stamp of one
+// and a reader that was lapped leaves the ring's old messages out, which is a gap as any other.
+// Messages of several rings come in the order of their causes: each has a stamp of one
 // counter, and the heads are read as they were at one moment.
 //
 // The memory is of unknown origin to a reader: positions are masked, a message is copied before it is

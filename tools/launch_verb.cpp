@@ -151,6 +151,8 @@ void check_shared_memory(Config& config, const LaunchOptions& o) {
     refuse("allowed without --without: all processes of the set run on one host");
   if (!o.own.empty())
     refuse("allowed without --own: a process of your own has no part in the memory");
+  if (o.print_pmd)
+    refuse("allowed without --print-pmd: processes that are started by hand have no such memory");
   if (bus.split_ports) refuse("allowed with bus.split_ports = false, found true");
   if (bus.window_ticks > kMostTicksInMemory)
     refuse(fmt::format("bus.window_ticks up to {} allowed with it, found {}", kMostTicksInMemory,

@@ -191,6 +191,7 @@ TEST_F(SharedMemorySet, IsRefusedWhereAProcessHasNoPartInTheMemory) {
   expect_refused({"--pace", "realtime"}, "lockstep, wall allowed for --pace, found realtime");
   expect_refused({"--without", "gain"}, "--without");
   expect_refused({"--own", "gain=true"}, "--own");
+  expect_refused({"--print-pmd"}, "--print-pmd");
   expect_refused({"--set", "bus.split_ports=true"}, "bus.split_ports");
   expect_refused({"--set", "bus.window_ticks=1025"}, "bus.window_ticks up to 1024");
   expect_refused({"--set", "plant.kind=bridge", "--set", "bridge.emulate=true"},
