@@ -179,12 +179,12 @@ std::string disk_full(const LogWriter& writer) {
 // A page fault for each 2 MB where the kernel has such pages, instead of one for each 4 kB.
 template <class T>
 void use_huge_pages(std::vector<T>& reserved) {
-  constexpr std::uintptr_t kPage = 2 << 20;
-  const auto begin =
-      (reinterpret_cast<std::uintptr_t>(reserved.data()) + kPage - 1) / kPage * kPage;
-  const auto end =
-      reinterpret_cast<std::uintptr_t>(reserved.data() + reserved.capacity()) / kPage * kPage;
-  if (begin < end) madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+  constexpr std::size_t kPage = 2 << 20;
+  auto* begin = reinterpret_cast<char*>(reserved.data());
+  auto* end = reinterpret_cast<char*>(reserved.data() + reserved.capacity());
+  begin += (kPage - reinterpret_cast<std::uintptr_t>(begin) % kPage) % kPage;
+  if (end - begin >= static_cast<std::ptrdiff_t>(kPage))
+    madvise(begin, static_cast<std::size_t>(end - begin) / kPage * kPage, MADV_HUGEPAGE);
 }
 
 void begin(LongLog& kept, const std::string& directory, const manifest_t& manifest,
