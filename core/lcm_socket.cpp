@@ -47,6 +47,21 @@ std::uint64_t name_of(const sockaddr_in& address) {
   return std::uint64_t{address.sin_addr.s_addr} << 16 | std::uint64_t{address.sin_port};
 }
 
+sockaddr_in address_of(int socket) {
+  sockaddr_in own{};
+  socklen_t size = sizeof own;
+  getsockname(socket, reinterpret_cast<sockaddr*>(&own), &size);
+  return own;
+}
+
+// That datagrams to `to` have. Throws MachineError where there is no route.
+sockaddr_in address_towards(const sockaddr_in& to) {
+  const FileDescriptor probe(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (connect(probe.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
+    fail("no route");
+  return address_of(probe.get());
+}
+
 iovec part(const void* bytes, std::size_t size) {
   return {.iov_base = const_cast<void*>(bytes), .iov_len = size};
 }
@@ -57,22 +72,19 @@ FileDescriptor::~FileDescriptor() {
   if (fd_ >= 0) close(fd_);
 }
 
+// The socket is not connected: Linux would then send to the interface that has the socket's address,
+// and not where the route to the group leads.
 LcmSender::LcmSender(const UdpmAddress& address)
-    : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)), to_(to_sockaddr(address)) {
   if (socket_.get() < 0) fail("socket");
   set(socket_.get(), IPPROTO_IP, IP_MULTICAST_TTL, static_cast<std::uint8_t>(address.ttl), "ttl");
   set(socket_.get(), IPPROTO_IP, IP_MULTICAST_LOOP, std::uint8_t{1}, "loop");
-  // A connected socket looks its route up once.
-  const sockaddr_in to = to_sockaddr(address);
-  if (connect(socket_.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
-    fail("no route");
-}
-
-std::uint64_t LcmSender::name() const {
-  sockaddr_in own{};
-  socklen_t size = sizeof own;
-  getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&own), &size);
-  return name_of(own);
+  const sockaddr_in any_port{.sin_family = AF_INET, .sin_port = 0, .sin_addr = {}, .sin_zero = {}};
+  if (bind(socket_.get(), reinterpret_cast<const sockaddr*>(&any_port), sizeof any_port) != 0)
+    fail("port");
+  sockaddr_in own = address_towards(to_);
+  own.sin_port = address_of(socket_.get()).sin_port;
+  name_ = name_of(own);
 }
 
 void LcmSender::send(const std::string& channel, const std::uint8_t* bytes, std::size_t size) {
@@ -83,6 +95,8 @@ void LcmSender::send(const std::string& channel, const std::uint8_t* bytes, std:
         part(channel.c_str(), datagrams.names_channel() ? channel.size() + 1 : 0),
         part(datagrams.payload(), datagrams.payload_size())};
     msghdr message{};
+    message.msg_name = &to_;
+    message.msg_namelen = sizeof to_;
     message.msg_iov = parts.data();
     message.msg_iovlen = parts.size();
     while (sendmsg(socket_.get(), &message, 0) < 0 && errno == EINTR) {
@@ -101,6 +115,8 @@ void LcmSender::send_together(const Small* messages, std::size_t count) {
     std::copy_n(datagram.header(), kWholeHeader, header.begin());
     parts = {part(header.data(), kWholeHeader), part(m.channel->c_str(), m.channel->size() + 1),
              part(m.bytes, m.size)};
+    list_[i].msg_hdr.msg_name = &to_;
+    list_[i].msg_hdr.msg_namelen = sizeof to_;
     list_[i].msg_hdr.msg_iov = parts.data();
     list_[i].msg_hdr.msg_iovlen = parts.size();
   }

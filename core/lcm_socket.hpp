@@ -43,7 +43,7 @@ class LcmSender {
   // Throws MachineError where there is no route to the group.
   explicit LcmSender(const UdpmAddress& address);
   // As in LcmMessage::sender of the receivers.
-  std::uint64_t name() const;
+  std::uint64_t name() const { return name_; }
   // A datagram that the kernel refuses is a lost one.
   void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
   // Small messages with one system call, where there are not more than kMostTogether.
@@ -61,6 +61,8 @@ class LcmSender {
     std::array<iovec, 3> parts;
   };
   FileDescriptor socket_;
+  sockaddr_in to_;
+  std::uint64_t name_;
   std::uint32_t sequence_ = 0;
   std::array<Datagram, kMostTogether> datagrams_;  // of send_together()
   std::array<mmsghdr, kMostTogether> list_{};

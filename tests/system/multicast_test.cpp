@@ -56,6 +56,21 @@ TEST_F(Multicast, AProcessAlonePrintsTheTwoCommands) {
   }
 }
 
+// As on a PC with a network: the route to the group leads to lo, the machine's address is elsewhere.
+TEST_F(Multicast, LaunchIsHeardBesideAnInterfaceWithAnAddress) {
+  for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+           {"ip", "link", "add", "twin0", "type", "veth", "peer", "name", "twin1"},
+           {"ip", "addr", "add", "192.0.2.2/24", "dev", "twin0"},
+           {"ip", "link", "set", "twin0", "up"}})
+    if (run_program(command).exit_code != 0)
+      GTEST_SKIP() << "no pair of interfaces can be made here (iproute2, veth)";
+  std::string done;
+  ASSERT_TRUE(try_bring_up_multicast(done)) << done;
+  const ProgramResult result =
+      twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+}
+
 TEST_F(Multicast, SimulateNeedsNoMulticast) {
   EXPECT_EQ(
       twinrate({"simulate", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"}).exit_code,
