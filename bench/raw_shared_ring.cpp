@@ -3,7 +3,6 @@
 //
 //   raw_shared_ring [STEPS]      prints rounds per second
 #include <linux/futex.h>
-#include <sched.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
@@ -23,6 +22,7 @@
 #include "core/machine_error.hpp"
 #include "core/report_error.hpp"
 #include "core/seconds_since.hpp"
+#include "run/cpu_plan.hpp"
 
 namespace {
 
@@ -61,15 +61,6 @@ void give(Box& box, std::uint32_t round, const std::array<std::uint8_t, kBytes>&
   }
 }
 
-void pin_to_first_cpu() {
-  cpu_set_t allowed, one;
-  CPU_ZERO(&one);
-  sched_getaffinity(0, sizeof allowed, &allowed);
-  for (std::size_t cpu = 0; cpu < CPU_SETSIZE && CPU_COUNT(&one) == 0; ++cpu)
-    if (CPU_ISSET(cpu, &allowed)) CPU_SET(cpu, &one);
-  sched_setaffinity(0, sizeof one, &one);
-}
-
 // Rounds per second; this process is the first of the ring.
 double measure(Boxes& boxes, std::uint32_t steps) {
   std::array<std::uint8_t, kBytes> bytes{};
@@ -89,7 +80,7 @@ int main(int argc, char** argv) try {
       mmap(nullptr, sizeof(Boxes), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) throw MachineError("mmap: no shared memory");
   Boxes& boxes = *new (memory) Boxes{};
-  pin_to_first_cpu();
+  twinrate::pin_to_first_cpu();
   std::array<pid_t, kMembers - 1> others{};
   for (std::size_t i = 0; i < others.size(); ++i) {
     others[i] = fork();

@@ -10,6 +10,8 @@
 #include <optional>
 #include <string_view>
 
+#include "core/process.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -65,6 +67,10 @@ std::vector<int> allowed_cpus() {
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu)
     if (CPU_ISSET(static_cast<std::size_t>(cpu), &allowed)) cpus.push_back(cpu);
   return cpus;
+}
+
+void pin_to_first_cpu() {
+  if (const std::vector<int> cpus = allowed_cpus(); !cpus.empty()) pin_to_cpu(cpus.front());
 }
 
 CpuPlan plan_cpus(std::vector<int> allowed, const std::vector<OtherSet>& sets) {

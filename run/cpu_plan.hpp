@@ -26,6 +26,8 @@ struct CpuPlan {
 };
 // CPUs that this process may use.
 std::vector<int> allowed_cpus();
+// Of those the first, for this process.
+void pin_to_first_cpu();
 // The two CPUs with the fewest rings, of equal ones the first; not pinned with less than two.
 CpuPlan plan_cpus(std::vector<int> allowed, const std::vector<OtherSet>& sets);
 

@@ -21,6 +21,7 @@
 #include "core/lcm_socket.hpp"
 #include "core/machine_error.hpp"
 #include "core/realtime_setup.hpp"
+#include "run/cpu_plan.hpp"
 
 namespace twinrate {
 namespace {
@@ -60,15 +61,6 @@ double us(std::int64_t ns) {
   return 1e-3 * static_cast<double>(ns);
 }
 
-void pin_to_first_cpu() {
-  cpu_set_t allowed, one;
-  CPU_ZERO(&one);
-  sched_getaffinity(0, sizeof allowed, &allowed);
-  for (std::size_t cpu = 0; cpu < CPU_SETSIZE && CPU_COUNT(&one) == 0; ++cpu)
-    if (CPU_ISSET(cpu, &allowed)) CPU_SET(cpu, &one);
-  sched_setaffinity(0, sizeof one, &one);
-}
-
 }  // namespace
 
 class UdpRing::Member {
@@ -76,7 +68,7 @@ class UdpRing::Member {
   explicit Member(int index)
       : index_(index), in_(socket(AF_INET, SOCK_DGRAM, 0)), out_(socket(AF_INET, SOCK_DGRAM, 0)) {
     const int on = 1;
-    const sockaddr_in at = group();
+    const sockaddr_in& at = to_;
     setsockopt(in_.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
     require(bind(in_.get(), reinterpret_cast<const sockaddr*>(&at), sizeof at) == 0, "bind");
     const ip_mreq membership{at.sin_addr, {htonl(INADDR_ANY)}};
@@ -88,14 +80,15 @@ class UdpRing::Member {
     setsockopt(in_.get(), SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
     const std::uint8_t ttl = 0;
     setsockopt(out_.get(), IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof ttl);
-    require(connect(out_.get(), reinterpret_cast<const sockaddr*>(&at), sizeof at) == 0, "connect");
   }
   bool receive(int flags = 0) { return recv(in_.get(), bytes_.data(), bytes_.size(), flags) > 0; }
   void send(int to) {
     bytes_[0] = static_cast<std::uint8_t>(to);
     bytes_[1] = static_cast<std::uint8_t>(round() % kFourEvery);
     bytes_[2] = static_cast<std::uint8_t>(index_);
-    (void)::send(out_.get(), bytes_.data(), bytes_.size(), 0);
+    // Not connected, as core/lcm_socket.
+    (void)sendto(out_.get(), bytes_.data(), bytes_.size(), 0,
+                 reinterpret_cast<const sockaddr*>(&to_), sizeof to_);
   }
   int sender() const { return bytes_[2]; }
   // The datagram of this round: one that was late before is passed over.
@@ -123,6 +116,7 @@ class UdpRing::Member {
   }
 
   int index_;
+  const sockaddr_in to_ = group();
   FileDescriptor in_, out_;
   std::array<std::uint8_t, kBytes> bytes_{};
 };
