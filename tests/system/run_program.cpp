@@ -215,4 +215,20 @@ bool ProgramTest::mount_small_disk(const std::string& name, const std::string& s
   return true;
 }
 
+std::uintmax_t SetTest::log_size() const {
+  std::error_code error;
+  const std::uintmax_t size = fs::file_size(path("run") + "/log.lcm", error);
+  return error ? 0 : size;
+}
+
+pid_t SetTest::child(const std::string& program) const {
+  const std::vector<pid_t> found = processes_with(path("run"), program);
+  EXPECT_EQ(found.size(), 1u) << program;
+  return found.size() == 1 ? found.front() : 0;
+}
+
+void SetTest::expect_nothing_left(double limit_s) const {
+  EXPECT_TRUE(wait_until([&] { return processes_with(path("run")).empty(); }, limit_s));
+}
+
 }  // namespace twinrate::test

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <sys/types.h>
 
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -74,6 +75,16 @@ class ProgramTest : public ::testing::Test {
  private:
   std::string directory_;
   std::vector<std::string> mounts_;
+};
+
+// A set whose run directory is path("run").
+class SetTest : public ProgramTest {
+ protected:
+  // Of its first log; 0 where there is none yet.
+  std::uintmax_t log_size() const;
+  // The one process of this name; 0 and a failure where there is not one.
+  pid_t child(const std::string& program) const;
+  void expect_nothing_left(double limit_s = 2) const;
 };
 
 }  // namespace twinrate::test

@@ -19,7 +19,7 @@
 namespace twinrate::test {
 namespace {
 
-class SharedMemorySet : public ProgramTest {
+class SharedMemorySet : public SetTest {
  protected:
   std::vector<std::string> launch(const std::string& duration, std::vector<std::string> more = {}) {
     more.insert(more.begin(), {"launch", "dilys2021", "--run-dir", path("run"), "--duration",
@@ -32,19 +32,6 @@ class SharedMemorySet : public ProgramTest {
     auto program = std::make_unique<Program>(command);
     EXPECT_TRUE(wait_until([&] { return log_size() > 20'000; })) << program->err();
     return program;
-  }
-  std::uintmax_t log_size() const {
-    std::error_code error;
-    const std::uintmax_t size = std::filesystem::file_size(path("run") + "/log.lcm", error);
-    return error ? 0 : size;
-  }
-  pid_t child(const std::string& program) const {
-    const std::vector<pid_t> found = processes_with(path("run"), program);
-    EXPECT_EQ(found.size(), 1u) << program;
-    return found.size() == 1 ? found.front() : 0;
-  }
-  void expect_nothing_left() {
-    EXPECT_TRUE(wait_until([&] { return processes_with(path("run")).empty(); }, 2));
   }
   void expect_refused(const std::vector<std::string>& more, const std::string& said) {
     const ProgramResult result = twinrate(launch("0.1s", more), 20);

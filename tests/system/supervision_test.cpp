@@ -12,7 +12,7 @@
 namespace twinrate::test {
 namespace {
 
-class Supervision : public ProgramTest {
+class Supervision : public SetTest {
  protected:
   // A run of several minutes; returns once its log grows.
   std::unique_ptr<Program> start_long_run(std::vector<std::string> more = {}) {
@@ -22,19 +22,6 @@ class Supervision : public ProgramTest {
     const bool running = wait_until([&] { return log_size() > 200'000; }, 20);
     EXPECT_TRUE(running) << launch->err();
     return launch;
-  }
-  std::uintmax_t log_size() const {
-    std::error_code error;
-    const std::uintmax_t size = std::filesystem::file_size(path("run") + "/log.lcm", error);
-    return error ? 0 : size;
-  }
-  pid_t child(const std::string& program) const {
-    const std::vector<pid_t> found = processes_with(path("run"), program);
-    EXPECT_EQ(found.size(), 1u) << program;
-    return found.size() == 1 ? found.front() : 0;
-  }
-  void expect_nothing_left(double limit_s = 2) {
-    EXPECT_TRUE(wait_until([&] { return processes_with(path("run")).empty(); }, limit_s));
   }
   // The log is whole up to a tick, and the summary reports the early end. Only a logger that was
   // killed may leave a last record that is cut off.
