@@ -1,4 +1,5 @@
-// The LCM loopback self-test of `twinrate doctor`: a real publish and receive, in a child process.
+// The loopback self-tests of `twinrate doctor`: one message through the sockets of a set, and a real
+// publish and receive of liblcm, in a child process.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
@@ -12,6 +13,8 @@
 #include <cstring>
 #include <lcm/lcm-cpp.hpp>
 
+#include "core/bus.hpp"
+#include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "tools/doctor/checks.hpp"
 
@@ -32,6 +35,15 @@ std::string private_url(const std::string& address) {
   const auto now = static_cast<std::uint64_t>(Clock::now().time_since_epoch().count());
   const auto port = 10000 + (now / 1000 + static_cast<std::uint64_t>(getpid()) * 7919) % 22768;
   return fmt::format("udpm://{}:{}?ttl=0", address, port);
+}
+
+bool heard_by_the_sockets_of_a_set(const std::string& url) {
+  try {
+    Bus bus({.url = url});
+    return true;
+  } catch (const MachineError&) {
+    return false;
+  }
 }
 
 struct Ear {
@@ -83,12 +95,17 @@ Outcome answer_of(pid_t child, int pipe_in) {
 }  // namespace
 
 Finding check_lcm_loopback(const std::string& address) {
+  const std::string url = private_url(address);
+  // The stock programs and a set use sockets of their own: one may be heard where the other is not.
+  if (!heard_by_the_sockets_of_a_set(url))
+    return {"lcm", Severity::kFail,
+            "a message of the sockets that `launch` uses does not come back", multicast_mend()};
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0)
     return {"lcm", Severity::kFail, std::string("no pipe: ") + std::strerror(errno),
             "ulimit -n 1024"};
   const pid_t child = fork();
-  if (child == 0) be_the_child(private_url(address), ends[1]);
+  if (child == 0) be_the_child(url, ends[1]);
   close(ends[1]);
   const Outcome outcome = child > 0 ? answer_of(child, ends[0]) : Outcome{};
   close(ends[0]);
