@@ -127,7 +127,7 @@ void Reader::scan(const std::string& path, bool held_out) {
   Scanned log{.path = path, .held_out = held_out};
   log.reader = open_log(path, map ? &*map : nullptr, asked_.repair, drive_.inverter.v_dc);
   log.raw.path = path;
-  HealthScan health;
+  HealthScan health(drive_.sensors.encoder_counts);
   RawLog piece;
   std::size_t rows = 0;
   for (LogReader::Place place = log.reader->place(); log.reader->next(piece, kSlotRows);

@@ -214,7 +214,7 @@ void LiveMonitor::gather() {
   }
   TraceJob job;
   job.drive = drive_;
-  job.record = make_record(raw, drive_.machine.n_p, job.health);
+  job.record = make_record(raw, drive_.machine.n_p, job.health, drive_.sensors.encoder_counts);
   job.judging.assign(job.record.size(), 0);
   const auto judging = static_cast<std::ptrdiff_t>(
       std::llround(kJudgingShare * static_cast<double>(job.record.size())));

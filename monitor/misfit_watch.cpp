@@ -23,7 +23,7 @@ Residuals residuals_of(const DriveConfig& drive, const std::deque<MeasuredRow>& 
   Health health;
   const RawLog raw = raw_log_of(rows, first, last);
   if (raw.t.size() < 50) return {};
-  const Record record = make_record(raw, drive.machine.n_p, health);
+  const Record record = make_record(raw, drive.machine.n_p, health, drive.sensors.encoder_counts);
   const Equations equations(record, drive.facts(), model_effects);
   const Sampler sampler(record, moving_rows(record), std::vector<char>(record.size(), 0));
   const Channels left = equations.residual({});

@@ -269,8 +269,8 @@ void RawLog::drop_first(std::size_t rows) {
   for (const RawColumn& c : raw_columns()) drop(this->*c.values);
 }
 
-Record make_record(const RawLog& raw, int n_p, Health& health) {
-  HealthScan scan;
+Record make_record(const RawLog& raw, int n_p, Health& health, int encoder_counts) {
+  HealthScan scan(encoder_counts);
   scan.add(raw);
   health = scan.health();
   return record_of(raw, n_p, health);

@@ -111,6 +111,6 @@ void expect_signals(const RawLog& raw);
 // as expect_signals.
 Record record_of(const RawLog& raw, int n_p, const Health& health);
 // The same of a whole log, `health` its own (trace/health_scan.hpp).
-Record make_record(const RawLog& raw, int n_p, Health& health);
+Record make_record(const RawLog& raw, int n_p, Health& health, int encoder_counts = 0);
 
 }  // namespace twinrate

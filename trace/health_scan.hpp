@@ -58,6 +58,8 @@ class CurrentValues {
 
 class HealthScan {
  public:
+  // `encoder_counts`: of the drive file; 0: not known.
+  explicit HealthScan(int encoder_counts = 0) : angle_(encoder_counts) {}
   void add(const RawLog& piece);
   Health health() const;
   double T_s() const { return interval_.mean(); }

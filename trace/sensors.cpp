@@ -66,6 +66,17 @@ void AngleSteps::add(double theta_m) {
   if (!few_) readings_.clear();
 }
 
+namespace {
+
+Sensor counter(double step, const std::complex<double>& phase) {
+  // Readings at half a step are a driver's that has put them there.
+  constexpr double kNear = 0.02;
+  const double low = std::arg(phase) / kTwoPi;
+  return {.lsb = step, .centre = std::abs(std::abs(low) - 0.5) < kNear ? 0 : step / 2};
+}
+
+}  // namespace
+
 Sensor AngleSteps::sensor() const {
   if (!few_) return {};
   std::vector<long long> keys(readings_.begin(), readings_.end());
@@ -76,6 +87,13 @@ Sensor AngleSteps::sensor() const {
         readings.empty() || x - readings.back() > kSame)
       readings.push_back(x);
   if (readings.size() < kFewest) return {};
+  if (const Sensor found = found_in(readings); found.lsb > 0 || declared_ <= 0) return found;
+  const double step = kTwoPi / declared_;
+  const std::complex<double> phase = mean_phase(readings, step);
+  return step < kFinest || std::abs(phase) < kOnGrid ? Sensor{} : counter(step, phase);
+}
+
+Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
   const double counts = kTwoPi / common_step(readings), whole = std::round(counts);
   const double step = kTwoPi / whole;
   if (step < kFinest) return {};
@@ -87,10 +105,7 @@ Sensor AngleSteps::sensor() const {
   if (static_cast<double>(bends_) < kBends * moves &&
       (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step)))
     return {};
-  // Readings at half a step are a driver's that has put them there.
-  constexpr double kNear = 0.02;
-  const double low = std::arg(phase) / kTwoPi;
-  return {.lsb = step, .centre = std::abs(std::abs(low) - 0.5) < kNear ? 0 : step / 2};
+  return counter(step, phase);
 }
 
 }  // namespace twinrate

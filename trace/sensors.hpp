@@ -20,13 +20,19 @@ struct Sensor {
 };
 
 // The steps of an angle, in rad, from its readings in the order of time. Encoders of 2^18 counts
-// and more have none that matter: half a count is 12 urad there.
+// and more have none that matter: half a count is 12 urad there. `declared`: counts a turn of the
+// drive file, 0 where it has none; what the readings show goes before. A rotor that turns by a count
+// each row reads like a clock: there readings that keep to the declared counts are the encoder's.
 class AngleSteps {
  public:
+  explicit AngleSteps(int declared = 0) : declared_(declared) {}
   void add(double theta_m);
   Sensor sensor() const;
 
  private:
+  Sensor found_in(const std::vector<double>& readings) const;  // sorted, within a turn
+
+  int declared_;
   std::unordered_set<long long> readings_;  // within a turn, by tenths of a urad
   bool few_ = true;                         // enough to be a counter's
   std::optional<double> last_, before_;
