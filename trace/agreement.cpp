@@ -4,11 +4,10 @@
 #include <cmath>
 
 #include "model/effects/tracing.hpp"
+#include "trace/split.hpp"
 
 namespace twinrate {
 namespace {
-
-constexpr std::size_t kBlocks = 24;
 
 std::vector<double> sizes_of(const Effect& effect) {
   std::vector<double> c(static_cast<std::size_t>(effect.tracing().regressor_count()));
@@ -163,8 +162,10 @@ Parts::Parts(const Chain& whole, const Members& members, const Chain* half_rate)
   const auto part = [&](auto&& in) { return PartSums(columns_, Rows::where(whole.sampler(), in)); };
   for (std::size_t half : {0, 1})
     halves_.push_back(part([=](std::size_t row) { return 2 * row / n == half; }));
+  const std::vector<std::size_t> block =
+      blocks_of_rows(whole.equations().record(), whole.equations().facts().machine.n_p);
   for (std::size_t odd : {0, 1})
-    turns_.push_back(part([=](std::size_t row) { return kBlocks * row / n % 2 == odd; }));
+    turns_.push_back(part([&](std::size_t row) { return block[row] % 2 == odd; }));
   if (!half_rate) return;
   half_columns_ = member_columns(*half_rate, members);
   rates_ = {

@@ -11,9 +11,35 @@ namespace {
 
 constexpr int kBlocks = 24;
 constexpr double kChoosing = 4.0 / 18;  // of the blocks that do not judge
+// Of the weight of the time: that of the accelerations, and that of the currents.
+constexpr double kActivity = 0.25;
+// No block is shorter than an even one by more than this factor, nor, where that is shorter than an even one,
+// than so many rows: the low-pass and the whitening lose some fifty at each of its ends. (Two seconds of 10 kHz
+// in blocks of 21 ms no longer showed a resistance, a friction that begins, or one law of several.)
+constexpr double kShortest = 4, kFewestRows = 250;
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
-// Squares of what the drive does, by set of rows: of its acceleration and of its currents.
+// Squares of what the drive does in each row: of its acceleration and of its currents.
+struct Squares {
+  std::vector<double> motion, current, i_d;
+  Squares(const Record& record, int n_p)
+      : motion(record.size(), 0), current(record.size(), 0), i_d(record.size(), 0) {
+    constexpr std::size_t kReach = 20;  // rows
+    for (std::size_t k = kReach; k + kReach < record.size(); ++k) {
+      const double bend =
+          record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
+      // Not across a seam.
+      if (record.motion_ok[k - kReach] && record.motion_ok[k] && record.motion_ok[k + kReach])
+        motion[k] = bend * bend;
+      if (!record.electrical_ok[k] || record.i_alphabeta.empty()) continue;
+      const double along_d = park(record.i_alphabeta[k], n_p * record.theta_m[k])[0];
+      current[k] = record.i_alphabeta[k].squaredNorm();
+      i_d[k] = along_d * along_d;
+    }
+  }
+};
+
+// Their sums by set of rows.
 struct Activity {
   std::vector<double> motion, current, i_d, rows;
   explicit Activity(std::size_t sets)
@@ -35,26 +61,44 @@ struct Activity {
 using SetOf = std::function<std::size_t(std::size_t row)>;  // kNone: of no set
 
 // The set that sees the most even part of what the drive does.
-std::size_t most_even(const Record& record, int n_p, std::size_t sets, const SetOf& set_of) {
-  constexpr std::size_t kReach = 20;  // rows
-  Activity sum(sets + 1);             // the last one: of no set
-  for (std::size_t k = kReach; k + kReach < record.size(); ++k) {
+std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set_of) {
+  Activity sum(sets + 1);  // the last one: of no set
+  for (std::size_t k = 0; k < squares.motion.size(); ++k) {
     const std::size_t set = std::min(set_of(k), sets);
     ++sum.rows[set];
-    const double bend =
-        record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
-    // Not across a seam.
-    if (record.motion_ok[k - kReach] && record.motion_ok[k] && record.motion_ok[k + kReach])
-      sum.motion[set] += bend * bend;
-    if (!record.electrical_ok[k] || record.i_alphabeta.empty()) continue;
-    const double along_d = park(record.i_alphabeta[k], n_p * record.theta_m[k])[0];
-    sum.current[set] += record.i_alphabeta[k].squaredNorm();
-    sum.i_d[set] += along_d * along_d;
+    sum.motion[set] += squares.motion[k];
+    sum.current[set] += squares.current[k];
+    sum.i_d[set] += squares.i_d[k];
   }
   std::size_t best = 0;
   for (std::size_t set = 1; set < sets; ++set)
     if (sum.uneven(set) < sum.uneven(best)) best = set;
   return best;
+}
+
+// Of each row that is asked for, its block of so many, in order of time; kNone: of no block.
+std::vector<std::size_t> cut(const Squares& squares, const std::vector<char>& left_out,
+                             int blocks) {
+  const std::size_t n = squares.motion.size();
+  const auto asked = [&](std::size_t k) { return left_out.empty() || !left_out[k]; };
+  double rows = 0, motion = 1e-300, current = 1e-300;
+  for (std::size_t k = 0; k < n; ++k)
+    if (asked(k)) ++rows, motion += squares.motion[k], current += squares.current[k];
+  const double most = std::clamp(rows / (kFewestRows * blocks), 1.0, kShortest) / rows;
+  std::vector<double> upto(n);
+  double whole = 0;
+  for (std::size_t k = 0; k < n; ++k) {
+    if (asked(k))
+      whole += std::min(
+          most, 1 / rows + kActivity * (squares.motion[k] / motion + squares.current[k] / current));
+    upto[k] = whole;
+  }
+  std::vector<std::size_t> block(n, kNone);
+  const auto last = static_cast<std::size_t>(blocks - 1);
+  for (std::size_t k = 0; k < n; ++k)
+    if (asked(k))
+      block[k] = std::min(last, static_cast<std::size_t>(blocks * upto[k] / whole * (1 - 1e-12)));
+  return block;
 }
 
 // Blocks into which the rows that do not judge fall: those of the record where blocks judge, else
@@ -71,21 +115,24 @@ int blocks_left(const std::vector<char>& judging, std::size_t left) {
 
 }  // namespace
 
+std::vector<std::size_t> blocks_of_rows(const Record& record, int n_p) {
+  return cut(Squares(record, n_p), {}, kBlocks);
+}
+
 std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
   std::vector<char> held(record.size(), 0);
   if (share <= 0) return held;
   const auto every = static_cast<std::size_t>(std::max(2L, std::lround(1 / share)));
-  const auto set_of = [&](std::size_t k) { return kBlocks * k / held.size() % every; };
-  const std::size_t best = most_even(record, n_p, every, set_of);
+  const Squares squares(record, n_p);
+  const std::vector<std::size_t> block = cut(squares, {}, kBlocks);
+  const auto set_of = [&](std::size_t k) { return block[k] % every; };
+  const std::size_t best = most_even(squares, every, set_of);
   for (std::size_t k = 0; k < held.size(); ++k) held[k] = set_of(k) == best;
   return held;
 }
 
 std::vector<char> choosing_rows(const Record& record, const std::vector<char>& judging, int n_p) {
-  std::vector<std::size_t> rank(record.size(), kNone);  // among the rows that do not judge
-  std::size_t left = 0;
-  for (std::size_t k = 0; k < rank.size(); ++k)
-    if (!judging[k]) rank[k] = left++;
+  const auto left = static_cast<std::size_t>(std::count(judging.begin(), judging.end(), char{0}));
   std::vector<char> chosen(record.size(), 0);
   if (left == 0) return chosen;
   const int blocks = blocks_left(judging, left);
@@ -96,11 +143,12 @@ std::vector<char> choosing_rows(const Record& record, const std::vector<char>& j
     for (double at = static_cast<double>(set + 1); std::lround(at) < blocks; at += 1 / kChoosing)
       if (std::size_t& own = set_of_block[static_cast<std::size_t>(std::lround(at))]; own == kNone)
         own = set;
+  const Squares squares(record, n_p);
+  const std::vector<std::size_t> block = cut(squares, judging, blocks);
   const auto set_of = [&](std::size_t k) {
-    return rank[k] == kNone ? kNone
-                            : set_of_block[static_cast<std::size_t>(blocks) * rank[k] / left];
+    return block[k] == kNone ? kNone : set_of_block[block[k]];
   };
-  const std::size_t best = most_even(record, n_p, sets, set_of);
+  const std::size_t best = most_even(squares, sets, set_of);
   for (std::size_t k = 0; k < chosen.size(); ++k) chosen[k] = set_of(k) == best;
   return chosen;
 }

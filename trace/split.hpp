@@ -3,6 +3,10 @@
 // Of 24 blocks of a record about 14 fit, 4 choose (they refuse what lowers the error only where it
 // was fitted) and 6 judge. Rows that judge enter no fit, no placing, no choice and no noise model:
 // only the gate (trace/gate.hpp) and the reported errors read them.
+//
+// Two thirds of a row's weight in a block are its time, a sixth the square of the acceleration and a
+// sixth that of the current in it: a start of a quarter of a second in six is in several blocks. No
+// block is shorter than a quarter of an even one, or than 250 rows.
 #pragma once
 #include <string>
 #include <vector>
@@ -22,6 +26,8 @@ struct JudgedFiles {
   std::vector<int> of_row;  // of each row of the chain's record: which file
 };
 
+// Of each row, its block: 0 to 23, in order of time.
+std::vector<std::size_t> blocks_of_rows(const Record& record, int n_p);
 // Of each row: 1 where it judges. `share`: of the time; 0: none.
 std::vector<char> held_out_rows(const Record& record, double share, int n_p);
 // Of each row: 1 where it chooses, out of those that do not judge.

@@ -417,27 +417,6 @@ TEST(ShaftSearch, FindsTheInertiaThatIsMissingBesideAShaft) {
   }
 }
 
-TEST(Tracer, FitsSomeOfTheCurrentAlongDWhereverItFlows) {
-  // All of it in one block of 24.
-  RawLog raw = simulate_synthetic({});
-  Health health;
-  Record record = make_record(raw, 3, health);
-  const std::size_t n = record.size();
-  for (std::size_t block = 0; block < 24; ++block) {
-    for (std::size_t k = 0; k < n; ++k) {
-      const double theta_e = 3 * record.theta_m[k];
-      Vec2 i_dq = park(record.i_alphabeta[k], theta_e);
-      i_dq[0] = 24 * k / n == block ? 2.0 : 0.0;
-      record.i_alphabeta[k] = inverse_park(i_dq, theta_e);
-    }
-    const std::vector<char> held = held_out_rows(record, 0.25, 3);
-    EXPECT_EQ(held[(2 * block + 1) * n / 48], 0) << block;
-    EXPECT_NEAR(
-        static_cast<double>(std::count(held.begin(), held.end(), 1)) / static_cast<double>(n), 0.25,
-        0.01);
-  }
-}
-
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
   SyntheticDrive drive{.duration_s = 3};
   drive.extra_load = [](double t, double, double) {
