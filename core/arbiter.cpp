@@ -48,7 +48,7 @@ void Arbiter::take(const request_t& request, const Asker& asker) {
   for (const reply_t& reply : answered_)
     if (reply.seq == request.seq) return host_.answer(reply);
   if (phase_ != Phase::kIdle) {
-    if (request.seq == request_.seq) send_phase();
+    if (request.seq == request_.seq && phase_ != Phase::kGathering) send_phase();
     return;  // it comes again
   }
   request_t wanted = request;
@@ -107,10 +107,18 @@ void Arbiter::control(const request_t& request, const Asker& asker) {
 
 void Arbiter::begin(request_t request) {
   request_ = std::move(request);
+  phase_ = Phase::kGathering;
+  begun_ = Clock::now();
+  gather();
+}
+
+// A set that starts has not heard every heartbeat: the request stays until it has.
+void Arbiter::gather() {
   try {
     members_ = host_.members();
-  } catch (const BadInput&) {
-    return;  // the set is starting; the request comes again
+  } catch (const BadInput& silent) {
+    if (seconds_since(begun_) > kPatience_s) refuse(silent.what());
+    return;
   }
   const std::int64_t latest =
       std::min(host_.next_tick(), INT64_MAX - host_.ahead_ticks) + host_.ahead_ticks;
@@ -201,6 +209,7 @@ void Arbiter::finish(reply_t reply) {
 }
 
 void Arbiter::turn() {
+  if (phase_ == Phase::kGathering) return gather();
   if (phase_ == Phase::kPreparing && seconds_since(begun_) > kPatience_s)
     return refuse(fmt::format("{} did not answer", names_of(without(members_, agreed_))));
   if (phase_ == Phase::kApplying && host_.margin_ticks > 0 && host_.next_tick() > tick_) {

@@ -76,12 +76,13 @@ class Arbiter {
 
  private:
   using Clock = std::chrono::steady_clock;
-  enum class Phase { kIdle, kPreparing, kApplying };
+  enum class Phase { kIdle, kGathering, kPreparing, kApplying };
 
   void control(const request_t& request, const Asker& asker);
   std::string not_allowed(request_t& request, const Asker& asker) const;
   bool is_holder(const std::string& name, const Asker& asker) const;
   void begin(request_t request);
+  void gather();
   void begin_applying();
   void refuse(const std::string& why);
   void done();

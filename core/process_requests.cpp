@@ -161,15 +161,18 @@ bool Process::must_be_arbitrated() const {
 
 std::set<int> Process::members() const {
   constexpr double kSilent_s = 0.5;  // realtime: a silent process cannot be waited for
+  constexpr double kStart_s = 0.5;   // five heartbeats: who was not heard by then is not in the set
+  const bool starts = seconds_since(ready_) < kStart_s;
   std::set<int> roles;
-  for (const Role role : {Role::kEstimator, Role::kGain, Role::kController, Role::kLogger}) {
+  for (const Role role : {Role::kEstimator, Role::kController, Role::kGain, Role::kLogger}) {
     const auto heard = heard_.find(static_cast<int>(role));
-    if (heard != heard_.end() && (lockstep() || seconds_since(heard->second) < kSilent_s))
+    const bool is_there =
+        heard != heard_.end() && (lockstep() || seconds_since(heard->second) < kSilent_s);
+    if (is_there)
       roles.insert(static_cast<int>(role));
-  }
-  for (const Role role : {Role::kEstimator, Role::kController})
-    if (!roles.count(static_cast<int>(role)))
+    else if (starts || role == Role::kEstimator || role == Role::kController)
       throw BadInput(fmt::format("no heartbeat of the {}", role_name(static_cast<int>(role))));
+  }
   return roles;
 }
 

@@ -43,6 +43,38 @@ TEST(SteeringRequests, OneForATickFarAheadIsRefusedInOneLine) {
   EXPECT_EQ(answer_to(0).applied_seq, 1000);
 }
 
+TEST(SteeringRequests, OneOfASetThatStartsStaysUntilEveryProcessWasHeard) {
+  bool heard = false;
+  int applied = 0, answers = 0;
+  Arbiter arbiter({.next_tick = [] { return std::int64_t{1000}; },
+                   .ticks = INT64_MAX,
+                   .ahead_ticks = 600'000,
+                   .members =
+                       [&] {
+                         if (!heard) throw BadInput("no heartbeat of the estimator");
+                         return std::set<int>{};
+                       },
+                   .prepare = [](const request_t&) {},
+                   .apply = [&](const request_t&) { ++applied; },
+                   .ask = [](const request_t&) { FAIL() << "of nobody"; },
+                   .answer = [&](const reply_t& reply) { answers += reply.accepted; },
+                   .event = [](Reason, std::int64_t, const std::string&) {},
+                   .released = [] {}});
+  request_t request{};
+  request.seq = 7;
+  request.kind = static_cast<std::int32_t>(RequestKind::kSteer);
+  request.text = "n=3";
+  arbiter.take(request, {});
+  arbiter.take(request, {});  // again
+  arbiter.turn();
+  EXPECT_EQ(applied, 0);
+  heard = true;
+  arbiter.turn();
+  arbiter.turn();
+  EXPECT_EQ(applied, 1);
+  EXPECT_EQ(answers, 1);
+}
+
 // Holder and monitor are known by their sockets: a name is no authority.
 TEST(SteeringRequests, WhoOnlyGivesTheNameOfTheHolderOrOfTheMonitorIsRefusedAndCounted) {
   constexpr Arbiter::Asker kPage{.socket = 1, .is_monitor = false},

@@ -10,7 +10,11 @@
 #include <regex>
 #include <set>
 #include <thread>
+#include <utility>
 
+#include "core/authority.hpp"
+#include "core/bus.hpp"
+#include "core/config.hpp"
 #include "core/drive_hand.hpp"
 #include "core/event_log.hpp"
 #include "core/reason.hpp"
@@ -388,6 +392,44 @@ TEST_F(Steering, EffectsWithoutATickAreAddedAtOneTickAndAReplayRepeatsThem) {
     EXPECT_EQ(ticks.size(), 1u) << fmt::format("{}", at);
     EXPECT_EQ(at.size(), static_cast<std::size_t>(kWholeReplies));
   }
+}
+
+// The plant hears each process every 0.1 s: that is 2000 ticks here. A request that is sent once
+// before that stays with the plant until it knows who has to agree.
+TEST_F(Steering, OneThatIsSentOnceInTheFirstTicksAppliesAtOneTickInEveryProcess) {
+  set_.emplace(std::vector<std::string>{"twinrate", "launch", "dilys2021", "--duration", "2s",
+                                        "--run-dir", run()});
+  ASSERT_TRUE(wait_until([&] { return std::filesystem::exists(run() + "/token"); }));
+  bool sent = false;
+  {
+    RunningSet set;
+    ASSERT_TRUE(wait_until([&] {
+      try {
+        return set = find_running_set(run()), true;
+      } catch (const BadInput&) {
+        return false;
+      }
+    }));
+    Bus bus({.session = set.session, .role = Role::kReplay, .token_file = run() + "/token"});
+    bus.subscribe<measurement_t>([&](const measurement_t&) {
+      if (std::exchange(sent, true)) return;
+      request_t request{};
+      request.seq = 1'000'000;
+      request.t_ns = 1;
+      request.kind = static_cast<std::int32_t>(RequestKind::kSteer);
+      request.text = "n=7";
+      bus.publish(request);
+    });
+    ASSERT_TRUE(wait_until([&] { return bus.handle(5), sent || !set_->running(); }));
+  }
+  const ProgramResult result = set_->wait(30);
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const auto applied = applied_in(run());
+  ASSERT_EQ(applied.size(), 1u);
+  std::set<std::int64_t> ticks;
+  for (const auto& [role, k] : applied.begin()->second) ticks.insert(k);
+  EXPECT_EQ(ticks.size(), 1u);
+  EXPECT_EQ(applied.begin()->second.size(), static_cast<std::size_t>(kWholeReplies));
 }
 
 }  // namespace
