@@ -59,12 +59,18 @@ void take(Channel channel, const lcm::LogEvent& event, RunLog& log) {
   }
 }
 
-// `seq` of a message: after its fingerprint.
+// `seq` and `t_ns` of a message: after its fingerprint.
+constexpr int kTickAt = 8, kTimeAt = 16;
+
+std::int64_t number_at(const lcm::LogEvent& event, int at) {
+  std::uint64_t number = 0;
+  if (event.datalen < at + 8) return -1;
+  for (int i = at; i < at + 8; ++i)
+    number = number << 8 | static_cast<const std::uint8_t*>(event.data)[i];
+  return static_cast<std::int64_t>(number);
+}
 std::int64_t tick_of(const lcm::LogEvent& event) {
-  std::uint64_t k = 0;
-  if (event.datalen < 16) return -1;
-  for (int i = 8; i < 16; ++i) k = k << 8 | static_cast<const std::uint8_t*>(event.data)[i];
-  return static_cast<std::int64_t>(k);
+  return number_at(event, kTickAt);
 }
 
 template <class Item>
@@ -104,6 +110,25 @@ std::optional<manifest_t> decode_manifest(const void* bytes, int count, const st
 
 namespace {
 
+// The supervisor knows the tick of the plant's last heartbeat only: its event is not before a
+// MEASUREMENT that was logged before it.
+class SupervisorTime {
+ public:
+  void note(Channel channel, const lcm::LogEvent& event) {
+    if (channel != Channel::kMeasurement) return;
+    k_ = std::max(k_, number_at(event, kTickAt));
+    t_ns_ = std::max(t_ns_, number_at(event, kTimeAt));
+  }
+  void correct(EventRecord& event) const {
+    if (event.role != static_cast<int>(Role::kSupervisor)) return;
+    event.k = std::max(event.k, k_);
+    event.t_ns = std::max(event.t_ns, t_ns_);
+  }
+
+ private:
+  std::int64_t k_ = -1, t_ns_ = 0;
+};
+
 // A flood of events must not hide the trip behind it.
 void bound(std::vector<EventRecord>& events, std::size_t most) {
   if (events.size() <= most) return;
@@ -119,12 +144,18 @@ RunLog read_with(const std::string& path, const std::string& channel_suffix, OnD
   log.path = path;
   EventLog events(path, on_damage, channel_suffix);
   log.channel_suffix = events.suffix();
+  SupervisorTime supervisor;
   while (const lcm::LogEvent* event = events.next()) {
     if (!events.channel()) continue;
-    if (*events.channel() < Channel::kStatus)
+    supervisor.note(*events.channel(), *event);
+    if (*events.channel() < Channel::kStatus) {
       take_tick(*events.channel(), *event, log);
-    else
-      take(*events.channel(), *event, log), bound(log.events, most_events);
+      continue;
+    }
+    const std::size_t known = log.events.size();
+    take(*events.channel(), *event, log);
+    if (log.events.size() > known) supervisor.correct(log.events.back());
+    bound(log.events, most_events);
   }
   log.counts = events.counts();
   log.counted = events.counted();

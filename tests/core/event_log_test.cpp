@@ -9,6 +9,7 @@
 #include <filesystem>
 
 #include "core/measurement_reader.hpp"
+#include "core/reason.hpp"
 #include "core/run_log.hpp"
 #include "tests/support/damaged_log.hpp"
 
@@ -54,6 +55,35 @@ TEST_F(DamagedLog, AWholeLogIsReadWithoutADamage) {
   EXPECT_EQ(read.measurement.size(), 60u);
   EXPECT_EQ(read.events.size(), 6u);
   EXPECT_EQ(read.damage, "");
+}
+
+// The supervisor knows the tick of the plant's last heartbeat, up to 0.1 s before: the drive cannot
+// have ended at a tick that others followed.
+TEST_F(DamagedLog, AnEventOfTheSupervisorIsNotBeforeTheTicksLoggedBeforeIt) {
+  const auto event_of = [](Role role, std::int64_t k) {
+    event_t event{};
+    event.seq = k;
+    event.t_ns = 200'000 * k;
+    event.role = static_cast<std::int32_t>(role);
+    event.reason = static_cast<std::int32_t>(Reason::kProcessDied);
+    event.waited_for = -1;
+    event.text = "twinrate-plant ended";
+    return event;
+  };
+  struct Case {
+    Role role;
+    std::int64_t k, expected;
+  };
+  for (const auto& [role, k, expected] :
+       {Case{Role::kSupervisor, 3, 59}, Case{Role::kSupervisor, 70, 70},
+        Case{Role::kPlant, 3, 3}}) {
+    std::vector<RawEvent> events = whole_;
+    events.insert(events.end() - 1, test::raw_event(event_of(role, k), events.back().timestamp));
+    test::number(events);
+    const RunLog read = read_run_log(put(test::file_of(events)));
+    EXPECT_EQ(read.events.back().k, expected) << k;
+    EXPECT_EQ(read.events.back().t_ns, 200'000 * expected) << k;
+  }
 }
 
 TEST_F(DamagedLog, EventAndByteAreSaid) {
