@@ -11,6 +11,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/authority.hpp"
 #include "core/config.hpp"
 #include "core/output_file.hpp"
 
@@ -130,6 +131,16 @@ std::string refusal(const std::string& directory, const Json& record, ResultKind
   return "";
 }
 
+// Of a launched set: its session file names a process that lives.
+bool a_drive_runs_in(const std::string& directory) {
+  try {
+    find_running_set(directory);
+    return true;
+  } catch (const BadInput&) {
+    return false;
+  }
+}
+
 // True if a directory was created.
 bool create_writable(const std::string& path) {
   std::error_code refused;
@@ -151,6 +162,9 @@ ResultDirectory::ResultDirectory(std::string path, ResultKind kind, bool force, 
 void ResultDirectory::expect_replaceable(bool force) {
   const KindInfo& kind = info_of(kind_);
   const Json record = read_record(path_);
+  if (kind_ == ResultKind::kRun && a_drive_runs_in(path_))
+    throw BadInput(fmt::format(
+        "{}: a drive runs in this directory; stop it, or give another directory", path_));
   const std::vector<std::string> there = own_names_in(path_, kind_);
   // A caller that resumes compares the identity.
   const bool resumed = resume_ && name_is_taken(path_ + "/" + kind.identity);

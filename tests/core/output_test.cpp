@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/authority.hpp"
 #include "core/config.hpp"
 #include "core/output_file.hpp"
 #include "core/result_directory.hpp"
@@ -125,6 +126,21 @@ TEST_F(Output, AnUnfinishedResultIsReplacedWithForceOnly) {
   }
   EXPECT_THROW(run("run"), BadInput);
   EXPECT_EQ(text("run/log.lcm"), "first");
+  run("run", true);
+  EXPECT_EQ(text("run/log.lcm"), "run");
+}
+
+TEST_F(Output, ARunThatIsStillOnIsNotReplacedUntilItsProcessEnded) {
+  ResultDirectory running(path("run"), ResultKind::kRun, false);
+  running.begin();
+  write_new(path("run/log.lcm"), "first");
+  {
+    const SessionFile session({.directory = path("run"), .session = 7});  // of this process
+    for (const bool force : {false, true}) EXPECT_THROW(run("run", force), BadInput) << force;
+    EXPECT_EQ(text("run/log.lcm"), "first");
+  }
+  constexpr const char* kEnded = R"({"pid": 2147483647, "session": 7})";  // no machine has so many
+  put("run/session.json", kEnded);
   run("run", true);
   EXPECT_EQ(text("run/log.lcm"), "run");
 }
