@@ -39,11 +39,11 @@ static std::string cause_of_delay(const ThreadTimes& spent, std::int64_t late_ns
   const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
   if (spent.waited_ns >= late_ns / 2)
     return fmt::format("another process had the CPU for {:.0f} us", us(spent.waited_ns));
-  if (spent.cpu_ns > period_ns)
+  if (spent.cpu_ns > period_ns && spent.cpu_ns >= late_ns / 2)
     return fmt::format("the plant worked for {:.0f} us", us(spent.cpu_ns));
   if (spent.pages_from_disk > 0)
     return fmt::format("{} pages came from disk", spent.pages_from_disk);
-  return "the machine woke it late";
+  return "it was woken late";
 }
 
 std::string late_text(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns) {

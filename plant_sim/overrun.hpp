@@ -4,10 +4,11 @@
 // another process had its CPU (/proc/thread-self/schedstat), and sleep. Late by more than half a period:
 //
 //   waited for the CPU for half the delay or more   another process
-//   worked for longer than a period                 its own work: messages, or the plant
+//   worked for longer than a period, and for half   its own work: messages, or the plant
+//   the delay or more
 //   a page came from disk                           memory
-//   else                                            woken late: by the timer, or a host that
-//                                                   stopped this machine
+//   else                                            woken late: by the timer, by a host that
+//                                                   stopped this machine, or it was stopped
 #pragma once
 #include <cstdint>
 #include <string>

@@ -62,7 +62,7 @@ std::string one_line(std::string text) {
 bool is_tick_event(Reason reason) {
   return reason >= Reason::kEstimateNotFinite && reason <= Reason::kCommandLost;
 }
-// "refused requests without a valid tag: 12", "tick began 310 us late: the machine woke it late"
+// "refused requests without a valid tag: 12", "tick began 310 us late: it was woken late"
 std::string without_count(const EventRecord& event) {
   const auto reason = static_cast<Reason>(event.reason);
   std::string text = event.text;

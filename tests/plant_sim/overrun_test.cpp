@@ -19,10 +19,13 @@ TEST(OverrunCause, IsWhatTookTheTime) {
   EXPECT_EQ(late_text({.cpu_ns = 40'000, .waited_ns = 0, .pages_from_disk = 2}, kLate, kPeriod),
             "tick began 300 us late: 2 pages came from disk");
   EXPECT_EQ(late_text({.cpu_ns = 40'000, .waited_ns = 0}, kLate, kPeriod),
-            "tick began 300 us late: the machine woke it late");
+            "tick began 300 us late: it was woken late");
   EXPECT_EQ(late_text({.cpu_ns = 40'000, .waited_ns = -1}, kLate, kPeriod),
-            "tick began 300 us late: the machine woke it late")
+            "tick began 300 us late: it was woken late")
       << "the kernel does not tell";
+  EXPECT_EQ(late_text({.cpu_ns = 234'000, .waited_ns = 9'000}, 290'000'000, kPeriod),
+            "tick began 290000 us late: it was woken late")
+      << "a process that was stopped worked for 234 us before";
 }
 
 TEST(PacedEvents, SpeakOnceIn100MillisecondsAndCountTheRest) {

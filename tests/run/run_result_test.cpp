@@ -108,15 +108,14 @@ TEST_F(RunResult, LateTicksAreOneLineForEachCauseAndItIsTheWorst) {
                                   .t_ns = config_.drive().t_ns(k),
                                   .text = text}));
   };
-  late(100, "tick began 120 us late: the machine woke it late");
-  late(200, "tick began 3626 us late: the machine woke it late (21 more since the last report)");
+  late(100, "tick began 120 us late: it was woken late");
+  late(200, "tick began 3626 us late: it was woken late (21 more since the last report)");
   late(300, "tick began 150 us late: another process had the CPU for 130 us");
-  late(400, "tick began 130 us late: the machine woke it late");
+  late(400, "tick began 130 us late: it was woken late");
   conclude(500);
-  EXPECT_NE(
-      printed_.find("0.0400 s, plant: tick began 3626 us late: the machine woke it late (21 more "
-                    "since the last report)  (3 times)\n"),
-      std::string::npos)
+  EXPECT_NE(printed_.find("0.0400 s, plant: tick began 3626 us late: it was woken late (21 more "
+                          "since the last report)  (3 times)\n"),
+            std::string::npos)
       << printed_;
   EXPECT_NE(
       printed_.find("0.0600 s, plant: tick began 150 us late: another process had the CPU for "
