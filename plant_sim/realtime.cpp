@@ -5,10 +5,12 @@
 #include <time.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "core/realtime_setup.hpp"
 #include "core/signals_io.hpp"
 #include "core/stall_text.hpp"
+#include "plant_sim/cpu_witness.hpp"
 #include "plant_sim/overrun.hpp"
 #include "plant_sim/plant_clock.hpp"
 
@@ -63,7 +65,11 @@ class RealtimePlant {
         period_ns_(p.drive().t_ns(1)),
         awake_ns_(has_realtime_policy() ? std::min<std::int64_t>(50'000, period_ns_ / 4) : 0),
         supervisor_s_(1e-3 * p.config().read<SafetyParameters>().supervisor_ms),
-        clock_(now_ns() + 20 * period_ns_, period_ns_) {}
+        clock_(now_ns() + 20 * period_ns_, period_ns_) {
+    if (p.options().helper_cpu >= 0)
+      witness_.emplace(p.options().helper_cpu,
+                       fifo_priority(p.config().read<RealtimeParameters>(), Role::kSupervisor));
+  }
   void run(std::int64_t steps) {
     last_ = thread_.now();
     for (std::int64_t k = 0; k < steps && !p_.stopping(); ++k) tick(k);
@@ -86,7 +92,7 @@ class RealtimePlant {
     last_ = begun;
     p_.bus().publish(to_wire(plant_.sample(), p_.bus().session()),
                      to_wire(plant_.truth(), p_.bus().session()));
-    if (p_.supervisor_silent_s().value_or(0) > supervisor_s_) plant_.supervisor_is_silent();
+    watch_supervisor(k);
     if (!plant_.advance()) report_late_command(k);
     publish_safety_events(p_, plant_, k);
     p_.progress(k);
@@ -101,6 +107,19 @@ class RealtimePlant {
       p_.event(Reason::kOverrun, k, stalled ? text + stall_text(clock_.count()) : text);
     p_.clock_stood(begin.stood_ns);
   }
+  // After 1 s of silence every process ends all the same.
+  void watch_supervisor(std::int64_t k) {
+    constexpr double kTold_s = 0.02;  // less is near the slack of the witness
+    const double stood_before_s = silence_.stood_s();
+    const double stood_s = witness_ ? 1e-9 * static_cast<double>(witness_->stood_ns(now_ns())) : 0;
+    if (silence_.take(p_.supervisor_silent_s().value_or(0), stood_s) > supervisor_s_)
+      plant_.supervisor_is_silent();
+    if (stood_before_s > kTold_s && silence_.stood_s() < kTold_s)  // a heartbeat came
+      p_.event(
+          Reason::kOverrun, k,
+          fmt::format("CPU {} ran nobody of this set for {:.0f} ms: no silence of the supervisor",
+                      p_.options().helper_cpu, 1e3 * stood_before_s));
+  }
   void report_late_command(std::int64_t k) {
     ++p_.status().late_commands;
     if (plant_.tripped()) return;
@@ -114,6 +133,8 @@ class RealtimePlant {
   Plant& plant_;
   std::int64_t period_ns_, awake_ns_;
   double supervisor_s_;
+  std::optional<CpuWitness> witness_;  // of the supervisor's CPU
+  AwakeSilence silence_;
   PlantClock clock_;
   ThreadClock thread_;
   ThreadTimes last_;

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "plant_sim/cpu_witness.hpp"
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
 #include "tests/support/plant_of.hpp"
@@ -115,6 +116,37 @@ TEST(PlantClock, AMachineThatIsAlwaysLateGoesOnSlowlyAndSaysSo) {
   EXPECT_EQ(machine.missing, 0);
   EXPECT_GE(machine.count.stalls, 200);
   EXPECT_NEAR(machine.count.stood_s, 200 * 3 * 2e-4, 1e-9);
+}
+
+// The thread notes at 0, 5, 10 ms and then, after its CPU stood, at 120 ms.
+TEST(StoodTime, IsWhatACpuStoodForAndNothingOfAnAwakeOne) {
+  StoodTime stood;
+  std::int64_t sum = 0, noted = 0;
+  for (std::int64_t now = 0; now < 140 * kMs; now += kPeriod) {
+    if (now < 11 * kMs || now >= 120 * kMs) noted = now / (5 * kMs) * (5 * kMs);
+    sum += stood.look(now, noted);
+    const bool stands = now > 26 * kMs && now < 120 * kMs;
+    if (now <= 25 * kMs || stands) {
+      EXPECT_EQ(sum, stands ? now - 15 * kMs : 0) << now;
+    }
+  }
+  EXPECT_NEAR(static_cast<double>(sum), 105.0 * kMs, kPeriod);
+  // Late by less than the slack, again and again.
+  for (std::int64_t now = 140 * kMs; now < 400 * kMs; now += kPeriod) {
+    noted = 140 * kMs + (now - 140 * kMs) / (14 * kMs) * (14 * kMs);
+    EXPECT_EQ(stood.look(now, noted), 0) << now;
+  }
+}
+
+TEST(AwakeSilence, IsThatOfAnAwakeCpuAlsoWhereTheListenerStalls) {
+  AwakeSilence silence;
+  EXPECT_DOUBLE_EQ(silence.take(0.020, 0), 0.020);
+  EXPECT_DOUBLE_EQ(silence.take(0.035, 0.010), 0.025);
+  EXPECT_DOUBLE_EQ(silence.take(0.150, 0.115), 0.025);
+  EXPECT_DOUBLE_EQ(silence.take(0.148, 0), 0.023) << "the listener stalled for 2 ms: no heartbeat";
+  EXPECT_DOUBLE_EQ(silence.take(0.240, 0), 0.115) << "the CPU is awake again, and it is silent";
+  EXPECT_DOUBLE_EQ(silence.take(0, 0), 0) << "a heartbeat";
+  EXPECT_DOUBLE_EQ(silence.take(0.091, 0), 0.091) << "what stood before it does not count";
 }
 
 }  // namespace
