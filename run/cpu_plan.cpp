@@ -1,9 +1,13 @@
 #include "run/cpu_plan.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sched.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +15,7 @@
 #include <string_view>
 
 #include "core/process.hpp"
+#include "core/seconds_since.hpp"
 
 namespace twinrate {
 namespace {
@@ -82,6 +87,25 @@ CpuPlan plan_cpus(std::vector<int> allowed, const std::vector<OtherSet>& sets) {
   std::stable_sort(allowed.begin(), allowed.end(),
                    [&](int a, int b) { return rings(a) < rings(b); });
   return {.ring = allowed[0], .others = allowed[1]};
+}
+
+// flock() of the directory: no file is made, and the kernel frees it with the process.
+PlanLock::PlanLock() : directory_(open("/tmp", O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+  const auto begun = std::chrono::steady_clock::now();
+  while (directory_ >= 0 && !held_ && seconds_since(begun) < kPatience_s) {
+    held_ = flock(directory_, LOCK_EX | LOCK_NB) == 0;
+    if (!held_) usleep(1000);
+  }
+}
+
+PlanLock::~PlanLock() {
+  if (directory_ >= 0) close(directory_);
+}
+
+void wait_until_it_shows(int plant_pid) {
+  const fs::path process = fs::path("/proc") / std::to_string(plant_pid);
+  const auto begun = std::chrono::steady_clock::now();
+  while (!set_of(process, {}) && seconds_since(begun) < 0.2) usleep(500);
 }
 
 std::vector<std::string> realtime_beside(const std::vector<OtherSet>& sets, const CpuPlan& plan,

@@ -31,6 +31,25 @@ void pin_to_first_cpu();
 // The two CPUs with the fewest rings, of equal ones the first; not pinned with less than two.
 CpuPlan plan_cpus(std::vector<int> allowed, const std::vector<OtherSet>& sets);
 
+// Of the launches of this machine one plans at a time: it holds this from the plan until its plant shows its
+// CPU on its command line. Two that plan at once would choose the same CPU.
+class PlanLock {
+ public:
+  // Waits at most kPatience_s: somebody who keeps it halts no launch.
+  PlanLock();
+  ~PlanLock();
+  PlanLock(const PlanLock&) = delete;
+  PlanLock& operator=(const PlanLock&) = delete;
+  bool held() const { return held_; }
+  static constexpr double kPatience_s = 1;
+
+ private:
+  int directory_;
+  bool held_ = false;
+};
+// Returns when the process runs its program, or after 0.2 s.
+void wait_until_it_shows(int plant_pid);
+
 // What a realtime set should know of the others: one line each; none if no other one is in realtime.
 // `filtered`: bus.filter, without which each process of the set hears the others on its URL.
 std::vector<std::string> realtime_beside(const std::vector<OtherSet>& sets, const CpuPlan& plan,

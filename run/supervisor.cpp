@@ -109,6 +109,8 @@ void Supervisor::start_own() {
 }
 
 void Supervisor::start_children() {
+  std::optional<PlanLock> planning;
+  if (options_.bus.pin) planning.emplace();
   const std::vector<OtherSet> beside = other_sets();
   const CpuPlan cpus = options_.bus.pin ? plan_cpus(allowed_cpus(), beside) : CpuPlan{};
   if (options_.pace == Pace::kRealtime)
@@ -127,6 +129,8 @@ void Supervisor::start_children() {
       list.insert(list.end(), {"--helper-cpu", std::to_string(cpus.others)});
     set_.start(member.role, real ? "twinrate-bridge" : member.program, list);
   }
+  if (const Child* plant = planning ? set_.child(Role::kPlant) : nullptr; plant)
+    wait_until_it_shows(plant->pid);
   pinned_ = cpus.others >= 0;
   if (pinned_) pin_to_cpu(cpus.others);
 }

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 
@@ -77,6 +78,19 @@ TEST_F(ProcessTable, HoldsThePlantsOfOtherSets) {
   EXPECT_EQ(said({0, 1}, "udpm://b").find("--lcm-url"), std::string::npos);
   EXPECT_NE(said({0, 1}, "udpm://a").find("--lcm-url"), std::string::npos);
   EXPECT_EQ(said({0, 1}, "udpm://a", true).find("--lcm-url"), std::string::npos);
+}
+
+// Two launches at once would both find no other set.
+TEST(PlanLock, IsHeldByOneAtATimeAndHaltsNobody) {
+  using Clock = std::chrono::steady_clock;
+  {
+    const PlanLock first;
+    ASSERT_TRUE(first.held());
+    const auto begun = Clock::now();
+    EXPECT_FALSE(PlanLock().held());
+    EXPECT_GE(Clock::now() - begun, std::chrono::duration<double>(PlanLock::kPatience_s));
+  }
+  EXPECT_TRUE(PlanLock().held());
 }
 
 }  // namespace
