@@ -1,6 +1,7 @@
 #include "run/progress.hpp"
 
 #include <fmt/format.h>
+#include <poll.h>
 #include <unistd.h>
 
 #include <cstdio>
@@ -8,6 +9,16 @@
 #include "core/config.hpp"
 
 namespace twinrate {
+namespace {
+
+// A reader that stops reading (Ctrl-S, a full pipe) must not halt the process that watches the drive:
+// in realtime the plant takes its silence for its end.
+bool has_room(int file) {
+  pollfd end{.fd = file, .events = POLLOUT};
+  return poll(&end, 1, 0) > 0;  // also where nobody reads any more: a write ends the program then
+}
+
+}  // namespace
 
 Progress::Progress(const DriveConfig& drive, bool json)
     : n_p_(drive.machine.n_p),
@@ -22,7 +33,7 @@ void Progress::show(const Truth& truth, const Estimate& estimate, const LiveCoun
   if (!visible()) return;
   if ((++calls_ & 255) != 0) return;  // reads the clock once in 256 calls
   const double since = std::chrono::duration<double>(Clock::now() - last_).count();
-  if (since < 0.2) return;
+  if (since < 0.2 || !has_room(json_ ? STDOUT_FILENO : STDERR_FILENO)) return;
   print(truth, estimate, counters);
 }
 
