@@ -3,7 +3,7 @@
 //
 //   endurance [--hours 8]                      one drive in this process, without a log
 //   endurance --set TWINRATE [--minutes 20]    `TWINRATE launch` in lock-step over LCM, until Ctrl-C
-//   endurance --covariance 1e8 [--only TEXT]   every filter and gain policy, that many updates of P
+//   endurance --covariance 1e8 [--only TEXT]   every filter, gain policy, motion: so many updates of P
 //
 // In this process, a row for each hour of drive time: the resident memory, the largest angle error,
 // and of P (symmetric part) the smallest eigenvalue and the largest difference P - P'. The set: the
@@ -167,6 +167,10 @@ struct Correlation {
 enum class Moves { kTurns, kStands, kStill };
 constexpr const char* kMovesNames[] = {"speed", "standstill", "still"};
 
+std::string row_name(const std::string& kind, const std::string& policy, Moves moves) {
+  return fmt::format("{}, {}, {}", kind, policy, kMovesNames[static_cast<int>(moves)]);
+}
+
 bool run_covariance(const Options& o, const std::string& kind, const std::string& policy,
                     Moves moves) {
   std::vector<std::string> overrides = {"estimator.kind=" + kind,
@@ -196,9 +200,9 @@ bool run_covariance(const Options& o, const std::string& kind, const std::string
     const Gain& gain = background.step(e);
     if (i % 1000 == 999) seen.take(gain);
   }
-  fmt::print("| {}, {}, {} | {:.3g} | {:.2g} | {:.2g} | {:.3g} | {} | {:.0f} s |\n", kind, policy,
-             kMovesNames[static_cast<int>(moves)], o.covariance, seen.asymmetry,
-             seen.least_eigenvalue, seen.share, seen.well ? "yes" : "NO",
+  fmt::print("| {} | {:.3g} | {:.2g} | {:.2g} | {:.3g} | {} | {:.0f} s |\n",
+             row_name(kind, policy, moves), o.covariance, seen.asymmetry, seen.least_eigenvalue,
+             seen.share, seen.well ? "yes" : "NO",
              static_cast<double>(std::clock() - begun) / CLOCKS_PER_SEC);
   std::fflush(stdout);
   return seen.well;
@@ -217,7 +221,7 @@ bool run_covariances(const Options& o) {
         if (policy == "propagated" && kind != "ekf_sensorless" && kind != "eemf" &&
             kind != "ekf_joint")
           continue;  // it has no steady state in the stationary frame
-        if (fmt::format("{}, {}", kind, policy).find(o.only) == std::string::npos) continue;
+        if (row_name(kind, policy, moves).find(o.only) == std::string::npos) continue;
         well = run_covariance(o, kind, policy, moves) && well;
       }
   return well;
@@ -353,7 +357,7 @@ int main(int argc, char** argv) try {
   command_line.option("--hours", &o.hours, "drive time in this process, in whole hours");
   command_line.option("--set", &o.twinrate, "run the processes of this twinrate's launch");
   command_line.option("--covariance", &o.covariance, "update P of every filter this many times");
-  command_line.option("--only", &o.only, "with --covariance: filters and policies with this text");
+  command_line.option("--only", &o.only, "with --covariance: rows with this text in their name");
   command_line.option("--minutes", &o.minutes, "wall time of the set");
   command_line.option("--dir", &o.dir, "write the set's log below this directory");
   command_line.option("--override", &o.overrides,
