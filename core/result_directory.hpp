@@ -12,7 +12,8 @@
 //   directory.finish();                                           records the files
 //
 // A result that was begun and not finished (a killed run) is replaced in the same way: the names
-// were free when it began, so its files are those of the own names.
+// were free when it began, so its files are those of the own names. A launched run that is still on
+// is refused, whatever is given: its drive would run on without a log.
 #pragma once
 #include <string>
 #include <vector>
