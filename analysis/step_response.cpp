@@ -58,13 +58,8 @@ void judge_load(const Stretch& s, StepResponse& step) {
   step.recovery_s = stays_within(s, excess, kDeviationBand * std::max(*step.dip, *step.overshoot));
 }
 
-}  // namespace
-
-std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double>& omega_m,
-                                         const DriveConfig& config) {
-  const auto first =
-      std::find_if(omega_m.begin(), omega_m.end(), [](double w) { return std::isfinite(w); });
-  if (first == omega_m.end()) return {};
+// The steps of reference and load of the drive file, by time. `omega_m_begin`: speed before the first.
+std::vector<StepResponse> steps_of(const DriveConfig& config, double omega_m_begin) {
   const ReferenceParameters& r = config.reference;
   const Profile& wanted = r.in_rpm ? r.speed_rpm : r.omega_e_rad_s;
   const double unit = r.in_rpm ? kRadPerRpm : 1.0 / config.machine.n_p;
@@ -74,7 +69,7 @@ std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double
       steps.push_back({of_load, t_s, from, to, unit * wanted.at(t_s), {}, {}, {}, {}});
   };
   if (!r.from_bus) {
-    double from = *first;
+    double from = omega_m_begin;
     for (const ProfileStep& step : wanted.steps()) {
       add(false, step.t_s, from, unit * step.value);
       from = unit * step.value;
@@ -85,6 +80,32 @@ std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double
     add(true, loads[i].t_s, loads[i - 1].value, loads[i].value);
   std::stable_sort(steps.begin(), steps.end(),
                    [](const auto& a, const auto& b) { return a.t_s < b.t_s; });
+  return steps;
+}
+
+// The rows from the step to `end_s`. `begin_s`: time of the rows at t = 0 of the drive file.
+Stretch stretch_of(TickRows rows, const std::vector<double>& omega_m, const StepResponse& step,
+                   double begin_s, double end_s) {
+  Stretch stretch;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const double t_s = rows[i].t_s - begin_s;
+    if (t_s < step.t_s || t_s >= end_s || !std::isfinite(omega_m[i])) continue;
+    const double reference = rows[i].command ? rows[i].command->omega_m_ref : NAN;
+    stretch.t_s.push_back(t_s - step.t_s);
+    stretch.omega_m.push_back(omega_m[i]);
+    stretch.reference.push_back(std::isfinite(reference) ? reference : step.reference);
+  }
+  return stretch;
+}
+
+}  // namespace
+
+std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double>& omega_m,
+                                         const DriveConfig& config) {
+  const auto first =
+      std::find_if(omega_m.begin(), omega_m.end(), [](double w) { return std::isfinite(w); });
+  if (first == omega_m.end()) return {};
+  const std::vector<StepResponse> steps = steps_of(config, *first);
   // Of a long log there can be a part.
   const double shown_s = std::max(0.0, static_cast<double>(rows.front().k) * config.T_s());
   const double begin_s = rows.front().t_s - shown_s;
@@ -94,15 +115,7 @@ std::vector<StepResponse> step_responses(TickRows rows, const std::vector<double
     const auto next = std::find_if(steps.begin(), steps.end(),
                                    [&](const StepResponse& s) { return s.t_s > step.t_s; });
     const double end_s = next == steps.end() ? INFINITY : next->t_s;
-    Stretch stretch;
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      const double t_s = rows[i].t_s - begin_s;
-      if (t_s < step.t_s || t_s >= end_s || !std::isfinite(omega_m[i])) continue;
-      const double reference = rows[i].command ? rows[i].command->omega_m_ref : NAN;
-      stretch.t_s.push_back(t_s - step.t_s);
-      stretch.omega_m.push_back(omega_m[i]);
-      stretch.reference.push_back(std::isfinite(reference) ? reference : step.reference);
-    }
+    const Stretch stretch = stretch_of(rows, omega_m, step, begin_s, end_s);
     if (stretch.t_s.empty()) continue;
     step.of_load ? judge_load(stretch, step) : judge_speed(stretch, step);
     judged.push_back(step);

@@ -146,10 +146,9 @@ static std::string saved_against_no_i_d(const RunView& view) {
                      100 * (1 - ratio * ratio));
 }
 
-Json summary_table(const RunView& view) {
+// Rows of the verdict and of the errors.
+static void add_errors(const RunView& view, Json& rows) {
   const Summary& s = view.run.summary;
-  const DriveConfig& config = view.run.config;
-  Json rows = Json::array();
   const auto add = [&](const char* quantity, const std::string& value) {
     rows.push_back({quantity, value});
   };
@@ -172,6 +171,15 @@ Json summary_table(const RunView& view) {
     add("P44", fmt::format("{:.3g} .. {:.3g} rad²", *s.P44_min, *s.P44_max));
   if (const std::string saved = saved_against_no_i_d(view); !saved.empty())
     add("against i_d = 0", saved);
+}
+
+// Rows of rates, window and messages.
+static void add_run(const RunView& view, Json& rows) {
+  const Summary& s = view.run.summary;
+  const DriveConfig& config = view.run.config;
+  const auto add = [&](const char* quantity, const std::string& value) {
+    rows.push_back({quantity, value});
+  };
   add("f_s", frequency(config.rates.f_s_Hz));
   add("f_b",
       fmt::format("{} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n), config.rates.n));
@@ -192,6 +200,12 @@ Json summary_table(const RunView& view) {
   if (s.stalls > 0)
     add("stalls", fmt::format("{}, {:.4g} s in all, {:.3g} s at most", s.stalls, s.stalled_s,
                               s.longest_stall_s));
+}
+
+Json summary_table(const RunView& view) {
+  Json rows = Json::array();
+  add_errors(view, rows);
+  add_run(view, rows);
   for (const Json& row : transport_rows(view.run.manifest_json)) rows.push_back(row);
   return rows;
 }

@@ -162,12 +162,13 @@ Json to_json(const Percentiles& us) {
   return {{"p50", us.p50}, {"p99", us.p99}, {"p99_9", us.p99_9}, {"max", us.max}};
 }
 
-void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
-                 const RunFacts& facts, const HopLatencies& latency,
-                 const std::vector<std::string>& events) {
-  const auto row = [](const std::string& name, const std::string& text) {
-    fmt::print("  {:<22} {}\n", name, text);
-  };
+void print_row(const std::string& name, const std::string& text) {
+  fmt::print("  {:<22} {}\n", name, text);
+}
+
+// Verdict, rates and errors of the estimate.
+void print_figures(const DriveConfig& d, const Summary& s, const RunFacts& facts) {
+  const auto row = print_row;
   fmt::print("\n{}: {}  ({})\n", d.name, verdict_of(s), facts.how);
   if (s.trip) row("trip", trip_text(*s.trip));
   if (!facts.ended.empty()) row("ended early", facts.ended);
@@ -187,6 +188,11 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
   if (s.speed_error_rms)
     row("speed error rms", fmt::format("{:.3f} rad/s mechanical", *s.speed_error_rms));
   if (s.P44_max) row("P44", fmt::format("{:.3f} to {:.3f} rad^2", *s.P44_min, *s.P44_max));
+}
+
+// Gains, messages, delays and the machine of the run.
+void print_transport(const Summary& s, const RunFacts& facts, const HopLatencies& latency) {
+  const auto row = print_row;
   row("gains used", std::to_string(s.gains_used));
   row("messages lost", fmt::format("{}  (sent again: {})", lost_in_total(s), facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
@@ -203,6 +209,14 @@ void print_table(const std::string& directory, const DriveConfig& d, const Summa
         fmt::format("{}  (another session, no valid tag, or not of their tick)", facts.refused));
   if (!facts.tags_checked)
     row("messages", "not authenticated (bus.authenticate = false): anybody on the bus could steer");
+}
+
+void print_table(const std::string& directory, const DriveConfig& d, const Summary& s,
+                 const RunFacts& facts, const HopLatencies& latency,
+                 const std::vector<std::string>& events) {
+  const auto row = print_row;
+  print_figures(d, s, facts);
+  print_transport(s, facts, latency);
   for (const std::string& event : events) row("event", event);
   row("speed of the run",
       fmt::format("{:.0f} steps/s ({:.2f} s wall)",
