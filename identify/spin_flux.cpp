@@ -165,13 +165,39 @@ void note_flux_harmonics(const FluxFit& flux, std::vector<Eigen::Index> used, Id
       100 * share, 6 * found.n_p));
 }
 
+// Lag of the angle against the currents, s.
+Found lag_of(const FluxFit& flux, const std::vector<Eigen::Index>& used) {
+  const auto s = flux.solve(used);
+  const double psi = std::hypot(s.x[0], s.x[1]);
+  return {s.x[kLag] / psi, s.sigma[kLag] / psi};
+}
+
+// psi_f, the zero of the angle, and L_q over its current, from the columns `used` of the fit.
+void take_flux(const Experiment& e, const FluxFit& flux, const std::vector<Eigen::Index>& used,
+               Identified& found) {
+  // Errors of R_s and of the angle's zero cause errors in a flux, here as shares of psi_f: in L_q at
+  // its current, and in psi_f. The loss of the inverter causes a share of its voltage over the EMF.
+  // Of 35 drawn drives, whose errors were up to 12 sigmas of the jackknife alone.
+  constexpr double kFluxError = 1e-3, kErrorOfPsi = 5e-5, kErrorOfLoss = 0.04;
+  const auto solution = flux.solve(used);
+  const auto &x = solution.x, &sigma = solution.sigma;
+  const double psi = std::hypot(x[0], x[1]);
+  const double of_loss =
+      kErrorOfLoss * std::abs(found.loss.V.value) / (found.n_p * std::max(found.omega_m_max, 1e-9));
+  found.psi_f = {psi, std::hypot(sigma[0], kErrorOfPsi * psi, of_loss)};
+  found.theta_zero += std::atan2(x[1], x[0]) / found.n_p;
+  found.L_q_points.resize(1);  // of standstill
+  for (const Eigen::Index column : used) {
+    if (column < 2 || column == kLag) continue;
+    const double i = kLevels[column - 2] * e.i_max();
+    const double error = std::hypot(sigma[column], kFluxError * found.psi_f.value / i);
+    found.L_q_points.push_back({i, {x[column], error}, false});
+  }
+}
+
 }  // namespace
 
 void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& found) {
-  // What errors of R_s and of the angle's zero leave in a flux, of psi_f: in L_q at its current,
-  // and in psi_f. The loss of the inverter leaves a share of its voltage over the EMF. Of 35
-  // drawn drives, whose errors were up to 12 sigmas of the jackknife alone.
-  constexpr double kFluxError = 1e-3, kErrorOfPsi = 5e-5, kErrorOfLoss = 0.04;
   constexpr double kSigmas = 5, kLagMaterial = 0.03;  // of a tick
   // The second pass has the corrected zero of the angle, the third and fourth its lag.
   bool is_late = false;
@@ -188,9 +214,7 @@ void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& 
     if (is_late || pass == 1) {
       std::vector<Eigen::Index> with = used;
       with.push_back(kLag);
-      const auto s = flux.solve(with);
-      const double psi = std::hypot(s.x[0], s.x[1]);
-      const Found lag{s.x[kLag] / psi, s.sigma[kLag] / psi};
+      const Found lag = lag_of(flux, with);
       if (pass == 1)
         is_late = std::abs(lag.value) > kSigmas * lag.sigma &&
                   std::abs(lag.value) > kLagMaterial * e.T_s();
@@ -200,22 +224,9 @@ void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& 
         for (SpinRun& run : segments) advance_angles(run.rows, lag.value, e.T_s());
       }
     }
-    const auto solution = flux.solve(used);
-    const auto &x = solution.x, &sigma = solution.sigma;
-    const double psi = std::hypot(x[0], x[1]);
-    const double of_loss = kErrorOfLoss * std::abs(found.loss.V.value) /
-                           (found.n_p * std::max(found.omega_m_max, 1e-9));
-    found.psi_f = {psi, std::hypot(sigma[0], kErrorOfPsi * psi, of_loss)};
-    found.theta_zero += std::atan2(x[1], x[0]) / found.n_p;
+    take_flux(e, flux, used, found);
     if (pass == 0 || is_late)
       for (SpinRun& s : segments) s.ticks = inside_ticks(found, s.rows, e.T_s());
-    found.L_q_points.resize(1);  // of standstill
-    for (const Eigen::Index column : used) {
-      if (column < 2 || column == kLag) continue;
-      const double i = kLevels[column - 2] * e.i_max();
-      const double error = std::hypot(sigma[column], kFluxError * found.psi_f.value / i);
-      found.L_q_points.push_back({i, {x[column], error}, false});
-    }
     if (pass + 1 == (is_late ? 4 : 2)) note_flux_harmonics(flux, used, found);
   }
 }
