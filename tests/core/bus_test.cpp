@@ -88,6 +88,25 @@ TEST(BusJumps, AFarTickIsBelievedAtTheSecondMessageAndNotAtTheFirst) {
   EXPECT_EQ(publish({1107, 1104}), (Ticks{1107, 1104})) << "sent again";
 }
 
+// ARCHITECTURE.md, what switches the drive off. In lock-step no tick is far.
+TEST(BusJumps, AProcessInRealtimeRefusesAMessageMoreThanFiftyTicksAhead) {
+  for (const Pace pace : {Pace::kRealtime, Pace::kLockstep}) {
+    Process process({Role::kController, "test", ""},
+                    {.config = "dilys2021", .url = "memq://", .session = kSession, .pace = pace});
+    std::vector<std::int64_t> heard;
+    process.bus().subscribe<measurement_t>([&](const measurement_t& m) { heard.push_back(m.seq); });
+    for (const std::int64_t k : {0, 51, 1, 52, 53}) {
+      measurement_t wire{};
+      wire.seq = k;
+      process.bus().publish(wire);
+      while (process.bus().handle(0)) {
+      }
+    }
+    using Ticks = std::vector<std::int64_t>;
+    EXPECT_EQ(heard, pace == Pace::kRealtime ? (Ticks{0, 1, 53}) : (Ticks{0, 51, 1, 52, 53}));
+  }
+}
+
 // Of GAIN the gains count, not the ticks. The logger believed a forged one of a far tick and took the
 // genuine ones after it for messages that it had.
 TEST(BusJumps, AGainIsFarByTheGainsBetween) {

@@ -1,6 +1,9 @@
 // Requests for a later tick: how far ahead they may be, which were applied, and the load that a log declares.
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <thread>
+
 #include "core/arbiter.hpp"
 #include "core/config.hpp"
 #include "core/declared_load.hpp"
@@ -121,6 +124,39 @@ TEST(SteeringRequests, WhoOnlyGivesTheNameOfTheHolderOrOfTheMonitorIsRefusedAndC
   EXPECT_TRUE(ask(take, "page", kPage, 1)) << "its heartbeat";
   EXPECT_TRUE(ask(RequestKind::kGiveControl, "page", kPage));
   EXPECT_EQ(refused, 6);
+}
+
+// steering.hold_s counts from the second of silence on that makes the event.
+TEST(SteeringRequests, ASilentHolderKeepsTheControlForTheTimeOfTheHold) {
+  for (const double hold_s : {3600.0, 0.0}) {
+    std::vector<Reason> events;
+    int applied = 0;
+    Arbiter arbiter({.next_tick = [] { return std::int64_t{1000}; },
+                     .ticks = INT64_MAX,
+                     .ahead_ticks = 600'000,
+                     .hold_s = hold_s,
+                     .members = [] { return std::set<int>{}; },
+                     .prepare = [](const request_t&) {},
+                     .apply = [&](const request_t& request) { applied += request.text == "stop"; },
+                     .ask = [](const request_t&) {},
+                     .answer = [](const reply_t&) {},
+                     .event = [&](Reason reason, std::int64_t,
+                                  const std::string&) { events.push_back(reason); },
+                     .released = [] {}});
+    request_t request{};
+    request.kind = static_cast<std::int32_t>(RequestKind::kTakeControl);
+    request.text = "page";
+    arbiter.take(request, {.socket = 1, .is_monitor = false});
+    ASSERT_EQ(arbiter.holder(), "page");
+    arbiter.turn();
+    EXPECT_EQ(events.size(), 1u) << "taken, and not yet silent";
+    std::this_thread::sleep_for(std::chrono::duration<double>(Arbiter::kSilent_s + 0.01));
+    arbiter.turn();
+    ASSERT_GE(events.size(), 2u);
+    EXPECT_EQ(events[1], Reason::kControlLost);
+    EXPECT_EQ(arbiter.holder(), hold_s > 0 ? "page" : "");
+    EXPECT_EQ(applied, hold_s > 0 ? 0 : 1);
+  }
 }
 
 TEST(SteeringRequests, WhatTheRunDidNotReachOrAnotherReplacedWasNotApplied) {

@@ -236,6 +236,18 @@ TEST_F(GuessMap, TheMapReadsTheFileThatItWasGuessedFrom) {
   EXPECT_GE(read, 10);
 }
 
+// A time and canonical names in half of the columns: the header of a drive log with columns of others.
+TEST_F(GuessMap, HalfOfTheColumnsMakeADriveLog) {
+  const auto unit_of_i_q = [&](const std::string& header, const std::string& row) {
+    for (const GuessedColumn& c : guess_map({.file = write(header, row)}).columns)
+      if (c.name == "i_q") return c.unit_from;
+    return std::string("no column");
+  };
+  const std::string si = "the name of a drive log, SI";
+  EXPECT_EQ(unit_of_i_q("t,i_q,note,mark", "0.{},0.1,1,2"), si);
+  EXPECT_NE(unit_of_i_q("t,i_q,note,mark,state", "0.{},0.1,1,2,3"), si);
+}
+
 TEST_F(GuessMap, DecimalCommasUnitsInBracketsAndLinesBeforeTheHeader) {
   const std::string file = write(
       "Messung vom 3. Mai\nPr\xc3\xbc"

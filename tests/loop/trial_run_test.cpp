@@ -86,10 +86,13 @@ TEST(TrialRun, SaysTheTimeOfALossBeforeTheWindow) {
 }
 
 TEST(TrialRun, EndsWithTheVerdictOfAStartThatNeverHandsOver) {
-  Config config = load_drive("dilys2021", {"start=align_if", "run.duration_s=0.6"});
-  const TrialRun trial = try_run(config, 100000);
-  EXPECT_TRUE(trial.whole);
-  EXPECT_NE(trial.why.find("no hand-over"), std::string::npos) << trial.why;
+  for (const char* duration :
+       {"run.duration_s=0.6", "run.duration_s=0.7"}) {  // aligned; on the ramp
+    Config config = load_drive("dilys2021", {"start=align_if", duration});
+    const TrialRun trial = try_run(config, 100000);
+    EXPECT_TRUE(trial.whole);
+    EXPECT_NE(trial.why.find("no hand-over"), std::string::npos) << duration << trial.why;
+  }
 }
 
 // 20 rad/s electrical: an EMF of 0.14 V, and 20 % of R_s i are 0.36 V. The run as it is holds.

@@ -100,6 +100,21 @@ TEST_F(Misfit, TheLevelIsThatOfTheNoisiestLearntBlock) {
   }
 }
 
+// A block of twice the noise (4 times the power) raises the level, one of ten times the noise does not:
+// a misfit must not become the level.
+TEST_F(Misfit, AnAcceptedBlockRaisesTheLevelUpToNineTimes) {
+  const auto accept = [&](double i_noise_A) {
+    MisfitWatch watch = watch_;
+    const auto rows = rows_of(drive_, 0, 400, i_noise_A);
+    watch.accept(rows, 0, rows.size(), {}, {});
+    const auto loud = rows_of(drive_, 0, 401, 0.016);
+    return watch.test(loud, 0, loud.size(), {}, {});
+  };
+  EXPECT_FALSE(accept(0.008).fits);
+  EXPECT_TRUE(accept(0.016).fits);
+  EXPECT_FALSE(accept(0.08).fits);
+}
+
 // So many rows prove a change that is far below what the level itself moves by.
 TEST_F(Misfit, AChangeThatIsCertainButSmallStillFits) {
   int certain_and_small = 0;

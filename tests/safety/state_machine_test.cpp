@@ -113,6 +113,21 @@ TEST_P(PatientRow, AFaultThatEndsOneTickSoonerIsNoTrip) {
   }
 }
 
+// After a reset the ticks of a fault count from zero again.
+TEST_P(PatientRow, AfterAResetTheSameFaultNeedsAllItsTicksAgain) {
+  SafetyMachine machine = machine_in_run();
+  SafetyInput in = running();
+  GetParam().make(in);
+  for (int tick = 0; tick < GetParam().ticks; ++tick) machine.step(in);
+  ASSERT_TRUE(machine.is_off());
+  machine.step(running());
+  ASSERT_TRUE(machine.reset());
+  for (int tick = 1; tick < GetParam().ticks; ++tick) {
+    machine.step(in);
+    ASSERT_FALSE(machine.is_off()) << "after " << tick;
+  }
+}
+
 TEST_P(SafetyRow, EachFaultHasItsOwnOff) {
   for (const Off off : {Off::kShort, Off::kOpen}) {
     SafetyLimits l = limits();

@@ -86,6 +86,23 @@ TEST(RecordedDrive, SwitchedAtSpeedTheLimitIsTheClosedLoopsAtThirtyHertzToo) {
   EXPECT_NEAR(closed, 25, 2);
 }
 
+// By hand: the recording is judged from 0.5118 s on. 0.3 s before are 1058 whole ticks of 0.2 ms, and
+// 1053 = 117 9 is the last snapshot until then.
+TEST(RecordedDrive, TheSwitchIsHalfATickBeforeASnapshotThreeTenthsBeforeTheWindow) {
+  const double f_e_Hz = 30;
+  const RunLog log = recorded_start(f_e_Hz);
+  const Search search{"paper", f_e_Hz, 1};
+  Plan plan{.drive = "dilys2021", .policies = {"paper"}, .start = "switched"};
+  const Point switched = run_on_log(log, plan, search, 9);
+  plan.start = "ramp";
+  const auto from = [&](double n_from_s) {
+    plan.overrides = {"rates.n_from_s=" + std::to_string(n_from_s)};
+    return run_on_log(log, plan, search, 9).angle_error_rms;
+  };
+  EXPECT_EQ(switched.angle_error_rms, from(1052.5 * 2e-4));
+  EXPECT_NE(switched.angle_error_rms, from(1061.5 * 2e-4));
+}
+
 DriveConfig point_of(const Plan& plan, const Search& search, int n) {
   return load_drive(plan.drive, point_overrides(plan, load_drive(plan.drive).drive(), search, n))
       .drive();

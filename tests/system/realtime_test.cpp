@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 
 #include "core/reason.hpp"
@@ -194,6 +195,29 @@ TEST_F(Realtime, AKilledGainProcessIsReplacedByTheTableAndThenByANewOne) {
   }
   EXPECT_GT(log.gain.back().k, 9900);
   EXPECT_GT(log.estimate.back().gain_seq, 9800);
+}
+
+TEST_F(Realtime, AGainProcessThatEndsTheFourthTimeIsNotStartedAgain) {
+  Program run(launch("2s"));
+  ASSERT_TRUE(wait_for_log(300'000));
+  std::set<pid_t> killed;
+  for (int time = 1; time <= 4; ++time) {
+    ASSERT_TRUE(wait_until([&] {
+      for (const pid_t pid : processes_with(path("run"), "twinrate-gain"))
+        if (killed.insert(pid).second) return kill(pid, SIGKILL) == 0;
+      return false;
+    })) << "start "
+        << time;
+  }
+  const ProgramResult result = run.wait(20);
+  ASSERT_FALSE(result.timed_out);
+  const RunLog log = read_run_log(path("run"));
+  EXPECT_EQ(log.measurement.size(), 10000u) << "to its end";
+  std::vector<bool> again;  // of the events of an end
+  for (const EventRecord& event : events(log, Reason::kProcessLost))
+    if (event.text.find("ended with") != std::string::npos)
+      again.push_back(event.text.find("started again") != std::string::npos);
+  EXPECT_EQ(again, (std::vector<bool>{true, true, true, false}));
 }
 
 TEST_F(Realtime, AKilledLoggerIsStartedAgainWhereTheDriveFileSaysSo) {

@@ -21,4 +21,14 @@ TEST(Errors, AreQuotedOfTheEquationThatTheEffectsActOn) {
   EXPECT_EQ(main_equation({effect_with("coulomb_friction", {{"torque_Nm", 0.2}})}), "mechanical");
 }
 
+// Of effects on both equations, the equation whose error falls further (here: rises less).
+TEST(Errors, OfEffectsOnBothEquationsTheOneThatFallsFurtherIsQuoted) {
+  const auto of_both = [](double change_Ohm, double torque_Nm) {
+    return main_equation({effect_with("resistance", {{"change_Ohm", change_Ohm}}),
+                          effect_with("coulomb_friction", {{"torque_Nm", torque_Nm}})});
+  };
+  EXPECT_EQ(of_both(1e-3, 0.5), "electrical");
+  EXPECT_EQ(of_both(0.5, 1e-3), "mechanical");
+}
+
 }  // namespace twinrate::errors_test

@@ -123,6 +123,25 @@ TEST(HoldingTorque, FindsCoggingAndFrictionOfASweep) {
   EXPECT_TRUE(found.friction_ripple.empty());
 }
 
+// Noise of one size, white or with a correlation of 0.9 from row to row: the mean of the latter scatters
+// by sqrt(1.9/0.1) = 4.4 more.
+TEST(HoldingTorque, NoiseThatLastsOverRowsMakesItsSigmasLarger) {
+  constexpr double kCorrelation = 0.9, kRms_A = 0.1;
+  PositionLog white = sweep({}), lasting = white;
+  double x = 0;
+  for (std::size_t k = 0; k < white.size(); ++k) {
+    const double now = kRms_A * normal(21, 0, k);
+    x = kCorrelation * x + std::sqrt(1 - kCorrelation * kCorrelation) * now;
+    white.i_q[k] += now;
+    lasting.i_q[k] += x;
+  }
+  const auto sigma = [](const PositionLog& log) {
+    return trace_holding_torque(std::vector<const PositionLog*>{&log}, machine()).sigma_T_C;
+  };
+  EXPECT_GT(sigma(lasting), 3.5 * sigma(white));
+  EXPECT_LT(sigma(lasting), 5.5 * sigma(white));
+}
+
 // At constant speed there is no acceleration, but the current is no holding current.
 TEST(Positions, ASteadySpeedIsNoHolding) {
   PositionLog log{.path = "steady"};
