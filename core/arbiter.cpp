@@ -85,7 +85,7 @@ void Arbiter::control(const request_t& request, const Asker& asker) {
   if (beat && holder_ != request.text) {
     reply.text = "the control was lost";
   } else if (request.text.empty()) {
-    reply.text = "who takes control has a name";
+    reply.text = "a request for control needs the name of the holder";
   } else if (holder_.empty() ? !take : !is_his) {
     reply.text = holder_.empty() ? "nobody has control" : holder_ + " has control";
     if (!holder_.empty()) host_.refused();

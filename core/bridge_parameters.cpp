@@ -4,7 +4,7 @@ namespace twinrate {
 
 void BridgeParameters::fields(FieldVisitor& f) {
   f.text("port", port, "serial device (/dev/ttyACM0) or udp://HOST:PORT");
-  f.choice("protocol", protocol, kDriveProtocolNames, "what the drive speaks");
+  f.choice("protocol", protocol, kDriveProtocolNames, "protocol of the drive");
   f.choice("mode", mode, kBridgeModeNames,
            "control: the host closes the loop; listen: the drive runs its own control");
   f.integer("baud", baud, 9600, 4000000, "rate of a serial line");

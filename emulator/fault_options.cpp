@@ -35,7 +35,7 @@ constexpr FaultKind kKinds[] = {
      [](FaultOptions& o, double v) { o.device.reset_at_s = v; }},
     {"pulled_at_s", "time from which the cable is pulled", 0, 1e5,
      on_both<&LineFaults::pulled_at_s>},
-    {"pulled_for_s", "how long it is", 0, 1e5, on_both<&LineFaults::pulled_for_s>},
+    {"pulled_for_s", "duration of the pull", 0, 1e5, on_both<&LineFaults::pulled_for_s>},
     {"from_s", "time from which shares act", 0, 1e5, on_both<&LineFaults::from_s>},
     {"keeps_last", "1: neither lease nor off", 0, 1,
      [](FaultOptions& o, double v) { o.device.keeps_last = v != 0; }}};

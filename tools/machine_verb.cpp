@@ -118,7 +118,7 @@ void list() {
 void add_machine_verb(CLI::App& app, int&) {
   auto o = std::make_shared<MachineOptions>();
   CLI::App* machine =
-      app.add_subcommand("machine", "Make the drive file of a motor; list the motors with one");
+      app.add_subcommand("machine", "Write the drive file of a motor; list the presets");
   machine->require_subcommand(1);
   CLI::App* verb = machine->add_subcommand("new", "Write a drive file from data-sheet values");
   verb->add_option("NAME", o->name, "give the drive this name")->required();
@@ -126,7 +126,7 @@ void add_machine_verb(CLI::App& app, int&) {
                    "give values of the data sheet, key=value .. (default: ask for them)");
   verb->add_option("--out", o->out, "write this file (default NAME.toml)");
   verb->add_flag("--force", o->force, "replace the file");
-  verb->add_flag("--json", o->json, "print what was converted, assumed and doubted as JSON");
+  verb->add_flag("--json", o->json, "print the converted, assumed and doubted values as JSON");
   verb->footer(known_keys());
   verb->callback([o] { make(*o); });
   machine->add_subcommand("list", "List the presets: ratings and motor")->callback(list);

@@ -337,10 +337,10 @@ void add_output_options(CLI::App* verb, TraceOptions* o, CLI::Option* plan) {
       ->check(CLI::Range(64.0, 1e6));
   verb->add_option("--set", o->overrides,
                    "override a key of the drive file: key.path=value; repeat for more keys");
-  verb->add_flag("--repair", o->repair,
-                 "CSV: skip a truncated last line and repeated samples; LCM: use what is whole of "
-                 "a damaged log, "
-                 "exit code 1");
+  verb->add_flag(
+      "--repair", o->repair,
+      "CSV: skip a truncated last line and repeated samples; LCM: use the undamaged part of "
+      "a log, exit code 1");
   verb->add_flag("--keep-plant", o->keep_plant,
                  "keep the effects of the simulated plant in extended.toml");
   verb->add_flag(

@@ -29,7 +29,7 @@ class Cogging final : public TraceableEffect {
     f.integer("order", order_, 1, 2000, "periods a mechanical turn, or a multiple of the origin's",
               Presence::kRequired);
     f.choice("origin", origin_, kOriginNames,
-             "what order counts: turns, lcm(slots, poles), slots or poles");
+             "unit of order: turns, lcm(slots, poles), slots or poles");
     f.number("amplitude_Nm", amplitude_, 0, 1e4, "peak torque", Presence::kRequired);
     f.number("phase_rad", phase_, -2 * kTwoPi, 2 * kTwoPi, "phase of the sine at theta_m = 0");
   }

@@ -53,12 +53,12 @@ class SignalLag final : public TraceableEffect, public EffectMemory {
     }
   }
   void fields(FieldVisitor& f) override {
-    f.choice("signal", signal_, kSignalNames, "what is late");
+    f.choice("signal", signal_, kSignalNames, "signal that is late");
     f.choice("form", form_, kFormNames, "a pure delay, or a first-order filter");
     f.number("lag_s", lag_, 0, 0.5, "the delay, or the filter's time constant",
              Presence::kRequired);
     f.number("delay_share", delay_share_, 0, 1,
-             "of a first-order lag, what is a pure delay; the rest is the time constant");
+             "share of the lag that is a pure delay; the rest is a first-order time constant");
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<SignalLag>(*this); }
   bool describe_sampling(SamplingFacts& facts) const override {

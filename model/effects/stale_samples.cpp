@@ -18,7 +18,7 @@ class StaleSamples final : public TraceableEffect {
   int acts_on() const override { return 0; }
   std::vector<std::string> signals_needed() const override { return {"i_a", "i_b", "theta_m"}; }
   void fields(FieldVisitor& f) override {
-    f.choice("signal", signal_, kSignalNames, "what repeats");
+    f.choice("signal", signal_, kSignalNames, "signals that repeat");
     f.number("share", share_, 0, 0.5, "of all rows", Presence::kRequired);
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<StaleSamples>(*this); }

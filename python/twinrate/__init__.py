@@ -74,7 +74,7 @@ class Table(Mapping):
 class Run(Mapping):
     """A recorded run, channels by name: Run("runs/n5")["ESTIMATE"]["theta_e_rad"].
 
-    `path`: a run directory or an LCM log. `skip_damage`: use what is whole of a damaged log, and
+    `path`: a run directory or an LCM log. `skip_damage`: use the undamaged part of a log, and
     say in `damage` what was skipped; else damage raises ValueError.
     """
 
