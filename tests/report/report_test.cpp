@@ -1,124 +1,21 @@
-#include "report/report.hpp"
-
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "core/channels.hpp"
-#include "core/config.hpp"
 #include "core/reason.hpp"
 #include "report/figure.hpp"
+#include "tests/report/report_run.hpp"
 
 namespace twinrate {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-
-class Report : public ::testing::Test {
- protected:
-  void SetUp() override {
-    directory_ = fs::temp_directory_path() / ("twinrate-report-" + std::to_string(getpid()));
-    fs::create_directories(directory_);
-    config_.name = "test drive";
-    config_.machine.n_p = 4;
-    config_.rates.f_s_Hz = 5000;
-    config_.rates.n = 5;
-    config_.run.duration_s = 1;
-    config_.run.settle_s = 0.2;
-  }
-  void TearDown() override { fs::remove_all(directory_); }
-
-  // A run at 100 rad/s with an estimate 0.05 rad ahead, and a load of orders 6 and 24.
-  RunLog made_up_run() const {
-    RunLog log;
-    log.path = "runs/made-up";
-    log.config_toml = "name = \"test drive\"\n";
-    for (std::int64_t k = 0; k < config_.steps(); ++k) {
-      const double theta_m = 100 * static_cast<double>(k) * config_.T_s();
-      const std::int64_t t_ns = config_.t_ns(k);
-      log.truth.push_back({.k = k, .t_ns = t_ns, .omega_m = 100, .theta_m = theta_m});
-      Measurement m;
-      m.k = k, m.t_ns = t_ns, m.signals = kPhaseCurrents | kPosition, m.theta_m = theta_m;
-      log.measurement.push_back(m);
-      Estimate e;
-      e.k = k, e.t_ns = t_ns, e.omega_m = 100, e.gain_seq = k / 5 * 5 - 5;
-      e.theta_e = wrap_turn(4 * theta_m + 0.05);
-      e.T_load = 0.02 * std::sin(6 * theta_m) + 0.01 * std::sin(24 * theta_m);
-      log.estimate.push_back(e);
-      Command c;
-      c.k = k, c.t_ns = t_ns, c.omega_m_ref = 100;
-      log.command.push_back(c);
-      Gain g;
-      g.k = k, g.t_ns = t_ns, g.n_x = 4, g.n_y = 2;
-      g.P(3, 3) = 0.4;
-      if (k % 5 == 0) log.gain.push_back(g);
-    }
-    return log;
-  }
-
-  std::string page_of(const std::vector<RunLog>& logs, const ReportOptions& options = {},
-                      const std::vector<std::string>& manifests = {}) const {
-    std::vector<RunTicks> tables;
-    std::vector<Summary> summaries;
-    for (const RunLog& log : logs) {
-      tables.push_back(run_ticks(log));
-      summaries.push_back(summarise(log, tables.back(), config_, options.angle_reference));
-    }
-    std::vector<ReportRun> runs;
-    for (std::size_t i = 0; i < logs.size(); ++i)
-      runs.push_back(
-          {logs[i], tables[i], config_, summaries[i], manifests.empty() ? "" : manifests[i]});
-    const std::string out = (directory_ / "page.html").string();
-    write_report(runs, options, out);
-    std::ostringstream text;
-    text << std::ifstream(out).rdbuf();
-    return text.str();
-  }
-
-  static Json content_of(const std::string& page) {
-    const std::string open = "<script type=\"application/json\" id=\"content\">";
-    const std::size_t from = page.find(open) + open.size();
-    return Json::parse(page.substr(from, page.find("</script>", from) - from));
-  }
-
-  static std::vector<std::string> titles_of(const Json& content) {
-    std::vector<std::string> titles;
-    for (const Json& section : content["sections"])
-      for (const Json& figure : section["figures"]) titles.push_back(figure["title"]);
-    return titles;
-  }
-
-  static bool any_has(const std::vector<std::string>& titles, const std::string& part) {
-    return std::any_of(titles.begin(), titles.end(), [&](const std::string& title) {
-      return title.find(part) != std::string::npos;
-    });
-  }
-
-  // Every figure on the page has values on an axis of the same length.
-  static void expect_whole_figures(const Json& content) {
-    for (const Json& section : content["sections"])
-      for (const Json& figure : section["figures"]) {
-        EXPECT_FALSE(figure["series"].empty()) << figure["title"];
-        EXPECT_NE(figure["x_label"], "") << figure["title"];
-        EXPECT_NE(figure["y_label"].get<std::string>().find('('), std::string::npos)
-            << figure["title"];
-        for (const Json& curve : figure["series"])
-          EXPECT_EQ(curve["values"].size(), figure["x"].size()) << figure["title"];
-      }
-  }
-
-  DriveConfig config_;
-  fs::path directory_;
-};
+using Report = ReportTest;
 
 TEST_F(Report, ASalientMachineHasItsStartAndItsLoadSteps) {
   EXPECT_FALSE(any_has(titles_of(content_of(page_of({made_up_run()}))), "Locus"));
@@ -184,124 +81,6 @@ TEST_F(Report, DrawsEachReferenceOfTheCurrentBesideItsCurrent) {
   EXPECT_EQ(drawn.at("i_q"), 2);
   EXPECT_EQ(drawn.at("i_d_ref"), -1.25);
   EXPECT_EQ(drawn.at("i_q_ref"), 2.5);
-}
-
-const Json& section_of(const Json& content, const std::string& heading) {
-  for (const Json& section : content["sections"])
-    if (section["heading"].get<std::string>().find(heading) != std::string::npos) return section;
-  throw std::runtime_error("no section " + heading);
-}
-
-TEST_F(Report, NamesTheOrdersOfTheLoadAndTheirSources) {
-  config_.machine.n_slots = 18;  // of 4 pole pairs: poles at 8 and 24, dead time at 24
-  RunLog log = made_up_run();
-  for (std::size_t k = 0; k < log.estimate.size(); ++k)  // a floor of noise
-    log.estimate[k].T_load += 5e-4 * std::sin(1e4 * std::sin(1.7 * static_cast<double>(k)));
-  const Json content = content_of(page_of({log}));
-  const Json& section = section_of(content, "its sources");
-  const Json& spectrum = section["figures"].back();
-  ASSERT_EQ(spectrum["bars"], true);
-  const Json& amplitude = spectrum["series"][0]["values"];
-  EXPECT_NEAR(amplitude[5].get<double>(), 0.02, 1e-4);
-  EXPECT_NEAR(amplitude[23].get<double>(), 0.01, 1e-4);
-  EXPECT_LT(amplitude[6].get<double>(), 1e-4);
-  std::map<std::string, Json> rows;
-  for (const Json& row : section["table"]["rows"]) rows[row[0]] = row;
-  EXPECT_EQ(rows.at("24")[2],
-            "dead time and flux harmonics; cogging from the poles: cannot be told apart at one "
-            "speed and load");
-  EXPECT_EQ(rows.at("24")[3], "yes");
-  EXPECT_EQ(rows.at("6")[3], "yes");
-  EXPECT_NE(rows.at("6")[2].get<std::string>().find("none in motor or inverter"),
-            std::string::npos);
-  EXPECT_EQ(rows.at("18")[3], "no") << "a source without a ripple";
-  EXPECT_EQ(spectrum["bar_labels"][1]["text"], "24 dead time/flux+poles");
-}
-
-// Ripple of 2 rad/s (order 3) that a change of the compensation at 0.6 s cuts to a tenth.
-TEST_F(Report, ReportsTheRippleBeforeAndAfterAChangeOfTheCompensation) {
-  config_.controller.kind = "lqr";
-  config_.controller.compensation = Profile({{0, 0}, {0.6, 1}});
-  RunLog log = made_up_run();
-  for (Truth& truth : log.truth)
-    truth.omega_m += (truth.t_ns < 600000000 ? 2 : 0.2) * std::sin(3 * truth.theta_m);
-  // A load that steps makes a dip, not a ripple: the figures begin behind it.
-  config_.load.T_load_Nm = Profile({{0, 0}, {0.3, 0.5}});
-  for (Truth& truth : log.truth)
-    if (truth.t_ns >= 300000000)
-      truth.omega_m -= 20 * std::exp(-100 * (1e-9 * static_cast<double>(truth.t_ns) - 0.3));
-  const Json content = content_of(page_of({log}));
-  const Json& section = section_of(content, "Speed ripple");
-  EXPECT_EQ(section["figures"][0]["marks"][0]["x"], 0.6);
-  EXPECT_EQ(section["figures"][0]["marks"][0]["text"], "compensation paper");
-  const Json& rows = section["table"]["rows"];
-  ASSERT_EQ(rows.size(), 2u);
-  EXPECT_EQ(rows[0][0], "off");
-  EXPECT_EQ(rows[1][0], "paper");
-  EXPECT_NEAR(std::stod(rows[0][4].get<std::string>()), std::sqrt(2), 2e-3);
-  EXPECT_EQ(rows[1][5], "-20.0 dB");
-  EXPECT_EQ(rows[1][7], "-20.0 dB");
-  EXPECT_NEAR(std::stod(rows[0][8].get<std::string>()), 0, 0.01);  // it drifts nowhere
-  const Json& orders = section_of(content, "Orders of the speed")["figures"];
-  ASSERT_EQ(orders.size(), 2u);
-  EXPECT_NEAR(orders[0]["series"][0]["values"][2].get<double>(), 2, 2e-3);
-  EXPECT_NEAR(orders[1]["series"][0]["values"][2].get<double>(), 0.2, 2e-4);
-  EXPECT_EQ(orders[0]["y_range"], orders[1]["y_range"]);
-  expect_whole_figures(content);
-}
-
-// Two speeds, each with ripple that a change of the compensation at 0.6 s cuts to a tenth.
-TEST_F(Report, PutsTheRippleOfEveryCompensationAtEverySpeedOnOnePage) {
-  config_.controller.kind = "lqr";
-  config_.controller.compensation = Profile({{0, 0}, {0.6, 1}});
-  const auto run_at = [&](double omega_m_ref, double ripple) {
-    RunLog log = made_up_run();
-    for (Command& command : log.command) command.omega_m_ref = omega_m_ref;
-    for (Truth& truth : log.truth)
-      truth.omega_m +=
-          (truth.t_ns < 600000000 ? ripple : 0.1 * ripple) * std::sin(3 * truth.theta_m);
-    return log;
-  };
-  const double omega_m_at_30rpm = 30 * kTwoPi / 60, omega_m_at_50rpm = 50 * kTwoPi / 60;
-  const Json content =
-      content_of(page_of({run_at(omega_m_at_50rpm, 1), run_at(omega_m_at_30rpm, 2)}));
-  const Json& section = section_of(content, "Speed ripple of each compensation");
-  EXPECT_EQ(section["table"]["head"], Json({"compensation", "30 rpm", "50 rpm"}));
-  const Json& rows = section["table"]["rows"];
-  ASSERT_EQ(rows.size(), 2u);
-  EXPECT_EQ(rows[0], Json({"off", "1.414", "0.7071"}));
-  EXPECT_EQ(rows[1][0], "paper");
-  EXPECT_EQ(rows[1][1], "0.1414 (-20.0 dB)");
-  EXPECT_NEAR(std::stod(rows[1][2].get<std::string>()), 0.05 * std::sqrt(2), 1e-4);
-  ASSERT_EQ(section["figures"].size(), 3u) << "rms over the speed, and one turn at each speed";
-  EXPECT_EQ(section["figures"][0]["x"], Json({30, 50}));
-  EXPECT_EQ(section["figures"][0]["series"].size(), 2u);
-  expect_whole_figures(content);
-}
-
-// The same load, seen 0.035 rad (2.005 deg) later by the second run.
-TEST_F(Report, ComparesTheShapeOfTheLoadOverTheAngle) {
-  RunLog later = made_up_run();
-  for (std::size_t k = 0; k < later.estimate.size(); ++k) {
-    const double theta_m = later.truth[k].theta_m - 0.035;
-    later.estimate[k].T_load = 0.02 * std::sin(6 * theta_m) + 0.01 * std::sin(24 * theta_m);
-  }
-  const Json content = content_of(page_of({made_up_run(), later}));
-  const Json& rows = section_of(content, "over the angle")["table"]["rows"];
-  EXPECT_EQ(rows[0][1], "1.000");
-  const double plain = (4 * std::cos(6 * 0.035) + std::cos(24 * 0.035)) / 5;
-  EXPECT_NEAR(std::stod(rows[0][2].get<std::string>()), plain, 1e-3);
-  EXPECT_NE(rows[0][2].get<std::string>().find("1.000 turned by 2.0 deg"), std::string::npos)
-      << rows[0][2];
-}
-
-// A ripple beyond 20 % is no loss of synchronism if the angle is that of a sensor.
-TEST_F(Report, ALargeRippleIsUnevenAndNoLoss) {
-  RunLog log = made_up_run();
-  for (Truth& truth : log.truth) truth.omega_m += 30 * std::sin(3 * truth.theta_m);
-  const Json verdict = content_of(page_of({log}))["verdict"];
-  EXPECT_EQ(verdict["state"], "locked");
-  EXPECT_NE(verdict["headline"].get<std::string>().find("uneven"), std::string::npos);
 }
 
 TEST_F(Report, NamesATripBeforeAnyFigure) {

@@ -8,36 +8,11 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "tests/trace/synthetic_drive.hpp"
+#include "tests/trace/traced_drive.hpp"
 #include "trace/keys.hpp"
-#include "trace/shaft_search.hpp"
 
 namespace twinrate {
 namespace {
-
-TraceResult trace_of(const RawLog& raw) {
-  Health health;
-  const Record record = make_record(raw, 3, health);
-  return trace_record(record, servo(), health, {});
-}
-
-std::vector<std::string> kinds(const TraceResult& r) {
-  std::vector<std::string> list;
-  for (const TracedEffect& e : r.effects) list.emplace_back(e.effect->kind());
-  std::sort(list.begin(), list.end());
-  return list;
-}
-
-const TracedParameter& parameter(const TraceResult& r, std::string_view kind,
-                                 std::string_view name) {
-  for (const TracedEffect& e : r.effects)
-    if (e.effect->kind() == kind)
-      for (const TracedParameter& p : e.parameters)
-        if (p.name == name) return p;
-  throw std::logic_error("no such parameter");
-}
-
-using Names = std::vector<std::string>;
 
 TEST(Tracer, FindsNothingWhereNothingIsMissing) {
   for (std::uint64_t seed : {1, 2}) {
@@ -331,92 +306,6 @@ TEST(Tracer, CannotTellIfTheResidualIsAboveTheSensorNoise) {
       << r.sentence;
 }
 
-TEST(Tracer, FindsTheGapOfAStiffContact) {
-  LooseLoad load;
-  SyntheticDrive drive{.J = 8.8e-3 - load.J};
-  drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
-  const TraceResult r = trace_of(simulate_synthetic(drive));
-  ASSERT_EQ(kinds(r), (Names{"backlash"})) << r.sentence;
-  EXPECT_NEAR(parameter(r, "backlash", "gap").value, load.gap, 0.05 * load.gap);
-  EXPECT_NEAR(parameter(r, "backlash", "J_load").value, load.J, 0.05 * load.J);
-  EXPECT_NEAR(parameter(r, "backlash", "stiffness").value, load.K, 0.2 * load.K);
-}
-
-// The seam of two logs causes no ringing of the load.
-TEST(Tracer, FindsAShaftInTwoLogs) {
-  const auto log = [](std::uint64_t seed) {
-    LooseLoad load{.J = 2.5e-3, .K = 60, .D = 0.006, .gap = 0};
-    SyntheticDrive drive{.J = 8.8e-3 - load.J, .duration_s = 8, .seed = seed};
-    drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
-    Health health;
-    return make_record(simulate_synthetic(drive), 3, health);
-  };
-  Record both = log(1);
-  Record second = log(2);
-  for (double& theta_m : second.theta_m) theta_m += 3 * kTwoPi;
-  both.append(second);
-  const TraceResult r = trace_record(both, servo(), {}, {});
-  ASSERT_EQ(kinds(r), (Names{"torsion"})) << r.sentence;
-  // Both logs begin with a ring of the load that no row before them shows; it stands in rows that fit.
-  EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 60, 5);
-}
-
-TEST(Tracer, CorrectsADeclaredEffectThatIsTooLarge) {
-  SyntheticDrive drive;
-  drive.extra_load = [](double, double, double omega) { return 0.06 * std::tanh(omega / 0.02); };
-  Health health;
-  const Record record = make_record(simulate_synthetic(drive), 3, health);
-  DriveConfig declared = servo();
-  declared.machine.B = 0.008;
-  const auto friction = make_effect("coulomb_friction");
-  set_key(*friction, "torque_Nm", 0.15);
-  declared.effects.push_back({friction, UsedIn::kModel, 0});
-  const TraceResult r = trace_record(record, declared, health, {});
-  ASSERT_EQ(kinds(r), (Names{"coulomb_friction", "viscous_friction"})) << r.sentence;
-  EXPECT_NEAR(parameter(r, "coulomb_friction", "torque").value, -0.09, 0.002);
-  EXPECT_NEAR(parameter(r, "viscous_friction", "coefficient").value, -0.005, 1e-4);
-  EXPECT_EQ(r.sentence.find("The model has too much"), 0u) << r.sentence;
-  EXPECT_EQ(r.sentence.find("lacks"), std::string::npos) << r.sentence;
-}
-
-// No gap fits with the declared inertia.
-TEST(Tracer, FindsAGapBesideAWrongInertia) {
-  LooseLoad load;
-  constexpr double kMore = 2.5e-3;  // kgm2 at the motor
-  SyntheticDrive drive{.J = 8.8e-3 - load.J + kMore};
-  drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
-  const TraceResult r = trace_of(simulate_synthetic(drive));
-  ASSERT_EQ(kinds(r), (Names{"backlash", "inertia"})) << r.sentence;
-  EXPECT_NEAR(parameter(r, "backlash", "gap").value, load.gap, 0.15 * load.gap);
-  EXPECT_NEAR(parameter(r, "backlash", "J_load").value, load.J, 0.2 * load.J);
-  EXPECT_NEAR(parameter(r, "inertia", "change").value, kMore, 0.12 * kMore);
-}
-
-// With the true shaft, the true inertia has the smallest residual.
-
-TEST(ShaftSearch, FindsTheInertiaThatIsMissingBesideAShaft) {
-  for (const double more : {2e-3, -2e-3}) {  // kgm2 at the motor
-    LooseLoad load;
-    SyntheticDrive drive{.J = 8.8e-3 - load.J + more, .duration_s = 3};
-    drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
-    Health health;
-    const Record record = make_record(simulate_synthetic(drive), 3, health);
-    const Equations equations(record, servo().facts());
-    const Sampler sampler(record, moving_rows(record), held_out_rows(record, 0.25, 3));
-    const Chain chain(equations, equations, equations, sampler);
-    const auto gap = make_effect("backlash");
-    set_key(*gap, "J_load_kgm2", load.J);
-    set_key(*gap, "gap_rad", load.gap);
-    set_key(*gap, "stiffness_Nm_rad", load.K);
-    set_key(*gap, "damping_Nms_rad", load.D);
-    const auto found = ShaftSearch(chain, {}, ShaftSearch::Inertia::kFree).at(gap);
-    const auto known = ShaftSearch(chain, {}, ShaftSearch::Inertia::kKnown).at(gap);
-    EXPECT_NEAR(found.inertia, more, 0.1 * std::abs(more));
-    EXPECT_EQ(known.inertia, 0);
-    EXPECT_LT(found.error, 0.8 * known.error);
-  }
-}
-
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
   SyntheticDrive drive{.duration_s = 3};
   drive.extra_load = [](double t, double, double) {
@@ -484,88 +373,6 @@ TEST(Tracer, AMotorAtRestCannotTell) {
   EXPECT_TRUE(r.effects.empty()) << r.sentence;
   EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
   EXPECT_NE(r.sentence.find("annot tell"), std::string::npos) << r.sentence;
-}
-
-using Columns = std::vector<std::vector<double>*>;
-
-Columns columns_of(RawLog& raw) {
-  return {&raw.t,      &raw.i_a,     &raw.i_b,  &raw.i_c,   &raw.u_alpha,
-          &raw.u_beta, &raw.theta_m, &raw.v_dc, &raw.T_load};
-}
-
-// One row of 83 is lost.
-RawLog lossy_log(RawLog raw) {
-  for (std::vector<double>* column : columns_of(raw)) {
-    std::size_t row = 0;
-    std::erase_if(*column, [&](double) { return row++ % 83 == 7; });
-  }
-  return raw;
-}
-
-TEST(Tracer, FindsLostAndRepeatedRowsInTheSamples) {
-  RawLog raw = simulate_synthetic({});
-  const RawLog lossy = lossy_log(raw);
-  Health health;
-  make_record(lossy, 3, health);
-  EXPECT_NEAR(health.missing_share, 1.0 / 83, 5e-4);
-  EXPECT_LT(health.stale_share, 1e-4);
-  for (std::vector<double>* column : columns_of(raw))
-    if (column != &raw.t)
-      for (std::size_t k = 50; k < column->size(); k += 50) (*column)[k] = (*column)[k - 1];
-  Health repeated;
-  make_record(raw, 3, repeated);
-  EXPECT_NEAR(repeated.stale_share, 1.0 / 50, 1e-3);
-  EXPECT_EQ(repeated.missing_share, 0);
-}
-
-TEST(Tracer, LostRowsAreTheOnlyFindingWhereTheModelHoldsBesideThem) {
-  const TraceResult r = trace_of(lossy_log(simulate_synthetic({.duration_s = 4})));
-  EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
-  EXPECT_EQ(r.verdict, "traced") << r.sentence;
-}
-
-// The coarse angle drowns the torque: of the model this log says no more than that rows are lost.
-TEST(Tracer, LostRowsAreNoTraceWhereTheModelPredictsNoBetterThanNoChange) {
-  RawLog raw = lossy_log(simulate_synthetic({.duration_s = 4, .slow = true, .counts = 1024}));
-  raw.u_alpha.clear();
-  raw.u_beta.clear();
-  const TraceResult r = trace_of(raw);
-  EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
-  ASSERT_TRUE(r.mechanical) << r.sentence;
-  EXPECT_NEAR(r.mechanical->after.held_out / r.mechanical->no_change, 1, 0.02);
-  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
-  EXPECT_TRUE(r.sentence.starts_with("Cannot tell")) << r.sentence;
-}
-
-TEST(Tracer, LostRowsAreNoTraceWhereMoreThanNoiseIsLeft) {
-  SyntheticDrive drive{.duration_s = 4};
-  drive.extra_load = [](double t, double, double) {
-    return 0.15 * normal(5, 1, static_cast<std::uint64_t>(1000 * t));
-  };
-  const TraceResult r = trace_of(lossy_log(simulate_synthetic(drive)));
-  EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
-  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
-}
-
-TEST(Tracer, AClippedCurrentIsNotACoarseOne) {
-  RawLog raw = simulate_synthetic({});
-  Health whole;
-  make_record(raw, 3, whole);
-  EXPECT_EQ(whole.i_limit, 0);
-  EXPECT_NEAR(whole.i_lsb, 0.009765625, 1e-6);
-  for (std::vector<double>* c : {&raw.i_a, &raw.i_b})
-    for (double& i : *c) i = std::clamp(i, -0.9, 0.9);
-  Health clipped;
-  make_record(raw, 3, clipped);
-  EXPECT_NEAR(clipped.i_limit, 0.9, 1e-9);
-  EXPECT_GT(clipped.clipped_share, 0.05);
-  RawLog coarse = simulate_synthetic({.lsb = 0.2});
-  Health stepped;
-  make_record(coarse, 3, stepped);
-  EXPECT_EQ(stepped.i_limit, 0);
-  EXPECT_NEAR(stepped.i_lsb, 0.2, 1e-6);
-  EXPECT_TRUE(stepped.coarse(7));
-  EXPECT_FALSE(whole.coarse(7));
 }
 
 }  // namespace
