@@ -159,6 +159,7 @@ struct Server::Impl {
   void allow_hosts();
   std::string refusal(const httplib::Request& request) const;
   void add_pages();
+  void set_up();
   void add_stream();
 };
 
@@ -242,33 +243,30 @@ void Server::Impl::add_stream() {
   });
 }
 
-Server::Server(Api& api, const std::string& address, int port)
-    : impl_(std::make_unique<Impl>(api)) {
-  Impl& s = *impl_;
-  s.address = address;
-  if (address != "127.0.0.1" && address != "localhost") s.token = new_token();
-  s.http.new_task_queue = [] { return new LimitedPool; };
+// Limits, headers, refused requests and errors.
+void Server::Impl::set_up() {
+  http.new_task_queue = [] { return new LimitedPool; };
   // Not SO_REUSEPORT, the library's default: a port has one server.
-  s.http.set_socket_options([](socket_t socket) {
+  http.set_socket_options([](socket_t socket) {
     const int yes = 1;
     ::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
   });
-  s.http.set_payload_max_length(kMostBodyBytes);
-  s.http.set_default_headers({{"X-Content-Type-Options", "nosniff"},
-                              {"X-Frame-Options", "DENY"},
-                              {"Referrer-Policy", "no-referrer"},
-                              {"Content-Security-Policy",
-                               "default-src 'self'; img-src 'self' blob: data:; "
-                               "style-src 'self' 'unsafe-inline'"}});
-  s.http.set_pre_routing_handler(
-      [&s](const httplib::Request& request, httplib::Response& response) {
-        const std::string why = s.refusal(request);
+  http.set_payload_max_length(kMostBodyBytes);
+  http.set_default_headers({{"X-Content-Type-Options", "nosniff"},
+                            {"X-Frame-Options", "DENY"},
+                            {"Referrer-Policy", "no-referrer"},
+                            {"Content-Security-Policy",
+                             "default-src 'self'; img-src 'self' blob: data:; "
+                             "style-src 'self' 'unsafe-inline'"}});
+  http.set_pre_routing_handler(
+      [this](const httplib::Request& request, httplib::Response& response) {
+        const std::string why = refusal(request);
         if (why.empty()) return httplib::Server::HandlerResponse::Unhandled;
         response.status = 403;
         response.set_content(why, "text/plain");
         return httplib::Server::HandlerResponse::Handled;
       });
-  s.http.set_exception_handler(
+  http.set_exception_handler(
       [](const httplib::Request&, httplib::Response& response, const std::exception_ptr& thrown) {
         response.status = 500;
         try {
@@ -280,6 +278,14 @@ Server::Server(Api& api, const std::string& address, int port)
           response.set_content(std::string(error.what()) + "\n", "text/plain");
         }
       });
+}
+
+Server::Server(Api& api, const std::string& address, int port)
+    : impl_(std::make_unique<Impl>(api)) {
+  Impl& s = *impl_;
+  s.address = address;
+  if (address != "127.0.0.1" && address != "localhost") s.token = new_token();
+  s.set_up();
   s.add_stream();
   s.add_pages();
   s.port = port == 0 ? s.http.bind_to_any_port(address) : port;

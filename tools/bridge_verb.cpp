@@ -125,57 +125,75 @@ struct Spread {
   }
 };
 
-// Question and answer again and again, for `for_s`: what the lease has to bridge.
-void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, double for_s,
-                         bool json) {
-  constexpr int kMost = 1000;  // p99.9 is the second largest of them
-  constexpr double kPatience_ms = 100;
-  if (talk.protocol().hello(false).empty()) {
-    if (!json) fmt::print("  round trip     not asked: a drive that only sends\n");
-    return;
-  }
-  Spread trips;
+constexpr int kMostTrips = 1000;  // p99.9 is the second largest of them
+constexpr double kPatience_ms = 100;
+
+struct RoundTrips {
+  Spread spread;
   int asked = 0;
-  for (const std::int64_t begun = now_ns();
-       asked < kMost && !stop_signalled() && 1e-9 * static_cast<double>(now_ns() - begun) < for_s;
-       ++asked) {
-    if (const auto us = talk.round_trip_us(kPatience_ms)) trips.late_us.push_back(*us);
+  int unanswered() const { return asked - static_cast<int>(spread.late_us.size()); }
+  bool none() const { return spread.late_us.empty(); }
+};
+
+// Question and answer again and again, for `for_s`: the delay that the lease has to bridge.
+RoundTrips ask_round_trips(Conversation& talk, double for_s) {
+  RoundTrips trips;
+  for (const std::int64_t begun = now_ns(); trips.asked < kMostTrips && !stop_signalled() &&
+                                            1e-9 * static_cast<double>(now_ns() - begun) < for_s;
+       ++trips.asked) {
+    if (const auto us = talk.round_trip_us(kPatience_ms)) trips.spread.late_us.push_back(*us);
     while (talk.next()) {  // the samples meanwhile are not those that watch() counts
     }
   }
-  const int unanswered = asked - static_cast<int>(trips.late_us.size());
-  if (json) {
-    const auto at = [&](double share) {
-      return trips.late_us.empty() ? Json(nullptr) : Json(trips.at(share));
-    };
-    print_line({{"event", "round_trip"},
-                {"asked", asked},
-                {"not_answered", unanswered},
-                {"p50_us", at(0.5)},
-                {"p99_us", at(0.99)},
-                {"p999_us", asked < kMost ? Json(nullptr) : at(0.999)}});
-    if (!trips.late_us.empty()) talk.greet(false, 2);  // the last one may be lost
-    return;
-  }
-  if (trips.late_us.empty()) {
-    fmt::print("  round trip     none of {} questions answered within {:g} ms\n", asked,
-               kPatience_ms);
-    return;
-  }
-  const double p999_ms = 1e-3 * trips.at(0.999);
-  fmt::print(
-      "  round trip     {:.0f} us p50, {:.0f} us p99, {:.0f} us p99.9; {} of {} not answered\n",
-      trips.at(0.5), trips.at(0.99), 1e3 * p999_ms, unanswered, asked);
-  talk.greet(false, 2);  // the last one may be lost
-  if (!talk.protocol().info()->watchdog) return;
+  return trips;
+}
+
+Json to_json(RoundTrips& trips) {
+  const auto at = [&](double share) {
+    return trips.none() ? Json(nullptr) : Json(trips.spread.at(share));
+  };
+  return {{"event", "round_trip"},
+          {"asked", trips.asked},
+          {"not_answered", trips.unanswered()},
+          {"p50_us", at(0.5)},
+          {"p99_us", at(0.99)},
+          {"p999_us", trips.asked < kMostTrips ? Json(nullptr) : at(0.999)}};
+}
+
+void print_lease(const BridgeParameters& bridge, const RoundTrips& trips, double p999_ms) {
   const double least_ms = BridgeParameters::kLeaseRoundTrips * p999_ms;
-  if (asked < kMost)
-    fmt::print("  lease          not judged: {} round trips are too few for a p99.9\n", asked);
+  if (trips.asked < kMostTrips)
+    fmt::print("  lease          not judged: {} round trips are too few for a p99.9\n",
+               trips.asked);
   else
     fmt::print(
         "  lease          bridge.lease_ms = {:g} is {} three times the p99.9 ({:.2g} ms){}\n",
         bridge.lease_ms, bridge.lease_ms < least_ms ? "below" : "above", least_ms,
         bridge.lease_ms < least_ms ? ": too short for this link" : "");
+}
+
+void measure_round_trips(Conversation& talk, const BridgeParameters& bridge, double for_s,
+                         bool json) {
+  if (talk.protocol().hello(false).empty()) {
+    if (!json) fmt::print("  round trip     not asked: a drive that only sends\n");
+    return;
+  }
+  RoundTrips trips = ask_round_trips(talk, for_s);
+  if (json) print_line(to_json(trips));
+  if (trips.none()) {
+    if (!json)
+      fmt::print("  round trip     none of {} questions answered within {:g} ms\n", trips.asked,
+                 kPatience_ms);
+    return;
+  }
+  const double p999_ms = 1e-3 * trips.spread.at(0.999);
+  if (!json)
+    fmt::print(
+        "  round trip     {:.0f} us p50, {:.0f} us p99, {:.0f} us p99.9; {} of {} not answered\n",
+        trips.spread.at(0.5), trips.spread.at(0.99), 1e3 * p999_ms, trips.unanswered(),
+        trips.asked);
+  talk.greet(false, 2);  // the last one may be lost
+  if (!json && talk.protocol().info()->watchdog) print_lease(bridge, trips, p999_ms);
 }
 
 // Listens for a while: rate, faults, clock, spread of the arrivals.
@@ -251,8 +269,8 @@ void add_bridge_verb(CLI::App& app, int& exit_code) {
   auto o = std::make_shared<BridgeOptions>();
   CLI::App* verb = app.add_subcommand("bridge", "Probe, shadow or drive a real drive on its line");
   verb->require_subcommand(1);
-  CLI::App* probe_verb =
-      verb->add_subcommand("probe", "Show who is on the line and how it behaves");
+  CLI::App* probe_verb = verb->add_subcommand(
+      "probe", "Show the drive on the line: name, rate, round trip, bad frames");
   add_common(probe_verb, *o);
   probe_verb->add_option("--for", o->for_s, "listen for this time, s")
       ->check(CLI::Range(0.1, 3600.0));

@@ -99,63 +99,76 @@ void add_options(CLI::App& verb, SweepOptions& o) {
   verb.add_flag("--json", o.json, "print progress as JSON lines");
 }
 
-}  // namespace
-
-void add_sweep_verb(CLI::App& app, int& exit_code) {
-  CLI::App* verb = app.add_subcommand(
-      "sweep", "Find the slowest gain update rate f_bmin that keeps synchronism");
-  verb->require_subcommand(1);
+void add_fb(CLI::App& sweep, int& exit_code) {
   auto o = std::make_shared<SweepOptions>();
-  CLI::App* fb = verb->add_subcommand(
+  CLI::App* verb = sweep.add_subcommand(
       "fb", "Find f_bmin against f_e; write points.csv, fbmin.csv, why.csv, figure.svg");
-  add_options(*fb, *o);
-  fb->callback([o, &exit_code] { exit_code = sweep_fb(*o); });
-  CLI::App* merge_verb =
-      verb->add_subcommand("merge", "Merge the shards of one sweep into one result");
+  add_options(*verb, *o);
+  verb->callback([o, &exit_code] { exit_code = sweep_fb(*o); });
+}
+
+void add_merge(CLI::App& sweep) {
+  CLI::App* verb = sweep.add_subcommand("merge", "Merge the shards of one sweep into one result");
   auto directories = std::make_shared<std::vector<std::string>>();
   auto out = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
-  merge_verb->add_option("DIR", *directories, "read the shards of these directories")->required();
-  merge_verb->add_option("--out", *out,
-                         "write the result into this directory (default: the first DIR)");
-  merge_verb->add_flag("--json", *json, "print no table");
+  verb->add_option("DIR", *directories, "read the shards of these directories")->required();
+  verb->add_option("--out", *out, "write the result into this directory (default: the first DIR)");
+  verb->add_flag("--json", *json, "print no table");
   auto force = std::make_shared<bool>(false);
-  merge_verb->add_flag("--force", *force, "replace the sweep that --out holds");
-  CLI::App* figure = verb->add_subcommand(
+  verb->add_flag("--force", *force, "replace the sweep that --out holds");
+  verb->callback([=] { merge(*directories, *out, *json, *force); });
+}
+
+void add_figure(CLI::App& sweep) {
+  CLI::App* verb = sweep.add_subcommand(
       "figure", "Draw the sweeps of several filters of one drive into one figure");
   auto sweeps = std::make_shared<std::vector<std::string>>();
   auto svg = std::make_shared<std::string>();
-  figure->add_option("DIR", *sweeps, "read the results of sweep fb in these directories")
-      ->required();
-  figure->add_option("--out", *svg, "write this SVG file")->required();
-  figure->callback([=] { write_figure_of(*sweeps, *svg); });
-  CLI::App* cost =
-      verb->add_subcommand("cost", "Print the processor load against f_b (Dilys 2021, Table 4)");
+  verb->add_option("DIR", *sweeps, "read the results of sweep fb in these directories")->required();
+  verb->add_option("--out", *svg, "write this SVG file")->required();
+  verb->callback([=] { write_figure_of(*sweeps, *svg); });
+}
+
+void add_cost(CLI::App& sweep) {
+  CLI::App* verb =
+      sweep.add_subcommand("cost", "Print the processor load against f_b (Dilys 2021, Table 4)");
   auto halves = std::make_shared<Halves>();
   auto f_s_Hz = std::make_shared<double>(5000), a_turn = std::make_shared<double>(7);
   auto f_b_Hz =
       std::make_shared<std::vector<double>>(std::vector<double>{5000, 2500, 1250, 1000, 500, 50});
-  cost->add_option("--fast-s", halves->fast_s, "set the time of one fast step, s (default 6.1e-6)")
+  verb->add_option("--fast-s", halves->fast_s, "set the time of one fast step, s (default 6.1e-6)")
       ->check(above_zero());
-  cost->add_option("--background-s", halves->background_s,
+  verb->add_option("--background-s", halves->background_s,
                    "set the time of one background step, s (default 31.6e-6)")
       ->check(above_zero());
-  cost->add_option("--f-s-hz", *f_s_Hz, "set the control rate f_s, Hz (default 5000)")
+  verb->add_option("--f-s-hz", *f_s_Hz, "set the control rate f_s, Hz (default 5000)")
       ->check(above_zero());
-  cost->add_option("--f-b-hz", *f_b_Hz, "set the background rates f_b, Hz, separated by commas")
+  verb->add_option("--f-b-hz", *f_b_Hz, "set the background rates f_b, Hz, separated by commas")
       ->delimiter(',')
       ->check(above_zero());
-  cost->add_option("--gains-a-turn", *a_turn,
+  verb->add_option("--gains-a-turn", *a_turn,
                    "set the gain updates per electrical turn that the policy needs (default 7)")
       ->check(above_zero());
-  cost->callback([=] {
+  verb->callback([=] {
     const std::string results = data_directory() + "/bench/results/";
     const auto host = read_counts(results + "instructions.json");
     const auto cortex = read_cortex_counts(results + "cortex_m3.json");
     fmt::print("{}", cost_table(*halves, cortex ? cortex : host, *f_s_Hz, *f_b_Hz, *a_turn));
     if (cortex && host) fmt::print("{}", propagated_table(*host, *f_s_Hz));
   });
-  merge_verb->callback([=] { merge(*directories, *out, *json, *force); });
+}
+
+}  // namespace
+
+void add_sweep_verb(CLI::App& app, int& exit_code) {
+  CLI::App* verb = app.add_subcommand(
+      "sweep", "Find the slowest gain update rate f_bmin that keeps synchronism");
+  verb->require_subcommand(1);
+  add_fb(*verb, exit_code);
+  add_merge(*verb);
+  add_figure(*verb);
+  add_cost(*verb);
 }
 
 }  // namespace twinrate
