@@ -17,6 +17,7 @@ constexpr double kActivity = 0.25;
 // than so many rows: the low-pass and the whitening lose some fifty at each of its ends. (Two seconds of 10 kHz
 // in blocks of 21 ms no longer showed a resistance, a friction that begins, or one law of several.)
 constexpr double kShortest = 4, kFewestRows = 250;
+constexpr double kFair = 2;
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 // Squares of what the drive does in each row: of its acceleration and of its currents.
@@ -61,7 +62,8 @@ struct Activity {
 using SetOf = std::function<std::size_t(std::size_t row)>;  // kNone: of no set
 
 // The set that sees the most even part of what the drive does.
-std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set_of) {
+std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set_of,
+                      double* uneven = nullptr) {
   Activity sum(sets + 1);  // the last one: of no set
   for (std::size_t k = 0; k < squares.motion.size(); ++k) {
     const std::size_t set = std::min(set_of(k), sets);
@@ -73,12 +75,25 @@ std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set
   std::size_t best = 0;
   for (std::size_t set = 1; set < sets; ++set)
     if (sum.uneven(set) < sum.uneven(best)) best = set;
+  if (uneven) *uneven = sum.uneven(best);
   return best;
 }
 
 // Of each row that is asked for, its block of so many, in order of time; kNone: of no block.
-std::vector<std::size_t> cut(const Squares& squares, const std::vector<char>& left_out,
-                             int blocks) {
+std::vector<std::size_t> even_blocks(std::size_t rows, const std::vector<char>& left_out,
+                                     int blocks) {
+  const auto asked = [&](std::size_t k) { return left_out.empty() || !left_out[k]; };
+  std::size_t count = 0, rank = 0;
+  for (std::size_t k = 0; k < rows; ++k) count += asked(k);
+  std::vector<std::size_t> block(rows, kNone);
+  for (std::size_t k = 0; k < rows; ++k)
+    if (asked(k)) block[k] = static_cast<std::size_t>(blocks) * rank++ / count;
+  return block;
+}
+
+// The same, of equal sums of the rows' weights.
+std::vector<std::size_t> active_blocks(const Squares& squares, const std::vector<char>& left_out,
+                                       int blocks) {
   const std::size_t n = squares.motion.size();
   const auto asked = [&](std::size_t k) { return left_out.empty() || !left_out[k]; };
   double rows = 0, motion = 1e-300, current = 1e-300;
@@ -101,6 +116,22 @@ std::vector<std::size_t> cut(const Squares& squares, const std::vector<char>& le
   return block;
 }
 
+// Whether a fourth of even blocks sees its share of what the drive does, to a factor of kFair.
+bool does_the_same_throughout(const Squares& squares) {
+  constexpr std::size_t kSets = 4;
+  const std::vector<std::size_t> block = even_blocks(squares.motion.size(), {}, kBlocks);
+  double uneven = 0;
+  most_even(
+      squares, kSets, [&](std::size_t k) { return block[k] % kSets; }, &uneven);
+  return uneven < std::log(kFair);
+}
+
+std::vector<std::size_t> blocks_of(const Squares& squares, const std::vector<char>& left_out,
+                                   int blocks) {
+  return does_the_same_throughout(squares) ? even_blocks(squares.motion.size(), left_out, blocks)
+                                           : active_blocks(squares, left_out, blocks);
+}
+
 // Blocks into which the rows that do not judge fall: those of the record where blocks judge, else
 // where whole files do as many as a record has.
 int blocks_left(const std::vector<char>& judging, std::size_t left) {
@@ -116,7 +147,7 @@ int blocks_left(const std::vector<char>& judging, std::size_t left) {
 }  // namespace
 
 std::vector<std::size_t> blocks_of_rows(const Record& record, int n_p) {
-  return cut(Squares(record, n_p), {}, kBlocks);
+  return blocks_of(Squares(record, n_p), {}, kBlocks);
 }
 
 std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
@@ -124,7 +155,7 @@ std::vector<char> held_out_rows(const Record& record, double share, int n_p) {
   if (share <= 0) return held;
   const auto every = static_cast<std::size_t>(std::max(2L, std::lround(1 / share)));
   const Squares squares(record, n_p);
-  const std::vector<std::size_t> block = cut(squares, {}, kBlocks);
+  const std::vector<std::size_t> block = blocks_of(squares, {}, kBlocks);
   const auto set_of = [&](std::size_t k) { return block[k] % every; };
   const std::size_t best = most_even(squares, every, set_of);
   for (std::size_t k = 0; k < held.size(); ++k) held[k] = set_of(k) == best;
@@ -144,7 +175,7 @@ std::vector<char> choosing_rows(const Record& record, const std::vector<char>& j
       if (std::size_t& own = set_of_block[static_cast<std::size_t>(std::lround(at))]; own == kNone)
         own = set;
   const Squares squares(record, n_p);
-  const std::vector<std::size_t> block = cut(squares, judging, blocks);
+  const std::vector<std::size_t> block = blocks_of(squares, judging, blocks);
   const auto set_of = [&](std::size_t k) {
     return block[k] == kNone ? kNone : set_of_block[block[k]];
   };

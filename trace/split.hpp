@@ -4,8 +4,9 @@
 // was fitted) and 6 judge. Rows that judge enter no fit, no placing, no choice and no noise model:
 // only the gate (trace/gate.hpp) and the reported errors read them.
 //
-// Two thirds of a row's weight in a block are its time, a sixth the square of the acceleration and a
-// sixth that of the current in it: a start of a quarter of a second in six is in several blocks. No
+// The blocks are even where a fourth of them sees its share of what the drive does, to a factor of
+// two. Elsewhere (a start of a quarter of a second in six) two thirds of a row's weight in a block
+// are its time, a sixth the square of the acceleration and a sixth that of the current in it; no
 // block is shorter than a quarter of an even one, or than 250 rows.
 #pragma once
 #include <string>

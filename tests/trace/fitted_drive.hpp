@@ -22,13 +22,6 @@ inline std::vector<std::string> kinds_of(const Members& members) {
   return list;
 }
 
-// Every fourth of 24 even blocks of so many rows.
-inline std::vector<char> even_blocks(std::size_t rows) {
-  std::vector<char> held(rows);
-  for (std::size_t k = 0; k < rows; ++k) held[k] = 24 * k / rows % 4 == 0;
-  return held;
-}
-
 class FittedDrive {
  public:
   // The residual with `truth` is noise. `held_out`: for each row; empty: the blocks of the tracer.

@@ -130,11 +130,12 @@ TEST(Selection, AStepIsMovedBeforeTheNewCandidateIsRejected) {
   const auto step_at = [kTorque](double time_s) {
     return effect_with("load_step", {{"torque_Nm", kTorque}, {"time_s", time_s}});
   };
-  const RawLog raw = simulate_synthetic(
-      {.J = SyntheticDrive{}.J + kChange,
-       .duration_s = 4,
-       .extra_load = [=](double t, double, double) { return t >= kTime ? kTorque : 0.0; }});
-  const FittedDrive drive(raw, {inertia, step_at(kTime)}, even_blocks(raw.size()));
+  const FittedDrive drive(
+      simulate_synthetic(
+          {.J = SyntheticDrive{}.J + kChange,
+           .duration_s = 4,
+           .extra_load = [=](double t, double, double) { return t >= kTime ? kTorque : 0.0; }}),
+      {inertia, step_at(kTime)});
   const Fitter fitter = drive.fitter();
   std::vector<Sampled> columns = drive.chain().columns(*inertia);
   for (Sampled& x : columns) x = drive.chain().regressor(x);

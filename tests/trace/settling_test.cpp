@@ -11,7 +11,7 @@ using Names = std::vector<std::string>;
 
 // `truth`: effects of the drive; `chosen`: effects selected.
 Members settled(const RawLog& raw, const Members& truth, const Members& chosen) {
-  const FittedDrive drive(raw, truth, even_blocks(raw.size()));
+  const FittedDrive drive(raw, truth);
   const Fitter fitter = drive.fitter();
   return settle(fitter, fitter.refine(chosen, Fitter::Until::kArrived), {}).fit.members;
 }

@@ -38,7 +38,7 @@ double share(const std::vector<char>& rows, std::size_t first, std::size_t end) 
 
 TEST(Split, AShortStartIsFittedAndChosenAndJudged) {
   constexpr std::size_t kLasts = kTicks / 24;  // of a start in 6 s: 0.25 s
-  for (const std::size_t first : {0UL, 4000UL, 12345UL, 22000UL}) {
+  for (const std::size_t first : {0UL, 4000UL, 9100UL, 22000UL}) {
     const auto starts = [=](std::size_t k) { return k >= first && k < first + kLasts; };
     double omega_m = 0;
     const Record record =
@@ -78,6 +78,15 @@ TEST(Split, SomeOfTheCurrentAlongDIsFittedWhereverItFlows) {
     const std::size_t first = part * kTicks / 24, end = (part + 1) * kTicks / 24;
     EXPECT_LT(share(judges, first, end) + share(chooses, first, end), 0.7) << part;
   }
+}
+
+// As long as a fourth of them sees a fair part of it.
+TEST(Split, BlocksOfADriveThatMovesThroughoutAreEven) {
+  const Record record =
+      moving([](std::size_t k) { return Vec2(0, 2 + std::sin(3e-3 * static_cast<double>(k))); },
+             [](std::size_t k) { return 60 * std::sin(2e-3 * static_cast<double>(k)); });
+  const std::vector<std::size_t> block = blocks_of_rows(record, kPolePairs);
+  for (std::size_t k = 0; k < kTicks; ++k) ASSERT_EQ(block[k], 24 * k / kTicks) << k;
 }
 
 }  // namespace
