@@ -22,10 +22,10 @@ constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 // Squares of what the drive does in each row: of its acceleration and of its currents.
 struct Squares {
+  static constexpr std::size_t kReach = 20;  // rows on each side, without which one has none
   std::vector<double> motion, current, i_d;
   Squares(const Record& record, int n_p)
       : motion(record.size(), 0), current(record.size(), 0), i_d(record.size(), 0) {
-    constexpr std::size_t kReach = 20;  // rows
     for (std::size_t k = kReach; k + kReach < record.size(); ++k) {
       const double bend =
           record.theta_m[k + kReach] - 2 * record.theta_m[k] + record.theta_m[k - kReach];
@@ -65,7 +65,7 @@ using SetOf = std::function<std::size_t(std::size_t row)>;  // kNone: of no set
 std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set_of,
                       double* uneven = nullptr) {
   Activity sum(sets + 1);  // the last one: of no set
-  for (std::size_t k = 0; k < squares.motion.size(); ++k) {
+  for (std::size_t k = Squares::kReach; k + Squares::kReach < squares.motion.size(); ++k) {
     const std::size_t set = std::min(set_of(k), sets);
     ++sum.rows[set];
     sum.motion[set] += squares.motion[k];
