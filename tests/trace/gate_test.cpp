@@ -323,7 +323,18 @@ TEST(Transfer, AFallThatTheAnglesNoiseWouldMakeAloneIsNoInertia) {
 TEST(Transfer, AChangeOfTheControllersAnswerToNoiseIsNoClaim) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 5;
   for (const auto& [times, rule] : {std::pair(40.0, ""), std::pair(20.0, "sensors")}) {
+    votes.change_over_noise = times;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << times;
+  }
+}
+
+TEST(Transfer, WhereNoiseMayBeAllAClaimIsFurtherBeyondTheControllersAnswer) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 1.4;
+  for (const auto& [times, rule] : {std::pair(120.0, ""), std::pair(70.0, "sensors")}) {
     votes.change_over_noise = times;
     EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << times;
   }
