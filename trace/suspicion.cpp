@@ -1,5 +1,6 @@
 #include "trace/suspicion.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -220,6 +221,7 @@ std::optional<std::size_t> suspicious_row(const Record& whole, const DriveConfig
   Chain chain(equations, equations, equations, sampler);
   const Sampled left = chain.residual(found);
   std::vector<std::size_t> thin_seams;
+  thin_seams.reserve(seams.size());
   for (const std::size_t seam : seams) thin_seams.push_back(seam * record.size() / whole.size());
   const std::vector<std::size_t> edges = edges_of(record.size(), thin_seams);
   NoiseModel noise;
