@@ -1,5 +1,8 @@
 #include "plant_sim/cpu_witness.hpp"
 
+#include <sched.h>
+
+#include <algorithm>
 #include <chrono>
 
 #include "core/process.hpp"
@@ -19,7 +22,10 @@ CpuWitness::~CpuWitness() {
 
 void CpuWitness::note(int cpu, int priority) {
   pin_to_cpu(cpu);
-  take_fifo(priority);
+  sched_param param{};
+  if (has_realtime_policy()) sched_getparam(0, &param);  // started with one (chrt), as the watched
+  param.sched_priority = std::max(priority, param.sched_priority) + 1;
+  if (param.sched_priority > 1) sched_setscheduler(0, SCHED_FIFO, &param);
   while (!ends_) {
     noted_ns_ = host_now_ns();
     std::this_thread::sleep_for(std::chrono::nanoseconds(StoodTime::kPeriod_ns));

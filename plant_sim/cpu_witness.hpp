@@ -3,8 +3,8 @@
 //   it is late by more than kSlack_ns     the CPU stood, or gave its time to others, from the missed
 //                                         wake-up on
 //
-// A supervisor that is silent then may be healthy: nobody on its CPU could have sent. One that hangs
-// or is stopped leaves its CPU awake. kSlack_ns is above what a busy machine delays a wake-up by
+// A supervisor that is silent then may be healthy: nobody on its CPU could have sent. One that is
+// stopped, waits or spins leaves the CPU to the thread. kSlack_ns is above what a busy machine delays a wake-up by
 // (1 to 8 ms were seen with the normal scheduler) and below the 65 ms between a heartbeat that is due
 // and safety.supervisor_ms.
 #pragma once
@@ -48,8 +48,8 @@ class AwakeSilence {
 
 class CpuWitness {
  public:
-  // With SCHED_FIFO at `priority`, as the process it stands for; 0, or where that is refused: as this
-  // thread.
+  // `priority`: of the watched process (SCHED_FIFO; 0: the normal scheduler). The thread has one more:
+  // a watched process that spins keeps its CPU from nobody above it, and is found silent.
   CpuWitness(int cpu, int priority);
   ~CpuWitness();
   CpuWitness(const CpuWitness&) = delete;

@@ -117,8 +117,10 @@ class RealtimePlant {
     if (stood_before_s > kTold_s && silence_.stood_s() < kTold_s)  // a heartbeat came
       p_.event(
           Reason::kOverrun, k,
-          fmt::format("CPU {} ran nobody of this set for {:.0f} ms: no silence of the supervisor",
-                      p_.options().helper_cpu, 1e3 * stood_before_s));
+          fmt::format(
+              "CPU {} ran no process of this set for {:.0f} ms; this is not counted as silence of "
+              "the supervisor",
+              p_.options().helper_cpu, 1e3 * stood_before_s));
   }
   void report_late_command(std::int64_t k) {
     ++p_.status().late_commands;

@@ -2,13 +2,18 @@
 #include "plant_sim/plant_clock.hpp"
 
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include <algorithm>
+#include <chrono>
 #include <deque>
 #include <limits>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "core/process.hpp"
+#include "core/signals_io.hpp"
 #include "plant_sim/cpu_witness.hpp"
 #include "plant_sim/plant.hpp"
 #include "tests/support/drives.hpp"
@@ -147,6 +152,36 @@ TEST(AwakeSilence, IsThatOfAnAwakeCpuAlsoWhereTheListenerStalls) {
   EXPECT_DOUBLE_EQ(silence.take(0.240, 0), 0.115) << "the CPU is awake again, and it is silent";
   EXPECT_DOUBLE_EQ(silence.take(0, 0), 0) << "a heartbeat";
   EXPECT_DOUBLE_EQ(silence.take(0.091, 0), 0.091) << "what stood before it does not count";
+}
+
+// Time for which a witness of the last CPU says that it stood, while a thread of that priority spins there.
+std::int64_t stood_beside(int spinning, int watched) {
+  cpu_set_t set;
+  sched_getaffinity(0, sizeof set, &set);
+  int cpu = CPU_SETSIZE - 1;
+  while (cpu > 0 && !CPU_ISSET(cpu, &set)) --cpu;
+  CpuWitness witness(cpu, watched);
+  std::int64_t stood_ns = -1;
+  std::thread([&] {
+    pin_to_cpu(cpu);
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));  // the witness is there
+    sched_param param{};
+    param.sched_priority = spinning;
+    if (sched_setscheduler(0, SCHED_FIFO, &param) != 0) return;
+    stood_ns = 0;
+    for (const std::int64_t begun = host_now_ns(); host_now_ns() - begun < 80 * kMs;)
+      stood_ns += witness.stood_ns(host_now_ns());
+  }).join();
+  return stood_ns;
+}
+
+TEST(CpuWitness, AWatchedProcessThatSpinsDoesNotMakeItsCpuStand) {
+  constexpr int kWatched = 10;
+  const std::int64_t beside_stranger = stood_beside(kWatched + 10, kWatched);
+  if (beside_stranger < 0) GTEST_SKIP() << "SCHED_FIFO is not allowed here";
+  EXPECT_GT(beside_stranger, 50 * kMs);
+  EXPECT_LT(stood_beside(kWatched, kWatched), 20 * kMs)
+      << "the machine may have stood for some of it";
 }
 
 }  // namespace
