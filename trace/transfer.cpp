@@ -58,7 +58,7 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
   // refused as noise, false ones reach 70 deviations, and true ones 282 and 1010.
   constexpr double kBeyondAnswer = 30, kFarAlong = 100;
   // Where the rows have no more than noise, known to a third, makes: by a factor of ten (amplitude). In drawn
-  // logs a false inductance had 53 there, six true claims 115 to 3650.
+  // logs a false inductance had 73 there (53 with another cut into blocks), six true claims 115 to 3650.
   constexpr double kNoiseAsWell = 1.5, kFarBeyondAnswer = 100;
   const double needed = v.over_noise < kNoiseAsWell ? kFarBeyondAnswer : kBeyondAnswer;
   if (v.change_over_noise < needed && v.along_beside_noise < kFarAlong)
