@@ -64,7 +64,7 @@ const std::vector<SetRow> kSetRows = {
     {"twinrate-plant", Action::kFreeze, true, "plant stopped answering", Outcome::kEnds},
     {"twinrate", Action::kKill, true, "", Outcome::kEnds},
     {"twinrate", Action::kFreeze, true, "the supervisor was silent", Outcome::kEnds},
-    {"twinrate", Action::kTakeCpu, true, "no silence of the supervisor", Outcome::kNoSilence},
+    {"twinrate", Action::kTakeCpu, true, "not counted as silence", Outcome::kNoSilence},
     {"twinrate-controller", Action::kPause, true, "no command for more than", Outcome::kOff},
     {"twinrate-estimator", Action::kPause, true, "no command for more than", Outcome::kOff},
     {"twinrate-plant", Action::kPause, true, "", Outcome::kStall},

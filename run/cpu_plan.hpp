@@ -31,8 +31,8 @@ void pin_to_first_cpu();
 // The two CPUs with the fewest rings, of equal ones the first; not pinned with less than two.
 CpuPlan plan_cpus(std::vector<int> allowed, const std::vector<OtherSet>& sets);
 
-// Of the launches of this machine one plans at a time: it holds this from the plan until its plant shows its
-// CPU on its command line. Two that plan at once would choose the same CPU.
+// One launch of this machine plans at a time. It holds the lock from the plan until the command line of its
+// plant shows the CPU: two launches that plan at once would choose the same CPU.
 class PlanLock {
  public:
   // Waits at most kPatience_s: somebody who keeps it halts no launch.

@@ -21,8 +21,9 @@ struct Sensor {
 
 // The steps of an angle, in rad, from its readings in the order of time. Encoders of 2^18 counts
 // and more have none that matter: half a count is 12 urad there. `declared`: counts a turn of the
-// drive file, 0 where it has none; what the readings show goes before. A rotor that turns by a count
-// each row reads like a clock: there readings that keep to the declared counts are the encoder's.
+// drive file, 0 where it has none. A step that the readings show has priority. If the rotor turns by
+// about one count a row, the readings look like those of a clock and show none: they are then taken
+// for the declared encoder's if they are on its grid.
 class AngleSteps {
  public:
   explicit AngleSteps(int declared = 0) : declared_(declared) {}
