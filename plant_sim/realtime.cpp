@@ -35,8 +35,9 @@ void sleep_until(std::int64_t at_ns) {
 // wake the plant: COMMAND is used at the next tick. A flood of messages does not hold the tick up.
 //
 // A CPU that sleeps to the deadline wakes late, by more than 0.1 ms at times where it is a virtual one:
-// with a realtime policy the plant is awake for the last stretch and lets its equals run. Without one
-// a yield would give the CPU away for a slice of several ms.
+// with a realtime policy the plant is awake for the last stretch and lets its equals run. A plant that
+// is late lets them run once: SCHED_FIFO would give its CPU to no one else until it had made up for
+// the delay. Without such a policy a yield would give the CPU away for a slice of several ms.
 void work_until(Process& p, std::int64_t deadline, std::int64_t awake) {
   constexpr std::int64_t kLongestSleep = 10'000'000;
   const std::int64_t nap_end = deadline - awake;
@@ -46,7 +47,10 @@ void work_until(Process& p, std::int64_t deadline, std::int64_t awake) {
     }
     sleep_until(std::min(nap_end, now_ns() + kLongestSleep));
   } while (now_ns() < nap_end && !p.stopping());
-  while (now_ns() < deadline) sched_yield();
+  if (awake > 0) {
+    do sched_yield();
+    while (now_ns() < deadline);
+  }
   for (int i = 0; i < kMostMessages && p.bus().handle(0); ++i) {
   }
 }
