@@ -1,7 +1,10 @@
 #include "run/hop_latency.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "core/decode.hpp"
 #include "core/event_log.hpp"
@@ -17,6 +20,16 @@ struct HostTimes {
 // The newest ticks: the messages of a tick arrive close together.
 class Ticks {
  public:
+  // Null where the message is none of the three.
+  HostTimes* take(std::optional<Channel> channel, const lcm::LogEvent& event) {
+    if (channel == Channel::kMeasurement)
+      return &take<measurement_t>(event, &HostTimes::measurement_ns);
+    if (channel == Channel::kEstimate) return &take<estimate_t>(event, &HostTimes::estimate_ns);
+    if (channel == Channel::kCommand) return &take<command_t>(event, &HostTimes::command_ns);
+    return nullptr;
+  }
+
+ private:
   template <class Message>
   HostTimes& take(const lcm::LogEvent& event, std::int64_t HostTimes::*time) {
     Message message{};
@@ -28,7 +41,6 @@ class Ticks {
     return tick;
   }
 
- private:
   std::vector<HostTimes> ring_ = std::vector<HostTimes>(8192);
   HostTimes nothing_;
 };
@@ -85,13 +97,7 @@ HopLatencies hop_latencies(const std::string& log, const ClockOffsets& clocks) {
   Histogram to_estimate, to_command, round;
   EventLog events(log, OnDamage::kSkip);
   while (const lcm::LogEvent* event = events.next()) {
-    HostTimes* tick = nullptr;
-    if (events.channel() == Channel::kMeasurement)
-      tick = &ticks.take<measurement_t>(*event, &HostTimes::measurement_ns);
-    else if (events.channel() == Channel::kEstimate)
-      tick = &ticks.take<estimate_t>(*event, &HostTimes::estimate_ns);
-    else if (events.channel() == Channel::kCommand)
-      tick = &ticks.take<command_t>(*event, &HostTimes::command_ns);
+    HostTimes* tick = ticks.take(events.channel(), *event);
     if (!tick || tick->measurement_ns == 0 || tick->estimate_ns == 0 || tick->command_ns == 0)
       continue;
     const std::int64_t measured_ns = tick->measurement_ns - clocks.plant_ns,
@@ -106,6 +112,44 @@ HopLatencies hop_latencies(const std::string& log, const ClockOffsets& clocks) {
           .to_estimate_us = to_estimate.percentiles(),
           .to_command_us = to_command.percentiles(),
           .round_us = round.percentiles()};
+}
+
+std::optional<SlowAnswer> slowest_answer(const std::string& log, std::int64_t k,
+                                         const ClockOffsets& clocks) {
+  constexpr std::int64_t kTicks = 100;
+  std::map<std::int64_t, HostTimes> last;  // all on one clock
+  Ticks ticks;
+  EventLog events(log, OnDamage::kSkip);
+  while (const lcm::LogEvent* event = events.next())
+    if (const HostTimes* tick = ticks.take(events.channel(), *event);
+        tick && tick->k > k - kTicks && tick->k <= k)
+      last[tick->k] = *tick;
+  std::int64_t end_ns = 0;
+  for (auto& [seq, tick] : last) {
+    if (tick.measurement_ns) tick.measurement_ns -= clocks.plant_ns;
+    if (tick.estimate_ns) tick.estimate_ns -= clocks.estimator_ns;
+    if (tick.command_ns) tick.command_ns -= clocks.controller_ns;
+    end_ns = std::max(end_ns, tick.measurement_ns);
+  }
+  std::optional<SlowAnswer> slowest;
+  const auto take = [&](Role role, std::int64_t seq, std::int64_t from_ns, std::int64_t to_ns) {
+    if (from_ns == 0) return;  // nothing to answer
+    const double ms = 1e-3 * us(from_ns, to_ns == 0 ? end_ns : to_ns);
+    if (!slowest || ms > slowest->ms) slowest = {role, seq, ms, to_ns != 0};
+  };
+  for (const auto& [seq, tick] : last) {
+    take(Role::kEstimator, seq, tick.measurement_ns, tick.estimate_ns);
+    take(Role::kController, seq, tick.estimate_ns, tick.command_ns);
+  }
+  return slowest;
+}
+
+std::string text_of(const SlowAnswer& slow) {
+  const bool estimator = slow.role == Role::kEstimator;
+  const std::string asked = fmt::format("{}({})", estimator ? "MEASUREMENT" : "ESTIMATE", slow.k);
+  const char* who = estimator ? "the estimator" : "the controller";
+  return slow.came ? fmt::format("{} answered {} after {:.1f} ms", who, asked, slow.ms)
+                   : fmt::format("{} did not answer {} within {:.1f} ms", who, asked, slow.ms);
 }
 
 }  // namespace twinrate

@@ -8,8 +8,11 @@
 // the plant is not in them: the plant publishes nothing in answer.
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "core/channels.hpp"
 
 namespace twinrate {
 
@@ -30,5 +33,16 @@ struct ClockOffsets {
 // Of a run directory or a log, in constant memory: the percentiles are within 1.1 %. Damage of the
 // log is skipped; without host times rounds = 0.
 HopLatencies hop_latencies(const std::string& log, const ClockOffsets& clocks = {});
+
+// Which of estimator and controller kept a tick waiting longest, of the 100 ticks up to k. Empty without host times.
+struct SlowAnswer {
+  Role role = Role::kEstimator;
+  std::int64_t k = 0;  // of the tick
+  double ms = 0;       // without an answer: up to MEASUREMENT of the last tick
+  bool came = true;
+};
+std::optional<SlowAnswer> slowest_answer(const std::string& log, std::int64_t k,
+                                         const ClockOffsets& clocks = {});
+std::string text_of(const SlowAnswer& slow);
 
 }  // namespace twinrate

@@ -351,6 +351,14 @@ ClockOffsets offsets_of(const std::vector<LinkFigures>& links) {
   return clocks;
 }
 
+// A trip for want of commands names the process that was waited for, where one took longer than a period.
+void add_cause(const std::string& directory, const Config& config, const RunFacts& facts,
+               std::optional<Trip>& trip) {
+  if (!facts.realtime || !trip || trip->reason != static_cast<int>(Reason::kCommandLost)) return;
+  const auto slow = slowest_answer(directory, trip->k, offsets_of(facts.links));
+  if (slow && slow->ms > 1e3 * config.drive().T_s()) trip->text += "; " + text_of(*slow);
+}
+
 // Writes the files of the result; returns the names of those that cannot be written.
 std::string write_results(const fs::path& dir, const LongLog& found, const Config& config,
                           const Summary& s, const RunFacts& facts, const Json& manifest) {
@@ -428,6 +436,7 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   if (facts.realtime) add_stalls(log, s);
   std::error_code ignored;
   fs::remove(dir / "logger.json", ignored);
+  add_cause(directory, config, facts, s.trip);
   const HopLatencies latency =
       facts.realtime ? hop_latencies(directory, offsets_of(facts.links)) : HopLatencies{};
   facts.not_written =
