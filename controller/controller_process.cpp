@@ -51,8 +51,10 @@ class ControllerProcess {
           },
           Wake::kQuiet);
     p.waiting_for([this] { return missing(); });
-    p.on_new_model([this](Config& extended, std::int64_t k) {
-      coming_.emplace_back(k, extended.drive().model_effects());
+    p.on_new_model([this](Config& extended) {
+      return [this, effects = extended.drive().model_effects()](std::int64_t k) {
+        coming_.emplace_back(k, effects);
+      };
     });
     p.on_reset([this](std::int64_t k) { return reset(k); });
     const auto planned = planned_resets(p.config());

@@ -212,6 +212,7 @@ void Process::compare_config(const status_t& other) {
 
 void Process::ready() {
   set_up_realtime();
+  if (!lockstep() && new_model_) builder_ = std::make_unique<Worker>();
   status_.config_hash = config_.fingerprint();
   status_.state = static_cast<std::int32_t>(ProcessState::kReady);
   ready_ = last_progress_ = Clock::now();
@@ -274,6 +275,7 @@ void Process::check_supervisor() {
 bool Process::turn(double timeout_ms) {
   bus_->handle(timeout_ms);
   if (arbiter_) arbiter_->turn();
+  take_built();
   if (Clock::now() - last_beat_ >= kBeatPeriod) {
     // A process that was stopped itself has heard nobody.
     if (supervisor_heard_ && seconds_since(last_beat_) > kOrphanAfter_s / 2)

@@ -27,6 +27,7 @@
 #include "core/config.hpp"
 #include "core/reason.hpp"
 #include "core/steering.hpp"
+#include "core/worker.hpp"
 
 namespace twinrate {
 
@@ -121,14 +122,17 @@ class Process {
   void clock_stood(std::int64_t ns);
 
   // What happens to a request for more or fewer effects in the model: `extended` is this drive with
-  // all that were added and not removed, to be used from tick `k` on. May throw BadInput, which
-  // refuses the request. A process that has no model leaves it out.
-  using NewModel = std::function<void(Config& extended, std::int64_t k)>;
-  // `check` throws where it would, before a tick is known.
-  void on_new_model(NewModel action, std::function<void(Config& extended)> check = {});
+  // all that were added and not removed. It builds what the process needs of it and returns what
+  // puts that to use from tick `k` on. In realtime it is built on a thread of its own, and only the
+  // second is called between two ticks. May throw BadInput, which refuses the request. A process
+  // that has no model leaves it out.
+  using UseModel = std::function<void(std::int64_t k)>;
+  using NewModel = std::function<UseModel(Config& extended)>;
+  void on_new_model(NewModel build);
 
   // What steering changes in this process. `check` may throw BadInput, which refuses the request;
-  // `k`: the first tick it can apply to. `follow` takes the drive with the new steps over.
+  // `k`: the first tick it can apply to; in realtime on a thread of its own. `follow` takes the
+  // drive with the new steps over.
   struct Follower {
     std::function<void(const SteeredDrive& wanted, std::int64_t k)> check;
     std::function<void(const SteeredDrive& now)> follow;
@@ -180,8 +184,21 @@ class Process {
   std::size_t declared_effects() const;
   bool must_be_arbitrated() const;
   std::set<int> members() const;
-  void prepare(const request_t& request);  // throws BadInput
-  void apply_prepared(const request_t& request);
+  // A request of which this process knows what it will do.
+  struct Prepared {
+    request_t request;  // kind and text as the asker sent them
+    std::optional<Config> changed = {};
+    UseModel use = {};
+    std::string refusal = {};
+  };
+  Prepared prepared(const request_t& request);  // throws BadInput
+  Prepared prepared_or_refused(const request_t& request);
+  // Null while it is built.
+  const Prepared* prepare(const request_t& request);
+  void take_built();
+  void apply_prepared(std::int64_t k);
+  reply_t answer_of(const Prepared& prepared) const;
+  reply_t reply_to(const request_t& request) const;
   // False where the request was not prepared here.
   bool answer_arbiter(const request_t& request, reply_t& reply);
   void compare_config(const status_t& other);
@@ -223,12 +240,12 @@ class Process {
   std::optional<reply_t> reset_answer_;  // to the last request for a reset
   std::optional<Clock::time_point> supervisor_heard_;
   NewModel new_model_;
-  std::function<void(Config&)> check_model_;
   Follower follower_;
   std::function<void(const std::string&, std::int64_t)> applied_action_;
   std::optional<Arbiter> arbiter_;
   std::map<int, Clock::time_point> heard_;  // processes of the set that have not ended, by role
-  std::optional<request_t> prepared_;       // kind and text as the asker sent them
+  std::optional<Prepared> prepared_, built_, spent_;
+  std::unique_ptr<Worker> builder_;  // realtime: of built_
   std::int64_t applied_request_ = 0, applied_k_ = -1;
   std::function<bool(const std::string& text)> add_proposed_;
   std::optional<Config> extended_;     // with the effects that requests added and did not remove

@@ -64,13 +64,18 @@ void Process::handle_request(const request_t& request) {
       kind == RequestKind::kPrepare || kind == RequestKind::kApplyAt || kind == RequestKind::kDrop;
   if (phase && !is_of_the_plant()) return refuse(foreign_);
   if (is_recorded(request)) return refuse(recorded_);
+  reply_t reply = reply_to(request);
+  if (answer(request, reply)) bus_->publish(reply);
+}
+
+reply_t Process::reply_to(const request_t& request) const {
   reply_t reply{};
   reply.seq = request.seq;
   reply.t_ns = status_.t_ns;
   reply.role = status_.role;
   reply.accepted = 1;
   reply.applied_seq = status_.seq;
-  if (answer(request, reply)) bus_->publish(reply);
+  return reply;
 }
 
 bool Process::answer(const request_t& request, reply_t& reply) {
@@ -111,7 +116,7 @@ bool Process::answer(const request_t& request, reply_t& reply) {
     case RequestKind::kApplyAt:
       return !arbiter_ && answer_arbiter(request, reply);
     case RequestKind::kDrop:
-      if (prepared_ && prepared_->seq == request.seq) prepared_.reset();
+      if (prepared_ && prepared_->request.seq == request.seq) prepared_.reset();
       return false;
     case RequestKind::kAddEffect:
     case RequestKind::kRemoveEffect:
@@ -184,8 +189,11 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
       .ahead_ticks = std::llround(Arbiter::kAhead_s * drive().rates.f_s_Hz),
       .hold_s = steered_.steering().hold_s,
       .members = [this] { return members(); },
-      .prepare = [this](const request_t& request) { prepare(request); },
-      .apply = [this](const request_t& request) { apply_prepared(request); },
+      .prepare = [this](const request_t& request) { prepared_ = prepared(request); },
+      .apply =
+          [this](const request_t& request) {
+            apply_prepared(static_cast<std::int64_t>(request.value));
+          },
       .ask = [this](request_t request) { bus_->publish(std::move(request)); },
       .answer =
           [this](reply_t reply) {
@@ -202,12 +210,11 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
 }
 
 // What the drive file plans happens first; extended_ is what it plans last.
-void Process::on_new_model(NewModel action, std::function<void(Config& extended)> check) {
-  new_model_ = std::move(action);
-  check_model_ = std::move(check);
+void Process::on_new_model(NewModel build) {
+  new_model_ = std::move(build);
   for (const std::int64_t k : drive().model_changes()) {
     extended_ = config_.known_at(k);
-    new_model_(*extended_, k);
+    new_model_ (*extended_)(k);
     planned_until_k_ = k;
   }
 }
@@ -228,7 +235,8 @@ std::size_t Process::declared_effects() const {
                               : config_.known_at(planned_until_k_).drive().effects.size();
 }
 
-void Process::prepare(const request_t& request) {
+Process::Prepared Process::prepared(const request_t& request) {
+  Prepared result{.request = request};
   if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
     const std::int64_t k = std::max<std::int64_t>(1, status_.seq + 1);
     SteeredDrive wanted = steered_;
@@ -237,15 +245,44 @@ void Process::prepare(const request_t& request) {
   } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
     if (const std::string why = reset_ ? reset_(kNoTick) : ""; !why.empty()) throw BadInput(why);
   } else if (new_model_) {
-    Config changed = changed_model(request);
-    if (check_model_) check_model_(changed);
+    result.changed = changed_model(request);
+    result.use = new_model_(*result.changed);
   }
-  prepared_ = request;
+  return result;
 }
 
-// `request`: as prepared, its value the tick.
-void Process::apply_prepared(const request_t& request) {
-  const auto k = static_cast<std::int64_t>(request.value);
+Process::Prepared Process::prepared_or_refused(const request_t& request) {
+  try {
+    return prepared(request);
+  } catch (const std::exception& refused) {
+    return {.request = request, .refusal = refused.what()};
+  }
+}
+
+// In realtime no tick waits for an effect that is read, a filter or a table that is built. The
+// builder reads what a request changes: while it is busy nothing is applied.
+const Process::Prepared* Process::prepare(const request_t& request) {
+  if (!builder_ || request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
+    prepared_ = prepared_or_refused(request);
+    return &*prepared_;
+  }
+  if (prepared_ && prepared_->request.seq == request.seq) return &*prepared_;
+  if (!builder_->is_busy())
+    builder_->start([this, request] {
+      spent_.reset();
+      built_ = prepared_or_refused(request);
+    });
+  return nullptr;
+}
+
+void Process::take_built() {
+  if (!builder_ || !builder_->ended()) return;
+  prepared_ = std::exchange(built_, {});
+  bus_->publish(answer_of(*prepared_));
+}
+
+void Process::apply_prepared(std::int64_t k) {
+  const request_t& request = prepared_->request;
   if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
     steered_.apply(request.text, k);
     steered_.forget_before(std::min(k, status_.seq));
@@ -253,10 +290,9 @@ void Process::apply_prepared(const request_t& request) {
     if (follower_.follow) follower_.follow(steered_);
   } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
     if (reset_) reset_(k);
-  } else if (new_model_) {
-    Config changed = changed_model(request);
-    new_model_(changed, k);
-    extended_ = std::move(changed);
+  } else if (prepared_->changed) {
+    prepared_->use(k);
+    std::swap(extended_, prepared_->changed);
     const bool add = request.kind == static_cast<std::int32_t>(RequestKind::kAddEffect);
     event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, k,
           fmt::format("{}: from tick {} on with{} {}", info_.program, k, add ? "" : "out",
@@ -266,29 +302,32 @@ void Process::apply_prepared(const request_t& request) {
     applied_action_(request.text, k);
   applied_request_ = request.seq;
   applied_k_ = k;
-  prepared_.reset();
+  spent_ = std::exchange(prepared_, {});  // the builder has the time to delete a model
+}
+
+reply_t Process::answer_of(const Prepared& prepared) const {
+  reply_t reply = reply_to(prepared.request);
+  reply.applied_seq = -1;
+  reply.accepted = prepared.refusal.empty() ? 1 : 0;
+  reply.text = prepared.refusal;
+  return reply;
 }
 
 bool Process::answer_arbiter(const request_t& request, reply_t& reply) {
   const bool known = request.seq == applied_request_;
   if (request.kind == static_cast<std::int32_t>(RequestKind::kPrepare)) {
-    reply.applied_seq = -1;
     if (known || info_.role == Role::kMonitor || info_.role == Role::kReplay) return false;
     request_t asked = request;
     asked.kind = static_cast<std::int32_t>(static_cast<std::int64_t>(request.value));
-    try {
-      prepare(asked);
-    } catch (const BadInput& refused) {
-      reply.accepted = 0;
-      reply.text = refused.what();
-    }
-    return true;
+    const Prepared* prepared = prepare(asked);
+    if (prepared) reply = answer_of(*prepared);
+    return prepared;
   }
   if (!known) {
-    if (!prepared_ || prepared_->seq != request.seq) return false;
-    request_t due = *prepared_;
-    due.value = request.value;
-    apply_prepared(due);
+    const bool can_apply = prepared_ && prepared_->request.seq == request.seq &&
+                           prepared_->refusal.empty() && !(builder_ && builder_->is_busy());
+    if (!can_apply) return false;
+    apply_prepared(static_cast<std::int64_t>(request.value));
   }
   reply.applied_seq = applied_k_;
   return true;
@@ -307,7 +346,7 @@ void Process::change_model(const request_t& asked, reply_t& reply) {
   reply.applied_seq = tick_of(request);
   try {
     Config changed = changed_model(request);
-    new_model_(changed, reply.applied_seq);
+    new_model_(changed)(reply.applied_seq);
     extended_ = std::move(changed);
     event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, reply.applied_seq,
           fmt::format("{}: from tick {} on with{} {}", info_.program, reply.applied_seq,

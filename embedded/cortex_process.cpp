@@ -28,8 +28,8 @@ class CortexProcess {
                                      "n, policy: the Cortex-M3 keeps those of its start");
                              },
                          .follow = [](const SteeredDrive&) {}});
-      both->on_new_model([](Config&, std::int64_t) {},
-                         [](Config&) { throw BadInput("the Cortex-M3 has no effects"); });
+      both->on_new_model(
+          [](Config&) -> Process::UseModel { throw BadInput("the Cortex-M3 has no effects"); });
     }
     p.on_reset([](std::int64_t) -> std::string { return "the Cortex-M3 has no reset"; });
   }

@@ -31,9 +31,11 @@ class EstimatorProcess {
     p.bus().subscribe<ack_t>([this](const ack_t& ack) { repeat_snapshots(ack); });
     p.bus().on_new_session([this] { reset(-1); });
     p.waiting_for([this] { return missing(); });
-    p.on_new_model(
-        [this, make](Config& extended, std::int64_t k) { coming_.emplace_back(k, make(extended)); },
-        [make](Config& extended) { make(extended); });
+    p.on_new_model([this, make](Config& extended) {
+      return [this, filter = std::shared_ptr<const Filter>(make(extended))](std::int64_t k) {
+        coming_.emplace_back(k, filter);
+      };
+    });
     p.on_steering(
         {.check = [this](const SteeredDrive& wanted, std::int64_t k) { check(wanted, k); },
          .follow =

@@ -24,9 +24,11 @@ class GainProcess {
     want_snapshots();
     p.bus().subscribe<estimate_t>([this](const estimate_t& w) { take(from_wire(w)); });
     p.bus().on_new_session([this] { background_.reset(); });
-    p.on_new_model([this](Config& extended,
-                          std::int64_t k) { coming_.emplace_back(k, make_filter(extended)); },
-                   [](Config& extended) { make_filter(extended); });
+    p.on_new_model([this](Config& extended) {
+      return [this, filter = std::shared_ptr<const Filter>(make_filter(extended))](std::int64_t k) {
+        coming_.emplace_back(k, filter);
+      };
+    });
     p.on_steering({.follow = [this](const SteeredDrive& now) {
       rates_ = now.rates();
       background_.follow(rates_.changes());

@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <filesystem>
 #include <fstream>
 
@@ -259,7 +260,7 @@ TEST_F(Tagged, ATokenIsReadFromItsOwnersFileAlone) {
 TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   Process process({Role::kEstimator, "test", ""}, {.config = "dilys2021", .url = "memq://"});
   std::vector<std::int64_t> applied, replied;
-  process.on_new_model([&](Config&, std::int64_t k) { applied.push_back(k); });
+  process.on_new_model([&](Config&) { return [&](std::int64_t k) { applied.push_back(k); }; });
   process.bus().subscribe<reply_t>([&](const reply_t& r) { replied.push_back(r.applied_seq); });
   process.ready();
   process.progress(100);
@@ -276,6 +277,50 @@ TEST(AddEffect, AskedForTooLateAppliesAtTheNextTickAndTheReplySaysWhich) {
   }
   EXPECT_EQ(applied, (std::vector<std::int64_t>{101, 250}));
   EXPECT_EQ(replied, applied);
+}
+
+// In realtime: the process goes on with its ticks meanwhile, and answers when the model is there.
+TEST(AddEffect, IsBuiltBesideTheTicksInRealtime) {
+  Process process({Role::kEstimator, "test", ""},
+                  {.config = "dilys2021", .url = "memq://", .pace = Pace::kRealtime});
+  std::atomic<bool> may_go_on = false;
+  std::thread::id built_on;
+  std::vector<std::int64_t> applied;
+  std::vector<reply_t> replies;
+  process.on_new_model([&](Config&) {
+    built_on = std::this_thread::get_id();
+    may_go_on.wait(false);
+    return [&](std::int64_t k) { applied.push_back(k); };
+  });
+  process.bus().subscribe<reply_t>([&](const reply_t& r) { replies.push_back(r); });
+  process.ready();
+  const auto ask = [&](RequestKind kind, double value, const std::string& text) {
+    request_t request{};
+    request.seq = 7;
+    request.kind = static_cast<std::int32_t>(kind);
+    request.value = value;
+    request.text = text;
+    process.bus().publish(request);
+    while (process.bus().handle(0)) {
+    }
+  };
+  const auto prepare = [&] {
+    ask(RequestKind::kPrepare, static_cast<double>(RequestKind::kAddEffect),
+        "[[effect]]\nkind = \"coulomb_friction\"\ntorque_Nm = 0.01\nused_in = \"model\"\n");
+  };
+  prepare();
+  prepare();  // as the plant repeats it
+  ask(RequestKind::kApplyAt, 250, "");
+  process.progress(100);
+  EXPECT_TRUE(replies.empty());
+  EXPECT_TRUE(applied.empty());
+  may_go_on = true;
+  may_go_on.notify_all();
+  while (replies.empty()) process.turn(1);
+  EXPECT_NE(built_on, std::this_thread::get_id());
+  EXPECT_EQ(replies[0].accepted, 1);
+  ask(RequestKind::kApplyAt, 250, "");
+  EXPECT_EQ(applied, std::vector<std::int64_t>{250});
 }
 
 // The drive may be on its way when a request is repeated.
@@ -306,8 +351,10 @@ TEST(RemoveEffect, TakesOutWhatWasAddedAndNothingElse) {
   const std::size_t declared = process.config().drive().effects.size();
   std::vector<std::size_t> effects;  // of the model, at each change
   std::vector<reply_t> replies;
-  process.on_new_model([&](Config& model, std::int64_t) {
-    effects.push_back(model.drive().effects.size() - declared);
+  process.on_new_model([&](Config& model) {
+    return [&, count = model.drive().effects.size() - declared](std::int64_t) {
+      effects.push_back(count);
+    };
   });
   process.bus().subscribe<reply_t>([&](const reply_t& r) { replies.push_back(r); });
   process.ready();
