@@ -180,7 +180,7 @@ class Process {
   void reset(const request_t& request, reply_t& reply);
   // The tick that a request names, or the next one.
   std::int64_t tick_of(const request_t& request) const;
-  Config changed_model(const request_t& request) const;
+  Config changed_model(const request_t& request, std::int64_t last_k) const;
   std::size_t declared_effects() const;
   bool must_be_arbitrated() const;
   std::set<int> members() const;
@@ -191,8 +191,8 @@ class Process {
     UseModel use = {};
     std::string refusal = {};
   };
-  Prepared prepared(const request_t& request);  // throws BadInput
-  Prepared prepared_or_refused(const request_t& request);
+  Prepared prepared(const request_t& request, std::int64_t last_k);  // throws BadInput
+  Prepared prepared_or_refused(const request_t& request, std::int64_t last_k);
   // Null while it is built.
   const Prepared* prepare(const request_t& request);
   void take_built();

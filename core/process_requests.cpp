@@ -189,7 +189,7 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
       .ahead_ticks = std::llround(Arbiter::kAhead_s * drive().rates.f_s_Hz),
       .hold_s = steered_.steering().hold_s,
       .members = [this] { return members(); },
-      .prepare = [this](const request_t& request) { prepared_ = prepared(request); },
+      .prepare = [this](const request_t& request) { prepared_ = prepared(request, status_.seq); },
       .apply =
           [this](const request_t& request) {
             apply_prepared(static_cast<std::int64_t>(request.value));
@@ -219,8 +219,8 @@ void Process::on_new_model(NewModel build) {
   }
 }
 
-Config Process::changed_model(const request_t& request) const {
-  if (status_.seq < planned_until_k_)
+Config Process::changed_model(const request_t& request, std::int64_t last_k) const {
+  if (last_k < planned_until_k_)
     throw BadInput(fmt::format("the drive file changes the model at tick {}: later allowed",
                                planned_until_k_));
   const Config& present = extended_ ? *extended_ : config_;
@@ -235,25 +235,25 @@ std::size_t Process::declared_effects() const {
                               : config_.known_at(planned_until_k_).drive().effects.size();
 }
 
-Process::Prepared Process::prepared(const request_t& request) {
+Process::Prepared Process::prepared(const request_t& request, std::int64_t last_k) {
   Prepared result{.request = request};
   if (request.kind == static_cast<std::int32_t>(RequestKind::kSteer)) {
-    const std::int64_t k = std::max<std::int64_t>(1, status_.seq + 1);
+    const std::int64_t k = std::max<std::int64_t>(1, last_k + 1);
     SteeredDrive wanted = steered_;
     wanted.apply(request.text, k);
     if (follower_.check) follower_.check(wanted, k);
   } else if (request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
     if (const std::string why = reset_ ? reset_(kNoTick) : ""; !why.empty()) throw BadInput(why);
   } else if (new_model_) {
-    result.changed = changed_model(request);
+    result.changed = changed_model(request, last_k);
     result.use = new_model_(*result.changed);
   }
   return result;
 }
 
-Process::Prepared Process::prepared_or_refused(const request_t& request) {
+Process::Prepared Process::prepared_or_refused(const request_t& request, std::int64_t last_k) {
   try {
-    return prepared(request);
+    return prepared(request, last_k);
   } catch (const std::exception& refused) {
     return {.request = request, .refusal = refused.what()};
   }
@@ -263,14 +263,14 @@ Process::Prepared Process::prepared_or_refused(const request_t& request) {
 // builder reads what a request changes: while it is busy nothing is applied.
 const Process::Prepared* Process::prepare(const request_t& request) {
   if (!builder_ || request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
-    prepared_ = prepared_or_refused(request);
+    prepared_ = prepared_or_refused(request, status_.seq);
     return &*prepared_;
   }
   if (prepared_ && prepared_->request.seq == request.seq) return &*prepared_;
   if (!builder_->is_busy())
-    builder_->start([this, request] {
+    builder_->start([this, request, last_k = status_.seq] {
       spent_.reset();
-      built_ = prepared_or_refused(request);
+      built_ = prepared_or_refused(request, last_k);
     });
   return nullptr;
 }
@@ -345,7 +345,7 @@ void Process::change_model(const request_t& asked, reply_t& reply) {
     }
   reply.applied_seq = tick_of(request);
   try {
-    Config changed = changed_model(request);
+    Config changed = changed_model(request, status_.seq);
     new_model_(changed)(reply.applied_seq);
     extended_ = std::move(changed);
     event(add ? Reason::kEffectAdded : Reason::kEffectRemoved, reply.applied_seq,
