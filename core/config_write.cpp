@@ -18,8 +18,13 @@ std::string number_text(double value) {
   return text;
 }
 
+// Of steering.n, policy and emergency the time of the only step says when, too.
+bool is_one_value(const Profile& profile) {
+  return profile.is_constant() && profile.steps().front().t_s == 0;
+}
+
 std::string profile_text(const Profile& profile) {
-  if (profile.is_constant()) return number_text(profile.steps().front().value);
+  if (is_one_value(profile)) return number_text(profile.steps().front().value);
   std::string text;
   for (const ProfileStep& step : profile.steps())
     text += fmt::format("{}[{}, {}]", text.empty() ? "" : ", ", number_text(step.t_s),
@@ -31,7 +36,7 @@ std::string name_text(const Profile& indices, std::span<const char* const> names
   const auto name = [&](double index) {
     return fmt::format("\"{}\"", names[static_cast<std::size_t>(index)]);
   };
-  if (indices.is_constant()) return name(indices.at(0));
+  if (is_one_value(indices)) return name(indices.at(0));
   std::string text;
   for (const ProfileStep& step : indices.steps())
     text += fmt::format("{}[{}, {}]", text.empty() ? "" : ", ", number_text(step.t_s),

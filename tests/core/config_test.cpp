@@ -10,6 +10,7 @@
 
 #include "controller/controller.hpp"
 #include "core/bus_parameters.hpp"
+#include "core/steering.hpp"
 #include "estimator/registry.hpp"
 #include "loop/load_drive.hpp"
 #include "tests/core/drive_text.hpp"
@@ -274,6 +275,20 @@ TEST(Effects, CanBeAddedToAConfig) {
   EXPECT_EQ(more.drive().model_effects().size(), 1u);
   EXPECT_EQ(more.drive().plant_effects().size(), 0u);
   EXPECT_EQ(more.drive().machine.R_s, config.drive().machine.R_s);
+}
+
+// Before its only step steering.n is rates.n: the step keeps its time in what is written.
+TEST(Resolved, TheOnlyStepOfAProfileKeepsItsTime) {
+  Config config =
+      Config::load("dilys2021", {"steering.n=[[0.4,8]]", "steering.emergency=[[0.6,\"stop\"]]"});
+  Config again = Config::parse(config.resolved(), "resolved");
+  const SteeringParameters steering = steering_of(again);
+  const auto stops = planned_emergencies(again.drive(), steering);
+  ASSERT_EQ(stops.size(), 1u);
+  EXPECT_EQ(stops[0].k, 3000);
+  const RateHistory rates = rate_history(again);
+  ASSERT_EQ(rates.changes().size(), 1u);
+  EXPECT_EQ(rates.changes()[0].k, 2000);
 }
 
 }  // namespace
