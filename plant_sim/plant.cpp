@@ -258,7 +258,7 @@ void Plant::protect(Arrival arrival, bool clamped) {
   SafetyInput in;
   in.reset = reset_k_ >= 0 && k_ >= reset_k_;
   if (in.reset) {
-    emergency_stop_ = supervisor_silent_ = false;
+    emergency_stop_ = supervisor_silent_ = stop_was_planned_ = false;
     reset_k_ = -1;
   }
   in.arrival = arrival;
@@ -313,6 +313,7 @@ void Plant::do_what_is_planned() {
     const auto [k, is_reset] = planned_.front();
     if (k_ < (is_reset ? k - 1 : k)) return;
     is_reset ? void(reset(k)) : emergency_stop();
+    stop_was_planned_ = !is_reset;
     planned_.pop_front();
   }
 }

@@ -66,6 +66,8 @@ class Plant {
   bool contradicts(const Command& command) const;
   // Off from the next advance() on, for every command.
   void emergency_stop() { emergency_stop_ = true; }
+  // Of the last emergency stop: the drive file asked for it, not a request.
+  bool stop_was_planned() const { return stop_was_planned_; }
   void supervisor_is_silent() { supervisor_silent_ = true; }
   // SAFE -> IDLE in the advance() of tick `k`, or the next one. "" where it will, else why not: the
   // drive is not off, or the cause is still there. A cause that comes back until then keeps it off.
@@ -140,7 +142,7 @@ class Plant {
   double bus_share_ = 1;  // of the nominal bus voltage
   void do_what_is_planned();
   std::deque<PlannedEmergency> planned_;
-  bool emergency_stop_ = false, supervisor_silent_ = false;
+  bool emergency_stop_ = false, supervisor_silent_ = false, stop_was_planned_ = false;
   std::int64_t reset_k_ = -1;          // tick of a reset that is coming; -1: none
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8
   double theta_m_meas_ = 0, omega_m_meas_ = 0;

@@ -152,7 +152,8 @@ class RealtimePlant {
 void publish_safety_events(Process& p, const Plant& plant, std::int64_t k) {
   for (int i = 0; i < plant.safety().event_count(); ++i) {
     const SafetyEvent& event = plant.safety().event(i);
-    if (event.reason != Reason::kEmergencyStop)  // the request was answered with one
+    // A request was answered with its event.
+    if (event.reason != Reason::kEmergencyStop || plant.stop_was_planned())
       p.event(event.reason, k, text_of(event, plant.safety()));
   }
 }

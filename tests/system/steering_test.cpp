@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
 #include <thread>
@@ -292,6 +293,20 @@ TEST_F(Steering, AnEmergencyStopNeedsNoControlAndSaysItsTick) {
   ASSERT_GT(log.measurement.size(), at + 1);
   EXPECT_NE(log.measurement[at].u_alphabeta.norm(), 0);      // t_{k-1} to t_k
   EXPECT_EQ(log.measurement[at + 1].u_alphabeta.norm(), 0);  // t_k to t_{k+1}
+}
+
+// One that no request asked for: the summary of the set is that of the loop in one process.
+TEST_F(Steering, AnEmergencyStopOfTheDriveFileIsATripOfTheSetToo) {
+  for (const char* verb : {"simulate", "launch"}) {
+    const ProgramResult result = twinrate({verb, "dilys2021", "--duration", "0.4s", "--set",
+                                           "steering.emergency=[[0.3,\"stop\"]]", "--set",
+                                           "run.settle_s=0.1", "--run-dir", path(verb)});
+    EXPECT_EQ(result.exit_code, 1) << verb << result.out;
+    const auto trip = nlohmann::json::parse(read_text(path(verb) + "/summary.json"))["trip"];
+    ASSERT_FALSE(trip.is_null()) << verb;
+    EXPECT_EQ(trip["name"], "emergency_stop") << verb;
+    EXPECT_EQ(trip["tick"], 1500) << verb;
+  }
 }
 
 TEST_F(Steering, AnEmergencyStopAndAResetAreRepeatedByTheSavedFileAndTheReplay) {
