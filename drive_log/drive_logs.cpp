@@ -9,6 +9,7 @@
 #include "core/config.hpp"
 #include "drive_log/log_reader.hpp"
 #include "drive_log/measured_files.hpp"
+#include "drive_log/same_readings.hpp"
 #include "import/drive_rows.hpp"
 #include "trace/blocks.hpp"
 #include "trace/health_scan.hpp"
@@ -71,6 +72,19 @@ Record stretch_of(const Scanned& log, int n_p, double begin_s, double end_s) {
   return slots_of(log, first, std::max(first + 1, place(end_s)), n_p);
 }
 
+std::vector<ReadRows> read_rows(const DriveLogs& logs) {
+  const Record& record = logs.record;
+  std::vector<ReadRows> files;
+  for (const DriveLog& log : logs.files) {
+    ReadRows& file = files.emplace_back(ReadRows{log.path, log.held_out, {}});
+    for (std::size_t k = log.first; k < log.end; ++k)
+      file.rows.push_back(record.i_alphabeta.empty()
+                              ? reading_hash({record.theta_m[k]})
+                              : reading_hash({record.i_alphabeta[k][0], record.i_alphabeta[k][1]}));
+  }
+  return files;
+}
+
 class Reader {
  public:
   Reader(const LogRequest& asked, const DriveConfig& drive, const ReadProgress& progress)
@@ -81,6 +95,7 @@ class Reader {
     for (const std::string& path : asked_.held_out) scan(path, true);
     share_out();
     for (std::size_t i = 0; i < logs_.size(); ++i) add(logs_[i], shares_[i]);
+    if (!asked_.held_out.empty()) expect_other_readings(read_rows(result_));
     const auto logs = std::make_shared<std::vector<Scanned>>(std::move(logs_));
     result_.stretch = [logs, files = result_.files, n_p = drive_.machine.n_p](
                           std::size_t file, double begin, double end) {

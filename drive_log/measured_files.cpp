@@ -10,6 +10,7 @@
 #include "core/config.hpp"
 #include "core/percent_line.hpp"
 #include "drive_log/log_reader.hpp"
+#include "drive_log/same_readings.hpp"
 #include "import/drive_rows.hpp"
 #include "trace/measured_result.hpp"
 
@@ -138,6 +139,13 @@ std::optional<TraceResult> trace_position_files(const std::vector<Opened>& files
   if (std::all_of(logs.begin(), logs.end(),
                   [&](const PositionLog& log) { return is_drive_log(log, drive.machine); }))
     return {};
+  std::vector<ReadRows> read;
+  for (const PositionLog& log : logs) {
+    ReadRows& file = read.emplace_back(ReadRows{log.path, log.held_out, {}});
+    for (std::size_t k = 0; k < log.size(); ++k)
+      file.rows.push_back(reading_hash({log.theta_m[k], log.i_q[k]}));
+  }
+  expect_other_readings(read);
   if (asked.held_out.empty()) logs = hold_out(logs, asked.share.value_or(0.25), drive.machine);
   hooks.tell(fmt::format("{} logs of angle and current", files.size()));
   return trace_positions(logs, drive.facts(), {.hooks = hooks, .considered = asked.considered});

@@ -416,5 +416,23 @@ TEST_F(DriveLogsTest, AMistakeInTheFileIsOneLineWithItsPlace) {
   }
 }
 
+// A copy under another name judges with the rows that were fitted.
+TEST_F(DriveLogsTest, ACopyOfAFittedFileIsNoHoldOut) {
+  const std::string own = write("own.csv", as_it_is), copy = write("copy.csv.gz", as_it_is);
+  const auto held_out = [&](const std::string& path) {
+    return read({.data = {own}, .held_out = {path}, .maps = {}}, kSeconds);
+  };
+  try {
+    held_out(copy);
+    ADD_FAILURE() << "a copy was accepted";
+  } catch (const BadInput& refused) {
+    EXPECT_NE(std::string(refused.what()).find("copy.csv.gz: has the readings of "),
+              std::string::npos)
+        << refused.what();
+  }
+  raw_ = simulate_synthetic({.duration_s = kSeconds, .seed = 2});
+  EXPECT_NO_THROW(held_out(write("other.csv", as_it_is)));
+}
+
 }  // namespace
 }  // namespace twinrate
