@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include "core/report_error.hpp"
+
 namespace twinrate {
 
 std::string extended_toml(const Config& config, const TraceResult& result, bool keep_plant) {
@@ -20,8 +22,9 @@ std::string extended_toml(const Config& config, const TraceResult& result, bool 
     if (judged && !e.only_in_log && !e.only_in_part) effects.push_back({e.effect, used_in});
   for (const TracedEffect& e : result.stop_gaps)
     if (judged && !e.only_in_part) effects.push_back({e.effect, used_in});
-  std::string head = "# " + result.sentence + "\n";
-  for (const std::string& source : result.sources) head += "# traced from " + source + "\n";
+  std::string head = "# " + printable(result.sentence) + "\n";
+  for (const std::string& source : result.sources)
+    head += "# traced from " + printable(source) + "\n";
   for (const TracedEffect& e : result.effects)
     if (!judged)
       head += fmt::format("# left out: {}, found in an interrupted trace and not judged\n",

@@ -37,6 +37,7 @@ TEST(ExtendedToml, AnErrorOfTheLogAloneIsLeftOutAndNamed) {
   const Config drive = Config::load("niewiara2020", {"effect=[]"});
   TraceResult result;
   result.sentence = "two effects";
+  result.sources = {"a directory\n[machine]/log.csv"};
   result.effects.push_back(
       traced_effect("cogging", {{"order", 12}, {"amplitude_Nm", 0.15}, {"phase_rad", 0.4}}));
   result.effects.push_back(traced_effect("viscous_friction", {{"coefficient_Nms", 2e-3}}));
