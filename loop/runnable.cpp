@@ -309,9 +309,14 @@ class Theory {
   std::string cannot_start() const {
     if (d_.start != Start::kAligned) return "";
     const double within = filter_->direct_start_within();
-    if (within == 0)
-      return d_.estimator.kind +
-             " may lose synchronism: there is no EMF at standstill; start = align_if starts it";
+    if (within == 0) {
+      // Their gain at standstill moves no speed: after the hand-over from I/f the speed stays at 0.
+      const bool needs_paper =
+          d_.gain.policy == GainPolicy::kScheduled || d_.gain.policy == GainPolicy::kPropagated;
+      return fmt::format(
+          "{} may lose synchronism: there is no EMF at standstill; start = align_if{} starts it",
+          d_.estimator.kind, needs_paper ? " with gain.policy = paper" : "");
+    }
     if (within == kPi && d_.rates.n > 1 && has_background(d_.gain.policy) && !d_.locks_first() &&
         d_.background_rate().from == 0)
       return fmt::format(

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "core/bridge_parameters.hpp"
+#include "core/steering.hpp"
 #include "loop/unused_keys.hpp"
 
 namespace twinrate {
@@ -40,6 +41,12 @@ void require_drivable(Config& config) {
   const auto fail = [&](const char* key, const std::string& what) {
     throw BadInput(fmt::format("{}: {}: {}", config.where(key), key, what));
   };
+  const SteeringParameters steering = steering_of(config);
+  for (const ProfileStep& step : steering.emergency.steps())
+    if (step.value != 0)
+      fail("steering.emergency",
+           "none allowed with plant.kind = bridge: `twinrate set emergency_stop` and `set reset` "
+           "stop and reset a running drive");
   if (d.controller.angle_source == AngleSource::kTruth)
     fail("controller.angle_source", "estimate, measured allowed with plant.kind = bridge");
   if (bridge.mode != BridgeMode::kControl) return;
