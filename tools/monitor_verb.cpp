@@ -85,10 +85,14 @@ int change(const MonitorOptions& o) {
            .token_file = token_file(o)});
   std::set<int> answered;
   std::map<std::string, std::string> refused_by;  // refusal -> process
+  std::string refused_by_plant;                   // which decides on the tick, and asks the others
   bus.subscribe<reply_t>([&](const reply_t& reply) {
     if (reply.seq != request.seq) return;
     const bool agreed = reply.accepted != 0 && reply.applied_seq < 0;  // the tick comes later
-    if (!o.file.empty() && (agreed || !has_model(reply.role))) return;
+    if (!o.file.empty() && (agreed || !has_model(reply.role))) {
+      if (reply.accepted == 0) refused_by_plant = with_file_name(reply.text, o.file);
+      return;
+    }
     if (!answered.insert(reply.role).second) return;
     if (reply.accepted == 0) {
       std::string& roles = refused_by[with_file_name(reply.text, o.file)];
@@ -104,12 +108,15 @@ int change(const MonitorOptions& o) {
   }
   const std::size_t wanted = o.file.empty() ? 1 : 3;
   const auto begun = Clock::now();
-  while (answered.size() < wanted && seconds_since(begun) < kStart_s) {
+  while (answered.size() < wanted && (refused_by_plant.empty() || !answered.empty()) &&
+         seconds_since(begun) < kStart_s) {
     bus.publish(request);  // a process that has it repeats its answer
     const auto sent = Clock::now();
     while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
   }
-  if (answered.empty())
+  if (refused_by.empty() && !refused_by_plant.empty())
+    refused_by[refused_by_plant] = role_name(static_cast<int>(Role::kPlant));
+  if (answered.empty() && refused_by.empty())
     fmt::print(stderr, "twinrate: no process answered{}\n",
                o.run_dir.empty() ? "; a launched set asks for its token: give its --run-dir" : "");
   for (const auto& [why, roles] : refused_by)

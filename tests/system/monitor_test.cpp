@@ -202,7 +202,9 @@ TEST_F(Monitor, AnEffectOfAFileIsAddedFromTheNextTickOnAndRemovedAgain) {
   Program launch({"twinrate", "launch", drive(), "--pace", "realtime", "--run-dir", path("run")});
   const ProgramResult added = twinrate(asking({"monitor", "add", path("own.toml")})),
                       removed = twinrate(asking({"monitor", "remove", path("own.toml")})),
-                      again = twinrate(asking({"monitor", "remove", path("own.toml")}));
+                      again = twinrate(asking({"monitor", "remove", path("own.toml")})),
+                      far = twinrate(
+                          asking({"monitor", "add", path("own.toml"), "--tick", "2000000"}));
   launch.signal(SIGINT);
   launch.wait(20);
   for (const ProgramResult& result : {added, removed}) {
@@ -210,6 +212,9 @@ TEST_F(Monitor, AnEffectOfAFileIsAddedFromTheNextTickOnAndRemovedAgain) {
     for (const char* role : {"estimator: from tick", "gain: from tick", "controller: from tick"})
       EXPECT_NE(result.out.find(role), std::string::npos) << result.out;
   }
+  EXPECT_EQ(far.exit_code, 2);
+  EXPECT_NE(far.err.find("allowed now, 60 s ahead (refused by plant)"), std::string::npos)
+      << far.err;
   EXPECT_EQ(again.exit_code, 2);
   EXPECT_NE(again.err.find("own.toml: no resistance with these values was added"),
             std::string::npos)
