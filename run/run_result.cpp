@@ -88,7 +88,8 @@ int lateness_us(const EventRecord& event) {
 
 // One line for each event that is not routine: the first occurrence, for each cause of late ticks the
 // worst one, and the number of occurrences.
-std::vector<std::string> notable_events(const RunLog& log) {
+// `end_ns`: drive time of the run's end.
+std::vector<std::string> notable_events(const RunLog& log, std::int64_t end_ns) {
   std::vector<std::pair<const EventRecord*, int>> seen;  // first occurrence, count
   for (const EventRecord& event : log.events) {
     const auto reason = static_cast<Reason>(event.reason);
@@ -110,7 +111,8 @@ std::vector<std::string> notable_events(const RunLog& log) {
                    [](const auto& a, const auto& b) { return a.first->t_ns < b.first->t_ns; });
   std::vector<std::string> lines;
   for (const auto& [event, count] : seen) {
-    const std::string often = count > 1 ? fmt::format("  ({} times)", count) : "";
+    std::string often = count > 1 ? fmt::format("  ({} times)", count) : "";
+    if (event->t_ns > end_ns) often += "  (not applied: the run ended before)";
     lines.push_back(fmt::format("{:.4f} s, {}: {}{}", 1e-9 * static_cast<double>(event->t_ns),
                                 role_name(event->role), one_line(event->text), often));
   }
@@ -441,7 +443,9 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
       facts.realtime ? hop_latencies(directory, offsets_of(facts.links)) : HopLatencies{};
   facts.not_written =
       write_results(dir, found, config, s, facts, manifest_of(log, facts, latency, account));
-  if (!facts.quiet) print_table(directory, config.drive(), s, facts, latency, notable_events(log));
+  if (!facts.quiet)
+    print_table(directory, config.drive(), s, facts, latency,
+                notable_events(log, config.drive().t_ns(reached + 1)));
   const bool well = s.locked.value_or(true) && lost_in_total(s) == 0 && facts.ended.empty() &&
                     facts.not_written.empty();
   return well ? 0 : 1;
