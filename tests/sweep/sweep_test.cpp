@@ -160,6 +160,27 @@ TEST(Why, FormulaFloquetAndTheDriveAgreeAtFourHundredRadPerSecond) {
   EXPECT_GT(spectral_radius(steady, 20), 1.05);
 }
 
+// A step that ends at a whole turn to the last bits: of two perturbed states, one is beyond it and is wrapped. With a
+// gain that turns with the rotor every step turns the angle by the same.
+TEST(Why, TheFloquetRadiusIsTheSameWhereTheAngleEndsATurn) {
+  constexpr int kTurn = 80;  // ticks
+  Config config = load_drive("dilys2021");
+  const auto filter = make_filter(config);
+  const double T_s = config.drive().T_s(), omega_e = kTwoPi / (kTurn * T_s);
+  const Estimate begin = *filter->steady_state(omega_e / 4);
+  const auto from = [&](double ticks) {
+    return Steady{filter, GainPolicy::kRotorFrame,    omega_e / 4, omega_e, T_s,
+                  1,      filter->ahead(begin, ticks)};
+  };
+  FastState state{.x_hat = begin.x_hat, .emf_angle = emf_angle_at(begin.theta_e, omega_e)};
+  Measurement m{.signals = kPhaseCurrents | kVoltage};
+  m.i_abc = inverse_clarke(inverse_park(begin.i_dq, begin.theta_e + omega_e * T_s));
+  filter->fast_step(state, m, rotor_gains_of_period(from(0), kTurn)[0]);
+  const double step = wrap_pi(state.x_hat[3]) / (omega_e * T_s);  // ticks
+  EXPECT_NEAR(spectral_radius(from(-step), kTurn) / spectral_radius(from(0.5 - step), kTurn), 1,
+              1e-3);
+}
+
 TEST(Why, TheControllerLimitsWhereTheClosedLoopHoldsLessByMoreThanAStepOrTenPercent) {
   EXPECT_EQ(limiting_part(8, 7, 100), "filter") << "one step";
   EXPECT_EQ(limiting_part(8, 6, 100), "controller");
