@@ -49,7 +49,9 @@ std::string type_of(std::string_view name) {
 // One request on a socket: it has to arrive whole before the deadline.
 class SocketStream : public httplib::Stream {
  public:
-  explicit SocketStream(socket_t socket) : socket_(socket) {}
+  SocketStream(socket_t socket, double request_s)
+      : socket_(socket),
+        deadline_(Clock::now() + std::chrono::milliseconds(static_cast<int>(1000 * request_s))) {}
 
   bool is_readable() const override {
     return left_ms() > 0 && taken_ < kMostRequestBytes && wait(POLLIN, left_ms());
@@ -87,14 +89,14 @@ class SocketStream : public httplib::Stream {
   static constexpr std::size_t kMostRequestBytes = 2 * kMostBodyBytes;
   socket_t socket_;
   std::size_t taken_ = 0;
-  Clock::time_point deadline_ =
-      Clock::now() + std::chrono::milliseconds(static_cast<int>(1000 * kRequest_s));
+  Clock::time_point deadline_;
 };
 
 // A request a connection. One for which there is no thread is closed by the thread that accepts.
 class OneRequestServer : public httplib::Server {
  public:
   std::atomic<std::int64_t> refused = 0;
+  double request_s = kRequest_s;
   static thread_local bool no_place;
   // The library's backlog of 5 would let connections wait that can be refused.
   void lengthen_backlog() { ::listen(svr_sock_, 128); }
@@ -105,7 +107,7 @@ class OneRequestServer : public httplib::Server {
     if (no_place) {
       ++refused;
     } else {
-      SocketStream stream(socket);
+      SocketStream stream(socket, request_s);
       bool closed = false;
       done = process_request(stream, true, closed, nullptr);
     }
@@ -280,9 +282,10 @@ void Server::Impl::set_up() {
       });
 }
 
-Server::Server(Api& api, const std::string& address, int port)
+Server::Server(Api& api, const std::string& address, int port, double request_s)
     : impl_(std::make_unique<Impl>(api)) {
   Impl& s = *impl_;
+  s.http.request_s = request_s;
   s.address = address;
   if (address != "127.0.0.1" && address != "localhost") s.token = new_token();
   s.set_up();

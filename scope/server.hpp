@@ -19,7 +19,7 @@ class Server {
  public:
   // `address`: 127.0.0.1, or an address of this machine, then with a token; `port` 0: any. Throws
   // BadInput where it cannot listen there.
-  Server(Api& api, const std::string& address, int port);
+  Server(Api& api, const std::string& address, int port, double request_s = kRequest_s);
   ~Server();
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;

@@ -148,20 +148,20 @@ TEST_F(ScopeServer, RefusesABodyThatDoesNotEnd) {
 }
 
 // A sender that always has more does not outlast the deadline.
+// Long before the deadline of the request, which is far here.
 TEST_F(ScopeServer, ClosesARequestThatIsLongerThanItsLimit) {
+  const Server patient(api_, "127.0.0.1", 0, 600);
   std::string heads;
   while (heads.size() < 8 * kMostBodyBytes) heads += "X-A: " + std::string(100, 'a') + "\r\n";
   for (const auto& [start, more] :
        {std::pair<std::string, std::string>("POST /api/trigger", heads),
         {"POST /api/trigger",
          "Content-Length: 9999999999\r\n\r\n" + std::string(8 * kMostBodyBytes, 'x')}}) {
-    const auto begun = std::chrono::steady_clock::now();
-    const Connection endless(server_->port());
+    const Connection endless(patient.port());
     endless.send(
-        fmt::format("{} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n{}", start, server_->port(), more));
-    endless.receive();
-    EXPECT_TRUE(endless.closed_by_server(1000));
-    EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::milliseconds(1900));
+        fmt::format("{} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n{}", start, patient.port(), more));
+    endless.receive(SIZE_MAX, 50'000);
+    EXPECT_TRUE(endless.closed_by_server(0));
   }
 }
 
