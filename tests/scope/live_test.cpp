@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -32,7 +33,9 @@ Held copy(scope::Recording& recording, const nlohmann::ordered_json& capture) {
   return held;
 }
 
+// The drive runs until twenty were copied, however many pass by meanwhile: the scope keeps ten.
 TEST_F(ScopeTest, TwentyCapturesHoldEveryTickOfTheLog) {
+  constexpr std::size_t kCaptures = 20;
   scope::Scope scope({.port = 0, .runs_directory = ""});
   scope.recording().set_trigger({.mode = scope::TriggerMode::kNormal,
                                  .signal = "measurement.i_a_A",
@@ -40,18 +43,19 @@ TEST_F(ScopeTest, TwentyCapturesHoldEveryTickOfTheLog) {
                                  .level = 0,
                                  .hysteresis = 0.01,
                                  .length_ticks = 120});
-  Program drive({"twinrate", "launch", "dilys2021", "--duration", "1s", "--set", "run.settle_s=0.3",
-                 "--set", "reference.omega_e_rad_s=400", "--run-dir", path("run")});
+  Program drive({"twinrate", "launch", "dilys2021", "--duration", "60s", "--pace", "wall", "--set",
+                 "reference.omega_e_rad_s=400", "--run-dir", path("run")});
   std::map<int, Held> captures;
-  while (drive.running()) {
+  while (drive.running() && captures.size() < kCaptures) {
     const auto brief = scope.recording().brief();
     for (const auto& capture : brief["captures"])
       if (!captures.count(capture["id"]))
         captures.emplace(capture["id"], copy(scope.recording(), capture));
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
-  EXPECT_EQ(drive.wait(30).exit_code, 0) << drive.err();
-  ASSERT_GE(captures.size(), 20u) << scope.recording().brief().dump(1);
+  drive.signal_group(SIGINT);
+  EXPECT_EQ(drive.wait(30).exit_code, 1) << drive.err();
+  ASSERT_GE(captures.size(), kCaptures) << scope.recording().brief().dump(1);
   scope::Recording log(1e9, 512 << 20);
   EXPECT_EQ(scope::load_log(path("run"), log), "");
   for (const auto& [id, held] : captures) {
@@ -66,7 +70,7 @@ TEST_F(ScopeTest, TwentyCapturesHoldEveryTickOfTheLog) {
     }
   }
   // The history is the log too: nothing was lost on the way.
-  EXPECT_EQ(scope.recording().last_k(), log.last_k());
+  EXPECT_TRUE(wait_until([&] { return scope.recording().last_k() == log.last_k(); }));
   const auto now = scope.recording().extent("truth.omega_m_rad_s", {0, log.last_k() + 1, 1, 0});
   EXPECT_EQ(now.count, log.extent("truth.omega_m_rad_s", {0, log.last_k() + 1, 1, 0}).count);
   EXPECT_EQ(scope.recording().drive().n_p, 4);
