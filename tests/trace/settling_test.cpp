@@ -112,6 +112,24 @@ TEST(Settling, FrictionThatFallsAsAnExponentialIsOneEffect) {
   expect_key(*members[0], "speed_rad_s", kSpeed, 0.05);
 }
 
+// A law whose shape is fitted has two parameters more, which a better fit of the noise does not pay for.
+TEST(Settling, AFrictionTakesAnotherShapeOnlyWhereItPaysForItsKeys) {
+  constexpr double kSmooth = 0.3;  // rad/s, of the drive
+  const auto smoothing = [&](double torque) {
+    SyntheticDrive drive{.duration_s = 2, .slow = true};
+    drive.extra_load = [&](double, double, double omega) {
+      return torque * std::tanh(omega / kSmooth);
+    };
+    const auto law = effect_with("coulomb_friction", {{"torque_Nm", torque}});
+    const auto truth = law->clone();
+    set_key(*truth, "smooth_rad_s", kSmooth);
+    const Members members = settled(simulate_synthetic(drive), {std::move(truth)}, {law});
+    return members.size() == 1 ? get_key(*members[0], "smooth_rad_s") : 0;
+  };
+  EXPECT_EQ(smoothing(0.04), get_key(*make_effect("coulomb_friction"), "smooth_rad_s"));
+  EXPECT_NEAR(smoothing(0.1), kSmooth, 0.03);
+}
+
 RawLog simulate_behind(LooseLoad load) {
   SyntheticDrive drive{.J = SyntheticDrive{}.J - load.J, .duration_s = 2};
   drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
