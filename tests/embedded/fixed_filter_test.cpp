@@ -2,13 +2,12 @@
 // every operation checked.
 #include <gtest/gtest.h>
 
-#include <Eigen/Eigenvalues>
-
 #include "analysis/summary.hpp"
 #include "embedded/closed_run.hpp"
 #include "embedded/fixed_estimator.hpp"
 #include "estimator/kernels/ekf_sensorless_kernel.hpp"
 #include "loop/load_drive.hpp"
+#include "model/linear_algebra.hpp"
 
 namespace twinrate::fixed_filter_test {
 namespace {
@@ -155,7 +154,7 @@ TEST(FixedPoint, DoesNotWrapAtStandstill) {
   const auto at = [](auto cell) { return std::ldexp(cell.value(), -m3::Format32::kP); };
   full << at(P.m00), at(P.m01), at(P.m02), at(P.m03), at(P.m01), at(P.m11), at(P.m12), at(P.m13),
       at(P.m02), at(P.m12), at(P.m22), at(P.m23), at(P.m03), at(P.m13), at(P.m23), at(P.m33);
-  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(full).eigenvalues()[0], 0);
+  EXPECT_GT(linear::symmetric_eigen(full).values[0], 0);
 }
 
 TEST(FixedPoint, HasTheLimitOfTheDoubleFilter) {

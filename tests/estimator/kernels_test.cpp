@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 
@@ -11,6 +10,7 @@
 #include "estimator/kernels/ud_filter.hpp"
 #include "model/discretise.hpp"
 #include "model/frames.hpp"
+#include "model/linear_algebra.hpp"
 #include "model/random.hpp"
 #include "tests/support/textbook_ekf.hpp"
 
@@ -229,8 +229,7 @@ struct MatricesInFloat {
   }
   float smallest() const {
     const Eigen::Matrix4d whole = P.cast<double>(), even = 0.5 * (whole + whole.transpose());
-    return static_cast<float>(
-        Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(even).eigenvalues()[0]);
+    return static_cast<float>(linear::symmetric_eigen(even).values[0]);
   }
 };
 

@@ -2,7 +2,6 @@
 // late.
 #include <gtest/gtest.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -11,6 +10,7 @@
 #include "estimator/registry.hpp"
 #include "loop/closed_loop.hpp"
 #include "model/frames.hpp"
+#include "model/linear_algebra.hpp"
 #include "tests/support/drives.hpp"
 
 namespace twinrate::long_run_test {
@@ -46,9 +46,8 @@ void note(const Gain& gain, Worst& worst) {
   const Eigen::VectorXd scale = P.diagonal().cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd C = scale.asDiagonal() * P * scale.asDiagonal();
   worst.asymmetry = std::max(worst.asymmetry, (C - C.transpose()).cwiseAbs().maxCoeff());
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(0.5 * (C + C.transpose()),
-                                                             Eigen::EigenvaluesOnly);
-  worst.smallest = std::min(worst.smallest, eigen.eigenvalues()[0]);
+  worst.smallest =
+      std::min(worst.smallest, linear::symmetric_eigen(0.5 * (C + C.transpose())).values[0]);
 }
 
 // The snapshots over and over.
