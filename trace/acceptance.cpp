@@ -144,6 +144,22 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
          rings(*next.members.back()) && everywhere(fitter, next, now);
 }
 
+bool is_gap(const LeftByShaft& gap, const LeftByShaft& shaft, double gain, double more,
+            double margin) {
+  constexpr double kGap = 0.1;         // of a shaft's gain: what a gap in it must bring besides
+  constexpr double kHeldOutToo = 0.8;  // of the held-out error: a gap that doubles the gain
+  constexpr double kFollowed = 0.85;   // of the error by pieces: such a gap is one, too
+  // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft,
+  // or the other way round.
+  const double plain = gap.plain / shaft.plain;
+  const bool better = plain < 1 && more > std::max(margin, kGap * gain);
+  // Squares count the few impacts that were not met for more than all that were.
+  const bool followed = gap.held_out < shaft.held_out && gap.pieces < kFollowed * shaft.pieces;
+  // As much again as the shaft brought, and on the blocks kept back too, is no matter of weights.
+  const bool twice = more > gain && gap.held_out < kHeldOutToo * shaft.held_out;
+  return better || plain < kGapErrorRatio || followed || twice;
+}
+
 double credit(const Effect& effect, const Effect& other, double gain) {
   constexpr double kShare = 0.01, kMost = 500;
   const Traits::Reading* part = reading_of(other, Traits::Reading::kItsThreshold);

@@ -28,6 +28,19 @@ bool plausible(const Effect& effect, const DriveFacts& facts);
 // whose impacts cannot be followed: an overdamped shaft does, and nothing else.
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);
 
+// Of the plain error: a gap that leaves less is one.
+inline constexpr double kGapErrorRatio = 0.75;
+
+// What a shaft leaves of the torque before whitening, as a square and as a sum over pieces, and of the held-out
+// blocks, whitened.
+struct LeftByShaft {
+  double plain = 0, pieces = 0, held_out = 0;
+};
+// Whether a gap takes the place of a shaft without one. `gain`: by how much the shaft lowers the score; `more`: the
+// gap besides.
+bool is_gap(const LeftByShaft& gap, const LeftByShaft& shaft, double gain, double more,
+            double margin);
+
 // By how much the gain of one effect may fall short of another's in its place: a dead time is not
 // told as an inverter's drop whose slope explains, or mends, next to nothing.
 double credit(const Effect& effect, const Effect& other, double gain);

@@ -19,10 +19,6 @@ constexpr std::size_t kMostTried = 3;   // kinds refined at each step,
 constexpr std::size_t kMostAsGood = 5;  // where none was good or the next is as good as the first,
 constexpr double kAsGood = 0.98;        // in gain
 constexpr double kTwoMissing = 20;      // margins that each of two must explain to be taken at once
-constexpr double kGap = 0.1;            // of a shaft's gain: what a gap in it must bring besides
-constexpr double kGapErrorRatio = 0.75;  // of the plain error: a gap that leaves less is one
-constexpr double kHeldOutToo = 0.8;  // of the whitened error kept back: a gap that doubles the gain
-constexpr double kFollowed = 0.85;   // of the error by pieces: such a gap is one, too
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
 constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
 constexpr double kWorseThanPlaced = 1.1;          // times the error of a shaft where it was placed
@@ -87,16 +83,13 @@ class Selector {
     if (say_)
       say_(fmt::format("  {}: {:.0f}; with a gap: {} {:+.0f}", describe(*shaft.members.back()),
                        gain, describe(*gap->members.back()), more));
-    // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft,
-    // or the other way round.
-    const double plain = plain_torque(fitter_, *gap) / plain_torque(fitter_, shaft);
-    const bool better = plain < 1 && more > std::max(fitter_.margin(), kGap * gain);
-    // Squares count the few impacts that were not met for more than all that were.
-    const bool followed = gap->rss_held_out < shaft.rss_held_out &&
-                          plain_pieces(fitter_, *gap) < kFollowed * plain_pieces(fitter_, shaft);
-    // As much again as the shaft brought, and on the blocks kept back too, is no matter of weights.
-    const bool twice = more > gain && gap->rss_held_out < kHeldOutToo * shaft.rss_held_out;
-    if (acceptable(fitter_, *gap, now) && (better || plain < kGapErrorRatio || followed || twice))
+    const auto left_by = [&](const Fit& fit) {
+      return LeftByShaft{.plain = plain_torque(fitter_, fit),
+                         .pieces = plain_pieces(fitter_, fit),
+                         .held_out = fit.rss_held_out};
+    };
+    if (acceptable(fitter_, *gap, now) &&
+        is_gap(left_by(*gap), left_by(shaft), gain, more, fitter_.margin()))
       shaft = std::move(*gap);
   }
 

@@ -57,6 +57,27 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewCandidateIsADeadTime) {
   ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
 }
 
+// Each of four reasons for a gap, alone, and just short of it.
+TEST(Selection, AGapTakesThePlaceOfAShaftForEachOfFourReasons) {
+  constexpr double kMargin = 10, kGain = 1000;
+  const LeftByShaft shaft{.plain = 1, .pieces = 1, .held_out = 1};
+  const auto gap = [&](LeftByShaft left, double more) {
+    return is_gap(left, shaft, kGain, more, kMargin);
+  };
+  EXPECT_FALSE(gap({1.1, 1, 1.1}, 0)) << "none";
+  EXPECT_TRUE(gap({0.99, 1, 1.1}, 101)) << "a tenth of the gain besides";
+  EXPECT_FALSE(gap({0.99, 1, 1.1}, 99));
+  EXPECT_FALSE(gap({1.01, 1, 1.1}, 101)) << "the plain error rises";
+  EXPECT_TRUE(gap({0.74, 1, 1.1}, 0)) << "the plain error";
+  EXPECT_FALSE(gap({0.76, 1, 1.1}, 0));
+  EXPECT_TRUE(gap({1.1, 0.84, 0.99}, 0)) << "the error by pieces";
+  EXPECT_FALSE(gap({1.1, 0.86, 0.99}, 0));
+  EXPECT_FALSE(gap({1.1, 0.84, 1.01}, 0)) << "the held-out error rises";
+  EXPECT_TRUE(gap({1.1, 1, 0.79}, 1001)) << "twice the gain";
+  EXPECT_FALSE(gap({1.1, 1, 0.81}, 1001)) << "little less of the held-out error";
+  EXPECT_FALSE(gap({1.1, 1, 0.79}, 999));
+}
+
 // Only the simpler of the two may be worse, by no more than a few hundred.
 TEST(Selection, ADeadTimeMayFallALittleShortOfADropWithASlope) {
   const auto dead_time = effect_with("dead_time", {{"dead_time_s", 1e-6}}),
