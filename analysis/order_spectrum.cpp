@@ -6,9 +6,9 @@
 #include <cmath>
 #include <complex>
 
+#include "analysis/angle_sums.hpp"
 #include "model/frames.hpp"
 #include "model/math.hpp"
-#include "model/pair.hpp"
 
 namespace twinrate {
 namespace {
@@ -81,60 +81,17 @@ WholeTurns last_whole_turns(std::span<const double> theta, const Range& stretch)
   return {{first, stretch.last}, turns};
 }
 
-// Of e^{jm theta} of all samples.
-struct Sums {
-  Pair weights{};  // sum w e^{jm theta}
-  Pair values{};   // sum w y e^{jm theta}, for m <= N alone
-};
-
-// A sample and its power w e^{jm theta}.
-struct Sample {
-  Pair power{}, y{}, cos{}, sin{};  // sin: [-s, s]
-
-  Sample() = default;  // counts nothing
-  Sample(double weight, double value, const math::SinCos& at)
-      : power{weight, 0}, y{value, value}, cos{at.cos, at.cos}, sin{-at.sin, at.sin} {}
-  void turn() { power = power * cos + swapped(power) * sin; }
-};
-
-// For m = 0 .. 2 N, sample after sample. The powers of four samples are computed beside each other:
-// one alone would wait for each product.
-std::vector<Sums> sums_of_powers(std::span<const double> theta, std::span<const double> y, int N) {
-  const std::vector<double> w = weights(theta);
-  std::vector<Sums> sums(2 * static_cast<std::size_t>(N) + 1);
-  const std::span<Sums> with_values = std::span(sums).first(static_cast<std::size_t>(N) + 1);
-  const auto sample = [&](std::size_t i) {
-    return i < theta.size() ? Sample(w[i], y[i], math::sincos(theta[i])) : Sample();
-  };
-  for (std::size_t i = 0; i < theta.size(); i += 4) {
-    Sample a = sample(i), b = sample(i + 1), c = sample(i + 2), d = sample(i + 3);
-    const auto add_weights = [&](Sums& at) {
-      at.weights = at.weights + a.power + b.power + c.power + d.power;
-      a.turn(), b.turn(), c.turn(), d.turn();
-    };
-    for (Sums& at : with_values) {
-      at.values = at.values + a.y * a.power + b.y * b.power + c.y * c.power + d.y * d.power;
-      add_weights(at);
-    }
-    for (Sums& at : std::span(sums).subspan(with_values.size())) add_weights(at);
-  }
-  return sums;
-}
-
 // Coefficients c_{-N} .. c_N of sum c_M e^{jM theta} by least squares.
 Eigen::VectorXcd fit(std::span<const double> theta, std::span<const double> y, int N) {
-  const std::vector<Sums> sums = sums_of_powers(theta, y, N);
-  const auto moment = [&](int m) {
-    const Pair& sum = sums[std::abs(m)].weights;
-    return Complex(sum[0], m >= 0 ? sum[1] : -sum[1]);
+  const AngleSums sums = angle_sums(theta, weights(theta), y, 2 * N);
+  const auto of = [](const std::vector<Complex>& sum, int m) {
+    return m >= 0 ? sum[static_cast<std::size_t>(m)] : std::conj(sum[static_cast<std::size_t>(-m)]);
   };
   Eigen::MatrixXcd gram(2 * N + 1, 2 * N + 1);
   Eigen::VectorXcd right(2 * N + 1);
   for (int row = -N; row <= N; ++row) {
-    const int m = std::abs(row);
-    const Pair& sum = sums[m].values;
-    right[row + N] = {sum[0], row >= 0 ? -sum[1] : sum[1]};
-    for (int col = -N; col <= N; ++col) gram(row + N, col + N) = moment(col - row);
+    right[row + N] = of(sums.values, -row);
+    for (int col = -N; col <= N; ++col) gram(row + N, col + N) = of(sums.weights, col - row);
   }
   return gram.ldlt().solve(right);
 }
@@ -175,20 +132,14 @@ double shape_correlation(const OrderSpectrum& a, const OrderSpectrum& b, int N_m
   return product / (a.rms(N_max) * b.rms(N_max));
 }
 
-OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal,
-                             int N_max) {
-  assert(theta_m.size() == signal.size() && N_max >= 1);
-  std::vector<double> theta, y;
-  std::vector<std::size_t> index;
-  theta.reserve(theta_m.size());
-  y.reserve(theta_m.size());
-  index.reserve(theta_m.size());
-  for (std::size_t i = 0; i < theta_m.size(); ++i) {
-    if (!std::isfinite(theta_m[i]) || !std::isfinite(signal[i])) continue;
-    theta.push_back(theta_m[i]);
-    y.push_back(signal[i]);
-    index.push_back(i);
-  }
+namespace {
+
+bool all_finite(std::span<const double> values) {
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+}
+
+// Of samples that are all finite.
+OrderSpectrum spectrum_of(std::span<const double> theta, std::span<const double> y, int N_max) {
   OrderSpectrum spectrum;
   const auto [range, turns] = last_whole_turns(theta, longest_stretch(theta));
   if (turns < 1) return spectrum;
@@ -197,16 +148,36 @@ OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const do
   const int resolved = static_cast<int>(static_cast<double>(count) / turns / kSamplesPerPeriod_min);
   const int N = std::min(N_max, resolved);
   if (N < 1) return spectrum;
-  const Eigen::VectorXcd c =
-      fit(std::span(theta).subspan(first, count), std::span(y).subspan(first, count), N);
+  const Eigen::VectorXcd c = fit(theta.subspan(first, count), y.subspan(first, count), N);
   spectrum.turns = turns;
-  spectrum.first = index[first];
-  spectrum.last = index[last - 1] + 1;
+  spectrum.first = first;
+  spectrum.last = last;
   spectrum.mean = c[N].real();
   for (int order = 1; order <= N; ++order) {
     spectrum.amplitude.push_back(2 * std::abs(c[N + order]));
     spectrum.phase_rad.push_back(wrap_pi(math::arg(c[N + order]) + kPi / 2));
   }
+  return spectrum;
+}
+
+}  // namespace
+
+OrderSpectrum order_spectrum(std::span<const double> theta_m, std::span<const double> signal,
+                             int N_max) {
+  assert(theta_m.size() == signal.size() && N_max >= 1);
+  if (all_finite(theta_m) && all_finite(signal)) return spectrum_of(theta_m, signal, N_max);
+  std::vector<double> theta, y;
+  std::vector<std::size_t> index;
+  for (std::size_t i = 0; i < theta_m.size(); ++i) {
+    if (!std::isfinite(theta_m[i]) || !std::isfinite(signal[i])) continue;
+    theta.push_back(theta_m[i]);
+    y.push_back(signal[i]);
+    index.push_back(i);
+  }
+  OrderSpectrum spectrum = spectrum_of(theta, y, N_max);
+  if (spectrum.turns == 0) return spectrum;
+  spectrum.first = index[spectrum.first];
+  spectrum.last = index[spectrum.last - 1] + 1;
   return spectrum;
 }
 

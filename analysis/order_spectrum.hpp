@@ -5,7 +5,7 @@
 // fitted by least squares; the weight of a sample is the angle between its neighbours. A varying
 // speed does not smear the orders, as it does in a Fourier transform over time. Jittered, missing
 // or quantised angles cause no leakage: a signal of these orders is recovered exactly. The normal
-// equations are Toeplitz in the sums of e^{j(N-M) theta}, so their set-up costs O(samples N_max).
+// equations are Toeplitz in the sums of e^{j(N-M) theta} (analysis/angle_sums.hpp).
 //
 // Angles in rad, unwrapped, either direction, in order of time; amplitudes in the unit of the
 // signal. Samples that are not finite are ignored. If the rotor reverses, the longest stretch in
