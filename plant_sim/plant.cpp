@@ -242,8 +242,12 @@ Arrival Plant::take_due_command(std::int64_t due) {
   if (due < 0) return Arrival::kNotDue;
   if (!has(due) && was_not_finite(due)) return Arrival::kNotFinite;
   const Command* newest = &applied_command_;
-  for (const Command& c : commands_)
-    if (c.k <= due && c.k > newest->k) newest = &c;
+  if (has(due) && due > newest->k) {
+    newest = &commands_[static_cast<std::size_t>(due) % commands_.size()];
+  } else {
+    for (const Command& c : commands_)
+      if (c.k <= due && c.k > newest->k) newest = &c;
+  }
   if (newest == &applied_command_ || due - newest->k > safety_.limits().hold_ticks)
     return Arrival::kMissing;
   const double turned = wrap_pi(newest->theta_ctrl - applied_command_.theta_ctrl);
