@@ -17,6 +17,9 @@
 namespace twinrate {
 namespace {
 
+constexpr std::size_t kLargestUsual = 65536;     // event: a larger one makes the buffer grow
+constexpr std::int64_t kLeftOnFullDisk = 65536;  // for the results of the run
+
 // The event log of liblcm: numbers in network order, then the channel and the message.
 struct EventHeader {
   std::uint32_t sync = htobe32(0xEDA1DA01);
@@ -24,22 +27,26 @@ struct EventHeader {
   std::uint32_t channel_bytes = 0, message_bytes = 0;
 } __attribute__((packed));
 
-// False if the disk is full.
-bool write_all(int file, const std::uint8_t* bytes, std::size_t size) {
-  while (size > 0) {
-    const ssize_t written = ::write(file, bytes, size);
+// The number of bytes written: fewer if the disk is full.
+std::size_t write_all(int file, const std::uint8_t* bytes, std::size_t size) {
+  std::size_t done = 0;
+  while (done < size) {
+    const ssize_t written = ::write(file, bytes + done, size - done);
     if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return false;
-    bytes += written;
-    size -= static_cast<std::size_t>(written);
+    if (written <= 0) break;
+    done += static_cast<std::size_t>(written);
   }
-  return true;
+  return done;
 }
 
 }  // namespace
 
-LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part)
-    : directory_(std::move(directory)), rotate_bytes_(rotate_bytes), first_part_(first_part) {
+LogWriter::LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part,
+                     std::size_t gather_bytes)
+    : directory_(std::move(directory)),
+      rotate_bytes_(rotate_bytes),
+      first_part_(first_part),
+      gather_bytes_(gather_bytes) {
   std::error_code refused;  // open_next() then fails, too
   std::filesystem::create_directories(directory_, refused);
   open_next();
@@ -65,7 +72,7 @@ void LogWriter::open_next() {
   if (file_ < 0)
     throw std::runtime_error(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
   files_.push_back(path);
-  buffer_.resize(2 * kFlushBytes);
+  buffer_.resize(gather_bytes_ + kLargestUsual);
   on_disk_ = events_ = 0;
 }
 
@@ -98,9 +105,9 @@ void LogWriter::put_mark(std::string_view text, std::int64_t t_us) {
       t_us);
 }
 
-bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
-                    std::int64_t t_us) {
-  if (full_) return false;
+// Header and channel of an event; the place of its message.
+std::uint8_t* LogWriter::append(const std::string& channel, std::size_t size, std::int64_t t_us) {
+  if (full_ || (gathered_ >= gather_bytes_ && !flush())) return nullptr;
   t_us_ = t_us;
   const EventHeader header{.number = htobe64(static_cast<std::uint64_t>(events_++)),
                            .t_us = htobe64(static_cast<std::uint64_t>(t_us)),
@@ -110,38 +117,57 @@ bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::
   if (buffer_.size() < gathered_ + event_bytes) buffer_.resize(gathered_ + event_bytes);
   std::uint8_t* const event = buffer_.data() + gathered_;
   std::memcpy(event, &header, sizeof header);
-  std::copy(channel.begin(), channel.end(), event + sizeof header);
-  if (size > 0) std::memcpy(event + sizeof header + channel.size(), bytes, size);
+  std::memcpy(event + sizeof header, channel.data(), channel.size());
   gathered_ += event_bytes;
-  return gathered_ < kFlushBytes || flush();
+  return event + sizeof header + channel.size();
+}
+
+bool LogWriter::put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
+                    std::int64_t t_us) {
+  std::uint8_t* const message = append(channel, size, t_us);
+  if (!message) return false;
+  if (size > 0) std::memcpy(message, bytes, size);
+  return gathered_ < gather_bytes_ || flush();
+}
+
+std::uint8_t* LogWriter::room_for(const std::string& channel, std::size_t size, std::int64_t t_us) {
+  return next_part_if_due(t_us) ? append(channel, size, t_us) : nullptr;
+}
+
+bool LogWriter::next_part_if_due(std::int64_t t_us) {
+  if (on_disk_ + static_cast<std::int64_t>(gathered_) <= rotate_bytes_) return true;
+  if (!manifest_.empty()) put_mark(kLogContinues, t_us_);
+  if (!flush()) return false;
+  close();
+  try {
+    open_next();
+  } catch (const std::runtime_error& refused) {
+    fail(refused.what());
+    cut_to_mark();
+    return false;
+  }
+  rotated_ = true;
+  begin_part(t_us);
+  manifest_bytes_ = static_cast<std::int64_t>(gathered_);
+  return true;
 }
 
 bool LogWriter::write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
                       std::int64_t t_us) {
-  if (on_disk_ + static_cast<std::int64_t>(gathered_) > rotate_bytes_) {
-    if (!manifest_.empty()) put_mark(kLogContinues, t_us_);
-    if (!flush()) return false;
-    close();
-    try {
-      open_next();
-    } catch (const std::runtime_error& refused) {
-      fail(refused.what());
-      cut_to_mark();
-      return false;
-    }
-    rotated_ = true;
-    begin_part(t_us);
-    manifest_bytes_ = static_cast<std::int64_t>(gathered_);
-  }
-  return put(channel, bytes, size, t_us);
+  return next_part_if_due(t_us) && put(channel, bytes, size, t_us);
 }
 
 bool LogWriter::flush() {
   if (file_ < 0 || full_) return false;
-  if (write_all(file_, buffer_.data(), gathered_)) {
-    on_disk_ += static_cast<std::int64_t>(gathered_);
+  const std::size_t written = write_all(file_, buffer_.data(), gathered_);
+  const std::int64_t end = on_disk_ + static_cast<std::int64_t>(written);
+  const bool all = written == gathered_;
+  for (const Mark& mark : marks_)
+    if (mark.bytes <= (all ? end : end - kLeftOnFullDisk)) marked_on_disk_ = mark;
+  marks_.clear();
+  if (all) {
+    on_disk_ = end;
     gathered_ = 0;
-    marked_on_disk_ = marked_;
     return true;
   }
   fail(files_.back() + ": the disk is full");

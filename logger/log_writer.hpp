@@ -1,11 +1,11 @@
 // Writes an LCM log that is readable after a full disk.
 //
 // Marks say that a part begins and ends (core/log_marks.hpp); the log of a full disk does not end.
-// Whole events are gathered and written kFlushBytes at a time; every write is checked. If the disk is
-// full, the log is truncated to its last mark on the disk, without a mark to its last whole event, and
-// the writer accepts no more events: what it holds is what marked_on_disk() says. A file that exists is
-// not overwritten. At `rotate_bytes` the next file is started: log.lcm, log-001.lcm, .. each with the
-// manifest first.
+// Whole events are gathered and written `gather_bytes` at a time; every write is checked. If the disk is
+// full, the log is truncated to a mark on the disk, without one to its last whole event, so that up to
+// 64 kB are left for the results of the run, and the writer accepts no more events: what it holds is
+// what marked_on_disk() says. A file that exists is not overwritten. At `rotate_bytes` the next file is
+// started: log.lcm, log-001.lcm, .. each with the manifest first.
 #pragma once
 
 #include <cstdint>
@@ -19,8 +19,10 @@ namespace twinrate {
 class LogWriter {
  public:
   // Throws BadInput if the first file exists, std::runtime_error if it cannot be created.
-  // `first_part`: number of the parts that are there already.
-  LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part = 0);
+  // `first_part`: number of the parts that are there already. `gather_bytes`: a killed process loses
+  // as many; a write of 1 MB costs the kernel half of sixteen of 64 kB.
+  LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part = 0,
+            std::size_t gather_bytes = 65536);
   ~LogWriter();
   LogWriter(const LogWriter&) = delete;
   LogWriter& operator=(const LogWriter&) = delete;
@@ -31,6 +33,9 @@ class LogWriter {
   // False once the disk is full, or if the next file exists.
   bool write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
              std::int64_t t_us);
+  // The place of a message of `size` bytes in the next event: the caller encodes there, before any
+  // other call. Null where write() would be false.
+  std::uint8_t* room_for(const std::string& channel, std::size_t size, std::int64_t t_us);
   // Flushes all events to the file; false once the disk is full.
   bool flush();
   // As flush(), with the mark that the log ends; the last thing to be written.
@@ -40,7 +45,7 @@ class LogWriter {
   const std::string& failure() const { return failure_; }
   // The events so far are those of the ticks below k, in realtime as far as they came.
   void mark(std::int64_t k) {
-    marked_ = {k, files_.size() - 1, on_disk_ + static_cast<std::int64_t>(gathered_)};
+    marks_.push_back({k, files_.size() - 1, on_disk_ + static_cast<std::int64_t>(gathered_)});
   }
   // The last mark whose events are all in the files.
   std::int64_t marked_on_disk() const { return marked_on_disk_.k; }
@@ -55,12 +60,14 @@ class LogWriter {
   void put_mark(std::string_view text, std::int64_t t_us);
   void cut_to_mark();
   void fail(const std::string& why);
+  bool next_part_if_due(std::int64_t t_us);
+  std::uint8_t* append(const std::string& channel, std::size_t size, std::int64_t t_us);
   bool put(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
            std::int64_t t_us);
 
   std::string directory_;
   std::int64_t rotate_bytes_;
-  std::size_t first_part_;
+  std::size_t first_part_, gather_bytes_;
   int file_ = -1;
   std::vector<std::uint8_t> buffer_;
   std::size_t gathered_ = 0;         // bytes at its begin: events to be written
@@ -72,8 +79,8 @@ class LogWriter {
     std::int64_t k = 0;
     std::size_t file = 0;     // of files_
     std::int64_t bytes = -1;  // of that file; -1: there was no mark
-  } marked_, marked_on_disk_;
-  static constexpr std::size_t kFlushBytes = 65536;
+  } marked_on_disk_;
+  std::vector<Mark> marks_;  // since the last flush
   std::vector<std::string> files_;
   std::string manifest_channel_;
   std::vector<std::uint8_t> manifest_;

@@ -26,6 +26,8 @@
 namespace twinrate {
 namespace {
 
+constexpr std::size_t kGatheredBytes = 1 << 20;  // a write of the log
+
 // Encodes each message as on the bus and writes it to the log, in the order of a lock-step run.
 class SimulatedBus {
  public:
@@ -61,29 +63,24 @@ class SimulatedBus {
                      Role role = Role::kController) {
     const event_t wire =
         make_event({.role = role, .reason = reason, .k = k, .t_ns = t_ns, .text = text}, session_);
-    const std::size_t size = make_room(wire);
-    wire.encode(bytes_.data(), 0, static_cast<int>(size));
-    send(Channel::kEvent, size);
+    send(wire, Channel::kEvent,
+         [&](std::uint8_t* to, std::size_t size) { wire.encode(to, 0, static_cast<int>(size)); });
     if (kept_) kept_->log.events.push_back(from_wire(wire));
   }
 
  private:
   template <class Wire>
   void publish(Wire&& wire) {
-    const std::size_t size = make_room(wire);
-    encode_tick(wire, bytes_.data());
-    send(kChannelOf<std::remove_reference_t<Wire>>, size);
+    send(wire, kChannelOf<std::remove_reference_t<Wire>>,
+         [&](std::uint8_t* to, std::size_t /*size*/) { encode_tick(wire, to); });
   }
-  template <class Wire>
-  std::size_t make_room(const Wire& wire) {
-    const auto size = static_cast<std::size_t>(wire.getEncodedSize());
-    if (bytes_.size() < size) bytes_.resize(size);
-    return size;
-  }
-  // Time stamps of the log are those of the ticks.
-  void send(Channel sent, std::size_t size) {
+  // Encodes into the log's own buffer. Time stamps of the log are those of the ticks.
+  template <class Wire, class Encode>
+  void send(const Wire& wire, Channel sent, const Encode& encode) {
     const auto channel = static_cast<std::size_t>(sent);
-    writer_.write(names_[channel], bytes_.data(), size, t0_us_ + t_ns_ / 1000);
+    const auto size = static_cast<std::size_t>(wire.getEncodedSize());
+    if (std::uint8_t* const to = writer_.room_for(names_[channel], size, t0_us_ + t_ns_ / 1000))
+      encode(to, size);
     if (kept_) ++kept_->log.counts[channel];
   }
   void keep(const TickRecord& tick) {
@@ -111,7 +108,6 @@ class SimulatedBus {
   std::array<std::string, kChannelCount> names_;
   estimate_t estimate_{};
   gain_t gain_{};
-  std::vector<std::uint8_t> bytes_;  // of the longest message so far
 };
 
 // The monitor in this process. Tracing takes no drive time.
@@ -209,7 +205,8 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   const std::int64_t session = new_session_id();
   const std::int64_t t0_us = wall_us();
   LogWriter writer(directory,
-                   static_cast<std::int64_t>(config.read<BusParameters>().log_rotate_MB * 1e6));
+                   static_cast<std::int64_t>(config.read<BusParameters>().log_rotate_MB * 1e6), 0,
+                   kGatheredBytes);
   const manifest_t manifest =
       make_manifest(session, config.resolved(), describe_host_json(session, d.run.seed));
   writer.set_manifest(info(Channel::kManifest).name, encode(manifest), t0_us);

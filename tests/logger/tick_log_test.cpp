@@ -8,6 +8,7 @@
 
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <lcm/lcm-cpp.hpp>
 #include <optional>
 
@@ -335,25 +336,30 @@ TEST_F(LogFiles, WhereTheDiskIsFullTheLogEndsWithAWholeEvent) {
 TEST_F(LogFiles, WhereTheDiskIsFullTheLogEndsWithItsLastMark) {
   struct Case {
     std::int64_t rotate_bytes;
-    std::size_t files;   // the disk gets full in the last one of so many
-    rlim_t limit_bytes;  // of that file
+    std::size_t files;      // the disk gets full in the last one of so many
+    rlim_t limit_bytes;     // of that file
+    bool in_place = false;  // and a megabyte a write: only a part of it is on the disk
   };
   constexpr int kMessagesATick = 7;  // the second file begins within a tick
   const std::vector<std::uint8_t> manifest(50), bytes(1000);
   for (const Case c : {Case{100'000'000, 1, 150'000}, Case{70'500, 2, 3000}, Case{70'500, 2, 1500},
-                       Case{70'500, 2, 10'500}}) {
+                       Case{70'500, 2, 10'500}, Case{100'000'000, 1, 150'000, true},
+                       Case{70'500, 2, 3000, true}}) {
     fs::remove_all(directory_);
     std::int64_t said = 0;
     {
-      LogWriter writer(directory_.string(), c.rotate_bytes);
+      LogWriter writer(directory_.string(), c.rotate_bytes, 0, c.in_place ? 1 << 20 : 65536);
       writer.set_manifest("DRIVE_MANIFEST", manifest, 0);
       std::optional<SmallDisk> disk;
-      for (std::int64_t i = 0; i < 1000 && !writer.full(); ++i) {
-        writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), i);
+      for (std::int64_t i = 0; i < 1200 && !writer.full(); ++i) {
+        if (!c.in_place)
+          writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), i);
+        else if (std::uint8_t* const room = writer.room_for("DRIVE_COMMAND", bytes.size(), i))
+          std::copy(bytes.begin(), bytes.end(), room);
         if (i % kMessagesATick == kMessagesATick - 1) writer.mark((i + 1) / kMessagesATick);
         if (writer.files().size() < c.files) continue;
         if (!disk) disk.emplace(c.limit_bytes);
-        writer.flush();
+        if (!c.in_place) writer.flush();
       }
       EXPECT_TRUE(writer.full());
       said = writer.marked_on_disk();
@@ -382,6 +388,39 @@ TEST_F(LogFiles, WhereTheDiskIsFullWithinTheFirstTickNothingOfItIsLeft) {
   }
   for (const Event& event : events()) EXPECT_NE(event.channel, "DRIVE_COMMAND");
   EXPECT_EQ(events().size(), 2u) << "manifest and mark";
+}
+
+// Two ways to write the same: the caller's bytes in small writes to the disk, and bytes that are
+// encoded in the writer's buffer, a megabyte a write.
+TEST_F(LogFiles, WhatIsEncodedInTheBufferOfTheWriterIsTheSameLog) {
+  const std::vector<std::uint8_t> manifest(50);
+  const auto written = [&](bool in_place) {
+    fs::remove_all(directory_);
+    LogWriter writer(directory_.string(), 1'500'000, 0, in_place ? 1 << 20 : 65536);
+    writer.set_manifest("DRIVE_MANIFEST", manifest, 0);
+    for (int i = 0; i < 4000; ++i) {
+      const std::vector<std::uint8_t> bytes(static_cast<std::size_t>(i % 1000),
+                                            static_cast<std::uint8_t>(i));
+      if (!in_place) {
+        EXPECT_TRUE(writer.write("DRIVE_COMMAND", bytes.data(), bytes.size(), i));
+        continue;
+      }
+      std::uint8_t* const room = writer.room_for("DRIVE_COMMAND", bytes.size(), i);
+      if (!room) return std::string("no room");
+      std::copy(bytes.begin(), bytes.end(), room);
+    }
+    EXPECT_TRUE(writer.finish());
+    EXPECT_EQ(writer.files().size(), 2u);
+    std::string all;
+    for (const std::string& file : writer.files()) {
+      std::ifstream in(file, std::ios::binary);
+      all.append(std::istreambuf_iterator<char>(in), {});
+    }
+    return all;
+  };
+  const std::string log = written(false);
+  EXPECT_GT(log.size(), 2'000'000u);
+  EXPECT_TRUE(written(true) == log);
 }
 
 // A realtime log holds messages as they came; who reads it finds them by tick.
