@@ -90,8 +90,12 @@ Summary summarise(const RunLog& log, const DriveConfig& config, AngleReference a
 Summary summarise(const RunLog& head, const RunTicks& ticks, const DriveConfig& config,
                   AngleReference angle_reference) {
   const std::vector<TickRow>& rows = ticks.rows;
-  const std::vector<double> omega_m = reference_speed(rows, ticks.outline.has_truth());
   SummaryBuilder builder(head, ticks.outline, config, angle_reference);
+  if (ticks.outline.has_truth()) {
+    for (const TickRow& row : rows) builder.add(row, row.truth ? row.truth->omega_m : kNaN);
+    return builder.finish();
+  }
+  const std::vector<double> omega_m = reference_speed(rows, false);
   for (std::size_t i = 0; i < rows.size(); ++i) builder.add(rows[i], omega_m[i]);
   return builder.finish();
 }

@@ -156,7 +156,7 @@ void append(std::string& text, const Json& json) {
   };
   if (json.is_binary()) {
     const std::vector<std::uint8_t>& number = json.get_binary();
-    text.append(number.begin(), number.end());
+    text.append(reinterpret_cast<const char*>(number.data()), number.size());
   } else if (json.is_array()) {
     list('[', ']', [&](const auto& item) { append(text, *item); });
   } else if (json.is_object()) {

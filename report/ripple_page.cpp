@@ -27,9 +27,9 @@ bool any_torque(const RunView& view) {
                      [](const TickRow& row) { return is_torque(quantity::T_load_hat(row)); });
 }
 
-Json torque_section(const RunView& view) {
+Json torque_section(const RunView& view, bool with_figure) {
   Json figures = Json::array();
-  if (any_torque(view)) {
+  if (with_figure) {
     Figure figure{.title = "Load torque", .x_label = "t (s)", .y_label = "T_load (Nm)"};
     figure.draw(view.rows, {{"T_load", "true", quantity::T_load_true},
                             {"T_load_hat", "hat", quantity::T_load_hat}});
@@ -135,7 +135,6 @@ Json source_table(const RunView& view, const OrderSpectrum& spectrum, int shown)
 }
 
 Json torque_angle_section(const RunView& view) {
-  if (!any_torque(view)) return Json();
   const TorqueOverAngle torque = torque_over_angle(view, kMaxOrders);
   if (torque.spectrum.turns == 0 || !any_torque(torque.T_load_hat)) return Json();
   const int shown = shown_orders(torque.spectrum);
@@ -215,7 +214,9 @@ Json speed_orders_section(const std::vector<Stretch>& stretches) {
 }  // namespace
 
 std::vector<Json> ripple_sections(const RunView& view) {
-  std::vector<Json> sections = {torque_section(view), torque_angle_section(view)};
+  const bool with_torque = any_torque(view);
+  std::vector<Json> sections = {torque_section(view, with_torque)};
+  if (with_torque) sections.push_back(torque_angle_section(view));
   if (view.lost() || view.rows.empty()) return sections;
   const std::vector<Stretch> stretches = ripple_stretches(view);
   const bool any_ripple = std::any_of(stretches.begin(), stretches.end(),

@@ -102,11 +102,10 @@ double RunView::omega_m(const TickRow& row) const {
 }
 
 TickRows RunView::between(double from_s, double to_s) const {
-  const auto first =
-      std::find_if(rows.begin(), rows.end(), [=](const TickRow& row) { return row.t_s >= from_s; });
-  const auto last = std::find_if(rows.rbegin(), rows.rend(), [=](const TickRow& row) {
-                      return row.t_s <= to_s;
-                    }).base();
+  const auto first = std::partition_point(rows.begin(), rows.end(),
+                                          [=](const TickRow& row) { return row.t_s < from_s; });
+  const auto last = std::partition_point(rows.begin(), rows.end(),
+                                         [=](const TickRow& row) { return row.t_s <= to_s; });
   return first < last ? TickRows(first, last) : TickRows();
 }
 
