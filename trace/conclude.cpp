@@ -274,19 +274,23 @@ std::string sentence(const TraceResult& r) {
 std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
   constexpr double kOverNoise = 1.25, kOverDrawnNoise = 1.4;
   const Sampled left = fitter.chain().residual(fit.effects());
+  const DriveFacts& facts = fitter.chain().equations().facts();
   const auto say = [](const char* equation, const char* unit, double over, double square,
-                      double noise, Eigen::Index count) {
-    if (count == 0 || !(noise > 0) || square < over * over * noise) return std::string();
+                      double noise, Eigen::Index count, double least) {
+    const bool matters = square > least * least * static_cast<double>(count);
+    if (!matters || !(noise > 0) || square < over * over * noise) return std::string();
     return fmt::format("the residual of the {} equation is {:.3g} {}, {:.3g} times the noise floor",
                        equation, std::sqrt(square / static_cast<double>(count)), unit,
                        std::sqrt(square / noise));
   };
-  const std::string torque = say("torque", "Nm", kOverDrawnNoise, left.torque.squaredNorm(),
-                                 left.noise_torque.squaredNorm(), left.torque.size());
+  const std::string torque =
+      say("torque", "Nm", kOverDrawnNoise, left.torque.squaredNorm(),
+          left.noise_torque.squaredNorm(), left.torque.size(), least_torque(facts));
   return !torque.empty()
              ? torque
              : say("voltage", "V", kOverNoise, left.d.squaredNorm() + left.q.squaredNorm(),
-                   left.noise_d.squaredNorm() + left.noise_q.squaredNorm(), left.d.size());
+                   left.noise_d.squaredNorm() + left.noise_q.squaredNorm(), left.d.size(),
+                   least_voltage(facts));
 }
 
 // That nothing was found says nothing of what the record cannot show, or where more is left than

@@ -17,10 +17,11 @@ namespace twinrate {
 namespace {
 
 constexpr int kBins = 24;
-constexpr double kSmallestVoltage = 2e-4;   // of the bus voltage, rms of the means
-constexpr double kChance = 1e-9;            // of noise making such means
-constexpr double kLeastBesideShaft = 0.15;  // impacts are never met to the last bit
-constexpr double kTimesNoise = 2;           // the rms of a rest that is more than noise
+constexpr double kSmallestVoltage = 2e-4;    // of the bus voltage
+constexpr double kSmallestTorque_Nm = 6e-3;  // of a drive of 8 Nm
+constexpr double kChance = 1e-9;             // of noise making such means
+constexpr double kLeastBesideShaft = 0.15;   // impacts are never met to the last bit
+constexpr double kTimesNoise = 2;            // the rms of a rest that is more than noise
 constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: no axis is shown then
 constexpr double kLeastShare = 0.04;  // of the residual's power: less is too small to draw
 
@@ -307,6 +308,7 @@ Structure bursts_of_torque(const Chain& chain, const Sampled& physical,
                            const StructureSearch& search) {
   if (physical.torque.size() == 0) return {};
   const double rms = root_mean_square((physical.torque.array() - physical.torque.mean()).matrix());
+  if (rms <= least_torque(chain.equations().facts())) return {};
   double noise = std::max(chain.noise().torque.rms(), root_mean_square(physical.noise_torque));
   if (rms <= kTimesNoise * noise) return {};
   if (search.counts_may())
@@ -324,6 +326,13 @@ Structure bursts_of_torque(const Chain& chain, const Sampled& physical,
 
 }  // namespace
 
+double least_voltage(const DriveFacts& facts) {
+  return kSmallestVoltage * facts.v_dc;
+}
+double least_torque(const DriveFacts& facts) {
+  return smallest_torque(facts, kSmallestTorque_Nm);
+}
+
 std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) {
   const Chain& chain = fitter.chain();
   const DriveFacts& facts = chain.equations().facts();
@@ -333,7 +342,7 @@ std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) 
   const auto keep = [&](Structure s) {
     if (s.share > 0) found.push_back(std::move(s));
   };
-  const double smallest_V = kSmallestVoltage * facts.v_dc;
+  const double smallest_V = least_voltage(facts);
   const Runs& electrical = chain.sampler().electrical();
   keep(search.along_axes({"electrical", "d", "the residual of the d voltage", &Sampled::d,
                           &Sampled::noise_d, smallest_V},
@@ -342,7 +351,7 @@ std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) 
                           &Sampled::noise_q, smallest_V},
                          electrical));
   keep(search.along_axes({"mechanical", "torque", "the residual of the torque", &Sampled::torque,
-                          &Sampled::noise_torque, smallest_torque(facts, 6e-3)},
+                          &Sampled::noise_torque, least_torque(facts)},
                          chain.sampler().torque()));
   const auto gap = [](const auto& member) { return has_gap(*member); };
   if (std::none_of(fit.members.begin(), fit.members.end(), gap))

@@ -5,6 +5,10 @@
 
 namespace twinrate {
 
+// Less rms is left of any model: no rest of it matters, however small the noise is.
+double least_voltage(const DriveFacts& facts);
+double least_torque(const DriveFacts& facts);
+
 // Binned means of the whitened residual over current, speed, angle, time and direction, of the rows
 // that do not judge, where they are beyond chance and beyond what the same means say of the sensors'
 // drawn errors. Where nothing is claimed they must lower the error of the rows that judge, too,

@@ -31,6 +31,17 @@ TEST(Tracer, FindsNothingWhereNothingIsMissing) {
   }
 }
 
+// The integrators of drive and equations differ by more than the sensors' noise then.
+TEST(Tracer, FindsNothingWhereNothingIsMissingAndNoSensorHasNoise) {
+  SyntheticDrive drive;
+  drive.i_noise = 0;
+  drive.lsb = 1e-9;
+  drive.counts = 1 << 30;
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  EXPECT_EQ(r.verdict, "nothing_missing") << r.sentence;
+  EXPECT_TRUE(r.effects.empty());
+}
+
 TEST(Tracer, NamesCoggingAndFrictionWithTheirSizes) {
   SyntheticDrive drive;
   drive.extra_load = [](double, double theta, double omega) {
