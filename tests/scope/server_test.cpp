@@ -147,8 +147,7 @@ TEST_F(ScopeServer, RefusesABodyThatDoesNotEnd) {
   EXPECT_EQ(status(endless.receive()), 413);  // after kRequest_s
 }
 
-// A sender that always has more does not outlast the deadline.
-// Long before the deadline of the request, which is far here.
+// A request that never ends is closed at the limit of its size, long before its deadline.
 TEST_F(ScopeServer, ClosesARequestThatIsLongerThanItsLimit) {
   const Server patient(api_, "127.0.0.1", 0, 600);
   std::string heads;
