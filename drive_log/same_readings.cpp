@@ -13,16 +13,19 @@ namespace {
 constexpr std::size_t kStretch = 64;             // rows
 constexpr std::uint64_t kPrime = 1099511628211;  // of FNV-1a
 
-// Of each stretch of kStretch rows that begins at a multiple of `every`.
+// Of each stretch of kStretch rows that begins at a multiple of `every`, and in which a reading changes: two
+// runs at rest have the same readings.
 template <class Take>
 void for_each_stretch(const std::vector<std::uint64_t>& rows, std::size_t every, Take take) {
   std::uint64_t power = 1;
   for (std::size_t i = 0; i < kStretch; ++i) power *= kPrime;
-  std::uint64_t hash = 0;  // of the last kStretch rows
+  std::uint64_t hash = 0;     // of the last kStretch rows
+  std::size_t unchanged = 0;  // the last rows that are equal
   for (std::size_t k = 0; k < rows.size(); ++k) {
+    unchanged = k > 0 && rows[k] == rows[k - 1] ? unchanged + 1 : 1;
     hash = hash * kPrime + rows[k];
     if (k >= kStretch) hash -= power * rows[k - kStretch];
-    if (k + 1 >= kStretch && (k + 1 - kStretch) % every == 0) take(hash);
+    if (k + 1 >= kStretch && (k + 1 - kStretch) % every == 0 && unchanged < kStretch) take(hash);
   }
 }
 

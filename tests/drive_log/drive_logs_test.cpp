@@ -17,6 +17,7 @@
 #include "drive_log/log_reader.hpp"
 #include "drive_log/measured_files.hpp"
 #include "drive_log/moments.hpp"
+#include "drive_log/same_readings.hpp"
 #include "import/import_log.hpp"
 #include "import/whole_log.hpp"
 #include "model/effects/effect.hpp"
@@ -414,6 +415,17 @@ TEST_F(DriveLogsTest, AMistakeInTheFileIsOneLineWithItsPlace) {
               std::string::npos)
         << error.what();
   }
+}
+
+// Rows at rest are the same in any run.
+TEST(SameReadings, ARunAtRestHasNotTheReadingsOfAnother) {
+  std::vector<std::uint64_t> fitted(2000, reading_hash({0, 0})), other = fitted;
+  for (std::size_t k = 0; k < 700; ++k) {
+    fitted[k] = reading_hash({static_cast<double>(k), 0});
+    other[k] = reading_hash({0, static_cast<double>(k + 1)});
+  }
+  EXPECT_FALSE(has_the_readings_of(fitted, other));
+  EXPECT_TRUE(has_the_readings_of(fitted, fitted));
 }
 
 // A copy under another name judges with the rows that were fitted.
