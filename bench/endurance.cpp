@@ -14,7 +14,8 @@
 // with a state of zeros, a row for each filter and policy with a background. Of the correlation matrix
 // C of P, every thousandth time, the largest difference C - C' and the least eigenvalue; and the
 // largest share of its ceiling that a variance reached (estimator/covariance_ceiling.hpp). All
-// filters are in double precision.
+// filters are in double precision. The policies immediate and rotate have the covariance of paper,
+// bit for bit (tests/loop/long_run_test.cpp); scheduled has none.
 //
 // Exit code 1 if the drive is not locked, P is not positive definite, a message is lost or differs,
 // or a process has grown by more than 1 MB since its first minute.
@@ -216,7 +217,7 @@ bool run_covariances(const Options& o) {
       "time |\n"
       "|---|---|---|---|---|---|---|\n");
   for (const std::string& kind : filter_kinds())
-    for (const std::string policy : {"paper", "immediate", "rotor_frame", "propagated"})
+    for (const std::string policy : {"paper", "extrapolate", "rotor_frame", "propagated"})
       for (const Moves moves : {Moves::kTurns, Moves::kStands, Moves::kStill}) {
         if (policy == "propagated" && kind != "ekf_sensorless" && kind != "eemf" &&
             kind != "ekf_joint")

@@ -92,8 +92,32 @@ std::string name_of(const testing::TestParamInfo<std::tuple<std::string, const c
 
 INSTANTIATE_TEST_SUITE_P(Filters, LongCovariance,
                          testing::Combine(testing::ValuesIn(filter_kinds()),
-                                          testing::Values("paper", "immediate", "rotor_frame")),
+                                          testing::Values("paper", "extrapolate", "rotor_frame")),
                          name_of);
+// These three differ in the use of K alone: what is shown of one covariance is shown of all.
+TEST(GainPolicies, PaperImmediateAndRotateHaveTheSameCovarianceBitForBit) {
+  for (const std::string& kind : filter_kinds()) {
+    Config config =
+        test::load(drive_of(kind), {"estimator.kind=" + kind, "load.T_load_Nm=0", "rates.n=2",
+                                    "controller.kind=foc", "controller.angle_source=truth"});
+    const std::vector<Estimate> at = snapshots(config, 0.1, 100);
+    const std::shared_ptr<const Filter> filter = make_filter(config);
+    std::vector<BackgroundLoop> loops;
+    for (const auto policy : {GainPolicy::kPaper, GainPolicy::kImmediate, GainPolicy::kRotate})
+      loops.emplace_back(filter, policy, BackgroundRate(2));
+    for (BackgroundLoop& loop : loops) loop.limit(CovarianceCeiling(*filter, 0));
+    for (const Estimate& e : at) {
+      const Gain& paper = loops[0].step(e);
+      for (std::size_t i = 1; i < loops.size(); ++i) {
+        const Gain& other = loops[i].step(e);
+        ASSERT_EQ(paper.P, other.P) << kind << ", tick " << e.k;
+        ASSERT_EQ(paper.K, other.K) << kind << ", tick " << e.k;
+      }
+    }
+    EXPECT_GT((loops[0].last().P - filter->initial_gain().P).norm(), 0) << kind;
+  }
+}
+
 // Filters in the stationary frame with a steady state.
 INSTANTIATE_TEST_SUITE_P(Propagated, LongCovariance,
                          testing::Combine(testing::Values("ekf_sensorless", "eemf", "ekf_joint"),
