@@ -176,6 +176,20 @@ class Search {
     return some;
   }
 
+  // Whether the rows of a part exclude an effect: added to those found there, it makes their error
+  // larger. An effect of the bus voltage alone is in none of the errors compared.
+  bool excludes(const Part& p, const TracedEffect& e) const {
+    const Effects there = p.effects();
+    Effects with = there;
+    with.push_back(e.effect);
+    const bool first = p.first == 0;
+    const Contest contest(record_, drive_, first ? there : with, first ? with : there,
+                          first ? p.end : p.first);
+    return std::any_of(there.begin(), there.end(),
+                       [&](const auto& x) { return x->kind() == e.effect->kind(); }) ||
+           contest.p_better(!first, p.first, p.end, held_out_) <= Criterion{}.chance;
+  }
+
   // "part from 0 to 4.3 s", "part a.csv".
   std::string part_in_words(const Part& p) const {
     const std::vector<std::string> files = files_of(p);
@@ -286,6 +300,7 @@ class Search {
     if (contest.p_better(false, before.first, before.end, held_out_) > chance ||
         contest.p_better(true, behind.first, behind.end, held_out_) > chance)
       return std::nullopt;
+    if (!beats(whole.effects(), before, behind)) return std::nullopt;
     const auto [from, at, to] = contest.moment(whole.first, whole.end);
     const SourceRows* file = file_at(at);
     const double offset = file ? file->time_offset_s : 0;
@@ -297,6 +312,16 @@ class Search {
                   .first = from,
                   .end = to + 1};
     return change;
+  }
+
+  // Whether either side explains its rows better than the effects of the whole do: a load step is no
+  // change of the drive.
+  bool beats(const Effects& whole, const Part& before, const Part& behind) const {
+    const double chance = Criterion{}.chance;
+    return Contest(record_, drive_, before.effects(), whole, behind.first)
+                   .p_better(false, before.first, before.end, held_out_) <= chance ||
+           Contest(record_, drive_, whole, behind.effects(), behind.first)
+                   .p_better(true, behind.first, behind.end, held_out_) <= chance;
   }
 
   const Record& record_;
@@ -354,17 +379,30 @@ std::vector<char> throughout(const std::vector<Part>& parts, std::size_t main) {
   return all;
 }
 
-// Effects of a part carry its borders.
-void bound(const std::vector<Change>& changes, std::size_t n, const std::vector<std::string>& files,
-           TraceResult& r) {
+// Effects of a part carry its borders, where the rows beyond one exclude the effect; the kinds of
+// which they do not are returned.
+std::vector<std::string> bound(std::vector<Part>& parts, std::size_t n,
+                               const std::vector<Change>& changes, const Search& search) {
+  TraceResult& r = parts[n].result;
+  std::vector<std::string> open;
   for (TracedEffect& e : r.stop_gaps) e.only_in_part = true;
   for (TracedEffect& e : r.effects) {
     if (e.from_samples) continue;
     e.only_in_part = true;
-    if (n > 0 && changes[n - 1].between.empty()) e.from_s = changes[n - 1].t_s;
-    if (n < changes.size() && changes[n].between.empty()) e.to_s = changes[n].t_s;
-    e.files = files;
+    e.files = search.files_of(parts[n]);
+    bool ends = true;
+    const auto border = [&](const Change& change, const Part& beyond) {
+      std::optional<double> at;
+      if (!change.between.empty()) return at;
+      if (search.excludes(beyond, e)) at = change.t_s;
+      ends = ends && at;
+      return at;
+    };
+    if (n > 0) e.from_s = border(changes[n - 1], parts[n - 1]);
+    if (n < changes.size()) e.to_s = border(changes[n], parts[n + 1]);
+    if (!ends) open.push_back(std::string(e.effect->kind()));
   }
+  return open;
 }
 
 // All that differs between the parts is the zero of the angle: of the reading, not of the drive.
@@ -392,10 +430,11 @@ const char* begins(const std::string& verdict) {
 TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes,
                      const Search& search) {
   std::size_t longest = 0;
-  std::vector<std::string> told;
+  std::vector<std::string> told, open;
+  std::vector<std::vector<std::string>> open_in;
   for (std::size_t n = 0; n < parts.size(); ++n) {
     if (parts[n].end - parts[n].first > parts[longest].end - parts[longest].first) longest = n;
-    bound(changes, n, search.files_of(parts[n]), parts[n].result);
+    open_in.push_back(bound(parts, n, changes, search));
     told.push_back(kinds_of(parts[n].result));
   }
   const Part& main = parts[longest];
@@ -406,7 +445,11 @@ TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes
       r.effects[m].only_in_part = false;
       r.effects[m].from_s.reset(), r.effects[m].to_s.reset();
       r.effects[m].files.clear();
+      std::erase(open_in[longest], r.effects[m].effect->kind());
     }
+  for (const std::vector<std::string>& kinds : open_in)
+    for (const std::string& kind : kinds)
+      if (std::find(open.begin(), open.end(), kind) == open.end()) open.push_back(kind);
   std::vector<std::string> moments;
   for (std::size_t n = 0; n < changes.size(); ++n) {
     moments.push_back(when(changes[n]));
@@ -434,6 +477,9 @@ TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes
     r.structured = !r.unexplained.empty();
     if (rank(other.verdict) > rank(r.verdict)) r.verdict = other.verdict;
   }
+  if (!open.empty())
+    steps += fmt::format(" (the data do not show that {} {} not there in the other part)",
+                         fmt::join(open, " and "), open.size() == 1 ? "is" : "are");
   r.sentence = fmt::format("{}{} {}: {}. Errors and pictures are of the {}: {}", begins(r.verdict),
                            only_the_zero(r) ? "The zero of theta_m changes" : "The drive changes",
                            fmt::join(moments, " and "), steps, search.part_in_words(main),
