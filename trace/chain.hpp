@@ -26,6 +26,8 @@ struct NoiseModel {
   Whitener d, q, torque;
   // By which the added noise falls short of the record's own (1: as it should be).
   double scale_d = 1, scale_q = 1, scale_torque = 1;
+  // The part of the drawn noise that the record holds: its residual beside all columns may be smaller.
+  double share_d = 1, share_q = 1, share_torque = 1;
 };
 
 void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an empty channel is zero

@@ -33,6 +33,13 @@ double shown(const ErrorPair& e, const Runs& runs) {
   return held ? e.held_out : e.train;
 }
 
+// Residual that the noise of the sensors alone makes, on the rows that `shown` shows: the drawn one, of
+// which the record holds a share; as the residual was seen, where none was drawn.
+double noise_floor(const Eigen::VectorXd& drawn, double share, const Whitener& seen,
+                   const Runs& runs) {
+  return drawn.size() ? share * shown(rms_pair(drawn, runs), runs) : seen.rms();
+}
+
 // P-value of a rest that nothing but noise is in: noise is an autoregression of its own, which a
 // structure in the angle, the current or time does not fit.
 double whiteness(const Eigen::VectorXd& rest, const Runs& runs) {
@@ -63,6 +70,7 @@ TraceSeries series(const Chain& chain, const Runs& runs, const Eigen::VectorXd& 
 
 void compare_errors(const Chain& chain, const Effects& found, TraceResult& r) {
   const Sampler& sampler = chain.sampler();
+  const NoiseModel& noise = chain.noise();
   const Sampled before = chain.residual({}), after = chain.residual(found),
                 nothing = no_change(chain);
   r.horizon_s = chain.equations().record().T_s * sampler.decimation();
@@ -71,7 +79,10 @@ void compare_errors(const Chain& chain, const Effects& found, TraceResult& r) {
                     .before = both_axes(before, sampler.electrical()),
                     .after = both_axes(after, sampler.electrical())};
     e.no_change = shown(both_axes(nothing, sampler.electrical()), sampler.electrical());
-    e.noise_floor = std::hypot(chain.noise().d.rms(), chain.noise().q.rms()) / std::sqrt(2.0);
+    const Runs& rows = sampler.electrical();
+    e.noise_floor = std::hypot(noise_floor(after.noise_d, noise.share_d, noise.d, rows),
+                               noise_floor(after.noise_q, noise.share_q, noise.q, rows)) /
+                    std::sqrt(2.0);
     e.whiteness_p_value = std::min(1.0, 2 * std::min(whiteness(after.d, sampler.electrical()),
                                                      whiteness(after.q, sampler.electrical())));
     e.rows = static_cast<std::size_t>(before.d.size());
@@ -84,7 +95,8 @@ void compare_errors(const Chain& chain, const Effects& found, TraceResult& r) {
                     .before = rms_pair(before.torque, sampler.torque()),
                     .after = rms_pair(after.torque, sampler.torque())};
     e.no_change = shown(rms_pair(nothing.torque, sampler.torque()), sampler.torque());
-    e.noise_floor = chain.noise().torque.rms();
+    e.noise_floor =
+        noise_floor(after.noise_torque, noise.share_torque, noise.torque, sampler.torque());
     e.whiteness_p_value = whiteness(after.torque, sampler.torque());
     e.rows = static_cast<std::size_t>(before.torque.size());
     r.mechanical = e;

@@ -187,10 +187,12 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   }
   // Not less than what the sensors' own noise makes.
   const auto rest = [](const Unexplained& by, std::size_t columns, const Eigen::VectorXd& of,
-                       const Eigen::VectorXd& sensors, double least = kLeast) {
+                       const Eigen::VectorXd& sensors, double& share, double least = kLeast) {
     const Eigen::VectorXd left = by(of, static_cast<Eigen::Index>(columns));
+    share = left.norm() < sensors.norm() ? left.norm() / sensors.norm() : 1;
     return left.norm() < least * sensors.norm() ? sensors : left;
   };
+  NoiseModel noise;
   // A resonance passes for noise; but many shafts together pass for anything.
   const std::size_t without_shafts = torque.size();
   torque.insert(torque.end(), shafts.begin(), shafts.end());
@@ -206,13 +208,14 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   look(d_, d, y.noise_d, sampler.electrical(), {});
   look(q_, q, y.noise_q, sampler.electrical(), {});
   look(torque_, torque, y.noise_torque, sampler.torque(), of_sensors);
-  const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d),
-                        noise_q = rest(q_, q.size(), y.q, y.noise_q),
+  double beside_shafts = 1;
+  const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d, noise.share_d),
+                        noise_q = rest(q_, q.size(), y.q, y.noise_q, noise.share_q),
                         less_shafts = rest(torque_, torque.size(), y.torque, y.noise_torque,
-                                           kLeastBesideShafts);
-  Eigen::VectorXd noise_torque = rest(torque_, without_shafts, y.torque, y.noise_torque);
+                                           beside_shafts, kLeastBesideShafts);
+  Eigen::VectorXd noise_torque =
+      rest(torque_, without_shafts, y.torque, y.noise_torque, noise.share_torque);
   if (less_shafts.norm() < kResonance * noise_torque.norm()) noise_torque = less_shafts;
-  NoiseModel noise;
   const auto whitener = [](const Eigen::VectorXd& x, const Runs& runs, const AngleNoise& angle) {
     if (!x.size()) return Whitener();
     Eigen::VectorXd kept, innovations;
