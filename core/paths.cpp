@@ -35,9 +35,25 @@ std::string executable_directory() {
   return error ? "." : self.parent_path().string();
 }
 
+namespace {
+
+// "" for a program of a build tree.
+std::string installed_directory(const char* folder) {
+  const fs::path prefix = fs::path(executable_directory()).parent_path();
+  return fs::is_directory(prefix / "share" / "twinrate") ? (prefix / folder / "twinrate").string()
+                                                         : "";
+}
+
+}  // namespace
+
 std::string data_directory() {
-  const fs::path installed = fs::path(executable_directory()).parent_path() / "share" / "twinrate";
-  return fs::is_directory(installed) ? installed.string() : TWINRATE_SOURCE_DIR;
+  const std::string installed = installed_directory("share");
+  return installed.empty() ? TWINRATE_SOURCE_DIR : installed;
+}
+
+std::string parts_directory() {
+  const std::string installed = installed_directory(TWINRATE_LIBRARIES);
+  return installed.empty() ? TWINRATE_BUILD_DIR "/parts" : installed;
 }
 
 }  // namespace twinrate

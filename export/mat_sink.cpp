@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <matio.h>
 
 #include <algorithm>
 #include <array>
@@ -10,7 +9,9 @@
 #include <stdexcept>
 
 #include "core/config.hpp"
+#include "core/load_part.hpp"
 #include "core/output_file.hpp"
+#include "export/matio_functions.hpp"
 #include "export/sink.hpp"
 
 namespace twinrate {
@@ -75,10 +76,15 @@ struct Stream {
 };
 constexpr const char* kOrigin[] = {"seq", "t_ns", "session", "tag", "timestamp_us", "event"};
 
+const MatioFunctions& matio() {
+  static const auto* const functions = static_cast<const MatioFunctions*>(load_part("matio"));
+  return *functions;
+}
+
 matvar_t* matrix(const Rows<double>& rows) {
   std::size_t dims[2] = {rows.rows, rows.width};
   std::vector<double> columns = rows.by_column<double>();
-  return Mat_VarCreate(nullptr, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, columns.data(), 0);
+  return matio().variable(nullptr, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, columns.data(), 0);
 }
 
 matvar_t* matrix(const Wholes& rows) {
@@ -88,26 +94,27 @@ matvar_t* matrix(const Wholes& rows) {
   });
   if (exact) {
     std::vector<double> columns = rows.by_column<double>();
-    return Mat_VarCreate(nullptr, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, columns.data(), 0);
+    return matio().variable(nullptr, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, columns.data(), 0);
   }
   std::vector<std::int64_t> columns = rows.by_column<std::int64_t>();
-  return Mat_VarCreate(nullptr, MAT_C_INT64, MAT_T_INT64, 2, dims, columns.data(), 0);
+  return matio().variable(nullptr, MAT_C_INT64, MAT_T_INT64, 2, dims, columns.data(), 0);
 }
 
 matvar_t* cells(std::vector<std::string> texts) {
   std::size_t dims[2] = {texts.size(), 1};
-  matvar_t* cell = Mat_VarCreate(nullptr, MAT_C_CELL, MAT_T_CELL, 2, dims, nullptr, 0);
+  matvar_t* cell = matio().variable(nullptr, MAT_C_CELL, MAT_T_CELL, 2, dims, nullptr, 0);
   for (std::size_t i = 0; i < texts.size(); ++i) {
     std::size_t length[2] = {texts[i].empty() ? std::size_t{0} : std::size_t{1}, texts[i].size()};
-    Mat_VarSetCell(cell, static_cast<int>(i),
-                   Mat_VarCreate(nullptr, MAT_C_CHAR, MAT_T_UINT8, 2, length, texts[i].data(), 0));
+    matio().set_cell(
+        cell, static_cast<int>(i),
+        matio().variable(nullptr, MAT_C_CHAR, MAT_T_UINT8, 2, length, texts[i].data(), 0));
   }
   return cell;
 }
 
 class MatSink final : public ExportSink {
  public:
-  explicit MatSink(const std::string& path) : path_(path), part_(path) {}
+  explicit MatSink(const std::string& path) : path_(path), part_(path) { matio(); }
   void open(const std::string& stream, const Layout& layout) override {
     streams_.push_back({.name = stream,
                         .layout = layout,
@@ -144,11 +151,11 @@ class MatSink final : public ExportSink {
             "{}: {} takes {} MB, a MAT 5 file holds 2147 MB of a struct; fewer --channels, --from "
             "and --to, --resample or --format mcap",
             path_, s.name, s.bytes() / 1000000));
-    mat_t* file = Mat_CreateVer(part_.part_path().c_str(), nullptr, MAT_FT_MAT5);
+    mat_t* file = matio().create(part_.part_path().c_str(), nullptr, MAT_FT_MAT5);
     if (!file) part_.fail();
     bool written = true;
     for (const Stream& s : streams_) written = written && put(file, s);
-    if (Mat_Close(file) != 0 || !written) part_.fail();
+    if (matio().close(file) != 0 || !written) part_.fail();
     expect_whole(part_.part_path());
     part_.finish();
   }
@@ -178,19 +185,18 @@ class MatSink final : public ExportSink {
     for (const Field& f : s.layout.numbers) names.push_back(f.name.c_str());
     for (const std::string& text : s.layout.texts) names.push_back(text.c_str());
     std::size_t dims[2] = {1, 1};
-    matvar_t* all = Mat_VarCreateStruct(s.name.c_str(), 2, dims, names.data(),
-                                        static_cast<unsigned>(names.size()));
-    Mat_VarSetStructFieldByName(all, "t", 0, matrix(s.t));
+    matvar_t* all = matio().structure(s.name.c_str(), 2, dims, names.data(),
+                                      static_cast<unsigned>(names.size()));
+    matio().set_field(all, "t", 0, matrix(s.t));
     for (std::size_t i = 0; i < s.origin.size(); ++i)
-      Mat_VarSetStructFieldByName(all, kOrigin[i], 0, matrix(s.origin[i]));
+      matio().set_field(all, kOrigin[i], 0, matrix(s.origin[i]));
     for (std::size_t f = 0; f < s.numbers.size(); ++f)
-      Mat_VarSetStructFieldByName(
-          all, s.layout.numbers[f].name.c_str(), 0,
-          s.layout.numbers[f].whole ? matrix(s.wholes[f]) : matrix(s.numbers[f]));
+      matio().set_field(all, s.layout.numbers[f].name.c_str(), 0,
+                        s.layout.numbers[f].whole ? matrix(s.wholes[f]) : matrix(s.numbers[f]));
     for (std::size_t f = 0; f < s.texts.size(); ++f)
-      Mat_VarSetStructFieldByName(all, s.layout.texts[f].c_str(), 0, cells(s.texts[f]));
-    const bool written = Mat_VarWrite(file, all, MAT_COMPRESSION_NONE) == 0;
-    Mat_VarFree(all);
+      matio().set_field(all, s.layout.texts[f].c_str(), 0, cells(s.texts[f]));
+    const bool written = matio().write(file, all, MAT_COMPRESSION_NONE) == 0;
+    matio().free(all);
     return written;
   }
 

@@ -45,10 +45,12 @@ struct Answer {
 
 class Api {
  public:
-  // `live`: null for a log. `title`: what the page shows of the source.
+  // `live`: null for a log. `title`: what the page shows of the source. Virtual is what the part
+  // `http` calls, which is linked with nothing of this.
   Api(Sources& sources, LiveDrive* live, std::string title, Traces& traces);
 
-  Answer answer(const Query& query);
+  virtual ~Api() = default;
+  virtual Answer answer(const Query& query);
   // What a page that follows the drive is sent 20 times a second: buckets from `next` on that are
   // complete; `next` goes on.
   struct Stream {
@@ -57,8 +59,8 @@ class Api {
     std::size_t events = 0;
     std::string client;
   };
-  Stream open_stream(const Query& query);
-  std::string frame(Stream& stream);
+  virtual Stream open_stream(const Query& query);
+  virtual std::string frame(Stream& stream);
 
  private:
   using Json = nlohmann::ordered_json;

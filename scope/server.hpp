@@ -9,6 +9,7 @@
 #include <string>
 
 #include "scope/api.hpp"
+#include "scope/assets.hpp"
 
 namespace twinrate::scope {
 
@@ -20,19 +21,31 @@ class Server {
   // `address`: 127.0.0.1, or an address of this machine, then with a token; `port` 0: any. Throws
   // BadInput where it cannot listen there.
   Server(Api& api, const std::string& address, int port, double request_s = kRequest_s);
-  ~Server();
-  Server(const Server&) = delete;
-  Server& operator=(const Server&) = delete;
 
   // What a browser opens, with the token.
-  std::string url() const;
-  int port() const;
+  std::string url() const { return http_->url(); }
+  int port() const { return http_->bound_port(); }
   // For how many requests there was no place.
-  std::int64_t refused() const;
+  std::int64_t refused() const { return http_->refused(); }
+
+  // The part `http` (core/load_part.hpp).
+  struct Http {
+    virtual ~Http() = default;
+    virtual std::string url() const = 0;
+    virtual int bound_port() const = 0;
+    virtual std::int64_t refused() const = 0;
+  };
+  using FindAsset = const Asset* (*)(std::string_view name);
+  struct Settings {
+    std::string address;
+    int port = 0;
+    double request_s = kRequest_s;
+    FindAsset find_asset = nullptr;
+  };
+  using Open = Http*(Api& api, const Settings& settings);
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<Http> http_;
 };
 
 }  // namespace twinrate::scope

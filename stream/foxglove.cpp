@@ -1,12 +1,13 @@
 #include "stream/foxglove.hpp"
 
 #include <fmt/format.h>
-#include <libwebsockets.h>
 
 #include <nlohmann/json.hpp>
 
 #include "core/config.hpp"
+#include "core/load_part.hpp"
 #include "export/message_json.hpp"
+#include "stream/websockets_functions.hpp"
 
 namespace twinrate {
 namespace {
@@ -17,8 +18,15 @@ constexpr std::size_t kMaxRequestBytes = 64 << 10;  // of a client's text
 constexpr int kError = 2, kWarning = 1;             // levels of `status`
 constexpr std::uint8_t kMessageData = 1;            // opcode of a binary message
 
+const WebsocketsFunctions& websockets() {
+  static const auto* const functions =
+      static_cast<const WebsocketsFunctions*>(load_part("websockets"));
+  return *functions;
+}
+
 int callback(lws* wsi, lws_callback_reasons reason, void*, void* bytes, std::size_t size) {
-  auto* server = static_cast<FoxgloveServer*>(lws_context_user(lws_get_context(wsi)));
+  auto* server =
+      static_cast<FoxgloveServer*>(websockets().context_user(websockets().context_of(wsi)));
   return server ? server->on_event(wsi, reason, bytes, size) : 0;
 }
 
@@ -69,7 +77,7 @@ void append(std::string& bytes, Whole value) {
 
 FoxgloveServer::FoxgloveServer(const std::string& address, int port, std::size_t max_queue_bytes)
     : max_queue_bytes_(max_queue_bytes) {
-  lws_set_log_level(0, nullptr);
+  websockets().log_level(0, nullptr);
   lws_context_creation_info options{};
   options.port = port;
   options.iface = address.c_str();
@@ -78,7 +86,7 @@ FoxgloveServer::FoxgloveServer(const std::string& address, int port, std::size_t
   options.gid = static_cast<gid_t>(-1);
   options.uid = static_cast<uid_t>(-1);
   options.options = LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND;
-  context_ = lws_create_context(&options);
+  context_ = websockets().create_context(&options);
   if (!context_)
     throw BadInput(fmt::format(
         "{}:{}: not free, or no address of this machine; --port and --listen take others", address,
@@ -86,15 +94,15 @@ FoxgloveServer::FoxgloveServer(const std::string& address, int port, std::size_t
 }
 
 FoxgloveServer::~FoxgloveServer() {
-  lws_context_destroy(context_);
+  websockets().destroy_context(context_);
 }
 
 int FoxgloveServer::port() const {
-  return lws_get_vhost_listen_port(lws_get_vhost_by_name(context_, "default"));
+  return websockets().listen_port(websockets().vhost(context_, "default"));
 }
 
 void FoxgloveServer::serve() {
-  lws_service(context_, -1);
+  websockets().serve(context_, -1);
 }
 
 void FoxgloveServer::offer(Channel channel, const Layout& layout, const Sample& sample) {
@@ -115,7 +123,7 @@ void FoxgloveServer::offer(Channel channel, const Layout& layout, const Sample& 
       }
       client.queued_bytes += bytes.size();
       client.queue.emplace_back(true, std::move(bytes));
-      lws_callback_on_writable(wsi);
+      websockets().call_when_writable(wsi);
     }
 }
 
@@ -177,11 +185,11 @@ void FoxgloveServer::take(Client& client, const std::string& text) {
 
 // False if the connection is gone.
 bool FoxgloveServer::write(lws* wsi, Client& client) {
-  while (!client.queue.empty() && !lws_send_pipe_choked(wsi)) {
+  while (!client.queue.empty() && !websockets().is_choked(wsi)) {
     auto& [binary, bytes] = client.queue.front();
     const std::size_t size = bytes.size() - LWS_PRE;
     auto* from = reinterpret_cast<unsigned char*>(bytes.data()) + LWS_PRE;
-    if (lws_write(wsi, from, size, binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT) <
+    if (websockets().write(wsi, from, size, binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT) <
         static_cast<int>(size))
       return false;
     sent_ += binary;
@@ -194,7 +202,7 @@ bool FoxgloveServer::write(lws* wsi, Client& client) {
                     client.lost - client.lost_said));
     client.lost_said = client.lost;
   }
-  if (!client.queue.empty()) lws_callback_on_writable(wsi);
+  if (!client.queue.empty()) websockets().call_when_writable(wsi);
   return true;
 }
 
@@ -202,7 +210,7 @@ int FoxgloveServer::on_event(lws* wsi, int reason, const void* bytes, std::size_
   if (reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION) return clients_.size() >= kMaxClients;
   if (reason == LWS_CALLBACK_ESTABLISHED) {
     greet(clients_[wsi]);
-    lws_callback_on_writable(wsi);
+    websockets().call_when_writable(wsi);
     return 0;
   }
   if (reason == LWS_CALLBACK_CLOSED) {
@@ -216,10 +224,10 @@ int FoxgloveServer::on_event(lws* wsi, int reason, const void* bytes, std::size_
   if (reason != LWS_CALLBACK_RECEIVE) return 0;
   client.received.append(static_cast<const char*>(bytes), size);
   if (client.received.size() > kMaxRequestBytes) return -1;
-  if (!lws_is_final_fragment(wsi) || lws_remaining_packet_payload(wsi) > 0) return 0;
+  if (!websockets().is_final_fragment(wsi) || websockets().bytes_to_come(wsi) > 0) return 0;
   take(client, client.received);
   client.received.clear();
-  lws_callback_on_writable(wsi);
+  websockets().call_when_writable(wsi);
   return 0;
 }
 

@@ -1,12 +1,12 @@
 #include "trace/static_fit.hpp"
 
-#include <ceres/ceres.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "core/load_part.hpp"
 #include "model/linear_algebra.hpp"
+#include "trace/bounded_fit.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -144,14 +144,13 @@ struct Misfit {
   const std::vector<FreeKey>* keys;
   mutable std::vector<StaticTerm> terms;
 
-  bool operator()(double const* const* x, double* residual) const {
+  void operator()(const double* x, double* residual) const {
     for (std::size_t j = 0; j < keys->size(); ++j)
-      set_key(*terms[(*keys)[j].term].effect, (*keys)[j].key, (*keys)[j].value(x[0][j]));
+      set_key(*terms[(*keys)[j].term].effect, (*keys)[j].key, (*keys)[j].value(x[j]));
     VectorXd rest = rows->y;
     for (const StaticTerm& term : terms) rest -= explained(*p, *term.effect);
     Eigen::Map<VectorXd>(residual, static_cast<Index>(rows->training.size())) =
         rest(rows->training);
-    return true;
   }
 };
 
@@ -160,64 +159,45 @@ struct Misfit {
 void refine(const StaticProblem& p, const RowsOfRoles& rows, StaticFit& fit) {
   constexpr int kMostIterations = 60;
   std::vector<FreeKey> keys;
-  std::vector<double> x, lo, hi;
+  std::vector<double> x;
+  BoundedProblem bounded;
   for (std::size_t t = 0; t < fit.terms.size(); ++t) {
     const StaticTerm& term = fit.terms[t];
     for (const auto& key : term.linear) {
       const double at = get_key(*term.effect, key);
       keys.push_back({t, key, false, std::max(std::abs(at), small_step(*term.effect, key))});
       x.push_back(at / keys.back().unit);
-      lo.push_back(-std::numeric_limits<double>::max());
-      hi.push_back(-lo.back());
+      bounded.lo.push_back(-std::numeric_limits<double>::max());
+      bounded.hi.push_back(-bounded.lo.back());
     }
     for (const SearchedKey& s : term.searched) {
       keys.push_back({t, s.key, true, 1});
       x.push_back(std::log(get_key(*term.effect, s.key)));
-      lo.push_back(std::log(s.lo));
-      hi.push_back(std::log(s.hi));
+      bounded.lo.push_back(std::log(s.lo));
+      bounded.hi.push_back(std::log(s.hi));
     }
   }
   fit.sigma.assign(fit.terms.size(), {});
   if (keys.empty()) return;
-  auto* cost = new ceres::DynamicNumericDiffCostFunction<Misfit, ceres::CENTRAL>(
-      new Misfit{&p, &rows, &keys, copies(fit.terms)});
-  cost->AddParameterBlock(static_cast<int>(keys.size()));
-  cost->SetNumResiduals(static_cast<int>(rows.training.size()));
-  ceres::Problem problem;  // takes the cost
-  problem.AddResidualBlock(cost, nullptr, x.data());
-  for (std::size_t j = 0; j < keys.size(); ++j) {
-    problem.SetParameterLowerBound(x.data(), static_cast<int>(j), lo[j]);
-    problem.SetParameterUpperBound(x.data(), static_cast<int>(j), hi[j]);
-  }
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.logging_type = ceres::SILENT;
-  options.max_num_iterations = kMostIterations;
-  options.function_tolerance = 1e-12;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  bounded.residual = Misfit{&p, &rows, &keys, copies(fit.terms)};
+  bounded.residuals = static_cast<int>(rows.training.size());
+  bounded.max_iterations = kMostIterations;
+  bounded.function_tolerance = 1e-12;
+  static auto* const fit_within_bounds = reinterpret_cast<FitWithinBounds*>(load_part("ceres"));
+  BoundedFit found;
+  fit_within_bounds(bounded, x, found);
   for (std::size_t j = 0; j < keys.size(); ++j)
     fit.in_range =
         set_key(*fit.terms[keys[j].term].effect, keys[j].key, keys[j].value(x[j])) && fit.in_range;
 
-  ceres::Covariance::Options of_covariance;
-  of_covariance.algorithm_type = ceres::DENSE_SVD;
-  of_covariance.null_space_rank = -1;  // what the points do not tell has none
-  ceres::Covariance covariance(of_covariance);
-  const std::vector<std::pair<const double*, const double*>> blocks{{x.data(), x.data()}};
-  const auto P = static_cast<Index>(keys.size());
-  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> C(P, P);
-  if (!covariance.Compute(blocks, &problem) ||
-      !covariance.GetCovarianceBlock(x.data(), x.data(), C.data()))
-    return;
+  if (found.covariance.empty()) return;
+  const std::size_t P = keys.size();
   const double freedom =
       std::max<double>(1, static_cast<double>(rows.training.size()) - static_cast<double>(P));
-  const double variance = 2 * summary.final_cost / freedom;
-  for (std::size_t j = 0; j < keys.size(); ++j) {
-    const auto k = static_cast<Index>(j);
+  const double variance = 2 * found.cost / freedom;
+  for (std::size_t j = 0; j < P; ++j)
     fit.sigma[keys[j].term][keys[j].key] =
-        keys[j].deviation(x[j], std::sqrt(std::max(0.0, variance * C(k, k))));
-  }
+        keys[j].deviation(x[j], std::sqrt(std::max(0.0, variance * found.covariance[j * P + j])));
 }
 
 // Of `rows`, which are counted through all channels.
