@@ -3,8 +3,12 @@
 #include "tools/simulate_verb.hpp"
 
 #include <fmt/format.h>
+#include <malloc.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <chrono>
+#include <cstdlib>
 #include <utility>
 
 #include "core/process.hpp"
@@ -16,6 +20,26 @@
 #include "tools/verb.hpp"
 
 namespace twinrate {
+namespace {
+
+// The log, the page and their parts are megabytes each. Without this the heap shrinks and grows with
+// every one, and the kernel clears each page anew: a fifth of the page faults remains. The heap takes
+// addresses here; memory it takes as it is used, in pages of 2 MB where the kernel has them.
+void keep_freed_memory() {
+  constexpr int kHeap = 64 << 20, kBlock = 1 << 20;
+  mallopt(M_MMAP_THRESHOLD, kHeap / 2);  // the largest that glibc takes
+  mallopt(M_TRIM_THRESHOLD, 2 * kHeap);
+  mallopt(M_TOP_PAD, kHeap);
+  char* const begin = static_cast<char*>(sbrk(0));
+  void* volatile grows_the_heap = std::malloc(kBlock);
+  std::free(grows_the_heap);
+  const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  char* const aligned = begin + (page - reinterpret_cast<std::uintptr_t>(begin) % page) % page;
+  if (char* const end = static_cast<char*>(sbrk(0)); end > aligned)
+    madvise(aligned, static_cast<std::size_t>(end - aligned), MADV_HUGEPAGE);
+}
+
+}  // namespace
 
 int simulate(const SimulateOptions& o, const MakeFilter& make) {
   std::vector<std::string> overrides = o.overrides;
@@ -59,7 +83,10 @@ void add_simulate_verb(CLI::App& app, int& exit_code) {
                  "watch the run, trace and propose effects (as monitor.enabled = true)");
   verb->add_flag("--force", o->force, "replace the run that the directory holds");
   verb->add_flag("--json", o->json, "print progress as JSON lines");
-  verb->callback([o, &exit_code] { exit_code = simulate(*o); });
+  verb->callback([o, &exit_code] {
+    keep_freed_memory();
+    exit_code = simulate(*o);
+  });
 }
 
 }  // namespace twinrate
