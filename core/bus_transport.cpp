@@ -27,12 +27,12 @@ class UdpmTransport : public BusTransport {
  public:
   UdpmTransport(const UdpmAddress& address, const UdpmOptions& options)
       : address_(address),
+        later_cpu_(options.later_cpu),
         filter_(options.filter),
         drain_every_ms_(options.drain_every_ms),
         spin_us_(options.spin_us) {
     if (!multicast_is_heard(address))
       throw MachineError("the LCM self-test failed; as root: " + multicast_mend());
-    if (options.later_cpu >= 0) later_ = std::make_unique<LaterSender>(address, options.later_cpu);
   }
 
   void subscribe(const WantedChannel& channel, int port_offset, bool quiet,
@@ -131,13 +131,16 @@ class UdpmTransport : public BusTransport {
     ports_.insert(quiet ? ports_.begin() : ports_.end(), std::move(made));
     return port;
   }
-  // A channel has one socket: what went later once, goes later when it is sent again.
+  // A channel has one socket: what went later once, goes later when it is sent again. A process that
+  // sends nothing later has no thread for it.
   bool goes_later(const Outgoing& m) {
-    if (!later_ || m.port_offset != 0) return false;
+    if (later_cpu_ < 0 || m.port_offset != 0) return false;
     const auto known = std::find(later_channels_.begin(), later_channels_.end(), m.channel);
     if (known != later_channels_.end()) return true;
-    if (m.later) later_channels_.push_back(m.channel);
-    return m.later;
+    if (!m.later) return false;
+    if (!later_) later_ = std::make_unique<LaterSender>(address_, later_cpu_);
+    later_channels_.push_back(m.channel);
+    return true;
   }
   LcmSender& sender(int offset) {
     auto& slot = senders_[offset];
@@ -242,6 +245,7 @@ class UdpmTransport : public BusTransport {
   UdpmAddress address_;
   std::int64_t arrival_us_ = 0;
   std::uint64_t sender_ = 0;
+  int later_cpu_;
   std::vector<const std::string*> later_channels_;
   bool filter_;
   double drain_every_ms_, spin_us_;

@@ -56,6 +56,7 @@ class LcmSender {
   void send_together(const Small* messages, std::size_t count);
 
  private:
+  void send_whole(const Small& message);
   struct Datagram {
     std::array<std::uint8_t, kWholeHeader> header;
     std::array<iovec, 3> parts;
@@ -93,6 +94,7 @@ class LcmReceiver {
 
  private:
   bool read(std::size_t most, int flags);
+  bool read_one(int flags);
   std::int64_t arrival_us(std::size_t i) const;
 
   FileDescriptor socket_;
