@@ -95,51 +95,60 @@ class FluxFit {
   double theta_e(const Row& row) const { return found_.n_p * (row.theta - found_.theta_zero); }
 
   void add_piece(const SpinRun& segment, std::size_t begin, std::size_t end) {
-    const Rows& rows = segment.rows;
-    const int level = segment.level;
     const auto n = static_cast<Eigen::Index>(end - begin);
     Eigen::MatrixXd local = Eigen::MatrixXd::Zero(2 * n, 4);
     Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(2 * n, kLag + 1 + kHarmonics);
     Eigen::VectorXd y(2 * n);
     Vec2 psi = Vec2::Zero();
     for (Eigen::Index k = 0; k < n; ++k) {
-      const Row& row = rows[begin + static_cast<std::size_t>(k)];
-      const double theta = theta_e(row);
-      if (k > 0) {
-        const Row& before = rows[begin + static_cast<std::size_t>(k) - 1];
-        // The mean of a vector that turns by 2x between its ends.
-        const double x = 0.5 * (theta - theta_e(before));
-        const double bend = std::abs(x) < 1e-6 ? 1 : std::tan(x) / x;
-        Vec2 i = 0.5 * bend * (row.i + before.i), drop = found_.loss.drop(i);
-        if (!segment.ticks.empty()) {
-          const Tick& tick = segment.ticks[begin + static_cast<std::size_t>(k)];
-          i += tick.bow, drop = tick.drop;
-        }
-        psi += T_s_ * (row.u - drop - found_.R_s.value * i);
-      }
-      const double omega_e =
-          found_.n_p * speed_about(rows, begin + static_cast<std::size_t>(k), T_s_);
-      const Vec2 i_dq = park(row.i, theta);
-      const Vec2 known = inverse_park(Vec2(found_.L_d.value * i_dq[0], 0), theta);
+      const std::size_t row = begin + static_cast<std::size_t>(k);
+      if (k > 0) psi += T_s_ * emf_between(segment, row);
+      put_row(segment, row, psi, shared.middleRows<2>(2 * k), y.segment<2>(2 * k));
       for (int axis = 0; axis < 2; ++axis) {
-        const Eigen::Index r = 2 * k + axis;
-        y[r] = psi[axis] - known[axis];
-        local(r, axis) = 1;
-        local(r, 2 + axis) = static_cast<double>(k) / static_cast<double>(n);
-        shared(r, 0) = inverse_park(Vec2(1, 0), theta)[axis];
-        shared(r, 1) = inverse_park(Vec2(0, 1), theta)[axis];
-        shared(r, kLag) = omega_e * shared(r, 1);
-        for (int column = 0; column < kHarmonics; ++column)
-          shared(r, kLag + 1 + column) =
-              shared(r, column / 2) * (column % 2 == 0 ? std::cos(6 * theta) : std::sin(6 * theta));
-        const double along_q = inverse_park(Vec2(0, i_dq[1]), theta)[axis];
-        if (level >= 0)
-          shared(r, 2 + level) = along_q;
-        else
-          y[r] -= found_.L_q.value * along_q;
+        local(2 * k + axis, axis) = 1;
+        local(2 * k + axis, 2 + axis) = static_cast<double>(k) / static_cast<double>(n);
       }
     }
     fit_.add(local, shared, y);
+  }
+
+  // The mean of u - drop - R_s i between the row before and this one.
+  Vec2 emf_between(const SpinRun& segment, std::size_t k) const {
+    const Row &row = segment.rows[k], &before = segment.rows[k - 1];
+    // The mean of a vector that turns by 2x between its ends.
+    const double x = 0.5 * (theta_e(row) - theta_e(before));
+    const double bend = std::abs(x) < 1e-6 ? 1 : std::tan(x) / x;
+    Vec2 i = 0.5 * bend * (row.i + before.i), drop = found_.loss.drop(i);
+    if (!segment.ticks.empty()) {
+      const Tick& tick = segment.ticks[k];
+      i += tick.bow, drop = tick.drop;
+    }
+    return row.u - drop - found_.R_s.value * i;
+  }
+
+  // The regressors and the flux of a row, alpha and beta.
+  void put_row(const SpinRun& segment, std::size_t k, const Vec2& psi,
+               Eigen::Ref<Eigen::MatrixXd, 0, Eigen::OuterStride<>> shared,
+               Eigen::Ref<Eigen::VectorXd> y) const {
+    const Row& row = segment.rows[k];
+    const double theta = theta_e(row);
+    const double omega_e = found_.n_p * speed_about(segment.rows, k, T_s_);
+    const Vec2 i_dq = park(row.i, theta);
+    const Vec2 known = inverse_park(Vec2(found_.L_d.value * i_dq[0], 0), theta);
+    for (int r = 0; r < 2; ++r) {
+      y[r] = psi[r] - known[r];
+      shared(r, 0) = inverse_park(Vec2(1, 0), theta)[r];
+      shared(r, 1) = inverse_park(Vec2(0, 1), theta)[r];
+      shared(r, kLag) = omega_e * shared(r, 1);
+      for (int column = 0; column < kHarmonics; ++column)
+        shared(r, kLag + 1 + column) =
+            shared(r, column / 2) * (column % 2 == 0 ? std::cos(6 * theta) : std::sin(6 * theta));
+      const double along_q = inverse_park(Vec2(0, i_dq[1]), theta)[r];
+      if (segment.level >= 0)
+        shared(r, 2 + segment.level) = along_q;
+      else
+        y[r] -= found_.L_q.value * along_q;
+    }
   }
 
   SegmentedFit fit_;

@@ -100,10 +100,46 @@ void slow_ramps(Experiment& e, Spinner& spinner, double top, std::vector<SpinRun
     }
 }
 
+constexpr double kLongestMove_s = 12;
+
+void ramps(Experiment& e, Spinner& spinner, double top, std::vector<SpinRun>& segments) {
+  constexpr double kEnough_s = 20;
+  const double begin = e.seconds();
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    if (repeat == 2 && e.seconds() - begin > kEnough_s) break;
+    for (int level = 0; level < kLevelCount; ++level) {
+      for (const int sign : {-1, 1}) {
+        SpinRun s{.rows = {}, .level = level};
+        e.record(&s.rows);
+        const bool there = spinner.go_to(sign * top, kLevels[level] * e.i_max(), kLongestMove_s);
+        e.record(nullptr);
+        if (!there) spinner.go_to(sign * top, e.i_max(), kLongestMove_s);
+        segments.push_back(std::move(s));
+      }
+    }
+    e.show("spin", 0.6 + 0.08 * repeat);
+  }
+}
+
+void coasts(Experiment& e, Spinner& spinner, double top, std::vector<SpinRun>& segments) {
+  constexpr double kCoast_s = 6;
+  for (const double share : kCoastSpeeds) {
+    for (const int sign : {1, -1}) {
+      spinner.go_to(sign * share * top, 0.5 * e.i_max(), kLongestMove_s);
+      spinner.run(0, 2e-3, [] { return false; });
+      SpinRun s;
+      e.record(&s.rows);
+      spinner.run(0, kCoast_s, [&] { return sign * spinner.omega_e() < 0.4 * share * top; });
+      e.record(nullptr);
+      segments.push_back(std::move(s));
+    }
+    e.show("coast", 0.85);
+  }
+}
+
 }  // namespace
 
 std::vector<SpinRun> run_spin(Experiment& e, Identified& found) {
-  constexpr double kLongest_s = 12, kCoast_s = 6, kEnough_s = 20;
   std::vector<SpinRun> segments;
   Spinner spinner(e, found);
   const double top = run_up(e, spinner, found);
@@ -115,35 +151,10 @@ std::vector<SpinRun> run_spin(Experiment& e, Identified& found) {
                     "the figures of "
                     "the turning motor are less exact than they could be",
                     e.late_ticks(), found.omega_m_max * 60 / kTwoPi));
-  const double begin = e.seconds();
-  for (int repeat = 0; repeat < 3; ++repeat) {
-    if (repeat == 2 && e.seconds() - begin > kEnough_s) break;
-    for (int level = 0; level < kLevelCount; ++level) {
-      for (const int sign : {-1, 1}) {
-        SpinRun s{.rows = {}, .level = level};
-        e.record(&s.rows);
-        const bool there = spinner.go_to(sign * top, kLevels[level] * e.i_max(), kLongest_s);
-        e.record(nullptr);
-        if (!there) spinner.go_to(sign * top, e.i_max(), kLongest_s);
-        segments.push_back(std::move(s));
-      }
-    }
-    e.show("spin", 0.6 + 0.08 * repeat);
-  }
+  ramps(e, spinner, top, segments);
   if (lateness_limited) slow_ramps(e, spinner, top, segments);
-  for (const double share : kCoastSpeeds) {
-    for (const int sign : {1, -1}) {
-      spinner.go_to(sign * share * top, 0.5 * e.i_max(), kLongest_s);
-      spinner.run(0, 2e-3, [] { return false; });
-      SpinRun s;
-      e.record(&s.rows);
-      spinner.run(0, kCoast_s, [&] { return sign * spinner.omega_e() < 0.4 * share * top; });
-      e.record(nullptr);
-      segments.push_back(std::move(s));
-    }
-    e.show("coast", 0.85);
-  }
-  spinner.go_to(0, 0.5 * e.i_max(), kLongest_s);
+  coasts(e, spinner, top, segments);
+  spinner.go_to(0, 0.5 * e.i_max(), kLongestMove_s);
   return segments;
 }
 

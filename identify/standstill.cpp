@@ -274,27 +274,26 @@ void compare_phases(Experiment& e, Identified& found) {
       100 * (R[0] / mean - 1), 100 * (R[1] / mean - 1), 100 * (R[2] / mean - 1)));
 }
 
-void find_resistance(Experiment& e, Identified& found) {
-  constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5, kDrift = 3e-3;
-  std::vector<Level> levels = direct_levels(e);
-  e.pause();
-  // A small current does not hold a shaft with unbalance or cogging, whose EMF is no loss.
+// A small current does not hold a shaft with unbalance or cogging, whose EMF is no loss.
+void erase_levels_that_slip(const Experiment& e, std::vector<Level>& levels) {
   const double count = e.facts().encoder_counts > 0 ? kTwoPi / e.facts().encoder_counts : 0;
   bool slips = false;
   for (std::size_t k = kDirectLevels; k + 1 < levels.size(); ++k)
     slips |= levels[k].moved > std::max(2.5 * count, 5e-4);
   if (slips) levels.erase(levels.begin() + kDirectLevels, levels.end() - 1);
+}
+
+// The form of the loss is that of all levels; R_s and the size of the loss are those of the levels
+// above it: within its linear zone a small error of the current is a large one of the voltage.
+DirectFit best_direct_fit(const Experiment& e, const std::vector<Level>& levels, bool drifts) {
+  constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5;
   const double i_sigma = e.offset_sigma_alpha();
-  const double again = levels.back().u / levels.back().i * levels.front().i / levels.front().u;
-  const bool drifts = std::abs(again - 1) > kDrift;
-  // The form of the loss is that of all levels; R_s and the size of the loss are those of the levels
-  // above it: within its linear zone a small error of the current is a large one of the voltage.
   const DirectFit form = loss_form(levels, e.i_max(), drifts);
   std::vector<Level> large = levels;
   std::erase_if(large, [&](const Level& l) { return l.i < 0.8 / kDirectLevels * e.i_max(); });
   const DirectFit plain = fit_direct(large, i_sigma, 0, CurrentShape::kClamp, drifts);
   DirectFit best = fit_direct(large, i_sigma, form.loss.i_linear, form.loss.shape, drifts);
-  // What other forms that fit about as well say of R_s is part of its error.
+  // The R_s of other forms that fit about as well is part of its error.
   for (int shape = 0; shape < 4; ++shape)
     for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05) {
       const auto form_of = static_cast<CurrentShape>(shape);
@@ -304,13 +303,23 @@ void find_resistance(Experiment& e, Identified& found) {
       best.R_s.sigma = std::max(best.R_s.sigma, 0.5 * std::abs(other.R_s.value - best.R_s.value));
     }
   const double u = plain.R_s.value * e.i_max();
-  const InverterLoss loss = best.loss;
-  if (std::abs(loss.V.value) < kMaterial * u || std::abs(loss.V.value) < kSigmas * loss.V.sigma)
-    best = plain;
+  const Found V = best.loss.V;
+  const bool negligible =
+      std::abs(V.value) < kMaterial * u || std::abs(V.value) < kSigmas * V.sigma;
+  return negligible ? plain : best;
+}
+
+void find_resistance(Experiment& e, Identified& found) {
+  constexpr double kDrift = 3e-3;
+  std::vector<Level> levels = direct_levels(e);
+  e.pause();
+  erase_levels_that_slip(e, levels);
+  const double again = levels.back().u / levels.back().i * levels.front().i / levels.front().u;
+  found.R_s_drifts = std::abs(again - 1) > kDrift;
+  const DirectFit best = best_direct_fit(e, levels, found.R_s_drifts);
   found.R_s = best.R_s;
   found.loss = best.loss;
-  found.R_s_drifts = drifts;
-  if (drifts)
+  if (found.R_s_drifts)
     found.notes.push_back(
         fmt::format("R_s: changed by {:+.2g} % while the direct currents were on (a winding that "
                     "warms?); it is "
