@@ -162,47 +162,41 @@ class Guesser {
 
   void take_without_unit(const Meaning& meaning, std::size_t i, GuessedColumn& c) const {
     const Values values = values_of(lines_, layout_, i);
-    const auto understood = [&](double scale, std::string from) {
-      c.canonical = meaning.canonical;
-      c.scale = scale;
-      c.unit_from = std::move(from);
-    };
     const double max = values.max_abs(), step = values.median_step();
-    switch (meaning.quantity) {
-      case Quantity::kCurrent:
-        if (max <= kMax_A && values.decimals >= kMinDecimals)
-          understood(1, fmt::format("A by its values, up to {:.3g}: no unit in the file", max));
-        else
-          c.reason = fmt::format("A or mA? no unit in the file, values up to {:.3g}", max);
-        return;
-      case Quantity::kVoltage:
-        if (max <= kMax_V && values.decimals >= 1)
-          understood(1, fmt::format("V by its values, up to {:.3g}: no unit in the file", max));
-        else
-          c.reason = fmt::format("V or mV? no unit in the file, values up to {:.3g}", max);
-        return;
-      case Quantity::kTime:
-        if (step >= kMinStep_s && step <= kMaxStep_s)
-          understood(1, fmt::format("s by its steps of {:.3g}: no unit in the file", step));
-        else
-          c.reason = fmt::format("s, ms or us? no unit in the file, steps of {:.3g}", step);
-        return;
-      case Quantity::kAngle:
-        take_angle_without_unit(meaning, values, c);
-        return;
-      case Quantity::kDuty: {
-        const auto inside = [](double v) { return v >= 0 && v <= 1; };
-        if (std::all_of(values.x.begin(), values.x.end(), inside) && max > 0.05)
-          understood(1, "0 to 1 by its values");
-        else
-          c.reason = "its unit is not in the file";
+    const auto take_if = [&](bool plausible, std::string unit_from, std::string reason) {
+      if (!plausible) {
+        c.reason = std::move(reason);
         return;
       }
+      c.canonical = meaning.canonical;
+      c.scale = 1;
+      c.unit_from = std::move(unit_from);
+    };
+    const char* const unknown = "its unit is not in the file";
+    switch (meaning.quantity) {
+      case Quantity::kCurrent:
+        return take_if(max <= kMax_A && values.decimals >= kMinDecimals,
+                       fmt::format("A by its values, up to {:.3g}: no unit in the file", max),
+                       fmt::format("A or mA? no unit in the file, values up to {:.3g}", max));
+      case Quantity::kVoltage:
+        return take_if(max <= kMax_V && values.decimals >= 1,
+                       fmt::format("V by its values, up to {:.3g}: no unit in the file", max),
+                       fmt::format("V or mV? no unit in the file, values up to {:.3g}", max));
+      case Quantity::kTime:
+        return take_if(step >= kMinStep_s && step <= kMaxStep_s,
+                       fmt::format("s by its steps of {:.3g}: no unit in the file", step),
+                       fmt::format("s, ms or us? no unit in the file, steps of {:.3g}", step));
+      case Quantity::kAngle:
+        return take_angle_without_unit(meaning, values, c);
+      case Quantity::kDuty:
+        return take_if(max > 0.05 && std::all_of(values.x.begin(), values.x.end(),
+                                                 [](double v) { return v >= 0 && v <= 1; }),
+                       "0 to 1 by its values", unknown);
       case Quantity::kSpeed:
         c.reason = "rad/s or rpm, mechanical or electrical? no unit in the file";
         return;
       default:
-        c.reason = "its unit is not in the file";
+        c.reason = unknown;
     }
   }
 
