@@ -160,8 +160,16 @@ void TickTable::choose_columns() {
 }
 
 void TickTable::put_row(const Tick& tick, const Measurement* behind) {
+  Sample row{.k = tick.measurement->k, .t_ns = tick.measurement->t_ns};
+  put_canonical(tick, behind, row);
+  for (const Channel channel : beside_) put_beside(tick, channel, row);
+  row.counts.assign(row.numbers.size(), 1);
+  put_.row(row);
+}
+
+// A value that the log lacks at this tick is that of the tick before.
+void TickTable::put_canonical(const Tick& tick, const Measurement* behind, Sample& row) {
   const Measurement& m = *tick.measurement;
-  Sample row{.k = m.k, .t_ns = m.t_ns};
   std::vector<double>& x = row.numbers;
   if (signals_ & kQCurrentOnly)
     x.push_back(park(clarke(m.i_abc), *n_p_ * m.theta_m)[1]);
@@ -184,23 +192,22 @@ void TickTable::put_row(const Tick& tick, const Measurement* behind) {
     if (std::isnan(x[i])) x[i] = canonical_[i];
   canonical_ = x;
   row.wholes.assign(x.size(), 0);
-  for (const Channel channel : beside_) {
-    const auto found = tick.beside.find(channel);
-    const std::vector<Field>& fields = layouts_.at(channel).numbers;
-    const double* number = found == tick.beside.end() ? nullptr : found->second.numbers.data();
-    const std::int64_t* whole = number ? found->second.wholes.data() : nullptr;
-    for (std::size_t f = 0; f < fields.size(); ++f) {
-      const std::size_t there = number ? found->second.counts[f] : 0;
-      for (std::size_t i = 0; i < fields[f].count; ++i) {
-        x.push_back(i < there ? number[i] : kNone);
-        row.wholes.push_back(i < there ? whole[i] : 0);
-      }
-      number += there;
-      whole += there;
+}
+
+void TickTable::put_beside(const Tick& tick, Channel channel, Sample& row) const {
+  const auto found = tick.beside.find(channel);
+  const std::vector<Field>& fields = layouts_.at(channel).numbers;
+  const double* number = found == tick.beside.end() ? nullptr : found->second.numbers.data();
+  const std::int64_t* whole = number ? found->second.wholes.data() : nullptr;
+  for (std::size_t f = 0; f < fields.size(); ++f) {
+    const std::size_t there = number ? found->second.counts[f] : 0;
+    for (std::size_t i = 0; i < fields[f].count; ++i) {
+      row.numbers.push_back(i < there ? number[i] : kNone);
+      row.wholes.push_back(i < there ? whole[i] : 0);
     }
+    number += there;
+    whole += there;
   }
-  row.counts.assign(x.size(), 1);
-  put_.row(row);
 }
 
 }  // namespace twinrate

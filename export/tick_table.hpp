@@ -59,6 +59,8 @@ class TickTable {
   // Writes the first tick; false while its row is incomplete.
   bool put_first(bool at_end);
   void put_row(const Tick& tick, const Measurement* following);
+  void put_canonical(const Tick& tick, const Measurement* behind, Sample& row);
+  void put_beside(const Tick& tick, Channel channel, Sample& row) const;
 
   std::string path_;
   std::vector<Channel> beside_;
