@@ -22,6 +22,11 @@ std::optional<DriveSample> taken(Queue& samples) {
   return sample;
 }
 
+double replied(const MoteusFrame& frame, int reg) {
+  const auto found = frame.replies.find(reg);
+  return found == frame.replies.end() ? std::numeric_limits<double>::quiet_NaN() : found->second;
+}
+
 }  // namespace
 
 Bytes MoteusHost::sent(Bytes frame) const {
@@ -144,23 +149,12 @@ std::int64_t MoteusHost::counted_us(std::uint32_t us, std::int64_t read_ns) {
 }
 
 void MoteusHost::take_reply(const MoteusFrame& frame, std::int64_t arrival_ns) {
-  const auto at = [&](int reg) {
-    const auto found = frame.replies.find(reg);
-    return found == frame.replies.end() ? std::numeric_limits<double>::quiet_NaN() : found->second;
-  };
-  const double ms = at(kMoteusMillisecond), mode_read = at(kMoteusMode);
+  const double ms = replied(frame, kMoteusMillisecond), mode_read = replied(frame, kMoteusMode);
   if (!(ms >= 0 && ms < 4e12) || !(std::abs(mode_read) < 128)) {
     ++counts_.damaged;
     return;
   }
-  const int mode = static_cast<int>(mode_read);
-  info_ = DriveInfo{.name = "moteus",
-                    .watchdog = bridge_.device_has_watchdog(),
-                    .takes_voltage = bridge_.moteus_control == MoteusControl::kVoltage,
-                    .reason = mode == kMoteusModeTimeout ? static_cast<int>(Reason::kCommandLost)
-                              : mode == kMoteusModeFault ? static_cast<int>(Reason::kSafeRequested)
-                                                         : 0};
-  info_->lease_max_ms = 1e3;
+  info_ = info_in(static_cast<int>(mode_read));
   const auto us = static_cast<std::uint32_t>(static_cast<std::uint64_t>(1e3 * ms));  // modulo 2^32
   DriveSample s;
   const auto trip = trips_.answered(arrival_ns);
@@ -177,6 +171,24 @@ void MoteusHost::take_reply(const MoteusFrame& frame, std::int64_t arrival_ns) {
           std::llround(1e-6 * static_cast<double>(s.time_us) * drive_.rates.f_s_Hz);
   }
   if (m.k <= k_) return;  // the same tick again
+  take_values(frame, m);
+  k_ = m.k;
+  samples_.push_back(s);
+}
+
+DriveInfo MoteusHost::info_in(int mode) const {
+  DriveInfo info{.name = "moteus",
+                 .watchdog = bridge_.device_has_watchdog(),
+                 .takes_voltage = bridge_.moteus_control == MoteusControl::kVoltage,
+                 .reason = mode == kMoteusModeTimeout ? static_cast<int>(Reason::kCommandLost)
+                           : mode == kMoteusModeFault ? static_cast<int>(Reason::kSafeRequested)
+                                                      : 0};
+  info.lease_max_ms = 1e3;
+  return info;
+}
+
+void MoteusHost::take_values(const MoteusFrame& frame, Measurement& m) {
+  const auto at = [&](int reg) { return replied(frame, reg); };
   m.theta_m = kTwoPi * at(kMoteusPosition) + bridge_.theta_e_offset / drive_.machine.n_p;
   m.omega_m = kTwoPi * at(kMoteusVelocity);
   theta_e_ = drive_.machine.n_p * m.theta_m;
@@ -185,8 +197,6 @@ void MoteusHost::take_reply(const MoteusFrame& frame, std::int64_t arrival_ns) {
   m.u_alphabeta = mean_voltage_up_to(m.k, park(u, theta_e_));
   m.v_dc = at(kMoteusVoltage);
   m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
-  k_ = m.k;
-  samples_.push_back(s);
 }
 
 // Of [t_{k-1}, t_k], from the moments at both ends: in rotor axes their mean, turned by the angle in

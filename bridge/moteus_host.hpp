@@ -49,6 +49,8 @@ class MoteusHost final : public HostProtocol {
  private:
   void take_line(const std::string& line, std::int64_t arrival_ns);
   void take_reply(const MoteusFrame& frame, std::int64_t arrival_ns);
+  DriveInfo info_in(int mode) const;
+  void take_values(const MoteusFrame& frame, Measurement& m);
   bool times_samples() const { return bridge_.mode == BridgeMode::kListen; }
   // False where the moment is not known.
   bool time_sample(DriveSample& sample, const std::optional<RoundTrips::Moment>& trip);
