@@ -169,8 +169,12 @@ class Process {
 
  private:
   using Clock = std::chrono::steady_clock;
-  // False where the request is no business of this process.
+  // False where this process sends no reply: another process answers, or the reply comes later.
   bool answer(const request_t& request, reply_t& reply);
+  bool start();
+  bool emergency_stop(reply_t& reply);
+  bool answer_reset(const request_t& request, reply_t& reply);
+  bool answer_model_change(const request_t& request, reply_t& reply);
   void handle_request(const request_t& request);
   bool is_recorded(const request_t& request);
   bool is_of_the_plant() const;  // the request that is being handled

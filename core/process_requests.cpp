@@ -22,6 +22,11 @@ std::string host_name() {
   return name.data();
 }
 
+void refuse(reply_t& reply, const std::string& why) {
+  reply.accepted = 0;
+  reply.text = why;
+}
+
 }  // namespace
 
 // A tag does not show that a request is new. Every sending has a later time of its sender, so one
@@ -79,34 +84,16 @@ reply_t Process::reply_to(const request_t& request) const {
 }
 
 bool Process::answer(const request_t& request, reply_t& reply) {
-  const auto refuse = [&reply](const std::string& why) {
-    reply.accepted = 0;
-    reply.text = why;
-  };
   switch (static_cast<RequestKind>(request.kind)) {
     case RequestKind::kStart:
-      if (info_.role != Role::kPlant) return false;
-      if (options_.wait_for_start)
-        status_.state = static_cast<std::int32_t>(ProcessState::kRunning);
-      options_.wait_for_start = false;
-      return true;
+      return start();
     case RequestKind::kStop:
       if (!finished_) finish();
       return true;
     case RequestKind::kEmergencyStop:
-      if (!emergency_stop_) return false;
-      emergency_stop_();
-      reply.applied_seq = status_.seq + 1;
-      reply.t_ns = drive().t_ns(reply.applied_seq);
-      event(Reason::kEmergencyStop, status_.seq,
-            "emergency stop: zero voltage from the next tick on");
-      return true;
+      return emergency_stop(reply);
     case RequestKind::kReset:
-      if (arbiter_) arbiter_->take(request, asker());
-      if (arbiter_ || !reset_ || (must_be_arbitrated() && info_.role != Role::kBridge))
-        return false;
-      reset(request, reply);
-      return true;
+      return answer_reset(request, reply);
     case RequestKind::kSteer:
     case RequestKind::kTakeControl:
     case RequestKind::kGiveControl:
@@ -120,20 +107,47 @@ bool Process::answer(const request_t& request, reply_t& reply) {
       return false;
     case RequestKind::kAddEffect:
     case RequestKind::kRemoveEffect:
-      if (arbiter_) arbiter_->take(request, asker());
-      if (arbiter_ || must_be_arbitrated() || !new_model_) return false;
-      change_model(request, reply);
-      return true;
+      return answer_model_change(request, reply);
     case RequestKind::kClock:
       reply.t_ns = host_now_ns();
       reply.text = host_name();
       return true;
     case RequestKind::kAddProposed:
       if (!add_proposed_) return false;
-      if (!add_proposed_(request.text)) refuse("no effect is proposed");
+      if (!add_proposed_(request.text)) refuse(reply, "no effect is proposed");
       return true;
   }
-  refuse(fmt::format("unknown request kind {}", request.kind));
+  refuse(reply, fmt::format("unknown request kind {}", request.kind));
+  return true;
+}
+
+bool Process::start() {
+  if (info_.role != Role::kPlant) return false;
+  if (options_.wait_for_start) status_.state = static_cast<std::int32_t>(ProcessState::kRunning);
+  options_.wait_for_start = false;
+  return true;
+}
+
+bool Process::emergency_stop(reply_t& reply) {
+  if (!emergency_stop_) return false;
+  emergency_stop_();
+  reply.applied_seq = status_.seq + 1;
+  reply.t_ns = drive().t_ns(reply.applied_seq);
+  event(Reason::kEmergencyStop, status_.seq, "emergency stop: zero voltage from the next tick on");
+  return true;
+}
+
+bool Process::answer_reset(const request_t& request, reply_t& reply) {
+  if (arbiter_) arbiter_->take(request, asker());
+  if (arbiter_ || !reset_ || (must_be_arbitrated() && info_.role != Role::kBridge)) return false;
+  reset(request, reply);
+  return true;
+}
+
+bool Process::answer_model_change(const request_t& request, reply_t& reply) {
+  if (arbiter_) arbiter_->take(request, asker());
+  if (arbiter_ || must_be_arbitrated() || !new_model_) return false;
+  change_model(request, reply);
   return true;
 }
 
