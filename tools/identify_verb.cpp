@@ -118,11 +118,30 @@ void put_on_bridge(const IdentifyOptions& o, Config& drive, Bench& bench) {
   bench.rig = std::move(rig);
 }
 
-int run(const IdentifyOptions& o) {
+void write_results(const IdentifyOptions& o, ResultDirectory& directory, const Config& sheet,
+                   const Identified& found, const std::string& title) {
+  const auto rows = compare(found, sheet.drive().machine);
+  const std::string text = title + identified_text(found, rows);
+  directory.begin();
+  write_new(o.out + "/identified.toml", identified_toml(sheet, found));
+  write_new(o.out + "/identify.json", identified_json(found, rows));
+  write_new(o.out + "/identify.txt", text);
+  directory.finish();
+  if (o.json)
+    std::cout << nlohmann::json{{"out", o.out}}.dump() << "\n";
+  else
+    fmt::print("{}written to {}: identified.toml, identify.json, identify.txt\n", text, o.out);
+}
+
+void check_options(const IdentifyOptions& o) {
   if (o.on == "bridge" && (o.wiring.swapped_phases || o.wiring.reversed_encoder))
     throw BadInput("--swap-phases, --reverse-encoder: allowed with --on simulated alone");
   if (o.on != "bridge" && (!o.port.empty() || o.pace != "auto"))
     throw BadInput("--port, --pace: allowed with --on bridge alone");
+}
+
+int run(const IdentifyOptions& o) {
+  check_options(o);
   Config drive = o.on == "bridge" ? load_with_port(o.drive, bridge_overrides(o))
                                   : load_drive(o.drive, o.overrides);
   expect_below_trips(o, drive);
@@ -145,20 +164,10 @@ int run(const IdentifyOptions& o) {
     return 1;
   }
   if (!o.json && isatty(STDERR_FILENO) != 0) fmt::print(stderr, "\r\033[K");
-  const auto rows = compare(found, sheet.drive().machine);
   const std::string title =
       fmt::format("{}: identified on {}, compared with {}\n", drive.drive().name, bench.name,
                   o.sheet.empty() ? "the [machine] table of the same file" : o.sheet);
-  const std::string text = title + identified_text(found, rows);
-  directory.begin();
-  write_new(o.out + "/identified.toml", identified_toml(sheet, found));
-  write_new(o.out + "/identify.json", identified_json(found, rows));
-  write_new(o.out + "/identify.txt", text);
-  directory.finish();
-  if (o.json)
-    std::cout << nlohmann::json{{"out", o.out}}.dump() << "\n";
-  else
-    fmt::print("{}written to {}: identified.toml, identify.json, identify.txt\n", text, o.out);
+  write_results(o, directory, sheet, found, title);
   return 0;
 }
 

@@ -163,18 +163,20 @@ void check_shared_memory(Config& config, const LaunchOptions& o) {
     refuse(fmt::format("allowed with a URL of the form udpm://ADDRESS:PORT, found {}", url));
 }
 
+bool has_own_plant(const std::set<Role>& without, const std::vector<OwnProgram>& own) {
+  return without.count(Role::kPlant) ||
+         std::any_of(own.begin(), own.end(), [](const OwnProgram& program) {
+           return std::count(program.roles.begin(), program.roles.end(), Role::kPlant);
+         });
+}
+
 int launch(const LaunchOptions& o) {
   const std::set<Role> without = roles_of(o.without);
   const std::vector<OwnProgram> own = own_programs(o.own);  // refused before anything is made
   const std::vector<std::string> overrides = overrides_of(o, without);
   Config config = load_with_port(o.drive, overrides);
-  const bool own_plant =
-      without.count(Role::kPlant) ||
-      std::any_of(own.begin(), own.end(), [](const OwnProgram& program) {
-        return std::count(program.roles.begin(), program.roles.end(), Role::kPlant);
-      });
   const Pace pace = o.pace == "realtime" ? Pace::kRealtime : Pace::kLockstep;
-  check_drive(config, pace, own_plant);
+  check_drive(config, pace, has_own_plant(without, own));
   resolve_url(o.url);
   check_channel_suffix(o.channel_suffix);
   check_shared_memory(config, o);

@@ -77,52 +77,73 @@ std::string token_file(const MonitorOptions& o) {
   }
 }
 
+// The replies of the processes to a request.
+class Replies {
+ public:
+  Replies(const MonitorOptions& o, std::int64_t seq) : o_(o), seq_(seq) {}
+
+  void take(const reply_t& reply) {
+    if (reply.seq != seq_) return;
+    const bool agreed = reply.accepted != 0 && reply.applied_seq < 0;  // the tick comes later
+    if (!o_.file.empty() && (agreed || !has_model(reply.role))) {
+      if (reply.accepted == 0) refused_by_plant_ = with_file_name(reply.text, o_.file);
+      return;
+    }
+    if (!answered_.insert(reply.role).second) return;
+    if (reply.accepted == 0) {
+      std::string& roles = refused_by_[with_file_name(reply.text, o_.file)];
+      roles += (roles.empty() ? "" : ", ") + std::string(role_name(reply.role));
+      return;
+    }
+    const std::string from = fmt::format("from tick {} on", reply.applied_seq);
+    fmt::print("{}: {}\n", role_name(reply.role), o_.file.empty() ? "will be added" : from);
+  }
+
+  bool all() const { return answered_.size() >= (o_.file.empty() ? 1 : 3); }
+  // The plant alone replied, with a refusal: no other process will reply.
+  bool refused_by_plant_alone() const { return !refused_by_plant_.empty() && answered_.empty(); }
+
+  // Prints who refused, or that nobody replied; the exit code.
+  int conclude() {
+    if (refused_by_.empty() && !refused_by_plant_.empty())
+      refused_by_[refused_by_plant_] = role_name(static_cast<int>(Role::kPlant));
+    if (answered_.empty() && refused_by_.empty())
+      fmt::print(
+          stderr, "twinrate: no process answered{}\n",
+          o_.run_dir.empty() ? "; a launched set asks for its token: give its --run-dir" : "");
+    for (const auto& [why, roles] : refused_by_)
+      fmt::print(stderr, "twinrate: {} (refused by {})\n", why, roles);
+    if (!refused_by_.empty()) return o_.file.empty() ? 1 : 2;
+    return answered_.empty() ? 1 : 0;
+  }
+
+ private:
+  const MonitorOptions& o_;
+  std::int64_t seq_;
+  std::set<int> answered_;
+  std::map<std::string, std::string> refused_by_;  // refusal -> processes
+  std::string refused_by_plant_;  // the plant chooses the tick and asks the other processes
+};
+
 int change(const MonitorOptions& o) {
   const request_t request = request_of(o);
   Bus bus({.url = o.url,
            .channel_suffix = o.channel_suffix,
            .role = Role::kSupervisor,
            .token_file = token_file(o)});
-  std::set<int> answered;
-  std::map<std::string, std::string> refused_by;  // refusal -> process
-  std::string refused_by_plant;                   // which decides on the tick, and asks the others
-  bus.subscribe<reply_t>([&](const reply_t& reply) {
-    if (reply.seq != request.seq) return;
-    const bool agreed = reply.accepted != 0 && reply.applied_seq < 0;  // the tick comes later
-    if (!o.file.empty() && (agreed || !has_model(reply.role))) {
-      if (reply.accepted == 0) refused_by_plant = with_file_name(reply.text, o.file);
-      return;
-    }
-    if (!answered.insert(reply.role).second) return;
-    if (reply.accepted == 0) {
-      std::string& roles = refused_by[with_file_name(reply.text, o.file)];
-      roles += (roles.empty() ? "" : ", ") + std::string(role_name(reply.role));
-      return;
-    }
-    const std::string from = fmt::format("from tick {} on", reply.applied_seq);
-    fmt::print("{}: {}\n", role_name(reply.role), o.file.empty() ? "will be added" : from);
-  });
+  Replies replies(o, request.seq);
+  bus.subscribe<reply_t>([&](const reply_t& reply) { replies.take(reply); });
   if (!wait_for_heartbeat(bus)) {
     fmt::print(stderr, "twinrate: no drive on the bus\n");
     return 1;
   }
-  const std::size_t wanted = o.file.empty() ? 1 : 3;
   const auto begun = Clock::now();
-  while (answered.size() < wanted && (refused_by_plant.empty() || !answered.empty()) &&
-         seconds_since(begun) < kStart_s) {
+  while (!replies.all() && !replies.refused_by_plant_alone() && seconds_since(begun) < kStart_s) {
     bus.publish(request);  // a process that has it repeats its answer
     const auto sent = Clock::now();
-    while (answered.size() < wanted && seconds_since(sent) < kRepeat_s) bus.handle(20);
+    while (!replies.all() && seconds_since(sent) < kRepeat_s) bus.handle(20);
   }
-  if (refused_by.empty() && !refused_by_plant.empty())
-    refused_by[refused_by_plant] = role_name(static_cast<int>(Role::kPlant));
-  if (answered.empty() && refused_by.empty())
-    fmt::print(stderr, "twinrate: no process answered{}\n",
-               o.run_dir.empty() ? "; a launched set asks for its token: give its --run-dir" : "");
-  for (const auto& [why, roles] : refused_by)
-    fmt::print(stderr, "twinrate: {} (refused by {})\n", why, roles);
-  if (!refused_by.empty()) return o.file.empty() ? 1 : 2;
-  return answered.empty() ? 1 : 0;
+  return replies.conclude();
 }
 
 }  // namespace

@@ -103,30 +103,19 @@ std::vector<std::string> channel_list(const std::string& text) {
   return names;
 }
 
-int replay(const ReplayOptions& o) {
-  catch_stop_signals();
-  resolve_url(o.bus.url);
-  check_channel_suffix(o.bus.channel_suffix);
-  const OnDamage on_damage = o.repair ? OnDamage::kSkip : OnDamage::kRefuse;
-  // Only lock-step compares: a paced replay reads the log once before, for damage, and keeps nothing.
-  const RunLog log = o.lockstep
-                         ? read_run_log(o.log, "", on_damage)
-                         : scan_run_log(o.log, "", on_damage, [](Channel, const lcm::LogEvent&) {});
-  if (!log.damage.empty()) fmt::print(stderr, "twinrate: {}\n", log.damage);
-  if (!o.lockstep) {
-    const PacedResult r =
-        replay_paced(o.log, log.channel_suffix, channel_list(o.only), o.bus, o.speed, on_damage);
-    if (o.json)
-      fmt::print("{}\n", nlohmann::ordered_json{{"messages", r.played},
-                                                {"channels", o.only},
-                                                {"wall_s", r.wall_s},
-                                                {"interrupted", stop_signalled()}}
-                             .dump());
-    else
-      fmt::print("played {} messages of {} in {:.2f} s{}\n", r.played, o.only, r.wall_s,
-                 stop_signalled() ? ", interrupted" : "");
-    return log.damage.empty() ? 0 : 1;
-  }
+void print_paced(const PacedResult& r, const ReplayOptions& o) {
+  if (o.json)
+    fmt::print("{}\n", nlohmann::ordered_json{{"messages", r.played},
+                                              {"channels", o.only},
+                                              {"wall_s", r.wall_s},
+                                              {"interrupted", stop_signalled()}}
+                           .dump());
+  else
+    fmt::print("played {} messages of {} in {:.2f} s{}\n", r.played, o.only, r.wall_s,
+               stop_signalled() ? ", interrupted" : "");
+}
+
+int compare_in_lockstep(const RunLog& log, const ReplayOptions& o) {
   if (log.config_toml.empty())
     throw BadInput(fmt::format("{}: no DRIVE_MANIFEST in this log; play it with --speed", o.log));
   if (log.measurement.empty())
@@ -148,6 +137,22 @@ int replay(const ReplayOptions& o) {
   if (why.empty() && stop_signalled())
     why = fmt::format("interrupted after {} of {} ticks", result.played, log.measurement.size());
   return print(result, parameters, why, o.json);
+}
+
+int replay(const ReplayOptions& o) {
+  catch_stop_signals();
+  resolve_url(o.bus.url);
+  check_channel_suffix(o.bus.channel_suffix);
+  const OnDamage on_damage = o.repair ? OnDamage::kSkip : OnDamage::kRefuse;
+  // Only lock-step compares: a paced replay reads the log once before, for damage, and keeps nothing.
+  const RunLog log = o.lockstep
+                         ? read_run_log(o.log, "", on_damage)
+                         : scan_run_log(o.log, "", on_damage, [](Channel, const lcm::LogEvent&) {});
+  if (!log.damage.empty()) fmt::print(stderr, "twinrate: {}\n", log.damage);
+  if (o.lockstep) return compare_in_lockstep(log, o);
+  print_paced(
+      replay_paced(o.log, log.channel_suffix, channel_list(o.only), o.bus, o.speed, on_damage), o);
+  return log.damage.empty() ? 0 : 1;
 }
 
 }  // namespace
