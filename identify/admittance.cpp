@@ -151,27 +151,30 @@ std::vector<Sine> sweep(Experiment& e, const SweepPlan& plan, const std::vector<
   return sines;
 }
 
-AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way,
-                 const Lateness& late) {
-  if (gives_way)
-    for (Sine& sine : sines) sine.weight = static_cast<double>(sines.front().period) / sine.period;
+static Minimum least_squares(const std::vector<Sine>& sines, double T_s, double R, bool gives_way,
+                             const Lateness& late) {
   const double omega = kTwoPi / (sines.front().period * T_s);
   const double L = std::max(std::imag(1.0 / sines.front().I_over_U) / omega, 1e-3 * R * T_s);
   const double omega_low = kTwoPi / (sines.back().period * T_s);
   const double stiff = omega_low * omega_low;
   Parameters start;
   start << std::log(L), std::log(R), -INFINITY, -INFINITY, -INFINITY;
+  if (!gives_way) return descend(start, 2, R, sines, T_s, late);
   Minimum best;
-  if (!gives_way) {
-    best = descend(start, 2, R, sines, T_s, late);
-  } else {
-    // A heavy and a light rotor: from the wrong one the fit can end in another minimum.
-    for (const double c : {1e-3, 0.03, 1.0, 30.0}) {
-      start.tail(3) << std::log(c * L * stiff), std::log(0.03 * stiff), std::log(0.01);
-      const Minimum found = descend(start, 5, R, sines, T_s, late);
-      if (best.r.size() == 0 || found.r.squaredNorm() < best.r.squaredNorm()) best = found;
-    }
+  // A heavy and a light rotor: from the wrong one the fit can end in another minimum.
+  for (const double c : {1e-3, 0.03, 1.0, 30.0}) {
+    start.tail(3) << std::log(c * L * stiff), std::log(0.03 * stiff), std::log(0.01);
+    const Minimum found = descend(start, 5, R, sines, T_s, late);
+    if (best.r.size() == 0 || found.r.squaredNorm() < best.r.squaredNorm()) best = found;
   }
+  return best;
+}
+
+AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way,
+                 const Lateness& late) {
+  if (gives_way)
+    for (Sine& sine : sines) sine.weight = static_cast<double>(sines.front().period) / sine.period;
+  const Minimum best = least_squares(sines, T_s, R, gives_way, late);
   Eigen::MatrixXd N = best.jacobian.transpose() * best.jacobian;
   // A mode that the sines do not show leaves its parameter free, not the inverse undefined.
   N.diagonal().array() += 1e-10 * N.diagonal().maxCoeff();
