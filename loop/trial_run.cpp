@@ -140,6 +140,30 @@ TrialRun try_run(Config& config, std::int64_t ticks, const GainTable& table) {
   return trial;
 }
 
+// The warnings that the trials do not refute; a note for each of the others.
+static std::vector<Warning> not_refuted(std::vector<Warning> warnings, const DriveConfig& d,
+                                        std::int64_t ticks, const TrialRun& trial,
+                                        const TrialRun& of_warm, std::vector<std::string>* notes) {
+  const double tried_s = d.T_s() * static_cast<double>(std::min(ticks, d.steps()));
+  std::vector<Warning> left;
+  for (Warning& w : warnings) {
+    const bool decided = trial.whole || w.shows_by_s <= tried_s;
+    if (decided && (w.expects == Expects::kLoss ||
+                    (w.expects == Expects::kLossIfWarm && of_warm.bad_at_s < 0))) {
+      if (notes)
+        notes->push_back(fmt::format(
+            "{}; a trial of {} keeps synchronism, with seed {} alone", w.text,
+            trial.whole ? "this run" : fmt::format("the first {:.3g} s", tried_s), d.run.seed));
+      continue;
+    }
+    if (decided && w.expects == Expects::kLossIfWarm) {
+      w.text += fmt::format("; a trial with the winding 50 K warmer {}", text_of(of_warm));
+    }
+    left.push_back(std::move(w));
+  }
+  return left;
+}
+
 std::vector<std::string> check_by_trial(Config& config, Trial when,
                                         std::vector<std::string>* notes) {
   std::vector<Warning> warnings = check_runnable(config);
@@ -160,30 +184,12 @@ std::vector<std::string> check_by_trial(Config& config, Trial when,
                      as_it_is ? "" : " with a gain every tick", text_of(trial)),
          Expects::kLoss});
   if (bad || !as_it_is) return texts_of(warnings);
-  const DriveConfig& d = config.drive();
-  const double tried_s = d.T_s() * static_cast<double>(std::min(ticks, d.steps()));
   TrialRun of_warm = trial;
   if (warm && trial.whole) {
     Config other = with_warm_winding(config);
     of_warm = try_run(other, ticks, *table);  // the filter is the same
   }
-  std::vector<Warning> left;
-  for (Warning& w : warnings) {
-    const bool decided = trial.whole || w.shows_by_s <= tried_s;
-    if (decided && (w.expects == Expects::kLoss ||
-                    (w.expects == Expects::kLossIfWarm && of_warm.bad_at_s < 0))) {
-      if (notes)
-        notes->push_back(fmt::format(
-            "{}; a trial of {} keeps synchronism, with seed {} alone", w.text,
-            trial.whole ? "this run" : fmt::format("the first {:.3g} s", tried_s), d.run.seed));
-      continue;
-    }
-    if (decided && w.expects == Expects::kLossIfWarm) {
-      w.text += fmt::format("; a trial with the winding 50 K warmer {}", text_of(of_warm));
-    }
-    left.push_back(std::move(w));
-  }
-  return texts_of(left);
+  return texts_of(not_refuted(std::move(warnings), config.drive(), ticks, trial, of_warm, notes));
 }
 
 }  // namespace twinrate
