@@ -40,10 +40,27 @@ Recording::Recording(double history_s, std::size_t memory_bytes)
   clear();
 }
 
-// The columns of the derived signals stand first, so that they are the same in every recording.
 void Recording::clear() {
-  signals_ = {};
   store_ = TickStore(chunks_for(history_s_, memory_bytes_, drive_.T_s));
+  add_derived_signals();
+  channels_.clear();
+  for (const ChannelInfo& channel : kChannels) channels_.emplace_back(channel.channel);
+  counts_.clear();
+  processes_.clear();
+  events_.clear();
+  events_before_ = 0;
+  heard_from_k_ = -1;
+  newest_.clear();
+  pending_.reset();
+  captures_.clear();
+  first_header_.reset();
+  trigger_column_ = signals_.find(trigger_.settings().signal);
+  trigger_.set(trigger_.settings());
+}
+
+// The columns of the derived signals come first, so that they are the same in every recording.
+void Recording::add_derived_signals() {
+  signals_ = {};
   const auto message = [this](Channel channel, const char* wire) {
     const MessageLayout& layout = layout_of(channel);
     for (std::size_t i = 0; i < layout.fields.size(); ++i)
@@ -83,19 +100,6 @@ void Recording::clear() {
       .i_alpha = derived("i_alpha_A", "A", "measured currents, stationary frame"),
       .i_beta = derived("i_beta_A", "A", "measured currents, stationary frame"),
       .theta_e = derived("theta_e_rad", "rad", "n_p times the true mechanical angle, 0 .. 2 pi")};
-  channels_.clear();
-  for (const ChannelInfo& channel : kChannels) channels_.emplace_back(channel.channel);
-  counts_.clear();
-  processes_.clear();
-  events_.clear();
-  events_before_ = 0;
-  heard_from_k_ = -1;
-  newest_.clear();
-  pending_.reset();
-  captures_.clear();
-  first_header_.reset();
-  trigger_column_ = signals_.find(trigger_.settings().signal);
-  trigger_.set(trigger_.settings());
 }
 
 void Recording::restart() {

@@ -126,6 +126,7 @@ class Recording {
   };
 
   void clear();
+  void add_derived_signals();
   void put(int column, std::int64_t k, double value);
   void derive(Channel channel, std::int64_t k);
   void derive_pair(std::int64_t k);
