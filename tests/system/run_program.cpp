@@ -14,7 +14,6 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <sstream>
 
 #include "core/multicast.hpp"
 
@@ -161,7 +160,8 @@ void write_text(const std::string& path, const std::string& text) {
 }
 
 std::vector<std::string> arguments_of(pid_t pid) {
-  std::istringstream in(read_text(fmt::format("/proc/{}/cmdline", pid)));
+  // std::getline() takes the end of a process that ends meanwhile for the end of the file.
+  std::ifstream in(fmt::format("/proc/{}/cmdline", pid));
   std::vector<std::string> arguments;
   for (std::string argument; std::getline(in, argument, '\0');) arguments.push_back(argument);
   return arguments;
