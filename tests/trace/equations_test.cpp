@@ -89,13 +89,13 @@ TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
 // A rotor without current under a load that steps at a row: its parabolas are exact.
 TEST(Equations, ADeclaredLoadActsFromItsRowOn) {
   constexpr double kJump = 2;  // Nm
-  constexpr std::size_t kRows = 400, kAt = 200;
+  constexpr std::size_t kCount = 400, kAt = 200;
   DriveFacts facts = servo().facts();
   facts.machine.B = 0;
   Record r;
   r.T_s = facts.T_s;
   double theta_m = 0, omega_m = 12;
-  for (std::size_t k = 0; k < kRows; ++k) {
+  for (std::size_t k = 0; k < kCount; ++k) {
     const double T_load = k < kAt ? -1 : -1 + kJump, acceleration = -T_load / facts.machine.J;
     r.t.push_back(r.T_s * static_cast<double>(k));
     r.theta_m.push_back(theta_m);
@@ -104,8 +104,8 @@ TEST(Equations, ADeclaredLoadActsFromItsRowOn) {
     theta_m += r.T_s * (omega_m + 0.5 * r.T_s * acceleration);
     omega_m += r.T_s * acceleration;
   }
-  r.motion_ok.assign(kRows, 1);
-  r.electrical_ok.assign(kRows, 1);
+  r.motion_ok.assign(kCount, 1);
+  r.electrical_ok.assign(kCount, 1);
   const auto left = [&](const Record& record) {
     const std::vector<double> torque = Equations(record, facts).residual({}).torque;
     const auto margin = static_cast<std::ptrdiff_t>(20);
