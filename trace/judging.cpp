@@ -65,12 +65,18 @@ class Judge {
   // The others of the set without one, and what could stand in its place.
   struct WithoutOne {
     Fit without;
+    Members others;  // of it; moments where they are with the one, and not where its lack drew them
     std::vector<Score> ranking;
     std::vector<std::pair<const Effect*, Fit>> refined;  // with one of the ranking
   };
   WithoutOne look_without(std::size_t m) const {
     WithoutOne look{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
     look.ranking = ranked(fitter_, candidates_, look.without);
+    const Members in_place = with(selection_.fit.members, nullptr, m);
+    look.others = with(look.without.members, nullptr);
+    for (std::size_t i = 0; i < look.others.size(); ++i)
+      if (has_key(*look.others[i], "time_s"))
+        set_key(*look.others[i], "time_s", get_key(*in_place[i], "time_s"));
     return look;
   }
   const Fit& refined(WithoutOne& look, const Score& s) const {
@@ -80,7 +86,7 @@ class Judge {
     ShaftFacts shaft;
     const auto until =
         s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
-    Fit fit = fitter_.refine(with(look.without.members, s.effect), until);
+    Fit fit = fitter_.refine(with(look.others, s.effect), until);
     if (!fit.valid && slope_of(*s.effect)) fit = with_flat_drop(fit);
     look.refined.emplace_back(s.effect.get(), std::move(fit));
     return look.refined.back().second;
