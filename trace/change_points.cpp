@@ -145,8 +145,12 @@ class Contest {
 class Search {
  public:
   Search(const Record& record, const DriveConfig& drive, const Health& health,
-         const TraceSettings& settings, const std::vector<char>& held_out)
-      : record_(record), drive_(drive), health_(health), settings_(settings), held_out_(held_out) {}
+         const TraceSettings& settings, std::vector<char> held_out)
+      : record_(record),
+        drive_(drive),
+        health_(health),
+        settings_(settings),
+        held_out_(std::move(held_out)) {}
 
   // Splits `whole` where the drive changes; parts in the order of time.
   std::vector<Part> split(Part whole, int depth) {
@@ -276,7 +280,7 @@ class Search {
       if (file.first > p.first && file.first < p.end) rows.push_back(file.first - p.first);
     return rows;
   }
-  Part traced(std::size_t first, std::size_t end) const {
+  Part traced(std::size_t first, std::size_t end) {
     TraceSettings settings = settings_;
     settings.fit_judging_rows = false;  // they have to prove the change
     settings.files.clear();
@@ -286,9 +290,12 @@ class Search {
       file.first -= first, file.end -= first;
       settings.files.push_back(file);
     }
-    return {first, end,
-            trace_record(part(record_, first, end), drive_, health_, settings,
-                         part(held_out_, first, end))};
+    Part traced{first, end,
+                trace_record(part(record_, first, end), drive_, health_, settings,
+                             part(held_out_, first, end))};
+    for (std::size_t k = 0; k < traced.result.judging.size(); ++k)
+      if (!traced.result.judging[k]) held_out_[first + k] = 0;  // they were fitted
+    return traced;
   }
   std::optional<Change> proven(const Part& before, const Part& behind, const Part& whole) const {
     if (!before.result.inconsistent.empty() || !behind.result.inconsistent.empty())
@@ -314,21 +321,26 @@ class Search {
     return change;
   }
 
-  // Whether either side explains its rows better than the effects of the whole do: a load step is no
-  // change of the drive.
+  // Whether either side explains its rows better than the effects of the whole do (a load step is no
+  // change of the drive), or both as well with fewer effects (a friction that begins is no series of
+  // load steps).
   bool beats(const Effects& whole, const Part& before, const Part& behind) const {
     const double chance = Criterion{}.chance;
-    return Contest(record_, drive_, before.effects(), whole, behind.first)
-                   .p_better(false, before.first, before.end, held_out_) <= chance ||
-           Contest(record_, drive_, whole, behind.effects(), behind.first)
-                   .p_better(true, behind.first, behind.end, held_out_) <= chance;
+    const Effects one = before.effects(), two = behind.effects();
+    const Contest first(record_, drive_, one, whole, behind.first),
+        second(record_, drive_, whole, two, behind.first);
+    const auto better = [&](bool sides) {
+      return first.p_better(!sides, before.first, before.end, held_out_) <= chance ||
+             second.p_better(sides, behind.first, behind.end, held_out_) <= chance;
+    };
+    return better(true) || (one.size() + two.size() < whole.size() && !better(false));
   }
 
   const Record& record_;
   const DriveConfig& drive_;
   const Health& health_;
   const TraceSettings& settings_;
-  const std::vector<char>& held_out_;
+  std::vector<char> held_out_;  // rows that no fit has read
   std::vector<Change> changes_;
 };
 
@@ -497,6 +509,7 @@ TraceResult trace_with_changes(const Record& record, const DriveConfig& drive, c
   if (std::any_of(settings.files.begin(), settings.files.end(),
                   [](const SourceRows& file) { return file.held_out; }))
     return whole;
+  if (whole.judging.size() == record.size()) held_out = whole.judging;
   if (held_out.empty()) held_out = held_out_rows(record, settings.holdout, drive.machine.n_p);
   Search search(record, drive, health, settings, held_out);
   Part all{0, record.size(), whole};

@@ -158,6 +158,7 @@ struct TraceResult {
   std::vector<Structure> unexplained;
   std::vector<DriveChange> changes;
   std::vector<CorrectionTable> corrections;  // of the unexplained, as stop-gaps
+  std::vector<char> judging;  // of each row of the record: whether it judged; empty: none was asked
   bool structured = false;
   std::optional<EquationError> electrical, mechanical;
   std::optional<EquationError> bus;  // v_dc, where a ripple of it was found

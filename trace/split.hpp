@@ -2,7 +2,8 @@
 //
 // Of 24 blocks of a record about 14 fit, 4 choose (they refuse what lowers the error only where it
 // was fitted) and 6 judge. Rows that judge enter no fit, no placing, no choice and no noise model:
-// only the gate (trace/gate.hpp) and the reported errors read them.
+// only the gate (trace/gate.hpp) and the reported errors read them. A block with a moment that is
+// placed (a load step) fits instead: the others cannot date it.
 //
 // The blocks are even where a fourth of them sees its share of what the drive does, to a factor of
 // two. Elsewhere (a start of a quarter of a second in six) two thirds of a row's weight in a block

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <optional>
@@ -13,6 +14,7 @@
 #include "trace/consistency.hpp"
 #include "trace/findings.hpp"
 #include "trace/half_rate.hpp"
+#include "trace/keys.hpp"
 #include "trace/search.hpp"
 #include "trace/slips.hpp"
 #include "trace/thinning.hpp"
@@ -168,6 +170,8 @@ class Tracing {
   const Health& health_;
   const TraceSettings& settings_;
   Laps laps_;
+  static constexpr int kMostFreed = 2;
+  int freed_ = 0;  // blocks with a moment, which no longer judge
 };
 
 TraceResult Tracing::of_other(const Record& log, std::string why, std::vector<char> judging,
@@ -286,6 +290,31 @@ bool of_torque(const std::shared_ptr<Effect>& member) {
   return member->tracing().traits().equation == Traits::Equation::kMechanical;
 }
 
+// A moment that lies among rows that judge cannot be dated by the others: each of these is as likely.
+// Then they judge no more, and true is returned. No file is taken out of judging.
+bool free_moment(const Record& record, const Members& members, std::vector<char>& judging) {
+  constexpr double kReach_s = 8e-3;  // of the low-pass
+  constexpr double kMost = 0.5;      // of the rows that judge: the others must still do so
+  const auto n = static_cast<std::ptrdiff_t>(judging.size());
+  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(kReach_s / record.T_s));
+  for (const auto& member : members) {
+    if (!has_key(*member, "time_s")) continue;
+    const auto at = std::lower_bound(record.t.begin(), record.t.end(), get_key(*member, "time_s")) -
+                    record.t.begin();
+    std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, at - reach);
+    while (first < std::min(n, at + reach) && !judging[static_cast<std::size_t>(first)]) ++first;
+    if (first >= std::min(n, at + reach)) continue;
+    while (first > 0 && judging[static_cast<std::size_t>(first - 1)]) --first;
+    std::ptrdiff_t end = first;
+    while (end < n && judging[static_cast<std::size_t>(end)]) ++end;
+    const auto all = std::count(judging.begin(), judging.end(), char{1});
+    if (static_cast<double>(end - first) > kMost * static_cast<double>(all)) continue;
+    std::fill(judging.begin() + first, judging.begin() + end, char{0});
+    return true;
+  }
+  return false;
+}
+
 TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, bool given) {
   const Record& raw = log.changed ? *log.changed : log_;
   const bool rounding_unknown = drive_.sensors.encoder_counts == 0 && raw.angle.centre > 0;
@@ -306,6 +335,13 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
   Findings f;
   try {
     f = found(problem, search, files, log.voltage);
+    const bool blocks_judge = std::none_of(settings_.files.begin(), settings_.files.end(),
+                                           [](const SourceRows& file) { return file.held_out; });
+    if (blocks_judge && freed_ < kMostFreed &&
+        free_moment(whole, f.selection.fit.members, judging)) {
+      ++freed_;
+      return trace_rows(log, std::move(judging), given);
+    }
   } catch (const TraceStopped&) {
     f.selection = search.so_far();
     f.passed = not_asked(f.selection);
@@ -349,6 +385,7 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
   for (const std::string& line : {log.voltage.told, log.fast})
     if (!line.empty()) result.health.push_back(line);
   laps_("conclusions");
+  result.judging = std::move(judging);
   return result;
 }
 

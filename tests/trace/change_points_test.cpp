@@ -6,6 +6,7 @@
 
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/keys.hpp"
+#include "trace/split.hpp"
 
 namespace twinrate {
 namespace {
@@ -63,6 +64,35 @@ TEST(ChangePoints, WhatActsThroughoutHasNoDate) {
 }
 
 // The cogging stays where it is; its angle is read from another zero.
+// The rows between the last one before such a block and the first one behind it are the block's own.
+TEST(LoadStep, AmongRowsThatJudgeIsDatedByThem) {
+  constexpr double kStep_Nm = 0.3;
+  const auto record_with = [](double begin_s) {
+    return record_of(simulate_synthetic(
+        {.T_s = 2e-4, .duration_s = 6, .extra_load = [begin_s](double t, double, double) {
+           return t < begin_s ? 0 : kStep_Nm;
+         }}));
+  };
+  const auto judging = [](const Record& record) {
+    return held_out_rows(record, TraceSettings{}.holdout, servo().machine.n_p);
+  };
+  const Record plain = record_with(10);
+  const std::vector<char> judges = judging(plain);
+  const auto first = std::find(judges.begin() + 12000, judges.end(), char{1});
+  const auto end = std::find(first, judges.end(), char{0});
+  const auto middle = static_cast<std::size_t>(first - judges.begin() + (end - first) / 2);
+  const Record record = record_with(plain.t[middle]);
+  ASSERT_TRUE(judging(record)[middle]);
+  const TraceResult r = traced(record);
+  EXPECT_EQ(r.verdict, "traced") << r.sentence;
+  const TracedEffect* e = find(r, "load_step");
+  ASSERT_TRUE(e) << r.sentence;
+  EXPECT_NEAR(get_key(*e->effect, "time_s"), plain.t[middle], 0.003);
+  EXPECT_NEAR(get_key(*e->effect, "torque_Nm"), kStep_Nm, 0.01);
+  EXPECT_FALSE(r.judging[middle]);
+  EXPECT_TRUE(std::count(r.judging.begin(), r.judging.end(), char{1}) > 0);
+}
+
 TEST(ChangePoints, AZeroOfTheAngleThatJumpsIsAnOffsetFromThenOn) {
   constexpr double kJump_s = 3.1, kJump_rad = 0.02;
   RawLog raw = simulate_synthetic(
