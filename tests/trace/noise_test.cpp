@@ -37,6 +37,16 @@ TEST(Unexplained, KeepsNoProductOfAColumnThatChanged) {
   EXPECT_LT((kept(y, 3) - fresh(y, 3)).norm(), 1e-9 * y.norm());
 }
 
+// A ripple of 0.3 A that the voltages drive passes for noise of the currents, thirty times the sensors'.
+TEST(NoiseFloor, IsNoMoreThanTheRecordHolds) {
+  Health health;
+  const RawLog raw = simulate_synthetic({.duration_s = 3, .dither = 40});
+  const TraceResult r =
+      trace_record(make_record(raw, servo().machine.n_p, health), servo(), health, {}, {});
+  ASSERT_TRUE(r.electrical);
+  EXPECT_NEAR(r.electrical->noise_floor / r.electrical->after.held_out, 1, 0.2);
+}
+
 // Sixty slow columns with a small fast part, and a noise with almost no slow part: a fit for white
 // noise would follow the fast part and leave a slow residual.
 TEST(Unexplained, KnowsSlowColumnsBetterThanTheWholeNoiseLetsIt) {

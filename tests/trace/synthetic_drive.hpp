@@ -27,6 +27,7 @@ struct SyntheticDrive {
   double i_noise = 0.008, lsb = 0.009765625;
   int counts = 1048576;                   // of the encoder, which rounds down
   double speeds = 1, loads = 1, i_d = 1;  // of those of the servo
+  double dither = 0;                      // V rms, of the reference
 };
 
 // Its declared model.
@@ -96,8 +97,12 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
             : (d.J * (accel + 30 * (share * wanted_speed(t) - omega)) + T_load + d.B * omega) / K_t;
     const double i_d_ref = d.quiet || d.slow ? 0 : d.i_d * (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
     const double omega_e = d.n_p * omega, k_p = 2 * 3.14159 * 250 * d.L;
-    const double u_d = k_p * (i_d_ref - i_d) + d.R * i_d - omega_e * d.L * i_q;
-    const double u_q = k_p * (i_q_ref - i_q) + d.R * i_q + omega_e * (d.L * i_d + d.psi);
+    const auto dither = [&](std::uint64_t stream) {
+      return d.dither > 0 ? d.dither * normal(d.seed, stream, k) : 0;
+    };
+    const double u_d = k_p * (i_d_ref - i_d) + d.R * i_d - omega_e * d.L * i_q + dither(3);
+    const double u_q =
+        k_p * (i_q_ref - i_q) + d.R * i_q + omega_e * (d.L * i_d + d.psi) + dither(4);
     const double mid = a + 0.5 * omega_e * d.T_s;
     const double u_al = std::cos(mid) * u_d - std::sin(mid) * u_q,
                  u_be = std::sin(mid) * u_d + std::cos(mid) * u_q;
