@@ -16,6 +16,9 @@ namespace twinrate {
 // Of each row: whether the rotor moves there, so that friction is what the speed says.
 std::vector<char> moving_rows(const Record& record);
 
+// Of the low-pass, and of what follows a step of the angle: rows so far from a moment may show it.
+inline constexpr double kReach_s = 8e-3;
+
 struct Runs {
   std::vector<std::size_t> row;    // full-rate row at the centre of each output
   std::vector<std::size_t> start;  // index of the first output of each run, ascending

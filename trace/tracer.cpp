@@ -293,8 +293,7 @@ bool of_torque(const std::shared_ptr<Effect>& member) {
 // A moment that lies among rows that judge cannot be dated by the others: each of these is as likely.
 // Then they judge no more, and true is returned. No file is taken out of judging.
 bool free_moment(const Record& record, const Members& members, std::vector<char>& judging) {
-  constexpr double kReach_s = 8e-3;  // of the low-pass
-  constexpr double kMost = 0.5;      // of the rows that judge: the others must still do so
+  constexpr double kMost = 0.5;  // of the rows that judge: the others must still do so
   const auto n = static_cast<std::ptrdiff_t>(judging.size());
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(kReach_s / record.T_s));
   for (const auto& member : members) {
