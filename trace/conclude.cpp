@@ -94,13 +94,18 @@ void from_bus(const BusRipple& bus, TraceResult& r) {
 void identifiability(const Fitter& fitter, const Dictionary& dictionary, const Fit& fit,
                      TraceResult& r) {
   std::map<std::string, double> best;  // by kind: sigma over smallest size
+  std::map<std::string, double>
+      estimate;  // the same, of one that differs from none and did not pass
   const std::vector<Score> scores = score_all(fitter, fit, dictionary.whitened);
+  const DriveFacts& facts = fitter.chain().equations().facts();
   for (std::size_t i = 0; i < scores.size(); ++i) {
     const std::string kind(dictionary.whitened[i].effect->kind());
     const double sigma =
         scores[i].effect && scores[i].sigma_in_sizes > 0 ? scores[i].sigma_in_sizes : 1e9;
     const auto [place, first] = best.emplace(kind, sigma);
     if (!first) place->second = std::min(place->second, sigma);
+    const double sizes = scores[i].effect ? scores[i].effect->tracing().materiality(facts) : 0;
+    if (sizes > 1 + kBlind * sigma) estimate[kind] = std::max(estimate[kind], sizes);
   }
   for (const TracedEffect& e : r.effects) {
     best.erase(std::string(e.effect->kind()));
@@ -115,6 +120,11 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
     if (make_effect(kind)->tracing().regressor_count() == 0) continue;
     if (const auto noise = refused_as_noise(kind); noise != r.refused.end()) {
       r.not_identifiable.emplace_back(kind, noise->text);
+    } else if (estimate.count(kind)) {
+      r.not_identifiable.emplace_back(
+          kind, fmt::format("its estimate is {:.2g} times the smallest size worth reporting, and "
+                            "that was not confirmed",
+                            estimate[kind]));
     } else if (kBlind * sigma < 1) {
       r.identifiable.push_back(kind);
     } else {
