@@ -113,6 +113,20 @@ Gate::Asked Gate::ask(const Fit& fit) const {
   return asked;
 }
 
+// By how much the load of the log steps at the moment of a load step, Nm.
+double step_of_known_load(const Record& record, const Effect& effect) {
+  if (record.T_load.empty() || !has_key(effect, "time_s") || !has_key(effect, "torque_Nm"))
+    return 0;
+  const auto n = static_cast<std::ptrdiff_t>(record.size());
+  const auto at = std::lower_bound(record.t.begin(), record.t.end(), get_key(effect, "time_s")) -
+                  record.t.begin();
+  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(kReach_s / record.T_s)) + 1;
+  const auto load = [&](std::ptrdiff_t k) {
+    return record.T_load[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(k, 0, n - 1))];
+  };
+  return std::abs(load(at + reach) - load(at - reach));
+}
+
 // In the order of what they cost; one a member, and none for those that pass (kind empty).
 std::vector<Refused> Gate::refusals(const Asked& asked) const {
   const Members& members = asked.fit.members;
@@ -131,6 +145,16 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     double share = 0;
     if (std::string why = another_machine(*members[m], facts, share); !why.empty())
       refuse(m, "physical", "", share, std::move(why));
+  }
+  // An error of a known load, or of the torque constant under it, begins with that load.
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const double known_Nm = step_of_known_load(whole_.equations().record(), *members[m]);
+    if (known_Nm == 0 || known_Nm < std::abs(get_key(*members[m], "torque_Nm"))) continue;
+    refuse(m, "physical", "", known_Nm,
+           fmt::format("the load of the log steps by {:.3g} Nm at that moment: an error of it, "
+                       "or of the torque constant, looks the same",
+                       known_Nm));
+    out[m].wrong_kind = true;
   }
   for (std::size_t m = 0; m < members.size(); ++m) {
     const double size = members[m]->tracing().materiality(facts);

@@ -93,6 +93,29 @@ TEST(LoadStep, AmongRowsThatJudgeIsDatedByThem) {
   EXPECT_TRUE(std::count(r.judging.begin(), r.judging.end(), char{1}) > 0);
 }
 
+// A fifth of a load that the log knows is missing: an error of that load, or of the torque constant.
+TEST(LoadStep, AtTheStepOfAKnownLoadIsNoClaim) {
+  const Record plain = record_of(simulate_synthetic({.T_s = 2e-4, .duration_s = 6}));
+  std::size_t at = 1;
+  const auto step = [&](std::size_t k) { return plain.T_load[k] - plain.T_load[k - 1]; };
+  for (std::size_t k = 1; k < plain.size(); ++k)
+    if (std::abs(step(k)) > std::abs(step(at))) at = k;
+  const double begin_s = plain.t[at], missing_Nm = -0.2 * step(at);
+  ASSERT_GT(std::abs(missing_Nm), 0.05);
+  const auto of = [&](double delay_s) {
+    return traced(record_of(simulate_synthetic(
+        {.T_s = 2e-4, .duration_s = 6, .extra_load = [=](double t, double, double) {
+           return t < begin_s + delay_s ? 0 : missing_Nm;
+         }})));
+  };
+  const TraceResult together = of(0), apart = of(0.1);
+  EXPECT_FALSE(find(together, "load_step")) << together.sentence;
+  EXPECT_NE(together.verdict, "nothing_missing");
+  const TracedEffect* e = find(apart, "load_step");
+  ASSERT_TRUE(e) << apart.sentence;
+  EXPECT_NEAR(get_key(*e->effect, "torque_Nm"), missing_Nm, 0.01);
+}
+
 TEST(ChangePoints, AZeroOfTheAngleThatJumpsIsAnOffsetFromThenOn) {
   constexpr double kJump_s = 3.1, kJump_rad = 0.02;
   RawLog raw = simulate_synthetic(
