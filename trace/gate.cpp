@@ -243,6 +243,38 @@ std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weak
   return std::nullopt;
 }
 
+// The one that moved most from its fit beside all of `all` to that beside what passed, if it moved far.
+std::optional<Refused> Gate::moved_refusal(const Members& all, const Passed& passed,
+                                           std::size_t& most) const {
+  if (passed.refused.empty()) return std::nullopt;
+  const Rows& rows = seen_.training();
+  const Sampled nothing = whole_.whitened(whole_.residual({}));
+  const auto done_by = [&](const std::shared_ptr<Effect>& effect) {
+    Sampled done = nothing;
+    add(done, whole_.whitened(whole_.residual({effect})), -1);
+    return done;
+  };
+  double largest = criterion_.moved;
+  most = kNobody;
+  for (std::size_t m = 0; m < passed.kept.size(); ++m) {
+    const Sampled is = done_by(passed.fit.members[m]);
+    Sampled moved = done_by(all[passed.kept[m]]);
+    add(moved, is, -1);
+    const double share = std::sqrt(rows.dot(moved, moved) / rows.dot(is, is));
+    if (!(share > largest)) continue;
+    largest = share;
+    most = m;
+  }
+  if (most == kNobody) return std::nullopt;
+  return Refused{
+      .kind = std::string(passed.fit.members[most]->kind()),
+      .rule = "alone",
+      .number = largest,
+      .left = true,
+      .text = fmt::format("what it does changes by {:.0f} % where the refused {} is left out",
+                          100 * largest, passed.refused.front().kind)};
+}
+
 Passed Gate::operator()(const Members& members) const {
   Passed out;
   for (std::size_t m = 0; m < members.size(); ++m) out.kept.push_back(m);
@@ -251,6 +283,7 @@ Passed Gate::operator()(const Members& members) const {
     return fit.valid ? fit : seen_.linearised(with(some, nullptr));
   };
   out.fit = fitted(members);
+  const Members first = with(out.fit.members, nullptr);
   while (!out.fit.members.empty()) {
     const Asked asked = ask(out.fit);
     const std::vector<Refused> refused = refusals(asked);
@@ -265,6 +298,8 @@ Passed Gate::operator()(const Members& members) const {
                asked.votes[drop].judgement.p_value < criterion_.chance;
     if (drop == kNobody)
       if (const std::optional<Refused> whole = whole_refusal(asked, drop)) why = *whole;
+    if (why.rule.empty())
+      if (const std::optional<Refused> moved = moved_refusal(first, out, drop)) why = *moved;
     if (why.rule.empty()) {
       for (const Vote& v : asked.votes) out.judgements.push_back(v.judgement);
       return out;

@@ -65,7 +65,7 @@ struct Inconsistency {
 // A claim that did not pass the gate (trace/gate.hpp).
 struct Refused {
   std::string kind;
-  std::string rule;         // sensors, transfer, agreement, size, physical, whole
+  std::string rule;         // sensors, transfer, agreement, alone, size, physical, whole
   std::string file;         // where it failed; empty: on all of them together
   double number = 0;        // of the rule
   bool left = false;        // it lowers the error of rows that judge: something is there

@@ -144,6 +144,32 @@ TEST(Gate, RefusesWhatTheHalvesDisagreeOn) {
 }
 
 // A tenth of the inertia is another machine.
+// Beside a friction that the sensors might make, the other one takes on what that did: its size is not its own.
+// A torque of each turn does nothing that friction could take on.
+TEST(Gate, RefusesWhatARefusedClaimLeavesOfAnotherSize) {
+  const auto viscous = effect_with("viscous_friction", {{"coefficient_Nms", 0.004}});
+  const auto refused_beside = [&](const std::shared_ptr<Effect>& other, const ExtraLoad& load) {
+    const Members both = {other, viscous};
+    const FittedDrive drive(log_with(load), both);
+    const Fitter fitter = drive.fitter();
+    Gate gate(fitter, drive.chain(), {});
+    gate.set_resolution([&](const Effect& e) { return e.kind() == other->kind() ? 1e3 : 0.; });
+    std::vector<std::string> rules;
+    for (const Refused& r : gate(both).refused) rules.push_back(r.kind + " " + r.rule);
+    return rules;
+  };
+  using Rules = std::vector<std::string>;
+  EXPECT_EQ(
+      refused_beside(effect_with("coulomb_friction", {{"torque_Nm", 0.2}, {"smooth_rad_s", 1.}}),
+                     [](double, double, double w) { return 0.004 * w + 0.2 * std::tanh(w); }),
+      (Rules{"coulomb_friction sensors", "viscous_friction alone"}));
+  EXPECT_EQ(
+      refused_beside(
+          effect_with("cogging", {{"order", 17.}, {"amplitude_Nm", 0.02}, {"phase_rad", 0.8}}),
+          [](double, double theta, double w) { return 0.004 * w + cogging(0.02, theta); }),
+      Rules{"cogging sensors"});
+}
+
 TEST(Gate, RefusesAnotherMachine) {
   const FittedDrive drive(simulate_synthetic({.J = 0.05 * 8.8e-3, .duration_s = 2}), {});
   const Members inertia = {effect_with("inertia", {{"change_kgm2", -1e-4}})};
