@@ -409,9 +409,11 @@ void name_the_others(const Equations& equations, TraceResult& r) {
     if (told.count(kind)) continue;
     const bool in_no_row = torque_only && make_effect(kind)->tracing().traits().equation ==
                                               Traits::Equation::kElectrical;
-    r.not_identifiable.emplace_back(
-        kind, in_no_row ? "no row has a voltage equation"
-                        : "how small a one this record would show is not computed");
+    r.not_identifiable.emplace_back(kind,
+                                    in_no_row ? "no row has a voltage equation"
+                                    : equations.needs_missing_i_d(*make_effect(kind))
+                                        ? "it shows by i_d, which is not in the log"
+                                        : "how small a one this record would show is not computed");
   }
 }
 

@@ -138,6 +138,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     if (effect->acts_on() == kOnBus) continue;  // stands in v_dc (trace/bus_ripple.hpp)
     const bool electrical_only = !(effect->acts_on() & ~kOnVoltage);
     if (electrical_only && !equations.has_voltage()) continue;
+    if (equations.needs_missing_i_d(*effect)) continue;
     for (TracedKey& key : keys)
       if (is_moment(key)) key.grid = times_of(equations.record());
     over_grid(*effect, keys, 0, [&] {

@@ -160,6 +160,13 @@ double Equations::omega_rate(const Signals& s, std::size_t k) const {
   return (s.theta_m[k + 1] - 2 * s.theta_m[k] + s.theta_m[k - 1]) / (record_.T_s * record_.T_s);
 }
 
+// In rotor axes: of samples that are i_dq in these axes.
+Vec2 Equations::mean_of_tick(const Vec2& i_dq, double omega_m) const {
+  if (record_.i_alphabeta.empty()) return i_dq;
+  const double turned = std::pow(facts_.machine.n_p * omega_m * T_held_, 2) / 12;
+  return (1 - turned) * i_dq - Vec2(turned * facts_.machine.psi_f / facts_.machine.L_d, 0);
+}
+
 Channels Equations::assemble(const Signals& s, const Effects& effects,
                              const std::vector<OperatingPoint>& points) const {
   const MachineParameters& m = facts_.machine;
@@ -197,8 +204,9 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
       bent_before = bent;
       if (added.any_of_command()) not_acting = out_of(axis, added.of_command(k));
     }
-    const double inner = m.torque(i_dq[0], i_dq[1]) +
-                         1.5 * m.n_p * (c.psi_dq[0] * i_dq[1] - c.psi_dq[1] * i_dq[0]) - c.T_load;
+    const Vec2 i = mean_of_tick(i_dq, points[k].omega_m);
+    const double inner =
+        m.torque(i[0], i[1]) + 1.5 * m.n_p * (c.psi_dq[0] * i[1] - c.psi_dq[1] * i[0]) - c.T_load;
     const double torque = inner - points[k].T_load;
     const double bend = torques.pass(inner - bends_of_load * points[k].T_load);
     if (k > 1) e.torque[k - 1] += kOfRow * bend;
@@ -256,10 +264,22 @@ Record Equations::without_errors(const Effects& effects) const {
   return record;
 }
 
+bool Equations::needs_missing_i_d(const Effect& effect) const {
+  if (!record_.i_q_alone) return false;
+  if (effect.acts_on() & kOnFlux) {
+    const auto ratio =
+        kinds_read(*make_of(Traits::Family::kInertia), Traits::Reading::kWithoutVoltage);
+    return std::find(ratio.begin(), ratio.end(), effect.kind()) == ratio.end();
+  }
+  const bool turns_axes = is_of(effect, Traits::Family::kLag) ||
+                          (effect.acts_on() & kOnAngle && has_key(effect, "offset_rad"));
+  return turns_axes && facts_.machine.L_d != facts_.machine.L_q;
+}
+
 bool Equations::possible(const Effect& effect) const {
   Effects all = known_;
   all.push_back(effect.clone());
-  return considered_(effect.kind()) && within_ranges(effect) &&
+  return considered_(effect.kind()) && !needs_missing_i_d(effect) && within_ranges(effect) &&
          effect.clone()->prepare(facts_).empty() && negative_loss(all, facts_.machine).empty();
 }
 

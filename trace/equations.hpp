@@ -18,7 +18,12 @@
 //   L i''    = -R_s i' - psi_m''
 //   current  m_k - T^2 omega_e^2 psi_f/(12 L_d) along d + R_s T/(12 L) (i_{k+1} - i_k)
 //
-// Over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it. A load that is set,
+// Over several of them in a row there is a cubic's, too, 1 - (T/T_s)^2 of it. In rotor axes the chord between
+// the samples turns back and forth; a torque takes the mean of that, too:
+//
+//   current  i_dq (1 - (omega_e T)^2/12) - T^2 omega_e^2 psi_f/(12 L_d) along d
+//
+// A load that is set,
 // and held for T, too, is taken at T/2 before its row; a load that was measured, as it is.
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
@@ -83,6 +88,9 @@ class Equations {
   // be.
   bool possible(const Effect& effect) const;
   bool has_voltage() const { return record_.has_voltage_equation(); }
+  // The log has no i_d, and the effect shows by it alone: a flux that depends on the current, or, where a
+  // reluctance has a torque, what turns the current's axes.
+  bool needs_missing_i_d(const Effect& effect) const;
   const Record& record() const { return record_; }
   const Effects& known() const { return known_; }
   const Considered& considered() const { return considered_; }
@@ -116,6 +124,7 @@ class Equations {
   };
   UndoneSensing true_signals(const Effects& sensing) const;
   double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
+  Vec2 mean_of_tick(const Vec2& i_dq, double omega_m) const;
   Channels assemble(const Signals& s, const Effects& effects,
                     const std::vector<OperatingPoint>& points) const;
   Channels residual_of(const Effects& effects, Undone undone = Undone::kForgotten) const;

@@ -389,6 +389,7 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
   record.current_sensors = phases && !three_sensors ? 2 : 3;
   record.load_measured = raw.load_measured;
   const bool full_current = phases || stator || !raw.i_d.empty();
+  record.i_q_alone = !full_current;
 
   // Onto the even grid.
   std::vector<std::size_t> kept;  // rows of the file that are new

@@ -42,6 +42,7 @@ void Record::append(const Record& other) {
     throw std::runtime_error(other.source + ": sampled every " + std::to_string(other.T_s) +
                              " s, " + source + " every " + std::to_string(T_s) +
                              " s; all logs need the same rate, or trace each for itself");
+  i_q_alone |= other.i_q_alone;
   if (other.angle.lsb > angle.lsb) angle = other.angle;
   const std::size_t seam = size();
   const bool goes_on = other.t.front() > t.back() + 0.5 * T_s;

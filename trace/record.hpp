@@ -26,6 +26,7 @@ struct Record {
   std::vector<char> electrical_ok;             // voltage and current of the row can be used
   std::vector<char> motion_ok;                 // angle (and current) can be used
   int current_sensors = 3;                     // 2: i_c is -(i_a + i_b)
+  bool i_q_alone = false;                      // the log has no i_d: taken for 0
   Sensor angle;                                // theta_m stands at the centres of its cells
 
   std::size_t size() const { return t.size(); }

@@ -85,6 +85,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   out.rows_each = record.rows_each * static_cast<int>(rows);
   out.current_sensors = record.current_sensors;
   out.load_measured = record.load_measured;
+  out.i_q_alone = record.i_q_alone;
   out.angle = record.angle;
   out.t = taken(record.t, at);
   std::vector<Vec2> u_mean = record.u_alphabeta;
