@@ -63,10 +63,14 @@ std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
 // Such a drive would run with a third of its torque lost; one that runs well is read from elsewhere.
 std::vector<Inconsistency> of_zero(const ScaleFactors& f) {
   if (f.cell_share < kFrameFits || f.mean_interval_e > kSlowTurn || !f.psi_f.known()) return {};
-  if (std::abs(f.zero_e) < kFarZero || turned_by_half(f)) return {};
+  if (std::abs(f.zero_e) < kFarZero) return {};
+  // Another order of the phases turns it by a third, another sign by half.
+  constexpr double kOfPhases = 100 * kDegree;
   return {{"theta_m", "zero where the magnet is on phase a",
            fmt::format("the magnet at {:.0f} degrees electrical there", f.zero_e / kDegree),
-           "another zero of the angle?"}};
+           std::abs(f.zero_e) < kOfPhases
+               ? "another zero of the angle?"
+               : "another zero of the angle, or another order or sign of the phases?"}};
 }
 
 double quantile(std::vector<double> x, double share) {

@@ -137,6 +137,14 @@ INSTANTIATE_TEST_SUITE_P(
                 [](RawLog& r) {
                   for (double& x : r.theta_m) x += kTwoPi / 5 / servo().machine.n_p;
                 }},
+        Mistake{"angle_turned_by_a_phase", "theta_m", "order or sign of the phases",
+                [](RawLog& r) {
+                  for (double& x : r.theta_m) x += kTwoPi / 3 / servo().machine.n_p;
+                }},
+        Mistake{"angle_turned_by_half", "theta_m", "order or sign of the phases",
+                [](RawLog& r) {
+                  for (double& x : r.theta_m) x += 0.48 * kTwoPi / servo().machine.n_p;
+                }},
         Mistake{"milliseconds", "t", "milliseconds",
                 [](RawLog& r) { scale(r, {&RawLog::t}, 1e3); }},
         Mistake{"microseconds", "t", "microseconds",
