@@ -50,8 +50,9 @@ Contest::Contest(const Record& whole, const DriveConfig& drive, const Effects& b
   std::sort(terms_.begin(), terms_.end(),
             [](const Term& a, const Term& b) { return a.row < b.row; });
 }
-double Contest::p_better(bool second, std::size_t first, std::size_t end,
-                         const std::vector<char>& judging) const {
+
+Contest::Side Contest::better(bool second, std::size_t first, std::size_t end,
+                              const std::vector<char>& judging) const {
   std::vector<double> one(kPieces, 0), two(kPieces, 0), votes;
   for (const Term& term : terms_) {
     if (term.row < first || term.row >= end || !judging[term.row]) continue;
@@ -65,8 +66,10 @@ double Contest::p_better(bool second, std::size_t first, std::size_t end,
     if (one[b] > 0 && two[b] > 0 && std::abs(one[b] - two[b]) > Criterion{}.silent * one[b])
       votes.push_back(0.5 * std::log(one[b] / two[b]));
   }
-  return sum_2 < sum_1 ? signed_rank_tail(votes) : 1;
+  if (!(sum_2 < sum_1)) return {};
+  return {signed_rank_tail(votes), 1 - sum_2 / sum_1};
 }
+
 std::array<std::size_t, 3> Contest::moment(std::size_t first, std::size_t end) const {
   double sum = 0, least = 0;
   std::size_t best = first;

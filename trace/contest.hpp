@@ -16,10 +16,13 @@ class Contest {
   // `border`: row from which on the second set holds; the noise is that of the first before it.
   Contest(const Record& whole, const DriveConfig& drive, const Effects& before,
           const Effects& behind, std::size_t border);
-  // Chance that the second (or first) looks better on rows [first, end) of those that judge; 1: it
-  // does not.
-  double p_better(bool second, std::size_t first, std::size_t end,
-                  const std::vector<char>& judging) const;
+  // The second (or first) against the other on rows [first, end) of those that judge.
+  struct Side {
+    double p = 1;     // chance that it looks better; 1: it does not
+    double fall = 0;  // share of the other's error that it takes off, whitened, squares
+  };
+  Side better(bool second, std::size_t first, std::size_t end,
+              const std::vector<char>& judging) const;
   // Rows between which the change lies, and the likeliest: {least, likeliest, most}.
   std::array<std::size_t, 3> moment(std::size_t first, std::size_t end) const;
 

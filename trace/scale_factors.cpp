@@ -16,7 +16,8 @@ constexpr double kSameColumn = 1e-6;  // of the power: columns that differ by le
 // Spread of the speed over its rms. Disturbances alone move a rotor whose speed a loop holds. The current
 // answers them, and their ratio is no inertia. One drawn log (an eccentric load, 11 times K_t/J) is the reason.
 constexpr double kHeld = 0.1;
-constexpr double kSameR = 0.3;        // with a dead time and without
+// Share that R_s may change by with a dead time and without, and R_s and L by with a winding that warms and without.
+constexpr double kSame = 0.3;
 constexpr double kNegligible = 0.05;  // a term below this share (amplitude) has no scale
 
 double sign(double x) {
@@ -164,7 +165,7 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   const double soft = 0.02 * (m.i_rated > 0 ? m.i_rated : 1);
   BlockLeastSquares<5> fit(n);
   BlockLeastSquares<4> without_shape(n);
-  BlockLeastSquares<6> with_turn(n);
+  BlockLeastSquares<6> with_turn(n), with_drift(n);
   double rows_power = 0, cells_power = 0, turned = 0;
   std::size_t rows = 0;
   for (std::size_t first = 0; first + cell < n; first += stride) {
@@ -196,6 +197,9 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
     const double half_turn = 0.5 * turn_e / N;
     with_turn.add(first, {m.R_s * i[0], flux[0], 0, -emf, shape[0], -half_turn * u[1]}, u[0]);
     with_turn.add(first, {m.R_s * i[1], flux[1], emf, 0, shape[1], half_turn * u[0]}, u[1]);
+    const Vec2 drift = m.R_s * (static_cast<double>(first) / static_cast<double>(n) - 0.5) * i;
+    with_drift.add(first, {m.R_s * i[0], flux[0], 0, -emf, shape[0], drift[0]}, u[0]);
+    with_drift.add(first, {m.R_s * i[1], flux[1], emf, 0, shape[1], drift[1]}, u[1]);
     without_shape.add(first, {m.R_s * i[0], flux[0], 0, -emf}, u[0]);
     without_shape.add(first, {m.R_s * i[1], flux[1], emf, 0}, u[1]);
     rows_power += power;
@@ -208,12 +212,16 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   out.mean_interval_e = std::sqrt(turned / static_cast<double>(rows));
   without_shape.solve();
   with_turn.solve();
+  with_drift.solve();
   if (with_turn.told(5))
     out.turned = {.value = with_turn.beta(5), .sigma = with_turn.sigma(5), .over_rest = 0};
-  // A voltage that bends with the current is taken for a resistance, or the other way round.
-  if (std::abs(without_shape.beta(0) - fit.beta(0)) < kSameR * std::abs(fit.beta(0)))
-    out.R_s = fit.ratio(0);
-  out.L = fit.ratio(1);
+  // A voltage that bends with the current is taken for a resistance, or the other way round. What a winding adds
+  // that warms at a held speed is taken for any of them.
+  const auto same = [&](const auto& other, int j) {
+    return std::abs(other.beta(j) - fit.beta(j)) < kSame * std::abs(fit.beta(j));
+  };
+  if (same(without_shape, 0) && same(with_drift, 0)) out.R_s = fit.ratio(0);
+  if (same(with_drift, 1)) out.L = fit.ratio(1);
   // A frame off by half a count has that part of the EMF in the other axis; a cell whose ends are
   // rounded has another speed, and the currents' jumps at the counts go with it.
   const double cell_turn_e = out.mean_interval_e * static_cast<double>(cell);

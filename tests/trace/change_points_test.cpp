@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/consistency.hpp"
 #include "trace/keys.hpp"
 #include "trace/split.hpp"
 
@@ -61,6 +62,20 @@ TEST(ChangePoints, WhatActsThroughoutHasNoDate) {
   EXPECT_TRUE(r.changes.empty()) << r.sentence;
   ASSERT_TRUE(find(r, "coulomb_friction")) << r.sentence;
   EXPECT_FALSE(find(r, "coulomb_friction")->only_in_part);
+}
+
+// At one speed and load, a winding that warms: neither another resistance from some moment on, nor the inductance of
+// another machine.
+TEST(ChangePoints, AWindingThatWarmsIsOneDrift) {
+  const Record record = record_of(simulate_synthetic(
+      {.duration_s = 4, .held = true, .R_warm = 0.25, .speeds = 4, .loads = 12}));
+  EXPECT_TRUE(inconsistencies(record, {}, servo().facts(), 0).empty());
+  const TraceResult r = traced(record);
+  EXPECT_TRUE(r.changes.empty()) << r.sentence;
+  const TracedEffect* e = find(r, "resistance");
+  ASSERT_TRUE(e) << r.sentence;
+  EXPECT_NEAR(get_key(*e->effect, "change_Ohm"), 0.25, 0.01);
+  EXPECT_NEAR(get_key(*e->effect, "time_constant_s"), 2, 0.1);
 }
 
 // The cogging stays where it is; its angle is read from another zero.

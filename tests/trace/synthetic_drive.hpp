@@ -19,9 +19,11 @@ struct SyntheticDrive {
   std::uint64_t seed = 1;
   bool quiet = false;  // standstill
   bool slow = false;   // a twentieth of the speed, no i_d
+  bool held = false;   // the first speed, load and i_d throughout
   std::function<double(double t, double theta, double omega)> extra_load =
       [](double, double, double) { return 0.0; };
   double R_extra = 0, offset_a = 0;  // ohm; A, of sensor a
+  double R_warm = 0, warm_s = 2;     // ohm that a winding gains, with this time constant
   double offset_theta = 0;           // rad, of the encoder
   double loss_V = 0, loss_A = 0.12;  // a leg loses loss_V sign(i), less below loss_A
   double i_noise = 0.008, lsb = 0.009765625;
@@ -72,7 +74,8 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
   const auto n = static_cast<std::size_t>(d.duration_s / d.T_s);
   for (std::size_t k = 0; k < n; ++k) {
     const double t = static_cast<double>(k) * d.T_s;
-    const double T_load = d.quiet ? 0 : d.loads * external_load(t);
+    const double of = d.held ? 0 : t;  // time of the wanted motion
+    const double T_load = d.quiet ? 0 : d.loads * external_load(of);
     // Readings.
     const double a = d.n_p * theta;
     const double i_al = std::cos(a) * i_d - std::sin(a) * i_q,
@@ -90,12 +93,13 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
     raw.T_load.push_back(T_load);
     // The voltage reference of a controller with its own model, constant in stator axes.
     const double K_t = 1.5 * d.n_p * d.psi;
-    const double accel = share * (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
+    const double accel =
+        d.held ? 0 : share * (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
     const double i_q_ref =
-        d.quiet
-            ? 0
-            : (d.J * (accel + 30 * (share * wanted_speed(t) - omega)) + T_load + d.B * omega) / K_t;
-    const double i_d_ref = d.quiet || d.slow ? 0 : d.i_d * (std::fmod(t, 1.1) > 0.6 ? -1.2 : 0.5);
+        d.quiet ? 0
+                : (d.J * (accel + 30 * (share * wanted_speed(of) - omega)) + T_load + d.B * omega) /
+                      K_t;
+    const double i_d_ref = d.quiet || d.slow ? 0 : d.i_d * (std::fmod(of, 1.1) > 0.6 ? -1.2 : 0.5);
     const double omega_e = d.n_p * omega, k_p = 2 * 3.14159 * 250 * d.L;
     const auto dither = [&](std::uint64_t stream) {
       return d.dither > 0 ? d.dither * normal(d.seed, stream, k) : 0;
@@ -121,7 +125,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
                    left_be = u_be - (lost_b - lost_c) / std::sqrt(3.0);
       const double ud = std::cos(e) * left_al + std::sin(e) * left_be,
                    uq = -std::sin(e) * left_al + std::cos(e) * left_be;
-      const double R = d.R + d.R_extra;
+      const double R = d.R + d.R_extra + d.R_warm * -std::expm1(-time / d.warm_s);
       const double load = T_load + d.extra_load(time, x[3], x[2]);
       const double torque = d.quiet ? 0 : (K_t * x[1] - d.B * x[2] - load) / d.J;
       return {(ud - R * x[0] + w * d.L * x[1]) / d.L,
