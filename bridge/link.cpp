@@ -251,17 +251,4 @@ std::unique_ptr<Link> listen_udp(const std::string& host_port) {
   return link;
 }
 
-int free_udp_port() {
-  const int fd = udp_socket();
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t length = sizeof address;
-  const bool found = bind(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0 &&
-                     getsockname(fd, reinterpret_cast<sockaddr*>(&address), &length) == 0;
-  close(fd);
-  if (!found) fail("no free UDP port");
-  return ntohs(address.sin_port);
-}
-
 }  // namespace twinrate

@@ -48,8 +48,6 @@ std::unique_ptr<Link> open_link(const std::string& port, int baud);
 std::unique_ptr<Link> make_pty(const std::string& path);
 // Receives at HOST:PORT; sends to the last sender.
 std::unique_ptr<Link> listen_udp(const std::string& host_port);
-// A free UDP port of 127.0.0.1.
-int free_udp_port();
 
 // CLOCK_MONOTONIC.
 std::int64_t now_ns();

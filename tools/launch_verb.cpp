@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <sstream>
 
-#include "bridge/link.hpp"
+#include "core/free_udp_port.hpp"
 #include "core/machine_error.hpp"
 #include "core/multicast.hpp"
 #include "core/shared_ring.hpp"

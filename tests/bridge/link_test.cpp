@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "core/config.hpp"
+#include "core/free_udp_port.hpp"
 #include "core/machine_error.hpp"
 
 namespace twinrate::link_test {

@@ -10,6 +10,7 @@
 #include <memory>
 #include <thread>
 
+#include "core/free_udp_port.hpp"
 #include "emulator/twinrate_device.hpp"
 #include "identify/experiment.hpp"
 #include "identify/simulated_rig.hpp"
