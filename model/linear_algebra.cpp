@@ -1,6 +1,8 @@
 #include "model/linear_algebra.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 
 namespace twinrate::linear {
 
@@ -18,21 +20,8 @@ MatrixXd solve_symmetric(const MatrixXd& S, const MatrixXd& B) {
   return ldlt.solve(B);
 }
 
-VectorXd least_squares(const MatrixXd& A, const VectorXd& y) {
-  return A.colPivHouseholderQr().solve(y);
-}
-
-MatrixXd pseudo_inverse(const MatrixXd& A) {
-  return A.completeOrthogonalDecomposition().pseudoInverse();
-}
-
 Eigen::VectorXcd eigenvalues(const MatrixXd& A) {
   return A.eigenvalues();
-}
-
-SymmetricEigen symmetric_eigen(const MatrixXd& S) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(S);
-  return {eigen.eigenvalues(), eigen.eigenvectors()};
 }
 
 }  // namespace twinrate::linear

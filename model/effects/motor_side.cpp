@@ -1,6 +1,6 @@
 #include "model/effects/motor_side.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
