@@ -1,11 +1,9 @@
-# Debian 12 packages; tools/packages.txt lists their names.
+# Debian 12 packages; tools/packages.txt lists their names. First those of a simulated drive.
 find_package(Eigen3 3.4 REQUIRED)
 find_package(fmt REQUIRED)
 find_package(tomlplusplus REQUIRED)
 find_package(nlohmann_json REQUIRED)
-find_package(SUNDIALS 6.4 REQUIRED COMPONENTS arkode cvode nvecserial)
 find_package(Threads REQUIRED)
-find_package(ZLIB REQUIRED)
 
 # LCM 1.3.1 has no CMake package, and its pkg-config file needs GLib's development files.
 find_path(LCM_INCLUDE_DIR lcm/lcm-cpp.hpp REQUIRED)
@@ -14,6 +12,22 @@ find_program(LCM_GEN lcm-gen REQUIRED)
 add_library(lcm::lcm INTERFACE IMPORTED)
 target_include_directories(lcm::lcm SYSTEM INTERFACE ${LCM_INCLUDE_DIR})
 target_link_libraries(lcm::lcm INTERFACE ${LCM_LIBRARY})
+
+find_path(SODIUM_INCLUDE_DIR sodium.h REQUIRED)
+find_library(SODIUM_LIBRARY sodium REQUIRED)
+add_library(sodium::sodium INTERFACE IMPORTED)
+target_include_directories(sodium::sodium SYSTEM INTERFACE ${SODIUM_INCLUDE_DIR})
+target_link_libraries(sodium::sodium INTERFACE ${SODIUM_LIBRARY})
+
+find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
+add_library(cli11::cli11 INTERFACE IMPORTED)
+target_include_directories(cli11::cli11 SYSTEM INTERFACE ${CLI11_INCLUDE_DIR})
+if(TWINRATE_VERBS STREQUAL "SIMULATED")
+  return()
+endif()
+
+find_package(SUNDIALS 6.4 REQUIRED COMPONENTS arkode cvode nvecserial)
+find_package(ZLIB REQUIRED)
 
 # Ceres's CMake package needs the development files of every optional solver.
 find_path(CERES_INCLUDE_DIR ceres/ceres.h REQUIRED)
@@ -48,12 +62,6 @@ add_library(libwebsockets INTERFACE IMPORTED)
 target_include_directories(libwebsockets SYSTEM INTERFACE ${LIBWEBSOCKETS_INCLUDE_DIR})
 target_link_libraries(libwebsockets INTERFACE ${LIBWEBSOCKETS_LIBRARY})
 
-find_path(SODIUM_INCLUDE_DIR sodium.h REQUIRED)
-find_library(SODIUM_LIBRARY sodium REQUIRED)
-add_library(sodium::sodium INTERFACE IMPORTED)
-target_include_directories(sodium::sodium SYSTEM INTERFACE ${SODIUM_INCLUDE_DIR})
-target_link_libraries(sodium::sodium INTERFACE ${SODIUM_LIBRARY})
-
 # Debian's library is compiled with these three; its header must see the same.
 find_path(CPPHTTPLIB_INCLUDE_DIR httplib.h REQUIRED)
 find_library(CPPHTTPLIB_LIBRARY cpp-httplib REQUIRED)
@@ -62,7 +70,3 @@ target_include_directories(cpphttplib SYSTEM INTERFACE ${CPPHTTPLIB_INCLUDE_DIR}
 target_compile_definitions(cpphttplib INTERFACE CPPHTTPLIB_OPENSSL_SUPPORT CPPHTTPLIB_ZLIB_SUPPORT
                                                 CPPHTTPLIB_BROTLI_SUPPORT)
 target_link_libraries(cpphttplib INTERFACE ${CPPHTTPLIB_LIBRARY})
-
-find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
-add_library(cli11::cli11 INTERFACE IMPORTED)
-target_include_directories(cli11::cli11 SYSTEM INTERFACE ${CLI11_INCLUDE_DIR})

@@ -15,7 +15,7 @@ void* load_part(const std::string& name) {
   if (!symbol)
     throw MachineError(fmt::format(
         "a part of twinrate cannot be loaded: {}; install twinrate again, with the libraries it "
-        "needs",
+        "needs, or build it: tools/build-all",
         dlerror()));
   return symbol;
 }

@@ -28,6 +28,7 @@
 #include "loop/load_drive.hpp"
 #include "model/math.hpp"
 #include "report/svg.hpp"
+#include "run/own_monitor.hpp"
 #include "tools/run_verb.hpp"
 #include "tools/simulate_verb.hpp"
 
@@ -366,8 +367,12 @@ int reference_process(const std::vector<std::string>& argv, const py::object& om
 
 int simulated(const std::string& drive, const std::vector<std::string>& overrides,
               const std::string& run_dir, bool force, const py::object& make) {
-  const SimulateOptions options{
-      .drive = drive, .run_dir = run_dir, .overrides = overrides, .force = force, .quiet = true};
+  const SimulateOptions options{.drive = drive,
+                                .run_dir = run_dir,
+                                .overrides = overrides,
+                                .force = force,
+                                .quiet = true,
+                                .make_monitor = make_own_monitor};
   const SignalsOfPython signals;
   catch_stop_signals();
   int code = 0;

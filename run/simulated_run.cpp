@@ -4,6 +4,7 @@
 #include <sys/mman.h>
 
 #include <array>
+#include <cassert>
 #include <chrono>
 #include <deque>
 #include <optional>
@@ -20,7 +21,7 @@
 #include "core/process.hpp"
 #include "core/signals_io.hpp"
 #include "logger/log_writer.hpp"
-#include "monitor/live_monitor.hpp"
+#include "monitor/monitor_parameters.hpp"
 #include "run/progress.hpp"
 
 namespace twinrate {
@@ -110,64 +111,6 @@ class SimulatedBus {
   gain_t gain_{};
 };
 
-// The monitor in this process. Tracing takes no drive time.
-class OwnMonitor {
- public:
-  OwnMonitor(Config& config, SimulatedBus& bus, ClosedLoop& loop, std::string directory)
-      : config_(config),
-        bus_(bus),
-        loop_(loop),
-        directory_(std::move(directory)),
-        monitor_(config) {}
-  // False if the disk is full.
-  bool write() const {
-    try {
-      write_new(directory_ + "/monitor.json", monitor_.to_json());
-    } catch (const std::runtime_error&) {
-      return false;
-    }
-    return true;
-  }
-
-  void take(const TickRecord& tick) {
-    monitor_.take(tick.measurement);
-    monitor_.take(tick.estimate);
-    while (const auto job = monitor_.take_job()) monitor_.traced(run(*job));
-    if (const auto toml = monitor_.take_addition())
-      come(present().with_effects(*toml, "monitor"), true);
-    if (const auto toml = monitor_.take_removal())
-      come(present().without_effects(*toml, "monitor", config_.drive().effects.size()), false);
-    for (const MonitorNotice& notice : monitor_.take_notices())
-      bus_.publish_event(notice.reason, notice.text, notice.k, tick.measurement.t_ns,
-                         Role::kMonitor);
-    if (coming_ && loop_.k() >= from_k_) {
-      loop_.know(*coming_);
-      extended_ = std::exchange(coming_, {});
-      if (adding_)
-        monitor_.added(loop_.k());
-      else
-        monitor_.removed(loop_.k());
-    }
-  }
-
- private:
-  const Config& present() const { return extended_ ? *extended_ : config_; }
-  void come(Config changed, bool adding) {
-    coming_ = std::move(changed);
-    adding_ = adding;
-    from_k_ = monitor_.tick_for_request();
-  }
-
-  Config& config_;
-  SimulatedBus& bus_;
-  ClosedLoop& loop_;
-  std::string directory_;
-  LiveMonitor monitor_;
-  std::optional<Config> extended_, coming_;
-  bool adding_ = true;
-  std::int64_t from_k_ = 0;
-};
-
 std::string disk_full(const LogWriter& writer) {
   return fmt::format("{}; the log holds {} whole ticks", writer.failure(), writer.marked_on_disk());
 }
@@ -200,8 +143,11 @@ std::int64_t wall_us() {
 }  // namespace
 
 std::string run_simulated(Config& config, const std::string& directory, bool json,
-                          const MakeFilter& make, std::optional<LongLog>* kept) {
+                          const MakeFilter& make, std::optional<LongLog>* kept,
+                          MakeTickWatch make_monitor) {
   const DriveConfig& d = config.drive();
+  const bool monitored = config.read<MonitorParameters>().enabled;
+  assert(!monitored || make_monitor);
   const std::int64_t session = new_session_id();
   const std::int64_t t0_us = wall_us();
   LogWriter writer(directory,
@@ -214,8 +160,13 @@ std::string run_simulated(Config& config, const std::string& directory, bool jso
   if (in_memory) begin(*in_memory, directory, manifest, d.steps());
   SimulatedBus bus(writer, session, t0_us, in_memory);
   ClosedLoop loop(config, make);
-  std::optional<OwnMonitor> monitor;
-  if (config.read<MonitorParameters>().enabled) monitor.emplace(config, bus, loop, directory);
+  std::unique_ptr<TickWatch> monitor;
+  if (monitored)
+    monitor = make_monitor(
+        config, loop, directory,
+        [&bus](Reason reason, const std::string& text, std::int64_t k, std::int64_t t_ns) {
+          bus.publish_event(reason, text, k, t_ns, Role::kMonitor);
+        });
   Progress progress(d, json);
   std::string ended;
   while (loop.k() < d.steps() && ended.empty()) {

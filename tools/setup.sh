@@ -30,13 +30,11 @@ ensure_packages() {
     "${missing[@]}" >/dev/null
 }
 
-# build PRESET [TARGET..]: configures and builds; prints the output only after a failure.
-build() {
-  local log preset=$1
-  shift
+# quietly COMMAND..: prints its output only after a failure, which ends the script.
+quietly() {
+  local log
   log=$(mktemp)
-  echo "Building (preset $preset) .."
-  if ! { cmake --preset "$preset" && cmake --build --preset "$preset" ${1:+--target "$@"}; } >"$log" 2>&1; then
+  if ! "$@" >"$log" 2>&1; then
     cat "$log" >&2
     rm -f "$log"
     echo "The build failed." >&2
@@ -44,3 +42,22 @@ build() {
   fi
   rm -f "$log"
 }
+
+# build PRESET [TARGET..]: configures and builds.
+build() {
+  local preset=$1
+  shift
+  echo "Building (preset $preset) .."
+  quietly cmake --preset "$preset"
+  quietly cmake --build --preset "$preset" ${1:+--target "$@"}
+}
+
+# build_in_place TARGET..: builds as build/ was configured, with what is installed now.
+build_in_place() {
+  echo "Building .."
+  quietly cmake build
+  quietly cmake --build build --target "$@"
+}
+
+# Whether build/ was configured with every program.
+has_every_program() { grep -q '^TWINRATE_VERBS:.*=ALL$' build/CMakeCache.txt 2>/dev/null; }

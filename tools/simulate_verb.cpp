@@ -15,6 +15,7 @@
 #include "core/seconds_since.hpp"
 #include "loop/load_drive.hpp"
 #include "loop/trial_run.hpp"
+#include "monitor/monitor_parameters.hpp"
 #include "run/progress.hpp"
 #include "run/run_result.hpp"
 #include "tools/verb.hpp"
@@ -51,6 +52,7 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   if (config.drive().plant.kind == PlantKind::kBridge)
     throw BadInput(fmt::format("{}: plant.kind: simulated allowed with simulate, found bridge",
                                config.where("plant.kind")));
+  if (config.read<MonitorParameters>().enabled && !o.make_monitor) refuse_absent("monitor.enabled");
   for (const std::string& warning : check_by_trial(config, Trial::kOfReasons))
     fmt::print(stderr, "twinrate: warning: {}\n", warning);
   if (!o.quiet) catch_stop_signals();
@@ -59,7 +61,7 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   const auto begun = std::chrono::steady_clock::now();
   RunFacts facts;
   facts.how = "simulate, one process";
-  facts.ended = run_simulated(config, directory, o.json, make, &facts.kept);
+  facts.ended = run_simulated(config, directory, o.json, make, &facts.kept, o.make_monitor);
   facts.wall_s = seconds_since(begun);
   facts.quiet = o.quiet;
   if (!facts.ended.empty()) fmt::print(stderr, "twinrate: {}\n", facts.ended);
@@ -68,8 +70,9 @@ int simulate(const SimulateOptions& o, const MakeFilter& make) {
   return code;
 }
 
-void add_simulate_verb(CLI::App& app, int& exit_code) {
+void add_simulate_verb(CLI::App& app, int& exit_code, MakeTickWatch make_monitor) {
   auto o = std::make_shared<SimulateOptions>();
+  o->make_monitor = make_monitor;
   CLI::App* verb =
       app.add_subcommand("simulate", "Run the whole loop in one process, without a bus");
   verb->add_option("DRIVE", o->drive, "run this drive file or preset")->required();

@@ -6,6 +6,7 @@
 
 #include "core/config.hpp"
 #include "core/option_values.hpp"
+#include "run/simulated_run.hpp"
 
 namespace twinrate {
 
@@ -16,7 +17,7 @@ void add_figures_verb(CLI::App& app, int& exit_code);
 void add_monitor_verb(CLI::App& app, int& exit_code);
 void add_new_verb(CLI::App& app, int& exit_code);
 void add_pages_verb(CLI::App& app, int& exit_code);
-void add_simulate_verb(CLI::App& app, int& exit_code);
+void add_simulate_verb(CLI::App& app, int& exit_code, MakeTickWatch make_monitor);
 void add_spy_verb(CLI::App& app, int& exit_code);
 void add_check_verb(CLI::App& app, int& exit_code);
 void add_replay_verb(CLI::App& app, int& exit_code);
@@ -35,6 +36,16 @@ void add_stream_verb(CLI::App& app, int& exit_code);
 void add_sweep_verb(CLI::App& app, int& exit_code);
 void add_trace_verb(CLI::App& app, int& exit_code);
 void add_tune_verb(CLI::App& app, int& exit_code);
+
+// Parses a command line, the verbs of which `add_verbs` adds, and runs the verb that it names. The
+// rest as run_verb().
+using AddVerbs = void (*)(CLI::App& app, int& exit_code);
+int run_verb_of(AddVerbs add_verbs, int argc, const char* const* argv);
+
+// What a build with some of the verbs does not have: throws MachineError, with the command that
+// builds it. A verb that it lists is refused whatever its options are.
+[[noreturn]] void refuse_absent(const std::string& what);
+void add_absent_verb(CLI::App& app, const char* name, const char* purpose);
 
 // launch with a real drive as the plant; returns its exit code.
 struct BridgeLaunch {
