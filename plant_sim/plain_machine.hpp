@@ -31,8 +31,8 @@ struct PlainState {
 
 class PlainMachine {
  public:
-  // `T_load`: constant over the step of length h.
-  PlainMachine(const MachineParameters& m, double T_load, double h)
+  // Over steps of length h.
+  PlainMachine(const MachineParameters& m, double h)
       : h_(h),
         gain_{h / m.L_d, h / m.L_q},
         decay_(m.R_s * gain_),
@@ -41,14 +41,17 @@ class PlainMachine {
         torque_(h / m.J * m.torque_constant()),
         reluctance_(h / m.J * 1.5 * m.n_p * (m.L_d - m.L_q)),
         friction_(h / m.J * m.B),
-        load_(h / m.J * T_load) {}
+        h_per_J_(h / m.J) {}
 
-  [[gnu::always_inline]] PlainState operator()(double /*c*/, const PlainState& x) const {
+  double h() const { return h_; }
+  // What a torque that is constant over the step takes off omega_m in it.
+  double load(double T_load) const { return h_per_J_ * T_load; }
+  [[gnu::always_inline]] PlainState rate(const PlainState& x, double load) const {
     const Four e = x.electrical;
     const Four across = __builtin_shufflevector(e, e, 1, 0, 3, 2);   // i_q, i_d, u_q, u_d
     const Four applied = __builtin_shufflevector(e, e, 2, 3, 2, 3);  // u_dq beside i_dq
     const double i_d = e[0], i_q = e[1], omega_m = x.motion[0];
-    const double acceleration = (i_d * reluctance_ + torque_) * i_q - (omega_m * friction_ + load_);
+    const double acceleration = (i_d * reluctance_ + torque_) * i_q - (omega_m * friction_ + load);
     return {applied * gain_ - e * decay_ + omega_m * (across * turn_ + emf_),
             Pair{acceleration, omega_m * h_}};
   }
@@ -64,7 +67,7 @@ class PlainMachine {
  private:
   double h_;
   Four gain_, decay_, turn_, emf_;  // of i_d, i_q, u_d, u_q
-  double torque_, reluctance_, friction_, load_;
+  double torque_, reluctance_, friction_, h_per_J_;
 };
 
 }  // namespace twinrate

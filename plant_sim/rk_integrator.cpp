@@ -42,6 +42,10 @@ int steps_at_first(double hardness) {
                   kMaxSteps, t));
 }
 
+bool is_accepted(double error_squared, double tolerance) {
+  return error_squared / (tolerance * tolerance) <= 1;
+}
+
 // Takes x over T. step_over(x, t, h): the RkStep from t to t + h, t from the interval's start.
 template <class State, class StepOver>
 [[gnu::always_inline]] inline State over_interval(const State& begin, double t_k, double T,
@@ -73,28 +77,52 @@ template <class State, class StepOver>
   refuse(t_k + t, 0);
 }
 
-// The plain machine over T; u_dq at t_k.
-[[gnu::always_inline]] inline PlantState advance_plain(const MachineParameters& m,
-                                                       const PlantState& x, const Vec2& u_dq,
-                                                       const PlantInput& input, double T,
-                                                       int steps) {
-  const PlainState begin{Four{x[0], x[1], u_dq[0], u_dq[1]}, Pair{x[2], x[3]}};
+[[gnu::always_inline]] inline RkStep<PlainState> plain_step(const PlainMachine& machine,
+                                                            const PlainState& x_0, double T_load) {
+  const double load = machine.load(T_load);
+  const auto rate = [&](double /*c*/, const PlainState& x) __attribute__((always_inline)) {
+    return machine.rate(x, load);
+  };
+  const auto size = [&](const PlainState& e) __attribute__((always_inline)) {
+    return machine.size_squared(e, kWeightOfAngle);
+  };
+  return pair_8(x_0, rate, size);
+}
+[[gnu::always_inline]] inline PlainState plain_state(const PlantState& x, double u_d, double u_q) {
+  return {Four{x[0], x[1], u_d, u_q}, Pair{x[2], x[3]}};
+}
+[[gnu::always_inline]] inline void take(const PlainState& from, PlantState& x) {
+  x = {from.electrical[0], from.electrical[1], from.motion[0], from.motion[1]};
+}
+
+// The plain machine over a whole interval in one step; u_d, u_q at t_k. False where the step is too
+// long: x is as it was.
+[[gnu::always_inline]] inline bool over_whole(const PlainMachine& machine, double T_load,
+                                              double u_d, double u_q, PlantState& x) {
+  const RkStep<PlainState> step = plain_step(machine, plain_state(x, u_d, u_q), T_load);
+  if (!is_accepted(step.error_squared, kPlainTolerance)) return false;
+  take(step.x_1, x);
+  return true;
+}
+__attribute__((target("avx2"))) bool over_whole_avx2(const PlainMachine& machine, double T_load,
+                                                     double u_d, double u_q, PlantState& x) {
+  return over_whole(machine, T_load, u_d, u_q, x);
+}
+
+// The same in parts.
+[[gnu::always_inline]] inline void over_parts(const MachineParameters& m, const PlantInput& input,
+                                              double T, int steps, double u_d, double u_q,
+                                              PlantState& x) {
   const auto step_over = [&](const PlainState& x_0, double /*t*/, double h)
       __attribute__((always_inline)) {
-    const PlainMachine machine(m, input.T_load, h);
-    const auto size = [&](const PlainState& e) __attribute__((always_inline)) {
-      return machine.size_squared(e, kWeightOfAngle);
-    };
-    return pair_8(x_0, machine, size);
+    return plain_step(PlainMachine(m, h), x_0, input.T_load);
   };
-  const PlainState end = over_interval(begin, input.t_k, T, steps, kPlainTolerance, step_over);
-  return {end.electrical[0], end.electrical[1], end.motion[0], end.motion[1]};
+  take(over_interval(plain_state(x, u_d, u_q), input.t_k, T, steps, kPlainTolerance, step_over), x);
 }
-__attribute__((target("avx2"))) PlantState advance_plain_avx2(const MachineParameters& m,
-                                                              const PlantState& x, const Vec2& u_dq,
-                                                              const PlantInput& input, double T,
-                                                              int steps) {
-  return advance_plain(m, x, u_dq, input, T, steps);
+__attribute__((target("avx2"))) void over_parts_avx2(const MachineParameters& m,
+                                                     const PlantInput& input, double T, int steps,
+                                                     double u_d, double u_q, PlantState& x) {
+  over_parts(m, input, T, steps, u_d, u_q, x);
 }
 
 }  // namespace
@@ -103,16 +131,26 @@ double RkIntegrator::hardness(double omega_m, double T) const {
   return T * (fastest_rate_ + model_.machine().n_p * std::abs(omega_m));
 }
 
+PlantState RkIntegrator::advance_plain(const PlantState& begin, const Vec2& u_alphabeta,
+                                       const PlantInput& input, double T) {
+  const MachineParameters& m = model_.machine();
+  const Vec2 u_dq = park(u_alphabeta, input.rotor_axes.of(m.n_p * begin[3]));
+  const int steps = steps_at_first(hardness(begin[2], T));
+  PlantState x = begin;
+  if (steps == 1) {
+    if (plain_.h() != T) plain_ = PlainMachine(m, T);
+    if ((has_avx2() ? over_whole_avx2 : over_whole)(plain_, input.T_load, u_dq[0], u_dq[1], x))
+      return x;
+  }
+  (has_avx2() ? over_parts_avx2 : over_parts)(m, input, T, steps, u_dq[0], u_dq[1], x);
+  return x;
+}
+
 [[gnu::flatten]] PlantState RkIntegrator::advance(const PlantState& x, const PlantInput& input,
                                                   double T) {
   if (is_plain_)
-    if (const auto u_alphabeta = model_.constant_voltage(input)) {
-      const MachineParameters& m = model_.machine();
-      const Vec2 u_dq = park(*u_alphabeta, input.rotor_axes.of(m.n_p * x[3]));
-      const int steps = steps_at_first(hardness(x[2], T));
-      return has_avx2() ? advance_plain_avx2(m, x, u_dq, input, T, steps)
-                        : advance_plain(m, x, u_dq, input, T, steps);
-    }
+    if (const auto u_alphabeta = model_.constant_voltage(input))
+      return advance_plain(x, *u_alphabeta, input, T);
   const double hard = hardness(x[2], T);
   return over_interval(x, input.t_k, T, steps_at_first(hard), kTolerance,
                        [&](const PlantState& x_0, double t, double h) {

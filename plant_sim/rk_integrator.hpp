@@ -10,10 +10,12 @@
 // are smooth the true error is 10 to 100 times smaller than the estimate. At a corner (a clamped
 // dead time, the flank of a gap) the steps become small; the estimate can miss one.
 //
-// Nothing is remembered between intervals. Throws std::runtime_error where an interval takes more
+// Nothing is remembered between intervals but the products of the plain machine's parameters with
+// the length of the last one. Throws std::runtime_error where an interval takes more
 // than 1000 steps (stiff equations) and where the state is not finite.
 #pragma once
 #include "plant_sim/integrator.hpp"
+#include "plant_sim/plain_machine.hpp"
 
 namespace twinrate {
 
@@ -21,7 +23,10 @@ class RkIntegrator final : public Integrator {
  public:
   // `model` must outlive the integrator.
   explicit RkIntegrator(const DriveModel& model)
-      : model_(model), fastest_rate_(model.fastest_rate()), is_plain_(model.is_plain()) {}
+      : model_(model),
+        fastest_rate_(model.fastest_rate()),
+        is_plain_(model.is_plain()),
+        plain_(model.machine(), 0) {}
 
   PlantState advance(const PlantState& x, const PlantInput& input, double T) override;
   TwoMassState advance_two_masses(const TwoMassState& x, const PlantInput& input,
@@ -30,10 +35,13 @@ class RkIntegrator final : public Integrator {
  private:
   // T times the fastest rate of the equations at this speed.
   double hardness(double omega_m, double T) const;
+  PlantState advance_plain(const PlantState& x, const Vec2& u_alphabeta, const PlantInput& input,
+                           double T);
 
   const DriveModel& model_;
   double fastest_rate_;
   bool is_plain_;
+  PlainMachine plain_;  // over a step of the length of the last interval
 };
 
 }  // namespace twinrate

@@ -169,8 +169,9 @@ double order_of(const Pair& pair) {
       .R_s = 1.2, .L_d = 5e-4, .L_q = 8e-4, .psi_f = 0.007, .J = 1e-5, .B = 1e-5, .n_p = 4};
   const auto end = [&](int steps) {
     PlainState x{{0.5, 1, 3, 4}, {300, 0}};
-    const PlainMachine machine(m, 0.01, 2e-4 / steps);
-    for (int i = 0; i < steps; ++i) x = pair(x, machine);
+    const PlainMachine machine(m, 2e-4 / steps);
+    const auto f = [&](double, const PlainState& y) { return machine.rate(y, machine.load(0.01)); };
+    for (int i = 0; i < steps; ++i) x = pair(x, f);
     return Vec2(x.electrical[0], x.electrical[1]);
   };
   const auto error = [&](int steps) { return (end(steps) - end(16)).norm(); };
@@ -193,13 +194,30 @@ TEST(Rk, ThePlainMachineHasTheRatesOfTheModel) {
   const PlantState rate = model.rate(x, input, 0);
   const Vec2 u_dq = park(input.u_alphabeta, c.drive.machine.n_p * x[3]);
   const PlainState state{{x[0], x[1], u_dq[0], u_dq[1]}, {x[2], x[3]}};
-  const PlainState plain = PlainMachine(c.drive.machine, input.T_load, 1)(0, state);
+  const PlainMachine machine(c.drive.machine, 1);
+  const PlainState plain = machine.rate(state, machine.load(input.T_load));
   EXPECT_NEAR(plain.electrical[0], rate[0], 1e-12 * std::abs(rate[0]));
   EXPECT_NEAR(plain.electrical[1], rate[1], 1e-12 * std::abs(rate[1]));
   EXPECT_NEAR(plain.motion[0], rate[2], 1e-12 * std::abs(rate[2]));
   EXPECT_EQ(plain.motion[1], rate[3]);
   EXPECT_DOUBLE_EQ(plain.electrical[2], c.drive.machine.n_p * x[2] * u_dq[1]);
   EXPECT_DOUBLE_EQ(plain.electrical[3], -c.drive.machine.n_p * x[2] * u_dq[0]);
+}
+
+// One integrator over intervals of two lengths in turn, another over those of one length each.
+TEST(Rk, AnIntervalOfAnotherLengthLeavesNothingBehind) {
+  const Case c = preset("kim-ipmsm");
+  const DriveModel model = model_of(c);
+  const auto both = make_integrator(Engine::kRk, model), one = make_integrator(Engine::kRk, model);
+  const double T = c.drive.T_s();
+  PlantState x = started(c, 200);
+  for (int k = 0; k < 20; ++k) {
+    const PlantInput input{.u_alphabeta = voltage(c, x, static_cast<std::uint64_t>(k))};
+    const PlantState end = one->advance(x, input, T);
+    ASSERT_EQ(both->advance(x, input, T), end) << k;
+    ASSERT_NE(both->advance(x, input, 0.3 * T), end) << k;
+    x = end;
+  }
 }
 
 // L_d = 5 nH: R_s/L_d T_s = 48,000.
