@@ -45,10 +45,16 @@ void FieldWeakening::update(double u_ref, double u_max, double omega_e) {
   i_d_ = std::clamp(i_d_ - T_s_ * per_volt * (u_ref - p_.margin * u_max), -i_max_, 0.0);
 }
 
+// std::clamp selects an address, this a number.
+static double clamped(double x, double least, double most) {
+  if (x < least) return least;
+  return most < x ? most : x;
+}
+
 Vec2 limit_current(const Vec2& i_dq_wanted, double i_d_extra, double i_d_fade, double i_max) {
-  const double i_d = std::clamp(i_dq_wanted[0] + i_d_extra, -i_max, i_max);
+  const double i_d = clamped(i_dq_wanted[0] + i_d_extra, -i_max, i_max);
   const double i_q_max = std::sqrt(i_max * i_max - i_d * i_d);
-  const double i_q = std::clamp(i_dq_wanted[1], -i_q_max, i_q_max);
+  const double i_q = clamped(i_dq_wanted[1], -i_q_max, i_q_max);
   if (i_d_fade == 0) return {i_d + i_d_fade, i_q};
   const double i_d_room = std::sqrt(i_max * i_max - i_q * i_q);
   return {std::clamp(i_d + i_d_fade, std::min(i_d, -i_d_room), std::max(i_d, i_d_room)), i_q};

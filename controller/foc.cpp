@@ -6,6 +6,16 @@
 #include "model/effects/undo.hpp"
 
 namespace twinrate {
+namespace {
+
+// One number at a time: an assignment loads both together, and would wait for two stores that made
+// them just before.
+void set(Vec2& to, const Vec2& from) {
+  to[0] = from[0];
+  to[1] = from[1];
+}
+
+}  // namespace
 
 Foc::Foc(const DriveConfig& config, const FocParameters& parameters)
     : machine_(config.machine),
@@ -113,15 +123,17 @@ Vec2 Foc::feed_forward(const Vec2& i_dq, double omega_e) const {
 }
 
 Vec2 Foc::current_loop(const Vec2& i_dq_ref, const Vec2& i_dq, double omega_e, double v_dc) {
-  const Vec2 error = i_dq_ref - i_dq;
-  const Vec2 u =
-      Vec2(current_d_.output(error[0]), current_q_.output(error[1])) + feed_forward(i_dq, omega_e);
-  const double u_max = v_dc * std::numbers::inv_sqrt3, amplitude = u.norm();
-  const Vec2 u_limited = amplitude > u_max ? Vec2(u * (u_max / amplitude)) : u;
-  current_d_.update(error[0], u[0], u_limited[0], T_s_);
-  current_q_.update(error[1], u[1], u_limited[1], T_s_);
+  const double error_d = i_dq_ref[0] - i_dq[0], error_q = i_dq_ref[1] - i_dq[1];
+  const Vec2 forward = feed_forward(i_dq, omega_e);
+  const double u_d = current_d_.output(error_d) + forward[0];
+  const double u_q = current_q_.output(error_q) + forward[1];
+  const double u_max = v_dc * std::numbers::inv_sqrt3, amplitude = std::sqrt(u_d * u_d + u_q * u_q);
+  const double share = amplitude > u_max ? u_max / amplitude : 1;
+  const double u_d_limited = u_d * share, u_q_limited = u_q * share;
+  current_d_.update(error_d, u_d, u_d_limited, T_s_);
+  current_q_.update(error_q, u_q, u_q_limited, T_s_);
   field_weakening_.update(amplitude, u_max, omega_e);
-  return u_limited;
+  return {u_d_limited, u_q_limited};
 }
 
 ControllerEvent Foc::take_event() {
@@ -168,9 +180,10 @@ Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {
   const double omega_e = machine_.n_p * frame.omega_m, v_dc = in.measurement.v_dc;
   switch (c.mode) {
     case Mode::kRun: {
-      c.i_dq_ref = closed_loop_reference(in, frame);
+      set(c.i_dq_ref, closed_loop_reference(in, frame));
       const Vec2 u_dq = current_loop(c.i_dq_ref, c.i_dq, omega_e, v_dc);
-      return u_dq + predicted_voltage_loss(in, frame, u_dq);
+      const Vec2 loss = predicted_voltage_loss(in, frame, u_dq);
+      return {u_dq[0] + loss[0], u_dq[1] + loss[1]};
     }
     case Mode::kAlign:
       c.i_dq_ref = {i_start, 0};
@@ -199,10 +212,10 @@ Vec2 Foc::voltage(const ControllerInput& in, const Frame& frame, Command& c) {
   c.t_ns = m.t_ns;
   c.mode = advance_mode(in, frame);
   c.theta_ctrl = frame.theta_e;
-  c.i_dq = park(clarke(m.i_abc), frame.theta_e);
-  u_dq_ = voltage(in, frame, c);
+  set(c.i_dq, park(clarke(m.i_abc), frame.theta_e));
+  set(u_dq_, voltage(in, frame, c));
   const double omega_e = machine_.n_p * frame.omega_m;
-  c.u_alphabeta_ref = inverse_park(u_dq_, frame.theta_e + advance_s_ * omega_e);
+  set(c.u_alphabeta_ref, inverse_park(u_dq_, frame.theta_e + advance_s_ * omega_e));
   c.omega_m_ref = c.mode == Mode::kRun ? omega_m_ref_ : frame.omega_m;
   command_ = c;
   return c;

@@ -114,7 +114,8 @@ EkfSensorless::State EkfSensorless::prior(const FastState& state, const Measurem
 }
 
 EkfSensorless::Output EkfSensorless::innovation(const State& x_prior, const Measurement& m) const {
-  return clarke(m.i_abc) - x_prior.head<2>();
+  const Vec2 i_alphabeta = clarke(m.i_abc);
+  return {i_alphabeta[0] - x_prior[0], i_alphabeta[1] - x_prior[1]};
 }
 
 EkfSensorless::State EkfSensorless::wrapped(const State& x) const {

@@ -39,18 +39,22 @@ const TickRecord& ClosedLoop::step() {
     know(planned_.front().extended);
   for (; !resets_.empty() && plant_.k() >= resets_.front(); resets_.pop_front()) restart();
   const Measurement& m = plant_.sample();
-  tick_.measurement = m;
-  tick_.truth = plant_.truth();
+  const Truth truth = plant_.truth();
   const bool every_tick = tick_.estimate.status & kGainEveryTick;
   const Estimate& e = estimator_.tick(m);
-  tick_.estimate = e;
   tick_.gain_every_nth = every_tick && !(e.status & kGainEveryTick);
   tick_.has_gain = estimator_.has_gain();
+  const Reference reference = drive_.reference_at(m.k);
+  const Command command = controller_->step({m, e, reference, &truth});
+  plant_.take_command(command);
+  // Copied once all of them are written: a copy waits for what was written just before it.
+  tick_.measurement = m;
+  tick_.estimate = e;
+  tick_.truth = truth;
+  tick_.reference = reference;
+  tick_.command = command;
   if (tick_.has_gain) copy_gain(tick_.gain, estimator_.gain());
-  tick_.reference = drive_.reference_at(m.k);
-  tick_.command = controller_->step({m, e, tick_.reference, &tick_.truth});
   tick_.event = controller_->take_event();
-  plant_.take_command(tick_.command);
   plant_.advance();
   tick_.plant_events.clear();
   for (int i = 0; i < plant_.safety().event_count(); ++i) {

@@ -25,8 +25,29 @@ struct InverterOutput {
 };
 
 // Of duty cycles (0..1) on a DC-bus voltage: clarke(duty v_dc), the zero sequence drops out.
-Vec2 mean_voltage(const Vec3& duty_abc, double v_dc);
+inline Vec2 mean_voltage(const Vec3& duty_abc, double v_dc) {
+  return clarke(duty_abc * v_dc);
+}
 
-InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc);
+inline void svpwm(const Vec2& u_alphabeta_ref, double v_dc, InverterOutput& out) {
+  Vec3 u_abc = inverse_clarke(u_alphabeta_ref);
+  const double span = u_abc.maxCoeff() - u_abc.minCoeff();
+  out.limited = span > v_dc;
+  // The hexagon is where the largest line-to-line voltage equals v_dc.
+  if (out.limited) u_abc *= v_dc / span;
+  const double zero_sequence = -0.5 * (u_abc.maxCoeff() + u_abc.minCoeff());
+  for (int phase = 0; phase < 3; ++phase) {
+    const double duty = 0.5 + (u_abc[phase] + zero_sequence) / v_dc;
+    out.duty_abc[phase] = duty < 0 ? 0 : duty > 1 ? 1 : duty;
+  }
+  const Vec2 u_alphabeta = mean_voltage(out.duty_abc, v_dc);
+  out.u_alphabeta[0] = u_alphabeta[0];
+  out.u_alphabeta[1] = u_alphabeta[1];
+}
+inline InverterOutput svpwm(const Vec2& u_alphabeta_ref, double v_dc) {
+  InverterOutput out;
+  svpwm(u_alphabeta_ref, v_dc, out);
+  return out;
+}
 
 }  // namespace twinrate

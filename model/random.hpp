@@ -54,7 +54,9 @@ class Normal {
   Uniform u1_, u2_;
 };
 
-// Three streams, `first` and the next two, at one index: bit for bit those of Normal.
+// Three streams, `first` and the next two, at one index: bit for bit those of Normal. Four
+// neighbouring indices are made together, those of one stream in one vector, and kept for the calls
+// that follow.
 class ThreeNormals {
  public:
   ThreeNormals(std::uint64_t seed, std::uint64_t first) {
@@ -63,10 +65,19 @@ class ThreeNormals {
       u2_keys_[i] = Uniform(seed, 2 * (first + i) + 1).key();
     }
   }
-  std::array<double, 3> operator()(std::uint64_t index) const;
+  std::array<double, 3> operator()(std::uint64_t index) {
+    if (index / kLanes != four_ || !made_) make(index / kLanes);
+    const double* at = normals_.data() + index % kLanes;
+    return {at[0], at[kLanes], at[2 * kLanes]};
+  }
 
  private:
+  void make(std::uint64_t four);
+
   std::array<std::uint64_t, 3> u1_keys_, u2_keys_;
+  bool made_ = false;
+  std::uint64_t four_ = 0;                    // normals_ are of 4 four_ and the next three
+  std::array<double, 3 * kLanes> normals_{};  // stream by stream
 };
 
 inline double normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {

@@ -13,21 +13,6 @@ void SensorParameters::fields(FieldVisitor& f) {
             "encoder counts a turn (four times the lines); 0: exact angle");
 }
 
-CurrentSensors::CurrentSensors(const SensorParameters& p, std::uint64_t seed)
-    : p_(p), noise_(seed, 0) {}
-
-[[gnu::flatten]] Vec3 CurrentSensors::sample(const Vec3& i_abc, std::int64_t k) const {
-  Vec3 i_meas = i_abc;
-  if (p_.i_noise_rms > 0) {
-    const auto noise = noise_(static_cast<std::uint64_t>(k));
-    i_meas += p_.i_noise_rms * Eigen::Map<const Vec3>(noise.data());
-  }
-  if (p_.i_lsb > 0)
-    for (double& i : i_meas) i = math::round(i / p_.i_lsb) * p_.i_lsb;
-  if (p_.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);
-  return i_meas;
-}
-
 Vec3 sample_currents(const SensorParameters& p, const Vec3& i_abc, std::uint64_t seed,
                      std::int64_t k) {
   return CurrentSensors(p, seed).sample(i_abc, k);

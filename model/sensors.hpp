@@ -28,8 +28,20 @@ struct SensorParameters {
 // The current sensors of one drive.
 class CurrentSensors {
  public:
-  CurrentSensors(const SensorParameters& p, std::uint64_t seed);
-  Vec3 sample(const Vec3& i_abc, std::int64_t k) const;
+  CurrentSensors(const SensorParameters& p, std::uint64_t seed) : p_(p), noise_(seed, 0) {}
+  Vec3 sample(const Vec3& i_abc, std::int64_t k) {
+    Vec3 i_meas = i_abc;
+    if (p_.i_noise_rms > 0) {
+      const auto noise = noise_(static_cast<std::uint64_t>(k));
+      for (int phase = 0; phase < 3; ++phase)
+        i_meas[phase] += p_.i_noise_rms * noise[static_cast<std::size_t>(phase)];
+    }
+    if (p_.i_lsb > 0)
+      for (int phase = 0; phase < 3; ++phase)
+        i_meas[phase] = math::round(i_meas[phase] / p_.i_lsb) * p_.i_lsb;
+    if (p_.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);
+    return i_meas;
+  }
 
  private:
   SensorParameters p_;

@@ -73,6 +73,7 @@ Plant::Plant(Config& config)
 
 Plant::Plant(const Config& file, const PlantParameters& parameters, const SafetyParameters& safety)
     : config_(file.drive()),
+      T_s_(config_.T_s()),
       parameters_(parameters),
       model_(config_.machine, effects_of(config_).in_equations, config_.inverter.v_dc,
              parameters.saliency),
@@ -81,6 +82,7 @@ Plant::Plant(const Config& file, const PlantParameters& parameters, const Safety
       current_sensors_(config_.sensors, static_cast<std::uint64_t>(config_.run.seed)),
       errors_(sample_errors(config_)),
       x_(0, 0, config_.omega_m_start(), parameters.theta_e_start / config_.machine.n_p),
+      keeps_rows_(errors_ || parameters.fault.kind == MadeFault::kCurrentStuck),
       safety_(safety_limits(file, safety, parameters.hold_ticks)),
       current_limit_(current_limit(config_)),
       winding_(parameters.winding,
@@ -126,7 +128,7 @@ void Plant::begin_at(std::int64_t k, double theta_m) {
 bool Plant::makes(MadeFault kind) const {
   const FaultParameters& fault = parameters_.fault;
   if (fault.kind != kind) return false;
-  const double t = static_cast<double>(k_) * config_.T_s() + 1e-9 - fault.at_s;
+  const double t = static_cast<double>(k_) * T_s_ + 1e-9 - fault.at_s;
   return t >= 0 && t < fault.for_s;
 }
 
@@ -151,31 +153,33 @@ void Plant::mark_faults(Measurement& m) const {
 
 // Reads the row at t_k, and what the drive makes of it.
 void Plant::take_row() {
-  Measurement m = row();
+  Measurement& m = sample_;
+  read_row(m);
   spoil_reading(m);
-  row_ = m;
+  if (keeps_rows_) row_ = m;
   faults_ = 0;
   if (watches_) {
     SensorReadings r{{m.i_abc[0], m.i_abc[1], m.i_abc[2]}, m.v_dc, m.theta_m, m.omega_m};
     const bool measured = (m.signals & kPhaseCurrents) != 0;
-    faults_ = watch_.check(r, {applied_.u_alphabeta.norm(), applied_command_.theta_ctrl}, measured);
+    const Vec2& u = applied_.u_alphabeta;
+    const double amplitude = std::sqrt(u[0] * u[0] + u[1] * u[1]);
+    faults_ = watch_.check(r, {amplitude, applied_command_.theta_ctrl}, measured);
     if (measured) {
       m.i_abc = {r.i_abc[0], r.i_abc[1], r.i_abc[2]};
       m.v_dc = r.v_dc, m.theta_m = r.theta_m, m.omega_m = r.omega_m;
     }
   }
   mark_faults(m);
-  sample_ = m;
 }
 
-Measurement Plant::row() const {
-  Measurement m;
+void Plant::read_row(Measurement& m) {
   m.k = k_;
   m.t_ns = config_.t_ns(k_);
   m.signals = kPhaseCurrents | kVoltage | kBusVoltage | kPosition | kSpeed;
   m.i_abc = current_sensors_.sample(i_abc_, k_);
   if (errors_) m.i_abc = errors_->converted(m.i_abc, config_.sensors.current_sensors);
-  m.u_alphabeta = applied_.u_alphabeta;
+  m.u_alphabeta[0] = applied_.u_alphabeta[0];
+  m.u_alphabeta[1] = applied_.u_alphabeta[1];
   m.duty_abc = applied_.duty_abc;
   m.mode = applied_command_.mode;
   m.theta_forced = applied_command_.theta_ctrl;
@@ -183,18 +187,18 @@ Measurement Plant::row() const {
   m.theta_m = theta_m_meas_;
   m.omega_m = omega_m_meas_;
   if (errors_ && k_ > 0) errors_->spoil_row(m, before_);
-  return m;
 }
 
 Truth Plant::truth() const {
   Truth t;
   t.k = k_;
   t.t_ns = sample_.t_ns;
-  t.i_dq = x_.head<2>();
+  t.i_dq[0] = x_[0];
+  t.i_dq[1] = x_[1];
   t.omega_m = x_[2];
   t.theta_m = x_[3];
   t.T_em = model_.torque(x_.head<2>());
-  t.T_load = model_.total_load(x_, input_, k_ > 0 ? config_.T_s() : 0);
+  t.T_load = model_.total_load(x_, input_, k_ > 0 ? T_s_ : 0);
   return t;
 }
 
@@ -252,7 +256,7 @@ Arrival Plant::take_due_command(std::int64_t due) {
     return Arrival::kMissing;
   const double turned = wrap_pi(newest->theta_ctrl - applied_command_.theta_ctrl);
   const auto ticks = static_cast<double>(newest->k - applied_command_.k);
-  frame_turns_ = applied_command_.k >= 0 ? turned / (ticks * config_.T_s()) : 0;
+  frame_turns_ = applied_command_.k >= 0 ? turned / (ticks * T_s_) : 0;
   applied_command_ = *newest;
   return Arrival::kInTime;
 }
@@ -271,7 +275,8 @@ void Plant::protect(Arrival arrival, bool clamped) {
                                                    : Asked::kForcedAngle;
   in.clamped = clamped;
   in.faulty = needs_position_ ? faults_ : faults_ & ~kAnyPositionFault;
-  in.i = clarke(sample_.i_abc).norm();
+  const Vec2 i = clarke(sample_.i_abc);
+  in.i = std::sqrt(i[0] * i[0] + i[1] * i[1]);
   in.v_dc = sample_.v_dc;
   in.omega_m = sample_.omega_m;
   in.has_temperature = safety_.limits().temperature_max > 0;
@@ -289,7 +294,7 @@ Vec2 Plant::voltage_in_force() const {
   const Command& c = applied_command_;
   if (safety_.state() != DriveState::kDerate) return c.u_alphabeta_ref;
   // The frame at t_k, and where it is in the middle of the interval.
-  const double turned = frame_turns_ * config_.T_s();
+  const double turned = frame_turns_ * T_s_;
   const double theta_e = c.theta_ctrl + parameters_.delay_samples * turned;
   const Vec2 i_dq = park(clarke(sample_.i_abc), theta_e);
   const Vec2 u_dq = park(c.u_alphabeta_ref, theta_e + 0.5 * turned);
@@ -302,13 +307,13 @@ bool Plant::apply_due_command() {
   const std::int64_t due = k_ - parameters_.delay_samples;
   const Arrival arrival = take_due_command(due);
   const bool in_time = applied_command_.k == due;
-  applied_ = svpwm(applied_command_.u_alphabeta_ref, v_dc_);
+  svpwm(applied_command_.u_alphabeta_ref, v_dc_, applied_);
   protect(arrival, applied_.limited);
   if (safety_.is_off()) applied_command_ = Command{.mode = Mode::kSafe};
   if (applied_command_.mode == Mode::kSafe) applied_command_.u_alphabeta_ref.setZero();
   const bool as_asked = applied_command_.mode != Mode::kSafe;
   if (!as_asked || safety_.state() == DriveState::kDerate)
-    applied_ = svpwm(voltage_in_force(), v_dc_);
+    svpwm(voltage_in_force(), v_dc_, applied_);
   return arrival == Arrival::kNotDue || in_time;
 }
 
@@ -327,14 +332,15 @@ void Plant::do_what_is_planned() {
   if (errors_) before_ = row_;
   bus_share_ = makes(MadeFault::kBusVoltage) ? parameters_.fault.value / config_.inverter.v_dc : 1;
   const bool in_time = apply_due_command();
-  const double T_s = config_.T_s();
-  const double t_k = static_cast<double>(k_) * T_s;
-  T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s);
+  const double t_k = static_cast<double>(k_) * T_s_;
+  T_load_ = slew(T_load_, config_.load.T_load_Nm.at(t_k), config_.load.slew_Nm_s, T_s_);
   acting_duty_ = errors_ ? errors_->acting_duty(applied_.duty_abc) : applied_.duty_abc;
-  input_ = {.t_k = t_k,
-            .u_alphabeta = clarke(acting_duty_ * (bus_share_ * config_.inverter.v_dc)),
-            .T_load = T_load_,
-            .rotor_axes = rotor_axes_};
+  const Vec2 u_alphabeta = clarke(acting_duty_ * (bus_share_ * config_.inverter.v_dc));
+  input_.t_k = t_k;
+  input_.u_alphabeta[0] = u_alphabeta[0];
+  input_.u_alphabeta[1] = u_alphabeta[1];
+  input_.T_load = T_load_;
+  input_.rotor_axes = rotor_axes_;
   is_open() ? integrate_open() : integrate();
   winding_.step(x_.head<2>().norm());
   ++k_;
@@ -369,11 +375,11 @@ void Plant::advance_part(const PlantInput& input, double from, double T) {
 
 void Plant::integrate() {
   if (!switched_) {
-    advance_part(input_, 0, config_.T_s());
+    advance_part(input_, 0, T_s_);
     return;
   }
   const double f_pwm = config_.facts().f_pwm;
-  const auto periods = static_cast<int>(std::lround(f_pwm * config_.T_s()));
+  const auto periods = static_cast<int>(std::lround(f_pwm * T_s_));
   PlantInput input = input_;
   for (int period = 0; period < periods; ++period) {
     for (const Segment& segment : switched_->next_period(acting_duty_)) {
@@ -391,7 +397,7 @@ void Plant::integrate() {
 void Plant::integrate_open() {
   constexpr double kConducting = 0.01, kBlocking = 0.1;  // parts of an interval
   const MachineParameters& m = config_.machine;
-  const double T_s = config_.T_s(), v_dc = config_.inverter.v_dc * bus_share_;
+  const double T_s = T_s_, v_dc = config_.inverter.v_dc * bus_share_;
   LegStates diodes{.legs = {Leg::kDead, Leg::kDead, Leg::kDead}};
   diodes.i_zero = v_dc * kConducting * T_s / (2 * std::min(m.L_d, m.L_q));
   for (double done = 0; done < 1 - 1e-9;) {
@@ -415,7 +421,7 @@ void Plant::integrate_open() {
 }
 
 void Plant::read_sensors() {
-  const double T_s = config_.T_s();
+  const double T_s = T_s_;
   v_dc_ = model_.bus_voltage(x_, input_, T_s) * bus_share_;
   reading_ = model_.sensing_at(x_, input_, T_s);
   sense_currents();
@@ -433,14 +439,13 @@ void Plant::sense_currents() {
   const auto [s, c] = rotor_axes_.at;
   i_abc_ = inverse_clarke({c * x[0] - s * x[1], s * x[0] + c * x[1]});
   if (!model_.currents_are_read_true())
-    i_abc_ += late_currents_ ? model_.sensing_at(x, input_, config_.T_s()).i_abc : reading_.i_abc;
+    i_abc_ += late_currents_ ? model_.sensing_at(x, input_, T_s_).i_abc : reading_.i_abc;
   if (errors_) i_abc_ = errors_->filtered_currents(i_abc_);
 }
 
 double Plant::sensed_angle() {
   const PlantState& x = late_angle_ ? late_angle_->seen() : x_;
-  const double added =
-      late_angle_ ? model_.sensing_at(x, input_, config_.T_s()).theta_m : reading_.theta_m;
+  const double added = late_angle_ ? model_.sensing_at(x, input_, T_s_).theta_m : reading_.theta_m;
   return errors_ ? errors_->filtered_angle(x[3] + added) : x[3] + added;
 }
 

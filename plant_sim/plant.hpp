@@ -103,7 +103,7 @@ class Plant {
   void advance_part(const PlantInput& input, double from, double T);
   bool is_open() const { return safety_.is_off() && safety_.off() == Off::kOpen; }
   bool makes(MadeFault kind) const;
-  Measurement row() const;
+  void read_row(Measurement& m);
   void spoil_reading(Measurement& m);
   void take_row();
   void mark_faults(Measurement& m) const;
@@ -112,6 +112,7 @@ class Plant {
   void sense_currents();
 
   DriveConfig config_;
+  const double T_s_;
   PlantParameters parameters_;
   DriveModel model_;
   std::unique_ptr<Integrator> integrator_;
@@ -128,8 +129,10 @@ class Plant {
   double v_dc_ = 0;            // bus voltage at t_k
   Vec3 i_abc_ = Vec3::Zero();  // as the current sensors see them, before noise and ADC
   Vec3 acting_duty_;           // of the legs: that of applied_, unless it acts late
-  Measurement row_, before_;   // readings at t_k and, for errors_, t_{k-1}; before the watch
-  Measurement sample_;         // MEASUREMENT(k)
+  // Readings at t_k and, for errors_, t_{k-1}; before the watch. Of a drive that looks back.
+  Measurement row_, before_;
+  bool keeps_rows_;
+  Measurement sample_;  // MEASUREMENT(k)
   Command applied_command_;
   double frame_turns_ = 0;  // omega_e of the commands' frame, rad/s
   SafetyMachine safety_;

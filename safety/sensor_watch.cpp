@@ -123,6 +123,7 @@ int SensorWatch::check_position(SensorReadings& r) {
     if (!std::isfinite(r.omega_m)) good_.omega_m = 0, faults |= kPositionNotFinite;
     raw_ = good_.i_abc;
     begun_ = true;
+    if (measured) r = good_;
   } else if (!measured) {
     faults = kRowMissing;
     good_.i_abc = predicted_current(turned).phases();
@@ -132,7 +133,6 @@ int SensorWatch::check_position(SensorReadings& r) {
     if (!std::isfinite(r.v_dc)) r.v_dc = good_.v_dc, faults |= kBusNotFinite;
     good_ = r;
   }
-  if (measured) r = good_;
   theta_e_ = applied.theta_e;
   omega_e_ = turned / limits_.T_s;
   u_before_ = applied.u;

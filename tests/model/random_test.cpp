@@ -64,11 +64,16 @@ TEST(Normal, StreamsSeedsAndNeighboursAreUncorrelated) {
 }
 
 TEST(ThreeNormals, AreBitForBitThreeTimesNormal) {
-  const ThreeNormals three(6, 3);
+  ThreeNormals three(6, 3);
+  const auto expect_at = [&](std::uint64_t index) {
+    const auto z = three(index);
+    for (std::uint64_t l = 0; l < 3; ++l) ASSERT_EQ(z[l], normal(6, 3 + l, index)) << index;
+  };
   for (std::uint64_t k = 0; k < 20000; ++k) {
-    const auto z = three(k * k);
-    for (std::uint64_t l = 0; l < 3; ++l) ASSERT_EQ(z[l], normal(6, 3 + l, k * k)) << k;
+    expect_at(k);
+    if (k % 7 == 0) expect_at(k * k);  // elsewhere, and back
   }
+  for (std::uint64_t back = 1; back < 20; ++back) expect_at(0 - back);
 }
 
 TEST(Normal, IsAPureFunctionOfItsArguments) {
