@@ -63,6 +63,9 @@ std::string another_machine(const Effect& effect, const DriveFacts& facts, doubl
       return fmt::format("it leaves {:.2g} of {}: check units, scale and K_t", share, left.name);
   }
   share = 0;
+  ShaftFacts shaft;
+  if (effect.describe_shaft(shaft) && shaft.damping > 2 * std::sqrt(shaft.stiffness * shaft.J_load))
+    return "it is damped beyond the critical damping: no resonance of a shaft is shown";
   return plausible(effect, facts) ? "" : "it is larger than a running drive can lack";
 }
 

@@ -26,7 +26,8 @@
 //              is there, and then its size is theirs
 //   size       it is worth reporting, and twice its deviation, that between the rates included
 //   physical   the machine that it leaves is this machine, within the bounds by which log and drive
-//              file belong together (trace/scale_bounds.hpp), and it is as large as its kind can be.
+//              file belong together (trace/scale_bounds.hpp), and it is as large as its kind can be;
+//              a shaft has a resonance.
 //              A claim beyond that is refused and no more is said
 //   sign       of a torque: the log shows the sign of the motor's own (trace/consistency.hpp)
 //   slip       no slip of the user explains its equation as well (trace/slips.hpp)

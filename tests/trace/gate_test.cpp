@@ -193,6 +193,18 @@ TEST(Gate, RefusesAShaftThatLeavesNoRotor) {
   EXPECT_NE(refusal(drive, shaft(0.9)).rule, "physical");
 }
 
+// A spring of next to nothing beside a damper is no shaft: it takes on what another effect does.
+TEST(Gate, RefusesAShaftWithoutAResonance) {
+  const FittedDrive drive(simulate_synthetic({.duration_s = 2}), {});
+  const auto shaft = [](double stiffness) {
+    return Members{effect_with(
+        "torsion",
+        {{"J_load_kgm2", 4e-3}, {"stiffness_Nm_rad", stiffness}, {"damping_Nms_rad", 1.}})};
+  };
+  EXPECT_NE(refusal(drive, shaft(1e-3)).text.find("critical damping"), std::string::npos);
+  EXPECT_EQ(refusal(drive, shaft(300)).text.find("critical damping"), std::string::npos);
+}
+
 // Of less inertia at the motor an angle's counts make less torque. The error falls with it by as
 // much, and that says nothing of a shaft.
 TEST(Gate, RefusesAShaftThatOnlyMakesTheCountsSmaller) {
