@@ -23,8 +23,7 @@
 //
 //   current  i_dq (1 - (omega_e T)^2/12) - T^2 omega_e^2 psi_f/(12 L_d) along d
 //
-// A load that is set,
-// and held for T, too, is taken at T/2 before its row; a load that was measured, as it is.
+// A load that is set, and held for T, too, is taken at T/2 before its row; a load that was measured, as it is.
 //
 // No derivative of a noisy signal is taken alone; what is noisy here is smoothed by the Sampler
 // (trace/sampler.hpp), residual and regressors alike. Effects on sensors are undone first, so one
@@ -123,8 +122,8 @@ class Equations {
     std::vector<OperatingPoint> points;
   };
   UndoneSensing true_signals(const Effects& sensing) const;
-  double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
-  Vec2 mean_of_tick(const Vec2& i_dq, double omega_m) const;
+  double omega_rate(const Signals& s, std::size_t k) const;   // omega_m'
+  Vec2 mean_of_tick(const Vec2& i_dq, double omega_m) const;  // of the current that a torque takes
   Channels assemble(const Signals& s, const Effects& effects,
                     const std::vector<OperatingPoint>& points) const;
   Channels residual_of(const Effects& effects, Undone undone = Undone::kForgotten) const;

@@ -1,12 +1,14 @@
 #include "trace/gate.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 
 #include "model/effects/catalogue.hpp"
 #include "model/effects/tracing.hpp"
@@ -252,16 +254,16 @@ std::optional<Refused> Gate::moved_refusal(const Members& all, const Passed& pas
   if (passed.refused.empty()) return std::nullopt;
   const Rows& rows = seen_.training();
   const Sampled nothing = whole_.whitened(whole_.residual({}));
-  const auto done_by = [&](const std::shared_ptr<Effect>& effect) {
-    Sampled done = nothing;
-    add(done, whole_.whitened(whole_.residual({effect})), -1);
-    return done;
+  const auto contribution = [&](const std::shared_ptr<Effect>& effect) {
+    Sampled share = nothing;
+    add(share, whole_.whitened(whole_.residual({effect})), -1);
+    return share;
   };
   double largest = criterion_.moved;
   most = kNobody;
   for (std::size_t m = 0; m < passed.kept.size(); ++m) {
-    const Sampled is = done_by(passed.fit.members[m]);
-    Sampled moved = done_by(all[passed.kept[m]]);
+    const Sampled is = contribution(passed.fit.members[m]);
+    Sampled moved = contribution(all[passed.kept[m]]);
     add(moved, is, -1);
     const double share = std::sqrt(rows.dot(moved, moved) / rows.dot(is, is));
     if (!(share > largest)) continue;
@@ -269,13 +271,15 @@ std::optional<Refused> Gate::moved_refusal(const Members& all, const Passed& pas
     most = m;
   }
   if (most == kNobody) return std::nullopt;
+  std::set<std::string> others;
+  for (const Refused& r : passed.refused) others.insert(r.kind);
   return Refused{
       .kind = std::string(passed.fit.members[most]->kind()),
       .rule = "alone",
       .number = largest,
       .left = true,
-      .text = fmt::format("what it does changes by {:.0f} % where the refused {} is left out",
-                          100 * largest, passed.refused.front().kind)};
+      .text = fmt::format("its contribution changes by {:.2g} of its size without the refused {}",
+                          largest, fmt::join(others, ", "))};
 }
 
 Passed Gate::operator()(const Members& members) const {

@@ -22,8 +22,8 @@
 //              worse by the same test
 //   agreement  its size from one part of the data keeps half the gain of another part's own: halves
 //              in time, odd and even blocks, the record's rate and half of it
-//   alone      what it does stays the same, to a fifth, where the refused are left out: they may be what
-//              is there, and then its size is theirs
+//   alone      its contribution to the residual stays the same, to a fifth, without the refused claims. One that
+//              takes on their part has no known size
 //   size       it is worth reporting, and twice its deviation, that between the rates included
 //   physical   the machine that it leaves is this machine, within the bounds by which log and drive
 //              file belong together (trace/scale_bounds.hpp), and it is as large as its kind can be;
@@ -51,7 +51,7 @@ struct Criterion {
   int votes = 8;            // pieces that must move; it takes 10 that all fall to meet `chance`
   double silent = 1e-3;     // share of a piece's energy: one that changes by less does not vote
   double kept = 0.5;        // of a part's own gain, that another part's answer must keep
-  double moved = 0.2;       // of what a claim does, as those that were refused are left out
+  double moved = 0.2;       // of a claim's contribution, without the refused ones
   double sigmas = 4;        // deviations from which a part is moved by a claim
   double size_sigmas = 2;   // deviations, in all, that a claim must be large
   double times_left = 4;    // power that claims on points take, over what none explains

@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <complex>
 #include <tuple>
 
 #include "tests/trace/synthetic_drive.hpp"
@@ -87,45 +86,92 @@ TEST(Equations, IronLossLeavesTheVoltageOfAMotorAtSpeedAlone) {
   }
 }
 
-// At constant speed under a voltage that stands in stator axes for a tick, of 17 degrees: the torque's mean by fine
-// integration of one tick, against samples of the current at its ends.
+// One tick at constant speed under a voltage that stands in stator axes, by fine integration in rotor axes.
+struct Tick {
+  const MachineParameters& m;
+  double T, omega_e;
+
+  struct End {
+    Vec2 i_dq;
+    double torque;  // mean
+  };
+  End operator()(Vec2 i, const Vec2& u_alphabeta, double psi_f) const {
+    constexpr int kParts = 400;
+    const auto rate = [&](const Vec2& x, double t) -> Vec2 {
+      const Vec2 u = park(u_alphabeta, omega_e * t);
+      return {(u[0] - m.R_s * x[0] + omega_e * m.L_q * x[1]) / m.L_d,
+              (u[1] - m.R_s * x[1] - omega_e * (m.L_d * x[0] + psi_f)) / m.L_q};
+    };
+    double torque = 0;
+    const double h = T / kParts;
+    for (int k = 0; k < kParts; ++k) {
+      const double t = h * k;
+      const Vec2 k1 = rate(i, t), half = i + h / 2 * k1, k2 = rate(half, t + h / 2),
+                 middle = i + h / 2 * k2, k3 = rate(middle, t + h / 2),
+                 k4 = rate(i + h * k3, t + h);
+      torque += m.torque(middle[0], middle[1]) / kParts;
+      i += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
+    }
+    return {i, torque};
+  }
+  // The torque of the tick that ends with the current of its beginning.
+  double steady_torque(const Vec2& i_dq) const {
+    const Vec2 rest = Vec2::Zero(), missing = i_dq - (*this)(i_dq, rest, m.psi_f).i_dq;
+    Eigen::Matrix2d of_voltage;
+    of_voltage << (*this)(rest, {1, 0}, 0).i_dq, (*this)(rest, {0, 1}, 0).i_dq;
+    return (*this)(i_dq, of_voltage.inverse() * missing, m.psi_f).torque;
+  }
+};
+
 TEST(Equations, ATorqueIsTheMeanOfATickAndNotOfItsSamples) {
-  using Complex = std::complex<double>;
   constexpr std::size_t kCount = 400;
-  constexpr int kParts = 20000;
   constexpr double kTurn = 0.3;  // rad, electrical, a tick
-  DriveFacts facts = servo().facts();
-  facts.machine.B = 0;
-  const MachineParameters& m = facts.machine;
-  ASSERT_EQ(m.L_d, m.L_q);
-  const double T = facts.T_s, omega_e = kTurn / T, R = m.R_s, L = m.L_d;
-  const Complex j{0, 1}, i_dq{-0.5, 4};
-  // i(t) = p e^(j omega_e t) + (i_dq - p - q) e^(-R t / L) + q, turned by kTurn at its end.
-  const Complex p = -j * omega_e * m.psi_f / (R + j * omega_e * L);
-  const double decay = std::exp(-R * T / L);
-  const Complex turn = std::polar(1., kTurn);
-  const Complex q = (i_dq * (turn - decay) - p * (turn - decay)) / (1 - decay);
-  double mean = 0;
-  for (int k = 0; k < kParts; ++k) {
-    const double t = T * (k + 0.5) / kParts;
-    const Complex i = p * std::polar(1., omega_e * t) + (i_dq - p - q) * std::exp(-R * t / L) + q;
-    const Complex there = i * std::polar(1., -omega_e * t);
-    mean += m.torque(there.real(), there.imag()) / kParts;
+  for (const double saliency : {1., 2.4}) {
+    DriveFacts facts = servo().facts();
+    facts.machine.B = 0;
+    facts.machine.L_q = saliency * facts.machine.L_d;
+    const MachineParameters& m = facts.machine;
+    const Vec2 i_dq(-0.5, 4);
+    const double torque = Tick{m, facts.T_s, kTurn / facts.T_s}.steady_torque(i_dq);
+    Record r;
+    r.T_s = facts.T_s;
+    for (std::size_t k = 0; k < kCount; ++k) {
+      const double theta_e = kTurn * static_cast<double>(k);
+      r.t.push_back(r.T_s * static_cast<double>(k));
+      r.theta_m.push_back(theta_e / m.n_p);
+      r.T_load.push_back(torque);
+      r.i_alphabeta.push_back(inverse_park(i_dq, theta_e));
+    }
+    r.motion_ok.assign(kCount, 1);
+    r.electrical_ok.assign(kCount, 1);
+    const double of_samples = m.torque(i_dq[0], i_dq[1]);
+    EXPECT_GT(std::abs(torque / of_samples - 1), 1e-3) << saliency;
+    EXPECT_NEAR(Equations(r, facts).residual({}).torque[kCount / 2], 0, 2e-4 * of_samples)
+        << saliency;
   }
-  Record r;
-  r.T_s = T;
-  for (std::size_t k = 0; k < kCount; ++k) {
-    const Complex i = i_dq * std::polar(1., kTurn * static_cast<double>(k));
-    r.t.push_back(T * static_cast<double>(k));
-    r.theta_m.push_back(kTurn * static_cast<double>(k) / m.n_p);
-    r.T_load.push_back(mean);
-    r.i_alphabeta.emplace_back(i.real(), i.imag());
+}
+
+// Without i_d in the log an angle or a lag shows by a reluctance torque alone, and so does a flux that depends on the
+// current.
+TEST(Equations, KindsThatNeedAMissingCurrentAreNotPossible) {
+  Record alone = record();
+  alone.i_q_alone = true;
+  DriveFacts salient = servo().facts();
+  salient.machine.L_q = 2 * salient.machine.L_d;
+  const auto possible = [](const Record& log, const DriveFacts& facts, const char* kind) {
+    const auto effect = make_effect(kind);
+    if (has_key(*effect, "lag_s")) set_key(*effect, "lag_s", 1e-4);
+    effect->prepare(facts);
+    return Equations(log, facts).possible(*effect);
+  };
+  for (const char* kind : {"encoder_offset", "signal_lag"}) {
+    EXPECT_FALSE(possible(alone, salient, kind)) << kind;
+    EXPECT_TRUE(possible(alone, servo().facts(), kind)) << kind;
+    EXPECT_TRUE(possible(record(), salient, kind)) << kind;
   }
-  r.motion_ok.assign(kCount, 1);
-  r.electrical_ok.assign(kCount, 1);
-  const double of_samples = m.torque(i_dq.real(), i_dq.imag());
-  EXPECT_GT(of_samples - mean, 5e-3 * of_samples);
-  EXPECT_NEAR(Equations(r, facts).residual({}).torque[kCount / 2], 0, 2e-4 * of_samples);
+  EXPECT_FALSE(possible(alone, servo().facts(), "cross_saturation"));
+  EXPECT_TRUE(possible(record(), servo().facts(), "cross_saturation"));
+  EXPECT_TRUE(possible(alone, servo().facts(), "flux_linkage"));
 }
 
 // A rotor without current under a load that steps at a row: its parabolas are exact.
