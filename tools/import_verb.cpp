@@ -1,4 +1,5 @@
 // twinrate import FILE --map MAP.toml --out LOG: converts a measured CSV or MATLAB file to an LCM log.
+// It warns of units that do not fit the drive.
 // twinrate import FILE --guess --out MAP.toml: writes a map from the header of the file.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -12,11 +13,13 @@
 #include "core/output_file.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
+#include "drive_log/drive_logs.hpp"
 #include "import/exported_log.hpp"
 #include "import/guess.hpp"
 #include "import/import_log.hpp"
 #include "loop/load_drive.hpp"
 #include "tools/verb.hpp"
+#include "trace/consistency.hpp"
 
 namespace twinrate {
 namespace {
@@ -54,11 +57,35 @@ void print_result(const ImportOptions& o, const Json& s) {
              f_s);
   fmt::print("  ticks     {}\n", tick_text(s));
   for (const auto& note : s["notes"]) fmt::print("  note      {}\n", note.get<std::string>());
-  if (median * f_s > 1.5)
+  if (median * f_s > 1.5 && s["warnings"].empty())
     fmt::print(
         "warning: the samples are {:.3g} ticks of {} Hz apart; use --set rates.f_s_Hz={:.6g} for a "
         "log without gaps\n",
         median * f_s, f_s, 1 / median);
+  for (const auto& text : s["warnings"]) fmt::print("warning: {}\n", text.get<std::string>());
+}
+
+// Units and conventions of the file that do not fit the drive, as `trace` finds them; one line each.
+std::vector<std::string> unit_warnings(const ImportOptions& o, const DriveConfig& drive) {
+  constexpr double kMemory_MiB = 64;
+  std::vector<std::string> warnings;
+  try {
+    const DriveLogs logs =
+        read_drive_logs({.data = {o.file},
+                         .held_out = {},
+                         .maps = o.map.empty() ? std::vector<std::string>{} : std::vector{o.map},
+                         .repair = o.repair,
+                         .memory_MiB = kMemory_MiB},
+                        drive);
+    for (const Inconsistency& i :
+         inconsistencies(logs.record, logs.health, drive.facts(), drive.sensors.encoder_counts))
+      warnings.push_back(fmt::format("{} is expected to be {}, the file has {}{}", i.quantity,
+                                     i.expected, i.found,
+                                     i.hint.empty() ? "" : fmt::format(" ({})", i.hint)));
+  } catch (const BadInput& error) {
+    warnings.push_back(fmt::format("units are not checked: {}", error.what()));
+  }
+  return warnings;
 }
 
 Config drive_of(const ImportOptions& o, const ImportMap& map) {
@@ -155,9 +182,10 @@ void import(const ImportOptions& o) {
   const ImportMap map = o.map.empty() ? ImportMap{} : read_import_map(o.map);
   const Config config = drive_of(o, map);
   PercentLine line(o.json ? PercentLine::Form::kNone : PercentLine::Form::kTerminal);
-  const Json source =
+  Json source =
       import_log({.file = o.file, .map = o.map, .out = o.out, .repair = o.repair}, map, config,
                  [&](const std::string& what, double share) { line.show(what, share); });
+  source["warnings"] = unit_warnings(o, config.drive());
   line.clear();
   if (o.json)
     std::cout << source.dump() << "\n";

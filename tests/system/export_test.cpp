@@ -50,6 +50,22 @@ TEST_F(ExportProgram, ImportedRowsAreExportedUnchanged) {
   EXPECT_EQ(count_lines(back), count_lines(q_log)) << "no voltage, so no row is without one";
 }
 
+TEST_F(ExportProgram, AnImportWarnsOfATimeInMilliseconds) {
+  std::string log = "t,i_a,i_b,i_c,u_alpha,u_beta,theta_m\n";
+  for (int k = 0; k < 400; ++k) {
+    const double a = 0.05 * k, i = std::cos(a), j = std::cos(a - 2.0944);
+    log += fmt::format("{:.1f},{},{},{},{},{},{}\n", 0.2 * k, i, j, -i - j, 40 * std::sin(a),
+                       40 * std::cos(a), a / 3);
+  }
+  write_text(path("ms.csv"), log);
+  const ProgramResult result =
+      twinrate({"import", path("ms.csv"), "--drive", "niewiara2020", "--out", path("ms.lcm")});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("warning: t is expected to be "), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("(milliseconds?)"), std::string::npos) << result.out;
+  EXPECT_EQ(result.out.find("--set rates.f_s_Hz"), std::string::npos) << result.out;
+}
+
 TEST_F(ExportProgram, FiguresArePdfWhereThereIsAConverterAndElseItSaysSo) {
   ASSERT_EQ(twinrate({"simulate", "dilys2021", "--duration", "200ms", "--run-dir", path("run"),
                       "--set", "run.settle_s=0.1"})
