@@ -184,6 +184,11 @@ Consistency consistency_of(const std::string& drive, const std::vector<std::stri
                                log.path, d.run.settle_s));
   Consistency c;
   sums.write(c);
+  constexpr double kNothing =
+      1e-9;  // NIS of innovations a thirty-thousandth of the expected deviation
+  if (!(c.nis > kNothing))
+    throw BadInput(
+        fmt::format("{}: every innovation is zero: the log has no current to tune with", log.path));
   if (angle == Angle::kLeftOut) return c;
   const Summary summary = summarise(with_estimates(log, std::move(estimates)), d);
   c.locked = summary.locked;

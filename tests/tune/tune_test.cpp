@@ -132,6 +132,16 @@ TEST(Consistency, RefusesALogOfAnotherRate) {
   }
 }
 
+TEST(Consistency, RefusesALogWithoutCurrent) {
+  RunLog log = model_log();
+  for (Measurement& m : log.measurement) m.i_abc.setZero(), m.u_alphabeta.setZero();
+  try {
+    FAIL() << consistency_of("dilys2021", with_weights(1, 1), log).nis;
+  } catch (const BadInput& e) {
+    EXPECT_STREQ(e.what(), "model: every innovation is zero: the log has no current to tune with");
+  }
+}
+
 TEST(Knobs, EqualWeightsAreOneAndZerosAreNone) {
   Config config = load_drive("dilys2021", {"estimator.ekf_sensorless.Q_diag=[2, 2, 500, 0]"});
   Knobs knobs = knobs_of(config);
