@@ -19,6 +19,7 @@
 #include "trace/residual_structure.hpp"
 #include "trace/sampler.hpp"
 #include "trace/split_equivalents.hpp"
+#include "trace/torque_over_sensors.hpp"
 #include "trace/verdict.hpp"
 
 namespace twinrate {
@@ -278,29 +279,32 @@ std::string sentence(const TraceResult& r) {
   return text.substr(0, text.size() - 1);
 }
 
-// Which equation leaves plainly more than noise of the sensors makes; empty: none. The torque of an angle's
-// noise is drawn, and known to less: of 17 drawn logs whose torque left 1.25 to 1.4 of it 14 lacked nothing, one
-// an effect that does not show, one rows, and one a load step beside a coarse converter.
+// Which equation has a residual plainly above the noise of the sensors; empty: none. The noise of an angle makes a
+// torque that grows with the square of the frequency and would hide a slow one: the torque is compared after the
+// filter that makes its drawn noise white. Of 231 drawn logs with nothing missing the largest had 1.47 there, and of
+// 14 with an effect that shows five had 1.51 to 26.
 std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
-  constexpr double kOverNoise = 1.25, kOverDrawnNoise = 1.4;
-  const Sampled left = fitter.chain().residual(fit.effects());
+  constexpr double kOverNoise = 1.25, kOverDrawnNoise = 1.6;
   const DriveFacts& facts = fitter.chain().equations().facts();
-  const auto say = [](const char* equation, const char* unit, double over, double square,
-                      double noise, Eigen::Index count, double least) {
-    const bool matters = square > least * least * static_cast<double>(count);
-    if (!matters || !(noise > 0) || square < over * over * noise) return std::string();
-    return fmt::format("the residual of the {} equation is {:.3g} {}, {:.3g} times the noise floor",
-                       equation, std::sqrt(square / static_cast<double>(count)), unit,
-                       std::sqrt(square / noise));
+  const Sampled left = fitter.chain().residual(fit.effects());
+  const auto rms = [](double square, const Eigen::VectorXd& of) {
+    return std::sqrt(square / static_cast<double>(std::max<Eigen::Index>(1, of.size())));
   };
-  const std::string torque =
-      say("torque", "Nm", kOverDrawnNoise, left.torque.squaredNorm(),
-          left.noise_torque.squaredNorm(), left.torque.size(), least_torque(facts));
-  return !torque.empty()
-             ? torque
-             : say("voltage", "V", kOverNoise, left.d.squaredNorm() + left.q.squaredNorm(),
-                   left.noise_d.squaredNorm() + left.noise_q.squaredNorm(), left.d.size(),
-                   least_voltage(facts));
+  const double torque = rms(left.torque.squaredNorm(), left.torque),
+               over = torque_over_sensors(fitter.chain(), left, left.noise_torque);
+  if (torque > least_torque(facts) && over > kOverDrawnNoise)
+    return fmt::format(
+        "the residual of the torque equation, {:.3g} Nm, is {:.3g} times the noise floor, both "
+        "whitened by the noise of the sensors",
+        torque, over);
+  const double square = left.d.squaredNorm() + left.q.squaredNorm(),
+               noise = left.noise_d.squaredNorm() + left.noise_q.squaredNorm();
+  if (!(noise > 0) || rms(square, left.d) < least_voltage(facts) ||
+      square < kOverNoise * kOverNoise * noise)
+    return "";
+  return fmt::format(
+      "the residual of the voltage equation is {:.3g} V, {:.3g} times the noise floor",
+      rms(square, left.d), std::sqrt(square / noise));
 }
 
 // That nothing was found says nothing of what the record cannot show, or where more is left than

@@ -11,6 +11,7 @@
 #include "model/effects/materiality.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
+#include "trace/torque_over_sensors.hpp"
 #include "trace/transfer.hpp"
 
 namespace twinrate {
@@ -22,6 +23,8 @@ constexpr double kSmallestTorque_Nm = 6e-3;  // of a drive of 8 Nm
 constexpr double kChance = 1e-9;             // of noise making such means
 constexpr double kLeastBesideShaft = 0.15;   // impacts are never met to the last bit
 constexpr double kTimesNoise = 2;            // the rms of a rest that is more than noise
+// The same where nothing is claimed: of 290 drawn logs with nothing missing three have more, for other reasons.
+constexpr double kTimesNoiseAlone = 4;
 constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: no axis is shown then
 constexpr double kLeastShare = 0.04;  // of the residual's power: less is too small to draw
 
@@ -301,6 +304,32 @@ class StructureSearch {
   mutable std::optional<Sampled> rounding_, whitened_;
 };
 
+// A torque beyond the noise of the sensors, whatever it depends on. Where nothing is claimed a smaller one is a
+// doubt (conclude.cpp).
+Structure slow_torque(const Chain& chain, const Sampled& physical, const StructureSearch& search,
+                      bool alone) {
+  const double rms = root_mean_square(physical.torque);
+  if (rms <= least_torque(chain.equations().facts())) return {};
+  const double least = alone ? kTimesNoiseAlone : kTimesNoise;
+  double over = torque_over_sensors(chain, physical, physical.noise_torque);
+  if (over > least && search.counts_may()) {
+    const Eigen::VectorXd& rounding = search.rounding(false).noise_torque;
+    if (rounding.squaredNorm() > 0)
+      over = std::min(over, torque_over_sensors(chain, physical, rounding));
+  }
+  if (over <= least) return {};
+  Structure s{.regressor = "t",
+              .share = 1 - 1 / (over * over),
+              .equation = "mechanical",
+              .channel = "torque"};
+  s.text = fmt::format(
+      "the residual of the torque, {:.3g} Nm, is {:.3g} times the noise floor, both whitened by "
+      "the "
+      "noise of the sensors",
+      rms, over);
+  return s;
+}
+
 // What acts now and then (impacts, a load that comes and goes) depends on none of the axes, and is
 // not there all the time. The noise is not less than the sensors make, which is more in some rows
 // than in others.
@@ -356,6 +385,9 @@ std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) 
   const auto gap = [](const auto& member) { return has_gap(*member); };
   if (std::none_of(fit.members.begin(), fit.members.end(), gap))
     keep(bursts_of_torque(chain, physical, search));
+  const auto told = [](const Structure& s) { return s.channel == "torque" && s.doubt.empty(); };
+  if (std::none_of(found.begin(), found.end(), told))
+    keep(slow_torque(chain, physical, search, fit.members.empty()));
   return found;
 }
 

@@ -258,7 +258,7 @@ TEST(Units, RowsBetweenWhichTheRotorTurnsFarHaveNoVoltageEquation) {
   const TraceResult r = trace_record(decimated(true, 80, raw), servo(), {}, {});
   ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
   EXPECT_EQ(r.effects[0].effect->kind(), "inductance") << r.sentence;
-  EXPECT_EQ(r.verdict, "traced") << r.sentence;
+  EXPECT_EQ(r.verdict, "unexplained") << r.sentence;  // the load is not in this log
   EXPECT_NE(r.health.back().find("% of the rows: the rotor turns by more than 1 rad"),
             std::string::npos)
       << r.health.back();

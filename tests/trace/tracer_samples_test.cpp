@@ -64,7 +64,7 @@ TEST(Tracer, LostRowsAreNoTraceWhereMoreThanNoiseIsLeft) {
   };
   const TraceResult r = trace_of(lossy_log(simulate_synthetic(drive)));
   EXPECT_EQ(kinds(r), Names{"missing_samples"}) << r.sentence;
-  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
+  EXPECT_EQ(r.verdict, "unexplained") << r.sentence;
 }
 
 TEST(Tracer, AClippedCurrentIsNotACoarseOne) {

@@ -304,17 +304,15 @@ TEST(Tracer, FindsADeadTimeThroughWhichTheSensorsAreLouder) {
 }
 
 // A random load: its cause is not in the record, but the residual is not noise.
-TEST(Tracer, CannotTellIfTheResidualIsAboveTheSensorNoise) {
+TEST(Tracer, ATorqueFarAboveTheSensorNoiseIsUnexplained) {
   SyntheticDrive drive{.duration_s = 4};
   drive.extra_load = [](double t, double, double) {
     return 0.15 * normal(5, 1, static_cast<std::uint64_t>(1000 * t));
   };
   const TraceResult r = trace_of(simulate_synthetic(drive));
   EXPECT_EQ(kinds(r), Names{}) << r.sentence;
-  EXPECT_EQ(r.verdict, "ambiguous");
-  EXPECT_NE(r.sentence.find("Cannot tell: the residual of the torque equation is"),
-            std::string::npos)
-      << r.sentence;
+  EXPECT_EQ(r.verdict, "unexplained");
+  EXPECT_NE(r.sentence.find("times the noise floor"), std::string::npos) << r.sentence;
 }
 
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {

@@ -1,0 +1,70 @@
+// A torque beyond the noise of the sensors, where that noise hides it.
+#include "trace/torque_over_sensors.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/trace/fitted_drive.hpp"
+
+namespace twinrate {
+namespace {
+
+// Nm, of 0.3 to 7 Hz, as no effect of the catalogue has it.
+double slow_torque(double t) {
+  double sum = 0;
+  for (int k = 0; k < 40; ++k) sum += std::sin((2 + 1.1 * k) * t + 7 * std::sin(3.0 * k));
+  return 0.02 * sum;
+}
+
+struct Over {
+  double raw, whitened;
+};
+Over over_sensors(const SyntheticDrive& drive) {
+  const FittedDrive fitted(simulate_synthetic(drive), {});
+  const Sampled left = fitted.chain().residual({});
+  return {left.torque.norm() / left.noise_torque.norm(),
+          torque_over_sensors(fitted.chain(), left, left.noise_torque)};
+}
+
+TEST(TorqueOverSensors, ShowsASlowTorqueThatTheNoiseOfTheAngleHides) {
+  const Over none = over_sensors({.counts = 16384});
+  EXPECT_NEAR(none.raw, 1, 0.2);
+  EXPECT_NEAR(none.whitened, 1, 0.2);
+  const Over slow = over_sensors(
+      {.extra_load = [](double t, double, double) { return slow_torque(t); }, .counts = 16384});
+  EXPECT_LT(slow.raw, 1.3);
+  EXPECT_GT(slow.whitened, 2.5);
+}
+
+TEST(TorqueOverSensors, IsNoneWithoutNoise) {
+  const FittedDrive fitted(simulate_synthetic({}), {});
+  const Sampled left = fitted.chain().residual({});
+  EXPECT_EQ(torque_over_sensors(fitted.chain(), left, {}), 0);
+}
+
+TraceResult traced_beside(double share) {
+  Health health;
+  const Record record = make_record(
+      simulate_synthetic(
+          {.extra_load = [=](double t, double, double) { return share * slow_torque(4 * t); },
+           .counts = 2048}),
+      servo().machine.n_p, health);
+  return trace_record(record, servo(), health, {}, {});
+}
+
+// It is 5.6 times the noise there. No kind of the catalogue is named.
+TEST(Tracer, ASlowTorqueThatItCannotNameIsUnexplained) {
+  const TraceResult r = traced_beside(0.5);
+  EXPECT_EQ(r.verdict, "unexplained") << r.sentence;
+  EXPECT_NE(r.sentence.find("times the noise floor"), std::string::npos) << r.sentence;
+  EXPECT_TRUE(r.effects.empty()) << r.sentence;
+}
+
+// 3 times the noise there: the drawn noise may be too quiet by less.
+TEST(Tracer, ASmallerSlowTorqueIsADoubt) {
+  const TraceResult r = traced_beside(0.25);
+  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
+  EXPECT_NE(r.sentence.find("times the noise floor"), std::string::npos) << r.sentence;
+}
+
+}  // namespace
+}  // namespace twinrate

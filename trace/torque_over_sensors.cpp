@@ -1,0 +1,38 @@
+#include "trace/torque_over_sensors.hpp"
+
+#include <cmath>
+
+namespace twinrate {
+namespace {
+
+// What rows leave open of the motor's torque, or of the load, between them: a step within an interval moves its mean by
+// up to half of the step. Of what the rows resolve it is next to nothing.
+Eigen::VectorXd between_rows(const Chain& chain,
+                             double (*of)(const OperatingPoint&, const MachineParameters&)) {
+  const MachineParameters& machine = chain.equations().facts().machine;
+  std::vector<double> torque;
+  for (const OperatingPoint& p : chain.equations().points()) torque.push_back(of(p, machine));
+  std::vector<double> open(torque.size(), 0.0);
+  for (std::size_t k = 1; k + 1 < torque.size(); ++k)
+    open[k] = (torque[k - 1] - 2 * torque[k] + torque[k + 1]) / 2;
+  return chain.sampler()(open, chain.sampler().torque());
+}
+
+}  // namespace
+
+double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen::VectorXd& noise) {
+  if (!left.torque.size() || !(noise.squaredNorm() > 0)) return 0;
+  const Runs& runs = chain.sampler().torque();
+  const double T_out = chain.sampler().decimation() * chain.equations().record().T_s;
+  const AngleNoise flat = AngleNoise::of(noise, runs, T_out);
+  const auto of_motor = [](const OperatingPoint& p, const MachineParameters& m) {
+    return m.torque(p.i_dq[0], p.i_dq[1]);
+  };
+  const auto of_load = [](const OperatingPoint& p, const MachineParameters&) { return p.T_load; };
+  const double floor =
+      std::hypot(flat(noise, runs).norm(), flat(between_rows(chain, of_motor), runs).norm(),
+                 flat(between_rows(chain, of_load), runs).norm());
+  return flat(left.torque, runs).norm() / floor;
+}
+
+}  // namespace twinrate
