@@ -35,10 +35,15 @@ double common_step(const std::vector<double>& sorted) {
   return step;
 }
 
-bool slips_by_steps(const std::vector<double>& bends, double step) {
-  return bends.size() >= kFewestBends && std::all_of(bends.begin(), bends.end(), [&](double bend) {
-           return std::abs(std::abs(bend) - step) < 2 * kSame;
-         });
+// The way changes by whole steps, and often by far less than itself.
+bool slips_by_steps(const std::vector<double>& bends, double step, double mean_way) {
+  const auto whole = [step](double bend) {
+    return std::abs(std::remainder(bend, step)) < 2 * kSame;
+  };
+  const auto slip = [mean_way](double bend) { return std::abs(bend) < mean_way / 2; };
+  return std::all_of(bends.begin(), bends.end(), whole) &&
+         std::count_if(bends.begin(), bends.end(), slip) >=
+             static_cast<std::ptrdiff_t>(kFewestBends);
 }
 
 }  // namespace
@@ -99,11 +104,11 @@ Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
   if (step < kFinest) return {};
   const std::complex<double> phase = mean_phase(readings, step);
   if (std::abs(phase) < kOnGrid) return {};
-  // What turns as a clock does has equal ways without any steps; with steps it slips by one now and then. A slip
-  // by a whole row's way is a row that repeats.
+  // What turns as a clock does has equal ways without any steps; with steps it slips now and then. A slip by a whole
+  // row's way is a row that repeats.
   const double moves = static_cast<double>(moves_);
   if (static_cast<double>(bends_) < kBends * moves &&
-      (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step)))
+      (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step, way_ / moves)))
     return {};
   return counter(step, phase);
 }

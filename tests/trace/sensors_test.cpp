@@ -116,6 +116,24 @@ Drawn drawn_for(double counts_a_row) {
   return {std::sqrt(dd / ee), ed / std::sqrt(dd * ee), e1 / ee, d1 / dd};
 }
 
+// It starts, by several counts more from row to row, and then turns by 26 counts a row. An exact angle that does the
+// same shows no steps, nor does a clock of which rows repeat.
+TEST(AngleSteps, AreFoundWhereTheRotorStartsAndThenTurnsLikeAClock) {
+  constexpr int kCounts = 16384, kRow = 26;
+  const double lsb = kTwoPi / kCounts;
+  AngleSteps counter, exact, repeats;
+  double at = 0;
+  for (int k = 0; k < 3000; ++k) {
+    at += std::min<double>(kRow, 0.37 * k);
+    counter.add(std::fmod(lsb * std::floor(at), kTwoPi));
+    exact.add(std::fmod(lsb * at, kTwoPi));
+    repeats.add(std::fmod(lsb * kRow * (k - (k % 60 == 7)), kTwoPi));
+  }
+  EXPECT_EQ(counter.sensor().counts(), kCounts);
+  EXPECT_EQ(exact.sensor().counts(), 0);
+  EXPECT_EQ(repeats.sensor().counts(), 0);
+}
+
 TEST(DrawnRounding, HasTheSizeAndTheColourOfTheEncodersErrorsAndIsNotThem) {
   for (const double counts_a_row : {0.03, 0.3, 1.0, 4.0}) {
     const Drawn drawn = drawn_for(counts_a_row);

@@ -35,6 +35,20 @@ TEST(TorqueOverSensors, ShowsASlowTorqueThatTheNoiseOfTheAngleHides) {
   EXPECT_GT(slow.whitened, 2.5);
 }
 
+// 8 ms from row to row: the current follows the steps of the load in between, and the rows do not say when.
+TEST(TorqueOverSensors, LeavesOutWhatRowsLeaveOpenBetweenThem) {
+  const RawLog all = simulate_synthetic({});
+  RawLog slow;
+  for (std::size_t k = 0; k < all.size(); k += 80)
+    for (const auto column :
+         {&RawLog::t, &RawLog::i_a, &RawLog::i_b, &RawLog::i_c, &RawLog::theta_m, &RawLog::T_load})
+      (slow.*column).push_back((all.*column)[k]);
+  const FittedDrive fitted(slow, {});
+  const Sampled left = fitted.chain().residual({});
+  EXPECT_GT(left.torque.norm() / left.noise_torque.norm(), 5);
+  EXPECT_LT(torque_over_sensors(fitted.chain(), left, left.noise_torque), 1);
+}
+
 TEST(TorqueOverSensors, IsNoneWithoutNoise) {
   const FittedDrive fitted(simulate_synthetic({}), {});
   const Sampled left = fitted.chain().residual({});
