@@ -1,14 +1,16 @@
-// Whether parts of the data agree in what a claim predicts.
+// Agreement of the parts of a record about an effect.
 //
-// The residual is taken as linear in the members' coefficients, its columns those at the fit. With
-// the sums of their products over a part all that is asked of it is algebra: its own best answer,
-// and what the answer of another part leaves there, the other members free in both.
+// The residual is taken as linear in the coefficients of the effects, with the columns at the fit.
+// The sums of the products of these columns over a part give the least-squares coefficients of that
+// part. They also give the error that the coefficients of another part leave there, with the
+// coefficients of the other effects fitted again.
 #pragma once
 #include "trace/fit.hpp"
 
 namespace twinrate {
 
-// The members' columns; of one without coefficients its whole contribution, with coefficient 1.
+// The columns of the fitted effects. An effect without coefficients has one column, its whole
+// contribution, with coefficient 1.
 struct MemberColumns {
   std::vector<Sampled> x;
   std::vector<std::size_t> member;
@@ -17,48 +19,51 @@ struct MemberColumns {
 };
 MemberColumns member_columns(const Chain& chain, const Members& members);
 
-// Sums over the rows of a part, nothing taken off for noise: columns with columns, and with the
-// declared model's residual.
+// Sums of products over the rows of a part: columns with columns, and columns with the residual of
+// the declared model. No noise is subtracted.
 struct PartSums {
   Eigen::MatrixXd A;
   Eigen::VectorXd b;
   double energy = 0, count = 0;
 
   PartSums(const MemberColumns& columns, const Rows& rows);
-  // Of rows as they stand: y = x beta + rest.
+  // Of given rows: y = x beta + error.
   PartSums(const Eigen::MatrixXd& x, const Eigen::VectorXd& y);
   PartSums operator+(const PartSums& other) const;
 };
 
 struct Agreement {
-  double kept = 1;           // least share of a part's own gain
-  int compared = 0;          // parts on which another's answer was tried
-  const char* between = "";  // where the least was
-  double size_ratio = 1;     // at half the rate over that at the record's: of what it predicts
+  double kept = 1;           // smallest share of a part's own gain that foreign coefficients keep
+  int compared = 0;          // number of comparisons
+  const char* between = "";  // the two parts with the smallest share
+  double size_ratio = 1;     // predicted size at half the rate over that at the record's rate
 };
 
-// The best answer of a part, nothing taken off for noise, with the coefficients of `held` given.
+// The least-squares coefficients of a part, with the coefficients of `held` given. No noise is
+// subtracted.
 struct PartAnswer {
   Eigen::VectorXd beta;
-  double energy = 0;  // raw
+  double energy = 0;  // not reduced by a share of noise
 };
 PartAnswer best_answer(const PartSums& part, const std::vector<char>& held,
                        const Eigen::VectorXd& given);
-// Adds to `out` how much of its gain on `on` the answer of `from` keeps. `own`: the coefficients of
-// the claim; `least`: a gain below so many mean squares of the rest moves no part.
+// Fits `from`, applies the coefficients of the claim to `on`, and adds to `out` the share of the
+// gain on `on` that they keep. `own`: the coefficients of the claim. `least`: a gain below this
+// multiple of the mean square of the error does not count.
 void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
                    double least, const char* between, Agreement& out);
 
-// What `other` predicts along what `one` predicts, over that; `A`: products of the columns. Coefficients of
-// which the data show no more than a difference may be anything.
+// Projection of the prediction of `other` on the prediction of `one`, over the square of the
+// latter. `A`: products of the columns. The ratio stays meaningful if the data determine only the
+// difference of some coefficients.
 double predicted_ratio(const Eigen::MatrixXd& A, const Eigen::VectorXd& one,
                        const Eigen::VectorXd& other);
 
 class Parts {
  public:
-  // `half_rate`: null where there is none.
+  // `half_rate`: null if the record has no chain at half the rate.
   Parts(const Chain& whole, const Members& members, const Chain* half_rate);
-  // `sigmas`: a part that gains less than a chance of so many deviations is not moved.
+  // `sigmas`: a gain counts if it exceeds that of chance by this many standard deviations.
   Agreement of(std::size_t member, double sigmas) const;
 
  private:

@@ -1,14 +1,15 @@
-// The zero of an angle whose encoder's rounding is not known.
+// The zero of an angle if the rounding of its encoder is unknown.
 //
-// A counter rounds down, and the record stands at the centres of its counts. A reading that was
-// rounded to the nearest count stands there already: taken so, it lies half a count high. Which of
-// the two it is shows on the d axis, for the magnets' voltage turns into it:
+// A counter rounds down, so the record holds the centres of the counts. A reading that was rounded
+// to the nearest count is at the centre already, and the record is then half a count too high. The
+// d axis shows which rounding holds, because the voltage of the magnets turns into it:
 //
 //   offset = sum_k c_k e_k / sum_k c_k^2,   e the residual along d, c the column of encoder_offset
 //
-// A quarter of a count to either side of half a count it was the nearest. Anything else is no
-// rounding. Where counts are not declared, an encoder_offset of a count or less is the zero of the
-// reading, and no claim: one that rounds up stands a whole count from where it is taken to.
+// An offset of half a count, within a quarter of a count, means rounding to the nearest. Any other
+// offset is not a rounding. If the drive file declares no counts, an encoder_offset of a count or
+// less is taken as the zero of the reading and not as an effect: a counter that rounds up is read a
+// whole count off.
 #pragma once
 #include "model/drive_facts.hpp"
 #include "model/effects/effect.hpp"
@@ -17,11 +18,11 @@
 
 namespace twinrate {
 
-// rad, to be added to theta_m: 0, or half a count back.
+// rad, to add to theta_m: 0, or minus half a count.
 double rounding_to_nearest(const Record& record, const DriveFacts& facts, const Effects& known);
-// The same of what was found: 0 where no offset was, or a larger one.
+// The same from the traced effects: 0 if there is no encoder_offset, or a larger one.
 double zero_within_count(const TraceResult& result, const Sensor& angle);
-// Where it then stands; it is not asked for again.
+// The record with theta_m + by. Its rounding counts as known.
 Record moved(const Record& record, double by);
 
 }  // namespace twinrate

@@ -16,7 +16,7 @@ struct BoundedProblem {
 
 struct BoundedFit {
   double cost = 0;                 // half of the sum of squares
-  std::vector<double> covariance;  // of unit variance, row by row; empty: not to be had
+  std::vector<double> covariance;  // of unit variance, row by row; empty: not computable
 };
 
 // Takes `x` from its start to the minimum.

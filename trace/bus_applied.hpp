@@ -1,5 +1,5 @@
-// What a ripple of the bus leaves of the voltage that the drive asked for. The duties were made for
-// the bus voltage at the start of the interval; what acts is its change since then.
+// The voltage that acts on the machine under a ripple of the bus. The duties are computed for the
+// bus voltage at the start of the interval, so only the change since then acts.
 #pragma once
 #include "model/effects/effect.hpp"
 #include "trace/record.hpp"
@@ -8,14 +8,13 @@ namespace twinrate {
 
 struct MachineParameters;
 
-// The record with the voltage that ripples of `effects` (those on the bus) leave of what the drive
-// asked for, u mean(v_dc over the interval)/v_dc(t_k), and with v_dc as other effects take it:
-// without the ripple.
+// The record with the acting voltage u mean(v_dc over the interval)/v_dc(t_k) under the ripples of
+// `effects`, and with v_dc less these ripples, as the other effects use it.
 Record as_applied(Record record, const Effects& effects);
-// Whether the machine felt that voltage rather than the one in the log, which may have been
-// measured: what the plain voltage equation leaves of the log, over the difference of the two, is
-// -1 where it did and 0 where not. Without currents or a difference: true, the log has what the
-// drive asked for.
+// True if the machine received the voltage of `applied` rather than the one in the log. The
+// residual of the plain voltage equation with the logged voltage, projected on the difference of
+// the two voltages, is -1 if so and 0 if the log holds a measured voltage. True as well without
+// currents or without a difference.
 bool acted(const Record& record, const Record& applied, const MachineParameters& machine);
 
 }  // namespace twinrate

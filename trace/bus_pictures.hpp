@@ -1,4 +1,4 @@
-// Pictures of what alternates in the bus voltage, before and after it was found.
+// Pictures of the alternating part of the bus voltage, before and after the fit of its lines.
 #pragma once
 #include <vector>
 
@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// Means over a period of `f`, cut into parts: of `rest` with the line and without it, in the rows
-// of `shown`.
+// Means over a period of `f`, cut into parts, over the rows of `shown`: of `rest` plus the line,
+// and of `rest` alone.
 TracePicture picture_of_period(double f, const std::vector<double>& t,
                                const std::vector<char>& held_out,
                                const std::vector<BusPiece>& shown, const std::vector<double>& line,

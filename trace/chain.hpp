@@ -1,4 +1,5 @@
-// The chain of one record, from effects to what least squares sees: equations, low-pass, whitening.
+// The chain of one record from effects to the signals of the least squares: equations, low-pass,
+// whitening.
 #pragma once
 #include <Eigen/Core>
 #include <deque>
@@ -12,85 +13,89 @@
 
 namespace twinrate {
 
-// One regressor, or a residual, at the tracer's rate; channels it does not touch are empty. `noise`
-// is what noise of the record's own size makes of it in the readings, `answer` what the drive does
-// about that (see Chain).
+// One regressor, or a residual, at the tracer's rate. A channel that it does not act on is empty.
+// `noise` is the change that added noise of the record's own size makes. `answer` is the further
+// change if the drive responds to that noise (see Chain).
 struct Sampled {
   Eigen::VectorXd d, q, torque;
   Eigen::VectorXd noise_d, noise_q, noise_torque;
   Eigen::VectorXd answer_d, answer_q, answer_torque;
 };
 
-// Of the three channels.
+// Noise of the three channels.
 struct NoiseModel {
   Whitener d, q, torque;
-  // By which the added noise falls short of the record's own (1: as it should be).
+  // Factor by which the added noise is smaller than the record's own (1: equal).
   double scale_d = 1, scale_q = 1, scale_torque = 1;
-  // The part of the drawn noise that the record holds: its residual beside all columns may be smaller.
+  // Share of the drawn noise that the record holds: less than 1 if its residual with all columns
+  // fitted is smaller.
   double share_d = 1, share_q = 1, share_torque = 1;
 };
 
 void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an empty channel is zero
 
-// Impacts come at other moments where there is more noise: the difference is no noise.
+// A shaft with a gap. With added noise its impacts come at other moments, so the difference of the
+// two computations does not measure the noise.
 bool has_gap(const Effect& effect);
 bool is_shaft(const Effect& effect);
-// A shaft, or what is a load behind it where there is one.
+// A shaft, or a load that acts behind the shaft of a drive with one.
 bool is_of_shaft(const Effect& effect);
 
-// Residual and regressors are made of the same noisy samples: L di/dt holds the noise of the
-// residual itself, and plain least squares would shrink L (or J, or everything) until it vanishes.
-// So every column is computed again from the record with as much noise again: the difference shows
-// what noise does to it, and inner products are taken less its share.
+// Residual and regressors come from the same noisy samples. L di/dt holds the noise of the residual
+// itself, so plain least squares would shrink L (or J, or every parameter) towards zero. So every
+// column is computed again from the record with noise of the same size added. The difference is the
+// noise of the column, and its share is subtracted from inner products.
 //
-// The controller answers noise, and the currents that it drives are in the columns. They are no
-// error there, and they are not in the residual of a model that is right: whatever the drive
-// answers obeys the equations. But they come of the noise that is. With a, b columns and y the
+// The controller responds to noise, and the currents that it drives are in the columns. They are no
+// error there: the measured current that the drive causes obeys the equations, so it is not in the
+// residual of a correct model. But they correlate with the noise. With a, b columns and y the
 // residual
 //   <a, b> = a'b - noise_a' noise_b - (answer_a' noise_b + noise_a' answer_b) / 2
 //   <a, y> = a'y - (noise_a + answer_a)' noise_y
-// No answer is counted through a dead time, some 30 Ohm around a current of zero that the answer
-// was computed without, nor of a shaft in a fit, where the product would be chance alone.
+// The answer is left out in two cases. A dead time has a slope of some 30 Ohm around zero current,
+// and the answer was computed without it. A shaft in a fit would make a product of chance alone.
 class Chain {
  public:
-  // Equations of the record with as much noise added as it has: `answered` by the drive, and to the
-  // readings alone.
+  // Equations of the record with added noise of its own size: `answered` with the response of the
+  // drive, `readings` with noise on the readings alone.
   Chain(const Equations& equations, const Equations& answered, const Equations& readings,
         const Sampler& sampler)
       : equations_(equations), answered_(answered), readings_(readings), sampler_(sampler) {}
 
-  // Asked before every slow step, which throws TraceStopped where the answer is true.
+  // `stop` is called before every slow step; if it returns true, the step throws TraceStopped.
   void stop_when(std::function<bool()> stop) { stop_ = std::move(stop); }
   void checkpoint() const {
     if (stop_ && stop_()) throw TraceStopped{};
   }
-  // Where an encoder rounds: makes the record with its counts moved (with_moved_counts).
+  // If an encoder rounds: makes the record with moved counts (with_moved_counts).
   void set_moved_counts(std::function<Record()> make) { moved_counts_ = std::move(make); }
-  // What these make of a residual, as noise; empty where no encoder rounds.
+  // The residual's noise from the rounding under `effects`; empty if no encoder rounds.
   Sampled rounding(const Effects& effects) const;
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
-  // Several act on the command (equations.hpp), with those known: not one by one.
+  // True if several effects, with the known ones, act on the command (equations.hpp). Their
+  // contributions do not add up.
   bool commands(const Effects& effects) const;
-  // There are a shaft and a load behind it, with those known: what one does goes through the other.
+  // True if there are a shaft and a load behind it, with the known effects: they act through each
+  // other.
   bool loads_shaft(const Effects& effects) const;
   Sampled residual(const Effects& effects) const;
-  Sampled noiseless(const Effects& effects) const;           // the same of the record alone
+  Sampled noiseless(const Effects& effects) const;           // without noise and answer
   std::vector<Sampled> columns(const Effect& effect) const;  // one for each regressor
-  // The same of other equations of this record, without what noise makes of them.
+  // The same with other equations of this record, without noise and answer.
   std::vector<Sampled> columns_of(const Equations& equations, const Effect& effect) const;
   Sampled contribution(const Effect& effect) const;
-  // The same in a fit: a shaft's without its answer.
+  // The same for a fit: a shaft's contribution has no answer.
   Sampled contribution_to_fit(const Effect& effect) const;
-  // columns(), kept for the next time; valid until the next call.
+  // columns() from a cache; valid until the next call.
   const std::vector<Sampled>& remembered_columns(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
-  // A column, whitened, without the channels of which most is noise: what is left after its share
-  // is taken off would be worth nothing there.
+  // A whitened column. A channel in which most of the energy is noise becomes zero, because nothing
+  // useful remains after its share is subtracted.
   Sampled regressor(const Sampled& column) const;
   const Equations& equations() const { return equations_; }
-  const Equations& readings() const { return readings_; }  // of the record with noise on them
-  const Equations& answered() const { return answered_; }  // and what the drive makes of it
+  const Equations& readings() const { return readings_; }  // with noise on the readings
+  const Equations& answered() const { return answered_; }  // with noise and the drive's response
   const Sampler& sampler() const { return sampler_; }
 
  private:
@@ -99,14 +104,14 @@ class Chain {
     std::vector<double> keys;  // of its effects
     std::vector<Sampled> columns;
   };
-  // An effect but for coefficients that only multiply.
+  // An effect apart from coefficients that only multiply.
   Remembered shape_of(const char* what, const Effect& effect) const;
   const std::vector<Sampled>& recall(Remembered wanted,
                                      const std::function<std::vector<Sampled>()>& make) const;
   Sampled sampled(const Channels& clean) const;
   Sampled sampled(const Channels& clean, const Channels& read, const Channels& answered) const;
   Sampled whole_residual(const Effects& effects) const;
-  // False where its coefficients do more than multiply (saturation), or it has none.
+  // False if its coefficients do more than multiply (saturation), or if it has none.
   bool is_linear(const Effect& effect) const;
 
   const Equations& equations_;
@@ -119,12 +124,12 @@ class Chain {
   mutable std::deque<Remembered> memory_;  // the latest last
 };
 
-// True where the effect's columns are periodic in the angle.
+// True if the effect's columns are periodic in the angle and it adds to no sensor.
 bool turns_with_angle(const Effect& effect);
-// True where they are other ones where a current crosses zero at another moment. Its slope there is
-// some 30 Ohm: the drive answers far less through it than through the winding alone.
+// True if the effect's columns depend on the moment at which a current crosses zero. The slope
+// there is some 30 Ohm: the drive responds far less through it than through the winding alone.
 bool turns_at_zero(const Effect& effect);
-// True where the effect's columns hold the noise of the residual itself.
+// True if the effect's columns hold the noise of the residual itself.
 bool holds_noise(const Effect& effect);
 
 }  // namespace twinrate
