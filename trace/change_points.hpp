@@ -1,21 +1,23 @@
-// A drive that is not the same throughout a log: something begins, ends or changes.
+// Changes of a drive within a log: an effect begins, ends or changes.
 //
-// Two sets of effects are compared over the rows of one record, S_1 and S_2, the answers of the
-// rows before a moment and of those behind it. e_1, e_2: the whitened residuals under them.
+// Two sets of effects, S_1 and S_2, are compared over the rows of one record. They are traced from
+// the rows before a moment and from the rows after it. e_1, e_2: the whitened residuals under them.
 //
-//   suspicion   of a candidate with columns x: its coefficients before and behind a moment differ,
-//               W = (b_2 - b_1)' (C_1 + C_2)^-1 (b_2 - b_1) > kSuspicious for each of them, C from
-//               the scatter of kBlocks blocks and from white noise. Columns that hold noise of the
-//               residual itself are not asked: their bias goes with the excitation
-//   proof       each side is traced for itself (its claims pass the gate there), and on rows that
-//               no fit has read the error under S_1 is smaller before and under S_2 behind, both by
-//               Wilcoxon's signed-rank test over pieces. Else no change is told
-//   date        t = argmin_t sum_{k < t} e_1^2 + sum_{k >= t} e_2^2, e not whitened, which would
-//               spread a step; its range is where that sum is within kLikely of the least, in units
-//               of the noise's square, and the low-pass's reach. Both sides are then traced again
-//               without the rows of that range, and have to prove the change once more
+//   suspicion   the coefficients of a candidate with columns x differ before and after a moment:
+//               W = (b_2 - b_1)' (C_1 + C_2)^-1 (b_2 - b_1) > kSuspicious per coefficient. C is the
+//               sum of the scatter of kBlocks blocks and of the covariance from white noise.
+//               Columns that hold noise of the residual itself are left out: their bias changes
+//               with the excitation
+//   proof       each side is traced alone (its claims pass the gate there). On rows that no fit has
+//               read, the error under S_1 is smaller before the moment and the error under S_2 is
+//               smaller after it, both by Wilcoxon's signed-rank test over pieces. Otherwise no
+//               change is reported
+//   date        t = argmin_t sum_{k < t} e_1^2 + sum_{k >= t} e_2^2, with e not whitened, because
+//               whitening would spread a step. Its range is where the sum is within kLikely of the
+//               minimum, in units of the noise's square, plus the reach of the low-pass. Both sides
+//               are traced again without the rows of that range and must prove the change again
 //
-// The proof is symmetric: an effect that the other side would only not show (rotor at rest, no
+// The proof is symmetric: an effect that the other side merely does not excite (rotor at rest, no
 // current) is no change.
 #pragma once
 #include <string>
@@ -26,15 +28,15 @@
 namespace twinrate {
 
 struct Change {
-  double t_s = 0, from_s = 0, to_s = 0;  // in the file's time; the range that it may lie in
-  std::string between;                   // "a.csv and b.csv" where it is the border of two files
-  std::string file;                      // where there are several
+  double t_s = 0, from_s = 0, to_s = 0;  // in the file's time; the range that contains it
+  std::string between;                   // "a.csv and b.csv" if it is the border of two files
+  std::string file;                      // set if there are several
   std::size_t first = 0, end = 0;        // rows of that range
 };
 
-// As trace_record(). Where the drive changes within the record, the longest part makes up the
-// result: errors, pictures and stop-gaps are its own, effects have from_s and to_s (or files), and
-// those of the other parts stand beside them.
+// As trace_record(). If the drive changes within the record, the result is that of the longest
+// part: errors, pictures and stop-gaps are those of that part, and its effects have from_s and to_s
+// (or files). The effects of the other parts are added.
 TraceResult trace_with_changes(const Record& record, const DriveConfig& drive, const Health& health,
                                const TraceSettings& settings, std::vector<char> held_out);
 

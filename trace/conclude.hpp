@@ -1,5 +1,5 @@
-// From a selection to what is said of it: parameters with uncertainty, evidence, aliases, errors
-// before and after, what stays unexplained and what this record could not tell.
+// From a selection to its result: parameters with uncertainty, evidence, aliases, errors before and
+// after, the unexplained structure and the kinds that this record cannot show.
 #pragma once
 #include "trace/bus_ripple.hpp"
 #include "trace/gate.hpp"
@@ -11,15 +11,15 @@ namespace twinrate {
 
 struct Conclusion {
   const Fitter &rounds,  // on the rows that fit
-      &seen,             // on all that do not judge
-      &last;             // on all, in the chain of all rows
+      &seen,             // on all rows that do not judge
+      &last;             // on all rows, in the chain of all rows
   const Dictionary& dictionary;
   const Selection& selection;  // what passed the gate
   const Passed& passed;
   const Fit& fitted;  // by `last`
   const JudgedFiles& files;
-  const Health& health;  // what the samples themselves show (clipping, missing and stale rows ..)
-  const BusRipple& bus;  // what the bus voltage shows
+  const Health& health;  // findings from the samples (clipping, missing and stale rows ..)
+  const BusRipple& bus;  // findings from the bus voltage
 };
 TraceResult conclude(const Conclusion& c);
 

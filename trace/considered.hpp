@@ -23,11 +23,11 @@ class Considered {
   std::vector<std::string> excluded_;  // sorted
 };
 
-// Takes the excluded kinds out of aliases and lists, before the verdict: what has only excluded
-// names becomes a line about the data. The result lists the kinds as excluded.
+// Removes the excluded kinds from aliases and lists, before the verdict. An ambiguity with excluded
+// kinds alone becomes a line about the data. The result lists the kinds as excluded.
 void leave_out_excluded(const Considered& considered, TraceResult& r);
-// Names the excluded kinds at the end of the sentence; not of an `inconsistent` one, for which no
-// effect was looked for.
+// Names the excluded kinds at the end of the sentence, except in an `inconsistent` result, for
+// which no effect was looked for.
 void tell_excluded(const Considered& considered, TraceResult& r);
 
 }  // namespace twinrate

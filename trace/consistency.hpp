@@ -1,10 +1,11 @@
-// Do the log and the drive file belong together? Asked of the raw signals, before any effect.
+// Checks from the raw signals, before any effect, that the log and the drive file belong together.
 //
-// The raw equations give the scale of each quantity against the drive file (trace/scale_factors.hpp).
-// A scale far beyond any effect of a working drive is a unit (milliamperes, degrees, milliseconds), a
-// convention (line-to-line, rms) or another machine. Of the conventions, the one is named whose
-// factor fits all scales that the log shows. A log whose rotor frame does not fit is read with
-// other angles and other orders of the phases; if one of them fits, it is named.
+// The raw equations give the scale of each quantity against the drive file
+// (trace/scale_factors.hpp). A scale far beyond any effect of a working drive means a wrong unit
+// (milliamperes, degrees, milliseconds), another convention (line-to-line, rms) or another machine.
+// The convention that is named is the one whose factor fits all scales that the log shows. A log
+// whose rotor frame does not fit is read with other angles and other orders of the phases. If one
+// of these readings fits, it is named.
 #pragma once
 #include <string>
 #include <vector>
@@ -15,14 +16,15 @@
 
 namespace twinrate {
 
-// `encoder_counts`: of the drive file; 0: not known. Empty: nothing speaks against the log.
+// `encoder_counts`: of the drive file; 0: unknown. Empty: the log and the drive file agree.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);
-// Why the sign of the motor's torque is open; empty: it is not. Currents of the other sign, phases in
-// another order and an angle turned by half make a motor seem to brake. Where its speed is held and
-// the currents are too small to show in the voltage, nothing tells that from a load that drives it.
+// The reason why the sign of the motor's torque is open; empty: it is known. Currents of the other
+// sign, another order of the phases and an angle turned by half a turn make a motor seem to brake.
+// If the speed is held and the currents are too small to show in the voltage, the log does not
+// distinguish such an error from a load that drives the motor.
 std::string sign_in_doubt(const Record& record, const DriveFacts& facts);
-// The result of a trace that ends there: verdict and sentence, no effect.
+// The result of a trace that ends at this check: verdict and sentence, no effect.
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health);
 
 }  // namespace twinrate

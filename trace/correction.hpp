@@ -2,15 +2,15 @@
 //
 //   c(x) = sum_j value_j hat_j(x),   hats over 25 knots (a periodic 36 over a turn; two directions)
 //
-// fitted to the training rows of what the traced model leaves, by least squares. It describes and
-// does not explain; whether it helps is measured on rows that it has not seen.
+// fitted by least squares to the residual of the traced model on the training rows. It describes
+// the residual without naming a cause. Its benefit is measured on rows that it has not seen.
 #pragma once
 #include "trace/result.hpp"
 
 namespace twinrate {
 
-// For each structure of result.unexplained over a variable that can recur (not over time); lines
-// have a stop-gap of their own. Structure and series must stand in `result` already.
+// For each structure of result.unexplained over a variable that can recur (not time). Lines have a
+// stop-gap of their own. `result` must have its structures and series already.
 std::vector<CorrectionTable> corrections_of(const TraceResult& result);
 // The correction's variable at row i of a series of its channel.
 double regressor_at(const TraceSeries& series, std::size_t i, const CorrectionTable& correction);

@@ -1,7 +1,7 @@
-// Everything that could be missing, as groups of whitened columns.
+// All candidates, as groups of whitened columns.
 //
-// A candidate is one effect with its non-linear keys at one point of their grid; its columns are
-// what one unit of each coefficient would explain in all channels.
+// A candidate is one effect with its non-linear keys at one point of their grid. Its columns are
+// the contributions of one unit of each coefficient in all channels.
 #pragma once
 #include <Eigen/Core>
 #include <functional>
@@ -18,26 +18,26 @@ struct Candidate {
 
 struct Dictionary {
   std::vector<Candidate> sampled, whitened;
-  // Columns of what adds to a sensor anew, as they are beside effects in the model: what an error
-  // of a current does to the voltage depends on the inductance there. False where nothing does so
-  // that was not beside them the last time.
+  // Computes the columns of sensor effects again, as they are beside the effects in the model: the
+  // voltage of a current error depends on the inductance there. False if no kind with such an
+  // influence was added since the last call.
   bool renew(const Chain& chain, const Effects& beside);
-  // All of them, or what renew() made.
+  // All columns, or those that renew() computed.
   void whiten(const Chain& chain, bool renewed_only = false);
 
-  // Kinds that renew() saw: that make other columns of what adds to a sensor, of what turns at a
-  // current's zero, and of what turns with the angle.
+  // Kinds at the last renew() that change the columns of sensor effects, of effects that depend on
+  // a current's zero, and of effects that depend on the angle.
   struct Beside {
     std::vector<std::string_view> sensors, at_zero, with_angle;
     bool operator==(const Beside&) const = default;
   } beside;
 };
 
-// Candidates of every considered kind with traced_keys() that the record's signals allow. Columns are sampled,
-// not yet whitened.
+// Candidates of every considered kind with traced_keys() that the record's signals allow. The
+// columns are sampled, not yet whitened.
 std::vector<Candidate> make_candidates(const Chain& chain);
 
-// An inner product, or what noise adds to it, by equation.
+// An inner product, or the part of it that noise adds, by equation.
 struct EquationEnergy {
   double electrical = 0, torque = 0;
   double sum() const { return electrical + torque; }
@@ -49,23 +49,23 @@ struct EquationEnergy {
   }
 };
 
-// Inner products over some of the outputs, less the share of noise (see Chain).
+// Inner products over a subset of the outputs, less the share of noise (see Chain).
 class Rows {
  public:
   Rows() = default;                             // none
-  Rows(const Sampler& sampler, bool held_out);  // the training or the held-out ones
-  // Those whose row of the record is `in`.
+  Rows(const Sampler& sampler, bool held_out);  // the training or the held-out outputs
+  // Outputs whose row of the record satisfies `in`.
   static Rows where(const Sampler& sampler, const std::function<bool(std::size_t row)>& in);
   double dot(const Sampled& a, const Sampled& b) const;  // of two columns
   double against(const Sampled& column, const Sampled& residual) const;
-  EquationEnergy energy(const Sampled& a, const Sampled& b) const;  // with noise
-  // What dot() and against() take off.
+  EquationEnergy energy(const Sampled& a, const Sampled& b) const;  // share of noise included
+  // The share of noise that dot() and against() subtract.
   EquationEnergy noise(const Sampled& a, const Sampled& b) const;
   EquationEnergy noise_against(const Sampled& column, const Sampled& residual) const;
-  // What of it the answer in the first makes.
+  // The part of it that comes from the answer in the first argument.
   EquationEnergy answer(const Sampled& answered, const Sampled& read) const;
   std::size_t count(const Sampled& like) const;
-  // First output and count of each stretch.
+  // First output and number of outputs of each stretch.
   using Stretches = std::vector<std::pair<Eigen::Index, Eigen::Index>>;
   const Stretches& electrical_pieces() const { return electrical_pieces_; }
   const Stretches& torque_pieces() const { return torque_pieces_; }
@@ -88,16 +88,16 @@ class Rows {
   std::size_t electrical_ = 0, torque_ = 0;
 };
 
-// Normal equations A x = b with columns left out (x = 0) that are not excited, or all noise.
+// Normal equations A x = b. Columns without excitation, or with noise alone, are left out (x = 0).
 struct NormalEquations {
   Eigen::MatrixXd A;
   Eigen::VectorXd b;
   Eigen::VectorXd noise;  // share of noise taken off the diagonal of A
 
   std::vector<char> usable(double rows) const;
-  // Of those in use the one that the others explain, or -1; of several that explain one another the
-  // last. A change of all three phases is the slope of an inverter's drop: beside one another they
-  // may be anything.
+  // A column in use that the others explain, or -1; the last of several that explain one another. A
+  // change of all three phases equals the slope of an inverter's drop: beside one another their
+  // coefficients are arbitrary.
   Eigen::Index spurious(const std::vector<char>& use) const;
   Eigen::VectorXd solve(const std::vector<char>& use) const;
   Eigen::MatrixXd inverse(const std::vector<char>& use) const;  // zero where left out

@@ -7,11 +7,11 @@
 
 namespace twinrate {
 
-// Fills `r`: electrical, mechanical, their series and which of the two is the main one.
+// Fills the errors of `r`: electrical, mechanical, their series and the main one of the two.
 void compare_errors(const Chain& chain, const Effects& found, TraceResult& r);
 
-// Fills `r.files`, one line a file: the error of the main equation over its rows that judge, or over
-// all of it where none does.
+// Fills `r.files`, one line a file: the error of the main equation over its judging rows, or over
+// all its rows if none judges.
 void compare_files(const Chain& chain, const Effects& found, const JudgedFiles& files,
                    TraceResult& r);
 

@@ -1,4 +1,4 @@
-// The drive file with what a trace found added to it: every program can use it.
+// The drive file extended by the traced effects; every program can use it.
 #pragma once
 #include <string>
 
@@ -7,9 +7,9 @@
 
 namespace twinrate {
 
-// Traced effects stand in it as used_in = "both", in the place of the plant's own effects that the
-// model did not know (a simulated plant's secret); `keep_plant`: those stay, and the traced ones
-// are "model" only.
+// Traced effects have used_in = "both" and replace the plant's own effects that the model did not
+// know (a simulated plant's secret). With `keep_plant` the latter stay, and the traced effects have
+// used_in = "model".
 std::string extended_toml(const Config& config, const TraceResult& result, bool keep_plant);
 
 }  // namespace twinrate

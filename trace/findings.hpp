@@ -1,4 +1,4 @@
-// What a search found, and what of it passed the gate.
+// The findings of a search, and those of them that passed the gate.
 #pragma once
 #include <functional>
 #include <string>
@@ -12,26 +12,27 @@ namespace twinrate {
 struct Findings {
   Selection selection;
   Passed passed;
-  NoiseModel noise;  // that both were made under
+  NoiseModel noise;  // under which both were made
 };
 
-// Every member passes, as where nobody judged.
+// Every member passes, as if nothing judged.
 Passed not_asked(const Selection& selection);
-// Kinds of claims that cannot be what is there.
+// Kinds of the claims that cannot be the cause.
 std::vector<std::string> wrong_kinds(const std::vector<Refused>& refused);
-// Kinds that no machine can have so large: no other names of what passed.
+// Kinds that no machine can have at that size: they are no aliases of a passed effect.
 std::vector<std::string> impossible_kinds(const std::vector<Refused>& refused);
 
-// What a refused claim explains that cannot be there is something else. `again` searches once more, on from what
-// passed, without such kinds; what it finds is taken where more passes and, by `as_much`, explains about as much:
-// others that explain far less of it are not what is there. What the first refused stays told.
+// A claim that cannot be the cause hides another cause. `again` searches once more from the passed
+// effects, without such kinds. Its findings are used if more effects pass and if, by `as_much`,
+// they explain about as much; effects that explain far less are not the cause. The refusals of the
+// first search stay in the result.
 Findings without_wrong_kinds(
     Findings first,
     const std::function<Findings(Fit, const std::vector<std::string>& left_out)>& again,
     const std::function<bool(const Findings& first, const Findings& second)>& as_much);
 
-// What passed, as the selection judged it: judged anew where others were refused beside it, for
-// what could stand in their places is another then.
+// The passed effects with the selection's judgement. If other effects were refused beside them,
+// they are judged again, because the refusals change which kinds could replace them.
 Selection what_passed(const Fitter& fitter, const std::vector<Candidate>& candidates,
                       Findings found);
 

@@ -1,5 +1,4 @@
-// The same record with twice as many rows as one, and its chain: what a claim says must not depend
-// on the rate at which it was looked at.
+// The record at half the tracer's rate, and its chain: a claim must not depend on the rate.
 #pragma once
 #include "trace/chain.hpp"
 #include "trace/noise.hpp"
@@ -8,8 +7,8 @@ namespace twinrate {
 
 class HalfRate {
  public:
-  // `rows`: of the log that are one here. `effects` are known; what they leave at this rate is taken
-  // for its noise.
+  // `rows`: rows of the log for one row here. `effects` are known. The residual that they leave at
+  // this rate is taken as its noise.
   HalfRate(const Record& whole, const NoisierRecords& noisier, std::size_t rows,
            const DriveFacts& facts, const Effects& known, const Effects& effects,
            const NoiseModel& scales);

@@ -1,8 +1,8 @@
-// Health of a log of any length, gathered piece by piece in little memory.
+// Health of a log of any length, collected piece by piece in little memory.
 //
 //   interval  mean of the steps of time within 30 % of their median (histogram of 1 % wide bins)
-//   levels    of a current: the largest magnitude, the next one, and how often each was met
-//   values    of a current: how many there are, as long as they are few enough to be an ADC's
+//   levels    of a current: the largest magnitude, the next one, and the number of samples at each
+//   values    of a current: their number, as long as they are few enough to come from an ADC
 #pragma once
 #include <map>
 #include <optional>
@@ -30,25 +30,25 @@ class SamplingInterval {
   std::size_t count_ = 0;
 };
 
-// Samples pile up at a limit.
+// Finds a limit at which samples pile up.
 class CurrentLevels {
  public:
   void add(double value);
-  // 0: there is none. `times`: how many more samples have to stand there than just below.
+  // 0: no limit. `times`: ratio of the samples at the limit to those just below it.
   double limit(double times = 5) const;
   double top() const { return top_; }
   std::size_t at_top() const { return at_top_; }
 
  private:
   double top_ = 0, next_ = 0;                           // magnitudes
-  std::size_t at_top_ = 0, at_next_ = 0, in_runs_ = 0;  // samples; in_runs: of four and more
+  std::size_t at_top_ = 0, at_next_ = 0, in_runs_ = 0;  // samples; in_runs: in runs of four or more
   std::size_t run_ = 0;
 };
 
 class CurrentValues {
  public:
   void add(double value);
-  double step() const;  // between the values of a quantised signal, 0 where it is not quantised
+  double step() const;  // between the values of a quantised signal; 0: not quantised
 
  private:
   std::unordered_map<std::int64_t, double> values_;  // by tenths of a uA
@@ -58,14 +58,14 @@ class CurrentValues {
 
 class HealthScan {
  public:
-  // `encoder_counts`: of the drive file; 0: not known.
+  // `encoder_counts`: of the drive file; 0: unknown.
   explicit HealthScan(int encoder_counts = 0) : angle_(encoder_counts) {}
   void add(const RawLog& piece);
   Health health() const;
   double T_s() const { return interval_.mean(); }
 
  private:
-  void take(std::size_t end);  // rows of `ahead_` up to there
+  void take(std::size_t end);  // rows of `ahead_` up to `end`
   void look_at_currents(std::size_t k);
   bool at_top(std::size_t k) const;
   void look_for_dead_signals(Health& health) const;
@@ -85,12 +85,12 @@ class HealthScan {
     bool constant() const { return lowest == highest; }
   };
   std::vector<Range> ranges_ = std::vector<Range>(raw_columns().size());
-  RawLog ahead_;           // rows whose neighbours have not come yet, and neighbours of theirs
-  std::size_t taken_ = 0;  // of them
+  RawLog ahead_;           // rows whose neighbours have not arrived yet, and their neighbours
+  std::size_t taken_ = 0;  // rows of it that were taken
   std::optional<double> t_before_, t_kept_;
   std::int64_t rows_since_kept_ = 0;
   std::size_t rows_ = 0, kept_ = 0, missing_ = 0, by_chance_ = 0;
-  std::map<int, std::size_t> stale_;  // rows, by logarithm of what the angle misses
+  std::map<int, std::size_t> stale_;  // rows, by logarithm of the missed angle
   double jitter_ = 0, i_sum_max_ = 0;
 };
 
