@@ -1,23 +1,26 @@
-// Currents that stand for a row while the rest of it goes on: a converter that was not read.
+// Held currents: the currents repeat a row while the other signals change, because the converter
+// was not read.
 //
-// A coarse current repeats by chance, too, but then as if time ran backwards: of two equal rows
-// k-1, k of a current that changes by v a row, chance leaves one as far behind the line through the
-// rows around as the other before it, so e = i_{k-1} + i_k less twice the line between them is 0 in
-// the mean. Where k is held, i_{k-1} is right and e = -v. The share of held rows is therefore
+// A coarse current repeats by chance as well, but symmetrically in time. Let rows k-1, k be equal,
+// and let the current change by v a row. By chance, one of the two rows is on average as far
+// behind the line through the rows around as the other is ahead of it. So e = i_{k-1} + i_k less
+// twice the line between them has the mean 0. If k is held, i_{k-1} is right and e = -v. The share
+// of held rows is therefore
 //   -sum(e v) over the rows that repeat / sum(v^2) over all rows
-// and its sigma comes from the scatter of e v. A third sensor has to repeat with them.
+// and its sigma comes from the scatter of e v. A third sensor must repeat with them.
 //
-// Time does run one way where a current leaps and decays, as at each count of a coarse encoder: a
-// row that repeats before the leap lies behind by chance. One current that repeats alone does so,
-// too; what is held repeats all. What each does alone is therefore taken off, and where that is
-// beyond its own sigma nothing is concluded from the side on which they lie.
+// Time is not symmetric if a current leaps and decays, as at each count of a coarse encoder: a row
+// that repeats before the leap lies behind by chance. Then one current that repeats alone lies
+// behind as well, whereas a held row repeats all currents. So the part of each current that repeats
+// alone is subtracted. If that part exceeds its own sigma, the side on which the rows lie is not
+// used.
 //
-// Where currents change by less than their step a row, v is lost in noise. There both repeat by
-// chance as often as each does by itself: of n rows n_x n_y/n (n_x n_y n_z/n^2 of three sensors),
-// more by 1/sqrt(1 - rho^2) where the noise of one is like that of the other, or by as many times
-// as they repeat the row before the last together (bursts). What they do beyond that is held. (Noise that does not
-// reach over the steps of the converter leaves both where they are, as long as neither is near an
-// edge: nothing is said.)
+// If currents change by less than their step a row, v is lost in noise. Then both repeat by chance
+// in n_x n_y/n of n rows, if each repeats in n_x and n_y rows (n_x n_y n_z/n^2 with three sensors).
+// This number is multiplied by 1/sqrt(1 - rho^2) if their noise is correlated, or by the factor
+// with which they repeat the row before the last together (bursts). Repetitions beyond it are held
+// rows. (If the noise is smaller than the steps of the converter, both currents repeat as long as
+// neither is near an edge. Then no share is reported.)
 #pragma once
 #include <cstddef>
 #include <vector>
@@ -27,36 +30,37 @@
 
 namespace twinrate {
 
-// Of the currents x, y and, where it is in the log, z; x and y are i_a and i_b, or i_alpha and
-// i_beta.
+// Repetition of the currents x, y and, if it is in the log, z; x and y are i_a and i_b, or i_alpha
+// and i_beta.
 struct Repeated {
   bool x = false, y = false, z = true;
   bool all() const { return x && y && z; }
 };
 
-// Rows k-1 and k of the currents (i_a and i_b, or i_alpha and i_beta) by the three on either side.
+// Rows k-1 and k of the currents (i_a and i_b, or i_alpha and i_beta), against a line through three
+// rows on either side.
 struct CurrentPair {
-  bool known = false;           // there are such rows, none missing around them
+  bool known = false;           // these rows exist, without a gap
   bool third = false;           // the three phases do not add up to 0: each has a sensor
-  Repeated repeated, over_one;  // row k as row k-1, as row k-2
-  Vec2 step = Vec2::Zero();     // A, from one to the other
-  Vec2 way = Vec2::Zero();      // A a row, of the line
-  Vec2 ahead = Vec2::Zero();    // A, of the two together before the line
+  Repeated repeated, over_one;  // row k against row k-1, against row k-2
+  Vec2 step = Vec2::Zero();     // A, from row k-1 to row k
+  Vec2 way = Vec2::Zero();      // A a row, slope of the line
+  Vec2 ahead = Vec2::Zero();    // A, sum of the two rows less twice the line (e above)
   bool repeats() const { return repeated.all(); }
-  // Nearer to what a held row leaves than to what chance does.
+  // Closer to the value of a held row than to that of chance.
   bool looks_held() const { return repeats() && -2 * ahead.dot(way) > way.squaredNorm(); }
 };
 CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s);
 
 class HeldCurrents {
  public:
-  // `turning`: the angle goes on.
+  // `turning`: the angle changes.
   void add(const CurrentPair& pair, bool turning);
-  // Of all rows; 0 where the repeated ones may all be chance. `i_lsb`: step of the currents.
+  // Share of all rows; 0 if the repeated ones may all be chance. `i_lsb`: step of the currents.
   double share(double i_lsb) const;
 
  private:
-  // Rows that lie near one another, which all repeat equally often.
+  // Repetitions in a group of rows close to one another, in which each repeats equally often.
   struct Counts {
     int x = 0, y = 0, z = 0, all = 0;
     void add(const Repeated& repeated, bool third);
@@ -76,15 +80,15 @@ class HeldCurrents {
   double beyond_chance(double i_lsb) const;
 
   Behind together_, x_alone_, y_alone_;
-  double squares_ = 0;  // A^2, of the way of all rows
+  double squares_ = 0;  // A^2, of the slope of all rows
   bool third_ = false;
   double least_step_ = 1e300;  // A, of one of the currents
   Few few_;
-  double all_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over them
+  double all_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over the groups
   double all_over_one_ = 0, by_chance_over_one_ = 0;
   Eigen::Matrix2d steps_ = Eigen::Matrix2d::Zero();  // products of the steps' noise
   std::size_t seen_ = 0;
-  double rows_ = 0;  // of these
+  double rows_ = 0;  // rows in these products
 };
 
 }  // namespace twinrate

@@ -1,4 +1,4 @@
-// How a trace tells of itself, and how it is ended from outside.
+// Progress messages of a trace, and its end on request.
 #pragma once
 #include <chrono>
 #include <functional>
@@ -6,12 +6,12 @@
 
 namespace twinrate {
 
-// Thrown out of a trace that is stopped.
+// Thrown when a trace is stopped.
 struct TraceStopped {};
 
 struct TraceHooks {
   std::function<void(const std::string&)> say;  // progress, one line each; may be empty
-  std::function<bool()> stop;  // asked before every slow step: true ends the trace; may be empty
+  std::function<bool()> stop;  // called before every slow step: true ends it; may be empty
 
   bool stopped() const { return stop && stop(); }
   // Throws TraceStopped.
@@ -23,7 +23,7 @@ struct TraceHooks {
   }
 };
 
-// How long each step took, one line each.
+// Reports the duration of each step, one line each.
 class Laps {
  public:
   explicit Laps(std::function<void(const std::string&)> say) : say_(std::move(say)) {}

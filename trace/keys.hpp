@@ -1,5 +1,5 @@
-// Reads and sets one numeric parameter of an effect by its key, through its field list. Whole
-// numbers are rounded, a choice is its position.
+// Reads and sets one numeric parameter of an effect by its key, through its field list. Integers
+// are rounded. A choice is represented by its index.
 #pragma once
 #include <string>
 #include <vector>
@@ -12,7 +12,7 @@ struct NumericKey {
   std::string key;
   double value = 0, lo = 0, hi = 0;
   bool whole = false;
-  std::string text;  // name of a choice
+  std::string text;  // name of the choice
 };
 
 // Every numeric parameter, in the order of the field list.
@@ -20,16 +20,16 @@ std::vector<NumericKey> numeric_keys(const Effect& effect);
 std::vector<double> key_values(const Effect& effect);
 bool has_key(const Effect& effect, const std::string& key);
 double get_key(const Effect& effect, const std::string& key);
-// The value is held inside the key's range; false where it had to be.
+// Clamps the value to the key's range; false if it was outside.
 bool set_key(Effect& effect, const std::string& key, double value);
-// The effect by the other name of a reading, with the parameters that follow from its own. A value
-// is held inside its range there; fits: none had to be.
+// The equivalent effect of a reading, with the parameters that follow from the given effect. Values
+// are clamped to their ranges; fits: none had to be.
 struct OtherName {
   std::shared_ptr<Effect> effect;
   bool fits = true;
 };
 OtherName read_as(const Effect& effect, const Traits::Reading& reading, const DriveFacts& facts);
-// Every number stands inside its range.
+// True if every number is finite and within its range.
 bool within_ranges(const Effect& effect);
 
 }  // namespace twinrate

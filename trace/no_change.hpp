@@ -1,4 +1,4 @@
-// What the equations balance: the error of predicting that nothing changes.
+// The terms that the equations balance, as the error of the prediction that nothing changes.
 #pragma once
 #include "trace/chain.hpp"
 

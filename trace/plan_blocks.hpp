@@ -1,7 +1,8 @@
-// Building blocks of a measurement: half a second to three of what a lab bench can run.
+// Building blocks of a measurement: half a second to three seconds of references for a lab bench.
 //
-// Every block begins and ends at rest, without load and i_d, so that blocks stand in any order.
-// References step; the speed's ramps come from the slew limit, slow ramps are staircases.
+// Every block begins and ends at rest, without load and i_d, so that blocks may follow one another
+// in any order. References are steps. The speed's ramps come from the slew limit; slow ramps are
+// staircases.
 #pragma once
 #include <string>
 #include <vector>
@@ -10,19 +11,19 @@
 
 namespace twinrate {
 
-// What the bench allows. Motor speeds, peak currents.
+// Limits of the bench. Motor speeds, peak currents.
 struct Bench {
   double omega_m_max = 0;  // rad/s
   double i_max = 0;        // A, amplitude
   double T_load_max = 0;   // Nm; 0: no load machine
   double slew = 0;         // rad/s^2 of the mechanical speed
   double load_slew = 0;    // Nm/s
-  bool reverse = true;     // may turn backwards
+  bool reverse = true;     // the motor may run backwards
 };
 
-// From the drive file: rated speed and current, no faster than 80 % of the voltage and 0.5 rad a
-// sampling interval (electrical) allow, half the rated torque to accelerate, a load of at most 0.6
-// of it. Keys that the file has not are taken from those it has.
+// From the drive file: rated speed and current, at most the speed that 80 % of the voltage and 0.5
+// rad a sampling interval (electrical) allow, half the rated torque to accelerate, a load of at
+// most 0.6 of it. Keys that the file lacks are derived from the others.
 Bench bench_of(const DriveConfig& drive, double i_limit);
 
 struct PlanBlock {
@@ -32,7 +33,7 @@ struct PlanBlock {
 };
 std::vector<PlanBlock> building_blocks(const Bench& bench);
 
-// Blocks one after another.
+// Blocks in sequence.
 struct PlanProfile {
   std::vector<ProfileStep> omega_m, T_load, i_d;
   std::vector<double> start_s;  // of each block

@@ -1,13 +1,13 @@
 // The gate (trace/gate.hpp) for points: rows of a static set, means of a holding sweep, samples of
-// v_dc. With the keys fixed in which the claims are not linear,
+// v_dc. With fixed values of the keys in which the claims are not linear,
 //
 //   y = x beta + rest
 //
-// y: what the declared model leaves; x: what the claims explain, and nuisances beside them. The
-// rules are those of the gate with the same thresholds; there is no second rate. Of `whole`:
-//   - no file and channel may be worse with all claims than with none,
-//   - what no claim explains, but neighbouring rows share, must be small beside what the claims take
-//     away where they act. Else they may be that, by another name.
+// y: the residual of the declared model. x: columns of the claims and of nuisances beside them. The
+// rules and thresholds are those of the gate, without the second rate. The rule `whole` asks:
+//   - no file and channel may have a larger error with all claims than with none,
+//   - the unexplained part that neighbouring rows share must be small beside the part that the
+//     claims remove, where they act. Otherwise the claims may describe that part by another name.
 #pragma once
 #include <Eigen/Core>
 #include <optional>
@@ -41,7 +41,7 @@ struct PointRows {
   std::vector<Eigen::Index> next;  // neighbour in the same channel; -1: none
   std::vector<PartsOfRows> parts;
   std::vector<std::string> files, channels;  // names
-  std::vector<double> lsb = {};              // of each channel, as y; empty: no steps
+  std::vector<double> lsb = {};  // step of each channel, in the unit of y; empty: no steps
 
   std::size_t size() const { return judges.size(); }
 };
@@ -49,15 +49,15 @@ struct PointRows {
 struct PointAnswer {
   Eigen::VectorXd beta;  // fitted to rows that do not judge
   std::vector<Judgement> judgements;
-  std::optional<Refused> refused;  // the weakest of the claims that fail, the first rule it fails
+  std::optional<Refused> refused;  // the weakest claim that fails, and its first rule
   std::size_t weakest = 0;
 };
-// All claims together, and each left out.
+// Tests all claims together, and each of them left out.
 PointAnswer ask(const PointRows& rows, const std::vector<PointClaim>& claims,
                 const Criterion& criterion = {});
 
-// Mean square that neighbouring rows share in `rest`, and its share of all; 0 where noise makes as
-// much (criterion.sigmas).
+// Mean square that neighbouring rows share in `rest`, and its share of the whole; 0 if noise makes
+// as much (criterion.sigmas).
 struct Shared {
   double power = 0, share = 0;
 };

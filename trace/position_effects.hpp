@@ -1,4 +1,4 @@
-// The effects that position logs show, each with what speaks for it, put into a result.
+// The effects that position logs show, each with its evidence, as entries of a result.
 #pragma once
 #include <functional>
 
@@ -8,28 +8,28 @@
 
 namespace twinrate {
 
-// The kinds of a holding torque: its orders, those of its friction, and its mean friction.
+// The kinds of a holding torque: its orders, the orders of the friction, and the mean friction.
 extern const char* const kOrderOfTorque;
 extern const char* const kOrderOfFriction;
 extern const char* const kMeanFriction;
 
-// A claim that these logs can make, all orders of a kind together: whether a fit has some of it,
-// whether that is large enough to be told, and how it is taken away.
+// A claim that these logs can support, all orders of a kind together: whether a fit has it, whether
+// it is large enough to be reported, and how to remove it.
 struct PositionClaim {
   std::string kind;
   std::function<bool(const Found&)> found, told;
   std::function<void(Found&)> drop;
 };
 const std::vector<PositionClaim>& position_claims();
-// Takes the claims of excluded kinds away. What they explain was fitted beside the others all the
-// same, lest those take its place.
+// Removes the claims of excluded kinds. They were fitted beside the others nevertheless, so that
+// the others do not take up their part.
 void drop_excluded(const Considered& considered, Found& found);
 
-// Cogging and friction that ripples, by order.
+// Cogging and friction ripple, by order.
 void add_periodic(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
 void add_friction(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
 void add_inertia(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
-// A logged speed or current that comes late.
+// A logged speed or current with a lag.
 void add_lags(const Found& found, const Judge& judge, const DriveFacts& facts, TraceResult& r);
 // Resistance, flux linkage and ripple of the winding's voltage.
 void add_voltage(const Found& found, const DriveFacts& facts, const Considered& considered,

@@ -1,7 +1,7 @@
-// What position logs gave together, and by how much it lowers their error.
+// The common findings from position logs, and the fall of their error.
 //
-// The error is that of the speed's change over a horizon where any log judged moves freely, else
-// that of the current that holds the rotor.
+// The error is that of the speed's change over a horizon if any judged log moves freely, else that
+// of the current that holds the rotor.
 #pragma once
 #include <cmath>
 #include <limits>
@@ -12,12 +12,12 @@
 
 namespace twinrate {
 
-// An error that no data give.
+// An error for which there are no data.
 inline constexpr double kNoError = std::numeric_limits<double>::quiet_NaN();
 
 using Logs = std::vector<const PositionLog*>;
 
-// Everything that the logs gave, before it is put into words.
+// Everything that the logs gave, before it becomes text.
 struct Found {
   const MachineParameters& machine;
   Logs at_rest, in_motion;  // that train
@@ -26,7 +26,7 @@ struct Found {
   bool lag_is_of_current = false;
   SpeedLag speed_lag;
   WindingVoltage voltage;                         // of all rows that train
-  WindingVoltage voltage_fitted, voltage_unseen;  // of rows that do not judge, and of those that do
+  WindingVoltage voltage_fitted, voltage_unseen;  // of rows that do not judge; of those that judge
 
   double gain() const { return spin.gain > 0 ? spin.gain : machine.torque_constant() / machine.J; }
   double J() const { return machine.torque_constant() / gain(); }
@@ -42,7 +42,7 @@ struct Found {
   }
 };
 
-// Sums over logs, rms in the end.
+// Sums of squares over logs, rms at the end.
 struct Errors {
   double no_change = 0, before = 0, after = 0, rows = 0;
   void add(double nothing, double declared, double found, double n) {
@@ -61,29 +61,30 @@ class Judge {
   // After a stop every error is kNoError.
   Judge(const std::vector<PositionLog>& logs, const MachineParameters& machine, double horizon,
         const TraceHooks& hooks);
-  // Training runs that cogging found elsewhere makes worse: their angle starts from another zero,
-  // so where it stands is not known there. A held-out run gets no such choice.
+  // Finds training runs that a traced cogging makes worse: their angle has another zero, so the
+  // phase of the cogging is unknown there. A held-out run gets no such exception.
   void find_other_zeros(const Found& found);
   const Logs& other_zero() const { return other_zero_; }
   bool by_speed() const { return by_speed_; }
   double horizon() const { return horizon_; }
   const Logs& logs() const { return logs_; }
-  // Whether any row judges that no fit sees.
+  // True if there are judging rows that no fit has seen.
   bool unseen() const;
 
-  // `unseen`: the rows that judge, of a log that has some; else the others.
+  // Adds the errors of a log. `unseen`: over its judging rows (true) or its other rows (false), if
+  // it has both.
   void add(const PositionLog& log, bool unseen, const Found& declared_of, const MotionModel& model,
            Errors& errors) const;
   Errors over(const Found& found, const MotionModel& model, bool held_out) const;
-  // Held-out rest, or that of the training logs where none is held out.
+  // Held-out error, or that of the training logs if none is held out.
   double error(const Found& found, const MotionModel& model) const;
-  // By the same logs, 1/2 ln(E without / E with) of each piece that the two models see differently
+  // 1/2 ln(E without / E with) over the same logs, for each piece on which the two models differ
   // (trace/gate.hpp); 24 pieces a log.
   std::vector<double> votes(const Found& found, const MotionModel& with, const MotionModel& without,
                             double silent) const;
 
  private:
-  // What the model leaves of each row, in order.
+  // Residual of the model in each row, in order.
   std::vector<double> rest(const PositionLog& log, const Found& found,
                            const MotionModel& model) const;
   const TraceHooks& hooks_;
