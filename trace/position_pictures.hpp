@@ -1,4 +1,4 @@
-// What the model leaves of logs of angle and current, before and after, for the page.
+// Pictures for the page: the residual of logs of angle and current, before and after.
 #pragma once
 #include <vector>
 
@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// Of each log judged: of one that holds the rotor the current over the angle of a turn, and its
-// orders; of one that moves the change of the speed over time.
+// For each judged log: the current over the angle of a turn, and its orders, if the current holds
+// the rotor; the change of the speed over time if the rotor moves.
 std::vector<TracePicture> position_pictures(const Found& found, const Judge& judge);
 
 }  // namespace twinrate

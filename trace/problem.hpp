@@ -1,5 +1,5 @@
-// A drive log as the search and the gate see it: its rows at the tracer's rate, in equations, with as much noise of
-// the sensors again, and the rows that judge apart.
+// A drive log as the search and the gate use it: its rows at the tracer's rate, its equations, the
+// same with sensor noise added, and the judging rows kept apart.
 #pragma once
 #include "trace/chain.hpp"
 #include "trace/noise.hpp"
@@ -9,8 +9,8 @@ namespace twinrate {
 
 class DriveProblem {
  public:
-  // `judging`: of each row, whether it judges. `known`: effects of the drive file. `i_lsb`: A, step of the current
-  // converter.
+  // `judging`: of each row, whether it judges. `known`: effects of the drive file. `i_lsb`: A, step
+  // of the current converter.
   DriveProblem(const Record& whole, const std::vector<char>& judging, const DriveFacts& facts,
                const Effects& known, const Considered& considered, double i_lsb);
   DriveProblem(const DriveProblem&) = delete;
@@ -18,14 +18,14 @@ class DriveProblem {
 
   const DriveFacts& facts() const { return equations_.facts(); }
   const Record& whole() const { return whole_; }
-  std::size_t rows() const { return rows_; }  // of the log that are one of the tracer's
+  std::size_t rows() const { return rows_; }  // of the log in one row of the tracer
   const NoisierRecords& noisier() const { return noisier_; }
   const Record& all_rows() const { return all_rows_; }
 
   Chain& seen() { return seen_; }  // of the rows that do not judge
   const Chain& seen() const { return seen_; }
   const Chain& all() const { return all_; }
-  // Both under one noise model: a new one, or that of the rows that do not judge.
+  // Gives both chains one noise model: a new one, or that of the rows that do not judge.
   void set_noise(const NoiseModel& noise);
   void share_noise() { all_.set_noise(seen_.noise()); }
   void stop_when(const std::function<bool()>& stop);
@@ -36,7 +36,7 @@ class DriveProblem {
   const Record& whole_;
   int n_p_;
   std::size_t rows_;
-  Record seen_rows_;  // at the log's rate, without those that judge
+  Record seen_rows_;  // at the log's rate, without the judging rows
   NoisierRecords noisier_;
   Record record_, answered_record_, readings_record_, all_rows_;
   Equations equations_, answered_, readings_;

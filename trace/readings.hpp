@@ -1,4 +1,4 @@
-// The log read in another way: other angles, another order of the phases.
+// Other readings of the log: other angles, another order of the phases.
 #pragma once
 #include <vector>
 
@@ -12,12 +12,12 @@ struct OtherReading {
   const char* expected;
   const char* hint;
   Reading reading;
-  double K_t_J = 1;  // over the declared, where that is what differs
+  double K_t_J = 1;  // over the declared, if it is what differs
 };
 
 std::vector<OtherReading> other_readings(int n_p, int encoder_counts);
-// The log does not fit as it is, and does in another reading: in the voltage, or, where that says
-// nothing or fits, in the torque. A voltage that is mostly EMF fits with any current.
+// The other readings that fit if the log as it is does not. The voltage decides or, if it is of no
+// use or fits, the torque: a voltage that is mostly EMF fits with any current.
 std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& facts,
                                        const ScaleFactors& as_it_is, int encoder_counts);
 

@@ -5,29 +5,29 @@
 
 namespace twinrate {
 
-// Less rms is left of any model: no rest of it matters, however small the noise is.
+// Smaller residuals (rms) of any model do not matter, however small the noise is.
 double least_voltage(const DriveFacts& facts);
 double least_torque(const DriveFacts& facts);
 
-// Binned means of the whitened residual over current, speed, angle, time and direction, of the rows
-// that do not judge, where they are beyond chance and beyond what the same means say of the sensors'
-// drawn errors. Where nothing is claimed they must lower the error of the rows that judge, too,
-// beyond chance, by pieces as in the gate; beside a claim it is enough that they do not raise it.
-// Those over time, of which no other rows are there, are told beside a claim, and not confirmed alone.
-// Where one mean for all rows has most of the share, that is told, and no axis.
-// A d voltage below half of the EMF that an angle error of half a count makes is in doubt.
-// Where no rows judge, every fourth of 24 blocks does. Counts that are moved (trace/rounding.hpp)
-// make the slow errors of a speed that passes whole counts from row to row; they excuse nothing
-// beside an error of a current or angle that is claimed, which might be theirs.
-// On the 36 logs of set A (bench/blind) that lack nothing and had a structure, or none for a fault,
-// an axis is left in 5 with all rules; in 8 without that of the sensors, in 12 without that of
-// transfer, in 11 where an axis may move by its noise alone, in 26 by the means of fitted rows alone.
+// Structure of the whitened residual: its binned means over current, speed, angle, time and
+// direction, on the rows that do not judge. A structure must exceed chance and the same means of
+// the drawn sensor errors. Without a claim it must also lower the error of the rows that judge,
+// beyond chance, by pieces as in the gate. Beside a claim it must not raise that error. A structure
+// over time has no other rows that could judge it: it is reported beside a claim, and alone it is
+// not confirmed. If one mean of all rows has most of the share, that mean is reported and no axis.
+// A d voltage below half of the EMF that an angle error of half a count makes is in doubt. If no
+// rows judge, every fourth of 24 blocks does. Moved counts (trace/rounding.hpp) reproduce the slow
+// errors at a speed that passes whole counts from row to row. Beside a claimed error of a current
+// or of the angle they excuse nothing, because the structure may come from that error. Of the 36
+// logs of set A (bench/blind) that lack nothing and had a structure, or none for a fault, 5 have an
+// axis left with all rules; 8 without the rule of the sensors, 12 without that of transfer, 11 if
+// an axis may move by its noise alone, 26 by the means of fitted rows alone.
 std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit);
-// A line (periodic_torque) that the selection needed.
+// The structure of a line (periodic_torque) that the selection needed.
 Structure line_structure(const Effect& effect, const Selected& selected);
 // The run that separates the kinds, in words.
 std::string what_separates(const std::vector<std::string>& kinds);
-// The same where no profile of speed, load and current does; empty: one may.
+// The same if no profile of speed, load and current separates them; empty: one does.
 std::string beyond_a_run(const std::vector<std::string>& kinds);
 
 }  // namespace twinrate

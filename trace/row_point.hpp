@@ -4,8 +4,8 @@
 
 namespace twinrate {
 
-// Row k of a log, seen in `frame`: its voltage, and its bus voltage or the nominal `v_dc`. Currents
-// and load are left to the caller.
+// Operating point of row k of a log in `frame`: its voltage, and its bus voltage or the nominal
+// `v_dc`. The caller sets currents and load.
 inline OperatingPoint point_of(const Record& record, std::size_t k, const RotorFrame& frame,
                                double v_dc) {
   OperatingPoint p = point_of(record.t[k], frame);

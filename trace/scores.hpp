@@ -1,4 +1,4 @@
-// What a set of effects costs, and what each candidate would bring to it.
+// The score of a set of effects, and the gain of each candidate beside it.
 //
 //   score of a set = N log(RSS) + k log(N) + margin (number of effects),   lower is better
 #pragma once
@@ -7,21 +7,21 @@
 namespace twinrate {
 
 struct Score {
-  std::shared_ptr<Effect> effect;  // with the linear coefficients set; null: cannot be told
+  std::shared_ptr<Effect> effect;  // with the linear coefficients set; null: undetermined
   double gain = 0;                 // fall of the score
   double sigma_in_sizes = 0;       // one sigma over the smallest size worth reporting
   bool valid = false;              // inside the ranges of its keys, and large enough
 };
 
-// What adding each candidate to `fit` would bring, by linear regression with the fit's own
+// Gain of each candidate if it is added to `fit`, by linear regression with the fit's own
 // parameters free.
 std::vector<Score> score_all(const Fitter& fitter, const Fit& fit,
                              const std::vector<Candidate>& candidates);
 double score_of(const Fitter& fitter, const Fit& fit);
-// Two of one kind nearer than the distance of its repeats are one: of a load step so close to
-// another a shaft shows more than a step.
+// True if two effects of one kind are closer than the least distance of its repeats. They then
+// count as one: a shaft shows more than a step of two load steps so close together.
 bool repeats_nearby(const Effect& member, const Effect& newcomer);
-// Those that are fitted: coefficients, and keys that are searched.
+// Number of fitted parameters: coefficients, and keys that are searched.
 std::size_t parameters_of(const Effect& effect);
 
 }  // namespace twinrate

@@ -1,5 +1,5 @@
-// The search for what is missing: rounds of a noise model and a selection, an effect each, then a comparison of
-// what was found with what could stand in its place (trace/selection.hpp).
+// The search for missing effects: rounds of a noise model and a selection of one effect each. Then
+// each effect is compared with the kinds that could replace it (trace/selection.hpp).
 #pragma once
 #include <string>
 #include <vector>
@@ -12,24 +12,27 @@ namespace twinrate {
 
 struct Health;
 
-// Score that a new effect must bring (Fitter::set_margin): more where the converter is coarse or rows are lost.
+// Least score gain of a new effect (Fitter::set_margin): higher if the converter is coarse or rows
+// are lost.
 double margin_of(const Record& record, const Health& health, const DriveFacts& facts);
 
 class Search {
  public:
-  // The problem is searched on its rows that do not judge, and gets their noise model.
+  // Searches on the rows of the problem that do not judge, and sets the noise model of those rows.
   Search(DriveProblem& problem, double margin, const Say& say);
-  // Kinds that are not looked for.
+  // Kinds that the search leaves out.
   void leave_out(std::vector<std::string> kinds) { left_out_ = std::move(kinds); }
-  // Goes on from `found`. Throws TraceStopped.
+  // Continues from `found`. Throws TraceStopped.
   Selection operator()(Fit found);
-  // After the last whole round, not compared, where a search was stopped; throws TraceStopped before the first.
+  // The selection after the last complete round of a stopped search, without the comparison; throws
+  // TraceStopped before the first.
   Selection so_far();
   Fitter fitter() const;
   const Dictionary& dictionary() const { return dictionary_; }
 
  private:
-  // Of what the model with what has been found leaves; the columns anew where it is another.
+  // Noise model from the residual of the effects found so far; computes the columns again if
+  // needed.
   void renew_noise(bool first);
 
   DriveProblem& problem_;
@@ -41,7 +44,7 @@ class Search {
   std::vector<std::string> left_out_;
   NoiseFit fit_noise_;
   Fit fit_;                  // after the last whole round
-  NoiseModel noise_of_fit_;  // that it was made under
+  NoiseModel noise_of_fit_;  // under which it was made
   int rounds_ = 0;
 };
 

@@ -1,9 +1,9 @@
 // The steps of a sensor, found in its readings.
 //
-// An encoder is a counter: it rounds down, and a reading stands at the low end of its cell, as the
-// simulated encoder's does (model/sensors.hpp). The tracer takes every reading for the centre of
-// its cell; left at the low end it would lag by half a count, and an offset, an inductance or a
-// saturation would explain that.
+// An encoder is a counter: it rounds down, so a reading is at the low end of its cell, as with the
+// simulated encoder (model/sensors.hpp). The tracer takes every reading as the centre of its cell.
+// At the low end the angle would lag by half a count, and an offset, an inductance or a saturation
+// would explain that lag.
 #pragma once
 #include <cstddef>
 #include <optional>
@@ -14,16 +14,16 @@ namespace twinrate {
 
 struct Sensor {
   double lsb = 0;     // step between readings; 0: none that matters
-  double centre = 0;  // of a cell, less its reading
+  double centre = 0;  // of a cell, relative to its reading
 
   int counts() const;  // a turn, of an angle; 0: no steps
 };
 
 // The steps of an angle, in rad, from its readings in the order of time. Encoders of 2^18 counts
-// and more have none that matter: half a count is 12 urad there. `declared`: counts a turn of the
-// drive file, 0 where it has none. A step that the readings show has priority. If the rotor turns by
-// about one count a row, the readings look like those of a clock and show none: they are then taken
-// for the declared encoder's if they are on its grid.
+// and more have no steps that matter: half a count is 12 urad there. `declared`: counts a turn of
+// the drive file, 0 if it has none. A step that the readings show has priority. If the rotor turns
+// by about one count a row, the steps look like those of a clock and are not detected. Readings on
+// the grid of the declared encoder are then taken as its counts.
 class AngleSteps {
  public:
   explicit AngleSteps(int declared = 0) : declared_(declared) {}
@@ -35,10 +35,10 @@ class AngleSteps {
 
   int declared_;
   std::unordered_set<long long> readings_;  // within a turn, by tenths of a urad
-  bool few_ = true;                         // enough to be a counter's
+  bool few_ = true;                         // few enough for a counter
   std::optional<double> last_, before_;
   std::size_t moves_ = 0, bends_ = 0;  // rows
-  double way_ = 0;                     // rad, of all that move
+  double way_ = 0;                     // rad, of all rows that move
   std::vector<double> first_bends_;    // rad
 };
 

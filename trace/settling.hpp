@@ -1,7 +1,6 @@
-// What has been chosen, one after the other, in its simplest true words: sorts of friction that
-// stand in for others, two lags for one, the form of a curve, a gap whose keys are those of a
-// hollow beside the true one; and without what turned out too small or uncertain beside all the
-// others.
+// Simplifies a selection after its steps: kinds of friction that replace others, one lag for two,
+// the form of a curve, a gap whose keys are in a local minimum beside the true one. Also drops the
+// effects that are too small or too uncertain beside all the others.
 #pragma once
 #include "trace/acceptance.hpp"
 
@@ -9,7 +8,7 @@ namespace twinrate {
 
 struct Settled {
   Fit fit;
-  bool changed = false;  // its members, or a word or key that no refinement changes
+  bool changed = false;  // its members, or a choice or key that no refinement changes
 };
 
 Settled settle(const Fitter& fitter, Fit fit, const Say& say);

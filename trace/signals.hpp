@@ -1,5 +1,5 @@
-// Sampled signals, earlier, smoother and differentiated, without an error of phase in the tracer's
-// band.
+// Filters for sampled signals: advance, smoothing and differentiation without a phase error in the
+// tracer's band.
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -10,9 +10,9 @@
 
 namespace twinrate {
 
-// The signal that was read late by `delay` behind a filter of time constant `tau`:
-// true(t) = (reading + tau reading')(t + delay), by cubics through four samples; near the ends as
-// it was read.
+// The true signal of a reading that is late by `delay` behind a filter of time constant `tau`:
+// true(t) = (reading + tau reading')(t + delay), by cubics through four samples; unchanged near the
+// ends.
 template <class Value>
 std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double tau, double T_s) {
   const auto n = static_cast<std::ptrdiff_t>(reading.size());
@@ -32,11 +32,11 @@ std::vector<Value> ahead(const std::vector<Value>& reading, double delay, double
   return out;
 }
 
-// Less noise, the same within the tracer's band: a quadratic through eleven samples (Savitzky and
-// Golay), or as long where each is the mean of `rows_each`. Effects that bend, like a dead time at
-// small currents, would make an offset of the noise.
+// Less noise and the same content within the tracer's band: a quadratic through eleven samples
+// (Savitzky and Golay), or over the same time if each is the mean of `rows_each`. A non-linear
+// effect, such as a dead time at small currents, would turn the noise into an offset.
 std::vector<Vec2> smoothed(const std::vector<Vec2>& x, int rows_each = 1);
-// Slope of a straight line through 21 samples, or as long; fewer near the ends.
+// Slope of a straight line through 21 samples, or over the same time; fewer near the ends.
 std::vector<double> smooth_rate(const std::vector<double>& theta_m, double T_s, int rows_each = 1);
 
 }  // namespace twinrate

@@ -1,6 +1,6 @@
-// The log's own speed against its angle: over a window the angle turned less the integral of the
-// speed is the lag of the speed times its change, whatever filter made it, and what is left in
-// proportion to the angle is a wrong scale.
+// The log's own speed against its angle. Over a window, the change of the angle less the integral
+// of the speed has two parts: the lag of the speed times its change, whatever filter caused the
+// lag, and a part in proportion to the angle, which a wrong scale causes.
 //
 //   turned = integral of omega_m / scale + lag (omega_m at the end - at the beginning) / scale
 #pragma once
@@ -12,12 +12,12 @@ namespace twinrate {
 
 class SpeedAgainstAngle {
  public:
-  // Rows in order, T_s apart; rows that are missing begin another window.
+  // Rows in order, T_s apart; a missing row begins another window.
   void add(double t, double theta_m, double omega_m, double T_s);
 
   struct Difference {
-    double lag_s = 0;  // of omega_m behind theta_m; 0: none that shows
-    double scale = 1;  // of omega_m; 1: none that shows
+    double lag_s = 0;  // of omega_m behind theta_m; 0: none visible
+    double scale = 1;  // of omega_m; 1: no error visible
   };
   Difference difference() const;
 

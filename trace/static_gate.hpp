@@ -1,11 +1,11 @@
-// The gate (trace/point_gate.hpp) of a static set, and what no effect explains of it.
+// The gate (trace/point_gate.hpp) of a static set, and the part of it that no effect explains.
 #pragma once
 #include "trace/static_selection.hpp"
 
 namespace twinrate {
 
-// Takes from `selection` what does not pass, the weakest first, and fits the others anew to all
-// points that do not judge. Constants are claims as all others.
+// Removes the refused terms from `selection`, the weakest first, and fits the others again to all
+// points that do not judge. Constants are claims like all others.
 void pass_gate(const StaticProblem& problem, StaticSelection& selection);
 
 }  // namespace twinrate

@@ -1,12 +1,12 @@
-// Pictures of a set without time: what constants alone leave of each channel, and what is left
-// with the traced effects.
+// Pictures of a set without time: the residual of each channel with the constants alone, and with
+// the traced effects.
 #pragma once
 #include "trace/result.hpp"
 #include "trace/static_sets.hpp"
 
 namespace twinrate {
 
-// One a channel: an inverter curve over the current of its phase (the curve itself, too), a flux
+// One a channel: an inverter curve over the current of its phase (with the curve itself), a flux
 // map over the current of the axis.
 std::vector<TracePicture> static_pictures(const StaticTrace& trace, StaticKind kind);
 

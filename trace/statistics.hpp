@@ -1,4 +1,4 @@
-// Tails of distributions, for evidence.
+// Tail probabilities of distributions.
 #pragma once
 #include <vector>
 
@@ -6,13 +6,13 @@
 
 namespace twinrate {
 
-// P(chi-square with k degrees of freedom > x); 0 where it is below 1e-300.
+// P(chi-square with k degrees of freedom > x); 0 if it is below 1e-300.
 double chi_square_tail(double x, double k);
-// Wilcoxon's signed-rank test: the probability that votes with no preference for either side lie so
-// far above 0; 1 for none.
+// Wilcoxon's signed-rank test: the probability that votes without a preference are this far above
+// 0; 1 without votes.
 double signed_rank_tail(const std::vector<double>& votes);
-// Ljung-Box over the runs: the p-value of "white". `fitted`: coefficients of the autoregression
-// whose innovations they are, where it was made from the same rows.
+// Ljung-Box test over the runs: p-value of the hypothesis that e is white. `fitted`: coefficients
+// of the autoregression of which e are the innovations, if it was fitted to the same rows.
 double whiteness_p_value(const Eigen::VectorXd& e, const Runs& runs, int lags = 20, int fitted = 0);
 
 }  // namespace twinrate

@@ -1,6 +1,6 @@
-// Whether the coefficients of anything that could be missing change at a moment of the record: where
-// a change of the drive is looked for (trace/change_points.hpp). It proves nothing. Nothing is asked
-// where no block of the residual is louder than the median one by more than its scatter.
+// Finds a moment of the record at which the coefficients of a candidate change. There the change of
+// the drive is tested (trace/change_points.hpp); the suspicion alone proves nothing. There is no
+// suspicion if no block of the residual exceeds the median block by more than its scatter.
 #pragma once
 #include <optional>
 
@@ -8,8 +8,8 @@
 
 namespace twinrate {
 
-// The row of `record` from which on coefficients are others; none where nothing is suspicious.
-// `found`: effects that the model has beside those known. `seams`: rows at which files begin.
+// The first row of `record` with other coefficients; none if nothing is suspicious. `found`:
+// effects of the model beside the known ones. `seams`: first rows of files.
 std::optional<std::size_t> suspicious_row(const Record& record, const DriveConfig& drive,
                                           const Effects& found,
                                           const std::vector<std::size_t>& seams);

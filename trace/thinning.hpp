@@ -1,15 +1,16 @@
-// A record at the rate that the tracer needs: several rows as one.
+// A record at the rate that the tracer needs: one row for several.
 //
-// The tracer compares below 400 Hz; residuals and columns at 10 kHz and more cost time alone. With
-// m rows as one, weights w_j = c(j/m)/m, |j| < 2 m, c the cubic through four points, and R(x) a
-// turn by n_p x,
+// The tracer compares below 400 Hz. Residuals and columns at 10 kHz and more only cost time. With m
+// rows in one, weights w_j = c(j/m)/m, |j| < 2 m, c the cubic through four points, and R(x) a
+// rotation by n_p x,
 //   theta_K = sum_j w_j theta[k + j],     k = m K + 2 m - 1
 //   i_K     = sum_j w_j R(theta[k] - theta[k + j]) i[k + j]
 //   u_K     = sum_j w_j R(theta[k] - theta[k + j]) (u[k + j] + .. + u[k + j + m - 1])/m
-// all in stator axes. One weight for all signals: what held from row to row holds from K to K + 1,
-//   u_K = R_s i + (psi_{K+1} - psi_K)/(m T_s),
-// and the turn, which is that of the flux, keeps a fast one as large as it is. A cubic passes the
-// weights as it is: what is a function of theta is that of theta_K.
+// all in stator axes. The weights are the same for all signals, so an equation that holds from row
+// to row holds from K to K + 1,
+//   u_K = R_s i + (psi_{K+1} - psi_K)/(m T_s).
+// The rotation is that of the flux, so a fast flux keeps its amplitude. The weights reproduce a
+// cubic exactly, so a function of theta is that of theta_K.
 #pragma once
 #include <cstddef>
 #include <vector>
@@ -18,12 +19,11 @@
 
 namespace twinrate {
 
-// Rows that are one for the tracer: 2 at 10 kHz, 1 below.
+// Number of rows in one row of the tracer: 2 at 10 kHz, 1 below.
 std::size_t rows_as_one(double T_s);
-// A row can be used where all can that it is made of; rows that would be made of what is apart in
-// time are left out.
+// A row is usable if all its rows are. A row across a step of time is left out.
 Record thinned(const Record& record, std::size_t rows, int n_p);
-// Of something else that the record has by the row.
+// The same for other values by row of the record.
 std::vector<char> thinned(const std::vector<char>& of_rows, const Record& record, std::size_t rows);
 std::vector<int> thinned(const std::vector<int>& of_rows, const Record& record, std::size_t rows);
 

@@ -19,17 +19,17 @@ struct SourceRows {
 struct TraceSettings {
   double holdout = 0.25;          // share of the time that does not train
   Say say;                        // progress, one line each; may be empty
-  std::function<bool()> stop;     // asked at every step: true ends the trace; may be empty
-  std::vector<SourceRows> files;  // that make the record; empty: one
+  std::function<bool()> stop;     // called at every step: true ends the trace; may be empty
+  std::vector<SourceRows> files;  // of the record; empty: one
   Considered considered;          // kinds that the model may lack
-  // What passed is fitted once more to the rows that judged it, too, if those are given; if they
-  // are blocks of the record it always is.
+  // If judging rows are given: fits the passed effects once more, with these rows included. If the
+  // judging rows are blocks of the record, this is always done.
   bool fit_judging_rows = false;
 };
 
-// Where it is stopped after at least one round of the selection the result holds what was found
-// until then; before that TraceStopped is thrown. `held_out`: of each row of the record, whether it
-// judges; empty: blocks by settings.holdout.
+// If stopped after at least one round of the selection, the result holds the effects found so far;
+// before that TraceStopped is thrown. `held_out`: of each row of the record, whether it judges;
+// empty: blocks by settings.holdout.
 TraceResult trace_record(const Record& record, const DriveConfig& drive, const Health& health,
                          const TraceSettings& settings, std::vector<char> held_out = {});
 

@@ -1,8 +1,8 @@
-// The rule of transfer of the gate (trace/gate.hpp), for any problem: a claim lowers the raw error
-// of rows that judge by more than chance.
+// The gate's rule of transfer (trace/gate.hpp) for any problem: a claim lowers the raw error on the
+// judging rows beyond chance.
 //
-// Rows that judge are cut into pieces. Piece b says r_b = 1/2 ln(E_b without / E_b with); a piece
-// whose energy changes by less than a silent share does not vote.
+// The judging rows are cut into pieces. The vote of piece b is r_b = 1/2 ln(E_b without / E_b
+// with). A piece whose energy changes by less than a silent share does not vote.
 #pragma once
 #include <limits>
 #include <map>
@@ -19,28 +19,31 @@ using Pieces = std::map<std::pair<int, std::size_t>, double>;
 struct Votes {
   Judgement judgement;
   double mean = 0;              // of r_b, over all pieces that vote
-  double quieter = 0;           // of each r_b, for sensor noise that the claim makes smaller
-  double of_angle = 0;          // pooled fall that a noise of the angle alone would make
+  double quieter = 0;           // part of each r_b from sensor noise that the claim reduces
+  double of_angle = 0;          // pooled fall that noise of the angle alone would make
   double beyond_angle = 1;      // ln of the further fall, mean over frequencies
   double over_noise = 1;        // energy without the claim, over that of the sensors' noise
   double least_over_noise = 1;  // that the claim needs
-  // The residual without the claim along what the claim changes, in deviations of the sensors' noise
-  // along it; 0: noise in the claim itself could make that up.
+  // Projection of the residual without the claim on the change by the claim, over the standard
+  // deviation of the same projection of the sensors' noise; 0: not used, because noise in the claim
+  // itself could make it.
   double along_change = 0;
-  // Energy of what it changes of the voltages, over that of what it changes of the noise in them and
-  // of the controller's answer to it.
+  // Energy of the change of the voltages, over that of the change of their noise and of the
+  // controller's response to it.
   double change_over_noise = std::numeric_limits<double>::infinity();
-  // As along_change, of a claim that holds noise: less what that has in common with the residual's.
+  // As along_change, for a claim that holds noise: less the part in common with the residual's
+  // noise.
   double along_beside_noise = 0;
   std::map<int, double> worse;    // by file: chance of pieces so much worse
   std::map<int, double> of_file;  // mean of r_b
 };
-// `quieter` is taken off each r_b, and the fall of all together must exceed it; what a file says of
-// itself keeps it.
+// `quieter` is subtracted from each r_b, and the fall of all pieces together must exceed it. The
+// values of a single file include it.
 Votes votes_of(const Pieces& without, const Pieces& with, double silent, double quieter = 0);
 
-// One a claim, none where it transfers (rule empty): by too few votes, a file that is worse, no
-// gain in all, or by chance, after Holm over the claims. The name of the claim is left open.
+// One for each claim; its rule is empty if the claim transfers. Refusals: too few votes, a file
+// that becomes worse, no gain of all rows, or chance, after Holm over the claims. The caller sets
+// the kind.
 std::vector<Refused> refused_by_transfer(const std::vector<Votes>& claims,
                                          const std::vector<std::string>& files,
                                          const Criterion& criterion);

@@ -1,9 +1,9 @@
-// What all candidates together cannot explain of one channel: noise.
+// The part of one channel that all candidates together cannot explain: noise.
 //
-// Least squares on pieces spread over the record, weighed by what the noise should look like: slow
-// columns are known far better than the whole noise lets them be, and a slow rest of them would
-// pass for slow noise. The products of columns that are the same as the last time are kept: between
-// two rounds of a trace few are made anew.
+// Least squares on pieces spread over the record, weighted by the expected noise. Without the
+// weights, slow columns would be determined far better than the whole noise allows, and their slow
+// residual would look like slow noise. Products of unchanged columns are kept, because few columns
+// change between two rounds of a trace.
 #pragma once
 #include <Eigen/Core>
 #include <optional>
@@ -16,21 +16,21 @@ namespace twinrate {
 class Unexplained {
  public:
   using Columns = std::vector<const Eigen::VectorXd*>;  // all of the length of y
-  // Of noise that is to be expected; without: white.
+  // Sets the expected noise; without it, noise is white.
   void expect(Whitener noise) { noise_ = std::move(noise); }
   bool expects() const { return noise_.has_value(); }
   void look_at(const Columns& x);
-  // What the first `count` of the columns leave of y; y itself where it is too short for so many.
+  // The residual of y after the first `count` columns; y itself if it is too short for that number.
   Eigen::VectorXd operator()(const Eigen::VectorXd& y, Eigen::Index count) const;
 
  private:
-  // Piece by piece.
+  // Applies the weights piece by piece.
   Eigen::VectorXd weighed(const Eigen::VectorXd& pieces) const;
 
   std::optional<Whitener> noise_;
   Columns x_;
-  Eigen::MatrixXd X_;      // pieces of the columns, weighed, of length one
-  Eigen::VectorXd scale_;  // that made them so
+  Eigen::MatrixXd X_;      // pieces of the columns, weighted, of unit norm
+  Eigen::VectorXd scale_;  // factors of that normalisation
   Eigen::MatrixXd G_;      // X_' X_
 };
 

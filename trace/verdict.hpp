@@ -1,5 +1,5 @@
-// The verdict of a trace and the beginning of its headline, the same for every problem: a drive log,
-// angle and current, a static set, the bus.
+// The verdict of a trace and the beginning of its headline, the same for every problem: a drive
+// log, angle and current, a static set, the bus.
 #pragma once
 #include <string>
 
@@ -7,21 +7,21 @@
 
 namespace twinrate {
 
-// unexplained   structure is left that no effect passes for; or the trace was ended before the rows
-//               that judge were asked
-// traced        effects passed the gate
-// ambiguous     effects passed that have another name; or none did, and the data allow no statement:
-//               what was found was refused, and no structure is left without it
+// unexplained structure remains that no effect explains; or the trace was ended before the judging
+//               rows were read
+// traced effects passed the gate ambiguous effects passed that have an alias; or none passed, and
+// the data allow no statement:
+//               the findings were refused, and no structure remains without them
 // nothing_missing
 const char* verdict_of(const TraceResult& r);
-// The refusal that counts most: of what is left, else the first that is no matter of size; null
-// where there is none.
+// The refusal that matters most: one whose claim lowers the error of judging rows beyond chance,
+// else the first. Refusals for the size or by the sensors do not count; null if there is none.
 const Refused* refusal_to_tell(const TraceResult& r);
-// Which rule refused what was found, and where; not what it was.
+// The rule that refused the findings, and where; without their kind.
 std::string refusal_in_words(const Refused& refused);
-// "Nothing missing", said of the kinds alone that the data would show.
+// "Nothing missing", only for the kinds that the data would show.
 std::string nothing_in_words(const TraceResult& r);
-// What a headline begins with that is not `traced`; empty for that.
+// The beginning of a headline if the verdict is not `traced`, else empty.
 std::string headline_begins(const TraceResult& r);
 
 }  // namespace twinrate

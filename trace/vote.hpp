@@ -1,4 +1,4 @@
-// What the rows that judge say of one claim: with it and without, channel by channel.
+// The vote of the judging rows on one claim: errors with it and without it, by channel.
 #pragma once
 #include <array>
 #include <map>
@@ -24,15 +24,18 @@ class JudgingRows {
   double product(const Sampled& x, const Sampled& y, Channel channel) const;
   double energy(const Sampled& y, Channel channel) const { return product(y, y, channel); }
   void add_energy(const Sampled& y, Channel channel, std::map<int, double>& of_file) const;
-  // What `y` holds along `change`, in deviations of what `noise` holds along it at other moments.
+  // Projection of `y` on `change`, over the standard deviation of the same projection of `noise` at
+  // other moments.
   double along(const Sampled& y, const Sampled& change, const Sampled& noise,
                const std::vector<Channel>& moved) const;
-  // Share of the energy of what a claim changes that the means over a few long stretches have: what a
-  // scale of the equations could change as well. What turns with the rotor, or stands while it turns, has none.
+  // Share of the energy of a claim's change that the means over a few long stretches have, which a
+  // scale of the equations could explain as well. The share is 0 for a change that turns with the
+  // rotor, or that is constant while the rotor turns.
   double steady_share(const Sampled& with, const Sampled& without,
                       const std::vector<Channel>& moved) const;
-  // Energies with a claim and without, in as many pieces of each file as eight a block: each has as much of its
-  // time and of what the claim changes, half and half. One that acts at a few moments speaks there.
+  // Energies with a claim and without it, in eight pieces for each block of a file. The size of a
+  // piece is half its share of the time and half its share of the claim's change, so that a claim
+  // that acts at a few moments has pieces there.
   struct Energies {
     Pieces with, without;
   };
@@ -61,16 +64,18 @@ struct Vote : Votes {
   double steady_share = 0;
 };
 
-// `with`, `without`: whitened residuals of the models with the claim and without. `through_zone`: the model has
-// what turns at a current's zero: some 30 Ohm around it make any noise loud there, and what is told there is no
-// noise. `silent`: share of the energy below which nothing is moved.
+// `with`, `without`: whitened residuals of the models with the claim and without it.
+// `through_zone`: the model has an effect that depends on a current's zero. Its slope of some 30
+// Ohm amplifies any noise there, so the comparisons with noise are left out. `silent`: share of the
+// energy below which a channel does not count as changed.
 Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& without,
           const AngleErrorFall& angle, const Effect& claim, bool through_zone, double silent);
 
-// Energy of the torque that is left over that of the sensors' noise.
+// Energy of the residual torque over that of the sensors' noise.
 double torque_over_noise(const JudgingRows& judging, const Sampled& left);
-// What the rows hold along what a claim changes, in deviations of the noise of the sensors and of the controller's
-// answer to it, less what that noise has in common with the noise in the claim. 0: along it they hold nothing.
+// Projection of the rows on a claim's change, over the standard deviation of the noise of the
+// sensors and of the controller's response to it, less the part that this noise has in common with
+// the noise in the claim. 0: the projection vanishes.
 double along_beside_noise(const JudgingRows& judging, const Sampled& with, const Sampled& without,
                           const std::vector<Channel>& moved);
 
