@@ -15,7 +15,7 @@ std::vector<double> sizes_of(const Effect& effect) {
   return c;
 }
 
-// d(explained)/d(coefficient) at the fit, whatever the effect depends on.
+// d(explained)/d(coefficient) at the fit, beside all other effects.
 std::vector<Sampled> columns_beside(const Chain& chain, const Members& members, std::size_t m,
                                     const Sampled& residual) {
   const Effect& effect = *members[m];
@@ -83,7 +83,7 @@ void compare_parts(const PartSums& from, const PartSums& on, const std::vector<c
   if (!moved_from) return;
   const double own_gain = without.energy - here.energy,
                foreign_gain = without.energy - foreign.energy;
-  // What moves the part, but not for the better; or what does not move it, and should have.
+  // Leaves out a part that the claim does not move, unless the foreign coefficients make it worse.
   if (own_gain <= least * unit && foreign_gain > -least * unit) return;
   ++out.compared;
   const double kept = foreign_gain / std::max(own_gain, least * unit);

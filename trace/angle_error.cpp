@@ -31,7 +31,8 @@ Masses masses(const Members& members, const MachineParameters& m) {
   return out;
 }
 
-// Z / (J s^2), by the bilinear rule; beside a shaft that is there already only the motor's share.
+// Z / (J s^2), by the bilinear transform. If there is a shaft already, only the motor's share
+// counts.
 class AngleError {
  public:
   AngleError(const Masses& with, const Masses& without, double T_s)
@@ -48,7 +49,7 @@ class AngleError {
     a_ = {(2 * w2 - 2 * c * c) / a0, (c * c - damping * c + w2) / a0};
   }
   double motor() const { return motor_; }  // share of the inertia that stays at the motor
-  // From rest at the first row of a run.
+  // Starts a run in the steady state of its first row.
   void start(double x) { before_ = last_ = {x, x}; }
   double operator()(double x) {
     const double y =
@@ -94,8 +95,8 @@ std::vector<Range> judging_runs(const Runs& runs) {
   return out;
 }
 
-// Mean over frequencies of ln(energy of a / energy of b), in windows of 64 rows or fewer, at most three
-// quarters of the longest run.
+// Mean over frequencies of ln(energy of a / energy of b), in windows of at most 64 rows and at most
+// three quarters of the longest run.
 double mean_log_ratio(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
                       const std::vector<Range>& ranges) {
   constexpr Eigen::Index kLongest = 64, kShortest = 16;

@@ -12,12 +12,12 @@ namespace {
 
 constexpr int kCells = 9;  // of each axis of a map
 constexpr std::size_t kMaps = 3;
-constexpr double kGap = 1.5;  // of its rows' time: a block that takes longer holds a gap
+constexpr double kGap = 1.5;  // of its rows' time: a block that takes longer has a gap
 constexpr int kMostSweeps = 6;
 
 using Cells = std::array<std::size_t, kMaps>;
 
-// From the lowest to the highest value of the log, in kCells steps.
+// Cell of a value: the range of the log in kCells equal steps.
 class Scale {
  public:
   template <class Value>
@@ -50,11 +50,11 @@ std::vector<Cells> cells_of(const std::vector<Slot>& slots) {
   return cells;
 }
 
-// How often each cell is met by the blocks that are taken.
+// Number of slots in each cell from the blocks taken so far.
 class Coverage {
  public:
   explicit Coverage(const std::vector<Cells>& cells) : cells_(cells) {}
-  // What the block is worth beside those that are there.
+  // Increase of the worth with the block, beside the blocks taken so far.
   double gain(const Block& block) {
     const double before = worth_;
     add(block, 1);

@@ -44,7 +44,7 @@ TWINRATE_PART void twinrate_part(const twinrate::BoundedProblem& p, std::vector<
 
   ceres::Covariance::Options of_covariance;
   of_covariance.algorithm_type = ceres::DENSE_SVD;
-  of_covariance.null_space_rank = -1;  // what the points do not tell has none
+  of_covariance.null_space_rank = -1;  // a parameter that the points do not determine has none
   ceres::Covariance covariance(of_covariance);
   const std::vector<std::pair<const double*, const double*>> blocks{{x.data(), x.data()}};
   fit.covariance.resize(parameters * parameters);

@@ -17,7 +17,7 @@ Record as_applied(Record record, const Effects& effects) {
   if (on_bus.empty() || record.u_alphabeta.empty() || record.v_dc.empty()) return record;
   const auto [low, high] = std::minmax_element(record.v_dc.begin(), record.v_dc.end());
   const double highest = *high;
-  if (*low == highest) return record;  // a set value, in which no ripple is
+  if (*low == highest) return record;  // a set value, without a ripple
   const auto ripple = [&](double t) { return sum_at(on_bus, {.t = t}).v_dc; };
   double end = 0;
   for (std::size_t k = 0; k < record.size(); ++k) {

@@ -10,16 +10,16 @@
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kSync = 256;   // rows after which a turning pointer is set anew
-constexpr std::size_t kNear = 3;     // bins a Hann window's own peak takes to each side
-constexpr std::size_t kAround = 16;  // bins beyond those that say what stands beside it
-constexpr double kStandsOut = 12;    // power over that
+constexpr std::size_t kSync = 256;   // rows after which a pointer is computed anew
+constexpr std::size_t kNear = 3;     // bins of a Hann window's own peak, each side
+constexpr std::size_t kAround = 16;  // bins beyond those that give the level beside it
+constexpr double kStandsOut = 12;    // power over that level
 constexpr int kRounds = 4;           // of Gauss-Newton
 constexpr double kReach = 0.15;      // bins
 
 using Complex = std::complex<double>;
 
-// exp(2 pi i f t) of rows T_s apart, one after another.
+// exp(2 pi i f t) at rows T_s apart, in sequence.
 class Pointer {
  public:
   Pointer(double f, double T_s) : f_(f), turn_(std::polar(1.0, kTwoPi * f * T_s)) {}
@@ -43,7 +43,7 @@ double median(std::vector<double> x) {
   return *middle;
 }
 
-// Logs round their times: the step of one pair of rows is not that of the piece.
+// Logs round their times, so the step of one pair of rows is not that of the piece.
 double mean_step(const std::vector<double>& t, std::size_t first, std::size_t last) {
   return last - first > 1 ? (t[last - 1] - t[first]) / static_cast<double>(last - 1 - first) : 0;
 }
@@ -154,7 +154,7 @@ BusLine line_near(double f, const std::vector<double>& t, const std::vector<doub
     }
   BusLine line{.f = f};
   if (parts.empty() || size_of_all == 0) return line;
-  // Every part has the phase that the wrong frequency gives its middle.
+  // Each part has the phase that the error of the frequency makes at its middle.
   const double span = parts.back().t - parts.front().t;
   const double reach = kReach / (static_cast<double>(size) * T_s);
   const double step = std::min(reach, 0.125 / std::max(span, 1e-9));
@@ -209,7 +209,7 @@ void refine(const std::vector<double>& t, const std::vector<double>& x,
     const Eigen::VectorXd change = normal.ldlt().solve(right);
     for (std::size_t n = 0; n < lines.size(); ++n) {
       const auto at = static_cast<Eigen::Index>(3 * n);
-      // a and b came with the phase at t = 0: a change of f turns it about `origin`.
+      // a and b give the phase at t = 0: a change of f rotates it about `origin`.
       const Complex c = Complex(lines[n].b + change[at + 1], -(lines[n].a + change[at])) *
                         std::polar(1.0, -kTwoPi * change[at + 2] * origin);
       lines[n].b = c.real();

@@ -19,20 +19,20 @@
 namespace twinrate {
 namespace {
 
-constexpr double kSlow_s = 0.1;       // averages over so long are load, drift and steps
+constexpr double kSlow_s = 0.1;       // averages over this time are load, drift and steps
 constexpr double kLowest_Hz = 20;     // of a line
 constexpr double kHighest = 0.45;     // of the sampling rate
 constexpr double kWindow_s = 0.4;     // of the spectrum
-constexpr double kShortest_s = 0.05;  // of it
+constexpr double kShortest_s = 0.05;  // of that window
 constexpr std::size_t kFewestBusRows = 128, kMostBusLines = 4;
 constexpr double kSigmas = 8, kToBeSeen = 4;
 constexpr double kSteady = 0.9;
 constexpr std::size_t kPiecesOfRun = 4;
 constexpr double kUnseenLow = 0.5, kUnseenHigh = 1.5;  // amplitude on held-out rows over the fitted
 constexpr double kResolved = 1e-6;                     // of the bus voltage: no sensor does better
-constexpr double kSag = 0.1;          // of the bus voltage at rated power: more than a bus sags
-constexpr double kTimesSlope = 3;     // a resonance may make more of it
-constexpr double kPowerMoves = 0.02;  // of rated power: less says nothing of the slope
+constexpr double kSag = 0.1;          // of the bus voltage at rated power: more than any bus sags
+constexpr double kTimesSlope = 3;     // a resonance may raise the sag
+constexpr double kPowerMoves = 0.02;  // of rated power: a smaller variation gives no slope
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
 class RippleSearch {
@@ -77,7 +77,7 @@ class RippleSearch {
   std::vector<double> v_, x_, rest_;
   double smallest_ = 1, floor_ = 0;
   bool own_clocks_ = false;  // every piece has its own phase
-  bool excluded_ = false;    // the kind
+  bool excluded_ = false;    // the user excludes the kind
   std::vector<BusLine> lines_;
   std::vector<std::vector<double>> models_;  // of the lines, row by row
 };
@@ -91,7 +91,7 @@ bool RippleSearch::choose_window() {
   return size_ >= kFewestBusRows && static_cast<double>(size_) * record_.T_s >= kShortest_s;
 }
 
-// The line over all rows; where clocks differ, with the phase that each piece gives it.
+// The line over all rows; if clocks differ, with the phase of each piece.
 std::vector<double> RippleSearch::model_of(const BusLine& line) const {
   std::vector<double> y(x_.size(), 0.0);
   const double gain = high_pass_gain(line.f, window_, record_.T_s);
@@ -115,8 +115,8 @@ void RippleSearch::renew() {
   }
 }
 
-// The next strongest line, all refined together; false: there is none, or none that is steady
-// (`note`).
+// Adds the next strongest line and refines all together. False if there is none, or none with a
+// steady frequency (`note`).
 bool RippleSearch::add_line(std::string& note) {
   const BusSpectrum spectrum = bus_spectrum(rest_, training_, size_, record_.T_s);
   double beside = 0;
@@ -129,7 +129,7 @@ bool RippleSearch::add_line(std::string& note) {
   };
   BusLine line = near();
   if (line.steady < kSteady && !own_clocks_ && pieces_.size() > 1) {
-    // Files, one behind the other: the longest alone.
+    // Several files in sequence: tries the longest alone.
     const BusPiece longest = *std::max_element(
         pieces_.begin(), pieces_.end(),
         [](const auto& a, const auto& b) { return a.last - a.first < b.last - b.first; });
@@ -155,7 +155,7 @@ bool RippleSearch::add_line(std::string& note) {
   return true;
 }
 
-// V/W: more than the bus sags under the drive's power.
+// V/W: more than the bus can sag under the drive's power.
 double RippleSearch::sag_bound() const {
   const double i_rated = facts_.machine.i_rated > 0 ? facts_.machine.i_rated : 7;
   const double P_rated = 1.5 * 0.8 * facts_.v_dc * std::numbers::inv_sqrt3 * i_rated;
@@ -177,7 +177,7 @@ double RippleSearch::sag_bound() const {
   return std::max(kTimesSlope * slope, kSag * facts_.v_dc / P_rated);
 }
 
-// Why line n is no effect; empty: it is one.
+// The reason why line n is no effect; empty: it is one.
 std::string RippleSearch::refusal(std::size_t n) const {
   if (excluded_) return "excluded by --exclude";
   const BusLine& line = lines_[n];
@@ -210,8 +210,8 @@ std::string RippleSearch::refusal(std::size_t n) const {
       "the power of the drive has {:.3g} W at this frequency, which can make the bus sag", P);
 }
 
-// By the rows that judge, with the line and without it, the others in both; the rule is empty where
-// it passes, and where no row judges.
+// The rule of transfer on the judging rows, with the line and without it, the others in both. Empty
+// if the line passes, and if no row judges.
 Refused RippleSearch::transfer_refusal(std::size_t n) const {
   if (unseen_.empty()) return {};
   Pieces with, without;

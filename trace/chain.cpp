@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-// Energy of a regressor over that of its noise: with less it says nothing.
+// Energy of a regressor over that of its noise; with less it is of no use.
 constexpr double kLeastElectrical = 3, kLeastTorque = 2;
 
 void add(Eigen::VectorXd& a, const Eigen::VectorXd& b, double factor) {
@@ -156,8 +156,9 @@ Sampled Chain::residual(const Effects& effects) const {
   checkpoint();
   Effects all = equations_.known();
   all.insert(all.end(), effects.begin(), effects.end());
-  // What is added to a sensor changes what the others do; to that of a current, not what loads do.
-  // And what acts on the command does so one after the other, and a load through its shaft.
+  // The contributions of all effects do not simply add up. A sensor error changes those of the
+  // others; an error of a current does not change those of loads. Effects on the command act in
+  // sequence, and a load acts through its shaft.
   const bool currents = !acting_on(all, kOnCurrents).empty();
   const bool angle = !acting_on(all, kOnAngle).empty();
   const bool several = commands(effects), loaded = loads_shaft(effects);
@@ -267,7 +268,7 @@ Sampled Chain::contribution(const Effect& effect) const {
                  answered_.contribution(effect));
 }
 
-// Of a channel of which no row was seen the noise is not known, and nothing is said.
+// If no row of a channel was seen, its noise is unknown, and the channel is left out.
 Sampled Chain::whitened(const Sampled& s) const {
   Sampled w;
   const auto take = [](const Whitener& whitener, const Eigen::VectorXd& x, const Runs& runs) {

@@ -17,8 +17,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kShortest_s = 1;  // part that is traced for itself
-constexpr int kDepth = 2;          // halvings: four parts at most
+constexpr double kShortest_s = 1;  // least duration of a part that is traced alone
+constexpr int kDepth = 2;          // levels of halving: four parts at most
 
 template <class T>
 std::vector<T> part(const std::vector<T>& x, std::size_t first, std::size_t end) {
@@ -40,7 +40,7 @@ Record part(const Record& whole, std::size_t first, std::size_t end) {
   return r;
 }
 
-// Rows [first, end) of the record, traced for themselves.
+// Rows [first, end) of the record, traced alone.
 struct Part {
   std::size_t first = 0, end = 0;
   TraceResult result;
@@ -62,7 +62,7 @@ class Search {
         settings_(settings),
         held_out_(std::move(held_out)) {}
 
-  // Splits `whole` where the drive changes; parts in the order of time.
+  // Splits `whole` at the changes of the drive; parts in order of time.
   std::vector<Part> split(Part whole, int depth) {
     if (depth == 0 || whole.result.interrupted || !whole.result.inconsistent.empty())
       return one(whole);
@@ -89,8 +89,8 @@ class Search {
       if (file.first < p.end && file.end > p.first) some.push_back(file.path);
     return some;
   }
-
-  // Whether the rows of a part exclude an effect: added to those found there, it makes their error
+  // True if the rows of a part exclude an effect: added to the effects found there, it makes their
+  // error larger. An effect of the bus voltage alone is in none of the compared errors.
   // larger. An effect of the bus voltage alone is in none of the errors compared.
   bool excludes(const Part& p, const TracedEffect& e) const {
     const Effects there = p.effects();
@@ -111,6 +111,7 @@ class Search {
     return fmt::format("part from {:.4g} to {:.4g} s", record_.t[p.first], record_.t[p.end - 1]);
   }
 
+  // The two sides of a proven change near a row, without the rows of its range; empty: no change.
  private:
   // The two sides of a proven change near a row, without the rows of its range; empty: none is.
   std::vector<Part> at_moment(const Part& whole, std::size_t row) {
@@ -130,7 +131,7 @@ class Search {
     changes_.push_back(*change);
     return sides;
   }
-  // Files that differ from the one before; one part where none does.
+  // Splits into files that differ from the one before; one part if none does.
   std::vector<Part> by_files(const Part& whole, std::vector<std::size_t> seams) {
     const auto least = static_cast<std::size_t>(kShortest_s / record_.T_s);
     seams.push_back(whole.end - whole.first);
@@ -172,7 +173,7 @@ class Search {
       if (row >= file.first && row < file.end) return &file;
     return nullptr;
   }
-  // "a.csv and b.csv" where a file begins at this row.
+  // "a.csv and b.csv" if a file begins at this row.
   std::string border(std::size_t row) const {
     for (std::size_t f = 1; f < settings_.files.size(); ++f)
       if (settings_.files[f].first == row)
@@ -192,7 +193,7 @@ class Search {
   }
   Part traced(std::size_t first, std::size_t end) {
     TraceSettings settings = settings_;
-    settings.fit_judging_rows = false;  // they have to prove the change
+    settings.fit_judging_rows = false;  // they must prove the change
     settings.files.clear();
     for (SourceRows file : settings_.files) {
       file.first = std::max(file.first, first), file.end = std::min(file.end, end);
@@ -231,12 +232,14 @@ class Search {
     return change;
   }
 
-  // Whether either side explains its rows better than the effects of the whole do (a load step is no
-  // change of the drive), by a share of `apart`, by which one is better there than the other; or both as
-  // well with fewer effects (a friction that begins is no series of load steps).
+  // True if either side explains its rows better than the effects of the whole record do (a load
+  // step is no change of the drive), by a share of `apart`, the fall between the two sides. True as
+  // well if both sides explain them equally well with fewer effects (a friction that begins is no
+  // series of load steps).
   bool beats(const Effects& whole, const Part& before, const Part& behind, double apart) const {
-    // By design: below it the whole explains nearly all by which the sides differ (a winding that warms is
-    // no other resistance). Of a jump of the angle's zero it leaves 0.29 and more, of a warming winding 0.07.
+    // By design: below it the whole explains nearly all of the difference between the sides (a
+    // winding that warms is no other resistance). It leaves 0.29 and more of a jump of the angle's
+    // zero, and 0.07 of a warming winding.
     constexpr double kShare = 0.15;
     const double chance = Criterion{}.chance;
     const Effects one = before.effects(), two = behind.effects();
@@ -259,7 +262,7 @@ class Search {
   std::vector<Change> changes_;
 };
 
-// Its kind, as in "cogging of order 12", with its aliases.
+// The kind of an effect, as in "cogging of order 12", with its aliases.
 std::string name_of(const TracedEffect& e) {
   std::string name(e.effect->kind());
   for (const TracedParameter& p : e.parameters)
@@ -267,7 +270,7 @@ std::string name_of(const TracedEffect& e) {
   return e.aliases.empty() ? name : fmt::format("{} (or {})", name, fmt::join(e.aliases, ", "));
 }
 
-// Those of all its effects, or "nothing named".
+// The kinds of all effects of a part, or "nothing named".
 std::string kinds_of(const TraceResult& r) {
   std::vector<std::string> kinds;
   for (const TracedEffect& e : r.effects)
@@ -281,7 +284,7 @@ std::string when(const Change& c) {
                      c.file.empty() ? "" : " of " + c.file, c.from_s, c.to_s);
 }
 
-// The same effect, as well as both parts tell it.
+// True if two parts have the same effect, within the uncertainty of both.
 bool same(const TracedEffect& a, const TracedEffect& b) {
   constexpr double kSigmas = 4, kShare = 0.05;
   if (a.effect->kind() != b.effect->kind() || a.parameters.size() != b.parameters.size())
@@ -295,7 +298,7 @@ bool same(const TracedEffect& a, const TracedEffect& b) {
   return true;
 }
 
-// Of the effects of a part, those that all other parts have, too.
+// Marks the effects of a part that all other parts have as well.
 std::vector<char> throughout(const std::vector<Part>& parts, std::size_t main) {
   std::vector<char> all;
   for (const TracedEffect& e : parts[main].result.effects)
@@ -306,8 +309,8 @@ std::vector<char> throughout(const std::vector<Part>& parts, std::size_t main) {
   return all;
 }
 
-// Effects of a part carry its borders, where the rows beyond one exclude the effect; the kinds of
-// which they do not are returned.
+// Gives the effects of a part its borders, if the rows beyond a border exclude the effect. Returns
+// the kinds that they do not exclude.
 std::vector<std::string> bound(std::vector<Part>& parts, std::size_t n,
                                const std::vector<Change>& changes, const Search& search) {
   TraceResult& r = parts[n].result;
@@ -332,7 +335,8 @@ std::vector<std::string> bound(std::vector<Part>& parts, std::size_t n,
   return open;
 }
 
-// All that differs between the parts is the zero of the angle: of the reading, not of the drive.
+// True if the parts differ only in the zero of the angle, which concerns the reading, not the
+// drive.
 bool only_the_zero(const TraceResult& r) {
   const std::string_view zero = make_of(Traits::Family::kAngleSensor)->kind();
   return std::all_of(r.effects.begin(), r.effects.end(), [&](const TracedEffect& e) {
@@ -340,14 +344,14 @@ bool only_the_zero(const TraceResult& r) {
   });
 }
 
-// Of several parts the most doubtful one is the verdict.
+// The verdict of several parts is the most doubtful one.
 std::size_t rank(const std::string& verdict) {
   const char* const kVerdicts[] = {"nothing_missing", "traced", "ambiguous", "unexplained"};
   return static_cast<std::size_t>(std::find(std::begin(kVerdicts), std::end(kVerdicts), verdict) -
                                   std::begin(kVerdicts));
 }
 
-// What a headline begins with, where the verdict is not `traced`.
+// The beginning of a headline if the verdict is not `traced`.
 const char* begins(const std::string& verdict) {
   return verdict == "unexplained" ? "Unexplained in part. "
          : verdict == "ambiguous" ? "Ambiguous in part, see the aliases. "
@@ -420,7 +424,7 @@ TraceResult trace_with_changes(const Record& record, const DriveConfig& drive, c
                                const TraceSettings& settings, std::vector<char> held_out) {
   TraceResult whole = trace_record(record, drive, health, settings, held_out);
   if (settings.stop && settings.stop()) return whole;
-  // A file that judges has no rows that could name what is other in it.
+  // A file that judges has no fitted rows that could name a change in it.
   if (std::any_of(settings.files.begin(), settings.files.end(),
                   [](const SourceRows& file) { return file.held_out; }))
     return whole;

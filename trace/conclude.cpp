@@ -25,12 +25,12 @@
 namespace twinrate {
 namespace {
 
-constexpr double kFewRows = 5e-4;  // of all rows, not worth a word
-constexpr double kBlind = 4;       // sigmas a smallest effect must have to be seen
+constexpr double kFewRows = 5e-4;  // of all rows: a smaller share is not reported
+constexpr double kBlind = 4;       // sigmas that a smallest effect needs to be visible
 
 using Fault = Traits::FromFault;
 
-// Its size, as a key of the effect has it; 0: not there.
+// Size of the fault, as a key of the effect has it; 0: absent.
 double size_of(Fault::Fault fault, const DriveFacts& facts, const Health& health) {
   const auto more_than_few = [](double share) { return share > kFewRows ? share : 0; };
   switch (fault) {
@@ -91,12 +91,12 @@ void from_bus(const BusRipple& bus, TraceResult& r) {
   r.health.insert(r.health.end(), bus.notes.begin(), bus.notes.end());
 }
 
-// What one record can and cannot tell: the smallest effect worth reporting against its sigma.
+// Kinds that the record can and cannot show, by the smallest size worth reporting over its sigma.
 void identifiability(const Fitter& fitter, const Dictionary& dictionary, const Fit& fit,
                      TraceResult& r) {
   std::map<std::string, double> best;  // by kind: sigma over smallest size
   std::map<std::string, double>
-      estimate;  // the same, of one that differs from none and did not pass
+      estimate;  // size over the smallest, of a kind whose estimate was not confirmed
   const std::vector<Score> scores = score_all(fitter, fit, dictionary.whitened);
   const DriveFacts& facts = fitter.chain().equations().facts();
   for (std::size_t i = 0; i < scores.size(); ++i) {
@@ -110,9 +110,9 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   }
   for (const TracedEffect& e : r.effects) {
     best.erase(std::string(e.effect->kind()));
-    for (const std::string& alias : e.aliases) best.erase(alias);  // it may be what is there
+    for (const std::string& alias : e.aliases) best.erase(alias);  // may be the present effect
   }
-  // One that was found and may be the sensors' noise is not shown to be absent.
+  // A kind that was found and refused as sensor noise is not shown to be absent.
   const auto refused_as_noise = [&](const std::string& kind) {
     return std::find_if(r.refused.begin(), r.refused.end(),
                         [&](const Refused& x) { return x.kind == kind && x.rule == "sensors"; });
@@ -138,9 +138,9 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   }
 }
 
-// What a dead time loses is in proportion to the bus voltage, a device's drop is not: as long as
-// that hardly changes they are two names of one loss, whichever the other effects leave a better
-// fit.
+// True if the bus voltage hardly changes. The loss of a dead time is in proportion to the bus
+// voltage and a device's drop is not, so at one bus voltage they are aliases, whichever fits better
+// beside the other effects.
 bool one_bus_voltage(const Record& record) {
   constexpr double kConstantVoltage = 0.02;
   if (record.v_dc.empty()) return true;
@@ -149,7 +149,8 @@ bool one_bus_voltage(const Record& record) {
   return (v - v.mean()).square().mean() < kConstantVoltage * kConstantVoltage * v.mean() * v.mean();
 }
 
-// Constant and positive, it may be the slope of a device's drop, which has one besides its threshold.
+// A constant, positive change may be the slope of a device's drop, which has a threshold and a
+// slope.
 bool may_be_slope(const Effect& effect, const Traits::Reading& slope) {
   if (effect.kind() != slope.kind) return false;
   const std::string key = slope.keys.begin()->to;
@@ -158,7 +159,7 @@ bool may_be_slope(const Effect& effect, const Traits::Reading& slope) {
   return get_key(effect, key) > 0 && key_values(*same) == key_values(effect);
 }
 
-// Kinds that a record without voltage shows by one number alone, K_t/J.
+// Kinds that a record without voltage shows only through the ratio K_t/J.
 std::vector<std::string> kinds_of_ratio() {
   const auto inertia = make_of(Traits::Family::kInertia);
   std::vector<std::string> kinds = kinds_read(*inertia, Traits::Reading::kWithoutVoltage);
@@ -166,7 +167,8 @@ std::vector<std::string> kinds_of_ratio() {
   return kinds;
 }
 
-// The acceleration of this record is mostly noise of the angle: no inertia could be tried.
+// True if the acceleration of this record is mostly noise of the angle, so that no inertia was
+// tried.
 bool no_inertia_tried(const Dictionary& dictionary) {
   const auto shows = [](const Sampled& x) { return x.torque.size() && x.torque.squaredNorm() > 0; };
   return std::none_of(dictionary.whitened.begin(), dictionary.whitened.end(),
@@ -192,7 +194,7 @@ void name_aliases(const Record& record, const Considered& considered, const Dict
     const auto* drop = reading_of(*e.effect, Traits::Reading::kAtOneBusVoltage);
     if (drop && e.aliases.size() < kMostAliases && lacks(drop) && one_bus_voltage(record))
       e.aliases.emplace_back(drop->kind);
-    // So may be a resistance beside such a loss: one drop has both.
+    // A resistance beside such a loss may be part of one drop, which has both.
     for (const TracedEffect& loss : r.effects) {
       const auto* device = reading_of(*loss.effect, Traits::Reading::kAtOneBusVoltage);
       if (!device || !one_bus_voltage(record) || !lacks(device)) continue;
@@ -200,12 +202,12 @@ void name_aliases(const Record& record, const Considered& considered, const Dict
       const auto* slope = reading_of(*whole, Traits::Reading::kItsSlope);
       if (slope && may_be_slope(*e.effect, *slope)) e.aliases.emplace_back(device->kind);
     }
-    // A shaft may be the inertia that it takes off the motor.
+    // A shaft may be an inertia, the one that the shaft takes off the motor.
     const std::string inertia(make_of(Traits::Family::kInertia)->kind());
     if (is_shaft(*e.effect) && no_inertia_tried(dictionary) &&
         !std::count(e.aliases.begin(), e.aliases.end(), inertia))
       e.aliases.push_back(inertia);
-    // A torsion that leaves bursts may be a gap, which then is what they are.
+    // If a torsion leaves bursts, it may be a gap, which then explains them.
     const auto* gap = reading_of(*e.effect, Traits::Reading::kWhereBurstsRemain);
     const bool loose =
         gap && considered(gap->kind) &&
@@ -222,7 +224,7 @@ void name_aliases(const Record& record, const Considered& considered, const Dict
   }
 }
 
-// That the model beats no change is no condition of a claim; where it does not, it is told.
+// A claim does not need a model that beats no change. If the model does not, the sentence says so.
 std::string against_no_change(const EquationError& e, double horizon_s) {
   if (e.after.held_out <= e.no_change) return "";
   return fmt::format(
@@ -231,7 +233,7 @@ std::string against_no_change(const EquationError& e, double horizon_s) {
       1e3 * horizon_s, e.no_change, e.unit);
 }
 
-// The error that the rows that judge show to fall; empty where none does.
+// The fall of the error on judging rows, in words; empty if none falls.
 std::string fall_of(const TraceResult& r, bool one, bool corrected) {
   const bool bus_alone = std::all_of(r.effects.begin(), r.effects.end(),
                                      [](const auto& e) { return e.effect->acts_on() == kOnBus; });
@@ -279,10 +281,10 @@ std::string sentence(const TraceResult& r) {
   return text.substr(0, text.size() - 1);
 }
 
-// Which equation has a residual plainly above the noise of the sensors; empty: none. The noise of an angle makes a
-// torque that grows with the square of the frequency and would hide a slow one: the torque is compared after the
-// filter that makes its drawn noise white. Of 231 drawn logs with nothing missing the largest had 1.47 there, and of
-// 14 with an effect that shows five had 1.51 to 26.
+// The equation whose residual clearly exceeds the noise of the sensors; empty: none. The noise of an angle makes a
+// torque that grows with the square of the frequency and hides a slow one, so the torque is compared after the filter
+// that whitens the drawn noise. Of 231 drawn logs with nothing missing the largest ratio was 1.47; of 14 with a
+// visible effect five had 1.51 to 26.
 std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
   constexpr double kOverNoise = 1.25, kOverDrawnNoise = 1.6;
   const DriveFacts& facts = fitter.chain().equations().facts();
@@ -307,8 +309,8 @@ std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
       rms(square, left.d), std::sqrt(square / noise));
 }
 
-// That nothing was found says nothing of what the record cannot show, or where more is left than
-// noise, or than rows that judge confirm.
+// "Nothing missing" needs a record that can show enough kinds, a residual at the noise floor, and
+// no structure that the judging rows leave unconfirmed.
 void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unconfirmed,
                    TraceResult& r) {
   const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
@@ -337,15 +339,15 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unco
   r.sentence = fmt::format("Cannot tell: {}. {}", why, kLongerRun);
 }
 
-// On rows that judge, where there are any, by four deviations of a mean square over so many rows.
+// On judging rows if there are any, by four standard deviations of a mean square over so many rows.
 bool beats_no_change(const EquationError& e) {
   const double after = e.after.held_out > 0 ? e.after.held_out : e.after.train;
   const double scatter = std::sqrt(2 / static_cast<double>(std::max<std::size_t>(1, e.rows)));
   return e.no_change * e.no_change > (1 + Criterion{}.sigmas * scatter) * after * after;
 }
 
-// What the samples show lowers no error: beside it the model must hold as where nothing is found,
-// and predict better than no change.
+// An effect from the samples lowers no error. Beside it the model must meet the conditions of
+// "nothing missing" and predict better than no change.
 void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   const auto& main = r.main_equation == "electrical" ? r.electrical : r.mechanical;
   std::string why = more_than_noise(fitter, fit);
@@ -367,7 +369,7 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   }
 }
 
-// Effects and stop-gaps: those that passed, with the parameters of the last fit.
+// Effects and stop-gaps that passed, with the parameters of the last fit.
 void add_members(const Conclusion& c, TraceResult& r) {
   const Fit& fit = c.selection.fit;
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
@@ -390,7 +392,7 @@ void add_members(const Conclusion& c, TraceResult& r) {
   r.refused = c.passed.refused;
 }
 
-// A gap is looked for where a shaft without one was found.
+// A gap is only searched after a shaft without a gap was found.
 void doubt_gap(const Considered& considered, TraceResult& r) {
   const std::string shaft(make_placed(Traits::Place::kShaft)->kind()),
       gap(make_placed(Traits::Place::kGap)->kind());
@@ -399,8 +401,8 @@ void doubt_gap(const Considered& considered, TraceResult& r) {
       gap, fmt::format("it is looked for beside a {}, which --exclude leaves out", shaft));
 }
 
-// The kinds in neither list. Of a shaft, a lag, and what the samples show it is not computed how small
-// a one would be seen.
+// The kinds in neither list. For a shaft, a lag and the kinds from the samples, the smallest
+// visible size is not computed.
 void name_the_others(const Equations& equations, TraceResult& r) {
   std::set<std::string> told(r.identifiable.begin(), r.identifiable.end());
   for (const auto& [kind, why] : r.not_identifiable) told.insert(kind);
@@ -444,11 +446,11 @@ TraceResult conclude(const Conclusion& c) {
   add_effect_views(chain, c.fitted, r);
   split_parts(facts, considered, r);
   std::string unconfirmed;
-  const bool whole = c.selection.stopped_after == 0;  // else effects to come are in the rest, too
+  const bool whole = c.selection.stopped_after == 0;  // else later effects are in the residual
   if (whole &&
-      !c.health.coarse(facts.machine.i_rated))  // else what is left is the shape of the steps
+      !c.health.coarse(facts.machine.i_rated))  // else the residual is the shape of the steps
     for (Structure& s : residual_structure(c.last, c.fitted)) {
-      // Beside what the samples or the bus show any doubt is told, too.
+      // Beside an effect from the samples or the bus, a structure in doubt is reported as well.
       if (s.doubt.empty() || !r.effects.empty())
         r.unexplained.push_back(std::move(s));
       else
@@ -471,7 +473,7 @@ TraceResult conclude(const Conclusion& c) {
   if (!whole) {
     const int rounds = c.selection.stopped_after;
     r.interrupted = true;
-    r.verdict = "unexplained";  // no rows that judge were asked
+    r.verdict = "unexplained";  // no judging rows were read
     r.sentence = fmt::format(
         "Interrupted after {} round{} of the selection: more effects may be missing, and those "
         "found are not compared with their alternatives. So far: {}",
@@ -482,7 +484,7 @@ TraceResult conclude(const Conclusion& c) {
   if (r.verdict == "traced" &&
       std::all_of(r.effects.begin(), r.effects.end(), [](const auto& e) { return e.from_samples; }))
     doubt_samples_alone(c.last, c.fitted, r);
-  // What was found and refused is more than "nothing".
+  // A finding that was refused rules out "nothing missing".
   if (r.verdict == "nothing_missing" && refusal_to_tell(r)) {
     r.verdict = "ambiguous";
     r.sentence = sentence(r);

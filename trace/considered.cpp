@@ -36,7 +36,7 @@ void leave_out_excluded(const Considered& considered, TraceResult& r) {
     a.kinds = considered.of(std::move(a.kinds));
     if (a.kinds.size() == before) return false;
     if (a.kinds.empty()) r.health.push_back(a.why);
-    // Of an effect that is named: no other name is left.
+    // The ambiguity of a named effect ends if no other name remains.
     const auto is_only_name = [&](const TracedEffect& e) {
       return a.kinds.size() == 1 && e.effect->kind() == a.kinds.front();
     };

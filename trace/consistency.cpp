@@ -20,7 +20,7 @@ Inconsistency of_ratio(const char* quantity, const char* unit, double declared,
           "another machine, or a scale of the signals?"};
 }
 
-// That unit; without one, what is beyond its bounds.
+// The unit that fits all scales; without one, the scales beyond their bounds.
 std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f, const Beyond& out,
                                      const DriveFacts& facts, int encoder_counts) {
   if (out.of_machine())  // no unit moves the load alone
@@ -32,7 +32,7 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
   if (out.L) found.push_back(of_ratio("L_q", "H", m.L_q, f.L));
   if (out.K_t_J)
     found.push_back(of_ratio("K_t/J", "rad/s^2 A", m.torque_constant() / m.J, f.K_t_J));
-  // Both are of J: which of them is off is the one further from 1.
+  // Both scales depend on J: the wrong one is the one further from 1.
   const bool of_motor =
       f.T_load.value > 0 && f.K_t_J.known() && std::abs(f.K_t_J.log()) > std::abs(f.T_load.log());
   if (out.T_load && of_motor)
@@ -47,7 +47,7 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
   return found;
 }
 
-// No R_s, L and psi_f, whatever their sizes, make this voltage of this current and angle, though the
+// True if no R_s, L and psi_f of any size explain the voltage by current and angle, although the
 // rotor turns fast enough for an EMF.
 std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
   constexpr double kEmf = 0.3;
@@ -60,11 +60,12 @@ std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
            "the angle of another shaft, another n_p, or another order or sign of the phases?"}};
 }
 
-// Such a drive would run with a third of its torque lost; one that runs well is read from elsewhere.
+// A drive with that zero would lose a third of its torque. If it runs well, the log has another
+// zero.
 std::vector<Inconsistency> of_zero(const ScaleFactors& f) {
   if (f.cell_share < kFrameFits || f.mean_interval_e > kSlowTurn || !f.psi_f.known()) return {};
   if (std::abs(f.zero_e) < kFarZero) return {};
-  // Another order of the phases turns it by a third, another sign by half.
+  // Another order of the phases turns the zero by a third of a turn, another sign by half a turn.
   constexpr double kOfPhases = 100 * kDegree;
   return {{"theta_m", "zero where the magnet is on phase a",
            fmt::format("the magnet at {:.0f} degrees electrical there", f.zero_e / kDegree),
@@ -88,7 +89,7 @@ std::vector<double> sizes(const std::vector<Vec2>& x) {
   return out;
 }
 
-// What no equation is needed for: the bus, the speed beside the angle.
+// Checks without an equation: the bus, the speed against the angle.
 std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
                                      const DriveFacts& facts) {
   constexpr double kNearly = 0.999, kOutOfReach = 1.15, kFarCurrent = 30;
@@ -104,7 +105,7 @@ std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
     found.push_back({"u", fmt::format("up to 2/3 v_dc = {:.3g} V", 2.0 / 3 * bus),
                      fmt::format("{:.3g} V", u),
                      u > 2 * bus ? "unit of the voltage?" : "line-to-line?"});
-  constexpr double kNoDrive_s = 0.15;  // no need of an equation
+  constexpr double kNoDrive_s = 0.15;  // needs no equation
   if (record.T_s > kNoDrive_s)
     found.push_back({"t", fmt::format("rows of at most {:.3g} s", kSlowestRow_s),
                      fmt::format("rows every {:.3g}", record.T_s),

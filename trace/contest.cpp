@@ -13,8 +13,8 @@ namespace twinrate {
 namespace {
 
 constexpr double kLikely = 55;       // of the sum of squares, not whitened: a likelihood ratio of
-                                     // 0.001 of noise whose four neighbours are alike
-constexpr std::size_t kPieces = 96;  // of a side, that vote
+                                     // 0.001 for noise whose four neighbours are alike
+constexpr std::size_t kPieces = 96;  // of a side, each with one vote
 
 }  // namespace
 
@@ -32,7 +32,7 @@ Contest::Contest(const Record& whole, const DriveConfig& drive, const Effects& b
     if ((e_1.*member).empty()) return;
     const Eigen::VectorXd y_1 = sampler_(e_1.*member, runs), y_2 = sampler_(e_2.*member, runs);
     if (!y_1.size() || (y_2 - y_1).squaredNorm() <= Criterion{}.silent * y_1.squaredNorm()) return;
-    Eigen::VectorXd left = y_1;  // of the two in turn: the noise
+    Eigen::VectorXd left = y_1;  // residual of the set that holds at each row: the noise
     for (Eigen::Index i = 0; i < left.size(); ++i)
       if (row_of(runs, i) >= border) left[i] = y_2[i];
     const double noise = left.squaredNorm() / static_cast<double>(left.size());

@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kKnots = 25, kTurnKnots = 36;
 constexpr double kEdge = 0.005;  // of the rows beyond the outer knots, each side
-constexpr double kStiff = 1e-3;  // of a knot's mean weight: ties knots without rows to neighbours
+constexpr double kStiff = 1e-3;  // of a knot's mean weight: couples knots without rows
 
 const TraceSeries& series_of(const TraceResult& r, const std::string& channel) {
   return channel == "d" ? r.series_d : channel == "q" ? r.series_q : r.series_torque;

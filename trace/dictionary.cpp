@@ -10,10 +10,10 @@
 namespace twinrate {
 namespace {
 
-constexpr int kMostTimes = 200;  // of candidates that differ in their moment alone: memory
+constexpr int kMostTimes = 200;  // of candidates that differ only in their moment: memory
 
-// Times at which something may have happened, for keys whose grid only the record can give. They
-// stand in the record's stretches: between them no row tells one moment from another.
+// Times at which an event may have happened, for keys whose grid depends on the record. They are
+// times of the record's stretches: between stretches no row distinguishes one moment from another.
 std::vector<double> times_of(const Record& record) {
   std::vector<double> times;
   const std::size_t n = record.size();
@@ -23,20 +23,20 @@ std::vector<double> times_of(const Record& record) {
   return times;
 }
 
-// A key that is a moment of the record has no grid of its own.
+// True for a key that is a moment of the record and has no grid of its own.
 bool is_moment(const TracedKey& key) {
   return !key.linear && key.grid.empty() && std::string_view(key.key) == "time_s";
 }
 
-// A gap is: beside a shaft (trace/placing.hpp).
+// True for a gap, which is searched beside a shaft (trace/placing.hpp).
 bool searched_elsewhere(const std::vector<TracedKey>& keys) {
   return std::any_of(keys.begin(), keys.end(), [](const TracedKey& key) {
     return !key.linear && key.grid.empty() && !is_moment(key);
   });
 }
 
-// A late signal shows where it turns or jumps. Where it does neither, all that changes is noise and
-// the controller's answer to it, which belong to the residual's own.
+// A lag of a signal shows only if the signal turns or jumps. Otherwise only noise changes, with the
+// controller's response to it, and both are part of the residual's own noise.
 bool moves(const std::vector<Vec2>& x, const std::vector<char>& ok) {
   constexpr double kLeast = 0.02;
   constexpr std::size_t kMean = 10;  // rows
@@ -52,7 +52,7 @@ bool moves(const std::vector<Vec2>& x, const std::vector<char>& ok) {
   return moved > kLeast * noise;
 }
 
-// Calls f for every point of the grids, with the keys set.
+// Calls f for every point of the grids, with the keys set to it.
 void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t index,
                const std::function<void()>& f) {
   while (index < keys.size() && keys[index].grid.empty()) ++index;
@@ -63,7 +63,7 @@ void over_grid(Effect& effect, const std::vector<TracedKey>& keys, std::size_t i
   }
 }
 
-// What drifts begins to with the log.
+// A drift starts at the beginning of the log.
 void start_with(const Record& record, Effect& effect) {
   const std::vector<NumericKey> keys = numeric_keys(effect);
   const auto has = [&](const char* name) {
@@ -81,7 +81,7 @@ bool is_renewed(const Effect& effect) {
   return adds_to_sensor(effect) || turns_at_zero(effect) || turns_with_angle(effect);
 }
 
-// What adds to a sensor, beside `effects` that are in the model; not what is one of them.
+// Renews sensor effects beside the `effects` in the model, except kinds that are among them.
 void renew_sensors(const Chain& chain, const Effects& effects, std::vector<Candidate>& sampled) {
   constexpr double kProbe = 1e-5;  // of a coefficient
   const Sampled residual = chain.noiseless(effects);
@@ -106,7 +106,7 @@ void renew_sensors(const Chain& chain, const Effects& effects, std::vector<Candi
   }
 }
 
-// What stands elsewhere in the record less its sensors' errors.
+// Renews the columns of `which` from the record less its sensor errors.
 void renew_corrected(const Chain& chain, const Effects& effects, std::vector<Candidate>& sampled,
                      const std::function<bool(const Effect&)>& which) {
   const Record record = chain.equations().without_errors(effects);
@@ -135,7 +135,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
     effect->prepare(equations.facts());  // a grid may depend on the drive
     std::vector<TracedKey> keys = effect->tracing().traced_keys();
     if (keys.empty() || searched_elsewhere(keys)) continue;
-    if (effect->acts_on() == kOnBus) continue;  // stands in v_dc (trace/bus_ripple.hpp)
+    if (effect->acts_on() == kOnBus) continue;  // it is in v_dc (trace/bus_ripple.hpp)
     const bool electrical_only = !(effect->acts_on() & ~kOnVoltage);
     if (electrical_only && !equations.has_voltage()) continue;
     if (equations.needs_missing_i_d(*effect)) continue;
@@ -146,7 +146,7 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
       start_with(record, *at_grid);
       if (!at_grid->prepare(equations.facts()).empty()) return;
       const int acts = at_grid->acts_on();
-      if (acts == kOnSpeed) return;  // stands in no equation
+      if (acts == kOnSpeed) return;  // it is in no equation
       if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnVoltage && !u_moves) return;
       if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnCurrents && !i_moves) return;
       Candidate candidate{.effect = at_grid, .columns = {}};
@@ -169,8 +169,8 @@ bool Dictionary::renew(const Chain& chain, const Effects& effects) {
     std::sort(some.begin(), some.end());
     return some;
   };
-  // An angle that is always wrong by the same turns no more than phases; and one that is wrong by a
-  // small part of the fastest period, nothing else.
+  // A constant error of the angle turns only phases. An error that is small against the fastest
+  // period changes no column.
   const auto turns = [](const Effect& effect) {
     constexpr double kHighestOrder = 60, kSmallPart = 0.4;  // rad of it
     if (!(effect.acts_on() & kOnAngle)) return false;

@@ -15,7 +15,7 @@ namespace {
 constexpr int kSensing = kOnCurrents | kOnAngle;
 constexpr double kProbe = 1e-5;  // share of a unit coefficient at which sensing is linearised
 
-// A vector in the frame of which `axis` is the unit vector of d, and back.
+// A vector in the frame whose d axis has the unit vector `axis`, and back.
 Vec2 into(const Vec2& axis, const Vec2& x) {
   return {axis[0] * x[0] + axis[1] * x[1], axis[0] * x[1] - axis[1] * x[0]};
 }
@@ -28,10 +28,10 @@ void add(Channels& x, std::size_t row, const Vec2& dq) {
   x.q[row] += dq[1];
 }
 
-// What the mean of both ends of an interval, and a torque at a row, lack of the mean of a cubic.
+// Difference between the mean of a cubic and the mean of both ends, or a torque at a row.
 constexpr double kOfEnds = -1.0 / 12, kOfRow = 1.0 / 12;
 
-// cos and sin, of a small angle by their series, to the last bit but one.
+// cos and sin; of a small angle by their series, exact to the last bit but one.
 Vec2 direction(double angle) {
   constexpr double kSmall = 0.3;
   if (std::abs(angle) > kSmall) return {std::cos(angle), std::sin(angle)};
@@ -43,7 +43,7 @@ Vec2 direction(double angle) {
           angle * series(2. * 3, 4. * 5, 6. * 7, 8. * 9, 10. * 11, 12. * 13)};
 }
 
-// Half-way between two unit vectors that are near one another: 1/|a + b| by its series.
+// Unit vector halfway between two close unit vectors: 1/|a + b| by its series.
 Vec2 between(const Vec2& a, const Vec2& b) {
   constexpr double kFar = 0.01;
   const Vec2 sum = a + b;
@@ -77,7 +77,7 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
     frame.d_axis = measured_.axes->at[k];
     OperatingPoint& p = points_[k] = point_of(record, k, frame, facts.v_dc);
     if (!i_dq.empty()) p.i_dq = i_dq[k];
-    if (!record.T_load.empty())  // in the middle of what it is held for
+    if (!record.T_load.empty())  // at the middle of its hold time
       p.T_load =
           record.T_load[k] -
           0.5 * load_held_ * (record.T_load[k] - record.T_load[k - std::min<std::size_t>(k, 1)]);
@@ -160,7 +160,7 @@ double Equations::omega_rate(const Signals& s, std::size_t k) const {
   return (s.theta_m[k + 1] - 2 * s.theta_m[k] + s.theta_m[k - 1]) / (record_.T_s * record_.T_s);
 }
 
-// In rotor axes: of samples that are i_dq in these axes.
+// Mean in rotor axes of a current whose samples are i_dq in these axes.
 Vec2 Equations::mean_of_tick(const Vec2& i_dq, double omega_m) const {
   if (record_.i_alphabeta.empty()) return i_dq;
   const double turned = std::pow(facts_.machine.n_p * omega_m * T_held_, 2) / 12;
@@ -240,7 +240,7 @@ Channels Equations::residual_of(const Effects& effects, Undone undone) const {
 }
 
 Equations::UndoneSensing Equations::true_signals(const Effects& sensing) const {
-  // What a sensor adds depends on what is there, not on what it reads.
+  // A sensor's error depends on the true signal, not on the reading.
   const bool angle = !acting_on(sensing, kOnAngle).empty();
   UndoneSensing there{.errors = {}, .signals = {}, .points = points_};
   there.signals = undo_sensing(sensing, points_);
@@ -304,7 +304,7 @@ inline void Equations::explain(std::size_t k, const Contribution& c, Mean how, C
   const Signals& s = measured_;
   if (!x.d.empty()) {
     const Vec2& axis = s.axes->at[k];
-    const bool flux = !x.torque.empty();  // what changes no torque has none
+    const bool flux = !x.torque.empty();  // an effect without torque has none
     const Vec2 psi = flux ? out_of(axis, c.psi_dq) : Vec2(0, 0), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
       const Vec2 mean = how.of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
@@ -390,7 +390,7 @@ Channels Equations::contribution(const Effect& effect) const {
       x.torque.front() = x.torque.back() = 0;
       return x;
     }
-    const Effects alone{effect.clone()};  // which RecordContributions does not keep
+    const Effects alone{effect.clone()};  // RecordContributions keeps a reference to it
     const RecordContributions added(alone, points_, record_);
     const Mean how = mean_of(effect);
     Before before;
@@ -401,7 +401,7 @@ Channels Equations::contribution(const Effect& effect) const {
     }
     return x;
   }
-  // The sensor's error goes through all equations: what the residual changes by.
+  // The sensor's error acts on all equations: the contribution is the change of the residual.
   const bool alone = known_.empty() && !(effect.acts_on() & ~kSensing);
   Channels x = alone ? assemble(undo_sensing({effect.clone()}, points_), {}, points_)
                      : residual({effect.clone()});

@@ -27,23 +27,23 @@ ErrorPair both_axes(const Sampled& y, const Runs& runs) {
           std::sqrt(0.5 * (d.held_out * d.held_out + q.held_out * q.held_out))};
 }
 
-// On the rows that judge, where there are any.
+// The error on the judging rows, or on the training rows if none judges.
 double shown(const ErrorPair& e, const Runs& runs) {
   const bool held = std::find(runs.held_out.begin(), runs.held_out.end(), 1) != runs.held_out.end();
   return held ? e.held_out : e.train;
 }
 
-// Residual that the noise of the sensors alone makes, on the rows that `shown` shows: the drawn one, of
-// which the record holds a share; as the residual was seen, where none was drawn.
+// Residual from the noise of the sensors alone, on the rows of `shown`: the drawn noise times the
+// share that the record holds. Without drawn noise: the rms of the residual for the whitening.
 double noise_floor(const Eigen::VectorXd& drawn, double share, const Whitener& seen,
                    const Runs& runs) {
   return drawn.size() ? share * shown(rms_pair(drawn, runs), runs) : seen.rms();
 }
 
-// P-value of a rest that nothing but noise is in: noise is an autoregression of its own, which a
-// structure in the angle, the current or time does not fit.
+// P-value of the hypothesis that the residual is noise alone. Noise is an autoregression of its
+// own, which a structure in the angle, the current or time does not fit.
 double whiteness(const Eigen::VectorXd& rest, const Runs& runs) {
-  constexpr int kOrder = 40, kLags = 60;  // the sampler's edge takes so many
+  constexpr int kOrder = 40, kLags = 60;  // the sampler's edge needs this order
   return whiteness_p_value(Whitener(rest, runs, kOrder)(rest, runs), runs, kLags, kOrder);
 }
 
@@ -105,7 +105,7 @@ void compare_errors(const Chain& chain, const Effects& found, TraceResult& r) {
   const auto fall = [](const std::optional<EquationError>& e) {
     return e && e->after.train > 0 ? e->before.train / e->after.train : 0;
   };
-  // Where what was found acts; of both equations the one whose error fell further.
+  // The main equation: the one on which all effects act or, of both, the one with the larger fall.
   const bool of_voltage = acting_on(found, ~kOnVoltage).empty(),
              of_torque = acting_on(found, ~kOnTorque).empty();
   const bool electrical = of_voltage != of_torque ? of_voltage && r.electrical
@@ -124,7 +124,7 @@ std::vector<std::string> signals_of(const Record& record, bool electrical) {
   return signals;
 }
 
-// Root mean square over outputs of a file; `judging`: those that judge alone.
+// Root mean square over the outputs of a file; `judging`: over those that judge alone.
 double rms_of_file(const Sampled& y, const Sampler& sampler, bool electrical,
                    const JudgedFiles& files, int file, bool judging) {
   const Runs& runs = electrical ? sampler.electrical() : sampler.torque();

@@ -10,13 +10,13 @@
 namespace twinrate {
 namespace {
 
-constexpr double kAliasGain = 15;  // score: nearer than this, two kinds explain the same
+constexpr double kAliasGain = 15;  // score: two kinds closer than this explain the same
 constexpr std::size_t kMostAliases = 5;
-constexpr double kAliasShare = 0.02;  // or of the gain itself; of a faint one more,
+constexpr double kAliasShare = 0.02;  // or than this share of the gain; for a faint gain more,
 constexpr double kAliasShareNoisy = 0.15,
-                 kAliasGainNoisy = 300;  // for what is left is not all noise
+                 kAliasGainNoisy = 300;  // because the residual is not all noise
 constexpr double kParameterPrice =
-    60;  // score: with less, the price of a parameter or two decides nothing
+    60;  // score: below it, the price of a parameter or two decides nothing
 
 std::string equation_of(const Effect& effect) {
   switch (effect.tracing().traits().equation) {
@@ -39,10 +39,10 @@ Eigen::MatrixXd covariance(const Fitter& fitter, const Fit& fit) {
   return factor.asDiagonal() * white * factor.asDiagonal();
 }
 
-// What sampling leaves of a parameter however long the record: means over an interval are known to
-// the third order. A moment lies between two rows, and so does the one that was found. A gap's
-// impacts make the error rough in its keys (and hardly show how they are damped): the descent ends
-// within some per cent of the best.
+// Error of a parameter from sampling, however long the record is: means over an interval are exact
+// to the third order. A moment lies anywhere between two rows. The impacts of a gap make the error
+// rough as a function of its keys, and hardly depend on the damping, so the descent ends within
+// some per cent of the best.
 double accuracy(const Effect& effect, const NumericKey& key, double T_s) {
   constexpr double kSampled = 1e-4, kRough = 0.025, kRoughDamping = 0.1;
   if (key.key == "time_s") return T_s / std::sqrt(6.0);
@@ -93,8 +93,8 @@ std::map<std::string, double> sigmas(const Fit& fit, const Eigen::MatrixXd& cova
   return out;
 }
 
-// What is left is more than the sensors' noise: the model has faults that nobody named, and they can
-// decide between two kinds that explain nearly the same energy.
+// The residual exceeds the sensors' noise: the model has unnamed errors, which can decide between
+// two kinds that explain nearly the same energy.
 constexpr double kFaulty = 1.5;        // energy; the drawn noise is known to about a third
 constexpr double kFaultyShare = 0.01;  // of the energy that a kind explains
 
@@ -104,8 +104,8 @@ bool is_faulty(const Rows& rows, const Fit& fit, const std::string& equation) {
          (equation != "electrical" && left.torque > kFaulty * noise.torque);
 }
 
-// `unlike_noise`: times the margin that the errors of a coarse converter ask for, or lost rows. They decide
-// between two kinds by as much more.
+// `unlike_noise`: factor of the margin for the errors of a coarse converter or of lost rows. The
+// tolerance between two kinds grows by the same factor.
 bool near(double a, double b, double unlike_noise) {
   return a > b - std::max({kAliasGain * unlike_noise, kAliasShare * b,
                            std::min(kAliasShareNoisy * b, kAliasGainNoisy * unlike_noise)});

@@ -5,7 +5,7 @@
 namespace twinrate {
 namespace {
 
-// First(n): where output n begins.
+// First(n): index of the first input of output n.
 template <class First>
 __attribute__((always_inline)) inline void filter(std::span<const double> taps, const double* x,
                                                   std::size_t count, First first, double* y) {

@@ -47,7 +47,7 @@ std::vector<StaticTerm> saturations(double i_d_max, double i_q_max) {
   return all;
 }
 
-// More current makes more flux along its own axis, up to twice the currents of the map.
+// True if more current makes more flux along its own axis, up to twice the currents of the map.
 bool flux_rises(const Effects& effects, const MachineParameters& m, double i_d_max,
                 double i_q_max) {
   const auto psi = [&](double i_d, double i_q) {

@@ -14,9 +14,9 @@ namespace {
 
 using Column = std::vector<double>;
 
-constexpr std::int64_t kGapEdge = 5000;  // rows at each end of a gap; what lies between is left out
+constexpr std::int64_t kGapEdge = 5000;  // rows at each end of a gap; those between are left out
 
-// Where the angle stands still and a quantised current is quiet, a row or two repeat by chance.
+// At rest with a quiet quantised current, a row or two repeat by chance.
 void forgive_at_rest(std::vector<char>& stale, const Column& theta_m) {
   constexpr std::size_t kReach = 8, kByChance = 3;  // rows
   for (std::size_t k = 0, end = 0; k < stale.size(); k = end + 1) {
@@ -31,11 +31,11 @@ void forgive_at_rest(std::vector<char>& stale, const Column& theta_m) {
   }
 }
 
-// Behind repeated rows a reading may come late, where a row holds what was read before and rows are
-// repeated in turn: it lies where an earlier row should, on the line through the rows around them.
+// After repeated rows a reading may come late, if a row holds the earlier reading and rows are
+// repeated in turn: it then lies where an earlier row should, on the line through the rows around.
 void mark_late(const RawLog& raw, std::vector<char>& stale) {
   constexpr std::size_t kMostLate = 3;
-  constexpr double kNear = 0.25;  // of the way of one row
+  constexpr double kNear = 0.25;  // of the motion in one row
   const Column& theta_m = raw.theta_m;
   const auto next = [&](std::size_t k) {
     while (k < stale.size() && stale[k]) ++k;
@@ -64,10 +64,11 @@ void mark_late(const RawLog& raw, std::vector<char>& stale) {
   }
 }
 
-// How far the angle would have gone over rows [first, end) by the slower of their sides, in rad,
-// from their own rows on: what is repeated is of an earlier time. Where the rotor turns back it is
-// how far it leaves the way between: two rows at equal distances from the turning point are equal
-// by themselves, and a current at its limit repeats with them. 0 where a side is not there.
+// Motion of the angle that rows [first, end) miss, in rad, at the slower of the speeds on their two
+// sides. The speeds come from the rows outside, because repeated rows belong to an earlier time. If
+// the rotor reverses, it is the deviation from the path in between: two rows at equal distances
+// from the reversal have equal angles, and a current at its limit repeats with them. 0 without a
+// side.
 double missed_way(const Column& theta_m, std::size_t first, std::size_t end) {
   constexpr std::size_t kRows = 4;
   if (first <= kRows || end + kRows >= theta_m.size()) return 0;
@@ -81,7 +82,7 @@ double missed_way(const Column& theta_m, std::size_t first, std::size_t end) {
   return bend * (rows * rows - 1) / 8;
 }
 
-// The least change from a row to the next.
+// The smallest change from one row to the next.
 double smallest_step(const Column& x) {
   double step = std::numeric_limits<double>::infinity();
   for (std::size_t k = 1; k < x.size(); ++k)
@@ -89,9 +90,9 @@ double smallest_step(const Column& x) {
   return step;
 }
 
-// Whether rows that were sampled are so often or so long equal by themselves, by as many rows on
+// Whether sampled rows are equal by themselves so often, or for so long, judged by as many rows on
 // either side of a run: chance makes such a run in more than one of a thousand logs, or no signal
-// goes further than two of its steps.
+// covers more than two of its steps.
 class EqualRows {
  public:
   EqualRows(const RawLog& raw, const std::vector<char>& stale) : stale_(stale) {
@@ -127,12 +128,12 @@ class EqualRows {
   }
 
   const std::vector<char>& stale_;
-  std::vector<std::pair<const Column*, double>> signals_;  // and its smallest step
+  std::vector<std::pair<const Column*, double>> signals_;  // with its smallest step
 };
 
-// Of each run of stale rows, how far the angle would have gone. At rest a long run that ends on
-// both sides is one whatever the angle, unless rows are equal by themselves; what stands from the
-// first row on may be a drive that is off.
+// Missed angle of each run of stale rows. At rest a long run with an end on both sides is stale
+// whatever the angle, unless rows are equal by themselves. A run from the first row on may be a
+// drive that is off.
 std::vector<double> missed_ways(const RawLog& raw, const std::vector<char>& stale) {
   constexpr std::size_t kBefore = 3;  // rows
   const EqualRows equal(raw, stale);
@@ -157,7 +158,7 @@ bool has_stator(const RawLog& raw) {
   return !raw.i_alpha.empty() && !raw.i_beta.empty();
 }
 
-// Chance repeats rows that differ by little, where a held one does no harm either.
+// Chance repeats rows that differ by little, for which a held current does no harm.
 bool is_held(const CurrentPair& pair, double i_lsb) {
   constexpr double kSteps = 3;
   return pair.looks_held() && pair.way.norm() > kSteps * i_lsb;
@@ -181,7 +182,7 @@ void mend(RawLog& raw, const SignalFault& fault) {
                        static_cast<double>(k - first + 1) / static_cast<double>(end - first + 1));
 }
 
-// As it would have been read without the faults, at even times.
+// The log without the faults, at even times.
 RawLog mended(const RawLog& raw, int n_p, const Health& health) {
   RawLog whole = raw;
   for (const SignalFault& fault : health.glitches) mend(whole, fault);
@@ -189,7 +190,7 @@ RawLog mended(const RawLog& raw, int n_p, const Health& health) {
   return health.uneven ? even_rows(whole, n_p, health.T_s) : whole;
 }
 
-// Rows in stretches that are too long for a straight line.
+// Rows in stretches too long for a straight line.
 std::vector<char> left_out(const RawLog& raw, const Health& health) {
   constexpr double kBridged = 1.5;  // T_s from the first to the last row of two
   std::vector<char> out(raw.size(), 0);
@@ -227,7 +228,7 @@ void Health::combine(const Health& other) {
   i_q_alone |= other.i_q_alone;
   glitches.insert(glitches.end(), other.glitches.begin(), other.glitches.end());
   frozen.insert(frozen.end(), other.frozen.begin(), other.frozen.end());
-  // A signal that changes in one of them is alive.
+  // A signal that changes in one of the logs is alive.
   if (rows == 0) {
     constant = other.constant;
     blind = other.blind;
@@ -290,7 +291,7 @@ RepeatedRows repeated_rows(const RawLog& raw) {
     return std::all_of(noisy.begin(), noisy.end(),
                        [&](const Column* c) { return (*c)[k] == (*c)[as]; });
   };
-  // Of chance, the angle repeats either: a count that lasts two rows does not last three.
+  // By chance, the angle repeats one of the two: a count that lasts two rows does not last three.
   for (std::size_t k = 1; k < raw.size(); ++k) {
     const auto stands = [&](std::size_t as) {
       return theta_m.empty() || theta_m[k] == theta_m[as];
@@ -306,14 +307,14 @@ RepeatedRows repeated_rows(const RawLog& raw) {
   rows.missed_way = missed_ways(raw, rows.stale);
   if (theta_m.empty()) return rows;
   mark_late(raw, rows.stale);
-  // What is late is so by the run before it.
+  // A late row belongs to the run before it.
   for (std::size_t k = 1; k < raw.size(); ++k)
     if (rows.stale[k] && rows.missed_way[k] == 0) rows.missed_way[k] = rows.missed_way[k - 1];
   return rows;
 }
 
 bool beyond_counts(double missed_way, double lsb) {
-  constexpr double kCounts = 1.5;  // a way of 1.25 and more over four rows; no count lasts longer
+  constexpr double kCounts = 1.5;  // 1.25 and more over four rows are needed; no count lasts longer
   return missed_way > kCounts * lsb;
 }
 
@@ -391,8 +392,8 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
   const bool full_current = phases || stator || !raw.i_d.empty();
   record.i_q_alone = !full_current;
 
-  // Onto the even grid.
-  std::vector<std::size_t> kept;  // rows of the file that are new
+  // Resamples onto the even grid.
+  std::vector<std::size_t> kept;  // rows of the file that are not stale
   for (std::size_t k = 0; k < rows; ++k)
     if (!stale[k]) kept.push_back(k);
   const auto push = [&](double t, std::size_t a, std::size_t b, double share, bool ok) {
@@ -403,7 +404,7 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
     record.t.push_back(t);
     record.theta_m.push_back(theta_m + health.angle.centre);
     record.i_alphabeta.push_back((1 - share) * turned(i[a], a) + share * turned(i[b], b));
-    // The voltage behind a lost sample may be what a controller does without one.
+    // Without a sample, a controller may apply another voltage than the next row's.
     if (has_u) record.u_alphabeta.push_back(turned(u[a], a));
     if (!raw.v_dc.empty()) record.v_dc.push_back(interpolate(raw.v_dc[a], raw.v_dc[b], share));
     if (!raw.T_load.empty())
@@ -412,7 +413,7 @@ Record record_of(const RawLog& measured, int n_p, const Health& health) {
     record.electrical_ok.push_back(ok);
     record.motion_ok.push_back(ok && !raw.no_angle);
   };
-  // Where the stamps stray, time goes by the rows.
+  // If the stamps stray, time follows the rows.
   EvenGrid grid;
   for (std::size_t m = 0; m < kept.size(); ++m) {
     const std::size_t k = kept[m];

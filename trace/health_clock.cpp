@@ -8,14 +8,14 @@
 namespace twinrate {
 namespace {
 
-constexpr double kGap = 4;          // T_s: an interval as long is a gap
-constexpr double kFollow = 0.05;    // of what a stamp strays the grid follows
+constexpr double kGap = 4;          // T_s: an interval of this length is a gap
+constexpr double kFollow = 0.05;    // share of a stamp's deviation that the grid follows
 constexpr double kDoubt = 0.3;      // T_s, of the first interval
-constexpr double kOff = 0.05;       // T_s from a multiple: not an even clock's
+constexpr double kOff = 0.05;       // T_s from a multiple: not on an even clock
 constexpr double kFewOff = 0.02;    // of the intervals
-constexpr double kToldApart = 0.2;  // sigma of a slope that tells 0 from 1
+constexpr double kToldApart = 0.2;  // largest sigma of a slope that distinguishes 0 from 1
 
-// The cubic through rows [first, first + 4), or the line through two where there are no four.
+// The cubic through rows [first, first + 4), or the line through two rows at an end.
 double value_between(const RawLog& raw, const std::vector<double>& x, std::size_t first,
                      std::size_t end, double t) {
   double sum = 0;
@@ -38,12 +38,13 @@ void to_stator(RawLog& raw, int n_p) {
   }
 }
 
-// The mean voltage of the interval behind row j is that of a vector that turns with the rotor: parts of
-// the interval have parts of it without a lag, and together the whole. Without an angle it stands.
+// The voltage of the interval after row j is the mean of a vector that turns with the rotor. So
+// parts of the interval have their share of it without a lag, and together the whole. Without an
+// angle the vector is constant.
 class HeldVoltage {
  public:
   HeldVoltage(const RawLog& raw, int n_p) : raw_(raw), n_p_(raw.theta_m.empty() ? 0 : n_p) {}
-  // Mean over [t, t + T], of the rows from k on.
+  // Mean over [t, t + T], from row k on.
   Vec2 mean(std::size_t k, std::size_t end, double t, double T) const {
     Vec2 sum = Vec2::Zero();
     for (std::size_t j = k; j + 1 < end && raw_.t[j] < t + T; ++j)
@@ -52,7 +53,7 @@ class HeldVoltage {
   }
 
  private:
-  // Integral over [from, to], within the interval behind row j.
+  // Integral over [from, to], within the interval after row j.
   Vec2 part(std::size_t j, double from, double to) const {
     const double T = raw_.t[j + 1] - raw_.t[j];
     const double turned = n_p_ == 0 ? 0 : n_p_ * (raw_.theta_m[j + 1] - raw_.theta_m[j]);
@@ -80,11 +81,11 @@ std::int64_t EvenGrid::steps_to(double t, double T_s) {
     at_ = t;
     return 0;
   }
-  // Two stamps may stray by more than half a row: until the grid is known they make no row more.
+  // Two stamps may stray by more than half a row. Until the grid is known they add no row.
   const double doubt = kDoubt / (rows_ + 1);
   const auto steps = std::max<std::int64_t>(1, std::llround((t - *at_) / T_s - doubt));
   const double there = *at_ + static_cast<double>(steps) * T_s;
-  // The first stamp, and that behind a gap, may stray: the mean of the first rows tells.
+  // The first stamp, and the first after a gap, may stray: the mean of the first rows corrects it.
   rows_ = static_cast<double>(steps) > kGap ? 0 : rows_ + 1;
   at_ = there + std::max(kFollow, 1 / (rows_ + 1)) * (t - there);
   return steps;
@@ -146,7 +147,7 @@ ClockScan::Stamps ClockScan::result(double T_s) const {
     s.jitter = std::sqrt(squares_ / std::max(1.0, static_cast<double>(pairs_)));
   } else if (last_ && steps_ > 0) {
     s.T_s = (last_->t - first_t_) / static_cast<double>(steps_);
-    // An interval has two stamps that stray.
+    // An interval has two stray stamps.
     s.jitter = std::sqrt(0.5 * squares_ / std::max(1.0, static_cast<double>(pairs_)));
   }
   return s;
@@ -161,7 +162,7 @@ RawLog even_rows(const RawLog& uneven, int n_p, double T_s) {
   std::size_t k = 0;
   for (std::size_t first = 0, end = 0; first < raw.size(); first = end) {
     for (end = first + 1; end < raw.size() && raw.t[end] - raw.t[end - 1] <= kGap * T_s;) ++end;
-    // Of this stretch: the grid's times that have a whole interval in it.
+    // The grid's times whose whole interval is in this stretch.
     k = first;
     double n = std::ceil((raw.t[first] - raw.t[0]) / T_s - 1e-9);
     for (; raw.t[0] + (n + 1) * T_s <= raw.t[end - 1]; ++n) {

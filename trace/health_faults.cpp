@@ -10,10 +10,10 @@ namespace {
 
 constexpr std::size_t kAround = 3;   // rows on each side of a glitch
 constexpr std::size_t kLongest = 3;  // rows of a glitch
-// Of the rows' own distance. In 15 logs of another plant, and in simulated ones with impacts, dead
-// time, clipping and coarse steps, no row reached 10.3.
+// Multiple of the rows' own distance. In 15 logs of another plant, and in simulated ones with
+// impacts, dead time, clipping and coarse steps, no row reached 10.3.
 constexpr double kFar = 20;
-constexpr double kSteps = 4;  // of the signal's: a reading between two values goes either way
+constexpr double kSteps = 4;         // steps of the signal: a reading may fall to either side
 constexpr std::size_t kFrozen = 32;  // rows
 constexpr double kLeap = 4;          // of the largest change after it, and of the signal's steps
 
@@ -34,15 +34,15 @@ double change(const RawColumn& c, double from, double to) {
   return is_angle(c) ? std::remainder(to - from, kTwoPi) : to - from;
 }
 
-// Its size; 0 where it is rounding.
+// Size of a change; 0 if it is rounding.
 double step_of(const RawColumn& c, double from, double to) {
   constexpr double kRounding = 1e-12;  // of the value
   const double step = std::abs(change(c, from, to));
   return step > kRounding * std::abs(to) ? step : 0;
 }
 
-// How far rows [k, k + rows) lie from the parabola through kAround rows before and behind, the
-// nearest of them, and how far those lie from it.
+// Distance of rows [k, k + rows) from the parabola through kAround rows before and after them (the
+// smallest), and the rms distance of those rows from it.
 struct Excursion {
   double distance = 0, of_sides = 0;
 };
@@ -92,8 +92,8 @@ double Spread::sigma() const {
   return 0;
 }
 
-// A reading of the current that lies away as far, for a current, at the row or the one before: the
-// controller answers it. So it does every step of a coarse converter.
+// True if a current reading at this row or the one before lies as far off, on the scale of a
+// current: the controller responds to it. It also responds to every step of a coarse converter.
 bool GlitchScan::asked_for(const RawLog& raw, std::size_t k, double times_usual) const {
   constexpr double kAsFar = 1.0 / 3;
   for (std::size_t c = 0; c < raw_columns().size(); ++c) {
@@ -109,7 +109,7 @@ bool GlitchScan::asked_for(const RawLog& raw, std::size_t k, double times_usual)
   return false;
 }
 
-// Over the rows the current goes another way than before and behind them.
+// True if the current's slope over the rows differs from that before and after them.
 bool GlitchScan::answered(const RawLog& raw, std::size_t k, std::size_t rows) const {
   constexpr double kSigmas = 6;
   for (std::size_t c = 0; c < raw_columns().size(); ++c) {
@@ -127,13 +127,13 @@ bool GlitchScan::answered(const RawLog& raw, std::size_t k, std::size_t rows) co
 
 void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::size_t first,
                       std::size_t end, double T_s, std::vector<char>& bad) {
-  constexpr double kGap = 1.5;  // of its rows' time: rows are missing, and nothing is compared
+  constexpr double kGap = 1.5;  // of its rows' time: rows are missing, no comparison
   const auto whole = [&](std::size_t k, std::size_t rows) {
     if (k < kAround || k + rows + kAround > raw.size()) return false;
     const std::size_t from = k - kAround, to = k + rows + kAround - 1;
     return raw.t[to] - raw.t[from] < kGap * static_cast<double>(to - from) * T_s;
   };
-  // How far rows lie away, before any is judged by it; of the currents before the voltages.
+  // Updates the usual distances before any row is judged; those of currents precede the voltages.
   for (std::size_t c = 0; c < raw_columns().size(); ++c) {
     const RawColumn& column = raw_columns()[c];
     const std::vector<double>& x = raw.*column.values;

@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-// Of the faults of each signal: how many, and the first.
+// Number of faults of each signal, and the first.
 std::string by_signal(const std::vector<SignalFault>& faults) {
   std::vector<std::string> parts;
   for (std::size_t c = 0; c < raw_columns().size(); ++c) {

@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-constexpr double kBin = 0.01;      // of the logarithm of a step of time
+constexpr double kBin = 0.01;      // of the logarithm of a time step
 constexpr double kSameStep = 0.3;  // of the median
 constexpr std::size_t kMostValues = 1 << 17;
 
@@ -16,7 +16,7 @@ double tolerance(double level) {
   return 1e-6 * level + 1e-9;
 }
 
-constexpr double kWayBin = 0.02;  // of the logarithm of a way
+constexpr double kWayBin = 0.02;  // of the logarithm of the missed angle
 
 int missed_bin(double way) {
   return static_cast<int>(std::floor(std::log(way) / kWayBin));
@@ -75,7 +75,7 @@ void CurrentLevels::add(double value) {
 }
 
 double CurrentLevels::limit(double times) const {
-  // At the top of a mere coarse scale there are no more than below it.
+  // The top step of a coarse scale alone has no more samples than the step below it.
   return in_runs_ >= 12 && 4 * in_runs_ > at_top_ &&
                  static_cast<double>(at_top_) > times * static_cast<double>(at_next_)
              ? top_
@@ -115,7 +115,7 @@ void HealthScan::look_at_currents(std::size_t k) {
   values_a_.add(i_a);
 }
 
-// Where it is clipped a current stands, and nothing is held.
+// At its limit a clipped current is constant without being held.
 bool HealthScan::at_top(std::size_t k) const {
   if (ahead_.i_a.empty() || ahead_.i_b.empty()) return false;
   const auto near = [](const CurrentLevels& levels, double i) {
@@ -183,7 +183,7 @@ Health HealthScan::health() const {
   return rest.result();
 }
 
-// Where no current changes nothing is to be traced; nor where one of a phase stands while the rotor
+// Nothing can be traced if no current changes, or if a phase current is constant while the rotor
 // turns.
 void HealthScan::look_for_dead_signals(Health& h) const {
   std::string standing;
@@ -228,8 +228,8 @@ Health HealthScan::result() const {
   h.stale_share = is_chance(stale, by_chance_) ? 0 : share(stale, rows_);
   h.held_share = held_.share(h.i_lsb);
   h.i_limit = std::max(a_.limit(), b_.limit());
-  // On a coarse scale the step below holds many, too. A sine has 2.4 times as many in its topmost
-  // step at most, and both sensors have the same.
+  // On a coarse scale the step below the limit has many samples, too. The top step of a sine has at
+  // most 2.4 times as many, and the two sensors have the same top.
   constexpr double kTimesCoarse = 3;
   if (h.i_limit == 0 && std::abs(a_.top() - b_.top()) < tolerance(a_.top()))
     h.i_limit = std::min(a_.limit(kTimesCoarse), b_.limit(kTimesCoarse));
@@ -254,7 +254,7 @@ Health HealthScan::result() const {
   }
   h.glitches = glitches_.found();
   h.frozen = frozen_.found();
-  if (!h.frozen.empty()) h.speed_lag = 0, h.speed_scale = 1;  // compared with what stood
+  if (!h.frozen.empty()) h.speed_lag = 0, h.speed_scale = 1;  // compared with a frozen signal
   h.no_angle = ahead_.no_angle;
   h.i_q_alone =
       !ahead_.i_q.empty() && ahead_.i_d.empty() && ahead_.i_alpha.empty() && ahead_.i_a.empty();

@@ -6,7 +6,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kSure = 4.5;    // sigmas that a claim needs: the scatter has long tails
-constexpr double kOneWay = 3.5;  // sigmas that speak against one
+constexpr double kOneWay = 3.5;  // sigmas of a preferred side that rule out a claim
 constexpr std::size_t kSide = 3;
 static_assert(kSide + 1 <= kStaleReach);
 
@@ -29,7 +29,7 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s) {
   pair.repeated = same(k - 1);
   pair.over_one = same(k - 2);
   pair.step = row(k) - row(k - 1);
-  // Least squares of a parabola about the middle of the two rows: its slope, its value.
+  // Least squares of a parabola about the middle of the two rows: its slope and its value there.
   constexpr double kSlope[kSide] = {1.5 / 41.5, 2.5 / 41.5, 3.5 / 41.5};
   constexpr double kValue[kSide] = {18.0 / 19, 8.0 / 19, -7.0 / 19};
   pair.ahead = row(k) + row(k - 1);
@@ -76,7 +76,7 @@ void HeldCurrents::close_few() {
   const double n = few_.rows;
   const auto chance = [n](const Counts& of) { return n * (of.x / n) * (of.y / n) * (of.z / n); };
   const double x = few_.next.x / n, y = few_.next.y / n, z = few_.next.z / n;
-  const double left = 1 - x * y - y * z - z * x + 2 * x * y * z;  // of what is held
+  const double left = 1 - x * y - y * z - z * x + 2 * x * y * z;  // share not equal by chance
   all_ += few_.next.all;
   by_chance_ += chance(few_.next);
   variance_ += chance(few_.next) * left;
@@ -88,7 +88,7 @@ void HeldCurrents::close_few() {
 
 double HeldCurrents::beyond_chance(double i_lsb) const {
   constexpr double kReach =
-      0.57;  // steps squared, which noise of half a step makes; 1/6 is the converter's own
+      0.57;  // steps squared, from noise of half a step; 1/6 is the converter's own
   if (variance_ <= 0 || i_lsb <= 0 ||
       (steps_.diagonal().array() < kReach * i_lsb * i_lsb * rows_).any())
     return 0;

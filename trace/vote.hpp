@@ -29,8 +29,8 @@ class JudgingRows {
   double along(const Sampled& y, const Sampled& change, const Sampled& noise,
                const std::vector<Channel>& moved) const;
   // Share of the energy of a claim's change that the means over a few long stretches have, which a
-  // scale of the equations could explain as well. The share is 0 for a change that turns with the
-  // rotor, or that is constant while the rotor turns.
+  // scale of the equations could explain as well. A change that is periodic in the angle, or
+  // constant in stator axes while the rotor turns, has none.
   double steady_share(const Sampled& with, const Sampled& without,
                       const std::vector<Channel>& moved) const;
   // Energies with a claim and without it, in eight pieces for each block of a file. The size of a
