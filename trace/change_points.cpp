@@ -89,9 +89,9 @@ class Search {
       if (file.first < p.end && file.end > p.first) some.push_back(file.path);
     return some;
   }
+
   // True if the rows of a part exclude an effect: added to the effects found there, it makes their
   // error larger. An effect of the bus voltage alone is in none of the compared errors.
-  // larger. An effect of the bus voltage alone is in none of the errors compared.
   bool excludes(const Part& p, const TracedEffect& e) const {
     const Effects there = p.effects();
     Effects with = there;
@@ -111,9 +111,8 @@ class Search {
     return fmt::format("part from {:.4g} to {:.4g} s", record_.t[p.first], record_.t[p.end - 1]);
   }
 
-  // The two sides of a proven change near a row, without the rows of its range; empty: no change.
  private:
-  // The two sides of a proven change near a row, without the rows of its range; empty: none is.
+  // The two sides of a proven change near a row, without the rows of its range; empty: no change.
   std::vector<Part> at_moment(const Part& whole, std::size_t row) {
     const auto least = static_cast<std::size_t>(kShortest_s / record_.T_s);
     std::size_t end = row, first = row;

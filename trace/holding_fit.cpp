@@ -12,7 +12,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// Averages of `length` neighbouring rows that can be used.
+// Averages of `length` neighbouring usable rows.
 VectorXd block_means(const std::vector<double>& x, const std::vector<char>& ok,
                      std::size_t length) {
   std::vector<double> means;
@@ -44,7 +44,7 @@ class Turning {
     c_.assign(theta_m.size(), 1);
   }
   void go_to(int order) {
-    const bool next = order == order_ + 1 && order % 64 != 0;  // rounding does not build up
+    const bool next = order == order_ + 1 && order % 64 != 0;  // rounding errors do not build up
     for (std::size_t k = 0; k < theta_m_.size(); ++k) {
       const double s = s_[k], c = c_[k];
       s_[k] = next ? s * c_1_[k] + c * s_1_[k] : std::sin(order * theta_m_[k]);
@@ -101,7 +101,7 @@ Blocks blocks_of(const Prepared& p, const Terms& terms, std::size_t length) {
 
 namespace {
 
-// The rows of all logs and their normal equations, for any weights.
+// The block means of all logs and their normal equations, for any weights.
 struct System {
   Index columns = 0;
   std::vector<Blocks> blocks;
@@ -109,7 +109,7 @@ struct System {
   std::vector<VectorXd> right;
 };
 
-// Offsets take the last columns.
+// The offsets are the last columns.
 System system_of(const std::vector<Prepared>& logs, const Terms& terms, std::size_t offsets,
                  const TraceHooks& hooks) {
   System system;
@@ -129,7 +129,7 @@ System system_of(const std::vector<Prepared>& logs, const Terms& terms, std::siz
   return system;
 }
 
-// Least squares with the noise of each log as its weight; leaves the noise found.
+// Least squares with the noise of each log as its weight; updates that noise.
 Solution solve(std::vector<Prepared>& logs, const System& system) {
   const Index n = system.columns;
   MatrixXd normal = MatrixXd::Zero(n, n), widened = MatrixXd::Zero(n, n);

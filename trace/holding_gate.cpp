@@ -17,12 +17,12 @@ namespace {
 
 using Eigen::Index;
 
-constexpr std::size_t kPieces = 24;  // of the means that judge in a sweep
+constexpr std::size_t kPieces = 24;  // of the judging means of a sweep
 constexpr std::size_t kBlocks = 12;  // of a sweep: odd and even ones should agree
 
 struct Mean {
-  Index row = 0;  // of its sums
-  double at = 0;  // row of the log in its middle
+  Index row = 0;  // of the sweep's sums
+  double at = 0;  // middle row in the log
   bool judges = false;
 };
 
@@ -35,7 +35,7 @@ struct Sweep {
   Eigen::VectorXd y;
   std::vector<Mean> means;
   bool seen = false;  // by the fit
-  double noise = 1;   // A, rms of what the sizes found leave: the sweep's weight is its inverse
+  double noise = 1;   // A, rms of the residual with the fitted sizes; its inverse is the weight
 
   bool both_ways() const {
     const auto up = std::count(direction.begin(), direction.end(), 1);
@@ -44,7 +44,7 @@ struct Sweep {
   }
 };
 
-// Coefficients of the sizes and phases that were found, A.
+// Coefficients of the fitted sizes and phases, A.
 Eigen::VectorXd found_sizes(const HoldingTorque& holding, double K_t) {
   std::vector<double> x;
   for (const std::vector<Harmonic>* list : {&holding.cogging, &holding.friction_ripple})
@@ -78,7 +78,7 @@ Sweep sweep_of(const PositionLog& log, const Terms& terms, const Eigen::VectorXd
   }
   std::sort(s.means.begin(), s.means.end(), [](auto& a, auto& b) { return a.at < b.at; });
   if (s.y.size() == 0) return s;
-  if (!s.seen) {  // its offset is its own
+  if (!s.seen) {  // it has an offset of its own
     s.X.rowwise() -= s.X.colwise().mean().eval();
     s.y.array() -= s.y.mean();
   }
@@ -167,7 +167,7 @@ std::vector<PointClaim> claims_of(const Terms& terms) {
   return claims;
 }
 
-// Claim `m` out of what was found; its order, 0: it has none.
+// Removes claim `m`; returns its order, or 0 for a claim without one.
 int drop(HoldingTorque& holding, std::size_t m) {
   for (std::vector<Harmonic>* list : {&holding.cogging, &holding.friction_ripple}) {
     if (m < list->size()) {
@@ -187,7 +187,7 @@ void refuse(Found& found, std::size_t m, Refused why, TraceResult& r) {
   r.refused.push_back(std::move(why));
 }
 
-// Sizes and phases of what is left, without what was refused beside it.
+// Sizes and phases of the remaining claims, fitted without the refused ones.
 void take_sizes(const PointAnswer& answer, double K_t, HoldingTorque& holding) {
   Index column = 0;
   for (std::vector<Harmonic>* list : {&holding.cogging, &holding.friction_ripple})
@@ -204,7 +204,7 @@ void take_sizes(const PointAnswer& answer, double K_t, HoldingTorque& holding) {
 
 namespace {
 
-// Claim by claim, until all that are left pass.
+// Refuses claim by claim, until all remaining ones pass.
 void refuse_sines(const Logs& logs, const TraceHooks& hooks, Found& found, TraceResult& r) {
   bool dropped = false;
   while (true) {
@@ -230,7 +230,7 @@ void refuse_sines(const Logs& logs, const TraceHooks& hooks, Found& found, Trace
   }
 }
 
-// Whether the filter of the current lowers the error of rows that judge by more than chance.
+// True if the filter of the current lowers the error of the judging rows beyond chance.
 bool keeps_lag(const Found& found, const Judge& judge) {
   const Criterion criterion;
   if (found.holding.cogging.empty() && found.holding.friction_ripple.empty()) return false;

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double kStandsOut = 4;  // times the noise of the orders around
+constexpr double kStandsOut = 4;  // times the noise of the orders around it
 
 double cost_with_lag(std::vector<Prepared>& logs, Terms terms, std::size_t offsets, double lag,
                      const TraceHooks& hooks) {
@@ -24,7 +24,7 @@ double amplitude(const Solution& s, std::size_t i) {
   return std::hypot(s.x[static_cast<Index>(2 * i)], s.x[static_cast<Index>(2 * i + 1)]);
 }
 
-// Noise of an amplitude, from those of the orders around: half of them hold nothing but noise.
+// Noise of an amplitude, from the orders around it: at least half of them hold noise alone.
 std::vector<double> floors(const Solution& s, std::size_t count) {
   std::vector<double> floor(count);
   for (std::size_t i = 0; i < count; ++i) {
@@ -69,7 +69,7 @@ Harmonic harmonic(const Solution& s, std::size_t i, int order, double over, doub
           .over_floor = over};
 }
 
-// All but one in a hundred steps of time are shorter: no lag below it can be seen.
+// Only one in a hundred time steps is longer: no shorter lag is visible.
 double widest_step(const PositionLog& log) {
   std::vector<double> steps;
   for (std::size_t k = 1; k < log.t.size(); ++k) steps.push_back(log.t[k] - log.t[k - 1]);
@@ -78,7 +78,7 @@ double widest_step(const PositionLog& log) {
   return *last;
 }
 
-// The lag, where the logs show one: a tenth or more of the squared rest goes with it.
+// Finds the lag, if the logs show one: it removes a tenth or more of the squared residual.
 void find_lag(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets,
               const TraceHooks& hooks, HoldingTorque& torque) {
   double shortest = 0, longest = 0;
@@ -144,8 +144,8 @@ Ways ways(const std::vector<Prepared>& logs) {
   return w;
 }
 
-// Orders among those of the cogging, and up to 2 n_p, whose part that turns with the direction is
-// an eighth of the largest cogging or more.
+// Finds orders among those of the cogging, and up to 2 n_p, whose part that changes sign with the
+// direction is an eighth of the largest cogging or more.
 void find_friction_ripple(std::vector<Prepared>& logs, Terms& terms, std::size_t offsets, int n_p,
                           const TraceHooks& hooks) {
   Terms wide = terms;
@@ -161,7 +161,7 @@ void find_friction_ripple(std::vector<Prepared>& logs, Terms& terms, std::size_t
   }
 }
 
-// Orders that the criterion A^2/sigma^2 > 2 log(N) does not carry go. True where one did.
+// Drops orders that fail the criterion A^2/sigma^2 > 2 log(N). True if an order was dropped.
 bool drop_small(Terms& terms, std::vector<double>& over_floor, const Solution& s) {
   const double needed = std::sqrt(2 * std::log(static_cast<double>(s.rows)));
   Terms kept = terms;
@@ -208,7 +208,7 @@ HoldingTorque trace_holding_torque(std::span<const PositionLog* const> given,
   Terms terms{.friction = w.both};
   terms.orders = orders_that_stand_out(solve_weighed(logs, all, offsets, hooks), all.orders).orders;
   find_lag(logs, terms, offsets, hooks, torque);
-  if (torque.lag > 0)  // rows that still remember a jump do not count
+  if (torque.lag > 0)  // rows within the after-effect of a jump do not count
     for (Prepared& p : logs) p.ok = holding_rows(*p.log, 5 * torque.lag, p.log->held_out);
   all.lag = torque.lag;
   Standing standing = orders_that_stand_out(solve_weighed(logs, all, offsets, hooks), all.orders);

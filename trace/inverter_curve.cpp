@@ -43,7 +43,7 @@ StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
   p.hooks = hooks;
   p.channels = {kVoltages[static_cast<std::size_t>(phase)]};
   p.y.resize(static_cast<Eigen::Index>(set.size()), 1);
-  // The d axis on the axis of the phase: i_d is its current.
+  // The d axis is on the axis of the phase, so i_d is its current.
   const double axis = kTwoPi * phase / 3;
   for (std::size_t k = 0; k < set.size(); ++k) {
     p.points.push_back({.i_dq = Vec2(i[k], 0), .v_dc = facts.v_dc, .theta_e = axis});
@@ -59,7 +59,7 @@ StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
                    "every fourth point in the order of the current; another fourth chose", p);
   double i_max = 0;
   for (const double value : i) i_max = std::max(i_max, std::abs(value));
-  // As of inverter_drop and of resistance.
+  // As for inverter_drop and resistance.
   p.smallest = {std::max(1e-3 * facts.v_dc, 0.02 * facts.machine.R_s * i_max)};
   std::vector<StaticTerm> drops;
   for (int shape = 0; shape < 4; ++shape) {

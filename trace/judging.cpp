@@ -13,11 +13,11 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostTried = 3;   // kinds refined in place of a member
-constexpr std::size_t kMostAsGood = 6;  // where they seem to explain as much
+constexpr std::size_t kMostAsGood = 6;  // if they seem to explain as much
 constexpr double kAsGood = 0.95;        // of a member's gain, before they are refined
 constexpr double kNotRefined = std::numeric_limits<double>::quiet_NaN();
 
-// One kind, and one choice of each of its words: a filter is not a delay.
+// True for one kind with the same choices: a filter is not a delay.
 bool same_form(const Effect& a, const Effect& b) {
   if (a.kind() != b.kind()) return false;
   const std::vector<NumericKey> of_a = numeric_keys(a), of_b = numeric_keys(b);
@@ -48,7 +48,7 @@ class Judge {
     return std::move(selection_);
   }
 
-  // Each member against its alternatives; none goes.
+  // Compares each member with its alternatives; drops none.
   Selection compare(const Members& members) {
     selection_.fit = fitter_.refine(members, Fitter::Until::kArrived);
     judge_members();
@@ -62,12 +62,12 @@ class Judge {
     return slope ? slope->keys.begin()->from : nullptr;
   }
 
-  // The others of the set without one, and what could stand in its place.
+  // The fit without one member, and the candidates that could replace it.
   struct WithoutOne {
     Fit without;
-    Members others;  // of it; moments where they are with the one, and not where its lack drew them
+    Members others;  // members of it, with the moments of the fit that has the member
     std::vector<Score> ranking;
-    std::vector<std::pair<const Effect*, Fit>> refined;  // with one of the ranking
+    std::vector<std::pair<const Effect*, Fit>> refined;  // each with one of the ranking
   };
   WithoutOne look_without(std::size_t m) const {
     WithoutOne look{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
@@ -82,7 +82,7 @@ class Judge {
   const Fit& refined(WithoutOne& look, const Score& s) const {
     for (const auto& [effect, fit] : look.refined)
       if (effect == s.effect.get()) return fit;
-    // A shaft has far to go, and may no longer ring when it has arrived.
+    // A shaft may need a long descent, and may no longer ring at its end.
     ShaftFacts shaft;
     const auto until =
         s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
@@ -91,7 +91,7 @@ class Judge {
     look.refined.emplace_back(s.effect.get(), std::move(fit));
     return look.refined.back().second;
   }
-  // Noise may tilt a device's drop below zero: a flat one is what there can be of it.
+  // Noise may make the slope of a device's drop negative: then a drop without a slope is used.
   Fit with_flat_drop(const Fit& fit) const {
     Members members = with(fit.members, nullptr);
     const char* slope = slope_of(*members.back());
@@ -104,8 +104,8 @@ class Judge {
     return slope && get_key(effect, slope) == 0;
   }
 
-  // Puts one other kind in the place of a member where that is better, and no worse where nothing
-  // was fitted.
+  // Replaces a member by another kind if the score is better and the error of the rows that are not
+  // fitted is no worse.
   bool swap_one() {
     looks_.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
@@ -115,7 +115,7 @@ class Judge {
       std::size_t tried = 0;
       for (const Score& s : looks_.back().ranking) {
         if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
-        // Another form of what has coefficients is tried when all else has settled.
+        // Another form of an effect with coefficients is tried at the end (settle()).
         const bool settled_later = s.effect->kind() == selection_.fit.members[m]->kind() &&
                                    s.effect->tracing().regressor_count() > 0;
         if (settled_later || same_form(*s.effect, *selection_.fit.members[m])) continue;
@@ -139,7 +139,7 @@ class Judge {
     return false;
   }
 
-  // The one without which the blocks held out are met best, if they are met better.
+  // Drops the member without which the held-out error is smallest, if it is smaller.
   bool drop_unproven() {
     const auto worst = std::min_element(
         selection_.members.begin(), selection_.members.end(),
@@ -188,7 +188,7 @@ class Judge {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Selection selection_;
-  std::vector<WithoutOne> looks_;  // by member of the last set that no swap made better
+  std::vector<WithoutOne> looks_;  // by member of the last set that no swap improved
 };
 
 }  // namespace

@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-// Walks the numbers of a field list; the others are passed by.
+// Visits the numbers of a field list; other fields are skipped.
 class NumberVisitor : public FieldVisitor {
  public:
   void number(const char* key, double& value, double lo, double hi, const char*,

@@ -13,12 +13,12 @@
 namespace twinrate {
 namespace {
 
-constexpr double kFalse = 1e-6;   // chance that noise alone makes such a line
+constexpr double kFalse = 1e-6;   // probability that noise alone makes such a line
 constexpr double kLowest_Hz = 1;  // slower is drift
 constexpr double kHighestOrder = 60, kLowestOrder = 0.3;  // of fractional orders
-constexpr double kMostWhole = 2000;                       // the highest that an effect takes
-constexpr std::size_t kTurnCells = 8192;                  // of one turn: four a period at least
-constexpr double kWhole = 0.06;  // of an order: nearer is a whole order, cogging's if considered
+constexpr double kMostWhole = 2000;                       // the highest order of an effect
+constexpr std::size_t kTurnCells = 8192;                  // of one turn: at least four a period
+constexpr double kWhole = 0.06;  // of an order: closer is a whole order, cogging's if considered
 constexpr double kFewestTurns = 4;
 constexpr double kLongest_s = 2000;  // of a record with gaps
 
@@ -28,8 +28,8 @@ std::size_t power_of_two(double at_least) {
   return n;
 }
 
-// Of the outputs. Where logs with clocks of their own stand one behind the other, or a long one has
-// so wide gaps that the spectrum would take too much memory, as if the rows had none between them.
+// Times of the outputs. If logs with clocks of their own follow one another, or a long log has gaps
+// so wide that the spectrum would take too much memory, the rows count as free of gaps.
 std::vector<double> times_of(const Runs& runs, const Record& record) {
   std::vector<double> t;
   for (std::size_t row : runs.row) t.push_back(record.t[row]);
@@ -38,7 +38,7 @@ std::vector<double> times_of(const Runs& runs, const Record& record) {
   return t;
 }
 
-// y spread onto an even grid of `position` (in cells), and its power by bin.
+// Power by bin of y, spread onto an even grid of `position` (in cells).
 std::vector<double> spectrum(const Eigen::VectorXd& y, const std::vector<double>& position,
                              std::size_t cells) {
   std::vector<double> grid(cells, 0.0);
@@ -57,7 +57,7 @@ std::vector<double> spectrum(const Eigen::VectorXd& y, const std::vector<double>
   return power;
 }
 
-// The strongest bin that `allowed`, where noise alone would hardly make it; 0 where there is none.
+// The strongest of the `allowed` bins, if noise alone would hardly make it; 0: none.
 template <class Allowed>
 std::size_t strongest(const std::vector<double>& power, Allowed&& allowed) {
   double sum = 0, best = 0;
@@ -88,8 +88,8 @@ void add_line(const Chain& chain, const char* key, double value, std::vector<Can
   lines.push_back(with_columns(chain, effect));
 }
 
-// The first whole order above the grid of `effect`, and its step there; {0, 0}: has none. A grid in
-// multiples of n_p goes on in them.
+// The first whole order above the grid of `effect`, and the step of the grid there; {0, 0}: no
+// grid. A grid in multiples of n_p continues in multiples of n_p.
 std::pair<double, double> beyond_grid(const Effect& effect) {
   const Traits traits = effect.tracing().traits();
   if (std::string_view(traits.period.order_key).empty() || traits.place != Traits::Place::kGrid ||
@@ -103,8 +103,8 @@ std::pair<double, double> beyond_grid(const Effect& effect) {
   return {};
 }
 
-// Power of y at the whole orders, forwards and backwards summed: the whitening turns the phase of a
-// line with the direction.
+// Power of y at the whole orders, as a sum over both directions, because the whitening turns the
+// phase of a line with the direction.
 std::vector<double> order_power(const Eigen::VectorXd& y, const Runs& runs, const Record& record) {
   std::vector<double> power(kTurnCells / 2, 0.0);
   for (const bool forwards : {true, false}) {
@@ -127,8 +127,8 @@ std::vector<double> order_power(const Eigen::VectorXd& y, const Runs& runs, cons
   return power;
 }
 
-// The highest order that passes the sampler's low-pass in a twentieth of the rows at least, and of
-// which these see more than two samples a period.
+// The highest order that passes the sampler's low-pass, with more than two samples a period, in at
+// least a twentieth of the rows.
 double highest_passed(const Chain& chain) {
   constexpr double kBand = 0.4;  // of the outputs' rate
   const Record& record = chain.equations().record();
@@ -143,7 +143,7 @@ double highest_passed(const Chain& chain) {
   return std::min(kMostWhole, rate / std::max(*slow, 1e-12));
 }
 
-// Effects at the strongest whole order above their grids.
+// Adds every effect at its strongest whole order above its grid.
 void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>& lines) {
   const double highest = highest_passed(chain);
   std::vector<double> power;

@@ -8,12 +8,12 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostRows = 20000, kFewestRows = 800;
-constexpr double kUnstable = 30;   // sizes of the noise that the loop must not make of it
-constexpr double kForget_s = 0.2;  // of the motion: slower is for the speed controller
+constexpr double kUnstable = 30;   // limit of the loop's response, in multiples of the noise
+constexpr double kForget_s = 0.2;  // of the motion: slower motion is the speed controller's
 constexpr double kRidge = 1e-6;
-constexpr double kRounding = 1e-9;  // V, A, rad: what moves less does not move
+constexpr double kRounding = 1e-9;  // V, A, rad: smaller changes count as none
 
-// Rows of which the last `before` and this one can be used, spread over the record.
+// Usable rows whose last `before` rows are usable as well, spread over the record.
 std::vector<std::size_t> usable_rows(const Record& record, int before) {
   std::vector<std::size_t> rows;
   int good = 0;
@@ -109,7 +109,7 @@ void LoopResponse::add(const SensorNoise& noise, Record& record) const {
     if (k >= kOrder)
       for (int axis = 0; axis < 2; ++axis)
         u[k][axis] = controller_[static_cast<std::size_t>(axis)].dot(inputs(k, axis, u, x, y));
-    // Across a seam the angle jumps, and the rotor does not.
+    // The angle jumps across a seam, although the rotor does not.
     if (k + 1 < n && record.motion_ok[k] && record.motion_ok[k + 1])
       omega_e = machine_.n_p * (record.theta_m[k + 1] - record.theta_m[k]) / T_s;
     omega_m += T_s * (K_t / J * i[1] - omega_m / kForget_s);

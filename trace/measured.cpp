@@ -27,7 +27,7 @@ void append_row(RawLog& raw, const Measurement& m, const Vec2& u_next, const dou
 RawLog raw_log_of(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last) {
   RawLog raw;
   raw.path = "rolling window";
-  int columns = 0;  // that any row has: one without is lost
+  int columns = 0;  // that any row has: a row without one of them is lost
   for (std::size_t n = first; n < last; ++n) columns |= rows[n].m.signals & kEveryColumn;
   for (std::size_t n = first; n + 1 < last; ++n)
     append_row(raw, rows[n].m, rows[n + 1].m.u_alphabeta, &rows[n].T_load, columns);

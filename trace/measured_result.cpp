@@ -44,7 +44,7 @@ EquationError channel_error(const StaticTrace& trace, Eigen::Index channel, cons
   EquationError e{.unit = unit,
                   .before = {before.train[channel], before.held_out[channel]},
                   .after = {after.train[channel], after.held_out[channel]}};
-  // Nothing changes with time here.
+  // A set without time has no change with time.
   e.no_change = e.noise_floor = e.whiteness_p_value = kNotKnown;
   e.rows = static_cast<std::size_t>(trace.problem.y.rows());
   return e;
@@ -57,7 +57,7 @@ Eigen::Index main_channel(const StaticSelection& s) {
   return main;
 }
 
-// Half the mean square of the difference of neighbours: noise, and hardly anything else.
+// Half the mean square of the difference of neighbours, which is almost entirely noise.
 double noise_of(const StaticProblem& p, const Eigen::MatrixXd& rest, Eigen::Index channel,
                 int file) {
   double sum = 0, pairs = 0;
@@ -70,7 +70,7 @@ double noise_of(const StaticProblem& p, const Eigen::MatrixXd& rest, Eigen::Inde
   return pairs > 0 ? std::sqrt(sum / pairs) : kNotKnown;
 }
 
-// A line a file and channel: over its points that judge, or over all where none does.
+// One line a file and channel: over its judging points, or over all if none judges.
 void add_files(const StaticTrace& trace, const char* unit, TraceResult& r) {
   const StaticProblem& p = trace.problem;
   for (std::size_t f = 0; f < p.files.size(); ++f)
@@ -98,9 +98,9 @@ void add_files(const StaticTrace& trace, const char* unit, TraceResult& r) {
     }
 }
 
-// Which constants these points would have shown, at the smallest size worth reporting.
+// The constants that these points would show at the smallest size worth reporting.
 void identifiability(const StaticTrace& trace, TraceResult& r) {
-  constexpr double kBlind = 4;  // deviations that a smallest effect must have to be seen
+  constexpr double kBlind = 4;  // standard deviations that a smallest effect needs to be visible
   const StaticFit& fit = trace.selection.constants;
   for (std::size_t i = 0; i < fit.terms.size(); ++i) {
     const auto effect = fit.terms[i].effect->clone();
@@ -144,7 +144,7 @@ void add_inverter_alias(const StaticTrace& trace, TraceResult& r) {
        "the resistance of the winding measured without the inverter"});
 }
 
-// An inverter curve shows a dead time by the drop that is the same curve.
+// An inverter curve shows a dead time through the drop with the same curve.
 void blind_to_threshold(const StaticTrace& trace, StaticKind kind, TraceResult& r) {
   if (kind != StaticKind::kInverterCurve) return;
   for (const std::string& whole : trace.considered.excluded())
@@ -153,7 +153,7 @@ void blind_to_threshold(const StaticTrace& trace, StaticKind kind, TraceResult& 
           part->kind, fmt::format("it is looked for as an {}, which --exclude leaves out", whole));
 }
 
-// What no effect explains of a channel.
+// The part of a channel that no effect explains.
 void add_rest(const StaticTrace& trace, const char* unit, TraceResult& r) {
   for (const StaticRest& left : trace.selection.left)
     r.unexplained.push_back({.regressor = trace.problem.channels.size() > 1 ? "i_d, i_q" : "i_q",
@@ -187,7 +187,7 @@ std::string sentence_of(const StaticTrace& trace, const TraceResult& r) {
   return text + ".";
 }
 
-// Nothing was found; whether anything is missing these points need not show.
+// If nothing was found, these points may still hide effects in their noise.
 void doubt_nothing(TraceResult& r) {
   if (r.verdict != "nothing_missing" || r.not_identifiable.empty()) return;
   std::vector<std::string> blind;

@@ -32,7 +32,7 @@ struct Windows {
 
 void add_windows(const PositionLog& log, double current_lag, Windows& w) {
   const double half = 30 * sample_interval(log);
-  // Through the same filter as the current went.
+  // The angle passes through the same filter as the current.
   const std::vector<double> angle = low_pass(log.t, log.theta_m, current_lag);
   const std::vector<double> i1 = running_integral(log.t, log.i_q);
   const std::vector<double> i2 = running_integral(log.t, i1);
@@ -100,7 +100,7 @@ SpinUp fit_spin_up(std::span<const PositionLog* const> logs, const MachineParame
 
 namespace {
 
-// Windows of a log in which its own speed is held against its angle.
+// Windows of a log for the comparison of its own speed with its angle.
 class SpeedWindows {
  public:
   explicit SpeedWindows(const PositionLog& log)
@@ -110,7 +110,7 @@ class SpeedWindows {
     for (double t = log.t.front() + 60 * T_s_; t < log.t.back() - 60 * T_s_; t += T_s_)
       all.push_back({t, (value_at(log.t, turned, t + half_) - value_at(log.t, turned, t - half_)) /
                             (2 * half_)});
-    // The slowest: there the jitter of the time stamps makes least noise.
+    // The slowest windows: in them the jitter of the time stamps makes the least noise.
     const std::size_t count = std::min(all.size(), std::max<std::size_t>(all.size() / 16, 1000));
     std::sort(all.begin(), all.end(), [](const Window& a, const Window& b) {
       return std::abs(a.speed) < std::abs(b.speed);
@@ -147,8 +147,8 @@ class SpeedWindows {
 
 namespace {
 
-// Sum of all lags: over a long window the angle turned less the integral of the speed is the lag
-// times the change of the speed, whatever the shape of the filter.
+// Sum of all lags: over a long window the change of the angle less the integral of the speed is the
+// lag times the change of the speed, whatever the shape of the filter.
 LinearFit whole_lag(const PositionLog& log) {
   const double half = 50 * sample_interval(log);
   const std::vector<double> turned = running_integral(log.t, log.omega_m);
@@ -180,7 +180,7 @@ SpeedLag fit_speed_lag(const PositionLog& log) {
   lag.rest = lag.rest_without = std::sqrt(windows.cost(0));
   if (whole.x[0] < 5 * whole.sigma[0]) return lag;
   lag.sigma = whole.sigma[0];
-  // Its shape: which part of it is a low-pass.
+  // Splits the lag into a low-pass and a delay.
   for (int i = 0; i <= 20; ++i) {
     const double filter = whole.x[0] * i / 20;
     windows.set_filter(filter);
@@ -205,7 +205,7 @@ std::vector<double> step_means(const std::vector<double>& theta_m, int order, do
 
 namespace {
 
-// Speed gained from the first row on, as the model has it, behind the filter of the speed.
+// Speed gained since the first row by the model, behind the filter of the speed signal.
 std::vector<double> speed_gained(const PositionLog& log, const MotionModel& model) {
   const std::size_t n = log.size();
   const double K_t = model.machine.torque_constant();
@@ -226,7 +226,7 @@ std::vector<double> speed_gained(const PositionLog& log, const MotionModel& mode
   return low_pass(log.t, gained, model.speed_lag.filter);
 }
 
-// Speed from the angle where the log has none: central difference over four steps to each side.
+// Speed from the angle if the log has none: central difference over four steps to each side.
 std::vector<double> measured_speed(const PositionLog& log) {
   if (!log.omega_m.empty()) return log.omega_m;
   std::vector<double> omega_m(log.size());

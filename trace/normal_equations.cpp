@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kRidge = 1e-8;
 
-// D A D with ones on the diagonal, and rows left out replaced by those of the identity.
+// D A D with ones on the diagonal; rows left out are those of the identity.
 Eigen::MatrixXd scaled(const Eigen::MatrixXd& A, const std::vector<char>& use,
                        Eigen::VectorXd& scale) {
   const Eigen::Index n = A.rows();
@@ -31,15 +31,15 @@ std::vector<char> NormalEquations::usable(double rows) const {
 }
 
 Eigen::Index NormalEquations::spurious(const std::vector<char>& use) const {
-  constexpr double kOwn = 1e-5;  // of its energy: what the others leave of it
-  constexpr double kSame = 0.1;  // of the least: such shares differ by rounding
+  constexpr double kOwn = 1e-5;  // share of its energy that the others do not explain
+  constexpr double kSame = 0.1;  // of the least: closer shares differ only by rounding
   const Eigen::VectorXd inverse = this->inverse(use).diagonal();
   const auto own = [&](Eigen::Index i) { return 1 / (inverse[i] * A(i, i)); };
   Eigen::Index found = -1;
   double least = kOwn;
   for (Eigen::Index i = 0; i < b.size(); ++i)
     if (use[static_cast<std::size_t>(i)] && own(i) < least) least = own(i), found = i;
-  // Two columns that are proportional have one share. A candidate comes after the members.
+  // Two proportional columns have equal shares. A candidate comes after the members.
   const double same = std::min(kOwn, least + kSame * std::abs(least));
   for (Eigen::Index i = found + 1; found >= 0 && i < b.size(); ++i)
     if (use[static_cast<std::size_t>(i)] && own(i) < same) found = i;

@@ -10,15 +10,15 @@ namespace twinrate {
 namespace {
 
 constexpr Eigen::Index kMostColumns = 8;  // of a group
-constexpr double kRidge = 1e-8;           // as of NormalEquations
-constexpr double kNothing = 1e-6;         // of the strongest combination of columns: does nothing
+constexpr double kRidge = 1e-8;           // as in NormalEquations
+constexpr double kNothing = 1e-6;         // of the strongest combination of columns: no effect
 constexpr double kSaturates = 5 * kEnoughSigmas;
 
 using Small = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMostColumns, kMostColumns>;
 using SmallVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostColumns, 1>;
 
-// One over the norms of the columns; zero where they are not excited or all noise (the rules of
-// NormalEquations).
+// Inverse norms of the columns; zero for a column without excitation or of noise alone (the rules
+// of NormalEquations).
 SmallVector scales(const Information& x, const PlanGroup& g) {
   SmallVector scale = SmallVector::Zero(g.count);
   for (Eigen::Index i = 0; i < g.count; ++i) {
@@ -28,14 +28,14 @@ SmallVector scales(const Information& x, const PlanGroup& g) {
   return scale;
 }
 
-// Columns of two groups, of length one each.
+// Products of the columns of two groups, scaled to unit norm.
 Small correlation(const Information& x, const PlanGroup& a, const SmallVector& scale_a,
                   const PlanGroup& b, const SmallVector& scale_b) {
   return scale_a.asDiagonal() * x.M.block(a.first, b.first, a.count, b.count) *
          scale_b.asDiagonal();
 }
 
-// D(a): the tracer's rule.
+// D(a), by the tracer's rule.
 double sigmas_alone(const Information& x, const PlanGroup& a, const SmallVector& scale) {
   if ((scale.array() == 0).all()) return 0;
   const Eigen::MatrixXd own = correlation(x, a, scale, a, scale);
@@ -79,7 +79,7 @@ double clearness(double strength, double beside, double N) {
   return kEnoughSigmas * std::sqrt(gain(beside) / enough);
 }
 
-// D(a|all) of each kind, a kind standing at the group `best` of it.
+// D(a|all) of each kind, represented by its group `best`.
 void beside_all(const Information& x, const std::vector<const PlanGroup*>& best,
                 std::vector<KindOutlook>& all) {
   constexpr double kRidgeOfAll = 1e-6;

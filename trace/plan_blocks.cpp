@@ -14,7 +14,7 @@ constexpr double kRest = 0.1;  // s, at the end of a block
 
 using Steps = std::vector<ProfileStep>;
 
-// Writes a block from its beginning to its end.
+// Builds a block from its beginning to its end.
 class Builder {
  public:
   Builder(const Bench& bench, std::string name, std::string words) : bench_(bench) {
@@ -26,7 +26,7 @@ class Builder {
   }
   Builder& speed(double omega_m) {
     if (!bench_.reverse) omega_m = std::abs(omega_m);
-    // Until the ramp has come there.
+    // Holds until the ramp has reached the value.
     const double ramp = std::abs(omega_m - block_.omega_m.back().value) / bench_.slew;
     set(block_.omega_m, omega_m);
     return hold(ramp);
@@ -45,7 +45,7 @@ class Builder {
     t_ += seconds;
     return *this;
   }
-  // From here to there and back in `seconds`, by steps.
+  // From zero to `peak` and back in `seconds`, in steps.
   template <class Set>
   Builder& triangle(double peak, double seconds, Set&& set_value) {
     const int steps = std::max(8, static_cast<int>(seconds / 0.02));

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-// Whether a point of a grid stays in the thinned set.
+// True if a point of a grid stays in the thinned set.
 bool kept(const TracedKey& key, double value, int n_p) {
   const std::string_view name = key.key;
   if (name == "time_constant_s") return value == 0;
@@ -32,7 +32,7 @@ void over_thinned(Effect& effect, const std::vector<TracedKey>& keys, std::size_
   }
 }
 
-// At a moment that only a record can give.
+// True for an effect at a moment that only a record can give.
 bool is_of_a_moment(const std::vector<TracedKey>& keys) {
   return std::any_of(keys.begin(), keys.end(),
                      [](const TracedKey& key) { return !key.linear && key.grid.empty(); });
@@ -46,8 +46,8 @@ bool may_plan(const std::string& kind) {
   return !keys.empty() && (!is_of_a_moment(keys) || is_placed(*effect, Traits::Place::kMoment));
 }
 
-// A torque from the beginning on becomes a step at any moment that halves the rows: each has it as
-// often as not. Expected products.
+// A torque from the beginning on becomes a step at a random moment: each row has it with
+// probability 1/2. The products become their expected values.
 void halve(const PlanGroup& step, Information& x) {
   x.M.middleRows(step.first, step.count) *= 0.5;
   x.M.middleCols(step.first, step.count) *= 0.5;
@@ -91,7 +91,7 @@ PlanGroup group_of(const std::shared_ptr<Effect>& effect, const DriveFacts& fact
   return group;
 }
 
-// Outputs [first, second) that stand in the span.
+// Outputs [first, second) within the span.
 std::pair<Eigen::Index, Eigen::Index> outputs(const Runs& runs, const RowSpan& span) {
   const auto at = [&](std::size_t row) {
     return static_cast<Eigen::Index>(std::lower_bound(runs.row.begin(), runs.row.end(), row) -
@@ -100,8 +100,7 @@ std::pair<Eigen::Index, Eigen::Index> outputs(const Runs& runs, const RowSpan& s
   return {at(span.first), at(span.last)};
 }
 
-// What the Chain's inner products are of one channel in one span, and the share of noise in the
-// diagonal.
+// The Chain's inner products of one channel in one span, and the share of noise in the diagonal.
 void add_channel(const std::vector<Sampled>& columns, Eigen::VectorXd Sampled::*channel,
                  Eigen::VectorXd Sampled::*noise, Eigen::VectorXd Sampled::*answer,
                  std::pair<Eigen::Index, Eigen::Index> range, Information& sum) {

@@ -89,7 +89,7 @@ Votes Asking::vote(const VectorXd& without) const {
   return votes_of(before, after, criterion_.silent);
 }
 
-// A claim smaller than one count of the readings it acts on may be the rounding.
+// A claim smaller than one count of the readings on which it acts may be their rounding.
 Refused Asking::of_sensors(std::size_t m) const {
   if (rows_.lsb.empty()) return {};
   VectorXd share = VectorXd::Zero(rows_.y.size());
@@ -130,7 +130,7 @@ Refused Asking::of_agreement(std::size_t m) const {
   return {};
 }
 
-// Share of the error without the claim, of the rows that do not judge.
+// Share of the error that the claim removes on the rows that do not judge.
 double Asking::gain_where_seen(std::size_t m) const {
   double with = 0, without = 0;
   for (std::size_t k = 0; k < rows_.size(); ++k) {

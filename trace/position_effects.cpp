@@ -20,7 +20,7 @@ struct Evidence {
   double z = 0;        // size over its standard deviation
   double freedom = 1;  // parameters: 1 or 2
   std::size_t rows = 0;
-  double without = kNoError, with = kNoError;  // errors on what is held out
+  double without = kNoError, with = kNoError;  // held-out errors
 };
 
 TracedEffect traced(std::shared_ptr<Effect> effect, std::string equation,
@@ -49,7 +49,7 @@ std::shared_ptr<Effect> sine_effect(const char* kind, const Harmonic& h) {
   return effect;
 }
 
-// What stands still in stator axes, or comes with the poles, shows at the same orders.
+// Effects that are constant in stator axes, or that occur with the poles, have the same orders.
 std::vector<std::string> aliases_of_order(const Effect& effect, int order, int n_p) {
   if (order == n_p) return kinds_read(effect, Traits::Reading::kAtOrderOfPolePairs);
   if (order == 2 * n_p) return kinds_read(effect, Traits::Reading::kAtTwiceThatOrder);
@@ -213,14 +213,14 @@ void add_lags(const Found& found, const Judge& judge, const DriveFacts& facts, T
                               .without = judge.error(found, model),
                               .with = judge.error(found, found.model())},
                              facts));
-  // Far longer than a current loop could stand: a filter of what is logged.
+  // Far too long for a current loop to tolerate: a filter of the logged value.
   r.effects.back().only_in_log = true;
 }
 
 namespace {
 
-// A change of R_s is claimed where it predicts rows that no fit has seen better than R_s declared, by
-// more than chance: R of those rows alone is nearer to it, and far from R_s declared.
+// A change of R_s is claimed if it predicts rows that no fit has seen better than the declared R_s,
+// beyond chance: R of those rows alone is closer to it, and far from the declared R_s.
 void add_resistance(const Found& found, const DriveFacts& facts, TraceResult& r) {
   constexpr double kSigmas = 3;
   const WindingVoltage &fitted = found.voltage_fitted, &unseen = found.voltage_unseen;

@@ -12,7 +12,7 @@
 namespace twinrate {
 namespace {
 
-// Of the squared error of "nothing changes", for noise that both have; chosen, not measured.
+// Of the squared error of "nothing changes", for noise that both have; by design, not measured.
 constexpr double kOverNothing = 1.05;
 
 struct Weakest {

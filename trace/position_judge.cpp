@@ -6,7 +6,7 @@
 namespace twinrate {
 namespace {
 
-// Current that the rows of `ok` hold, less the model and the mean of the rest.
+// Holding current of the rows of `ok`, less the model and the mean of the residual.
 double holding_error(const PositionLog& log, const std::vector<double>& model,
                      const std::vector<char>& ok, std::size_t& rows) {
   double sum = 0, squares = 0;

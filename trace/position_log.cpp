@@ -25,9 +25,9 @@ double deviation(const std::vector<double>& values) {
   return std::sqrt(sum / n);
 }
 
-// For a quarter of the time the rotor turns so fast that it passes a period of the cogging by its
-// momentum, even where all the torque in the log is against it: at a steady speed nothing
-// accelerates, and yet no current holds it.
+// True if for a quarter of the time the rotor is so fast that its momentum carries it through a
+// period of the cogging even against the whole torque in the log. At such a steady speed nothing
+// accelerates, and yet the current does not hold the rotor.
 bool momentum_carries(const PositionLog& log, double half, double torque,
                       const MachineParameters& machine) {
   constexpr double kShare = 0.25;
@@ -74,7 +74,7 @@ std::vector<int> directions(const PositionLog& log, double backlash) {
     const auto [low, high] = std::minmax_element(log.theta_m.begin(), log.theta_m.end());
     backlash = std::min(10 * angle_noise(log), 0.02 * (*high - *low));
   }
-  // An excursion of `backlash` from the extreme turns the direction, back to that extreme's row.
+  // An excursion of `backlash` from the extreme reverses the direction, from that extreme's row on.
   int now = 0;
   std::size_t lowest = 0, highest = 0, extreme = 0;
   const auto& theta_m = log.theta_m;
@@ -147,7 +147,7 @@ Acceleration second_difference(const PositionLog& log, double half) {
 bool is_quasi_static(const PositionLog& log, const MachineParameters& machine) {
   if (!log.has_time()) return true;
   const double torque = machine.torque_constant() * deviation(log.i_q);
-  // Long enough that the noise of the angle makes no acceleration to speak of.
+  // Long enough that the noise of the angle makes only a negligible acceleration.
   const double half = std::max(
       5 * sample_interval(log),
       std::sqrt(machine.J * std::sqrt(6.0) * angle_noise(log) / std::max(0.1 * torque, 1e-12)));
@@ -175,7 +175,7 @@ std::vector<char> holding_rows(const PositionLog& log, double memory) {
     const std::size_t a = k >= reach ? k - reach : 0, b = std::min(k + reach, log.size() - 1);
     speed[k] = std::abs(log.theta_m[b] - log.theta_m[a]) / (log.t[b] - log.t[a]);
   }
-  // Logs that rest most of the time have a median of nearly zero: the mean then is the measure.
+  // In a log that rests most of the time the median is nearly zero, so the mean is used.
   const double mean =
       std::accumulate(speed.begin(), speed.end(), 0.0) / static_cast<double>(speed.size());
   const double fastest = 5 * std::max(median(speed), mean);

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-constexpr std::size_t kMostLogs = 4;  // with pictures; the table of files has them all
+constexpr std::size_t kMostLogs = 4;  // with pictures; the table of files lists them all
 constexpr const char* kHeading = "Residual of each log, before and after";
 constexpr const char* kNote =
     "Each row of the log less the model: declared (before), with what was found (after), both less "
@@ -49,7 +49,7 @@ void sort_by_x(TracePicture& p) {
   }
 }
 
-// Rows that hold, less the model, in the order of the log; x: theta_m in rad.
+// Rows that hold the rotor, less the model, in the order of the log; x: theta_m in rad.
 TracePicture holding_rest(const PositionLog& log, const Found& found) {
   TracePicture p = empty_picture(log, "current that holds the rotor");
   const std::vector<char> ok = holding_rows(log, 5 * found.holding.lag);
@@ -68,8 +68,8 @@ TracePicture holding_rest(const PositionLog& log, const Found& found) {
   return p;
 }
 
-// Amplitude of a whole order over the turns that the rows cover, each weighed by the way it stands
-// for.
+// Amplitude of a whole order over the turns that the rows cover; each row has its angle step as
+// weight.
 double amplitude_of(int order, const std::vector<double>& theta_m, const std::vector<double>& y) {
   std::complex<double> sum = 0;
   double way = 0;

@@ -94,15 +94,15 @@ std::string sentence(const TraceResult& r, const Found& found, const Judge& judg
                      unseen ? "held-out" : "fitted", after, e.unit, e.no_change);
 }
 
-// Why nothing is told of what was found; not what it was.
+// The reason why a finding is not reported; without the finding itself.
 std::string refused_in_words(const Refused& first) {
   return fmt::format("{}: what was found in these logs did not pass the rule of {}{}: {}.",
                      first.rule == "whole" ? "Unexplained" : "Cannot tell", first.rule,
                      first.file.empty() ? "" : " on " + first.file, first.text);
 }
 
-// Nothing was found, and what was to be explained is all there still, beyond the noise of the rows:
-// whether anything is missing these logs do not say. Empty: they do.
+// The reason why these logs do not show whether anything is missing: no effect was found, and
+// nearly the whole error remains, above the noise of the rows. Empty: they show it.
 std::string nothing_explained(const TraceResult& r, const Judge& judge) {
   constexpr double kAll = 0.9, kNoise = 1.5;
   const EquationError& e = *r.mechanical;
@@ -119,13 +119,13 @@ std::string nothing_explained(const TraceResult& r, const Judge& judge) {
       after);
 }
 
-// What in motion the current and the driver's speed say.
+// Findings from the logs in motion: from the current and from the driver's speed.
 void find_in_motion(const MachineParameters& machine, const TraceHooks& hooks, Found& found) {
   found.spin = fit_spin_up(found.in_motion, machine);
   hooks.checkpoint();
   bool of_current = found.holding.lag > 0;
   if (of_current && found.spin.gain > 0) {
-    // Where the current moves the rotor without that lag, the lag was a slow controller's.
+    // If the current moves the rotor without that lag, a slow controller caused it.
     const SpinUp late = fit_spin_up(found.in_motion, machine, found.holding.lag);
     of_current = late.rest / late.variation < found.spin.rest / found.spin.variation;
     if (of_current) found.spin = late;
@@ -138,10 +138,10 @@ void find_in_motion(const MachineParameters& machine, const TraceHooks& hooks, F
   }
 }
 
-// The winding's voltage in the rows that judge, or in those that do not.
+// The winding's voltage over the judging rows, or over the others.
 WindingVoltage voltage_of(const std::vector<PositionLog>& logs, const MachineParameters& machine,
                           bool judging) {
-  constexpr std::size_t kFewest = 200;  // rows, as of any log
+  constexpr std::size_t kFewest = 200;  // rows, as for any log
   std::vector<PositionLog> resting, moving;
   for (const PositionLog& log : logs) {
     PositionLog part{.path = log.path};
@@ -162,7 +162,7 @@ WindingVoltage voltage_of(const std::vector<PositionLog>& logs, const MachinePar
   return trace_winding_voltage(at_rest, in_motion, machine);
 }
 
-// Throws TraceStopped where nothing is found yet; else what was found until then stands.
+// Throws TraceStopped if nothing was found yet; else keeps the findings so far.
 void find(const std::vector<PositionLog>& logs, const MachineParameters& machine,
           const TraceHooks& hooks, Found& found) {
   found.holding = trace_holding_torque(found.at_rest, machine, hooks);
@@ -220,7 +220,7 @@ TraceResult trace_considered(const std::vector<PositionLog>& logs, const DriveFa
   if (!r.interrupted) r.pictures = position_pictures(found, judge);
   if (r.interrupted) {
     if (r.effects.empty()) throw TraceStopped{};
-    r.verdict = "unexplained";  // the rows that judge were asked in part
+    r.verdict = "unexplained";  // only a part of the judging rows was read
     r.sentence =
         "Interrupted: more effects may be missing, and those found are tested only in part. So "
         "far: " +
@@ -256,8 +256,8 @@ TraceResult trace_considered(const std::vector<PositionLog>& logs, const DriveFa
       r.verdict = "ambiguous";
       r.sentence = why;
     }
-  // What transfers, and yet does not hold as a whole, is something. What does not transfer may be
-  // chance, which is not to say that nothing is missing.
+  // A claim that transfers and fails as a whole points to a cause. A claim that does not transfer
+  // may be chance, which does not show that nothing is missing.
   const bool nothing = r.effects.empty();
   const auto held_back = std::find_if(r.refused.begin(), r.refused.end(), [&](const Refused& x) {
     return x.rule == "whole" || (nothing && x.leaves_doubt());
@@ -285,9 +285,10 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
 
 namespace {
 
-// Of every so many means of rows one judges, each time another in turn, so that what repeats with
-// the angle is judged at all its phases. Each is short beside a period of any order: an order that
-// fits in the gaps would not be held by what is left.
+// One of every `every` means judges, at a position that shifts from group to group, so that a part
+// periodic in the angle is judged at all its phases. Each mean is short against a period of any
+// order. Otherwise an order could fit into the gaps that the judging rows leave, where the other
+// rows do not determine it.
 std::vector<char> judging_rows(const PositionLog& log, std::size_t every) {
   const std::size_t length = judged_length(log);
   std::vector<char> judges(log.size(), 0);

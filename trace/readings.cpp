@@ -60,9 +60,10 @@ std::vector<OtherReading> other_readings(int n_p, int encoder_counts) {
 
 std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& facts,
                                        const ScaleFactors& as_it_is, int encoder_counts) {
-  // That the other reading leaves less; of a frame turned by half, that has all but one sign right.
+  // Factor by which the other reading must reduce the error; a frame turned by half a turn has only
+  // one sign wrong, so a small factor suffices.
   const double times = turned_by_half(as_it_is) ? 1.2 : 3;
-  constexpr double kMuchEmf = 9;  // of the voltage's power: weakened to a third
+  constexpr double kMuchEmf = 9;  // of the voltage's power: field weakening to a third
   const bool has_voltage = record.has_voltage_equation();
   const bool by_voltage =
       has_voltage && (as_it_is.cell_share < kFrameFails || turned_by_half(as_it_is) ||

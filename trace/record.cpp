@@ -8,7 +8,7 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kSeam = 12;  // rows at a seam whose speed would mix both records
-constexpr int kApart = 24;         // rows by which time shows that one has ended
+constexpr int kApart = 24;         // rows between two records, so that the times show the seam
 
 template <class T>
 void add(std::vector<T>& a, const std::vector<T>& b) {

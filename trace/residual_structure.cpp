@@ -20,26 +20,27 @@ namespace {
 constexpr int kBins = 24;
 constexpr double kSmallestVoltage = 2e-4;    // of the bus voltage
 constexpr double kSmallestTorque_Nm = 6e-3;  // of a drive of 8 Nm
-constexpr double kChance = 1e-9;             // of noise making such means
-constexpr double kLeastBesideShaft = 0.15;   // impacts are never met to the last bit
-constexpr double kTimesNoise = 2;            // the rms of a rest that is more than noise
-// The same where nothing is claimed: of 290 drawn logs with nothing missing three have more, for other reasons.
+constexpr double kChance = 1e-9;             // probability that noise makes such means
+constexpr double kLeastBesideShaft = 0.15;   // a model never meets impacts exactly
+constexpr double kTimesNoise = 2;            // ratio of an rms that exceeds the noise
+// The same without a claim: of 290 drawn logs with nothing missing three exceed it, for other reasons.
 constexpr double kTimesNoiseAlone = 4;
-constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: no axis is shown then
-constexpr double kLeastShare = 0.04;  // of the residual's power: less is too small to draw
+constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: then no axis is shown
+constexpr double kLeastShare = 0.04;  // of the residual's power: a smaller part is not visible
 
-// Why a structure may be no effect.
+// Reasons why a structure may be no effect.
 constexpr const char* kNotConfirmed = "the rows that judge do not confirm it";
 constexpr const char* kOfCounts =
     "an angle off by half a count could make twice as much (a finer encoder would tell)";
-// Of the EMF that half a count puts into the d voltage. Ten drawn logs have such a structure and no
-// claim. In the five that lack nothing it is 0.11 to 0.42 of that EMF. In the others it is 0.18 in one,
-// and 1.02 or more in four.
+// Of the EMF that half a count makes in the d voltage. Ten drawn logs have such a structure and no
+// claim. In the five that lack nothing it is 0.11 to 0.42 of that EMF. In the others it is 0.18 in
+// one, and 1.02 or more in four.
 constexpr double kOfCount = 0.5;
 
-// What moves little more than its own noise in most rows orders nothing: that noise is in the rest,
-// too. The start of a run at constant load moves i_q by far more than noise does, but only the few
-// rows of the start. By the quarters of the rows, which are 1.35 deviations of noise apart.
+// True if an axis varies by more than its own noise in most rows. Otherwise noise orders the rows,
+// and that noise is in the residual as well. The start of a run at constant load moves i_q by far
+// more than noise, but only in the few rows of the start. So the measure is the distance of the
+// quartiles, which is 1.35 standard deviations for noise.
 bool moves(const std::vector<double>& x, const std::vector<double>& noisier) {
   constexpr double kTimes = 5, kQuarters = 1.349;
   std::vector<double> sorted = x;
@@ -80,7 +81,7 @@ class BinMeans {
   }
   std::size_t bins() const { return limits_.size() + 1; }
 
-  // The mean that belongs to each row.
+  // The mean of the bin of each row.
   Eigen::VectorXd of(const Eigen::VectorXd& y) const {
     std::vector<double> sum(bins(), 0.0), count = sum;
     std::vector<std::size_t> bin(x_.size());
@@ -103,8 +104,9 @@ class BinMeans {
   std::vector<double> limits_;
 };
 
-// What the means say of rows that judge, by pieces of them, eight a block. Each has as much of the
-// time and of what the means say, half and half: a structure that few rows show speaks there.
+// Vote of the judging rows on the means, in eight pieces a block. The size of a piece is half its
+// share of the time and half its share of the means' energy, so that a structure in few rows has
+// pieces there.
 Votes transfer_of(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
                   const std::vector<char>& judges) {
   constexpr double kPieces = 192;  // of a record
@@ -138,12 +140,12 @@ double share_of(const Eigen::VectorXd& mean, const Eigen::VectorXd& y,
   return explained / total;
 }
 
-// Share of the power of y, on the rows that do not judge, which the sensors' errors make themselves.
-// They are in the axis, too, and in what the drive does about them. The drawn ones are half of those
-// there; where y is louder than they are, y may be noise that was drawn too quiet. Half as much again,
-// because the drawn share differs from the one that is there: with twice it, four of six runs at 2 kHz
-// that lacked nothing had a structure along i_d, 30 to 33 % of the power. On 200 drawn logs no verdict
-// but one depends on it.
+// Share of the power of y, on the rows that do not judge, that the sensors' errors make themselves.
+// They are in the axis as well, and in the drive's response to them. The drawn errors are half of
+// the actual ones; if y exceeds them, y may be noise that was drawn too small. The factor is half
+// as much again, because the drawn share differs from the actual one: with a factor of two, four of
+// six runs at 2 kHz that lacked nothing had a structure along i_d, 30 to 33 % of the power. On 200
+// drawn logs only one verdict depends on it.
 double made_by_sensors(const Eigen::VectorXd& noise, const std::vector<double>& x,
                        const Eigen::VectorXd& y, const std::vector<char>& judges) {
   constexpr double kTimes = 3;
@@ -152,7 +154,7 @@ double made_by_sensors(const Eigen::VectorXd& noise, const std::vector<double>& 
   return kTimes * std::max(share_of(mean, y, judges), share_of(mean, noise, judges));
 }
 
-// The same; 0 where noise would make it.
+// The same share; 0 if noise makes as much.
 double share_by_chance(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
                        const std::vector<char>& judges, std::size_t bins) {
   const double share = share_of(mean, y, judges),
@@ -160,7 +162,7 @@ double share_by_chance(const Eigen::VectorXd& y, const Eigen::VectorXd& mean,
   return chi_square_tail(share * rows, static_cast<double>(bins)) > kChance ? 0 : share;
 }
 
-// The same of one mean for all rows.
+// The share of one mean for all rows.
 double share_of_mean(const Eigen::VectorXd& y, const std::vector<char>& judges) {
   const std::vector<double> same(judges.size(), 0);
   return share_of(BinMeans(same, judges).of(y), y, judges);
@@ -170,7 +172,7 @@ double root_mean_square(const Eigen::VectorXd& y) {
   return y.norm() / std::sqrt(std::max(1.0, static_cast<double>(y.size())));
 }
 
-// Beyond chance, however many axes and channels are looked at.
+// True if the votes exceed chance, corrected for the number of axes and channels.
 bool transfers(const Votes& votes) {
   constexpr double kLooks = 3 * std::size(kAxes);  // in each channel
   const Criterion criterion;
@@ -178,7 +180,7 @@ bool transfers(const Votes& votes) {
          votes.judgement.p_value < criterion.chance / kLooks;
 }
 
-// Those of the blocks that judge; where none do, every fourth of 24.
+// The outputs of the judging blocks; if none judges, every fourth of 24 blocks.
 std::vector<char> judging_outputs(const Runs& runs) {
   if (std::count(runs.held_out.begin(), runs.held_out.end(), 1) > 0) return runs.held_out;
   constexpr std::size_t kBlocks = 24, kEvery = 4;
@@ -188,7 +190,7 @@ std::vector<char> judging_outputs(const Runs& runs) {
   return judges;
 }
 
-// What is looked at for structure: one channel of the residual.
+// One channel of the residual, in which structure is looked for.
 struct Looked {
   const char *equation, *channel, *what;
   Eigen::VectorXd Sampled::*value;
@@ -196,8 +198,8 @@ struct Looked {
   double smallest;  // rms of the means, V or Nm
 };
 
-// The axis that explains most of a channel, on rows that judge; none beyond chance and the sensors:
-// share 0.
+// The axis that explains most of a channel, on the judging rows; share 0 if none exceeds chance and
+// the sensors.
 class StructureSearch {
  public:
   StructureSearch(const Chain& chain, const Fit& fit, const Sampled& physical)
@@ -208,9 +210,10 @@ class StructureSearch {
     counts_may_ = acting_on(claimed, kOnCurrents).empty() && acting_on(claimed, kOnAngle).empty();
   }
 
-  // Where no error of a current or of the angle is claimed: it might be theirs.
+  // True if no error of a current or of the angle is claimed. Otherwise the structure may come from
+  // it.
   bool counts_may() const { return counts_may_; }
-  // What the encoder's counts make where they are moved; made where a structure is found first.
+  // The rounding noise of moved counts; computed at the first structure.
   const Sampled& rounding(bool whitened) const {
     if (!rounding_) rounding_ = chain_.rounding(fit_.effects());
     if (!whitened) return *rounding_;
@@ -275,8 +278,9 @@ class StructureSearch {
     }
     const Votes votes = transfer_of(e, mean, judges);
     const double gain = votes.judgement.held_out_gain;
-    // Beside a claim any doubt is told: a wrong kind leaves a structure that few other rows share.
-    // What those rows contradict is chance. Of a time no other rows are there that could judge.
+    // Beside a claim any doubt is reported: a wrong kind leaves a structure that few other rows
+    // share. If the judging rows contradict it, it is chance. A structure over time has no other
+    // rows.
     if (!alone) return {.share = of_time || gain > 0 ? fitted : 0};
     if (!transfers(votes)) return {.share = of_time ? fitted : 0, .doubt = kNotConfirmed};
     const double rms = root_mean_square(means.of(physical_.*looked.value));
@@ -284,8 +288,8 @@ class StructureSearch {
             .doubt = rms < kOfCount * emf_of_half_a_count(looked, runs) ? kOfCounts : nullptr};
   }
 
-  // What an angle off by half a count puts into the d voltage, rms. The loop answers each count, so the
-  // product of angle error and voltage need not be zero in the mean.
+  // Rms of the d voltage from an angle error of half a count. The loop responds to each count, so
+  // the product of angle error and voltage need not have the mean zero.
   double emf_of_half_a_count(const Looked& looked, const Runs& runs) const {
     if (looked.value != &Sampled::d || runs.row.empty()) return 0;
     const Equations& equations = chain_.equations();
@@ -300,12 +304,12 @@ class StructureSearch {
   const Fit& fit_;
   const Sampled& physical_;
   double least_;
-  bool counts_may_;  // excuse a structure
+  bool counts_may_;  // they explain a structure
   mutable std::optional<Sampled> rounding_, whitened_;
 };
 
-// A torque beyond the noise of the sensors, whatever it depends on. Where nothing is claimed a smaller one is a
-// doubt (conclude.cpp).
+// A torque above the noise of the sensors, on whatever axis. Without a claim a smaller one is only a doubt
+// (conclude.cpp).
 Structure slow_torque(const Chain& chain, const Sampled& physical, const StructureSearch& search,
                       bool alone) {
   const double rms = root_mean_square(physical.torque);
@@ -324,15 +328,13 @@ Structure slow_torque(const Chain& chain, const Sampled& physical, const Structu
               .channel = "torque"};
   s.text = fmt::format(
       "the residual of the torque, {:.3g} Nm, is {:.3g} times the noise floor, both whitened by "
-      "the "
-      "noise of the sensors",
+      "the noise of the sensors",
       rms, over);
   return s;
 }
 
-// What acts now and then (impacts, a load that comes and goes) depends on none of the axes, and is
-// not there all the time. The noise is not less than the sensors make, which is more in some rows
-// than in others.
+// An intermittent effect (impacts, a load that comes and goes) depends on none of the axes and is
+// not present all the time. The noise is at least that of the sensors, which varies between rows.
 Structure bursts_of_torque(const Chain& chain, const Sampled& physical,
                            const StructureSearch& search) {
   if (physical.torque.size() == 0) return {};
@@ -435,7 +437,7 @@ const char* text_of(Run run) {
   }
 }
 
-// The first of the runs that the kinds themselves and, two by two, their relatives name.
+// The first of the runs that the traits of the kinds and, for pairs, of their relatives name.
 Run run_that_separates(const std::vector<std::string>& kinds) {
   Run first = Run::kVaried;
   const auto may = [&](Run run) {

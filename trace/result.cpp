@@ -27,7 +27,7 @@ json parameter_json(const TracedParameter& p) {
   return row;
 }
 
-// `all`: the files of the trace. An effect that was fitted to them together was found in all.
+// `all`: the files of the trace. An effect that was fitted to all of them has all as its files.
 json effect_json(const TracedEffect& e, const std::vector<std::string>& all) {
   json parameters = json::object();
   for (const TracedParameter& p : e.parameters) parameters[p.name] = parameter_json(p);
@@ -128,7 +128,7 @@ std::vector<TracedParameter> traced_parameters(const Effect& effect,
                                                const std::map<std::string, double>& sigma) {
   std::vector<TracedParameter> list;
   for (const NumericKey& key : numeric_keys(effect)) {
-    if (key.key == "start_s") continue;  // of the log's clock, which nobody traced
+    if (key.key == "start_s") continue;  // of the log's clock, which is not traced
     const auto [name, unit] = split_unit(key.key);
     TracedParameter p{
         .name = name, .unit = unit, .value = key.value, .sigma = {}, .text = key.text};

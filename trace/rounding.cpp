@@ -8,12 +8,12 @@ namespace twinrate {
 namespace {
 
 constexpr double kNarrower = 0.0618;  // counts of the other encoder
-constexpr double kMoved = 0.2113;     // of a count; saw teeth so far apart are uncorrelated
+constexpr double kMoved = 0.2113;     // of a count; saw teeth this far apart are uncorrelated
 constexpr std::ptrdiff_t kReach = 10, kLongestReach = 320;  // rows of a quadratic to either side
-constexpr double kWithin = 0.55;  // counts from a reading's centre: its cell, and a tenth of it
+constexpr double kWithin = 0.55;  // counts from a reading's centre: its cell and a tenth of it
 
-// Straight from one change of the reading to the next: half-way between two rows it is half-way
-// between their readings.
+// Straight lines from one change of the reading to the next: halfway between two rows the path is
+// halfway between their readings.
 std::vector<double> joined(const std::vector<double>& readings) {
   std::vector<double> path = readings;
   std::ptrdiff_t last = -1;  // the row before the last change
@@ -32,7 +32,7 @@ std::vector<double> joined(const std::vector<double>& readings) {
   return path;
 }
 
-// A quadratic through the rows around each (Savitzky and Golay); near the ends as it is.
+// A quadratic through the rows around each row (Savitzky and Golay); unchanged near the ends.
 std::vector<double> smooth(const std::vector<double>& x) {
   const double m = kReach;
   std::vector<double> weight;
@@ -51,7 +51,7 @@ std::vector<double> smooth(const std::vector<double>& x) {
   return out;
 }
 
-// Least squares over the rows around one: value, slope and half the curvature there.
+// Least squares over the rows around one row: value, slope and half the curvature there.
 struct Quadratic {
   double value, slope, bend;
   double at(double rows) const { return value + (slope + bend * rows) * rows; }
@@ -70,9 +70,9 @@ Quadratic fitted(const double* at, std::ptrdiff_t reach) {
   return {at[0] + sum / n - curved * mean, slope / squares, curved};
 }
 
-// The shaft moves smoothly, and each reading bounds it by its cell. The longest window whose
-// quadratic stays within the cells of all its readings tells most: where the readings step by
-// nearly the same from row to row, only a long one shows where in its cell the shaft is.
+// The shaft moves smoothly, and each reading limits it to a cell. The best estimate is the longest
+// window whose quadratic stays within the cells of all its readings. If the readings step by nearly
+// the same amount from row to row, only a long window shows the position in the cell.
 struct Path {
   std::vector<double> theta;
   std::vector<char> known;  // to less than a cell
@@ -81,10 +81,10 @@ struct Path {
 Path path_between(const std::vector<double>& readings, double lsb) {
   Path path{joined(readings), std::vector<char>(readings.size(), 0)};
   const std::vector<double> straight = path.theta;
-  std::vector<char> longer(readings.size(), 1);  // a longer window may do
+  std::vector<char> longer(readings.size(), 1);  // true while a longer window may fit
   const auto n = static_cast<std::ptrdiff_t>(readings.size());
   for (std::ptrdiff_t reach = kReach; reach <= kLongestReach; reach *= 2) {
-    const std::ptrdiff_t half = reach / (2 * kReach);  // rows to either side that one window serves
+    const std::ptrdiff_t half = reach / (2 * kReach);  // rows to either side that use one window
     for (std::ptrdiff_t k = reach; k + reach < n; k += 2 * half + 1) {
       if (!longer[static_cast<std::size_t>(k)]) continue;
       const Quadratic q = fitted(straight.data() + k, reach);

@@ -9,14 +9,15 @@
 namespace twinrate {
 namespace {
 
-constexpr double kSlowest = 0.15;      // rad/s: below it friction is not what the speed says
+constexpr double kSlowest = 0.15;      // rad/s: below it the speed does not determine the friction
 constexpr int kHalfWidth = 5;          // outputs
-constexpr double kSparse_Hz = 4000;    // rate at which a smooth channel is looked at, or more
+constexpr double kSparse_Hz = 4000;    // least rate of rows for a smooth channel
 constexpr std::size_t kShortest = 24;  // a run with fewer outputs is left out
 
-// Nuttall's window (1981, four terms, continuous first derivative), x from -pi to pi: 93 dB and more beside
-// its main lobe, falling. A torque from an angle's counts grows with the frequency squared: what a window
-// of 53 dB (Hamming) lets through to frequencies below 25 Hz is a hundred times what is there.
+// Nuttall's window (1981, four terms, continuous first derivative), x from -pi to pi: 93 dB and
+// more beside its main lobe, falling. A torque from an angle's counts grows with the frequency
+// squared: a window of 53 dB (Hamming) lets through a hundred times the torque that is present
+// below 25 Hz.
 double window(double x) {
   return 0.355768 + 0.487396 * std::cos(x) + 0.144232 * std::cos(2 * x) +
          0.012604 * std::cos(3 * x);
@@ -78,9 +79,9 @@ Runs Sampler::runs_of(const std::vector<char>& ok, const std::vector<char>& held
     }
     run = {};
   };
-  std::ptrdiff_t seen = -1;  // rows up to here have been looked at
-  // Differences reach one row further than the window, and the means of an interval two (a window's
-  // own last taps are zero).
+  std::ptrdiff_t seen = -1;  // rows up to here have been checked
+  // Differences reach one row further than the window, and the means of an interval two rows (a
+  // window's own last taps are zero).
   const std::ptrdiff_t on = M_ == 0 ? 2 : M_ + 1;
   for (std::ptrdiff_t centre = M_ + 1; centre + on < n; centre += D_) {
     for (; seen < centre + on; ++seen)

@@ -9,7 +9,7 @@ namespace {
 constexpr double kMostPsi = kThisMachine.psi_f, kMostR = kThisMachine.R_s, kMostL = kThisMachine.L,
                  kLightest = kThisMachine.lightest, kHeaviest = kThisMachine.heaviest;
 
-// Beyond what effects do, by more than its uncertainty and by more than the equation leaves.
+// True if the scale exceeds the bounds by more than its uncertainty and the error of the equation.
 bool beyond(const ScaleRatio& r, double least, double most) {
   if (!r.known() || r.over_rest < 1) return false;
   if (r.value < 0) return -r.value > kScaleSigmas * r.sigma;
@@ -17,7 +17,7 @@ bool beyond(const ScaleRatio& r, double least, double most) {
   return r.log() - reach > std::log(most) || r.log() + reach < std::log(least);
 }
 
-// The declared load against the motor's own torque, whatever the inertia is.
+// The declared load against the motor's own torque, independent of the inertia.
 ScaleRatio load_of_motor(const ScaleFactors& f) {
   if (!f.T_load.known() || !f.K_t_J.known() || f.K_t_J.value <= 0) return {};
   const double value = f.T_load.value / f.K_t_J.value;
@@ -28,7 +28,7 @@ ScaleRatio load_of_motor(const ScaleFactors& f) {
 }  // namespace
 
 Beyond beyond(const ScaleFactors& f) {
-  constexpr double kThousandfold = 300, kBrake = 1.4;  // a brake's set value is nearer than that
+  constexpr double kThousandfold = 300, kBrake = 1.4;  // a brake's set value is closer than that
   const bool voltage = f.cell_share > kFrameFits && f.mean_interval_e < kSlowTurn;
   const bool torque = f.torque_share > kMoves;
   return {.R_s = voltage && beyond(f.R_s, 1 / kMostR, kMostR),

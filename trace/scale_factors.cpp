@@ -12,11 +12,13 @@ namespace {
 constexpr double kCell_s = 4e-3;  // of a voltage cell; at least one interval
 constexpr std::size_t kMostCells = 800;
 constexpr std::size_t kBlocks = 20;   // for the standard deviations
-constexpr double kSameColumn = 1e-6;  // of the power: columns that differ by less are one
-// Spread of the speed over its rms. Disturbances alone move a rotor whose speed a loop holds. The current
-// answers them, and their ratio is no inertia. One drawn log (an eccentric load, 11 times K_t/J) is the reason.
+constexpr double kSameColumn = 1e-6;  // of the power: columns with a smaller difference are equal
+// Spread of the speed over its rms. In a loop that holds the speed, only disturbances move the
+// rotor. The current responds to them, and the ratio of the two is no inertia. One drawn log (an
+// eccentric load, 11 times K_t/J) is the reason.
 constexpr double kHeld = 0.1;
-// Share that R_s may change by with a dead time and without, and R_s and L by with a winding that warms and without.
+// Share by which R_s may change with and without a dead time, and R_s and L with and without a
+// winding that warms.
 constexpr double kSame = 0.3;
 constexpr double kNegligible = 0.05;  // a term below this share (amplitude) has no scale
 
@@ -74,7 +76,7 @@ class BlockLeastSquares {
     alone_ = inverted.diagonal();
   }
   ScaleRatio ratio(int j) const {
-    // The term as declared, and as fitted: one of them must be a part of the sum.
+    // The term as declared, and as fitted: one of them must be a relevant part of the sum.
     const double term = scale_[j] * std::max(1.0, std::abs(beta_[j]));
     if (hidden_[j] > kSameColumn || !(power_ > 0) || term < kNegligible * std::sqrt(power_))
       return {};
@@ -83,7 +85,7 @@ class BlockLeastSquares {
   bool told(int j) const { return hidden_[j] <= kSameColumn && scale_[j] > 0; }
   double beta(int j) const { return beta_[j]; }
   double sigma(int j) const { return sigma_[j]; }
-  // Power that column j explains beside the others, and what is left of all.
+  // Power that column j explains beside the others, and the residual power.
   double gain(int j) const { return alone_[j] > 0 ? beta_[j] * beta_[j] / alone_[j] : 0; }
   double rest() const { return rest_; }
   double column_power(int j) const { return scale_[j] * scale_[j]; }
@@ -103,12 +105,12 @@ class BlockLeastSquares {
   };
   std::size_t rows_, count_ = 0;
   std::array<Block, kBlocks> blocks_;
-  Row hidden_ = Row::Zero();  // share of a column that others repeat
+  Row hidden_ = Row::Zero();  // share of a column that the others repeat
   Row beta_ = Row::Zero(), sigma_ = Row::Zero(), scale_ = Row::Zero(), alone_ = Row::Zero();
   double power_ = 0, rest_ = 0;
 };
 
-// The log as it is read: angle from row to row, currents and voltages in rotor axes.
+// The log in a given reading: angle from row to row, currents and voltages in rotor axes.
 class ReadLog {
  public:
   ReadLog(const Record& record, const DriveFacts& facts, const Reading& as)
@@ -126,14 +128,14 @@ class ReadLog {
     if (as_.mirrored) i[1] = -i[1];
     return park(i, frame(k, as_.current_stands) - as_.current_turn);
   }
-  // Of the interval from row k on, or of its beginning.
+  // Mean over the interval from row k on, or the value at its beginning.
   Vec2 u_dq(std::size_t k) const {
     const double half_turn_e =
         as_.voltage_of_tick ? 0 : 0.5 * n_p_ * (theta_m_[k + 1] - theta_m_[k]);
     return park(record_.u_alphabeta[k], frame(k, as_.voltage_stands) + half_turn_e);
   }
   bool voltage_of_tick() const { return as_.voltage_of_tick; }
-  // rad, electrical, of the encoder's count; 0: none that matters.
+  // Count of the encoder in rad, electrical; 0: none that matters.
   double step_e() const { return std::abs(as_.angle_factor) * n_p_ * record_.angle.lsb; }
   bool neighbours(std::size_t k) const {
     return record_.t[k + 1] - record_.t[k] < 1.5 * record_.T_s;
@@ -215,15 +217,15 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   with_drift.solve();
   if (with_turn.told(5))
     out.turned = {.value = with_turn.beta(5), .sigma = with_turn.sigma(5), .over_rest = 0};
-  // A voltage that bends with the current is taken for a resistance, or the other way round. What a winding adds
-  // that warms at a held speed is taken for any of them.
+  // A voltage that is non-linear in the current can look like a resistance, or the reverse. The
+  // added voltage of a winding that warms at constant speed can look like any of the terms.
   const auto same = [&](const auto& other, int j) {
     return std::abs(other.beta(j) - fit.beta(j)) < kSame * std::abs(fit.beta(j));
   };
   if (same(without_shape, 0) && same(with_drift, 0)) out.R_s = fit.ratio(0);
   if (same(with_drift, 1)) out.L = fit.ratio(1);
-  // A frame off by half a count has that part of the EMF in the other axis; a cell whose ends are
-  // rounded has another speed, and the currents' jumps at the counts go with it.
+  // A frame off by half a count has that share of the EMF in the other axis. A cell with rounded
+  // ends has another speed, and the currents' jumps at the counts correlate with it.
   const double cell_turn_e = out.mean_interval_e * static_cast<double>(cell);
   const double leak =
       log.step_e() * std::hypot(0.5, 1 / std::sqrt(6) / std::max(cell_turn_e, 1e-9));
@@ -244,10 +246,10 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   out.voltage_share = cells_power * out.cell_share / rows_power;
 }
 
-// Rows of half a torque cell: its acceleration stands well above the steps of the angle.
+// Rows of half a torque cell, so that its acceleration is well above the steps of the angle.
 std::size_t torque_reach(const Record& record, const ReadLog& log) {
   constexpr double kAbove = 20, kLeast_s = 5e-3, kMost_s = 0.1;
-  constexpr std::size_t kFewestCells = 400;  // but for a log that lasts that long
+  constexpr std::size_t kFewestCells = 400;  // except in a log that lasts that long
   const auto most = std::max({static_cast<std::size_t>(kMost_s / record.T_s),
                               record.size() / kFewestCells, std::size_t{2}});
   auto h = static_cast<std::size_t>(std::max(1.0, std::ceil(kLeast_s / record.T_s)));
@@ -262,12 +264,12 @@ std::size_t torque_reach(const Record& record, const ReadLog& log) {
     }
     return std::sqrt(sum / std::max(1.0, count));
   };
-  const double row_noise = rms(1, 3);  // of the angle, and more: the motion within rows
+  const double row_noise = rms(1, 3);  // of the angle, plus the motion within rows
   while (h < most && rms(h, 2) < kAbove * row_noise) h *= 2;
   return h;
 }
 
-// Mean of -i_q omega_m over blocks of rows, in its standard deviations.
+// Mean of -i_q omega_m over blocks of rows, over its standard deviation.
 double braking(const Record& record, const ReadLog& log, const std::vector<double>& i_q) {
   const std::size_t rows = (record.size() - 1) / kBlocks;
   std::array<double, kBlocks> means{};
@@ -285,7 +287,7 @@ void fit_torque(const Record& record, const DriveFacts& facts, const ReadLog& lo
   const MachineParameters& m = facts.machine;
   const std::size_t n = record.size(), h = torque_reach(record, log);
   if (n < 8 * h) return;
-  constexpr double kFits = 0.9, kTurn = 0.5;  // the voltage's zero of the angle holds
+  constexpr double kFits = 0.9, kTurn = 0.5;  // the angle's zero from the voltage is valid
   const bool zero_known = out.cell_share > kFits && out.mean_interval_e < kTurn;
   const double zero_e = zero_known ? out.zero_e : 0;
   std::vector<double> i_q(n);

@@ -8,14 +8,15 @@
 namespace twinrate {
 namespace {
 
-// The key to which the effect is in proportion; null where there is none.
+// The key with which the effect is in proportion; null if there is none.
 const char* linear_key_of(const Effect& effect) {
   for (const TracedKey& key : effect.tracing().traced_keys())
     if (key.linear) return key.key;
   return nullptr;
 }
 
-// The same effect at the same place, or another form of one that is there only once.
+// True for the same effect at the same place, or another form of an effect that can occur only
+// once.
 bool taken(const Fit& fit, const Effect& effect) {
   ShaftFacts shaft;
   if (effect.describe_shaft(shaft) && has_shaft(fit.members)) return true;
@@ -46,7 +47,7 @@ std::size_t parameters_of(const Effect& effect) {
 }
 
 double score_of(const Fitter& fitter, const Fit& fit) {
-  if (!(fit.rss > 0)) return 1e300;  // more noise taken off than there is
+  if (!(fit.rss > 0)) return 1e300;  // the subtracted noise exceeds the residual
   const double N = static_cast<double>(fitter.training().count(fit.y));
   std::size_t k = 0;
   for (const auto& m : fit.members) k += parameters_of(*m);

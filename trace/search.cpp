@@ -12,10 +12,10 @@ namespace {
 
 constexpr double kCoarseMargin = 650;
 constexpr double kLost = 0.01;  // share of lost rows that doubles the margin
-constexpr int kMostRounds = 8;  // of noise model and selection, an effect each
-constexpr double kSame = 0.9;   // a noise level that fell by less is the same
+constexpr int kMostRounds = 8;  // of a noise model and a selection of one effect
+constexpr double kSame = 0.9;   // a noise level that fell by less counts as unchanged
 
-// Product of the channels' innovations.
+// Product of the standard deviations of the channels' innovations.
 double level(const NoiseModel& noise) {
   double product = 1;
   for (const Whitener* w : {&noise.d, &noise.q, &noise.torque})
@@ -30,8 +30,8 @@ bool same_scales(const NoiseModel& a, const NoiseModel& b) {
          same(a.scale_torque, b.scale_torque);
 }
 
-// What has been found makes the sensors' noise far louder than the whitening takes it for: a dead
-// time does where currents are small, on an axis where nothing showed of it before.
+// True if an effect found so far makes the sensors' noise far larger than the whitening assumes. A
+// dead time does so at small currents, on an axis on which it was not visible before.
 bool louder(const Chain& chain, const Sampled& y) {
   constexpr double kTimes = 2;  // in power
   const Sampled w = chain.whitened(y);
@@ -41,7 +41,7 @@ bool louder(const Chain& chain, const Sampled& y) {
   return std::max(power(w.noise_d), power(w.noise_q)) > kTimes;
 }
 
-// 0 where the currents go over many steps of the converter, 1 where over two (rms).
+// 0 if the currents cover many steps of the converter, 1 if they cover two (rms).
 double few_steps(const Record& record, double i_lsb) {
   constexpr double kLeast = 1.0 / 16;
   double sum = 0;
@@ -53,8 +53,8 @@ double few_steps(const Record& record, double i_lsb) {
 }  // namespace
 
 double margin_of(const Record& record, const Health& health, const DriveFacts& facts) {
-  // The error of a coarse ADC is no noise: it repeats with the current, the more so the fewer steps
-  // that takes. Nor is that of filling rows that were lost.
+  // The error of a coarse ADC is no noise: it repeats with the current, the more so, the fewer
+  // steps the current covers. The error of filling lost rows is no noise either.
   return health.coarse(facts.machine.i_rated)
              ? kCoarseMargin * (1 + few_steps(record, health.i_lsb))
              : Fitter::kMargin * (1 + health.not_read() / kLost);
@@ -85,7 +85,7 @@ void Search::renew_noise(bool first) {
   const Sampled left = chain.residual(so_far);
   NoiseModel noise = fit_noise_(chain, left, dictionary_);
   const bool anew = first || level(noise) < kSame * level(chain.noise()) || louder(chain, left);
-  // How much of it is the sensors', beside what has been found: a dead time amplifies theirs.
+  // Share of the sensors' noise beside the effects found so far: a dead time amplifies that noise.
   const bool other = !anew && !same_scales(noise, chain.noise());
   if (anew) {
     chain.set_noise(std::move(noise));

@@ -9,13 +9,13 @@
 namespace twinrate {
 namespace {
 
-constexpr double kUnit = 1e-7;          // rad, nearer readings are one
-constexpr double kSame = 2e-6;          // rad, what digits of a file do to one reading
+constexpr double kUnit = 1e-7;          // rad, closer readings are equal
+constexpr double kSame = 2e-6;          // rad, change of a reading by the digits of a file
 constexpr double kFinest = 2.3e-5;      // rad, step of 2^18 counts
 constexpr std::size_t kMost = 1 << 18;  // readings of a counter within a turn, with kSame
 constexpr std::size_t kFewest = 24;
 constexpr double kOnGrid = 0.95;  // of 1, mean of the unit vectors of readings over the step
-constexpr double kBends = 0.1;    // share of the rows that move: by another way than the row before
+constexpr double kBends = 0.1;    // share of the moving rows whose step differs from the last one
 constexpr std::size_t kFewestBends = 10, kMostBends = 1000;
 
 std::complex<double> mean_phase(const std::vector<double>& readings, double step) {
@@ -24,7 +24,7 @@ std::complex<double> mean_phase(const std::vector<double>& readings, double step
   return sum / static_cast<double>(readings.size());
 }
 
-// The step that all readings keep to, from the smallest way between two of them: each longer way
+// The common step of all readings, from the smallest distance of two readings. Each longer distance
 // makes it more exact.
 double common_step(const std::vector<double>& sorted) {
   double step = kTwoPi;
@@ -35,7 +35,7 @@ double common_step(const std::vector<double>& sorted) {
   return step;
 }
 
-// The way changes by whole steps, and often by far less than itself.
+// The way from row to row changes by whole steps, and often by less than half of itself.
 bool slips_by_steps(const std::vector<double>& bends, double step, double mean_way) {
   const auto whole = [step](double bend) {
     return std::abs(std::remainder(bend, step)) < 2 * kSame;
@@ -74,7 +74,7 @@ void AngleSteps::add(double theta_m) {
 namespace {
 
 Sensor counter(double step, const std::complex<double>& phase) {
-  // Readings at half a step are a driver's that has put them there.
+  // Readings at half a step come from a driver that has centred them.
   constexpr double kNear = 0.02;
   const double low = std::arg(phase) / kTwoPi;
   return {.lsb = step, .centre = std::abs(std::abs(low) - 0.5) < kNear ? 0 : step / 2};
@@ -104,8 +104,8 @@ Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
   if (step < kFinest) return {};
   const std::complex<double> phase = mean_phase(readings, step);
   if (std::abs(phase) < kOnGrid) return {};
-  // What turns as a clock does has equal ways without any steps; with steps it slips now and then. A slip by a whole
-  // row's way is a row that repeats.
+  // A rotor at the speed of a clock has equal steps from row to row, even without counts; with counts a step
+  // sometimes differs by a few of them. A deviation by a whole row's step is a repeated row.
   const double moves = static_cast<double>(moves_);
   if (static_cast<double>(bends_) < kBends * moves &&
       (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step, way_ / moves)))

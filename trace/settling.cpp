@@ -14,7 +14,7 @@
 namespace twinrate {
 namespace {
 
-// Of the curve of a friction.
+// Keys of a friction curve.
 constexpr const char *kExponent = "exponent", *kSmoothing = "smooth_rad_s";
 
 class Settler {
@@ -41,9 +41,9 @@ class Settler {
     return fitter_.chain().equations().considered().of(kinds_of(Traits::Family::kFriction));
   }
 
-  // Two sorts of friction can stand in for three others so well that no third adds to them: all
-  // sorts together, less those that are not needed. Two stand for one whose curve has another
-  // exponent.
+  // Two kinds of friction can replace three others so well that no third one improves the fit. So
+  // all kinds are fitted together, and the superfluous ones are removed. Two kinds can replace one
+  // whose curve has another exponent.
   void compose_friction() {
     const Members found = fit_.members;
     compose_friction(with(found, nullptr));
@@ -64,7 +64,7 @@ class Settler {
     if (std::count_if(sorts.begin(), sorts.end(), has) < 2) return;
     for (const std::string& sort : sorts)
       if (!has(sort)) members = with(members, make_effect(sort));
-    // Where it is not there, a sort of friction is found on either side of zero.
+    // A kind of friction that is absent comes out on either side of zero.
     members = fitter_.refine(members, Fitter::Until::kArrived).members;
     const Equations& equations = fitter_.chain().equations();
     std::erase_if(members, [&](const auto& m) {
@@ -81,8 +81,8 @@ class Settler {
     changed_ = true;
   }
 
-  // One law of friction whose curve has another exponent or another smoothing reads as two or three
-  // sorts, or as one that leaves a rest: a single sort with its shape fitted, where that is better.
+  // A friction law with another exponent or smoothing looks like two or three kinds, or like one
+  // that leaves a residual. So a single kind with a fitted shape is used if it is better.
   void take_one_friction_law() {
     const auto is_friction = [](const auto& m) { return is_of(*m, Traits::Family::kFriction); };
     const auto count = std::count_if(fit_.members.begin(), fit_.members.end(), is_friction);
@@ -96,7 +96,7 @@ class Settler {
           member == fit_.members.end() ? make_effect(sort) : (*member)->clone();
       if (!has_key(*law, kSmoothing)) continue;
       Fit one = with_shape(others, law);
-      // Each key of the shape is a parameter more.
+      // Each key of the shape is one more parameter.
       const double price = 2 * std::log(static_cast<double>(fitter_.training().count(fit_.y)));
       if (!one.valid || score_of(fitter_, one) + price > score_of(fitter_, fit_) ||
           one.rss_held_out > fit_.rss_held_out)
@@ -107,7 +107,8 @@ class Settler {
     }
   }
 
-  // The only friction leaves more than noise, or is better with a smoothing far from its own.
+  // True if the only friction leaves more than noise, or fits better with a very different
+  // smoothing.
   bool has_another_shape() const {
     constexpr double kOther_rad_s = 0.2;
     if (leaves_more_than_noise(fitter_, fit_)) return true;
@@ -119,8 +120,8 @@ class Settler {
     return other.valid && other.rss < fit_.rss;
   }
 
-  // `others` and the law, which comes last, with the exponent and the smoothing that explain most:
-  // on grids first, one after the other, then in ever smaller factors.
+  // `others` and the law as the last member, with the exponent and the smoothing that explain most:
+  // first on grids, one key after the other, then in ever smaller factors.
   Fit with_shape(const Members& others, const std::shared_ptr<Effect>& law) const {
     constexpr int kMostPasses = 3;
     Fit best = fitter_.refine(with(others, law));
@@ -150,12 +151,12 @@ class Settler {
     return best;
   }
 
-  // Angle and currents that are late by the same time are a voltage that is, and so are those of
-  // nearly the same where the late voltage explains more. Beside a late voltage no record tells how
-  // much of it is theirs.
+  // An angle and currents that are late by the same time are equivalent to a late voltage. Lags of
+  // nearly the same time are joined if the late voltage explains more. Beside a late voltage no
+  // record shows their shares.
   void join_lags() {
-    // Of the time; of the held-out error, which late readings lower: between two rows they are
-    // means.
+    // Tolerances of the time, and factor of the held-out error. Late readings lower that error,
+    // because between two rows they are means.
     constexpr double kSame = 0.05, kNearlySame = 0.5, kAsGood = 1.15;
     Members others = with(fit_.members, nullptr);
     const auto take = [&](double signal) {
@@ -206,8 +207,9 @@ class Settler {
     }
   }
 
-  // A drift that was over before the record began is a change. One that is much slower than the
-  // record may have been drawn there by what was not in the model then: from each start again.
+  // A drift that was over before the record began is a constant change. A drift much slower than
+  // the record may be the result of effects that were missing in the model then, so it is fitted
+  // again from each start.
   void forget_time_constants() {
     constexpr double kAsGood = 10;  // of the score
     for (std::size_t m = 0; m < fit_.members.size(); ++m) {
@@ -226,7 +228,7 @@ class Settler {
     }
   }
 
-  // A step at the very beginning of the record is a load that was always there.
+  // A step at the very beginning of the record is a constant load.
   void forget_first_moment() {
     constexpr double kBeginning_s = 0.03;
     const double begin = fitter_.chain().equations().record().t.front();
@@ -246,11 +248,11 @@ class Settler {
     }
   }
 
-  // A gap was found before what came later, and its keys may be those of a hollow beside the true
-  // one, in which an inertia helps: near it again, with all others known, without that inertia,
-  // too.
+  // A gap was found before later effects. Its keys may be in a local minimum beside the true one,
+  // in which an inertia helps. So it is searched again near its keys with all other effects known,
+  // also without that inertia.
   void follow_impacts() {
-    constexpr double kErrorRatio = 0.8, kSimpler = 0.98;  // of what was left of the torque
+    constexpr double kErrorRatio = 0.8, kSimpler = 0.98;  // of the residual torque before
     const Members& now = fit_.members;
     const auto gap =
         std::find_if(now.begin(), now.end(), [](const auto& m) { return has_gap(*m); });
@@ -289,8 +291,8 @@ class Settler {
     changed_ = true;
   }
 
-  // Beside what came later too small to be worth reporting. A shaft's size is no one key's; but one
-  // whose gap is too small has none.
+  // Drops effects that have become too small beside later ones. The size of a shaft is not that of
+  // one key, but a shaft with too small a gap becomes one without a gap.
   void drop_immaterial() {
     const DriveFacts& facts = fitter_.chain().equations().facts();
     ShaftFacts shaft;
@@ -298,7 +300,7 @@ class Settler {
       const Effect& member = *fit_.members[m];
       const bool small = member.tracing().materiality(facts) < 1,
                  is_shaft = member.describe_shaft(shaft);
-      if (small && has_gap(member)) close_gap(m);  // which takes the member away
+      if (small && has_gap(member)) close_gap(m);  // which replaces the member
       if (!small || is_shaft) {
         ++m;
         continue;
@@ -315,10 +317,10 @@ class Settler {
     }
   }
 
-  // Beside a shaft that stands for a gap whose impacts could not be followed an inertia mends a
-  // little of what they leave.
+  // A shaft can stand for a gap whose impacts could not be fitted. An inertia beside it then only
+  // corrects a little of the impacts' residual.
   void drop_inertia_of_impacts() {
-    constexpr double kMends = 2;  // times what is left with it
+    constexpr double kMends = 2;  // times the residual with it
     const Fit& fit = fit_;
     const bool torsion = std::any_of(fit.members.begin(), fit.members.end(), [](const auto& m) {
       return is_placed(*m, Traits::Place::kShaft);

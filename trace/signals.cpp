@@ -7,7 +7,7 @@ std::vector<Vec2> smoothed(const std::vector<Vec2>& x, int rows_each) {
   std::vector<Vec2> out = x;
   const Eigen::Index inner = static_cast<Eigen::Index>(x.size()) - 2 * reach;
   if (inner <= 0) return out;
-  // Both components one behind the other, all at once.
+  // Both components in sequence, all at once.
   const Eigen::Map<const Eigen::ArrayXd> in(x.front().data(), 2 * (inner + 2 * reach));
   const auto at = [&](Eigen::Index j) { return in.segment(2 * (reach + j), 2 * inner); };
   const auto m = static_cast<double>(reach);
@@ -36,7 +36,7 @@ std::vector<double> smooth_rate(const std::vector<double>& theta_m, double T_s, 
   };
   for (std::ptrdiff_t k = 0; k < n; k = k == reach - 1 ? std::max(k + 1, n - reach) : k + 1)
     omega_m[k] = slope(k, std::min({reach, k, n - 1 - k}));
-  // The rest, all at once.
+  // The inner samples, all at once.
   const Eigen::Index inner = n - 2 * reach;
   if (inner <= 0) return omega_m;
   const Eigen::Map<const Eigen::ArrayXd> theta(theta_m.data(), n);

@@ -16,22 +16,23 @@
 namespace twinrate {
 namespace {
 
-// Of what the best scales explain beyond the declared ones: 5 % of a size. A dead time at one speed may look
-// like a voltage of another scale to a fifth of it.
+// Of the power that the best scales explain beyond the declared ones: 5 % of a size. A dead time at
+// one speed may look like another scale of the voltage to within a fifth.
 constexpr double kOpen = 0.0025;
-// In squared deviations of one cell. By design: five free scales take 5 of noise, and seldom 16; a slip that
-// lowers the power by less than 20 is not shown.
+// In squared deviations of one cell. By design: five free scales take up 5 of noise, and seldom 16;
+// a slip that lowers the power by less than 20 is not visible.
 constexpr double kChance = 16, kShown = 20;
-// Of the power that is left as declared: a slip is all that is wrong. Six slips at one speed left 0.0096 and
-// less; where two effects were missing that are none, the nearest slip left 0.09 to 0.31 (three drawn logs).
+// Of the residual power as declared: a slip must explain the whole error. Six slips at one speed
+// left 0.0096 and less; with two missing effects that are no slips, the nearest slip left 0.09 to
+// 0.31 (three drawn logs).
 constexpr double kMostLeft = 0.03;
-constexpr double kSure = 1.2;  // a scale that is known and that near is right
+constexpr double kSure = 1.2;  // a known scale this close to 1 is right
 
 bool right(const ScaleRatio& r) {
   return r.known() && r.value > 0 && std::abs(r.log()) < std::log(kSure);
 }
 
-// What an equation says of a slip: it explains all that scales can, or no less than the declared ones do.
+// Test of a slip by one equation: it explains as much as scales can, or no less than the declared.
 struct Said {
   bool fits = true, better = false;
   double misfit = 0;  // squared deviations of a cell beyond the best scales
@@ -51,7 +52,7 @@ double scale(const Unit& unit, double exponent) {
   return exponent == kAny ? 1 : std::pow(unit.factor, exponent);
 }
 
-// Those that fit as well as the best, of those asked for.
+// The slips that fit as well as the best one.
 class FittingSlips {
  public:
   void ask(const char* quantity, const char* hint, bool frame, const Said& voltage,

@@ -28,7 +28,7 @@ void SpeedAgainstAngle::add(double t, double theta_m, double omega_m, double T_s
   if (rows_.size() < kWindow || since_last_ < kEvery) return;
   since_last_ = 0;
   ++windows_;
-  // From the middle of one end to that of the other.
+  // From the middle of one end to the middle of the other.
   const Row &a = rows_[kEnd / 2], &b = rows_[kWindow - 1 - kEnd / 2];
   double gained = 0;
   for (std::size_t j = 0; j < kEnd; ++j)
@@ -38,7 +38,7 @@ void SpeedAgainstAngle::add(double t, double theta_m, double omega_m, double T_s
 }
 
 SpeedAgainstAngle::Difference SpeedAgainstAngle::difference() const {
-  constexpr double kPlain = 0.5;  // of what the integral leaves: a lag explains more
+  constexpr double kPlain = 0.5;  // of the residual of the integral: a lag explains more
   constexpr double kSigmas = 10, kSameScale = 0.01;
   if (windows_ < kFewest || !(products_(0, 0) > 0) || !(products_(1, 1) > 0)) return {};
   const Eigen::Matrix2d A = products_.topLeftCorner<2, 2>();

@@ -11,20 +11,21 @@ namespace {
 
 constexpr int kBlocks = 24;
 constexpr double kChoosing = 4.0 / 18;  // of the blocks that do not judge
-// Weight in a block, that of all rows' time being 1: of all accelerations, and of all currents.
+// Weight of all accelerations, and of all currents, in the blocks; that of the time of all rows is
+// 1.
 constexpr double kActivity = 0.25;
-// The shortest block is an even one over kShortest, and has at least kFewestRows rows where an even one has:
-// the low-pass and the whitening lose some fifty at each of its ends. With 208 rows (two seconds of 10 kHz)
-// three tests of trace lost the effect that is missing.
+// The shortest block is an even one over kShortest, and has at least kFewestRows rows if an even
+// one has: the low-pass and the whitening lose some fifty rows at each end. With 208 rows (two
+// seconds of 10 kHz) three tests of trace lost the missing effect.
 constexpr double kShortest = 4, kFewestRows = 250;
-// A share is fair to this factor. Its logarithm, 0.69, is between what drawn logs of one start have (0.76 to
-// 4.1, or below 0.54 where even blocks do) and those of other profiles (at most 0.58).
+// A share is fair to this factor. Its logarithm, 0.69, lies between drawn logs of one start (0.76
+// to 4.1, or below 0.54 if even blocks suffice) and those of other profiles (at most 0.58).
 constexpr double kFair = 2;
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
-// Squares of what the drive does in each row: of its acceleration and of its currents.
+// Squares of the drive's activity in each row: of its acceleration and of its currents.
 struct Squares {
-  static constexpr std::size_t kReach = 20;  // rows on each side, without which one has none
+  static constexpr std::size_t kReach = 20;  // rows that an acceleration needs on each side
   std::vector<double> motion, current, i_d;
   Squares(const Record& record, int n_p)
       : motion(record.size(), 0), current(record.size(), 0), i_d(record.size(), 0) {
@@ -42,7 +43,7 @@ struct Squares {
   }
 };
 
-// Their sums by set of rows.
+// Sums of these squares by set of rows.
 struct Activity {
   std::vector<double> motion, current, i_d, rows;
   explicit Activity(std::size_t sets)
@@ -54,7 +55,7 @@ struct Activity {
                  all_rows = std::accumulate(rows.begin(), rows.end(), 0.0);
     return std::log(x[set] / all * all_rows / rows[set]);
   }
-  // A little i_d is enough in a set; but if all of it is, nothing of it is fitted.
+  // A set needs only a little i_d; but a set with all of it would leave none to the fit.
   double uneven(std::size_t set) const {
     return std::abs(uneven_share(motion, rows, set)) + std::abs(uneven_share(current, rows, set)) +
            std::max(0.0, uneven_share(i_d, rows, set));
@@ -63,7 +64,7 @@ struct Activity {
 
 using SetOf = std::function<std::size_t(std::size_t row)>;  // kNone: of no set
 
-// The set that sees the most even part of what the drive does.
+// The set with the most even part of the drive's activity.
 std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set_of,
                       double* uneven = nullptr) {
   Activity sum(sets + 1);  // the last one: of no set
@@ -81,7 +82,7 @@ std::size_t most_even(const Squares& squares, std::size_t sets, const SetOf& set
   return best;
 }
 
-// Of each row that is asked for, its block of so many, in order of time; kNone: of no block.
+// Block of each row that is not left out, in order of time; kNone: of no block.
 std::vector<std::size_t> even_blocks(std::size_t rows, const std::vector<char>& left_out,
                                      int blocks) {
   const auto asked = [&](std::size_t k) { return left_out.empty() || !left_out[k]; };
@@ -93,7 +94,7 @@ std::vector<std::size_t> even_blocks(std::size_t rows, const std::vector<char>& 
   return block;
 }
 
-// The same, of equal sums of the rows' weights.
+// The same, with equal sums of the rows' weights.
 std::vector<std::size_t> active_blocks(const Squares& squares, const std::vector<char>& left_out,
                                        int blocks) {
   const std::size_t n = squares.motion.size();
@@ -118,7 +119,7 @@ std::vector<std::size_t> active_blocks(const Squares& squares, const std::vector
   return block;
 }
 
-// Whether a fourth of even blocks sees its share of what the drive does, to a factor of kFair.
+// True if a fourth of even blocks has its share of the drive's activity, to a factor of kFair.
 bool does_the_same_throughout(const Squares& squares) {
   constexpr std::size_t kSets = 4;
   const std::vector<std::size_t> block = even_blocks(squares.motion.size(), {}, kBlocks);
@@ -134,8 +135,8 @@ std::vector<std::size_t> blocks_of(const Squares& squares, const std::vector<cha
                                            : active_blocks(squares, left_out, blocks);
 }
 
-// Blocks into which the rows that do not judge fall: those of the record where blocks judge, else
-// where whole files do as many as a record has.
+// Number of blocks for the rows that do not judge: the blocks of the record that remain if blocks
+// judge; if whole files judge, as many as a record has.
 int blocks_left(const std::vector<char>& judging, std::size_t left) {
   constexpr int kFewStretches = 2;
   int stretches = 0;

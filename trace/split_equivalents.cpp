@@ -10,8 +10,8 @@
 namespace twinrate {
 namespace {
 
-constexpr double kSlope = 0.05;  // of R_s: switches have less
-constexpr double kKnown = 3;     // sigmas: a slope, or a part beyond the common one, that is one
+constexpr double kSlope = 0.05;  // of R_s: the slope of switches is smaller
+constexpr double kKnown = 3;     // sigmas that a slope, or a part beyond the common one, needs
 
 std::map<std::string, double> sigmas_of(const TracedEffect& traced) {
   std::map<std::string, double> sigmas;
@@ -32,7 +32,7 @@ TracedEffect in_place_of(const TracedEffect& whole, std::shared_ptr<Effect> part
   return traced;
 }
 
-// The part of a reading whose keys all stand for one of the other effect.
+// The effect of a reading of which all keys correspond to one key of that effect.
 TracedEffect part_of(const TracedEffect& whole, const Traits::Reading& reading, double value,
                      double sigma, const DriveFacts& facts) {
   std::shared_ptr<Effect> part = make_effect(reading.kind);
@@ -45,7 +45,7 @@ std::vector<TracedEffect> split_asymmetry(TracedEffect whole, const Traits::Read
                                           const DriveFacts& facts) {
   std::vector<const char*> keys;
   for (const Traits::KeyPair& pair : reading.keys) keys.push_back(pair.from);
-  // Of one sign: the smallest of them; else nothing.
+  // The common part is the smallest of the changes if all have one sign; else there is none.
   const char* least = keys[0];
   bool positive = true, negative = true;
   for (const char* key : keys) {

@@ -22,7 +22,7 @@ std::vector<StaticTerm> copies(const std::vector<StaticTerm>& terms) {
   return all;
 }
 
-// Weighed values of one effect at every point, channels below one another.
+// Weighted contribution of one effect at every point, with the channels stacked.
 VectorXd explained(const StaticProblem& p, Effect& effect) {
   effect.prepare(p.facts);
   const Index n = p.y.rows(), m = p.y.cols();
@@ -90,7 +90,7 @@ double mean_square(const VectorXd& rest, const std::vector<Index>& rows) {
   return rows.empty() ? 0 : VectorXd(rest(rows)).squaredNorm() / static_cast<double>(rows.size());
 }
 
-// The linear keys by least squares, and what they leave of the training rows.
+// The linear keys by least squares, and the residual of the training rows.
 struct Solved {
   VectorXd x;
   double cost = 0;
@@ -127,7 +127,7 @@ void search(const StaticProblem& p, const RowsOfRoles& rows, std::vector<StaticT
     }
 }
 
-// A key as the solver sees it: in units of its own, a searched one by its logarithm.
+// A key in the solver: in its own unit, or a searched key by its logarithm.
 struct FreeKey {
   std::size_t term;
   std::string key;
@@ -154,8 +154,8 @@ struct Misfit {
   }
 };
 
-// All keys at once from where the search left them, with their standard deviations.
-// fit.in_range: false where one would have to leave its range.
+// Refines all keys at once from the result of the search, with their standard deviations.
+// fit.in_range: false if a key would have to leave its range.
 void refine(const StaticProblem& p, const RowsOfRoles& rows, StaticFit& fit) {
   constexpr int kMostIterations = 60;
   std::vector<FreeKey> keys;
@@ -200,7 +200,7 @@ void refine(const StaticProblem& p, const RowsOfRoles& rows, StaticFit& fit) {
         keys[j].deviation(x[j], std::sqrt(std::max(0.0, variance * found.covariance[j * P + j])));
 }
 
-// Of `rows`, which are counted through all channels.
+// Rms by channel over `rows`, which are indices into the stacked channels.
 Eigen::RowVectorXd channel_rms(const MatrixXd& rest, const std::vector<Index>& rows) {
   Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(rest.cols());
   const Index n = rest.rows();
@@ -209,7 +209,7 @@ Eigen::RowVectorXd channel_rms(const MatrixXd& rest, const std::vector<Index>& r
   return (sum / std::max(count, 1.0)).cwiseSqrt();
 }
 
-// What the terms leave, and the errors of it.
+// The residual of the terms, and its errors.
 void compare(const StaticProblem& p, const RowsOfRoles& rows, StaticFit& fit) {
   VectorXd rest = rows.y;
   Effects effects;

@@ -12,10 +12,10 @@ namespace {
 
 using Eigen::Index;
 
-constexpr std::size_t kPiecesOfSet = 24;  // of a file, each of points all over the set
+constexpr std::size_t kPiecesOfSet = 24;  // of a file, each with points from all over the set
 constexpr std::size_t kBlocksOfSet = 12;  // of all points: odd and even ones should agree
 
-// The step between readings; 0: none. Readings that repeat stand on it.
+// The step between readings; 0: none. A set with steps has repeated readings.
 double step_of(std::vector<double> readings) {
   std::sort(readings.begin(), readings.end());
   const double range = readings.back() - readings.front();
@@ -26,8 +26,8 @@ double step_of(std::vector<double> readings) {
   return *std::min_element(gaps.begin(), gaps.end());
 }
 
-// Of each point, within its file: which piece it would judge in. A piece has points all over the
-// set: where a law misses here and there, its constants are not judged by the places where it does.
+// The judging piece of each point, within its file. A piece has points from all over the set, so
+// that a law which fails at some places is not judged at those places alone.
 std::vector<std::size_t> pieces_of(const StaticProblem& p) {
   std::vector<std::size_t> piece(p.order.size(), 0), judging(p.files.size(), 0), seen(judging);
   for (std::size_t k = 0; k < p.order.size(); ++k)
@@ -79,7 +79,7 @@ PointRows rows_of(const StaticProblem& p, const StaticFit& fit) {
   return rows;
 }
 
-// Of the first `count` terms.
+// The claims of the first `count` terms.
 std::vector<PointClaim> claims_of(const StaticProblem& p, const StaticFit& fit, std::size_t count) {
   std::vector<PointClaim> claims;
   Index column = 0;
@@ -94,7 +94,7 @@ std::vector<PointClaim> claims_of(const StaticProblem& p, const StaticFit& fit, 
   return claims;
 }
 
-// A claim that leaves next to nothing of a parameter is of another machine.
+// A claim that leaves next to nothing of a parameter belongs to another machine.
 void refuse_another_machine(const StaticProblem& p, const StaticFit& fit, PointAnswer& answer) {
   for (std::size_t m = 0; !answer.refused && m < fit.terms.size(); ++m) {
     const auto [left, name] = least_left(*fit.terms[m].effect, p.facts.machine);
@@ -110,8 +110,8 @@ void refuse_another_machine(const StaticProblem& p, const StaticFit& fit, PointA
   }
 }
 
-// What the claims leave of each channel that neighbours share, where it is worth a word: of the
-// power that there was to explain, and in size.
+// The part of the residual of each channel that neighbours share, if it is worth reporting: as a
+// share of the power before, and in size.
 void look_at_rest(const StaticProblem& p, const PointRows& rows, StaticSelection& s) {
   constexpr double kLeastShare = 0.04;
   const Eigen::VectorXd rest = Eigen::Map<const Eigen::VectorXd>(
@@ -131,8 +131,8 @@ void look_at_rest(const StaticProblem& p, const PointRows& rows, StaticSelection
 void pass_gate(const StaticProblem& p, StaticSelection& s) {
   s.constants = fit_static(p, s.before.terms, PointRole::kChooses);
   s.before = fit_static(p, {}, PointRole::kChooses);
-  // What is too small to be told is there all the same: the others are fitted beside it, lest they
-  // take its place.
+  // Effects too small to be reported are present all the same. They are fitted beside the others,
+  // so that the others do not take up their part.
   std::vector<StaticTerm> asked = s.after.terms, small;
   while (true) {
     std::vector<StaticTerm> terms = asked;

@@ -22,7 +22,7 @@ Axis axis_of(const StaticProblem& p, Eigen::Index channel, StaticKind kind) {
   return axis;
 }
 
-// Of the points in ascending order of x.
+// The residual at the points, in ascending order of x.
 TracePicture picture(const StaticTrace& trace, const Axis& axis, Eigen::Index channel) {
   const StaticSelection& s = trace.selection;
   TracePicture picture;

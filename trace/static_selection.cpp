@@ -14,7 +14,7 @@ double criterion(const StaticFit& fit, double N) {
   return N * std::log(std::max(fit.cost, 1e-300)) + fit.parameters * std::log(N);
 }
 
-// One step of the selection; false: none is worth it.
+// One step of the selection; false: no candidate is good enough.
 bool add_best(const StaticProblem& p, const std::vector<StaticTerm>& candidates, double least_gain,
               double N, StaticSelection& selection) {
   StaticFit best;
@@ -64,7 +64,7 @@ StaticSelection select_static(const StaticProblem& p, const std::vector<StaticTe
     if (selection.steps.empty()) throw;
     selection.interrupted = true;
   }
-  StaticProblem unstopped = p;  // what is left is short, and nothing is told that did not pass
+  StaticProblem unstopped = p;  // the gate is short, and only passed terms are reported
   unstopped.hooks.stop = {};
   pass_gate(unstopped, selection);
   return selection;

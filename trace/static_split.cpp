@@ -25,8 +25,8 @@ Ranks ranks_of(const std::vector<double>& values) {
   return ranks;
 }
 
-// Points in the order of the rows and columns of their grid, or, where they form none, of the
-// first coordinate.
+// Points in the order of the rows and columns of their grid or, if they form none, of the first
+// coordinate.
 void put_in_order(const Ranks& rows, const Ranks& columns, bool grid, StaticProblem& p) {
   p.order.resize(rows.rank.size());
   std::iota(p.order.begin(), p.order.end(), std::size_t{0});
@@ -43,7 +43,7 @@ void put_in_order(const Ranks& rows, const Ranks& columns, bool grid, StaticProb
   }
 }
 
-// True where both signs have a quarter of the points or more.
+// True if each sign has at least a quarter of the points.
 bool has_both_signs(const std::vector<double>& x) {
   const auto above = std::count_if(x.begin(), x.end(), [](double value) { return value > 0; });
   const auto below = std::count_if(x.begin(), x.end(), [](double value) { return value < 0; });

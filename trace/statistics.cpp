@@ -36,7 +36,7 @@ double chi_square_tail(double x, double k) {
 }
 
 double signed_rank_tail(const std::vector<double>& votes) {
-  constexpr std::size_t kExact = 100;  // votes: beyond, the sum of ranks is normal
+  constexpr std::size_t kExact = 100;  // votes: above it, the sum of ranks is normal
   const std::size_t n = votes.size();
   std::vector<std::size_t> order(n);
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -51,7 +51,7 @@ double signed_rank_tail(const std::vector<double>& votes) {
                  variance = static_cast<double>(all) * static_cast<double>(2 * n + 1) / 12;
     return 0.5 * std::erfc((static_cast<double>(sum) - 0.5 - mean) / std::sqrt(2 * variance));
   }
-  std::vector<double> chance(all + 1, 0.0);  // of each sum of ranks
+  std::vector<double> chance(all + 1, 0.0);  // probability of each sum of ranks
   chance[0] = 1;
   for (std::size_t rank = 1; rank <= n; ++rank)
     for (std::size_t s = rank * (rank + 1) / 2 + 1; s-- > 0;)

@@ -13,9 +13,9 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kBlocks = 24;
-constexpr std::size_t kLeastBlocks = 5;  // on each side, whose scatter tells a deviation
+constexpr std::size_t kLeastBlocks = 5;  // on each side, for a deviation from their scatter
 constexpr double kSuspicious = 12;       // W for each coefficient
-constexpr double kLouder = 1.3;          // power of a block over the median; less is scatter of it
+constexpr double kLouder = 1.3;          // power of a block over the median; below it is scatter
 
 using Channel = Eigen::VectorXd Sampled::*;
 constexpr Channel kChannels[] = {&Sampled::d, &Sampled::q, &Sampled::torque};
@@ -26,7 +26,7 @@ struct Block {
   Eigen::VectorXd g;
 };
 
-// Ends of the blocks, rows: evenly spread, and at each seam.
+// Ends of the blocks, in rows: evenly spaced, and at each seam.
 std::vector<std::size_t> edges_of(std::size_t rows, const std::vector<std::size_t>& seams) {
   std::vector<std::size_t> edges;
   for (std::size_t b = 1; b < kBlocks; ++b) {
@@ -74,7 +74,7 @@ class Blocks {
   const std::vector<std::size_t>& edges_;
 };
 
-// The noise of a channel is what its quieter half of the blocks has: what began later is not in it.
+// The noise of a channel is that of its quieter half of blocks, so it excludes a later effect.
 Whitener quiet_noise(const Eigen::VectorXd& y, const Runs& runs,
                      const std::vector<std::size_t>& edges) {
   std::vector<std::size_t> block(static_cast<std::size_t>(y.size()));
@@ -106,8 +106,8 @@ Whitener quiet_noise(const Eigen::VectorXd& y, const Runs& runs,
   return Whitener(quiet, of_quiet);
 }
 
-// Coefficients over some of the blocks and their covariance: from the scatter of the blocks, and
-// from white noise.
+// Coefficients over a subset of the blocks, and the sum of two covariances: from the scatter of the
+// blocks, and from white noise.
 struct Side {
   bool valid = false;
   Eigen::VectorXd b;
@@ -140,7 +140,7 @@ Side side_of(const std::vector<Block>& blocks, const std::vector<char>& in) {
   return side;
 }
 
-// A block of some channel is louder than the median one: else nothing begins or ends there.
+// True if a block of some channel exceeds the median block; else nothing begins or ends there.
 bool any_louder(const Chain& chain, const Sampled& white, const std::vector<std::size_t>& edges) {
   for (const Channel channel : kChannels) {
     const Runs& runs =
@@ -165,10 +165,10 @@ struct Suspect {
   std::size_t row = 0;
 };
 
-// Blocks that stand apart from the others: those from a moment on, or those of one file.
+// Blocks that are compared with the others: those from a moment on, or those of one file.
 struct Split {
   std::vector<char> behind;
-  std::size_t row = 0;  // at which they begin
+  std::size_t row = 0;  // first row of these blocks
 };
 
 std::vector<Split> splits_of(const std::vector<std::size_t>& edges,

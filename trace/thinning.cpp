@@ -7,9 +7,9 @@ namespace twinrate {
 namespace {
 
 constexpr double kEnough_Hz = 5000;
-constexpr std::size_t kSeam = 3;  // thinned rows at a seam that cannot be used
+constexpr std::size_t kSeam = 3;  // unusable thinned rows at a seam
 
-// Of the rows 0, 1 .. on either side.
+// Weights of the rows 0, 1 .. on either side.
 std::vector<double> weights(std::size_t rows) {
   std::vector<double> w;
   for (std::size_t j = 0; j < 2 * rows; ++j) {
@@ -19,15 +19,15 @@ std::vector<double> weights(std::size_t rows) {
   return w;
 }
 
-// How far a thinned row reaches to both sides.
+// Reach of a thinned row to either side.
 std::size_t reach(std::size_t rows) {
   return 2 * rows - 1;
 }
 
-// Rows of the record at which the thinned ones stand; a voltage reaches rows - 1 further on. None
-// mixes what is apart in time.
+// Rows of the record at the centres of the thinned ones; a voltage reaches rows - 1 further. No
+// thinned row contains a step of time.
 std::vector<std::size_t> centres(const Record& record, std::size_t rows) {
-  constexpr double kApart = 12;  // rows; records are appended twice as far
+  constexpr double kApart = 12;  // rows; appended records are twice this far apart
   const std::size_t back = reach(rows), on = back + rows - 1;
   const double longest = (static_cast<double>(back + on) + kApart) * record.T_s;
   std::vector<std::size_t> at;
@@ -71,7 +71,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   const auto plain = [&](const std::vector<double>& x) {
     return weighted(x, [&](std::size_t, std::size_t row) { return x[row]; });
   };
-  // Turned as the rotor turns from the row to k.
+  // Rotated by the angle of the rotor from the row to k.
   const auto turned = [&](const std::vector<Vec2>& x) {
     return weighted(x, [&](std::size_t k, std::size_t row) -> Vec2 {
       if (row == k) return x[row];
@@ -105,7 +105,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
       for (std::size_t row = k - reach(rows); row <= k + on; ++row) good = good && ok[row];
       all.push_back(good);
     }
-    // Differences of what stands at a seam mix both sides.
+    // Differences across a seam would mix both sides.
     for (std::size_t K = 1; K < at.size(); ++K)
       if (at[K] - at[K - 1] > rows)
         std::fill_n(all.begin() + static_cast<std::ptrdiff_t>(K - std::min(K, kSeam)),

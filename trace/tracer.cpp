@@ -41,7 +41,7 @@ JudgedFiles judged_files(const std::vector<SourceRows>& sources, const Record& w
   return files;
 }
 
-// Size that an effect must have beyond what is open of the voltage's frame and moment.
+// Least size of an effect beyond the uncertainty of the voltage's frame and moment.
 double least_beside(const VoltageMeaning& voltage, const Effect& effect, const DriveFacts& facts) {
   if (voltage.open_s == 0 || effect.acts_on() == kOnSpeed) return 0;
   const std::shared_ptr<Effect> open = effect.clone();
@@ -54,7 +54,7 @@ double least_beside(const VoltageMeaning& voltage, const Effect& effect, const D
   return open->tracing().materiality(facts);
 }
 
-// Most rows have a current of fewer than two steps.
+// True if most rows have a current of fewer than two steps.
 bool mostly_few_steps(const Record& record, double i_lsb) {
   const auto few =
       std::count_if(record.i_alphabeta.begin(), record.i_alphabeta.end(),
@@ -62,8 +62,8 @@ bool mostly_few_steps(const Record& record, double i_lsb) {
   return 2 * static_cast<std::size_t>(few) > record.i_alphabeta.size();
 }
 
-// Size, that of a constant torque, which half a step of a current sensor makes: where the current takes few
-// steps, that much is missing of it as long as it stays.
+// Size of the constant torque from half a step of a current sensor. If the current covers few
+// steps, that much of it is missing as long as it stays at its value.
 double least_beside_steps(const Record& record, const Health& health, const Effect& effect,
                           const DriveFacts& facts) {
   if (effect.tracing().traits().equation != Traits::Equation::kMechanical ||
@@ -82,8 +82,8 @@ std::vector<Gate::Doubt> doubts_of(const Record& log, const DriveFacts& facts) {
   return doubts;
 }
 
-// The voltage equation takes the currents between two rows for a cubic in rotor axes. Of a vector that
-// turns by 1 rad that is right to 0.2 %: a row further from the last one has no voltage equation.
+// The voltage equation takes the currents between two rows as a cubic in rotor axes. For a vector
+// that turns by 1 rad the error is 0.2 %: a row after a larger turn has no voltage equation.
 constexpr double kMostTurn = 1;  // rad, electrical
 constexpr std::size_t kFewestRows = 200;
 
@@ -104,12 +104,12 @@ void leave_out_fast_rows(Record& record, int n_p) {
     if (turns_far(record, k, n_p)) record.electrical_ok[k] = 0;
 }
 
-// A log with what its voltage is, and the rows that have one.
+// A log with the meaning of its voltage, and the rows that have a voltage equation.
 struct Readable {
-  std::optional<Record> changed;  // the log as its equations need it; empty: as it is
+  std::optional<Record> changed;  // as its equations need it; empty: unchanged
   VoltageMeaning voltage;
-  std::string fast;        // which rows have no voltage equation
-  std::string no_voltage;  // why no row has one
+  std::string fast;        // the rows without a voltage equation
+  std::string no_voltage;  // the reason why no row has one
 };
 
 Readable readable(const Record& log, const DriveFacts& facts) {
@@ -133,7 +133,7 @@ Readable readable(const Record& log, const DriveFacts& facts) {
   return r;
 }
 
-// One log of one drive: from its rows to what the model lacks.
+// The trace of one log of one drive, from its rows to the missing effects.
 class Tracing {
  public:
   Tracing(const Record& log, const DriveConfig& drive, const Health& health,
@@ -151,13 +151,14 @@ class Tracing {
 
  private:
   TraceResult trace_rows(const Readable& log, std::vector<char> judging, bool given);
-  // What of the bus voltage acted, as the record's voltage has it.
+  // The record with the voltage that acted under the ripple of the bus.
   std::optional<Record> as_bus_acted(const Record& raw, BusRipple& bus) const;
   Findings found(DriveProblem& problem, Search& search, const JudgedFiles& files,
                  const VoltageMeaning& voltage);
   void tell_refused(const std::vector<Refused>& refused) const;
-  // The same of another log of the drive, and why; without voltages; from another zero of the angle. Where nobody
-  // gave the rows that judge, what passes is fitted to them, too.
+  // Traces another log of the drive and adds the reason to the result: the log without voltages, or
+  // with another zero of the angle. If the judging rows were not given, the passed effects are
+  // fitted to them as well.
   TraceResult of_other(const Record& log, std::string why, std::vector<char> judging,
                        bool given) const;
   TraceResult without_voltage(std::string why, std::vector<char> judging, bool given) const;
@@ -171,7 +172,7 @@ class Tracing {
   const TraceSettings& settings_;
   Laps laps_;
   static constexpr int kMostFreed = 2;
-  int freed_ = 0;  // blocks with a moment, which no longer judge
+  int freed_ = 0;  // with a moment, which no longer judge
 };
 
 TraceResult Tracing::of_other(const Record& log, std::string why, std::vector<char> judging,
@@ -241,7 +242,8 @@ Findings Tracing::found(DriveProblem& problem, Search& search, const JudgedFiles
     f.passed = gate(f.selection.fit.members);
     return f;
   };
-  // Under the noise of the first model: what it explained is noise to the second.
+  // Compares under the noise of the first model: the part that this model explained is noise to the
+  // second.
   const auto as_much = [&](const Findings& first, const Findings& second) {
     problem.set_noise(first.noise);
     return explains_as_much(Fitter(chain, not_judging, none), first.passed.fit.members,
@@ -285,15 +287,16 @@ TraceResult Tracing::operator()(std::vector<char> judging) {
   return trace_rows(log, std::move(judging), given);
 }
 
-// The torque equation is all that a member acts on.
+// True if the member acts on the torque equation alone.
 bool of_torque(const std::shared_ptr<Effect>& member) {
   return member->tracing().traits().equation == Traits::Equation::kMechanical;
 }
 
-// A moment that lies among rows that judge cannot be dated by the others: each of these is as likely.
-// Then they judge no more, and true is returned. No file is taken out of judging.
+// Frees the block of judging rows that contains a moment of a member: the other rows cannot date
+// it, all moments in the block are equally likely. The block then judges no more, and true is
+// returned. A whole file is never freed.
 bool free_moment(const Record& record, const Members& members, std::vector<char>& judging) {
-  constexpr double kMost = 0.5;  // of the rows that judge: the others must still do so
+  constexpr double kMost = 0.5;  // of the judging rows: the others must suffice to judge
   const auto n = static_cast<std::ptrdiff_t>(judging.size());
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(kReach_s / record.T_s));
   for (const auto& member : members) {
@@ -345,7 +348,7 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
     f.selection = search.so_far();
     f.passed = not_asked(f.selection);
   }
-  // What is left is short, and what has been found is written.
+  // The remaining steps are short, and the findings so far are reported.
   problem.stop_when({});
   tell_refused(f.passed.refused);
   const Passed passed = f.passed;
@@ -363,7 +366,7 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
   const Fitter seen(problem.seen(), not_judging, none), last(problem.all(), last_fits, none);
   Fit fitted = members.empty() ? last.start({}) : last.refine(members, Fitter::Until::kArrived);
   if (!fitted.valid) fitted = last.linearised(with(members, nullptr));
-  // Single ticks scatter by more than the sensors do: what is left of the voltage says nothing.
+  // Single ticks scatter by more than the sensors do, so the residual voltage is of no use.
   if (log.voltage.of_tick && !selection.stopped_after &&
       std::all_of(members.begin(), members.end(), of_torque))
     return without_voltage(

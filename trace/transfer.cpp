@@ -19,7 +19,7 @@ Refused refused(double number, std::string text, std::string file = "") {
           .text = std::move(text)};
 }
 
-// What is the sensors' noise.
+// A refusal because the sensors' noise explains the claim.
 Refused noise(double number, std::string text) {
   Refused out = refused(number, std::move(text));
   out.rule = "sensors";
@@ -37,9 +37,10 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                      files.empty() ? "" : files[static_cast<std::size_t>(file)]);
   if (v.judgement.held_out_gain <= 0)
     return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
-  // The energy of all rows is mostly that of fast noise, which a slow torque does not resemble. On 454 drawn
-  // logs with nothing missing, claims that hold no noise reached 8 deviations along what they change. Wrong
-  // ones beside other effects reach 109, and stay with the other rules.
+  // The energy of all rows is mostly that of fast noise, which a slow torque does not resemble. On
+  // 454 drawn logs with nothing missing, claims that hold no noise reached 8 standard deviations
+  // along their change. Wrong claims beside other effects reach 109, and are left to the other
+  // rules.
   constexpr double kAlong = 12;
   const bool stands_out = v.along_change >= kAlong;
   if (v.over_noise < 1 && !stands_out)
@@ -53,12 +54,13 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
         fmt::format("without it the rows that judge have {:.2g} times the energy of the "
                     "sensors' noise; {:.2g} are needed, for a loop answers its own noise late",
                     v.over_noise, v.least_over_noise));
-  // The answer of a loop with coarse counts is known to a factor of about five (amplitude).
-  // What stands far out of the noise along itself is none all the same: in 29 drawn logs with a claim
-  // refused as noise, false ones reach 70 deviations, and true ones 282 and 1010.
+  // The response of a loop with coarse counts is known to a factor of about five (amplitude). A
+  // claim far above the noise along its change is not refused all the same: in 29 drawn logs with a
+  // claim refused as noise, false ones reach 70 deviations, and true ones 282 and 1010.
   constexpr double kBeyondAnswer = 30, kFarAlong = 100;
-  // Where the rows have no more than noise, known to a third, makes: by a factor of ten (amplitude). In drawn
-  // logs a false inductance had 73 there (53 with another cut into blocks), six true claims 115 to 3650.
+  // If the rows have no more energy than noise makes, known to a third, a factor of ten is needed
+  // (amplitude). In drawn logs a false inductance had 73 there (53 with another cut into blocks),
+  // six true claims 115 to 3650.
   constexpr double kNoiseAsWell = 1.5, kFarBeyondAnswer = 100;
   const double needed = v.over_noise < kNoiseAsWell ? kFarBeyondAnswer : kBeyondAnswer;
   if (v.change_over_noise < needed && v.along_beside_noise < kFarAlong)
@@ -67,8 +69,9 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
         fmt::format("what it changes has {:.2g} times the energy of what it makes of the "
                     "sensors' noise and of the controller's answer to it; {:.0f} are needed",
                     v.change_over_noise, needed));
-  // The sensors' noise is known by a draw of it, to a factor of two; in all that is left the angle's
-  // may be: the torque that it makes is in proportion to the inertia at the motor.
+  // The sensors' noise is drawn, and known to a factor of two. The whole residual may come from the
+  // noise of the angle, because the torque that it makes is in proportion to the inertia at the
+  // motor.
   constexpr double kTimes = 2;
   const double drawn = (1 - std::exp(-2 * v.quieter)) * std::max(1.0, kTimes / v.over_noise);
   const double of_noise = std::max(v.of_angle, std::min(1.0, drawn));
@@ -131,7 +134,7 @@ std::vector<Refused> refused_by_transfer(const std::vector<Votes>& claims,
   std::iota(by_chance.begin(), by_chance.end(), std::size_t{0});
   out.reserve(claims.size());
   for (const Votes& v : claims) out.push_back(alone(v, files, criterion));
-  // Holm: the most certain of n has to be n times as certain.
+  // Holm: the most certain of n claims must be n times as certain.
   std::sort(by_chance.begin(), by_chance.end(), [&](std::size_t a, std::size_t b) {
     return claims[a].judgement.p_value < claims[b].judgement.p_value;
   });

@@ -9,9 +9,9 @@ namespace {
 
 constexpr Eigen::Index kMostRows = 4000, kPiece = 100;
 constexpr double kRidge = 1e-8;
-constexpr double kMore = 1.1;  // of a piece: more was made of it, not taken off
+constexpr double kMore = 1.1;  // of a piece: the columns have added to it
 
-// Pieces spread over the whole record, one behind the other.
+// Pieces spread over the whole record, in sequence.
 Eigen::VectorXd gathered(const Eigen::VectorXd& v) {
   const Eigen::Index every = std::max<Eigen::Index>(1, v.size() / kMostRows);
   std::vector<Eigen::Index> firsts;
@@ -73,14 +73,14 @@ Eigen::VectorXd Unexplained::operator()(const Eigen::VectorXd& y, Eigen::Index c
                                             X_.leftCols(count).transpose() * weighed(gathered(y)));
   Eigen::VectorXd left = y;
   for (Eigen::Index i = 0; i < count; ++i) left -= c[i] * *x_[static_cast<std::size_t>(i)];
-  // Between the pieces fitted the columns may say anything.
+  // Between the fitted pieces the columns are not constrained.
   const Eigen::VectorXd weighed_left = weighed(left), weighed_y = weighed(y);
   for (Eigen::Index first = 0; first < y.size(); first += kPiece) {
     const Eigen::Index rows = std::min(kPiece, y.size() - first);
     if (weighed_left.segment(first, rows).norm() > kMore * weighed_y.segment(first, rows).norm())
       left.segment(first, rows) = y.segment(first, rows);
   }
-  // Noise takes columns with it where they were fitted, and elsewhere is added to by them.
+  // Columns reduce the noise of the fitted rows and add to that of the others.
   const double share = static_cast<double>(count) / static_cast<double>(n),
                fitted = static_cast<double>(n) / static_cast<double>(y.size());
   return left / std::sqrt(1 + share * (1 - 2 * std::min(1.0, fitted)));

@@ -87,15 +87,16 @@ namespace {
 struct Scale {
   const ScaleRatio ScaleFactors::*ratio;
   double Unit::*exponent;
-  double spread;  // of the logarithm, by effects of a working drive
+  double spread;  // of the logarithm, from effects of a working drive
 };
 constexpr Scale kScales[] = {{&ScaleFactors::R_s, &Unit::R_s, 0.35},
                              {&ScaleFactors::L, &Unit::L, 0.35},
                              {&ScaleFactors::psi_f, &Unit::psi_f, 0.07},
                              {&ScaleFactors::K_t_J, &Unit::K_t_J, 0.3}};
 
-// Sum of squared deviations of the scales from what the unit makes of them, each over its spread;
-// none where one lies further off than that, or where the log shows no scale that the unit moves.
+// Sum of squared deviations of the scales from those that the unit predicts, each over its spread.
+// None if a scale deviates by more than kMost spreads, or if the log shows no scale that depends on
+// the unit.
 std::optional<double> misfit(const ScaleFactors& f, const Unit& unit) {
   constexpr double kMost = 1.5;
   double sum = 0;
@@ -157,7 +158,7 @@ Inconsistency of_unit(const Record& record, const Unit& unit, const DriveFacts& 
           fmt::format("{}{:.3g}", what, found), unit.hint};
 }
 
-// Mended by this unit, the quantity has a size that the drive may have.
+// True if the quantity, corrected for this unit, has a size that is possible for the drive.
 bool plausible(const Record& record, const Unit& unit, const DriveFacts& facts) {
   constexpr double kLittle = 1e-3, kMuch = 30;
   const std::string_view q = unit.quantity;

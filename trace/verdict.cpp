@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-// A named effect has another name in these data.
+// True if a traced effect has an alias in these data.
 bool has_other_name(const TraceResult& r) {
   return std::any_of(r.ambiguous.begin(), r.ambiguous.end(), [&](const Ambiguity& a) {
     return std::any_of(r.effects.begin(), r.effects.end(),
@@ -24,15 +24,15 @@ const char* verdict_of(const TraceResult& r) {
   if (r.structured) return "unexplained";
   if (!r.effects.empty()) return has_other_name(r) ? "ambiguous" : "traced";
   if (!r.ambiguous.empty()) return "ambiguous";
-  // What lowered the raw error on rows that judge, and was refused all the same, may be there under
-  // some other name; no structure shows it.
+  // A refused claim that lowered the raw error of judging rows may be present under another name,
+  // although no structure shows it.
   return std::any_of(r.refused.begin(), r.refused.end(), [](const Refused& x) { return x.left; })
              ? "ambiguous"
              : "nothing_missing";
 }
 
 std::string nothing_in_words(const TraceResult& r) {
-  std::set<std::string_view> shown;  // kinds; `identifiable` may hold sentences, too
+  std::set<std::string_view> shown;  // kinds; `identifiable` may also hold sentences
   for (const std::string& kind : r.identifiable)
     if (kind.find(' ') == std::string::npos) shown.insert(kind);
   const char* looked_for = r.excluded.empty() ? "" : " that were looked for and";

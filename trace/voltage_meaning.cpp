@@ -7,16 +7,16 @@
 namespace twinrate {
 namespace {
 
-// The voltage turns with the speed as this meaning says, and not as the other does: whatever the zero of
-// the angle. Of 399 drawn logs 242 are told so, none wrongly.
+// True if the voltage turns with the speed as with this meaning, and not as with the other,
+// whatever the zero of the angle. Of 399 drawn logs 242 are decided so, none wrongly.
 bool turns_as_said(const ScaleFactors& one, const ScaleFactors& other) {
-  // Halves of the turn from row to row, 1 apart, and their deviations.
+  // Halves of the turn from row to row, 1 apart, and their standard deviations.
   constexpr double kNear = 0.25, kFar = 0.6, kNearSigma = 0.1, kFarSigma = 0.15;
   return std::abs(one.turned.value) < kNear && one.turned.sigma < kNearSigma &&
          std::abs(other.turned.value) > kFar && other.turned.sigma < kFarSigma;
 }
 
-// Share of the power that the equation leaves, a turned magnet's included.
+// Share of the power that the equation does not explain, plus that of a turned magnet.
 double power_left(const ScaleFactors& f) {
   return 1 - f.voltage_share + (f.psi_f.known() ? f.zero_e * f.zero_e : 0);
 }
@@ -38,13 +38,14 @@ ScaleFactors scales_of(const Record& record, const DriveFacts& facts, Reading as
 
 VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
   constexpr double kHalf = 0.5, kAsGood = 1.1, kStill = 0.02;  // rad
-  // Of the power that the cells leave whatever the direction of psi. An angle with another zero makes
-  // the wrong meaning fit, but not there (three drawn logs: 1.8 to 7.6 times as much is left).
+  // Of the power that the cells leave with any direction of psi. An angle with another zero makes
+  // the wrong meaning fit, but not in this power (three drawn logs: 1.8 to 7.6 times as much is
+  // left).
   constexpr double kSameCells = 1.02;
   if (!record.has_voltage_equation() || has_every_tick(record, facts)) return {};
   const ScaleFactors mean = scale_factors(record, facts),
                      tick = scale_factors(record, facts, {.voltage_of_tick = true});
-  if (mean.mean_interval_e == 0) return {};  // too few rows to say
+  if (mean.mean_interval_e == 0) return {};  // too few rows
   const auto fits = [&](const ScaleFactors& one, const ScaleFactors& other) {
     return turns_as_said(one, other) ||
            (!turns_as_said(other, one) && power_left(one) < kHalf * power_left(other) &&
@@ -85,7 +86,7 @@ VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
 Record with_mean_of_ticks(const Record& record, const DriveFacts& facts) {
   Record out = record;
   const double ticks = record.T_s / facts.T_s;
-  const auto turn_e = [&](std::size_t k) {  // up to the next row; the last turns as the one before
+  const auto turn_e = [&](std::size_t k) {  // up to the next row; the last as the one before
     const std::size_t from = std::min(k, record.size() - 2);
     return facts.machine.n_p * (record.theta_m[from + 1] - record.theta_m[from]);
   };

@@ -111,7 +111,7 @@ void JudgingRows::add_pieces(std::size_t file, const std::vector<RowEnergy>& row
     if (judges[row]) judged.push_back(row), change += rows[row].change;
   }
   if (judged.empty() || !(change > 0)) return;
-  // Outputs are fewer than rows where a channel is decimated, and wanting at each seam.
+  // A decimated channel has fewer outputs than rows, and each seam costs outputs.
   const double count = static_cast<double>(judged.size()),
                covered = std::min(1.0, count * sampler_.decimation() / of_file),
                pieces = std::max(1.0, std::round(kPieces * covered));
@@ -127,7 +127,7 @@ void JudgingRows::add_pieces(std::size_t file, const std::vector<RowEnergy>& row
 
 namespace {
 
-// Channels in which the two differ by more than a silent share.
+// Channels in which the two differ by more than the silent share.
 std::vector<Channel> moved_channels(const JudgingRows& judging, const Sampled& with,
                                     const Sampled& without, double silent) {
   std::vector<Channel> moved;
@@ -141,7 +141,7 @@ std::vector<Channel> moved_channels(const JudgingRows& judging, const Sampled& w
   return moved;
 }
 
-// What the sensors' own errors make of those channels.
+// The noise of those channels from the sensors' own errors.
 Sampled noise_of(const Sampled& y) {
   Sampled noise;
   noise.d = y.noise_d;
@@ -150,7 +150,7 @@ Sampled noise_of(const Sampled& y) {
   return noise;
 }
 
-// What the sensors' noise and the controller's answer to it make of the voltages.
+// The noise of the voltages from the sensors and the controller's response to it.
 Sampled answered_noise_of(const Sampled& y) {
   Sampled noise;
   noise.d = y.noise_d;
@@ -160,7 +160,7 @@ Sampled answered_noise_of(const Sampled& y) {
   return noise;
 }
 
-// Energy of what the claim changes of the voltages, over that of what it changes of the noise in them.
+// Energy of the claim's change of the voltages over that of its change of the noise in them.
 double change_over_noise(const JudgingRows& judging, const Sampled& with, const Sampled& without,
                          const std::vector<Channel>& moved) {
   const Sampled noise_with = answered_noise_of(with), noise_without = answered_noise_of(without);
@@ -183,7 +183,7 @@ double along_change(const JudgingRows& judging, const Sampled& with, const Sampl
   return judging.along(without, change, noise_of(without), moved);
 }
 
-// No noise is in what it adds, and it cannot choose a frequency of the noise.
+// True if the claim's contribution holds no noise and it cannot fit a frequency of the noise.
 bool is_free_of_noise(const Effect& effect) {
   return !holds_noise(effect) && !is_placed(effect, Traits::Place::kLine);
 }
@@ -228,7 +228,7 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
   }
   if (noise_with > 0 && noise_without > noise_with)
     quieter = 0.5 * std::log(noise_without / noise_with);
-  // Where most of what is left is noise, what else is left may be the angle's as well.
+  // If most of the residual is noise, the remainder may come from the angle as well.
   const double left = judging.energy(without, &Sampled::torque),
                noise = judging.energy(noise_of(without), &Sampled::torque);
   const bool lighter = of_torque && angle.lighter;

@@ -17,8 +17,8 @@ void for_each_run(const Runs& runs, F&& f) {
       static_cast<Eigen::Index>(r + 1 < runs.start.size() ? runs.start[r + 1] : runs.row.size()));
 }
 
-constexpr double kSlowest_Hz = 3;  // below it no angle is asked to be quieter than the drive is
-constexpr double kHalfSteps = 2;   // of a decade, between the shares that are tried
+constexpr double kSlowest_Hz = 3;  // limit of the share of angle noise: the drive is not quieter
+constexpr double kHalfSteps = 2;   // steps a decade of the shares that are tried
 
 }  // namespace
 
@@ -26,7 +26,7 @@ AngleNoise::AngleNoise(double w_over_s) : w_over_s_(w_over_s) {
   constexpr std::size_t kLongest = 4096;
   constexpr double kSettled = 1e-10;
   const double c[] = {6 + w_over_s, -4, 1};  // autocovariance
-  double before = c[0], last = c[0];         // powers of the innovations before
+  double before = c[0], last = c[0];         // powers of the last two innovations
   Step step;
   std::vector<double> power = {c[0]};
   after_.push_back(step);
@@ -49,7 +49,7 @@ AngleNoise AngleNoise::of(const Eigen::VectorXd& noise, const Runs& runs, double
   AngleNoise best;
   if (!(noise.squaredNorm() > 0)) return best;
   const double n = static_cast<double>(noise.size());
-  // Twice the negative logarithm of the likelihood, less what all have.
+  // Twice the negative logarithm of the likelihood, without the terms common to all.
   const auto unlikely = [&](const AngleNoise& angle) {
     const Whitener left(angle(noise, runs), runs, angle, 0);
     return 2 * (n * std::log(left.sigma()) + angle.log_deviations(runs));

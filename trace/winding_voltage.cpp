@@ -16,7 +16,7 @@ struct LinearFit {
   VectorXd x, sigma, rest;
 };
 
-// Deviations widened by what neighbouring rows share.
+// Least squares; correlation between neighbouring rows widens the standard deviations.
 LinearFit least_squares(const MatrixXd& A, const VectorXd& y) {
   LinearFit fit;
   fit.x = linear::least_squares(A, y);
@@ -31,7 +31,7 @@ LinearFit least_squares(const MatrixXd& A, const VectorXd& y) {
   return fit;
 }
 
-// Inverse-variance mean of R, and the rests of all logs.
+// Inverse-variance mean of R, and the residuals of all logs.
 struct Sum {
   double weight = 0, R = 0, squares = 0, squares_declared = 0, rows = 0;
   void add(double R_log, double sigma, const VectorXd& rest, const VectorXd& declared) {
@@ -44,7 +44,7 @@ struct Sum {
   }
 };
 
-// Orders of the ripple up to 8 n_p that stand out of the others.
+// Resistance at rest, and the orders of the ripple up to 8 n_p that exceed the others.
 double fit_at_rest(const PositionLog& log, const MachineParameters& machine, WindingVoltage& found,
                    Sum& sum) {
   const Index n = static_cast<Index>(log.size());
@@ -98,7 +98,7 @@ double fit_at_rest(const PositionLog& log, const MachineParameters& machine, Win
   return fit.x[0];
 }
 
-// Mean and change of every signal over windows of `length` rows.
+// Resistance in motion, from mean and change of every signal over windows of kLength rows.
 double fit_in_motion(const PositionLog& log, const MachineParameters& machine,
                      WindingVoltage& found, Sum& sum) {
   constexpr std::size_t kLength = 20;
@@ -121,7 +121,7 @@ double fit_in_motion(const PositionLog& log, const MachineParameters& machine,
   sum.add(fit.x[0], fit.sigma[0], fit.rest,
           u - machine.R_s * i - machine.n_p * machine.psi_f * omega_m);
   if (!log.omega_m.empty()) {
-    // What a fit row by row with the logged speed gives.
+    // The value from a fit row by row with the logged speed.
     const auto rows = static_cast<Index>(log.size());
     MatrixXd B(rows, 3);
     B << Eigen::Map<const VectorXd>(log.i_q.data(), rows),
@@ -147,7 +147,7 @@ WindingVoltage trace_winding_voltage(std::span<const PositionLog* const> at_rest
   if (sum.weight <= 0) return found;
   found.R = sum.R / sum.weight;
   found.sigma_R = 1 / std::sqrt(sum.weight);
-  // Logs that disagree widen it to their distance.
+  // Logs that disagree widen sigma to half their distance.
   if (found.R_at_rest > 0 && found.R_in_motion > 0)
     found.sigma_R = std::max(found.sigma_R, 0.5 * std::abs(found.R_at_rest - found.R_in_motion));
   found.rest = std::sqrt(sum.squares / sum.rows);
