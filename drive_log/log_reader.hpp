@@ -20,7 +20,7 @@ class LogReader {
   virtual double share_read() const = 0;
   // Repairs and suspect values, one line each; complete at the end.
   virtual std::vector<std::string> notes() const { return {}; }
-  // The first damage of an LCM log of which only what is whole is read; complete at the end.
+  // The first damage of an LCM log of which only the undamaged part is read; complete at the end.
   virtual std::string damage() const { return ""; }
   // Throws BadInput if `rows`, the rows of the whole log, are too few.
   virtual void expect_enough(std::size_t rows) const = 0;

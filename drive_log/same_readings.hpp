@@ -1,4 +1,4 @@
-// Whether a file has the readings of another: a copy, or an excerpt, under another name.
+// Detects that a file has the readings of another: a copy, or an excerpt, under another name.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -8,10 +8,10 @@
 
 namespace twinrate {
 
-// Of the readings of one row, to the precision of a float: a copy may have been written as text.
+// Hash of the readings of one row, in the precision of a float, because a copy may be text.
 std::uint64_t reading_hash(std::initializer_list<double> readings);
-// Whether more than half of `rows` are in `others`, in stretches of 64 rows: a start from standstill
-// without noise is the same in two runs.
+// True if more than half of `rows` are in `others`, in stretches of 64 rows: a start from
+// standstill without noise is the same in two runs.
 bool has_the_readings_of(const std::vector<std::uint64_t>& others,
                          const std::vector<std::uint64_t>& rows);
 
@@ -21,7 +21,7 @@ struct ReadRows {
   bool held_out = false;
   std::vector<std::uint64_t> rows;  // reading_hash of each
 };
-// Throws BadInput where a file that is held out has the readings of one that is not.
+// Throws BadInput if a held-out file has the readings of one that is not held out.
 void expect_other_readings(const std::vector<ReadRows>& files);
 
 }  // namespace twinrate

@@ -5,9 +5,10 @@
 //   f_c,most  = 1/(6 T_d)                       the same, 30 deg
 //   f_w,least = 0.835/(0.1 2 pi t_m)            t_m = J omega_rated/T_rated: a step of rated torque
 //                                               makes the speed dip by 10 % of the rated speed
-//   f_w,most  = min(f_c/5, 0.9 f_filter)        f_filter: of the slowest pole of the filter's error,
-//                                               where the loop runs on its angle; above it check warns
-//   f_w       = f_s/625, within these; where they contradict each other, f_w,most, and the dip is
+//   f_w,most  = min(f_c/5, 0.9 f_filter) f_filter: of the slowest pole of the filter's error,
+//                                               if the loop uses its angle; above it check warns
+//   f_w       = f_s/625, within these limits; if they contradict each other, f_w,most, and the dip
+//             is
 //               larger
 //   K_p       = 2 pi f_w J/K_t
 //
@@ -30,8 +31,8 @@ struct Bandwidths {
   double dip_rad_s = 0, dip_at_s = 0;  // mechanical
 };
 
-// Hz; of the slowest pole of the filter's error at `omega_e` with a gain every tick; none if the
-// filter has no steady state or is not stable there.
+// Hz, of the slowest pole of the filter's error at `omega_e` with a gain every tick; none if the
+// filter has no steady state or is unstable there.
 std::optional<double> filter_bandwidth(const std::shared_ptr<const Filter>& filter,
                                        const DriveConfig& drive, double omega_e);
 

@@ -13,14 +13,14 @@
 // the machine over T_s (Runge-Kutta); fast step of the filter with the gain of tick k+1. The gain is the
 // periodic one of the policy in steady state (loop/stale_gain.hpp), turned by the angle error of its
 // snapshot, because the background linearises at the estimate. The loop is the same at every rotor
-// angle, so the angle of the rotor is no state. Noise, limits of voltage and current, effects and the
-// start are not part of it.
+// angle, so the angle of the rotor is no state. Noise, limits of voltage and current, effects and
+// the start are left out.
 //
-// A loop that divides its ticks (speed_divider of `foc`, divider of active_flux) repeats after the least
-// common multiple of n and the dividers; rho is that of n ticks all the same.
-// Covered: every filter under `foc` and `lqr` with angle_source = "estimate", but active_flux with unequal
-// noises of its alpha and beta states, and backemf_printed with these or on a salient machine: they are not
-// the same at every angle.
+// A loop that divides its ticks (speed_divider of `foc`, divider of active_flux) repeats after the
+// least common multiple of n and the dividers; rho is nevertheless that of n ticks. Covered: every
+// filter under `foc` and `lqr` with angle_source = "estimate", except active_flux with unequal
+// noises of its alpha and beta states, and backemf_printed with these or on a salient machine:
+// their loops depend on the angle.
 // Operating point: the reference speed, constant load (the last of the profile), the periodic orbit of f
 // with a gain every tick; the gain is that of the background at this point.
 #pragma once
@@ -31,7 +31,7 @@
 
 namespace twinrate {
 
-// What the controllers compute while nothing is limited.
+// The control law while no limit is active.
 struct ControlLaw;
 
 class ClosedFloquet {
@@ -40,17 +40,17 @@ class ClosedFloquet {
   // `policy`: instead of that of the drive file.
   static std::optional<ClosedFloquet> of(Config& config, double omega_e,
                                          std::optional<GainPolicy> policy = {});
-  // With the filter, the policy and the speed of `steady`, whose periodic gains it shares without load.
-  // `T_load`: instead of that of the drive file.
+  // With the filter, the policy and the speed of `steady`, whose periodic gains it uses if there is
+  // no load. `T_load`: instead of that of the drive file.
   static std::optional<ClosedFloquet> of(Config& config, const Steady& steady,
                                          std::optional<double> T_load = {});
 
   // rho over one background period.
   double spectral_radius(int n) const;
-  // Frequency of the largest multiplier, Hz, folded into f_b/2: of the oscillation that grows.
+  // Frequency of the largest multiplier, Hz, folded into f_b/2: that of the growing oscillation.
   double frequency_Hz(int n) const;
-  // Last n before the first with rho >= 1; at most `limit`. With a gain that turns with the rotor or is the
-  // same at every angle: `limit` if it is stable there, else by bisection.
+  // Last n before the first with rho >= 1; at most `limit`. If the gain turns with the rotor or is
+  // the same at every angle: `limit` if the loop is stable there, else by bisection.
   int n_max(int limit) const;
   // The limit of the filter alone, as loop/stale_gain.hpp.
   int n_max_of_filter(int limit) const { return n_max_by_floquet(steady_, limit); }
@@ -61,8 +61,8 @@ class ClosedFloquet {
   ClosedFloquet() = default;
   Eigen::MatrixXd period(int n) const;
   int n_max_by_bisection(int limit) const;
-  // One tick from t_k to t_{k+1}; `gain` in the axes of the rotor at t_k, of a period of n ticks. `used`:
-  // the gain as the filter uses it, overwritten; it spares a new Gain, 6 kB.
+  // One tick from t_k to t_{k+1}; `gain` in the axes of the rotor at t_k, of a period of n ticks.
+  // `used`: working memory for the gain in use; it avoids a new Gain of 6 kB.
   Eigen::VectorXd tick(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k, int n,
                        Gain& used) const;
   Eigen::MatrixXd derivative(const Eigen::VectorXd& z, const Gain& gain, std::int64_t k, int n,

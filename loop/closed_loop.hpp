@@ -40,8 +40,8 @@ struct TickRecord {
 
 class ClosedLoop {
  public:
-  // `table`: of the filter, where the caller has it. Throws BadInput if the config names an unknown filter or
-  // controller.
+  // `table`: of the filter, if the caller has it. Throws BadInput if the config names an unknown
+  // filter or controller.
   explicit ClosedLoop(Config& config, const MakeFilter& make = make_filter,
                       const GainTable& table = nullptr);
   // Runs tick k. The returned reference is valid until the next step.
@@ -52,8 +52,8 @@ class ClosedLoop {
   // Estimator, gain and controller compensate the effects of `extended` from the next step on; the
   // plant does not change.
   void know(Config& extended);
-  // The drive leaves SAFE at the next step, and estimator and controller begin anew, as the
-  // processes do. "" where it will, else why not. The config of the constructor must be there still.
+  // The drive leaves SAFE at the next step, and estimator and controller restart, as the processes
+  // do. Returns "" or the reason why it cannot. The config of the constructor must still exist.
   std::string reset();
   const Controller& controller() const { return *controller_; }
   const Plant& plant() const { return plant_; }
@@ -67,8 +67,8 @@ class ClosedLoop {
   void restart();  // estimator and controller, as after a reset
 
   Config* config_;
-  std::deque<Planned> planned_;      // what the drive file changes of the model, later
-  std::deque<std::int64_t> resets_;  // that it plans
+  std::deque<Planned> planned_;      // later changes of the model by the drive file
+  std::deque<std::int64_t> resets_;  // resets by the drive file
   const DriveConfig drive_;
   std::optional<Effects> known_;
   Plant plant_;

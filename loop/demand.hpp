@@ -10,7 +10,7 @@
 namespace twinrate {
 
 // Largest values of reference and load, and the limits. Electrical speed, peak phase values.
-//   i_dq     = [0; T/K_t], or the MTPA point of T where the controller has current_angle = "mtpa",
+//   i_dq     = [0; T/K_t], or the MTPA point of T if the controller has current_angle = "mtpa",
 //              T = T_load + B omega_m
 //   u_needed = |R_s i_dq + omega_e [-L_q i_q; L_d i_d + psi_f]|
 struct Demand {

@@ -19,7 +19,7 @@ class EstimatorLoop {
   bool has_gain() const { return has_gain_; }
   // The filter compensates the effects of `extended` from the next tick on; states and gains stay.
   void know(Config& extended);
-  // The next sample begins a session; the background goes on.
+  // The next sample begins a session; the background continues.
   void restart() { fast_.reset(); }
 
  private:

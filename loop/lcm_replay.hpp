@@ -32,7 +32,7 @@ class OwnEstimator {
   ProcessSet set_;
 };
 
-// Effects that were added to the running model of a log, or taken out of it, in their order.
+// Effects that were added to the running model of a log, or removed from it, in their order.
 struct ModelChange {
   std::int64_t k = 0;  // first tick with it
   bool add = true;
@@ -43,8 +43,8 @@ std::vector<ModelChange> model_changes_in(const RunLog& log);
 class LcmReplay {
  public:
   LcmReplay(const BusParameters& parameters, const BusAddress& address, std::int64_t session);
-  // Before the first tick: estimator and gain change their model at the tick of the log. Throws BadInput
-  // where one of them refuses, or does not answer.
+  // Before the first tick: estimator and gain change their model at the tick of the log. Throws
+  // BadInput if one of them refuses or does not answer.
   void change_model(const ModelChange& change);
   // Empty after bus.peer_timeout_s without an answer, or after a stop signal.
   std::optional<Estimate> play(const Measurement& m);

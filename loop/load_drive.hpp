@@ -21,8 +21,8 @@ void read_all_tables(Config& config);
 // Ticks of a recorded run up to the last COMMAND.
 std::int64_t whole_ticks(const RunLog& log);
 
-// The drive file of a recorded run with what was steered while it ran, as profiles: a run from it is
-// the recorded one. Throws BadInput.
+// The drive file of a recorded run, with the steered values as profiles: a run from it equals the
+// recorded one. Throws BadInput.
 std::string steered_drive_file(const RunLog& log, bool with_effects = true);
 
 }  // namespace twinrate

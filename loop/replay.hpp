@@ -30,8 +30,8 @@ struct PacedResult {
 // True if an estimator of any session sends a heartbeat within 0.5 s.
 bool estimator_on_bus(const BusAddress& address);
 
-// Effects that were added or taken out while the log was written are so at the same ticks. Ends early
-// after SIGINT.
+// Effects that were added or removed while the log was written are added or removed at the same
+// ticks. Ends early after SIGINT.
 LockstepResult replay_lockstep(const RunLog& log, const BusParameters& parameters,
                                const BusAddress& address, std::int64_t session);
 

@@ -1,5 +1,5 @@
-// Checked means runnable: what a run would build is built, and what theory says about it is said
-// before the run.
+// The check before a run: builds the parts of the run, and reports the predictions of theory about
+// it.
 #pragma once
 #include <limits>
 #include <string>
@@ -12,22 +12,22 @@ namespace twinrate {
 // Voltage error of R_s at 50 K above the temperature of the drive file, relative to R_s i.
 inline constexpr double kResistanceError = 0.2;
 
-// What a warning says about the run.
+// The meaning of a warning for the run.
 enum class Expects : int {
   kNothing,     // a fact of the drive file
   kLoss,        // a reason to expect a loss of synchronism
-  kLossIfWarm,  // a loss where the winding is 50 K warmer than the drive file says
+  kLossIfWarm,  // a loss if the winding is 50 K warmer than in the drive file
 };
 struct Warning {
-  std::string text;  // one line: where, key, what
+  std::string text;  // one line: place, key, problem
   Expects expects = Expects::kNothing;
-  // A loss shows by then: that of a start. Infinite where only the whole run shows it.
+  // Time by which a loss is visible: that of a start. Infinite if only the whole run shows it.
   double shows_by_s = std::numeric_limits<double>::infinity();
 };
 std::vector<std::string> texts_of(const std::vector<Warning>& warnings);
 
 // Builds filter, controller and plant as a run does (without the table of policy `scheduled`, which
-// the trial of loop/trial_run.hpp builds). Throws BadInput, one line, for what cannot run:
+// the trial of loop/trial_run.hpp builds). Throws BadInput, one line, if the run is impossible:
 //
 //   keys that no chosen part reads (loop/unused_keys.hpp)
 //   a filter or controller that the other settings do not allow

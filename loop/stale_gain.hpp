@@ -26,13 +26,14 @@ struct Steady {
   double span_omega_m = 1;  // policy propagated: gain.speed_span_rad_s, mechanical
   // Operating point, theta_e = 0. Empty: the steady state of the filter without load.
   std::optional<Estimate> at = {};
-  // Periodic gains by n that the functions below have found for this steady state. Copies share them:
-  // not for several threads.
+  // Periodic gains by n that the functions below have computed for this steady state. Copies share
+  // them: not for several threads.
   std::shared_ptr<std::map<int, Gain>> found = std::make_shared<std::map<int, Gain>>();
 };
 
-// The gains of one background period of n ticks in steady state, tick by tick, as the policy uses them,
-// each in the axes of the rotor at the tick before: for the closed loop (loop/closed_floquet.hpp).
+// The gains of one background period of n ticks in steady state, tick by tick, as the policy uses
+// them, each in the axes of the rotor at the tick before. For the closed loop
+// (loop/closed_floquet.hpp).
 std::vector<Gain> rotor_gains_of_period(const Steady& steady, int n);
 
 // phi_c with the steady-state gain of the policy's background, a snapshot every n ticks. NaN for

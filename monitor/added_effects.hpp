@@ -3,10 +3,10 @@
 //   r_b = 1/2 ln(E_b without / E_b with)     of a piece b, kPiecesOfBlock to a block
 //
 // E: energy of the whitened residuals (monitor/misfit_watch.hpp) in the channels that the effect
-// moves, nothing taken off for noise; `with` and `without` are of the same rows, all other effects
-// in the model. Pieces that change by less than Criterion::silent do not vote. An effect is worse
-// where Wilcoxon's signed-rank test over its last kVotes votes finds the error larger with it by
-// more than chance (Criterion::chance).
+// moves, no noise subtracted; `with` and `without` are of the same rows, with all other effects in
+// the model. Pieces whose energy changes by less than Criterion::silent do not vote. An effect is
+// worse if, by Wilcoxon's signed-rank test over its last kVotes votes, the error is larger with it
+// beyond chance (Criterion::chance).
 #pragma once
 #include <deque>
 #include <optional>
@@ -18,14 +18,14 @@ namespace twinrate {
 
 struct AddedEffect {
   ConfiguredEffect effect;
-  std::optional<std::size_t> episode;  // that added it; none after a restart
-  std::int64_t from_k = 0;             // first row that judges it
+  std::optional<std::size_t> episode;  // the addition; none after a restart
+  std::int64_t from_k = 0;             // first row of its judgement
   std::deque<double> votes;            // r_b, the latest last
 };
 
-// Why an added effect is worse than none.
+// Evidence that an added effect is worse than none.
 struct Worse {
-  std::size_t place = 0;  // among the added effects
+  std::size_t place = 0;  // index among the added effects
   int votes = 0;
   double p_value = 1;  // of the signed-rank test
   double rise = 0;     // of the rms error with it, as a share: exp(-median r) - 1
@@ -40,7 +40,7 @@ class AddedEffects {
   const AddedEffect& operator[](std::size_t place) const { return list_[place]; }
   void add(const std::vector<ConfiguredEffect>& effects, std::size_t episode, std::int64_t from_k);
   void remove(std::size_t place);
-  // The ticks of another run begin: what was added stays, without its votes.
+  // Begins another run: the added effects stay, without their votes.
   void restart();
   // Votes of the rows [first, last); `drive` ends with the added effects.
   void judge(const MisfitWatch& watch, const DriveConfig& drive,

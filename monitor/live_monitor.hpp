@@ -8,16 +8,16 @@
 // Traced data: gather_s from the first misfit block on; without a result twice as much, up to
 // window_s. The effects are fitted to and chosen on the first two thirds of them; the gate
 // (trace/gate.hpp) judges on the last third, rows after the fit window that nothing else has read.
-// What does not pass is not proposed. Without a result for window_s the monitor reports it and
-// learns the present data as normal. If the extended model fits only a part of the data, or leaves a
-// part unexplained, another effect may have started meanwhile: gathering restarts, up to
-// kMaxRestarts times, so that all effects act during the whole data. An effect beside which a part
-// stays unexplained is then reported and not proposed: it may be a part of something else.
-// After an addition the residual of the following data is computed with and without the effect, and
-// the filter's innovations before and after are compared. From then on every block judges the added
-// effects (monitor/added_effects.hpp). One that makes the error larger is taken back, and so are
-// all effects of an addition after which every block's innovation is kMargin (in power) above every
-// block's before.
+// Only effects that pass are proposed. Without a result for window_s the monitor reports it and
+// learns the present data as normal. If the extended model fits only a part of the data, or leaves
+// a part unexplained, another effect may have started meanwhile: gathering restarts, up to
+// kMaxRestarts times, so that all effects act during the whole data. If a part still stays
+// unexplained beside an effect, the effect is reported and not proposed: it may be a part of
+// another effect. After an addition the residual of the following data is computed with and without
+// the effect, and the filter's innovations before and after are compared. From then on every block
+// judges the added effects (monitor/added_effects.hpp). An effect that makes the error larger is
+// removed. All effects of an addition are removed if every block's innovation after it is kMargin
+// (in power) above every block's innovation before it.
 #pragma once
 #include <functional>
 #include <optional>
@@ -56,19 +56,19 @@ struct TraceJob {
   DriveConfig drive;          // with the effects added so far
   std::vector<char> judging;  // of each row of the record: the last third
 };
-// Traces a job; takes about a second. Thread-safe. `stop` as in TraceSettings. Names no effect where
+// Traces a job; takes about a second. Thread-safe. `stop` as in TraceSettings. Names no effect if
 // too few rows are left to judge it.
 TraceResult run(const TraceJob& job, std::function<bool()> stop = {});
 
 class LiveMonitor {
  public:
-  // Throws BadInput where monitor.* do not go together.
+  // Throws BadInput if the values of monitor.* contradict each other.
   explicit LiveMonitor(Config& config);
 
   // Restarts for another run of the drive. Keeps only the added effects, as the processes do.
   void restart();
 
-  // In this order each tick. An estimate without its measurement is ignored.
+  // To be called in this order each tick. An estimate without its measurement is ignored.
   void take(const Measurement& m);
   void take(const Estimate& e);
   // A request that holds from tick k on (core/steering.hpp): its load is no misfit.
@@ -84,8 +84,8 @@ class LiveMonitor {
   // Requests the addition of the proposed effects; false without a proposal.
   bool add_proposed();
   void added(std::int64_t k);
-  // [[effect]] tables to be taken out of the running processes again, once. Pass the answer to
-  // removed() or refused().
+  // [[effect]] tables to be removed from the running processes, once. Pass the answer to removed() or
+  // refused().
   std::optional<std::string> take_removal();
   void removed(std::int64_t k);
   void refused(const std::string& why);
@@ -115,7 +115,7 @@ class LiveMonitor {
   void gather();
   void compare();
   void report_comparison(std::int64_t from, std::int64_t to);
-  // Takes back what is worse than none; true if something is.
+  // Removes the added effects that are worse than none; true if there is one.
   bool take_back_worse();
   void take_back(std::vector<std::size_t> places, const std::string& why);
   // The innovation that is worse after the last addition, in words; empty: none.
@@ -148,7 +148,7 @@ class LiveMonitor {
   std::optional<TraceJob> job_;
   std::optional<std::string> addition_, removal_;
   AddedEffects added_;                 // the last effects of drive_
-  std::vector<std::size_t> removing_;  // their places, ascending
+  std::vector<std::size_t> removing_;  // indices in added_, ascending
 };
 
 }  // namespace twinrate

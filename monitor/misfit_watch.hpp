@@ -55,7 +55,7 @@ class MisfitWatch {
               const std::vector<Estimate>& estimates, const Effects& model_effects);
   BlockVerdict test(const std::deque<MeasuredRow>& rows, std::size_t first, std::size_t last,
                     const std::vector<Estimate>& estimates, const Effects& model_effects) const;
-  // The residuals of rows [first, last) under a model, each whitened as learnt; channels that were
+  // The residuals of rows [first, last) under a model, each whitened as learnt. Channels that were
   // not learnt are left out.
   std::vector<Eigen::VectorXd> whitened(const std::deque<MeasuredRow>& rows, std::size_t first,
                                         std::size_t last, const Effects& model_effects) const;
